@@ -48,6 +48,7 @@ def judge(path, mesh_faces, ids, faces, places):
     found, _, triangles = freesurfer_rule.read_patch(path, mesh_faces)
     own = {tuple(sorted(ids[face].tolist())): face for face in faces.astype(np.int64)}
     points = np.array([own[tuple(sorted(triangle))] for triangle in triangles])  # a KeyError: it is none of the map's
+    places = np.pad(places, ((0, 0), (0, 3 - places.shape[1])))
     listed = [[found[int(vertex)] for vertex in face] for face in ids[points]]
     np.testing.assert_allclose(listed, places[points], rtol=1e-6, atol=1e-4)
     assert {vertex for triangle in triangles for vertex in triangle} == set(found)
@@ -139,7 +140,7 @@ def test_without_cuts_all_is_kept(tmp_path, caplog):
     with caplog.at_level(logging.WARNING, "voxflat"):
         flat.save(tmp_path / "lh.patch.flat")
     assert not caplog.records
-    assert judge(tmp_path / "lh.patch.flat", mesh[1], flat.ids, flat.faces, np.pad(flat.uv, ((0, 0), (0, 1)))) == (0, 0)
+    assert judge(tmp_path / "lh.patch.flat", mesh[1], flat.ids, flat.faces, flat.uv) == (0, 0)
 
 
 def test_a_patch_with_cuts_is_read_back_as_it_is_by_others(tmp_path, caplog):
@@ -149,8 +150,7 @@ def test_a_patch_with_cuts_is_read_back_as_it_is_by_others(tmp_path, caplog):
     with caplog.at_level(logging.WARNING, "voxflat"):
         flat.save(patch := tmp_path / "lh.cortex.patch.flat")
         vertices, _, triangles, _ = said(caplog)
-    places = np.pad(flat.uv, ((0, 0), (0, 1)))
-    assert judge(patch, mesh[1], flat.ids, flat.faces, places) == (vertices, triangles)
+    assert judge(patch, mesh[1], flat.ids, flat.faces, flat.uv) == (vertices, triangles)
     assert 0 < vertices <= len(path) - 1
     assert triangles <= 6 * (len(path) - 1)
     for other in (tmp_path / "lh.full.flat.patch.3d", tmp_path / "rh.autoflatten.flat.patch.3d"):
@@ -206,8 +206,7 @@ class TestHemisphere:
             vertices, _, triangles, _ = said(caplog)
             flat.save(tmp_path / "lh.flat.surf.gii")
             lost, of = said(caplog)
-        places = np.pad(flat.uv, ((0, 0), (0, 1)))
-        found = judge(tmp_path / "lh.flat.patch.3d", fsaverage["faces"], flat.ids, flat.faces, places)
+        found = judge(tmp_path / "lh.flat.patch.3d", fsaverage["faces"], flat.ids, flat.faces, flat.uv)
         assert found == (vertices, triangles)
         doubled = np.unique(flat.ids, return_counts=True)[1] > 1
         assert vertices < doubled.sum()  # fewer than if all vertices on cuts were left out
@@ -228,7 +227,6 @@ class TestHemisphere:
     def test_cuts_that_leave_triangles_out(self, flat_map, fsaverage, tmp_path):
         assert len(flat_map.bridges) == 94  # as there are in the shipped map
         flat_map.save(tmp_path / "lh.patch.flat")
-        places = np.pad(flat_map.uv, ((0, 0), (0, 1)))
-        lost = judge(tmp_path / "lh.patch.flat", fsaverage["faces"], flat_map.ids, flat_map.faces, places)
+        lost = judge(tmp_path / "lh.patch.flat", fsaverage["faces"], flat_map.ids, flat_map.faces, flat_map.uv)
         assert 0 < lost[0] < 94
         assert len(read_patch(tmp_path / "lh.patch.flat").vertex_ids) == len(flat_map.ids) - lost[0]

@@ -76,11 +76,9 @@ def test_each_side_is_found_wherever_the_brain_lies(brain, case):
     for number, side in enumerate(SIDES, 1):
         found = voxflat.hemisphere(volume, side, threshold=0.5).data > 0
         wanted = labels == number
-        dice = 2 * (found & white & wanted).sum() / ((found & white).sum() + (wanted & white).sum())
-        assert dice > 0.97
-        assert not (found & white & (labels == 3 - number)).sum() / wanted.sum() > 0.01
-        filled = (found & ~white).sum() / wanted.sum()
-        assert 0.05 < filled < 0.2  # ventricles and deep nuclei
+        assert 2 * (found & white & wanted).sum() > 0.97 * ((found & white).sum() + (wanted & white).sum())  # Dice's
+        assert (found & white & (labels == 3 - number)).sum() <= 0.01 * wanted.sum()
+        assert 0.05 < (found & ~white).sum() / wanted.sum() < 0.2  # ventricles and deep nuclei
 
 
 def test_axes_may_run_either_way(brain):
@@ -196,23 +194,14 @@ def test_both_sides_share_one_alignment(brain):
 
 def test_it_can_be_stopped(brain):
     coarse = Volume(np.ascontiguousarray(brain.data[::3, ::3, ::3] > 0.5), brain.affine @ np.diag([3.0, 3, 3, 1]))
-    stages = []
-
-    def stop_at(number):
-        def progress(stage, done, total):
-            stages.append(stage)
-            return len(stages) < number
-
-        return progress
-
     for number in (1, 3):
-        stages.clear()
+        left = iter([True] * (number - 1) + [False])  # a further report raises StopIteration
         with pytest.raises(voxflat.Cancelled, match="cancelled while aligning the brain"):
-            voxflat.hemisphere(coarse, "left", progress=stop_at(number))
-        assert len(stages) == number
-    stages.clear()
-    voxflat.hemisphere(coarse, "left", progress=stop_at(np.inf))
-    assert {*stages} == {"aligning the brain, left", "extracting the hemisphere, left"}
+            voxflat.hemisphere(coarse, "left", progress=lambda *_, left=left: next(left))
+        assert list(left) == []
+    stages = set()
+    voxflat.hemisphere(coarse, "left", progress=lambda stage, *_: stages.add(stage))
+    assert stages == {"aligning the brain, left", "extracting the hemisphere, left"}
 
 
 def test_one_hemisphere_alone_is_not_split(brain):
