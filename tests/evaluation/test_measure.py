@@ -45,7 +45,7 @@ def tube():
     return points[:240], faces % 240, places[faces]
 
 
-class TestDistances:
+class TestAnalyticMaps:
     def test_the_reference_is_exact_where_links_are_not(self):
         points, faces, corners = tube()
         flat = np.zeros((len(points), 3))
@@ -55,8 +55,6 @@ class TestDistances:
         assert exact.raw.relative_error < 1e-6 < 1e-4 < graph.raw.relative_error
         assert (exact.reference, graph.reference) == ("exact", "graph")
 
-
-class TestAnalyticMaps:
     def test_a_plane_of_twice_its_size(self):
         found = voxflat.measure(PLANE, 2 * PLANE[0][:, :2])
         assert found.best_scale.scale == pytest.approx(0.5, rel=1e-6)

@@ -134,21 +134,17 @@ class TestReproducible:
         np.testing.assert_allclose(flat.uv[same], bent_map.uv, atol=1e-3)
 
 
-class TestView:
-    """A map shows the surface from outside, superior up."""
-
-    @pytest.mark.parametrize("flip", [(), (0,), (1,), (0, 1)])
-    def test_a_ball_from_the_right(self, flip):
-        ball = shapes.ball(14)
-        size = np.array(ball.shape)
-        affine = np.eye(4)
-        for axis in flip:  # the same ball stored the other way round
-            affine[axis, axis], affine[axis, 3] = -1, size[axis] - 1
-        right = np.linalg.inv(affine) @ [size[0] - 3, size[1] // 2, size[2] // 2, 1]
-        flat = grossmann2002(ball, affine=affine, seed_point=np.round(right[:3]).astype(int), radius=16.0, sources=100)
-        u, v = flat.uv.T
-        assert np.corrcoef(v, flat.points[:, 2])[0, 1] > 0.95  # superior is up
-        assert np.corrcoef(u, flat.points[:, 1])[0, 1] > 0.95  # seen from the right, anterior is to the right
+@pytest.mark.parametrize("flip", [(), (0,), (1,), (0, 1)])
+def test_a_map_shows_the_surface_from_outside_with_superior_up(flip):
+    ball = shapes.ball(14)
+    last, affine = len(ball) - 1, np.eye(4)
+    for axis in flip:  # the same ball stored the other way round
+        affine[axis, axis], affine[axis, 3] = -1, last
+    right = np.linalg.inv(affine) @ [last - 2, last // 2, last // 2, 1]
+    flat = grossmann2002(ball, affine=affine, seed_point=np.round(right[:3]).astype(int), radius=16.0, sources=100)
+    u, v = flat.uv.T
+    assert np.corrcoef(v, flat.points[:, 2])[0, 1] > 0.95  # superior is up
+    assert np.corrcoef(u, flat.points[:, 1])[0, 1] > 0.95  # seen from the right, anterior is to the right
 
 
 class TestLongWork:

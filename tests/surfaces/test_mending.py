@@ -34,11 +34,10 @@ def split(mesh, vertex):
     return np.vstack([points, points[vertex]]), np.vstack([faces, between])
 
 
-def defective(size=16):
+def defective():
     """Return a bump with every repairable defect, its duplicated vertices, and the bump without defects."""
-    points, faces = clean = bump(size)
+    mesh = clean = bump(16)
     of = [40, 77, 77, 120, 150]
-    mesh = points, faces
     for vertex in of:
         mesh = split(mesh, vertex)
     points, faces = mesh
