@@ -77,8 +77,8 @@ class TestPaths:
     def test_in_different_components_is_refused(self, solver):
         apart = np.ones((9, 9, 1), np.uint8)
         apart[4] = 0
-        with pytest.raises(voxflat.InputError, match=r"and \[8, 0, 0\]: the two lie in different components"):
-            voxflat.surface(apart).path((0, 0, 0), (8, 0, 0), geodesic=solver)
+        message = r"and \[8, 0, 0\]: the two lie in different components"
+        refused(message, voxflat.surface(apart).path, (0, 0, 0), (8, 0, 0), geodesic=solver)
 
 
 class TestCommandLine:

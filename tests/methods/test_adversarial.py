@@ -50,8 +50,7 @@ def test_a_surface_without_a_good_map_is_told_and_cuts_help(shape):
 @pytest.mark.parametrize("method", ["voxflat", "zigelman2002", "schwartz1989"])
 @pytest.mark.parametrize("count", [1, 2, 3])
 def test_few_triangles(count, method):
-    angle = np.linspace(0, 2, count + 2)
-    points = np.column_stack([10 * np.cos(angle), 10 * np.sin(angle), np.zeros(count + 2)])
-    points = np.vstack([np.zeros(3), points[: count + 1]])
+    angle = np.linspace(0, 2, count + 2)[:-1]
+    points = np.vstack([np.zeros(3), np.column_stack([10 * np.cos(angle), 10 * np.sin(angle), 0 * angle])])
     faces = np.array([[0, corner, corner + 1] for corner in range(1, count + 1)])
     assert voxflat.flatten((points, faces), method).distortion.triangles.edge < 1e-3

@@ -92,11 +92,11 @@ class TestFlatten:
         assert (theirs.triangles.flipped, theirs.triangles.crossings) == (0, 0)
         assert 0.1 < theirs.raw.relative_error < 0.13
 
-    @pytest.mark.parametrize("threads", [1, 2, 3])
-    def test_bits_do_not_depend_on_threads(self, threads):
-        flat, other = (voxflat.flatten(bump(), Voxflat(sources=80), threads=n) for n in (threads, None))
-        np.testing.assert_array_equal(flat.uv, other.uv)
-        np.testing.assert_array_equal(flat.distortion.per_point, other.distortion.per_point)
+    def test_bits_do_not_depend_on_threads(self):
+        flat, *others = (voxflat.flatten(bump(), Voxflat(sources=80), threads=n) for n in (None, 1, 2, 3))
+        for other in others:
+            np.testing.assert_array_equal(flat.uv, other.uv)
+            np.testing.assert_array_equal(flat.distortion.per_point, other.distortion.per_point)
 
     def test_moving_the_mesh_turns_nothing(self):
         points, faces = bump()
