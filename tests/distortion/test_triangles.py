@@ -5,6 +5,7 @@ import pytest
 from hard_shapes import sheet
 from numpy.testing import assert_allclose
 from refusals import warnings_as_errors
+from textures import areas
 
 import voxflat
 from voxflat.distortion.triangles import isometric, measure_arrays, quasi_conformal, stretches
@@ -36,12 +37,11 @@ def test_figures_of_a_map_are_the_medians_of_its_arrays():
     flat_map = voxflat.flatten((points, faces), method=voxflat.methods.Voxflat(sources=20), relax=False)
     triangles = flat_map.distortion.triangles
     of_points, of_triangles = measure_arrays(flat_map.distortion, flat_map.points, flat_map.faces, flat_map.uv)
-    a, b = (flat_map.points[flat_map.faces[:, k]] - flat_map.points[flat_map.faces[:, 0]] for k in (1, 2))
-    areas = np.linalg.norm(np.cross(a, b), axis=1)
+    area = areas(flat_map.points, flat_map.faces)
     for name in ("isometric", "quasi_conformal"):
         values = of_triangles[name]
         order = np.argsort(values)
-        half = np.searchsorted(np.cumsum(areas[order]), areas.sum() / 2)
+        half = np.searchsorted(np.cumsum(area[order]), area.sum() / 2)
         low, high = values[order][[half - 1, half + 1]]
         assert low <= getattr(triangles, name) <= high
     assert np.average(of_points["angle"]) == pytest.approx(triangles.angle, rel=0.2)  # by points, not by areas

@@ -13,8 +13,9 @@ from mesh_files import write_obj
 from refusals import refused
 
 import voxflat
-from voxflat import InputError, figures
+from voxflat import figures
 from voxflat.distortion.figures import Figures
+from voxflat.evaluation.measure import _usual_sources
 from voxflat.io.meshes import Mesh, write_mesh
 from voxflat.methods import Voxflat
 
@@ -26,12 +27,14 @@ def plane(side=12, step=3.0):
     return sheet(lambda u, v: (u, v, 0 * u), (side * step, side * step), (side + 1, side + 1))
 
 
-def bump():
-    """Return a bumpy sheet, and a poor map of its vertices."""
-    points, faces = plane()
-    x, y = points[:, :2].T
-    points[:, 2] = 6 * np.exp(-((x - 16) ** 2 + (y - 20) ** 2) / 120) + np.sin(x / 4)
-    return (points, faces), 1.1 * points[:, :2] + 0.05 * np.column_stack([y, x * y / 30])
+PLANE = plane()
+X, Y = PLANE[0][:, :2].T
+POINTS = np.column_stack([X, Y, 6 * np.exp(-((X - 16) ** 2 + (Y - 20) ** 2) / 120) + np.sin(X / 4)])
+FACES = PLANE[1]
+BUMPS = POINTS, FACES
+UV = 1.1 * POINTS[:, :2] + 0.05 * np.column_stack([Y, X * Y / 30])  # a poor map of the bumps
+FLAT = np.pad(UV, ((0, 0), (0, 1)))
+APART = [(FLAT, FACES[part.all(axis=1)]) for part in (FACES < 60, FACES > 90)]
 
 
 def tube():
@@ -42,27 +45,18 @@ def tube():
     return points[:240], faces % 240, places[faces]
 
 
-class TestDistances:
+class TestAnalyticMaps:
     def test_the_reference_is_exact_where_links_are_not(self):
         points, faces, corners = tube()
-        uv = np.full((len(points), 2), np.nan)
+        flat = np.zeros((len(points), 3))
         cut = (corners[..., 0] < 40).all(axis=1)  # without the last column of squares it lies flat
-        uv[faces[cut].ravel()] = corners[cut].reshape(-1, 2)
-        flat = (uv_mesh(uv), faces[cut])
-        exact, graph = (voxflat.measure((points, faces), flat, reference=name) for name in ("exact", "graph"))
+        flat[faces[cut].ravel(), :2] = corners[cut].reshape(-1, 2)
+        exact, graph = (voxflat.measure((points, faces), (flat, faces[cut]), reference=by) for by in ("exact", "graph"))
         assert exact.raw.relative_error < 1e-6 < 1e-4 < graph.raw.relative_error
         assert (exact.reference, graph.reference) == ("exact", "graph")
 
-
-def uv_mesh(uv):
-    """Return positions as 3-D points; missing positions are at the origin."""
-    return np.nan_to_num(np.column_stack([uv, np.zeros(len(uv))]))
-
-
-class TestAnalyticMaps:
     def test_a_plane_of_twice_its_size(self):
-        points, faces = plane()
-        found = voxflat.measure((points, faces), 2 * points[:, :2])
+        found = voxflat.measure(PLANE, 2 * PLANE[0][:, :2])
         assert found.best_scale.scale == pytest.approx(0.5, rel=1e-6)
         for name in DISTANCE_FIGURES:
             raw = {"absolute_error": found.mean_geodesic}.get(name, 1.0)
@@ -100,41 +94,34 @@ class TestFormats:
         assert found.triangles.areal_p95 < 1e-6
 
     def test_every_format_says_the_same(self, tmp_path):
-        mesh, uv = bump()
-        flat = np.column_stack([uv, np.zeros(len(uv))])
-        expected = voxflat.measure(mesh, uv, sources=20)
-        for name in ("flat.surf.gii", "flat.ply", "flat.vtp", "flat.obj", "lh.flat"):
-            write_mesh(tmp_path / name, Mesh(flat, mesh[1]))
-            found = voxflat.measure(mesh, tmp_path / name, sources=20)
-            assert found.raw.relative_error == pytest.approx(expected.raw.relative_error, rel=1e-5), name
-        for name in ("texture.obj", "texture.ply", "texture.vtp"):
-            write_mesh(tmp_path / name, Mesh(*mesh, texture_coordinates=uv))
-            found = voxflat.measure(mesh, tmp_path / name, sources=20)
-            assert found.raw.stress_1 == pytest.approx(expected.raw.stress_1, rel=1e-5), name
+        expected = voxflat.measure(BUMPS, UV, sources=20).raw
+        flat, textured = Mesh(FLAT, FACES), Mesh(*BUMPS, texture_coordinates=UV)
+        files = dict.fromkeys(("flat.surf.gii", "flat.ply", "flat.vtp", "flat.obj", "lh.flat"), flat)
+        for name, mesh in (files | dict.fromkeys(("texture.obj", "texture.ply", "texture.vtp"), textured)).items():
+            write_mesh(tmp_path / name, mesh)
+            found = voxflat.measure(BUMPS, tmp_path / name, sources=20).raw
+            of = (found.relative_error, found.stress_1)
+            assert of == pytest.approx((expected.relative_error, expected.stress_1), rel=1e-5), name
 
     def test_triangles_that_the_surface_does_not_have_are_told(self, caplog):
-        mesh, uv = bump()
-        first = [set(face) in ({0, 13, 14}, {0, 1, 14}) for face in mesh[1].tolist()]
+        first = [set(face) in ({0, 13, 14}, {0, 1, 14}) for face in FACES.tolist()]
         assert sum(first) == 2
-        others = np.concatenate([mesh[1][~np.array(first)], [[0, 13, 1], [1, 13, 14]]])  # the other diagonal
+        others = np.concatenate([FACES[~np.array(first)], [[0, 13, 1], [1, 13, 14]]])  # the other diagonal
         with caplog.at_level(logging.WARNING, "voxflat"):
-            voxflat.measure(mesh, (uv_mesh(uv), mesh[1][(mesh[1] < 150).all(axis=1)]), sources=3)
+            voxflat.measure(BUMPS, (FLAT, FACES[(FACES < 150).all(axis=1)]), sources=3)
             assert not caplog.records
-            found = voxflat.measure(mesh, (uv_mesh(uv), others), sources=3)
+            found = voxflat.measure(BUMPS, (FLAT, others), sources=3)
         assert "the map has triangles that the surface does not have" in caplog.text
         assert len(found.triangles.is_flipped) == len(others)
 
     def test_a_map_in_pieces(self):
-        mesh, uv = bump()
-        pieces = mesh[1][(mesh[1] < 60).all(axis=1) | (mesh[1] > 90).all(axis=1)]
-        with pytest.raises(InputError, match="the map has 2 pieces, between which distances are not defined"):
-            voxflat.measure(mesh, (uv_mesh(uv), pieces))
+        pieces = FLAT, np.vstack([faces for _, faces in APART])
+        refused("the map has 2 pieces, between which distances are not defined", voxflat.measure, BUMPS, pieces)
 
     def test_vertices_that_no_triangle_has(self):
-        (points, faces), uv = bump()
-        less = (np.concatenate([points, [[500.0, 0, 0]]]), faces)
-        with pytest.raises(InputError, match="vertex 169, which is in no triangle of the surface"):
-            voxflat.measure(less, (uv_mesh(np.concatenate([uv, [[3.0, 4.0]]])), np.array([[0, 1, 169]])))
+        more = np.concatenate([POINTS, [[500.0, 0, 0]]]), FACES
+        flat = np.concatenate([FLAT, [[3.0, 4, 0]]]), np.array([[0, 1, 169]])
+        refused("vertex 169, which is in no triangle of the surface", voxflat.measure, more, flat)
 
     def test_voxels_are_measured_by_the_graph(self):
         surface = voxflat.surface(shapes.ball(9))
@@ -148,9 +135,7 @@ class TestFormats:
     def test_a_voxel_with_two_vertices(self):
         mask = np.zeros((14, 14, 12), dtype=bool)
         mask[2:12, 2:12, 2:5] = mask[2:12, 2:12, 6:9] = True
-        mask[2:12, 2:12, 5:6] = False
         mask[6:8, 2:12, 2:9] = True
-        mask[2:12, 2:12, 9] = False
         mask[3, 3:11, 9:11] = True  # a blade: its voxels have two sides
         surface = voxflat.surface(mask)
         ids, counts = np.unique(surface.ids, axis=0, return_counts=True)
@@ -163,8 +148,7 @@ class TestFormats:
 
 class TestComparison:
     def test_vertices_in_another_order(self):
-        mesh, uv = bump()
-        flat = voxflat.flatten(mesh, method=Voxflat(sources=50))
+        flat = voxflat.flatten(BUMPS, method=Voxflat(sources=50))
         order = np.random.default_rng(0).permutation(len(flat))
         rank = np.argsort(order)
         shuffled = voxflat.FlatMap(
@@ -172,25 +156,18 @@ class TestComparison:
             **{name: getattr(flat, name) for name in ("torn", "sources", "eigenvalues", "distortion", "metadata")},
             faces=rank[flat.faces].astype(np.uint32),
         )
-        compared = voxflat.compare(mesh, {"a": flat, "b": uv, "c": shuffled}, sources=40)
+        compared = voxflat.compare(BUMPS, {"a": flat, "b": UV, "c": shuffled}, sources=40)
         assert compared["c"].raw == compared["a"].raw
         np.testing.assert_array_equal(compared["c"].per_point, compared["a"].per_point[order])
         np.testing.assert_array_equal(compared.maps["c"].uv, compared.maps["a"].uv[order])
 
     def test_maps_with_other_cuts_have_the_same_sources(self):
-        mesh, uv = bump()
-        part = mesh[1][(mesh[1] < 120).all(axis=1)]
-        cut = voxflat.flatten(mesh, method=Voxflat(sources=40), cuts=[np.arange(6, 6 + 13 * 5, 13)])
-        compared = voxflat.compare(mesh, {"all": uv, "part": (uv_mesh(uv), part), "cut": cut}, sources=30)
+        part = FACES[(FACES < 120).all(axis=1)]
+        cut = voxflat.flatten(BUMPS, method=Voxflat(sources=40), cuts=[np.arange(6, 6 + 13 * 5, 13)])
+        compared = voxflat.compare(BUMPS, {"all": UV, "part": (FLAT, part), "cut": cut}, sources=30)
         assert [compared[name].sources for name in compared.maps] == [30, 30, 30]
         assert [len(compared[name].per_point) for name in compared.maps] == [169, 120, 169 + 4]
         assert len(compared.maps["cut"].vertex_ids) == len(np.unique(compared.maps["cut"].vertex_ids)) + 4
-
-    def test_no_vertex_in_common(self):
-        mesh, uv = bump()
-        parts = [mesh[1][(mesh[1] < 60).all(axis=1)], mesh[1][(mesh[1] > 80).all(axis=1)]]
-        with pytest.raises(InputError, match="the maps have no vertex in common"):
-            voxflat.compare(mesh, {str(n): (uv_mesh(uv), part) for n, part in enumerate(parts)})
 
     @pytest.mark.parametrize(
         ("options", "message"),
@@ -199,15 +176,14 @@ class TestComparison:
             ({"sources": 2.5}, "sources is 2.5"),
             ({"reference": "chain"}, "reference is 'chain'; give 'exact' or 'graph'"),
             ({"maps": {}}, "maps is empty"),
+            ({"maps": dict(zip("ab", APART, strict=True))}, "the maps have no vertex in common"),
         ],
     )
     def test_bad_arguments(self, options, message):
-        mesh, uv = bump()
-        refused(message, voxflat.compare, mesh, **{"maps": {"one": uv}, **options})
+        refused(message, voxflat.compare, BUMPS, **{"maps": {"one": UV}, **options})
 
     def test_heat_maps_leave_out_what_is_undefined(self):
-        mesh, uv = bump()
-        figure = figures.heat_maps(voxflat.compare(mesh, {"good": uv, "in one place": np.zeros_like(uv)}, sources=1))
+        figure = figures.heat_maps(voxflat.compare(BUMPS, {"good": UV, "in one place": 0 * UV}, sources=1))
         assert [len(axes.collections) for axes in figure.axes[:4]] == [1, 1, 1, 0]
 
 
@@ -215,10 +191,8 @@ class TestComparison:
 class TestCommandLine:
     @pytest.fixture
     def files(self, tmp_path):
-        mesh, uv = bump()
-        write_mesh(tmp_path / "surface.ply", Mesh(*mesh))
-        for name, scale in (("one.ply", 1.0), ("two.ply", 2.0)):
-            write_mesh(tmp_path / name, Mesh(uv_mesh(scale * uv), mesh[1]))
+        for name, points in (("surface.ply", POINTS), ("one.ply", FLAT), ("two.ply", 2 * FLAT)):
+            write_mesh(tmp_path / name, Mesh(points, FACES))
         return tmp_path
 
     def test_one_map(self, files):
@@ -227,7 +201,6 @@ class TestCommandLine:
         assert "exact distances" in result.stdout
         assert "±" in result.stdout
 
-    @pytest.mark.slow
     def test_several_maps(self, files):
         arguments = (files / "surface.ply", files / "one.ply", files / "two.ply", "--sources", "30")
         lines = succeed("measure", *arguments, "--heat-maps", files / "maps.png").stdout.splitlines()
@@ -251,21 +224,21 @@ class TestCommandLine:
 class TestGeometry:
     """A map is measured on the geometry on which it was made."""
 
-    @staticmethod
-    def maps(tmp_path):
-        """Return a white sheet, the sheet midway to a pial one, and a map made there; write their files."""
-        (white, faces), _ = bump()
-        pial = white * [1, 1, 5] + [0, 0, 3]
-        for name, points in (("lh.white", white), ("lh.pial", pial)):
-            write_mesh(tmp_path / name, Mesh(points, faces))
-        flat = voxflat.flatten(voxflat.surface((white, faces), pial=(pial, faces)), method=Voxflat(sources=60))
-        flat.save(tmp_path / "map.npz")
-        return (white, faces), ((white + pial) / 2, faces), flat
+    PIAL = POINTS * [1, 1, 5] + [0, 0, 3]
+    MIDDLE = (POINTS + PIAL) / 2, FACES
 
-    def test_a_map_made_midway_is_judged_there(self, tmp_path, caplog):
-        white, middle, flat = self.maps(tmp_path)
-        expected = voxflat.measure(middle, flat.uv, sources=20)
-        on_white = voxflat.measure(white, flat.uv, sources=20)
+    @pytest.fixture
+    def flat(self, tmp_path):
+        """Return a map made midway between a white and a pial sheet, and write their files."""
+        for name, points in (("lh.white", POINTS), ("lh.pial", self.PIAL)):
+            write_mesh(tmp_path / name, Mesh(points, FACES))
+        flat = voxflat.flatten(voxflat.surface(BUMPS, pial=(self.PIAL, FACES)), method=Voxflat(sources=60))
+        flat.save(tmp_path / "map.npz")
+        return flat
+
+    def test_a_map_made_midway_is_judged_there(self, flat, tmp_path, caplog):
+        expected = voxflat.measure(self.MIDDLE, flat.uv, sources=20)
+        on_white = voxflat.measure(BUMPS, flat.uv, sources=20)
         assert expected.raw.relative_error < 0.8 * on_white.raw.relative_error
         caplog.clear()
         with caplog.at_level(logging.WARNING, "voxflat"):
@@ -276,48 +249,42 @@ class TestGeometry:
         caplog.clear()
         with caplog.at_level(logging.WARNING, "voxflat"):
             forced = voxflat.measure(tmp_path / "lh.white", flat, sources=20, on_surface=True)
-            given = voxflat.measure(voxflat.surface(white, pial=tmp_path / "lh.pial"), flat, sources=20)
+            given = voxflat.measure(voxflat.surface(BUMPS, pial=tmp_path / "lh.pial"), flat, sources=20)
         assert not caplog.records
         assert forced.raw.relative_error == pytest.approx(on_white.raw.relative_error, rel=1e-4)
         assert given.raw.relative_error == pytest.approx(expected.raw.relative_error, rel=1e-4)
 
-    def test_all_maps_are_judged_on_one_geometry(self, tmp_path):
-        white, middle, flat = self.maps(tmp_path)
+    def test_all_maps_are_judged_on_one_geometry(self, flat, tmp_path):
         flat.save(tmp_path / "lh.flat.surf.gii")
         both = {"ours": tmp_path / "map.npz", "theirs": tmp_path / "lh.flat.surf.gii"}
+        expected = voxflat.measure(self.MIDDLE, flat.uv, sources=20).raw.relative_error
         for maps in (both, dict(reversed(both.items()))):
-            compared = voxflat.compare(white, maps, sources=20)
-            expected = voxflat.measure(middle, flat.uv, sources=20).raw.relative_error
+            compared = voxflat.compare(BUMPS, maps, sources=20)
             for name in both:
                 assert compared[name].raw.relative_error == pytest.approx(expected, rel=1e-4)
-        on_white = voxflat.flatten(white, method=Voxflat(sources=60))
-        with pytest.raises(
-            InputError,
-            match=r"ours was made on midthickness.*, but white was made on the given surface, whose geometry",
-        ):
-            voxflat.compare(white, {"ours": flat, "white": on_white}, sources=20)
-        assert set(voxflat.compare(white, {"ours": flat, "white": on_white}, sources=20, on_surface=True).maps)
+        maps = {"ours": flat, "white": voxflat.flatten(BUMPS, method=Voxflat(sources=60))}
+        message = r"ours was made on midthickness.*, but white was made on the given surface, whose geometry"
+        refused(message, voxflat.compare, BUMPS, maps, sources=20)
+        assert set(voxflat.compare(BUMPS, maps, sources=20, on_surface=True).maps)
 
-    def test_a_map_with_vertices_that_lie_nobody_knows_where(self, tmp_path):
-        white, middle, _ = self.maps(tmp_path)
-        part = voxflat.surface(middle).keep(np.arange(100)).flatten(Voxflat(sources=40))
-        whole = {"part": part, "all": white[0][:, :2]}
+    def test_a_map_with_vertices_that_lie_nobody_knows_where(self):
+        part = voxflat.surface(self.MIDDLE).keep(np.arange(100)).flatten(Voxflat(sources=40))
+        whole = {"part": part, "all": POINTS[:, :2]}
         message = "part was made on a different geometry .* does not define the positions of 69 vertices of all"
-        refused(message, voxflat.compare, white, whole, sources=20)
-        assert voxflat.compare(middle, whole, sources=20)["all"].raw.relative_error > 0
+        refused(message, voxflat.compare, BUMPS, whole, sources=20)
+        assert voxflat.compare(self.MIDDLE, whole, sources=20)["all"].raw.relative_error > 0
 
-    def test_the_space_alone_is_no_other_geometry(self, tmp_path, caplog):
-        white, _, _ = self.maps(tmp_path)
-        flat = voxflat.flatten(white, method=Voxflat(sources=40))
-        moved = (white[0].astype(np.float32) @ np.array([[0, 1, 0], [-1, 0, 0], [0, 0, 1.0]]) + [3, -17, 22], white[1])
+    def test_the_space_alone_is_no_other_geometry(self, caplog):
+        flat = voxflat.flatten(BUMPS, method=Voxflat(sources=40))
+        moved = POINTS.astype(np.float32) @ np.array([[0, 1, 0], [-1, 0, 0], [0, 0, 1.0]]) + [3, -17, 22]
         with caplog.at_level(logging.WARNING, "voxflat"):
-            found = voxflat.measure(moved, flat, sources=20)
+            found = voxflat.measure((moved, FACES), flat, sources=20)
         assert not caplog.records
-        expected = voxflat.measure(white, flat, sources=20).raw.relative_error
+        expected = voxflat.measure(BUMPS, flat, sources=20).raw.relative_error
         assert found.raw.relative_error == pytest.approx(expected, rel=1e-4)
 
+    @pytest.mark.usefixtures("flat")
     def test_the_command(self, tmp_path):
-        self.maps(tmp_path)
         errors = {}
         for more in ((), ("--pial", tmp_path / "lh.pial"), ("--on-surface",)):
             result = succeed("measure", tmp_path / "lh.white", tmp_path / "map.npz", "--sources", "20", "--json", *more)
@@ -328,8 +295,6 @@ class TestGeometry:
 
 
 def test_by_default_as_many_sources_are_taken_as_half_a_minute_allows():
-    from voxflat.evaluation.measure import _usual_sources
-
     found = [_usual_sources([points], "exact") for points in (9, 10_242, 32_000, 160_000, 1_000_000)]
     assert found == [300, 300, 69, 6, 6]
     assert _usual_sources([32_000, 32_000], "exact") == 34  # their distances are measured one after the other

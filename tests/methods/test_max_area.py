@@ -4,8 +4,9 @@ import pickle
 
 import numpy as np
 import pytest
-from hard_shapes import turned
+from hard_shapes import signed_areas, turned
 from refusals import refused
+from textures import areas
 
 import voxflat
 from voxflat import InputError
@@ -20,12 +21,7 @@ def cap(degrees, radius=20.0):
 
 def changes(flat):
     """Return the factor by which the area of each triangle changes, at the scale that preserves the total area."""
-
-    def areas(points):
-        a, b, c = (points[flat.faces[:, n]] for n in range(3))
-        return 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
-
-    on_surface, on_map = areas(flat.points), areas(np.pad(flat.uv, ((0, 0), (0, 1))))
+    on_surface, on_map = areas(flat.points, flat.faces), np.abs(signed_areas(flat.uv, flat.faces))
     ratio = on_map / on_map.sum() * on_surface.sum() / on_surface
     return np.maximum(ratio, 1 / ratio)
 

@@ -6,19 +6,6 @@ from scipy.spatial import ConvexHull
 
 pytestmark = pytest.mark.slow  # what its fixtures make takes seconds
 
-CENTRE = np.array([3.3, -20.1, 7.7])
-
-
-def hull(points):
-    """Return the convex hull of points as an outward mesh, and the equations of its planes."""
-    solid = ConvexHull(points)
-    corners = points[solid.simplices]
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    inward = np.einsum("ij,ij->i", normals, solid.equations[:, :3]) < 0
-    faces = solid.simplices.copy()
-    faces[inward] = faces[inward, ::-1]
-    return points, faces, solid
-
 
 def blocks(mask):
     """Return the outward faces of unit cubes at integer corners, an exact reference for any shape."""
@@ -36,22 +23,16 @@ def blocks(mask):
     return np.array(points, dtype=float), np.array(faces)
 
 
-def centres(labels, affine):
-    """Return the centres of the voxels in mm."""
-    return np.moveaxis(np.indices(labels.shape), 0, -1) @ affine[:3, :3].T + affine[:3, 3]
-
-
-def components(mask):
-    return ndimage.label(mask)[1]
-
-
 @pytest.mark.parametrize("spacing", [0.8, (0.5, 0.9, 1.3)])
 def test_polyhedron_lies_where_its_affine_says(spacing):
     rng = np.random.default_rng(3)
-    points, faces, solid = hull(CENTRE + rng.normal(size=(60, 3)) * [4, 6, 9])
+    points = rng.normal(size=(60, 3)) * [4, 6, 9]
+    faces, points = anatomy.outward_hull(points), points + np.array([3.3, -20.1, 7.7])
+    solid = ConvexHull(points)
     labels, affine, fraction = anatomy.voxelise(points, faces, spacing, pad=2)
     normals, offsets = solid.equations[:, :3], solid.equations[:, 3]
-    depth = (centres(labels, affine) @ normals.T + offsets).max(axis=-1)
+    centres = np.moveaxis(np.indices(labels.shape), 0, -1) @ affine[:3, :3].T + affine[:3, 3]
+    depth = (centres @ normals.T + offsets).max(axis=-1)
     sure = np.abs(depth) > 1e-6
     np.testing.assert_array_equal(labels[sure] == 1, depth[sure] < 0)
     np.testing.assert_allclose(np.diag(affine)[:3], spacing)
@@ -86,14 +67,13 @@ def test_parts_inside_parts_and_faces_that_are_all_inward():
     np.testing.assert_array_equal(shell, alone - hollow)
 
 
-@pytest.mark.slow
 def test_mni152_hemispheres_have_no_cerebellum():
     pytest.importorskip("nilearn", reason="the template comes with nilearn")
     (left, affine, probability), (right, _, _) = map(anatomy.mni152_white_matter, anatomy.SIDES)
     np.testing.assert_array_equal(left, right[::-1])  # the template is symmetric
     np.testing.assert_array_equal(left == 1, probability > 0.5)
     assert left.sum() == 298_820
-    assert components(left) == 1
+    assert ndimage.label(left)[1] == 1
     x, y, z = (np.argwhere(left) @ affine[:3, :3].T + affine[:3, 3]).T
     assert x.max() == -1
     assert not ((y < -50) & (z < -25)).any()

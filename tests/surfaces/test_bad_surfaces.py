@@ -7,19 +7,14 @@ import numpy as np
 import pytest
 import pyvista as pv
 import shapes
-from command_line import run
+from command_line import run, succeed
+from hard_shapes import quads
 from refusals import refused, warnings_as_errors
 from triangle_meshes import square
 
 import voxflat
-from voxflat.io.meshes import Mesh, write_mesh
-from voxflat.methods import Grossmann2002, Saucan2006, Schwartz1989, Voxflat
-
-
-def changed(*, points=None, faces=None):
-    """Return a sheet with changed points or faces."""
-    places, triangles = square()
-    return points(places) if points else places, faces(triangles) if faces else triangles
+from voxflat.io.meshes import Mesh, read_mesh, write_mesh
+from voxflat.methods import Voxflat
 
 
 def put(array, index, value):
@@ -33,34 +28,28 @@ def mobius(n=12):
     rows = [(5 + side * np.cos(angle / 2), side * np.sin(angle / 2)) for side in (-1.0, 1.0)]
     points = [np.stack([r * np.cos(angle), r * np.sin(angle), z], axis=1) for r, z in rows]
     a, b = np.arange(n), n + np.arange(n)
-    c, d = np.append(a[1:], n), np.append(b[1:], 0)
-    return np.concatenate(points), np.concatenate([np.stack([a, c, d], axis=1), np.stack([a, d, b], axis=1)])
-
-
-def fin():
-    points, faces = square()
-    return np.vstack([points, [[0.2, 0.2, 3.0]]]), np.vstack([faces, [[faces[0][0], faces[0][2], len(points)]]])
+    return np.concatenate(points), quads(a, np.append(a[1:], n), np.append(b[1:], 0), b)
 
 
 NAN = float("nan")
+POINTS, FACES = square()
+FIN = np.vstack([POINTS, [[0.2, 0.2, 3.0]]]), np.vstack([FACES, [[FACES[0][0], FACES[0][2], len(POINTS)]]])
 MESHES = {
-    "index beyond": (changed(faces=lambda f: put(f, (3, 1), 99)), r"face 3 is \[3, 99, 11\], .* the points 0 to 48"),
-    "index negative": (changed(faces=lambda f: put(f, (3, 1), -1)), r"3 .*-1"),
-    "NaN": (changed(points=lambda p: put(p, (7, 2), NAN)), r"point 7 .*nan.*finite"),
+    "index beyond": ((POINTS, put(FACES, (3, 1), 99)), r"face 3 is \[3, 99, 11\], .* the points 0 to 48"),
+    "index negative": ((POINTS, put(FACES, (3, 1), -1)), r"3 .*-1"),
+    "NaN": ((put(POINTS, (7, 2), NAN), FACES), r"point 7 .*nan.*finite"),
     "no point": ((np.zeros((0, 3)), np.zeros((0, 3), int)), r"no points"),
-    "no triangle": ((square()[0], np.zeros((0, 3), int)), r"no (triangle|face)"),
-    "quads": ((square()[0], np.array([[0, 1, 8, 7]])), r"\(1, 4\)"),
-    "an edge of three": (fin(), r"more than two triangles meet at the edge between vertices 0 and 8 \(1 such edges\)"),
-    "a vertex of two fans": ((square()[0], np.array([[0, 7, 8], [8, 16, 9]])), r"touches itself at vertex 8 \(1 such"),
-    "a corner twice": (changed(faces=lambda f: put(f, (5, 1), int(f[5, 0]))), r"triangle 5 has no area"),
-    "no area": (changed(points=lambda p: p[[*range(8), 0, *range(9, 49)]]), r"has no area \(\d+ such triangles\)"),
-    "a triangle twice": (changed(faces=lambda f: np.vstack([f, f[4]])), r"triangle \d+ has the same corners"),
+    "no triangle": ((POINTS, np.zeros((0, 3), int)), r"no (triangle|face)"),
+    "quads": ((POINTS, np.array([[0, 1, 8, 7]])), r"\(1, 4\)"),
+    "an edge of three": (FIN, r"more than two triangles meet at the edge between vertices 0 and 8 \(1 such edges\)"),
+    "a vertex of two fans": ((POINTS, np.array([[0, 7, 8], [8, 16, 9]])), r"touches itself at vertex 8 \(1 such"),
+    "a corner twice": ((POINTS, np.vstack([FACES, [[3, 3, 4]]])), "triangle 72 has no area"),
+    "no area": ((POINTS[[*range(8), 0, *range(9, 49)]], FACES), r"has no area \(\d+ such triangles\)"),
+    "a triangle twice": ((POINTS, np.vstack([FACES, FACES[:1]])), "triangle 72 has the same corners as another"),
     "a Möbius strip": (mobius(), r"only one side, like a Möbius strip"),
     "text": ((np.array([["a", "b", "c"]]), np.array([[0, 0, 0]])), r"<U1"),
-    "fractional faces": ((square()[0], np.array([[0, 1.5, 8]])), r"float64"),
+    "fractional faces": ((POINTS, np.array([[0, 1.5, 8]])), r"float64"),
 }
-
-
 MENDED = ("a vertex of two fans", "a corner twice", "no area", "a triangle twice")
 
 
@@ -79,14 +68,12 @@ def test_meshes(name, call):
 
 
 def test_check_lists_all_defects():
-    points, faces = fin()
-    faces = np.vstack([faces, faces[9]])
+    faces = np.vstack([FIN[1], FIN[1][9]])
     faces[2] = faces[2][[1, 0, 2]]
-    found = voxflat.check((points, faces))
+    found = voxflat.check((FIN[0], faces))
     assert not found.can_flatten
-    counts = {name: len(places) for name, places in found.defects.items() if places}
-    assert counts["edges of more than two triangles"] >= 1
-    assert counts["triangles given twice"] == 1
+    assert len(found.defects["edges of more than two triangles"]) >= 1
+    assert len(found.defects["triangles given twice"]) == 1
     assert "edges of more than two triangles" in found.table()
 
 
@@ -117,14 +104,10 @@ def test_options(options, message):
 
 
 def test_a_ring_without_cuts_is_refused():
-    refused(r"not a disk: it has 1 component\(s\), 2 boundary loop", voxflat.flatten, hole(), cuts=[])
-
-
-def hole():
-    """Return a sheet with a hole that is too large to be closed."""
     points, faces = square(20)
-    inside = (np.abs(points[:, :2] - 10) <= 4).all(axis=1)
-    return points, faces[~inside[faces].all(axis=1)]
+    inside = (np.abs(points[:, :2] - 10) <= 4).all(axis=1)  # a hole that is too large to be closed
+    ring = points, faces[~inside[faces].all(axis=1)]
+    refused(r"not a disk: it has 1 component\(s\), 2 boundary loop", voxflat.flatten, ring, cuts=[])
 
 
 @pytest.mark.slow
@@ -162,21 +145,16 @@ def test_true_and_false_are_no_numbers(bad):
     mesh, volume = square(), shapes.sheet((12, 12))
     flat = voxflat.flatten(mesh, Voxflat(sources=9))
     image = np.zeros((3, 3, 3))
+    options = {"voxflat": ("threads", "seed", "sources", "weighting", "memory_limit"), "saucan2006": ("bound",)}
+    for method, names in (options | {"schwartz1989": ("neighbourhood", "starts")}).items():
+        for name in names:
+            refused(name.replace("_", " "), composed.flatten, mesh, method=method, **{name: bad})
     for call in (
-        lambda: voxflat.flatten(mesh, threads=bad),
-        lambda: voxflat.flatten(mesh, seed=bad),
-        lambda: voxflat.flatten(mesh, Voxflat(sources=bad)),
-        lambda: voxflat.flatten(mesh, Voxflat(weighting=bad)),
-        lambda: voxflat.flatten(mesh, memory_limit=bad),
-        lambda: voxflat.surface(mesh).disk(24, bad).flatten(),
-        lambda: voxflat.flatten(mesh, Schwartz1989(neighbourhood=bad)),
-        lambda: voxflat.flatten(mesh, Schwartz1989(starts=bad)),
-        lambda: voxflat.flatten(mesh, Saucan2006(bound=bad)),
-        lambda: voxflat.surface(volume, label=bad).flatten(),
-        lambda: voxflat.surface(volume, threshold=bad).flatten(),
-        lambda: voxflat.surface(volume, spacing=[bad] * 3).flatten(),
-        lambda: voxflat.flatten(volume, Grossmann2002(sources=bad)),
-        lambda: voxflat.surface(volume, label=bad).flatten("grossmann2002"),
+        lambda: voxflat.surface(mesh).disk(24, bad),
+        lambda: voxflat.surface(volume, label=bad),
+        lambda: voxflat.surface(volume, threshold=bad),
+        lambda: voxflat.surface(volume, spacing=[bad] * 3),
+        lambda: composed.flatten(volume, method="grossmann2002", sources=bad),
         lambda: voxflat.surface(mesh).geodesic(bad),
         lambda: voxflat.measure(mesh, flat, sources=bad),
         lambda: voxflat.check(mesh, threads=bad),
@@ -193,18 +171,10 @@ def test_true_and_false_are_no_numbers(bad):
             call()
 
 
-@pytest.mark.parametrize("jump", [10**20, 10**400])
-def test_a_jump_beyond_what_computers_count_cuts_nowhere(jump):
-    heights = np.array([[0.0, 100.0], [0.0, 100.0]])
-    whole = voxflat.range_image(heights, 1.0, jump=np.inf)
-    assert len(voxflat.range_image(heights, 1.0, jump=jump).faces) == len(whole.faces) == 2
-
-
-@pytest.mark.parametrize("kind", [np.float16, np.float32])
-def test_a_jump_in_numbers_of_another_size_prints_nothing(kind):
-    heights = np.array([[0.0, 1.0, 9.0], [0.0, 1.0, 9.0]])
+@pytest.mark.parametrize(("jump", "count"), [(10**20, 4), (10**400, 4), (np.float16(2), 2), (np.float32(2), 2)])
+def test_a_jump_may_be_any_number(jump, count):
     with warnings_as_errors():
-        assert len(voxflat.range_image(heights, 1.0, jump=kind(2)).faces) == 2
+        assert len(voxflat.range_image(np.array([[0.0, 1.0, 9.0]] * 2), 1.0, jump=jump).faces) == count
 
 
 @pytest.mark.slow
@@ -242,43 +212,33 @@ def test_a_label_at_the_border_is_told():
 
 
 @pytest.mark.parametrize(
-    ("pial", "message"),
+    ("options", "message"),
     [
-        (square(5), "pial surface has 36 vertices, but the given surface has 49"),
-        (square()[0], "pial has type ndarray. Pass a mesh"),
-        ("rh.pial", r"rh\.pial: the file does not exist"),
+        ({"pial": square(5)}, "pial surface has 36 vertices, but the given surface has 49"),
+        ({"pial": POINTS}, "pial has type ndarray. Pass a mesh"),
+        ({"pial": "rh.pial"}, r"rh\.pial: the file does not exist"),
+        ({"repair": "voxels"}, "a mesh has no voxels. Pass 'cuts' or 'none'"),
+        ({"repair": "glue"}, "repair is 'glue'"),
+        ({"repair": True}, "repair is True. Pass 'none'"),
+        ({"flat": np.zeros((48, 2))}, "the map has 48 points, but the surface has 49 vertices"),
+        ({"flat": np.zeros(49)}, r"shape \(49,\) and data type float64. Pass positions"),
+        ({"flat": np.full((49, 2), NAN)}, "does not contain a complete triangle"),
+        ({"flat": POINTS + np.arange(49)[:, None]}, "the map is not flat: its third coordinate varies by"),
     ],
 )
-def test_pial_must_correspond(pial, message):
-    refused(message, voxflat.surface, square(), pial=pial)
+def test_what_comes_with_a_mesh(options, message):
+    refused(message, voxflat.measure if "flat" in options else voxflat.surface, square(), **options)
 
 
-def test_repair_of_what_cannot_be_repaired():
-    refused("a mesh has no voxels. Pass 'cuts' or 'none'", voxflat.surface, square(), repair="voxels")
-    for wrong, message in (("glue", "repair is 'glue'"), (True, "repair is True. Pass 'none'")):
-        for of in (shapes.ball(5), square()):
-            refused(message, voxflat.surface, of, repair=wrong)
-
-
-@pytest.mark.parametrize("name", ["an edge of three", "a Möbius strip"])
+@pytest.mark.parametrize("name", ["an edge of three", "a Möbius strip", *MENDED])
 def test_command_line(name, tmp_path):
     (points, faces), message = MESHES[name]
     write_mesh(tmp_path / "in.ply", Mesh(points, faces))
     for command in (["flatten", "-o", tmp_path / "out.npz"], ["surface", "-o", tmp_path / "out.vtp"]):
-        result = run(*command, tmp_path / "in.ply")
+        result = run(*command, tmp_path / "in.ply", *(["--repair", "none"] if name in MENDED else []))
         assert result.exit_code == 1
         assert re.search(f"^voxflat: error: .*{message}", result.stderr.splitlines()[-1])
         assert [path.name for path in tmp_path.iterdir()] == ["in.ply"]
-
-
-@pytest.mark.parametrize(
-    ("flat", "message"),
-    [
-        (np.zeros((48, 2)), "the map has 48 points, but the surface has 49 vertices"),
-        (np.zeros(49), r"shape \(49,\) and data type float64. Pass positions"),
-        (np.full((49, 2), NAN), "does not contain a complete triangle"),
-        (square()[0] + np.arange(49)[:, None], "the map is not flat: its third coordinate varies by"),
-    ],
-)
-def test_maps_to_measure(flat, message):
-    refused(message, voxflat.measure, square(), flat)
+    if name in MENDED:
+        succeed("surface", tmp_path / "in.ply", "-o", tmp_path / "out.vtp")
+        assert len(read_mesh(tmp_path / "out.vtp").faces) == len(voxflat.surface((points, faces)).faces)

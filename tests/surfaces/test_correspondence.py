@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from mesh_files import fsaverage5, gifti
 from refusals import refused
+from studies import write_label
 
 import voxflat
-from voxflat.errors import InputError
 from voxflat.io.meshes import Mesh, read_mesh, write_mesh
 from voxflat.methods import Voxflat
 
@@ -43,9 +43,11 @@ class TestPial:
             assert np.corrcoef(made.thickness, thickness)[0, 1] > 0.9
             assert abs(np.median(made.thickness) - np.median(thickness)) < 0.25  # FreeSurfer's is to the nearest point
 
-    def test_the_other_side_by_its_name(self, brain):
-        with pytest.raises(InputError, match="the surface is CortexLeft, but the pial surface is CortexRight"):
-            voxflat.surface(brain / "lh.white", pial=brain / "rh.pial")
+    def test_the_other_side_by_its_name_and_exchanged_ones(self, brain):
+        message = "the surface is CortexLeft, but the pial surface is CortexRight"
+        refused(message, voxflat.surface, brain / "lh.white", pial=brain / "rh.pial")
+        message = r"lies inside the given surface: .*whether the two are swapped"
+        refused(message, voxflat.surface, brain / "lh.pial", pial=brain / "lh.white")
 
     WRONG = (("lh.white", "rh.pial"), ("lh.white", "rh.white"), ("lh.white", "lh.inflated"), ("lh.white", "lh.sphere"))
     WRONG += (("rh.white", "lh.pial"), ("lh.pial", "lh.inflated"))
@@ -62,15 +64,11 @@ class TestPial:
         assert not any("pial" in remark for remark in surface.remarks)
         refused("does not match", voxflat.surface, (unit * white, faces), pial=(unit * other, faces))
 
-    def test_exchanged(self, brain):
-        with pytest.raises(InputError, match=r"lies inside the given surface: .*whether the two are swapped"):
-            voxflat.surface(brain / "lh.pial", pial=brain / "lh.white")
-
     def test_shifted(self, brain):
         """A shift by a typical c_ras raises an error, and a shift by 2.4 mm a warning."""
         (white, faces), (pial, _) = (mesh(brain, name) for name in ("lh.white", "lh.pial"))
-        with pytest.raises(InputError, match=r"same hemisphere, subject and space"):
-            voxflat.surface((white, faces), pial=(pial + np.array([3, -17, 22]), faces))
+        shifted = pial + np.array([3, -17, 22]), faces
+        refused("same hemisphere, subject and space", voxflat.surface, (white, faces), pial=shifted)
         (remark,) = voxflat.surface((white, faces), pial=(pial + np.array([1, -2, 1]), faces)).remarks
         assert "may not match the given surface" in remark
 
@@ -86,13 +84,6 @@ class TestPial:
         assert "may not match" in remark
 
 
-def write_label(path, vertices, points):
-    rows = [f"{v}  {x:.3f}  {y:.3f}  {z:.3f} 0.0000000000" for v, (x, y, z) in zip(vertices, points, strict=True)]
-    header = "#!ascii label  , from subject fsaverage5 vox2ras=TkReg"
-    path.write_text("\n".join([header, str(len(rows)), *rows]) + "\n")
-    return path
-
-
 class TestLabels:
     def cut(self, brain, label, white="lh.white"):
         return voxflat.surface(brain / white if isinstance(white, str) else white).keep(label).cut(relax=False)
@@ -106,14 +97,14 @@ class TestLabels:
     def test_its_own(self, brain, tmp_path, drawn_on):
         vertices, white = self.chosen(brain, "lh.white")
         points = 0 * white if "." not in drawn_on else mesh(brain, drawn_on)[0]
-        path = write_label(tmp_path / "lh.V1.label", vertices, points[vertices])
+        write_label(path := tmp_path / "lh.V1.label", vertices, points)
         if drawn_on == "no columns":
             path.write_text("\n".join(["#!ascii label", str(len(vertices)), *map(str, vertices)]))
         assert not any("label" in remark for remark in self.cut(brain, path).remarks)
 
     def test_the_other_sides(self, brain, tmp_path):
         vertices, white = self.chosen(brain, "rh.white")
-        path = write_label(tmp_path / "rh.V1.label", vertices, white[vertices])
+        write_label(path := tmp_path / "rh.V1.label", vertices, white)
         refused(r"rh\.V1\.label: belongs to CortexRight, but the surface is CortexLeft", self.cut, brain, path)
         path = path.rename(tmp_path / "V1.label")  # now only its points tell
         refused(r"V1\.label: .* lie on opposite sides of the brain \(mean x: \d+ and -\d+", self.cut, brain, path)
@@ -121,7 +112,7 @@ class TestLabels:
     def test_of_another_surface(self, brain, tmp_path):
         """A label of another surface only causes a warning, because the surface may be inflated."""
         vertices, white = self.chosen(brain, "lh.white")
-        path = write_label(tmp_path / "V1.label", vertices, white[::-1][vertices])
+        write_label(path := tmp_path / "V1.label", vertices, white[::-1])
         remarks = [remark for remark in self.cut(brain, path).remarks if "V1.label" in remark]
         assert len(remarks) == 1
         assert "mm (median) away from the vertices to which it refers" in remarks[0]
@@ -129,7 +120,7 @@ class TestLabels:
     def test_on_a_surface_in_scanner_ras(self, brain, tmp_path):
         """The points of the label are in tkRAS although the surface is not, and c_ras is unknown."""
         vertices, white = self.chosen(brain, "lh.white")
-        path = write_label(tmp_path / "V1.label", vertices, white[vertices])
+        write_label(path := tmp_path / "V1.label", vertices, white)
         points, faces = mesh(brain, "lh.white")
         remarks = self.cut(brain, path, (points + np.array([3, -17, 22]), faces)).remarks
         assert not any("label" in remark for remark in remarks)

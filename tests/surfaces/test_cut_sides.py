@@ -13,6 +13,7 @@ from command_line import run, succeed
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from mesh_files import grid
+from refusals import refused
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
@@ -22,8 +23,6 @@ from voxflat.io.meshes import Mesh, write_mesh
 from voxflat.io.patches import read_patch
 from voxflat.methods import Voxflat, Zigelman2002
 from voxflat.surfaces.cut_sides import listed_points, one_point_a_vertex
-
-PATCH_NAMES = ("lh.cortex.patch.flat", "lh.full.flat.patch.3d", "rh.autoflatten.flat.patch.3d")
 
 
 def sheet(rows=8, columns=9):
@@ -49,6 +48,7 @@ def judge(path, mesh_faces, ids, faces, places):
     found, _, triangles = freesurfer_rule.read_patch(path, mesh_faces)
     own = {tuple(sorted(ids[face].tolist())): face for face in faces.astype(np.int64)}
     points = np.array([own[tuple(sorted(triangle))] for triangle in triangles])  # a KeyError: it is none of the map's
+    places = np.pad(places, ((0, 0), (0, 3 - places.shape[1])))
     listed = [[found[int(vertex)] for vertex in face] for face in ids[points]]
     np.testing.assert_allclose(listed, places[points], rtol=1e-6, atol=1e-4)
     assert {vertex for triangle in triangles for vertex in triangle} == set(found)
@@ -140,7 +140,7 @@ def test_without_cuts_all_is_kept(tmp_path, caplog):
     with caplog.at_level(logging.WARNING, "voxflat"):
         flat.save(tmp_path / "lh.patch.flat")
     assert not caplog.records
-    assert judge(tmp_path / "lh.patch.flat", mesh[1], flat.ids, flat.faces, np.pad(flat.uv, ((0, 0), (0, 1)))) == (0, 0)
+    assert judge(tmp_path / "lh.patch.flat", mesh[1], flat.ids, flat.faces, flat.uv) == (0, 0)
 
 
 def test_a_patch_with_cuts_is_read_back_as_it_is_by_others(tmp_path, caplog):
@@ -148,40 +148,32 @@ def test_a_patch_with_cuts_is_read_back_as_it_is_by_others(tmp_path, caplog):
     path = np.arange(6, 6 + 13 * 8, 13)
     flat = voxflat.flatten(mesh, Voxflat(sources=60), cuts=[path])
     with caplog.at_level(logging.WARNING, "voxflat"):
-        flat.save(tmp_path / PATCH_NAMES[0])
+        flat.save(patch := tmp_path / "lh.cortex.patch.flat")
         vertices, _, triangles, _ = said(caplog)
-    places = np.pad(flat.uv, ((0, 0), (0, 1)))
-    assert judge(tmp_path / PATCH_NAMES[0], mesh[1], flat.ids, flat.faces, places) == (vertices, triangles)
+    assert judge(patch, mesh[1], flat.ids, flat.faces, flat.uv) == (vertices, triangles)
     assert 0 < vertices <= len(path) - 1
     assert triangles <= 6 * (len(path) - 1)
-    for name in PATCH_NAMES[1:]:
-        voxflat.flatten(mesh, Voxflat(sources=60), cuts=[path], threads=1).save(tmp_path / name)
-        assert (tmp_path / name).read_bytes() == (tmp_path / PATCH_NAMES[0]).read_bytes()
-    _, _, read = freesurfer_rule.read_patch(tmp_path / PATCH_NAMES[0], mesh[1])
-    again = voxflat.surface(mesh).keep(tmp_path / PATCH_NAMES[0]).flatten(Voxflat(sources=60))
-    assert keys(again.ids[again.faces].tolist()) == keys(read)
-    judged = voxflat.compare(mesh, {"patch": tmp_path / PATCH_NAMES[1]}, sources=20).maps["patch"]
-    assert keys(judged.vertex_ids[judged.faces].tolist()) == keys(read)
-
-
-def test_the_border_is_where_triangles_end(tmp_path):
-    mesh = sheet(12, 13)
-    flat = voxflat.flatten(mesh, Voxflat(sources=60), cuts=[np.arange(6, 6 + 13 * 8, 13)])
-    flat.save(tmp_path / "lh.patch.flat")
-    _, border, triangles = freesurfer_rule.read_patch(tmp_path / "lh.patch.flat", mesh[1])
-    edges = [edge for triangle in triangles for edge in itertools.combinations(sorted(triangle), 2)]
+    for other in (tmp_path / "lh.full.flat.patch.3d", tmp_path / "rh.autoflatten.flat.patch.3d"):
+        voxflat.flatten(mesh, Voxflat(sources=60), cuts=[path], threads=1).save(other)
+        assert other.read_bytes() == patch.read_bytes()
+    _, border, read = freesurfer_rule.read_patch(patch, mesh[1])
+    edges = [edge for triangle in read for edge in itertools.combinations(sorted(triangle), 2)]
     assert {vertex for edge in edges if edges.count(edge) == 1 for vertex in edge} == border
+    again = voxflat.surface(mesh).keep(patch).flatten(Voxflat(sources=60))
+    assert keys(again.ids[again.faces].tolist()) == keys(read)
+    judged = voxflat.compare(mesh, {"patch": other}, sources=20).maps["patch"]
+    assert keys(judged.vertex_ids[judged.faces].tolist()) == keys(read)
 
 
 def test_names(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     mesh = sheet()
     write_mesh("lh.white", Mesh(*mesh))
-    with pytest.raises(InputError, match=r"lh.x.patch.3d: .patch.3d alone means a patch in 3-D space. Use a name"):
-        voxflat.flatten(mesh, Voxflat(sources=30)).save("lh.x.patch.3d")
     commands = [("flatten", "full.flat", 0), ("cut", "cortex", 0), ("flatten", "x", 1), ("cut", "y.flat", 1)]
     for command, name, code in commands:
         assert run(command, "lh.white", "-o", f"lh.{name}.patch.3d").exit_code == code
+    message = "lh.x.patch.3d: .patch.3d alone means a patch in 3-D space. Use a name"
+    refused(message, voxflat.flatten(mesh, Voxflat(sources=30)).save, "lh.x.patch.3d")
     names = {"lh.full.flat.patch.3d", "lh.cortex.patch.3d"}
     assert {path.name for path in tmp_path.iterdir()} == {"lh.white", *names}
     for keep in names:
@@ -191,8 +183,8 @@ def test_names(tmp_path, monkeypatch):
 
 def test_a_patch_of_another_surface(tmp_path):
     voxflat.flatten(sheet(), Voxflat(sources=30)).save(tmp_path / "lh.patch.flat")
-    with pytest.raises(InputError, match="entry 24 of the patch is vertex 24, but the surface has 24 points"):
-        voxflat.surface(sheet(4, 6)).keep(tmp_path / "lh.patch.flat").flatten()
+    message = "entry 24 of the patch is vertex 24, but the surface has 24 points"
+    refused(message, voxflat.surface(sheet(4, 6)).keep, tmp_path / "lh.patch.flat")
 
 
 @pytest.mark.slow
@@ -214,8 +206,7 @@ class TestHemisphere:
             vertices, _, triangles, _ = said(caplog)
             flat.save(tmp_path / "lh.flat.surf.gii")
             lost, of = said(caplog)
-        places = np.pad(flat.uv, ((0, 0), (0, 1)))
-        found = judge(tmp_path / "lh.flat.patch.3d", fsaverage["faces"], flat.ids, flat.faces, places)
+        found = judge(tmp_path / "lh.flat.patch.3d", fsaverage["faces"], flat.ids, flat.faces, flat.uv)
         assert found == (vertices, triangles)
         doubled = np.unique(flat.ids, return_counts=True)[1] > 1
         assert vertices < doubled.sum()  # fewer than if all vertices on cuts were left out
@@ -236,7 +227,6 @@ class TestHemisphere:
     def test_cuts_that_leave_triangles_out(self, flat_map, fsaverage, tmp_path):
         assert len(flat_map.bridges) == 94  # as there are in the shipped map
         flat_map.save(tmp_path / "lh.patch.flat")
-        places = np.pad(flat_map.uv, ((0, 0), (0, 1)))
-        lost = judge(tmp_path / "lh.patch.flat", fsaverage["faces"], flat_map.ids, flat_map.faces, places)
+        lost = judge(tmp_path / "lh.patch.flat", fsaverage["faces"], flat_map.ids, flat_map.faces, flat_map.uv)
         assert 0 < lost[0] < 94
         assert len(read_patch(tmp_path / "lh.patch.flat").vertex_ids) == len(flat_map.ids) - lost[0]

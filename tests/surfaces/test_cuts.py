@@ -2,7 +2,6 @@
 
 import json
 
-import composed
 import numpy as np
 import pytest
 from command_line import succeed
@@ -26,18 +25,19 @@ def ball(n=12):
     return 30 * points, np.concatenate([*(np.stack(end, axis=1) for end in ends), between])
 
 
-def below(points, height):
-    return points[:, 2] < height
+POINTS, FACES = BALL = ball()
+WHOLE = voxflat.surface(BALL)
+KEEP = POINTS[:, 2] < 10
+CAP = WHOLE.keep(KEEP)
 
 
-def total(cuts, reason):
-    return sum(cut.length for cut in cuts if cut.reason == reason)
+def relaxation(cuts):
+    return sum(cut.length for cut in cuts if cut.reason == "relaxation")
 
 
 @pytest.mark.slow
 def test_a_closed_surface_is_relaxed_unless_forbidden():
-    mesh = ball()
-    plain, relaxed = (voxflat.flatten(mesh, Voxflat(sources=60), relax=relax) for relax in (False, None))
+    plain, relaxed = (WHOLE.flatten(Voxflat(sources=60), relax=relax) for relax in (False, None))
     reasons = [[cut["reason"] for cut in flat.metadata["automatic_cuts"]] for flat in (plain, relaxed)]
     assert reasons[0] == ["closed sphere"]
     assert reasons[1][0] == "closed sphere"
@@ -49,101 +49,88 @@ def test_a_closed_surface_is_relaxed_unless_forbidden():
 
 @pytest.mark.slow
 def test_a_disk_is_cut_where_it_pays_and_nobody_has_said_where():
-    points, faces = ball()
-    keep = below(points, 10)
-    of = {"keep": keep, "sources": 60}
-    whole, cut = (composed.flatten((points, faces), **of, relax=relax) for relax in (False, None))
+    whole, cut = (CAP.flatten(Voxflat(sources=60), relax=relax) for relax in (False, None))
     assert {cut["reason"] for cut in cut.metadata["automatic_cuts"]} == {"relaxation"}
     assert any("reduce the estimated distance error" in warning for warning in cut.metadata["warnings"])
     assert cut.distortion.raw.relative_error < 0.9 * whole.distortion.raw.relative_error
-    assert voxflat.surface((points, faces)).keep(below(points, -20)).cut().cuts == ()  # hardly curved: it does not pay
-    given = voxflat.surface((points, faces)).keep(keep).cut(cuts=[cut.metadata["automatic_cuts"][0]["ids"]])
+    assert WHOLE.keep(POINTS[:, 2] < -20).cut().cuts == ()  # hardly curved: it does not pay
+    given = CAP.cut(cuts=[cut.metadata["automatic_cuts"][0]["ids"]])
     assert [one.reason for one in given.cuts] == ["given"]
-    triangles = faces[keep[faces].all(axis=1)]  # a patch of triangles is cut as it is
-    assert voxflat.surface((points, faces)).keep((points, triangles)).cut().cuts == ()
-    assert voxflat.surface((points, faces)).keep((points, triangles)).cut(relax=True).cuts
+    patch = WHOLE.keep((POINTS, FACES[KEEP[FACES].all(axis=1)]))  # a patch of triangles is cut as it is
+    assert patch.cut().cuts == ()
+    assert patch.cut(relax=True).cuts
 
 
 @pytest.mark.slow
 def test_a_disk_is_cut_to_the_length_that_is_asked_for():
-    points, faces = ball()
-    keep = below(points, 10)
-    cut = voxflat.surface((points, faces)).keep(keep).cut(relax=60.0)
-    assert 40 < total(cut.cuts, "relaxation") <= 60
+    cut = CAP.cut(relax=60.0)
+    assert 40 < relaxation(cut.cuts) <= 60
     topology = cut.surface.core.topology()
     assert (topology["euler"], len(topology["loops"])) == (1, 1)
     for one in cut.cuts:
-        assert np.linalg.norm(np.diff(points[one.ids], axis=0), axis=1).sum() == pytest.approx(one.length)
-    assert voxflat.surface((points, faces)).keep(keep).cut(relax=0).cuts == ()
-    assert voxflat.surface((points, faces)).keep(keep).cut(relax=True).cuts
+        assert np.linalg.norm(np.diff(POINTS[one.ids], axis=0), axis=1).sum() == pytest.approx(one.length)
+    assert CAP.cut(relax=0).cuts == ()
+    assert CAP.cut(relax=True).cuts
 
 
 def test_own_cuts_are_kept_and_count():
-    points, faces = ball()
-    keep = below(points, 10)
-    rim = voxflat.surface((points, faces)).path(len(points) - 1, int(np.flatnonzero(keep)[0]), geodesic="edges")
-    cut = voxflat.surface((points, faces)).keep(keep).cut(cuts=[rim.ids], relax=rim.length + 40)
+    rim = WHOLE.path(len(POINTS) - 1, int(np.flatnonzero(KEEP)[0]), geodesic="edges")
+    cut = CAP.cut(cuts=[rim.ids], relax=rim.length + 40)
     assert cut.cuts[0].reason == "given"
     np.testing.assert_array_equal(cut.cuts[0].ids, rim.ids)
-    assert 0 < total(cut.cuts, "relaxation") <= 40
+    assert 0 < relaxation(cut.cuts) <= 40
     _, counts = np.unique(cut.surface.vertices, return_counts=True)
     assert np.isin(rim.ids[1:], np.unique(cut.surface.vertices)[counts > 1]).all()
 
 
 @pytest.mark.slow
 def test_a_file_of_cuts_makes_the_same_surface(tmp_path):
-    points, faces = ball()
-    drop = ~below(points, 10)
-    first = voxflat.surface((points, faces)).drop(drop).cut(relax=80.0)
+    first = WHOLE.drop(~KEEP).cut(relax=80.0)
     first.save(tmp_path / "cuts.json")
-    second = voxflat.surface((points, faces)).cut(cuts=tmp_path / "cuts.json")
+    second = WHOLE.cut(cuts=tmp_path / "cuts.json")
     np.testing.assert_array_equal(first.surface.faces, second.surface.faces)
     np.testing.assert_array_equal(first.surface.vertices, second.surface.vertices)
-    assert sorted(json.loads((tmp_path / "cuts.json").read_text())["drop"]) == np.flatnonzero(drop).tolist()
+    assert sorted(json.loads((tmp_path / "cuts.json").read_text())["drop"]) == np.flatnonzero(~KEEP).tolist()
 
 
 def test_a_file_may_name_few_vertices_of_a_cut(tmp_path):
-    points, faces = ball()
-    (tmp_path / "cuts.json").write_text(json.dumps({"cuts": [[len(points) - 1, 0]]}))
-    cut = voxflat.surface((points, faces)).cut(cuts=tmp_path / "cuts.json", relax=False)
-    expected = voxflat.surface((points, faces)).path(len(points) - 1, 0, geodesic="edges").ids
-    np.testing.assert_array_equal(cut.cuts[0].ids, expected)
+    (tmp_path / "cuts.json").write_text(json.dumps({"cuts": [[len(POINTS) - 1, 0]]}))
+    cut = WHOLE.cut(cuts=tmp_path / "cuts.json", relax=False)
+    np.testing.assert_array_equal(cut.cuts[0].ids, WHOLE.path(len(POINTS) - 1, 0, geodesic="edges").ids)
 
 
 @pytest.mark.parametrize("content", ["", "[]", '{"cuts": 3}', '{"cuts": [["a"]]}', '{"cuts": [[[1, 2, 3]]]}'])
 def test_a_bad_file_of_cuts_is_refused(tmp_path, content):
     (tmp_path / "cuts.json").write_text(content)
-    refused(r"cuts\.json", voxflat.surface(ball()).cut, cuts=tmp_path / "cuts.json")
-    refused(r"none\.json", voxflat.surface(ball()).cut, cuts=tmp_path / "none.json")
+    refused(r"cuts\.json", WHOLE.cut, cuts=tmp_path / "cuts.json")
+    refused(r"none\.json", WHOLE.cut, cuts=tmp_path / "none.json")
 
 
 @pytest.mark.parametrize("relax", [-1, float("nan"), float("inf"), "long"])
 def test_a_bad_length_is_refused(relax):
-    refused("relax", voxflat.surface(ball()).cut, relax=relax)
+    refused("relax", WHOLE.cut, relax=relax)
 
 
 @pytest.mark.slow
 def test_the_medial_wall_is_where_the_surfaces_touch():
-    points, faces = ball()
-    wall = points[:, 2] > 24
-    pial = (points * np.where(wall, 1.0, 1.1)[:, None], faces)
-    cut = voxflat.surface((points, faces), pial=pial).drop("medial wall").cut()
+    wall = POINTS[:, 2] > 24
+    pial = (POINTS * np.where(wall, 1.0, 1.1)[:, None], FACES)
+    cut = voxflat.surface(BALL, pial=pial).drop("medial wall").cut()
     np.testing.assert_array_equal(np.sort(cut.left_out), np.flatnonzero(wall))
-    for other in (None, (points * 1.1, faces), (points, faces)):
-        refused("label", voxflat.surface((points, faces), pial=other).drop, "medial wall")
+    for other in (None, (POINTS * 1.1, FACES), BALL):
+        refused("label", voxflat.surface(BALL, pial=other).drop, "medial wall")
 
 
 @pytest.mark.slow
 def test_the_command_writes_what_flatten_takes(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    points, faces = ball()
-    voxflat.io.write_mesh("ball.ply", voxflat.io.Mesh(points, faces))
-    np.save("drop.npy", ~below(points, 10))
+    voxflat.io.write_mesh("ball.ply", voxflat.io.Mesh(*BALL))
+    np.save("drop.npy", ~KEEP)
     cut = "cut ball.ply --drop drop.npy"
     content = json.loads(succeed(*f"{cut} --relax-length 60 -o cuts.json --json".split()).stdout)
     assert 0 < sum(cut["length"] for cut in content["cuts"]) <= 60
     succeed(*f"{cut} --relax -o open.ply".split())
-    assert len(voxflat.io.read_mesh("open.ply").points) > below(points, 10).sum()
+    assert len(voxflat.io.read_mesh("open.ply").points) > KEEP.sum()
     succeed(*["flatten", "ball.ply", "--cuts", "cuts.json", "--sources", "60", "-o", "map.npz"])
     flat = voxflat.load("map.npz")
     assert flat.metadata["automatic_cuts"] == []

@@ -1,15 +1,14 @@
 """Curvature and sulcal depth, compared with analytic shapes and FreeSurfer's values."""
 
-from importlib.util import find_spec
-from pathlib import Path
-
 import hard_shapes
 import lab
 import nibabel as nib
 import numpy as np
 import pytest
 import shapes
+from mesh_files import fsaverage5
 from refusals import refused
+from textures import areas
 
 import voxflat
 from voxflat import Cancelled
@@ -46,16 +45,10 @@ class TestCurvature:
 
     def test_without_smoothing_the_integral_is_that_of_the_sphere(self):
         surface = ball(12)
-        corners = surface.points[surface.faces]
-        areas = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1) / 2
-        area = np.bincount(surface.faces.ravel(), np.repeat(areas / 3, 3))
+        area = np.bincount(surface.faces.ravel(), np.repeat(areas(surface.points, surface.faces) / 3, 3))
         raw, smooth = surface.mean_curvature(0), surface.mean_curvature(3)
         assert (raw * area).sum() == pytest.approx(4 * np.pi * 12, rel=0.03)
         assert (smooth * area).sum() == pytest.approx((raw * area).sum(), rel=5e-3)  # diffusion keeps it
-
-    @pytest.mark.parametrize("smoothing", [-1, np.inf, np.nan, "wide"])
-    def test_a_wrong_smoothing_is_refused(self, smoothing):
-        refused("smoothing", ball(6).mean_curvature, smoothing)
 
 
 class TestSulcalDepth:
@@ -84,20 +77,23 @@ class TestSulcalDepth:
         surface = voxflat.surface(lab.fsaverage5("white_left"))
         np.testing.assert_array_equal(surface.sulcal_depth(threads=1), surface.sulcal_depth(threads=2))
 
-    @pytest.mark.parametrize("flow", [0, -3.0, np.inf])
-    def test_a_wrong_flow_is_refused(self, flow):
-        refused("flow", ball(6).sulcal_depth, flow)
-
     def test_it_can_be_cancelled(self):
         with pytest.raises(Cancelled):
             voxflat.surface(lab.fsaverage5("white_left")).sulcal_depth(progress=lambda *_: False)
 
 
+def test_wrong_lengths_are_refused():
+    surface = ball(6)
+    for smoothing in (-1, np.inf, np.nan, "wide"):
+        refused("smoothing", surface.mean_curvature, smoothing)
+    for flow in (0, -3.0, np.inf):
+        refused("flow", surface.sulcal_depth, flow)
+
+
 @pytest.mark.parametrize("side", ["left", "right"])
 def test_they_agree_with_freesurfer(side):
     surface = voxflat.surface(lab.fsaverage5(f"white_{side}"))
-    folder = Path(find_spec("nilearn").origin).parent / "datasets" / "data" / "fsaverage5"
-    curv, sulc = (nib.load(folder / f"{name}_{side}.gii.gz").agg_data() for name in ("curv", "sulc"))
+    curv, sulc = (nib.load(fsaverage5(f"{name}_{side}")).agg_data() for name in ("curv", "sulc"))
     assert np.corrcoef(surface.mean_curvature(), curv)[0, 1] < -0.96  # the other sign
     assert np.corrcoef(surface.sulcal_depth(), sulc)[0, 1] > 0.97
 
@@ -107,17 +103,14 @@ def test_a_map_has_them_of_the_whole_surface(tmp_path):
     surface = voxflat.surface((white, faces))
     flat = surface.disk(1000, 25.0).flatten()
     assert len(flat) < 0.3 * len(surface)
-    np.testing.assert_array_equal(flat.curvature, surface.mean_curvature()[flat.ids])
-    np.testing.assert_array_equal(flat.sulcal_depth, surface.sulcal_depth()[flat.ids])
     flat.save(tmp_path / "map.npz")
-    again = voxflat.load(tmp_path / "map.npz")
-    np.testing.assert_array_equal(again.curvature, flat.curvature)
-    np.testing.assert_array_equal(again.sulcal_depth, flat.sulcal_depth)
+    for one in (flat, voxflat.load(tmp_path / "map.npz")):
+        np.testing.assert_array_equal(one.curvature, surface.mean_curvature()[flat.ids])
+        np.testing.assert_array_equal(one.sulcal_depth, surface.sulcal_depth()[flat.ids])
 
 
 def test_the_graph_of_voxels_has_none(tmp_path):
     flat = voxflat.surface(shapes.sheet((20, 20))).flatten(Grossmann2002(sources=60))
     flat.save(tmp_path / "map.npz")
     for one in (flat, voxflat.load(tmp_path / "map.npz")):
-        assert one.curvature is None
-        assert one.sulcal_depth is None
+        assert one.curvature is one.sulcal_depth is None

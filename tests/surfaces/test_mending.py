@@ -4,12 +4,11 @@ import json
 
 import numpy as np
 import pytest
-from command_line import run, succeed
-from refusals import refused
+from hard_shapes import signed_areas
 from triangle_meshes import bump, square
 
 import voxflat
-from voxflat.io.meshes import Mesh, read_mesh, write_mesh
+from voxflat.io.meshes import Mesh, write_mesh
 from voxflat.io.patches import read_patch
 from voxflat.methods import Voxflat
 
@@ -35,11 +34,10 @@ def split(mesh, vertex):
     return np.vstack([points, points[vertex]]), np.vstack([faces, between])
 
 
-def defective(size=16):
+def defective():
     """Return a bump with every repairable defect, its duplicated vertices, and the bump without defects."""
-    points, faces = clean = bump(size)
+    mesh = clean = bump(16)
     of = [40, 77, 77, 120, 150]
-    mesh = points, faces
     for vertex in of:
         mesh = split(mesh, vertex)
     points, faces = mesh
@@ -96,11 +94,9 @@ def test_the_map_has_every_vertex_number(tmp_path):
     np.testing.assert_allclose(patch.points[:, :2], places[patch.vertex_ids, :2], atol=1e-4)
     # by FreeSurfer's rule: all triangles of the mesh that was given, and nothing turned over
     read = mesh[1][np.isin(mesh[1], patch.vertex_ids).all(axis=1)]
-    a, b, c = (places[read[:, k], :2].astype(float) for k in range(3))
-    doubled = np.linalg.det(np.stack([b - a, c - a], 1))
-    assert (np.abs(doubled) < 1e-6).sum() == 11
-    turned = (doubled < -1e-6).sum()
-    assert turned == 1  # which is the duplicate that was given so
+    areas = signed_areas(places[:, :2].astype(float), read)
+    assert (np.abs(areas) < 1e-6).sum() == 11
+    assert (areas < -1e-6).sum() == 1  # the duplicate that was given so
     flat.save(tmp_path / "flat.npz")
     assert (voxflat.load(tmp_path / "flat.npz").ids == flat.ids).all()
     # judged on the mesh that was given, from memory and from files, and an image shows the values at the numbers
@@ -142,27 +138,6 @@ def test_white_and_pial_are_measured_midway_where_only_one_of_them_is_degenerate
     surface = voxflat.surface((points, faces), pial=(pial, faces))
     assert len(surface.merged) == 0
     np.testing.assert_array_equal(surface.points, ((points + pial) / 2)[surface.ids])
-
-
-@pytest.mark.parametrize(
-    ("faces", "message"),
-    [
-        (lambda f: np.vstack([f, [[3, 3, 4]]]), "triangle 72 has no area"),
-        (lambda f: np.vstack([f, f[:1]]), "triangle 72 has the same corners as another"),
-        (lambda f: np.array([[0, 7, 8], [8, 16, 9]]), "touches itself at vertex 8"),
-    ],
-)
-def test_none_forbids_it(faces, message, tmp_path):
-    points, good = square()
-    mesh = points, faces(good)
-    assert len(voxflat.surface(mesh).faces) > 1
-    refused(message, voxflat.surface, mesh, repair="none")
-    write_mesh(tmp_path / "in.ply", Mesh(*mesh))
-    command = ["surface", tmp_path / "in.ply", "-o", tmp_path / "out.vtp"]
-    assert run(*command, "--repair", "none").exit_code == 1
-    assert not (tmp_path / "out.vtp").exists()
-    succeed(*command)
-    assert len(read_mesh(tmp_path / "out.vtp").faces) == len(voxflat.surface(mesh).faces)
 
 
 def test_lips_of_a_cut_stay_apart():

@@ -4,7 +4,6 @@ import json
 from importlib import import_module
 from itertools import pairwise
 
-import composed
 import numpy as np
 import pytest
 import pyvista as pv
@@ -20,30 +19,28 @@ SIDE = 12
 SQUARE = [2 * SIDE + 2, 2 * SIDE + 8, 9 * SIDE + 8, 9 * SIDE + 2]  # 60 by 70 mm of a grid of 10 mm
 
 
-@pytest.fixture(scope="module")
-def sheet():
-    mesh = grid(SIDE)
-    return mesh.points, mesh.faces
+GRID = grid(SIDE)
+SHEET = voxflat.surface((GRID.points, GRID.faces))
 
 
-def test_a_polygon_holds_what_it_encloses(sheet):
-    flat = voxflat.surface(sheet).polygon(SQUARE).flatten()
+def test_a_polygon_holds_what_it_encloses():
+    flat = SHEET.polygon(SQUARE).flatten()
     i, j = np.divmod(flat.ids, SIDE)
     assert len(flat) == 7 * 8
     assert (i.min(), i.max(), j.min(), j.max()) == (2, 9, 2, 8)
     assert flat.metadata["polygon"] == SQUARE
     np.testing.assert_allclose(np.sort(np.ptp(flat.uv, axis=0)), [60, 70], rtol=0.02)
-    assert voxflat.check(sheet, part=lambda s: s.polygon(SQUARE)).used == len(flat)
-    assert voxflat.surface(sheet).polygon(SQUARE).geodesic(5).shape == (5, len(flat))
+    assert voxflat.check(SHEET, part=lambda s: s.polygon(SQUARE)).used == len(flat)
+    assert SHEET.polygon(SQUARE).geodesic(5).shape == (5, len(flat))
 
 
-def test_the_same_polygon_through_every_way_in(sheet, tmp_path):
-    expected = voxflat.surface(sheet).polygon(SQUARE).flatten()
-    write_mesh(tmp_path / "s.ply", grid(SIDE))
+def test_the_same_polygon_through_every_way_in(tmp_path):
+    expected = SHEET.polygon(SQUARE).flatten()
+    write_mesh(tmp_path / "s.ply", GRID)
     (tmp_path / "corners.txt").write_text("\n".join(map(str, SQUARE)))
     succeed("flatten", tmp_path / "s.ply", "--polygon", tmp_path / "corners.txt", "-o", tmp_path / "map.npz")
     np.testing.assert_array_equal(voxflat.load(tmp_path / "map.npz").uv, expected.uv)
-    mesh = pv.PolyData.from_regular_faces(*sheet)
+    mesh = pv.PolyData.from_regular_faces(GRID.points, GRID.faces)
     import_module("voxflat._pyvista")  # PyVista 0.48 does so itself
     np.testing.assert_array_equal(mesh.voxflat.flatten(polygon=SQUARE).uv, expected.uv)
 
@@ -57,32 +54,32 @@ def test_a_polygon_of_voxels():
 
 
 @pytest.mark.parametrize(
-    ("options", "message"),
+    ("corners", "message"),
     [
-        ({"polygon": [1, 2]}, "the polygon has 2 corners, but at least 3 are needed"),
-        ({"polygon": [1, 2, 3]}, "do not enclose a region"),
-        ({"polygon": [1, 2, 999]}, "vertex 999 is not on the surface"),
-        ({"polygon": [[1, 2, 3]]}, "must be vertex numbers"),
-        ({"polygon": [0.5, 1.0, 2.0]}, "integers"),
+        ([1, 2], "the polygon has 2 corners, but at least 3 are needed"),
+        ([1, 2, 3], "do not enclose a region"),
+        ([1, 2, 999], "vertex 999 is not on the surface"),
+        ([[1, 2, 3]], "must be vertex numbers"),
+        ([0.5, 1.0, 2.0], "integers"),
     ],
 )
-def test_bad_polygons(sheet, options, message):
-    refused(message, composed.flatten, sheet, **options)
+def test_bad_polygons(corners, message):
+    refused(message, SHEET.polygon, corners)
 
 
 @pytest.mark.parametrize("text", ["", "1 2\nx", "1.5\n2\n3"])
 def test_bad_files_of_corners(tmp_path, text):
-    write_mesh(tmp_path / "s.ply", grid(SIDE))
+    write_mesh(tmp_path / "s.ply", GRID)
     (tmp_path / "corners.txt").write_text(text)
     words = ["flatten", tmp_path / "s.ply", "--polygon", tmp_path / "corners.txt", "-o", tmp_path / "map.npz"]
     fail(2, "corners.txt", *words)
 
 
 @pytest.mark.parametrize("geodesic", ["graph", "edges"])
-def test_a_path_through_several_stops(sheet, geodesic):
+def test_a_path_through_several_stops(geodesic):
     stops = [0, SIDE - 1, SIDE * SIDE - 1]
-    path = voxflat.surface(sheet).path(*stops, geodesic=geodesic)
-    legs = [voxflat.surface(sheet).path(a, b, geodesic=geodesic) for a, b in pairwise(stops)]
+    path = SHEET.path(*stops, geodesic=geodesic)
+    legs = [SHEET.path(a, b, geodesic=geodesic) for a, b in pairwise(stops)]
     assert path.length == pytest.approx(220.0)
     assert path.length == sum(leg.length for leg in legs)
     np.testing.assert_array_equal(path.ids, [*legs[0].ids, *legs[1].ids[1:]])

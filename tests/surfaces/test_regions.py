@@ -61,11 +61,7 @@ def test_older_freesurfer_values(tmp_path):
         ("lh.curv", b"hello", "is not in a known format of values"),
         ("lh.white", b"\xff\xff\xfehello", "does not contain values at points: its content is FreeSurfer surface"),
         ("s.mgh", b"hello", "is not an MGH file"),
-        (
-            "s.mgh",
-            struct.pack(">6i", 1, 5, 1, 1, 1, 3),
-            "its header specifies the shape .5, 1, 1, 1., but the file ends after 24 of",
-        ),
+        ("s.mgh", struct.pack(">6i", 1, 5, 1, 1, 1, 3), "specifies the shape .5, 1, 1, 1., but the file ends after 24"),
         ("s.mgh", struct.pack(">6i", 1, 5, 5, 1, 1, 3) + bytes(400), "Pass values of shape"),
         ("s.mgz", b"\x1f\x8bhello", "its gzip data are damaged"),
         ("lh.annot", b"\xff\xff\xff\xf0", "header is damaged"),
@@ -87,16 +83,10 @@ def test_an_array_of_objects_is_not_unpickled(tmp_path):
     refuses(tmp_path / "s.npy", r"values have type complex128 and shape \(3,\)", read_overlay, 3)
 
 
-def annotation(path):
-    labels = np.array([0, 1, 1, 2, -1, 2])
+def test_annotations(tmp_path):
+    path, labels = tmp_path / "lh.aparc.annot", np.array([0, 1, 1, 2, -1, 2])
     table = np.array([[25, 5, 25, 0], [25, 100, 40, 0], [125, 100, 160, 0]])
     nib.freesurfer.write_annot(path, labels, table, ["unknown", "bankssts", "Größe"])
-    return labels
-
-
-def test_annotations(tmp_path):
-    path = tmp_path / "lh.aparc.annot"
-    labels = annotation(path)
     np.testing.assert_array_equal(read_overlay(path, 6), labels)
     np.testing.assert_array_equal(read_region(path, 6, name="bankssts"), labels == 1)
     np.testing.assert_array_equal(read_region(path, 6, name="Größe"), labels == 2)

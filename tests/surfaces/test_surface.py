@@ -7,6 +7,8 @@ from command_line import succeed
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from refusals import refused
+from scipy.ndimage import gaussian_filter
+from scipy.spatial.transform import Rotation
 
 import voxflat
 from voxflat.io.meshes import read_mesh
@@ -20,8 +22,6 @@ class TestFromVoxels:
     @settings(max_examples=60)
     @given(st.integers(0, 2**32), st.floats(0.2, 0.8), st.integers(3, 9))
     def test_a_blob_is_a_closed_manifold_of_its_voxels(self, seed, share, size):
-        from scipy.ndimage import gaussian_filter
-
         noise = gaussian_filter(np.random.default_rng(seed).normal(size=(size,) * 3), 0.8)
         volume = (noise > np.quantile(noise, share)).astype(np.uint8)
         surface = shapes.two_sided(volume, repair="none")
@@ -112,8 +112,6 @@ class TestSheets:
     @pytest.mark.parametrize("traversed", [False, True])
     def test_the_papers_curled_sheet_is_unrolled(self, traversed):
         """The sheet becomes one surface with a boundary, and its flat map has the size of the sheet."""
-        from scipy.spatial.transform import Rotation
-
         volume = shapes.curled_sheet(rotation=Rotation.random(None, np.random.default_rng(4)), traversed=traversed)
         flat = voxflat.flatten(volume, Voxflat(sources=150))
         assert flat.metadata["sheet"]

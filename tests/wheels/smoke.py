@@ -80,15 +80,6 @@ def command(*words):
     return printed.getvalue()
 
 
-def compared(made, path):
-    """Print and check the greatest difference from kept maps."""
-    with np.load(path) as kept:
-        for name, uv in made.items():
-            difference = np.abs(uv - kept[name]).max() / np.ptp(kept[name], axis=0).max()
-            print(f"{name}: differs by at most {difference:.1e} of its extent")
-            assert difference <= TOLERANCE, name
-
-
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("-o", "--output", type=Path)
@@ -104,5 +95,9 @@ if __name__ == "__main__":
     if asked.output:
         np.savez(asked.output, **found)
     if asked.against:
-        compared(found, asked.against)
+        with np.load(asked.against) as kept:
+            for name, uv in found.items():
+                difference = np.abs(uv - kept[name]).max() / np.ptp(kept[name], axis=0).max()
+                print(f"{name}: differs by at most {difference:.1e} of its extent")
+                assert difference <= TOLERANCE, name
     print("the wheel works")
