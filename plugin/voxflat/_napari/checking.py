@@ -20,13 +20,8 @@ from voxflat.evaluation.measure import measure
 from voxflat.pipeline.check import check
 from voxflat.surfaces.findings import Check
 
-_PLACES = {
-    "size": 5,
-    "symbol": "ring",
-    "face_color": "#ff4d4d",
-    "border_color": "#ff4d4d",
-    "blending": "translucent_no_depth",  # so that they are visible through the surface in 3D
-}
+_PLACES = {"size": 5, "symbol": "ring", "face_color": "#ff4d4d", "border_color": "#ff4d4d"}
+_PLACES |= {"blending": "translucent_no_depth"}  # so that they are visible through the surface in 3D
 
 
 class Findings(TaskDock):
@@ -106,22 +101,16 @@ class CheckSurface(Findings):
         name = f"defects of {self._origin['layer']}"
         if name in self._viewer.layers:
             self._viewer.layers.remove(name)
-        places, texts = _places(found)
+        places = [handle["centre"] for handle in found.handles]  # RAS+ mm
+        texts = [f"handle (loop of {handle['length']:.1f} mm)" for handle in found.handles]
+        if found.thin is not None and found.thin["place"] is not None:
+            places.append(found.thin["place"])
+            texts.append(f"thinnest part ({found.thin['worst']:.2f} mm)")
         if not places:
             return
         units = None if self._origin["unit"].startswith("pixel") else ("mm",) * 3
         points = from_ras(np.array(places), self._origin["world_axes"])
         self._viewer.add_points(points, name=name, units=units, features={"finding": texts}, **_PLACES)
-
-
-def _places(found: Check) -> tuple[list[Any], list[str]]:
-    """Return the positions of the handles and of the thinnest part, in RAS+ mm, with a description of each."""
-    places = [handle["centre"] for handle in found.handles]
-    texts = [f"handle (loop of {handle['length']:.1f} mm)" for handle in found.handles]
-    if found.thin is not None and found.thin["place"] is not None:
-        places.append(found.thin["place"])
-        texts.append(f"thinnest part ({found.thin['worst']:.2f} mm)")
-    return places, texts
 
 
 class MeasureMap(Findings):

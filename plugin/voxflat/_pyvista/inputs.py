@@ -97,10 +97,8 @@ class Inputs:
         place = np.linalg.solve(volume.affine, [*np.asarray(point, dtype=np.float64), 1.0])[:3]
         i, j, k = np.rint(place).astype(int).tolist()
         if not all(0 <= index < size for index, size in zip((i, j, k), volume.data.shape, strict=False)):
-            raise InputError(
-                f"the point {np.asarray(point).tolist()} mm is outside the image, whose bounds are "
-                f"{tuple(self._mesh.bounds)}. Choose a point inside the image"
-            )
+            outside = f"outside the image, whose bounds are {tuple(self._mesh.bounds)}"
+            raise InputError(f"the point {np.asarray(point).tolist()} mm is {outside}. Choose a point inside the image")
         return i, j, k
 
     @property

@@ -1,6 +1,5 @@
 """The commands `voxflat measure` and `voxflat worst`, which report the distortion of flat maps."""
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -57,7 +56,11 @@ def measure_command(surface_: Path, flat: tuple[Path, ...], heat_maps: Path | No
     that voxflat made midway to the pial surface is measured on that geometry, and a note reports this. Several maps are
     measured from the same source points. The documentation defines all measures.
     """
-    names = _short_names(flat)
+    names = [path.name for path in flat]
+    if len(set(names)) < len(names):
+        names = [str(path) for path in flat]
+    if len(set(names)) < len(names):
+        raise click.UsageError("The same FLAT is given twice. Remove one of them.")
     if heat_maps is not None:
         from voxflat import figures  # imports matplotlib
 
@@ -70,14 +73,6 @@ def measure_command(surface_: Path, flat: tuple[Path, ...], heat_maps: Path | No
     one = compared[names[0]] if len(names) == 1 else None
     measures = {"maps": compared.figures()} if one is None else one.figures()
     report({**measures, "provenance": compared.provenance}, (one or compared).table())
-
-
-def _short_names(paths: Sequence[Path]) -> list[str]:
-    """Return the file names of paths, or the complete paths if the names are not unique."""
-    for names in ([path.name for path in paths], [str(path) for path in paths]):
-        if len(set(names)) == len(names):
-            return names
-    raise click.UsageError("The same FLAT is given twice. Remove one of them.")
 
 
 @options.command(

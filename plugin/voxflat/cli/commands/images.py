@@ -108,16 +108,14 @@ def image_command(
     with bars(quiet), reading() as files:
         flat_map: FlatMap | Atlas = load_atlas(map_) if saved_kind(map_) == "atlas" else load(map_)
         if "fraction" in how and not isinstance(flat_map, FlatMap):
-            raise InputError(
-                "--fraction requires a pial surface, which an atlas does not have. Give --depth in mm instead."
-            )
+            reason = "requires a pial surface, which an atlas does not have"
+            raise InputError(f"--fraction {reason}. Give --depth in mm instead.")
         stack = None if volume is None else flat_map.images(volume, pixel_size, **how)
         picture = flat_map.heat_map(pixel_size) if stack is None else stack[0]
     picture = picture._with_provenance({**picture.provenance, "files": files})
     if stack is not None and not (picture.data[..., 3] > 0 if picture.is_colour else ~np.isnan(picture.data)).any():
-        raise InputError(
-            f"{volume} does not overlap the map, so the image would be empty. Compare the affines with voxflat check."
-        )
+        reason = "does not overlap the map, so the image would be empty"
+        raise InputError(f"{volume} {reason}. Compare the affines with voxflat check.")
     count, step = 1, None
     if stack is not None and len(stack) > 1:
         count = len(stack)
