@@ -31,17 +31,10 @@ class PatchesForm(LayerForm):
         tip = "Close seams between patches as long as no length changes by more than this factor"
         self.glue = spin(QDoubleSpinBox(), 1.0, 10.0, tip, step=0.1, special="not glued")
         self._values: dict[str, Any] = {"max_angle": self.max_angle, "bound": self.bound, "count": self.count}
-        self._add_rows(
-            ("World axes", self.world),
-            ("Limit patches", self.limit),
-            ("Angle", self.max_angle),
-            ("Bound C", self.bound),
-            ("Number", self.count),
-            ("Glue within C", self.glue),
-            ("Show on page", self.sampled),
-            ("at depth", self.sample_depth),
-            ("Pixel size", self.pixel_size),
-        )
+        limits = (("Limit patches", self.limit), ("Angle", self.max_angle), ("Bound C", self.bound))
+        making = (*limits, ("Number", self.count), ("Glue within C", self.glue))
+        shown = (("Show on page", self.sampled), ("at depth", self.sample_depth), ("Pixel size", self.pixel_size))
+        self._add_rows(("World axes", self.world), *making, *shown)
         self.limit.currentIndexChanged.connect(self._on_limit)
         self._on_surface()
         self._on_limit()

@@ -28,13 +28,8 @@ from voxflat.methods import METHODS
 
 _RADIUS = 45.0  # mm, as in the README
 _METHODS = {name: name for name in METHODS}  # the summaries, which are wider than the box, are tooltips
-_PARTS = {
-    "whole": "whole surface",
-    "disk": "disk around a point",
-    "polygon": "within a polygon",
-    "mask": "within a mask",
-    "values": "nonzero values",
-}
+_PARTS = {"whole": "whole surface", "disk": "disk around a point", "polygon": "within a polygon"}
+_PARTS |= {"mask": "within a mask", "values": "nonzero values"}
 
 
 class SurfaceForm(LayerForm):
@@ -44,19 +39,11 @@ class SurfaceForm(LayerForm):
         super().__init__(viewer)
         self._state = ViewerState.of(viewer)
         self._make_fields(viewer)
-        self._add_rows(
-            ("Pial surface", self.pial),
-            ("Part", self.patch),
-            ("Seed point", self.seed),
-            ("Radius", self.radius),
-            ("Polygon", self.polygon),
-            ("Mask", self.masked_by),
-            ("Show on map", self.sampled),
-            ("at depth", self.sample_depth),
-            ("Method", self.method),
-            ("Continue", self.continues),
-            ("World axes", self.world),
-        )
+        disk = (("Seed point", self.seed), ("Radius", self.radius))
+        part = (("Part", self.patch), *disk, ("Polygon", self.polygon), ("Mask", self.masked_by))
+        shown = (("Show on map", self.sampled), ("at depth", self.sample_depth))
+        how = (("Method", self.method), ("Continue", self.continues), ("World axes", self.world))
+        self._add_rows(("Pial surface", self.pial), *part, *shown, *how)
         advanced = QCollapsible("Advanced", expandedIcon="▾", collapsedIcon="▸")
         advanced.addWidget(self.options)
         self._rows.addRow(advanced)

@@ -44,11 +44,9 @@ class LayerPlace:
             raise InputError(f"The units of layer '{layer.name}' are {unit}. Set them to units of length, such as mm")
         to_mm = np.diag([*factors, 1.0])
         path = layer.metadata.get("surface_file") or layer.source.path  # the former for a layer of values
-        return cls(
-            affine=check_affine(_to_ras(world) @ to_mm @ data_to_world(layer)),
-            path=Path(path) if path else None,
-            origin={"layer": layer.name, "world_axes": world, "unit": unit},
-        )
+        affine = check_affine(_to_ras(world) @ to_mm @ data_to_world(layer))
+        origin = {"layer": layer.name, "world_axes": world, "unit": unit}
+        return cls(affine, Path(path) if path else None, origin)
 
     @property
     def is_in_pixels(self) -> bool:

@@ -90,7 +90,6 @@ class FlatMapDock(Dock):
         self.annotations = VolumeAnnotations(napari_viewer, self)
         self._lay_out()
         self._connect()
-        self._keys = Keys(napari_viewer, self, self._of_keys())
         self._on_theme()
         self._on_runs()
 
@@ -177,16 +176,10 @@ class FlatMapDock(Dock):
         self.outline.failed.connect(self._on_failed)
         self.outline.toggled.connect(self.outlined.setChecked)
         self.painted.toggled.connect(self.on_surface.setChecked)
-
-    def _of_keys(self) -> dict[int, Any]:
-        return {
-            _NEXT: partial(self.contents.step, 1),
-            _PREVIOUS: partial(self.contents.step, -1),
-            _IN_3D: self.on_surface.click,
-            _OUTLINE: self.outlined.click,
-            _WHOLE: self.whole.click,
-            **{key: partial(self.click.setCurrentText, what) for key, what in zip(_OF_CLICKS, _CLICKS, strict=True)},
-        }
+        keys: dict[int, Any] = {_NEXT: partial(self.contents.step, 1), _PREVIOUS: partial(self.contents.step, -1)}
+        keys |= {_IN_3D: self.on_surface.click, _OUTLINE: self.outlined.click, _WHOLE: self.whole.click}
+        keys |= {key: partial(self.click.setCurrentText, what) for key, what in zip(_OF_CLICKS, _CLICKS, strict=True)}
+        self._keys = Keys(self._viewer, self, keys)
 
     # -------------------------------------------------------------------------------------------- runs
 

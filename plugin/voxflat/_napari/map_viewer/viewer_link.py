@@ -109,7 +109,9 @@ class ViewerLink(QObject):
             self._drawn.start()
 
     def _draw(self) -> None:
-        canvas = self._canvas()
+        if self.ring is None and (inside := canvas_widget(self._inside)) is not None:
+            self.ring = RingWidget(inside)
+        canvas = None if self.ring is None else self.ring.parentWidget()
         if canvas is None or self.ring is None:
             return
         at = None
@@ -120,15 +122,6 @@ class ViewerLink(QObject):
             self.ring.hide()
         else:
             self.ring.show_at(*at, near=self._in_slice(world))
-
-    def _canvas(self) -> QWidget | None:
-        """Return the canvas of the viewer; the first call also creates the ring."""
-        if self.ring is not None:
-            return self.ring.parentWidget()
-        canvas = canvas_widget(self._inside)
-        if canvas is not None:
-            self.ring = RingWidget(canvas)
-        return canvas
 
     def _in_slice(self, world: NDArray[np.float64]) -> bool:
         hidden = [axis for axis in self._viewer.dims.not_displayed if axis >= self._viewer.dims.ndim - 3]

@@ -60,13 +60,11 @@ def path_command(input_: Path, stops: list[Any], output: Path | None, writing: d
     if output is not None:
         with saving(output, found.provenance, **writing), atomic_path(output) as beside:
             beside.write_text("".join(f"{one}\n" for one in found.ids), encoding="utf-8", newline="\n")
-    content = {"length": found.length, "ids": found.ids.tolist(), "points": found.points.tolist()}
+    content: dict[str, Any] = {"length": found.length, "ids": found.ids.tolist(), "points": found.points.tolist()}
     length = in_unit(f"{found.length:.3f} mm", whole.metadata)
     saved = "" if output is None else f"\nsaved as {output}"
-    report(
-        {**content, "space": found.space._described(), "provenance": found.provenance},
-        f"{length} through {len(found.ids)} points{saved}",
-    )
+    content |= {"space": found.space._described(), "provenance": found.provenance}
+    report(content, f"{length} through {len(found.ids)} points{saved}")
 
 
 @options.command(
@@ -104,9 +102,6 @@ def rows_command(input_: Path, sources: int, quiet: bool, **given: Any) -> None:
             part = part.cut(cuts, relax=False, threads=given["threads"], progress=shown.progress).surface
         measured = part.geodesic(sources, progress=shown.progress, **given)
     size = {"shape": list(measured.shape), "bytes": measured.nbytes}
-    report(
-        {"store": str(measured.store), **size, "provenance": measured.provenance},
-        f"{measured.shape[0]} x {measured.shape[1]} distances, {measured.nbytes / 2**20:.0f} MiB\n"
-        f"saved in {measured.store}",
-        quiet=quiet,
-    )
+    text = f"{measured.shape[0]} x {measured.shape[1]} distances, {measured.nbytes / 2**20:.0f} MiB"
+    content = {"store": str(measured.store), **size, "provenance": measured.provenance}
+    report(content, f"{text}\nsaved in {measured.store}", quiet=quiet)

@@ -151,7 +151,5 @@ def worst_command(
         if picture is not None:
             figures.save_picture(figures.worst_places_3d(worst), picture, worst.provenance)
     saved = [str(file) for file in files if file is not None]
-    report(
-        {**worst.figures(), "files": saved, "provenance": worst.provenance},
-        "\n".join([worst.table(), *(f"saved as {file}" for file in saved)]),
-    )
+    text = "\n".join([worst.table(), *(f"saved as {file}" for file in saved)])
+    report({**worst.figures(), "files": saved, "provenance": worst.provenance}, text)

@@ -192,8 +192,5 @@ def movie_command(
     height, width = movie.size
     seconds = len(movie) / movie.rate
     size = {"frames": len(movie), "width": width, "height": height, "seconds": seconds}
-    report(
-        {"output": str(output), **size, "provenance": record},
-        f"{len(movie)} frames of {width} x {height} pixels, {seconds:g} s\nsaved as {output}",
-        quiet=quiet,
-    )
+    text = f"{len(movie)} frames of {width} x {height} pixels, {seconds:g} s\nsaved as {output}"
+    report({"output": str(output), **size, "provenance": record}, text, quiet=quiet)

@@ -138,11 +138,9 @@ def image_command(
     size = {"images": count, "width": width, "height": height, "pixel_size": picture.pixel_size}
     images = "" if count == 1 else f"{count} images of "
     apart = "" if step is None else f", {step:g} s apart"
-    report(
-        {"output": str(output), **size, "time_step": step, "provenance": picture.provenance},
-        f"{images}{width} x {height} pixels of {picture.pixel_size:g} mm{apart}\nsaved as {output}",
-        quiet=quiet,
-    )
+    text = f"{images}{width} x {height} pixels of {picture.pixel_size:g} mm{apart}\nsaved as {output}"
+    content = {"output": str(output), **size, "time_step": step, "provenance": picture.provenance}
+    report(content, text, quiet=quiet)
 
 
 @options.command(
@@ -179,7 +177,5 @@ def texture_command(
         textured = textured.subdivided()
     textured.save(output, **writing)
     points, triangles = len(textured.points), len(textured.faces)
-    report(
-        {"output": str(output), "points": points, "triangles": triangles, "provenance": textured.provenance},
-        f"{points} points, {triangles} triangles\nsaved as {output}",
-    )
+    content = {"output": str(output), "points": points, "triangles": triangles, "provenance": textured.provenance}
+    report(content, f"{points} points, {triangles} triangles\nsaved as {output}")

@@ -51,10 +51,8 @@ def points_command(map_: Path, points: Path, output: Path, limit: float, space: 
     with saving(output, record, **writing):
         table.save(output, {"u": uv[:, 0], "v": uv[:, 1], "distance": distance})
     shown = int(np.isfinite(distance).sum())
-    report(
-        {"output": str(output), "points": len(distance), "on_map": shown, "provenance": record},
-        f"{shown} of {len(distance)} points are within {limit:g} mm of the surface\nsaved as {output}",
-    )
+    text = f"{shown} of {len(distance)} points are within {limit:g} mm of the surface\nsaved as {output}"
+    report({"output": str(output), "points": len(distance), "on_map": shown, "provenance": record}, text)
 
 
 @options.command(
@@ -128,9 +126,8 @@ def regions_command(
         counts["voxels"] = _counts(regions, as_volume(output).data)
     voxels = {name: f", {count} voxels" for name, count in counts.get("voxels", {}).items()}
     lines = [f"{name}: {n} points of the map{voxels.get(name, '')}" for name, n in counts["regions"].items()]
-    report(
-        {"output": str(output), **counts, "provenance": regions.provenance}, "\n".join([*lines, f"saved as {output}"])
-    )
+    text = "\n".join([*lines, f"saved as {output}"])
+    report({"output": str(output), **counts, "provenance": regions.provenance}, text)
 
 
 def _counts(regions: Regions, labels: NDArray[Any]) -> dict[str, int]:

@@ -79,10 +79,8 @@ def register_command(input_: Path, output: Path, writing: dict[str, Any], **give
         made = whole.register(given["side"], threads=given["threads"], progress=shown.progress)
     made.save(output, **writing)
     size = {"output": str(output), "vertices": len(made.points), "side": made.side, "confidence": made.confidence}
-    report(
-        {**size, **made.figures, "warnings": list(made.remarks), "provenance": made.provenance},
-        f"{made.side} hemisphere, confidence {made.confidence:.2f}\n{len(made.points)} vertices\nsaved as {output}",
-    )
+    text = f"{made.side} hemisphere, confidence {made.confidence:.2f}\n{len(made.points)} vertices\nsaved as {output}"
+    report({**size, **made.figures, "warnings": list(made.remarks), "provenance": made.provenance}, text)
 
 
 @options.command(
@@ -124,7 +122,5 @@ def surface_command(input_: Path, output: Path, repaired: Path | None, writing: 
         write_volume(repaired, changed, made.metadata["affine"], made.provenance)
     made.save(output, **writing)
     size = {"vertices": len(made), "triangles": len(made.faces)}
-    report(
-        json_ready({"output": str(output), **size, "metadata": made.metadata, "warnings": list(made.remarks)}),
-        f"{len(made)} vertices, {len(made.faces)} triangles\nsaved as {output}",
-    )
+    content = {"output": str(output), **size, "metadata": made.metadata, "warnings": list(made.remarks)}
+    report(json_ready(content), f"{len(made)} vertices, {len(made.faces)} triangles\nsaved as {output}")
