@@ -1,6 +1,5 @@
 """The widgets of *Layers → Measure*, which report defects of surfaces and the quality of maps."""
 
-from collections.abc import Sequence
 from html import escape
 from typing import Any
 
@@ -39,16 +38,6 @@ class Findings(TaskDock):
     def look(self) -> None:
         """Start the work, and show errors."""
 
-    def _show_rows(self, rows: Sequence[tuple[str, str]], advice: Sequence[str]) -> None:
-        """Show a table of names and values, and the advice below it, wrapped to the width of the dock."""
-        cells = "".join(
-            f"<tr><td style='padding:2px 8px 2px 0'>{escape(name)}</td>"
-            f"<td style='padding:2px 0'><b>{escape(value)}</b></td></tr>"
-            for name, value in rows
-        )
-        items = "".join(f"<li>{escape(sentence(line))}</li>" for line in advice)
-        self.table.setHtml(f"<table>{cells}</table><ul style='margin-left:-24px'>{items}</ul>")
-
     def _show_message(self, message: str) -> None:
         """Show text in a fixed-width font, so that columns are aligned."""
         self.table.setCurrentFont(QFontDatabase.systemFont(QFontDatabase.SystemFont.FixedFont))
@@ -66,18 +55,13 @@ class Findings(TaskDock):
             self.table.setPlainText("")
 
 
-class CheckForm(LayerForm):
-    def __init__(self, viewer: Viewer) -> None:
-        super().__init__(viewer)
-        self._add_rows(("World axes", self.world))
-        self._on_surface()
-
-
 class CheckSurface(Findings):
     """Reports the defects that affect the flattening of a surface, and marks their locations."""
 
     def __init__(self, napari_viewer: Viewer) -> None:
-        self.form = CheckForm(napari_viewer)
+        self.form = LayerForm(napari_viewer)
+        self.form._add_rows(("World axes", self.form.world))
+        self.form._on_surface()
         super().__init__("Check", self.form)
         self._viewer = napari_viewer
         ViewerState.of(napari_viewer)  # prevents crashes when layers are removed
@@ -97,7 +81,13 @@ class CheckSurface(Findings):
         self.form.release()
 
     def _show(self, found: Check) -> None:
-        self._show_rows([("input", self._origin["layer"]), *found.rows()[1:]], found.advice)
+        cells = "".join(
+            f"<tr><td style='padding:2px 8px 2px 0'>{escape(name)}</td>"
+            f"<td style='padding:2px 0'><b>{escape(value)}</b></td></tr>"
+            for name, value in [("input", self._origin["layer"]), *found.rows()[1:]]
+        )
+        items = "".join(f"<li>{escape(sentence(line))}</li>" for line in found.advice)
+        self.table.setHtml(f"<table>{cells}</table><ul style='margin-left:-24px'>{items}</ul>")  # wraps in the dock
         name = f"defects of {self._origin['layer']}"
         if name in self._viewer.layers:
             self._viewer.layers.remove(name)

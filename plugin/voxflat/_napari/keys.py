@@ -12,8 +12,7 @@ from qtpy.QtWidgets import QWidget
 
 def key_text(key: int) -> str:
     """Return the name of a key of app-model (`KeyMod` and `KeyCode`) on this system, such as Ctrl+Z."""
-    sequence = QKeyBindingSequence(KeyBinding.from_int(key))
-    return str(sequence.toString(QKeySequence.SequenceFormat.NativeText))
+    return str(QKeyBindingSequence(KeyBinding.from_int(key)).toString(QKeySequence.SequenceFormat.NativeText))
 
 
 class Keys:

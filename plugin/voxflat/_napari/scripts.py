@@ -35,10 +35,6 @@ class Recipe:
         self._job = job
         self._fingerprints: list[str] = []
 
-    @property
-    def name(self) -> str:
-        return self._job.surface.origin["layer"]
-
     def run(self, progress: Progress) -> FlatLayers:
         """Run the job, and record fingerprints of its data."""
         result = self._job.run(progress)

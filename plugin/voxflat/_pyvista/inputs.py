@@ -18,10 +18,7 @@ from voxflat.pipeline.surface import Surface, surface
 
 
 class Inputs:
-    """A PyVista dataset, with its arrays, positions and regions.
-
-    The dataset is an ``ImageData``, or any dataset that has a surface.
-    """
+    """An ``ImageData``, or any dataset that has a surface, with its arrays, positions and regions."""
 
     def __init__(self, mesh: pv.DataSet) -> None:
         self._mesh = mesh

@@ -79,8 +79,7 @@ class Shown:
         if self.clim is not None:
             look = {"cmap": self.look.cmap, "clim": self.clim, "nan_color": "lightgrey", "show_scalar_bar": bar}
             look["scalar_bar_args"] = {"title": f"{self.look.label}\n", **_BAR} if bar else None
-        actor = plotter.add_mesh(mesh, scalars=self.look.label, **look, **light)
-        actor.GetProperty().SetInterpolationToPhong()
+        plotter.add_mesh(mesh, scalars=self.look.label, **look, **light).GetProperty().SetInterpolationToPhong()
 
     def description(self, point: int, cell: int) -> str:
         """Describe the value at a point."""

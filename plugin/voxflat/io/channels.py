@@ -125,8 +125,7 @@ def series_of(obj: object) -> tuple[Channels, Affine] | None:
         at = (..., n, *rest)
         return np.asarray(image.dataobj[at])
 
-    frames = Channels(("",) * shape[3], frame, _timing(image.header))
-    return frames.of_file(path), affine
+    return Channels(("",) * shape[3], frame, _timing(image.header)).of_file(path), affine
 
 
 def points_of_nibabel(obj: object, points: int, structure: str | None) -> Channels | None:

@@ -135,8 +135,7 @@ def page_of(
     faces = flat.faces[~flat.torn]
     here = {name: _at_points(values[~flat.torn], faces, len(flat.uv)) for name, values in of_triangles.items()}
     values = {**of_points, **{name: array for name, array in here.items() if name not in of_points}}
-    names = sorted(values, key=lambda name: name != first)
-    layers = [_layer(name, values[name], faces) for name in names]
+    layers = [_layer(name, values[name], faces) for name in sorted(values, key=lambda name: name != first)]
     if not layers:
         raise InputError("the map has no array with one number per point. Add a point array")
     shown = [{"layer": layer, "bar": colour_bar(layer)} for layer in layers]

@@ -43,11 +43,6 @@ class Outcome:
     reason: str = ""  # reason why it failed or has to be made
     record: dict[str, Any] | None = None  # record of the results that were made
 
-    @property
-    def letter(self) -> str:
-        """The BIDS letter: L or R."""
-        return HEMISPHERES[self.hemi][0]
-
 
 @dataclass(frozen=True)
 class Job:

@@ -47,12 +47,8 @@ class PatchesForm(LayerForm):
     def job(self) -> PatchesJob:
         """Return the job that the form describes; raises InputError if a choice is missing or unsuitable."""
         surface, foreground = self.source()
-        name = self.limit.currentData()
-        return PatchesJob(
-            surface=surface,
-            limit={name: self._values[name].value()},
-            glue=self.glue.value() if self.glue.value() > self.glue.minimum() else None,
-            pixel_size=self.pixel_size.value() or None,
-            shown=self._shown(self._chosen(), self.world.currentData()),
-            **foreground,
-        )
+        name, pixel_size = self.limit.currentData(), self.pixel_size.value() or None
+        glue = self.glue.value() if self.glue.value() > self.glue.minimum() else None
+        shown = self._shown(self._chosen(), self.world.currentData())
+        limit = {name: self._values[name].value()}
+        return PatchesJob(surface, limit, glue=glue, pixel_size=pixel_size, shown=shown, **foreground)

@@ -53,7 +53,7 @@ class LayerMesh:
         """Convert the vertices to RAS+ mm; a mirroring transform reverses the triangles. May raise InputError."""
         affine = self.place.affine
         faces = self.faces[:, ::-1] if np.linalg.det(affine[:3, :3]) < 0 else self.faces
-        space = UNKNOWN if self.place.is_in_pixels else Space("scanner")
+        space = UNKNOWN if self.origin["unit"].startswith("pixel") else Space("scanner")
         return Mesh(moved(self.vertices, affine), faces, self.place.path, self.structure, space=space)
 
     def kept(self) -> NDArray[np.bool_]:

@@ -48,10 +48,6 @@ class LayerPlace:
         origin = {"layer": layer.name, "world_axes": world, "unit": unit}
         return cls(affine, Path(path) if path else None, origin)
 
-    @property
-    def is_in_pixels(self) -> bool:
-        return self.origin["unit"].startswith("pixel")  # pixels are treated as mm
-
 
 def data_to_world(layer: Layer) -> NDArray[np.float64]:
     """Return the affine of the last three layer axes from data to world coordinates, in the units of the layer."""

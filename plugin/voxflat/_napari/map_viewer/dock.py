@@ -205,7 +205,12 @@ class FlatMapDock(Dock):
         self.link.mark(None)
         self.canvas.place_ring(None)
         self.text.setText(NOTHING if run is None else "Drawing the map…")
-        self._set_depth(run)
+        known = run is not None and getattr(run.flat_map, "pial_points", None) is not None
+        with signals_blocked(self.depth_unit):
+            self.depth_unit.setCurrentText(_MM)
+        self.depth_unit.setVisible(known)  # to choose fractions of the cortical thickness
+        self._limit_depth()
+        self.depths.setValue(getattr(None if run is None else run.layers.shown, "depth", 0.0))  # chosen in the form
         self.contents.show_run(run)
         if run is None:
             self.canvas.hide_map()
@@ -213,16 +218,6 @@ class FlatMapDock(Dock):
             self.legend.show_colours(None)
             self.painted.remove()
             self.outline.remove()
-
-    def _set_depth(self, run: Run | None) -> None:
-        """Set the depth chosen in the form; if the pial surface is known, offer fractions of the cortical thickness."""
-        known = run is not None and getattr(run.flat_map, "pial_points", None) is not None
-        with signals_blocked(self.depth_unit):
-            self.depth_unit.setCurrentText(_MM)
-        self.depth_unit.setVisible(known)
-        self._limit_depth()
-        asked = None if run is None else run.layers.shown
-        self.depths.setValue(getattr(asked, "depth", 0.0))
 
     # ----------------------------------------------------------------------------------------- drawing
 

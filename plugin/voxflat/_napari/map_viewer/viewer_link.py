@@ -100,8 +100,7 @@ class ViewerLink(QObject):
         if not self._is_linked:
             return
         viewer, world = self._viewer, self.to_world(point)
-        axes = range(viewer.dims.ndim - 3, viewer.dims.ndim)
-        viewer.dims.set_point(list(axes), world[-3:].tolist())
+        viewer.dims.set_point([*range(viewer.dims.ndim)][-3:], world[-3:].tolist())
         camera(viewer).center = (0.0, *world[list(viewer.dims.displayed)])[-3:]
 
     def _on_view(self) -> None:
@@ -121,10 +120,7 @@ class ViewerLink(QObject):
         if at is None or not canvas.rect().contains(round(at[0]), round(at[1])):
             self.ring.hide()
         else:
-            self.ring.show_at(*at, near=self._in_slice(world))
-
-    def _in_slice(self, world: NDArray[np.float64]) -> bool:
-        hidden = [axis for axis in self._viewer.dims.not_displayed if axis >= self._viewer.dims.ndim - 3]
-        apart = np.zeros(self._viewer.dims.ndim)
-        apart[-3:] = (world - self._viewer.dims.point)[-3:] * mm_per_unit(self._viewer)
-        return bool((np.abs(apart[hidden]) <= _IN_SLICE).all())
+            hidden = [axis for axis in self._viewer.dims.not_displayed if axis >= self._viewer.dims.ndim - 3]
+            apart = np.zeros(self._viewer.dims.ndim)
+            apart[-3:] = (world - self._viewer.dims.point)[-3:] * mm_per_unit(self._viewer)
+            self.ring.show_at(*at, near=bool((np.abs(apart[hidden]) <= _IN_SLICE).all()))

@@ -18,6 +18,9 @@ from voxflat.io.grid import in_unit
 from voxflat.io.provenance import saving
 from voxflat.pipeline.surface import Surface
 
+_WAYS = click.Choice([*SOLVERS, "edges", "chain"])
+_EDGES = '"edges": paths along the edges of the triangles, as required for cuts.'
+
 
 @options.command(
     "path",
@@ -29,14 +32,7 @@ from voxflat.pipeline.surface import Surface
 @options.surface_options
 @options.section(
     "Path",
-    option_of(
-        Surface.path,
-        "geodesic",
-        type=click.Choice([*SOLVERS, "edges", "chain"]),
-        sentences=5,
-        like=Surface.geodesic,
-        note='"edges": paths along the edges of the triangles, as required for cuts.',
-    ),
+    option_of(Surface.path, "geodesic", type=_WAYS, sentences=5, like=Surface.geodesic, note=_EDGES),
     options.link_lengths(Surface.path),
 )
 @options.output("Write the vertices along the path to this file, one per line, for --cuts.", required=False)

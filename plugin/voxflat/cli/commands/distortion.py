@@ -18,6 +18,10 @@ from voxflat.maps.flat_map import load
 from voxflat.maps.worst_places import WORST_ENDINGS
 from voxflat.maps.worst_search import worst_places
 
+_REFERENCE = 'How distances on the surface are measured: "exact", or the faster "graph" (see voxflat rows --geodesic).'
+_USUAL = "exact for meshes, graph for volumes"
+_BEYOND = "List regions whose areas change by more than this factor."
+
 
 @options.command(
     "measure",
@@ -31,13 +35,7 @@ from voxflat.maps.worst_search import worst_places
 @options.section(
     "Measure",
     option_of(measure, "sources", type=int, metavar="N", default="300, or fewer for exact distances on large meshes"),
-    option_of(
-        measure,
-        "reference",
-        type=click.Choice(["exact", "graph"]),
-        default="exact for meshes, graph for volumes",
-        help='How distances on the surface are measured: "exact", or the faster "graph" (see voxflat rows --geodesic).',
-    ),
+    option_of(measure, "reference", type=click.Choice(["exact", "graph"]), default=_USUAL, help=_REFERENCE),
     option_of(measure, "on_surface", is_flag=True, sentences=2),
 )
 @options.section(
@@ -86,13 +84,7 @@ def measure_command(surface_: Path, flat: tuple[Path, ...], heat_maps: Path | No
 @options.section(
     "Regions",
     option_of(worst_places, "count", type=click.IntRange(min=0), metavar="N"),
-    option_of(
-        worst_places,
-        "beyond",
-        type=float,
-        metavar="FACTOR",
-        help="List regions whose areas change by more than this factor.",
-    ),
+    option_of(worst_places, "beyond", type=float, metavar="FACTOR", help=_BEYOND),
     options.reads("--parcels", "Name the regions after these parcels (.annot, .label.gii, .dlabel.nii or a volume)."),
     options.reads("--table", "Names of the parcels, in the format of FreeSurferColorLUT.txt or a BIDS dseg.tsv."),
 )

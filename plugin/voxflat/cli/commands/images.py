@@ -23,6 +23,8 @@ from voxflat.maps.image_files import IMAGE_ENDINGS, STACK_ENDINGS
 from voxflat.maps.sampling import INTERPOLATIONS
 from voxflat.maps.textures.textured import TEXTURED_ENDINGS, files_beside
 
+_VOLUME = "Volume to resample (including OME-Zarr). For the map of a mesh, also an overlay or the texture of the mesh."
+
 
 @options.command(
     "image",
@@ -41,10 +43,7 @@ from voxflat.maps.textures.textured import TEXTURED_ENDINGS, files_beside
 @options.map_
 @options.section(
     "Data",
-    options.reads(
-        "--volume",
-        "Volume to resample (including OME-Zarr). For the map of a mesh, also an overlay or the texture of the mesh.",
-    ),
+    options.reads("--volume", _VOLUME),
     options.value(
         "--channel",
         "NAME|N",

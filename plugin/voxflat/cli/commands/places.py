@@ -20,6 +20,8 @@ from voxflat.io.volumes import VOLUME_ENDINGS
 from voxflat.maps.flat_map import FlatMap, load
 from voxflat.maps.regions import REGION_ENDINGS, Regions
 
+_PIXEL_SIZE = "Side length of the pixels of --image, in mm.  [default: from the file, or as for voxflat image]"
+
 
 @options.command(
     "points",
@@ -70,12 +72,7 @@ def points_command(map_: Path, points: Path, output: Path, limit: float, space: 
     options.value("--layer", "NAME", "Name of the layer in --svg that contains the regions.  [default: rois]"),
     options.reads("--polygons", 'Polygons in mm for each region name (.json), such as {"V1": [[u, v], ...]}.'),
     options.reads("--image", "Label image on the pixels of the map (.npy, .png, .tif, .nii or .nii.gz)."),
-    options.value(
-        "--pixel-size",
-        "MM",
-        "Side length of the pixels of --image, in mm.  [default: from the file, or as for voxflat image]",
-        type=float,
-    ),
+    options.value("--pixel-size", "MM", _PIXEL_SIZE, type=float),
 )
 @options.output(
     "Output file: .annot, .label.gii or .label (one region) for vertices; .nii, .nii.gz, .mgh, .mgz or .nrrd for "

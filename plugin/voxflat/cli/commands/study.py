@@ -12,7 +12,7 @@ from voxflat.cli import options
 from voxflat.cli.console import Bars, bars
 from voxflat.cli.output import is_json, report
 from voxflat.lab.group import group
-from voxflat.lab.inputs import GEOMETRIES, Parameters
+from voxflat.lab.inputs import GEOMETRIES, HEMISPHERES, Parameters
 from voxflat.lab.study import Outcome, freesurfer, plan, study
 
 _MAX_STATUS = 100  # greater exit statuses have other meanings in shells
@@ -219,5 +219,6 @@ def _outcome_printer(shown: Bars, *, verbose: bool) -> Callable[[Outcome], None]
 
 def _listed(one: Outcome) -> dict[str, Any]:
     """Return an outcome, or the planned work of a hemisphere, as a dictionary for JSON."""
-    listed = {"participant": one.name, "hemi": one.letter, "state": one.state, "reason": one.reason or None}
+    hemi = HEMISPHERES[one.hemi][0]
+    listed = {"participant": one.name, "hemi": hemi, "state": one.state, "reason": one.reason or None}
     return listed | {name: value for name, value in (one.record or {}).items() if name in _RECORDED}

@@ -118,8 +118,7 @@ def surface_command(input_: Path, output: Path, repaired: Path | None, writing: 
         for remark in made.remarks:
             log.warning(remark)
     if repaired is not None:
-        changed = made.changed_voxels()
-        write_volume(repaired, changed, made.metadata["affine"], made.provenance)
+        write_volume(repaired, made.changed_voxels(), made.metadata["affine"], made.provenance)
     made.save(output, **writing)
     size = {"vertices": len(made), "triangles": len(made.faces)}
     content = {"output": str(output), **size, "metadata": made.metadata, "warnings": list(made.remarks)}

@@ -9,24 +9,7 @@ from voxflat.io.triangles import Faces, Points, as_float32
 _FLOAT, _UINT32 = 5126, 5125
 _VERTICES, _INDICES = 34962, 34963
 _LINEAR, _MIPMAPS, _REPEAT, _CLAMP = 9729, 9987, 10497, 33071
-_TO_METRES_Y_UP = [
-    1e-3,
-    0,
-    0,
-    0,
-    0,
-    0,
-    -1e-3,
-    0,
-    0,
-    1e-3,
-    0,
-    0,
-    0,
-    0,
-    0,
-    1,
-]  # column by column; y points upwards
+_TO_METRES_Y_UP = [1e-3, 0, 0, 0, 0, 0, -1e-3, 0, 0, 1e-3, 0, 0, 0, 0, 0, 1]  # column by column
 
 
 def write_glb(
