@@ -58,7 +58,7 @@ def test_the_same_bits(tmp_path):
         script = recipe.script(tmp_path)
         assert "napari" not in script.split('"""')[2]
         scripts.append(script)
-        expected[recipe.name.replace(" ", "_")] = result.flat_map
+        expected[job.surface.origin["layer"].replace(" ", "_")] = result.flat_map
     assert f"read_volume({str(tmp_path / 't1.npz')!r})" in scripts[0]
     assert f"read_mesh({str(tmp_path / 'lh.white')!r})" in scripts[2]
     whole = "\n\n".join(scripts)  # in one process: starting one takes longer than all of them

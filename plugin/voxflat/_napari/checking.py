@@ -1,6 +1,5 @@
 """The widgets of *Layers → Measure*, which report defects of surfaces and the quality of maps."""
 
-from collections.abc import Sequence
 from html import escape
 from typing import Any
 
@@ -20,13 +19,8 @@ from voxflat.evaluation.measure import measure
 from voxflat.pipeline.check import check
 from voxflat.surfaces.findings import Check
 
-_PLACES = {
-    "size": 5,
-    "symbol": "ring",
-    "face_color": "#ff4d4d",
-    "border_color": "#ff4d4d",
-    "blending": "translucent_no_depth",  # so that they are visible through the surface in 3D
-}
+_PLACES = {"size": 5, "symbol": "ring", "face_color": "#ff4d4d", "border_color": "#ff4d4d"}
+_PLACES |= {"blending": "translucent_no_depth"}  # so that they are visible through the surface in 3D
 
 
 class Findings(TaskDock):
@@ -43,16 +37,6 @@ class Findings(TaskDock):
 
     def look(self) -> None:
         """Start the work, and show errors."""
-
-    def _show_rows(self, rows: Sequence[tuple[str, str]], advice: Sequence[str]) -> None:
-        """Show a table of names and values, and the advice below it, wrapped to the width of the dock."""
-        cells = "".join(
-            f"<tr><td style='padding:2px 8px 2px 0'>{escape(name)}</td>"
-            f"<td style='padding:2px 0'><b>{escape(value)}</b></td></tr>"
-            for name, value in rows
-        )
-        items = "".join(f"<li>{escape(sentence(line))}</li>" for line in advice)
-        self.table.setHtml(f"<table>{cells}</table><ul style='margin-left:-24px'>{items}</ul>")
 
     def _show_message(self, message: str) -> None:
         """Show text in a fixed-width font, so that columns are aligned."""
@@ -71,18 +55,13 @@ class Findings(TaskDock):
             self.table.setPlainText("")
 
 
-class CheckForm(LayerForm):
-    def __init__(self, viewer: Viewer) -> None:
-        super().__init__(viewer)
-        self._add_rows(("World axes", self.world))
-        self._on_surface()
-
-
 class CheckSurface(Findings):
     """Reports the defects that affect the flattening of a surface, and marks their locations."""
 
     def __init__(self, napari_viewer: Viewer) -> None:
-        self.form = CheckForm(napari_viewer)
+        self.form = LayerForm(napari_viewer)
+        self.form._add_rows(("World axes", self.form.world))
+        self.form._on_surface()
         super().__init__("Check", self.form)
         self._viewer = napari_viewer
         ViewerState.of(napari_viewer)  # prevents crashes when layers are removed
@@ -102,26 +81,26 @@ class CheckSurface(Findings):
         self.form.release()
 
     def _show(self, found: Check) -> None:
-        self._show_rows([("input", self._origin["layer"]), *found.rows()[1:]], found.advice)
+        cells = "".join(
+            f"<tr><td style='padding:2px 8px 2px 0'>{escape(name)}</td>"
+            f"<td style='padding:2px 0'><b>{escape(value)}</b></td></tr>"
+            for name, value in [("input", self._origin["layer"]), *found.rows()[1:]]
+        )
+        items = "".join(f"<li>{escape(sentence(line))}</li>" for line in found.advice)
+        self.table.setHtml(f"<table>{cells}</table><ul style='margin-left:-24px'>{items}</ul>")  # wraps in the dock
         name = f"defects of {self._origin['layer']}"
         if name in self._viewer.layers:
             self._viewer.layers.remove(name)
-        places, texts = _places(found)
+        places = [handle["centre"] for handle in found.handles]  # RAS+ mm
+        texts = [f"handle (loop of {handle['length']:.1f} mm)" for handle in found.handles]
+        if found.thin is not None and found.thin["place"] is not None:
+            places.append(found.thin["place"])
+            texts.append(f"thinnest part ({found.thin['worst']:.2f} mm)")
         if not places:
             return
         units = None if self._origin["unit"].startswith("pixel") else ("mm",) * 3
         points = from_ras(np.array(places), self._origin["world_axes"])
         self._viewer.add_points(points, name=name, units=units, features={"finding": texts}, **_PLACES)
-
-
-def _places(found: Check) -> tuple[list[Any], list[str]]:
-    """Return the positions of the handles and of the thinnest part, in RAS+ mm, with a description of each."""
-    places = [handle["centre"] for handle in found.handles]
-    texts = [f"handle (loop of {handle['length']:.1f} mm)" for handle in found.handles]
-    if found.thin is not None and found.thin["place"] is not None:
-        places.append(found.thin["place"])
-        texts.append(f"thinnest part ({found.thin['worst']:.2f} mm)")
-    return places, texts
 
 
 class MeasureMap(Findings):

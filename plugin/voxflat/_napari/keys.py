@@ -12,7 +12,7 @@ from qtpy.QtWidgets import QWidget
 
 def key_text(key: int) -> str:
     """Return the name of a key of app-model (`KeyMod` and `KeyCode`) on this system, such as Ctrl+Z."""
-    return str(_sequence(key).toString(QKeySequence.SequenceFormat.NativeText))
+    return str(QKeyBindingSequence(KeyBinding.from_int(key)).toString(QKeySequence.SequenceFormat.NativeText))
 
 
 class Keys:
@@ -22,7 +22,7 @@ class Keys:
         self._viewer = viewer
         self._bound: list[int] = []
         for key, act in actions.items():
-            shortcut = QShortcut(_sequence(key), dock)
+            shortcut = QShortcut(QKeyBindingSequence(KeyBinding.from_int(key)), dock)
             shortcut.setContext(Qt.ShortcutContext.WidgetWithChildrenShortcut)
             shortcut.activated.connect(act)
             if KeyBinding.from_int(key) not in viewer.keymap:
@@ -40,7 +40,3 @@ def _for_viewer(act: Callable[[], object]) -> Callable[[Viewer], None]:
         act()
 
     return pressed
-
-
-def _sequence(key: int) -> QKeySequence:
-    return QKeyBindingSequence(KeyBinding.from_int(key))

@@ -2,7 +2,6 @@
 
 import hashlib
 import re
-from collections.abc import Iterator
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
@@ -35,10 +34,6 @@ class Recipe:
     def __init__(self, job: Job | PatchesJob) -> None:
         self._job = job
         self._fingerprints: list[str] = []
-
-    @property
-    def name(self) -> str:
-        return self._job.surface.origin["layer"]
 
     def run(self, progress: Progress) -> FlatLayers:
         """Run the job, and record fingerprints of its data."""
@@ -274,17 +269,14 @@ def _file_name(name: str) -> str:
 
 def _fingerprints(job: Job | PatchesJob) -> list[str]:
     """Return hashes of all arrays of a job, because arrays may be edited in place."""
-    held = (np.ascontiguousarray(array).reshape(-1).view(np.uint8).data for array in _arrays(job))
-    return [hashlib.sha256(data).hexdigest() for data in held]
-
-
-def _arrays(job: Job | PatchesJob) -> Iterator[NDArray[Any]]:
+    arrays: list[Any] = []
     for part in (getattr(job, of.name) for of in fields(job)):
         part = part.volume if isinstance(part, Sampled) else part
         if isinstance(part, LayerVolume):
-            held = [part.data]
+            arrays.append(part.data)
         elif isinstance(part, LayerMesh):
-            held = [part.vertices, part.faces]
+            arrays += [part.vertices, part.faces]
         else:
-            held = [part.values] if isinstance(part, Overlay) else [part]
-        yield from (array for array in held if isinstance(array, np.ndarray) and array.size)
+            arrays.append(part.values if isinstance(part, Overlay) else part)
+    held = (np.ascontiguousarray(array) for array in arrays if isinstance(array, np.ndarray) and array.size)
+    return [hashlib.sha256(array.reshape(-1).view(np.uint8).data).hexdigest() for array in held]

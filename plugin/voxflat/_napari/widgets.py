@@ -56,13 +56,6 @@ class FlattenWidget(TaskDock):
         self.stop.clicked.connect(self.cancel)
         self.bar, self.status = QProgressBar(), QLabel()
         self.status.setWordWrap(True)
-        self._lay_out()
-        self._show_work(None)
-        ViewerState.of(viewer).changed.connect(self._show_current)
-        self._show_current()
-
-    def _lay_out(self) -> None:
-        """Place the form and the results in a scroll area, and the buttons below it, where they are always visible."""
         inside = QWidget()
         column = QVBoxLayout(inside)
         column.setContentsMargins(0, 0, 0, 0)
@@ -70,9 +63,12 @@ class FlattenWidget(TaskDock):
         column.addStretch(1)
         self.scrolled = _Scroll()
         self.scrolled.setWidget(inside)
-        actions = QHBoxLayout()
+        actions = QHBoxLayout()  # outside the scroll area, where the buttons are always visible
         arrange(actions, (self.start, 2), (self.stop, 1))
         arrange(QVBoxLayout(self), (self.scrolled, 1), actions, self.bar, self.status)
+        self._show_work(None)
+        ViewerState.of(viewer).changed.connect(self._show_current)
+        self._show_current()
 
     def flatten(self) -> None:
         """Start the flattening; `cancel` stops it."""

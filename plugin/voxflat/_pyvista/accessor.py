@@ -102,8 +102,7 @@ class VoxflatAccessor(Verbs):
         """
         flat = self._laid(progress_bar, options)
         colours, _ = as_picture(picture)
-        uv = np.asarray(flat.points, dtype=np.float64)[:, :2]
-        coordinates = place(uv, colours.shape, texel_size)
+        coordinates = place(np.asarray(flat.points, dtype=np.float64)[:, :2], colours.shape, texel_size)
         if texel_size is not None and not repeat:
             check_cover(coordinates, colours.shape, texel_size)
         surface = flat.copy(deep=False)

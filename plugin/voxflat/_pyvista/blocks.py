@@ -263,17 +263,15 @@ class BlocksAccessor:
             if name.startswith(("_", "to_")) or not hasattr(VoxflatAccessor, name):
                 raise AttributeError(f"'{type(self).__name__}' object has no attribute {name!r}")
             first = next(iter(self._blocks.keys()), "name")
-            raise AttributeError(
-                f"{name} applies to a single dataset. Call it on one block: blocks[{first!r}].voxflat.{name}(...)"
-            )
+            remedy = f"Call it on one block: blocks[{first!r}].voxflat.{name}(...)"
+            raise AttributeError(f"{name} applies to a single dataset. {remedy}")
 
     def _made(self, verb: Callable[[Any, Any], object], beside: pv.MultiBlock | None = None) -> pv.MultiBlock:
         """Apply an operation to each block, and to the block at the same position in another MultiBlock."""
         if beside is not None and not (isinstance(beside, pv.MultiBlock) and len(beside) == len(self._blocks)):
             given = f"{len(beside)} blocks" if isinstance(beside, pv.MultiBlock) else type(beside).__name__
-            raise InputError(
-                f"the maps are {given}. Give a MultiBlock with one map for each of the {len(self._blocks)} blocks"
-            )
+            remedy = f"Give a MultiBlock with one map for each of the {len(self._blocks)} blocks"
+            raise InputError(f"the maps are {given}. {remedy}")
         made = pv.MultiBlock()
         for name, block, one in zip(self._blocks.keys(), self._blocks, beside or self._blocks, strict=True):
             made.append(None if block is None else _applied(name, block, verb, one), name)

@@ -48,10 +48,8 @@ class ExtractedSurface:
             numbered = pv.wrap(outside.GetOutput())
         triangles = numbered.triangulate()
         if not triangles.n_cells:
-            raise InputError(
-                f"the {type(dataset).__name__} of {dataset.n_cells} cells has no faces to flatten. "
-                "Pass a dataset with a surface"
-            )
+            given = f"the {type(dataset).__name__} of {dataset.n_cells} cells"
+            raise InputError(f"{given} has no faces to flatten. Pass a dataset with a surface")
         # VTK duplicates the points at the edges of a grid, once for each adjacent side
         point_ids, first, row = np.unique(triangles.point_data[_POINT], return_index=True, return_inverse=True)
         faces = row.reshape(-1)[triangles.regular_faces]

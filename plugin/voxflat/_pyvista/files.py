@@ -2,7 +2,6 @@
 
 import json
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pyvista as pv
@@ -37,11 +36,10 @@ def write(dataset: pv.DataSet, path: str) -> None:
     """Write triangles as ``.surf.gii`` for ``mesh.save``; the map of a mesh keeps its vertex numbers."""
     with naming(path, "can this format hold it?"):
         if not isinstance(dataset, pv.PolyData) or not dataset.is_all_triangles:
-            raise InputError(
-                f"cannot store the {type(dataset).__name__}. Convert it to triangles: "
-                "mesh.extract_surface().triangulate()"
-            )
-        write_mesh(path, _of_map(dataset) if is_map(dataset) else _mesh(dataset.points, dataset.regular_faces))
+            remedy = "Convert it to triangles: mesh.extract_surface().triangulate()"
+            raise InputError(f"cannot store the {type(dataset).__name__}. {remedy}")
+        whole = Mesh(np.asarray(dataset.points), np.asarray(dataset.regular_faces))
+        write_mesh(path, _of_map(dataset) if is_map(dataset) else whole)
 
 
 def _of_map(flat: pv.PolyData) -> Mesh:
@@ -51,22 +49,17 @@ def _of_map(flat: pv.PolyData) -> Mesh:
     if "torn" in flat.cell_data:
         faces = faces[~np.asarray(flat.cell_data["torn"], dtype=np.bool_)]
     if "vertex_ids" not in flat.point_data or "vertices" not in told:
-        return _mesh(flat.points, faces)
+        return Mesh(np.asarray(flat.points), faces)
     ids = np.asarray(flat.point_data["vertex_ids"], dtype=np.int64)
     return mesh_of_vertices(np.asarray(flat.points), ids, faces, told["vertices"], told.get("structure"))
-
-
-def _mesh(points: Any, faces: Any) -> Mesh:
-    return Mesh(np.asarray(points), np.asarray(faces))
 
 
 def _patch(path: str, surface: object | None) -> pv.PolyData:
     patch = read_patch(path)
     if surface is None:
         name = Path(path).name
-        raise InputError(
-            f"{name} is a patch without triangles. Pass its surface: pyvista.read({name!r}, surface='lh.white')"
-        )
+        remedy = f"Pass its surface: pyvista.read({name!r}, surface='lh.white')"
+        raise InputError(f"{name} is a patch without triangles. {remedy}")
     whole = _surface(surface)
     row = np.full(whole.count, -1, dtype=np.int64)
     with naming(path, "is it of this surface?"):

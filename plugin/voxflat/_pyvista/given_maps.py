@@ -40,7 +40,6 @@ def _vertices(flat: pv.PolyData, whole: Surface, surface: ExtractedSurface | Non
         return surface.points(np.asarray(flat.point_data["vertex_ids"]), "the map's vertex_ids")
     apart, found = KDTree(whole.points).query(np.asarray(flat.point_data["surface_points"], dtype=np.float64))
     if not (apart <= _SAME * whole.usual_edge).all():
-        raise InputError(
-            f"the map's surface_points are up to {apart.max():.3g} away from the surface. Pass a map of this surface"
-        )
+        far = f"up to {apart.max():.3g} away from the surface"
+        raise InputError(f"the map's surface_points are {far}. Pass a map of this surface")
     return whole.vertices[found]

@@ -18,10 +18,7 @@ from voxflat.pipeline.surface import Surface, surface
 
 
 class Inputs:
-    """A PyVista dataset, with its arrays, positions and regions.
-
-    The dataset is an ``ImageData``, or any dataset that has a surface.
-    """
+    """An ``ImageData``, or any dataset that has a surface, with its arrays, positions and regions."""
 
     def __init__(self, mesh: pv.DataSet) -> None:
         self._mesh = mesh
@@ -97,10 +94,8 @@ class Inputs:
         place = np.linalg.solve(volume.affine, [*np.asarray(point, dtype=np.float64), 1.0])[:3]
         i, j, k = np.rint(place).astype(int).tolist()
         if not all(0 <= index < size for index, size in zip((i, j, k), volume.data.shape, strict=False)):
-            raise InputError(
-                f"the point {np.asarray(point).tolist()} mm is outside the image, whose bounds are "
-                f"{tuple(self._mesh.bounds)}. Choose a point inside the image"
-            )
+            outside = f"outside the image, whose bounds are {tuple(self._mesh.bounds)}"
+            raise InputError(f"the point {np.asarray(point).tolist()} mm is {outside}. Choose a point inside the image")
         return i, j, k
 
     @property

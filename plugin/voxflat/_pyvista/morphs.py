@@ -234,8 +234,7 @@ class Morph(Sequence[pv.PolyData]):
         plotter.set_background("white")
         mesh = what.mesh(self._surface)
         what.add(plotter, mesh, bar=True, lighting=True)
-        both = np.concatenate([self._surface, self._laid])
-        look_at(plotter, both, self._turn, how["window_size"], bar=True)
+        look_at(plotter, np.concatenate([self._surface, self._laid]), self._turn, how["window_size"], bar=True)
 
         def moved(share: float) -> None:
             mesh.SetPoints(pv.vtk_points(self._places(share)))

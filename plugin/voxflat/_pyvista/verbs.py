@@ -69,10 +69,8 @@ class Verbs(Inputs):
             raise InputError("components='all' and keep cannot be combined. Omit one of them")
         extracted = self._extracted(scalars)
         corners = np.asarray(extracted.mesh.regular_faces, dtype=np.int64)
-        links = scipy.sparse.coo_array(
-            (np.ones(2 * len(corners)), (corners[:, [0, 1]].ravel(), corners[:, [1, 2]].ravel())),
-            shape=(extracted.mesh.n_points,) * 2,
-        )
+        ends = corners[:, [0, 1]].ravel(), corners[:, [1, 2]].ravel()
+        links = scipy.sparse.coo_array((np.ones(2 * len(corners)), ends), shape=(extracted.mesh.n_points,) * 2)
         _, of_points = scipy.sparse.csgraph.connected_components(links, directed=False)
         areas = extracted.mesh.compute_cell_sizes(length=False, volume=False).cell_data["Area"]
         total = np.bincount(of_points[corners[:, 0]], areas)

@@ -79,8 +79,7 @@ class Shown:
         if self.clim is not None:
             look = {"cmap": self.look.cmap, "clim": self.clim, "nan_color": "lightgrey", "show_scalar_bar": bar}
             look["scalar_bar_args"] = {"title": f"{self.look.label}\n", **_BAR} if bar else None
-        actor = plotter.add_mesh(mesh, scalars=self.look.label, **look, **light)
-        actor.GetProperty().SetInterpolationToPhong()
+        plotter.add_mesh(mesh, scalars=self.look.label, **look, **light).GetProperty().SetInterpolationToPhong()
 
     def description(self, point: int, cell: int) -> str:
         """Describe the value at a point."""
@@ -106,7 +105,7 @@ def side_by_side(
         meshes.append(what.mesh(points))
         what.add(plotter, meshes[-1], bar=column == 1, lighting=column == 0)
         look_at(plotter, points, turn, (width / 2, height), bar=column == 1)
-    _Link(plotter, what, meshes)
+    _link(plotter, what, meshes)
     shown: pv.Plotter = plotter
     return shown
 
@@ -127,34 +126,29 @@ def look_at(
     plotter.reset_camera_clipping_range()
 
 
-class _Link:
-    """A link that marks a point in both views when it is clicked in either view."""
+def _link(plotter: Any, what: Shown, meshes: list[pv.PolyData]) -> None:
+    """Mark a point in both views, at its position within its triangle, when it is clicked in either view."""
+    faces, marks, actors = np.asarray(what.flat.regular_faces), [], []
+    for column, mesh in enumerate(meshes):
+        plotter.subplot(0, column)
+        marks.append(pv.PolyData(np.array(mesh.points[:1])))
+        actors.append(plotter.add_mesh(marks[-1], reset_camera=False, **_MARK))
+        actors[-1].SetVisibility(False)
+    hint = "" if plotter.off_screen else _HINT
+    text: Any = plotter.add_text(hint, position="upper_left", font_size=10, color="black")
 
-    def __init__(self, plotter: Any, what: Shown, meshes: list[pv.PolyData]) -> None:
-        self._what, self._meshes, self._renderers = what, meshes, plotter.renderers
-        self._corners = np.asarray(what.flat.regular_faces)
-        self._marks, self._actors = [], []
-        for column, mesh in enumerate(meshes):
-            plotter.subplot(0, column)
-            self._marks.append(pv.PolyData(np.array(mesh.points[:1])))
-            self._actors.append(plotter.add_mesh(self._marks[-1], reset_camera=False, **_MARK))
-            self._actors[-1].SetVisibility(False)
-        hint = "" if plotter.off_screen else _HINT
-        self._text: Any = plotter.add_text(hint, position="upper_left", font_size=10, color="black")
-        plotter.enable_point_picking(self._picked, show_message=False, **_PICKING)
-
-    def _picked(self, _place: object, picker: Any) -> None:
-        """Mark the point that was clicked, at its position within its triangle, in both views."""
+    def picked(_place: object, picker: Any) -> None:
         cell = picker.GetCellId()
-        if not 0 <= cell < len(self._corners):
+        if not 0 <= cell < len(faces):
             return
         first, second, _ = picker.GetPCoords()
-        weights = np.array([1 - first - second, first, second])
-        corners = self._corners[cell]
-        for mesh, mark, actor in zip(self._meshes, self._marks, self._actors, strict=True):
+        weights, corners = np.array([1 - first - second, first, second]), faces[cell]
+        for mesh, mark, actor in zip(meshes, marks, actors, strict=True):
             mark.points = (weights @ np.asarray(mesh.points)[corners])[None]
             actor.SetVisibility(True)
-        self._text.SetText(_UPPER_LEFT, self._what.description(int(corners[weights.argmax()]), cell))
+        text.SetText(_UPPER_LEFT, what.description(int(corners[weights.argmax()]), cell))
+
+    plotter.enable_point_picking(picked, show_message=False, **_PICKING)
 
 
 def _range(values: NDArray[np.float64]) -> tuple[float, float]:

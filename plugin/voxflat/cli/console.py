@@ -29,10 +29,7 @@ CANCELLED, TERMINATED = 130, 143  # exit statuses of programs ended by SIGINT an
 
 
 class Program(cloup.Group):
-    """Group of commands that reports every error as one line on stderr and, with ``--json``, as a JSON object.
-
-    The exit status is 1 if the input cannot be used or the computation failed, 2 for wrong usage, and 130 if cancelled.
-    """
+    """Group of commands that reports every error as one line on stderr and, with ``--json``, as a JSON object."""
 
     def __init__(self, *arguments: Any, **more: Any) -> None:
         super().__init__(*arguments, **more)

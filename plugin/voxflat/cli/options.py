@@ -23,6 +23,12 @@ from voxflat.surfaces.standard.choice import AUTOMATIC
 from voxflat.surfaces.standard.template import STANDARD
 
 _Command = TypeVar("_Command", bound=Callable[..., Any])
+POSITIVE = click.FloatRange(min=0, min_open=True)
+_SIDECAR = "Also save the provenance of OUT (inputs, options, version) in OUT.json, for formats that cannot store it."
+_OVERWRITE = "Replace existing companion files of OUT, such as OUT.json, even if voxflat did not write them."
+_RELAX_LENGTH = "Maximum total length of relaxation cuts, in mm, including those of --cuts."
+_PERIOD = "Treat the values as phases with this period, such as 360, so that averages and colours wrap around."
+_TIME_STEP = "Time between frames of a series, in seconds.  [default: from the file]"
 _PER_LINE = "Write one vertex number, or three voxel indices, on each line."
 
 
@@ -47,9 +53,8 @@ def _bytes(ctx: click.Context, param: click.Parameter, value: str | None) -> int
         return None
     match = re.fullmatch(r"(\d+(?:\.\d+)?) *([KMGT]?)(?:iB|B)?", value, re.IGNORECASE)
     if match is None:
-        raise click.BadParameter(
-            f"{value!r} is not an amount of memory. Give a number of bytes, or a number with a unit such as 4G."
-        )
+        remedy = "Give a number of bytes, or a number with a unit such as 4G."
+        raise click.BadParameter(f"{value!r} is not an amount of memory. {remedy}")
     return int(float(match[1]) * 1024 ** " KMGT".index(match[2].upper() or " "))
 
 
@@ -190,17 +195,8 @@ def output(help_: str, *further: Callable[..., Any], required: bool = True) -> C
         "Output",
         value("-o", "OUT", help_, "--output", type=OUT, required=required),
         *further,
-        flag(
-            "--sidecar",
-            "Also save the provenance of OUT (inputs, options, version) in OUT.json, for formats that cannot store it.",
-            is_eager=True,  # so that it is known when --overwrite is handled
-        ),
-        flag(
-            "--overwrite",
-            "Replace existing companion files of OUT, such as OUT.json, even if voxflat did not write them.",
-            "writing",
-            callback=_writing,
-        ),
+        flag("--sidecar", _SIDECAR, is_eager=True),  # so that it is known when --overwrite is handled
+        flag("--overwrite", _OVERWRITE, "writing", callback=_writing),
         as_json,
     )
 
@@ -321,14 +317,8 @@ further_cuts = (
         help="Add relaxation cuts, which reduce the distortion of the map, as long as they pay off.  "
         "[default: --relax, unless --cuts or a patch file specifies the cuts]",
     ),
-    value(
-        "--relax-length",
-        "MM",
-        "Maximum total length of relaxation cuts, in mm, including those of --cuts.",
-        type=click.FloatRange(min=0),
-        is_eager=True,
-    ),
-    option_of(Surface.cut, "adapt", type=click.FloatRange(min=0, min_open=True), metavar="MM"),
+    value("--relax-length", "MM", _RELAX_LENGTH, type=click.FloatRange(min=0), is_eager=True),
+    option_of(Surface.cut, "adapt", type=POSITIVE, metavar="MM"),
 )
 cuts = section("Cuts", *where_cut, *further_cuts)
 choice_of_cuts = section("Cuts", *where_cut)  # for commands that do not add relaxation cuts
@@ -348,28 +338,18 @@ def _of_methods(option: str) -> str:
     return "; ".join([str(first), *(f"{name}: {value}" for name, value in usual.items() if value != first)])
 
 
+_METHODS = f"Flattening method. {'; '.join(f'{name}: {method.summary}' for name, method in METHODS.items())}."
+_SOLVER = "graph, or a more exact one if its error exceeds 1 %"
 _METHOD_SECTIONS = (
     section(
         "Method",
-        choice(
-            "--method",
-            list(METHODS),
-            f"Flattening method. {'; '.join(f'{name}: {method.summary}' for name, method in METHODS.items())}.",
-            default=next(iter(METHODS)),
-        ),
+        choice("--method", list(METHODS), _METHODS, default=next(iter(METHODS))),
         option_of(Voxflat, "sources", type=int, metavar="N", default=_of_methods("sources"), until=", or the points"),
         option_of(Voxflat, "sampling", type=click.Choice([*SAMPLINGS, "decimation"]), default=_of_methods("sampling")),
     ),
     section(
         "Method voxflat",
-        option_of(
-            Voxflat,
-            "geodesic",
-            type=click.Choice(SOLVERS),
-            sentences=4,
-            like=Surface.geodesic,
-            default="graph, or a more exact one if its error exceeds 1 %",
-        ),
+        option_of(Voxflat, "geodesic", type=click.Choice(SOLVERS), sentences=4, like=Surface.geodesic, default=_SOLVER),
         option_of(Voxflat, "weighting", type=click.FloatRange(0, 1), metavar="W", sentences=2),
         option_of(Voxflat, "scale", type=click.Choice(SCALES), sentences=2),
         option_of(Voxflat, "max_area", type=float, metavar="FACTOR"),
@@ -407,20 +387,8 @@ def method_of(given: dict[str, Any]) -> Method:
     return METHODS[name](**chosen)
 
 
-period = value(
-    "--period",
-    "P",
-    "Treat the values as phases with this period, such as 360, so that averages and colours wrap around.",
-    type=click.FloatRange(min=0, min_open=True),
-)
-
-time_step = value(
-    "--time-step",
-    "S",
-    "Time between frames of a series, in seconds.  [default: from the file]",
-    type=click.FloatRange(min=0, min_open=True),
-)
-
+period = value("--period", "P", _PERIOD, type=POSITIVE)
+time_step = value("--time-step", "S", _TIME_STEP, type=POSITIVE)
 store = option_of(Surface.geodesic, "store", type=OUT, metavar="DIR")
 dask = option_of(Surface.geodesic, "dask", metavar="ADDRESS|FILE|local")
 sampling = option_of(Surface.geodesic, "sampling", type=click.Choice(SAMPLINGS))

@@ -39,9 +39,8 @@ def check_output(
     `overwrite`.
     """
     if endings and not path.name.lower().endswith(tuple(endings)):
-        raise InputError(
-            f"cannot write {path}: unknown file format. Choose a name that ends in {' or '.join(endings)}."
-        )
+        remedy = f"Choose a name that ends in {' or '.join(endings)}."
+        raise InputError(f"cannot write {path}: unknown file format. {remedy}")
     files = [*beside, *([sidecar_of(path)] if sidecar else [])]
     meta = click.get_current_context().meta
     for own in (path, *files):

@@ -52,13 +52,8 @@ def data_section(overlay: Any, *further: Any, interpolation: str) -> Callable[[_
     """Return the section of options that specify the data and how they are sampled."""
     help_ = f"Interpolation between voxels.  [default: {interpolation}]"
     between = options.choice("--interpolation", ["linear", "nearest"], help_)
-    return options.section(
-        "Data",
-        overlay,
-        *depth_options("With several depths, the mean or the most frequent label is shown."),
-        between,
-        *further,
-    )
+    depths = depth_options("With several depths, the mean or the most frequent label is shown.")
+    return options.section("Data", overlay, *depths, between, *further)
 
 
 def colour_section(*further: Any) -> Callable[[_Command], _Command]:
@@ -93,17 +88,9 @@ def colour_section(*further: Any) -> Callable[[_Command], _Command]:
 
 def page_section(*further: Any) -> Callable[[_Command], _Command]:
     """Return the section of options for the background, the title and other elements of the page."""
-    return options.section(
-        "Page",
-        options.choice(
-            "--underlay",
-            ["curvature", "sulcal depth", "none"],
-            "Measure shown in grey below the data.",
-            default="curvature",
-        ),
-        options.value("--title", "TEXT", "Title above the map."),
-        *further,
-    )
+    kinds, help_ = ("curvature", "sulcal depth", "none"), "Measure shown in grey below the data."
+    underlay = options.choice("--underlay", kinds, help_, default=kinds[0])
+    return options.section("Page", underlay, options.value("--title", "TEXT", "Title above the map."), *further)
 
 
 _OF_OVERLAY: tuple[str, ...] = ("channel", "interpolation", "threshold", "strength", "period", "zero", "limits")

@@ -38,14 +38,6 @@ def description_of(of: Callable[..., Any], name: str, sentences: int = 1) -> str
     return text.replace("`", "").replace("  ", " ")
 
 
-def default_of(of: Callable[..., Any], name: str) -> Any:
-    """Return the default of a parameter, or None if it does not have one."""
-    if is_dataclass(of):
-        return next(one.default for one in fields(of) if one.name == name)
-    default = inspect.signature(of).parameters[name].default
-    return None if default is inspect.Parameter.empty else default
-
-
 def option_of(
     of: Callable[..., Any],
     name: str,
@@ -63,7 +55,11 @@ def option_of(
     description that is omitted together with the text after it. `note`: a sentence that is added. `default`: the
     default in words; if it is omitted, the default value or a clause "by default ..." of the description is shown.
     """
-    usual = default_of(of, name)
+    if is_dataclass(of):
+        usual: Any = next(one.default for one in fields(of) if one.name == name)
+    else:
+        usual = inspect.signature(of).parameters[name].default
+        usual = None if usual is inspect.Parameter.empty else usual
     shown = default if default is not None else None if usual is None or isinstance(usual, bool) else str(usual)
     if usual is not None and not is_dataclass(of):  # method options stay None unless the user gives them
         more.setdefault("default", usual)

@@ -125,8 +125,7 @@ def series_of(obj: object) -> tuple[Channels, Affine] | None:
         at = (..., n, *rest)
         return np.asarray(image.dataobj[at])
 
-    frames = Channels(("",) * shape[3], frame, _timing(image.header))
-    return frames.of_file(path), affine
+    return Channels(("",) * shape[3], frame, _timing(image.header)).of_file(path), affine
 
 
 def points_of_nibabel(obj: object, points: int, structure: str | None) -> Channels | None:
@@ -218,9 +217,13 @@ def _cifti(image: Any, points: int, structure: str | None) -> Channels:
     if axes[1].nvertices[name] != points:
         found = axes[1].nvertices[name]
         raise InputError(f"has {found} vertices for {_short(name)}, but the surface has {points} points")
-    names, is_label = _map_names(axes[0])
-    is_timed = type(axes[0]).__name__ == "SeriesAxis" and axes[0].unit == "SECOND"
-    timing = Timing.told(axes[0].step, axes[0].start) if is_timed else None
+    maps, kind, timing = axes[0], type(axes[0]).__name__, None
+    names = ("",) * len(maps)
+    if kind in ("ScalarAxis", "LabelAxis"):
+        names = tuple(str(name) for name in maps.name)
+    elif kind == "SeriesAxis":
+        names = tuple(f"{maps.start + n * maps.step:g} {maps.unit.lower()}" for n in range(maps.size))
+        timing = Timing.told(maps.step, maps.start) if maps.unit == "SECOND" else None
     start, stop = part.start or 0, part.stop or image.shape[1]
     held: dict[int, NDArray[Any]] = {}
 
@@ -230,7 +233,7 @@ def _cifti(image: Any, points: int, structure: str | None) -> Channels:
             held.clear()
             held[first] = np.asarray(image.dataobj[first : first + _BLOCK, start:stop])
         values = held[first][n - first]
-        if is_label:
+        if kind == "LabelAxis":
             labels = np.zeros(points, dtype=np.int64)
             labels[model.vertex] = _whole(values)
             return labels
@@ -270,13 +273,3 @@ def _structure(models: dict[str, Any], sizes: dict[str, int], points: int, struc
 
 def _short(name: str) -> str:
     return name.removeprefix("CIFTI_STRUCTURE_")
-
-
-def _map_names(axis: Any) -> tuple[tuple[str, ...], bool]:
-    """Return the names of the maps in a CIFTI file, and whether the maps contain labels."""
-    kind = type(axis).__name__
-    if kind in ("ScalarAxis", "LabelAxis"):
-        return tuple(str(name) for name in axis.name), kind == "LabelAxis"
-    if kind == "SeriesAxis":
-        return tuple(f"{axis.start + n * axis.step:g} {axis.unit.lower()}" for n in range(axis.size)), False
-    return ("",) * len(axis), False

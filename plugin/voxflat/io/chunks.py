@@ -150,8 +150,7 @@ def voxels_at(data: Any, low: NDArray[np.integer[Any]], offsets: NDArray[np.inte
     for number, size in zip(numbers.tolist(), sizes.tolist(), strict=True):
         items = order[first : first + size]
         first += size
-        at = np.unravel_index(number, counts)
-        spans = [grid.span(int(n)) for grid, n in zip(grids, at, strict=True)]
+        spans = [grid.span(int(n)) for grid, n in zip(grids, np.unravel_index(number, counts), strict=True)]
         block = data.block(spans)
         rows, columns = np.divmod(items, len(offsets))
         index = np.minimum(low[rows] + offsets[columns], last) - [span[0] for span in spans]
@@ -205,8 +204,7 @@ def _ome_zarr(path: Path) -> tuple[Channels, Affine, Path]:
     found = next((one for one in sets if wanted is None or one.get("path") == wanted), None)
     if found is None:
         raise InputError(f"has no image {wanted!r}. Choose one of {', '.join(str(one.get('path')) for one in sets)}")
-    root = path if wanted is None else path.parent
-    file = root / str(found["path"])
+    file = (path if wanted is None else path.parent) / str(found["path"])
     for name in _HEADERS:
         if (file / name).exists():
             check_regular(file / name)

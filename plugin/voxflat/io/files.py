@@ -334,7 +334,10 @@ def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
             yield temporary
             _replace(temporary, path)
         except Exception:
-            _probe(temporary)
+            if temporary.exists():  # raise the system's error, which some packages hide, if nothing can be written
+                with temporary.open("ab") as file:
+                    file.write(bytes(_BLOCK))
+                    os.fsync(file.fileno())
             raise
         finally:
             with suppress(PermissionError):  # Windows cannot delete an open file, for example after an error
@@ -370,14 +373,6 @@ def check_new(path: Path) -> None:
     """Raise an error if a directory exists, because voxflat must not delete its files."""
     if path.exists() or path.is_symlink():
         raise InputError(f"{path} exists, and voxflat does not replace directories. Delete it, or choose another name")
-
-
-def _probe(path: Path) -> None:
-    """Raise the system's own error if nothing more can be written, because the writers of some packages hide it."""
-    if path.exists():
-        with path.open("ab") as file:
-            file.write(bytes(_BLOCK))
-            os.fsync(file.fileno())
 
 
 def save_array(path: Path, array: NDArray[Any]) -> None:

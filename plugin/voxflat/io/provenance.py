@@ -212,13 +212,12 @@ def check_beside(path: Path, beside: Path, *, overwrite: bool = False) -> None:
     """Raise an error instead of replacing a result's companion file, unless voxflat wrote it or `overwrite` is set."""
     if checked_switch(overwrite, "overwrite") or not beside.exists():
         return
-    is_ours = False
     if beside.is_file():
         with beside.open("rb") as file:
-            is_ours = b"voxflat" in file.read(_MARKED)
-    if not is_ours:
-        reason = f"{beside} exists and was not written by voxflat"
-        raise InputError(f"cannot write {path}: {reason}. Choose another name, or pass overwrite=True (--overwrite)")
+            if b"voxflat" in file.read(_MARKED):
+                return
+    reason = f"{beside} exists and was not written by voxflat"
+    raise InputError(f"cannot write {path}: {reason}. Choose another name, or pass overwrite=True (--overwrite)")
 
 
 def sidecar_of(path: str | os.PathLike[str]) -> Path:

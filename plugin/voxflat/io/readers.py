@@ -158,9 +158,7 @@ def has_place(path: Path) -> bool:
         head: bytes = file.read(544)
     if name.endswith((".mgh", ".mgz")):
         return head[28:30] == b"\0\x01"  # goodRASFlag
-    if head[4:8] == b"n+2\0":  # qform_code and sform_code
-        return any(head[344:352])
-    return any(head[252:256])
+    return any(head[344:352] if head[4:8] == b"n+2\0" else head[252:256])  # qform_code and sform_code
 
 
 _NIFTI_BITS = {1: 1, 2: 8, 4: 16, 8: 32, 16: 32, 32: 64, 64: 64, 128: 24, 256: 8, 512: 16, 768: 32, 1024: 64}

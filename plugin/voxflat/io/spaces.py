@@ -224,13 +224,9 @@ class Space:
 
     def _described(self) -> dict[str, Any]:
         """Return the space as metadata, ready for JSON."""
-        volume = self.volume
-        return {
-            "name": self.name,
-            "to_scanner": None if self._matrix is None else self._matrix.tolist(),
-            "volume": None if volume is None else volume._described(),
-            "doubt": self.doubt,
-        }
+        to_scanner = None if self._matrix is None else self._matrix.tolist()
+        volume = None if self.volume is None else self.volume._described()
+        return {"name": self.name, "to_scanner": to_scanner, "volume": volume, "doubt": self.doubt}
 
     @property
     def _matrix(self) -> NDArray[np.float64] | None:

@@ -45,8 +45,7 @@ def read_points(path: str | os.PathLike[str]) -> PointTable:
         ending = path.suffix.lower()
         if ending not in TABLE_ENDINGS:
             raise InputError(f"unknown file name ending {path.suffix!r}. Use one of {', '.join(TABLE_ENDINGS)}")
-        text = contents(path).decode("utf-8-sig")
-        lines = text.splitlines()
+        lines = contents(path).decode("utf-8-sig").splitlines()
         if ending == ".txt":
             rows = [line.split() for line in lines if line.strip() and not line.lstrip().startswith("#")]
         else:

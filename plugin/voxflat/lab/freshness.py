@@ -42,11 +42,9 @@ def state(results: Results, wanted: Request) -> tuple[str, str]:
     for name in ("voxflat", "format"):
         if record[name] != wanted[name]:
             return "stale", f"made by voxflat {record['voxflat']} (format {record['format']})"
-    changed = [
-        f"{key}: {record['parameters'].get(key)!r} before, now {value!r}"
-        for key, value in wanted["parameters"].items()
-        if record["parameters"].get(key) != value
-    ]
+    earlier = record["parameters"]
+    pairs = [(key, earlier.get(key), value) for key, value in wanted["parameters"].items()]
+    changed = [f"{key}: {before!r} before, now {value!r}" for key, before, value in pairs if before != value]
     if changed:
         return "stale", "; ".join(changed)
     before, now = ({name: file["sha256"] for name, file in of["inputs"].items()} for of in (record, wanted))

@@ -154,7 +154,8 @@ def _means(out: Path, rows: Sequence[Row], show: Callable[[Row, FlatMap], None])
     """Return means over standard maps, and pass every map to `show`; one map is in memory at a time."""
     sums: dict[tuple[str, str], Sums] = {}
     for row in rows:
-        shown = LoadedResults.read(_results(out, row))
+        folder = out / row.name / row.session.removeprefix("_") / "anat"
+        shown = LoadedResults.read(Results.in_bids(folder, row.name + row.session, row.letter))
         show(row, shown.flat_map)
         if shown.record["map"]["frame"] != "standard":
             continue
@@ -164,11 +165,6 @@ def _means(out: Path, rows: Sequence[Row], show: Callable[[Row, FlatMap], None])
                     sums[key] = Sums(*_ends(rows, row.letter))
                 sums[key].add(shown.flat_map, shown.values[name])
     return [of.result(name, letter) for (name, letter), of in sorted(sums.items()) if of.maps > 1]
-
-
-def _results(out: Path, row: Row) -> Results:
-    session = row.session.removeprefix("_")
-    return Results.in_bids(out / row.name / session / "anat", row.name + row.session, row.letter)
 
 
 def _ends(rows: Sequence[Row], letter: str) -> tuple[list[float], list[float]]:

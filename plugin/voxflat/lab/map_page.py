@@ -135,13 +135,15 @@ def page_of(
     faces = flat.faces[~flat.torn]
     here = {name: _at_points(values[~flat.torn], faces, len(flat.uv)) for name, values in of_triangles.items()}
     values = {**of_points, **{name: array for name, array in here.items() if name not in of_points}}
-    names = sorted(values, key=lambda name: name != first)
-    layers = [_layer(name, values[name], faces) for name in names]
+    layers = [_layer(name, values[name], faces) for name in sorted(values, key=lambda name: name != first)]
     if not layers:
         raise InputError("the map has no array with one number per point. Add a point array")
     shown = [{"layer": layer, "bar": colour_bar(layer)} for layer in layers]
     turn, places = aligned(np.column_stack([flat.uv, np.zeros(len(flat.uv))]), flat.points)
-    content = scene(flat, layers, {}, places, view=_view(turn), unit=unit)
+    (x, y, z), up = turn[:, 2].tolist(), turn[:, 1]  # the view in which the surface has the orientation of the map
+    around = np.arctan2(-up[0] * np.sign(z), up[1] * np.sign(z)) if abs(z) > _STEEP else np.arctan2(x, -y)
+    view = float(around), float(np.arcsin(np.clip(z, -1.0, 1.0)))
+    content = scene(flat, layers, {}, places, view=view, unit=unit)
     more = {"points": f"{len(flat.uv):,}", "version": __version__}
     return MapPage(filled("map.html", key="map", title=title, layers=shown, scene=content, **more))
 
@@ -182,10 +184,3 @@ def _at_points(values: NDArray[Any], faces: NDArray[Any], count: int) -> NDArray
     found = np.zeros(count, dtype=values.dtype)
     found[pairs[order] // len(known)] = known[pairs[order] % len(known)]
     return found
-
-
-def _view(turn: NDArray[np.float64]) -> tuple[float, float]:
-    """Return the view in which a surface has the orientation of its map; `turn` rotates the map onto the surface."""
-    (x, y, z), up = turn[:, 2].tolist(), turn[:, 1]
-    around = np.arctan2(-up[0] * np.sign(z), up[1] * np.sign(z)) if abs(z) > _STEEP else np.arctan2(x, -y)
-    return float(around), float(np.arcsin(np.clip(z, -1.0, 1.0)))

@@ -190,9 +190,14 @@ def scene(
         add("smooth", _smoothed(places, faces, rows[chosen], is_rim[rows[chosen]]))
     else:
         add("smooth", target[chosen])
+    described = []
     for layer in layers:
         values = layer.values[chosen]
         known = np.unique(values[np.isfinite(values)])
+        shown = np.linspace(*layer.limits, _COLOURS) if layer.first_label is None else known
+        about = {"name": layer.name, "title": layer.title, "unit": layer.unit, "limits": layer.limits}
+        colours = layer.colours(shown).ravel().tolist()
+        described.append({**about, "labelled": layer.first_label is not None, "colours": colours})
         if not len(known):
             add(layer.name, np.zeros(len(chosen)))
             continue
@@ -202,14 +207,6 @@ def scene(
     lines = {name: near[points] for name, points in cuts.items()}
     lines = {name: line[np.flatnonzero(np.diff(line, prepend=-1))] for name, line in lines.items()}  # without repeats
     parts.append(faces.astype("<u4").tobytes())
-    described = [
-        {
-            **{"name": layer.name, "title": layer.title, "unit": layer.unit, "limits": layer.limits},
-            "labelled": layer.first_label is not None,
-            "colours": layer.colours(_shown(layer, chosen)).ravel().tolist(),
-        }
-        for layer in layers
-    ]
     ids = flat_map.ids[chosen]
     content = {
         "points": len(chosen),
@@ -224,14 +221,6 @@ def scene(
         "data": base64.b64encode(zlib.compress(b"".join(parts), 9)).decode(),
     }
     return json.dumps(content, separators=(",", ":")).replace("<", "\\u003c")  # safe within HTML
-
-
-def _shown(layer: Layer, chosen: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Return the values whose colours a scene contains: all labels, or evenly spaced values between the limits."""
-    if layer.first_label is None:
-        return np.linspace(*layer.limits, _COLOURS)
-    values = layer.values[chosen]
-    return np.unique(values[np.isfinite(values)])
 
 
 def thinned(

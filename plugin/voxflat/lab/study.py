@@ -43,11 +43,6 @@ class Outcome:
     reason: str = ""  # reason why it failed or has to be made
     record: dict[str, Any] | None = None  # record of the results that were made
 
-    @property
-    def letter(self) -> str:
-        """The BIDS letter: L or R."""
-        return HEMISPHERES[self.hemi][0]
-
 
 @dataclass(frozen=True)
 class Job:
@@ -121,7 +116,10 @@ def study(
     with connected(dask, most=len(everybody)) as cluster:
         for one, made, error in cluster.each(work, everybody, stage="participants", **how):
             if error is not None:  # an error of the worker; errors of the work itself are in the outcomes
-                made = _without_worker(Job.of(one, out), hemis, parameters, error)
+                job = Job.of(one, out)
+                planned = [_planned(job, hemi, parameters) for hemi in hemis]
+                made = [_failed(job, of.hemi, error) if of.state in ("missing", "stale") else of for of in planned]
+                _show(job, made)
             for outcome in made:
                 tell(outcome)
             outcomes += made
@@ -131,14 +129,6 @@ def study(
 def _participant(one: Participant, out: Path, hemis: Sequence[str], parameters: Parameters, **how: Any) -> Any:
     """Process a participant on a worker."""
     return _flatten(Job.of(one, out), hemis, parameters, _nothing, how)
-
-
-def _without_worker(job: Job, hemis: Sequence[str], parameters: Parameters, error: Exception) -> list[Outcome]:
-    """Return the outcomes of a participant whose worker failed."""
-    planned = [_planned(job, hemi, parameters) for hemi in hemis]
-    outcomes = [_failed(job, one.hemi, error) if one.state in ("missing", "stale") else one for one in planned]
-    _show(job, outcomes)
-    return outcomes
 
 
 def plan(

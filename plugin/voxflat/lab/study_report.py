@@ -4,7 +4,6 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from voxflat._core import __version__
 from voxflat.citation.methods_text import citation_of, facts_of
@@ -13,7 +12,6 @@ from voxflat.lab.comparison import Mean, Row
 from voxflat.lab.pages import Layer, colour_bar, filled, layers_of, pictures, png
 from voxflat.lab.results import FIGURES, figure_of
 from voxflat.maps.flat_map import FlatMap
-from voxflat.maps.raster import FlatImage
 
 _SHOWN = 0.9  # pixels of the page per mm of a map
 _AT_FULL = 60  # up to this number of maps, 1 pixel is 1 mm; larger studies get larger pixels to keep the page small
@@ -70,21 +68,14 @@ def _mean(one: Mean) -> dict[str, Any]:
     spread = one.deviation.data[np.isfinite(one.deviation.data)]
     high = float(np.percentile(spread, 99)) if len(spread) else 1.0
     of_deviation = Layer(one.name, look.title, look.unit, spread, "viridis", (0.0, high or 1.0))
-    return {
-        "title": look.title,
-        "side": {"L": "left", "R": "right"}[one.letter],
-        "most": int(one.count.max()),
-        "images": [
-            {**_drawn(image, layer), "bar": colour_bar(layer), "what": what}
-            for what, image, layer in (("mean", one.mean, look), ("standard deviation", one.deviation, of_deviation))
-        ],
-    }
-
-
-def _drawn(image: FlatImage, layer: Layer) -> dict[str, Any]:
-    pixels: NDArray[np.uint8] = painted(image.data, layer.colour_map, layer.limits)
-    pixels[..., 3] = 255 * np.isfinite(image.data)
-    return png(pixels, image.data.shape[1] * image.pixel_size)
+    images = []
+    for what, image, layer in (("mean", one.mean, look), ("standard deviation", one.deviation, of_deviation)):
+        pixels = painted(image.data, layer.colour_map, layer.limits)
+        pixels[..., 3] = 255 * np.isfinite(image.data)
+        drawn = png(pixels, image.data.shape[1] * image.pixel_size)
+        images.append({**drawn, "bar": colour_bar(layer), "what": what})
+    side = {"L": "left", "R": "right"}[one.letter]
+    return {"title": look.title, "side": side, "most": int(one.count.max()), "images": images}
 
 
 def _dots(rows: Sequence[Row], place: str) -> dict[str, Any]:

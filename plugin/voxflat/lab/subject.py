@@ -37,10 +37,7 @@ _NO_CORTEX = ("unknown", "corpuscallosum", "medial_wall", "???", "medialwall")  
 
 
 def make(hemisphere: Hemisphere, parameters: Parameters, results: Results, **common: Any) -> dict[str, Any]:
-    """Flatten a hemisphere, write the map, its measures and the record, and return the record.
-
-    `common` contains ``threads``, ``memory_limit`` and ``progress``.
-    """
+    """Flatten a hemisphere, write the results, and return the record; `common`: threads, memory_limit, progress."""
     seconds: dict[str, float] = {}
     with _timed(seconds, "reading and checksums"):
         wanted = request(hemisphere, parameters)
@@ -48,8 +45,7 @@ def make(hemisphere: Hemisphere, parameters: Parameters, results: Results, **com
         part = _part(hemisphere, parameters, whole)
     with _timed(seconds, "flattening and measuring"):
         cuts = str(hemisphere.files.get("cuts", parameters.cuts))
-        sphere = hemisphere.files.get("sphere")
-        flat_map = part.flatten(cuts=cuts, sphere=sphere, seed=parameters.seed, **common)
+        flat_map = part.flatten(cuts=cuts, sphere=hemisphere.files.get("sphere"), seed=parameters.seed, **common)
     with _timed(seconds, "overlays"), _noting() as doubts:
         values = {**_measures(flat_map), **_overlays(flat_map, hemisphere)}
     with _timed(seconds, "writing"), _noting() as notes:
@@ -129,12 +125,9 @@ def _beside_cortex(annotation: Path, count: int) -> NDArray[np.bool_]:
 def _measures(flat_map: FlatMap) -> dict[str, NDArray[np.float64]]:
     """Return the measures at every point of the map."""
     triangles = flat_map.distortion.triangles
-    found = {
-        "distanceerror": flat_map.distortion.per_point,
-        "areachange": None if triangles is None else triangles.areal,
-        "curvature": flat_map.curvature,
-        "sulcaldepth": flat_map.sulcal_depth,
-    }
+    areas = None if triangles is None else triangles.areal
+    found = {"distanceerror": flat_map.distortion.per_point, "areachange": areas}
+    found |= {"curvature": flat_map.curvature, "sulcaldepth": flat_map.sulcal_depth}
     return {name: values for name, values in found.items() if values is not None}
 
 

@@ -36,11 +36,8 @@ from voxflat._napari.viewer_state import DrawnCuts, ViewerState
 from voxflat.errors import VoxflatError
 from voxflat.pipeline.cut_surface import Cut, CutSurface
 
-_UNDO, _REDO, _END_CUT = (
-    KeyMod.CtrlCmd | KeyCode.KeyZ,
-    KeyMod.CtrlCmd | KeyMod.Shift | KeyCode.KeyZ,
-    KeyMod.Shift | KeyCode.KeyX,
-)
+_UNDO, _REDO = KeyMod.CtrlCmd | KeyCode.KeyZ, KeyMod.CtrlCmd | KeyMod.Shift | KeyCode.KeyZ
+_END_CUT = KeyMod.Shift | KeyCode.KeyX
 _COLUMNS = ("cut", "length", "gain")
 
 
@@ -95,7 +92,10 @@ class DrawCuts(TaskDock):
         rows.hide()
         self.status = QLabel("Choose a surface, then press Begin.")
         self.status.setWordWrap(True)
-        self._lay_out()
+        above = (self.draw, self.end_cut, self.undo, self.redo, self.standard, self.automatic, self.from_map, self.load)
+        below = (self.remove, self.evaluate, self.save, self.template, self.use, self.again)
+        parts = (self.form, self.begin, _grid(above, 4), (self.cuts, 1), _grid(below, 2), self.status)
+        arrange(QVBoxLayout(self), *parts)
         buttons = {_UNDO: self.undo, _REDO: self.redo, _END_CUT: self.end_cut}
         ViewerState.of(napari_viewer).changed.connect(self._enable)
         self._keys = Keys(napari_viewer, self, {key: button.click for key, button in buttons.items()})
@@ -107,12 +107,6 @@ class DrawCuts(TaskDock):
         if pressed is not None:
             button.clicked.connect(lambda: pressed())
         return button
-
-    def _lay_out(self) -> None:
-        above = (self.draw, self.end_cut, self.undo, self.redo, self.standard, self.automatic, self.from_map, self.load)
-        below = (self.remove, self.evaluate, self.save, self.template, self.use, self.again)
-        parts = (self.form, self.begin, _grid(above, 4), (self.cuts, 1), _grid(below, 2), self.status)
-        arrange(QVBoxLayout(self), *parts)
 
     # ---------------------------------------------------------------------------------------- beginning
 
@@ -239,11 +233,13 @@ class DrawCuts(TaskDock):
     # -------------------------------------------------------------------------------------------- using
 
     def _on_save(self) -> None:
-        path = self._asked_file("Save the cuts", "cuts.json")
-        if path is None or self.drawing is None:
+        path, drawing = self._asked_file("Save the cuts", "cuts.json"), self.drawing
+        if path is None or drawing is None:
             return
+        cuts = tuple(Cut(ids, None, "given") for ids in drawing.paths())
+        opened = CutSurface(drawing.surface, cuts, drawing.left_out, provenance=drawing.surface.provenance)
         try:
-            self._as_cut_surface(self.drawing).save(path, overwrite=True)
+            opened.save(path, overwrite=True)
             show_info(f"Saved {path}")
         except (VoxflatError, OSError) as error:
             self._fail(error)
@@ -262,10 +258,6 @@ class DrawCuts(TaskDock):
     def _asked_file(self, title: str, name: str) -> Path | None:
         path, _ = QFileDialog.getSaveFileName(self, title, name, "cuts (*.json)")
         return Path(path).with_suffix(".json") if path else None
-
-    def _as_cut_surface(self, drawing: Drawing) -> CutSurface[Any]:
-        cuts = tuple(Cut(path, None, "given") for path in drawing.paths())
-        return CutSurface(drawing.surface, cuts, drawing.left_out, provenance=drawing.surface.provenance)
 
     def _on_use(self) -> None:
         if self.drawing is not None and self._layer is not None:

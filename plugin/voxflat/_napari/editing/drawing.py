@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from itertools import pairwise
+from itertools import count, pairwise
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -69,7 +69,8 @@ class Drawing:
         """Continue the current cut, or begin a cut; raises InputError if no path leads to the vertex."""
         now = self._done[-1]
         if not now.is_open:
-            cut = Drawn((vertex,), f"drawn {self._next_number()}")
+            names = (f"drawn {number}" for number in count(1))
+            cut = Drawn((vertex,), next(name for name in names if name not in {cut.name for cut in now.cuts}))
             self._do(replace(now, cuts=(*now.cuts, cut), is_open=True))
             return
         last = now.cuts[-1]
@@ -134,7 +135,3 @@ class Drawing:
     def _do(self, state: _State) -> None:
         self._done.append(state)
         self._undone.clear()
-
-    def _next_number(self) -> int:
-        taken = {cut.name for cut in self.cuts}
-        return next(number for number in range(1, len(taken) + 2) if f"drawn {number}" not in taken)

@@ -91,18 +91,15 @@ def _reader_of(path: Path) -> _Read | None:
     if formats.by_name(path) is not None:
         return values.gifti_layers if ".gii" in name else surfaces.surface_layers
     if not values.VALUES.isdisjoint(name.split(".")):
-        return values.value_layers if start.startswith(b"\xff\xff\xff") or _is_old(path, start) else None
+        # only the length reveals FreeSurfer's old format of values
+        is_old = len(start) >= 6 and path.stat().st_size == 6 + 2 * int.from_bytes(start[:3], "big")
+        return values.value_layers if start.startswith(b"\xff\xff\xff") or is_old else None
     return surfaces.surface_layers if start[:3] in (b"\xff\xff\xfe", b"\xff\xff\xfd", b"\xff\xff\xff") else None
 
 
 def _are_points(start: bytes) -> bool:
     """Return whether an MGH file contains values at points instead of voxels."""
     return sorted(np.frombuffer(start[4:16].ljust(12, b"\0"), ">i4"))[:2] == [1, 1]
-
-
-def _is_old(path: Path, start: bytes) -> bool:
-    """Return whether a file has FreeSurfer's old format of values, which only the file length reveals."""
-    return len(start) >= 6 and path.stat().st_size == 6 + 2 * int.from_bytes(start[:3], "big")
 
 
 def _reporting_errors(read: _Read) -> Callable[[str], list[LayerData]]:

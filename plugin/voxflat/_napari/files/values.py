@@ -89,9 +89,5 @@ def _of_labels(values: NDArray[Any], names: dict[int, str], colours: dict[int, A
         for label, own in zip(found, made, strict=True)
     ]
     named = np.array([names.get(int(label), "") for label in found], dtype=object)
-    return {
-        "vertex_colors": np.array(rows)[which.reshape(-1)],
-        "contrast_limits": limits(values),
-        "features": {"name": named[which.reshape(-1)]},
-        "metadata": {"labels": names},
-    }
+    look = {"vertex_colors": np.array(rows)[which.reshape(-1)], "contrast_limits": limits(values)}
+    return {**look, "features": {"name": named[which.reshape(-1)]}, "metadata": {"labels": names}}

@@ -43,7 +43,8 @@ def volume_layers(path: Path) -> list[LayerData]:
     order = _order(volume.affine)
     voxels = np.transpose(volume.data, [*order, *range(3, volume.data.ndim)])
     about = {"name": _name(path), "affine": volume.affine[:, [*order, 3]], "units": _SPACE}
-    if voxels.ndim > 3 or not _are_labels(path, volume.data):
+    is_named = not _LABELS.isdisjoint(re.split(r"[^a-z]+", path.name.lower()))
+    if voxels.ndim > 3 or voxels.dtype.kind not in "iub" or not (is_named or len(np.unique(voxels)) <= _FEW):
         return [(voxels, {**about, "rgb": voxels.ndim > 3}, "image")]
     return [(voxels.astype(np.int32) if voxels.dtype.kind == "b" else voxels, about, "labels")]
 
@@ -56,12 +57,6 @@ def _order(affine: NDArray[np.float64]) -> list[int]:
         if order[row] < 0 and column not in order:
             order[row] = column
     return order
-
-
-def _are_labels(path: Path, data: NDArray[Any]) -> bool:
-    """Return whether a volume contains labels: integers with few distinct values, or with a file name of labels."""
-    is_named = not _LABELS.isdisjoint(re.split(r"[^a-z]+", path.name.lower()))
-    return data.dtype.kind in "iub" and (is_named or len(np.unique(data)) <= _FEW)
 
 
 def _name(path: Path) -> str:

@@ -45,9 +45,7 @@ def _ask(title: str, endings: Sequence[str]) -> list[str]:
 
     viewer = current_viewer()
     path, _ = QFileDialog.getSaveFileName(None, title, "", " ".join(f"*{ending}" for ending in endings))
-    if viewer is None or not path:
-        return []
-    return list(viewer.layers.save(path, selected=True, plugin="voxflat"))
+    return list(viewer.layers.save(path, selected=True, plugin="voxflat")) if viewer is not None and path else []
 
 
 @contextmanager

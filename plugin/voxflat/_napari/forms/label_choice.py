@@ -1,6 +1,5 @@
 """A box for choosing one of the labels in a Labels layer."""
 
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -52,9 +51,9 @@ class LabelChoice(QComboBox):
 
     def scan(self) -> None:
         """List the labels, in another thread."""
-        if self._layer is None or np.prod(finest(self._layer).shape) > _SCANNED:
+        if self._layer is None or np.prod((data := finest(self._layer)).shape) > _SCANNED:
             return
-        worker = BackgroundTask(partial(_labels, finest(self._layer)))
+        worker = BackgroundTask(lambda: (data, labels_in(np.asarray(data))))
         worker.returned.connect(self._on_scanned)
         worker.start()
 
@@ -88,7 +87,3 @@ class LabelChoice(QComboBox):
             self.addItem(f"{label}   ({count:,} voxels)", label)
         if (wanted := before if before in labels else selected) in labels:
             self.choose(wanted)
-
-
-def _labels(data: Any) -> tuple[Any, dict[int, int] | None]:
-    return data, labels_in(np.asarray(data))

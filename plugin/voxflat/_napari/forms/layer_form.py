@@ -102,10 +102,8 @@ class LayerForm(QWidget):
         if sampled is None:
             return None
         if not isinstance(sampled, Surface) and sampled.ndim == 3 and not same_kind_of_unit(layer, sampled):
-            raise InputError(
-                f"The units of '{layer.name}' ({layer.units[0]}) and '{sampled.name}' ({sampled.units[0]}) do not "
-                "match. Set both to units of length"
-            )
+            both = f"'{layer.name}' ({layer.units[0]}) and '{sampled.name}' ({sampled.units[0]})"
+            raise InputError(f"The units of {both} do not match. Set both to units of length")
         return shown(sampled, world, self.sample_depth.value())
 
     def release(self) -> None:

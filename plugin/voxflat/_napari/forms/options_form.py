@@ -126,20 +126,19 @@ class OptionsForm(QWidget):
         values: dict[str, Any] = {
             name: field.currentData() for name, field in self.fields.items() if isinstance(field, QComboBox)
         }
-        values |= {
-            "mirror": self.mirror.isChecked() or None,
-            "sources": self.sources.value() or None,
-            "weighting": self.weighting.value(),
-            "neighbourhood": self.neighbourhood.value() or None,
-            "starts": self.starts.value(),
-            "bound": self.bound.value(),
-        }
+        values |= {"mirror": self.mirror.isChecked() or None, "sources": self.sources.value() or None}
+        values |= {"weighting": self.weighting.value(), "neighbourhood": self.neighbourhood.value() or None}
+        values |= {"starts": self.starts.value(), "bound": self.bound.value()}
         of_method = {name: value for name, value in values.items() if takes(method, name) and value is not None}
         if of_method.get("cuts") == _DRAWN and self._drawn is not None:
             of_method["cuts"] = self._drawn.paths
             if len(self._drawn.left_out):
                 of_method["drop"] = self._drawn.left_out
-        changed = {name: value for name, value in of_method.items() if not _is_same(value, usual(name, method))}
+        changed = {
+            name: value
+            for name, value in of_method.items()
+            if isinstance(value, list | np.ndarray) or value != usual(name, method)
+        }
         return changed | ({"seed": self.seed.value()} if self.seed.value() else {})
 
     def _add_choice(self, name: str) -> QComboBox:
@@ -151,7 +150,3 @@ class OptionsForm(QWidget):
     def _add(self, name: str, text: str, field: QWidget) -> None:
         self.fields[name] = field
         self.rows.addRow(text, field)
-
-
-def _is_same(value: Any, usual: Any) -> bool:
-    return not isinstance(value, list | np.ndarray) and bool(value == usual)

@@ -31,17 +31,10 @@ class PatchesForm(LayerForm):
         tip = "Close seams between patches as long as no length changes by more than this factor"
         self.glue = spin(QDoubleSpinBox(), 1.0, 10.0, tip, step=0.1, special="not glued")
         self._values: dict[str, Any] = {"max_angle": self.max_angle, "bound": self.bound, "count": self.count}
-        self._add_rows(
-            ("World axes", self.world),
-            ("Limit patches", self.limit),
-            ("Angle", self.max_angle),
-            ("Bound C", self.bound),
-            ("Number", self.count),
-            ("Glue within C", self.glue),
-            ("Show on page", self.sampled),
-            ("at depth", self.sample_depth),
-            ("Pixel size", self.pixel_size),
-        )
+        limits = (("Limit patches", self.limit), ("Angle", self.max_angle), ("Bound C", self.bound))
+        making = (*limits, ("Number", self.count), ("Glue within C", self.glue))
+        shown = (("Show on page", self.sampled), ("at depth", self.sample_depth), ("Pixel size", self.pixel_size))
+        self._add_rows(("World axes", self.world), *making, *shown)
         self.limit.currentIndexChanged.connect(self._on_limit)
         self._on_surface()
         self._on_limit()
@@ -54,12 +47,8 @@ class PatchesForm(LayerForm):
     def job(self) -> PatchesJob:
         """Return the job that the form describes; raises InputError if a choice is missing or unsuitable."""
         surface, foreground = self.source()
-        name = self.limit.currentData()
-        return PatchesJob(
-            surface=surface,
-            limit={name: self._values[name].value()},
-            glue=self.glue.value() if self.glue.value() > self.glue.minimum() else None,
-            pixel_size=self.pixel_size.value() or None,
-            shown=self._shown(self._chosen(), self.world.currentData()),
-            **foreground,
-        )
+        name, pixel_size = self.limit.currentData(), self.pixel_size.value() or None
+        glue = self.glue.value() if self.glue.value() > self.glue.minimum() else None
+        shown = self._shown(self._chosen(), self.world.currentData())
+        limit = {name: self._values[name].value()}
+        return PatchesJob(surface, limit, glue=glue, pixel_size=pixel_size, shown=shown, **foreground)

@@ -124,9 +124,8 @@ def _cutting(asked: _Asked) -> str:
     if asked.cuts == "drawn":
         return "Cuts along the drawn lines, and adds automatic cuts if the drawn cuts do not open the surface."
     if asked.cuts == "standard":
-        return (
-            "Opens a closed surface along standard cuts, located by its sphere if it is known, otherwise by its folds."
-        )
+        place = "by its sphere if it is known, otherwise by its folds"
+        return f"Opens a closed surface along standard cuts, located {place}."
     path = getattr(asked.layer.source, "path", None)
     sphere = sphere_at(path) if path and isinstance(asked.layer, Surface) and asked.cuts is None else None
     if sphere is not None:

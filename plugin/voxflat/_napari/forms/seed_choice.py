@@ -11,7 +11,7 @@ from qtpy.QtCore import Signal  # type: ignore[attr-defined]  # qtpy makes it of
 from qtpy.QtWidgets import QGridLayout, QLabel, QPushButton, QWidget
 
 from voxflat._napari.forms.layer_choice import LayerChoice
-from voxflat._napari.layers.seed import MARKER, Seed, data_place, describe, seed_along, seed_at, seed_of
+from voxflat._napari.layers.seed import MARKER, Seed, data_place, describe, first_vertex, first_voxel, seed_at, seed_of
 from voxflat._napari.layers.world import data_to_world, in_units_of
 from voxflat._napari.map_viewer.viewer_parts import is_click
 
@@ -129,7 +129,11 @@ class SeedChoice(QWidget):
         if viewer.dims.ndisplay == 2:
             return seed_at(surface, position)
         start, end = surface.get_ray_intersections(position, event.view_direction, event.dims_displayed)
-        return None if start is None else seed_along(surface, start, end, self._inside)
+        if start is None:
+            return None
+        if isinstance(surface, Surface):
+            return first_vertex(surface, start, end)
+        return first_voxel(surface, start, end, self._inside)
 
 
 def _rank(layer: Layer) -> int | None:

@@ -28,13 +28,8 @@ from voxflat.methods import METHODS
 
 _RADIUS = 45.0  # mm, as in the README
 _METHODS = {name: name for name in METHODS}  # the summaries, which are wider than the box, are tooltips
-_PARTS = {
-    "whole": "whole surface",
-    "disk": "disk around a point",
-    "polygon": "within a polygon",
-    "mask": "within a mask",
-    "values": "nonzero values",
-}
+_PARTS = {"whole": "whole surface", "disk": "disk around a point", "polygon": "within a polygon"}
+_PARTS |= {"mask": "within a mask", "values": "nonzero values"}
 
 
 class SurfaceForm(LayerForm):
@@ -44,19 +39,11 @@ class SurfaceForm(LayerForm):
         super().__init__(viewer)
         self._state = ViewerState.of(viewer)
         self._make_fields(viewer)
-        self._add_rows(
-            ("Pial surface", self.pial),
-            ("Part", self.patch),
-            ("Seed point", self.seed),
-            ("Radius", self.radius),
-            ("Polygon", self.polygon),
-            ("Mask", self.masked_by),
-            ("Show on map", self.sampled),
-            ("at depth", self.sample_depth),
-            ("Method", self.method),
-            ("Continue", self.continues),
-            ("World axes", self.world),
-        )
+        disk = (("Seed point", self.seed), ("Radius", self.radius))
+        part = (("Part", self.patch), *disk, ("Polygon", self.polygon), ("Mask", self.masked_by))
+        shown = (("Show on map", self.sampled), ("at depth", self.sample_depth))
+        how = (("Method", self.method), ("Continue", self.continues), ("World axes", self.world))
+        self._add_rows(("Pial surface", self.pial), *part, *shown, *how)
         advanced = QCollapsible("Advanced", expandedIcon="▾", collapsedIcon="▸")
         advanced.addWidget(self.options)
         self._rows.addRow(advanced)
@@ -198,7 +185,12 @@ class SurfaceForm(LayerForm):
         """Return the job that the form describes; raises InputError if a choice is missing or unsuitable."""
         layer, world, method = self._chosen(), self.world.currentData(), self.method.currentData()
         surface, foreground = self.source()
-        of_mesh = self._of_mesh(layer, surface, world) if isinstance(surface, LayerMesh) else {}
+        of_mesh: dict[str, Any] = {}
+        if isinstance(surface, LayerMesh):
+            if self.patch.currentData() == "values":
+                of_mesh["keep"] = surface.kept()
+            of_mesh["values"] = overlay(layer, surface) if vary(surface.values) else None
+            of_mesh["pial"] = None if self.pial.layer is None else LayerMesh.of(self.pial.layer, world)
         self.threshold.preview.setChecked(False)
         return Job(
             surface=surface,
@@ -228,15 +220,6 @@ class SurfaceForm(LayerForm):
                 raise InputError("There is no mask. Open a Labels layer of the same shape, or choose another part")
             return {"keep": LayerVolume.of(self.masked_by.layer, world)}
         return {}
-
-    def _of_mesh(self, layer: Surface, mesh: LayerMesh, world: str) -> dict[str, Any]:
-        """Return the arguments that apply only to meshes."""
-        pial = self.pial.layer
-        return {
-            **({"keep": mesh.kept()} if self.patch.currentData() == "values" else {}),
-            "values": overlay(layer, mesh) if vary(mesh.values) else None,
-            "pial": None if pial is None else LayerMesh.of(pial, world),
-        }
 
     def release(self) -> None:
         super().release()

@@ -81,17 +81,11 @@ class ThresholdChoice(QWidget):
             layer = self._layer
             before = set(self._viewer.layers.selection)
             placement = ("multiscale", "affine", "scale", "translate", "rotate", "shear", "units")
-            self._shown = Image(
-                layer.data,
-                name=f"{layer.name} above the threshold",
-                contrast_limits=self._above(),
-                colormap=_COLOURS,
-                opacity=0.6,
-                blending="translucent",
-                interpolation2d="nearest",
-                metadata={"voxflat": None},  # marks a voxflat layer, which is not offered for flattening
-                **{name: getattr(layer, name) for name in placement},
-            )
+            given = {name: getattr(layer, name) for name in placement}
+            given |= {"name": f"{layer.name} above the threshold", "contrast_limits": self._above()}
+            given |= {"metadata": {"voxflat": None}}  # marks a voxflat layer, which is not offered for flattening
+            look = {"colormap": _COLOURS, "opacity": 0.6, "blending": "translucent", "interpolation2d": "nearest"}
+            self._shown = Image(layer.data, **given, **look)
             self._viewer.layers.insert(self._viewer.layers.index(layer) + 1, self._shown)
             self._viewer.layers.selection = before
         elif not wanted:

@@ -32,10 +32,8 @@ class LayerMesh:
         """Read a Surface layer; raises InputError unless it is 3D, with triangles, length units and suitable values."""
         vertices, faces, values = (np.asarray(part) for part in layer.data)
         if values.ndim > 1:
-            raise InputError(
-                f"The values of layer '{layer.name}' have {values.ndim} axes. Select one value per vertex, for example "
-                "with layer.vertex_values = layer.vertex_values[0]"
-            )
+            select = "Select one value per vertex, for example with layer.vertex_values = layer.vertex_values[0]"
+            raise InputError(f"The values of layer '{layer.name}' have {values.ndim} axes. {select}")
         place = LayerPlace.of(layer, world)
         if faces.ndim != 2 or faces.shape[1] != 3:
             corners = f"{faces.shape[1]} corners" if faces.ndim == 2 else f"shape {faces.shape}"
@@ -55,7 +53,7 @@ class LayerMesh:
         """Convert the vertices to RAS+ mm; a mirroring transform reverses the triangles. May raise InputError."""
         affine = self.place.affine
         faces = self.faces[:, ::-1] if np.linalg.det(affine[:3, :3]) < 0 else self.faces
-        space = UNKNOWN if self.place.is_in_pixels else Space("scanner")
+        space = UNKNOWN if self.origin["unit"].startswith("pixel") else Space("scanner")
         return Mesh(moved(self.vertices, affine), faces, self.place.path, self.structure, space=space)
 
     def kept(self) -> NDArray[np.bool_]:

@@ -43,13 +43,6 @@ def seed_at(layer: Layer, position: NDArray[np.float64]) -> Seed | None:
     return nearest_vertex(layer, position) if isinstance(layer, Surface) else voxel_at(layer, position)
 
 
-def seed_along(
-    layer: Layer, start: NDArray[np.float64], end: NDArray[np.float64], inside: Callable[[NDArray[Any]], NDArray[Any]]
-) -> Seed | None:
-    """Return the voxel or vertex where a ray, given by its ends in data coordinates, first meets the surface."""
-    return first_vertex(layer, start, end) if isinstance(layer, Surface) else first_voxel(layer, start, end, inside)
-
-
 def data_place(layer: Layer, seed: Seed) -> NDArray[Any]:
     return np.asarray(layer.vertices[seed] if isinstance(layer, Surface) else seed)
 

@@ -34,18 +34,19 @@ class LayerPlace:
         """Read the position of a layer; raises InputError unless it has three length axes after the leading axes."""
         if layer.ndim - leading != 3:
             raise InputError(f"Layer '{layer.name}' has {layer.ndim} dimensions instead of 3. Choose a 3D layer")
-        factors, unit = _millimetres(layer)
+        units = layer.units[-3:]
+        unit, factors = ", ".join(dict.fromkeys(map(str, units))), np.ones(3)
+        if unit == "pixel":
+            unit = "pixel, taken as mm"
+        elif all(own.is_compatible_with("mm") for own in units):
+            factors = unit_ratio(units, ["mm"] * 3)
+        else:
+            raise InputError(f"The units of layer '{layer.name}' are {unit}. Set them to units of length, such as mm")
         to_mm = np.diag([*factors, 1.0])
         path = layer.metadata.get("surface_file") or layer.source.path  # the former for a layer of values
-        return cls(
-            affine=check_affine(_to_ras(world) @ to_mm @ data_to_world(layer)),
-            path=Path(path) if path else None,
-            origin={"layer": layer.name, "world_axes": world, "unit": unit},
-        )
-
-    @property
-    def is_in_pixels(self) -> bool:
-        return self.origin["unit"].startswith("pixel")  # pixels are treated as mm
+        affine = check_affine(_to_ras(world) @ to_mm @ data_to_world(layer))
+        origin = {"layer": layer.name, "world_axes": world, "unit": unit}
+        return cls(affine, Path(path) if path else None, origin)
 
 
 def data_to_world(layer: Layer) -> NDArray[np.float64]:
@@ -88,17 +89,6 @@ def in_units_of(layer: Layer, position: Sequence[float], units: Sequence[Any] | 
 def same_kind_of_unit(a: Layer, b: Layer) -> bool:
     """Return whether the units of two layers are all lengths or all pixels, so that their positions are comparable."""
     return all(x.is_compatible_with(y) for x, y in zip(a.units, b.units, strict=True))
-
-
-def _millimetres(layer: Layer) -> tuple[NDArray[np.float64], str]:
-    """Return the conversion factors from the units of a layer to mm, and the names of the units."""
-    units = layer.units[-3:]
-    names = ", ".join(dict.fromkeys(str(unit) for unit in units))
-    if all(str(unit) == "pixel" for unit in units):
-        return np.ones(3), "pixel, taken as mm"
-    if not all(unit.is_compatible_with("mm") for unit in units):
-        raise InputError(f"The units of layer '{layer.name}' are {names}. Set them to units of length, such as mm")
-    return unit_ratio(units, ["mm"] * 3), names
 
 
 def _to_ras(world: str) -> NDArray[np.float64]:

@@ -50,12 +50,8 @@ class Annotation:
         return cls(moved(data[seen][:, leading:], affine), _bytes(colours), [], np.empty((0, 4), dtype=np.uint8))
 
     def is_same(self, other: "Annotation") -> bool:
-        own, others = self._arrays, other._arrays
-        return len(own) == len(others) and all(np.array_equal(a, b) for a, b in zip(own, others, strict=True))
-
-    @property
-    def _arrays(self) -> list[NDArray[Any]]:
-        return [self.points, self.colours, self.line_colours, *self.lines]
+        arrays: list[list[Any]] = [[one.points, one.colours, one.line_colours, *one.lines] for one in (self, other)]
+        return len(arrays[0]) == len(arrays[1]) and all(map(np.array_equal, *arrays))
 
 
 @dataclass(frozen=True, eq=False)
@@ -164,8 +160,7 @@ class VolumeAnnotations(QObject):
 
     def taken(self, world: str) -> list[Annotation]:
         """Read the annotations of all visible layers; raises InputError if the axes of a layer have no length units."""
-        point = self._viewer.dims.point
-        return [Annotation.of(layer, world, point) for layer in self.layers if layer.visible]
+        return [Annotation.of(layer, world, self._viewer.dims.point) for layer in self.layers if layer.visible]
 
     def release(self) -> None:
         self._soon.stop()

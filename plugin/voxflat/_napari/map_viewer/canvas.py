@@ -7,14 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from qtpy.QtCore import QPointF, QRectF, Qt, Signal  # type: ignore[attr-defined]  # qtpy makes it of pyqtSignal
 from qtpy.QtGui import QColor, QImage, QPainter, QPainterPath, QPixmap
-from qtpy.QtWidgets import (
-    QFrame,
-    QGraphicsPathItem,
-    QGraphicsPixmapItem,
-    QGraphicsScene,
-    QGraphicsView,
-    QSizePolicy,
-)
+from qtpy.QtWidgets import QFrame, QGraphicsPathItem, QGraphicsPixmapItem, QGraphicsScene, QGraphicsView, QSizePolicy
 
 from voxflat._napari.map_viewer.annotation_item import AnnotationItem, cosmetic_pen, polygon
 from voxflat._napari.map_viewer.annotations import OnMap

@@ -90,7 +90,6 @@ class FlatMapDock(Dock):
         self.annotations = VolumeAnnotations(napari_viewer, self)
         self._lay_out()
         self._connect()
-        self._keys = Keys(napari_viewer, self, self._of_keys())
         self._on_theme()
         self._on_runs()
 
@@ -177,16 +176,10 @@ class FlatMapDock(Dock):
         self.outline.failed.connect(self._on_failed)
         self.outline.toggled.connect(self.outlined.setChecked)
         self.painted.toggled.connect(self.on_surface.setChecked)
-
-    def _of_keys(self) -> dict[int, Any]:
-        return {
-            _NEXT: partial(self.contents.step, 1),
-            _PREVIOUS: partial(self.contents.step, -1),
-            _IN_3D: self.on_surface.click,
-            _OUTLINE: self.outlined.click,
-            _WHOLE: self.whole.click,
-            **{key: partial(self.click.setCurrentText, what) for key, what in zip(_OF_CLICKS, _CLICKS, strict=True)},
-        }
+        keys: dict[int, Any] = {_NEXT: partial(self.contents.step, 1), _PREVIOUS: partial(self.contents.step, -1)}
+        keys |= {_IN_3D: self.on_surface.click, _OUTLINE: self.outlined.click, _WHOLE: self.whole.click}
+        keys |= {key: partial(self.click.setCurrentText, what) for key, what in zip(_OF_CLICKS, _CLICKS, strict=True)}
+        self._keys = Keys(self._viewer, self, keys)
 
     # -------------------------------------------------------------------------------------------- runs
 
@@ -212,7 +205,12 @@ class FlatMapDock(Dock):
         self.link.mark(None)
         self.canvas.place_ring(None)
         self.text.setText(NOTHING if run is None else "Drawing the map…")
-        self._set_depth(run)
+        known = run is not None and getattr(run.flat_map, "pial_points", None) is not None
+        with signals_blocked(self.depth_unit):
+            self.depth_unit.setCurrentText(_MM)
+        self.depth_unit.setVisible(known)  # to choose fractions of the cortical thickness
+        self._limit_depth()
+        self.depths.setValue(getattr(None if run is None else run.layers.shown, "depth", 0.0))  # chosen in the form
         self.contents.show_run(run)
         if run is None:
             self.canvas.hide_map()
@@ -220,16 +218,6 @@ class FlatMapDock(Dock):
             self.legend.show_colours(None)
             self.painted.remove()
             self.outline.remove()
-
-    def _set_depth(self, run: Run | None) -> None:
-        """Set the depth chosen in the form; if the pial surface is known, offer fractions of the cortical thickness."""
-        known = run is not None and getattr(run.flat_map, "pial_points", None) is not None
-        with signals_blocked(self.depth_unit):
-            self.depth_unit.setCurrentText(_MM)
-        self.depth_unit.setVisible(known)
-        self._limit_depth()
-        asked = None if run is None else run.layers.shown
-        self.depths.setValue(getattr(asked, "depth", 0.0))
 
     # ----------------------------------------------------------------------------------------- drawing
 

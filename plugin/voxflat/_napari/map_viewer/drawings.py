@@ -35,13 +35,9 @@ class Drawn:
 def points(prepared: PreparedMap, places: Sequence[Place]) -> Drawn:
     """Project points (u, v) on the map onto the surface."""
     spots = [spot for spot in (prepared.spot(*place) for place in places) if spot is not None]
-    keywords = {
-        "name": "map points",
-        "face_color": _COLOUR,
-        "size": 2,
-        "features": {"vertex": [str(spot.vertex) for spot in spots], "surface": [prepared.run.name] * len(spots)},
-        "units": units(prepared.run.flat_map, 3),
-    }
+    features = {"vertex": [str(spot.vertex) for spot in spots], "surface": [prepared.run.name] * len(spots)}
+    look = {"face_color": _COLOUR, "size": 2, "features": features}
+    keywords = {"name": "map points", **look, "units": units(prepared.run.flat_map, 3)}
     return Drawn((_world(prepared, np.array([spot.point for spot in spots])), keywords, "points"))
 
 

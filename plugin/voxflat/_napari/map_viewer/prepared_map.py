@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from voxflat._napari.map_viewer.pictures import Picture
 from voxflat._napari.results.flat_layers import Run
+from voxflat.io.triangles import Points
 from voxflat.maps.flat_map import FlatMap
 from voxflat.maps.lines import rim
 from voxflat.maps.plane import LIMIT, Planar
@@ -190,13 +191,7 @@ class PreparedMap:
         return of.spacing if isinstance(of, FlatMap) else 2 * self.planar.pixel_size
 
 
-def _distances_along(
-    start: NDArray[Any],
-    along: NDArray[np.float64],
-    corner: NDArray[np.float64],
-    b: NDArray[np.float64],
-    c: NDArray[np.float64],
-) -> NDArray[np.float64]:
+def _distances_along(start: Points, along: Points, corner: Points, b: Points, c: Points) -> NDArray[np.float64]:
     """Return the distances along a ray to triangles, or infinity for no intersection (Möller and Trumbore, 1997).
 
     The corners are ``corner``, ``corner + b`` and ``corner + c``, shape (F, 3). Intersections behind the start are

@@ -100,8 +100,7 @@ class ViewerLink(QObject):
         if not self._is_linked:
             return
         viewer, world = self._viewer, self.to_world(point)
-        axes = range(viewer.dims.ndim - 3, viewer.dims.ndim)
-        viewer.dims.set_point(list(axes), world[-3:].tolist())
+        viewer.dims.set_point([*range(viewer.dims.ndim)][-3:], world[-3:].tolist())
         camera(viewer).center = (0.0, *world[list(viewer.dims.displayed)])[-3:]
 
     def _on_view(self) -> None:
@@ -109,7 +108,9 @@ class ViewerLink(QObject):
             self._drawn.start()
 
     def _draw(self) -> None:
-        canvas = self._canvas()
+        if self.ring is None and (inside := canvas_widget(self._inside)) is not None:
+            self.ring = RingWidget(inside)
+        canvas = None if self.ring is None else self.ring.parentWidget()
         if canvas is None or self.ring is None:
             return
         at = None
@@ -119,19 +120,7 @@ class ViewerLink(QObject):
         if at is None or not canvas.rect().contains(round(at[0]), round(at[1])):
             self.ring.hide()
         else:
-            self.ring.show_at(*at, near=self._in_slice(world))
-
-    def _canvas(self) -> QWidget | None:
-        """Return the canvas of the viewer; the first call also creates the ring."""
-        if self.ring is not None:
-            return self.ring.parentWidget()
-        canvas = canvas_widget(self._inside)
-        if canvas is not None:
-            self.ring = RingWidget(canvas)
-        return canvas
-
-    def _in_slice(self, world: NDArray[np.float64]) -> bool:
-        hidden = [axis for axis in self._viewer.dims.not_displayed if axis >= self._viewer.dims.ndim - 3]
-        apart = np.zeros(self._viewer.dims.ndim)
-        apart[-3:] = (world - self._viewer.dims.point)[-3:] * mm_per_unit(self._viewer)
-        return bool((np.abs(apart[hidden]) <= _IN_SLICE).all())
+            hidden = [axis for axis in self._viewer.dims.not_displayed if axis >= self._viewer.dims.ndim - 3]
+            apart = np.zeros(self._viewer.dims.ndim)
+            apart[-3:] = (world - self._viewer.dims.point)[-3:] * mm_per_unit(self._viewer)
+            self.ring.show_at(*at, near=bool((np.abs(apart[hidden]) <= _IN_SLICE).all()))

@@ -92,8 +92,7 @@ def is_click(event: Any, most: int = 3) -> Generator[None, None, bool]:
 
 def in_grid(viewer: Viewer) -> bool:
     """Return whether the viewer shows its layers in a grid, in which each location is visible several times."""
-    grid = viewer.canvas.grid if hasattr(viewer, "canvas") else viewer.grid
-    return bool(grid.enabled)
+    return bool((viewer.canvas if hasattr(viewer, "canvas") else viewer).grid.enabled)
 
 
 def canvas_widget(inside: QWidget) -> QWidget | None:

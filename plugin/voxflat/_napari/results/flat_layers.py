@@ -47,13 +47,9 @@ def units(flat_map: FlatMap | Atlas, axes: int) -> tuple[str, ...] | None:
 
 def described(flat_map: FlatMap | Atlas, name: str, meaning: str, image: FlatImage | None = None) -> dict[str, Any]:
     """Return the name, metadata and position of a layer; rows increase downwards in napari, but v increases upwards."""
-    about = {
-        "voxflat": flat_map,
-        "parameters": flat_map.metadata,
-        "distortion": (flat_map.distortion if isinstance(flat_map, FlatMap) else flat_map).figures(),
-        "colours": meaning,
-        "axes": "rows: −v, columns: u, mm",
-    }
+    figures = (flat_map.distortion if isinstance(flat_map, FlatMap) else flat_map).figures()
+    about: dict[str, Any] = {"voxflat": flat_map, "parameters": flat_map.metadata, "distortion": figures}
+    about |= {"colours": meaning, "axes": "rows: −v, columns: u, mm"}
     if image is None:
         return {"name": name, "metadata": about}
     u, v = image.origin

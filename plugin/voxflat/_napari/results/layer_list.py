@@ -129,14 +129,6 @@ def drop_controls(viewer: Viewer, layer: Layer) -> None:
         controls._remove(Event("removed", value=layer))
 
 
-def _without_controls(viewer: Viewer, layer: Layer) -> Any:
-    """Prevent napari from creating the controls of a layer a second time."""
-    controls = _controls(viewer)
-    if controls is None or layer not in controls.widgets:
-        return nullcontext()
-    return viewer.layers.events.inserted.blocker(controls._add)
-
-
 def _insert_hidden(viewer: Viewer, layer: Layer) -> None:
     insert(viewer, layer)
     layer.visible = False
@@ -147,8 +139,10 @@ def insert(viewer: Viewer, layer: Layer, index: int | None = None) -> None:
     viewer = getattr(viewer, "__wrapped__", viewer)  # see above
     layers, before = viewer.layers, set(viewer.layers.selection)
     layers._activate_on_insert = False
+    controls = _controls(viewer)
+    has_controls = controls is not None and layer in controls.widgets  # napari must not create them again
     try:
-        with _without_controls(viewer, layer):
+        with layers.events.inserted.blocker(controls._add) if has_controls else nullcontext():
             viewer.layers.insert(len(layers) if index is None else index, layer)
     finally:
         layers._activate_on_insert = True

@@ -22,7 +22,7 @@ class MapPanel(QWidget):
 
     def __init__(self, *, meaning: str = HEAT_MEANING, what: str = "map") -> None:
         super().__init__()
-        self._what = what
+        self._what, self.shows_maps = what, what == "map"
         self.flat_map: FlatMap | Atlas | None = None
         self._figures = QGridLayout()
         self._figures.setColumnStretch(0, 1)
@@ -41,11 +41,6 @@ class MapPanel(QWidget):
         layout.setContentsMargins(0, 0, 0, 0)
         arrange(layout, self.title, self._figures, self.warnings, colours, self.save, self.copy)
         self.hide()
-
-    @property
-    def shows_maps(self) -> bool:
-        """Whether the panel shows maps instead of atlases."""
-        return self._what == "map"
 
     def show_run(self, run: Run) -> None:
         self.flat_map = run.flat_map

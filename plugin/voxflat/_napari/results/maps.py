@@ -1,7 +1,6 @@
 """Convert flat maps and atlases to layers: the map, or the page and the surface in the colours of the patches."""
 
 import numpy as np
-from numpy.typing import NDArray
 
 from voxflat._napari.layers.sampled import Overlay, Shown
 from voxflat._napari.layers.world import from_ras
@@ -14,7 +13,7 @@ from voxflat.unique_rows import distinct
 # the meaning of the colours of the heat map of a map, and of a page
 HEAT_MEANING = "the mean relative error of the distances from each point, as a fraction (0.1 is 10 %)"
 C_MEANING = "C, the largest factor by which lengths change (1.1 is a change of up to 10 %)"
-_HEAT_LIMITS = (0.05, 0.1, 0.2, 0.3, 0.5, 1.0)
+_HEAT_LIMITS = (0.05, 0.1, 0.2, 0.3, 0.5, 1.0)  # few, so that maps can be compared visually
 
 
 def map_layers(
@@ -27,18 +26,15 @@ def map_layers(
     """Draw a flat map and the values that it shows (by default, the mesh values); raises InputError on a mismatch."""
     image = flat_map.heat_map(pixel_size)
     heat = described(flat_map, f"{name} distortion", HEAT_MEANING, image)
-    heat |= {"colormap": "inferno", "contrast_limits": (0.0, _heat_limit(flat_map.distortion.per_point))}
+    errors = flat_map.distortion.per_point
+    most = np.nanpercentile(errors, 99) if np.isfinite(errors).any() else 1.0
+    limit = next((limit for limit in _HEAT_LIMITS if most <= limit), _HEAT_LIMITS[-1])
+    heat |= {"colormap": "inferno", "contrast_limits": (0.0, limit)}
     layers: list[LayerData] = [(image.data, heat, "image")]
     shown = values if shown is None else shown
     if shown is not None:
         layers.insert(0, shown_image(flat_map, shown, pixel_size))
     return FlatLayers(flat_map, layers, shown=shown)
-
-
-def _heat_limit(errors: NDArray[np.float64]) -> float:
-    """Return one of a few limits that most errors do not exceed, so that maps can be compared visually."""
-    most = np.nanpercentile(errors, 99) if np.isfinite(errors).any() else 1.0
-    return next((limit for limit in _HEAT_LIMITS if most <= limit), _HEAT_LIMITS[-1])
 
 
 def page_layers(atlas: Atlas, shown: Shown | None = None, pixel_size: float | None = None) -> FlatLayers:

@@ -50,7 +50,8 @@ def info_command() -> None:
     """
     import psutil
 
-    features = _numpy_features()
+    core = getattr(np, "_core", None) or np.core  # NumPy has no public function that returns the features
+    features: dict[str, bool] = getattr(core._multiarray_umath, "__cpu_features__", {})
     told: dict[str, Any] = {
         "voxflat": __version__,
         "python": f"{platform.python_version()} ({platform.python_implementation()})",
@@ -76,13 +77,6 @@ def _cpu() -> str:
     except OSError:  # not Linux
         found = None
     return found[1] if found else platform.processor() or platform.machine()
-
-
-def _numpy_features() -> dict[str, bool]:
-    """Return the processor features that NumPy detected, for which NumPy does not have a public function."""
-    core = getattr(np, "_core", None) or np.core
-    features: dict[str, bool] = getattr(core._multiarray_umath, "__cpu_features__", {})
-    return features
 
 
 def _packages() -> dict[str, str | None]:

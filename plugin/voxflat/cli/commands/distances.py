@@ -18,6 +18,9 @@ from voxflat.io.grid import in_unit
 from voxflat.io.provenance import saving
 from voxflat.pipeline.surface import Surface
 
+_WAYS = click.Choice([*SOLVERS, "edges", "chain"])
+_EDGES = '"edges": paths along the edges of the triangles, as required for cuts.'
+
 
 @options.command(
     "path",
@@ -29,14 +32,7 @@ from voxflat.pipeline.surface import Surface
 @options.surface_options
 @options.section(
     "Path",
-    option_of(
-        Surface.path,
-        "geodesic",
-        type=click.Choice([*SOLVERS, "edges", "chain"]),
-        sentences=5,
-        like=Surface.geodesic,
-        note='"edges": paths along the edges of the triangles, as required for cuts.',
-    ),
+    option_of(Surface.path, "geodesic", type=_WAYS, sentences=5, like=Surface.geodesic, note=_EDGES),
     options.link_lengths(Surface.path),
 )
 @options.output("Write the vertices along the path to this file, one per line, for --cuts.", required=False)
@@ -60,13 +56,11 @@ def path_command(input_: Path, stops: list[Any], output: Path | None, writing: d
     if output is not None:
         with saving(output, found.provenance, **writing), atomic_path(output) as beside:
             beside.write_text("".join(f"{one}\n" for one in found.ids), encoding="utf-8", newline="\n")
-    content = {"length": found.length, "ids": found.ids.tolist(), "points": found.points.tolist()}
+    content: dict[str, Any] = {"length": found.length, "ids": found.ids.tolist(), "points": found.points.tolist()}
     length = in_unit(f"{found.length:.3f} mm", whole.metadata)
     saved = "" if output is None else f"\nsaved as {output}"
-    report(
-        {**content, "space": found.space._described(), "provenance": found.provenance},
-        f"{length} through {len(found.ids)} points{saved}",
-    )
+    content |= {"space": found.space._described(), "provenance": found.provenance}
+    report(content, f"{length} through {len(found.ids)} points{saved}")
 
 
 @options.command(
@@ -104,9 +98,6 @@ def rows_command(input_: Path, sources: int, quiet: bool, **given: Any) -> None:
             part = part.cut(cuts, relax=False, threads=given["threads"], progress=shown.progress).surface
         measured = part.geodesic(sources, progress=shown.progress, **given)
     size = {"shape": list(measured.shape), "bytes": measured.nbytes}
-    report(
-        {"store": str(measured.store), **size, "provenance": measured.provenance},
-        f"{measured.shape[0]} x {measured.shape[1]} distances, {measured.nbytes / 2**20:.0f} MiB\n"
-        f"saved in {measured.store}",
-        quiet=quiet,
-    )
+    text = f"{measured.shape[0]} x {measured.shape[1]} distances, {measured.nbytes / 2**20:.0f} MiB"
+    content = {"store": str(measured.store), **size, "provenance": measured.provenance}
+    report(content, f"{text}\nsaved in {measured.store}", quiet=quiet)

@@ -1,6 +1,5 @@
 """The commands `voxflat measure` and `voxflat worst`, which report the distortion of flat maps."""
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +18,10 @@ from voxflat.maps.flat_map import load
 from voxflat.maps.worst_places import WORST_ENDINGS
 from voxflat.maps.worst_search import worst_places
 
+_REFERENCE = 'How distances on the surface are measured: "exact", or the faster "graph" (see voxflat rows --geodesic).'
+_USUAL = "exact for meshes, graph for volumes"
+_BEYOND = "List regions whose areas change by more than this factor."
+
 
 @options.command(
     "measure",
@@ -32,13 +35,7 @@ from voxflat.maps.worst_search import worst_places
 @options.section(
     "Measure",
     option_of(measure, "sources", type=int, metavar="N", default="300, or fewer for exact distances on large meshes"),
-    option_of(
-        measure,
-        "reference",
-        type=click.Choice(["exact", "graph"]),
-        default="exact for meshes, graph for volumes",
-        help='How distances on the surface are measured: "exact", or the faster "graph" (see voxflat rows --geodesic).',
-    ),
+    option_of(measure, "reference", type=click.Choice(["exact", "graph"]), default=_USUAL, help=_REFERENCE),
     option_of(measure, "on_surface", is_flag=True, sentences=2),
 )
 @options.section(
@@ -57,7 +54,11 @@ def measure_command(surface_: Path, flat: tuple[Path, ...], heat_maps: Path | No
     that voxflat made midway to the pial surface is measured on that geometry, and a note reports this. Several maps are
     measured from the same source points. The documentation defines all measures.
     """
-    names = _short_names(flat)
+    names = [path.name for path in flat]
+    if len(set(names)) < len(names):
+        names = [str(path) for path in flat]
+    if len(set(names)) < len(names):
+        raise click.UsageError("The same FLAT is given twice. Remove one of them.")
     if heat_maps is not None:
         from voxflat import figures  # imports matplotlib
 
@@ -72,14 +73,6 @@ def measure_command(surface_: Path, flat: tuple[Path, ...], heat_maps: Path | No
     report({**measures, "provenance": compared.provenance}, (one or compared).table())
 
 
-def _short_names(paths: Sequence[Path]) -> list[str]:
-    """Return the file names of paths, or the complete paths if the names are not unique."""
-    for names in ([path.name for path in paths], [str(path) for path in paths]):
-        if len(set(names)) == len(names):
-            return names
-    raise click.UsageError("The same FLAT is given twice. Remove one of them.")
-
-
 @options.command(
     "worst",
     "voxflat worst map.npz",
@@ -91,13 +84,7 @@ def _short_names(paths: Sequence[Path]) -> list[str]:
 @options.section(
     "Regions",
     option_of(worst_places, "count", type=click.IntRange(min=0), metavar="N"),
-    option_of(
-        worst_places,
-        "beyond",
-        type=float,
-        metavar="FACTOR",
-        help="List regions whose areas change by more than this factor.",
-    ),
+    option_of(worst_places, "beyond", type=float, metavar="FACTOR", help=_BEYOND),
     options.reads("--parcels", "Name the regions after these parcels (.annot, .label.gii, .dlabel.nii or a volume)."),
     options.reads("--table", "Names of the parcels, in the format of FreeSurferColorLUT.txt or a BIDS dseg.tsv."),
 )
@@ -156,7 +143,5 @@ def worst_command(
         if picture is not None:
             figures.save_picture(figures.worst_places_3d(worst), picture, worst.provenance)
     saved = [str(file) for file in files if file is not None]
-    report(
-        {**worst.figures(), "files": saved, "provenance": worst.provenance},
-        "\n".join([worst.table(), *(f"saved as {file}" for file in saved)]),
-    )
+    text = "\n".join([worst.table(), *(f"saved as {file}" for file in saved)])
+    report({**worst.figures(), "files": saved, "provenance": worst.provenance}, text)

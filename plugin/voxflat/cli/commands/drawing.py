@@ -18,6 +18,11 @@ from voxflat.maps.flat_map import load
 
 _MOVIE_ENDINGS = (".mp4", ".gif")
 _EACH = "For two maps, give one file that covers both, or give --overlay once per map."
+_DATA = f"Data to draw over the folds: a volume, or values at the vertices of the mesh. {_EACH}"
+_SERIES = f"Series of volumes, or of values at the vertices of the mesh. {_EACH}"
+_ZERO = "Position of phase 0 on the colour wheel of --period: right (phases run counterclockwise) or top (clockwise)."
+_OPACITY = "Opacity of the data (default 1), or of parcels without data (default 0.75)."
+_FULL = "Magnitude of --alpha at which the data become opaque.  [default: its 99th percentile]"
 _maps = cloup.argument("maps", metavar="MAP [MAP]", type=FILE, nargs=-1, required=True)
 
 
@@ -35,11 +40,7 @@ _maps = cloup.argument("maps", metavar="MAP [MAP]", type=FILE, nargs=-1, require
 )
 @_maps
 @data_section(
-    options.reads(
-        "--overlay",
-        f"Data to draw over the folds: a volume, or values at the vertices of the mesh. {_EACH}",
-        multiple=True,
-    ),
+    options.reads("--overlay", _DATA, multiple=True),
     options.value("--channel", "NAME|N", "Map to draw from an overlay with several maps: its name or number (from 0)."),
     options.period,
     interpolation="nearest for integers, which may be labels; linear otherwise",
@@ -49,30 +50,15 @@ _maps = cloup.argument("maps", metavar="MAP [MAP]", type=FILE, nargs=-1, require
         "--strength", "Apply the threshold to these data instead (such as t, R² or coherence).", multiple=True
     ),
     options.value("--strength-channel", "NAME|N", "Map to use from --strength, as for --channel."),
-    options.choice(
-        "--zero",
-        ["right", "top"],
-        "Position of phase 0 on the colour wheel of --period: right (phases run counterclockwise) or top (clockwise).",
-        default="right",
-    ),
-    options.value(
-        "--opacity",
-        "X",
-        "Opacity of the data (default 1), or of parcels without data (default 0.75).",
-        type=click.FloatRange(0, 1),
-    ),
+    options.choice("--zero", ["right", "top"], _ZERO, default="right"),
+    options.value("--opacity", "X", _OPACITY, type=click.FloatRange(0, 1)),
     options.reads(
         "--alpha",
         "Set the opacity of the data by this file: the data are transparent where its values are 0, and opaque where "
         "their magnitude reaches --alpha-full.",
         multiple=True,
     ),
-    options.value(
-        "--alpha-full",
-        "X",
-        "Magnitude of --alpha at which the data become opaque.  [default: its 99th percentile]",
-        type=click.FloatRange(min=0, min_open=True),
-    ),
+    options.value("--alpha-full", "X", _FULL, type=options.POSITIVE),
 )
 @options.section(
     "Parcels",
@@ -146,12 +132,7 @@ def figure_command(maps: tuple[Path, ...], output: Path, writing: dict[str, Any]
 )
 @_maps
 @data_section(
-    options.reads(
-        "--overlay",
-        f"Series of volumes, or of values at the vertices of the mesh. {_EACH}",
-        required=True,
-        multiple=True,
-    ),
+    options.reads("--overlay", _SERIES, required=True, multiple=True),
     options.flag("--change", "Show the change from the mean over time, in %, at each point."),
     options.time_step,
     interpolation="linear",
@@ -192,8 +173,5 @@ def movie_command(
     height, width = movie.size
     seconds = len(movie) / movie.rate
     size = {"frames": len(movie), "width": width, "height": height, "seconds": seconds}
-    report(
-        {"output": str(output), **size, "provenance": record},
-        f"{len(movie)} frames of {width} x {height} pixels, {seconds:g} s\nsaved as {output}",
-        quiet=quiet,
-    )
+    text = f"{len(movie)} frames of {width} x {height} pixels, {seconds:g} s\nsaved as {output}"
+    report({"output": str(output), **size, "provenance": record}, text, quiet=quiet)

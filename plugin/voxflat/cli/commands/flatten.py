@@ -52,8 +52,8 @@ def cut_command(input_: Path, output: Path, template: Path | None, writing: dict
     if template is not None:
         check_output(template, (".json",))
     with bars() as shown:
-        choose = part_of(given, shown.progress)
-        made = choose(surface_of(input_, given, shown.progress)).cut(progress=shown.progress, **given)
+        part = part_of(given, shown.progress)(surface_of(input_, given, shown.progress))
+        made = part.cut(progress=shown.progress, **given)
     made.save(output, **writing)
     if template is not None:
         made.save_template(template, overwrite=writing["overwrite"])
@@ -106,12 +106,10 @@ def flatten_command(input_: Path, output: Path, writing: dict[str, Any], quiet: 
     if given["hemisphere"] is not None and given["cuts"] is None:
         given["cuts"] = "standard"
     with bars(quiet) as shown:
-        choose = part_of(given, shown.progress)
-        part = choose(surface_of(input_, given, shown.progress))
+        part = part_of(given, shown.progress)(surface_of(input_, given, shown.progress))
         flat_map = part.flatten(method, rows=rows if store is None else store, progress=shown.progress, **given)
     flat_map.save(output, **writing)
-    content = {"output": str(output), **flat_map.description()}
-    report(content, _summary(flat_map, output), quiet=quiet)
+    report({"output": str(output), **flat_map.description()}, _summary(flat_map, output), quiet=quiet)
 
 
 def _summary(flat_map: FlatMap, output: Path) -> str:
@@ -127,8 +125,7 @@ def _summary(flat_map: FlatMap, output: Path) -> str:
     rows["map"] = f"{width:.1f} x {height:.1f} mm{torn}"
     rows["memory, at most"] = f"{metadata['memory_need_bytes'] / 2**20:.0f} MiB"
     lines = [f"{name:22}{value}" for name, value in rows.items()]
-    summary = "\n".join([*lines, "", flat_map.distortion.table(), ""])
-    return f"{in_unit(summary, metadata)}\nsaved as {output}"
+    return in_unit("\n".join([*lines, "", flat_map.distortion.table(), ""]), metadata) + f"\nsaved as {output}"
 
 
 def _part(metadata: dict[str, Any]) -> str:

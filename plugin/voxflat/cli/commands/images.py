@@ -23,6 +23,8 @@ from voxflat.maps.image_files import IMAGE_ENDINGS, STACK_ENDINGS
 from voxflat.maps.sampling import INTERPOLATIONS
 from voxflat.maps.textures.textured import TEXTURED_ENDINGS, files_beside
 
+_VOLUME = "Volume to resample (including OME-Zarr). For the map of a mesh, also an overlay or the texture of the mesh."
+
 
 @options.command(
     "image",
@@ -41,10 +43,7 @@ from voxflat.maps.textures.textured import TEXTURED_ENDINGS, files_beside
 @options.map_
 @options.section(
     "Data",
-    options.reads(
-        "--volume",
-        "Volume to resample (including OME-Zarr). For the map of a mesh, also an overlay or the texture of the mesh.",
-    ),
+    options.reads("--volume", _VOLUME),
     options.value(
         "--channel",
         "NAME|N",
@@ -108,16 +107,14 @@ def image_command(
     with bars(quiet), reading() as files:
         flat_map: FlatMap | Atlas = load_atlas(map_) if saved_kind(map_) == "atlas" else load(map_)
         if "fraction" in how and not isinstance(flat_map, FlatMap):
-            raise InputError(
-                "--fraction requires a pial surface, which an atlas does not have. Give --depth in mm instead."
-            )
+            reason = "requires a pial surface, which an atlas does not have"
+            raise InputError(f"--fraction {reason}. Give --depth in mm instead.")
         stack = None if volume is None else flat_map.images(volume, pixel_size, **how)
         picture = flat_map.heat_map(pixel_size) if stack is None else stack[0]
     picture = picture._with_provenance({**picture.provenance, "files": files})
     if stack is not None and not (picture.data[..., 3] > 0 if picture.is_colour else ~np.isnan(picture.data)).any():
-        raise InputError(
-            f"{volume} does not overlap the map, so the image would be empty. Compare the affines with voxflat check."
-        )
+        reason = "does not overlap the map, so the image would be empty"
+        raise InputError(f"{volume} {reason}. Compare the affines with voxflat check.")
     count, step = 1, None
     if stack is not None and len(stack) > 1:
         count = len(stack)
@@ -140,11 +137,9 @@ def image_command(
     size = {"images": count, "width": width, "height": height, "pixel_size": picture.pixel_size}
     images = "" if count == 1 else f"{count} images of "
     apart = "" if step is None else f", {step:g} s apart"
-    report(
-        {"output": str(output), **size, "time_step": step, "provenance": picture.provenance},
-        f"{images}{width} x {height} pixels of {picture.pixel_size:g} mm{apart}\nsaved as {output}",
-        quiet=quiet,
-    )
+    text = f"{images}{width} x {height} pixels of {picture.pixel_size:g} mm{apart}\nsaved as {output}"
+    content = {"output": str(output), **size, "time_step": step, "provenance": picture.provenance}
+    report(content, text, quiet=quiet)
 
 
 @options.command(
@@ -181,7 +176,5 @@ def texture_command(
         textured = textured.subdivided()
     textured.save(output, **writing)
     points, triangles = len(textured.points), len(textured.faces)
-    report(
-        {"output": str(output), "points": points, "triangles": triangles, "provenance": textured.provenance},
-        f"{points} points, {triangles} triangles\nsaved as {output}",
-    )
+    content = {"output": str(output), "points": points, "triangles": triangles, "provenance": textured.provenance}
+    report(content, f"{points} points, {triangles} triangles\nsaved as {output}")

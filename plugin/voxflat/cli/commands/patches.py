@@ -114,9 +114,8 @@ def _check_texture(
     given["--pixel-size"] = pixel_size is not None
     if not is_textured and (named := [name for name, is_given in given.items() if is_given]):
         flags = " and ".join(named) + (" requires" if len(named) == 1 else " require")
-        raise click.UsageError(
-            f"{flags} a textured output (.obj, .vtp, .glb or .ply). For an .npz output, use voxflat image."
-        )
+        remedy = "For an .npz output, use voxflat image."
+        raise click.UsageError(f"{flags} a textured output (.obj, .vtp, .glb or .ply). {remedy}")
     if volume is not None and heat_map:
         raise click.UsageError("Give either --volume or --heat-map.")
     if depth is not None and volume is None:

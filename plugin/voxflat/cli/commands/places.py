@@ -20,6 +20,8 @@ from voxflat.io.volumes import VOLUME_ENDINGS
 from voxflat.maps.flat_map import FlatMap, load
 from voxflat.maps.regions import REGION_ENDINGS, Regions
 
+_PIXEL_SIZE = "Side length of the pixels of --image, in mm.  [default: from the file, or as for voxflat image]"
+
 
 @options.command(
     "points",
@@ -51,10 +53,8 @@ def points_command(map_: Path, points: Path, output: Path, limit: float, space: 
     with saving(output, record, **writing):
         table.save(output, {"u": uv[:, 0], "v": uv[:, 1], "distance": distance})
     shown = int(np.isfinite(distance).sum())
-    report(
-        {"output": str(output), "points": len(distance), "on_map": shown, "provenance": record},
-        f"{shown} of {len(distance)} points are within {limit:g} mm of the surface\nsaved as {output}",
-    )
+    text = f"{shown} of {len(distance)} points are within {limit:g} mm of the surface\nsaved as {output}"
+    report({"output": str(output), "points": len(distance), "on_map": shown, "provenance": record}, text)
 
 
 @options.command(
@@ -72,12 +72,7 @@ def points_command(map_: Path, points: Path, output: Path, limit: float, space: 
     options.value("--layer", "NAME", "Name of the layer in --svg that contains the regions.  [default: rois]"),
     options.reads("--polygons", 'Polygons in mm for each region name (.json), such as {"V1": [[u, v], ...]}.'),
     options.reads("--image", "Label image on the pixels of the map (.npy, .png, .tif, .nii or .nii.gz)."),
-    options.value(
-        "--pixel-size",
-        "MM",
-        "Side length of the pixels of --image, in mm.  [default: from the file, or as for voxflat image]",
-        type=float,
-    ),
+    options.value("--pixel-size", "MM", _PIXEL_SIZE, type=float),
 )
 @options.output(
     "Output file: .annot, .label.gii or .label (one region) for vertices; .nii, .nii.gz, .mgh, .mgz or .nrrd for "
@@ -128,9 +123,8 @@ def regions_command(
         counts["voxels"] = _counts(regions, as_volume(output).data)
     voxels = {name: f", {count} voxels" for name, count in counts.get("voxels", {}).items()}
     lines = [f"{name}: {n} points of the map{voxels.get(name, '')}" for name, n in counts["regions"].items()]
-    report(
-        {"output": str(output), **counts, "provenance": regions.provenance}, "\n".join([*lines, f"saved as {output}"])
-    )
+    text = "\n".join([*lines, f"saved as {output}"])
+    report({"output": str(output), **counts, "provenance": regions.provenance}, text)
 
 
 def _counts(regions: Regions, labels: NDArray[Any]) -> dict[str, int]:

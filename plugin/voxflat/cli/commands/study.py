@@ -12,7 +12,7 @@ from voxflat.cli import options
 from voxflat.cli.console import Bars, bars
 from voxflat.cli.output import is_json, report
 from voxflat.lab.group import group
-from voxflat.lab.inputs import GEOMETRIES, Parameters
+from voxflat.lab.inputs import GEOMETRIES, HEMISPHERES, Parameters
 from voxflat.lab.study import Outcome, freesurfer, plan, study
 
 _MAX_STATUS = 100  # greater exit statuses have other meanings in shells
@@ -149,12 +149,9 @@ def bids_command(
     everybody = {one.name for one in outcomes}
     failed = {one.name for one in outcomes if one.state == "failed"}
     made = len({one.name for one in outcomes if one.state == "made"} - failed)
-    report(
-        {"output": str(out), "failed": sorted(failed), "hemispheres": [_listed(one) for one in outcomes]},
-        f"{len(everybody)} participants: {made} made, {len(everybody) - made - len(failed)} up to date, "
-        f"{len(failed)} failed",
-        quiet=quiet,
-    )
+    states = f"{made} made, {len(everybody) - made - len(failed)} up to date, {len(failed)} failed"
+    content = {"output": str(out), "failed": sorted(failed), "hemispheres": [_listed(one) for one in outcomes]}
+    report(content, f"{len(everybody)} participants: {states}", quiet=quiet)
     return min(len(failed), _MAX_STATUS)
 
 
@@ -189,11 +186,8 @@ def freesurfer_command(subject: Path, hemis: tuple[str, ...], quiet: bool, **giv
         outcomes = freesurfer(subject, hemis, parameters, tell=tell, progress=shown.progress, **given)
     page = str(subject / "voxflat.html")
     failed = [one for one in outcomes if one.state == "failed"]
-    report(
-        {"subject": str(subject), "report": page, "hemispheres": [_listed(one) for one in outcomes]},
-        f"report: {page}",
-        quiet=quiet or len(failed) == len(outcomes),
-    )
+    content = {"subject": str(subject), "report": page, "hemispheres": [_listed(one) for one in outcomes]}
+    report(content, f"report: {page}", quiet=quiet or len(failed) == len(outcomes))
     return 1 if failed else 0
 
 
@@ -225,5 +219,6 @@ def _outcome_printer(shown: Bars, *, verbose: bool) -> Callable[[Outcome], None]
 
 def _listed(one: Outcome) -> dict[str, Any]:
     """Return an outcome, or the planned work of a hemisphere, as a dictionary for JSON."""
-    listed = {"participant": one.name, "hemi": one.letter, "state": one.state, "reason": one.reason or None}
+    hemi = HEMISPHERES[one.hemi][0]
+    listed = {"participant": one.name, "hemi": hemi, "state": one.state, "reason": one.reason or None}
     return listed | {name: value for name, value in (one.record or {}).items() if name in _RECORDED}

@@ -79,10 +79,8 @@ def register_command(input_: Path, output: Path, writing: dict[str, Any], **give
         made = whole.register(given["side"], threads=given["threads"], progress=shown.progress)
     made.save(output, **writing)
     size = {"output": str(output), "vertices": len(made.points), "side": made.side, "confidence": made.confidence}
-    report(
-        {**size, **made.figures, "warnings": list(made.remarks), "provenance": made.provenance},
-        f"{made.side} hemisphere, confidence {made.confidence:.2f}\n{len(made.points)} vertices\nsaved as {output}",
-    )
+    text = f"{made.side} hemisphere, confidence {made.confidence:.2f}\n{len(made.points)} vertices\nsaved as {output}"
+    report({**size, **made.figures, "warnings": list(made.remarks), "provenance": made.provenance}, text)
 
 
 @options.command(
@@ -111,10 +109,8 @@ def surface_command(input_: Path, output: Path, repaired: Path | None, writing: 
         check_output(repaired)
         check_volume_name(repaired)
         if given["repair"] in ("none", "cuts"):
-            raise InputError(
-                f"cannot write {repaired}: --repair {given['repair']} does not change any voxels. Give --repair "
-                "voxels, or omit --repaired."
-            )
+            reason = f"--repair {given['repair']} does not change any voxels"
+            raise InputError(f"cannot write {repaired}: {reason}. Give --repair voxels, or omit --repaired.")
     if not output.name.lower().endswith((*FLAT_PATCH_ENDINGS, PATCH_ENDING)):  # save() has a better message for these
         check_mesh_name(output)
     with bars() as shown:
@@ -122,11 +118,8 @@ def surface_command(input_: Path, output: Path, repaired: Path | None, writing: 
         for remark in made.remarks:
             log.warning(remark)
     if repaired is not None:
-        changed = made.changed_voxels()
-        write_volume(repaired, changed, made.metadata["affine"], made.provenance)
+        write_volume(repaired, made.changed_voxels(), made.metadata["affine"], made.provenance)
     made.save(output, **writing)
     size = {"vertices": len(made), "triangles": len(made.faces)}
-    report(
-        json_ready({"output": str(output), **size, "metadata": made.metadata, "warnings": list(made.remarks)}),
-        f"{len(made)} vertices, {len(made.faces)} triangles\nsaved as {output}",
-    )
+    content = {"output": str(output), **size, "metadata": made.metadata, "warnings": list(made.remarks)}
+    report(json_ready(content), f"{len(made)} vertices, {len(made.faces)} triangles\nsaved as {output}")

@@ -7,6 +7,7 @@ decompress without end) and does not report missing parts clearly, so each file 
 import base64
 import zlib
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from typing import Any
 from xml.parsers.expat import ParserCreate
 
@@ -201,7 +202,9 @@ def _space(points: Any) -> Space:
         return UNKNOWN
     if np.array_equal(volume.matrix, np.eye(4)):
         return Space("scanner", volume)
-    told = _surface_centre(meta)
+    told = np.full(3, np.nan)  # the centre of the surface as mris_convert read it
+    with suppress(ValueError):
+        told = np.array([float(meta.get(f"SurfaceCenter{axis}") or "nan") for axis in "XYZ"])
     centre = (points.data.min(axis=0).astype(np.float64) + points.data.max(axis=0)) / 2
     moved = volume.matrix[:3, :3] @ told + volume.c_ras
     far = np.linalg.norm(moved - told)
@@ -215,14 +218,6 @@ def _space(points: Any) -> Space:
         return Space("scanner", volume, doubt + reason)
     reason = "they are assumed not to include it (tkRAS), because mris_convert writes tkRAS without --to-scanner"
     return Space("tkRAS", volume, doubt + reason)
-
-
-def _surface_centre(meta: Any) -> NDArray[np.float64]:
-    """Return the centre of the surface as mris_convert read it, or NaN if it is not stored."""
-    try:
-        return np.array([float(meta.get(f"SurfaceCenter{axis}") or "nan") for axis in "XYZ"])
-    except ValueError:
-        return np.full(3, np.nan)
 
 
 def _volume_geometry(meta: Any) -> VolumeGeometry | None:

@@ -52,7 +52,8 @@ def _tables(data: bytes) -> tuple[dict[str, list[list[str]]], NDArray[np.int64],
         raise InputError(f"has lines ({len(rows['l'])}) in addition to its faces. Remove the lines")
     counts = np.array([len(face) for face in rows["f"]], dtype=np.int64)
     corners, lines = _corners(rows["f"]), np.repeat(np.array(before, dtype=np.int64).reshape(-1, 2), counts, axis=0)
-    of_points, of_texture = (_numbers(corners[:, part], lines[:, part]) for part in (0, 1))
+    # numbers count from 1 or, if negative, from the end; 0 (absent) becomes −1
+    of_points, of_texture = np.where(corners < 0, corners + lines, corners - 1).T
     points = np.array([row[:3] for row in rows["v"]], dtype=np.float64) if (counts > 3).any() else np.empty((0, 3))
     triangles, remarks = triangulated(points, of_points, counts)
     return rows, of_points[triangles], of_texture[triangles], remarks
@@ -68,11 +69,6 @@ def _corners(faces: list[list[str]]) -> NDArray[np.int64]:
     parts = "/".join(corners).replace("//", "/0/").replace("//", "/0/").split("/")  # much faster than line by line
     numbers = np.fromiter((int(part or 0) for part in parts), np.int64, len(parts)).reshape(len(corners), -1)
     return numbers[:, :2] if numbers.shape[1] > 1 else np.concatenate([numbers, np.zeros_like(numbers)], axis=1)
-
-
-def _numbers(numbers: NDArray[np.int64], before: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Convert OBJ numbers, which count from 1 or, if negative, from the end, to indices; 0 (absent) becomes −1."""
-    return np.where(numbers < 0, numbers + before, numbers - 1)
 
 
 def _places(lines: list[list[str]], used: NDArray[np.int64]) -> NDArray[np.float64]:

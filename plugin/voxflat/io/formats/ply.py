@@ -47,7 +47,11 @@ def read_ply(path: Path, data: bytes) -> dict[str, Any]:
     points = np.column_stack([vertices[axis] for axis in "xyz"]).astype(np.float64)
     corners, counts = lists
     if any(name == "tristrips" for name, _, _ in elements):
-        faces, remarks = _strips(corners, counts)
+        rows = np.split(corners, np.cumsum(counts)[:-1])  # strips may share a list, with −1 between them
+        split = [strip[strip >= 0] for row in rows for strip in np.split(row, np.flatnonzero(row == -1))]
+        strips = [strip for strip in split if len(strip)]
+        faces = of_strips(strips)
+        remarks: tuple[str, ...] = (f"{len(strips)} strips were split into {len(faces)} triangles",)
     else:
         places, remarks = triangulated(points, corners, counts)
         faces = corners[places]
@@ -154,15 +158,6 @@ def _uneven(body: bytes, at: int, element: _Element, order: str, key: str) -> tu
             at += length * kind.itemsize
     counts = np.array([len(one) for one in rows], dtype=np.int64)
     return (_whole(np.concatenate(rows), counts), counts), at
-
-
-def _strips(corners: NDArray[np.int64], counts: NDArray[np.int64]) -> tuple[NDArray[np.int64], tuple[str, ...]]:
-    """Return the triangles of strips, which may share one list with −1 between them."""
-    rows = np.split(corners, np.cumsum(counts)[:-1])
-    strips = [strip[strip >= 0] for row in rows for strip in np.split(row, np.flatnonzero(row == -1))]
-    strips = [strip for strip in strips if len(strip)]
-    faces = of_strips(strips)
-    return faces, (f"{len(strips)} strips were split into {len(faces)} triangles",)
 
 
 def _whole(numbers: NDArray[Any], counts: NDArray[np.int64]) -> NDArray[np.int64]:

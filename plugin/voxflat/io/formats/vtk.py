@@ -103,8 +103,7 @@ def polydata_triangles(mesh: Any) -> tuple[NDArray[np.int64], tuple[str, ...]]:
         raise InputError("has no points. Pass a surface mesh")
     arrays = [(of.GetOffsetsArray(), of.GetConnectivityArray()) for of in (mesh.GetPolys(), mesh.GetStrips())]
     (offsets, corners), (starts, strip_corners) = [[_as_numpy(one).astype(np.int64) for one in of] for of in arrays]
-    points = polydata_points(mesh)
-    places, remarks = triangulated(points, corners, np.diff(offsets))
+    places, remarks = triangulated(polydata_points(mesh), corners, np.diff(offsets))
     if not len(strip_corners):
         return corners[places], remarks
     strips = np.split(strip_corners, starts[1:-1])
