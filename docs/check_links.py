@@ -1,4 +1,4 @@
-"""Check that every link within the built site leads to a page, a picture or a heading that is there.
+"""Check that every link within the built site leads to an existing page, picture or heading.
 
 python docs/check_links.py build/docs
 """
@@ -18,7 +18,7 @@ class Page(HTMLParser):
         self.feed(path.read_text(encoding="utf-8"))
 
     def handle_starttag(self, tag, attributes):
-        """Note what a tag links to, and its anchor."""
+        """Record the links and the anchor of a tag."""
         for name, value in attributes:
             if name in ("href", "src") and value:
                 self.links.append(value)
@@ -27,7 +27,7 @@ class Page(HTMLParser):
 
 
 def broken(site):
-    """Return the links that lead nowhere, each with its page."""
+    """Return the broken links, each with its page."""
     pages = {path.resolve(): Page(path) for path in site.rglob("*.html") if "_static" not in path.parts}
     found = []
     for path, page in pages.items():
@@ -46,4 +46,4 @@ def broken(site):
 if __name__ == "__main__":
     nowhere = broken(Path(sys.argv[1]))
     if nowhere:
-        sys.exit(f"{len(nowhere)} links lead nowhere:\n" + "\n".join(nowhere))
+        sys.exit(f"{len(nowhere)} broken links:\n" + "\n".join(nowhere))

@@ -38,7 +38,7 @@ extensions = [
 myst_enable_extensions = ["attrs_inline", "colon_fence", "deflist", "dollarmath"]
 myst_heading_anchors = 3
 
-# Docstrings: every check of numpydoc, and a page for each class and function
+# Docstrings: all numpydoc checks, and a page for each class and function
 numpydoc_validation_checks = {"all"}
 numpydoc_show_class_members = False
 OTHERS = "object BaseException Exception Sequence ValueError VTKPythonAlgorithmBase"
@@ -66,7 +66,7 @@ sphinx_gallery_conf = {
     "plot_gallery": os.environ.get("VOXFLAT_DOCS_RUN", "1") == "1",
 }
 
-smartquotes = False  # they would change the dashes of options
+smartquotes = False  # would change the dashes of options
 
 default_role = "py:obj"  # `name` in a docstring links to the name
 
@@ -90,7 +90,7 @@ copybutton_prompt_is_regexp = True
 
 
 def _reachable(projects):
-    """Return the inventories of other projects that the network gives; without a network the site links to none."""
+    """Return the inventories of other projects that can be downloaded, so that the site also builds offline."""
     found = {}
     for name, url in projects.items():
         try:
@@ -114,31 +114,28 @@ intersphinx_mapping = _reachable(
 
 
 def _write_commands():
-    """Write a page for each command of the program, from the program itself."""
+    """Write a page for each command of the program."""
     folder = GENERATED / "cli"
     folder.mkdir(parents=True, exist_ok=True)
-    for name in program.commands:
-        page = f".. click:: voxflat.cli.commands.{name}:command\n   :prog: voxflat {name}\n"
+    for name, module in program.modules.items():
+        page = f".. click:: voxflat.cli.commands.{module}:{name}_command\n   :prog: voxflat {name}\n"
         path = folder / f"{name}.rst"
         if not path.exists() or path.read_text(encoding="utf-8") != page:
             path.write_text(page, encoding="utf-8")
 
 
 def _in_sections(app, context, lines):
-    """Sort a command's options under the headings that `--help` has."""
+    """Group the options of a command under the headings of `--help`."""
     lines.clear()
     for section in (*context.command.option_groups, context.command.get_default_option_group(context)):
         shown = [option for option in section.options if not option.hidden]
         if shown:
-            lines += [
-                f".. rubric:: {section.title}",
-                "",
-                *(line for one in shown for line in (*format_option(context, one), "")),
-            ]
+            options = (line for one in shown for line in (*format_option(context, one), ""))
+            lines += [f".. rubric:: {section.title}", "", *options]
 
 
 def _found_by_its_end(app, env, node, shown):
-    """Link a name such as `Surface.cut` in a docstring to the only public object whose name ends so."""
+    """Link a name such as `Surface.cut` in a docstring to the public object whose name ends with it."""
     python, target = env.get_domain("py"), node.get("reftarget", "")
     ends = [name for name in python.objects if name.endswith(f".{target}") or name == f"voxflat.{target}"]
     best = min(ends, key=lambda name: (name.count("."), name), default=None)
@@ -148,7 +145,7 @@ def _found_by_its_end(app, env, node, shown):
 
 
 def setup(app):
-    """Connect the functions above to Sphinx."""
+    """Register the functions above with Sphinx."""
     app.connect("missing-reference", _found_by_its_end)
     _write_commands()
     app.connect("sphinx-click-process-options", _in_sections)

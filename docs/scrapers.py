@@ -13,14 +13,14 @@ from voxflat import figures
 
 
 def results(block, block_vars, gallery_conf):
-    """Save the last expression of a code block if it is a figure, picture or movie, and return reST that shows it."""
+    """Save the last expression of a code block if it is a figure, picture or movie, and return reST to display it."""
     names = block_vars["example_globals"]
     value = names.get("___")  # sphinx-gallery's name for the last expression
     save = next((write for kind, write in WRITERS.items() if isinstance(value, kind)), None)
     if save is None or (isinstance(value, np.ndarray) and (value.dtype != np.uint8 or value.ndim != 3)):
         return ""
     path = Path(next(block_vars["image_path_iterator"]))
-    names["___"] = None  # the next block may end without an expression
+    names["___"] = None  # the next block might not end with an expression
     return figure_rst([str(save(value, path))], gallery_conf["src_dir"])
 
 

@@ -1,15 +1,14 @@
-"""What comes out of voxflat, number by number: a restructuring must change none of them.
+"""Record or compare all numeric results of voxflat, which a restructuring must not change.
 
     python tests/fingerprints.py -o tests/fingerprints.json          # before, on one machine
     python tests/fingerprints.py --against tests/fingerprints.json   # after, on the same machine
 
-Inputs, methods and doors are gone through as a user does: by public names, the command line, PyVista's accessor, and
-napari's jobs without a window. An array is recorded as the first 16 digits of a SHA-256 of its shape and bytes (whole
-numbers as int64), a number as Python writes it, which is exact. Texts and None are left out: texts may be worded
-better.
+The cases use the public names, the command line, PyVista's accessor, and napari's jobs without a window. An array is
+recorded as the first 16 digits of a SHA-256 of its shape and bytes (integers as int64), and a number as Python prints
+it, which is exact. Text and None are not recorded.
 
-A quantity that has another name afterwards, but the same value, is told and is no difference. Other machines may round
-the last bits otherwise, in NumPy, SciPy and the mathematical library: "made with" says where a record comes from.
+A quantity with a new name and the same value is reported, but does not count as a difference. Other machines may round
+differently in NumPy, SciPy and the mathematical library; "made with" names the machine of a record.
 """
 
 import argparse
@@ -21,11 +20,12 @@ import logging
 import os
 import pkgutil
 import platform
+import re
 import sys
 import tempfile
 import time
 import warnings
-from functools import cache
+from functools import cache, partial
 from itertools import chain
 from pathlib import Path
 
@@ -49,48 +49,47 @@ from voxflat.methods import Grossmann2002, Saucan2006, Schwartz1989, Voxflat, Zi
 DATA = Path(__file__).resolve().parent / "data"
 HOW = {"provenance", "memory_need_bytes", "napari", "sampling", "seed", "sources"}
 HOW |= {"store", "versions", "warnings", "input"}
-"""Keys of metadata that say how a map was made, not what it is."""
+"""Metadata about how a map was made."""
 
 CASES = {}
 
 
 def case(function):
-    """Add a function that returns quantities by their names, under its name."""
+    """Register a function that returns named quantities."""
     CASES[function.__name__.replace("_", " ")] = function
     return function
 
 
 def main():
-    """Compute the fingerprints, and write or compare them."""
+    """Compute the fingerprints, then write or compare them."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("-o", "--output", type=Path, help="write them here instead of to stdout")
-    parser.add_argument("--against", type=Path, metavar="FILE", help="compare with these, and fail if any differs")
-    parser.add_argument("--threads", type=int, help="by default one a core")
-    parser.add_argument("--only", default="", metavar="TEXT", help="only cases with this in their name")
+    parser.add_argument("-o", "--output", type=Path, help="write the fingerprints to this file instead of stdout")
+    parser.add_argument("--against", type=Path, metavar="FILE", help="compare with this file; fail on a difference")
+    parser.add_argument("--threads", type=int, help="number of threads; one per core by default")
+    parser.add_argument("--only", default="", metavar="TEXT", help="run only the cases whose name contains TEXT")
     options = parser.parse_args()
     warnings.simplefilter("ignore")
     logging.disable(logging.CRITICAL)
-    print(f"voxflat lies in {Path(voxflat.__file__).parent}", file=sys.stderr)
-    found, begin = {}, time.perf_counter()
+    print(f"voxflat: {Path(voxflat.__file__).parent}", file=sys.stderr)
+    found = {}
     for name, function in CASES.items():
         if options.only in name:
             start = time.perf_counter()
             with tempfile.TemporaryDirectory() as place:
                 found[name] = fingerprints(function, options.threads, Path(place))
             print(f"{time.perf_counter() - start:7.1f} s  {len(found[name]):4}  {name}", file=sys.stderr)
-    count = sum(map(len, found.values()))
-    print(f"{time.perf_counter() - begin:7.1f} s  {count:4}  quantities of {len(found)} cases", file=sys.stderr)
+    print(f"{sum(map(len, found.values()))} quantities of {len(found)} cases", file=sys.stderr)
     if options.output is not None or options.against is None:
         text = json.dumps({"made with": made_with(), **found}, indent=1, sort_keys=True, ensure_ascii=False) + "\n"
         sys.stdout.write(text) if options.output is None else options.output.write_text(text, encoding="utf-8")
     if options.against is not None:
         before = json.loads(options.against.read_text(encoding="utf-8"))
-        print(f"compared with what was made with {before.pop('made with')}", file=sys.stderr)
+        print(f"compared with a record made with {before.pop('made with')}", file=sys.stderr)
         sys.exit(compare({name: of for name, of in before.items() if options.only in name}, found))
 
 
 def fingerprints(function, threads, place):
-    """Return a case's quantities as text; of one that fails the error."""
+    """Return the quantities of a case as text, or its error."""
     try:
         return dict(sorted(flat(function(threads, place)).items()))
     except Exception as error:
@@ -98,23 +97,16 @@ def fingerprints(function, threads, place):
 
 
 def made_with():
-    """Say on which machine, and by which versions."""
-    processor = platform.processor()
-    if Path("/proc/cpuinfo").exists():
-        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
-        processor = next((line.split(":")[1].strip() for line in lines if line.startswith("model name")), processor)
-    return {
-        "processor": processor,
-        "system": f"{platform.system()} {platform.machine()}",
-        "python": platform.python_version(),
-        "numpy": np.__version__,
-        "scipy": scipy.__version__,
-        "voxflat": voxflat.__version__,
-    }
+    """Return the machine and the versions."""
+    cpus = Path("/proc/cpuinfo")
+    names = re.findall(r"^model name\s*: (.*)$", cpus.read_text() if cpus.exists() else "", re.MULTILINE)
+    where = {"processor": [*names, platform.processor()][0], "system": f"{platform.system()} {platform.machine()}"}
+    versions = {"python": platform.python_version(), "numpy": np.__version__, "scipy": scipy.__version__}
+    return where | versions | {"voxflat": voxflat.__version__}
 
 
 def compare(before, after):
-    """Print what differs, and return whether anything does."""
+    """Print the differences, and return whether there are any."""
     differs = 0
     for name in sorted(before.keys() | after.keys()):
         old, new = before.get(name, {}), after.get(name, {})
@@ -124,16 +116,16 @@ def compare(before, after):
         for key, value in gone.items():
             other = next((other for other, found in come.items() if found == value), None)
             if other is None:
-                lines.append(f"  {key}: {value} -> is gone")
+                lines.append(f"  {key}: {value} -> missing")
             else:
                 del come[other]
-                print(f"{name}: {key} is called {other} now", file=sys.stderr)
+                print(f"{name}: {key} is now called {other}", file=sys.stderr)
         for key in come:
             print(f"{name}: {key} is new", file=sys.stderr)
         if lines:
             print("\n".join([name, *lines]))
         differs += len(lines)
-    print(f"{differs} quantities differ" if differs else "no quantity differs")
+    print(f"{differs} quantities differ")
     return int(differs > 0)
 
 
@@ -141,7 +133,7 @@ def compare(before, after):
 
 
 def flat(value, name=""):
-    """Return every number and array in a value, as text by dotted names."""
+    """Return all numbers and arrays in a value as text, by dotted names."""
     if isinstance(value, bool | np.bool_):
         return {name: str(value)}
     if isinstance(value, int | float | np.number):
@@ -151,7 +143,7 @@ def flat(value, name=""):
     if isinstance(value, list | tuple):
         try:
             array = np.asarray(value)
-        except ValueError:  # of lists of several lengths
+        except ValueError:  # lists of different lengths
             array = np.empty(0, dtype=object)
         if array.dtype.kind in "biuf":
             return {name: digest(array)}
@@ -163,9 +155,9 @@ def flat(value, name=""):
         items = ((key, of_the_map(item) if key == "metadata" else item) for key, item in items if key[0] != "_")
     else:
         return {}
-    items = ((key, item) for key, item in items if key != "provenance")  # how it was made, not what it is
+    items = ((key, item) for key, item in items if key != "provenance")
     found = dict(chain.from_iterable(flat(item, f"{name}.{key}".strip(".")).items() for key, item in items))
-    if name.endswith("standard_error"):  # so many that they are told together
+    if name.endswith("standard_error"):  # many: recorded together
         return {name: digest(np.sort([float(number) for number in found.values()]))}
     return found
 
@@ -175,7 +167,7 @@ def of_the_map(metadata):
 
 
 def digest(array):
-    """Return a hash of an array: of its shape and its numbers, with only one NaN."""
+    """Return a hash of the shape and the numbers of an array, with a single kind of NaN."""
     array = np.array(array, order="C")
     if array.dtype.kind in "biu":
         array = array.astype(np.int64)
@@ -185,7 +177,7 @@ def digest(array):
 
 
 def arrays_of(path):
-    """Return the arrays of an .npz file, or of a GIFTI surface."""
+    """Return the arrays of an .npz file or a GIFTI surface."""
     if path.suffix == ".gii":
         return {str(n): array.data for n, array in enumerate(nibabel.load(path).darrays)}
     with np.load(path) as file:
@@ -202,7 +194,7 @@ def of_polydata(mesh):
 
 
 def taken(value, *names):
-    """Return what a value has of these names: with another name, a quantity is told to be gone."""
+    """Return these attributes of a value, None where it lacks one, so that a renamed one is reported."""
     return {name: getattr(value, name, None) for name in names}
 
 
@@ -212,7 +204,7 @@ def of_surface(surface):
 
 
 def of_atlas(atlas):
-    """Return an atlas, its pieces one by one, and its page."""
+    """Return an atlas, its pieces and its page."""
     pieces = list(atlas)
     names = {"face_ids": "face_ids", "faces": "faces", "vertices": "vertex_ids", "uv": "uv"}
     joined = {key: np.concatenate([getattr(piece, name) for piece in pieces]) for key, name in names.items()}
@@ -221,7 +213,7 @@ def of_atlas(atlas):
 
 
 def of_page(atlas, volume=None):
-    """Return where an atlas's pieces lie on its page, and what is drawn there."""
+    """Return the page of an atlas, and the images drawn on it."""
     page = atlas.page()
     width, height = page.uv.max(axis=0)
     return {
@@ -244,7 +236,7 @@ def lattice(low, high):
 
 
 def of_map(flat_map, *volumes, **sampling):
-    """Return a map, and what is drawn on it and carried by it."""
+    """Return a map, and the images and values drawn on it."""
     textured = flat_map.textured(picture())
     found = {
         "map": flat_map,
@@ -274,7 +266,7 @@ def picture():
 
 @cache
 def curled_sheet(length=56.0, width=34.0, turns=0.7):
-    """Return a sheet of voxels, one thick, curled and turned."""
+    """Return a curled and rotated sheet of voxels, one voxel thick."""
     along, across = np.linspace(0, 1, int(24 * length)), np.linspace(0, width, int(24 * width))
     angle = 2 * np.pi * turns * along
     normal = np.stack([np.cos(angle), np.sin(angle), np.zeros_like(angle)], axis=1)
@@ -291,7 +283,7 @@ def curled_sheet(length=56.0, width=34.0, turns=0.7):
 
 @cache
 def blob():
-    """Return a solid with waves, with a tunnel through it and a handle on it."""
+    """Return a wavy solid with a tunnel and a handle."""
     x, y, z = np.indices((40, 36, 34)) - np.array([19.5, 17.5, 16.5])[:, None, None, None]
     radius = np.sqrt((x / 15) ** 2 + (y / 13) ** 2 + (z / 12) ** 2)
     solid = radius + 0.06 * np.sin(x / 2) * np.cos(y / 2.5) < 1
@@ -302,7 +294,7 @@ def blob():
 
 @cache
 def waves(shape):
-    """Return an image of floats of a shape, smooth and different everywhere."""
+    """Return a smooth image of floats that varies everywhere."""
     x, y, z = np.indices(shape)
     return (np.sin(x / 5) + np.cos(y / 7) + np.sin(z / 3 + x / 11)).astype(np.float32)
 
@@ -321,14 +313,14 @@ def cylinder():
 
 @cache
 def face():
-    """Return the range image of a bust's face, every fourth pixel."""
+    """Return a range image of the face of a bust, every fourth pixel."""
     depth = np.asarray(Image.open(DATA / "demosthenes_depth.png"))[::4, ::4].astype(float)
     return voxflat.range_image(np.where(depth > 0, depth, np.nan), 4.0)
 
 
 @cache
 def cortex(side="left"):
-    """Return a hemisphere, measured midway between white and pial surface."""
+    """Return a hemisphere with its white and pial surfaces."""
     return voxflat.surface(fsaverage5(f"white_{side}"), pial=fsaverage5(f"pial_{side}"))
 
 
@@ -338,7 +330,7 @@ def patch_of_cortex(threads):
 
 
 def command(*arguments, place):
-    """Run a command of voxflat in a directory, and return what it prints."""
+    """Run a voxflat command in a directory, and return its output."""
     from voxflat.cli import main as program
 
     home = Path.cwd()
@@ -348,11 +340,48 @@ def command(*arguments, place):
     finally:
         os.chdir(home)
     if done.exit_code:
-        raise RuntimeError(f"voxflat {arguments[0]} ends with {done.exit_code}: {done.stderr[-400:]}")
+        raise RuntimeError(f"voxflat {arguments[0]} exited with {done.exit_code}: {done.stderr[-400:]}")
     return done.stdout
 
 
-# ------------------------------------------------------------------------------------ the method voxflat
+# -------------------------------------------------------------------------------------------------- maps
+
+
+def layer():
+    """Return a volume with a layer of grey matter, from LAYNII."""
+    return nibabel.load(DATA / "laynii" / "occipital_midGM.nii.gz").slicer[24:84, 20:80, 28:88]
+
+
+MARCHING = {"geodesic": "marching", "weighting": 0.2, "sampling": "curvature", "sources": 120, "seed": 3}
+MARCHING |= {"affine": np.array([[0, -0.9, 0, 5], [1.1, 0, 0, -7], [0, 0, 1.3, 11], [0, 0, 0, 1]])}
+EXACT = {"geodesic": "exact", "weighting": 1.0, "sampling": "random", "sources": 60, "seed": 7}
+GROSSMANN = {"link_lengths": "euclidean", "sampling": "random", "sources": 300, "seed": 5, "radius": 17.0}
+GROSSMANN |= {"method": "grossmann2002", "spacing": (0.8, 1.0, 1.3)}
+ZIGELMAN = {"method": "zigelman2002", "sampling": "farthest", "sources": 150, "seed": 2}
+SCHWARTZ = {"method": "schwartz1989", "neighbourhood": "all", "starts": 2, "sources": 0, "seed": 11}
+CHAINS = {"method": Grossmann2002(sources=400), "rows": True}
+MAPS = {
+    "voxflat by marching": lambda: (curled_sheet(), MARCHING),
+    "voxflat by exact distances": lambda: (cap(), EXACT, cap()[0][:, 2]),
+    "grossmann2002 by chain codes": lambda: (curled_sheet(), CHAINS, curled_sheet(), waves(curled_sheet().shape)),
+    "grossmann2002 of a patch": lambda: (blob(), GROSSMANN | {"seed_point": tuple(np.argwhere(blob())[0].tolist())}),
+    "zigelman2002 from far sources": lambda: (cortex(), ZIGELMAN | {"seed_point": 4000, "radius": 25.0}),
+    "schwartz1989 by all distances": lambda: (cortex(), SCHWARTZ | {"seed_point": 4000, "radius": 14.0}),
+    "voxflat of grey matter": lambda: (layer(), {"label": 1, "seed_point": (29, 29, 29), "radius": 22.0}, layer()),
+    "zigelman2002 by decimation": lambda: (cylinder(), {"method": Zigelman2002(sources=250), "rows": True}),
+    "schwartz1989 in neighbourhoods": lambda: (cap(), {"method": Schwartz1989(starts=2), "rows": True}),
+    "saucan2006 of a mesh": lambda: (cap(), {"method": Saucan2006(bound=1.4)}),
+    "saucan2006 of voxels": lambda: (curled_sheet(), {"method": Saucan2006(bound=2.0), "seed": 1}),
+}
+"""Maps of one source: the source, options, and volumes or values that the map samples."""
+
+
+def made(make, threads, place):
+    source, options, *volumes = make()
+    return of_map(composed.flatten(source, threads=threads, **options), *volumes)
+
+
+CASES |= {name: partial(made, make) for name, make in MAPS.items()}
 
 
 @case
@@ -361,19 +390,6 @@ def voxflat_of_a_sheet_of_voxels(threads, place):
     flat_map = voxflat.surface(volume, spacing=(0.7, 0.7, 0.7)).flatten(rows=True, threads=threads)
     colours = np.stack([waves(volume.shape) * 40 + 100] * 3, axis=-1).astype(np.uint8)
     return of_map(flat_map, volume, waves(volume.shape), colours, depth=0.6)
-
-
-@case
-def voxflat_by_marching(threads, place):
-    affine = np.array([[0, -0.9, 0, 5], [1.1, 0, 0, -7], [0, 0, 1.3, 11], [0, 0, 0, 1]])
-    how = {"geodesic": "marching", "weighting": 0.2, "sampling": "curvature", "sources": 120, "seed": 3}
-    return of_map(composed.flatten(curled_sheet(), affine=affine, threads=threads, **how))
-
-
-@case
-def voxflat_by_exact_distances(threads, place):
-    how = {"geodesic": "exact", "weighting": 1.0, "sampling": "random", "sources": 60, "seed": 7}
-    return of_map(composed.flatten(cap(), threads=threads, **how), cap()[0][:, 2])
 
 
 @case
@@ -422,70 +438,12 @@ def voxflat_along_given_cuts(threads, place):
 
 
 @case
-def voxflat_of_grey_matter(threads, place):
-    """Flatten a part of LAYNII's sheet of voxels."""
-    volume = nibabel.load(DATA / "laynii" / "occipital_midGM.nii.gz").slicer[24:84, 20:80, 28:88]
-    how = {"label": 1, "seed_point": (29, 29, 29), "radius": 22.0}
-    return of_map(composed.flatten(volume, threads=threads, **how), volume)
-
-
-# ----------------------------------------------------------------------------------- the papers' methods
-
-
-@case
-def grossmann2002_by_chain_codes(threads, place):
-    volume = curled_sheet()
-    flat_map = voxflat.flatten(volume, method=Grossmann2002(sources=400), rows=True, threads=threads)
-    return of_map(flat_map, volume, waves(volume.shape))
-
-
-@case
-def grossmann2002_of_a_patch(threads, place):
-    how = {"link_lengths": "euclidean", "sampling": "random", "sources": 300, "seed": 5, "radius": 17.0}
-    seed_point = tuple(np.argwhere(blob())[0].tolist())
-    how |= {"spacing": (0.8, 1.0, 1.3), "seed_point": seed_point}
-    return of_map(composed.flatten(blob(), method="grossmann2002", threads=threads, **how))
-
-
-@case
-def zigelman2002_by_decimation(threads, place):
-    return of_map(voxflat.flatten(cylinder(), method=Zigelman2002(sources=250), rows=True, threads=threads))
-
-
-@case
-def zigelman2002_from_far_sources(threads, place):
-    how = {"sampling": "farthest", "sources": 150, "seed": 2, "seed_point": 4000, "radius": 25.0}
-    return of_map(composed.flatten(cortex(), method="zigelman2002", threads=threads, **how))
-
-
-@case
 def zigelman2002_on_a_grid(threads, place):
     found = of_map(voxflat.flatten(face(), method=Zigelman2002(sources=300, sampling="grid"), threads=threads))
     return {**found, "surface": of_surface(face())}
 
 
-@case
-def schwartz1989_in_neighbourhoods(threads, place):
-    return of_map(voxflat.flatten(cap(), method=Schwartz1989(starts=2), rows=True, threads=threads))
-
-
-@case
-def schwartz1989_by_all_distances(threads, place):
-    how = {"neighbourhood": "all", "starts": 2, "sources": 0, "seed": 11, "seed_point": 4000, "radius": 14.0}
-    return of_map(composed.flatten(cortex(), method="schwartz1989", threads=threads, **how))
-
-
-@case
-def saucan2006_of_a_mesh(threads, place):
-    return of_map(voxflat.flatten(cap(), method=Saucan2006(bound=1.4), threads=threads))
-
-
-@case
-def saucan2006_of_voxels(threads, place):
-    return of_map(voxflat.flatten(curled_sheet(), method=Saucan2006(bound=2.0), seed=1, threads=threads))
-
-
-# --------------------------------------------------------------------------------------- other questions
+# ----------------------------------------------------------------------------- atlases, distances, evaluation
 
 
 @case
@@ -540,7 +498,7 @@ def paths(threads, place):
 
 @case
 def judgements(threads, place):
-    """Measure our map beside the one that fsaverage5 has, and maps of voxels."""
+    """Evaluate a map beside the one that fsaverage5 includes, and maps of voxels."""
     ours = patch_of_cortex(threads)
     maps = {"ours": ours, "shipped": fsaverage5("flat_left")}
     how = {"sources": 40, "seed": 8, "threads": threads}
@@ -562,7 +520,7 @@ def checks(threads, place):
     }
 
 
-# ----------------------------------------------------------------------------------------- other doors
+# ---------------------------------------------------------------------------------------- other interfaces
 
 
 @case
@@ -586,7 +544,7 @@ def saved_and_loaded(threads, place):
 
 @case
 def command_line_of_a_volume(threads, place):
-    """Take the README's way: the white matter of the MNI152 template, T1 on the map, and what it did to distances."""
+    """Follow the README: flatten the white matter of the MNI152 template, and draw T1 and the distortion on the map."""
     from nilearn import datasets
 
     nibabel.save(datasets.load_mni152_wm_template(resolution=1), place / "wm.nii")
@@ -677,7 +635,7 @@ def pyvista_accessor(threads, place):
 
 @case
 def napari_jobs(threads, place):
-    """Run what the widgets' buttons start, without a window; it takes one thread a core."""
+    """Run the jobs of the widgets' buttons without a window, with one thread per core."""
     from napari.layers import Labels, Surface
 
     import voxflat._napari

@@ -1,4 +1,4 @@
-"""Whatever is wrong with an input is said in one line that names the value and the remedy; nothing is written."""
+"""Invalid input causes a one-line error that names the value and the remedy, and no file is written."""
 
 import os
 import pickle
@@ -27,8 +27,7 @@ def sheet(*, cut=None):
 
 def few(*voxels):
     volume = np.zeros((8, 8, 8), np.uint8)
-    for voxel in voxels:
-        volume[voxel] = 1
+    volume[tuple(np.transpose(voxels))] = 1
     return volume
 
 
@@ -62,9 +61,9 @@ DIAGONAL = few(*[(i, i, i) for i in range(8)])
 
 # name: volume, options, what the message must match
 API = {
-    "2D": (np.ones((5, 5)), {}, r"got shape \(5, 5\). Select one volume \(I, J, K\)"),
-    "4D": (np.ones((5, 5, 5, 2)), {}, r"got shape \(5, 5, 5, 2\). Select"),
-    "no voxels": (np.ones((0, 5, 5)), {}, r"got shape \(0, 5, 5\)"),
+    "2D": (np.ones((5, 5)), {}, r"has shape \(5, 5\). Select one 3-D volume \(I, J, K\)"),
+    "4D": (np.ones((5, 5, 5, 2)), {}, r"has shape \(5, 5, 5, 2\). Select"),
+    "no voxels": (np.ones((0, 5, 5)), {}, r"has shape \(0, 5, 5\)"),
     "colours": (np.ones((5, 5, 5, 3), np.uint8), {}, r"\(5, 5, 5, 3\).*Pass one value per voxel"),
     "complex": (sheet() * 1j, {}, r"complex128.*Convert"),
     "text": (np.array([[["a"]]]), {}, r"<U1.*Convert"),
@@ -73,15 +72,15 @@ API = {
     "label absent": (sheet() * 3, {"label": 7}, r"no voxel has label 7; the volume has labels 3$"),
     "label ambiguous": (sheet() + sheet(cut=3), {}, r"pass a label or a threshold; the volume has labels 1, 2$"),
     "label and threshold": (sheet(), {"label": 1, "threshold": 0.5}, r"label=1 and threshold=0.5 .* only one"),
-    "intensities": (sheet() * 0.3, {}, r"intensities \(float64, 0 to 0.3\). Use a threshold"),
+    "intensities": (sheet() * 0.3, {}, r"intensities from 0 to 0.3. Pass a threshold"),
     "threshold too high": (sheet(), {"threshold": 5}, r"above the threshold 5(\.0)?; the largest value is 1"),
     "threshold NaN": (sheet(), {"threshold": NAN}, r"threshold is nan. Pass a finite"),
     "threshold text": (sheet(), {"threshold": "high"}, r"threshold is 'high'; give a number"),
     "NaN in the data": (with_value(NAN), {"threshold": 0.5}, r"1 voxel is NaN or infinite. Replace"),
     "inf in the data": (with_value(INF), {"label": 1}, r"1 voxel is NaN or infinite. Replace"),
-    "spacing NaN": (sheet(), {"spacing": (NAN, 1, 1)}, r"spacing \[nan, 1.0, 1.0\] must be 3 positive, finite"),
-    "spacing zero": (sheet(), {"spacing": (0, 1, 1)}, r"spacing \[0.0, 1.0, 1.0\] must be 3 positive"),
-    "spacing of two": (sheet(), {"spacing": (1, 1)}, r"spacing \[1.0, 1.0\] must be 3"),
+    "spacing NaN": (sheet(), {"spacing": (NAN, 1, 1)}, r"spacing is \(nan, .*\). Pass 3 positive, finite"),
+    "spacing zero": (sheet(), {"spacing": (0, 1, 1)}, r"spacing is \(0.*\). Pass 3 positive"),
+    "spacing of two": (sheet(), {"spacing": (1, 1)}, r"spacing is \(1.*\). Pass 3"),
     "affine NaN": (sheet(), {"affine": affine(a03=NAN)}, r"nan.*is not finite. Repair"),
     "affine zero": (sheet(), {"affine": affine(a00=0)}, r"voxel sizes \[0.0, 1.0, 1.0\] mm"),
     "affine sheared": (sheet(), {"affine": affine(a01=0.5)}, r"sheared: the cosine .* is 0.447.*Resample"),
@@ -95,7 +94,7 @@ API = {
     "sources off the surface": (
         sheet(),
         {"sources": [[0, 0, 2], [5, 9, 0], [20, 9, 2]]},
-        r"voxel \[5, 9, 0\] is not on the surface. The nearest surface voxel is \[5, 9, 2\]",
+        r"voxel \[5, 9, 0\] is not on the surface. Give a surface voxel; the nearest one is \[5, 9, 2\]",
     ),
     "sources outside": (sheet(), {"sources": [[0, 0, 2], [-1, 9, 2], [9, 9, 2]]}, r"\[-1, 9, 2\].*\[0, 9, 2\]"),
     "sources elsewhere": (
@@ -109,9 +108,13 @@ API = {
     "disconnected patch": (
         sheet(),
         {"keep": kept(np.s_[:5], np.s_[30:])},
-        r"2 separate pieces \(of 400, 200 voxels\). Keep one",
+        r"2 separate pieces \(400, 200 voxels\). Keep one",
     ),
-    "mask of wrong shape": (sheet(), {"keep": np.ones((3, 4, 5))}, r"shape \(3, 4, 5\), the volume \(40, 40, 5\)"),
+    "mask of wrong shape": (
+        sheet(),
+        {"keep": np.ones((3, 4, 5))},
+        r"shape \(3, 4, 5\), but the volume has \(40, 40, 5\)",
+    ),
     "mask empty": (sheet(), {"keep": kept()}, r"mask to keep is empty: every voxel is 0"),
     "mask beside": (sheet(), {"keep": kept(np.s_[:, :, 0])}, r"contains no triangle of the surface \(1600 vertices"),
     "mask of NaN": (sheet(), {"keep": kept() + np.float32(NAN)}, r"mask to keep contains NaN. Set"),
@@ -123,14 +126,14 @@ API = {
     "seed point far off": (
         sheet(),
         {"seed_point": (1, 1, 90), "radius": 5},
-        r"\[1, 1, 90\] is 88.0 mm away .* voxel \[1, 1, 2\]\), farther than the patch radius of 5 mm. Choose",
+        r"\[1, 1, 90\] is 88.0 mm away .* voxel \[1, 1, 2\]\), which is farther than the patch radius of 5 mm. Choose",
     ),
     "seed point afar": (sheet(), {"seed_point": (2**63 - 1, -(2**63), 0), "radius": 5}, r"Choose a seed point on"),
     "seed point of two": (sheet(), {"seed_point": (1, 1), "radius": 5}, r"seed point must be .*\(2,\)"),
     "seed point fractional": (sheet(), {"seed_point": (1.5, 1, 2), "radius": 5}, r"seed point must be .*whole"),
     "closed": (ball(), {}, r"the surface is closed.*Flatten a patch: give a seed point and a radius .* or a mask"),
-    "memory": (sheet(), {"memory_limit": 10**6}, r"MiB of memory are needed, 976.6 KiB is the limit; crop"),
-    "memory for the volume": (sheet(), {"memory_limit": 50_000}, r"KiB is the limit; crop or downsample the volume"),
+    "memory": (sheet(), {"memory_limit": 10**6}, r"MiB of memory is needed, but the limit is 976.6 KiB. Crop"),
+    "memory for the volume": (sheet(), {"memory_limit": 50_000}, r"KiB\. Crop or downsample the volume"),
     "method": (sheet(), {"method": "tsne"}, "Pass 'voxflat', .* 'saucan2006', or an object of voxflat.methods"),
     "sampling": (sheet(), {"sampling": "best"}, r"sampling is 'best'; give 'farthest' or 'random'"),
     "link lengths": (sheet(), {"link_lengths": "city-block"}, r"link_lengths is 'city-block'; give"),
@@ -144,24 +147,21 @@ API = {
 }
 OPTIONS = dict.fromkeys(("label", "threshold", "radius", "sources", "memory_limit", "seed", "threads"), str)
 OPTIONS |= dict.fromkeys(("spacing", "seed_point"), lambda value: ",".join(map(str, value)))
-"""Options of the API that the command line has, too."""
+"""Options of the API that also exist on the command line."""
 WRONG_USAGE = {"spacing of two", "seed point of two", "seed point fractional", "threshold text", "radius text"}
 WRONG_USAGE |= {"seed fractional", "no seed", "threads fractional", "sampling", "link lengths"}
 
 
 def on_the_command_line(name):
-    """Whether a case can be given to the command line, where some are usage errors."""
+    """Tell whether a case can be passed on the command line without a usage error."""
     volume, options, _ = API[name]
-    if not isinstance(volume, np.ndarray) or volume.dtype.kind not in "biuf" or name in WRONG_USAGE:
-        return False
-    return all(
-        key == "keep" or (key in OPTIONS and not (key == "sources" and isinstance(value, list)))
-        for key, value in options.items()
-    )
+    is_volume = isinstance(volume, np.ndarray) and volume.dtype.kind in "biuf"
+    is_known = options.keys() <= {"keep", *OPTIONS} and not isinstance(options.get("sources"), list)
+    return is_volume and is_known and name not in WRONG_USAGE
 
 
 def fails(folder, *arguments):
-    """Run the program, which must say one line and write nothing; return the line."""
+    """Run a command that must print a one-line error and write nothing; return the line."""
     before = snapshot(folder)
     result = run(*arguments)
     assert result.exit_code == 1, result.output
@@ -194,9 +194,7 @@ def test_command_line(name, tmp_path):
             np.save(tmp_path / "keep.npy", value)
         text = tmp_path / "keep.npy" if key == "keep" else OPTIONS[key](value)
         arguments += ["--" + key.replace("_", "-"), text]
-    line = fails(tmp_path, "flatten", tmp_path / "in.npy", "-o", tmp_path / "map.npz", *arguments)
-    with pytest.raises(voxflat.InputError, match=message):
-        raise voxflat.InputError(line)
+    assert re.search(message, fails(tmp_path, "flatten", tmp_path / "in.npy", "-o", tmp_path / "map.npz", *arguments))
 
 
 @pytest.mark.parametrize("name", sorted(WRONG_USAGE))
@@ -213,7 +211,7 @@ def test_wrong_usage(name, tmp_path):
 def test_memory_is_checked_before_the_start():
     stages = []
     how = {"method": "grossmann2002", "memory_limit": 10**6, "progress": lambda stage, *_: stages.append(stage)}
-    refused("of memory are needed", voxflat.flatten, sheet(), **how)
+    refused("of memory is needed", voxflat.flatten, sheet(), **how)
     assert "measuring distances" not in stages
     assert "classical scaling" not in stages
 
@@ -234,29 +232,24 @@ def sheared(path):
     nib.save(nib.Nifti1Image(sheet(), affine(a01=0.5)), path)
 
 
-def cut_short(path):
-    nifti(path)
-    path.write_bytes(path.read_bytes()[:-20])
-
-
-def raw_header(path, **fields):
+def nan_affine(path):
     nifti(path)
     raw = bytearray(path.read_bytes())
-    for offset, value in fields.values():
-        raw[offset : offset + 4] = np.float32(value).tobytes()
+    for offset in (268, 280):  # of qoffset_x and srow_x
+        raw[offset : offset + 4] = np.float32(NAN).tobytes()
     path.write_bytes(raw)
 
 
 BAD_FILES = {
-    "truncated.nii.gz": (cut_short, r"truncated\.nii\.gz: .*(ended|end|complete)"),
+    "truncated.nii.gz": (lambda path: cut_file(nifti(path), -20), r"truncated\.nii\.gz: .*(ended|end|complete)"),
     "text.nii": (lambda path: path.write_text("no image\n" * 100), r"text\.nii: "),
     "empty.nii": (lambda path: path.write_bytes(b""), r"empty\.nii: "),
     "directory.nii": (lambda path: path.mkdir(), r"directory\.nii: is a directory. Pass a volume file"),
     "missing.nii": (lambda path: None, r"missing\.nii.*: No such file|No such file.*missing\.nii"),
-    "unknown.xyz": (lambda path: path.write_bytes(b"?"), r"ending '\.xyz'; \.nii,.* can be read"),
+    "unknown.xyz": (lambda path: path.write_bytes(b"?"), r"ending '\.xyz'. Use one of \.nii,"),
     "series.nii": (series, r"Select one"),
     "sheared.nii": (sheared, r"sheared\.nii: .*sheared: the cosine .* Resample"),
-    "nan_affine.nii": (lambda path: raw_header(path, srow=(280, NAN), qoffset=(268, NAN)), r"is not finite. Repair"),
+    "nan_affine.nii": (nan_affine, r"is not finite. Repair"),
     "pickle.npy": (lambda path: path.write_bytes(pickle.dumps(sheet())), r"pickle\.npy: "),
     "objects.npy": (lambda path: np.save(path, np.array([{}]), allow_pickle=True), r"objects\.npy: .*"),
     "truncated.npy": (lambda path: (np.save(path, sheet()), cut_file(path)), r"truncated\.npy: "),
@@ -264,8 +257,9 @@ BAD_FILES = {
 }
 
 
-def cut_file(path):
-    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+def cut_file(path, size=None):
+    content = path.read_bytes()
+    path.write_bytes(content[: len(content) // 2 if size is None else size])
 
 
 @pytest.mark.parametrize("name", BAD_FILES)
@@ -276,8 +270,7 @@ def test_bad_files(name, command, tmp_path):
     with pytest.raises(FileNotFoundError if name.startswith("missing") else voxflat.InputError, match=message):
         getattr(voxflat, command)(tmp_path / name)
     output = ["-o", tmp_path / "map.npz"] if command == "flatten" else []
-    with pytest.raises(voxflat.InputError, match=message):
-        raise voxflat.InputError(fails(tmp_path, command, tmp_path / name, *output))
+    assert re.search(message, fails(tmp_path, command, tmp_path / name, *output))
 
 
 def test_compressed_and_plain_file_of_one_name(tmp_path):
@@ -287,7 +280,7 @@ def test_compressed_and_plain_file_of_one_name(tmp_path):
 
 
 def test_a_damaged_affine_is_one_line(tmp_path, capfd):
-    raw_header(tmp_path / "in.nii", srow=(280, NAN), qoffset=(268, NAN))
+    nan_affine(tmp_path / "in.nii")
     refused("is not finite", voxflat.check, tmp_path / "in.nii")
     assert capfd.readouterr().err == ""
 
@@ -343,14 +336,14 @@ def flat_map():
 @pytest.mark.parametrize("name", BAD_OUTPUTS)
 def test_bad_outputs(name, flat_map, tmp_path, monkeypatch):
     if name == "no permission" and getattr(os, "geteuid", int)() == 0:
-        pytest.skip("this user may write everywhere")
+        pytest.skip("this user can write everywhere")
     make, kind, message = BAD_OUTPUTS[name]
     np.save(tmp_path / "in.npy", sheet())
     out = make(tmp_path)
     with pytest.raises(kind, match=message) as told:
         flat_map.save(out)
     assert kind is voxflat.InputError or told.value.filename == str(out)
-    # the command line must find out before the long work
+    # the command line must check the output before the long computation
     monkeypatch.setattr("voxflat.cli.commands.flatten.surface_of", lambda *_, **__: pytest.fail("flattened first"))
     shown = fails(tmp_path, "flatten", tmp_path / "in.npy", "-o", out)
     assert re.search(message, shown)
@@ -444,5 +437,4 @@ def test_bad_images(name, flat_map, tmp_path, monkeypatch):
     arguments, message = BAD_IMAGES[name]
     flat_map.save("map.npz")
     np.save("small.npy", LINE)
-    with pytest.raises(voxflat.InputError, match=message):
-        raise voxflat.InputError(fails(tmp_path, "image", "map.npz", *arguments))
+    assert re.search(message, fails(tmp_path, "image", "map.npz", *arguments))

@@ -1,4 +1,4 @@
-"""Studies and distance rows on the workers of a Dask cluster, which are killed meanwhile."""
+"""Studies and distance rows on the workers of a Dask cluster, some of which are killed."""
 
 import json
 import os
@@ -35,7 +35,7 @@ pytestmark = pytest.mark.slow  # workers are processes, which take seconds to st
 
 @pytest.fixture(scope="module")
 def workers():
-    """A cluster of two workers of one thread, started again when they die, by a process that has imported all."""
+    """Two workers with one thread each, restarted when they die, forked from a process that has imported everything."""
     with dask.config.set({"distributed.worker.multiprocessing-method": "forkserver"}):
         preload = ["distributed", "voxflat.lab.report", "voxflat.lab.subject", "nibabel", "scipy.spatial"]
         distributed.utils.get_mp_context().set_forkserver_preload(preload)
@@ -46,7 +46,7 @@ def workers():
 
 @pytest.fixture
 def ready(workers):
-    """The cluster's address, with both workers alive."""
+    """The address of the cluster, with both workers alive."""
     with distributed.Client(workers) as client:
         client.wait_for_workers(2, timeout=60)
     return workers.scheduler_address
@@ -55,12 +55,12 @@ def ready(workers):
 def until(condition, seconds=60):
     deadline = time.monotonic() + seconds
     while not condition():
-        assert time.monotonic() < deadline, "it takes too long"
+        assert time.monotonic() < deadline, "timeout"
         time.sleep(0.005)
 
 
 def kill_one(workers):
-    """Kill a worker as the system does that has no memory left."""
+    """Kill a worker, as a system without free memory does."""
     os.kill(next(iter(workers.workers.values())).pid, signal.SIGKILL)
 
 
@@ -97,13 +97,13 @@ def test_what_cannot_be_connected_is_told_with_a_remedy(ready, monkeypatch):
 
     monkeypatch.setattr(cluster, "_PATIENCE", 0.2)
     for address in ("tcp://127.0.0.1:9", "nonsense://here", "no/such/scheduler.json"):
-        refused(address, rf"no Dask scheduler answers at {address} \(.*\)\. Check that it is running")
+        refused(address, rf"no Dask scheduler responds at {address} \(.*\)\. Check that it is running")
     monkeypatch.setattr(cluster, "__version__", "0.0.1")
-    refused(ready, r"the worker tcp://\S+ has voxflat \S+, this process 0\.0\.1. Install the same version")
+    refused(ready, r"the worker tcp://\S+ has voxflat \S+ instead of 0\.0\.1. Install the same version")
     monkeypatch.setattr(cluster, "version", no_package)
-    refused(ready, r"the worker tcp://\S+ has no voxflat. Install version 0\.0\.1 there")
+    refused(ready, r"voxflat is not installed on the worker tcp://\S+. Install version 0\.0\.1")
     monkeypatch.setitem(sys.modules, "distributed", None)
-    refused(ready, r"a cluster requires distributed\. Run pip install 'voxflat\[lab\]'")
+    refused(ready, r"a cluster requires the package distributed\. Run pip install 'voxflat\[lab\]'")
 
 
 # ----------------------------------------------------------------------------------------------- studies
@@ -114,7 +114,7 @@ BROKEN = "sub-02"
 
 @pytest.fixture(scope="module")
 def study(tmp_path_factory):
-    """A study of four participants, one of them broken, and what one process makes of it."""
+    """A study of four participants, one of them broken, and its results from one process."""
     pytest.importorskip("nilearn")
     root = tmp_path_factory.mktemp("study")
     of = studies.hemisphere("lh", FEW)
@@ -127,9 +127,9 @@ def study(tmp_path_factory):
 
 
 def made_of(folder):
-    """Return what files hold, without seconds: those in records, and pages, which show them."""
+    """Return the contents of files without times: those in records, and pages, which show them."""
     held = {name: content for name, (content, _) in everything(folder).items() if not name.endswith(".html")}
-    held = {name: content for name, content in held.items() if "/." not in name}  # left by whom kill -9 struck
+    held = {name: content for name, content in held.items() if "/." not in name}  # left by killed workers
     for name, content in held.items():
         if name.endswith("_flat.json"):
             held[name] = {key: value for key, value in json.loads(content).items() if key != "seconds"}
@@ -143,7 +143,7 @@ def test_a_study_is_that_of_one_process_and_goes_on_where_a_worker_has_died(work
         until(lambda: list(out.rglob("*desc-voxflat*")))
         kill_one(workers)
 
-    monkeypatch.setattr(workers.scheduler, "allowed_failures", 0)  # or another worker would take it up at once
+    monkeypatch.setattr(workers.scheduler, "allowed_failures", 0)  # otherwise another worker would resume it at once
     killer = threading.Thread(target=kill_when_something_is_written)
     killer.start()
     command = ["bids", study / "bids", out, "participant", "--hemi", "L", "--dask", ready]
@@ -161,7 +161,7 @@ def test_a_study_is_that_of_one_process_and_goes_on_where_a_worker_has_died(work
     assert again["failed"] == [BROKEN]
     now = everything(out)
     assert there
-    assert {name: now[name] for name in there} == there  # what was made then was never made again
+    assert {name: now[name] for name in there} == there  # finished maps were not made again
     assert made_of(out) == made_of(study / "alone")
     assert {path.name for path in out.glob("*.html")} == {path.name for path in (study / "alone").glob("*.html")}
 
@@ -203,12 +203,12 @@ SOURCES = 500
 
 @pytest.fixture(scope="module")
 def expected(tmp_path_factory):
-    """The store that one process makes."""
+    """The store written by one process."""
     return voxflat.surface(SHEET).geodesic(SOURCES, store=tmp_path_factory.mktemp("rows") / "store")
 
 
 def rows_known(store):
-    """Return how many rows journals know, of the store and of its parts."""
+    """Return the number of rows in the journals of a store and its parts."""
     return sum(path.read_text().count("crc32") for path in store.rglob("journal.jsonl"))
 
 
@@ -268,14 +268,14 @@ def test_what_a_dead_caller_left_is_taken_over_and_computed_by_nobody_again(read
     caplog.clear()
     rows = voxflat.surface(SHEET).geodesic(SOURCES, store=store, dask=ready)
     told = re.search(r"(\d+) rows were already in the store", caplog.text)
-    assert there <= int(told[1]) <= SOURCES  # a worker may have begun another part when the caller died
+    assert there <= int(told[1]) <= SOURCES  # a worker may have started another part when the caller died
     assert is_that_of_one_process(rows, expected)
     caplog.clear()
     assert is_that_of_one_process(voxflat.surface(SHEET).geodesic(SOURCES, store=store, dask=ready), expected)
 
 
 def _is_quiet(store):
-    """Say whether no core holds a lock of the store or of its parts any more."""
+    """Tell whether no core holds a lock of the store or of its parts any more."""
     for path in store.rglob("lock"):
         with path.open() as lock:
             try:
@@ -288,7 +288,7 @@ def _is_quiet(store):
 def test_a_part_waits_until_the_worker_that_had_it_has_ended(ready, expected, tmp_path, monkeypatch):
     deal, released = parts._deal, []
 
-    def deal_and_hold_one(*how):  # as a worker does that was killed and still writes
+    def deal_and_hold_one(*how):  # like a killed worker that is still writing
         places = deal(*how)
         lock = (places[0] / "lock").open("a")
         fcntl.flock(lock, fcntl.LOCK_EX)
@@ -309,15 +309,12 @@ def test_a_part_waits_until_the_worker_that_had_it_has_ended(ready, expected, tm
 def test_what_workers_cannot_do_is_told(ready, tmp_path, monkeypatch):
     store, sheet = tmp_path / "store", voxflat.surface(SHEET)
     for options, match in (
-        ({"dask": ready}, "the workers have no store to write into. Pass store"),
-        ({"dask": ready, "store": store, "geodesic": "chain"}, "does not have this option; leave it out"),
-        (
-            {"dask": ready, "store": store, "memory_limit": 1_000_000},
-            "memory are needed, 976.6 KiB is the limit; use fewer threads",
-        ),
+        ({}, "the workers have no store to write into. Also pass store"),
+        ({"store": store, "geodesic": "chain"}, "does not have the option dask. Do not pass it"),
+        ({"store": store, "memory_limit": 10**6}, "memory is needed, but the limit is 976.6 KiB. Use fewer threads"),
     ):
         with pytest.raises(voxflat.InputError, match=match):
-            composed.geodesic(sheet, SOURCES, **options)
+            composed.geodesic(sheet, SOURCES, dask=ready, **options)
     assert run("rows", "none.npy", "--sources", 5, "--store", store, "--dask", ready).exit_code == 1
     monkeypatch.setattr("voxflat.distances.parts._PATIENCE", 0.1)
     with (store / "lock").open() as lock:

@@ -1,4 +1,4 @@
-"""The compiled core as Python calls it: long work lets other threads run."""
+"""The compiled core lets other threads run during long computations."""
 
 import sys
 import threading
@@ -52,7 +52,7 @@ VOXELS = {
 
 
 def lets_others_run(call, seconds=60):
-    """Whether another thread runs while something is called again and again, of threads that never give way unasked."""
+    """Tell whether another thread runs during repeated calls, although threads never switch by themselves."""
     gate, has_run = threading.Event(), threading.Event()
 
     def other():
@@ -62,7 +62,7 @@ def lets_others_run(call, seconds=60):
     interval = sys.getswitchinterval()
     thread = threading.Thread(target=other)
     thread.start()
-    sys.setswitchinterval(1000.0)  # seconds: who has the interpreter keeps it until it lets go
+    sys.setswitchinterval(1000.0)  # seconds: a thread keeps the interpreter until it releases it
     try:
         gate.set()
         end = time.monotonic() + seconds

@@ -1,4 +1,4 @@
-"""A few cases of `docs/benchmarks/soak/fuzz.py`, always the same: damaged files of every format, wrong calls."""
+"""A few fixed cases of `docs/benchmarks/soak/fuzz.py`: damaged files of every format, and wrong calls."""
 
 import fuzz
 import pytest
@@ -13,7 +13,7 @@ def test_what_is_damaged_or_wrong_ends_in_a_result_or_in_one_line(kind, count):
 
 
 def test_whatever_else_comes_of_a_case_is_found(monkeypatch, capsys):
-    monkeypatch.setattr(fuzz, "DEADLINE", 2.0)  # the worker keeps its own, and sleeps longer
+    monkeypatch.setattr(fuzz, "DEADLINE", 2.0)  # the worker has its own deadline, and sleeps longer
     monkeypatch.setattr(fuzz, "MOST", 1 << 25)
     found = fuzz.run("faults", range(2 * len(fuzz.FAULTS)), SEED, 1)
     assert {name.split(":")[0] for name in found} == set(fuzz.FAULTS) - {"refused"}

@@ -1,6 +1,6 @@
-"""Calls of the Python API in any order, with any options: a valid result or an error of one line, never anything else.
+"""Calls of the Python API in any order with any options return a valid result or raise a one-line error.
 
-``VOXFLAT_CASES=2000 pytest tests/test_orders.py`` draws as many orders.
+``VOXFLAT_CASES=2000 pytest tests/test_orders.py`` tests 2,000 random orders.
 """
 
 import os
@@ -46,26 +46,24 @@ CHOICES = {
 
 
 def bumps():
-    """A sheet with bumps, of triangles."""
     return hard_shapes.sheet(lambda u, v: (u, v, np.sin(2 * u) * np.cos(v)), (SIDE - 1, SIDE - 1), (SIDE, SIDE))
 
 
 def options(*names):
-    """Some options out of several, None for those that are to be left out."""
+    """Choose some of these options."""
     return st.fixed_dictionaries({}, optional={name: CHOICES[name] for name in names})
 
 
 def outcome(call, *args, **given):
-    """What a call returns; None where it refuses, as it may: in one line, or as the system does."""
+    """Return the result of a call, or None if it is refused with a one-line error or a system error with a path."""
     given = {name: value for name, value in given.items() if value is not None}
-    refused: Exception | None = None
+    refused = None
     try:
         return call(*args, **given)
     except (voxflat.VoxflatError, OSError) as error:
         refused = error
     if isinstance(refused, OSError):
-        assert refused.errno is not None, refused
-        assert refused.filename is not None, refused
+        assert None not in (refused.errno, refused.filename), refused
     else:
         assert str(refused).strip(), call
         assert "\n" not in str(refused), refused
@@ -73,7 +71,7 @@ def outcome(call, *args, **given):
 
 
 def with_results(*results):
-    """Add to a bundle what there is."""
+    """Return the results that exist, for a bundle."""
     return multiple(*(result for result in results if result is not None))
 
 
@@ -92,10 +90,8 @@ class Orders(RuleBasedStateMachine):
     @rule(target=surfaces, bits=st.integers(0, 2**27 - 1), size=SIZES, repair=st.sampled_from([None, "voxels", "cuts"]))
     def of_voxels(self, bits, size, repair):
         block = np.array([bits >> n & 1 for n in range(27)], np.uint8).reshape(3, 3, 3)
-        made = outcome(
-            voxflat.surface, np.kron(block, np.ones((2, 2, 2), np.uint8)), spacing=(size,) * 3, repair=repair
-        )
-        return with_results(made)
+        volume = np.kron(block, np.ones((2, 2, 2), np.uint8))
+        return with_results(outcome(voxflat.surface, volume, spacing=(size,) * 3, repair=repair))
 
     @rule(
         target=surfaces,

@@ -19,7 +19,16 @@ HEAVY = (
     *("napari", "qtpy", "PyQt6", "superqt", "pyvista", "vtk", "vtkmodules", "itk", "nibabel", "nilearn"),
     *("matplotlib", "PIL", "xatlas", "click", "tqdm", "dask", "distributed", "numpy", "scipy", "psutil"),
 )
-"""What `import voxflat` does without: front ends, and what only some of its functions need."""
+"""Packages that `import voxflat` must not import: front ends, and packages that only some functions need."""
+
+
+def names_imported(path):
+    """Yield the module and the name of each import from the package, None for the package itself."""
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.ImportFrom) and (node.module or "").split(".")[0] == "voxflat":
+            yield from ((node.module, alias.name) for alias in node.names)
+        if isinstance(node, ast.Import):
+            yield from ((None, alias.name) for alias in node.names if alias.name == "voxflat")
 
 
 def test_importing_voxflat_brings_in_nothing_heavy():
@@ -29,9 +38,8 @@ def test_importing_voxflat_brings_in_nothing_heavy():
 
 
 def test_each_public_name_is_that_of_its_module():
-    nodes = ast.walk(ast.parse(Path(voxflat.__file__).read_text(encoding="utf-8")))
-    imports = [node for node in nodes if isinstance(node, ast.ImportFrom) and node.module.startswith("voxflat.")]
-    told = {(node.module.removeprefix("voxflat."), one.name) for node in imports for one in node.names}
+    imported = [pair for pair in names_imported(Path(voxflat.__file__)) if pair[0] != "voxflat"]
+    told = {(module.removeprefix("voxflat."), name) for module, name in imported}
     told -= {("_core", "__version__")}
     assert told == {(module, name) for module, names in voxflat._MODULES.items() for name in names}
     assert {*voxflat.__all__} == {name for _, name in told} | {"__version__", "methods", "samples"}
@@ -43,35 +51,21 @@ def test_each_public_name_is_that_of_its_module():
 
 
 def test_inside_the_package_what_users_call_comes_from_its_own_module():
-    # the linter of imports lets all pass that comes from `voxflat` itself: it knows no compiled modules
+    # the import linter ignores imports from `voxflat` itself, because it does not know compiled modules
     package = Path(voxflat.__file__).parent
     modules = {"_core", *(path.stem for path in package.iterdir() if path.is_dir() or path.suffix == ".py")}
-    found = {name for path in package.rglob("*.py") for name in names_from_the_package(ast.parse(path.read_text()))}
+    imported = {pair for path in package.rglob("*.py") for pair in names_imported(path)}
+    found = {name for module, name in imported if module in (None, "voxflat")}
     assert "_core" in found
     assert found <= modules
 
 
-def names_from_the_package(tree):
-    for node in ast.walk(tree):
-        if isinstance(node, ast.ImportFrom) and node.module == "voxflat":
-            yield from (alias.name for alias in node.names)
-        if isinstance(node, ast.Import):
-            yield from (alias.name for alias in node.names if alias.name == "voxflat")
-
-
 def test_what_scripts_of_the_docs_import_is_there():
-    # within functions, too, where an old name is found only when they run
-    scripts = sorted((ROOT / "docs").rglob("*.py"))
-    wanted = {(path, *name) for path in scripts for name in names_by_module(ast.parse(path.read_text()))}
+    # also within functions, where a wrong name would be noticed only when they run
+    wanted = {(path, *pair) for path in (ROOT / "docs").rglob("*.py") for pair in names_imported(path) if pair[0]}
     assert len(wanted) > 50
     for path, module, name in sorted(wanted):
         assert hasattr(import_module(module), name) or find_spec(f"{module}.{name}") is not None, path
-
-
-def names_by_module(tree):
-    for node in ast.walk(tree):
-        if isinstance(node, ast.ImportFrom) and (node.module or "").split(".")[0] == "voxflat":
-            yield from ((node.module, alias.name) for alias in node.names)
 
 
 @pytest.fixture(scope="module")
@@ -86,16 +80,8 @@ def wheel(tmp_path_factory):
 def test_the_wheel_holds_what_users_need(wheel):
     assert "abi3" in wheel.name
     names = set(zipfile.ZipFile(wheel).namelist())
-    wanted = (
-        "napari.yaml",
-        "py.typed",
-        "_core.pyi",
-        "_napari/__init__.py",
-        "citation/methods_text.txt",
-        "citation/references.bib",
-        "cli/__init__.py",
-        "lab/templates/viewer.js",
-    )
+    wanted = {"napari.yaml", "py.typed", "_core.pyi", "_napari/__init__.py", "citation/methods_text.txt"}
+    wanted |= {"citation/references.bib", "cli/__init__.py", "lab/templates/viewer.js"}
     assert names >= {f"voxflat/{name}" for name in wanted}
     assert any(name.endswith("licenses/LICENSE") for name in names)
     points = next(name for name in names if name.endswith("entry_points.txt"))
@@ -105,7 +91,7 @@ def test_the_wheel_holds_what_users_need(wheel):
 
 
 def test_the_wheel_installs_and_flattens_with_its_base_packages_alone(wheel, tmp_path):
-    # the library directory of this environment stands for an index: only the wheel itself is new
+    # the packages of this environment serve as the index: only the wheel is new
     with zipfile.ZipFile(wheel) as archive:
         archive.extractall(tmp_path / "site")
     code = f"import sys; sys.path.insert(0, {str(tmp_path / 'site')!r}); import numpy, voxflat; "

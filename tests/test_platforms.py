@@ -1,4 +1,4 @@
-"""What differs between systems, simulated on this one: Windows, macOS, and processes that are started afresh."""
+"""Differences between systems, simulated on this one: Windows, macOS, and processes started by spawn."""
 
 import ast
 import errno
@@ -30,7 +30,7 @@ def sheet():
 
 
 def calls_of_methods():
-    """Yield each call of a method in the package: where it is, its name, first constant and names of arguments."""
+    """Yield the location, name, first constant and keywords of each method call in the package."""
     for path in PACKAGE.rglob("*.py"):
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute):
@@ -39,7 +39,7 @@ def calls_of_methods():
 
 
 def test_text_files_have_the_same_bytes_on_every_system():
-    """Windows would write another encoding and other ends of lines."""
+    """Windows would use another encoding and other line ends."""
     wanted = {"write_text": {"encoding", "newline"}, "open": {"encoding", "newline"}, "read_text": {"encoding"}}
     seen = set()
     for place, name, first, given in calls_of_methods():
@@ -77,10 +77,8 @@ def test_a_file_that_another_program_holds_for_a_moment_is_replaced(tmp_path, mo
     assert ([path.name for path in tmp_path.iterdir()], len(asked)) == (["a.txt"], 3)
     asked.clear()
     monkeypatch.setattr(files, "_WAITS", (0.01,))
-    with (
-        pytest.raises(PermissionError, match="used by another process") as told,
-        voxflat.io.atomic_path(tmp_path / "b"),
-    ):
+    held = pytest.raises(PermissionError, match="used by another process")
+    with held as told, voxflat.io.atomic_path(tmp_path / "b"):
         pass
     assert told.value.filename == str(tmp_path / "b")
     assert [path.name for path in tmp_path.iterdir()] == ["a.txt"]
@@ -97,7 +95,7 @@ def test_an_open_file_that_cannot_be_deleted_hides_no_error(tmp_path, monkeypatc
 
 def test_a_broken_pipe_is_the_end_of_the_reader(monkeypatch):
     def write(line):
-        raise OSError(errno.EINVAL, "Invalid argument")  # as Windows says it
+        raise OSError(errno.EINVAL, "Invalid argument")  # the error on Windows
 
     monkeypatch.setattr(subprocess_reader, "_stop", lambda patience: None)
     child = SimpleNamespace(stdin=SimpleNamespace(write=write), stdout=io.BytesIO(), returncode=3221225477)
@@ -123,7 +121,7 @@ def test_limits_that_a_system_refuses_are_left_out(monkeypatch):
 
 def test_glibc_is_looked_for_on_linux_alone(monkeypatch):
     def unreadable():
-        raise OSError(errno.EINVAL, "python.exe of the Microsoft Store is no file that can be read")
+        raise OSError(errno.EINVAL, "python.exe of the Microsoft Store cannot be read")
 
     monkeypatch.setattr(sys, "platform", "win32")
     monkeypatch.setattr(platform, "libc_ver", unreadable)
@@ -139,9 +137,8 @@ def test_names_that_differ_in_case_are_one_file_where_the_system_says_so(tmp_pat
     assert output._is_same(*paths)
     np.save(tmp_path / "v.npy", sheet())
     monkeypatch.chdir(tmp_path)
-    fail(
-        1, "twice. Choose another name", "surface", "v.npy", "--repair", "voxels", "--repaired", "A.vtp", "-o", "a.vtp"
-    )
+    words = ("surface", "v.npy", "--repair", "voxels", "--repaired", "A.vtp", "-o", "a.vtp")
+    fail(1, "twice. Choose another name", *words)
 
 
 def test_overlays_whose_names_differ_in_case_are_refused(tmp_path):
@@ -154,7 +151,7 @@ def test_overlays_whose_names_differ_in_case_are_refused(tmp_path):
 
 @pytest.mark.slow
 def test_a_process_that_is_started_afresh_has_the_same_map():
-    """By spawn, as on Windows and macOS; nothing is inherited from this process."""
+    """Processes are started by spawn, as on Windows and macOS, so they inherit nothing."""
     expected = voxflat.flatten(sheet(), Voxflat(sources=20))
     with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn")) as pool:
         found = pool.submit(voxflat.flatten, sheet(), Voxflat(sources=20)).result()

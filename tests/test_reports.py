@@ -1,4 +1,4 @@
-"""What people reported to the makers of other tools, done with voxflat; docs/decisions/0038-reports.md is the table."""
+"""Problems reported for other tools, solved with voxflat; docs/decisions/0038-reports.md lists them."""
 
 from pathlib import Path
 
@@ -25,7 +25,7 @@ def error(one):
 
 @pytest.fixture(scope="module")
 def hemispheres():
-    """Maps of fsaverage5's hemispheres along standard cuts."""
+    """Maps of both hemispheres of fsaverage5 along standard cuts."""
     return [
         voxflat.surface(fsaverage5_file("white", side), pial=fsaverage5_file("pial", side))
         .cut("standard", sphere=fsaverage5_file("sphere", side))
@@ -45,7 +45,7 @@ def motor():
 
 
 def test_a_cut_patch_is_flattened_without_folds(tmp_path):
-    """pycortex 376, 419; the cuts as FreeSurfer's patch, flattened from the file."""
+    """pycortex 376, 419: the cuts are saved as FreeSurfer's patch."""
     white = voxflat.surface(fsaverage5_file("white", "left"))
     white.save(tmp_path / "lh.white")
     white.cut("standard", sphere=fsaverage5_file("sphere", "left")).save(tmp_path / "lh.cortex.patch.3d")
@@ -63,7 +63,7 @@ def test_both_hemispheres_are_in_the_picture(hemispheres, tmp_path):
 
 
 def test_flat_files_are_what_viewers_open(hemispheres, tmp_path):
-    """pycortex 121, 469: GIFTI with the surface's triangles, of what was kept."""
+    """pycortex 121, 469: GIFTI has the triangles of the surface."""
     left = hemispheres[0]
     left.save(tmp_path / "lh.flat.surf.gii")
     points, faces = nib.load(tmp_path / "lh.flat.surf.gii").agg_data()
@@ -74,7 +74,7 @@ def test_flat_files_are_what_viewers_open(hemispheres, tmp_path):
 
 
 def test_hemispheres_lie_alike(hemispheres):
-    """pycortex 488: front and back, up and down, in the standard frame."""
+    """pycortex 488: directions agree with the standard frame."""
     for one in hemispheres:
         towards = np.linalg.lstsq(one.uv - one.uv.mean(axis=0), one.points - one.points.mean(axis=0), rcond=None)[0]
         up = towards[:, 2]
@@ -82,16 +82,15 @@ def test_hemispheres_lie_alike(hemispheres):
 
 
 def test_points_of_the_map_are_vertices_of_the_surface(hemispheres, tmp_path):
-    """MNE 8081, PySurfer 214: a patch is read, and its numbers are the surface's."""
+    """MNE 8081, PySurfer 214: a patch has the vertex numbers of the surface."""
     left = hemispheres[0]
     left.save(tmp_path / "lh.flat.patch.3d")
-    middle = np.mean(
-        [nib.load(fsaverage5_file(kind, "left")).agg_data("pointset") for kind in ("white", "pial")], axis=0
-    )
+    white, pial = (nib.load(fsaverage5_file(kind, "left")).agg_data("pointset") for kind in ("white", "pial"))
+    middle = (white + pial) / 2
     np.testing.assert_allclose(left.points, middle[left.ids], atol=1e-4)
     other = np.fromfile(tmp_path / "lh.flat.patch.3d", dtype=">i4", count=2)
     assert other[0] == -1
-    assert 0.98 < other[1] / len(np.unique(left.ids)) <= 1  # without the lips of cuts
+    assert 0.98 < other[1] / len(np.unique(left.ids)) <= 1  # without one side of each cut
 
 
 def test_a_volume_in_mni_space_lies_on_a_template(hemispheres, motor):
@@ -116,7 +115,7 @@ def test_other_structures_are_flattened():
 
 
 def test_what_is_no_disk_becomes_one():
-    """autoflatten 64 and 24, BFF 87: a torus with holes, and a second piece."""
+    """autoflatten 64 and 24, BFF 87: a torus with holes, and a second component."""
     ring = pv.ParametricTorus(ringradius=30, crosssectionradius=9).triangulate().clean()
     holes = np.random.default_rng(0).choice(ring.n_points, 3, replace=False)
     pieces = ring.remove_points(holes)[0].extract_surface() + pv.Sphere(radius=4, center=(90, 0, 0))
@@ -128,14 +127,14 @@ def test_what_is_no_disk_becomes_one():
 
 
 def test_edges_of_three_triangles_are_named():
-    """BFF 87: what is not manifold is said, by its numbers."""
+    """BFF 87: the error names the edge that is not manifold."""
     points = np.array([[0, 0, 0], [10, 0, 0], [0, 10, 0], [0, -10, 0], [0, 0, 10.0]])
     with pytest.raises(voxflat.InputError, match="edge"):
         voxflat.flatten((points, np.array([[0, 1, 2], [0, 1, 3], [0, 1, 4]])))
 
 
 def test_equal_holes_stay_equal():
-    """BFF 89, 33: a flat plate, with two equal holes, is developable."""
+    """BFF 89, 33: a developable plate with two equal holes."""
     plate = pv.Plane(i_size=60, j_size=40, i_resolution=60, j_resolution=40).triangulate()
     middle = plate.cell_centers().points
     is_hole = (np.abs(np.abs(middle[:, 0]) - 15) < 6) & (np.abs(middle[:, 1]) < 8)
@@ -150,7 +149,7 @@ def test_equal_holes_stay_equal():
 
 
 def test_arms_do_not_overlap():
-    """BFF 12: a body with long arms, closed."""
+    """BFF 12: a closed body with long arms."""
     body = np.zeros((64, 64, 30), dtype=bool)
     x, y, z = np.indices(body.shape)
     body |= (x - 32) ** 2 + (y - 32) ** 2 + (z - 15) ** 2 < 100
@@ -165,7 +164,7 @@ def test_arms_do_not_overlap():
 
 @pytest.mark.parametrize("sides", [8, 80])
 def test_a_tube_becomes_a_strip(sides):
-    """BFF 97: of few triangles or many."""
+    """BFF 97: a tube with few or many triangles."""
     tube = pv.Cylinder(radius=10, height=60, resolution=sides, capping=False).triangulate().subdivide(2)
     found = voxflat.flatten(tube)
     assert error(found) < 0.01
@@ -175,9 +174,8 @@ def test_a_tube_becomes_a_strip(sides):
 def test_vertices_and_places_on_the_map_correspond(hemispheres):
     """BFF 28."""
     left = hemispheres[0]
-    lengths, flat = (
-        np.linalg.norm(places[left.faces[:, 0]] - places[left.faces[:, 1]], axis=1) for places in (left.points, left.uv)
-    )
+    a, b, _ = left.faces.T
+    lengths, flat = (np.linalg.norm(places[a] - places[b], axis=1) for places in (left.points, left.uv))
     assert np.corrcoef(lengths, flat)[0, 1] > 0.5
 
 
@@ -194,7 +192,7 @@ def test_values_come_as_they_are_at_hand(hemispheres, kind, tmp_path):
 
 
 def test_a_map_has_a_threshold(hemispheres, motor, tmp_path):
-    """nilearn 2747: what is below is not shown."""
+    """nilearn 2747: values below the threshold are hidden."""
     shown = []
     for threshold in (None, 3.0, 100.0):
         figure = flat_map(hemispheres[0], Overlay(motor[1], threshold=threshold))
@@ -205,7 +203,7 @@ def test_a_map_has_a_threshold(hemispheres, motor, tmp_path):
 
 
 def test_every_resolution_of_a_template_is_flattened(hemispheres):
-    """nilearn 3171: nilearn draws the map by the surface's own values."""
+    """nilearn 3171: nilearn draws the map with values of the surface."""
     mesh = hemispheres[0].to_nilearn()
     figure = plotting.plot_surf(mesh, np.zeros(len(mesh.coordinates)), engine="matplotlib", view="dorsal")
     assert len(mesh.coordinates) == 10242
@@ -213,7 +211,7 @@ def test_every_resolution_of_a_template_is_flattened(hemispheres):
 
 
 def test_right_is_right(hemispheres):
-    """nilearn 1745: the side is found by the folds, whatever the file's name is."""
+    """nilearn 1745: the side is determined by the folds, not by the file name."""
     found = voxflat.surface(fsaverage5_file("white", "right")).register()
     assert found.side == "right"
 
@@ -228,7 +226,7 @@ def test_values_all_equal_are_drawn(hemispheres, tmp_path):
 
 
 def test_a_patch_around_a_control_point_is_flattened():
-    """LayNii 48, 75: of the middle of grey matter; where a label has no voxels, the error says which it has."""
+    """LayNii 48, 75: the middle of grey matter; the error for an absent label lists the labels."""
     sheet = nib.load(LAYNII)
     found = voxflat.surface(sheet, threshold=0).disk((53, 49, 57), 20.0).flatten()
     assert error(found) < 0.08
@@ -241,7 +239,7 @@ def test_a_patch_around_a_control_point_is_flattened():
 
 
 def test_distances_on_a_loaded_mesh(tmp_path):
-    """pyvista-support 233, pygeodesic 14: double points, and pieces that no path joins."""
+    """pyvista-support 233, pygeodesic 14: duplicate points, and separate components."""
     solid = np.zeros((30, 30, 60))
     x, y, z = np.indices(solid.shape)
     solid = np.minimum(np.hypot(np.hypot(x - 15, y - 15), z - 15), np.hypot(np.hypot(x - 15, y - 15), z - 44)) - 9.6
@@ -263,7 +261,7 @@ def test_distances_on_a_loaded_mesh(tmp_path):
 
 
 def test_distance_from_a_line():
-    """pmp 78: of several sources the least."""
+    """pmp 78: the distance is the minimum over several sources."""
     plane = pv.Plane(i_size=20, j_size=20, i_resolution=20, j_resolution=20).triangulate()
     edge = np.flatnonzero(np.isclose(plane.points[:, 0], -10))
     rows = voxflat.surface(plane).geodesic(edge)
@@ -282,12 +280,11 @@ def test_a_mesh_gets_texture_coordinates_and_stays():
 
 
 def test_micrometres_of_an_image_are_kept(tmp_path):
-    """brainrender-napari 140: a stack with a size in µm, and its mesh, lie in the same place."""
+    """brainrender-napari 140: a stack with sizes in µm and its mesh coincide."""
     tifffile = pytest.importorskip("tifffile")
     ball = (np.linalg.norm(np.indices((30, 30, 30)) - 15, axis=0) < 10).astype(np.uint8)
-    tifffile.imwrite(
-        tmp_path / "ball.ome.tif", ball, metadata={"axes": "ZYX", **{f"PhysicalSize{a}": 25.0 for a in "XYZ"}}
-    )
+    size = {f"PhysicalSize{axis}": 25.0 for axis in "XYZ"}
+    tifffile.imwrite(tmp_path / "ball.ome.tif", ball, metadata={"axes": "ZYX", **size})
     made = voxflat.surface(tmp_path / "ball.ome.tif")
     assert np.ptp(made.points, axis=0) == pytest.approx(3 * [20 * 0.025], abs=0.05)
 

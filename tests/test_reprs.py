@@ -1,4 +1,4 @@
-"""What a prompt shows of a result is a line, however large the result is."""
+"""The repr of a result is one line, however large the result is."""
 
 import inspect
 
@@ -16,7 +16,7 @@ LONGEST = 300
 
 @pytest.fixture(scope="module")
 def shown(tmp_path_factory):
-    """One of each public class, by its name."""
+    """The repr of an object of each public class, by the name of the class."""
     points, faces = sheet(lambda u, v: (u, v, 3 * np.sin(u / 4) * np.cos(v / 4)), (39, 39), (40, 40))
     mesh = io.Mesh(points, faces)
     flat_map = voxflat.flatten(mesh, method=voxflat.methods.Voxflat(sources=30))

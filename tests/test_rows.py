@@ -1,4 +1,4 @@
-"""Rows as values, against NumPy's own way, which is slow."""
+"""Operations on rows agree with slow NumPy equivalents."""
 
 import hypothesis.extra.numpy as arrays
 import numpy as np

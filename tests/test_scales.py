@@ -1,4 +1,4 @@
-"""Sizes: what is too large, too small or too uneven is refused at every door; within the range maps are maps."""
+"""Sizes that are too large, too small or too uneven are refused in every interface; others give valid maps."""
 
 import hard_shapes
 import numpy as np
@@ -18,12 +18,10 @@ def mesh(size=1.0):
     return size * points, faces
 
 
-DOORS = {
+INTERFACES = {
     "mesh": lambda size, path: voxflat.flatten(mesh(size), method=Voxflat(sources=9)),
     "spacing": lambda size, path: voxflat.surface(SHEET, spacing=(size,) * 3).flatten(Voxflat(sources=9)),
-    "affine": lambda size, path: voxflat.surface(SHEET, affine=np.diag([size, size, size, 1])).flatten(
-        Voxflat(sources=9)
-    ),
+    "affine": lambda size, path: voxflat.surface(SHEET, affine=np.diag([size] * 3 + [1])).flatten(Voxflat(sources=9)),
     "the paper's": lambda size, path: voxflat.surface(SHEET, spacing=(size,) * 3).flatten(Grossmann2002(sources=9)),
     "range image": lambda size, path: voxflat.range_image(np.zeros((5, 5)), size),
     "rows": lambda size, path: voxflat.surface(mesh(size)).geodesic(3),
@@ -46,22 +44,22 @@ def ply(path, size):
 
 @pytest.mark.parametrize(
     ("door", "size"),
-    # midway to a pial surface without any size is half of the white one
-    [(door, size) for door in DOORS for size in BEYOND if door != "pial" or size > 1],
+    # the midway surface of a pial surface of size 0 is half of the white surface
+    [(door, size) for door in INTERFACES for size in BEYOND if door != "pial" or size > 1],
 )
 def test_what_is_beyond_the_range_is_refused_at_every_door(tmp_path, door, size):
     with pytest.raises(voxflat.InputError, match=r"mm") as refused:
-        DOORS[door](size, tmp_path)
+        INTERFACES[door](size, tmp_path)
     assert "\n" not in str(refused.value)
 
 
 @pytest.mark.parametrize("door", ["mesh", "spacing", "the paper's"])
 @pytest.mark.parametrize("size", [1e-9, 1e-6, 1e7, 1e10])
 def test_within_the_range_maps_are_maps(tmp_path, door, size):
-    found = DOORS[door](size, tmp_path)
+    found = INTERFACES[door](size, tmp_path)
     assert np.isfinite(found.uv).all()
     assert found.distortion.raw.relative_error < 0.3
-    assert np.ptp(found.uv) == pytest.approx(size * np.ptp(DOORS[door](1.0, tmp_path).uv), rel=0.1)
+    assert np.ptp(found.uv) == pytest.approx(size * np.ptp(INTERFACES[door](1.0, tmp_path).uv), rel=0.1)
 
 
 def test_a_globe_of_the_size_of_pyvistas_is_mapped_and_keeps_its_texture_coordinates_apart():
@@ -77,7 +75,7 @@ def test_a_globe_of_the_size_of_pyvistas_is_mapped_and_keeps_its_texture_coordin
 
 def test_a_volume_whose_far_corner_lies_beyond_is_refused():
     with pytest.raises(
-        voxflat.InputError, match=r"voxel \[8, 0, 0\] of the volume lies at .* farther from the origin than 1e11 mm"
+        voxflat.InputError, match=r"voxel \[8, 0, 0\] of the volume is at .* more than 1e11 mm from the origin"
     ):
         voxflat.surface(SHEET, spacing=(2e10, 1e10, 1e10)).flatten(Voxflat(sources=9))
 

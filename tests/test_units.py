@@ -1,4 +1,4 @@
-"""Lengths in the unit of the surface, wherever they are told; nothing says mm of one whose unit nobody knows."""
+"""Lengths are shown in the unit of the surface, and without a unit if it is unknown."""
 
 import logging
 import re
@@ -48,7 +48,7 @@ def test_a_text_is_put_into_a_unit(text, in_micrometres, without):
 
 
 def told_of(surface, tmp_path, caplog):
-    """Return all that is said of a surface and its map."""
+    """Return all texts about a surface and its map, and the map."""
     with caplog.at_level(logging.INFO):
         opened = surface.cut()
         flat_map = opened.flatten()
@@ -70,7 +70,7 @@ def test_micrometres_are_carried_through(tmp_path, caplog):
     assert not [text for text in texts if MM.search(text)]
     assert sum("µm" in text for text in texts) > 10
     other = voxflat.surface(cells, spacing=(0.65,) * 3).flatten()
-    np.testing.assert_array_equal(flat_map.uv, other.uv)  # no length is changed
+    np.testing.assert_array_equal(flat_map.uv, other.uv)  # lengths do not change
 
 
 @pytest.mark.parametrize("mesh", [pv.Sphere(radius=30), pv.Sphere(radius=3e6)])
@@ -94,7 +94,7 @@ def test_the_command_line_takes_a_unit(tmp_path):
 
 def test_a_volume_that_tells_its_size_has_its_unit(tmp_path):
     nib.save(nib.Nifti1Image(shapes.ball(8).astype(np.uint8), np.eye(4)), tmp_path / "ball.nii")
-    refused("this volume defines its size in mm", voxflat.surface, tmp_path / "ball.nii", unit="µm")
+    refused("this volume defines its voxel size in mm", voxflat.surface, tmp_path / "ball.nii", unit="µm")
     assert run("flatten", tmp_path / "ball.nii", "--unit", "µm", "-o", tmp_path / "m.npz").exit_code == 1
 
 
@@ -109,7 +109,7 @@ SIZE = 0.5 * 0.65e-3  # mm, of half a voxel of 0.65 µm
 
 @pytest.fixture(scope="module")
 def maps():
-    """Maps of a ball in µm, and of one whose unit is unknown."""
+    """Maps of a ball in µm and of a surface with an unknown unit."""
     cell = voxflat.surface(shapes.ball(8), spacing=(0.65,) * 3, unit="µm").flatten()
     return cell, voxflat.flatten(pv.Sphere(radius=5))
 
@@ -138,7 +138,7 @@ def test_a_format_that_means_mm_is_doubted(maps, tmp_path, caplog, name, warned)
     for value in (maps[0], voxflat.surface(shapes.ball(8), unit="µm"), maps[1]):
         caplog.clear()
         value.save(tmp_path / name, overwrite=True)
-        assert ("are written in µm, but" in caplog.text) == (warned and value is not maps[1])
+        assert ("coordinates are in µm, but" in caplog.text) == (warned and value is not maps[1])
 
 
 def test_tables_and_json_have_the_unit_in_their_names(maps):

@@ -1,4 +1,4 @@
-"""Whatever is handed over, an error is one line that names the argument and the value; arguments.py says so for all."""
+"""Arguments of the wrong kind cause a one-line error that names the argument and its value."""
 
 from pathlib import Path
 
@@ -21,12 +21,13 @@ FACES = np.concatenate([CORNER + np.array(corners) for corners in ([0, 6, 1], [1
 
 VALUES = np.arange(36.0)
 ARRAY = np.zeros(3)
+LONG = np.broadcast_to(np.uint8(0), (2**31, 1, 1))
 SQUARE = [[1.0, 1], [1, 20], [20, 20], [20, 1]]
 
 
 def test_paths_of_all_kinds_stay():
     assert checked_path("a/b") == checked_path(Path("a/b")) == Path("a/b")
-    assert checked_path("\udcff") == Path("\udcff")  # bytes that are no UTF-8
+    assert checked_path("\udcff") == Path("\udcff")  # bytes that are not UTF-8
     assert checked_path(".") == Path()
 
 
@@ -67,12 +68,12 @@ CALLS = {
     "no voxel": (lambda s: voxflat.surface(VOLUME).nearest("x"), "voxel are 'x'; give numbers"),
     "page": (lambda s: voxflat.map_page(3), "flat map is 3; give a FlatMap"),
     "border": (lambda s: io.patch_border(FACES, [0], "64"), "number of points is '64'"),
-    "points of a border": (lambda s: io.patch_border(FACES, [0], 10**25), "memory are needed"),
+    "points of a border": (lambda s: io.patch_border(FACES, [0], 10**25), "memory is needed"),
     "method": (lambda s: voxflat.flatten(s, method=np.ma.masked_array([1, 2], [1, 0])), "method is masked_array"),
     "solver": (lambda s: s.geodesic(9, geodesic=ARRAY), "geodesic is array.*; give 'graph', 'marching'"),
     "solver of a map": (lambda s: voxflat.flatten(s, method=Voxflat(geodesic=ARRAY)), "geodesic is array"),
     "way": (lambda s: s.path(0, 9, geodesic=ARRAY), "geodesic is array.*'edges' or 'chain'"),
-    "stops": (lambda s: s.path(0, (0, 0, 2)), r"the stops are \(0, \(0, 0, 2\)\); give rows of one length"),
+    "stops": (lambda s: s.path(0, (0, 0, 2)), r"the stops are \(0, \(0, 0, 2\)\); give rows of equal length"),
     "sampling": (lambda s: s.geodesic(9, sampling=1e19), r"the sampling is 1e\+19; give text"),
     "no sampling": (lambda s: s.geodesic(9, sampling=None), 'sampling is "". Give'),
     "no sources": (lambda s: s.geodesic(None), "sources is None. Pass the number of sources, or points"),
@@ -83,8 +84,8 @@ CALLS = {
     "cuts of a volume": (lambda s: voxflat.surface(VOLUME).cut(cuts=ARRAY), "cut 0 must be voxel indices"),
     "label": (lambda s: io.read_region("lh.annot", 9, name=ARRAY), "name of a label is array.*; give text"),
     "rows": (lambda s: voxflat.flatten(s, rows=ARRAY), "rows is array.*; give True or False"),
-    "maps": (lambda s: voxflat.compare(s, [1, [2, 3]]), r"maps is \[1, \[2, 3\]\]; give maps by their names"),
-    "map": (lambda s: voxflat.compare(s, {"a": [1, [2, 3]]}), r"places are \[1, \[2, 3\]\]; give rows of one length"),
+    "maps": (lambda s: voxflat.compare(s, [1, [2, 3]]), r"maps is \[1, \[2, 3\]\]; give a dict of maps, keyed by name"),
+    "map": (lambda s: voxflat.compare(s, {"a": [1, [2, 3]]}), r"places are \[1, \[2, 3\]\]; give rows of equal length"),
     "reference": (lambda s: voxflat.measure(s, POINTS[:, :2], reference=ARRAY), "reference is array"),
     "name": (lambda s: voxflat.measure(s, "\ud800"), "the path is"),
     "on surface": (lambda s: voxflat.measure(s, POINTS[:, :2], on_surface="no"), "on_surface is 'no'; give True"),
@@ -96,12 +97,9 @@ CALLS = {
     "bridges": (lambda s: s._bridges(3), "faces have type int64 and shape"),
     "jump": (lambda s: voxflat.range_image(np.eye(9), 1.0, jump=np.ones((9, 9))), "jump is array"),
     "steps": (lambda s: voxflat.range_image(np.eye(9), spacing=([1], 1, 2)), "spacings are .*; give rows"),
-    "spacing": (lambda s: voxflat.surface(VOLUME, spacing=np.full((9, 9), "x")), "spacing array.* must be 3 numbers"),
+    "spacing": (lambda s: voxflat.surface(VOLUME, spacing=np.full((9, 9), "x")), "spacing is array.* Pass 3 positive"),
     "values of a volume": (lambda s: io.Volume([1, [2, 3]], np.eye(4)), r"values are \[1, \[2, 3\]\]; give rows"),
-    "a long volume": (
-        lambda s: io.Volume(np.broadcast_to(np.uint8(0), (2**31, 1, 1)), np.eye(4)),
-        "has an axis of more than 2147483647 voxels",
-    ),
+    "a long volume": (lambda s: io.Volume(LONG, np.eye(4)), "has an axis of more than 2147483647 voxels"),
     "volume of one number": (lambda s: io.Volume(2**64, np.eye(4)), "values have type object. Convert"),
     "geometry": (lambda s: io.VolumeGeometry(np.eye(3), np.zeros(3), shape=1.5), "has 1.5 voxels of .*. Pass 3"),
     "texture": (lambda s: io.Mesh(POINTS, FACES, texture_coordinates=b"x"), "coordinates are b'x'; give numbers"),
@@ -109,10 +107,13 @@ CALLS = {
     "face data": (lambda s: io.Mesh(POINTS, FACES, face_data={"a": 3}), "face data 'a' has 0 values, .* has 50"),
     "entries": (lambda s: io.Patch([1, [2, 3]], POINTS[:3], np.ones(3)), "the vertices are .*; give rows"),
     "mask": (lambda s: io.Patch([1, 2], POINTS[:2], [1, [2, 3]]), "entries of the border are .*; give numbers"),
-    "not a picture": (lambda s: figures.save_picture(ARRAY, "x.png"), r"shape \(3,\) and type float64. Pass uint8"),
-    "record": (lambda s: figures.save_picture(np.zeros((4, 4, 3), np.uint8), "x.png", ARRAY), "record is array.*JSON"),
+    "not a picture": (
+        lambda s: figures.save_picture(ARRAY, "x.png"),
+        r"\(3,\) and data type float64. Pass uint8",
+    ),
+    "record": (lambda s: figures.save_picture(np.zeros((4, 4, 3), np.uint8), "x.png", ARRAY), "record array.*JSON"),
     "cuts of numbers": (lambda s: voxflat.flatten(s, cuts=ARRAY), "cut"),
-    "cuts": (lambda s: voxflat.flatten(s, cuts=np.array("x")), "cuts have type ndarray. Pass a list of paths"),
+    "cuts": (lambda s: voxflat.flatten(s, cuts=np.array("x")), "cuts has type ndarray. Pass a list of paths"),
     "number of a cut": (lambda s: s.cut(relax=False).title(0), "cut number is 0, but there are 0"),
     "numbers of a cut": (lambda s: s.cut(relax=False).title(ARRAY), "cut number is array.*, but there are"),
     "flat map": (lambda s: figures.flat_map(1), "flat map is 1; give a FlatMap"),
@@ -135,25 +136,22 @@ ON_MAPS = {
     "no depth": (lambda m, a: m.image(VALUES, depth=[0.0, None]), "depth is None. Pass a number"),
     "interpolation": (lambda m, a: m.image(VALUES, interpolation=ARRAY), "interpolation is array"),
     "phases": (lambda m, a: m.image(VALUES, interpolation=ARRAY, period=3), "interpolation is array"),
-    "overlay": (lambda m, a: m.image([1, [2, 3]]), r"overlay's values are \[1, \[2, 3\]\]; give rows of one length"),
+    "overlay": (lambda m, a: m.image([1, [2, 3]]), r"overlay's values are \[1, \[2, 3\]\]; give rows of equal length"),
     "channel": (lambda m, a: m.images(VALUES, channel=np.ones((2, 2))), "channel is array"),
     "texel size": (lambda m, a: m.textured(np.eye(4), texel_size="1"), "texel_size is '1' mm. Pass"),
     "texels": (lambda m, a: m.textured(np.eye(4), texel_size=[[]]), r"texel_size is \[\[\]\] mm. Pass a positive"),
     "repeat": (lambda m, a: m.textured(np.eye(4), repeat=ARRAY), "repeat is array.*; give True or False"),
     "tolerance": (lambda m, a: m.textured(np.eye(4)).subdivided(tolerance=[1]), r"tolerance is \[1\]. Pass a"),
     "sidecar": (lambda m, a: m.save("x.npz", sidecar=ARRAY), "sidecar is array.*; give True or False"),
-    "paint": (lambda m, a: m.paint([1, [2, 3]]), r"the values are \[1, \[2, 3\]\]; give rows of one length"),
+    "paint": (lambda m, a: m.paint([1, [2, 3]]), r"the values are \[1, \[2, 3\]\]; give rows of equal length"),
     "background": (lambda m, a: m.paint(VALUES, background=1j), "background is 1j. Pass a number"),
     "None as background": (lambda m, a: m.paint(VALUES, background=None), "background is None. Pass a number"),
     "large background": (lambda m, a: m.paint(VALUES.astype(int), background=2**64), "is 18446744073709551616, which"),
-    "half a background": (
-        lambda m, a: m.paint(VALUES > 3, background=0.5),
-        "background is 0.5, which bool cannot hold",
-    ),
+    "half a background": (lambda m, a: m.paint(VALUES > 3, background=0.5), "is 0.5, which bool cannot hold"),
     "long background": (lambda m, a: m.paint(VALUES, background=10**400), r"is 10+ \.\.\., which float64 cannot hold"),
     "infinite background": (lambda m, a: m.paint(VALUES.astype("f4"), background=1e39), "which float32 cannot hold"),
     "no background": (lambda m, a: m.paint(VALUES.astype("u1"), background=np.nan), "is nan, which uint8 cannot hold"),
-    "number of places": (lambda m, a: voxflat.worst_places(m, np.ones((9, 9))), "count is array.*. Pass the number"),
+    "number of places": (lambda m, a: voxflat.worst_places(m, np.ones((9, 9))), "count is array.*. Pass the maximum"),
     "no factor": (lambda m, a: voxflat.worst_places(m, beyond=None), "beyond is None. Pass a factor greater than 1"),
     "cuts of places": (lambda m, a: voxflat.worst_places(m, cuts=ARRAY), "cuts is array.*; give True or False"),
     "overwrite": (lambda m, a: m.textured(np.eye(4)).save("x.obj", overwrite=ARRAY), "overwrite is array.*; give True"),
@@ -167,7 +165,7 @@ ON_MAPS = {
     "change": (lambda m, a: figures.movie(m, VALUES, change=ARRAY), "change is array.*; give True or False"),
     "towards": (lambda m, a: figures.atlas_3d(a, towards=""), "coordinates of towards are ''; give numbers"),
     "size": (lambda m, a: figures.atlas_3d(a, size=-1), "the size is -1; give 16 to 16384 pixels"),
-    "window": (lambda m, a: figures.patch_3d(m, size=1), "size is 1. Pass width and height in pixels"),
+    "window": (lambda m, a: figures.patch_3d(m, size=1), "size is 1. Pass the width and height in pixels"),
 }
 
 
@@ -178,7 +176,7 @@ def refused(call, message):
 
 
 def test_more_sources_than_a_machine_counts(of_mesh):
-    """All points are sources, then."""
+    """All points are sources in this case."""
     all_points = voxflat.measure(of_mesh, POINTS[:, :2], sources=36)
     assert voxflat.measure(of_mesh, POINTS[:, :2], sources=10**25).figures() == all_points.figures()
 
@@ -195,7 +193,7 @@ def on_mesh(of_mesh):
 
 
 def test_backgrounds_that_the_type_of_the_values_holds():
-    """In numbers of any kind, without a warning."""
+    """Numbers of any kind are accepted without a warning."""
     flat_map = voxflat.flatten(VOLUME, method=Voxflat(sources=9))
     values = np.ones(len(flat_map))
     for background in (10**30, np.float32(1e30), np.float16(4), np.inf, -np.inf, np.nan):

@@ -1,7 +1,7 @@
-"""Real anatomy as label volumes, from data that nilearn carries: nothing is downloaded.
+"""Real anatomy as label volumes, from data included in nilearn: nothing is downloaded.
 
-The white matter of fsaverage5 at any spacing, and of the MNI152 template at 1 mm: labels, and beside them how much of
-each voxel is white matter. Benchmarks and tests import the functions.
+The volumes are the white matter of fsaverage5 at any spacing, and of the MNI152 template at 1 mm: labels, and the
+fraction of each voxel that is white matter. Benchmarks and tests import the functions.
 """
 
 from importlib.util import find_spec
@@ -16,15 +16,11 @@ from voxflat import _core, demo
 SIDES = ("left", "right")
 SPACINGS = (1.0, 0.7, 0.5)
 
-JITTER = (3.1e-8, 4.7e-8)
-"""Columns lie this far beside their place, voxels: meshes often have vertices and edges on round coordinates."""
-
-BATCH = 1 << 20
-"""Pairs of a triangle and a column that are tested at a time."""
+JITTER = (3.1e-8, 4.7e-8)  # offset of columns, voxels: meshes often have vertices and edges at round coordinates
+BATCH = 1 << 20  # pairs of a triangle and a column that are tested at a time
 
 
 def fsaverage5_file(kind, side):
-    """Return a file of fsaverage5."""
     if side not in SIDES:
         raise ValueError(f"side is {side!r}; give 'left' or 'right'")
     return Path(find_spec("nilearn").origin).parent / "datasets" / "data" / "fsaverage5" / f"{kind}_{side}.gii.gz"
@@ -33,8 +29,8 @@ def fsaverage5_file(kind, side):
 def fsaverage5(side):
     """Load a hemisphere of fsaverage5, 10,242 vertices, the same in all surfaces, mm, RAS.
 
-    ``mid`` lies halfway between ``white`` and ``pial``; ``faces`` are closed, of genus 0, outward. ``flat`` is
-    FreeSurfer's flat map: points at z = 0, NaN where it leaves out the medial wall and the cuts, and its fewer faces.
+    ``mid`` lies halfway between ``white`` and ``pial``; ``faces`` are closed, of genus 0, and oriented outwards.
+    ``flat`` is FreeSurfer's flat map: points at z = 0, NaN where it omits the medial wall and the cuts, and its faces.
     """
     import nibabel
 
@@ -44,7 +40,7 @@ def fsaverage5(side):
     (white, faces), (pial, _), (flat, flat_faces) = arrays("white"), arrays("pial"), arrays("flat")
     (sulc,) = arrays("sulc")
     white, pial, flat = white.astype(float), pial.astype(float), flat.astype(float)
-    flat[np.setdiff1d(np.arange(len(flat)), flat_faces)] = np.nan  # the file has places in space there
+    flat[np.setdiff1d(np.arange(len(flat)), flat_faces)] = np.nan  # the file has points in space there
     return {
         "white": white,
         "pial": pial,
@@ -57,14 +53,14 @@ def fsaverage5(side):
 
 
 def mni152_white_matter(side):
-    """Load a hemisphere's white matter from the MNI152 template.
+    """Load the white matter of a hemisphere from the MNI152 template.
 
-    The hemispheres are parted at x = 0 mm. The brain stem is cut through in one slice, z = -14 mm, so that the lower
-    stem and with it the cerebellum are not in the largest component. Ventricles and deep nuclei stay open, as in the
-    figures of the decisions, which `voxflat.hemisphere` fills.
+    The hemispheres are separated at x = 0 mm. The brain stem is cut in the slice z = -14 mm, so that the lower stem and
+    the cerebellum are not in the largest component. Unlike in `voxflat.hemisphere`, ventricles and deep nuclei stay
+    open.
 
-    Returns labels, uint8, voxels of 1 mm; their affine; and the template, 0 where it is above the threshold but not in
-    the labels.
+    Returns labels, uint8, with voxels of 1 mm; their affine; and the template, which is 0 where it is above the
+    threshold but not in the labels.
     """
     if side not in SIDES:
         raise ValueError(f"side is {side!r}; give 'left' or 'right'")
@@ -79,7 +75,7 @@ def mni152_white_matter(side):
 
 
 def mni152_marching_cubes(side):
-    """Repair the white matter of a hemisphere of the MNI152 template; return its smoothed marching cubes, a sphere."""
+    """Return the smoothed marching cubes of the repaired white matter of a hemisphere of the MNI152 template."""
     import pyvista as pv
 
     labels, affine, _ = mni152_white_matter(side)
@@ -92,14 +88,14 @@ def mni152_marching_cubes(side):
 
 
 def voxelise(points, faces, spacing, pad=4, columns=5):
-    """Turn a closed triangle mesh, mm, into voxels, with so many of them around it.
+    """Voxelise a closed triangle mesh, mm, with a margin of `pad` voxels.
 
-    A place is inside where the winding number is positive: where parts overlap as well, while a part that is turned
-    inside out takes away. Faces may all be outward or all inward. Winding numbers come from the faces that lines along
-    the third axis pass through, `columns`² lines a voxel.
+    A point is inside if its winding number is positive, so overlapping parts are inside, and a part that is inside out
+    is subtracted. All faces may point outwards or all inwards. Winding numbers are counted along lines parallel to the
+    third axis, `columns`² lines per voxel.
 
-    Returns the largest component of the voxels whose centre is inside, uint8; the affine; and of all components which
-    part of each voxel is inside, exact along the third axis, sampled along the other two.
+    Returns the largest component of the voxels whose centre is inside, uint8; the affine; and the fraction of each
+    voxel that is inside any component, exact along the third axis and sampled along the other two.
     """
     points, faces = np.asarray(points, dtype=float), np.asarray(faces, dtype=np.int64)
     spacing = np.broadcast_to(np.asarray(spacing, dtype=float), 3)
@@ -112,7 +108,7 @@ def voxelise(points, faces, spacing, pad=4, columns=5):
     a, b, c = places[faces].transpose(1, 0, 2)
     if np.einsum("ij,ij->", np.cross(a, b), c) < 0:
         faces = faces[:, ::-1]
-    # columns 0, 1, ... along an axis lie at -1/2 + 1/(2 columns), + 1/columns, ..., where voxel centres are integers
+    # columns 0, 1, ... along an axis are at -1/2 + 1/(2 columns), + 1/columns, ..., where voxel centres are integers
     fine = np.column_stack([(places[:, :2] - JITTER + 0.5) * columns - 0.5, places[:, 2]])
     i, j, height, step = transitions(*crossings(fine, faces))
     voxel = (i // columns, j // columns)
@@ -121,7 +117,7 @@ def voxelise(points, faces, spacing, pad=4, columns=5):
     begins = np.ceil(height[central]).astype(int)
     inside = np.cumsum(scatter(shape, (voxel[0][central], voxel[1][central], begins), step[central]), axis=2) > 0.5
 
-    # what lies below a height fills its own voxel in part and those below it wholly
+    # the part below a height fills its own voxel partly and those below it completely
     layer = np.floor(height + 0.5).astype(int)
     voxel = (*voxel, layer)
     own = scatter(shape, voxel, -step * (height + 0.5 - layer))
@@ -135,12 +131,12 @@ def voxelise(points, faces, spacing, pad=4, columns=5):
 
 
 def crossings(points, faces):
-    """Find where lines along the third axis at integer first and second coordinates pass through triangles.
+    """Find where lines along the third axis at integer first and second coordinates intersect triangles.
 
-    The side of an edge on which a line lies is computed from the edge's ends in the order of their coordinates, so in
-    the same way for both its triangles: a line near an edge passes through exactly one of them, whatever the rounding.
-    Returns i and j of the line, the height, and 1 where it enters, upward, a solid with outward faces, -1 where it
-    leaves.
+    The side of an edge on which a line lies is computed from the ends of the edge in the order of their coordinates,
+    and therefore identically for both triangles: a line near an edge intersects exactly one of them, despite rounding.
+    Returns i and j of the line, the height, and 1 where it enters, going up, a solid with outward faces, or -1 where it
+    leaves it.
     """
     points, rank = np.unique(points, axis=0, return_inverse=True)
     faces = rank.reshape(-1)[faces]
@@ -158,7 +154,7 @@ def crossings(points, faces):
         number = np.arange(len(face)) - np.repeat(np.cumsum(counts[batch]) - counts[batch], counts[batch])
         i = low[face, 0] + number // extent[face, 1]
         j = low[face, 1] + number % extent[face, 1]
-        lefts = np.zeros(len(face), dtype=np.int8)  # of how many edges the line lies to the left
+        lefts = np.zeros(len(face), dtype=np.int8)  # number of edges that have the line on their left
         for edge in range(3):
             start, end = faces[face, edge], faces[face, (edge + 1) % 3]
             first, last = points[np.minimum(start, end)], points[np.maximum(start, end)]
@@ -171,17 +167,17 @@ def crossings(points, faces):
         v = cross(bx - ax, by - ay, i - ax, j - ay) / turn[face]
         found.append((i, j, az + u * (bz - az) + v * (cz - az), sign))
     if not found:
-        raise ValueError("no line passes through the mesh; give a smaller spacing")
+        raise ValueError("no line intersects the mesh; give a smaller spacing")
     return tuple(map(np.concatenate, zip(*found, strict=True)))
 
 
 def cross(ax, ay, bx, by):
-    """Cross product in the plane: positive where b lies to the left of a."""
+    """Return the cross product in the plane, positive if b lies to the left of a."""
     return ax * by - ay * bx
 
 
 def transitions(i, j, height, sign):
-    """Keep the crossings at which the winding number becomes positive (step 1) or ceases to be (step -1)."""
+    """Keep the crossings at which the winding number becomes positive (step 1) or stops being so (step -1)."""
     order = np.lexsort([height, j, i])
     i, j, height, sign = i[order], j[order], height[order], sign[order]
     ends = np.append((np.diff(i) != 0) | (np.diff(j) != 0), True)
@@ -194,12 +190,11 @@ def transitions(i, j, height, sign):
 
 
 def scatter(shape, voxel, values):
-    """Sum values into the voxels of a volume."""
     return np.bincount(np.ravel_multi_index(voxel, shape), values, np.prod(shape)).reshape(shape)
 
 
 def largest_component(mask):
-    """Keep the largest component under face adjacency."""
+    """Return the largest component under face adjacency."""
     components, _ = ndimage.label(mask)
     sizes = np.bincount(components.ravel())
     sizes[0] = 0
@@ -207,14 +202,14 @@ def largest_component(mask):
 
 
 def border(faces):
-    """Return the edges of one triangle alone, int (E, 2)."""
+    """Return the edges that belong to a single triangle, int (E, 2)."""
     ends = np.sort(faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
     edges, counts = np.unique(ends, axis=0, return_counts=True)
     return edges[counts == 1]
 
 
 def outward_hull(points):
-    """Return the triangles of the convex hull of points around the origin, seen from outside."""
+    """Return the triangles of the convex hull of points around the origin, oriented outwards."""
     faces = ConvexHull(points).simplices.astype(np.int64)
     inward = np.linalg.det(points[faces]) < 0
     faces[inward] = faces[inward][:, ::-1]

@@ -1,10 +1,10 @@
-"""Measure distances: how right they are, beside the targets and beside peers on the same input in the same run.
+"""Compare the accuracy of distances with targets and with other tools, on the same input.
 
     make bench-distances
     python docs/benchmarks/distances.py --only cortex,voxels
 
-On meshes: real cortex against exact distances, spheres and rolls against the truth, paths; on voxels:
-`distances_anatomy.py`. Peers: pygeodesic, potpourri3d, and Connectome Workbench if installed. Speed: `make bench`.
+On meshes, distances and paths on real cortex are compared with exact distances; for voxels, see `distances_anatomy.py`.
+The other tools are pygeodesic, potpourri3d and, if installed, Connectome Workbench. `make bench` measures speed.
 """
 
 import argparse
@@ -16,18 +16,11 @@ import anatomy
 import distances_anatomy
 import distances_solvers as solvers
 import numpy as np
-from scipy.spatial import Delaunay
-from tables import errors, exponent, judged, run, table
+from tables import errors, judged, run, table
 
 import voxflat
 
-SIZES = (640, 2560, 10240, 40960)
-"""Vertices of the meshes whose truth is known."""
-
-KNOWN_SOURCES = 10
 WORKBENCH_SOURCES = 20
-
-NAMES = tuple(f"voxflat {geodesic}" for geodesic in (*solvers.OURS, solvers.STRAIGHT_FRONTS))
 
 
 def cortex(options):
@@ -45,37 +38,31 @@ def cortex(options):
         "Cortex: errors against exact distances",
         ["fsaverage5", "solver", "pairs", "mean error, %", "99th percentile, %", "bias, %", "greatest"],
         rows,
-        f"Both hemispheres, 10,242 vertices each, {options.sources} random sources a surface to all vertices"
+        f"Both hemispheres, 10,242 vertices each, {options.sources} random sources per surface, to all vertices"
         f" ({min(WORKBENCH_SOURCES, options.sources)} for Workbench), against `pygeodesic` (f64). voxflat's rows are"
-        " f32, which holds a distance to 6e-8 of it.",
+        " f32, so they are rounded by up to 6e-8 of a distance.",
     )
 
 
 def cortex_errors(points, faces, count):
-    """Yield each solver's name and relative errors."""
+    """Yield the name and the relative errors of each solver."""
     sources = np.random.default_rng(0).choice(len(points), count, replace=False)
     exact = solvers.exact(points, faces)
     true = np.array([exact(source) for source in sources])
-    for name, rows in rows_of(points, faces, sources, solvers.PEERS):
-        yield name, errors(rows, true)
+    ours = solvers.ours(points, faces)
+    for geodesic in (*solvers.OURS, solvers.STRAIGHT_FRONTS):
+        yield f"voxflat {geodesic}", errors(ours(sources, geodesic).astype(float), true)
+    for name, peer in solvers.PEERS.items():
+        solve = peer(points, faces)
+        yield name, errors(np.array([solve(source) for source in sources]), true)
     few = slice(WORKBENCH_SOURCES)
     found = solvers.workbench(points, faces, sources[few])
     if found is not None:
         yield "Workbench", errors(found, true[few])
 
 
-def rows_of(points, faces, sources, peers):
-    """Yield each solver's name and rows."""
-    mine = solvers.Mine(points, faces)
-    for geodesic in (*solvers.OURS, solvers.STRAIGHT_FRONTS):
-        yield f"voxflat {geodesic}", mine.rows(sources, geodesic).astype(float)
-    for name in peers:
-        solve = solvers.PEERS[name](points, faces)
-        yield name, np.array([solve(source) for source in sources])
-
-
 def cortex_cells(kind, name, relative):
-    """Format errors beside their targets."""
+    """Format errors with their targets."""
     mean, high = 100 * np.abs(relative).mean(), 100 * np.percentile(np.abs(relative), 99)
     limits = {"voxflat graph": (0.5, 2.0), "voxflat marching": (2.0, None)}.get(name, (None, None))
     bias, greatest = 100 * relative.mean(), np.abs(relative).max()
@@ -116,12 +103,12 @@ def paths(options):
             "`marching`: longer than pygeodesic's, % (greatest)",
         ],
         rows,
-        f"{options.paths} random pairs a surface. A path of `marching` follows the front back; its length is its own.",
+        f"{options.paths} random pairs per surface. A path of `marching` follows the front; its length is its own.",
     )
 
 
 def of_pair(surface, exact, a, b):
-    """Return how far the lengths of exact paths and of links are from what they should be, and marching's excess."""
+    """Return the relative errors of the lengths of exact paths and links, and the excess length of marching."""
     sources = np.array([a], dtype=np.uint32)
     row = {kind: surface.core.rows(sources, geodesic=kind, threads=1)[0, b] for kind in ("exact", "graph")}
     path = {kind: surface.path(a, b, geodesic=kind) for kind in ("exact", "graph", "marching")}
@@ -131,81 +118,19 @@ def of_pair(surface, exact, a, b):
     return np.abs(np.array(ratios) - 1), path["marching"].length / true - 1
 
 
-def known(options):
-    """Compare with the truth on spheres and swiss rolls of several resolutions."""
-    del options
-    for title, make in (("Sphere", sphere), ("Swiss roll", swiss_roll)):
-        found = {}
-        sizes = []
-        for size in SIZES:
-            points, faces, truth = make(size)
-            sources = np.random.default_rng(2).choice(len(points), KNOWN_SOURCES, replace=False)
-            true = np.array([truth(source) for source in sources])
-            far = true > true.max() / 4
-            for name, distances in rows_of(points, faces, sources, list(solvers.PEERS)[:2]):
-                found.setdefault(name, []).append(np.abs(distances[far] / true[far] - 1).mean())
-            sizes.append(len(points))
-        rows = []
-        for name, means in found.items():
-            order = -exponent(np.sqrt(sizes), means)
-            limit = 1.0 if name in NAMES[:-1] else None
-            cells = [f"{100 * mean:.3f}" for mean in means]
-            rows.append([name, *cells, judged(order, ".2f", limit, f"{title}, {name}, order", least=True)])
-        table(
-            f"{title}: mean error against the truth, %, pairs farther than a quarter of the greatest distance",
-            ["solver", *(f"{size:,} vertices" for size in sizes), "order in the mesh's width"],
-            rows,
-        )
-
-
-def sphere(count, radius=50.0):
-    """Make an irregular mesh of a sphere, a spiral of points, shaken; return true distances from a vertex as well."""
-    rng = np.random.default_rng(3)
-    height = 1 - (2 * np.arange(count) + 1) / count
-    angle = np.pi * (3 - np.sqrt(5)) * np.arange(count)
-    flat = np.sqrt(1 - height**2)
-    points = np.stack([flat * np.cos(angle), flat * np.sin(angle), height], axis=1)
-    points += 0.3 * np.sqrt(4 * np.pi / count) * rng.uniform(-1, 1, points.shape)
-    points *= radius / np.linalg.norm(points, axis=1, keepdims=True)
-
-    def truth(source):
-        across = np.linalg.norm(points - points[source], axis=1) / (2 * radius)
-        return 2 * radius * np.arcsin(np.minimum(across, 1))
-
-    return points, anatomy.outward_hull(points), truth
-
-
-def swiss_roll(count, length=120.0, width=60.0):
-    """Make an irregular mesh of a rectangle rolled up along a spiral; as `sphere`."""
-    rng = np.random.default_rng(4)
-    rows = int(np.sqrt(count * width / length))
-    columns = count // rows
-    grid = np.stack(np.meshgrid(np.arange(columns), np.arange(rows), indexing="ij"), axis=-1).astype(float)
-    grid[1:-1, 1:-1] += rng.uniform(-0.35, 0.35, grid[1:-1, 1:-1].shape)
-    plane = grid.reshape(-1, 2) * [length / (columns - 1), width / (rows - 1)]
-    faces = Delaunay(grid.reshape(-1, 2)).simplices
-    turn = np.linspace(1.5 * np.pi, 4.5 * np.pi, 1 << 16)
-    along = np.cumsum(np.hypot(np.gradient(turn * np.cos(turn)), np.gradient(turn * np.sin(turn))))
-    along = length * (along - along[0]) / (along[-1] - along[0])
-    scale = length / np.hypot(np.diff(turn * np.cos(turn)), np.diff(turn * np.sin(turn))).sum()
-    t = np.interp(plane[:, 0], along, turn)
-    points = np.stack([scale * t * np.cos(t), scale * t * np.sin(t), plane[:, 1]], axis=1)
-    return points, faces.astype(np.int64), lambda source: np.linalg.norm(plane - plane[source], axis=1)
-
-
-SECTIONS = {"cortex": cortex, "paths": paths, "known": known, "voxels": distances_anatomy.voxels}
+SECTIONS = {"cortex": cortex, "paths": paths, "voxels": distances_anatomy.voxels}
 
 
 def main():
-    """Run the sections that are asked for, and say what is not met."""
+    """Run the requested sections, and list the targets that are missed."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--only", help=f"sections, with commas between: {', '.join(SECTIONS)}")
-    parser.add_argument("--sources", type=int, default=200, help="sources a surface of cortex")
-    parser.add_argument("--paths", type=int, default=20, help="exact paths a surface")
+    parser.add_argument("--only", help=f"comma-separated sections: {', '.join(SECTIONS)}")
+    parser.add_argument("--sources", type=int, default=200, help="sources per surface")
+    parser.add_argument("--paths", type=int, default=20, help="paths per surface")
     parser.add_argument("--sides", nargs="+", default=list(anatomy.SIDES), choices=anatomy.SIDES)
-    parser.add_argument("--spacings", nargs="+", type=float, default=list(anatomy.SPACINGS), help="of voxels, mm")
-    parser.add_argument("--voxel-sources", type=int, default=50, help="sources a voxelised hemisphere")
-    parser.add_argument("--targets", type=int, default=20_000, help="targets a voxelised hemisphere")
+    parser.add_argument("--spacings", nargs="+", type=float, default=list(anatomy.SPACINGS), help="voxel sizes, mm")
+    parser.add_argument("--voxel-sources", type=int, default=50, help="sources per voxelised hemisphere")
+    parser.add_argument("--targets", type=int, default=20_000, help="targets per voxelised hemisphere")
     run(SECTIONS, parser)
 
 

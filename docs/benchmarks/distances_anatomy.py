@@ -1,8 +1,8 @@
-"""Accuracy on voxels of a cortex, against exact distances on the mesh that was voxelised.
+"""Accuracy on voxels of a cortex, compared with exact distances on the voxelised mesh.
 
-A voxel and a place of the mesh belong together if the place is the mesh's nearest to the vertex that stands for the
-voxel. Places are added to the mesh as vertices: their faces are divided, which changes nothing of the surface, and
-exact distances are taken between them. So no error of looking up a nearest vertex is in the figures.
+Each vertex of the voxel surface corresponds to the nearest point of the mesh. These points are inserted into the mesh
+as vertices by dividing their faces, which does not change the surface. Exact distances are measured between them, so
+the figures contain no error of looking up the nearest vertex.
 """
 
 import anatomy
@@ -18,19 +18,15 @@ from voxflat import _core
 BANDS = ((5, 15), (15, 50), (50, 150))
 LIMITS = {1.0: (1.4, 1.0, 0.7), 0.7: (1.2, 0.7, 0.5), 0.5: (None, None, None)}
 MOST_BIAS = 0.5
-MOST_SHORT = 10
-"""Pairs in a million that may be underestimated by more than 20 %."""
-
-INSIDE = 1e-3
-"""How far places are kept from the edges of their faces, in barycentric coordinates (some micrometres)."""
-
+MOST_SHORT = 10  # pairs in a million that may be underestimated by more than 20 %
+INSIDE = 1e-3  # distance of points from the edges of their faces, in barycentric coordinates (some micrometres)
+SHORT = "too short by > 20 %, in a million"
 LINKS = {"chain-code": "26 neighbours, chain code (the paper)", "euclidean": "26 neighbours, 1, √2, √3"}
 
 
 def voxels(options):
     """Compare all estimators on voxelised white surfaces."""
-    rows = []
-    notes = []
+    rows, notes = [], []
     for spacing in options.spacings:
         gathered = {}
         for side in options.sides:
@@ -41,21 +37,14 @@ def voxels(options):
             rows.append([f"{spacing} mm", name, *cells(spacing, name, found / true - 1, true)])
     table(
         "Voxels of a cortex: mean absolute error (bias), %, by true distance",
-        [
-            "voxels",
-            "estimator",
-            *(f"{low}-{high} mm" for low, high in BANDS),
-            "beyond 15 mm: size of the bias, %",
-            "short by > 20 %, in a million",
-        ],
+        ["voxels", "estimator", *(f"{low}-{high} mm" for low, high in BANDS), "bias beyond 15 mm, %", SHORT],
         rows,
-        f"White surfaces of fsaverage5, {' and '.join(options.sides)}; {options.voxel_sources} sources by"
-        f" {options.targets:,} targets a hemisphere. " + " ".join(notes),
+        f"White surfaces of fsaverage5, {' and '.join(options.sides)}; {options.voxel_sources} sources and"
+        f" {options.targets:,} targets per hemisphere. " + " ".join(notes),
     )
 
 
 def cells(spacing, name, relative, true):
-    """Format errors beside their targets."""
     ours = name in {f"voxflat {geodesic}" for geodesic in solvers.OURS}
     what = f"{spacing} mm, {name}"
     texts = []
@@ -67,19 +56,19 @@ def cells(spacing, name, relative, true):
     short = 1e6 * np.mean(relative[true >= BANDS[0][0]] < -0.2)
     return [
         *texts,
-        judged(abs(bias), ".2f", MOST_BIAS if ours else None, f"{what}, size of the bias beyond 15 mm, %"),
-        judged(short, ".0f", MOST_SHORT if ours else None, f"{what}, short by > 20 %, in a million"),
+        judged(abs(bias), ".2f", MOST_BIAS if ours else None, f"{what}, bias beyond 15 mm, %"),
+        judged(short, ".0f", MOST_SHORT if ours else None, f"{what}, {SHORT}"),
     ]
 
 
 def of_hemisphere(side, spacing, options, notes):
-    """Yield each estimator's name, its distances, and the true ones."""
+    """Yield the name of each estimator, its distances, and the true distances."""
     mesh = anatomy.fsaverage5(side)
     labels, affine, fraction = anatomy.voxelise(mesh["white"], mesh["faces"], spacing)
     mask, _ = _core.repair(labels.astype(bool), [spacing] * 3)
     changed = np.count_nonzero(mask != labels.astype(bool))
     if changed:
-        notes.append(f"{side} {spacing} mm: voxels changed to leave no handle: {changed}.")
+        notes.append(f"{side} {spacing} mm: {changed} voxels were changed to remove handles.")
     surface = voxflat.surface(mask.astype(np.uint8), affine=affine)
     picked = np.random.default_rng(5).permutation(len(surface))
     picked = picked[: options.targets + options.voxel_sources]
@@ -104,20 +93,20 @@ def of_hemisphere(side, spacing, options, notes):
 
 
 def true_rows(mesh, places, sources):
-    """Exact distances from the first places to all, mm, and how far the places are from the mesh."""
+    """Return exact distances from the first points to all points, and the distance of each point from the mesh, mm."""
     points, faces = mesh["white"], mesh["faces"]
     cells = np.insert(faces, 0, 3, axis=1)
     face, nearest = pv.PolyData(points, cells).find_closest_cell(places, return_closest_point=True)
     points, faces, numbers = with_places(points, faces, face, nearest)
-    true = solvers.Mine(points, faces).rows(numbers[:sources], "exact")[:, numbers].astype(float)
+    true = solvers.ours(points, faces)(numbers[:sources], "exact")[:, numbers].astype(float)
     expected = solvers.exact(points, faces)(numbers[0])[numbers]
-    np.testing.assert_allclose(true[0], expected, rtol=1e-6, atol=1e-9, err_msg="pygeodesic agrees on the truth")
-    true[true < BANDS[0][0]] = np.nan  # not looked at, and the source itself is among them
+    np.testing.assert_allclose(true[0], expected, rtol=1e-6, atol=1e-9, err_msg="pygeodesic agrees")
+    true[true < BANDS[0][0]] = np.nan  # excluded, like the source itself
     return true, np.linalg.norm(nearest - places, axis=1)
 
 
 def with_places(points, faces, face, places):
-    """Divide faces so that places in them are vertices; return the mesh, and which vertex each place is."""
+    """Divide faces so that points in them become vertices; return the mesh and the vertex of each point."""
     a, b, c = points[faces[face]].swapaxes(0, 1)
     # barycentric coordinates by least squares; kept off the edges
     uv = np.einsum("nij,nj->ni", np.linalg.pinv(np.stack([b - a, c - a], axis=2)), places - a)
@@ -132,7 +121,7 @@ def with_places(points, faces, face, places):
         corners = np.concatenate([faces[owner[own[0]]], len(points) + own])
         plane = np.concatenate([[[0, 0], [1, 0], [0, 1]], uv[own]])
         triangles = Delaunay(plane).simplices
-        assert len(triangles) == 2 * len(own) + 1, "all places are vertices"
+        assert len(triangles) == 2 * len(own) + 1, "all points are vertices"
         first, second, third = plane[triangles].swapaxes(0, 1)
         turned = np.linalg.det(np.stack([second - first, third - first], axis=1)) < 0
         triangles[turned] = triangles[turned][:, ::-1]
@@ -144,6 +133,5 @@ def with_places(points, faces, face, places):
 
 
 def area(points, faces):
-    """Area of a mesh, mm²."""
     a, b, c = points[faces].swapaxes(0, 1)
     return np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2

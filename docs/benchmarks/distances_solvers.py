@@ -1,4 +1,4 @@
-"""Geodesic solvers of voxflat and of its peers, as functions from a source to a row of distances on one mesh."""
+"""Geodesic solvers of voxflat and other tools, as functions from a source to a row of distances on one mesh."""
 
 import shutil
 import subprocess
@@ -16,41 +16,35 @@ from voxflat.io.overlays import read_overlay
 OURS = ("exact", "marching", "graph")
 
 STRAIGHT_FRONTS = "marching-plane"
-"""Fast marching as Kimmel and Sethian have it, for comparison; not public."""
+"""Fast marching with straight fronts (Kimmel and Sethian), for comparison; not public."""
 
 
-class Mine:
-    """voxflat on a mesh: `rows` of one or more sources by one of its solvers, on one thread."""
-
-    def __init__(self, points, faces):
-        self.core = voxflat.surface((points, faces)).core
-        if not np.array_equal(self.core.ids, np.arange(len(points))):
-            raise ValueError("the mesh has vertices that no face uses")
-
-    def rows(self, sources, geodesic):
-        """Distances, mm, shape (m, N)."""
-        return self.core.rows(np.asarray(sources, dtype=np.uint32), geodesic=geodesic, threads=1)
+def ours(points, faces):
+    """Return a function from sources and a geodesic to voxflat's rows, shape (m, N), with one thread."""
+    core = voxflat.surface((points, faces)).core
+    assert np.array_equal(core.ids, np.arange(len(points))), "each vertex belongs to a face"
+    return lambda sources, geodesic: core.rows(np.asarray(sources, dtype=np.uint32), geodesic=geodesic, threads=1)
 
 
 def exact(points, faces):
-    """Mitchell, Mount, Papadimitriou by pygeodesic, f64."""
+    """Return the solver of Mitchell, Mount and Papadimitriou by pygeodesic, f64."""
     solver = pygeodesic.PyGeodesicAlgorithmExact(points, faces)
     return lambda source: solver.geodesicDistances([int(source)], None)[0]
 
 
 def marching(points, faces):
-    """Fast marching by potpourri3d (geometry-central), f64."""
+    """Return fast marching by potpourri3d (geometry-central), f64."""
     solver = potpourri3d.MeshFastMarchingDistanceSolver(points, faces)
     return lambda source: np.asarray(solver.compute_distance([[(int(source), [])]]))
 
 
 def heat(points, faces):
-    """Heat method by potpourri3d, with its intrinsic Delaunay triangulation, f64."""
+    """Return the heat method by potpourri3d, with its intrinsic Delaunay triangulation, f64."""
     return potpourri3d.MeshHeatMethodDistanceSolver(points, faces).compute_distance
 
 
 def plain_heat(points, faces):
-    """Heat method over the mesh's own cotangents and one time step of a mean edge squared, as pycortex has it."""
+    """Return the heat method with plain cotangents and the squared mean edge as time step, as in pycortex."""
     return potpourri3d.MeshHeatMethodDistanceSolver(points, faces, use_robust=False).compute_distance
 
 
@@ -62,7 +56,7 @@ PEERS = {
 
 
 def workbench(points, faces, sources):
-    """Connectome Workbench's distances, shape (m, N), or None where it is not installed."""
+    """Return the distances of Connectome Workbench, shape (m, N), or None if it is not installed."""
     if not shutil.which("wb_command"):
         return None
     rows = []

@@ -1,11 +1,10 @@
-"""Judge flat maps: the default method beside its peers on the same cuts, by exact distances from the same sources.
+"""Compare flat maps of the default method and of other tools, with the same cuts, by exact distances.
 
     make bench-flatten
     python docs/benchmarks/maps.py --only fsaverage5,growth
 
-Every map is made in a process of its own; wall and CPU time, s, are without reading input. Compare ratios, machines
-differ. Peers: the flat maps that fsaverage5 and SUIT's cerebellum come with, ARAP and SLIM (libigl), `autoflatten
-flatten`.
+Each map is made in a separate process; wall and CPU time, s, exclude reading the input. Machines differ, so compare
+ratios. The other maps are those included in fsaverage5 and SUIT, ARAP and SLIM (libigl), and `autoflatten flatten`.
 """
 
 import argparse
@@ -23,23 +22,23 @@ SECTIONS |= {"mni152": maps_peers.mni152, "growth": maps_growth.growth, "sheets"
 
 
 def main():
-    """Run the sections that are asked for, and say what is not met."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--only", help=f"sections, with commas between: {', '.join(SECTIONS)}")
+    parser.add_argument("--only", help=f"comma-separated sections: {', '.join(SECTIONS)}")
     parser.add_argument("--makers", nargs="+", default=list(maps_makers.MAKERS), choices=maps_makers.MAKERS)
     parser.add_argument("--sides", nargs="+", default=list(anatomy.SIDES), choices=anatomy.SIDES)
     parser.add_argument("--kinds", nargs="+", default=list(published.KINDS), choices=published.KINDS)
-    parser.add_argument("--sources", type=int, default=300, help="that maps of fsaverage5 are judged from")
-    parser.add_argument("--suit", type=Path, help="into which suitpy was put, as `make bench-published` does")
+    parser.add_argument("--sources", type=int, default=300, help="sources of the evaluation of fsaverage5's maps")
+    parser.add_argument("--suit", type=Path, help="where suitpy is installed, as by `make bench-published`")
     parser.add_argument("--more", nargs="*", type=Path, default=[], help=".npz files with V, F and flat")
-    parser.add_argument("--whole", type=float, default=0.7, help="voxels of the whole hemisphere, mm")
-    judged = "that maps of whole hemispheres and published ones are judged from"
-    parser.add_argument("--whole-sources", type=int, default=100, help=judged)
+    parser.add_argument("--whole", type=float, default=0.7, help="voxel size of the whole hemisphere, mm")
+    evaluated = "sources of the evaluation of whole hemispheres and published maps"
+    parser.add_argument("--whole-sources", type=int, default=100, help=evaluated)
     sheets = [30_000, 300_000, 900_000, 3_000_000]
-    parser.add_argument("--sheets", nargs="+", type=int, default=sheets, help="vertices of bent sheets")
-    parser.add_argument("--spacings", nargs="+", type=float, default=[1.35, 0.7, 0.6, 0.25], help="of growth, mm")
-    parser.add_argument("--limit", type=float, default=7200, help="seconds that a map may take")
-    parser.add_argument("--keep", type=Path, help="directory where maps are kept; those there are not made anew")
+    parser.add_argument("--sheets", nargs="+", type=int, default=sheets, help="numbers of vertices of the bent sheets")
+    parser.add_argument(
+        "--spacings", nargs="+", type=float, default=[1.35, 0.7, 0.6, 0.25], help="voxel sizes of growth, mm"
+    )
+    parser.add_argument("--limit", type=float, default=7200, help="maximal seconds per map")
     tables.run(SECTIONS, parser)
 
 

@@ -1,4 +1,4 @@
-"""How time and memory grow with the size of the surface."""
+"""Growth of time and memory with the size of the surface."""
 
 import anatomy
 import numpy as np
@@ -6,47 +6,27 @@ from maps_makers import CUT_OPEN
 from maps_peers import made_by
 from tables import exponent, judged, table
 
-STEEPEST = 1.05
-"""Of CPU time and memory, as a power of the vertices."""
-
+STEEPEST = 1.05  # limit of the exponents of CPU time and memory as powers of the number of vertices
 BOUNDS = {30_000: (10.0, None), 150_000: (20.0, 0.7), 890_000: (100.0, 2.5), 3_000_000: (480.0, 8.0)}
-"""By the vertices that a surface has about: the most wall time, s, on 2 cores, and memory, GiB."""
-
-NEAR = 0.15
-"""A surface has about so many vertices if it has this share more or less."""
-
-MOST_OFF = 0.001
-"""Of lengths on the map of a developable sheet."""
-
-OFF = "error of a million distances, %"
-
-SAID = "of which taken, and said before"
-"""Memory that a map takes beside packages and input."""
-
-NEAR_SAID = 0.2
-"""Part by which the memory that is said before the start may differ from what is taken."""
-
-
-def said(made, name):
-    """Return the memory that a map took and what was said of it, GiB, and note it if they are not near each other."""
-    off = judged(100 * abs(made.need / made.taken - 1), ".0f", 100 * NEAR_SAID, f"{name}, memory said is off by %")
-    return f"{made.taken:.2f}, {made.need:.2f}, off by % {off}"
+"""Limits of wall time on 2 cores, s, and memory, GiB, by the approximate number of vertices."""
+NEAR = 0.15  # relative deviation of that number
+MOST_OFF = 0.001  # limit of the relative error of lengths on the map of a developable sheet
+NEAR_SAID = 0.2  # limit of the relative difference between the memory estimate and the memory used
 
 
 def powers(sizes, costs):
-    """Say how CPU time and memory, packages and input left out, grow from size to size."""
+    """Describe how CPU time and memory grow, without packages and input."""
     if len(sizes) < 2:
         return ""
     named = zip(("CPU time", "memory"), zip(*costs, strict=True), strict=True)
-    told = {name: f"growth of the {name}, power of the vertices" for name in ("CPU time", "memory")}
-    time, memory = (judged(exponent(sizes, cost), ".2f", STEEPEST, told[name]) for name, cost in named)
-    return f"With the vertices, CPU time grows to the power of {time}, memory to that of {memory}."
+    time, memory = (judged(exponent(sizes, cost), ".2f", STEEPEST, f"{name}, exponent") for name, cost in named)
+    return f"CPU time grows as the number of vertices to the power of {time}, memory to the power of {memory}."
 
 
 def grown(title, kind, first, surfaces, options):
-    """Flatten surfaces from small to large, and say what that takes; `kind`: how one is called that misses a target.
+    """Flatten surfaces from small to large, and print the costs; `kind` names a surface that misses a target.
 
-    `surfaces`: of each surface the first cell, the job, and what the map's error is beside the true places, or None.
+    `surfaces` gives, for each surface, the first cell, the job, and a function from a map to its error or None.
     """
     rows, sizes, costs = [], [], []
     for cell, job, error in surfaces:
@@ -59,16 +39,19 @@ def grown(title, kind, first, surfaces, options):
         off = "" if error is None else judged(100 * error(made.places), ".4f", 100 * MOST_OFF, f"{name}, error %")
         shown = judged(made.wall, ".1f", wall, f"{name}, wall s")
         cells = [cell, f"{size:,}", shown, f"{made.cpu:.1f}", f"{1e6 * made.cpu / size:.0f}"]
-        cells += [judged(made.peak, ".2f", peak, f"{name}, GiB"), said(made, name), off]
+        estimate = 100 * abs(made.need / made.taken - 1)
+        estimate = judged(estimate, ".0f", 100 * NEAR_SAID, f"{name}, error of the memory estimate, %")
+        memory = f"{made.taken:.2f}, {made.need:.2f}, {estimate}"
+        cells += [judged(made.peak, ".2f", peak, f"{name}, GiB"), memory, off]
         rows.append([*cells, str(len(made.descent["energies"])), "yes" if made.descent["converged"] else "no"])
         sizes.append(size)
         costs.append((made.cpu, made.taken))
-    columns = (first, "vertices", "wall s", "CPU s", "CPU µs a vertex", "GiB", SAID, OFF, "steps", "converged")
+    columns = [first, "vertices", "wall s", "CPU s", "CPU µs per vertex", "GiB", "of the map: used, estimate, error %"]
+    columns += ["error of a million distances, %", "steps", "converged"]
     table(title, columns, rows, powers(sizes, costs))
 
 
 def growth(options):
-    """Flatten whole hemispheres of voxels, from coarse to fine."""
     hemisphere = anatomy.fsaverage5("left")
 
     def of(spacing):
@@ -80,7 +63,7 @@ def growth(options):
 
 
 def sheets(options):
-    """Flatten rolled, waving sheets of irregular triangles, whose flat places are known."""
+    """Flatten rolled, wavy sheets of irregular triangles whose flat positions are known."""
 
     def of(count):
         true, points, faces = waving_sheet(count)
@@ -92,24 +75,23 @@ def sheets(options):
 
         return f"{count:,}", {"points": points, "faces": faces}, error
 
-    grown("Growth: a rolled, waving sheet of irregular triangles", "sheet", "asked", map(of, options.sheets), options)
+    grown("Growth: a rolled, wavy sheet of irregular triangles", "sheet", "requested", map(of, options.sheets), options)
 
 
 def lengths(places, pairs):
-    """Return how far pairs of places lie from each other."""
     return np.linalg.norm(places[pairs[0]] - places[pairs[1]], axis=1)
 
 
 def waving_sheet(count):
-    """Return about so many places in the plane, mm, where they are on a sheet that is bent one way, and faces."""
+    """Return about `count` points in the plane, mm, their positions on a sheet that is bent one way, and faces."""
     rng = np.random.default_rng(0)
     side = round(np.sqrt(count / 1.5))
     shape = (round(1.5 * side), side)
-    edge = 250.0 / shape[0]  # as long as a hemisphere's map
+    edge = 250.0 / shape[0]  # as long as the map of a hemisphere
     rows, columns = np.indices(shape)
     true = edge * (np.stack([rows, columns], axis=2) + rng.uniform(-0.25, 0.25, (*shape, 2))).reshape(-1, 2)
     along = np.linspace(true[:, 0].min(), true[:, 0].max(), 1_000_001)
-    turned = 1.5 * np.sin(along / 9) + along / 60  # the direction in which the sheet goes on
+    turned = 1.5 * np.sin(along / 9) + along / 60  # direction of the sheet
     step = along[1] - along[0]
     middle = (turned[1:] + turned[:-1]) / 2
     x, z = (np.concatenate([[0.0], np.cumsum(step * turn(middle))]) for turn in (np.cos, np.sin))

@@ -1,15 +1,13 @@
-"""Makers of flat maps: voxflat and its peers, each map in a process of its own.
+"""Makers of flat maps: voxflat and other tools.
 
     python docs/benchmarks/maps_makers.py MAKER JOB.npz MADE.npz
 
-makes a map in this process. `make` starts such a process, so that time and memory are of one map alone. A job holds a
-surface: the points and faces of a disk, or labels with their affine for voxflat to cut open, and voxflat's options.
-Peers start as their users do: ARAP and SLIM (libigl) from the harmonic map to a disk, or where that folds from the one
-with equal springs; 100 iterations.
-`autoflatten flatten` has its defaults; it is the command as it is, so that its times contain its start and compilation.
+makes a map in this process. `make` starts such a process for each map, so that time and memory are those of one map. A
+job contains the points and faces of a disk, or labels with their affine for voxflat to cut open, and voxflat's options.
+ARAP and SLIM (libigl) run 100 iterations from the harmonic map to a disk, or from one with equal springs if that folds.
+`autoflatten flatten` runs as a command with default options, so its time includes its start and compilation.
 """
 
-import hashlib
 import importlib
 import json
 import resource
@@ -27,16 +25,16 @@ ITERATIONS = 100
 GIB = 2**30
 
 CUT_OPEN = {"relax": None}
-"""Options of voxflat for a closed surface: cut as by default. Of a disk the cuts are given, and no more are made."""
+"""Options of voxflat for a closed surface: the default cuts. A disk is not cut any further."""
 
 
 class NoMapError(Exception):
-    """A maker made no map; says why."""
+    """A maker made no map, for this reason."""
 
 
 @dataclass(frozen=True, eq=False)
 class Made:
-    """A flat map and what it took, without reading the input and importing packages."""
+    """A flat map and its costs, without reading the input and importing packages."""
 
     places: np.ndarray  # in the plane
     points: np.ndarray  # on the surface as it was cut, mm
@@ -44,54 +42,40 @@ class Made:
     wall: float  # s
     cpu: float  # s
     peak: float  # memory of the process at its peak, packages included, GiB
-    taken: float  # the same without what it had before the first step, packages and input, GiB
-    need: float = np.nan  # what voxflat says before the start that it needs at most, GiB
+    taken: float  # the same without packages and input, GiB
+    need: float = np.nan  # voxflat's estimate of its memory, GiB
     descent: dict = field(default_factory=dict)  # voxflat's `metadata["descent"]`
 
 
-# ---------------------------------------------------------------------------------- in the caller's process
+# ----------------------------------------------------------------------------- in the process of the caller
 
 
-def make(maker, job, limit=3600.0, keep=None):
-    """Make a map by one of `MAKERS` in a process of its own, in so many seconds at most.
+def make(maker, job, limit):
+    """Make a map by one of `MAKERS` in a separate process, within `limit` seconds.
 
-    `job`: ``points`` and ``faces``, or ``labels`` and ``affine``; and ``options`` of `voxflat.flatten`. `keep`: where
-    maps are kept; one of the same job is taken from there, with the times of when it was made.
+    `job` contains ``points`` and ``faces``, or ``labels`` and ``affine``, and ``options`` of `voxflat.flatten`.
     """
     with tempfile.TemporaryDirectory() as directory:
-        made = Path(directory, "made.npz")
-        if keep is not None:
-            made = Path(keep, f"{maker.replace(' ', '_')}-{_key(job)}.npz")
-            made.parent.mkdir(parents=True, exist_ok=True)
-        if not made.exists():
-            path = Path(directory, "job.npz")
-            np.savez(path, **{**job, "options": json.dumps(job.get("options", {}))})
-            command = [sys.executable, __file__, maker, path, made]
-            try:
-                done = subprocess.run(command, capture_output=True, text=True, timeout=limit)
-            except subprocess.TimeoutExpired:
-                raise NoMapError(f"no map after {limit:.0f} s") from None
-            if done.returncode:
-                raise NoMapError(done.stderr.strip().splitlines()[-1] if done.stderr else f"ended {done.returncode}")
+        path, made = (Path(directory, name) for name in ("job.npz", "made.npz"))
+        np.savez(path, **{**job, "options": json.dumps(job.get("options", {}))})
+        command = [sys.executable, __file__, maker, path, made]
+        try:
+            done = subprocess.run(command, capture_output=True, text=True, timeout=limit)
+        except subprocess.TimeoutExpired:
+            raise NoMapError(f"no map after {limit:.0f} s") from None
+        if done.returncode:
+            raise NoMapError(done.stderr.strip().splitlines()[-1] if done.stderr else f"ended {done.returncode}")
         with np.load(made) as found:
             arrays = {name: found[name] for name in ("places", "points", "faces")}
             costs = {name: float(found[name]) for name in ("wall", "cpu", "peak", "taken")}
             return Made(**arrays, **costs, **json.loads(str(found["told"])))
 
 
-def _key(job):
-    """Return what tells jobs apart."""
-    told = hashlib.sha256(json.dumps(job.get("options", {}), sort_keys=True).encode())
-    for name in sorted(set(job) - {"options"}):
-        told.update(name.encode() + np.ascontiguousarray(job[name]).tobytes())
-    return told.hexdigest()[:16]
-
-
-# ------------------------------------------------------------------------------------- in a process of its own
+# ------------------------------------------------------------------------------------- in a separate process
 
 
 def voxflat_map(job, options):
-    """Return a map of the default method, the surface as it was cut, the memory that was said, and how descent went."""
+    """Return a map of the default method, the cut surface, the memory estimate, and the record of the descent."""
     import voxflat
 
     if "labels" in job:
@@ -106,7 +90,7 @@ def voxflat_map(job, options):
 def arap(job, options):
     """Return an as-rigid-as-possible map (Liu, Zhang, Xu, Gotsman, Gortler 2008).
 
-    A vertex is held. With dynamics instead, as in libigl's tutorial, 100 iterations are far from enough.
+    One vertex is fixed. With dynamics instead, as in libigl's tutorial, 100 iterations are far too few.
     """
     import igl
 
@@ -131,7 +115,7 @@ def slim(job, options):
 
 
 def on_disk(points, faces):
-    """Return the harmonic map to a disk of the surface's area; with equal springs, if that turns triangles over."""
+    """Return the harmonic map to a disk of the same area, or one with equal springs if that flips triangles."""
     import igl
     from scipy.sparse import coo_array, csr_array
     from scipy.sparse.linalg import spsolve
@@ -154,7 +138,6 @@ def on_disk(points, faces):
 
 
 def autoflatten(job, options):
-    """Return the map of the command `autoflatten flatten`, with its defaults."""
     from voxflat.io.meshes import Mesh, write_mesh
     from voxflat.io.patches import Patch, patch_border, patch_faces, read_patch, write_patch
 
@@ -186,7 +169,6 @@ MAKERS = {"voxflat": voxflat_map, "ARAP": arap, "SLIM": slim, "autoflatten": aut
 
 
 def main():
-    """Make a map, and say what it took."""
     maker, path, made = sys.argv[1:]
     with np.load(path) as file:
         job = {name: file[name] for name in file.files}
@@ -205,20 +187,17 @@ def main():
 
 
 def _cpu():
-    """Return the CPU time of this process and of those that it has waited for, s."""
+    """Return the CPU time of this process and its finished children, s."""
     return sum(sum(resource.getrusage(who)[:2]) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
 
 
 def _peak():
-    """Return the greatest memory of this process or of one that it has started, bytes.
-
-    What Linux calls `ru_maxrss` begins with the memory of the process that started this one.
-    """
+    """Return the peak memory of this process or of a child, bytes; `ru_maxrss` would begin with that of the parent."""
     return max(_memory("VmHWM"), 1024 * resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss)
 
 
 def _memory(name):
-    """Return a figure of this process' memory as Linux calls it, bytes; elsewhere the greatest there was."""
+    """Return an entry of `/proc/self/status`, bytes, or the peak memory on systems other than Linux."""
     status = Path("/proc/self/status")
     if not status.exists():
         return 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss

@@ -1,4 +1,4 @@
-"""voxflat beside its peers on the same patches and the same cuts."""
+"""Maps of voxflat and other tools on the same patches with the same cuts."""
 
 import sys
 
@@ -14,7 +14,6 @@ COLUMNS = ("map", "vertices", "wall s", "CPU s", "GiB", *DISTANCES, *SHAPES, "cr
 
 
 def fsaverage5(options):
-    """Compare maps of the part of fsaverage5 that its shipped flat maps have."""
     for side in options.sides:
         for kind in options.kinds:
             points, faces, shipped = fsaverage5_disk(side, kind)
@@ -24,7 +23,6 @@ def fsaverage5(options):
 
 
 def whole(options):
-    """Compare maps of a whole hemisphere of voxels, cut open by voxflat."""
     hemisphere = anatomy.fsaverage5("left")
     labels, affine, _ = anatomy.voxelise(hemisphere["white"], hemisphere["faces"], options.whole)
     title = f"fsaverage5 white left, voxels of {options.whole} mm, whole"
@@ -32,25 +30,24 @@ def whole(options):
 
 
 def mni152(options):
-    """Compare maps of a hemisphere of the MNI152 template by marching cubes, cut open by voxflat."""
     points, faces = anatomy.mni152_marching_cubes("left")
     cut_open("MNI152 white matter left, marching cubes, whole", {"points": points, "faces": faces}, options)
 
 
 def cut_open(title, job, options):
-    """Compare maps of a closed surface with the cuts of voxflat's."""
+    """Compare maps of a closed surface that voxflat cuts open."""
     ours = made_by(["voxflat"], job | {"options": makers.CUT_OPEN}, options)
     if not ours:
         return
     points, faces = ours["voxflat"].points, ours["voxflat"].faces.astype(np.int64)
     peers = [name for name in options.makers if name != "voxflat"]
     made = ours | made_by(peers, {"points": points, "faces": faces}, options)
-    note = "voxflat's time contains its cuts, and of voxels the surface; peers begin with these."
+    note = "voxflat's time includes the cuts and, for voxels, the surface; the other tools start from these."
     print_maps(title, compared(points, faces, made, options.whole_sources), made, note)
 
 
 def fsaverage5_disk(side, kind="white"):
-    """Return the part of a hemisphere that its shipped flat map has, as points and faces, and the shipped places."""
+    """Return points and faces of the part of a hemisphere that its shipped flat map covers, and the shipped map."""
     hemisphere = anatomy.fsaverage5(side)
     places, faces = hemisphere["flat"]
     used, faces = np.unique(faces, return_inverse=True)
@@ -58,12 +55,12 @@ def fsaverage5_disk(side, kind="white"):
 
 
 def made_by(names, job, options):
-    """Return the maps of makers, by their names; say of which there is none, and why."""
+    """Return the map of each maker, and print why a map is missing."""
     made = {}
     for name in names:
         print(f"{name} ...", end=" ", file=sys.stderr, flush=True)
         try:
-            made[name] = makers.make(name, job, options.limit, options.keep)
+            made[name] = makers.make(name, job, options.limit)
         except makers.NoMapError as error:
             print(f"{name}: {error}", flush=True)
     print(file=sys.stderr, flush=True)
@@ -71,19 +68,18 @@ def made_by(names, job, options):
 
 
 def compared(points, faces, made, sources, **more):
-    """Judge maps of a disk, by their makers' names, and more places by exact distances over its triangles."""
+    """Evaluate the maps of a disk, and more maps by name, by exact distances."""
     maps = {name: one.places for name, one in made.items()} | more
     return voxflat.compare((points, faces), maps, sources=sources, reference="exact")
 
 
 def print_maps(title, comparison, made, note=""):
-    """Print a table of judged maps and what they took."""
     rows = [[name, *cells(comparison[name], made.get(name))] for name in comparison.maps]
     table(title, COLUMNS, rows, note)
 
 
 def cells(distortion, made=None):
-    """Return the cells of a row of `COLUMNS` but for the first: figures at the best scale, with standard errors."""
+    """Return the cells of a row, without the first: figures at the best scale, with standard errors."""
     deviation = distortion.standard_error.best_scale
     costs = ("", "", "") if made is None else (f"{made.wall:.1f}", f"{made.cpu:.1f}", f"{made.peak:.2f}")
     pairs = zip(distance_cells(distortion), distance_cells(distortion, deviation), strict=True)

@@ -1,11 +1,11 @@
-"""Published surfaces of cerebellum, hippocampus and dentate gyrus as they are: what is mended, and how they flatten.
+"""Repair and flatten published surfaces of the cerebellum, the hippocampus and the dentate gyrus.
 
     make bench-published
 
-The files are those of SUIT (suitpy 2.1.2, MIT) and of HippoMaps 0.1.17 (GPL 3), which `make` puts into a folder of
-their own. They are read as data; neither package is imported, nor are its requirements installed. Every surface must
-open, flatten without a triangle turned over, and keep the number of every vertex that a triangle has. No cuts are made
-beside those that the surfaces come with. `maps.py --only published` puts maps that are published beside ours.
+The files are from SUIT (suitpy 2.1.2, MIT) and HippoMaps 0.1.17 (GPL 3). `make` installs them into a separate folder;
+they are read as data, and neither package is imported. Each surface must open, flatten without flipped triangles, and
+keep the number of each vertex of a triangle. No cuts are added to those of the surfaces. `maps.py --only published`
+compares published maps with those of voxflat.
 """
 
 import argparse
@@ -26,14 +26,13 @@ HIPPOCAMPUS = "hippomaps/resources/canonical_surfs"
 DENSITIES = ("2mm", "1mm", "0p5mm", "unfoldiso")
 KINDS = ("white", "mid", "pial")
 AHEAD = 5.0
-"""By which part, %, each figure of the default map is to be less than the published one's."""
+"""Percentage by which each figure of the default map must be lower than that of the published map."""
 
 
 def main():
-    """Print the table of all surfaces."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("folder", type=Path, help="into which suitpy and HippoMaps were put")
-    parser.add_argument("--sources", type=int, default=100, help="that maps are judged from")
+    parser.add_argument("folder", type=Path, help="where suitpy and HippoMaps are installed")
+    parser.add_argument("--sources", type=int, default=100, help="sources of the evaluation")
     options = parser.parse_args()
     logging.disable(logging.WARNING)
     wrong = surfaces(options)
@@ -42,7 +41,6 @@ def main():
 
 
 def files(folder):
-    """Return the eleven files by their names."""
     found = {f"SUIT {name}": folder / SUIT / f"{name}.surf.gii" for name in ("PIAL_SUIT", "WHITE_SUIT", "FLAT")}
     for label in ("hipp", "dentate"):
         for density in DENSITIES:
@@ -52,7 +50,7 @@ def files(folder):
 
 
 def surfaces(options):
-    """Flatten each surface; return what is not as it must be."""
+    """Flatten each surface, and return the errors."""
     rows, wrong = [], []
     for name, path in files(options.folder).items():
         faces = nibabel.load(path).agg_data("triangle")
@@ -69,21 +67,20 @@ def surfaces(options):
         judged = voxflat.measure(whole, flat, sources=options.sources)
         missing = np.setdiff1d(faces, flat.ids)
         if len(missing) or judged.triangles.flipped:
-            told = f"{len(missing)} vertex numbers are lost, {judged.triangles.flipped} triangles turned over"
-            wrong.append(f"{name}: {told}")
+            wrong.append(f"{name}: {len(missing)} vertex numbers lost, {judged.triangles.flipped} triangles flipped")
         mended = [done.get(key, 0) for key in ("dropped", "flipped")]
         mended += [len(done.get(key, [])) for key in ("merged", "split")]
         folds = (judged.triangles.flipped, judged.triangles.crossings)
         error = f"{100 * judged.best_scale.relative_error:.1f}"
         cells = [name, f"{len(np.unique(faces)):,}", before, *mended, len(missing), error, *folds, f"{seconds:.1f}"]
         rows.append(list(map(str, cells)))
-    columns = ["surface", "vertices", "without mending", "dropped", "flipped away", "merged", "split", "numbers lost"]
-    table("Eleven surfaces", [*columns, "error %", "turned over", "crossings", "wall s"], rows)
+    columns = ["surface", "vertices", "without repair", "dropped", "flipped away", "merged", "split", "numbers lost"]
+    table("Eleven surfaces", [*columns, "error %", "flipped", "crossings", "wall s"], rows)
     return wrong
 
 
 def suit_disk(folder, kind):
-    """Return the cerebellum of SUIT, from the folder into which suitpy was put, and the places of its own flat map."""
+    """Return the points and faces of SUIT's cerebellum, and the points of its own flat map."""
     folder = folder / SUIT
     white, pial = (folder / f"{name}_SUIT.surf.gii" for name in ("WHITE", "PIAL"))
     surface = {"white": (white, None), "mid": (white, pial), "pial": (pial, None)}[kind]
@@ -93,7 +90,7 @@ def suit_disk(folder, kind):
 
 
 def disks(options):
-    """Yield each surface's name, points, faces and published places: what is installed, and files of one's own."""
+    """Yield the name, the points, the faces and the published map of each surface."""
     for side in options.sides:
         for kind in options.kinds:
             yield f"fsaverage5 {kind} {side}", *fsaverage5_disk(side, kind)
@@ -106,7 +103,7 @@ def disks(options):
 
 
 def published(options):
-    """Compare the default's maps with published ones, and note where they are not far enough ahead."""
+    """Compare maps of the default method with published maps."""
     rows = []
     for name, points, faces, places in disks(options):
         made = made_by(["voxflat"], {"points": points, "faces": faces}, options)
@@ -120,17 +117,16 @@ def published(options):
         ours, theirs = (one.triangles for one in both)
         counts = (f"{ours.flipped:,}, {theirs.flipped:,}", f"{ours.covering:,}, {theirs.covering:,}")
         rows.append([name, f"{len(points):,}", *cells, *counts])
-    columns = ("surface", "vertices", *FIGURES, "turned over", "covering")
-    table("Beside published maps: ours, theirs (by how much ours is less, %)", columns, rows)
+    columns = ("surface", "vertices", *FIGURES, "flipped", "covering")
+    table("Compared with published maps: voxflat, published (reduction, %)", columns, rows)
 
 
 FIGURES = dict.fromkeys(DISTANCES, ".2f")
 FIGURES |= {"stress-1": ".4f", "edges %": ".2f", "area: median": ".3f", "95 %": ".3f"}
-"""Each at the map's best scale, those of areas at the scale that keeps the whole; how they are shown."""
+"""Formats of the figures: each at the best scale of the map, areas at the scale that preserves the total area."""
 
 
 def figures(distortion, edge):
-    """Return the figures of a map in the order of `FIGURES`."""
     best, triangles = distortion.best_scale, distortion.triangles
     shares = (best.relative_error, best.relative_error_30mm, best.relative_error_10mm)
     areas = (triangles.equal_area_median, triangles.equal_area_p95)
@@ -138,16 +134,16 @@ def figures(distortion, edge):
 
 
 def edge(points, faces, places, distortion):
-    """Return the edges' error at the scale that is best for distances."""
+    """Return the error of edges at the best scale for distances."""
     scaled = distortion.best_scale.scale * places
     return voxflat.measure((points, faces), scaled, sources=1, reference="graph").triangles.edge
 
 
 def ahead(name, shown, ours, theirs):
-    """Return a cell of two figures; note them if ours is not far enough ahead."""
+    """Return a cell of two figures, and record a missed target."""
     better = 100 * (1 - ours / theirs)
     if better < AHEAD:
-        misses.append(f"{name}: {better:.1f} % less than the published map's, target {AHEAD:g}")
+        misses.append(f"{name}: {better:.1f} % lower than that of the published map, target {AHEAD:g} %")
     return f"{ours:{shown}}, {theirs:{shown}} ({better:.1f})"
 
 

@@ -1,9 +1,10 @@
-"""Time distance rows against navis-fastcore and scipy, on the same graph, in the same run.
+"""Time distance rows beside navis-fastcore and scipy, on the same graph, in the same run.
 
     make bench
 
-One row: CPU time of a whole call for one source. A further row: what each source beyond the first adds (what a peer
-spends on building its own graph is left out). All take turns, and medians are given: compare ratios, machines differ.
+`one row` is the CPU time of a call with one source. `further row` is the time that each additional source adds, so it
+excludes the time in which a peer builds its own graph. The solvers take turns; the figures are medians. Machines
+differ, so compare ratios.
 """
 
 import time
@@ -37,14 +38,11 @@ def main():
         cells = f"{1e3 * first[name]:>9.1f} ms{1e3 * further[name]:>11.1f} ms{1e9 * further[name] / points:>9.1f} ns"
         shares = f"{first['voxflat'] / first[name]:>9.2f}{further['voxflat'] / further[name]:>9.2f}"
         print(f"{name:16}{cells}{shares}")
-    print("(last columns: voxflat's time as a share of it)\n")
-    ratios, more = threads(surface)
-    print(f"two threads, wall time of 64 rows: {np.median(ratios):.2f} times as fast as one ", end="")
-    print(f"({min(ratios):.2f} to {max(ratios):.2f}), for {np.median(more):.2f} times the CPU time")
+    print("(last columns: voxflat's time as a fraction of the solver's)")
 
 
 def bumpy_ball(radius=133):
-    """Return the surface of a ball with bumps, a little above 200,000 voxels."""
+    """Return the surface of a ball with bumps: slightly more than 200,000 voxels."""
     axis = np.arange(-radius - 12, radius + 13, dtype=np.float32)
     x, y, z = np.meshgrid(axis, axis, axis, indexing="ij", sparse=True)
     mask = np.sqrt(x**2 + y**2 + z**2) < radius + 8 * np.sin(x / 9) * np.sin(y / 9) * np.sin(z / 9)
@@ -52,7 +50,7 @@ def bumpy_ball(radius=133):
 
 
 def solvers_of(surface):
-    """Return functions from sources to rows by the name of their solver, all over the links of a surface."""
+    """Return a function from sources to rows for each solver. All use the links of the surface."""
     points = len(surface)
     starts, neighbours, lengths = surface.csr
     arrays = lengths.astype(float), neighbours.astype(np.int64), starts.astype(np.int64)
@@ -70,7 +68,7 @@ def solvers_of(surface):
 
 
 def check_equal(solvers, sources):
-    """Assert that all give the same rows, to the rounding of their number types; print the largest differences."""
+    """Assert that all solvers agree up to rounding, and print the largest differences."""
     expected = solvers["voxflat"](sources)
     for name, solve in solvers.items():
         rows = np.asarray(solve(sources))
@@ -79,33 +77,22 @@ def check_equal(solvers, sources):
 
 
 def compare(solvers, sources):
-    """Return the CPU seconds of one row and of a further row, by name."""
+    """Return the CPU seconds of one row and of a further row for each solver."""
     one, many = ({name: [] for name in solvers} for _ in range(2))
     for _ in tqdm(range(ROUNDS), leave=False):
         for name, solve in solvers.items():
-            one[name].append(seconds(solve, sources[:1])[1])
-            many[name].append(seconds(solve, sources)[1])
+            one[name].append(seconds(solve, sources[:1]))
+            many[name].append(seconds(solve, sources))
     first = {name: np.median(times) for name, times in one.items()}
     further = {name: np.median(np.subtract(many[name], one[name])) / FURTHER for name in solvers}
     return first, further
 
 
-def seconds(call, *arguments):
-    """Return the wall and the CPU seconds of a call, the latter of all threads together."""
-    start = time.perf_counter(), time.process_time()
-    call(*arguments)
-    return time.perf_counter() - start[0], time.process_time() - start[1]
-
-
-def threads(surface):
-    """Return, of pairs of calls, how much faster two threads make 64 rows (wall time), and their share of CPU time."""
-    sources = np.linspace(0, len(surface) - 1, 64).astype(np.uint32)
-    ratios, more = [], []
-    for _ in range(ROUNDS):
-        (wall, cpu), (wall_of_two, cpu_of_two) = (seconds(surface.rows, sources, count) for count in (1, 2))
-        ratios.append(wall / wall_of_two)
-        more.append(cpu_of_two / cpu)
-    return ratios, more
+def seconds(solve, sources):
+    """Return the CPU seconds of a call, of all threads together."""
+    start = time.process_time()
+    solve(sources)
+    return time.process_time() - start
 
 
 if __name__ == "__main__":

@@ -1,10 +1,10 @@
-"""Measure a long series on a flat map: seconds, CPU seconds and peak memory of 100 and of 1,000 frames.
+"""Measure the time and the peak memory of writing a long series on a flat map, for 100 and 1,000 frames.
 
     make bench-series
 
-The left hemisphere of fsaverage5 (nilearn), white to pial, without its medial wall, at 0.5 mm a pixel; a series of
-volumes of 2 mm (int16, scaled) and one of values at the vertices (CIFTI). Each run is a process of its own. Its peak
-is the resident set's; beside it how much of that came with the frames.
+The map is the left hemisphere of fsaverage5 (nilearn) without its medial wall, at 0.5 mm per pixel. The volumes have
+voxels of 2 mm (int16, scaled). Each run is a separate process. The table lists the peak of the resident set, and the
+part of it that the frames added.
 """
 
 import argparse
@@ -27,35 +27,32 @@ AFFINE = np.array([[2.0, 0, 0, -76], [0, 2, 0, -112], [0, 0, 2, -62], [0, 0, 0, 
 
 
 def main():
-    """Make the map and the series, and run each case."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--frames", type=int, nargs="+", default=[100, 1000])
     parser.add_argument("--pixel-size", type=float, default=0.5)
-    parser.add_argument("--directory", type=Path, default=None, help="where the files go: some 6 GB")
-    parser.add_argument("--case", nargs=3, help="only this, in this process: a map, a series, an output")
+    parser.add_argument("--directory", type=Path, help="directory of the files, about 6 GB")
+    parser.add_argument("--case", nargs=3, help="run one case in this process: map, series, output")
     options = parser.parse_args()
     if options.case:
         return measure(*map(Path, options.case), options.pixel_size)
     with tempfile.TemporaryDirectory(dir=options.directory) as directory:
         folder = Path(directory)
         hemisphere().save(folder / "map.npz")
-        print(f"{'':40}{'wall s':>8}{'CPU s':>8}{'peak MiB':>10}{'for frames':>12}{'MB written':>12}", flush=True)
+        print(f"{'':23}{'wall s':>8}{'CPU s':>8}{'peak MiB':>10}{'for frames':>12}{'MB written':>12}", flush=True)
         for count in options.frames:
-            for series, outputs in ((volumes, (".nii", ".nii.gz", ".zarr", ".tif")), (vertices, (".nii",))):
-                path = series(folder, count)
-                for ending in outputs:
-                    output = folder / f"flat{ending}"
-                    print(f"{count:6} frames, {path.name:17} {ending:8}", end="", flush=True)
-                    case = ["--case", str(folder / "map.npz"), str(path), str(output)]
-                    size = ["--pixel-size", str(options.pixel_size)]
-                    subprocess.run([sys.executable, __file__, *size, *case], check=True)
-                    subprocess.run(["rm", "-r", output], check=True)
-                path.unlink()
+            path = volumes(folder, count)
+            for ending in (".nii", ".nii.gz", ".zarr", ".tif"):
+                output = folder / f"flat{ending}"
+                print(f"{count:6} frames, {ending:8}", end="", flush=True)
+                case = ["--case", folder / "map.npz", path, output]
+                size = ["--pixel-size", str(options.pixel_size)]
+                subprocess.run([sys.executable, __file__, *size, *case], check=True)
+                subprocess.run(["rm", "-r", output], check=True)
+            path.unlink()
     return None
 
 
 def hemisphere():
-    """Flatten fsaverage5's left hemisphere along standard cuts."""
     white, pial, sphere = (fsaverage5_file(name, "left") for name in ("white", "pial", "sphere"))
     return voxflat.surface(white, pial=pial).drop("medial wall").flatten(cuts="standard", sphere=sphere)
 
@@ -79,50 +76,25 @@ def volumes(folder, count):
     return folder / "bold.nii"
 
 
-def vertices(folder, count):
-    """Write a series of values at the vertices."""
-    values = np.random.default_rng(0).normal(size=(count, 10242)).astype(np.float32)
-    brain = nib.cifti2.BrainModelAxis.from_surface(np.arange(10242), 10242, "CIFTI_STRUCTURE_CORTEX_LEFT")
-    axis = nib.cifti2.SeriesAxis(0, STEP, count, "SECOND")
-    nib.save(nib.Cifti2Image(values, header=(axis, brain)), folder / "bold.dtseries.nii")
-    return folder / "bold.dtseries.nii"
-
-
-class Memory(threading.Thread):
-    """Watches the resident set of this process."""
-
-    def __init__(self):
-        super().__init__(daemon=True)
-        self.peak, self._stopped = 0, threading.Event()
-        self.start()
-
-    def run(self):
-        """Look every 5 ms."""
-        process = psutil.Process()
-        while not self._stopped.wait(0.005):
-            self.peak = max(self.peak, process.memory_info().rss)
-
-    def stop(self):
-        """Stop looking."""
-        self._stopped.set()
-
-
 def measure(flat, series, output, pixel_size):
-    """Measure one run in this process."""
     flat_map = voxflat.load(flat)
     flat_map.raster(pixel_size)
-    memory = Memory()
-    time.sleep(0.05)
-    before = memory.peak
+    before = peak = psutil.Process().memory_info().rss
+    done = threading.Event()
+
+    def watch():
+        nonlocal peak
+        while not done.wait(0.005):
+            peak = max(peak, psutil.Process().memory_info().rss)
+
+    threading.Thread(target=watch, daemon=True).start()
     start = time.perf_counter(), time.process_time()
-    how = {} if ".dtseries" in series.name else {"interpolation": "linear", "fraction": 0.5}
-    flat_map.images(series, pixel_size, **how).save(output)
+    flat_map.images(series, pixel_size, interpolation="linear", fraction=0.5).save(output)
     wall, cpu = time.perf_counter() - start[0], time.process_time() - start[1]
-    memory.stop()
+    done.set()
     files = [path for path in output.rglob("*") if path.is_file()] if output.is_dir() else [output]
     written = sum(path.stat().st_size for path in files) / 1e6
-    peak, more = memory.peak / 2**20, (memory.peak - before) / 2**20
-    print(f"{wall:8.1f}{cpu:8.1f}{peak:10.0f}{more:12.0f}{written:12.0f}", flush=True)
+    print(f"{wall:8.1f}{cpu:8.1f}{peak / 2**20:10.0f}{(peak - before) / 2**20:12.0f}{written:12.0f}", flush=True)
 
 
 if __name__ == "__main__":

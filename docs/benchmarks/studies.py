@@ -1,33 +1,26 @@
-"""Directories as FreeSurfer and sMRIPrep leave them, of nilearn's fsaverage5 and warped variants of it: studies to try.
+"""Small studies in the layouts of FreeSurfer and sMRIPrep: nilearn's fsaverage5 and warped variants of it.
 
-The vertices of fsaverage5 are those of an icosahedron that was subdivided five times; the first 2,562 are those of the
-fourth time, 642 of the third, 162 of the second.
+The vertices of fsaverage5 are those of an icosahedron that was subdivided five times. The first 2,562 vertices are
+those after four subdivisions, the first 642 after three, and the first 162 after two.
 """
 
-from __future__ import annotations
-
 from functools import lru_cache
-from pathlib import Path
-from typing import Any
 
 import nibabel as nib
 import numpy as np
 from anatomy import fsaverage5_file
-from numpy.typing import NDArray
 
 SIDES = {"lh": ("left", "L"), "rh": ("right", "R")}
 SIZES = (10_242, 2562, 642, 162)
 C_RAS = (3.0, -17.0, 22.0)
-THIN = 0.3  # mm: where white and pial surface are closer than this is the medial wall
-
-Hemisphere = dict[str, NDArray[Any]]
+THIN = 0.3  # mm between the white and pial surfaces; less on the medial wall
 
 
 @lru_cache
-def hemisphere(hemi: str, vertices: int = SIZES[0]) -> Hemisphere:
-    """Return white, pial, sphere, each (N, 3), curv, thickness, cortex, each (N,), and faces (F, 3), by their names."""
+def hemisphere(hemi, vertices=SIZES[0]):
+    """Return white, pial, sphere, each (N, 3), curv, thickness, cortex, each (N,), and faces (F, 3), by name."""
 
-    def arrays(name: str) -> Any:
+    def arrays(name):
         return nib.load(fsaverage5_file(name, SIDES[hemi][0])).agg_data()
 
     (white, faces), (pial, _), (sphere, _) = (arrays(name) for name in ("white", "pial", "sphere"))
@@ -39,9 +32,9 @@ def hemisphere(hemi: str, vertices: int = SIZES[0]) -> Hemisphere:
     return {**found, "faces": faces, "cortex": np.linalg.norm(found["pial"] - found["white"], axis=1) >= THIN}
 
 
-def before_subdivision(faces: NDArray[np.int64], size: int) -> NDArray[np.int64]:
-    """Return the triangles of the first vertices, before a subdivision: each holds three midpoints of two corners."""
-    parents: dict[int, set[int]] = {}
+def before_subdivision(faces, size):
+    """Return the triangles before a subdivision: each contains three midpoints of two corners."""
+    parents = {}
     for edge in np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]).tolist():
         for middle, corner in (edge, edge[::-1]):
             if middle >= size > corner:
@@ -51,21 +44,21 @@ def before_subdivision(faces: NDArray[np.int64], size: int) -> NDArray[np.int64]
     return np.array([[*(a & c), *(a & b), *(b & c)] for a, b, c in between])
 
 
-def warped(of: Hemisphere, seed: int, amplitude: float = 2.5) -> Hemisphere:
-    """Return another subject: another size, every place moved by long waves (mm), and another thickness."""
+def warped(of, seed, amplitude=2.5):
+    """Return another subject, with another size and thickness, and with points displaced by long waves (mm)."""
     random = np.random.default_rng(seed)
     size, waves = random.uniform(0.94, 1.06, 3), random.normal(scale=0.04, size=(3, 3))
     phases = random.uniform(0, 2 * np.pi, 3)
 
-    def moved(points: NDArray[np.float64]) -> NDArray[np.float64]:
-        return np.asarray(points * size + amplitude * np.sin(points @ waves + phases))
+    def moved(points):
+        return points * size + amplitude * np.sin(points @ waves + phases)
 
     thickness = of["thickness"] * random.uniform(0.9, 1.1)
     return {**of, "white": moved(of["white"]), "pial": moved(of["pial"]), "thickness": thickness}
 
 
-def write_freesurfer(folder: Path, hemi: str, of: Hemisphere, c_ras: tuple[float, float, float] = (0, 0, 0)) -> None:
-    """Write ``surf`` and ``label`` as recon-all does."""
+def write_freesurfer(folder, hemi, of, c_ras=(0, 0, 0)):
+    """Write ``surf`` and ``label`` like recon-all."""
     for name in ("surf", "label"):
         (folder / name).mkdir(parents=True, exist_ok=True)
     for name, points in (("white", "white"), ("smoothwm", "white"), ("pial", "pial"), ("sphere.reg", "sphere")):
@@ -76,8 +69,8 @@ def write_freesurfer(folder: Path, hemi: str, of: Hemisphere, c_ras: tuple[float
     write_label(folder / "label" / f"{hemi}.cortex.label", np.flatnonzero(of["cortex"]), of["white"])
 
 
-def footer(c_ras: tuple[float, float, float]) -> dict[str, Any]:
-    """Return what FreeSurfer writes behind a surface of a conformed volume."""
+def footer(c_ras):
+    """Return the footer that FreeSurfer writes after a surface of a conformed volume."""
     return {
         "head": np.array([2, 0, 20], np.int32),
         "valid": "1  # volume info valid",
@@ -89,24 +82,24 @@ def footer(c_ras: tuple[float, float, float]) -> dict[str, Any]:
     }
 
 
-def write_label(path: Path, vertices: NDArray[Any], points: NDArray[Any]) -> None:
-    """Write a label of vertices as FreeSurfer does."""
+def write_label(path, vertices, points):
+    """Write a label like FreeSurfer."""
     placed = zip(vertices, points[vertices], strict=True)
     rows = "".join(f"{v}  {x:.3f}  {y:.3f}  {z:.3f} 0.0\n" for v, (x, y, z) in placed)
     path.write_text(f"#!ascii label , from subject\n{len(vertices)}\n{rows}")
 
 
-def write_derivatives(folder: Path, name: str, hemi: str, of: Hemisphere) -> None:
-    """Write the surfaces of a participant such as ``sub-01`` as sMRIPrep does, into its ``anat``."""
+def write_derivatives(folder, name, hemi, of):
+    """Write the surfaces of a participant such as ``sub-01`` into its ``anat`` folder, like sMRIPrep."""
     folder.mkdir(parents=True, exist_ok=True)
     letter = SIDES[hemi][1]
     structure = {"L": "CortexLeft", "R": "CortexRight"}[letter]
 
-    def save(ending: str, *arrays: Any) -> None:
+    def save(ending, *arrays):
         meta = nib.gifti.GiftiMetaData(AnatomicalStructurePrimary=structure)
         nib.save(nib.gifti.GiftiImage(darrays=list(arrays), meta=meta), folder / f"{name}_hemi-{letter}_{ending}.gii")
 
-    def values(data: NDArray[Any], intent: str, kind: str) -> Any:
+    def values(data, intent, kind):
         return nib.gifti.GiftiDataArray(data.astype(kind), f"NIFTI_INTENT_{intent}")
 
     triangles = values(of["faces"], "TRIANGLE", "i4")
@@ -117,8 +110,8 @@ def write_derivatives(folder: Path, name: str, hemi: str, of: Hemisphere) -> Non
     save("desc-cortex_mask.label", values(of["cortex"], "LABEL", "i4"))
 
 
-def write_z(path: Path) -> None:
-    """Write a volume whose values are z in scanner RAS, mm, 4 mm a voxel."""
+def write_z(path):
+    """Write a volume with 4 mm voxels whose values are z in scanner RAS, mm."""
     path.parent.mkdir(parents=True, exist_ok=True)
     affine = np.diag([4.0, 4, 4, 1])
     affine[:3, 3] = -140

@@ -1,4 +1,4 @@
-"""What benchmarks share: tables, targets, errors, sections that run one by one."""
+"""Helpers of the benchmarks: tables, targets, errors, and sections that run one by one."""
 
 import os
 import platform
@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 misses = []
-"""What is not met: one line each."""
+"""The missed targets, one line each."""
 
 
 def table(title, columns, rows, note=""):
@@ -25,18 +25,18 @@ def table(title, columns, rows, note=""):
 
 
 DISTANCES = ("all %", "≤ 30 mm %", "≤ 10 mm %")
-SHAPES = ("stress-1", "edges %", "area: median, 95 %", "turned over", "covering")
+SHAPES = ("stress-1", "edges %", "area: median, 95 %", "flipped", "covering")
 
 
 def distance_cells(distortion, of=None):
-    """Return how far the distances of a map are off, %, for `DISTANCES`; of its best scale, or of another part."""
+    """Return the distance errors of a map, %, for `DISTANCES`: at its best scale, or of another part."""
     of = distortion.best_scale if of is None else of
     names = ("relative_error", "relative_error_30mm", "relative_error_10mm")
     return [f"{100 * getattr(of, name):.2f}" for name in names]
 
 
 def shape_cells(distortion):
-    """Return the other figures of a map, for `SHAPES`."""
+    """Return the other figures of a map for `SHAPES`."""
     triangles = distortion.triangles
     return [
         f"{distortion.best_scale.stress_1:.4f}",
@@ -47,36 +47,31 @@ def shape_cells(distortion):
     ]
 
 
-def judged(value, shown, limit, what, least=False):
-    """Put a figure beside its target, the most or with `least` the least that it may be, if there is one.
-
-    `what`: says in the list of misses what this is.
-    """
+def judged(value, shown, limit, what):
+    """Return a figure with its upper limit, if there is one. `what` names the figure in the list of missed targets."""
     text = format(value, shown)
     if limit is None:
         return text
-    met = value >= limit if least else value <= limit
-    sign = "≥" if least else "≤"
-    target = f"{sign} {format(limit, shown).rstrip('0').rstrip('.') if '.' in format(limit, shown) else limit}"
-    if met:
+    target = f"≤ {format(limit, shown).rstrip('0').rstrip('.') if '.' in format(limit, shown) else limit}"
+    if value <= limit:
         return f"{text} ({target})"
     misses.append(f"{what}: {text}, target {target}")
     return f"**{text}** ({target}: missed)"
 
 
 def errors(found, true):
-    """Relative errors of distances, of the pairs that are apart."""
+    """Return the relative errors of the distances that are not 0."""
     apart = true > 0
     return np.asarray(found, dtype=float)[apart] / true[apart] - 1
 
 
 def exponent(sizes, values):
-    """Slope of the straight line through the logarithms."""
+    """Return the slope of the straight line through the logarithms."""
     return np.polyfit(np.log(sizes), np.log(values), 1)[0]
 
 
 def machine():
-    """Name the processor, its cores and the load."""
+    """Return the name of the processor, its number of cores and the load."""
     cpus = Path("/proc/cpuinfo")
     names = re.findall(r"^model name\s*: (.*)$", cpus.read_text() if cpus.exists() else "", re.MULTILINE)
     load = f", load {os.getloadavg()[0]:.1f} at the start" if hasattr(os, "getloadavg") else ""
@@ -85,7 +80,7 @@ def machine():
 
 
 def run(sections, parser):
-    """Run the sections that ``--only`` names, or all; tell which targets were missed."""
+    """Run all sections, or those that ``--only`` names, and list the missed targets."""
     options = parser.parse_args()
     chosen = options.only.split(",") if options.only else list(sections)
     if unknown := set(chosen) - set(sections):

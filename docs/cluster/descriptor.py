@@ -1,4 +1,4 @@
-"""The Boutiques descriptor of `voxflat bids`, generated from the command itself.
+"""Generate the Boutiques descriptor of `voxflat bids` from the command itself.
 
 python docs/cluster/descriptor.py > docs/cluster/voxflat.boutiques.json
 """
@@ -12,15 +12,15 @@ from typing import Any
 import click
 
 import voxflat
-from voxflat.cli.commands.bids import command
+from voxflat.cli.commands.study import bids_command
 
-OWN = ("help",)
+OUTPUT = "Maps, measures and reports as BIDS derivatives."
 
 
 def descriptor() -> dict[str, Any]:
     """Return the descriptor."""
-    inputs = [entry(parameter) for parameter in command.params if parameter.name not in OWN]
-    summary, _, text = (command.help or "").partition("\n\n")
+    inputs = [entry(parameter) for parameter in bids_command.params if parameter.name != "help"]
+    summary, _, text = (bids_command.help or "").partition("\n\n")
     return {
         "name": "voxflat bids",
         "author": "The voxflat developers",
@@ -31,14 +31,7 @@ def descriptor() -> dict[str, Any]:
         "command-line": "voxflat bids " + " ".join(one["value-key"] for one in inputs),
         "container-image": {"type": "docker", "image": "voxflat", "entrypoint": False},
         "inputs": inputs,
-        "output-files": [
-            {
-                "id": "maps",
-                "name": "Derivatives",
-                "description": "Maps, measures and reports as BIDS derivatives.",
-                "path-template": "[OUT]",
-            }
-        ],
+        "output-files": [{"id": "maps", "name": "Derivatives", "description": OUTPUT, "path-template": "[OUT]"}],
         "suggested-resources": {"cpu-cores": 2, "ram": 4, "walltime-estimate": 300},
         "tags": {"domain": ["neuroinformatics", "neuroimaging"], "toolbox": "voxflat"},
     }

@@ -1,9 +1,9 @@
-"""`voxflat bids` for Nipype: an interface, made of the descriptor for Boutiques, and a study as a workflow of it.
+"""Run `voxflat bids` with Nipype, through an interface that is made from the Boutiques descriptor.
 
     python nipype_workflow.py study maps --plugin MultiProc --hemi L
 
-What the script has no option for is voxflat's. A node a participant, for those alone who have something to be done;
-who fails leaves a crash file, and the others are compared nevertheless. In a workflow of your own:
+Options unknown to this script are passed to voxflat. Each participant with missing or outdated maps has a node. A
+failed node leaves a crash file, and the other participants are still compared. In your own workflow, use:
 
     flat = Node(VoxflatBids(source="study", out="maps", level="participant", threads=2), "flat", n_procs=2)
     flat.iterables = ("labels", ["01", "02"])
@@ -31,11 +31,11 @@ from nipype.interfaces.base import (
 )
 
 DESCRIPTOR = json.loads(Path(__file__).with_name("voxflat.boutiques.json").read_text())
-FOLDERS = {"source": Directory(exists=True, resolve=True), "out": Directory(resolve=True)}  # nodes work elsewhere
+FOLDERS = {"source": Directory(exists=True, resolve=True), "out": Directory(resolve=True)}  # nodes run elsewhere
 
 
 def trait(one: dict[str, Any], position: int) -> Any:
-    """Return an input of the descriptor as Nipype has it."""
+    """Return the Nipype trait of an input of the descriptor."""
     flag = one.get("command-line-flag")
     how = {"mandatory": not one["optional"], "desc": one.get("description", one["name"])}
     how |= {"argstr": "%s", "position": position} if flag is None else {"argstr": f"{flag} %s"}
@@ -52,17 +52,18 @@ Inputs = type("Inputs", (CommandLineInputSpec,), {"__module__": __name__, **INPU
 
 
 class Outputs(TraitedSpec):
-    """What there is then."""
+    """Outputs of the interface."""
 
     maps = Directory(exists=True, desc=DESCRIPTOR["output-files"][0]["description"])
-    surfaces = traits.List(File(exists=True), desc="The flat surfaces of the participants asked for.")
-    pages = traits.List(File(exists=True), desc="Their reports; of the level group that of the study.")
+    surfaces = traits.List(File(exists=True), desc="The flat surfaces of the selected participants.")
+    pages = traits.List(File(exists=True), desc="Their reports, or the report of the study at the group level.")
 
 
 class VoxflatBids(CommandLine):
-    """Flat maps of a study's participants, or what is said of all.
+    """Flatten the participants of a study, or write the report of the study.
 
-    It always runs: Nipype sees a folder's name, voxflat what has changed in it, by the checksums of all files.
+    The interface always runs, because Nipype compares only the name of a folder, whereas voxflat compares the checksums
+    of all files.
     """
 
     _cmd = DESCRIPTOR["command-line"].partition(" [")[0]
@@ -71,7 +72,7 @@ class VoxflatBids(CommandLine):
     output_spec = Outputs
 
     def _format_arg(self, name: str, spec: Any, value: Any) -> str | None:
-        """Quote values, since Nipype gives the line to a shell."""
+        """Quote values, because Nipype passes the command line to a shell."""
         if name == "args" or isinstance(value, bool):
             return super()._format_arg(name, spec, value)
         values = value if isinstance(value, list) else [value]
@@ -79,7 +80,7 @@ class VoxflatBids(CommandLine):
 
     def _list_outputs(self) -> dict[str, Any]:
         out, given = Path(self.inputs.out), self.inputs
-        if not out.is_dir():  # it was a dry run
+        if not out.is_dir():  # after a dry run
             return {}
         names = [f"sub-{label.removeprefix('sub-')}" for label in given.labels or ["*"]]
         pages = [f"{name}{more}.html" for name in names for more in ("", "_ses-*")]
@@ -90,12 +91,12 @@ class VoxflatBids(CommandLine):
 
 
 def main() -> None:
-    """Run the workflow, compare all, and say who failed."""
+    """Run the workflow, compare all participants, and list the failed ones."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("study")
     parser.add_argument("maps")
-    parser.add_argument("--plugin", default="Linear", help="of Nipype: Linear, MultiProc, SLURM, ...")
-    parser.add_argument("--cores", type=int, default=2, help="of a node")
+    parser.add_argument("--plugin", default="Linear", help="Nipype plugin: Linear, MultiProc, SLURM, ...")
+    parser.add_argument("--cores", type=int, default=2, help="number of cores per node")
     options, further = parser.parse_known_args()
 
     jobs = f"{Path(options.maps).resolve()}.jobs"
@@ -107,7 +108,7 @@ def main() -> None:
         node.iterables = ("labels", labels)
         workflow = Workflow("voxflat", base_dir=jobs)
         workflow.add_nodes([node])
-        with suppress(RuntimeError):  # crash files say why
+        with suppress(RuntimeError):  # crash files contain the reason
             workflow.run(plugin=options.plugin)
     print(said(VoxflatBids(**how, level="group")), end="")
     failed = to_do(participant)
@@ -115,14 +116,14 @@ def main() -> None:
 
 
 def to_do(participant: dict[str, Any]) -> list[str]:
-    """Return the labels of those who have something to be done."""
+    """Return the labels of the participants with missing or outdated maps."""
     plan = said(VoxflatBids(**participant, dry_run=True))
     hemispheres = [json.loads(line) for line in plan.splitlines()]
     return sorted({one["participant"].split("_")[0] for one in hemispheres if one["state"] != "done"})
 
 
 def said(task: VoxflatBids) -> str:
-    """Run a task that belongs to no node, and return what it printed."""
+    """Run a task without a node, and return its output."""
     task.terminal_output = "allatonce"
     done = task.run().runtime
     if done.returncode:

@@ -1,9 +1,9 @@
-"""A study as an array of jobs on Slurm, by submitit: a job a participant, those alone that have something to be done.
+"""Flatten a study with a Slurm job array, by submitit: one job for each participant with missing or outdated maps.
 
     python submit.py study maps --hours 2 --memory 4 --hemi L
 
-What the script has no option for is voxflat's. Jobs share no file but their participant's. What fails, or is killed,
-is made by the same call again.
+Options unknown to this script are passed to voxflat. Jobs share no files. If jobs fail or are killed, repeat the same
+command.
 """
 
 from __future__ import annotations
@@ -20,14 +20,14 @@ VOXFLAT = [sys.executable, "-m", "voxflat.cli", "bids"]
 
 
 def main() -> None:
-    """Submit the jobs, wait for them, and say who failed."""
+    """Submit the jobs, wait for them, and list the failed ones."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("study", type=Path)
     parser.add_argument("maps", type=Path)
-    parser.add_argument("--hours", type=float, default=1.0, help="of a job, at most")
-    parser.add_argument("--memory", type=float, default=4.0, help="of a job, GB")
-    parser.add_argument("--cores", type=int, default=2, help="of a job")
-    parser.add_argument("--at-once", type=int, default=100, help="jobs that run, at most")
+    parser.add_argument("--hours", type=float, default=1.0, help="time limit per job, hours")
+    parser.add_argument("--memory", type=float, default=4.0, help="memory per job, GB")
+    parser.add_argument("--cores", type=int, default=2, help="number of cores per job")
+    parser.add_argument("--at-once", type=int, default=100, help="maximal number of running jobs")
     parser.add_argument("--here", action="store_true", help="run the jobs on this machine, without Slurm")
     options, further = parser.parse_known_args()
 
@@ -44,7 +44,7 @@ def main() -> None:
 
 
 def to_do(participant: list[object]) -> list[str]:
-    """Return the labels of those who have something to be done."""
+    """Return the labels of the participants with missing or outdated maps."""
     plan = subprocess.run([*participant, "--dry-run"], check=True, stdout=subprocess.PIPE)
     hemispheres = [json.loads(line) for line in plan.stdout.splitlines()]
     return sorted({one["participant"].split("_")[0] for one in hemispheres if one["state"] != "done"})

@@ -1,4 +1,4 @@
-"""Draw the figures of the explanation pages, in ten seconds: python docs/explanation/drawings.py [FOLDER] [svg]."""
+"""Draw the figures of the explanation pages in ten seconds: python docs/explanation/drawings.py [FOLDER] [svg]."""
 
 import sys
 from pathlib import Path
@@ -26,7 +26,7 @@ def panels(*titles, width=3.2, height=3.0):
 
 
 def voxels():
-    """Draw foreground voxels, their surfels, and the vertices before and after they are placed."""
+    """Draw foreground voxels, their surfels, and the vertices before and after placement."""
     figure, axes = panels("1  surfels", "2  one vertex per surface voxel", "3  vertices placed between voxels")
     x, y = np.meshgrid(np.arange(9), np.arange(7))
     inside = (x - 3.6) ** 2 + (y - 1.2) ** 2 < 3.9**2
@@ -55,7 +55,7 @@ def voxels():
 
 
 def unfolding():
-    """Draw a path along edges, the unfolded triangles that the straight link crosses, and a chain code."""
+    """Draw a path along edges, a straight link across unfolded triangles, and a chain code."""
     figure, axes = panels("path along edges", "straight link over unfolded triangles", "chain code over voxels")
     top = np.array([[0.5, 1.0], [1.6, 1.1], [2.7, 0.95], [3.8, 1.0]])
     bottom = np.array([[0.0, 0.0], [1.1, 0.1], [2.2, -0.05], [3.3, 0.1]])
@@ -78,7 +78,7 @@ def unfolding():
 
 
 def curvature():
-    """Draw a cap of a sphere, what becomes of its rim without a cut, and the gaps that cuts open."""
+    """Draw a spherical cap, its map without cuts, and its map with gaps along cuts."""
     figure, axes = panels("a curved patch", "flattened without cuts", "flattened with three cuts", height=3.3)
     most, angle = 1.25, np.linspace(0, 2 * np.pi, 200)
     for height in np.linspace(0.25, most, 5):
@@ -109,7 +109,7 @@ def curvature():
 
 
 def layers():
-    """Draw layers of the cortex at equal fractions of its thickness and of its volume, over a gyrus and a sulcus."""
+    """Draw layers at equal fractions of the thickness and of the volume of the cortex, over a gyrus and a sulcus."""
     figure, axes = panels("equidistant layers", "equivolume layers", width=4.6, height=2.6)
     x = np.linspace(0, 4 * np.pi, 400)
     white = np.column_stack([x, 1.1 * np.sin(x)])
@@ -133,7 +133,7 @@ def layers():
 
 
 def cuts():
-    """Flatten fsaverage5's left hemisphere along standard and along automatic cuts."""
+    """Flatten the left hemisphere of fsaverage5 along standard and automatic cuts."""
     from nilearn.datasets import fetch_surf_fsaverage
 
     left = fetch_surf_fsaverage()

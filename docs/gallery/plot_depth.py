@@ -4,7 +4,7 @@
 Three depths
 ============
 
-The figures show the same patch of cortex in a T1 image at three distances from the white-matter border: 1 mm inside,
+The panels show the same patch of cortex in a T1 image at three distances from the white-matter border: 1 mm inside,
 in white matter; 1 mm outside, in grey matter; and 3 mm outside, at the outer border. With a white and a pial surface,
 ``fraction=0.5`` is the middle of the cortex instead.
 

@@ -2,8 +2,8 @@
 Folds
 =====
 
-Without data, a figure shows the folds: gyri are light, sulci are dark. The default is the mean curvature of the
-surface before it was cut. ``underlay="sulcal depth"`` shows the depth of each point.
+Without data, a figure shows the folds: gyri are light, sulci are dark. By default, the shades of grey show the mean
+curvature of the uncut surface. ``underlay="sulcal depth"`` shows the depth of each point instead.
 
 .. code-block:: console
 

@@ -1,4 +1,4 @@
-"""Reproduce Grossmann, Kiryati, Kimmel (2002): prints the paper's figures beside ours, writes pictures.
+"""Reproduce Grossmann, Kiryati, Kimmel (2002): print the results of the paper and of voxflat, and draw the figures.
 
 make paper-grossmann
 """
@@ -16,7 +16,7 @@ ORIENTATIONS = 20
 
 
 def estimate(counts):
-    """Return the length of links by the paper's weights."""
+    """Return lengths from numbers of links, with the weights of the paper."""
     weights = _core.chain_weights([1.0, 1.0, 1.0], "chain-code")
     return counts @ [0, weights[1], weights[3], weights[7]]
 
@@ -30,12 +30,12 @@ def lines():
     errors = np.array([estimate(counts) / length - 1 for counts, length in measured])
     row("straight lines: mean error of the length, %", "0", f"{100 * errors.mean():.2f}")
     row("  RMS error, %", "2.88", f"{100 * np.sqrt((errors**2).mean()):.2f}")
-    row("  least error, %", "-9.84", f"{100 * errors.min():.2f}")
-    row("  greatest error, %", "4.59", f"{100 * errors.max():.2f}")
+    row("  minimum error, %", "-9.84", f"{100 * errors.min():.2f}")
+    row("  maximum error, %", "4.59", f"{100 * errors.max():.2f}")
 
 
 def circles():
-    """Figure 2: 100 random circles a radius."""
+    """Figure 2: 100 random circles per radius."""
     rng = np.random.default_rng(2)
     radii = [3, 5, 10, 20, 40, 80]
     errors = []
@@ -47,10 +47,10 @@ def circles():
     figure = Figure(figsize=(6, 4), layout="constrained")
     axes = figure.add_subplot()
     axes.semilogx(radii, np.mean(errors, axis=1), "k-", label="mean")
-    axes.semilogx(radii, np.min(errors, axis=1), "k--", label="least and greatest")
+    axes.semilogx(radii, np.min(errors, axis=1), "k--", label="minimum and maximum")
     axes.semilogx(radii, np.max(errors, axis=1), "k--")
     axes.set(xlabel="radius (voxels)", ylabel="error of the perimeter (%)")
-    axes.set_title("100 random circles a radius (figure 2)")
+    axes.set_title("100 random circles per radius (figure 2)")
     axes.legend()
     figures.save(figure, PICTURES / "grossmann_circles.png")
 
@@ -62,7 +62,7 @@ def curled_sheets():
     row("  mean absolute error, voxels", "0.423", f"{aligned.distortion.raw.absolute_error:.3f}")
     row("  mean relative error, %", "2.13", f"{100 * aligned.distortion.raw.relative_error:.2f}")
     for traversed in (False, True):
-        what = "every voxel that the sheet passes" if traversed else "one voxel thick"
+        what = "all voxels that the sheet intersects" if traversed else "one voxel thick"
         for sources in (None, 1000):
             figures_of = [one_sheet(n, traversed, sources) for n in range(ORIENTATIONS)]
             size, geodesic, absolute, relative = np.mean(figures_of, axis=0)
@@ -76,22 +76,21 @@ def curled_sheets():
 
 
 def flatten(volume, sources=None):
-    """Flatten; without `sources` every voxel is one."""
+    """Flatten with `sources` sources; by default, every voxel is a source."""
     if sources is None:
         sources = len(voxflat.surface(volume).geodesic(1, geodesic="chain").ids)
     return voxflat.flatten(volume, method=voxflat.methods.Grossmann2002(sources=sources))
 
 
 def one_sheet(seed, traversed, sources):
-    """Flatten a sheet in one orientation: its size, mean geodesic, absolute and relative error."""
+    """Flatten a randomly rotated sheet; return its size, mean geodesic distance, absolute and relative error."""
     flat_map = flatten(shapes.curled_sheet(rotation=Rotation.random(rng=seed), traversed=traversed), sources)
-    distortion = flat_map.distortion
-    raw = distortion.raw
-    return len(flat_map), distortion.mean_geodesic, raw.absolute_error, raw.relative_error
+    raw = flat_map.distortion.raw
+    return len(flat_map), flat_map.distortion.mean_geodesic, raw.absolute_error, raw.relative_error
 
 
 def chessboard_picture(flat_map):
-    """Figures 4 and 5: the curled sheet with a chessboard, and the same flattened."""
+    """Figures 4 and 5: the curled sheet with a chessboard, and its flat map."""
     board = flat_map.texture(chessboard(600, 300, 50))
     figure = Figure(figsize=(11, 4.5), layout="constrained")
     space, plane = figure.subplots(1, 2)
@@ -102,7 +101,7 @@ def chessboard_picture(flat_map):
 
 
 def voxel_picture(points, shade):
-    """Draw voxels as cubes in shades of grey."""
+    """Render voxels as grey cubes."""
     cloud = pv.PolyData(points)
     cloud["shade"] = shade
     plotter = pv.Plotter(off_screen=True, window_size=(1100, 1000))
@@ -116,13 +115,12 @@ def voxel_picture(points, shade):
 
 
 def chessboard(width, height, square):
-    """Return a chessboard picture."""
     fields = np.add.outer(np.arange(height) // square, np.arange(width) // square) % 2
     return (fields * 255).astype(np.uint8)
 
 
 def bricks(width, height, brick=(48, 20), joint=4):
-    """Return a brick wall picture (figure 11)."""
+    """Return a picture of a brick wall (figure 11)."""
     y, x = np.mgrid[:height, :width]
     course = y // brick[1]
     shifted = x + (course % 2) * brick[0] // 2
@@ -133,7 +131,7 @@ def bricks(width, height, brick=(48, 20), joint=4):
 
 
 def head():
-    """Figures 10 to 13: a head as a depth image, its scatter, and textures mapped onto it."""
+    """Figures 10 to 13: a head as a depth image, its scatter plot, and textures mapped onto it."""
     volume = shapes.depth_surface(shapes.head_depth())
     upright = [[0, 1, 0, 0], [0, 0, -1, 0], [-1, 0, 0, 0], [0, 0, 0, 1]]  # rows of the image go down
     flat_map = voxflat.surface(volume, affine=upright).flatten("grossmann2002")
@@ -155,7 +153,7 @@ def head():
 
 
 def textured(flat_map, picture, shape):
-    """Draw the head from the front with a picture mapped onto it, shaded by its slope."""
+    """Render the head from the front with a picture mapped onto it."""
     colours = flat_map.texture(picture if picture.ndim == 3 else np.repeat(picture[..., None], 3, axis=2))
     painted = flat_map.paint(np.concatenate([colours, np.full((len(colours), 1), 255, np.uint8)], axis=1))
     front = painted[..., 3] > 0
@@ -170,7 +168,7 @@ def textured(flat_map, picture, shape):
 
 
 def path_round_an_obstacle():
-    """Figure 3: hilly terrain cut by a river with one bridge; the shortest path, and contours of equal distance."""
+    """Figure 3: the shortest path on hilly terrain with a river and one bridge, and contours of equal distance."""
     x, y = np.mgrid[:160, :160]
     height = np.round(14 + 7 * np.sin(x / 17) * np.cos(y / 23) + 4 * np.sin((x + 2 * y) / 19)).astype(int)
     river = np.abs(x - 80 - 8 * np.sin(y / 20)) < 4

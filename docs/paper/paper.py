@@ -1,4 +1,4 @@
-"""What the reproductions of papers share: where files are, lines of a table, pictures."""
+"""Helpers of the reproductions of papers: files, lines of a table, pictures."""
 
 import io
 import sys
@@ -19,7 +19,7 @@ import shapes  # noqa: E402, F401
 
 
 def reproduce(*parts):
-    """Print the parts of a paper one after the other; say where the pictures are, and how long it took."""
+    """Run the parts of a reproduction, then print the folder of the pictures and the duration."""
     matplotlib.use("Agg")
     PICTURES.mkdir(parents=True, exist_ok=True)
     start = time.perf_counter()
@@ -29,7 +29,7 @@ def reproduce(*parts):
 
 
 def timed(call, *arguments, **options):
-    """Return what a call returns, and the CPU seconds that it took."""
+    """Return the result of a call and its CPU seconds."""
     start = time.process_time()
     return call(*arguments, **options), time.process_time() - start
 
@@ -40,12 +40,12 @@ def row(what="", paper="", ours=""):
 
 
 def fsaverage5(*names):
-    """Return the files of fsaverage5's left hemisphere."""
+    """Return files of the left hemisphere of fsaverage5."""
     return [str(FSAVERAGE5 / f"{name}_left.gii.gz") for name in names]
 
 
 def show_flat(axes, raster, picture, **look):
-    """Draw a picture of the pixels of a map, in mm."""
+    """Draw an image of the map, with axes in mm."""
     left, top = raster.origin
     height, width = raster.shape
     extent = (left, left + width * raster.pixel_size, top - height * raster.pixel_size, top)
@@ -54,21 +54,21 @@ def show_flat(axes, raster, picture, **look):
 
 
 def show(axes, picture, title):
-    """Draw a picture without axes."""
+    """Draw an image without axes."""
     axes.imshow(picture)
     axes.set_title(title)
     axes.set_axis_off()
 
 
 def trimmed(picture):
-    """Return a picture without the white around what it shows."""
+    """Remove the white margin of a picture."""
     drawn = (picture < 255).any(axis=2)
     rows, columns = (np.flatnonzero(drawn.any(axis=axis)) for axis in (1, 0))
     return picture[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
 
 
 def save_small(figure, name):
-    """Write a small picture: lines need few colours."""
+    """Save a figure as a small file with few colours, which suffice for lines."""
     with io.BytesIO() as drawn:
         figure.savefig(drawn, dpi=110)
         Image.open(drawn).convert("RGB").quantize(128, Image.Quantize.MAXCOVERAGE).save(PICTURES / name, optimize=True)

@@ -1,9 +1,9 @@
-"""Reproduce Appleboim, Saucan, Zeevi (2006): prints the paper's figures beside ours, writes pictures.
+"""Reproduce Appleboim, Saucan, Zeevi (2006): print the results of the paper and of voxflat, and draw the figures.
 
 make paper-saucan
 
-The skull is that of tests/data (by YahooJAPAN, CC BY 3.0); the CT of one, skull_2.9.inr of CGAL, is in Debian's package
-libcgal-demo, from where `make` takes it. Other meshes and INRIMAGE volumes may be given as arguments.
+The skull is in tests/data (by YahooJAPAN, CC BY 3.0). The CT of a skull is skull_2.9.inr of CGAL, which `make` takes
+from Debian's package libcgal-demo. Other meshes and INRIMAGE volumes can be passed as arguments.
 """
 
 import gzip
@@ -19,19 +19,17 @@ from paper import ROOT, fsaverage5, reproduce, save_small, show, timed, trimmed
 import voxflat
 from voxflat import figures
 
-SEEDS = 5  # of the random triangles, whose numbers of patches are averaged
+SEEDS = 5  # random seeds whose numbers of patches are averaged
 PAPER = {10.0: 1.1763, 5.0: 1.0875}
 LIMITS = {"θ = 10°": {"max_angle": 10}, "θ = 5°": {"max_angle": 5}, "C = 1.1763": {"bound": 1.1763}}
 
 
 def main(paths):
-    """Print the tables and write the pictures."""
     logging.getLogger("voxflat").setLevel(logging.ERROR)
     surfaces = inputs(paths)
     certificates(surfaces)
     numbers(surfaces)
     edges_alone(surfaces)
-    speed(surfaces["synthetic colon"])
     saucan_glue.gluing(surfaces["synthetic colon"])
     saucan_glue.developable()
     pictures(surfaces)
@@ -39,7 +37,6 @@ def main(paths):
 
 
 def inputs(paths):
-    """Return the surfaces by their names."""
     white, pial = fsaverage5("white", "pial")
     surfaces = {
         "fsaverage5, white": voxflat.surface(white),
@@ -49,7 +46,7 @@ def inputs(paths):
     }
     for path in map(Path, paths):
         if not path.exists():
-            print(f"{path} is not there: skipped")
+            print(f"{path} does not exist and is skipped")
             continue
         name = "skull (CT)" if path.stem == "skull_2.9" else path.name
         surfaces[name] = inrimage(path) if ".inr" in path.name else voxflat.surface(path)
@@ -57,7 +54,7 @@ def inputs(paths):
 
 
 def colon(around=120, along=250, length=300.0, folds=24):
-    """Return a haustrated, folded tube open at both ends, mm: 2 · around · along triangles."""
+    """Return a haustrated, folded tube that is open at both ends, mm, with 2 · around · along triangles."""
     t = np.linspace(0, 1, along + 1)
     aside, rise = 35 * np.sin(2.3 * np.pi * t), 25 * np.cos(1.7 * np.pi * t) + 8 * np.sin(7 * np.pi * t)
     axis = np.stack([length * t, aside, rise], axis=1)
@@ -80,7 +77,7 @@ def colon(around=120, along=250, length=300.0, folds=24):
 
 
 def inrimage(path, level=2.9):
-    """Return the surface of an INRIMAGE-4 volume of floats, as CGAL's examples have it."""
+    """Return the surface of an INRIMAGE-4 volume, the format of CGAL's examples."""
     data = path.read_bytes()
     data = gzip.decompress(data) if data[:2] == b"\x1f\x8b" else data
     header = dict(line.split("=", 1) for line in data[:256].decode("ascii").split("\n") if "=" in line)
@@ -93,7 +90,7 @@ def inrimage(path, level=2.9):
 
 
 def certificates(surfaces):
-    """Print the dilatations of figures 1 to 3, what is proven and what is measured."""
+    """Print the dilatations of figures 1 to 3: certified and measured."""
     print(f"\n{'':26}{'θ':>5}{'paper':>9}{'C':>9}{'C measured':>12}{'K':>9}{'K measured':>12}{'broken':>8}")
     for name, surface in surfaces.items():
         for angle, paper in PAPER.items():
@@ -107,7 +104,7 @@ def certificates(surfaces):
 
 
 def numbers(surfaces):
-    """Print how many patches there are, by where they begin."""
+    """Print the number of patches by the order of their seeds."""
     head = f"{'random':>9}{'flattest':>10}{'curvature':>11}{'fewer':>8}{'CPU s':>8}"
     print(f"\n{'':26}{'triangles':>10}{'limit':>14}{head}")
     print(f"{'':50}{'the paper’s seeds':>19}{'ours':>11}")
@@ -126,8 +123,8 @@ def numbers(surfaces):
 
 
 def edges_alone(surfaces, angle=10.0):
-    """Print what the paper's own test, of a triangle's edges alone, lets through."""
-    print(f"\n{'edges within 10° alone':26}{'patches':>9}{'steeper than 10°':>18}{'beyond C':>10}{'worst C':>10}")
+    """Print the triangles that the test of the paper, which tests only edges, accepts wrongly."""
+    print(f"\n{'only edges within 10°':26}{'patches':>9}{'steeper than 10°':>18}{'beyond C':>10}{'worst C':>10}")
     for name, surface in surfaces.items():
         tilt, count = edge_patches(surface.points, surface.faces.astype(int), angle)
         c = 1 / np.cos(np.radians(tilt))
@@ -136,7 +133,7 @@ def edges_alone(surfaces, angle=10.0):
 
 
 def edge_patches(points, faces, angle):
-    """Grow patches by the paper's test; return each triangle's inclination, degrees, and the number of patches."""
+    """Grow patches by the test of the paper; return the inclination of each triangle, degrees, and their number."""
     corners = points[faces]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
@@ -166,15 +163,8 @@ def edge_patches(points, faces, angle):
     return tilt, count
 
 
-def speed(surface):
-    """Print the time for the number of triangles of the paper's skull."""
-    atlases, seconds = zip(*(timed(surface.patches, 10, threads=1) for _ in range(3)), strict=True)
-    told = f"{len(surface.faces)} triangles (paper: 60339), {len(atlases[0])} patches"
-    print(f"\n{told}: {min(seconds):.2f} s of CPU time")
-
-
 def pictures(surfaces):
-    """Draw each surface with its patches, and the pages of two of them."""
+    """Draw each surface with its patches, and the page of the colon."""
     figure = Figure(figsize=(4.2 * len(surfaces), 4.4), layout="constrained")
     for axes, (name, surface) in zip(np.atleast_1d(figure.subplots(1, len(surfaces))), surfaces.items(), strict=True):
         atlas = surface.patches(bound=1.1763)

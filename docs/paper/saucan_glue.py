@@ -1,4 +1,4 @@
-"""Gluing the patches of Appleboim, Saucan, Zeevi (2006), their open problem: figures and a picture for `saucan.py`."""
+"""Glue the patches of Appleboim, Saucan, Zeevi (2006), which the paper leaves open, for `saucan.py`."""
 
 import numpy as np
 from matplotlib.collections import LineCollection, PolyCollection
@@ -11,11 +11,11 @@ import voxflat
 from voxflat.figures.colours import patch_colours
 
 BOUND = 1.5
-SEEN = 45.0  # mm, the side of the part of the maps that is shown larger
+SEEN = 45.0  # mm, the side of the enlarged part
 
 
 def gluing(colon):
-    """Print how much of the seams is closed, and what the bounds are before and after."""
+    """Print the fraction of closed seams, and the dilatation before and after gluing."""
     names = [f"{kind} {side}" for kind in ("white", "pial") for side in ("left", "right")]
     files = {f"fsaverage5, {name}": FSAVERAGE5 / f"{name.replace(' ', '_')}.gii.gz" for name in names}
     surfaces = {name: voxflat.surface(str(path)) for name, path in files.items()}
@@ -37,7 +37,7 @@ def gluing(colon):
 
 
 def developable():
-    """Print how far surfaces that can be flat are from it, and where a closed cylinder is cut."""
+    """Print the deviation of developable surfaces from isometry, and the cuts of a closed cylinder."""
     print(f"\n{'developable':26}{'patches':>10}{'pieces':>10}{'cuts, mm':>10}{'max |σ − 1|':>14}")
 
     def cone(x, y):
@@ -55,7 +55,7 @@ def developable():
 
 
 def sheet(m, n, place):
-    """Return irregular triangles between straight lines along which a sheet is bent, closed where its ends meet."""
+    """Return an irregular mesh of a sheet bent along straight lines, joined where its ends meet."""
     rng = np.random.default_rng(0)
     x, y = (values.astype(float) for values in np.meshgrid(np.arange(m + 1), np.arange(n + 1), indexing="ij"))
     y[:, 1:-1] += rng.uniform(-0.4, 0.4, y[:, 1:-1].shape)
@@ -71,7 +71,7 @@ def sheet(m, n, place):
 
 
 def naive(atlas):
-    """Lay patches out rigidly along the spanning tree of longest shared boundaries; return triangles (F, 3, 2)."""
+    """Place patches rigidly along the spanning tree of the longest shared boundaries; return triangles (F, 3, 2)."""
     edges = np.sort(atlas.faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2).astype(int), axis=1)
     order = np.lexsort(edges.T)
     edges, owner = edges[order], np.repeat(atlas.piece_ids, 3)[order]
@@ -100,7 +100,7 @@ def naive(atlas):
 
 
 def rigid(points, to):
-    """Return the turn and the shift that bring points nearest to others."""
+    """Return the rotation and the translation that best move points onto others."""
     a, b = points - points.mean(axis=0), to - to.mean(axis=0)
     angle = np.arctan2((a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]).sum(), (a * b).sum())
     turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
@@ -108,7 +108,7 @@ def rigid(points, to):
 
 
 def covering(corners, pixel=0.25):
-    """Return what part of the area that triangles take in the plane lies on others, by pixels."""
+    """Return the fraction of the area of triangles in the plane that covers others, by pixels."""
     low = corners.reshape(-1, 2).min(axis=0)
     count = np.zeros(np.ceil((corners.reshape(-1, 2).max(axis=0) - low) / pixel).astype(int) + 2, dtype=np.int32)
     for a, b, c in (corners - low) / pixel:
@@ -123,7 +123,7 @@ def covering(corners, pixel=0.25):
 
 
 def picture(surface):
-    """Draw patches that were laid out naively beside glued ones: all of them, and the middle of it larger."""
+    """Draw rigidly placed patches beside glued ones: all of them, and an enlarged part."""
     atlas = surface.patches(10)
     glued = atlas.glue(BOUND)
     ours, theirs = glued.uv[glued.uv_faces], naive(atlas)
@@ -151,10 +151,10 @@ def picture(surface):
             part.set(xlim=(at[0] - reach, at[0] + reach), ylim=(at[1] - reach, at[1] + reach), aspect="equal")
             part.set(xlabel="mm", ylabel="mm" if column == 0 else "")
             part.set_facecolor("white")
-    axes[0, 0].set_title(f"laid out rigidly: {100 * share[0]:.0f} % of the area lies on other patches")
+    axes[0, 0].set_title(f"placed rigidly: {100 * share[0]:.0f} % of the area covers other patches")
     axes[0, 1].set_title(f"glued: {100 * glued.seams.closed_share:.1f} % of the seams closed, C ≤ {BOUND}, no overlap")
-    axes[1, 0].set_title("the middle of it: holes and overlaps")
-    axes[1, 1].set_title("the middle of it: cuts are black")
-    lies = "of the area lies on other patches"
-    print(f"\nlaid out rigidly {100 * share[0]:.1f} % {lies}, glued {100 * share[1]:.2f} % (pixels of 0.25 mm)")
+    axes[1, 0].set_title("enlarged: holes and overlaps")
+    axes[1, 1].set_title("enlarged: cuts are black")
+    placed, joined = (100 * part for part in share)
+    print(f"\narea that covers other patches: placed rigidly {placed:.1f} %, glued {joined:.2f} % (pixels of 0.25 mm)")
     return figure

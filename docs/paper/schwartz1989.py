@@ -1,4 +1,4 @@
-"""Reproduce Schwartz, Shaw, Wolfson (1989): prints the paper's figures beside ours, writes pictures.
+"""Reproduce Schwartz, Shaw, Wolfson (1989): print the results of the paper and of voxflat, and draw the figures.
 
 make paper-mapmaker
 """
@@ -16,14 +16,13 @@ from scipy.linalg import orthogonal_procrustes
 
 import voxflat
 
-STARTS = 20  # whose ends are compared
+STARTS = 20  # random starts that are compared
 SURFACE, FLIPPED = "#4477aa", "#cc3311"
 CURVES = ("#4477aa", "#ee7733", "#009988")
 
 
 def main():
-    """Print the table and write the pictures."""
-    logging.getLogger("voxflat").setLevel(logging.ERROR)  # what it warns of is counted below
+    logging.getLogger("voxflat").setLevel(logging.ERROR)  # the table counts the warnings
     row("", "paper", "ours")
     hemisphere()
     cortex = fsaverage5()
@@ -33,15 +32,15 @@ def main():
 
 
 def flatten(surface, *, seed=0, **options):
-    """Flatten, and return the CPU seconds that it took as well."""
+    """Return a map and its CPU seconds."""
     return paper.timed(voxflat.flatten, surface, voxflat.methods.Schwartz1989(**options), relax=False, seed=seed)
 
 
 def tell(flat_map):
-    """Print how well a map keeps distances."""
+    """Print how well a map preserves distances."""
     distortion = flat_map.distortion
     row("  mean relative error of distances, %", "several", f"{100 * distortion.raw.relative_error:.2f}")
-    row("  triangles turned over", "", f"{distortion.triangles.flipped} of {len(flat_map.faces)}")
+    row("  flipped triangles", "", f"{distortion.triangles.flipped} of {len(flat_map.faces)}")
 
 
 def hemisphere(radius=20.0):
@@ -58,14 +57,14 @@ def hemisphere(radius=20.0):
 
 
 def fsaverage5():
-    """Return the left midthickness surface, and the number of the vertex farthest back: the occipital pole."""
+    """Return the left midthickness surface and its most posterior vertex, the occipital pole."""
     white, pial = paper.fsaverage5("white", "pial")
     surface = voxflat.surface(white, pial=pial)
     return surface, int(surface.points[:, 1].argmin())
 
 
 def disk(cortex, nodes):
-    """Return the disk around the occipital pole that has about so many nodes."""
+    """Return a disk around the occipital pole with about `nodes` nodes."""
     surface, pole = cortex
     radii = np.arange(20.0, 80.0, 0.5)
     distances = np.asarray(surface.geodesic([pole]).rows)[0]
@@ -74,7 +73,7 @@ def disk(cortex, nodes):
 
 
 def same_map(cortex):
-    """Figure 2: three random starts end in the same map, up to a rotation and a reflection."""
+    """Figure 2: three random starts give the same map, up to rotation and reflection."""
     patch = disk(cortex, 600)
     sources = flatten(patch, starts=1)[0]
     sources = sources.ids[sources.sources]
@@ -85,7 +84,7 @@ def same_map(cortex):
     row("  distance between the maps after rotation and reflection (RMS), mm", "0", f"{apart:.5f}")
     energies = [np.array(m.metadata["descent"]["energies"]) for m in maps]
     steps = [int(np.flatnonzero(of > 1.01 * of.min())[-1]) + 1 for of in energies]
-    row("  iterations until the stress is within 1 % of its end", "about 100", " ".join(map(str, steps)))
+    row("  iterations until the stress is within 1 % of its final value", "about 100", " ".join(map(str, steps)))
     tell(maps[0])
     figure = Figure(figsize=(9, 8.6), layout="constrained")
     axes = figure.subplots(2, 2).ravel()
@@ -98,16 +97,16 @@ def same_map(cortex):
 
 
 def procrustes(uv, other):
-    """Return how far two maps are apart (RMS, mm) after the best rotation or reflection."""
+    """Return the RMS distance of two maps after the best rotation or reflection, mm."""
     uv, other = uv - uv.mean(axis=0), other - other.mean(axis=0)
     turn, _ = orthogonal_procrustes(other, uv)
     return float(np.sqrt(((other @ turn - uv) ** 2).sum(axis=1).mean()))
 
 
 def neighbourhoods(cortex):
-    """Short distances alone fold the map; how far they have to reach, and what a few long ones change."""
+    """Compare neighbourhoods with and without long distances: short distances alone fold the map."""
     patch = disk(cortex, 600)
-    print(f"\n{'distances kept':44}{'of all pairs':>13}{'best of':>10}{'error':>9}{'turned over':>13}{'CPU s':>8}")
+    print(f"\n{'distances used':44}{'of all pairs':>13}{'best of':>10}{'error':>9}{'flipped':>13}{'CPU s':>8}")
     print(f"{'':57}{f'{STARTS} starts':>10}")
     cases = {"nearest neighbours": (1, 0), "second neighbours": (2, 0), "a tenth of the nodes": (None, 0)}
     cases |= {"8 rings, as in figure 2": (8, 0), "12 rings": (12, 0)}
@@ -142,26 +141,26 @@ def striate(cortex):
     row(f"  {metadata['neighbourhood']} rings, 50 nodes to all: stress of the 3 starts", "equal", stresses)
     tell(flat_map)
     usual = patch.flatten(relax=False)
-    row("  the same of the method voxflat, %", "", f"{100 * usual.distortion.raw.relative_error:.2f}")
+    row("  relative error of the default method, %", "", f"{100 * usual.distortion.raw.relative_error:.2f}")
     row("", "", f"{usual.distortion.triangles.flipped} of {len(usual.faces)}")
     picture(flat_map, (10, 5.2), "occipital cortex from behind", (-0.35, -1.0, 0.15), "mapmaker_cortex.png")
 
 
 def show_flat(axes, flat_map, title, colour=SURFACE):
-    """Draw a map's triangles, those that are turned over in another colour."""
+    """Draw the triangles of a map, flipped ones in another colour."""
     flipped = flat_map.distortion.triangles.is_flipped
     for chosen, edge, zorder in ((~flipped, colour, 1), (flipped, FLIPPED, 2)):
         corners = flat_map.uv[flat_map.faces[chosen]]
         colours = {"facecolor": (*to_rgb(edge), 0.1), "edgecolor": edge}
         axes.add_collection(PolyCollection(corners, **colours, lw=0.5, zorder=zorder))
     if flipped.any():
-        title = f"{title}\n{flipped.sum()} triangles turned over (red)"
+        title = f"{title}\n{flipped.sum()} flipped triangles (red)"
     axes.autoscale()
     axes.set(title=title, aspect="equal", xlabel="mm")
 
 
 def picture(flat_map, size, title, towards, name):
-    """Draw the surface as a wire frame over its faces, and its map."""
+    """Draw the surface with its edges, and its map."""
     figure = Figure(figsize=size, layout="constrained")
     space, plane = figure.subplots(1, 2)
     mesh = pv.PolyData.from_regular_faces(flat_map.points, flat_map.faces)

@@ -1,4 +1,4 @@
-"""Reproduce Zigelman, Kimmel, Kiryati (2002): prints the paper's figures beside ours, writes pictures.
+"""Reproduce Zigelman, Kimmel, Kiryati (2002): print the results of the paper and of voxflat, and draw the figures.
 
 make paper-zigelman
 """
@@ -18,16 +18,16 @@ from voxflat._pyvista import to_surface_polydata
 from voxflat.methods.zigelman2002 import pixels_of
 
 SOURCES = 625  # 25 x 25, as in the paper
-PAIRS = 1500  # points whose distances are compared where the truth is known
+PAIRS = 1500  # points whose distances are compared with the true ones
 
 
 def flatten(surface, **options):
-    """Flatten, and return the CPU seconds that it took as well."""
+    """Return a map and its CPU seconds."""
     return timed(surface.flatten, voxflat.methods.Zigelman2002(sources=SOURCES, **options), relax=False)
 
 
 def cylinder_image(side=100, arc=150):
-    """Return a part of a cylinder (figure 4), and where its vertices lie unrolled, mm; `arc` is in degrees."""
+    """Return an arc of a cylinder (figure 4), in degrees, and its unrolled vertices, mm."""
     half = np.radians(arc) / 2
     across = np.linspace(-np.sin(half), np.sin(half), side)
     radius = (side - 1) / (2 * np.sin(half))
@@ -37,8 +37,8 @@ def cylinder_image(side=100, arc=150):
 
 
 def bust():
-    """Return a bust, 1 mm a pixel (figure 3: a face), as one sheet, which the paper takes a range image to be."""
-    depth = shapes.head_depth().astype(float)  # which is smoothed, for whole numbers make a staircase
+    """Return a bust (figure 3: a face) with 1 mm pixels as one sheet, as the paper treats range images."""
+    depth = shapes.head_depth().astype(float)  # smoothed, because integers form a staircase
     pieces, _ = ndimage.label(ndimage.binary_opening(depth > 0, iterations=2))
     there = pieces == np.bincount(pieces.ravel())[1:].argmax() + 1
     share = ndimage.gaussian_filter(there.astype(float), 1.5)
@@ -47,7 +47,7 @@ def bust():
 
 
 def cylinder():
-    """Figure 4: a cylinder as a range image, which can be flattened without any error."""
+    """Figure 4: a cylinder as a range image, which can be flattened without error."""
     image, truth = cylinder_image()
     chosen = np.random.default_rng(0).choice(len(truth), PAIRS, replace=False)
     row(f"cylinder, {len(image)} vertices: mean relative error of flat distances, %", "", "")
@@ -85,19 +85,19 @@ def waves():
 
 
 def tell(how, flat_map):
-    """Print how well a map keeps distances and angles."""
+    """Print how well a map preserves distances and angles."""
     distortion = flat_map.distortion
     row(f"  {how}: mean relative error, %", "", f"{100 * distortion.raw.relative_error:.2f}")
     row("    correlation of flat with geodesic distances", "", f"{distortion.pearson_r:.4f}")
-    row("    ratio of a triangle's two stretches, median", "", f"{distortion.triangles.quasi_conformal:.3f}")
+    row("    ratio of the two stretches of a triangle, median", "", f"{distortion.triangles.quasi_conformal:.3f}")
     row("    flipped triangles", "", f"{distortion.triangles.flipped}")
 
 
 def face():
-    """Figures 3 and 5: a face from a range image of 40,000 vertices by 25 x 25 samples."""
+    """Figures 3 and 5: a face as a range image of about 40,000 vertices, with 25 x 25 samples."""
     image = bust()
     grid, seconds = flatten(image, sampling="grid")
-    row(f"face, {len(grid)} vertices, {len(grid.sources)} pixels of a grid: CPU s", "about 30", f"{seconds:.1f}")
+    row(f"face, {len(grid)} vertices, {len(grid.sources)} grid pixels as sources: CPU s", "about 30", f"{seconds:.1f}")
     tell("bilinear", grid)
     flat_map, seconds = flatten(image)
     row(f"face, {len(flat_map.sources)} sources by decimation: CPU s", "", f"{seconds:.1f}")
@@ -115,23 +115,23 @@ def face():
 
 
 def cortex():
-    """Flatten a patch of the cortex that the paper does not have: fsaverage5's, with its cuts."""
+    """Flatten fsaverage5 along its cuts, which is not part of the paper."""
     white, pial, flat = fsaverage5("white", "pial", "flat")
     surface = voxflat.surface(white, pial=pial)
     flat_map, seconds = flatten(surface.keep(flat))
-    row(f"fsaverage5's flat patch, {len(flat_map)} vertices: CPU s", "", f"{seconds:.1f}")
+    row(f"fsaverage5 along its cuts, {len(flat_map)} vertices: CPU s", "", f"{seconds:.1f}")
     tell("re-insertion", flat_map)
     usual = surface.keep(flat).flatten()
-    row("  relative error of the method voxflat, %", "", f"{100 * usual.distortion.raw.relative_error:.2f}")
+    row("  relative error of the default method, %", "", f"{100 * usual.distortion.raw.relative_error:.2f}")
 
 
 def coloured(grey):
-    """Return a grey picture as colours: dark and light fields that shading does not hide."""
+    """Colour a grey picture with a dark and a light colour that remain visible when shaded."""
     return np.where(grey[..., None] > 0, [245, 240, 228], [60, 78, 110]).astype(np.uint8)
 
 
 def textured(flat_map, picture, azimuth=0, elevation=0):
-    """Draw a surface with a picture mapped onto it."""
+    """Render a surface with a picture mapped onto it."""
     mesh = to_surface_polydata(flat_map, picture_shape=picture.shape)
     plotter = pv.Plotter(off_screen=True, window_size=(1000, 1000))
     plotter.add_mesh(mesh, texture=pv.numpy_to_texture(picture), smooth_shading=True, ambient=0.15, specular=0.0)
@@ -144,7 +144,7 @@ def textured(flat_map, picture, azimuth=0, elevation=0):
 
 
 def show_flat(axes, flat_map, picture):
-    """Draw the map with the picture that was mapped."""
+    """Draw the flat map with its picture."""
     raster = flat_map.raster(flat_map.spacing / 2)
     values = flat_map.texture(picture).astype(float) / 255
     shown = np.stack([raster.interpolate(values[:, channel]) for channel in range(3)], axis=-1)

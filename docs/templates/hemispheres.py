@@ -1,11 +1,9 @@
-"""Derive the template by which `voxflat.hemisphere` finds the parts of a brain: ``hemispheres.py``.
+"""Derive the template with which `voxflat.hemisphere` finds the parts of a brain: ``hemispheres.py``.
 
-The white matter of MNI152, which nilearn carries, is parted at x = 0 mm, and from cerebellum and stem at z = -14 mm.
-Voxels deep inside fsaverage5's white surfaces, over 5 mm from the cortex, are filled: ventricles and deep nuclei.
-The file in the package has voxels of 2 mm and some kilobytes.
+The white matter of MNI152, included in nilearn, is split at x = 0 mm, and separated from the cerebellum and the brain
+stem at z = -14 mm. Voxels deep inside the white surfaces of fsaverage5, more than 5 mm from the cortex, are filled:
+these are ventricles and deep nuclei. The file in the package has voxels of 2 mm and a size of some kilobytes.
 """
-
-from __future__ import annotations
 
 from pathlib import Path
 
@@ -19,16 +17,12 @@ from voxflat.demo import THRESHOLD, demo_cortex
 
 OUTPUT = Path(voxflat.__file__).parent / "surfaces" / "standard" / "hemispheres.npz"
 SIDES = ("left", "right")
-TO_MNI152 = np.array(  # from fsaverage's space, MNI305
-    [
-        [0.9975, -0.0073, 0.0176, -0.0429],
-        [0.0146, 1.0009, -0.0024, 1.5496],
-        [-0.0130, -0.0093, 0.9971, 1.1840],
-        [0, 0, 0, 1],
-    ]
-)
+TO_MNI152 = np.eye(4)  # from MNI305, the space of fsaverage
+TO_MNI152[0] = 0.9975, -0.0073, 0.0176, -0.0429
+TO_MNI152[1] = 0.0146, 1.0009, -0.0024, 1.5496
+TO_MNI152[2] = -0.0130, -0.0093, 0.9971, 1.1840
 DEEP = 5.0  # mm from the cortex
-THIN = 0.2  # mm between white and pial surface: less is the medial wall
+THIN = 0.2  # mm between the white and pial surfaces; less on the medial wall
 
 
 def largest(mask):
@@ -40,26 +34,26 @@ def largest(mask):
 
 
 def parted(white, affine):
-    """Return 1 in the left hemisphere's white matter, 2 in the right one's, 3 in the rest."""
+    """Return 1 for the white matter of the left hemisphere, 2 for the right one, 3 for the rest."""
     x, y, z = (affine[axis, 3] + affine[axis, axis] * np.arange(length) for axis, length in enumerate(white.shape))
     labels = np.where(white, 3, 0).astype(np.uint8)
     for label, beyond in enumerate((x >= 0, x <= 0), 1):
         side = white.copy()
         side[beyond] = False
-        side[np.ix_(np.abs(x) <= 20, (y > -45) & (y < 0), z == -14)] = False  # the stem is cut through here
+        side[np.ix_(np.abs(x) <= 20, (y > -45) & (y < 0), z == -14)] = False  # cut the brain stem
         labels[largest(side)] = label
     return labels
 
 
 def inside(mesh, shape):
-    """Return which voxels lie inside a closed surface, whose points are voxel indices."""
+    """Return a mask of the voxels inside a closed surface whose points are voxel indices."""
     grid = pv.ImageData(dimensions=shape)
     mask = mesh.voxelize_binary_mask(reference_volume=grid)["mask"]
     return np.asarray(mask).reshape(shape[::-1]).T > 0
 
 
 def deep(side, to_index, shape):
-    """Return the voxels deep inside a hemisphere."""
+    """Return a mask of the voxels deep inside a hemisphere."""
     meshes = datasets.load_fsaverage("fsaverage5")
     white, pial = (meshes[name].parts[side] for name in ("white_matter", "pial"))
     is_cortex = np.linalg.norm(white.coordinates - pial.coordinates, axis=1) > THIN
@@ -73,8 +67,7 @@ def deep(side, to_index, shape):
     return scipy.ndimage.binary_opening(found, iterations=2)
 
 
-def main() -> None:
-    """Write the template."""
+def main():
     white_matter, _, _ = demo_cortex()
     affine, shape = white_matter.affine, white_matter.data.shape
     labels = parted(white_matter.data > THRESHOLD, affine)

@@ -1,10 +1,10 @@
-"""Make the template of sulcal patterns, to which `voxflat.register` registers: `uv run docs/templates/pattern.py`.
+"""Make the template of sulcal patterns for registration: `uv run docs/templates/pattern.py`.
 
-Of fsaverage5 (FreeSurfer's average of 40 subjects, Fischl et al. 1999), as nilearn's wheel carries it: white and pial
-surfaces, midway between which the pattern is computed as for any subject (`rust/core/src/sphere/pattern.rs`), and the
-registered sphere. Written are whole numbers on an icosphere of 10,242 places: depths at three scales, places on the
-smoothed surface (differences from one place to the next, which pack better), and weights, 0.1 where white and pial
-surfaces touch: there is no cortex on the medial wall.
+The source is fsaverage5 (FreeSurfer's average of 40 subjects, Fischl et al. 1999), included in nilearn: the registered
+sphere, and the white and pial surfaces. The pattern is computed midway between them, as for any subject
+(`rust/core/src/sphere/pattern.rs`), and stored as integers on an icosphere of 10,242 vertices: depths at three scales,
+positions on the smoothed surface (as differences between successive vertices, which compress better), and weights,
+which are 0.1 where the white and pial surfaces touch, because the medial wall is not cortex.
 """
 
 import gzip
@@ -25,15 +25,15 @@ TOUCHING = 0.5  # mm
 MEDIAL_WALL = 0.1
 
 
-def surface(name: str) -> tuple[np.ndarray, np.ndarray]:
-    """Read points and triangles of nilearn's fsaverage5."""
+def surface(name):
+    """Read the points and triangles of a surface of nilearn's fsaverage5."""
     image = nibabel.GiftiImage.from_bytes(gzip.decompress((DATA / f"{name}.gii.gz").read_bytes()))
     points, faces = (array.data for array in image.darrays[:2])
     return points.astype(np.float64), faces.astype(np.int64)
 
 
-def template(side: str) -> dict[str, np.ndarray]:
-    """Return what the file holds of a side."""
+def template(side):
+    """Return the arrays of a side by name."""
     (white, faces), (pial, _), (sphere, _) = (surface(f"{kind}_{side}") for kind in ("white", "pial", "sphere"))
     sphere /= np.linalg.norm(sphere, axis=1, keepdims=True)
     depths, places, _ = _core.Surface.from_triangles((white + pial) / 2, faces)[0].pattern()

@@ -1,11 +1,9 @@
 """Derive the standard cuts from the flat maps of fsaverage5: ``standard_cuts.py FOLDER``.
 
-The triangles of fsaverage5's sphere that its flat map lacks are the medial wall and the strips along the five cuts.
-FOLDER holds smriprep (Apache-2.0) as ``pip install --target`` leaves it: its spheres lead from fsaverage to fs_LR.
-Written are four files of some kilobytes into the package; each says what it was derived from.
+The triangles of the sphere of fsaverage5 that are missing in its flat map form the medial wall and strips along the
+five cuts. FOLDER contains smriprep (Apache-2.0), installed by ``pip install --target``, whose spheres lead from
+fsaverage to fs_LR. The script writes four files of some kilobytes into the package, each with its provenance.
 """
-
-from __future__ import annotations
 
 import argparse
 import hashlib
@@ -26,39 +24,37 @@ NILEARN = Path(find_spec("nilearn").origin).parent
 FSAVERAGE5 = NILEARN / "datasets" / "data" / "fsaverage5"
 PACKAGE = Path(voxflat.__file__).parent / "surfaces" / "standard"
 SIDES = {"left": "L", "right": "R"}
-STRIP = 3  # rings of triangles from the border to the middle that a strip has at most
-SMALLEST = 12  # triangles of a strip; smaller ones are corners of the wall
-STEP = 3.0  # mm between points of a line on the sphere of 100 mm
+STRIP = 3  # maximal rings of triangles between the border and the middle of a strip
+SMALLEST = 12  # minimal triangles of a strip; smaller pieces are corners of the wall
+STEP = 3.0  # mm between points of a line on the sphere with a radius of 100 mm
 ANCHORS = 200
-INWARD = 10.0  # mm on the map from its border to an anchor
+INWARD = 10.0  # minimal mm on the map between its border and an anchor
 RADIUS = 100.0
 
 
 def arrays(path):
-    """Return the arrays of a GIFTI file."""
     return [array.data for array in nib.load(path).darrays]
 
 
 def keys(faces):
-    """Return one item a triangle, whichever way it runs."""
+    """Return one item per triangle, independent of its orientation."""
     rows = np.ascontiguousarray(np.sort(faces, axis=1).astype(np.int64))
     return rows.view([("", rows.dtype)] * 3).ravel()
 
 
 def unit(points):
-    """Return vectors of length 1."""
     return points / np.linalg.norm(points, axis=-1, keepdims=True)
 
 
 def neighbours_at_corners(faces, count):
-    """Return which triangles share a corner."""
+    """Return the adjacency matrix of triangles that share a corner."""
     face = np.repeat(np.arange(len(faces)), 3)
     incidence = coo_matrix((np.ones(len(face)), (face, faces.ravel())), shape=(len(faces), count)).tocsr()
     return incidence @ incidence.T
 
 
 def opened(missing, beside):
-    """Return the missing triangles without strips: eroded, its largest piece grown again."""
+    """Return the medial wall: the largest piece of the eroded missing triangles, dilated again."""
     core = missing.copy()
     for _ in range(STRIP):
         core &= ~(beside @ ~core > 0)
@@ -71,7 +67,7 @@ def opened(missing, beside):
 
 
 def evenly(points, step=STEP, closed=False):
-    """Return points of a line on the sphere at equal distances, smoothed."""
+    """Return smoothed, equidistant points of a line on the sphere."""
     points = unit(np.asarray(points))
     for _ in range(3):
         around = (np.roll(points, 1, 0) + 2 * points + np.roll(points, -1, 0)) / 4
@@ -86,7 +82,7 @@ def evenly(points, step=STEP, closed=False):
 
 
 def centre_line(strip, wall, sphere, faces, touching):
-    """Return the line through the middle of a strip, from the wall to its far end."""
+    """Return the line through the middle of a strip, from the wall to the far end."""
     centres = unit(sphere[faces].mean(axis=1))
     chosen = np.flatnonzero(strip)
     graph = touching[chosen][:, chosen].tocoo()
@@ -95,7 +91,7 @@ def centre_line(strip, wall, sphere, faces, touching):
     at_wall = np.flatnonzero(np.isin(chosen, np.flatnonzero(touching @ wall > 0)))
     distance = dijkstra(graph, directed=False, indices=at_wall).min(axis=0)
     tip = int(np.where(np.isfinite(distance), distance, -1).argmax())
-    # distance bands across the strip: their means are its middle
+    # the means of distance bands across the strip form its middle
     width = 0.03
     bands = np.round(distance / width).astype(int)
     strips = (chosen[bands == band] for band in range(bands[tip] + 1))
@@ -108,7 +104,7 @@ def centre_line(strip, wall, sphere, faces, touching):
 
 
 def outline(wall, faces, sphere):
-    """Return the closed line around the wall, the cortex on its left as seen from outside."""
+    """Return the closed line around the wall, with the cortex on its left as seen from outside."""
     kept = faces[~wall]
     edges = np.concatenate([kept[:, [0, 1]], kept[:, [1, 2]], kept[:, [2, 0]]])
     inside = {tuple(edge) for face in faces[wall].tolist() for edge in (face[:2], face[1:], face[::2][::-1])}
@@ -117,28 +113,27 @@ def outline(wall, faces, sphere):
     loop = [start]
     while following[loop[-1]] != start:
         loop.append(following[loop[-1]])
-    assert len(loop) == len(following), "the wall has one border"
+    assert len(loop) == len(following), "the wall has one boundary"
     return evenly(sphere[loop], closed=True)
 
 
 def named(lines, white, sphere):
-    """Name the lines by where they lie on the white surface, mm."""
+    """Name the lines by their positions on the white surface, mm."""
     tree = KDTree(unit(sphere))
     where = [white[tree.query(line)[1]] for line in lines]
     tips = np.array([place[-1] for place in where])
     names = {int(np.argmin(tips[:, 1])): "calcarine"}
-    names[
-        min((i for i in range(5) if i not in names), key=lambda i: where[i][:, 2].mean() + abs(where[i][:, 1]).mean())
-    ] = "temporal"
-    middle = sorted((i for i in range(5) if i not in names), key=lambda i: -tips[i, 1])
+    rest = set(range(5)) - set(names)
+    temporal = min(rest, key=lambda i: where[i][:, 2].mean() + abs(where[i][:, 1]).mean())
+    names[temporal] = "temporal"
+    middle = sorted(rest - {temporal}, key=lambda i: -tips[i, 1])
     names.update({of: f"medial {number}" for number, of in enumerate(middle, 1)})
-    return {names[i]: line for i, line in sorted(enumerate(lines), key=lambda one: names[one[0]])}, {
-        names[i]: np.round(place[[0, -1]]).tolist() for i, place in enumerate(where)
-    }
+    ends = {names[i]: np.round(place[[0, -1]]).tolist() for i, place in enumerate(where)}
+    return {names[i]: lines[i] for i in sorted(names, key=names.get)}, ends
 
 
 def anchors(flat, faces, white):
-    """Return vertices that lie evenly on the map, away from its border."""
+    """Return evenly spaced vertices of the map, away from its border."""
     edges = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
     single, counts = np.unique(edges, axis=0, return_counts=True)
     border = np.unique(single[counts == 1])
@@ -153,7 +148,7 @@ def anchors(flat, faces, white):
 
 
 def carried(points, from_, to, faces):
-    """Carry points from one sphere to another by the triangle that holds them."""
+    """Map points from one sphere to another by the triangles that contain them."""
     from_, to = unit(from_), unit(to)
     face, _ = _core.locate_on_sphere(from_.astype(float), faces.astype(np.int64), points)
     corners = faces[face]
@@ -162,17 +157,14 @@ def carried(points, from_, to, faces):
 
 
 def sha256(path):
-    """Return a file's SHA-256."""
     return hashlib.sha256(Path(path).read_bytes()).hexdigest()
 
 
 def rounded(points, digits=5):
-    """Return an array as lists of short numbers."""
     return np.round(points, digits).tolist()
 
 
 def main():
-    """Write the templates."""
     parser = argparse.ArgumentParser()
     parser.add_argument("folder", type=Path)
     atlases = parser.parse_args().folder / "smriprep" / "data" / "atlases"
@@ -185,11 +177,10 @@ def main():
             cuts = {cut["name"]: len(cut["line"]) for cut in one[space]["cuts"]}
             print(f"{path.name}: {path.stat().st_size / 1024:.0f} KiB, {cuts}")
         print(side, one["where"])
-    print(f"the right map was turned by {np.degrees(turn):.2f} degrees, so that it is the mirror image of the left one")
+    print(f"the right map was rotated by {np.degrees(turn):.2f} degrees to become the mirror image of the left map")
 
 
 def derived(side, atlases):
-    """Derive one side's templates."""
     files = {name: FSAVERAGE5 / f"{name}_{side}.gii.gz" for name in ("sphere", "flat", "white")}
     (sphere, faces), (flat, flat_faces), (white, _) = (arrays(path) for path in files.values())
     sphere, white, flat = sphere.astype(float), white.astype(float), flat[:, :2].astype(float)
@@ -236,9 +227,7 @@ def derived(side, atlases):
             "space": space,
             "side": side,
             "outlines": [{"name": "medial wall", "line": rounded(place(around))}],
-            "cuts": [
-                {"name": name, "root": "medial wall", "line": rounded(place(line))} for name, line in lines.items()
-            ],
+            "cuts": [{"name": name, "root": "medial wall", "line": rounded(place(of))} for name, of in lines.items()],
             "anchors": {
                 "sphere": rounded(place(unit(sphere[chosen]))),
                 "flat": rounded(flat[chosen], 2),
@@ -250,7 +239,7 @@ def derived(side, atlases):
 
 
 def alike(found):
-    """Turn the right map's anchors, so that left and right are mirror images: by homologous points of fs_LR."""
+    """Rotate the anchors of the right map so that the maps are mirror images, by homologous points of fs_LR."""
     left, right = (found[side]["fs_LR"]["anchors"] for side in SIDES)
     on_right = np.array(right["sphere"])
     flat = np.array(right["flat"])

@@ -98,7 +98,7 @@ ax.imshow(image.data, cmap="copper_r")
 ax.axis("off")
 
 # %%
-# Time and memory grow a little faster than the number of vertices. For a first look at a large surface, flatten a
+# Time and memory are roughly proportional to the number of vertices. For a first look at a large surface, flatten a
 # coarser mesh, for example from PyVista's ``mesh.decimate(0.9)``.
 #
 # On the command line:

@@ -4,7 +4,7 @@
 or a file, and the other steps are its methods: `Surface.keep`, `drop`, `disk` and `polygon` select a part,
 `Surface.cut` cuts it open, `Surface.flatten` makes the map, `Surface.geodesic` and `path` measure distances, and
 `Surface.patches` divides the surface into certified patches. `methods` contains the flattening methods with their
-options, and `samples` small surfaces for examples.
+options, and `samples` contains small surfaces for examples.
 
 `check` reports whether an input can be flattened. `load` reads a saved map. `measure` evaluates a flat map made by any
 tool, `compare` evaluates several, and `worst_places` finds the regions whose areas change most, with suggested cuts.

@@ -104,9 +104,7 @@ def checked_threads(threads: int | None) -> int | None:
     """Return a number of threads that can be started; None means one thread per core."""
     most = max(_MOST_THREADS, os.cpu_count() or 1)
     if threads is not None and not (is_whole(threads) and 1 <= threads <= most):
-        raise InputError(
-            f"threads is {shown(threads)}; give at least 1 and at most {most}, or None for one thread per core"
-        )
+        raise InputError(f"threads is {shown(threads)}; give at least 1 and at most {most}, or None for one per core")
     return threads
 
 
@@ -140,7 +138,7 @@ def array_of(values: object, name: str) -> NDArray[Any]:
     try:
         return np.asarray(values)
     except (TypeError, ValueError):  # ragged, or a type that NumPy cannot convert
-        raise InputError(f"the {name} are {shown(values)}; give rows of one length") from None
+        raise InputError(f"the {name} are {shown(values)}; give rows of equal length") from None
 
 
 def numbers_of(values: ArrayLike, name: str) -> NDArray[np.float64]:
@@ -159,16 +157,17 @@ def voxel_indices(values: ArrayLike, name: str) -> NDArray[np.int64]:
     array = np.asarray(values)
     if array.ndim != 2 or array.shape[1] != 3 or array.dtype.kind not in "ui":
         raise InputError(
-            f"{name} must be voxel indices (integers) of shape (m, 3), not {array.dtype} of shape {array.shape}"
+            f"{name} must be voxel indices (integers) of shape (m, 3), but have data type {array.dtype} and shape "
+            f"{array.shape}"
         )
     return np.ascontiguousarray(array, dtype=np.int64)
 
 
 def refuse(method: str, **options: object) -> None:
-    """Raise an error if an option that a method or a kind of distance does not have is not None."""
+    """Raise an error unless all options, which this method or kind of distance does not have, are None."""
     for name, value in options.items():
         if value is not None:
-            raise InputError(f"{name} is given, but the method {method!r} does not have this option; leave it out")
+            raise InputError(f"the method {method!r} does not have the option {name}. Do not pass it")
 
 
 _MMAP_THRESHOLD, _ARENA_MAX = -3, -8  # M_MMAP_THRESHOLD and M_ARENA_MAX of glibc's malloc.h
@@ -262,12 +261,12 @@ def checked_limit(limit: int | None) -> int | None:
 
 
 def check_memory(need: int, limit: int | None, remedy: str) -> None:
-    """Raise an error before a computation if it needs more memory than is available."""
+    """Raise an error before a computation that needs more memory than is available; `remedy` is an imperative."""
     limit = checked_limit(limit)
     allowed = free_memory() if limit is None else limit
     if need > allowed:
-        kind = "are free" if limit is None else "is the limit"
-        raise InputError(f"{amount(need)} of memory are needed, {amount(allowed)} {kind}; {remedy}")
+        available = f"only {amount(allowed)} is free" if limit is None else f"the limit is {amount(allowed)}"
+        raise InputError(f"{amount(need)} of memory is needed, but {available}. {remedy[0].upper()}{remedy[1:]}")
 
 
 def amount(size: float) -> str:

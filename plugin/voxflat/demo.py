@@ -33,8 +33,7 @@ def demo_cortex() -> tuple[Volume, Volume, Volume]:
     if package is None or package.origin is None:
         raise InputError(f"the demo requires nilearn. Run {installing('nilearn')}")
     folder = Path(package.origin).parent / "datasets" / "data"
-    white_matter, t1, grey_matter = (_template(folder, kind) for kind in ("wm", "t1", "gm"))
-    return white_matter, t1, grey_matter
+    return _template(folder, "wm"), _template(folder, "t1"), _template(folder, "gm")
 
 
 def _template(folder: Path, kind: str) -> Volume:
@@ -90,10 +89,10 @@ def _summary(flat_map: FlatMap, seconds: float) -> str:
     assert triangles is not None
     return "\n".join(
         [
-            "Left hemisphere of the MNI152 template, white matter > 0.5",
+            "Left hemisphere of the MNI152 template (white-matter probability > 0.5)",
             f"{repair['handles']} handles repaired: {len(repair['cut'])} voxels removed, {len(repair['filled'])} added",
             f"medial wall excluded; standard cuts: {', '.join(metadata['cut_names'])}",
-            f"{len(flat_map)} vertices flattened in {seconds:.0f} s from {metadata['sources']} sources, "
+            f"{len(flat_map)} vertices flattened in {seconds:.0f} s using {metadata['sources']} sources, "
             f"{width:.0f} x {height:.0f} mm",
             f"{triangles.flipped} of {len(flat_map.faces)} triangles are flipped, "
             f"{triangles.covering} overlap another triangle",

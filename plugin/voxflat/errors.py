@@ -187,7 +187,7 @@ def user_message(error: BaseException) -> str:
     if isinstance(error, VoxflatError):
         text = str(error)
     elif isinstance(error, MemoryError):
-        text = "The computation ran out of memory. Take a smaller patch or fewer sources."
+        text = "The computation ran out of memory. Use a smaller patch or fewer sources."
     elif isinstance(error, OSError) and error.strerror:
         text = f"{error.filename}: {error.strerror}" if error.filename else error.strerror
     else:

@@ -1,7 +1,7 @@
 """Filters for VTK pipelines that flatten a surface, measure distances on it, or divide it into patches.
 
-`voxflat.vtk` needs PyVista and VTK 9.1 or later. Its filters return the same arrays as ``mesh.voxflat``. Options are
-attributes. After an option has changed, the next ``Update`` runs the filter again.
+`voxflat.vtk` requires PyVista and VTK 9.1 or later. Its filters return the same arrays as ``mesh.voxflat``. The options
+of a filter are its attributes. After an option has changed, the next ``Update`` runs the filter again.
 
 >>> import voxflat
 >>> from vtkmodules.vtkFiltersSources import vtkPlaneSource
@@ -72,9 +72,8 @@ class _Filter(VTKPythonAlgorithmBase):
         initialise(self, nInputPorts=1, inputType="vtkDataSet", nOutputPorts=1, outputType=self.OUTPUT)
         for name, value in options.items():
             if not isinstance(getattr(type(self), name, None), _Option):
-                raise TypeError(
-                    f"{type(self).__name__} has no option {name!r}. Its options are {', '.join(self.options())}"
-                )
+                known = ", ".join(self.options())
+                raise TypeError(f"{type(self).__name__} has no option {name!r}. Its options are {known}")
             setattr(self, name, value)
 
     @classmethod
@@ -145,23 +144,22 @@ class _Filter(VTKPythonAlgorithmBase):
         return self.GetOutputDataObject(0)
 
     def RequestData(self, _request: object, inputs: Any, outputs: Any) -> int:  # noqa: N802
-        """Compute the output; called by VTK.
+        """Compute the output; called by VTK. After an error or an abort, the output is empty.
 
-        An `InputError` leads to an empty output and to an ErrorEvent with its message; without an observer, the message
-        appears in VTK's output window. An aborted run also leads to an empty output.
+        An `InputError` is reported as an ErrorEvent or, without an observer, in VTK's output window.
         """
         output = vtkDataSet.GetData(outputs)
         try:
-            made = self._made(pv.wrap(vtkDataSet.GetData(inputs[0])), self._progress())
+            made: Any = self._made(pv.wrap(vtkDataSet.GetData(inputs[0])), self._progress())
+            output.ShallowCopy(made)
         except Cancelled:
             output.Initialize()
-            return 1
         except InputError as error:
             output.Initialize()
-            self._tell(str(error))
+            if not self.HasObserver("ErrorEvent"):
+                vtkOutputWindow.GetInstance().DisplayErrorText(f"{type(self).__name__}: {error}\n")
+            self.InvokeEvent("ErrorEvent", str(error))
             return 0
-        shallow: Any = made
-        output.ShallowCopy(shallow)
         return 1
 
     @abstractmethod
@@ -169,7 +167,7 @@ class _Filter(VTKPythonAlgorithmBase):
         """Return the output."""
 
     def _progress(self) -> Callable[[str, int, int], bool]:
-        """Return a function that reports progress to VTK and asks it whether to continue.
+        """Return a function that reports progress to VTK and returns whether to continue.
 
         Each stage fills half of the remaining progress bar.
         """
@@ -187,18 +185,12 @@ class _Filter(VTKPythonAlgorithmBase):
 
         return told
 
-    def _tell(self, message: str) -> None:
-        if self.HasObserver("ErrorEvent"):
-            self.InvokeEvent("ErrorEvent", message)
-        else:
-            vtkOutputWindow.GetInstance().DisplayErrorText(f"{type(self).__name__}: {message}\n")
-
 
 class FlattenSurface(_Filter):
     """Flatten a surface, or the surface of an image, into the plane z = 0.
 
-    This is ``mesh.voxflat()`` as a filter. The input is any ``vtkDataSet``. The output is ``vtkPolyData`` with all
-    arrays of the input and the measures of distortion, as the accessor returns it.
+    This filter is equivalent to ``mesh.voxflat()``. The input is any ``vtkDataSet``. The output is ``vtkPolyData`` with
+    all arrays of the input and the measures of distortion.
 
     Parameters
     ----------
@@ -209,22 +201,16 @@ class FlattenSurface(_Filter):
     ----------
     scalars : str or None
         Name of the image array to use, or None for the active array.
-    label : int or None
-        Label of the image foreground, as in `voxflat.surface`.
-    threshold : float or None
-        Threshold of the image foreground, as in `voxflat.surface`.
+    label, threshold : int, float or None
+        Label or threshold of the image foreground, as in `voxflat.surface`.
     keep, drop : str, ndarray or None
         Region to keep or to exclude: the name of a point array, or a mask.
     seed_point : int, position, pyvista.Cell or None
         Centre of a patch, with `radius`.
     radius : float or None
         Radius of the patch along the surface, in the unit of the data.
-    cuts : object
-        Cuts, as in `Surface.flatten`.
-    relax : float, bool or None
-        Relaxation cuts, as in `Surface.flatten`.
-    method : str or Method
-        The method, as in `Surface.flatten`.
+    cuts, relax, method : object
+        Cuts, relaxation cuts and method, as in `Surface.flatten`.
     seed : int
         Seed of the random numbers.
     threads : int or None
@@ -264,8 +250,8 @@ class FlattenSurface(_Filter):
 class SurfaceGeodesic(_Filter):
     """Measure distances along a surface.
 
-    This is ``mesh.voxflat.geodesic()`` as a filter. The input is any ``vtkDataSet`` except an image. The output is a
-    copy of the input with the point data ``geodesic_distance``.
+    This filter is equivalent to ``mesh.voxflat.geodesic()``. The input is any ``vtkDataSet`` except an image. The
+    output is a copy of the input with the point data ``geodesic_distance``.
 
     Parameters
     ----------
@@ -311,8 +297,8 @@ class SurfaceGeodesic(_Filter):
 class SurfacePatches(_Filter):
     """Flatten a surface of any topology in certified patches.
 
-    This is ``mesh.voxflat.patches()`` as a filter. The input is any ``vtkDataSet``. The output is ``vtkPolyData`` with
-    all patches side by side.
+    This filter is equivalent to ``mesh.voxflat.patches()``. The input is any ``vtkDataSet``. The output is
+    ``vtkPolyData`` with all patches side by side.
 
     Parameters
     ----------
@@ -358,10 +344,8 @@ class SurfacePatches(_Filter):
 
 def _is_same(one: object, other: object) -> bool:
     """Return whether two values are equal; arrays are compared by their values."""
-    if one is other:
-        return True
-    if type(one) is not type(other):
-        return False
+    if one is other or type(one) is not type(other):
+        return one is other
     if isinstance(one, Method):
         return bool(one.provenance == getattr(other, "provenance", None))
     if isinstance(one, np.ndarray):

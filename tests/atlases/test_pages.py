@@ -204,9 +204,7 @@ class TestTextures:
         assert (tmp_path / "atlas.mtl").exists()
         with Image.open(tmp_path / "atlas.png") as picture:
             assert picture.size == page.raster().shape[::-1]
-        again = (
-            voxflat.surface(torus()).patches(20).image(tmp_path / "atlas.obj")
-        )  # its own texture, read across the seams
+        again = voxflat.surface(torus()).patches(20).image(tmp_path / "atlas.obj")  # its texture, across the seams
         own = page.textured().picture
         inside = page.face_ids() >= 0
         assert np.mean(np.abs(again.data[inside][:, :3].astype(int) - own[inside]).max(axis=1) < 8) > 0.9

@@ -100,7 +100,7 @@ class TestPatches:
             ({"bound": 1}, "the bound C is 1"),
             ({"count": 0}, "count is 0"),
             ({"count": 2.5}, "count is 2.5. Pass a whole number"),
-            ({"max_angle": 10, "bound": 1.2}, "max_angle and bound are both given"),
+            ({"max_angle": 10, "bound": 1.2}, "max_angle and bound cannot be combined"),
             ({"seeds": "best"}, "seeds is 'best'"),
             ({"seed": -1}, "the seed is -1"),
             ({"threads": 0}, "threads"),
@@ -196,7 +196,7 @@ class TestCommand:
         out = tmp_path / "atlas.npz"
         for arguments, message in (
             ((mesh, "-o", tmp_path / "atlas.stl"), "ends in .npz or .voxflat or .obj"),
-            ((mesh, "-o", out, "--max-angle", 10, "--count", 5), "--max-angle and count are both given"),
+            ((mesh, "-o", out, "--max-angle", 10, "--count", 5), "--max-angle and --count cannot be combined"),
             ((mesh, "-o", out, "--max-angle", 95), "the angle is 95°"),
             ((mesh, "-o", out, "--picture", tmp_path / "torus.pdf"), "ends in .png"),
             ((tmp_path / "nowhere.obj", "-o", out), "nowhere.obj"),

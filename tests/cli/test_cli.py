@@ -27,7 +27,7 @@ from voxflat.io.volumes import read_volume, write_volume
 from voxflat.maps.colours import are_labels, label_colours
 from voxflat.maps.raster import FlatImage
 
-pytestmark = pytest.mark.slow  # what its fixtures make takes seconds
+pytestmark = pytest.mark.slow  # the fixtures take seconds
 
 AFFINE = np.array([[0, -0.8, 0, 10], [0.8, 0, 0, -20], [0, 0, 0.8, 5], [0, 0, 0, 1.0]])
 PROGRAM = Path(sys.executable).with_name("voxflat")
@@ -41,7 +41,7 @@ def half_cylinder(radius=8, length=24):
 
 @pytest.fixture(scope="module")
 def shared(tmp_path_factory):
-    """Inputs and a map that no test changes."""
+    """Create inputs and a map, which the tests do not change."""
     folder = tmp_path_factory.mktemp("shared")
     surface = half_cylinder()
     i, _, k = np.indices(surface.shape)
@@ -73,7 +73,7 @@ def test_flatten_saves_the_map_of_the_function_and_tells_what_it_did(shared, fla
     assert re.search(rf"flattened +{len(flat_map)} of {len(flat_map)} points, all\n", result.stdout)
     assert flat_map.distortion.table() in result.stdout
     assert f"saved as {out}" in result.stdout
-    assert "%|" not in result.stderr  # no progress bar: this is no terminal
+    assert "%|" not in result.stderr  # a pipe has no progress bar
 
 
 def test_flatten_says_which_part(shared, tmp_path):
@@ -122,46 +122,45 @@ def test_spacing_places_an_array_and_its_mask(shared, tmp_path):
     assert voxflat.load(tmp_path / "map.npz").spacing == pytest.approx(2)
 
 
-def test_json_is_one_object(shared, tmp_path):
+def test_json_is_one_object_in_which_undefined_figures_are_null(shared, tmp_path):
     out = tmp_path / "map.npz"
     result = succeed("flatten", shared / "surface.npy", "-o", out, "--sources", "60", "--json")
     assert "of memory will be used" in result.stderr
-    content = json.loads(result.stdout)
-    saved = voxflat.load(out)
-    assert content["output"] == str(out)
-    assert content["points"] == len(saved)
+    content, saved = json.loads(result.stdout), voxflat.load(out)
+    assert (content["output"], content["points"]) == (str(out), len(saved))
     assert content["distortion"]["raw"]["relative_error"] == saved.distortion.raw.relative_error
     assert content["warnings"] == saved.metadata["warnings"]
-
-
-def test_undefined_figures_are_null_in_json(shared, tmp_path):
     arguments = ["--spacing", "20,20,20", "--json", "-o", tmp_path / "map.npz"]
-    result = run("flatten", shared / "surface.npy", *arguments)  # no pair is nearer than 10 mm
+    result = run("flatten", shared / "surface.npy", *arguments)  # all pairs are at least 10 mm apart
     content = json.loads(result.stdout, parse_constant=pytest.fail)
     assert content["distortion"]["raw"]["relative_error_10mm"] is None
     assert content["distortion"]["raw"]["relative_error"] > 0
 
 
-def test_check_says_yes(shared):
+def test_check_says_yes_or_no(shared, tmp_path):
     result = succeed("check", shared / "surface.nii.gz")
-    assert result.stdout == voxflat.check(shared / "surface.nii.gz").table() + "\n"
-    assert result.stderr == ""
-
-
-def test_check_says_no(tmp_path):
+    assert (result.stdout, result.stderr) == (voxflat.check(shared / "surface.nii.gz").table() + "\n", "")
     box = np.pad(np.ones((6, 6, 6), np.uint8), 2)
     box[0, 0, 0] = 2
     np.save(tmp_path / "box.npy", box)
     assert "pass a label or a threshold" in run("check", tmp_path / "box.npy").stdout
-    result = run("check", tmp_path / "box.npy", "--json")  # which label?
+    result = run("check", tmp_path / "box.npy", "--json")  # the label is ambiguous
     assert result.exit_code == 1
     content = json.loads(result.stdout)
     assert content["can_flatten"] is False
     assert content["contents"]["labels"] == {"1": 216, "2": 1}
-    result = succeed("check", tmp_path / "box.npy", "--label", 1, "--json")  # closed: it is cut open, and that is said
+    result = succeed("check", tmp_path / "box.npy", "--label", 1, "--json")  # a closed surface
     content = json.loads(result.stdout)
     assert (content["closed"], content["euler_characteristic"]) == (True, 2)
     assert "it was cut open along 1 path (" in content["advice"][0]
+    volume = np.zeros((5, 5, 5))
+    volume[2, 2, 2] = np.nan
+    np.save(tmp_path / "nan.npy", volume)
+    result = run("check", tmp_path / "nan.npy", "--json")
+    assert result.exit_code == 1
+    content = json.loads(result.stdout, parse_constant=pytest.fail)
+    assert content["contents"]["range"] == [None, None]
+    assert "NaN" in content["advice"][0]
 
 
 @pytest.mark.parametrize("interpolation", ["linear", "nearest"])
@@ -184,7 +183,7 @@ def test_files_hold_the_values(shared, flat_map, tmp_path, interpolation):
             assert picture.tag_v2[296] == 3  # per cm
             values = np.asarray(picture)
         assert values.dtype == np.float32
-        assert_array_equal(values, expected.data.astype(np.float32))  # NaN outside, too
+        assert_array_equal(values, expected.data.astype(np.float32))  # also NaN outside the map
 
 
 def test_png_of_scalars_is_grey_and_transparent_outside(shared, flat_map, tmp_path):
@@ -226,7 +225,7 @@ def test_whole_intensities_are_no_labels(shared):
     flat_map = voxflat.flatten(shared / "surface.nii.gz", method=voxflat.methods.Grossmann2002(sources=60))
     assert are_labels(flat_map.image(shared / "areas.nii.gz").data)
     assert not are_labels(flat_map.image(shared / "t1_whole.nii.gz").data)
-    assert not are_labels(flat_map.image(shared / "t1_whole.nii.gz", 0.1).data)  # many pixels a voxel
+    assert not are_labels(flat_map.image(shared / "t1_whole.nii.gz", 0.1).data)  # many pixels per voxel
     assert not are_labels(flat_map.image(shared / "t1.nii.gz").data)
     assert not are_labels(flat_map.image(shared / "colours.nii.gz").data)
 
@@ -248,7 +247,7 @@ def test_colours_stay_as_they_are(shared, flat_map, tmp_path, ending):
 def test_heat_map(shared, flat_map, tmp_path):
     for ending in (".png", ".tif"):
         succeed("image", shared / "map.npz", "--heat-map", "-o", tmp_path / f"heat{ending}")
-    picture = Image.open(tmp_path / "heat.png")  # a figure, not pixel by pixel
+    picture = Image.open(tmp_path / "heat.png")  # a figure, not an image of the pixels
     assert min(picture.size) > 800
     assert_array_equal(np.asarray(Image.open(tmp_path / "heat.tif")), flat_map.heat_map().data.astype(np.float32))
 
@@ -278,13 +277,11 @@ def test_constant_and_partly_infinite_images_can_be_drawn(tmp_path):
         assert_array_equal(alpha, np.where(np.isfinite(data), 255, 0))
 
 
-def test_demo_runs_in_its_directory(tmp_path, monkeypatch):
+def test_demo_runs_in_its_directory_or_says_what_to_install(tmp_path, monkeypatch):
     monkeypatch.setattr(demo, "run", lambda output, progress=None, tell=print: tell(f"{output} {progress}"))
     result = run("demo", "-o", tmp_path / "results")
     assert (result.exit_code, result.stdout) == (0, f"{tmp_path / 'results'} None\n")
 
-
-def test_demo_without_its_packages_says_what_to_install(monkeypatch):
     def missing(output, **options):
         raise ModuleNotFoundError("No module named 'pyvista'", name="pyvista")
 
@@ -302,7 +299,7 @@ def test_help(command):
 
 
 def default_in_help(command, option, method):
-    """Return the default in --help for a method: the one after its name, or else the first."""
+    """Return the default in --help for a method, or the general default if the method does not have its own."""
     text = run(command, "--help").stdout
     found = re.search(rf"^  {option} .*?(?=^  -|\Z)", text, re.MULTILINE | re.DOTALL)[0]
     told = re.search(r"\[default: ([^]]*)\]", " ".join(found.split()))[1].split("; ")
@@ -325,7 +322,7 @@ def test_the_defaults_in_help_are_those_that_are_used(tmp_path, method, size, op
     used = json.loads(result.stdout)
     if method == "voxflat":
         assert default_in_help("flatten", "--method", None) == method
-    used["starts"] = len(used.get("starts", ()))  # the stress of each
+    used["starts"] = len(used.get("starts", ()))  # one stress value per start
     for option in options:
         assert default_in_help("flatten", f"--{option.replace('_', '-')}", method) == str(used[option])
 
@@ -341,54 +338,47 @@ def test_commands_and_functions_have_the_same_defaults(command, function):
     for option in cli.main.get_command(None, command).params:
         if option.name in usual and not option.required:
             told = option.to_info_dict()["default"]
-            assert (told or None) == (usual[option.name] or None)  # nothing, 0 and False say the same
+            assert (told or None) == (usual[option.name] or None)  # None, 0 and False are equivalent
+
+
+FLATTEN, IMAGE = "flatten a.nii -o m.npz", "image m.npz -o a.png"
 
 
 @pytest.mark.parametrize(
     "arguments",
     [
-        ["unknown"],
-        ["flatten", "a.nii"],
-        ["flatten", "a.nii", "-o", "m.npz", "--sampling", "best"],
-        ["flatten", "a.nii", "-o", "m.npz", "--seed-point", "1,2"],
-        ["flatten", "a.nii", "-o", "m.npz", "--seed-point", "1,2,x"],
-        ["flatten", "a.nii", "-o", "m.npz", "--spacing", "1;1;1"],
-        ["flatten", "a.nii", "-o", "m.npz", "--memory-limit", "much"],
-        ["flatten", "a.nii", "-o", "m.npz", "--memory-limit", "-1G"],
-        ["flatten", "a.nii", "-o", "m.npz", "--label", "1.5"],
-        ["image", "m.npz", "-o", "a.png"],
-        ["image", "m.npz", "-o", "a.png", "--heat-map", "--volume", "t1.nii"],
-        ["image", "m.npz", "-o", "a.png", "--heat-map", "--interpolation", "linear"],
+        *("unknown", "flatten a.nii", f"{FLATTEN} --sampling best", f"{FLATTEN} --label 1.5"),
+        *(f"{FLATTEN} --seed-point 1,2", f"{FLATTEN} --seed-point 1,2,x", f"{FLATTEN} --spacing 1;1;1"),
+        *(f"{FLATTEN} --memory-limit much", f"{FLATTEN} --memory-limit -1G"),
+        *(IMAGE, f"{IMAGE} --heat-map --volume t1.nii", f"{IMAGE} --heat-map --interpolation linear"),
     ],
 )
 def test_wrong_usage_is_status_2(arguments):
-    result = run(*arguments)
+    result = run(*arguments.split())
     assert result.exit_code == 2
     assert result.stdout == ""
     assert "Usage: voxflat" in result.stderr
 
 
-def test_what_nobody_foresaw_is_one_line(shared, tmp_path, monkeypatch):
-    def flatten(*arguments, **options):
-        raise ZeroDivisionError("first line\nsecond line")
-
-    monkeypatch.setattr("voxflat.cli.commands.flatten.surface_of", flatten)
-    arguments = ["flatten", shared / "surface.nii.gz", "-o", tmp_path / "map.npz"]
-    result = run(*arguments)
-    assert result.exit_code == 1
-    assert result.stderr.startswith("voxflat: error: ZeroDivisionError: first line second line (")
-    assert result.stderr.count("\n") == 1
-    assert "Traceback" in run(*arguments, "--debug").stderr
-
-
-@pytest.mark.parametrize("raised", [KeyboardInterrupt(), voxflat.Cancelled("cancelled")])
-def test_cancelled_is_one_line(shared, tmp_path, monkeypatch, raised):
+@pytest.mark.parametrize(
+    ("raised", "status", "told"),
+    [
+        (ZeroDivisionError("a\nb"), 1, r"voxflat: error: ZeroDivisionError: a b \(.*\n"),
+        (KeyboardInterrupt(), 130, "voxflat: cancelled\n"),
+        (voxflat.Cancelled("cancelled"), 130, "voxflat: cancelled\n"),
+    ],
+)
+def test_errors_and_cancellation_are_one_line(shared, tmp_path, monkeypatch, raised, status, told):
     def flatten(*arguments, **options):
         raise raised
 
     monkeypatch.setattr("voxflat.cli.commands.flatten.surface_of", flatten)
-    result = run("flatten", shared / "surface.nii.gz", "-o", tmp_path / "map.npz")
-    assert (result.exit_code, result.stderr) == (130, "voxflat: cancelled\n")
+    arguments = ["flatten", shared / "surface.nii.gz", "-o", tmp_path / "map.npz"]
+    result = run(*arguments)
+    assert result.exit_code == status
+    assert re.fullmatch(told, result.stderr)
+    if status == 1:
+        assert "Traceback" in run(*arguments, "--debug").stderr
 
 
 def test_ctrl_c_while_saving_leaves_nothing(shared, tmp_path, monkeypatch):
@@ -413,7 +403,7 @@ def test_ctrl_c_during_the_long_work(tmp_path):
     sheet[:, :, 1] = 1
     np.save(tmp_path / "sheet.npy", sheet)
     terminal, stderr = pty.openpty()
-    fcntl.ioctl(stderr, termios.TIOCSWINSZ, struct.pack("HHHH", 24, 80, 0, 0))  # bars need columns
+    fcntl.ioctl(stderr, termios.TIOCSWINSZ, struct.pack("HHHH", 24, 80, 0, 0))  # progress bars need a width
     command = [PROGRAM, "flatten", tmp_path / "sheet.npy", "-o", tmp_path / "map.npz", "--sampling", "random"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=stderr) as process:
         os.close(stderr)
@@ -430,15 +420,15 @@ def test_ctrl_c_during_the_long_work(tmp_path):
             os.close(terminal)
         assert process.stdout.read() == b""
     assert status == 130
-    assert seconds < 5  # half a second where the machine has nothing else to do
+    assert seconds < 5  # half a second on an idle machine
     assert [path.name for path in tmp_path.iterdir()] == ["sheet.npy"]
-    last = shown.decode().rsplit("\r", 2)[-2]  # bars are drawn over by spaces
+    last = shown.decode().rsplit("\r", 2)[-2]  # bars are overwritten by spaces
     assert last == "voxflat: cancelled"
     assert "Traceback" not in shown.decode()
 
 
 def read_terminal(terminal, until=None, seconds=120):
-    """Read what is shown until a text appears, or to the end."""
+    """Read the output of a terminal until a text appears, or to the end."""
     shown = b""
     end = time.monotonic() + seconds
     while until is None or until not in shown:
@@ -446,7 +436,7 @@ def read_terminal(terminal, until=None, seconds=120):
         assert ready, f"nothing for {seconds} s after {shown!r}"
         try:
             piece = os.read(terminal, 4096)
-        except OSError:  # what Linux says when the other end is closed
+        except OSError:  # Linux reports that the other end is closed
             return shown
         if not piece:
             return shown
@@ -480,9 +470,9 @@ def test_starting_needs_no_numbers_no_plotting_and_no_gui(arguments):
 
 def test_the_table_of_commands_agrees_with_their_modules():
     modules = {path.stem for path in Path(cli.__file__).parent.glob("commands/[a-z]*.py")}
-    assert modules == set(cli.main.commands) == set(cli.program.COMMANDS)
-    assert list(cli.program.COMMANDS) == sorted(modules)
-    for name, summary in cli.program.COMMANDS.items():
+    assert modules == {module for module, _ in cli.program.COMMANDS.values()}
+    assert list(cli.program.COMMANDS) == sorted(cli.main.commands)
+    for name, (_, summary) in cli.program.COMMANDS.items():
         command = cli.main.get_command(None, name)
         assert (command.name, " ".join(command.help.split("\n\n")[0].split())) == (name, summary)
 
@@ -507,23 +497,20 @@ def test_info_works_in_a_checkout_that_is_not_installed(monkeypatch):
     assert json.loads(succeed("info", "--json").stdout)["packages"].keys() == {"vtk", "pyqt6"}
 
 
-def test_check_of_nan_is_still_json(tmp_path):
-    volume = np.zeros((5, 5, 5))
-    volume[2, 2, 2] = np.nan
-    np.save(tmp_path / "nan.npy", volume)
-    result = run("check", tmp_path / "nan.npy", "--json")
-    assert result.exit_code == 1
-    content = json.loads(result.stdout, parse_constant=pytest.fail)
-    assert content["contents"]["range"] == [None, None]
-    assert "NaN" in content["advice"][0]
-
-
 def test_messages_name_options_in_place_of_keyword_arguments():
     flatten = cli.main.get_command(None, "flatten")
     for text, shown in (
         ("Use relax=False to disable them", "Use --no-relax to disable them"),
         ("Pass cuts='automatic' or repair='cuts'", "Pass --cuts automatic or --repair cuts"),
-        ("seed_point is given without radius", "--seed-point is given without radius"),
+        ("seed_point is given without radius", "--seed-point is given without --radius"),
+        ("max_area and scale are both given", "--max-area and --scale are both given"),
+        ("sources and scale are both given", "--sources and --scale are both given"),
+        (
+            "scale does not apply. Pass sources, bound or max_area",
+            "--scale does not apply. Pass --sources, --bound or --max-area",
+        ),
+        ("the label is given by a radius or by seed_point", "the label is given by a radius or by --seed-point"),
+        ("Pass repair='cuts' or a label", "Pass --repair cuts or a label"),
         ("the relax=3 of lh.max_area_7.gii", "the relax=3 of lh.max_area_7.gii"),
         ("cannot read /data/seed_point/wm.nii", "cannot read /data/seed_point/wm.nii"),
     ):

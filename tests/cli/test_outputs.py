@@ -1,4 +1,4 @@
-"""What commands write: never over what they read, all of it whatever becomes of the terminal, and with a record."""
+"""Output files: inputs are never overwritten, results do not depend on the terminal, and each file has a record."""
 
 import hashlib
 import json
@@ -22,7 +22,7 @@ from voxflat.io.provenance import described, portable
 from voxflat.io.volumes import write_volume
 from voxflat.methods import Voxflat
 
-pytestmark = pytest.mark.slow  # what its fixtures make takes seconds
+pytestmark = pytest.mark.slow  # the fixtures take seconds
 
 PROGRAM = Path(sys.executable).with_name("voxflat")
 
@@ -33,7 +33,7 @@ def sha256(path):
 
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
-    """A directory to work in, with a white and a pial surface, a solid, an image of it, and pictures."""
+    """Create a working directory with a white and a pial surface, a solid, an image of it, and a picture."""
     monkeypatch.chdir(tmp_path)
     points, faces = bump(12)
     nib.freesurfer.write_geometry("lh.white", points, faces)
@@ -105,13 +105,13 @@ def test_files_beside_replace_only_what_is_ours(folder):
     succeed("flatten", "sheet.npy", "-o", "map.npz", "--sources", 20)
     for beside, name in (("brick.png", "brick.obj"), ("brick.mtl", "brick.obj"), ("brick.png", "brick.vtp")):
         Path(beside).write_bytes(b"another's")
-        done = fail(1, f"the file {beside} beside it exists", "texture", "map.npz", "bricks.png", "-o", name)
+        done = fail(1, f"{beside} exists and was not written", "texture", "map.npz", "bricks.png", "-o", name)
         assert "--overwrite" in done.stderr
         assert Path(beside).read_bytes() == b"another's"
         assert not Path(name).exists()
-        refused("beside it exists", voxflat.load("map.npz").textured("bricks.png").save, name)
+        refused("exists and was not written by voxflat", voxflat.load("map.npz").textured("bricks.png").save, name)
         succeed("texture", "map.npz", "bricks.png", "-o", name, "--overwrite")
-        succeed("texture", "map.npz", "bricks.png", "-o", name)  # now they are ours
+        succeed("texture", "map.npz", "bricks.png", "-o", name)  # voxflat wrote these files
         for path in ("brick.obj", "brick.mtl", "brick.png", "brick.vtp"):
             Path(path).unlink(missing_ok=True)
     Path("s.ply.json").write_text('{"another": "tool"}')
@@ -129,7 +129,7 @@ def test_python_writes_over_no_input_either(folder):
         refused("it is an input", result.save, path)
     assert everything() == before
     flat_map.save("map.npz")
-    voxflat.load("map.npz").save("map.npz")  # of which it was not made
+    voxflat.load("map.npz").save("map.npz")  # which is not an input of the map
 
 
 def test_a_texture_found_beside_a_surface_is_an_input(folder):
@@ -179,7 +179,7 @@ def test_errors_are_json_too(folder, command, status, error, remedy):
     assert told["exit_code"] == status
     assert error in told["error"]
     assert told["remedy"] is None if remedy is None else remedy in told["remedy"]
-    assert result.stderr  # where people look
+    assert result.stderr  # for human readers
 
 
 def test_every_command_has_json(folder):
@@ -263,7 +263,7 @@ def test_other_results_have_records(folder):
 
 
 def test_no_path_travels_with_a_file(folder, tmp_path, monkeypatch):
-    """Whatever is written, and whatever the files were called by; two files of one name stay apart."""
+    """No output contains the folder of an input; two inputs with the same name have different entries."""
     secret = tmp_path / "secret project"
     (secret / "a").mkdir(parents=True)
     (secret / "b").mkdir()
@@ -291,7 +291,7 @@ def test_no_path_travels_with_a_file(folder, tmp_path, monkeypatch):
         if path.suffix == ".npz":
             data = b"".join(bytes(array) for array in np.load(path).values())
         assert b"secret" not in data
-        assert "secret".encode("utf-32-le") not in data  # as numpy stores text
+        assert "secret".encode("utf-32-le") not in data  # the encoding of text in NumPy
     refused("is an input", voxflat.load("m.npz").save, secret / "a" / "lh.white")
     two = portable({"files": {str(secret / name / "lh.white"): name for name in "ab"}})
     assert two == {"files": {"lh.white": "a", "lh.white (2)": "b"}}

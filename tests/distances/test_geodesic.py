@@ -14,7 +14,7 @@ SOLVERS = ["graph", "marching", "exact"]
 
 @pytest.fixture(scope="module")
 def ball():
-    """A sphere of radius 10 mm: points and faces."""
+    """Return the points and faces of a sphere of radius 10 mm."""
     pyvista = pytest.importorskip("pyvista")
     return voxflat.surface(pyvista.Icosphere(radius=10.0, nsub=4))
 
@@ -77,7 +77,7 @@ class TestPaths:
     def test_in_different_components_is_refused(self, solver):
         apart = np.ones((9, 9, 1), np.uint8)
         apart[4] = 0
-        with pytest.raises(voxflat.InputError, match=r"and \[8, 0, 0\]: they lie in different components"):
+        with pytest.raises(voxflat.InputError, match=r"and \[8, 0, 0\]: the two lie in different components"):
             voxflat.surface(apart).path((0, 0, 0), (8, 0, 0), geodesic=solver)
 
 

@@ -1,4 +1,4 @@
-"""What a map does to each triangle and point, beside a singular value decomposition and the core's own figures."""
+"""Distortion of triangles and points, compared with singular values and with the core's figures."""
 
 import numpy as np
 import pytest

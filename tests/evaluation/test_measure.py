@@ -1,4 +1,4 @@
-"""The judge of flat maps against brute force, analytic maps, and itself."""
+"""Measured distortion, compared with analytic maps and between formats."""
 
 import json
 import logging
@@ -27,7 +27,7 @@ def plane(side=12, step=3.0):
 
 
 def bump():
-    """Return a bumpy sheet, and places of its vertices that are no good map."""
+    """Return a bumpy sheet, and a poor map of its vertices."""
     points, faces = plane()
     x, y = points[:, :2].T
     points[:, 2] = 6 * np.exp(-((x - 16) ** 2 + (y - 20) ** 2) / 120) + np.sin(x / 4)
@@ -35,7 +35,7 @@ def bump():
 
 
 def tube():
-    """Return a prism of 24 sides without ends, its triangles, and each corner's place in the plane: a rectangle."""
+    """Return a prism of 24 sides without ends, and the position of each triangle corner in its flat rectangle."""
     radius = 1 / np.sin(np.pi / 24)  # of edges of 2 mm
     points, faces = sheet(lambda u, v: (radius * np.cos(u), radius * np.sin(u), v), (2 * np.pi, 18.0), (25, 10))
     places = 2.0 * np.column_stack(np.divmod(np.arange(len(points)), 10))
@@ -55,7 +55,7 @@ class TestDistances:
 
 
 def uv_mesh(uv):
-    """Return places as points, those that there are not at the origin."""
+    """Return positions as 3-D points; missing positions are at the origin."""
     return np.nan_to_num(np.column_stack([uv, np.zeros(len(uv))]))
 
 
@@ -133,7 +133,7 @@ class TestFormats:
     def test_vertices_that_no_triangle_has(self):
         (points, faces), uv = bump()
         less = (np.concatenate([points, [[500.0, 0, 0]]]), faces)
-        with pytest.raises(InputError, match="vertex 169, which no triangle of the surface has"):
+        with pytest.raises(InputError, match="vertex 169, which is in no triangle of the surface"):
             voxflat.measure(less, (uv_mesh(np.concatenate([uv, [[3.0, 4.0]]])), np.array([[0, 1, 169]])))
 
     def test_voxels_are_measured_by_the_graph(self):
@@ -249,11 +249,11 @@ class TestCommandLine:
 
 
 class TestGeometry:
-    """A map is judged on the geometry that it was made on, which it knows."""
+    """A map is measured on the geometry on which it was made."""
 
     @staticmethod
     def maps(tmp_path):
-        """Return a white and a pial sheet, a map made midway, and the files of all."""
+        """Return a white sheet, the sheet midway to a pial one, and a map made there; write their files."""
         (white, faces), _ = bump()
         pial = white * [1, 1, 5] + [0, 0, 3]
         for name, points in (("lh.white", white), ("lh.pial", pial)):
@@ -272,9 +272,7 @@ class TestGeometry:
             found = voxflat.measure(tmp_path / "lh.white", tmp_path / "map.npz", sources=20)
         assert found.raw.relative_error == pytest.approx(expected.raw.relative_error, rel=1e-4)
         assert found.triangles.areal_p95 == pytest.approx(expected.triangles.areal_p95, rel=1e-4)
-        assert (
-            "another geometry than that of the given surface (midthickness: halfway to the pial surface)" in caplog.text
-        )
+        assert "a different geometry from that of the given surface (midthickness: halfway to" in caplog.text
         caplog.clear()
         with caplog.at_level(logging.WARNING, "voxflat"):
             forced = voxflat.measure(tmp_path / "lh.white", flat, sources=20, on_surface=True)
@@ -293,7 +291,10 @@ class TestGeometry:
             for name in both:
                 assert compared[name].raw.relative_error == pytest.approx(expected, rel=1e-4)
         on_white = voxflat.flatten(white, method=Voxflat(sources=60))
-        with pytest.raises(InputError, match=r"ours was made on midthickness.*, but white on the given surface, a"):
+        with pytest.raises(
+            InputError,
+            match=r"ours was made on midthickness.*, but white was made on the given surface, whose geometry",
+        ):
             voxflat.compare(white, {"ours": flat, "white": on_white}, sources=20)
         assert set(voxflat.compare(white, {"ours": flat, "white": on_white}, sources=20, on_surface=True).maps)
 
@@ -301,10 +302,8 @@ class TestGeometry:
         white, middle, _ = self.maps(tmp_path)
         part = voxflat.surface(middle).keep(np.arange(100)).flatten(Voxflat(sources=40))
         whole = {"part": part, "all": white[0][:, :2]}
-        with pytest.raises(
-            InputError, match=r"part was made on another geometry .* and all has 69 vertices of unknown position"
-        ):
-            voxflat.compare(white, whole, sources=20)
+        message = "part was made on a different geometry .* does not define the positions of 69 vertices of all"
+        refused(message, voxflat.compare, white, whole, sources=20)
         assert voxflat.compare(middle, whole, sources=20)["all"].raw.relative_error > 0
 
     def test_the_space_alone_is_no_other_geometry(self, tmp_path, caplog):
@@ -323,7 +322,7 @@ class TestGeometry:
         for more in ((), ("--pial", tmp_path / "lh.pial"), ("--on-surface",)):
             result = succeed("measure", tmp_path / "lh.white", tmp_path / "map.npz", "--sources", "20", "--json", *more)
             errors[len(more)] = json.loads(result.stdout)["raw"]["relative_error"]
-            assert ("another geometry" in result.stderr) == (more == ())
+            assert ("a different geometry" in result.stderr) == (more == ())
         assert errors[0] == pytest.approx(errors[2], rel=1e-4)
         assert errors[1] > 1.2 * errors[0]
 

@@ -27,7 +27,7 @@ from voxflat.io.label_tables import LabelTable
 from voxflat.io.volumes import Volume
 from voxflat.maps.parcels import parcels_of
 
-pytestmark = pytest.mark.slow  # figures have 850 pixels and more
+pytestmark = pytest.mark.slow  # figures have at least 850 pixels
 
 LONG, HIGH = 40, 16  # vertices of the sheet, 1 mm apart
 COUNT = LONG * HIGH
@@ -36,10 +36,10 @@ AWAY = Volume(np.ones((4, 4, 4), np.float32), np.eye(4) + np.eye(4, k=3) * 900)
 
 @pytest.fixture(scope="module")
 def flat_map():
-    """The map of a surface in a sagittal plane with vertical furrows, seen from the left."""
+    """Return the map of a surface in a sagittal plane with vertical furrows, seen from the left."""
     y, z = (axis.ravel().astype(float) for axis in np.meshgrid(np.arange(LONG), np.arange(HIGH), indexing="ij"))
     corner = (np.arange(LONG - 1)[:, None] * HIGH + np.arange(HIGH - 1)).ravel()
-    quads = np.column_stack([corner, corner + 1, corner + HIGH + 1, corner + HIGH])  # outside is towards −x
+    quads = np.column_stack([corner, corner + 1, corner + HIGH + 1, corner + HIGH])  # −x is outside
     faces = np.concatenate([quads[:, :3], quads[:, [0, 2, 3]]])
     points = np.column_stack([-0.3 * np.cos(2 * np.pi * y / 10) - 30, y, z])
     flat = voxflat.flatten((points, faces), method=voxflat.methods.Voxflat(sources=40), relax=False)
@@ -48,7 +48,7 @@ def flat_map():
 
 @pytest.fixture(autouse=True)
 def coarse(monkeypatch):
-    """Use pages with half the resolution, which draw four times as fast, unless a test is about the resolution."""
+    """Use half the resolution, which is four times as fast; tests of the resolution undo this."""
     monkeypatch.setattr("voxflat.figures.page._MOST_PIXELS", 850)
     monkeypatch.setattr("voxflat.figures.page._LEAST_DPI", 150)
 
@@ -142,7 +142,7 @@ def test_limits_by_percentiles_and_by_sign(flat_map):
         ({"overlay": None, "period": 360}, "the overlay has no values. Pass data"),
         ({"overlay": AWAY}, "the overlay has no values on the map"),
         ({"overlay": np.ones(3)}, "3 values"),
-        ({"limits": (3, 2)}, "Pass a lower limit"),
+        ({"limits": (3, 2)}, "Pass the lower limit first"),
         ({"limits": (3,)}, "two numbers"),
         ({"limits": ("a", "2%")}, "limit is 'a'. Pass"),
         ({"colour_map": "nothing"}, "no colour map"),
@@ -154,12 +154,12 @@ def test_limits_by_percentiles_and_by_sign(flat_map):
         ({"threshold": -1}, "threshold is -1. Pass"),
         ({"threshold": (1, 2, 3)}, "a pair"),
         ({"opacity": np.zeros(640)}, "0 everywhere"),
-        ({"period": 360, "colour_map": "viridis"}, "'viridis' is not cyclic, but phases are"),
+        ({"period": 360, "colour_map": "viridis"}, "'viridis' is not cyclic"),
         ({"period": 360, "colour_map": "none"}, "no colour map"),
         ({"period": 360, "limits": (0, 90)}, "limits do not apply to phases"),
         ({"period": -1}, "period is -1"),
         ({"period": 360, "zero": "left"}, "zero is 'left'"),
-        ({"strength": np.ones(COUNT)}, "strength needs a threshold"),
+        ({"strength": np.ones(COUNT)}, "strength is given without threshold"),
         ({"strength": np.full(COUNT, np.nan), "threshold": (0, None)}, "the strength has no values on the map"),
         ({"strength": np.ones((COUNT, 2)), "threshold": (0, None)}, "Choose one"),
     ],
@@ -172,7 +172,7 @@ def test_colours_and_labels_are_shown_as_they_are(flat_map):
     colours = np.tile(np.array([[10, 200, 30]], dtype=np.uint8), (COUNT, 1))
     (shown,) = layer(figures.flat_map(flat_map, colours), "data")
     assert (shown[..., 3] > 0).sum() > 1000
-    refused("has colours, not values", figures.flat_map, flat_map, figures.Overlay(colours, threshold=3))
+    refused("contains colours, not values", figures.flat_map, flat_map, figures.Overlay(colours, threshold=3))
     figure = figures.flat_map(flat_map, np.repeat([3, 9], COUNT // 2))
     assert len(figure.axes) == 2  # no colour bar
     (shown,) = layer(figure, "data")
@@ -208,8 +208,8 @@ def test_both_hemispheres_share_one_scale_of_lengths_and_colours(flat_map):
     letters = {text.get_text(): text.get_position()[0] for text in paper.texts if text.get_text() in ("L", "R")}
     assert letters["L"] < 20 < 170 - 20 < letters["R"]
     means = [axes.images[1].get_array()[..., :3].mean() for axes in (first, second)]
-    assert means[0] < means[1]  # dark and light of viridis
-    refused("one map, or the maps of both hemispheres, but got 3 maps", figures.flat_map, [flat_map] * 3)
+    assert means[0] < means[1]  # viridis is dark for low and light for high values
+    refused("got 3 maps. Pass one map, or the maps of both hemispheres", figures.flat_map, [flat_map] * 3)
 
 
 def test_a_figure_fills_the_axes_that_it_is_given(flat_map):
@@ -304,7 +304,7 @@ def test_parcels_have_the_colours_and_names_of_the_table(flat_map, caplog):
     assert {text.get_text() for text in texts(figure, "names")} == {"one", "five"}
     assert "1 of 3 names do not fit" in caplog.text
     over = figures.flat_map(flat_map, np.arange(COUNT, dtype=float), parcels=found)
-    assert layer(over, "parcels") == []  # data have the colours
+    assert layer(over, "parcels") == []  # the data are coloured instead
     assert [lines.get_gid() for lines in over.axes[1].collections] == ["parcels", "marks"]
 
 
@@ -317,7 +317,7 @@ def test_directions_are_those_of_the_points(flat_map):
         behind = flat_map.points[:, axis] < centre[axis] - 4
         towards = flat_map.uv[ahead].mean(axis=0) - flat_map.uv[behind].mean(axis=0)
         assert found[letter] @ towards / np.linalg.norm(towards) > 0.999
-    assert found["A"][0] < -0.99  # seen from the left, the front is left
+    assert found["A"][0] < -0.99  # anterior is on the left in a view from the left
     assert {"A", "S", "L"} <= {text.get_text() for text in texts(figures.flat_map(flat_map), "marks")}
 
 
@@ -341,7 +341,7 @@ def test_the_scale_bar_is_as_long_as_it_says(flat_map):
     one_mm = np.diff(axes.transData.transform([(0, 0), (1, 0)])[:, 0])[0]
     assert pixels / one_mm == pytest.approx(float(text.get_text()[:-3]))
     across = np.diff(axes.transData.transform([(0, 0), (0, 1)])[:, 1])[0]
-    assert across == pytest.approx(one_mm)  # mm are mm in both directions
+    assert across == pytest.approx(one_mm)  # the scale is the same in both directions
     assert [round_length(room) for room in (0.7, 1, 4.9, 5, 99)] == [0.5, 1, 2, 5, 50]
 
 
@@ -358,7 +358,7 @@ def test_cuts_have_their_names_between_their_lips(flat_map):
 
 
 def test_pictures_are_wide_and_their_fonts_readable(flat_map, tmp_path, monkeypatch):
-    monkeypatch.undo()  # all pixels
+    monkeypatch.undo()  # full resolution
     figure = figures.flat_map(flat_map, np.arange(COUNT, dtype=float), title="sheet")
     figures.save(figure, tmp_path / "a.png")
     with Image.open(tmp_path / "a.png") as picture:
@@ -398,7 +398,7 @@ class TestCommand:
         return run("figure", *arguments)
 
     def test_the_map_alone_is_its_folds(self, saved, tmp_path, monkeypatch):
-        monkeypatch.undo()  # all pixels
+        monkeypatch.undo()  # full resolution
         done = self.run(saved, "-o", tmp_path / "a.png")
         assert done.exit_code == 0, done.output
         assert "1700 x" in done.output
@@ -433,7 +433,7 @@ class TestCommand:
 
 
 def test_what_is_drawn_into_a_figure_finds_its_place(flat_map, tmp_path):
-    """Return a closed path through three points of the map, in its own layer, as Inkscape writes it."""
+    """A closed path that Inkscape draws in a new layer becomes a region at the same position."""
     figures.save(figures.flat_map(flat_map, title="sheet"), tmp_path / "folds.svg")
     text = (tmp_path / "folds.svg").read_text()
     root = ElementTree.fromstring(text)
@@ -456,19 +456,19 @@ def test_what_is_drawn_into_a_figure_finds_its_place(flat_map, tmp_path):
     places = np.random.default_rng(0).uniform(low, high, (4000, 2))
     differing = drawn.at(places) != given.at(places)
     assert 500 < (given.at(places) > 0).sum() < 3000
-    assert differing.mean() < 0.002  # on the border, to 0.01 mm
+    assert differing.mean() < 0.002  # only pixels at the border differ
 
 
 def test_depth_is_of_volumes_alone(flat_map):
-    """Values at vertices have no depth; if the parcels are a volume, the depth applies to the parcels."""
+    """The depth does not apply to values at vertices, but to parcels from a volume."""
     values = np.arange(COUNT, dtype=float)
     for depth in ({"depth": 2.0}, {"fraction": 0.5}):
-        refused("apply to volumes", composed.flat_map, flat_map, values, **depth)
-    beside = np.full((4, 4, 4), 7, np.uint8)  # from 10 mm outside the sheet on
+        refused("apply only to volumes", composed.flat_map, flat_map, values, **depth)
+    beside = np.full((4, 4, 4), 7, np.uint8)  # starts 10 mm outside the sheet
     affine = np.diag([25.0, 25, 25, 1])
     affine[:3, 3] = (-140 + 12.5, -12.5, -12.5)
     of = {"overlay": values, "parcels": Volume(beside, affine)}
-    refused("no labels on the map", composed.flat_map, flat_map, **of)
+    refused("there are no labels on the map", composed.flat_map, flat_map, **of)
     assert "7" in {text.get_text() for text in texts(composed.flat_map(flat_map, **of, depth=20))}
 
 

@@ -1,4 +1,4 @@
-"""Movies: the content of each frame, its time, and the files as players read them."""
+"""Movies: the content and the time of each frame, and the files."""
 
 import json
 import sys
@@ -14,7 +14,7 @@ from refusals import refused
 from textures import grid
 
 import voxflat
-from voxflat import InputError, figures
+from voxflat import figures
 
 LONG, HIGH = 30, 16  # vertices of a sheet, 1 mm apart
 COUNT = LONG * HIGH
@@ -23,13 +23,13 @@ FRAMES = 5
 
 @pytest.fixture(scope="module")
 def flat_map():
-    """The map of a plane surface, whose positions are those of the surface."""
+    """Return the map of a plane, whose positions are those of the surface."""
     return voxflat.flatten(grid(HIGH, LONG), method=voxflat.methods.Voxflat(sources=40), relax=False)
 
 
 @pytest.fixture(scope="module")
 def along(flat_map):
-    """The position of each vertex along the map, from 0 (left) to 1 (right)."""
+    """Return the position of each vertex along the map, from 0 (left) to 1 (right)."""
     u = np.empty(COUNT)
     u[flat_map.ids] = flat_map.uv[:, 0]
     return (u - u.min()) / np.ptp(u)
@@ -37,7 +37,7 @@ def along(flat_map):
 
 @pytest.fixture(scope="module")
 def film(flat_map, along):
-    """Frame n has the value n + 1 left of (n + 1) / 6 of the map's length, else 0."""
+    """Return a movie: frame n is n + 1 in the left (n + 1) / 6 of the map, and 0 elsewhere."""
     values = np.stack([np.where(along < (n + 1) / 6, n + 1.0, 0.0) for n in range(FRAMES)], axis=1)
     look = {"threshold": (0.5, None), "limits": (0, 6), "colour_map": "magma", "underlay": "none"}
     return composed.movie(flat_map, values, **look, interpolation="nearest", time_step=0.75, rate=8, size=320)
@@ -60,9 +60,9 @@ def test_each_frame_shows_its_values_where_they_lie(film):
         expected = np.array(colormaps["magma"]((n + 1) / 6, bytes=True)[:3], dtype=int)
         inner = shown[1:-1, 1:-1] & shown[2:, 1:-1] & shown[:-2, 1:-1] & shown[1:-1, 2:] & shown[1:-1, :-2]
         colours = picture[: len(shown)][1:-1, 1:-1][inner]
-        assert (np.abs(colours - expected).max(axis=1) <= 1).mean() > 0.97  # outline and antialiasing apart
+        assert (np.abs(colours - expected).max(axis=1) <= 1).mean() > 0.97  # except the outline and antialiased pixels
         columns = np.flatnonzero(shown.any(axis=0))
-        reach.append((columns[-1] - columns[0] + 1) / (width * 117 / 120))  # 1.5 mm of 120 on either side are margin
+        reach.append((columns[-1] - columns[0] + 1) / (width * 117 / 120))  # the margins are 1.5 of 120 mm on each side
     assert_allclose(reach, np.arange(1, FRAMES + 1) / 6, atol=0.03)
     assert columns[0] == pytest.approx(width * 1.5 / 120, abs=2)
 
@@ -73,14 +73,14 @@ def test_frames_are_a_sequence_with_times(film):
     assert_array_equal(film[-1], film[4])
     assert [len(film[1:3]), len(list(film))] == [2, FRAMES]
     corners = [film[n][:16, :60] for n in range(FRAMES)]
-    assert all((corner.min(axis=(0, 1)) < 100).all() for corner in corners)  # something is written
+    assert all((corner.min(axis=(0, 1)) < 100).all() for corner in corners)  # a text is drawn
     assert len({corner.tobytes() for corner in corners}) == FRAMES
     with pytest.raises(IndexError):
         film[FRAMES]
 
 
 def test_limits_are_of_all_frames(flat_map):
-    """Limits come from some of 40 frames; the image of a frame does not depend on which."""
+    """The limits are computed from some of 40 frames."""
     values = np.linspace(-1, 3, 40)[None] + np.zeros((COUNT, 1))
     film = figures.movie(flat_map, values, size=320)
     assert film._caption(7) == "frame 7"
@@ -141,20 +141,15 @@ def test_nothing_is_written_half(film, tmp_path, name):
 
 def test_what_writes_mp4_is_named_where_it_is_missing(film, tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
-    refused(
-        r"requires imageio_ffmpeg. Install it with pip install 'voxflat\[lab\]'",
-        figures.save_movie,
-        film,
-        tmp_path / "a.mp4",
-    )
-    with pytest.raises(InputError, match=r"a.avi: cannot write a movie .* Use a name that ends in .mp4 or .gif"):
-        figures.save_movie(film, tmp_path / "a.avi")
+    missing = r"requires imageio_ffmpeg. Install it with pip install 'voxflat\[lab\]'"
+    refused(missing, figures.save_movie, film, tmp_path / "a.mp4")
+    refused("cannot write a.avi: .* Use a name that ends in .mp4 or .gif", figures.save_movie, film, tmp_path / "a.avi")
 
 
 @pytest.mark.parametrize(
     ("wrong", "said"),
     [
-        ({"overlay": np.ones(COUNT)}, "has only one frame. Draw it with voxflat figure"),
+        ({"overlay": np.ones(COUNT)}, "has only one frame. Draw it with `voxflat figure`"),
         ({"overlay": np.ones((3, 2))}, "3 values"),
         ({"overlay": np.full((COUNT, 2), np.nan)}, "has no values on the map"),
         ({"rate": 0}, "rate is 0. Pass"),
@@ -163,14 +158,13 @@ def test_what_writes_mp4_is_named_where_it_is_missing(film, tmp_path, monkeypatc
         ({"opacity": 2}, "opacity is 2. Pass a number"),
         ({"underlay": "sulc"}, "underlay is 'sulc'"),
         ({"colour_map": "nothing"}, "no colour map 'nothing'"),
-        ({"limits": (3, 2)}, "Pass a lower limit"),
+        ({"limits": (3, 2)}, "Pass the lower limit first"),
         ({"time_step": -1}, "time_step is -1"),
     ],
 )
 def test_what_is_wrong_is_named(flat_map, wrong, said):
     given = {"overlay": np.arange(2.0 * COUNT).reshape(-1, 2), **wrong}
-    with pytest.raises(InputError, match=said):
-        composed.movie(flat_map, **given)[0]
+    refused(said, lambda: composed.movie(flat_map, **given)[0])
 
 
 def test_the_command(flat_map, along, tmp_path):

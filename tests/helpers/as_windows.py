@@ -1,8 +1,8 @@
-"""A pytest plugin (`pytest -p as_windows`) that takes away what Windows lacks, as far as another system can.
+"""A pytest plugin (`pytest -p as_windows`) that simulates Windows as far as possible on another system.
 
-Modules and signals of POSIX do not exist, a file that this process has open is neither renamed, replaced nor deleted,
-a broken pipe is EINVAL, and text files without a stated encoding are warned of. What it cannot simulate: paths with
-drives, device names, exclusive locks, and what other processes have open.
+Modules and signals of POSIX do not exist; a file that this process has open cannot be renamed, replaced or deleted; a
+broken pipe is EINVAL; and text files without an explicit encoding cause a warning. Not simulated: paths with drives,
+device names, exclusive locks, and files that other processes have open.
 """
 
 import errno
@@ -15,24 +15,14 @@ import pytest
 
 MODULES = ("fcntl", "pty", "resource", "termios")
 NAMES = {
-    os: ("fork", "geteuid", "mkfifo", "register_at_fork", "killpg"),
-    signal: (
-        "SIGALRM",
-        "SIGHUP",
-        "SIGKILL",
-        "SIGPROF",
-        "alarm",
-        "pthread_kill",
-        "setitimer",
-        "ITIMER_PROF",
-        "ITIMER_REAL",
-    ),
+    os: "fork geteuid mkfifo register_at_fork killpg",
+    signal: "SIGALRM SIGHUP SIGKILL SIGPROF alarm pthread_kill setitimer ITIMER_PROF ITIMER_REAL",
 }
 
 
 def pytest_configure():
     for module, names in NAMES.items():
-        for name in names:
+        for name in names.split():
             if hasattr(module, name):
                 delattr(module, name)
     for name in MODULES:
@@ -43,7 +33,7 @@ def pytest_configure():
 
 
 def refusing(usual):
-    """Return a function of the system that refuses files that are open."""
+    """Return a function of the system that refuses open files."""
 
     def call(path, *others, **more):
         for one in (path, *others[:1]):
@@ -55,7 +45,7 @@ def refusing(usual):
 
 
 def descriptor_of(path):
-    """Return a descriptor of this process by which a file, or one in a directory, is open; None if there is none."""
+    """Return a descriptor of this process through which a file, or a file in a directory, is open, or None."""
     wanted = os.path.realpath(os.fspath(path))
     for number in os.listdir("/proc/self/fd"):
         try:

@@ -1,4 +1,4 @@
-"""Surfaces in the spaces of FreeSurfer, Workbench and sMRIPrep, as these programs write them; nibabel is the judge."""
+"""Surfaces in the spaces of FreeSurfer, Workbench and sMRIPrep, as written by these programs, and volumes."""
 
 import nibabel as nib
 import numpy as np
@@ -9,14 +9,14 @@ CONFORMED = ((-1.0, 0.0, 0.0), (0.0, 0.0, -1.0), (0.0, 1.0, 0.0))  # xras, yras,
 
 
 def ball(n=3):
-    """Return a ball of 40 mm to the left, as a brain's half lies in tkRAS, bumpy enough to have a middle of its own."""
+    """Return a ball with a radius of 40 mm at the position of a left hemisphere in tkRAS."""
     mesh = pv.Icosphere(radius=40.0, nsub=n)
     points = np.asarray(mesh.points, dtype=np.float32).astype(np.float64) * [0.8, 1.2, 1.0] + [-32.0, -15.0, 18.0]
     return points.astype(np.float32), np.asarray(mesh.regular_faces).astype(np.int32)
 
 
 def oblique():
-    """Return axes that are turned by 20 degrees about two axes, xras, yras, zras."""
+    """Return axes rotated by 20 degrees about two axes: xras, yras, zras."""
     a = np.radians(20)
     about_x = np.array([[1, 0, 0], [0, np.cos(a), -np.sin(a)], [0, np.sin(a), np.cos(a)]])
     about_z = np.array([[np.cos(a), -np.sin(a), 0], [np.sin(a), np.cos(a), 0], [0, 0, 1]])
@@ -24,7 +24,7 @@ def oblique():
 
 
 def header(axes=CONFORMED, c_ras=C_RAS, shape=(256, 256, 256), size=(1.0, 1.0, 1.0)):
-    """Return the header of FreeSurfer's own volume, which knows vox2ras and vox2ras_tkr."""
+    """Return a header of a FreeSurfer volume, which provides vox2ras and vox2ras_tkr."""
     of = nib.freesurfer.mghformat.MGHHeader()
     of["dims"][:3], of["delta"], of["goodRASFlag"] = shape, size, 1
     of["Mdc"], of["Pxyz_c"] = axes, c_ras
@@ -32,19 +32,19 @@ def header(axes=CONFORMED, c_ras=C_RAS, shape=(256, 256, 256), size=(1.0, 1.0, 1
 
 
 def to_scanner(points, of):
-    """Carry tkRAS to scanner RAS, by nibabel's matrices."""
+    """Convert tkRAS to scanner RAS by nibabel's matrices."""
     return nib.affines.apply_affine(of.get_vox2ras() @ np.linalg.inv(of.get_vox2ras_tkr()), points)
 
 
 def footer(of, valid="1  # volume info valid"):
-    """Return the footer of FreeSurfer's surfaces."""
+    """Return the footer of a FreeSurfer surface."""
     axes = dict(zip(("xras", "yras", "zras"), of["Mdc"], strict=True))
     file = {"head": np.array([2, 0, 20]), "valid": valid, "filename": "/subjects/bert/mri/filled.mgz"}
     return {**file, "volume": of["dims"][:3], "voxelsize": of["delta"], **axes, "cras": of["Pxyz_c"]}
 
 
 def volume_geometry(of, read_from):
-    """Return GIFTI's metadata of FreeSurfer's mris_convert (utils/gifti.cpp): six decimals, the middle as read."""
+    """Return the GIFTI metadata of FreeSurfer's mris_convert (utils/gifti.cpp), with six decimals."""
     meta = {"VolGeomFname": "filled.mgz"}
     meta |= {f"VolGeom{name}": str(n) for name, n in zip(("Width", "Height", "Depth"), of["dims"], strict=False)}
     meta |= {f"VolGeom{axis}size": f"{h:f}" for axis, h in zip("XYZ", of["delta"], strict=True)}
@@ -55,20 +55,12 @@ def volume_geometry(of, read_from):
 
 
 def write_gifti(path, points, faces, meta, spaces=(0, 0), matrix=None):
-    """Write GIFTI with a coordinate system."""
     system = nib.gifti.GiftiCoordSystem(*spaces, np.eye(4) if matrix is None else matrix)
     meta = {"AnatomicalStructurePrimary": "CortexLeft"} | meta
-    arrays = [
-        nib.gifti.GiftiDataArray(
-            points.astype("f4"),
-            "NIFTI_INTENT_POINTSET",
-            datatype="NIFTI_TYPE_FLOAT32",
-            meta=nib.gifti.GiftiMetaData(meta),
-            coordsys=system,
-        ),
-        nib.gifti.GiftiDataArray(faces, "NIFTI_INTENT_TRIANGLE", datatype="NIFTI_TYPE_INT32"),
-    ]
-    path.write_bytes(nib.gifti.GiftiImage(darrays=arrays).to_bytes())
+    how = {"datatype": "NIFTI_TYPE_FLOAT32", "meta": nib.gifti.GiftiMetaData(meta), "coordsys": system}
+    placed = nib.gifti.GiftiDataArray(points.astype("f4"), "NIFTI_INTENT_POINTSET", **how)
+    triangles = nib.gifti.GiftiDataArray(faces, "NIFTI_INTENT_TRIANGLE", datatype="NIFTI_TYPE_INT32")
+    path.write_bytes(nib.gifti.GiftiImage(darrays=[placed, triangles]).to_bytes())
     return path
 
 
@@ -78,52 +70,49 @@ def write_freesurfer(path, points, faces, of):
 
 
 def mris_convert(path, points, faces, of):
-    """Write as FreeSurfer 7.4 does: tkRAS, and the matrix from there."""
+    """Write tkRAS and the matrix to scanner RAS, like FreeSurfer 7.4."""
     matrix = of.get_vox2ras() @ np.linalg.inv(of.get_vox2ras_tkr())
     return write_gifti(path, points, faces, volume_geometry(of, points), (0, 1), matrix)
 
 
 def mris_convert_old(path, points, faces, of):
-    """Write as FreeSurfer 5 to 7.3 do: tkRAS."""
+    """Write tkRAS, like FreeSurfer 5 to 7.3."""
     return write_gifti(path, points, faces, volume_geometry(of, points), (0, 3))
 
 
 def to_scanner_new(path, points, faces, of):
-    """Write as mris_convert --to-scanner of FreeSurfer 7.4 does: the matrix leads back to tkRAS."""
+    """Write scanner RAS and the matrix to tkRAS, like mris_convert --to-scanner of FreeSurfer 7.4."""
     matrix = of.get_vox2ras_tkr() @ np.linalg.inv(of.get_vox2ras())
     return write_gifti(path, to_scanner(points, of), faces, volume_geometry(of, points), (1, 0), matrix)
 
 
 def to_scanner_old(path, points, faces, of):
-    """Write as mris_convert --to-scanner of FreeSurfer 6 to 7.3 does: the metadata are those of tkRAS."""
+    """Write scanner RAS with the metadata of tkRAS, like mris_convert --to-scanner of FreeSurfer 6 to 7.3."""
     return write_gifti(path, to_scanner(points, of), faces, volume_geometry(of, points), (0, 3))
 
 
 def smriprep(path, points, faces, of):
-    """Write as sMRIPrep does: moved, and neither axes nor centre left in the metadata."""
-    meta = {
-        name: value
-        for name, value in volume_geometry(of, points).items()
-        if not name.startswith("VolGeom") or name[7] not in "XYZC" or name[8] != "_"
-    }
+    """Write scanner RAS without axes and centre in the metadata, like sMRIPrep."""
+    left_out = {f"VolGeom{axis}_{row}" for axis in "XYZC" for row in "RAS"}
+    meta = {name: value for name, value in volume_geometry(of, points).items() if name not in left_out}
     return write_gifti(path, to_scanner(points, of), faces, meta, (0, 3))
 
 
 def smriprep_old(path, points, faces, of):
-    """Write as sMRIPrep did up to 2022: moved, and the centre set to 0."""
+    """Write scanner RAS with the centre set to 0, like sMRIPrep until 2022."""
     meta = volume_geometry(of, points) | {f"VolGeomC_{row}": "0.000000" for row in "RAS"}
     return write_gifti(path, to_scanner(points, of), faces, meta, (0, 3))
 
 
 def workbench(path, points, faces, of):
-    """Write as wb_command -surface-apply-affine does to an old mris_convert's: moved, all metadata kept."""
+    """Write scanner RAS with all metadata of tkRAS, like wb_command -surface-apply-affine."""
     return write_gifti(path, to_scanner(points, of), faces, volume_geometry(of, points), (3, 3))
 
 
 WAYS = {"lh.white": write_freesurfer, "mris_convert.surf.gii": mris_convert}
 WAYS |= {"mris_convert_old.surf.gii": mris_convert_old, "to_scanner.surf.gii": to_scanner_new}
 WAYS |= {"to_scanner_old.surf.gii": to_scanner_old, "smriprep.surf.gii": smriprep, "workbench.surf.gii": workbench}
-"""How programs write a surface that lies at one place, by the files' names."""
+"""Writers of a surface at the same position, by file name."""
 
 AFFINES = {
     "RAS": np.array([[4.0, 0, 0, -120], [0, 4, 0, -140], [0, 0, 4, -80], [0, 0, 0, 1]]),
@@ -131,4 +120,4 @@ AFFINES = {
     "conformed": header(shape=(60, 60, 60), size=(4.0, 4.0, 4.0)).get_vox2ras(),
     "oblique": header(axes=oblique(), shape=(60, 60, 60), size=(4.0, 4.0, 4.0)).get_vox2ras(),
 }
-"""Where volumes of 60 voxels a side lie, around the ball."""
+"""Affines of volumes with 60 voxels per side around the ball."""

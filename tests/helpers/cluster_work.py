@@ -1,4 +1,4 @@
-"""What the workers of a cluster do in tests: functions that they can import."""
+"""Tasks of cluster workers in tests, which the workers import."""
 
 import time
 from importlib.metadata import PackageNotFoundError
@@ -6,12 +6,11 @@ from pathlib import Path
 
 
 def tell(item, *, threads, progress):
-    """Return an item at once."""
     return item
 
 
 def wait(item, *, threads, progress):
-    """Work until nobody wants it any more, and leave a file that says so."""
+    """Work until the task is cancelled, then leave a file."""
     Path(item, "begun").touch()
     while progress("waiting", 0, 1):
         time.sleep(0.01)
@@ -19,5 +18,5 @@ def wait(item, *, threads, progress):
 
 
 def no_package(name):
-    """Say what importlib.metadata.version says of a package that is not there."""
+    """Raise the error of importlib.metadata.version for a missing package."""
     raise PackageNotFoundError(name)

@@ -1,4 +1,4 @@
-"""The command line, in this process."""
+"""Run the command line in this process."""
 
 import inspect
 
@@ -10,19 +10,17 @@ APART = {"mix_stderr": False} if "mix_stderr" in inspect.signature(CliRunner).pa
 
 
 def run(*words):
-    """Return what a command made of its words: `exit_code`, `output`, `stdout`, `stderr`."""
     return CliRunner(**APART).invoke(cli.main, [str(word) for word in words], prog_name="voxflat")
 
 
 def succeed(*words):
-    """Run a command that must succeed."""
     result = run(*words)
     assert result.exit_code == 0, result.output
     return result
 
 
 def fail(status, told, *words):
-    """Run a command that must end with this status and say this, other than as its result."""
+    """Run a command that must end with this status and write this text to stderr."""
     result = run(*words)
     assert result.exit_code == status, result.output
     assert told in result.stderr

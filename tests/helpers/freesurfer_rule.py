@@ -1,14 +1,14 @@
-"""How FreeSurfer's MRISreadPatch reads a patch, and pycortex and autoflatten after it; written out, entry by entry."""
+"""Read a patch entry by entry like FreeSurfer's MRISreadPatch, pycortex and autoflatten."""
 
 import struct
 from pathlib import Path
 
 
 def read_patch(path, faces):
-    """Return the places of the listed vertices, those at the border, and the triangles that a reader of the patch has.
+    """Return the positions of the listed vertices, the border vertices, and the remaining triangles.
 
-    All vertices begin as ripped; those listed are not. A face is ripped if one of its corners is. Whether a vertex is
-    at the border, the sign of its number, rips nothing.
+    All vertices except the listed ones are ripped, and so are their faces. The sign of a number, which marks the
+    border, rips nothing.
     """
     data = Path(path).read_bytes()
     version, count = struct.unpack_from(">2i", data)

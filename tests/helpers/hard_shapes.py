@@ -1,4 +1,4 @@
-"""Surfaces that flat maps find hard, small ones: triangle meshes in mm, and label volumes."""
+"""Small surfaces that are hard to flatten: triangle meshes in mm, and label volumes."""
 
 import numpy as np
 
@@ -6,7 +6,7 @@ import voxflat
 
 
 def long_strip():
-    """A hundred times as long as wide, in waves."""
+    """A wavy strip, a hundred times as long as wide."""
     return sheet(lambda u, v: (u, v, 2 * np.sin(u / 6)), (200.0, 2.0), (201, 3))
 
 
@@ -27,18 +27,18 @@ def pocket():
 
 
 def sphere_with_pinhole():
-    """A sphere of 30 mm that lacks 1 mm around its pole."""
+    """A sphere of radius 30 mm without 1 mm around its pole."""
     angles = np.linspace(1 / 30, np.pi, 28)[:-1]
     return turned([(30 * np.sin(angle), 30 * np.cos(angle)) for angle in angles], 24, closed=True)
 
 
 def annulus():
-    """A ring: two boundaries."""
+    """A ring, which has two boundaries."""
     return turned([(radius, 0.2 * radius) for radius in np.linspace(30, 12, 10)], 48, closed=False)
 
 
 def helix_ramp():
-    """Three turns of a car park's ramp: its map must widen, or lie on itself."""
+    """Three turns of a spiral ramp: its map must widen or overlap itself."""
 
     def ramp(u, v):
         return (6 + v) * np.cos(u), (6 + v) * np.sin(u), 1.2 * u
@@ -47,19 +47,19 @@ def helix_ramp():
 
 
 def slivers():
-    """Triangles a thousand times as long as wide, beside others that are not."""
+    """Triangles a thousand times as long as wide, beside others."""
     narrow = np.concatenate([np.linspace(0, 0.2, 21), np.linspace(1, 30, 30)])
     return sheet(lambda u, v: (u, v, 0.02 * v**2), (narrow, np.linspace(0, 40, 5)))
 
 
 def densities():
-    """Edges ten times as long at one end as at the other."""
+    """A mesh whose edges are ten times as long at one end as at the other."""
     steps = np.geomspace(0.25, 2.5, 32)
     return sheet(lambda u, v: (u, v, 4 * np.sin(u / 9)), (np.cumsum(steps), np.linspace(0, 30, 21)))
 
 
 def glove():
-    """A palm with four fingers, of voxels."""
+    """A palm with four fingers, made of voxels."""
     x, y, z = np.indices((46, 16, 40))
     hand = (np.abs(x - 22.5) < 17) & (np.abs(y - 7.5) < 4) & (z > 2) & (z < 16)
     for finger in range(4):
@@ -68,7 +68,7 @@ def glove():
 
 
 def touching_folds():
-    """A sheet of voxels folded onto itself: its two halves are joined by pillars of one voxel."""
+    """A folded sheet of voxels whose halves are joined by pillars of one voxel."""
     volume = np.zeros((34, 24, 11), dtype=np.uint8)
     volume[2:32, 2:22, 2:4] = volume[2:32, 2:22, 6:8] = volume[29:32, 2:22, 2:8] = 1
     volume[8, 8, 4:6] = volume[16, 15, 4:6] = 1
@@ -76,7 +76,7 @@ def touching_folds():
 
 
 def folds_at_edges():
-    """Two slabs of voxels, side by side along one line of edges and beyond it joined."""
+    """Two slabs of voxels that touch along a line of edges and are joined beyond it."""
     volume = np.zeros((28, 22, 16), dtype=np.uint8)
     volume[2:26, 2:11, 2:8] = volume[2:26, 11:20, 8:14] = 1
     volume[2:6, 2:20, 2:14] = 1
@@ -88,14 +88,14 @@ VOLUMES = (glove, touching_folds, folds_at_edges)
 
 
 def surface(shape):
-    """Return the surface of a shape, repaired if it is of voxels, which are 1 mm."""
+    """Return the surface of a shape; shapes of 1 mm voxels are repaired."""
     made = shape()
     how = {} if isinstance(made, tuple) else {"spacing": (1, 1, 1), "repair": "voxels"}
     return voxflat.surface(made, **how)
 
 
 def sheet(place, size, counts=None):
-    """Return a grid of triangles: places of (u, v), over a rectangle with so many vertices, or over given u and v."""
+    """Return a grid of triangles at place(u, v), over a rectangle with `counts` vertices or over given u and v."""
     if counts is None:
         along, across = size
     else:
@@ -107,13 +107,13 @@ def sheet(place, size, counts=None):
 
 
 def signed_areas(uv, faces):
-    """Return the areas of triangles in the plane, negative where they are turned over."""
+    """Return the areas of triangles in the plane, negative for flipped ones."""
     (x, y), (u, v) = ((uv[faces[:, corner]] - uv[faces[:, 0]]).T for corner in (1, 2))
     return (x * v - y * u) / 2
 
 
 def turned(profile, count, closed):
-    """Return a surface of revolution, from its rim on; with `closed` it ends in a point on the axis."""
+    """Return a surface of revolution that starts at its rim; if `closed`, it ends in a point on the axis."""
     angle = 2 * np.pi * np.arange(count) / count
     points = [(radius * np.cos(angle), radius * np.sin(angle), np.full(count, height)) for radius, height in profile]
     points = np.concatenate([np.stack(ring, axis=1) for ring in points])

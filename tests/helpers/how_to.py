@@ -1,4 +1,4 @@
-"""The how-to guides, and the commands that they print."""
+"""The how-to guides and their commands."""
 
 import re
 from pathlib import Path
@@ -7,15 +7,13 @@ HOW_TO = Path(__file__).parents[2] / "docs" / "how-to"
 
 
 def text(*names):
-    """Return the text of pages, one after the other."""
     return "\n".join((HOW_TO / f"{name}.md").read_text() for name in names)
 
 
 def blocks(page, language):
-    """Return the blocks of code in this language."""
     return re.findall(rf"^```{language}\n(.*?)^```", page, re.DOTALL | re.MULTILINE)
 
 
 def commands(page):
-    """Return what follows `voxflat` in each line of a block of commands that begins with it and has no variables."""
+    """Return the arguments of each voxflat command in the code blocks, except for commands with shell variables."""
     return re.findall(r"^voxflat ([^$\n]*)$", "".join(blocks(page, "bash")), re.MULTILINE)

@@ -1,7 +1,7 @@
-"""A directory as FreeSurfer leaves it, of a small real hemisphere: nilearn's fsaverage5, a quarter of its vertices.
+"""A folder in FreeSurfer's layout with a small real hemisphere: a quarter of the vertices of nilearn's fsaverage5.
 
-The vertices of fsaverage5 are those of an icosahedron that was subdivided five times; the first 2,562 are those of
-the fourth time.
+The vertices of fsaverage5 are those of an icosahedron that was subdivided five times; the first 2,562 are those after
+four subdivisions.
 """
 
 import nibabel as nib
@@ -20,13 +20,13 @@ def fsaverage5(name):
 
 
 def hemisphere(vertices=VERTICES):
-    """Return points of the white and of the pial surface, shape (vertices, 3), and triangles."""
+    """Return the points of the white and the pial surface, shape (vertices, 3), and the triangles."""
     of = studies.hemisphere("lh", vertices)
     return of["white"].copy(), of["pial"].copy(), of["faces"].copy()
 
 
 def write(folder, vertices=VERTICES):
-    """Write lh.white, lh.pial, lh.midthickness.surf.gii and lh.Medial_wall.label, with their c_ras."""
+    """Write lh.white, lh.pial, lh.midthickness.surf.gii and lh.Medial_wall.label; return the medial wall."""
     white, pial, faces = hemisphere(vertices)
     for name, points in (("white", white), ("pial", pial)):
         nib.freesurfer.write_geometry(folder / f"lh.{name}", points, faces, volume_info=studies.footer(C_RAS))

@@ -1,24 +1,26 @@
-"""What the tests of `voxflat.lab` share: a folder's files, and Chromium."""
+"""Helpers of the tests of `voxflat.lab`: the files of a folder, and Chromium."""
 
 import base64
 import json
+import shutil
+import subprocess
 import zlib
+from contextlib import suppress
 
 import numpy as np
 import pytest
-from study import chromium
 
 VERTICES, FEW = 642, 162
 
 
 def everything(folder):
-    """Return what each file holds, and when it was written."""
+    """Return the content and the modification time of each file."""
     files = [path for path in sorted(folder.rglob("*")) if path.is_file()]
     return {str(path.relative_to(folder)): (path.read_bytes(), path.stat().st_mtime_ns) for path in files}
 
 
 def scene_of(text):
-    """Decode what a page shows: all that is written of it, its arrays by their names, and its triangles."""
+    """Decode the scene of a page: its description, its arrays by name, and its triangles."""
     content = json.loads(text)
     data, arrays, at = zlib.decompress(base64.b64decode(content["data"])), {}, 0
     for array in content["arrays"]:
@@ -35,7 +37,7 @@ def scene_of(text):
 
 
 def drawn_with(script, text, folder):
-    """Open a page that runs a script some seconds later; return its elements. It says nothing in its console."""
+    """Return the elements of a page after it has run a script; its console must stay empty."""
     page = folder / "page.html"
     page.write_text(text.replace("</body>", f"<script>setTimeout(() => {{{script}}}, 4000);</script></body>"))
     said, drawn = console_of(page, "--window-size=1280,900")
@@ -44,8 +46,15 @@ def drawn_with(script, text, folder):
 
 
 def console_of(page, *options):
-    """Open a page in headless Chromium; return what it says in its console, and its elements once it is drawn."""
-    done = chromium(page, "--virtual-time-budget=8000", *options, "--dump-dom")
-    if done is None:
-        pytest.skip("there is no chromium")
-    return [line for line in done.stderr.splitlines() if "CONSOLE" in line], done.stdout
+    """Return the console messages of a page in headless Chromium, and its elements once it is drawn."""
+    program = shutil.which("chromium") or shutil.which("chromium-browser")
+    if program is None:
+        pytest.skip("Chromium is not installed")
+    command = [program, "--headless", "--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
+    command += ["--enable-logging=stderr", "--virtual-time-budget=8000", "--dump-dom", *options]
+    command.append(page.resolve().as_uri())
+    for _ in range(3):  # without a graphics card, it sometimes hangs on a busy machine
+        with suppress(subprocess.TimeoutExpired):
+            done = subprocess.run(command, capture_output=True, text=True, check=True, timeout=60)
+            return [line for line in done.stderr.splitlines() if "CONSOLE" in line], done.stdout
+    return pytest.fail("Chromium did not finish within a minute, three times")

@@ -1,4 +1,4 @@
-"""Small surfaces, and checks that all tests of files share."""
+"""Small surfaces, and checks shared by the tests of files."""
 
 import importlib.util
 import shutil
@@ -29,7 +29,7 @@ def sphere(**options):
 
 
 def grid(rows=4, z=0.0, step=10.0, columns=None):
-    """Return a flat rectangle of rows by columns of points, or a square, z one number or one each."""
+    """Return a flat rectangle of rows by columns of points, by default a square; z is one value or one per point."""
     columns = columns or rows
     i, j = np.indices((rows, columns))
     points = np.column_stack([step * i.ravel(), step * j.ravel(), np.broadcast_to(z, i.size)])
@@ -39,7 +39,7 @@ def grid(rows=4, z=0.0, step=10.0, columns=None):
 
 
 def fsaverage5(name):
-    """Return a file that lies in nilearn's package, without the seconds that importing it takes."""
+    """Return a file of nilearn's fsaverage5 without importing nilearn, which takes seconds."""
     package = importlib.util.find_spec("nilearn")
     if package is None:
         pytest.skip("nilearn, whose package has fsaverage5, is missing")
@@ -54,7 +54,7 @@ def same(read, mesh, tolerance=0.0):
 
 
 def patch(path, changes):
-    """Write other bytes at places of a file."""
+    """Overwrite bytes of a file at given positions."""
     data = bytearray(path.read_bytes())
     for at, new in changes.items():
         data[at : at + len(new)] = new
@@ -70,20 +70,20 @@ def refuses(path, message, read=read_mesh, *arguments):
 
 
 def icosphere(radius, nsub=4):
-    """Return points and triangles of a sphere, its points at the radius to the last bit of a double."""
+    """Return points and triangles of a sphere, with points exactly on it up to rounding."""
     ball = pv.Icosphere(radius=1.0, nsub=nsub)
     points = np.asarray(ball.points, dtype=np.float64)
     return radius * points / np.linalg.norm(points, axis=1)[:, None], np.asarray(ball.regular_faces)
 
 
 def workbench(*words, folder=None):
-    """Run `wb_command`; return what it prints."""
+    """Run `wb_command` and return its output."""
     command = ["wb_command", *map(str, words)]
     return subprocess.run(command, check=True, capture_output=True, text=True, cwd=folder).stdout
 
 
 def write_old_vtk(path, polydata, is_binary=True):
-    """Write a legacy file of version 4.2, as VTK did before 9."""
+    """Write a legacy file of version 4.2, like VTK before version 9."""
     from vtkmodules.vtkIOLegacy import vtkPolyDataWriter
 
     writer = vtkPolyDataWriter()
@@ -95,7 +95,6 @@ def write_old_vtk(path, polydata, is_binary=True):
 
 
 def gifti(path, arrays=None, change=lambda image: None, **options):
-    """Write GIFTI by nibabel, with other arrays or a change."""
     if arrays is None:
         arrays = [(sphere().points.astype("f4"), "pointset"), (sphere().faces.astype("i4"), "triangle")]
     image = nib.gifti.GiftiImage()
@@ -108,7 +107,7 @@ def gifti(path, arrays=None, change=lambda image: None, **options):
 
 
 def write_obj(path, points, faces, places):
-    """Write an OBJ file with texture coordinates of its own at each corner, as programs that unwrap do."""
+    """Write an OBJ file with separate texture coordinates for each corner, like programs that unwrap meshes."""
     lines = [f"v {x:.12g} {y:.12g} {z:.12g}" for x, y, z in points]
     lines += [f"vt {u:.12g} {v:.12g}" for u, v in places.reshape(-1, 2)]
     lines += [f"f {a}/{3 * n + 1} {b}/{3 * n + 2} {c}/{3 * n + 3}" for n, (a, b, c) in enumerate(faces + 1)]

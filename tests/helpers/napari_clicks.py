@@ -7,14 +7,14 @@ from qtpy.QtWidgets import QApplication, QComboBox, QFileDialog, QLineEdit
 
 
 class Hand:
-    """Uses a window as a user does; pytest-qt's `qtbot` presses keys and buttons."""
+    """Use a window like a user; `qtbot` of pytest-qt presses keys and buttons."""
 
     def __init__(self, window, qtbot):
         self._window = window._qt_window
         self._qtbot = qtbot
 
     def menu(self, *path):
-        """Choose an entry of a menu by the texts that lead there; `…` at its end may be left out."""
+        """Choose a menu entry by the texts on its path; a final `…` can be omitted."""
         menu = self._window.menuBar()
         for text in path[:-1]:
             menu = _entry(menu, text).menu()
@@ -23,7 +23,6 @@ class Hand:
         QApplication.processEvents()
 
     def press(self, button):
-        """Press a visible button."""
         assert button.isVisible(), button.text()
         assert button.isEnabled(), button.text()
         self._qtbot.mouseClick(button, Qt.MouseButton.LeftButton)
@@ -40,7 +39,6 @@ class Hand:
         self._qtbot.waitUntil(lambda: box.currentIndex() == row)
 
     def type(self, field, text):
-        """Replace the text of a field, and press Return."""
         assert field.isVisible()
         edit = field.findChild(QLineEdit)
         edit.selectAll()
@@ -48,7 +46,7 @@ class Hand:
         self._qtbot.keyClick(edit, Qt.Key.Key_Return)
 
     def answer(self, path, kind=None):
-        """Enter a file, and the beginning of its kind, in the dialog that the next step opens."""
+        """Enter a file name, and choose a file type by its beginning, in the dialog that the next step opens."""
 
         def type_name():
             dialog = QApplication.activeModalWidget()
@@ -67,16 +65,14 @@ class Hand:
         QTimer.singleShot(50, type_name)
 
     def move(self, widget, at):
-        """Move the mouse to a place of a widget."""
         move(self._qtbot, widget, at)
 
     def click(self, widget, at):
-        """Click on a place of a widget."""
         self.move(widget, at)
         self._qtbot.mouseClick(widget, Qt.MouseButton.LeftButton, pos=at)
 
     def wheel(self, widget, clicks):
-        """Turn the wheel over the middle of a widget, by a number of clicks that is positive to zoom in."""
+        """Turn the wheel over the middle of a widget; a positive number of clicks zooms in."""
         at = QPointF(widget.rect().center())
         for _ in range(abs(clicks)):
             turned = QPoint(0, 120 if clicks > 0 else -120)
@@ -87,25 +83,23 @@ class Hand:
         QApplication.processEvents()
 
     def wait(self, done):
-        """Wait until something is true."""
         self._qtbot.waitUntil(done, timeout=PATIENCE)
 
     def picture(self, path):
-        """Take a picture of the window."""
         QApplication.processEvents()
         path.parent.mkdir(parents=True, exist_ok=True)
         assert self._window.grab().save(str(path))
 
 
 def move(qtbot, widget, at):
-    """Move the mouse to a place of a widget, from one beside it."""
+    """Move the mouse to a position in a widget, from a position beside it."""
     for shift in (3, 0):
         qtbot.mouseMove(widget, at + QPoint(shift, shift))
         QApplication.processEvents()
 
 
 def _entry(menu, text):
-    """Return an action of a menu by its text, without key marks and the ellipsis of a dialog."""
+    """Return an action of a menu by its text, without mnemonics and a final ellipsis."""
     found = [action for action in menu.actions() if action.text().replace("&", "").rstrip(".…") == text.rstrip(".…")]
     texts = [action.text() for action in menu.actions()]
     assert found, f"{text!r} is not among {texts}"

@@ -1,4 +1,4 @@
-"""What is refused, and how it is told."""
+"""Checks of errors and warnings."""
 
 import warnings
 from contextlib import contextmanager
@@ -9,7 +9,7 @@ from voxflat.errors import InputError
 
 
 def refused(message, call, *arguments, **options):
-    """A call raises InputError, which is told in one line that matches."""
+    """Check that a call raises InputError with a one-line message that matches."""
     with pytest.raises(InputError, match=message) as caught:
         call(*arguments, **options)
     assert "\n" not in str(caught.value)
@@ -17,7 +17,6 @@ def refused(message, call, *arguments, **options):
 
 @contextmanager
 def warnings_as_errors():
-    """Each warning is an error in this block."""
     with warnings.catch_warnings():  # takes an action itself from Python 3.11
         warnings.simplefilter("error")
         yield

@@ -15,20 +15,19 @@ DATA = Path(__file__).parents[1] / "data"
 
 
 def sheet(size=(40, 40)):
-    """Return a flat sheet one voxel thick, with background all around."""
+    """Return a flat sheet of voxels, one voxel thick, surrounded by background."""
     volume = np.zeros((size[0] + 2, size[1] + 2, 3), dtype=np.uint8)
     volume[1:-1, 1:-1, 1] = 1
     return volume
 
 
 def two_sided(volume, repair=None):
-    """Return the surface of a volume whose sheet is taken for a thin solid."""
+    """Return the surface of a one-voxel-thick sheet, treated as a thin solid."""
     foreground = foreground_of(taken(volume), label=None, threshold=None)
     return Surface._of(of_volume(foreground, sheet=False, repair=repair))
 
 
 def ball(radius=10):
-    """Return a solid ball."""
     axis = np.arange(-radius - 2, radius + 3)
     return sum(np.meshgrid(axis**2, axis**2, axis**2, indexing="ij")) < radius**2
 
@@ -36,11 +35,11 @@ def ball(radius=10):
 def curled_sheet(length=88.0, width=44.0, turns=0.9, rotation=None, traversed=False):
     """Curl a sheet along its length into an open cylinder and digitise it (Grossmann et al. 2002, figures 4 and 7).
 
-    `traversed`: every voxel that the sheet passes is set. Otherwise only those whose centre lies within half a voxel of
-    it, measured along the axis nearest to its normal: one voxel in each column.
+    If `traversed`, the voxels are all those that the sheet intersects. Otherwise they are those whose centre lies
+    within half a voxel of it along the axis nearest to its normal: one voxel in each column.
     """
     rotation = Rotation.identity() if rotation is None else rotation
-    fine = 16  # samples a voxel
+    fine = 16  # samples per voxel
     angle = 2 * np.pi * turns * np.linspace(0, 1, int(length * fine))
     radius = length / (2 * np.pi * turns)
     normal = np.stack([np.cos(angle), np.sin(angle), np.zeros_like(angle)], axis=1)
@@ -61,7 +60,7 @@ def curled_sheet(length=88.0, width=44.0, turns=0.9, rotation=None, traversed=Fa
 
 
 def depth_surface(depth):
-    """Return the voxels that a depth image, 0 where there is nothing, passes: down to just above neighbours' depths."""
+    """Return the voxels of a depth image, 0 where it is empty, which reach down to the neighbours' depths."""
     depth = np.pad(np.asarray(depth, dtype=int), 1)
     low = depth.copy()
     for shift in ((0, 1), (0, -1), (1, 0), (-1, 0)):
@@ -72,15 +71,14 @@ def depth_surface(depth):
 
 
 def head_depth():
-    """Return the depth image of a head, shape (279, 214): see data/README.md."""
+    """Return the depth image of a head, shape (279, 214); see data/README.md."""
     return np.asarray(Image.open(DATA / "demosthenes_depth.png"))
 
 
 def line_links(direction, rng, lines=400, links=150):
-    """Return the mean numbers of links that step along 0 to 3 axes of digitised lines, and the lines' length, voxels.
+    """Return the mean numbers of links along 0 to 3 axes of digitised lines, and the length of a line in voxels.
 
-    A line is cut by the planes of voxel centres across the axis along which it advances fastest; the other two
-    coordinates are rounded.
+    A line is cut by the planes of voxel centres across its fastest axis; the other two coordinates are rounded.
     """
     step = 1 / np.abs(direction).max()
     start = rng.uniform(-0.5, 0.5, size=(lines, 1, 3))
@@ -89,7 +87,7 @@ def line_links(direction, rng, lines=400, links=150):
 
 
 def circle_links(radius, rng):
-    """Count the links of a digitised circle, randomly oriented and placed, cut as in `line_links` along its tangent."""
+    """Count the links of a digitised circle with random orientation and position, cut as in `line_links`."""
     angle = np.linspace(0, 2 * np.pi, int(radius * 2000))
     zero = np.zeros_like(angle)
     rotation = Rotation.random(None, rng)
@@ -101,7 +99,7 @@ def circle_links(radius, rng):
     voxels = np.round(points[:-1][cut]).astype(int)
     chain = [voxels[0]]
     for voxel in [*voxels[1:], voxels[0]]:
-        while np.abs(voxel - chain[-1]).max() > 1:  # where the main axis changes, two cuts can lie two voxels apart
+        while np.abs(voxel - chain[-1]).max() > 1:  # two cuts can be two voxels apart if the main axis changes
             chain.append(chain[-1] + np.sign(voxel - chain[-1]))
         chain.append(voxel)
     return _link_counts(np.array(chain)[None]), 2 * np.pi * radius

@@ -1,4 +1,4 @@
-"""Pictures and surfaces to lay them on."""
+"""Pictures, and surfaces for them."""
 
 import os
 import sys
@@ -14,14 +14,13 @@ needs_window = pytest.mark.skipif(
 
 
 def chessboard(squares=8, texels=8, shape=None):
-    """Draw a chessboard; its upper left square is white."""
+    """Draw a chessboard whose upper left square is white."""
     rows, columns = shape or (squares, squares)
     grey = np.indices((rows, columns)).sum(axis=0) % 2 == 0
     return np.repeat(np.repeat(np.where(grey, 255, 0).astype(np.uint8), texels, axis=0), texels, axis=1)
 
 
 def grid(rows, columns, step=1.0):
-    """Triangulate a rectangle in the plane z = 0."""
     y, x = np.mgrid[:rows, :columns] * step
     corner = (np.arange(rows - 1)[:, None] * columns + np.arange(columns - 1)).ravel()
     lower = np.column_stack([corner, corner + 1, corner + columns])
@@ -30,7 +29,7 @@ def grid(rows, columns, step=1.0):
 
 
 def cylinder(rows=25, columns=41, radius=10.0):
-    """Bend a rectangle of 24 x 40 mm into two thirds of a cylinder; triangles stay nearly as they are."""
+    """Bend a rectangle of 24 x 40 mm into two thirds of a cylinder, which hardly changes its triangles."""
     points, faces = grid(rows, columns)
     angle = points[:, 0] / radius
     return np.column_stack([radius * np.cos(angle), radius * np.sin(angle), points[:, 1]]), faces
@@ -42,6 +41,5 @@ def areas(points, faces):
 
 
 def side_counts(faces):
-    """Count the triangles at each side."""
     sides = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
     return np.unique(sides, axis=0, return_counts=True)

@@ -1,4 +1,4 @@
-"""Volumes in files and as objects, and what tests compare of them."""
+"""Volumes in files and as objects, and comparisons with other readers."""
 
 import gzip
 
@@ -38,7 +38,7 @@ def values(dtype="int16", shape=SHAPE):
 
 
 def save(path, data, affine=None, *, sform=1, qform=0, qaffine=None, endian="<", patch=None, dtype=None):
-    """Write a NIfTI by nibabel; `patch` overwrites header bytes at offsets."""
+    """Write NIfTI by nibabel; `patch` overwrites header bytes at offsets."""
     affine = oblique() if affine is None else affine
     image = nib.Nifti1Image(data, affine, header=nib.Nifti1Header(endianness=endian), dtype=dtype or data.dtype)
     image.set_sform(affine, sform)
@@ -74,7 +74,7 @@ def itk_image(data, direction=None, spacing=(1.0, 2.0, 3.0), origin=(5.0, -6.0, 
 
 
 def physical(image, index):
-    """The RAS+ mm of a voxel, by ITK's own arithmetic."""
+    """Return the RAS+ position of a voxel computed by ITK, mm."""
     x, y, z = image.TransformIndexToPhysicalPoint([int(i) for i in index])
     return np.array([-x, -y, z])
 

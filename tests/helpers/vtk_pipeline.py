@@ -1,4 +1,4 @@
-"""What the filters of ``voxflat.vtk`` do in a plain pipeline of VTK, as JSON: a program for any Python with VTK."""
+"""Run the filters of ``voxflat.vtk`` in a plain VTK pipeline and print facts as JSON, with any Python that has VTK."""
 
 import hashlib
 import json
@@ -23,7 +23,7 @@ facts["version"] = vtkVersion.GetVTKVersion()
 
 
 def same(mesh, output):
-    """Whether a mesh of the accessor and an output of a filter hold the same, bit by bit."""
+    """Tell whether a mesh of the accessor and an output of a filter are bit-identical."""
     found = pv.wrap(output)
     arrays = [(mesh.points, found.points)]
     for kind in ("point_data", "cell_data"):

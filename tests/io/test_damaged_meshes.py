@@ -1,4 +1,4 @@
-"""Files of meshes that are damaged, hostile or something else."""
+"""Damaged and hostile mesh files, and files in other formats."""
 
 import gzip
 import os
@@ -15,7 +15,7 @@ from voxflat.io.meshes import read_mesh, write_mesh
 
 
 def written(folder, name):
-    """Write a sphere in a format, also one that only others write."""
+    """Write a sphere in a format, including formats that voxflat does not write."""
     path, is_text = folder / name, name.startswith("text")
     polydata = pv.PolyData.from_regular_faces(sphere().points, sphere().faces)
     if name.startswith("old"):
@@ -35,7 +35,7 @@ COUNTED += ["text.ply", "s.stl", "text.stl"]
 
 @pytest.mark.parametrize("name", COUNTED)
 def test_files_cut_short(tmp_path, name, capfd):
-    """A file cut anywhere is refused, except where nothing but white space is lost."""
+    """A file that is cut short is refused, unless only white space is missing."""
     path = written(tmp_path, name)
     whole, mesh = path.read_bytes(), read_mesh(path)
     for length in {*np.linspace(1, len(whole) - 1, 25).astype(int).tolist(), len(whole) - 1, len(whole) - 2}:
@@ -52,7 +52,10 @@ PLY = (
     b"ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\n"
     b"element face 2\nproperty list uchar int vertex_indices\nend_header\n0 0 0\n9 0 0\n9 9 0\n0 9 0\n"
 )
-VTK = b"# vtk DataFile Version 3.0\n\nASCII\nDATASET POLYDATA\nPOINTS 4 float\n0 0 0 9 0 0 9 9 0 0 9 0\n"
+HEAD = b"# vtk DataFile Version 3.0\n\nASCII\nDATASET "
+VTK = HEAD + b"POLYDATA\nPOINTS 4 float\n0 0 0 9 0 0 9 9 0 0 9 0\n"
+STRIP = VTK + b"POLYGONS 1 4\n3 0 1 2\nTRIANGLE_STRIPS 1 5\n4 0 1 2 3\nLINES 1 3\n2 0 1\n"
+POINTS = PLY[: PLY.index(b"element face")] + b"end_header\n0 0 0\n9 0 0\n9 9 0\n0 9 0\n"
 OBJ = b"v 0 0 0\nv 9 0 0\nv 9 9 0\n"
 HOSTILE = {
     "empty.ply": (b"", "is empty"),
@@ -62,8 +65,8 @@ HOSTILE = {
     "text.vtk": (HELLO, "damaged header"),
     "text.vtp": (HELLO, "syntax error"),
     "text.surf.gii": (HELLO, "syntax error"),
-    "text": (HELLO, "is not a surface: its content is unknown; supported formats are .gii, "),
-    "html.surf.gii": (b"<html><body>404</body></html>", "ends as GIFTI, but its content is XML <html>"),
+    "text": (HELLO, "is not a surface: its content is unknown. Pass .gii, "),
+    "html.surf.gii": (b"<html><body>404</body></html>", "its ending indicates GIFTI, but its content is XML <html>"),
     "cut.surf.gii": (b"<?xml version='1.0'?>", "no element found"),
     "cut.gii.gz": (gzip.compress(b"<GIFTI/>" * 99)[:-9], "[Cc]ompressed file ended"),
     "bad.gii.gz": (b"\x1f\x8bgarbage" * 9, "method|gzip"),
@@ -71,33 +74,24 @@ HOSTILE = {
     "mixed.ply": (PLY + b"3 0 1 2\n4 0 1 2\n", "ends at face 1 of 2"),
     "range.ply": (PLY + b"3 0 1 2\n4 0 1 2 4\n", "face 1 has the corner 4, but the surface has the points 0 to 3"),
     "half.ply": (PLY + b"3 0 1 1.5\n3 0 1 2\n", "face 0 is .*whole numbers"),
-    "points.ply": (
-        PLY[: PLY.index(b"element face")] + b"end_header\n0 0 0\n9 0 0\n9 9 0\n0 9 0\n",
-        "no faces with vertex_indices",
-    ),
+    "points.ply": (POINTS, "no faces with vertex_indices"),
     "format.ply": (b"ply\nformat morse 1.0\nend_header\n", "format is 'morse'"),
     "line.ply": (b"ply\nelemnt vertex 3\nend_header\n", "line 'elemnt vertex 3'"),
     "pairs.obj": (OBJ + b"v 0 9 0\nf 1 2 3\nf 1 2\n", "face 1 has 2 corners. Triangulate"),
     "points.obj": (b"v 0 0 0\nv 9 0 0\n", "no line that begins with 'f'"),
-    "lines.obj": (OBJ + b"l 1 2\nf 1 2 3\n", "has 1 lines in addition to its faces"),
+    "lines.obj": (OBJ + b"l 1 2\nf 1 2 3\n", r"has lines \(1\) in addition to its faces"),
     "zero.obj": (OBJ + b"f 0 1 2\n", r"face 0 is \[-1, 0, 1\]"),
     "range.obj": (OBJ + b"f 1 2 3\nf 1 2 4\n", r"face 1 is \[0, 1, 3\]"),
-    "texture.obj": (OBJ + b"vt 0 0\nf 1/1 2/1 3/2\n", "face 0 refers to texture coordinate 2 of 1"),
+    "texture.obj": (OBJ + b"vt 0 0\nf 1/1 2/1 3/2\n", "face 0 refers to texture coordinate 2, but the file has 1"),
     "word.obj": (b"v 0 0 zero\nf 1 1 1\n", "could not convert string to float: 'zero'"),
     "nan.obj": (b"v 0 0 nan\nv 0 0 0\nv 9 9 9\nf 1 2 3\n", "point 0 has the coordinates"),
-    "lh.patch": (struct.pack(">2i", -1, 0), "is not a surface: its content is FreeSurfer patch; read_patch reads it"),
-    "lh.curv": (b"\xff\xff\xff" + struct.pack(">3if", 1, 1, 1, 0.5), "FreeSurfer file of values; read_overlay"),
+    "lh.patch": (struct.pack(">2i", -1, 0), "is not a surface: its content is FreeSurfer patch. Use read_patch"),
+    "lh.curv": (b"\xff\xff\xff" + struct.pack(">3if", 1, 1, 1, 0.5), "FreeSurfer file of values. Use read_overlay"),
     "lh.cut": (b"\xff\xff\xfecreated by me\n\n\0\0\0\x09", "its header is damaged: it specifies .* -1 faces"),
     "lh.big": (b"\xff\xff\xfecreated by me\n\n" + struct.pack(">2i", 2**31 - 1, 9), "but the file ends after"),
-    "grid.vtk": (b"# vtk DataFile Version 3.0\n\nASCII\nDATASET STRUCTURED_GRID\n", "contains STRUCTURED_GRID"),
-    "huge.vtk": (
-        b"# vtk DataFile Version 3.0\n\nASCII\nDATASET POLYDATA\nPOINTS 99999999999999 float\n0 0 0\n",
-        "Unable to allocate|ended while it read",
-    ),
-    "strip.vtk": (
-        VTK + b"POLYGONS 1 4\n3 0 1 2\nTRIANGLE_STRIPS 1 5\n4 0 1 2 3\nLINES 1 3\n2 0 1\n",
-        "has 1 lines (beside|in addition to) its faces. Remove them",
-    ),
+    "grid.vtk": (HEAD + b"STRUCTURED_GRID\n", "contains STRUCTURED_GRID"),
+    "huge.vtk": (HEAD + b"POLYDATA\nPOINTS 99999999999999 float\n0 0 0\n", "Unable to allocate|ended while it read"),
+    "strip.vtk": (STRIP, r"has lines \(1\) in addition to its faces. Call"),
     "quads.vtk": (VTK + b"POLYGONS 2 9\n3 0 1 2\n4 0 1 2 9\n", "face 1 has the corner 9|VTK reports"),
     "bomb.vtp": (b'<!DOCTYPE a [<!ENTITY a "a">]><VTKFile type="PolyData"/>', "defines the XML entity 'a'"),
     "grid.vtp": (b'<VTKFile type="UnstructuredGrid"><UnstructuredGrid/></VTKFile>', "VTK reports|no points"),
@@ -115,7 +109,7 @@ def test_hostile_files(tmp_path, name, capfd):
 def test_wrong_endings(tmp_path):
     nib.save(nib.Nifti1Image(np.zeros((9, 9, 9), np.uint8), np.eye(4)), tmp_path / "v.nii.gz")
     (tmp_path / "v.nii.gz").rename(tmp_path / "v.surf.gii")
-    refuses(tmp_path / "v.surf.gii", "ends as GIFTI, but its content is a NIfTI volume. Rename")
+    refuses(tmp_path / "v.surf.gii", "ending indicates GIFTI, but its content is a NIfTI volume. Rename")
     wrong = [("s.stl", "s.obj", "STL"), ("text.stl", "t.obj", "STL"), ("s.ply", "s.stl", "PLY")]
     for name, ending, content in [*wrong, ("s.vtp", "s.gii", "VTP"), ("s.surf.gii", "s.vtp", "GIFTI")]:
         written(tmp_path, name).rename(tmp_path / ending)

@@ -1,4 +1,4 @@
-"""Files of voxflat's own formats: those of a later version are refused with the advice to update, older ones named."""
+"""Files in voxflat's own formats: a later version asks to update voxflat, and an older version is named."""
 
 import json
 import re
@@ -22,49 +22,40 @@ def with_format(text, change):
     return FORMAT.sub(lambda found: f"{found[1]}{int(found[2]) + change}", text)
 
 
-def of_archive(key, save):
-    def change(path, by):
-        save(path)
-        with np.load(path) as archive:
-            arrays = dict(archive)
-        np.savez(path, **{**arrays, key: np.array(with_format(str(arrays[key]), by))})
-        return path
-
-    return change
-
-
-def of_json(find, save):
-    def change(path, by):
-        save(path)
-        file = find(path)
-        file.write_text(with_format(file.read_text(encoding="utf-8"), by), encoding="utf-8")
-        return path
-
-    return change
-
-
-def a_template(path):
-    path.write_bytes((Path(template.__file__).parent / "fs_LR.left.json").read_bytes())
-
-
 HILL = voxflat.samples.hill()
-FILES = {
-    "map.npz": (voxflat.load, of_archive("metadata", lambda path: HILL.flatten(relax=False).save(path))),
-    "atlas.npz": (voxflat.load_atlas, of_archive("text", lambda path: HILL.patches(max_angle=20).save(path))),
-    "glued.npz": (voxflat.load_atlas, of_archive("text", lambda path: HILL.patches(max_angle=20).glue().save(path))),
-    "rows": (voxflat.open_rows, of_json(lambda path: path / "store.json", lambda path: HILL.geodesic(9, store=path))),
-    "cuts.json": (HILL.cut, of_json(lambda path: path, lambda path: HILL.cut([[200, 221]]).save(path))),
-    "template.json": (template.read_template, of_json(lambda path: path, a_template)),
+TEMPLATE = Path(template.__file__).parent / "fs_LR.left.json"
+FILES = {  # reader, writer, and the array that contains the format of an archive
+    "map.npz": (voxflat.load, lambda path: HILL.flatten(relax=False).save(path), "metadata"),
+    "atlas.npz": (voxflat.load_atlas, lambda path: HILL.patches(max_angle=20).save(path), "text"),
+    "glued.npz": (voxflat.load_atlas, lambda path: HILL.patches(max_angle=20).glue().save(path), "text"),
+    "rows": (voxflat.open_rows, lambda path: HILL.geodesic(9, store=path), None),
+    "cuts.json": (HILL.cut, lambda path: HILL.cut([[200, 221]]).save(path), None),
+    "template.json": (template.read_template, lambda path: path.write_bytes(TEMPLATE.read_bytes()), None),
 }
+
+
+def written(path, name, change):
+    """Write a file with another format version."""
+    _, write, key = FILES[name]
+    write(path)
+    if key is None:
+        file = path / "store.json" if path.is_dir() else path
+        file.write_text(with_format(file.read_text(encoding="utf-8"), change), encoding="utf-8")
+        return path
+    with np.load(path) as archive:
+        arrays = dict(archive)
+    np.savez(path, **{**arrays, key: np.array(with_format(str(arrays[key]), change))})
+    return path
 
 
 @pytest.mark.parametrize("name", FILES)
 def test_a_file_of_a_later_version_says_to_update(tmp_path, name):
-    read, changed = FILES[name]
-    read(changed(tmp_path / f"now.{name}", 0))
-    refused(rf"{name}.* was made by a newer version of voxflat. Update voxflat$", read, changed(tmp_path / name, 1))
+    read = FILES[name][0]
+    read(written(tmp_path / f"now.{name}", name, 0))
+    newer = rf"{name}.* was made by a newer version of voxflat. Update voxflat$"
+    refused(newer, read, written(tmp_path / name, name, 1))
     message = rf"older\.{name}.* has the format \S.*, but this version of voxflat reads \S.*\. [A-Z]"
-    refused(message, read, changed(tmp_path / f"older.{name}", -1))
+    refused(message, read, written(tmp_path / f"older.{name}", name, -1))
 
 
 def test_a_later_version_may_lack_the_arrays_of_this_one(tmp_path):

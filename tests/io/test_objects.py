@@ -1,4 +1,4 @@
-"""Surfaces and values of nilearn, nibabel, trimesh, meshio, PyVista and VTK, in and out."""
+"""Convert surfaces and values from and to nilearn, nibabel, trimesh, meshio, PyVista and VTK."""
 
 import base64
 import io
@@ -50,14 +50,11 @@ def vtk_polydata():
     return raw
 
 
-def nilearn_mesh():
-    return InMemoryMesh(POINTS, FACES)
-
-
+NILEARN = InMemoryMesh(POINTS, FACES)
 SURFACES = {
-    "InMemoryMesh": nilearn_mesh,
-    "PolyMesh": lambda: PolyMesh(left=nilearn_mesh()),
-    "SurfaceImage": lambda: SurfaceImage(PolyMesh(left=nilearn_mesh()), PolyData(left=VALUES)),
+    "InMemoryMesh": lambda: NILEARN,
+    "PolyMesh": lambda: PolyMesh(left=NILEARN),
+    "SurfaceImage": lambda: SurfaceImage(PolyMesh(left=NILEARN), PolyData(left=VALUES)),
     "GiftiImage": gifti_surface,
     "Trimesh": lambda: trimesh.Trimesh(POINTS, FACES, process=False),
     "meshio": lambda: meshio.Mesh(POINTS, [("vertex", [[0]]), ("triangle", FACES)]),
@@ -87,20 +84,20 @@ def test_a_quadrilateral_of_meshio_is_cut_in_two():
     assert len(voxflat.surface(quads).faces) == 2
 
 
-BOTH = PolyMesh(left=nilearn_mesh(), right=nilearn_mesh())
+BOTH = PolyMesh(left=NILEARN, right=NILEARN)
 
 
 @pytest.mark.parametrize(
     ("given", "said"),
     [
-        (object(), r"object: this object is not supported. Pass a path; a NumPy array; .*nilearn.*"),
+        (object(), r"object: this object is not supported. Pass a path, a NumPy array, .*nilearn.*"),
         ({"a": 1}, "dict: this object is not supported"),
         (None, "NoneType: this object is not supported"),
         (BOTH, r"PolyMesh: has the parts left, right. Pass one of them, such as .parts\['left'\]"),
         (SurfaceImage(BOTH, PolyData(left=VALUES, right=VALUES)), r"two hemispheres. Pass .*, such as .mesh.parts"),
         (PolyData(left=VALUES), "PolyData: contains values, not a surface"),
         (gifti_values(), "GiftiImage: contains values, not a surface"),
-        (meshio.Mesh([[0, 0, 0], [1, 0, 0]], [("line", [[0, 1]])]), "has line, but no triangles"),
+        (meshio.Mesh([[0, 0, 0], [1, 0, 0]], [("line", [[0, 1]])]), "contains line, but no triangles"),
     ],
 )
 def test_what_is_no_surface_is_told(given, said):
@@ -109,7 +106,7 @@ def test_what_is_no_surface_is_told(given, said):
 
 @pytest.fixture(scope="module")
 def left():
-    """The map of the left hemisphere's surface."""
+    """Return the map of the surface of the left hemisphere."""
     return voxflat.flatten(gifti_surface(), relax=False)
 
 
@@ -136,7 +133,7 @@ def test_values_of_another_package_are_those_of_this_side(left, kind):
         (gifti_values("CortexRight"), "GiftiImage: belongs to CortexRight, but the surface is CortexLeft"),
         (gifti_values(values=VALUES[:9]), "has 9 values, but the surface has 441"),
         (PolyData(right=VALUES), "has values for right, but the surface is CortexLeft"),
-        (PolyData(left=VALUES[:9]), "has values at left: 9 vertices, but the surface has 441"),
+        (PolyData(left=VALUES[:9]), "has 9 values for left, but the surface has 441 points"),
     ],
 )
 def test_values_of_another_surface_are_refused(left, given, said):
@@ -144,7 +141,7 @@ def test_values_of_another_surface_are_refused(left, given, said):
 
 
 def test_where_the_side_is_unknown_one_has_to_be_chosen():
-    flat_map = voxflat.flatten(nilearn_mesh(), relax=False)
+    flat_map = voxflat.flatten(NILEARN, relax=False)
     refused("the hemisphere of the surface is unknown", flat_map.image, PolyData(left=VALUES, right=-VALUES))
 
 
@@ -171,11 +168,13 @@ def test_maps_become_objects_of_other_packages(left):
     assert back.raw.relative_error == pytest.approx(left.distortion.raw.relative_error, abs=0.01)
 
 
+def picture_of(value):
+    return Image.open(io.BytesIO(base64.b64decode(value._repr_html_().split("base64,")[1].split('"')[0])))
+
+
 def test_jupyter_shows_a_picture_and_figures(left):
-    page = left._repr_html_()
-    picture = Image.open(io.BytesIO(base64.b64decode(page.split("base64,")[1].split('"')[0])))
-    assert picture.size[0] > 400
-    assert "relative error, %" in page
+    assert picture_of(left).size[0] > 400
+    assert "relative error, %" in left._repr_html_()
     surface = voxflat.surface(voxflat.samples.ball())
     opened, atlas = surface.cut(relax=False), surface.patches()
     told = {"extent, mm": surface, "cut 1, ": opened, "triangles": atlas, "stress-1": left.distortion}
@@ -184,8 +183,7 @@ def test_jupyter_shows_a_picture_and_figures(left):
         assert page.startswith("<p><code>&lt;")
         assert said in page
         assert ("base64," in page) == (value is opened or value is atlas)
-    picture = Image.open(io.BytesIO(base64.b64decode(opened._repr_html_().split("base64,")[1].split('"')[0])))
-    red, green, _ = np.asarray(picture.convert("RGB")).astype(int).transpose(2, 0, 1)
+    red, green, _ = np.asarray(picture_of(opened).convert("RGB")).astype(int).transpose(2, 0, 1)
     assert 20 < (red > green + 100).sum() < 0.05 * red.size  # its cuts
 
 

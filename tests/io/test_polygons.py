@@ -1,4 +1,4 @@
-"""Polygons and strips become triangles, of the same corners, that cover what the polygons do: VTK's areas say so."""
+"""Polygons and strips become triangles with the same corners that cover the same area, as VTK computes it."""
 
 import numpy as np
 import pytest
@@ -37,7 +37,7 @@ def test_no_triangle_lies_outside_its_polygon(name):
             points = np.column_stack([flat, np.zeros(len(flat))]) @ tilt.T
             triangles, remarks = triangulated(points, np.arange(len(points)), np.array([len(points)]))
             assert len(triangles) == len(points) - 2
-            assert remarks == (f"1 face of {len(points)} corners were split into triangles",)
+            assert remarks == (f"polygons were split into triangles (1 with {len(points)} corners)",)
             a, b, c = np.moveaxis(points[triangles], 1, 0)
             signed = 0.5 * np.cross(b - a, c - a) @ tilt[:, 2] * way
             assert (signed > -1e-12).all()
@@ -72,7 +72,7 @@ def test_files_of_polygons(ending, tmp_path):
     read = read_mesh(path)
     np.testing.assert_allclose(read.points, solid.points, atol=1e-6)
     assert len(read.faces) == sum(len(face) - 2 for face in faces)
-    assert read.remarks == ("6 faces of 4 corners, 2 faces of 6 corners were split into triangles",)
+    assert read.remarks == ("polygons were split into triangles (6 with 4 corners, 2 with 6 corners)",)
     # VTK's own triangles have the same area and volume
     ours, theirs = pv.PolyData.from_regular_faces(read.points, read.faces), solid.triangulate()
     assert (ours.area, ours.volume) == pytest.approx((theirs.area, theirs.volume))

@@ -1,4 +1,4 @@
-"""The spaces of surfaces in and out; nibabel reads what is written, and its matrices are those of FreeSurfer."""
+"""Read and write the spaces of surfaces; nibabel reads the written files, and its matrices equal FreeSurfer's."""
 
 import re
 
@@ -35,11 +35,9 @@ IN_SCANNER = ["s.surf.gii", "s.vtp", "s.ply", "s.obj"]
 def test_each_programs_space_is_known(tmp_path, name, axes):
     (points, faces), of = ball(), header(axes)
     mesh = read_mesh(WAYS[name](tmp_path / name, points, faces, of))
-    assert mesh.space.name == {"lh": "tkRAS", "mris_convert": "tkRAS", "mris_convert_old": "tkRAS"}.get(
-        name.split(".")[0], "unknown" if name.startswith("smriprep") else "scanner"
-    )
-    assert mesh.space.doubt == ""
-    assert mesh.remarks == ()
+    start, other = name.split(".")[0], "unknown" if name.startswith("smriprep") else "scanner"
+    expected = "tkRAS" if start in ("lh", "mris_convert", "mris_convert_old") else other
+    assert (mesh.space.name, mesh.space.doubt, mesh.remarks) == (expected, "", ())
     np.testing.assert_allclose(mesh.space.to_scanner(mesh.points), to_scanner(points, of), atol=1e-4)
     np.testing.assert_allclose(mesh.space.from_scanner(mesh.space.to_scanner(mesh.points)), mesh.points, atol=1e-9)
     assert Space._of({"space": mesh.space._described()})._described() == mesh.space._described()
@@ -64,20 +62,17 @@ def test_freesurfers_files_get_tkras_and_a_footer(tmp_path, name, axes):
     write_mesh(tmp_path / "lh.again", read_mesh(WAYS[name](tmp_path / name, points, faces, of)))
     written, _, told = nib.freesurfer.read_geometry(tmp_path / "lh.again", read_metadata=True)
     np.testing.assert_allclose(written, points, atol=1e-4)
-    for key, value in footer(of).items():
-        if key == "filename":
-            assert told[key].endswith("filled.mgz")
-        elif key == "valid":
-            assert told[key].startswith("1")
-        else:
-            np.testing.assert_allclose(told[key], value, atol=1e-6)
-    if name == "lh.white":  # not a bit is changed
+    assert told["filename"].endswith("filled.mgz")
+    assert told["valid"].startswith("1")
+    for key in footer(of).keys() - {"filename", "valid"}:
+        np.testing.assert_allclose(told[key], footer(of)[key], atol=1e-6)
+    if name == "lh.white":  # bit-identical
         np.testing.assert_array_equal(written, points)
 
 
 @pytest.mark.parametrize("name", IN_SCANNER)
 def test_all_others_are_in_scanner_ras(tmp_path, name):
-    """As tools take them with volumes; nothing is left that would make another tool move them again."""
+    """This is how tools combine them with volumes; no metadata would make another tool move them again."""
     (points, faces), of = ball(), header(oblique())
     voxflat.surface(write_freesurfer(tmp_path / "lh.white", points, faces, of)).save(tmp_path / name)
     read = read_mesh(tmp_path / name)
@@ -92,7 +87,7 @@ def test_all_others_are_in_scanner_ras(tmp_path, name):
 
 @pytest.mark.parametrize("kind", ["conformed", "other", "bare"])
 def test_a_surface_of_a_volume_as_freesurfers(tmp_path, kind):
-    """It lies at its place by its footer: that of the volume, or of the same conformed, about the same centre."""
+    """Its footer defines its position: that of the volume, or of the conformed volume with the same centre."""
     mask = np.zeros((20, 22, 24), np.uint8)
     mask[6:14, 5:15, 8:16] = 1
     of = header(CONFORMED if kind == "conformed" else oblique(), shape=mask.shape, size=(2.0, 2.0, 2.0))
@@ -100,7 +95,7 @@ def test_a_surface_of_a_volume_as_freesurfers(tmp_path, kind):
     made = voxflat.surface(mask if kind == "bare" else tmp_path / "wm.mgz")
     made.save(tmp_path / "lh.white")
     points, _, told = nib.freesurfer.read_geometry(tmp_path / "lh.white", read_metadata=True)
-    if kind == "bare":  # nothing says where it lies
+    if kind == "bare":  # its position is unknown
         np.testing.assert_allclose(points, made.points, atol=1e-5)
         assert told == {}
         return
@@ -134,7 +129,7 @@ def test_a_footer_holds_any_name(tmp_path, filename):
 
 
 def test_freesurfers_tag_of_scanner_ras(tmp_path):
-    """TAG_OLD_USEREALRAS is 1 where the file was written by mris_convert --to-scanner; nibabel does not read on."""
+    """mris_convert --to-scanner writes TAG_OLD_USEREALRAS = 1, where nibabel stops reading."""
     path = write_freesurfer(tmp_path / "lh.white", *ball(), header())
     tag = np.array([2, 0, 20], ">i4").tobytes()
     patch(path, {path.read_bytes().index(tag): np.array([2, 1, 20], ">i4").tobytes()})
@@ -147,7 +142,7 @@ def test_a_footer_that_says_nothing(tmp_path, caplog):
     nib.freesurfer.write_geometry(path, points, faces, "me", footer(of, "0  # volume info invalid"))
     space = read_mesh(path).space
     assert (space.name, space.is_known) == ("tkRAS", False)
-    assert "does not define where their volume lies (c_ras)" in space.doubt
+    assert "does not define the centre of the volume (c_ras)" in space.doubt
     voxflat.surface(path).save(tmp_path / "s.surf.gii")
     assert re.search(r"s\.surf\.gii may be misaligned with volumes: .*c_ras", caplog.text)
     assert read_mesh(tmp_path / "s.surf.gii").space.name == "unknown"
@@ -158,7 +153,7 @@ def test_a_footer_that_says_nothing(tmp_path, caplog):
 
 
 def test_the_middle_must_be_near_one_of_both_readings(tmp_path):
-    """Else the file says nothing: a surface that was cut or replaced keeps the metadata of the one before."""
+    """Otherwise the file is ambiguous: a surface that was cut or replaced keeps the metadata of the original."""
     (points, faces), of = ball(), header()
     meta = volume_geometry(of, points)
 
@@ -185,15 +180,13 @@ def test_a_matrix_without_a_volume_is_enough(tmp_path):
 
 def test_a_pial_surface_of_another_space_is_brought_to_the_white_ones(tmp_path):
     (points, faces), of = ball(), header(oblique())
-    core = voxflat.surface((points, faces))
     outwards = points - points.mean(axis=0)
     outside = points + 2.5 * outwards / np.linalg.norm(outwards, axis=1)[:, None]
     white = write_freesurfer(tmp_path / "lh.white", points, faces, of)
-    both = []
-    for name in ("lh.white", "to_scanner.surf.gii"):
-        both.append(voxflat.surface(white, pial=WAYS[name](tmp_path / f"pial_{name}", outside, faces, of)).points)
+    pials = [WAYS[name](tmp_path / f"pial_{name}", outside, faces, of) for name in ("lh.white", "to_scanner.surf.gii")]
+    both = [voxflat.surface(white, pial=pial).points for pial in pials]
     np.testing.assert_allclose(both[0], both[1], atol=1e-4)
-    assert len(core) == len(both[0])
+    assert len(both[0]) == len(voxflat.surface((points, faces)))
 
 
 def test_flat_maps_have_no_space(tmp_path):
@@ -205,7 +198,7 @@ def test_flat_maps_have_no_space(tmp_path):
     assert (array.coordsys.dataspace, array.coordsys.xformspace) == (0, 0)
     np.testing.assert_allclose(array.data[m.ids, :2], m.uv, atol=1e-4)
     picture = np.zeros((8, 8, 3), np.uint8)
-    m.textured(picture).save(tmp_path / "t.ply")  # on the surface, in scanner RAS as all but FreeSurfer's
+    m.textured(picture).save(tmp_path / "t.ply")  # on the surface, in scanner RAS like all formats except FreeSurfer's
     np.testing.assert_allclose(read_mesh(tmp_path / "t.ply").points, to_scanner(points, of)[m.ids], atol=1e-4)
 
 

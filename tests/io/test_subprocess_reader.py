@@ -1,4 +1,4 @@
-"""Readers in C++ end in their own process: the caller has one line, and the next file is read."""
+"""Readers written in C++ crash in their own process: the caller gets a one-line error, and reads the next file."""
 
 import os
 import signal
@@ -20,7 +20,7 @@ from voxflat.io.reading import reading
 from voxflat.io.subprocess_reader import read_in_subprocess
 from voxflat.io.volumes import read_volume
 
-pytest.importorskip("vtkmodules")  # of the packages that it imports the one that takes least time
+pytest.importorskip("vtkmodules")  # the package that is imported fastest
 
 
 @pytest.fixture
@@ -31,11 +31,11 @@ def path(tmp_path):
 
 
 def size(path):
-    """Return a file's size, which the child tells."""
+    """Return the size of a file, as the child reports it."""
     return read_in_subprocess(os.path.getsize, "vtkmodules", path)
 
 
-# what the child is asked for; it finds this file by sys.path
+# functions for the child, which finds this file through sys.path
 def ends(path, how):
     os.kill(os.getpid(), how)
 
@@ -64,7 +64,7 @@ def found_by_the_child(monkeypatch):
     monkeypatch.syspath_prepend(str(Path(__file__).parent))
     for function in (ends, computes, takes, prints, fails):
         monkeypatch.setattr(function, "__module__", Path(__file__).stem)
-    module._stop()  # it has another sys.path
+    module._stop()  # the present child has another sys.path
     yield
     module._stop()
 
@@ -88,7 +88,7 @@ def test_it_takes_no_more_than_the_limit(path):
         refused("needs more memory|are needed, 256 MiB", read_in_subprocess, takes, "vtkmodules", path, 3 * limit)
     with reading(limit):
         assert len(read_in_subprocess(takes, "vtkmodules", path, limit // 2, size=limit)) == limit // 2
-    with pytest.raises(InputError, match="needs more memory"):  # than a file of 1 KB may stand for
+    with pytest.raises(InputError, match="needs more memory"):  # more than a file of 1 KB can contain
         read_in_subprocess(takes, "vtkmodules", path, 1 << 31)
 
 
@@ -97,7 +97,7 @@ def test_a_package_is_imported_after_the_files_of_another(tmp_path):
     itk = pytest.importorskip("itk")
     itk.imwrite(itk.image_from_array(np.ones((4, 5, 6), np.uint8)), str(tmp_path / "v.nrrd"))
     write_mesh(tmp_path / "m.vtp", Mesh(np.eye(3), np.array([[0, 1, 2]])))
-    assert len(read_mesh(tmp_path / "m.vtp").points) == 3  # within a limit, which is that file's
+    assert len(read_mesh(tmp_path / "m.vtp").points) == 3  # within the limit of that file
     assert read_volume(tmp_path / "v.nrrd").data.shape == (6, 5, 4)
 
 
@@ -134,7 +134,7 @@ def test_threads_and_forks_share_no_answer(path):
 @pytest.mark.skipif(os.name == "nt", reason="signals of POSIX")
 @pytest.mark.parametrize("ending", [signal.SIGINT, signal.SIGTERM, getattr(signal, "SIGKILL", 9), None])
 def test_nothing_is_left_of_it(path, ending, tmp_path):
-    """Neither when the caller ends nor when it is ended; modules in the working directory are not taken."""
+    """The child ends when the caller ends or is killed. It ignores modules in the working directory."""
     (tmp_path / "numpy.py").write_text("raise SystemExit('taken')")
     code = "import os, pathlib; from voxflat.io import subprocess_reader; "
     code += f"subprocess_reader.read_in_subprocess(os.path.getsize, 'vtkmodules', pathlib.Path({str(path)!r})); "
@@ -142,10 +142,10 @@ def test_nothing_is_left_of_it(path, ending, tmp_path):
     is_safe = sys.version_info >= (3, 11)  # and knows -P
     command, pipe = [sys.executable, "-P" if is_safe else "-s", "-c", code], subprocess.PIPE
     caller = subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=pipe, cwd=tmp_path if is_safe else None)
-    child = psutil.Process(int(caller.stdout.readline()))  # it lives while the caller waits
+    child = psutil.Process(int(caller.stdout.readline()))  # alive while the caller waits
     if ending:
         caller.send_signal(ending)
-    caller.communicate(b"\n")  # without a signal it goes on, to its end
+    caller.communicate(b"\n")  # without a signal, the caller continues to its end
     assert ending or caller.returncode == 0
     child.wait(20)
 
@@ -153,7 +153,7 @@ def test_nothing_is_left_of_it(path, ending, tmp_path):
 @pytest.mark.slow
 @pytest.mark.skipif(os.name == "nt", reason="signals of POSIX")
 def test_a_call_that_is_broken_off_ends_the_child(path):
-    """What the child would have said is not taken for the answer to the next question."""
+    """A late answer of the child is not mistaken for the answer to the next request."""
     size(path)
     caller = threading.main_thread().ident
     threading.Timer(0.3, lambda: signal.pthread_kill(caller, signal.SIGINT)).start()

@@ -1,4 +1,4 @@
-"""Volumes are written beside their place, whole or not at all, and read again."""
+"""Volumes are written completely or not at all, and can be read again."""
 
 import os
 
@@ -85,9 +85,8 @@ def test_atomic_path_keeps_the_endings(tmp_path):
         assert path.read_text() == "old"
     assert path.read_text() == "new"
     assert os.listdir(tmp_path) == [path.name]
-    plain = tmp_path / "plain"
-    plain.touch()
-    assert path.stat().st_mode == plain.stat().st_mode
+    (tmp_path / "plain").touch()
+    assert path.stat().st_mode == (tmp_path / "plain").stat().st_mode
 
 
 @pytest.mark.parametrize("failure", [RuntimeError, KeyboardInterrupt])

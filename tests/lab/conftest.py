@@ -1,4 +1,4 @@
-"""FreeSurfer subjects with small real hemispheres, one of which has been flattened."""
+"""FreeSurfer subjects with small hemispheres; one subject is flattened."""
 
 import pytest
 import studies
@@ -8,7 +8,7 @@ from lab_runs import FEW, VERTICES
 
 @pytest.fixture(scope="session")
 def flattened(tmp_path_factory):
-    """A subject flattened with two overlays, thickness and a volume whose value is z, and the result of the command."""
+    """Return a subject flattened with two overlays, thickness and a volume of z, and the result of the command."""
     folder = tmp_path_factory.mktemp("subjects") / "sub-01"
     for hemi in ("lh", "rh"):
         studies.write_freesurfer(folder, hemi, studies.hemisphere(hemi, VERTICES), studies.C_RAS)
@@ -23,7 +23,7 @@ def made(flattened):
 
 @pytest.fixture
 def subject(tmp_path):
-    """A subject that has not been flattened, with only a left hemisphere."""
+    """Return a subject that is not flattened and has only a left hemisphere."""
     folder = tmp_path / "sub-02"
     studies.write_freesurfer(folder, "lh", studies.hemisphere("lh", FEW), studies.C_RAS)
     return folder

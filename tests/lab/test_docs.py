@@ -1,4 +1,4 @@
-"""The commands and the Python code of the how-to guides for labs run as written."""
+"""The commands and the Python code in the how-to guides for labs run as written."""
 
 import re
 import shlex
@@ -11,7 +11,7 @@ import studies
 from command_line import run
 from lab_runs import FEW
 
-pytestmark = pytest.mark.slow  # what it makes takes seconds
+pytestmark = pytest.mark.slow  # its fixtures take seconds
 
 PAGE = how_to.text("freesurfer-subject", "bids-study", "other-programs")
 FILES = (how_to.HOW_TO.parent / "reference" / "study-files.md").read_text()
@@ -19,7 +19,7 @@ FILES = (how_to.HOW_TO.parent / "reference" / "study-files.md").read_text()
 
 @pytest.fixture(scope="module")
 def lab(tmp_path_factory):
-    """The directory of a user with a subject and a study after all commands, and the result of each command."""
+    """Return a directory with a subject and a study after all commands, and the result of each command."""
     folder = tmp_path_factory.mktemp("lab")
     places = [folder / "sub-01", *(folder / "study" / "sourcedata" / "freesurfer" / f"sub-0{n}" for n in (1, 2))]
     for hemi in ("lh", "rh"):

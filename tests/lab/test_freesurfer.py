@@ -1,4 +1,4 @@
-"""`voxflat freesurfer`: files for other programs, results that are up to date or made again, and failures."""
+"""`voxflat freesurfer`: files for other programs, up-to-date and repeated results, and failures."""
 
 import hashlib
 import json
@@ -21,43 +21,52 @@ import voxflat
 from voxflat.lab.report import REFERENCES
 from voxflat.lab.results import FIGURES
 
-pytestmark = pytest.mark.slow  # what its fixtures make takes seconds
+pytestmark = pytest.mark.slow  # its fixtures take seconds
+
+ALL = ("distanceerror", "areachange", "curvature", "sulcaldepth", "thickness", "z")
 
 
 def values(folder, name):
     return nib.load(folder / "surf" / f"lh.voxflat.{name}.shape.gii").agg_data()
 
 
+def flat_of(folder, hemi="lh"):
+    return voxflat.load(folder / "surf" / f"{hemi}.voxflat.flat.npz")
+
+
+def record_of(folder):
+    return json.loads((folder / "surf" / "lh.voxflat.flat.json").read_text())
+
+
 @pytest.fixture(scope="module")
 def flat_map(made):
-    return voxflat.load(made / "surf" / "lh.voxflat.flat.npz")
+    return flat_of(made)
 
 
 def test_what_is_written(flattened):
     made, result = flattened
     wanted = {f"{h}.voxflat.flat.{end}" for h in ("lh", "rh") for end in ("patch.3d", "surf.gii", "npz", "json")}
-    measures = ("distanceerror", "areachange", "curvature", "sulcaldepth", "thickness", "z")
-    wanted |= {f"{h}.voxflat.{name}.shape.gii" for h in ("lh", "rh") for name in measures}
+    wanted |= {f"{h}.voxflat.{name}.shape.gii" for h in ("lh", "rh") for name in ALL}
     assert {path.name for path in (made / "surf").glob("*voxflat*")} == wanted
     assert re.search(r"sub-01 lh: \d+ points, relative distance error \d+\.\d %", result.stdout)
     assert f"report: {made}/voxflat.html" in result.stdout
 
 
 def test_the_record_says_what_made_it(made, flat_map):
-    record = json.loads((made / "surf" / "lh.voxflat.flat.json").read_text())
+    record = record_of(made)
     for file in record["inputs"].values():
         assert file["sha256"] == hashlib.sha256(Path(file["path"]).read_bytes()).hexdigest()
     assert set(record["inputs"]) == {"white", "pial", "sphere", "cortex", "overlay thickness", "overlay z"}
     assert record["figures"] == flat_map.distortion.figures()
     assert record["map"]["cut_names"] == ["calcarine", "medial 1", "medial 2", "medial 3", "temporal"]
     assert (record["surface"]["vertices"], record["surface"]["euler"]) == (VERTICES, 2)
-    assert "are not written" in " ".join(record["notes"])  # triangles at the cuts, of surface and patch
+    assert "are not written" in " ".join(record["notes"])  # triangles at the cuts of the surface and the patch
     for name, size in record["outputs"].items():
         assert (made / "surf" / name).stat().st_size == size
 
 
 def test_what_a_call_reads_is_what_the_record_watches(made, flat_map):
-    record = json.loads((made / "surf" / "lh.voxflat.flat.json").read_text())
+    record = record_of(made)
     watched = {file["sha256"] for file in record["inputs"].values()}
     provenance = flat_map.provenance
     region = provenance["parameters"]["of"]
@@ -80,11 +89,10 @@ def test_the_map_is_that_of_the_functions_on_what_the_cortex_label_says(made, fl
 
 def test_measures_lie_at_the_vertices_and_nothing_lies_elsewhere(made, flat_map):
     on_map = np.unique(flat_map.ids)
-    for name in ("distanceerror", "areachange", "curvature", "sulcaldepth", "thickness"):
-        found = values(made, name)
-        assert_array_equal(np.flatnonzero(np.isfinite(found)), on_map)
+    for name in ALL[:-1]:
+        assert_array_equal(np.flatnonzero(np.isfinite(values(made, name))), on_map)
     of_points, found = flat_map.distortion.per_point.astype(np.float32), values(made, "distanceerror")
-    for vertex in on_map.tolist():  # on one of the sides of a cut
+    for vertex in on_map.tolist():  # on either side of a cut
         assert found[vertex] in of_points[flat_map.ids == vertex]
     thickness = nib.freesurfer.read_morph_data(made / "surf" / "lh.thickness")
     assert_array_equal(values(made, "thickness")[on_map], thickness[on_map])
@@ -116,7 +124,7 @@ def test_the_patch_is_the_map_by_freesurfers_rule_and_turned_by_pycortexs(made, 
 
 
 def pycortex_flat(folder, hemi, patch):
-    """Read surf/?h.{patch}.flat.patch.3d over the vertices of ?h.smoothwm, as cortex.freesurfer.import_flat does."""
+    """Read surf/?h.{patch}.flat.patch.3d with the vertices of ?h.smoothwm, like cortex.freesurfer.import_flat."""
     points, _ = nib.freesurfer.read_geometry(folder / "surf" / f"{hemi}.smoothwm")
     data = (folder / "surf" / f"{hemi}.{patch}.flat.patch.3d").read_bytes()
     count = int.from_bytes(data[4:8], "big")
@@ -144,7 +152,7 @@ def test_workbench_reads_every_value(made, tmp_path):
     workbench("-surface-coordinates-to-metric", surf / "lh.voxflat.flat.surf.gii", tmp_path / "places.func.gii")
     places = np.stack(nib.load(tmp_path / "places.func.gii").agg_data(), axis=1)
     assert_array_equal(places, nib.load(surf / "lh.voxflat.flat.surf.gii").agg_data("pointset"))
-    for name in ("distanceerror", "areachange", "curvature", "sulcaldepth", "thickness", "z"):
+    for name in ALL:
         workbench("-metric-convert", "-to-nifti", surf / f"lh.voxflat.{name}.shape.gii", tmp_path / "one.nii")
         assert_array_equal(np.asarray(nib.load(tmp_path / "one.nii").dataobj).ravel(), values(made, name))
 
@@ -177,8 +185,8 @@ def test_another_parameter_makes_it_anew_and_the_first_one_as_it_was(subject):
     succeed("freesurfer", subject, "--hemi", "lh")
     made_again = everything(subject / "surf")
     assert set(first) == set(made_again)  # the overlay of the second call is gone
-    unequal = [name for name in first if first[name][0] != made_again[name][0]]
-    assert set(unequal) <= {"lh.voxflat.flat.json"}  # which tells the seconds
+    unequal = {name for name in first if first[name][0] != made_again[name][0]}
+    assert unequal <= {"lh.voxflat.flat.json"}  # contains the run time
     assert "up to date" in run("freesurfer", subject, "--hemi", "lh").stdout
 
 
@@ -197,7 +205,7 @@ def test_ctrl_c_leaves_nothing_that_looks_finished(subject, monkeypatch):
 
 def test_the_geometry_is_what_distances_are_measured_on(subject):
     succeed("freesurfer", subject, "--hemi", "lh", "--geometry", "pial")
-    flat = voxflat.load(subject / "surf" / "lh.voxflat.flat.npz")
+    flat = flat_of(subject)
     assert_allclose(flat.points, studies.hemisphere("lh", FEW)["pial"][flat.ids], atol=1e-3)
 
 
@@ -209,11 +217,10 @@ def test_without_a_label_the_parcellation_says_what_cortex_is_and_without_both_t
     path = subject / "label" / "lh.aparc.annot"
     nib.freesurfer.write_annot(path, areas, table, ["unknown", "low", "high"], fill_ctab=True)
     succeed("freesurfer", subject, "--hemi", "lh")
-    flat = voxflat.load(subject / "surf" / "lh.voxflat.flat.npz")
-    assert of["cortex"][flat.ids].all()
+    assert of["cortex"][flat_of(subject).ids].all()
     path.unlink()
     succeed("freesurfer", subject, "--hemi", "lh")
-    flat = voxflat.load(subject / "surf" / "lh.voxflat.flat.npz")
+    flat = flat_of(subject)
     assert not of["cortex"][flat.ids].all()
     assert 0.85 < len(np.unique(flat.ids)) / FEW < 0.99
 
@@ -221,10 +228,10 @@ def test_without_a_label_the_parcellation_says_what_cortex_is_and_without_both_t
 def test_cuts_of_a_file(subject):
     succeed("cut", subject / "surf" / "lh.white", "--cuts", "standard", "-o", subject / "lh.mine.json")
     succeed("freesurfer", subject, "--hemi", "lh", "--cuts", "{hemi}.mine.json")
-    record = json.loads((subject / "surf" / "lh.voxflat.flat.json").read_text())
+    record = record_of(subject)
     assert record["inputs"]["cuts"]["path"].endswith("lh.mine.json")
     told = (subject / "lh.mine.json").read_text()
-    cuts = voxflat.load(subject / "surf" / "lh.voxflat.flat.npz").metadata["cuts"]
+    cuts = flat_of(subject).metadata["cuts"]
     assert len(cuts) == 5
     assert all(json.dumps(cut)[1:-1].replace(" ", "") in re.sub(r"\s", "", told) for cut in cuts)
 
@@ -245,8 +252,7 @@ def test_an_earlier_report_does_not_outlive_a_failure(subject):
     assert failed.exit_code == 1
     page = (subject / "voxflat.html").read_text()
     assert "The left hemisphere has no map" in page
-    assert "lh.white is not a surface (0 bytes). Run recon-all" in page
-    assert "lh.white is not a surface (0 bytes). Run recon-all" in failed.stderr
+    assert all("lh.white is not a surface (0 bytes). Run recon-all" in text for text in (page, failed.stderr))
     assert "<img" not in page
 
 
@@ -257,7 +263,7 @@ def test_an_earlier_report_does_not_outlive_a_failure(subject):
         (["--overlay", "surf/{hemi}.curv", "curv"], "two overlays have the name curv"),
         (["--cuts", "{hemi}.mine.json"], r"the cuts file \{hemi\}\.mine\.json does not exist: .*/lh\.mine\.json"),
         (["--volume"], r"mri/filled\.mgz: the file does not exist"),
-        (["--overlay", "label/{hemi}.cortex.label"], "has labels, not values. Draw it with voxflat figure MAP"),
+        (["--overlay", "label/{hemi}.cortex.label"], "contains labels. Draw them with voxflat figure MAP"),
     ],
 )
 def test_what_was_asked_for_and_is_not_there_is_said(subject, arguments, told):
@@ -275,7 +281,7 @@ def test_a_series_is_no_overlay(subject):
     for name, told in (("lh.bold.mgz", "3 maps"), ("bold.nii", "3 frames")):
         result = run("freesurfer", subject, "--hemi", "lh", "--overlay", next(subject.rglob(name)).relative_to(subject))
         assert result.exit_code == 1
-        assert re.search(rf"the overlay \S+{name} has {told}. Pass a file with one map; draw series", result.stderr)
+        assert re.search(rf"the overlay \S+{name} has {told}. Pass a file with one map, or", result.stderr)
     assert not list((subject / "surf").glob("*voxflat.flat*"))
 
 
@@ -289,9 +295,9 @@ def test_the_report_holds_everything_and_needs_no_network(made):
     assert len(page) < 5e6
     assert re.findall(r"""(?:src|href)=["'](?!data:|#)""", page) == []
     assert re.findall(r"""url\(|@import|https?://(?!www\.w3\.org)""", page) == []
-    record = json.loads((made / "surf" / "lh.voxflat.flat.json").read_text())
+    record = record_of(made)
     assert f"{100 * record['figures']['best_scale']['relative_error']:.2f}" in page
-    citation = voxflat.cite(*(voxflat.load(made / "surf" / f"{hemi}.voxflat.flat.npz") for hemi in ("lh", "rh")))
+    citation = voxflat.cite(flat_of(made), flat_of(made, "rh"))
     for text in (*record["warnings"], *record["notes"], record["versions"]["numpy"], citation.text, citation.bibtex):
         assert text.replace("'", "&#39;") in page
     assert page.count('<script type="application/json">') == 2
@@ -305,7 +311,7 @@ def test_the_report_shows_both_hemispheres_side_by_side(made):
     assert [(title, side) for _, title, side in found] == [(one, side) for one in titles for side in ("left", "right")]
     assert titles[0] == "Folds"
     assert len(titles) == 5  # thickness, z, errors of distances and areas
-    maps = [voxflat.load(made / "surf" / f"{hemi}.voxflat.flat.npz").uv[:, 0] for hemi in ("lh", "rh")]
+    maps = [flat_of(made, hemi).uv[:, 0] for hemi in ("lh", "rh")]
     wide = [int(width) for width, *_ in found[:2]]
     assert wide[0] / wide[1] == pytest.approx(np.ptp(maps[0]) / np.ptp(maps[1]), rel=0.02)  # the same scale
 
@@ -332,4 +338,4 @@ def test_chromium_draws_the_report_on_a_dark_phone_and_says_nothing(made):
     assert said == []
     assert '<p class="note">This browser' not in page
     assert 'class="viewer card"' in page
-    assert not re.search(r'class="viewer card"[^>]*hidden', page)  # they are shown once they are drawn
+    assert not re.search(r'class="viewer card"[^>]*hidden', page)  # viewers appear after they are drawn

@@ -1,4 +1,4 @@
-"""Parts of HTML pages: reduced points, and values that equal those of the files."""
+"""Parts of HTML pages: reduced points, and values that equal the values in the files."""
 
 import json
 import re
@@ -14,7 +14,7 @@ import voxflat
 from voxflat.lab.pages import layers_of, scene, thinned
 from voxflat.lab.results import LoadedResults, Results
 
-pytestmark = pytest.mark.slow  # what its fixtures make takes seconds
+pytestmark = pytest.mark.slow  # its fixtures take seconds
 
 
 @pytest.fixture(scope="module")
@@ -31,7 +31,7 @@ def test_fewer_points_keep_the_outline_the_cuts_and_the_area(shown, most):
     assert set(np.unique(faces)) == set(range(len(points)))
     doubled = np.flatnonzero(np.bincount(ids)[ids] > 1)
     assert np.isin(doubled, points).all()
-    assert len(points) <= len(doubled) + 2.5 * most  # cells at the border hold little of the map
+    assert len(points) <= len(doubled) + 2.5 * most  # cells at the border contain small parts of the map
 
     def areas(corners):
         a, b, c = (flat.uv[corners[:, n]] for n in range(3))
@@ -102,7 +102,7 @@ def test_the_pointer_reads_what_the_files_hold(made, tmp_path):
     vertex = int(told[1])
     flat = voxflat.load(made / "surf" / "lh.voxflat.flat.npz")
     low, high = flat.uv.min(axis=0), flat.uv.max(axis=0)
-    size = max((high - low) / [1.2, 1.0]) / 0.96  # mm that the canvas is high; it is 1.2 times as wide
+    size = max((high - low) / [1.2, 1.0]) / 0.96  # height of the canvas in mm; it is 1.2 times as wide
     wanted = (low + high) / 2 + size * np.array([1.2 * (across - 0.5), 0.5 - down])
     apart = np.linalg.norm(flat.uv - wanted, axis=1)
     assert np.linalg.norm(flat.uv[flat.ids == vertex][0] - wanted) < apart.min() + 1

@@ -15,7 +15,7 @@ import pytest
 import studies
 from lab_runs import FEW
 
-from voxflat.cli.commands.bids import command
+from voxflat.cli.commands.study import bids_command
 
 ROOT = Path(__file__).parents[2]
 CLUSTER = ROOT / "docs" / "cluster"
@@ -35,7 +35,7 @@ def test_the_descriptor_is_that_of_the_command():
     spec.loader.exec_module(made)
     found = json.loads(DESCRIPTOR.read_text())
     assert found == made.descriptor(), "python docs/cluster/descriptor.py > docs/cluster/voxflat.boutiques.json"
-    assert {one["id"] for one in found["inputs"]} == {parameter.name for parameter in command.params} >= set(GIVEN)
+    assert {one["id"] for one in found["inputs"]} == {parameter.name for parameter in bids_command.params} >= set(GIVEN)
 
 
 def test_boutiques_takes_it_and_makes_a_command_of_it_that_is_understood(tmp_path, capsys):
@@ -51,16 +51,16 @@ def test_boutiques_takes_it_and_makes_a_command_of_it_that_is_understood(tmp_pat
 def is_understood(line, given):
     """Check that the command parses a line to the given parameters."""
     program, name, *arguments = shlex.split(line)
-    assert (program, name) == ("voxflat", command.name)
-    taken = command.make_context("bids", arguments).params
+    assert (program, name) == ("voxflat", bids_command.name)
+    taken = bids_command.make_context("bids", arguments).params
     for name, value in {**given, "memory_limit": 4 << 30, "source": ROOT, "out": Path(given["out"])}.items():
         assert taken[name] == (tuple(value) if isinstance(value, list) else value)
 
 
 @pytest.fixture
 def nipypes(monkeypatch):
-    """The module of the Nipype workflow."""
-    monkeypatch.setenv("NO_ET", "1")  # else Nipype asks its server for a newer one
+    """Return the module of the Nipype workflow."""
+    monkeypatch.setenv("NO_ET", "1")  # otherwise Nipype checks its server for updates
     pytest.importorskip("nipype")
     monkeypatch.syspath_prepend(CLUSTER)
     return importlib.import_module("nipype_workflow")
@@ -75,7 +75,7 @@ def test_nipype_makes_a_command_that_is_understood_whatever_names_are(nipypes, t
         is_understood(task.cmdline, {**given, "out": str(tmp_path / given["out"])})
     known = {one["id"] for one in json.loads(DESCRIPTOR.read_text())["inputs"]}
     assert set(task.inputs.get()) == known | {"args", "environ"}
-    assert pickle.loads(pickle.dumps(task)).cmdline == task.cmdline  # as it goes to other processes
+    assert pickle.loads(pickle.dumps(task)).cmdline == task.cmdline  # as for other processes
     with pytest.raises(importlib.import_module("traits.api").TraitError, match="'participant' or 'group'"):
         nipypes.VoxflatBids(**GIVEN | {"level": "everybody"})
 
@@ -97,7 +97,7 @@ def test_a_study_is_a_workflow_of_nipype(nipypes, tmp_path, monkeypatch):
     made = nipypes.VoxflatBids(**how, level="participant", labels="02").run().outputs
     assert made.surfaces == [str(out / "sub-02" / "anat" / "sub-02_hemi-L_desc-voxflat_flat.surf.gii")]
     assert (made.maps, made.pages) == (str(out), [str(out / "sub-02.html")])
-    group = nipypes.VoxflatBids(**how, level="group")  # which the workflow has run
+    group = nipypes.VoxflatBids(**how, level="group")  # already run by the workflow
     assert group.aggregate_outputs().pages == [str(out / "group.html")]
     with pytest.raises(SystemExit, match="sub-01 lh: error"):
         nipypes.said(nipypes.VoxflatBids(**how, level="participant", labels=["01"]))
@@ -111,7 +111,7 @@ def test_both_recipes_are_of_the_same_images_and_files():
     assert all((ROOT / name).exists() for name in files)
     entry = json.loads(re.search(r"^ENTRYPOINT (.*)$", docker, re.MULTILINE)[1])
     assert " ".join(entry) + ' "$@"' in apptainer
-    assert entry == ["voxflat", command.name]
+    assert entry == ["voxflat", bids_command.name]
     assert re.search(r"^USER [1-9]", docker, re.MULTILINE)
 
 
@@ -119,18 +119,15 @@ def test_what_the_images_have_is_enough():
     project = (ROOT / "pyproject.toml").read_text()
     rust, python = (re.search(rf"FROM {one}:([\d.]+)", text("Dockerfile"))[1] for one in ("rust", "python"))
     needed = re.search(r'rust-version = "([\d.]+)"', (ROOT / "Cargo.toml").read_text())[1]
-    assert _version(rust) >= _version(needed)
-    assert _version(python) >= _version(re.search(r'requires-python = ">=([\d.]+)"', project)[1])
+    oldest = re.search(r'requires-python = ">=([\d.]+)"', project)[1]
+    for found, least in ((rust, needed), (python, oldest)):
+        assert tuple(map(int, found.split("."))) >= tuple(map(int, least.split(".")))
     extras = re.findall(r"--extra (\w+)", text("build"))
     assert extras == ["lab"]
     assert all(f"\n{extra} = [" in project for extra in extras)
 
 
-def _version(told):
-    return tuple(map(int, told.split(".")))
-
-
-@pytest.mark.skipif(os.name == "nt", reason="no shell, and no bit of files that can be run")
+@pytest.mark.skipif(os.name == "nt", reason="no shell and no executable bit")
 def test_linters_have_nothing_to_say():
     for name in ("build", "install"):
         subprocess.run(["sh", "-n", CLUSTER / name], check=True)

@@ -1,4 +1,4 @@
-"""`voxflat bids`: twenty participants, three of them broken; a rerun, a change, the table and the group page."""
+"""`voxflat bids`: twenty participants with three damaged ones, a rerun, a change, the table and the group page."""
 
 import csv
 import json
@@ -19,7 +19,7 @@ import voxflat
 from voxflat.lab.comparison import Sums, outliers
 from voxflat.lab.inputs import Parameters, found_in, participants
 
-pytestmark = pytest.mark.slow  # what its fixtures make takes seconds
+pytestmark = pytest.mark.slow  # its fixtures take seconds
 
 BROKEN = {"05": r"found no \*_hemi-L_pial\.surf\.gii", "08": r"_white\.surf\.gii: .*Check that the file is complete"}
 BROKEN["11"] = rf"has {FEW - 1} vertices"
@@ -31,7 +31,7 @@ def participant(root, *more):
 
 @pytest.fixture(scope="module")
 def study(tmp_path_factory):
-    """A study, its output directory, and the result of the command."""
+    """Return the directory of a study and its output, and the result of the command."""
     root = tmp_path_factory.mktemp("study")
     below = root / "bids" / "derivatives" / "smriprep"
     of = studies.hemisphere("lh", FEW)
@@ -67,7 +67,7 @@ def test_three_fail_by_name_and_never_stop_the_others(study):
     assert len(list((root / "out").glob("sub-*.html"))) == 17
     record = json.loads(next((root / "out").rglob("*_flat.json")).read_text())
     assert "standard cuts" in record["warnings"][0]
-    assert "not written to the file" in record["notes"][0]  # and not on the terminal
+    assert "not written to the file" in record["notes"][0]  # not on the terminal
     lines = result.stderr.splitlines()
     assert len(lines) == 3
     for (label, reason), line in zip(BROKEN.items(), lines, strict=True):
@@ -91,7 +91,7 @@ def test_a_rerun_computes_nothing_and_writes_nothing(root, monkeypatch):
     failures = {name: content for name, content in before.items() if name.endswith("failure.json")}
     again = participant(root)
     assert (again.exit_code, "0 made, 17 up to date, 3 failed" in again.stdout) == (3, True)
-    assert made == ["sub-08", "sub-11"]  # whose files are there, and are tried again
+    assert made == ["sub-08", "sub-11"]  # their files exist, so they are tried again
     monkeypatch.undo()
     for name, (content, _) in failures.items():
         (root / "out" / name).write_bytes(content)
@@ -119,7 +119,7 @@ def test_a_dry_run_says_what_would_be_done_and_a_change_of_one_redoes_one(root, 
     missing = f"{lost.name} is missing or was modified"
     assert stale == {"sub-07": "changed inputs: overlay thickness", "sub-09": missing}
     assert [one["participant"] for one in plan if one["state"] == "failed"] == ["sub-05"]
-    next((tmp_path / "bids").rglob("sub-06_hemi-L_white.surf.gii")).touch()  # times say nothing
+    next((tmp_path / "bids").rglob("sub-06_hemi-L_white.surf.gii")).touch()  # times do not matter
     participant(tmp_path, "--participant_label", "sub-07", "06")
     now = everything(tmp_path / "out")
     touched = {name[:6] for name in now.keys() - {"dataset_description.json"} if now[name] != before.get(name)}
@@ -205,8 +205,8 @@ def test_participants_are_found_where_programs_leave_them(tmp_path):
 def test_white_matter_in_voxels_and_cuts_that_suit_it(tmp_path):
     i, j, k = np.indices((16, 16, 16)) - 7.5
     filled = np.where(i**2 + j**2 + k**2 < 6**2, 127, 0).astype(np.uint8)
-    filled[7, 7, 7] = 0  # which the repair fills
-    filled[0, 0, 0] = 255  # of the other hemisphere
+    filled[7, 7, 7] = 0  # filled by the repair
+    filled[0, 0, 0] = 255  # the other hemisphere
     mri = tmp_path / "subjects" / "sub-1" / "mri"
     mri.mkdir(parents=True)
     nib.save(nib.MGHImage(filled, np.diag([2.0, 2, 2, 1])), mri / "filled.mgz")
@@ -222,7 +222,7 @@ def test_white_matter_in_voxels_and_cuts_that_suit_it(tmp_path):
     assert record["map"]["cuts_by"] == "automatic"
     page = (tmp_path / "out" / "sub-1.html").read_text()
     assert 'class="viewer card"' in page
-    assert "automatic cuts</th>" in page  # what they did elsewhere
+    assert "automatic cuts</th>" in page  # reference maps
 
 
 def test_white_matter_is_found_by_its_name(tmp_path):
@@ -280,7 +280,7 @@ def test_a_broken_map_stands_out_in_table_and_page(root, compared, tmp_path):
     usual = np.array([1.0, 1.1, 0.9, 1.05, 0.95, np.nan])
     assert not outliers(usual).any()
     assert_array_equal(outliers(np.append(usual, 3.0)), [False] * 6 + [True])
-    assert not outliers(np.array([1.0, 1.0, 9.0])).any()  # of three nobody can say
+    assert not outliers(np.array([1.0, 1.0, 9.0])).any()  # three values are too few
     assert not outliers(np.ones(9)).any()
     shutil.copytree(root / "out", tmp_path / "out")
     path = tmp_path / "out" / "sub-02" / "anat" / "sub-02_hemi-L_desc-voxflat_flat.json"
@@ -308,7 +308,7 @@ def test_the_table_of_the_page_begins_with_the_largest_distance_error(root, comp
     error = {name: record["figures"]["best_scale"]["relative_error"] for name, record in records.items()}
     ranked = _ranked(page)
     assert ranked[:17] == sorted(error, key=error.get, reverse=True)
-    assert ranked[17:] == [f"sub-{label}" for label in BROKEN]  # which have no map
+    assert ranked[17:] == [f"sub-{label}" for label in BROKEN]  # without a map
     spread = records[ranked[0]]["figures"]["standard_error"]["best_scale"]["relative_error"]
     first = f'<td class="n">{100 * error[ranked[0]]:.1f}<span class="quiet"> ± {100 * spread:.1f}</span></td>'
     assert first in page.replace("n bad", "n")
@@ -349,8 +349,7 @@ def test_the_page_of_the_study(root, compared):
     assert max(scales) - min(scales) <= 0.01  # one scale
 
 
-def test_nobody_has_a_map(tmp_path):
-    studies.write_freesurfer(tmp_path / "subjects" / "sub-1", "lh", studies.hemisphere("lh", FEW))
-    words = ["bids", tmp_path / "subjects", tmp_path / "out", "group"]
+def test_nobody_has_a_map(root, tmp_path):
+    words = ["bids", root / "bids", tmp_path / "out", "group"]
     fail(1, "no participant has a map. Run voxflat bids", *words)
     assert run(*words, "--dry-run").exit_code == 2

@@ -13,7 +13,6 @@ from numpy.testing import assert_allclose, assert_array_equal
 from refusals import refused
 
 import voxflat
-from voxflat.errors import InputError
 from voxflat.io import Volume
 from voxflat.io.chunks import PLACE_BYTES, Chunked, chunked_of, is_chunked, voxels_at
 from voxflat.methods import Voxflat
@@ -157,6 +156,13 @@ def ome(path, values, version=0.4, **changes):
     return path
 
 
+WRONG_SCALES = ([500, np.inf, 500], [np.nan, 500, 500], [1e300, 500, 500])
+
+
+def scaled(scale):
+    return {"datasets": [{"path": "0", "coordinateTransformations": 2 * [{"type": "scale", "scale": scale}]}]}
+
+
 class TestOmeZarr:
     @pytest.mark.parametrize("version", [0.4, 0.5])
     def test_by_its_path(self, m, values, tmp_path, version):
@@ -192,11 +198,12 @@ class TestOmeZarr:
     @pytest.mark.parametrize(
         ("changes", "message"),
         [
-            ({"axes": [{"name": n} for n in "ctyx"]}, "its axes are c, t, y, x"),
-            ({"axes": [{"name": "c"}, *({"name": n, "unit": "parsec"} for n in "zyx")]}, "is parsec"),
-            ({"coordinateTransformations": [{"type": "affine", "affine": []}]}, "'affine' is not supported"),
+            ({"axes": [{"name": n} for n in "ctyx"]}, "and the axes c, t, y, x"),
+            ({"axes": [{"name": "c"}, *({"name": n, "unit": "parsec"} for n in "zyx")]}, "with the unit parsec"),
+            ({"coordinateTransformations": [{"type": "affine", "affine": []}]}, "has the transformation 'affine'"),
             ({"coordinateTransformations": [{"type": "scale", "scale": [1, 0, 1, 1]}]}, "singular"),
             ({"datasets": []}, "has no image"),
+            *((scaled([1, *scale]), "has scale .*Use finite numbers") for scale in WRONG_SCALES),
         ],
     )
     def test_what_cannot_be_placed(self, m, values, tmp_path, changes, message):
@@ -212,7 +219,7 @@ class TestOmeZarr:
 
     @pytest.mark.parametrize(
         ("axis", "length", "message"),
-        [(3, 2**31, "an axis of more than 2147483647 voxels"), (0, 2**31 - 1, "of memory are needed")],
+        [(3, 2**31, "an axis of more than 2147483647 voxels"), (0, 2**31 - 1, "of memory is needed")],
     )
     def test_a_shape_beyond_all_files(self, m, values, tmp_path, axis, length, message):
         """Chunks that are not there are zero, so that a header alone may say so."""
@@ -222,20 +229,12 @@ class TestOmeZarr:
         (path / "0" / ".zarray").write_text(json.dumps(header))
         refused(message, m.image, path, 0.4, channel=0)
 
-    @pytest.mark.parametrize("scale", [[1, 500, np.inf, 500], [1, np.nan, 500, 500], [1, 1e300, 500, 500]])
-    def test_a_scale_that_is_no_number(self, m, values, tmp_path, scale):
-        steps = [{"type": "scale", "scale": scale}, {"type": "scale", "scale": scale}]
-        data = [{"path": "0", "coordinateTransformations": steps}]
-        with pytest.raises(InputError, match=r"its scale .* must be finite"):
-            m.image(ome(tmp_path / "v.zarr", values, datasets=data), 0.4, channel=0)
-
     def test_a_chunk_that_is_damaged(self, m, values, tmp_path):
         path = ome(tmp_path / "v.zarr", values)
         images = m.images(path, 0.4)
         for chunk in path.glob("0/[0-9]*"):
             chunk.write_bytes(chunk.read_bytes()[:20])
-        with pytest.raises(InputError, match=r"/v\.zarr: .*. Check that the file is complete"):
-            images[0]
+        refused(r"/v\.zarr: .*. Check that the file is complete", images.__getitem__, 0)
 
     @pytest.mark.parametrize("at", [4, 8])  # bytes of Blosc's header: sizes unpacked and of a block
     def test_a_chunk_that_would_end_the_process(self, m, values, tmp_path, at):
@@ -281,5 +280,4 @@ def test_chunks_that_are_not_read_take_no_memory():
 
 
 def test_more_chunks_than_a_number_counts_are_refused():
-    with pytest.raises(InputError, match=r"has \d+ chunks, more than a 64-bit number can count"):
-        chunked_of(Endless((2**31 - 1,) * 3, (1, 1, 1)))
+    refused("has .* chunks, more than a 64-bit integer can", chunked_of, Endless((2**31 - 1,) * 3, (1, 1, 1)))

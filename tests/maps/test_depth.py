@@ -13,11 +13,10 @@ from numpy.testing import assert_allclose, assert_array_equal
 from refusals import refused
 
 import voxflat
-from voxflat.errors import InputError
 from voxflat.io import Volume, write_volume
 from voxflat.io.meshes import Mesh, write_mesh
 from voxflat.maps.depth import Depths, equivolume, vertex_areas
-from voxflat.maps.raster import Raster
+from voxflat.maps.raster import at_points
 from voxflat.methods import Voxflat
 
 INNER, OUTER = 10.0, 13.0
@@ -43,9 +42,7 @@ def radius_volume(affine=GRID, n=61):
 
 def at_vertices(m, volume, **how):
     """Sample as `FlatMap.image` does, by pixels that lie at the vertices."""
-    corners = np.repeat(np.arange(len(m), dtype=np.uint32), 3).reshape(1, -1, 3)
-    raster = Raster(corners, np.broadcast_to(np.array([1, 0, 0], np.float32), corners.shape), (0.0, 0.0), 1.0)
-    return m._triangles.on_surface.image(raster, volume, depths=Depths.of(**how)).data[0]
+    return m._triangles.on_surface.image(at_points(len(m)), volume, depths=Depths.of(**how)).data[:, 0]
 
 
 class TestFractions:
@@ -181,14 +178,13 @@ class TestRefusals:
         labels = Volume(np.ones((61, 61, 61), np.uint8), GRID)
         refused(r"uint8 may be labels, which have no mean over depths", shells.image, labels, 1.0, fraction=(0.2, 0.8))
         assert np.nanmax(shells.image(labels, 1.0, fraction=(0.2, 0.8), interpolation="majority").data) == 1
-        with pytest.raises(InputError, match=r"'majority', which is for labels, but values are not whole numbers"):
-            shells.image(volume_of(lambda x, y, z: x + 0.1), 1.0, interpolation="majority")
+        values = volume_of(lambda x, y, z: x + 0.1)
+        refused("'majority', but the values are not labels", shells.image, values, 1.0, interpolation="majority")
         linear = shells.image(labels, 1.0, fraction=(0.2, 0.8), interpolation="linear")
         assert np.nanmax(linear.data) == pytest.approx(1, rel=1e-12)
         refused(r"overlay has values only on the surface", shells.image, np.arange(2562.0), fraction=0.5)
         alone = replace(shells, white_points=None, pial_points=None)
-        with pytest.raises(InputError, match=r"this map has no pial one. Flatten the white surface with pial="):
-            alone.image(volume_of(lambda x, y, z: x), fraction=0.5)
+        refused("this map has no pial surface. Flatten the white surface with pial=", alone.image, values, fraction=0.5)
 
 
 @pytest.mark.slow

@@ -113,7 +113,7 @@ def test_what_comes_back(flat, name, tmp_path, caplog):
     caplog.clear()
     with caplog.at_level(logging.WARNING, "voxflat"):
         if flat.is_voxels and ".patch." in name:
-            refused("this map has voxels. Use", flat.save, path)
+            refused("this map has voxels. Save as .surf.gii", flat.save, path)
             assert not path.exists()
             return
         flat.save(path)

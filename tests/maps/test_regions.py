@@ -126,9 +126,7 @@ class TestVoxels:
         assert radius.max() < INNER + 2.0
         assert np.count_nonzero(found) * 0.125 == pytest.approx(np.pi * 100 * 1.5 * (21.25 / 20) ** 2, rel=0.03)
         refused(r"has no pial surface. Pass depth", regions.volume, grid)
-        refused(
-            r"depth is 2 to 1 mm. Pass two finite numbers, the smaller one first", regions.volume, grid, depth=(2, 1)
-        )
+        refused(r"depth is 2 to 1 mm. Pass two finite numbers, the smaller one", regions.volume, grid, depth=(2, 1))
         refused("the depth is None; give a number", regions.volume, grid, depth=(None, 1.0))
 
     def test_the_flattened_volume_is_the_default(self, tmp_path):
@@ -148,7 +146,7 @@ class TestVoxels:
         far = np.eye(4)
         far[:3, 3] = 500
         for volume in (Volume(np.zeros((5, 5, 5)), far), Volume(np.zeros((2, 2, 2)), np.diag([100.0, 100, 100, 1]))):
-            refused(r"no voxel of the volume has its centre in a region", regions.volume, volume)
+            refused(r"no region contains the centre of a voxel", regions.volume, volume)
 
 
 class TestFiles:
@@ -209,7 +207,7 @@ class TestFiles:
         np.testing.assert_allclose(image.affine, grid.affine)
         assert "t1.mgz" in json.loads(image.header.extensions[0].get_content())["files"]
         refused("it is an input", regions.save, tmp_path / "t1.mgz", volume=tmp_path / "t1.mgz")
-        refused("Pass volume, whose grid", regions.save, tmp_path / "l.nii.gz")
+        refused("Pass volume to define the grid", regions.save, tmp_path / "l.nii.gz")
         refused("Do not pass them", regions.save, tmp_path / "l.annot", volume=grid)
         refused("Use a name that ends in", regions.save, tmp_path / "l.txt")
 
@@ -257,12 +255,8 @@ class TestDrawings:
         ("where", "layer", "message"),
         [
             ("", "rois", "its root does not define data-voxflat-extent"),
-            (
-                'data-voxflat-extent="1 2 3" data-voxflat-axes="0 0 1 1"',
-                "rois",
-                "data-voxflat-extent as four numbers",
-            ),
-            ('data-voxflat-extent="1 1 2 3" data-voxflat-axes="0 0 1 1"', "rois", "have no area"),
+            ('data-voxflat-extent="1 2 3" data-voxflat-axes="0 0 1 1"', "rois", "data-voxflat-extent as four numbers"),
+            ('data-voxflat-extent="1 1 2 3" data-voxflat-axes="0 0 1 1"', "rois", "has no area"),
             (WHERE, "areas", "has no layer 'areas'; its layers are 'rois', 'names'. Draw"),
         ],
     )
@@ -284,7 +278,7 @@ class TestDrawings:
     def test_places_beyond_all_numbers(self, m, tmp_path, where, beyond):
         path = tmp_path / "drawn.svg"
         path.write_text(SVG.format(where=WHERE).replace(where, beyond))
-        refused("one of its paths has infinite coordinates", m.regions, path)
+        refused("has a path with infinite coordinates", m.regions, path)
 
     @pytest.mark.slow
     def test_shapes_of_napari(self, m):
@@ -329,7 +323,7 @@ class TestDrawings:
         ring = m.regions({"ring": [circle(u, v, 8.0), circle(u, v, 4.0)[::-1]]})
         assert ring.at([[u, v], [u + 6, v], [u + 9, v]]).tolist() == [0, 1, 0]
         both = m.regions([circle(u, v, 8.0), circle(u + 4, v, 8.0)])
-        assert "lie in several regions; the region drawn last contains them" in caplog.text
+        assert "lie in several regions. They belong to the one drawn last" in caplog.text
         assert both.at([[u - 7, v], [u, v], [u + 11, v]]).tolist() == [1, 2, 2]
         assert both.names == ("region 1", "region 2")
 

@@ -178,7 +178,7 @@ def test_milliseconds_that_are_called_seconds_are_doubted(shells, tmp_path, capl
     path = nifti(tmp_path / "bold.nii", data, affine, 2000.0)
     flat.images(path)
     (message,) = caplog.messages
-    assert message.startswith("the header of bold.nii says that frames are 2000 s apart; it may give milliseconds")
+    assert message.startswith("the header of bold.nii gives a time step of 2000 s, which may be in milliseconds")
     flat.images(path, time_step=2.0)
     assert len(caplog.messages) == 1
 
@@ -298,7 +298,7 @@ def test_nothing_is_written_half(series, tmp_path, name):
 def test_no_directory_is_replaced(series, tmp_path):
     pytest.importorskip("zarr")
     (tmp_path / "flat.zarr").mkdir()
-    refused("exists, and directories are not replaced. Delete it", series[1].save, tmp_path / "flat.zarr")
+    refused("exists, and voxflat does not replace directories. Delete it", series[1].save, tmp_path / "flat.zarr")
     assert list((tmp_path / "flat.zarr").iterdir()) == []
 
 

@@ -27,7 +27,7 @@ from numpy.testing import assert_allclose
 import voxflat
 from voxflat.io import Space, VolumeGeometry
 from voxflat.io.meshes import read_mesh
-from voxflat.maps.raster import Raster
+from voxflat.maps.raster import at_points
 from voxflat.methods import Voxflat
 
 
@@ -49,6 +49,11 @@ def volumes(tmp_path_factory):
         name: [coordinate_volume(folder / f"{name}{axis}.mgz", affine, axis) for axis in range(3)]
         for name, affine in AFFINES.items()
     }
+
+
+def at_vertices(m, volume):
+    """Sample as `FlatMap.image` does, by pixels that lie at the vertices."""
+    return m._triangles.on_surface.image(at_points(len(m)), volume).data[:, 0]
 
 
 def agrees(m, volumes, scanner, depth=0.0):
@@ -134,14 +139,14 @@ def test_what_no_file_says_is_told(tmp_path, volumes, caplog):
     (points, faces), of = ball(), header()
     nib.freesurfer.write_geometry(tmp_path / "lh.white", points, faces)
     flat(tmp_path / "lh.white").image(volumes["RAS"][0])
-    assert "c_ras). Use a file that defines its space" in caplog.text
+    assert "c_ras). Use a surface file that defines its space" in caplog.text
     caplog.clear()
     meta = {name: value for name, value in volume_geometry(of, points).items() if "Center" not in name}
     for spaces, moved, reading in (((0, 3), points + np.array(C_RAS), "(tkRAS)"), ((3, 3), points, "(scanner RAS)")):
         m = flat(write_gifti(tmp_path / "s.surf.gii", points, faces, meta, spaces))
         assert caplog.messages == []  # it does not matter yet
         agrees(m, volumes["RAS"], moved)
-        assert "c_ras (3, -17, 22) mm, but does not say whether its coordinates include it" in caplog.text
+        assert "c_ras (3, -17, 22) mm, but not whether its coordinates include it" in caplog.text
         assert reading in caplog.text
         caplog.clear()
     told = replace(read_mesh(tmp_path / "s.surf.gii"), space=Space("tkRAS", VolumeGeometry.conformed(C_RAS)))
@@ -215,10 +220,3 @@ def test_workbench_samples_the_same(tmp_path, axes):
     for name in ("tk", "ours", "theirs"):
         again = voxflat.surface(tmp_path / f"{name}.surf.gii").disk(0, 30.0).flatten(Voxflat(sources=20))
         assert_allclose(at_vertices(again, volume), ours, atol=1e-4)
-
-
-def at_vertices(m, volume):
-    """Sample as `FlatMap.image` does, by pixels that lie at the vertices."""
-    corners = np.repeat(np.arange(len(m), dtype=np.uint32), 3).reshape(1, -1, 3)
-    weights = np.broadcast_to(np.array([1, 0, 0], np.float32), corners.shape)
-    return m._triangles.on_surface.image(Raster(corners, weights, (0.0, 0.0), 1.0), volume).data[0]

@@ -105,7 +105,7 @@ class TestPictures:
             (np.zeros((4, 4, 2)), r"shape \(4, 4, 2\). Pass \(H, W\), \(H, W, 3\) or \(H, W, 4\)"),
             (np.zeros((0, 4)), r"shape \(0, 4\)"),
             (np.zeros(4), r"shape \(4,\)"),
-            (None, "the picture is object"),
+            (None, r"the picture has shape \(\) and data type object"),
             (Image.new("F", (4, 4)), "more than 8 bits"),
         ],
     )

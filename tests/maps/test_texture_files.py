@@ -122,7 +122,7 @@ class TestFiles:
 
     def test_what_cannot_be_written(self, textured, cylinder_map, tmp_path):
         refused(
-            "unknown file name ending '.stl'; .obj, .vtp, .glb, .ply can be written",
+            "unknown file name ending '.stl'. Use one of .obj, .vtp, .glb, .ply",
             textured.save,
             tmp_path / "face.stl",
         )

@@ -102,7 +102,7 @@ def test_where_nothing_changes_nothing_is_found():
     points, faces = square(8)
     worst = voxflat.worst_places(laid(points, faces, 3 * points[:, :2]))
     assert (worst.places, worst.found, worst.share) == ((), 0, 0)
-    assert worst.table() == "0 places where areas change by more than 1.5 times, 0.00 % of the surface"
+    assert worst.table() == "0 regions where areas change by more than a factor of 1.5 (0.00 % of the surface)"
     assert not worst.numbers.any()
     assert worst.cuts() == []
 
@@ -224,12 +224,12 @@ def test_what_cannot_be_meant_is_refused(both, given, told):
 
 
 def test_places_that_are_not_there_are_refused(both):
-    refused("there is no place 2. Pass a number from 1 to 1", voxflat.worst_places(both, 1, cuts=False).cuts, 2)
+    refused("there is no region 2. Pass a number from 1 to 1", voxflat.worst_places(both, 1, cuts=False).cuts, 2)
 
 
 def test_a_map_without_areas_is_refused():
     flat_map = voxflat.flatten(np.ones((9, 9, 1), int), method=Grossmann2002(sources=20))
-    refused("and so no areas", voxflat.worst_places, flat_map)
+    refused("no triangles of the surface to measure areas", voxflat.worst_places, flat_map)
 
 
 def test_figures_show_them(both, tmp_path):

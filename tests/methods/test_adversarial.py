@@ -1,4 +1,4 @@
-"""Surfaces that are hard to flatten: a map without folds, finite and told truly, or a clear refusal; never NaN."""
+"""Surfaces that are hard to flatten have finite maps without folds, or raise a clear error."""
 
 from functools import cache
 

@@ -1,4 +1,4 @@
-"""The default map: what it promises whatever the surface, and what its options do."""
+"""The guarantees of the default method for any surface, and the effects of its options."""
 
 import composed
 import hard_shapes
@@ -55,7 +55,7 @@ def test_distances_that_are_too_long_are_told():
     found = voxflat.flatten(slivers)
     assert found.metadata["distance_error"] < 0.01
     assert found.metadata["geodesic"] == "marching"
-    assert any("They are measured by fast marching instead" in text for text in found.metadata["warnings"])
+    assert any("Distances are measured by fast marching instead" in text for text in found.metadata["warnings"])
     assert found.distortion.reference == "exact"
     assert found.distortion.raw.relative_error < 1e-3 < asked.distortion.raw.relative_error
     exact = voxflat.flatten(slivers, method=Voxflat(geodesic="exact"))

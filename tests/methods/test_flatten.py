@@ -31,7 +31,7 @@ def bent_map(bent):
 
 @pytest.fixture(scope="module")
 def head():
-    """The map of the paper's head, and what progress said."""
+    """Return the map of the paper's head, and the progress reports."""
     reports = []
     volume = shapes.depth_surface(shapes.head_depth())
     return grossmann2002(volume, progress=lambda *report: reports.append(report)), reports

@@ -1,4 +1,4 @@
-"""Rows that a map keeps are those that it was made of, as `voxflat.geodesic` measures them, in memory or in a store."""
+"""A map keeps the rows from which it was made, in memory or in a store."""
 
 import composed
 import numpy as np

@@ -1,4 +1,4 @@
-"""A bound on changes of area: what is returned keeps it, triangle by triangle, and all else is refused."""
+"""A bound on area changes holds for every triangle of the map, or an error is raised."""
 
 import pickle
 
@@ -13,13 +13,13 @@ from voxflat.methods import Voxflat
 
 
 def cap(degrees, radius=20.0):
-    """A cap of a sphere, so many degrees from its pole to its border."""
+    """Return a spherical cap with the given angle from its pole to its border."""
     polar = np.radians(np.linspace(degrees, 0, 17)[:-1])
     return turned([(radius * np.sin(angle), radius * np.cos(angle)) for angle in polar], 36, closed=True)
 
 
 def changes(flat):
-    """By which factor each triangle changes its area, at the scale that keeps the whole."""
+    """Return the factor by which the area of each triangle changes, at the scale that preserves the total area."""
 
     def areas(points):
         a, b, c = (points[flat.faces[:, n]] for n in range(3))

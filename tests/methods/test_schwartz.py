@@ -17,7 +17,7 @@ schwartz1989 = {"method": "schwartz1989", "sources": 20}
 
 
 def apart(uv, other):
-    """Return how far two maps are apart (RMS) after the best rotation or reflection."""
+    """Return the RMS distance between two maps after the best rotation or reflection."""
     uv, other = uv - uv.mean(axis=0), other - other.mean(axis=0)
     turn, _ = orthogonal_procrustes(other, uv)
     return np.sqrt(((other @ turn - uv) ** 2).sum(axis=1).mean())
@@ -88,7 +88,7 @@ class TestBadInput:
 
     def test_what_does_not_fit_into_memory_is_refused_with_numbers(self):
         mesh, _ = cylinder((201, 161))
-        told = r"needed, 4.00 GiB is the limit; distances between all pairs of 32361 points are stored.*"
+        told = r"the limit is 4.00 GiB. Distances between all pairs of 32361 points are stored.*"
         how = {"method": Schwartz1989(neighbourhood="all"), "memory_limit": 4 << 30}
         refused(told + "the method 'voxflat'", voxflat.flatten, mesh, **how)
 

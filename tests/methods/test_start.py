@@ -1,4 +1,4 @@
-"""A flat map to start from: what is known already is gone on with, and nothing else than that."""
+"""Optimisation continues from a given flat map."""
 
 import itertools
 from dataclasses import replace
@@ -18,13 +18,13 @@ COLUMNS = 41
 
 
 def hill(columns=COLUMNS):
-    """A hump on a square with edges of 1 mm, a disk."""
+    """Return a hump on a square grid of 1 mm."""
     grid = (columns - 1, columns - 1), (columns, columns)
     return hard_shapes.sheet(lambda u, v: (u, v, 14 * np.exp(-((u - 18) ** 2 + (v - 22) ** 2) / 90)), *grid)
 
 
 def tube():
-    """A tube of 24 times 31 vertices, open at both ends, and their numbers."""
+    """Return an open tube of 24 x 31 vertices, and the numbers of the vertices."""
     place = (2 * np.pi, 30.0)
     points, faces = hard_shapes.sheet(lambda u, v: (4 * np.cos(u), 4 * np.sin(u), v), place, (25, 31))
     return (points[: 24 * 31], faces % (24 * 31)), np.arange(24 * 31).reshape(24, 31)
@@ -128,7 +128,7 @@ def test_a_start_of_another_surface_is_refused_by_name(known):
     refused("the map has 1600 points, but the surface has 1681 vertices", begun, known.uv[:1600])
     other = known.uv.copy()
     other[7] = np.nan
-    told = r"no place for 3 of the 3200 triangles to be flattened, such as that of vertices \[\d"
+    told = r"does not contain 3 of the 3200 triangles to be flattened, such as the triangle of vertices \[\d"
     refused(told, begun, other, relax=False)
 
 

@@ -44,7 +44,7 @@ class TestFlatten:
         ("options", "message"),
         [
             ({"sampling": "best"}, "is 'best'; give 'decimation', 'farthest', 'curvature', 'random' or 'grid'"),
-            ({"sampling": "grid"}, "is not a range image. Make one with voxflat.range_image"),
+            ({"sampling": "grid"}, "is not a range image. Create one with voxflat.range_image"),
             ({"sampling": "grid", "sources": [1, 5, 9]}, "chooses the sources itself"),
             ({"sources": 2}, "2 sources are too few. Pass at least 3"),
             ({"sources": [4, 4, 9]}, "source 4 is given 2 times"),
@@ -157,7 +157,7 @@ class TestRangeImage:
             ({"spacing": (1, np.inf)}, r"spacing is \(1, inf\) mm. Pass numbers"),
             ({"spacing": (1, 2, 3)}, r"spacing is \(1, 2, 3\). Pass one number"),
             ({"spacing": "1"}, "spacing is '1'. Pass one number"),
-            ({"mask": np.ones((2, 2))}, r"mask has shape \(2, 2\), but depth has shape \(9, 9\)"),
+            ({"mask": np.ones((2, 2))}, r"mask has shape \(2, 2\), but depth has \(9, 9\)"),
             ({"mask": np.full((9, 9), 7)}, r"mask \(int64\) has values other than 0 and 1"),
             ({"mask": np.zeros((9, 9), bool)}, r"no triangle .* \(0 of 81 pixels"),
             ({"jump": 0.0}, "jump is 0.0 mm. Pass a positive"),

@@ -1,7 +1,7 @@
 """Progress and cancelling of background tasks, and the deferral of garbage collection while they run."""
 
 import gc
-import threading
+import time
 import weakref
 
 import pytest
@@ -29,16 +29,19 @@ def usual(qapp, monkeypatch):
     if gc.get_threshold()[2] == 0:
         pytest.skip("this Python collects in small steps")
     monkeypatch.setattr(QCursor, "pos", lambda: (0, 0))
-    monkeypatch.setattr(gc, "get_count", lambda: (0, 3, 999))  # nothing is made, and there is enough
-    if _Deferral.one is not None:  # of a test before
-        _Deferral.one._end()
+    monkeypatch.setattr(gc, "get_count", lambda: (0, 3, 999))  # no new objects, and enough garbage
+
+    def end():
+        if _Deferral.one is not None:
+            _Deferral.one._end()
+
+    end()  # of an earlier test
     yield gc.get_threshold()
-    if _Deferral.one is not None:
-        _Deferral.one._end()
+    end()
 
 
 def old_garbage():
-    """Return a function that tells whether garbage of the oldest generation still exists."""
+    """Return a weak reference to garbage of the oldest generation."""
     circle = Circle()
     gc.collect(1)
     gc.collect(1)
@@ -50,9 +53,9 @@ def test_a_full_collection_waits_until_the_window_is_idle(usual):
     assert gc.get_threshold()[:2] == usual[:2]
     assert gc.get_threshold()[2] > usual[2]
     garbage = old_garbage()
-    _Deferral.one.look()  # where the mouse is
+    _Deferral.one.look()  # notes the position of the mouse
     assert garbage() is not None
-    _Deferral.one.look()  # and it has not moved since
+    _Deferral.one.look()  # the mouse has not moved since
     assert garbage() is None
     assert _Deferral.one is None
     assert gc.get_threshold() == usual
@@ -63,7 +66,7 @@ def test_the_collection_waits_for_jobs_and_the_mouse_for_a_limited_time(usual, m
     defer_collections()
     garbage = old_garbage()
     for _ in range(30):
-        defer_collections()  # as a job does, many times between two looks
+        defer_collections()  # as a job does, many times between two checks
         _Deferral.one.look()
     assert garbage() is not None
     monkeypatch.setattr(QCursor, "pos", lambda: (next(places), 0))
@@ -74,9 +77,9 @@ def test_the_collection_waits_for_jobs_and_the_mouse_for_a_limited_time(usual, m
         _Deferral.one.look()
     assert garbage() is not None
     _Deferral.one.look()
-    assert garbage() is not None  # who moves the mouse is not disturbed
+    assert garbage() is not None  # the user, who is moving the mouse, is not disturbed
     assert _Deferral.one is None
-    assert gc.get_threshold() == usual  # the thresholds are those from before
+    assert gc.get_threshold() == usual
 
 
 def test_settings_of_others_are_kept(usual):
@@ -103,16 +106,11 @@ def test_explicit_collections_run_immediately(usual):
     assert garbage() is None
 
 
-class Endless:
-    """Works until it is cancelled."""
-
-    def __init__(self):
-        self.released = threading.Event()
-
-    def run(self, tell):
-        while tell("counting", 3, 7):
-            self.released.wait(0.001)
-        raise Cancelled("cancelled")
+def endless(progress):
+    """Work until it is cancelled."""
+    while progress("counting", 3, 7):
+        time.sleep(0.001)
+    raise Cancelled("cancelled")
 
 
 @pytest.fixture
@@ -125,7 +123,7 @@ def wheel(make_napari_viewer, monkeypatch):
 
 
 def test_the_activity_dock_shows_and_cancels(wheel, qtbot, monkeypatch):
-    worker, errors = JobWorker(Endless().run, "Flatten"), []
+    worker, errors = JobWorker(endless, "Flatten"), []
     worker.errored.connect(errors.append)
     calls = []
     monkeypatch.setattr("voxflat._napari.worker.defer_collections", lambda: calls.append(worker.stage))
@@ -134,9 +132,9 @@ def test_the_activity_dock_shows_and_cancels(wheel, qtbot, monkeypatch):
     (bar,) = progress._all_instances
     qtbot.waitUntil(lambda: (bar.n, bar.total) == (3, 7), timeout=PATIENCE)
     assert bar.desc.startswith("Flatten: counting")
-    assert len(calls) > 1  # as long as it works
-    assert wheel.speed() < 20  # %; each of its frames redraws the complete window
-    bar.cancel()  # as the button there
+    assert len(calls) > 1
+    assert wheel.speed() < 20  # %; each frame redraws the complete window
+    bar.cancel()  # as its button does
     qtbot.waitUntil(lambda: bool(errors), timeout=PATIENCE)
     assert isinstance(errors[0], Cancelled)
     wait_for_threads(qtbot)
@@ -145,7 +143,7 @@ def test_the_activity_dock_shows_and_cancels(wheel, qtbot, monkeypatch):
 
 
 def test_the_spinner_is_slow_while_any_job_runs(wheel, qtbot):
-    workers = [JobWorker(Endless().run, name) for name in ("one", "other")]
+    workers = [JobWorker(endless, name) for name in ("one", "other")]
     for worker in workers:
         worker.start()
     qtbot.waitUntil(lambda: all(worker.is_running for worker in workers), timeout=PATIENCE)
@@ -158,7 +156,7 @@ def test_the_spinner_is_slow_while_any_job_runs(wheel, qtbot):
 
 def test_cancelling_immediately_shows_no_bar(make_napari_viewer, qtbot):
     make_napari_viewer()
-    worker, errors = JobWorker(Endless().run), []
+    worker, errors = JobWorker(endless), []
     worker.errored.connect(errors.append)
     worker.start()
     worker.quit()

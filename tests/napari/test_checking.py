@@ -35,7 +35,7 @@ def test_check_marks_the_handle(open_widget, qtbot):
 def test_measures_of_a_run_and_of_a_patch_of_another_tool(open_widget, qtbot, tmp_path):
     viewer, widget = open_widget(Labels(cap(), name="sheet"))
     _, measured = viewer.window.add_plugin_dock_widget("voxflat", "Measure map")
-    assert measured.table.toPlainText().startswith("No flat map")
+    assert measured.table.toPlainText().startswith("There is no flat map")
     run_whole(widget, qtbot)
     viewer.layers.selection.clear()
     measured.start.click()

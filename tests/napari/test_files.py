@@ -9,6 +9,7 @@ from pathlib import Path
 import itk
 import nibabel as nib
 import numpy as np
+import PIL.Image
 import pytest
 import pyvista
 from fuzz_files import corpus, damaged
@@ -87,15 +88,19 @@ def test_freesurfer_files_open_on_their_surface(subject, viewer, last_of, messag
     assert not messages
 
 
+def hemisphere(side):
+    """A small surface on one side."""
+    points, faces, _ = bumps(9)
+    return Mesh(points - points.mean(axis=0) + np.array([-30.0 if side == "left" else 30.0, 0, 0]), faces)
+
+
 @pytest.mark.parametrize("side", ["left", "right"])
 def test_surfaces_are_seen_upright_from_their_side(viewer, last_of, tmp_path, qtbot, side):
-    points, faces, _ = bumps(9)
-    points = points - points.mean(axis=0) + np.array([-30.0 if side == "left" else 30.0, 0, 0])
     names = [f"{side[0]}h.{kind}" for kind in ("inflated", "pial", "white", "sphere")]  # as dialogs sort them, and not
     for name in names:
-        write_mesh(tmp_path / name, Mesh(points, faces))
+        write_mesh(tmp_path / name, hemisphere(side))
     inflated = last_of(tmp_path / names[0])
-    assert inflated.visible  # alone it is what one wants to see
+    assert inflated.visible  # because there is no other surface
     assert [last_of(tmp_path / name).visible for name in names[1:]] == [True, True, False]
     assert not inflated.visible
     towards = {"left": 1.0, "right": -1.0}[side]
@@ -116,9 +121,7 @@ def test_the_front_is_on_the_side_of_which_a_hemisphere_is(viewer, last_of, tmp_
         qtbot.waitUntil(lambda: viewer.dims.order == (0, 2, 1))
     if before == "a volume that is gone":
         viewer.layers.clear()
-    points, faces, _ = bumps(9)
-    x = -30.0 if side == "left" else 30.0
-    write_mesh(tmp_path / f"{side[0]}h.white", Mesh(points - points.mean(axis=0) + np.array([x, 0, 0]), faces))
+    write_mesh(tmp_path / f"{side[0]}h.white", hemisphere(side))
     surface = last_of(tmp_path / f"{side[0]}h.white")
     qtbot.wait(10)  # what is posted then
     viewer.dims.ndisplay = 3
@@ -197,7 +200,7 @@ def test_values_without_their_surface_say_what_to_open(subject, viewer, last_of,
     shutil.copy(subject / "surf" / "lh.thickness", tmp_path)
     viewer.open(str(tmp_path / "lh.thickness"), plugin="voxflat")
     assert not viewer.layers
-    assert "Open its surface first" in messages[-1].message
+    assert "Open the surface (such as lh.white) first" in messages[-1].message
     points, faces, _ = bumps()
     viewer.add_surface((points[:-1], faces[(faces < len(points) - 1).all(axis=1)]), name="other")
     viewer.open(str(tmp_path / "lh.thickness"), plugin="voxflat")
@@ -225,14 +228,13 @@ def test_damaged_files_give_one_line_messages(subject, viewer, messages, tmp_pat
 
 def write_as(path, values, points, faces):
     """Write a file of the kind that its name indicates: a volume, a surface, or values on one."""
-    name = path.name
+    name, voxels = path.name, np.ones((4, 5, 6), np.uint8)
     if name.endswith((".voxflat", ".npz")):
         voxflat.flatten((points, faces)).save(path)
     elif name.endswith((".nrrd", ".nhdr", ".mha", ".mhd")):
-        itk.imwrite(itk.image_from_array(np.ones((4, 5, 6), np.uint8)), str(path))
+        itk.imwrite(itk.image_from_array(voxels), str(path))
     elif name.endswith((".nii", ".nii.gz", ".mgz")):
-        kind = nib.MGHImage if name.endswith(".mgz") else nib.Nifti1Image
-        nib.save(kind(np.ones((4, 5, 6), np.uint8), np.eye(4)), path)
+        nib.save((nib.MGHImage if name.endswith(".mgz") else nib.Nifti1Image)(voxels, np.eye(4)), path)
     elif name.endswith(".mgh"):
         nib.save(nib.MGHImage(values.astype(np.float32)[:, None, None], np.eye(4)), path)
     elif name.endswith(".annot"):
@@ -241,8 +243,8 @@ def write_as(path, values, points, faces):
     elif name.endswith(".label"):
         path.write_text("#!ascii label\n1\n7 0 0 0 0\n")
     elif name.endswith((".patch.flat", ".patch.3d")):
-        all_ = np.arange(len(points))
-        write_patch(path, Patch(all_, points * [1, 1, 0], patch_border(faces, all_, len(points))))
+        ids = np.arange(len(points))
+        write_patch(path, Patch(ids, points * [1, 1, 0], patch_border(faces, ids, len(points))))
     elif name.endswith((".gii.gz", ".gii")):
         write_mesh(path.with_name("a.surf.gii"), Mesh(points, faces))
         whole = path.with_name("a.surf.gii").read_bytes()
@@ -257,11 +259,15 @@ def write_as(path, values, points, faces):
         nib.freesurfer.write_geometry(path, points, faces)
 
 
-@pytest.mark.parametrize("reader", ["read_flat_map", "read_surface", "read_volume"])
-def test_each_kind_of_file_in_the_manifest_is_read(reader, tmp_path):
+@pytest.fixture
+def contributions():
     PluginManager.instance().discover()  # as napari does when it starts
-    readers = PluginManifest.from_distribution("voxflat").contributions.readers
-    (patterns,) = [one.filename_patterns for one in readers if one.command == f"voxflat.{reader}"]
+    return PluginManifest.from_distribution("voxflat").contributions
+
+
+@pytest.mark.parametrize("reader", ["read_flat_map", "read_surface", "read_volume"])
+def test_each_kind_of_file_in_the_manifest_is_read(reader, contributions, tmp_path):
+    (patterns,) = [one.filename_patterns for one in contributions.readers if one.command == f"voxflat.{reader}"]
     points, faces, values = bumps(9)
     for number, pattern in enumerate(patterns):
         folder = tmp_path / str(number)
@@ -273,18 +279,14 @@ def test_each_kind_of_file_in_the_manifest_is_read(reader, tmp_path):
         assert [len(layer) for layer in layers] == [3] * len(layers), pattern  # of nothing one
 
 
-def test_each_ending_in_the_manifest_is_written(tmp_path):
-    PluginManager.instance().discover()
-    points, faces, _ = bumps(9)
-    flat_map = voxflat.flatten((points, faces))
+def test_each_ending_in_the_manifest_is_written(contributions, tmp_path):
+    flat_map = voxflat.flatten(bumps(9)[:2])
     flat_map.metadata["napari"] = {"layer": "bumps", "world_axes": "RAS", "unit": "millimeter"}
     (heat,) = map_layers(flat_map, "bumps").layers
-    data, keywords, kind = heat
-    for writer in PluginManifest.from_distribution("voxflat").contributions.writers:
-        for ending in writer.filename_extensions:
-            path = str(tmp_path / f"map{ending}")
-            assert io_utils.write(path, [Layer.create(data, keywords, kind)], plugin_name="voxflat") == [path], ending
-            assert Path(path).stat().st_size > 0, ending
+    for ending in (ending for writer in contributions.writers for ending in writer.filename_extensions):
+        path = str(tmp_path / f"map{ending}")
+        assert io_utils.write(path, [Layer.create(*heat)], plugin_name="voxflat") == [path], ending
+        assert Path(path).stat().st_size > 0, ending
 
 
 def test_other_files_are_declined(tmp_path):
@@ -299,8 +301,7 @@ def test_other_files_are_declined(tmp_path):
 
 
 def test_an_opened_map_is_the_current_run(viewer, last_of, tmp_path):
-    points, faces, _ = bumps()
-    flat_map = voxflat.flatten((points, faces))
+    flat_map = voxflat.flatten(bumps()[:2])
     for name in ("a", "b"):
         flat_map.save(tmp_path / f"{name}.voxflat")
         last_of(tmp_path / f"{name}.voxflat")
@@ -314,8 +315,7 @@ def test_an_opened_map_is_the_current_run(viewer, last_of, tmp_path):
 
 
 def test_a_map_is_saved_and_read_by_others(viewer, last_of, tmp_path):
-    points, faces, _ = bumps()
-    flat_map = voxflat.surface((points, faces)).disk(312, 15).flatten()
+    flat_map = voxflat.surface(bumps()[:2]).disk(312, 15).flatten()
     flat_map.save(tmp_path / "map.voxflat")
     heat = last_of(tmp_path / "map.voxflat")
     viewer.layers.selection = set(viewer.layers)  # all of one map
@@ -335,18 +335,15 @@ def test_a_map_is_saved_and_read_by_others(viewer, last_of, tmp_path):
     volume = nib.load(tmp_path / "heat.nii")
     assert_allclose(volume.get_fdata()[:, :, 0], image.data, rtol=1e-6)
     assert_allclose(volume.affine, image.affine)
-    from PIL import Image
-
-    assert_allclose(np.asarray(Image.open(tmp_path / "heat.tif")), image.data, rtol=1e-6)
-    assert Image.open(tmp_path / "heat.png").size == image.data.shape[::-1]
+    assert_allclose(np.asarray(PIL.Image.open(tmp_path / "heat.tif")), image.data, rtol=1e-6)
+    assert PIL.Image.open(tmp_path / "heat.png").size == image.data.shape[::-1]
 
 
 def test_commands_of_the_palette_ask_for_a_file(subject, viewer, last_of, qtbot, tmp_path, monkeypatch):
     from napari._app_model import get_app_model
 
-    points, faces, _ = bumps()
     for ending in ("voxflat", "npz"):
-        voxflat.flatten((points, faces)).save(tmp_path / f"map.{ending}")
+        voxflat.flatten(bumps()[:2]).save(tmp_path / f"map.{ending}")
     viewer.layers.selection = {last_of(tmp_path / "map.voxflat")}
     nib.save(nib.Nifti1Image(np.ones((4, 5, 6), np.uint8), np.eye(4)), tmp_path / "ones.nii")
     paths = [tmp_path / "again.voxflat", tmp_path / "again.nii", subject / "surf" / "lh.white", tmp_path / "ones.nii"]

@@ -10,8 +10,19 @@ import dask.array as da
 import numpy as np
 import pytest
 from napari.layers import Image, Labels, Surface
-from napari_maps import same_map
-from napari_window import DOCKS, FLIP, PATIENCE, bumps, cap, choose, open_file, run, run_whole, wait_for_threads
+from napari_window import (
+    DOCKS,
+    FLIP,
+    PATIENCE,
+    bumps,
+    cap,
+    choose,
+    open_file,
+    run,
+    run_whole,
+    same_map,
+    wait_for_threads,
+)
 from npe2 import PluginManifest
 from numpy.testing import assert_allclose, assert_array_equal
 from qtpy.QtGui import QShortcut

@@ -1,27 +1,30 @@
 """Annotations of the volume on the map, and the outline of the map in the volume."""
 
-import composed
 import numpy as np
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from napari.layers import Image, Points, Shapes, Surface
-from napari_window import PATIENCE, bumps, open_file, run, sphere, wait_for_picture, wait_for_threads, wait_until_drawn
+from napari_window import (
+    PATIENCE,
+    bumps,
+    open_file,
+    prepared_map_of,
+    run,
+    sphere,
+    wait_for_picture,
+    wait_for_threads,
+    wait_until_drawn,
+)
 from numpy.testing import assert_allclose, assert_array_equal
 from qtpy.QtCore import Qt
 
 import voxflat
 from voxflat._napari.map_viewer.annotations import FAR, Annotation, on_map
 from voxflat._napari.map_viewer.patch_outline import edges, in_slice, width
-from voxflat._napari.map_viewer.prepared_map import PreparedMap
 from voxflat._napari.map_viewer.viewer_parts import canvas_widget
-from voxflat._napari.results.flat_layers import FlatLayers, Run
 
 RADIUS = 20.0
-
-
-def prepared_map_of(points, faces, **how):
-    return PreparedMap.of(Run(FlatLayers(composed.flatten((points, faces), sources=20, **how), []), "it"))
 
 
 @pytest.fixture(scope="module")
@@ -181,8 +184,7 @@ def test_the_map_follows_what_is_drawn_in_the_volume(flattened, qtbot):
     wait_for_picture(dock, qtbot)
     assert len(marked.data) == 1
     foci.visible = False
-    run(widget, qtbot)
-    wait_for_picture(dock, qtbot)
+    run(widget, qtbot, dock)
     flat_map = dock.prepared.run.flat_map
     same(dots(dock, qtbot), points[[90]])
     dock._on_map_clicked(*expected(points[30]))
@@ -245,8 +247,7 @@ def test_the_part_is_outlined_in_the_volume(flattened, qtbot):
     assert len(np.unique(colours, axis=0)) == 1  # all of it is cut
     assert np.linalg.norm(starts, axis=1).min() > 19  # outside, so that the surface does not hide it
 
-    run(widget, qtbot)  # the next map's
-    wait_for_picture(dock, qtbot)
+    run(widget, qtbot, dock)  # of the next map
     assert len(seen()[0]) == len(edges(dock.prepared)[1])
     canvas = canvas_widget(dock)
     for where in (canvas, dock.canvas):  # keys work in both
@@ -270,8 +271,7 @@ def test_the_part_is_outlined_in_the_volume(flattened, qtbot):
 
 
 def test_the_map_of_a_file_is_painted_and_outlined(qtbot, tmp_path, make_napari_viewer):
-    points, faces, _ = bumps(9)
-    voxflat.flatten((points, faces), method=voxflat.methods.Voxflat(sources=20)).save(tmp_path / "map.voxflat")
+    voxflat.flatten(bumps(9)[:2], method=voxflat.methods.Voxflat(sources=20)).save(tmp_path / "map.voxflat")
     viewer = make_napari_viewer(show=True)
     open_file(viewer, qtbot, tmp_path / "map.voxflat")
     _, dock = viewer.window.add_plugin_dock_widget("voxflat", "Flat map")

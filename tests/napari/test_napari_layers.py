@@ -32,13 +32,6 @@ def test_affine_agrees_with_the_layer(kind, transform):
         assert_allclose(affine[:3, :3] @ voxel + affine[:3, 3], layer.data_to_world(voxel), atol=1e-9)
 
 
-def test_multiscale_takes_its_finest_level():
-    fine = np.random.default_rng(0).random((8, 8, 8))
-    volume = LayerVolume.of(Image([fine, fine[::2, ::2, ::2]], multiscale=True, scale=(2, 2, 2))).read()
-    assert_array_equal(volume.data, fine)
-    assert_allclose(volume.affine, np.diag([2, 2, 2, 1]))
-
-
 def test_units_become_millimetres():
     data = np.ones((4, 4, 4))
     microns = LayerVolume.of(Image(data, scale=(250, 250, 500), translate=(1000, 0, 0), units="micrometer"))

@@ -32,10 +32,9 @@ from voxflat._napari.map_viewer.dock import FlatMapDock
 from voxflat._napari.viewer_state import ViewerState
 
 RUNS = DOCKS[:2]
-FEW, STEPS = (3, 16), 25  # sequences in `make test` and actions in each; actions in each of more
+FEW, STEPS = (3, 16), 25  # sequences in `make test`, and actions in each; actions in each of the others
 NUMBER = st.integers(0, 10**6)
 SHARE = st.floats(0, 1)
-
 
 LAYERS = {
     "labels": lambda: Labels(cap(12), name="sheet"),
@@ -66,6 +65,10 @@ def saved(tmp_path_factory):
     return [folder / "map.voxflat", folder / "atlas.voxflat"]
 
 
+def one_of(things, number):
+    return [things[number % len(things)]] if things else []
+
+
 class Window(RuleBasedStateMachine):
     """A user of napari's window; `make_viewer`, `qtbot`, `saved` and `failures` are set by the test."""
 
@@ -87,12 +90,13 @@ class Window(RuleBasedStateMachine):
         self.viewer.add_layer(LAYERS[kind]())
 
     def _layer(self, number):
-        return self.viewer.layers[number % len(self.viewer.layers)] if self.viewer.layers else None
+        """Return a list with one layer, or an empty list."""
+        return one_of([*self.viewer.layers], number)
 
     @rule(number=NUMBER)
     def delete(self, number):
-        if self.viewer.layers:
-            self.viewer.layers.remove(self._layer(number))
+        for layer in self._layer(number):
+            self.viewer.layers.remove(layer)
 
     @rule(sure=st.sampled_from([False, False, True]))
     def delete_all(self, sure):
@@ -101,24 +105,22 @@ class Window(RuleBasedStateMachine):
 
     @rule(number=NUMBER, name=st.sampled_from(["a", "pial", "inflated", "<b>"]))
     def rename(self, number, name):
-        if self.viewer.layers:
-            self._layer(number).name = name
+        for layer in self._layer(number):
+            layer.name = name
 
     @rule(number=NUMBER)
     def select(self, number):
-        self.viewer.layers.selection.active = self._layer(number)
+        self.viewer.layers.selection.active = next(iter(self._layer(number)), None)
 
     @rule(number=NUMBER)
     def hide_or_show(self, number):
-        if self.viewer.layers:
-            layer = self._layer(number)
+        for layer in self._layer(number):
             layer.visible = not layer.visible
 
     @rule(number=NUMBER, label=st.integers(0, 4))
     def paint(self, number, label):
         layers = [layer for layer in self.viewer.layers if isinstance(layer, Labels) and layer.ndim == 3]
-        if layers:
-            layer = layers[number % len(layers)]
+        for layer in one_of(layers, number):
             layer.selected_label = label
             layer.paint((3, 3, 3), label)
 
@@ -147,46 +149,42 @@ class Window(RuleBasedStateMachine):
     @rule(number=NUMBER)
     def close(self, number):
         self._find_docks()
-        if self.docks:
-            self.viewer.window.remove_dock_widget(self.docks.pop([*self.docks][number % len(self.docks)]))
+        for name in one_of([*self.docks], number):
+            self.viewer.window.remove_dock_widget(self.docks.pop(name))
 
     @rule(number=NUMBER, entry=NUMBER)
     def choose(self, number, entry):
-        box = self._one_of(QComboBox, number)
-        if box is not None and box.count():
-            box.setCurrentIndex(entry % box.count())
-            box.activated.emit(box.currentIndex())
+        for box in self._field(QComboBox, number):
+            if box.count():
+                box.setCurrentIndex(entry % box.count())
+                box.activated.emit(box.currentIndex())
 
     @rule(number=NUMBER)
     def press(self, number):
-        button = self._one_of(QAbstractButton, number)
-        if button is not None:
+        for button in self._field(QAbstractButton, number):
             button.click()
 
     @rule(number=NUMBER, steps=st.integers(-3, 3))
     def turn(self, number, steps):
-        box = self._one_of(QAbstractSpinBox, number)
-        if box is not None:
+        for box in self._field(QAbstractSpinBox, number):
             box.stepBy(steps)
 
     @rule(number=NUMBER, at=SHARE)
     def slide(self, number, at):
-        slider = self._one_of(QSlider, number)
-        if slider is not None:
+        for slider in self._field(QSlider, number):
             slider.setValue(round(slider.minimum() + at * (slider.maximum() - slider.minimum())))
 
     @rule(number=NUMBER)
     def choose_a_cut(self, number):
-        table = self._one_of(QTableWidget, number)
-        if table is not None and table.rowCount():
-            table.setCurrentCell(number % table.rowCount(), 0)
+        for table in self._field(QTableWidget, number):
+            if table.rowCount():
+                table.setCurrentCell(number % table.rowCount(), 0)
 
     @rule(name=st.sampled_from(RUNS))
     def run(self, name):
         self._ready_to_run(name).start.click()
 
-    # which docks are open depends on when a run ends: what is done with a dock is no precondition, or it would not be
-    # the same twice
+    # Open docks are not preconditions of rules: they depend on when a run ends, so a sequence could not be repeated.
 
     @rule(stops=st.lists(NUMBER, max_size=3))
     def draw_cuts(self, stops):
@@ -297,21 +295,18 @@ class Window(RuleBasedStateMachine):
 
     def teardown(self):
         error = sys.exc_info()[1]
-        if isinstance(error, Exception):  # not what Hypothesis ends a sequence by
+        if isinstance(error, Exception):  # Hypothesis ends a sequence with another BaseException
             self.failures.append(error)
         try:
-            if hasattr(self, "viewer"):
-                self._leave(waiting=error is None)
+            if hasattr(self, "viewer") and error is None:
+                self.be_patient()
+                self.viewer.close()
+                wait_for_threads(self.qtbot)
+                self.nothing_went_wrong()
+            elif hasattr(self, "viewer"):
+                self.viewer.close()
         finally:
             sys.excepthook = self._hook
-
-    def _leave(self, waiting):
-        if waiting:
-            self.be_patient()
-        self.viewer.close()
-        if waiting:
-            wait_for_threads(self.qtbot)
-            self.nothing_went_wrong()
 
     def _find_docks(self):
         """Update the open docks: the first map opens one automatically."""
@@ -319,12 +314,11 @@ class Window(RuleBasedStateMachine):
         for name, dock in self.viewer.window.dock_widgets.items():
             self.docks |= {own: dock for own in DOCKS if name.startswith(own)}
 
-    def _one_of(self, kind, number):
-        """Return one of the fields of the docks that is enabled."""
+    def _field(self, kind, number):
+        """Return a list with one of the enabled fields of the docks, or an empty list."""
         self._find_docks()
         parts = [part for dock in self.docks.values() for part in dock.findChildren(kind)]
-        usable = [part for part in parts if part.isEnabled() and part.isVisibleTo(part.window())]
-        return usable[number % len(usable)] if usable else None
+        return one_of([part for part in parts if part.isEnabled() and part.isVisibleTo(part.window())], number)
 
 
 def test_any_sequence_of_actions(make_napari_viewer, qtbot, saved, request, monkeypatch):
@@ -335,21 +329,13 @@ def test_any_sequence_of_actions(make_napari_viewer, qtbot, saved, request, monk
     given = {"make_viewer": staticmethod(make_napari_viewer), "qtbot": qtbot, "saved": saved, "failures": failures}
     machine = type("Window", (Window,), given)
     sequences = request.config.getoption("sequences")
-    few = {"derandomize": True, "database": None}
+    few = {"max_examples": FEW[0], "stateful_step_count": FEW[1], "derandomize": True, "database": None}
+    how = {"max_examples": sequences, "stateful_step_count": STEPS} if sequences else few
+    phases = [Phase.explicit, Phase.reuse, Phase.generate]  # shrinking would open many windows
+    how |= {"deadline": None, "phases": phases, "suppress_health_check": [*HealthCheck]}
     try:
-        run_state_machine_as_test(
-            machine,
-            settings=settings(
-                max_examples=sequences or FEW[0],
-                stateful_step_count=STEPS if sequences else FEW[1],
-                deadline=None,
-                phases=[Phase.explicit, Phase.reuse, Phase.generate],  # to shrink takes many windows
-                suppress_health_check=[*HealthCheck],
-                **({} if sequences else few),
-            ),
-        )
-    except Flaky as flaky:
-        # of a failure within steps that once went well Hypothesis tells no more than that they stopped earlier
+        run_state_machine_as_test(machine, settings=settings(**how))
+    except Flaky as flaky:  # Hypothesis reports only that steps which once succeeded have failed
         if failures:
             raise failures[-1] from flaky
         raise

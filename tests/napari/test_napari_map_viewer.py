@@ -64,7 +64,7 @@ def test_map_and_volume_are_linked(flattened, qtbot, unit):
         viewer.reset_view()
         qtbot.wait(50)
         to_map(dock, qtbot, u, v)
-        marked = dock.link.to_world(dock.link._marked)  # the map's pixels are others where the dock's size is
+        marked = dock.link.to_world(dock.link._marked)  # another place if the size of the dock has changed
         view = viewer.window._qt_viewer.canvas.view
         shown = [marked[axis] for axis in reversed(viewer.dims.displayed)]
         at = [*shown, 0, 1] if ndisplay == 2 else [*shown, 1]
@@ -195,10 +195,9 @@ def test_contents_of_the_map(flattened, qtbot):
 
 
 def test_depths_are_sampled_and_only_the_latest_is_shown(flattened, qtbot):
-    points, faces = sphere(150)
     along = np.linalg.norm(np.indices((60, 60, 60)) - 29.5, axis=0).astype(np.float32)
     layer = Image(along, name="r", translate=(-29.5, -29.5, -29.5))
-    viewer, _, dock = flattened(layer, Surface((points, faces), name="ball"))
+    viewer, _, dock = flattened(layer, Surface(sphere(150), name="ball"))
     assert dock.contents.content is viewer.layers["r"]
     for depth in (-2, 1, 3):
         dock.depths.setValue(depth)
@@ -213,16 +212,14 @@ def widgets_in(viewer):
 
 
 def test_a_run_replaces_the_earlier_one_or_both_are_kept(flattened, qtbot):
-    points, faces, values = bumps(13)
-    viewer, widget, dock = flattened(Surface((points, faces, values), name="bumps"))
+    viewer, widget, dock = flattened(Surface(bumps(13), name="bumps"))
     layers = list(viewer.layers)
     state = ViewerState.of(viewer)
     widget.form.options.sources.setValue(40)
     run(widget, qtbot)
     widgets = widgets_in(viewer)
     for _ in range(2):
-        run(widget, qtbot)
-    wait_for_picture(dock, qtbot)
+        run(widget, qtbot, dock)
     assert list(viewer.layers) == layers  # the same, with other data
     assert viewer.layers["bumps distortion"].metadata["voxflat"] is state.current.flat_map
     assert dock.prepared.run is state.current
@@ -230,8 +227,7 @@ def test_a_run_replaces_the_earlier_one_or_both_are_kept(flattened, qtbot):
     assert not dock.runs.isVisible()
 
     dock.keep.click()
-    run(widget, qtbot)
-    wait_for_picture(dock, qtbot)
+    run(widget, qtbot, dock)
     names = [layer.name for layer in viewer.layers]
     assert names == ["bumps", *(f"bumps {kind}{of}" for of in ("", " [1]") for kind in ("flattened", "distortion"))]
     assert dock.runs.isVisible()
@@ -257,8 +253,7 @@ def test_a_run_replaces_the_earlier_one_or_both_are_kept(flattened, qtbot):
 
 
 def test_layers_have_controls_unless_they_are_not_added(make_napari_viewer, qtbot):
-    points, faces, _ = bumps(9)
-    layers = map_layers(voxflat.flatten((points, faces), method=voxflat.methods.Voxflat(sources=20)), "it")
+    layers = map_layers(voxflat.flatten(bumps(9)[:2], method=voxflat.methods.Voxflat(sources=20)), "it")
     viewer = make_napari_viewer()
     state, controls = ViewerState.of(viewer), viewer.window._qt_viewer.controls
     state.add(Run(layers, "it"))
@@ -318,8 +313,7 @@ def test_the_surface_has_the_colours_of_the_map(flattened, qtbot):
     assert not viewer.layers["bumps"].visible
 
     choose(widget.form.patch, "values")  # the next map, of fewer points, takes the layer over
-    run(widget, qtbot)
-    wait_for_picture(dock, qtbot)
+    run(widget, qtbot, dock)
     assert len(layer.vertices) == len(dock.prepared.points) < len(points)
     assert layer.vertex_colors.shape == (len(layer.vertices), 4)
     assert layer.metadata["voxflat"] is dock.prepared.run.flat_map

@@ -1,13 +1,12 @@
 """The napari plugin flattens meshes."""
 
 import composed
-import doors
 import numpy as np
 import pytest
 from napari.layers import Image, Surface
-from napari_maps import same_map
-from napari_window import bumps, choose, choose_whole, run, run_whole, sphere
+from napari_window import bumps, choose, choose_whole, run, run_whole, same_map, sphere
 from numpy.testing import assert_allclose, assert_array_equal
+from triangle_meshes import ON_BOWL, write_bowl
 
 import voxflat
 from voxflat._napari.layers.volumes import LayerVolume
@@ -39,13 +38,13 @@ def test_mesh_result_is_that_of_the_library(open_widget, qtbot):
 
 def test_the_form_gives_the_same_map_as_the_other_interfaces(open_widget, qtbot, tmp_path):
     """The mesh and options of `test_the_same_map_through_every_door`: the same arrays, bit by bit."""
-    mesh = read_mesh(doors.write_mesh(tmp_path / "bowl.vtp"))
+    mesh = read_mesh(write_bowl(tmp_path / "bowl.vtp"))
     viewer, widget = open_widget(Surface((mesh.points, mesh.faces), name="bowl"))
     choose_whole(widget)
-    for name, value in doors.OPTIONS.items():
+    for name, value in ON_BOWL.items():
         getattr(widget.form.options, name).setValue(value)
     run(widget, qtbot)
-    found, own = ViewerState.of(viewer).current.flat_map, composed.flatten(str(tmp_path / "bowl.vtp"), **doors.OPTIONS)
+    found, own = ViewerState.of(viewer).current.flat_map, composed.flatten(str(tmp_path / "bowl.vtp"), **ON_BOWL)
     for name in ("uv", "ids", "faces", "points"):
         assert getattr(found, name).tobytes() == getattr(own, name).tobytes()
     assert found.distortion.per_point.tobytes() == own.distortion.per_point.tobytes()
@@ -87,10 +86,9 @@ def test_disk_of_a_mesh_in_microns(open_widget, qtbot):
 
 
 def test_closed_surface_is_cut_open_with_a_warning(open_widget, qtbot):
-    points, faces = sphere(100)
-    viewer, widget = open_widget(Surface((points, faces), name="ball"))
+    viewer, widget = open_widget(Surface(sphere(100), name="ball"))
     run_whole(widget, qtbot)
-    expected = voxflat.flatten((points, faces))
+    expected = voxflat.flatten(sphere(100))
     same_map(viewer.layers["ball distortion"], expected)
     (warning,) = (text for text in expected.metadata["warnings"] if "cut open" in text)
     assert warning[1:] in widget.results.warnings.text()

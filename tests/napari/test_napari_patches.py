@@ -1,13 +1,12 @@
 """*Flatten in patches* in napari's real window."""
 
-import time
 from functools import partial
 
 import numpy as np
 import pytest
 import shapes
 from napari.layers import Image, Labels, Surface
-from napari_window import PATIENCE, bumps, choose, open_file, run, sphere
+from napari_window import PATIENCE, choose, open_file, run, sphere
 from numpy.testing import assert_allclose, assert_array_equal
 
 import voxflat
@@ -62,8 +61,7 @@ def test_result_is_that_of_the_library(open_widget, qtbot, tmp_path, monkeypatch
 
 
 def test_colours_of_patches_are_the_same_on_page_and_surface(open_widget, qtbot):
-    points, faces = sphere()
-    viewer, widget = open_widget(Surface((points, faces), name="ball"))
+    viewer, widget = open_widget(Surface(sphere(), name="ball"))
     limit(widget, "count", 40)
     run(widget, qtbot)
     surface, patches = viewer.layers["ball in patches"], viewer.layers["ball patches"]
@@ -156,20 +154,6 @@ def test_bad_input_gives_a_one_line_message(open_widget, qtbot, messages):
     assert "too few" in messages[-1].message
     assert "\n" not in messages[-1].message
     assert len(viewer.layers) == 1
-
-
-def test_cancel_is_prompt(open_widget, qtbot):
-    points, faces, _ = bumps(200)
-    viewer, widget = open_widget(Surface((points, faces), name="bumps"))
-    limit(widget, "count", 200)  # many angles are tried
-    widget.start.click()
-    qtbot.waitUntil(lambda: widget.bar.value() > 0, timeout=PATIENCE)
-    before = time.perf_counter()
-    widget.stop.click()
-    qtbot.waitUntil(widget.start.isEnabled, timeout=5_000)
-    assert time.perf_counter() - before < 1
-    assert widget.status.text() == "Cancelled"
-    assert [layer.name for layer in viewer.layers] == ["bumps"]
 
 
 def test_glued(open_widget, qtbot):

@@ -34,12 +34,12 @@ def pictures(request, tmp_path):
 
 @pytest.fixture
 def window(make_napari_viewer, qtbot):
-    """A function that opens a window of a size and theme, and returns the viewer and a simulated user."""
+    """A function that opens a window of a size, and returns the viewer and a simulated user."""
 
-    def opened(size, theme):
+    def opened(size):
         viewer = make_napari_viewer(show=True)
         viewer.window._qt_window.resize(*size)
-        viewer.theme = theme
+        viewer.theme = "dark"
         wait_until_drawn(viewer, qtbot)
         return viewer, Hand(viewer.window, qtbot)
 
@@ -128,6 +128,11 @@ def flatten(hand, viewer):
     return flat
 
 
+def show(hand, flat, name):
+    hand.choose(flat.contents, name)
+    hand.wait(lambda: flat.is_drawn)
+
+
 def point_at(hand, flat, row):
     """Point into a triangle at a vertex until the line below the map describes the place."""
     flat_map = flat.prepared.run.flat_map
@@ -146,7 +151,7 @@ def parts_of(flat):
 
 
 def test_a_freesurfer_directory(window, subject, pictures, look, tmp_path):
-    viewer, hand = window(SMALL, "dark")
+    viewer, hand = window(SMALL)
     open_files(hand, viewer, *(subject / f"lh.{name}" for name in ("pial", "inflated", "white", "thickness")))
     hand.menu("Layers", "Transform", "Flatten surface (voxflat)")
     widget = dock(viewer, "Flatten surface")
@@ -165,18 +170,15 @@ def test_a_freesurfer_directory(window, subject, pictures, look, tmp_path):
     expected = voxflat.surface(str(subject / "lh.white"), pial=str(subject / "lh.pial"))
     assert_array_equal(flat_map.uv, voxflat.flatten(expected).uv)
     assert flat.contents.currentText() == "lh.thickness"
-    hand.choose(flat.contents, "Distances")
-    hand.wait(lambda: flat.is_drawn)
-    hand.wheel(canvas_widget(flat), -5)  # beside the dock less is to be seen
+    show(hand, flat, "Distances")
+    hand.wheel(canvas_widget(flat), -5)  # because the dock leaves less room
     point_at(hand, flat, len(flat_map) // 2)
     assert (flat.prepared.side, {one.letter for one in flat.prepared.directions}) == ("L", {"A", "S"})
     hand.picture(pictures / "napari_map.png")
     look(hand, viewer, "map", *parts_of(flat))
-    hand.choose(flat.contents, "lh.thickness")
-    hand.wait(lambda: flat.is_drawn)
+    show(hand, flat, "lh.thickness")
     hand.picture(pictures / "napari_thickness.png")
-    hand.choose(flat.contents, "Areas")
-    hand.wait(lambda: flat.is_drawn)
+    show(hand, flat, "Areas")
     hand.picture(tmp_path / "napari_areas.png")
 
     # cuts of one's own
@@ -228,7 +230,7 @@ def test_a_freesurfer_directory(window, subject, pictures, look, tmp_path):
 
 
 def test_the_demo_cortex(window, pictures, look, request):
-    viewer, hand = window(LARGE, "dark")
+    viewer, hand = window(LARGE)
     hand.menu("File", "Open Sample", "Demo cortex (MNI152) (voxflat)")
     hand.wait(lambda: len(viewer.layers) == 3)
     hand.menu("Layers", "Transform", "Flatten surface (voxflat)")

@@ -1,22 +1,19 @@
 """Prepared maps without a window: intersections with rays, and measures, compared with exact values."""
 
-from dataclasses import replace
 from itertools import pairwise
 
-import composed
 import dask.array as da
 import numpy as np
 import pytest
 import zarr
 from napari.layers import Image
-from numpy.testing import assert_allclose
+from napari_window import prepared_map_of
+from numpy.testing import assert_allclose, assert_array_equal
 from textures import grid
 
 from voxflat._napari.layers.sampled import shown
+from voxflat._napari.layers.volumes import LayerVolume
 from voxflat._napari.map_viewer.contents import drawing
-from voxflat._napari.map_viewer.prepared_map import PreparedMap
-from voxflat._napari.results.flat_layers import Run
-from voxflat._napari.results.maps import map_layers
 from voxflat.distortion.triangles import angle_changes
 
 
@@ -31,13 +28,6 @@ def folded():
         walls += [[d, c, a], *([d, n + 1, n] for n in range(a, b))]
     points = np.concatenate([fine, coarse + np.array([0, 0, 4])])
     return points, np.concatenate([faces, coarser[:, ::-1] + len(fine), walls])
-
-
-def prepared_map_of(points, faces, **how):
-    flat_map = composed.flatten((points, faces), sources=20, **how)
-    told = {"layer": "it", "world_axes": "RAS", "unit": "millimeter"}
-    flat_map = replace(flat_map, metadata={**flat_map.metadata, "napari": told})
-    return PreparedMap.of(Run(map_layers(flat_map, "it"), "it"))
 
 
 def test_a_ray_meets_the_triangle_in_front_however_large_it_is():
@@ -80,6 +70,9 @@ def test_only_chunks_at_the_surface_are_read(kind):
     else:
         levels = [zarr.array(level, chunks=(1, 8, 8, 8)) for level in levels]
     layer = Image(levels, multiscale=True, units=("pixel", *("um",) * 3), scale=(1, 250, 250, 250), name="microscope")
+    volume = LayerVolume.of(layer, step=(1,)).read()
+    assert_array_equal(volume.data, channels[1])  # of the finest level
+    assert_allclose(volume.affine, np.diag([0.25, 0.25, 0.25, 1]))
     points, faces = grid(21, 21, 0.25)  # mm: voxels 2 to 22 of 0.25 mm
     prepared = prepared_map_of(points + np.array([0.5, 0.5, 3.1]), faces)
     read.clear()

@@ -1,4 +1,4 @@
-"""Maps in a browser: what the page holds, and what it shows and says, in headless Chromium."""
+"""Maps in a browser: the contents of a page, and its display in headless Chromium."""
 
 import html
 import json
@@ -107,7 +107,7 @@ def test_the_page_fits_and_is_drawn(width, dark, tmp_path):
     page = tmp_path / "page.html"
     text = leaning.voxflat.show("Leaning", relax=False).html.replace("</body>", f"{SEEN}</body>")
     frame = f'<iframe srcdoc="{html.escape(text)}" style="border: 0; width: {width}px; height: 844px"></iframe>'
-    page.write_text(f"<!doctype html><body>{frame}</body>")  # windows of Chromium are 500 pixels wide at least
+    page.write_text(f"<!doctype html><body>{frame}</body>")  # windows of Chromium are at least 500 pixels wide
     scheme = f"--blink-settings=preferredColorScheme={0 if dark else 1}"
     said, drawn = console_of(page, "--window-size=1400,900", scheme)
     assert said == []
@@ -117,14 +117,14 @@ def test_the_page_fits_and_is_drawn(width, dark, tmp_path):
     assert (sum(map(int, re.findall(r"\d+", seen["ground"]))) < 200) == dark
     assert float(re.search(r'data-beyond="([^"]*)"', drawn)[1]) <= 0
     normal = pv.Plane().rotate_x(40).rotate_z(70).point_normals[0]
-    assert abs(np.dot(seen["away"], normal)) > 0.95  # as the map is seen
+    assert abs(np.dot(seen["away"], normal)) > 0.95  # the view direction of the map
     assert float(re.search(r'data-above="([^"]*)"', drawn)[1]) < -0.99
 
 
 def test_labels_stay_labels_and_numbers_exact():
     plane = pv.Plane(i_resolution=12, j_resolution=12).triangulate()
     middle = plane.cell_centers().points
-    plane.cell_data["code"] = np.where(middle[:, 0] < 0.2, 16_711_680, 3)  # colours of an annotation, say
+    plane.cell_data["code"] = np.where(middle[:, 0] < 0.2, 16_711_680, 3)  # such as colours of an annotation
     plane.cell_data["one"] = np.arange(plane.n_cells) == 100
     plane.cell_data["height"] = middle[:, 1]
     plane.point_data["number"] = 10**9 + np.arange(plane.n_points)
@@ -166,13 +166,13 @@ def test_large_maps_make_no_large_pages():
     plane = pv.Plane(i_size=200, j_size=200, i_resolution=count, j_resolution=count).triangulate()
     plane.clear_data()
     plane.point_data["surface_points"] = np.asarray(plane.points, dtype=np.float64)
-    plane.point_data["value"] = np.random.default_rng(0).random(plane.n_points)  # does not shrink
+    plane.point_data["value"] = np.random.default_rng(0).random(plane.n_points)  # random values cannot be compressed
     assert plane.n_points > 90_000
     assert len(browser_page(plane, "plane").html) < 1e6
 
 
 def test_what_cannot_be_a_page_is_refused(flat, tmp_path):
-    refused(r"map\.txt: cannot save a page", flat.voxflat.export_html, tmp_path / "map.txt")
+    refused(r"map\.txt: unknown file name ending '\.txt'", flat.voxflat.export_html, tmp_path / "map.txt")
     refused("radius: the mesh is already a flat map", flat.voxflat.show, radius=2.0)
     bare = flat.copy()
     for data in (bare.point_data, bare.cell_data):

@@ -28,20 +28,20 @@ PLACES = {
 
 
 def sheet(shape=SHAPE):
-    """A curved sheet, one voxel thick, with a height of its own along each axis."""
+    """Return a curved sheet, one voxel thick, with a different height along each axis."""
     i, j, k = np.indices(shape)
     return (k == np.rint(4 + 3 * np.sin(i / 7) * np.cos(j / 30)).astype(int)).astype(np.uint8)
 
 
 def solid(shape=SHAPE):
-    """What lies below a smooth surface, away from the volume's border."""
+    """Return the voxels below a smooth surface, away from the border of the volume."""
     i, j, k = np.indices(shape)
     inside = (k <= 5 + 2 * np.sin(i / 5) * np.cos(j / 6)) & (np.minimum(i, j) > 0) & (i < 19) & (j < 25) & (k > 0)
     return inside.astype(np.uint8)
 
 
 def bumpy():
-    """A mesh of triangles with bumps, 40 by 30 mm, and arrays of many kinds."""
+    """Return a triangle mesh with bumps, 40 by 30 mm, and arrays of many kinds."""
     mesh = pv.Plane(i_size=40.0, j_size=30.0, i_resolution=20, j_resolution=15).triangulate()
     mesh.points[:, 2] = 3 * np.sin(mesh.points[:, 0] / 6) * np.cos(mesh.points[:, 1] / 9)
     mesh["height"] = mesh.points[:, 2].copy()
@@ -61,7 +61,7 @@ def image_of(volume, in_cells=False, name="labels", turn=None, **place):
 
 
 def fresh(code):
-    """Run code in a process of its own and return what it prints."""
+    """Run code in a new process and return its output."""
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120)
     assert done.returncode == 0, done.stderr
     return done.stdout.split()
@@ -77,14 +77,14 @@ def flat_map(request, image):
     if request.param == "grossmann2002":
         return image.voxflat.flatten(method=voxflat.methods.Grossmann2002(sources=60))
     flat_map = image_of(solid()).voxflat.flatten(seed_point=(10, 13, 6), radius=10.0)
-    assert flat_map.metadata["method"] == "voxflat"  # as of the functions
+    assert flat_map.metadata["method"] == "voxflat"  # the default method
     return flat_map
 
 
 @pytest.mark.parametrize("in_cells", [False, True], ids=["points", "cells"])
 @pytest.mark.parametrize("place", PLACES.values(), ids=PLACES)
 def test_points_lie_where_vtk_has_them(place, in_cells):
-    """Those of voxels lie at their centres, the finer ones of a surface at most a voxel from them along each axis."""
+    """Voxels are at their centres; subvoxel positions are at most one voxel away along each axis."""
 
     def apart(volume, **how):
         image = image_of(volume, in_cells, **place)
@@ -173,15 +173,15 @@ def test_colours_are_sampled_onto_the_map(flat_map):
 
 def test_a_mesh_is_flattened_with_all_its_arrays():
     mesh = bumpy()
-    mesh["distance_error"] = np.full(mesh.n_points, 7.0)  # the map has one of this name
+    mesh["distance_error"] = np.full(mesh.n_points, 7.0)  # the map has an array of this name
     mesh.cell_data["area"] = mesh.compute_cell_sizes()["Area"]
-    mesh.cell_data["torn"] = np.arange(mesh.n_cells)  # and of this one
+    mesh.cell_data["torn"] = np.arange(mesh.n_cells)  # also a name in the map
     mesh.field_data["subject"] = ["bert"]
     before = mesh.copy()
     with pytest.warns(UserWarning, match="array '(distance_error|torn)', so the array of the mesh is named 'mesh_"):
         flat = mesh.voxflat(method=Voxflat(sources=60))
     flat_map = mesh.voxflat.flatten(method=Voxflat(sources=60))
-    assert mesh == before  # it stays as it is
+    assert mesh == before  # the mesh is unchanged
     assert_array_equal(flat.point_data["mesh_distance_error"], 7)
     assert flat.field_data["subject"].tolist() == ["bert"]
     in_space = flat.copy()
@@ -225,7 +225,7 @@ def test_keep_is_an_array_of_the_mesh():
 
 
 def test_arrays_of_both_sides_of_a_cut():
-    """Points on a cut are twice in the map, and so are their values."""
+    """Points on a cut, and their values, occur twice in the map."""
     ball = pv.Icosphere(radius=20.0, nsub=2)
     ball["number"] = np.arange(ball.n_points)
     meridian = np.flatnonzero((np.abs(ball.points[:, 1]) < 1e-3) & (ball.points[:, 0] > -1e-3))
@@ -241,7 +241,7 @@ def test_arrays_of_both_sides_of_a_cut():
 def test_lines_beside_triangles_are_left_out():
     mesh = bumpy()
     lines = pv.PolyData(mesh.points, faces=mesh.faces, lines=[2, 0, 1])
-    lines.cell_data["number"] = np.arange(lines.n_cells)  # of which the line's is the first
+    lines.cell_data["number"] = np.arange(lines.n_cells)  # the line is the first cell
     flat = lines.voxflat(method=Voxflat(sources=10))
     assert flat.n_points == lines.n_points
     assert sorted(flat.cell_data["number"]) == [*range(1, lines.n_cells)]
@@ -249,14 +249,14 @@ def test_lines_beside_triangles_are_left_out():
 
 def test_what_means_nothing_for_a_mesh_is_refused():
     mesh = bumpy()
-    refused("scalars is 'height', but a mesh has no foreground to choose", mesh.voxflat, "height")
+    refused("scalars is 'height', but a mesh is flattened without scalars", mesh.voxflat, "height")
     refused("label does not apply when the input is a mesh", mesh.voxflat, label=1)
     for call in (mesh.voxflat.volume, lambda: mesh.voxflat.voxel_at((0, 0, 0))):
-        refused("PolyData: only an ImageData is a volume", call)
+        refused("the PolyData is not a volume", call)
 
 
 def open_cylinder():
-    """A structured grid of quads, rolled up but for a slit."""
+    """Return a structured grid of quads, rolled up to a cylinder with a slit."""
     angle, height = np.meshgrid(np.linspace(0.3, 6.0, 24), np.linspace(0, 20, 12), indexing="ij")
     return pv.StructuredGrid(10 * np.cos(angle), 10 * np.sin(angle), height)
 
@@ -285,7 +285,7 @@ def test_distances_and_paths_along_a_grid():
     assert isinstance(measured, pv.StructuredGrid)
     assert "geodesic_distance" not in grid.point_data
     angle, height = np.meshgrid(np.linspace(0.3, 6.0, 24), np.linspace(0, 20, 12), indexing="ij")
-    chord = 2 * 10 * np.sin((6.0 - 0.3) / 23 / 2)  # of one of its 23 strips, laid out flat
+    chord = 2 * 10 * np.sin((6.0 - 0.3) / 23 / 2)  # the width of each of its 23 flat strips
     unrolled = np.hypot(23 * chord * (angle - 0.3) / (6.0 - 0.3), height).ravel(order="F")
     assert_allclose(measured["geodesic_distance"], unrolled, rtol=1e-5, atol=1e-4)
     both = grid.voxflat.geodesic([0, grid.n_points - 1], method="exact")["geodesic_distance"]
@@ -334,7 +334,7 @@ def test_verbs_of_one_surface_are_refused_for_blocks():
     for _ in range(2):
         twice.append(pv.Plane(), "plane")
     refused("two blocks have the name 'plane'", twice.voxflat.check)
-    with pytest.raises(InputError, match="block 'table' is a Table, which has no surface"):
+    with pytest.raises(InputError, match="block 'table' is a Table, which does not have a surface"):
         pv.MultiBlock({"table": pv.Table({"a": np.arange(2)})}).voxflat()
 
 
@@ -352,10 +352,10 @@ def test_options_are_those_of_the_functions():
 def test_a_wrong_name_lists_the_arrays():
     image = image_of(sheet(), name="left")
     image["right"] = image["left"]
-    refused("no array 'middle'.*the image has the arrays left, right", image.voxflat, "middle")
-    refused("the image has no array", pv.ImageData(dimensions=(3, 3, 3)).voxflat)
+    refused("no array 'middle'.*The image has the arrays left, right", image.voxflat, "middle")
+    refused("The image has no arrays", pv.ImageData(dimensions=(3, 3, 3)).voxflat)
     image.set_active_scalars(None)
-    refused(r"scalars are not given.*the image has the arrays left, right", image.voxflat)
+    refused(r"scalars is not given.*The image has the arrays left, right", image.voxflat)
 
 
 def test_what_of_an_image_is_no_volume_to_be_flattened_is_refused(image):
@@ -403,7 +403,7 @@ def test_texture_coordinates_lay_a_picture_as_texture_does(flat_map, shape):
     rows, columns = np.indices(shape, dtype=np.float64)
     expected = flat_map.texture(np.stack([columns, rows], axis=-1))
     s, t = to_polydata(flat_map, picture_shape=shape).active_texture_coordinates.T
-    # pixel centres lie at half-integers of the picture's size; row 0 is the top, where t = 1
+    # pixel centres have half-integer coordinates; row 0 is the top, where t = 1
     found = np.stack([s * width - 0.5, (1 - t) * height - 0.5], axis=-1).clip(0, [width - 1, height - 1])
     assert_allclose(found, expected, atol=1e-9 * max(shape))
     assert min(s.min(), t.min()) >= 0
@@ -413,7 +413,7 @@ def test_texture_coordinates_lay_a_picture_as_texture_does(flat_map, shape):
 @needs_window
 def test_vtk_draws_the_picture_upright(flat_map):
     picture = np.zeros((64, 64, 3), dtype=np.uint8)
-    picture[:32, :, 0] = 255  # red above
+    picture[:32, :, 0] = 255  # red at the top
     picture[32:, 32:, 2] = 255  # blue at the lower right
     plotter = pv.Plotter(off_screen=True, window_size=[120, 120])
     plotter.add_mesh(to_polydata(flat_map), texture=pv.Texture(picture), lighting=False)

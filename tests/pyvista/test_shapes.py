@@ -1,7 +1,6 @@
-"""Every verb on every kind of dataset, and PyVista's own shapes: flattened, or refused with the reason."""
+"""All operations on all kinds of datasets, and PyVista's shapes, which are flattened or rejected with the reason."""
 
 import composed
-import doors
 import numpy as np
 import pytest
 import pyvista as pv
@@ -9,6 +8,7 @@ from command_line import succeed
 from numpy.testing import assert_array_equal
 from pyvista import examples
 from refusals import refused
+from triangle_meshes import ON_BOWL, write_bowl
 
 import voxflat
 
@@ -47,13 +47,12 @@ DATASETS = {
     "ImageData": image,
     "MultiBlock": lambda: pv.MultiBlock({"grid": structured(), "beam": examples.load_hexbeam()}),
 }
-"""Of PyVista's examples, those that come with it."""
-NO_MESH = {"geodesic", "path"}  # of an image: of its surface instead
-OF_ONE = {"texture", "plot", "morph"}  # of a block each
+NO_MESH = {"geodesic", "path"}  # for an image, only its surface has distances
+OF_ONE = {"texture", "plot", "morph"}  # apply to a single block
 
 
 def called(verb, mesh):
-    """The result of a verb, as little work as there is, and of which type it must be."""
+    """Return the result of an operation with fast options, and the expected type."""
     of = mesh.voxflat
     calls = {
         "measure": (lambda: of.measure(of(**QUICK), sources=5), pv.PolyData),
@@ -129,7 +128,7 @@ def check_blocks(blocks, verb):
     assert isinstance(result, kind)
     assert list(result.keys()) == ["grid", "beam"]
     assert blocks == before
-    for name in result.keys():  # noqa: SIM118 (of a MultiBlock)
+    for name in result.keys():  # noqa: SIM118 (a MultiBlock)
         alone, kind = called(verb, before[name])
         assert isinstance(result[name], kind)
         if isinstance(alone, pv.PolyData):
@@ -146,42 +145,31 @@ def coarse(name):
     return getattr(pv, f"Parametric{name}")(u_res=11, v_res=11)
 
 
+PLAIN = ("Cube", "Triangle", "Rectangle", "Quadrilateral", "Tetrahedron", "Octahedron", "Icosahedron", "Dodecahedron")
+SHAPES = {
+    **{name: {} for name in (*PLAIN, "Pyramid")},
+    **{name: {"resolution": 12} for name in ("Cylinder", "Cone", "Circle", "Ellipse")},
+    **{name: {"theta_resolution": 8, "phi_resolution": 8} for name in ("Sphere", "Superquadric")},
+    "SolidSphere": {"theta_resolution": 7, "phi_resolution": 7, "radius_resolution": 3},
+    "Icosphere": {"nsub": 1},
+    "CylinderStructured": {"radius": 1, "theta_resolution": 12, "z_resolution": 4},
+    "Box": {"level": 2},
+    "Plane": {"i_resolution": 4, "j_resolution": 4},
+    "Disc": {"r_res": 3, "c_res": 12},
+    "Polygon": {"n_sides": 7},
+    "Capsule": {"resolution": 8},
+    "Tube": {"n_sides": 8, "resolution": 3, "capping": True},
+    "Arrow": {"tip_resolution": 8, "shaft_resolution": 8},
+}
+CURVED = ("Torus", "Dini", "Enneper", "RandomHills", "ConicSpiral", "Ellipsoid", "SuperEllipsoid", "SuperToroid")
+CURVED += ("PluckerConoid", "BohemianDome", "Bour", "CatalanMinimal", "Henneberg", "Kuen", "Pseudosphere")
 FLAT = {
-    "Sphere": lambda: pv.Sphere(theta_resolution=8, phi_resolution=8),
-    "SolidSphere": lambda: pv.SolidSphere(theta_resolution=7, phi_resolution=7, radius_resolution=3),
-    "Icosphere": lambda: pv.Icosphere(nsub=1),
-    "Cylinder, capped": lambda: pv.Cylinder(resolution=12),
-    "Cylinder, capped and joined": lambda: pv.Cylinder(resolution=12).clean(),
+    **{name: lambda name=name: getattr(pv, name)(**SHAPES[name]) for name in SHAPES},
+    **{f"Parametric{name}": lambda name=name: coarse(name) for name in CURVED},
+    "Cylinder, joined": lambda: pv.Cylinder(resolution=12).clean(),
     "Cylinder, open": lambda: pv.Cylinder(resolution=12, capping=False),
-    "CylinderStructured": lambda: pv.CylinderStructured(radius=1, theta_resolution=12, z_resolution=4),
-    "Cone": lambda: pv.Cone(resolution=12),
-    "Box": lambda: pv.Box(level=2),
-    "Plane": lambda: pv.Plane(i_resolution=4, j_resolution=4),
-    "Disc": lambda: pv.Disc(r_res=3, c_res=12),
-    "Circle": lambda: pv.Circle(resolution=12),
-    "Ellipse": lambda: pv.Ellipse(resolution=12),
-    "Polygon": lambda: pv.Polygon(n_sides=7),
-    "Capsule": lambda: pv.Capsule(resolution=8),
-    "Tube": lambda: pv.Tube(n_sides=8, resolution=3, capping=True),
-    "Arrow": lambda: pv.Arrow(tip_resolution=8, shaft_resolution=8),
-    "Superquadric": lambda: pv.Superquadric(theta_resolution=8, phi_resolution=8),
     "Text3D": lambda: pv.Text3D("o", depth=0.2),
     "contour of a Wavelet": lambda: pv.Wavelet(extent=(-4, 4, -4, 4, -4, 4)).contour([150]),
-    **{
-        name: getattr(pv, name)
-        for name in (
-            *("Cube", "Triangle", "Rectangle", "Quadrilateral", "Tetrahedron", "Octahedron", "Icosahedron"),
-            *("Dodecahedron", "Pyramid"),
-        )
-    },
-    **{
-        f"Parametric{name}": lambda name=name: coarse(name)
-        for name in (
-            *("Torus", "Dini", "Enneper", "RandomHills", "ConicSpiral", "Ellipsoid", "SuperEllipsoid"),
-            *("SuperToroid", "PluckerConoid", "BohemianDome", "Bour", "CatalanMinimal", "Henneberg", "Kuen"),
-            "Pseudosphere",
-        )
-    },
 }
 REFUSED = {
     "Mobius": "more than two triangles meet at the edge between vertices",
@@ -200,7 +188,7 @@ def test_shapes_are_flattened(name, caplog):
     assert not flat["flipped"].any()
     assert (flat.compute_cell_sizes()["Area"] > 0).all()
     triangles = surface_of(mesh).triangulate().n_cells
-    if flat.n_cells < triangles:  # not without a word
+    if flat.n_cells < triangles:  # a warning reports the removed triangles
         assert "the largest" in caplog.text or "have no area and were removed" in caplog.text
     assert len(flat["areal"]) == len(flat["angle"]) == flat.n_points
     assert len(flat["isometric"]) == len(flat["flipped"]) == flat.n_cells
@@ -213,9 +201,9 @@ def test_shapes_that_cannot_be_flat_are_refused_with_the_reason(name):
 
 @pytest.mark.slow
 def test_the_same_map_through_every_door(tmp_path, caplog):
-    """A mesh in a file: function, command line, accessor and filter give the same arrays, bit by bit."""
-    mesh = pv.read(doors.write_mesh(tmp_path / "bowl.vtp"))
-    options, given = doors.OPTIONS, composed.with_method(doors.OPTIONS)
+    """Function, command line, accessor and filter give bit-identical arrays for a mesh in a file."""
+    mesh = pv.read(write_bowl(tmp_path / "bowl.vtp"))
+    options, given = ON_BOWL, composed.with_method(ON_BOWL)
     own = composed.flatten(str(tmp_path / "bowl.vtp"), **options)
     words = [word for name, value in options.items() for word in (f"--{name.replace('_', '-')}", str(value))]
     succeed("flatten", tmp_path / "bowl.vtp", *words, "-o", tmp_path / "map.npz")

@@ -1,4 +1,4 @@
-"""fsaverage5's white surface and its map, which several files of tests share."""
+"""Provide fsaverage5's white surface and its flat map, which several test files share."""
 
 import anatomy
 import numpy as np
@@ -21,7 +21,7 @@ def white(fsaverage):
 
 @pytest.fixture(scope="session")
 def shipped(fsaverage):
-    """FreeSurfer's flat map of the same vertices."""
+    """Return FreeSurfer's flat map of the same vertices."""
     places, faces = fsaverage["flat"]
     return np.nan_to_num(places), faces
 

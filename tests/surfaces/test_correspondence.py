@@ -1,4 +1,4 @@
-"""Files that fit by their number of vertices and belong to another surface: both sides of fsaverage5 have 10,242."""
+"""Files of another surface with the same number of vertices: both sides of fsaverage5 have 10,242."""
 
 import logging
 
@@ -16,7 +16,7 @@ from voxflat.methods import Voxflat
 
 @pytest.fixture(scope="module")
 def brain(tmp_path_factory):
-    """Return a folder as FreeSurfer's: lh.white, rh.pial, lh.curv, ... of fsaverage5."""
+    """Return a directory like FreeSurfer's, with lh.white, rh.pial, lh.curv, ... of fsaverage5."""
     folder = tmp_path_factory.mktemp("fsaverage5")
     for side, h in (("left", "lh"), ("right", "rh")):
         for name, of in (("white", "white"), ("pial", "pial"), ("infl", "inflated"), ("sphere", "sphere")):
@@ -29,7 +29,7 @@ def brain(tmp_path_factory):
 
 
 def mesh(brain, name):
-    """Return points and triangles alone, without a name that tells the side."""
+    """Return points and triangles without a file name that shows the side."""
     return tuple(nib.freesurfer.read_geometry(brain / name))
 
 
@@ -44,7 +44,7 @@ class TestPial:
             assert abs(np.median(made.thickness) - np.median(thickness)) < 0.25  # FreeSurfer's is to the nearest point
 
     def test_the_other_side_by_its_name(self, brain):
-        with pytest.raises(InputError, match="the surface is CortexLeft, the pial surface CortexRight"):
+        with pytest.raises(InputError, match="the surface is CortexLeft, but the pial surface is CortexRight"):
             voxflat.surface(brain / "lh.white", pial=brain / "rh.pial")
 
     WRONG = (("lh.white", "rh.pial"), ("lh.white", "rh.white"), ("lh.white", "lh.inflated"), ("lh.white", "lh.sphere"))
@@ -52,7 +52,7 @@ class TestPial:
 
     @pytest.mark.parametrize(("white", "pial"), WRONG)
     def test_wrong_ones_by_geometry(self, brain, white, pial):
-        message = r"does not match the given surface: .* mm \(median\), -?\d+ % of it outward"
+        message = r"does not match the given surface: .* mm, and -?\d+ % of the displacement points outward"
         refused(message, voxflat.surface, mesh(brain, white), pial=mesh(brain, pial))
 
     @pytest.mark.parametrize("unit", [1.0, 0.001, 1000.0])
@@ -63,11 +63,11 @@ class TestPial:
         refused("does not match", voxflat.surface, (unit * white, faces), pial=(unit * other, faces))
 
     def test_exchanged(self, brain):
-        with pytest.raises(InputError, match=r"lies inside the given surface: .*whether they are exchanged"):
+        with pytest.raises(InputError, match=r"lies inside the given surface: .*whether the two are swapped"):
             voxflat.surface(brain / "lh.pial", pial=brain / "lh.white")
 
     def test_shifted(self, brain):
-        """By an ordinary c_ras it is refused, by 2.4 mm doubted."""
+        """A shift by a typical c_ras raises an error, and a shift by 2.4 mm a warning."""
         (white, faces), (pial, _) = (mesh(brain, name) for name in ("lh.white", "lh.pial"))
         with pytest.raises(InputError, match=r"same hemisphere, subject and space"):
             voxflat.surface((white, faces), pial=(pial + np.array([3, -17, 22]), faces))
@@ -79,7 +79,7 @@ class TestPial:
         assert "the pial surface equals the given surface" in remark
 
     def test_a_patch_that_faces_inwards_is_no_error(self, brain):
-        """What has a boundary has no outside that could be known."""
+        """The outside of a surface with a boundary is not known."""
         (white, faces), (pial, _) = (mesh(brain, name) for name in ("lh.white", "lh.pial"))
         part = faces[(white[faces][:, :, 2] > 40).all(axis=1)][:, ::-1]
         (remark,) = [told for told in voxflat.surface((white, part), pial=(pial, part)).remarks if "pial" in told]
@@ -98,7 +98,7 @@ class TestLabels:
         return voxflat.surface(brain / white if isinstance(white, str) else white).keep(label).cut(relax=False)
 
     def chosen(self, brain, name):
-        """Return the vertices within 25 mm of a place, and their places on a surface."""
+        """Return the vertices within 25 mm of a point, and the positions of all vertices."""
         points = mesh(brain, name)[0]
         return np.flatnonzero(np.linalg.norm(points - points[2000], axis=1) < 25), points
 
@@ -116,10 +116,10 @@ class TestLabels:
         path = write_label(tmp_path / "rh.V1.label", vertices, white[vertices])
         refused(r"rh\.V1\.label: belongs to CortexRight, but the surface is CortexLeft", self.cut, brain, path)
         path = path.rename(tmp_path / "V1.label")  # now only its points tell
-        refused(r"V1\.label: its points lie on the other side of the brain .*x = \d+ and -\d+", self.cut, brain, path)
+        refused(r"V1\.label: .* lie on opposite sides of the brain \(mean x: \d+ and -\d+", self.cut, brain, path)
 
     def test_of_another_surface(self, brain, tmp_path):
-        """Whose numbers are others': only a doubt, for it may be an inflated surface that is flattened."""
+        """A label of another surface only causes a warning, because the surface may be inflated."""
         vertices, white = self.chosen(brain, "lh.white")
         path = write_label(tmp_path / "V1.label", vertices, white[::-1][vertices])
         remarks = [remark for remark in self.cut(brain, path).remarks if "V1.label" in remark]
@@ -127,7 +127,7 @@ class TestLabels:
         assert "mm (median) away from the vertices to which it refers" in remarks[0]
 
     def test_on_a_surface_in_scanner_ras(self, brain, tmp_path):
-        """The label's points are tkRAS all the same, c_ras not known."""
+        """The points of the label are in tkRAS although the surface is not, and c_ras is unknown."""
         vertices, white = self.chosen(brain, "lh.white")
         path = write_label(tmp_path / "V1.label", vertices, white[vertices])
         points, faces = mesh(brain, "lh.white")
@@ -164,13 +164,11 @@ class TestOverlays:
     @pytest.mark.slow
     @pytest.mark.parametrize("name", ["curv", "sulc"])
     def test_another_surfaces_folds(self, flat, brain, tmp_path, caplog, name):
-        """Of as many vertices, and of no name that tells: those of the other side."""
+        """The overlay has the right number of vertices, but belongs to the other side, which its name does not show."""
         other = tmp_path / f"bert.{name}"
         other.write_bytes((brain / f"rh.{name}").read_bytes())
         flat.image(other)
-        assert (
-            f"bert.{name} does not follow the folds of the surface: its correlation with the curvature" in caplog.text
-        )
+        assert f"bert.{name} does not follow the folds of the surface: its correlation with the curv" in caplog.text
         caplog.clear()
         page = voxflat.surface(brain / "lh.white").patches(30.0).page()
         page.image(other)
@@ -184,7 +182,7 @@ class TestOverlays:
         points, faces = mesh(brain, "lh.white")
         write_mesh(tmp_path / "sub-01" / "lh.white", Mesh(points, faces))
         flat = voxflat.surface(tmp_path / "sub-01" / "lh.white").disk(2000, 20.0).flatten(Voxflat(sources=20))
-        doubt = "sub-02_thickness.txt is of sub-02, but the surface is of sub-01. Check the file"
+        doubt = "sub-02_thickness.txt belongs to sub-02, but the surface belongs to sub-01. Check the file"
         for name, told in (("sub-01_thickness.txt", []), ("thickness.txt", []), ("sub-02_thickness.txt", [doubt])):
             np.savetxt(tmp_path / name, np.zeros(len(points)))
             flat.image(tmp_path / name)

@@ -1,4 +1,4 @@
-"""What files of patches and of GIFTI surfaces can hold of a surface that is cut, judged by FreeSurfer's own rule."""
+"""Patch files and GIFTI surfaces of a cut surface contain the vertices that FreeSurfer's rule allows."""
 
 import itertools
 import logging
@@ -45,7 +45,7 @@ def said(caplog):
 
 
 def judge(path, mesh_faces, ids, faces, places):
-    """Assert that a reader of a patch finds triangles of the map alone, where the map has them; return both losses."""
+    """Assert that a reader of a patch finds only triangles of the map at their positions; return both losses."""
     found, _, triangles = freesurfer_rule.read_patch(path, mesh_faces)
     own = {tuple(sorted(ids[face].tolist())): face for face in faces.astype(np.int64)}
     points = np.array([own[tuple(sorted(triangle))] for triangle in triangles])  # a KeyError: it is none of the map's
@@ -56,7 +56,7 @@ def judge(path, mesh_faces, ids, faces, places):
 
 
 def pieces_and_euler(triangles):
-    """Return how many pieces triangles form that touch along edges, and V − E + F."""
+    """Return the number of edge-connected pieces of triangles, and V − E + F."""
     edges = {}
     for number, triangle in enumerate(triangles):
         for edge in itertools.combinations(sorted(triangle), 2):
@@ -69,7 +69,7 @@ def pieces_and_euler(triangles):
 
 
 class TestAnyCuts:
-    """Sheets with cuts and with triangles left out, wherever they are."""
+    """Sheets with cuts and excluded triangles at any position."""
 
     @staticmethod
     def sheet_without(gone):
@@ -197,7 +197,7 @@ def test_a_patch_of_another_surface(tmp_path):
 
 @pytest.mark.slow
 class TestHemisphere:
-    """fsaverage5, without its medial wall, cut open by the standard cuts: as labs do."""
+    """fsaverage5 without its medial wall, cut open along the standard cuts, as is common in practice."""
 
     @pytest.fixture(scope="class")
     def cut(self, fsaverage):

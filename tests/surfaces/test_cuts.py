@@ -1,4 +1,4 @@
-"""Cutting open: relaxation cuts, files of cuts, the medial wall."""
+"""Relaxation cuts, cuts files, and the medial wall."""
 
 import json
 
@@ -15,7 +15,7 @@ from voxflat.pipeline.cut_surface import Cut, CutSurface, whereabouts
 
 
 def ball(n=12):
-    """A sphere of radius 30 mm, closed; its poles come last."""
+    """Return a closed sphere of radius 30 mm, whose poles are the last two vertices."""
     polar, around = np.meshgrid(np.pi * np.arange(1, n) / n, np.pi * np.arange(2 * n) / n, indexing="ij")
     places = [np.sin(polar) * np.cos(around), np.sin(polar) * np.sin(around), np.cos(polar)]
     points = np.concatenate([np.stack(places, axis=-1).reshape(-1, 3), [[0, 0, 1], [0, 0, -1]]])

@@ -1,4 +1,4 @@
-"""Curvature and sulcal depth: analytic shapes, FreeSurfer's own values, the whole surface before it is cut."""
+"""Curvature and sulcal depth, compared with analytic shapes and FreeSurfer's values."""
 
 from importlib.util import find_spec
 from pathlib import Path
@@ -17,13 +17,13 @@ from voxflat.methods import Grossmann2002
 
 
 def sheet(n, step, height):
-    """Return x and y of a square of n x n vertices, `step` mm apart, and its surface, of a height over x."""
+    """Return x and y of n x n vertices that are `step` mm apart, and the surface whose height depends on x."""
     points, faces = hard_shapes.sheet(lambda x, y: (x, y, height(x)), 2 * [np.arange(n) * step])
     return points[:, 0], points[:, 1], voxflat.surface((points, faces))
 
 
 def ball(radius):
-    """Return a ball's surface from voxels of 1 mm; its places are finer than the grid."""
+    """Return the surface of a ball of 1 mm voxels; its positions are finer than the grid."""
     grid = np.indices((2 * radius + 9,) * 3) - (radius + 4)
     return voxflat.surface((np.linalg.norm(grid, axis=0) < radius).astype(np.uint8), spacing=(1.0, 1.0, 1.0))
 

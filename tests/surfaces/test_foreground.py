@@ -44,7 +44,7 @@ def test_several_labels_are_listed(values):
 
 
 def test_intensities_want_a_threshold():
-    refused(r"has intensities \(float64, 0 to 0.5\). Use a threshold", foreground, np.array([[[0.0, 0.25, 0.5]]]))
+    refused("has intensities from 0 to 0.5. Pass a threshold", foreground, np.array([[[0.0, 0.25, 0.5]]]))
 
 
 def test_nothing_of_half_precision_is_above_what_it_cannot_hold():

@@ -1,4 +1,4 @@
-"""Meshes as tools really make them: what has one right answer is mended and told, and every vertex keeps its number."""
+"""Defects of meshes with a unique remedy are repaired and reported, and every vertex keeps its number."""
 
 import json
 
@@ -17,7 +17,7 @@ nib = pytest.importorskip("nibabel")
 
 
 def split(mesh, vertex):
-    """Give half of the triangles around an inner vertex a twin of it, with two triangles without area between."""
+    """Split an inner vertex into two at the same position, with two triangles without area between them."""
     points, faces = mesh
     after = {}
     for face in faces[(faces == vertex).any(axis=1)].tolist():
@@ -36,7 +36,7 @@ def split(mesh, vertex):
 
 
 def defective(size=16):
-    """A bump with every defect that has one right answer; the twins of which vertices it has, and that it is of."""
+    """Return a bump with every repairable defect, its duplicated vertices, and the bump without defects."""
     points, faces = clean = bump(size)
     of = [40, 77, 77, 120, 150]
     mesh = points, faces
@@ -128,7 +128,7 @@ def test_regions_and_cuts_may_name_any_of_the_merged():
 
 
 def _edges(whole, through):
-    """A path along edges through vertices."""
+    """Return a path along edges through vertices."""
     ids = []
     for a, b in zip(whole.find(through[:-1]), whole.find(through[1:]), strict=True):
         ids += whole.ids[whole.core.edge_path(int(a), int(b))[0]].tolist()[bool(ids) :]
@@ -138,11 +138,7 @@ def _edges(whole, through):
 def test_white_and_pial_are_measured_midway_where_only_one_of_them_is_degenerate():
     (points, faces), twins, _ = defective()
     pial = points + np.array([0.0, 0.0, 2.0])
-    pial[list(twins)] += np.arange(1, 6)[:, None] * [
-        0.02,
-        0.01,
-        0.0,
-    ]  # apart there: the surface midway needs no merging
+    pial[list(twins)] += np.arange(1, 6)[:, None] * [0.02, 0.01, 0]  # so that the midway surface needs no merging
     surface = voxflat.surface((points, faces), pial=(pial, faces))
     assert len(surface.merged) == 0
     np.testing.assert_array_equal(surface.points, ((points + pial) / 2)[surface.ids])
@@ -170,7 +166,7 @@ def test_none_forbids_it(faces, message, tmp_path):
 
 
 def test_lips_of_a_cut_stay_apart():
-    """Vertices that coincide and are joined by no edge may do so on purpose."""
+    """Vertices that coincide but share no edge may do so on purpose."""
     whole = voxflat.surface(bump(16))
     cut = whole.cut(cuts=[_edges(whole, [8, 144])], relax=False).surface
     again = voxflat.surface((cut.points, cut.faces.astype(np.int64)))
@@ -180,7 +176,7 @@ def test_lips_of_a_cut_stay_apart():
 
 
 def test_holes_are_small_beside_the_mesh_where_its_unit_is_unknown(tmp_path):
-    """15 mm around in files that are in mm, and twelve edges in others, whatever the unit."""
+    """The limit is a circumference of 15 mm in files with a unit, and twelve edges in other files."""
     points, faces = square(30)
     inside = (np.abs(points[:, :2] - 15) < 1.1).all(axis=1)  # a hole of 14 edges
     small = faces[~(faces == 15 * 31 + 15).any(axis=1)]  # and one of 6
@@ -191,7 +187,7 @@ def test_holes_are_small_beside_the_mesh_where_its_unit_is_unknown(tmp_path):
             for holed in (faces, small):
                 write_mesh(tmp_path / name, Mesh(points * scale, holed))
                 cut = voxflat.surface(tmp_path / name).cut(relax=False)
-                closed.setdefault(name, []).append(any("to measure distances" in one for one in cut.remarks))
+                closed.setdefault(name, []).append(any("so that distances can cross" in one for one in cut.remarks))
         around = np.array([12 + 8**0.5, 4 + 8**0.5]) * scale
         assert closed["s.ply"] == closed["s.obj"] == closed["s.vtp"] == [False, True], scale
         assert closed["s.surf.gii"] == ([False, True] if scale < 0.01 else (around <= 15).tolist()), scale

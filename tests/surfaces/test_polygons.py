@@ -1,4 +1,4 @@
-"""Polygons and paths on surfaces: what they hold, through every way in."""
+"""Polygons and paths on surfaces, through every interface."""
 
 import json
 from importlib import import_module
@@ -59,11 +59,11 @@ def test_a_polygon_of_voxels():
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"polygon": [1, 2]}, "at least 3 corners, but 2 are given"),
+        ({"polygon": [1, 2]}, "the polygon has 2 corners, but at least 3 are needed"),
         ({"polygon": [1, 2, 3]}, "do not enclose a region"),
         ({"polygon": [1, 2, 999]}, "vertex 999 is not on the surface"),
         ({"polygon": [[1, 2, 3]]}, "must be vertex numbers"),
-        ({"polygon": [0.5, 1.0, 2.0]}, "whole numbers"),
+        ({"polygon": [0.5, 1.0, 2.0]}, "integers"),
     ],
 )
 def test_bad_polygons(sheet, options, message):
@@ -98,7 +98,7 @@ def test_a_path_through_voxels():
 
 
 def test_the_command_writes_a_path_that_cuts(tmp_path):
-    """A ball is cut along what `voxflat path` wrote, and nothing else."""
+    """A ball is cut only along the path that `voxflat path` wrote."""
     ball = sphere()
     write_mesh(tmp_path / "s.ply", ball)
     far = ball.points @ ball.points[0]
@@ -115,7 +115,7 @@ def test_the_command_writes_a_path_that_cuts(tmp_path):
 
 @pytest.mark.slow
 def test_check_takes_what_flatten_takes(tmp_path):
-    """The surface midway, and a repaired one."""
+    """`check` accepts a pial surface and a repair."""
     inner, outer = sphere(), sphere()
     write_mesh(tmp_path / "white.ply", inner)
     write_mesh(tmp_path / "pial.ply", type(outer)(1.2 * outer.points, outer.faces))

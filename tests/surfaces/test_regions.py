@@ -58,7 +58,7 @@ def test_older_freesurfer_values(tmp_path):
     ("name", "content", "message"),
     [
         ("s.npy", b"hello", "is not a NumPy array"),
-        ("lh.curv", b"hello", "is not a known format of values"),
+        ("lh.curv", b"hello", "is not in a known format of values"),
         ("lh.white", b"\xff\xff\xfehello", "does not contain values at points: its content is FreeSurfer surface"),
         ("s.mgh", b"hello", "is not an MGH file"),
         (
@@ -66,7 +66,7 @@ def test_older_freesurfer_values(tmp_path):
             struct.pack(">6i", 1, 5, 1, 1, 1, 3),
             "its header specifies the shape .5, 1, 1, 1., but the file ends after 24 of",
         ),
-        ("s.mgh", struct.pack(">6i", 1, 5, 5, 1, 1, 3) + bytes(400), "Values at N points must have"),
+        ("s.mgh", struct.pack(">6i", 1, 5, 5, 1, 1, 3) + bytes(400), "Pass values of shape"),
         ("s.mgz", b"\x1f\x8bhello", "its gzip data are damaged"),
         ("lh.annot", b"\xff\xff\xff\xf0", "header is damaged"),
         ("lh.annot", struct.pack(">5i", 2, 1, 0, 0, 0), "does not list the points in order"),
@@ -100,7 +100,8 @@ def test_annotations(tmp_path):
     np.testing.assert_array_equal(read_overlay(path, 6), labels)
     np.testing.assert_array_equal(read_region(path, 6, name="bankssts"), labels == 1)
     np.testing.assert_array_equal(read_region(path, 6, name="Größe"), labels == 2)
-    refused("name='wall' is not one of its labels: unknown, bankssts, Größe", read_region, path, 6, name="wall")
+    message = "name='wall' is not one of its labels. Choose one of unknown, bankssts, Größe"
+    refused(message, read_region, path, 6, name="wall")
     refuses(path, "name=None is not one of its labels", read_region, 6)
     refuses(path, "has 6 values, but the surface has 7 points", read_overlay, 7)
     whole = path.read_bytes()
@@ -125,14 +126,15 @@ def test_gifti_labels(tmp_path):
     np.testing.assert_array_equal(read_region(path, 4), keys != 0)
     np.testing.assert_array_equal(read_region(path, 4, name="Medial_wall"), keys == 7)
     np.testing.assert_array_equal(read_overlay(path, 4), keys)
-    refused(r"name='V2' is not one of its labels: \?\?\?, Medial_wall, V1", read_region, path, 4, name="V2")
+    message = r"name='V2' is not one of its labels. Choose one of \?\?\?, Medial_wall, V1"
+    refused(message, read_region, path, 4, name="V2")
 
 
 def test_values_as_regions(tmp_path):
     values = np.array([0, 1, -2, np.nan, 0.5])
     for path in overlays(tmp_path, values):
         np.testing.assert_array_equal(read_region(path, 5), [False, True, True, False, True])
-        refused(r"not one of its labels|has no named labels", read_region, path, 5, name="V1")
+        refused(r"not one of its labels|contains no named labels", read_region, path, 5, name="V1")
     np.save(tmp_path / "mask.npy", values > 0)
     np.testing.assert_array_equal(read_region(tmp_path / "mask.npy", 5), values > 0)
 
@@ -145,10 +147,10 @@ LABEL = "#!ascii label  , from subject bert vox2ras=TkReg\n{}\n{}"
     [
         ("2", "4 0 0 0 0\n", "lists 1 points, but its header specifies 2"),
         ("1", "4 0 0 0 0\n5 0 0 0 0\n", "lists 2 points, but its header specifies 1"),
-        ("two", "4 0 0 0 0\n", "second line must be the number"),
-        ("1", "9 0 0 0 0\n", "line 3 refers to point 9; the surface has points 0 to 5"),
-        ("2", "1 0 0 0 0\n-1 0 0 0 0\n", "line 4 refers to point -1"),
-        ("1", "1.5 0 0 0 0\n", "line 3 refers to point 1.5"),
+        ("two", "4 0 0 0 0\n", "second line is not the number"),
+        ("1", "9 0 0 0 0\n", "line 3 is point 9, but the surface has points 0 to 5"),
+        ("2", "1 0 0 0 0\n-1 0 0 0 0\n", "line 4 is point -1"),
+        ("1", "1.5 0 0 0 0\n", "line 3 is point 1.5"),
         ("1", "one 0 0 0 0\n", "one"),
     ],
 )
@@ -162,7 +164,7 @@ def test_labels(tmp_path):
     path.write_text(LABEL.format(2, "4  -1.0  0.5 3 0.0\n0 0 0 0 1\n"))
     np.testing.assert_array_equal(read_region(path, 6), [True, False, False, False, True, False])
     np.testing.assert_array_equal(nib.freesurfer.read_label(path), [4, 0])
-    refuses(path, "has no named labels", lambda file: read_region(file, 6, name="V1"))
+    refuses(path, "contains no named labels", lambda file: read_region(file, 6, name="V1"))
     path.write_text(LABEL.format(0, ""))
     assert not read_region(path, 6).any()
 
@@ -209,7 +211,7 @@ def entries(*rows):
     ("data", "message"),
     [
         (b"", "is empty"),
-        (b"\xff\xff\xff", "begins with ff ff ff instead"),
+        (b"\xff\xff\xff", "begins with ff ff ff, not"),
         (b"#!ascii version of patch", "begins with 23 21 61 73"),
         (struct.pack(">2i", 5, 1), "is not a binary patch file"),
         (struct.pack(">2i", -1, -7), "its header is damaged: it specifies -7 points"),
@@ -219,7 +221,7 @@ def entries(*rows):
         (entries((1, 0, 0, 0), (0, 0, 0, 0)), "entry 1 refers to vertex 0, but patch files count from 1"),
         (entries((1, 0, 0, 0), (-1, 0, 0, 0)), "entry 1 of the patch repeats vertex 0"),
         (entries((1, 0, 0, 0), (2, 0, float("nan"), 0)), r"entry 1 of the patch, \[0.0, nan, 0.0\], is not finite"),
-        (entries(), "a patch must list vertices"),
+        (entries(), "vertices have type .*Pass whole numbers"),
     ],
 )
 def test_bad_patches(tmp_path, data, message):
@@ -231,7 +233,7 @@ def test_bad_patches(tmp_path, data, message):
 @pytest.mark.parametrize(
     ("arrays", "message"),
     [
-        (([0, -1], np.zeros((2, 3)), [True, False]), "entry 1 of the patch is vertex -1. Vertices count from 0"),
+        (([0, -1], np.zeros((2, 3)), [True, False]), "entry 1 of the patch is vertex -1. Number vertices from 0"),
         (([0.0], np.zeros((1, 3)), [True]), "float64"),
         (([0], np.zeros((2, 3)), [True]), r"Pass shapes \(1, 3\) and \(1,\)"),
         (([3, 0, 3], np.zeros((3, 3)), [True] * 3), "entry 2 of the patch repeats vertex 3"),
@@ -243,12 +245,12 @@ def test_bad_patch_arrays(arrays, message):
 
 def test_patches_that_cannot_be_written(tmp_path):
     far = Patch(np.array([2**31 - 1]), np.zeros((1, 3)), np.array([True]))
-    refuses(tmp_path / "p", "vertex 2147483647 is above", write_patch, far)
+    refuses(tmp_path / "p", "vertex 2147483647 exceeds", write_patch, far)
     assert not any(tmp_path.iterdir())
 
 
 def test_faces_and_border_of_a_patch():
-    """Without the corner of a grid of 5 by 5: its old edge and what was next to the corner are the border."""
+    """A 5 x 5 grid without a corner: the border is its old edge and the neighbours of the corner."""
     mesh = grid(5)
     vertices = np.arange(24, 0, -1)  # all but point 0, backwards
     faces = patch_faces(mesh.faces, vertices, 25)

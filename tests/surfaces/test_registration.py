@@ -1,4 +1,4 @@
-"""A surface on fsaverage's sphere: what must be true of every registration."""
+"""Registration to fsaverage's sphere."""
 
 import anatomy
 import lab
@@ -13,7 +13,7 @@ from voxflat.surfaces.standard.pattern import icosphere
 
 
 def folds(points, faces):
-    """Return how many triangles are turned over on the sphere."""
+    """Return the number of flipped triangles on the sphere."""
     return int((np.linalg.det(points[faces.astype(np.int64)]) <= 0).sum())
 
 
@@ -22,7 +22,7 @@ def unit(points):
 
 
 def apart(points, others):
-    """Return the mean angle between places, in mm of a sphere that has a hemisphere's area."""
+    """Return the mean angle between positions, in mm on a sphere with the area of a hemisphere."""
     return 72 * np.arccos(np.clip((points * others).sum(axis=1), -1, 1)).mean()
 
 
@@ -33,7 +33,7 @@ def rotation(seed):
 
 @pytest.fixture(scope="module")
 def hemispheres():
-    """Points, registered sphere and triangles of both sides: fsaverage5's pial surfaces, a quarter of the vertices."""
+    """Return points, registered sphere and triangles of both sides: a quarter of fsaverage5's pial vertices."""
     faces = before_subdivision(lab.fsaverage5("white_left")[1], lab.VERTICES)
     places = {side: [lab.fsaverage5(f"{kind}_{side}")[0] for kind in ("pial", "sphere")] for side in ("left", "right")}
     return {side: (*(points[: lab.VERTICES] for points in both), faces) for side, both in places.items()}
@@ -169,7 +169,7 @@ def test_without_a_sphere_standard_cuts_lie_where_they_do_with_it(hemispheres, s
 
 @pytest.mark.slow
 def test_a_volume_gets_standard_cuts_too():
-    """A hemisphere straight from voxels: the larger pieces beside it are left to their own."""
+    """A hemisphere from voxels is cut, and the separate piece beside it is excluded."""
     white, _, faces = lab.hemisphere()
     labels, affine, _ = anatomy.voxelise(white, faces, 2.0)
     labels[:4, :4, :4] = 1

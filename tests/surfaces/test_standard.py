@@ -31,7 +31,7 @@ def sphere():
 
 @pytest.fixture(scope="module")
 def subject(tmp_path_factory, sphere):
-    """Return a subject's folder with lh.sphere.reg."""
+    """Return the directory of a subject with lh.sphere.reg."""
     folder = tmp_path_factory.mktemp("subject")
     lab.write(folder)
     nib.freesurfer.write_geometry(folder / "lh.sphere.reg", sphere, lab.hemisphere()[2])
@@ -40,7 +40,7 @@ def subject(tmp_path_factory, sphere):
 
 @pytest.fixture(scope="module")
 def small_subject(tmp_path_factory, sphere):
-    """Return the folder of a subject of a quarter of the vertices: how long cuts are sought depends on them."""
+    """Return the directory of a subject with a quarter of the vertices, for which cuts are found faster."""
     folder = tmp_path_factory.mktemp("small")
     lab.write(folder, FEWER)
     nib.freesurfer.write_geometry(folder / "lh.sphere.reg", sphere[:FEWER], lab.hemisphere(FEWER)[2])
@@ -63,7 +63,7 @@ def is_disk(cut):
 
 
 def remeshed(seed, count, warp=0.03):
-    """Return another mesh of the hemisphere, with a sphere that was warped, and the true places on it."""
+    """Return another mesh of the hemisphere, its warped sphere, and the true positions on the sphere."""
     random = np.random.default_rng(seed)
     dense, (white, faces) = lab.fsaverage5("sphere_left")[0] / 100, lab.fsaverage5("white_left")
     turn, height = np.arange(count) * 2.4, 1 - (2 * np.arange(count) + 1) / count
@@ -84,7 +84,7 @@ def remeshed(seed, count, warp=0.03):
 
 
 def turn_between(one, other, places, others):
-    """Return by how many degrees a map is turned against another, by homologous points of the sphere."""
+    """Return the rotation between two maps in degrees, from corresponding points on the sphere."""
     anchors = standard_template("fsaverage", "left").anchors.sphere
     found = []
     for flat_map, on in ((one, places), (other, others)):
@@ -232,8 +232,8 @@ def test_spheres_that_do_not_belong_to_the_surface_are_refused(subject, sphere, 
         (subject / "none", "the file does not exist"),
         (3, "sphere has type int"),
         ("lh.white", "the file does not exist"),
-        (tmp_path / "rh.sphere.reg", "is right, but the surface is left"),
-        (tmp_path / "lh.sphere.reg", "other triangles"),
+        (tmp_path / "rh.sphere.reg", "is a right hemisphere, but the surface is a left one"),
+        (tmp_path / "lh.sphere.reg", "shares only"),
     ):
         refused(reason, sphere_of, whole, given)
     ball = 30 * icosphere(4)[0], icosphere(4)[1]
@@ -330,15 +330,18 @@ def test_what_makes_no_template_is_refused(subject, sphere, tmp_path):
         ({"cuts": 3}, "cuts is not a list"),
         ({"cuts": [{"name": "", "line": [[1, 0, 0], [0, 1, 0]]}]}, "must have a name"),
         ({"cuts": [{"name": "a", "root": 3, "line": [[1, 0, 0], [0, 1, 0]]}]}, "root of 'a' is not a name"),
-        ({"cuts": [{"name": "a", "root": "b", "line": [[1, 0, 0], [0.8, 0.6, 0]]}]}, "'b', neither an outline nor"),
+        (
+            {"cuts": [{"name": "a", "root": "b", "line": [[1, 0, 0], [0.8, 0.6, 0]]}]},
+            "'b', the root of 'a', is neither an",
+        ),
         ({"cuts": [{"name": "a", "line": [[1, 0, 0], [0, 2, 0]]}]}, "unit sphere"),
         ({"cuts": [{"name": "a", "line": [[1, 0, 0], [1, 0, 0]]}]}, "coincide"),
         ({"cuts": [{"name": "a", "line": [[1, 0, 0], [-1, 0, 0]]}]}, "too far apart"),
         ({"cuts": [{"name": "a", "line": [[1, 0, 0], [float("nan"), 0, 0]]}]}, "NaN is not a valid number in JSON"),
         ({"cuts": [{"name": "a", "line": [[1, 0], [0, 1]]}]}, "rows of 3"),
         ({"cuts": [], "outlines": []}, "neither outlines nor cuts"),
-        ({"side": "right"}, "has the side right, but the sphere .* left"),
-        ({"space": "fs_LR"}, "has the space fs_LR, but the sphere .* fsaverage"),
+        ({"side": "right"}, "the side of the template .* is right, but the side of the sphere .* is left"),
+        ({"space": "fs_LR"}, "the space of the template .* is fs_LR, but the space of the sphere .* is fsaverage"),
     ],
 )
 def test_damaged_templates_are_refused(standard, subject, tmp_path, change, reason):
@@ -413,7 +416,7 @@ def test_a_turn_onto_places_is_rigid_and_the_best():
         off = (uv - uv.mean(axis=0)) @ [[c, s], [-s, c]] + uv.mean(axis=0)
         assert np.square(off - onto).sum() > np.square(uv - onto).sum()
     assert _core.turn_onto(uv, uv[:1], onto[:1])[1] == 0
-    refused("2 rows, but onto has 3", _core.turn_onto, uv, uv[:2], onto[:3])
+    refused("places and onto have \\[2, 3\\] rows", _core.turn_onto, uv, uv[:2], onto[:3])
 
 
 @pytest.mark.slow

@@ -1,4 +1,4 @@
-"""Surfaces of voxels: closed, cut open, as sheets."""
+"""Surfaces from voxels: closed surfaces, cut surfaces and sheets."""
 
 import numpy as np
 import pytest
@@ -111,7 +111,7 @@ class TestSheets:
     @pytest.mark.slow
     @pytest.mark.parametrize("traversed", [False, True])
     def test_the_papers_curled_sheet_is_unrolled(self, traversed):
-        """One surface with a boundary, not a pillow; its flat map is as long and wide as the sheet was."""
+        """The sheet becomes one surface with a boundary, and its flat map has the size of the sheet."""
         from scipy.spatial.transform import Rotation
 
         volume = shapes.curled_sheet(rotation=Rotation.random(None, np.random.default_rng(4)), traversed=traversed)

@@ -27,7 +27,7 @@ def apart(places):
 
 class TestDistances:
     def test_links_are_paths_on_the_surface(self):
-        """Never shorter than through the air, never longer than along edges; symmetric; the triangle inequality."""
+        """Distances lie between those in space and along edges, are symmetric, and obey the triangle inequality."""
         points, faces = bump()
         sources = np.arange(0, len(points), 97)
         rows = np.asarray(voxflat.surface((points, faces)).geodesic(sources), dtype=float)
@@ -159,7 +159,7 @@ class TestFiles:
         ids, points = flat_map.locate()
         assert (ids[inside] >= 0).all()
         assert np.isfinite(points[inside]).all()
-        refused("the overlay has 5 values, but the mesh 10242 vertices", flat_map.image, np.zeros(5))
+        refused("the overlay has 5 values, but the mesh has 10242 vertices", flat_map.image, np.zeros(5))
         refused("no voxels to paint", flat_map.paint, np.zeros(len(flat_map)))
 
 
@@ -200,7 +200,7 @@ class TestPatches:
 
 @pytest.mark.slow
 def test_a_sheet_of_grey_matter_becomes_a_map():
-    """The middle of grey matter as LayNii makes it: one voxel thick where it can be, folded, with pinholes."""
+    """The middle of grey matter from LayNii: mostly one voxel thick, folded, and with pinholes."""
     sheet = voxflat.surface(shapes.DATA / "laynii" / "occipital_midGM.nii.gz", threshold=0)
     assert sheet.metadata["sheet"]
     assert sheet.core.topology()["components"][0]["faces"] > 0.999 * len(sheet.faces)

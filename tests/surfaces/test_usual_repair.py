@@ -1,4 +1,4 @@
-"""What a mask becomes where nothing is said of repair: handles of noise go, whatever else it is stays."""
+"""The default repair of a mask removes handles that noise causes, and changes nothing else."""
 
 import composed
 import numpy as np
@@ -12,7 +12,7 @@ from voxflat.io.volumes import write_volume
 
 
 def with_handles(radius=12):
-    """A ball with three thin bridges across a groove of four voxels: labels as a segmentation has them."""
+    """Return a ball with three thin bridges across a groove of four voxels."""
     ball = shapes.ball(radius).astype(bool)
     middle = ball.shape[0] // 2
     groove = ball.copy()
@@ -65,7 +65,7 @@ def test_only_handles_change():
 
 @pytest.mark.parametrize("seed", range(6))
 def test_no_handle_is_left_whatever_else_stays(seed):
-    """Cavities and specks are not touched, and none of them becomes a handle by what is cut and filled beside it."""
+    """Cavities and specks stay, and none of them becomes a handle by the repair next to it."""
     rng = np.random.default_rng(seed)
     distance = np.linalg.norm(np.indices((34, 34, 34)) - 17, axis=0)
     noise = gaussian_filter(rng.normal(size=(34, 34, 34)), 0.7)
@@ -82,7 +82,7 @@ def test_what_is_a_ring_stays_one_and_it_is_said():
     ring = (np.hypot(np.hypot(i, j) - 10, k) < 4.5).astype(np.uint8)
     made = voxflat.surface(ring)
     assert handles(made) == 1
-    assert any("Use repair='voxels' to close" in remark for remark in made.remarks)
+    assert any("Use repair='voxels' to remove" in remark for remark in made.remarks)
     assert handles(voxflat.surface(ring, repair="voxels")) == 0
 
 

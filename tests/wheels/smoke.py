@@ -1,10 +1,10 @@
-"""Try an installed voxflat: flatten a volume and a mesh, use the command line, save and load, and compare machines.
+"""Test an installed voxflat: flatten a volume and a mesh, use the command line, save and load, and compare machines.
 
-    python -I tests/wheels/smoke.py                          # of the package that this Python has installed
-    python -I tests/wheels/smoke.py -o here.npz              # keep the maps
-    python -I tests/wheels/smoke.py --against here.npz       # print by how much they differ from those
+    python -I tests/wheels/smoke.py                          # test the installed package
+    python -I tests/wheels/smoke.py -o here.npz              # also keep the maps
+    python -I tests/wheels/smoke.py --against here.npz       # also compare the maps with those
 
-`make wheel-check` runs it in bare environments, and under emulated processors.
+`make wheel-check` runs this script in clean environments and on emulated CPUs.
 """
 
 import argparse
@@ -26,12 +26,11 @@ from voxflat.methods import Voxflat, Zigelman2002  # noqa: E402
 
 seconds = time.perf_counter() - start
 
-TOLERANCE = 1e-5
-"""Greatest difference of a map between processors, relative to its extent."""
+TOLERANCE = 1e-5  # greatest difference of a map between CPUs, relative to its extent
 
 
 def bumps(n):
-    """Return a bent sheet of voxels, and the same as a mesh."""
+    """Return a bent sheet as voxels and as a mesh."""
     i, j = np.indices((n, n))
     height = 9 + 6 * np.sin(i / 7) * np.cos(j / 9)
     volume = np.zeros((n, n, 20), np.uint8)
@@ -43,7 +42,7 @@ def bumps(n):
 
 
 def maps():
-    """Return the coordinates of some maps, each checked for folds and distances."""
+    """Return the coordinates of some maps after checking their distance errors and the command line."""
     volume, mesh = bumps(40)
     made = {
         "volume": voxflat.flatten(volume),
@@ -70,7 +69,7 @@ def maps():
 
 
 def command(*words):
-    """Run a command in this process, which an emulator may run; return what it printed."""
+    """Run a command in this process, because it may be emulated, and return its output."""
     printed, status = io.StringIO(), None
     with contextlib.redirect_stdout(printed):
         try:
@@ -82,7 +81,7 @@ def command(*words):
 
 
 def compared(made, path):
-    """Print and check the greatest difference from maps that were kept."""
+    """Print and check the greatest difference from kept maps."""
     with np.load(path) as kept:
         for name, uv in made.items():
             difference = np.abs(uv - kept[name]).max() / np.ptp(kept[name], axis=0).max()
@@ -96,7 +95,7 @@ if __name__ == "__main__":
     parser.add_argument("--against", type=Path)
     asked = parser.parse_args()
     assert "plugin" not in Path(voxflat.__file__).parts, f"{voxflat.__file__} is the checkout"
-    assert shutil.which("cargo") is None, "cargo is there: run this without"
+    assert shutil.which("cargo") is None, "cargo is on the PATH: run this without it"
     system = f"{platform.system()} {platform.machine()}, Python {platform.python_version()}"
     print(f"voxflat {voxflat.__version__}, {system};", end=" ")
     print(", ".join(f"{name} {version(name)}" for name in ("numpy", "scipy", "click", "pillow", "matplotlib")))

@@ -1,16 +1,14 @@
-"""Damaged files and wrong calls: a result or an error of voxflat, within 20 s and within memory; all else is a finding.
+"""Open damaged files and call functions with wrong values: each case must end in a result or an error of voxflat.
 
     make soak
     python docs/benchmarks/soak/fuzz.py --files 2000 --calls 2000     # a minute
-    python docs/benchmarks/soak/fuzz.py --case files 123              # one of them again, with its traceback
+    python docs/benchmarks/soak/fuzz.py --case files 123              # repeat one case, with its traceback
 
-A small file of every format is written by voxflat and nibabel, damaged at random and opened; public functions and
-methods are called with right and wrong values. Each case is drawn from the seed and its number alone. Workers of their
-own, whose memory is limited, do it: a crash, a hang, memory, an exception that is not voxflat's, more than one line, or
-anything printed is told once for each place, with the command that repeats it.
+A small file of each format is damaged at random and opened; public functions and methods are called with right and
+wrong values. The seed and the number determine a case. Worker processes with limited memory run the cases. A finding is
+a crash, a hang, excessive memory, an exception not defined by voxflat, a message of several lines, or printed text.
+Each place is reported once, with the command that repeats the case.
 """
-
-from __future__ import annotations
 
 import argparse
 import json
@@ -26,37 +24,28 @@ import tempfile
 import time
 import traceback
 from collections import Counter
-from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from itertools import count
 from pathlib import Path
-from typing import Any
 
 from tqdm import tqdm
 
-DEADLINE = 20.0
-"""Seconds that a case may take."""
-
-READING = 1 << 28
-"""Bytes that reading may take, as it is told."""
-
-MOST = 1 << 30
-"""Bytes that a case may take more than there were before it."""
-
-ADDRESSES = 3 << 30
-"""Bytes of addresses beyond those that a worker has when it starts."""
+DEADLINE = 20.0  # seconds per case
+READING = 1 << 28  # memory limit of reading, bytes
+MOST = 1 << 30  # bytes that a case may add to the memory of its worker
+ADDRESSES = 3 << 30  # bytes of address space that a worker may add after its start
 
 
 # ------------------------------------------------------------------------------------------------- worker
 
 
-def _two_lines() -> None:
+def _two_lines():
     from voxflat.errors import InputError
 
     raise InputError("one line\nand another")
 
 
-FAULTS: dict[str, Callable[[], object]] = {
+FAULTS = {
     "refused": lambda: Path("nowhere", "at all").read_text(),
     "raw": lambda: [][0],
     "not one line": _two_lines,
@@ -65,13 +54,13 @@ FAULTS: dict[str, Callable[[], object]] = {
     "crash": lambda: os.kill(os.getpid(), signal.SIGSEGV),
     "hang": lambda: time.sleep(2 * DEADLINE),
 }
-"""Cases of a third kind, and what is to come of each: what finds nothing else finds these."""
+"""Cases of a third kind by their expected outcomes, which test the search itself."""
 
 
 class Cases:
-    """Draws cases and runs them, in a folder of their own."""
+    """Draws and runs cases in a folder."""
 
-    def __init__(self, folder: Path, kind: str, seed: int) -> None:
+    def __init__(self, folder, kind, seed):
         self.folder, self.kind, self.seed = folder, kind, seed
         if kind == "files":
             from fuzz_files import corpus
@@ -84,8 +73,8 @@ class Cases:
             self.calls, self.values = calls(folder / "read")
             self.labels = sorted(self.calls)
 
-    def drawn(self, number: int) -> tuple[str, Callable[[], object]]:
-        """Return what a case is, and the case."""
+    def drawn(self, number):
+        """Return the description of a case, and the case."""
         chance = random.Random(f"{self.kind} {self.seed} {number}")
         if self.kind == "files":
             from fuzz_files import OPENERS, damaged
@@ -104,8 +93,7 @@ class Cases:
         given = arguments(self.calls[label], self.values, chance)
         return told(label, given), lambda: self.calls[label](**given)
 
-    def run(self, number: int) -> dict[str, Any]:
-        """Run a case; return what came of it."""
+    def run(self, number):
         from voxflat.errors import VoxflatError
         from voxflat.io.reading import reading
 
@@ -130,24 +118,24 @@ class Cases:
         return told | {"seconds": time.perf_counter() - start, "memory": max(0, _memory(peak=True) - before)}
 
 
-def _place(error: BaseException) -> str:
-    """Return the innermost function of the package that an error passed."""
+def _place(error):
+    """Return the innermost function of the package in a traceback."""
     frames = [frame for frame in traceback.extract_tb(error.__traceback__) if "/voxflat/" in frame.filename]
     if not frames:
         return "no function of voxflat"
     return f"{frames[-1].filename.rpartition('/voxflat/')[2]}:{frames[-1].lineno} {frames[-1].name}"
 
 
-def _memory(*, peak: bool = False) -> int:
-    """Return the bytes that this process takes, or has at most taken since it was asked before."""
+def _memory(*, peak=False):
+    """Return the memory of this process, bytes, or its peak since the last call without `peak`."""
     if not peak:
         Path("/proc/self/clear_refs").write_text("5")
     status = Path("/proc/self/status").read_text()
     return 1024 * int(status.partition("VmHWM:" if peak else "VmRSS:")[2].split()[0])
 
 
-def work(kind: str, seed: int) -> None:
-    """Run the cases whose numbers come on standard input; what comes of each goes to standard output, a line each."""
+def work(kind, seed):
+    """Run the cases whose numbers arrive on standard input; write one line per outcome to standard output."""
     answers = os.fdopen(os.dup(1), "w")
     with tempfile.TemporaryDirectory() as directory:
         folder = Path(directory)
@@ -179,34 +167,30 @@ def work(kind: str, seed: int) -> None:
 
 
 class Worker:
-    """A process that runs cases, one after the other; when one ends or hangs it is replaced."""
+    """A process that runs one case after the other, and is replaced when it ends or hangs."""
 
-    def __init__(self, kind: str, seed: int) -> None:
+    def __init__(self, kind, seed):
         self.command = [sys.executable, __file__, "--work", kind, "--seed", str(seed)]
         self.start()
 
-    def start(self) -> None:
-        """Start a process, and wait until it is ready."""
+    def start(self):
         pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True}
         self.process = subprocess.Popen(self.command, **pipes, env={**os.environ, "MPLBACKEND": "agg"})
         if self._line(300) != "ready\n":
             raise SystemExit(f"a worker does not start: {' '.join(self.command)}")
 
-    def _line(self, seconds: float) -> str | None:
-        """Return the next line, empty if the process ended, None if none came in time."""
-        assert self.process.stdout is not None
+    def _line(self, seconds):
+        """Return the next line: empty if the process has ended, None if it is late."""
         if not select.select([self.process.stdout], [], [], seconds)[0]:
             return None
         return self.process.stdout.readline()
 
-    def run(self, number: int) -> dict[str, Any]:
-        """Run a case; return what came of it."""
-        assert self.process.stdin is not None
+    def run(self, number):
         self.process.stdin.write(f"{number}\n")
         self.process.stdin.flush()
         line = self._line(DEADLINE)
         if line:
-            found: dict[str, Any] = json.loads(line)
+            found = json.loads(line)
             if found["outcome"] in ("result", "refused") and found["memory"] > MOST:
                 found |= {"outcome": "memory", "where": f"{found['what'][:60]}: more than {MOST >> 20} MiB"}
             return found
@@ -218,22 +202,20 @@ class Worker:
         where = f"more than {DEADLINE:g} s" if line is None else f"status {status}"
         return {"outcome": outcome, "what": "", "where": where, "seconds": DEADLINE, "memory": 0}
 
-    def stop(self) -> None:
-        """End the process."""
-        assert self.process.stdin is not None
+    def stop(self):
         self.process.stdin.close()
         self.process.wait()
 
 
-def run(kind: str, numbers: range, seed: int, workers: int) -> list[str]:
-    """Run cases; return what was found."""
+def run(kind, numbers, seed, workers):
+    """Run cases, print a summary, and return the findings."""
     if not numbers:
         return []
     bar = tqdm(total=len(numbers), desc=kind, disable=not sys.stderr.isatty())
-    turns, outcomes, findings = count(numbers.start), Counter[str](), dict[str, list[Any]]()
+    turns, outcomes, findings = count(numbers.start), Counter(), {}
     slowest, greatest = (0.0, 0), (0, 0)
 
-    def turn(_: int) -> None:
+    def turn(_):
         nonlocal slowest, greatest
         worker = Worker(kind, seed)
         while (number := next(turns)) < numbers.stop:
@@ -252,8 +234,7 @@ def run(kind: str, numbers: range, seed: int, workers: int) -> list[str]:
     took = time.monotonic() - start
     counted = ", ".join(f"{n:,} {name}" for name, n in outcomes.most_common())
     print(f"{len(numbers):,} {kind} in {took:.0f} s: {counted}")
-    print(f"  the slowest took {slowest[0]:.1f} s ({kind} {slowest[1]}), ", end="")
-    print(f"the greatest {greatest[0] >> 20} MiB ({greatest[1]})")
+    print(f"  slowest: {slowest[0]:.1f} s ({kind} {slowest[1]}); most memory: {greatest[0] >> 20} MiB ({greatest[1]})")
     for name, cases in sorted(findings.items(), key=lambda item: -len(item[1])):
         number, what = cases[0]
         again = f"python {sys.argv[0]} --seed {seed} --case {kind} {number}"
@@ -261,15 +242,14 @@ def run(kind: str, numbers: range, seed: int, workers: int) -> list[str]:
     return list(findings)
 
 
-def main() -> None:
-    """Run files and calls, or one of them again."""
+def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--files", type=int, default=100_000, help="damaged files")
-    parser.add_argument("--calls", type=int, default=1_000_000, help="calls of the public API")
-    parser.add_argument("--first", type=int, default=0, help="number of the first case of either kind")
+    parser.add_argument("--files", type=int, default=100_000, help="number of damaged files")
+    parser.add_argument("--calls", type=int, default=1_000_000, help="number of calls of the public API")
+    parser.add_argument("--first", type=int, default=0, help="number of the first case of each kind")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--workers", type=int, default=os.cpu_count() or 1)
-    parser.add_argument("--case", nargs=2, metavar=("KIND", "NUMBER"), help="only this one, in this process")
+    parser.add_argument("--case", nargs=2, metavar=("KIND", "NUMBER"), help="run only this case, in this process")
     parser.add_argument("--work", choices=("files", "calls", "faults"), help=argparse.SUPPRESS)
     asked = parser.parse_args()
     if asked.work:
@@ -283,14 +263,13 @@ def main() -> None:
         sys.exit(f"{len(found)} findings" if found else 0)
 
 
-def again(kind: str, number: int, seed: int) -> None:
-    """Run one case in this process, and tell all about it; a damaged file is kept."""
+def again(kind, number, seed):
+    """Run one case in this process, print its details, and keep the damaged file."""
     folder = Path(tempfile.mkdtemp(prefix="fuzz_"))
     cases = Cases(folder, kind, seed)
     (folder / "here").mkdir()
     os.chdir(folder / "here")
-    print(f"in {folder}", flush=True)
-    print(cases.drawn(number)[0], flush=True)
+    print(f"in {folder}\n{cases.drawn(number)[0]}", flush=True)
     found = cases.run(number)
     print(f"{found['outcome']}: {found['where']}, {found['seconds']:.2f} s, {found['memory'] >> 20} MiB")
     print(found["trace"])

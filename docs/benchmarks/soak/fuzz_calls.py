@@ -1,12 +1,7 @@
-"""Calls of the public API with whatever may be handed over: right values, and wrong ones of every kind."""
-
-from __future__ import annotations
+"""Calls of the public API with right values, and with wrong values of every kind."""
 
 import inspect
-import random
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from fuzz_files import N, grid, odd_array, sheet
@@ -19,13 +14,10 @@ _LEFT_OUT = {"progress", "dask", "self"}
 _PATHS = ["out", *(f"out.{ending}" for ending in ("npz", "vtp", "surf.gii", "png", "json", "nii.gz", "svg"))]
 _PATHS += ["missing/out.npz"]
 
-DRAWING = {"voxflat.figures.patch_3d", "voxflat.figures.atlas_3d"}
-"""What takes a hundred times as long as other calls, as it draws in space."""
+DRAWING = {"voxflat.figures.patch_3d", "voxflat.figures.atlas_3d"}  # a hundred times slower: they render in 3D
+SELDOM = 20  # rounds over all calls per call of these
 
-SELDOM = 20
-"""In one of so many rounds over all calls these have their turn."""
-
-ODD: list[Any] = [None, True, 0, 1, -1, 3, 2**31, 2**64, -(2**63), 10**30, 0.5, -0.5, 1e-300, 1e19, 1e107, float("nan")]
+ODD = [None, True, 0, 1, -1, 3, 2**31, 2**64, -(2**63), 10**30, 0.5, -0.5, 1e-300, 1e19, 1e107, float("nan")]
 ODD += [float("inf"), 1j, "", "x", "1", "../x", "a\0b", "\ud800", b"x", "x" * 300, [], (), {}, [[]], [1, [2, 3]]]
 ODD += [[None], ["a"], {"a": 1}, {1, 2}, object(), int, range(3), np.float32(1), np.datetime64("2020-01-01")]
 ODD += [np.zeros(0), np.zeros((0, 3)), np.zeros((3, 0)), np.full(3, np.nan), np.array("x"), np.array([None])]
@@ -33,8 +25,8 @@ ODD += [np.zeros(3), np.ma.masked_array([1.0, 2.0], [True, False]), np.arange(4)
 ODD += [np.eye(4) * np.nan, Path("x")]
 
 
-def calls(folder: Path) -> tuple[dict[str, Callable[..., Any]], dict[str, list[Any]]]:
-    """Return what is called, by its name, and right values of its parameters, by theirs; some read files."""
+def calls(folder):
+    """Return the functions and methods by name, and right values of their parameters by name."""
     surface = voxflat.surface(sheet())
     mesh = (grid().points, grid().faces)
     of_mesh = voxflat.surface(mesh)
@@ -46,14 +38,14 @@ def calls(folder: Path) -> tuple[dict[str, Callable[..., Any]], dict[str, list[A
     flat_map.save(folder / "map.npz")
     atlas.save(folder / "atlas.npz")
     surface.geodesic(9, store=folder / "store")
-    made: dict[str, Any] = {"surface": surface, "of_mesh": of_mesh, "map": flat_map, "of_mesh_map": of_mesh_map}
+    made = {"surface": surface, "of_mesh": of_mesh, "map": flat_map, "of_mesh_map": of_mesh_map}
     made |= {"atlas": atlas, "glued": atlas.glue(), "page": atlas.page()}
     made |= {"cut": voxflat.surface(of_mesh).cut(relax=False), "rows": surface.geodesic(9)}
     made |= {"image": flat_map.heat_map(), "images": flat_map.images(np.ones((*sheet().shape, 2)))}
     made |= {"regions": flat_map.regions({"a": flat_map.uv.mean(axis=0) + np.array([[-2, -2], [2, -2], [0, 2]])})}
     made |= {"textured": flat_map.textured(np.zeros((4, 4, 3), np.uint8))}
     made |= {"comparison": voxflat.compare(of_mesh, {"a": of_mesh_map}, sources=9), "distortion": flat_map.distortion}
-    found: dict[str, Callable[..., Any]] = {}
+    found = {}
     for module in (voxflat, io, figures):
         for name in module.__all__:
             one = getattr(module, name)
@@ -68,12 +60,11 @@ def calls(folder: Path) -> tuple[dict[str, Callable[..., Any]], dict[str, list[A
     return found, _values(folder, made, mesh)
 
 
-def _values(folder: Path, made: dict[str, Any], mesh: Any) -> dict[str, list[Any]]:
-    """Return right values of parameters, by their names."""
+def _values(folder, made, mesh):
     volume, points = sheet(), made["of_mesh_map"].uv
     any_surface = [made["surface"], made["of_mesh"], volume, mesh, folder / "v.nii", folder / "s.surf.gii"]
     picture = np.zeros((5, 4, 3), np.uint8)
-    values: dict[str, list[Any]] = {"surface": any_surface, "source": any_surface, "obj": [volume, folder / "v.nii"]}
+    values = {"surface": any_surface, "source": any_surface, "obj": [volume, folder / "v.nii"]}
     values |= {"method": ["voxflat", "grossmann2002", "zigelman2002", "schwartz1989", "saucan2006"], "label": [1]}
     values |= {"threshold": [0.5], "spacing": [(1, 1, 2), 1.0], "affine": [np.eye(4), np.diag([1, 1, 2, 1])]}
     values |= {"seed_point": [(3, 3, 2), 9], "radius": [4.0, 12.0]}
@@ -100,9 +91,9 @@ def _values(folder: Path, made: dict[str, Any], mesh: Any) -> dict[str, list[Any
     return values
 
 
-def arguments(one: Callable[..., Any], values: dict[str, list[Any]], chance: random.Random) -> dict[str, Any]:
-    """Choose what a function is given, by its parameters' names; `values`: right ones."""
-    given: dict[str, Any] = {}
+def arguments(one, values, chance):
+    """Choose the arguments of a function; `values` contains right ones by parameter."""
+    given = {}
     for name, parameter in inspect.signature(one).parameters.items():
         if name in _LEFT_OUT or parameter.kind in (parameter.VAR_KEYWORD, parameter.VAR_POSITIONAL):
             continue
@@ -121,8 +112,8 @@ def arguments(one: Callable[..., Any], values: dict[str, list[Any]], chance: ran
     return given
 
 
-def _spoiled(value: Any, chance: random.Random) -> Any:
-    """Return a value like a right one, but wrong somewhere."""
+def _spoiled(value, chance):
+    """Return a value similar to a right one, but wrong somewhere."""
     if isinstance(value, np.ndarray):
         return odd_array(value, chance)
     if isinstance(value, dict):
@@ -137,7 +128,7 @@ def _spoiled(value: Any, chance: random.Random) -> Any:
     return chance.choice(ODD)
 
 
-def told(label: str, given: dict[str, Any]) -> str:
+def told(label, given):
     """Return a call as text."""
     shown = ", ".join(f"{name}={' '.join(repr(value).split())[:90]}" for name, value in given.items())
     return f"{label}({shown})".encode("ascii", "backslashreplace").decode()

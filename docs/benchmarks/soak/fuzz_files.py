@@ -1,24 +1,19 @@
-"""Files to damage: a small one of every format that voxflat reads, ways to damage it, and what opens it."""
-
-from __future__ import annotations
+"""Files to damage: a small file of each format that voxflat reads, ways to damage it, and its opener."""
 
 import base64
 import gzip
 import io
 import json
 import os
-import random
 import re
 import shutil
 import struct
 import zipfile
 import zlib
-from collections.abc import Callable
 from copy import copy
 from dataclasses import dataclass
 from functools import reduce
 from pathlib import Path
-from typing import Any
 
 import nibabel as nib
 import numpy as np
@@ -36,21 +31,18 @@ from voxflat.io.volumes import read_volume, write_volume
 from voxflat.maps.textures.pictures import as_picture
 from voxflat.surfaces.standard.template import is_template, read_template, standard_template
 
-SIDE = 8
-"""Points along a side of the flat sheet that most files are of."""
-
+SIDE = 8  # points along a side of the flat sheet in most files
 N = SIDE * SIDE
 
 
-def sheet() -> np.ndarray[Any, np.dtype[np.uint8]]:
-    """Return a flat sheet of voxels."""
+def sheet():
     volume = np.zeros((SIDE, SIDE, 5), np.uint8)
     volume[:, :, 2] = 1
     return volume
 
 
-def grid() -> Mesh:
-    """Return a sheet of triangles, a little bent."""
+def grid():
+    """Return a slightly bent sheet of triangles."""
     i, j = np.meshgrid(np.arange(SIDE), np.arange(SIDE), indexing="ij")
     points = np.column_stack([5.0 * i.ravel(), 5.0 * j.ravel(), np.sin(i.ravel())])
     corner = (i[:-1, :-1] * SIDE + j[:-1, :-1]).ravel()
@@ -61,31 +53,31 @@ def grid() -> Mesh:
 # -------------------------------------------------------------------------------------------------- openers
 
 
-def _mesh(path: Path) -> None:
+def _mesh(path):
     is_mesh_name(path)
     holds_mesh(path)
     read_mesh(path)
 
 
-def _values(path: Path) -> None:
+def _values(path):
     holds_volume(path)
     read_overlay(path, N)
     channels = read_channels(path, N)
     channels.read(len(channels) - 1)
 
 
-def _labels(path: Path) -> None:
+def _labels(path):
     own_table(path)
     read_overlay(path, N)
     read_region(path, N, name="V1")
 
 
-def _series(path: Path) -> None:
+def _series(path):
     stack = _MADE["map"].images(path)
     stack[len(stack) - 1].data.sum()
 
 
-def _map(path: Path) -> None:
+def _map(path):
     found = voxflat.load(path)
     found.heat_map()
     found.image(np.ones(found.volume_shape) if found.is_voxels else np.ones(found.metadata["vertices"]))
@@ -94,20 +86,20 @@ def _map(path: Path) -> None:
     repr(found)
 
 
-def _atlas(path: Path) -> None:
+def _atlas(path):
     found = voxflat.load_atlas(path)
     found.table()
     found.page().heat_map()
     found.save(path.with_name("again.npz"))
 
 
-def _store(path: Path) -> None:
+def _store(path):
     rows = voxflat.open_rows(path)
     rows.verify()
     rows.chunks  # noqa: B018
 
 
-OPENERS: dict[str, Callable[[Path], object]] = {"volume": read_volume, "series": _series, "mesh": _mesh}
+OPENERS = {"volume": read_volume, "series": _series, "mesh": _mesh}
 OPENERS |= {"values": _values, "labels": _labels, "region": lambda path: read_region(path, N)}
 OPENERS |= {"patch": lambda path: (is_patch(path), read_patch(path)), "table": read_table, "points": read_points}
 OPENERS |= {"map": _map, "atlas": _atlas, "store": _store}
@@ -116,8 +108,8 @@ OPENERS |= {"template": lambda path: (is_template(path), read_template(path))}
 OPENERS |= {"regions": lambda path: _MADE["map"].regions(path).at(np.zeros((1, 2))), "picture": as_picture}
 OPENERS |= {"contents": contents}
 
-_MADE: dict[str, Any] = {}
-"""What openers need beside their file."""
+_MADE = {}
+"""Objects that openers need in addition to their file."""
 
 
 # -------------------------------------------------------------------------------------------------- corpus
@@ -125,28 +117,27 @@ _MADE: dict[str, Any] = {}
 
 @dataclass(frozen=True)
 class Entry:
-    """A folder with one file, or with files that belong together, and how it is opened."""
+    """A folder with a file, or with files that belong together, and the kind of its opener."""
 
     folder: Path
     main: str
     opener: str
 
     @property
-    def files(self) -> list[Path]:
-        """All of it."""
+    def files(self):
         return sorted(path for path in self.folder.rglob("*") if path.is_file())
 
 
-def corpus(folder: Path, endings: tuple[str, ...] = ("",)) -> list[Entry]:
-    """Write a small file of every format, or of those whose names end so."""
-    entries: list[Entry] = []
+def corpus(folder, endings=("",)):
+    """Write a small file of each format, or of those with the given endings."""
+    entries = []
 
-    def entry(main: str, opener: str, write: Callable[[Path], object], name: str = "") -> None:
+    def entry(main, opener, write):
         if not main.endswith(endings):
             return
         own = folder / f"{len(entries):02}"
         own.mkdir(parents=True)
-        write(own / (name or main))
+        write(own / main)
         entries.append(Entry(own, main, opener))
 
     surface = voxflat.surface(sheet())
@@ -156,8 +147,8 @@ def corpus(folder: Path, endings: tuple[str, ...] = ("",)) -> list[Entry]:
     floats = np.random.default_rng(0).random((6, 5, 4)).astype(np.float32)
     for ending in (".nii", ".nii.gz", ".nrrd", ".mha", ".mgh", ".mgz", ".npz"):
         entry(f"v{ending}", "volume", lambda path: write_volume(path, sheet(), affine))
-    entry("f.nii", "volume", lambda path: write_volume(path, floats, affine))
-    entry("f.mha", "volume", lambda path: write_volume(path, floats, affine))
+    for name in ("f.nii", "f.mha"):
+        entry(name, "volume", lambda path: write_volume(path, floats, affine))
     entry("v.npy", "volume", lambda path: write_volume(path, sheet(), np.eye(4)))
     entry("v2.nii", "volume", lambda path: nib.save(nib.Nifti2Image(sheet(), affine), path))
     entry("text.nhdr", "volume", _write_nhdr)
@@ -168,7 +159,7 @@ def corpus(folder: Path, endings: tuple[str, ...] = ("",)) -> list[Entry]:
     entry("t.nii.gz", "series", lambda path: nib.save(series, path))
     mgh = nib.MGHImage(np.ones((SIDE, SIDE, 5, 3), np.float32), np.eye(4))
     entry("t.mgz", "series", lambda path: nib.save(mgh, path))
-    entry("t.zarr", "series", lambda path: flat_map_zarr(path))
+    entry("t.zarr", "series", _write_zarr)
     _meshes(entry)
     _on_points(entry)
     entry("map.npz", "map", flat_map.save)
@@ -186,16 +177,15 @@ def corpus(folder: Path, endings: tuple[str, ...] = ("",)) -> list[Entry]:
     entry("rois.svg", "regions", lambda path: _write_svg(path, flat_map))
     pixels = flat_map.heat_map().data
     entry("rois.npy", "regions", lambda path: np.save(path, np.ones(np.shape(pixels), np.uint8)))
-    entry("rois.png", "regions", flat_map.heat_map().save)
-    entry("rois.tif", "regions", flat_map.heat_map().save)
-    entry("rois.nii", "regions", flat_map.heat_map().save)
+    for ending in (".png", ".tif", ".nii"):
+        entry(f"rois{ending}", "regions", flat_map.heat_map().save)
     picture = Image.fromarray(np.arange(300, dtype=np.uint8).reshape(10, 10, 3))
     for ending in (".png", ".jpg", ".tif", ".bmp"):
         entry(f"p{ending}", "picture", picture.save)
     return entries
 
 
-def _meshes(entry: Callable[..., None]) -> None:
+def _meshes(entry):
     mesh = grid()
     of_vtk = pv.PolyData.from_regular_faces(mesh.points, mesh.faces)
     for name in ("s.surf.gii", "lh.white", "s.vtp", "s.ply", "s.obj"):
@@ -212,7 +202,7 @@ def _meshes(entry: Callable[..., None]) -> None:
     entry("quads.obj", "mesh", lambda path: path.write_bytes(quads))
 
 
-def _on_points(entry: Callable[..., None]) -> None:
+def _on_points(entry):
     values = np.linspace(0, 1, N, dtype=np.float32)
     labels = (np.arange(N) % 3).astype(np.int32)
     gifti = nib.gifti
@@ -252,14 +242,14 @@ def _on_points(entry: Callable[..., None]) -> None:
     entry("points.tsv", "points", lambda path: path.write_text("x\ty\tz\n1\t2\t3\n4\t5\t6\n"))
 
 
-def _packed(path: Path, mesh: Mesh) -> None:
+def _packed(path, mesh):
     plain = path.with_name("s.surf.gii")
     write_mesh(plain, mesh)
     path.write_bytes(gzip.compress(plain.read_bytes(), mtime=0))
     plain.unlink()
 
 
-def _write_old(path: Path, mesh: Any, kind: int) -> None:
+def _write_old(path, mesh, kind):
     from vtkmodules.vtkIOLegacy import vtkPolyDataWriter
 
     writer = vtkPolyDataWriter()
@@ -270,15 +260,15 @@ def _write_old(path: Path, mesh: Any, kind: int) -> None:
     writer.Write()
 
 
-def _write_nhdr(path: Path) -> None:
+def _write_nhdr(path):
     head = "NRRD0004\ntype: uint8\ndimension: 3\nspace: right-anterior-superior\nsizes: 8 8 5\n"
     head += "space directions: (1,0,0) (0,1,0) (0,0,2)\nspace origin: (0,0,0)\nencoding: raw\ndata file: v.raw\n\n"
     path.write_text(head)
     path.with_name("v.raw").write_bytes(sheet().tobytes(order="F"))
 
 
-def _write_meta(path: Path) -> None:
-    """Write MetaImage: voxels as text in the same file (.mha), or raw in another."""
+def _write_meta(path):
+    """Write MetaImage with the voxels as text in the same file (.mha), or raw in another file."""
     is_text = path.suffix == ".mha"
     head = (
         f"ObjectType = Image\nNDims = 3\nBinaryData = {not is_text}\nBinaryDataByteOrderMSB = False\nOffset = 0 0 0\n"
@@ -290,7 +280,7 @@ def _write_meta(path: Path) -> None:
         path.with_name("v.raw").write_bytes(voxels.tobytes())
 
 
-def _write_svg(path: Path, flat_map: voxflat.FlatMap) -> None:
+def _write_svg(path, flat_map):
     from voxflat import figures
 
     figures.save(figures.flat_map(flat_map), path)
@@ -298,8 +288,7 @@ def _write_svg(path: Path, flat_map: voxflat.FlatMap) -> None:
     path.write_text(path.read_text().replace("</svg>", drawn))
 
 
-def flat_map_zarr(path: Path) -> None:
-    """Write a volume as OME-Zarr."""
+def _write_zarr(path):
     import zarr
 
     group = zarr.open_group(path, mode="w", zarr_format=2)
@@ -317,14 +306,14 @@ _WORDS += b"18446744073709551616 99999999999999999999 1e19 1e107 1e400 nan -inf 
 _WORDS += [b"", b"%n%x%s", b"\xff\xfe", b'"', b"1 2 3 4"]
 _INTEGERS = [0, 1, 2, 3, 7, 127, 255, 256, 32767, 65535, 2**24, 2**31 - 1, 2**31, 2**32 - 1, -1, -2, -(2**31)]
 _FLOATS = [0.0, -0.0, 1.0, -1.0, 1e-30, 1e19, 1e30, float("nan"), float("inf"), float("-inf")]
-_VALUES: list[Any] = [None, True, False, 0, -1, 1, 2**31, 2**63, 2**70, 1e19, 1e107, "", "x", "nan", "0", [], {}, [[]]]
+_VALUES = [None, True, False, 0, -1, 1, 2**31, 2**63, 2**70, 1e19, 1e107, "", "x", "nan", "0", [], {}, [[]]]
 _VALUES += [[None], [[1, 2], [3]], {"a": 1}, [1, 2, 3], float("nan"), float("inf"), ["a", "b"], "\x00", 0.5]
 _ZEROS = gzip.compress(bytes(1 << 26), 1, mtime=0)
 _NUMBER = re.compile(rb"[-+]?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?")
 
 
-def damage(data: bytes, chance: random.Random, other: Callable[[], bytes]) -> bytes:
-    """Damage the bytes of a file; `other` returns those of another one."""
+def damage(data, chance, other):
+    """Damage the bytes of a file; `other` returns the bytes of another file."""
     if chance.random() < 0.6:
         inside = _inside(data, chance, other)
         if inside is not None:
@@ -334,8 +323,8 @@ def damage(data: bytes, chance: random.Random, other: Callable[[], bytes]) -> by
     return data
 
 
-def _inside(data: bytes, chance: random.Random, other: Callable[[], bytes]) -> bytes | None:
-    """Damage what is packed in a file, and pack it again so that no checksum tells; None if nothing is."""
+def _inside(data, chance, other):
+    """Damage packed content and pack it again with valid checksums; return None if nothing is packed."""
     if data[:2] == b"\x1f\x8b":
         return gzip.compress(damage(gzip.decompress(data), chance, other), 1, mtime=0)
     if data[:2] == b"PK":
@@ -359,7 +348,7 @@ def _inside(data: bytes, chance: random.Random, other: Callable[[], bytes]) -> b
     return None
 
 
-def _in_archive(data: bytes, chance: random.Random, other: Callable[[], bytes]) -> bytes:
+def _in_archive(data, chance, other):
     with zipfile.ZipFile(io.BytesIO(data)) as archive:
         members = {name: archive.read(name) for name in archive.namelist()}
     name = chance.choice(sorted(members))
@@ -379,8 +368,8 @@ def _in_archive(data: bytes, chance: random.Random, other: Callable[[], bytes]) 
     return made.getvalue()
 
 
-def _in_array(data: bytes, chance: random.Random) -> bytes:
-    """Change values, shape or type of an array; of text that is JSON what it says."""
+def _in_array(data, chance):
+    """Change the values, the shape or the type of an array, or JSON in text."""
     try:
         array = np.lib.format.read_array(io.BytesIO(data), allow_pickle=False)
     except (ValueError, TypeError):
@@ -394,10 +383,10 @@ def _in_array(data: bytes, chance: random.Random) -> bytes:
     return made.getvalue()
 
 
-def odd_array(array: Any, chance: random.Random) -> Any:
-    """Return an array like another, but wrong somewhere; `chance` says how."""
+def odd_array(array, chance):
+    """Return an array similar to another, but wrong somewhere."""
     array = np.array(array)
-    ways: list[Callable[[], Any]] = [
+    ways = [
         lambda: array[: len(array) // 2],
         lambda: np.concatenate([array, array]),
         lambda: array[:0],
@@ -416,15 +405,14 @@ def odd_array(array: Any, chance: random.Random) -> Any:
         return chance.choice(ways)()
 
 
-def _one_changed(array: Any, chance: random.Random) -> Any:
+def _one_changed(array, chance):
     value = np.array(chance.choice(_FLOATS if array.dtype.kind == "f" else _INTEGERS)).astype(array.dtype)
     changed = array.copy()
     changed.reshape(-1)[chance.randrange(array.size)] = value
     return changed
 
 
-def _in_json(value: Any, chance: random.Random) -> Any:
-    """Change something in a value of JSON."""
+def _in_json(value, chance):
     if chance.random() < 0.02:
         return reduce(lambda inner, _: [inner], range(20), 1)
     if not isinstance(value, dict | list) or not value:
@@ -442,8 +430,8 @@ def _in_json(value: Any, chance: random.Random) -> Any:
     return changed
 
 
-def _numbers(data: bytes, chance: random.Random, _: object) -> bytes:
-    """Write numbers that headers had better not have over some bytes, most of them near the start."""
+def _numbers(data, chance, _):
+    """Overwrite some bytes, mostly near the start, with numbers that are critical in headers."""
     if len(data) < 8:
         return data
     changed = bytearray(data)
@@ -460,8 +448,8 @@ def _numbers(data: bytes, chance: random.Random, _: object) -> bytes:
     return bytes(changed)
 
 
-def _words(data: bytes, chance: random.Random, _: object) -> bytes:
-    """Write something else for one number of a text."""
+def _words(data, chance, _):
+    """Replace one number of a text."""
     found = list(_NUMBER.finditer(data[:100_000]))
     if not found:
         return data
@@ -469,8 +457,8 @@ def _words(data: bytes, chance: random.Random, _: object) -> bytes:
     return data[: word.start()] + chance.choice(_WORDS) + data[word.end() :]
 
 
-def _lines(data: bytes, chance: random.Random, _: object) -> bytes:
-    """Leave out, double, exchange or make endless one line."""
+def _lines(data, chance, _):
+    """Delete, double, change or lengthen a line."""
     lines = data.split(b"\n")
     at = chance.randrange(min(len(lines), 60))
     match chance.randrange(5):
@@ -487,27 +475,27 @@ def _lines(data: bytes, chance: random.Random, _: object) -> bytes:
     return b"\n".join(lines)
 
 
-def _flipped(data: bytes, chance: random.Random, _: object) -> bytes:
+def _flipped(data, chance, _):
     changed = bytearray(data)
     for _ in range(chance.choice((1, 1, 2, 8)) if data else 0):
         changed[chance.randrange(len(data))] ^= 1 << chance.randrange(8)
     return bytes(changed)
 
 
-def _replaced(data: bytes, chance: random.Random, other: Callable[[], bytes]) -> bytes:
+def _replaced(data, chance, other):
     start = chance.randrange(len(data) + 1)
     end = min(len(data), start + chance.choice((1, 2, 4, 16, 100, 1000)))
     kinds = (b"", data[start:end] * 2, bytes(end - start), b"\xff" * (end - start), chance.randbytes(end - start))
     return data[:start] + chance.choice((*kinds, other()[start:end])) + data[end:]
 
 
-def _cut(data: bytes, chance: random.Random, _: object) -> bytes:
+def _cut(data, chance, _):
     return data[: chance.randrange(len(data) + 1)] if data else data
 
 
-def _whole(data: bytes, chance: random.Random, other: Callable[[], bytes]) -> bytes:
-    """Return something quite different."""
-    kinds: tuple[Callable[[], bytes], ...] = (
+def _whole(data, chance, other):
+    """Return completely different content."""
+    kinds = (
         bytes,
         other,
         lambda: gzip.compress(data, 1, mtime=0),
@@ -525,13 +513,13 @@ def _whole(data: bytes, chance: random.Random, other: Callable[[], bytes]) -> by
 _WAYS = (_numbers, _numbers, _words, _words, _lines, _flipped, _replaced, _cut, _whole)
 
 
-def damaged(entry: Entry, entries: list[Entry], to: Path, chance: random.Random) -> tuple[Path, str]:
-    """Copy one of the entries to a place that is emptied first, and damage a file of it; return what opens which."""
+def damaged(entry, entries, to, chance):
+    """Copy an entry to an emptied folder, damage one of its files, and return its path and the kind of its opener."""
     shutil.rmtree(to, ignore_errors=True)
     shutil.copytree(entry.folder, to)
     file = to / chance.choice(entry.files).relative_to(entry.folder)
 
-    def other() -> bytes:
+    def other():
         return chance.choice(chance.choice(entries).files).read_bytes()
 
     file.write_bytes(damage(file.read_bytes(), chance, other))

@@ -1,10 +1,10 @@
-"""Kill a run again and again, and resume it: the rows must be those of a run that nothing disturbed, bit by bit.
+"""Kill a computation of rows repeatedly and resume it: the rows must be bit-identical to those of an undisturbed run.
 
     make soak
 
-Each run, with a random number of threads, is killed (kill -9) at a random moment: every fourth at any time between its
-start and its end, the others up to 20 ms after a random one of the rows that are missing was finished. At every third
-kill some of the table and the last line of the journal are lost as well, as by a failing power supply.
+Each run has a random number of threads and is killed (kill -9) at a random time: every fourth between its start and its
+end, the others up to 20 ms after a random missing row is finished. After every third kill, a part of the table and the
+last line of the journal are destroyed as well, as by a power failure.
 """
 
 import argparse
@@ -21,16 +21,14 @@ import numpy as np
 import voxflat
 
 SIDE, SOURCES = 150, 4000
-KILLS = 20
 OPTIONS = {"sampling": "random", "geodesic": "graph"}
 
 
 def main():
-    """Kill, resume, compare."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--kills", type=int, default=KILLS)
+    parser.add_argument("--kills", type=int, default=20)
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--run", type=Path, help="only one run, into this store")
+    parser.add_argument("--run", type=Path, help="do a single run, into this store")
     parser.add_argument("--threads", type=int, default=1)
     options = parser.parse_args()
     if options.run:
@@ -51,7 +49,7 @@ def main():
             else:
                 limit, what = row_finished(store, after, moment / whole), f"{after:4} rows"
             if run(store, limit):
-                whole = whole or time.monotonic() - start  # the first run tells how long one takes
+                whole = whole or time.monotonic() - start  # the duration of the first run
                 check(store, expected)
                 restarts += 1
                 store = Path(directory) / f"store{restarts}"
@@ -62,11 +60,10 @@ def main():
             print(f"kill {kills:2} after {what:>10}: {finished(store)} rows finished")
         run(store, None)
         check(store, expected)
-        print(f"{kills} kills, {restarts + 1} stores: all rows are those of an uninterrupted run, bit by bit")
+        print(f"{kills} kills, {restarts + 1} stores: all rows are bit-identical to those of an uninterrupted run")
 
 
 def sheet():
-    """Return a bumpy sheet."""
     i, j = np.indices((SIDE, SIDE))
     height = np.round(4 + 3 * np.sin(i / 15) * np.sin(j / 15)).astype(int)
     volume = np.zeros((SIDE, SIDE, 10), dtype=bool)
@@ -75,7 +72,7 @@ def sheet():
 
 
 def row_finished(store, number, later):
-    """Return whether so many rows are finished, and a share of 20 ms has passed since, as a function."""
+    """Return a function that tells whether `number` rows are finished, and a part of 20 ms has passed since."""
     seen = []
 
     def passed():
@@ -87,7 +84,7 @@ def row_finished(store, number, later):
 
 
 def run(store, limit):
-    """Run until it is time to kill, if ever; return whether the run came to its end."""
+    """Run until `limit` says to kill the run; return whether it finished."""
     threads = random.randint(1, 3)
     process = subprocess.Popen([sys.executable, __file__, "--run", store, "--threads", str(threads)])
     while process.poll() is None:
@@ -102,7 +99,7 @@ def run(store, limit):
 
 
 def tear(store):
-    """Lose some of what was written last."""
+    """Destroy a part of the table, and half of the last line of the journal."""
     journal, table = store / "journal.jsonl", store / "rows.npy"
     if journal.exists() and len(lines := journal.read_bytes().splitlines(keepends=True)) > 1:
         os.truncate(journal, journal.stat().st_size - len(lines[-1]) // 2)
@@ -113,13 +110,12 @@ def tear(store):
 
 
 def finished(store):
-    """Return how many rows the journal knows."""
+    """Return the number of rows in the journal."""
     journal = store / "journal.jsonl"
     return journal.read_text().count("crc32") if journal.exists() else 0
 
 
 def check(store, expected):
-    """Compare a store with an undisturbed run."""
     rows = voxflat.open_rows(store)
     rows.verify()
     if np.asarray(rows).tobytes() != expected.rows.tobytes():

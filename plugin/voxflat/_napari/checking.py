@@ -1,7 +1,6 @@
 """The widgets of *Layers → Measure*, which report defects of surfaces and the quality of maps."""
 
-from collections.abc import Callable, Sequence
-from functools import partial
+from collections.abc import Sequence
 from html import escape
 from typing import Any
 
@@ -10,14 +9,11 @@ from napari import Viewer
 from qtpy.QtGui import QFontDatabase
 from qtpy.QtWidgets import QPushButton, QTextEdit, QVBoxLayout, QWidget
 
-from voxflat._napari.docks import TaskDock
+from voxflat._napari.docks import TaskDock, arrange
 from voxflat._napari.forms.layer_form import LayerForm
-from voxflat._napari.layers.meshes import LayerMesh
-from voxflat._napari.layers.volumes import LayerVolume
 from voxflat._napari.layers.world import from_ras
 from voxflat._napari.results.report import sentence, table
 from voxflat._napari.viewer_state import ViewerState
-from voxflat.arguments import Progress
 from voxflat.distortion.distortion import Distortion
 from voxflat.errors import VoxflatError
 from voxflat.evaluation.measure import measure
@@ -34,7 +30,7 @@ _PLACES = {
 
 
 class Findings(TaskDock):
-    """Base of the widgets: a button that starts the work or cancels it, and a table with the results."""
+    """Base class of the widgets, with a button that starts the work or cancels it, and a table with the results."""
 
     def __init__(self, action: str, above: QWidget | None = None) -> None:
         super().__init__()
@@ -43,17 +39,13 @@ class Findings(TaskDock):
         self.start.clicked.connect(self._on_start)
         self.table = QTextEdit()
         self.table.setReadOnly(True)
-        layout = QVBoxLayout(self)
-        for part in (above, self.start, self.table):
-            if part is not None:
-                layout.addWidget(part)
+        arrange(QVBoxLayout(self), *([] if above is None else [above]), self.start, self.table)
 
     def look(self) -> None:
         """Start the work, and show errors."""
-        raise NotImplementedError
 
     def _show_rows(self, rows: Sequence[tuple[str, str]], advice: Sequence[str]) -> None:
-        """Show a table of names and values, and below it the advice, in lines that fit the dock."""
+        """Show a table of names and values, and the advice below it, wrapped to the width of the dock."""
         cells = "".join(
             f"<tr><td style='padding:2px 8px 2px 0'>{escape(name)}</td>"
             f"<td style='padding:2px 0'><b>{escape(value)}</b></td></tr>"
@@ -73,9 +65,6 @@ class Findings(TaskDock):
         else:
             self._worker.quit()
 
-    def _find(self, work: Callable[[Progress], Any], found: Callable[[Any], None]) -> None:
-        self._work(work, self._action, found)
-
     def _show_work(self, what: str | None) -> None:
         self.start.setText(self._action if what is None else "Cancel")
         if what is not None:
@@ -83,22 +72,10 @@ class Findings(TaskDock):
 
 
 class CheckForm(LayerForm):
-    """Lets the user choose the surface to check."""
-
-    def __init__(self, viewer: Viewer, parent: QWidget | None = None) -> None:
-        super().__init__(viewer, parent)
-        self._add_rows(
-            (
-                ("Surface", self.surface),
-                ("Label", self.label),
-                ("Threshold", self.threshold),
-                ("World axes", self.world),
-            )
-        )
+    def __init__(self, viewer: Viewer) -> None:
+        super().__init__(viewer)
+        self._add_rows(("World axes", self.world))
         self._on_surface()
-
-    def _on_sampled(self) -> None:
-        """Do nothing: this form does not show a map."""
 
 
 class CheckSurface(Findings):
@@ -112,22 +89,20 @@ class CheckSurface(Findings):
         self._origin: dict[str, str] = {}
 
     def look(self) -> None:
-        """Start the check, and show errors."""
         try:
             source, foreground = self.form.source()
         except VoxflatError as error:
             self._fail(error)
             return
         self._origin = source.origin
-        self._find(partial(_checked, source, foreground), self._show)
+        self._work(lambda progress: check(source.read(), **foreground, progress=progress), self._action, self._show)
 
     def _release(self) -> None:
         super()._release()
         self.form.release()
 
     def _show(self, found: Check) -> None:
-        rows = dict(found.rows())
-        self._show_rows([("input", self._origin["layer"]), *list(rows.items())[1:]], found.advice)
+        self._show_rows([("input", self._origin["layer"]), *found.rows()[1:]], found.advice)
         name = f"defects of {self._origin['layer']}"
         if name in self._viewer.layers:
             self._viewer.layers.remove(name)
@@ -139,17 +114,13 @@ class CheckSurface(Findings):
         self._viewer.add_points(points, name=name, units=units, features={"finding": texts}, **_PLACES)
 
 
-def _checked(source: LayerVolume | LayerMesh, foreground: dict[str, Any], progress: Progress) -> Check:
-    return check(source.read(), **foreground, progress=progress)
-
-
 def _places(found: Check) -> tuple[list[Any], list[str]]:
     """Return the positions of the handles and of the thinnest part, in RAS+ mm, with a description of each."""
     places = [handle["centre"] for handle in found.handles]
-    texts = [f"handle, {handle['length']:.1f} mm long loop" for handle in found.handles]
+    texts = [f"handle (loop of {handle['length']:.1f} mm)" for handle in found.handles]
     if found.thin is not None and found.thin["place"] is not None:
         places.append(found.thin["place"])
-        texts.append(f"thinnest place, {found.thin['worst']:.2f} mm thick")
+        texts.append(f"thinnest part ({found.thin['worst']:.2f} mm)")
     return places, texts
 
 
@@ -162,21 +133,17 @@ class MeasureMap(Findings):
         self.look()
 
     def look(self) -> None:
-        """Show the measures, or start measuring a patch."""
         layer = self._viewer.layers.selection.active
         about: dict[str, Any] = {} if layer is None else layer.metadata
         run = ViewerState.of(self._viewer).current
         flat_map = about.get("voxflat", None if run is None else run.flat_map)
         if "patch_file" in about:
-            self._find(partial(_measured, about["surface_file"], about["patch_file"]), self._show)
+            files = about["surface_file"], about["patch_file"]
+            self._work(lambda progress: measure(*files, progress=progress), self._action, self._show)
         elif flat_map is not None:
             self._show_message(f"{flat_map.metadata['napari']['layer']}\n\n{table(flat_map)}")
         else:
-            self._show_message("No flat map. Flatten a surface, open a flat map, or select a flat patch.")
+            self._show_message("There is no flat map. Flatten a surface, open a flat map, or select a flat patch.")
 
     def _show(self, found: Distortion) -> None:
         self._show_message(found.table())
-
-
-def _measured(surface: str, patch: str, progress: Progress) -> Distortion:
-    return measure(surface, patch, progress=progress)

@@ -5,14 +5,14 @@ from typing import Any
 
 from napari.utils.notifications import show_error
 from qtpy.QtCore import QEvent, QObject
-from qtpy.QtWidgets import QApplication, QDockWidget, QMainWindow, QWidget
+from qtpy.QtWidgets import QApplication, QDockWidget, QLayout, QMainWindow, QWidget
 
 from voxflat._napari.timers import single_shot
 from voxflat._napari.worker import JobWorker
 from voxflat.arguments import Progress
 from voxflat.errors import Cancelled
 
-_LATE = 2000  # ms, after which the window sizes are discarded
+_LATE = 2000  # ms; the sizes of the windows are discarded after this time
 
 
 class Tab(QObject):
@@ -43,26 +43,27 @@ class Tab(QObject):
         window = dock.window()
         if not isinstance(window, QMainWindow):
             return
-        area = window.dockWidgetArea(dock)
-        ours = [
-            other
-            for other in window.findChildren(QDockWidget)
-            if other is not dock
-            and other.findChild(Tab) is not None
-            and not (other.isHidden() or other.isFloating())
-            and window.dockWidgetArea(other) == area
-        ]
+        others = [other for other in window.findChildren(QDockWidget) if other is not dock and other.findChild(Tab)]
+        docked = [other for other in others if not (other.isHidden() or other.isFloating())]
+        ours = [other for other in docked if window.dockWidgetArea(other) == window.dockWidgetArea(dock)]
         if ours:
             window.tabifyDockWidget(ours[-1], dock)
             dock.raise_()
             before, layout = self._sizes.get(id(window)), window.layout()
             if before is not None and layout is not None and not (window.isMaximized() or window.isFullScreen()):
-                layout.activate()  # a small window grew while both docks were stacked
+                layout.activate()  # a small window grew while one dock was below the other
                 window.resize(before)
 
 
+def arrange(layout: Any, *parts: Any) -> None:
+    """Add widgets and layouts to a box layout; a part may be a tuple with its stretch factor."""
+    for part in parts:
+        item, stretch = part if isinstance(part, tuple) else (part, 0)
+        (layout.addLayout if isinstance(item, QLayout) else layout.addWidget)(item, stretch)
+
+
 class Dock(QWidget):
-    """Base of the widgets; napari creates them, and passes the viewer as the parameter `napari_viewer`."""
+    """Base class of the widgets; napari creates them, and passes the viewer as the parameter `napari_viewer`."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -100,11 +101,9 @@ class TaskDock(Dock):
 
     def _show_work(self, what: str | None) -> None:
         """Show the name of the running task, or no name if it is None."""
-        raise NotImplementedError
 
     def _show_message(self, message: str) -> None:
-        """Show an error message."""
-        raise NotImplementedError
+        """Show a message in the dock."""
 
     def _on_errored(self, error: Exception) -> None:
         if not isinstance(error, Cancelled):

@@ -1,7 +1,7 @@
 """Defer Python's full garbage collection while a job runs and layers are added.
 
-A full collection takes 0.1 to 0.3 s with napari's modules in memory, and blocks the window, whichever thread triggers
-it. It is deferred until the window is idle or a time limit is reached.
+With napari's modules in memory, a full collection takes 0.1 to 0.3 s. It blocks the window, whichever thread triggers
+it, and is therefore deferred until the window is idle or a time limit is reached.
 """
 
 import gc
@@ -12,7 +12,7 @@ from qtpy.QtGui import QCursor, QGuiApplication
 from qtpy.QtWidgets import QApplication
 
 _LOOK = 1000  # ms between checks of whether the window is idle
-_LOOKS = 10  # number of checks, after which Python collects garbage as usual
+_LOOKS = 10  # number of checks after which Python collects garbage as usual
 _PATIENCE = 100  # factor by which the collection threshold is increased
 
 
@@ -46,7 +46,6 @@ class _Deferral(QObject):
         timer.start(_LOOK)
 
     def look(self) -> None:
-        """Check whether the window is idle."""
         _, young, old = gc.get_count()
         now = (QCursor.pos(), young, old)
         is_at_rest = now == self._before and QGuiApplication.mouseButtons() == Qt.MouseButton.NoButton

@@ -1,9 +1,9 @@
 """Ensure that the OpenGL objects of removed layers are deleted in the context of the canvas.
 
 When a layer is removed, napari (0.9) makes vispy (0.16, 0.17) delete its programs, buffers and textures immediately, in
-the current OpenGL context. Between two frames, this is the context in which Qt composes the window. Mesa's
-software renderer, which does not share compiled shaders between contexts, then draws one of the next frames without a
-vertex shader, which ends the process.
+the current OpenGL context. Between two frames, this is the context in which Qt composes the window. Mesa's software
+renderer does not share compiled shaders between contexts; it then draws one of the next frames without a vertex shader,
+which ends the process.
 """
 
 import weakref
@@ -19,7 +19,6 @@ def keep_canvas_current(viewer: Viewer) -> None:
     canvas = getattr(getattr(qt_viewer, "canvas", None), "native", None)
     if not hasattr(canvas, "makeCurrent"):
         return
-
     kept = weakref.ref(canvas)
 
     def make_current(_: Any) -> None:

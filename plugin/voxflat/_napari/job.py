@@ -33,7 +33,7 @@ class Job:
     keep: LayerVolume | NDArray[Any] | None = None  # a mask of the same shape for a volume
     seed_point: Seed | None = None
     radius: float | None = None
-    polygon: NDArray[np.float64] | None = None  # (k, 3): corners, RAS+ mm; moved to the nearest vertices
+    polygon: NDArray[np.float64] | None = None  # (k, 3), RAS+ mm: corners, which are moved to the nearest vertices
     pial: LayerMesh | None = None
     options: Mapping[str, Any] = field(default_factory=dict)  # options of the method and of `Surface.flatten`
     pixel_size: float | None = None  # mm
@@ -42,7 +42,6 @@ class Job:
     start: FlatMap | None = None  # the map to start from
 
     def run(self, progress: Progress) -> FlatLayers:
-        """Flatten the surface."""
         _tell(progress, "reading the layer")
         flat_map = self._flatten(progress)
         flat_map = replace(flat_map, metadata={**flat_map.metadata, "napari": self.surface.origin})
@@ -91,7 +90,6 @@ class PatchesJob:
     shown: Shown | None = None
 
     def run(self, progress: Progress) -> FlatLayers:
-        """Flatten the surface in patches."""
         _tell(progress, "reading the layer")
         foreground: dict[str, Any] = {"label": self.label, "threshold": self.threshold}
         whole = surface(self.surface.read(), **foreground, progress=progress)
@@ -103,7 +101,7 @@ class PatchesJob:
 
 
 def _draw(progress: Progress, what: str) -> None:
-    """Report the drawing stage, and import the modules that the dock needs, to avoid blocking the window later."""
+    """Report the drawing stage, and import the modules that the dock needs, so that the window is not blocked later."""
     _tell(progress, f"drawing the {what}")
     importlib.import_module("voxflat.figures")
 

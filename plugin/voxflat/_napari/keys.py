@@ -11,12 +11,12 @@ from qtpy.QtWidgets import QWidget
 
 
 def key_text(key: int) -> str:
-    """Return the name on this system, such as Ctrl+Z, of a key given by app-model's `KeyMod` and `KeyCode`."""
+    """Return the name of a key of app-model (`KeyMod` and `KeyCode`) on this system, such as Ctrl+Z."""
     return str(_sequence(key).toString(QKeySequence.SequenceFormat.NativeText))
 
 
 class Keys:
-    """Binds keys in the dock and on napari's canvas; existing key bindings of the viewer are kept."""
+    """Binds keys in the dock and on napari's canvas, and keeps existing key bindings of the viewer."""
 
     def __init__(self, viewer: Viewer, dock: QWidget, actions: Mapping[int, Callable[[], object]]) -> None:
         self._viewer = viewer
@@ -30,7 +30,6 @@ class Keys:
                 self._bound.append(key)
 
     def release(self) -> None:
-        """Remove the key bindings from the viewer."""
         for key in self._bound:
             self._viewer.bind_key(key, None)
         self._bound = []

@@ -17,17 +17,14 @@ from voxflat._napari.results.flat_layers import LayerData, hidden
 from voxflat.arguments import Progress
 from voxflat.errors import Cancelled
 
-PARTS = ("", "left hemisphere", "right hemisphere", "cerebellum and brain stem")
-"""Names of the labels of the white matter."""
-
-SEED_POINT = (-38.0, -22.0, 55.0)
-"""A seed point in the left central cortex, scanner RAS, mm; the demo uses its counterpart on the right."""
+PARTS = ("", "left hemisphere", "right hemisphere", "cerebellum and brain stem")  # names of the white-matter labels
+SEED_POINT = (-38.0, -22.0, 55.0)  # in the left central cortex, scanner RAS, mm; the demo mirrors it to the right
 
 _SAMPLE = ("voxflat", "demo_cortex")
 
 
 def demo_cortex() -> list[LayerData]:
-    """Open the MNI152 template: a seed point, then T1 and white matter from a thread; without a viewer, all at once."""
+    """Open the MNI152 template: a seed point, and T1 and white matter, which a thread reads if there is a viewer."""
     from napari import current_viewer
 
     viewer = current_viewer()
@@ -77,12 +74,12 @@ def _make_ready(viewer: Viewer) -> None:
         with suppress(ImportError):  # because other versions of napari may need other modules
             importlib.import_module("pandas")
             importlib.import_module("pint").get_application_registry().Unit("mm")  # reads the unit definitions
-            importlib.import_module("vispy.visuals.line.dash_atlas").DashAtlas()  # used for polygons in Labels layers
+            importlib.import_module("vispy.visuals.line.dash_atlas").DashAtlas()  # which polygons in Labels layers need
 
     thread = threading.Thread(target=load, daemon=True)
     thread.start()
 
-    def live() -> None:  # without user input, which is postponed
+    def live() -> None:  # user input is postponed
         QCoreApplication.processEvents(QEventLoop.ProcessEventsFlag.ExcludeUserInputEvents)
         thread.join(0.005)
 
@@ -95,7 +92,7 @@ def _make_ready(viewer: Viewer) -> None:
 
 
 def _glyphs(viewer: Viewer) -> Iterator[bool]:
-    """Draw, one at a time, the letters with which vispy measures a font before it draws text, such as in Points."""
+    """Draw the letters with which vispy measures a font before it draws text, such as in Points; yield after each."""
     qt_viewer = getattr(getattr(getattr(viewer, "__wrapped__", viewer), "window", None), "_qt_viewer", None)
     fonts: Any = getattr(qt_viewer, "_font_manager", None)
     face = getattr(qt_viewer, "_overlay_font", None)
@@ -117,7 +114,6 @@ def _add_when_read(viewer: Viewer) -> None:
     from voxflat._napari.worker import JobWorker
 
     there, earlier = weakref.ref(viewer), weakref.WeakSet(viewer.layers)
-
     arrived: list[Layer] = []
     steps: deque[Callable[[Viewer], None]] = deque()
 
@@ -149,7 +145,7 @@ def _add_when_read(viewer: Viewer) -> None:
     def add(found: list[LayerData]) -> None:
         """Add the layers, one step at a time."""
         steps.extend(partial(make, data=data) for data in found)
-        steps.extend((choose, look, show_seed))  # the seed point comes last, because it would fill the view on its own
+        steps.extend((choose, look, show_seed))  # the seed point, which would fill the view on its own, comes last
         QTimer.singleShot(0, proceed)
 
     def make(shown: Viewer, data: LayerData) -> None:

@@ -25,7 +25,7 @@ from voxflat.io.volumes import Volume, read_volume
 from voxflat.maps.flat_map import FlatMap
 from voxflat.methods import Method
 
-_WIDTH = 100  # largest line length of a script, where possible
+_WIDTH = 100  # preferred line length of a script
 _PATH, _NUMPY, _TREE = "from pathlib import Path", "import numpy as np", "from scipy.spatial import cKDTree"
 
 
@@ -38,7 +38,6 @@ class Recipe:
 
     @property
     def name(self) -> str:
-        """The name of the flattened layer."""
         return self._job.surface.origin["layer"]
 
     def run(self, progress: Progress) -> FlatLayers:
@@ -52,9 +51,9 @@ class Recipe:
         return bool(_Script(self._job, None).unsaved)
 
     def script(self, folder: Path | None = None) -> str:
-        """Return a script, and save data that are not in a file in a folder; raises InputError if layers changed."""
+        """Return a script; data that are not in a file are saved in a folder. Raises InputError if layers changed."""
         if _fingerprints(self._job) != self._fingerprints:
-            raise InputError("Layers of this run have changed since. Flatten again, then copy the script")
+            raise InputError("Layers of this run have changed since it finished. Flatten again, then copy the script")
         return _Script(self._job, folder).text()
 
 
@@ -67,8 +66,7 @@ class _Script:
         self._readers: set[str] = set()
         self._lines: list[str] = []
         self._named: dict[int, str] = {}
-        self.unsaved: list[str] = []
-        """Names of the data that are not in a file."""
+        self.unsaved: list[str] = []  # names of the data that are not in a file
         self._title = job.surface.origin["layer"]
         if isinstance(job, Job):
             self._of_job(job)
@@ -76,14 +74,11 @@ class _Script:
             self._of_patches(job)
 
     def text(self) -> str:
-        """Return the script."""
         about = f'"""Repeat the run of voxflat {__version__} on {self._title!r} in napari."""'
         standard, others = ([line for line in lines if line in self._imports] for lines in ((_PATH,), (_NUMPY, _TREE)))
         own = ["import voxflat", f"from voxflat.io import {', '.join(sorted(self._readers))}"]
         blocks = [standard, others, own, self._lines]
         return "\n\n".join([about, *("\n".join(block) for block in blocks if block)]) + "\n"
-
-    # ---------------------------------------------------------------------------------------------- jobs
 
     def _of_job(self, job: Job) -> None:
         pial = None if job.pial is None else _Code(self._surface(job.pial, "pial"))
@@ -110,7 +105,7 @@ class _Script:
         self._result("flat_map", job.shown, job.pixel_size)
 
     def _method(self, job: Job, method: Method) -> str:
-        """Return a method as an argument: nothing for the default method, a name, or an object with options."""
+        """Return a method as an argument: an object with options, a name, or nothing for the default method."""
         changed = {name: value for name, value in job.options.items() if name in type(method).__dataclass_fields__}
         parts = [f"{name}={self._value(name, value)}" for name, value in changed.items()]
         if job.start is not None:
@@ -141,11 +136,8 @@ class _Script:
         self._lines.append(f"image.save({_file_name(shown.name) + '_flattened.png'!r})")
 
     def _call(self, result: str, function: str, first: str, given: dict[str, Any]) -> None:
-        """Add a call of a function with arguments."""
-        parts = [
-            *([first] if first else []),
-            *(f"{key}={self._value(key, value)}" for key, value in given.items() if value is not None),
-        ]
+        keywords = [f"{key}={self._value(key, value)}" for key, value in given.items() if value is not None]
+        parts = [first, *keywords] if first else keywords
         line = f"{result} = {function}({', '.join(parts)})"
         if len(line) > _WIDTH:
             line = f"{result} = {function}(\n" + "".join(f"    {part},\n" for part in parts) + ")"
@@ -163,20 +155,18 @@ class _Script:
             return f"[{inside}]" if isinstance(value, list) else f"({inside}{',' * (len(value) == 1)})"
         return repr(value)
 
-    # ---------------------------------------------------------------------------------------------- data
-
     def _surface(self, source: LayerVolume | LayerMesh, variable: str | None = None) -> str:
         """Add code that reads a layer from its file if the file contains the same data, otherwise from a saved file."""
         known = self._named.get(id(source.place))
         if known is not None:
             return known
-        name = source.origin["layer"]
-        if isinstance(source, LayerVolume):
+        name, read = source.origin["layer"], source.read()
+        if isinstance(read, Volume):
             variable = variable or "volume"
-            self._volume(source.read(), name, variable)
+            self._volume(read, name, variable)
         else:
             variable = variable or "mesh"
-            self._mesh(source.read(), name, variable)
+            self._mesh(read, name, variable)
         self._named[id(source.place)] = variable
         return variable
 
@@ -205,7 +195,6 @@ class _Script:
         self._lines.append(f'{variable} = Mesh({saved}["points"], {saved}["faces"]{path}{self._known(mesh)})')
 
     def _known(self, mesh: Mesh) -> str:
-        """Return the structure and space of a mesh as arguments."""
         known = "" if mesh.structure is None else f", structure={mesh.structure!r}"
         if mesh.space.name != "scanner":
             return known
@@ -213,7 +202,6 @@ class _Script:
         return f'{known}, space=Space("scanner")'
 
     def _overlay(self, shown: Overlay) -> str:
-        """Add code that reads mesh values."""
         values = shown.values
         if shown.path is None or not _holds(shown.path, values):
             return self._array(values, shown.name)
@@ -229,7 +217,6 @@ class _Script:
         return f'{self._load(name, values=values)}["values"]'
 
     def _map(self, flat_map: FlatMap) -> str:
-        """Save a map, and add code that loads it."""
         self.unsaved.append("the map to start from")
         file = Path(f"{_file_name(self._title)}_start.voxflat")
         if self._folder is not None:
@@ -248,7 +235,7 @@ class _Script:
             with atomic_path(file) as temporary, temporary.open("wb") as opened:
                 np.savez_compressed(opened, **arrays)  # type: ignore[arg-type]  # of its other parameters
         variable = f"saved_{len(self.unsaved)}"
-        self._lines += [f"# saved, because no file holds the data of {name!r}", f"{variable} = np.load({str(file)!r})"]
+        self._lines += [f"# saved because no file contains {name!r}", f"{variable} = np.load({str(file)!r})"]
         return variable
 
 
@@ -271,7 +258,6 @@ def _is_in_file(source: Volume | Mesh) -> bool:
 
 
 def _holds(path: Path, values: NDArray[Any]) -> bool:
-    """Return whether a file contains these mesh values."""
     try:
         return _same(read_overlay(path, len(values)).astype(values.dtype), values)
     except (InputError, OSError):

@@ -5,12 +5,11 @@ from typing import Any
 
 from qtpy.QtCore import QObject, QTimer
 
-PAUSE = 10
-"""Pause between two steps, ms; without it Qt would run the next step before it draws the result of the last one."""
+PAUSE = 10  # ms between two steps; otherwise, Qt would run the next step before it draws the result of the last one
 
 
 def single_shot(parent: QObject, pause: int, act: Callable[[], Any]) -> QTimer:
-    """Return a timer that calls a function once, when a pause in ms has passed since the last start."""
+    """Return a timer that calls a function once, when the pause (ms) has passed since its last start."""
     timer = QTimer(parent)
     timer.setSingleShot(True)
     timer.setInterval(pause)

@@ -29,14 +29,9 @@ class DrawnCuts:
 class ViewerState:
     """The runs of one viewer, which do not depend on open docks; the signal `changed` notifies the docks."""
 
-    changed = Signal()
-    """Emitted when runs are added or removed, or the current run changes."""
-
-    cuts_drawn = Signal()
-    """Emitted when cuts were drawn for a layer."""
-
-    flatten_requested = Signal(object, object)
-    """Emitted with a layer and its foreground to flatten it again along the drawn cuts."""
+    changed = Signal()  # emitted when runs are added or removed, or the current run changes
+    cuts_drawn = Signal()  # emitted when cuts were drawn for a layer
+    flatten_requested = Signal(object, object)  # emitted with a layer to flatten along drawn cuts, and its foreground
 
     _of: ClassVar["dict[int, ViewerState]"] = {}
 
@@ -46,8 +41,7 @@ class ViewerState:
         self._current: Run | None = None
         self._opened: weakref.WeakSet[Run] = weakref.WeakSet()  # runs whose layers napari adds one at a time
         self._cuts: weakref.WeakKeyDictionary[Layer, DrawnCuts] = weakref.WeakKeyDictionary()
-        self.keeps_earlier = False
-        """Whether earlier runs are kept when a new one is added."""
+        self.keeps_earlier = False  # whether earlier runs are kept when a new one is added
 
     @classmethod
     def of(cls, viewer: Viewer) -> "ViewerState":
@@ -63,12 +57,10 @@ class ViewerState:
 
     @property
     def runs(self) -> tuple[Run, ...]:
-        """The runs, in the order in which they were added."""
-        return tuple(self._runs)
+        return tuple(self._runs)  # in the order in which they were added
 
     @property
     def current(self) -> Run | None:
-        """The run that the docks show."""
         return self._current
 
     @property
@@ -76,27 +68,25 @@ class ViewerState:
         """Whether the layer list contains all layers of the runs, and no layers of removed runs."""
         return all(listed.is_settled for listed in self._runs.values())
 
-    def add(self, run: Run, *, keep: bool | None = None) -> None:
-        """Make a run the current one, and add its layers; `keep` (by default `keeps_earlier`) keeps other runs."""
+    def add(self, run: Run) -> None:
+        """Make a run the current one, and add its layers; other runs are removed unless `keeps_earlier` is set."""
         viewer = self._viewer()
         assert viewer is not None
-        replaced: list[ListedLayers] = []
-        if not (self.keeps_earlier if keep is None else keep):
-            replaced = [*self._runs.values()]
+        free: list[Layer] = []
+        if not self.keeps_earlier:
+            free = [layer for listed in self._runs.values() for layer in listed.hand_over()]
             self._runs.clear()
-        self._runs[run] = ListedLayers(viewer, [layer for listed in replaced for layer in listed.hand_over()])
+        self._runs[run] = ListedLayers(viewer, free)
         self._current = run
         self.changed.emit()
         self._runs[run].show(run.layers)
 
     def choose(self, run: Run) -> None:
-        """Show a run."""
         if run in self._runs and run is not self._current:
             self._current = run
             self.changed.emit()
 
     def remove(self, run: Run) -> None:
-        """Remove a run and its layers, if the run exists."""
         if run not in self._runs:
             return
         self._runs.pop(run).remove()
@@ -125,20 +115,16 @@ class ViewerState:
             self.changed.emit()
 
     def map_of(self, layer: Layer | None) -> FlatMap | None:
-        """Return the displayed map if it may show a layer, because both have as many vertices or both are voxels."""
+        """Return the displayed map if it fits a layer: both are voxels, or both have the same number of vertices."""
         flat_map = None if self._current is None else self._current.flat_map
-        if layer is None or not isinstance(flat_map, FlatMap):
+        if layer is None or not isinstance(flat_map, FlatMap) or flat_map.is_voxels == isinstance(layer, Surface):
             return None
-        if not isinstance(layer, Surface):
-            return flat_map if flat_map.is_voxels else None
-        fits = not flat_map.is_voxels and flat_map.metadata.get("vertices") == len(layer.vertices)
+        fits = flat_map.is_voxels or flat_map.metadata.get("vertices") == len(layer.vertices)
         return flat_map if fits else None
 
     def set_cuts(self, layer: Layer, cuts: DrawnCuts) -> None:
-        """Store the cuts that were drawn on a layer."""
         self._cuts[layer] = cuts
         self.cuts_drawn.emit()
 
     def cuts_of(self, layer: Layer | None) -> DrawnCuts | None:
-        """Return the cuts that were drawn on a layer, or None."""
         return None if layer is None else self._cuts.get(layer)

@@ -20,7 +20,7 @@ from qtpy.QtWidgets import (
     QWidget,
 )
 
-from voxflat._napari.docks import TaskDock
+from voxflat._napari.docks import TaskDock, arrange
 from voxflat._napari.forms.patches_form import PatchesForm
 from voxflat._napari.forms.surface_form import SurfaceForm
 from voxflat._napari.map_viewer.dock import open_flat_map
@@ -51,43 +51,28 @@ class FlattenWidget(TaskDock):
         self._timer.timeout.connect(self._show_progress)
         self.form = form
         self.results = results
-        self._make_actions(action)
+        self.start, self.stop = QPushButton(action), QPushButton("Cancel")
+        self.start.clicked.connect(self.flatten)
+        self.stop.clicked.connect(self.cancel)
+        self.bar, self.status = QProgressBar(), QLabel()
+        self.status.setWordWrap(True)
         self._lay_out()
         self._show_work(None)
         ViewerState.of(viewer).changed.connect(self._show_current)
         self._show_current()
-
-    # ------------------------------------------------------------------------------------------ making
-
-    def _make_actions(self, action: str) -> None:
-        self.start = QPushButton(action)
-        self.start.clicked.connect(self.flatten)
-        self.stop = QPushButton("Cancel")
-        self.stop.clicked.connect(self.cancel)
-        self.bar = QProgressBar()
-        self.status = QLabel()
-        self.status.setWordWrap(True)
 
     def _lay_out(self) -> None:
         """Place the form and the results in a scroll area, and the buttons below it, where they are always visible."""
         inside = QWidget()
         column = QVBoxLayout(inside)
         column.setContentsMargins(0, 0, 0, 0)
-        column.addWidget(self.form)
-        column.addWidget(self.results)
+        arrange(column, self.form, self.results)
         column.addStretch(1)
         self.scrolled = _Scroll()
         self.scrolled.setWidget(inside)
         actions = QHBoxLayout()
-        actions.addWidget(self.start, 2)
-        actions.addWidget(self.stop, 1)
-        layout = QVBoxLayout(self)
-        layout.addWidget(self.scrolled, 1)
-        layout.addLayout(actions)
-        layout.addWidget(self.bar)
-        layout.addWidget(self.status)
-
-    # --------------------------------------------------------------------------------------- flattening
+        arrange(actions, (self.start, 2), (self.stop, 1))
+        arrange(QVBoxLayout(self), (self.scrolled, 1), actions, self.bar, self.status)
 
     def flatten(self) -> None:
         """Start the flattening; `cancel` stops it."""
@@ -104,7 +89,6 @@ class FlattenWidget(TaskDock):
         self._work(self._recipe.run, self.start.text(), self._on_returned)
 
     def cancel(self) -> None:
-        """Cancel the flattening, if one is running."""
         if self._worker is not None:
             self._worker.quit()
             self.stop.setEnabled(False)
@@ -115,19 +99,17 @@ class FlattenWidget(TaskDock):
         self.start.setEnabled(not running)
         self.stop.setEnabled(running)
         self.bar.setVisible(running)
+        self._timer.stop()
         if running:
             self._show_progress()
             self._timer.start()
-        else:
-            self._timer.stop()
 
     def _show_progress(self) -> None:
         if self._worker is None or self._worker.abort_requested:
             return
         stage, done, total = self._worker.stage
-        counted = total > 1
-        self.bar.setRange(0, total if counted else 0)  # the range 0 to 0 shows a busy indicator
-        self.bar.setValue(done if counted else 0)
+        self.bar.setRange(0, total if total > 1 else 0)  # the range 0 to 0 shows a busy indicator
+        self.bar.setValue(done if total > 1 else 0)
         self.status.setText(f"{stage[:1].upper()}{stage[1:]}…")
 
     def _on_returned(self, result: FlatLayers) -> None:
@@ -184,8 +166,6 @@ class FlattenWidget(TaskDock):
     def _show_message(self, message: str) -> None:
         self.status.setText(message)
 
-    # ------------------------------------------------------------------------------------------- ending
-
     def _release(self) -> None:
         self.cancel()
         self.form.release()
@@ -203,7 +183,7 @@ class FlattenSurface(FlattenWidget):
 
     def _on_flatten_requested(self, layer: Layer, foreground: Mapping[str, Any]) -> None:
         if not self.start.isEnabled():
-            show_warning("Flatten surface is still running. Wait for its map, or cancel it, then press Flatten again")
+            show_warning("Flatten surface is still running. Wait for its map or cancel it, then press Flatten again")
             return
         self.form.continue_from_shown_map(layer, **foreground)
         self.flatten()

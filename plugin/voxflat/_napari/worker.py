@@ -14,8 +14,7 @@ from voxflat._napari.garbage_collection import defer_collections
 from voxflat._napari.timers import PAUSE
 from voxflat.arguments import Progress
 
-POLL_INTERVAL = 250
-"""Interval between two updates of the progress, ms; every change redraws the complete window."""
+POLL_INTERVAL = 250  # interval between two updates of the progress, ms; every change redraws the complete window
 
 _CANCEL_INTERVAL = 50  # ms between checks of whether a task has been cancelled
 _SPINNER_SPEED = 12  # per cent; four frames per second
@@ -24,8 +23,8 @@ _SPINNER_SPEED = 12  # per cent; four frames per second
 class BackgroundTask(WorkerBase):  # type: ignore[misc]  # napari's type is Any
     """Calls a function in a thread of Qt's thread pool.
 
-    When napari closes, it waits for threads, except for a thread that starts at that moment; Python waits for this
-    thread before it exits. The signals of such a thread are deleted, and an exception from `run` would end the process.
+    When napari closes, it waits for all threads except one that is just starting; Python waits for that thread before
+    it exits. The signals of such a thread are deleted, and an exception from `run` would end the process.
     """
 
     def __init__(self, function: Callable[[], Any]) -> None:
@@ -34,7 +33,6 @@ class BackgroundTask(WorkerBase):  # type: ignore[misc]  # napari's type is Any
         _wait_at_exit()
 
     def work(self) -> Any:
-        """Call the function in the thread."""
         return self._function()
 
     def run(self) -> None:
@@ -42,15 +40,11 @@ class BackgroundTask(WorkerBase):  # type: ignore[misc]  # napari's type is Any
         try:
             super().run()
         except RuntimeError:
-            if not self._is_deleted():
-                raise
-
-    def _is_deleted(self) -> bool:
-        try:
-            self.signals.objectName()
-        except RuntimeError:
-            return True
-        return False
+            try:
+                self.signals.objectName()
+            except RuntimeError:
+                return  # the signals have been deleted
+            raise
 
 
 @cache
@@ -60,13 +54,10 @@ def _wait_at_exit() -> None:
 
 
 class LatestTask(QObject):
-    """Runs one task at a time in a thread; of the tasks requested meanwhile, only the last one is run."""
+    """Runs one task at a time in a thread; if several tasks are requested meanwhile, only the last one is run."""
 
-    done = Signal(object)
-    """Emitted with the result of the task that was requested last."""
-
-    failed = Signal(object)
-    """Emitted with the error of the task that was requested last."""
+    done = Signal(object)  # emitted with the result of the task that was requested last
+    failed = Signal(object)  # emitted with the error of the task that was requested last
 
     def __init__(self, parent: QObject, done: Callable[[Any], None], failed: Any) -> None:
         super().__init__(parent)
@@ -77,11 +68,10 @@ class LatestTask(QObject):
 
     @property
     def is_busy(self) -> bool:
-        """Whether a task is running."""
         return self._worker is not None
 
     def ask(self, work: Callable[[], Any]) -> None:
-        """Run a task after the running one, whose result is discarded; the new task must not use widgets or layers."""
+        """Run a task, which must not use widgets or layers; the result of a task that is still running is discarded."""
         if self._worker is not None:
             self._next = work
             return
@@ -122,8 +112,7 @@ class JobWorker(BackgroundTask):
     def __init__(self, work: Callable[[Progress], Any], title: str = "voxflat") -> None:
         super().__init__(lambda: work(self._progress))
         self.title = title
-        self.stage = ("starting", 0, 1)
-        """The current stage, the completed and the total number of steps; any thread may read it."""
+        self.stage = ("starting", 0, 1)  # name, completed steps and total steps; any thread may read it
 
     def start(self) -> None:
         """In the GUI thread, show the progress bar, and start the thread after the window has processed events."""
@@ -143,10 +132,10 @@ class JobWorker(BackgroundTask):
 
 
 class _Activity(QObject):
-    """The progress bar of a task in napari's activity dock, which is shown until `end` is called.
+    """The progress bar of a task, shown in napari's activity dock until `end` is called.
 
     napari animates a spinner beside the bar at 33 frames per second, and each frame redraws the window. Without a
-    graphics card, this uses most of a CPU core. While a task runs, the spinner is slowed down to 4 frames per second.
+    graphics card, this uses most of a CPU core. The spinner is therefore slowed down to 4 frames per second.
     """
 
     _count: ClassVar[int] = 0
@@ -173,17 +162,16 @@ class _Activity(QObject):
 
     def _show(self) -> None:
         stage, done, total = self._worker.stage
-        counted = total > 1
+        total = total if total > 1 else 0  # 0 shows a busy indicator
         described = f"{self._worker.title}: {stage}"
         if self._bar.desc != f"{described}: ":
             self._bar.set_description(described)
-        if self._bar.total != (total if counted else 0):
-            self._bar.total = total if counted else 0  # 0 shows a busy indicator
-        if counted:
+        if self._bar.total != total:
+            self._bar.total = total
+        if total:
             self._bar.update(done - self._bar.n)
 
     def end(self) -> None:
-        """Remove the progress bar."""
         self._timer.stop()
         self._bar.close()
         _Activity._count -= 1
@@ -192,7 +180,6 @@ class _Activity(QObject):
 
 
 def _set_spinner_speed(percent: int) -> None:
-    """Set the speed of the spinners in the status bars."""
     for window in QApplication.topLevelWidgets():
         if isinstance(window, QMainWindow):
             bar = window.statusBar()

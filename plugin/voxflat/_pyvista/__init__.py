@@ -5,11 +5,11 @@ PyVista 0.48 and later load this module on the first use of ``.voxflat``. With o
 
 Coordinates are interpreted as RAS+ mm: x increases to the right, y to the front, and z upwards. First convert images
 from readers that keep LPS coordinates, such as ITK: multiply the origin and the first two rows of the direction matrix
-by −1. Otherwise, left and right, and front and back, are exchanged on the map.
+by −1. Otherwise, the map exchanges left and right, and front and back.
 
-`extracted_surface` extracts the surface of a dataset and copies its data, `images` converts image arrays to
-volumes, and `flat` converts maps to meshes. `accessor` defines the operations on a dataset, and `blocks` defines the
-operations on a MultiBlock.
+`inputs` converts datasets to surfaces and volumes, `extracted_surface` extracts the surface of a dataset and copies its
+data, and `flat` converts maps to meshes. `accessor` defines the operations on a dataset, and `blocks` defines those on
+a MultiBlock.
 """
 
 from typing import Any

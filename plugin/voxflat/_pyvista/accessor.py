@@ -23,13 +23,15 @@ if TYPE_CHECKING:
 class VoxflatAccessor(Verbs):
     """Flatten a mesh, or the surface of a segmented image.
 
-    PyVista makes this accessor available as ``mesh.voxflat``; calling it flattens the dataset.
+    PyVista makes this accessor available as ``mesh.voxflat``. Calling it flattens the dataset. All methods raise
+    `InputError` with an explanation if the dataset or an argument cannot be used, and `Cancelled` if the function given
+    as ``progress`` returns False.
 
     Parameters
     ----------
     mesh : pyvista.DataSet
-        An ``ImageData`` with labels or intensities as point data or cell data, in RAS+ mm. For any other dataset,
-        the accessor extracts the surface and triangulates it. The dataset is not modified.
+        An ``ImageData`` with labels or intensities as point data or cell data, in RAS+ mm, or any other dataset, whose
+        surface is extracted and triangulated. The dataset is not modified.
 
     See Also
     --------
@@ -44,7 +46,7 @@ class VoxflatAccessor(Verbs):
     >>> flat = image.voxflat()  # the flat map as PolyData, in mm
     >>> flat_map = image.voxflat.flatten()  # the flat map as a voxflat.FlatMap
     >>> patch = image.voxflat.to_surface_polydata(flat_map)  # the surface, with the same data
-    >>> flat = pv.Plane().voxflat()  # meshes work, too; their arrays are copied to the map
+    >>> flat = pv.Plane().voxflat()  # the flat map of a mesh, with its arrays
     >>> page = pv.Icosphere(nsub=2).voxflat.patches(max_angle=20)  # certified patches, for any topology
     >>> distances = pv.Icosphere(nsub=2).voxflat.geodesic(0)  # along the surface, from point 0
     """
@@ -64,7 +66,7 @@ class VoxflatAccessor(Verbs):
     ) -> tuple[pv.PolyData, pv.Texture]:
         """Map an image onto the surface through its flat map.
 
-        The image is placed on the flat map, and each surface point receives the colour at its position on the map.
+        Each point of the surface receives the colour of the image at its position on the flat map.
 
         Parameters
         ----------
@@ -87,19 +89,12 @@ class VoxflatAccessor(Verbs):
         texture : pyvista.Texture
             The image as a texture, for ``surface.plot(texture=texture)``.
 
-        Raises
-        ------
-        InputError, Cancelled
-            As in `flatten` and `FlatMap.textured`.
-
         See Also
         --------
         FlatMap.textured : Texture a flat map, and write files that other programs can read.
 
         Examples
         --------
-        >>> import numpy as np
-        >>> import pyvista as pv
         >>> board = np.kron([[0, 255], [255, 0]], np.ones((8, 8))).astype("uint8")
         >>> flat = pv.ParametricEnneper(u_res=12, v_res=12).voxflat()
         >>> surface, texture = flat.voxflat.texture(board, 0.05, repeat=True)
@@ -136,8 +131,8 @@ class VoxflatAccessor(Verbs):
     ) -> pv.Plotter:
         """Show the surface and its flat map side by side.
 
-        Both views have the same colour scale. A click in either view marks the same point in both, and shows the number
-        of the point and its value.
+        Both views have the same colour scale. A click in either view marks the same point in both, and shows the
+        point's number and value.
 
         Parameters
         ----------
@@ -166,11 +161,6 @@ class VoxflatAccessor(Verbs):
         pyvista.Plotter
             The plotter, which is closed if the plot has been shown.
 
-        Raises
-        ------
-        InputError, Cancelled
-            As in `flatten`, or if the map does not have the array.
-
         See Also
         --------
         show : Show an interactive view in a notebook.
@@ -178,7 +168,6 @@ class VoxflatAccessor(Verbs):
 
         Examples
         --------
-        >>> import pyvista as pv
         >>> flat = pv.ParametricEnneper(u_res=12, v_res=12).voxflat()
         >>> plotter = flat.voxflat.plot("areal", off_screen=True)
         """
@@ -199,7 +188,7 @@ class VoxflatAccessor(Verbs):
         Parameters
         ----------
         n : int
-            Number of frames, including the first and the last one.
+            Number of frames, at least 2, including the first and the last one.
         progress_bar : bool
             Show a progress bar.
         **options : dict
@@ -210,18 +199,12 @@ class VoxflatAccessor(Verbs):
         Morph
             A sequence of meshes from the surface to the map. `Morph.save` writes a movie; `Morph.plot` shows a slider.
 
-        Raises
-        ------
-        InputError, Cancelled
-            As in `flatten`, or if there are fewer than two frames.
-
         See Also
         --------
         plot : Show the surface and the map side by side.
 
         Examples
         --------
-        >>> import pyvista as pv
         >>> morph = pv.ParametricEnneper(u_res=12, v_res=12).voxflat.morph(10)
         >>> halfway = morph.at(0.5)
         >>> morph.save("unfold.gif")  # doctest: +SKIP
@@ -235,8 +218,8 @@ class VoxflatAccessor(Verbs):
     ) -> MapPage:
         """Show the surface and its flat map in a notebook.
 
-        The two views are linked: the point under the pointer is marked in both. A menu selects the displayed array,
-        and a slider unfolds the surface.
+        The point under the pointer is marked in both views. A menu selects the displayed array, and a slider unfolds
+        the surface.
 
         Parameters
         ----------
@@ -252,11 +235,6 @@ class VoxflatAccessor(Verbs):
         MapPage
             A page that Jupyter displays. `MapPage.save` writes it to a file.
 
-        Raises
-        ------
-        InputError, Cancelled
-            As in `flatten`.
-
         See Also
         --------
         export_html : Write the page to a file.
@@ -264,7 +242,6 @@ class VoxflatAccessor(Verbs):
 
         Examples
         --------
-        >>> import pyvista as pv
         >>> flat = pv.ParametricEnneper(u_res=12, v_res=12).voxflat()
         >>> page = flat.voxflat.show("Enneper's surface")
         >>> page.save("enneper.html")  # doctest: +SKIP
@@ -283,7 +260,8 @@ class VoxflatAccessor(Verbs):
     ) -> None:
         """Write the page of `show` to an HTML file.
 
-        The file needs no network connection. It contains at most about 20,000 points; larger maps are simplified.
+        The page does not require a network connection. It contains at most about 20,000 points; larger maps are
+        simplified.
 
         Parameters
         ----------
@@ -298,8 +276,8 @@ class VoxflatAccessor(Verbs):
 
         Raises
         ------
-        InputError, Cancelled
-            As in `show`, or if the file name has another extension.
+        InputError
+            If the file name has another extension.
         OSError
             If the file cannot be written.
 

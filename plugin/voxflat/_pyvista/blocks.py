@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any
 
 import pyvista as pv
 
@@ -17,26 +17,13 @@ if TYPE_CHECKING:
 
     from voxflat._pyvista.options import CutOptions, FlattenOptions, PlaceOptions
 
-_Found = TypeVar("_Found")
-
-_OF_ONE = {
-    "geodesic": "distances can be measured within one block only",
-    "path": "a path lies within one block",
-    "texture": "an image is mapped onto one block",
-    "plot": "a plot shows one surface and its map",
-    "morph": "a morph unfolds one surface",
-    "show": "a page shows one surface and its map",
-    "export_html": "a page shows one surface and its map",
-    "volume": "a volume is an array of one image",
-    "voxel_at": "a voxel belongs to one image",
-}
-
 
 class BlocksAccessor:
     """Flatten each block of a MultiBlock.
 
     PyVista makes this accessor available as ``blocks.voxflat``. Operations on a single surface or point, such as
-    ``plot`` and ``geodesic``, are available on each block: ``blocks["left"].voxflat.plot()``.
+    ``plot`` and ``geodesic``, are available on each block: ``blocks["left"].voxflat.plot()``. The methods raise
+    `InputError` and `Cancelled` like those of `VoxflatAccessor`; the message names the block.
 
     Parameters
     ----------
@@ -66,7 +53,7 @@ class BlocksAccessor:
         """Flatten each block into the plane z = 0.
 
         The parameters are the same as for `VoxflatAccessor`. The result contains a map of each block, under its name;
-        empty blocks stay empty. Raises InputError and Cancelled like `VoxflatAccessor`; the message names the block.
+        empty blocks stay empty.
         """
         return self._made(lambda of, _: of(scalars, progress_bar=progress_bar, **options))
 
@@ -93,8 +80,8 @@ class BlocksAccessor:
 
         Raises
         ------
-        InputError, Cancelled
-            As in `VoxflatAccessor.flatten`, with the name of the block; or if two blocks have the same name.
+        InputError
+            If two blocks have the same name.
 
         See Also
         --------
@@ -124,11 +111,6 @@ class BlocksAccessor:
         -------
         pyvista.MultiBlock
             The surfaces, with the names of their blocks.
-
-        Raises
-        ------
-        InputError, Cancelled
-            As in `VoxflatAccessor.surface`, with the name of the block.
 
         See Also
         --------
@@ -161,8 +143,8 @@ class BlocksAccessor:
 
         Raises
         ------
-        InputError, Cancelled
-            As in `VoxflatAccessor.check`, with the name of the block; or if two blocks have the same name.
+        InputError
+            If two blocks have the same name.
 
         See Also
         --------
@@ -192,11 +174,6 @@ class BlocksAccessor:
         -------
         pyvista.MultiBlock
             The page of each block.
-
-        Raises
-        ------
-        InputError, Cancelled
-            As in `VoxflatAccessor.patches`, with the name of the block.
 
         See Also
         --------
@@ -231,11 +208,6 @@ class BlocksAccessor:
         pyvista.MultiBlock
             The cut surfaces, with the names of their blocks.
 
-        Raises
-        ------
-        InputError, Cancelled
-            As in `VoxflatAccessor.cut`, with the name of the block.
-
         See Also
         --------
         VoxflatAccessor.cut : The equivalent method for a single dataset.
@@ -269,8 +241,8 @@ class BlocksAccessor:
 
         Raises
         ------
-        InputError, Cancelled
-            As in `VoxflatAccessor.measure`, with the name of the block; or if the numbers of maps and blocks differ.
+        InputError
+            If the numbers of maps and blocks differ.
 
         See Also
         --------
@@ -288,14 +260,14 @@ class BlocksAccessor:
 
         def __getattr__(self, name: str) -> object:
             """Raise an error that explains why an operation needs a single block."""
-            if name not in _OF_ONE:
+            if name.startswith(("_", "to_")) or not hasattr(VoxflatAccessor, name):
                 raise AttributeError(f"'{type(self).__name__}' object has no attribute {name!r}")
             first = next(iter(self._blocks.keys()), "name")
-            raise AttributeError(f"{_OF_ONE[name]}. Call it on one block: blocks[{first!r}].voxflat.{name}(...)")
+            raise AttributeError(
+                f"{name} applies to a single dataset. Call it on one block: blocks[{first!r}].voxflat.{name}(...)"
+            )
 
-    def _made(
-        self, verb: Callable[[Any, Any], pv.DataSet | pv.MultiBlock], beside: pv.MultiBlock | None = None
-    ) -> pv.MultiBlock:
+    def _made(self, verb: Callable[[Any, Any], object], beside: pv.MultiBlock | None = None) -> pv.MultiBlock:
         """Apply an operation to each block, and to the block at the same position in another MultiBlock."""
         if beside is not None and not (isinstance(beside, pv.MultiBlock) and len(beside) == len(self._blocks)):
             given = f"{len(beside)} blocks" if isinstance(beside, pv.MultiBlock) else type(beside).__name__
@@ -303,12 +275,8 @@ class BlocksAccessor:
                 f"the maps are {given}. Give a MultiBlock with one map for each of the {len(self._blocks)} blocks"
             )
         made = pv.MultiBlock()
-        for number, (name, block) in enumerate(zip(self._blocks.keys(), self._blocks, strict=True)):
-            one = None if beside is None else beside[number]
-            if block is None:
-                made.append(None, name)
-                continue
-            made.append(_applied(name, block, verb, one), name)
+        for name, block, one in zip(self._blocks.keys(), self._blocks, beside or self._blocks, strict=True):
+            made.append(None if block is None else _applied(name, block, verb, one), name)
         return made
 
     def _named(self, verb: Callable[[Any], Any]) -> dict[str, Any]:
@@ -321,15 +289,15 @@ class BlocksAccessor:
             inner = {f"{name}/{key}": value for key, value in result.items()} if isinstance(result, dict) else None
             for key, value in (inner or {name: result}).items():
                 if key in found:
-                    raise InputError(f"two blocks have the name {key!r}. Rename one: blocks.set_block_name(1, ...)")
+                    raise InputError(f"two blocks have the name {key!r}. Rename one with blocks.set_block_name(1, ...)")
                 found[key] = value
         return found
 
 
-def _applied(name: str, block: object, verb: Callable[..., _Found], *beside: object) -> _Found:
+def _applied(name: str, block: object, verb: Callable[..., Any], *beside: object) -> Any:
     """Apply an operation to a block; errors name the block."""
     if not isinstance(block, pv.DataSet | pv.MultiBlock):
-        raise InputError(f"block {name!r} is a {type(block).__name__}, which has no surface. Remove it")
+        raise InputError(f"block {name!r} is a {type(block).__name__}, which does not have a surface. Remove it")
     try:
         return verb(BlocksAccessor(block) if isinstance(block, pv.MultiBlock) else VoxflatAccessor(block), *beside)
     except InputError as error:

@@ -1,6 +1,5 @@
 """Convert PyVista maps to pages for a web browser."""
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -8,19 +7,9 @@ import pyvista as pv
 from numpy.typing import NDArray
 
 from voxflat.lab.map_page import MapPage, page_of
+from voxflat.lab.pages import SceneMap
 
 _OWN = ("vertex_ids", "voxel_ids", "torn", "mesh_vertex_ids")
-
-
-@dataclass(frozen=True, eq=False)
-class _PageMap:
-    """The part of a map that is shown on a page."""
-
-    uv: NDArray[np.float64]
-    points: NDArray[np.float64]
-    ids: NDArray[np.int64]
-    faces: NDArray[np.uint32]
-    torn: NDArray[np.bool_]
 
 
 def browser_page(flat: pv.PolyData, title: str) -> MapPage:
@@ -30,13 +19,8 @@ def browser_page(flat: pv.PolyData, title: str) -> MapPage:
     faces = np.asarray(flat.regular_faces)
     ids = next((flat.point_data[name] for name in _OWN[:2] if name in flat.point_data), np.arange(len(plane)))
     torn = flat.cell_data["torn"] if "torn" in flat.cell_data else np.zeros(len(faces))
-    shown = _PageMap(
-        plane[:, :2].copy(),
-        surface,
-        np.asarray(ids, dtype=np.int64),
-        faces.astype(np.uint32),
-        np.asarray(torn, dtype=np.bool_),
-    )
+    numbers, is_torn = np.asarray(ids, dtype=np.int64), np.asarray(torn, dtype=np.bool_)
+    shown = SceneMap(plane[:, :2].copy(), surface, numbers, faces.astype(np.uint32), is_torn)
     of_points, of_triangles = _values(flat.point_data), _values(flat.cell_data)
     return page_of(shown, of_points, of_triangles, title, first=flat.active_scalars_name)
 

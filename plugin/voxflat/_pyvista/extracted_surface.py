@@ -29,20 +29,15 @@ class ExtractedSurface:
     @classmethod
     def of(cls, dataset: pv.DataSet) -> "ExtractedSurface":
         """Extract the outer surface of a dataset, and triangulate its polygons and strips."""
-        if (
-            isinstance(dataset, pv.PolyData)
-            and dataset.GetNumberOfPolys() == dataset.n_cells
-            and _is_triangles(dataset)
-        ):
+        polygons = dataset.GetNumberOfPolys() if isinstance(dataset, pv.PolyData) else 0
+        if isinstance(dataset, pv.PolyData) and polygons == dataset.n_cells > 0 and dataset.is_all_triangles:
             return cls(dataset, dataset, np.arange(dataset.n_points), np.arange(dataset.n_cells))
         numbered = dataset.copy(deep=False)
         numbered.clear_data()
         numbered.point_data[_POINT] = np.arange(dataset.n_points)
         numbered.cell_data[_CELL] = np.arange(dataset.n_cells)
-        if (
-            isinstance(numbered, pv.PolyData) and numbered.n_verts + numbered.n_lines
-        ):  # vertices and lines precede the polygons, and are not part of a surface
-            faces: Any = np.arange(numbered.n_verts + numbered.n_lines, numbered.n_cells)
+        if isinstance(numbered, pv.PolyData) and (other := numbered.n_verts + numbered.n_lines):
+            faces: Any = np.arange(other, numbered.n_cells)  # vertices and lines precede the polygons
             numbered = numbered.extract_cells(faces)
         if isinstance(numbered, pv.ExplicitStructuredGrid):  # VTK's filter does not set its cell data
             numbered = numbered.cast_to_unstructured_grid()
@@ -55,7 +50,7 @@ class ExtractedSurface:
         if not triangles.n_cells:
             raise InputError(
                 f"the {type(dataset).__name__} of {dataset.n_cells} cells has no faces to flatten. "
-                "Give a dataset with a surface"
+                "Pass a dataset with a surface"
             )
         # VTK duplicates the points at the edges of a grid, once for each adjacent side
         point_ids, first, row = np.unique(triangles.point_data[_POINT], return_index=True, return_inverse=True)
@@ -73,9 +68,8 @@ class ExtractedSurface:
         """Return the surface point for a single seed point."""
         found = self.points(seed, name)
         if found.ndim:
-            raise InputError(
-                f"{name} is {np.asarray(seed).tolist()}. Give the number of one point, or a position of three floats"
-            )
+            given = np.asarray(seed).tolist()
+            raise InputError(f"{name} is {given}. Pass the number of one point, or a position of three floats")
         return int(found)
 
     def points(self, seeds: object, name: str) -> NDArray[np.int64]:
@@ -88,38 +82,32 @@ class ExtractedSurface:
         if wanted.dtype.kind == "f":
             return self._nearest(wanted, name)
         if wanted.dtype.kind not in "iu":
-            raise InputError(f"{name} is of type {wanted.dtype}. Give point numbers, positions (three floats) or cells")
+            raise InputError(f"{name} is of type {wanted.dtype}. Pass point numbers, positions (three floats) or cells")
         on_surface = np.full(self.dataset.n_points, -1, dtype=np.int64)
         on_surface[self.point_ids] = np.arange(len(self.point_ids))
         inside = (wanted >= 0) & (wanted < len(on_surface))
         found = np.where(inside, on_surface[np.where(inside, wanted, 0)], -1)
         if (found < 0).any():
-            missing = int(wanted[found < 0].flat[0])
-            raise InputError(
-                f"{name}: point {missing} is not on the surface of the {type(self.dataset).__name__}. "
-                "Choose another point"
-            )
+            missing, kind = int(wanted[found < 0].flat[0]), type(self.dataset).__name__
+            raise InputError(f"{name}: point {missing} is not on the surface of the {kind}. Choose another point")
         return found
 
     def _of_cell(self, cell: pv.Cell, name: str) -> NDArray[np.int64]:
         """Return the corner of a cell that lies on the surface and is nearest to the centre of the cell."""
         numbers = np.asarray(cell.point_ids)
         is_there = (numbers < self.dataset.n_points) & np.isin(numbers, self.point_ids[self._used])
-        if not is_there.any() or not np.allclose(
-            cell.points, self.dataset.points[numbers.clip(max=len(self.dataset.points) - 1)]
-        ):
-            raise InputError(
-                f"{name}: the cell is not on the surface of the {type(self.dataset).__name__}. Choose another cell"
-            )
+        same = self.dataset.points[numbers.clip(max=self.dataset.n_points - 1)]
+        if not is_there.any() or not np.allclose(cell.points, same):
+            kind = type(self.dataset).__name__
+            raise InputError(f"{name}: the cell is not on the surface of the {kind}. Choose another cell")
         apart = np.linalg.norm(cell.points - cell.points.mean(axis=0), axis=1)
         return self.points(numbers[np.where(is_there, apart, np.inf).argmin()], name)
 
     def _nearest(self, positions: NDArray[np.float64], name: str) -> NDArray[np.int64]:
-        """Return the surface points nearest to the given positions; a warning reports distant positions."""
+        """Return the surface points nearest to the given positions; a warning reports the most distant position."""
         if positions.shape[-1:] != (3,) or positions.ndim > 2 or not np.isfinite(positions).all():
-            raise InputError(
-                f"{name} has shape {positions.shape} of {positions.dtype}. Give finite positions (x, y, z)"
-            )
+            of = f"shape {positions.shape} and data type {positions.dtype}"
+            raise InputError(f"{name} has {of}. Pass finite positions (x, y, z)")
         used = self._used
         apart, found = KDTree(np.asarray(self.mesh.points)[used]).query(positions)
         corners = np.asarray(self.mesh.points, dtype=np.float64)[self.mesh.regular_faces]
@@ -162,10 +150,6 @@ class ExtractedSurface:
         triangle[known] = np.arange(len(own))
         found = triangle[wanted]
         return None if (found < 0).any() else self.cell_ids[found]
-
-
-def _is_triangles(mesh: pv.PolyData) -> bool:
-    return bool(mesh.n_cells and mesh.GetNumberOfPolys() == mesh.n_cells and mesh.is_all_triangles)
 
 
 def _free(name: str, flat: pv.PolyData) -> str:

@@ -18,34 +18,28 @@ from voxflat.pipeline.surface import surface as _surface
 
 
 def read(path: str, *, surface: object | None = None) -> pv.PolyData:
-    """Read a surface, a patch or a saved map for ``pyvista.read``.
-
-    Examples
-    --------
-    >>> import pyvista as pv
-    >>> mesh = pv.read("lh.pial")  # doctest: +SKIP
-    >>> flat = pv.read("lh.cortex.patch.flat", surface="lh.white")  # doctest: +SKIP
-    """
-    if path.lower().endswith(SAVED_ENDINGS):
-        _refuse(path, surface)
-        return to_polydata(load(path))
-    if is_patch(path):
+    """Read a surface, a saved map, or a patch (whose triangles come from `surface`) for ``pyvista.read``."""
+    is_saved = path.lower().endswith(SAVED_ENDINGS)
+    if not is_saved and is_patch(path):
         return _patch(path, surface)
-    _refuse(path, surface)
-    return _polydata(read_mesh(path))
+    if surface is not None:
+        raise InputError(f"{path}: surface is given, but the file is not a patch. Omit surface")
+    if is_saved:
+        return to_polydata(load(path))
+    mesh = read_mesh(path)
+    made = triangles(mesh.points, mesh.faces)
+    for name, array in mesh.point_data.items():
+        made.point_data[name] = array
+    return made
 
 
 def write(dataset: pv.DataSet, path: str) -> None:
-    """Write a mesh as ``.surf.gii`` for ``mesh.save``.
-
-    `dataset` must contain only triangles. For the map of a mesh, the file keeps the vertex numbers of the mesh, as
-    `FlatMap.save` does; where a cut duplicates a vertex, only one side is kept. Raises InputError if the dataset is not
-    a surface of triangles or the name does not end in ``.surf.gii``, and OSError if the file cannot be written.
-    """
+    """Write triangles as ``.surf.gii`` for ``mesh.save``; the map of a mesh keeps its vertex numbers."""
     with naming(path, "can this format hold it?"):
         if not isinstance(dataset, pv.PolyData) or not dataset.is_all_triangles:
             raise InputError(
-                f"cannot hold a {type(dataset).__name__}. Give triangles: mesh.extract_surface().triangulate()"
+                f"cannot store the {type(dataset).__name__}. Convert it to triangles: "
+                "mesh.extract_surface().triangulate()"
             )
         write_mesh(path, _of_map(dataset) if is_map(dataset) else _mesh(dataset.points, dataset.regular_faces))
 
@@ -66,24 +60,12 @@ def _mesh(points: Any, faces: Any) -> Mesh:
     return Mesh(np.asarray(points), np.asarray(faces))
 
 
-def _refuse(path: str, surface: object | None) -> None:
-    if surface is not None:
-        raise InputError(f"{path}: surface is given, but the file is not a patch. Omit surface")
-
-
-def _polydata(mesh: Mesh) -> pv.PolyData:
-    made = triangles(mesh.points, mesh.faces)
-    for name, array in mesh.point_data.items():
-        made.point_data[name] = array
-    return made
-
-
 def _patch(path: str, surface: object | None) -> pv.PolyData:
     patch = read_patch(path)
     if surface is None:
         name = Path(path).name
         raise InputError(
-            f"{name} is a patch without triangles. Give its surface: pyvista.read({name!r}, surface='lh.white')"
+            f"{name} is a patch without triangles. Pass its surface: pyvista.read({name!r}, surface='lh.white')"
         )
     whole = _surface(surface)
     row = np.full(whole.count, -1, dtype=np.int64)

@@ -22,7 +22,7 @@ from voxflat.unique_rows import in_rows
 def to_polydata(flat_map: FlatMap, *, picture_shape: tuple[int, ...] = (1, 1)) -> pv.PolyData:
     """Return a flat map as a mesh in the plane z = 0, in mm.
 
-    The mesh has the measures of distortion as point and cell data.
+    The point and cell data of the mesh contain the measures of distortion.
 
     Parameters
     ----------
@@ -36,9 +36,9 @@ def to_polydata(flat_map: FlatMap, *, picture_shape: tuple[int, ...] = (1, 1)) -
     pyvista.PolyData
         The mesh. Its point data are ``distance_error`` (active), ``areal``, ``angle``, ``voxel_ids`` (i, j, k) or
         ``vertex_ids``, ``surface_points`` (RAS+ mm) and texture coordinates that place an image as `FlatMap.texture`
-        does. Its cell data are ``isometric``, ``quasi_conformal``, ``flipped`` and ``torn`` (the triangle bridges a gap
-        in the surface). `voxflat.distortion.triangles` defines the measures. The field data ``voxflat`` hold the
-        metadata and the distortion figures: ``json.loads(mesh.field_data["voxflat"][0])``.
+        does. Its cell data are ``isometric``, ``quasi_conformal``, ``flipped`` and ``torn`` (whether the triangle
+        bridges a gap in the surface). `voxflat.distortion.triangles` defines the measures. The field data ``voxflat``
+        contain the metadata and the distortion figures: ``json.loads(mesh.field_data["voxflat"][0])``.
 
     See Also
     --------
@@ -101,7 +101,7 @@ def to_page_polydata(atlas: Atlas, *, packing: str = "boxes") -> pv.PolyData:
         The mesh. Its cell data are ``patch`` (active), ``piece`` (which differs from ``patch`` if patches are glued),
         ``isometric`` (C), ``quasi_conformal`` (K) and ``areal`` (log2 of the ratio of areas). Its point data are
         ``voxel_ids`` or ``vertex_ids``, ``surface_points`` (RAS+ mm) and texture coordinates for an image of the page.
-        The field data ``voxflat`` hold the metadata.
+        The field data ``voxflat`` contain the metadata.
 
     See Also
     --------
@@ -115,7 +115,12 @@ def to_page_polydata(atlas: Atlas, *, packing: str = "boxes") -> pv.PolyData:
     """
     page = atlas.page(packing=packing)
     mesh = triangles(_in_plane(page.uv), atlas.uv_faces)
-    _add_figures(mesh, atlas)
+    mesh.cell_data["patch"] = atlas.patch_ids
+    mesh.cell_data["piece"] = atlas.piece_ids
+    for name in FIGURES:
+        mesh.cell_data[name] = getattr(atlas, name)
+    with np.errstate(divide="ignore"):
+        mesh.cell_data["areal"] = np.log2(atlas.areal)  # as in flat maps
     is_voxels = atlas.metadata["kind"] == "voxels"
     mesh.point_data["voxel_ids" if is_voxels else "vertex_ids"] = atlas.ids[atlas.vertex_ids]
     mesh.point_data["surface_points"] = atlas.points[atlas.vertex_ids]
@@ -172,25 +177,13 @@ def is_map(mesh: pv.DataSet) -> bool:
     return isinstance(mesh, pv.PolyData) and "voxflat" in mesh.field_data and "surface_points" in mesh.point_data
 
 
-def _add_figures(mesh: pv.PolyData, atlas: Atlas) -> None:
-    """Add the patch and the distortion of each triangle."""
-    mesh.cell_data["patch"] = atlas.patch_ids
-    mesh.cell_data["piece"] = atlas.piece_ids
-    for name in FIGURES:
-        mesh.cell_data[name] = getattr(atlas, name)
-    with np.errstate(divide="ignore"):
-        mesh.cell_data["areal"] = np.log2(atlas.areal)  # as in flat maps
-
-
 def _add_measures(
     mesh: pv.PolyData, distortion: Distortion, points: NDArray[np.float64], uv: NDArray[np.float64]
 ) -> None:
     """Add the distortion of each point and triangle."""
     of_points, of_triangles = measure_arrays(distortion, points, np.asarray(mesh.regular_faces), uv)
-    for name, array in of_points.items():
-        mesh.point_data[name] = array
-    for name, array in of_triangles.items():
-        mesh.cell_data[name] = array
+    mesh.point_data.update(of_points)
+    mesh.cell_data.update(of_triangles)
 
 
 def _mesh(flat_map: FlatMap, points: NDArray[np.float64], picture_shape: tuple[int, ...]) -> pv.PolyData:

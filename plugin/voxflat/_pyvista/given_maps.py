@@ -1,4 +1,4 @@
-"""Flat maps that users pass to ``mesh.voxflat.measure``."""
+"""Convert the flat maps that users pass to ``mesh.voxflat.measure``."""
 
 from typing import Any
 
@@ -22,21 +22,16 @@ def rows_of(flat: object, whole: Surface, surface: ExtractedSurface | None) -> o
         if "torn" in flat.cell_data:
             faces = faces[~np.asarray(flat.cell_data["torn"], dtype=np.bool_)]
         return np.asarray(flat.points), faces, _vertices(flat, whole, surface)
-    if surface is not None and _is_extracted(flat, surface):
-        of = ExtractedSurface.of(flat)  # type: ignore[arg-type]
-        ids = surface.points(np.asarray(flat.point_data[_ORIGINAL])[of.point_ids], "the map's points")  # type: ignore[attr-defined]
+    numbered = isinstance(flat, pv.PolyData) and _ORIGINAL in flat.point_data  # by a VTK filter
+    if numbered and surface is not None and _ORIGINAL not in surface.dataset.point_data:
+        made: Any = flat
+        of = ExtractedSurface.of(made)
+        ids = surface.points(np.asarray(made.point_data[_ORIGINAL])[of.point_ids], "the map's points")
         return np.asarray(of.mesh.points), np.asarray(of.mesh.regular_faces), ids
     if surface is None or surface.is_dataset or not isinstance(flat, pv.DataSet | np.ndarray):
         return flat
     places: Any = flat.points if isinstance(flat, pv.DataSet) else flat
     return np.asarray(places)[surface.point_ids] if len(places) == surface.dataset.n_points else flat
-
-
-def _is_extracted(flat: object, surface: ExtractedSurface) -> bool:
-    """Return whether a VTK filter made the mesh and recorded the original point of each of its points."""
-    return (
-        isinstance(flat, pv.PolyData) and _ORIGINAL in flat.point_data and _ORIGINAL not in surface.dataset.point_data
-    )
 
 
 def _vertices(flat: pv.PolyData, whole: Surface, surface: ExtractedSurface | None) -> object:
@@ -46,6 +41,6 @@ def _vertices(flat: pv.PolyData, whole: Surface, surface: ExtractedSurface | Non
     apart, found = KDTree(whole.points).query(np.asarray(flat.point_data["surface_points"], dtype=np.float64))
     if not (apart <= _SAME * whole.usual_edge).all():
         raise InputError(
-            f"the map's surface_points are up to {apart.max():.3g} away from the surface. Give a map of this surface"
+            f"the map's surface_points are up to {apart.max():.3g} away from the surface. Pass a map of this surface"
         )
     return whole.vertices[found]

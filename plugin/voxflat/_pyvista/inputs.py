@@ -10,7 +10,6 @@ import pyvista as pv
 from numpy.typing import ArrayLike, NDArray
 
 from voxflat._pyvista.extracted_surface import ExtractedSurface
-from voxflat._pyvista.images import volume_of
 from voxflat.arguments import Progress, is_number
 from voxflat.errors import InputError
 from voxflat.io.volumes import Volume
@@ -41,7 +40,7 @@ class Inputs:
         -------
         Volume
             An object that voxflat functions accept, for example ``voxflat.check(image.voxflat.volume())`` or
-            ``flat_map.image(image.voxflat.volume("T1"))``. Colours (uint8 with 3 or 4 components) are accepted too.
+            ``flat_map.image(image.voxflat.volume("T1"))``. The values may be colours (uint8 with 3 or 4 components).
 
         Raises
         ------
@@ -59,7 +58,7 @@ class Inputs:
         >>> image.voxflat.volume()
         <Volume: 8 x 8 x 8 of uint8, voxels of 1 x 1 x 1 mm, RAS>
         """
-        return volume_of(self._mesh, scalars)
+        return _volume_of(self._mesh, scalars)
 
     def voxel_at(self, point: ArrayLike, scalars: str | None = None) -> tuple[int, int, int]:
         """Return the voxel at a position.
@@ -99,8 +98,8 @@ class Inputs:
         i, j, k = np.rint(place).astype(int).tolist()
         if not all(0 <= index < size for index, size in zip((i, j, k), volume.data.shape, strict=False)):
             raise InputError(
-                f"the point {np.asarray(point).tolist()} mm lies outside the image, "
-                f"whose bounds are {tuple(self._mesh.bounds)}. Choose a point inside"
+                f"the point {np.asarray(point).tolist()} mm is outside the image, whose bounds are "
+                f"{tuple(self._mesh.bounds)}. Choose a point inside the image"
             )
         return i, j, k
 
@@ -112,15 +111,22 @@ class Inputs:
         if self._is_image:
             raise InputError("an ImageData is not a surface. Extract its surface first: image.voxflat.surface()")
         if scalars is not None:
-            raise InputError(f"scalars is {scalars!r}, but a mesh has no foreground to choose. Omit scalars")
+            raise InputError(f"scalars is {scalars!r}, but a mesh is flattened without scalars. Omit scalars")
         return ExtractedSurface.of(self._mesh)
+
+    def _source(self, scalars: str | None) -> tuple[ExtractedSurface | None, Any]:
+        """Return the extracted surface of a mesh, and the mesh or the volume to make a `Surface` from."""
+        if self._is_image:
+            return None, self.volume(scalars)
+        extracted = self._extracted(scalars)
+        return extracted, extracted.mesh
 
     def _part(self, scalars: str | None, given: dict[str, Any], progress: Progress | None) -> Surface:
         """Return the selected part of the surface, and remove the options that select it from `given`."""
-        extracted = None if self._is_image else self._extracted(scalars)
+        extracted, source = self._source(scalars)
         making: dict[str, Any] = {name: given.pop(name) for name in ("label", "threshold", "unit") if name in given}
         making |= {name: given[name] for name in ("threads", "memory_limit") if name in given}
-        part = surface(self.volume(scalars) if extracted is None else extracted.mesh, progress=progress, **making)
+        part = surface(source, progress=progress, **making)
         for name in ("keep", "drop"):
             region = self._region(given.pop(name, None))
             if region is not None:
@@ -170,9 +176,9 @@ class Inputs:
         return region[extracted.point_ids] if is_mask else extracted.points(region, name)
 
     def _region(self, region: object) -> object:
-        """Convert a region to a form that `voxflat.flatten` accepts."""
+        """Convert a region to a form that `Surface.keep` accepts."""
         if isinstance(region, pv.DataSet):
-            return volume_of(region)
+            return _volume_of(region)
         if not isinstance(region, str):
             return region
         names = self._mesh.array_names if self._is_image else self._mesh.point_data.keys()
@@ -183,5 +189,46 @@ class Inputs:
             return mask
         if not os.path.exists(region):
             there = ", ".join(names) or "none"
-            raise InputError(f"{region!r} is neither an array of the points nor a file. The arrays are: {there}")
+            raise InputError(f"{region!r} is neither an array of the points nor a file. Available arrays: {there}")
         return region
+
+
+def _volume_of(image: pv.DataSet, scalars: str | None = None) -> Volume:
+    """Return an array of an image as a volume with its affine, without a copy."""
+    if not isinstance(image, pv.ImageData):
+        resample = "Resample the mesh onto an image with pyvista.ImageData(...).sample(mesh)"
+        raise InputError(f"the {type(image).__name__} is not a volume. {resample}")
+    values, in_cells = _array(image, scalars)
+    shape, affine = _grid(image, in_cells)
+    colours = values.ndim == 2 and values.shape[1] in (3, 4) and values.dtype == np.uint8
+    if values.ndim > 1 and not colours:
+        name = scalars or image.active_scalars_name
+        raise InputError(f"array {name!r} has {values.shape[1]} components. Give an array with one value per voxel")
+    return Volume(values.reshape(*shape, *values.shape[1:], order="F"), affine)
+
+
+def _array(image: pv.ImageData, name: str | None) -> tuple[NDArray[Any], bool]:
+    """Return an array of an image, and whether its values belong to cells instead of points."""
+    points, cells = image.point_data, image.cell_data
+    names = [*points.keys(), *cells.keys()]
+    if name is None:
+        name = image.active_scalars_name or (names[0] if len(names) == 1 else None)
+    if name is None or name not in names:
+        there = f"The image has the arrays {', '.join(names)}" if names else "The image has no arrays"
+        wrong = "scalars is not given" if name is None else f"the image has no array {name!r}"
+        raise InputError(f"{wrong}. Pass the name of an array as scalars. {there}")
+    if names.count(name) > 1:
+        raise InputError(f"the points and the cells both have an array {name!r}. Rename or remove one of them")
+    return np.asarray((points if name in points else cells)[name]), name not in points
+
+
+def _grid(image: pv.ImageData, in_cells: bool) -> tuple[tuple[int, ...], NDArray[np.float64]]:
+    """Return the number of voxels along each axis, and the affine from voxel indices to image coordinates."""
+    size = np.asarray(image.dimensions)
+    first = np.asarray(image.extent[::2], dtype=np.float64)  # VTK's indices need not start at 0
+    if in_cells:
+        first += np.where(size > 1, 0.5, 0.0)  # the centre of a cell lies half a cell from its corner
+        size = np.maximum(size - 1, 1)
+    affine = np.array(image.index_to_physical_matrix, dtype=np.float64)
+    affine[:3, 3] += affine[:3, :3] @ first
+    return tuple(size.tolist()), affine

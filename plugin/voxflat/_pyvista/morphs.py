@@ -18,20 +18,15 @@ from voxflat.maps.placement import aligned
 class Morph(Sequence[pv.PolyData]):
     """A sequence of meshes from a surface to its flat map.
 
-    Each point moves on a straight line from its position on the surface to its position on the map. The map is rotated
-    and translated, but not scaled, so that the sum of the squared distances is minimal.
+    Each point moves on a straight line from its position on the surface to its position on the map. To minimise the sum
+    of the squared distances, the map is rotated and translated, but not scaled.
 
     Parameters
     ----------
     flat : pyvista.PolyData
         The flat map, which is not modified.
     n : int
-        Number of frames, including the first and the last one.
-
-    Raises
-    ------
-    InputError
-        If there are fewer than two frames.
+        Number of frames, at least 2, including the first and the last one.
 
     See Also
     --------
@@ -47,7 +42,7 @@ class Morph(Sequence[pv.PolyData]):
 
     def __init__(self, flat: pv.PolyData, n: int = 25) -> None:
         if not is_whole(n) or n < 2:
-            raise InputError(f"n is {n!r}. Give at least 2 frames")
+            raise InputError(f"n is {n!r}. Pass a whole number of at least 2")
         self._flat, self._n = flat, int(n)
         self._surface = np.array(flat.point_data["surface_points"], dtype=np.float64)
         self._turn, self._laid = aligned(np.asarray(flat.points, dtype=np.float64), self._surface)
@@ -81,17 +76,12 @@ class Morph(Sequence[pv.PolyData]):
         Parameters
         ----------
         share : float
-            Position between the surface (0) and the map (1).
+            Position from 0 (the surface) to 1 (the map).
 
         Returns
         -------
         pyvista.PolyData
             The mesh at this position.
-
-        Raises
-        ------
-        InputError
-            If the share is not between 0 and 1.
 
         See Also
         --------
@@ -104,7 +94,7 @@ class Morph(Sequence[pv.PolyData]):
         121
         """
         if not is_number(share) or not 0 <= share <= 1:
-            raise InputError(f"the share is {share!r}. Give a number from 0 (the surface) to 1 (the map)")
+            raise InputError(f"share is {share!r}. Pass a number from 0 (the surface) to 1 (the map)")
         frame: pv.PolyData = self._flat.copy(deep=False)
         frame.SetPoints(pv.vtk_points(self._places(share)))
         return frame
@@ -122,7 +112,7 @@ class Morph(Sequence[pv.PolyData]):
     ) -> pv.Plotter:
         """Show the morph, with a slider from the surface to the map.
 
-        The camera faces the flat map; the surface is turned towards it as closely as possible.
+        The camera faces the flat map, and the surface is aligned with the map as closely as possible.
 
         Parameters
         ----------
@@ -162,14 +152,9 @@ class Morph(Sequence[pv.PolyData]):
         """
         view, moved = self._view(scalars, cmap, clim, window_size=window_size, off_screen=off_screen)
         plotter: Any = view
-        style = {
-            "pointa": (0.2, 0.94),
-            "pointb": (0.8, 0.94),
-            "title_height": 0.025,
-            "fmt": "%.2f",
-            "interaction_event": "always",
-        }
-        plotter.add_slider_widget(moved, [0, 1], value=0, title="from the surface to the map", color="black", **style)
+        style = {"title_height": 0.025, "fmt": "%.2f", "color": "black", "interaction_event": "always"}
+        place = {"pointa": (0.2, 0.94), "pointb": (0.8, 0.94)}
+        plotter.add_slider_widget(moved, [0, 1], value=0, title="from the surface to the map", **place, **style)
         if show or screenshot is not None:
             plotter.show(screenshot=False if screenshot is None else os.fspath(screenshot))
         return view
@@ -225,9 +210,9 @@ class Morph(Sequence[pv.PolyData]):
         from voxflat.figures.files import check_movie, save_movie  # imports Matplotlib
 
         if not is_number(fps) or not 0 < fps <= 100:
-            raise InputError(f"fps is {fps!r}. Give a number of frames per second, up to 100")
+            raise InputError(f"fps is {fps!r}. Pass a number greater than 0 and at most 100")
         if any(side % 2 for side in window_size):
-            raise InputError(f"window_size is {window_size}. Give even numbers of pixels for a movie")
+            raise InputError(f"window_size is {window_size}. Pass even numbers of pixels for a movie")
         check_movie(path)
         plotter, moved = self._view(scalars, cmap, clim, window_size=window_size, off_screen=True)
         shares = [number / (self._n - 1) for number in [*range(self._n), *range(self._n - 2, 0, -1)]]

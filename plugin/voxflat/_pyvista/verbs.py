@@ -10,15 +10,9 @@ import numpy as np
 import pyvista as pv
 import scipy
 
+from voxflat._pyvista import flat as meshes
 from voxflat._pyvista.bars import shown
-from voxflat._pyvista.flat import (
-    is_map,
-    to_cut_polydata,
-    to_measured_polydata,
-    to_page_polydata,
-    to_polydata,
-    triangles,
-)
+from voxflat._pyvista.flat import is_map, to_polydata, triangles
 from voxflat._pyvista.given_maps import rows_of
 from voxflat._pyvista.inputs import Inputs
 from voxflat.arguments import Progress, checked_choice, log
@@ -48,21 +42,20 @@ class Verbs(Inputs):
     ) -> pv.PolyData | pv.MultiBlock:
         """Flatten the mesh, or the surface of the image, into the plane z = 0.
 
-        `scalars` is the name of an image array; by default, the active array or the only array. `components`
-        selects the "largest" connected component of a mesh, or "all" of them, one by one; with "all", the result is a
-        MultiBlock whose blocks "component 1", "component 2", ... are ordered by area. `progress_bar` shows a progress
-        bar. `**options` are the options of `flatten`. The result is a mesh, as from `to_polydata`. The point, cell
-        and field data of a mesh are copied to the map, and ``vertex_ids`` are point numbers of the mesh. If the map has
-        an array of the same name, the array of the mesh gets the prefix ``mesh_``, and a warning is issued. Raises
-        InputError and Cancelled in the same cases as `flatten`.
+        `scalars` is the name of an image array; by default, the active array or the only array. `components` selects
+        the "largest" connected component of a mesh, or "all" components; with "all", the result is a MultiBlock whose
+        blocks "component 1", "component 2", ... are ordered by area. `progress_bar` shows a progress bar. `**options`
+        are the options of `flatten`. The result is a mesh like that of `to_polydata`. The point, cell and field data of
+        a mesh are copied to the map, and ``vertex_ids`` are point numbers of the mesh. If the map has an array of the
+        same name, the array of the mesh gets the prefix ``mesh_``, and a warning is issued.
         """
         if checked_choice(components, "components", ("largest", "all")) == "all":
             return self._components(scalars, progress_bar, options)
-        if self._is_image:
-            return to_polydata(self.flatten(scalars, progress_bar=progress_bar, **options))
-        extracted = self._extracted(scalars)
         flat_map = self.flatten(scalars, progress_bar=progress_bar, **options)
         flat = to_polydata(flat_map)
+        if self._is_image:
+            return flat
+        extracted = self._extracted(scalars)
         flat.point_data["vertex_ids"] = extracted.point_ids[flat_map.ids]
         told = {**flat_map.description(), "vertices": self._mesh.n_points}  # the numbering used by vertex_ids
         flat.field_data["voxflat"] = [json.dumps(told)]
@@ -92,9 +85,9 @@ class Verbs(Inputs):
                 given: FlattenOptions = {**options, "keep": mask}
                 found[name] = self(scalars, progress_bar=progress_bar, **given)
             except InputError as error:
-                log.warning("%s is left out: %s", name, error)
+                log.warning("%s is omitted: %s", name, error)
         if not found.n_blocks:
-            raise InputError("no component can be flattened: the warnings say why")
+            raise InputError("none of the components can be flattened. See the warnings for the reasons")
         return found
 
     def flatten(
@@ -114,10 +107,10 @@ class Verbs(Inputs):
             ``label=3`` or ``threshold=0.5`` selects the foreground of an image, as in `voxflat.surface`. ``keep``,
             ``drop``, ``seed_point`` with ``radius=45.0`` (mm) and ``polygon`` choose a part, like the methods of
             `Surface`. A seed point is a point number, a cell (``mesh.get_cell(9)``) or a position of three floats;
-            in an image it is a voxel (i, j, k) or a position. The same holds for the corners of a ``polygon`` and the
-            sources of a method. ``keep`` and ``drop`` may be names of other arrays of this dataset, or other images.
-            All other options are the keyword arguments of `Surface.flatten`. Voxel indices count from 0 at the first
-            point or cell of the image; `voxel_at` finds them from coordinates.
+            in an image it is a voxel (i, j, k) or a position. The corners of a ``polygon`` and the sources of a method
+            are given in the same way. ``keep`` and ``drop`` may be names of other arrays of this dataset, or other
+            images. All other options are keyword arguments of `Surface.flatten`. Voxel indices start from 0 at the
+            first point or cell of the image; `voxel_at` computes them from coordinates.
 
         Returns
         -------
@@ -127,8 +120,8 @@ class Verbs(Inputs):
         Raises
         ------
         InputError
-            If the dataset has no surface, the array is missing or has several components, or `voxflat.flatten` cannot
-            flatten it. The message explains how to solve the problem.
+            If the dataset does not have a surface, if the array is missing or has several components, or if the surface
+            cannot be flattened.
         Cancelled
             As in `voxflat.flatten`.
 
@@ -167,11 +160,6 @@ class Verbs(Inputs):
         pyvista.PolyData
             Triangles, with the point data ``vertex_ids`` (point numbers of the dataset) or ``voxel_ids`` (i, j, k).
 
-        Raises
-        ------
-        InputError, Cancelled
-            As in `voxflat.surface`.
-
         See Also
         --------
         check : Report whether the surface can be flattened.
@@ -181,10 +169,13 @@ class Verbs(Inputs):
         >>> pv.Icosphere(nsub=2).voxflat.surface().n_points
         162
         """
-        whole = surface(self.volume(scalars) if self._is_image else self._extracted(scalars).mesh, **options)
+        extracted, source = self._source(scalars)
+        whole = surface(source, **options)
         mesh = triangles(whole.points, whole.faces)
-        ids = whole.ids if self._is_image else self._extracted(scalars).point_ids[whole.ids]
-        mesh.point_data["voxel_ids" if self._is_image else "vertex_ids"] = ids
+        if extracted is None:
+            mesh.point_data["voxel_ids"] = whole.ids
+        else:
+            mesh.point_data["vertex_ids"] = extracted.point_ids[whole.ids]
         return mesh
 
     def check(self, scalars: str | None = None, **options: Unpack[PlaceOptions]) -> Check:
@@ -204,11 +195,6 @@ class Verbs(Inputs):
         Check
             Components, holes, handles, and the effect of each remedy.
 
-        Raises
-        ------
-        InputError, Cancelled
-            As in `voxflat.check`.
-
         See Also
         --------
         voxflat.check : Check arrays and files.
@@ -218,7 +204,7 @@ class Verbs(Inputs):
         >>> pv.Plane().voxflat.check().can_flatten
         True
         """
-        return check(self.volume(scalars) if self._is_image else self._extracted(scalars).mesh, **options)
+        return check(self._source(scalars)[1], **options)
 
     def geodesic(
         self,
@@ -237,7 +223,7 @@ class Verbs(Inputs):
         sources : int, position, pyvista.Cell, or several of them
             Point numbers, positions of three floats (the nearest point is used), or cells.
         method : {"graph", "marching", "exact"}
-            How distances are measured: the parameter ``geodesic`` of `Surface.geodesic`.
+            How distances are measured, like ``geodesic`` of `Surface.geodesic`.
         progress_bar : bool
             Show a progress bar.
         progress : callable, optional
@@ -248,11 +234,6 @@ class Verbs(Inputs):
         pyvista.DataSet
             A copy of the mesh with the active point data ``geodesic_distance``, in the unit of the mesh. The distance
             is NaN at points that cannot be reached or are not on the surface.
-
-        Raises
-        ------
-        InputError, Cancelled
-            As in `Surface.geodesic`.
 
         See Also
         --------
@@ -291,18 +272,13 @@ class Verbs(Inputs):
         *further : int, position or pyvista.Cell
             More points, after `b`.
         method : {"exact", "graph", "marching", "edges"}
-            How the path is found: the parameter ``geodesic`` of `Surface.path`.
+            How the path is found, like ``geodesic`` of `Surface.path`.
 
         Returns
         -------
         pyvista.PolyData
             A line with the point data ``vertex_ids`` (-1 where the path crosses an edge) and the field data ``length``,
             in the unit of the mesh.
-
-        Raises
-        ------
-        InputError
-            As in `Surface.path`.
 
         See Also
         --------
@@ -350,7 +326,7 @@ class Verbs(Inputs):
         count : int, optional
             Number of patches, as in `Surface.patches`.
         glue : float, optional
-            Glue the patches within this bound on C, as in `FlatAtlas.glue`.
+            Bound on C within which patches are glued, as in `FlatAtlas.glue`.
         packing : {"boxes", "shapes"}
             How patches are arranged on the page, as in `Atlas.page`.
         seeds : {"curvature", "flattest", "random"}
@@ -365,14 +341,8 @@ class Verbs(Inputs):
         Returns
         -------
         pyvista.PolyData
-            The page of all patches, as from `to_page_polydata`, with the cell data ``patch``, ``piece``, ``isometric``,
-            ``quasi_conformal`` and ``areal``. The arrays of a mesh are copied, as in a call to the accessor.
-            ``page.points = page["surface_points"]`` moves the page back into space.
-
-        Raises
-        ------
-        InputError, Cancelled
-            As in `Surface.patches`.
+            The page of all patches, as in `to_page_polydata`. The arrays of a mesh are copied, as in a call to the
+            accessor. ``page.points = page["surface_points"]`` moves the page back into space.
 
         See Also
         --------
@@ -383,15 +353,14 @@ class Verbs(Inputs):
         >>> pv.Icosphere(nsub=2).voxflat.patches(max_angle=20).n_cells
         320
         """
-        extracted = None if self._is_image else self._extracted(scalars)
+        extracted, source = self._source(scalars)
         given: dict[str, Any] = {**options}
-        how: dict[str, Any] = {"bound": bound, "count": count, "seeds": seeds, "seed": seed}
         with shown(progress_bar, given.pop("progress", None)) as progress:
-            whole = surface(self.volume(scalars) if extracted is None else extracted.mesh, progress=progress, **given)
-            how |= {"threads": given.get("threads"), "progress": progress}
-            atlas = whole.patches(max_angle, **how)
-            glued = atlas if glue is None else atlas.glue(glue, threads=given.get("threads"), progress=progress)
-        page = to_page_polydata(glued, packing=packing)
+            run: dict[str, Any] = {"threads": given.get("threads"), "progress": progress}
+            whole = surface(source, progress=progress, **given)
+            atlas = whole.patches(max_angle, bound=bound, count=count, seeds=seeds, seed=seed, **run)
+            glued = atlas if glue is None else atlas.glue(glue, **run)
+        page = meshes.to_page_polydata(glued, packing=packing)
         if extracted is not None:
             ids = np.asarray(page.point_data["vertex_ids"], dtype=np.int64)
             page.point_data["vertex_ids"] = extracted.point_ids[ids]
@@ -420,14 +389,9 @@ class Verbs(Inputs):
         -------
         pyvista.PolyData
             The surface in space, with two points wherever it is cut, and all arrays of a mesh. The active point data
-            ``cut`` hold the number of the cut on which a point lies, counted from 0, or -1. ``vertex_ids`` or
-            ``voxel_ids`` identify the points. The field data ``voxflat`` list the ``cuts``, each with ``ids``,
-            ``length`` (mm), ``reason`` and ``name``, and the ``remarks``.
-
-        Raises
-        ------
-        InputError, Cancelled
-            As in `Surface.cut`.
+            ``cut`` contain the number (from 0) of the cut on which a point lies, or -1. ``vertex_ids`` or ``voxel_ids``
+            identify the points. The field data ``voxflat`` contain the ``cuts``, each with ``ids``, ``length`` (mm),
+            ``reason`` and ``name``, and the ``remarks``.
 
         See Also
         --------
@@ -435,7 +399,6 @@ class Verbs(Inputs):
 
         Examples
         --------
-        >>> import pyvista as pv
         >>> opened = pv.Icosphere(nsub=2).voxflat.cut()
         >>> flat = opened.voxflat()  # the map with these cuts
         >>> cuts = opened.extract_feature_edges(feature_edges=False, manifold_edges=False)  # as lines
@@ -444,7 +407,7 @@ class Verbs(Inputs):
         given: dict[str, Any] = {**options}
         with shown(progress_bar, given.pop("progress", None)) as progress:
             done = self._part(scalars, given, progress).cut(progress=progress, **given)
-        mesh = to_cut_polydata(done, None if extracted is None else extracted.point_ids)
+        mesh = meshes.to_cut_polydata(done, None if extracted is None else extracted.point_ids)
         if extracted is not None:
             extracted.carry(mesh, done.surface.ids)
             mesh.set_active_scalars("cut", preference="point")
@@ -468,8 +431,8 @@ class Verbs(Inputs):
         Parameters
         ----------
         flat : pyvista.PolyData, FlatMap, path, or array_like of shape (n_points, 2)
-            A map of this accessor, with its cuts; a map of any tool with as many points as the dataset; or any other
-            map that `voxflat.measure` accepts.
+            A map from this accessor, which may have cuts, a map from any tool with as many points as the dataset, or
+            any other map that `voxflat.measure` accepts.
         scalars : str, optional
             Name of the image array to use. By default, the active array or the only array.
         sources : int, optional
@@ -487,12 +450,7 @@ class Verbs(Inputs):
         -------
         pyvista.PolyData
             The map in the plane z = 0, with its measures as in `to_polydata` and all arrays of a mesh. The field data
-            ``voxflat`` hold the figures of ``distortion``.
-
-        Raises
-        ------
-        InputError, Cancelled
-            As in `voxflat.measure`.
+            ``voxflat`` contain the figures of ``distortion``.
 
         See Also
         --------
@@ -500,27 +458,26 @@ class Verbs(Inputs):
 
         Examples
         --------
-        >>> import pyvista as pv
         >>> mesh = pv.ParametricEnneper(u_res=12, v_res=12)
         >>> shadow = mesh.project_points_to_plane(normal=(0, 0, 1))  # any flat map
         >>> measured = mesh.voxflat.measure(shadow)
         >>> worst = measured["distance_error"].max()
         >>> measured.voxflat.plot("areal")  # doctest: +SKIP
         """
-        extracted = None if self._is_image else self._extracted(scalars)
+        extracted, source = self._source(scalars)
         given: dict[str, Any] = {**options}
-        how: dict[str, Any] = {"sources": sources, "reference": reference, "seed": seed}
         with shown(progress_bar, given.pop("progress", None)) as progress:
-            whole = surface(self.volume(scalars) if extracted is None else extracted.mesh, progress=progress, **given)
-            how |= {"threads": given.get("threads"), "progress": progress}
-            measured = compare(whole, {"": rows_of(flat, whole, extracted)}, **how).maps[""]
+            whole = surface(source, progress=progress, **given)
+            how: dict[str, Any] = {"sources": sources, "reference": reference, "seed": seed, "progress": progress}
+            of = {"": rows_of(flat, whole, extracted)}
+            measured = compare(whole, of, threads=given.get("threads"), **how).maps[""]
         at = np.empty(whole.count, dtype=np.int64)
         at[whole.vertices] = np.arange(len(whole))
         ids = whole.ids[at[measured.vertex_ids]]
         points = whole.points[at[measured.vertex_ids]]
         if extracted is None:
-            return to_measured_polydata(measured, points, ids, in_voxels=True)
-        mesh = to_measured_polydata(measured, points, extracted.point_ids[ids])
+            return meshes.to_measured_polydata(measured, points, ids, in_voxels=True)
+        mesh = meshes.to_measured_polydata(measured, points, extracted.point_ids[ids])
         extracted.carry(mesh, ids)
         mesh.set_active_scalars("distance_error", preference="point")
         return mesh
@@ -530,7 +487,6 @@ class Verbs(Inputs):
         if not is_map(self._mesh):
             return self(progress_bar=progress_bar, **options)
         if options:
-            raise InputError(
-                f"{', '.join(options)}: the mesh is already a flat map. Omit these options, or flatten the surface"
-            )
+            names = ", ".join(options)
+            raise InputError(f"{names}: the mesh is already a flat map. Omit these options, or flatten the surface")
         return self._mesh  # type: ignore[return-value]

@@ -13,18 +13,14 @@ from voxflat.maps.colours import label_colours
 from voxflat.maps.placement import aligned
 
 _LABELLED = 24  # up to this many distinct integers are shown as labels, each in its own colour
-_BAR = {
-    "vertical": False,
-    "position_x": 0.2,
-    "position_y": 0.02,
-    "width": 0.6,
-    "height": 0.09,
-    "n_labels": 3,
-    "fmt": "%.3g",
-    "title_font_size": 18,
-    "label_font_size": 16,
-    "color": "black",
-}
+_BAR = {"vertical": False, "position_x": 0.2, "position_y": 0.02, "width": 0.6, "height": 0.09, "color": "black"}
+_BAR |= {"n_labels": 3, "fmt": "%.3g", "title_font_size": 18, "label_font_size": 16}
+_MARK = {"color": "lime", "point_size": 16, "render_points_as_spheres": True, "lighting": False, "pickable": False}
+_PICKING = {"picker": "cell", "tolerance": 0.002, "left_clicking": True, "use_picker": True, "show_point": False}
+_HINT = "Click on either view to mark a point in both"
+_UPPER_LEFT = 2  # index of a VTK corner annotation
+_IDS = ("vertex_ids", "voxel_ids")
+_PATCHES = ("patch", "piece")  # integers, shown in the same colours as in textures of a page
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,18 +42,17 @@ class Shown:
         of_points = name is not None and name in flat.point_data
         if name is None or not (of_points or name in flat.cell_data):
             there = ", ".join([*flat.point_data, *flat.cell_data])
-            raise InputError(f"the map has no array {name!r}. Choose one of: {there}")
+            raise InputError(f"the map has no array {name!r}. Choose one of these arrays: {there}")
         values = np.asarray((flat.point_data if of_points else flat.cell_data)[name])
         is_colour = values.ndim == 2 and values.shape[1] in (3, 4) and values.dtype == np.uint8
         if values.dtype.kind not in "biuf" or (values.ndim > 1 and not is_colour):
-            raise InputError(
-                f"the array {name!r} is {values.dtype} of shape {values.shape}. "
-                "Choose one with a number per point or triangle"
-            )
+            of = f"shape {values.shape} and data type {values.dtype}"
+            raise InputError(f"the array {name!r} has {of}. Choose an array with one number per point or triangle")
         if is_colour or name in _PATCHES:
             colours = values if is_colour else label_colours(values[:, None] + 1.0)[:, 0, :3]
             return cls(flat, colours, values, name, of_points, Look(name, "viridis"), None)
-        look = LOOKS.get(name) or Look(name, _usual_cmap(values))
+        is_labels = values.dtype.kind in "iub" and len(np.unique(values)) <= _LABELLED
+        look = LOOKS.get(name) or Look(name, "tab20" if is_labels else "viridis")
         shown = look.factor * values.astype(np.float64)
         usual = look.limits if name in LOOKS else _range
         limits = usual(shown) if clim is None else _checked(clim)
@@ -80,19 +75,11 @@ class Shown:
     def add(self, plotter: Any, mesh: pv.PolyData, *, bar: bool, lighting: bool) -> None:
         """Add to a plotter a mesh that `mesh` returned."""
         light = {"ambient": 0.35, "diffuse": 0.75, "specular": 0.0} if lighting else {"lighting": False}
-        if self.clim is None:
-            plotter.add_mesh(mesh, scalars=self.look.label, rgb=True, **light).GetProperty().SetInterpolationToPhong()
-            return
-        actor = plotter.add_mesh(
-            mesh,
-            scalars=self.look.label,
-            cmap=self.look.cmap,
-            clim=self.clim,
-            nan_color="lightgrey",
-            show_scalar_bar=bar,
-            scalar_bar_args={"title": f"{self.look.label}\n", **_BAR} if bar else None,
-            **light,
-        )
+        look: dict[str, Any] = {"rgb": True}
+        if self.clim is not None:
+            look = {"cmap": self.look.cmap, "clim": self.clim, "nan_color": "lightgrey", "show_scalar_bar": bar}
+            look["scalar_bar_args"] = {"title": f"{self.look.label}\n", **_BAR} if bar else None
+        actor = plotter.add_mesh(mesh, scalars=self.look.label, **look, **light)
         actor.GetProperty().SetInterpolationToPhong()
 
     def description(self, point: int, cell: int) -> str:
@@ -102,10 +89,6 @@ class Shown:
         value = self.numbers[point if self.of_points else cell]
         shown = ", ".join(map(str, value)) if np.ndim(value) else f"{value:.4g}"
         return f"point {which}\n{self.look.label}: {shown}"
-
-
-_IDS = ("vertex_ids", "voxel_ids")
-_PATCHES = ("patch", "piece")  # integers, shown in the same colours as in textures of a page
 
 
 def side_by_side(
@@ -145,7 +128,7 @@ def look_at(
 
 
 class _Link:
-    """Marks a point in both views when it is clicked in either view."""
+    """A link that marks a point in both views when it is clicked in either view."""
 
     def __init__(self, plotter: Any, what: Shown, meshes: list[pv.PolyData]) -> None:
         self._what, self._meshes, self._renderers = what, meshes, plotter.renderers
@@ -154,30 +137,11 @@ class _Link:
         for column, mesh in enumerate(meshes):
             plotter.subplot(0, column)
             self._marks.append(pv.PolyData(np.array(mesh.points[:1])))
-            self._actors.append(
-                plotter.add_mesh(
-                    self._marks[-1],
-                    color="lime",
-                    point_size=16,
-                    render_points_as_spheres=True,
-                    lighting=False,
-                    pickable=False,
-                    reset_camera=False,
-                )
-            )
+            self._actors.append(plotter.add_mesh(self._marks[-1], reset_camera=False, **_MARK))
             self._actors[-1].SetVisibility(False)
-        self._text: Any = plotter.add_text(
-            "" if plotter.off_screen else _HINT, position="upper_left", font_size=10, color="black"
-        )
-        plotter.enable_point_picking(
-            self._picked,
-            picker="cell",
-            tolerance=0.002,
-            left_clicking=True,
-            use_picker=True,
-            show_point=False,
-            show_message=False,
-        )
+        hint = "" if plotter.off_screen else _HINT
+        self._text: Any = plotter.add_text(hint, position="upper_left", font_size=10, color="black")
+        plotter.enable_point_picking(self._picked, show_message=False, **_PICKING)
 
     def _picked(self, _place: object, picker: Any) -> None:
         """Mark the point that was clicked, at its position within its triangle, in both views."""
@@ -193,16 +157,6 @@ class _Link:
         self._text.SetText(_UPPER_LEFT, self._what.description(int(corners[weights.argmax()]), cell))
 
 
-_HINT = "Click on either view to mark a point in both"
-_UPPER_LEFT = 2  # index of a VTK corner annotation
-
-
-def _usual_cmap(values: NDArray[Any]) -> str:
-    """Return the default colour map for values."""
-    is_labels = values.dtype.kind in "iub" and len(np.unique(values)) <= _LABELLED
-    return "tab20" if is_labels else "viridis"
-
-
 def _range(values: NDArray[np.float64]) -> tuple[float, float]:
     """Return the smallest and the largest value, or a range of length 1 if they are equal."""
     defined = values[np.isfinite(values)]
@@ -216,5 +170,5 @@ def _checked(clim: Any) -> tuple[float, float]:
     """Return a range of values; raise InputError if it is invalid."""
     array = np.asarray(clim)
     if array.shape != (2,) or array.dtype.kind not in "iuf" or not np.isfinite(array).all() or not array[0] < array[1]:
-        raise InputError(f"clim is {clim!r}. Give two numbers, the lower one first")
+        raise InputError(f"clim is {clim!r}. Pass two numbers, the lower one first")
     return float(array[0]), float(array[1])

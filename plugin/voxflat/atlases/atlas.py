@@ -3,7 +3,7 @@
 import importlib
 import os
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, ClassVar, TypeVar
@@ -16,20 +16,7 @@ from voxflat.atlases.layout import PACKINGS, lay_out, usual_gap
 from voxflat.atlases.page import FlatPage
 from voxflat.atlases.pieces import FlatPieces
 from voxflat.errors import InputError
-from voxflat.io.files import (
-    AGAIN,
-    SAVED_ENDINGS,
-    atomic_path,
-    check_format,
-    check_places,
-    check_range,
-    check_regular,
-    check_shapes,
-    from_json,
-    holding,
-    in_types,
-    naming,
-)
+from voxflat.io import files
 from voxflat.io.grid import FARTHEST, in_unit
 from voxflat.io.notebook import page
 from voxflat.io.provenance import Record, as_text, saving
@@ -55,17 +42,17 @@ class Atlas(FlatPieces, ABC):
     points : ndarray, shape (N, 3)
         Vertices of the surface, RAS+ mm in `space`.
     faces : ndarray of int64, shape (F, 3)
-        Its triangles.
+        Triangles of the surface, as rows of `points`.
     ids : ndarray of int64, shape (N, 3) or (N,)
         Voxel indices or vertex number of each vertex in the input.
     piece_ids : ndarray of int64, shape (F,)
-        The piece of each triangle.
+        The piece that contains each triangle.
     patch_ids : ndarray of int64, shape (F,)
-        The certified patch of each triangle, which differs from the piece if patches are glued.
+        The certified patch that contains each triangle. It differs from the piece if patches are glued.
     stretch : ndarray, shape (F, 2)
         Principal stretches σ1 ≥ σ2 of each triangle, measured in the plane.
     starts : ndarray of int64, shape (pieces + 1,)
-        First row of each piece in `vertex_ids` and `uv`.
+        First row of each piece in `vertex_ids` and `uv`, followed by the number of rows.
     vertex_ids : ndarray of int64, shape (P,)
         The row of `points` for each row of `uv`, piece by piece. A vertex on both sides of a cut within a piece has two
         rows.
@@ -74,8 +61,8 @@ class Atlas(FlatPieces, ABC):
     uv_faces : ndarray of int64, shape (F, 3)
         Corners of each triangle as rows of `uv`, in the order of `faces`; counterclockwise.
     metadata : dict
-        How the atlas was made, and from which input: ``kind`` ("voxels" or "mesh"); ``affine`` and ``shape`` for
-        voxels, or the number of ``vertices`` for meshes; and the ``space`` of the points.
+        Parameters and input of the atlas: ``kind`` ("voxels" or "mesh"); ``affine`` and ``shape`` for voxels, or the
+        number of ``vertices`` for meshes; and the ``space`` of the points.
     measured : ndarray, shape (pieces, K)
         Figures of each piece, one per column; the last three are area, isometric and quasi_conformal.
 
@@ -85,8 +72,7 @@ class Atlas(FlatPieces, ABC):
 
     Examples
     --------
-    >>> atlas = voxflat.samples.hill().patches(max_angle=20)
-    >>> atlas
+    >>> voxflat.samples.hill().patches(max_angle=20)
     <FlatAtlas of 8 patches: 800 triangles, C ≤ 1.3640, K ≤ 1.5930>
     """
 
@@ -96,11 +82,10 @@ class Atlas(FlatPieces, ABC):
     _arrays: ClassVar[tuple[str, ...]] = _ARRAYS  # arrays in its files
 
     @property
-    @abstractmethod
     def title(self) -> str:
         """One line that describes the atlas, for pictures.
 
-        It gives the number of pieces and the bounds.
+        It gives the numbers of patches or pieces, and the bounds.
 
         See Also
         --------
@@ -111,6 +96,10 @@ class Atlas(FlatPieces, ABC):
         >>> voxflat.samples.hill().patches(max_angle=20).title
         '8 patches, 800 triangles, C ≤ 1.3640, K ≤ 1.5930'
         """
+        return self._title()
+
+    @abstractmethod
+    def _title(self) -> str: ...
 
     # -------------------------------------------------------------------------------- as a sequence
 
@@ -164,9 +153,9 @@ class Atlas(FlatPieces, ABC):
         gap : float, optional
             Gap between the pieces, mm; by default a twentieth of their typical size.
         packing : {"boxes", "shapes"}
-            "boxes" rotates each piece to fit its smallest bounding rectangle, and places the rectangles in rows.
-            "shapes" fits the pieces into each other with the library xatlas (``pip install 'voxflat[lab]'``), which
-            uses the page better if pieces are large.
+            "boxes" rotates each piece into its smallest bounding rectangle, and places the rectangles in rows.
+            "shapes" fits the pieces together with the library xatlas (``pip install 'voxflat[lab]'``), which wastes
+            less space on the page if pieces are large.
 
         Returns
         -------
@@ -184,9 +173,8 @@ class Atlas(FlatPieces, ABC):
 
         Examples
         --------
-        >>> atlas = voxflat.samples.hill().patches(max_angle=20)
-        >>> atlas.page()
-        <FlatPage: 8 pieces, 55 x 71, 44 % of it used>
+        >>> voxflat.samples.hill().patches(max_angle=20).page()
+        <FlatPage: 8 pieces, 55 x 71, 44 % used>
         """
         chosen = usual_gap(self.uv, self.starts) if gap is None else checked_number(gap, "gap")
         key = (chosen, checked_choice(packing, "packing", PACKINGS))
@@ -217,23 +205,12 @@ class Atlas(FlatPieces, ABC):
 
         Examples
         --------
-        >>> atlas = voxflat.samples.hill().patches(max_angle=20)
-        >>> atlas.layout().shape
+        >>> voxflat.samples.hill().patches(max_angle=20).layout().shape
         (559, 2)
         """
         return self.page(gap, packing=packing).uv
 
-    def image(
-        self,
-        volume: object,
-        pixel_size: float | None = None,
-        *,
-        channel: int | str | None = None,
-        depth: float | Sequence[float] = 0.0,
-        interpolation: str | None = None,
-        period: float | None = None,
-        name: str = "",
-    ) -> FlatImage:
+    def image(self, volume: object, pixel_size: float | None = None, **options: Any) -> FlatImage:
         """Show a volume, or values at the vertices, on the page.
 
         Shorthand for `page` followed by `FlatPage.image`.
@@ -244,16 +221,8 @@ class Atlas(FlatPieces, ABC):
             As in `FlatMap.image`.
         pixel_size : float, optional
             As in `FlatMap.image`.
-        channel : int or str, optional
-            As in `FlatMap.image`.
-        depth : float or sequence of float
+        **options
             As in `FlatMap.image`. Fractions are not available, because an atlas has no pial surface.
-        interpolation : {"linear", "nearest", "majority"}, optional
-            As in `FlatMap.image`.
-        period : float, optional
-            As in `FlatMap.image`.
-        name : str, optional
-            As in `FlatMap.image`.
 
         Returns
         -------
@@ -266,26 +235,12 @@ class Atlas(FlatPieces, ABC):
 
         Examples
         --------
-        >>> atlas = voxflat.samples.hill().patches(max_angle=20)
-        >>> atlas.image(np.arange(441.0))
+        >>> voxflat.samples.hill().patches(max_angle=20).image(np.arange(441.0))
         <FlatImage: overlay, 116 x 151 pixels of 0.477758>
         """
-        how: dict[str, Any] = {"depth": depth, "interpolation": interpolation, "period": period, "name": name}
-        return self.page().image(volume, pixel_size, channel=channel, **how)
+        return self.page().image(volume, pixel_size, **options)
 
-    def images(
-        self,
-        volume: object,
-        pixel_size: float | None = None,
-        *,
-        channel: int | str | None = None,
-        depth: float | Sequence[float] = 0.0,
-        average: bool = False,
-        interpolation: str | None = None,
-        period: float | None = None,
-        time_step: float | None = None,
-        name: str = "",
-    ) -> FlatStack:
+    def images(self, volume: object, pixel_size: float | None = None, **options: Any) -> FlatStack:
         """Show several depths, all maps of a file, or a series of volumes on the page.
 
         Shorthand for `page` followed by `FlatPage.images`.
@@ -296,18 +251,8 @@ class Atlas(FlatPieces, ABC):
             As in `FlatMap.images`.
         pixel_size : float, optional
             As in `FlatMap.images`.
-        channel : int or str, optional
-            As in `FlatMap.images`.
-        depth : float or sequence of float
-            As in `FlatMap.images`.
-        average : bool
-            As in `FlatMap.images`.
-        interpolation : {"linear", "nearest", "majority"}, optional
-            As in `FlatMap.images`.
-        period, time_step : float, optional
-            As in `FlatMap.images`.
-        name : str, optional
-            As in `FlatMap.images`.
+        **options
+            As in `FlatMap.images`, but without fractions.
 
         Returns
         -------
@@ -320,13 +265,10 @@ class Atlas(FlatPieces, ABC):
 
         Examples
         --------
-        >>> atlas = voxflat.samples.hill().patches(max_angle=20)
-        >>> len(atlas.images(np.ones((441, 3))))
+        >>> len(voxflat.samples.hill().patches(max_angle=20).images(np.ones((441, 3))))
         3
         """
-        how: dict[str, Any] = {"depth": depth, "average": average, "interpolation": interpolation, "name": name}
-        how |= {"period": period, "time_step": time_step}
-        return self.page().images(volume, pixel_size, channel=channel, **how)
+        return self.page().images(volume, pixel_size, **options)
 
     def heat_map(self, pixel_size: float | None = None, *, of: str = "isometric") -> FlatImage:
         """Return an image of the distortion of each triangle on the page.
@@ -351,19 +293,17 @@ class Atlas(FlatPieces, ABC):
 
         Examples
         --------
-        >>> atlas = voxflat.samples.hill().patches(max_angle=20)
-        >>> atlas.heat_map(pixel_size=1.0)
+        >>> voxflat.samples.hill().patches(max_angle=20).heat_map(pixel_size=1.0)
         <FlatImage: C: greatest factor by which lengths change, 56 x 73 pixels of 1>
         """
         return self.page().heat_map(pixel_size, of=of)
 
     # ------------------------------------------------------------------------------------- figures
 
-    @abstractmethod
     def figures(self) -> dict[str, Any]:
         """Return the figures of the atlas, ready for JSON.
 
-        They describe the pieces, the bounds and the measured distortion.
+        They describe the patches or pieces, the bounds, the measured distortion and, if patches are glued, the seams.
 
         Returns
         -------
@@ -376,21 +316,23 @@ class Atlas(FlatPieces, ABC):
 
         Examples
         --------
-        >>> atlas = voxflat.samples.hill().patches(max_angle=20)
-        >>> sorted(atlas.figures())[:3]
+        >>> sorted(voxflat.samples.hill().patches(max_angle=20).figures())[:3]
         ['area', 'broken', 'certificate']
         """
+        return self._figures()
+
+    @abstractmethod
+    def _figures(self) -> dict[str, Any]: ...
 
     def _repr_html_(self) -> str:
         """Return a picture of the page and a table of the pieces, for Jupyter."""
         figure = importlib.import_module("voxflat.figures").atlas_page(self)  # a higher layer
         return page(self, self.table(), figure, "The pieces side by side, one colour per patch")
 
-    @abstractmethod
     def table(self) -> str:
         """Return a table of the figures as text.
 
-        The largest pieces have one row each.
+        The largest patches or pieces have one row each.
 
         Returns
         -------
@@ -403,10 +345,14 @@ class Atlas(FlatPieces, ABC):
 
         Examples
         --------
-        >>> atlas = voxflat.samples.hill().patches(max_angle=20)
-        >>> print(atlas.table().splitlines()[0])
+        >>> print(voxflat.samples.hill().patches(max_angle=20).table().splitlines()[0])
         patches                            8
         """
+        return "\n".join(self._lines())
+
+    @abstractmethod
+    def _lines(self) -> list[str]:
+        """Return the lines of the table."""
 
     @property
     def _sizes(self) -> NDArray[np.int64]:
@@ -414,7 +360,7 @@ class Atlas(FlatPieces, ABC):
         return np.bincount(self.piece_ids, minlength=len(self))
 
     def _shares(self) -> dict[str, Any]:
-        """Return figures of the pieces' shares of the surface."""
+        """Return the numbers of triangles and the areas of the pieces."""
         area = self.measured[:, -3]
         return {
             "triangles": len(self.faces),
@@ -423,12 +369,12 @@ class Atlas(FlatPieces, ABC):
             "largest_area_share": float(area[0] / area.sum()),
         }
 
-    def _largest(self, columns: Sequence[tuple[str, str]], measured: NDArray[np.float64]) -> list[str]:
-        """Return the lines of a table of the largest pieces: number, triangles, and figures."""
-        lines = ["".join(in_unit(name, self.metadata).rjust(int(form[1:].split(".")[0])) for name, form in columns)]
+    def _largest(self, columns: dict[str, str], measured: NDArray[np.float64]) -> list[str]:
+        """Return a table of the largest pieces (number, triangles, figures); columns have a title and a format."""
+        titles = (in_unit(name, self.metadata).rjust(int(form[1:].split(".")[0])) for name, form in columns.items())
+        lines = ["".join(titles)]
         for n, values in enumerate(measured[:_SHOWN].tolist()):
-            row = zip((n, self._sizes[n], *values), columns, strict=True)
-            lines.append("".join(format(value, form) for value, (_, form) in row))
+            lines.append("".join(map(format, (n, self._sizes[n], *values), columns.values())))
         if len(self) > _SHOWN:
             lines.append(f"{'...':>6}{len(self) - _SHOWN:>6} more")
         return lines
@@ -456,7 +402,7 @@ class Atlas(FlatPieces, ABC):
     def save(self, path: str | os.PathLike[str], *, sidecar: bool = False, overwrite: bool = False) -> None:
         """Save the atlas to a file.
 
-        The file includes `provenance`. The file is either complete or not written at all.
+        The file includes `provenance`. It is either complete or not written at all.
 
         Parameters
         ----------
@@ -480,19 +426,18 @@ class Atlas(FlatPieces, ABC):
 
         Examples
         --------
-        >>> atlas = voxflat.samples.hill().patches(max_angle=20)
-        >>> atlas.save("hill_atlas.npz")
+        >>> voxflat.samples.hill().patches(max_angle=20).save("hill_atlas.npz")
         >>> voxflat.load_atlas("hill_atlas.npz")
         <FlatAtlas of 8 patches: 800 triangles, C ≤ 1.3640, K ≤ 1.5930>
         """
         path = checked_path(path)
-        if path.suffix.lower() not in SAVED_ENDINGS:
+        if path.suffix.lower() not in files.SAVED_ENDINGS:
             raise InputError(f"cannot save an atlas as {path.name}. Use a name that ends in .npz or .voxflat")
         text = {"format": self._format, "metadata": self.metadata, **self._text()}
         arrays: dict[str, Any] = {name: getattr(self, name) for name in self._arrays}
         with (
             saving(path, self.provenance, sidecar=sidecar, overwrite=overwrite),
-            atomic_path(path) as temporary,
+            files.atomic_path(path) as temporary,
             temporary.open("wb") as file,
         ):
             np.savez_compressed(file, text=np.array(as_text(text)), **arrays)
@@ -508,9 +453,9 @@ class Atlas(FlatPieces, ABC):
 
     @classmethod
     def load(cls: type[Own], path: str | os.PathLike[str]) -> Own:
-        """Load an atlas that `save` wrote.
+        """Load an atlas that was saved with `save`.
 
-        `load_atlas` loads either kind.
+        `load_atlas` loads an atlas of either kind.
 
         Parameters
         ----------
@@ -535,24 +480,23 @@ class Atlas(FlatPieces, ABC):
 
         Examples
         --------
-        >>> atlas = voxflat.samples.hill().patches(max_angle=20)
-        >>> atlas.save("hill_patches.npz")
+        >>> voxflat.samples.hill().patches(max_angle=20).save("hill_patches.npz")
         >>> voxflat.FlatAtlas.load("hill_patches.npz")
         <FlatAtlas of 8 patches: 800 triangles, C ≤ 1.3640, K ≤ 1.5930>
         """
-        with naming(path, AGAIN):
-            check_regular(checked_path(path))
-        with holding(path, "an atlas"):
-            text = from_json(str(read_arrays(path, ["text"])["text"]))
-            check_format(path, text.pop("format"), cls._format, "Make the patches again")
+        with files.naming(path, files.AGAIN):
+            files.check_regular(checked_path(path))
+        with files.holding(path, "an atlas"):
+            text = files.from_json(str(read_arrays(path, ["text"])["text"]))
+            files.check_format(path, text.pop("format"), cls._format, "Create the atlas again")
             arrays = read_arrays(path, cls._arrays)
             note(path)
-            with naming(path, AGAIN):
+            with files.naming(path, files.AGAIN):
                 arrays = _checked(arrays, text["metadata"])
             return cls._of_file(text, arrays)
 
 
-def figures_of(told: Mapping[str, Any]) -> dict[str, float]:
+def figures_of(told: Mapping[str, Any]) -> dict[str, Any]:
     """Return figures from a file; raise ValueError if one is not a number."""
     if not all(is_number(one) for one in told.values()):
         raise ValueError(f"{dict(told)} are not numbers")
@@ -572,30 +516,25 @@ _LAYOUT = {
     "measured": ("f8", "pieces ?"),
     "planes": ("f8", "pieces 4 3"),
 }
-"""Types and axes of a file's arrays, as `check_shapes` takes them."""
+"""Types and axes of the arrays in a file, in the form that `check_shapes` expects."""
 
 
 def _checked(arrays: dict[str, NDArray[Any]], metadata: dict[str, Any]) -> dict[str, NDArray[Any]]:
     """Return the arrays of a file, checked against each other and against the input."""
     layout = {**_LAYOUT, "ids": ("i8", "points 3" if metadata.get("kind") == "voxels" else "points")}
-    check_shapes(arrays, layout)
+    files.check_shapes(arrays, layout)
     points, rows, starts = len(arrays["points"]), len(arrays["uv"]), arrays["starts"].astype(np.int64)
     pieces = len(starts) - 1
-    if (
-        pieces != len(arrays["measured"])
-        or pieces < 1
-        or starts[0] != 0
-        or starts[-1] != rows
-        or (np.diff(starts) < 1).any()
-    ):
-        raise InputError(f"its {len(arrays['measured'])} pieces do not begin where its array starts says. {AGAIN}")
-    check_range(arrays, {"faces": points, "vertex_ids": points, "piece_ids": pieces, "uv_faces": rows})
-    check_range(arrays, {"patch_ids": len(arrays["faces"])})
+    is_split = pieces >= 1 and starts[0] == 0 and starts[-1] == rows and (np.diff(starts) >= 1).all()
+    if not is_split or pieces != len(arrays["measured"]):
+        raise InputError(f"its array 'starts' does not match its {len(arrays['measured'])} pieces. {files.AGAIN}")
+    files.check_range(arrays, {"faces": points, "vertex_ids": points, "piece_ids": pieces, "uv_faces": rows})
+    files.check_range(arrays, {"patch_ids": len(arrays["faces"])})
     if arrays["measured"].shape[1] < 3:
-        raise InputError(f"its figures are not complete. {AGAIN}")
+        raise InputError(f"its figures are incomplete. {files.AGAIN}")
     areas = arrays["measured"][:, -3].astype(np.float64)
     if not (areas >= 0).all() or not 0 < areas.max() <= FARTHEST**2:
-        raise InputError(f"its pieces have the areas {shown(areas)} mm². {AGAIN}")
-    check_places({name: arrays[name] for name in ("uv", "points", "planes") if name in arrays})
+        raise InputError(f"the areas of its pieces are not valid: {shown(areas)} mm². {files.AGAIN}")
+    files.check_places({name: arrays[name] for name in ("uv", "points", "planes") if name in arrays})
     check_origin(metadata, arrays["ids"])
-    return in_types(arrays, layout)
+    return files.in_types(arrays, layout)

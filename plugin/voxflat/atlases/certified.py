@@ -17,21 +17,14 @@ from voxflat.io.files import REMEDY, check_regular, from_json, holding, naming
 from voxflat.io.provenance import telling
 from voxflat.io.readers import read_arrays
 
-_COLUMNS = (
-    ("patch", ">6"),
-    ("triangles", ">11"),
-    ("area, mm²", ">12.4g"),
-    ("degrees", ">9.2f"),
-    ("C", ">9.4f"),
-    ("K", ">9.4f"),
-)
+_COLUMNS = {"patch": ">6", "triangles": ">11", "area, mm²": ">12.4g", "degrees": ">9.2f", "C": ">9.4f", "K": ">9.4f"}
 
 
 @dataclass(frozen=True)
 class Certificate:
     """Bounds that are proven for every triangle of an atlas.
 
-    Measured figures stay within them, except for rounding.
+    Measured figures do not exceed them, except by rounding errors.
 
     Parameters
     ----------
@@ -48,8 +41,7 @@ class Certificate:
 
     Examples
     --------
-    >>> patch = voxflat.samples.hill().patches(max_angle=20)[0]
-    >>> patch.certificate
+    >>> voxflat.samples.hill().patches(max_angle=20)[0].certificate
     Certificate(angle=20.0, c=1.3639702342662023, k=1.5929690551104496)
     """
 
@@ -79,8 +71,7 @@ class Plane:
 
     Examples
     --------
-    >>> patch = voxflat.samples.hill().patches(max_angle=20)[0]
-    >>> patch.plane.normal.shape
+    >>> voxflat.samples.hill().patches(max_angle=20)[0].plane.normal.shape
     (3,)
     """
 
@@ -102,17 +93,17 @@ class FlatPatch(Piece):
     Parameters
     ----------
     face_ids : ndarray of int64, shape (G,)
-        Its triangles, as rows of the atlas's `faces`.
+        Triangles of the patch, as rows of the atlas's `faces`.
     vertex_ids : ndarray of int64, shape (P,)
-        Its vertices, as rows of the atlas's `points`.
+        Vertices of the patch, as rows of the atlas's `points`.
     uv : ndarray, shape (P, 2)
         Positions of the vertices in the plane, mm.
     faces : ndarray of int64, shape (G, 3)
-        Its triangles, as rows of `uv`; counterclockwise.
+        The same triangles as rows of `uv`, counterclockwise.
     area : float
         Area on the surface, mm².
     isometric, quasi_conformal : float
-        Greatest max(σ1, 1/σ2) and σ1/σ2 of its triangles, measured in the plane.
+        Greatest max(σ1, 1/σ2) and σ1/σ2 of the triangles, measured in the plane.
     plane : Plane
         The plane onto which the patch is projected.
     certificate : Certificate
@@ -143,18 +134,8 @@ class FlatAtlas(Atlas, Sequence[FlatPatch]):
 
     Parameters
     ----------
-    points : ndarray, shape (N, 3)
-        As in `Atlas`.
-    faces, ids, piece_ids, patch_ids : ndarray of int64
+    points, faces, ids, piece_ids, patch_ids, stretch, starts, vertex_ids, uv, uv_faces : ndarray
         As in `Atlas`; each piece is a patch.
-    stretch : ndarray, shape (F, 2)
-        As in `Atlas`.
-    starts, vertex_ids : ndarray of int64
-        As in `Atlas`.
-    uv : ndarray, shape (P, 2)
-        As in `Atlas`.
-    uv_faces : ndarray of int64, shape (F, 3)
-        As in `Atlas`.
     metadata : dict
         As in `Atlas`.
     measured : ndarray, shape (patches, 4)
@@ -170,8 +151,7 @@ class FlatAtlas(Atlas, Sequence[FlatPatch]):
 
     Examples
     --------
-    >>> atlas = voxflat.samples.hill().patches(max_angle=20)
-    >>> len(atlas)
+    >>> len(voxflat.samples.hill().patches(max_angle=20))
     8
     """
 
@@ -213,26 +193,7 @@ class FlatAtlas(Atlas, Sequence[FlatPatch]):
         """
         return list(self)
 
-    def figures(self) -> dict[str, Any]:
-        """Return the figures of the atlas, ready for JSON.
-
-        They describe the patches, the certificate and the measured distortion.
-
-        Returns
-        -------
-        dict
-            The figures by name.
-
-        See Also
-        --------
-        FlatAtlas.table : The figures as text.
-
-        Examples
-        --------
-        >>> atlas = voxflat.samples.hill().patches(max_angle=20)
-        >>> atlas.figures()['patches']
-        8
-        """
+    def _figures(self) -> dict[str, Any]:
         tilt, area, isometric, quasi_conformal = self.measured.T
         return {
             "patches": len(self),
@@ -248,29 +209,15 @@ class FlatAtlas(Atlas, Sequence[FlatPatch]):
             "broken": int(self.broken.sum()),
         }
 
-    @property
-    def title(self) -> str:
-        """One line that describes the atlas, for pictures.
-
-        It gives the numbers of patches and triangles, and the bounds.
-
-        See Also
-        --------
-        FlatAtlas.table : All figures as text.
-
-        Examples
-        --------
-        >>> voxflat.samples.hill().patches(max_angle=20).title
-        '8 patches, 800 triangles, C ≤ 1.3640, K ≤ 1.5930'
-        """
+    def _title(self) -> str:
         of = self.certificate
         return f"{len(self)} patches, {len(self.faces)} triangles, C ≤ {of.c:.4f}, K ≤ {of.k:.4f}"
 
     @property
     def broken(self) -> NDArray[np.bool_]:
-        """Which triangles exceed the certificate when measured, shape (F,).
+        """Whether the measured figures of each triangle exceed the certificate, shape (F,).
 
-        Only triangles that are so thin that rounding matters can exceed it.
+        Only rounding errors in very thin triangles can cause this.
 
         See Also
         --------
@@ -284,32 +231,14 @@ class FlatAtlas(Atlas, Sequence[FlatPatch]):
         held = (self.isometric <= self.certificate.c) & (self.quasi_conformal <= self.certificate.k)
         return np.asarray(~held)
 
-    def table(self) -> str:
-        """Return a table of certified and measured figures as text.
-
-        The largest patches have one row each.
-
-        Returns
-        -------
-        str
-            The table.
-
-        See Also
-        --------
-        FlatAtlas.figures : The figures for JSON.
-
-        Examples
-        --------
-        >>> print(voxflat.samples.hill().patches(max_angle=20).table().splitlines()[0])
-        patches                            8
-        """
+    def _lines(self) -> list[str]:
         of, certified = self.figures(), self.certificate
         measured = of["measured"]
-        lines = [
+        return [
             f"{'patches':26}{len(self):>10}",
             f"{'triangles':26}{len(self.faces):>10}",
             f"{'patches of one triangle':26}{of['single_triangles']:>10}",
-            f"{'patches of half the area':26}{of['half_of_the_area']:>10}",
+            f"{'patches with half the area':26}{of['half_of_the_area']:>10}",
             "",
             f"{'':26}{'certified':>10}{'measured':>10}",
             f"{'inclination, degrees':26}{certified.angle:>10.2f}{measured['angle']:>10.2f}",
@@ -318,16 +247,14 @@ class FlatAtlas(Atlas, Sequence[FlatPatch]):
             "",
             *self._largest(_COLUMNS, self.measured[:, [1, 0, 2, 3]]),
         ]
-        return "\n".join(lines)
 
     @telling()
     def glue(self, bound: float = 1.5, *, threads: int | None = None, progress: Progress | None = None) -> GluedAtlas:
         """Close the seams between the patches as far as a bound on C allows.
 
-        Neighbouring patches are placed so that their common edges meet, and moved to minimise distortion. Every
-        triangle keeps max(σ1, 1/σ2) ≤ `bound`, none is flipped, and no piece overlaps itself. Where this is not
-        possible, the seam stays cut, and the pieces stay separate. A developable surface becomes flat without
-        distortion.
+        Neighbouring patches are joined along their common edges, and their vertices are moved to minimise distortion.
+        Every triangle keeps max(σ1, 1/σ2) ≤ `bound`, no triangle is flipped, and no piece overlaps itself. Where this
+        is not possible, the seam stays cut. A developable surface is flattened without distortion.
 
         Parameters
         ----------
@@ -341,8 +268,8 @@ class FlatAtlas(Atlas, Sequence[FlatPatch]):
         Returns
         -------
         GluedAtlas
-            The pieces. They do not depend on the number of threads or the numbering of vertices and triangles, except
-            for the order of arrays.
+            The pieces. They do not depend on the number of threads. The numbering of vertices and triangles affects
+            only the order of the arrays.
 
         Raises
         ------
@@ -357,9 +284,8 @@ class FlatAtlas(Atlas, Sequence[FlatPatch]):
 
         Examples
         --------
-        >>> glued = voxflat.samples.hill().patches(max_angle=20).glue(bound=1.5)
-        >>> glued
-        <GluedAtlas of 1 pieces: 800 triangles, C ≤ 1.5, 100.0 % of the seams closed>
+        >>> voxflat.samples.hill().patches(max_angle=20).glue(bound=1.5)
+        <GluedAtlas of 1 piece: 800 triangles, C ≤ 1.5, 100.0 % of the seams closed>
         """
         return _glue(self, self.certificate.c, bound, threads, progress)
 
@@ -373,14 +299,14 @@ class FlatAtlas(Atlas, Sequence[FlatPatch]):
 
 
 def load_atlas(path: str | os.PathLike[str]) -> FlatAtlas | GluedAtlas:
-    """Load an atlas of patches, glued or not.
+    """Load an atlas of certified or glued patches.
 
     The file determines the class of the result.
 
     Parameters
     ----------
     path : path
-        An .npz or .voxflat file that `FlatAtlas.save` or `GluedAtlas.save` wrote.
+        An .npz or .voxflat file that was written by `FlatAtlas.save` or `GluedAtlas.save`.
 
     Returns
     -------
@@ -413,7 +339,7 @@ def load_atlas(path: str | os.PathLike[str]) -> FlatAtlas | GluedAtlas:
 
 
 def saved_kind(path: str | os.PathLike[str]) -> Literal["map", "atlas"] | None:
-    """Return the kind of a file that `FlatMap.save` or an atlas wrote; None for other or unreadable files."""
+    """Return the kind of a file that `FlatMap.save` or `Atlas.save` wrote; None for other or unreadable files."""
     try:
         with np.load(path, allow_pickle=False) as file:
             names = set(file.files)

@@ -15,9 +15,9 @@ from voxflat.atlases.pieces import Piece
 from voxflat.distortion.triangles import isometric, quasi_conformal
 from voxflat.errors import InputError
 from voxflat.io.grid import in_unit
-from voxflat.unique_rows import distinct
+from voxflat.maps.lines import edges_of
 
-_COLUMNS = (("piece", ">6"), ("triangles", ">11"), ("area, mm²", ">12.4g"), ("C", ">9.4f"), ("K", ">9.4f"))
+_COLUMNS = {"piece": ">6", "triangles": ">11", "area, mm²": ">12.4g", "C": ">9.4f", "K": ">9.4f"}
 
 
 @dataclass(frozen=True)
@@ -33,8 +33,8 @@ class Seams:
     closed : float
         Length of closed seams.
     holonomy : float
-        Length of cuts inside a piece that cannot be closed because the surface is curved around them, so that a
-        triangle would exceed the bound.
+        Length of cuts inside a piece that cannot be closed because of the curvature around them: a triangle would
+        exceed the bound.
     bound : float
         Length of cuts between pieces that could not be united within the bound.
     overlap : float
@@ -46,8 +46,7 @@ class Seams:
 
     Examples
     --------
-    >>> glued = voxflat.samples.hill().patches(max_angle=20).glue(bound=1.5)
-    >>> round(glued.seams.closed_share, 2)
+    >>> round(voxflat.samples.hill().patches(max_angle=20).glue(bound=1.5).seams.closed_share, 2)
     1.0
     """
 
@@ -76,7 +75,7 @@ class Seams:
 
     @property
     def closed_share(self) -> float:
-        """The closed share of the seams' length.
+        """The share of the total length of seams that is closed.
 
         It is 1 if there are no seams.
 
@@ -94,7 +93,7 @@ class Seams:
     def figures(self) -> dict[str, float]:
         """Return the lengths, mm, and the closed share.
 
-        They are ready for JSON.
+        The result is ready for JSON.
 
         Returns
         -------
@@ -107,8 +106,7 @@ class Seams:
 
         Examples
         --------
-        >>> glued = voxflat.samples.hill().patches(max_angle=20).glue(bound=1.5)
-        >>> sorted(glued.seams.figures())[:2]
+        >>> sorted(voxflat.samples.hill().patches(max_angle=20).glue(bound=1.5).seams.figures())[:2]
         ['bound', 'closed']
         """
         return {**asdict(self), "cuts": self.cuts, "closed_share": self.closed_share}
@@ -122,12 +120,8 @@ class GluedPiece(Piece):
 
     Parameters
     ----------
-    face_ids, vertex_ids : ndarray of int64
+    face_ids, vertex_ids, uv, faces : ndarray
         As in `FlatPatch`; a vertex on both sides of a cut has two rows.
-    uv : ndarray, shape (P, 2)
-        As in `FlatPatch`.
-    faces : ndarray of int64, shape (G, 3)
-        As in `FlatPatch`.
     area, isometric, quasi_conformal : float
         As in `FlatPatch`.
 
@@ -137,8 +131,7 @@ class GluedPiece(Piece):
 
     Examples
     --------
-    >>> glued = voxflat.samples.hill().patches(max_angle=20).glue(bound=1.5)
-    >>> glued[0]
+    >>> voxflat.samples.hill().patches(max_angle=20).glue(bound=1.5)[0]
     <GluedPiece: 800 triangles, area 1740, C = 1.2047>
     """
 
@@ -151,18 +144,8 @@ class GluedAtlas(Atlas, Sequence[GluedPiece]):
 
     Parameters
     ----------
-    points : ndarray, shape (N, 3)
-        As in `Atlas`.
-    faces, ids, piece_ids, patch_ids : ndarray of int64
+    points, faces, ids, piece_ids, patch_ids, stretch, starts, vertex_ids, uv, uv_faces : ndarray
         As in `Atlas`; `patch_ids` holds the original patch of each triangle.
-    stretch : ndarray, shape (F, 2)
-        As in `Atlas`.
-    starts, vertex_ids : ndarray of int64
-        As in `Atlas`.
-    uv : ndarray, shape (P, 2)
-        As in `Atlas`.
-    uv_faces : ndarray of int64, shape (F, 3)
-        As in `Atlas`.
     metadata : dict
         As in `Atlas`.
     measured : ndarray, shape (pieces, 3)
@@ -182,9 +165,8 @@ class GluedAtlas(Atlas, Sequence[GluedPiece]):
 
     Examples
     --------
-    >>> glued = voxflat.samples.hill().patches(max_angle=20).glue(bound=1.5)
-    >>> glued
-    <GluedAtlas of 1 pieces: 800 triangles, C ≤ 1.5, 100.0 % of the seams closed>
+    >>> voxflat.samples.hill().patches(max_angle=20).glue(bound=1.5)
+    <GluedAtlas of 1 piece: 800 triangles, C ≤ 1.5, 100.0 % of the seams closed>
     """
 
     bound: float
@@ -197,35 +179,21 @@ class GluedAtlas(Atlas, Sequence[GluedPiece]):
 
     def __repr__(self) -> str:
         return (
-            f"<GluedAtlas of {len(self)} pieces: {len(self.faces)} triangles, C ≤ {self.bound:g}, "
+            f"<GluedAtlas of {_pieces(len(self))}: {len(self.faces)} triangles, C ≤ {self.bound:g}, "
             f"{100 * self.seams.closed_share:.1f} % of the seams closed>"
         )
 
     def _piece(self, n: int) -> GluedPiece:
         return GluedPiece(**self._parts(n))
 
-    @property
-    def title(self) -> str:
-        """One line that describes the atlas, for pictures.
-
-        It gives the numbers of patches and pieces, the closed share and the bound.
-
-        See Also
-        --------
-        GluedAtlas.table : All figures as text.
-
-        Examples
-        --------
-        >>> voxflat.samples.hill().patches(max_angle=20).glue().title
-        '8 patches in 1 pieces, 100.0 % of the seams closed, C ≤ 1.5'
-        """
+    def _title(self) -> str:
         closed = 100 * self.seams.closed_share
         count = int(self.patch_ids.max()) + 1
-        return f"{count} patches in {len(self)} pieces, {closed:.1f} % of the seams closed, C ≤ {self.bound:g}"
+        return f"{count} patches in {_pieces(len(self))}, {closed:.1f} % of the seams closed, C ≤ {self.bound:g}"
 
     @cached_property
     def outline(self) -> NDArray[np.int64]:
-        """The edges of pieces, at cuts and at the boundary, shape (edges, 2).
+        """The boundary edges of all pieces, including both sides of cuts, shape (edges, 2).
 
         Each edge is a pair of rows of `uv`.
 
@@ -238,9 +206,8 @@ class GluedAtlas(Atlas, Sequence[GluedPiece]):
         >>> voxflat.samples.hill().patches(max_angle=20).glue().outline.shape[1]
         2
         """
-        edges = np.sort(np.stack([self.uv_faces, np.roll(self.uv_faces, -1, axis=1)], axis=-1).reshape(-1, 2), axis=1)
-        found = distinct(edges)
-        return np.asarray(found.rows[found.counts == 1])
+        edges, _, counts = edges_of(self.uv_faces, len(self.uv))
+        return np.asarray(edges[counts == 1])
 
     @cached_property
     def cuts(self) -> NDArray[np.int64]:
@@ -262,26 +229,7 @@ class GluedAtlas(Atlas, Sequence[GluedPiece]):
         apart = paired & (sides[1:] != sides[:-1]).any(axis=1)
         return np.asarray(edges[1:][apart])
 
-    def figures(self) -> dict[str, Any]:
-        """Return the figures of the atlas, ready for JSON.
-
-        They describe the pieces, the seams, the bound and the measured distortion.
-
-        Returns
-        -------
-        dict
-            The figures by name.
-
-        See Also
-        --------
-        GluedAtlas.table : The figures as text.
-
-        Examples
-        --------
-        >>> glued = voxflat.samples.hill().patches(max_angle=20).glue(bound=1.5)
-        >>> glued.figures()['pieces']
-        1
-        """
+    def _figures(self) -> dict[str, Any]:
         return {
             "pieces": len(self),
             "patches": int(self.patch_ids.max()) + 1,
@@ -292,33 +240,14 @@ class GluedAtlas(Atlas, Sequence[GluedPiece]):
             "measured": measured(self.stretch, self.points[self.faces]),
         }
 
-    def table(self) -> str:
-        """Return a table of seams, bounds and measured figures as text.
-
-        The largest pieces have one row each.
-
-        Returns
-        -------
-        str
-            The table.
-
-        See Also
-        --------
-        GluedAtlas.figures : The figures for JSON.
-
-        Examples
-        --------
-        >>> glued = voxflat.samples.hill().patches(max_angle=20).glue(bound=1.5)
-        >>> print(glued.table().splitlines()[0])
-        patches                                    8
-        """
+    def _lines(self) -> list[str]:
         of, seams = self.figures(), self.seams
 
         def share(length: float) -> str:
             return f"{100 * length / seams.length if seams.length > 0 else 0.0:>8.2f} %"
 
         measured, before = of["measured"], of["before"]
-        lines = [
+        return [
             f"{'patches':34}{of['patches']:>10}",
             f"{'pieces':34}{len(self):>10}",
             f"{'triangles':34}{len(self.faces):>10}",
@@ -327,9 +256,9 @@ class GluedAtlas(Atlas, Sequence[GluedPiece]):
             f"{'seams':34}{in_unit('mm', self.metadata):>10}",
             f"{'all':34}{seams.length:>10.1f}",
             f"{'closed':34}{seams.closed:>10.1f}{share(seams.closed)}",
-            f"{'cut, for the curvature inside':34}{seams.holonomy:>10.1f}{share(seams.holonomy)}",
-            f"{'cut, for the bound between pieces':34}{seams.bound:>10.1f}{share(seams.bound)}",
-            f"{'cut, for overlaps':34}{seams.overlap:>10.1f}{share(seams.overlap)}",
+            f"{'cut because of curvature':34}{seams.holonomy:>10.1f}{share(seams.holonomy)}",
+            f"{'cut because of the bound':34}{seams.bound:>10.1f}{share(seams.bound)}",
+            f"{'cut to avoid overlap':34}{seams.overlap:>10.1f}{share(seams.overlap)}",
             "",
             f"{'C, lengths':34}{'bound':>10}{'measured':>10}{'mean':>10}",
             f"{'patches':34}{before['certified_c']:>10.4f}{before['c']:>10.4f}",
@@ -337,7 +266,6 @@ class GluedAtlas(Atlas, Sequence[GluedPiece]):
             "",
             *self._largest(_COLUMNS, self.measured),
         ]
-        return "\n".join(lines)
 
     def _text(self) -> dict[str, Any]:
         names = ("bound", "certified_before", "measured_before")
@@ -346,25 +274,20 @@ class GluedAtlas(Atlas, Sequence[GluedPiece]):
     @classmethod
     def _of_file(cls, text: dict[str, Any], arrays: dict[str, Any]) -> "GluedAtlas":
         seams, metadata = Seams(**figures_of(text.pop("seams"))), text.pop("metadata")
-        figures: dict[str, Any] = {**figures_of(text)}
-        return cls(**arrays, **figures, seams=seams, metadata=metadata)
+        return cls(**arrays, **figures_of(text), seams=seams, metadata=metadata)
+
+
+def _pieces(count: int) -> str:
+    return f"{count} piece{'s' * (count != 1)}"
 
 
 def measured(stretch: NDArray[np.float64], corners: NDArray[np.float64]) -> dict[str, float]:
     """Return the greatest C and K of triangles and their area-weighted means, from σ1, σ2 and corners in space."""
-    area, c, k = _areas(corners), isometric(stretch), quasi_conformal(stretch)
-    return {
-        "c": float(c.max()),
-        "mean_c": float(c @ area / area.sum()),
-        "k": float(k.max()),
-        "mean_k": float(k @ area / area.sum()),
-    }
-
-
-def _areas(corners: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the areas of triangles in space, mm²."""
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    return np.asarray(0.5 * np.linalg.norm(normals, axis=1))
+    area = 0.5 * np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    found: dict[str, float] = {}
+    for name, values in (("c", isometric(stretch)), ("k", quasi_conformal(stretch))):
+        found |= {name: float(values.max()), f"mean_{name}": float(values @ area / area.sum())}
+    return found
 
 
 def _edges(faces: NDArray[np.int64], corners: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
@@ -378,13 +301,13 @@ def _edges(faces: NDArray[np.int64], corners: NDArray[np.int64]) -> tuple[NDArra
 
 
 def glue(atlas: Atlas, certified: float, bound: float, threads: int | None, progress: Progress | None) -> GluedAtlas:
-    """Glue the patches of an atlas with a proven bound C ≤ `certified`: see `FlatAtlas.glue`."""
+    """Glue the patches of an atlas whose certificate is C ≤ `certified`; see `FlatAtlas.glue`."""
     if not is_number(bound):
         raise InputError(f"bound is {shown(bound)}. Pass the greatest factor by which lengths may change")
     threads = checked_threads(threads)
     core, told = _core.Surface.from_triangles(atlas.points, atlas.faces)
     if told["turned"] or told["unused"] or not np.array_equal(core.faces, atlas.faces):
-        raise InputError("the atlas's triangles are not a surface. Make the patches again")
+        raise InputError("the triangles of the atlas do not form a surface. Create the atlas again")
     flat = np.ascontiguousarray(atlas.uv[atlas.uv_faces].reshape(-1, 6))
     found = core.glue(atlas.piece_ids.astype(np.uint32), flat, float(bound), threads, progress)
     glued = GluedAtlas(
@@ -405,5 +328,5 @@ def glue(atlas: Atlas, certified: float, bound: float, threads: int | None, prog
         measured_before=found["before"],
         seams=Seams(**found["seams"]),
     )
-    log.info("%d patches were glued into %d pieces", len(atlas), len(glued))
+    log.info("%d patches were glued into %s", len(atlas), _pieces(len(glued)))
     return glued

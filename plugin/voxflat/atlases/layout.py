@@ -25,9 +25,9 @@ def lay_out(
 ) -> NDArray[np.float64]:
     """Place pieces on a page; return the position of each row of `uv`, mm, with the lowest corner at (0, 0).
 
-    Pieces follow one another in `uv` (P, 2), each in its own plane, mm, and begin at `starts`. They are rotated and
-    moved, not mirrored: "boxes" places the smallest rectangle of each piece in rows, from the highest to the lowest,
-    with the gap between boxes; "shapes" fits pieces into each other with xatlas.
+    Each piece has consecutive rows of `uv` (P, 2), which begin at `starts`. Pieces are rotated and moved, not mirrored.
+    "boxes" places their smallest bounding rectangles in rows, from the highest to the lowest, separated by the gap;
+    "shapes" fits the pieces together with xatlas.
     """
     if not (np.isfinite(gap) and gap >= 0) or (gap == 0 and packing == "shapes"):
         raise InputError(f"gap is {gap} mm. Pass a positive number")
@@ -50,7 +50,7 @@ def _turned(uv: NDArray[np.float64], starts: NDArray[np.int64]) -> NDArray[np.fl
 
 
 def _axis(places: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the direction of the longer side of the smallest rectangle, which has a side along an edge of the hull."""
+    """Return the direction of the longer side of the smallest bounding rectangle; one side is along a hull edge."""
     try:
         hull = places if len(places) == 3 else places[scipy.spatial.ConvexHull(places).vertices]
     except scipy.spatial.QhullError:  # degenerate to a line
@@ -98,7 +98,7 @@ def _by_shape(
     options.padding, options.bilinear, options.texels_per_unit = _TEXELS, True, _TEXELS / gap
     atlas.generate(pack_options=options)
     if atlas.atlas_count != 1 or atlas.chart_count < len(starts) - 1:
-        raise InputError("xatlas cannot pack these pieces. Pass packing='boxes', or a larger gap")
+        raise InputError("xatlas cannot pack these pieces. Pass packing='boxes' or a larger gap")
     rows, _, places = atlas.get_mesh(0)
     target = np.full_like(apart, np.nan)
     target[rows] = places.astype(np.float64) * [atlas.width, atlas.height] * gap / _TEXELS

@@ -58,7 +58,7 @@ def patches(
     )
     if broken := int(atlas.broken.sum()):
         atlas.metadata["warnings"].append(
-            f"{broken} triangles are so thin that rounding errors exceed the certificate. Remesh the surface"
+            f"{broken} very thin triangles exceed the certificate because of rounding errors. Remesh the surface"
         )
     for remark in atlas.metadata["warnings"]:
         log.warning(remark)
@@ -73,7 +73,7 @@ def _limit(limits: dict[str, Any]) -> tuple[str, float]:
     """Return the name, as in the core, and the value of the limit on patches."""
     given = {name: value for name, value in limits.items() if value is not None}
     if len(given) > 1:
-        raise InputError(f"{' and '.join(given)} are both given. Pass only one of max_angle, bound and count")
+        raise InputError(f"{' and '.join(given)} cannot be combined. Pass only one of max_angle, bound and count")
     if not given:
         return "angle", MAX_ANGLE
     name, value = next(iter(given.items()))

@@ -40,9 +40,8 @@ class FlatPage(Planar):
 
     Examples
     --------
-    >>> page = voxflat.samples.hill().patches(max_angle=20).page()
-    >>> page
-    <FlatPage: 8 pieces, 55 x 71, 44 % of it used>
+    >>> voxflat.samples.hill().patches(max_angle=20).page()
+    <FlatPage: 8 pieces, 55 x 71, 44 % used>
     """
 
     atlas: FlatPieces
@@ -50,15 +49,14 @@ class FlatPage(Planar):
     gap: float
 
     def __repr__(self) -> str:
-        width, height = self.uv.max(axis=0)
-        used = 100 * self.used_share
-        return f"<FlatPage: {len(self.atlas)} pieces, {width:.0f} x {height:.0f}, {used:.0f} % of it used>"
+        (width, height), used = self.uv.max(axis=0), 100 * self.used_share
+        return f"<FlatPage: {len(self.atlas)} pieces, {width:.0f} x {height:.0f}, {used:.0f} % used>"
 
     @property
     def provenance(self) -> Record:
         """The record of how the atlas was made.
 
-        It is the record of `atlas`.
+        It equals the record of `atlas`.
 
         See Also
         --------
@@ -90,9 +88,9 @@ class FlatPage(Planar):
 
     @property
     def used_share(self) -> float:
-        """The share of the page that pieces cover, as a fraction.
+        """The fraction of the page that the pieces cover.
 
-        Packing by shape increases this share for large pieces.
+        The packing "shapes" increases this fraction if pieces are large.
 
         See Also
         --------
@@ -126,7 +124,7 @@ class FlatPage(Planar):
 
     @cached_property
     def _triangles(self) -> FlatTriangles:
-        """The corners of all triangles, one after another, so that a corner of the raster identifies its triangle."""
+        """The triangles without shared corners, so that a corner of the raster identifies its triangle."""
         of, count = self.atlas, len(self.atlas.faces)
         rows = of.faces.ravel()
         faces = np.arange(3 * count, dtype=np.uint32).reshape(-1, 3)
@@ -159,8 +157,7 @@ class FlatPage(Planar):
 
         Examples
         --------
-        >>> page = voxflat.samples.hill().patches(max_angle=20).page()
-        >>> page.face_ids(pixel_size=1.0).ndim
+        >>> voxflat.samples.hill().patches(max_angle=20).page().face_ids(pixel_size=1.0).ndim
         2
         """
         raster = self.raster(pixel_size)
@@ -195,8 +192,7 @@ class FlatPage(Planar):
 
         Examples
         --------
-        >>> page = voxflat.samples.hill().patches(max_angle=20).page()
-        >>> page.heat_map(pixel_size=1.0)
+        >>> voxflat.samples.hill().patches(max_angle=20).page().heat_map(pixel_size=1.0)
         <FlatImage: C: greatest factor by which lengths change, 56 x 73 pixels of 1>
         """
         checked_choice(of, "of", FIGURES)
@@ -224,8 +220,7 @@ class FlatPage(Planar):
 
         Examples
         --------
-        >>> page = voxflat.samples.hill().patches(max_angle=20).page()
-        >>> page.label_image(pixel_size=1.0)
+        >>> voxflat.samples.hill().patches(max_angle=20).page().label_image(pixel_size=1.0)
         <FlatImage: number of the patch, 56 x 73 pixels of 1>
         """
         numbers = self.atlas.patch_ids + 1  # 0 would be grey, as for unlabelled pixels
@@ -238,9 +233,9 @@ class FlatPage(Planar):
         return FlatImage(data, raster.pixel_size, raster.origin, name, unit=raster.unit)
 
     def texture_coordinates(self, image: FlatImage | None = None) -> NDArray[np.float64]:
-        """Return texture coordinates of the pieces in an image of the page.
+        """Return the texture coordinates of the pieces in an image of the page.
 
-        They refer to the whole image.
+        They range from 0 to 1 over the whole image.
 
         Parameters
         ----------
@@ -263,8 +258,7 @@ class FlatPage(Planar):
 
         Examples
         --------
-        >>> page = voxflat.samples.hill().patches(max_angle=20).page()
-        >>> page.texture_coordinates().shape
+        >>> voxflat.samples.hill().patches(max_angle=20).page().texture_coordinates().shape
         (559, 2)
         """
         if image is None:
@@ -274,23 +268,23 @@ class FlatPage(Planar):
         left, right, bottom, top = image.extent
         coordinates = (self.uv - [left, bottom]) / [right - left, top - bottom]
         if (coordinates < 0).any() or (coordinates > 1).any():
-            raise InputError("the image does not belong to this page. Pass one that this page made")
+            raise InputError("the image does not belong to this page. Pass an image that this page returned")
         return np.asarray(coordinates)
 
     @telling()
     def textured(
         self, image: FlatImage | None = None, *, colour_map: str | None = None, limits: Sequence[float] | None = None
     ) -> TexturedSurface:
-        """Return the surface with an image of the page on it, as a texture atlas.
+        """Return the surface with an image of the page as its texture.
 
-        The picture's colours extend into the gaps, so that seams are not visible.
+        Colours extend into the gaps between pieces, so that seams are not visible.
 
         Parameters
         ----------
         image : FlatImage, optional
-            An image from `image`, `heat_map` or `label_image`; by default `label_image`, the patches in colours.
+            An image from `image`, `heat_map` or `label_image`; by default `label_image`, which colours the patches.
         colour_map : str, optional
-            A matplotlib colour map; by default, grey levels for values and one colour per label, as in a PNG.
+            A matplotlib colour map. By default, values are shown in grey levels, and each label has its own colour.
         limits : sequence of 2 floats, optional
             The values at the ends of the colour map; by default the 1st and 99th percentiles.
 
@@ -323,9 +317,9 @@ class FlatPage(Planar):
 
 
 def _spread(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Return colours without opacity; pixels without a colour get the colour of the nearest pixel."""
+    """Return opaque colours; pixels without a colour get the colour of the nearest pixel that has one."""
     empty = picture[..., 3] == 0
     if empty.all():
-        raise InputError("the image shows nothing on the page. Pass one that covers the pieces")
+        raise InputError("the image has no values on the page. Pass an image that covers the pieces")
     rows, columns = scipy.ndimage.distance_transform_edt(empty, return_distances=False, return_indices=True)
     return np.ascontiguousarray(picture[rows, columns, :3])

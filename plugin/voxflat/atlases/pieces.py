@@ -14,7 +14,7 @@ from voxflat.io.spaces import Space
 
 FIGURES = {
     "isometric": "C: greatest factor by which lengths change",
-    "quasi_conformal": "K: ratio of the stretches along and across",
+    "quasi_conformal": "K: ratio of the two principal stretches",
     "areal": "area in the plane divided by area on the surface",
 }
 """The figures of triangles that heat maps show, with their descriptions."""
@@ -22,23 +22,7 @@ FIGURES = {
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Piece:
-    """A part of a surface in the plane.
-
-    Parameters
-    ----------
-    face_ids : ndarray of int64, shape (G,)
-        Its triangles, as rows of the atlas's `faces`.
-    vertex_ids : ndarray of int64, shape (P,)
-        The row of the atlas's `points` for each row of `uv`; a vertex on both sides of a cut has two rows.
-    uv : ndarray, shape (P, 2)
-        Positions in the plane, mm.
-    faces : ndarray of int64, shape (G, 3)
-        Its triangles, as rows of `uv`; counterclockwise.
-    area : float
-        Area on the surface, mm².
-    isometric, quasi_conformal : float
-        Greatest max(σ1, 1/σ2) and σ1/σ2 of its triangles, measured in the plane.
-    """
+    """A part of a surface in the plane; `FlatPatch` documents the fields."""
 
     face_ids: NDArray[np.int64]
     vertex_ids: NDArray[np.int64]
@@ -106,11 +90,11 @@ class FlatPieces:
     def normals(self) -> NDArray[np.float64]:
         """The outward unit normals of the vertices, shape (N, 3).
 
-        They are area-weighted means over triangles; NaN for a one-voxel-thick surface.
+        Each is the area-weighted mean over the adjacent triangles; NaN for a one-voxel-thick surface.
 
         See Also
         --------
-        FlatMap : Also holds normals.
+        FlatMap : A flattened surface, with normals.
 
         Examples
         --------
@@ -142,7 +126,7 @@ class FlatPieces:
     def quasi_conformal(self) -> NDArray[np.float64]:
         """The figure K of each triangle, σ1/σ2, shape (F,).
 
-        It is 1 where angles do not change.
+        It is 1 if angles do not change.
 
         See Also
         --------

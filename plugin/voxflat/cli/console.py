@@ -34,6 +34,10 @@ class Program(cloup.Group):
     The exit status is 1 if the input cannot be used or the computation failed, 2 for wrong usage, and 130 if cancelled.
     """
 
+    def __init__(self, *arguments: Any, **more: Any) -> None:
+        super().__init__(*arguments, **more)
+        self.modules: dict[str, str] = {}  # the module in `voxflat.cli.commands` that defines each command
+
     def main(self, args: Sequence[str] | None = None, *further: Any, **more: Any) -> Any:
         """Run the program and exit."""
         arguments = list(sys.argv[1:] if args is None else args)
@@ -61,18 +65,19 @@ class Program(cloup.Group):
         except Exception as error:
             if "--debug" in arguments:
                 _print(traceback.format_exc().rstrip())
-            module = sys.modules.get(f"voxflat.cli.commands.{next(iter(arguments), '')}")  # if it was imported
-            text = in_options(user_message(error), getattr(module, "command", None))
+            text = in_options(user_message(error), self.commands.get(next(iter(arguments), "")))
             _print(f"voxflat: error: {text}")
             status = _failed(arguments, text, 1, getattr(error, "remedy", ""))
         return status if isinstance(status, int) else 0
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        """Import a command; `commands` holds only the names and summaries of commands."""
+        """Import a command; until then, `commands` contains only its name and summary."""
         if cmd_name not in self.commands:
             return None
-        command: click.Command = importlib.import_module(f"voxflat.cli.commands.{cmd_name}").command
+        module = importlib.import_module(f"voxflat.cli.commands.{self.modules[cmd_name]}")
+        command: click.Command = getattr(module, f"{cmd_name}_command")
         command.context_settings = {**self.context_settings, **command.context_settings}  # accept -h in all parsers
+        self.commands[cmd_name] = command
         return command
 
     def invoke(self, ctx: click.Context) -> Any:
@@ -171,15 +176,8 @@ class Bars:
         from tqdm import tqdm
 
         # one bar is reused for all stages, so that there is always a bar to close when Ctrl-C is pressed
-        self._bar = tqdm(
-            desc="reading",
-            total=1,
-            bar_format="{l_bar}{bar}| {elapsed}<{remaining}",
-            leave=False,
-            dynamic_ncols=True,
-            file=_STDERR,
-            disable=hidden,
-        )
+        look: dict[str, Any] = {"bar_format": "{l_bar}{bar}| {elapsed}<{remaining}", "dynamic_ncols": True}
+        self._bar = tqdm(desc="reading", total=1, leave=False, file=_STDERR, disable=hidden, **look)
         self._stage = ""
         self.progress: Progress | None = None if hidden else self._show
         self.close = self._bar.close
@@ -201,9 +199,17 @@ class Bars:
         self._bar.clear()
 
 
+_GIVEN = r"(?: (?:is|are both) given| cannot be combined| do(?:es)? not apply)\b"  # follows the names of arguments
+_ALSO = r"(?:,? and |,? or |, | without | is given without )"  # between the names of arguments
+
+
 def in_options(text: str, command: click.Command | None) -> str:
-    """Return a message with Python arguments, such as relax=False, replaced by command options, such as --no-relax."""
-    names = {one.name for one in command.params if isinstance(one, click.Option)} if command else set()
+    """Return a message with Python arguments, such as relax=False, replaced by command options, such as --no-relax.
+
+    A name without an underscore may be an ordinary word. It is replaced if it stands beside another option, or if the
+    message says that it is given, cannot be combined or does not apply.
+    """
+    names = {str(one.name) for one in command.params if isinstance(one, click.Option)} if command else set()
 
     def option(found: re.Match[str]) -> str:
         name, value = found["name"], found["value"]
@@ -214,7 +220,19 @@ def in_options(text: str, command: click.Command | None) -> str:
             return f"--{'no-' if value == 'False' else ''}{flag}"
         return f"--{flag} {value.strip(chr(39))}" if value else f"--{flag}"
 
-    return re.sub(r"(?<![\w/.-])(?P<name>[a-z]+(_[a-z]+)*)(=(?P<value>False|True|'[^']*'))?(?![\w/=(])", option, text)
+    text = re.sub(r"(?<![\w/.-])(?P<name>[a-z]+(_[a-z]+)*)(=(?P<value>False|True|'[^']*'))?(?![\w/=(])", option, text)
+    words = "|".join(sorted(name for name in names if "_" not in name))
+    word = rf"(?:--[\w-]+|(?:{words})\b(?![/=(-]))"
+
+    def listed(found: re.Match[str]) -> str:
+        before, after = found.string[: found.start()], found.string[found.end() :]
+        is_list = "--" in found[0] and re.match(r"[,.;:]|$| (?:is|are|requires?|cannot|do|does)\b", after)
+        is_given = re.search(r"(?:^|[.:;] )$", before) and re.match(_GIVEN, after)
+        if not (is_list or is_given) or re.search(r"--[\w-]+ $", before):  # this one: the value of an option
+            return found[0]
+        return re.sub(rf"(?<![\w-])(?:{words})(?![\w-])", r"--\g<0>", found[0])
+
+    return re.sub(rf"(?<![\w'=./-]){word}(?:{_ALSO}{word})*", listed, text) if words else text
 
 
 class _Notes(logging.Handler):

@@ -40,9 +40,8 @@ def surface_of(input_: Path, given: dict[str, Any], progress: Progress | None) -
             figures.save(error.figure(), picture, {"voxflat": __version__})
         except (InputError, OSError):  # the reason why the hemisphere was not found is more important
             raise error from None
-        raise InputError(
-            f"{str(error).rstrip('.')}. {picture} shows the voxels that were taken for white matter."
-        ) from error
+        message = f"{str(error).rstrip('.')}. {picture} shows the voxels that were assumed to be white matter."
+        raise InputError(message) from error
     return surface(found, repair=how["repair"] or "voxels", **limits, progress=progress)
 
 

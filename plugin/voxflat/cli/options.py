@@ -11,7 +11,7 @@ import click
 import cloup
 import numpy as np
 
-from voxflat.cli.output import READ, WRITTEN
+from voxflat.cli.output import JSON, READ, WRITTEN
 from voxflat.cli.parameter_options import option_of
 from voxflat.distances.geodesic import SOLVERS
 from voxflat.distances.sources import SAMPLINGS
@@ -23,9 +23,10 @@ from voxflat.surfaces.standard.choice import AUTOMATIC
 from voxflat.surfaces.standard.template import STANDARD
 
 _Command = TypeVar("_Command", bound=Callable[..., Any])
+_PER_LINE = "Write one vertex number, or three voxel indices, on each line."
 
 
-def _three(kind: type[int] | type[float], example: str) -> Callable[..., tuple[float, ...] | None]:
+def _three(kind: type[int] | type[float], example: str) -> Callable[..., Any]:
     """Return a callback that converts an option's text to three numbers."""
 
     def convert(ctx: click.Context, param: click.Parameter, value: str | None) -> tuple[float, ...] | None:
@@ -34,7 +35,7 @@ def _three(kind: type[int] | type[float], example: str) -> Callable[..., tuple[f
         except ValueError:
             numbers = ()
         if numbers is not None and len(numbers) != 3:
-            raise click.BadParameter(f"{value!r} is not three numbers. Separate them by commas, such as {example}.")
+            raise click.BadParameter(f"{value!r} is not a list of three numbers. Give numbers such as {example}.")
         return numbers
 
     return convert
@@ -47,7 +48,7 @@ def _bytes(ctx: click.Context, param: click.Parameter, value: str | None) -> int
     match = re.fullmatch(r"(\d+(?:\.\d+)?) *([KMGT]?)(?:iB|B)?", value, re.IGNORECASE)
     if match is None:
         raise click.BadParameter(
-            f"{value!r} is not an amount of memory. Give bytes, or a number with K, M, G or T, such as 4G."
+            f"{value!r} is not an amount of memory. Give a number of bytes, or a number with a unit such as 4G."
         )
     return int(float(match[1]) * 1024 ** " KMGT".index(match[2].upper() or " "))
 
@@ -59,7 +60,7 @@ def _rings(ctx: click.Context, param: click.Parameter, value: str | None) -> int
     try:
         return int(value)
     except ValueError:
-        raise click.BadParameter(f"{value!r} is not a number of rings. Give an integer, or all.") from None
+        raise click.BadParameter(f"{value!r} is not a number of rings. Give an integer or 'all'.") from None
 
 
 def _place(ctx: click.Context, param: click.Parameter, value: str | None) -> tuple[int, ...] | int | None:
@@ -68,11 +69,9 @@ def _place(ctx: click.Context, param: click.Parameter, value: str | None) -> tup
         try:
             return int(value)
         except ValueError:
-            raise click.BadParameter(
-                f"{value!r} is not a point. Give voxel indices I,J,K or a vertex number."
-            ) from None
-    indices = _three(int, "136,112,127")(ctx, param, value)
-    return None if indices is None else tuple(int(index) for index in indices)
+            raise click.BadParameter(f"{value!r} is not a point. Give I,J,K (a voxel) or a vertex number.") from None
+    indices: tuple[int, ...] | None = _three(int, "136,112,127")(ctx, param, value)
+    return indices
 
 
 def places(ctx: click.Context, param: click.Parameter, value: tuple[str, ...]) -> list[Any]:
@@ -90,9 +89,9 @@ def _vertices(ctx: click.Context, param: click.Parameter, value: Path | None) ->
             words = np.loadtxt(value, dtype=np.str_, ndmin=1)  # NumPy before 2.3 would read 1.5 as the integer 1
         vertices = words.astype(np.int64)
     except (OSError, ValueError) as error:
-        raise click.BadParameter(f"{value} is not a list of vertices: {error}") from None
+        raise click.BadParameter(f"{value} is not a list of vertices: {error}. {_PER_LINE}") from None
     if len(vertices) == 0:
-        raise click.BadParameter(f"{value} does not list any vertices.")
+        raise click.BadParameter(f"{value} does not list any vertices. {_PER_LINE}")
     return vertices if vertices.ndim == 1 or vertices.shape[1] == 3 else vertices.ravel()
 
 
@@ -105,9 +104,7 @@ def paths(ctx: click.Context, param: click.Parameter, value: tuple[Path, ...]) -
         return words.pop()
     if any(file.suffix.lower() == ".json" for file in value):
         if len(value) > 1:
-            raise click.BadParameter(
-                "A file of cuts or a template (.json) cannot be combined with others. Give it alone."
-            )
+            raise click.BadParameter("A cuts file or template cannot be combined with other cuts. Give it alone.")
         return value[0]
     return [_vertices(ctx, param, file) for file in value] or None
 
@@ -173,18 +170,13 @@ def writes(name: str, help_: str, *names: str, metavar: str = "FILE") -> Callabl
     return value(name, metavar, help_, *names, type=OUT)
 
 
+def command(name: str, *examples: str, **more: Any) -> Callable[[Callable[..., Any]], cloup.Command]:
+    """Return a decorator that makes a command whose help ends with examples."""
+    return cloup.command(name, epilog="\b\nExamples:\n" + "".join(f"  {one}\n" for one in examples), **more)
+
+
 input_ = cloup.argument("input_", metavar="INPUT", type=FILE)
-
-
-def group(*options: Callable[..., Any]) -> Callable[[_Command], _Command]:
-    """Return a decorator that adds several options or sections."""
-
-    def decorate(command: _Command) -> _Command:
-        for option in reversed(options):
-            command = option(command)
-        return command
-
-    return decorate
+map_ = cloup.argument("map_", metavar="MAP", type=FILE)
 
 
 def _writing(ctx: click.Context, param: click.Parameter, value: bool) -> dict[str, bool]:
@@ -196,17 +188,16 @@ def output(help_: str, *further: Callable[..., Any], required: bool = True) -> C
     """Return the section of options for the output file and its companion files."""
     return section(
         "Output",
-        cloup.option("-o", "--output", type=OUT, required=required, metavar="OUT", help=help_),
+        value("-o", "OUT", help_, "--output", type=OUT, required=required),
         *further,
-        cloup.option(
+        flag(
             "--sidecar",
-            is_flag=True,
+            "Also save the provenance of OUT (inputs, options, version) in OUT.json, for formats that cannot store it.",
             is_eager=True,  # so that it is known when --overwrite is handled
-            help="Also write how OUT was made (inputs, options, version) to OUT.json, for formats that cannot hold it.",
         ),
         flag(
             "--overwrite",
-            "Replace existing files beside OUT even if voxflat did not write them.",
+            "Replace existing companion files of OUT, such as OUT.json, even if voxflat did not write them.",
             "writing",
             callback=_writing,
         ),
@@ -214,7 +205,14 @@ def output(help_: str, *further: Callable[..., Any], required: bool = True) -> C
     )
 
 
-as_json = flag("--json", "Print one JSON object to stdout instead of text.", "as_json")
+def _json(ctx: click.Context, param: click.Parameter, value: bool) -> None:
+    """Store whether ``--json`` is given."""
+    ctx.meta[JSON] = value
+
+
+as_json = flag(
+    "--json", "Print one JSON object to stdout instead of text.", "as_json", callback=_json, expose_value=False
+)
 debug = flag("--debug", "Print the traceback if an error occurs.", expose_value=False)
 quiet = flag("--quiet", "Do not print progress, warnings or a summary.")
 seed = option_of(Surface.flatten, "seed", type=int)
@@ -252,9 +250,9 @@ _surface_options = section(
     choice(
         "--hemisphere",
         ["left", "right", "both"],
-        "Extract this hemisphere from the white matter, or a segmentation, of a whole brain: cerebellum and brain "
-        'stem are removed, ventricles and deep nuclei filled. "both" runs the command once per hemisphere and writes '
-        "lh.OUT and rh.OUT.",
+        "Extract this hemisphere from a white-matter volume or a segmentation of a whole brain. The cerebellum and the "
+        'brain stem are removed, and the ventricles and deep nuclei are filled. "both" runs the command once per '
+        "hemisphere and writes lh.OUT and rh.OUT.",
     ),
     option_of(surface, "spacing", metavar="X,Y,Z", callback=_three(float, "0.5,0.5,0.5")),
     option_of(surface, "unit", type=click.Choice(UNITS), sentences=2),
@@ -271,10 +269,11 @@ def surface_options(command: _Command) -> _Command:
 
 region = section(
     "Region",
-    reads("--keep", "Restrict the surface to this region: a mask volume, or for meshes a label, patch or GIFTI file."),
+    reads("--keep", "Restrict the surface to this region: a mask volume or, for meshes, a label, patch or GIFTI file."),
     reads(
         "--drop",
-        "Exclude this region: a file as for --keep, or medial-wall for the part where white and pial surface touch.",
+        "Exclude this region: a file as for --keep, or medial-wall for the part where the white and pial surfaces "
+        "touch.",
     ),
     value(
         "--seed-point",
@@ -310,7 +309,7 @@ where_cut = (
         multiple=True,
         callback=paths,
         sentences=3,
-        note="FILE is a file of cuts, a template, or a list of neighbouring vertices (may be repeated).",
+        note="FILE is a cuts file, a template, or a list of neighbouring vertices (may be repeated).",
     ),
     option_of(Surface.cut, "sphere", type=FILE, metavar="FILE"),
 )
@@ -319,8 +318,8 @@ further_cuts = (
         "--relax/--no-relax",
         default=None,
         callback=_relax,
-        help="Add relaxation cuts (cuts that reduce the distortion of the map) as long as they pay off.  [default: "
-        "--relax, unless --cuts or a patch says where to cut]",
+        help="Add relaxation cuts, which reduce the distortion of the map, as long as they pay off.  "
+        "[default: --relax, unless --cuts or a patch file specifies the cuts]",
     ),
     value(
         "--relax-length",
@@ -343,13 +342,13 @@ def link_lengths(of: Any) -> Callable[[_Command], _Command]:
 
 
 def _of_methods(option: str) -> str:
-    """Return, as text, the defaults of an option that several methods share."""
+    """Return the defaults of an option that several methods share, as text."""
     usual = {name: getattr(method(), option) for name, method in METHODS.items() if hasattr(method, option)}
     first = usual["voxflat"]
     return "; ".join([str(first), *(f"{name}: {value}" for name, value in usual.items() if value != first)])
 
 
-method_options = group(
+_METHOD_SECTIONS = (
     section(
         "Method",
         choice(
@@ -385,6 +384,14 @@ method_options = group(
     section("Method saucan2006", option_of(Saucan2006, "bound", type=float, metavar="C")),
 )
 
+
+def method_options(command: _Command) -> _Command:
+    """Add the options for the flattening method."""
+    for one in reversed(_METHOD_SECTIONS):
+        command = one(command)
+    return command
+
+
 _OPTIONS: tuple[str, ...] = ("sources", "sampling", "geodesic", "weighting", "scale", "max_area", "start")
 _OPTIONS += ("link_lengths", "neighbourhood", "starts", "bound")
 
@@ -396,14 +403,14 @@ def method_of(given: dict[str, Any]) -> Method:
     for option in chosen:
         if not hasattr(METHODS[name], option):
             flag = f"--{option.replace('_', '-')}"
-            raise click.UsageError(f"{flag} is not an option of the method {name}. Leave it out.")
+            raise click.UsageError(f"{flag} is not an option of the method {name}. Omit it.")
     return METHODS[name](**chosen)
 
 
 period = value(
     "--period",
     "P",
-    "Treat values as phases with this period, such as 360, so that averages and colours wrap around.",
+    "Treat the values as phases with this period, such as 360, so that averages and colours wrap around.",
     type=click.FloatRange(min=0, min_open=True),
 )
 

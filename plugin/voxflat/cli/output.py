@@ -20,8 +20,8 @@ FIGURE_ENDINGS = (".png", ".pdf", ".svg")
 
 _IGNORES_CASE = sys.platform in ("win32", "darwin")  # whether A.npz and a.npz are usually one file
 
-READ, WRITTEN = "voxflat.read", "voxflat.written"
-"""Keys under which the context of a command stores the files that the command reads and writes."""
+READ, WRITTEN, JSON = "voxflat.read", "voxflat.written", "voxflat.json"
+"""Keys under which the context of a command stores the files that it reads and writes, and whether it prints JSON."""
 
 
 def check_output(
@@ -35,11 +35,8 @@ def check_output(
     """Check that a result can be written before it is computed.
 
     An output must not be an input under any name, or the same file as another output. An existing file that the user
-    named is replaced; its companion files are replaced only if voxflat wrote them or ``--overwrite`` is given.
-
-    `path`: the result. `endings`: the allowed file name extensions, any by default. `beside`: the companion files that
-    are written. `sidecar`: whether the record is also written as a companion file. `overwrite`: whether existing
-    companion files are replaced.
+    named is replaced. Files `beside` it, and the record (`sidecar`), are replaced only if voxflat wrote them or with
+    `overwrite`.
     """
     if endings and not path.name.lower().endswith(tuple(endings)):
         raise InputError(
@@ -78,3 +75,16 @@ def _is_same(a: Path, b: Path) -> bool:
 def print_json(content: dict[str, Any]) -> None:
     """Print one JSON object to stdout."""
     click.echo(json.dumps(content, allow_nan=False))
+
+
+def is_json() -> bool:
+    """Return whether ``--json`` is given."""
+    return bool(click.get_current_context().meta.get(JSON))
+
+
+def report(content: dict[str, Any], text: str, *, quiet: bool = False) -> None:
+    """Print the result of a command: as one JSON object with ``--json``, or as text unless `quiet`."""
+    if is_json():
+        print_json(content)
+    elif not quiet:
+        click.echo(text)

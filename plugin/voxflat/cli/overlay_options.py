@@ -25,20 +25,18 @@ def check_depth(given: dict[str, Any]) -> None:
         raise click.UsageError("--depth and --fraction cannot be combined. Give only one of them.")
 
 
-def _limits(_: click.Context, parameter: click.Parameter, value: str | None) -> tuple[str, ...] | None:
+def _limits(ctx: click.Context, param: click.Parameter, value: str | None) -> tuple[str, ...] | None:
     if value is None:
         return None
     ends = tuple(part.strip() for part in value.split(","))
     if len(ends) != 2:
-        raise click.BadParameter(
-            f"{value!r} is not a pair of limits. Give two, such as 0,5 or 2%,98%.", param=parameter
-        )
+        raise click.BadParameter(f"{value!r} is not a pair of limits. Give two limits, such as 0,5 or 2%,98%.")
     return ends
 
 
 def depth_options(several: str) -> tuple[Callable[..., Any], ...]:
     """Return the options for the depth at which volumes are sampled; `several` explains the use of several depths."""
-    depth = "Distance outside the surface at which volumes are sampled, in mm; negative values lie inside."
+    depth = "Distance outside the surface at which volumes are sampled, in mm; negative values are inside the surface."
     fraction = (
         "Cortical depth from 0 (white surface) to 1 (pial surface), instead of --depth, for maps made with --pial."
     )
@@ -57,7 +55,7 @@ def data_section(overlay: Any, *further: Any, interpolation: str) -> Callable[[_
     return options.section(
         "Data",
         overlay,
-        *depth_options("With several, the mean is shown, or the most frequent label."),
+        *depth_options("With several depths, the mean or the most frequent label is shown."),
         between,
         *further,
     )
@@ -72,8 +70,8 @@ def colour_section(*further: Any) -> Callable[[_Command], _Command]:
         options.value(
             "--below",
             "X",
-            "Show only values less than X. With --above, values outside the two limits are shown if --below is "
-            "the smaller one, and values between them otherwise.",
+            "Show only values less than X. If both --above and --below are given, values outside the two limits are "
+            "shown if --below is smaller than --above, and values between them otherwise.",
             type=float,
         ),
         options.value(
@@ -129,7 +127,7 @@ def overlay_of(data: Any, given: dict[str, Any]) -> Overlay | None:
     sides = given.pop("above"), given.pop("below")
     if sides != (None, None):
         if given["threshold"] is not None:
-            raise click.UsageError("--threshold cannot be combined with --above or --below. Give one or the other.")
+            raise click.UsageError("--threshold cannot be combined with --above or --below. Omit --threshold.")
         given["threshold"], names["threshold"] = sides, "above" if sides[0] is not None else "below"
     unit, own = given.pop("unit"), {name: given.pop(name, None) for name in _OF_OVERLAY}
     own = {name: value for name, value in own.items() if value is not None}
@@ -137,7 +135,7 @@ def overlay_of(data: Any, given: dict[str, Any]) -> Overlay | None:
     if data is None:
         unused = [f"--{names.get(name, name)}" for name in own if name != "zero"] + ["--unit"] * (unit is not None)
         if unused:
-            raise click.UsageError(f"{', '.join(unused)}: only with --overlay. Give --overlay as well.")
+            raise click.UsageError(f"{', '.join(unused)}: only with --overlay. Also give --overlay.")
         return None
     if unit is not None:
         name = data[0].name if isinstance(data, tuple) else data.name

@@ -10,40 +10,41 @@ from voxflat._core import __version__
 from voxflat.cli.console import Program
 
 COMMANDS = {
-    "bids": "Flatten all participants of a study (BIDS App).",
-    "check": "Check whether a surface can be flattened.",
-    "cite": "Print a paragraph for the methods section of a paper, with references.",
-    "cut": "Cut a surface open for flattening.",
-    "demo": "Flatten a hemisphere of the MNI152 template.",
-    "figure": "Draw a figure of one or two flat maps.",
-    "flatten": "Flatten a surface into a flat map.",
-    "freesurfer": "Flatten a FreeSurfer subject and write a report.",
-    "image": "Resample a volume, or the distortion, onto a flat map.",
-    "info": "Print the versions and the machine for a bug report.",
-    "measure": "Measure the distortion of flat maps made by any tool.",
-    "movie": "Make a movie of a series on one or two flat maps.",
-    "patches": "Flatten a surface in patches with certified distortion.",
-    "path": "Find the shortest path through points of a surface.",
-    "points": "Find the positions of points in space on a flat map.",
-    "regions": "Convert regions drawn on a flat map to vertex or voxel labels.",
-    "register": "Register a hemisphere to the fsaverage sphere.",
-    "rows": "Measure geodesic distances and store them on disk.",
-    "surface": "Extract the surface of a volume, or check and convert a mesh.",
-    "texture": "Map a picture onto a surface as a texture.",
-    "worst": "List the regions of highest area distortion.",
+    "bids": ("study", "Flatten all participants of a study (BIDS App)."),
+    "check": ("surfaces", "Check whether a surface can be flattened."),
+    "cite": ("about", "Print a paragraph for the methods section of a paper, with references."),
+    "cut": ("flatten", "Cut a surface open for flattening."),
+    "demo": ("demo", "Flatten a hemisphere of the MNI152 template."),
+    "figure": ("drawing", "Draw a figure of one or two flat maps."),
+    "flatten": ("flatten", "Flatten a surface into a flat map."),
+    "freesurfer": ("study", "Flatten a FreeSurfer subject and write a report."),
+    "image": ("images", "Resample a volume, or the distortion, onto a flat map."),
+    "info": ("about", "Print version and system information for a bug report."),
+    "measure": ("distortion", "Measure the distortion of flat maps made by any tool."),
+    "movie": ("drawing", "Make a movie of a series on one or two flat maps."),
+    "patches": ("patches", "Flatten a surface in patches with certified distortion."),
+    "path": ("distances", "Find the shortest path through points of a surface."),
+    "points": ("places", "Find the positions of points in space on a flat map."),
+    "regions": ("places", "Convert regions drawn on a flat map to vertex or voxel labels."),
+    "register": ("surfaces", "Register a hemisphere to the fsaverage sphere."),
+    "rows": ("distances", "Measure geodesic distances and store them on disk."),
+    "surface": ("surfaces", "Extract the surface of a volume, or check and convert a mesh."),
+    "texture": ("images", "Map a picture onto a surface as a texture."),
+    "worst": ("distortion", "List the regions of highest area distortion."),
 }
-"""Commands with the first sentences of their help. Each command's module has the same name and is imported on use."""
+"""Each command's module in `voxflat.cli.commands`, which is imported on use, and the first sentence of its help."""
 
 
 @cloup.group(
     cls=Program,
     context_settings={"help_option_names": ["-h", "--help"], "show_default": True},
-    epilog='Try "voxflat demo" first. For help on a command, run for example "voxflat flatten --help".',
+    epilog='Try "voxflat demo" first. For help on a command, run "voxflat COMMAND --help".',
 )
 @click.version_option(__version__, message="voxflat %(version)s")
 def main() -> None:
     """Flatten curved surfaces, such as the cerebral cortex, while preserving geodesic distances."""
 
 
-for _name, _summary in COMMANDS.items():
+for _name, (_module, _summary) in COMMANDS.items():
     main.add_command(click.Command(_name, help=_summary))
+    main.modules[_name] = _module

@@ -93,8 +93,8 @@ def _outcome(future: Any) -> tuple[Any, Exception | None]:
         return future.result(), None
     if type(error).__name__ == "KilledWorker":
         return None, InputError(
-            f"the worker died {error.allowed_failures + 1} times, last at {error.last_worker.address}. Give workers "
-            "more memory or time"
+            f"the worker died {error.allowed_failures + 1} times (most recently at {error.last_worker.address}). Give "
+            "the workers more memory or time"
         )
     return None, error if isinstance(error, Exception) else RuntimeError(str(error))
 
@@ -105,7 +105,7 @@ def connected(address: str, *, most: int) -> Iterator[Cluster]:
     try:
         distributed = importlib.import_module("distributed")
     except ImportError as error:
-        raise InputError(f"a cluster requires {error.name}. Run {installing('distributed')}") from error
+        raise InputError(f"a cluster requires the package {error.name}. Run {installing('distributed')}") from error
     if address == LOCAL:
         cores = os.cpu_count() or 1
         count = max(1, min(cores, free_memory() // _ROOM, most))
@@ -121,13 +121,13 @@ def connected(address: str, *, most: int) -> Iterator[Cluster]:
         at = json.loads(Path(address).read_text(encoding="utf-8"))["address"] if address.endswith(".json") else address
         client = distributed.Client(at, timeout=_PATIENCE)
     except (OSError, ValueError, KeyError, TypeError) as error:
-        why = "Check that it is running and can be reached from this machine"
-        raise InputError(f"no Dask scheduler answers at {address} ({error}). {why}") from error
+        remedy = "Check that it is running and can be reached from this machine"
+        raise InputError(f"no Dask scheduler responds at {address} ({error}). {remedy}") from error
     with client:
         found = client.run(version, "voxflat", on_error="return")
         for worker, own in found.items():
             if isinstance(own, PackageNotFoundError):
-                raise InputError(f"the worker {worker} has no voxflat. Install version {__version__} there")
+                raise InputError(f"voxflat is not installed on the worker {worker}. Install version {__version__}")
             if isinstance(own, str):  # otherwise the worker has died
                 _check_version(worker, own, __version__)
         yield Cluster(client)
@@ -135,7 +135,7 @@ def connected(address: str, *, most: int) -> Iterator[Cluster]:
 
 def _check_version(worker: str, own: str, wanted: str) -> None:
     if own != wanted:
-        raise InputError(f"the worker {worker} has voxflat {own}, this process {wanted}. Install the same version")
+        raise InputError(f"the worker {worker} has voxflat {own} instead of {wanted}. Install the same version")
 
 
 def _run(work: Work, item: Any, folder: Path, of: str, threads: int | None) -> Any:

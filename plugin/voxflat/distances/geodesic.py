@@ -47,7 +47,7 @@ def geodesic(
 ) -> DistanceRows:
     """Measure distances over a surface; see `voxflat.Surface.geodesic`."""
     if dask is not None and store is None:
-        raise InputError("dask is given, but the workers have no store to write into. Pass store, too")
+        raise InputError("dask is given, but the workers have no store to write into. Also pass store")
     seed, threads = checked_seed(seed), checked_threads(threads)
     checked_choice(geodesic, "geodesic", (*SOLVERS, "chain"))
     part: Manifold | VoxelGraph
@@ -58,11 +58,8 @@ def geodesic(
         what["link_lengths"] = part.metadata["link_lengths"]
     else:
         refuse(geodesic, link_lengths=link_lengths)
-        part = (
-            largest_piece(surface)
-            if sources is None or is_whole(sources)
-            else piece_of(surface, surface.find(sources, "sources"))
-        )
+        of_all = sources is None or is_whole(sources)
+        part = largest_piece(surface) if of_all else piece_of(surface, surface.find(sources, "sources"))
     common: dict[str, Any] = {"threads": threads, "memory_limit": memory_limit, "progress": progress}
     choice = source_choice(part, sources, sampling, seed, fewest=1)
     if dask is not None and store is not None and isinstance(part, Manifold):

@@ -74,9 +74,8 @@ def rows_by_workers(
     try:
         with connected(dask, most=choice.count) as cluster:
             try:
-                ((_, prepared, error),) = cluster.each(
-                    partial(_begin, wanted), [(beside, path)], stage="choosing sources", **how
-                )
+                begin = partial(_begin, wanted)
+                ((_, prepared, error),) = cluster.each(begin, [(beside, path)], stage="choosing sources", **how)
                 if error is not None:
                     raise error
                 _finish(cluster, prepared, beside, partial(_part, wanted, prepared.identity, memory_limit), how)
@@ -132,7 +131,7 @@ def _locked(store: Path) -> Iterator[None]:
                     break
                 except BlockingIOError:
                     if time.monotonic() > deadline:
-                        text = f"the store is in use by process {lock.read().strip()}. Wait until it has finished"
+                        text = f"the store is in use by process {lock.read().strip()}. Wait until it is finished"
                         raise OSError(errno.EAGAIN, text, str(store)) from None
                 time.sleep(0.01)
             lock.truncate(0)

@@ -82,7 +82,7 @@ def path(surface: Manifold, stops: Sequence[Sequence[int] | int], geodesic: str,
                 places = core.points[steps]
         except InputError:
             raise InputError(
-                f"no path connects {np.asarray(leg[0]).tolist()} and {np.asarray(leg[1]).tolist()}: they lie in "
+                f"no path connects {np.asarray(leg[0]).tolist()} and {np.asarray(leg[1]).tolist()}: the two lie in "
                 "different components of the surface. Choose all stops in one component"
             ) from None
         points.append(places[1:])

@@ -240,7 +240,7 @@ def open_rows(path: str | os.PathLike[str]) -> DistanceRows:
     """
     path = checked_path(path)
     if not path.exists():
-        raise InputError(f"{path}: store not found. Create one with Surface.geodesic(store=) or `voxflat rows`")
+        raise InputError(f"{path}: store not found. Create a store with Surface.geodesic(store=) or `voxflat rows`")
     description = read_description(path)
     arrays = {name: _array(path / f"{name}.npy", description[f"{name}_sha256"]) for name in ARRAYS}
     shape = (len(arrays["sources"]), len(arrays["points"]))
@@ -248,7 +248,8 @@ def open_rows(path: str | os.PathLike[str]) -> DistanceRows:
     rows = Table.open(path / "rows.npy")
     if rows.shape != shape or rows.dtype != np.dtype("<f4"):
         raise InputError(
-            f"{path / 'rows.npy'} holds {rows.dtype} of shape {rows.shape} instead of float32 of {shape}. {FINISH}"
+            f"{path / 'rows.npy'} has data type {rows.dtype} and shape {rows.shape} instead of float32 and {shape}. "
+            f"{FINISH}"
         )
     return DistanceRows(rows, arrays["ids"], arrays["points"], arrays["sources"], path, read_provenance(path))
 
@@ -264,7 +265,7 @@ def _checksums(path: Path, shape: tuple[int, int]) -> list[int]:
     """Return the checksums of a complete store's rows."""
     journal = read_journal(path)
     if (journal.rows, journal.columns) != shape:
-        raise InputError(f"{path / 'journal.jsonl'} is damaged (it does not describe {shape[0]} x {shape[1]}). {OTHER}")
+        raise InputError(f"{path / 'journal.jsonl'} is damaged (expected {shape[0]} x {shape[1]} distances). {OTHER}")
     known = [journal.checksums[row] for row in range(journal.rows) if row in journal.checksums]
     if not journal.is_complete or len(known) < journal.rows:
         raise InputError(f"the store {path} is not complete ({len(known)} of {journal.rows} rows). {FINISH}")
@@ -272,10 +273,10 @@ def _checksums(path: Path, shape: tuple[int, int]) -> list[int]:
 
 
 def damaged_rows(store: Path, checksums: Mapping[int, int]) -> list[int]:
-    """Read the rows of a store that the journal lists; return the rows that do not match their CRC-32."""
+    """Read the rows of a store that the journal lists, and return those that do not match their CRC-32."""
     shape = Table.open(store / "rows.npy").shape
     if len(shape) != 2:
-        raise InputError(f"{store / 'rows.npy'} has shape {shape} instead of two axes. {FINISH}")
+        raise InputError(f"{store / 'rows.npy'} has shape {shape}, but must have two axes. {FINISH}")
     rows, columns = shape
     if max(checksums, default=0) >= rows:
         raise InputError(f"{store / 'rows.npy'} has {rows} rows, but the journal lists row {max(checksums)}. {FINISH}")

@@ -15,7 +15,7 @@ SAMPLINGS = ("farthest", "curvature", "random")  # ways to choose sources on any
 
 @dataclass(frozen=True)
 class SourceChoice:
-    """How sources will be chosen. Their number is known beforehand; choosing them needs memory for links."""
+    """Store how sources will be chosen; their number is known before any memory is needed for choosing them."""
 
     part: Manifold | VoxelGraph
     count: int
@@ -46,9 +46,7 @@ def source_choice(
         if sources < fewest:
             raise InputError(f"{sources} sources are too few. Pass at least {fewest}")
         if sources > len(part) and not at_most_all:
-            raise InputError(
-                f"{sources} sources are more than the {len(part)} points of the surface. Pass at most {len(part)}"
-            )
+            raise InputError(f"{sources} sources are more than the {len(part)} points. Pass at most {len(part)}")
         return SourceChoice(part, min(int(sources), len(part)), None, sampling, seed, sampling)
     if sources is None:
         raise InputError("sources is None. Pass the number of sources, or points of the surface")

@@ -103,7 +103,7 @@ def read_description(path: Path) -> dict[str, Any]:
     """Return the description of a store."""
     file = path / "store.json"
     if not path.is_dir() or not file.exists():
-        raise InputError(f"{path} is not a store of distance rows: store.json is missing. Pass the directory of one")
+        raise InputError(f"{path} is not a store of distance rows (store.json is missing). Pass another directory")
     check_regular_within(path)
     try:
         described = from_json(file.read_text(encoding="utf-8"))
@@ -144,19 +144,19 @@ def _holds_files(path: Path) -> bool:
     names = sorted(entry.name for entry in path.iterdir()) if path.exists() else []
     if names and "store.json" not in names:
         shown = ", ".join(names[:3]) + (", ..." if len(names) > 3 else "")
-        raise InputError(f"the directory {path} is not a store and holds files ({shown}). Pass a new or empty one")
+        raise InputError(f"the directory {path} is not a store, but has files ({shown}). Pass a new or empty directory")
     return bool(names)
 
 
 def check_disk(path: Path, size: int) -> None:
-    """Log the disk space that will be used, and raise an error if it is not free."""
+    """Log the disk space that will be used, and raise an error if it is not available."""
     table = path / "rows.npy"
     need = max(0, size - (int(getattr(table.stat(), "st_blocks", 0)) * 512 if table.exists() else 0))
     free = shutil.disk_usage(path if path.exists() else path.parent).free
     if need > free:
         raise OSError(
             errno.ENOSPC,
-            f"{amount(need)} of disk space are needed, {amount(free)} are free. Free some space, choose another "
+            f"{amount(need)} of disk space is needed, but only {amount(free)} is free. Free some space, choose another "
             "directory, or use fewer sources or a smaller patch",
             str(path),
         )
@@ -197,22 +197,23 @@ def _compare(path: Path, identity: dict[str, Any]) -> None:
     if there == identity:
         return
     differ = [name for name in identity if there.get(name) != identity[name]]
+
+    def counts(of: str) -> str:
+        return f" ({there[of]} {of} instead of {identity[of]})" if of in differ else ""
+
     differences = [
         f"its {name} is {there.get(name)!r}, not {identity[name]!r}"
         for name in ("geodesic", "link_lengths")
         if name in differ
     ]
-    if differences:
-        pass  # its points also have other numbers
-    elif {"points", "points_sha256", "ids_sha256"} & set(differ):
-        differences.append(f"its surface differs ({there['points']} points; this one has {identity['points']})")
-    elif "fingerprint" in differ:
-        differences.append("its surface has other triangles, or was processed by another version of voxflat")
-    if "sources_sha256" in differ and not differences:
-        differences.append(f"its sources differ ({there['sources']} sources; here there are {identity['sources']})")
-    raise InputError(
-        f"{path} is a store of other rows: {' and '.join(differences) or 'its store.json differs'}. {OTHER}"
-    )
+    if not differences and {"points", "points_sha256", "ids_sha256"} & set(differ):
+        differences.append(f"its surface differs{counts('points')}")
+    elif not differences and "fingerprint" in differ:
+        differences.append("its surface has different triangles, or was processed by another version of voxflat")
+    elif not differences and "sources_sha256" in differ:
+        differences.append(f"its sources differ{counts('sources')}")
+    told = " and ".join(differences) or "its store.json differs"
+    raise InputError(f"the store {path} holds other distances: {told}. {OTHER}")
 
 
 def _mend(path: Path, array: NDArray[Any], expected: str) -> None:

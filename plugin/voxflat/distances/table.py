@@ -12,8 +12,7 @@ from voxflat.errors import InputError
 from voxflat.io.files import one_line
 from voxflat.io.reading import check_room
 
-FINISH = "Measure again with the same store to complete or repair it"
-"""Remedy for a store that is damaged or incomplete."""
+FINISH = "Measure again with the same store to complete or repair it"  # remedy for a damaged or incomplete store
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,7 +26,7 @@ class Table:
 
     @classmethod
     def open(cls, path: Path) -> "Table":
-        """Open a file without reading its values; raise an error if it is shorter than its header says."""
+        """Open a file without reading its values; raise an error if it is shorter than its header specifies."""
         try:
             with path.open("rb") as file:
                 major, _ = npy.read_magic(file)
@@ -37,7 +36,7 @@ class Table:
         except Exception as error:  # NumPy's parser raises TokenError, OverflowError, ... for damaged headers
             raise InputError(f"{path} is damaged ({one_line(error)}). {FINISH}") from error
         if is_fortran or dtype.hasobject or not 1 <= len(shape) <= 2 or min(shape) < 0:
-            raise InputError(f"{path} is damaged (it holds {dtype} of shape {shape}). {FINISH}")
+            raise InputError(f"{path} is damaged (it has data type {dtype} and shape {shape}). {FINISH}")
         table = cls(path, tuple(shape), dtype, start)
         if (there := path.stat().st_size) < start + table.nbytes:
             raise table._cut_short(there)

@@ -37,7 +37,7 @@ class Distortion:
     reference : {"exact", "graph", "chain"}
         How reference distances were measured, as in `Surface.geodesic`.
     per_point : ndarray, shape (N,)
-        Mean of ``|d − δ|/δ`` over the pairs of each point, at scale 1: the heat map.
+        Mean of ``|d − δ|/δ`` over the pairs of each point, at scale 1, as in the heat map.
     scatter : ndarray, shape (K, 2)
         A sample of pairs (δ, d), mm.
     triangles : TriangleFigures or None
@@ -188,12 +188,12 @@ _TRIANGLES = (
     ("covering another", "covering", 1.0, 0),
     ("boundary crossings", "crossings", 1.0, 0),
 )
-_TOPOLOGY = (
-    ("components", "components"),
-    ("Euler characteristic", "euler"),
-    ("boundary loops", "loops"),
-    ("handles", "handles"),
-)
+_TOPOLOGY = {
+    "components": "components",
+    "Euler characteristic": "euler",
+    "boundary loops": "loops",
+    "handles": "handles",
+}
 _REFERENCES = {
     "exact": "exact distances over the triangles",
     "graph": "distances by straight links over the triangles",
@@ -212,7 +212,7 @@ def table_of_several(maps: Mapping[str, Distortion]) -> str:
         *_distance_rows([(one.raw, one.standard_error.raw) for one in of], voxel_size),
         ["AT THE BEST SCALE", *(_number(one.best_scale.scale, 4) for one in of)],
         *_distance_rows([(one.best_scale, one.standard_error.best_scale) for one in of], voxel_size),
-        ["OF THE MAP AS IT IS"],
+        ["OTHER FIGURES"],
         *_other_rows(of),
     ]
     return _aligned(of, rows)
@@ -241,7 +241,7 @@ def _other_rows(of: Sequence[Distortion]) -> list[list[str]]:
             values = [None if one.triangles is None else factor * getattr(one.triangles, key) for one in of]
             rows.append([name, *(_number(value, digits) for value in values)])
     if any(one.topology is not None for one in of):
-        for name, key in _TOPOLOGY:
+        for name, key in _TOPOLOGY.items():
             rows.append([name, *(_number(None if one.topology is None else one.topology[key], 0) for one in of)])
     return rows
 

@@ -34,9 +34,7 @@ _MOST_SOURCES = 2**31  # more than the points of any surface: use all
 
 _USUAL_SOURCES = 300
 _FEWEST_SOURCES = 6
-_USUAL_WORK = 4e8
-"""The time for exact distances from one source is proportional to the number of points to the power of 1.5. This work
-took 60 s of CPU time on a bumpy surface, half a minute on two cores, and less on a cortex."""
+_USUAL_WORK = 4e8  # sum of points ** 1.5 over all sources: half a minute on two cores for a bumpy surface
 
 _KEPT_SHARE = 4  # kept rows may use a quarter of the free memory
 
@@ -201,12 +199,8 @@ def measure(
         map made midway to the pial surface is not measured on the white surface. A warning reports this.
     seed : int
         Seed of the random choice of sources.
-    threads : int, optional
-        Number of threads; by default one per core.
-    memory_limit : int, optional
-        Maximum number of bytes to use; by default the free memory.
-    progress : callable, optional
-        As in `voxflat.flatten`.
+    threads, memory_limit, progress : optional
+        As in `Surface.flatten`.
 
     Returns
     -------
@@ -215,10 +209,8 @@ def measure(
 
     Raises
     ------
-    InputError
-        If the map does not belong to the surface, or is not flat.
-    Cancelled
-        If `progress` returned False.
+    InputError, Cancelled
+        If the map does not belong to the surface or is not flat, or `progress` returned False.
 
     See Also
     --------
@@ -260,17 +252,7 @@ def compare(
         The surface. All maps are measured on the same geometry.
     maps : dict of str to map
         The maps, keyed by name; each as in `measure`.
-    sources : int, optional
-        As in `measure`.
-    reference : {"exact", "graph"}, optional
-        As in `measure`.
-    on_surface : bool
-        As in `measure`.
-    seed : int
-        As in `measure`.
-    threads, memory_limit : int, optional
-        As in `measure`.
-    progress : callable, optional
+    sources, reference, on_surface, seed, threads, memory_limit, progress : optional
         As in `measure`.
 
     Returns
@@ -301,7 +283,7 @@ def compare(
         raise InputError(f"sources is {shown(sources)}. Pass a whole number, at least 1")
     if reference is not None:
         checked_choice(reference, "reference", ("exact", "graph"))
-    checked_kind(maps, "collection of maps", "items", "maps by their names")
+    checked_kind(maps, "collection of maps", "items", "a dict of maps, keyed by name")
     if not maps:
         raise InputError("maps is empty. Pass at least one map to measure")
     whole = _surface(surface, threads=threads, memory_limit=memory_limit, progress=progress)
@@ -358,7 +340,7 @@ def _sources(groups: list[list[tuple[Matched, NDArray[np.int64]]]], count: int, 
     for vertices, _ in known[1:]:
         common = np.intersect1d(common, vertices)
     if len(common) == 0:
-        raise InputError("the maps have no vertex in common. Measure them one by one")
+        raise InputError("the maps have no vertex in common. Measure the maps one by one")
     chosen = common[_core.reference_sources(len(common), count, seed)]
     return [first[np.searchsorted(vertices, chosen)].astype(np.uint32) for vertices, first in known]
 
@@ -377,12 +359,7 @@ def _topology(name: str, one: Matched) -> dict[str, int]:
     if components > 1:
         called = f"the map {name}" if name else "the map"
         raise InputError(f"{called} has {components} pieces, between which distances are not defined. Pass one piece")
-    return {
-        "components": components,
-        "euler": found["euler"],
-        "loops": len(found["loops"]),
-        "handles": found["handles"],
-    }
+    return {"components": components, **{key: found[key] for key in ("euler", "handles")}, "loops": len(found["loops"])}
 
 
 @dataclass(frozen=True, eq=False)
@@ -400,9 +377,9 @@ class Geometry:
         unknown = matched.vertices[~self.known[matched.vertices]]
         if len(unknown):
             raise InputError(
-                f"{_called(self.said_by)} was made on another geometry than that of the given surface, and "
-                f"{_called(name)} has {len(np.unique(unknown))} vertices of unknown position there. Pass the surface "
-                "that the map was made on (with its pial surface), or pass on_surface to use the given one"
+                f"{_called(self.said_by)} was made on a different geometry from that of the given surface, which does "
+                f"not define the positions of {len(np.unique(unknown))} vertices of {_called(name)}. Pass the surface "
+                "on which the map was made (with its pial surface), or pass on_surface to use the given one"
             )
 
 
@@ -422,14 +399,15 @@ def geometry_of(whole: Manifold, maps: Mapping[str, object]) -> Geometry:
             expected = np.where(both[:, None], points[at], flat.points)
             if name not in moved or not _agree(flat, flat.points, expected):
                 raise InputError(
-                    f"{_called(first)} was made on {_made_on(ours[first])}, but {_called(name)} on {_made_on(flat)}, a "
-                    "different geometry. Measure them one by one, or pass on_surface to use the given surface for both"
+                    f"{_called(first)} was made on {_made_on(ours[first])}, but {_called(name)} was made on "
+                    f"{_made_on(flat)}, whose geometry differs. Measure the maps one by one, or pass on_surface to use "
+                    "the given surface for both"
                 )
         points[at] = flat.points
         known[whole.vertices[at]] = True
     log.warning(
-        "%s was made on another geometry than that of the given surface (%s). All figures refer to the geometry of the "
-        "map. Pass on_surface to use the given surface",
+        "%s was made on a different geometry from that of the given surface (%s). All figures refer to the geometry of "
+        "the map. Pass on_surface to use the given surface",
         _called(first),
         _made_on(ours[first]),
     )

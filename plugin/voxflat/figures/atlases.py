@@ -16,8 +16,8 @@ from voxflat.io.grid import in_unit
 def atlas_page(atlas: Atlas, *, packing: str = "boxes") -> Figure:
     """Draw the pieces of an atlas side by side, coloured by patch.
 
-    All pieces have the same scale, in mm. The colours are the same as in `atlas_3d`, image files and textures. The
-    outlines of a glued atlas are black.
+    All pieces have the same scale, in mm. The colours are the same as in `atlas_3d`, image files and textures. Pieces
+    of a glued atlas have black outlines.
 
     Parameters
     ----------
@@ -33,7 +33,7 @@ def atlas_page(atlas: Atlas, *, packing: str = "boxes") -> Figure:
 
     See Also
     --------
-    atlas_3d : The same colours on the surface.
+    atlas_3d : Draw the patches on the surface.
 
     Examples
     --------
@@ -47,12 +47,10 @@ def atlas_page(atlas: Atlas, *, packing: str = "boxes") -> Figure:
     colours = patch_colours(atlas) / 255
     width, height = np.ptp(places, axis=0)
     figure = Figure(figsize=(8.0, float(np.clip(7.2 * height / width, 2.0, 12.0)) + 0.8), layout="constrained")
-    axes = figure.add_subplot(
-        xlabel=in_unit("mm", atlas.metadata), ylabel=in_unit("mm", atlas.metadata), aspect="equal"
-    )
+    axes = figure.add_subplot(aspect="equal", **_labels(atlas))
     axes.add_collection(PolyCollection(corners, facecolor=colours, edgecolor=colours, linewidth=0.1, rasterized=True))
     axes.autoscale()
-    if isinstance(atlas, GluedAtlas):  # the colours of patches do not show where pieces end
+    if isinstance(atlas, GluedAtlas):  # the colours of patches do not show the outlines of pieces
         axes.add_collection(LineCollection(list(places[atlas.outline]), colors="black", linewidth=0.5, rasterized=True))
     axes.set_title(atlas.title)
     return figure
@@ -61,15 +59,15 @@ def atlas_page(atlas: Atlas, *, packing: str = "boxes") -> Figure:
 def atlas_heat_map(atlas: Atlas, pixel_size: float | None = None, *, of: str = "isometric") -> Figure:
     """Draw the distortion of each triangle on the page of an atlas.
 
-    The colours range from 1 (no distortion) to the 99th percentile of the triangles. For changes of area they begin at
-    the 1st percentile.
+    The colours range from 1 (no distortion) to the 99th percentile of the triangles. For changes of area, the colours
+    start at the 1st percentile.
 
     Parameters
     ----------
     atlas : Atlas
         An atlas.
     pixel_size : float, optional
-        Side of a pixel, mm.
+        Side length of a pixel, in mm.
     of : {"isometric", "quasi_conformal", "areal"}
         The measure: C (change of lengths), K (change of angles), or the change of area.
 
@@ -80,7 +78,7 @@ def atlas_heat_map(atlas: Atlas, pixel_size: float | None = None, *, of: str = "
 
     See Also
     --------
-    heat_map : The distance errors of a flat map.
+    heat_map : Draw the distance errors of a flat map.
 
     Examples
     --------
@@ -93,10 +91,15 @@ def atlas_heat_map(atlas: Atlas, pixel_size: float | None = None, *, of: str = "
     values = getattr(atlas, of)
     least, most = np.nanpercentile(values[np.isfinite(values)], (1, 99))
     figure = Figure(figsize=(9.0, 7.5), layout="constrained")
-    axes = figure.add_subplot(xlabel=in_unit("mm", atlas.metadata), ylabel=in_unit("mm", atlas.metadata))
+    axes = figure.add_subplot(**_labels(atlas))
     low = min(least, 1.0) if of == "areal" else 1.0
     shown = axes.imshow(
         image.data, cmap=ERRORS, vmin=low, vmax=max(most, low + 1e-6), extent=image.extent, interpolation="nearest"
     )
     figure.colorbar(shown, ax=axes, label=image.name, extend="both" if of == "areal" else "max", shrink=0.8)
     return figure
+
+
+def _labels(atlas: Atlas) -> dict[str, Any]:
+    unit = in_unit("mm", atlas.metadata)
+    return {"xlabel": unit, "ylabel": unit}

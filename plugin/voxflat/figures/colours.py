@@ -1,4 +1,4 @@
-"""Colours that several figures share: colours of errors, areas, other measures, and patches."""
+"""Define the colours that several figures share, for errors, areas, other measures, and patches."""
 
 from dataclasses import dataclass
 
@@ -24,7 +24,7 @@ def patch_colours(atlas: FlatPieces) -> NDArray[np.uint8]:
 
 
 def top_error(flat_map: FlatMap) -> float:
-    """Return the error, in %, at the upper end of the colours."""
+    """Return the error at the upper end of the colour scale, in %."""
     return 100 * float(np.nanpercentile(flat_map.distortion.per_point, 99)) or 1.0
 
 
@@ -36,15 +36,15 @@ def top(values: NDArray[np.float64]) -> float:
 
 @dataclass(frozen=True)
 class Look:
-    """How values are shown."""
+    """The appearance of values."""
 
     label: str  # label of the colour bar, with the unit
     cmap: str  # the colour map's name
     factor: float = 1.0  # multiplies the values before they are shown: 100 for %
-    least: float | None = 0.0  # lower end of the colours; None for a scale that is symmetric about 0
+    least: float | None = 0.0  # lower end of the colour scale; None for a scale that is symmetric about 0
 
     def limits(self, values: NDArray[np.float64]) -> tuple[float, float]:
-        """Return the values at both ends of the colours; the upper one is the 99th percentile, without NaN."""
+        """Return the values at both ends of the colour scale; the upper end is the 99th percentile, ignoring NaN."""
         if self.least is None:
             most = top(np.abs(values))
             return -most, most
@@ -58,4 +58,4 @@ LOOKS = {
     "isometric": Look("C, greatest factor by which lengths change", ERRORS, least=1.0),
     "quasi_conformal": Look("K, ratio of the principal stretches", "viridis", least=1.0),
 }
-"""The look of each measure, by its name in `voxflat.distortion.triangles`."""
+"""The appearance of each measure, keyed by its name in `voxflat.distortion.triangles`."""

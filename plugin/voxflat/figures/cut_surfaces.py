@@ -1,8 +1,8 @@
-"""Draw a surface that was cut open, with its cuts, from its two broad sides."""
+"""Draw a surface that was cut open, with its cuts, from both sides."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.collections import LineCollection
@@ -18,7 +18,7 @@ _VIEW = 3.2  # length of the longer side of a view, inches
 
 
 def cut_surface_views(surface: Manifold) -> Figure:
-    """Draw the points of a surface from both sides of its shortest axis, and the boundary that is visible there."""
+    """Draw the points of a surface along its shortest axis from both sides, with the visible part of its boundary."""
     points, faces = surface.points, surface.faces
     axis = int(np.argmin(np.ptp(points, axis=0)))
     across, up = (other for other in range(3) if other != axis)
@@ -32,17 +32,8 @@ def cut_surface_views(surface: Manifold) -> Figure:
         seen = seen[np.argsort(side * points[seen, axis], kind="stable")]  # nearer points are drawn last
         shades = np.interp(side * normals[seen, axis], (0, 1), _SHADES)
         flip = side if across == 0 else -side  # keeps the view right-handed
-        axes.scatter(
-            flip * points[seen, across],
-            points[seen, up],
-            c=shades,
-            s=(1.6 * spacing) ** 2,
-            cmap="gray",
-            vmin=0,
-            vmax=1,
-            linewidths=0,
-            rasterized=True,
-        )
+        look: dict[str, Any] = {"cmap": "gray", "vmin": 0, "vmax": 1, "linewidths": 0, "rasterized": True}
+        axes.scatter(flip * points[seen, across], points[seen, up], c=shades, s=(1.6 * spacing) ** 2, **look)
         facing = edges[(side * normals[edges, axis] > 0).all(axis=1)]
         lines = points[facing][:, :, [across, up]] * (flip, 1)
         axes.add_collection(LineCollection(list(lines), colors=_CUT, linewidths=1.2))

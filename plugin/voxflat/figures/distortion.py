@@ -1,4 +1,4 @@
-"""Figures of the distortion of flat maps: `scatter`, `heat_map`, `heat_maps`, `spectrum`."""
+"""Draw the distortion of flat maps: `scatter`, `heat_map`, `heat_maps`, `spectrum`."""
 
 from typing import Any
 
@@ -25,7 +25,7 @@ _OUTLINE = "#606060"
 def scatter(flat_map: FlatMap) -> Figure:
     """Plot flat distances against geodesic distances.
 
-    Pairs on the diagonal have the same distance in the map as on the surface. Colours show the number of pairs. The
+    Pairs on the diagonal have the same distance on the map and on the surface. Colours show the number of pairs. The
     plot follows figures 6, 9 and 10b of Grossmann et al. (2002).
 
     Parameters
@@ -40,7 +40,7 @@ def scatter(flat_map: FlatMap) -> Figure:
 
     See Also
     --------
-    heat_map : The distance error of each point.
+    heat_map : Draw the distance error of each point.
 
     Examples
     --------
@@ -53,8 +53,8 @@ def scatter(flat_map: FlatMap) -> Figure:
     geodesic, flat = distortion.scatter.T
     end = 1.03 * float(distortion.scatter.max())
     figure = Figure(figsize=(7.0, 5.6), layout="constrained")
-    names = (in_unit(name, flat_map.metadata) for name in ("geodesic distance δ (mm)", "flat distance d (mm)"))
-    axes = figure.add_subplot(**dict(zip(("xlabel", "ylabel"), names, strict=True)), aspect="equal")
+    x, y = (in_unit(name, flat_map.metadata) for name in ("geodesic distance δ (mm)", "flat distance d (mm)"))
+    axes = figure.add_subplot(xlabel=x, ylabel=y, aspect="equal")
     axes.plot([0, end], [0, end], color="black", linewidth=0.8, zorder=3, label="d = δ")
     shown = axes.hexbin(
         geodesic, flat, gridsize=90, extent=(0, end, 0, end), bins="log", mincnt=1, cmap="viridis", linewidths=0.1
@@ -74,15 +74,14 @@ def scatter(flat_map: FlatMap) -> Figure:
 def heat_map(flat_map: FlatMap, pixel_size: float | None = None) -> Figure:
     """Draw the mean relative error of the distances from each point, in %.
 
-    The colours range from 0 to the 99th percentile of the points, so that a few torn regions do not take up the whole
-    scale.
+    The colours range from 0 to the 99th percentile of the points, so that a few torn regions do not dominate the scale.
 
     Parameters
     ----------
     flat_map : FlatMap
         A flat map.
     pixel_size : float, optional
-        Side of a pixel, mm; by default half the voxel size.
+        Side length of a pixel, in mm. The default is half the voxel size.
 
     Returns
     -------
@@ -91,8 +90,8 @@ def heat_map(flat_map: FlatMap, pixel_size: float | None = None) -> Figure:
 
     See Also
     --------
-    heat_maps : Several maps side by side.
-    patch_3d : The same colours on the surface.
+    heat_maps : Draw several maps side by side.
+    patch_3d : Draw the same colours on the surface.
 
     Examples
     --------
@@ -128,7 +127,7 @@ def heat_maps(comparison: Comparison) -> Figure:
 
     See Also
     --------
-    heat_map : One map.
+    heat_map : Draw one map.
 
     Examples
     --------
@@ -163,8 +162,8 @@ def heat_maps(comparison: Comparison) -> Figure:
 def spectrum(flat_map: FlatMap) -> Figure:
     """Plot the eigenvalues of classical scaling.
 
-    The eigenvalues of largest magnitude are drawn in descending order. If two are much larger than the others, the
-    surface unfolds into the plane with little distortion.
+    The eigenvalues of largest magnitude are drawn in descending order. If two of them are much larger than the others,
+    the surface unfolds into the plane with little distortion.
 
     Parameters
     ----------
@@ -179,11 +178,11 @@ def spectrum(flat_map: FlatMap) -> Figure:
     Raises
     ------
     InputError
-        If the map was made without sources, so that it has no eigenvalues.
+        If the map has no eigenvalues because it was made without sources.
 
     See Also
     --------
-    scatter : Distances in the map and on the surface.
+    scatter : Plot distances on the map against distances on the surface.
 
     Examples
     --------
@@ -215,7 +214,7 @@ def spectrum(flat_map: FlatMap) -> Figure:
 
 
 def _map_axes(image: FlatImage, metadata: dict[str, Any]) -> tuple[Figure, Axes]:
-    """Return a figure with axes in mm that shows the outline of an image."""
+    """Return a figure and its axes, in mm, with the outline of an image."""
     left, right, bottom, upper = image.extent
     height = float(np.clip(5.0 * (upper - bottom) / (right - left), 2.0, 8.0))
     margin = 0.03 * max(right - left, upper - bottom)

@@ -30,8 +30,8 @@ _TEXT: Any = {"svg.fonttype": "none", "svg.hashsalt": "voxflat", "pdf.fonttype":
 def save(figure: Figure, path: str | os.PathLike[str], record: Record | None = None) -> None:
     """Write a figure to a file.
 
-    The file is written completely or not at all. Text stays text in SVG and PDF files. An SVG file of `flat_map` has
-    named layers, which Inkscape shows.
+    The file is written completely or not at all. Text remains editable in SVG and PDF files. An SVG file of `flat_map`
+    has named layers for Inkscape.
 
     Parameters
     ----------
@@ -63,9 +63,7 @@ def save(figure: Figure, path: str | os.PathLike[str], record: Record | None = N
     checked_kind(figure, "figure", "canvas", "a Matplotlib figure")
     kind = path.suffix[1:].lower()
     if kind not in figure.canvas.get_supported_filetypes():
-        raise InputError(
-            f"{path.name}: cannot write a figure in this format. Use a name that ends in .png, .pdf or .svg"
-        )
+        raise InputError(f"cannot write {path.name}: unknown format. Use a name that ends in .png, .pdf or .svg")
     with atomic_path(path) as temporary:
         with rc_context(_TEXT):
             figure.savefig(temporary, format=kind, dpi=max(_DPI, figure.dpi), metadata=_metadata(kind, record))
@@ -111,11 +109,10 @@ def save_picture(picture: NDArray[np.uint8], path: str | os.PathLike[str], recor
     """
     path, array = checked_path(path), array_of(picture, "values of the image")
     if array.dtype != np.uint8 or array.ndim not in (2, 3) or array.shape[2:] not in ((), (3,), (4,)) or not array.size:
-        raise InputError(
-            f"the image has shape {array.shape} and type {array.dtype}. Pass uint8 values of shape (H, W, 3)"
-        )
+        of = f"shape {array.shape} and data type {array.dtype}"
+        raise InputError(f"the image has {of}. Pass uint8 values of shape (H, W, 3)")
     if Image.registered_extensions().get(path.suffix.lower()) not in Image.SAVE:
-        raise InputError(f"{path.name}: cannot write an image in this format. Use a name that ends in .png or .tif")
+        raise InputError(f"cannot write {path.name}: unknown format. Use a name that ends in .png or .tif")
     with atomic_path(path) as temporary:
         more: dict[str, Any] = {}
         if path.suffix.lower() == ".png" and record is not None:
@@ -124,60 +121,56 @@ def save_picture(picture: NDArray[np.uint8], path: str | os.PathLike[str], recor
         Image.fromarray(array).save(temporary, **more)
 
 
-class Pictures(Protocol):
-    """The frames of a movie: each image, (H, W, 3), is drawn on request."""
+class _Pictures(Protocol):
+    """The frames of a movie. Each frame, an image (H, W, 3) with even height and width, is drawn on request."""
 
     @property
-    def size(self) -> tuple[int, int]:
-        """Height and width of each frame in pixels; both are even."""
+    def size(self) -> tuple[int, int]: ...
 
     @property
-    def rate(self) -> float:
-        """Frames per second."""
+    def rate(self) -> float: ...
 
-    def __len__(self) -> int:
-        """Return the number of frames."""
+    def __len__(self) -> int: ...
 
-    def __getitem__(self, n: int) -> NDArray[np.uint8]:
-        """Draw a frame."""
+    def __getitem__(self, n: int) -> NDArray[np.uint8]: ...
 
 
 def check_movie(path: str | os.PathLike[str]) -> None:
-    """Raise an error if no movie can be written to a file of this name."""
+    """Raise an error if a movie cannot be written to a file with this name."""
     name = Path(path)
     if name.suffix.lower() not in MOVIE_ENDINGS:
-        raise InputError(
-            f"{name.name}: cannot write a movie in this format. Use a name that ends in {' or '.join(MOVIE_ENDINGS)}"
-        )
+        endings = " or ".join(MOVIE_ENDINGS)
+        raise InputError(f"cannot write {name.name}: unknown movie format. Use a name that ends in {endings}")
     if name.suffix.lower() == ".mp4":
         require("imageio_ffmpeg")
 
 
 def save_movie(
-    movie: Pictures, path: str | os.PathLike[str], record: Record | None = None, progress: Progress | None = None
+    movie: _Pictures, path: str | os.PathLike[str], record: Record | None = None, progress: Progress | None = None
 ) -> None:
     """Write a movie to a file.
 
-    The file is written completely or not at all. Writing an ``.mp4`` keeps one frame in memory; writing a ``.gif``
-    keeps all of them.
+    The file is written completely or not at all. One frame is in memory at a time for ``.mp4``, and all frames are in
+    memory for ``.gif``.
 
     Parameters
     ----------
     movie : Movie
         The movie, or another sequence that draws its frames on request.
     path : path
-        The file: ``.mp4`` (H.264, for slides and browsers; needs ``pip install 'voxflat[lab]'``) or ``.gif``. Each
-        frame of a GIF lasts a whole number of hundredths of a second, at least two.
+        The file: ``.mp4`` (H.264, for slides and browsers; requires ``pip install 'voxflat[lab]'``) or ``.gif``. The
+        duration of a GIF frame is a multiple of 0.01 s, and at least 0.02 s.
     record : dict, optional
         The provenance to store as a comment in the file.
     progress : callable, optional
-        Called as ``progress(stage, done, total)`` after each frame. If it returns False, nothing is written.
+        A function that is called as ``progress(stage, done, total)`` after each frame. If it returns False, the file is
+        not written.
 
     Raises
     ------
     InputError
-        If the file has another format, if the package that writes it is missing, or if a GIF needs more memory than is
-        available.
+        If the file has another format, if the package that writes it is missing, or if a GIF requires more memory than
+        is available.
     Cancelled
         If `progress` returned False.
     OSError
@@ -201,14 +194,14 @@ def save_movie(
         write(temporary, movie, _drawn(movie, path.name, progress), text)
 
 
-def _drawn(movie: Pictures, name: str, progress: Progress | None) -> Iterator[NDArray[np.uint8]]:
+def _drawn(movie: _Pictures, name: str, progress: Progress | None) -> Iterator[NDArray[np.uint8]]:
     for n in range(len(movie)):
         yield movie[n]
         if progress is not None and progress(f"writing {name}", n + 1, len(movie)) is False:
             raise Cancelled(f"cancelled while writing {name}")
 
 
-def _write_mp4(path: Path, movie: Pictures, pictures: Iterator[NDArray[np.uint8]], text: str) -> None:
+def _write_mp4(path: Path, movie: _Pictures, pictures: Iterator[NDArray[np.uint8]], text: str) -> None:
     ffmpeg = require("imageio_ffmpeg")
     height, width = movie.size
     space = ["-colorspace", _BT709, "-color_primaries", _BT709, "-color_trc", _BT709]
@@ -228,7 +221,7 @@ def _write_mp4(path: Path, movie: Pictures, pictures: Iterator[NDArray[np.uint8]
         writer.close()
 
 
-def _write_gif(path: Path, movie: Pictures, pictures: Iterator[NDArray[np.uint8]], text: str) -> None:
+def _write_gif(path: Path, movie: _Pictures, pictures: Iterator[NDArray[np.uint8]], text: str) -> None:
     height, width = movie.size
     check_room(2 * len(movie) * height * width)  # Pillow keeps all frames
     shown = [Image.fromarray(movie[n]) for n in sorted({0, len(movie) // 2, len(movie) - 1})]

@@ -20,15 +20,13 @@ from voxflat.maps.lines import outline
 from voxflat.maps.parcels import Parcels, parcels_of
 from voxflat.maps.raster import FlatImage, Raster
 
-UNDERLAYS = ("curvature", "sulcal depth", "none")  # measures that may show the folds
+UNDERLAYS = ("curvature", "sulcal depth", "none")  # measures that can show the folds
 
 _LINE, _THIN = 0.5, 0.35  # points
 _NO_FOLDS = 0.66  # grey where the folds are unknown
-_EDGES = {
-    "curvature": 0.02,
-    "sulcal depth": 0.8,
-}  # values from which a point is drawn as gyrus or sulcus only, 1/mm and mm
+_EDGES = {"curvature": 0.02, "sulcal depth": 0.8}  # values with the lightest or darkest grey, 1/mm and mm
 _PARCELS_OPACITY = 0.75
+_COLUMN = 85.0  # mm
 
 
 def flat_map(
@@ -58,29 +56,29 @@ def flat_map(
         A flat map, or the maps of the left and the right hemisphere, which share one colour scale.
     overlay : Overlay, path, ndarray, image object or Volume, optional
         Data to draw over the folds: any input that `FlatMap.image` accepts, or an `Overlay` with display options. For
-        two maps, pass a volume or CIFTI file that covers both, or a sequence of two inputs, one for each map.
+        two maps, pass a volume or CIFTI file that covers both, or a sequence of two inputs.
     depth, fraction : float or sequence of float, optional
         Where to sample overlays and parcels that are volumes, as in `FlatMap.image`.
     layering : str
         The meaning of `fraction`, as in `FlatMap.image`.
     opacity : float, Overlay, path, ndarray, image object or Volume, optional
         Opacity of the overlay: a number from 0 to 1, or a second map, such as t or R². The overlay is transparent where
-        that map is 0, and opaque where its magnitude reaches the upper limit of ``Overlay(map, limits=(0, 5))``, by
-        default its 99th percentile. By default 1. Without an overlay, this is the opacity of the parcels, by default
-        0.75.
+        that map is 0, and opaque where its magnitude reaches the upper limit of ``Overlay(map, limits=(0, 5))`` or, by
+        default, its 99th percentile. The default is 1. Without an overlay, this is the opacity of the parcels, whose
+        default is 0.75.
     parcels : path, ndarray, image object, Volume or Parcels, optional
         Labels whose borders and names are drawn. Without an overlay, the parcels are filled with the colours of the
-        file. For two maps, pass them as for `overlay`.
+        file. For two maps, pass one or two inputs, as for `overlay`.
     table : path, optional
-        Names and colours of the parcels if their file has none: a table such as FreeSurferColorLUT.txt or a BIDS
-        dseg.tsv.
+        Names and colours of the parcels, if their file does not contain any: a table such as FreeSurferColorLUT.txt or
+        a BIDS dseg.tsv.
     underlay : {"curvature", "sulcal depth", "none"}
         The measure that shows the folds: gyri are light, sulci are dark.
     title : str, optional
         Text above the map.
     width : float, optional
-        Width of the figure on paper, mm: by default 85 (one column) for one map, 170 for two. Fonts have 6 points or
-        more at this size.
+        Width of the figure on paper, in mm. The default is 85 (one column) for one map, and 170 for two. At this width,
+        fonts have at least 6 points.
     ax : matplotlib.axes.Axes, optional
         Draw into these axes instead of a new figure.
 
@@ -96,7 +94,7 @@ def flat_map(
 
     See Also
     --------
-    movie : The same for each frame of a series.
+    movie : Draw each frame of a series.
     save : Write the figure to a file.
 
     Examples
@@ -118,7 +116,7 @@ def flat_map(
         for n, panel in enumerate(page.panels)
     ]
     if depths != ON_SURFACE and not any(side.has_volume for side in sides):
-        raise InputError("depth and fraction apply to volumes, but no overlay or parcels are a volume. Omit them")
+        raise InputError("depth and fraction apply only to volumes, but no overlay or parcels are a volume. Omit them")
     full = _full(sides, shown_by)
     colours = None if of is None else OverlayColours.of(*_pooled(sides), of)
     for side in sides:
@@ -156,16 +154,11 @@ def flat_map(
     return figure
 
 
-_COLUMN = 85.0  # mm
-
-
 def maps_of(given: object) -> list[FlatMap]:
     """Return the maps to draw: one map, or the maps of both hemispheres."""
     maps: list[Any] = list(given) if isinstance(given, list | tuple) else [given]
     if not 1 <= len(maps) <= 2:
-        raise InputError(
-            f"a figure shows one map, or the maps of both hemispheres, but got {len(maps)} maps. Pass one or two"
-        )
+        raise InputError(f"got {len(maps)} maps. Pass one map, or the maps of both hemispheres")
     for one in maps:
         checked_kind(one, "flat map", "eigenvalues", "a FlatMap")
     return maps
@@ -175,13 +168,11 @@ def _opacity(opacity: object) -> Any:
     """Return the opacity as a number, or the map that sets it."""
     if opacity is None:
         return 1.0
-    if isinstance(opacity, int | float | np.number) and not isinstance(opacity, bool):
-        if not 0 <= checked_number(float(opacity), "opacity") <= 1:
-            raise InputError(f"opacity is {shown(opacity)}. Pass a number from 0 to 1, or a map")
-        return float(opacity)
-    if isinstance(opacity, bool):
-        raise InputError(f"opacity is {opacity}. Pass a number from 0 to 1, or a map")
-    return opacity
+    if not isinstance(opacity, int | float | np.number):
+        return opacity
+    if isinstance(opacity, bool) or not 0 <= checked_number(float(opacity), "opacity") <= 1:
+        raise InputError(f"opacity is {shown(opacity)}. Pass a number from 0 to 1, or a map")
+    return float(opacity)
 
 
 class _Side:
@@ -241,34 +232,33 @@ def _full(sides: list[_Side], opacity: Any) -> float | None:
     images = [side.opacity for side in sides if side.opacity is not None]
     if not images:
         return None
-    limits = opacity.limits if isinstance(opacity, Overlay) else None
-    if limits is None:
+    if isinstance(opacity, Overlay) and opacity.limits is not None:
+        full = max(abs(checked_number(float(end), "limit of the opacity")) for end in opacity.limits)
+    else:
         values = np.abs(np.concatenate([image.data[np.isfinite(image.data)].ravel() for image in images]))
         full = float(np.percentile(values, WINDOW[1])) if len(values) else 0.0
-    else:
-        full = max(abs(checked_number(float(end), "limit of the opacity")) for end in limits)
     if full <= 0:
-        raise InputError("the opacity map is 0 everywhere on the flat map. Check that the affines of both agree")
+        raise InputError("the opacity map is 0 everywhere on the flat map. Check that their affines agree")
     return full
 
 
 def _pooled(sides: list[_Side]) -> tuple[FlatImage, FlatImage | None]:
     """Return the overlay of all sides and its strength, each as one image, from which colours are chosen."""
-    found = []
-    for images in ([side.image for side in sides], [side.strength for side in sides]):
-        first = images[0]
-        if first is None or len(images) == 1:
-            found.append(first)
-            continue
-        data = [image.data.reshape(-1, *image.data.shape[2:]) for image in images if image is not None]
-        found.append(replace(first, data=np.concatenate(data)))
-    image, strength = found
+    image, strength = (_joined([getattr(side, name) for side in sides]) for name in ("image", "strength"))
     assert image is not None
     return image, strength
 
 
+def _joined(images: list[FlatImage | None]) -> FlatImage | None:
+    first = images[0]
+    if first is None or len(images) == 1:
+        return first
+    data = [image.data.reshape(-1, *image.data.shape[2:]) for image in images if image is not None]
+    return replace(first, data=np.concatenate(data))
+
+
 def folds(flat_map: FlatMap, raster: Raster, underlay: str = "curvature") -> NDArray[np.uint8]:
-    """Return an RGBA image of the folds: gyri light, sulci dark, and a uniform grey where they are unknown."""
+    """Return an RGBA image of the folds: light gyri, dark sulci, and a uniform grey where the folds are unknown."""
     values = {"curvature": flat_map.curvature, "sulcal depth": flat_map.sulcal_depth, "none": None}[underlay]
     grey = np.where(raster.inside, _NO_FOLDS, np.nan)
     if values is None and underlay != "none":

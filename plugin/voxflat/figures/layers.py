@@ -1,4 +1,4 @@
-"""Named layers in SVG files of figures, as Inkscape shows them."""
+"""Write the layers of a figure to its SVG file, for Inkscape."""
 
 import re
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Annotations of a map: anatomical directions, the hemisphere, names of cuts, and the length of the scale bar."""
+"""Compute the annotations of a map: anatomical directions, hemisphere, names of cuts, and length of the scale bar."""
 
 from dataclasses import dataclass
 
@@ -24,13 +24,11 @@ class Direction:
 
 
 def directions(flat_map: FlatMap) -> list[Direction]:
-    """Find the two anatomical directions that lie best in the plane at the middle of the map.
+    """Return the two anatomical directions that lie best in the plane at the middle of the map, if its space is known.
 
-    Each coordinate of the points around the middle is fitted linearly in (u, v); the gradient is its direction. The
-    list is empty if the space of the map is unknown.
+    Each coordinate of the points around the middle is fitted linearly in (u, v); the gradient is its direction.
     """
-    is_known = flat_map.space.name != "unknown" or flat_map.metadata.get("structure") in _SIDES
-    if not is_known:
+    if flat_map.space.name == "unknown" and flat_map.metadata.get("structure") not in _SIDES:
         return []
     points = flat_map.space.to_scanner(flat_map.points)
     corners = flat_map.uv[flat_map.faces[~flat_map.torn]]
@@ -57,21 +55,19 @@ def directions(flat_map: FlatMap) -> list[Direction]:
 
 
 def side(flat_map: FlatMap) -> str | None:
-    """Return "L" or "R" if the file or the registered sphere of a map identifies its hemisphere, otherwise None."""
+    """Return "L" or "R" if the file or the registered sphere of a map identifies its hemisphere, and None otherwise."""
     known = (flat_map.metadata.get("structure"), (flat_map.metadata.get("sphere") or {}).get("side"))
     return next((_SIDES[one] for one in known if one in _SIDES), None)
 
 
 def cut_names(flat_map: FlatMap) -> list[tuple[str, float, float]]:
-    """Return the names of cuts with their positions (u, v) in mm, between the two sides, where the gap is wide."""
+    """Return the names of cuts with their positions (u, v) in mm, between the sides of a cut where the gap is wide."""
     names = flat_map.metadata.get("cut_names") or []
     paths = flat_map.metadata.get("cuts") or []
     rows: dict[object, list[int]] = {}
-    if any(names):
-        used = np.unique(flat_map.faces)
-        keys = flat_map.ids[used].tolist()
-        for row, key in zip(used.tolist(), keys, strict=True):
-            rows.setdefault(tuple(key) if isinstance(key, list) else key, []).append(row)
+    used = np.unique(flat_map.faces) if any(names) else np.empty(0, dtype=np.int64)
+    for row, key in zip(used.tolist(), flat_map.ids[used].tolist(), strict=True):
+        rows.setdefault(tuple(key) if isinstance(key, list) else key, []).append(row)
     found = []
     for name, path in zip(names, paths, strict=False):
         both_sides = [rows.get(tuple(key) if isinstance(key, list) else key, []) for key in path]

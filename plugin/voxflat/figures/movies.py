@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Any, overload
 
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.font_manager import findfont
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
@@ -15,7 +14,7 @@ from voxflat.arguments import Progress, checked_choice, checked_switch, is_numbe
 from voxflat.errors import InputError
 from voxflat.figures.flat_maps import UNDERLAYS, folds, maps_of
 from voxflat.figures.overlays import Overlay, OverlayColours
-from voxflat.figures.page import Page, Panel
+from voxflat.figures.page import Page, Panel, pixels_of
 from voxflat.maps.depth import Depths
 from voxflat.maps.flat_map import FlatMap
 from voxflat.maps.lines import outline
@@ -32,7 +31,7 @@ _TIME, _CORNER = 3.2, 1.8  # mm of paper: height of the letters, and their dista
 class Movie(Sequence[NDArray[np.uint8]]):
     """A sequence of images, one per frame of a series.
 
-    Frames are drawn on request: ``movie[3]`` is an array of uint8 of shape (H, W, 3). `movie` makes such objects.
+    `movie` creates such sequences. Frames are drawn on request: ``movie[3]`` is an array of uint8, shape (H, W, 3).
 
     Parameters
     ----------
@@ -84,28 +83,17 @@ class Movie(Sequence[NDArray[np.uint8]]):
 
     @property
     def size(self) -> tuple[int, int]:
-        """Height and width of each frame in pixels.
-
-        Both are even, as H.264 requires.
-
-        See Also
-        --------
-        movie : Its parameter `size` sets the width.
-
-        Examples
-        --------
-        >>> flat_map = voxflat.samples.hill().flatten()
-        >>> voxflat.figures.movie(flat_map, np.ones((441, 3)), size=320).size
-        (358, 320)
-        """
+        """Height and width of each frame in pixels; both are even, as H.264 requires."""
         return (self._below.height, self._below.width)
 
     def _caption(self, n: int) -> str:
         """Return the text above a frame: its time, its name, or its number (from 0)."""
-        times = self.stack.times
-        if times is None:
+        times, timing = self.stack.times, self.stack.timing
+        if times is None or timing is None:
             return self.stack.names[n] or f"frame {n}"
-        return f"{times[n]:.{_decimals(self.stack)}f} s"
+        both = np.array([timing.step, timing.start])
+        decimals = next((n for n in range(3) if (np.abs(np.round(both, n) - both) < 1e-6).all()), 3)
+        return f"{times[n]:.{decimals}f} s"
 
     @overload
     def __getitem__(self, n: int) -> NDArray[np.uint8]: ...
@@ -146,23 +134,23 @@ def movie(
 ) -> Movie:
     """Draw a series on a flat map, frame by frame.
 
-    Each frame shows the folds, the data over them, and the time. All frames have the same colour scale. Default limits
-    and percentiles are computed from up to 16 evenly spaced frames.
+    Each frame shows the folds, the data over them, and the time. All frames have the same colour scale, whose default
+    limits and percentiles are computed from up to 16 evenly spaced frames.
 
     Parameters
     ----------
     flat_map : FlatMap, or sequence of two
         A flat map, or the maps of both hemispheres, as in `flat_map`.
     overlay : Overlay, path, ndarray or image object
-        A series: any input that `FlatMap.images` accepts, or an `Overlay` with display options. Values are interpolated
-        linearly between voxels by default.
+        A series: any input that `FlatMap.images` accepts, or an `Overlay` with display options. By default, values are
+        interpolated linearly between voxels.
     depth, fraction : float or sequence of float, optional
         Where to sample volumes, as in `FlatMap.images`. With several depths, the mean is shown.
     layering : str
         The meaning of `fraction`, as in `FlatMap.images`.
     change : bool
-        Show the change from the mean of each point in %, as `FlatStack.percent_change` does, because raw signals show
-        mostly anatomy.
+        Show the change from the mean of each point in %, as computed by `FlatStack.percent_change`, instead of raw
+        signals, which show mostly anatomy.
     opacity : float
         Opacity of the data, from 0 to 1.
     underlay : {"curvature", "sulcal depth", "none"}
@@ -201,13 +189,13 @@ def movie(
     maps = maps_of(flat_map)
     of = Overlay._of(overlay, len(maps))
     if of.channel is not None or of.strength is not None or of.period is not None:
-        raise InputError("channel, strength and period apply to figures, not to movies. Omit them")
+        raise InputError("channel, strength and period do not apply to movies. Omit them")
     checked_choice(underlay, "underlay", UNDERLAYS)
     checked_switch(change, "change")
     if not (is_number(rate) and 0.1 <= rate <= 120):
-        raise InputError(f"rate is {shown(rate)}. Pass 0.1 to 120 frames per second")
+        raise InputError(f"rate is {shown(rate)}. Pass a rate of 0.1 to 120 frames per second")
     if not (is_whole(size) and _SIZES[0] <= size <= _SIZES[1]):
-        raise InputError(f"size is {shown(size)}. Pass the width of the frames: {_SIZES[0]} to {_SIZES[1]} pixels")
+        raise InputError(f"size is {shown(size)}. Pass a width of {_SIZES[0]} to {_SIZES[1]} pixels")
     if not (is_number(opacity) and 0 <= opacity <= 1):
         raise InputError(f"opacity is {shown(opacity)}. Pass a number from 0 to 1")
     page = Page.of(maps, _WIDTH, title, head=True, pixels=int(size))
@@ -238,9 +226,9 @@ def movie(
 
 def _check_series(stack: FlatStack) -> None:
     if len(stack) < 2:
-        raise InputError(f"{stack.name} has only one frame. Draw it with voxflat figure or figures.flat_map")
+        raise InputError(f"{stack.name} has only one frame. Draw it with `voxflat figure` or figures.flat_map")
     if stack[0].is_colour:
-        raise InputError(f"{stack.name} has colours, not values. Pass a series of values")
+        raise InputError(f"{stack.name} contains colours, not values. Pass a series of values")
     if stack.timing is None and not any(stack.names):
         log.info("%s has no time step, so its frames are numbered. Pass time_step to show times", stack.name)
 
@@ -259,16 +247,14 @@ def _look(stacks: Sequence[FlatStack]) -> FlatImage:
 
 
 def _pixels(page: Page) -> NDArray[np.uint8]:
-    """Draw a page as an image (H, W, 4) whose height and width are even, as H.264 requires."""
-    canvas: Any = FigureCanvasAgg(page.figure)
-    canvas.draw()
-    drawn = np.asarray(canvas.buffer_rgba()).copy()
+    """Draw a page as an image (H, W, 4) with an even height and width, as H.264 requires."""
+    drawn = pixels_of(page.figure)
     odd = [(0, side % 2) for side in drawn.shape[:2]]
     return np.pad(drawn, (*odd, (0, 0)), mode="edge")
 
 
 def _places(page: Page, panel: Panel, stack: FlatStack, shape: tuple[int, ...]) -> list[tuple[int, NDArray[np.int64]]]:
-    """Return, for rows and columns of a frame, the first that shows the map, and the pixels of the map from there."""
+    """Return, for rows and columns, the first that shows the map, and the map's pixels from there on."""
     per_mm = page.figure.dpi / 25.4
     left, bottom = (per_mm * at for at in panel.at(*stack.origin))  # pixel (0, 0) from the lower left corner
     step = per_mm * page.scale * stack.pixel_size
@@ -280,13 +266,6 @@ def _places(page: Page, panel: Panel, stack: FlatStack, shape: tuple[int, ...]) 
         covered = np.flatnonzero((numbers >= 0) & (numbers < count))
         found.append((int(covered[0]), numbers[covered]))
     return found
-
-
-def _decimals(stack: FlatStack) -> int:
-    """Return the number of decimals that the times of a series need, at most 3."""
-    assert stack.timing is not None
-    times = (stack.timing.step, stack.timing.start)
-    return next(n for n in range(4) if n == 3 or all(abs(round(value, n) - value) < 1e-6 for value in times))
 
 
 @lru_cache

@@ -1,4 +1,4 @@
-"""Placement of names inside their regions: position and font size."""
+"""Place names inside their regions: choose the position and the font size of each name."""
 
 import re
 from collections.abc import Iterable
@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 
 _SIZES = (7.0, 6.0, 5.0, 4.5)  # points, largest first
-_READABLE = 6.0
 _LINE = 1.25  # line height, in multiples of the font size
 _POINT = 25.4 / 72  # mm
 _MARGIN = 0.3  # around a name, mm
@@ -76,14 +75,13 @@ def _place(mask: NDArray[np.bool_], label: int, name: str, pixel: float) -> Plac
 
 
 def _tries(name: str) -> Iterable[tuple[str, float, bool]]:
-    """Yield text, font size and orientation to try: readable sizes with all line breaks first, then small ones."""
-    broken = list(dict.fromkeys([name, _broken(name, 2), _broken(name, 3)]))
-    for sizes in ([size for size in _SIZES if size >= _READABLE], [size for size in _SIZES if size < _READABLE]):
-        yield from ((text, size, upright) for size in sizes for upright in (False, True) for text in broken)
+    """Yield the texts, font sizes and orientations to try, from large to small and with all line breaks."""
+    broken = dict.fromkeys([name, _broken(name, 2), _broken(name, 3)])
+    yield from ((text, size, upright) for size in _SIZES for upright in (False, True) for text in broken)
 
 
 def _broken(name: str, lines: int) -> str:
-    """Return a name in a given number of lines of similar length, broken after separators or before capitals."""
+    """Return a name broken into lines of similar length after separators or before capitals."""
     places = [found.end() for found in re.finditer(r"[\s_\-./]+|[a-z](?=[A-Z])", name) if found.end() < len(name)]
     if len(places) < lines - 1:
         return name

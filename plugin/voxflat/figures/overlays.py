@@ -35,9 +35,9 @@ class Overlay:
         Interpolation between voxels, as in `FlatMap.image`.
     threshold : float, or (above, below), optional
         Show data only where their magnitude is greater than this, as in nilearn: 2.3 shows values above 2.3 and below
-        -2.3. A pair sets each side separately, and None disables a side: ``(2.3, None)`` shows values above 2.3,
-        ``(None, -2.3)`` shows values below -2.3, and ``(3, -2)`` shows both. If the second number is greater, as in
-        ``(1, 3)``, values between the two are shown.
+        -2.3. A pair sets the two thresholds separately, and None disables one of them: ``(2.3, None)`` shows values
+        above 2.3, ``(None, -2.3)`` shows values below -2.3, and ``(3, -2)`` shows values above 3 and below -2. If the
+        second number is greater than the first, as in ``(1, 3)``, values between the two are shown.
     strength : path, ndarray, image object, Volume or Overlay, optional
         Apply the threshold to this map instead of the data, for example t, R² or coherence. If it has several maps,
         pass ``Overlay(values, channel=2)``. Not for movies.
@@ -47,15 +47,16 @@ class Overlay:
     zero : {"right", "top"}
         Position of phase 0 on the colour wheel. Phases increase counterclockwise from "right", clockwise from "top".
     limits : sequence of 2 numbers or percentiles, optional
-        The values at the ends of the colours: numbers such as ``(0, 5)``, or percentiles of the values on the map such
-        as ``("2%", "98%")``. By default the 1st and 99th percentile. If these have different signs, the range is
-        symmetric about 0.
+        The values at the ends of the colour scale: numbers such as ``(0, 5)``, or percentiles of the values on the map
+        such as ``("2%", "98%")``. The default is the 1st and 99th percentiles. If these have different signs, the range
+        is symmetric about 0.
     colour_map : str, optional
-        A Matplotlib colour map. By default "viridis", "RdBu_r" if the limits have different signs, or "hsv" for phases.
+        A Matplotlib colour map. The default is "viridis", "RdBu_r" if the limits have different signs, or "hsv" for
+        phases.
     label : str, optional
-        Label of the colour bar, such as the quantity and its unit. By default, the name of the data.
+        Label of the colour bar, such as the quantity and its unit. The default is the name of the data.
     time_step : float, optional
-        Time between the frames of a series, s, for movies. By default the time step of the file.
+        Time between the frames of a series, in seconds, for movies. The default is the time step of the file.
 
     See Also
     --------
@@ -86,23 +87,11 @@ class Overlay:
             raise InputError("the overlay has no values. Pass data, or omit the options of the overlay")
         checked_choice(self.zero, "zero", ("right", "top"))
         if self.strength is not None and self.thresholds == (None, None):
-            raise InputError("strength needs a threshold, but there is none. Pass threshold")
+            raise InputError("strength is given without threshold. Pass threshold as well")
 
     @property
     def thresholds(self) -> tuple[float | None, float | None]:
-        """The values above which, and below which, data are shown.
-
-        None means that the side has no threshold.
-
-        See Also
-        --------
-        Overlay : Its parameter `threshold` sets both.
-
-        Examples
-        --------
-        >>> voxflat.figures.Overlay([1.0, 4.0], threshold=2.3).thresholds
-        (2.3, -2.3)
-        """
+        """The values above which, and below which, data are shown; None means that there is no threshold."""
         if self.threshold is None:
             return None, None
         if is_number(self.threshold):
@@ -119,24 +108,12 @@ class Overlay:
     def _of(cls, overlay: object, maps: int = 1) -> Overlay:
         """Return the overlay, or the data as an overlay with default options."""
         if maps > 1 and isinstance(overlay, list | tuple) and any(isinstance(one, Overlay) for one in overlay):
-            raise InputError("got one Overlay per map. Pass one Overlay for both maps: Overlay((left, right), ...)")
+            raise InputError("got several overlays. Pass one Overlay for both maps: Overlay((left, right), ...)")
         return overlay if isinstance(overlay, Overlay) else cls(overlay)
 
     @property
     def provenance(self) -> dict[str, Any]:
-        """The values and options, for records.
-
-        Long arrays are recorded as their SHA-256 checksum.
-
-        See Also
-        --------
-        save : Stores records in files.
-
-        Examples
-        --------
-        >>> voxflat.figures.Overlay([1.0, 4.0], threshold=2.3).provenance["threshold"]
-        2.3
-        """
+        """The values and options, for records. Long arrays are recorded as their SHA-256 checksum."""
         return {one.name: described(getattr(self, one.name)) for one in fields(self)}
 
 
@@ -153,9 +130,8 @@ def painted(
     by: NDArray[Any] | None = None,
     opacity: float = 1.0,
 ) -> NDArray[np.uint8]:
-    """Return values as RGBA. NaN and values that fail the thresholds (or whose `by` fails them) are transparent."""
-    if not isinstance(colour_map, str) or colour_map not in colormaps:
-        raise InputError(f"Matplotlib has no colour map {shown(colour_map)}. Pass a name such as 'viridis' or 'RdBu_r'")
+    """Return values as RGBA. NaN and values that do not pass the thresholds (tested on `by`) are transparent."""
+    _check_name(colour_map, "'viridis' or 'RdBu_r'")
     low, high = limits
     level = np.clip((np.nan_to_num(data) - low) / (high - low), 0, 1)
     pixels: NDArray[np.uint8] = colormaps[colour_map](level, bytes=True)
@@ -183,10 +159,10 @@ class OverlayColours:
         limits, colour_map, period = overlay.limits, overlay.colour_map, overlay.period
         inside = image.data[..., 3] > 0 if image.is_colour else np.isfinite(image.data)
         if not inside.any():
-            raise InputError("the overlay has no values on the map. Check that the affines of both agree")
+            raise InputError("the overlay has no values on the map. Check that their affines agree")
         is_free = all(value is None for value in (colour_map, limits, above, below))
         if image.is_colour and not is_free:
-            raise InputError("the overlay has colours, not values. Omit threshold, limits and colour_map")
+            raise InputError("the overlay contains colours, not values. Omit threshold, limits and colour_map")
         if image.is_colour or (image.is_labels and is_free and period is None):
             return cls(None, (0.0, 1.0), opacity=opacity)
         values = image.data[inside]
@@ -194,14 +170,14 @@ class OverlayColours:
         if not passing(tested, above, below).any():
             what, known = "the overlay" if strength is None else "the strength", tested[np.isfinite(tested)]
             if len(known) == 0:
-                raise InputError(f"{what} has no values on the map. Check that the affines of both agree")
+                raise InputError(f"{what} has no values on the map. Check that their affines agree")
             least, most = known.min(), known.max()
             log.warning("No value of %s passes the thresholds. The values range from %.4g to %.4g", what, least, most)
         options: dict[str, Any] = {"above": above, "below": below, "opacity": opacity}
         options["is_by_strength"] = strength is not None
         if period is not None:
             if limits is not None:
-                raise InputError("limits do not apply to phases, whose colours range from 0 to the period. Omit limits")
+                raise InputError("limits do not apply to phases: their colours range from 0 to the period. Omit limits")
             return cls(_cyclic(colour_map), (0.0, period), is_cyclic=True, **options)
         low, high = _limits(values, limits)
         chosen = colour_map if colour_map is not None else "RdBu_r" if low < 0 < high else "viridis"
@@ -218,18 +194,22 @@ class OverlayColours:
         return pixels
 
     def legend(self, values: NDArray[np.float64]) -> NDArray[np.uint8]:
-        """Return the colours of values in a colour bar; values that the thresholds exclude are transparent."""
+        """Return the colours of values in a colour bar; values excluded by the thresholds are transparent."""
         return replace(self, above=None, below=None).paint(values) if self.is_by_strength else self.paint(values)
+
+
+def _check_name(colour_map: object, such_as: str) -> None:
+    if not isinstance(colour_map, str) or colour_map not in colormaps:
+        raise InputError(f"Matplotlib has no colour map {shown(colour_map)}. Pass a name such as {such_as}")
 
 
 def _cyclic(colour_map: str | None) -> str:
     """Return a cyclic colour map, or raise an InputError."""
     name = "hsv" if colour_map is None else colour_map
-    if not isinstance(name, str) or name not in colormaps:
-        raise InputError(f"Matplotlib has no colour map {shown(name)}. Pass a name such as 'hsv' or 'twilight'")
+    _check_name(name, "'hsv' or 'twilight'")
     ends = np.array([colormaps[name](end)[:3] for end in (0.0, 1.0)])
     if np.abs(ends[0] - ends[1]).max() > _ALIKE:
-        raise InputError(f"the colour map {name!r} is not cyclic, but phases are. Pass 'hsv', 'twilight' or 'hsv_r'")
+        raise InputError(f"the colour map {name!r} is not cyclic. For phases, pass 'hsv', 'hsv_r' or 'twilight'")
     return name
 
 
@@ -244,7 +224,7 @@ def _limits(values: NDArray[Any], limits: Limits | None) -> tuple[float, float]:
         raise InputError(f"limits is {shown(limits)}. Pass two numbers, or percentiles such as ('2%', '98%')")
     low, high = (_limit(values, end) for end in limits)
     if not low < high:
-        raise InputError(f"limits are {low:g} and {high:g}. Pass a lower limit, then a higher one")
+        raise InputError(f"limits is ({low:g}, {high:g}). Pass the lower limit first")
     return low, high
 
 
@@ -256,5 +236,5 @@ def _limit(values: NDArray[Any], end: float | str) -> float:
     except (TypeError, ValueError):
         number = np.nan
     if not np.isfinite(number):
-        raise InputError(f"limit is {shown(end)}. Pass a number, or a percentile from 0% to 100%")
+        raise InputError(f"a limit is {shown(end)}. Pass a number, or a percentile from 0% to 100%")
     return number

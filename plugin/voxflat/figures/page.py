@@ -1,10 +1,11 @@
-"""Page layout of a flat-map figure: the map above, annotations and the colour bar in a strip below."""
+"""Lay out the page of a flat-map figure: maps, and a strip below them with annotations and the colour bar."""
 
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.patches import FancyArrowPatch
@@ -124,7 +125,7 @@ class Page:
             box = axes.get_window_extent()
             width, tallest = (side / axes.figure.dpi * _INCH for side in (box.width, box.height))
         elif not 30 <= width <= 1000:
-            raise InputError(f"width is {shown(width)} mm. Pass 30 to 1000 mm, such as 85 for one column")
+            raise InputError(f"width is {shown(width)} mm. Pass a width of 30 to 1000 mm, such as 85 for one column")
         checked_text(title, "title")
         sizes = [np.ptp(one.uv, axis=0).tolist() for one in maps]
         wide, high = sum(size[0] for size in sizes), max(size[1] for size in sizes)
@@ -172,17 +173,14 @@ class Page:
             self.text(x, y, name.text, "names", size=name.size, **turned)
         small = sum(name.size < 6 for name in placed)
         if small:
-            log.info("%d of %d names are smaller than 6 points. A wider figure has more room", small, len(placed))
+            log.info("%d of %d names are smaller than 6 points. Increase the width to enlarge them", small, len(placed))
         if left_out:
-            log.warning(
-                "%d of %d names do not fit into their parcels and are omitted: %s. A wider figure has more room",
-                len(left_out),
-                len(left_out) + len(placed),
-                ", ".join(left_out),
-            )
+            count = f"{len(left_out)} of {len(left_out) + len(placed)}"
+            told = "%s names do not fit into their parcels and are omitted: %s. Increase the width to show more names"
+            log.warning(told, count, ", ".join(left_out))
 
     def bar(self, colours: OverlayColours, label: str) -> None:
-        """Draw the colour bar; values that the thresholds exclude are grey."""
+        """Draw the colour bar; values excluded by the thresholds are grey."""
         low, high = colours.limits
         beside = 0.0 if len(self.panels) == 1 else _SIDE  # room for the annotations of the last map
         wide, x = min(36.0, 0.42 * self.width), self.width - _EDGE - 2.5 - beside
@@ -198,9 +196,7 @@ class Page:
         axes.set_yticks([])
         for spine in axes.spines.values():
             spine.set_linewidth(0.4)
-        room = max(wide, x - _MARKS)
-        while text_size(label, _FONT)[0] > room:
-            label = label[:-2].rstrip() + "…"
+        label = _shortened(label, max(wide, x - _MARKS))
         is_narrow = text_size(label, _FONT)[0] <= wide
         axes.set_title(label, fontsize=_FONT, pad=1.5, loc="center" if is_narrow else "right")
 
@@ -224,10 +220,8 @@ class Page:
             sides = {"ha": ("center", "left", "right")[round(ahead)], "va": ("center", "bottom", "top")[round(above)]}
             at = 0.5 * _WHEEL + 0.6
             self.text(x + at * ahead, y + at * above, _phase(quarter, period), "data", size=6, **sides)
-        room = x - _WHEEL / 2 - 6.5 - _EDGE
-        while text_size(label, _FONT)[0] > room:
-            label = label[:-2].rstrip() + "…"
-        self.text(x - _WHEEL / 2 - 6.5, WHEEL_STRIP - 5, label, "data", ha="right")
+        right_end = x - _WHEEL / 2 - 6.5
+        self.text(right_end, WHEEL_STRIP - 5, _shortened(label, right_end - _EDGE), "data", ha="right")
 
     def marks(self) -> None:
         """Draw the scale bar, and for each map the anatomical directions, the hemisphere, and the names of cuts."""
@@ -251,7 +245,7 @@ class Page:
         middle = STRIP / 2
         found = directions(flat_map)
         if not found and flat_map.space.name == "unknown":
-            log.info("The space of the surface is unknown, so no anatomical directions are drawn")
+            log.info("The space of the surface is unknown, so anatomical directions are not drawn")
         if found:
             centre = np.array([x, middle]) - 1.0 * np.sum([(one.u, one.v) for one in found], axis=0)
             for one in found:
@@ -269,6 +263,21 @@ class Page:
             return x + 1.0
         self.text(x, middle, which, "marks", size=9, weight="bold")
         return x + 4.5
+
+
+def pixels_of(figure: Figure) -> NDArray[np.uint8]:
+    """Draw a figure as an image, shape (H, W, 4)."""
+    canvas: Any = FigureCanvasAgg(figure)
+    canvas.draw()
+    pixels: NDArray[np.uint8] = np.asarray(canvas.buffer_rgba()).copy()
+    return pixels
+
+
+def _shortened(label: str, room: float) -> str:
+    """Return a label that is at most as wide as the room, in mm."""
+    while text_size(label, _FONT)[0] > room:
+        label = label[:-2].rstrip() + "…"
+    return label
 
 
 def _phase(quarter: int, period: float) -> str:

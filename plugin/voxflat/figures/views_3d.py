@@ -1,4 +1,4 @@
-"""3-D images of surfaces, drawn with PyVista: `patch_3d` of maps and `atlas_3d` of atlases."""
+"""Draw surfaces in 3-D with PyVista: `patch_3d` draws maps, and `atlas_3d` draws atlases."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.cm import ScalarMappable
 from matplotlib.collections import PolyCollection
 from matplotlib.colors import Normalize
@@ -22,6 +21,7 @@ from voxflat.arguments import checked_kind, checked_pixels, numbers_of, shown
 from voxflat.atlases.pieces import FlatPieces
 from voxflat.errors import InputError
 from voxflat.figures.colours import ERROR_LABEL, ERRORS, patch_colours, top_error
+from voxflat.figures.page import pixels_of
 from voxflat.io.files import installing
 from voxflat.io.sources import as_volume
 from voxflat.maps.flat_map import FlatMap
@@ -44,14 +44,14 @@ def patch_3d(
 ) -> NDArray[np.uint8]:
     """Draw the surface patch in 3-D, in the colours of `heat_map`.
 
-    The patch is seen from outside, with superior up.
+    The view is from outside, with superior at the top.
 
     Parameters
     ----------
     flat_map : FlatMap
         A flat map.
     whole : path, ndarray, image object, Volume, (points, faces), Mesh, pyvista.PolyData or Surface, optional
-        The flattened volume or mesh, whose surface is drawn in grey around the patch.
+        The volume or mesh that was flattened. Its surface is drawn in grey around the patch.
     size : tuple of 2 ints
         Width and height in pixels.
 
@@ -67,7 +67,7 @@ def patch_3d(
 
     See Also
     --------
-    heat_map : The same errors on the map.
+    heat_map : Draw the errors on the map.
 
     Examples
     --------
@@ -76,7 +76,9 @@ def patch_3d(
     (150, 200, 3)
     """
     checked_kind(flat_map, "flat map", "is_voxels", "a FlatMap")
-    width, height = _both(size)
+    if not isinstance(size, Sequence) or isinstance(size, str) or len(size) != 2:
+        raise InputError(f"size is {shown(size)}. Pass the width and height in pixels")
+    width, height = (checked_pixels(side, "size") for side in size)
     pyvista = load_pyvista()
     if flat_map.is_voxels:
         patch, *around = [_patch_alone(flat_map)] if whole is None else _patch_in_place(flat_map, whole)
@@ -117,7 +119,7 @@ def atlas_3d(atlas: FlatPieces, *, towards: Any = (0.6, -1.0, 0.5), size: int = 
 
     See Also
     --------
-    atlas_page : The same colours in the plane.
+    atlas_page : Draw the patches in the plane.
 
     Examples
     --------
@@ -129,7 +131,7 @@ def atlas_3d(atlas: FlatPieces, *, towards: Any = (0.6, -1.0, 0.5), size: int = 
     checked_pixels(size, "size")
     direction = numbers_of(towards, "coordinates of towards")
     if direction.shape != (3,) or not np.isfinite(direction).all() or not direction.any():
-        raise InputError(f"towards is {shown(towards)}. Pass a direction: three numbers, not all 0")
+        raise InputError(f"towards is {shown(towards)}. Pass a direction of three numbers that are not all 0")
     colours = patch_colours(atlas)
     try:
         pyvista = load_pyvista()
@@ -143,21 +145,13 @@ def atlas_3d(atlas: FlatPieces, *, towards: Any = (0.6, -1.0, 0.5), size: int = 
     )
 
 
-def _both(size: object) -> tuple[int, int]:
-    """Return the width and height in pixels."""
-    if not isinstance(size, Sequence) or isinstance(size, str) or len(size) != 2:
-        raise InputError(f"size is {shown(size)}. Pass width and height in pixels")
-    width, height = (checked_pixels(side, "size") for side in size)
-    return width, height
-
-
 def drawn_from_both_sides(
     flat_map: FlatMap,
     meshes: Sequence[tuple[Any, dict[str, Any]]],
     names: Sequence[tuple[NDArray[np.float64], str]],
     size: tuple[int, int],
 ) -> NDArray[np.uint8]:
-    """Draw meshes from two opposite sides, with names at their points; names of hidden points are in brackets."""
+    """Draw meshes from two opposite sides, with names at their points; names of hidden points are in parentheses."""
     pyvista = load_pyvista()
     width, height = size
     extent = float(np.linalg.norm(np.ptp(flat_map.points, axis=0)))
@@ -192,17 +186,17 @@ def drawn_from_both_sides(
         above = -0.03 * height if y > 0.1 * height else 0.03 * height
         text = axes.text(x, y + above, name, ha="center", va="center", size=9, weight="bold")
         text.set_path_effects([withStroke(linewidth=2.5, foreground="white")])
-    return _pixels(figure)
+    return pixels_of(figure)[..., :3]
 
 
 def load_pyvista() -> Any:
-    """Import PyVista; raise an error if an old VTK without a display would end the process."""
+    """Import PyVista; raise an error if it is missing, or if an old VTK without a display would end the process."""
     try:
         import pyvista
     except ImportError as error:
         raise InputError(f"3-D images require PyVista. Run {installing('pyvista')}") from error
     if sys.platform == "linux" and "DISPLAY" not in os.environ and pyvista.vtk_version_info < (9, 4):
-        raise InputError("this version of VTK needs a display. Run under xvfb-run, or install VTK 9.4 or later")
+        raise InputError("this version of VTK requires a display. Run under xvfb-run, or install VTK 9.4 or later")
     return pyvista
 
 
@@ -224,15 +218,8 @@ def _drawn(
 
 
 def _up(direction: NDArray[np.float64]) -> tuple[float, float, float]:
-    """Return the up direction of a view: superior, or anterior if the view is along superior."""
+    """Return the direction that is up in a view: superior, or anterior if the view is from above or below."""
     return (0.0, 1.0, 0.0) if abs(direction[2]) > 0.9 * np.linalg.norm(direction) else (0.0, 0.0, 1.0)
-
-
-def _pixels(figure: Figure) -> NDArray[np.uint8]:
-    canvas: Any = FigureCanvasAgg(figure)
-    canvas.draw()
-    pixels: NDArray[np.uint8] = np.asarray(canvas.buffer_rgba())[..., :3].copy()
-    return pixels
 
 
 def _by_matplotlib(
@@ -254,11 +241,11 @@ def _by_matplotlib(
     )
     axes.autoscale()
     axes.set_axis_off()
-    return _pixels(figure)
+    return pixels_of(figure)[..., :3]
 
 
 def _patch_alone(flat_map: FlatMap) -> pyvista.PolyData:
-    """Return a smooth surface around the voxels of the patch; the faces of the map have holes where it is torn."""
+    """Return a smooth surface around the voxels of the patch, because the triangles of a torn map have holes."""
     low, high = flat_map.ids.min(axis=0) - 3, flat_map.ids.max(axis=0) + 3
     field = np.zeros(high - low + 1, dtype=np.float32)
     field[tuple((flat_map.ids - low).T)] = 1
@@ -269,9 +256,8 @@ def _patch_in_place(flat_map: FlatMap, volume: object) -> list[pyvista.PolyData]
     """Return the patch and the surface around it, both from the boundary between foreground and background."""
     data = as_volume(volume).data
     if data.shape != flat_map.volume_shape:
-        raise InputError(
-            f"the volume has shape {data.shape}, but the map was made from {flat_map.volume_shape}. Pass that volume"
-        )
+        made_from = f"the map was made from a volume of shape {flat_map.volume_shape}"
+        raise InputError(f"the volume has shape {data.shape}, but {made_from}. Pass the volume that was flattened")
     mask = foreground(data, label=flat_map.metadata["label"], threshold=flat_map.metadata["threshold"])
     if not mask[tuple(flat_map.ids.T)].all():
         raise InputError(
@@ -292,18 +278,16 @@ def _patch_of_mesh(pyvista: Any, flat_map: FlatMap, whole: object | None) -> lis
         return [patch]
     mesh = surface(whole)
     if mesh.is_voxels or mesh.count != flat_map.metadata["vertices"]:
-        raise InputError(
-            f"the mesh has {mesh.count} vertices, but the map was made from one with {flat_map.metadata['vertices']}. "
-            "Pass that mesh"
-        )
+        made_from = f"the map was made from a mesh of {flat_map.metadata['vertices']} vertices"
+        raise InputError(f"the mesh has {mesh.count} vertices, but {made_from}. Pass the mesh that was flattened")
     place = np.full((mesh.count, 3), np.nan)
     place[mesh.ids] = mesh.points
     place[mesh.merged[:, 0]] = place[mesh.merged[:, 1]]
     apart = np.abs(place[flat_map.ids] - flat_map.points).max()
     if not apart <= _SAME_PLACE:
         raise InputError(
-            f"the mesh is up to {apart:.3g} mm away from the points of the map. Pass the mesh that was flattened; if "
-            "it had a pial surface, pass voxflat.surface(white, pial=...)"
+            f"the mesh is up to {apart:.3g} mm away from the points of the map. Pass the mesh that was flattened or, "
+            "if it had a pial surface, voxflat.surface(white, pial=...)"
         )
     is_around = ~are_triangles(mesh.ids[mesh.faces], flat_map.ids[faces])
     if not is_around.any():
@@ -365,4 +349,4 @@ def _beside_colour_bar(scene: NDArray[np.uint8], width: int, highest: float) -> 
     colours = ScalarMappable(Normalize(0, highest), ERRORS)
     bar = figure.add_axes((share + 0.015, 0.1, 0.03, 0.8))
     figure.colorbar(colours, cax=bar, label=ERROR_LABEL, extend="max")
-    return _pixels(figure)
+    return pixels_of(figure)[..., :3]

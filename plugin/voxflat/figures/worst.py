@@ -1,4 +1,4 @@
-"""Figures of the regions of highest area distortion: `worst_places` on the map, `worst_places_3d` on the surface."""
+"""Draw the regions of highest area distortion on the map (`worst_places`) and on the surface (`worst_places_3d`)."""
 
 from typing import Any
 
@@ -28,8 +28,8 @@ _FACTORS = (0.25, 0.5, 0.67, 0.8, 1.0, 1.25, 1.5, 2.0, 4.0)
 def worst_places(worst: WorstPlaces) -> Figure:
     """Draw the regions of highest area distortion on the map.
 
-    The regions are outlined and numbered over the change of area, at the scale that preserves the total area. Colours
-    end at twice `WorstPlaces.beyond` in both directions. Green lines are cuts that would reduce the distortion.
+    Colours show the change of area, at the scale that preserves the total area, up to twice `WorstPlaces.beyond` in
+    both directions. The regions are outlined and numbered. Green lines are cuts that would reduce the distortion.
 
     Parameters
     ----------
@@ -43,7 +43,7 @@ def worst_places(worst: WorstPlaces) -> Figure:
 
     See Also
     --------
-    worst_places_3d : The same regions on the surface.
+    worst_places_3d : Draw the regions on the surface.
 
     Examples
     --------
@@ -81,8 +81,8 @@ def worst_places(worst: WorstPlaces) -> Figure:
 def worst_places_3d(worst: WorstPlaces, *, size: tuple[int, int] = (1800, 800)) -> NDArray[np.uint8]:
     """Draw the regions of highest area distortion on the surface.
 
-    The image shows the surface from outside and from the opposite side, in the colours of `worst_places`. Numbers of
-    hidden regions are in brackets.
+    The image shows the surface from outside and from the opposite side, in the colours of `worst_places`. The numbers
+    of hidden regions are in parentheses.
 
     Parameters
     ----------
@@ -103,7 +103,7 @@ def worst_places_3d(worst: WorstPlaces, *, size: tuple[int, int] = (1800, 800)) 
 
     See Also
     --------
-    worst_places : The same regions on the map.
+    worst_places : Draw the regions on the map.
 
     Examples
     --------

@@ -1,9 +1,7 @@
 """Read and write files: volumes with their voxel grids, and meshes with values at their points.
 
-The public functions are exported here; each module handles one format or a family of formats. Readers do not depend on
-surfaces or maps. `files`, `grid` and `triangles` contain code shared by the formats. `readers` and `volumes` handle
-volumes. `formats` detects mesh formats, `meshes` and `overlays` read and write meshes and values, and `spaces`
-defines coordinate spaces. `subprocess_reader` runs the process in which ITK and VTK read files.
+This module exports the public functions. `files`, `grid` and `triangles` contain code shared by the formats, and
+`subprocess_reader` runs the process in which ITK and VTK read files. Readers do not depend on surfaces or maps.
 """
 
 from voxflat.io.files import atomic_path

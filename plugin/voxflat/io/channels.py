@@ -35,7 +35,7 @@ class Timing:
 
     @classmethod
     def told(cls, step: object, start: object = 0.0) -> Timing | None:
-        """Return the duration stored in a header, in seconds, or None if it is not valid."""
+        """Return the times that a header defines, in seconds, or None if they are not valid."""
         values = np.array([step, start], dtype=np.float64)
         if not (np.isfinite(values).all() and values[0] > 0):
             return None
@@ -47,16 +47,13 @@ class Timing:
 class Channels:
     """Store one or more arrays of the same shape that are read on demand."""
 
-    names: tuple[str, ...]  # one per channel; empty if the file has none
-    read: Callable[[int], NDArray[Any]]  # argument: number of a channel, from 0
-    timing: Timing | None = None  # if they are frames of a series with known times
+    names: tuple[str, ...]  # one per channel; empty strings if the file does not name them
+    read: Callable[[int], NDArray[Any]]  # the argument is the number of a channel, from 0
+    timing: Timing | None = None  # if the channels are frames of a series with known times
 
     def __len__(self) -> int:
         """Return the number of channels."""
         return len(self.names)
-
-    def __repr__(self) -> str:
-        return f"<Channels: {len(self)}, {self.listed()}>"
 
     def listed(self) -> str:
         """Return the names, shortened for use in messages."""
@@ -81,7 +78,7 @@ class Channels:
                 raise InputError(f"has no map {channel!r}. Choose one of {self.listed()}")
             channel = int(channel)
         if isinstance(channel, bool | np.bool_) or not isinstance(channel, int | np.integer):
-            raise InputError(f"channel is {shown(channel)}. Pass a name or a number")
+            raise InputError(f"channel is {shown(channel)}. Pass the name or the number of a channel")
         if not -count <= channel < count:
             raise InputError(f"has no map {channel}. Pass a number from 0 to {count - 1}")
         return int(channel) % count
@@ -91,7 +88,7 @@ class Channels:
         return Channels(self.names, lambda n: change(self.read(n)), self.timing)
 
     def of_file(self, path: Path | None) -> Channels:
-        """Return the same channels with errors that name the file, because they are read long after it is opened."""
+        """Return the same channels with errors that name the file, because it is read long after it is opened."""
         if path is None:
             return self
 
@@ -144,10 +141,10 @@ def points_of_nibabel(obj: object, points: int, structure: str | None) -> Channe
     if not are_points(shape):
         return None
     if max(shape[:3]) != points:
-        raise InputError(f"has {max(shape[:3])} values, but the surface has {points} points")
+        raise InputError(f"has {max(shape[:3])} values, but the surface has {points} points. Pass its values")
     further = [n for n in shape[3:] if n != 1]
     if len(further) > 1 or image.get_data_dtype().kind not in "iuf":
-        raise InputError(f"has shape {shape} of {image.get_data_dtype()}. Values at N points have shape (N, 1, 1, T)")
+        raise InputError(f"has shape {shape} and type {image.get_data_dtype()}. Pass numbers of shape (N, 1, 1, T)")
     _check_complete(path, image, 2 * points)
     count = further[0] if further else 1
     at = shape.index(count, 3) if further else 0
@@ -170,9 +167,9 @@ def opened(obj: object) -> tuple[Any, Path | None]:
     except OSError as error:
         if error.errno not in OF_DAMAGE:
             raise
+        return None, None
     except Exception:  # the reader of volumes reports errors, such as a missing nibabel
-        pass
-    return None, None
+        return None, None
 
 
 def are_points(shape: tuple[int, ...]) -> bool:
@@ -209,20 +206,18 @@ def _check_complete(path: Path | None, image: Any, values: int) -> None:
         note(path)
 
 
-# -------------------------------------------------------------------------------------------- CIFTI
-
-
 def _cifti(image: Any, points: int, structure: str | None) -> Channels:
     """Return the maps that a CIFTI file contains for one structure."""
     axes = [image.header.get_axis(n) for n in range(image.ndim)]
     if len(axes) != 2 or type(axes[1]).__name__ != "BrainModelAxis":
         kinds = ", ".join(type(axis).__name__ for axis in axes)
-        raise InputError(f"its axes are {kinds}. Pass a .dscalar.nii, .dtseries.nii or .dlabel.nii of vertices")
+        raise InputError(f"has the axes {kinds}. Pass a .dscalar.nii, .dtseries.nii or .dlabel.nii file with vertices")
     models = {name: (part, model) for name, part, model in axes[1].iter_structures() if name in axes[1].nvertices}
     name = _structure(models, axes[1].nvertices, points, structure)
     part, model = models[name]
     if axes[1].nvertices[name] != points:
-        raise InputError(f"its {_short(name)} has {axes[1].nvertices[name]} vertices, the surface {points} points")
+        found = axes[1].nvertices[name]
+        raise InputError(f"has {found} vertices for {_short(name)}, but the surface has {points} points")
     names, is_label = _map_names(axes[0])
     is_timed = type(axes[0]).__name__ == "SeriesAxis" and axes[0].unit == "SECOND"
     timing = Timing.told(axes[0].step, axes[0].start) if is_timed else None
@@ -240,7 +235,7 @@ def _cifti(image: Any, points: int, structure: str | None) -> Channels:
             labels[model.vertex] = _whole(values)
             return labels
         found = np.full(points, np.nan)
-        with np.errstate(invalid="ignore"):  # signalling NaN counts as NaN
+        with np.errstate(invalid="ignore"):  # treat a signalling NaN as NaN
             found[model.vertex] = values
         return found
 
@@ -252,14 +247,14 @@ def _whole(values: NDArray[Any]) -> NDArray[np.int64]:
     with np.errstate(invalid="ignore"):  # infinity minus infinity
         is_label = (np.abs(values) <= _LARGEST_LABEL) & (np.abs(values - np.round(values)) <= 1e-3)
     if not is_label.all():
-        raise InputError(f"label {values[~is_label][0]} is not a whole number. Pass values as .dscalar.nii")
+        raise InputError(f"label {values[~is_label][0]} is not a whole number. Save the values as .dscalar.nii instead")
     return np.asarray(np.round(values), dtype=np.int64)
 
 
 def _structure(models: dict[str, Any], sizes: dict[str, int], points: int, structure: str | None) -> str:
     """Return the structure of a CIFTI file that corresponds to a surface."""
     if not models:
-        raise InputError("has values in voxels only, not at vertices")
+        raise InputError("contains only values in voxels. Pass a file with values at vertices")
     if structure is not None:
         wanted = "CIFTI_STRUCTURE_" + re.sub(r"(?<!^)(?=[A-Z])", "_", structure).upper()
         if wanted not in models:
@@ -267,12 +262,9 @@ def _structure(models: dict[str, Any], sizes: dict[str, int], points: int, struc
         return wanted
     fitting = [name for name in models if sizes[name] == points]
     if len(fitting) != 1:
-        what = f"each with {points} vertices" if fitting else f"none with {points} vertices"
-        raise InputError(
-            f"contains {', '.join(map(_short, fitting or models))}, {what}, and the hemisphere of the surface is "
-            "unknown. Pass a surface whose GIFTI file defines AnatomicalStructurePrimary, or whose file name "
-            "begins with lh. or rh."
-        )
+        found = f"{', '.join(map(_short, fitting or models))}, {'each' if fitting else 'none'} with {points} vertices"
+        remedy = "Define AnatomicalStructurePrimary in its GIFTI file, or begin its file name with lh. or rh."
+        raise InputError(f"contains {found}, and the hemisphere of the surface is unknown. {remedy}")
     return fitting[0]
 
 

@@ -26,18 +26,13 @@ _CHANNEL_BYTES = 1000  # bytes of memory per channel before any voxel is read
 _HEADERS = ("zarr.json", ".zattrs", ".zarray", ".zgroup")
 
 _TO_MM = {"millimeter": 1.0, "micrometer": 1e-3, "nanometer": 1e-6, "centimeter": 10.0, "meter": 1e3, "angstrom": 1e-7}
-_ORIENTED = {  # RFC-4: RAS axis and its direction
-    "left-to-right": (0, 1),
-    "right-to-left": (0, -1),
-    "posterior-to-anterior": (1, 1),
-    "anterior-to-posterior": (1, -1),
-    "inferior-to-superior": (2, 1),
-    "superior-to-inferior": (2, -1),
-}
+_ENDS = (("left", "right"), ("posterior", "anterior"), ("inferior", "superior"))  # of the axes of RAS
+_ORIENTED = {f"{low}-to-{high}": (axis, 1) for axis, (low, high) in enumerate(_ENDS)}  # RFC-4: axis and direction
+_ORIENTED |= {f"{high}-to-{low}": (axis, -1) for axis, (low, high) in enumerate(_ENDS)}
 
 
 class _Grid:
-    """Store the sizes of the chunks along an axis: one size for all chunks, or a list of sizes."""
+    """Store the sizes of the chunks along an axis, given as one size for all chunks or as a list of sizes."""
 
     def __init__(self, length: int, of: Any) -> None:
         self._length = length
@@ -65,8 +60,9 @@ class Chunked:
     array: Any  # has shape, dtype, chunks and slices
     axes: tuple[int, int, int] = (0, 1, 2)  # axes of the array for i, j and k
     fixed: tuple[tuple[int, int], ...] = ()  # other axes, and the index used for each
+    ndim = 3
     made_of: Callable[[NDArray[Any]], NDArray[Any]] | None = None  # converts the values that are read
-    path: Path | None = None  # file for error messages, because it is read later
+    path: Path | None = None  # named in error messages, because the file is read later
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -74,20 +70,10 @@ class Chunked:
         return tuple(int(self.array.shape[axis]) for axis in self.axes)
 
     @property
-    def ndim(self) -> int:
-        """Number of dimensions, 3."""
-        return 3
-
-    @property
     def dtype(self) -> np.dtype[Any]:
         """Type of the values."""
         found: np.dtype[Any] = np.dtype(self.array.dtype)
         return found if self.made_of is None else self.made_of(np.zeros(0, found)).dtype
-
-    @property
-    def grids(self) -> list[_Grid]:
-        """Chunk sizes along i, j and k."""
-        return [_Grid(length, self.array.chunks[axis]) for axis, length in zip(self.axes, self.shape, strict=True)]
 
     def block(self, spans: list[tuple[int, int]]) -> NDArray[Any]:
         """Read a box of voxels, given the first index and the index after the last one along each of i, j and k."""
@@ -148,7 +134,7 @@ def voxels_at(data: Any, low: NDArray[np.integer[Any]], offsets: NDArray[np.inte
         for n, offset in enumerate(offsets):
             found[:, n] = data[tuple(np.minimum(low + offset, last).T)]
         return found
-    grids = data.grids
+    grids = [_Grid(length, data.array.chunks[axis]) for axis, length in zip(data.axes, data.shape, strict=True)]
     counts = [grid.count for grid in grids]
     chunk = np.empty(found.shape, dtype=np.int32 if math.prod(counts) < 2**31 else np.int64)
     for n, offset in enumerate(offsets):
@@ -182,31 +168,26 @@ def chunked_of(obj: object) -> tuple[Channels, Affine | None, Path | None] | Non
     array: Any = obj
     _check(array, array.chunks)
     if len(array.shape) == 3:
-        return _channels([Chunked(array)], [""]), None, None
+        each: list[Any] = [Chunked(array)]
+        return Channels(("",), each.__getitem__), None, None
     if len(array.shape) == 4:
         check_room(_CHANNEL_BYTES * array.shape[3])
         each = [Chunked(array, fixed=((3, n),)) for n in range(array.shape[3])]
-        return _channels(each, [""] * len(each)), None, None
+        return Channels(("",) * len(each), each.__getitem__), None, None
     raise InputError(f"has shape {tuple(array.shape)}. Pass (I, J, K), or (I, J, K, C) with C channels")
 
 
 def _check(array: Any, chunks: Any) -> None:
     if np.dtype(array.dtype).kind not in "biuf":
-        raise InputError(f"its values have type {array.dtype}. Convert them to bool, integer or float")
+        raise InputError(f"has values of type {array.dtype}. Convert them to bool, integer or float")
     if 0 in array.shape or 0 in chunks:
-        raise InputError(f"is empty: its shape is {tuple(array.shape)}, in chunks of {tuple(chunks)}")
+        raise InputError(f"is empty (shape {tuple(array.shape)}, chunks {tuple(chunks)}). Pass an array with voxels")
     check_axes(tuple(array.shape))
-    sizes = zip(array.shape, chunks, strict=True)
-    count = math.prod(len(of) if isinstance(of, tuple | list) else -(-length // int(of)) for length, of in sizes)
+    count = math.prod(_Grid(length, of).count for length, of in zip(array.shape, chunks, strict=True))
     if count >= 2**63:
-        raise InputError(f"has {count} chunks, more than a 64-bit number can count. Write it again with larger chunks")
+        raise InputError(f"has {count} chunks, more than a 64-bit integer can count. Write it again with larger chunks")
     largest = math.prod(max(of) if isinstance(of, tuple | list) else int(of) for of in chunks)
     check_room(2 * largest * np.dtype(array.dtype).itemsize)
-
-
-def _channels(each: list[Chunked], names: list[str]) -> Channels:
-    read: Any = each.__getitem__
-    return Channels(tuple(names), read)
 
 
 def _ome_zarr(path: Path) -> tuple[Channels, Affine, Path]:
@@ -218,12 +199,12 @@ def _ome_zarr(path: Path) -> tuple[Channels, Affine, Path]:
         told, about = _multiscales(path.parent)
         wanted = path.name
     if told is None or about is None:
-        raise InputError("has no multiscales, so its position is unknown. Pass an OME-Zarr, or array and affine")
+        raise InputError("has no multiscales metadata, which define its position. Pass an array and an affine")
     note(about)
     sets = told.get("datasets") or []
-    found = next((of for of in sets if wanted is None or of.get("path") == wanted), None)
+    found = next((one for one in sets if wanted is None or one.get("path") == wanted), None)
     if found is None:
-        raise InputError(f"has no image {wanted!r}. Choose one of {', '.join(str(of.get('path')) for of in sets)}")
+        raise InputError(f"has no image {wanted!r}. Choose one of {', '.join(str(one.get('path')) for one in sets)}")
     root = path if wanted is None else path.parent
     file = root / str(found["path"])
     for name in _HEADERS:
@@ -235,7 +216,7 @@ def _ome_zarr(path: Path) -> tuple[Channels, Affine, Path]:
     axes = [axis if isinstance(axis, dict) else {"name": axis} for axis in axes]
     names = [str(axis.get("name")) for axis in axes]
     if len(names) != len(array.shape) or not {"x", "y", "z"} <= set(names):
-        raise InputError(f"its axes are {', '.join(names)}, its shape {tuple(array.shape)}. Pass axes x, y and z")
+        raise InputError(f"has shape {tuple(array.shape)} and the axes {', '.join(names)}. Pass axes x, y and z")
     _check(array, array.chunks)
     scale, shift = np.ones(len(names)), np.zeros(len(names))
     with np.errstate(invalid="ignore", over="ignore"):  # checked below
@@ -245,31 +226,32 @@ def _ome_zarr(path: Path) -> tuple[Channels, Affine, Path]:
             elif step.get("type") == "translation":
                 shift = shift + step["translation"]
             elif step.get("type") != "identity":
-                raise InputError(f"the transformation {step.get('type')!r} is not supported. Use scale and translation")
+                raise InputError(f"has the transformation {step.get('type')!r}. Use only scale and translation")
     if not (np.isfinite(scale).all() and np.isfinite(shift).all()):
-        raise InputError(f"its scale {scale.tolist()} and translation {shift.tolist()} must be finite")
+        raise InputError(f"has scale {scale.tolist()} and translation {shift.tolist()}. Use finite numbers")
     spatial = tuple(names.index(axis) for axis in "xyz")
     affine = np.zeros((4, 4))
     affine[3, 3] = 1
     for column, axis in enumerate(spatial):
         unit = str(axes[axis].get("unit", "millimeter"))
         if unit not in _TO_MM:
-            raise InputError(f"the unit of its axis {names[axis]} is {unit}. Use one of {', '.join(_TO_MM)}")
+            raise InputError(f"has an axis {names[axis]} with the unit {unit}. Use one of {', '.join(_TO_MM)}")
         orientation = axes[axis].get("orientation") or {}
         value = orientation.get("value") if isinstance(orientation, dict) else None
         row, sign = _ORIENTED.get(str(value), (column, 1))
         affine[row, column] = sign * scale[axis] * _TO_MM[unit]
         affine[row, 3] = sign * shift[axis] * _TO_MM[unit]
     if abs(np.linalg.det(affine)) == 0:
-        raise InputError("its affine is singular: an axis has no extent, or two axes are parallel")
+        raise InputError("has a singular affine: an axis has no extent, or two axes are parallel. Correct its metadata")
     others = [axis for axis in range(len(names)) if axis not in spatial]
     check_room(_CHANNEL_BYTES * math.prod(array.shape[axis] for axis in others))
-    each, titles = [], []
+    each: list[Any] = []
+    titles = []
     for number in np.ndindex(*(array.shape[axis] for axis in others)):
         fixed = tuple(zip(others, map(int, number), strict=True))
         each.append(Chunked(array, (spatial[0], spatial[1], spatial[2]), fixed, path=path))
         titles.append(" ".join(f"{names[axis]}{n}" for axis, n in fixed if array.shape[axis] > 1))
-    return _channels(each, titles), affine, path
+    return Channels(tuple(titles), each.__getitem__), affine, path
 
 
 def _multiscales(path: Path) -> tuple[dict[str, Any] | None, Path | None]:

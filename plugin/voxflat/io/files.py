@@ -1,4 +1,4 @@
-"""Provide functions shared by readers and writers: atomic writing, optional imports, and errors that name the file."""
+"""Functions shared by readers and writers: atomic writing, optional imports, and errors that name the file."""
 
 import errno
 import gzip
@@ -20,7 +20,7 @@ from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from pathlib import Path
 from types import SimpleNamespace
-from typing import IO, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,18 +40,16 @@ AGAIN = "Copy or download the file again"  # remedy for a truncated file
 _BLOCK = 1 << 20
 _WAITS = (0.1, 0.2, 0.4, 0.8) if os.name == "nt" else ()  # seconds between attempts to replace a file
 _LONGEST_NAME = 255  # bytes, on all common file systems
-
 _LONGEST_ERROR = 2000  # characters
+OF_DAMAGE = (None, errno.EINVAL)  # errno if a file is damaged: none from readers, EINVAL for invalid offsets
 
-OF_DAMAGE = (None, errno.EINVAL)  # errors of readers, and of seeking to invalid offsets
 
-
-def by_ending(path: Path, table: dict[str, Callable[..., Any]], verb: str) -> Callable[..., Any]:
-    """Return the entry of a table whose key matches the ending of a file name."""
+def by_ending(path: Path, table: dict[str, Callable[..., Any]], more: str = "") -> Callable[..., Any]:
+    """Return the entry of a table whose key is the ending of a file name."""
     for ending, entry in table.items():
         if path.name.lower().endswith(ending):
             return entry
-    raise InputError(f"unknown file name ending {path.suffix!r}; {', '.join(table)} can be {verb}")
+    raise InputError(f"unknown file name ending {path.suffix!r}. Use one of {', '.join(table)}{more}")
 
 
 EXTRAS = {
@@ -78,7 +76,7 @@ def installing(*modules: str) -> str:
 
 
 def check_format(path: str | os.PathLike[str], found: object, known: str | int, remedy: str) -> None:
-    """Raise an error if the format of a file (a version, or a name and a version) is not the supported one."""
+    """Raise an error if the format of a file (a version, or a name and a version) is not supported."""
     name, _, version = str(known).rpartition(" ")
     its_name, _, its_version = str(found).rpartition(" ")
     if its_name == name and its_version.isdecimal() and int(its_version) > int(version):
@@ -122,7 +120,7 @@ def _to_own_log(record: logging.LogRecord) -> bool:
 
 
 def one_line(error: Exception) -> str:
-    """Shorten an error message to one line; ITK's messages, for example, contain source positions and addresses."""
+    """Shorten an error message to one line. For example, ITK's messages contain source positions and addresses."""
     if isinstance(error, InputError):
         return str(error)
     told = str(error)[:_LONGEST_ERROR]  # readers may repeat all their input, which slows down pattern matching
@@ -158,7 +156,8 @@ def holding(path: str | os.PathLike[str], what: str) -> Iterator[None]:
     except (FileNotFoundError, IsADirectoryError, PermissionError, MemoryError):
         raise
     except Exception as error:  # damage can cause any error: zlib.error, BadZipFile, KeyError, ...
-        raise InputError(f"{path} is not {what} of voxflat, or is damaged ({type(error).__name__})") from error
+        told = f"is not {what} of voxflat, or is damaged ({type(error).__name__})"
+        raise InputError(f"{path} {told}. Copy it again, or pass another file") from error
 
 
 @contextmanager
@@ -173,7 +172,7 @@ def naming_file(path: Path, temporary: Path | None = None) -> Iterator[None]:
 
 
 def check_regular(path: Path) -> os.stat_result:
-    """Return the status of a file; raise an error if it is not regular, because reading it could block forever."""
+    """Return the status of a file; raise an error if the file is not regular, because reading it could block."""
     status = path.stat()
     if stat.S_ISDIR(status.st_mode):
         raise InputError("is a directory. Pass the name of a file")
@@ -204,19 +203,19 @@ def _finite(number: str) -> float:
 
 
 def check_shapes(arrays: Mapping[str, NDArray[Any]], layout: Mapping[str, tuple[str, str]]) -> None:
-    """Check that the arrays of a file have the expected types and consistent shapes.
+    """Check that the arrays of a file have the expected kinds of types and consistent shapes.
 
-    `layout` gives the NumPy type of each array after loading (`in_types`) and its axes, separated by spaces. Only the
-    kind of the type is checked. An axis is given as its length or as a name; axes with the same name must have equal
-    lengths, and "?" stands for any length.
+    `layout` gives the NumPy type of each array after loading (`in_types`) and its axes, separated by spaces. An axis is
+    a length, a name (axes with the same name must have equal lengths), or "?" for any length.
     """
     lengths: dict[str, tuple[int, str]] = {}
     for name, (wanted_type, axes) in layout.items():
         if name not in arrays:
             continue
         array, wanted = arrays[name], axes.split()
-        if not _is_of_kind(array, np.dtype(wanted_type)) or array.ndim != len(wanted):
-            raise InputError(f"its array {name} is {array.dtype} of unexpected shape {array.shape}. {AGAIN}")
+        kind = np.dtype(wanted_type).kind
+        if array.dtype.kind not in ("iu" if kind in "iu" else kind) or array.ndim != len(wanted):
+            raise InputError(f"its array {name} has unexpected type {array.dtype} or shape {array.shape}. {AGAIN}")
         for length, axis in zip(array.shape, wanted, strict=True):
             known, by = (int(axis), "its definition") if axis.isdigit() else lengths.setdefault(axis, (length, name))
             if axis != "?" and length != known:
@@ -236,15 +235,11 @@ def in_types(arrays: Mapping[str, NDArray[Any]], layout: Mapping[str, tuple[str,
     return made
 
 
-def _is_of_kind(array: NDArray[Any], wanted: np.dtype[Any]) -> bool:
-    return array.dtype.kind in ("iu" if wanted.kind in "iu" else wanted.kind)
-
-
 def check_range(arrays: Mapping[str, NDArray[Any]], limits: Mapping[str, int]) -> None:
     """Check that arrays of row numbers, keyed by name, refer to existing rows."""
     for name, limit in limits.items():
         if name in arrays and arrays[name].size and not 0 <= arrays[name].min() <= arrays[name].max() < limit:
-            raise InputError(f"its array {name} refers to rows outside the {limit} available ones. {AGAIN}")
+            raise InputError(f"its array {name} refers to rows that do not exist (there are {limit}). {AGAIN}")
 
 
 def check_places(arrays: Mapping[str, NDArray[Any]]) -> None:
@@ -263,23 +258,20 @@ def contents(path: Path) -> bytes:
         file.seek(0)
         stream: Any = gzip.GzipFile(fileobj=file) if is_gzipped else file
         blocks, size = [], 0
-        while block := _unpacked(stream):
-            size += len(block)
-            if size > limit:
-                held = f"unpacks from {amount(status.st_size)} to" if is_gzipped else "holds"
-                raise InputError(f"{held} more than {amount(limit)}, a quarter of the memory. Check that it is a mesh")
-            blocks.append(block)
+        try:
+            while block := stream.read(_BLOCK):
+                size += len(block)
+                if size > limit:
+                    told = f"expands from {amount(status.st_size)} to" if is_gzipped else "contains"
+                    told = f"{told} more than {amount(limit)}, a quarter of the memory"
+                    raise InputError(f"{told}. Check that it is a mesh")
+                blocks.append(block)
+        except (EOFError, zlib.error, gzip.BadGzipFile) as error:
+            raise InputError(f"its gzip data are damaged ({error}). {AGAIN}") from error
     if size == 0:
         raise InputError("is empty (0 bytes). Copy or download it again")
     note(path)
     return b"".join(blocks)
-
-
-def _unpacked(stream: IO[bytes]) -> bytes:
-    try:
-        return stream.read(_BLOCK)
-    except (EOFError, zlib.error, gzip.BadGzipFile) as error:
-        raise InputError(f"its gzip data are damaged ({error}). {AGAIN}") from error
 
 
 def check_size(data: bytes, need: int, what: str, *, is_exact: bool = False) -> None:
@@ -304,7 +296,7 @@ def temporary_beside(path: Path) -> Path:
 def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
     """Write a file completely or not at all.
 
-    The file is written under a temporary name in the same directory and renamed when it is complete.
+    The file is written under a temporary name in the same directory, and renamed when it is complete.
 
     Parameters
     ----------
@@ -377,7 +369,7 @@ def atomic_directory(path: str | os.PathLike[str]) -> Iterator[Path]:
 def check_new(path: Path) -> None:
     """Raise an error if a directory exists, because voxflat must not delete its files."""
     if path.exists() or path.is_symlink():
-        raise InputError(f"{path} exists, and directories are not replaced. Delete it, or choose another name")
+        raise InputError(f"{path} exists, and voxflat does not replace directories. Delete it, or choose another name")
 
 
 def _probe(path: Path) -> None:
@@ -395,5 +387,5 @@ def save_array(path: Path, array: NDArray[Any]) -> None:
 
 
 def beside(path: Path, ending: str) -> Path:
-    """Return the path of a surface's companion file, without spaces, because OBJ readers would cut the name there."""
+    """Return the path of a surface's companion file, without spaces, because OBJ readers cut names at spaces."""
     return path.with_name(re.sub(r"[\s#]+", "_", path.stem) + ending)

@@ -1,4 +1,4 @@
-"""Define voxel grids, which have a shape and an affine to RAS+ mm without shear."""
+"""Define voxel grids, which have a shape and an affine without shear from indices to RAS+ mm."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -17,13 +17,13 @@ _MAX_SHEAR = 1e-3  # largest |cosine| between two axes of the voxel grid
 _LONGEST = 2**31 - 1  # voxels along an axis: indices have 32 bits
 
 FARTHEST = _core.FARTHEST
-"""Largest distance from the origin in mm; it suffices for brains in nm and the Earth in m, and keeps volumes finite."""
+"""Largest distance from the origin in mm. It suffices for brains in nm and the Earth in m, and keeps volumes finite."""
 
 SMALLEST = _core.SMALLEST  # mm, smallest voxel size and smallest surface extent
 
 
 def voxel_size(affine: ArrayLike) -> float:
-    """Return the geometric mean of the three voxel spacings in mm; for cubes it equals the spacing on every machine."""
+    """Return the geometric mean of the voxel spacings in mm, which equals the spacing of cubes on every machine."""
     spacing = np.linalg.norm(np.asarray(affine, dtype=np.float64)[:3, :3], axis=0)
     largest = spacing.max()
     # the cube root of 1 is exactly 1 on every machine, that of 0.125 is not exactly 0.5
@@ -43,22 +43,18 @@ def check_affine(affine: ArrayLike) -> Affine:
     if np.abs(matrix).max() > FARTHEST:
         raise InputError(f"affine {matrix.tolist()} exceeds {FARTHEST:g} mm. Repair the header, or pass an affine")
     if not np.array_equal(matrix[3], [0, 0, 0, 1]):
-        raise InputError(f"the last row of the affine is {matrix[3].tolist()}, not 0 0 0 1. Is it transposed?")
+        raise InputError(f"the last row of the affine is {matrix[3].tolist()}, not 0 0 0 1. Transpose it if needed")
     sizes = np.linalg.norm(matrix[:3, :3], axis=0)
     if not (sizes > 0).all():
-        raise InputError(f"the affine has voxel sizes {sizes.tolist()} mm. Each column must have a length above 0")
+        raise InputError(f"the affine has voxel sizes {sizes.tolist()} mm. Pass an affine with positive voxel sizes")
     if sizes.min() < SMALLEST:
-        raise InputError(
-            f"the affine has voxel sizes {sizes.tolist()} mm, below {SMALLEST:g} mm. Repair the header, or pass "
-            "an affine in mm"
-        )
+        sizes_text = f"{sizes.tolist()} mm, below {SMALLEST:g} mm"
+        raise InputError(f"the affine has voxel sizes {sizes_text}. Repair the header, or pass an affine in mm")
     axes = matrix[:3, :3] / sizes
     shear = np.abs(axes.T @ axes - np.eye(3)).max()
     if not shear <= _MAX_SHEAR:
-        raise InputError(
-            f"the affine is sheared: the cosine between two voxel axes is {shear:.3g}, above {_MAX_SHEAR:g}. "
-            "Resample the volume to an orthogonal grid"
-        )
+        sheared = f"sheared: the cosine between two voxel axes is {shear:.3g}, above {_MAX_SHEAR:g}"
+        raise InputError(f"the affine is {sheared}. Resample the volume to an orthogonal grid")
     return matrix
 
 
@@ -67,15 +63,15 @@ def given_affine(spacing: Sequence[float] | None, affine: ArrayLike | None) -> A
     if spacing is None:
         return None if affine is None else check_affine(affine)
     if affine is not None:
-        raise InputError("both spacing= and affine= are given. Pass only one of them; the affine includes the spacing")
+        raise InputError("both spacing= and affine= are given. Pass only one; an affine includes the spacing")
+    wrong = f"spacing is {shown(spacing)}. Pass 3 positive, finite numbers in mm"
     try:
         sizes = np.asarray(spacing, dtype=np.float64)
     except (TypeError, ValueError) as error:
-        raise InputError(f"spacing {shown(spacing)} must be 3 numbers in mm") from error
-    if np.asarray(spacing).dtype.kind == "b":
-        raise InputError(f"spacing {shown(spacing)} must be 3 numbers in mm")
-    if sizes.shape != (3,) or not (np.isfinite(sizes) & (sizes > 0)).all():
-        raise InputError(f"spacing {sizes.tolist()} must be 3 positive, finite numbers in mm")
+        raise InputError(wrong) from error
+    is_bool = np.asarray(spacing).dtype.kind == "b"
+    if is_bool or sizes.shape != (3,) or not (np.isfinite(sizes) & (sizes > 0)).all():
+        raise InputError(wrong)
     return check_affine(np.diag([*sizes, 1.0]))
 
 
@@ -84,42 +80,39 @@ def volume_shape(shape: tuple[int, ...], dtype: np.dtype[Any]) -> tuple[int, ...
     kept = shape[:3] + tuple(n for n in shape[3:] if n != 1)
     colour = len(kept) == 4 and kept[3] in (3, 4) and dtype == np.uint8
     if (len(kept) != 3 and not colour) or min(kept) < 1:
-        raise InputError(
-            f"expected a 3-D volume, got shape {shape}. Select one volume (I, J, K), or uint8 colours (I, J, K, 3 or 4)"
-        )
+        wanted = "one 3-D volume (I, J, K), or uint8 colours (I, J, K, 3) or (I, J, K, 4)"
+        raise InputError(f"has shape {shape}. Select {wanted}")
     check_axes(kept)
     return kept
 
 
 def check_axes(shape: tuple[int, ...]) -> None:
-    """Raise an error for axes that a 32-bit index cannot cover."""
+    """Raise an error if a 32-bit index cannot cover an axis."""
     if max(shape) > _LONGEST:
         raise InputError(f"shape {shape} has an axis of more than {_LONGEST} voxels. Crop it, or copy it again")
 
 
 _MILLIMETRES = {"mm": 1.0, "cm": 10.0, "m": 1e3, "µm": 1e-3, "nm": 1e-6, "inch": 25.4}
 UNITS = tuple(_MILLIMETRES)
-_UNITS = {
-    "mm": ("", "?", "???", "unknown", "millimeter", "millimetre", "mm"),
-    "cm": ("cm", "centimeter"),
-    "m": ("m", "meter", "metre"),
-    "µm": ("micron", "microns", "um", "µm", "μm", "micrometer", "micrometre"),
-    "nm": ("nm", "nanometer"),
-    "inch": ("inch", "in"),
-}
+_UNITS = {"mm": ("", "?", "???", "unknown", "millimeter", "millimetre", "mm"), "cm": ("cm", "centimeter")}
+_UNITS |= {"m": ("m", "meter", "metre"), "nm": ("nm", "nanometer"), "inch": ("inch", "in")}
+_UNITS |= {"µm": ("micron", "microns", "um", "µm", "μm", "micrometer", "micrometre")}
+
+
+def _unit(text: str) -> str | None:
+    return next((name for name, called in _UNITS.items() if text.strip().lower() in called), None)
 
 
 def named_unit(unit: object) -> str:
     """Return the standard name of a unit of length that a user passed."""
-    given = unit.strip().lower() if isinstance(unit, str) and unit.strip() else None
-    found = next((name for name, called in _UNITS.items() if given in called), None)
+    found = _unit(unit) if isinstance(unit, str) and unit.strip() else None
     if found is None:
         raise InputError(f"unit is {shown(unit)}. Pass one of {', '.join(_MILLIMETRES)}")
     return found
 
 
 def in_unit(text: str, metadata: Mapping[str, Any]) -> str:
-    """Return a text that mentions mm with the unit of a surface or map instead, or without a unit if it is unknown."""
+    """Replace mm in a text by the unit of a surface or map; remove it if the unit is unknown."""
     unit = metadata.get("unit", "mm")
     if metadata.get("napari", {}).get("unit", "").startswith("pixel"):
         unit = "unknown"
@@ -134,14 +127,12 @@ def warn_of_unit(path: object, metadata: Mapping[str, Any]) -> None:
     """Warn if coordinates in another unit are written in a format that other programs read in mm."""
     unit = metadata.get("unit", "mm")
     if unit not in ("mm", "unknown"):
-        log.warning(
-            "%s: coordinates are written in %s, but other programs assume that this format is in mm", path, unit
-        )
+        log.warning("%s: coordinates are in %s, but other programs assume that this format is in mm", path, unit)
 
 
 def millimetres(unit: str) -> float:
-    """Return the length of a unit in mm; the default unit is mm, and an unknown unit raises an `InputError`."""
-    found = next((name for name, called in _UNITS.items() if unit.strip().lower() in called), None)
+    """Return the length of a unit in mm. The default unit is mm, and an unknown unit raises an `InputError`."""
+    found = _unit(unit)
     if found is None:
         raise InputError(f"its unit of length, {unit!r}, is unknown. Save it in mm, or pass an array and an affine")
     return _MILLIMETRES[found]

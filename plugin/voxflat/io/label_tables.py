@@ -19,10 +19,6 @@ from voxflat.io.formats import gifti
 from voxflat.io.formats.freesurfer import annot_table
 from voxflat.io.objects import is_gifti
 
-__all__ = ["LabelTable", "own_table", "read_table"]
-
-Colour = tuple[int, int, int]
-
 _NO_NAMES = {"", "???", "unknown", "none", "background", "clear label"}
 
 
@@ -31,7 +27,7 @@ class LabelTable:
     """Store the names of labels and their colours (red, green, blue from 0 to 255), both optional."""
 
     names: dict[int, str] = field(default_factory=dict)
-    colours: dict[int, Colour] = field(default_factory=dict)
+    colours: dict[int, tuple[int, int, int]] = field(default_factory=dict)
 
     def is_region(self, label: int) -> bool:
         """Return whether a label is a region: neither negative, nor named "unknown", nor 0 without a name."""
@@ -45,18 +41,14 @@ def read_table(path: str | os.PathLike[str]) -> LabelTable:
         text = contents(path).decode("utf-8-sig")
         found = _of_columns(text) if path.name.lower().endswith(".tsv") else _of_lines(text)
         if not found.names:
-            raise InputError("contains no labels")
+            raise InputError("contains no labels. Pass a table with one label per line")
         return found
 
 
 def own_table(labels: object, channel: int = 0) -> LabelTable | None:
-    """Read the names and colours stored in a label file or a nibabel image; for CIFTI, read those of one channel."""
-    if is_gifti(labels):
-        return _of_gifti(labels)
-    if is_cifti(labels):
-        return _of_cifti(labels, channel)
+    """Read the names and colours in a label file or a nibabel image; for CIFTI, read those of one channel."""
     if not isinstance(labels, str | os.PathLike):
-        return None
+        return _of_image(labels, channel)
     path = checked_path(labels)
     name = path.name.lower()
     with naming(path, REMEDY):
@@ -64,22 +56,15 @@ def own_table(labels: object, channel: int = 0) -> LabelTable | None:
             table, names = annot_table(path, contents(path))
             return _table((n, name, row[:3]) for n, (name, row) in enumerate(zip(names, table, strict=False)))
         if formats.by_name(path) == formats.GIFTI:
-            return _of_gifti(gifti.load(contents(path)))
-        if name.endswith(".nii"):
-            image, _ = opened(path)
-            if image is not None and is_cifti(image):
-                return _of_cifti(image, channel)
-        return None
+            return _of_image(gifti.load(contents(path)), channel)
+        return _of_image(opened(path)[0], channel) if name.endswith(".nii") else None
 
 
-def _of_gifti(image: Any) -> LabelTable | None:
-    found = _table((of.key, of.label, _bytes([of.red, of.green, of.blue])) for of in image.labeltable.labels)
-    return found if found.names else None
-
-
-def _of_cifti(image: Any, channel: int) -> LabelTable | None:
-    axis = image.header.get_axis(0)
-    if not hasattr(axis, "label"):
+def _of_image(image: Any, channel: int) -> LabelTable | None:
+    if is_gifti(image):
+        found = _table((of.key, of.label, _bytes([of.red, of.green, of.blue])) for of in image.labeltable.labels)
+        return found if found.names else None
+    if not is_cifti(image) or not hasattr(axis := image.header.get_axis(0), "label"):
         return None
     labels = axis.label[min(channel, len(axis) - 1)]
     return _table((key, name, _bytes(rgba[:3])) for key, (name, rgba) in labels.items())
@@ -91,7 +76,7 @@ def _table(rows: Iterable[tuple[Any, Any, Any]]) -> LabelTable:
         names[int(label)] = str(name)
         if colour is not None:
             red, green, blue = (int(part) for part in colour)
-            if not all(0 <= part <= 255 for part in (red, green, blue)):
+            if min(red, green, blue) < 0 or max(red, green, blue) > 255:
                 raise InputError(f"label {label} has the colour {red}, {green}, {blue}. Use values from 0 to 255")
             colours[int(label)] = (red, green, blue)
     return LabelTable(names, colours)
@@ -103,13 +88,13 @@ def _bytes(parts: Any) -> list[int]:
 
 
 def _of_lines(text: str) -> LabelTable:
-    rows: list[tuple[int, str, list[str]]] = []
+    rows = []
     for number, line in enumerate(text.splitlines(), 1):
         if not line.strip() or line.lstrip().startswith("#"):
             continue
         found = re.fullmatch(r"\s*(\d+)\s+(\S.*?)\s+(\d+)\s+(\d+)\s+(\d+)(?:\s+\d+)?\s*", line)
         if found is None:
-            raise InputError(f"line {number} is {line.strip()[:60]!r}, but must be: label, name, red, green, blue")
+            raise InputError(f"line {number} is {line.strip()[:60]!r}. Write: label, name, red, green, blue")
         rows.append((int(found[1]), found[2], [found[3], found[4], found[5]]))
     return _table(rows)
 
@@ -118,7 +103,7 @@ def _of_columns(text: str) -> LabelTable:
     rows = []
     reader = csv.DictReader(io.StringIO(text), delimiter="\t")
     if not {"index", "name"} <= set(reader.fieldnames or ()):
-        raise InputError("lacks the columns index and name")
+        raise InputError("has no columns index and name. Add both columns")
     for row in reader:
         colour = (row.get("color") or "").strip().lstrip("#")
         is_known = re.fullmatch(r"[0-9a-fA-F]{6}", colour) is not None

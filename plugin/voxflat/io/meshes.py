@@ -135,10 +135,8 @@ class Mesh:
         across = float(np.ptp(self.points, axis=0).max())
         if across >= 1:
             return None
-        return (
-            f"is {across:.2g} units across; coordinates are assumed to be in mm. If they are in metres, multiply "
-            "them by 1000"
-        )
+        text = f"is {across:.2g} units across; coordinates are assumed to be in mm. If they are in metres, multiply"
+        return f"{text} them by 1000"
 
     def __repr__(self) -> str:
         name = "" if self.path is None else f" {self.path.name}"
@@ -153,10 +151,10 @@ class Mesh:
         points = np.ascontiguousarray(points, dtype=np.float64)
         bad = np.flatnonzero(~np.isfinite(points).all(axis=1))
         if len(bad):
-            raise InputError(f"point {bad[0]} has the coordinates {points[bad[0]].tolist()}, which are not all finite")
+            raise InputError(f"point {bad[0]} has the coordinates {points[bad[0]].tolist()}. Use finite numbers")
         far = np.flatnonzero((np.abs(points) > FARTHEST).any(axis=1))
         if len(far):
-            raise InputError(f"point {far[0]}, {points[far[0]].tolist()}, lies beyond {FARTHEST:g} mm. Check the unit")
+            raise InputError(f"point {far[0]}, {points[far[0]].tolist()}, exceeds {FARTHEST:g} mm. Check the unit")
         object.__setattr__(self, "points", points)
         object.__setattr__(self, "faces", check_faces(self.faces, len(points)))
         if self.texture_coordinates is not None:
@@ -192,8 +190,6 @@ def read_mesh(path: str | os.PathLike[str]) -> Mesh:
     ------
     InputError
         The file is damaged, its format differs from the one that its ending specifies, or it is not a triangle surface.
-    FileNotFoundError, PermissionError
-        The file cannot be opened.
 
     See Also
     --------
@@ -237,18 +233,17 @@ def _format(path: Path, data: bytes) -> str:
     """Return the format of a surface file; its ending and content must agree."""
     named, found = formats.by_name(path), formats.by_content(data)
     if named and found and named != found:
-        raise InputError(f"its name ends as {named}, but its content is {found}. Rename the file")
+        raise InputError(f"its ending indicates {named}, but its content is {found}. Rename the file")
     kind = found or named
     if kind not in READERS:
-        hint = formats.HINTS.get(
-            kind or "", f"supported formats are {', '.join(formats.ENDINGS)} and FreeSurfer surfaces"
-        )
-        raise InputError(f"is not a surface: its content is {kind or 'unknown'}; {hint}")
+        usual = f"Pass {', '.join(formats.ENDINGS)} or a FreeSurfer surface"
+        hint = formats.HINTS.get(kind or "", usual)
+        raise InputError(f"is not a surface: its content is {kind or 'unknown'}. {hint}")
     return kind
 
 
 def parsed(path: Path, data: bytes) -> Mesh:
-    """Return the surface in a file, with the structure that its name indicates and a remark if its unit is doubtful."""
+    """Return the surface in a file, with the structure from its name and a remark if its unit is doubtful."""
     with np.errstate(all="ignore"):
         mesh = Mesh(path=path, **READERS[_format(path, data)](path, data))
     remarks = mesh.remarks + ((mesh.unit_remark,) if mesh.unit_remark else ())
@@ -261,10 +256,7 @@ def named_structure(path: str | os.PathLike[str]) -> str | None:
     return found[0] if len(found) == 1 else None
 
 
-_Parts: TypeAlias = dict[str, Any]  # result of a reader: keyword arguments of `Mesh`
-
-
-READERS: dict[str, Callable[[Path, bytes], _Parts]] = {
+READERS: dict[str, Callable[[Path, bytes], dict[str, Any]]] = {  # these return keyword arguments of `Mesh`
     formats.GIFTI: lambda _, data: gifti.surface(gifti.load(data)),
     formats.FREESURFER: freesurfer.read_geometry,
     formats.VTK: vtk.read_vtk,
@@ -300,8 +292,6 @@ def write_mesh(path: str | os.PathLike[str], mesh: Mesh, record: Record | None =
     ------
     InputError
         The format cannot hold the mesh.
-    OSError
-        The file cannot be written.
 
     See Also
     --------
@@ -314,23 +304,24 @@ def write_mesh(path: str | os.PathLike[str], mesh: Mesh, record: Record | None =
     """
     path = checked_path(path)
     write = check_mesh_name(path)
-    with atomic_path(path) as temporary, naming(path, "check that this format can hold it"):
+    with atomic_path(path) as temporary, naming(path, _CHECK):
         write(temporary, mesh, record)
 
 
 _Write: TypeAlias = Callable[[Path, Mesh, Record | None], None]
+_CHECK = "check that this format can hold it"
 
 
 def check_mesh_name(path: Path) -> _Write:
     """Return the writer for a file name; raise an error if no surface format matches."""
     name = path.name.lower()
     others = (*formats.ENDINGS, *_WRITERS, ".label", ".annot", ".mgh", ".mgz", ".npy", ".npz")
-    with naming(path, "check that this format can hold it"):
+    with naming(path, _CHECK):
         if ".patch." in name:
-            raise InputError("is the name of a patch. Use write_patch to write it")
+            raise InputError("has the name of a patch. Use write_patch to write a patch")
         if (not path.suffix or name.startswith(("lh.", "rh."))) and not name.endswith(others):
             return _write_freesurfer
-        return by_ending(path, _WRITERS, "written, and FreeSurfer surfaces such as lh.white")
+        return by_ending(path, _WRITERS, ", or a FreeSurfer name such as lh.white")
 
 
 def in_tkras(points: NDArray[np.float64], space: Space) -> tuple[NDArray[np.float64], VolumeGeometry | None]:
@@ -347,24 +338,18 @@ def _write_freesurfer(path: Path, mesh: Mesh, _: Record | None) -> None:
 
 
 def _write_gifti(path: Path, mesh: Mesh, record: Record | None) -> None:
-    points = mesh.space.to_scanner(mesh.points)
+    points, space = mesh.space.to_scanner(mesh.points), mesh.space
     as_float32(points)
-    path.write_bytes(
-        gifti.surface_bytes(points, mesh.faces, mesh.structure, is_scanner=mesh.space.is_known, record=record)
-    )
+    path.write_bytes(gifti.surface_bytes(points, mesh.faces, mesh.structure, is_scanner=space.is_known, record=record))
 
 
-def _write_vtp(path: Path, mesh: Mesh, _: Record | None) -> None:
-    points = mesh.space.to_scanner(mesh.points)
-    vtk.write_vtp(path, points, mesh.faces, mesh.texture_coordinates, mesh.point_data, mesh.face_data)
+def _plain(mesh: Mesh) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.float64] | None]:
+    return mesh.space.to_scanner(mesh.points), mesh.faces, mesh.texture_coordinates
 
 
-def _write_ply(path: Path, mesh: Mesh, _: Record | None) -> None:
-    ply.write_ply(path, mesh.space.to_scanner(mesh.points), mesh.faces, mesh.texture_coordinates)
-
-
-def _write_obj(path: Path, mesh: Mesh, _: Record | None) -> None:
-    obj.write_obj(path, mesh.space.to_scanner(mesh.points), mesh.faces, mesh.texture_coordinates)
-
-
-_WRITERS: dict[str, _Write] = {".surf.gii": _write_gifti, ".vtp": _write_vtp, ".ply": _write_ply, ".obj": _write_obj}
+_WRITERS: dict[str, _Write] = {
+    ".surf.gii": _write_gifti,
+    ".vtp": lambda path, mesh, _: vtk.write_vtp(path, *_plain(mesh), mesh.point_data, mesh.face_data),
+    ".ply": lambda path, mesh, _: ply.write_ply(path, *_plain(mesh)),
+    ".obj": lambda path, mesh, _: obj.write_obj(path, *_plain(mesh)),
+}

@@ -15,21 +15,19 @@ from voxflat.io.formats.vtk import polydata_points, polydata_triangles
 from voxflat.io.meshes import Mesh, read_mesh
 from voxflat.io.triangles import triangulated
 
-SUPPORTED = (
-    "a path; a NumPy array; a tuple (points, faces); an image of nibabel (NIfTI, GIFTI, CIFTI) or ITK; a "
-    "mesh of nilearn, trimesh, meshio, PyVista or VTK; a SurfaceImage of nilearn"
-)
+_IMAGES = "a nibabel (NIfTI, GIFTI, CIFTI) or ITK image, a nilearn SurfaceImage"
+_PACKAGES = "nilearn, trimesh, meshio, PyVista or VTK"
+SUPPORTED = f"a path, a NumPy array, a tuple (points, faces), {_IMAGES}, or a {_PACKAGES} mesh"
 """Description of the input that `voxflat.surface` accepts, for use in messages."""
 
 _STRUCTURES = {"left": "CortexLeft", "right": "CortexRight"}
-_REMEDY = "convert it to a file or to arrays"
 
 
 def mesh_of_object(given: object) -> Mesh | None:
     """Return the surface in an object of another package, or None for other objects."""
     for is_one, of in _MESHES:
         if is_one(given):
-            with naming(type(given).__name__, _REMEDY):
+            with naming(type(given).__name__, "convert it to a file or to arrays"):
                 return of(given)
     return None
 
@@ -48,9 +46,9 @@ def values_of_object(given: object, points: int, structure: str | None) -> Chann
             return None
         values, own = gifti.values(given), given.meta.get("AnatomicalStructurePrimary")  # type: ignore[attr-defined]
         if len(values) != points:
-            raise InputError(f"has {len(values)} values, but the surface has {points} points")
+            raise InputError(f"has {len(values)} values, but the surface has {points} points. Pass its values")
         if {own, structure} == set(_STRUCTURES.values()):
-            raise InputError(f"belongs to {own}, but the surface is {structure}")
+            raise InputError(f"belongs to {own}, but the surface is {structure}. Pass the values of this hemisphere")
         return Channels.of_array(values, gifti.map_names(given))
 
 
@@ -91,18 +89,15 @@ def _of_surface_image(image: Any) -> Mesh:
     return _of_parts(image.mesh)
 
 
-def _of_trimesh(mesh: Any) -> Mesh:
-    return Mesh(np.asarray(mesh.vertices), np.asarray(mesh.faces), has_unit=False)
-
-
 def _of_meshio(mesh: Any) -> Mesh:
     points = np.asarray(mesh.points, dtype=np.float64)
     if points.ndim == 2 and points.shape[1] == 2:
         points = np.pad(points, ((0, 0), (0, 1)))
-    polygons = [np.asarray(block.data, dtype=np.int64) for block in mesh.cells if block.type in _POLYGONS]
+    kept = ("triangle", "quad", "polygon")
+    polygons = [np.asarray(block.data, dtype=np.int64) for block in mesh.cells if block.type in kept]
     if not polygons:
         kinds = ", ".join(sorted({str(block.type) for block in mesh.cells})) or "no cells"
-        raise InputError(f"has {kinds}, but no triangles, quadrilaterals or polygons. Extract its surface first")
+        raise InputError(f"contains {kinds}, but no triangles, quadrilaterals or polygons. Extract its surface first")
     corners = np.concatenate([block.ravel() for block in polygons])
     lengths = np.concatenate([np.full(len(block), block.shape[1]) for block in polygons])
     places, remarks = triangulated(points, corners, lengths)
@@ -114,8 +109,6 @@ def _of_polydata(mesh: Any) -> Mesh:
     return Mesh(polydata_points(mesh), faces, remarks=remarks, has_unit=False)
 
 
-_POLYGONS = ("triangle", "quad", "polygon")
-
 _Reader: TypeAlias = tuple[Callable[[object], bool], Callable[[Any], Mesh]]
 
 _MESHES: tuple[_Reader, ...] = (
@@ -125,7 +118,10 @@ _MESHES: tuple[_Reader, ...] = (
     (_has_parts, _of_parts),  # PolyMesh
     (lambda given: is_gifti(given) and gifti._has_triangles(given), lambda image: Mesh(**gifti.surface(image))),
     (_has("points", "cells", "cells_dict"), _of_meshio),
-    (_has("vertices", "faces", "face_normals"), _of_trimesh),
+    (
+        _has("vertices", "faces", "face_normals"),  # trimesh
+        lambda mesh: Mesh(np.asarray(mesh.vertices), np.asarray(mesh.faces), has_unit=False),
+    ),
 )
 
 
@@ -145,13 +141,11 @@ def _of_side(parts: Mapping[str, Any], points: int, structure: str | None) -> ND
     if known:
         return np.asarray(next(iter(known.values())))
     if structure in _STRUCTURES.values() and structure not in map(_STRUCTURES.get, parts):
-        raise InputError(f"has values for {', '.join(parts)}, but the surface is {structure}")
+        raise InputError(f"has values for {', '.join(parts)}, but the surface is {structure}. Pass its values")
     if len(fitting) == 1:
         return np.asarray(next(iter(fitting.values())))
     if fitting:
-        raise InputError(
-            f"has {points} values for each hemisphere, and the hemisphere of the surface is unknown. Pass one "
-            "part, such as .data.parts['left']"
-        )
-    lengths = ", ".join(f"{side}: {len(part)}" for side, part in parts.items())
-    raise InputError(f"has values at {lengths} vertices, but the surface has {points}")
+        both = f"has {points} values for each hemisphere, and the hemisphere of the surface is unknown"
+        raise InputError(f"{both}. Pass one part, such as .data.parts['left']")
+    lengths = ", ".join(f"{len(part)} values for {side}" for side, part in parts.items())
+    raise InputError(f"has {lengths}, but the surface has {points} points")

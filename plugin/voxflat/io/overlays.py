@@ -24,7 +24,7 @@ from voxflat.io.volumes import VOLUME_ENDINGS
 def read_overlay(path: str | os.PathLike[str], points: int, *, structure: str | None = None) -> NDArray[Any]:
     """Read values at the points of a surface.
 
-    The ending of the name determines the format; FreeSurfer files such as ``lh.curv`` do not need one.
+    The ending of the name determines the format. FreeSurfer files such as ``lh.curv`` do not need an ending.
 
     Parameters
     ----------
@@ -48,8 +48,6 @@ def read_overlay(path: str | os.PathLike[str], points: int, *, structure: str | 
     ------
     InputError
         The file is damaged, has a different number of values, or has more maps than fit into memory.
-    FileNotFoundError, PermissionError
-        The file cannot be opened.
 
     See Also
     --------
@@ -72,7 +70,7 @@ def read_overlay(path: str | os.PathLike[str], points: int, *, structure: str | 
 
 
 def read_channels(path: str | os.PathLike[str], points: int, *, structure: str | None = None) -> Channels:
-    """Read values at the points of a surface as `read_overlay` does, but read NIfTI and CIFTI maps on demand."""
+    """Read values as `read_overlay` does, but read the maps in NIfTI and CIFTI files on demand."""
     path = checked_path(path)
     with naming(path, REMEDY):
         return _channels(path, points, structure).of_file(path)
@@ -85,30 +83,25 @@ def _channels(path: Path, points: int, structure: str | None) -> Channels:
     path.open("rb").close()  # the system's own error is more helpful
     found = points_of_nibabel(path, points, structure)
     if found is None:
-        raise InputError("has values in voxels, not at points")
+        raise InputError("contains values in voxels, not at points. Pass a file with one value per point")
     return found.mapped(lambda values: _fitting(values, points))
 
 
 def holds_volume(path: str | os.PathLike[str]) -> bool:
-    """Return whether a file is a volume according to its ending, rather than values at points with the same ending."""
+    """Return whether a file is a volume according to its ending, and not values at points with the same ending."""
     name = checked_path(path).name.lower()
     if not name.endswith(VOLUME_ENDINGS):
         return False
     if name.endswith(".npy"):
-        return _dimensions(Path(path)) not in (1, 2)
+        try:
+            check_regular(Path(path))
+            return readers.dimensions(Path(path)) not in (1, 2)
+        except OSError:
+            raise
+        except Exception:  # its reader reports errors
+            return True
     image, _ = opened(Path(path))
     return image is None or not (is_cifti(image) or are_points(image.shape))
-
-
-def _dimensions(path: Path) -> int | None:
-    """Return the number of dimensions of the array in a file, or None."""
-    try:
-        check_regular(path)
-        return readers.dimensions(path)
-    except OSError:
-        raise
-    except Exception:  # its reader reports errors
-        return None
 
 
 def read_region(
@@ -139,8 +132,6 @@ def read_region(
     ------
     InputError
         The file is damaged, belongs to another surface, or does not contain a label with that name.
-    FileNotFoundError, PermissionError
-        The file cannot be opened.
 
     See Also
     --------
@@ -164,7 +155,7 @@ def read_region(
         if image is not None and name is not None:
             return _named(_fitting(gifti.values(image), points), gifti.label_names(image), name)
         if name is not None:
-            raise InputError(f"has no named labels. Omit name={name!r}")
+            raise InputError(f"contains no named labels. Omit name={name!r}")
         if kind == formats.PATCH:
             return _mask(patches.parse_patch(path, data).vertex_ids, points)
         if kind == "FreeSurfer label" or path.name.lower().endswith(".label"):
@@ -184,12 +175,12 @@ def refuse_other_side(path: str | os.PathLike[str], structure: str | None) -> No
     own = named_structure(path)
     if formats.by_name(path) == formats.GIFTI:
         with naming(path, REMEDY):
-            own = gifti.first_metadata(contents(path)).get("AnatomicalStructurePrimary") or own
+            image = gifti.load(contents(path))
+            known = [part.meta.get("AnatomicalStructurePrimary") for part in (*image.darrays[:1], image)]
+            own = next(filter(None, known), own)
     if own in (LEFT, RIGHT) and own != structure:
-        raise InputError(
-            f"{path}: belongs to {own}, but the surface is {structure}. Pass the file of this hemisphere; to use "
-            "the values nevertheless, pass them as an array"
-        )
+        remedy = "Pass the file of this hemisphere, or pass the values as an array to use them nevertheless"
+        raise InputError(f"{path}: belongs to {own}, but the surface is {structure}. {remedy}")
 
 
 def region_of(channels: Channels, points: int) -> NDArray[np.bool_]:
@@ -221,7 +212,7 @@ def _values(path: Path, data: bytes, points: int) -> tuple[NDArray[Any], tuple[s
         return _fitting(gifti.values(image), points), gifti.map_names(image)
     is_cut_short = kind == formats.FREESURFER and data[2] == 0xFF  # a file of values, not labels
     if kind not in (None, formats.MORPH) and not is_cut_short:
-        raise InputError(f"does not contain values at points: its content is {kind}")
+        raise InputError(f"does not contain values at points: its content is {kind}. Pass another file")
     return _fitting(freesurfer.read_morph(path, data), points), None
 
 
@@ -230,14 +221,14 @@ def _fitting(values: NDArray[Any], points: int) -> NDArray[Any]:
     if values.ndim not in (1, 2) or values.dtype.kind not in "biuf":
         raise InputError(f"values have type {values.dtype} and shape {values.shape}. Pass numbers (N,) or (N, K)")
     if len(values) != points:
-        raise InputError(f"has {len(values)} values, but the surface has {points} points")
+        raise InputError(f"has {len(values)} values, but the surface has {points} points. Pass its values")
     return np.ascontiguousarray(values, dtype=values.dtype.newbyteorder("="))
 
 
 def _mask(chosen: NDArray[np.int64], points: int) -> NDArray[np.bool_]:
     """Return a mask of the selected points."""
     if chosen.max() >= points:
-        raise InputError(f"refers to point {chosen.max()}, but the surface has the points 0 to {points - 1}")
+        raise InputError(f"refers to point {chosen.max()}, but the surface has points 0 to {points - 1}")
     mask = np.zeros(points, dtype=bool)
     mask[chosen] = True
     return mask
@@ -248,7 +239,7 @@ def _named(labels: NDArray[Any], names: dict[int, str], name: str | None) -> NDA
     keys = [key for key, label in names.items() if label == name]
     if not keys:
         known = textwrap.shorten(", ".join(names.values()), 300, placeholder=" ...")
-        raise InputError(f"name={name!r} is not one of its labels: {known}")
+        raise InputError(f"name={name!r} is not one of its labels. Choose one of {known}")
     if labels.ndim > 1:
         raise InputError(f"has {labels.shape[1]} maps. Pass a file with one map")
     return np.isin(labels, keys)

@@ -1,9 +1,9 @@
 """Read and write FreeSurfer patches (``lh.cortex.patch.3d``, ``lh.cortex.patch.flat``, ``lh.cortex.flat.patch.3d``).
 
-A patch lists some points of a surface and their positions in the patch. Its faces are not stored in the file: they are
-the faces of the surface whose corners are all listed. FreeSurfer's MRISreadPatch (utils/mrisurf_io.cpp), pycortex and
-autoflatten use this rule; the border flag is only for display. The format is big-endian: an int32 of −1, the number of
-points as int32, and for each point v an int32, which is v + 1 inside and −(v + 1) at the border, and three float32.
+A patch lists some points of a surface and their positions in the patch. Its faces are not stored: they are the faces of
+the surface whose corners are all listed. FreeSurfer's MRISreadPatch (utils/mrisurf_io.cpp), pycortex and autoflatten
+use this rule; the border flag is only for display. The format is big-endian: an int32 of −1, the number of points as
+int32, and for each point v an int32, which is v + 1 inside and −(v + 1) at the border, and three float32.
 """
 
 import os
@@ -21,7 +21,7 @@ from voxflat.io.triangles import as_float32, check_faces
 from voxflat.unique_rows import distinct
 
 _ENTRY = np.dtype([("vertex", ">i4"), ("point", ">f4", 3)])
-_REMEDY = "check that the file is complete and in this format"
+_REMEDY = "Check that the file is complete and in this format"
 
 FLAT_PATCH_ENDINGS = (".patch.flat", ".flat.patch.3d")  # endings of flat patches
 PATCH_ENDING = ".patch.3d"  # ending of 3-D patches and of some flat ones
@@ -71,10 +71,8 @@ class Patch:
         object.__setattr__(self, "border", np.ascontiguousarray(border, dtype=np.bool_))
         k = len(self.vertex_ids)
         if self.points.shape != (k, 3) or self.border.shape != (k,):
-            raise InputError(
-                f"a patch of {k} vertices has points of shape {self.points.shape} and a border of shape "
-                f"{self.border.shape}. Pass shapes ({k}, 3) and ({k},)"
-            )
+            shapes = f"points have shape {self.points.shape} and border has shape {self.border.shape}"
+            raise InputError(f"{shapes}. Pass shapes ({k}, 3) and ({k},) for {k} vertices")
         bad = np.flatnonzero(~np.isfinite(self.points).all(axis=1))
         if len(bad):
             raise InputError(f"entry {bad[0]} of the patch, {self.points[bad[0]].tolist()}, is not finite")
@@ -99,8 +97,6 @@ def read_patch(path: str | os.PathLike[str]) -> Patch:
     ------
     InputError
         The file is not a patch, is incomplete, or lists a point twice.
-    FileNotFoundError, PermissionError
-        The file cannot be opened.
 
     See Also
     --------
@@ -123,7 +119,7 @@ def parse_patch(path: Path, data: bytes) -> Patch:
     """Return the patch in a file."""
     header = np.frombuffer(data[:8], ">i4") if len(data) >= 8 else np.zeros(2, int)
     if header[0] != -1:
-        raise InputError(f"is not a binary patch file: it begins with {data[:4].hex(' ')} instead of ff ff ff ff")
+        raise InputError(f"is not a binary patch file: it begins with {data[:4].hex(' ')}, not ff ff ff ff. {_REMEDY}")
     check_size(data, 8 + _ENTRY.itemsize * int(header[1]), f"{header[1]} points", is_exact=True)
     entries = np.frombuffer(data, _ENTRY, offset=8)
     signed = entries["vertex"].astype(np.int64)
@@ -158,8 +154,6 @@ def write_patch(path: str | os.PathLike[str], patch: Patch) -> None:
     ------
     InputError
         The file format cannot hold the patch.
-    OSError
-        The file cannot be written.
 
     See Also
     --------
@@ -175,17 +169,14 @@ def write_patch(path: str | os.PathLike[str], patch: Patch) -> None:
         entries = np.empty(len(patch.vertex_ids), _ENTRY)
         one_based = patch.vertex_ids + 1
         if one_based.max() > np.iinfo(np.int32).max:
-            raise InputError(f"vertex {patch.vertex_ids.max()} is above the format's largest, 2147483646")
+            raise InputError(f"vertex {patch.vertex_ids.max()} exceeds 2147483646, the maximum of the format")
         entries["vertex"] = np.where(patch.border, -one_based, one_based)
         entries["point"] = as_float32(patch.points)
         temporary.write_bytes(np.array([-1, len(entries)], ">i4").tobytes() + entries.tobytes())
 
 
 def in_patch(faces: ArrayLike, vertices: ArrayLike, n: int) -> NDArray[np.bool_]:
-    """Return a mask (F,) of the faces of a surface whose three corners are all listed in a patch.
-
-    The parameters are the same as for `patch_faces`.
-    """
+    """Return a mask (F,) of the faces of a surface whose three corners are all listed in a patch."""
     triangles, rows = _rows(faces, vertices, n)
     return np.asarray((rows[triangles] >= 0).all(axis=1))
 
@@ -225,7 +216,8 @@ def patch_faces(faces: ArrayLike, vertices: ArrayLike, n: int) -> NDArray[np.int
     array([[0, 1, 2]])
     """
     triangles, rows = _rows(faces, vertices, n)
-    return rows[triangles[in_patch(faces, vertices, n)]]
+    corners = rows[triangles]
+    return corners[(corners >= 0).all(axis=1)]
 
 
 def patch_border(faces: ArrayLike, vertices: ArrayLike, n: int) -> NDArray[np.bool_]:
@@ -293,11 +285,11 @@ def _check_vertices(vertices: ArrayLike) -> NDArray[np.int64]:
     """Check that vertices are non-negative integers, each listed once."""
     array = array_of(vertices, "vertices")
     if array.ndim != 1 or len(array) == 0 or array.dtype.kind not in "iu":
-        raise InputError(f"a patch must list vertices as whole numbers, not {array.dtype} of shape {array.shape}")
+        raise InputError(f"vertices have type {array.dtype} and shape {array.shape}. Pass whole numbers of shape (k,)")
     array = np.ascontiguousarray(array, dtype=np.int64)
     if array.min() < 0:
         entry = np.flatnonzero(array < 0)[0]
-        raise InputError(f"entry {entry} of the patch is vertex {array[entry]}. Vertices count from 0")
+        raise InputError(f"entry {entry} of the patch is vertex {array[entry]}. Number vertices from 0")
     order = np.argsort(array, kind="stable")
     twice = order[1:][np.diff(array[order]) == 0]
     if len(twice):

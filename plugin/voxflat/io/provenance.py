@@ -19,7 +19,7 @@ from functools import wraps
 from itertools import count
 from numbers import Integral, Real
 from pathlib import Path
-from typing import Any, ClassVar, ParamSpec, Protocol, TypeVar
+from typing import Any, ClassVar, TypeVar, cast
 
 import numpy as np
 
@@ -37,24 +37,17 @@ _MARKED = 4096  # voxflat's files contain its name in these first bytes
 _LONGEST_PATH = 4096  # characters
 _SHOWN = 32  # longest array that is recorded value by value
 
-_Given = ParamSpec("_Given")
+_Function = TypeVar("_Function", bound=Callable[..., Any])
 
 
-class _Recordable(Protocol):
-    def _with_provenance(self, record: Record) -> Any: ...
-
-
-_Made = TypeVar("_Made", bound=_Recordable)
-
-
-def telling(**told_as: Callable[[Any], Any]) -> Callable[[Callable[_Given, _Made]], Callable[_Given, _Made]]:
+def telling(**told_as: Callable[[Any], Any]) -> Callable[[_Function], _Function]:
     """Add a provenance record to a function's result, and apply its ``memory_limit`` to the files that it reads."""
 
-    def decorate(function: Callable[_Given, _Made]) -> Callable[_Given, _Made]:
+    def decorate(function: _Function) -> _Function:
         signature = inspect.signature(function)
 
         @wraps(function)
-        def wrapped(*args: _Given.args, **kwargs: _Given.kwargs) -> _Made:
+        def wrapped(*args: Any, **kwargs: Any) -> Any:
             bound = signature.bind(*args, **kwargs)
             bound.apply_defaults()
             given = bound.arguments
@@ -70,11 +63,9 @@ def telling(**told_as: Callable[[Any], Any]) -> Callable[[Callable[_Given, _Made
             told = {"of" if name == "self" else name: value for name, value in given.items() if name not in _UNRECORDED}
             told |= {name: tell(told[name]) for name, tell in told_as.items()}
             record = record_of(function.__name__, described(told), dict(sorted(files.items())))
-            record = resolved(record, defaults)
-            found: _Made = made._with_provenance(record)
-            return found
+            return made._with_provenance(resolved(record, defaults))
 
-        return wrapped
+        return cast("_Function", wrapped)
 
     return decorate
 
@@ -107,16 +98,15 @@ _Own = TypeVar("_Own", bound="Recorded")
 
 
 class Recorded:
-    """Provide a field ``provenance`` that holds a provenance record."""
+    """Base class of results with a field ``provenance`` that contains a provenance record."""
 
     _used: ClassVar[tuple[str, ...]] = ()
-    """Fields that hold the values used for parameters that were not given."""
+    """Fields with the values used for parameters that were not given."""
 
     def _with_provenance(self: _Own, record: Record) -> _Own:
         """Return the same object with a provenance record."""
-        of: Any = self
-        made: _Own = replace(of, provenance=resolved(record, {name: getattr(self, name) for name in self._used}))
-        return made
+        own: Any = self
+        return cast("_Own", replace(own, provenance=resolved(record, {of: getattr(self, of) for of in self._used})))
 
 
 def described(value: object) -> Any:
@@ -140,18 +130,14 @@ def described(value: object) -> Any:
         text = json.dumps([described(item) for item in value])
         return {"length": len(value), "sha256": hashlib.sha256(text.encode()).hexdigest()}
     if isinstance(value, np.ndarray) and value.dtype.kind in "biuf":
-        return _digest(value)
+        if value.size <= _SHOWN:
+            return described(value.tolist())
+        values = np.ascontiguousarray(value, dtype=value.dtype.newbyteorder("<"))
+        digest = hashlib.sha256(values.reshape(-1).view(np.uint8).data)
+        return {"dtype": value.dtype.name, "shape": list(value.shape), "sha256": digest.hexdigest()}
     if isinstance(path := getattr(value, "path", None), os.PathLike):  # a Mesh or Volume from a file
         return os.fspath(path)
     return type(value).__name__
-
-
-def _digest(array: np.ndarray[Any, Any]) -> Any:
-    if array.size <= _SHOWN:
-        return described(array.tolist())
-    values = np.ascontiguousarray(array, dtype=array.dtype.newbyteorder("<"))
-    digest = hashlib.sha256(values.reshape(-1).view(np.uint8).data)
-    return {"dtype": array.dtype.name, "shape": list(array.shape), "sha256": digest.hexdigest()}
 
 
 KEEP_PATHS = "VOXFLAT_KEEP_PATHS"  # environment variable: 1 keeps paths in files
@@ -200,7 +186,7 @@ def as_text(record: Record, indent: int | None = None) -> str:
     try:
         return json.dumps(portable(record), indent=indent, allow_nan=False)
     except (TypeError, ValueError) as error:
-        raise InputError(f"the record is {shown(record)}, which cannot be written as JSON: {error}") from error
+        raise InputError(f"the record {shown(record)} cannot be written as JSON: {error}") from error
 
 
 def _files(record: object) -> Iterator[tuple[str, str]]:
@@ -231,10 +217,8 @@ def check_beside(path: Path, beside: Path, *, overwrite: bool = False) -> None:
         with beside.open("rb") as file:
             is_ours = b"voxflat" in file.read(_MARKED)
     if not is_ours:
-        raise InputError(
-            f"cannot write {path}: the file {beside} beside it exists and was not written by voxflat. Choose "
-            "another name, or overwrite it (--overwrite, overwrite=True)"
-        )
+        reason = f"{beside} exists and was not written by voxflat"
+        raise InputError(f"cannot write {path}: {reason}. Choose another name, or pass overwrite=True (--overwrite)")
 
 
 def sidecar_of(path: str | os.PathLike[str]) -> Path:

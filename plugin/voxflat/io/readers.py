@@ -1,7 +1,7 @@
 """Read files, and images of other packages, as voxel arrays with affines.
 
-The header reveals how much memory the voxels need before they are read. nibabel reads NIfTI and MGH; ITK reads NRRD and
-MetaImage. Neither package detects every damaged file, so headers and completeness are checked here.
+nibabel reads NIfTI and MGH; ITK reads NRRD and MetaImage. Neither package detects every damaged file, so this module
+checks headers, completeness, and how much memory the voxels need before they are read.
 """
 
 import gzip
@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from voxflat.errors import InputError
-from voxflat.io.files import by_ending, check_regular, nibabel_image, require
+from voxflat.io.files import AGAIN, by_ending, check_regular, nibabel_image, require
 from voxflat.io.formats.tiff import read_tiff
 from voxflat.io.grid import Affine, check_affine, in_millimetres, millimetres, volume_shape
 from voxflat.io.reading import check_room, note
@@ -29,12 +29,11 @@ LPS_TO_RAS = np.diag([-1.0, -1.0, 1.0, 1.0])
 
 _BLOCK = 1 << 20
 _MOST_BEYOND = 1 << 26  # largest number of additional bytes after the voxels
-
 ITK_TYPES = ("uint8", "uint16", "int16", "uint32", "int32", "float32", "float64")
 
 
 def as_array(obj: object) -> NDArray[Any]:
-    """Return an ndarray; for an ITK view, keep its image alive, because `numpy.asarray` would point to freed memory."""
+    """Return an ndarray that keeps the image of an ITK view alive; `numpy.asarray` would refer to freed memory."""
     return np.asarray(memoryview(obj) if hasattr(obj, "itk_base") else obj)  # type: ignore[arg-type]
 
 
@@ -44,7 +43,7 @@ def read(path: Path) -> Read:
         raise InputError("is a directory. Pass a volume file; convert a DICOM series to NIfTI first")
     check_regular(path)  # the system's own error for a missing file is more helpful
     path.open("rb").close()
-    read: Callable[[Path], Read] = by_ending(path, READERS, "read")
+    read: Callable[[Path], Read] = by_ending(path, READERS)
     found = read(path)
     note(path)
     return found
@@ -90,7 +89,7 @@ def _need_of(file: IO[bytes], size: int) -> int:
     shape, dtype = _header(file)
     need = int(np.prod(shape, dtype=object)) * dtype.itemsize
     if file.tell() + need > size and not dtype.hasobject:
-        raise InputError(f"ends after {size} of {file.tell() + need} bytes. Copy or download it again")
+        raise InputError(f"ends after {size} of {file.tell() + need} bytes. {AGAIN}")
     return need
 
 
@@ -99,11 +98,11 @@ def _read_npz(path: Path) -> Read:
         raise InputError("is not a complete .npz archive. Write it again with numpy.savez")
     with np.load(path, allow_pickle=False) as archive:
         names = archive.files
-    if "data" not in names and len(names) != 1:
-        raise InputError(f"contains the arrays {names}. Name the volume 'data' (and its affine 'affine')")
-    voxels, *affine = read_arrays(
-        path, [name for name in ("data", "affine") if name in names] if "data" in names else names
-    ).values()
+    if "data" in names:
+        names = [name for name in ("data", "affine") if name in names]
+    elif len(names) != 1:
+        raise InputError(f"contains the arrays {names}. Name the volume 'data' and its affine 'affine'")
+    voxels, *affine = read_arrays(path, names).values()
     return voxels, affine[0] if affine else None
 
 
@@ -120,7 +119,7 @@ def _read_pair(path: Path) -> Read:
     """Read an Analyze or NIfTI image that consists of two files."""
     voxels = path.with_name(f"{path.name[: -len(path.suffix)]}{'.IMG' if path.suffix.isupper() else '.img'}")
     if not voxels.is_file():
-        raise InputError(f"{voxels.name} is missing beside it. This format consists of two files, .hdr and .img")
+        raise InputError(f"has no {voxels.name} beside it. Copy both files of this format, .hdr and .img")
     found = _read_by_nibabel(path, voxels)
     note(voxels)
     return found
@@ -128,7 +127,7 @@ def _read_pair(path: Path) -> Read:
 
 def _read_nifti(path: Path) -> Read:
     with _opened(path) as file:
-        head: bytes = file.read(_NIFTI1.itemsize)
+        head: bytes = file.read(_NIFTI1_BYTES)
     if head[4:8] == b"n+2\0":
         return _read_by_nibabel(path)
     header = _nifti_header(head)
@@ -143,26 +142,7 @@ def _read_nifti(path: Path) -> Read:
     return from_nibabel(nibabel_image(path, mmap=False))[0], affine
 
 
-# The NIfTI-1 fields that define the position of the voxels (nifti1.h)
-_NIFTI1_FIELDS = {
-    "sizeof_hdr": ("i4", 0),
-    "dim": ("8i2", 40),
-    "datatype": ("i2", 70),
-    "bitpix": ("i2", 72),
-    "pixdim": ("8f4", 76),
-    "vox_offset": ("f4", 108),
-    "scl_slope": ("f4", 112),
-    "scl_inter": ("f4", 116),
-    "xyzt_units": ("u1", 123),
-    "qform_code": ("i2", 252),
-    "sform_code": ("i2", 254),
-    "quatern": ("3f4", 256),
-    "qoffset": ("3f4", 268),
-    "srow": ("(3,4)f4", 280),
-    "magic": ("S4", 344),
-}
-_FORMATS, _OFFSETS = zip(*_NIFTI1_FIELDS.values(), strict=True)
-_NIFTI1 = np.dtype({"names": [*_NIFTI1_FIELDS], "formats": _FORMATS, "offsets": _OFFSETS, "itemsize": 348})
+_NIFTI1_BYTES = 348  # size of the header
 _NIFTI_UNITS = {1: "meter", 3: "micron"}  # 2 is mm; 0 (unknown) is assumed to be mm
 
 
@@ -189,14 +169,12 @@ _NIFTI_BITS |= {1280: 64, 1536: 128, 1792: 128, 2048: 256, 2304: 32}
 
 def _nifti_header(head: bytes) -> np.void:
     """Return the fields of a NIfTI-1 header of either byte order."""
-    for order in ("<", ">"):
-        if len(head) < _NIFTI1.itemsize:
-            break
-        header: np.void = np.frombuffer(head, _NIFTI1.newbyteorder(order), count=1)[0]
+    for order in ("<", ">") if len(head) == _NIFTI1_BYTES else ():
+        header: np.void = np.frombuffer(head, require("nibabel").nifti1.header_dtype.newbyteorder(order))[0]
         if header["sizeof_hdr"] == 348 and header["magic"] == b"n+1" and 1 <= header["dim"][0] <= 7:
             kind, bits = int(header["datatype"]), int(header["bitpix"])
             if _NIFTI_BITS.get(kind) != bits:
-                raise InputError(f"its header is damaged: voxel type {kind} with {bits} bits does not exist")
+                raise InputError(f"its header is damaged: voxel type {kind} with {bits} bits does not exist. {AGAIN}")
             return header
     raise InputError("is not a NIfTI file, or its header is damaged. Check that its ending matches its format")
 
@@ -205,15 +183,15 @@ def _nifti_affine(header: np.void, shape: tuple[int, ...]) -> Affine:
     """Return the affine to RAS+ mm that nibabel would choose: from sform, otherwise qform, otherwise pixdim."""
     affine = np.eye(4)
     if header["sform_code"] != 0:
-        affine[:3] = header["srow"]
+        affine[:3] = [header[f"srow_{axis}"] for axis in "xyz"]
         return affine
     sizes = header["pixdim"][1:4].astype(np.float64)
     if not (np.isfinite(sizes) & (sizes > 0)).all():
-        raise InputError(f"pixdim is {sizes.tolist()}, but must be positive and finite (mm). Repair the header")
+        raise InputError(f"has pixdim {sizes.tolist()}. Repair the header: use positive, finite sizes in mm")
     if header["qform_code"] != 0:
         sizes[2] *= -1 if header["pixdim"][0] == -1 else 1
-        affine[:3, :3] = _rotation(header["quatern"].astype(np.float64)) * sizes
-        affine[:3, 3] = header["qoffset"]
+        affine[:3, :3] = _rotation(np.array([header[f"quatern_{axis}"] for axis in "bcd"], np.float64)) * sizes
+        affine[:3, 3] = [header[f"qoffset_{axis}"] for axis in "xyz"]
         return affine
     sizes[0] *= -1  # nibabel's default without a position: radiological order, origin at the centre
     affine[:3, :3] = np.diag(sizes)
@@ -226,7 +204,7 @@ def _rotation(imaginary: NDArray[np.float64]) -> NDArray[np.float64]:
     b, c, d = imaginary
     square = 1 - imaginary @ imaginary
     if not square > -3 * np.finfo(np.float32).eps:
-        raise InputError(f"qform quaternion {imaginary.tolist()} is longer than 1. Repair the header")
+        raise InputError(f"has the qform quaternion {imaginary.tolist()}, which is longer than 1. Repair the header")
     # a half turn, within the rounding of float32
     a = np.sqrt(square) if square >= 3 * np.finfo(np.float32).eps else 0.0
     return np.array(
@@ -245,15 +223,10 @@ def _read_nrrd(path: Path) -> Read:
     lines = re.findall(rb"(?m)^(?:space )?units:(.*)$", head)
     units = {unit for line in lines for unit in re.findall(r'"([^"]*)"', line.decode("latin1"))}
     if len({millimetres(unit) for unit in units}) > 1:
-        raise InputError(f"its axes have different units, {', '.join(sorted(units))}. Pass array and spacing instead")
+        raise InputError(f"has axes with different units, {', '.join(sorted(units))}. Pass an array and a spacing")
     if spacings := re.search(rb"(?mi)^spacings:(.*nan.*)$", head):  # ITK would assume 1 mm
-        raise InputError(f"its spacings are{spacings[1].decode('latin1')}. Pass an array and a spacing instead")
-    return _converted(_by_itk(path, *separate), units.pop() if units else "mm")
-
-
-def _converted(found: Read, unit: str) -> Read:
-    voxels, affine = found
-    return voxels, None if affine is None else in_millimetres(affine, unit)
+        raise InputError(f"has the spacings{spacings[1].decode('latin1')}. Pass an array and a spacing instead")
+    return _by_itk(path, *separate, unit=units.pop() if units else "mm")
 
 
 def _read_metaimage(path: Path) -> Read:
@@ -264,8 +237,7 @@ def _read_metaimage(path: Path) -> Read:
     named = fields[b"ElementDataFile"]
     separate = [] if named == b"LOCAL" else [_beside(path, named)]
     is_packed = fields.get(b"CompressedData", b"").lower() in (b"true", b"1")
-    found = _by_itk(path, *separate, packed_from=(0 if separate else start) if is_packed else None)
-    return _converted(found, unit)
+    return _by_itk(path, *separate, unit=unit, packed_from=(0 if separate else start) if is_packed else None)
 
 
 def _metaimage_header(start: bytes) -> tuple[dict[bytes, bytes], int]:
@@ -288,11 +260,11 @@ def _beside(path: Path, named: bytes) -> Path:
     name = named.strip().decode("utf-8", "surrogateescape")
     file = path.parent / name
     if not name or "%" in name or name.split()[0] == "LIST":  # lists of files and printf formats are not supported
-        raise InputError(f"stores its voxels in {name!r:.80}, not in one file. Write it as .mha, .nrrd or .nii.gz")
+        raise InputError(f"stores its voxels in {name!r:.80} instead of one file. Write it as .mha, .nrrd or .nii.gz")
     if not file.resolve().is_relative_to(path.parent.resolve()):
-        raise InputError(f"stores its voxels in {name!r:.80}, outside its directory. Copy them beside it")
+        raise InputError(f"stores its voxels in {name!r:.80}, outside its directory. Copy that file into the directory")
     if not file.is_file():
-        raise InputError(f"stores its voxels in {name!r:.80}, which does not exist. Copy that file, too")
+        raise InputError(f"stores its voxels in {name!r:.80}, which does not exist. Copy that file too")
     return file
 
 
@@ -308,7 +280,7 @@ def _check_deflated(path: Path, start: int, size: int) -> None:
             _check_beyond(done, size)
             packed = stream.unconsumed_tail or file.read(_BLOCK)
     if not stream.eof:
-        raise InputError("ends too early. Copy or download it again")
+        raise InputError(f"its compressed data are incomplete. {AGAIN}")
 
 
 def _opened(path: Path) -> Any:
@@ -325,16 +297,13 @@ def check_length(path: Path, needed: int) -> None:
             size += len(block)
             _check_beyond(size, needed)
     if size < needed:
-        raise InputError(f"ends after {size} of {needed} bytes. Copy or download it again")
+        raise InputError(f"ends after {size} of {needed} bytes. {AGAIN}")
 
 
 def _check_beyond(size: int, needed: int) -> None:
     """Stop decompressing a file that is much longer than its header specifies."""
     if size > needed + _MOST_BEYOND:
-        raise InputError(f"is longer than the {needed} bytes that its header specifies. Copy or download it again")
-
-
-# --------------------------------------------------------------------------------- images of packages
+        raise InputError(f"is longer than the {needed} bytes that its header specifies. {AGAIN}")
 
 
 def from_nibabel(image: Any) -> Read:
@@ -350,7 +319,7 @@ def from_nibabel(image: Any) -> Read:
 
 
 def _check_proxy(image: Any) -> None:
-    """Check that voxels that have not been loaded from their file fit into memory."""
+    """Check that voxels that are still in their file fit into memory."""
     stored = image.dataobj
     if require("nibabel").is_proxy(stored):
         voxels = int(np.prod(image.shape, dtype=object))
@@ -374,14 +343,14 @@ def from_itk(image: Any) -> Read:
     return voxels, LPS_TO_RAS @ affine
 
 
-def _by_itk(path: Path, *separate: Path, packed_from: int | None = None) -> Read:
+def _by_itk(path: Path, *separate: Path, unit: str, packed_from: int | None = None) -> Read:
     """Read an image whose voxels may be in another file, and may be compressed from a given offset."""
     for file in separate:
         note(file)
     size = sum(file.stat().st_size for file in (path, *separate))
     packed = str((*separate, path)[0].absolute())
     voxels, affine = read_in_subprocess(_read_itk, "itk", path, packed, packed_from, size=size)
-    return voxels, affine
+    return voxels, None if affine is None else in_millimetres(affine, unit)
 
 
 def _read_itk(path: Path, packed: str = "", packed_from: int | None = None) -> Read:
@@ -393,8 +362,8 @@ def _read_itk(path: Path, packed: str = "", packed_from: int | None = None) -> R
     try:
         return from_itk(require("itk").imread(str(path)))
     except TypeError as error:  # 30 lines on templates; the first names the type
-        known = ", ".join(ITK_TYPES)
-        raise InputError(f"{str(error).splitlines()[0]} Convert its values to one of {known}") from error
+        remedy = f"Convert its values to one of {', '.join(ITK_TYPES)}"
+        raise InputError(f"{str(error).splitlines()[0]} {remedy}") from error
 
 
 def _size_by_itk(path: Path) -> int:
@@ -409,18 +378,12 @@ def _size_by_itk(path: Path) -> int:
 
 
 READERS: dict[str, Callable[[Path], Read]] = {
-    ".nii": _read_nifti,
-    ".nii.gz": _read_nifti,
-    ".nrrd": _read_nrrd,
-    ".nhdr": _read_nrrd,
-    ".mha": _read_metaimage,
-    ".mhd": _read_metaimage,
-    ".mgh": _read_by_nibabel,
-    ".mgz": _read_by_nibabel,
+    **dict.fromkeys((".nii", ".nii.gz"), _read_nifti),
+    **dict.fromkeys((".nrrd", ".nhdr"), _read_nrrd),
+    **dict.fromkeys((".mha", ".mhd"), _read_metaimage),
+    **dict.fromkeys((".mgh", ".mgz"), _read_by_nibabel),
     ".npy": lambda path: (read_array(path), None),
     ".npz": _read_npz,
-    ".hdr": _read_pair,
-    ".img": _read_pair,
-    ".tif": read_tiff,
-    ".tiff": read_tiff,
+    **dict.fromkeys((".hdr", ".img"), _read_pair),
+    **dict.fromkeys((".tif", ".tiff"), read_tiff),
 }

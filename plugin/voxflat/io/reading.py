@@ -41,8 +41,7 @@ def reading(memory_limit: int | None = None) -> Iterator[dict[str, str]]:
 
 def note(path: str | os.PathLike[str]) -> None:
     """Record that a file is read, if a call tracks its files."""
-    now = _now.get()
-    if now is not None:
+    if (now := _now.get()) is not None:
         now.files[os.fspath(path)] = hash_of(path)
 
 
@@ -69,6 +68,6 @@ def allowed_memory() -> int:
 
 
 def check_room(need: int, remedy: str = "crop or downsample it, or allow more memory") -> None:
-    """Raise an error if a file needs more memory than is available, according to its header."""
+    """Raise an error if a file needs more bytes than are available."""
     now = _now.get()
     check_memory(need, None if now is None else now.limit, remedy)

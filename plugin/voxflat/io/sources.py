@@ -1,9 +1,9 @@
 """Convert any input, a file or an object of another package, to a `Mesh` or a `Volume`; the first match is used."""
 
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any, TypeAlias, TypeVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -28,12 +28,12 @@ def taken(
     unit: str | None = None,
     memory_limit: int | None = None,
 ) -> Mesh | Volume:
-    """Return a mesh as a `Mesh`, or anything else as a `Volume`, after checking that its surface fits into memory."""
+    """Return a mesh as a `Mesh`, or anything else as a `Volume` whose surface fits into memory."""
     mesh = as_mesh(source)
     if mesh is None:
         volume = as_volume(source, spacing=spacing, affine=affine)
         if unit not in (None, "mm") and spacing is None and affine is None and volume.is_placed:
-            raise InputError(f"unit is {unit!r}, but this volume defines its size in mm. Omit unit")
+            raise InputError(f"unit is {unit!r}, but this volume defines its voxel size in mm. Omit unit")
         check_memory(_BYTES_PER_VOXEL * volume.data.size, memory_limit, "crop or downsample the volume")
         return volume
     if unit is not None or mesh.path is not None or mesh.unit_remark is None:  # for files, the reader reports it
@@ -43,9 +43,13 @@ def taken(
 
 def as_mesh(source: object) -> Mesh | None:
     """Return a path, (points, faces), a `Mesh` or another package's mesh as a `Mesh`, or None for other input."""
-    for is_one, of in _MESHES:
-        if is_one(source):
-            return of(source)
+    if isinstance(source, Mesh):
+        return source
+    if isinstance(source, str | os.PathLike) and is_mesh_name(source):
+        return read_mesh(source)
+    if isinstance(source, tuple) and len(source) == 2:
+        points, faces = (array_of(part, "points and faces") for part in source)
+        return Mesh(points, faces)
     return mesh_of_object(source)
 
 
@@ -83,10 +87,9 @@ def as_volume(obj: object, *, spacing: Sequence[float] | None = None, affine: Ar
     >>> voxflat.io.as_volume(voxflat.samples.ball(), spacing=(0.5, 0.5, 1.0))
     <Volume: 24 x 24 x 24 of uint8, voxels of 0.5 x 0.5 x 1 mm, RAS>
     """
-    given = given_affine(spacing, affine)
-    is_file = isinstance(obj, str | os.PathLike)
-    with naming(obj if is_file else type(obj).__name__, REMEDY if is_file else "pass an array, a path or an image"):
-        volume = next(of(obj) for is_one, of in _VOLUMES if is_one(obj))
+    given, is_file = given_affine(spacing, affine), isinstance(obj, str | os.PathLike)
+    with naming(obj, REMEDY if is_file else "pass an array, a path or an image"):
+        volume = _volume(obj)
         if given is None:
             return volume
         if volume.is_placed:
@@ -94,48 +97,20 @@ def as_volume(obj: object, *, spacing: Sequence[float] | None = None, affine: Ar
         return replace(volume, affine=given, is_placed=True)
 
 
-def _is_path(source: object) -> bool:
-    return isinstance(source, str | os.PathLike)
-
-
-def _of_pair(pair: tuple[Any, Any]) -> Mesh:
-    points, faces = (array_of(part, "points and faces") for part in pair)
-    return Mesh(points, faces)
-
-
-def _of_array(given: object) -> Volume:
+def _volume(given: Any) -> Volume:
+    if isinstance(given, Volume):
+        return given
+    if isinstance(given, str | os.PathLike):
+        return volume_of_file(given)
+    if hasattr(given, "dataobj") and hasattr(given, "affine"):
+        return Volume._placed(*from_nibabel(given))
+    if hasattr(given, "GetBufferedRegion") and hasattr(given, "TransformIndexToPhysicalPoint"):
+        return Volume._placed(*from_itk(given))
+    if isinstance(given, np.ma.MaskedArray):
+        raise InputError("has a mask, which would be lost. Fill the array first, for example with .filled(0)")
     array = as_array(given)
     if array.dtype == object and is_values(given):
-        raise InputError("contains values, not a surface. Pass the surface to which they belong")
+        raise InputError("contains values, not a surface. Pass the surface to which the values belong")
     if array.dtype == object:
         raise InputError(f"this object is not supported. Pass {SUPPORTED}")
     return Volume._placed(array, None)
-
-
-def _of_masked(_: Any) -> Volume:
-    raise InputError("has a mask, which would be lost. Fill it first, for example with .filled(0)")
-
-
-T = TypeVar("T")
-_Kinds: TypeAlias = tuple[tuple[Callable[[Any], bool], Callable[[Any], T]], ...]
-
-_MESHES: _Kinds[Mesh] = (
-    (lambda given: isinstance(given, Mesh), lambda mesh: mesh),
-    (lambda given: _is_path(given) and is_mesh_name(given), read_mesh),
-    (lambda given: isinstance(given, tuple) and len(given) == 2, _of_pair),
-)
-
-_VOLUMES: _Kinds[Volume] = (
-    (lambda given: isinstance(given, Volume), lambda volume: volume),
-    (_is_path, volume_of_file),
-    (
-        lambda given: hasattr(given, "dataobj") and hasattr(given, "affine"),
-        lambda image: Volume._placed(*from_nibabel(image)),
-    ),
-    (
-        lambda given: hasattr(given, "GetBufferedRegion") and hasattr(given, "TransformIndexToPhysicalPoint"),
-        lambda image: Volume._placed(*from_itk(image)),
-    ),
-    (lambda given: isinstance(given, np.ma.MaskedArray), _of_masked),
-    (lambda _: True, _of_array),
-)

@@ -1,9 +1,8 @@
 """Define coordinate spaces: scanner RAS, the space of volumes, and tkRAS, in which FreeSurfer stores its surfaces.
 
-The origin of tkRAS (FreeSurfer's "surface RAS") is the centre of a volume. Its axes are
-defined as if the volume were conformed, with voxel axes that point left, inferior and anterior. Let D be the direction
-cosines of the volume's axes (columns xras, yras, zras), L those of a conformed volume, and c_ras the centre in scanner
-RAS. Then
+The origin of tkRAS (FreeSurfer's "surface RAS") is the centre of a volume. Its axes are defined as if the volume were
+conformed, with voxel axes that point left, inferior and anterior. Let D be the direction cosines of the volume's axes
+(columns xras, yras, zras), L those of a conformed volume, and c_ras the centre in scanner RAS. Then
 
     scanner RAS = D Lᵀ tkRAS + c_ras
 
@@ -70,7 +69,7 @@ class VolumeGeometry:
         checked_text(self.filename, "name of the volume's file")
         cosines, c_ras = (numbers_of(part, "axes and centre") for part in (self.cosines, self.c_ras))
         if cosines.shape != (3, 3) or c_ras.shape != (3,):
-            raise InputError(f"its axes and centre have shapes {cosines.shape}, {c_ras.shape}. Pass (3, 3) and (3,)")
+            raise InputError(f"its axes and centre have shapes {cosines.shape} and {c_ras.shape}. Pass (3, 3) and (3,)")
         if not np.isfinite(cosines).all() or np.abs(cosines.T @ cosines - np.eye(3)).max() > _ROUNDING:
             raise InputError(f"the axes of its volume, {cosines.T.tolist()}, are not orthonormal")
         if not np.isfinite(c_ras).all():
@@ -113,7 +112,7 @@ class VolumeGeometry:
     def of_volume(cls, affine: ArrayLike, shape: ArrayLike, filename: str = "") -> VolumeGeometry:
         """Return the geometry of a volume, or of the conformed volume with the same centre.
 
-        If the orientation of a volume differs from that of a conformed volume, its tkRAS would be rotated or mirrored.
+        The tkRAS of a volume with another orientation than a conformed volume would be rotated or mirrored.
 
         Parameters
         ----------
@@ -172,6 +171,11 @@ class VolumeGeometry:
         whole[:3, 3] = self.c_ras
         return whole + 0.0  # avoid -0
 
+    def _described(self) -> dict[str, Any]:
+        axes = {axis: self.cosines[:, n].tolist() for n, axis in enumerate(("xras", "yras", "zras"))}
+        sizes = {"volume": list(self.shape), "voxelsize": list(self.voxel_size)}
+        return {"filename": self.filename, **sizes, **axes, "cras": self.c_ras.tolist()}
+
     def __repr__(self) -> str:
         return f"<VolumeGeometry: c_ras {_numbers(self.c_ras)} mm>"
 
@@ -224,15 +228,7 @@ class Space:
         return {
             "name": self.name,
             "to_scanner": None if self._matrix is None else self._matrix.tolist(),
-            "volume": None
-            if volume is None
-            else {
-                "filename": volume.filename,
-                "volume": list(volume.shape),
-                "voxelsize": list(volume.voxel_size),
-                **{axis: volume.cosines[:, n].tolist() for n, axis in enumerate(("xras", "yras", "zras"))},
-                "cras": volume.c_ras.tolist(),
-            },
+            "volume": None if volume is None else volume._described(),
             "doubt": self.doubt,
         }
 
@@ -350,8 +346,7 @@ class Space:
             return "unknown, assumed to be scanner RAS"
         if self.volume is None:
             return "tkRAS with unknown c_ras: assumed to be scanner RAS"
-        is_turned = not np.array_equal(self.volume.matrix[:3, :3], np.eye(3))
-        turned = ", after a rotation" if is_turned else ""
+        turned = "" if np.array_equal(self.volume.matrix[:3, :3], np.eye(3)) else ", after a rotation"
         return f"tkRAS: for scanner RAS add c_ras {_numbers(self.volume.c_ras)} mm{turned}"
 
     def __repr__(self) -> str:

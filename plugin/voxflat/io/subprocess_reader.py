@@ -1,11 +1,10 @@
 """Run readers written in C++ in a child process.
 
-ITK and VTK trust the files that they read, and so do the decoders of Zarr chunks and pictures. A damaged file can crash
-the process, take all its memory, print messages, or never finish. Therefore they run in a child process, which is
-started on first use, kept, and restarted after a crash. The system limits its memory and time for each file, its output
-is discarded, and its answers are JSON and the bytes of arrays, which are checked here. If reading fails, the caller
-gets a one-line error. On systems without such limits (Windows, and macOS for memory), a file may take a long time and
-use much memory.
+ITK, VTK and the decoders of Zarr chunks and pictures trust the files that they read. A damaged file can crash the
+process, take all its memory, print messages, or never finish. Therefore, they run in a child process, which starts on
+first use and restarts after a crash. The system limits its memory and time for each file. Its output is discarded, and
+its answers, JSON and the bytes of arrays, are checked here. If reading fails, the caller gets a one-line error. Windows
+limits neither time nor memory, and macOS does not limit memory.
 """
 
 import atexit
@@ -37,6 +36,7 @@ _WAITING = 10  # wall-clock seconds per CPU second, for busy machines and slow d
 _INFLATED = 1032  # largest compression ratio of zlib
 _DYING = 1.0  # seconds to wait for the exit status of a child that does not answer
 _OWN = 1 << 28  # bytes of address space for the package itself
+_ARRAY = "voxflat array"  # key of the description of an array in an answer
 
 # signals that stop a process even within C++ code: their clock, and a factor for the seconds
 _TIMES = {}
@@ -60,9 +60,8 @@ def read_in_subprocess(
 ) -> Any:
     """Call a module-level function in the child process that reads a file with a C++ package.
 
-    It returns an array, None, a number, text, or lists and dictionaries of these; tuples become lists. `size` is the
-    number of bytes to read, if they are not all in that file. A crash of the child raises an `InputError`, and its
-    other errors raise a `RuntimeError`.
+    The function returns an array or JSON; tuples become lists. `size` is the number of bytes to read if they are not
+    all in that file. A crash of the child raises an `InputError`, and most other errors raise a `RuntimeError`.
     """
     global _child
     if importlib.util.find_spec(package) is None:
@@ -80,23 +79,19 @@ def read_in_subprocess(
         if _child is None or _child.poll() is not None:
             _child = _started()
         try:
-            told, arrays = _answer(_child, asked)
+            told = _answer(_child, asked)
         except BaseException:  # do not pass its late answer to the next caller
             _stop()
             raise
     if "error" in told:
         kind, *values = told["error"]
         raise {"InputError": InputError, "OSError": OSError, "RuntimeError": RuntimeError}[kind](*values)
-    return _put(told["value"], arrays)
+    return told["value"]
 
 
 # display name, and an attribute that triggers loading (ITK loads lazily)
-_PACKAGES = {
-    "itk": ("ITK", "ImageIOFactory"),
-    "vtkmodules": ("VTK", "__name__"),
-    "PIL": ("Pillow", "__name__"),
-    "zarr": ("Zarr", "__name__"),
-}
+_PACKAGES = {"itk": ("ITK", "ImageIOFactory"), "vtkmodules": ("VTK", "__name__")}
+_PACKAGES |= {"PIL": ("Pillow", "__name__"), "zarr": ("Zarr", "__name__")}
 
 _lock = threading.Lock()
 _child: subprocess.Popen[bytes] | None = None
@@ -117,31 +112,36 @@ def _started() -> subprocess.Popen[bytes]:
     )
 
 
-def _answer(child: subprocess.Popen[bytes], asked: dict[str, Any]) -> tuple[dict[str, Any], list[NDArray[Any]]]:
-    """Send a request to the child; return its answer and its arrays."""
-    assert child.stdin is not None
-    assert child.stdout is not None
-    line = b""
-    with contextlib.suppress(OSError):  # the pipe is broken: EPIPE, or EINVAL on Windows
-        child.stdin.write(json.dumps(asked).encode() + b"\n")
-        line = child.stdout.readline()
-    if not line.endswith(b"\n"):
-        raise InputError(_end_of(child, asked))
-    told = json.loads(line)
-    kinds = [(np.dtype(kind), [int(length) for length in shape], order) for kind, shape, order in told["arrays"]]
-    if any(kind.hasobject for kind, _, _ in kinds):
-        raise InputError(_end_of(child, asked))
-    check_room(sum(kind.itemsize * math.prod(shape) for kind, shape, _ in kinds))
-    arrays = []
-    for kind, shape, order in kinds:
+def _answer(child: subprocess.Popen[bytes], asked: dict[str, Any]) -> dict[str, Any]:
+    """Send a request to the child; return its answer, in which arrays replace their descriptions."""
+    requests, answers, sizes = child.stdin, child.stdout, list[int]()
+    assert requests is not None
+    assert answers is not None
+
+    def received(found: dict[str, Any]) -> Any:
+        if not isinstance(described := found.get(_ARRAY), list):
+            return found
+        kind, shape, order = np.dtype(described[0]), described[1], described[2]
+        if kind.hasobject:
+            raise InputError(_end_of(child, asked))
+        sizes.append(kind.itemsize * math.prod(shape))
+        check_room(sum(sizes))
         array = np.empty(shape, kind)
         rest = array.reshape(-1).view(np.uint8).data
         while rest:
-            if not (count := child.stdout.readinto(rest)):  # type: ignore[attr-defined]
+            if not (count := answers.readinto(rest)):  # type: ignore[attr-defined]
                 raise InputError(_end_of(child, asked))
             rest = rest[count:]
-        arrays.append(array.transpose(order))
-    return told, arrays
+        return array.transpose(order)
+
+    line = b""
+    with contextlib.suppress(OSError):  # the pipe is broken: EPIPE, or EINVAL on Windows
+        requests.write(json.dumps(asked).encode() + b"\n")
+        line = answers.readline()
+    if not line.endswith(b"\n"):
+        raise InputError(_end_of(child, asked))
+    told: dict[str, Any] = json.loads(line, object_hook=received)  # in the order of the text, as the child sends them
+    return told
 
 
 def _end_of(child: subprocess.Popen[bytes], asked: dict[str, Any]) -> str:
@@ -152,14 +152,12 @@ def _end_of(child: subprocess.Popen[bytes], asked: dict[str, Any]) -> str:
         if status == -timer:
             return f"{name} did not finish reading the file within {asked['seconds'] * times} s. {AGAIN}"
     how = signal.Signals(-status).name if status < 0 else f"status {status}"
-    return (
-        f"{name} ended while it read the file ({how}, memory limit {amount(asked['memory'])}). {AGAIN}, or "
-        "allow more memory"
-    )
+    limit = amount(asked["memory"])
+    return f"{name} ended while it read the file ({how}, memory limit {limit}). {AGAIN}, or allow more memory"
 
 
 def _stop(patience: float = 0.0) -> None:
-    """Stop the child, which only reads files, after waiting some seconds for it to end by itself."""
+    """Stop the child, which only reads files, after giving it some seconds to end by itself."""
     global _child
     child, _child = _child, None
     if child is not None:
@@ -178,7 +176,7 @@ def _close(child: subprocess.Popen[bytes]) -> None:
 
 
 def _forget() -> None:
-    """Leave the child to the process that forked this one."""
+    """Forget the child of the process that forked this one."""
     global _child, _lock
     if _child is not None:
         _close(_child)
@@ -191,9 +189,6 @@ if hasattr(os, "register_at_fork"):
     os.register_at_fork(after_in_child=_forget)
 
 
-# --------------------------------------------------------------------------------------------- the child
-
-
 def serve() -> None:
     """Answer the requests that `read_in_subprocess` sends to standard input, until the input ends."""
     requests, answers = os.fdopen(os.dup(0), "rb"), os.fdopen(os.dup(1), "wb")
@@ -202,12 +197,12 @@ def serve() -> None:
         os.dup2(nowhere, stream)
     sys.addaudithook(_refuse_pipe)
     for line in requests:
-        asked, arrays = json.loads(line), list[NDArray[Any]]()
+        asked = json.loads(line)
         try:
-            answer: dict[str, Any] = {"value": _taken(_called(**asked), arrays)}
+            answer: dict[str, Any] = {"value": _called(**asked)}
         except Exception as error:
             answer = {"error": _as_answer(error, asked["arguments"][0])}
-        _send(answers, answer, arrays)
+        _send(answers, answer)
 
 
 def _refuse_pipe(event: str, values: tuple[Any, ...]) -> None:
@@ -222,12 +217,10 @@ def _refuse_pipe(event: str, values: tuple[Any, ...]) -> None:
 
 def _as_answer(error: Exception, path: str) -> list[Any]:
     """Return the type of an error and its values; the caller adds the file name."""
-    if (
-        isinstance(error, OSError) and error.errno is not None
-    ):  # errors without errno come from readers of damaged files
+    if isinstance(error, OSError) and error.errno is not None:  # readers of damaged files raise errors without errno
         return ["OSError", error.errno, error.strerror, error.filename]
     if isinstance(error, MemoryError):
-        return ["InputError", "reading it needs more memory than is available. Crop it, or allow more memory"]
+        return ["InputError", "needs more memory than is available. Crop it, or allow more memory"]
     text = str(error).replace(path, Path(path).name)
     return ["InputError", text] if isinstance(error, InputError) else ["RuntimeError", one_line(RuntimeError(text))]
 
@@ -268,33 +261,16 @@ def _limit_addresses(most: int | None) -> None:
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
 
 
-def _taken(value: Any, arrays: list[NDArray[Any]]) -> Any:
-    """Replace the arrays in a value with numbers, and collect the arrays."""
-    if isinstance(value, np.ndarray):
-        arrays.append(value)
-        return {"array": len(arrays) - 1}
-    if isinstance(value, dict):
-        return {"dict": {key: _taken(one, arrays) for key, one in value.items()}}
-    return [_taken(one, arrays) for one in value] if isinstance(value, tuple | list) else value
+def _send(answers: IO[bytes], answer: dict[str, Any]) -> None:
+    """Write an answer with descriptions of its arrays, and then the bytes of the arrays as they are in memory."""
+    blocks: list[NDArray[Any]] = []
 
-
-def _put(value: Any, arrays: list[NDArray[Any]]) -> Any:
-    """Replace the numbers in a value with their arrays."""
-    if isinstance(value, dict):
-        if "array" in value:
-            return arrays[value["array"]]
-        return {key: _put(one, arrays) for key, one in value["dict"].items()}
-    return [_put(one, arrays) for one in value] if isinstance(value, list) else value
-
-
-def _send(answers: IO[bytes], answer: dict[str, Any], arrays: list[NDArray[Any]]) -> None:
-    """Write an answer, and the bytes of its arrays as they are in memory."""
-    kinds, blocks = [], []
-    for array in arrays:
+    def described(array: NDArray[Any]) -> dict[str, Any]:
         order = np.argsort([-abs(stride) for stride in array.strides], kind="stable")
         blocks.append(np.ascontiguousarray(array.transpose(order)))
-        kinds.append([array.dtype.str, blocks[-1].shape, np.argsort(order).tolist()])
-    answers.write(json.dumps({**answer, "arrays": kinds}).encode() + b"\n")
+        return {_ARRAY: [array.dtype.str, blocks[-1].shape, np.argsort(order).tolist()]}
+
+    answers.write(json.dumps(answer, default=described).encode() + b"\n")
     for block in blocks:
         answers.write(block.reshape(-1).view(np.uint8).data)
     answers.flush()

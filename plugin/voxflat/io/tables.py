@@ -21,7 +21,7 @@ _MISSING = ("", "n/a", "na", "nan")
 class PointTable:
     """Store the points of a table and its other columns."""
 
-    points: NDArray[np.float64]  # (P, 3), mm; NaN for missing coordinates
+    points: NDArray[np.float64]  # (P, 3), in mm; NaN for missing coordinates
     header: list[str]  # empty if the file has none
     rows: list[list[str]]  # all cells, as read
 
@@ -44,7 +44,7 @@ def read_points(path: str | os.PathLike[str]) -> PointTable:
     with naming(path, "provide columns x, y and z in mm"):
         ending = path.suffix.lower()
         if ending not in TABLE_ENDINGS:
-            raise InputError(f"points can be read from {', '.join(TABLE_ENDINGS)}")
+            raise InputError(f"unknown file name ending {path.suffix!r}. Use one of {', '.join(TABLE_ENDINGS)}")
         text = contents(path).decode("utf-8-sig")
         lines = text.splitlines()
         if ending == ".txt":
@@ -53,7 +53,7 @@ def read_points(path: str | os.PathLike[str]) -> PointTable:
             table = csv.reader(lines, delimiter="\t" if ending == ".tsv" else ",")
             rows = [[cell.strip() for cell in row] for row in table if any(cell.strip() for cell in row)]
         if not rows:
-            raise InputError("is empty")
+            raise InputError("is empty. Write one point per row")
         header: list[str] = []
         if not any(_is_number(cell) and cell for cell in rows[0]):
             header, rows = rows[0], rows[1:]
@@ -65,10 +65,10 @@ def read_points(path: str | os.PathLike[str]) -> PointTable:
                 raise InputError(f"row {n + 1} has {len(row)} cells, but other rows have {len(header or rows[0])}")
             for axis, column in enumerate(at):
                 if not _is_number(row[column]):
-                    raise InputError(f"row {n + 1}: {row[column]!r} is not a number")
+                    raise InputError(f"row {n + 1}: {row[column]!r} is not a number. Write a coordinate in mm, or n/a")
                 points[n, axis] = np.nan if row[column].lower() in _MISSING else float(row[column])
         if not rows:
-            raise InputError("has a header, but no points")
+            raise InputError("has a header, but no points. Write one point per row")
         return PointTable(points, header, rows)
 
 

@@ -1,6 +1,7 @@
 """Check triangles, and split polygons and strips into triangles; the surface formats share these functions."""
 
 from collections import Counter
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -8,19 +9,21 @@ from numpy.typing import ArrayLike, NDArray
 from voxflat.arguments import array_of, is_whole, shown
 from voxflat.errors import InputError
 
-TRIANGULATE = "Triangulate it first, for example with mesh.triangulate() of PyVista"
+Points: TypeAlias = NDArray[np.float64]  # (N, 3), or (N, 2) for texture coordinates
+Faces: TypeAlias = NDArray[np.int64]  # (F, 3)
+
+TRIANGULATE = "Triangulate it first, for example with PyVista's mesh.triangulate()"
 
 _MOST_CORNERS = 1000  # largest number of corners of a polygon to split
 
 
 def triangulated(
-    points: NDArray[np.float64], corners: NDArray[np.int64], counts: NDArray[np.int64]
+    points: Points, corners: NDArray[np.int64], counts: NDArray[np.int64]
 ) -> tuple[NDArray[np.int64], tuple[str, ...]]:
-    """Split polygons into triangles without adding points; return positions (T, 3) in `corners`, and remarks.
+    """Split polygons, given by all corners and the number of corners of each, into triangles with the same orientation.
 
-    The corners of all polygons are concatenated, and `counts` holds the number of corners of each. Triangles keep the
-    orientation of the polygon. Quadrilaterals are split along the shorter interior diagonal, and other polygons by ear
-    clipping, which cuts along the shortest diagonal first.
+    Quadrilaterals are split along the shorter interior diagonal, other polygons by ear clipping, which cuts along the
+    shortest diagonal first. Return positions (T, 3) in `corners`, and remarks.
     """
     odd = np.flatnonzero((counts < 3) | (counts > _MOST_CORNERS))
     if len(odd):
@@ -31,8 +34,8 @@ def triangulated(
     bad = np.flatnonzero((corners < 0) | (corners >= len(points)))
     if len(bad):
         face = int(np.searchsorted(starts, bad[0], side="right")) - 1
-        what = f"face {face} has the corner {corners[bad[0]]}"
-        raise InputError(f"{what}, but the surface has the points 0 to {len(points) - 1}")
+        corner = corners[bad[0]]
+        raise InputError(f"face {face} has the corner {corner}, but the surface has the points 0 to {len(points) - 1}")
     ends = np.cumsum(counts - 2)
     triangles = np.empty((ends[-1], 3), dtype=np.int64)
     three = counts == 3
@@ -49,8 +52,8 @@ def triangulated(
         polygon = corners[starts[face] : starts[face] + counts[face]]
         triangles[ends[face] - counts[face] + 2 : ends[face]] = starts[face] + _ears(points[polygon])
     kinds = sorted(Counter(counts[counts > 3].tolist()).items())
-    found = ", ".join(f"{number} face{'s' if number > 1 else ''} of {n} corners" for n, number in kinds[:5])
-    return triangles, (f"{found}{', ...' if len(kinds) > 5 else ''} were split into triangles",)
+    found = ", ".join(f"{number} with {n} corners" for n, number in kinds[:5]) + ", ..." * (len(kinds) > 5)
+    return triangles, (f"polygons were split into triangles ({found})",)
 
 
 def _halves(quads: NDArray[np.float64], turn: int) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
@@ -85,13 +88,10 @@ def _ears(polygon: NDArray[np.float64]) -> NDArray[np.int64]:
     return np.array([*triangles, left], dtype=np.int64)
 
 
-def _holds(
-    corners: NDArray[np.float64], a: NDArray[np.float64], b: NDArray[np.float64], c: NDArray[np.float64], ear: int
-) -> bool:
+def _holds(corners: Points, a: Points, b: Points, c: Points, ear: int) -> bool:
     """Return whether the triangle of an ear contains another corner of the polygon."""
     inside = (_cross(b - a, corners - a) >= 0) & (_cross(c - b, corners - b) >= 0) & (_cross(a - c, corners - c) >= 0)
-    n = len(corners)
-    inside[[ear - 1, ear, (ear + 1) % n]] = False
+    inside[[ear - 1, ear, (ear + 1) % len(corners)]] = False
     same = (corners == a).all(axis=1) | (corners == b).all(axis=1) | (corners == c).all(axis=1)
     return bool((inside & ~same).any())
 
@@ -125,11 +125,11 @@ def check_faces(faces: ArrayLike, n: int) -> NDArray[np.int64]:
     return np.ascontiguousarray(array, dtype=np.int64)
 
 
-def as_float32(points: NDArray[np.float64]) -> NDArray[np.float32]:
+def as_float32(points: Points) -> NDArray[np.float32]:
     """Round to float32; raise an error for values that it cannot represent."""
     with np.errstate(over="ignore"):
         rounded = points.astype(np.float32)
     bad = np.flatnonzero(~np.isfinite(rounded).all(axis=1))
     if len(bad):
-        raise InputError(f"point {bad[0]}, {points[bad[0]].tolist()}, is too large for the float32 of this format")
+        raise InputError(f"point {bad[0]}, {points[bad[0]].tolist()}, is too large for float32, which this format uses")
     return rounded

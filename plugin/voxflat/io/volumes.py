@@ -24,6 +24,8 @@ from voxflat.io.readers import ITK_TYPES, LPS_TO_RAS, READERS, read
 VOLUME_ENDINGS = tuple(READERS)
 """Endings of the names of volume files."""
 
+_CHECK = "check that this format can hold it"
+
 
 @dataclass(frozen=True, eq=False)
 class Volume(Recorded):
@@ -138,8 +140,6 @@ def read_volume(path: str | os.PathLike[str]) -> Volume:
     ------
     InputError
         The file is damaged, is in another format, is not a single volume, or has a sheared affine or an unknown unit.
-    FileNotFoundError, PermissionError
-        The file cannot be opened.
 
     See Also
     --------
@@ -191,8 +191,6 @@ def write_volume(
     ------
     InputError
         The format cannot hold the volume.
-    OSError
-        The file cannot be written.
 
     See Also
     --------
@@ -204,7 +202,7 @@ def write_volume(
     """
     path = checked_path(path)
     write = check_volume_name(path)
-    with atomic_path(path) as temporary, naming(path, "check that this format can hold it"):
+    with atomic_path(path) as temporary, naming(path, _CHECK):
         volume = Volume(array_of(data, "values"), check_affine(affine))
         if has_unit or write is not _write_nifti:
             write(temporary, volume, record)
@@ -214,10 +212,8 @@ def write_volume(
 
 def check_volume_name(path: Path) -> Callable[[Path, Volume, Record | None], None]:
     """Return the writer for a file name; raise an error if no volume format matches."""
-    with naming(path, "check that this format can hold it"):
-        return by_ending(
-            path, _WRITERS, "written. The formats .mhd and .nhdr consist of two files; use .mha or .nrrd instead"
-        )
+    with naming(path, _CHECK):
+        return by_ending(path, _WRITERS, ". The formats .mhd and .nhdr consist of two files and cannot be written")
 
 
 def _check_data(data: NDArray[Any]) -> NDArray[Any]:
@@ -238,10 +234,6 @@ def _write_npy(path: Path, volume: Volume, _: Record | None) -> None:
     save_array(path, volume.data)
 
 
-def _write_npz(path: Path, volume: Volume, _: Record | None) -> None:
-    np.savez_compressed(path, data=volume.data, affine=volume.affine)
-
-
 def _write_mgh(path: Path, volume: Volume, _: Record | None) -> None:
     nibabel = require("nibabel")
     data = _storable(volume.data)
@@ -257,7 +249,7 @@ def _write_nifti(path: Path, volume: Volume, record: Record | None, unit: str = 
         colour = np.dtype([(name, "u1") for name in "RGBA"[: data.shape[3]]])
         data = np.ascontiguousarray(data).view(colour)[..., 0]
     if max(data.shape) > np.iinfo(np.int16).max:  # nibabel would write a file that only FreeSurfer can read
-        raise InputError(f"shape {data.shape} is too long for NIfTI-1. Use .nrrd or .npz")
+        raise InputError(f"shape {data.shape} is too large for NIfTI-1. Use .nrrd or .npz")
     image = nibabel.Nifti1Image(data, volume.affine, dtype=data.dtype)
     image.set_sform(volume.affine, "scanner")
     image.set_qform(volume.affine, "scanner")
@@ -267,15 +259,11 @@ def _write_nifti(path: Path, volume: Volume, record: Record | None, unit: str = 
     nibabel.save(image, path)
 
 
-def _write_metaimage(path: Path, volume: Volume, _: Record | None) -> None:
-    if volume.data.ndim != 3:
-        raise InputError("a MetaImage cannot mark its channels as colours. Use .nii.gz or .nrrd")
-    _write_itk(path, volume, None)
-
-
 def _write_itk(path: Path, volume: Volume, _: Record | None) -> None:
     itk = require("itk")
     data = _storable(volume.data)
+    if data.ndim != 3 and path.suffix.lower() == ".mha":
+        raise InputError("a MetaImage cannot mark its channels as colours. Use .nii.gz or .nrrd")
     if data.dtype.name not in ITK_TYPES:
         raise InputError(f"ITK cannot write {data.dtype}. Convert the values to one of {', '.join(ITK_TYPES)}")
     kji = np.ascontiguousarray(data.transpose(2, 1, 0, *range(3, data.ndim)))
@@ -295,12 +283,9 @@ def _storable(data: NDArray[Any]) -> NDArray[Any]:
 
 
 _WRITERS: dict[str, Callable[[Path, Volume, Record | None], None]] = {
-    ".nii": _write_nifti,
-    ".nii.gz": _write_nifti,
-    ".nrrd": _write_itk,
-    ".mha": _write_metaimage,
-    ".mgh": _write_mgh,
-    ".mgz": _write_mgh,
+    **dict.fromkeys((".nii", ".nii.gz"), _write_nifti),
+    **dict.fromkeys((".nrrd", ".mha"), _write_itk),
+    **dict.fromkeys((".mgh", ".mgz"), _write_mgh),
     ".npy": _write_npy,
-    ".npz": _write_npz,
+    ".npz": lambda path, volume, _: np.savez_compressed(path, data=volume.data, affine=volume.affine),
 }

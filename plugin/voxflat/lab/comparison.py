@@ -1,6 +1,7 @@
-"""Comparison of hemispheres: outliers, and means over maps with standard cuts."""
+"""Compare hemispheres: find outliers, and average maps with standard cuts."""
 
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -18,7 +19,7 @@ _NORMAL = 0.6745  # median absolute deviation of a normal distribution with stan
 
 @dataclass(frozen=True)
 class Row:
-    """A row of the table: one hemisphere."""
+    """A row of the table, which describes one hemisphere."""
 
     name: str
     session: str  # _ses-02, or empty
@@ -31,7 +32,7 @@ class Row:
 
 @dataclass(frozen=True, eq=False)
 class Mean:
-    """Mean and standard deviation of standard maps; NaN where fewer than half, or fewer than two, have values."""
+    """Mean and standard deviation of standard maps; NaN where fewer than half, or fewer than two, have a value."""
 
     name: str
     letter: str
@@ -40,19 +41,15 @@ class Mean:
     count: NDArray[np.int64]  # (H, W): number of maps with a value there
 
 
-@dataclass
 class Sums:
-    """Running mean and sum of squared deviations of maps, pixel by pixel, on a common grid (Welford 1962)."""
+    """Running mean and sum of squared deviations of maps, pixel by pixel, on a common grid (Welford 1962).
 
-    low: tuple[float, float]  # smallest (u, v) of all maps, mm
-    high: tuple[float, float]
-    maps: int = 0
-    count: NDArray[np.int64] = field(init=False)
-    mean: NDArray[np.float64] = field(init=False)
-    squares: NDArray[np.float64] = field(init=False)
+    The grid covers all maps: `low` and `high` are their smallest and largest (u, v), in mm.
+    """
 
-    def __post_init__(self) -> None:
-        (left, bottom), (right, upper) = np.floor(self.low), np.ceil(self.high)
+    def __init__(self, low: Sequence[float], high: Sequence[float]) -> None:
+        (left, bottom), (right, upper) = np.floor(low), np.ceil(high)
+        self.maps = 0
         u, v = np.arange(left, right + _PIXEL, _PIXEL), np.arange(upper, bottom - _PIXEL, -_PIXEL)
         self.places = np.stack(np.meshgrid(u, v), axis=-1)
         shape = self.places.shape[:2]
@@ -79,11 +76,10 @@ class Sums:
         deviation = np.where(enough, np.sqrt(self.squares / np.maximum(self.count - 1, 1)), np.nan)
         origin = (float(self.places[0, 0, 0]), float(self.places[0, 0, 1]))
         record = {"voxflat": __version__, "function": "group", "parameters": {"of": name, "maps": self.maps}}
-        images = [
-            FlatImage(data, _PIXEL, origin, f"{what} of {name}", labels=False, provenance=record)
-            for what, data in (("mean", mean), ("standard deviation", deviation))
-        ]
-        return Mean(name, letter, images[0], images[1], self.count)
+        how: dict[str, Any] = {"labels": False, "provenance": record}
+        of_mean = FlatImage(mean, _PIXEL, origin, f"mean of {name}", **how)
+        of_deviation = FlatImage(deviation, _PIXEL, origin, f"standard deviation of {name}", **how)
+        return Mean(name, letter, of_mean, of_deviation, self.count)
 
 
 def outliers(values: NDArray[np.float64]) -> NDArray[np.bool_]:

@@ -12,30 +12,23 @@ from typing import Any
 from voxflat._core import __version__
 from voxflat.errors import InputError
 from voxflat.io.files import atomic_path
+from voxflat.io.reading import hash_of
 from voxflat.lab.inputs import Hemisphere, Parameters
 from voxflat.lab.results import Results, read_record
 
 _FORMAT = 1  # version of the output; increase it to make all results again at the next run
-_BLOCK = 1 << 20
 _HEAD = 4096  # number of bytes at the beginning of a page that contain its key
 
 Request = dict[str, Any]
-"""What determines results: ``voxflat`` (version), ``parameters``, and ``inputs`` (path and SHA-256 of each file)."""
+"""Everything that determines results: ``voxflat`` (version), ``parameters``, and ``inputs`` (paths and SHA-256)."""
 
 
 def request(hemisphere: Hemisphere, parameters: Parameters) -> Request:
     """Return everything that determines the results; they are up to date as long as it does not change."""
-    inputs = {name: {"path": os.fspath(path), "sha256": _sha256(path)} for name, path in hemisphere.everything.items()}
+    files = {**hemisphere.files, **{f"overlay {name}": path for name, path in hemisphere.overlays.items()}}
+    inputs = {name: {"path": os.fspath(path), "sha256": hash_of(path)} for name, path in files.items()}
     options = {**asdict(parameters), "overlays": list(parameters.overlays), "hemi": hemisphere.letter}
     return {"voxflat": __version__, "format": _FORMAT, "parameters": options, "inputs": inputs}
-
-
-def _sha256(path: Path) -> str:
-    hashed = hashlib.sha256()
-    with path.open("rb") as file:
-        while block := file.read(_BLOCK):
-            hashed.update(block)
-    return hashed.hexdigest()
 
 
 def state(results: Results, wanted: Request) -> tuple[str, str]:

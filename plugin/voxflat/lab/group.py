@@ -14,7 +14,7 @@ from voxflat.lab.comparison import Mean, Row, Sums, outliers
 from voxflat.lab.freshness import is_page_of, page_key, write_json, write_text
 from voxflat.lab.inputs import HEMISPHERES, participants
 from voxflat.lab.results import FIGURES, LoadedResults, Results, figure_of, read_record
-from voxflat.lab.study import NO_FILES, pages_of, results_of
+from voxflat.lab.study import NO_FILES, Job
 from voxflat.maps.flat_map import FlatMap
 
 _COUNTS = ("triangles.flipped", "triangles.covering", "triangles.crossings")  # a correct map has none
@@ -22,14 +22,10 @@ _STEM = "group_desc-voxflat"
 
 
 def group(source: Path, out: Path, labels: Sequence[str] = ()) -> dict[str, Any]:
-    """Compare the participants of a study.
+    """Compare the participants of a study, and write a table, images of means and a page into its output directory.
 
-    `source`, `labels`: as in `participants`; participants without results are listed as well. `out`: the output
-    directory of `study`. It receives ``group_desc-voxflat_measures.tsv`` (with a ``.json`` that describes it), images
-    of means and standard deviations (``.nii.gz``) and the page ``group.html``. Returns a dict: ``maps`` (number of
-    maps), ``missing`` (reasons, keyed by participant and hemisphere), ``outliers`` (measures, with the same keys), and
-    ``written`` (names of written files; empty if all were up to date). Raises InputError if there are no results, and
-    OSError if a file cannot be read or written.
+    Return the number of ``maps``, the reasons why maps are ``missing`` and the ``outliers`` (measures), both keyed by
+    participant and hemisphere, and the names of the files ``written`` (none if all were up to date).
     """
     rows = _with_outliers(list(_rows(source, out, labels)))
     there = [row for row in rows if row.record is not None]
@@ -53,15 +49,8 @@ def group(source: Path, out: Path, labels: Sequence[str] = ()) -> dict[str, Any]
         write_json(table.with_suffix(".json"), _columns())
         write_text(page, study_page(rows, means, maps, key))
         written += [table.name, table.with_suffix(".json").name, page.name]
-    return {
-        "maps": len(there),
-        "missing": reasons,
-        "outliers": {f"{row.name}{row.session} {row.letter}": list(row.outliers) for row in rows if row.outliers},
-        "written": written,
-    }
-
-
-# -------------------------------------------------------------------------------------------- rows
+    found = {f"{row.name}{row.session} {row.letter}": list(row.outliers) for row in rows if row.outliers}
+    return {"maps": len(there), "missing": reasons, "outliers": found, "written": written}
 
 
 def _rows(source: Path, out: Path, labels: Sequence[str]) -> Iterator[Row]:
@@ -69,15 +58,14 @@ def _rows(source: Path, out: Path, labels: Sequence[str]) -> Iterator[Row]:
     for one in participants(source, labels):
         session = f"_ses-{one.session}" if one.session else ""
         about = (f"sub-{one.label}", session)
-        page = pages_of(one, out).name
-        found = False
+        job = Job.of(one, out)
+        page, found = job.page.name, False
         for hemi, (letter, _) in HEMISPHERES.items():
-            results = results_of(one, out)(hemi)
+            results = job.results(hemi)
+            found = found or results.failure.is_file() or results.record.is_file()
             if results.failure.is_file():
-                found = True
                 yield Row(*about, letter, page, None, _reason(results))
             elif results.record.is_file():
-                found = True
                 try:
                     yield Row(*about, letter, page, read_record(results.record))
                 except InputError as error:
@@ -90,7 +78,7 @@ def _reason(results: Results) -> str:
     try:
         return str(json.loads(results.failure.read_text(encoding="utf-8"))["reason"])
     except (ValueError, KeyError, OSError):
-        return f"{results.failure} is damaged: run voxflat bids participant again"
+        return f"{results.failure} is damaged. Run voxflat bids again at the level participant"
 
 
 def _with_outliers(rows: list[Row]) -> list[Row]:
@@ -99,18 +87,11 @@ def _with_outliers(rows: list[Row]) -> list[Row]:
     for letter in ("L", "R"):
         own = [n for n, row in enumerate(rows) if row.letter == letter and row.record is not None]
         for place in _places([rows[n].record or {} for n in own]):
-            values = np.array([_number(figure_of(rows[n].record or {}, place)) for n in own])
+            values = np.array([figure_of(rows[n].record or {}, place) for n in own], dtype=np.float64)  # None is NaN
             far = values > 0 if place in _COUNTS else outliers(values) if place in FIGURES else np.zeros(len(own), bool)
             for n in np.array(own, dtype=int)[far].tolist():
                 marks.setdefault(n, []).append(place)
     return [replace(row, outliers=tuple(marks.get(n, ()))) for n, row in enumerate(rows)]
-
-
-def _number(value: float | None) -> float:
-    return np.nan if value is None else float(value)
-
-
-# ------------------------------------------------------------------------------------------- table
 
 
 def _places(records: Sequence[Mapping[str, Any]]) -> list[str]:
@@ -151,30 +132,27 @@ def _cell(value: Any) -> str:
 
 def _columns() -> dict[str, Any]:
     """Return the description of the columns."""
+    scale = "at the scale that preserves the total area"
     described = {
         "status": "done, or missing if there is no map",
-        "reason": "why there is no map",
-        "outliers": "columns in which the hemisphere is an outlier among those of its side (modified z score > 3.5), "
-        "or whose count of flipped triangles, covering triangles or boundary crossings is not 0",
+        "reason": "reason why there is no map",
+        "outliers": "columns in which the hemisphere is an outlier among the hemispheres of its side (modified z score "
+        "above 3.5), and columns with a nonzero count of flipped triangles, covering triangles or boundary crossings",
         "cuts": "source of the cuts: standard, automatic, given, or the name of a template",
         "points": "number of vertices on the map",
         "width": {"Description": "width of the map", "Units": "mm"},
         "height": {"Description": "height of the map", "Units": "mm"},
-        "raw.relative_error": "mean of |d - δ|/δ over pairs of points, d on the map and δ on the cut surface",
-        "best_scale.relative_error": "the same at the scale of the map that minimises it",
-        "triangles.equal_area_p95": "95th percentile of |log2(map area / surface area)|, total area preserved",
-        "triangles.area_beyond_1_5": "share of the surface whose area changes by a factor above 1.5, area preserved",
+        "raw.relative_error": "mean of |d - δ|/δ over pairs of points, for distances d on the map and δ on the surface",
+        "best_scale.relative_error": "raw.relative_error at the scale of the map that minimises it",
+        "triangles.equal_area_p95": f"95th percentile of |log2(map area / surface area)|, {scale}",
+        "triangles.area_beyond_1_5": f"share of the surface whose area changes by more than a factor of 1.5, {scale}",
     }
     return {name: {"Description": of} if isinstance(of, str) else of for name, of in described.items()}
-
-
-# ------------------------------------------------------------------------------------------- means
 
 
 def _means(out: Path, rows: Sequence[Row], show: Callable[[Row, FlatMap], None]) -> list[Mean]:
     """Return means over standard maps, and pass every map to `show`; one map is in memory at a time."""
     sums: dict[tuple[str, str], Sums] = {}
-    ends = _ends(rows)
     for row in rows:
         shown = LoadedResults.read(_results(out, row))
         show(row, shown.flat_map)
@@ -182,8 +160,9 @@ def _means(out: Path, rows: Sequence[Row], show: Callable[[Row, FlatMap], None])
             continue
         for name in (*shown.record["overlays"], "curvature"):
             if name in shown.values:
-                own = sums.setdefault((name, row.letter), Sums(*ends[row.letter]))
-                own.add(shown.flat_map, shown.values[name])
+                if (key := (name, row.letter)) not in sums:
+                    sums[key] = Sums(*_ends(rows, row.letter))
+                sums[key].add(shown.flat_map, shown.values[name])
     return [of.result(name, letter) for (name, letter), of in sorted(sums.items()) if of.maps > 1]
 
 
@@ -192,13 +171,7 @@ def _results(out: Path, row: Row) -> Results:
     return Results.in_bids(out / row.name / session / "anat", row.name + row.session, row.letter)
 
 
-def _ends(rows: Sequence[Row]) -> dict[str, tuple[tuple[float, float], tuple[float, float]]]:
-    """Return the smallest and largest (u, v) of all maps of each side."""
-    found: dict[str, tuple[tuple[float, float], tuple[float, float]]] = {}
-    for letter in ("L", "R"):
-        own = [row.record["map"] for row in rows if row.letter == letter and row.record is not None]
-        if own:
-            low = np.min([of["low"] for of in own], axis=0)
-            high = np.max([of["high"] for of in own], axis=0)
-            found[letter] = (float(low[0]), float(low[1])), (float(high[0]), float(high[1]))
-    return found
+def _ends(rows: Sequence[Row], letter: str) -> tuple[list[float], list[float]]:
+    """Return the smallest and largest (u, v) of all maps of a side."""
+    own = [row.record["map"] for row in rows if row.letter == letter and row.record is not None]
+    return np.min([of["low"] for of in own], axis=0).tolist(), np.max([of["high"] for of in own], axis=0).tolist()

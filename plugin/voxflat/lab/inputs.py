@@ -1,4 +1,4 @@
-"""Find the input files of hemispheres in FreeSurfer directories or sMRIPrep derivatives, or as segmentations."""
+"""Find the input files of hemispheres in FreeSurfer directories, sMRIPrep derivatives or segmentations."""
 
 import re
 from collections.abc import Iterator, Sequence
@@ -28,7 +28,7 @@ class Parameters:
     cuts: str = "standard"  # or "automatic", or a file; {hemi} in its name stands for lh or rh, or L or R
     geometry: str = "midthickness"  # one of `GEOMETRIES`, on which distances are measured
     volume: bool = False  # whether to start from a white-matter volume instead of surfaces
-    overlays: tuple[str, ...] = ()  # names, or files with {hemi} and {subject}; by default, thickness
+    overlays: tuple[str, ...] = ()  # names, or files with {hemi} and {subject}; thickness by default
     seed: int = 0
 
 
@@ -46,16 +46,6 @@ class Hemisphere:
         """The BIDS letter: L or R."""
         return HEMISPHERES[self.hemi][0]
 
-    @property
-    def side(self) -> str:
-        """The side: "left" or "right"."""
-        return HEMISPHERES[self.hemi][1]
-
-    @property
-    def everything(self) -> dict[str, Path]:
-        """All files, including overlays."""
-        return {**self.files, **{f"overlay {name}": path for name, path in self.overlays.items()}}
-
 
 @dataclass(frozen=True)
 class Participant:
@@ -69,9 +59,6 @@ class Participant:
     def name(self) -> str:
         """The prefix of file names: ``sub-01``, ``sub-01_ses-02``."""
         return f"sub-{self.label}" + (f"_ses-{self.session}" if self.session else "")
-
-
-# ------------------------------------------------------------------------------------- hemispheres
 
 
 def found_in(folder: Path, hemi: str, parameters: Parameters) -> Hemisphere:
@@ -120,7 +107,7 @@ def _name_of(overlay: str) -> str:
 
 
 class _FreeSurfer:
-    """Finds files in a subject directory of recon-all."""
+    """Find files in a subject directory of recon-all."""
 
     _PLACES: ClassVar[dict[str, str]] = {
         "white": "surf/{hemi}.white",
@@ -142,15 +129,14 @@ class _FreeSurfer:
         return path if path.is_file() else None
 
     def needed(self, name: str) -> Path:
-        found = self.one(name)
-        if found is None:
-            place = self.folder / self.filled(self._PLACES[name])
-            raise InputError(f"{place}: the file does not exist. Check that recon-all finished for {self.folder.name}")
-        return found
+        if (found := self.one(name)) is not None:
+            return found
+        place = self.folder / self.filled(self._PLACES[name])
+        raise InputError(f"{place}: the file does not exist. Check that recon-all finished for {self.folder.name}")
 
 
 class _Bids:
-    """Finds files in derivatives by their BIDS entities, as sMRIPrep and fMRIPrep name them."""
+    """Find files in derivatives by their BIDS entities, as sMRIPrep and fMRIPrep name them."""
 
     # the first pattern that matches is used; patterns apply to the part of a name after hemi-L
     _PATTERNS: ClassVar[dict[str, tuple[str, ...]]] = {
@@ -178,55 +164,38 @@ class _Bids:
 
     def one(self, name: str) -> Path | None:
         usual = (rf"_{re.escape(name)}\.(shape|func)\.gii",)
+        start = rf"sub-[A-Za-z0-9]+(_(ses|acq|rec|run)-[A-Za-z0-9]+)*_hemi-{self.letter}"
         for pattern in self._PATTERNS.get(name, usual):
-            found = [
-                own
-                for own in self.names
-                if re.fullmatch(rf"sub-[A-Za-z0-9]+(_(ses|acq|rec|run)-[A-Za-z0-9]+)*_hemi-{self.letter}{pattern}", own)
-            ]
+            found = [own for own in self.names if re.fullmatch(start + pattern, own)]
             if len(found) > 1:
-                raise InputError(
-                    f"{self.folder} has {len(found)} files for {name} of hemisphere {self.letter} "
-                    f"({', '.join(found)}). Keep only one of them"
-                )
+                several = f"{len(found)} files for {name} of hemisphere {self.letter} ({', '.join(found)})"
+                raise InputError(f"{self.folder} has {several}. Keep only one of them")
             if found:
                 return self.folder / found[0]
         return None
 
     def needed(self, name: str) -> Path:
-        found = self.one(name)
-        if found is None:
-            looked = {
-                "volume": f"*_hemi-{self.letter}_label-WM_mask.nii.gz or ..._probseg.nii.gz",
-            }.get(name, f"*_hemi-{self.letter}_{name}.surf.gii")
-            raise InputError(f"{self.folder}: found no {looked}. Check that sMRIPrep finished for {self.subject}")
-        return found
-
-
-# ------------------------------------------------------------------------------------ participants
+        if (found := self.one(name)) is not None:
+            return found
+        ending = "label-WM_mask.nii.gz or ..._probseg.nii.gz" if name == "volume" else f"{name}.surf.gii"
+        wanted = f"*_hemi-{self.letter}_{ending}"
+        raise InputError(f"{self.folder}: found no {wanted}. Check that sMRIPrep finished for {self.subject}")
 
 
 def participants(folder: Path, labels: Sequence[str] = ()) -> list[Participant]:
-    """Find the participants of a study, sorted by name.
+    """Find the participants of a study, or those with the given labels (with or without ``sub-``), sorted by name.
 
-    `folder`: a FreeSurfer subjects directory, derivatives, or a BIDS dataset with either of them in ``derivatives`` or
-    ``sourcedata/freesurfer``. The directory itself is searched first, then sMRIPrep, fMRIPrep and FreeSurfer. `labels`:
-    participants to include, with or without ``sub-``; by default, all participants. Participants without files have no
-    folder. Raises InputError if there are no participants.
+    `folder` is a FreeSurfer subjects directory, derivatives, or a BIDS dataset with either of them in ``derivatives``
+    or ``sourcedata/freesurfer``. Participants without files have no folder.
     """
     if not folder.is_dir():
         raise InputError(f"{folder}: the directory does not exist. Check the path")
     own = [path for path in sorted(folder.glob("sub-*")) if path.is_dir() and not _NOBODY.match(path.name)]
-    found: list[Participant] = []
-    for place in _places(folder):
-        found = list(_in(place))
-        if found:
-            break
-    if not found:
-        raise InputError(
-            f"{folder}: no participant has surf/ of FreeSurfer, anat/*.surf.gii or a white-matter mask there, in "
-            "derivatives/ or in sourcedata/freesurfer/. Pass the directory with these files"
-        )
+    found = next(filter(None, (list(_in(place)) for place in _places(folder))), None)
+    if found is None:
+        places = "in this directory, in derivatives/ or in sourcedata/freesurfer/"
+        files = "no participant has FreeSurfer's surf/, anat/*.surf.gii or a white-matter mask"
+        raise InputError(f"{folder}: {files} {places}. Pass the directory that contains these files")
     by_name: dict[str, Participant] = {}
     for one in found:
         if one.name in by_name:
@@ -263,15 +232,12 @@ def _in(place: Path) -> Iterator[Participant]:
     anatomies = [anat for path in subjects for anat in (*path.glob("anat"), *path.glob("ses-*/anat"))]
     if any(_is_input(file.name) for anat in anatomies for file in anat.iterdir()):
         for path in subjects:
-            sessions = [ses for ses in sorted(path.glob("ses-*")) if any(map(_is_input, _names(ses / "anat")))]
-            for ses in sessions:
-                yield Participant(path.name.removeprefix("sub-"), ses.name.removeprefix("ses-"), ses / "anat")
-            if not sessions:
-                yield Participant(path.name.removeprefix("sub-"), None, path / "anat")
-
-
-def _names(folder: Path) -> list[str]:
-    return [path.name for path in folder.iterdir()] if folder.is_dir() else []
+            label, anats = path.name.removeprefix("sub-"), sorted(path.glob("ses-*/anat"))
+            anats = [anat for anat in anats if any(_is_input(file.name) for file in anat.iterdir())]
+            for anat in anats:
+                yield Participant(label, anat.parent.name.removeprefix("ses-"), anat)
+            if not anats:
+                yield Participant(label, None, path / "anat")
 
 
 def _is_input(name: str) -> bool:
@@ -283,8 +249,7 @@ def _is_input(name: str) -> bool:
 
 def _label(name: str) -> tuple[str, str | None] | None:
     """Return the label and session from a directory name, without characters that a BIDS label cannot have."""
-    match = re.fullmatch(r"sub-([A-Za-z0-9]+)(?:_ses-([A-Za-z0-9]+))?", name)
-    if match:
+    if match := re.fullmatch(r"sub-([A-Za-z0-9]+)(?:_ses-([A-Za-z0-9]+))?", name):
         return match[1], match[2]
     label = re.sub(r"[^A-Za-z0-9]", "", name.removeprefix("sub-"))
     return (label, None) if label else None

@@ -1,4 +1,4 @@
-"""An interactive HTML page of a map and its surface, for browsers and notebooks; it is self-contained."""
+"""Make a self-contained, interactive HTML page of a map and its surface for browsers and notebooks."""
 
 import os
 from collections.abc import Mapping
@@ -58,7 +58,7 @@ class MapPage:
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the page to a file.
 
-        The file is self-contained: browsers show it offline.
+        The file is self-contained, so that browsers can display it offline.
 
         Parameters
         ----------
@@ -68,9 +68,7 @@ class MapPage:
         Raises
         ------
         InputError
-            If the name does not end in ``.html`` or ``.htm``.
-        OSError
-            If the file cannot be written.
+            The name does not end in ``.html`` or ``.htm``.
 
         See Also
         --------
@@ -82,7 +80,7 @@ class MapPage:
         """
         path = checked_path(path)
         if path.suffix.lower() not in (".html", ".htm"):
-            raise InputError(f"{path.name}: cannot save a page in this format. Use a name that ends in .html")
+            raise InputError(f"{path.name}: unknown file name ending {path.suffix!r}. Use a name that ends in .html")
         with atomic_path(path) as beside:
             beside.write_text(self.html, encoding="utf-8", newline="\n")
 
@@ -140,21 +138,18 @@ def page_of(
     names = sorted(values, key=lambda name: name != first)
     layers = [_layer(name, values[name], faces) for name in names]
     if not layers:
-        raise InputError("the map has no array with one number per point. Add a point array to show")
+        raise InputError("the map has no array with one number per point. Add a point array")
     shown = [{"layer": layer, "bar": colour_bar(layer)} for layer in layers]
     turn, places = aligned(np.column_stack([flat.uv, np.zeros(len(flat.uv))]), flat.points)
     content = scene(flat, layers, {}, places, view=_view(turn), unit=unit)
-    count = f"{len(flat.uv):,}"
-    return MapPage(
-        filled("map.html", key="map", title=title, layers=shown, scene=content, points=count, version=__version__)
-    )
+    more = {"points": f"{len(flat.uv):,}", "version": __version__}
+    return MapPage(filled("map.html", key="map", title=title, layers=shown, scene=content, **more))
 
 
 def _layer(name: str, values: NDArray[Any], faces: NDArray[Any]) -> Layer:
     """Return values as a layer: measures in their own colours, labels with one colour each, others as overlays."""
     shown = values.astype(np.float64)
-    if name in LOOKS:
-        look = LOOKS[name]
+    if look := LOOKS.get(name):
         shown = look.factor * shown
         return Layer(name, look.label, "", shown, look.cmap, look.limits(shown))
     if name in _PATCHES or _are_labels(values, faces):

@@ -1,4 +1,4 @@
-"""Parts of HTML pages: layers of values with colours, images, 3-D scenes, and templates."""
+"""Make parts of HTML pages: layers of values with colours, images, 3-D scenes, and templates."""
 
 import base64
 import io
@@ -7,7 +7,7 @@ import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any, Protocol
+from typing import Any, TypeAlias
 
 import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
@@ -48,10 +48,6 @@ class Layer:
     limits: tuple[float, float]  # values at the ends of the colours
     first_label: int | None = None  # smallest label that is not background, such as 1; None for values
 
-    def __repr__(self) -> str:
-        low, high = self.limits
-        return f"<Layer {self.name}: {len(self.values)} values, {low:.3g} to {high:.3g} {self.unit}>"
-
     def colours(self, values: NDArray[np.float64]) -> NDArray[np.uint8]:
         """Return the colours (n, 3) of labels, or of values between the limits."""
         if self.first_label is not None:
@@ -77,7 +73,7 @@ def layers_of(maps: Sequence[Mapping[str, NDArray[np.float64]]]) -> list[list[La
 
 
 def _look(name: str, values: NDArray[np.float64]) -> tuple[str, str, float, str, tuple[float, float]]:
-    """Return title, unit, factor, colour map and limits."""
+    """Return the title, unit, factor, colour map and limits of a layer."""
     if name == "curvature":
         return "Folds (mean curvature)", "1/mm", 1.0, "gray", (-0.06, 0.06)
     if name == "distanceerror":
@@ -97,13 +93,10 @@ def _look(name: str, values: NDArray[np.float64]) -> tuple[str, str, float, str,
     return name[:1].upper() + name[1:], unit, 1.0, "RdBu_r" if low < 0 < high else "viridis", limits
 
 
-# --------------------------------------------------------------------------------------- pictures
-
-
 def pictures(
     flat_map: FlatMap, layers: Sequence[Layer | None], pixel_size: float | None = None
 ) -> list[dict[str, Any]]:
-    """Draw each layer over the folds of a map; by default the images are 620 pixels wide. Return them as `png` does."""
+    """Draw each layer over the folds of a map, 620 pixels wide by default; return images as `png` does."""
     width = float(np.ptp(flat_map.uv[:, 0]))
     raster = flat_map.raster(width / PICTURE_WIDTH if pixel_size is None else pixel_size)
     under = folds(flat_map, raster)
@@ -141,31 +134,18 @@ def colour_bar(layer: Layer) -> dict[str, Any]:
     return {"gradient": f"linear-gradient(to right, {', '.join(listed)})", "low": low, "high": high, "unit": layer.unit}
 
 
-# ------------------------------------------------------------------------------------------ scenes
+@dataclass(frozen=True, eq=False)
+class SceneMap:
+    """The parts of a map that a scene shows, as in a `FlatMap`."""
+
+    uv: NDArray[np.float64]
+    points: NDArray[np.float64]
+    ids: NDArray[np.int64]
+    faces: NDArray[np.uint32]
+    torn: NDArray[np.bool_]
 
 
-class MapLike(Protocol):
-    """The parts of a map that a scene shows: those of a `FlatMap`."""
-
-    @property
-    def uv(self) -> NDArray[np.float64]:
-        """Positions in the plane, shape (N, 2)."""
-
-    @property
-    def points(self) -> NDArray[np.float64]:
-        """Points on the surface, shape (N, 3)."""
-
-    @property
-    def ids(self) -> NDArray[np.int64]:
-        """Vertices or voxels of the points in the input, shape (N,) or (N, 3)."""
-
-    @property
-    def faces(self) -> NDArray[np.uint32]:
-        """Triangles, shape (F, 3)."""
-
-    @property
-    def torn(self) -> NDArray[np.bool_]:
-        """Which triangles have no surface between their corners, shape (F,)."""
+MapLike: TypeAlias = FlatMap | SceneMap
 
 
 def scene(
@@ -179,12 +159,10 @@ def scene(
 ) -> str:
     """Return a map and its surface as JSON for the viewer of a page.
 
-    `cuts`: points of the map along each cut. `target` (N, 3): positions to which the slider moves the points of the
-    surface; by default the surface without its folds. `view`: the initial view in radians: rotation about z (0 looks
-    along y), and elevation; by default the medial side of a hemisphere. `unit`: the unit of positions. The JSON object
-    has the numbers of points and triangles, the ranges, and ``data``: all arrays, concatenated, deflated and encoded in
-    base64. Positions have 16 bits per axis (0.005 mm), and values have 16 bits between minimum and maximum; integers
-    are exact.
+    `cuts` contains the points of the map along each cut. The slider moves the points of the surface to `target` (N, 3),
+    by default to the surface without its folds. `view` is the initial rotation about z (0 looks along y) and elevation
+    in radians, by default the medial side of a hemisphere. ``data`` contains all arrays, deflated, in base64: positions
+    and values with 16 bits between minimum and maximum (0.005 mm), and exact integers.
     """
     rows = distinct(flat_map.ids).which  # both sides of a cut share a row
     chosen, faces = thinned(flat_map.uv, flat_map.faces[~flat_map.torn], rows)
@@ -192,17 +170,16 @@ def scene(
     parts: list[bytes] = []
     arrays: list[dict[str, Any]] = []
 
-    def add(name: str, values: NDArray[np.float64]) -> None:
-        low, high = float(np.nanmin(values)), float(np.nanmax(values))
-        step = (high - low) / (_NOTHING - 1) or 1.0
-        coded = np.where(np.isnan(values), _NOTHING, np.round((np.nan_to_num(values) - low) / step))
-        parts.append(coded.astype("<u2").tobytes())
-        arrays.append({"name": name, "low": low, "step": step, "length": int(values.size)})
-
-    def add_whole(name: str, values: NDArray[np.float64], known: NDArray[np.float64]) -> None:
-        coded = np.where(np.isnan(values), _NOTHING, np.searchsorted(known, np.nan_to_num(values)))
-        parts.append(coded.astype("<u2").tobytes())
-        arrays.append({"name": name, "known": known.astype(np.int64).tolist(), "length": int(values.size)})
+    def add(name: str, values: NDArray[np.float64], known: NDArray[np.float64] | None = None) -> None:
+        if known is None:
+            low, high = float(np.nanmin(values)), float(np.nanmax(values))
+            step = (high - low) / (_NOTHING - 1) or 1.0
+            codes: NDArray[Any] = np.round((np.nan_to_num(values) - low) / step)
+            about: dict[str, Any] = {"low": low, "step": step}
+        else:
+            codes, about = np.searchsorted(known, np.nan_to_num(values)), {"known": known.astype(np.int64).tolist()}
+        parts.append(np.where(np.isnan(values), _NOTHING, codes).astype("<u2").tobytes())
+        arrays.append({"name": name, **about, "length": int(values.size)})
 
     add("uv", flat_map.uv[chosen])
     add("folded", places)
@@ -218,12 +195,12 @@ def scene(
         known = np.unique(values[np.isfinite(values)])
         if not len(known):
             add(layer.name, np.zeros(len(chosen)))
-        elif all_whole(values) and len(known) < _NOTHING and np.abs(known).max() < _EXACT:
-            add_whole(layer.name, values, known)
-        else:
-            add(layer.name, values)
-    near = _nearest_points(flat_map, chosen)
-    lines = {name: _without_repeats(near[points]) for name, points in cuts.items()}
+            continue
+        is_whole = all_whole(values) and len(known) < _NOTHING and np.abs(known).max() < _EXACT
+        add(layer.name, values, known if is_whole else None)
+    near = np.asarray(cKDTree(places).query(flat_map.points)[1], dtype=np.int64)  # the nearest kept points
+    lines = {name: near[points] for name, points in cuts.items()}
+    lines = {name: line[np.flatnonzero(np.diff(line, prepend=-1))] for name, line in lines.items()}  # without repeats
     parts.append(faces.astype("<u4").tobytes())
     described = [
         {
@@ -240,7 +217,7 @@ def scene(
         "triangles": len(faces),
         "arrays": arrays,
         "layers": described,
-        "cuts": lines,
+        "cuts": {name: line.tolist() for name, line in lines.items()},
         "ids": ids.tolist() if ids.ndim == 1 else [],
         "view": view,
         "unit": unit,
@@ -260,11 +237,10 @@ def _shown(layer: Layer, chosen: NDArray[np.int64]) -> NDArray[np.float64]:
 def thinned(
     uv: NDArray[np.float64], faces: NDArray[Any], ids: NDArray[np.int64], most: int = _MOST_POINTS
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Reduce the points of a map for display: keep one per cell of a grid over the plane, and all points along cuts.
+    """Reduce the points of a map to about `most`: keep one per cell of a grid over the plane, and all points at cuts.
 
-    `uv` (N, 2): positions, mm. `ids` (N,): the vertex of each point; the two sides of a cut share a vertex. `most`: the
-    approximate number of points to keep. Returns the kept points, (k,), which include points of the border in border
-    cells, and their triangles, (G, 3).
+    `ids` are the vertices of the points; the two sides of a cut share a vertex. Cells at the border keep a border
+    point. Return the kept points, shape (k,), and their triangles, shape (G, 3).
     """
     used = np.unique(faces)
     if len(used) <= most:
@@ -316,18 +292,6 @@ def _smoothed(
     return np.asarray(moved[one.ravel()])
 
 
-def _nearest_points(flat_map: MapLike, chosen: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return for each point of a map the nearest kept point."""
-    return np.asarray(cKDTree(flat_map.points[chosen]).query(flat_map.points)[1], dtype=np.int64)
-
-
-def _without_repeats(points: NDArray[np.int64]) -> list[int]:
-    return list(points[np.flatnonzero(np.diff(points, prepend=-1))].tolist())
-
-
-# --------------------------------------------------------------------------------------- templates
-
-
 def filled(template: str, **content: Any) -> str:
     """Render a template of the package, such as ``subject.html``, as a self-contained page."""
     return _environment().get_template(template).render(**content)
@@ -335,10 +299,5 @@ def filled(template: str, **content: Any) -> str:
 
 @lru_cache
 def _environment() -> Environment:
-    return Environment(
-        loader=PackageLoader("voxflat.lab", "templates"),
-        autoescape=True,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        undefined=StrictUndefined,
-    )
+    how: dict[str, Any] = {"autoescape": True, "trim_blocks": True, "lstrip_blocks": True, "undefined": StrictUndefined}
+    return Environment(loader=PackageLoader("voxflat.lab", "templates"), **how)

@@ -1,4 +1,4 @@
-"""The report on a subject: a self-contained HTML page."""
+"""Make the report on a subject, a self-contained HTML page."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -28,11 +28,10 @@ REFERENCES: dict[str, dict[str, tuple[tuple[float, ...], ...]]] = {
         "fsaverage5 white surface, automatic cuts": (
             (4.87, 7.97, 8.61, 0.0525, 8.95, 0.071, 0.254, 0, 0),
             (5.19, 7.61, 8.25, 0.0593, 9.14, 0.071, 0.275, 0, 0),
-        ),
+        )
     },
 }
-"""Reference maps of fsaverage5, left and right, by the source of the cuts; measures in the order of `FIGURES`
-(docs/benchmarks/standard.md)."""
+"""Measures of maps of fsaverage5, left and right, in the order of `FIGURES`, by the source of the cuts."""
 
 
 def subject_page(name: str, shown: Mapping[str, LoadedResults], failures: Mapping[str, str]) -> str:
@@ -49,20 +48,13 @@ def subject_page(name: str, shown: Mapping[str, LoadedResults], failures: Mappin
             key = "" if layer is None else layer.name
             of_layer = drawn.setdefault(key, {"layer": layer, "bar": layer and colour_bar(layer), "sides": []})
             of_layer["sides"].append({**picture, "letter": HEMISPHERES[hemi][0], "side": HEMISPHERES[hemi][1]})
-        hemispheres.append(
-            {
-                "hemi": hemi,
-                "side": HEMISPHERES[hemi][1],
-                "record": one.record,
-                "overlays": one.record["overlays"],
-                "layers": [{"layer": layer, "bar": colour_bar(layer)} for layer in layers],
-                "scene": scene(one.flat_map, layers, one.cuts),
-                "cuts": list(one.cuts),
-                "figures": _figures(one.record, hemi),
-                "worst": worst_places(one.flat_map),
-                "references": list(REFERENCES.get(one.record["map"]["cuts_by"], {})),
-            }
-        )
+        content: dict[str, Any] = {"hemi": hemi, "side": HEMISPHERES[hemi][1], "record": one.record}
+        content["overlays"] = one.record["overlays"]
+        content["layers"] = [{"layer": layer, "bar": colour_bar(layer)} for layer in layers]
+        content["scene"], content["cuts"] = scene(one.flat_map, layers, one.cuts), list(one.cuts)
+        content["figures"], content["worst"] = _figures(one.record, hemi), worst_places(one.flat_map)
+        content["references"] = list(REFERENCES.get(one.record["map"]["cuts_by"], {}))
+        hemispheres.append(content)
     return filled(
         "subject.html",
         name=name,
@@ -79,20 +71,15 @@ def _figures(record: Mapping[str, Any], hemi: str) -> list[dict[str, Any]]:
     """Return the rows of the table of measures."""
     side = list(HEMISPHERES).index(hemi)
     references = REFERENCES.get(record["map"]["cuts_by"], {})
-    rows = []
+    rows: list[dict[str, Any]] = []
     for n, (place, (title, factor, unit)) in enumerate(FIGURES.items()):
         value, error = figure_of(record, place), figure_of(record, f"standard_error.{place}")
-        shown = None if value is None else factor * value
-        others = [of[side][n] for of in references.values()]
-        digits = 0 if place.endswith(("flipped", "covering")) else 2 if unit else 3
-        rows.append(
-            {
-                "title": title,
-                "unit": unit,
-                "value": "–" if shown is None else f"{shown:.{digits}f}",
-                "error": "" if error is None else f" ± {factor * error:.{digits}f}",
-                "others": [f"{other:.{digits}f}" for other in others],
-                "is_bad": place.endswith(("flipped", "covering")) and bool(value),
-            }
-        )
+        is_count = place.endswith(("flipped", "covering"))
+        digits = 0 if is_count else 2 if unit else 3
+        texts = {
+            "value": "–" if value is None else f"{factor * value:.{digits}f}",
+            "error": "" if error is None else f" ± {factor * error:.{digits}f}",
+            "others": [f"{of[side][n]:.{digits}f}" for of in references.values()],
+        }
+        rows.append({"title": title, "unit": unit, **texts, "is_bad": is_count and bool(value)})
     return rows

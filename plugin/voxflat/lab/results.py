@@ -1,7 +1,8 @@
-"""The results of a hemisphere: files, measures, and functions that read them."""
+"""The results of a hemisphere: their files and measures, and functions that read them."""
 
 import json
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -36,51 +37,29 @@ FIGURES: dict[str, tuple[str, float, str]] = {
 """Measures of a page by their path in a record: name, factor, and unit."""
 
 
-@dataclass(frozen=True)
 class Results:
-    """The output files of one hemisphere."""
+    """The output files of one hemisphere, such as lh.voxflat.flat.npz or sub-01_hemi-L_desc-voxflat_flat.npz."""
 
-    folder: Path
-    prefix: str  # prefix of their names
-    of_freesurfer: bool  # lh.voxflat.flat.surf.gii, otherwise sub-01_hemi-L_desc-voxflat_flat.surf.gii
+    def __init__(self, folder: Path, prefix: str, *, of_freesurfer: bool) -> None:
+        self.folder, self.prefix, self.of_freesurfer = folder, prefix, of_freesurfer
+        self.record = self._named("flat.json")  # provenance and measures; written last, so if it exists, all files do
+        self.failure = self._named("failure.json")  # reason for a failure
+        self.map = self._named("flat.npz")  # the complete map
+        self.surface = self._named("flat.surf.gii")  # the map as a flat surface
+        self.patch = self._named("flat.patch.3d")  # the map as a FreeSurfer patch
 
     @classmethod
     def in_freesurfer(cls, folder: Path, hemi: str) -> "Results":
         """Return the results of a hemisphere in a FreeSurfer subject directory."""
-        return cls(folder / "surf", f"{hemi}.voxflat", True)
+        return cls(folder / "surf", f"{hemi}.voxflat", of_freesurfer=True)
 
     @classmethod
     def in_bids(cls, folder: Path, name: str, letter: str) -> "Results":
         """Return the results of a hemisphere of a participant, ``sub-01`` or ``sub-01_ses-02``, in ``anat``."""
-        return cls(folder, f"{name}_hemi-{letter}_desc-voxflat", False)
+        return cls(folder, f"{name}_hemi-{letter}_desc-voxflat", of_freesurfer=False)
 
     def _named(self, name: str) -> Path:
         return self.folder / f"{self.prefix}{'.' if self.of_freesurfer else '_'}{name}"
-
-    @property
-    def record(self) -> Path:
-        """The JSON file with provenance and measures. It is written last, so if it exists, all files do."""
-        return self._named("flat.json")
-
-    @property
-    def failure(self) -> Path:
-        """The JSON file with the reason for a failure."""
-        return self._named("failure.json")
-
-    @property
-    def map(self) -> Path:
-        """The complete map."""
-        return self._named("flat.npz")
-
-    @property
-    def surface(self) -> Path:
-        """The map as a flat surface."""
-        return self._named("flat.surf.gii")
-
-    @property
-    def patch(self) -> Path:
-        """The map as a FreeSurfer patch."""
-        return self._named("flat.patch.3d")
 
     def values(self, name: str) -> Path:
         """Return the file of a measure or an overlay."""
@@ -89,16 +68,11 @@ class Results:
 
 def read_record(path: Path) -> dict[str, Any]:
     """Read the record of a hemisphere's results; a damaged record raises an InputError."""
-    try:
+    with suppress(ValueError, TypeError):
         record: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
-        is_complete = all(
-            name in record for name in ("voxflat", "format", "parameters", "inputs", "outputs", "figures")
-        )
-    except (ValueError, TypeError):
-        is_complete = False
-    if not is_complete:
-        raise InputError(f"{path} is not a record of voxflat, or is damaged. Delete it, and run voxflat again")
-    return record
+        if all(name in record for name in ("voxflat", "format", "parameters", "inputs", "outputs", "figures")):
+            return record
+    raise InputError(f"{path} is not a record of voxflat, or is damaged. Delete it, and run voxflat again")
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,7 +101,7 @@ class LoadedResults:
 
     @property
     def cuts(self) -> dict[str, NDArray[np.int64]]:
-        """The map points along each cut, keyed by cut name."""
+        """The points of the map along each cut, keyed by the name of the cut."""
         metadata = self.flat_map.metadata
         rows = {_key(of): row for row, of in enumerate(self.flat_map.ids.tolist())}
         given = zip(metadata["cut_names"], metadata["cuts"], strict=True)

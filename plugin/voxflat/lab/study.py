@@ -10,14 +10,14 @@ from typing import Any
 from voxflat._core import __version__
 from voxflat.distances.cluster import connected
 from voxflat.errors import Cancelled, InputError, user_message
-from voxflat.lab.freshness import is_page_of, page_key, request, state, write_json, write_text
-from voxflat.lab.inputs import HEMISPHERES, Parameters, Participant, found_in, participants
+from voxflat.lab.freshness import Request, is_page_of, page_key, request, state, write_json, write_text
+from voxflat.lab.inputs import HEMISPHERES, Hemisphere, Parameters, Participant, found_in, participants
 from voxflat.lab.results import LoadedResults, Results, read_record
 from voxflat.lab.subject import make
 
 BIDS_VERSION = "1.10.0"
 
-NO_FILES = "found neither a FreeSurfer directory nor a surface of this participant. Check the label and the inputs"
+NO_FILES = "found neither a FreeSurfer directory nor a surface for this participant. Check the label and the inputs"
 
 _IGNORED = """\
 # BIDS defines neither flat surfaces (*_flat.surf.gii), nor measures of maps at vertices, nor pages of a study
@@ -49,20 +49,48 @@ class Outcome:
         return HEMISPHERES[self.hemi][0]
 
 
-def freesurfer(
-    folder: Path, hemis: Sequence[str], parameters: Parameters, *, tell: Report | None = None, **how: Any
-) -> list[Outcome]:
-    """Flatten the hemispheres of a FreeSurfer subject, and write the results into its directory.
+@dataclass(frozen=True)
+class Job:
+    """The input and output files of a participant."""
 
-    `folder`: the FreeSurfer directory of the subject. It receives ``surf/?h.voxflat...`` and the report
-    ``voxflat.html``. `tell`: called with each outcome. `**how`: ``threads``, ``memory_limit`` and ``progress``, as in
-    `voxflat.flatten`. Raises InputError if the directory is not a FreeSurfer subject, and Cancelled if `progress`
-    returned False.
+    name: str  # as in `Outcome`
+    folder: Path | None  # contains the input files; None if there are none
+    results: Callable[[str], Results]  # return the output files of a hemisphere, lh or rh
+    page: Path  # the report
+
+    @classmethod
+    def of(cls, one: Participant, out: Path) -> "Job":
+        """Return the files of a participant of a study, whose output directory is `out`."""
+        folder = out / f"sub-{one.label}" / (f"ses-{one.session}" if one.session else "") / "anat"
+
+        def results(hemi: str) -> Results:
+            return Results.in_bids(folder, one.name, HEMISPHERES[hemi][0])
+
+        return cls(one.name, one.folder, results, out / f"{one.name}.html")
+
+    def request(self, hemi: str, parameters: Parameters) -> tuple[Hemisphere, Request]:
+        """Return the input files of a hemisphere and everything that determines its results."""
+        if self.folder is None:
+            raise InputError(NO_FILES)
+        hemisphere = found_in(self.folder, hemi, parameters)
+        return hemisphere, request(hemisphere, parameters)
+
+
+def _nothing(_: Outcome) -> None:
+    pass
+
+
+def freesurfer(
+    folder: Path, hemis: Sequence[str], parameters: Parameters, *, tell: Report = _nothing, **how: Any
+) -> list[Outcome]:
+    """Flatten the hemispheres of a FreeSurfer subject, and write the results and a report into its directory.
+
+    `tell` is called with each outcome, and `how` contains ``threads``, ``memory_limit`` and ``progress``.
     """
     if not (folder / "surf").is_dir() and not (folder / "mri").is_dir():
         raise InputError(f"{folder} has no directory surf/. Pass the directory of a subject that recon-all made")
-    name, results = folder.resolve().name, partial(Results.in_freesurfer, folder)
-    return _each(name, folder, hemis, parameters, results, folder / "voxflat.html", tell or _nothing, how)
+    results = partial(Results.in_freesurfer, folder)
+    return _flatten(Job(folder.resolve().name, folder, results, folder / "voxflat.html"), hemis, parameters, tell, how)
 
 
 def study(
@@ -72,58 +100,44 @@ def study(
     parameters: Parameters,
     *,
     labels: Sequence[str] = (),
-    tell: Report | None = None,
+    tell: Report = _nothing,
     dask: str | None = None,
     **how: Any,
 ) -> list[Outcome]:
-    """Flatten the hemispheres of participants, and write BIDS derivatives.
+    """Flatten the hemispheres of participants, and write BIDS derivatives; `tell` and `how` are as in `freesurfer`.
 
-    `source`, `labels`: as in `participants`. `out`: the output directory; created if it does not exist. `tell`,
-    `**how`: as in `freesurfer`. `dask`: a cluster, as in `connected`, on which each worker processes one participant at
-    a time; the workers must have access to the same files. By default this process does all the work. Raises InputError
-    if there are no participants or if `out` belongs to another program, OSError if `out` cannot be written, and
-    Cancelled if `progress` returned False.
+    On a `dask` cluster (see `connected`), each worker processes one participant at a time, and must have access to the
+    same files. By default, this process does all the work.
     """
     everybody = participants(source, labels)
     describe(source, out)
-    tell = tell or _nothing
     outcomes: list[Outcome] = []
     if dask is None:
         for one in everybody:
-            outcomes += _participant(one, out, hemis, parameters, tell=tell, **how)
+            outcomes += _flatten(Job.of(one, out), hemis, parameters, tell, how)
         return outcomes
-    work = partial(
-        _participant, out=out, hemis=hemis, parameters=parameters, memory_limit=how.pop("memory_limit", None)
-    )
+    limit = how.pop("memory_limit", None)
+    work = partial(_participant, out=out, hemis=hemis, parameters=parameters, memory_limit=limit)
     with connected(dask, most=len(everybody)) as cluster:
         for one, made, error in cluster.each(work, everybody, stage="participants", **how):
             if error is not None:  # an error of the worker; errors of the work itself are in the outcomes
-                made = _without_worker(one, out, hemis, parameters, error)
+                made = _without_worker(Job.of(one, out), hemis, parameters, error)
             for outcome in made:
                 tell(outcome)
             outcomes += made
     return sorted(outcomes, key=lambda outcome: outcome.name)
 
 
-def _participant(
-    one: Participant, out: Path, hemis: Sequence[str], parameters: Parameters, *, tell: Report | None = None, **how: Any
-) -> list[Outcome]:
-    """Make the missing or outdated results of a participant of a study, and the report."""
-    results, page = results_of(one, out), pages_of(one, out)
-    return _each(one.name, one.folder, hemis, parameters, results, page, tell or _nothing, how)
+def _participant(one: Participant, out: Path, hemis: Sequence[str], parameters: Parameters, **how: Any) -> Any:
+    """Process a participant on a worker."""
+    return _flatten(Job.of(one, out), hemis, parameters, _nothing, how)
 
 
-def _without_worker(
-    one: Participant, out: Path, hemis: Sequence[str], parameters: Parameters, error: Exception
-) -> list[Outcome]:
+def _without_worker(job: Job, hemis: Sequence[str], parameters: Parameters, error: Exception) -> list[Outcome]:
     """Return the outcomes of a participant whose worker failed."""
-    outcomes = []
-    for hemi in hemis:
-        found = _planned(one, out, hemi, parameters)
-        if found.state in ("missing", "stale"):
-            found = _failed(one.name, hemi, results_of(one, out)(hemi), error)
-        outcomes.append(found)
-    _show(one.name, outcomes, results_of(one, out), pages_of(one, out))
+    planned = [_planned(job, hemi, parameters) for hemi in hemis]
+    outcomes = [_failed(job, one.hemi, error) if one.state in ("missing", "stale") else one for one in planned]
+    _show(job, outcomes)
     return outcomes
 
 
@@ -133,26 +147,14 @@ def plan(
     """Yield what `study` would do, without writing anything; the state is "failed" if input files are missing."""
     for one in participants(source, labels):
         for hemi in hemis:
-            yield _planned(one, out, hemi, parameters)
+            yield _planned(Job.of(one, out), hemi, parameters)
 
 
-def _planned(one: Participant, out: Path, hemi: str, parameters: Parameters) -> Outcome:
+def _planned(job: Job, hemi: str, parameters: Parameters) -> Outcome:
     try:
-        wanted = request(_found(one.folder, hemi, parameters), parameters)
-        return Outcome(one.name, hemi, *state(results_of(one, out)(hemi), wanted))
+        return Outcome(job.name, hemi, *state(job.results(hemi), job.request(hemi, parameters)[1]))
     except (InputError, OSError) as error:
-        return Outcome(one.name, hemi, "failed", user_message(error))
-
-
-def results_of(one: Participant, out: Path) -> Callable[[str], Results]:
-    """Return a function from a hemisphere to the output files of a participant."""
-    folder = out / f"sub-{one.label}" / (f"ses-{one.session}" if one.session else "") / "anat"
-    return lambda hemi: Results.in_bids(folder, one.name, HEMISPHERES[hemi][0])
-
-
-def pages_of(one: Participant, out: Path) -> Path:
-    """Return the file of the report on a participant."""
-    return out / f"{one.name}.html"
+        return Outcome(job.name, hemi, "failed", user_message(error))
 
 
 def describe(source: Path, out: Path) -> None:
@@ -173,68 +175,50 @@ def describe(source: Path, out: Path) -> None:
     write_text(out / ".bidsignore", _IGNORED)
 
 
-def _found(folder: Path | None, hemi: str, parameters: Parameters) -> Any:
-    if folder is None:
-        raise InputError(NO_FILES)
-    return found_in(folder, hemi, parameters)
-
-
-def _nothing(_: Outcome) -> None:
-    pass
-
-
-def _each(
-    name: str,
-    folder: Path | None,
-    hemis: Sequence[str],
-    parameters: Parameters,
-    results: Callable[[str], Results],
-    page: Path,
-    tell: Report,
-    how: dict[str, Any],
+def _flatten(
+    job: Job, hemis: Sequence[str], parameters: Parameters, tell: Report, how: dict[str, Any]
 ) -> list[Outcome]:
     """Make the missing or outdated results of a participant, and the report."""
     outcomes = []
     for hemi in hemis:
-        outcome = _one(name, folder, hemi, parameters, results(hemi), how)
-        tell(outcome)
-        outcomes.append(outcome)
-    _show(name, outcomes, results, page)
+        outcomes.append(_one(job, hemi, parameters, how))
+        tell(outcomes[-1])
+    _show(job, outcomes)
     return outcomes
 
 
-def _show(name: str, outcomes: Sequence[Outcome], results: Callable[[str], Results], page: Path) -> None:
+def _show(job: Job, outcomes: Sequence[Outcome]) -> None:
     """Write the report, unless it is up to date."""
-    there = {one.hemi: results(one.hemi) for one in outcomes if one.state != "failed"}
+    there = {one.hemi: job.results(one.hemi) for one in outcomes if one.state != "failed"}
     failures = {one.hemi: one.reason for one in outcomes if one.state == "failed"}
     key = page_key([read_record(of.record) for of in there.values()], failures)
-    is_due = bool(there) or page.is_file()  # otherwise an earlier report would not mention the failure
-    if is_due and (any(one.state == "made" for one in outcomes) or not is_page_of(page, key)):
+    is_due = bool(there) or job.page.is_file()  # otherwise an earlier report would not mention the failure
+    if is_due and (any(one.state == "made" for one in outcomes) or not is_page_of(job.page, key)):
         from voxflat.lab.report import subject_page  # imports Matplotlib
 
-        write_text(page, subject_page(name, {hemi: LoadedResults.read(of) for hemi, of in there.items()}, failures))
+        shown = {hemi: LoadedResults.read(of) for hemi, of in there.items()}
+        write_text(job.page, subject_page(job.name, shown, failures))
 
 
-def _one(
-    name: str, folder: Path | None, hemi: str, parameters: Parameters, results: Results, how: dict[str, Any]
-) -> Outcome:
+def _one(job: Job, hemi: str, parameters: Parameters, how: dict[str, Any]) -> Outcome:
     """Make the results of a hemisphere unless they are up to date; errors become its outcome."""
+    results = job.results(hemi)
     try:
-        hemisphere = _found(folder, hemi, parameters)
-        now, _ = state(results, request(hemisphere, parameters))
-        if now == "done":
+        hemisphere, wanted = job.request(hemi, parameters)
+        if state(results, wanted)[0] == "done":
             results.failure.unlink(missing_ok=True)  # from a call with other parameters
-            return Outcome(name, hemi, "done")
-        return Outcome(name, hemi, "made", record=make(hemisphere, parameters, results, **how))
+            return Outcome(job.name, hemi, "done")
+        return Outcome(job.name, hemi, "made", record=make(hemisphere, parameters, results, **how))
     except Cancelled:
         raise
     except Exception as error:
-        return _failed(name, hemi, results, error)
+        return _failed(job, hemi, error)
 
 
-def _failed(name: str, hemi: str, results: Results, error: Exception) -> Outcome:
+def _failed(job: Job, hemi: str, error: Exception) -> Outcome:
     """Write the reason for a failure, and return the outcome."""
     reason = user_message(error)
     with suppress(OSError):  # the outcome has the reason even if the file cannot be written
-        write_json(results.failure, {"voxflat": __version__, "hemi": HEMISPHERES[hemi][0], "reason": reason})
-    return Outcome(name, hemi, "failed", reason)
+        content = {"voxflat": __version__, "hemi": HEMISPHERES[hemi][0], "reason": reason}
+        write_json(job.results(hemi).failure, content)
+    return Outcome(job.name, hemi, "failed", reason)

@@ -1,4 +1,4 @@
-"""The HTML page of a study: table, outliers, all maps at the same scale, and means."""
+"""Make the HTML page of a study: a table, outliers, all maps at the same scale, and means."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -22,14 +22,16 @@ _RANKED_BY = "best_scale.relative_error"  # the table begins with the map in whi
 
 
 def study_page(rows: Sequence[Row], means: Sequence[Mean], maps: Sequence[Mapping[str, Any]], key: str) -> str:
-    """Return the page of a study as HTML: table, maps, means, and links to the reports of subjects."""
+    """Return the page of a study as HTML, with a table, maps, means, and links to the reports on subjects."""
     there = [row for row in rows if row.record is not None]
     missing = [row for row in rows if row.record is None]
     ranked = sorted(there, key=lambda row: figure_of(row.record or {}, _RANKED_BY) or 0.0, reverse=True)
     table = [{"row": row, "cells": [_cell(row, place) for place in FIGURES]} for row in ranked]
     table += [{"row": row, "cells": []} for row in missing]
-    parameters = {_listed(row.record["parameters"]) for row in there if row.record is not None}
-    versions = {row.record["voxflat"] for row in there if row.record is not None}
+    records = [row.record for row in there if row.record is not None]
+    chosen = [[item for item in of["parameters"].items() if item[0] not in ("hemi", "seed")] for of in records]
+    parameters = {", ".join(f"{name} {value}" for name, value in of if value) for of in chosen}
+    versions = {record["voxflat"] for record in records}
     return filled(
         "study.html",
         key=key,
@@ -60,10 +62,6 @@ def _cell(row: Row, place: str) -> dict[str, Any]:
     digits = 0 if place.endswith(("flipped", "covering")) else 1 if unit else 3
     text, after = ("–" if one is None else f"{factor * one:.{digits}f}" for one in (value, error))
     return {"text": text, "error": "" if error is None else f" ± {after}", "is_outlier": place in row.outliers}
-
-
-def _listed(parameters: Mapping[str, Any]) -> str:
-    return ", ".join(f"{name} {value}" for name, value in parameters.items() if name not in ("hemi", "seed") and value)
 
 
 def _mean(one: Mean) -> dict[str, Any]:

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from voxflat.arguments import Progress, log
+from voxflat.arguments import log
 from voxflat.errors import InputError
 from voxflat.io.channels import series_of
 from voxflat.io.files import REMEDY, atomic_path, contents, naming
@@ -31,34 +31,28 @@ from voxflat.pipeline.surface import Surface, surface
 from voxflat.surfaces.cut_sides import one_point_a_vertex
 
 _LABELS = (".annot", ".label", ".label.gii", ".dlabel.nii")
-_ONE = "Pass a file with one map; draw series with voxflat image or voxflat movie"
+_ONE = "Pass a file with one map, or draw the series with voxflat image or voxflat movie"
 _PROBABLE = 0.5  # threshold on the probability of white matter
 _NO_CORTEX = ("unknown", "corpuscallosum", "medial_wall", "???", "medialwall")  # labels of aparc.annot
 
 
-def make(
-    hemisphere: Hemisphere,
-    parameters: Parameters,
-    results: Results,
-    *,
-    threads: int | None = None,
-    memory_limit: int | None = None,
-    progress: Progress | None = None,
-) -> dict[str, Any]:
-    """Flatten a hemisphere, write the map, its measures and the record, and return the record."""
-    clock = _Clock()
-    with clock("reading and checksums"):
+def make(hemisphere: Hemisphere, parameters: Parameters, results: Results, **common: Any) -> dict[str, Any]:
+    """Flatten a hemisphere, write the map, its measures and the record, and return the record.
+
+    `common` contains ``threads``, ``memory_limit`` and ``progress``.
+    """
+    seconds: dict[str, float] = {}
+    with _timed(seconds, "reading and checksums"):
         wanted = request(hemisphere, parameters)
-        common: dict[str, Any] = {"threads": threads, "memory_limit": memory_limit, "progress": progress}
         whole = _surface(hemisphere, parameters, common)
         part = _part(hemisphere, parameters, whole)
-    with clock("flattening and measuring"):
+    with _timed(seconds, "flattening and measuring"):
         cuts = str(hemisphere.files.get("cuts", parameters.cuts))
         sphere = hemisphere.files.get("sphere")
         flat_map = part.flatten(cuts=cuts, sphere=sphere, seed=parameters.seed, **common)
-    with clock("overlays"), _noting() as doubts:
+    with _timed(seconds, "overlays"), _noting() as doubts:
         values = {**_measures(flat_map), **_overlays(flat_map, hemisphere)}
-    with clock("writing"), _noting() as notes:
+    with _timed(seconds, "writing"), _noting() as notes:
         written = _write(flat_map, values, results)
     record = {
         **wanted,
@@ -67,24 +61,18 @@ def make(
         "outputs": {path.name: path.stat().st_size for path in written},
         **_description(whole, flat_map, doubts),
         "notes": notes,
-        "seconds": clock.seconds,
+        "seconds": seconds,
     }
     write_json(results.record, record)
     results.failure.unlink(missing_ok=True)
     return record
 
 
-class _Clock:
-    """Measures the duration of each step."""
-
-    def __init__(self) -> None:
-        self.seconds: dict[str, float] = {}
-
-    @contextmanager
-    def __call__(self, step: str) -> Iterator[None]:
-        start = time.perf_counter()
-        yield
-        self.seconds[step] = round(time.perf_counter() - start, 2)
+@contextmanager
+def _timed(seconds: dict[str, float], step: str) -> Iterator[None]:
+    start = time.perf_counter()
+    yield
+    seconds[step] = round(time.perf_counter() - start, 2)
 
 
 @contextmanager
@@ -98,9 +86,6 @@ def _noting() -> Iterator[list[str]]:
         yield notes
     finally:
         log.removeHandler(handler)
-
-
-# -------------------------------------------------------------------------------------------- map
 
 
 def _surface(hemisphere: Hemisphere, parameters: Parameters, common: dict[str, Any]) -> Surface:
@@ -124,7 +109,7 @@ def _part(hemisphere: Hemisphere, parameters: Parameters, whole: Surface) -> Sur
         return whole.keep(hemisphere.files["cortex"])
     if "areas" in hemisphere.files:
         return whole.drop(_beside_cortex(hemisphere.files["areas"], whole.count))
-    is_known = whole.thickness is not None and parameters.cuts == "automatic"  # templates exclude it themselves
+    is_known = whole.thickness is not None and parameters.cuts == "automatic"  # templates exclude the medial wall
     return whole.drop("medial wall") if is_known else whole
 
 
@@ -133,7 +118,7 @@ def _beside_cortex(annotation: Path, count: int) -> NDArray[np.bool_]:
     with naming(annotation, REMEDY):
         labels, names = read_annot(annotation, contents(annotation))
     if len(labels) != count:
-        raise InputError(f"{annotation} has {len(labels)} labels for {count} vertices. Check the subject")
+        raise InputError(f"{annotation} has {len(labels)} labels for {count} vertices. Pass the files of one subject")
     others = [n for n, name in enumerate(names) if name.lower() in _NO_CORTEX]
     is_beside = (labels < 0) | np.isin(labels, others)
     if is_beside.all():
@@ -163,7 +148,7 @@ def _overlays(flat_map: FlatMap, hemisphere: Hemisphere) -> dict[str, NDArray[np
         if name in MEASURES:
             raise InputError(f"the overlay {path} has the name of a measure, {name}. Rename the file")
         if path.name.lower().endswith(_LABELS):
-            raise InputError(f"the overlay {path} has labels, not values. Draw it with voxflat figure MAP --parcels")
+            raise InputError(f"the overlay {path} contains labels. Draw them with voxflat figure MAP --parcels")
         if sampler.is_overlay(path):
             values = read_overlay(path, sampler.metadata["vertices"], structure=sampler.metadata.get("structure"))
             if values.ndim > 1:
@@ -181,9 +166,6 @@ def _overlays(flat_map: FlatMap, hemisphere: Hemisphere) -> dict[str, NDArray[np
         if not np.isfinite(found[name]).any():
             raise InputError(f"the overlay {path} has no values on the map. Check that it belongs to this subject")
     return found
-
-
-# ------------------------------------------------------------------------------------------ files
 
 
 def _write(flat_map: FlatMap, values: dict[str, NDArray[np.float64]], results: Results) -> list[Path]:
@@ -206,7 +188,7 @@ def _write(flat_map: FlatMap, values: dict[str, NDArray[np.float64]], results: R
         with atomic_path(results.values(name)) as temporary:
             temporary.write_bytes(value_bytes({name: at_vertices}, structure, flat_map.provenance))
         written.append(results.values(name))
-    for path in before - set(written):  # overlays of the previous run that were not requested again
+    for path in before - set(written):  # overlays of the previous run that are not requested any more
         path.unlink(missing_ok=True)
     return written
 

@@ -34,7 +34,7 @@ class Depths:
         if fraction is None:
             return cls(_numbers(depth, "depth"))
         if not isinstance(depth, int | float) or depth != 0:
-            raise InputError("depth (mm) and fraction (of the way from white to pial) are both given. Pass only one")
+            raise InputError("depth (in mm) and fraction (from white to pial) cannot be combined. Pass only one")
         values = _numbers(fraction, "fraction")
         for value in values:
             if not 0 <= value <= 1:

@@ -28,12 +28,12 @@ from voxflat.maps.sampling import majority
 from voxflat.maps.textures.pictures import decoded, header
 
 _IMAGES = (".png", ".tif", ".tiff", ".npy", ".nii", ".nii.gz")
-_BESIDE = 1.5  # pixels by which a label image is extended beyond the map
+_BESIDE = 1.5  # extent, in pixels, of a label image beyond the outline of the map
 
 
 @dataclass(frozen=True, eq=False)
 class _Drawn:
-    """Outlines of regions; later outlines cover earlier ones."""
+    """Outlines of regions; where outlines overlap, the last one counts."""
 
     outlines: tuple[Outline, ...]
     keys: tuple[int, ...]
@@ -67,14 +67,14 @@ def _winding(loop: NDArray[np.float64], places: NDArray[np.float64]) -> NDArray[
 
 @dataclass(frozen=True, eq=False)
 class _Pixels:
-    """A label image on the pixels of the map; between pixel centres the label with the greatest weight counts."""
+    """A label image on the pixels of the map, interpolated by majority between pixel centres."""
 
     data: NDArray[np.int64]
     raster: Raster
 
     @cached_property
     def _continued(self) -> NDArray[np.int64]:
-        """The image, extended slightly beyond the map, whose border cuts pixels."""
+        """The image, extended slightly beyond the outline of the map, which cuts pixels."""
         away, (rows, columns) = scipy.ndimage.distance_transform_edt(~self.raster.inside, return_indices=True)
         return np.where(away <= _BESIDE, self.data[rows, columns], 0)
 
@@ -97,9 +97,9 @@ class _Pixels:
 
 def regions_of(of: Planar, rois: object, *, layer: str, pixel_size: float | None) -> Regions:
     """Return regions from any supported input, as `FlatMap.regions` does."""
-    name = Path(rois).name.lower() if isinstance(rois, str | os.PathLike) else ""
     if isinstance(rois, str | os.PathLike):
         path = Path(rois)
+        name = path.name.lower()
         if name.endswith(".svg"):
             return _drawn(of, read_outlines(path, layer))
         if name.endswith(".json"):
@@ -117,22 +117,21 @@ def regions_of(of: Planar, rois: object, *, layer: str, pixel_size: float | None
         return _drawn(of, [Outline(str(key), _loops(loops, str(key))) for key, loops in rois.items()])
     if isinstance(rois, np.ndarray) and rois.ndim == 2 and rois.shape[1] != 2 and rois.dtype.kind in "biuf":
         return _pixels(of, rois, pixel_size)
-    if isinstance(rois, np.ndarray) and rois.ndim == 2:
+    listed: Any = rois if isinstance(rois, Sequence) else ()
+    if (isinstance(rois, np.ndarray) and rois.ndim == 2) or (len(listed) and np.ndim(listed[0]) == 1):
         return _drawn(of, [Outline("region 1", _loops(rois, "region 1"))])
-    if isinstance(rois, Sequence) and not isinstance(rois, str) and len(rois):
-        if all(isinstance(item, Outline) for item in rois):
-            return _drawn(of, list(rois))
-        if np.ndim(rois[0]) == 1:
-            return _drawn(of, [Outline("region 1", _loops(rois, "region 1"))])
-        return _drawn(of, [Outline(f"region {n}", _loops(loop, f"region {n}")) for n, loop in enumerate(rois, 1)])
+    if len(listed) and all(isinstance(item, Outline) for item in listed):
+        return _drawn(of, listed)
+    if len(listed):
+        return _drawn(of, [Outline(f"region {n}", _loops(loop, f"region {n}")) for n, loop in enumerate(listed, 1)])
     raise InputError(
-        f"cannot read regions from {type(rois).__name__}. Pass polygons of shape (k, 2) in mm by name, a label image "
-        "of the map, a napari Shapes layer, or an .svg, .json or image file"
+        f"cannot read regions from {type(rois).__name__}. Pass polygons of shape (k, 2) in mm, keyed by name; a label "
+        "image of the map; a napari Shapes layer; or an .svg, .json or image file"
     )
 
 
 def _loops(given: Any, name: str) -> tuple[NDArray[np.float64], ...]:
-    """Return one polygon, or several that enclose a region together."""
+    """Return the polygons, one or several, that enclose a region."""
     several = isinstance(given, Sequence) and len(given) and np.ndim(given[0]) == 2
     found = []
     for polygon in given if several else [given]:
@@ -144,7 +143,7 @@ def _loops(given: Any, name: str) -> tuple[NDArray[np.float64], ...]:
             raise InputError(f"{name}: not a polygon (shape {loop.shape}). Pass at least 3 corners (u, v), in mm")
         if not np.isfinite(loop).all():
             bad = int(np.flatnonzero(~np.isfinite(loop).all(axis=1))[0])
-            raise InputError(f"{name}: corner {bad} is not finite. Pass finite (u, v) in mm")
+            raise InputError(f"{name}: corner {bad} is not finite. Pass finite coordinates (u, v), in mm")
         found.append(loop)
     return tuple(found)
 
@@ -152,7 +151,7 @@ def _loops(given: Any, name: str) -> tuple[NDArray[np.float64], ...]:
 def _drawn(of: Planar, outlines: Sequence[Outline]) -> Regions:
     """Return outlines as regions; outlines with the same name form one region."""
     if not outlines:
-        raise InputError("there are no regions. Draw at least one")
+        raise InputError("there are no regions. Draw at least one region")
     names = tuple(dict.fromkeys(outline.name for outline in outlines))
     keys = {name: key for key, name in enumerate(names, 1)}
     colours = {outline.name: outline.colour for outline in reversed(outlines)}
@@ -175,7 +174,7 @@ def _drawn(of: Planar, outlines: Sequence[Outline]) -> Regions:
         own = [outline for outline in outlines if outline.name == name]
         counts += _Drawn(tuple(own), (1,) * len(own)).labels(uv)
     if (counts > 1).any():
-        log.warning("%d points lie in several regions; the region drawn last contains them", int((counts > 1).sum()))
+        log.warning("%d points lie in several regions. They belong to the one drawn last", int((counts > 1).sum()))
     return Regions(of, names, tuple(keys.values()), np.array(shown, dtype=np.uint8), drawn)
 
 
@@ -183,7 +182,8 @@ def _pixels(of: Planar, data: Any, pixel_size: float | None) -> Regions:
     """Return a label image as regions."""
     values = array_of(data, "labels")
     if values.ndim != 2 or values.dtype.kind not in "biuf":
-        raise InputError(f"the label image is {values.dtype} of shape {values.shape}. Pass whole numbers (H, W)")
+        told = f"the label image has shape {values.shape} and data type {values.dtype}"
+        raise InputError(f"{told}. Pass whole numbers of shape (H, W)")
     raster = of.raster(pixel_size)
     if raster.shape != values.shape:
         raise InputError(
@@ -223,7 +223,7 @@ def _read_polygons(path: Path) -> list[Outline]:
     with naming(path, 'write {"name": [[u, v], ...]} in mm'):
         content = from_json(contents(path))
         if not isinstance(content, dict):
-            raise InputError('does not hold an object. Write {"name": [[u, v], ...]} in mm')
+            raise InputError('is not a JSON object. Write {"name": [[u, v], ...]} in mm')
         return [Outline(name, _loops(loops, name)) for name, loops in content.items() if name != "provenance"]
 
 
@@ -237,12 +237,11 @@ def _read_image(path: Path) -> tuple[NDArray[Any], float | None]:
         return data, None
     if name.endswith(VOLUME_ENDINGS) and not name.endswith((".tif", ".tiff")):  # here TIFFs are pictures
         volume = as_volume(path)
-        return volume.data[:, :, 0] if volume.data.ndim == 3 and volume.data.shape[2] == 1 else volume.data, float(
-            volume.spacing[0]
-        )
+        data = volume.data
+        return data[:, :, 0] if data.shape[2:] == (1,) else data, float(volume.spacing[0])
     with header(path) as image:
         if image.mode not in ("L", "P", "I", "I;16", "F", "1"):
-            raise InputError(f"is a colour image ({image.mode}). Save labels as .tif or .npy, or in grey levels")
+            raise InputError(f"is a colour image (mode {image.mode}). Save labels as .tif or .npy, or in grey levels")
         told = str(image.info.get("Pixel size", "")) or str(getattr(image, "tag_v2", {}).get(270, ""))
         data = decoded(path, image)
     size = told.split("Pixel size: ")[-1].split(" mm")[0]

@@ -35,6 +35,10 @@ from voxflat.maps.textures.textured import TexturedSurface
 from voxflat.surfaces.manifold import patch_of
 
 MAP_ENDINGS = (*SAVED_ENDINGS, ".surf.gii", *FLAT_PATCH_ENDINGS, ".vtp", ".ply", ".obj")
+_ARRAYS = (  # fields that are saved as arrays, if they are known
+    *("uv", "points", "normals", "ids", "faces", "torn", "sources", "eigenvalues", "bridges"),
+    *("curvature", "sulcal_depth", "white_points", "pial_points"),
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,21 +64,21 @@ class FlatMap(Planar):
     faces : ndarray of uint32, shape (F, 3)
         Triangles that cover the map, counterclockwise except where they are flipped.
     torn : ndarray of bool, shape (F,)
-        Triangles whose corners are neighbours in the plane but not on the surface: the map is compressed or folded
-        there. Only maps over the 26-neighbour graph, whose triangles are made in the plane, can have torn triangles.
+        Triangles whose corners are neighbours in the plane but not on the surface, because the map is compressed or
+        folded there. Only maps of the 26-neighbour graph, whose triangles are made in the plane, can have them.
     sources : ndarray of int64, shape (m,)
-        Points from which distances were measured, as row numbers.
+        Row numbers of the points from which distances were measured.
     eigenvalues : ndarray of float64, shape (K,)
         Eigenvalues of classical scaling with the largest magnitudes, mm². Two dominant values imply a planar surface.
     distortion : Distortion
-        Errors of distances and changes of triangles.
+        Errors of distances, and changes of areas and angles.
     metadata : dict
-        Parameters, affine, versions, checksum of the input, and topology.
+        Parameters, affine, versions, topology, and the checksum of the input.
     rows : ndarray of float32, shape (m, N), or Table, or None
-        Geodesic distances from the sources, mm, if requested. Rows in a store (``metadata["store"]``) stay there:
-        `save` does not include them, and merged vertices have no column.
+        Geodesic distances from the sources, mm, if requested. Distance rows in a store (``metadata["store"]``) stay
+        there: `save` does not include them, and merged vertices have no column.
     bridges : ndarray of int64, shape (B, 3)
-        Mesh triangles that the map lacks although it has all their corners. A patch file must exclude them.
+        Mesh triangles that are not part of the map although all their corners are. A patch file must exclude them.
     curvature : ndarray of float64, shape (N,), or None
         Mean curvature at the points, 1/mm, positive on gyri, from `Surface.mean_curvature` of the whole surface before
         it was cut. None for the method "grossmann2002", whose surface has no triangles.
@@ -172,7 +176,7 @@ class FlatMap(Planar):
     def affine(self) -> NDArray[np.float64]:
         """The affine of the flattened volume, from voxel indices to RAS+ mm, shape (4, 4).
 
-        Maps of meshes have none.
+        It is not available for maps of meshes.
 
         See Also
         --------
@@ -180,8 +184,7 @@ class FlatMap(Planar):
 
         Examples
         --------
-        >>> disk = voxflat.surface(voxflat.samples.ball()).disk((4, 12, 12), 6)
-        >>> disk.flatten().affine.shape
+        >>> voxflat.surface(voxflat.samples.ball()).disk((4, 12, 12), 6).flatten().affine.shape
         (4, 4)
         """
         return self._triangles.on_surface.affine
@@ -190,7 +193,7 @@ class FlatMap(Planar):
     def volume_shape(self) -> tuple[int, int, int]:
         """The shape of the flattened volume.
 
-        Maps of meshes have none.
+        It is not available for maps of meshes.
 
         See Also
         --------
@@ -198,8 +201,7 @@ class FlatMap(Planar):
 
         Examples
         --------
-        >>> disk = voxflat.surface(voxflat.samples.ball()).disk((4, 12, 12), 6)
-        >>> disk.flatten().volume_shape
+        >>> voxflat.surface(voxflat.samples.ball()).disk((4, 12, 12), 6).flatten().volume_shape
         (24, 24, 24)
         """
         return self._triangles.on_surface.volume_shape
@@ -253,7 +255,7 @@ class FlatMap(Planar):
         Returns
         -------
         FlatImage
-            Mean relative error of the distances from each position, as a fraction; NaN outside the map.
+            Mean relative error of the distances from each position; NaN outside the map.
 
         See Also
         --------
@@ -261,8 +263,7 @@ class FlatMap(Planar):
 
         Examples
         --------
-        >>> flat_map = voxflat.samples.hill().flatten()
-        >>> flat_map.heat_map(pixel_size=1.0)
+        >>> voxflat.samples.hill().flatten().heat_map(pixel_size=1.0)
         <FlatImage: distortion: mean relative error of distances, 43 x 43 pixels of 1>
         """
         raster = self.raster(pixel_size)
@@ -279,8 +280,8 @@ class FlatMap(Planar):
         Parameters
         ----------
         picture : array_like, shape (H, W) or (H, W, C)
-            The picture, which is centred on the map and scaled, with its proportions kept, to just cover the map's
-            bounding box.
+            The picture. It is centred on the map and scaled to just cover the bounding box of the map; its proportions
+            are kept.
 
         Returns
         -------
@@ -293,8 +294,7 @@ class FlatMap(Planar):
 
         Examples
         --------
-        >>> flat_map = voxflat.samples.hill().flatten()
-        >>> flat_map.texture(np.zeros((64, 64))).shape
+        >>> voxflat.samples.hill().flatten().texture(np.zeros((64, 64))).shape
         (441,)
         """
         values = check_values(picture)
@@ -314,7 +314,7 @@ class FlatMap(Planar):
             A grey or colour picture, optionally with opacity. Arrays have shape (H, W), (H, W, 3) or (H, W, 4), and
             type uint8, bool, or float from 0 to 1.
         texel_size : float, optional
-            Side length of a pixel of the picture, mm; by default the picture just covers the map's bounding box.
+            Side length of a pixel of the picture, mm; by default the picture just covers the bounding box of the map.
         repeat : bool
             Whether the picture is repeated beyond its borders.
 
@@ -336,8 +336,7 @@ class FlatMap(Planar):
 
         Examples
         --------
-        >>> flat_map = voxflat.samples.hill().flatten()
-        >>> flat_map.textured(np.full((8, 8, 3), 255, np.uint8))
+        >>> voxflat.samples.hill().flatten().textured(np.full((8, 8, 3), 255, np.uint8))
         <TexturedSurface: 441 points, 800 triangles, 8 x 8 texels>
         """
         colours, source = as_picture(picture)
@@ -375,8 +374,7 @@ class FlatMap(Planar):
 
         Examples
         --------
-        >>> disk = voxflat.surface(voxflat.samples.ball()).disk((4, 12, 12), 6)
-        >>> flat_map = disk.flatten()
+        >>> flat_map = voxflat.surface(voxflat.samples.ball()).disk((4, 12, 12), 6).flatten()
         >>> flat_map.paint(flat_map.uv[:, 0]).shape
         (24, 24, 24)
         """
@@ -384,10 +382,10 @@ class FlatMap(Planar):
         if not is_number(background):
             raise InputError(f"background is {shown(background)}. Pass a number")
         if not _holds(values.dtype, background):
-            raise InputError(f"background is {shown(background)}, which {values.dtype} cannot hold. Convert values")
+            raise InputError(f"background is {shown(background)}, which {values.dtype} cannot hold. Convert the values")
         if values.ndim not in (1, 2) or len(values) != len(self):
-            raise InputError(f"values has shape {values.shape}, but the map has {len(self)} points. Pass one each")
-        self._triangles.on_surface.need_volume("has no voxels to paint")
+            raise InputError(f"values has shape {values.shape}, but the map has {len(self)} points. Pass one per point")
+        self._triangles.on_surface.need_volume("has no voxels to paint", "Flatten a volume instead")
         volume = np.full((*self.volume_shape, *values.shape[1:]), background, dtype=values.dtype)
         volume[tuple(self.ids.T)] = values
         return volume
@@ -401,11 +399,12 @@ class FlatMap(Planar):
         Parameters
         ----------
         rois : dict, ndarray, sequence, FlatImage, path or napari Shapes layer
-            Polygons (k, 2) in mm: one polygon, a list of polygons, or a dict keyed by name, such as {"V1": polygon};
-            several polygons under one name enclose a region together. Or a label image on the map's pixels, shape (H,
-            W), with 0 for no region. Or a napari Shapes layer over the map, with the names in the column "name" of its
-            features. Or a file: ``.svg``, a voxflat figure with paths in a layer; ``.json``, polygons keyed by name;
-            ``.npy``, ``.png``, ``.tif``, ``.nii`` or ``.nii.gz``, a label image.
+            Polygons (k, 2) in mm: one polygon, a list of polygons, or a dict keyed by name, such as {"V1": polygon}.
+            Several polygons with the same name enclose one region. Alternatively, a label image on the pixels of the
+            map, shape (H, W), with 0 outside regions; a napari Shapes layer over the map, whose column "name" of the
+            features holds the names; or a file. An ``.svg`` file is a voxflat figure with paths in a layer, a ``.json``
+            file holds polygons keyed by name, and ``.npy``, ``.png``, ``.tif``, ``.nii`` and ``.nii.gz`` files are
+            label images.
         layer : str
             Layer of the SVG file in which the regions were drawn.
         pixel_size : float, optional
@@ -452,8 +451,7 @@ class FlatMap(Planar):
 
         Examples
         --------
-        >>> flat_map = voxflat.samples.hill().flatten()
-        >>> flat_map.description()["method"]
+        >>> voxflat.samples.hill().flatten().description()["method"]
         'voxflat'
         """
         return {**self.metadata, "distortion": self.distortion.figures()}
@@ -462,7 +460,7 @@ class FlatMap(Planar):
     def provenance(self) -> Record:
         """The record of how the map was made.
 
-        It lists version, function, parameters, input files, warnings and distortion figures.
+        It lists the version, function, parameters, input files, warnings and distortion figures.
 
         See Also
         --------
@@ -477,7 +475,7 @@ class FlatMap(Planar):
         return {**self.metadata.get("provenance", {}), **told, "figures": self.distortion.figures()}
 
     def _with_provenance(self, record: Record) -> "FlatMap":
-        """Return the map with a record of how it was made; its store of rows gets the record, too."""
+        """Return the map with a record of how it was made, which is also written to its store of distance rows."""
         full = resolved(record, self.metadata)
         if "store" in self.metadata:
             write_provenance(self.metadata["store"], full)
@@ -540,30 +538,15 @@ class FlatMap(Planar):
         elif name.endswith((".ply", ".obj")):
             write_mesh(path, self._mesh())
         else:
-            endings = " or ".join(MAP_ENDINGS)
+            endings = ", ".join(MAP_ENDINGS)
             why = f": {PATCH_ENDING} alone means a patch in 3-D space" if name.endswith(PATCH_ENDING) else ""
             raise InputError(f"cannot save a map as {path.name}{why}. Use a name that ends in {endings}")
 
     def _save_all(self, path: Path) -> None:
-        arrays: dict[str, Any] = {
-            "uv": self.uv,
-            "points": self.points,
-            "normals": self.normals,
-            "ids": self.ids,
-            "faces": self.faces,
-            "torn": self.torn,
-            "sources": self.sources,
-            "eigenvalues": self.eigenvalues,
-            "distortion_per_point": self.distortion.per_point,
-            "distortion_scatter": self.distortion.scatter,
-            "bridges": self.bridges,
-        }
-        if self.distortion.triangles is not None:
-            arrays["distortion_areal"] = self.distortion.triangles.areal
-            arrays["distortion_is_flipped"] = self.distortion.triangles.is_flipped
-        for name in ("curvature", "sulcal_depth", "white_points", "pial_points"):
-            if getattr(self, name) is not None:
-                arrays[name] = getattr(self, name)
+        arrays = {name: getattr(self, name) for name in _ARRAYS if getattr(self, name) is not None}
+        arrays |= {f"distortion_{name}": getattr(self.distortion, name) for name in ("per_point", "scatter")}
+        if (triangles := self.distortion.triangles) is not None:
+            arrays |= {f"distortion_{name}": getattr(triangles, name) for name in ("areal", "is_flipped")}
         if self.rows is not None and "store" not in self.metadata:
             arrays["rows"] = np.asarray(self.rows)
         write_map(path, arrays, self.description())
@@ -581,8 +564,8 @@ class FlatMap(Planar):
         elif self.torn.any():
             faces = faces[~self.torn]
             log.warning(
-                "%d of %d triangles are torn (there is no surface between their corners). They are not written to the "
-                "file; save as .vtp to keep them, marked as torn",
+                "%d of %d triangles are torn (the surface does not connect their corners). They are not written to "
+                "the file. Save as .vtp to keep them, marked as torn",
                 len(self.torn) - len(faces),
                 len(self.torn),
             )
@@ -599,7 +582,7 @@ class FlatMap(Planar):
     def _patch(self) -> Patch:
         """Return the map as a FreeSurfer patch."""
         if self.is_voxels:
-            raise InputError("a patch file needs vertex numbers of a mesh, but this map has voxels. Use .surf.gii")
+            raise InputError("patch files hold vertex numbers of a mesh, but this map has voxels. Save as .surf.gii")
         merged = np.asarray(self.metadata.get("mended", {}).get("merged", []), dtype=np.int64).reshape(-1, 2)
         return patch_of(self._places, self.ids, self.faces, self.bridges, self.metadata["vertices"], merged)
 
@@ -622,8 +605,7 @@ class FlatMap(Planar):
 
         Examples
         --------
-        >>> flat_map = voxflat.samples.hill().flatten()
-        >>> flat_map.to_nilearn().n_vertices
+        >>> voxflat.samples.hill().flatten().to_nilearn().n_vertices
         441
         """
         mesh = self._flat_mesh()
@@ -645,8 +627,7 @@ class FlatMap(Planar):
 
         Examples
         --------
-        >>> flat_map = voxflat.samples.hill().flatten()
-        >>> flat_map.to_gifti().agg_data("pointset").shape
+        >>> voxflat.samples.hill().flatten().to_gifti().agg_data("pointset").shape
         (441, 3)
         """
         mesh = self._flat_mesh()
@@ -668,8 +649,7 @@ class FlatMap(Planar):
 
         Examples
         --------
-        >>> flat_map = voxflat.samples.hill().flatten()
-        >>> len(flat_map.to_trimesh().vertices)
+        >>> len(voxflat.samples.hill().flatten().to_trimesh().vertices)
         441
         """
         mesh = self._flat_mesh()
@@ -691,8 +671,7 @@ class FlatMap(Planar):
 
         Examples
         --------
-        >>> flat_map = voxflat.samples.hill().flatten()
-        >>> flat_map.to_pyvista().n_points
+        >>> voxflat.samples.hill().flatten().to_pyvista().n_points
         441
         """
         require("pyvista")
@@ -738,7 +717,7 @@ class FlatMap(Planar):
         return figure if ax is None else ax
 
     def _repr_html_(self) -> str:
-        """Return a picture of the map and a table of its figures, for Jupyter."""
+        """Return a picture of the map and a table of its distortion figures, for Jupyter."""
         figure = _drawing("figures").flat_map(self)
         return page(self, self.distortion.table(), figure, "The flat map, shaded by its folds")
 

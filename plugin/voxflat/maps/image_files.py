@@ -27,86 +27,6 @@ _GZIP_LEVEL = 1  # as in nibabel; higher levels hardly compress noise
 _OME = "http://www.openmicroscopy.org/Schemas/OME/2016-06"
 
 
-def write_image(
-    path: str | os.PathLike[str],
-    data: NDArray[Any],
-    affine: NDArray[np.float64],
-    name: str,
-    *,
-    labels: bool,
-    record: Record | None = None,
-    unit: str = "mm",
-) -> None:
-    """Write a flat image to a file (completely or not at all); see `FlatImage.save`."""
-    path = checked_path(path)
-    write = next((write for ending, write in _WRITERS.items() if path.name.lower().endswith(ending)), None)
-    if write is None:
-        raise InputError(f"cannot save an image as {path.name}. Use a name that ends in {', '.join(IMAGE_ENDINGS)}")
-    write(path, data, _in_mm(affine, unit), name, labels, record or {}, unit != "unknown")
-
-
-def _in_mm(affine: NDArray[np.float64], unit: str) -> NDArray[np.float64]:
-    """Convert an affine to mm, unless its unit is unknown."""
-    return affine if unit == "unknown" else np.asarray(np.diag([millimetres(unit)] * 3 + [1.0]) @ affine)
-
-
-def _write_png(
-    path: Path, data: NDArray[Any], affine: NDArray[np.float64], name: str, labels: bool, record: Record, has_unit: bool
-) -> None:
-    from PIL import Image, PngImagePlugin
-
-    text = PngImagePlugin.PngInfo()
-    if data.ndim == 3:
-        pixels, values = data, "colours"
-    elif labels:
-        pixels, values = label_colours(data), "labels, each in its own colour"
-    else:
-        pixels, values = _grey(data)
-    for key, value in {**_description(affine, name, record, has_unit), "Values": values}.items():
-        text.add_itxt(key, value)
-    per_inch = 25.4 / affine[2, 2]  # PNG stores whole pixels per metre, so the pixel size is also written as text
-    resolution = {"dpi": (per_inch, per_inch)} if has_unit else {}
-    with atomic_path(path) as temporary:
-        Image.fromarray(pixels).save(temporary, format="PNG", pnginfo=text, **resolution)
-
-
-def _write_tiff(
-    path: Path, data: NDArray[Any], affine: NDArray[np.float64], name: str, labels: bool, record: Record, has_unit: bool
-) -> None:
-    from PIL import Image, TiffImagePlugin
-
-    tags = TiffImagePlugin.ImageFileDirectory_v2()
-    tags[_TIFF_DESCRIPTION] = _described(affine, name, record, has_unit)
-    resolution = _resolution(affine, has_unit)
-    pixels = _measured(data)
-    with atomic_path(path) as temporary:
-        Image.fromarray(pixels).save(temporary, format="TIFF", tiffinfo=tags, **resolution)
-
-
-def _write_nifti(
-    path: Path, data: NDArray[Any], affine: NDArray[np.float64], name: str, labels: bool, record: Record, has_unit: bool
-) -> None:
-    write_volume(path, _measured(data)[:, :, None], affine, record, has_unit=has_unit)
-
-
-def _write_npy(
-    path: Path, data: NDArray[Any], affine: NDArray[np.float64], name: str, labels: bool, record: Record, has_unit: bool
-) -> None:
-    with atomic_path(path) as temporary:
-        save_array(temporary, data)
-
-
-_WRITERS: dict[str, Callable[[Path, NDArray[Any], NDArray[np.float64], str, bool, Record, bool], None]] = {
-    ".png": _write_png,
-    ".tif": _write_tiff,
-    ".tiff": _write_tiff,
-    ".nii": _write_nifti,
-    ".nii.gz": _write_nifti,
-    ".npy": _write_npy,
-}
-IMAGE_ENDINGS = tuple(_WRITERS)  # endings of the files that `FlatImage.save` writes
-
-
 _Values = Iterator[NDArray[np.float32]]
 
 
@@ -119,6 +39,10 @@ class _Image(Protocol):
     def affine(self) -> NDArray[np.float64]: ...
     @property
     def unit(self) -> str: ...
+    @property
+    def name(self) -> str: ...
+    @property
+    def is_labels(self) -> bool: ...
 
 
 class _Stack(Protocol):
@@ -136,9 +60,73 @@ class _Stack(Protocol):
     def __getitem__(self, channel: int) -> _Image: ...
 
 
-def write_stack(
-    path: str | os.PathLike[str], stack: _Stack, record: Record | None = None, progress: Progress | None = None
-) -> None:
+def write_image(path: str | os.PathLike[str], image: _Image, record: Record) -> None:
+    """Write a flat image to a file (completely or not at all); see `FlatImage.save`."""
+    path = checked_path(path)
+    write = next((write for ending, write in _WRITERS.items() if path.name.lower().endswith(ending)), None)
+    if write is None:
+        raise InputError(f"cannot save an image as {path.name}. Use a name that ends in {', '.join(IMAGE_ENDINGS)}")
+    write(path, image, record)
+
+
+def _placed(image: _Image) -> tuple[NDArray[np.float64], bool]:
+    """Return the affine of an image and whether its unit is known; if so, the affine is in mm."""
+    if image.unit == "unknown":
+        return image.affine, False
+    return np.asarray(np.diag([millimetres(image.unit)] * 3 + [1.0]) @ image.affine), True
+
+
+def _write_png(path: Path, image: _Image, record: Record) -> None:
+    from PIL import Image, PngImagePlugin
+
+    text = PngImagePlugin.PngInfo()
+    if image.data.ndim == 3:
+        pixels, values = image.data, "colours"
+    elif image.is_labels:
+        pixels, values = label_colours(image.data), "labels, each in its own colour"
+    else:
+        pixels, values = _grey(image.data)
+    for key, value in {**_description(image, image.name, record), "Values": values}.items():
+        text.add_itxt(key, value)
+    affine, has_unit = _placed(image)
+    per_inch = 25.4 / affine[2, 2]  # PNG stores whole pixels per metre, so the pixel size is also written as text
+    resolution = {"dpi": (per_inch, per_inch)} if has_unit else {}
+    with atomic_path(path) as temporary:
+        Image.fromarray(pixels).save(temporary, format="PNG", pnginfo=text, **resolution)
+
+
+def _write_tiff(path: Path, image: _Image, record: Record) -> None:
+    from PIL import Image, TiffImagePlugin
+
+    tags = TiffImagePlugin.ImageFileDirectory_v2()
+    tags[_TIFF_DESCRIPTION] = _described(image, image.name, record)
+    pixels = Image.fromarray(_measured(image.data))
+    with atomic_path(path) as temporary:
+        pixels.save(temporary, format="TIFF", tiffinfo=tags, **_resolution(image))
+
+
+def _write_nifti(path: Path, image: _Image, record: Record) -> None:
+    affine, has_unit = _placed(image)
+    write_volume(path, _measured(image.data)[:, :, None], affine, record, has_unit=has_unit)
+
+
+def _write_npy(path: Path, image: _Image, record: Record) -> None:
+    with atomic_path(path) as temporary:
+        save_array(temporary, image.data)
+
+
+_WRITERS: dict[str, Callable[[Path, _Image, Record], None]] = {
+    ".png": _write_png,
+    ".tif": _write_tiff,
+    ".tiff": _write_tiff,
+    ".nii": _write_nifti,
+    ".nii.gz": _write_nifti,
+    ".npy": _write_npy,
+}
+IMAGE_ENDINGS = tuple(_WRITERS)  # endings of the files that `FlatImage.save` writes
+
+
+def write_stack(path: str | os.PathLike[str], stack: _Stack, record: Record, progress: Progress | None) -> None:
     """Write several images to one file (completely or not at all); see `FlatStack.save`."""
     path = checked_path(path)
     write = next((write for ending, write in _STACK_WRITERS.items() if path.name.lower().endswith(ending)), None)
@@ -151,11 +139,11 @@ def write_stack(
         )
     first = stack[0]
     if first.data.ndim != 2:
-        raise InputError("colours cannot be saved as channels. Save them as one image")
+        raise InputError("colours cannot be saved as channels. Save each colour image separately")
     images = chain([first], (stack[n] for n in range(1, len(stack))))
     values = (_measured(image.data).astype("<f4", copy=False) for image in images)
     with atomic_directory(path) if write is _write_zarr else atomic_path(path) as temporary:
-        write(temporary, stack, first, _shown(values, len(stack), path.name, progress), record or {})
+        write(temporary, stack, first, _shown(values, len(stack), path.name, progress), record)
 
 
 def _shown(images: _Values, count: int, name: str, progress: Progress | None) -> _Values:
@@ -183,14 +171,13 @@ def _write_tiff_pages(path: Path, stack: _Stack, first: _Image, values: _Values,
 
     if len(stack) * (first.data.size * 4 + 4096) > _TIFF_LIMIT:
         raise InputError(f"{len(stack)} images exceed the 4 GiB limit of TIFF. Save as .nii, .zarr or .npy")
-    resolution = _resolution(_in_mm(first.affine, first.unit), first.unit != "unknown")
     with TiffImagePlugin.AppendingTiffWriter(str(path), True) as file:
         for n, pixels in enumerate(values):
             tags = TiffImagePlugin.ImageFileDirectory_v2()
             if n == 0:
                 tags[_TIFF_DESCRIPTION] = _ome(stack, first, record)
             tags[_TIFF_PAGE_NAME] = stack.names[n] or str(n)
-            Pillow.fromarray(pixels).save(file, format="TIFF", tiffinfo=tags, **resolution)
+            Pillow.fromarray(pixels).save(file, format="TIFF", tiffinfo=tags, **_resolution(first))
             file.newFrame()
 
 
@@ -198,7 +185,7 @@ def _ome(stack: _Stack, first: _Image, record: Record) -> str:
     """Return the description of an OME-TIFF, from which Bio-Formats, Fiji and tifffile read the axes and units."""
     frames, channels = _frames_and_channels(stack)
     height, width = first.data.shape
-    affine, has_unit = _in_mm(first.affine, first.unit), first.unit != "unknown"
+    affine, has_unit = _placed(first)
     pixels = {"ID": "Pixels:0", "DimensionOrder": "XYCZT", "Type": "float", "SizeX": str(width), "SizeY": str(height)}
     pixels |= {"SizeC": str(channels), "SizeZ": "1", "SizeT": str(frames)}
     for axis in "XY" if has_unit else "":
@@ -207,7 +194,7 @@ def _ome(stack: _Stack, first: _Image, record: Record) -> str:
         pixels |= {"TimeIncrement": f"{stack.timing.step:.9g}", "TimeIncrementUnit": "s"}
     root = ElementTree.Element("OME", {"xmlns": _OME})
     image = ElementTree.SubElement(root, "Image", {"ID": "Image:0", "Name": stack.name})
-    ElementTree.SubElement(image, "Description").text = _described(affine, stack.name, record, has_unit)
+    ElementTree.SubElement(image, "Description").text = _described(first, stack.name, record)
     body = ElementTree.SubElement(image, "Pixels", pixels)
     for n, name in enumerate(_channel_names(stack)):
         named = {"Name": name} if name else {}
@@ -221,11 +208,11 @@ def _write_nifti_series(path: Path, stack: _Stack, first: _Image, values: _Value
     nibabel = require("nibabel")
     height, width = first.data.shape
     if max(height, width, len(stack)) > np.iinfo(np.int16).max:
-        raise InputError(f"{len(stack)} images of {width} x {height} pixels exceed NIfTI-1's limit. Save as .npy")
+        raise InputError(f"{len(stack)} images of {width} x {height} pixels exceed the limits of NIfTI-1. Save as .npy")
     header = nibabel.Nifti1Header()
     header.set_data_dtype(np.float32)
     depths, timing = max(1, len(stack.layers)), stack.timing
-    affine, has_unit = _in_mm(first.affine, first.unit), first.unit != "unknown"
+    affine, has_unit = _placed(first)
     header.set_data_shape((height, width, depths, len(stack) // depths))
     header.set_zooms((*[float(affine[2, 2])] * 3, 1.0 if timing is None else timing.step))
     header.set_sform(affine, "scanner")
@@ -262,7 +249,7 @@ def _write_zarr(path: Path, stack: _Stack, first: _Image, values: _Values, recor
     zarr = require("zarr")
     form: Any = {"zarr_format": 2} if int(zarr.__version__.split(".")[0]) > 2 else {}  # the only format before
     frames, channels = _frames_and_channels(stack)
-    affine, has_unit = _in_mm(first.affine, first.unit), first.unit != "unknown"
+    affine, has_unit = _placed(first)
     timing, size = stack.timing, float(affine[2, 2])
     u, v = affine[:2, 3].tolist()
     leading: list[tuple[dict[str, str], int, float, float]] = []
@@ -277,19 +264,11 @@ def _write_zarr(path: Path, stack: _Stack, first: _Image, values: _Values, recor
         {"type": "translation", "translation": [*(start for _, _, _, start in leading), -v, u]},
     ]
     group = zarr.open_group(str(path), mode="a", **form)
-    group.attrs["multiscales"] = [
-        {
-            "version": "0.4",
-            "name": stack.name,
-            "axes": [*(axis for axis, _, _, _ in leading), *space],
-            "datasets": [{"path": "0", "coordinateTransformations": transforms}],
-        }
-    ]
-    group.attrs["voxflat"] = {
-        "affine": affine.tolist(),
-        "names": list(_channel_names(stack)),
-        "provenance": portable(record),
-    }
+    axes = [*(axis for axis, _, _, _ in leading), *space]
+    datasets = [{"path": "0", "coordinateTransformations": transforms}]
+    group.attrs["multiscales"] = [{"version": "0.4", "name": stack.name, "axes": axes, "datasets": datasets}]
+    names = list(_channel_names(stack))
+    group.attrs["voxflat"] = {"affine": affine.tolist(), "names": names, "provenance": portable(record)}
     array = zarr.open_array(
         str(path / "0"),
         mode="w",
@@ -315,19 +294,20 @@ _STACK_WRITERS: dict[str, Callable[[Path, _Stack, _Image, _Values, Record], None
 STACK_ENDINGS = tuple(_STACK_WRITERS)  # endings of the files that `FlatStack.save` writes
 
 
-def _described(affine: NDArray[np.float64], name: str, record: Record, has_unit: bool) -> str:
-    return "; ".join(f"{key}: {value}" for key, value in _description(affine, name, record, has_unit).items())
+def _described(image: _Image, name: str, record: Record) -> str:
+    return "; ".join(f"{key}: {value}" for key, value in _description(image, name, record).items())
 
 
-def _resolution(affine: NDArray[np.float64], has_unit: bool) -> dict[str, float]:
+def _resolution(image: _Image) -> dict[str, float]:
     """Return the resolution tags of TIFF."""
+    affine, has_unit = _placed(image)
     per_cm = 10 / float(affine[2, 2])
-    if not has_unit:
-        return {}
-    return {"x_resolution": per_cm, "y_resolution": per_cm, "resolution_unit": _TIFF_CENTIMETRE}
+    known = {"x_resolution": per_cm, "y_resolution": per_cm, "resolution_unit": _TIFF_CENTIMETRE}
+    return known if has_unit else {}
 
 
-def _description(affine: NDArray[np.float64], name: str, record: Record, has_unit: bool) -> dict[str, str]:
+def _description(image: _Image, name: str, record: Record) -> dict[str, str]:
+    affine, has_unit = _placed(image)
     (u, v), mm = affine[:2, 3], " mm" if has_unit else ""
     return {
         "Title": name,
@@ -354,6 +334,6 @@ def _measured(data: NDArray[Any]) -> NDArray[Any]:
         return data
     single = data.astype(np.float32)
     if all_whole(data) and not np.array_equal(single, data, equal_nan=True):
-        largest = np.nanmax(np.abs(data))
-        raise InputError(f"labels up to {largest:.0f} are too large for float32, as this format has. Save as .npy")
+        most = np.nanmax(np.abs(data))
+        raise InputError(f"labels up to {most:.0f} exceed the exact range of float32 in this format. Save as .npy")
     return single

@@ -17,8 +17,8 @@ def outline(uv: NDArray[np.float64], faces: NDArray[Any]) -> list[NDArray[np.flo
 
 def rim(faces: NDArray[Any], count: int) -> list[NDArray[np.int64]]:
     """Return the boundary edges as lines of points; a closed line ends at its first point."""
-    edges, _, counts = _edges(faces, count)
-    return chains(edges[counts == 1])
+    sides, _, counts = edges_of(faces, count)
+    return chains(sides[counts == 1])
 
 
 def ellipse(corners: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -32,9 +32,9 @@ def borders(uv: NDArray[np.float64], faces: NDArray[Any], labels: NDArray[np.int
     """Return smooth borders between the labels of points as lines, mm, by marching triangles.
 
     A border crosses the edges whose ends have different labels, initially midway. Smoothing moves each crossing along
-    its edge towards the middle of its neighbours, but never to an end. So each vertex stays on its side, and a border
-    lies within half an edge of the place where labels change. Where three labels meet, borders lead straight from the
-    middles of the edges to the triangle's centre.
+    its edge towards the middle of its neighbours, but never to an end. Therefore each vertex stays on its side, and a
+    border lies within half an edge of the position where labels change. Where three labels meet, borders lead straight
+    from the middles of the edges to the centre of the triangle.
     """
     edges, share, links, centres = _crossings(uv, faces, labels)
     places = uv[edges[:, 0]] + share[:, None] * (uv[edges[:, 1]] - uv[edges[:, 0]])
@@ -49,7 +49,7 @@ def region_corners(
     corners: NDArray[Any],
     weights: NDArray[np.floating[Any]],
 ) -> NDArray[np.int64]:
-    """Return the point on the same side of the `borders` for places given by triangle points (M, 3) and weights."""
+    """Return the corner on the same side of the `borders` as each place, given by corners (M, 3) and weights."""
     corners = corners.astype(np.int64)
     own = labels[corners]
     best = np.take_along_axis(corners, weights.argmax(axis=1)[:, None], axis=1)[:, 0]
@@ -109,7 +109,7 @@ def chains(links: NDArray[Any]) -> list[NDArray[np.int64]]:
     return lines
 
 
-def _edges(faces: NDArray[Any], count: int) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
+def edges_of(faces: NDArray[Any], count: int) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
     """Return edges (E, 2), smaller number first; the edges of each face (F, 3); and the face count of each edge."""
     faces = faces.astype(np.int64)
     ends = np.stack([faces, np.roll(faces, -1, axis=1)], axis=2)
@@ -121,8 +121,8 @@ def _edges(faces: NDArray[Any], count: int) -> tuple[NDArray[np.int64], NDArray[
 def _crossings(
     uv: NDArray[np.float64], faces: NDArray[Any], labels: NDArray[np.int64]
 ) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.int64], NDArray[np.float64]]:
-    """Return the edges that borders cross, the share at which they cross, links, and centres, numbered after edges."""
-    edges, of_face, _ = _edges(faces, len(uv))
+    """Return crossed edges, positions along them, links, and centres of triangles with three labels (last numbers)."""
+    edges, of_face, _ = edges_of(faces, len(uv))
     differs = labels[edges[:, 0]] != labels[edges[:, 1]]
     number = np.full(len(edges), -1)
     number[differs] = np.arange(differs.sum())

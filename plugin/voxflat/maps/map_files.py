@@ -10,19 +10,7 @@ from numpy.typing import NDArray
 from voxflat.arguments import checked_path, log
 from voxflat.distortion.distortion import Distortion
 from voxflat.distortion.figures import undefined_as_nan
-from voxflat.io.files import (
-    AGAIN,
-    atomic_path,
-    check_format,
-    check_places,
-    check_range,
-    check_regular,
-    check_shapes,
-    from_json,
-    holding,
-    in_types,
-    naming,
-)
+from voxflat.io import files
 from voxflat.io.meshes import Mesh
 from voxflat.io.provenance import Record, as_text
 from voxflat.io.readers import read_arrays
@@ -37,21 +25,21 @@ _FORMAT = 5
 def write_map(path: Path, arrays: dict[str, Any], description: Record) -> None:
     """Write a map's arrays and description to an archive (completely or not at all)."""
     text = as_text({"format": _FORMAT, **description})
-    with atomic_path(path) as temporary, temporary.open("wb") as file:
+    with files.atomic_path(path) as temporary, temporary.open("wb") as file:
         np.savez_compressed(file, metadata=np.array(text), **arrays)
 
 
 def read_map(path: str | os.PathLike[str]) -> dict[str, Any]:
     """Read the fields of a `FlatMap`, checked against each other; a damaged file raises an `InputError`."""
-    with naming(path, AGAIN):
-        check_regular(checked_path(path))
-    with holding(path, "a flat map"):
+    with files.naming(path, files.AGAIN):
+        files.check_regular(checked_path(path))
+    with files.holding(path, "a flat map"):
         arrays = read_arrays(path)
-        metadata = from_json(str(arrays.pop("metadata")))
-        check_format(path, metadata.pop("format"), _FORMAT, "Flatten the surface again")
+        metadata = files.from_json(str(arrays.pop("metadata")))
+        files.check_format(path, metadata.pop("format"), _FORMAT, "Flatten the surface again")
         note(path)
         uv, ids, *_ = (arrays[name] for name in _REQUIRED)  # a file without these fields fails here
-        with naming(path, AGAIN):
+        with files.naming(path, files.AGAIN):
             arrays = _checked(arrays, uv, ids, metadata)
         distortion = metadata.pop("distortion")
         more = {name: distortion.pop(name) for name in ("triangles", "reference", "topology", "voxel_size")}
@@ -103,7 +91,7 @@ _LAYOUT = {
     "distortion_areal": ("f8", "points"),
     "distortion_is_flipped": ("?", "faces"),
 }
-"""Types and axes of a file's arrays, as `check_shapes` takes them."""
+"""Types and axes of the arrays in a file, in the form that `check_shapes` expects."""
 
 
 def _checked(
@@ -111,8 +99,8 @@ def _checked(
 ) -> dict[str, NDArray[Any]]:
     """Return the arrays of a file, checked against each other and against the input."""
     layout = {**_LAYOUT, "ids": ("i8", "points 3" if metadata.get("kind") == "voxels" else "points")}
-    check_shapes(arrays, layout)
-    check_range(arrays, {"faces": len(uv), "sources": len(uv)})
-    check_places({"uv": uv, "points": arrays["points"]})
+    files.check_shapes(arrays, layout)
+    files.check_range(arrays, {"faces": len(uv), "sources": len(uv)})
+    files.check_places({"uv": uv, "points": arrays["points"]})
     check_origin(metadata, ids)
-    return in_types(arrays, layout)
+    return files.in_types(arrays, layout)

@@ -71,15 +71,17 @@ def match(whole: Manifold, flat: object) -> Matched:
     if mesh is None:
         places = array_of(flat, "places")
         if places.ndim != 2 or places.shape[1] not in (2, 3) or places.dtype.kind not in "iuf":
-            raise InputError(
-                f"the map is {places.dtype} of shape {places.shape}. Pass places of shape (V, 2), or a file"
-            )
+            raise InputError(f"the map is {_kind(places)}. Pass positions of shape (V, 2), or a file")
         return _of_places(whole, places.astype(np.float64), None)
     if mesh.texture_coordinates is None or _is_flat(mesh.points):
         return _of_places(whole, mesh.points, mesh)
     if mesh.path is not None and mesh.path.name.lower().endswith(".obj"):
         return _of_texture(whole, mesh, mesh.path)
     return _of_places(whole, mesh.texture_coordinates, mesh)
+
+
+def _kind(array: NDArray[Any]) -> str:
+    return f"an array of shape {array.shape} and data type {array.dtype}"
 
 
 def _check_count(whole: Manifold, count: int) -> None:
@@ -105,7 +107,7 @@ def _of_patch(whole: Manifold, path: Any) -> Matched:
 
 
 def _of_texture(whole: Manifold, mesh: Mesh, path: Path) -> Matched:
-    """Use an OBJ file's texture coordinates as a map, which is cut where a vertex has several."""
+    """Use the texture coordinates of an OBJ file as a map, which is cut at vertices with several coordinates."""
     _check_count(whole, len(mesh.points))
     with naming(path, REMEDY):
         faces, coordinates, _ = read_obj_texture(contents(path))
@@ -122,24 +124,27 @@ def _of_texture(whole: Manifold, mesh: Mesh, path: Path) -> Matched:
 
 def _of_rows(whole: Manifold, places: Any, faces: Any, vertices: Any) -> Matched:
     """Use positions of given vertices, some of which a cut may have duplicated."""
-    places, faces, vertices = (array_of(part, "places, faces and vertices") for part in (places, faces, vertices))
+    places, faces, vertices = (array_of(part, "positions, faces and vertices") for part in (places, faces, vertices))
     if places.ndim != 2 or places.shape[1] not in (2, 3) or places.dtype.kind not in "iuf":
-        raise InputError(f"the map's places are {places.dtype} of shape {places.shape}. Pass numbers (N, 2)")
+        raise InputError(f"the map is {_kind(places)}. Pass positions of shape (N, 2)")
     if not _is_flat(places) or not np.isfinite(places).all():
-        raise InputError("the map's places are not flat, or not finite. Pass a flat surface")
+        raise InputError("the coordinates of the map are not flat or not finite. Pass a flat surface")
     if faces.ndim != 2 or faces.shape[1] != 3 or faces.dtype.kind not in "iu" or not len(faces):
-        raise InputError(f"the map's triangles are {faces.dtype} of shape {faces.shape}. Pass whole numbers (F, 3)")
+        raise InputError(f"the triangles of the map are {_kind(faces)}. Pass whole numbers of shape (F, 3)")
     if not 0 <= int(faces.min()) <= int(faces.max()) < len(places):
-        raise InputError(f"the map has a triangle with point {int(faces.max())}. Pass numbers below {len(places)}")
+        low, high = int(faces.min()), int(faces.max())
+        told = f"the triangles of the map refer to points {low} to {high}"
+        raise InputError(f"{told}. Pass numbers from 0 to {len(places) - 1}")
     if vertices.shape != (len(places),) or vertices.dtype.kind not in "iu":
-        raise InputError(f"the map's vertices are {vertices.dtype} of shape {vertices.shape}. Pass one per place")
+        raise InputError(f"the vertices of the map are {_kind(vertices)}. Pass one number per point")
     numbers = np.full(whole.count, -1, dtype=np.int64)
     numbers[whole.vertices[::-1]] = np.arange(len(whole))[::-1]  # the first of several matches
     numbers[whole.merged[:, 0]] = numbers[whole.merged[:, 1]]
     is_there = (vertices >= 0) & (vertices < whole.count)
     found = np.where(is_there, numbers[np.where(is_there, vertices, 0)], -1)
     if (found < 0).any():
-        raise InputError(f"the surface has no vertex {vertices[found < 0][0]}, but the map does. Pass matching files")
+        missing = vertices[found < 0][0]
+        raise InputError(f"vertex {missing} of the map is not a vertex of the surface. Pass a map of this surface")
     return _cut_as_it_is(whole, found, faces.astype(np.int64), np.asarray(places[:, :2], dtype=np.float64))
 
 
@@ -181,17 +186,17 @@ def _matched(whole: Manifold, faces: NDArray[np.int64], places: NDArray[np.float
 def _check_triangles(whole: Manifold, faces: NDArray[np.int64]) -> None:
     """Raise an error for vertices that the surface does not have; warn about triangles that it does not have."""
     if len(faces) == 0:
-        raise InputError("the map has no place for all corners of any triangle. Pass a map of this surface")
+        raise InputError("the map does not contain a complete triangle of the surface. Pass a map of this surface")
     is_there = np.zeros(whole.count, dtype=np.bool_)
     is_there[whole.vertices] = True
     strange = faces[~is_there[faces]]
     if len(strange):
-        raise InputError(
-            f"the map has a triangle with vertex {strange[0]}, which no triangle of the surface has. Pass a map of "
-            "this surface"
-        )
+        told = f"the map has a triangle with vertex {strange[0]}, which is in no triangle of the surface"
+        raise InputError(f"{told}. Pass a map of this surface")
     if whole._has_triangles(faces) is None:
-        log.warning("the map has triangles that the surface does not have. The map's own triangles are measured")
+        log.warning(
+            "the map has triangles that the surface does not have. Distortion is measured on the triangles of the map"
+        )
 
 
 def _places_of(whole: Manifold) -> NDArray[np.float64]:

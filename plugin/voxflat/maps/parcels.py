@@ -14,7 +14,7 @@ from voxflat.maps.colours import all_whole, label_colour
 from voxflat.maps.depth import ON_SURFACE, Depths
 from voxflat.maps.flat_map import FlatMap
 from voxflat.maps.lines import borders, region_corners
-from voxflat.maps.raster import Raster
+from voxflat.maps.raster import Raster, at_points
 
 _NONE = -1
 
@@ -25,7 +25,7 @@ class Parcels:
 
     flat_map: FlatMap
     labels: NDArray[np.int64]  # (N,); −1 where there is no parcel
-    table: LabelTable  # defaults are the label's number, and a colour as in PNGs of labels
+    table: LabelTable  # the default name is the number of the label, and the default colour is `label_colour`
 
     @cached_property
     def names(self) -> dict[int, str]:
@@ -48,7 +48,7 @@ class Parcels:
         return self.flat_map.faces[~self.flat_map.torn]
 
     def raster(self, raster: Raster) -> NDArray[np.int64]:
-        """Return the label of each pixel, divided by the same lines as `borders`; −1 where there is no label."""
+        """Return the label of each pixel, separated by the lines in `borders`; −1 where there is no label."""
         inside = raster.inside
         found = np.full(raster.shape, _NONE)
         corners, weights = raster.corners[inside], np.asarray(raster.weights[inside], dtype=np.float64)
@@ -71,34 +71,24 @@ def parcels_of(
     channel: int | str | None = None,
     depths: Depths = ON_SURFACE,
 ) -> Parcels:
-    """Return labels on a map.
+    """Return labels on a map; raise an InputError if there are none on the map.
 
-    `flat_map`: a flat map. `labels`: labels at the vertices of the mesh (``.annot``, ``.label.gii``, ``.dlabel.nii``,
-    whole numbers of shape (V,)), or a volume of labels, from which each point takes the label of the nearest voxel.
-    `table`: names and colours, if the file has none: a table such as FreeSurferColorLUT.txt or a BIDS dseg.tsv.
-    `channel`: the map in the file, as in `FlatMap.image`. `depths`: where to sample a volume; with several depths each
-    point takes the most frequent label of the surrounding voxels. Raises InputError if there are no labels, or if none
-    of them lies on the map.
+    Labels belong to the vertices of the mesh (``.annot``, ``.label.gii``, ``.dlabel.nii``, or whole numbers of shape
+    (V,)), or are a volume. From a volume, each point takes the label of the nearest voxel, or, with several depths, the
+    most frequent label of the surrounding voxels. `table` gives names and colours that the file does not contain.
     """
-    points = np.repeat(np.arange(len(flat_map), dtype=np.uint32), 3).reshape(-1, 1, 3)
-    weights = np.broadcast_to(np.array([1, 0, 0], dtype=np.float32), points.shape)
-    on_points = Raster(points, weights, (0.0, 0.0), 1.0)
-    sampler = flat_map._triangles.on_surface
-    way = "nearest" if len(depths.values) == 1 else "majority"
-    stack = sampler.images(on_points, labels, depths=depths, average=True, interpolation=way)
+    sampler, way = flat_map._triangles.on_surface, "nearest" if len(depths) == 1 else "majority"
+    stack = sampler.images(at_points(len(flat_map)), labels, depths=depths, average=True, interpolation=way)
     number = stack.channels.find(channel)
     values: NDArray[Any] = stack[number].data
-    name = labels if isinstance(labels, str | os.PathLike) else "the labels"
+    file = f"{labels}: " if isinstance(labels, str | os.PathLike) else ""
     if values.ndim != 2 or not all_whole(values):
-        raise InputError(f"{name}: labels must be whole numbers. Show other values as an overlay")
+        raise InputError(f"{file}labels must be whole numbers. Show other values as an overlay")
     if not np.isfinite(values).any():
-        raise InputError(f"{name}: has no labels on the map. Check that the affines agree")
-    known = table if isinstance(table, LabelTable) else None
-    if known is None and isinstance(table, str | os.PathLike):
-        known = read_table(table)
-    if known is None:
-        known = own_table(labels, number)
-    known = known or LabelTable()
+        raise InputError(f"{file}there are no labels on the map. Check that the affines match")
+    known = read_table(table) if isinstance(table, str | os.PathLike) else table
+    if not isinstance(known, LabelTable):
+        known = own_table(labels, number) or LabelTable()
     with np.errstate(invalid="ignore"):  # values out of range are not labels
         found = np.nan_to_num(values[:, 0], nan=_NONE).astype(np.int64)
     for label in np.unique(found):

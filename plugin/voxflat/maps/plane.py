@@ -29,13 +29,13 @@ class Places:
     Parameters
     ----------
     face_ids : ndarray of int64, shape (...)
-        The triangle at each point, as a row of `faces`; −1 for none.
+        The triangle at each point, as a row of `faces`; −1 outside all triangles.
     weights : ndarray of float64, shape (..., 3)
-        Barycentric coordinates for the corners of the triangle; NaN for none.
+        Barycentric coordinates for the corners of the triangle; NaN outside all triangles.
     points : ndarray of float64, shape (..., 3)
-        Positions on the surface, RAS+ mm in its `space`; NaN for none.
+        Positions on the surface, RAS+ mm in its `space`; NaN outside all triangles.
     piece_ids : ndarray of int64, shape (...)
-        The piece of an atlas; 0 on a map, which has only one; −1 for none.
+        The piece of an atlas, or 0 on a map, which has only one piece; −1 outside all triangles.
 
     See Also
     --------
@@ -71,7 +71,7 @@ class FlatTriangles:
     faces : ndarray of uint32, shape (F, 3)
         The triangles.
     torn : ndarray of bool, shape (F,)
-        Triangles with no surface between their corners; they show the nearest corner.
+        Triangles whose corners are not connected on the surface; they show the nearest corner.
     on_surface : Sampler
         The same N points on the surface.
     piece_ids : ndarray of int64, shape (F,), or None
@@ -83,8 +83,7 @@ class FlatTriangles:
 
     Examples
     --------
-    >>> flat_map = voxflat.samples.hill().flatten()
-    >>> len(flat_map.faces)
+    >>> len(voxflat.samples.hill().flatten().faces)
     800
     """
 
@@ -143,8 +142,7 @@ class Planar(ABC):
 
         Examples
         --------
-        >>> flat_map = voxflat.samples.hill().flatten()
-        >>> flat_map.raster(pixel_size=1.0).shape
+        >>> voxflat.samples.hill().flatten().raster(pixel_size=1.0).shape
         (43, 43)
         """
         size = self.pixel_size if pixel_size is None else checked_number(pixel_size, "pixel size")
@@ -177,17 +175,19 @@ class Planar(ABC):
 
         Examples
         --------
-        >>> flat_map = voxflat.samples.hill().flatten()
-        >>> ids, points = flat_map.locate(pixel_size=1.0)
+        >>> ids, points = voxflat.samples.hill().flatten().locate(pixel_size=1.0)
         >>> ids.shape, points.shape
         ((43, 43), (43, 43, 3))
         """
-        return self._triangles.on_surface.locate(self.raster(pixel_size))
+        of, raster = self._triangles.on_surface, self.raster(pixel_size)
+        nearest = raster.nearest
+        inside = (nearest >= 0)[..., None] if of.is_voxels else nearest >= 0
+        return np.where(inside, of.ids[nearest], -1), raster.interpolate(of.points)
 
     def look_up(self, places: ArrayLike) -> Places:
         """Look up the triangle, the piece and the surface position at points of the plane.
 
-        In a torn triangle, which has no surface between its corners, the nearest corner is used. Where triangles
+        In a torn triangle, whose corners are not connected on the surface, the nearest corner is used. Where triangles
         overlap, the first one is used.
 
         Parameters
@@ -211,8 +211,7 @@ class Planar(ABC):
 
         Examples
         --------
-        >>> flat_map = voxflat.samples.hill().flatten()
-        >>> places = flat_map.look_up([[0.0, 0.0], [500.0, 0.0]])
+        >>> places = voxflat.samples.hill().flatten().look_up([[0.0, 0.0], [500.0, 0.0]])
         >>> places.face_ids[1]  # outside the map
         np.int64(-1)
         """
@@ -277,8 +276,7 @@ class Planar(ABC):
 
         Examples
         --------
-        >>> flat_map = voxflat.samples.hill().flatten()
-        >>> uv, far = flat_map.points_to_map([[0.0, 0.0, 10.0]])
+        >>> uv, far = voxflat.samples.hill().flatten().points_to_map([[0.0, 0.0, 10.0]])
         >>> uv.shape, far.round(1)
         ((1, 2), array([0.]))
         """
@@ -293,7 +291,7 @@ class Planar(ABC):
         of = self._triangles
         if space == "scanner":
             if of.on_surface.space.doubt:
-                log.warning("points may lie beside the surface: %s", of.on_surface.space.doubt)
+                log.warning("points may not lie on the surface: %s", of.on_surface.space.doubt)
             wanted = of.on_surface.space.from_scanner(wanted)
         triangles, weights, distance = self._nearest_finder.find(np.ascontiguousarray(wanted.reshape(-1, 3)), limit)
         uv = np.einsum("pc,pcx->px", weights, of.uv[self._whole_faces[triangles]])  # NaN outside triangles
@@ -327,12 +325,12 @@ class Planar(ABC):
         volume : path, ndarray, image object or Volume
             Scalars or labels (I, J, K), or uint8 colours (I, J, K, 3 or 4). The grid may differ from that of the
             flattened volume: the affine defines the position, in scanner RAS. An array without an affine must have the
-            shape of the flattened volume, and is placed like it. A dask or zarr array, or an OME-Zarr path, may be
-            larger than memory; each chunk that the surface intersects is read once. For meshes, values at the vertices
-            are also accepted: an array of shape (V,), or a file (GIFTI, CIFTI, FreeSurfer curv, annot or .mgh, NIfTI of
+            shape of the flattened volume, and gets its affine. A dask or zarr array, or an OME-Zarr path, may be larger
+            than memory; each chunk that the surface intersects is read once. For meshes, values at the vertices are
+            also accepted: an array of shape (V,), or a file (GIFTI, CIFTI, FreeSurfer curv, annot or .mgh, NIfTI of
             shape (V, 1, 1)); uint8 colours of shape (V, 3) or (V, 4); or the texture of the surface as .obj, .vtp or
             .ply (Zigelman et al. 2002, figure 3). Files with several maps, arrays of shape (V, K) and series of volumes
-            need `channel`.
+            require `channel`.
         pixel_size : float, optional
             As in `raster`.
         channel : int or str, optional
@@ -341,16 +339,16 @@ class Planar(ABC):
             Distance outside the surface at which to sample, mm; negative values are inside. Grey matter lies about 2 mm
             outside white matter. The mean of several depths is shown.
         fraction : float or sequence of float, optional
-            Cortical depth at which to sample, from 0 (white surface) to 1 (pial surface), instead of `depth`. The map
-            must be made from a white surface with ``pial=``. The mean of several fractions is shown.
+            Cortical depth at which to sample, from 0 (white surface) to 1 (pial surface), instead of `depth`. This
+            requires a map of a white surface that was read with ``pial=``. The mean of several fractions is shown.
         layering : {"equivolume", "equidistant"}
             Whether a fraction refers to the local volume of the cortex (Waehnert et al. 2014), which follows layers
             through gyri and sulci, or to its thickness.
         interpolation : {"linear", "nearest", "majority"}, optional
-            By default "nearest" for bool and integer volumes, which may be labels, and "linear" for floating-point
-            volumes and colours. "majority", for labels, takes the label with the greatest weight among the surrounding
-            voxels (for an overlay, the triangle's corners) over all depths; its borders are smoother than voxel
-            borders.
+            The default is "nearest" for bool and integer volumes, which may be labels, and "linear" for floating-point
+            volumes and colours. "majority" is for labels: it shows the label with the greatest weight among the
+            surrounding voxels (for an overlay, the corners of the triangle) at all depths, so that borders are smoother
+            than voxel borders.
         period : float, optional
             Period of values that are phases, such as 360. Means of phases are circular, from 0 to the period, and
             interpolation is "linear" by default.
@@ -366,8 +364,8 @@ class Planar(ABC):
         Raises
         ------
         InputError
-            If the volume does not fit, cannot be read, or has several channels and none is selected; for a mean of
-            labels; or for fractions without a pial surface.
+            If the volume does not fit, cannot be read, or has several channels and none is selected. Also raised for a
+            mean of labels, and for fractions without a pial surface.
 
         See Also
         --------
@@ -411,9 +409,7 @@ class Planar(ABC):
             As in `raster`.
         channel : int or str, optional
             Number or name of the only channel to show, if there are several.
-        depth : float or sequence of float
-            As in `image`.
-        fraction : float or sequence of float, optional
+        depth, fraction : float or sequence of float
             As in `image`.
         layering : {"equivolume", "equidistant"}
             As in `image`.
@@ -447,8 +443,7 @@ class Planar(ABC):
 
         Examples
         --------
-        >>> flat_map = voxflat.samples.hill().flatten()
-        >>> len(flat_map.images(np.ones((441, 4)), pixel_size=1.0))  # four frames
+        >>> len(voxflat.samples.hill().flatten().images(np.ones((441, 4)), pixel_size=1.0))  # four frames
         4
         """
         depths = Depths.of(depth, fraction, layering)

@@ -45,8 +45,7 @@ class Raster:
 
     Examples
     --------
-    >>> flat_map = voxflat.samples.hill().flatten()
-    >>> flat_map.raster(pixel_size=1.0)
+    >>> voxflat.samples.hill().flatten().raster(pixel_size=1.0)
     <Raster: 43 x 43 pixels of 1>
     """
 
@@ -89,8 +88,7 @@ class Raster:
 
         Examples
         --------
-        >>> raster = voxflat.samples.hill().flatten().raster(pixel_size=1.0)
-        >>> raster.inside.shape
+        >>> voxflat.samples.hill().flatten().raster(pixel_size=1.0).inside.shape
         (43, 43)
         """
         return np.asarray(self.corners[..., 0] != _OUTSIDE)
@@ -107,8 +105,7 @@ class Raster:
 
         Examples
         --------
-        >>> raster = voxflat.samples.hill().flatten().raster(pixel_size=1.0)
-        >>> raster.nearest.shape
+        >>> voxflat.samples.hill().flatten().raster(pixel_size=1.0).nearest.shape
         (43, 43)
         """
         best = np.nan_to_num(self.weights, nan=-1.0).argmax(axis=2)
@@ -244,7 +241,7 @@ class FlatImage(Recorded):
         Parameters
         ----------
         colour_map : str, optional
-            A matplotlib colour map for values; by default grey levels, and for labels a colour each.
+            A matplotlib colour map. By default, values are shown in grey levels, and each label has its own colour.
         limits : sequence of 2 floats, optional
             The values at the ends of the colour map; by default the 1st and 99th percentiles.
 
@@ -265,8 +262,7 @@ class FlatImage(Recorded):
         Examples
         --------
         >>> flat_map = voxflat.samples.hill().flatten()
-        >>> image = flat_map.image(flat_map.points[:, 2], pixel_size=1.0)
-        >>> image.colours().dtype
+        >>> flat_map.image(flat_map.points[:, 2], pixel_size=1.0).colours().dtype
         dtype('uint8')
         """
         return coloured(self.data, colour_map, limits, labels=self.is_labels)
@@ -283,8 +279,7 @@ class FlatImage(Recorded):
 
         Examples
         --------
-        >>> flat_map = voxflat.samples.hill().flatten()
-        >>> flat_map.heat_map().affine.shape
+        >>> voxflat.samples.hill().flatten().heat_map().affine.shape
         (4, 4)
         """
         step = self.pixel_size
@@ -303,8 +298,7 @@ class FlatImage(Recorded):
 
         Examples
         --------
-        >>> flat_map = voxflat.samples.hill().flatten()
-        >>> left, right, bottom, top = flat_map.heat_map().extent
+        >>> left, right, bottom, top = voxflat.samples.hill().flatten().heat_map().extent
         >>> left < right and bottom < top
         True
         """
@@ -320,14 +314,12 @@ class FlatImage(Recorded):
         Parameters
         ----------
         path : path
-            ``.png`` is for viewing: scalars in grey levels from the 1st to the 99th percentile, labels in their own
-            colours, and colours unchanged; pixels outside the map are transparent. ``.tif``, ``.tiff``, ``.nii`` and
-            ``.nii.gz`` are for measurements: values as float32, NaN outside the map, with the pixel size in mm.
-            ``.npy`` holds the array. All formats except ``.npy`` include `provenance`.
-        sidecar : bool
-            Also write `provenance` to ``<path>.json``.
-        overwrite : bool
-            Replace an existing file that voxflat did not write.
+            ``.png`` is for viewing. It shows scalars in grey levels from the 1st to the 99th percentile, each label in
+            its own colour, and colours unchanged; pixels outside the map are transparent. ``.tif``, ``.tiff``, ``.nii``
+            and ``.nii.gz`` are for measurements. They hold float32 values, with NaN outside the map, and the pixel size
+            in mm. ``.npy`` holds the array. All formats except ``.npy`` include `provenance`.
+        sidecar, overwrite : bool
+            As in `FlatMap.save`.
 
         Raises
         ------
@@ -343,13 +335,10 @@ class FlatImage(Recorded):
         Examples
         --------
         >>> flat_map = voxflat.samples.hill().flatten()
-        >>> image = flat_map.image(flat_map.points[:, 2], pixel_size=1.0)
-        >>> image.save("heights.tif")
+        >>> flat_map.image(flat_map.points[:, 2], pixel_size=1.0).save("heights.tif")
         """
         with saving(path, self.provenance, sidecar=sidecar, overwrite=overwrite):
-            write_image(
-                path, self.data, self.affine, self.name, labels=self.is_labels, record=self.provenance, unit=self.unit
-            )
+            write_image(path, self, self.provenance)
 
 
 @dataclass(frozen=True, eq=False)
@@ -381,8 +370,7 @@ class FlatStack(Sequence[FlatImage], Recorded):
 
     Examples
     --------
-    >>> flat_map = voxflat.samples.hill().flatten()
-    >>> frames = flat_map.images(np.arange(1764.0).reshape(441, 4), pixel_size=1.0)
+    >>> frames = voxflat.samples.hill().flatten().images(np.arange(1764.0).reshape(441, 4), pixel_size=1.0)
     >>> len(frames)
     4
     """
@@ -402,7 +390,8 @@ class FlatStack(Sequence[FlatImage], Recorded):
         return len(self.channels)
 
     def __repr__(self) -> str:
-        return f"<FlatStack: {self.name or 'no name'}, {len(self)} images ({self.channels.listed()})>"
+        images = f"{len(self)} image{'s' * (len(self) != 1)}"
+        return f"<FlatStack: {self.name or 'no name'}, {images} ({self.channels.listed()})>"
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -416,8 +405,7 @@ class FlatStack(Sequence[FlatImage], Recorded):
 
         Examples
         --------
-        >>> flat_map = voxflat.samples.hill().flatten()
-        >>> flat_map.images(np.ones((441, 2)), pixel_size=1.0).names
+        >>> voxflat.samples.hill().flatten().images(np.ones((441, 2)), pixel_size=1.0).names
         ('', '')
         """
         return self.channels.names
@@ -434,8 +422,7 @@ class FlatStack(Sequence[FlatImage], Recorded):
 
         Examples
         --------
-        >>> flat_map = voxflat.samples.hill().flatten()
-        >>> flat_map.images(np.ones((441, 2)), time_step=2.0).timing.step
+        >>> voxflat.samples.hill().flatten().images(np.ones((441, 2)), time_step=2.0).timing.step
         2.0
         """
         return self.channels.timing
@@ -452,8 +439,7 @@ class FlatStack(Sequence[FlatImage], Recorded):
 
         Examples
         --------
-        >>> flat_map = voxflat.samples.hill().flatten()
-        >>> flat_map.images(np.ones((441, 3)), time_step=2.0).times
+        >>> voxflat.samples.hill().flatten().images(np.ones((441, 3)), time_step=2.0).times
         array([0., 2., 4.])
         """
         timing = self.timing
@@ -475,8 +461,7 @@ class FlatStack(Sequence[FlatImage], Recorded):
 
         Examples
         --------
-        >>> flat_map = voxflat.samples.hill().flatten()
-        >>> flat_map.images(np.ones((441, 3)), pixel_size=1.0).data.shape
+        >>> voxflat.samples.hill().flatten().images(np.ones((441, 3)), pixel_size=1.0).data.shape
         (3, 43, 43)
         """
         images = np.stack([self.channels.read(n) for n in range(len(self))])
@@ -505,9 +490,8 @@ class FlatStack(Sequence[FlatImage], Recorded):
         Examples
         --------
         >>> flat_map = voxflat.samples.hill().flatten()
-        >>> frames = flat_map.images(np.arange(1764.0).reshape(441, 4), pixel_size=1.0)
-        >>> frames.of_channel(2)
-        <FlatStack: overlay, 1 images (0 to 0)>
+        >>> flat_map.images(np.arange(1764.0).reshape(441, 4), pixel_size=1.0).of_channel(2)
+        <FlatStack: overlay, 1 image (0 to 0)>
         """
         if not is_whole(channel) or not 0 <= channel < len(self.channels) // max(1, len(self.layers)):
             raise InputError(f"channel is {shown(channel)}. Pass the number of a channel, counted from 0")
@@ -545,21 +529,19 @@ class FlatStack(Sequence[FlatImage], Recorded):
         Examples
         --------
         >>> flat_map = voxflat.samples.hill().flatten()
-        >>> frames = flat_map.images(np.arange(1764.0).reshape(441, 4), pixel_size=1.0)
-        >>> len(frames.percent_change())
+        >>> len(flat_map.images(np.arange(1764.0).reshape(441, 4), pixel_size=1.0).percent_change())
         4
         """
-        each = max(1, len(self.layers))
+        each, read = max(1, len(self.layers)), self.channels.read
         total: list[Any] = [0.0] * each
         for n in range(len(self)):
-            data = self.channels.read(n)
+            data = read(n)
             if data.ndim != 2:
                 raise InputError("cannot compute the percent change of colours. Pass images of values")
             total[n % each] = total[n % each] + data
             if progress is not None and progress("averaging", n + 1, len(self)) is False:
                 raise Cancelled("cancelled while averaging")
         means = [np.where(of > 0, of * (each / len(self)), np.nan) for of in total]
-        read = self.channels.read
         changes = replace(self.channels, read=lambda n: 100 * (read(n) / means[n % each] - 1))
         return replace(self, channels=changes, name=f"{self.name}, change (%)")
 
@@ -570,7 +552,7 @@ class FlatStack(Sequence[FlatImage], Recorded):
     def __getitem__(self, channel: slice) -> list[FlatImage]: ...
 
     def __getitem__(self, channel: int | str | slice) -> FlatImage | list[FlatImage]:
-        """Sample a channel, selected by number or name; raise an error if there is none."""
+        """Sample a channel, selected by number or name; raise an error if it does not exist."""
         if isinstance(channel, slice):
             return [self[n] for n in range(*channel.indices(len(self)))]
         if isinstance(channel, int) and channel >= len(self):
@@ -599,11 +581,11 @@ class FlatStack(Sequence[FlatImage], Recorded):
         Parameters
         ----------
         path : path
-            ``.tif`` and ``.tiff``: OME-TIFF with one page per image. ``.nii`` and ``.nii.gz``: (H, W, D, K) for K
-            channels at D depths, with the names in a header extension (JSON). ``.zarr``: OME-Zarr 0.4, a new directory
-            with one chunk per image, y = −v and x = u. These formats store the pixel size in mm and, for series, the
-            time between frames in s. ``.npy``: (K, H, W), (D, H, W) or (K, D, H, W), without names. Values are float32,
-            NaN outside the map. All formats except ``.npy`` include `provenance`.
+            ``.tif`` and ``.tiff`` are OME-TIFF files with one page per image. ``.nii`` and ``.nii.gz`` have shape (H,
+            W, D, K) for K channels at D depths, with the names in a header extension (JSON). ``.zarr`` is a new
+            OME-Zarr 0.4 directory with one chunk per image, y = −v and x = u. These formats store the pixel size in mm
+            and, for series, the time between frames in s. ``.npy`` has shape (K, H, W), (D, H, W) or (K, D, H, W), and
+            no names. Values are float32, with NaN outside the map. All formats except ``.npy`` include `provenance`.
         sidecar, overwrite : bool
             As in `FlatImage.save`; directories are never replaced.
         progress : callable, optional
@@ -634,7 +616,7 @@ class FlatStack(Sequence[FlatImage], Recorded):
 
 
 def show(raster: Raster, values: NDArray[Any], interpolation: str | None) -> NDArray[np.float64]:
-    """Show an overlay's values at the pixels; whole numbers, which may be labels, use the nearest point by default."""
+    """Return an overlay's values at the pixels, by default of the nearest point for integers, which may be labels."""
     way = _way(values, interpolation)
     if way == "linear":
         return raster.interpolate(values)
@@ -676,7 +658,14 @@ def _way(values: NDArray[Any], interpolation: str | None) -> str:
     return checked_choice(interpolation, "interpolation", INTERPOLATIONS)
 
 
+def at_points(count: int) -> Raster:
+    """Return a raster with one pixel at each point of a map, shape (N, 1)."""
+    corners = np.repeat(np.arange(count, dtype=np.uint32), 3).reshape(-1, 1, 3)
+    weights = np.broadcast_to(np.array([1, 0, 0], dtype=np.float32), corners.shape)
+    return Raster(corners, weights, (0.0, 0.0), 1.0)
+
+
 def draw(uv: NDArray[np.float64], faces: NDArray[np.uint32], torn: NDArray[np.bool_], pixel_size: float) -> Raster:
-    """Rasterise a flat map; pixels in torn triangles, which have no surface, show the nearest corner."""
+    """Rasterise a flat map; pixels in torn triangles show the nearest corner."""
     corners, weights, origin = _core.draw(uv, faces, torn, float(pixel_size))
     return Raster(corners, weights, (origin[0], origin[1]), float(pixel_size))

@@ -33,7 +33,7 @@ REGION_ENDINGS = (*_VERTEX_ENDINGS, ".nii", ".nii.gz", ".mgh", ".mgz", ".nrrd")
 
 
 class _Places(Protocol):
-    """Any object that returns the region at each position."""
+    """An object that returns the region at each position."""
 
     def labels(self, places: NDArray[np.float64]) -> NDArray[np.int64]:
         """Return the key at each position, shape (P,); 0 for none."""
@@ -66,8 +66,7 @@ class Regions(Recorded):
 
     Examples
     --------
-    >>> flat_map = voxflat.samples.hill().flatten()
-    >>> regions = flat_map.regions({"V1": [[-5, -5], [5, -5], [0, 5]]})
+    >>> regions = voxflat.samples.hill().flatten().regions({"V1": [[-5, -5], [5, -5], [0, 5]]})
     >>> regions
     <Regions: V1>
     """
@@ -97,7 +96,7 @@ class Regions(Recorded):
     def at(self, places: NDArray[np.float64]) -> NDArray[np.int64]:
         """Return the region at positions on the map.
 
-        Where regions overlap, the last one counts.
+        Where regions overlap, the last one is returned.
 
         Parameters
         ----------
@@ -115,8 +114,7 @@ class Regions(Recorded):
 
         Examples
         --------
-        >>> flat_map = voxflat.samples.hill().flatten()
-        >>> regions = flat_map.regions({"V1": [[-5, -5], [5, -5], [0, 5]]})
+        >>> regions = voxflat.samples.hill().flatten().regions({"V1": [[-5, -5], [5, -5], [0, 5]]})
         >>> regions.at(np.array([[0.0, 0.0], [30.0, 0.0]]))
         array([1, 0])
         """
@@ -129,7 +127,7 @@ class Regions(Recorded):
     def labels(self) -> NDArray[np.int64]:
         """The key of the region at each point of the map, shape (N,).
 
-        Points in no region have 0.
+        Points outside all regions have 0.
 
         See Also
         --------
@@ -137,8 +135,7 @@ class Regions(Recorded):
 
         Examples
         --------
-        >>> flat_map = voxflat.samples.hill().flatten()
-        >>> flat_map.regions({"V1": [[-5, -5], [5, -5], [0, 5]]}).labels.shape
+        >>> voxflat.samples.hill().flatten().regions({"V1": [[-5, -5], [5, -5], [0, 5]]}).labels.shape
         (441,)
         """
         return self.at(self._flat.uv)
@@ -147,8 +144,8 @@ class Regions(Recorded):
     def vertex_labels(self) -> NDArray[np.int64]:
         """The key of the region at each vertex of the whole mesh, shape (V,).
 
-        Vertices in no region, or outside the map, have 0. A vertex on a cut, which is on the map twice, is in a region
-        if either of its positions is.
+        Vertices outside all regions or outside the map have 0. A vertex on a cut has two positions on the map; it is in
+        a region if either position is.
 
         See Also
         --------
@@ -156,8 +153,7 @@ class Regions(Recorded):
 
         Examples
         --------
-        >>> flat_map = voxflat.samples.hill().flatten()
-        >>> flat_map.regions({"V1": [[-5, -5], [5, -5], [0, 5]]}).vertex_labels.shape
+        >>> voxflat.samples.hill().flatten().regions({"V1": [[-5, -5], [5, -5], [0, 5]]}).vertex_labels.shape
         (441,)
         """
         if self._surface.is_voxels:
@@ -188,8 +184,7 @@ class Regions(Recorded):
 
         Examples
         --------
-        >>> flat_map = voxflat.samples.hill().flatten()
-        >>> regions = flat_map.regions({"V1": [[-5, -5], [5, -5], [0, 5]]})
+        >>> regions = voxflat.samples.hill().flatten().regions({"V1": [[-5, -5], [5, -5], [0, 5]]})
         >>> regions.image(pixel_size=1.0)
         <FlatImage: regions, 43 x 43 pixels of 1>
         """
@@ -203,8 +198,9 @@ class Regions(Recorded):
     def volume(self, like: object, *, depth: tuple[float, float] | None = None) -> Volume:
         """Transfer the regions through the cortex to the voxels of a volume.
 
-        A voxel whose centre lies in the column of a triangle gets the region at its position in that column. Columns
-        extend from the white to the pial surface if both are known, otherwise along the normals.
+        Each triangle defines a column of the cortex. A voxel whose centre lies in a column gets the region at its
+        position there. Columns extend from the white to the pial surface if both are known, otherwise along the
+        normals.
 
         Parameters
         ----------
@@ -243,7 +239,7 @@ class Regions(Recorded):
         found = np.zeros(math.prod(shape), dtype=np.int32)
         found[voxels] = self.at(places)
         if not found.any():
-            raise InputError("no voxel of the volume has its centre in a region. Use a finer volume that covers it")
+            raise InputError("no region contains the centre of a voxel. Use a finer volume that covers the regions")
         return Volume(found.reshape(shape), grid.affine)
 
     def save(
@@ -271,7 +267,7 @@ class Regions(Recorded):
         sidecar : bool
             Also write `provenance`, which includes the names of the regions, to ``<path>.json``.
         overwrite : bool
-            Replace an existing file that voxflat did not write.
+            As in `FlatMap.save`.
 
         Raises
         ------
@@ -286,8 +282,7 @@ class Regions(Recorded):
 
         Examples
         --------
-        >>> flat_map = voxflat.samples.hill().flatten()
-        >>> regions = flat_map.regions({"V1": [[-5, -5], [5, -5], [0, 5]]})
+        >>> regions = voxflat.samples.hill().flatten().regions({"V1": [[-5, -5], [5, -5], [0, 5]]})
         >>> regions.save("v1.label")
         """
         path = checked_path(path)
@@ -315,14 +310,14 @@ class Regions(Recorded):
     def _grid(self) -> Volume:
         """Return the grid of the flattened volume, without its values."""
         if not self._surface.is_voxels:
-            raise InputError("a map of a mesh has no voxels. Pass volume, whose grid the labels will have")
+            raise InputError("a map of a mesh has no voxels. Pass volume to define the grid of the labels")
         empty = np.broadcast_to(np.uint8(0), self._surface.volume_shape)
         return Volume(empty, self._surface.affine)
 
     def _write_vertices(self, path: Path, name: str, record: Record) -> None:
         labels = self.vertex_labels
         if not labels.any():
-            raise InputError("no vertex lies in a region. Draw regions on the map, larger than its triangles")
+            raise InputError("no vertex lies in a region. Draw regions that are larger than the triangles of the map")
         if name.endswith(".annot"):
             write_annot(path, labels, self.keys, self.names, self.colours)
         elif name.endswith(".label.gii"):
@@ -350,7 +345,7 @@ def _columns(
         inner, outer = surface.white_points, surface.pial_points
     else:
         if depth is None:
-            raise InputError("this map has no pial surface. Pass depth in mm, such as 0 and 2.5 outside white matter")
+            raise InputError("this map has no pial surface. Pass depth in mm, such as (0, 2.5) for a white surface")
         low, high = (checked_number(value, "depth") for value in _pair(depth))
         if not (math.isfinite(low) and math.isfinite(high) and low < high):
             raise InputError(f"depth is {low:g} to {high:g} mm. Pass two finite numbers, the smaller one first")
@@ -359,9 +354,8 @@ def _columns(
     inverse = np.linalg.inv(affine)
     ends = [surface.space.to_scanner(points) @ inverse[:3, :3].T + inverse[:3, 3] for points in (inner, outer)]
     faces = np.ascontiguousarray(flat.faces[~flat.torn])
-    areas = [
-        np.linalg.norm(np.cross(p[faces[:, 1]] - p[faces[:, 0]], p[faces[:, 2]] - p[faces[:, 0]]), axis=1) for p in ends
-    ]
+    corners = [points[faces] for points in ends]
+    areas = [np.linalg.norm(np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0]), axis=1) for p in corners]
     thick = np.linalg.norm(ends[1] - ends[0], axis=1)[faces].mean(axis=1)
     check_room(int(200 * (np.mean(areas, axis=0) * thick).sum() / 2))  # bytes for each voxel of the ribbon
     numbers = distinct(surface.ids).which

@@ -30,7 +30,7 @@ from voxflat.maps.sampling import INTERPOLATIONS, phases, sample_layers, sample_
 from voxflat.maps.textures.surface_texture import TEXTURE_ENDINGS, SurfaceTexture, are_colours, paint, read_texture
 from voxflat.unique_rows import distinct
 
-_LONGEST_STEP = 100.0  # s; a warning reports longer steps, which may be in ms
+_LONGEST_STEP = 100.0  # s; a warning reports longer time steps, which may be in ms
 _CURVED = 0.15  # correlation with the mean curvature: on fsaverage5 curv has 0.9, sulc 0.65, the other hemisphere 0.05
 
 
@@ -45,33 +45,33 @@ def usual_spacing(metadata: dict[str, Any], uv: NDArray[np.float64], faces: NDAr
 def check_origin(metadata: Mapping[str, Any], ids: NDArray[np.int64]) -> None:
     """Check a file's description of the input of a map, as in the metadata of `Sampler`."""
     if not isinstance(metadata.get("provenance", {}), dict):
-        raise InputError(f"its provenance is {metadata['provenance']!r:.80}. {AGAIN}")
+        raise InputError(f"its provenance is not a record: {metadata['provenance']!r:.80}. {AGAIN}")
     kind = metadata.get("kind")
     if kind == "voxels":
         shape, affine = metadata.get("shape"), metadata.get("affine")
         if not (isinstance(shape, list) and len(shape) == 3 and all(is_whole(n) and 0 < n < 2**31 for n in shape)):
-            raise InputError(f"its volume has shape {shape!r:.80}. {AGAIN}")
+            raise InputError(f"the shape of its volume is not valid: {shape!r:.80}. {AGAIN}")
         try:
             matrix = np.asarray(affine, dtype=np.float64)
         except (TypeError, ValueError, OverflowError):
             matrix = np.empty(0)
         if matrix.shape != (4, 4) or not np.isfinite(matrix).all():
-            raise InputError(f"its volume has the affine {affine!r:.80}. {AGAIN}")
+            raise InputError(f"the affine of its volume is not valid: {affine!r:.80}. {AGAIN}")
         most, width = np.array(shape), 3
     elif kind == "mesh":
         vertices = metadata.get("vertices")
         if not (is_whole(vertices) and 0 < vertices < 2**31):
-            raise InputError(f"its mesh has {vertices!r:.80} vertices. {AGAIN}")
+            raise InputError(f"its number of vertices is not valid: {vertices!r:.80}. {AGAIN}")
         most, width = np.array(vertices), 1
     else:
-        raise InputError(f"its kind is {kind!r:.80}, neither voxels nor mesh. {AGAIN}")
+        raise InputError(f"its kind is {kind!r:.80} instead of 'voxels' or 'mesh'. {AGAIN}")
     if ids.size != width * len(ids) or (ids < 0).any() or (ids >= most).any():
-        raise InputError(f"its ids are not all below {most.tolist()}. {AGAIN}")
+        raise InputError(f"its ids are outside the range from 0 to {(most - 1).tolist()}. {AGAIN}")
 
 
 @dataclass(frozen=True, eq=False)
 class Sampler:
-    """The points of a map on the surface, in the order in which rasters number them."""
+    """The points of a map on the surface, in the order of the corners of rasters."""
 
     points: NDArray[np.float64]  # (N, 3), RAS+ mm in `space`
     normals: NDArray[np.float64]  # outward unit vectors; NaN for a one-voxel-thick surface
@@ -94,7 +94,7 @@ class Sampler:
     @cached_property
     def affine(self) -> NDArray[np.float64]:
         """The affine of the flattened volume, from voxel indices to RAS+ mm, shape (4, 4)."""
-        self.need_volume("has no voxels, and so no affine")
+        self.need_volume("has no affine")
         return np.asarray(self.metadata["affine"], dtype=np.float64)
 
     @property
@@ -104,17 +104,10 @@ class Sampler:
         i, j, k = self.metadata["shape"]
         return (i, j, k)
 
-    def need_volume(self, what: str) -> None:
+    def need_volume(self, what: str, remedy: str = "Pass a volume with an affine, or values at its vertices") -> None:
         """Raise an error unless the map was made from a volume."""
         if not self.is_voxels:
-            raise InputError(f"the map of a mesh {what}. Pass a volume with an affine, or values at its vertices")
-
-    def locate(self, raster: Raster) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-        """Find the position of each pixel on the surface, as `FlatMap.locate` does."""
-        nearest = raster.nearest
-        inside = (nearest >= 0)[..., None] if self.is_voxels else nearest >= 0
-        ids = np.where(inside, self.ids[nearest], -1)
-        return ids, raster.interpolate(self.points)
+            raise InputError(f"the map of a mesh {what}. {remedy}")
 
     def images(
         self,
@@ -130,7 +123,7 @@ class Sampler:
         name: str = "",
         several: bool = True,
     ) -> FlatStack:
-        """Sample channels of a volume, an overlay or a texture at pixels; with `several`, weights are reused."""
+        """Sample channels of a volume, an overlay or a texture at pixels; if `several`, they share weights."""
         if period is not None:
             interpolation = _of_phases(period, interpolation)
         checked_switch(average, "average")
@@ -185,19 +178,10 @@ class Sampler:
             return channels.find(channel)
 
     def image(
-        self,
-        raster: Raster,
-        volume: object,
-        *,
-        channel: int | str | None = None,
-        depths: Depths = ON_SURFACE,
-        interpolation: str | None = None,
-        period: float | None = None,
-        name: str = "",
+        self, raster: Raster, volume: object, *, channel: int | str | None = None, name: str = "", **how: Any
     ) -> FlatImage:
-        """Sample one channel of a volume, an overlay or a texture at pixels, as `FlatMap.image` does."""
-        how: dict[str, Any] = {"interpolation": interpolation, "period": period, "name": name}
-        stack = self.images(raster, volume, depths=depths, average=True, several=False, **how)
+        """Sample one channel at pixels, as `FlatMap.image` does; `how` holds options of `images`."""
+        stack = self.images(raster, volume, average=True, several=False, name=name, **how)
         shown = stack[self._found(volume, stack.channels, channel)]
         return replace(shown, name=name) if name else shown
 
@@ -249,13 +233,12 @@ class Sampler:
             self._doubt(Path(volume), channels.read(0))
             return channels
         is_array = isinstance(volume, list) or hasattr(volume, "__array__")  # includes a pandas Series
-        if (
-            is_array
-            and not hasattr(volume, "dataobj")
-            and (values := array_of(volume, "overlay's values")).ndim in (1, 2)
-        ):
+        is_array = is_array and not hasattr(volume, "dataobj")
+        if is_array and (values := array_of(volume, "overlay's values")).ndim in (1, 2):
             if len(values) != count:
-                raise InputError(f"the overlay has {len(values)} values, but the mesh {count} vertices. Pass {count}")
+                raise InputError(
+                    f"the overlay has {len(values)} values, but the mesh has {count} vertices. Pass {count}"
+                )
             return Channels.of_array(values)
         return values_of_object(volume, count, structure)
 
@@ -263,7 +246,8 @@ class Sampler:
         """Warn if the name or the curvature of a file suggests that it belongs to another surface."""
         names = [re.findall(r"sub-[A-Za-z0-9]+", str(of)) for of in (self.metadata.get("input") or "", path)]
         if all(names) and names[0][-1] != names[1][-1]:
-            log.warning("%s is of %s, but the surface is of %s. Check the file", path.name, names[1][-1], names[0][-1])
+            told = "%s belongs to %s, but the surface belongs to %s. Check the file"
+            log.warning(told, path.name, names[1][-1], names[0][-1])
         if re.search(r"(^|[._-])(curv|sulc)([._]|$)", path.name) and values.ndim == 1:
             r = self._correlation_with_curvature(values)
             if abs(r) < _CURVED:
@@ -301,8 +285,9 @@ class Sampler:
         """Return the sampling positions of pixels, (H, W, 3) for each depth, scanner RAS, mm."""
         if self.space.doubt:
             log.warning(
-                "the volume may be sampled beside the surface: %s. Use a file that defines its space, such as "
-                "FreeSurfer's lh.white with its footer, or the result of mris_convert --to-scanner (7.4 on)",
+                "the volume may be sampled at the wrong positions: %s. Use a surface file that defines its space, such "
+                "as FreeSurfer's lh.white with its footer, or the output of mris_convert --to-scanner (version 7.4 or "
+                "later)",
                 self.space.doubt,
             )
         if depths.layering is None:
@@ -323,8 +308,8 @@ class Sampler:
             return [self.points + (depth * self._outward(depth) if depth else 0) for depth in depths.values]
         if self.white_points is None or self.pial_points is None:
             raise InputError(
-                "fraction needs a white and a pial surface, and this map has no pial one. Flatten the white surface "
-                "with pial=, or pass depth= in mm"
+                "fraction requires white and pial surfaces, but this map has no pial surface. Flatten the white "
+                "surface with pial=, or pass depth= in mm"
             )
         way = self.pial_points - self.white_points
         if depths.layering == "equidistant":
@@ -333,14 +318,14 @@ class Sampler:
         return [self.white_points + equivolume(value, inner, outer)[:, None] * way for value in depths.values]
 
     def _areas(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the area around each point, added over the sides of a cut."""
+        """Return the area around each point, summed over the sides of a cut."""
         one = distinct(self.ids).which
         return np.asarray(np.bincount(one, vertex_areas(points, self.faces))[one], dtype=np.float64)
 
     def _outward(self, depth: float) -> NDArray[np.float64]:
         """Return the normals for a depth."""
         if np.isnan(self.normals).all():
-            raise InputError(f"depth is {depth:g} mm, but this one-voxel-thick surface has no outside. Omit it")
+            raise InputError(f"depth is {depth:g} mm, but this one-voxel-thick surface has no outside. Omit depth")
         return self.normals
 
     def placed(self, volume: object) -> Volume:
@@ -359,7 +344,7 @@ class Sampler:
 
 
 def _one_by_one(layers: Channels, names: Sequence[str]) -> Channels:
-    """Return images of several depths as channels; images of one channel are sampled together."""
+    """Return each depth of each channel as a channel; the depths of a channel are sampled together."""
     held: dict[int, Any] = {}
 
     def read(n: int) -> NDArray[Any]:
@@ -392,7 +377,7 @@ def _timed(channels: Channels, step: float | None, name: str) -> Channels:
         return replace(channels, timing=timing)
     if channels.timing is not None and channels.timing.step > _LONGEST_STEP:
         log.warning(
-            "the header of %s says that frames are %g s apart; it may give milliseconds. Pass the time step in s",
+            "the header of %s gives a time step of %g s, which may be in milliseconds. Pass the time step in seconds",
             name,
             channels.timing.step,
         )

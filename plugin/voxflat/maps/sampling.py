@@ -24,9 +24,8 @@ _CANCELLED = 1e-6  # a mean of unit vectors shorter than this has no direction
 def sample(volume: Volume, points: NDArray[np.float64], interpolation: str | None = None) -> NDArray[Any]:
     """Sample a volume at positions (..., 3), RAS+ mm; NaN (for colours, alpha 0) outside the volume.
 
-    "majority", for labels, takes the label with the greatest weight among the eight surrounding voxels, with the
-    weights of "linear". By default "nearest" for bool and integer volumes, which may be labels, and "linear" for
-    floating-point volumes and colours.
+    "majority" returns the label with the greatest sum of linear weights among the eight surrounding voxels. The default
+    is "nearest" for bool and integer volumes, which may be labels, and "linear" for floating-point volumes and colours.
     """
     data = volume.data
     colour = data.ndim == 4
@@ -99,7 +98,7 @@ def _around(data: Any, at: NDArray[np.float64]) -> tuple[NDArray[Any], NDArray[n
 
 
 def _lowest(at: NDArray[np.float64], data: Any) -> NDArray[np.int32]:
-    """Return the lowest indices of the eight voxels around each position; the others are one larger, or the last."""
+    """Return the lowest indices of the eight voxels around each position; the other indices are one greater."""
     return np.floor(np.clip(at, 0, np.asarray(data.shape[:3]) - 1)).astype(np.int32)
 
 
@@ -128,9 +127,7 @@ def majority(values: NDArray[Any], weights: NDArray[np.floating[Any]]) -> NDArra
 
 def _check_labels(values: NDArray[Any]) -> None:
     if values.dtype.kind == "f" and not np.array_equal(values, np.round(values)):
-        raise InputError(
-            "interpolation is 'majority', which is for labels, but values are not whole numbers. Pass 'linear'"
-        )
+        raise InputError("interpolation is 'majority', but the values are not labels (whole numbers). Pass 'linear'")
 
 
 def sample_layers(
@@ -151,8 +148,8 @@ def sample_mean(
     way = _way(volume, interpolation)
     if len(places) > 1 and way == "nearest":
         raise InputError(
-            f"values of type {volume.data.dtype} may be labels, which have no mean over depths. Pass "
-            "interpolation='majority' for labels or 'linear' otherwise, a single depth, or use images"
+            f"values of type {volume.data.dtype} may be labels, which have no mean over depths. Pass a single depth, "
+            "interpolation='majority' for labels, or interpolation='linear' for other values, or use images"
         )
     if way == "majority":
         together = np.stack(places)
@@ -221,8 +218,8 @@ def series_sampling(
 ) -> Callable[[Volume], NDArray[Any]]:
     """Return a function that samples a series of volumes, with weights that are computed once per grid.
 
-    Its results equal those of `sample_mean` (`average`) or `sample_layers`: exactly for nearest voxels, otherwise up to
-    rounding of sums. Colours, chunks and majorities are sampled by these functions.
+    Its results equal those of `sample_mean` (if `average`) or `sample_layers`: exactly for nearest voxels, and up to
+    rounding errors otherwise. These functions sample colours, chunks and majorities.
     """
     held: dict[tuple[object, ...], list[Mixing]] = {}
 

@@ -19,7 +19,7 @@ from voxflat.maps.flat_map import FlatMap
 WORST_ENDINGS = (".json", ".tsv")  # endings of the files that `WorstPlaces.save` writes
 
 _GAIN = "gain: decrease of the relative distance error of a coarse preview map ({:.2f} %), in percentage points"
-_MOST = 10.0  # limit of log2 area change of a triangle; a triangle without area on the map would dominate otherwise
+_MOST = 10.0  # limit of |log2 area change|, so that a triangle without area on the map does not dominate
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,17 +31,17 @@ class RelievingCut:
     Parameters
     ----------
     ids : ndarray of int64, shape (k,) or (k, 3)
-        Vertices along the cut, or their voxels, from inside the map to its border.
+        Vertices or voxels along the cut, from the inside of the map to its border.
     points : ndarray of float64, shape (k, 3)
-        Their positions on the surface, mm.
+        Positions of these vertices on the surface, mm.
     uv : ndarray of float64, shape (k, 2)
-        Their positions on the map, mm.
+        Positions of these vertices on the map, mm.
     length : float
-        Length, mm.
+        Length of the cut, mm.
     gain : float
-        Reduction of the relative distance error of a coarse preview map, as a fraction; relaxation cuts are chosen by
-        the same measure. It is negative if distances become worse, as may happen with a cut that improves areas; NaN
-        without a preview map.
+        Reduction of the relative distance error of a coarse preview map, as a fraction. Relaxation cuts are chosen by
+        the same measure. It is negative if distances become worse, which can happen even if areas improve; NaN if there
+        is no preview map.
 
     See Also
     --------
@@ -49,8 +49,7 @@ class RelievingCut:
 
     Examples
     --------
-    >>> worst = voxflat.worst_places(voxflat.samples.hill().flatten(), 1, beyond=1.01)
-    >>> worst.places[0].cut
+    >>> voxflat.worst_places(voxflat.samples.hill().flatten(), 1, beyond=1.01).places[0].cut
     <RelievingCut along 19 vertices, length 38.5, gain -0.97 %>
     """
 
@@ -77,13 +76,13 @@ class WorstPlace:
     kind : {"stretched", "shrunk"}
         How its area changes.
     area : float
-        Its area on the surface, mm².
+        Area of the region on the surface, mm².
     share : float
-        Its share of the area of the whole surface.
+        Area of the region as a fraction of the whole surface.
     excess : float
         Total distortion of the region, ``Σ A_surface |log2(A_flat / A_surface)|``, mm².
     worst_ratio, median_ratio : float
-        A_flat / A_surface of the triangle where it is farthest from 1, and the area-weighted median, at the scale that
+        A_flat / A_surface of the triangle with the greatest change, and the area-weighted median, at the scale that
         preserves the total area.
     point : ndarray of float64, shape (3,)
         Centre of the region on the surface (one of its vertices), mm.
@@ -92,11 +91,12 @@ class WorstPlace:
     id : ndarray of int64, shape () or (3,)
         The number of that vertex, or its voxel.
     triangles : ndarray of int64, shape (k,)
-        Its triangles, as row numbers of the map's triangles.
+        Triangles of the region, as row numbers of the map's triangles.
     parcel : str or None
-        The parcel with the largest part of the region, if parcels were passed.
+        The parcel that contains the largest part of the region, if parcels were passed.
     cut : RelievingCut or None
-        A cut that reduces its distortion. None if cuts were not requested, or no path connects it to the border.
+        A cut that reduces the distortion of the region. None if cuts were not requested, or if no path connects the
+        region to the border.
     unit : str
         Unit of lengths; "unknown" if it is not defined.
 
@@ -106,8 +106,7 @@ class WorstPlace:
 
     Examples
     --------
-    >>> worst = voxflat.worst_places(voxflat.samples.hill().flatten(), 1, beyond=1.01)
-    >>> worst.places[0].kind
+    >>> voxflat.worst_places(voxflat.samples.hill().flatten(), 1, beyond=1.01).places[0].kind
     'shrunk'
     """
 
@@ -127,7 +126,7 @@ class WorstPlace:
     unit: str = "mm"
 
     def __repr__(self) -> str:
-        return f"<WorstPlace {self.number}: {self.kind}, area {self.area:.1f}, changed {self.worst_ratio:.2f} at worst>"
+        return f"<WorstPlace {self.number}: {self.kind}, area {self.area:.1f}, worst ratio {self.worst_ratio:.2f}>"
 
     def figures(self) -> dict[str, Any]:
         """Return the figures of the region, ready for JSON.
@@ -185,9 +184,9 @@ class WorstPlaces(Recorded):
     found : int
         Number of regions in the map.
     share : float
-        Share of the surface that all regions cover, like `area_beyond_1_5` of `TriangleFigures` for this factor.
+        Fraction of the surface that all regions cover, as `area_beyond_1_5` of `TriangleFigures` but for this factor.
     sketch_error : float
-        Mean relative distance error of a coarse preview map, to which `RelievingCut.gain` refers; NaN without one.
+        Mean relative distance error of the coarse preview map to which `RelievingCut.gain` refers; NaN without one.
     provenance : dict
         Record of how the regions were found.
 
@@ -197,9 +196,8 @@ class WorstPlaces(Recorded):
 
     Examples
     --------
-    >>> worst = voxflat.worst_places(voxflat.samples.hill().flatten(), 1, beyond=1.01)
-    >>> worst
-    <WorstPlaces: 1 of 2 where areas change by more than 1.01 times, 87.69 % of the surface>
+    >>> voxflat.worst_places(voxflat.samples.hill().flatten(), 1, beyond=1.01)
+    <WorstPlaces: 1 of 2 regions where areas change by more than a factor of 1.01 (87.69 % of the surface)>
     """
 
     flat_map: FlatMap
@@ -211,16 +209,18 @@ class WorstPlaces(Recorded):
     provenance: Record = field(default_factory=dict)
 
     def __repr__(self) -> str:
-        return (
-            f"<WorstPlaces: {len(self.places)} of {self.found} where areas change by more than {self.beyond:g} times, "
-            f"{100 * self.share:.2f} % of the surface>"
-        )
+        return f"<WorstPlaces: {len(self.places)} of {self._about}>"
+
+    @property
+    def _about(self) -> str:
+        regions, share = f"{self.found} region{'s' * (self.found != 1)}", f"{100 * self.share:.2f} % of the surface"
+        return f"{regions} where areas change by more than a factor of {self.beyond:g} ({share})"
 
     @cached_property
     def numbers(self) -> NDArray[np.int64]:
         """The number of the region that contains each map triangle, shape (F,).
 
-        Triangles in no region have 0.
+        Triangles outside all regions have 0.
 
         See Also
         --------
@@ -228,8 +228,7 @@ class WorstPlaces(Recorded):
 
         Examples
         --------
-        >>> worst = voxflat.worst_places(voxflat.samples.hill().flatten(), 1, beyond=1.01)
-        >>> worst.numbers.shape
+        >>> voxflat.worst_places(voxflat.samples.hill().flatten(), 1, beyond=1.01).numbers.shape
         (800,)
         """
         numbers = np.zeros(len(self.flat_map.faces), dtype=np.int64)
@@ -241,8 +240,8 @@ class WorstPlaces(Recorded):
     def logs(self) -> NDArray[np.float64]:
         """The change of area of each triangle, log2(A_flat / A_surface), shape (F,).
 
-        It refers to the scale that preserves the total area. Values are limited to ±10, for triangles without area on
-        the map, and NaN for triangles without area on the surface.
+        It refers to the scale that preserves the total area. Values are limited to ±10, because triangles may have no
+        area on the map, and are NaN for triangles without area on the surface.
 
         See Also
         --------
@@ -250,8 +249,7 @@ class WorstPlaces(Recorded):
 
         Examples
         --------
-        >>> worst = voxflat.worst_places(voxflat.samples.hill().flatten(), 1, beyond=1.01)
-        >>> worst.logs.shape
+        >>> voxflat.worst_places(voxflat.samples.hill().flatten(), 1, beyond=1.01).logs.shape
         (800,)
         """
         return area_changes(self.flat_map)[1]
@@ -264,7 +262,7 @@ class WorstPlaces(Recorded):
         Parameters
         ----------
         *numbers : int
-            Numbers of the regions; by default, all regions. Cuts that meet from different sides may divide the surface.
+            Numbers of the regions; by default, all regions. Cuts that meet from different sides can divide the surface.
 
         Returns
         -------
@@ -282,8 +280,7 @@ class WorstPlaces(Recorded):
 
         Examples
         --------
-        >>> worst = voxflat.worst_places(voxflat.samples.hill().flatten(), 1, beyond=1.01)
-        >>> len(worst.cuts())
+        >>> len(voxflat.worst_places(voxflat.samples.hill().flatten(), 1, beyond=1.01).cuts())
         1
         """
         metadata = self.flat_map.metadata
@@ -293,7 +290,7 @@ class WorstPlaces(Recorded):
     def _chosen(self, numbers: tuple[int, ...]) -> list[RelievingCut]:
         for number in numbers:
             if not is_whole(number) or not 1 <= number <= len(self.places):
-                raise InputError(f"there is no place {number!r}. Pass a number from 1 to {len(self.places)}")
+                raise InputError(f"there is no region {number!r}. Pass a number from 1 to {len(self.places)}")
         wanted = numbers or range(1, len(self.places) + 1)
         return [place.cut for place in self.places if place.number in wanted and place.cut is not None]
 
@@ -317,8 +314,6 @@ class WorstPlaces(Recorded):
         ------
         InputError
             If there is no region with that number, or the path is an input file.
-        OSError
-            If the file cannot be written.
 
         See Also
         --------
@@ -352,8 +347,7 @@ class WorstPlaces(Recorded):
 
         Examples
         --------
-        >>> worst = voxflat.worst_places(voxflat.samples.hill().flatten(), 1, beyond=1.01)
-        >>> sorted(worst.figures())[:2]
+        >>> sorted(voxflat.worst_places(voxflat.samples.hill().flatten(), 1, beyond=1.01).figures())[:2]
         ['beyond', 'found']
         """
         return {
@@ -382,28 +376,21 @@ class WorstPlaces(Recorded):
         --------
         >>> worst = voxflat.worst_places(voxflat.samples.hill().flatten(), 1, beyond=1.01)
         >>> print(worst.table().splitlines()[0])
-        2 places where areas change by more than 1.01 times, 87.69 % of the surface
+        2 regions where areas change by more than a factor of 1.01 (87.69 % of the surface)
         """
-        share = f"{100 * self.share:.2f} % of the surface"
-        about = f"{self.found} places where areas change by more than {self.beyond:g} times, {share}"
         if not self.places:
-            return about
-        names = ["", "area, mm²", "% of all", "area times", "median", "x, y, z, mm", "u, v, mm", "cut, mm", "gain"]
+            return self._about
+        names = ["", "area, mm²", "share, %", "worst ratio", "median", "x, y, z, mm", "u, v, mm", "cut, mm", "gain"]
         rows = [[in_unit(name, self.flat_map.metadata) for name in names]]
         rows += [_row(place) for place in self.places]
         if any(place.parcel is not None for place in self.places):
             for row, parcel in zip(rows, ["parcel", *(place.parcel or "–" for place in self.places)], strict=True):
                 row.append(parcel)
         widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-        lines = [
-            "  ".join(
-                cell.ljust(width) if column in (0, 9) else cell.rjust(width)
-                for column, (cell, width) in enumerate(zip(row, widths, strict=True))
-            )
-            for row in rows
-        ]
+        aligned = [f"{{:{'<' if column in (0, 9) else '>'}{width}}}" for column, width in enumerate(widths)]
+        lines = ["  ".join(aligned).format(*row) for row in rows]
         told = [] if np.isnan(self.sketch_error) else [_GAIN.format(100 * self.sketch_error)]
-        return "\n".join([about, *(line.rstrip() for line in lines), *told])
+        return "\n".join([self._about, *(line.rstrip() for line in lines), *told])
 
     def save(self, path: str | os.PathLike[str], *, sidecar: bool = False, overwrite: bool = False) -> None:
         """Save the regions to a file.
@@ -421,8 +408,6 @@ class WorstPlaces(Recorded):
         ------
         InputError
             If the ending is not supported, or the path is an input file.
-        OSError
-            If the file cannot be written.
 
         See Also
         --------
@@ -435,7 +420,7 @@ class WorstPlaces(Recorded):
         """
         name = checked_path(path).name.lower()
         if not name.endswith(WORST_ENDINGS):
-            raise InputError(f"cannot save places as {checked_path(path).name}. Use a name that ends in .json or .tsv")
+            raise InputError(f"cannot save regions as {checked_path(path).name}. Use a name that ends in .json or .tsv")
         if name.endswith(".json"):
             text = as_text({**self.figures(), "provenance": self.provenance})
         else:
@@ -452,12 +437,11 @@ def _row(place: WorstPlace) -> list[str]:
     cut = ["–", "–"]
     if place.cut is not None:
         cut = [f"{place.cut.length:.1f}", "–" if np.isnan(place.cut.gain) else f"{100 * place.cut.gain:+.2f}"]
+    ratios = (f"{number:.2f}" for number in (100 * place.share, place.worst_ratio, place.median_ratio))
     return [
         f"{place.number} {place.kind}",
         f"{place.area:.1f}",
-        f"{100 * place.share:.2f}",
-        f"{place.worst_ratio:.2f}",
-        f"{place.median_ratio:.2f}",
+        *ratios,
         *(", ".join(f"{value:.1f}" for value in at) for at in (place.point, place.uv)),
         *cut,
     ]

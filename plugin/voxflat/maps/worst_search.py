@@ -49,8 +49,8 @@ def worst_places(
     beyond : float
         Areas in a region change by more than this factor.
     cuts : bool
-        Find a cut for each region: the shortest path along edges from the border through the region to its far end. For
-        a region at the border, the cut continues inwards, three times as deep as the region.
+        Find a cut for each region: the shortest path along edges from the border through the region to its far end. At
+        the border, the cut continues inwards to three times the depth of the region.
     parcels : path, ndarray, image object, Volume or Parcels, optional
         Labels, as in `figures.flat_map`. Each region gets the name of the parcel that contains the largest part of it.
     table : path, optional
@@ -79,16 +79,16 @@ def worst_places(
     Examples
     --------
     >>> voxflat.worst_places(voxflat.samples.hill().flatten(), beyond=1.01)
-    <WorstPlaces: 2 of 2 where areas change by more than 1.01 times, 87.69 % of the surface>
+    <WorstPlaces: 2 of 2 regions where areas change by more than a factor of 1.01 (87.69 % of the surface)>
     """
     checked_kind(flat_map, "flat map", "distortion", "a FlatMap")
     if not is_whole(count) or count < 0:
-        raise InputError(f"count is {shown(count)}. Pass the number of places to find, a whole number")
+        raise InputError(f"count is {shown(count)}. Pass the maximum number of regions, a whole number")
     factor = optional_number(beyond, "beyond")
     if factor is None or not 1 < factor < np.inf:
         raise InputError(f"beyond is {shown(beyond)}. Pass a factor greater than 1, such as 1.5")
     if flat_map.distortion.triangles is None:
-        raise InputError("the map has no triangles of the surface, and so no areas. Pass a map of another method")
+        raise InputError("the map has no triangles of the surface to measure areas. Pass a map of another method")
     areas, logs = area_changes(flat_map)
     known = np.isfinite(logs)
     whole = float(areas[known].sum())
@@ -221,9 +221,9 @@ class _Ways:
     def _through(self, own: NDArray[np.int64], place: WorstPlace) -> NDArray[np.int64] | None:
         """Return the path through a region's vertices, inner end first; None if no path leads to the border.
 
-        It starts where the deepest vertex has its shortest path to the border, and leads through the region to its far
-        end. A region at the border depends on curvature farther inwards, so its path continues three times as deep as
-        the region is, or as wide.
+        The path starts where the shortest path from the deepest vertex meets the border, and leads through the region
+        to its far end. The distortion of a region at the border is due to curvature farther inwards, so the path
+        continues to three times the depth or width of the region.
         """
         own = own[np.isfinite(self.from_border[own])]
         if not len(own):

@@ -17,10 +17,8 @@ from voxflat.surfaces.manifold import Manifold
 
 __all__ = ["METHODS", "Grossmann2002", "Method", "Saucan2006", "Schwartz1989", "Voxflat", "Zigelman2002", "method_of"]
 
-METHODS: dict[str, type[Method]] = {
-    method.name: method for method in (Voxflat, Grossmann2002, Zigelman2002, Schwartz1989, Saucan2006)
-}
-"""The methods by name, the default first."""
+_METHODS: tuple[type[Method], ...] = (Voxflat, Grossmann2002, Zigelman2002, Schwartz1989, Saucan2006)
+METHODS = {method.name: method for method in _METHODS}  # the default first
 
 
 def method_of(method: str | Method) -> Method:
@@ -61,7 +59,7 @@ def method_of(method: str | Method) -> Method:
 
 
 def flattened(surface: Manifold | Cutout, method: str | Method, where: Where, how: How) -> FlatMap:
-    """Flatten a surface, which may already be cut, with a method; see `voxflat.Surface.flatten`."""
+    """Flatten a surface, which may already be cut; see `voxflat.Surface.flatten`."""
     chosen = method_of(method)
     chosen._check(how)
     return chosen._flatten(surface, where, how)

@@ -19,8 +19,7 @@ from voxflat.surfaces.manifold import Manifold
 from voxflat.surfaces.standard.sphere import Sphere, in_triangles
 from voxflat.surfaces.standard.template import standard_template
 
-MUCH = 0.01
-"""Tolerated relative error of distances. Graph distances usually have an error of 0.1 %."""
+MUCH = 0.01  # tolerated relative error of distances; graph distances usually have an error of 0.1 %
 
 _NO_GOOD_MAP = 0.25  # relative error; 0.05 to 0.15 is usual for the cortex
 _FEWEST = 3  # corresponding points needed for a rotation
@@ -66,22 +65,21 @@ def map_over_triangles(
     distortion = _measured(part, result, more.get("geodesic", "graph"), links_error, how)
     if not more.get("descent", {"converged": True})["converged"]:
         steps = len(more["descent"]["energies"])
-        warnings.append(f"the descent stopped after {steps} steps, before it converged. A better map may exist")
+        warnings.append(f"the optimisation stopped after {steps} steps before it converged. A better map may exist")
     error = distortion.best_scale.relative_error
     if error > _NO_GOOD_MAP:
         warnings.append(
-            f"distances in the map are wrong by {100 * error:.0f} % on average, even at the best scale. Pass cuts or "
+            f"the mean relative distance error of the map is {100 * error:.0f} %, even at the best scale. Pass cuts or "
             "relax=True, or flatten a smaller patch"
         )
-    if distortion.triangles is not None and distortion.triangles.crossings:
-        count = distortion.triangles.crossings
-        warnings.append(f"the map overlaps itself: its boundary crosses itself {count} times")
-    elif distortion.triangles is not None and distortion.triangles.covering and not distortion.triangles.flipped:
-        warnings.append(f"the map overlaps itself: {distortion.triangles.covering} triangles cover another one")
-    if distortion.triangles is not None and distortion.triangles.flipped:
-        warnings.append(
-            f"the map folds over: {distortion.triangles.flipped} of {len(part.faces)} triangles are flipped"
-        )
+    triangles = distortion.triangles
+    assert triangles is not None
+    if triangles.crossings:
+        warnings.append(f"the map overlaps itself: its boundary crosses itself {triangles.crossings} times")
+    elif triangles.covering and not triangles.flipped:
+        warnings.append(f"the map overlaps itself: {triangles.covering} triangles cover another one")
+    if triangles.flipped:
+        warnings.append(f"the map folds over: {triangles.flipped} of {len(part.faces)} triangles are flipped")
     anatomy = cut.anatomy(how.threads, how.progress)
     uv, framed = _framed(result["uv"], cut, how)
     merged, places = part._also_merged()
@@ -92,10 +90,9 @@ def map_over_triangles(
         ids = vertices = np.concatenate([ids, merged])
         distortion = replace(distortion, per_point=distortion.per_point[rows_of])
         rows = rows if rows is None or how.store is not None else rows[:, rows_of]
-    if distortion.triangles is not None:  # triangles that close holes come last, and are not part of the map
-        of_map = {"areal": distortion.triangles.areal[rows_of]}
-        of_map["is_flipped"] = distortion.triangles.is_flipped[: len(cut.faces)]
-        distortion = replace(distortion, triangles=replace(distortion.triangles, **of_map))
+    # triangles that close holes come last, and are not part of the map
+    of_map = {"areal": triangles.areal[rows_of], "is_flipped": triangles.is_flipped[: len(cut.faces)]}
+    distortion = replace(distortion, triangles=replace(triangles, **of_map))
     return FlatMap(
         uv=uv[rows_of],
         points=part.points[rows_of],
@@ -136,9 +133,9 @@ def _in_standard_frame(
 ) -> tuple[NDArray[np.float64], int, float]:
     """Align a map rigidly with the flat map of fsaverage, using corresponding points on the sphere.
 
-    The points are evenly spaced on the template's map, so that all parts count equally. The rotation minimises the sum
-    of squared distances (Schönemann 1966), without scaling or mirroring, and the centroids coincide. Also return the
-    number of points (0 if there are too few) and the root mean square of the residual distances in mm.
+    The points are evenly spaced on the template's map, so that all parts have equal weight. The rotation minimises the
+    sum of squared distances (Schönemann 1966), without scaling or mirroring, and the centroids coincide. Also return
+    the number of points (0 if there are too few) and the root mean square of the residual distances in mm.
     """
     anchors = standard_template(sphere.space, sphere.side).anchors
     assert anchors is not None

@@ -83,7 +83,7 @@ class Grossmann2002(Method):
     """
 
     name: ClassVar[str] = "grossmann2002"
-    summary: ClassVar[str] = "over a volume's surface voxels"
+    summary: ClassVar[str] = "uses chain codes on the surface voxels of a volume"
     takes_store: ClassVar[bool] = True
 
     sources: int | ArrayLike = 1000
@@ -115,10 +115,8 @@ class Grossmann2002(Method):
         chosen = choice.made(how.progress)
         store = None
         if how.store is not None:
-            lengths = graph.metadata["link_lengths"]
-            store = prepare_store(
-                how.store, part, graph.ids, chosen, geodesic="chain", link_lengths=lengths, progress=how.progress
-            )
+            kind = {"geodesic": "chain", "link_lengths": graph.metadata["link_lengths"]}
+            store = prepare_store(how.store, part, graph.ids, chosen, **kind, progress=how.progress)
         result = part.grossmann2002(chosen, how.seed, how.keep_rows and store is None, how.threads, how.progress)
         topology = part.topology(how.progress)
         faces, torn = part.map_faces(result["uv"], how.progress)
@@ -161,6 +159,6 @@ def _warnings(graph: VoxelGraph, topology: dict[str, Any], torn: float) -> list[
     if torn > _TORN_WARNING:
         warnings.append(
             f"{100 * torn:.1f} % of the map is torn: points that are neighbours in the map are not neighbours on the "
-            "surface. See the heat map, or flatten a smaller patch"
+            "surface. Check the heat map, or flatten a smaller patch"
         )
     return warnings

@@ -29,7 +29,7 @@ Rows = bool | str | os.PathLike[str]  # whether to keep distances in memory, or 
 
 @dataclass(frozen=True)
 class How:
-    """Flattening options that do not depend on the method."""
+    """Store the options of `Surface.flatten` that do not depend on the method."""
 
     mirror: bool = False
     rows: Rows = False
@@ -118,9 +118,7 @@ class Method:
         if how.rows is not False and not self.takes_rows:
             raise InputError(f"the method {self.name!r} does not measure distances. Do not pass rows")
         if how.store is not None and not self.takes_store:
-            raise InputError(
-                f"the method {self.name!r} cannot write a store. Pass rows=True to keep the distances in memory"
-            )
+            raise InputError(f"the method {self.name!r} cannot write a store. Pass rows=True to keep rows in memory")
 
     def _flatten(self, surface: Manifold | Cutout, where: Where, how: How) -> FlatMap:
         """Flatten a surface."""

@@ -59,7 +59,7 @@ class Saucan2006(OverTriangles):
     """
 
     name: ClassVar[str] = "saucan2006"
-    summary: ClassVar[str] = "glued of certified patches"
+    summary: ClassVar[str] = "glues certified patches"
     takes_rows: ClassVar[bool] = False
 
     bound: float = 1.5

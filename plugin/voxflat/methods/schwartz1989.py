@@ -74,7 +74,7 @@ class Schwartz1989(OverTriangles):
     """
 
     name: ClassVar[str] = "schwartz1989"
-    summary: ClassVar[str] = "by exact distances from random starts"
+    summary: ClassVar[str] = "uses exact distances and random starts"
 
     sources: int | ArrayLike = 50
     sampling: str = "farthest"
@@ -93,7 +93,7 @@ class Schwartz1989(OverTriangles):
         part = cut.part
         if is_whole(self.sources) and self.sources == 0:
             if how.keep_rows:
-                raise InputError("sources is 0, so there are no rows to keep. Pass sources, or do not pass rows")
+                raise InputError("sources is 0, so there are no rows to keep. Use more sources, or do not pass rows")
             choice = SourceChoice(part, 0, np.empty(0, dtype=np.uint32), self.sampling, how.seed, "given")
         else:
             choice = source_choice(part, self.sources, self.sampling, how.seed, fewest=3, at_most_all=True)
@@ -102,9 +102,9 @@ class Schwartz1989(OverTriangles):
             rings = self.neighbourhood or part.core.schwartz1989_rings(how.progress)
         need = part.core.schwartz1989_memory_need(rings, choice.count, how.workers, how.progress)
         kept = "between all pairs" if rings is None else f"within {rings} rings of each"
-        remedy = "use a smaller neighbourhood or patch, or the method 'voxflat'"
+        remedy = "Use a smaller neighbourhood or patch, or the method 'voxflat'"
         need += how.rows_memory_need(choice.count, len(part))
-        need = how.check_memory(need, f"distances {kept} of {len(part)} points are stored: {remedy}")
+        need = how.check_memory(need, f"distances {kept} of {len(part)} points are stored. {remedy}")
         chosen = choice.made(how.progress)
         result = part.core.schwartz1989(rings, chosen, self.starts, how.seed, how.keep_rows, how.threads, how.progress)
         if np.isnan(result["planarity"]):

@@ -31,8 +31,8 @@ def places_of(cut: Cutout, start: Matched) -> NDArray[np.float64]:
     if not is_there.all():
         lacking = vertices[cut.faces[np.flatnonzero(~is_there)[0]]].tolist()
         raise InputError(
-            f"start has no place for {int((~is_there).sum())} of the {len(is_there)} triangles to be flattened, such "
-            f"as that of vertices {lacking}. Pass a map that covers all of them, or do not pass start"
+            f"start does not contain {int((~is_there).sum())} of the {len(is_there)} triangles to be flattened, such "
+            f"as the triangle of vertices {lacking}. Pass a map that covers all of them, or do not pass start"
         )
     places = np.full((len(vertices), 2), np.nan)
     places[cut.faces] = found
@@ -40,7 +40,7 @@ def places_of(cut: Cutout, start: Matched) -> NDArray[np.float64]:
     if len(torn):
         vertex = int(vertices[cut.faces[tuple(torn[0])]])
         raise InputError(
-            f"start is cut at vertex {vertex}, but the surface is not. Pass the cuts of the start, too, or do not pass "
+            f"start is cut at vertex {vertex}, but the surface is not. Also pass the cuts of the start, or do not pass "
             "cuts, sphere, relax or adapt"
         )
     return places
@@ -56,9 +56,8 @@ def _at_corners(
     triangle[keys] = np.arange(len(keys))
     found = triangle[wanted_keys]
     is_there = keys[found] == wanted_keys
-    sorted_known = np.take_along_axis(
-        start.core.faces[found].astype(np.int64), np.argsort(known[found], axis=1), axis=1
-    )
+    order = np.argsort(known[found], axis=1)
+    sorted_known = np.take_along_axis(start.core.faces[found].astype(np.int64), order, axis=1)
     places = np.empty((*faces.shape, 2))
     np.put_along_axis(places, np.argsort(wanted, axis=1)[:, :, None], start.uv[sorted_known], axis=1)
     return places, is_there

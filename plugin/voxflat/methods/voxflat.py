@@ -24,8 +24,7 @@ from voxflat.surfaces.manifold import Manifold
 
 SCALES = ("distances", "areas")  # quantities that the scale of a map may preserve
 
-_WITHIN = 0.99
-"""Exponent of the bound on areas during descent, whose total area includes closed holes."""
+_WITHIN = 0.99  # exponent of the bound on areas during descent, whose total area includes closed holes
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -110,7 +109,7 @@ class Voxflat(OverTriangles):
     """
 
     name: ClassVar[str] = "voxflat"
-    summary: ClassVar[str] = "over the triangles of a surface"
+    summary: ClassVar[str] = "minimises the distortion of distances and triangles"
     takes_store: ClassVar[bool] = True
 
     sources: int | ArrayLike = 400
@@ -157,12 +156,8 @@ class Voxflat(OverTriangles):
         result = part.core.voxflat(*wanted, key, places, max_area=bound)
         if store is not None:
             store.tell(result["found"])
-        metadata: dict[str, Any] = {
-            "geodesic": solver,
-            "distance_error": error,
-            "weighting": weighting,
-            "scale": self.scale,
-        }
+        metadata: dict[str, Any] = {"geodesic": solver, "distance_error": error}
+        metadata |= {"weighting": weighting, "scale": self.scale}
         if self.start is not None:
             metadata["start"] = True
         rows = result["rows"]
@@ -206,14 +201,14 @@ def _solver(part: Manifold, asked: str | None, links_error: float, how: How) -> 
     error = links_error if solver == "graph" else error_of_distances(part, solver, how)
     if not error > MUCH:
         return solver, error, []
-    doubt = f"distances by {_NAMES[solver]} have an error of {100 * error:.1f} %, which thin triangles can cause."
+    doubt = f"distances by {_NAMES[solver]} have a mean error of {100 * error:.1f} %, which thin triangles can cause."
     if asked is not None:
-        return solver, error, [f"{doubt} Omit geodesic, or pass 'exact'"]
+        return solver, error, [f"{doubt} Do not pass geodesic, or pass 'exact'"]
     solver, error = "marching", error_of_distances(part, "marching", how)
     if error > MUCH:
         solver, error = "exact", 0.0
         log.info("measuring exact distances, which is slower")
-    return solver, error, [f"{doubt} They are measured by {_NAMES[solver]} instead"]
+    return solver, error, [f"{doubt} Distances are measured by {_NAMES[solver]} instead"]
 
 
 _NAMES = {"graph": "graph paths", "marching": "fast marching", "exact": "exact geodesics"}

@@ -64,7 +64,7 @@ class Zigelman2002(OverTriangles):
     """
 
     name: ClassVar[str] = "zigelman2002"
-    summary: ClassVar[str] = "by fast marching"
+    summary: ClassVar[str] = "uses fast marching and classical scaling"
 
     sources: int | ArrayLike = 625
     sampling: str = "decimation"
@@ -80,9 +80,7 @@ class Zigelman2002(OverTriangles):
         grid = vertices = None
         if self.sampling == "grid":
             if choice.given is not None:
-                raise InputError(
-                    "sampling is 'grid', which chooses the sources itself. Pass the number of sources, or omit it"
-                )
+                raise InputError("sampling is 'grid', which chooses the sources itself. Pass only their number")
             grid = pixels_of(part)
         need = part.core.zigelman2002_memory_need(choice.count, how.workers)
         need = how.check_memory(need + how.rows_memory_need(choice.count, len(part)))
@@ -100,7 +98,7 @@ def pixels_of(part: Manifold) -> tuple[NDArray[np.uint32], list[float]]:
     grid = part.metadata.get("range_image")
     if grid is None:
         raise InputError(
-            "sampling is 'grid', but the surface is not a range image. Make one with voxflat.range_image, or pass "
+            "sampling is 'grid', but the surface is not a range image. Create one with voxflat.range_image, or pass "
             "sampling='decimation'"
         )
     ids = part.ids

@@ -43,22 +43,12 @@ def check(
     ----------
     source : ndarray, path, image object, Volume, (points, faces), Mesh, pyvista.PolyData or Surface
         As in `voxflat.surface`.
-    label : int, optional
-        As in `voxflat.surface`.
-    threshold : float, optional
-        As in `voxflat.surface`.
-    spacing : sequence of 3 floats, optional
-        As in `voxflat.surface`.
-    affine : array_like, shape (4, 4), optional
+    label, threshold, spacing, affine : optional
         As in `voxflat.surface`.
     part : callable, optional
         A function that takes the surface and returns the part to be flattened, such as
         ``lambda surface: surface.disk(5000, 40)``.
-    cuts, sphere : optional
-        As in `Surface.cut`.
-    threads, memory_limit : int, optional
-        As in `Surface.cut`.
-    progress : callable, optional
+    cuts, sphere, threads, memory_limit, progress : optional
         As in `Surface.cut`.
 
     Returns
@@ -69,7 +59,7 @@ def check(
     Raises
     ------
     InputError
-        If the input cannot be read, or a label, threshold or part does not fit the input.
+        If the input cannot be read, or the label, threshold or part does not match the input.
 
     See Also
     --------
@@ -77,9 +67,7 @@ def check(
 
     Examples
     --------
-    >>> labels = np.zeros((9, 9, 9), dtype=np.uint8)
-    >>> labels[2:7, 2:7, 2:7] = 1
-    >>> voxflat.check(labels).can_flatten
+    >>> voxflat.check(voxflat.samples.ball()).can_flatten
     True
     """
     if part is not None and not callable(part):
@@ -100,7 +88,7 @@ def check(
                 return replace(found, advice=(*mesh.remarks, str(error)))
             return _of_part(whole, part, found, where, making)
         volume = as_volume(source, spacing=spacing, affine=affine)
-        check_scalar(volume)
+        check_scalar(volume.data)
         found = Check(None if volume.path is None else str(volume.path), "volume", _volume_contents(volume))
         if label is None and threshold is None:
             try:

@@ -110,8 +110,7 @@ class CutSurface(Generic[_Surface]):
 
     Examples
     --------
-    >>> ball = np.linalg.norm(np.indices((12, 12, 12)) - 5.5, axis=0) < 5
-    >>> opened = voxflat.surface(ball).cut()
+    >>> opened = voxflat.surface(voxflat.samples.ball()).cut()
     >>> flat_map = opened.flatten("zigelman2002")
     """
 
@@ -157,15 +156,7 @@ class CutSurface(Generic[_Surface]):
         ----------
         method : str or Method
             As in `Surface.flatten`.
-        mirror : bool
-            As in `Surface.flatten`.
-        rows : bool or path
-            As in `Surface.flatten`.
-        seed : int
-            As in `Surface.flatten`.
-        threads, memory_limit : int, optional
-            As in `Surface.flatten`.
-        progress : callable, optional
+        mirror, rows, seed, threads, memory_limit, progress : optional
             As in `Surface.flatten`.
 
         Returns
@@ -184,8 +175,7 @@ class CutSurface(Generic[_Surface]):
 
         Examples
         --------
-        >>> ball = np.linalg.norm(np.indices((12, 12, 12)) - 5.5, axis=0) < 5
-        >>> opened = voxflat.surface(ball).cut(relax=False)
+        >>> opened = voxflat.surface(voxflat.samples.ball()).cut(relax=False)
         >>> len(opened.flatten()) == len(opened.surface)
         True
         """
@@ -194,9 +184,8 @@ class CutSurface(Generic[_Surface]):
         return flattened(self.cutout, method, Where(), How(mirror, rows, seed, threads, memory_limit, progress))
 
     def __repr__(self) -> str:
-        return (
-            f"<CutSurface: {len(self.surface)} vertices, {len(self.cuts)} cuts, {len(self.left_out)} excluded vertices>"
-        )
+        counts = f"{len(self.surface)} vertices, {len(self.cuts)} cuts, {len(self.left_out)} excluded vertices"
+        return f"<CutSurface: {counts}>"
 
     def _repr_html_(self) -> str:
         """Return a picture of the surface with its cuts and a table of their lengths, for Jupyter."""
@@ -205,9 +194,8 @@ class CutSurface(Generic[_Surface]):
         drawing = importlib.import_module("voxflat.figures.cut_surfaces")  # a higher layer than the pipeline
         figure = drawing.cut_surface_views(self.surface)
         table = "\n".join(f"{name:40}{length:>8}" for name, length in zip(names, lengths, strict=True))
-        return page(
-            self, in_unit(table, self.surface.metadata), figure, "The surface from its two broad sides; cuts in red"
-        )
+        caption = "The surface seen from its two broad sides, with the cuts in red"
+        return page(self, in_unit(table, self.surface.metadata), figure, caption)
 
     def title(self, number: int) -> str:
         """Return the title of a cut: its name or number, and its location.
@@ -240,7 +228,7 @@ class CutSurface(Generic[_Surface]):
         'cut 1, posterior, right'
         """
         if not is_whole(number) or not 0 <= number < len(self.cuts):
-            raise InputError(f"cut number is {shown(number)}, but there are {len(self.cuts)} cuts. Count from 0")
+            raise InputError(f"the cut number is {shown(number)}, but there are {len(self.cuts)} cuts, counted from 0")
         cut, of = self.cuts[number], self.whole
         name = cut.name or f"cut {number + 1}"
         if of is None or not len(cut.ids):
@@ -323,7 +311,7 @@ class CutSurface(Generic[_Surface]):
         >>> cut_open.save_template("five_cuts.json")
         """
         if self.sphere is None or self.whole is None:
-            raise InputError("a template lies on a sphere, and this surface has none. Pass sphere (--sphere) to cut")
+            raise InputError("a template requires a sphere, but this surface has none. Pass sphere (--sphere) to cut")
         if not self.cuts and not len(self.left_out):
             raise InputError("cannot make a template: the surface has no cuts and no excluded vertices. Cut it first")
         kept = self.whole._has_triangles(self.surface.vertices[self.surface.faces])
@@ -334,8 +322,8 @@ class CutSurface(Generic[_Surface]):
             name = cut.name or cut.reason
             names[name] = names.get(name, 0) + 1
             cuts.append((name if cut.name else f"{name} {names[name]}", self._vertices(cut)))
-        template = replace(template_of(self.whole, kept, cuts, self.sphere), name=Path(path).stem)
-        template = replace(template, provenance=self.provenance)
+        template = template_of(self.whole, kept, cuts, self.sphere)
+        template = replace(template, name=Path(path).stem, provenance=self.provenance)
         with saving(path, self.provenance, sidecar=sidecar, overwrite=overwrite), atomic_path(path) as beside:
             beside.write_text(template.as_json(), encoding="utf-8", newline="\n")
 

@@ -39,15 +39,7 @@ def flatten(
         As in `Surface.flatten`.
     cuts, sphere, relax, adapt : optional
         Where the surface is cut, as in `Surface.cut`.
-    mirror : bool
-        As in `Surface.flatten`.
-    rows : bool or path
-        As in `Surface.flatten`.
-    seed : int
-        As in `Surface.flatten`.
-    threads, memory_limit : int, optional
-        As in `Surface.flatten`.
-    progress : callable, optional
+    mirror, rows, seed, threads, memory_limit, progress : optional
         As in `Surface.flatten`.
 
     Returns
@@ -66,11 +58,9 @@ def flatten(
 
     Examples
     --------
-    >>> sheet = np.zeros((20, 20, 5), dtype=np.uint8)
-    >>> sheet[2:-2, 2:-2, 2] = 1
-    >>> flat_map = voxflat.flatten(sheet)
+    >>> flat_map = voxflat.flatten(voxflat.samples.hill())
     >>> flat_map.uv.shape
-    (256, 2)
+    (441, 2)
     """
     where: dict[str, Any] = {"cuts": cuts, "sphere": sphere, "relax": relax, "adapt": adapt}
     limits: dict[str, Any] = {"threads": threads, "memory_limit": memory_limit, "progress": progress}

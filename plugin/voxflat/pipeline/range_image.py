@@ -64,7 +64,7 @@ def range_image(
     steps = _steps(spacing)
     limit = _JUMP * max(steps) if jump is None else jump
     if not is_number(limit) or not limit > 0:
-        raise InputError(f"jump is {shown(jump)} mm. Pass a positive difference of depth, or np.inf to cut nowhere")
+        raise InputError(f"jump is {shown(jump)} mm. Pass a positive depth difference, or np.inf for no limit")
     limit = as_float(limit)
     is_there = np.isfinite(heights)
     faces = _faces(heights)
@@ -78,9 +78,7 @@ def range_image(
     kept = inside & (np.ptp(corners, axis=1) <= limit)
     cut = int(inside.sum() - kept.sum())
     if not kept.any():
-        raise InputError(
-            f"every triangle spans more than {limit:g} mm of depth. Increase jump, or check the units of depth"
-        )
+        raise InputError(f"every triangle spans more than {limit:g} mm of depth. Increase jump, or check the units")
     remarks = []
     if cut:
         remarks.append(
@@ -123,9 +121,9 @@ def _heights(depth: ArrayLike, mask: ArrayLike | None) -> NDArray[np.float64]:
     if mask is not None:
         there = array_of(mask, "values of the mask")
         if there.shape != heights.shape:
-            raise InputError(f"mask has shape {there.shape}, but depth has shape {heights.shape}. Make them equal")
+            raise InputError(f"mask has shape {there.shape}, but depth has {heights.shape}. Pass a mask of that shape")
         if there.dtype.kind not in "buif" or not np.isin(there, (0, 1)).all():
-            raise InputError(f"mask ({there.dtype}) has values other than 0 and 1. Pass True where the surface is")
+            raise InputError(f"mask ({there.dtype}) has values other than 0 and 1. Pass True where there is a surface")
         heights[there == 0] = np.nan
     bad = np.abs(heights) > FARTHEST  # False for NaN
     if bad.any():

@@ -43,7 +43,7 @@ class Surface(Manifold):
     """A surface of triangles, made by `voxflat.surface`.
 
     `points`, `faces` and `ids` are its vertices, its triangles, and the voxel indices or vertex numbers of its vertices
-    in the input. A part of a surface is a `Surface`, too. Surfaces are immutable: each method returns a new value.
+    in the input. A part of a surface is also a `Surface`. Surfaces are immutable: each method returns a new one.
 
     Parameters
     ----------
@@ -60,13 +60,13 @@ class Surface(Manifold):
     mesh_faces : ndarray of int64, shape (G, 3), or None
         The triangles of the whole mesh as given or repaired, as vertex numbers; None if the input was not a mesh.
     merged : ndarray of int64, shape (M, 2)
-        Vertices of the whole surface that were merged with another at the same position, and the other vertex.
+        Pairs of vertices of the whole surface: a vertex, and the vertex at the same position that replaces it.
     foreground : PackedMask or None
         The voxels from which the surface was made.
     whole : Manifold or None
         The surface of which this one is a part.
     steps : tuple of Step
-        How the part was chosen.
+        The steps that selected the part.
 
     See Also
     --------
@@ -75,17 +75,14 @@ class Surface(Manifold):
 
     Examples
     --------
-    >>> ball = np.linalg.norm(np.indices((20, 20, 20)) - 9.5, axis=0) < 8
-    >>> surface = voxflat.surface(ball)
-    >>> cap = surface.disk((9, 9, 16), radius=6.0)
-    >>> flat_map = cap.flatten()
-    >>> flat_map.uv.shape == (len(cap), 2)
+    >>> cap = voxflat.surface(voxflat.samples.ball()).disk((4, 12, 12), radius=6.0)
+    >>> cap.flatten().uv.shape == (len(cap), 2)
     True
     """
 
     @classmethod
     def _of(cls, made: Manifold) -> Surface:
-        """Return a surface made by the core as a `Surface`."""
+        """Return any manifold as a `Surface`."""
         return cls(**{one.name: getattr(made, one.name) for one in fields(Manifold)})
 
     # ------------------------------------------------------------------------------------------ parts
@@ -94,12 +91,12 @@ class Surface(Manifold):
     def keep(self, region: object) -> Surface:
         """Return the part of the surface inside a region.
 
-        The result is a new surface; this one does not change.
+        The result is a new surface.
 
         Parameters
         ----------
         region : mask, path or vertex numbers
-            For surfaces of volumes: a mask of the volume's shape (array, path, image object or Volume), or voxel
+            For surfaces from volumes: a mask of the volume's shape (array, path, image object or Volume), or voxel
             indices (k, 3). For meshes: a mask of shape (V,), vertex numbers, or a file. Supported files are FreeSurfer
             labels and patches, GIFTI labels and shapes, and GIFTI surfaces whose triangles define the part.
 
@@ -111,7 +108,7 @@ class Surface(Manifold):
         Raises
         ------
         InputError
-            If the region does not fit the surface, or contains no triangle.
+            If the region does not match the surface, or contains no triangle.
 
         See Also
         --------
@@ -129,7 +126,7 @@ class Surface(Manifold):
     def drop(self, region: object) -> Surface:
         """Return the part of the surface outside a region, such as the medial wall.
 
-        The result is a new surface; this one does not change.
+        The result is a new surface.
 
         Parameters
         ----------
@@ -144,7 +141,7 @@ class Surface(Manifold):
         Raises
         ------
         InputError
-            If the region does not fit the surface, or nothing remains.
+            If the region does not match the surface, or nothing remains.
 
         See Also
         --------
@@ -178,9 +175,7 @@ class Surface(Manifold):
             surface voxel is used; a warning reports the distance if it is large.
         radius : float
             Radius of the disk, in mm along the surface.
-        threads : int, optional
-            Number of threads; by default one per core.
-        progress : callable, optional
+        threads, progress : optional
             As in `flatten`.
 
         Returns
@@ -209,7 +204,7 @@ class Surface(Manifold):
     def polygon(self, corners: ArrayLike, *, progress: Progress | None = None) -> Surface:
         """Return the region enclosed by shortest paths between corners.
 
-        The closed path follows edges from each corner to the next; the region is the smaller side of this path.
+        The closed path follows edges from each corner to the next. The region is the smaller side of the path.
 
         Parameters
         ----------
@@ -277,20 +272,16 @@ class Surface(Manifold):
             standard cuts are made. Maps cut by a template are aligned with the flat map of fsaverage5
             (``metadata["frame"]`` is "standard").
         relax : bool or float, optional
-            Add relaxation cuts, from the boundary inwards, where they reduce distortion most: True adds cuts as long as
-            they pay off; a number limits their total length in mm, including your `cuts`; False adds none. By default,
-            cuts are added as for True if neither `cuts` nor a part defined by triangles is given. A surface that was
-            not a closed sphere is then cut only if the distance error would otherwise exceed 4 % and the cuts reduce it
-            by at least a tenth. A disk that was passed as is, such as a scan or a patch, is cut only if the error would
-            otherwise exceed 15 %.
+            Add relaxation cuts, from the boundary inwards, where they reduce distortion most. True adds cuts as long as
+            they pay off, a number limits their total length in mm (including your `cuts`), and False adds none. By
+            default, cuts are added as for True if neither `cuts` nor a part defined by triangles is given. A surface
+            that was not a closed sphere is then cut only if the distance error would otherwise exceed 4 % and the cuts
+            reduce it by at least a tenth. A disk that is flattened unchanged, such as a scan or a patch, is cut only if
+            the error would otherwise exceed 15 %.
         adapt : float, optional
             Distance in mm within which the cuts of a template may grow and branch to reduce distortion. By default they
             stay the same for every brain.
-        threads : int, optional
-            Number of threads; by default one per core.
-        memory_limit : int, optional
-            Maximum number of bytes for files that are read; by default the free memory.
-        progress : callable, optional
+        threads, memory_limit, progress : optional
             As in `flatten`.
 
         Returns
@@ -309,9 +300,8 @@ class Surface(Manifold):
 
         Examples
         --------
-        >>> ball = np.linalg.norm(np.indices((12, 12, 12)) - 5.5, axis=0) < 5
-        >>> opened = voxflat.surface(ball).cut()
-        >>> [cut.reason for cut in opened.cuts][0]
+        >>> opened = voxflat.surface(voxflat.samples.ball()).cut()
+        >>> opened.cuts[0].reason
         'closed sphere'
         """
         made = cut_open(self, Where(cuts, sphere, relax, adapt), checked_threads(threads), progress)
@@ -338,7 +328,7 @@ class Surface(Manifold):
     ) -> FlatMap:
         """Flatten the surface into the plane while preserving geodesic distances.
 
-        The surface is first cut open to a disk, as by `cut`. Warnings are logged (logger ``voxflat``), and listed in
+        The surface is first cut open to a disk, as by `cut`. Warnings are sent to the logger ``voxflat`` and listed in
         ``metadata["warnings"]``.
 
         Parameters
@@ -351,18 +341,18 @@ class Surface(Manifold):
         mirror : bool
             Mirror the map left to right, so that maps of right hemispheres look like maps of left ones.
         rows : bool or path
-            Keep the distances from all sources to all points in `FlatMap.rows`: in memory (True), or in a store, a
-            directory on disk from which `FlatMap.rows` reads on demand. If the work is interrupted, the same call
-            resumes it. `voxflat.open_rows` opens the directory.
+            Keep the distances from all sources to all points in `FlatMap.rows`: in memory (True), or in a store (a
+            directory on disk from which `FlatMap.rows` reads on demand). If the computation of a store is interrupted,
+            the same call resumes it. `voxflat.open_rows` opens the directory.
         seed : int
             Seed of all random choices. The same seed gives the same map, bit by bit, for any number of threads.
         threads : int, optional
             Number of threads; by default one per core.
         memory_limit : int, optional
-            Maximum number of bytes to use; by default the free memory. The required memory is computed before the work
-            starts.
+            Maximum number of bytes to use; by default the free memory. The required memory is estimated before the
+            computation starts.
         progress : callable, optional
-            Called as ``progress(stage, done, total)`` about every 20 ms. Return False to cancel the work.
+            Called as ``progress(stage, done, total)`` about every 20 ms. Return False to cancel the computation.
 
         Returns
         -------
@@ -372,7 +362,7 @@ class Surface(Manifold):
         Raises
         ------
         InputError
-            If the input is not valid; the message names the value and the remedy.
+            If the input is not valid.
         AreaBoundError
             If no map was found that satisfies ``Voxflat(max_area=...)``.
         Cancelled
@@ -385,11 +375,9 @@ class Surface(Manifold):
 
         Examples
         --------
-        >>> rows, columns = np.indices((20, 30))
-        >>> wave = voxflat.range_image(3 * np.sin(columns / 4), 1.0)
-        >>> flat_map = wave.flatten()
-        >>> flat_map.distortion.raw.relative_error < 0.01
-        True
+        >>> flat_map = voxflat.samples.hill().flatten()
+        >>> round(flat_map.distortion.raw.relative_error, 3)
+        0.036
         """
         how = How(mirror, rows, seed, threads, memory_limit, progress)
         return flattened(self, method, Where(cuts, sphere, relax, adapt), how)
@@ -428,22 +416,18 @@ class Surface(Manifold):
             follow the paper: patches grow one after another on the plane of the flattest triangle or of a random one.
         seed : int
             Seed of the random choice.
-        threads : int, optional
-            Number of threads; by default one per core.
-        progress : callable, optional
+        threads, progress : optional
             As in `flatten`.
 
         Returns
         -------
         FlatAtlas
-            The patches. They do not depend on the numbering of vertices and triangles, except for the order of arrays.
+            The patches. Only the order of their arrays depends on the numbering of vertices and triangles.
 
         Raises
         ------
-        InputError
-            If an argument is not valid.
-        Cancelled
-            If `progress` returned False.
+        InputError, Cancelled
+            If an argument is not valid, or `progress` returned False.
 
         See Also
         --------
@@ -478,8 +462,8 @@ class Surface(Manifold):
     ) -> DistanceRows:
         """Measure geodesic distances from sources to all points.
 
-        Each source gives one row of distances. If the surface has several components, the one that contains the sources
-        is used, or the largest one if only their number is given.
+        Each source has one row of distances. If the surface has several components, the one that contains the sources
+        is used, or the largest one if only the number of sources is given.
 
         Parameters
         ----------
@@ -487,7 +471,7 @@ class Surface(Manifold):
             Number of points from which distances are measured, or the points themselves: voxel indices (m, 3) or vertex
             numbers (m,).
         geodesic : {"graph", "marching", "exact", "chain"}
-            "graph": paths of straight links over the triangles. They are a fraction of a per cent too long, but by far
+            "graph": paths of straight links over the triangles. They are a fraction of a percent too long, but by far
             the fastest to compute for many sources. "marching": fast marching with circular fronts (Kimmel, Sethian
             1998). "exact": exact distances on the triangles (Mitchell, Mount, Papadimitriou 1987), which are slow to
             compute. "chain": chain-code lengths over the 26-neighbour graph of a volume's surface voxels.
@@ -497,19 +481,15 @@ class Surface(Manifold):
         link_lengths : {"chain-code", "euclidean"}, optional
             Lengths of the links, for "chain" only, as in `voxflat.methods.Grossmann2002`.
         store : path, optional
-            Keep the distances in this directory on disk instead of in memory. If the work is interrupted, the same call
-            resumes it.
+            Keep the distances in this directory on disk instead of in memory. If the computation is interrupted, the
+            same call resumes it.
         dask : str, optional
-            Dask cluster whose workers compute the rows of a store, with bit-identical results: the scheduler's address
-            or file, or "local" for workers on this machine. The workers must have access to the store's directory.
-            `threads` then applies to each worker.
+            Dask cluster whose workers compute the rows of a store, with bit-identical results: the address or file of
+            the scheduler, or "local" for workers on this machine. The workers must have access to the directory of the
+            store. `threads` then applies to each worker.
         seed : int
             Seed of random choices.
-        threads : int, optional
-            Number of threads; by default one per core.
-        memory_limit : int, optional
-            Maximum number of bytes to use; by default the free memory.
-        progress : callable, optional
+        threads, memory_limit, progress : optional
             As in `flatten`.
 
         Returns
@@ -542,7 +522,7 @@ class Surface(Manifold):
     def path(self, *stops: Sequence[int] | int, geodesic: str = "graph", link_lengths: str | None = None) -> Path:
         """Find the shortest path through points.
 
-        See also Grossmann et al. 2002, figure 3.
+        Grossmann et al. (2002, figure 3) show such a path.
 
         Parameters
         ----------
@@ -577,7 +557,7 @@ class Surface(Manifold):
         5.0
         """
         if len(stops) < 2:
-            raise InputError(f"a path needs at least two stops, got {len(stops)}. Pass at least its two ends")
+            raise InputError(f"a path needs at least two stops, but got {len(stops)}. Pass at least its two ends")
         return _path(self, stops, geodesic, link_lengths)
 
     # ------------------------------------------------------------------------------------------ checks and registration
@@ -597,11 +577,7 @@ class Surface(Manifold):
 
         Parameters
         ----------
-        cuts, sphere : optional
-            As in `cut`.
-        threads, memory_limit : int, optional
-            As in `cut`.
-        progress : callable, optional
+        cuts, sphere, threads, memory_limit, progress : optional
             As in `cut`.
 
         Returns
@@ -639,17 +615,15 @@ class Surface(Manifold):
         The surface is mapped one to one onto a sphere (Praun, Hoppe 2003). All rotations are compared with both
         hemispheres of the fsaverage5 template by the depth in the folds at three scales and by shape. The sphere is
         then warped, from coarse to fine (as in Yeo et al. 2010), until the depths agree; no triangle is flipped.
-        Position, orientation and unit of the surface do not matter. Holes, such as an excluded medial wall, are closed
-        for the registration; handles raise an error.
+        The position, orientation and unit of the surface do not matter. Holes, such as an excluded medial wall, are
+        closed for the registration; handles raise an error.
 
         Parameters
         ----------
         side : {"left", "right"}, optional
-            The hemisphere. An error is raised if the pattern of the other hemisphere agrees better. By default, the
+            The hemisphere. An error is raised if the surface agrees better with the other hemisphere. By default, the
             hemisphere is detected.
-        threads : int, optional
-            Number of threads; by default one per core.
-        progress : callable, optional
+        threads, progress : optional
             As in `flatten`.
 
         Returns
@@ -727,9 +701,8 @@ def surface(
         this value. By default, the volume itself determines their positions if `threshold` is given and its values vary
         smoothly; otherwise, a fit to the voxels does.
     pial : path, Mesh, (points, faces) or pyvista.PolyData, optional
-        The pial surface that belongs to a white surface, with the same vertices. Distances are then measured midway
-        between the two surfaces. An error is raised if the pial surface does not lie outside the white one, vertex by
-        vertex.
+        The pial surface whose vertices correspond to those of the given white surface. Distances are then measured
+        midway between the two surfaces. An error is raised if the pial surface does not lie outside the white one.
     repair : {"none", "voxels", "cuts"}, optional
         How to remove topological handles: edit as few voxels as possible ("voxels"), cut the handles open ("cuts"), or
         leave the surface unchanged and fail if it has defects ("none"). With "voxels" the surface of a volume becomes
@@ -738,11 +711,7 @@ def surface(
         triangles without area are removed, directly or by flipping edges (for this, vertices at the same position are
         merged, but keep their numbers); duplicate triangles are removed; and parts that touch only at a vertex are
         separated there.
-    memory_limit : int, optional
-        Maximum number of bytes to use; by default the free memory.
-    threads : int, optional
-        Number of threads; by default one per core.
-    progress : callable, optional
+    memory_limit, threads, progress : optional
         As in `flatten`.
 
     Returns
@@ -752,10 +721,8 @@ def surface(
 
     Raises
     ------
-    InputError
-        If the input is not a surface; the message names the location and the remedy.
-    Cancelled
-        If `progress` returned False.
+    InputError, Cancelled
+        If the input does not define a valid surface, or `progress` returned False.
 
     See Also
     --------
@@ -764,26 +731,23 @@ def surface(
 
     Examples
     --------
-    >>> labels = np.zeros((8, 8, 8), dtype=np.uint8)
-    >>> labels[2:6, 2:6, 2:6] = 3
-    >>> voxflat.surface(labels, label=3)
-    <Surface from voxels: 56 vertices, 108 triangles>
+    >>> voxflat.surface(voxflat.samples.ball(), label=3)
+    <Surface from voxels: 632 vertices, 1260 triangles>
     """
     if repair is not None and (not isinstance(repair, str) or repair not in _REPAIRS):
-        raise InputError(f"repair is {shown(repair)}. Pass 'none', 'voxels' or 'cuts', or omit it")
+        raise InputError(f"repair is {shown(repair)}. Pass 'none', 'voxels' or 'cuts', or do not pass it")
     threads = checked_threads(threads)
     give_back_memory()
+    voxels = {"label": label, "threshold": threshold, "spacing": spacing, "affine": affine, "probability": probability}
     if isinstance(source, Surface):
-        _refuse_options("a Surface", label=label, threshold=threshold, spacing=spacing, affine=affine, pial=pial)
-        _refuse_options("a Surface", unit=unit, probability=probability, repair=repair)
+        _refuse_options("a Surface", **voxels, pial=pial, unit=unit, repair=repair)
         return source
     unit = None if unit is None else named_unit(unit)
     given = taken(source, spacing=spacing, affine=affine, unit=unit, memory_limit=memory_limit)
     if isinstance(given, Mesh):
-        _refuse_options("a mesh", label=label, threshold=threshold, spacing=spacing, affine=affine)
-        _refuse_options("a mesh", probability=probability)
+        _refuse_options("a mesh", **voxels)
         if repair == "voxels":
-            raise InputError("repair is 'voxels', but a mesh has no voxels. Pass 'cuts' or 'none', or omit it")
+            raise InputError("repair is 'voxels', but a mesh has no voxels. Pass 'cuts' or 'none', or do not pass it")
         made = of_mesh(given, pial, mend=repair != "none")
     else:
         _refuse_options("a volume", pial=pial)

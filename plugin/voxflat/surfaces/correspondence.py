@@ -23,23 +23,20 @@ _SIDE = 5.0  # mm from the midline for a reliable side
 def pial_of(core: _core.Surface, mesh: Mesh, pial: object) -> tuple[NDArray[np.float64], list[str]]:
     """Return the points of a pial surface in the space of the white one, shape (N, 3), and remarks.
 
-    The pial surface must lie outside. The test uses the outward share of the way from vertex to vertex: the sum of the
-    components along the normals, divided by the sum of the lengths. It needs neither a unit nor a usual thickness. A
-    surface of a different structure, with a different number of vertices, or at a different position raises an
-    `InputError`.
+    The pial surface must lie outside. The test uses the outward share of the displacements from vertex to vertex: the
+    sum of the components along the normals, divided by the sum of the lengths. It does not depend on units or on the
+    thickness of the cortex.
     """
     other = as_mesh(pial)
     if other is None and isinstance(pial, str | os.PathLike):
         is_there = Path(pial).exists()
-        raise InputError(
-            f"{pial} is not a mesh. Pass a pial surface" if is_there else f"{pial}: the file does not exist"
-        )
+        raise InputError(f"{pial}: " + ("not a mesh. Pass a pial surface" if is_there else "the file does not exist"))
     if other is None:
         raise InputError(f"pial has type {type(pial).__name__}. Pass a mesh: a path, (points, faces), or a PolyData")
     if len(other.points) != len(mesh.points):
         raise InputError(
             f"the pial surface has {len(other.points)} vertices, but the given surface has {len(mesh.points)}. "
-            "Pass two surfaces of one subject that correspond vertex by vertex"
+            "Pass two surfaces of the same subject whose vertices correspond one to one"
         )
     places = _in_space_of(mesh, other)
     return places, _check_pial(core, mesh, other, places)
@@ -56,7 +53,9 @@ def _in_space_of(mesh: Mesh, other: Mesh) -> NDArray[np.float64]:
 def _check_pial(core: _core.Surface, mesh: Mesh, pial: Mesh, places: NDArray[np.float64]) -> list[str]:
     """Check that a pial surface lies outside a white one, whose triangles face outwards."""
     if mesh.structure and pial.structure and mesh.structure != pial.structure:
-        raise InputError(f"the surface is {mesh.structure}, the pial surface {pial.structure}. Pass both of one side")
+        raise InputError(
+            f"the surface is {mesh.structure}, but the pial surface is {pial.structure}. Pass surfaces of the same side"
+        )
     way = (places - mesh.points)[core.ids]
     lengths = np.linalg.norm(way, axis=1)
     if not lengths.any():
@@ -64,15 +63,15 @@ def _check_pial(core: _core.Surface, mesh: Mesh, pial: Mesh, places: NDArray[np.
     normals = np.nan_to_num(_core.vertex_normals(core.points, core.faces))
     outward = float((normals * way).sum() / lengths.sum())
     apart = (
-        f"the distance to the pial surface is {np.median(lengths):.3g} mm (median), {100 * outward:.0f} % of "
-        "it outwards (usual: more than 90 %)"
+        f"the median distance to the pial surface is {np.median(lengths):.3g} mm, and {100 * outward:.0f} % of the "
+        "displacement points outwards (more than 90 % is usual)"
     )
     is_closed = not core.topology()["loops"]
     if outward < -_OUTWARD[1] and is_closed:
-        raise InputError(f"the pial surface lies inside the given surface: {apart}. Check whether they are exchanged")
+        raise InputError(f"the pial surface lies inside the given surface: {apart}. Check whether the two are swapped")
     if abs(outward) < _OUTWARD[0]:
         raise InputError(
-            f"the pial surface does not match the given surface: {apart}. Check that it is not inflated, and "
+            f"the pial surface does not match the given surface: {apart}. Check that it is not inflated, and that it "
             "belongs to the same hemisphere, subject and space"
         )
     if outward < _OUTWARD[1]:
@@ -81,7 +80,7 @@ def _check_pial(core: _core.Surface, mesh: Mesh, pial: Mesh, places: NDArray[np.
 
 
 def check_region(whole: Manifold, region: str | os.PathLike[str]) -> list[str]:
-    """Check that the file of a region belongs to this hemisphere; return a remark if a label's points lie elsewhere."""
+    """Check that a region file belongs to this hemisphere; return a remark if the points of a label lie elsewhere."""
     if whole.is_voxels:
         return []
     refuse_other_side(region, whole.metadata.get("structure"))
@@ -89,7 +88,7 @@ def check_region(whole: Manifold, region: str | os.PathLike[str]) -> list[str]:
 
 
 def _check_label(whole: Manifold, path: Path) -> list[str]:
-    """Compare the points of a label, unless all are 0, to its vertices; labels are often drawn on the white surface."""
+    """Compare the points of a label, unless all are 0, with its vertices; many labels lie on the white surface."""
     vertices, points = read_label_points(path)
     place = np.full((whole.count, 3), np.nan)
     place[whole.vertices] = whole.points
@@ -109,10 +108,10 @@ def _check_label(whole: Manifold, path: Path) -> list[str]:
     sides = points[:, 0].mean(), there[:, 0].mean()
     if sides[0] * sides[1] < 0 and min(map(abs, sides)) > _SIDE:
         raise InputError(
-            f"{path}: its points lie on the other side of the brain than the vertices to which it refers (x = "
-            f"{sides[0]:.0f} and {sides[1]:.0f} mm on average). Pass the label of this hemisphere"
+            f"{path}: the label's points and the vertices to which it refers lie on opposite sides of the brain (mean "
+            f"x: {sides[0]:.0f} and {sides[1]:.0f} mm). Pass the label of this hemisphere"
         )
     return [
-        f"the points of {path.name} are {far:.0f} mm (median) away from the vertices to which it refers. "
-        "Check that it belongs to this surface, and that the surface is white, pial or between both"
+        f"the points of {path.name} are {far:.0f} mm (median) away from the vertices to which it refers. Check that it "
+        "belongs to this surface, and that the surface is the white surface, the pial surface, or one between them"
     ]

@@ -27,8 +27,8 @@ def triangles_of(points: NDArray[np.int64], faces: NDArray[Any]) -> NDArray[np.b
 def one_point_a_vertex(ids: NDArray[np.int64], faces: NDArray[Any]) -> NDArray[np.int64]:
     """Choose one of the points that share a vertex, in ascending order of vertices, so that few triangles are lost.
 
-    The search starts with the points on one side of the cut, and exchanges points one by one while this keeps more
-    triangles. `ids` are the vertices of the points.
+    `ids` are the vertices of the points. The search starts with the points on one side of the cut and exchanges points
+    one by one as long as this keeps more triangles.
     """
     vertices, first, counts = np.unique(ids, return_index=True, return_counts=True)
     if counts.max(initial=1) == 1:
@@ -82,10 +82,10 @@ def listed_points(ids: NDArray[np.int64], faces: NDArray[Any], bridges: NDArray[
 
 
 class _Corners:
-    """Store the triangles at vertices that may be excluded, and the sets of points with which each one is right.
+    """Store the triangles at vertices that may be excluded, and the sets of points with which each one is correct.
 
-    A bridge is right with no points. A triangle is right with several sets of points if a slit between its corners was
-    closed.
+    A bridge is not correct with any points. A triangle is correct with several sets of points if a slit between its
+    corners was closed.
     """
 
     def __init__(
@@ -103,14 +103,12 @@ class _Corners:
                 self.around[vertex].append(triangle)
 
     def read(self, vertex: int, listed: dict[int, int]) -> list[tuple[frozenset[int], bool]]:
-        """Return the triangles at a vertex that a program would read, and whether they are right."""
+        """Return the triangles at a vertex that a program would read, and whether each one is correct."""
         found = [triangle for triangle in self.around[vertex] if triangle <= listed.keys()]
-        return [
-            (one, any(all(listed[v] == point for v, point in of.items()) for of in self.points[one])) for one in found
-        ]
+        return [(one, any(points.items() <= listed.items() for points in self.points[one])) for one in found]
 
     def without_bridges(self, points: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Exclude vertices one by one, first those with the most wrong triangles, then those with the fewest others."""
+        """Exclude vertices one by one: those with the most wrong triangles first, then those with the fewest others."""
         listed = self._by_vertex(points)
 
         def rank(vertex: int) -> tuple[int, int, int]:
@@ -130,7 +128,7 @@ class _Corners:
         return self._points(listed)
 
     def with_restored(self, points: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Restore vertices, on either side of a cut, that add only right triangles, connected to others along edges."""
+        """Restore vertices, on either side of a cut, that add only correct triangles that share edges with others."""
         listed = self._by_vertex(points)
         kept = self.faces[triangles_of(points, self.faces)]
         corners = self.ids[kept[np.isin(self.ids[kept], self.vertices).any(axis=1)]].tolist()

@@ -44,8 +44,8 @@ def read_cuts(whole: Manifold, cuts: object | None) -> tuple[list[Any] | None, N
         cuts = [cuts]
     if not isinstance(cuts, list | tuple):
         raise InputError(
-            f"cuts have type {type(cuts).__name__}. Pass a list of paths, each a list of consecutive vertices, or "
-            "the path of a file of cuts"
+            f"cuts has type {type(cuts).__name__}. Pass a list of paths (each a list of neighbouring vertices), or the "
+            "path of a cuts file"
         )
     return list(cuts), None
 
@@ -55,15 +55,12 @@ def _from_file(path: Path, indices: int | None) -> tuple[list[NDArray[np.int64]]
     try:
         content = from_json(contents(path))
     except OSError as error:
-        raise InputError(
-            f"cannot read the cuts {path}: {error.strerror}. Pass 'standard', 'automatic', a file or paths"
-        ) from error
+        remedy = "Pass 'standard', 'automatic', a file or paths"
+        raise InputError(f"cannot read the cuts {path}: {error.strerror}. {remedy}") from error
     except ValueError as error:
-        raise InputError(f"{path} is not a file of cuts: {error}") from error
+        raise InputError(f"{path} is not a cuts file: {error}") from error
     if not isinstance(content, dict) or not isinstance(content.get("cuts"), list):
-        raise InputError(
-            f'{path} is not a file of cuts. Pass a file with {{"cuts": [[vertex, ...], ...], "drop": [vertex, ...]}}'
-        )
+        raise InputError(f'{path} is not a cuts file. Pass a file with {{"cuts": [[vertex, ...], ...], "drop": [...]}}')
     check_format(path, content.get("format", CUTS_FORMAT), CUTS_FORMAT, "Save the cuts again")
     lists = [_vertices(path, values, indices) for values in content["cuts"]]
     left_out = _vertices(path, content.get("drop", []), indices)
@@ -79,7 +76,7 @@ def _vertices(path: Path, values: object, indices: int | None) -> NDArray[np.int
         return np.empty((0,) if indices is None else (0, indices), dtype=np.int64)
     if array.dtype.kind not in "iu" or array.shape[1:] != (() if indices is None else (indices,)):
         what = "vertex numbers" if indices is None else "voxel indices"
-        raise InputError(f"{path} contains {array.dtype} values of shape {array.shape}. Provide lists of {what}")
+        raise InputError(f"{path} has a list of type {array.dtype} and shape {array.shape}. Provide lists of {what}")
     return array.astype(np.int64)
 
 
@@ -150,7 +147,7 @@ def check_relax(relax: float | bool | None, adapt: float | None = None) -> None:
     """Raise an error for invalid values of `relax` or `adapt`."""
     if adapt is not None:
         if not (isinstance(adapt, Real) and not isinstance(adapt, bool) and adapt > 0 and math.isfinite(adapt)):
-            raise InputError(f"adapt is {shown(adapt)}. Pass the greatest distance from the template's cuts, in mm")
+            raise InputError(f"adapt is {shown(adapt)}. Pass the maximum distance from the template's cuts, in mm")
         if relax is False:
             raise InputError("adapt adds relaxation cuts, but relax=False disables them. Pass only one of them")
     if relax is not None and not (isinstance(relax, Real) and relax >= 0 and math.isfinite(relax)):
@@ -161,18 +158,15 @@ def close_holes(part: Manifold, progress: Progress | None) -> tuple[Manifold, ND
     """Close small holes, so that distances can cross them; the faces of the input come first in the result."""
     longest = _SMALL_HOLE
     if part.is_voxels:
-        longest = _SMALL_HOLE_VOXELS * float(np.linalg.norm(np.asarray(part.metadata["affine"])[:3, :3], axis=0).max())
+        longest = _SMALL_HOLE_VOXELS * part._largest_spacing
     elif part.metadata.get("unit", "mm") != "mm":
         across = float(np.ptp(part.points, axis=0).max())
         longest = min(_SMALL_HOLE_VOXELS * part.usual_edge, _SMALL_HOLE_SHARE * across)
     core, filled, _ = part.core.fill_holes(longest, progress)
     if not filled:
         return part, part.faces, []
-    return (
-        part._with_core(core),
-        part.faces,
-        [in_unit(f"closed {filled} hole(s) of up to {longest:g} mm circumference to measure distances", part.metadata)],
-    )
+    remark = f"closed {filled} hole(s) with a circumference of up to {longest:g} mm, so that distances can cross them"
+    return part._with_core(core), part.faces, [in_unit(remark, part.metadata)]
 
 
 def opened(

@@ -93,17 +93,9 @@ def cut_open(
         part, named, told = _cut_by(choice, part, progress)
         cut_paths, length = [uncut.ids[cut.vertices].tolist() for cut in named], sum(cut.length for cut in named)
         remarks += told
-    metadata = {
-        **whole.metadata,
-        **_chosen_part(uncut),
-        "cuts": cut_paths,
-        "cut_names": [cut.name for cut in named] if named else [None] * len(cut_paths),
-        "cuts_by": choice.template.name if choice.template else AUTOMATIC if paths is None else "given",
-        "sphere": None if choice.sphere is None else choice.sphere._described(),
-        "automatic_cuts": [],
-        "surface_points": len(whole),
-        "points": len(np.unique(part.vertices)),
-    }
+    by = choice.template.name if choice.template else AUTOMATIC if paths is None else "given"
+    names = [cut.name for cut in named] if named else [None] * len(cut_paths)
+    metadata = _metadata(whole, part, cut_paths, names, by, choice.sphere)
     is_standard = choice.template is not None
     given = length if is_standard or paths is not None else None
     is_cut = given is not None or any(step.by_triangles for step in part.steps)
@@ -111,44 +103,43 @@ def cut_open(
     more: dict[str, Any] = {"sphere": choice.sphere, "traced": tuple(named), "is_standard": is_standard}
     cut = Cutout(whole, part, part.faces, metadata, tuple(remarks), given, is_cut, is_whole, **more)
     if adapt is not None and not is_standard:
-        raise InputError("adapt requires the cuts of a template. Pass cuts='standard' or a template, or omit adapt")
+        raise InputError("adapt requires a template. Pass cuts='standard' or a template file, or do not pass adapt")
     return opened_to_disk(cut, relax, threads, progress, adapt) if to_disk else cut
 
 
-def _chosen_part(part: Manifold) -> dict[str, Any]:
-    """Return how the part was selected, for the metadata of a map."""
+def _metadata(
+    whole: Manifold, part: Manifold, cuts: list[Any], names: list[Any], by: str, sphere: Sphere | None = None
+) -> dict[str, Any]:
+    """Return metadata that describe how a part was selected and cut, before automatic cuts are made."""
     verbs = {step.verb: step for step in part.steps}
     disk, corners = verbs.get("disk"), verbs.get("polygon")
     return {
+        **whole.metadata,
         "keep": "keep" in verbs,
         "drop": "drop" in verbs,
         "seed_point": None if disk is None else disk.seed_point,
         "seed_found": None if disk is None else disk.seed_found,
         "radius": None if disk is None else disk.radius,
         "polygon": None if corners is None else corners.corners,
+        "cuts": cuts,
+        "cut_names": names,
+        "cuts_by": by,
+        "sphere": None if sphere is None else sphere._described(),
+        "automatic_cuts": [],
+        "surface_points": len(whole),
+        "points": len(np.unique(part.vertices)),
     }
 
 
 def cut_out_as(whole: Manifold, part: Manifold, cuts: Sequence[NDArray[np.int64]], by: str) -> Cutout:
     """Cut a part along known cuts, paths of its vertices; like `cut_open` without `to_disk`."""
     is_all = len(part.faces) == len(whole.faces)
-    named = [part.ids[path] for path in cuts]
+    named = [part.ids[path].tolist() for path in cuts]
     length = sum(float(np.linalg.norm(np.diff(part.points[path], axis=0), axis=1).sum()) for path in cuts)
     if cuts:
         part = part._with_core(part.core.cut([path.astype(np.uint32) for path in cuts]))
     part = largest_piece(part if is_all else replace(part, steps=(Step("keep"),)))
-    metadata = {
-        **whole.metadata,
-        **dict.fromkeys(("seed_point", "seed_found", "radius", "polygon", "sphere")),
-        "keep": not is_all,
-        "drop": False,
-        "cuts": [path.tolist() for path in named],
-        "cut_names": [None] * len(named),
-        "cuts_by": by,
-        "automatic_cuts": [],
-        "surface_points": len(whole),
-        "points": len(np.unique(part.vertices)),
-    }
+    metadata = _metadata(whole, part, named, [None] * len(named), by)
     return Cutout(whole, part, part.faces, metadata, part.remarks, length, True, is_all)
 
 
@@ -194,8 +185,8 @@ def _with_outlines(whole: Manifold, choice: Choice, part: Manifold) -> tuple[Man
             return part, []
         names = ", ".join(line.name for line in choice.template.outlines)
         told = [
-            f"the excluded region covers {100 * covered:.0f} % of the region that the template excludes "
-            f"({names}), so the template's region is excluded, too"
+            f"the excluded region covers only {100 * covered:.0f} % of the region that the template excludes "
+            f"({names}), so the template's region is also excluded"
         ]
         kept &= region
     left = replace(part, core=whole.core.part_of_faces(kept), steps=(*part.steps, Step("outlines")), whole=whole)
@@ -219,8 +210,8 @@ def _cut_by(choice: Choice, part: Manifold, progress: Progress | None) -> tuple[
     after = opened_part.core.topology()
     if (after["euler"], len(after["loops"])) != (min(topology["euler"], 1), max(len(topology["loops"]), 1)):
         raise InputError(
-            "the lines of the template do not fit: after cutting, the surface has Euler characteristic "
-            f"{after['euler']} and {len(after['loops'])} boundary loops. Pass cuts='automatic'"
+            "the lines of the template do not open the surface to a disk: after cutting, its Euler characteristic is "
+            f"{after['euler']}, and it has {len(after['loops'])} boundary loops. Pass cuts='automatic'"
         )
     return opened_part, cuts, remarks
 
@@ -236,7 +227,7 @@ def _standard_remark(cut: Cutout, error: float) -> str:
     estimate = "" if np.isnan(error) else f" The estimated distance error is {100 * error:.1f} %."
     told = (
         f"cut along {what} ({names}; {length:.0f} mm), located with {by}, so that maps of different brains "
-        f"can be compared.{estimate} For less distortion, choose automatic cuts. voxflat check compares both"
+        f"can be compared.{estimate} For less distortion, choose automatic cuts. `voxflat check` compares the two"
     )
     return in_unit(told, cut.metadata)
 

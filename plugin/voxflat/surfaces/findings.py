@@ -35,8 +35,8 @@ class Check:
         ``vertices``, ``triangles``, ``size`` (mm), ``structure``, and ``space``: ``name`` ("scanner", "tkRAS" or
         "unknown") and ``to_scanner``, the matrix from the coordinates to scanner RAS.
     defects : dict of str to list
-        Defects that make a mesh invalid as a surface, as numbers of triangles or vertices. `advice` lists the defects
-        that were repaired.
+        Defects that make a mesh invalid as a surface: the numbers of the triangles or vertices, keyed by defect.
+        `advice` lists the defects that were repaired.
     foreground : int or None
         Number of foreground voxels; None for meshes, or if neither a label nor a threshold has been chosen.
     surface_points : int or None
@@ -165,11 +165,8 @@ class Check:
         of = self.contents
         if self.kind == "mesh":
             size = " x ".join(f"{side:.4g}" for side in of["size"])
-            rows = [
-                ("mesh", f"{of['vertices']} vertices, {of['triangles']} triangles"),
-                ("size", in_unit(f"{size} mm", of)),
-            ]
-            rows.append(("coordinates", str(Space._of(of))))
+            rows = [("mesh", f"{of['vertices']} vertices, {of['triangles']} triangles")]
+            rows += [("size", in_unit(f"{size} mm", of)), ("coordinates", str(Space._of(of)))]
             return rows + ([("structure", of["structure"])] if of["structure"] else [])
         labels = of["labels"]
         return [
@@ -222,7 +219,7 @@ def check_surface(
     progress: Progress | None = None,
     repaired: Callable[[], Manifold] | None = None,
 ) -> Check:
-    """Return whether a surface or a part can be flattened; `repaired` returns the same part of the repaired surface."""
+    """Check whether a surface or a part can be flattened; `repaired` returns the same part of the repaired surface."""
     whole = part if part.whole is None else part.whole
     topology = whole.core.topology()
     found = replace(
@@ -242,7 +239,7 @@ def check_surface(
     handles = tuple(cut.part.core.handles(threads, progress)) if shape["handles"] else ()
     if handles:
         total = sum(handle["length"] for handle in handles)
-        advice.append(f"repair='cuts' would cut {len(handles)} handle(s) open along {total:.0f} mm and change no voxel")
+        advice.append(f"repair='cuts' would cut {len(handles)} handle(s) open along {total:.0f} mm and keep all voxels")
     try:
         to_open = cut
         if shape["handles"] and repaired is not None:
@@ -259,8 +256,8 @@ def check_surface(
     if len(errors) == 2:
         (by, named), (_, automatic) = errors.items()
         advice.append(
-            f"the same cuts for every brain ({by}) reduce accuracy: the estimated distance error is "
-            f"{100 * named:.1f} %, with automatic cuts {100 * automatic:.1f} %"
+            f"cuts that are the same for every brain ({by}) reduce accuracy: the estimated distance error is "
+            f"{100 * named:.1f} %, compared with {100 * automatic:.1f} % for automatic cuts"
         )
     return replace(
         found,
@@ -289,16 +286,13 @@ def _sketch_errors(opened: Cutout, part: Manifold, threads: int | None, progress
         other = cut_open(part, Where(AUTOMATIC), threads, progress)
         found[AUTOMATIC] = sketch_error(other.part, threads, progress)
     except InputError:
-        pass  # they appear in the advice
+        pass  # the advice reports the error
     return {by: error for by, error in found.items() if np.isfinite(error)}
 
 
 def _thin(part: Manifold, threads: int | None, progress: Progress | None) -> dict[str, Any]:
     """Return the regions where the solid is thin."""
-    if part.is_voxels:
-        thickness = 1.2 * float(np.linalg.norm(np.asarray(part.metadata["affine"])[:3, :3], axis=0).max())
-    else:
-        thickness = part.usual_edge
+    thickness = 1.2 * part._largest_spacing if part.is_voxels else part.usual_edge
     count, worst = part.core.thin_places(thickness, threads, progress)
     found: dict[str, Any] = {"thickness": thickness, "points": count, "worst": None, "place": None}
     if worst is not None:

@@ -40,11 +40,10 @@ class PackedMask:
 
 
 def foreground_of(volume: Volume, *, label: int | None = None, threshold: float | None = None) -> Foreground:
-    """Select the foreground of a volume, the first step for every volume."""
+    """Select the foreground of a volume."""
     threshold = optional_number(threshold, "threshold")
     if label is not None and not is_whole(label):
         raise InputError(f"the label is {shown(label)}. Pass a whole number, or a threshold for intensities")
-    check_scalar(volume)
     mask = foreground(volume.data, label=label, threshold=threshold)
     metadata = {
         "kind": "voxels",
@@ -60,34 +59,33 @@ def foreground_of(volume: Volume, *, label: int | None = None, threshold: float 
     return Foreground(volume, mask, metadata)
 
 
-def check_scalar(volume: Volume) -> None:
+def check_scalar(data: NDArray[Any]) -> None:
     """Raise an error unless there is one value per voxel."""
-    if volume.data.ndim != 3:
-        raise InputError(f"the volume has shape {volume.data.shape}: colours have no label. Pass one value per voxel")
-    if volume.data.size == 0:
-        raise InputError(f"the volume has shape {volume.data.shape} and contains no voxels")
+    if data.ndim != 3:
+        raise InputError(f"the volume has shape {data.shape}, like a colour image. Pass one value per voxel (I, J, K)")
+    if data.size == 0:
+        raise InputError(f"the volume has shape {data.shape}, so it contains no voxels. Pass a volume with voxels")
 
 
 def keep_mask(keep: object, volume: Volume) -> NDArray[np.bool_]:
     """Return a mask of the voxels to keep, on the grid of a volume."""
     mask = as_volume(keep)
     if mask.data.shape != volume.data.shape:
-        raise InputError(f"the mask to keep has shape {mask.data.shape}, the volume {volume.data.shape}. Resample it")
+        raise InputError(
+            f"the mask to keep has shape {mask.data.shape}, but the volume has {volume.data.shape}. Resample the mask"
+        )
     if mask.is_placed and not np.allclose(mask.affine, volume.affine, atol=1e-3 * volume.spacing.min()):
         raise InputError("the affines of the mask to keep and the volume differ. Resample the mask")
     if np.isnan(mask.data).any():
         raise InputError("the mask to keep contains NaN. Set voxels to 1 to keep them and to 0 otherwise")
     if not mask.data.any():
-        raise InputError("the mask to keep is empty: every voxel is 0")
+        raise InputError("the mask to keep is empty: every voxel is 0. Set the voxels to keep to 1")
     return np.asarray(mask.data != 0)
 
 
 def foreground(data: NDArray[Any], *, label: int | None = None, threshold: float | None = None) -> NDArray[np.bool_]:
     """Select where a volume equals a label or exceeds a threshold, or is not 0 if it is a mask with one label."""
-    if data.ndim != 3:
-        raise InputError(f"the volume has shape {data.shape}. Pass one value per voxel, shape (I, J, K)")
-    if data.size == 0:
-        raise InputError(f"the volume has shape {data.shape} and contains no voxels")
+    check_scalar(data)
     if label is not None and threshold is not None:
         raise InputError(f"both label={label} and threshold={threshold} are given. Pass only one of them")
     if data.dtype.kind == "f" and not np.isfinite(data).all():
@@ -153,9 +151,7 @@ def _labelled(data: NDArray[Any], label: int) -> NDArray[np.bool_]:
 
 def _only_label(data: NDArray[Any]) -> int:
     if data.dtype.kind == "f" and labels_in(data) is None:
-        raise InputError(
-            f"the volume has intensities ({data.dtype}, {data.min():g} to {data.max():g}). Use a threshold"
-        )
+        raise InputError(f"the volume has intensities from {data.min():g} to {data.max():g}. Pass a threshold")
     labels = labels_in(data)
     if labels is None or len(labels) > 1:
         raise InputError(f"pass a label or a threshold; {_present(data)}")

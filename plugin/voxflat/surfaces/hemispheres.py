@@ -71,12 +71,8 @@ def hemisphere(
         The hemisphere.
     threshold : float, optional
         Values above this threshold are white matter. By default, Otsu's method determines it; masks do not need it.
-    spacing : sequence of 3 floats, optional
-        Voxel size, as in `voxflat.surface`.
-    affine : array_like, shape (4, 4), optional
-        Affine to RAS+ mm, as in `voxflat.surface`.
-    progress : callable, optional
-        Function that receives the progress, as in `flatten`.
+    spacing, affine, progress : optional
+        As in `voxflat.surface`.
 
     Returns
     -------
@@ -86,12 +82,10 @@ def hemisphere(
     Raises
     ------
     HemisphereError
-        The volume does not look like the white matter of a whole brain. The message names the step that failed, and
+        If the volume does not look like the white matter of a whole brain. The message names the step that failed, and
         the error's ``figure()`` shows it.
-    InputError
-        The input is not a 3-D volume.
-    Cancelled
-        `progress` returned False.
+    InputError, Cancelled
+        If the input is not a 3-D volume, or `progress` returned False.
 
     See Also
     --------
@@ -107,9 +101,9 @@ def hemisphere(
     checked_choice(side, "side", _SIDES)
     volume = as_volume(source, spacing=spacing, affine=affine)
     if volume.data.ndim != 3:
-        raise InputError(f"a hemisphere is extracted from a 3-D volume, but this one has {volume.data.ndim} axes")
+        raise InputError(f"a 3-D volume is required, but this one has {volume.data.ndim} axes. Select one volume")
     if not volume.is_placed:
-        log.warning("the volume does not define left and right: its first axis is assumed to point to the right")
+        log.warning("the volume does not define left and right, so its first axis is assumed to point to the right")
     threshold = optional_number(threshold, "threshold")
     found = _of_labels(volume, side) if threshold is None else None
     if found is None:
@@ -212,9 +206,8 @@ def _template() -> _Template:
     def soft(mask: NDArray[np.bool_]) -> NDArray[np.float32]:
         return np.asarray(scipy.ndimage.gaussian_filter(mask.astype(np.float32), _SOFT / _STEP))
 
-    return _Template(
-        affine, white > 0, np.stack([soft(part == n) for n in (1, 2, 3)]), np.stack([soft(deep == n) for n in (1, 2)])
-    )
+    parts, inner = ([soft(of == n) for n in numbers] for of, numbers in ((part, (1, 2, 3)), (deep, (1, 2))))
+    return _Template(affine, white > 0, np.stack(parts), np.stack(inner))
 
 
 def _of_mask(white: NDArray[np.bool_], volume: Volume, side: str, steps: "_Steps") -> NDArray[np.bool_]:
@@ -282,8 +275,7 @@ class _Steps:
             raise Cancelled(f"cancelled while {stage}")
 
 
-_last: dict[bytes, tuple[Affine, float]] = {}
-"""Cache of the last alignment, by its input, because both hemispheres of a brain need the same one."""
+_last: dict[bytes, tuple[Affine, float]] = {}  # the last alignment, by its input: both hemispheres need the same one
 
 
 def _fitted(coarse: NDArray[np.float32], grid: Affine, steps: _Steps) -> tuple[Affine, float]:
@@ -323,7 +315,7 @@ def _more_promising(start: Affine, others: list[Affine], pair: "_Pair", steps: _
 
 
 def _coarse(white: NDArray[np.bool_], affine: Affine) -> tuple[NDArray[np.float32], Affine]:
-    """Return a mask in larger voxels, as fractions, and their affine."""
+    """Return the share of a mask in each voxel of a coarser grid, and the affine of that grid."""
     factors = [max(1, round(_STEP / size)) for size in np.linalg.norm(affine[:3, :3], axis=0)]
     beyond = [(0, -length % factor) for length, factor in zip(white.shape, factors, strict=True)]
     padded = np.pad(white, beyond)

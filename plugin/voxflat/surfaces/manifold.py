@@ -54,41 +54,9 @@ class Step:
 
 @dataclass(frozen=True, eq=False)
 class Manifold:
-    """Store a surface of triangles.
+    """Store a surface of triangles, an oriented manifold with or without a boundary.
 
-    It is a manifold, with or without a boundary, whose faces run counterclockwise as seen from outside.
-
-    Parameters
-    ----------
-    core : _core.Surface
-        Surface of the compiled core.
-    voxels : ndarray of int64, shape (V, 3), or None
-        Voxel of each vertex of the complete surface, if the input was a volume.
-    metadata : dict
-        Origin and options of the surface.
-    remarks : tuple of str
-        Remarks for the user.
-    white_points, pial_points : ndarray of float64, shape (V, 3), or None
-        White and pial surface at each vertex of the complete surface, RAS+ mm in `space`, if both were given.
-    mesh_faces : ndarray of int64, shape (G, 3), or None
-        Triangles of the complete mesh as given or repaired, as vertex numbers; None if the input was not a mesh.
-    merged : ndarray of int64, shape (M, 2)
-        Pairs of vertices of the complete surface: a vertex, and the vertex at the same position that replaces it.
-    foreground : PackedMask or None
-        The voxels that the surface was made of.
-    whole : Manifold or None
-        The surface that this one is a part of.
-    steps : tuple of Step
-        The steps that selected the part.
-
-    See Also
-    --------
-    voxflat.surface : Create a surface.
-
-    Examples
-    --------
-    >>> voxflat.samples.hill()
-    <Surface from a mesh: 441 vertices, 800 triangles>
+    `voxflat.Surface` describes the fields. Arrays with V rows refer to the vertices of the complete surface.
     """
 
     core: _core.Surface
@@ -151,9 +119,12 @@ class Manifold:
         >>> voxflat.surface(voxflat.samples.ball()).voxel_size
         1.0
         """
-        if not self.is_voxels:
-            return None
-        return voxel_size(self.metadata["affine"])
+        return voxel_size(self.metadata["affine"]) if self.is_voxels else None
+
+    @property
+    def _largest_spacing(self) -> float:
+        """The largest of the three voxel spacings, mm; the surface must come from a volume."""
+        return float(np.linalg.norm(np.asarray(self.metadata["affine"])[:3, :3], axis=0).max())
 
     @property
     def points(self) -> NDArray[np.float64]:
@@ -297,7 +268,7 @@ class Manifold:
     def find(self, ids: ArrayLike, name: str = "the ids") -> NDArray[np.uint32]:
         """Find vertices by their voxels or vertex numbers in the input.
 
-        It is the inverse of `ids`.
+        This is the inverse of `ids`.
 
         Parameters
         ----------
@@ -314,7 +285,7 @@ class Manifold:
         Raises
         ------
         InputError
-            One of the ids is not on this surface.
+            If one of the ids is not on this surface.
 
         See Also
         --------
@@ -328,9 +299,13 @@ class Manifold:
         """
         wanted = array_of(ids, checked_text(name, "name").removeprefix("the "))
         shape = (3,) if self.is_voxels else ()
-        what = "voxel indices of shape (m, 3)" if self.is_voxels else "vertex numbers of shape (m,)"
         if wanted.shape[1:] != shape or wanted.ndim == 0 or wanted.dtype.kind not in "ui":
-            raise InputError(f"{name} must be {what}, whole numbers, not {wanted.dtype} of shape {wanted.shape}")
+            what = (
+                "voxel indices (integers) of shape (m, 3)"
+                if self.is_voxels
+                else "vertex numbers (integers) of shape (m,)"
+            )
+            raise InputError(f"{name} must be {what}, but have data type {wanted.dtype} and shape {wanted.shape}")
         wanted = wanted.astype(np.int64)
         own = self.ids.astype(np.int64)
         if len(self.merged):
@@ -355,7 +330,7 @@ class Manifold:
 
     def _nearest(self, key: Any) -> str:
         if not self.is_voxels:
-            return f", which has vertices of a mesh of {self.metadata['vertices']}, counted from 0"
+            return f"; the vertices of the mesh are numbered from 0 to {self.metadata['vertices'] - 1}"
         vertex, distance = self.nearest(key)
         return f"; the nearest surface voxel is {self.ids[vertex].tolist()}, {distance:.1f} mm away"
 
@@ -388,7 +363,7 @@ class Manifold:
         0.0
         """
         if not self.is_voxels:
-            raise InputError("a surface from a mesh has no voxels. Pass the number of a vertex instead")
+            raise InputError("a surface from a mesh has no voxels. Pass a vertex number instead")
         wanted = numbers_of(place, "voxel")
         if wanted.shape != (3,):
             raise InputError(f"the voxel is {shown(place)}. Pass its three indices")
@@ -409,10 +384,8 @@ class Manifold:
         smoothing : float
             Standard deviation in mm of a Gaussian that smooths the curvature along the surface; 0 for no smoothing.
             A value of 2 mm is similar to FreeSurfer's ``curv``, which has the opposite sign.
-        threads : int, optional
-            Number of threads, as in `voxflat.flatten`.
-        progress : callable, optional
-            Function that receives the progress, as in `voxflat.flatten`.
+        threads, progress : optional
+            As in `Surface.flatten`.
 
         Returns
         -------
@@ -421,10 +394,8 @@ class Manifold:
 
         Raises
         ------
-        InputError
-            The smoothing is negative or not finite.
-        Cancelled
-            `progress` returned False.
+        InputError, Cancelled
+            If the smoothing is negative or not finite, or `progress` returned False.
 
         See Also
         --------
@@ -453,10 +424,8 @@ class Manifold:
         flow : float
             Duration of the flow in mm²: folds of wavelength λ shrink by exp(−(2π/λ)² flow). 70 mm² suits the human
             cortex; for other surfaces, scale it with the square of their size.
-        threads : int, optional
-            Number of threads, as in `voxflat.flatten`.
-        progress : callable, optional
-            Function that receives the progress, as in `voxflat.flatten`.
+        threads, progress : optional
+            As in `Surface.flatten`.
 
         Returns
         -------
@@ -465,10 +434,8 @@ class Manifold:
 
         Raises
         ------
-        InputError
-            The flow is not positive.
-        Cancelled
-            `progress` returned False.
+        InputError, Cancelled
+            If the flow is not positive, or `progress` returned False.
 
         See Also
         --------
@@ -534,7 +501,7 @@ class Manifold:
         Raises
         ------
         InputError
-            The surface came from a mesh.
+            If the surface came from a mesh.
 
         See Also
         --------
@@ -547,7 +514,7 @@ class Manifold:
         0
         """
         if not self.is_voxels:
-            raise InputError("the surface came from a mesh and has no voxels to change")
+            raise InputError("the surface came from a mesh, so no voxels were changed. Pass a surface from a volume")
         labels = np.zeros(self.metadata["shape"], dtype=np.uint8)
         report = self.metadata.get("repair", {})
         for value, names in ((1, ("cut", "dropped")), (2, ("filled", "cavities"))):
@@ -594,16 +561,16 @@ class Manifold:
             vertex numbers of the mesh and has one position per vertex, so it excludes vertices at the sides of cuts; a
             warning reports how many. GIFTI files contain `provenance`.
         sidecar : bool
-            Whether to write `provenance` to ``<path>.json``, too.
+            Whether to also write `provenance` to ``<path>.json``.
         overwrite : bool
-            Whether to replace a file of that name that voxflat did not write.
+            Whether to replace an existing file that voxflat did not write.
 
         Raises
         ------
         InputError
-            The path has another ending, or the surface was made from that file.
+            If the path has another ending, or the surface was made from that file.
         OSError
-            The file cannot be written.
+            If the file cannot be written.
 
         See Also
         --------
@@ -617,10 +584,8 @@ class Manifold:
         path = checked_path(path)
         space, structure = self.space, self.metadata.get("structure")
         if space.name == "scanner" and self.is_voxels:
-            volume = VolumeGeometry.of_volume(
-                self.metadata["affine"], self.metadata["shape"], self.metadata["input"] or ""
-            )
-            space = Space("scanner", volume)
+            affine, shape, file = (self.metadata[name] for name in ("affine", "shape", "input"))
+            space = Space("scanner", VolumeGeometry.of_volume(affine, shape, file or ""))
         if space.doubt:
             log.warning("%s may be misaligned with volumes: %s", path, space.doubt)
         if path.suffix.lower() not in (".vtp", ".ply", ".obj"):
@@ -634,7 +599,7 @@ class Manifold:
 
     def _save_patch(self, path: str | os.PathLike[str], space: Space) -> None:
         if os.fspath(path).lower().endswith(FLAT_PATCH_ENDINGS):
-            raise InputError(f"cannot write {path}: a 3-D surface is not a flat patch. End its name in {PATCH_ENDING}")
+            raise InputError(f"{path}: a 3-D surface is not a flat patch. Pass a name that ends in {PATCH_ENDING}")
         if self.is_voxels:
             raise InputError("a patch file requires a mesh, but this surface comes from voxels. Save it as .surf.gii")
         points, _ = in_tkras(self.points, space)
@@ -671,12 +636,12 @@ def patch_of(
     rows = listed_points(ids, faces, bridges)
     kept = faces[triangles_of(rows, faces)]
     if len(kept) == 0:
-        raise InputError("every triangle lies at a cut, so a patch file cannot hold them. Save as .vtp, .ply or .obj")
+        raise InputError("every triangle lies at a cut, so a patch file cannot store any. Save as .vtp, .ply or .obj")
     vertices = len(np.unique(ids[faces]))
     if len(kept) < len(faces):
         log.warning(
-            "a patch file stores one position per vertex, and programs read all triangles whose corners it "
-            "lists: at cuts, %d of %d vertices and %d of %d triangles are excluded",
+            "%d of %d vertices and %d of %d triangles at cuts are excluded, because a patch file stores one position "
+            "per vertex, and programs read every triangle whose corners it lists",
             vertices - len(rows),
             vertices,
             len(faces) - len(kept),

@@ -11,17 +11,11 @@ from voxflat.io.reading import check_room
 from voxflat.surfaces.correspondence import pial_of
 from voxflat.surfaces.manifold import Manifold
 
-_A_TRIANGLE, _A_POINT = 200, 100
-"""Bytes of memory to create a surface; measured: 160 to 190 per triangle and half a point."""
+_A_TRIANGLE, _A_POINT = 200, 100  # bytes to create a surface; measured: 160 to 190 per triangle and half a point
 
 
 def of_mesh(mesh: Mesh, pial: object | None = None, *, mend: bool = True) -> Manifold:
-    """Create a surface from a mesh.
-
-    Defects with a unique remedy are repaired. Triangles without area are removed, directly or by flipping edges; for
-    this, vertices at the same position are merged, but keep their numbers. Duplicate triangles are removed. If several
-    fans of triangles touch at a vertex, each fan gets its own vertex.
-    """
+    """Create a surface from a mesh; `mend` repairs defects as `voxflat.surface` describes."""
     measured_on = "the given surface"
     white, places, of_pial = None, None, list[str]()
     need = _A_TRIANGLE * len(mesh.faces) + _A_POINT * len(mesh.points)
@@ -36,8 +30,7 @@ def of_mesh(mesh: Mesh, pial: object | None = None, *, mend: bool = True) -> Man
         else:
             core = core.moved(midway[core.ids])
         measured_on = "midthickness: halfway to the pial surface"
-    remarks = [*mesh.remarks, *_remarks(told, len(mesh.faces), len(mesh.points))]
-    remarks += of_pial
+    remarks = [*mesh.remarks, *_remarks(told, len(mesh.faces), len(mesh.points)), *of_pial]
     digest = hashlib.sha256(np.ascontiguousarray(core.points).tobytes() + mesh.faces.tobytes())
     metadata: dict[str, Any] = {
         "kind": "mesh",
@@ -65,7 +58,7 @@ def _remarks(told: dict[str, Any], faces: int, points: int) -> list[str]:
     """Return remarks on the changes to a mesh."""
     remarks = []
     if told["turned"]:
-        remarks.append(f"{told['turned']} of {faces} triangles were flipped so that all face outwards")
+        remarks.append(f"{told['turned']} of {faces} triangles were reversed, so that all of them face outwards")
     if told["unused"]:
         remarks.append(f"{told['unused']} of {points} vertices belong to no triangle and are excluded")
     if told["duplicates"]:
@@ -78,6 +71,6 @@ def _remarks(told: dict[str, Any], faces: int, points: int) -> list[str]:
         remarks.append(f"{count} of {points} vertices coincide with others and share their position in the map")
     if told["split"]:
         count, first = len(told["split"]), told["split"][0]
-        where = f"vertex {first}" if count == 1 else f"{count} vertices, the first of which is {first}"
-        remarks.append(f"parts of the surface touch at {where}: each part has its own vertex there, of the same number")
+        where = f"vertex {first}" if count == 1 else f"{count} vertices (the first is {first})"
+        remarks.append(f"parts of the surface touch at {where}; each has its own vertex there, with the same number")
     return remarks

@@ -17,9 +17,7 @@ from voxflat.surfaces.manifold import Manifold
 _MOST_REPAIRED = 0.01  # largest share of foreground voxels changed by default
 _SHARE_BETWEEN = 0.5  # least share of border voxels with intermediate values
 
-
-_A_SURFEL = 600
-"""Bytes of memory per face between foreground and background to create the surface; measured: 250 to 520."""
+_A_SURFEL = 600  # bytes per face between foreground and background to create a surface; measured: 250 to 520
 
 
 def of_volume(
@@ -52,8 +50,8 @@ def of_volume(
     metadata["kind"] = "voxels"
     if metadata["conflicts"]:
         remarks.append(
-            f"the sides of the voxel sheet conflict at {metadata['conflicts']} pairs of voxels: it touches itself "
-            "there, or has only one side, like a Möbius strip"
+            f"the sides of the voxel sheet conflict at {metadata['conflicts']} pairs of voxels: the sheet touches "
+            "itself there, or has only one side, like a Möbius strip"
         )
     if not metadata["sheet"] and (touched := _touched_sides(mask)):
         remarks.append(f"the foreground touches the border of the volume ({touched}); the surface is closed there")
@@ -88,19 +86,17 @@ def _touched_sides(mask: NDArray[np.bool_]) -> str:
 def _level(
     volume: Volume, mask: NDArray[np.bool_], threshold: float | None, probability: object | None
 ) -> tuple[tuple[NDArray[np.float32], float] | None, str]:
-    """Return the image, its value on the surface, and a description of both."""
+    """Return the image with its value on the surface, or None, and a description of how vertices are placed."""
     if probability is not None:
         image = as_volume(probability)
         if image.data.shape != mask.shape:
-            raise InputError(
-                f"the probability image has shape {image.data.shape}, but the volume has shape {mask.shape}. Resample "
-                "the image"
-            )
+            shapes = f"shape {image.data.shape}, but the volume has {mask.shape}"
+            raise InputError(f"the probability image has {shapes}. Resample the image")
         if image.is_placed and volume.is_placed and not np.allclose(image.affine, volume.affine, atol=1e-3):
             raise InputError("the affines of the probability image and of the volume differ. Resample the image")
         values = image.data.astype(np.float32)
         if not np.isfinite(values).all():
-            raise InputError("the probability image has values that are not finite. Replace them by 0")
+            raise InputError("the probability image has values that are not finite. Replace them with 0")
         level = 0.5 if threshold is None else float(threshold)
         return (values, level), f"the level {level:g} of {image.path.name if image.path else 'an image'}"
     if threshold is None or volume.data.dtype.kind != "f":
@@ -136,9 +132,8 @@ def _repaired(
     remarks: list[str] = []
     if removed or added:
         share = 100 * (removed + added) / np.count_nonzero(mask)
-        remarks.append(
-            f"repaired {report['handles']} handle(s): {removed} voxels removed, {added} added ({share:.2f} %)"
-        )
+        changes = f"{removed} voxels removed, {added} added ({share:.2f} %)"
+        remarks.append(f"repaired {report['handles']} handle(s): {changes}")
     if others:
         remarks.append(
             f"removed {len(report['dropped'])} voxels of smaller components and added {len(report['cavities'])} "
@@ -159,8 +154,8 @@ def _without_handles(
     changes = f"{removed} voxels removed, {added} added ({100 * share:.2g} %)"
     if share > _MOST_REPAIRED:
         remark = (
-            f"{report['handles']} handle(s) remain, because closing them changes many voxels ({changes}). Use "
-            "repair='voxels' to close them"
+            f"{report['handles']} handle(s) remain, because removing them would change many voxels ({changes}). Use "
+            "repair='voxels' to remove them"
         )
         return mask, None, [remark]
     repaired = mask.copy()

@@ -63,7 +63,7 @@ def disk(
     seed, told = _seed(of, seed_point)
     core, filled = of.core.disk(seed, radius, threads, progress)
     if filled:
-        told.append(f"the disk includes {filled} triangles beyond the radius that it encloses")
+        told.append(f"the disk includes {filled} triangles that are beyond the radius, but enclosed by the disk")
     given, found = np.asarray(seed_point).tolist(), of.ids[seed].tolist()
     return _part(of, core, Step("disk", seed_point=given, seed_found=found, radius=radius), told)
 
@@ -83,8 +83,8 @@ def largest_piece(part: _Part) -> _Part:
     if part.steps and 1 - share > _STRAY_SHARE:
         sizes = ", ".join(f"{area:.4g}" for area in areas[:5]) + (", ..." if len(areas) > 5 else "")
         raise InputError(
-            f"the patch consists of {len(areas)} separate pieces (of {sizes} mm²). Keep one piece, or pass a seed "
-            "point and a radius"
+            f"the patch consists of {len(areas)} separate pieces (with areas of {sizes} mm²). Keep one piece, or pass "
+            "a seed point and a radius"
         )
     what = "the patch" if part.steps else "the surface"
     remark = f"{what} has {len(areas)} components; only the largest is used ({100 * share:.1f} % of the area)"
@@ -111,7 +111,7 @@ def _part(of: _Part, core: _core.Surface, step: Step, told: list[str]) -> _Part:
 
 def _region(of: _Part, faces: NDArray[np.bool_], step: Step, region: object) -> _Part:
     if not faces.any():
-        raise InputError(f"the patch contains no triangle of the surface ({len(of)} vertices). Does it belong to it?")
+        raise InputError(f"the region contains no triangle of the surface ({len(of)} vertices). Choose another region")
     told = check_region(of, region) if isinstance(region, str | os.PathLike) and not is_medial_wall(region) else []
     return _part(of, of.core.part_of_faces(faces), step, told)
 
@@ -137,12 +137,12 @@ def _triangles(whole: Manifold, keep: object) -> NDArray[np.bool_] | None:
         return None
     if len(mesh.points) != whole.metadata["vertices"]:
         raise InputError(
-            f"the surface to keep has {len(mesh.points)} vertices, but the surface has "
-            f"{whole.metadata['vertices']}. Their vertices must correspond one by one"
+            f"the surface to keep has {len(mesh.points)} vertices, but the surface has {whole.metadata['vertices']}. "
+            "Pass a surface whose vertices correspond one to one"
         )
     found = whole._has_triangles(mesh.faces)
     if found is None:
-        raise InputError("the surface to keep has triangles that the surface lacks. Check that it is a part of it")
+        raise InputError("the surface to keep has triangles that the surface does not have. Pass a part of the surface")
     return found
 
 
@@ -178,7 +178,7 @@ def _as_mask(region: NDArray[Any], count: int, name: str) -> NDArray[np.bool_]:
         return np.asarray(region != 0)
     if region.ndim != 1 or region.dtype.kind not in "ui":
         raise InputError(
-            f"{name} has type {region.dtype} and shape {region.shape}. Pass a mask of shape ({count},), vertex "
+            f"{name} has data type {region.dtype} and shape {region.shape}. Pass a mask of shape ({count},), vertex "
             "numbers, or a file"
         )
     bad = region[(region < 0) | (region >= count)]
@@ -198,9 +198,7 @@ def _seed(part: Manifold, seed_point: Sequence[int] | int) -> tuple[int, list[st
         return int(part.find(place[None], "the seed point")[0]), []
     wanted = seed_voxel(seed_point)
     vertex, distance = part.nearest(wanted)
-    voxel = part.ids[vertex].tolist()
-    size = float(np.linalg.norm(np.asarray(part.metadata["affine"])[:3, :3], axis=0).max())
-    return vertex, found_seed(wanted, voxel, distance, size)
+    return vertex, found_seed(wanted, part.ids[vertex].tolist(), distance, part._largest_spacing)
 
 
 def is_medial_wall(region: object) -> bool:
@@ -211,9 +209,9 @@ def is_medial_wall(region: object) -> bool:
 
 def medial_wall_of(whole: Manifold) -> NDArray[np.bool_]:
     """Find the medial wall, bool (N,): the one large region where cortex has no thickness."""
-    advice = "Pass its label as the region to drop, or omit it"
+    advice = "Pass the label of the medial wall as the region to drop, or drop nothing"
     if whole.thickness is None:
-        raise InputError("finding the medial wall requires the pial surface. Pass pial, or the label of the wall")
+        raise InputError("the medial wall cannot be found without the pial surface. Pass pial, or the wall's label")
     touching = whole.thickness[whole.vertices] < _TOUCHING
     corners = np.asarray(np.asarray(touching[whole.faces]).all(axis=1))
     if not corners.any():

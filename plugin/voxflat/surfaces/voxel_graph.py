@@ -64,7 +64,7 @@ class VoxelGraph:
 def voxel_graph(of: Manifold, link_lengths: str = LINK_LENGTHS, progress: Progress | None = None) -> VoxelGraph:
     """Link the surface voxels of a volume, which is repaired only on request, and select the part of the surface."""
     if of.foreground is None:
-        raise InputError("chain codes need the surface voxels of a volume, but this surface has none. Pass a volume")
+        raise InputError("chain codes require surface voxels, but this surface has none. Pass a surface from a volume")
     affine = np.asarray(of.foreground.metadata["affine"])
     size = float(np.linalg.norm(affine[:3, :3], axis=0).max())
     whole = _core.VoxelSurface.from_mask(of.foreground.mask(), affine.tolist(), link_lengths, progress)
@@ -80,7 +80,7 @@ def voxel_graph(of: Manifold, link_lengths: str = LINK_LENGTHS, progress: Progre
         elif step.mask is not None:
             kept = step.mask if kept is None else kept & step.mask
         else:
-            raise InputError(f"chain codes do not support a part chosen by {step.verb}. Use keep, drop or disk")
+            raise InputError(f"chain codes do not support a part selected by {step.verb}. Use keep, drop or disk")
     if kept is not None or seed is None:
         part = part.cut_out(kept, None, None, progress)
     components = whole.component_sizes()
@@ -103,7 +103,10 @@ def seed_voxel(seed_point: object) -> list[int]:
     """Return a seed point as voxel indices."""
     place = array_of(seed_point, "indices of the seed point")
     if place.shape != (3,) or place.dtype.kind not in "ui":
-        raise InputError(f"the seed point must be 3 whole voxel indices, not {place.dtype} of shape {place.shape}")
+        raise InputError(
+            f"the seed point must be three voxel indices (whole numbers), but has data type {place.dtype} and shape "
+            f"{place.shape}"
+        )
     return [int(index) for index in place]
 
 
@@ -111,7 +114,5 @@ def found_seed(seed_point: list[int], voxel: Any, distance: float, voxel_size: f
     """Return a remark if the surface voxel nearest to a seed point is more than two voxels away."""
     if distance <= _FAR * voxel_size:
         return []
-    return [
-        f"the seed point {seed_point} is {distance:.1f} mm away from the surface; the nearest surface voxel "
-        f"{voxel} is used"
-    ]
+    at = f"the seed point {seed_point} is {distance:.1f} mm away from the surface"
+    return [f"{at}; the nearest surface voxel {voxel} is used instead"]

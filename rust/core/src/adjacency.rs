@@ -44,9 +44,7 @@ impl Components {
 
     /// Finds the components among the allowed ones of `count` members by flood fills from members not yet reached.
     pub(crate) fn of<I: Iterator<Item = u32>>(
-        count: usize,
-        neighbours: impl Fn(u32) -> I,
-        is_allowed: impl Fn(u32) -> bool,
+        count: usize, neighbours: impl Fn(u32) -> I, is_allowed: impl Fn(u32) -> bool,
     ) -> Self {
         let mut labels = vec![Self::NONE; count];
         let mut sizes = Vec::new();

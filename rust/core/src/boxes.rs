@@ -70,7 +70,6 @@ impl Bounds {
         corners.iter().fold(Self::NOTHING, |bounds, p| bounds.with(&Self { low: [p.x, p.y], high: [p.x, p.y] }))
     }
 
-    /// Returns the bounding box of points, extended by a margin.
     pub(crate) fn of(points: &[Vector2<f64>], margin: f64) -> Self {
         let low = points.iter().fold(Vector2::repeat(f64::INFINITY), |low, p| low.inf(p)).add_scalar(-margin);
         let high = points.iter().fold(Vector2::repeat(f64::NEG_INFINITY), |high, p| high.sup(p)).add_scalar(margin);

@@ -5,7 +5,7 @@ use std::sync::{Arc, Mutex};
 
 use rayon::prelude::*;
 
-use crate::error::{Error, Result};
+use crate::{Error, Result};
 
 /// Reports the progress of a computation, and cancels it. The computing thread and the observing thread share it.
 #[derive(Debug, Default)]
@@ -47,11 +47,7 @@ impl Control {
 
     /// Runs a stage that computes one value per item in parallel, in order. One step handles `chunk` items.
     pub(crate) fn each<T: Sync, U: Copy + Send>(
-        &self,
-        stage: &'static str,
-        items: &[T],
-        chunk: usize,
-        value: impl Fn(&T) -> U + Sync,
+        &self, stage: &'static str, items: &[T], chunk: usize, value: impl Fn(&T) -> U + Sync,
     ) -> Result<Vec<U>> {
         self.begin(stage, items.len().div_ceil(chunk) as u64);
         let of_chunk = |items: &[T]| {

@@ -13,25 +13,19 @@ pub type Result<T> = std::result::Result<T, Error>;
 #[allow(missing_docs)] // the message of each variant is its description
 pub enum Error {
     #[error(
-        "the graph would have {links} links between {vertices} vertices, more than 32-bit numbers can count. Flatten a \
-         smaller patch, or use a coarser surface"
+        "the graph needs {links} links between {vertices} vertices, more than a 32-bit index allows. Flatten a smaller \
+         patch, or use a coarser surface"
     )]
     TooManyLinks { links: usize, vertices: usize },
 
-    #[error(
-        "the map of {vertices} vertices would need more pairs than this machine can count. Flatten a smaller patch, or \
-         use a coarser surface"
-    )]
+    #[error("the matrix for {vertices} vertices is too large. Flatten a smaller patch, or use a coarser surface")]
     TooManySprings { vertices: usize },
 
-    #[error(
-        "the lengths of the edges differ too much for a map to be computed. Remesh the surface, or flatten a smaller \
-         patch"
-    )]
+    #[error("the edge lengths vary too much to compute a map. Remesh the surface, or flatten a smaller patch")]
     Uneven,
 
     #[error(
-        "{triangles} triangles are too thin, or are enclosed by too short a boundary, for a map without folds. Remesh \
+        "{triangles} triangles are too thin, or the boundary around them is too short, for a map without folds. Remesh \
          the surface, cut it open further, or flatten a smaller patch"
     )]
     Folded { triangles: usize },
@@ -39,13 +33,10 @@ pub enum Error {
     #[error("the start has {places} positions, but the surface has {points} vertices. Give one position per vertex")]
     StartMismatch { places: usize, points: usize },
 
-    #[error("the start has no finite position for vertex {vertex}. Give a position for every vertex that is flattened")]
+    #[error("vertex {vertex} of the start has no finite position. Give a finite position for every vertex")]
     StartNotFinite { vertex: usize },
 
-    #[error(
-        "the start has {triangles} flipped triangles that cannot be unfolded. Give a map with fewer folds, or omit the \
-         start"
-    )]
+    #[error("the start has {triangles} flipped triangles that cannot be unfolded. Give another map, or omit the start")]
     StartFolded { triangles: usize },
 
     #[error(
@@ -57,7 +48,7 @@ pub enum Error {
     #[error("the start has almost no area, so it cannot be improved. Give another map, or omit the start")]
     StartStuck,
 
-    #[error("the volume has {given} values, but its shape {shape:?} needs {needed}. Give one value per voxel")]
+    #[error("the volume has {given} values, but its shape {shape:?} requires {needed}. Give one value per voxel")]
     ShapeMismatch { shape: [usize; 3], given: usize, needed: usize },
 
     #[error(
@@ -72,10 +63,10 @@ pub enum Error {
     )]
     TooAnisotropic { longest: f64, shortest: f64, most: f64 },
 
-    #[error("no voxel of the volume (shape {shape:?}) is foreground. Choose another label or threshold")]
+    #[error("the volume (shape {shape:?}) has no foreground voxels. Choose another label or threshold")]
     EmptyForeground { shape: [usize; 3] },
 
-    #[error("the affine is {value} at row {row}, column {column}. Give a finite affine or spacing")]
+    #[error("the affine contains {value} at row {row}, column {column}. Give a finite affine or spacing")]
     AffineNotFinite { row: usize, column: usize, value: f64 },
 
     #[error("the last row of the affine is {row:?}, not [0, 0, 0, 1]. Give an affine from voxel indices to mm")]
@@ -85,26 +76,26 @@ pub enum Error {
     SpacingNotPositive { axis: usize, spacing: f64 },
 
     #[error(
-        "the affine is {value} at row {row}, column {column}, more than {FARTHEST:e} mm. Give the affine in mm, or \
-         repair the header"
+        "the affine contains {value} at row {row}, column {column}, which exceeds {FARTHEST:e} mm. Give the affine in \
+         mm, or repair the header"
     )]
     AffineTooFar { row: usize, column: usize, value: f64 },
 
     #[error(
-        "the spacing of axis {axis} is {spacing:e} mm, less than {SMALLEST:e} mm. Repair the header, or give the \
-         spacing in mm"
+        "the spacing of axis {axis} is {spacing:e} mm, which is less than {SMALLEST:e} mm. Repair the header, or give \
+         the spacing in mm"
     )]
     SpacingTooSmall { axis: usize, spacing: f64 },
 
     #[error(
-        "voxel {voxel:?} of the volume lies at {at:?} mm, farther from the origin than {FARTHEST:e} mm. Give the \
-         affine in mm, or crop the volume"
+        "voxel {voxel:?} of the volume is at {at:?} mm, more than {FARTHEST:e} mm from the origin. Give the affine in \
+         mm, or crop the volume"
     )]
     VoxelTooFar { voxel: [usize; 3], at: [f64; 3] },
 
     #[error(
-        "the affine is sheared: axes {first} and {second} have cosine {cosine:.4}. Resample the volume to an \
-         orthogonal grid"
+        "the affine is sheared: the cosine of the angle between axes {first} and {second} is {cosine:.4}. Resample the \
+         volume to an orthogonal grid"
     )]
     AffineSheared { first: usize, second: usize, cosine: f64 },
 
@@ -117,21 +108,23 @@ pub enum Error {
     #[error("{sources} sources are too few. Give at least {needed}")]
     TooFewSources { sources: usize, needed: usize },
 
-    #[error("{sources} sources are more than the {points} points of the surface. Give at most {points}")]
+    #[error("{sources} sources are given, but the surface has only {points} points. Give at most {points} sources")]
     TooManySources { sources: usize, points: usize },
 
-    #[error("voxel {voxel:?} is not on the surface. The nearest surface voxel is {nearest:?}")]
+    #[error("voxel {voxel:?} is not on the surface. Give a surface voxel; the nearest one is {nearest:?}")]
     NotOnSurface { voxel: [i64; 3], nearest: [u32; 3] },
 
-    #[error("point {vertex} does not exist: the surface has {points} points, counted from 0")]
+    #[error(
+        "point {vertex} does not exist: the surface has {points} points, counted from 0. Give the number of a point"
+    )]
     NoSuchPoint { vertex: usize, points: usize },
 
-    #[error("point {vertex} is given twice among the sources. Give each source once")]
+    #[error("point {vertex} appears more than once among the sources. Give each source once")]
     DuplicateSource { vertex: usize },
 
     #[error(
-        "the seed point {voxel:?} is {distance:.1} mm away from the surface (nearest surface voxel {nearest:?}), \
-         farther than the patch radius of {radius} mm. Choose a seed point on the surface"
+        "the seed point {voxel:?} is {distance:.1} mm away from the surface (nearest surface voxel {nearest:?}), which \
+         is farther than the patch radius of {radius} mm. Choose a seed point on the surface"
     )]
     SeedOffSurface { voxel: [i64; 3], nearest: [u32; 3], distance: f64, radius: f64 },
 
@@ -151,8 +144,7 @@ pub enum Error {
     Unreachable { source_vertex: usize, vertex: usize },
 
     #[error(
-        "the patch consists of {count} separate pieces (of {sizes} voxels). Keep one piece, or give a seed point and a \
-         radius"
+        "the patch has {count} separate pieces ({sizes} voxels). Keep one piece, or give a seed point and a radius"
     )]
     Disconnected { count: usize, sizes: String },
 
@@ -165,17 +157,14 @@ pub enum Error {
 
     #[error(
         "the distances do not describe a surface: only {positive} eigenvalue(s) of the scaling are positive, but two \
-         are needed. The patch is a line or a point; choose a wider one"
+         are needed. The patch is a line or a point. Choose a wider patch"
     )]
     NotPlanar { positive: usize },
 
     #[error("the eigenvalue solver did not converge for {sources} sources. Try another number of sources")]
     EigenNotConverged { sources: usize },
 
-    #[error(
-        "the system of radial functions is singular for {sources} sources. Try another number of sources, or another \
-         seed"
-    )]
+    #[error("the radial functions of {sources} sources are singular. Try another number of sources, or another seed")]
     RadialSingular { sources: usize },
 
     #[error("the pixel size is {pixel_size} mm. Give a positive, finite size")]
@@ -184,16 +173,13 @@ pub enum Error {
     #[error("the flat image would have {width} x {height} pixels. Give a pixel size above {pixel_size} mm")]
     RasterTooLarge { width: f64, height: f64, pixel_size: f64 },
 
-    #[error(
-        "a surface of {points} points is too large for this graph, which can have at most {most}. Flatten a smaller \
-         patch"
-    )]
+    #[error("a surface of {points} points is too large for this graph (at most {most}). Flatten a smaller patch")]
     GraphTooLarge { points: usize, most: usize },
 
     #[error(
         "the surface is not a disk: it has {components} component(s), {loops} boundary loop(s), {handles} handle(s) \
          and Euler characteristic {euler} instead of 1. Choose a patch, cut the surface open, or repair it; voxflat \
-         check reports what each remedy changes"
+         check reports the effect of each remedy"
     )]
     NotADisk { components: usize, loops: usize, handles: usize, euler: i64 },
 
@@ -218,15 +204,18 @@ pub enum Error {
     DecimationOption { name: &'static str, value: f64 },
 
     #[error(
-        "no cell of the grid has a point at all of its four corners ({sources} sources lie on the grid). Give more \
-         sources, or let decimation choose them"
+        "no grid cell has a point at each of its four corners ({sources} sources lie on the grid). Give more sources, \
+         or let decimation choose them"
     )]
     NoCell { sources: usize },
 
     #[error("the angle is {angle}°. Give an angle from {least}° to {most}°")]
     AngleOutOfRange { angle: f64, least: f64, most: f64 },
 
-    #[error("the bound C is {bound}. Give a bound from {least} (an angle of 0.01°) to {most} (80°); 1 is an isometry")]
+    #[error(
+        "the bound C is {bound}. Give a bound from {least} (an angle of 0.01°) to {most} (80°); a bound of 1 means an \
+         isometry"
+    )]
     BoundOutOfRange { bound: f64, least: f64, most: f64 },
 
     #[error("patches cannot be glued within a bound of {bound} on C. Give a bound from {least} to {most}, such as 1.5")]
@@ -239,27 +228,27 @@ pub enum Error {
     PatchesBeyondBound { bound: f64, before: f64, angle: f64 },
 
     #[error(
-        "the patches cannot be glued to one piece within C ≤ {bound}: {pieces} pieces remain. Give a greater bound, \
+        "the patches cannot be glued into one piece within C ≤ {bound}: {pieces} pieces remain. Give a greater bound, \
          flatten a smaller patch, or keep the pieces with Surface.patches(...).glue(...)"
     )]
     NotOnePiece { bound: f64, pieces: usize },
 
     #[error(
-        "{count} patches are too few for this surface: even if patches may be inclined by {most}°, at least {least} \
-         are needed"
+        "{count} patches are too few for this surface: even at an angle of {most}°, {least} patches are needed. Give \
+         at least {least} patches"
     )]
     TooFewPatches { count: usize, least: usize, most: f64 },
 
-    #[error("a polygon needs at least 3 corners, but {corners} are given")]
+    #[error("the polygon has {corners} corners, but at least 3 are needed. Give more corners")]
     FewCorners { corners: usize },
 
     #[error(
         "the shortest paths between the {corners} corners of the polygon do not enclose a region, because they run \
-         around a handle or along one line. Choose other corners, or more of them"
+         around a handle or along one line. Choose other or additional corners"
     )]
     NotEnclosing { corners: usize },
 
-    #[error("the mesh has no triangle ({points} points). Give triangles of three vertex indices each")]
+    #[error("the mesh has {points} points but no triangles. Give triangles of three vertex indices each")]
     NoFaces { points: usize },
 
     #[error(
@@ -269,24 +258,28 @@ pub enum Error {
     PointNotFinite { vertex: usize },
 
     #[error(
-        "point {vertex} of the mesh lies at {at:?} mm, farther from the origin than {FARTHEST:e} mm. Check the \
-         coordinates, and give them in mm"
+        "point {vertex} of the mesh is at {at:?} mm, more than {FARTHEST:e} mm from the origin. Check the coordinates, \
+         and give them in mm"
     )]
     PointTooFar { vertex: usize, at: [f64; 3] },
 
     #[error(
-        "the surface is {size:e} mm across, less than the {SMALLEST:e} mm that can be measured. Scale its coordinates, \
+        "the surface is {size:e} mm across, which is less than the minimum of {SMALLEST:e} mm. Scale its coordinates, \
          or give them in mm"
     )]
     SurfaceTooSmall { size: f64 },
 
     #[error(
         "the edge between vertices {a} and {b} is {length:e} mm long, on a surface that is {size:e} mm across. An edge \
-         must be at least {SHORTEST_EDGE:e} as long as the surface. Merge its two vertices, or use a smaller part"
+         must be at least {SHORTEST_EDGE:e} times the size of the surface. Merge its two vertices, or use a smaller \
+         part"
     )]
     EdgeTooShort { a: usize, b: usize, length: f64, size: f64 },
 
-    #[error("triangle {face} refers to vertex {corner}, but the mesh has {points} vertices, counted from 0")]
+    #[error(
+        "triangle {face} refers to vertex {corner}, but the mesh has {points} vertices, counted from 0. Correct the \
+         triangle"
+    )]
     CornerOutOfRange { face: usize, corner: i64, points: usize },
 
     #[error(
@@ -295,9 +288,7 @@ pub enum Error {
     )]
     DegenerateFace { face: usize, count: usize },
 
-    #[error(
-        "triangle {face} has the same corners as another triangle ({count} such triangles). Give each triangle once"
-    )]
+    #[error("triangle {face} has the same corners as another one ({count} such triangles). Give each triangle once")]
     DuplicateFace { face: usize, count: usize },
 
     #[error(
@@ -314,7 +305,7 @@ pub enum Error {
 
     #[error(
         "the component of triangle {face} has only one side, like a Möbius strip, so it has no outside and cannot be \
-         flattened. Cut it first"
+         flattened. Cut the component first"
     )]
     OneSided { face: usize },
 
@@ -333,8 +324,7 @@ pub enum Error {
     RelaxationOption { name: &'static str, value: f64 },
 
     #[error(
-        "the surface has {count} components (of {sizes} triangles). Open one component at a time, for example the \
-         largest"
+        "the surface has {count} components ({sizes} triangles). Open one component at a time, such as the largest"
     )]
     SeveralComponents { count: usize, sizes: String },
 
@@ -348,15 +338,12 @@ pub enum Error {
     StoreInUse { path: String, holder: String },
 
     #[error(
-        "{path} is not a journal of these distance rows: it is damaged, or it belongs to another surface, other \
-         sources or another version. Choose another directory, or delete this store"
+        "{path} is not a journal of these distance rows: it is damaged, or it belongs to a different surface, \
+         different sources or a different version. Choose another directory, or delete this store"
     )]
     StoreForeign { path: String },
 
-    #[error(
-        "row {row} of {path} does not match its checksum. Measure again with the same store: the row is then computed \
-         again"
-    )]
+    #[error("row {row} of {path} does not match its checksum. Measure again with the same store to recompute the row")]
     StoreDamaged { path: String, row: usize },
 
     #[error("cancelled")]

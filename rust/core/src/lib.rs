@@ -30,14 +30,13 @@
 //! # Examples
 //! Flatten the label of a half pipe that is one voxel thick:
 //! ```
-//! use voxflat::control::Control;
 //! use voxflat::embed::stress::levels::Levels;
 //! use voxflat::flatten::voxflat::Options;
 //! use voxflat::geodesic::graph::GeodesicGraph;
 //! use voxflat::sources::Sources;
 //! use voxflat::surface::voxels::voxelmesh::VoxelMesh;
 //! use voxflat::volume::{Affine, Mask};
-//! use voxflat::{flatten, patch};
+//! use voxflat::{Control, flatten, patch};
 //!
 //! let control = Control::default();
 //! let radius = |j: usize, k: usize| (j as f64 - 11.5).hypot(k as f64);
@@ -88,4 +87,5 @@ pub mod surface;
 mod tests;
 pub mod volume;
 
+pub use control::Control;
 pub use error::{Error, Result};

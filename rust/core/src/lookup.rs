@@ -2,8 +2,7 @@
 
 use nalgebra::Vector2;
 
-use crate::control::Control;
-use crate::error::Result;
+use crate::{Control, Result};
 
 /// The tolerance in barycentric coordinates, so that positions on a common side lie in at least one triangle.
 const SLACK: f64 = 1e-9;
@@ -15,15 +14,6 @@ const CHUNK: usize = 4096;
 pub type InTriangle = (u32, [f64; 3]);
 
 /// Finds the triangles that contain positions in the plane, by a grid with about as many cells as triangles.
-///
-/// # Examples
-/// ```
-/// use voxflat::lookup::TriangleFinder;
-///
-/// let finder = TriangleFinder::new(&[[[0.0, 0.0], [4.0, 0.0], [0.0, 4.0]]]);
-/// assert_eq!(finder.find([1.0, 1.0]), Some((0, [0.5, 0.25, 0.25])));
-/// assert_eq!(finder.find([3.0, 3.0]), None);
-/// ```
 #[derive(Debug, Clone)]
 pub struct TriangleFinder {
     corners: Vec<[Vector2<f64>; 3]>,

@@ -3,8 +3,7 @@
 use nalgebra::Vector3;
 use rayon::prelude::*;
 
-use crate::control::Control;
-use crate::error::Result;
+use crate::{Control, Result};
 
 /// The number of boxes in each node of the tree.
 const FAN: usize = 8;
@@ -24,17 +23,6 @@ pub struct Nearest {
 }
 
 /// Finds the nearest point on a surface, by a tree of bounding boxes of its triangles.
-///
-/// # Examples
-/// ```
-/// use voxflat::nearest::NearestFinder;
-///
-/// let finder = NearestFinder::new(&[[[0.0, 0.0, 0.0], [4.0, 0.0, 0.0], [0.0, 4.0, 0.0]]]);
-/// let found = finder.find([1.0, 1.0, 3.0], f64::INFINITY).unwrap();
-/// assert_eq!((found.triangle, found.weights, found.distance), (0, [0.5, 0.25, 0.25], 3.0));
-/// assert_eq!(finder.find([-3.0, -4.0, 0.0], f64::INFINITY).unwrap().distance, 5.0); // to a corner
-/// assert_eq!(finder.find([1.0, 1.0, 3.0], 2.0), None);
-/// ```
 #[derive(Debug, Clone)]
 pub struct NearestFinder {
     corners: Vec<[Vector3<f64>; 3]>,

@@ -3,8 +3,7 @@
 use nalgebra::{Matrix2, Vector2, Vector3};
 
 use crate::adjacency::{Arc, Links};
-use crate::surface::VoxelSurface;
-use crate::surface::voxels::graph::VoxelGraph;
+use crate::surface::{VoxelSurface, voxels::graph::VoxelGraph};
 
 /// The minimum share of a direction's variance that the map explains if this direction is used as the map's up.
 const EXPLAINED: f64 = 0.05;
@@ -48,7 +47,6 @@ pub fn outward_normals(surface: &VoxelSurface, graph: &VoxelGraph) -> Vec<Vector
     normals.into_iter().map(|normal| if normal == Vector3::zeros() { undefined } else { normal }).collect()
 }
 
-/// Returns the mean over a point and its neighbours.
 fn mean_around(graph: &VoxelGraph, normals: &[Vector3<f64>], vertex: usize) -> Vector3<f64> {
     let add = |(sum, count), arc: Arc| (sum + normals[arc.to as usize], count + 1.0);
     let (sum, count): (Vector3<f64>, f64) = graph.arcs(vertex as u32).fold((normals[vertex], 1.0), add);
@@ -77,20 +75,8 @@ pub fn orient(points: &[Vector3<f64>], seen_from_outside: f64, uv: &mut [[f64; 2
 /// Rotates and translates a map rigidly such that the positions `places` on it come as close as possible to `onto`, by
 /// least squares (Procrustes; Schönemann 1966). The means coincide afterwards. Returns the angle in radians,
 /// counterclockwise; 0 if the positions do not determine it. Panics if the numbers of positions differ.
-///
-/// # Examples
-/// ```
-/// use voxflat::orient::turn_onto;
-///
-/// let onto = [[0.0, 0.0], [2.0, 0.0], [0.0, 1.0]];
-/// let places = onto.map(|[x, y]| [5.0 - 3.0 * y, 3.0 * x]); // rotated, moved and three times as large
-/// let mut uv = places.to_vec();
-/// let turn = turn_onto(&places, &onto, &mut uv);
-/// assert!((turn + std::f64::consts::FRAC_PI_2).abs() < 1e-12);
-/// assert!((uv[1][0] - uv[0][0] - 6.0).abs() < 1e-12 && (uv[1][1] - uv[0][1]).abs() < 1e-12);
-/// ```
 pub fn turn_onto(places: &[[f64; 2]], onto: &[[f64; 2]], uv: &mut [[f64; 2]]) -> f64 {
-    assert_eq!(places.len(), onto.len(), "one place for each other");
+    assert_eq!(places.len(), onto.len(), "one target per position");
     if places.is_empty() {
         return 0.0;
     }
@@ -151,7 +137,7 @@ fn up_direction(points: &[Vector3<f64>], uv: &[[f64; 2]], mean: Vector2<f64>) ->
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::control::Control;
+    use crate::Control;
     use crate::geodesic::chain::{LinkLengths, chain_graph};
     use crate::tests::chained;
     use crate::volume::{Affine, Mask};

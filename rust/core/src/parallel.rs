@@ -3,7 +3,7 @@
 use std::sync::{Mutex, PoisonError};
 use std::thread::Builder;
 
-use crate::error::Result;
+use crate::Result;
 
 /// Processes all items; each thread takes the next item as soon as it is free. `scratch` is created once per thread.
 ///
@@ -12,9 +12,7 @@ use crate::error::Result;
 /// woke it while another processor is idle (docs/decisions/0002). `work` must not be parallel itself, because it runs
 /// outside the pool. Errors: The first error of `work`, after which no further item is started.
 pub(crate) fn in_turn<I, T>(
-    items: I,
-    scratch: impl Fn() -> T + Sync,
-    work: impl Fn(&mut T, I::Item) -> Result<()> + Sync,
+    items: I, scratch: impl Fn() -> T + Sync, work: impl Fn(&mut T, I::Item) -> Result<()> + Sync,
 ) -> Result<()>
 where
     I: ExactSizeIterator + Send,
@@ -48,7 +46,7 @@ where
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::error::Error;
+    use crate::Error;
     use crate::tests::with_threads as on;
     use std::sync::atomic::{AtomicUsize, Ordering};
 

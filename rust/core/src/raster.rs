@@ -9,10 +9,9 @@ use nalgebra::Vector2;
 use spade::{DelaunayTriangulation, HasPosition, Point2, Triangulation};
 
 use crate::adjacency::Links;
-use crate::control::Control;
-use crate::error::{Error, Result};
 use crate::lookup::is_inside;
 use crate::surface::voxels::graph::VoxelGraph;
+use crate::{Control, Error, Result};
 
 /// The maximum number of pixels of an image: 10,000 by 10,000 take 2.4 GB.
 const MOST_PIXELS: f64 = 1e8;
@@ -207,7 +206,6 @@ mod tests {
         Raster::draw(uv, &faces, pixel_size, &Control::default()).unwrap()
     }
 
-    /// (u, v) of a pixel's centre.
     fn centre(raster: &Raster, pixel: usize) -> [f64; 2] {
         let (row, column) = (pixel / raster.width, pixel % raster.width);
         [raster.origin[0] + column as f64 * raster.pixel_size, raster.origin[1] - row as f64 * raster.pixel_size]

@@ -8,8 +8,7 @@
 use nalgebra::{Matrix3, Vector3};
 use rayon::prelude::*;
 
-use crate::control::Control;
-use crate::error::Result;
+use crate::{Control, Result};
 
 /// The tolerance in barycentric coordinates, so that voxels on a common side lie in at least one tetrahedron.
 const SLACK: f64 = 1e-9;
@@ -40,30 +39,22 @@ pub struct InColumn {
 /// - `numbers`: The identity of each vertex; the two sides of a cut share it.
 /// - `shape`: The shape of the volume.
 pub fn voxels(
-    inner: &[[f64; 3]],
-    outer: &[[f64; 3]],
-    faces: &[[u32; 3]],
-    numbers: &[i64],
-    shape: [usize; 3],
-    middle: f64,
+    inner: &[[f64; 3]], outer: &[[f64; 3]], faces: &[[u32; 3]], numbers: &[i64], shape: [usize; 3], middle: f64,
     control: &Control,
 ) -> Result<Vec<InColumn>> {
     control.begin("finding voxels of the ribbon", faces.len().div_ceil(CHUNK) as u64);
-    let parts: Vec<Vec<InColumn>> = faces
-        .par_chunks(CHUNK)
-        .enumerate()
-        .map(|(part, faces)| {
-            control.check()?;
-            let mut found = Vec::new();
-            for (triangle, face) in ((part * CHUNK) as u32..).zip(faces) {
-                let place = |surface: &[[f64; 3]]| face.map(|vertex| Vector3::from(surface[vertex as usize]));
-                let numbers = face.map(|vertex| numbers[vertex as usize]);
-                column(triangle, &place(inner), &place(outer), &numbers, shape, &mut found);
-            }
-            control.advance();
-            Ok(found)
-        })
-        .collect::<Result<_>>()?;
+    let of_chunk = |(part, faces): (usize, &[[u32; 3]])| {
+        control.check()?;
+        let mut found = Vec::new();
+        for (triangle, face) in ((part * CHUNK) as u32..).zip(faces) {
+            let place = |surface: &[[f64; 3]]| face.map(|vertex| Vector3::from(surface[vertex as usize]));
+            let numbers = face.map(|vertex| numbers[vertex as usize]);
+            column(triangle, &place(inner), &place(outer), &numbers, shape, &mut found);
+        }
+        control.advance();
+        Ok(found)
+    };
+    let parts: Vec<Vec<InColumn>> = faces.par_chunks(CHUNK).enumerate().map(of_chunk).collect::<Result<_>>()?;
     let mut found = parts.concat();
     let off = |of: &InColumn| (of.fraction - middle).abs();
     found.par_sort_by(|a, b| a.voxel.cmp(&b.voxel).then(off(a).total_cmp(&off(b))).then(a.triangle.cmp(&b.triangle)));
@@ -71,13 +62,8 @@ pub fn voxels(
     Ok(found)
 }
 
-/// Finds the voxels of one column.
 fn column(
-    triangle: u32,
-    inner: &[Vector3<f64>; 3],
-    outer: &[Vector3<f64>; 3],
-    numbers: &[i64; 3],
-    shape: [usize; 3],
+    triangle: u32, inner: &[Vector3<f64>; 3], outer: &[Vector3<f64>; 3], numbers: &[i64; 3], shape: [usize; 3],
     found: &mut Vec<InColumn>,
 ) {
     if !inner.iter().chain(outer).flatten().all(|x| x.is_finite()) {
@@ -131,7 +117,6 @@ mod tests {
     use crate::surface::mesh::shapes;
     use proptest::prelude::*;
 
-    /// A sheet of triangles over a square, at a height above it.
     fn sheet(height: f64) -> (Vec<[f64; 3]>, Vec<[u32; 3]>) {
         let (points, faces) = shapes::sheet(4, 4);
         let points = points.iter().map(|[x, y, _]| [3.0 * x + 0.13, 3.0 * y + 0.17, height]).collect();

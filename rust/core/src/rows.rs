@@ -1,9 +1,8 @@
 //! Distance rows: the distances from many sources, computed in parallel; [`crate::store`] keeps them on disk.
 
-use crate::control::Control;
-use crate::error::{Error, Result};
 use crate::geodesic::Solver;
 use crate::parallel::in_turn;
+use crate::{Control, Error, Result};
 
 /// Distance rows in memory, on disk, or computed on demand.
 pub trait Rows {
@@ -59,10 +58,7 @@ impl DistanceRows {
 
     /// Computes rows from every source to the other sources, and complete rows if these are to be kept.
     pub(crate) fn among_sources<S: Solver>(
-        solver: &S,
-        sources: &[u32],
-        keep: bool,
-        control: &Control,
+        solver: &S, sources: &[u32], keep: bool, control: &Control,
     ) -> Result<(Self, Option<Self>)> {
         if keep {
             let rows = Self::compute(solver, sources, control)?;
@@ -83,7 +79,7 @@ impl DistanceRows {
     /// Creates rows from known distances, `columns` per row, one row after the other.
     /// Panics if the number of rows differs from the number of sources.
     pub fn new(sources: Vec<u32>, columns: usize, data: Vec<f32>) -> Self {
-        assert_eq!(data.len(), sources.len() * columns, "one row a source");
+        assert_eq!(data.len(), sources.len() * columns, "one row per source");
         Self { sources, columns, data }
     }
 
@@ -162,22 +158,16 @@ impl<S: Solver> Rows for PassingRows<'_, S> {
 
 /// Computes the rows of sources, one after the other in `data`. Threads take bundles in turn.
 fn measure<S: Solver>(
-    solver: &S,
-    sources: &[u32],
-    targets: Option<&[u32]>,
-    data: &mut [f32],
-    control: &Control,
+    solver: &S, sources: &[u32], targets: Option<&[u32]>, data: &mut [f32], control: &Control,
 ) -> Result<()> {
     let bundles = solver.bundles(sources, rayon::current_num_threads(), control)?;
     let columns = data.len() / sources.len().max(1);
     let mut rows: Vec<_> = data.chunks_exact_mut(columns.max(1)).collect();
-    let turns: Vec<_> = bundles
-        .into_iter()
-        .map(|bundle| {
-            let own: Vec<_> = bundle.iter().map(|&number| std::mem::take(&mut rows[number as usize])).collect();
-            (bundle, own)
-        })
-        .collect();
+    let with_rows = |bundle: Vec<u32>| {
+        let own = bundle.iter().map(|&number| std::mem::take(&mut rows[number as usize])).collect();
+        (bundle, own)
+    };
+    let turns: Vec<(Vec<u32>, Vec<&mut [f32]>)> = bundles.into_iter().map(with_rows).collect();
     let fill_next = |scratch: &mut S::Scratch, (bundle, mut rows): (Vec<u32>, Vec<&mut [f32]>)| {
         fill(solver, sources, &bundle, targets, &mut rows, scratch, control)
     };
@@ -186,13 +176,8 @@ fn measure<S: Solver>(
 
 /// Fills the rows of a bundle of sources, and counts them if all distances are finite.
 pub(crate) fn fill<S: Solver>(
-    solver: &S,
-    sources: &[u32],
-    bundle: &[u32],
-    targets: Option<&[u32]>,
-    rows: &mut [&mut [f32]],
-    scratch: &mut S::Scratch,
-    control: &Control,
+    solver: &S, sources: &[u32], bundle: &[u32], targets: Option<&[u32]>, rows: &mut [&mut [f32]],
+    scratch: &mut S::Scratch, control: &Control,
 ) -> Result<()> {
     let members: Vec<u32> = bundle.iter().map(|&number| sources[number as usize]).collect();
     solver.rows(&members, targets, rows, scratch, control)?;
@@ -227,7 +212,6 @@ mod tests {
         (0..count).map(|n| n * (graph.vertices() as u32 / count)).collect()
     }
 
-    /// Computes each row by a separate search.
     fn searched(graph: &VoxelGraph, sources: &[u32]) -> Vec<f32> {
         sources.iter().flat_map(|&source| row(graph, source)).collect()
     }

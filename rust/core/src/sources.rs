@@ -1,15 +1,12 @@
 //! Sources: the points from which distances are computed.
 
-use rand::SeedableRng;
-use rand::seq::index;
+use rand::{SeedableRng, seq::index};
 use rand_chacha::ChaCha8Rng;
 
 use crate::adjacency::Links;
-use crate::control::Control;
-use crate::error::{Error, Result};
 use crate::geodesic::shortest::Search;
-use crate::surface::Surface;
-use crate::surface::mesh::curvature::mean_curvature;
+use crate::surface::{Surface, mesh::curvature::mean_curvature};
+use crate::{Control, Error, Result};
 
 /// The smallest number of sources that span a plane.
 pub const FEWEST_SOURCES: usize = 3;
@@ -91,11 +88,7 @@ pub fn by_curvature(surface: &Surface, count: usize) -> Vec<f32> {
 }
 
 fn farthest(
-    graph: &impl Links,
-    count: usize,
-    seed: u64,
-    weights: Option<&[f32]>,
-    control: &Control,
+    graph: &impl Links, count: usize, seed: u64, weights: Option<&[f32]>, control: &Control,
 ) -> Result<Vec<u32>> {
     control.begin("choosing sources", count as u64);
     let mut search = Search::new(graph);
@@ -144,8 +137,7 @@ mod tests {
     use super::*;
     use crate::adjacency::distinct;
     use crate::geodesic::graph::GeodesicGraph;
-    use crate::surface::mesh::shapes;
-    use crate::surface::voxels::graph::VoxelGraph;
+    use crate::surface::{mesh::shapes, voxels::graph::VoxelGraph};
     use crate::tests::{chained, row};
     use crate::volume::Mask;
 
@@ -204,7 +196,7 @@ mod tests {
         let graph = bent_sheet();
         let control = Control::default();
         let choose = |sources: Sources| sources.choose(&graph, &control).unwrap();
-        for count in [3, 10, graph.len()] {
+        for count in [3, 10, graph.vertices()] {
             for seed in [0, 1] {
                 let random = choose(Sources::Random { count, seed });
                 assert_eq!(random, choose(Sources::Random { count, seed }));

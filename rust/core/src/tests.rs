@@ -4,35 +4,33 @@ use std::ops::Range;
 
 use proptest::prelude::*;
 
-use crate::control::Control;
-use crate::error::Result;
 use crate::geodesic::Solver;
 use crate::geodesic::chain::{LinkLengths, chain_graph};
 use crate::orient::map_area;
-use crate::surface::voxels::graph::VoxelGraph;
-use crate::surface::voxels::voxelmesh::VoxelMesh;
+use crate::surface::voxels::{graph::VoxelGraph, voxelmesh::VoxelMesh};
 use crate::surface::{Surface, VoxelSurface};
 use crate::volume::{Affine, Mask};
+use crate::{Control, Result};
 
 pub(crate) type Mesh = (Vec<[f64; 3]>, Vec<[i64; 3]>);
 
-/// Two meshes as one.
+/// Joins two meshes into one.
 pub(crate) fn both(one: &Mesh, other: &Mesh) -> Mesh {
     let others = other.1.iter().map(|face| face.map(|v| v + one.0.len() as i64));
     ([&one.0[..], &other.0].concat(), one.1.iter().copied().chain(others).collect())
 }
 
-/// A mesh with its points moved.
+/// Moves the points of a mesh.
 pub(crate) fn moved((points, faces): &Mesh, to: impl Fn(&[f64; 3]) -> [f64; 3]) -> Mesh {
     (points.iter().map(to).collect(), faces.clone())
 }
 
-/// The number of triangles that a map flips.
+/// Returns the number of triangles that a map flips.
 pub(crate) fn flipped(surface: &Surface, uv: &[[f64; 2]]) -> usize {
     surface.faces().iter().filter(|&&face| map_area(&[face], uv) <= 0.0).count()
 }
 
-/// Any mask of a shape that is not empty, as full as one of `shares`.
+/// Generates masks that are not empty, with a share of foreground within `shares`.
 pub(crate) fn masks(shape: [usize; 3], shares: Range<f64>) -> impl Strategy<Value = Mask> {
     let values = prop::collection::vec(0.0..1.0f64, shape.iter().product::<usize>());
     (values, shares).prop_filter_map("no foreground", move |(values, share)| {
@@ -40,13 +38,13 @@ pub(crate) fn masks(shape: [usize; 3], shares: Range<f64>) -> impl Strategy<Valu
     })
 }
 
-/// The surface of a mask as a solid's.
+/// Returns the surface of a solid.
 pub(crate) fn solid(mask: &Mask, spacing: [f64; 3]) -> Surface {
     let affine = Affine::from_spacing(spacing).unwrap();
     VoxelMesh::of_solid(mask, &affine, None, &Control::default()).unwrap().surface
 }
 
-/// The distances from a source, by a separate search.
+/// Returns the distances from a source, by a separate search.
 pub(crate) fn row<S: Solver>(solver: &S, source: u32) -> Vec<f32> {
     let mut row = vec![f32::NAN; solver.columns()];
     solver.row(source, &mut row, &mut solver.scratch(), &Control::default()).unwrap();
@@ -77,12 +75,12 @@ impl<S: Solver, F: Fn(&mut [f32]) -> Result<()> + Sync> Solver for Altered<'_, S
     }
 }
 
-/// The surface voxels of a mask whose voxels have some spacing, mm.
+/// Returns the surface voxels of a mask with a spacing in mm.
 pub(crate) fn voxels(mask: &Mask, spacing: [f64; 3]) -> VoxelSurface {
     VoxelSurface::from_mask(mask, Affine::from_spacing(spacing).unwrap(), &Control::default()).unwrap()
 }
 
-/// The same with their chain code.
+/// Returns the surface voxels with their chain-code graph.
 pub(crate) fn chained(mask: &Mask, spacing: [f64; 3]) -> (VoxelSurface, VoxelGraph) {
     let surface = voxels(mask, spacing);
     let graph = chain_graph(&surface, LinkLengths::ChainCode, &Control::default()).unwrap();

@@ -2,8 +2,8 @@
 
 use nalgebra::{Matrix3, Vector3};
 
-use crate::error::{Error, Result};
 use crate::scales::{SMALLEST, is_near};
+use crate::{Error, Result};
 
 /// Indices along an axis fit into 21 bits, so that three of them fit into one 64-bit Morton code.
 const LONGEST_AXIS: usize = 1 << 21;
@@ -22,12 +22,9 @@ impl Mask {
             return Err(Error::VolumeTooLarge { shape });
         }
         let needed = shape.iter().try_fold(1usize, |product, &n| product.checked_mul(n));
-        match needed {
-            Some(needed) if needed == inside.len() => {}
-            Some(needed) => {
-                return Err(Error::ShapeMismatch { shape, given: inside.len(), needed });
-            }
-            None => return Err(Error::VolumeTooLarge { shape }),
+        let needed = needed.ok_or(Error::VolumeTooLarge { shape })?;
+        if needed != inside.len() {
+            return Err(Error::ShapeMismatch { shape, given: inside.len(), needed });
         }
         if !inside.contains(&true) {
             return Err(Error::EmptyForeground { shape });
@@ -91,13 +88,12 @@ impl Affine {
 
     /// Creates the transform from a homogeneous 4 × 4 matrix.
     pub fn new(matrix: [[f64; 4]; 4]) -> Result<Self> {
-        if let Some(n) = (0..16).find(|n| !matrix[n / 4][n % 4].is_finite()) {
-            let (row, column) = (n / 4, n % 4);
-            return Err(Error::AffineNotFinite { row, column, value: matrix[row][column] });
+        let entries = || (0..16).map(|n| (n / 4, n % 4, matrix[n / 4][n % 4]));
+        if let Some((row, column, value)) = entries().find(|(.., value)| !value.is_finite()) {
+            return Err(Error::AffineNotFinite { row, column, value });
         }
-        if let Some(n) = (0..16).find(|n| !is_near(matrix[n / 4][n % 4])) {
-            let (row, column) = (n / 4, n % 4);
-            return Err(Error::AffineTooFar { row, column, value: matrix[row][column] });
+        if let Some((row, column, value)) = entries().find(|&(.., value)| !is_near(value)) {
+            return Err(Error::AffineTooFar { row, column, value });
         }
         if matrix[3] != [0.0, 0.0, 0.0, 1.0] {
             return Err(Error::AffineNotAffine { row: matrix[3] });
@@ -127,12 +123,8 @@ impl Affine {
         if let Some(axis) = (0..3).find(|&axis| spacing[axis] <= 0.0) {
             return Err(Error::SpacingNotPositive { axis, spacing: spacing[axis] });
         }
-        let mut matrix = [[0.0; 4]; 4];
-        for axis in 0..3 {
-            matrix[axis][axis] = spacing[axis];
-        }
-        matrix[3][3] = 1.0;
-        Self::new(matrix)
+        let [x, y, z] = spacing;
+        Self::new([[x, 0.0, 0.0, 0.0], [0.0, y, 0.0, 0.0], [0.0, 0.0, z, 0.0], [0.0, 0.0, 0.0, 1.0]])
     }
 
     /// Returns the distance between neighbouring voxel centres along each axis, in mm.

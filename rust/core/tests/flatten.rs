@@ -1,21 +1,23 @@
 //! Complete maps: properties that do not depend on the implementation of the stages.
 
-use voxflat::control::Control;
 use voxflat::flatten::{FlatMap, check_flattenable, grossmann2002};
 use voxflat::geodesic::chain::{LinkLengths, chain_graph};
 use voxflat::patch::{Disk, Selection, cut_out};
 use voxflat::sources::Sources;
-use voxflat::surface::VoxelSurface;
-use voxflat::surface::voxels::graph::VoxelGraph;
+use voxflat::surface::{VoxelSurface, voxels::graph::VoxelGraph};
 use voxflat::volume::{Affine, Mask};
-use voxflat::{Error, Result};
+use voxflat::{Control, Error, Result};
 
 fn surface_of(mask: &Mask, spacing: [f64; 3]) -> VoxelSurface {
     VoxelSurface::from_mask(mask, Affine::from_spacing(spacing).unwrap(), &Control::default()).unwrap()
 }
 
+fn part(surface: &VoxelSurface, keep: Option<&Mask>, disk: Option<Disk>) -> Result<(VoxelSurface, VoxelGraph)> {
+    cut_out(surface, &Selection { keep, disk }, LinkLengths::ChainCode, &Control::default())
+}
+
 fn whole(mask: &Mask, spacing: [f64; 3]) -> (VoxelSurface, VoxelGraph) {
-    cut_out(&surface_of(mask, spacing), &Selection::default(), LinkLengths::ChainCode, &Control::default()).unwrap()
+    part(&surface_of(mask, spacing), None, None).unwrap()
 }
 
 fn flatten(mask: &Mask, spacing: [f64; 3], sources: usize) -> Result<FlatMap> {
@@ -23,7 +25,7 @@ fn flatten(mask: &Mask, spacing: [f64; 3], sources: usize) -> Result<FlatMap> {
     grossmann2002(&surface, &graph, &Sources::Farthest { count: sources, seed: 0 }, 0, false, &Control::default())
 }
 
-/// A half cylinder of this radius in voxels, one voxel thick.
+/// Returns a half cylinder of this radius in voxels, one voxel thick.
 fn half_cylinder(radius: f64, length: usize) -> Mask {
     let size = 2 * radius as usize + 5;
     let middle = size as f64 / 2.0;
@@ -68,8 +70,7 @@ fn a_closed_surface_is_refused_and_a_patch_of_it_is_not() {
     let control = Control::default();
     assert!(matches!(check_flattenable(&surface, &control), Err(Error::Closed { euler: 2, .. })));
     let disk = Disk { seed_point: [14, 14, 2], radius: 15.0 };
-    let selection = Selection { keep: None, disk: Some(disk) };
-    let (part, graph) = cut_out(&surface, &selection, LinkLengths::ChainCode, &control).unwrap();
+    let (part, graph) = part(&surface, None, Some(disk)).unwrap();
     assert_eq!(check_flattenable(&part, &control).unwrap().euler, 1);
     let map = grossmann2002(&part, &graph, &Sources::Random { count: 100, seed: 1 }, 0, false, &control).unwrap();
     assert!(map.distortion.raw.relative_error < 0.1);
@@ -82,8 +83,7 @@ fn a_geodesic_disk_holds_exactly_what_is_near_along_the_surface() {
     let graph = chain_graph(&surface, LinkLengths::ChainCode, &control).unwrap();
     let seed = surface.voxels()[surface.len() / 2];
     let disk = Disk { seed_point: seed.map(i64::from), radius: 14.0 };
-    let selection = Selection { keep: None, disk: Some(disk) };
-    let (part, _) = cut_out(&surface, &selection, LinkLengths::ChainCode, &control).unwrap();
+    let (part, _) = part(&surface, None, Some(disk)).unwrap();
     let source = surface.find(seed.map(i64::from)).unwrap() as u32;
     let rows = voxflat::rows::DistanceRows::compute(&graph, &[source], &control).unwrap();
     for (voxel, &distance) in surface.voxels().iter().zip(rows.row(0)) {
@@ -96,26 +96,20 @@ fn pieces_are_told_apart() {
     let two = Mask::from_fn([30, 20, 3], |[i, _, k]| k == 1 && !(10..14).contains(&i)).unwrap();
     let (largest, _) = whole(&two, [1.0; 3]);
     assert_eq!(largest.len(), 16 * 20);
-    let selection = Selection { keep: Some(&two), disk: None };
-    let error =
-        cut_out(&surface_of(&two, [1.0; 3]), &selection, LinkLengths::ChainCode, &Control::default()).unwrap_err();
+    let error = part(&surface_of(&two, [1.0; 3]), Some(&two), None).unwrap_err();
     assert_eq!(error, Error::Disconnected { count: 2, sizes: "320, 200".into() });
 }
 
 #[test]
 fn bad_patches_are_refused() {
     let surface = surface_of(&half_cylinder(8.0, 20), [1.0; 3]);
-    let cut = |disk| {
-        let selection = Selection { keep: None, disk: Some(disk) };
-        cut_out(&surface, &selection, LinkLengths::ChainCode, &Control::default()).unwrap_err()
-    };
+    let cut = |disk| part(&surface, None, Some(disk)).unwrap_err();
     for radius in [0.0, -3.0, f64::NAN, f64::INFINITY] {
         assert!(matches!(cut(Disk { seed_point: [0; 3], radius }), Error::RadiusNotPositive { .. }));
     }
     assert!(matches!(cut(Disk { seed_point: [500, 0, 0], radius: 3.0 }), Error::SeedOffSurface { .. }));
     let elsewhere = Mask::from_fn(surface.shape(), |v| v == [0, 0, 0]).unwrap();
-    let selection = Selection { keep: Some(&elsewhere), disk: None };
-    let error = cut_out(&surface, &selection, LinkLengths::ChainCode, &Control::default()).unwrap_err();
+    let error = part(&surface, Some(&elsewhere), None).unwrap_err();
     assert_eq!(error, Error::EmptyPatch { points: surface.len() });
 }
 

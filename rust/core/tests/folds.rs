@@ -1,8 +1,7 @@
-//! Random surfaces of any shape: the default map flips no triangle, does not overlap itself, and is the same, bit by
-//! bit, for any number of threads.
+//! The default map of a random surface flips no triangle, does not overlap itself, and is bit-identical for any number
+//! of threads.
 //!
-//! `VOXFLAT_CASES=10000 cargo test --release --workspace --test folds` tries as many, in half an hour of two
-//! processors.
+//! `VOXFLAT_CASES=10000 cargo test --release --workspace --test folds` runs 10,000 cases, in half an hour on two cores.
 
 use std::f64::consts::TAU;
 
@@ -10,11 +9,9 @@ use nalgebra::Vector3;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use robust::{Coord, orient2d};
-use voxflat::control::Control;
 use voxflat::distortion::overlap::overlaps;
 use voxflat::embed::stress::levels::Levels;
-use voxflat::flatten::voxflat::Options;
-use voxflat::flatten::{self, FlatMap};
+use voxflat::flatten::{self, FlatMap, voxflat::Options};
 use voxflat::geodesic::graph::GeodesicGraph;
 use voxflat::patch::largest_piece;
 use voxflat::sources::Sources;
@@ -24,11 +21,11 @@ use voxflat::surface::mesh::shapes;
 use voxflat::surface::voxels::repair::to_genus_zero;
 use voxflat::surface::voxels::voxelmesh::VoxelMesh;
 use voxflat::volume::{Affine, Mask};
-use voxflat::{Error, Result};
+use voxflat::{Control, Error, Result};
 
 type Triangles = (Vec<[f64; 3]>, Vec<[i64; 3]>);
 
-/// Adds hills, pits and spikes, narrow and wide, along a way out of the surface at each point.
+/// Adds narrow and wide hills and pits along the outward direction `out` at each point.
 fn add_hills(points: &mut [[f64; 3]], out: impl Fn(Vector3<f64>) -> Vector3<f64>, size: f64, rng: &mut ChaCha8Rng) {
     let before: Vec<Vector3<f64>> = points.iter().map(|&point| point.into()).collect();
     for _ in 0..rng.random_range(0..12) {
@@ -50,7 +47,7 @@ fn stretch(points: &mut [[f64; 3]], rng: &mut ChaCha8Rng) {
     }
 }
 
-/// A sheet, irregular or not, with hills, rolled up or not.
+/// Returns a sheet with hills, which may be irregular or rolled up.
 fn crumpled(rng: &mut ChaCha8Rng) -> Triangles {
     let most = if rng.random_bool(0.05) { 90 } else { 36 };
     let (m, n) = (rng.random_range(6..most), rng.random_range(6..most));
@@ -72,7 +69,7 @@ fn crumpled(rng: &mut ChaCha8Rng) -> Triangles {
     (points, faces)
 }
 
-/// A ball with fingers and dents, a mouth of any size torn into it, or none.
+/// Returns a ball with bumps and dents, most often with an opening.
 fn blown(rng: &mut ChaCha8Rng) -> Triangles {
     let (mut points, mut faces) = shapes::sphere(if rng.random_bool(0.05) { 5 } else { rng.random_range(2..5) });
     add_hills(&mut points, |point| point.normalize(), 2.0, rng);
@@ -90,7 +87,7 @@ fn ring(rng: &mut ChaCha8Rng) -> Triangles {
     (points, faces)
 }
 
-/// Boxes put together, as a segmentation is: a hull of voxels' faces.
+/// Returns the surface of a union of boxes, as an example of a segmentation.
 fn boxes(rng: &mut ChaCha8Rng, control: &Control) -> Result<Surface> {
     let shape = [0; 3].map(|_| rng.random_range(6..20usize));
     let mut bits = vec![false; shape.iter().product()];
@@ -109,7 +106,7 @@ fn boxes(rng: &mut ChaCha8Rng, control: &Control) -> Result<Surface> {
     Ok(VoxelMesh::of(&repaired.mask, &affine, None, None, control)?.surface)
 }
 
-/// A disk of whatever kind.
+/// Returns a random disk.
 fn random_disk(rng: &mut ChaCha8Rng, control: &Control) -> Result<Surface> {
     let surface = match rng.random_range(0..8) {
         0..3 => moved(crumpled(rng), rng)?,
@@ -122,7 +119,7 @@ fn random_disk(rng: &mut ChaCha8Rng, control: &Control) -> Result<Surface> {
 
 fn moved((mut points, faces): Triangles, rng: &mut ChaCha8Rng) -> Result<Surface> {
     stretch(&mut points, rng);
-    let size = 10f64.powf(rng.random_range(-1.0..1.5)); // some mm, or a hundred of them: bands of distances end at 10 and 30
+    let size = 10f64.powf(rng.random_range(-1.0..1.5)); // bands of distances end at 10 and 30 mm
     points.iter_mut().flatten().for_each(|x| *x *= size);
     Ok(Surface::repaired(&points, &faces)?.0)
 }
@@ -138,7 +135,7 @@ fn map(disk: &Surface, sources: usize, weighting: f64, threads: usize, control: 
     })
 }
 
-/// Number of triangles that do not run counterclockwise, by exact arithmetic.
+/// Returns the number of triangles that do not run counterclockwise, by exact arithmetic.
 fn not_upright(disk: &Surface, uv: &[[f64; 2]]) -> usize {
     let place = |vertex: u32| Coord { x: uv[vertex as usize][0], y: uv[vertex as usize][1] };
     let is_upright = |face: &[u32; 3]| {

@@ -1,19 +1,15 @@
-//! Small inputs of any kind give a valid map or an error, never a panic, at any size within the scales.
+//! Small inputs of any kind and size give a valid map or an error, never a panic.
 //!
-//! `VOXFLAT_CASES=100000 cargo test --release --test hostile` tries as many of each.
+//! `VOXFLAT_CASES=100000 cargo test --release --test hostile` runs 100,000 cases of each test.
 
 use std::sync::mpsc::{RecvTimeoutError, channel};
 use std::time::Duration;
 
 use proptest::prelude::*;
-use voxflat::control::Control;
 use voxflat::embed::stress::levels::Levels;
-use voxflat::flatten::voxflat::Options;
-use voxflat::flatten::{self, FlatMap, grossmann2002, saucan2006, schwartz1989, zigelman2002};
-use voxflat::geodesic::chain::LinkLengths;
-use voxflat::geodesic::exact::Exact;
-use voxflat::geodesic::graph::GeodesicGraph;
+use voxflat::flatten::{self, FlatMap, grossmann2002, saucan2006, schwartz1989, voxflat::Options, zigelman2002};
 use voxflat::geodesic::marching::{Marching, Wave};
+use voxflat::geodesic::{chain::LinkLengths, exact::Exact, graph::GeodesicGraph};
 use voxflat::patch::{self, Selection, cut_out};
 use voxflat::rows::DistanceRows;
 use voxflat::scales::{FARTHEST, SMALLEST};
@@ -24,7 +20,7 @@ use voxflat::surface::voxels::repair::to_genus_zero;
 use voxflat::surface::voxels::voxelmesh::VoxelMesh;
 use voxflat::surface::{Surface, VoxelSurface};
 use voxflat::volume::{Affine, Mask};
-use voxflat::{Error, Result};
+use voxflat::{Control, Error, Result};
 
 fn cases(usual: u32) -> ProptestConfig {
     let cases = std::env::var("VOXFLAT_CASES").ok().and_then(|text| text.parse().ok()).unwrap_or(usual);
@@ -56,7 +52,7 @@ fn watched(
 
 type Soup = (Vec<[f64; 3]>, Vec<[i64; 3]>);
 
-/// A coordinate: on a small grid, so that places and lines coincide; or any; or of any size; rarely none.
+/// Generates coordinates: small integers, so that points coincide; ordinary, tiny and huge numbers; rarely NaN.
 fn coordinate() -> impl Strategy<Value = f64> {
     prop_oneof![
         8 => (0..4).prop_map(f64::from),
@@ -66,7 +62,7 @@ fn coordinate() -> impl Strategy<Value = f64> {
     ]
 }
 
-/// Arbitrary triangles.
+/// Generates arbitrary triangles.
 fn soup() -> impl Strategy<Value = Soup> {
     (3usize..12).prop_flat_map(|count| {
         let faces = prop::collection::vec(prop::array::uniform3(-1..count as i64 + 1), 0..24);
@@ -74,8 +70,8 @@ fn soup() -> impl Strategy<Value = Soup> {
     })
 }
 
-/// A sheet, a ball or a ring, some of whose vertices were moved anywhere and some of whose triangles were taken out,
-/// turned or doubled.
+/// Generates sheets, balls and rings, some of whose vertices are displaced, and some of whose triangles are removed,
+/// reversed or duplicated.
 fn spoiled() -> impl Strategy<Value = Soup> {
     let whole = prop::sample::select(vec![0, 1, 2]).prop_map(|kind| match kind {
         0 => shapes::sheet(5, 4),
@@ -122,7 +118,7 @@ fn all_maps(surface: &Surface, control: &Control) -> Result<Vec<Result<FlatMap>>
     ])
 }
 
-/// A map of finite places, as many as it says; figures that are numbers, or undefined.
+/// Checks that the positions of a map are finite, and that its figures are numbers or undefined.
 fn assert_valid(map: &FlatMap) -> std::result::Result<(), TestCaseError> {
     prop_assert!(map.uv.iter().flatten().all(|x| x.is_finite()), "{:?}", map.uv);
     prop_assert!(map.normals.iter().all(|n| n.iter().all(|x| x.is_nan()) || n.norm() < 1.0 + 1e-9));
@@ -134,7 +130,7 @@ fn assert_valid(map: &FlatMap) -> std::result::Result<(), TestCaseError> {
     Ok(())
 }
 
-/// Calls all functions on triangles; each returns an error if it is not possible.
+/// Calls all functions on triangles; each of them may return an error.
 fn worked_through((points, faces): &Soup, control: &Control) -> std::result::Result<(), TestCaseError> {
     let defects = Surface::defects(points, faces);
     for made in [Surface::from_triangles(points, faces), Surface::repaired(points, faces)] {

@@ -1,42 +1,38 @@
-//! Properties of all long computations: they end when cancelled, and do not depend on the number of threads, bit by
-//! bit.
+//! All long computations end when cancelled, and are bit-identical for any number of threads.
 
 use std::fmt::Debug;
 
-use voxflat::control::Control;
 use voxflat::distortion::{distances, evaluate, faces, overlap};
-use voxflat::embed::sammon;
-use voxflat::embed::stress::levels::Levels;
+use voxflat::embed::{sammon, stress::levels::Levels};
 use voxflat::flatten::relaxation::{Relaxation, relax};
 use voxflat::flatten::{self, check_flattenable, grossmann2002, saucan2006, schwartz1989, zigelman2002};
 use voxflat::geodesic::chain::{LinkLengths, chain_graph};
-use voxflat::geodesic::exact::Exact;
-use voxflat::geodesic::graph::GeodesicGraph;
 use voxflat::geodesic::marching::{Marching, Wave};
 use voxflat::geodesic::neighbourhood::{Neighbourhoods, sizes_of_rings};
+use voxflat::geodesic::{exact::Exact, graph::GeodesicGraph};
 use voxflat::place::reinsertion::{self, Placing};
 use voxflat::rows::DistanceRows;
 use voxflat::sources::Sources;
-use voxflat::sphere::map::spherical_map;
-use voxflat::sphere::pattern::pattern;
+use voxflat::sphere::{map::spherical_map, pattern::pattern};
 use voxflat::surface::mesh::curvature::smooth_mean_curvature;
 use voxflat::surface::mesh::shapes;
 use voxflat::surface::sulcal_depth::sulcal_depth;
-use voxflat::surface::topology::{loops, thin::thin_places};
+use voxflat::surface::topology::loops;
+use voxflat::surface::topology::thin::thin_places;
 use voxflat::surface::voxels::repair::to_genus_zero;
 use voxflat::surface::voxels::voxelmesh::VoxelMesh;
 use voxflat::surface::{Surface, VoxelSurface, cuts, decimate};
 use voxflat::volume::{Affine, Mask};
-use voxflat::{Error, Result, atlas, patch};
+use voxflat::{Control, Error, Result, atlas, patch};
 
 type Job<'a> = Box<dyn Fn(&Control) -> Result<String> + Sync + 'a>;
 
-/// The result of a job as text, which shows every bit, and in which NaN equals itself.
+/// Returns the result of a job as text, which shows every bit, and in which NaN equals itself.
 fn job<'a, T: Debug>(of: impl Fn(&Control) -> Result<T> + Sync + 'a) -> Job<'a> {
     Box::new(move |control| of(control).map(|found| format!("{found:?}")))
 }
 
-/// A cap of a ball with furrows: a disk that cannot be flattened without distortion.
+/// Returns a cap of a ball with furrows, a disk that cannot be flattened without distortion.
 fn cap() -> Surface {
     let (points, faces) = shapes::sphere(4);
     let bumpy = |&[x, y, z]: &[f64; 3]| [x, y, z].map(|c| 20.0 * c * (1.0 + 0.1 * (9.0 * x).sin() * (7.0 * y).cos()));
@@ -53,7 +49,7 @@ fn long_work_ends_when_it_is_cancelled_and_is_the_same_by_any_number_of_threads(
     let sources: &Vec<u32> = &(0..disk.len() as u32).step_by(9).collect(); // enough sources for bundles
     let few = &sources[..10];
     let marching = &Marching::new(disk, Wave::Circle, control).unwrap();
-    let pairs = &Neighbourhoods::measure(disk, Some(2), &few[..2], control).unwrap();
+    let pairs = &Neighbourhoods::measure(disk, Some(2), &few[..2], false, control).unwrap().0;
     let coarse =
         &decimate::decimate(disk, &[], &decimate::Options { vertices: 60, ..Default::default() }, control).unwrap();
     let mask =
@@ -76,7 +72,7 @@ fn long_work_ends_when_it_is_cancelled_and_is_the_same_by_any_number_of_threads(
         ("rows, exact", job(|c| DistanceRows::compute(&Exact::new(disk), few, c))),
         ("rows of voxels", job(|c| DistanceRows::compute(links, few, c))),
         ("sources", job(|c| farthest.choose(graph, c))),
-        ("neighbourhoods", job(|c| Neighbourhoods::measure(disk, Some(3), &few[..2], c))),
+        ("neighbourhoods", job(|c| Neighbourhoods::measure(disk, Some(3), &few[..2], false, c))),
         ("rings", job(|c| sizes_of_rings(disk, None, c))),
         ("Sammon", job(|c| sammon::descend(pairs, uv.clone(), c))),
         (

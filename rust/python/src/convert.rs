@@ -6,10 +6,8 @@ use numpy::{
     PyUntypedArrayMethods,
 };
 use pyo3::prelude::*;
-use pyo3::types::{IntoPyDict, PyDict, PyList};
-use voxflat::distortion::faces::FaceDistortion;
-use voxflat::distortion::overlap::Overlap;
-use voxflat::distortion::{Distortion, Figures};
+use pyo3::types::{IntoPyDict, PyDict};
+use voxflat::distortion::{Distortion, Figures, faces::FaceDistortion, overlap::Overlap};
 use voxflat::flatten::FlatMap;
 use voxflat::sources::Sources;
 use voxflat::surface::voxels::level::Level;
@@ -23,7 +21,7 @@ pub type GivenImage<'py, T> = PyReadonlyArray3<'py, T>;
 pub type Values<'py, T> = Bound<'py, PyArray1<T>>;
 pub type Table<'py, T> = Bound<'py, PyArray2<T>>;
 pub type Dict<'py> = Bound<'py, PyDict>;
-pub type List<'py> = Bound<'py, PyList>;
+pub type List<'py> = Vec<Dict<'py>>;
 
 /// Creates a dictionary of named values.
 macro_rules! dict {
@@ -34,7 +32,16 @@ macro_rules! dict {
     }};
 }
 
-pub(crate) use dict;
+/// Returns an InputError with a formatted message unless a condition holds.
+macro_rules! ensure {
+    ($condition:expr, $($message:tt)+) => {
+        if !$condition {
+            return Err($crate::work::InputError::new_err(format!($($message)+)));
+        }
+    };
+}
+
+pub(crate) use {dict, ensure};
 
 /// Creates a mask from a boolean array of any strides.
 pub fn mask(array: &GivenImage<'_, bool>) -> PyResult<Mask> {
@@ -56,24 +63,14 @@ pub fn values<T: numpy::Element + Copy>(array: &Given<'_, T>) -> Vec<T> {
 /// Returns rows of a fixed width from a two-dimensional array.
 pub fn rows<T: numpy::Element + Copy, const W: usize>(array: &GivenTable<'_, T>, name: &str) -> PyResult<Vec<[T; W]>> {
     let view = array.as_array();
-    if view.ncols() != W {
-        return Err(InputError::new_err(format!(
-            "{name} has shape {:?}. Give an array with {W} columns",
-            view.shape()
-        )));
-    }
+    ensure!(view.ncols() == W, "{name} has shape {:?}. Give an array with {W} columns", view.shape());
     Ok(view.rows().into_iter().map(|row| std::array::from_fn(|column| row[column])).collect())
 }
 
 /// Returns triangles in the plane from an array of their corners.
 pub fn triangles(array: &GivenImage<'_, f64>, name: &str) -> PyResult<Vec<[[f64; 2]; 3]>> {
     let view = array.as_array();
-    if view.shape()[1..] != [3, 2] {
-        return Err(InputError::new_err(format!(
-            "{name} has shape {:?}. Give an array of shape (F, 3, 2)",
-            view.shape()
-        )));
-    }
+    ensure!(view.shape()[1..] == [3, 2], "{name} has shape {:?}. Give an array of shape (F, 3, 2)", view.shape());
     Ok(view.outer_iter().map(|of| std::array::from_fn(|k| std::array::from_fn(|axis| of[[k, axis]]))).collect())
 }
 
@@ -84,8 +81,7 @@ pub fn plain<V: Copy + Into<[f64; 3]>>(vectors: &[V]) -> Vec<[f64; 3]> {
 
 /// Creates a two-dimensional array from rows of a fixed width.
 pub fn array<'py, T: numpy::Element + Copy, const W: usize>(
-    py: Python<'py>,
-    rows: &[[T; W]],
+    py: Python<'py>, rows: &[[T; W]],
 ) -> PyResult<Table<'py, T>> {
     table(py, rows.as_flattened().to_vec(), W)
 }
@@ -102,14 +98,13 @@ pub fn check_vertices(vertices: impl IntoIterator<Item = u32>, points: usize) ->
     voxflat::error::check_points(vertices, points).map_err(to_python)
 }
 
-/// Checks that there are as many values or rows as points of the surface.
-pub fn check_length(given: usize, points: usize, name: &str) -> PyResult<()> {
-    if given == points {
-        return Ok(());
-    }
-    Err(InputError::new_err(format!(
-        "{name} has {given} rows, but the surface has {points} points. Give one row per point"
-    )))
+/// Checks that an array has one entry per `item` of the surface, "point" or "face".
+pub fn check_length(given: usize, items: usize, name: &str, item: &str) -> PyResult<()> {
+    ensure!(
+        given == items,
+        "{name} has length {given}, but the surface has {items} {item}s. Give one entry per {item}"
+    );
+    Ok(())
 }
 
 /// Returns the numbers of vertices of a surface with `points` vertices.
@@ -121,9 +116,7 @@ pub fn vertices(array: &Given<'_, u32>, points: usize) -> PyResult<Vec<u32>> {
 
 /// Returns a three-dimensional view of a table.
 pub fn image<'py, T: numpy::Element>(
-    table: Table<'py, T>,
-    height: usize,
-    width: usize,
+    table: Table<'py, T>, height: usize, width: usize,
 ) -> PyResult<Bound<'py, numpy::PyArray3<T>>> {
     let depth = table.shape()[1];
     table.reshape([height, width, depth])

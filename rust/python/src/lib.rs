@@ -2,6 +2,8 @@
 //!
 //! Arrays are copied with the GIL; everything else that takes time runs without it.
 
+#![allow(clippy::too_many_arguments)] // keyword arguments in Python
+
 mod convert;
 mod nearest;
 mod raster;
@@ -23,11 +25,7 @@ fn store_memory_need(columns: usize, rows: usize, threads: usize) -> u64 {
 #[pyfunction]
 #[pyo3(signature = (directory, columns, checksums, progress=None))]
 fn damaged_rows(
-    py: Python<'_>,
-    directory: PathBuf,
-    columns: usize,
-    checksums: Vec<Option<u32>>,
-    progress: work::Progress<'_>,
+    py: Python<'_>, directory: PathBuf, columns: usize, checksums: Vec<Option<u32>>, progress: work::Progress<'_>,
 ) -> PyResult<Vec<usize>> {
     work::run(py, None, &progress, move |control| {
         voxflat::store::damaged_rows(&directory, columns, &checksums, control)

@@ -7,8 +7,8 @@ use pyo3::prelude::*;
 use voxflat::nearest::NearestFinder as CoreFinder;
 use voxflat::ribbon;
 
-use crate::convert::{self, Given, GivenTable, Table, Values};
-use crate::work::{InputError, Progress, run};
+use crate::convert::{self, Given, GivenTable, Table, Values, ensure};
+use crate::work::{Progress, run};
 
 type Found<'py> = (Values<'py, i64>, Table<'py, f64>, Values<'py, f64>);
 type Columns<'py> = (Values<'py, u64>, Values<'py, u32>, Table<'py, f64>, Values<'py, f64>);
@@ -52,29 +52,19 @@ impl NearestFinder {
 /// assigned to the one in which its depth is closest to `middle`.
 #[pyfunction]
 #[pyo3(signature = (inner, outer, faces, numbers, shape, middle, progress=None))]
-#[allow(clippy::too_many_arguments)]
 pub fn ribbon_voxels<'py>(
-    py: Python<'py>,
-    inner: GivenTable<'py, f64>,
-    outer: GivenTable<'py, f64>,
-    faces: GivenTable<'py, u32>,
-    numbers: Given<'py, i64>,
-    shape: [usize; 3],
-    middle: f64,
-    progress: Progress<'py>,
+    py: Python<'py>, inner: GivenTable<'py, f64>, outer: GivenTable<'py, f64>, faces: GivenTable<'py, u32>,
+    numbers: Given<'py, i64>, shape: [usize; 3], middle: f64, progress: Progress<'py>,
 ) -> PyResult<Columns<'py>> {
     let inner = convert::rows::<_, 3>(&inner, "inner")?;
     let outer = convert::rows::<_, 3>(&outer, "outer")?;
     let faces = convert::rows::<_, 3>(&faces, "faces")?;
     let numbers = convert::values(&numbers);
-    if outer.len() != inner.len() || numbers.len() != inner.len() {
-        return Err(InputError::new_err(format!(
-            "inner has {} points, outer {} and numbers {}. Give one of each per vertex",
-            inner.len(),
-            outer.len(),
-            numbers.len()
-        )));
-    }
+    let counts = [inner.len(), outer.len(), numbers.len()];
+    ensure!(
+        counts == [inner.len(); 3],
+        "inner, outer and numbers have {counts:?} rows. Give the same number of rows in each, one per vertex"
+    );
     convert::check_vertices(faces.iter().flatten().copied(), inner.len())?;
     let found = run(py, None, &progress, move |control| {
         ribbon::voxels(&inner, &outer, &faces, &numbers, shape, middle, control)

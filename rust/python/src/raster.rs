@@ -8,7 +8,7 @@ use voxflat::lookup::TriangleFinder as CoreFinder;
 use voxflat::raster::{Faces, Raster};
 
 use crate::convert::{self, Given, GivenImage, GivenTable, Table, Values};
-use crate::work::{InputError, Progress, run};
+use crate::work::{Progress, run};
 
 type Found<'py> = (Values<'py, i64>, Table<'py, f64>);
 type Pixels<'py> = (Bound<'py, PyArray3<u32>>, Bound<'py, PyArray3<f32>>, [f64; 2]);
@@ -20,24 +20,14 @@ type Pixels<'py> = (Bound<'py, PyArray3<u32>>, Bound<'py, PyArray3<f32>>, [f64; 
 #[pyfunction]
 #[pyo3(signature = (uv, faces, torn, pixel_size, progress=None))]
 pub fn draw<'py>(
-    py: Python<'py>,
-    uv: GivenTable<'py, f64>,
-    faces: GivenTable<'py, u32>,
-    torn: Given<'py, bool>,
-    pixel_size: f64,
+    py: Python<'py>, uv: GivenTable<'py, f64>, faces: GivenTable<'py, u32>, torn: Given<'py, bool>, pixel_size: f64,
     progress: Progress<'py>,
 ) -> PyResult<Pixels<'py>> {
     let uv = convert::rows::<_, 2>(&uv, "uv")?;
     let corners = convert::rows::<_, 3>(&faces, "faces")?;
     convert::check_vertices(corners.iter().flatten().copied(), uv.len())?;
     let torn = convert::values(&torn);
-    if torn.len() != corners.len() {
-        return Err(InputError::new_err(format!(
-            "torn has {} values, but there are {} faces. Give one value per face",
-            torn.len(),
-            corners.len()
-        )));
-    }
+    convert::check_length(torn.len(), corners.len(), "torn", "face")?;
     let faces = Faces { corners, torn };
     let raster = run(py, Some(1), &progress, move |control| Raster::draw(&uv, &faces, pixel_size, control))?;
     let corners = convert::image(convert::array(py, &raster.corners)?, raster.height, raster.width)?;

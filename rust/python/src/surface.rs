@@ -13,15 +13,12 @@ use std::sync::{Arc, Mutex};
 use ndarray::Array3;
 use numpy::{IntoPyArray, PyArray3};
 use pyo3::prelude::*;
-use voxflat::control::Control;
 use voxflat::geodesic::graph::GeodesicGraph;
-use voxflat::patch;
-use voxflat::surface::Surface as CoreSurface;
-use voxflat::surface::mesh;
-use voxflat::surface::voxels::repair::to_genus_zero;
-use voxflat::surface::voxels::sheets;
 use voxflat::surface::voxels::voxelmesh::{Kind, VoxelMesh};
+use voxflat::surface::voxels::{repair::to_genus_zero, sheets};
+use voxflat::surface::{Surface as CoreSurface, mesh};
 use voxflat::volume::Affine;
+use voxflat::{Control, patch};
 
 use crate::convert::{self, Dict, Given, GivenImage, GivenTable, Table, Values, dict};
 use crate::work::{InputError, Progress, Threads, run, run_on, to_python};
@@ -58,15 +55,12 @@ impl Inner {
 
 #[pymethods]
 impl Surface {
-    /// Creates a surface from points (N, 3) in mm and triangles (F, 3), with its repairs; defects are errors unless
-    /// `mend`.
+    /// Create a surface from points (N, 3) in mm and triangles (F, 3); also return its repairs. Defects are errors
+    /// unless `mend` is true.
     #[staticmethod]
     #[pyo3(signature = (points, faces, mend=false))]
     fn from_triangles<'py>(
-        py: Python<'py>,
-        points: GivenTable<'py, f64>,
-        faces: GivenTable<'py, i64>,
-        mend: bool,
+        py: Python<'py>, points: GivenTable<'py, f64>, faces: GivenTable<'py, i64>, mend: bool,
     ) -> PyResult<(Self, Dict<'py>)> {
         let points = convert::rows::<_, 3>(&points, "points")?;
         let faces = convert::rows::<_, 3>(&faces, "faces")?;
@@ -85,19 +79,14 @@ impl Surface {
         Ok((surface.into(), dict))
     }
 
-    /// Creates a surface from a boolean (I, J, K) array and a (4, 4) affine to RAS+ mm. `level` is an image (I, J, K)
-    /// and its value on the surface; `sheet` is whether it is a voxel sheet. Also returns the voxel of each vertex (N,
-    /// 3) and details.
+    /// Create a surface from a boolean (I, J, K) array and a (4, 4) affine to RAS+ mm. `level` is an image (I, J, K)
+    /// and its value on the surface; `sheet` is whether the label is a voxel sheet. Also return the voxel of each vertex
+    /// (N, 3) and details.
     #[staticmethod]
     #[pyo3(signature = (mask, affine, level=None, sheet=None, threads=None, progress=None))]
     fn from_mask<'py>(
-        py: Python<'py>,
-        mask: GivenImage<'py, bool>,
-        affine: [[f64; 4]; 4],
-        level: Option<(GivenImage<'py, f32>, f64)>,
-        sheet: Option<bool>,
-        threads: Threads,
-        progress: Progress<'py>,
+        py: Python<'py>, mask: GivenImage<'py, bool>, affine: [[f64; 4]; 4],
+        level: Option<(GivenImage<'py, f32>, f64)>, sheet: Option<bool>, threads: Threads, progress: Progress<'py>,
     ) -> PyResult<FromMask<'py>> {
         let affine = Affine::new(affine).map_err(to_python)?;
         let mask = convert::mask(&mask)?;
@@ -128,7 +117,7 @@ impl Surface {
         convert::array(py, &points)
     }
 
-    /// Unit normals (N, 3) of the vertices, means of those of their faces.
+    /// Unit normals (N, 3) of the vertices: the means of the normals of their faces.
     #[getter]
     fn normals<'py>(&self, py: Python<'py>) -> PyResult<Table<'py, f64>> {
         let normals = self.run(py, Some(1), &None, move |inner, _| Ok(convert::plain(&inner.surface.normals())))?;
@@ -150,36 +139,21 @@ impl Surface {
     /// Return the faces whose corners are all kept (N).
     fn part(&self, py: Python<'_>, keep: Given<'_, bool>) -> PyResult<Self> {
         let keep = convert::values(&keep);
-        if keep.len() != self.0.surface.len() {
-            let message =
-                format!("keep has {} values. Give one for each of the {} points", keep.len(), self.0.surface.len());
-            return Err(InputError::new_err(message));
-        }
+        self.check_length(keep.len(), "keep")?;
         self.run(py, Some(1), &None, move |inner, _| Ok(inner.surface.part_of_vertices(&keep).into()))
     }
 
     /// Return the faces that are kept (F).
     fn part_of_faces(&self, py: Python<'_>, keep: Given<'_, bool>) -> PyResult<Self> {
         let keep = convert::values(&keep);
-        let faces = self.0.surface.faces().len();
-        if keep.len() != faces {
-            return Err(InputError::new_err(format!(
-                "keep has {} values, but the surface has {faces} faces. Give one value per face",
-                keep.len()
-            )));
-        }
+        convert::check_length(keep.len(), self.0.surface.faces().len(), "keep", "face")?;
         self.run(py, Some(1), &None, move |inner, _| Ok(inner.surface.part(&keep).into()))
     }
 
     /// Return the geodesic disk around a vertex, and the number of enclosed faces that were filled in.
     #[pyo3(signature = (seed, radius, threads=None, progress=None))]
     fn disk(
-        &self,
-        py: Python<'_>,
-        seed: u32,
-        radius: f64,
-        threads: Threads,
-        progress: Progress<'_>,
+        &self, py: Python<'_>, seed: u32, radius: f64, threads: Threads, progress: Progress<'_>,
     ) -> PyResult<(Self, usize)> {
         let (part, filled) = self.run(py, threads, &progress, move |inner, control| {
             let graph = inner.graph(control)?;
@@ -191,10 +165,7 @@ impl Surface {
     /// Return the smaller side of the closed shortest path along edges through vertices, and the vertices of that path.
     #[pyo3(signature = (corners, progress=None))]
     fn polygon<'py>(
-        &self,
-        py: Python<'py>,
-        corners: Given<'py, u32>,
-        progress: Progress<'py>,
+        &self, py: Python<'py>, corners: Given<'py, u32>, progress: Progress<'py>,
     ) -> PyResult<(Self, Values<'py, u32>)> {
         let corners = convert::values(&corners);
         let (part, path) =
@@ -220,7 +191,7 @@ impl Surface {
 
 impl Surface {
     fn check_length(&self, given: usize, name: &str) -> PyResult<()> {
-        convert::check_length(given, self.0.surface.len(), name)
+        convert::check_length(given, self.0.surface.len(), name, "point")
     }
 
     fn vertices(&self, array: &Given<'_, u32>) -> PyResult<Vec<u32>> {
@@ -228,10 +199,7 @@ impl Surface {
     }
 
     fn run<T: Send + 'static>(
-        &self,
-        py: Python<'_>,
-        threads: Threads,
-        progress: &Progress<'_>,
+        &self, py: Python<'_>, threads: Threads, progress: &Progress<'_>,
         work: impl FnOnce(&Inner, &Control) -> voxflat::Result<T> + Send + 'static,
     ) -> PyResult<T> {
         run_on(&self.0, py, threads, progress, work)
@@ -241,9 +209,7 @@ impl Surface {
 /// Return area-weighted unit normals (N, 3) of the vertices of triangles (F, 3) at points (N, 3); NaN if undefined.
 #[pyfunction]
 pub fn vertex_normals<'py>(
-    py: Python<'py>,
-    points: GivenTable<'py, f64>,
-    faces: GivenTable<'py, u32>,
+    py: Python<'py>, points: GivenTable<'py, f64>, faces: GivenTable<'py, u32>,
 ) -> PyResult<Table<'py, f64>> {
     let points = convert::rows::<_, 3>(&points, "points")?;
     let faces = convert::rows::<_, 3>(&faces, "faces")?;
@@ -285,10 +251,7 @@ pub fn is_sheet(py: Python<'_>, mask: GivenImage<'_, bool>) -> PyResult<bool> {
 #[pyfunction]
 #[pyo3(signature = (mask, spacing, probability=None, progress=None))]
 pub fn repair<'py>(
-    py: Python<'py>,
-    mask: GivenImage<'py, bool>,
-    spacing: [f64; 3],
-    probability: Option<GivenImage<'py, f32>>,
+    py: Python<'py>, mask: GivenImage<'py, bool>, spacing: [f64; 3], probability: Option<GivenImage<'py, f32>>,
     progress: Progress<'py>,
 ) -> PyResult<(Bound<'py, PyArray3<bool>>, Dict<'py>)> {
     let mask = convert::mask(&mask)?;

@@ -5,8 +5,8 @@ use std::sync::Arc;
 
 use numpy::IntoPyArray;
 use pyo3::prelude::*;
+use voxflat::Control;
 use voxflat::adjacency::Links;
-use voxflat::control::Control;
 use voxflat::flatten::{check_flattenable, grossmann2002};
 use voxflat::geodesic::Solver;
 use voxflat::geodesic::chain::{ChainWeights, LinkLengths, chain_graph};
@@ -16,13 +16,12 @@ use voxflat::rows::DistanceRows;
 use voxflat::sources::Sources;
 use voxflat::store::Store;
 use voxflat::surface::VoxelSurface as CoreSurface;
-use voxflat::surface::voxels::cubes::CubeTopology;
-use voxflat::surface::voxels::graph::VoxelGraph;
+use voxflat::surface::voxels::{cubes::CubeTopology, graph::VoxelGraph};
 use voxflat::volume::Affine;
 
-use crate::convert::{self, Dict, Given, GivenImage, GivenTable, Table, Values, dict};
+use crate::convert::{self, Dict, Given, GivenImage, GivenTable, Table, Values, dict, ensure};
 use crate::surface::distances::shortest;
-use crate::work::{InputError, Progress, Threads, run, run_on, to_python};
+use crate::work::{Progress, Threads, run, run_on, to_python};
 
 type Faces<'py> = (Table<'py, u32>, Values<'py, bool>);
 type Csr<'py> = (Values<'py, u32>, Values<'py, u32>, Values<'py, f32>);
@@ -50,11 +49,7 @@ impl VoxelSurface {
     #[staticmethod]
     #[pyo3(signature = (mask, affine, link_lengths, progress=None))]
     fn from_mask(
-        py: Python<'_>,
-        mask: GivenImage<'_, bool>,
-        affine: [[f64; 4]; 4],
-        link_lengths: &str,
-        progress: Progress<'_>,
+        py: Python<'_>, mask: GivenImage<'_, bool>, affine: [[f64; 4]; 4], link_lengths: &str, progress: Progress<'_>,
     ) -> PyResult<Self> {
         let lengths = self::link_lengths(link_lengths)?;
         let affine = Affine::new(affine).map_err(to_python)?;
@@ -67,14 +62,10 @@ impl VoxelSurface {
         })
     }
 
-    /// Return the part to flatten: that of a mask, a geodesic disk, or the largest component.
+    /// Return the part to flatten: the voxels in a mask, a geodesic disk, or the largest component.
     #[pyo3(signature = (keep=None, seed_point=None, radius=None, progress=None))]
     fn cut_out(
-        &self,
-        py: Python<'_>,
-        keep: Option<GivenImage<'_, bool>>,
-        seed_point: Option<[i64; 3]>,
-        radius: Option<f64>,
+        &self, py: Python<'_>, keep: Option<GivenImage<'_, bool>>, seed_point: Option<[i64; 3]>, radius: Option<f64>,
         progress: Progress<'_>,
     ) -> PyResult<Self> {
         let keep = keep.as_ref().map(convert::mask).transpose()?;
@@ -113,7 +104,7 @@ impl VoxelSurface {
     #[getter]
     fn csr<'py>(&self, py: Python<'py>) -> Csr<'py> {
         let graph = &self.0.graph;
-        let arcs = || (0..graph.len() as u32).flat_map(|vertex| graph.arcs(vertex));
+        let arcs = || (0..graph.vertices() as u32).flat_map(|vertex| graph.arcs(vertex));
         let (neighbours, lengths): (Vec<u32>, Vec<f32>) = py.detach(|| arcs().map(|arc| (arc.to, arc.length)).unzip());
         (graph.starts().to_vec().into_pyarray(py), neighbours.into_pyarray(py), lengths.into_pyarray(py))
     }
@@ -130,7 +121,8 @@ impl VoxelSurface {
     fn topology<'py>(&self, py: Python<'py>, progress: Progress<'py>) -> PyResult<Dict<'py>> {
         let topology =
             self.run(py, Some(1), &progress, move |inner, control| CubeTopology::of(&inner.surface, control))?;
-        topology_dict(py, &topology)
+        let CubeTopology { euler, cavities, .. } = topology;
+        Ok(dict!(py, "euler_characteristic" = euler, "cavities" = cavities, "closed" = topology.is_closed()))
     }
 
     /// Raise InputError if the surface is closed or has too few points.
@@ -157,15 +149,9 @@ impl VoxelSurface {
     /// Choose sources: "farthest" or "random".
     #[pyo3(signature = (sampling, count, seed, progress=None))]
     fn choose_sources<'py>(
-        &self,
-        py: Python<'py>,
-        sampling: &str,
-        count: usize,
-        seed: u64,
-        progress: Progress<'py>,
+        &self, py: Python<'py>, sampling: &str, count: usize, seed: u64, progress: Progress<'py>,
     ) -> PyResult<Values<'py, u32>> {
-        let sources =
-            convert::sources(sampling, count, seed, "'farthest' or 'random', which are all that voxels have")?;
+        let sources = convert::sources(sampling, count, seed, "'farthest' or 'random' for a voxel surface")?;
         let chosen = self.run(py, Some(1), &progress, move |inner, control| sources.choose(&inner.graph, control))?;
         Ok(chosen.into_pyarray(py))
     }
@@ -173,11 +159,7 @@ impl VoxelSurface {
     /// Return distance rows (m, N) in mm from sources (vertices).
     #[pyo3(signature = (sources, threads=None, progress=None))]
     fn rows<'py>(
-        &self,
-        py: Python<'py>,
-        sources: Given<'py, u32>,
-        threads: Threads,
-        progress: Progress<'py>,
+        &self, py: Python<'py>, sources: Given<'py, u32>, threads: Threads, progress: Progress<'py>,
     ) -> PyResult<Table<'py, f32>> {
         let sources = self.vertices(&sources)?;
         let rows = self.run(py, threads, &progress, move |inner, control| {
@@ -196,12 +178,7 @@ impl VoxelSurface {
     /// rows.
     #[pyo3(signature = (directory, identity, sources, threads=None, progress=None))]
     fn store_rows(
-        &self,
-        py: Python<'_>,
-        directory: PathBuf,
-        identity: String,
-        sources: Given<'_, u32>,
-        threads: Threads,
+        &self, py: Python<'_>, directory: PathBuf, identity: String, sources: Given<'_, u32>, threads: Threads,
         progress: Progress<'_>,
     ) -> PyResult<(usize, usize)> {
         let sources = self.vertices(&sources)?;
@@ -227,12 +204,7 @@ impl VoxelSurface {
     /// Flatten by the method of Grossmann, Kiryati and Kimmel (2002) from sources (vertices).
     #[pyo3(signature = (sources, seed, keep_rows=false, threads=None, progress=None))]
     fn grossmann2002<'py>(
-        &self,
-        py: Python<'py>,
-        sources: Given<'py, u32>,
-        seed: u64,
-        keep_rows: bool,
-        threads: Threads,
+        &self, py: Python<'py>, sources: Given<'py, u32>, seed: u64, keep_rows: bool, threads: Threads,
         progress: Progress<'py>,
     ) -> PyResult<Dict<'py>> {
         let given = Sources::Given(sources.as_array().iter().map(|&vertex| vertex as usize).collect());
@@ -245,13 +217,10 @@ impl VoxelSurface {
     /// Return the faces (F, 3) that join the positions (N, 2) of a flat map, and which of them are torn (F).
     #[pyo3(signature = (uv, progress=None))]
     fn map_faces<'py>(
-        &self,
-        py: Python<'py>,
-        uv: GivenTable<'py, f64>,
-        progress: Progress<'py>,
+        &self, py: Python<'py>, uv: GivenTable<'py, f64>, progress: Progress<'py>,
     ) -> PyResult<Faces<'py>> {
         let uv = convert::rows::<_, 2>(&uv, "uv")?;
-        convert::check_length(uv.len(), self.0.surface.len(), "uv")?;
+        convert::check_length(uv.len(), self.0.surface.len(), "uv", "point")?;
         let faces = self.run(py, Some(1), &progress, move |inner, control| map_faces(&uv, &inner.graph, control))?;
         Ok((convert::array(py, &faces.corners)?, faces.torn.into_pyarray(py)))
     }
@@ -263,30 +232,19 @@ impl VoxelSurface {
     }
 
     fn run<T: Send + 'static>(
-        &self,
-        py: Python<'_>,
-        threads: Threads,
-        progress: &Progress<'_>,
+        &self, py: Python<'_>, threads: Threads, progress: &Progress<'_>,
         work: impl FnOnce(&Inner, &Control) -> voxflat::Result<T> + Send + 'static,
     ) -> PyResult<T> {
         run_on(&self.0, py, threads, progress, work)
     }
 
     fn check_not_empty(&self) -> PyResult<()> {
-        if self.0.surface.is_empty() { Err(InputError::new_err("the surface has no points")) } else { Ok(()) }
+        ensure!(!self.0.surface.is_empty(), "the surface has no points. Choose a larger patch");
+        Ok(())
     }
 }
 
 fn link_lengths(name: &str) -> PyResult<LinkLengths> {
     let all = [("chain-code", LinkLengths::ChainCode), ("euclidean", LinkLengths::Euclidean)];
     convert::one_of("link_lengths", name, &all)
-}
-
-fn topology_dict<'py>(py: Python<'py>, topology: &CubeTopology) -> PyResult<Dict<'py>> {
-    Ok(dict!(
-        py,
-        "euler_characteristic" = topology.euler,
-        "cavities" = topology.cavities,
-        "closed" = topology.is_closed()
-    ))
 }

@@ -6,8 +6,7 @@ use std::time::Duration;
 
 use pyo3::exceptions::{PyOSError, PyRuntimeError};
 use pyo3::prelude::*;
-use voxflat::control::{self, Control};
-use voxflat::{Error, Result};
+use voxflat::{Control, Error, Result, control};
 
 pyo3::import_exception!(voxflat.errors, VoxflatError);
 pyo3::import_exception!(voxflat.errors, InputError);
@@ -29,9 +28,7 @@ pub type Threads = Option<usize>;
 /// Runs `work` on its own threads (`threads` of them, or one per core) without the GIL. The calling thread reports
 /// progress to `progress(stage, done, total)`. If that returns False or raises, or on Ctrl-C, the work is cancelled.
 pub fn run<T: Send + 'static>(
-    py: Python<'_>,
-    threads: Threads,
-    progress: &Progress<'_>,
+    py: Python<'_>, threads: Threads, progress: &Progress<'_>,
     work: impl FnOnce(&Control) -> Result<T> + Send + 'static,
 ) -> PyResult<T> {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads.unwrap_or(0)).build();
@@ -67,12 +64,9 @@ pub fn run<T: Send + 'static>(
     })
 }
 
-/// Does the same for work on a shared value.
+/// Runs `work` on a shared value, as [`run`] does.
 pub fn run_on<I: Send + Sync + 'static, T: Send + 'static>(
-    value: &Arc<I>,
-    py: Python<'_>,
-    threads: Threads,
-    progress: &Progress<'_>,
+    value: &Arc<I>, py: Python<'_>, threads: Threads, progress: &Progress<'_>,
     work: impl FnOnce(&I, &Control) -> Result<T> + Send + 'static,
 ) -> PyResult<T> {
     let value = Arc::clone(value);

@@ -14,23 +14,20 @@ from numpy.typing import NDArray
 from qtpy.QtCore import QObject, QTimer, Signal  # type: ignore[attr-defined]  # qtpy makes it of pyqtSignal
 
 from voxflat._napari.editing.drawing import Drawing
-from voxflat._napari.layers.world import from_ras
 from voxflat._napari.map_viewer.viewer_parts import look_from_side
 from voxflat._napari.results.layer_list import drop_controls, insert, make_controls
 from voxflat._napari.timers import PAUSE
 
 _GREYS = (0.72, 0.45)  # grey levels of gyri and sulci
-_OURS: dict[str, Any] = {"voxflat": None}  # metadata of layers that are not offered for flattening
 _CUT = "#ff5a36"
 _LEFT_OUT = (0.55, 0.4, 0.35)  # factors of red, green and blue where the surface is excluded
 _WIDTH = 0.006  # line width, as a fraction of the surface size
 
 
 class CutLayers(QObject):
-    """Shows a drawing in a viewer, one step at a time, so that the window stays responsive."""
+    """Shows a drawing in a viewer; its layers are added one at a time, so that the window stays responsive."""
 
-    appeared = Signal()
-    """Emitted when all layers are in the viewer, and the camera shows them."""
+    appeared = Signal()  # emitted when all layers are in the viewer, and the camera shows them
 
     def __init__(
         self,
@@ -46,47 +43,26 @@ class CutLayers(QObject):
         super().__init__(parent)
         self._viewer = weakref.proxy(viewer)
         self._drawing = drawing
-        self.places = places
-        """Coordinates of the displayed vertices, mm along the axes of the world."""
+        self.places = places  # coordinates of the displayed vertices, mm along the axes of the world
         size = float(np.linalg.norm(np.ptp(places, axis=0)))
-        common = {"units": None if unit is None else (unit,) * 3, "metadata": dict(_OURS)}
+        common: dict[str, Any] = {"units": None if unit is None else (unit,) * 3, "metadata": {"voxflat": None}}
         gyri, sulci = _GREYS
         greys = np.where(curvature < 0, sulci, gyri)
         self._colours = np.column_stack([greys, greys, greys, np.ones(len(greys))])
         self._left_out = drawing.left_out
-        self.surface = SurfaceLayer(
-            (places, drawing.surface.faces),
-            vertex_colors=self._colours,
-            shading="smooth",
-            name=f"{name} (cuts)",
-            **common,
-        )
-        self.lines = Vectors(
-            np.empty((0, 2, 3)),
-            ndim=3,
-            edge_color=_CUT,
-            edge_width=_WIDTH * size,
-            vector_style="line",
-            blending="translucent_no_depth",
-            name="cuts",
-            **common,
-        )
-        self.stops = Points(
-            np.empty((0, 3)),
-            ndim=3,
-            size=2 * _WIDTH * size,
-            face_color=_CUT,
-            border_color="white",
-            blending="translucent_no_depth",
-            name="cut points",
-            **common,
-        )
+        look = {"vertex_colors": self._colours, "shading": "smooth"}
+        self.surface = SurfaceLayer((places, drawing.surface.faces), name=f"{name} (cuts)", **look, **common)
+        common |= {"ndim": 3, "blending": "translucent_no_depth"}
+        look = {"edge_color": _CUT, "edge_width": _WIDTH * size, "vector_style": "line"}
+        self.lines = Vectors(np.empty((0, 2, 3)), name="cuts", **look, **common)
+        look = {"face_color": _CUT, "size": 2 * _WIDTH * size, "border_color": "white"}
+        self.stops = Points(np.empty((0, 3)), name="cut points", **look, **common)
         self._world = world
         self._hidden: list[Layer] = []
         self._steps: deque[Callable[[], None]] = deque([self._hide_others])
         for layer in self.layers:  # not selected, because the controls of points enlarge a small window
             self._steps += [partial(make_controls, viewer, layer), partial(insert, viewer, layer)]
-        self._steps += [self._turn, self._look]
+        self._steps += [partial(setattr, viewer.dims, "ndisplay", 3), self._look]
         self._timer = QTimer(self)
         self._timer.setInterval(PAUSE)
         self._timer.timeout.connect(self._take_step)
@@ -103,25 +79,19 @@ class CutLayers(QObject):
         for layer in self._hidden:
             layer.visible = False
 
-    def _turn(self) -> None:
-        self._viewer.dims.ndisplay = 3
-
     def _look(self) -> None:
         if self.is_there:
             self._viewer.layers.selection = {self.surface}
-        whole = self._drawing.surface
-        is_right = whole.space.to_scanner(whole.points)[:, 0].mean() > 0
-        look_from_side(self._viewer, right=is_right, world=self._world)
+        look_from_side(self._viewer, right=self._drawing.points[:, 0].mean() > 0, world=self._world)
         self.update()
 
     @property
     def is_coming(self) -> bool:
-        """Whether some layers have not been added yet."""
+        """Whether layers have yet to be added."""
         return bool(self._steps)
 
     @property
     def layers(self) -> tuple[Layer, ...]:
-        """The layers that show the drawing."""
         return (self.surface, self.lines, self.stops)
 
     @property
@@ -130,7 +100,6 @@ class CutLayers(QObject):
         return self.surface in self._viewer.layers
 
     def update(self) -> None:
-        """Show the current cuts."""
         ways = [self.places[self._drawing.vertices(cut)] for cut in self._drawing.cuts]
         pieces = [np.stack([way[:-1], np.diff(way, axis=0)], axis=1) for way in ways]
         self.lines.data = np.concatenate([np.empty((0, 2, 3)), *pieces])
@@ -156,9 +125,3 @@ class CutLayers(QObject):
                 layer.visible = True
         self._hidden = []
         self.deleteLater()
-
-
-def places_in_world(drawing: Drawing, world: str) -> NDArray[np.float64]:
-    """Return the coordinates of the vertices of a drawing, in mm along the world axes."""
-    whole = drawing.surface
-    return from_ras(whole.space.to_scanner(whole.points), world)

@@ -17,11 +17,10 @@ from voxflat.surfaces.cutting import Where, cut_open, sketch_error
 from voxflat.surfaces.standard.sphere import sphere_beside
 from voxflat.unique_rows import in_rows
 
-Paths: TypeAlias = Sequence[NDArray[np.int64]]
-"""Cuts, as the parameter `cuts` of `Surface.cut` takes them."""
+Paths: TypeAlias = Sequence[NDArray[np.int64]]  # cuts, as the parameter `cuts` of `Surface.cut` takes them
 
+# cuts by the ids of their vertices in the input, their names, and the excluded vertices
 Found: TypeAlias = tuple[list[NDArray[np.int64]], list[str], NDArray[np.int64]]
-"""The cuts, by the ids of their vertices in the input, their names, and the excluded vertices."""
 
 
 def make_surface(
@@ -42,11 +41,10 @@ def find_cuts(whole: Surface, by: str, progress: Progress) -> Found:
 def cuts_of_map(whole: Surface, flat_map: FlatMap, _: Progress) -> Found:
     """Return the cuts of a map, and the vertices of the surface that it excludes."""
     about = flat_map.metadata
-    paths = [np.asarray(path, dtype=np.int64) for path in about.get("cuts") or []]
-    names = [name or f"cut {number}" for number, name in enumerate(about.get("cut_names") or [None] * len(paths), 1)]
-    further = about.get("automatic_cuts") or []
-    names += [f"cut {number}" for number in range(len(paths) + 1, len(paths) + len(further) + 1)]
-    paths += [np.asarray(cut["ids"], dtype=np.int64) for cut in further]
+    given, further = about.get("cuts") or [], [cut["ids"] for cut in about.get("automatic_cuts") or []]
+    paths = [np.asarray(path, dtype=np.int64) for path in [*given, *further]]
+    given_names = [*(about.get("cut_names") or [None] * len(given)), *[None] * len(further)]
+    names = [name or f"cut {number}" for number, name in enumerate(given_names, 1)]
     shown = flat_map.ids[np.unique(flat_map.faces)]
     return paths, names, whole.ids[~in_rows(whole.ids, shown)]
 
@@ -54,7 +52,7 @@ def cuts_of_map(whole: Surface, flat_map: FlatMap, _: Progress) -> Found:
 def save_template(
     whole: Surface, paths: Paths, names: Sequence[str], left_out: NDArray[np.int64], file: Path, progress: Progress
 ) -> Path:
-    """Save cuts as a template for all brains, located by the spherical surface or by the folds."""
+    """Save cuts as a template for all brains, located by the sphere or by the folds of the surface."""
     sphere = sphere_beside(whole) or whole.register(progress=progress)
     found = _without(whole, left_out).cut(list(paths), sphere=sphere, relax=False, progress=progress)
     named = [replace(one, name=name) for one, name in zip(found.cuts, names, strict=False)]
@@ -65,7 +63,7 @@ def save_template(
 def evaluate_cuts(
     whole: Surface, paths: Paths, left_out: NDArray[np.int64], progress: Progress
 ) -> tuple[float, list[float]]:
-    """Return the mean relative error of a coarse preview map, and how much it increases without each cut."""
+    """Return the mean relative distance error of a coarse preview map, and its increase without each cut."""
     part = _without(whole, left_out)
 
     def error(cuts: Paths) -> float:

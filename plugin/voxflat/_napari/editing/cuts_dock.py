@@ -23,14 +23,14 @@ from qtpy.QtWidgets import (
     QVBoxLayout,
 )
 
-from voxflat._napari.docks import TaskDock
-from voxflat._napari.editing.cut_layers import CutLayers, places_in_world
+from voxflat._napari.docks import TaskDock, arrange
+from voxflat._napari.editing.cut_layers import CutLayers
 from voxflat._napari.editing.cut_tasks import Found, cuts_of_map, evaluate_cuts, find_cuts, make_surface, save_template
 from voxflat._napari.editing.cuts_form import CutsForm
 from voxflat._napari.editing.drawing import Drawing, Drawn
 from voxflat._napari.keys import Keys, key_text
 from voxflat._napari.layers.seed import first_vertex
-from voxflat._napari.layers.world import in_units_of, unit_ratio
+from voxflat._napari.layers.world import data_to_world, from_ras, in_units_of, moved, unit_ratio
 from voxflat._napari.map_viewer.viewer_parts import canvas_widget, fill, is_click
 from voxflat._napari.viewer_state import DrawnCuts, ViewerState
 from voxflat.errors import VoxflatError
@@ -42,7 +42,6 @@ _UNDO, _REDO, _END_CUT = (
     KeyMod.Shift | KeyCode.KeyX,
 )
 _COLUMNS = ("cut", "length", "gain")
-_GAIN = "Estimate how much larger the distance error would be without each cut"
 
 
 class DrawCuts(TaskDock):
@@ -58,29 +57,32 @@ class DrawCuts(TaskDock):
         self._evaluated: tuple[Drawn, ...] = ()
         self.form = CutsForm(napari_viewer)
         self.begin = self._button("Begin", "Show the surface in 3D, to draw cuts on it", self._on_begin)
-        self.draw = self._button("Draw", "Click on the surface; the shortest path between clicked points is cut", None)
+        tip = "Click on the surface. The clicked points are connected by shortest paths, along which the surface is cut"
+        self.draw = self._button("Draw", tip)
         self.draw.setCheckable(True)
         self.draw.toggled.connect(self._on_draw)
-        self.end_cut = self._button(
-            "Next cut", f"Begin a new cut with the next click ({key_text(_END_CUT)})", self._on_end_cut
-        )
-        self.undo = self._button("Undo", f"Undo the last step ({key_text(_UNDO)})", self._on_undo)
-        self.redo = self._button("Redo", f"Redo the step that was undone last ({key_text(_REDO)})", self._on_redo)
+        tip = f"Begin a new cut with the next click ({key_text(_END_CUT)})"
+        self.end_cut = self._button("Next cut", tip, partial(self._do, Drawing.end_cut))
+        tip = f"Undo the last step ({key_text(_UNDO)})"
+        self.undo = self._button("Undo", tip, partial(self._do, Drawing.undo))
+        tip = f"Redo the last step that was undone ({key_text(_REDO)})"
+        self.redo = self._button("Redo", tip, partial(self._do, Drawing.redo))
         self.remove = self._button("Remove", "Remove the selected cut", self._on_remove)
-        self.standard = self._button("Standard", "Start with cuts that are the same for every brain", self._standard)
-        self.automatic = self._button("Automatic", "Start with cuts optimised for this surface", self._automatic)
+        tip = "Start with cuts that are the same for every brain"
+        self.standard = self._button("Standard", tip, partial(self._find, "standard"))
+        tip = "Start with cuts optimised for this surface"
+        self.automatic = self._button("Automatic", tip, partial(self._find, "automatic"))
         self.from_map = self._button("From map", "Start with the cuts of the displayed map", self._from_map)
-        self.evaluate = self._button("Evaluate", f"{_GAIN}. Takes a few seconds per cut", self._on_evaluate)
-        self.save = self._button("Save…", "Save a file for cuts= in Python, or --cuts in the shell", self._on_save)
-        self.load = self._button("Load…", "Load a file of cuts, or a template", self._on_load)
+        tip = "Estimate how much larger the distance error would be without each cut. Takes a few seconds per cut"
+        self.evaluate = self._button("Evaluate", tip, self._on_evaluate)
+        tip = "Save the cuts in a file for cuts= in Python or --cuts on the command line"
+        self.save = self._button("Save…", tip, self._on_save)
+        self.load = self._button("Load…", "Load a cuts file or a template", self._on_load)
         self.template = self._button("Save template…", "Save these cuts for use on every brain", self._on_save_template)
         self.use = self._button("Use for Flatten surface", "Select these cuts in the form", self._on_use)
-        self.again = self._button(
-            "Flatten again",
-            "Flatten with these cuts, starting from the displayed map, so that the new map keeps its position. These "
-            "cuts must include all cuts of the displayed map",
-            self._on_again,
-        )
+        tip = "Flatten with these cuts, starting from the displayed map, so that the new map keeps its position. "
+        tip += "These cuts must include all cuts of the displayed map"
+        self.again = self._button("Flatten again", tip, self._on_again)
         self.cuts = QTableWidget(0, len(_COLUMNS))
         self.cuts.setHorizontalHeaderLabels(_COLUMNS)
         self.cuts.setSelectionBehavior(QAbstractItemView.SelectionBehavior.SelectRows)
@@ -99,23 +101,18 @@ class DrawCuts(TaskDock):
         self._keys = Keys(napari_viewer, self, {key: button.click for key, button in buttons.items()})
         self._update()
 
-    def _button(self, text: str, tip: str, pressed: Callable[[], None] | None) -> QPushButton:
+    def _button(self, text: str, tip: str, pressed: Callable[[], None] | None = None) -> QPushButton:
         button = QPushButton(text)
         button.setToolTip(tip)
         if pressed is not None:
-            button.clicked.connect(pressed)
+            button.clicked.connect(lambda: pressed())
         return button
 
     def _lay_out(self) -> None:
         above = (self.draw, self.end_cut, self.undo, self.redo, self.standard, self.automatic, self.from_map, self.load)
         below = (self.remove, self.evaluate, self.save, self.template, self.use, self.again)
-        layout = QVBoxLayout(self)
-        layout.addWidget(self.form)
-        layout.addWidget(self.begin)
-        layout.addLayout(_grid(above, 4))
-        layout.addWidget(self.cuts, 1)
-        layout.addLayout(_grid(below, 2))
-        layout.addWidget(self.status)
+        parts = (self.form, self.begin, _grid(above, 4), (self.cuts, 1), _grid(below, 2), self.status)
+        arrange(QVBoxLayout(self), *parts)
 
     # ---------------------------------------------------------------------------------------- beginning
 
@@ -133,20 +130,17 @@ class DrawCuts(TaskDock):
     def _on_made(self, made: tuple[Any, Any]) -> None:
         surface, curvature = made
         if self._layer is None or self._layer not in self._viewer.layers:
-            self.status.setText("The layer was removed. Choose another one, then press Begin.")
+            self.status.setText("The layer was removed. Choose another layer, then press Begin.")
             return
         drawing = Drawing(surface)
         world = self.form.world.currentData()
         shown_on = self.form.shown_on.layer
         if shown_on is None:
-            places = places_in_world(drawing, world)
+            places = from_ras(drawing.points, world)
             unit = None if str(self._layer.units[0]) == "pixel" else "mm"
         else:  # such as the inflated surface, which has the same vertices
-            vertices = np.asarray(shown_on.data_to_world(np.zeros(3)))  # the origin of the layer in the world
-            places = np.array([shown_on.data_to_world(place) for place in np.eye(3)]) - vertices
-            places = np.asarray(shown_on.vertices)[surface.vertices] @ places + vertices
-            unit = str(shown_on.units[0])
-            unit = None if unit == "pixel" else unit
+            places = moved(np.asarray(shown_on.vertices)[surface.vertices], data_to_world(shown_on))
+            unit = None if str(shown_on.units[0]) == "pixel" else str(shown_on.units[0])
         self.drawing = drawing
         self._layers = CutLayers(self._viewer, drawing, curvature, places, unit, self._layer.name, world, self)
         self._layers.appeared.connect(self._on_appeared)
@@ -185,15 +179,6 @@ class DrawCuts(TaskDock):
         if vertex is not None:
             self._do(lambda drawing: drawing.add_stop(vertex))
 
-    def _on_end_cut(self) -> None:
-        self._do(Drawing.end_cut)
-
-    def _on_undo(self) -> None:
-        self._do(Drawing.undo)
-
-    def _on_redo(self) -> None:
-        self._do(Drawing.redo)
-
     def _on_remove(self) -> None:
         row = self.cuts.currentRow()
         if self.drawing is not None and 0 <= row < len(self.drawing.cuts):
@@ -210,12 +195,6 @@ class DrawCuts(TaskDock):
         self._update()
 
     # ------------------------------------------------------------------------------------- automatic cuts
-
-    def _standard(self) -> None:
-        self._find("standard")
-
-    def _automatic(self) -> None:
-        self._find("automatic")
 
     def _on_load(self) -> None:
         path, _ = QFileDialog.getOpenFileName(self, "Load cuts", "", "cuts (*.json)")
@@ -243,20 +222,18 @@ class DrawCuts(TaskDock):
     def _on_evaluated(self, found: tuple[float, list[float]]) -> None:
         """Show the gain of each cut, unless the cuts have changed."""
         if self.drawing is None or self.drawing.cuts != self._evaluated:
-            self.status.setText("The cuts have changed since. Evaluate them again.")
+            self.status.setText("The cuts have changed during the evaluation. Evaluate them again.")
             return
         error, gains = found
         rows = [row for row, cut in enumerate(self._evaluated) if cut.is_complete]
         for row, gain in zip(rows, gains, strict=True):
-            self.cuts.setItem(
-                row, 2, _cell(f"{100 * gain:+.1f} %".replace("-", "−") if np.isfinite(gain) else "unknown")
-            )
-        if np.isfinite(error):
-            message = f"Estimated distance error with all cuts: {100 * error:.1f} %."
-        else:
-            message = "The surface with all cuts is too small to estimate the distance error, so gains are unknown."
-        if np.isfinite(error) and not np.isfinite(gains).all():
-            message += " Without some of the cuts the surface is too small, so their gains are unknown."
+            text = f"{100 * gain:+.1f} %".replace("-", "−") if np.isfinite(gain) else "unknown"
+            self.cuts.setItem(row, 2, _cell(text))
+        message = f"Estimated distance error with all cuts: {100 * error:.1f} %."
+        if not np.isfinite(error):
+            message = "With all cuts, the surface is too small to estimate the distance error, so gains are unknown."
+        elif not np.isfinite(gains).all():
+            message += " Without some of the cuts, the surface is too small, so the gains of these cuts are unknown."
         self.status.setText(message)
 
     # -------------------------------------------------------------------------------------------- using
@@ -280,16 +257,15 @@ class DrawCuts(TaskDock):
         self._work(work, "computing the template", self._on_template)
 
     def _on_template(self, path: Path) -> None:
-        self.status.setText(f"Saved {path}, which makes the same cuts on every brain.")
+        self.status.setText(f"Saved {path}, a template that makes the same cuts on every brain.")
 
     def _asked_file(self, title: str, name: str) -> Path | None:
         path, _ = QFileDialog.getSaveFileName(self, title, name, "cuts (*.json)")
         return Path(path).with_suffix(".json") if path else None
 
     def _as_cut_surface(self, drawing: Drawing) -> CutSurface[Any]:
-        cuts = [Cut(path, None, "given") for path in drawing.paths()]
-        whole = drawing.surface
-        return CutSurface(whole, tuple(cuts), drawing.left_out, provenance=whole.provenance)
+        cuts = tuple(Cut(path, None, "given") for path in drawing.paths())
+        return CutSurface(drawing.surface, cuts, drawing.left_out, provenance=drawing.surface.provenance)
 
     def _on_use(self) -> None:
         if self.drawing is not None and self._layer is not None:
@@ -300,8 +276,6 @@ class DrawCuts(TaskDock):
         self._on_use()
         self._viewer.window.add_plugin_dock_widget("voxflat", "Flatten surface", tabify=True)  # opens it if necessary
         ViewerState.of(self._viewer).flatten_requested.emit(self._layer, self._foreground)
-
-    # ------------------------------------------------------------------------------------------- working
 
     def _show_work(self, what: str | None) -> None:
         if what is not None:
@@ -329,16 +303,17 @@ class DrawCuts(TaskDock):
         drawing = self.drawing
         idle = self._worker is None and not (self._layers is not None and self._layers.is_coming)
         self.begin.setEnabled(idle)
-        for button in (self.draw, self.standard, self.automatic, self.load):
-            button.setEnabled(idle and drawing is not None)
+        idle = idle and drawing is not None
+        has_cuts = drawing is not None and bool(drawing.cuts)
         is_mapped = ViewerState.of(self._viewer).map_of(self._layer) is not None
-        self.from_map.setEnabled(idle and drawing is not None and is_mapped)
-        self.again.setEnabled(idle and drawing is not None and bool(drawing.cuts) and is_mapped)
-        self.end_cut.setEnabled(idle and drawing is not None and drawing.is_open)
-        self.undo.setEnabled(idle and drawing is not None and drawing.can_undo)
-        self.redo.setEnabled(idle and drawing is not None and drawing.can_redo)
+        for button in (self.draw, self.standard, self.automatic, self.load):
+            button.setEnabled(idle)
         for button in (self.remove, self.evaluate, self.save, self.template, self.use):
-            button.setEnabled(idle and drawing is not None and bool(drawing.cuts))
+            button.setEnabled(idle and has_cuts)
+        self.from_map.setEnabled(idle and is_mapped)
+        self.again.setEnabled(idle and is_mapped and has_cuts)
+        for button, known in ((self.end_cut, "is_open"), (self.undo, "can_undo"), (self.redo, "can_redo")):
+            button.setEnabled(idle and getattr(drawing, known))
 
     # -------------------------------------------------------------------------------------------- ending
 

@@ -12,14 +12,11 @@ from numpy.typing import NDArray
 from voxflat.pipeline.cut_surface import whereabouts
 from voxflat.pipeline.surface import Surface
 
-Stops: TypeAlias = tuple[int, ...]
-"""The clicked vertices of a cut; between them the cut follows the shortest path along edges."""
+Stops: TypeAlias = tuple[int, ...]  # the clicked vertices of a cut, which shortest paths along edges connect
 
 
 @dataclass(frozen=True)
 class Drawn:
-    """One cut."""
-
     stops: Stops
     name: str
 
@@ -48,7 +45,6 @@ class Drawing:
 
     @property
     def cuts(self) -> tuple[Drawn, ...]:
-        """The current cuts."""
         return self._done[-1].cuts
 
     @property
@@ -63,16 +59,14 @@ class Drawing:
 
     @property
     def can_undo(self) -> bool:
-        """Whether there is a step to undo."""
         return len(self._done) > 1
 
     @property
     def can_redo(self) -> bool:
-        """Whether there is a step to redo."""
         return bool(self._undone)
 
     def add_stop(self, vertex: int) -> None:
-        """Continue the current cut, or begin one; raises InputError if no path leads to the vertex."""
+        """Continue the current cut, or begin a cut; raises InputError if no path leads to the vertex."""
         now = self._done[-1]
         if not now.is_open:
             cut = Drawn((vertex,), f"drawn {self._next_number()}")
@@ -80,7 +74,7 @@ class Drawing:
             return
         last = now.cuts[-1]
         if vertex != last.stops[-1]:
-            self._way(last.stops[-1], vertex)  # raises InputError if the vertices lie in different components
+            self._way(last.stops[-1], vertex)  # raises InputError if the vertices are in different components
             self._do(replace(now, cuts=(*now.cuts[:-1], replace(last, stops=(*last.stops, vertex)))))
 
     def end_cut(self) -> None:
@@ -95,40 +89,33 @@ class Drawing:
         kept = (*now.cuts[:number], *now.cuts[number + 1 :])
         self._do(replace(now, cuts=kept, is_open=now.is_open and not is_last))
 
-    def set_cuts(
-        self, paths: Sequence[NDArray[Any]], names: Sequence[str], left_out: NDArray[np.int64] | None = None
-    ) -> None:
-        """Replace all cuts; raises InputError if a vertex id of the input is not on the surface."""
-        found = [self.surface.find(path, name).tolist() for path, name in zip(paths, names, strict=True)]
-        cuts = tuple(Drawn(tuple(stops), name) for stops, name in zip(found, names, strict=True))
-        beside = () if left_out is None else tuple(self.surface.find(left_out, "the excluded part").tolist())
-        self._do(_State(cuts, left_out=beside))
+    def set_cuts(self, paths: Sequence[NDArray[Any]], names: Sequence[str], left_out: NDArray[np.int64]) -> None:
+        """Replace all cuts; raises InputError if a vertex id is not on the surface."""
+        named = zip(paths, names, strict=True)
+        cuts = tuple(Drawn(tuple(self.surface.find(path, name).tolist()), name) for path, name in named)
+        self._do(_State(cuts, left_out=tuple(self.surface.find(left_out, "the excluded part").tolist())))
 
     def undo(self) -> None:
-        """Undo the last step."""
         if self.can_undo:
             self._undone.append(self._done.pop())
 
     def redo(self) -> None:
-        """Redo the last step that was undone."""
         if self._undone:
             self._done.append(self._undone.pop())
 
     def vertices(self, cut: Drawn) -> NDArray[np.uint32]:
-        """Return the vertices along a cut, each of which is a neighbour of the next."""
+        """Return the vertices along a cut; each vertex is a neighbour of the next one."""
         first = np.array(cut.stops[:1], dtype=np.uint32)
         return np.concatenate([first, *(self._way(a, b)[1:] for a, b in pairwise(cut.stops))])
 
     def length(self, cut: Drawn) -> float:
-        """Return the length of a cut, in mm."""
         places = self.surface.points[self.vertices(cut)]
-        return float(np.linalg.norm(np.diff(places, axis=0), axis=1).sum())
+        return float(np.linalg.norm(np.diff(places, axis=0), axis=1).sum())  # mm
 
     def title(self, cut: Drawn) -> str:
         """Return the name of a cut and its location, as `voxflat cut` prints them."""
         if cut not in self._titles:
-            where = whereabouts(self._points[self.vertices(cut)], self._points)
-            self._titles[cut] = f"{cut.name}, {where}"
+            self._titles[cut] = f"{cut.name}, {whereabouts(self.points[self.vertices(cut)], self.points)}"
         return self._titles[cut]
 
     def paths(self) -> list[NDArray[np.int64]]:
@@ -136,9 +123,8 @@ class Drawing:
         return [self.surface.ids[self.vertices(cut)] for cut in self.cuts if cut.is_complete]
 
     @cached_property
-    def _points(self) -> NDArray[np.float64]:
-        """The points of the surface, in RAS+ mm."""
-        return self.surface.space.to_scanner(self.surface.points)
+    def points(self) -> NDArray[np.float64]:
+        return self.surface.space.to_scanner(self.surface.points)  # RAS+ mm
 
     def _way(self, a: int, b: int) -> NDArray[np.uint32]:
         if (a, b) not in self._ways:

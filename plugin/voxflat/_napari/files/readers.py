@@ -1,4 +1,4 @@
-"""Choose the function that reads a file opened in napari, if voxflat can read the file."""
+"""Choose the function that reads a file that is opened in napari, if voxflat can read the file."""
 
 from collections.abc import Callable
 from functools import partial
@@ -15,12 +15,11 @@ from voxflat.io.files import SAVED_ENDINGS, check_regular
 
 _Read: TypeAlias = Callable[[Path], list[LayerData]]
 
-_NOTHING: list[Any] = [(None,)]
-"""Return value for napari without a layer and without an error message."""
+_NOTHING: list[Any] = [(None,)]  # tells napari that there are no layers, without an error message
 
 _MAPS = f"Flat maps and atlases ({' '.join(f'*{ending}' for ending in reversed(SAVED_ENDINGS))})"
 _VOLUMES = "Volumes (*.nii *.nii.gz *.mgz *.mgh *.nrrd *.nhdr *.mha *.mhd)"
-_SURFACES = "Surfaces, and values on surfaces (*)"  # FreeSurfer's files have no common suffix
+_SURFACES = "Surfaces and values on surfaces (*)"  # FreeSurfer's files have no common suffix
 
 # on Python 3.10, napari's commands cannot compare list[str] and Callable[[str], ...] with classes
 Paths: TypeAlias = Any  # str, list[str] or None
@@ -28,35 +27,29 @@ Reader: TypeAlias = Any  # Callable[[str], list[LayerData]] or None
 
 
 def map_reader(path: Paths = None) -> Reader:
-    """Return a reader for a flat map or an atlas; without a path, as from napari's command palette, ask for one."""
-    if path is None:
-        _ask("Read a flat map", _MAPS)
-    if not isinstance(path, str):
+    """Return a reader for a flat map or an atlas; without a path (from napari's command palette), ask for a file."""
+    file = _file(path, "Read a flat map", _MAPS)
+    if file is None:
         return None
     from voxflat._napari.files import saved
     from voxflat.atlases.certified import saved_kind
 
-    kind = saved_kind(path)
-    if kind is None:
-        return _reporting_errors(saved.map_layers_of) if path.lower().endswith(".voxflat") else None
-    return _reporting_errors({"map": saved.map_layers_of, "atlas": saved.atlas_layers_of}[kind])
+    kind = saved_kind(path) or ("map" if path.lower().endswith(".voxflat") else None)
+    readers = {"map": saved.map_layers_of, "atlas": saved.atlas_layers_of}
+    return None if kind is None else _reporting_errors(readers[kind])
 
 
 def surface_reader(path: Paths = None) -> Reader:
     """Return a reader for a surface, for values or labels on a surface, or for a patch, like `map_reader`."""
-    if path is None:
-        _ask("Read a surface or values on a surface", _SURFACES)
-    if not isinstance(path, str):
-        return None
-    read = _reader_of(Path(path))
+    file = _file(path, "Read a surface or values on a surface", _SURFACES)
+    read = None if file is None else _reader_of(file)
     return None if read is None else _reporting_errors(read)
 
 
 def volume_reader(path: Paths = None) -> Reader:
     """Return a reader for a voxel volume, like `map_reader`."""
-    if path is None:
-        _ask("Read a volume", _VOLUMES)
-    if not isinstance(path, str) or _holds_points(Path(path)):
+    file = _file(path, "Read a volume", _VOLUMES)
+    if file is None or _holds_points(file):
         return None
     from voxflat._napari.files.volumes import volume_layers
 
@@ -64,7 +57,7 @@ def volume_reader(path: Paths = None) -> Reader:
 
 
 def _holds_points(path: Path) -> bool:
-    """Return whether a file that is named like a volume holds values at surface points."""
+    """Return whether a file with the name of a volume contains values at surface points."""
     name = path.name.lower()
     if not name.endswith(".mgh"):
         return ".dscalar." in name or ".dtseries." in name or ".dlabel." in name
@@ -72,7 +65,7 @@ def _holds_points(path: Path) -> bool:
 
 
 def _start_of(path: Path) -> bytes | None:
-    """Return the first bytes of a file, or None if they cannot be read; this failure is reported later."""
+    """Return the first bytes of a file, or None if it cannot be read; this failure is reported later."""
     try:
         check_regular(path)  # because opening a pipe would block
         with path.open("rb") as file:
@@ -103,18 +96,17 @@ def _reader_of(path: Path) -> _Read | None:
 
 
 def _are_points(start: bytes) -> bool:
-    """Return whether an MGH file holds values at points instead of voxels."""
-    shape = np.frombuffer(start[4:16].ljust(12, b"\0"), ">i4")
-    return sorted(shape)[:2] == [1, 1]
+    """Return whether an MGH file contains values at points instead of voxels."""
+    return sorted(np.frombuffer(start[4:16].ljust(12, b"\0"), ">i4"))[:2] == [1, 1]
 
 
 def _is_old(path: Path, start: bytes) -> bool:
-    """Return whether a file has FreeSurfer's old value format, which is recognised only by the file length."""
+    """Return whether a file has FreeSurfer's old format of values, which only the file length reveals."""
     return len(start) >= 6 and path.stat().st_size == 6 + 2 * int.from_bytes(start[:3], "big")
 
 
 def _reporting_errors(read: _Read) -> Callable[[str], list[LayerData]]:
-    """Wrap a reader so that it reports its own errors; napari would only report that the reader failed."""
+    """Wrap a reader so that it reports its errors; napari would only report that the reader failed."""
 
     def read_or_report(path: str) -> list[LayerData]:
         from napari import current_viewer
@@ -136,7 +128,7 @@ def _reporting_errors(read: _Read) -> Callable[[str], list[LayerData]]:
 
 
 def _make_ready(viewer: Viewer, layers: list[LayerData]) -> None:
-    """Register opened runs with the viewer, and switch to 3D for surfaces, of which 2D shows at most lines."""
+    """Register opened runs with the viewer, and switch to 3D for surfaces, because 2D shows at most their outlines."""
     from napari.layers import Surface
     from qtpy.QtCore import QTimer
 
@@ -164,20 +156,18 @@ def _show_slices(viewer: Viewer) -> None:
 
 
 def _show_surfaces(viewer: Viewer, layers: list[LayerData]) -> None:
-    """Show the first surface laterally; hide inflated and spherical ones if others are in anatomical position."""
+    """Show the first surface laterally; hide inflated surfaces and spheres if others are in anatomical position."""
     from qtpy.QtCore import QTimer
 
     from voxflat._napari.layers.meshes import is_elsewhere
     from voxflat._napari.map_viewer.viewer_parts import look_from_side
 
-    there = [layer for layer in viewer.layers if layer.visible and not is_elsewhere(layer.name)]
-    coming = [keywords for _, keywords, _ in layers if not is_elsewhere(keywords.get("name", ""))]
-    if there:
-        for _, keywords, _ in layers:
-            if is_elsewhere(keywords.get("name", "")):
-                keywords["visible"] = False
+    elsewhere = [keywords for _, keywords, _ in layers if is_elsewhere(keywords.get("name", ""))]
+    if any(layer.visible and not is_elsewhere(layer.name) for layer in viewer.layers):
+        for keywords in elsewhere:
+            keywords["visible"] = False
         return
-    if viewer.layers and not coming:
+    if viewer.layers and len(elsewhere) == len(layers):
         return
     for layer in viewer.layers:
         layer.visible = layer.visible and not is_elsewhere(layer.name)
@@ -187,12 +177,15 @@ def _show_surfaces(viewer: Viewer, layers: list[LayerData]) -> None:
     QTimer.singleShot(0, partial(look_from_side, viewer, right=bool(right)))  # after the layer is added
 
 
-def _ask(title: str, kinds: str) -> None:
-    """Ask for a file, and open it in the viewer."""
+def _file(path: Paths, title: str, kinds: str) -> Path | None:
+    """Return the path if it is a single file; if no path is given, ask for a file, and open it in the viewer."""
+    if path is not None:
+        return Path(path) if isinstance(path, str) else None
     from napari import current_viewer
     from qtpy.QtWidgets import QFileDialog
 
     viewer = current_viewer()
-    path, _ = QFileDialog.getOpenFileName(None, title, "", kinds)
-    if viewer is not None and path:
-        viewer.open(path, plugin="voxflat")
+    chosen, _ = QFileDialog.getOpenFileName(None, title, "", kinds)
+    if viewer is not None and chosen:
+        viewer.open(chosen, plugin="voxflat")
+    return None

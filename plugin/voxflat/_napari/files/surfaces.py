@@ -15,10 +15,9 @@ from voxflat.errors import InputError
 from voxflat.io.meshes import named_structure, read_mesh
 from voxflat.io.spaces import UNKNOWN, Space
 
+# the surfaces for a values file, in order of preference; surfaces that are not in anatomical position come last
 _KINDS = ("white", "midthickness", "pial", "graymid", "smoothwm", "orig", "inflated")
-"""Preference of the surfaces beside a file of values; those that are not cortex come last."""
-
-_TRIED = 12  # largest number of files; not all surfaces in a large directory are tried
+_TRIED = 12  # largest number of files that are tried, because a directory may contain many surfaces
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,16 +32,15 @@ class Geometry:
 
     @classmethod
     def read(cls, path: Path) -> "Geometry":
-        """Read a surface file."""
         mesh = read_mesh(path)
         return cls(mesh.space.to_scanner(mesh.points), mesh.faces, mesh.structure, path, mesh.space)
 
     def layer(self, path: Path, values: NDArray[Any] | None = None, **keywords: Any) -> LayerData:
-        """Return a layer for a file on this surface, with values at the vertices, (V,) or (K, V)."""
+        """Return a layer for a file on this surface; the values have shape (V,) or (K, V)."""
         about = {"structure": self.structure, "coordinates": str(self.space), **keywords.pop("metadata", {})}
         if self.path is not None:
             about["surface_file"] = str(self.path)
-        data = (self.vertices, self.faces) if values is None else (self.vertices, self.faces, values)
+        data = (self.vertices, self.faces, *([] if values is None else [values]))
         given = {"name": path.name, "shading": "smooth", "units": ("mm",) * 3, **keywords}
         return data, {**given, "metadata": about}, "surface"
 
@@ -53,7 +51,7 @@ def surface_layers(path: Path) -> list[LayerData]:
 
 
 def geometries_for(path: Path) -> Iterator[Geometry]:
-    """Yield surfaces for a values file: open ones stored near it, others stored near it, then other open ones."""
+    """Yield surfaces for a values file: open surfaces from nearby files, other nearby files, other open surfaces."""
     files = _beside(path)
     opened = [one for one in _open() if _agree(_side(path), one.structure or _side(one.path))]
     yield from (one for one in opened if one.path in files)
@@ -66,7 +64,7 @@ def geometries_for(path: Path) -> Iterator[Geometry]:
 
 
 def _beside(path: Path) -> list[Path]:
-    """Return surface files of the same hemisphere, sorted by decreasing similarity of their names."""
+    """Return nearby surface files of the same hemisphere, those with the most similar names first."""
     words = _words(path)
     folders = [path.parent] + [path.parent.parent / "surf"] * (path.parent.name == "label")  # FreeSurfer's layout
     files = [file for folder in folders if folder.is_dir() for file in folder.iterdir() if _is_surface(file)]
@@ -75,7 +73,6 @@ def _beside(path: Path) -> list[Path]:
 
 
 def _is_surface(path: Path) -> bool:
-    """Return whether a file name is that of a surface."""
     name = path.name.lower()
     if name.endswith((".surf.gii", ".surf.gii.gz")):
         return True
@@ -92,7 +89,7 @@ def _rank(path: Path) -> int:
 
 
 def _side(path: Path | None) -> str | None:
-    """Return the hemisphere according to a file name, including the file names used by nilearn."""
+    """Return the hemisphere that a file name indicates; nilearn's names are also recognised."""
     if path is None:
         return None
     named = {"left": "CortexLeft", "right": "CortexRight"}
@@ -104,18 +101,16 @@ def _agree(side: str | None, other: str | None) -> bool:
 
 
 def _open() -> list[Geometry]:
-    """Return the surfaces that are open in the viewer."""
+    """Return the surfaces that are open in the viewer, in world coordinates."""
     from napari import current_viewer
     from napari.layers import Surface
 
-    viewer = current_viewer()
-    layers = [] if viewer is None else [layer for layer in viewer.layers if isinstance(layer, Surface)]
-    return [_of_layer(layer) for layer in layers if layer.ndim == 3 and "voxflat" not in layer.metadata]
-
-
-def _of_layer(layer: Any) -> Geometry:
-    """Return the surface of a layer, in world coordinates."""
-    about = layer.metadata
-    path = about.get("surface_file") or layer.source.path
-    vertices = moved(np.asarray(layer.vertices), data_to_world(layer))
-    return Geometry(vertices, np.asarray(layer.faces), about.get("structure"), Path(path) if path else None)
+    viewer, found = current_viewer(), []
+    for layer in [] if viewer is None else viewer.layers:
+        about = layer.metadata
+        if isinstance(layer, Surface) and layer.ndim == 3 and "voxflat" not in about:
+            path = about.get("surface_file") or layer.source.path
+            vertices = moved(np.asarray(layer.vertices), data_to_world(layer))
+            file = Path(path) if path else None
+            found.append(Geometry(vertices, np.asarray(layer.faces), about.get("structure"), file))
+    return found

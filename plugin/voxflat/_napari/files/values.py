@@ -17,10 +17,9 @@ from voxflat.io.patches import patch_faces, read_patch
 from voxflat.maps.colours import label_colours
 
 _FOLDS = ("curv", "sulc")
+# words in the names of FreeSurfer's values files; "pial" or "mid" may follow
 VALUES = frozenset(("avg_curv", "thickness", "area", "volume", *_FOLDS))
-"""Words in the names of FreeSurfer's files of values; some precede ``pial`` or ``mid``."""
-
-_UNLABELLED = (0.82, 0.82, 0.82)  # as in pictures of labels
+_UNLABELLED = (0.82, 0.82, 0.82)  # as in images of labels
 
 _Read = TypeVar("_Read")
 
@@ -31,7 +30,7 @@ def gifti_layers(path: Path) -> list[LayerData]:
 
 
 def value_layers(path: Path) -> list[LayerData]:
-    """Read values or labels on a surface that is open or stored near the file; raises InputError on failure."""
+    """Read values or labels on a surface that is open or stored near the file; raises InputError if none fits."""
     is_region = path.name.lower().endswith(".label")
     read = read_region if is_region else read_overlay
 
@@ -47,7 +46,7 @@ def value_layers(path: Path) -> list[LayerData]:
 
 
 def patch_layers(path: Path) -> list[LayerData]:
-    """Read a FreeSurfer patch or raise InputError; flat patches are shown in the plane, v upwards, like flat maps."""
+    """Read a FreeSurfer patch; flat patches are shown in the plane, with v upwards. Raises InputError on failure."""
     patch = read_patch(path)
     geometry, faces = _on_surface(path, lambda of: patch_faces(of.faces, patch.vertex_ids, len(of.vertices)))
     features = {"vertex": patch.vertex_ids, "border": patch.border}
@@ -69,11 +68,11 @@ def _on_surface(path: Path, read: Callable[[Geometry], _Read]) -> tuple[Geometry
             wrong = wrong or error
     if wrong is not None:
         raise InputError(f"{wrong}. Open the surface to which the file belongs, then open the file again") from wrong
-    raise InputError(f"{path}: its surface is not beside it. Open its surface first, such as lh.white or .surf.gii")
+    raise InputError(f"{path}: the surface of this file was not found. Open the surface (such as lh.white) first")
 
 
 def _display(path: Path, values: NDArray[Any]) -> dict[str, Any]:
-    """Return the display of values: grey levels centred on 0 for folds, and colours for other values."""
+    """Return the display of values: grey levels centred on 0 for folds, colours for other values."""
     low, high = limits(values)
     if any(name in path.name.lower() for name in _FOLDS):
         most = max(abs(low), abs(high))

@@ -13,7 +13,7 @@ from voxflat.io.files import REMEDY, naming
 from voxflat.io.volumes import read_volume
 
 _LABELS = {"aseg", "aparc", "dseg", "label", "labels", "mask", "parc", "ribbon", "seg", "segmentation"}
-_FEW = 64  # values; a volume with more values is an image, unless its name indicates labels
+_FEW = 64  # distinct values; a volume with more of them is an image, unless its name indicates labels
 _SPACE = ("mm",) * 3
 
 
@@ -22,7 +22,7 @@ def volume_layers(path: Path) -> list[LayerData]:
 
     The first axis of a series is time, and its frames are read when they are displayed. The axes of the file are
     permuted to the order x, y, z, because napari does not show slices in other orders. Raises InputError if the file
-    is damaged, or is not a volume.
+    is damaged or is not a volume.
     """
     with naming(path, REMEDY):
         found = series_of(path)
@@ -32,10 +32,9 @@ def volume_layers(path: Path) -> list[LayerData]:
 
         frames, affine = found
         order = _order(affine)
-        first = frames.read(0)
+        first = np.transpose(frames.read(0), order)
         read = delayed(lambda n: np.transpose(frames.read(n), order).astype(first.dtype, copy=False))
-        shape = tuple(first.shape[axis] for axis in order)
-        data = stack([from_delayed(read(n), shape, first.dtype) for n in range(len(frames))])  # type: ignore[no-untyped-call]
+        data = stack([from_delayed(read(n), first.shape, first.dtype) for n in range(len(frames))])  # type: ignore[no-untyped-call]
         in_time = np.eye(5)
         in_time[1:, 1:] = affine[:, [*order, 3]]
         about: dict[str, Any] = {"affine": in_time, "units": ("pixel", *_SPACE)}
@@ -50,7 +49,7 @@ def volume_layers(path: Path) -> list[LayerData]:
 
 
 def _order(affine: NDArray[np.float64]) -> list[int]:
-    """Return the voxel axes that are nearest to x, y and z."""
+    """Return the voxel axes that are closest to x, y and z."""
     along = np.abs(affine[:3, :3]) / np.linalg.norm(affine[:3, :3], axis=0)
     order = [-1, -1, -1]
     for row, column in sorted(np.ndindex(3, 3), key=lambda at: -along[at]):
@@ -60,12 +59,9 @@ def _order(affine: NDArray[np.float64]) -> list[int]:
 
 
 def _are_labels(path: Path, data: NDArray[Any]) -> bool:
-    """Return whether a volume holds labels: integers with few distinct values or a file name that indicates labels."""
-    if data.dtype.kind not in "iub":
-        return False
-    if not _LABELS.isdisjoint(re.split(r"[^a-z]+", path.name.lower())):
-        return True
-    return len(np.unique(data)) <= _FEW
+    """Return whether a volume contains labels: integers with few distinct values, or with a file name of labels."""
+    is_named = not _LABELS.isdisjoint(re.split(r"[^a-z]+", path.name.lower()))
+    return data.dtype.kind in "iub" and (is_named or len(np.unique(data)) <= _FEW)
 
 
 def _name(path: Path) -> str:

@@ -20,7 +20,7 @@ Written: TypeAlias = Any  # list[str], which napari's commands cannot compare wi
 def write_flat_map(path: str | None = None, layers: Sequence[LayerData] = ()) -> Written:
     """Save the flat map or atlas to which layers belong.
 
-    Without a path, as from napari's command palette, ask for a path and save the selected layers. Raises VoxflatError
+    Without a path (from napari's command palette), ask for a file and save the selected layers. Raises VoxflatError
     if the layers do not belong to exactly one map, or if the file format cannot store it.
     """
     if path is None:
@@ -31,7 +31,7 @@ def write_flat_map(path: str | None = None, layers: Sequence[LayerData] = ()) ->
 
 
 def write_flat_image(path: str | None = None, layers: Sequence[LayerData] = ()) -> Written:
-    """Save the image of one layer of a map or page; otherwise behave like `write_flat_map`."""
+    """Save the image of one layer of a map or page, in the same way as `write_flat_map`."""
     if path is None:
         return _ask("Save a flat image", IMAGE_ENDINGS)
     with _reporting_errors():
@@ -40,7 +40,6 @@ def write_flat_image(path: str | None = None, layers: Sequence[LayerData] = ()) 
 
 
 def _ask(title: str, endings: Sequence[str]) -> list[str]:
-    """Ask for a file, and save the selected layers."""
     from napari import current_viewer
     from qtpy.QtWidgets import QFileDialog
 
@@ -53,7 +52,7 @@ def _ask(title: str, endings: Sequence[str]) -> list[str]:
 
 @contextmanager
 def _reporting_errors() -> Iterator[None]:
-    """Convert InputError, because napari treats a ValueError as a missing writer and does not report it."""
+    """Convert InputError, which is a ValueError; napari would treat it as a missing writer and not report it."""
     try:
         yield
     except InputError as error:
@@ -62,14 +61,11 @@ def _reporting_errors() -> Iterator[None]:
 
 def _map_of(layers: Sequence[LayerData]) -> FlatMap | Atlas:
     maps = {id(flat_map): flat_map for _, keywords, _ in layers if (flat_map := keywords["metadata"].get("voxflat"))}
-    if len(maps) != 1:
-        raise InputError(
-            "The selected layers do not belong to a flat map. Select a layer of a flat map"
-            if not maps
-            else f"The selected layers belong to {len(maps)} flat maps. Select layers of one map"
-        )
-    (flat_map,) = maps.values()
-    return flat_map  # type: ignore[no-any-return]  # metadata are Any
+    if not maps:
+        raise InputError("The selected layers do not belong to a flat map. Select a layer of a flat map")
+    if len(maps) > 1:
+        raise InputError(f"The selected layers belong to {len(maps)} flat maps. Select layers of one map")
+    return next(iter(maps.values()))  # type: ignore[no-any-return]  # metadata are Any
 
 
 def _image_of(layers: Sequence[LayerData]) -> FlatImage:
@@ -77,14 +73,14 @@ def _image_of(layers: Sequence[LayerData]) -> FlatImage:
     flat_map = _map_of(layers)
     images = [layer for layer in layers if layer[2] in ("image", "labels")]
     if len(images) != 1:
-        raise InputError(f"{len(images)} flat images are selected. Select one")
+        raise InputError(f"{len(images)} flat images are selected. Select exactly one")
     data, keywords, kind = images[0]
     height, width = keywords["scale"]
     if height != width:
-        raise InputError(f"Pixels of '{keywords['name']}' are {height:g} x {width:g} mm. Set equal scales on both axes")
+        size = f"{height:g} x {width:g} mm"
+        raise InputError(f"The pixels of layer '{keywords['name']}' are {size}. Set the same scale for both axes")
     down, u = keywords["translate"]
-    is_labels = kind == "labels"
-    pixels = np.asarray(data)
+    is_labels, pixels = kind == "labels", np.asarray(data)
     if keywords.get("rgb"):
         pixels = _with_opacity(pixels)
     elif is_labels:

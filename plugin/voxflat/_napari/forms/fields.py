@@ -8,17 +8,19 @@ from qtpy.QtWidgets import QComboBox, QFormLayout, QSizePolicy, QWidget
 _BESIDE = 32  # pixels that a list needs in addition to its texts
 
 
-def spin(box: Any, least: float, most: float, tip: str, suffix: str = "") -> Any:
-    """Set the range, tooltip and suffix of a number box."""
+def spin(box: Any, least: float, most: float, tip: str, suffix: str = "", *, step: float = 1, special: str = "") -> Any:
+    """Set up a number box; it shows the text `special` instead of the lowest value."""
     box.setRange(least, most)
     box.setToolTip(tip)
     box.setSuffix(suffix)
+    box.setSingleStep(step)
+    box.setSpecialValueText(special)
     box.setKeyboardTracking(False)
     return box
 
 
 def choice(texts: Mapping[Any, str], tip: str) -> QComboBox:
-    """Create a box with one entry for each key and its text."""
+    """Return a box with one entry for each key, showing its text."""
     box = QComboBox()
     for key, text in texts.items():
         box.addItem(text, key)
@@ -31,7 +33,7 @@ def choice(texts: Mapping[Any, str], tip: str) -> QComboBox:
 
 
 def offer(box: QComboBox, texts: Mapping[str, str], key: str, offered: bool) -> None:
-    """Add an entry at the end of a box, or remove it; if it was selected, the first entry is selected instead."""
+    """Add an entry at the end of a box, or remove it; if it was selected, select the first entry instead."""
     index = box.findData(key)
     if offered and index < 0:
         box.addItem(texts[key], key)
@@ -42,7 +44,6 @@ def offer(box: QComboBox, texts: Mapping[str, str], key: str, offered: bool) -> 
 
 
 def show_row(rows: QFormLayout, field: QWidget, visible: bool) -> None:
-    """Show a field with its label, or hide both."""
     field.setVisible(visible)
     label = rows.labelForField(field)
     assert label is not None

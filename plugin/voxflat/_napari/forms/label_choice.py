@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 from napari.layers import Labels
-from qtpy.QtWidgets import QComboBox, QWidget
+from qtpy.QtWidgets import QComboBox
 
 from voxflat._napari.layers.volumes import finest
 from voxflat._napari.timers import single_shot
@@ -19,36 +19,34 @@ _PAUSE = 400  # ms without painting before the labels are listed again
 class LabelChoice(QComboBox):
     """Lets the user choose a label from a list made in a thread; the default is the selected label of the layer."""
 
-    def __init__(self, parent: QWidget | None = None) -> None:
-        super().__init__(parent)
+    def __init__(self) -> None:
+        super().__init__()
         self._layer: Labels | None = None
         self._labels: dict[int, int] | None = None  # number of voxels of each label, once known
         self._timer = single_shot(self, _PAUSE, self.scan)
 
     @property
     def label(self) -> int | None:
-        """The chosen label."""
         label = self.currentData()
         return None if label is None else int(label)
 
     def choose(self, label: int) -> None:
-        """Select one of the offered labels."""
         self.setCurrentIndex(self.findData(label))
 
     def follow(self, layer: Labels | None) -> None:
         """Offer the labels of a layer, and follow its changes."""
         if self._layer is not None:
             self._layer.events.selected_label.disconnect(self._on_selected)
-            self._layer.events.data.disconnect(self._rescan)
-            self._layer.events.labels_update.disconnect(self._rescan)
+            for event in (self._layer.events.data, self._layer.events.labels_update):
+                event.disconnect(self._rescan)
         self._layer = layer
         self.clear()
         if layer is None:
             self._timer.stop()
             return
         layer.events.selected_label.connect(self._on_selected)
-        layer.events.data.connect(self._rescan)
-        layer.events.labels_update.connect(self._rescan)
+        for event in (layer.events.data, layer.events.labels_update):
+            event.connect(self._rescan)
         self._offer(None)
         self.scan()
 
@@ -80,18 +78,16 @@ class LabelChoice(QComboBox):
         """Offer these labels, or only the selected label if they are unknown."""
         assert self._layer is not None
         selected = self._layer.selected_label
-        before = self.label if labels is not None else None
+        before = self.label
         self._labels = labels
         self.clear()
         if labels is None:
             self.addItem(str(selected), selected)
-        else:
-            for label, count in labels.items():
-                self.addItem(f"{label}   ({count:,} voxels)", label)
-        for wanted in (before, selected):
-            if wanted is not None and self.findData(wanted) >= 0:
-                self.choose(wanted)
-                return
+            return
+        for label, count in labels.items():
+            self.addItem(f"{label}   ({count:,} voxels)", label)
+        if (wanted := before if before in labels else selected) in labels:
+            self.choose(wanted)
 
 
 def _labels(data: Any) -> tuple[Any, dict[int, int] | None]:

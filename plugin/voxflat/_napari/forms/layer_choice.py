@@ -1,26 +1,26 @@
 """A box for choosing one of the layers in the viewer."""
 
 from collections.abc import Callable
+from functools import partial
 
 from napari import Viewer
 from napari.layers import Layer
 from qtpy.QtCore import QTimer, Signal  # type: ignore[attr-defined]  # qtpy makes it of pyqtSignal
-from qtpy.QtWidgets import QComboBox, QSizePolicy, QWidget
+from qtpy.QtWidgets import QComboBox, QSizePolicy
 from superqt.utils import signals_blocked
 
-from voxflat._napari.layers.list_events import list_events
+from voxflat._napari.map_viewer.viewer_parts import list_events
 
 
 class LayerChoice(QComboBox):
-    """Lets the user choose a layer, or `none`, and keeps up with layers that are added, removed and renamed.
+    """Lets the user choose a layer, or `none`, and follows layers that are added, removed and renamed.
 
-    Until the user chooses, the box selects the newest of the layers with the highest `rank`. A layer of rank None is
-    not offered, and a layer of rank 0 is not selected automatically. With `follows_selection`, a
-    layer that the user selects in the layer list takes precedence; napari's selection of new layers is ignored.
+    Until the user chooses, the box selects the newest of the layers with the highest `rank`. A layer with rank None is
+    not offered, and a layer with rank 0 is not selected automatically. If `follows_selection` is set, a layer that the
+    user selects in the layer list takes precedence; napari's own selection of new layers is ignored.
     """
 
-    chosen = Signal()
-    """Emitted when another layer is chosen."""
+    chosen = Signal()  # emitted when another layer is chosen
 
     def __init__(
         self,
@@ -28,9 +28,8 @@ class LayerChoice(QComboBox):
         rank: Callable[[Layer], int | None],
         none: str | None = None,
         follows_selection: bool = False,
-        parent: QWidget | None = None,
     ) -> None:
-        super().__init__(parent)
+        super().__init__()
         self._viewer = viewer
         self._rank = rank
         self._none = none
@@ -54,12 +53,11 @@ class LayerChoice(QComboBox):
 
     @property
     def layer(self) -> Layer | None:
-        """The chosen layer."""
         index = self.currentIndex()
         return self._layers[index] if 0 <= index < len(self._layers) else None
 
     def choose(self, layer: Layer | None) -> None:
-        """Choose one of the offered layers, as if the user had chosen it."""
+        """Choose an offered layer, as if the user had chosen it."""
         self._by_user = True
         self.setCurrentIndex(self._layers.index(layer))
 
@@ -78,11 +76,10 @@ class LayerChoice(QComboBox):
         self._tell()
 
     def keep(self) -> None:
-        """Keep the current layer, as if the user had chosen it."""
+        """Keep the current layer as if the user had chosen it."""
         self._by_user = self.layer is not None
 
     def release(self) -> None:
-        """Stop following the viewer."""
         for event in self._events:
             event.disconnect(self.refresh)
         if self._follows_selection:
@@ -91,10 +88,7 @@ class LayerChoice(QComboBox):
 
     def _on_inserting(self) -> None:
         self._has_new = True
-        QTimer.singleShot(0, self._on_inserted)
-
-    def _on_inserted(self) -> None:
-        self._has_new = False
+        QTimer.singleShot(0, partial(setattr, self, "_has_new", False))
 
     def _on_selection(self) -> None:
         if not self._has_new:
@@ -102,10 +96,8 @@ class LayerChoice(QComboBox):
             self.refresh()
 
     def _best(self, offered: list[Layer]) -> Layer | None:
-        suitable = [layer for layer in reversed(offered) if self._rank(layer)]
-        if self._selected in suitable:
-            return self._selected
-        return max(suitable, key=lambda layer: self._rank(layer) or 0, default=None)
+        suitable = {layer: rank for layer in reversed(offered) if (rank := self._rank(layer))}
+        return self._selected if self._selected in suitable else max(suitable, key=suitable.__getitem__, default=None)
 
     def _on_activated(self) -> None:
         self._by_user = True

@@ -1,6 +1,5 @@
 """The fields that all forms share: the surface, the axes of the viewer, and the values that the map shows."""
 
-from collections.abc import Sequence
 from functools import partial
 from typing import Any
 
@@ -8,7 +7,6 @@ import numpy as np
 from napari import Viewer
 from napari.layers import Image, Labels, Layer, Surface
 from qtpy.QtWidgets import QDoubleSpinBox, QFormLayout, QWidget
-from superqt import QCollapsible
 
 from voxflat._napari.forms.fields import choice, show_row, spin
 from voxflat._napari.forms.label_choice import LabelChoice
@@ -24,8 +22,8 @@ from voxflat.errors import InputError
 class LayerForm(QWidget):
     """Base class of the forms: the surface and the values on its map; subclasses add the flattening options."""
 
-    def __init__(self, viewer: Viewer, parent: QWidget | None = None) -> None:
-        super().__init__(parent)
+    def __init__(self, viewer: Viewer) -> None:
+        super().__init__()
         self.surface = LayerChoice(viewer, partial(_surface_rank, viewer), follows_selection=True)
         self.surface.setPlaceholderText("open a Labels, Image or Surface layer")
         self.surface.setToolTip("The layer to flatten: Labels, an Image with a threshold, or a Surface")
@@ -35,39 +33,30 @@ class LayerForm(QWidget):
         self.world = choice(WORLDS, "Anatomical directions of the viewer's axes. A wrong choice mirrors the map")
         self.sampled = LayerChoice(viewer, self._sampled_rank, none="nothing")
         self.sampled.setToolTip("The layer that the map shows, such as a T1 image or an atlas, sampled at the surface")
-        self.sample_depth = spin(
-            QDoubleSpinBox(), -100, 100, "Sampling distance from the surface. Negative values are inside it", " mm"
-        )
-        self.sample_depth.setSingleStep(0.5)
-        self.pixel_size = spin(
-            QDoubleSpinBox(), 0, 100, "Pixel size of the map. The default is half a voxel, or half a mesh edge", " mm"
-        )
-        self.pixel_size.setSingleStep(0.1)
-        self.pixel_size.setSpecialValueText("automatic")
+        tip = "Sampling distance from the surface. Negative values are inside the surface"
+        self.sample_depth = spin(QDoubleSpinBox(), -100, 100, tip, " mm", step=0.5)
+        tip = "Pixel size of the map. The default is half the size of a voxel, or half the length of a mesh edge"
+        self.pixel_size = spin(QDoubleSpinBox(), 0, 100, tip, " mm", step=0.1, special="automatic")
         self._depth_by_user = False
         self.sample_depth.editingFinished.connect(self._on_depth)
         self._rows = QFormLayout(self)
         self._rows.setContentsMargins(0, 0, 0, 0)
         self._rows.setFieldGrowthPolicy(QFormLayout.FieldGrowthPolicy.AllNonFixedFieldsGrow)
-        self.advanced = QCollapsible("Advanced", expandedIcon="▾", collapsedIcon="▸")
 
-    def _add_rows(self, rows: Sequence[tuple[str, QWidget]], advanced: QWidget | None = None) -> None:
-        """Add the fields to the form, and connect their signals."""
-        for text, field in rows:
+    def _add_rows(self, *rows: tuple[str, QWidget]) -> None:
+        """Add the fields of the surface and then the given fields to the form, and connect their signals."""
+        surface = (("Surface", self.surface), ("Label", self.label), ("Threshold", self.threshold))
+        for text, field in (*surface, *rows):
             self._rows.addRow(text, field)
-        if advanced is not None:
-            self.advanced.addWidget(advanced)
-            self._rows.addRow(self.advanced)
         self.surface.chosen.connect(self._on_surface)
-        self.sampled.chosen.connect(self._on_sampled)
-
-    # ---------------------------------------------------------------------------------------- choosing
+        if self._rows.labelForField(self.sample_depth) is not None:  # the form shows a map
+            self.sampled.chosen.connect(self._on_sampled)
 
     def _on_surface(self) -> None:
         layer = self.surface.layer
         self.label.follow(layer if isinstance(layer, Labels) else None)
-        self._show_row(self.label, isinstance(layer, Labels))
-        self._show_row(self.threshold, isinstance(layer, Image))
+        show_row(self._rows, self.label, isinstance(layer, Labels))
+        show_row(self._rows, self.threshold, isinstance(layer, Image))
         self.threshold.follow(layer if isinstance(layer, Image) and not layer.rgb else None)
         self.sampled.refresh()
         if not self._depth_by_user:
@@ -77,10 +66,7 @@ class LayerForm(QWidget):
         self._depth_by_user = True
 
     def _on_sampled(self) -> None:
-        self._show_row(self.sample_depth, isinstance(self.sampled.layer, Image | Labels))
-
-    def _show_row(self, field: QWidget, visible: bool) -> None:
-        show_row(self._rows, field, visible)
+        show_row(self._rows, self.sample_depth, isinstance(self.sampled.layer, Image | Labels))
 
     def _sampled_rank(self, layer: Layer) -> int | None:
         """Return how suitable a layer is for display on the map; the values of the flattened mesh are most suitable."""
@@ -94,36 +80,31 @@ class LayerForm(QWidget):
             return None
         return (3 if layer == mesh else 1) if vary(np.asarray(layer.vertex_values)) else 0
 
-    # ------------------------------------------------------------------------------------------ asking
-
     def _chosen(self) -> Layer:
-        """Return the layer of the surface."""
         if self.surface.layer is None:
-            raise InputError("No surface to flatten. Open a Labels, Image or Surface layer")
+            raise InputError("There is no surface to flatten. Open a Labels, Image or Surface layer")
         self.surface.keep()
         return self.surface.layer
 
     def source(self) -> tuple[LayerVolume | LayerMesh, dict[str, Any]]:
-        """Return the source and the foreground of a volume; raises InputError if the layer is unsuitable."""
+        """Return the chosen layer, and the foreground of a volume; raises InputError if the layer is unsuitable."""
         layer, world = self._chosen(), self.world.currentData()
         if isinstance(layer, Surface):
             return LayerMesh.of(layer, world), {}
         return LayerVolume.of(layer, world), self._foreground(layer)
 
     def _foreground(self, layer: Layer) -> dict[str, Any]:
-        """Return the arguments that select the foreground of a volume."""
         labels = isinstance(layer, Labels)
         return {"label": self.label.label if labels else None, "threshold": None if labels else self.threshold.value()}
 
     def _shown(self, layer: Layer, world: str) -> Shown | None:
-        """Return the values that the map of a layer should show."""
         sampled = self.sampled.layer
         if sampled is None:
             return None
         if not isinstance(sampled, Surface) and sampled.ndim == 3 and not same_kind_of_unit(layer, sampled):
             raise InputError(
                 f"The units of '{layer.name}' ({layer.units[0]}) and '{sampled.name}' ({sampled.units[0]}) do not "
-                "match. Set the units of both layers to lengths"
+                "match. Set both to units of length"
             )
         return shown(sampled, world, self.sample_depth.value())
 
@@ -131,17 +112,15 @@ class LayerForm(QWidget):
         """Stop following the viewer."""
         self.label.follow(None)
         self.threshold.follow(None)
-        for part in (self.surface, self.sampled):
-            part.release()
+        self.surface.release()
+        self.sampled.release()
 
 
 def _surface_rank(viewer: Viewer, layer: Layer) -> int | None:
     """Rank layers to flatten: labels, then surfaces, then images; 0 for a surface that belongs to another one."""
     if "voxflat" in layer.metadata or not isinstance(layer, Image | Labels | Surface) or getattr(layer, "rgb", False):
         return None
-    if layer.ndim != 3:
-        return 0
-    if any(_is_of(layer, other) for other in viewer.layers):
+    if layer.ndim != 3 or any(_is_of(layer, other) for other in viewer.layers):
         return 0
     if isinstance(layer, Surface):
         return 2 if _is_partner(layer) else 3

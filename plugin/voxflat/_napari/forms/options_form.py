@@ -14,27 +14,18 @@ from voxflat.methods.method import OverTriangles
 _CHOICES: dict[str, tuple[str, dict[Any, str], str]] = {
     "cuts": (
         "Cuts",
-        {
-            None: "default",
-            "standard": "standard",
-            "automatic": "automatic",
-        },
-        "Standard cuts are the same for every brain; automatic cuts minimise the distortion of this surface. The "
-        "default is standard cuts if the sphere of the surface is known, otherwise automatic cuts",
+        {None: "default", "standard": "standard", "automatic": "automatic"},
+        "Standard cuts are the same for every brain; automatic cuts minimise the distortion of this surface. By "
+        "default, standard cuts are used if the sphere of the surface is known, and automatic cuts otherwise",
     ),
     "relax": (
         "Relaxation cuts",
         {None: "default", True: "enabled", False: "disabled"},
-        "Cuts from the border inwards, added where they reduce the distortion most",
+        "Additional cuts from the border inwards, where they reduce the distortion most",
     ),
     "geodesic": (
         "Distances",
-        {
-            None: "default",
-            "graph": "graph of links",
-            "marching": "fast marching",
-            "exact": "exact",
-        },
+        {None: "default", "graph": "graph of links", "marching": "fast marching", "exact": "exact"},
         "How the distances that the map preserves are computed",
     ),
     "scale": (
@@ -45,7 +36,7 @@ _CHOICES: dict[str, tuple[str, dict[Any, str], str]] = {
     "sampling": (
         "Sampling",
         {None: "default", "farthest": "even", "curvature": "denser at folds", "random": "random"},
-        "How the sources, from which distances are computed, are distributed",
+        "How the sources are distributed. Distances are computed from these points",
     ),
     "link_lengths": (
         "Links",
@@ -54,16 +45,14 @@ _CHOICES: dict[str, tuple[str, dict[Any, str], str]] = {
     ),
 }
 
-
 _DRAWN = "drawn"
 
 
 def takes(method: str, option: str) -> bool:
-    """Return whether a method accepts an option; triangle methods accept cuts and a mirror."""
+    """Return whether a method accepts an option, including the options of `Surface.flatten`."""
     kind = METHODS[method]
-    return option in kind.__dataclass_fields__ or (
-        issubclass(kind, OverTriangles) and option in ("cuts", "relax", "mirror", "drop")
-    )
+    is_common = issubclass(kind, OverTriangles) and option in ("cuts", "relax", "mirror", "drop")
+    return is_common or option in kind.__dataclass_fields__
 
 
 def usual(option: str, method: str) -> Any:
@@ -74,47 +63,42 @@ def usual(option: str, method: str) -> Any:
 class OptionsForm(QWidget):
     """Lets the user set the options of a method; `options` returns those that differ from the defaults."""
 
-    changed = Signal()
-    """Emitted when other cuts are chosen."""
+    changed = Signal()  # emitted when other cuts are chosen
 
-    def __init__(self, parent: QWidget | None = None) -> None:
-        super().__init__(parent)
+    def __init__(self) -> None:
+        super().__init__()
         self.rows = QFormLayout(self)
         self.rows.setContentsMargins(0, 0, 0, 0)
         self.rows.setFieldGrowthPolicy(QFormLayout.FieldGrowthPolicy.AllNonFixedFieldsGrow)
         self.fields: dict[str, QWidget] = {}
-        for name in ("cuts", "relax"):
-            self._add_choice(name)
+        self._cuts = self._add_choice("cuts")
+        self._add_choice("relax")
         self._drawn: DrawnCuts | None = None
-        self._cuts = self._chosen("cuts")
         self._cuts.currentIndexChanged.connect(self.changed)
         self.mirror = QCheckBox("flip left and right")
         self.mirror.setToolTip("Makes maps of right hemispheres look like maps of left hemispheres")
         self._add("mirror", "Mirror", self.mirror)
-        self.sources = spin(QSpinBox(), 0, 100_000, "Number of points from which distances are computed")
-        self.sources.setSpecialValueText("default")
+        tip = "Number of points from which distances are computed"
+        self.sources = spin(QSpinBox(), 0, 100_000, tip, special="default")
         self._add("sources", "Sources", self.sources)
-        for name in ("sampling", "geodesic"):
-            self._add_choice(name)
-        self.weighting = spin(
-            QDoubleSpinBox(), 0, 1, "0 preserves short distances and shapes of triangles; 1 preserves long distances"
-        )
-        self.weighting.setSingleStep(0.1)
+        self._add_choice("sampling")
+        self._add_choice("geodesic")
+        tip = "0 preserves short distances and the shapes of triangles; 1 preserves long distances"
+        self.weighting = spin(QDoubleSpinBox(), 0, 1, tip, step=0.1)
         self.weighting.setValue(usual("weighting", "voxflat"))
         self._add("weighting", "Local to global", self.weighting)
-        for name in ("scale", "link_lengths"):
-            self._add_choice(name)
-        self.neighbourhood = spin(QSpinBox(), 0, 1000, "Preserve distances between points up to this many edges apart")
-        self.neighbourhood.setSpecialValueText("default")
+        self._add_choice("scale")
+        self._add_choice("link_lengths")
+        tip = "Preserve distances between points that are at most this many edges apart"
+        self.neighbourhood = spin(QSpinBox(), 0, 1000, tip, special="default")
         self._add("neighbourhood", "Neighbourhood", self.neighbourhood)
-        self.starts = spin(QSpinBox(), 1, 100, "Number of random starts; the best map is kept")
+        self.starts = spin(QSpinBox(), 1, 100, "Number of random starts. The best map is kept")
         self.starts.setValue(usual("starts", "schwartz1989"))
         self._add("starts", "Starts", self.starts)
-        self.bound = spin(QDoubleSpinBox(), 1.01, 10, "The largest factor by which lengths may change")
-        self.bound.setSingleStep(0.1)
+        self.bound = spin(QDoubleSpinBox(), 1.01, 10, "The largest factor by which lengths may change", step=0.1)
         self.bound.setValue(usual("bound", "saucan2006"))
         self._add("bound", "Bound C", self.bound)
-        self.seed = spin(QSpinBox(), 0, 2**31 - 1, "Seed of random numbers. The same seed gives the same map")
+        self.seed = spin(QSpinBox(), 0, 2**31 - 1, "Seed for random numbers. The same seed gives the same map")
         self.rows.addRow("Random seed", self.seed)
 
     @property
@@ -134,7 +118,6 @@ class OptionsForm(QWidget):
                 self._cuts.setCurrentIndex(index)
 
     def set_method(self, method: str) -> None:
-        """Show the options of a method."""
         for name, field in self.fields.items():
             show_row(self.rows, field, takes(method, name))
 
@@ -159,14 +142,11 @@ class OptionsForm(QWidget):
         changed = {name: value for name, value in of_method.items() if not _is_same(value, usual(name, method))}
         return changed | ({"seed": self.seed.value()} if self.seed.value() else {})
 
-    def _chosen(self, name: str) -> QComboBox:
-        field = self.fields[name]
-        assert isinstance(field, QComboBox)
-        return field
-
-    def _add_choice(self, name: str) -> None:
+    def _add_choice(self, name: str) -> QComboBox:
         text, entries, tip = _CHOICES[name]
-        self._add(name, text, choice(entries, tip))
+        box = choice(entries, tip)
+        self._add(name, text, box)
+        return box
 
     def _add(self, name: str, text: str, field: QWidget) -> None:
         self.fields[name] = field

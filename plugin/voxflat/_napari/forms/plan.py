@@ -8,14 +8,14 @@ import numpy as np
 import scipy
 from napari.layers import Layer, Surface
 from numpy.typing import NDArray
-from qtpy.QtWidgets import QLabel, QWidget
+from qtpy.QtWidgets import QLabel
 
 from voxflat._napari.layers.volumes import finest
 from voxflat._napari.timers import single_shot
 from voxflat._napari.worker import BackgroundTask
 from voxflat.surfaces.standard.sphere import sphere_at
 
-_COUNTED = 2**27  # voxels; in larger layers, which may be remote, surface voxels are not counted
+_COUNTED = 2**27  # voxels; the surface voxels of larger layers, which may be remote, are not counted
 _PAUSE = 300  # ms without a change before surface voxels are counted
 _SECONDS = 2e-4  # run time per point on two cores (docs/decisions/0027)
 _BYTES = 6500.0  # memory per point
@@ -46,8 +46,8 @@ class _Asked:
 class Plan(QLabel):
     """Shows the steps of *Flatten surface*, the number of points, and the approximate run time."""
 
-    def __init__(self, parent: QWidget | None = None) -> None:
-        super().__init__(parent)
+    def __init__(self) -> None:
+        super().__init__()
         self.setWordWrap(True)
         self.setToolTip("What Flatten surface will do with the current settings")
         self._asked: _Asked | None = None
@@ -91,7 +91,7 @@ class Plan(QLabel):
             self._fit()
 
     def resizeEvent(self, event: Any) -> None:  # noqa: N802 - Qt's name
-        """Keep all lines visible, because a form layout uses the height that a wrapped label had at another width."""
+        """Keep all lines visible, because a form layout reserves the height that the label needed at another width."""
         super().resizeEvent(event)
         self._fit()
 
@@ -100,14 +100,13 @@ class Plan(QLabel):
 
 
 def _steps(asked: _Asked) -> list[str]:
-    """Return the steps as sentences."""
     part = _PARTS[asked.part].format(radius=asked.radius)
     if asked.method == "grossmann2002":
         return [f"Flattens {part}, voxel by voxel. The surface must be open."]
     is_mesh = isinstance(asked.layer, Surface)
     steps = [f"Flattens {'the largest component' if asked.part == 'whole' and not is_mesh else part}."]
     if asked.threshold is not None and asked.part == "whole":
-        steps.append("In a whole brain, it can include both hemispheres and the cerebellum.")
+        steps.append("In a whole brain, this component can include both hemispheres and the cerebellum.")
     if is_mesh and asked.has_pial:
         steps.append("Measures distances midway to the pial surface.")
     if not is_mesh:
@@ -123,9 +122,11 @@ def _cutting(asked: _Asked) -> str:
     if asked.goes_on and asked.cuts is None:
         return "Keeps the cuts of that map."
     if asked.cuts == "drawn":
-        return "Cuts along the drawn lines, and adds automatic cuts if these do not open the surface."
+        return "Cuts along the drawn lines, and adds automatic cuts if the drawn cuts do not open the surface."
     if asked.cuts == "standard":
-        return "Opens a closed surface along standard cuts, located by its sphere, or by its folds without one."
+        return (
+            "Opens a closed surface along standard cuts, located by its sphere if it is known, otherwise by its folds."
+        )
     path = getattr(asked.layer.source, "path", None)
     sphere = sphere_at(path) if path and isinstance(asked.layer, Surface) and asked.cuts is None else None
     if sphere is not None:
@@ -140,7 +141,8 @@ def _expected(asked: _Asked, count: int | None) -> list[str]:
     if asked.method != "voxflat" or asked.part != "whole":
         return [f"The whole surface has about {points}."]
     seconds, gigabytes = count * _SECONDS, count * _BYTES / 1e9
-    return [f"About {points}: takes about {_about(seconds)}\u00a0s and {_about(gigabytes)}\u00a0GB of memory."]
+    need = f"{_about(seconds)}\u00a0s and {_about(gigabytes)}\u00a0GB of memory"
+    return [f"The surface has about {points}. Flattening takes about {need}."]
 
 
 def _about(value: float) -> str:

@@ -17,27 +17,23 @@ from voxflat._napari.map_viewer.viewer_parts import is_click
 
 
 class SeedChoice(QWidget):
-    """Lets the user choose a Points layer, whose selected or last point is the seed; *Pick* sets it by a click."""
+    """Lets the user choose a Points layer, whose selected or last point is the seed; *Pick* sets it with a click."""
 
-    picking = Signal()
-    """Emitted when the next click on the surface sets the seed."""
+    picking = Signal()  # emitted when the next click on the surface sets the seed
 
-    def __init__(
-        self, viewer: Viewer, inside: Callable[[NDArray[Any]], NDArray[Any]], parent: QWidget | None = None
-    ) -> None:
-        super().__init__(parent)
+    def __init__(self, viewer: Viewer, inside: Callable[[NDArray[Any]], NDArray[Any]]) -> None:
+        super().__init__()
         self._viewer = viewer
         self._inside = inside
         self._surface: Layer | None = None
         self._points: Points | None = None
+        self._events: tuple[Any, ...] = ()
         self._layers = LayerChoice(viewer, _rank)
-        self._layers.setPlaceholderText("no point yet: click Pick")
-        self._layers.setToolTip(
-            "A Points layer. Its selected or last point, moved to the nearest point of the surface, is the seed point"
-        )
+        self._layers.setPlaceholderText("no point (click Pick)")
+        self._layers.setToolTip("A Points layer. The seed is the surface point nearest to its selected or last point")
         self.pick = QPushButton("Pick")
         self.pick.setCheckable(True)
-        self.pick.setToolTip("Press this button, then click on the surface in the viewer, in a slice or in 3D")
+        self.pick.setToolTip("Press this button, then click on the surface in the viewer, either in a slice or in 3D")
         self._text = QLabel()
         layout = QGridLayout(self)
         layout.setContentsMargins(0, 0, 0, 0)
@@ -57,7 +53,7 @@ class SeedChoice(QWidget):
         return seed_of(self._points, self._surface)
 
     def set_surface(self, layer: Layer | None) -> None:
-        """Set the layer whose voxels or vertices can be used as the seed."""
+        """Set the layer whose voxels or vertices can be the seed."""
         self._surface = layer
         self.pick.setEnabled(layer is not None and layer.ndim == 3)
         self._on_changed()
@@ -66,19 +62,17 @@ class SeedChoice(QWidget):
         """Mark a voxel or vertex of the surface in a Points layer of the viewer."""
         surface = self._surface
         assert surface is not None
-        point = data_place(surface, seed)
-        place = {"affine": data_to_world(surface), "units": surface.units}
+        point, affine = data_place(surface, seed), data_to_world(surface)
         if self._points is not None and self._points.name == MARKER["name"] and len(self._points.data) <= 1:
-            self._points.affine, self._points.units = place["affine"], place["units"]
+            self._points.affine, self._points.units = affine, surface.units
             self._points.data = [point]
         else:
             before = set(self._viewer.layers.selection)
-            self._layers.choose(self._viewer.add_points([point], **MARKER, **place))
+            self._layers.choose(self._viewer.add_points([point], **MARKER, affine=affine, units=surface.units))
             self._viewer.layers.selection = before
         self._on_changed()
 
     def release(self) -> None:
-        """Stop following the viewer."""
         self.pick.setChecked(False)
         self._layers.release()
         self._unfollow()
@@ -87,19 +81,16 @@ class SeedChoice(QWidget):
         self._unfollow()
         self._points = self._layers.layer
         if self._points is not None:
-            for event in self._events(self._points):
+            own = self._points.events
+            self._events = (own.data, own.highlight, own.affine, own.units)  # `highlight`: other points are selected
+            for event in self._events:
                 event.connect(self._on_changed)
         self._on_changed()
 
     def _unfollow(self) -> None:
-        if self._points is not None:
-            for event in self._events(self._points):
-                event.disconnect(self._on_changed)
-
-    @staticmethod
-    def _events(points: Points) -> tuple[Any, ...]:
-        # `highlight` is emitted when other points are selected
-        return (points.events.data, points.events.highlight, points.events.affine, points.events.units)
+        for event in self._events:
+            event.disconnect(self._on_changed)
+        self._events = ()
 
     def _on_changed(self) -> None:
         known = self._points is not None and self._surface is not None and self._surface.ndim == 3
@@ -124,11 +115,11 @@ class SeedChoice(QWidget):
         if not (yield from is_click(event)):
             return
         if self._surface is None or not self._surface.visible:
-            show_warning("The layer of the surface is hidden. Show it, then click on it")
+            show_warning("The layer to flatten is hidden. Show the layer, then click on the surface")
             return
         seed = self._clicked(viewer, self._surface, event)
         if seed is None:
-            show_warning("There is no surface at this position. Click on the mesh or the foreground")
+            show_warning("There is no surface at this position. Click on the mesh, or on the foreground of the volume")
             return
         self.pick.setChecked(False)
         self.set_point(seed)

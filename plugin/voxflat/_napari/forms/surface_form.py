@@ -7,9 +7,10 @@ from napari import Viewer
 from napari.layers import Labels, Layer, Points, Shapes, Surface
 from numpy.typing import NDArray
 from qtpy.QtCore import Qt
-from qtpy.QtWidgets import QCheckBox, QDoubleSpinBox, QWidget
+from qtpy.QtWidgets import QCheckBox, QDoubleSpinBox
+from superqt import QCollapsible
 
-from voxflat._napari.forms.fields import choice, offer, spin
+from voxflat._napari.forms.fields import choice, offer, show_row, spin
 from voxflat._napari.forms.layer_choice import LayerChoice
 from voxflat._napari.forms.layer_form import LayerForm
 from voxflat._napari.forms.options_form import OptionsForm, takes
@@ -17,8 +18,8 @@ from voxflat._napari.forms.plan import Plan
 from voxflat._napari.forms.seed_choice import SeedChoice
 from voxflat._napari.job import Job
 from voxflat._napari.layers.meshes import LayerMesh, surface_name, vary
-from voxflat._napari.layers.outlines import corners
 from voxflat._napari.layers.sampled import overlay
+from voxflat._napari.layers.seed import corners
 from voxflat._napari.layers.volumes import LayerVolume
 from voxflat._napari.viewer_state import ViewerState
 from voxflat.errors import InputError
@@ -26,8 +27,7 @@ from voxflat.maps.flat_map import FlatMap
 from voxflat.methods import METHODS
 
 _RADIUS = 45.0  # mm, as in the README
-_METHODS = {name: name for name in METHODS}  # the summary of a method is its tooltip, because it is wider than the box
-_OVER_VOXELS = "grossmann2002"  # does not accept meshes
+_METHODS = {name: name for name in METHODS}  # the summaries, which are wider than the box, are tooltips
 _PARTS = {
     "whole": "whole surface",
     "disk": "disk around a point",
@@ -40,39 +40,34 @@ _PARTS = {
 class SurfaceForm(LayerForm):
     """Lets the user choose a surface to flatten and the options; `job` returns these choices."""
 
-    def __init__(self, viewer: Viewer, parent: QWidget | None = None) -> None:
-        super().__init__(viewer, parent)
+    def __init__(self, viewer: Viewer) -> None:
+        super().__init__(viewer)
         self._state = ViewerState.of(viewer)
         self._make_fields(viewer)
         self._add_rows(
-            (
-                ("Surface", self.surface),
-                ("Label", self.label),
-                ("Threshold", self.threshold),
-                ("Pial surface", self.pial),
-                ("Part", self.patch),
-                ("Seed point", self.seed),
-                ("Radius", self.radius),
-                ("Polygon", self.polygon),
-                ("Mask", self.masked_by),
-                ("Show on map", self.sampled),
-                ("at depth", self.sample_depth),
-                ("Method", self.method),
-                ("Continue", self.continues),
-                ("World axes", self.world),
-            ),
-            advanced=self.options,
+            ("Pial surface", self.pial),
+            ("Part", self.patch),
+            ("Seed point", self.seed),
+            ("Radius", self.radius),
+            ("Polygon", self.polygon),
+            ("Mask", self.masked_by),
+            ("Show on map", self.sampled),
+            ("at depth", self.sample_depth),
+            ("Method", self.method),
+            ("Continue", self.continues),
+            ("World axes", self.world),
         )
+        advanced = QCollapsible("Advanced", expandedIcon="▾", collapsedIcon="▸")
+        advanced.addWidget(self.options)
+        self._rows.addRow(advanced)
         self._rows.addRow(self.plan)
         self.patch.currentIndexChanged.connect(self._on_patch)
         self.method.currentIndexChanged.connect(self._on_method)
-        self.label.currentIndexChanged.connect(self._update_plan)
-        self.options.changed.connect(self._update_plan)
-        for followed in (self.pial, self.polygon, self.masked_by, self.sampled):
-            followed.chosen.connect(self._update_plan)
-        self.threshold.box.valueChanged.connect(self._update_plan)
-        self.radius.valueChanged.connect(self._update_plan)
-        self.continues.toggled.connect(self._update_plan)
+        for layers in (self.pial, self.polygon, self.masked_by, self.sampled):
+            layers.chosen.connect(self._update_plan)
+        changes = (self.label.currentIndexChanged, self.options.changed, self.threshold.box.valueChanged)
+        for change in (*changes, self.radius.valueChanged, self.continues.toggled):
+            change.connect(self._update_plan)
         self._state.cuts_drawn.connect(self._on_cuts_drawn)
         self._state.changed.connect(self._offer_to_go_on)
         self._on_surface()
@@ -81,12 +76,11 @@ class SurfaceForm(LayerForm):
         self._on_sampled()
 
     def _make_fields(self, viewer: Viewer) -> None:
-        self.method = choice(_METHODS, "The flattening method: the method of voxflat, or the method of a paper")
+        self.method = choice(_METHODS, "The flattening method: voxflat's own method, or the method of a paper")
         self.pial = LayerChoice(viewer, self._pial_rank, none="none")
         self.pial.setToolTip("The pial surface of a white surface. Distances are measured midway between the two")
-        self.patch = choice(
-            _PARTS, "The part to flatten. Closed surfaces are cut open; small parts have less distortion"
-        )
+        tip = "The part to flatten. Closed surfaces are cut open. Small parts are less distorted"
+        self.patch = choice(_PARTS, tip)
         self.seed = SeedChoice(viewer, self._inside)
         self.radius = spin(QDoubleSpinBox(), 1, 1000, "Radius of the disk, measured along the surface", " mm")
         self.radius.setDecimals(1)
@@ -95,7 +89,7 @@ class SurfaceForm(LayerForm):
         self.polygon.setPlaceholderText("draw a polygon in a Shapes layer, or add Points")
         self.polygon.setToolTip(
             "The corners of the region, in order: the selected or last shape of a Shapes layer, or all points of a "
-            "Points layer. They move to the nearest surface points, and are joined by shortest paths on the surface"
+            "Points layer. Corners are moved to the nearest surface points, and joined by shortest paths on the surface"
         )
         self.masked_by = LayerChoice(viewer, self._mask_rank)
         self.masked_by.setPlaceholderText("open a Labels layer of the same shape")
@@ -103,26 +97,24 @@ class SurfaceForm(LayerForm):
         self.continues = QCheckBox("from the displayed map")
         self.continues.setToolTip(
             "Start from the displayed map and keep its position, for example after you change cuts or options. The "
-            "displayed map must contain the whole part to flatten. Its cuts are kept unless you choose others"
+            "displayed map must contain the whole part to flatten. Its cuts are kept unless you choose other cuts"
         )
         self.options = OptionsForm()
         self.options.rows.addRow("Pixel size", self.pixel_size)
         self.plan = Plan()
 
-    # ---------------------------------------------------------------------------------------- choosing
-
     def _on_surface(self) -> None:
         super()._on_surface()
         layer = self.surface.layer
         is_mesh = isinstance(layer, Surface)
-        offer(self.method, _METHODS, _OVER_VOXELS, not is_mesh)
+        offer(self.method, _METHODS, "grossmann2002", not is_mesh)
         for name, method in METHODS.items():
             self.method.setItemData(self.method.findData(name), method.summary, Qt.ItemDataRole.ToolTipRole)
         offer(self.patch, _PARTS, "values", is_mesh)
         offer(self.patch, _PARTS, "mask", not is_mesh)
         self.pial.refresh()
         self.masked_by.refresh()
-        self._show_row(self.pial, is_mesh and self.pial.count() > 1)
+        show_row(self._rows, self.pial, is_mesh and self.pial.count() > 1)
         self.seed.set_surface(layer)
         self.options.offer_drawn(self._state.cuts_of(layer))
         self._offer_to_go_on()
@@ -133,10 +125,9 @@ class SurfaceForm(LayerForm):
 
     def _on_patch(self) -> None:
         part = self.patch.currentData()
-        for field in (self.seed, self.radius):
-            self._show_row(field, part == "disk")
-        self._show_row(self.polygon, part == "polygon")
-        self._show_row(self.masked_by, part == "mask")
+        fields = {self.seed: "disk", self.radius: "disk", self.polygon: "polygon", self.masked_by: "mask"}
+        for field, own in fields.items():
+            show_row(self._rows, field, part == own)
         self._update_plan()
 
     def _on_method(self) -> None:
@@ -148,7 +139,7 @@ class SurfaceForm(LayerForm):
         is_there = self._map_to_go_on_from() is not None
         if not is_there:
             self.continues.setChecked(False)
-        self._show_row(self.continues, is_there)
+        show_row(self._rows, self.continues, is_there)
 
     def _map_to_go_on_from(self) -> FlatMap | None:
         is_known = takes(self.method.currentData(), "start")
@@ -189,7 +180,6 @@ class SurfaceForm(LayerForm):
         return np.asarray(values == self.label.label if labels else values > self.threshold.value())
 
     def _pial_rank(self, layer: Layer) -> int | None:
-        """Return how suitable a layer is as the pial surface of the chosen surface."""
         white = self.surface.layer
         if "voxflat" in layer.metadata or layer is white or not isinstance(white, Surface):
             return None
@@ -204,13 +194,11 @@ class SurfaceForm(LayerForm):
         is_alike = not isinstance(volume, Surface) and layer.extent.data.tolist() == volume.extent.data.tolist()
         return 1 if is_alike else None
 
-    # ------------------------------------------------------------------------------------------ asking
-
     def job(self) -> Job:
         """Return the job that the form describes; raises InputError if a choice is missing or unsuitable."""
-        layer, world = self._chosen(), self.world.currentData()
-        surface, how = self._of_mesh(layer, world) if isinstance(layer, Surface) else self._of_volume(layer, world)
-        method = self.method.currentData()
+        layer, world, method = self._chosen(), self.world.currentData(), self.method.currentData()
+        surface, foreground = self.source()
+        of_mesh = self._of_mesh(layer, surface, world) if isinstance(surface, LayerMesh) else {}
         self.threshold.preview.setChecked(False)
         return Job(
             surface=surface,
@@ -220,7 +208,8 @@ class SurfaceForm(LayerForm):
             options=self.options.options(method),
             start=self._map_to_go_on_from() if self.continues.isChecked() else None,
             **self._part(layer, world),
-            **how,
+            **foreground,
+            **of_mesh,
         )
 
     def _part(self, layer: Layer, world: str) -> dict[str, Any]:
@@ -228,41 +217,33 @@ class SurfaceForm(LayerForm):
         part = self.patch.currentData()
         if part == "disk":
             if self.seed.point is None:
-                raise InputError("No seed point. Click Pick, then click on the surface; or choose another part")
+                raise InputError("There is no seed point. Click Pick and then the surface, or choose another part")
             return {"seed_point": self.seed.point, "radius": self.radius.value()}
         if part == "polygon":
             if self.polygon.layer is None:
-                raise InputError("No polygon. Draw one in a Shapes layer, or add its corners to a Points layer")
-            return {"polygon": corners(self.polygon.layer, layer, world)}
-        if part == "mask" and self.masked_by.layer is None:
-            raise InputError("No mask. Open a Labels layer of the same shape, or choose another part")
+                raise InputError("There is no polygon. Draw it in a Shapes layer, or add its corners to a Points layer")
+            return {"polygon": corners(self.polygon.layer, world)}
+        if part == "mask":
+            if self.masked_by.layer is None:
+                raise InputError("There is no mask. Open a Labels layer of the same shape, or choose another part")
+            return {"keep": LayerVolume.of(self.masked_by.layer, world)}
         return {}
 
-    def _of_volume(self, layer: Layer, world: str) -> tuple[LayerVolume, dict[str, Any]]:
-        """Return a volume, and the arguments that apply only to volumes."""
-        by_mask = self.patch.currentData() == "mask" and self.masked_by.layer is not None
-        keep = {"keep": LayerVolume.of(self.masked_by.layer, world)} if by_mask else {}
-        return LayerVolume.of(layer, world), {**self._foreground(layer), **keep}
-
-    def _of_mesh(self, layer: Surface, world: str) -> tuple[LayerMesh, dict[str, Any]]:
-        """Return a mesh, and the arguments that apply only to meshes."""
-        mesh = LayerMesh.of(layer, world)
-        by_values = self.patch.currentData() == "values"
+    def _of_mesh(self, layer: Surface, mesh: LayerMesh, world: str) -> dict[str, Any]:
+        """Return the arguments that apply only to meshes."""
         pial = self.pial.layer
-        return mesh, {
-            "keep": mesh.kept() if by_values else None,
+        return {
+            **({"keep": mesh.kept()} if self.patch.currentData() == "values" else {}),
             "values": overlay(layer, mesh) if vary(mesh.values) else None,
             "pial": None if pial is None else LayerMesh.of(pial, world),
         }
 
     def release(self) -> None:
-        """Stop following the viewer."""
         super().release()
         self._state.cuts_drawn.disconnect(self._on_cuts_drawn)
         self._state.changed.disconnect(self._offer_to_go_on)
-        self.seed.release()
         self.plan.follow(None)
-        for followed in (self.pial, self.polygon, self.masked_by):
+        for followed in (self.seed, self.pial, self.polygon, self.masked_by):
             followed.release()
 
 

@@ -1,5 +1,7 @@
 """A threshold, set by a slider while the viewer shows the voxels above it."""
 
+from functools import partial
+
 import numpy as np
 from napari import Viewer
 from napari.layers import Image
@@ -7,6 +9,8 @@ from napari.utils.colormaps import Colormap
 from qtpy.QtCore import Qt
 from qtpy.QtWidgets import QDoubleSpinBox, QGridLayout, QPushButton, QSlider, QWidget
 from superqt.utils import signals_blocked
+
+from voxflat._napari.forms.fields import spin
 
 _STEPS = 1000  # number of slider steps
 _EDGE = 1e-4  # fraction of the range over which the preview goes from transparent to opaque
@@ -16,16 +20,13 @@ _COLOURS = Colormap([[0.0, 0.0, 0.0, 0.0], [1.0, 0.45, 0.1, 1.0]], name="above")
 class ThresholdChoice(QWidget):
     """Lets the user choose a threshold; a preview uses contrast limits to show the voxels above the threshold."""
 
-    def __init__(self, viewer: Viewer, parent: QWidget | None = None) -> None:
-        super().__init__(parent)
+    def __init__(self, viewer: Viewer) -> None:
+        super().__init__()
         self._viewer = viewer
         self._layer: Image | None = None
         self._shown: Image | None = None
         self._limits = (0.0, 1.0)
-        self.box = QDoubleSpinBox()
-        self.box.setRange(-1e9, 1e9)
-        self.box.setKeyboardTracking(False)
-        self.box.setToolTip("The surface encloses the voxels above this value")
+        self.box = spin(QDoubleSpinBox(), -1e9, 1e9, "The surface encloses the voxels above this value")
         self.slider = QSlider(Qt.Orientation.Horizontal)
         self.slider.setRange(0, _STEPS)
         self.slider.setToolTip(self.box.toolTip())
@@ -40,15 +41,13 @@ class ThresholdChoice(QWidget):
         layout.setColumnStretch(0, 1)
         self.box.valueChanged.connect(self._on_box)
         self.slider.valueChanged.connect(self._on_slider)
-        self.slider.sliderPressed.connect(self._on_pressed)
+        self.slider.sliderPressed.connect(partial(self.preview.setChecked, True))
         self.preview.toggled.connect(self._on_preview)
 
     def value(self) -> float:
-        """Return the threshold."""
         return float(self.box.value())
 
     def setValue(self, value: float) -> None:  # noqa: N802 - as in Qt's number boxes
-        """Set the threshold, in units of the layer's values."""
         self.box.setValue(value)
 
     def follow(self, layer: Image | None) -> None:
@@ -70,10 +69,8 @@ class ThresholdChoice(QWidget):
         low, high = self._limits
         with signals_blocked(self.slider):
             self.slider.setValue(round(_STEPS * (value - low) / (high - low)))
-        self._show()
-
-    def _on_pressed(self) -> None:
-        self.preview.setChecked(True)
+        if self._shown is not None:
+            self._shown.contrast_limits = self._above()
 
     def _on_slider(self, step: int) -> None:
         low, high = self._limits
@@ -83,22 +80,17 @@ class ThresholdChoice(QWidget):
         if wanted and self._layer is not None and self._layer in self._viewer.layers:
             layer = self._layer
             before = set(self._viewer.layers.selection)
+            placement = ("multiscale", "affine", "scale", "translate", "rotate", "shear", "units")
             self._shown = Image(
                 layer.data,
                 name=f"{layer.name} above the threshold",
-                multiscale=layer.multiscale,
                 contrast_limits=self._above(),
                 colormap=_COLOURS,
                 opacity=0.6,
                 blending="translucent",
                 interpolation2d="nearest",
-                affine=layer.affine,
-                scale=layer.scale,
-                translate=layer.translate,
-                rotate=layer.rotate,
-                shear=layer.shear,
-                units=layer.units,
                 metadata={"voxflat": None},  # marks a voxflat layer, which is not offered for flattening
+                **{name: getattr(layer, name) for name in placement},
             )
             self._viewer.layers.insert(self._viewer.layers.index(layer) + 1, self._shown)
             self._viewer.layers.selection = before
@@ -106,10 +98,6 @@ class ThresholdChoice(QWidget):
             if self._shown is not None and self._shown in self._viewer.layers:
                 self._viewer.layers.remove(self._shown)
             self._shown = None
-
-    def _show(self) -> None:
-        if self._shown is not None:
-            self._shown.contrast_limits = self._above()
 
     def _above(self) -> tuple[float, float]:
         low, high = self._limits

@@ -19,7 +19,7 @@ _ELSEWHERE = frozenset({"inflated", "veryinflated", "sphere", "flat"})
 
 @dataclass(frozen=True, eq=False)
 class LayerMesh:
-    """The mesh of a Surface layer, read in the GUI thread for use in other threads, because the layer may change."""
+    """The mesh of a Surface layer, read in the GUI thread for use in other threads because the layer may change."""
 
     vertices: NDArray[Any] = field(repr=False)  # (V, 3), in data coordinates
     faces: NDArray[Any] = field(repr=False)
@@ -29,36 +29,32 @@ class LayerMesh:
 
     @classmethod
     def of(cls, layer: Surface, world: str = "RAS") -> "LayerMesh":
-        """Read a Surface layer; raises InputError unless it is 3D, has length units, triangles and values."""
+        """Read a Surface layer; raises InputError unless it is 3D, with triangles, length units and suitable values."""
         vertices, faces, values = (np.asarray(part) for part in layer.data)
         if values.ndim > 1:
             raise InputError(
-                f"Layer '{layer.name}' has {values.ndim} axes of values. Select one value per vertex, for example with "
-                "layer.vertex_values = layer.vertex_values[0]"
+                f"The values of layer '{layer.name}' have {values.ndim} axes. Select one value per vertex, for example "
+                "with layer.vertex_values = layer.vertex_values[0]"
             )
         place = LayerPlace.of(layer, world)
         if faces.ndim != 2 or faces.shape[1] != 3:
             corners = f"{faces.shape[1]} corners" if faces.ndim == 2 else f"shape {faces.shape}"
             raise InputError(f"The faces of layer '{layer.name}' have {corners} instead of 3. Triangulate the mesh")
         if len(values) != len(vertices):
-            raise InputError(
-                f"Layer '{layer.name}': {len(values)} values, {len(vertices)} vertices. Set one per vertex"
-            )
+            counts = f"{len(values)} values for {len(vertices)} vertices"
+            raise InputError(f"Layer '{layer.name}' has {counts}. Set one value per vertex")
         given = layer.metadata.get("structure")
         named = None if place.path is None else named_structure(place.path)
-        structure = given if isinstance(given, str) else named
-        return cls(vertices, faces, values, place, structure)
+        return cls(vertices, faces, values, place, given if isinstance(given, str) else named)
 
     @property
     def origin(self) -> dict[str, str]:
-        """The name of the layer, the world axes and the unit, for the map metadata."""
         return self.place.origin
 
     def read(self) -> Mesh:
-        """Convert the vertices to RAS+ mm, or raise InputError; triangles are flipped if the transform mirrors them."""
+        """Convert the vertices to RAS+ mm; a mirroring transform reverses the triangles. May raise InputError."""
         affine = self.place.affine
-        is_mirrored = np.linalg.det(affine[:3, :3]) < 0
-        faces = self.faces[:, ::-1] if is_mirrored else self.faces
+        faces = self.faces[:, ::-1] if np.linalg.det(affine[:3, :3]) < 0 else self.faces
         space = UNKNOWN if self.place.is_in_pixels else Space("scanner")
         return Mesh(moved(self.vertices, affine), faces, self.place.path, self.structure, space=space)
 
@@ -77,7 +73,7 @@ def vary(values: NDArray[Any]) -> bool:
 
 
 def surface_name(layer: Surface) -> str:
-    """Return the name of the surface file of a layer, such as lh.white, or the layer name if there is no file."""
+    """Return the name of the surface file of a layer (such as lh.white), or the layer name if there is no file."""
     path = layer.metadata.get("surface_file") or layer.source.path
     return Path(path).name if path else str(layer.name)
 

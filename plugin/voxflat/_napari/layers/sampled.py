@@ -19,7 +19,7 @@ from voxflat.maps.raster import FlatImage
 
 _WHITE = ("white", "smoothwm")  # parts of the names of surfaces with grey matter outside
 _HEAD = 60.0  # mm; the shortest side of a volume that contains a hemisphere
-_FINE = 2.0  # mm; the largest voxels that resolve the cortex
+_FINE = 2.0  # mm; the size of the largest voxels that resolve the cortex
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,14 +34,12 @@ class Sampled:
 
     @property
     def name(self) -> str:
-        """The name of the layer."""
         return self.volume.origin["layer"]
 
     @property
     def meaning(self) -> str:
-        """A description of the values."""
-        place = f"{self.depth:g} mm outside the surface" if self.depth else "at the surface"
-        return f"the values of '{self.name}', sampled {place}"
+        place = f"{abs(self.depth):g} mm {'out' if self.depth > 0 else 'in'}side" if self.depth else "at"
+        return f"the values of '{self.name}', sampled {place} the surface"
 
     def image(self, flat_map: Planar | Atlas, pixel_size: float | None) -> FlatImage:
         """Draw the values on a map, as `FlatMap.image` does."""
@@ -62,7 +60,6 @@ class Overlay:
 
     @property
     def meaning(self) -> str:
-        """A description of the values."""
         return f"the values of '{self.name}'"
 
     def image(self, flat_map: Planar | Atlas, pixel_size: float | None) -> FlatImage:
@@ -76,7 +73,7 @@ Shown: TypeAlias = Sampled | Overlay
 def shown(
     layer: Layer, world: str, depth: float = 0.0, *, fraction: float | None = None, step: tuple[int, ...] = ()
 ) -> Shown:
-    """Read a layer's values and display at a depth or fraction and a step of the leading axes, or raise InputError."""
+    """Read the values and the display of a layer; `step` is an index along its leading axes. May raise InputError."""
     if isinstance(layer, Surface):
         return overlay(layer, LayerMesh.of(layer, world))
     volume = LayerVolume.of(layer, world, step)

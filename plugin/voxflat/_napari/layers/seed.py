@@ -1,33 +1,39 @@
-"""Convert points in the viewer to seed points: voxels of a volume or vertices of a mesh."""
+"""Convert points and shapes in the viewer to seed points (voxels or vertices) and to corners of a polygon."""
 
 from collections.abc import Callable, Sequence
 from typing import Any, TypeAlias
 
 import numpy as np
-from napari.layers import Layer, Points, Surface
+from napari.layers import Layer, Points, Shapes, Surface
 from napari.utils.geometry import find_nearest_triangle_intersection
 from numpy.typing import NDArray
 
 from voxflat._napari.layers.volumes import finest
-from voxflat._napari.layers.world import data_to_world, in_units_of, moved
+from voxflat._napari.layers.world import LayerPlace, data_to_world, in_units_of, moved
+from voxflat.errors import InputError
 
 Voxel: TypeAlias = tuple[int, int, int]
-Seed: TypeAlias = Voxel | int
-"""A voxel of a volume, or the index of a mesh vertex."""
+Seed: TypeAlias = Voxel | int  # a voxel of a volume, or the index of a mesh vertex
 
-MARKER = {
-    "name": "seed point",
-    "size": 6,
-    "symbol": "cross",
-    "face_color": "#ffd23f",
-    "border_width": 0,
-    "blending": "translucent_no_depth",  # so that it is visible through the surface in 3D
-}
-"""The display of a seed point: keywords of a Points layer."""
+# the display of a seed point; this blending makes the point visible through the surface in 3D
+MARKER = {"name": "seed point", "size": 6, "symbol": "cross", "face_color": "#ffd23f", "border_width": 0}
+MARKER |= {"blending": "translucent_no_depth"}
+
+
+def corners(drawn: Points | Shapes, world: str) -> NDArray[np.float64]:
+    """Return polygon corners (all points, or the selected or last shape) in RAS+ mm; raises InputError if too few."""
+    found = drawn.data
+    if isinstance(drawn, Shapes) and len(found):
+        chosen = sorted(drawn.selected_data)
+        found = found[chosen[0] if len(chosen) == 1 else -1]
+    if len(found) < 3:
+        count = f"{len(found)} corner{'s' * (len(found) != 1)}"
+        raise InputError(f"The polygon in layer '{drawn.name}' has {count}. Draw at least 3 corners")
+    return moved(found, LayerPlace.of(drawn, world).affine)
 
 
 def seed_of(points: Points, layer: Layer) -> Seed | None:
-    """Return the voxel or vertex of a layer at the selected or last point of a Points layer; None if it is outside."""
+    """Return the voxel or vertex of a layer at the selected or last point of a Points layer; None outside the layer."""
     place = _chosen(points, layer)
     return None if place is None else seed_at(layer, place)
 
@@ -45,7 +51,6 @@ def seed_along(
 
 
 def data_place(layer: Layer, seed: Seed) -> NDArray[Any]:
-    """Return the data coordinates of a seed."""
     return np.asarray(layer.vertices[seed] if isinstance(layer, Surface) else seed)
 
 
@@ -68,9 +73,6 @@ def _chosen(points: Points, layer: Layer) -> NDArray[np.float64] | None:
     selected = sorted(points.selected_data)
     number = selected[0] if len(selected) == 1 else len(points.data) - 1
     return in_units_of(layer, points.data_to_world(points.data[number]), points.units)
-
-
-# ---------------------------------------------------------------------------------------------- of volumes
 
 
 def voxel_at(layer: Layer, position: Sequence[float] | NDArray[np.float64]) -> Voxel | None:
@@ -97,11 +99,8 @@ def _triple(index: NDArray[Any]) -> Voxel:
     return i, j, k
 
 
-# ------------------------------------------------------------------------------------------------ of meshes
-
-
 def nearest_vertex(layer: Surface, position: Sequence[float] | NDArray[np.float64]) -> int | None:
-    """Return the vertex nearest to a position in the units of the layer, among the vertices that faces use."""
+    """Return the vertex nearest to a position in the units of the layer; vertices without a face are ignored."""
     vertices, faces = layer.vertices, np.asarray(layer.faces)
     used = np.zeros(len(vertices), dtype=np.bool_)
     used[faces[(faces >= 0) & (faces < len(vertices))]] = True  # invalid indices are reported during flattening
@@ -117,7 +116,6 @@ def first_vertex(layer: Surface, start: NDArray[np.float64], end: NDArray[np.flo
     face, place = find_nearest_triangle_intersection(start, along, vertices[faces])
     if face is None:
         return None
-    corners = faces[face]
-    affine = data_to_world(layer)
+    corners, affine = faces[face], data_to_world(layer)
     apart = np.linalg.norm(moved(vertices[corners] - place, affine) - affine[:3, 3], axis=1)
     return int(corners[apart.argmin()])

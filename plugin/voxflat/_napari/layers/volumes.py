@@ -15,7 +15,7 @@ from voxflat.io.volumes import Volume
 
 @dataclass(frozen=True, eq=False)
 class LayerVolume:
-    """The voxels of a layer, read in the GUI thread for use in other threads, because the layer may change."""
+    """The voxels of a layer, read in the GUI thread for use in other threads because the layer may change."""
 
     data: Any = field(repr=False)  # numpy, dask or zarr; the finest level of a multiscale layer
     place: LayerPlace
@@ -27,7 +27,7 @@ class LayerVolume:
         """Read an Image or Labels layer; raises InputError unless it has three length axes in addition to `step`."""
         if layer.ndim - len(step) > 3:
             raise InputError(
-                f"Layer '{layer.name}' has {layer.ndim} dimensions instead of 3. Split it (Layers > Layer Type > Split "
+                f"Layer '{layer.name}' has {layer.ndim} dimensions instead of 3. Split it (Layers → Layer Type → Split "
                 "Stack), then choose one part"
             )
         place = LayerPlace.of(layer, world, len(step))
@@ -35,7 +35,6 @@ class LayerVolume:
 
     @property
     def origin(self) -> dict[str, str]:
-        """The name of the layer, the world axes and the unit, for the map metadata."""
         return self.place.origin
 
     def read(self) -> Volume:
@@ -61,7 +60,7 @@ def finest(layer: Layer) -> Any:
 
 
 def _bytes(colours: NDArray[Any]) -> NDArray[np.uint8]:
-    """Convert colours of any type to uint8, as napari shows them."""
+    """Convert colours of any type to uint8, as napari displays them."""
     if colours.dtype == np.uint8:
         return colours
     full = 1.0 if colours.dtype.kind == "f" else float(np.iinfo(colours.dtype).max)

@@ -18,10 +18,7 @@ WORLDS = {
     "SAR": "SAR: z, y, x of RAS",
     "LPS": "LPS: x, y, z (DICOM)",
 }
-"""The possible axes of the world: the directions in which they increase, and the readers that use them.
-
-A layer does not record its axes. A wrong choice shows the map from inside, as a mirror image.
-"""
+"""The possible axes of the world, which a layer does not record: their directions, and the readers that use them."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,7 +31,7 @@ class LayerPlace:
 
     @classmethod
     def of(cls, layer: Layer, world: str = "RAS", leading: int = 0) -> "LayerPlace":
-        """Read the position of a layer without leading axes; raises InputError unless three length axes remain."""
+        """Read the position of a layer; raises InputError unless it has three length axes after the leading axes."""
         if layer.ndim - leading != 3:
             raise InputError(f"Layer '{layer.name}' has {layer.ndim} dimensions instead of 3. Choose a 3D layer")
         factors, unit = _millimetres(layer)
@@ -48,8 +45,7 @@ class LayerPlace:
 
     @property
     def is_in_pixels(self) -> bool:
-        """Whether the unit is pixels, which are treated as mm."""
-        return self.origin["unit"].startswith("pixel")
+        return self.origin["unit"].startswith("pixel")  # pixels are treated as mm
 
 
 def data_to_world(layer: Layer) -> NDArray[np.float64]:
@@ -64,9 +60,7 @@ def data_to_world(layer: Layer) -> NDArray[np.float64]:
 
 
 def moved(points: NDArray[Any], affine: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Apply an affine to points (N, 3)."""
-    moved: NDArray[np.float64] = np.asarray(points, dtype=np.float64) @ affine[:3, :3].T + affine[:3, 3]
-    return moved
+    return np.asarray(np.asarray(points, dtype=np.float64) @ affine[:3, :3].T + affine[:3, 3])
 
 
 def from_ras(points: NDArray[Any], world: str) -> NDArray[np.float64]:
@@ -81,12 +75,8 @@ def to_ras(points: NDArray[Any], world: str) -> NDArray[np.float64]:
 
 def unit_ratio(units: Sequence[Any], target: Sequence[Any]) -> NDArray[np.float64]:
     """Return the conversion factors between units, or 1 for units that cannot be compared (pixels), as in napari."""
-    return np.array(
-        [
-            float((1 * unit).to(other).magnitude) if unit.is_compatible_with(other) else 1.0
-            for unit, other in zip(units, target, strict=True)
-        ]
-    )
+    pairs = zip(units, target, strict=True)
+    return np.array([float((1 * a).to(b).magnitude) if a.is_compatible_with(b) else 1.0 for a, b in pairs])
 
 
 def in_units_of(layer: Layer, position: Sequence[float], units: Sequence[Any] | None) -> NDArray[np.float64]:
@@ -96,7 +86,7 @@ def in_units_of(layer: Layer, position: Sequence[float], units: Sequence[Any] | 
 
 
 def same_kind_of_unit(a: Layer, b: Layer) -> bool:
-    """Return whether two layers both use length units or both use pixels, so that their positions are comparable."""
+    """Return whether the units of two layers are all lengths or all pixels, so that their positions are comparable."""
     return all(x.is_compatible_with(y) for x, y in zip(a.units, b.units, strict=True))
 
 
@@ -107,7 +97,7 @@ def _millimetres(layer: Layer) -> tuple[NDArray[np.float64], str]:
     if all(str(unit) == "pixel" for unit in units):
         return np.ones(3), "pixel, taken as mm"
     if not all(unit.is_compatible_with("mm") for unit in units):
-        raise InputError(f"The axes of layer '{layer.name}' are in {names}. Set its units to lengths, such as mm")
+        raise InputError(f"The units of layer '{layer.name}' are {names}. Set them to units of length, such as mm")
     return unit_ratio(units, ["mm"] * 3), names
 
 

@@ -28,7 +28,7 @@ class AnnotationItem(QGraphicsItem):
         self.setAcceptedMouseButtons(Qt.MouseButton.NoButton)
 
     def show_annotations(self, found: OnMap | None, around: QRectF) -> None:
-        """Show annotations within a rectangle of the scene, or show none."""
+        """Show annotations within a rectangle of the scene, or none."""
         self.prepareGeometryChange()
         self._around = around
         self._lines, self._dots = [], []
@@ -36,7 +36,7 @@ class AnnotationItem(QGraphicsItem):
             for colour, rows in _by_colour(found.line_colours):
                 path = QPainterPath()
                 for row in rows.tolist():
-                    path.addPolygon(_polygon(found.lines[row]))
+                    path.addPolygon(polygon(found.lines[row]))
                 self._lines.append((colour, path))
             self._dots = [(colour, found.dots[rows]) for colour, rows in _by_colour(found.colours)]
         self.update()
@@ -48,8 +48,7 @@ class AnnotationItem(QGraphicsItem):
 
     @property
     def lines(self) -> list[QPainterPath]:
-        """The lines in the scene, one path per colour."""
-        return [path for _, path in self._lines]
+        return [path for _, path in self._lines]  # one per colour
 
     def boundingRect(self) -> QRectF:  # noqa: N802 - Qt's name
         return self._around
@@ -58,28 +57,27 @@ class AnnotationItem(QGraphicsItem):
         assert painter is not None
         for colour, path in self._lines:
             for ink, width in ((_HALO, _LINE + 2 * _RIM), (colour, _LINE)):
-                painter.strokePath(path, _pen(ink, width))
+                painter.strokePath(path, cosmetic_pen(ink, width))
         for colour, places in self._dots:
-            dots = _polygon(places)
+            dots = polygon(places)
             for ink, width in ((_HALO, _DOT + 2 * _RIM), (colour, _DOT)):
-                painter.setPen(_pen(ink, width))
+                painter.setPen(cosmetic_pen(ink, width))
                 painter.drawPoints(dots)
 
 
 def _by_colour(colours: NDArray[np.uint8]) -> list[tuple[QColor, NDArray[np.int64]]]:
     """Return the opaque colours, and the rows that have each colour."""
-    step = 256 // _TONES
-    tones = distinct(colours[:, :3] // step)
+    tones = distinct(colours[:, :3] // (256 // _TONES))
     order = np.argsort(tones.which, kind="stable")
     rows = np.split(order, np.cumsum(tones.counts)[:-1]) if len(order) else []
     return [(QColor(*colours[own[0], :3].tolist()), own) for own in rows]
 
 
-def _pen(colour: QColor, width: float) -> QPen:
+def cosmetic_pen(colour: QColor, width: float) -> QPen:
     pen = QPen(colour, width, Qt.PenStyle.SolidLine, Qt.PenCapStyle.RoundCap, Qt.PenJoinStyle.RoundJoin)
     pen.setCosmetic(True)
     return pen
 
 
-def _polygon(places: NDArray[np.float64]) -> QPolygonF:
+def polygon(places: NDArray[np.float64]) -> QPolygonF:
     return QPolygonF([QPointF(u, -v) for u, v in places.tolist()])

@@ -21,7 +21,7 @@ _LOOKS = ("data", "set_data", "visible", "face_color", "current_face_color", "bo
 _SHAPES = ("edge_color", "current_edge_color", "edge_width")
 _PLACE = ("scale", "translate", "rotate", "shear", "affine", "units")
 _FINER = 2  # steps along a line for each spacing of the surface points
-_JUMP = 4.0  # multiple of the usual step; a line with a longer jump crosses a cut
+_JUMP = 4.0  # multiple of the usual step; a line crosses a cut where a step is longer
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,14 +35,14 @@ class Annotation:
 
     @classmethod
     def of(cls, layer: Points | Shapes, world: str, point: Sequence[float]) -> "Annotation":
-        """Read the visible contents of a layer; raises InputError if its last three axes are not lengths."""
+        """Read the displayed points or lines of a layer; raises InputError if its last three axes are not lengths."""
         leading = layer.ndim - 3
         affine = LayerPlace.of(layer, world, leading).affine
         now = np.asarray(layer.world_to_data(np.asarray(point)[-layer.ndim :]))[:leading]
         if isinstance(layer, Shapes):
             seen = [n for n, corners in enumerate(layer.data) if _is_now(corners[:1], now)[0]]
             lines = [moved(_line(layer.data[n][:, leading:], layer.shape_type[n]), affine) for n in seen]
-            colours = np.where((layer.edge_color[:, 3:] > 0), layer.edge_color, layer.face_color)[seen]
+            colours = np.where(layer.edge_color[:, 3:] > 0, layer.edge_color, layer.face_color)[seen]
             return cls(np.empty((0, 3)), np.empty((0, 4), dtype=np.uint8), lines, _bytes(colours))
         data = np.asarray(layer.data, dtype=np.float64)
         seen = layer.shown & _is_now(data, now)
@@ -50,7 +50,6 @@ class Annotation:
         return cls(moved(data[seen][:, leading:], affine), _bytes(colours), [], np.empty((0, 4), dtype=np.uint8))
 
     def is_same(self, other: "Annotation") -> bool:
-        """Return whether another annotation has the same appearance."""
         own, others = self._arrays, other._arrays
         return len(own) == len(others) and all(np.array_equal(a, b) for a, b in zip(own, others, strict=True))
 
@@ -67,7 +66,7 @@ class OnMap:
     colours: NDArray[np.uint8]
     lines: list[NDArray[np.float64]]
     line_colours: NDArray[np.uint8]
-    excluded: str  # a message about annotations that are too far from the surface, or empty
+    excluded: str  # a message about annotations that are too far from the surface; may be empty
 
 
 def on_map(prepared: PreparedMap, annotations: Sequence[Annotation]) -> OnMap:
@@ -88,13 +87,13 @@ def on_map(prepared: PreparedMap, annotations: Sequence[Annotation]) -> OnMap:
     beyond = int((~known).sum())
     counts = [f"{beyond} of {len(points)} point{'s' * (len(points) > 1)}"] if beyond else []
     counts += [f"all or parts of {far} of {shapes} shape{'s' * (shapes > 1)}"] if far else []
-    excluded = f"Not shown, because more than {FAR:g} mm from the surface: {', '.join(counts)}" if counts else ""
+    excluded = f"Not shown (more than {FAR:g} mm from the surface): {', '.join(counts)}" if counts else ""
     all_colours = np.array(line_colours, dtype=np.uint8).reshape(-1, 4)
     return OnMap(dots[known], colours[known], lines, all_colours, excluded)
 
 
 def split(places: NDArray[np.float64], spacing: float) -> list[NDArray[np.float64]]:
-    """Split a line (k, 2) on the map at NaN and at jumps over cuts; single points are dropped."""
+    """Split a line (k, 2) on the map at NaN and at jumps across cuts, and drop single points."""
     steps = np.linalg.norm(np.diff(places, axis=0), axis=1)
     usual = float(np.median(steps[np.isfinite(steps)])) if np.isfinite(steps).any() else 0.0
     breaks = np.flatnonzero(~(steps <= _JUMP * max(usual, spacing))) + 1
@@ -102,10 +101,10 @@ def split(places: NDArray[np.float64], spacing: float) -> list[NDArray[np.float6
 
 
 def _along(line: NDArray[np.float64], prepared: PreparedMap) -> NDArray[np.float64]:
-    """Sample a line more finely than the surface points; each part outside the surface becomes a single NaN."""
+    """Sample a line more finely than the surface points; a part that is far from the surface becomes a single NaN."""
     low, high = prepared.points.min(axis=0) - FAR, prepared.points.max(axis=0) + FAR
     step = prepared.spacing / _FINER
-    found = []
+    found, nothing = [np.empty((0, 3))], np.full((1, 3), np.nan)
     for a, b in pairwise(line):
         along = b - a
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):  # the line may be parallel to some axes
@@ -113,17 +112,18 @@ def _along(line: NDArray[np.float64], prepared: PreparedMap) -> NDArray[np.float
         inside = (low <= a) & (a <= high)  # for axes perpendicular to the line
         start = max(0.0, np.max(np.where(along == 0, np.where(inside, -np.inf, np.inf), ends[0])))
         end = min(1.0, np.min(np.where(along == 0, np.inf, ends[1])))
-        if not start <= end:
-            found.append(np.full((1, 3), np.nan))
-            continue
-        count = 2 + int((end - start) * np.linalg.norm(along) / step)
-        beyond = [np.full((1, 3), np.nan)] if start > 0 else [], [np.full((1, 3), np.nan)] if end < 1 else []
-        found += [*beyond[0], a + np.linspace(start, end, count)[:, None] * along, *beyond[1]]
-    return np.concatenate([np.empty((0, 3)), *found])
+        if start > 0:
+            found.append(nothing)
+        if start <= end:
+            count = 2 + int((end - start) * np.linalg.norm(along) / step)
+            found.append(a + np.linspace(start, end, count)[:, None] * along)
+        if end < 1:
+            found.append(nothing)
+    return np.concatenate(found)
 
 
 def _line(corners: NDArray[np.float64], kind: str) -> NDArray[np.float64]:
-    """Return the outline of a shape; a closed outline ends at its first point."""
+    """Return the outline of a shape; closed outlines end at their first point."""
     line = ellipse(corners) if kind == "ellipse" else np.asarray(corners, dtype=np.float64)
     return np.concatenate([line, line[:1]]) if kind in _CLOSED else line
 
@@ -140,43 +140,34 @@ def _bytes(colours: NDArray[Any]) -> NDArray[np.uint8]:
 class VolumeAnnotations(QObject):
     """Follows the visible Points and Shapes layers of the viewer."""
 
-    changed = Signal()
-    """Emitted when annotations may have changed; several changes at once emit it once."""
+    changed = Signal()  # emitted once after one or more changes that may affect annotations
 
     def __init__(self, viewer: Viewer, parent: QObject) -> None:
         super().__init__(parent)
         self._viewer = viewer
         self._events: list[Any] = []
         self._soon = single_shot(self, 0, self.changed)
+        self._of_list = (viewer.layers.events.inserted, viewer.layers.events.removed)
         for event in self._of_list:
             event.connect(self._on_layers)
         self._on_layers()
 
     @property
-    def _of_list(self) -> tuple[Any, ...]:
-        return self._viewer.layers.events.inserted, self._viewer.layers.events.removed
-
-    @property
     def layers(self) -> list[Layer]:
         """The followed layers, excluding layers that voxflat itself adds, such as cuts."""
-        return [
-            layer
-            for layer in self._viewer.layers
-            if isinstance(layer, Points | Shapes) and layer.ndim >= 3 and "voxflat" not in layer.metadata
-        ]
+        found = [layer for layer in self._viewer.layers if isinstance(layer, Points | Shapes) and layer.ndim >= 3]
+        return [layer for layer in found if "voxflat" not in layer.metadata]
 
     @property
     def is_busy(self) -> bool:
-        """Whether a change is about to be emitted."""
         return bool(self._soon.isActive())
 
     def taken(self, world: str) -> list[Annotation]:
-        """Read the annotations of all visible layers; raises InputError if a layer has axes without length units."""
+        """Read the annotations of all visible layers; raises InputError if the axes of a layer have no length units."""
         point = self._viewer.dims.point
         return [Annotation.of(layer, world, point) for layer in self.layers if layer.visible]
 
     def release(self) -> None:
-        """Stop following the viewer."""
         self._soon.stop()
         self._follow([])
         for event in self._of_list:

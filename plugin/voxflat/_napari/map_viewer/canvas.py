@@ -1,4 +1,4 @@
-"""The canvas that draws, moves and zooms a map; it uses only Qt, so it opens and responds quickly."""
+"""The canvas on which a map is drawn, moved and zoomed; it uses only Qt, so that it opens and responds quickly."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from qtpy.QtCore import QPointF, QRectF, Qt, Signal  # type: ignore[attr-defined]  # qtpy makes it of pyqtSignal
-from qtpy.QtGui import QColor, QImage, QPainter, QPainterPath, QPen, QPixmap
+from qtpy.QtGui import QColor, QImage, QPainter, QPainterPath, QPixmap
 from qtpy.QtWidgets import (
     QFrame,
     QGraphicsPathItem,
@@ -14,10 +14,9 @@ from qtpy.QtWidgets import (
     QGraphicsScene,
     QGraphicsView,
     QSizePolicy,
-    QWidget,
 )
 
-from voxflat._napari.map_viewer.annotation_item import AnnotationItem
+from voxflat._napari.map_viewer.annotation_item import AnnotationItem, cosmetic_pen, polygon
 from voxflat._napari.map_viewer.annotations import OnMap
 from voxflat._napari.map_viewer.cursor import RingItem
 from voxflat._napari.map_viewer.pictures import Picture
@@ -32,39 +31,23 @@ _RIM, _LINE, _HALO = QColor(64, 64, 64), QColor("#ffd23f"), QColor(0, 0, 0, 190)
 class MapCanvas(QGraphicsView):
     """Shows a map in mm; the y axis of the scene points downwards, so y equals −v."""
 
-    pointed = Signal(float, float)
-    """Emitted with the position (u, v) of the mouse, mm."""
+    pointed = Signal(float, float)  # emitted with the position (u, v) of the mouse, mm
+    clicked = Signal(float, float)  # emitted with the position (u, v) of a click, mm
+    double_clicked = Signal()  # emitted after a double click
+    left = Signal()  # emitted when the mouse leaves the canvas
+    zoomed = Signal()  # emitted when the scale changes
 
-    clicked = Signal(float, float)
-    """Emitted with the position (u, v) of a click, mm."""
-
-    double_clicked = Signal()
-    """Emitted after a double click."""
-
-    left = Signal()
-    """Emitted when the mouse leaves the canvas."""
-
-    zoomed = Signal()
-    """Emitted when the scale changes."""
-
-    def __init__(self, parent: QWidget | None = None) -> None:
-        super().__init__(parent)
+    def __init__(self) -> None:
+        super().__init__()
         self._scene = QGraphicsScene(self)
         self.setScene(self._scene)
         self.folds = self._pixmap(0)
         self.picture = self._pixmap(1)
-        self._rim = QGraphicsPathItem()
-        pen = QPen(_RIM, 1.2)
-        pen.setCosmetic(True)
-        self._rim.setPen(pen)
-        self._rim.setZValue(2)
-        self._halo, self.lines = (
-            self._path_item(QPen(colour, width)) for colour, width in ((_HALO, 4.5), (_LINE, 2.0))
-        )
-        self.annotations = AnnotationItem()
-        self.ring = RingItem()
-        for item in (self._rim, self.annotations, self.ring):
-            self._scene.addItem(item)
+        self._rim = self._path_item(_RIM, 1.2, 2)
+        self._halo, self.lines = self._path_item(_HALO, 4.5, 3), self._path_item(_LINE, 2.0, 3)
+        self.annotations, self.ring = AnnotationItem(), RingItem()
+        self._scene.addItem(self.annotations)
+        self._scene.addItem(self.ring)
         self._is_fitted = True
         self._pressed: Any = None
         self.setFrameShape(QFrame.Shape.NoFrame)
@@ -72,18 +55,16 @@ class MapCanvas(QGraphicsView):
         self.setTransformationAnchor(QGraphicsView.ViewportAnchor.AnchorUnderMouse)
         self.setResizeAnchor(QGraphicsView.ViewportAnchor.AnchorViewCenter)
         self.setDragMode(QGraphicsView.DragMode.ScrollHandDrag)
-        for name in ("setHorizontalScrollBarPolicy", "setVerticalScrollBarPolicy"):
-            getattr(self, name)(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
+        self.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
+        self.setVerticalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
         self.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Expanding)
         self.setMinimumSize(160, 120)
         self.setMouseTracking(True)
 
-    def _path_item(self, pen: QPen) -> QGraphicsPathItem:
-        pen.setCosmetic(True)
-        pen.setCapStyle(Qt.PenCapStyle.RoundCap)
+    def _path_item(self, colour: QColor, width: float, z: int) -> QGraphicsPathItem:
         item = QGraphicsPathItem()
-        item.setPen(pen)
-        item.setZValue(3)
+        item.setPen(cosmetic_pen(colour, width))
+        item.setZValue(z)
         self._scene.addItem(item)
         return item
 
@@ -94,8 +75,6 @@ class MapCanvas(QGraphicsView):
         item.setShapeMode(QGraphicsPixmapItem.ShapeMode.BoundingRectShape)
         self._scene.addItem(item)
         return item
-
-    # ---------------------------------------------------------------------------------------- showing
 
     def show_map(self, folds: Picture, rim: list[NDArray[np.float64]]) -> None:
         """Show another map, with its outline over the folds, fitted to the canvas."""
@@ -109,7 +88,6 @@ class MapCanvas(QGraphicsView):
         self.fit()
 
     def hide_map(self) -> None:
-        """Clear the canvas."""
         self.folds.setPixmap(QPixmap())
         self._rim.setPath(QPainterPath())
         self.show_picture(None)
@@ -122,7 +100,7 @@ class MapCanvas(QGraphicsView):
             self._put(self.picture, picture)
 
     def show_lines(self, lines: list[NDArray[np.float64]], dots: Sequence[tuple[float, float]] = ()) -> None:
-        """Show drawn lines and dots, in mm."""
+        """Show lines and dots that are being drawn, in mm."""
         path, radius = _path(lines), 3 / self.scale_factor
         for u, v in dots:
             path.addEllipse(QPointF(u, -v), radius, radius)
@@ -130,7 +108,6 @@ class MapCanvas(QGraphicsView):
             item.setPath(path)
 
     def show_annotations(self, found: OnMap | None) -> None:
-        """Show the annotations of the volume."""
         self.annotations.show_annotations(found, self._map_rect())
 
     def place_ring(self, place: tuple[float, float] | None) -> None:
@@ -140,7 +117,7 @@ class MapCanvas(QGraphicsView):
             self.ring.setPos(place[0], -place[1])
 
     def fit(self) -> None:
-        """Show the whole map."""
+        """Fit the whole map to the canvas."""
         self._is_fitted = True
         around = self._map_rect()
         if not around.isEmpty():
@@ -149,14 +126,12 @@ class MapCanvas(QGraphicsView):
             self.zoomed.emit()
 
     def centre(self, place: tuple[float, float]) -> None:
-        """Centre the map on (u, v) in mm."""
         self._is_fitted = False
         self.centerOn(place[0], -place[1])
 
     @property
     def scale_factor(self) -> float:
-        """Pixels per mm."""
-        return float(self.transform().m11())
+        return float(self.transform().m11())  # pixels per mm
 
     def position(self, u: float, v: float) -> Any:
         """Return the position of (u, v), in mm, in the viewport, in pixels."""
@@ -172,8 +147,6 @@ class MapCanvas(QGraphicsView):
 
     def _map_rect(self) -> QRectF:
         return self._rim.path().boundingRect()
-
-    # ------------------------------------------------------------------------------------ mouse, size
 
     def mouseMoveEvent(self, event: Any) -> None:  # noqa: N802 - Qt's name
         super().mouseMoveEvent(event)
@@ -221,7 +194,7 @@ class MapCanvas(QGraphicsView):
             self.fit()
 
     def _point_out(self) -> None:
-        """Show a cross cursor instead of a hand, which hides the map below it."""
+        """Show a cross cursor instead of a hand, which would hide the map below it."""
         viewport = self.viewport()
         assert viewport is not None
         viewport.setCursor(Qt.CursorShape.CrossCursor)
@@ -231,8 +204,5 @@ def _path(lines: list[NDArray[np.float64]]) -> QPainterPath:
     """Return lines of the map as a Qt path."""
     path = QPainterPath()
     for line in lines:
-        (u, v), *others = line.tolist()
-        path.moveTo(u, -v)
-        for u, v in others:
-            path.lineTo(u, -v)
+        path.addPolygon(polygon(line))
     return path

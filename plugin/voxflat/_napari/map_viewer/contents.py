@@ -8,24 +8,23 @@ from napari import Viewer
 from napari.layers import Image, Labels, Layer, Surface
 from numpy.typing import NDArray
 from qtpy.QtCore import Signal  # type: ignore[attr-defined]  # qtpy makes it of pyqtSignal
-from qtpy.QtWidgets import QComboBox, QSizePolicy, QWidget
+from qtpy.QtWidgets import QComboBox, QSizePolicy
 from superqt.utils import signals_blocked
 
-from voxflat._napari.layers.list_events import list_events
 from voxflat._napari.layers.sampled import Shown
 from voxflat._napari.map_viewer.measures import Measure, measures
 from voxflat._napari.map_viewer.pictures import ColourScale, Picture
 from voxflat._napari.map_viewer.prepared_map import PreparedMap
+from voxflat._napari.map_viewer.viewer_parts import list_events
 from voxflat._napari.results.flat_layers import Run, limits
 
-Content: TypeAlias = "Measure | Layer | None"
-"""The values that are shown; None for the folds only."""
+Content: TypeAlias = "Measure | Layer | None"  # the displayed values; None for the folds only
 
 FOLDS = "Folds only"
 
 
 def suits(layer: Layer, run: Run) -> bool:
-    """Return whether a layer can be shown on the map of a run; volumes away from the surface give empty pictures."""
+    """Return whether a layer can be shown on the map of a run; a volume far from the surface gives an empty picture."""
     if "voxflat" in layer.metadata:
         return False
     if isinstance(layer, Image | Labels):
@@ -41,15 +40,13 @@ def drawing(shown: Shown) -> Callable[[PreparedMap], Picture]:
         image = shown.image(prepared.planar, prepared.pixel_size)
         if image.is_colour:
             return Picture(image.data, image.origin, image.pixel_size)
-        data = image.data.astype(np.float32)
-        display = shown.display
+        data, display = image.data.astype(np.float32), shown.display
         if shown.kind == "labels":
-            pixels = _label_colours(data, display["colormap"])
-            return Picture(pixels, image.origin, image.pixel_size, data)
+            return Picture(_label_colours(data, display["colormap"]), image.origin, image.pixel_size, data)
         level = np.linspace(0, 1, 256) ** display.get("gamma", 1.0)
         colours = _bytes(display["colormap"].map(level)) if "colormap" in display else _bytes(level[:, None])
-        ends = tuple(display.get("contrast_limits") or limits(data))
-        return Picture.of(image, ColourScale(shown.name, colours, (float(ends[0]), float(ends[1]))))
+        low, high = display.get("contrast_limits") or limits(data)
+        return Picture.of(image, ColourScale(shown.name, colours, (float(low), float(high))))
 
     return draw
 
@@ -75,11 +72,10 @@ def _bytes(colours: NDArray[Any]) -> NDArray[np.uint8]:
 class ContentChoice(QComboBox):
     """Lets the user choose the values that the map shows; follows the layers of the viewer."""
 
-    chosen = Signal()
-    """Emitted when something else is chosen."""
+    chosen = Signal()  # emitted when something else is chosen
 
-    def __init__(self, viewer: Viewer, parent: QWidget | None = None) -> None:
-        super().__init__(parent)
+    def __init__(self, viewer: Viewer) -> None:
+        super().__init__()
         self._viewer = viewer
         self._run: Run | None = None
         self._offered: list[Content] = []
@@ -88,17 +84,12 @@ class ContentChoice(QComboBox):
         self._events = list_events(viewer.layers)
         for event in self._events:
             event.connect(self._on_layers)
-        self.currentIndexChanged.connect(self._on_index)
+        self.currentIndexChanged.connect(self.chosen)
 
     @property
     def content(self) -> Content:
-        """The chosen values."""
         index = self.currentIndex()
         return self._offered[index] if 0 <= index < len(self._offered) else None
-
-    def choose(self, content: Content) -> None:
-        """Select one of the offered entries."""
-        self.setCurrentIndex(self._offered.index(content))
 
     def step(self, steps: int) -> None:
         """Move the selection down by a number of entries, wrapping from the last entry to the first."""
@@ -119,12 +110,8 @@ class ContentChoice(QComboBox):
         self.chosen.emit()
 
     def release(self) -> None:
-        """Stop following the viewer."""
         for event in self._events:
             event.disconnect(self._on_layers)
-
-    def _on_index(self) -> None:
-        self.chosen.emit()
 
     def _on_layers(self) -> None:
         if self._run is None:
@@ -138,7 +125,7 @@ class ContentChoice(QComboBox):
             self.chosen.emit()
 
     def _fill(self, own: list[Measure]) -> None:
-        """Offer the measures first, then the layers, and finally only the folds."""
+        """Offer first the measures, then the layers, and finally the folds only."""
         run = self._run
         layers = [] if run is None else [layer for layer in reversed(self._viewer.layers) if suits(layer, run)]
         with signals_blocked(self):

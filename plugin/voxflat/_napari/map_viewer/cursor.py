@@ -8,8 +8,7 @@ from qtpy.QtWidgets import QGraphicsItem, QWidget
 
 from voxflat._napari.timers import single_shot
 
-SIZE = 25.0
-"""Side of the square around the ring, pixels."""
+SIZE = 25.0  # side of the square around the ring, pixels
 
 _RADIUS = 6.0
 _REST = 200  # ms
@@ -59,7 +58,7 @@ class RingWidget(QWidget):
         canvas.installEventFilter(self)
 
     def show_at(self, x: float, y: float, *, near: bool) -> None:
-        """Show the ring at a canvas position in pixels; it is faint if the marked location is not in the slice."""
+        """Show the ring at a canvas position in pixels, faintly if the marked location is not in the slice."""
         self._has_moved = True
         self.is_near = near
         self.move(round(x - SIZE / 2), round(y - SIZE / 2))
@@ -67,7 +66,7 @@ class RingWidget(QWidget):
         self.update()
 
     def eventFilter(self, watched: Any, event: Any) -> bool:  # noqa: N802 - Qt's name
-        """Skip repainting the canvas while the ring moves over it, and repaint once the ring stops."""
+        """Repaint the canvas below the ring only once the ring has stopped moving."""
         if event.type() != QEvent.Type.Paint or not self._has_moved:
             return False
         self._has_moved = False

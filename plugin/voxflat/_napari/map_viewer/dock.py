@@ -13,7 +13,7 @@ from qtpy.QtWidgets import QCheckBox, QComboBox, QHBoxLayout, QLabel, QPushButto
 from superqt import QLabeledDoubleSlider
 from superqt.utils import signals_blocked
 
-from voxflat._napari.docks import Dock
+from voxflat._napari.docks import Dock, arrange
 from voxflat._napari.keys import Keys, key_text
 from voxflat._napari.layers.sampled import shown
 from voxflat._napari.map_viewer import drawings
@@ -41,8 +41,8 @@ _OPACITY = 0.85  # initial opacity of the colours, so that the folds remain visi
 
 _Drawn: TypeAlias = tuple[PreparedMap, Picture | None, NDArray[np.uint8] | None]
 
+# the actions of a click on the map
 GO, MARK, REGION, MEASURE = _CLICKS = ("goes there", "marks a point", "draws a region", "measures a distance")
-"""The actions of a click on the map."""
 
 _NEXT, _PREVIOUS, _IN_3D, _OUTLINE, _WHOLE = (
     KeyMod.Shift | key for key in (KeyCode.KeyN, KeyCode.KeyB, KeyCode.KeyC, KeyCode.KeyO, KeyCode.KeyW)
@@ -50,7 +50,7 @@ _NEXT, _PREVIOUS, _IN_3D, _OUTLINE, _WHOLE = (
 _OF_CLICKS = [KeyMod.Shift | key for key in (KeyCode.KeyG, KeyCode.KeyM, KeyCode.KeyR, KeyCode.KeyD)]
 
 NOTHING = "Flatten a surface to see its map here."
-_HINT = "Point at the map or the volume to see the same place in both. Click to go there."
+_HINT = "Point at the map or the volume to see the same location in both. Click to go there."
 
 
 def open_flat_map(viewer: Viewer) -> "FlatMapDock":
@@ -60,8 +60,7 @@ def open_flat_map(viewer: Viewer) -> "FlatMapDock":
     if hasattr(window, "resizeDocks"):
         window.resizeDocks([dock], [round(_SHARE * window.width())], Qt.Orientation.Horizontal)
     dock.raise_()
-    found: FlatMapDock = widget
-    return found
+    return widget  # type: ignore[no-any-return]  # napari's type is Any
 
 
 class FlatMapDock(Dock):
@@ -74,10 +73,8 @@ class FlatMapDock(Dock):
         self._run: Run | None = None
         self._display_events: list[Any] = []
         self._location: tuple[Spot | None, tuple[float, float] | None] | None = None
-        self.prepared: PreparedMap | None = None
-        """The map of the run, prepared for display and lookups; None until it is drawn."""
-        self.picture: Picture | None = None
-        """The picture over the folds."""
+        self.prepared: PreparedMap | None = None  # the map of the run, for display and lookups; None until it is drawn
+        self.picture: Picture | None = None  # the picture over the folds
         self._corners: list[drawings.Place] = []
         self._points: list[drawings.Place] = []  # marked points that have not been added to the volume
         self._regions: list[list[drawings.Place]] = []
@@ -107,10 +104,8 @@ class FlatMapDock(Dock):
         self.keep.setToolTip("Keep earlier maps in the list. Otherwise, a new map replaces the previous one")
         self.keep.setChecked(self._state.keeps_earlier)
         self.contents = ContentChoice(self._viewer)
-        self.contents.setToolTip(
-            "The values that the map shows: a distortion measure, or a layer of the viewer "
-            f"({key_text(_NEXT)}: next, {key_text(_PREVIOUS)}: previous)"
-        )
+        steps = f"{key_text(_NEXT)}: next, {key_text(_PREVIOUS)}: previous"
+        self.contents.setToolTip(f"The values on the map: a distortion measure or a layer of the viewer ({steps})")
         self.depths = QLabeledDoubleSlider(Qt.Orientation.Horizontal)
         self.depths.setToolTip("Distance from the surface at which the layer is sampled")
         self.depth_unit = QComboBox()
@@ -122,20 +117,15 @@ class FlatMapDock(Dock):
         self.on_surface = QCheckBox("In 3D")
         self.on_surface.setToolTip(f"Show the surface in the viewer, in the colours of the map ({key_text(_IN_3D)})")
         self.outlined = QCheckBox("Outline")
-        self.outlined.setToolTip(
-            "Show the outline of the flattened surface in slices, and its border in 3D, both with the cuts "
-            f"({key_text(_OUTLINE)})"
-        )
+        tip = "Show the outline of the flattened surface in slices, its border in 3D, and the cuts in both"
+        self.outlined.setToolTip(f"{tip} ({key_text(_OUTLINE)})")
         self.click = QComboBox()
         self.click.addItems([*_CLICKS])
-        self.click.setToolTip(
-            "What a click on the map does: "
-            + ", ".join(f"{what} ({key_text(key)})" for key, what in zip(_OF_CLICKS, _CLICKS, strict=True))
-        )
+        actions = (f"{what} ({key_text(key)})" for key, what in zip(_OF_CLICKS, _CLICKS, strict=True))
+        self.click.setToolTip(f"The action of a click on the map: {', '.join(actions)}")
         self.whole = QPushButton("Whole map")
-        self.whole.setToolTip(
-            f"Fit the map to the dock ({key_text(_WHOLE)}, or double-click). Scroll to zoom, drag to move the map"
-        )
+        tip = f"Fit the map to the dock ({key_text(_WHOLE)}, or double-click)"
+        self.whole.setToolTip(f"{tip}. Scroll to zoom in and out, and drag to move the map")
         self.canvas = MapCanvas()
         self.legend = Legend()
         self.text = QLabel(NOTHING)
@@ -147,41 +137,26 @@ class FlatMapDock(Dock):
         self._limit_depth()
 
     def _lay_out(self) -> None:
-        self._run_row = QWidget()
-        top = QHBoxLayout(self._run_row)
-        top.setContentsMargins(0, 0, 0, 0)
-        top.addWidget(self.runs, 1)
+        self._run_row, self._depth_row = QWidget(), QWidget()
+        runs, depth = QHBoxLayout(self._run_row), QHBoxLayout(self._depth_row)
+        for row in (runs, depth):
+            row.setContentsMargins(0, 0, 0, 0)
+        arrange(runs, (self.runs, 1))
+        arrange(depth, QLabel("Depth"), (self.depths, 1), self.depth_unit)
         first, second = QHBoxLayout(), QHBoxLayout()
-        for part in (QLabel("Shows"), self.contents, self.on_surface, self.outlined, self.whole, self.keep):
-            first.addWidget(part, int(part is self.contents))
-        self._depth_row = QWidget()
-        row = QHBoxLayout(self._depth_row)
-        row.setContentsMargins(0, 0, 0, 0)
-        row.addWidget(QLabel("Depth"))
-        row.addWidget(self.depths, 1)
-        row.addWidget(self.depth_unit)
-        second.addWidget(QLabel("Click"))
-        second.addWidget(self.click)
-        second.addWidget(QLabel("Opacity"))
-        second.addWidget(self.opacity, 1)
-        second.addWidget(self._depth_row, 2)
+        arrange(first, QLabel("Shows"), (self.contents, 1), self.on_surface, self.outlined, self.whole, self.keep)
+        arrange(second, QLabel("Click"), self.click, QLabel("Opacity"), (self.opacity, 1), (self._depth_row, 2))
         layout = QVBoxLayout(self)
         layout.setContentsMargins(6, 6, 6, 6)
         layout.setSpacing(4)
-        layout.addWidget(self._run_row)
-        layout.addLayout(first)
-        layout.addLayout(second)
-        layout.addWidget(self.canvas, 1)
-        layout.addWidget(self.legend)
-        layout.addWidget(self.text)
-        layout.addWidget(self.excluded)
+        arrange(layout, self._run_row, first, second, (self.canvas, 1), self.legend, self.text, self.excluded)
 
     def _connect(self) -> None:
         self._state.changed.connect(self._on_runs)
         self._viewer.events.theme.connect(self._on_theme)
         self._viewer.dims.events.current_step.connect(self._on_step)
         self.runs.activated.connect(self._on_run_chosen)
-        self.keep.toggled.connect(self._on_keep)
+        self.keep.toggled.connect(partial(setattr, self._state, "keeps_earlier"))
         self.contents.chosen.connect(self._on_content)
         self.depths.valueChanged.connect(self._redraw.start)
         self.depth_unit.currentIndexChanged.connect(self._on_depth_unit)
@@ -204,19 +179,18 @@ class FlatMapDock(Dock):
         self.painted.toggled.connect(self.on_surface.setChecked)
 
     def _of_keys(self) -> dict[int, Any]:
-        """Return the actions assigned to the keys."""
-        buttons = {_IN_3D: self.on_surface, _OUTLINE: self.outlined, _WHOLE: self.whole}
         return {
             _NEXT: partial(self.contents.step, 1),
             _PREVIOUS: partial(self.contents.step, -1),
-            **{key: button.click for key, button in buttons.items()},
+            _IN_3D: self.on_surface.click,
+            _OUTLINE: self.outlined.click,
+            _WHOLE: self.whole.click,
             **{key: partial(self.click.setCurrentText, what) for key, what in zip(_OF_CLICKS, _CLICKS, strict=True)},
         }
 
     # -------------------------------------------------------------------------------------------- runs
 
     def _on_runs(self) -> None:
-        """List the runs, and show the current one."""
         runs, current = self._state.runs, self._state.current
         with signals_blocked(self.runs):
             self.runs.clear()
@@ -228,9 +202,6 @@ class FlatMapDock(Dock):
 
     def _on_run_chosen(self, index: int) -> None:
         self._state.choose(self._state.runs[index])
-
-    def _on_keep(self, keep: bool) -> None:
-        self._state.keeps_earlier = keep
 
     def _show_run(self, run: Run | None) -> None:
         self._run, self.prepared, self.link.prepared = run, None, None
@@ -251,7 +222,7 @@ class FlatMapDock(Dock):
             self.outline.remove()
 
     def _set_depth(self, run: Run | None) -> None:
-        """Set the depth chosen in the form; offer fractions of the cortical thickness if the pial surface is known."""
+        """Set the depth chosen in the form; if the pial surface is known, offer fractions of the cortical thickness."""
         known = run is not None and getattr(run.flat_map, "pial_points", None) is not None
         with signals_blocked(self.depth_unit):
             self.depth_unit.setCurrentText(_MM)
@@ -272,8 +243,7 @@ class FlatMapDock(Dock):
         for event in self._display_events:
             event.disconnect(self._on_display_changed)
         content = self.contents.content
-        has_depth = isinstance(content, Image | Labels)
-        self._depth_row.setVisible(has_depth)
+        self._depth_row.setVisible(isinstance(content, Image | Labels))
         names = ("colormap", "contrast_limits", "gamma", "data") if content is not None else ()
         events = getattr(content, "events", None)
         self._display_events = [getattr(events, name) for name in names if hasattr(events, name)]
@@ -429,16 +399,15 @@ class FlatMapDock(Dock):
         wanted = self.click.currentText()
         if wanted == GO:
             self.link.centre(spot.point)
-        elif wanted == MARK:
-            self._points.append((u, v))
-            self._projector.ask(partial(drawings.points, self.prepared, [*self._points]))
-            self._show_drawn([])
-        else:
-            self._corners.append((u, v))
-            self._show_drawn([np.array(self._corners)] if wanted == REGION else [])
-            if wanted == MEASURE and len(self._corners) == 2:
-                self._projector.ask(partial(drawings.way, self.prepared, *self._corners))
-                self._corners = []
+            return
+        own = self._points if wanted == MARK else self._corners
+        own.append((u, v))
+        self._show_drawn([np.array(own)] if wanted == REGION else [])
+        if wanted == MARK:
+            self._projector.ask(partial(drawings.points, self.prepared, [*own]))
+        elif wanted == MEASURE and len(own) == 2:
+            self._projector.ask(partial(drawings.way, self.prepared, *own))
+            self._corners = []
 
     def _on_double_click(self) -> None:
         """Close the region that is being drawn, or show the whole map."""
@@ -481,24 +450,20 @@ class FlatMapDock(Dock):
         self.canvas.centre(place)
 
     def _show_location(self, spot: Spot | None, place: tuple[float, float] | None) -> None:
-        """Describe a location in one line."""
         self._location = (spot, place)
         if spot is None or place is None:
             self.text.setText(_HINT if self.prepared is not None else self.text.text())
             return
         x, y, z = spot.point
-        number = f"vertex {spot.vertex}" if isinstance(spot.vertex, int) else f"voxel {_joined(spot.vertex)}"
+        number = f"vertex {spot.vertex}" if isinstance(spot.vertex, int) else f"voxel {str(spot.vertex)[1:-1]}"
         parts = [f"{x:.1f}, {y:.1f}, {z:.1f} mm", number]
         value = None if self.picture is None else self.picture.value(*place)
         content = self.contents.content
-        is_distances = isinstance(content, Measure) and content.name == DISTANCES
-        if value is not None and content is not None and not is_distances:
-            unit = content.unit if isinstance(content, Measure) else ""
-            is_log = unit == "log2"
-            shown = f"{100 * (2**value - 1):+.1f} %" if is_log else f"{value:.4g}{unit and ' '}{unit}"
+        unit = content.unit if isinstance(content, Measure) else ""
+        if value is not None and content is not None and not (unit and content.name == DISTANCES):
+            shown = f"{100 * (2**value - 1):+.1f} %" if unit == "log2" else f"{value:.4g}{unit and ' '}{unit}"
             parts.append(f"{content.name} {shown}")
-        parts.append(spot.distortion)
-        self.text.setText(" · ".join(parts).replace("-", "−"))
+        self.text.setText(" · ".join([*parts, spot.distortion]).replace("-", "−"))
 
     def _on_zoomed(self) -> None:
         self.legend.show_length(self.canvas.scale_factor)
@@ -511,16 +476,11 @@ class FlatMapDock(Dock):
     # ------------------------------------------------------------------------------------------ ending
 
     def _release(self) -> None:
-        self._redraw.stop()
-        self._keys.release()
-        self._painter.stop()
-        self._projector.stop()
-        self._annotator.stop()
-        self.annotations.release()
-        self.link.release()
+        for running in (self._redraw, self._painter, self._projector, self._annotator):
+            running.stop()
+        for linked in (self._keys, self.annotations, self.link, self.outline, self.contents):
+            linked.release()
         self.painted.remove()
-        self.outline.release()
-        self.contents.release()
         for event in self._display_events:
             event.disconnect(self._on_display_changed)
         self._display_events = []
@@ -538,7 +498,3 @@ def _drawn(run: Run, prepared: PreparedMap | None, draw: Any, opacity: float | N
 
 def _annotated(prepared: PreparedMap, annotations: list[Annotation]) -> tuple[PreparedMap, OnMap]:
     return prepared, on_map(prepared, annotations)
-
-
-def _joined(numbers: tuple[int, ...]) -> str:
-    return ", ".join(map(str, numbers))

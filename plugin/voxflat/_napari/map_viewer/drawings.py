@@ -18,11 +18,10 @@ from voxflat.io.volumes import Volume
 from voxflat.maps.flat_map import FlatMap
 from voxflat.pipeline.surface import surface
 
-Place: TypeAlias = tuple[float, float]
-"""(u, v), mm."""
+Place: TypeAlias = tuple[float, float]  # (u, v), mm
 
 _COLOUR = "#ffd23f"
-_CORTEX = (-0.5, 3.0)  # mm outside the surface; the depth of a region unless the pial surface is known
+_CORTEX = (-0.5, 3.0)  # mm outside the surface; the depths of a region if the pial surface is unknown
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,24 +40,24 @@ def points(prepared: PreparedMap, places: Sequence[Place]) -> Drawn:
         "face_color": _COLOUR,
         "size": 2,
         "features": {"vertex": [str(spot.vertex) for spot in spots], "surface": [prepared.run.name] * len(spots)},
-        **_placement(prepared),
+        "units": units(prepared.run.flat_map, 3),
     }
     return Drawn((_world(prepared, np.array([spot.point for spot in spots])), keywords, "points"))
 
 
 def regions(prepared: PreparedMap, polygons: Sequence[Sequence[Place]]) -> Drawn:
-    """Convert polygons on a map to voxels or vertices; raises InputError for an empty region or a page."""
+    """Convert polygons on a map to voxels or vertices; raises InputError for an empty region or a page of patches."""
     flat_map = _map(prepared)
     drawn = flat_map.regions({f"region {n}": np.array(corners) for n, corners in enumerate(polygons, 1)})
     message = f"Drew {len(polygons)} region{'s' * (len(polygons) > 1)}"
-    keywords: dict[str, Any] = {"name": "map regions", **_placement(prepared)}
+    keywords: dict[str, Any] = {"name": "map regions", "units": units(flat_map, 3)}
     if not flat_map.is_voxels:
         surface = (_world(prepared, prepared.points), flat_map.faces[~flat_map.torn], drawn.labels.astype(np.float32))
         look = {"colormap": "turbo", "contrast_limits": (0.0, float(len(polygons)))}
         return Drawn((surface, {**keywords, **look}, "surface"), message)
     labels = flat_map.paint(drawn.labels.astype(np.int32))
     if not np.isnan(flat_map.normals).all():  # the surface has an outer side, where the cortex lies
-        cortex = drawn.volume(Volume(labels, flat_map.affine), depth=None if prepared.pial_is_known else _CORTEX)
+        cortex = drawn.volume(Volume(labels, flat_map.affine), depth=_CORTEX if flat_map.pial_points is None else None)
         labels = np.where(labels == 0, cortex.data, labels)
     to_mm = flat_map.affine
     corners = _world(prepared, np.vstack([np.zeros(3), np.eye(3)]) @ to_mm[:3, :3].T + to_mm[:3, 3])
@@ -69,28 +68,22 @@ def regions(prepared: PreparedMap, polygons: Sequence[Sequence[Place]]) -> Drawn
 
 
 def way(prepared: PreparedMap, a: Place, b: Place) -> Drawn:
-    """Find the shortest surface path between two map points, which may cross cuts; raises InputError on failure."""
+    """Find the shortest path along the surface, across cuts, between two map points; raises InputError on failure."""
     flat_map = _map(prepared)
-    ends = [prepared.place_row(*end) for end in (a, b)]
+    ends = [prepared.spot(*end) for end in (a, b)]
     if None in ends:
-        raise InputError("One of the two points is outside the map. Click on two points of the map")
+        raise InputError("At least one of the two points is outside the map. Click on two points of the map")
     faces = flat_map.faces[~flat_map.torn].astype(np.int64)
     rows = merged = np.arange(len(flat_map))
     if not flat_map.is_voxels:  # a voxel can occur twice, where two parts of the surface touch
         rows, merged = np.unique(flat_map.ids, return_index=True, return_inverse=True)[1:]
-    start, end = (int(merged[row]) for row in ends if row is not None)
+    start, end = (int(merged[spot.row]) for spot in ends if spot is not None)
     found = surface((flat_map.points[rows], merged[faces])).path(start, end, geodesic="exact")
     flat = float(np.hypot(a[0] - b[0], a[1] - b[1]))
     message = f"{found.length:.1f} mm along the surface, {flat:.1f} mm on the map"
     line = _world(prepared, flat_map.space.to_scanner(found.points))
-    keywords = {
-        "name": "shortest path",
-        "shape_type": "path",
-        "edge_color": _COLOUR,
-        "edge_width": 0.7,
-        **_placement(prepared),
-    }
-    return Drawn(([line], keywords, "shapes"), message)
+    look = {"shape_type": "path", "edge_color": _COLOUR, "edge_width": 0.7}
+    return Drawn(([line], {"name": "shortest path", **look, "units": units(flat_map, 3)}, "shapes"), message)
 
 
 def put(viewer: Viewer, data: LayerData) -> Layer:
@@ -103,30 +96,24 @@ def put(viewer: Viewer, data: LayerData) -> Layer:
         earlier.data = np.concatenate([earlier.data, [earlier.world_to_data(place) for place in values]])
         earlier.features = merged
         earlier.visible = True
-        return earlier
-    if isinstance(earlier, Labels | Surface) and type(earlier).__name__.lower() == kind:
+    elif isinstance(earlier, Labels | Surface) and type(earlier).__name__.lower() == kind:
         earlier.data = values
-        return earlier
-    if isinstance(earlier, Shapes) and kind == "shapes" and earlier.ndim == 3:
+    elif isinstance(earlier, Shapes) and kind == "shapes" and earlier.ndim == 3:
         earlier.data = [(line, keywords["shape_type"]) for line in values]  # a new Shapes layer may crash OpenGL
         earlier.visible = True
-        return earlier
-    layer = Layer.create(values, keywords, kind)
-    insert(viewer, layer)
-    return layer
+    else:
+        earlier = Layer.create(values, keywords, kind)
+        insert(viewer, earlier)
+    return earlier
 
 
 def _map(prepared: PreparedMap) -> FlatMap:
     flat_map = prepared.run.flat_map
     if not isinstance(flat_map, FlatMap):
-        raise InputError("This needs a flat map, not a page of patches. Use Flatten surface instead")
+        raise InputError("Regions and distances need a flat map, not a page of patches. Use Flatten surface instead")
     return flat_map
 
 
 def _world(prepared: PreparedMap, of: NDArray[np.float64]) -> NDArray[np.float64]:
     """Convert points from RAS+ mm to mm along the world axes."""
     return from_ras(of.reshape(-1, 3), prepared.origin.get("world_axes", "RAS"))
-
-
-def _placement(prepared: PreparedMap) -> dict[str, Any]:
-    return {"units": units(prepared.run.flat_map, 3)}

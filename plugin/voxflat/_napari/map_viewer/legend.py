@@ -25,8 +25,8 @@ _BAR, _THICK = 240.0, 9.0  # largest width of the colour bar, and its height
 class Legend(QWidget):
     """Paints the legend of a map."""
 
-    def __init__(self, parent: QWidget | None = None) -> None:
-        super().__init__(parent)
+    def __init__(self) -> None:
+        super().__init__()
         self._directions: list[Direction] = []
         self._side: str | None = None
         self._pixels = 0.0
@@ -44,21 +44,17 @@ class Legend(QWidget):
         self.update()
 
     def show_length(self, pixels: float) -> None:
-        """Set the scale, in screen pixels per mm."""
+        """Set the scale of the map, in screen pixels per mm."""
         self._pixels = pixels
         self.update()
 
     def show_colours(self, scale: ColourScale | None) -> None:
-        """Show a colour bar, or hide it."""
         self.scale = scale
         self.update()
 
     def set_ink(self, colour: QColor) -> None:
-        """Set the colour of text and lines."""
         self._ink = colour
         self.update()
-
-    # --------------------------------------------------------------------------------------- painting
 
     def paintEvent(self, event: Any) -> None:  # noqa: N802 - Qt's name
         painter = QPainter(self)
@@ -132,9 +128,8 @@ class Legend(QWidget):
         title = metrics.elidedText(scale.title, Qt.TextElideMode.ElideRight, int(self.width() - _EDGE - x))
         centred = metrics.horizontalAdvance(title) <= wide
         flags = Qt.AlignmentFlag.AlignHCenter if centred else Qt.AlignmentFlag.AlignRight
-        painter.drawText(
-            QRectF(left if centred else x, 1, self.width() - _EDGE - (left if centred else x), 16), flags, title
-        )
+        start = left if centred else x
+        painter.drawText(QRectF(start, 1, self.width() - _EDGE - start, 16), flags, title)
         from matplotlib.ticker import MaxNLocator  # already imported by the code that drew the map
 
         low, high = scale.limits

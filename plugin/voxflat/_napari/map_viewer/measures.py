@@ -1,7 +1,8 @@
 """Pictures of the distortion: distances, areas and angles for a map, and patches, C, K and areas for an atlas."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,8 +15,7 @@ from voxflat.maps.colours import label_colours
 from voxflat.maps.flat_map import FlatMap
 from voxflat.maps.raster import FlatImage
 
-DISTANCES = "Distances"
-"""The measure that the line below the map always shows."""
+DISTANCES = "Distances"  # the measure that the line below the map always shows
 
 
 @dataclass(frozen=True)
@@ -32,27 +32,16 @@ def measures(flat_map: FlatMap | Atlas) -> list[Measure]:
     if not isinstance(flat_map, FlatMap):
         return [
             Measure("Patches", "", _patches),
-            Measure("Lengths, C", "", _lengths),
-            Measure("Angles, K", "", _shapes),
-            Measure("Areas", "log2", _page_areas),
+            Measure("Lengths, C", "", partial(_of_page, "isometric")),
+            Measure("Angles, K", "", partial(_of_page, "quasi_conformal")),
+            Measure("Areas", "log2", partial(_of_page, "areal")),
         ]
-    with_triangles = flat_map.distortion.triangles is not None
-    return [
-        Measure(DISTANCES, "%", _distances),
-        *([Measure("Areas", "log2", _areas), Measure("Angles", "°", _angles)] if with_triangles else []),
-    ]
-
-
-def colours(name: str) -> NDArray[np.uint8]:
-    """Return a Matplotlib colour map as an array of 256 colours, with shape (256, 4)."""
-    from matplotlib import colormaps
-
-    return np.asarray(colormaps[name](np.linspace(0, 1, 256), bytes=True))
+    of_triangles = [Measure("Areas", "log2", _areas), Measure("Angles", "°", _angles)]
+    return [Measure(DISTANCES, "%", _distances), *(of_triangles if flat_map.distortion.triangles is not None else [])]
 
 
 def _distances(prepared: PreparedMap) -> Picture:
-    flat_map = _map(prepared)
-    errors = 100 * flat_map.distortion.per_point
+    errors = 100 * _map(prepared).distortion.per_point
     return _at_points(prepared, errors, _scale("distance_error", errors))
 
 
@@ -73,36 +62,23 @@ def _patches(prepared: PreparedMap) -> Picture:
     return Picture(label_colours(image.data), image.origin, image.pixel_size, image.data.astype(np.float32))
 
 
-def _lengths(prepared: PreparedMap) -> Picture:
-    image = _page_image(prepared, "isometric")
-    return Picture.of(image, _scale("isometric", image.data))
-
-
-def _shapes(prepared: PreparedMap) -> Picture:
-    image = _page_image(prepared, "quasi_conformal")
-    return Picture.of(image, _scale("quasi_conformal", image.data))
-
-
-def _page_areas(prepared: PreparedMap) -> Picture:
-    image = _page_image(prepared, "areal")
-    with np.errstate(divide="ignore", invalid="ignore"):
-        logs = np.log2(image.data)
-    shown = FlatImage(logs, image.pixel_size, image.origin, image.name)
-    return Picture.of(shown, _scale("areal", logs))
-
-
-def _page_image(prepared: PreparedMap, of: str) -> FlatImage:
+def _of_page(name: str, prepared: PreparedMap) -> Picture:
     page = prepared.run.flat_map.page()  # type: ignore[union-attr]
-    image: FlatImage = page.heat_map(prepared.pixel_size, of=of)
-    return image
+    image: FlatImage = page.heat_map(prepared.pixel_size, of=name)
+    if name == "areal":
+        with np.errstate(divide="ignore", invalid="ignore"):
+            image = replace(image, data=np.log2(image.data))
+    return Picture.of(image, _scale(name, image.data))
 
 
 def _scale(name: str, values: NDArray[np.float64]) -> ColourScale:
-    """Return the colour scale of a measure."""
+    from matplotlib import colormaps
+
     from voxflat.figures.colours import LOOKS
 
     look = LOOKS[name]
-    return ColourScale(look.label, colours(look.cmap), look.limits(values))
+    colours = colormaps[look.cmap](np.linspace(0, 1, 256), bytes=True)
+    return ColourScale(look.label, np.asarray(colours), look.limits(values))
 
 
 def _map(prepared: PreparedMap) -> FlatMap:

@@ -38,7 +38,7 @@ class PaintedSurface(ToggledLayer[Surface]):
         self._insert(Surface(data, vertex_colors=colours / 255, shading="smooth", **described))
 
     def take_up(self, prepared: PreparedMap) -> None:
-        """If the layer exists, change it to the surface of another map, and hide it."""
+        """Change an existing layer to the surface of another map, and hide it."""
         layer = self.there
         if layer is None or self._prepared is prepared:
             return
@@ -57,7 +57,6 @@ class PaintedSurface(ToggledLayer[Surface]):
         self._uncover()
 
     def remove(self) -> None:
-        """Remove the layer from the viewer, and restore the flattened layer."""
         super().remove()
         self._uncover()
         self._prepared = None
@@ -79,9 +78,6 @@ def _of(prepared: PreparedMap) -> tuple[Any, dict[str, Any]]:
     """Return the data of the surface layer of a map, and its properties."""
     of, flat_map = prepared.planar._triangles, prepared.run.flat_map
     points = from_ras(prepared.points, prepared.origin.get("world_axes", "RAS"))
-    described = {
-        "name": f"{prepared.run.name} in map colours",
-        "units": units(flat_map, 3),
-        "metadata": {"voxflat": flat_map},
-    }
+    name = f"{prepared.run.name} in map colours"
+    described = {"name": name, "units": units(flat_map, 3), "metadata": {"voxflat": flat_map}}
     return (points, of.faces[~of.torn]), described

@@ -22,8 +22,7 @@ _PART, _CUT = np.array([1.0, 0.82, 0.25, 1.0]), np.array([1.0, 0.35, 0.21, 1.0])
 _WIDTH = 0.006  # width of lines in 3D, as a fraction of the surface size; half as wide in slices
 _MARK = 1.5  # half the length of a cut mark in a slice, as a multiple of that width
 
-Segments: TypeAlias = NDArray[np.float64]
-"""Line segments, shape (S, 2, 3), by their ends, RAS+ mm in scanner space."""
+Segments: TypeAlias = NDArray[np.float64]  # line segments, shape (S, 2, 3), by their ends, RAS+ mm in scanner space
 
 
 def width(prepared: PreparedMap) -> float:
@@ -33,9 +32,8 @@ def width(prepared: PreparedMap) -> float:
 
 def edges(prepared: PreparedMap) -> tuple[Segments, Segments]:
     """Return the border of the flattened part, and its cuts or, for a page, its seams."""
-    pairs = np.concatenate(
-        [np.empty((0, 2), np.int64), *(np.column_stack([line[:-1], line[1:]]) for line in prepared.rim)]
-    )
+    lines = (np.column_stack([line[:-1], line[1:]]) for line in prepared.rim)
+    pairs = np.concatenate([np.empty((0, 2), np.int64), *lines])
     rows, which = np.unique(pairs, return_inverse=True)
     same = distinct(prepared.points[rows]).which  # the two sides of a cut have the same coordinates
     ends = distinct(np.sort(same[which].reshape(-1, 2), axis=1))
@@ -46,29 +44,22 @@ def edges(prepared: PreparedMap) -> tuple[Segments, Segments]:
 def lifted(prepared: PreparedMap, segments: Segments) -> Segments:
     """Move segments slightly outside the surface, so that the surface does not hide them."""
     rows = scipy.spatial.cKDTree(prepared.points).query(segments.reshape(-1, 3))[1]
-    outwards = np.nan_to_num(prepared.planar._triangles.on_surface.normals[rows])  # NaN if there is no outer side
+    outwards = np.nan_to_num(prepared.planar._triangles.on_surface.normals[rows])  # NaN if neither side is outside
     return np.asarray(segments + width(prepared) / 2 * outwards.reshape(segments.shape))
 
 
 def in_slice(prepared: PreparedMap, cuts: Segments, axis: int, level: float) -> tuple[Segments, Segments]:
     """Return the intersection of the surface with a plane perpendicular to an RAS axis, and marks at its cuts."""
     of, points = prepared.planar._triangles, prepared.points
-    height = points[:, axis] - level
-    above = height > 0
+    above = points[:, axis] - level > 0
     corners = above[of.faces]
     met = of.faces[(corners.any(axis=1) & ~corners.all(axis=1)) & ~of.torn].astype(np.int64)
     lone = above[met].sum(axis=1) == 1
     alone = np.argmax(above[met] == lone[:, None], axis=1)  # the only corner on its side of the plane
-    own = met[np.arange(len(met)), alone]
-    ends = [
-        _between(points[own], points[other], height[own], height[other], axis, level)
-        for other in (met[np.arange(len(met)), (alone + step) % 3] for step in (1, 2))
-    ]
-    surface = np.stack(ends, axis=1)
-    a, b = cuts[:, 0], cuts[:, 1]
-    crossing = (a[:, axis] > level) != (b[:, axis] > level)
-    a, b = a[crossing], b[crossing]
-    places = _between(a, b, a[:, axis] - level, b[:, axis] - level, axis, level)
+    own, second, third = (points[met[np.arange(len(met)), (alone + step) % 3]] for step in range(3))
+    surface = np.stack([_between(own, end, axis, level) for end in (second, third)], axis=1)
+    crossing = (cuts[:, 0, axis] > level) != (cuts[:, 1, axis] > level)
+    places = _between(cuts[crossing, 0], cuts[crossing, 1], axis, level)
     if not len(places) or not len(surface):
         return surface, np.empty((0, 2, 3))
     nearest = scipy.spatial.cKDTree(surface.mean(axis=1)).query(places)[1]
@@ -78,23 +69,16 @@ def in_slice(prepared: PreparedMap, cuts: Segments, axis: int, level: float) -> 
     return surface, np.stack([places - across, places + across], axis=1)
 
 
-def _between(
-    a: NDArray[np.float64],
-    b: NDArray[np.float64],
-    height_a: NDArray[np.float64],
-    height_b: NDArray[np.float64],
-    axis: int,
-    level: float,
-) -> NDArray[np.float64]:
+def _between(a: NDArray[np.float64], b: NDArray[np.float64], axis: int, level: float) -> NDArray[np.float64]:
     """Return the points at which edges cross a plane."""
-    share = height_a / (height_a - height_b)
+    above, below = a[:, axis] - level, b[:, axis] - level
+    share = above / (above - below)
     found = a + share[:, None] * (b - a)
     found[:, axis] = level
     return np.asarray(found)
 
 
-_View: TypeAlias = tuple[int, float] | None
-"""The displayed slice, by the axis of RAS across it and its position, mm; None in 3D."""
+_View: TypeAlias = tuple[int, float] | None  # the displayed slice: the RAS axis across it and its position, mm; or 3D
 
 
 def _drawn(
@@ -110,8 +94,7 @@ def _drawn(
 class PatchOutline(ToggledLayer[Vectors]):
     """A Vectors layer that shows the flattened surface and its cuts in slices, and its border and cuts in 3D."""
 
-    failed = Signal(object)
-    """Emitted with the error if the outline could not be computed."""
+    failed = Signal(object)  # emitted with the error if the outline could not be computed
 
     def __init__(self, viewer: Viewer, parent: QObject) -> None:
         super().__init__(viewer, parent)
@@ -126,11 +109,10 @@ class PatchOutline(ToggledLayer[Vectors]):
 
     @property
     def is_busy(self) -> bool:
-        """Whether the outline is about to change."""
         return self._finder.is_busy or self.is_coming
 
     def show(self, prepared: PreparedMap) -> None:
-        """Show the outline of the part on a map."""
+        """Show the outline of the part of the surface that a map shows."""
         self.take_up(prepared)
         if self.there is None:
             self.layer = None
@@ -147,12 +129,10 @@ class PatchOutline(ToggledLayer[Vectors]):
             self.there.data = np.empty((0, 2, 3))
 
     def hide(self) -> None:
-        """Hide the layer."""
         self._is_wanted = False
         super().hide()
 
     def remove(self) -> None:
-        """Remove the layer from the viewer."""
         self._prepared = self._known = None
         self._is_wanted = False
         super().remove()
@@ -165,7 +145,7 @@ class PatchOutline(ToggledLayer[Vectors]):
         self.remove()
 
     def _on_view(self) -> None:
-        """Compute the outline, if the displayed slice has changed."""
+        """Compute the outline if the displayed slice has changed."""
         if self._prepared is None or not self._is_wanted or self._was_taken_out:
             return
         dims = self._viewer.dims
@@ -189,50 +169,37 @@ class PatchOutline(ToggledLayer[Vectors]):
         self._known = known
         if not self._is_wanted or self._was_taken_out:
             return
-        seen = width(prepared) / (1 if self._view is None else 2)
         colours = np.where(np.arange(len(segments))[:, None] < parts, _PART, _CUT)
         layer = self.there
+        step = self._step() if layer is None else layer.scale[0]
+        seen = width(prepared) / (1 if self._view is None else 2) / step
+        vectors = np.stack([segments[:, 0], segments[:, 1] - segments[:, 0]], axis=1) / step  # starts and directions
         if layer is not None:
-            step = layer.scale[0]
             self._describe(layer)
-            if layer.edge_width != seen / step:
-                layer.edge_width = seen / step
-            layer.data = _vectors(segments, step)
+            if layer.edge_width != seen:
+                layer.edge_width = seen
+            layer.data = vectors
             self._set_visible(True)  # napari would draw the old lines of a hidden layer in these colours
             layer.edge_color = colours
             return
-        step = self._step()
-        layer = Vectors(
-            _vectors(segments, step),
-            ndim=3,
-            edge_width=seen / step,
-            edge_color=colours if len(colours) else _PART,
-            scale=(step,) * 3,
-            units=units(prepared.run.flat_map, 3),
-            vector_style="line",
-        )
+        look = {"edge_width": seen, "edge_color": colours if len(colours) else _PART, "vector_style": "line"}
+        layer = Vectors(vectors, ndim=3, scale=(step,) * 3, units=units(prepared.run.flat_map, 3), **look)
         self._describe(layer)
         self._insert(layer)
 
     def _describe(self, layer: Vectors) -> None:
-        """Set the metadata and the name of the layer."""
         assert self._prepared is not None
         layer.metadata = {"voxflat": self._prepared.run.flat_map}
         layer.name = f"{self._prepared.run.name} map outline"
 
     @property
     def _was_taken_out(self) -> bool:
-        """Whether the user removed the layer, which is then not added again until the outline is switched on."""
+        """Whether the user removed the layer; it is added again only when the outline is switched on."""
         return self.layer is not None and self.there is None
 
     def _step(self) -> float:
-        """Return the largest slice spacing, in mm, because a layer with a finer grid would refine the slider steps."""
+        """Return the largest slice spacing, in mm; a layer with a finer grid would refine the steps of the sliders."""
         if self._viewer.dims.ndim < 3:
             return 1.0
         steps = [step for _, _, step in self._viewer.dims.range][-3:] * mm_per_unit(self._viewer)
         return float(np.max(steps)) or 1.0
-
-
-def _vectors(segments: Segments, step: float) -> NDArray[np.float64]:
-    """Return segments as napari vectors (start points and directions), in grid steps of the layer."""
-    return np.asarray(np.stack([segments[:, 0], segments[:, 1] - segments[:, 0]], axis=1) / step)

@@ -1,4 +1,4 @@
-"""Pictures of a map, with pixels, values and a colour scale."""
+"""Pictures of a map, consisting of pixels, values and a colour scale."""
 
 from dataclasses import dataclass
 
@@ -28,17 +28,14 @@ class ColourScale:
 
 @dataclass(frozen=True, eq=False)
 class Picture:
-    """A picture of the map."""
-
     pixels: NDArray[np.uint8]  # (H, W, 4); row 0 is at the top
     origin: tuple[float, float]  # (u, v) of the centre of pixel (0, 0), mm
     pixel_size: float  # mm
     data: NDArray[np.floating] | None = None
-    scale: ColourScale | None = None  # None where no colour bar applies
+    scale: ColourScale | None = None  # None if there is no colour bar
 
     @classmethod
     def of(cls, image: FlatImage, scale: ColourScale) -> "Picture":
-        """Paint an image of values."""
         return cls(scale.paint(image.data), image.origin, image.pixel_size, image.data.astype(np.float32), scale)
 
     def value(self, u: float, v: float) -> float | None:

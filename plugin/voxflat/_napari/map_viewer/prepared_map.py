@@ -19,13 +19,12 @@ from voxflat.maps.plane import LIMIT, Planar
 if TYPE_CHECKING:
     from voxflat.figures.marks import Direction
 
-FAR = LIMIT
-"""mm, more than the thickness of cortex; points farther from the surface have no place on the map."""
+FAR = LIMIT  # mm, more than the thickness of the cortex; points farther from the surface are not on the map
 
 _PIXELS = 1e6  # in the bounding box of the map; about as many as in a large dock
 _FINER = 4  # largest refinement of the run's pixels, for small maps
 _EVEN = 168  # the grey level of a page, whose pieces have no folds
-_ROUNDING = 1e-9  # tolerance of barycentric coordinates, so that a ray through an edge meets a triangle
+_ROUNDING = 1e-9  # tolerance for barycentric coordinates, so that a ray through an edge meets a triangle
 _NEAR = 0.8  # largest distance of a point from a ray that meets it, as a fraction of the spacing
 
 
@@ -34,6 +33,7 @@ class Spot:
     """A location on the map, and the corresponding point of the surface."""
 
     point: NDArray[np.float64]  # (3,), RAS+ mm in scanner space
+    row: int  # the index of the nearest map point
     vertex: int | tuple[int, ...]  # the nearest vertex or voxel of the input
     distortion: str  # a description of the distortion there
 
@@ -70,16 +70,9 @@ class PreparedMap:
             corner = np.zeros(len(flat_map.uv), dtype=np.int64)  # one surface vertex for each vertex of the page
             corner[flat_map.uv_faces] = of.faces
             lines = [corner[line] for line in rim(flat_map.uv_faces, len(flat_map.uv))]
-        found = cls(
-            run,
-            planar,
-            pixel_size,
-            Picture(grey, raster.origin, pixel_size),
-            lines,
-            directions(flat_map) if isinstance(flat_map, FlatMap) else [],
-            side(flat_map) if isinstance(flat_map, FlatMap) else None,
-            of.on_surface.space.to_scanner(of.on_surface.points),
-        )
+        marks = (directions(flat_map), side(flat_map)) if isinstance(flat_map, FlatMap) else ([], None)
+        points = of.on_surface.space.to_scanner(of.on_surface.points)
+        found = cls(run, planar, pixel_size, Picture(grey, raster.origin, pixel_size), lines, *marks, points)
         found.spot(*of.uv[0])  # the first lookups build the search trees
         found.place(found.points[0])
         found.met(found.points[0], np.ones(3))
@@ -96,11 +89,6 @@ class PreparedMap:
         """The border of the map, in mm, as lines of shape (k, 2)."""
         return [self.planar._triangles.uv[line] for line in self.rim]
 
-    @property
-    def pial_is_known(self) -> bool:
-        """Whether depths may be fractions of the cortical thickness."""
-        return self.planar._triangles.on_surface.pial_points is not None
-
     def spot(self, u: float, v: float) -> Spot | None:
         """Look up (u, v), in mm, on the surface; return None outside the map."""
         found = self.planar.look_up((u, v))
@@ -111,13 +99,7 @@ class PreparedMap:
         row = int(of.faces[face][int(found.weights.argmax())])
         vertex = of.on_surface.ids[row].tolist()
         point = of.on_surface.space.to_scanner(found.points)
-        return Spot(point, tuple(vertex) if isinstance(vertex, list) else vertex, self._distortion(row, face))
-
-    def place_row(self, u: float, v: float) -> int | None:
-        """Return the index of the map point nearest to (u, v), in mm, or None outside the map."""
-        found = self.planar.look_up((u, v))
-        face = int(found.face_ids)
-        return None if face < 0 else int(self.planar._triangles.faces[face][int(found.weights.argmax())])
+        return Spot(point, row, tuple(vertex) if isinstance(vertex, list) else vertex, self._distortion(row, face))
 
     def _distortion(self, row: int, face: int) -> str:
         flat_map = self.run.flat_map
@@ -132,7 +114,7 @@ class PreparedMap:
         return None if np.isnan(u) else (u, v)
 
     def places(self, points: NDArray[Any]) -> NDArray[np.float64]:
-        """Return (u, v), in mm, of the surface points nearest to points (..., 3) in RAS+ mm; NaN beyond `FAR`."""
+        """Return (u, v) of the surface points nearest to points (..., 3) in RAS+ mm; NaN if farther than `FAR`."""
         return self.planar.points_to_map(self.planar._triangles.on_surface.space.from_scanner(points), FAR)[0]
 
     def met(self, start: NDArray[Any], along: NDArray[Any]) -> NDArray[np.float64] | None:
@@ -142,7 +124,7 @@ class PreparedMap:
         for across in np.linalg.svd(along[None])[2][1:]:
             x, y, z = (places * share for places, share in zip(self._axes, across.tolist(), strict=True))
             beside += (x + y + z - across @ start) ** 2
-        if self.planar._triangles.torn.any():  # if there is no surface between the points, the ray intersects points
+        if self.planar._triangles.torn.any():  # there may be no surface between the points, so find a nearby point
             return self._met_point(start, along, beside)
         close = beside <= self._longest_edge**2  # all corners of an intersected triangle are close
         first, second, third = self._corners
@@ -168,8 +150,7 @@ class PreparedMap:
 
     @cached_property
     def _axes(self) -> NDArray[np.float64]:
-        """The coordinates of the points, with shape (3, N)."""
-        return np.ascontiguousarray(self.points.T)
+        return np.ascontiguousarray(self.points.T)  # (3, N)
 
     @cached_property
     def _corners(self) -> NDArray[np.int64]:
@@ -218,8 +199,8 @@ def _distances_along(
 ) -> NDArray[np.float64]:
     """Return the distances along a ray to triangles, or infinity for no intersection (Möller and Trumbore, 1997).
 
-    The corners are ``corner``, ``corner + b`` and ``corner + c``, shape (F, 3). Intersections behind the start count,
-    because rays in the viewer start in the plane of the mouse position.
+    The corners are ``corner``, ``corner + b`` and ``corner + c``, shape (F, 3). Intersections behind the start are
+    included, because rays in the viewer start in the plane of the mouse position.
     """
     across = np.cross(along, c)
     volume = np.einsum("ij,ij->i", b, across)

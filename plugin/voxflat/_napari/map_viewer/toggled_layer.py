@@ -9,15 +9,13 @@ from qtpy.QtCore import QObject, Signal  # type: ignore[attr-defined]  # qtpy ma
 from voxflat._napari.results.layer_list import drop_controls, insert, make_controls
 from voxflat._napari.timers import PAUSE, single_shot
 
-LayerType = TypeVar("LayerType", bound=Layer)
-"""The type of the layer."""
+LayerType = TypeVar("LayerType", bound=Layer)  # the type of the layer
 
 
 class ToggledLayer(QObject, Generic[LayerType]):
-    """A layer that is hidden instead of removed, because napari takes 0.25 s to remove a layer and 0.1 s to add one."""
+    """A layer that is hidden instead of removed, because napari needs 0.25 s to remove a layer and 0.1 s to add one."""
 
-    toggled = Signal(bool)
-    """Emitted with the visibility when the user changes it in the layer list."""
+    toggled = Signal(bool)  # emitted with the visibility when the user changes it in the layer list
 
     def __init__(self, viewer: Viewer, parent: QObject) -> None:
         super().__init__(parent)
@@ -33,16 +31,14 @@ class ToggledLayer(QObject, Generic[LayerType]):
 
     @property
     def is_coming(self) -> bool:
-        """Whether the layer is about to be added to the list."""
         return bool(self._coming.isActive())
 
     def hide(self) -> None:
-        """Hide the layer."""
         if self.there is not None:
             self._set_visible(False)
 
     def remove(self) -> None:
-        """Remove the layer from the viewer."""
+        """Remove the layer from the viewer, or do not add it."""
         if self.is_coming:
             assert self.layer is not None
             self._coming.stop()

@@ -1,6 +1,7 @@
 """The link to the viewer: the location under the mouse, and the ring at the location marked on the map."""
 
 from collections.abc import Iterator
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
@@ -22,11 +23,8 @@ _IN_SLICE = 1.0  # mm; locations nearer to the displayed slice count as part of 
 class ViewerLink(QObject):
     """Follows the mouse in the viewer, and marks locations there; its parent is a widget of the viewer window."""
 
-    pointed = Signal(object)
-    """Emitted with the place (u, v) under the mouse, or None outside the surface."""
-
-    clicked = Signal(object)
-    """Emitted with the place (u, v) of a click."""
+    pointed = Signal(object)  # emitted with the place (u, v) under the mouse, or None outside the surface
+    clicked = Signal(object)  # emitted with the place (u, v) of a click
 
     def __init__(self, viewer: Viewer, inside: QWidget) -> None:
         super().__init__(inside)
@@ -34,8 +32,7 @@ class ViewerLink(QObject):
         self._inside = inside
         self.prepared: PreparedMap | None = None
         self._marked: NDArray[np.float64] | None = None
-        self.ring: RingWidget | None = None
-        """The mark in the viewer; None until a place is marked."""
+        self.ring: RingWidget | None = None  # the mark in the viewer; None until a place is marked
         self._drawn = single_shot(self, 15, self._draw)  # draws once after several events of the camera
         self._events = (camera(viewer).events, viewer.dims.events.point, viewer.dims.events.ndisplay)
         for event in self._events:
@@ -44,37 +41,30 @@ class ViewerLink(QObject):
         viewer.mouse_drag_callbacks.append(self._on_press)
 
     def release(self) -> None:
-        """Stop following the viewer."""
         self._drawn.stop()
         for event in self._events:
             event.disconnect(self._on_view)
-        for callbacks, own in (
-            (self._viewer.mouse_move_callbacks, self._on_move),
-            (self._viewer.mouse_drag_callbacks, self._on_press),
-        ):
-            if own in callbacks:
-                callbacks.remove(own)
+        with suppress(ValueError):
+            self._viewer.mouse_move_callbacks.remove(self._on_move)
+            self._viewer.mouse_drag_callbacks.remove(self._on_press)
         self.prepared = None
         if self.ring is not None:
             self.ring.hide()
             self.ring.deleteLater()
             self.ring = None
 
-    # ----------------------------------------------------------------------------------------- places
-
     @property
     def _is_linked(self) -> bool:
         return self.prepared is not None and bool(self.prepared.origin) and self._viewer.dims.ndim >= 3
 
     def to_world(self, point: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Convert a point from RAS+ mm to the world of the viewer, keeping the step of axes before the last three."""
+        """Convert a point from RAS+ mm to the world of the viewer; other axes, such as time, keep their position."""
         assert self.prepared is not None
         world = np.asarray(self._viewer.dims.point, dtype=np.float64)
         world[-3:] = from_ras(point[None], self.prepared.origin["world_axes"])[0] / mm_per_unit(self._viewer)
         return world
 
     def _to_ras(self, world: Any) -> NDArray[np.float64]:
-        """Convert a point or direction from the world to RAS+ mm."""
         assert self.prepared is not None
         mm = np.asarray(world, dtype=np.float64)[-3:] * mm_per_unit(self._viewer)
         return np.asarray(to_ras(mm[None], self.prepared.origin["world_axes"])[0])
@@ -89,14 +79,11 @@ class ViewerLink(QObject):
             point = self.prepared.met(self._to_ras(event.position), self._to_ras(event.view_direction))
         return None if point is None else self.prepared.place(point)
 
-    # ------------------------------------------------------------------------------------- the viewer
-
     def _on_move(self, viewer: Viewer, event: Any) -> None:
         if self._is_linked:
             self.pointed.emit(self._place(event))
 
     def _on_press(self, viewer: Viewer, event: Any) -> Iterator[None]:
-        """Emit `clicked` after a click."""
         if not (yield from is_click(event, _CLICK)):
             return
         place = self._place(event)
@@ -115,8 +102,7 @@ class ViewerLink(QObject):
         viewer, world = self._viewer, self.to_world(point)
         axes = range(viewer.dims.ndim - 3, viewer.dims.ndim)
         viewer.dims.set_point(list(axes), world[-3:].tolist())
-        shown = world[list(viewer.dims.displayed)]
-        camera(viewer).center = (0.0, *shown)[-3:] if len(shown) == 2 else tuple(shown)
+        camera(viewer).center = (0.0, *world[list(viewer.dims.displayed)])[-3:]
 
     def _on_view(self) -> None:
         if self._marked is not None:

@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 from napari import Viewer
+from napari.utils.events import Event
 from napari.utils.theme import get_theme
 from numpy.typing import NDArray
 from qtpy.QtGui import QColor
@@ -21,8 +22,17 @@ def camera(viewer: Viewer) -> Any:
     return getattr(viewer, "scene", viewer).camera
 
 
+def list_events(layers: Any) -> tuple[Any, ...]:
+    """Return the events of the layer list that are emitted when layers are added, removed or renamed."""
+    events = layers.events
+    if "renamed" not in events.emitters:  # napari 0.6, which forwards the events of layers
+        events.add(renamed=Event)
+        events.connect(lambda event: events.renamed() if event.type == "name" else None)
+    return events.inserted, events.removed, events.renamed
+
+
 def look_from_side(viewer: Viewer, *, right: bool, world: str = "RAS") -> None:
-    """Turn the 3D view to an upright lateral view of a hemisphere, with all of it visible."""
+    """Turn the 3D view to an upright lateral view of a complete hemisphere."""
     inwards, up = from_ras(np.array([[-1.0 if right else 1.0, 0, 0], [0, 0, 1]]), world).tolist()
     _in_their_order(viewer)
     viewer.reset_view()  # before turning, because a tighter fit would cut off the sides when docks open
@@ -36,7 +46,7 @@ def _in_their_order(viewer: Viewer) -> None:
 
 
 def show_sagittal(viewer: Viewer) -> None:
-    """Show sagittal slices of an RAS world, as atlases do, until the viewer is empty."""
+    """Show sagittal slices of an RAS world, as in atlases, until the viewer is empty."""
     slices = (0, 2, 1), ("up", "right")
 
     def show(order: tuple[int, ...], orientation: tuple[Any, ...]) -> None:
@@ -63,7 +73,7 @@ def show_sagittal(viewer: Viewer) -> None:
 
 
 def fill(viewer: Viewer, places: NDArray[np.float64], size: tuple[int, int], world: str = "RAS") -> None:
-    """Zoom until points (N, 3), viewed in 3D after `look_from_side`, fill a canvas of the given size in pixels."""
+    """Zoom until points (N, 3), seen in 3D after `look_from_side`, fill a canvas of the given size in pixels."""
     across, up = np.ptp(places @ from_ras(np.array([[0.0, 1, 0], [0, 0, 1]]), world).T, axis=0)
     if across > 0 and up > 0:
         camera(viewer).zoom = _FILLED * min(size[0] / across, size[1] / up)
@@ -81,7 +91,7 @@ def is_click(event: Any, most: int = 3) -> Generator[None, None, bool]:
 
 
 def in_grid(viewer: Viewer) -> bool:
-    """Return whether the viewer shows its layers in a grid, in which a location is visible several times."""
+    """Return whether the viewer shows its layers in a grid, in which each location is visible several times."""
     grid = viewer.canvas.grid if hasattr(viewer, "canvas") else viewer.grid
     return bool(grid.enabled)
 
@@ -100,12 +110,12 @@ def projected(viewer: Viewer, place: NDArray[np.float64], size: tuple[int, int])
     apart = shown - np.asarray(of.center, dtype=np.float64)[-len(shown) :]
     middle = np.asarray(size) / 2
     if len(shown) == 2:
-        vertical, horizontal = (str(way).rpartition(".")[2].lower() for way in of.orientation[1:])
+        vertical, horizontal = map(_named, of.orientation[1:])
         right, down = apart[1] * (1 if horizontal == "right" else -1), apart[0] * (1 if vertical == "down" else -1)
         nearness = 1.0
     else:
         along, up = (np.asarray(way, dtype=np.float64) for way in (of.view_direction, of.up_direction))
-        sideways = np.cross(along, up) * (1 if _is_right_handed(of) else -1)
+        sideways = np.cross(along, up) * (1 if _named(of.handedness) == "right" else -1)
         right, down = float(apart @ sideways), -float(apart @ up)
         away = 0.0 if of.perspective == 0 else 2 * np.tan(np.radians(of.perspective) / 2) * of.zoom / size[1]
         nearness = 1 + away * float(apart @ along)
@@ -115,8 +125,9 @@ def projected(viewer: Viewer, place: NDArray[np.float64], size: tuple[int, int])
     return float(x), float(y)
 
 
-def _is_right_handed(of: Any) -> bool:
-    return str(of.handedness).rpartition(".")[2].lower() == "right"
+def _named(way: Any) -> str:
+    """Return the name of a direction, which is a string or an enum member depending on the version of napari."""
+    return str(way).rpartition(".")[2].lower()
 
 
 def mm_per_unit(viewer: Viewer) -> NDArray[np.float64]:
@@ -126,7 +137,6 @@ def mm_per_unit(viewer: Viewer) -> NDArray[np.float64]:
 
 
 def theme_colours(viewer: Viewer) -> tuple[QColor, QColor]:
-    """Return the colours of the canvas and of text in the viewer's theme."""
     theme = get_theme(viewer.theme)
     canvas, text = (QColor(colour.as_hex()) for colour in (theme.canvas, theme.text))
     return canvas, text

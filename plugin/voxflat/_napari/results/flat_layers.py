@@ -12,8 +12,7 @@ from voxflat.atlases.atlas import Atlas
 from voxflat.maps.flat_map import FlatMap
 from voxflat.maps.raster import FlatImage
 
-LayerData: TypeAlias = tuple[Any, dict[str, Any], str]
-"""Layer data as napari takes them: the data, the keywords and the type."""
+LayerData: TypeAlias = tuple[Any, dict[str, Any], str]  # as in napari: the data, the keywords and the type
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,7 +40,7 @@ def shown_image(flat_map: FlatMap | Atlas, shown: Shown, pixel_size: float | Non
 
 
 def units(flat_map: FlatMap | Atlas, axes: int) -> tuple[str, ...] | None:
-    """Return the units of the flattened layer, because napari cannot mix pixels and millimetres."""
+    """Return mm for each axis, or None if the flattened layer is in pixels, because napari cannot mix mm and pixels."""
     in_pixels = flat_map.metadata.get("napari", {}).get("unit", "").startswith("pixel")
     return None if in_pixels else ("mm",) * axes
 
@@ -63,13 +62,13 @@ def described(flat_map: FlatMap | Atlas, name: str, meaning: str, image: FlatIma
 
 
 def hidden(data: LayerData) -> LayerData:
-    """Hide a layer that the dock shows; RGB layers are hidden later, because napari cannot add hidden ones in 3D."""
+    """Hide a layer that the dock shows; RGB layers are hidden later, because napari cannot add them hidden in 3D."""
     values, keywords, kind = data
     return values, {**keywords, "visible": bool(keywords.get("rgb", False))}, kind
 
 
 def limits(values: NDArray[Any]) -> tuple[float, float]:
-    """Return contrast limits that cover most values, because those chosen by napari would be NaN."""
+    """Return contrast limits that cover most values; the limits that napari would choose may be NaN."""
     values = values.astype(np.float64)  # mesh values may be bool
     if not np.isfinite(values).any():
         return 0.0, 1.0
@@ -78,18 +77,15 @@ def limits(values: NDArray[Any]) -> tuple[float, float]:
 
 
 class Script(Protocol):
-    """An object that writes a script, such as `Recipe`."""
+    """Writes a script, like `Recipe`."""
 
-    def needs_folder(self) -> bool:
-        """Return whether data must be saved with the script."""
-
-    def script(self, folder: Path | None = None) -> str:
-        """Return the script."""
+    def needs_folder(self) -> bool: ...
+    def script(self, folder: Path | None = None) -> str: ...
 
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """A map or an atlas with its layers, the name of the flattened layer, and a script unless read from a file."""
+    """A map or an atlas with its layers, the name of the flattened layer, and, if voxflat computed it, a script."""
 
     layers: FlatLayers
     name: str
@@ -97,5 +93,4 @@ class Run:
 
     @property
     def flat_map(self) -> FlatMap | Atlas:
-        """The map or atlas."""
         return self.layers.flat_map

@@ -23,9 +23,8 @@ _LOOK = ("colormap", "contrast_limits", "gamma", "vertex_colors", "features")
 class ListedLayers:
     """The layers of a run in a viewer.
 
-    napari takes 0.1 s to add or remove a layer, and 0.01 s to change its data. Therefore, a run that replaces
-    another run reuses its layers of the same kind. Layers are added and removed in steps, between which the window
-    processes events.
+    napari needs 0.1 s to add or remove a layer, but only 0.01 s to change its data. A run that replaces another run
+    therefore reuses its layers. Layers are added and removed in steps, between which the window processes events.
     """
 
     def __init__(self, viewer: Viewer, layers: Iterable[Layer] = ()) -> None:
@@ -35,7 +34,6 @@ class ListedLayers:
 
     @property
     def layers(self) -> list[Layer]:
-        """The layers that are in the viewer."""
         viewer = self._viewer()
         return [] if viewer is None else [layer for layer in self._layers if layer in viewer.layers]
 
@@ -45,7 +43,6 @@ class ListedLayers:
         return not self._steps
 
     def show(self, result: FlatLayers) -> None:
-        """Add the layers of a run to the list."""
         defer_collections()
         earlier = self.layers
         for data in [*result.in_space, *result.layers]:
@@ -61,7 +58,6 @@ class ListedLayers:
         self._layers.append(layer)
 
     def remove(self) -> None:
-        """Remove the layers from the list."""
         self._stop()
         self._steps.extend(partial(self._take_out, layer=layer) for layer in self.layers)
         QTimer.singleShot(0, self._go_on)
@@ -74,8 +70,7 @@ class ListedLayers:
     def _stop(self) -> None:
         """Discard the remaining steps."""
         self._steps.clear()
-        viewer = self._viewer()
-        if viewer is not None:
+        if (viewer := self._viewer()) is not None:
             for layer in self._layers:
                 if layer not in viewer.layers:
                     drop_controls(viewer, layer)
@@ -114,14 +109,14 @@ def _controls(viewer: Viewer) -> Any:
 
 
 def make_controls(viewer: Viewer, layer: Layer) -> None:
-    """Create the controls of a layer before `insert` adds it in a later event-loop iteration, to halve the delay."""
+    """Create the controls of a layer in advance, so that `insert`, in a later step, blocks the window half as long."""
     controls = _controls(viewer)
     if controls is not None:
         controls._add(Event("inserted", value=layer))
 
 
 def make_room(viewer: Viewer, layer: Layer) -> None:
-    """Extend the sliders for a layer that is about to be added; this slices all layers again."""
+    """Extend the sliders for a layer that is about to be added, which makes napari slice all layers again."""
     extent = viewer.layers.get_extent([*viewer.layers, layer])
     if len(extent.step) == viewer.dims.ndim:
         viewer.dims.range = tuple(zip(*extent.world, extent.step, strict=True))
@@ -148,7 +143,7 @@ def _insert_hidden(viewer: Viewer, layer: Layer) -> None:
 
 
 def insert(viewer: Viewer, layer: Layer, index: int | None = None) -> None:
-    """Insert a layer without selecting it, because selection makes napari create its controls, which is slow."""
+    """Insert a layer without selecting it, because napari would then create its controls, which is slow."""
     viewer = getattr(viewer, "__wrapped__", viewer)  # see above
     layers, before = viewer.layers, set(viewer.layers.selection)
     layers._activate_on_insert = False
@@ -162,14 +157,13 @@ def insert(viewer: Viewer, layer: Layer, index: int | None = None) -> None:
 
 
 def _is_like(layer: Layer, data: LayerData) -> bool:
-    """Return whether a layer can be reused for data: the types are equal, and both or neither are RGB."""
+    """Return whether a layer can be reused for other data: both have the same type, and both or neither are RGB."""
     _, keywords, kind = data
     is_rgb = bool(getattr(layer, "rgb", False))
     return type(layer).__name__.lower() == kind and is_rgb == bool(keywords.get("rgb", False))
 
 
 def _fill(layer: Layer, data: LayerData) -> None:
-    """Replace the data and display of a layer."""
     values, keywords, _ = data
     if getattr(layer, "vertex_colors", None) is not None:
         layer.vertex_colors = None  # the number of points may change, and napari slices immediately

@@ -7,6 +7,7 @@ from napari.utils.notifications import show_error, show_info
 from qtpy.QtCore import Qt
 from qtpy.QtWidgets import QApplication, QFileDialog, QGridLayout, QLabel, QPushButton, QVBoxLayout, QWidget
 
+from voxflat._napari.docks import arrange
 from voxflat._napari.results.flat_layers import Run
 from voxflat._napari.results.maps import HEAT_MEANING
 from voxflat._napari.results.report import MEANINGS, figures, table, warnings
@@ -19,34 +20,26 @@ from voxflat.maps.flat_map import FlatMap
 class MapPanel(QWidget):
     """Shows the measures, the meaning of the colours, and the warnings of a "map" or an "atlas"."""
 
-    def __init__(self, *, meaning: str = HEAT_MEANING, what: str = "map", parent: QWidget | None = None) -> None:
-        super().__init__(parent)
+    def __init__(self, *, meaning: str = HEAT_MEANING, what: str = "map") -> None:
+        super().__init__()
         self._what = what
         self.flat_map: FlatMap | Atlas | None = None
-        self.title = QLabel()
-        self.title.setWordWrap(True)
-        self.title.setTextFormat(Qt.TextFormat.RichText)
         self._figures = QGridLayout()
         self._figures.setColumnStretch(0, 1)
         self._figures.setVerticalSpacing(2)
-        self.warnings = QLabel()
-        self.warnings.setWordWrap(True)
-        self.warnings.setTextFormat(Qt.TextFormat.RichText)
-        colours = QLabel(f"The layer of the heat map shows {meaning}.")
-        colours.setWordWrap(True)
+        self.title, self.warnings = QLabel(), QLabel()
+        colours = QLabel(f"The heat map shows {meaning}.")
+        for text in (self.title, self.warnings, colours):
+            text.setWordWrap(True)
+            text.setTextFormat(Qt.TextFormat.RichText)
         self.save = QPushButton(f"Save {what}…")
         loads = {"map": "voxflat.load()", "atlas": "voxflat.load_atlas()"}[what]
-        self.save.setToolTip(f"Save the {what} with all its data. Open the file in napari, or with {loads}")
+        self.save.setToolTip(f"Save the {what} with all its data. Open the file in napari or with {loads}")
         self.save.clicked.connect(self._on_save)
+        self.copy = CopyAsPython()
         layout = QVBoxLayout(self)
         layout.setContentsMargins(0, 0, 0, 0)
-        layout.addWidget(self.title)
-        layout.addLayout(self._figures)
-        layout.addWidget(self.warnings)
-        layout.addWidget(colours)
-        layout.addWidget(self.save)
-        self.copy = CopyAsPython()
-        layout.addWidget(self.copy)
+        arrange(layout, self.title, self._figures, self.warnings, colours, self.save, self.copy)
         self.hide()
 
     @property
@@ -55,7 +48,6 @@ class MapPanel(QWidget):
         return self._what == "map"
 
     def show_run(self, run: Run) -> None:
-        """Show the results of a run."""
         self.flat_map = run.flat_map
         self.copy.show_run(run)
         self._name_result("")
@@ -77,9 +69,8 @@ class MapPanel(QWidget):
             if widget := item.widget():
                 widget.deleteLater()
         for row, (name, value) in enumerate(figures(flat_map)):
-            number = QLabel(value)
+            label, number = QLabel(name), QLabel(value)
             number.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
-            label = QLabel(name)
             label.setToolTip(MEANINGS.get(name, ""))
             self._figures.addWidget(label, row, 0)
             self._figures.addWidget(number, row, 1, Qt.AlignmentFlag.AlignRight)
@@ -102,10 +93,10 @@ class MapPanel(QWidget):
 
 
 class CopyAsPython(QPushButton):
-    """Copies to the clipboard a script that repeats a run."""
+    """Copies a script that repeats a run to the clipboard."""
 
-    def __init__(self, parent: QWidget | None = None) -> None:
-        super().__init__("Copy as Python", parent)
+    def __init__(self) -> None:
+        super().__init__("Copy as Python")
         self._run: Run | None = None
         self.setToolTip("Copy a Python script that computes this map to the clipboard")
         self.clicked.connect(self.copy)
@@ -117,14 +108,15 @@ class CopyAsPython(QPushButton):
         self.setVisible(run.script is not None)
 
     def copy(self) -> None:
-        """Copy the script; ask for a folder if any data are not in a file."""
+        """Copy the script, and ask for a folder if any data are not in a file."""
         recipe = None if self._run is None else self._run.script
         if recipe is None:
             return
         try:
             folder = None
             if recipe.needs_folder():
-                chosen = QFileDialog.getExistingDirectory(self, "Choose a folder for the layers that are not in a file")
+                title = "Choose a folder for the data that are not in a file"
+                chosen = QFileDialog.getExistingDirectory(self, title)
                 if not chosen:
                     return
                 folder = Path(chosen)
@@ -135,4 +127,4 @@ class CopyAsPython(QPushButton):
         clipboard = QApplication.clipboard()
         assert clipboard is not None
         clipboard.setText(script)
-        show_info("Copied the script. Paste it into a file, and run it with Python")
+        show_info("The script is on the clipboard. Paste it into a file, then run the file with Python")

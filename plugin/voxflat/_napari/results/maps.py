@@ -11,12 +11,9 @@ from voxflat.maps.colours import label_colours
 from voxflat.maps.flat_map import FlatMap
 from voxflat.unique_rows import distinct
 
+# the meaning of the colours of the heat map of a map, and of a page
 HEAT_MEANING = "the mean relative error of the distances from each point, as a fraction (0.1 is 10 %)"
-"""The meaning of the colours of a heat map."""
-
 C_MEANING = "C, the largest factor by which lengths change (1.1 is a change of up to 10 %)"
-"""The meaning of the colours of the heat map of a page."""
-
 _HEAT_LIMITS = (0.05, 0.1, 0.2, 0.3, 0.5, 1.0)
 
 
@@ -39,13 +36,13 @@ def map_layers(
 
 
 def _heat_limit(errors: NDArray[np.float64]) -> float:
-    """Return a rounded limit that few errors exceed, so that maps can be compared visually."""
+    """Return one of a few limits that most errors do not exceed, so that maps can be compared visually."""
     most = np.nanpercentile(errors, 99) if np.isfinite(errors).any() else 1.0
     return next((limit for limit in _HEAT_LIMITS if most <= limit), _HEAT_LIMITS[-1])
 
 
 def page_layers(atlas: Atlas, shown: Shown | None = None, pixel_size: float | None = None) -> FlatLayers:
-    """Draw an atlas: the page as coloured patches, its values, its distortion C, and the surface in these colours."""
+    """Draw an atlas: its page (patches, values and C), and the surface in the colours of the patches."""
     name = atlas.metadata["napari"]["layer"]
     image = atlas.page().label_image(pixel_size)
     patches = described(atlas, f"{name} patches", "one colour for each patch, as on the surface", image)
@@ -60,7 +57,7 @@ def page_layers(atlas: Atlas, shown: Shown | None = None, pixel_size: float | No
 
 
 def _surface(atlas: Atlas, name: str) -> LayerData:
-    """Return the surface, cut between patches so that each triangle has the colour of its patch."""
+    """Return the surface, which is cut between patches so that each triangle has the colour of its patch."""
     ends = np.column_stack([np.repeat(atlas.patch_ids, 3), atlas.faces.reshape(-1)])
     found = distinct(ends)
     owner, rows = found.rows.T

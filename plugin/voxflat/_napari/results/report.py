@@ -11,22 +11,19 @@ from voxflat.atlases.glued import GluedAtlas
 from voxflat.distortion.figures import TriangleFigures
 from voxflat.maps.flat_map import FlatMap
 
-Row: TypeAlias = tuple[str, str]
-"""The name of a measure, and its value."""
+Row: TypeAlias = tuple[str, str]  # the name of a measure, and its value
 
 MEANINGS = {
     "mean relative distance error": "Mean of |distance on the map − distance on the surface| / distance on the surface",
-    "stress-1": "Kruskal's stress: 0 for a map that keeps all distances",
-    "correlation": "Correlation of distances on the map with those on the surface: 1 at best",
-    "median area change (factor)": "Areas of half of the vertices change by less than this factor, up or down",
-}
-"""What measures mean, by name."""
+    "stress-1": "Kruskal's stress, which is 0 for a map that preserves all distances",
+    "correlation": "Correlation between distances on the map and distances on the surface (at best 1)",
+    "median area change (factor)": "The areas of half of the vertices grow or shrink by less than this factor",
+}  # explanations of the measures
 
 _REMEDY = re.compile(r"(?<=[.;]) Use \w+=.*")  # applies only to Python
 
 
 def summary(flat_map: FlatMap | Atlas) -> str:
-    """Return a one-line summary."""
     if isinstance(flat_map, GluedAtlas):
         return flat_map.title
     if isinstance(flat_map, FlatAtlas):
@@ -36,7 +33,6 @@ def summary(flat_map: FlatMap | Atlas) -> str:
 
 
 def table(flat_map: FlatMap | Atlas) -> str:
-    """Return all measures as text."""
     return flat_map.distortion.table() if isinstance(flat_map, FlatMap) else flat_map.table()
 
 
@@ -63,11 +59,9 @@ def figures(flat_map: FlatMap | Atlas) -> list[Row]:
 
 
 def _of_atlas(atlas: FlatAtlas) -> list[Row]:
-    """Return the certificate and the measured values."""
     found, certified = atlas.figures(), atlas.certificate
     measured = found["measured"]
-    width, height = atlas.layout().max(axis=0)
-    rows = [
+    return [
         ("patches", f"{len(atlas):,}"),
         ("   that cover half of the area", f"{found['half_of_the_area']:,}"),
         ("   of a single triangle", f"{found['single_triangles']:,}"),
@@ -77,16 +71,13 @@ def _of_atlas(atlas: FlatAtlas) -> list[Row]:
         ("measured: inclination", f"{measured['angle']:.2f}°"),
         ("   C, lengths", f"{measured['c']:.4f}"),
         ("   K, angles", f"{measured['k']:.4f}"),
-        ("page", f"{width:.0f} × {height:.0f} mm"),
+        _page(atlas),
     ]
-    return rows
 
 
 def _of_glued(atlas: GluedAtlas) -> list[Row]:
-    """Return the state of the seams, and the measured values."""
     found, seams = atlas.figures(), atlas.seams
     measured = found["measured"]
-    width, height = atlas.layout().max(axis=0)
     return [
         ("patches", f"{found['patches']:,}"),
         ("glued pieces", f"{len(atlas):,}"),
@@ -97,8 +88,13 @@ def _of_glued(atlas: GluedAtlas) -> list[Row]:
         ("   largest", f"{measured['c']:.4f}"),
         ("   mean", f"{measured['mean_c']:.4f}"),
         ("K, angles: largest", f"{measured['k']:.4f}"),
-        ("page", f"{width:.0f} × {height:.0f} mm"),
+        _page(atlas),
     ]
+
+
+def _page(atlas: FlatAtlas | GluedAtlas) -> Row:
+    width, height = atlas.layout().max(axis=0)
+    return "page", f"{width:.0f} × {height:.0f} mm"
 
 
 def _of_triangles(triangles: TriangleFigures) -> list[Row]:
@@ -112,7 +108,7 @@ def _of_triangles(triangles: TriangleFigures) -> list[Row]:
 
 
 def _of_topology(flat_map: FlatMap) -> list[Row]:
-    """Return how the surface was cut open, or how much of a map of the 26-neighbour graph is torn."""
+    """Return the automatic cuts, the torn part of a map of the 26-neighbour graph, and the Euler characteristic."""
     rows = []
     if cuts := flat_map.metadata.get("automatic_cuts"):
         rows.append(("automatic cuts", f"{len(cuts)}, {sum(cut['length'] for cut in cuts):.0f} mm"))
@@ -124,10 +120,9 @@ def _of_topology(flat_map: FlatMap) -> list[Row]:
 
 
 def warnings(flat_map: FlatMap | Atlas) -> list[str]:
-    """Return the warnings of a map or an atlas, as sentences."""
     return [sentence(_REMEDY.sub("", warning)) for warning in flat_map.metadata["warnings"]]
 
 
 def sentence(message: str) -> str:
-    """Return a message with a capital letter and a full stop."""
+    """Return a message with a capital first letter and a full stop."""
     return f"{message[:1].upper()}{message[1:]}{'' if message.endswith('.') else '.'}"

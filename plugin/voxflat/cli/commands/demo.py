@@ -7,7 +7,7 @@ import cloup
 from voxflat.cli import options
 from voxflat.cli.console import bars
 from voxflat.cli.options import OUT
-from voxflat.cli.output import print_json
+from voxflat.cli.output import is_json, print_json
 from voxflat.errors import InputError
 from voxflat.io.files import installing
 
@@ -15,18 +15,13 @@ from voxflat.io.files import installing
 @cloup.command("demo")
 @options.section(
     "Output",
-    cloup.option(
-        "-o",
-        "--output",
-        type=OUT,
-        default=Path("voxflat-demo"),
-        metavar="DIR",
-        help="Directory for the results, which is created if it does not exist.",
+    options.value(
+        "-o", "DIR", "Directory for the results, created if needed.", "--output", type=OUT, default=Path("voxflat-demo")
     ),
     options.as_json,
 )
 @options.run()
-def command(output: Path, as_json: bool) -> None:
+def demo_command(output: Path) -> None:
     """Flatten a hemisphere of the MNI152 template.
 
     The demo extracts the left hemisphere from the MNI152 white-matter template bundled with nilearn, without a
@@ -36,10 +31,10 @@ def command(output: Path, as_json: bool) -> None:
         from voxflat.demo import run
 
         with bars() as shown:
-            flat_map = run(output, progress=shown.progress, tell=(lambda _: None) if as_json else shown.tell)
+            flat_map = run(output, progress=shown.progress, tell=(lambda _: None) if is_json() else shown.tell)
     except ImportError as error:
         if error.name and error.name.startswith("voxflat"):
             raise
         raise InputError(f"the demo requires {error.name}. Run {installing('nilearn', 'pyvista')}") from error
-    if as_json:
+    if is_json():
         print_json({"output": str(output), **flat_map.description()})

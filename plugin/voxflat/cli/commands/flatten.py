@@ -1,35 +1,83 @@
-"""The command `voxflat flatten`."""
+"""The commands `voxflat cut` and `voxflat flatten`."""
 
 from pathlib import Path
 from typing import Any
 
-import click
-import cloup
 import numpy as np
 
 from voxflat.cli import options
 from voxflat.cli.console import bars
 from voxflat.cli.input import part_of, surface_of
-from voxflat.cli.output import check_output, print_json
+from voxflat.cli.output import check_output, report
 from voxflat.cli.parameter_options import option_of
 from voxflat.io.grid import in_unit
+from voxflat.io.patches import PATCH_ENDING
 from voxflat.maps.flat_map import MAP_ENDINGS, FlatMap
 from voxflat.pipeline.surface import Surface
 
+_CUT_ENDINGS = (".json", ".surf.gii", ".vtp", ".ply", ".obj", PATCH_ENDING)
 
-@cloup.command(
+
+@options.command(
+    "cut",
+    "voxflat cut lh.white --pial lh.pial --drop medial-wall --cuts automatic -o lh.cuts.json",
+    "voxflat cut lh.white --drop lh.Medial_wall.label --relax-length 250 -o lh.cuts.json",
+    "voxflat flatten lh.white --pial lh.pial --cuts lh.cuts.json -o lh.flat.surf.gii",
+    "voxflat cut lh.white --pial lh.pial --drop medial-wall -o lh.cortex.patch.3d",
+    "voxflat cut lh.white --seed-point 5000 --radius 40 --sphere lh.sphere.reg -o v1.json "
+    "--save-template v1.template.json",
+)
+@options.input_
+@options.surface_options
+@options.region
+@options.cuts
+@options.output(
+    "Output file. A .json file stores the cuts, for --cuts; .surf.gii, .vtp, .ply, .obj and .patch.3d (for "
+    "mris_flatten) store the cut surface.",
+    options.writes(
+        "--save-template",
+        "Also write the cuts and the border of the excluded region as a template (.json). The template can be passed "
+        "to --cuts for any surface with a registered sphere of the same hemisphere and space.",
+        "template",
+    ),
+)
+@options.run(options.threads, options.memory_limit)
+def cut_command(input_: Path, output: Path, template: Path | None, writing: dict[str, Any], **given: Any) -> None:
+    """Cut a surface open for flattening.
+
+    The cuts are those that voxflat flatten would make: a surface that is not a disk is cut open to a disk, and
+    relaxation cuts are added where they reduce the distortion of the map.
+    """
+    check_output(output, _CUT_ENDINGS, **writing)
+    if template is not None:
+        check_output(template, (".json",))
+    with bars() as shown:
+        choose = part_of(given, shown.progress)
+        made = choose(surface_of(input_, given, shown.progress)).cut(progress=shown.progress, **given)
+    made.save(output, **writing)
+    if template is not None:
+        made.save_template(template, overwrite=writing["overwrite"])
+    cuts = [{"ids": of.ids.tolist(), "length": of.length, "reason": of.reason, "name": of.name} for of in made.cuts]
+    content = {"output": str(output), "vertices": len(made.surface), "cuts": cuts, "warnings": list(made.remarks)}
+    lines = []
+    for number, one in enumerate(made.cuts):
+        length = "" if one.length is None else in_unit(f", {one.length:.1f} mm", made.surface.metadata)
+        lines.append(f"{made.title(number)}: {one.reason}, {len(one.ids)} vertices{length}")
+    lines.append(f"{len(made.surface)} vertices, {len(made.surface.faces)} triangles")
+    lines.append(f"saved as {output}" + ("" if template is None else f", template as {template}"))
+    report({**content, "provenance": made.provenance}, "\n".join(lines))
+
+
+@options.command(
     "flatten",
-    epilog="""\b
-Examples:
-  voxflat flatten wm.nii.gz --hemisphere left -o lh.npz
-  voxflat flatten labels.nii.gz --label 3 -o map.npz
-  voxflat flatten wm.nii.gz --threshold 0.5 --seed-point 136,112,127 --radius 45 -o map.npz
-  voxflat flatten mask.npy --spacing 0.5,0.5,0.5 --keep patch.npy --json -o map.npz
-  voxflat flatten lh.white --pial lh.pial --drop lh.Medial_wall.label -o lh.flat.surf.gii
-  voxflat flatten rh.midthickness.surf.gii --sphere rh.sphere.reg.surf.gii --mirror -o rh.npz
-  voxflat flatten lh.midthickness.surf.gii --keep lh.cortex.patch.3d -o lh.cortex.patch.flat
-  voxflat flatten lh.midthickness.surf.gii --start lh.cortex.patch.flat -o lh.better.npz
-""",
+    "voxflat flatten wm.nii.gz --hemisphere left -o lh.npz",
+    "voxflat flatten labels.nii.gz --label 3 -o map.npz",
+    "voxflat flatten wm.nii.gz --threshold 0.5 --seed-point 136,112,127 --radius 45 -o map.npz",
+    "voxflat flatten mask.npy --spacing 0.5,0.5,0.5 --keep patch.npy --json -o map.npz",
+    "voxflat flatten lh.white --pial lh.pial --drop lh.Medial_wall.label -o lh.flat.surf.gii",
+    "voxflat flatten rh.midthickness.surf.gii --sphere rh.sphere.reg.surf.gii --mirror -o rh.npz",
+    "voxflat flatten lh.midthickness.surf.gii --keep lh.cortex.patch.3d -o lh.cortex.patch.flat",
+    "voxflat flatten lh.midthickness.surf.gii --start lh.cortex.patch.flat -o lh.better.npz",
 )
 @options.input_
 @options.surface_options
@@ -37,21 +85,21 @@ Examples:
 @options.cuts
 @options.method_options
 @options.output(
-    "Output file. .npz and .voxflat hold the complete map; .surf.gii, .patch.flat, .flat.patch.3d, .vtp, .ply and .obj "
-    "hold the flat surface.",
+    "Output file. .npz and .voxflat store the complete map; .surf.gii, .patch.flat, .flat.patch.3d, .vtp, .ply and "
+    ".obj store the flat surface.",
     option_of(Surface.flatten, "mirror", is_flag=True),
     options.flag("--rows", "Save the distances from all sources to all points in OUT (large)."),
     options.store,
 )
 @options.run(options.seed, options.threads, options.memory_limit, options.quiet)
-def command(input_: Path, output: Path, writing: dict[str, Any], as_json: bool, quiet: bool, **given: Any) -> None:
+def flatten_command(input_: Path, output: Path, writing: dict[str, Any], quiet: bool, **given: Any) -> None:
     """Flatten a surface into a flat map.
 
     INPUT is a label or intensity volume (.nii, .nii.gz, .hdr, .mgh, .mgz, .nrrd, .nhdr, .mha, .mhd, .tif, .npy, .npz)
     or a mesh (.surf.gii, FreeSurfer geometry such as lh.white, .asc, .vtk, .vtp, .ply, .stl, .obj, .off, .glb). A
-    volume with several labels needs --label or --threshold. With --hemisphere, the surface is cut along standard cuts
-    by default. Without a region, the largest component is flattened. A surface that is not a disk is cut open, and a
-    warning lists the cuts.
+    volume with several labels requires --label or --threshold. With --hemisphere, the surface is cut along standard
+    cuts by default. Without a region, the largest component is flattened. A surface that is not a disk is cut open, and
+    a warning lists the cuts.
     """
     check_output(output, MAP_ENDINGS, **writing)
     method, rows, store = options.method_of(given), given.pop("rows"), given.pop("store")
@@ -62,46 +110,31 @@ def command(input_: Path, output: Path, writing: dict[str, Any], as_json: bool, 
         part = choose(surface_of(input_, given, shown.progress))
         flat_map = part.flatten(method, rows=rows if store is None else store, progress=shown.progress, **given)
     flat_map.save(output, **writing)
-    if as_json:
-        print_json({"output": str(output), **flat_map.description()})
-    elif not quiet:
-        click.echo(_summary(flat_map, output))
+    content = {"output": str(output), **flat_map.description()}
+    report(content, _summary(flat_map, output), quiet=quiet)
 
 
 def _summary(flat_map: FlatMap, output: Path) -> str:
     metadata = flat_map.metadata
     width, height = np.ptp(flat_map.uv, axis=0)
-    summary = "\n".join(
-        [
-            f"{'flattened':22}{metadata['points']} of {metadata['surface_points']} points, {_part(metadata)}",
-            *_cuts(metadata),
-            *([f"{'sources':22}{metadata['sources']}"] if "sources" in metadata else []),
-            f"{'map':22}{width:.1f} x {height:.1f} mm{_torn(metadata)}",
-            f"{'memory, at most':22}{metadata['memory_need_bytes'] / 2**20:.0f} MiB",
-            "",
-            flat_map.distortion.table(),
-            "",
-        ]
-    )
+    torn = f", {100 * metadata['torn_faces']:.1f} % of it torn" if "torn_faces" in metadata else ""
+    cut_names = ", ".join(name for name in metadata.get("cut_names", []) if name)
+    rows = {"flattened": f"{metadata['points']} of {metadata['surface_points']} points, {_part(metadata)}"}
+    if cut_names:
+        rows["cuts"] = f"{metadata['cuts_by']}: {cut_names}"
+    if "sources" in metadata:
+        rows["sources"] = metadata["sources"]
+    rows["map"] = f"{width:.1f} x {height:.1f} mm{torn}"
+    rows["memory, at most"] = f"{metadata['memory_need_bytes'] / 2**20:.0f} MiB"
+    lines = [f"{name:22}{value}" for name, value in rows.items()]
+    summary = "\n".join([*lines, "", flat_map.distortion.table(), ""])
     return f"{in_unit(summary, metadata)}\nsaved as {output}"
-
-
-def _cuts(metadata: dict[str, Any]) -> list[str]:
-    """Return the summary line that names the template cuts, if the map has any."""
-    names = [name for name in metadata.get("cut_names", []) if name]
-    return [f"{'cuts':22}{metadata['cuts_by']}: {', '.join(names)}"] if names else []
-
-
-def _torn(metadata: dict[str, Any]) -> str:
-    return f", {100 * metadata['torn_faces']:.1f} % of it torn" if "torn_faces" in metadata else ""
 
 
 def _part(metadata: dict[str, Any]) -> str:
     """Describe the part of the surface that was flattened."""
     what = "voxel" if metadata["kind"] == "voxels" else "vertex"
-    parts = []
-    if metadata["keep"] or metadata.get("drop"):
-        parts.append("inside the mask")
+    parts = ["inside the mask"] if metadata["keep"] or metadata.get("drop") else []
     if metadata["seed_point"] is not None:
         parts.append(f"within {metadata['radius']} mm of {what} {metadata['seed_point']}")
     if parts:

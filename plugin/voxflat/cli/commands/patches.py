@@ -14,23 +14,20 @@ from voxflat.cli import options
 from voxflat.cli.console import bars
 from voxflat.cli.input import surface_of
 from voxflat.cli.options import FILE
-from voxflat.cli.output import FIGURE_ENDINGS, check_output, print_json
+from voxflat.cli.output import FIGURE_ENDINGS, check_output, report
 from voxflat.cli.parameter_options import option_of
 from voxflat.io.files import SAVED_ENDINGS
 from voxflat.maps.textures.textured import TEXTURED_ENDINGS, TexturedSurface, files_beside
 from voxflat.pipeline.surface import Surface
 
 
-@cloup.command(
+@options.command(
     "patches",
-    epilog="""\b
-Examples:
-  voxflat patches lh.white -o atlas.npz
-  voxflat patches skull.obj --bound 1.1763 -o atlas.npz --page page.png --picture skull.png
-  voxflat patches labels.nii.gz --label 3 --count 200 --json -o atlas.npz
-  voxflat patches lh.white --glue 1.5 -o glued.npz --page page.png
-  voxflat patches lh.white --volume t1.nii.gz --depth 2 -o atlas.glb
-""",
+    "voxflat patches lh.white -o atlas.npz",
+    "voxflat patches skull.obj --bound 1.1763 -o atlas.npz --page page.png --picture skull.png",
+    "voxflat patches labels.nii.gz --label 3 --count 200 --json -o atlas.npz",
+    "voxflat patches lh.white --glue 1.5 -o glued.npz --page page.png",
+    "voxflat patches lh.white --volume t1.nii.gz --depth 2 -o atlas.glb",
 )
 @cloup.argument("surface_", metavar="SURFACE", type=FILE)
 @options.surface_options
@@ -41,13 +38,13 @@ Examples:
     option_of(Surface.patches, "count", type=int, metavar="N"),
     option_of(Surface.patches, "seeds", type=click.Choice(SEEDS), sentences=3),
     options.value(
-        "--glue", "C", "Close seams between patches while no length changes by more than this factor.", type=float
+        "--glue", "C", "Close seams between patches as long as no length changes by more than this factor.", type=float
     ),
 )
 @options.section(
     "Texture",
     option_of(Atlas.page, "packing", type=click.Choice(PACKINGS), sentences=2),
-    options.reads("--volume", "Show this volume; for a mesh, an overlay or the mesh's own texture."),
+    options.reads("--volume", "Show this volume. For a mesh, also an overlay or the texture of the mesh."),
     options.flag("--heat-map", "Show C, the factor by which lengths change."),
     options.value(
         "--depth", "MM", "Distance outside the surface at which the volume is sampled, in mm.  [default: 0]", type=float
@@ -55,13 +52,13 @@ Examples:
     options.value("--pixel-size", "MM", "Side length of a pixel, in mm.  [default: as for voxflat image]", type=float),
 )
 @options.output(
-    "Output file. .npz and .voxflat hold the complete atlas; .obj (with .mtl and .png), .vtp (with .png), .glb and "
-    ".ply hold the surface with the page as its texture.",
+    "Output file. .npz and .voxflat store the complete atlas; .obj (with .mtl and .png), .vtp (with .png), .glb and "
+    ".ply store the surface with the page as its texture.",
     options.writes("--page", "Also draw all patches on a page (.png, .pdf or .svg)."),
     options.writes("--picture", "Also draw the surface with its patches in colours.", metavar="PNG"),
 )
 @options.run(options.seed, options.threads, options.memory_limit, options.quiet)
-def command(
+def patches_command(
     surface_: Path,
     output: Path,
     page: Path | None,
@@ -69,7 +66,6 @@ def command(
     glue: float | None,
     packing: str,
     writing: dict[str, Any],
-    as_json: bool,
     quiet: bool,
     **given: Any,
 ) -> None:
@@ -79,8 +75,8 @@ def command(
     distortion has proven bounds: lengths change by at most a factor C, and angles by a dilatation of at most K
     (Appleboim, Saucan, Zeevi 2006).
 
-    Textured outputs show the patches in colours by default, or what --volume or --heat-map selects. To draw images of
-    an atlas saved as .npz, use voxflat image.
+    By default, textured outputs show the patches in colours. To show data instead, use --volume or --heat-map. To draw
+    images of an atlas that was saved as .npz, use voxflat image.
     """
     check_output(output, (*SAVED_ENDINGS, *TEXTURED_ENDINGS), beside=files_beside(output), **writing)
     is_textured = output.suffix.lower() not in SAVED_ENDINGS
@@ -96,16 +92,18 @@ def command(
         how = {"threads": given["threads"], "progress": shown.progress}
         atlas = certified if glue is None else certified.glue(glue, **how)
     if is_textured:
-        textured = _textured(atlas.page(packing=packing), output, **texture)
-        textured.save(output, **writing)
+        _textured(atlas.page(packing=packing), output, **texture).save(output, **writing)
     else:
         atlas.save(output, **writing)
     if page is not None or picture is not None:
-        _draw(atlas, page, picture, packing)
-    if as_json:
-        print_json({"output": str(output), **atlas.figures(), "metadata": atlas.metadata})
-    elif not quiet:
-        click.echo(f"{atlas.table()}\n\nsaved as {output}")
+        from voxflat import figures  # imports matplotlib
+
+        if page is not None:
+            figures.save(figures.atlas_page(atlas, packing=packing), page, atlas.provenance)
+        if picture is not None:
+            figures.save_picture(figures.atlas_3d(atlas), picture, atlas.provenance)
+    content = {"output": str(output), **atlas.figures(), "metadata": atlas.metadata}
+    report(content, f"{atlas.table()}\n\nsaved as {output}", quiet=quiet)
 
 
 def _check_texture(
@@ -115,9 +113,9 @@ def _check_texture(
     given = {"--volume": volume is not None, "--heat-map": heat_map, "--depth": depth is not None}
     given["--pixel-size"] = pixel_size is not None
     if not is_textured and (named := [name for name, is_given in given.items() if is_given]):
-        flags = " and ".join(named)
+        flags = " and ".join(named) + (" requires" if len(named) == 1 else " require")
         raise click.UsageError(
-            f"{flags} requires a textured output (.obj, .vtp, .glb or .ply). Use voxflat image for .npz."
+            f"{flags} a textured output (.obj, .vtp, .glb or .ply). For an .npz output, use voxflat image."
         )
     if volume is not None and heat_map:
         raise click.UsageError("Give either --volume or --heat-map.")
@@ -135,12 +133,3 @@ def _textured(
     else:
         textured = page.textured(page.label_image(pixel_size))
     return textured.subdivided() if output.suffix.lower() == ".ply" else textured
-
-
-def _draw(atlas: Atlas, page: Path | None, picture: Path | None, packing: str) -> None:
-    from voxflat import figures  # imports matplotlib
-
-    if page is not None:
-        figures.save(figures.atlas_page(atlas, packing=packing), page, atlas.provenance)
-    if picture is not None:
-        figures.save_picture(figures.atlas_3d(atlas), picture, atlas.provenance)

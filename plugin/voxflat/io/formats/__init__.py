@@ -10,8 +10,8 @@ OFF, ASC, GLB = "OFF", "FreeSurfer ASCII surface", "GLB"
 PATCH, MORPH = "FreeSurfer patch", "FreeSurfer file of values"
 ENDINGS = {".gii": GIFTI, ".gii.gz": GIFTI, ".vtk": VTK, ".vtp": VTP, ".ply": PLY, ".stl": STL, ".obj": OBJ}
 ENDINGS |= {".off": OFF, ".asc": ASC, ".glb": GLB}
-HINTS = {PATCH: "read_patch reads it", MORPH: "read_overlay reads it", "FreeSurfer label": "read_region reads it"}
-"""Hints that name the function that reads a file other than a surface."""
+HINTS = {PATCH: "Use read_patch", MORPH: "Use read_overlay", "FreeSurfer label": "Use read_region"}
+"""Remedies that name the function that reads a file other than a surface."""
 
 
 def by_name(path: Path) -> str | None:
@@ -23,7 +23,7 @@ def by_content(data: bytes) -> str | None:
     """Return the format indicated by the first bytes of a file."""
     start = data[:64].lstrip(b"\xef\xbb\xbf \t\r\n")
     if start.startswith(b"<") or data[:4] in (b"\xff\xfe<\0", b"\xfe\xff\0<"):  # the latter two are UTF-16
-        root, _ = gifti.xml_root(data)
+        root = gifti.xml_root(data)
         return {"GIFTI": GIFTI, "VTKFile": VTP}.get(root, f"XML <{root}>")
     for magic, name in _MAGIC.items():
         if data.startswith(magic):

@@ -15,14 +15,15 @@ from voxflat.arguments import checked_path
 from voxflat.errors import InputError
 from voxflat.io.files import AGAIN, check_size, contents, naming, require
 from voxflat.io.spaces import Space, VolumeGeometry
-from voxflat.io.triangles import as_float32
+from voxflat.io.triangles import Faces, Points, as_float32
 
 _SCANNER_TAG = b"\0\0\0\x02\0\0\0\x01"  # useRealRAS: scanner RAS, not supported by nibabel
 _REMEDY = "Check that the file is complete and in this format"
+UNPLACED = "its coordinates are in FreeSurfer's tkRAS, but the file does not define the centre of the volume (c_ras)"
 
 
 def read_geometry(path: Path, data: bytes) -> dict[str, Any]:
-    """Read a surface file, and split quadrangles as FreeSurfer does."""
+    """Read a surface file, and split its quadrangles as FreeSurfer does."""
     nibabel, is_quad = require("nibabel"), data[2] != 0xFE
     if is_quad:
         points, quads = (int.from_bytes(data[at : at + 3], "big") for at in (3, 6))
@@ -46,20 +47,17 @@ def read_geometry(path: Path, data: bytes) -> dict[str, Any]:
 def _space(footer: dict[str, Any]) -> Space:
     """Return the coordinate space of a surface, tkRAS, as defined by the footer of its file."""
     if not str(footer.get("valid", "")).startswith("1"):
-        doubt = "its coordinates are FreeSurfer's (tkRAS), but the file does not define where their volume lies (c_ras)"
-        return Space("tkRAS", None, doubt)
+        return Space("tkRAS", None, UNPLACED)
     cosines = np.column_stack([footer[axis] for axis in ("xras", "yras", "zras")])
     try:
         volume = VolumeGeometry(cosines, footer["cras"], footer["volume"], footer["voxelsize"], footer["filename"])
     except InputError as error:
-        return Space("tkRAS", None, f"its coordinates are FreeSurfer's (tkRAS), but {error}")
+        return Space("tkRAS", None, f"its coordinates are in FreeSurfer's tkRAS, but {error}")
     return Space("tkRAS", volume)
 
 
-def write_geometry(
-    path: Path, points: NDArray[np.float64], faces: NDArray[np.int64], volume: VolumeGeometry | None
-) -> None:
-    """Write a surface file in tkRAS with its volume geometry, without nibabel, which does not report a full disk."""
+def write_geometry(path: Path, points: Points, faces: Faces, volume: VolumeGeometry | None) -> None:
+    """Write a surface file in tkRAS with its volume geometry; nibabel would not report a full disk."""
     counts = np.array([len(points), len(faces)], ">i4")
     parts = (counts, as_float32(points).astype(">f4"), faces.astype(">i4"))
     body = b"\xff\xff\xfecreated by voxflat\n\n" + b"".join(part.tobytes() for part in parts)
@@ -92,7 +90,7 @@ def read_morph(path: Path, data: bytes) -> NDArray[Any]:
             raise InputError(f"has {each} values per point. Pass a file with one value per point")
         check_size(data, 15 + 4 * points if points >= 0 else -1, f"{points} values", is_exact=True)
     elif len(data) < 6 or len(data) != 6 + 2 * int.from_bytes(data[:3], "big"):  # this format has no magic number
-        raise InputError("is not a known format of values, or is incomplete. " + _REMEDY)
+        raise InputError(f"is not in a known format of values, or is incomplete. {_REMEDY}")
     return np.asarray(require("nibabel").freesurfer.read_morph_data(path))
 
 
@@ -103,7 +101,7 @@ def read_mgh(data: bytes) -> NDArray[Any]:
         raise InputError(f"is not an MGH file, or is damaged. {_REMEDY}")
     check_size(data, 284 + math.prod(shape) * {0: 1, 4: 2}.get(kind, 4), f"the shape {shape}")
     if sorted(shape[:3])[:2] != [1, 1]:
-        raise InputError(f"has shape {shape}. Values at N points must have shape (N, 1, 1)")
+        raise InputError(f"has shape {shape}. Pass values of shape (N, 1, 1) at N points")
     with np.errstate(all="ignore"):  # warnings about the position, which is not needed
         values = np.asarray(require("nibabel").MGHImage.from_bytes(data).dataobj).reshape(max(shape[:3]), -1)
     return values[:, 0] if values.shape[1] == 1 else values
@@ -147,7 +145,7 @@ def read_label(data: bytes, n: int) -> NDArray[np.bool_]:
     vertices = _label_columns(data, 1)[:, 0]
     bad = np.flatnonzero(~((vertices >= 0) & (vertices < n) & (vertices == np.floor(vertices))))
     if len(bad):
-        raise InputError(f"line {bad[0] + 3} refers to point {vertices[bad[0]]:g}; the surface has points 0 to {n - 1}")
+        raise InputError(f"line {bad[0] + 3} is point {vertices[bad[0]]:g}, but the surface has points 0 to {n - 1}")
     mask = np.zeros(n, dtype=bool)
     mask[vertices.astype(np.int64)] = True
     return mask
@@ -179,14 +177,12 @@ def write_annot(
         table[n, :3] = code & 255, code >> 8 & 255, code >> 16
     index = np.searchsorted(np.array([0, *sorted(keys)]), labels)
     order = [0, *(1 + n for n in np.argsort(keys))]
-    named = ["unknown", *names]
-    nibabel = require("nibabel")
-    nibabel.freesurfer.write_annot(
-        path, index.astype(np.int32), table[order].astype(np.int32), [named[n] for n in order], fill_ctab=True
-    )
+    named = [["unknown", *names][n] for n in order]
+    values, colour_table = index.astype(np.int32), table[order].astype(np.int32)
+    require("nibabel").freesurfer.write_annot(path, values, colour_table, named, fill_ctab=True)
 
 
-def write_label(path: Path, vertices: NDArray[np.int64], points: NDArray[np.float64], name: str) -> None:
+def write_label(path: Path, vertices: NDArray[np.int64], points: Points, name: str) -> None:
     """Write a label: point numbers and their positions in tkRAS."""
     shown = "".join(letter if letter.isprintable() else "_" for letter in name)
     rows = [f"{v}  {x:.3f}  {y:.3f}  {z:.3f} 0.0000000000\n" for v, (x, y, z) in zip(vertices, points, strict=True)]
@@ -198,7 +194,7 @@ def _label_columns(data: bytes, count: int) -> NDArray[np.float64]:
     """Return the first columns of a label file: point number, x, y and z."""
     lines = data.decode("utf-8", "replace").splitlines()
     if len(lines) < 2 or not lines[1].strip().isdigit():
-        raise InputError("is not a label file: its second line must be the number of points")
+        raise InputError("is not a label file: its second line is not the number of points. Check the file")
     named, rows = int(lines[1]), [line for line in lines[2:] if line.strip()]
     if named != len(rows):
         raise InputError(f"lists {len(rows)} points, but its header specifies {named}. {AGAIN}")

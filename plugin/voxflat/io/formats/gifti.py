@@ -14,17 +14,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from voxflat.errors import InputError
-from voxflat.io.files import require
+from voxflat.io.files import AGAIN, require
 from voxflat.io.provenance import Record, as_text
 from voxflat.io.reading import allowed_memory
 from voxflat.io.spaces import UNKNOWN, Space, VolumeGeometry
+from voxflat.io.triangles import Faces, Points
 
 _POINTS, _TRIANGLES = "NIFTI_INTENT_POINTSET", "NIFTI_INTENT_TRIANGLE"
 _BLOCK = 1 << 20
 _MOST_DIMENSIONS = 6
-
-
-# --------------------------------------------------------------------------------------------- XML
+_SCANNER = 1  # NIFTI_XFORM_SCANNER_ANAT
 
 
 class _RootFound(Exception):  # noqa: N818  (not an error: it ends the parsing)
@@ -43,11 +42,11 @@ def _parser() -> Any:
     return parser
 
 
-def xml_root(data: bytes) -> tuple[str, dict[str, str]]:
-    """Return the name and attributes of the root element; reject entities, which can be defined only before it."""
+def xml_root(data: bytes) -> str:
+    """Return the name of the root element; reject entities, which can be defined only before it."""
 
-    def start(name: str, attributes: dict[str, str]) -> None:
-        raise _RootFound(name, attributes)
+    def start(name: str, _: dict[str, str]) -> None:
+        raise _RootFound(name)
 
     parser = _parser()
     parser.StartElementHandler = start
@@ -56,45 +55,8 @@ def xml_root(data: bytes) -> tuple[str, dict[str, str]]:
             parser.Parse(data[first : first + _BLOCK], False)
         parser.Parse(b"", True)
     except _RootFound as root:
-        name, attributes = root.args
-        return name, attributes
-    return "", {}  # not reached: the parser rejects XML without an element
-
-
-class _DataFound(Exception):  # noqa: N818  (as above)
-    pass
-
-
-def first_metadata(data: bytes) -> dict[str, str]:
-    """Return the metadata of a file and of its first array without reading its data."""
-    found: dict[str, str] = {}
-    texts = {"Name": "", "Value": ""}
-    at: list[str] = []
-
-    def start(name: str, attributes: dict[str, str]) -> None:
-        if name == "Data":
-            raise _DataFound
-        if name in texts:
-            texts[name] = ""
-        at.append(name)
-
-    def characters(text: str) -> None:
-        if at and at[-1] in texts:
-            texts[at[-1]] += text
-
-    def end(name: str) -> None:
-        at.pop()
-        if name == "MD":
-            found[texts["Name"].strip()] = texts["Value"].strip()
-
-    parser = _parser()
-    parser.StartElementHandler, parser.EndElementHandler, parser.CharacterDataHandler = start, end, characters
-    try:
-        for first in range(0, len(data), _BLOCK):
-            parser.Parse(data[first : first + _BLOCK], False)
-    except _DataFound:
-        pass
-    return found
+        return str(root)
+    return ""  # not reached: the parser rejects XML without an element
 
 
 class _Walk:
@@ -113,10 +75,11 @@ class _Walk:
         elif name == "DataArray":
             self.arrays += 1
             self.array = attributes
-            if not 1 <= int(attributes.get("Dimensionality", 1)) <= _MOST_DIMENSIONS:
-                raise InputError(f"array {self.arrays} has {attributes['Dimensionality']} dimensions. Check the file")
+            dimensions = attributes.get("Dimensionality", 1)
+            if not 1 <= int(dimensions) <= _MOST_DIMENSIONS:
+                raise InputError(f"array {self.arrays} has {dimensions} dimensions. Write at most {_MOST_DIMENSIONS}")
         elif self.text is not None:
-            raise InputError(f"array {self.arrays} has <{name}> within its data. Copy or download the file again")
+            raise InputError(f"array {self.arrays} has <{name}> within its data. {AGAIN}")
         elif name == "Data":
             self.text = []
 
@@ -135,22 +98,21 @@ class _Walk:
         types = nibabel.nifti1.data_type_codes
         encoding = nibabel.gifti.util.gifti_encoding_codes.label[self.array.get("Encoding", "undef")]
         if encoding == "External":
-            raise InputError(f"refers to another file, {self.array.get('ExternalFileName')!r}. Write one file")
+            raise InputError(f"refers to another file, {self.array.get('ExternalFileName')!r}. Embed its data")
         if encoding == "ASCII":
             return
         dims = [int(self.array.get(f"Dim{axis}", 0)) for axis in range(int(self.array.get("Dimensionality", 1)))]
         need = int(np.prod(dims, dtype=object)) * types.dtype[self.array.get("DataType", "")].itemsize
         self.room -= need
         if min(dims, default=0) < 0 or self.room < 0:
-            raise InputError(f"array {self.arrays}, of dimensions {dims}, exceeds the memory. Check the file")
+            raise InputError(f"array {self.arrays} with dimensions {dims} does not fit into memory. Check the file")
         stored = base64.b64decode(text.encode("ascii"))
         if encoding == "B64GZ":
             stream = zlib.decompressobj()
             stored = stream.decompress(stored, need + 1)  # one additional byte suffices
         if len(stored) != need:
-            relation = "ends after" if len(stored) < need else "is longer than its header specifies:"
-            have = f"{len(stored)} of {need}" if len(stored) < need else f"{need}"
-            raise InputError(f"array {self.arrays} {relation} {have} bytes. Copy or download the file again")
+            found = f"ends after {len(stored)} of" if len(stored) < need else "is longer than the"
+            raise InputError(f"array {self.arrays} {found} {need} bytes that its header specifies. {AGAIN}")
 
 
 def load(data: bytes) -> Any:
@@ -161,16 +123,13 @@ def load(data: bytes) -> Any:
     parser.CharacterDataHandler = walk.characters
     parser.Parse(data, True)
     if walk.named is not None and walk.named.strip() != str(walk.arrays):
-        raise InputError(f"has {walk.arrays} arrays, but its header specifies {walk.named}. Copy or download it again")
+        raise InputError(f"has {walk.arrays} arrays, but its header specifies {walk.named}. {AGAIN}")
     return nibabel.gifti.GiftiImage.from_bytes(data)
-
-
-# ---------------------------------------------------------------------------------------- surfaces
 
 
 def surface(image: Any) -> dict[str, Any]:
     """Return the parts of a `Mesh`."""
-    points, triangles = _only(image, _POINTS, "point set"), _only(image, _TRIANGLES, "set of triangles")
+    points, triangles = _only(image, _POINTS, "point set"), _only(image, _TRIANGLES, "triangle set")
     structure = points.meta.get("AnatomicalStructurePrimary") or image.meta.get("AnatomicalStructurePrimary")
     more = {"structure": structure or None, "space": _space(points), "remarks": _remarks(points)}
     return {"points": points.data, "faces": triangles.data, **more}
@@ -185,7 +144,8 @@ def _only(image: Any, intent: str, name: str) -> Any:
     found = image.get_arrays_from_intent(intent)
     if len(found) != 1:
         others = ", ".join(sorted({require("nibabel").nifti1.intent_codes.niistring[a.intent] for a in image.darrays}))
-        raise InputError(f"has {len(found) or 'no'} {name}{'s' * bool(found)} (its arrays: {others}) instead of one")
+        count = f"{len(found) or 'no'} {name}{'s' * bool(found)}{' instead of one' * bool(found)}"
+        raise InputError(f"has {count} (its arrays are {others}). Pass a file with one surface")
     return found[0]
 
 
@@ -196,9 +156,7 @@ def _remarks(points: Any) -> tuple[str, ...]:
         return ()
     space = require("nibabel").nifti1.xform_codes.niistring[system.xformspace]
     shift = ", ".join(f"{value:g}" for value in matrix[:3, 3])
-    return (
-        f"has a transformation to {space} (shift {shift} mm), which is not applied: the coordinates are used as stored",
-    )
+    return (f"has a transformation to {space} (shift {shift} mm), but its coordinates are used as stored, without it",)
 
 
 def _transform(points: Any) -> NDArray[np.float64]:
@@ -206,23 +164,22 @@ def _transform(points: Any) -> NDArray[np.float64]:
     system = points.coordsys
     matrix = np.eye(4) if system is None or system.xform is None else np.asarray(system.xform, dtype=np.float64)
     if matrix.size != 16:
-        raise InputError(f"has a transformation of {matrix.size} numbers instead of 16. Copy or download it again")
+        raise InputError(f"has a transformation of {matrix.size} numbers instead of 16. {AGAIN}")
     return matrix.reshape(4, 4)  # nibabel returns a 1-D array if the matrix is on one line
 
 
 def _space(points: Any) -> Space:
     """Determine the space of the coordinates.
 
-    Workbench and nilearn use coordinates as stored, in the world space of volumes; sMRIPrep and Workbench write them
-    this way. FreeSurfer's mris_convert writes tkRAS unless ``--to-scanner`` is given, and the volume geometry
-    (VolGeom...) in both cases. The space is determined as follows:
+    Workbench, sMRIPrep and nilearn use coordinates as stored, in the world space of volumes. FreeSurfer's mris_convert
+    writes tkRAS unless ``--to-scanner`` is given, and the volume geometry (VolGeom...) in both cases:
 
     - FreeSurfer 7.4 and later versions store the coordinate system: SCANNER_ANAT is scanner RAS, and a matrix from
       UNKNOWN to SCANNER_ANAT maps tkRAS to scanner RAS.
-    - Otherwise SurfaceCenterX, Y, Z determine it. mris_convert writes the centre of the bounding box of the surface *as
-      it was read*; neither ``--to-scanner`` nor Workbench changes this centre when moving the points.
-    - Otherwise the space is uncertain: mris_convert writes tkRAS by default, and coordinates written by Workbench (with
-      its own coordinate system, TALAIRACH to TALAIRACH) are used as stored.
+    - Otherwise, SurfaceCenterX, Y, Z determine the space. They are the centre of the bounding box of the surface that
+      mris_convert read; neither ``--to-scanner`` nor Workbench changes them when moving the points.
+    - Otherwise, the space is uncertain: mris_convert writes tkRAS by default, and Workbench's coordinates (with its own
+      coordinate system, TALAIRACH to TALAIRACH) are used as stored.
 
     Without c_ras, tkRAS is undefined: sMRIPrep moves surfaces to scanner RAS and sets c_ras to 0 or omits it.
     """
@@ -252,21 +209,12 @@ def _space(points: Any) -> Space:
     if min(from_stored, from_moved) < far / 4:
         return Space("tkRAS" if from_stored < from_moved else "scanner", volume)
     c_ras = ", ".join(f"{value:g}" for value in volume.c_ras)
-    doubt = f"its file has FreeSurfer's c_ras ({c_ras}) mm, but does not say whether its coordinates include it: "
+    doubt = f"its file defines FreeSurfer's c_ras ({c_ras}) mm, but not whether its coordinates include it: "
     if dataspace:
-        return Space(
-            "scanner",
-            volume,
-            doubt + "they are assumed to include it (scanner RAS), since its coordinate system is not FreeSurfer's",
-        )
-    return Space(
-        "tkRAS",
-        volume,
-        doubt + "they are assumed not to include it (tkRAS), as mris_convert writes them without --to-scanner",
-    )
-
-
-_SCANNER = 1  # NIFTI_XFORM_SCANNER_ANAT
+        reason = "they are assumed to include it (scanner RAS), because its coordinate system is not FreeSurfer's"
+        return Space("scanner", volume, doubt + reason)
+    reason = "they are assumed not to include it (tkRAS), because mris_convert writes tkRAS without --to-scanner"
+    return Space("tkRAS", volume, doubt + reason)
 
 
 def _surface_centre(meta: Any) -> NDArray[np.float64]:
@@ -292,29 +240,16 @@ def _volume_geometry(meta: Any) -> VolumeGeometry | None:
 
 
 def surface_bytes(
-    points: NDArray[np.float64],
-    faces: NDArray[np.int64],
-    structure: str | None,
-    *,
-    is_scanner: bool = False,
-    record: Record | None = None,
+    points: Points, faces: Faces, structure: str | None, *, is_scanner: bool = False, record: Record | None = None
 ) -> bytes:
     """Return a surface and its record in Workbench's convention: coordinates as given, in scanner RAS if known."""
-    nibabel = require("nibabel")
     is_flat = not points[:, 2].any()
-    about = {"GeometricType": "Flat" if is_flat else "Anatomical"}
-    if structure is not None:
-        about["AnatomicalStructurePrimary"] = structure
-    topology = "Closed" if _is_closed(faces) else "Cut" if is_flat else "Open"
-    arrays = [(points.astype("f4"), _POINTS, about), (faces.astype("i4"), _TRIANGLES, {"TopologicalType": topology})]
-    gifti = nibabel.gifti
-    image = gifti.GiftiImage(meta=gifti.GiftiMetaData({} if record is None else {"Provenance": as_text(record)}))
-    system = gifti.GiftiCoordSystem(_SCANNER, _SCANNER) if is_scanner and not is_flat else None
-    for data, intent, meta in arrays:
-        of_points = {"coordsys": system} if intent == _POINTS else {}
-        array = gifti.GiftiDataArray(data, intent, datatype=data.dtype, meta=gifti.GiftiMetaData(meta), **of_points)
-        image.add_gifti_data_array(array)
-    return bytes(image.to_bytes())
+    about = {"GeometricType": "Flat" if is_flat else "Anatomical", **_named(structure)}
+    topology = {"TopologicalType": "Closed" if _is_closed(faces) else "Cut" if is_flat else "Open"}
+    is_scanner = is_scanner and not is_flat
+    system = require("nibabel").gifti.GiftiCoordSystem(_SCANNER, _SCANNER) if is_scanner else None
+    arrays = [_array(points.astype("f4"), _POINTS, about, system), _array(faces.astype("i4"), _TRIANGLES, topology)]
+    return _file(arrays, {}, record)
 
 
 def label_bytes(
@@ -334,53 +269,46 @@ def label_bytes(
         label = gifti.GiftiLabel(key=int(key), red=red, green=green, blue=blue, alpha=alpha)
         label.label = name
         table.labels.append(label)
-    data = labels.astype(np.int32)
-    array = gifti.GiftiDataArray(
-        data, "NIFTI_INTENT_LABEL", "NIFTI_TYPE_INT32", meta=gifti.GiftiMetaData({"Name": "regions"})
-    )
-    image = gifti.GiftiImage(meta=_metadata(structure, record), labeltable=table, darrays=[array])
-    return bytes(image.to_bytes())
+    array = _array(labels.astype(np.int32), "NIFTI_INTENT_LABEL", {"Name": "regions"})
+    return _file([array], _named(structure), record, labeltable=table)
 
 
-def _metadata(structure: str | None, record: Record | None) -> Any:
-    """Return the metadata of a file of labels or values."""
-    told = {} if structure is None else {"AnatomicalStructurePrimary": structure}
-    more = {} if record is None else {"Provenance": as_text(record)}
-    return require("nibabel").gifti.GiftiMetaData({**told, **more})
-
-
-def value_bytes(
-    values: Mapping[str, NDArray[np.floating[Any]]], structure: str | None, record: Record | None = None
-) -> bytes:
+def value_bytes(values: Mapping[str, NDArray[Any]], structure: str | None, record: Record | None = None) -> bytes:
     """Return values at points in Workbench's convention, with one map per name and NaN for missing values."""
+    arrays = [_array(one.astype(np.float32), "NIFTI_INTENT_NONE", {"Name": name}) for name, one in values.items()]
+    return _file(arrays, _named(structure), record)
+
+
+def _named(structure: str | None) -> dict[str, str]:
+    return {} if structure is None else {"AnatomicalStructurePrimary": structure}
+
+
+def _array(data: NDArray[Any], intent: str, meta: dict[str, str], system: Any = None) -> Any:
     gifti = require("nibabel").gifti
-    arrays = [
-        gifti.GiftiDataArray(
-            data.astype(np.float32), "NIFTI_INTENT_NONE", "NIFTI_TYPE_FLOAT32", meta=gifti.GiftiMetaData({"Name": name})
-        )
-        for name, data in values.items()
-    ]
-    return bytes(gifti.GiftiImage(meta=_metadata(structure, record), darrays=arrays).to_bytes())
+    return gifti.GiftiDataArray(data, intent, data.dtype, meta=gifti.GiftiMetaData(meta), coordsys=system)
 
 
-def _is_closed(faces: NDArray[np.int64]) -> bool:
+def _file(arrays: list[Any], meta: dict[str, str], record: Record | None, **more: Any) -> bytes:
+    gifti = require("nibabel").gifti
+    more["meta"] = gifti.GiftiMetaData(meta if record is None else {**meta, "Provenance": as_text(record)})
+    return bytes(gifti.GiftiImage(darrays=arrays, **more).to_bytes())
+
+
+def _is_closed(faces: Faces) -> bool:
     """Return whether each edge belongs to two faces."""
     edges = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
     _, counts = np.unique(edges[:, 0] << 32 | edges[:, 1], return_counts=True)
     return bool((counts == 2).all())
 
 
-# ------------------------------------------------------------------------------------------ values
-
-
 def values(image: Any) -> NDArray[Any]:
     """Return the values at the points, of shape (N,), or (N, K) for K maps."""
     arrays = [array.data for array in _maps(image)]
     if not arrays:
-        raise InputError("contains a surface, but no values at its points")
+        raise InputError("contains a surface, but no values at its points. Pass a file with values")
     lengths = {len(array) for array in arrays}
     if len(lengths) > 1:
-        raise InputError(f"its maps have different lengths, {sorted(lengths)}. Write each map to its own file")
+        raise InputError(f"has maps with different lengths, {sorted(lengths)}. Write each map to its own file")
     maps = np.column_stack(arrays)
     return maps[:, 0] if maps.shape[1] == 1 else maps
 

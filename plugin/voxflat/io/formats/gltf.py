@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from voxflat.io.triangles import as_float32
+from voxflat.io.triangles import Faces, Points, as_float32
 
 _FLOAT, _UINT32 = 5126, 5125
 _VERTICES, _INDICES = 34962, 34963
@@ -17,24 +17,13 @@ _TO_METRES_Y_UP = [1e-3, 0, 0, 0, 0, 0, -1e-3, 0, 0, 1e-3, 0, 0, 0, 0, 0, 1]  # 
 
 
 def write_glb(
-    path: Path,
-    points: NDArray[np.float64],
-    faces: NDArray[np.int64],
-    texture: NDArray[np.float64],
-    picture: bytes,
-    *,
-    repeat: bool,
-    transparent: bool,
+    path: Path, points: Points, faces: Faces, texture: Points, picture: bytes, *, repeat: bool, transparent: bool
 ) -> None:
     """Write a binary glTF file; the picture is a PNG, and the texture coordinate t is 0 at its bottom edge."""
     single = as_float32(points)
     coordinates = texture * [1, -1] + [0, 1]  # t runs downwards in glTF
-    blocks = [
-        single.astype("<f4").tobytes(),
-        coordinates.astype("<f4").tobytes(),
-        faces.astype("<u4").tobytes(),
-        picture,
-    ]
+    arrays = (single.astype("<f4"), coordinates.astype("<f4"), faces.astype("<u4"))
+    blocks = [*(array.tobytes() for array in arrays), picture]
     views, at = [], 0
     for block, target in zip(blocks, (_VERTICES, _VERTICES, _INDICES, None), strict=True):
         view = {"buffer": 0, "byteOffset": at, "byteLength": len(block)}
@@ -55,8 +44,7 @@ def _described(
     points: NDArray[np.float32], corners: int, views: list[Any], length: int, *, repeat: bool, transparent: bool
 ) -> dict[str, Any]:
     """Return the JSON part of a glTF file; its only node maps RAS+ mm to metres, with y pointing upwards."""
-    wrap = _REPEAT if repeat else _CLAMP
-    count = len(points)
+    wrap, count = _REPEAT if repeat else _CLAMP, len(points)
     extent = {"min": points.min(axis=0).tolist(), "max": points.max(axis=0).tolist()}
     material = {
         "pbrMetallicRoughness": {"baseColorTexture": {"index": 0}, "metallicFactor": 0, "roughnessFactor": 1},

@@ -7,17 +7,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from voxflat.errors import InputError
-from voxflat.io.triangles import check_faces, triangulated
+from voxflat.io.triangles import Faces, Points, check_faces, triangulated
 
 
 def read_obj(path: Path, data: bytes) -> dict[str, Any]:
-    """Read an OBJ file; a point on a seam, which has several texture coordinates, keeps the first."""
+    """Read an OBJ file; a point on a seam, which has several texture coordinates, keeps the first one."""
     rows, faces, used, cut = _tables(data)
     points = np.array([row[:3] for row in rows["v"]], dtype=np.float64)
     texture = None
-    remarks = (
-        cut if data.endswith(b"\n") else ("does not end with a complete line. Check that the file is complete", *cut)
-    )
+    incomplete = "does not end with a complete line. Check that the file is complete"
+    remarks = cut if data.endswith(b"\n") else (incomplete, *cut)
     if (used != -1).any():
         texture, seam = _texture(_places(rows["vt"], used), used, faces, len(points))
         remarks += seam
@@ -50,7 +49,7 @@ def _tables(data: bytes) -> tuple[dict[str, list[list[str]]], NDArray[np.int64],
     if not rows["v"]:
         raise InputError("has no line that begins with 'v'. Check that it is an OBJ file of a surface")
     if rows["l"]:
-        raise InputError(f"has {len(rows['l'])} lines in addition to its faces. Remove them")
+        raise InputError(f"has lines ({len(rows['l'])}) in addition to its faces. Remove the lines")
     counts = np.array([len(face) for face in rows["f"]], dtype=np.int64)
     corners, lines = _corners(rows["f"]), np.repeat(np.array(before, dtype=np.int64).reshape(-1, 2), counts, axis=0)
     of_points, of_texture = (_numbers(corners[:, part], lines[:, part]) for part in (0, 1))
@@ -81,12 +80,13 @@ def _places(lines: list[list[str]], used: NDArray[np.int64]) -> NDArray[np.float
     places = np.array([line[:2] for line in lines], dtype=np.float64).reshape(-1, 2)
     bad = np.flatnonzero((used.ravel() >= len(places)) | (used.ravel() < -1))
     if len(bad):
-        raise InputError(f"face {bad[0] // 3} refers to texture coordinate {used.ravel()[bad[0]] + 1} of {len(places)}")
+        number = used.ravel()[bad[0]] + 1
+        raise InputError(f"face {bad[0] // 3} refers to texture coordinate {number}, but the file has {len(places)}")
     return places
 
 
 def _texture(
-    places: NDArray[np.float64], used: NDArray[np.int64], faces: NDArray[np.int64], n: int
+    places: NDArray[np.float64], used: NDArray[np.int64], faces: Faces, n: int
 ) -> tuple[NDArray[np.float64], tuple[str, ...]]:
     """Return the first texture coordinate of each point, and a remark if any point has several."""
     check_faces(faces, n)
@@ -94,22 +94,21 @@ def _texture(
     texture = np.full((n, 2), np.nan)
     texture[corners[::-1]] = places[used[::-1]]  # the last assignment is the first in the file
     seam = np.unique(corners[(texture[corners] != places[used]).any(axis=1)])
-    text = f"{len(seam)} points lie on a texture seam: each keeps the first of its texture coordinates"
+    text = f"has points on texture seams ({len(seam)}); each keeps only its first texture coordinate"
     return texture, (text,) if len(seam) else ()
 
 
 def write_obj(
     path: Path,
-    points: NDArray[np.float64],
-    faces: NDArray[np.int64],
-    texture: NDArray[np.float64] | None,
+    points: Points,
+    faces: Faces,
+    texture: Points | None,
     library: str | None = None,
-    texture_faces: NDArray[np.int64] | None = None,
+    texture_faces: Faces | None = None,
 ) -> None:
-    """Write an OBJ file.
+    """Write an OBJ file; `library` is the name of the file in the same directory that defines the material `texture`.
 
-    `library` is the name of the file in the same directory that defines the material `texture`. If the texture has
-    seams, texture faces list each triangle's corners as rows of the texture coordinates; otherwise they equal `faces`.
+    If the texture has seams, `texture_faces` lists the corners of each triangle as rows of the texture coordinates.
     """
     with path.open("w", encoding="utf-8", newline="\n") as file:
         if library is not None:

@@ -8,13 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from voxflat.errors import InputError
-from voxflat.io.files import REMEDY
-from voxflat.io.triangles import TRIANGULATE, of_strips, triangulated
+from voxflat.io.files import AGAIN, REMEDY
+from voxflat.io.triangles import TRIANGULATE, Faces, Points, of_strips, triangulated
 
 _TYPES = {"char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4"}
 _TYPES |= {"float": "f4", "double": "f8", "int8": "i1", "uint8": "u1", "int16": "i2", "uint16": "u2"}
 _TYPES |= {"int32": "i4", "uint32": "u4", "float32": "f4", "float64": "f8"}
-_ORDERS = {"ascii": "=", "binary_little_endian": "<", "binary_big_endian": ">"}
+_TEXT = "="  # byte order of ASCII files, whose numbers are read as native doubles
+_ORDERS = {"ascii": _TEXT, "binary_little_endian": "<", "binary_big_endian": ">"}
 _COLOURS = ("red", "green", "blue", "alpha")
 _TEXTURES = (("s", "t"), ("u", "v"), ("texture_u", "texture_v"))
 
@@ -26,15 +27,16 @@ def read_ply(path: Path, data: bytes) -> dict[str, Any]:
         raise InputError("has no header from 'ply' to 'end_header'. Check that it is a PLY file")
     form, elements = _header(header[2].decode("latin1"))
     body, order = data[header.end() :], _ORDERS[form]
-    if form == "ascii":  # treated like binary doubles
+    if order == _TEXT:
         body = np.fromiter(map(float, body.split()), np.float64).tobytes()
     vertices: NDArray[Any] = np.empty(0)
     lists, at = None, 0
-    for name, count, properties in elements:
+    for element in elements:
+        name, count, _ = element
         if name in ("face", "tristrips") and (count or name == "tristrips"):
-            lists, at = _lists(body, at, name, count, properties, order, form == "ascii")
+            lists, at = _lists(body, at, element, order)
         else:
-            table = _table(body, at, name, count, properties, order, form == "ascii")
+            table = _table(body, at, element, order)
             at += table.nbytes
             vertices = table if name == "vertex" else vertices
         if len(vertices) and lists is not None:
@@ -50,31 +52,28 @@ def read_ply(path: Path, data: bytes) -> dict[str, Any]:
         places, remarks = triangulated(points, corners, counts)
         faces = corners[places]
     texture = next((pair for pair in _TEXTURES if set(pair) <= set(names)), ())
-    return {
-        "points": points,
-        "faces": faces,
-        "remarks": remarks,
-        "texture_coordinates": np.column_stack([vertices[key] for key in texture]) if texture else None,
-        "point_data": {
-            key: vertices[key].astype(vertices[key].dtype.newbyteorder("="))
-            for key in names
-            if vertices[key].ndim == 1 and key not in ("x", "y", "z", *texture) and not key.endswith(" length")
-        },
-    }
+    coordinates = np.column_stack([vertices[key] for key in texture]) if texture else None
+    kept = [key for key in names if key not in ("x", "y", "z", *texture) and not key.endswith(" length")]
+    values = {of: vertices[of].astype(vertices[of].dtype.newbyteorder("=")) for of in kept if vertices[of].ndim == 1}
+    more = {"remarks": remarks, "texture_coordinates": coordinates, "point_data": values}
+    return {"points": points, "faces": faces, **more}
 
 
 class _UnevenError(InputError):
     """Report that the lists of an element have different lengths."""
 
 
-_Properties: TypeAlias = list[tuple[str, str, str]]
-"""Name, type, and type of the list length ('' if it is not a list) of each property."""
+_Element: TypeAlias = tuple[str, int, list[tuple[str, str, str]]]
+"""Name, count, and the name, type and type of the list length ('' if it is not a list) of each property."""
+
+_Lists: TypeAlias = tuple[NDArray[np.int64], NDArray[np.int64]]
+"""The concatenated corners of all faces, and the number of corners of each face."""
 
 
-def _header(text: str) -> tuple[str, list[tuple[str, int, _Properties]]]:
-    """Return the format, and the name, count and properties of each element."""
+def _header(text: str) -> tuple[str, list[_Element]]:
+    """Return the format and the elements."""
     form = ""
-    elements: list[tuple[str, int, _Properties]] = []
+    elements: list[_Element] = []
     for line in text.splitlines():
         words = line.split()
         if words[:1] == ["format"] and len(words) == 3:
@@ -86,21 +85,24 @@ def _header(text: str) -> tuple[str, list[tuple[str, int, _Properties]]]:
         elif words[:1] == ["property"] and len(words) == 3 and elements:
             elements[-1][2].append((words[2], _TYPES[words[1]], ""))
         elif words and words[0] not in ("comment", "obj_info"):
-            raise InputError(f"its header has the line {line!r}, which is not part of the PLY format")
+            raise InputError(f"its header has the line {line!r}, which is not part of the PLY format. Remove it")
     if form not in _ORDERS:
-        raise InputError(f"its format is {form!r}. Write it as one of {', '.join(_ORDERS)}")
+        raise InputError(f"its format is {form!r}. Write the file in one of {', '.join(_ORDERS)}")
     return form, elements
 
 
-def _table(
-    body: bytes, at: int, name: str, count: int, properties: _Properties, order: str, is_ascii: bool
-) -> NDArray[Any]:
+def _stored(kind: str, order: str) -> np.dtype[Any]:
+    return np.dtype("f8" if order == _TEXT else order + kind)
+
+
+def _table(body: bytes, at: int, element: _Element, order: str) -> NDArray[Any]:
     """Return the rows of an element; all its lists must have the same length as in the first row."""
     layout: list[Any] = []
+    name, count, properties = element
     if count == 0 or not properties:
         return np.empty(0)
     for key, kind, length_kind in properties:
-        value_type, length_type = (np.dtype("f8" if is_ascii else order + (one or kind)) for one in (kind, length_kind))
+        value_type, length_type = (_stored(one or kind, order) for one in (kind, length_kind))
         if length_kind:
             place = at + np.dtype(layout).itemsize
             length = int(np.frombuffer(body[place : place + length_type.itemsize], length_type)[0])
@@ -115,35 +117,28 @@ def _table(
             here, first = (int(rows[key][row]) for row in (other[0], 0))
             raise _UnevenError(f"{name} {other[0]} has {here} corners, but {name} 0 has {first}. {TRIANGULATE}")
     if len(rows) < count:
-        raise InputError(f"ends at {name} {len(rows)} of {count}. Copy or download it again")
+        raise InputError(f"ends at {name} {len(rows)} of {count}. {AGAIN}")
     return rows
 
 
-def _lists(
-    body: bytes, at: int, name: str, count: int, properties: _Properties, order: str, is_ascii: bool
-) -> tuple[tuple[NDArray[np.int64], NDArray[np.int64]] | None, int]:
-    """Return the concatenated corners of all faces, the corner count of each face, and the next element's offset."""
-    key = next((key for key, _, is_list in properties if is_list and key in ("vertex_indices", "vertex_index")), None)
-    if key is None:
-        return None, at + _table(body, at, name, count, properties, order, is_ascii).nbytes
+def _lists(body: bytes, at: int, element: _Element, order: str) -> tuple[_Lists | None, int]:
+    """Return the corners of all faces, if the element has any, and the next element's offset."""
+    names = [key for key, _, is_list in element[2] if is_list and key in ("vertex_indices", "vertex_index")]
+    if not names:
+        return None, at + _table(body, at, element, order).nbytes
     try:
-        table = _table(body, at, name, count, properties, order, is_ascii)
+        table = _table(body, at, element, order)
     except _UnevenError:
-        return _uneven(body, at, name, count, properties, order, is_ascii, key)
-    rows = table[key] if count else np.empty((0, 3))
+        return _uneven(body, at, element, order, names[0])
+    rows = table[names[0]] if element[1] else np.empty((0, 3))
     counts = np.full(len(rows), rows.shape[1], dtype=np.int64)
     return (_whole(rows.ravel(), counts), counts), at + table.nbytes
 
 
-def _uneven(
-    body: bytes, at: int, name: str, count: int, properties: _Properties, order: str, is_ascii: bool, key: str
-) -> tuple[tuple[NDArray[np.int64], NDArray[np.int64]], int]:
+def _uneven(body: bytes, at: int, element: _Element, order: str, key: str) -> tuple[_Lists, int]:
     """Read an element whose lists have different lengths, row by row."""
-
-    def as_stored(kind: str) -> np.dtype[Any]:
-        return np.dtype("f8" if is_ascii else order + kind)
-
-    kinds = [(one, as_stored(of), as_stored(of_length or of), of_length) for one, of, of_length in properties]
+    name, count, properties = element
+    kinds = [(one, _stored(of, order), _stored(size or of, order), size) for one, of, size in properties]
     rows = []
     for row in range(count):
         for one, kind, length_kind, is_list in kinds:
@@ -153,7 +148,7 @@ def _uneven(
                 length = int(number) if number >= 0 and number % 1 == 0 else len(body)
                 at += length_kind.itemsize
             if at + length * kind.itemsize > len(body):
-                raise InputError(f"ends at {name} {row} of {count}. Copy or download it again")
+                raise InputError(f"ends at {name} {row} of {count}. {AGAIN}")
             if one == key:
                 rows.append(np.frombuffer(body, kind, length, at))
             at += length * kind.itemsize
@@ -163,11 +158,8 @@ def _uneven(
 
 def _strips(corners: NDArray[np.int64], counts: NDArray[np.int64]) -> tuple[NDArray[np.int64], tuple[str, ...]]:
     """Return the triangles of strips, which may share one list with −1 between them."""
-    strips = [
-        strip[strip >= 0]
-        for row in np.split(corners, np.cumsum(counts)[:-1])
-        for strip in np.split(row, np.flatnonzero(row == -1))
-    ]
+    rows = np.split(corners, np.cumsum(counts)[:-1])
+    strips = [strip[strip >= 0] for row in rows for strip in np.split(row, np.flatnonzero(row == -1))]
     strips = [strip for strip in strips if len(strip)]
     faces = of_strips(strips)
     return faces, (f"{len(strips)} strips were split into {len(faces)} triangles",)
@@ -180,16 +172,12 @@ def _whole(numbers: NDArray[Any], counts: NDArray[np.int64]) -> NDArray[np.int64
         face = int(np.searchsorted(np.cumsum(counts), bad[0], side="right"))
         start = int(counts[:face].sum())
         corners = numbers[start : start + counts[face]].tolist()
-        raise InputError(f"face {face} is {corners}, but corners must be whole numbers")
+        raise InputError(f"face {face} is {corners}. Write corners as whole numbers")
     return np.asarray(numbers.astype(np.int64))
 
 
 def write_ply(
-    path: Path,
-    points: NDArray[np.float64],
-    faces: NDArray[np.int64],
-    texture: NDArray[np.float64] | None,
-    colours: NDArray[np.uint8] | None = None,
+    path: Path, points: Points, faces: Faces, texture: Points | None, colours: NDArray[np.uint8] | None = None
 ) -> None:
     """Write a little-endian PLY file; point colours consist of red, green, blue and optionally alpha."""
     columns: dict[str, NDArray[Any]] = dict(zip("xyz", points.T, strict=True))

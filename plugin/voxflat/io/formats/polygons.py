@@ -9,6 +9,7 @@ import numpy as np
 
 from voxflat.errors import InputError
 from voxflat.io.files import AGAIN, require
+from voxflat.io.formats.freesurfer import UNPLACED
 from voxflat.io.spaces import Space
 from voxflat.io.triangles import triangulated
 
@@ -41,12 +42,8 @@ def read_asc(path: Path, data: bytes) -> dict[str, Any]:
     if points < 0 or faces < 0 or len(numbers) != 2 + 4 * (points + faces):
         raise InputError(f"has {len(numbers)} numbers, but its header specifies {2 + 4 * (points + faces)}. {AGAIN}")
     rows = numbers[2:].reshape(-1, 4)
-    doubt = "its coordinates are FreeSurfer's (tkRAS), but the file does not define where their volume lies (c_ras)"
-    return {
-        "points": rows[:points, :3],
-        "faces": rows[points:, :3].astype(np.int64),
-        "space": Space("tkRAS", None, doubt),
-    }
+    faces_of = rows[points:, :3].astype(np.int64)
+    return {"points": rows[:points, :3], "faces": faces_of, "space": Space("tkRAS", None, UNPLACED)}
 
 
 def read_glb(path: Path, data: bytes) -> dict[str, Any]:
@@ -54,7 +51,7 @@ def read_glb(path: Path, data: bytes) -> dict[str, Any]:
     scene = require("trimesh").load_scene(io.BytesIO(data), file_type="glb", skip_materials=True)
     mesh = scene.to_mesh()
     if not len(mesh.faces):
-        raise InputError("has no triangles. Export its surface")
+        raise InputError("has no triangles. Export its surface as triangles")
     return {"points": np.asarray(mesh.vertices), "faces": np.asarray(mesh.faces, dtype=np.int64)}
 
 
@@ -73,7 +70,7 @@ def read_stl(path: Path, data: bytes) -> dict[str, Any]:
         found = re.findall(rb"(?m)^[ \t\r]*vertex[ \t]+(\S+)[ \t]+(\S+)[ \t]+(\S+)[ \t\r]*$", text)
         number = len(re.findall(rb"(?m)^[ \t\r]*facet\b", text))
         if len(found) != 3 * number or b"endsolid" not in text[-200:]:
-            raise InputError(f"has {len(found)} corners in {number} facets, or no end. Copy or download it again")
+            raise InputError(f"has {len(found)} corners in {number} facets, or does not end with endsolid. {AGAIN}")
         corners = np.array(found, dtype=np.float64).reshape(-1, 3)
     else:
         number = int.from_bytes(data[80:84], "little")
@@ -84,7 +81,5 @@ def read_stl(path: Path, data: bytes) -> dict[str, Any]:
     _, first, place = np.unique(rows, return_index=True, return_inverse=True)
     rank = np.argsort(np.argsort(first))
     points, faces = corners[np.sort(first)], rank[place].reshape(-1, 3)
-    remark = (
-        f"STL has no shared points: {len(corners)} corners at {len(points)} different positions became as many points"
-    )
+    remark = f"STL does not store shared points: {len(corners)} corners were merged into {len(points)} points"
     return {"points": points, "faces": faces, "remarks": (remark,)}

@@ -6,6 +6,7 @@ The root element defines the position of the axes: ``data-voxflat-extent`` (left
 
 import os
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
@@ -48,11 +49,11 @@ def read_outlines(path: str | os.PathLike[str], layer: str) -> list[Outline]:
         found = next((group for group in groups if layer in (_own(group, _LABEL), group.id)), None)
         if found is None:
             layers = [group for group in groups if _own(group, _MODE) == "layer"] or groups  # else not from Inkscape
-            names = ", ".join(repr(_name(group)) for group in layers) or "none"
-            raise InputError(f"has no layer {layer!r}; its layers are {names}. Draw the regions in a layer {layer!r}")
+            names = ", ".join(repr(_own(group, _LABEL) or str(group.id)) for group in layers) or "other elements"
+            raise InputError(f"has no layer {layer!r}; its layers are {names}. Draw the regions in a layer named {layer!r}")
         outlines = [outline for outline in _outlines(found, svg, to_mm, _own(found, _LABEL)) if outline.loops]
         if not outlines:
-            raise InputError(f"its layer {layer!r} has no path. Draw the regions there as closed paths")
+            raise InputError(f"its layer {layer!r} has no path. Draw the regions in it as closed paths")
         return outlines
 
 
@@ -60,27 +61,24 @@ def _placement(root: Any, svg: Any) -> Any:
     """Return the function that maps points of the parsed file to mm."""
     area = []
     for key in (EXTENT, AXES):
-        words = str(root.values.get(key, "")).replace(",", " ").split()
-        try:
-            numbers = [float(word) for word in words]
-        except ValueError:
-            numbers = []
+        numbers = [float("nan")]
+        with suppress(ValueError):
+            numbers = [float(word) for word in str(root.values.get(key, "")).replace(",", " ").split()]
         if len(numbers) != 4 or not np.isfinite(numbers).all():
-            raise InputError(f"its root does not define {key} as four numbers. Draw into a figure written by voxflat")
+            raise InputError(f"its root does not define {key} as four numbers. Draw in a figure written by voxflat")
         area.append(numbers)
     (left, right, bottom, top), (x, y, width, height) = area
     if width <= 0 or height <= 0 or left == right or bottom == top:
-        raise InputError(f"its {EXTENT} or {AXES} have no area")
+        raise InputError(f"its {EXTENT} or {AXES} has no area. Draw in a figure written by voxflat")
     to_units = ~svg.Matrix(root.viewbox_transform or "")
 
     def to_mm(points: NDArray[np.float64]) -> NDArray[np.float64]:
-        matrix = to_units
         with np.errstate(invalid="ignore", over="ignore"):
-            px = matrix.a * points[:, 0] + matrix.c * points[:, 1] + matrix.e
-            py = matrix.b * points[:, 0] + matrix.d * points[:, 1] + matrix.f
+            px = to_units.a * points[:, 0] + to_units.c * points[:, 1] + to_units.e
+            py = to_units.b * points[:, 0] + to_units.d * points[:, 1] + to_units.f
             mm = np.column_stack([left + (px - x) / width * (right - left), top - (py - y) / height * (top - bottom)])
         if not np.isfinite(mm).all():
-            raise InputError("one of its paths has infinite coordinates. Draw it again, or check its viewBox")
+            raise InputError("has a path with infinite coordinates. Draw the path again, or check the viewBox")
         return mm
 
     return to_mm
@@ -90,10 +88,6 @@ def _own(element: Any, key: str) -> str | None:
     """Return an attribute of an element itself, because the library merges it with the attributes of its parents."""
     value = element.values.get("attributes", {}).get(key)
     return None if value is None else str(value)
-
-
-def _name(group: Any) -> str:
-    return _own(group, _LABEL) or str(group.id)
 
 
 def _groups(group: Any, svg: Any) -> Iterator[Any]:
@@ -117,25 +111,16 @@ def _outlines(group: Any, svg: Any, to_mm: Any, around: str | None) -> Iterator[
             name = _own(element, _LABEL) or inside or title or element.id or f"region {n + 1}"
             loops = tuple(_loops(svg.Path(element), svg, to_mm))
             rule = element.values.get("fill-rule") == "evenodd"
-            yield Outline(str(name).strip(), loops, rule, _colour(element))
-
-
-def _colour(element: Any) -> tuple[int, int, int] | None:
-    """Return the fill colour, or the stroke colour if there is none."""
-    for colour in (element.fill, element.stroke):
-        if colour is not None and colour.value is not None:
-            return (colour.red, colour.green, colour.blue)
-    return None
+            colours = [of for of in (element.fill, element.stroke) if of is not None and of.value is not None]
+            colour = (colours[0].red, colours[0].green, colours[0].blue) if colours else None
+            yield Outline(str(name).strip(), loops, rule, colour)
 
 
 def _loops(path: Any, svg: Any, to_mm: Any) -> Iterator[NDArray[np.float64]]:
     """Yield the closed parts of a path; curves become chords."""
     for part in path.as_subpaths():
-        points: list[NDArray[np.float64]] = []
-        for segment in svg.Path(part):
-            if isinstance(segment, svg.Move):
-                continue
-            points.append(to_mm(_chords(segment, svg, to_mm)))
+        segments = [segment for segment in svg.Path(part) if not isinstance(segment, svg.Move)]
+        points = [to_mm(_chords(segment, svg, to_mm)) for segment in segments]
         loop = np.concatenate(points) if points else np.zeros((0, 2))
         if len(loop):
             loop = loop[np.r_[True, np.any(np.diff(loop, axis=0) != 0, axis=1)]]

@@ -22,11 +22,9 @@ def read_tiff(path: Path) -> tuple[NDArray[Any], Affine | None]:
         shape = dict(zip(series.axes, series.shape, strict=True))
         check_room(2 * int(np.prod(series.shape, dtype=object)) * np.dtype(series.dtype).itemsize)
         pages = [axis for axis in series.axes if axis in _PAGES and shape[axis] > 1]
-        others = [
-            f"{shape[axis]} along {axis}" for axis in series.axes if axis not in "XYS" + _PAGES and shape[axis] > 1
-        ]
-        if others or len(pages) > 1:
-            found = ", ".join([*others, *(f"{shape[axis]} along {axis}" for axis in pages[1:])])
+        others = [axis for axis in series.axes if axis not in "XYS" + _PAGES and shape[axis] > 1] + pages[1:]
+        if others:
+            found = ", ".join(f"{shape[axis]} along {axis}" for axis in others)
             raise InputError(f"contains more than one volume ({found}). Save one channel and one time point")
         data = series.asarray()
         sizes = _ome_sizes(file.ome_metadata) or _imagej_sizes(file, "Z" in shape or bool(pages))
@@ -47,12 +45,12 @@ def _ome_sizes(text: str | None) -> list[float] | None:
     for axis in "XYZ":
         size = re.search(rf'\bPhysicalSize{axis}="([^"]+)"', text)
         unit = re.search(rf'\bPhysicalSize{axis}Unit="([^"]+)"', text)
-        if size is None:
-            if axis == "Z" and sizes:
-                sizes.append(sizes[0])
-                break
+        if size is not None:
+            sizes.append(_size(size[1], unit[1] if unit else "µm"))
+        elif axis == "Z":
+            sizes.append(sizes[0])
+        else:
             return None
-        sizes.append(_size(size[1], unit[1] if unit else "µm"))
     return sizes
 
 
@@ -69,7 +67,7 @@ def _imagej_sizes(file: Any, is_deep: bool) -> list[float] | None:
         number, whole = tags[name].value
         across.append(_size(str(whole / number), unit))
     if is_deep and not told.get("spacing"):
-        raise InputError("defines its pixel size, but not its slice distance. Pass the array with a spacing")
+        raise InputError("defines its pixel size, but not its slice distance. Pass an array and a spacing")
     return [*across, _size(str(told.get("spacing", whole / number)), unit)]
 
 
@@ -79,5 +77,5 @@ def _size(text: str, unit: str) -> float:
     except ValueError:
         size = 0.0
     if not 0 < size < np.inf:
-        raise InputError(f"its voxel size is {text} {unit}, but must be positive")
+        raise InputError(f"has a voxel size of {text} {unit}. Pass an array and a spacing")
     return size

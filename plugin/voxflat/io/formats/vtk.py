@@ -1,7 +1,8 @@
-"""Read ``.vtk`` and ``.vtp`` in the child process; VTK accepts incomplete files, so this module checks the counts."""
+"""Read ``.vtk`` and ``.vtp`` in the child process. VTK accepts incomplete files, so this module checks the counts."""
 
 import importlib
 import re
+from collections import Counter
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -12,23 +13,23 @@ from numpy.typing import NDArray
 from voxflat.errors import InputError
 from voxflat.io.files import AGAIN, require
 from voxflat.io.subprocess_reader import read_in_subprocess
-from voxflat.io.triangles import of_strips, triangulated
+from voxflat.io.triangles import Faces, Points, of_strips, triangulated
 
 
 def read_vtk(path: Path, data: bytes) -> dict[str, Any]:
     """Read a file in VTK's legacy format."""
     head = re.match(rb"# vtk DataFile Version (\d+)\.\d+\s*?\n.*\r?\n(?:ASCII|BINARY)\s+DATASET\s+(\w+)", data, re.I)
     if head is None:
-        raise InputError("has a damaged header. Copy or download it again")
+        raise InputError(f"has a damaged header. {AGAIN}")
     if head[2].upper() != b"POLYDATA":
-        raise InputError(f"contains {head[2].decode('latin1')}. Extract its surface and write it as POLYDATA")
+        raise InputError(f"contains {head[2].decode('latin1')}. Extract its surface, and save it as POLYDATA")
     points = _POINTS.search(data, head.end())
     has_offsets, faces, strips = int(head[1]) >= 5, [0, 0], [0, 0]  # version 5.1 or later: one more offset than faces
     for name, number, size, offsets, array in _CELLS.findall(data, head.end()):
         if array:  # an array with this name
             continue
         if bool(offsets) != has_offsets:
-            raise InputError("has cells of another version than its header specifies. Copy or download it again")
+            raise InputError(f"the version of its cells differs from the version in its header. {AGAIN}")
         cells = int(number) - has_offsets
         corners = int(size) - (0 if has_offsets else cells)
         found = faces if name.upper() == b"POLYGONS" else strips
@@ -44,16 +45,15 @@ _CELLS = re.compile(
 )
 _POINTS = re.compile(rb"(?i)(?<!\S)POINTS\s+([-+]?\d{1,18})")
 
-_COUNTS = re.compile(rb"""\b(NumberOf(?:Points|Polys|Strips))\s*=\s*["'](\d{1,18})["']""")
+_COUNTS = re.compile(rb"""\bNumberOf(Points|Polys|Strips)\s*=\s*["'](\d{1,18})["']""")
 
 
 def read_vtp(path: Path, data: bytes) -> dict[str, Any]:
     """Read a file in VTK's XML format."""
-    named = _COUNTS.findall(data)
-    points, faces, strips = (
-        sum(int(count) for found, count in named if found == b"NumberOf" + name)
-        for name in (b"Points", b"Polys", b"Strips")
-    )
+    totals = Counter[bytes]()
+    for name, count in _COUNTS.findall(data):
+        totals[name] += int(count)
+    points, faces, strips = (totals[name] for name in (b"Points", b"Polys", b"Strips"))
     return _by_vtk(path, "vtkIOXML", "vtkXMLPolyDataReader", [points, faces, None, strips, None])
 
 
@@ -84,13 +84,9 @@ def _read_polydata(path: Path, module: str, reader: str) -> tuple[Any, ...]:
     triangles, remarks = polydata_triangles(mesh)
     data, texture = mesh.GetPointData(), mesh.GetPointData().GetTCoords()
     arrays = [data.GetArray(number) for number in range(data.GetNumberOfArrays())]  # None for text arrays
-    parts = {
-        "points": _as_numpy(mesh.GetPoints().GetData()),
-        "faces": triangles,
-        "remarks": remarks,
-        "point_data": {array.GetName(): _as_numpy(array) for array in arrays if array and array is not texture},
-        "texture_coordinates": None if texture is None else _as_numpy(texture),
-    }
+    parts = {"points": _as_numpy(mesh.GetPoints().GetData()), "faces": triangles, "remarks": remarks}
+    parts["point_data"] = {array.GetName(): _as_numpy(array) for array in arrays if array and array is not texture}
+    parts["texture_coordinates"] = None if texture is None else _as_numpy(texture)
     return mesh.GetNumberOfPoints(), *cells[0], *cells[1], parts
 
 
@@ -102,18 +98,16 @@ def _as_numpy(array: Any) -> NDArray[Any]:
 def polydata_triangles(mesh: Any) -> tuple[NDArray[np.int64], tuple[str, ...]]:
     """Return the triangles of a vtkPolyData, polygons before strips, and remarks on polygons that were split."""
     if mesh.GetNumberOfLines():
-        raise InputError(f"has {mesh.GetNumberOfLines()} lines beside its faces. Remove them with mesh.SetLines(None)")
+        raise InputError(f"has lines ({mesh.GetNumberOfLines()}) in addition to its faces. Call mesh.SetLines(None)")
     if not mesh.GetNumberOfPoints():
         raise InputError("has no points. Pass a surface mesh")
-    (offsets, corners), (strip_offsets, strip_corners) = (
-        (_as_numpy(cells.GetOffsetsArray()).astype(np.int64), _as_numpy(cells.GetConnectivityArray()).astype(np.int64))
-        for cells in (mesh.GetPolys(), mesh.GetStrips())
-    )
+    arrays = [(of.GetOffsetsArray(), of.GetConnectivityArray()) for of in (mesh.GetPolys(), mesh.GetStrips())]
+    (offsets, corners), (starts, strip_corners) = [[_as_numpy(one).astype(np.int64) for one in of] for of in arrays]
     points = polydata_points(mesh)
     places, remarks = triangulated(points, corners, np.diff(offsets))
     if not len(strip_corners):
         return corners[places], remarks
-    strips = np.split(strip_corners, strip_offsets[1:-1])
+    strips = np.split(strip_corners, starts[1:-1])
     of_all = of_strips(strips)
     remarks = (*remarks, f"{len(strips)} strips were split into {len(of_all)} triangles")
     return np.concatenate([corners[places], of_all]), remarks
@@ -126,9 +120,9 @@ def polydata_points(mesh: Any) -> NDArray[np.float64]:
 
 def write_vtp(
     path: Path,
-    points: NDArray[np.float64],
-    faces: NDArray[np.int64],
-    texture: NDArray[np.float64] | None,
+    points: Points,
+    faces: Faces,
+    texture: Points | None,
     point_data: Mapping[str, NDArray[Any]],
     face_data: Mapping[str, NDArray[Any]],
 ) -> None:

@@ -1,7 +1,7 @@
 """Pictures: files, arrays and images as colours, their position on a map, and interpolation between texels.
 
-A texture coordinate (s, t) is a position in a picture: (0, 0) is the lower left corner, (1, 1) the upper right one.
-Pixels of the picture, texels, are squares on the map, so that only flattening distorts them.
+A texture coordinate (s, t) is a position in a picture: (0, 0) is the lower left corner, and (1, 1) is the upper right.
+The pixels of a picture (texels) are squares on the map, so that only flattening distorts them.
 """
 
 import os
@@ -31,7 +31,7 @@ _SLACK = 1e-9  # share of a picture's side by which rounding may move a point ac
 
 
 def place(uv: NDArray[np.float64], shape: tuple[int, ...], texel_size: float | None = None) -> NDArray[np.float64]:
-    """Return texture coordinates of a picture centred on a map, with texels in mm; by default it covers the map."""
+    """Return texture coordinates for a picture centred on a map, which by default just covers the map."""
     size = np.array([shape[1], shape[0]], dtype=np.float64)
     low, high = uv.min(axis=0), uv.max(axis=0)
     if texel_size is None:
@@ -47,13 +47,13 @@ def check_cover(coordinates: NDArray[np.float64], shape: tuple[int, ...], texel_
     if needed > 1 + _SLACK:
         height, width = shape[0] * texel_size, shape[1] * texel_size
         raise InputError(
-            f"with texels of {texel_size:g} mm the picture is {width:g} x {height:g} mm and does not cover the map. "
+            f"with texels of {texel_size:g} mm, the picture is {width:g} x {height:g} mm and does not cover the map. "
             f"Pass repeat, or a texel size of at least {needed * texel_size * (1 + 1e-6):.6g} mm"
         )
 
 
 def values_at(picture: NDArray[Any], coordinates: NDArray[np.float64], repeat: bool = False) -> NDArray[np.float64]:
-    """Interpolate a picture between texel centres; outside, border values continue, or the picture repeats."""
+    """Interpolate a picture between texel centres; beyond its borders, repeat the picture or its border values."""
     height, width = picture.shape[:2]
     at = [(1 - coordinates[..., 1]) * height - 0.5, coordinates[..., 0] * width - 0.5]
     values = picture.view(np.uint8) if picture.dtype.kind == "b" else picture
@@ -72,7 +72,8 @@ def check_values(picture: object) -> NDArray[Any]:
     """Return an array of numbers, (H, W) or (H, W, C), as a picture."""
     array = array_of(picture, "values of the picture")
     if array.ndim not in (2, 3) or 0 in array.shape or array.dtype.kind not in "buif":
-        raise InputError(f"the picture is {array.dtype} of shape {array.shape}. Pass numbers (H, W) or (H, W, C)")
+        told = f"the picture has shape {array.shape} and data type {array.dtype}"
+        raise InputError(f"{told}. Pass numbers of shape (H, W) or (H, W, C)")
     return array
 
 
@@ -104,8 +105,7 @@ def decoded(path: Path, image: Any, colours: bool = False) -> NDArray[Any]:
     """Decode a picture, as colours or raw values, in another process, because Pillow's C code trusts the file."""
     need = _PIXEL_BYTES * image.width * image.height
     check_room(need)
-    found: NDArray[Any] = read_in_subprocess(picture_values, "PIL", path, colours, size=need)
-    return found
+    return np.asarray(read_in_subprocess(picture_values, "PIL", path, colours, size=need))
 
 
 def picture_values(path: Path, colours: bool) -> NDArray[Any]:

@@ -1,8 +1,8 @@
 """Selective subdivision: triangles are split where colours at their corners cannot carry a texture.
 
-Zigelman, Kimmel, Kiryati (2002), section IV, subdivide large triangles against aliasing, and take the colours of new
-vertices from the same subdivision in the texture's plane. Here, a triangle is bisected at its longest side, together
-with the triangles that share that side (Rivara 1984), so that the surface has no cracks and no needle-shaped triangles.
+Zigelman, Kimmel and Kiryati (2002), section IV, subdivide large triangles to avoid aliasing, and take the colours of
+new vertices from the same subdivision in the plane of the texture. Here, a triangle is bisected at its longest side,
+together with the triangle that shares that side (Rivara 1984), which avoids cracks and needle-shaped triangles.
 """
 
 import numpy as np
@@ -30,7 +30,7 @@ def subdivide(
 ) -> tuple[NDArray[np.float64], _Corners, NDArray[np.float64]]:
     """Split triangles until colours at their corners show the texture; see `TexturedSurface.subdivided`."""
     if not (is_number(tolerance) and 0 < tolerance < np.inf):
-        raise InputError(f"tolerance is {shown(tolerance)}. Pass a positive number of grey levels (of 255)")
+        raise InputError(f"tolerance is {shown(tolerance)}. Pass a positive number of grey levels, up to 255")
     size = np.array(picture.shape[1::-1], dtype=np.float64)
     open_ = np.ones(len(faces), dtype=np.bool_)  # triangles that still need checking
     while True:
@@ -51,7 +51,7 @@ def subdivide(
 
 
 def _deviation(corners: NDArray[np.float64], picture: NDArray[np.uint8], repeat: bool) -> NDArray[np.float64]:
-    """Return the greatest difference of texture and linear interpolation in each triangle, sampled one texel apart."""
+    """Return the greatest error of linear interpolation of the texture in each triangle, sampled one texel apart."""
     size = np.array(picture.shape[1::-1], dtype=np.float64)
     sides = np.linalg.norm((corners - np.roll(corners, 1, axis=1)) * size, axis=2).max(axis=1)
     steps = 2 ** np.ceil(np.log2(np.maximum(sides, 1))).astype(np.int64)
@@ -67,7 +67,7 @@ def _deviation(corners: NDArray[np.float64], picture: NDArray[np.uint8], repeat:
 
 
 def _lattice(steps: int) -> NDArray[np.float64]:
-    """Return barycentric coordinates of a triangular lattice with the given steps along each side, shape (P, 3)."""
+    """Return barycentric coordinates of a triangular lattice with the given steps on each side, shape (P, 3)."""
     a, b = np.divmod(np.arange((steps + 1) ** 2), steps + 1)
     inside = a + b <= steps
     a, b = a[inside], b[inside]

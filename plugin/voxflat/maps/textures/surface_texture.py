@@ -43,13 +43,13 @@ def are_colours(values: object, count: int) -> bool:
 def read_texture(path: Path, count: int) -> SurfaceTexture | NDArray[np.uint8]:
     """Read the texture of a surface of `count` vertices, or colours at its vertices.
 
-    ``.obj`` files have a material with a picture (map_Kd). ``.vtp`` and ``.ply`` files have texture coordinates and a
-    picture, with the same name or named in PLY's comment TextureFile; or colours at the vertices.
+    ``.obj`` files have a material with a picture (map_Kd). ``.vtp`` and ``.ply`` files have either colours at the
+    vertices, or texture coordinates and a picture, which has the same name or is named in PLY's comment TextureFile.
     """
     with naming(path, REMEDY):
         mesh = meshes.read_mesh(path)
         if len(mesh.points) != count:
-            raise InputError(f"has {len(mesh.points)} vertices, but the flattened mesh has {count}. Pass that mesh")
+            raise InputError(f"has {len(mesh.points)} vertices, but the flattened mesh has {count}. Pass the same mesh")
         if path.suffix.lower() == ".obj":
             return _obj_texture(path)
         picture = _picture_beside(path)
@@ -66,10 +66,9 @@ def _vertex_colours(mesh: meshes.Mesh) -> NDArray[np.uint8]:
     found = {name: values for name, values in mesh.point_data.items() if are_colours(values, len(mesh.points))}
     if len(found) == 1:
         return next(iter(found.values()))
-    several = f"several colours at its vertices ({', '.join(found)}). Pass one as an array" if found else ""
-    raise InputError(
-        f"has {several or 'no texture (texture coordinates with a picture, or colours at vertices). Add one'}"
-    )
+    if found:
+        raise InputError(f"has several colours at its vertices ({', '.join(found)}). Pass one of them as an array")
+    raise InputError("has no texture (texture coordinates with a picture, or colours at vertices). Add a texture")
 
 
 def _picture_beside(path: Path) -> Path | None:
@@ -91,9 +90,9 @@ def _obj_texture(path: Path) -> SurfaceTexture:
         raise InputError("has no texture. Add texture coordinates (vt) and a material (mtllib) with map_Kd")
     if len(pictures) > 1:
         shown = ", ".join(sorted(picture.name for picture in pictures))
-        raise InputError(f"has {len(pictures)} pictures ({shown}). Bake them into one")
+        raise InputError(f"has {len(pictures)} pictures ({shown}). Bake them into one picture")
     if plain := sorted(names["usemtl"] - set(found)):
-        raise InputError(f"has a picture, but its material {plain[0]!r} has none. Bake all materials into one picture")
+        raise InputError(f"its material {plain[0]!r} has no picture, but others do. Bake all into one picture")
     return SurfaceTexture(faces, coordinates, as_picture(pictures.pop())[0])
 
 
@@ -138,7 +137,7 @@ def _sampled(texture: SurfaceTexture, raster: Raster, ids: NDArray[np.int64]) ->
 
 
 def _faces_of(triples: NDArray[np.int64], faces: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Find triangles by their corners in any order: return their numbers (−1 for none), and the order of corners."""
+    """Find triangles by their corners in any order; return their numbers (−1 if not found) and the corner order."""
     sorting, wanted_sorting = faces.argsort(axis=1), triples.argsort(axis=1)
     keys, wanted = numbered(np.sort(faces, axis=1), np.sort(triples, axis=1))
     first = np.full(len(keys) + len(wanted), -1)

@@ -23,7 +23,7 @@ from voxflat.maps.textures.subdivision import subdivide
 class TexturedSurface(Recorded):
     """A surface with a picture on it, as returned by `FlatMap.textured` and `FlatPage.textured`.
 
-    3-D programs display the saved files with the picture.
+    3-D programs display the saved files with their picture.
 
     Parameters
     ----------
@@ -32,7 +32,7 @@ class TexturedSurface(Recorded):
     faces : ndarray of int64, shape (F, 3)
         Triangles of points.
     texture_coordinates : ndarray of float64, shape (N, 2) or (P, 2)
-        The position (s, t) of each point in the picture, from 0 to 1; values outside repeat the picture.
+        The position (s, t) of each point in the picture, from 0 to 1. Values outside this range repeat the picture.
     picture : ndarray of uint8, shape (H, W, 3) or (H, W, 4)
         Colours, optionally with opacity. Row 0 is the top, t = 1.
     repeat : bool
@@ -40,10 +40,10 @@ class TexturedSurface(Recorded):
     source : Path or None
         File of the picture.
     texture_faces : ndarray of int64, shape (F, 3), or None
-        Corners of each triangle as rows of `texture_coordinates`, if these have seams, where a point has several
-        coordinates. None if they equal `faces`.
+        Corners of each triangle as rows of `texture_coordinates`, if the texture has seams, where a point has several
+        coordinates; otherwise None.
     provenance : dict
-        Record of how it was made.
+        Record of how the textured surface was made.
 
     See Also
     --------
@@ -51,8 +51,7 @@ class TexturedSurface(Recorded):
 
     Examples
     --------
-    >>> flat_map = voxflat.samples.hill().flatten()
-    >>> textured = flat_map.textured(np.full((8, 8, 3), 255, np.uint8))
+    >>> textured = voxflat.samples.hill().flatten().textured(np.full((8, 8, 3), 255, np.uint8))
     >>> textured
     <TexturedSurface: 441 points, 800 triangles, 8 x 8 texels>
     """
@@ -82,8 +81,7 @@ class TexturedSurface(Recorded):
 
         Examples
         --------
-        >>> flat_map = voxflat.samples.hill().flatten()
-        >>> flat_map.textured(np.full((8, 8, 3), 255, np.uint8)).colours.shape
+        >>> voxflat.samples.hill().flatten().textured(np.full((8, 8, 3), 255, np.uint8)).colours.shape
         (441, 3)
         """
         return np.round(values_at(self.picture, self.texture_coordinates, self.repeat)).astype(np.uint8)
@@ -104,8 +102,7 @@ class TexturedSurface(Recorded):
 
         Examples
         --------
-        >>> flat_map = voxflat.samples.hill().flatten()
-        >>> textured = flat_map.textured(np.full((8, 8, 3), 255, np.uint8))
+        >>> textured = voxflat.samples.hill().flatten().textured(np.full((8, 8, 3), 255, np.uint8))
         >>> textured.opened()
         <TexturedSurface: 441 points, 800 triangles, 8 x 8 texels>
         """
@@ -118,10 +115,10 @@ class TexturedSurface(Recorded):
     def subdivided(self, tolerance: float = 16.0) -> "TexturedSurface":
         """Split triangles that are too coarse to show the picture by colours at their corners.
 
-        This follows section IV of Zigelman et al. 2002. New points lie on edges of the triangles: the surface keeps its
-        shape, its first N points and its texture coordinates, and has no cracks. Triangles are bisected at the edge
-        that is longest in the picture (Rivara 1984), so that no angle there becomes smaller than half of the original
-        smallest angle.
+        This follows section IV of Zigelman et al. 2002. New points lie on edges of the triangles, so that the surface
+        keeps its shape, its first N points and their texture coordinates, and has no cracks. Triangles are bisected at
+        the edge that is longest in the picture (Rivara 1984). No angle in the picture becomes smaller than half of the
+        smallest original angle.
 
         Parameters
         ----------
@@ -145,8 +142,7 @@ class TexturedSurface(Recorded):
 
         Examples
         --------
-        >>> flat_map = voxflat.samples.hill().flatten()
-        >>> textured = flat_map.textured(np.full((8, 8, 3), 255, np.uint8))
+        >>> textured = voxflat.samples.hill().flatten().textured(np.full((8, 8, 3), 255, np.uint8))
         >>> textured.subdivided()
         <TexturedSurface: 441 points, 800 triangles, 8 x 8 texels>
         """
@@ -164,14 +160,12 @@ class TexturedSurface(Recorded):
         Parameters
         ----------
         path : path
-            ``.obj`` writes an ``.mtl`` and a ``.png`` next to it, ``.vtp`` a ``.png``. ``.glb`` is a single glTF 2.0
-            file in metres with y up, as the format requires. ``.ply`` has colours at the points and no picture; see
-            `subdivided`. At seams, OBJ keeps the points of the surface; the other formats duplicate them. The ``.png``
-            includes `provenance`.
-        sidecar : bool
-            Also write `provenance` to ``<path>.json``.
-        overwrite : bool
-            Replace existing files that voxflat did not write.
+            For ``.obj``, an ``.mtl`` and a ``.png`` file are written next to it, and for ``.vtp``, a ``.png`` file.
+            ``.glb`` is a single glTF 2.0 file in metres with y up, as the format requires. ``.ply`` has colours at the
+            points instead of a picture; see `subdivided`. At seams, OBJ keeps the points of the surface, and the other
+            formats duplicate them. The ``.png`` file includes `provenance`.
+        sidecar, overwrite : bool
+            As in `FlatMap.save`.
 
         Raises
         ------
@@ -186,15 +180,13 @@ class TexturedSurface(Recorded):
 
         Examples
         --------
-        >>> flat_map = voxflat.samples.hill().flatten()
-        >>> textured = flat_map.textured(np.full((8, 8, 3), 255, np.uint8))
+        >>> textured = voxflat.samples.hill().flatten().textured(np.full((8, 8, 3), 255, np.uint8))
         >>> textured.save("hill_textured.glb")
         """
         path = checked_path(path)
         with naming(path, "choose another format"):
-            write = by_ending(path, _WRITERS, "written")
-        others = files_beside(path)
-        names = [path, *others]
+            write = by_ending(path, _WRITERS)
+        names = [path, *(others := files_beside(path))]
         for name in names:
             if self.source is not None and name.exists() and self.source.exists() and name.samefile(self.source):
                 raise InputError(f"cannot write {path}: {name} is the picture itself. Choose another name")
@@ -250,15 +242,9 @@ def _png(surface: TexturedSurface) -> bytes:
 
 def _write_glb(files: _Files, surface: TexturedSurface, names: list[str]) -> None:
     surface = surface.opened()
-    gltf.write_glb(
-        files[0],
-        surface.points,
-        surface.faces,
-        surface.texture_coordinates,
-        _png(surface),
-        repeat=surface.repeat,
-        transparent=surface.picture.shape[2] == 4,
-    )
+    arrays = (surface.points, surface.faces, surface.texture_coordinates)
+    how = {"repeat": surface.repeat, "transparent": surface.picture.shape[2] == 4}
+    gltf.write_glb(files[0], *arrays, _png(surface), **how)
 
 
 _WRITERS: dict[str, Callable[[_Files, TexturedSurface, list[str]], None]] = {

@@ -20,8 +20,7 @@ class Choice:
 
     template: Template | None  # template whose cuts are used
     sphere: Sphere | None  # sphere of the surface, if known
-    is_usual: bool  # whether it is the default
-    remarks: tuple[str, ...]  # remarks for the user
+    remarks: tuple[str, ...] = ()  # remarks for the user
 
 
 def chosen(
@@ -48,34 +47,27 @@ def chosen(
             found, remarks = sphere_of(whole, place)
         named = standard_template(found.space, found.side) if asked == STANDARD else read_template(asked)
         _check_fits(named, found)
-        return Choice(named, found, False, tuple(remarks))
-    place = sphere
-    if place is None and cuts is None and is_free:
-        place = sphere_beside(whole)
+        return Choice(named, found, tuple(remarks))
+    place = sphere_beside(whole) if sphere is None and cuts is None and is_free else sphere
     if place is None:
-        return Choice(None, None, True, ())
+        return Choice(None, None)
     try:
         found, remarks = sphere_of(whole, place)
     except InputError as error:
         if sphere is not None:
             raise
-        return Choice(
-            None,
-            None,
-            True,
-            (f"automatic cuts are used, because the sphere beside the surface does not match: {error}",),
-        )
-    is_usual = cuts is None and is_free and _is_closed(whole)
-    template = standard_template(found.space, found.side) if is_usual else None
-    return Choice(template, found, is_usual, tuple(remarks))
+        remark = f"automatic cuts are used, because the sphere next to the surface file does not match: {error}"
+        return Choice(None, None, (remark,))
+    is_standard = cuts is None and is_free and _is_closed(whole)
+    return Choice(standard_template(found.space, found.side) if is_standard else None, found, tuple(remarks))
 
 
 def _check_fits(template: Template, sphere: Sphere) -> None:
     for name, own, other in (("side", template.side, sphere.side), ("space", template.space, sphere.space)):
         if own != other:
             raise InputError(
-                f"the template {template.name} has the {name} {own}, but the sphere {sphere.name} has the {name} "
-                f"{other}. Pass a template and a sphere of the same {name}"
+                f"the {name} of the template {template.name} is {own}, but the {name} of the sphere {sphere.name} is "
+                f"{other}. Pass a template and a sphere with the same {name}"
             )
 
 

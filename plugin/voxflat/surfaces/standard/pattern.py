@@ -11,8 +11,7 @@ from voxflat.unique_rows import distinct
 
 SIDES = ("left", "right")
 
-DEPTH_UNIT, PLACE_UNIT, WEIGHT_UNIT = 1 / 32, 1 / 100, 1 / 255
-"""Units of the integers in the file: standard deviations, `_core`'s unit of length, and 1."""
+DEPTH_UNIT, PLACE_UNIT, WEIGHT_UNIT = 1 / 32, 1 / 100, 1 / 255  # of the file's integers: SDs, `_core`'s length, 1
 
 SUBDIVISIONS = 5
 

@@ -105,17 +105,15 @@ class Registration(Recorded):
         path : path
             File name that ends in .surf.gii, .vtp, .ply or .obj, or a FreeSurfer name such as lh.sphere.reg. For a
             surface from a volume, the vertices are those of `Surface.save`.
-        sidecar : bool
-            Whether to write `provenance` to ``<path>.json``, too.
-        overwrite : bool
-            Whether to replace a file of that name that voxflat did not write.
+        sidecar, overwrite : bool
+            As in `Surface.save`.
 
         Raises
         ------
         InputError
-            The path has another ending, or the surface was made from that file.
+            If the path has another ending, or the surface was made from that file.
         OSError
-            The file cannot be written.
+            If the file cannot be written.
 
         See Also
         --------
@@ -137,14 +135,13 @@ class Registration(Recorded):
 
 
 def register(whole: Manifold, side: str | None, threads: int | None, progress: Progress | None) -> Registration:
-    """Return the position of each vertex of a hemisphere on fsaverage's sphere; see `voxflat.Surface.register`."""
+    """Register a hemisphere to fsaverage's sphere; see `voxflat.Surface.register`."""
     if side is not None:
         checked_choice(side, "side", SIDES)
     whole, remarks = _one_piece(whole)
     templates = [pattern(each) for each in SIDES]
-    found = whole.core.register(
-        *icosphere(), templates, None if side is None else SIDES.index(side), checked_threads(threads), progress
-    )
+    number = None if side is None else SIDES.index(side)
+    found = whole.core.register(*icosphere(), templates, number, checked_threads(threads), progress)
     return _validated(whole, found, side, remarks)
 
 
@@ -152,23 +149,17 @@ def _one_piece(whole: Manifold) -> tuple[Manifold, tuple[str, ...]]:
     """Return the largest component, and a remark on the others."""
     topology = whole.core.topology()
     if topology["handles"]:
-        raise InputError(
-            f"the surface has {topology['handles']} handle(s), but a sphere has none. "
-            + (
-                "Extract one hemisphere with voxflat.hemisphere (--hemisphere left), or repair the surface with "
-                "repair='voxels' (--repair voxels)"
-                if whole.is_voxels
-                else "Repair the mesh in the program that created it"
-            )
-        )
+        remedy = "Repair the mesh in the program that created it"
+        if whole.is_voxels:
+            remedy = "Extract one hemisphere with voxflat.hemisphere (--hemisphere left), or repair the surface with "
+            remedy += "repair='voxels' (--repair voxels)"
+        raise InputError(f"the surface has {topology['handles']} handle(s), but a sphere has none. {remedy}")
     others = len(topology["components"]) - 1
     if not others:
         return whole, whole.remarks
     core = whole.core.largest_piece()
-    return whole._with_core(core), (
-        *whole.remarks,
-        f"{others} smaller component(s) with {len(whole.core) - len(core)} vertices were excluded",
-    )
+    remark = f"{others} smaller component(s) with {len(whole.core) - len(core)} vertices were excluded"
+    return whole._with_core(core), (*whole.remarks, remark)
 
 
 def _validated(whole: Manifold, found: dict[str, Any], named: str | None, remarks: tuple[str, ...]) -> Registration:
@@ -189,17 +180,18 @@ def _validated(whole: Manifold, found: dict[str, Any], named: str | None, remark
     confidence = float(1 / (1 + np.exp(-(evidence - _MIDWAY) / _WIDTH)))
     if evidence < _MIDWAY:
         raise InputError(
-            f"according to its folds, the surface is not a hemisphere of a cortex (confidence {confidence:.2f}): "
-            f"their agreement with the template is {better:.2f}, with its other side {worse:.2f}. Pass the "
-            "surface of one hemisphere without cerebellum and brain stem, or cut other shapes without a template"
+            f"judging by its folds, the surface is not a hemisphere of a cortex (confidence {confidence:.2f}): its "
+            f"agreement is {better:.2f} with the better matching side of the template, and {worse:.2f} with the other "
+            "side. Pass the surface of one hemisphere without the cerebellum and brain stem. Do not use a template for "
+            "other shapes"
         )
     if named is not None and scores[other] > scores[side]:
         raise InputError(
             f"side is {named!r}, but the surface agrees better with the {other} side of the template (score "
-            f"{scores[other]:.2f} instead of {scores[side]:.2f}). Pass side={other!r}, or check whether the "
-            "surface is mirrored"
+            f"{scores[other]:.2f} instead of {scores[side]:.2f}). Pass side={other!r}, or check whether the surface is "
+            "mirrored"
         )
     told = _STRUCTURES.get(str(whole.metadata.get("structure")))
     if told not in (None, side):
-        remarks = (*remarks, f"the file specifies the {told} side, but the folds are those of the {side} side")
+        remarks = (*remarks, f"the file specifies the {told} side, but the folds match the {side} side")
     return Registration(whole, found["points"], side, confidence, figures, remarks)

@@ -64,24 +64,24 @@ def sphere_at(path: str | os.PathLike[str]) -> Path | None:
 def sphere_of(whole: Manifold, sphere: object) -> tuple[Sphere, list[str]]:
     """Return the given registered sphere of a surface, with one position per vertex of the mesh, and remarks.
 
-    The sphere may have any radius around the origin. Its space is fsaverage, or fs_LR if the file name contains
-    ``fs_LR``, ``fsLR``, ``reg_LR``, ``MSMAll`` or ``MSMSulc``. The two spaces are rotated by 40° relative to each
-    other, so the surface itself overrides the name if it clearly fits the other space.
+    The sphere may have any radius around the origin. Its space is fs_LR if the file name matches `_FS_LR`, and
+    otherwise fsaverage. The two spaces are rotated by 40° relative to each other, so the surface itself overrides the
+    name if it clearly fits the other space.
     """
     mesh = _as_points(sphere)
-    name, points = (
-        ("the sphere", mesh) if isinstance(mesh, np.ndarray) else (str(mesh.path or "the sphere"), mesh.points)
-    )
+    points, path = (mesh, None) if isinstance(mesh, np.ndarray) else (mesh.points, mesh.path)
+    name = str(path or "the sphere")
     if len(points) != whole.count:
         raise InputError(
-            f"{name} has {len(points)} vertices, but the surface has {whole.count}. Pass the sphere of this "
-            "surface, with one position per vertex"
+            f"{name} has {len(points)} vertices, but the surface has {whole.count}. Pass the sphere of this surface, "
+            "with one position per vertex"
         )
     radii = np.linalg.norm(points[whole.vertices], axis=1)
     radius = float(np.median(radii))
     if not radius > 0 or np.abs(radii / radius - 1).max() > _ROUND:
         raise InputError(
-            f"{name} is not a sphere around the origin: its radius ranges from {radii.min():.4g} to {radii.max():.4g}"
+            f"{name} is not a sphere around the origin: its radius ranges from {radii.min():.4g} to {radii.max():.4g}. "
+            "Pass a registered sphere, such as lh.sphere.reg"
         )
     with np.errstate(invalid="ignore", divide="ignore"):
         places = np.asarray(points / np.linalg.norm(points, axis=1)[:, None], dtype=np.float64)
@@ -90,8 +90,8 @@ def sphere_of(whole: Manifold, sphere: object) -> tuple[Sphere, list[str]]:
         shared = float(are_triangles(own, whole._merged_in(mesh.faces)).mean())
         if shared < _SHARED:
             raise InputError(
-                f"{name} has other triangles than the surface ({100 * shared:.0f} % are the same). Pass the sphere of "
-                "the same subject and hemisphere"
+                f"{name} shares only {100 * shared:.0f} % of the surface's triangles. Pass the sphere of the same "
+                "subject and hemisphere"
             )
     folded = _folded(whole, places, name)
     space, side, distance, remarks = _placed(whole, places, _named_side(whole, mesh, name), name)
@@ -110,7 +110,7 @@ def registered_sphere(found: Registration) -> Sphere:
 def _as_points(sphere: object) -> Mesh | NDArray[np.float64]:
     if isinstance(sphere, str | os.PathLike):
         if not Path(sphere).is_file():
-            raise InputError(f"the sphere {os.fspath(sphere)}: the file does not exist")
+            raise InputError(f"{os.fspath(sphere)}: the file does not exist. Check the path of the sphere")
         return read_mesh(sphere)
     mesh = as_mesh(sphere)
     if mesh is not None:
@@ -133,8 +133,8 @@ def _folded(whole: Manifold, places: NDArray[np.float64], name: str) -> int:
         raise InputError(f"{name} is mirrored: all triangles are flipped on it. Pass it with FreeSurfer's orientation")
     if share > _FOLDED:
         raise InputError(
-            f"{100 * share:.1f} % of the surface's triangles are flipped on {name}. Check that it is the sphere "
-            "of this surface and not damaged"
+            f"{100 * share:.1f} % of the surface's triangles are flipped on {name}. Check that it is the sphere of "
+            "this surface and is not damaged"
         )
     return folded
 
@@ -146,7 +146,7 @@ def _named_side(whole: Manifold, mesh: Mesh | NDArray[np.float64], name: str) ->
     of_sphere = named.get(mesh.structure or "") if isinstance(mesh, Mesh) else None
     if of_surface and of_sphere and of_surface != of_sphere:
         raise InputError(
-            f"{name} is {of_sphere}, but the surface is {of_surface}. Pass the sphere of the other hemisphere"
+            f"{name} is a {of_sphere} hemisphere, but the surface is a {of_surface} one. Pass the {of_surface} sphere"
         )
     return of_surface or of_sphere
 
@@ -156,9 +156,8 @@ def in_triangles(
 ) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.bool_]]:
     """Return corners and weights of the spherical triangles nearest to unit vectors, and whether they contain them."""
     used = np.flatnonzero(np.bincount(faces.ravel(), minlength=len(places)))
-    near = used[scipy.spatial.KDTree(places[used]).query(wanted, k=min(_NEAREST, len(used)))[1]].reshape(
-        len(wanted), -1
-    )
+    _, nearest = scipy.spatial.KDTree(places[used]).query(wanted, k=min(_NEAREST, len(used)))
+    near = used[nearest].reshape(len(wanted), -1)
     is_near = np.zeros(len(places), dtype=np.bool_)
     is_near[near] = True
     candidates = faces[is_near[faces].any(axis=1)].astype(np.int64)
@@ -200,8 +199,8 @@ def _placed(
     if distances[own] > _FAR[0] and distances[best] < distances[own] / 2:
         if named is not None and best[1] != named:
             raise InputError(
-                f"according to {name}, the surface is the {best[1]} hemisphere, but its name specifies the {named} "
-                "one. Rename it, or pass the matching sphere"
+                f"according to {name}, the surface is the {best[1]} hemisphere, but the files specify the {named} one. "
+                "Rename them, or pass the matching sphere"
             )
         remarks.append(
             f"{name} is assumed to be in {best[0]} space, where corresponding points are {distances[best]:.0f} mm "
@@ -209,14 +208,11 @@ def _placed(
         )
         own = best
     distance = distances[own]
-    told = (
-        f"according to {name}, the surface is {distance:.0f} mm (median) away from the template's brain after "
-        "rigid alignment"
-    )
+    told = f"according to {name}, the aligned surface is {distance:.0f} mm (median) away from the template's brain"
     if distance > _FAR[1]:
         raise InputError(f"{told}, so it is not registered to fsaverage or fs_LR. Pass lh.sphere.reg, not lh.sphere")
     if distance > _FAR[0]:
-        remarks.append(f"{told}; 4 to 9 mm are usual. Check that it is registered")
+        remarks.append(f"{told}; 4 to 9 mm is usual. Check that the sphere is registered")
     return *own, distance, remarks
 
 

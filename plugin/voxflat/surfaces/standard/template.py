@@ -37,7 +37,7 @@ class Line:
 
 @dataclass(frozen=True, eq=False)
 class Anchors:
-    """Store corresponding points, used to align the orientation of maps and to check spheres."""
+    """Store corresponding points, which align maps with a standard frame and reveal unsuitable spheres."""
 
     sphere: NDArray[np.float64]  # (a, 3), on the unit sphere
     flat: NDArray[np.float64]  # (a, 2), on the flat map of fsaverage5, mm
@@ -68,16 +68,13 @@ class Template:
             "name": self.name,
             "space": self.space,
             "side": self.side,
-            "outlines": [{"name": line.name, "line": _rounded(line.points)} for line in self.outlines],
-            "cuts": [{"name": line.name, "root": line.root, "line": _rounded(line.points)} for line in self.cuts],
+            "outlines": [{"name": line.name, "line": line.points.round(6).tolist()} for line in self.outlines],
+            "cuts": [
+                {"name": line.name, "root": line.root, "line": line.points.round(6).tolist()} for line in self.cuts
+            ],
             "provenance": self.provenance,
         }
         return as_text(content) + "\n"
-
-
-def _rounded(points: NDArray[np.float64]) -> list[list[float]]:
-    rows: list[list[float]] = np.round(points, 6).tolist()
-    return rows
 
 
 @cache
@@ -118,17 +115,18 @@ def _parsed(path: Path, content: Any, name: str) -> Template:
     outlines = tuple(_line(path, entry, 3) for entry in _entries(path, content, "outlines"))
     cuts = tuple(_line(path, entry, 2) for entry in _entries(path, content, "cuts"))
     if not outlines and not cuts:
-        raise InputError(f"{path} has neither outlines nor cuts")
+        raise InputError(f"{path} has neither outlines nor cuts. Create a template with at least one of them")
     names = {line.name for line in outlines}
     for cut in cuts:
         if cut.root is not None and cut.root not in names:
-            raise InputError(f"{path}: the root of {cut.name!r} is {cut.root!r}, neither an outline nor an earlier cut")
+            raise InputError(
+                f"{path}: {cut.root!r}, the root of {cut.name!r}, is neither an outline nor an earlier cut"
+            )
         if cut.name in names:
             raise InputError(f"{path} has two lines named {cut.name!r}")
         names.add(cut.name)
-    return Template(
-        name, content["space"], content["side"], outlines, cuts, _anchors(path, content), content.get("provenance", {})
-    )
+    more = _anchors(path, content), content.get("provenance", {})
+    return Template(name, content["space"], content["side"], outlines, cuts, *more)
 
 
 def _entries(path: Path, content: dict[str, Any], name: str) -> list[Any]:
@@ -161,7 +159,7 @@ def _anchors(path: Path, content: dict[str, Any]) -> Anchors | None:
     if given is None:
         return None
     if not isinstance(given, dict):
-        raise InputError(f"{path}: anchors is not an object")
+        raise InputError(f"{path}: anchors is not a JSON object")
     found = [_numbers(path, given.get(key), width, key, 3) for key, width in (("sphere", 3), ("flat", 2), ("white", 3))]
     if len({len(array) for array in found}) != 1:
         raise InputError(f"{path}: the anchors have different lengths")

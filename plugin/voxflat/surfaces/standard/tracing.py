@@ -142,7 +142,7 @@ def traced(
         elif cut.root in found:
             is_root[found[cut.root]] = True
         else:
-            remarks.append(f"the cut {cut.name!r} begins at {cut.root!r}, which is omitted, so it is omitted, too")
+            remarks.append(f"the cut {cut.name!r} begins at {cut.root!r}, which is omitted, so it is also omitted")
             continue
         aside = _beside(cut, places, drawn_on=cut.root is not None)
         factors = np.minimum(1 + (aside / edge) ** 2, _STEEP)
@@ -151,13 +151,13 @@ def traced(
         except InputError:
             raise InputError(
                 f"the cut {cut.name!r} has no path from its tip to its root, because boundaries or other cuts lie "
-                "between. Pass other regions, or cuts='automatic'"
+                "between them. Exclude another region, or pass cuts='automatic'"
             ) from None
         if aside[way].max() > astray:
             aside_mm = 100 * min(float(aside[way].max()), _FAR)
             raise InputError(
-                f"the cut {cut.name!r} would run {aside_mm:.0f} mm beside its position (on a sphere of radius 100 "
-                "mm), because an excluded region is in its way. Pass other regions, or cuts='automatic'"
+                f"the cut {cut.name!r} would deviate from its line by {aside_mm:.0f} mm on a sphere of radius 100 mm, "
+                "because an excluded region is in its way. Exclude another region, or pass cuts='automatic'"
             )
         vertices = way[::-1]
         steps = np.diff(part.points[vertices], axis=0)
@@ -171,13 +171,11 @@ def _nearest_loop(loops: list[NDArray[np.int64]], places: NDArray[np.float64], c
     """Return the boundary at which a cut begins, which is the boundary nearest to its line."""
     if not loops:
         raise InputError(
-            f"the cut {cut.name!r} begins at {cut.root!r}, but the surface has no boundary there, because that "
-            "region was not excluded"
+            f"the cut {cut.name!r} begins at {cut.root!r}, but the surface has no boundary there, because that region "
+            "was not excluded. Exclude the region, or pass cuts='automatic'"
         )
-    apart = [
-        float(scipy.spatial.KDTree(places[loop]).query(cut.points[: max(2, len(cut.points) // 3)])[0].min())
-        for loop in loops
-    ]
+    start = cut.points[: max(2, len(cut.points) // 3)]
+    apart = [float(scipy.spatial.KDTree(places[loop]).query(start)[0].min()) for loop in loops]
     return loops[int(np.argmin(apart))]
 
 
@@ -185,9 +183,8 @@ def _beside(cut: Line, places: NDArray[np.float64], *, drawn_on: bool) -> NDArra
     """Return the distance of points from a cut's line, which may be extended beyond its root."""
     points = cut.points
     if drawn_on:
-        inwards = points[
-            np.linalg.norm(points - points[0], axis=1) <= max(_DIRECTION, np.linalg.norm(points[1] - points[0]))
-        ]
+        reach = max(_DIRECTION, np.linalg.norm(points[1] - points[0]))
+        inwards = points[np.linalg.norm(points - points[0], axis=1) <= reach]
         back = points[0] - inwards[-1]
         back -= (back @ points[0]) * points[0]
         back /= max(float(np.linalg.norm(back)), 1e-12)
@@ -199,7 +196,7 @@ def _beside(cut: Line, places: NDArray[np.float64], *, drawn_on: bool) -> NDArra
 def template_of(
     whole: Manifold, faces: NDArray[np.bool_], cuts: list[tuple[str, NDArray[np.int64]]], sphere: Sphere
 ) -> Template:
-    """Create a template from the triangles that a surface kept, and from its cuts: names, and paths of its vertices."""
+    """Create a template from the triangles that remain of a surface, and its cuts (names and paths of vertices)."""
     part = whole._with_core(whole.core.part_of_faces(faces))
     beyond = _beyond(whole, faces, sphere)
     outlines = []
@@ -228,7 +225,9 @@ def template_of(
             rest = [one for one in rest if one[0] != name]
             break
         else:
-            raise InputError(f"the cut {rest[0][0]!r} begins at no boundary or other cut. A template requires one")
+            raise InputError(
+                f"the cut {rest[0][0]!r} begins neither at a boundary nor at another cut. Extend it to one"
+            )
     return Template("", sphere.space, sphere.side, tuple(outlines), tuple(lines))
 
 

@@ -5,8 +5,7 @@ use nalgebra::Vector3;
 use super::cone::narrowest;
 use super::facets::{Facets, NONE};
 use super::growth::Region;
-use crate::control::Control;
-use crate::error::Result;
+use crate::{Control, Result};
 
 /// The largest patch that is tried. Hardly any larger patch can be dissolved, and each attempt takes longer.
 const LARGEST: usize = 200;
@@ -32,10 +31,7 @@ struct Move {
 /// Dissolves patches, the smallest first, if all their facets fit into adjacent patches, which are rotated if
 /// necessary. The other patches only grow, and remain connected.
 pub(super) fn dissolved(
-    facets: &Facets<'_>,
-    regions: Vec<Region>,
-    least: f64,
-    control: &Control,
+    facets: &Facets<'_>, regions: Vec<Region>, least: f64, control: &Control,
 ) -> Result<Vec<Region>> {
     let mut owner = vec![NONE; facets.len()];
     for (number, region) in (0..).zip(&regions) {
@@ -65,7 +61,7 @@ pub(super) fn dissolved(
 }
 
 impl Parts<'_, '_> {
-    /// Returns a new patch for each facet of a patch; none if one of them has none.
+    /// Returns a new patch for every facet of a patch, or none if one of the facets has no new patch.
     fn ways_out(&self, number: u32) -> Option<Vec<Move>> {
         let mut left = self.regions[number as usize].facets.clone();
         let mut moves: Vec<Move> = Vec::new();

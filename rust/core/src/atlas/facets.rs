@@ -4,11 +4,9 @@ use std::cmp::Ordering;
 
 use nalgebra::Vector3;
 
-use crate::control::Control;
 use crate::distortion::faces::doubled_area;
-use crate::error::{Error, Result};
-use crate::surface::Surface;
-use crate::surface::mesh::BORDER;
+use crate::surface::{Surface, mesh::BORDER};
+use crate::{Control, Error, Result};
 
 /// Marks that there is no facet.
 pub(super) const NONE: u32 = u32::MAX;
@@ -71,7 +69,7 @@ impl<'a> Facets<'a> {
         self.vertices[facet as usize].map(|v| self.surface.points()[v as usize])
     }
 
-    /// Returns the facet that faces most along a direction; of equal ones, the first in the order.
+    /// Returns the facet whose normal is closest to a direction; of equally close ones, the first in the order.
     /// Panics if `among` is empty.
     pub fn facing(&self, among: &[u32], direction: &Vector3<f64>) -> u32 {
         let key = |facet: u32| (self.normals[facet as usize].dot(direction), std::cmp::Reverse(facet));

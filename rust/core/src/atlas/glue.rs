@@ -24,12 +24,10 @@ use std::collections::HashMap;
 use super::facets::Facets;
 use super::{ANGLES, Atlas};
 use crate::adjacency::distinct;
-use crate::control::Control;
-use crate::distortion::faces::stretch_of;
-use crate::distortion::overlap::overlaps;
+use crate::distortion::{faces::stretch_of, overlap::overlaps};
 use crate::embed::stress::descent::Until;
-use crate::error::{Error, Result};
 use crate::surface::Surface;
+use crate::{Control, Error, Result};
 use layout::Layout;
 use seams::{Gluing, Obstacle};
 use settle::are_within;
@@ -63,7 +61,7 @@ pub struct Piece {
 }
 
 /// The outcome of gluing. Lengths are on the surface in mm; each seam counts once.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Seams {
     /// The length of all seams between the patches.
     pub length: f64,
@@ -110,24 +108,11 @@ impl Atlas {
 ///
 /// The pieces do not depend on the numbering of vertices and triangles.
 /// Panics if the number of labels or of corner positions differs from the number of faces.
-///
-/// # Examples
-/// ```
-/// use voxflat::atlas::glue::glue;
-/// use voxflat::control::Control;
-/// use voxflat::surface::mesh::shapes;
-///
-/// let control = Control::default();
-/// let sheet = shapes::surface(shapes::sheet(8, 8)); // 8 by 8 squares of 1 mm, in the plane z = 0
-/// let place = |v: u32| [sheet.points()[v as usize].x, sheet.points()[v as usize].y];
-/// let flat: Vec<[[f64; 2]; 3]> = sheet.faces().iter().map(|face| face.map(place)).collect();
-/// let labels: Vec<u32> = flat.iter().map(|corners| u32::from(corners[0][0] > 3.0)).collect(); // two halves
-/// let glued = glue(&sheet, &labels, &flat, 1.1, &control)?;
-/// assert_eq!((glued.patches, glued.pieces.len()), (2, 1));
-/// # Ok::<(), voxflat::Error>(())
-/// ```
 pub fn glue(surface: &Surface, labels: &[u32], flat: &[[[f64; 2]; 3]], bound: f64, control: &Control) -> Result<Glued> {
-    assert!(labels.len() == surface.faces().len() && flat.len() == labels.len(), "one label and three places a face");
+    assert!(
+        labels.len() == surface.faces().len() && flat.len() == labels.len(),
+        "one label and three positions per face"
+    );
     check_bound(bound)?;
     let facets = Facets::of(surface, control)?;
     let all: Vec<u32> = (0..facets.len() as u32).collect();
@@ -135,11 +120,8 @@ pub fn glue(surface: &Surface, labels: &[u32], flat: &[[[f64; 2]; 3]], bound: f6
     let before = all.iter().map(|&facet| worst(&patches, facet)).fold(1.0, f64::max);
     if !are_within(&patches, &all, bound) {
         let [least, most] = ANGLES;
-        return Err(Error::PatchesBeyondBound {
-            bound,
-            before,
-            angle: bound.recip().acos().to_degrees().clamp(least, most),
-        });
+        let angle = bound.recip().acos().to_degrees().clamp(least, most);
+        return Err(Error::PatchesBeyondBound { bound, before, angle });
     }
     let mut gluing = Gluing::new(patches.clone(), bound, control);
     gluing.merge()?;
@@ -156,11 +138,7 @@ pub fn glue(surface: &Surface, labels: &[u32], flat: &[[[f64; 2]; 3]], bound: f6
         }
         control.advance();
     }
-    let mut glued = collected(&layout);
-    glued.seams = seams(&layout, &reasons);
-    glued.patches = patches.members.len();
-    glued.before = before;
-    Ok(glued)
+    Ok(Glued { seams: seams(&layout, &reasons), patches: patches.members.len(), before, ..collected(&layout) })
 }
 
 /// Checks that patches can be glued within this bound on C.
@@ -202,8 +180,7 @@ fn collected(layout: &Layout<'_>) -> Glued {
         piece.faces.iter().for_each(|&face| labels[face as usize] = number);
         pieces.push(piece);
     }
-    let seams = Seams { length: 0.0, closed: 0.0, holonomy: 0.0, bound: 0.0, overlap: 0.0 };
-    Glued { labels, pieces, stretch, seams, patches: 0, before: 1.0 }
+    Glued { labels, pieces, stretch, seams: Seams::default(), patches: 0, before: 1.0 }
 }
 
 fn measured(layout: &Layout<'_>, members: &[u32], area: f64, stretch: &mut [[f64; 2]]) -> Piece {
@@ -239,7 +216,7 @@ fn measured(layout: &Layout<'_>, members: &[u32], area: f64, stretch: &mut [[f64
 }
 
 fn seams(layout: &Layout<'_>, reasons: &[Option<Obstacle>]) -> Seams {
-    let mut found = Seams { length: 0.0, closed: 0.0, holonomy: 0.0, bound: 0.0, overlap: 0.0 };
+    let mut found = Seams::default();
     for (side, twin) in (0..).zip(&layout.twins).filter(|&(side, &twin)| layout.seams[side as usize] && side < twin) {
         let length = layout.lengths[side as usize];
         let is_one = layout.piece[side as usize / 3] == layout.piece[*twin as usize / 3];

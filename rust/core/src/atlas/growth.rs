@@ -5,8 +5,7 @@ use std::collections::HashSet;
 use nalgebra::Vector3;
 
 use super::facets::{Facets, NONE};
-use crate::control::Control;
-use crate::error::Result;
+use crate::{Control, Result};
 
 /// Growing patches, and which facets are taken.
 pub(super) struct Growth<'a, 'b> {

@@ -26,10 +26,9 @@ mod search;
 use nalgebra::Vector3;
 
 use crate::adjacency::distinct;
-use crate::control::Control;
 use crate::distortion::faces::stretch_of;
-use crate::error::{Error, Result};
 use crate::surface::Surface;
+use crate::{Control, Error, Result};
 use facets::Facets;
 use growth::Growth;
 pub use projection::Plane;
@@ -133,20 +132,6 @@ pub struct Atlas {
 /// Flattens a surface of any topology in as few certified patches as are found.
 ///
 /// The patches do not depend on the numbering of vertices and triangles.
-///
-/// # Examples
-/// ```
-/// use voxflat::atlas::{Limit, Seeds, patches};
-/// use voxflat::control::Control;
-/// use voxflat::surface::mesh::shapes;
-///
-/// let control = Control::default();
-/// let sphere = shapes::surface(shapes::sphere(3));
-/// let atlas = patches(&sphere, Limit::Angle(30.0), Seeds::Curvature, &control)?;
-/// assert!(atlas.patches.len() > 1);
-/// assert!(atlas.patches.iter().all(|patch| patch.isometric <= atlas.certificate.c));
-/// # Ok::<(), voxflat::Error>(())
-/// ```
 pub fn patches(surface: &Surface, limit: Limit, seeds: Seeds, control: &Control) -> Result<Atlas> {
     let certificate = match limit {
         Limit::Angle(angle) => Some(Certificate::of_angle(angle)?),
@@ -170,11 +155,7 @@ pub fn patches(surface: &Surface, limit: Limit, seeds: Seeds, control: &Control)
 }
 
 fn grown(
-    facets: &Facets<'_>,
-    certificate: &Certificate,
-    seeds: Seeds,
-    order: &[u32],
-    control: &Control,
+    facets: &Facets<'_>, certificate: &Certificate, seeds: Seeds, order: &[u32], control: &Control,
 ) -> Result<Vec<Projected>> {
     let least = certificate.angle.to_radians().cos();
     control.begin("growing patches", facets.len() as u64);
@@ -197,8 +178,7 @@ fn grown(
 
 /// Returns the patches with the smallest angle, by bisection, that gives at most this number of patches.
 fn at_most(
-    count: usize,
-    grow: impl Fn(&Certificate) -> Result<Vec<Projected>>,
+    count: usize, grow: impl Fn(&Certificate) -> Result<Vec<Projected>>,
 ) -> Result<(Certificate, Vec<Projected>)> {
     let [mut least, mut most] = ANGLES;
     let certificate = Certificate::of_angle(most)?;
@@ -221,10 +201,7 @@ fn at_most(
 
 /// Returns the measured patches by decreasing area.
 fn finished(
-    facets: &Facets<'_>,
-    mut grown: Vec<Projected>,
-    certificate: Certificate,
-    control: &Control,
+    facets: &Facets<'_>, mut grown: Vec<Projected>, certificate: Certificate, control: &Control,
 ) -> Result<Atlas> {
     control.begin("measuring patches", grown.len() as u64);
     grown.iter_mut().for_each(|(_, facets)| facets.sort_unstable());

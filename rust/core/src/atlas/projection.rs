@@ -8,9 +8,8 @@ use robust::Coord;
 use super::facets::Facets;
 use super::growth::Region;
 use crate::boxes::{Bounds, Tree};
-use crate::control::Control;
 use crate::distortion::overlap::{counterclockwise, interiors_meet};
-use crate::error::Result;
+use crate::{Control, Result};
 
 /// A plane, seen from the side to which its normal points.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -69,15 +68,11 @@ fn injective(facets: &Facets<'_>, region: &[u32], start: u32, plane: &Plane, con
     let mut sorted = region.to_vec();
     sorted.sort_unstable();
     let local = |facet: u32| sorted.binary_search(&facet).ok();
-    let flat: Vec<[Coord<f64>; 3]> = sorted
-        .iter()
-        .map(|&facet| {
-            facets.corners(facet).map(|p| {
-                let [x, y] = plane.project(&p);
-                Coord { x, y }
-            })
-        })
-        .collect();
+    let projected = |p: Vector3<f64>| {
+        let [x, y] = plane.project(&p);
+        Coord { x, y }
+    };
+    let flat: Vec<[Coord<f64>; 3]> = sorted.iter().map(|&facet| facets.corners(facet).map(projected)).collect();
     let tree = Tree::over(flat.iter().map(|corners| Bounds::around(corners)).collect());
     let mut position = vec![0; flat.len()];
     tree.order.iter().enumerate().for_each(|(at, &n)| position[n as usize] = at);

@@ -3,13 +3,12 @@
 use std::cmp::Ordering;
 use std::collections::BinaryHeap;
 
-use rand::SeedableRng;
-use rand::seq::SliceRandom;
+use rand::{SeedableRng, seq::SliceRandom};
 use rand_chacha::ChaCha8Rng;
 
 use super::facets::Facets;
 use super::growth::{Growth, Region};
-use crate::error::Result;
+use crate::Result;
 
 /// The minimum number of candidates that contain each facet, if there are enough candidates.
 const COVER: u8 = 3;

@@ -3,15 +3,14 @@ use std::collections::HashMap;
 use proptest::prelude::*;
 
 use super::*;
-use crate::distortion::faces::measure_faces;
-use crate::distortion::overlap::overlaps;
+use crate::distortion::{faces::measure_faces, overlap::overlaps};
 use crate::surface::mesh::shapes;
 use crate::tests::{Mesh, moved};
 
-/// The places of a triangle's corners, bit by bit.
+/// The positions of a triangle's corners, bit by bit.
 type Corners = [[u64; 3]; 3];
 
-/// The patch of a triangle, and the places of its corners there, bit by bit.
+/// The patch of a triangle, and the positions of its corners there, bit by bit.
 type Flat = (u32, [[u64; 2]; 3]);
 
 const ALL_SEEDS: [Seeds; 3] = [Seeds::Curvature, Seeds::Flattest, Seeds::Random(7)];
@@ -20,7 +19,7 @@ fn made(surface: &Surface, limit: Limit, seeds: Seeds) -> Atlas {
     patches(surface, limit, seeds, &Control::default()).unwrap()
 }
 
-/// A plane grid with random displacements in all directions.
+/// Returns a plane grid with the given displacements, scaled by `size`.
 pub(super) fn shaken(side: usize, shake: &[[f64; 3]], size: f64) -> Mesh {
     let (mut points, faces) = shapes::sheet(side, side);
     for (point, by) in points.iter_mut().zip(shake) {
@@ -59,7 +58,7 @@ fn check(surface: &Surface, atlas: &Atlas) {
     assert!(atlas.patches.windows(2).all(|two| two[0].area >= two[1].area));
 }
 
-/// Every direction in every triangle, not its sides alone, is within the angle, and lengths change by its cosine.
+/// Checks that every direction in every triangle is within the angle, and that lengths change by at most its cosine.
 fn check_plane(patch: &Patch, points: &[Vector3<f64>], faces: &[[u32; 3]], angle: f64) {
     let Plane { normal, axes: [u, v], .. } = patch.plane;
     assert!((u.cross(&v) - normal).norm() < 1e-14 && (normal.norm() - 1.0).abs() < 1e-14);
@@ -117,7 +116,7 @@ proptest! {
     }
 }
 
-/// The same mesh with vertices and faces in another order, and faces that begin elsewhere.
+/// Renumbers the vertices and faces of a mesh, and rotates the corners of its faces.
 fn renumber((points, faces): &Mesh, seed: u64) -> Mesh {
     use rand::{SeedableRng, seq::SliceRandom};
     let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(seed);
@@ -131,7 +130,7 @@ fn renumber((points, faces): &Mesh, seed: u64) -> Mesh {
     (order.iter().map(|&old| points[old]).collect(), faces)
 }
 
-/// For each triangle, by its places, its patch and where its corners lie there, bit by bit.
+/// Returns, for each triangle, its patch and the positions of its corners in the patch, bit by bit.
 fn by_places(surface: &Surface, atlas: &Atlas) -> HashMap<Corners, Flat> {
     let bits = |v: u32| <[f64; 3]>::from(surface.points()[v as usize]).map(f64::to_bits);
     let triangle = |(face, &label): (usize, &u32)| {
@@ -172,7 +171,7 @@ fn certificates_are_the_papers() {
     }
 }
 
-/// Why the paper's test of a triangle's two new edges is not sufficient.
+/// The paper's test of a triangle's two new edges is not sufficient.
 #[test]
 fn edges_within_the_angle_do_not_suffice() {
     // a level triangle, and one beside it that is nearly upright on a level contour line

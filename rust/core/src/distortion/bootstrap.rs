@@ -9,8 +9,7 @@ use rand_chacha::ChaCha8Rng;
 
 use super::figures::Figures;
 use super::sums::Sums;
-use crate::control::Control;
-use crate::error::Result;
+use crate::{Control, Result};
 
 /// The number of draws. The standard errors themselves then have a relative error of about 2 %.
 const DRAWS: usize = 1000;
@@ -34,11 +33,7 @@ pub struct StandardErrors {
 /// Returns the standard errors of the figures, given the sums of each source at scale 1 and at the best scale. `points`
 /// is the number of points from which the sources were drawn without replacement; if all were drawn, the error is 0.
 pub(super) fn standard_errors(
-    raw: &[Sums],
-    best: &[Sums],
-    points: usize,
-    seed: u64,
-    control: &Control,
+    raw: &[Sums], best: &[Sums], points: usize, seed: u64, control: &Control,
 ) -> Result<StandardErrors> {
     let mut rng = ChaCha8Rng::seed_from_u64(seed.wrapping_add(2));
     let sources = raw.len();

@@ -3,12 +3,11 @@
 use rayon::prelude::*;
 
 use super::evaluate::reference_sources;
-use crate::control::Control;
-use crate::error::Result;
 use crate::geodesic::Solver;
 use crate::geodesic::exact::{Exact, Reach};
 use crate::rows::DistanceRows;
 use crate::surface::Surface;
+use crate::{Control, Result};
 
 /// On surfaces with up to this many vertices, all vertices are compared from a few sources. On larger surfaces, the
 /// vertices nearest to each of more sources are compared, because the cost of exact distances grows faster than the

@@ -1,11 +1,9 @@
 //! Evaluation of maps by geodesic distances from reference sources.
 
 use super::{Distortion, WORK_BYTES, measure};
-use crate::control::Control;
-use crate::error::Result;
 use crate::geodesic::Solver;
 use crate::rows::{DistanceRows, PassingRows};
-use crate::sources;
+use crate::{Control, Result, sources};
 
 /// The number of reference sources for the distortion.
 pub const REFERENCE_SOURCES: usize = 200;
@@ -22,11 +20,7 @@ pub fn memory_need(points: usize) -> u64 {
 
 /// Evaluates a map by the distances from `count` random reference sources.
 pub fn evaluate(
-    solver: &impl Solver,
-    uv: &[[f64; 2]],
-    count: usize,
-    seed: u64,
-    control: &Control,
+    solver: &impl Solver, uv: &[[f64; 2]], count: usize, seed: u64, control: &Control,
 ) -> Result<Distortion> {
     let reference = reference_sources(uv.len(), count, seed);
     Ok(evaluate_all(solver, &[uv], &reference, u64::MAX, seed, control)?.remove(0))
@@ -40,12 +34,7 @@ pub fn reference_sources(points: usize, count: usize, seed: u64) -> Vec<u32> {
 /// Evaluates several maps of the same vertices by the distances from the same sources. If the rows take more than
 /// `kept` bytes, they are computed twice instead of being kept; the figures are the same.
 pub fn evaluate_all<S: Solver>(
-    solver: &S,
-    maps: &[&[[f64; 2]]],
-    reference: &[u32],
-    kept: u64,
-    seed: u64,
-    control: &Control,
+    solver: &S, maps: &[&[[f64; 2]]], reference: &[u32], kept: u64, seed: u64, control: &Control,
 ) -> Result<Vec<Distortion>> {
     if 4 * reference.len() as u64 * solver.columns() as u64 <= kept {
         measure(maps, &DistanceRows::compute(solver, reference, control)?, seed, control)

@@ -11,8 +11,8 @@
 use nalgebra::Vector3;
 use rayon::prelude::*;
 
-use crate::control::Control;
-use crate::error::{Result, check_points};
+use crate::error::check_points;
+use crate::{Control, Result};
 
 /// The number of items that one worker processes between two checks for cancellation.
 const CHUNK: usize = 4096;
@@ -38,8 +38,8 @@ pub struct FaceDistortion {
     /// The share of the surface, by area, in triangles whose area changes by more than each of [`AREA_FACTORS`] in
     /// either direction, at that scale. A triangle without area in the plane exceeds all factors. NaN without a scale.
     pub area_beyond: [f64; 3],
-    /// |l_flat / l_surface − 1| over the edges; each edge counts once. (Workbench's `-edge-method` gives, for each vertex, the
-    /// mean of |log2(l_flat / l_surface)| over its edges.) Edges of length 0 mm on the surface are undefined.
+    /// |l_flat / l_surface − 1| over the edges; each edge counts once. (Workbench's `-edge-method` gives, for each
+    /// vertex, the mean of |log2(l_flat / l_surface)| over its edges.) Edges of length 0 mm on the surface are undefined.
     pub edge: Summary,
     /// The number of edges, including undefined ones.
     pub edges: usize,
@@ -102,12 +102,9 @@ pub struct Flipped {
 /// Measures a flat map of triangles: `points` (mm) on the surface and `uv` (mm) in the plane are positions of the same
 /// vertices. Panics if the numbers of points and of positions differ.
 pub fn measure_faces(
-    points: &[Vector3<f64>],
-    faces: &[[u32; 3]],
-    uv: &[[f64; 2]],
-    control: &Control,
+    points: &[Vector3<f64>], faces: &[[u32; 3]], uv: &[[f64; 2]], control: &Control,
 ) -> Result<FaceDistortion> {
-    assert_eq!(points.len(), uv.len(), "one place a vertex");
+    assert_eq!(points.len(), uv.len(), "one position per vertex");
     check_points(faces.iter().flatten().copied(), points.len())?;
     control.begin("measuring triangles", 7);
     let place = |vertex: u32| Vector3::new(uv[vertex as usize][0], uv[vertex as usize][1], 0.0);
@@ -157,7 +154,7 @@ pub fn measure_faces(
 /// Returns the factor by which a map must be multiplied to have the area of the surface: √(Σ A_surface / Σ A_flat). NaN
 /// if the map has no area. Panics if the numbers of points and of positions differ.
 pub fn equal_area_scale(points: &[Vector3<f64>], faces: &[[u32; 3]], uv: &[[f64; 2]]) -> f64 {
-    assert_eq!(points.len(), uv.len(), "one place a vertex");
+    assert_eq!(points.len(), uv.len(), "one position per vertex");
     let doubled = |[a, b, c]: [Vector3<f64>; 3]| (b - a).cross(&(c - a)).norm();
     let place = |vertex: u32| Vector3::new(uv[vertex as usize][0], uv[vertex as usize][1], 0.0);
     let on_surface: f64 = faces.iter().map(|face| doubled(face.map(|vertex| points[vertex as usize]))).sum();

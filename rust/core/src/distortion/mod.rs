@@ -21,9 +21,8 @@ use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 
-use crate::control::Control;
-use crate::error::Result;
 use crate::rows::Rows;
+use crate::{Control, Result};
 pub use figures::Figures;
 
 use bootstrap::{StandardErrors, standard_errors};
@@ -92,9 +91,7 @@ pub fn best_scale<R: Rows>(uv: &[[f64; 2]], rows: &R, control: &Control) -> Resu
 }
 
 fn pass<'a, R: Rows>(
-    maps: &mut [Evaluated<'a>],
-    rows: &R,
-    control: &Control,
+    maps: &mut [Evaluated<'a>], rows: &R, control: &Control,
     take: impl Fn(&mut Evaluated<'a>, &Block, &Control) -> Result<()>,
 ) -> Result<()> {
     let columns = rows.columns().max(1);

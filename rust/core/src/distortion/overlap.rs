@@ -12,8 +12,8 @@ use robust::{Coord, orient2d};
 
 use super::faces::sorted_edges;
 use crate::boxes::{Bounds, Tree};
-use crate::control::Control;
-use crate::error::{Result, check_points};
+use crate::error::check_points;
+use crate::{Control, Result};
 
 /// The number of searches in one step of the progress.
 const CHUNK: usize = 256;
@@ -149,7 +149,7 @@ mod tests {
         (overlap.crossings, overlap.covering)
     }
 
-    /// The area that two triangles share, by clipping one at the sides of the other.
+    /// Returns the area that two triangles share, by clipping one at the sides of the other.
     fn shared_area(a: [[f64; 2]; 3], b: [[f64; 2]; 3]) -> f64 {
         let left =
             |a: [f64; 2], b: [f64; 2], p: [f64; 2]| (b[0] - a[0]) * (p[1] - a[1]) - (b[1] - a[1]) * (p[0] - a[0]);
@@ -175,13 +175,13 @@ mod tests {
         0.5 * fan.sum::<f64>().abs()
     }
 
-    /// On a lattice of a power of two a mm: the signs of [`brute_force`] have no rounding error there, and on a coarse one no
-    /// shared area is so small that it looks like such an error.
+    /// Rounds positions to a lattice with a power of two of points per mm. There, the signs in [`brute_force`] have no
+    /// rounding error, and on a coarse lattice no shared area is as small as a rounding error.
     fn on_lattice(per_mm: f64, uv: impl Iterator<Item = [f64; 2]>) -> Vec<[f64; 2]> {
         uv.map(|p| p.map(|x| (x * per_mm).round() / per_mm)).collect()
     }
 
-    /// By definition: shared areas, and crossings as the solution of two equations.
+    /// Finds overlaps by their definition: shared areas, and crossings as the solution of two equations.
     fn brute_force(faces: &[[u32; 3]], uv: &[[f64; 2]]) -> Overlap {
         let corners = |face: &[u32; 3]| face.map(|v| uv[v as usize]);
         let has_area = |face: &[u32; 3]| shared_area(corners(face), corners(face)) > 0.0;

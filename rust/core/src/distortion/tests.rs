@@ -6,7 +6,6 @@ use proptest::prelude::*;
 use crate::rows::DistanceRows;
 use crate::tests::with_threads;
 
-/// A rectangle of w × h squares, each cut in two.
 pub(super) fn grid(w: u32, h: u32) -> (Vec<[f64; 2]>, Vec<[u32; 3]>) {
     let uv = (0..(w + 1) * (h + 1)).map(|n| [f64::from(n % (w + 1)), f64::from(n / (w + 1))]).collect();
     let square = |n: u32| {
@@ -33,7 +32,6 @@ fn evaluated(uv: &[[f64; 2]], rows: &DistanceRows) -> Distortion {
     measure(&[uv], rows, 0, &Control::default()).unwrap().remove(0)
 }
 
-/// All (δ, d) by the definition.
 fn pairs(uv: &[[f64; 2]], rows: &DistanceRows) -> Vec<(f64, f64)> {
     let mut pairs = Vec::new();
     for (n, &source) in rows.sources().iter().enumerate() {
@@ -174,7 +172,7 @@ impl Rows for Few<'_> {
     }
 }
 
-/// Bit by bit; NaN equals NaN.
+/// Compares figures bit by bit; NaN equals NaN.
 fn same(a: &Distortion, b: &Distortion) -> bool {
     format!("{a:?}") == format!("{b:?}")
 }

@@ -4,13 +4,12 @@
 //! the two largest positive eigenpairs of B, the positions are X = [√λ₁ v₁ | √λ₂ v₂]. They minimise strain.
 
 use faer::dyn_stack::{MemBuffer, MemStack};
-use faer::linalg::solvers::SelfAdjointEigen;
 use faer::matrix_free::eigen::{PartialEigenParams, partial_self_adjoint_eigen, partial_self_adjoint_eigen_scratch};
-use faer::{Col, Mat, Par, Side};
+use faer::{Col, Mat, Par, Side, linalg::solvers::SelfAdjointEigen};
 
-use crate::error::{Error, Result};
 use crate::rows::DistanceRows;
 use crate::sources::check_enough;
+use crate::{Error, Result};
 
 /// Up to this size, all eigenpairs are computed; above, only the leading ones (the iterative solver needs some room).
 const DENSE: usize = 256;
@@ -47,12 +46,7 @@ pub fn classical_scaling(distances: &DistanceRows) -> Result<Scaling> {
     let noise = total.sqrt() * ROUNDING;
     let mut positive: Vec<usize> = order.iter().copied().filter(|&k| values[k] > noise).collect();
     positive.sort_by(|&p, &q| values[q].total_cmp(&values[p]));
-    let [first, second] = match positive[..] {
-        [first, second, ..] => [first, second],
-        _ => {
-            return Err(Error::NotPlanar { positive: positive.len() });
-        }
-    };
+    let [first, second, ..] = positive[..] else { return Err(Error::NotPlanar { positive: positive.len() }) };
     let axis = |k: usize| {
         let column = vectors.col(k);
         // the sign of an eigenvector is arbitrary: the entry with the largest magnitude becomes positive

@@ -10,9 +10,8 @@
 
 use rayon::prelude::*;
 
-use crate::control::Control;
-use crate::error::Result;
 use crate::geodesic::neighbourhood::{Near, Neighbourhoods};
+use crate::{Control, Result};
 
 /// Sammon's magic factor: "about 0.3 or 0.4".
 const FACTOR: f64 = 0.35;
@@ -79,12 +78,7 @@ impl Pull {
     }
 }
 
-/// Returns Sammon's stress of a map: 0 if it preserves the distances of all pairs.
-pub fn stress(pairs: &Neighbourhoods, uv: &[[f64; 2]], control: &Control) -> Result<f64> {
-    Ok(step(pairs, uv, control)?.0)
-}
-
-/// Returns the stress of a map, and the new positions of its points.
+/// Returns Sammon's stress of a map, which is 0 if it preserves the distances of all pairs, and the new positions.
 fn step(pairs: &Neighbourhoods, uv: &[[f64; 2]], control: &Control) -> Result<(f64, Vec<[f64; 2]>)> {
     let mut moved = vec![[0.0; 2]; uv.len()];
     let of_batch = |(batch, moved): (usize, &mut [[f64; 2]])| {
@@ -132,7 +126,6 @@ pub fn descend(pairs: &Neighbourhoods, start: Vec<[f64; 2]>, control: &Control) 
     Ok(found)
 }
 
-/// Returns whether the stress hardly changed over the last steps.
 fn is_settled(stresses: &[f64]) -> bool {
     let Some(first) = stresses.len().checked_sub(EVALUATED) else { return false };
     let least = stresses[first..].iter().copied().fold(f64::INFINITY, f64::min);

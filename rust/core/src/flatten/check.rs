@@ -1,10 +1,8 @@
 //! Checks whether a surface can be flattened as it is.
 
-use crate::control::Control;
-use crate::error::{Error, Result};
 use crate::sources::FEWEST_SOURCES;
-use crate::surface::voxels::cubes::CubeTopology;
-use crate::surface::{Surface, VoxelSurface};
+use crate::surface::{Surface, VoxelSurface, voxels::cubes::CubeTopology};
+use crate::{Control, Error, Result};
 
 /// Checks that a surface can be flattened as it is.
 pub fn check_disk(surface: &Surface) -> Result<()> {

@@ -4,27 +4,20 @@ use nalgebra::Vector3;
 
 use super::check::check_flattenable;
 use super::map::{BASE_BYTES, FlatMap, PYTHON_BYTES};
-use crate::control::Control;
 use crate::distortion::evaluate::{self, REFERENCE_SOURCES, evaluate};
 use crate::embed::classical::{self, classical_scaling};
-use crate::error::Result;
 use crate::geodesic::bundle::BundleScratch;
 use crate::orient::{handedness, orient, outward_normals};
 use crate::place::radial::RadialFunctions;
 use crate::rows::DistanceRows;
 use crate::sources::{Sources, check_enough};
-use crate::surface::VoxelSurface;
-use crate::surface::voxels::graph::VoxelGraph;
+use crate::surface::{VoxelSurface, voxels::graph::VoxelGraph};
+use crate::{Control, Result};
 
 /// Flattens a connected part of a voxel surface by the method of Grossmann, Kiryati and Kimmel (2002): chain-code
 /// geodesics, classical scaling of the sources, and radial functions for the other points. Rows are kept on request.
 pub fn grossmann2002(
-    surface: &VoxelSurface,
-    graph: &VoxelGraph,
-    sources: &Sources,
-    seed: u64,
-    keep_rows: bool,
-    control: &Control,
+    surface: &VoxelSurface, graph: &VoxelGraph, sources: &Sources, seed: u64, keep_rows: bool, control: &Control,
 ) -> Result<FlatMap> {
     check_flattenable(surface, control)?;
     let sources = sources.choose(graph, control)?;
@@ -53,10 +46,7 @@ pub fn grossmann2002(
 
 /// Returns the positions of all points: those of the sources unchanged, the others by radial functions.
 fn place_rest(
-    points: &[Vector3<f64>],
-    sources: &[u32],
-    places: &[[f64; 2]],
-    control: &Control,
+    points: &[Vector3<f64>], sources: &[u32], places: &[[f64; 2]], control: &Control,
 ) -> Result<Vec<[f64; 2]>> {
     let mut uv = if sources.len() < points.len() {
         let known: Vec<_> = sources.iter().map(|&source| points[source as usize]).collect();

@@ -11,12 +11,11 @@ mod preview;
 use rayon::prelude::*;
 
 use super::check::check_disk;
-use crate::control::Control;
-use crate::error::{Error, Result};
 use crate::surface::Surface;
 use crate::surface::cuts::inward::{Inward, from_sides, spread};
 use crate::surface::cuts::{Cut, Reason, described};
 use crate::surface::decimate::{Options, decimate};
+use crate::{Control, Error, Result};
 use preview::{LANDMARKS, Preview};
 
 /// The number of vertices of the coarse surface on which cuts are tried.
@@ -92,8 +91,9 @@ pub struct Relaxed {
 pub fn relax(surface: &Surface, relaxation: Relaxation, control: &Control) -> Result<Relaxed> {
     relaxation.validate()?;
     check_disk(surface)?;
+    let uncut = |energies, errors| Ok(Relaxed { surface: surface.clone(), cuts: Vec::new(), energies, errors });
     if relaxation.length == 0.0 {
-        return Ok(Relaxed { surface: surface.clone(), cuts: Vec::new(), energies: Vec::new(), errors: [f64::NAN; 2] });
+        return uncut(Vec::new(), [f64::NAN; 2]);
     }
     let near: Option<Vec<bool>> = match relaxation.within {
         f64::INFINITY => None,
@@ -103,7 +103,7 @@ pub fn relax(surface: &Surface, relaxation: Relaxation, control: &Control) -> Re
     let coarse = decimate(&open, &[], &Options { vertices: COARSE, ..Options::default() }, control)?.surface;
     control.begin("choosing relaxation cuts", MOST_CUTS as u64);
     if coarse.len() <= LANDMARKS {
-        return Ok(Relaxed { surface: surface.clone(), cuts: Vec::new(), energies: Vec::new(), errors: [f64::NAN; 2] });
+        return uncut(Vec::new(), [f64::NAN; 2]);
     }
     let unit = surface.areas().iter().sum::<f64>().sqrt();
     let mut trials = Trials::new(coarse, relaxation.least_gain / unit, near, control)?;
@@ -131,7 +131,7 @@ pub fn relax(surface: &Surface, relaxation: Relaxation, control: &Control) -> Re
     let relieved = if cuts.is_empty() { error } else { trials.preview.error(control)? };
     if relaxation.least_relief > 0.0 && relieved > (1.0 - relaxation.least_relief) * error {
         energies.truncate(1);
-        return Ok(Relaxed { surface: surface.clone(), cuts: Vec::new(), energies, errors: [error; 2] });
+        return uncut(energies, [error; 2]);
     }
     let is_cut = |&h: &u32| surface.twins()[h as usize] != open.twins()[h as usize];
     let seam: Vec<u32> = (0..surface.twins().len() as u32).filter(is_cut).collect();
@@ -244,16 +244,11 @@ impl Trials {
 
 /// Returns the longest beginning of a path that is at most `longest` mm long, and its length.
 fn shortened(surface: &Surface, mut path: Vec<u32>, longest: f64) -> (Vec<u32>, f64) {
-    let mut length = 0.0;
-    let count = path
-        .iter()
-        .take_while(|&&h| {
-            length + surface.length(h) <= longest && {
-                length += surface.length(h);
-                true
-            }
-        })
-        .count();
+    let (mut length, mut count) = (0.0, 0);
+    while count < path.len() && length + surface.length(path[count]) <= longest {
+        length += surface.length(path[count]);
+        count += 1;
+    }
     path.truncate(count);
     (path, length)
 }

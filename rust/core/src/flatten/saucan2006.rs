@@ -3,13 +3,10 @@
 use super::map::{BASE_BYTES, FlatMap, PYTHON_BYTES};
 use crate::atlas::glue::{self, Glued, Piece, Seams};
 use crate::atlas::{ANGLES, Limit, Seeds, patches};
-use crate::control::Control;
 use crate::distortion::evaluate::{self, REFERENCE_SOURCES, evaluate};
-use crate::error::{Error, Result};
-use crate::geodesic::bundle::BundleScratch;
-use crate::geodesic::graph::GeodesicGraph;
-use crate::surface::Surface;
-use crate::surface::mesh::BORDER;
+use crate::geodesic::{bundle::BundleScratch, graph::GeodesicGraph};
+use crate::surface::{Surface, mesh::BORDER};
+use crate::{Control, Error, Result};
 
 /// The largest angle of the patches in degrees, as in the paper's first figures; less if the bound on C requires it.
 const ANGLE: f64 = 10.0;

@@ -6,18 +6,16 @@ use rand_chacha::ChaCha8Rng;
 use super::check::check_disk;
 use super::map::FlatMap;
 use super::voxflat::{self, AfterPlacing};
-use crate::control::Control;
 use crate::distortion::evaluate::{REFERENCE_SOURCES, evaluate};
-use crate::embed::classical::classical_scaling;
 use crate::embed::sammon::{self, Descended, MOST_STEPS};
-use crate::embed::stress::levels::Convergence;
-use crate::error::Result;
+use crate::embed::{classical::classical_scaling, stress::levels::Convergence};
 use crate::geodesic::graph::GeodesicGraph;
 use crate::geodesic::neighbourhood::{Neighbourhoods, sizes_of_rings};
 use crate::orient::{map_area, orient};
 use crate::rows::DistanceRows;
 use crate::sources::{FEWEST_SOURCES, Sources};
 use crate::surface::Surface;
+use crate::{Control, Result};
 
 /// The share of the surface in a neighbourhood: "roughly 10 percent of the surface area of the entire problem".
 const SHARE: f64 = 0.1;
@@ -55,15 +53,11 @@ pub struct Mapped {
 /// few sources, and Newton steps along each coordinate, from random starts, to the map with the smallest stress. All
 /// vertices take part. Panics if the number of starts is 0.
 pub fn schwartz1989(
-    surface: &Surface,
-    graph: &GeodesicGraph,
-    options: &Options<'_>,
-    control: &Control,
+    surface: &Surface, graph: &GeodesicGraph, options: &Options<'_>, control: &Control,
 ) -> Result<Mapped> {
     check_disk(surface)?;
     let sources = Sources::Given(options.sources.iter().map(|&v| v as usize).collect()).choose(graph, control)?;
-    let (pairs, rows) =
-        Neighbourhoods::measure_with_rows(surface, options.rings, &sources, options.keep_rows, control)?;
+    let (pairs, rows) = Neighbourhoods::measure(surface, options.rings, &sources, options.keep_rows, control)?;
     let rows = rows.map(|rows| DistanceRows::new(sources.clone(), surface.len(), rows));
     let (eigenvalues, planarity) = spectrum(&pairs, &sources)?;
     let (best, stresses) = best_of_starts(surface, &pairs, options, control)?;
@@ -79,10 +73,7 @@ pub fn schwartz1989(
 
 /// Optimises from every start, and returns the result with the smallest stress and the stresses of all starts.
 fn best_of_starts(
-    surface: &Surface,
-    pairs: &Neighbourhoods,
-    options: &Options<'_>,
-    control: &Control,
+    surface: &Surface, pairs: &Neighbourhoods, options: &Options<'_>, control: &Control,
 ) -> Result<(Descended, Vec<f64>)> {
     let side = surface.areas().iter().sum::<f64>().sqrt();
     let mut best: Option<Descended> = None;
@@ -152,11 +143,7 @@ const WAVE_BYTES: u64 = 400;
 
 /// Returns the maximum memory in bytes of [`schwartz1989`] beside the surface's input. Neighbourhoods are sampled.
 pub fn memory_need(
-    surface: &Surface,
-    rings: Option<u32>,
-    sources: usize,
-    threads: usize,
-    control: &Control,
+    surface: &Surface, rings: Option<u32>, sources: usize, threads: usize, control: &Control,
 ) -> Result<u64> {
     let points = surface.len();
     let near = match rings {

@@ -2,34 +2,26 @@
 
 use super::check::check_disk;
 use super::map::{BASE_BYTES, FlatMap, PYTHON_BYTES};
-use crate::control::Control;
-use crate::distortion::best_scale;
 use crate::distortion::evaluate::{self, REFERENCE_SOURCES, evaluate};
-use crate::distortion::faces::equal_area_scale;
+use crate::distortion::{best_scale, faces::equal_area_scale};
 use crate::embed::classical::{self, classical_scaling};
 use crate::embed::stress::area_bound::bounded;
 use crate::embed::stress::levels::{self, Levels};
 use crate::embed::stress::start::{Start, flatten_from};
-use crate::error::Result;
-use crate::geodesic::bundle::BundleScratch;
-use crate::geodesic::graph::GeodesicGraph;
+use crate::geodesic::{bundle::BundleScratch, graph::GeodesicGraph};
 use crate::orient::{map_area, orient, turn_onto};
 use crate::rows::{DistanceRows, Rows};
 use crate::sources::check_enough;
-use crate::store;
 use crate::surface::Surface;
+use crate::{Control, Result, store};
 
 /// Flattens a disk, given its levels and the distances on them by any solver: minimises stress and the distortion of
 /// triangles, from coarse to fine. No triangle is flipped. Finally, the map is scaled and evaluated by distances along
 /// the graph; levels and rows are dropped before.
 /// Errors: Those of [`check_disk`], [`check_enough`] and the stages, including [`flatten_from`].
 pub fn voxflat(
-    mut levels: Levels,
-    rows: DistanceRows,
-    &Options { weighting, start, max_area, scale }: &Options,
-    graph: &GeodesicGraph,
-    seed: u64,
-    control: &Control,
+    mut levels: Levels, rows: DistanceRows, &Options { weighting, start, max_area, scale }: &Options,
+    graph: &GeodesicGraph, seed: u64, control: &Control,
 ) -> Result<FlatMap> {
     let surface = levels.finest();
     check_disk(surface)?;

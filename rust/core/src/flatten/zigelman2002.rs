@@ -4,10 +4,8 @@ use super::check::check_disk;
 use super::map::FlatMap;
 use super::voxflat::{self, AfterPlacing};
 use crate::adjacency::marked;
-use crate::control::Control;
 use crate::distortion::evaluate::{REFERENCE_SOURCES, evaluate};
 use crate::embed::classical::{self, classical_scaling};
-use crate::error::{Error, Result};
 use crate::geodesic::graph::GeodesicGraph;
 use crate::geodesic::marching::{Marching, Wave};
 use crate::orient::{map_area, orient};
@@ -17,6 +15,7 @@ use crate::rows::DistanceRows;
 use crate::sources::{Sources, check_enough};
 use crate::surface::Surface;
 use crate::surface::decimate::{Decimation, Options, decimate};
+use crate::{Control, Error, Result};
 
 /// The weight of edge lengths against the quadric error; higher than usual, so that sources are evenly spaced.
 const EVENNESS: f64 = 0.1;
@@ -54,12 +53,7 @@ enum Rest<'a> {
 /// Vertices that decimation cannot remove without harm to the surface also become sources. The map optionally keeps the
 /// distance rows. Panics if the number of pixels differs from the number of vertices.
 pub fn zigelman2002(
-    surface: &Surface,
-    graph: &GeodesicGraph,
-    sampling: &Sampling<'_>,
-    wave: Wave,
-    seed: u64,
-    keep_rows: bool,
+    surface: &Surface, graph: &GeodesicGraph, sampling: &Sampling<'_>, wave: Wave, seed: u64, keep_rows: bool,
     control: &Control,
 ) -> Result<FlatMap> {
     check_disk(surface)?;
@@ -82,10 +76,7 @@ pub fn zigelman2002(
 }
 
 fn sample<'a>(
-    surface: &Surface,
-    graph: &GeodesicGraph,
-    sampling: &Sampling<'a>,
-    control: &Control,
+    surface: &Surface, graph: &GeodesicGraph, sampling: &Sampling<'a>, control: &Control,
 ) -> Result<(Vec<u32>, Rest<'a>)> {
     let points = surface.len();
     let checked = |count: usize| {
@@ -110,7 +101,7 @@ fn sample<'a>(
             Ok((sources, Rest::Reinserted(Box::new(decimation))))
         }
         Sampling::Grid { pixels, spacing, count } => {
-            assert_eq!(pixels.len(), points, "one pixel a vertex");
+            assert_eq!(pixels.len(), points, "one pixel per vertex");
             let lattice = Lattice::new(pixels, spacing, checked(count)?)?;
             Ok((lattice.sources().to_vec(), Rest::Between(lattice)))
         }
@@ -119,11 +110,7 @@ fn sample<'a>(
 
 /// Returns the positions of all vertices, given those of the sources, which are the vertices that decimation left.
 fn reinserted(
-    decimation: &Decimation,
-    points: usize,
-    sources: &[u32],
-    places: &[[f64; 2]],
-    control: &Control,
+    decimation: &Decimation, points: usize, sources: &[u32], places: &[[f64; 2]], control: &Control,
 ) -> Result<Vec<[f64; 2]>> {
     let mut uv = vec![[f64::NAN; 2]; points];
     sources.iter().zip(places).for_each(|(&source, &place)| uv[source as usize] = place);

@@ -15,19 +15,18 @@ use pulp::{Arch, Simd, WithSimd};
 
 use super::shortest::Search;
 use crate::adjacency::Links;
-use crate::control::Control;
-use crate::error::Result;
+use crate::{Control, Result};
 
 /// The maximum number of sources of a bundle: their distances fill a cache line.
 pub const MOST_SOURCES: usize = 16;
 
-/// The minimum number of sources that are bundled, because fewer are too far apart,
+/// The minimum number of sources for bundling; fewer sources are too far apart.
 const FEWEST_SOURCES: usize = 96;
 
-/// unless the surface has at most this number of vertices, so that all distances of a bundle fit into the cache;
+/// The maximum number of vertices of a small surface, on which all distances of a bundle fit into the cache.
 const CACHED: usize = 1 << 12;
 
-/// then the minimum is this.
+/// The minimum number of sources for bundling on a small surface.
 const FEWEST_CACHED: usize = 32;
 
 /// The size of a window in square roots of the number of vertices, such that its data fit into the cache.
@@ -92,11 +91,7 @@ impl BundleScratch {
     /// Writes the distances from each source of a bundle, its centre first, to every vertex or to the targets: one row
     /// per source. Panics if there are more sources than a bundle can have.
     pub fn rows(
-        &mut self,
-        graph: &impl Links,
-        bundle: &[u32],
-        targets: Option<&[u32]>,
-        rows: &mut [&mut [f32]],
+        &mut self, graph: &impl Links, bundle: &[u32], targets: Option<&[u32]>, rows: &mut [&mut [f32]],
         control: &Control,
     ) -> Result<()> {
         assert!(bundle.len() <= MOST_SOURCES, "a bundle has {MOST_SOURCES} sources at most");
@@ -114,10 +109,10 @@ impl BundleScratch {
                 let row = &mut row[some.clone()];
                 match targets {
                     None => row.iter_mut().zip(&distances[some.clone()]).for_each(|(to, from)| *to = from.0[lane]),
-                    Some(targets) => row
-                        .iter_mut()
-                        .zip(&targets[some.clone()])
-                        .for_each(|(to, &target)| *to = distances[target as usize].0[lane]),
+                    Some(targets) => {
+                        let distance = |&target: &u32| distances[target as usize].0[lane];
+                        row.iter_mut().zip(&targets[some.clone()]).for_each(|(to, target)| *to = distance(target));
+                    }
                 }
             }
         }
@@ -126,12 +121,7 @@ impl BundleScratch {
 
     /// Writes the distances from one source to every vertex, or to the targets.
     fn alone(
-        &mut self,
-        graph: &impl Links,
-        source: u32,
-        targets: Option<&[u32]>,
-        row: &mut [f32],
-        control: &Control,
+        &mut self, graph: &impl Links, source: u32, targets: Option<&[u32]>, row: &mut [f32], control: &Control,
     ) -> Result<()> {
         let Some(targets) = targets else { return self.row(graph, source, row, control) };
         self.from_midst.resize(graph.vertices(), 0.0);
@@ -214,12 +204,7 @@ pub(super) fn bundles(graph: &impl Links, sources: &[u32], threads: usize, contr
 
 /// Writes the distances from a source to every vertex that is closer than a radius; elsewhere, the radius.
 fn search(
-    search: &mut Search,
-    graph: &impl Links,
-    source: u32,
-    radius: f32,
-    row: &mut [f32],
-    control: &Control,
+    search: &mut Search, graph: &impl Links, source: u32, radius: f32, row: &mut [f32], control: &Control,
 ) -> Result<()> {
     row.fill(radius);
     row[source as usize] = 0.0;
@@ -273,7 +258,7 @@ impl<G: Links> Visits<'_, G> {
         Ok(left)
     }
 
-    /// Does the same from the last position to the first.
+    /// Visits the positions in reverse order; returns where vertices wait afterwards.
     #[inline(always)]
     fn backward(&mut self, places: Range<usize>) -> Result<Range<usize>> {
         let start = places.start;
@@ -351,12 +336,10 @@ mod tests {
     use crate::tests::row;
     use proptest::prelude::*;
 
-    /// Computes each row by a separate search.
     fn searched(graph: &impl Links, sources: &[u32]) -> Vec<Vec<f32>> {
         sources.iter().map(|&source| row(graph, source)).collect()
     }
 
-    /// Computes the rows of sources in one bundle, to the targets or to all vertices.
     fn bundled(graph: &impl Links, sources: &[u32], targets: Option<&[u32]>) -> Vec<Vec<f32>> {
         let columns = targets.map_or(graph.vertices(), <[u32]>::len);
         let mut rows = vec![vec![f32::NAN; columns]; sources.len()];

@@ -26,10 +26,8 @@
 
 use nalgebra::{SMatrix, SVector};
 
-use crate::control::Control;
-use crate::error::{Error, Result};
-use crate::surface::VoxelSurface;
-use crate::surface::voxels::graph::VoxelGraph;
+use crate::surface::{VoxelSurface, voxels::graph::VoxelGraph};
+use crate::{Control, Error, Result};
 
 /// The weights of Kiryati and Kübler in voxels: direct, minor diagonal, major diagonal link.
 pub const KIRYATI_KUBLER: [f64; 3] = [0.9016, 1.289, 1.615];
@@ -153,7 +151,7 @@ mod tests {
         Vector3::new(radius * angle.cos(), radius * angle.sin(), z)
     }
 
-    /// The length of a chain of voxels by the weights; its links must join 26-neighbours.
+    /// Returns the length of a chain of voxels by the weights; its links must join 26-neighbours.
     fn chain_length(chain: &[[i64; 3]], weights: &ChainWeights) -> f64 {
         let link = |pair: &[[i64; 3]]| {
             let kind = (0..3).map(|axis| ((pair[1][axis] - pair[0][axis]).unsigned_abs() as usize) << axis);
@@ -163,9 +161,9 @@ mod tests {
         chain.windows(2).map(link).sum()
     }
 
-    /// Relative errors for random directions, each the mean over lines with `shifts` random places in the grid, 500 links
-    /// long: a line is cut by the planes of voxel centres across the axis along which it advances fastest, and the other
-    /// two coordinates are rounded.
+    /// Returns the relative errors for random directions, each the mean over `shifts` lines of 500 links at random
+    /// places in the grid. A line is cut by the planes of voxel centres across the axis along which it advances
+    /// fastest, and the other two coordinates are rounded.
     fn line_errors(spacing: [f64; 3], weights: &ChainWeights, directions: usize, shifts: usize) -> Vec<f64> {
         const LINKS: i64 = 500;
         let mut rng = ChaCha8Rng::seed_from_u64(7);
@@ -190,7 +188,6 @@ mod tests {
         (errors.iter().sum::<f64>() / n, (errors.iter().map(|e| e * e).sum::<f64>() / n).sqrt())
     }
 
-    /// The RMS error predicted by the derivation.
     fn expected_rms(spacing: [f64; 3], weights: &ChainWeights) -> f64 {
         let weights = SVector::<f64, 7>::from_column_slice(&weights.lengths()[1..]);
         let squared = |u| (expected_links(u, spacing).dot(&weights) - 1.0).powi(2);

@@ -32,7 +32,6 @@ pub struct Reach {
 }
 
 impl Default for Reach {
-    /// No limit.
     fn default() -> Self {
         Self { mm: f64::INFINITY, rings: None }
     }

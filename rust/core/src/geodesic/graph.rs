@@ -12,9 +12,8 @@ mod view;
 use rayon::prelude::*;
 
 use crate::adjacency::{Arc, Links};
-use crate::control::Control;
-use crate::error::Result;
 use crate::surface::mesh::Surface;
+use crate::{Control, Result};
 use pruning::Needed;
 use view::View;
 pub(super) use view::{Beyond, outgoing, unfold};
@@ -34,22 +33,6 @@ fn edges_crossed(vertices: usize) -> u32 {
 }
 
 /// Straight links over a surface, stored at both ends in compressed rows; a vertex's arcs are ordered by neighbour.
-///
-/// # Examples
-/// ```
-/// use voxflat::control::Control;
-/// use voxflat::geodesic::graph::GeodesicGraph;
-/// use voxflat::rows::DistanceRows;
-/// use voxflat::surface::mesh::shapes;
-///
-/// let control = Control::default();
-/// let sheet = shapes::surface(shapes::sheet(8, 8)); // 8 by 8 squares of 1 mm
-/// let graph = GeodesicGraph::new(&sheet, &control)?;
-/// let rows = DistanceRows::compute(&graph, &[0], &control)?;
-/// let across = f64::from(rows.row(0)[80]) / 128.0_f64.sqrt(); // from corner to corner
-/// assert!((1.0 - 1e-6..1.001).contains(&across));
-/// # Ok::<(), voxflat::Error>(())
-/// ```
 #[derive(Debug, Clone)]
 pub struct GeodesicGraph {
     starts: Vec<u32>,
@@ -80,20 +63,15 @@ impl GeodesicGraph {
         Self::in_layers(surface, crossed, 1, control)
     }
 
-    /// Creates the graph whose links are evaluated in this number of layers.
     fn in_layers(surface: &Surface, crossed: u32, layers: usize, control: &Control) -> Result<Self> {
         control.begin("building the graph", surface.len() as u64);
         let needed = Needed::of(View::new(surface, crossed), surface.len(), layers, control)?;
         let (starts, arcs) = needed.joined()?;
-        Ok(Self::from_rows(starts, arcs))
-    }
-
-    fn from_rows(starts: Vec<u32>, arcs: Vec<Arc>) -> Self {
         let most_links = starts.windows(2).map(|row| row[1] - row[0]).max().unwrap_or(0) as usize;
         let lengths = || arcs.par_iter().with_min_len(BATCH).map(|arc| arc.length);
         let longest = lengths().reduce(|| 0.0, f32::max);
         let extremes = [lengths().reduce(|| longest, f32::min), longest];
-        Self { starts, arcs, most_links, extremes }
+        Ok(Self { starts, arcs, most_links, extremes })
     }
 
     fn links_of(&self, vertex: u32) -> &[Arc] {
@@ -134,7 +112,7 @@ mod tests {
     use rand::{Rng, SeedableRng};
     use rand_chacha::ChaCha8Rng;
 
-    /// A surface, and one whose vertices lie elsewhere by chance: no two of its links are equally long.
+    /// Returns a surface, and a copy with random displacements, in which no two links are equally long.
     fn even_and_uneven(surface: &Surface) -> [Surface; 2] {
         let mut rng = ChaCha8Rng::seed_from_u64(7);
         let by = 0.3 * surface.length(0);
@@ -202,11 +180,8 @@ mod tests {
 
     #[test]
     fn links_are_the_same_in_any_number_of_layers() {
-        for surface in [shapes::sphere(4), shapes::torus(24, 13), shapes::sheet(19, 31)]
-            .map(shapes::surface)
-            .iter()
-            .flat_map(even_and_uneven)
-        {
+        let surfaces = [shapes::sphere(4), shapes::torus(24, 13), shapes::sheet(19, 31)].map(shapes::surface);
+        for surface in surfaces.iter().flat_map(even_and_uneven) {
             let graph = |layers| GeodesicGraph::in_layers(&surface, 9, layers, &Control::default()).unwrap();
             let once = graph(1);
             assert!(once.links() > 20 * surface.len());

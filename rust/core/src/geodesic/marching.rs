@@ -22,9 +22,8 @@ use nalgebra::Vector2;
 use super::graph::{Beyond, unfold};
 use super::solver::{Fingerprint, Solver};
 use crate::adjacency::{Arc, starts_of};
-use crate::control::Control;
-use crate::error::Result;
 use crate::surface::mesh::{BORDER, Surface, next, previous};
+use crate::{Control, Result};
 
 /// The maximum number of triangles that are unfolded to split an obtuse corner.
 const MOST_UNFOLDED: usize = 12;
@@ -210,7 +209,7 @@ impl Wave {
     }
 }
 
-/// A straight front: the quadratic equation of Kimmel and Sethian, solved for the front's direction.
+/// Solves the quadratic equation of Kimmel and Sethian for the direction of a straight front.
 fn plane(here: f64, there: f64, side: f64, x: f64, y: f64) -> Option<Crossing> {
     let along = (there - here) / side;
     if along.abs() >= 1.0 {
@@ -220,7 +219,7 @@ fn plane(here: f64, there: f64, side: f64, x: f64, y: f64) -> Option<Crossing> {
     Some(Crossing { reached: here + along * x + across * y, at: x - y * along / across })
 }
 
-/// A circular front around the point below the side that has the two distances.
+/// Propagates a circular front around the point below the side that has the two distances.
 fn circle(here: f64, there: f64, side: f64, x: f64, y: f64) -> Option<Crossing> {
     let centre = (here * here - there * there + side * side) / (2.0 * side);
     let depth = here * here - centre * centre;
@@ -300,14 +299,14 @@ mod tests {
         crate::tests::row(&Marching::new(surface, wave, &Control::default()).unwrap(), source)
     }
 
-    /// The mean relative error over all vertices but the source.
+    /// Returns the mean relative error over all vertices except the source.
     fn error(row: &[f32], truth: impl Fn(usize) -> f64) -> f64 {
         let of = |v: usize| (f64::from(row[v]) / truth(v) - 1.0).abs();
         let others: Vec<f64> = (0..row.len()).filter(|&v| row[v] > 0.0).map(of).collect();
         others.iter().sum::<f64>() / others.len() as f64
     }
 
-    /// A flat sheet, sheared so that a corner of each triangle is obtuse.
+    /// Returns a flat sheet, sheared so that a corner of each triangle is obtuse.
     fn sheared(by: f64) -> Surface {
         let (points, faces) = shapes::sheet(14, 14);
         shapes::surface((points.iter().map(|&[x, y, z]| [x + by * y, y, z]).collect(), faces))

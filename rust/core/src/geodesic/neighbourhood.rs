@@ -8,10 +8,8 @@ use rayon::prelude::*;
 use super::exact::{Exact, Reach};
 use super::solver::Solver;
 use crate::adjacency::marked;
-use crate::control::Control;
-use crate::error::{Error, Result};
-use crate::surface::Surface;
-use crate::surface::mesh::paths::Network;
+use crate::surface::{Surface, mesh::paths::Network};
+use crate::{Control, Error, Result};
 
 /// The maximum number of vertices around which neighbourhoods are counted.
 const COUNTED: usize = 1024;
@@ -25,7 +23,7 @@ pub struct Near {
     pub distance: f32,
 }
 
-/// For each vertex, those at known distances, in ascending order. The relation and the distances are symmetric.
+/// For each vertex, the vertices at known distances, in ascending order. The relation and the distances are symmetric.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Neighbourhoods {
     starts: Vec<usize>,
@@ -36,18 +34,10 @@ pub struct Neighbourhoods {
 impl Neighbourhoods {
     /// Measures exact distances from every vertex within `rings` (everywhere if None), and from `sources` to all.
     ///
-    /// A path within the rings can be longer than the shortest one; the shorter one of both directions is used.
-    pub fn measure(surface: &Surface, rings: Option<u32>, sources: &[u32], control: &Control) -> Result<Self> {
-        Ok(Self::measure_with_rows(surface, rings, sources, false, control)?.0)
-    }
-
-    /// Does the same, and optionally also returns the rows from the sources to all vertices, as measured.
-    pub fn measure_with_rows(
-        surface: &Surface,
-        rings: Option<u32>,
-        sources: &[u32],
-        keep_rows: bool,
-        control: &Control,
+    /// A path within the rings can be longer than the shortest one; the shorter one of both directions is used. With
+    /// `keep_rows`, also returns the rows from the sources to all vertices, as measured.
+    pub fn measure(
+        surface: &Surface, rings: Option<u32>, sources: &[u32], keep_rows: bool, control: &Control,
     ) -> Result<(Self, Option<Vec<f32>>)> {
         control.begin("measuring neighbourhoods", surface.len() as u64);
         let everywhere = Exact::new(surface);
@@ -130,14 +120,8 @@ impl Neighbourhoods {
         Ok(())
     }
 
-    /// Returns the number of vertices.
-    pub fn len(&self) -> usize {
+    fn len(&self) -> usize {
         self.starts.len() - 1
-    }
-
-    /// Returns whether there are no vertices.
-    pub fn is_empty(&self) -> bool {
-        self.len() == 0
     }
 
     /// Returns the number of pairs of vertices.

@@ -67,17 +67,15 @@ pub(super) mod checks {
         shapes::surface((points.into_iter().map(&mut shake).collect(), faces))
     }
 
-    /// Returns the faces that touch a point of a path.
     fn faces_of(surface: &Surface, site: Site) -> Vec<u32> {
         match site {
             Site::Vertex(v) => {
                 (0..surface.faces().len() as u32).filter(|&f| surface.faces()[f as usize].contains(&v)).collect()
             }
-            Site::Edge { half_edge, .. } => [half_edge, surface.twins()[half_edge as usize]]
-                .into_iter()
-                .filter(|&h| h != BORDER)
-                .map(|h| h / 3)
-                .collect(),
+            Site::Edge { half_edge, .. } => {
+                let sides = [half_edge, surface.twins()[half_edge as usize]].into_iter();
+                sides.filter(|&h| h != BORDER).map(|h| h / 3).collect()
+            }
         }
     }
 

@@ -5,14 +5,13 @@
 //! that one link can span are in use at a time, so they are kept in a ring.
 
 use crate::adjacency::{Arc, Links};
-use crate::control::Control;
-use crate::error::{Error, Result};
+use crate::{Control, Error, Result};
 
 /// The maximum number of buckets in the ring. If lengths of links differ more, buckets are wider than the shortest
 /// link. A vertex may then be taken out more than once, which costs time but remains correct.
 const MOST_BUCKETS: f32 = 62.0;
 
-/// The number of vertices whose links are prefetched together; one after the other, each would be waited for.
+/// The number of vertices whose links are prefetched together, instead of waiting for one after the other.
 const AHEAD: usize = 32;
 
 /// The number of links in one cache line.
@@ -117,7 +116,7 @@ fn pass_few(graph: &impl Links, some: &[(u32, f32)], distance: &mut [f32], lower
     count
 }
 
-/// Does the same for vertices with many neighbours; `put` receives those that come closer: about one in thirty, which
+/// Lowers the distances of vertices with many neighbours; `put` receives those that come closer: about 1 in 30, which
 /// is predicted well. The links are the bottleneck, so all of them are prefetched.
 #[inline]
 fn pass_many(graph: &impl Links, some: &[(u32, f32)], distance: &mut [f32], mut put: impl FnMut(u32, f32)) {
@@ -186,7 +185,7 @@ mod tests {
     use crate::volume::Mask;
     use proptest::prelude::*;
 
-    /// Distances by relaxing every arc until nothing changes (Bellman, Ford).
+    /// Returns distances by relaxing every arc until nothing changes (Bellman, Ford).
     fn relaxed(graph: &impl Links, sources: &[u32]) -> Vec<f32> {
         let mut distance = vec![f32::INFINITY; graph.vertices()];
         sources.iter().for_each(|&source| distance[source as usize] = 0.0);
@@ -208,14 +207,14 @@ mod tests {
         #[test]
         fn rows_equal_those_of_relaxation(mask in masks([5, 6, 7], 0.3..0.5), at in any::<prop::sample::Index>(), z in 0.15f64..7.0) {
             let (_, graph) = chained(&mask, [1.0, 1.3, z]);
-            let source = at.index(graph.len()) as u32;
+            let source = at.index(graph.vertices()) as u32;
             prop_assert_eq!(row_of(&graph, source), relaxed(&graph, &[source]));
         }
 
         #[test]
         fn a_traced_path_is_as_long_as_its_distance(mask in masks([5, 6, 7], 0.3..0.5), picks in prop::array::uniform2(any::<prop::sample::Index>())) {
             let (_, graph) = chained(&mask, [1.0, 2.0, 0.5]);
-            let [source, target] = picks.map(|pick| pick.index(graph.len()) as u32);
+            let [source, target] = picks.map(|pick| pick.index(graph.vertices()) as u32);
             let row = row_of(&graph, source);
             match trace_path(&graph, &row, source, target, &Control::default()) {
                 Err(error) => {
@@ -233,7 +232,7 @@ mod tests {
         #[test]
         fn adding_a_source_gives_the_distance_to_the_nearer(mask in masks([5, 6, 7], 0.3..0.5), picks in prop::array::uniform2(any::<prop::sample::Index>())) {
             let (_, graph) = chained(&mask, [1.0; 3]);
-            let [a, b] = picks.map(|pick| pick.index(graph.len()) as u32);
+            let [a, b] = picks.map(|pick| pick.index(graph.vertices()) as u32);
             let mut both = row_of(&graph, a);
             both[b as usize] = 0.0;
             Search::new(&graph).lower(&graph, &[b], &mut both, &Control::default()).unwrap();

@@ -1,9 +1,9 @@
-//! The common trait of all solvers. Every graph with [`Links`] is one: by searches, or by bundles for many sources.
+//! The common trait of all solvers. Every graph with [`Links`] implements it with single searches, or with
+//! bundles for many sources.
 
 use super::bundle::{self, BundleScratch};
 use crate::adjacency::Links;
-use crate::control::Control;
-use crate::error::Result;
+use crate::{Control, Result};
 
 /// A geodesic solver computes rows: the distances from a source to every vertex.
 pub trait Solver: Sync {
@@ -28,11 +28,7 @@ pub trait Solver: Sync {
 
     /// Writes the distances in mm from the sources of a bundle to every vertex or the targets; infinity if unreachable.
     fn rows(
-        &self,
-        bundle: &[u32],
-        targets: Option<&[u32]>,
-        rows: &mut [&mut [f32]],
-        scratch: &mut Self::Scratch,
+        &self, bundle: &[u32], targets: Option<&[u32]>, rows: &mut [&mut [f32]], scratch: &mut Self::Scratch,
         control: &Control,
     ) -> Result<()> {
         let mut whole = Vec::new();
@@ -87,11 +83,7 @@ impl<G: Links> Solver for G {
     }
 
     fn rows(
-        &self,
-        bundle: &[u32],
-        targets: Option<&[u32]>,
-        rows: &mut [&mut [f32]],
-        scratch: &mut BundleScratch,
+        &self, bundle: &[u32], targets: Option<&[u32]>, rows: &mut [&mut [f32]], scratch: &mut BundleScratch,
         control: &Control,
     ) -> Result<()> {
         scratch.rows(self, bundle, targets, rows, control)

@@ -1,11 +1,10 @@
 //! Geodesic disks of a surface.
 
 use crate::adjacency::{Components, Links};
-use crate::control::Control;
-use crate::error::{Error, Result, check_points};
+use crate::error::check_points;
 use crate::geodesic::shortest::Search;
-use crate::surface::Surface;
-use crate::surface::mesh::BORDER;
+use crate::surface::{Surface, mesh::BORDER};
+use crate::{Control, Error, Result};
 
 /// The maximum size of an enclosed piece that a geodesic disk includes, as a share of the disk's area: a bump that is
 /// higher than the radius. Larger pieces are gyri that do not belong to the disk.
@@ -16,11 +15,7 @@ const MOST_FILLED: f64 = 0.1;
 /// Errors: [`Error::RadiusNotPositive`], [`Error::NoSuchPoint`], [`Error::EmptyDisk`] if no face lies within the
 /// radius, [`Error::DiskEncloses`] if a large piece is enclosed, [`Error::Cancelled`].
 pub fn disk(
-    surface: &Surface,
-    graph: &impl Links,
-    seed: u32,
-    radius: f64,
-    control: &Control,
+    surface: &Surface, graph: &impl Links, seed: u32, radius: f64, control: &Control,
 ) -> Result<(Surface, usize)> {
     if !(radius > 0.0 && radius.is_finite()) {
         return Err(Error::RadiusNotPositive { radius });
@@ -69,8 +64,7 @@ pub fn disk(
 mod tests {
     use super::*;
     use crate::geodesic::graph::GeodesicGraph;
-    use crate::surface::mesh::shapes;
-    use crate::surface::topology::Topology;
+    use crate::surface::{mesh::shapes, topology::Topology};
     use crate::tests::{both, moved};
     use nalgebra::Vector3;
 
@@ -92,7 +86,7 @@ mod tests {
         assert!(part.areas().iter().sum::<f64>() > 0.75 * std::f64::consts::PI * 36.0);
     }
 
-    /// A sphere with a bump: a disk around the bump's foot reaches around it before it reaches its top.
+    /// Returns a sphere with a bump. A disk at the foot of the bump surrounds it before it reaches its top.
     fn bumpy(height: f64) -> Surface {
         let sphere = shapes::surface(shapes::sphere(5));
         let bump = |p: &Vector3<f64>| {

@@ -6,10 +6,9 @@ mod voxels;
 
 pub use disk::disk;
 pub use polygon::polygon;
-pub use voxels::{Disk, Selection, cut_out, geodesic_disk, keep, largest_component};
+pub use voxels::{Disk, Selection, cut_out};
 
-use crate::surface::Surface;
-use crate::surface::topology::Topology;
+use crate::surface::{Surface, topology::Topology};
 
 /// Returns the component with the largest area, the first of [`Topology::components`].
 pub fn largest_piece(surface: &Surface) -> Surface {

@@ -1,9 +1,8 @@
 //! Polygons on a surface.
 
-use crate::control::Control;
-use crate::error::{Error, Result};
 use crate::surface::Surface;
 use crate::surface::mesh::paths::{along_path, shortest_path};
+use crate::{Control, Error, Result};
 
 /// Returns the part with the smaller area of a surface that the closed shortest path through `corners` divides, and the
 /// path, whose last vertex is its first. If the path touches itself and cuts off several pieces, the part contains all
@@ -35,8 +34,7 @@ pub fn polygon(surface: &Surface, corners: &[u32], control: &Control) -> Result<
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::surface::mesh::shapes;
-    use crate::surface::topology::Topology;
+    use crate::surface::{mesh::shapes, topology::Topology};
 
     #[test]
     fn a_square_on_a_sheet_holds_what_it_encloses() {

@@ -1,13 +1,11 @@
 //! Parts of a voxel surface, on the 26-neighbour graph of Grossmann et al. (2002).
 
 use crate::adjacency::Links;
-use crate::control::Control;
-use crate::error::{Error, Result};
 use crate::geodesic::chain::{LinkLengths, chain_graph};
 use crate::geodesic::shortest::Search;
-use crate::surface::VoxelSurface;
-use crate::surface::voxels::graph::VoxelGraph;
+use crate::surface::{VoxelSurface, voxels::graph::VoxelGraph};
 use crate::volume::Mask;
+use crate::{Control, Error, Result};
 
 /// The part of a surface to select.
 #[derive(Debug, Clone, Default)]
@@ -27,8 +25,7 @@ pub struct Disk {
     pub radius: f64,
 }
 
-/// Returns the surface voxels within a mask.
-pub fn keep(surface: &VoxelSurface, mask: &Mask) -> Result<VoxelSurface> {
+fn keep(surface: &VoxelSurface, mask: &Mask) -> Result<VoxelSurface> {
     if mask.shape() != surface.shape() {
         let [given, needed] = [mask.shape(), surface.shape()].map(|shape| shape.iter().product());
         return Err(Error::ShapeMismatch { shape: surface.shape(), given, needed });
@@ -41,12 +38,7 @@ pub fn keep(surface: &VoxelSurface, mask: &Mask) -> Result<VoxelSurface> {
 }
 
 /// Returns a geodesic disk of a surface with its graph. The seed point is moved to the nearest surface voxel.
-pub fn geodesic_disk(
-    surface: &VoxelSurface,
-    graph: &VoxelGraph,
-    disk: Disk,
-    control: &Control,
-) -> Result<VoxelSurface> {
+fn geodesic_disk(surface: &VoxelSurface, graph: &VoxelGraph, disk: Disk, control: &Control) -> Result<VoxelSurface> {
     let Disk { seed_point, radius } = disk;
     if !(radius > 0.0 && radius.is_finite()) {
         return Err(Error::RadiusNotPositive { radius });
@@ -63,8 +55,7 @@ pub fn geodesic_disk(
     Ok(surface.subset(&inside))
 }
 
-/// Returns the largest connected component.
-pub fn largest_component(surface: &VoxelSurface, graph: &VoxelGraph) -> VoxelSurface {
+fn largest_component(surface: &VoxelSurface, graph: &VoxelGraph) -> VoxelSurface {
     let components = graph.components();
     let largest = components.largest();
     let inside: Vec<bool> = components.labels.iter().map(|&label| Some(label) == largest).collect();
@@ -72,12 +63,10 @@ pub fn largest_component(surface: &VoxelSurface, graph: &VoxelGraph) -> VoxelSur
 }
 
 /// Returns the part of a surface to flatten, with its graph: the selected patch, or else the largest component.
-/// Errors: Those of [`keep`] and [`geodesic_disk`]; [`Error::Disconnected`] if a selected patch is not connected.
+/// Errors: [`Error::ShapeMismatch`] and [`Error::EmptyPatch`] for the mask, [`Error::RadiusNotPositive`] and
+/// [`Error::SeedOffSurface`] for the disk; [`Error::Disconnected`] if a selected patch is not connected.
 pub fn cut_out(
-    surface: &VoxelSurface,
-    selection: &Selection<'_>,
-    lengths: LinkLengths,
-    control: &Control,
+    surface: &VoxelSurface, selection: &Selection<'_>, lengths: LinkLengths, control: &Control,
 ) -> Result<(VoxelSurface, VoxelGraph)> {
     control.begin("extracting the patch", 1);
     let mut part = match selection.keep {

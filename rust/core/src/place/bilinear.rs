@@ -6,8 +6,7 @@
 
 use std::collections::VecDeque;
 
-use crate::control::Control;
-use crate::error::{Error, Result};
+use crate::{Control, Error, Result};
 
 /// The number of pixels between two checks for cancellation.
 const BATCH: usize = 1 << 14;
@@ -54,7 +53,7 @@ impl<'a> Lattice<'a> {
     /// Returns the positions of all vertices, given those of the sources.
     /// Panics if the number of positions differs from the number of sources.
     pub fn place(&self, places: &[[f64; 2]], control: &Control) -> Result<Vec<[f64; 2]>> {
-        assert_eq!(places.len(), self.sources.len(), "one place a source");
+        assert_eq!(places.len(), self.sources.len(), "one position per source");
         let nearest = self.nearest_complete();
         let mut uv = Vec::with_capacity(self.pixels.len());
         for (vertex, &[row, column]) in self.pixels.iter().enumerate() {

@@ -3,12 +3,10 @@
 //! Grossmann et al. (2002), section 4, equations 7 to 9: each flat coordinate is f(x) = Σᵢ bᵢ |x − xᵢ| + a₀ + a·x with
 //! Σ bᵢ = 0, Σ bᵢ xᵢ = 0 and f(xᵢ) = ξᵢ. It is the smoothest of all such functions.
 
-use faer::linalg::solvers::Solve;
-use faer::{Mat, Side};
+use faer::{Mat, Side, linalg::solvers::Solve};
 use nalgebra::{Matrix3, Vector3};
 
-use crate::control::Control;
-use crate::error::{Error, Result};
+use crate::{Control, Error, Result};
 
 /// The number of points per task: few enough to cancel soon, and to keep both threads busy.
 const BATCH: usize = 1024;

@@ -7,9 +7,8 @@
 
 use nalgebra::Vector2;
 
-use crate::control::Control;
-use crate::error::Result;
 use crate::surface::decimate::Removals;
+use crate::{Control, Result};
 
 /// The number of steps between two checks for cancellation.
 const BATCH: usize = 1 << 12;

@@ -67,7 +67,7 @@ impl<'a> Locator<'a> {
         self.walk(place, self.cells[cell_of(place, self.side)])
     }
 
-    /// Does the same, starting from a known triangle near the position.
+    /// Returns the triangle that contains a position, starting from a known triangle near it.
     pub fn walk(&self, place: &Vector3<f64>, from: u32) -> Located {
         let mut face = from;
         for step in 0..4 * self.faces.len() {

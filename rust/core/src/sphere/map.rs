@@ -16,13 +16,10 @@ use std::collections::{BinaryHeap, HashMap, HashSet};
 use nalgebra::{Matrix2, Vector2, Vector3};
 
 use crate::adjacency::Groups;
-use crate::control::Control;
-use crate::error::{Error, Result};
-use crate::surface::Surface;
-use crate::surface::cuts::holes::fill_holes;
 use crate::surface::decimate::{self, Decimation, decimate};
 use crate::surface::mesh::{BORDER, next};
-use crate::surface::topology::Topology;
+use crate::surface::{Surface, cuts::holes::fill_holes, topology::Topology};
+use crate::{Control, Error, Result};
 
 /// The ratio of the numbers of vertices of successive levels; and the number of vertices below which space gets narrow.
 const FALL: f64 = 2.0;
@@ -63,10 +60,7 @@ pub fn spherical_map(surface: &Surface, control: &Control) -> Result<Vec<Vector3
 
 /// Returns the map of a level by way of all coarser ones: of the surface (level 0), or of the n-th decimation.
 pub(crate) fn map_of_level(
-    surface: &Surface,
-    levels: &[Decimation],
-    depth: usize,
-    control: &Control,
+    surface: &Surface, levels: &[Decimation], depth: usize, control: &Control,
 ) -> Result<Vec<Vector3<f64>>> {
     let coarsest = levels.last().map_or(surface, |level| &level.surface);
     let mut places = tetrahedron(coarsest);
@@ -212,11 +206,7 @@ fn tetrahedron(surface: &Surface) -> Vec<Vector3<f64>> {
 /// Returns the positions of a finer surface's vertices, given those of a coarser one: in the middle of their permitted
 /// region, or, with `follow`, as close as possible to where they lie between their neighbours on the surface.
 pub(crate) fn refined(
-    level: &Decimation,
-    finer: &Surface,
-    places: &[Vector3<f64>],
-    follow: bool,
-    control: &Control,
+    level: &Decimation, finer: &Surface, places: &[Vector3<f64>], follow: bool, control: &Control,
 ) -> Result<Vec<Vector3<f64>>> {
     let mut found = vec![Vector3::zeros(); finer.len()];
     level.survivors.iter().zip(places).for_each(|(&vertex, &place)| found[vertex as usize] = place);
@@ -363,11 +353,7 @@ impl Metric {
 
     /// Sweeps over all vertices until the energy hardly decreases.
     pub(crate) fn relax(
-        &self,
-        surface: &Surface,
-        places: &mut [Vector3<f64>],
-        sweeps: usize,
-        may_move: impl Fn(usize) -> bool,
+        &self, surface: &Surface, places: &mut [Vector3<f64>], sweeps: usize, may_move: impl Fn(usize) -> bool,
         control: &Control,
     ) -> Result<()> {
         let mut ring = Vec::new();
@@ -393,11 +379,7 @@ impl Metric {
 
     /// Moves a vertex by a Newton step that reduces the energy of its triangles; returns their previous energy.
     pub(crate) fn ease(
-        &self,
-        surface: &Surface,
-        vertex: usize,
-        places: &mut [Vector3<f64>],
-        ring: &mut Vec<Term>,
+        &self, surface: &Surface, vertex: usize, places: &mut [Vector3<f64>], ring: &mut Vec<Term>,
     ) -> f64 {
         ring.clear();
         for &corner in self.corners(vertex) {

@@ -8,10 +8,8 @@
 
 use nalgebra::Vector3;
 
-use crate::control::Control;
-use crate::error::Result;
-use crate::surface::Surface;
-use crate::surface::mesh::vertex_normals;
+use crate::surface::{Surface, mesh::vertex_normals};
+use crate::{Control, Result};
 
 /// The root mean square distance from the centre, in the units of the scales.
 pub const RADIUS: f64 = 50.0;
@@ -124,21 +122,14 @@ impl Smoothing {
 
     /// Averages as often as a scale requires, where each average adds a variance of `step`.
     pub(crate) fn smoothed(
-        &self,
-        values: &[Vector3<f64>],
-        scale: f64,
-        step: f64,
-        control: &Control,
+        &self, values: &[Vector3<f64>], scale: f64, step: f64, control: &Control,
     ) -> Result<Vec<Vector3<f64>>> {
         let averages = (scale * scale / step.max(1e-9)).round().clamp(1.0, 4000.0) as usize;
         self.times(values, averages, control)
     }
 
     pub(crate) fn times(
-        &self,
-        values: &[Vector3<f64>],
-        averages: usize,
-        control: &Control,
+        &self, values: &[Vector3<f64>], averages: usize, control: &Control,
     ) -> Result<Vec<Vector3<f64>>> {
         let (mut now, mut then) = (values.to_vec(), Vec::with_capacity(values.len()));
         for _ in 0..averages {

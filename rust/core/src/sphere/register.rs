@@ -13,9 +13,8 @@ use super::locate::{Located, Locator};
 use super::map::{Metric, closed, levels, map_of_level, refined};
 use super::pattern::{Pattern, SCALES, Smoothing, pattern};
 use crate::adjacency::marked;
-use crate::control::Control;
-use crate::error::Result;
 use crate::surface::Surface;
+use crate::{Control, Result};
 
 /// The maximum number of vertices of the surface on which the registration is computed.
 const MOST_VERTICES: usize = 12_000;
@@ -79,7 +78,7 @@ impl Template {
     /// Panics if values are missing for a vertex or a scale.
     pub fn new(sphere: Surface, depths: Vec<Vec<f64>>, places: Vec<Vector3<f64>>, weights: Vec<f64>) -> Self {
         assert!(depths.len() == SCALES.len() && depths.iter().all(|depth| depth.len() == sphere.len()), "every scale");
-        assert!(places.len() == sphere.len() && weights.len() == sphere.len(), "one value a vertex");
+        assert!(places.len() == sphere.len() && weights.len() == sphere.len(), "one value per vertex");
         let of = |axis: usize| slopes(&sphere, &places.iter().map(|p| p[axis]).collect::<Vec<_>>());
         let place_slopes = [of(0), of(1), of(2)];
         let depth_slopes = depths.iter().map(|depth| slopes(&sphere, depth)).collect();
@@ -107,21 +106,17 @@ fn slopes(sphere: &Surface, values: &[f64]) -> Vec<Vector3<f64>> {
         }
     }
     let points = sphere.points();
-    (0..sums.len())
-        .map(|v| {
-            let s: Vector3<f64> = sums[v] / areas[v];
-            s - points[v] * s.dot(&points[v])
-        })
-        .collect()
+    let tangent = |v: usize| {
+        let s: Vector3<f64> = sums[v] / areas[v];
+        s - points[v] * s.dot(&points[v])
+    };
+    (0..sums.len()).map(tangent).collect()
 }
 
 /// Registers a surface to the template whose pattern agrees better after a rotation, or to the `named` one.
 /// Panics if there is no template, or if the named one does not exist.
 pub fn register(
-    surface: &Surface,
-    templates: &[Template],
-    named: Option<usize>,
-    control: &Control,
+    surface: &Surface, templates: &[Template], named: Option<usize>, control: &Control,
 ) -> Result<Registration> {
     let closed = closed(surface, control)?;
     let levels = levels(&closed, control)?;
@@ -133,9 +128,7 @@ pub fn register(
         let locator = template.locator();
         let rotation = subject.rotation(template, &locator, control)?;
         let places: Vec<Vector3<f64>> = subject.places.iter().map(|p| rotation * p).collect();
-        let correlations = subject.agreement(template, &locator, &places);
-        let alignment = Alignment::new(correlations, subject.rigid(template, &locator, &places));
-        Ok((alignment, places))
+        Ok((subject.alignment(template, &locator, &places), places))
     };
     let mut aligned: Vec<(Alignment, Vec<Vector3<f64>>)> = templates.iter().map(align).collect::<Result<_>>()?;
     let score = |n: usize| aligned[n].0.score;
@@ -144,7 +137,7 @@ pub fn register(
     let mut places = std::mem::take(&mut aligned[chosen].1);
     let (template, locator) = (&templates[chosen], templates[chosen].locator());
     subject.warp(template, &locator, &mut places, control)?;
-    let correlations = subject.agreement(template, &locator, &places);
+    let correlations = subject.alignment(template, &locator, &places).correlations;
     let affine = subject.affine(template, &locator, &places).1;
     for n in (0..depth).rev() {
         let finer = level(n);
@@ -216,34 +209,20 @@ impl<'a> Subject<'a> {
         Ok(Self { surface, places, pattern, evaluated })
     }
 
-    fn all(&self) -> Vec<u32> {
-        (0..self.places.len() as u32).collect()
-    }
-
-    /// Returns the correlations of depths with a template's.
-    fn agreement(&self, template: &Template, locator: &Locator<'_>, places: &[Vector3<f64>]) -> Vec<f64> {
-        let all = self.all();
-        self.correlations(template, &all, &located(locator, &all, places))
-    }
-
-    fn rigid(&self, template: &Template, locator: &Locator<'_>, places: &[Vector3<f64>]) -> f64 {
-        let all = self.all();
-        self.rigid_fit(template, &all, &located(locator, &all, places))
+    /// Returns the agreement with a template if the vertices lie at `places` on its sphere.
+    fn alignment(&self, template: &Template, locator: &Locator<'_>, places: &[Vector3<f64>]) -> Alignment {
+        let all: Vec<u32> = (0..places.len() as u32).collect();
+        let at: Vec<Located> = places.iter().map(|place| locator.locate(place)).collect();
+        Alignment::new(self.correlations(template, &all, &at), self.rigid_fit(template, &all, &at))
     }
 
     fn correlations(&self, template: &Template, of: &[u32], at: &[Located]) -> Vec<f64> {
         let faces = template.sphere.faces();
-        let weights: Vec<f64> = of
-            .iter()
-            .zip(at)
-            .map(|(&v, at)| self.pattern.areas[v as usize] * at.value(faces, &template.weights))
-            .collect();
+        let weight = |(&v, at): (&u32, &Located)| self.pattern.areas[v as usize] * at.value(faces, &template.weights);
+        let weights: Vec<f64> = of.iter().zip(at).map(weight).collect();
         let of_scale = |n: usize| {
-            let pairs = of
-                .iter()
-                .zip(at)
-                .map(|(&v, at)| [self.pattern.depths[n][v as usize], at.value(faces, &template.depths[n])]);
-            correlation(pairs, &weights)
+            let (own, theirs) = (&self.pattern.depths[n], &template.depths[n]);
+            correlation(of.iter().zip(at).map(|(&v, at)| [own[v as usize], at.value(faces, theirs)]), &weights)
         };
         (0..SCALES.len()).map(of_scale).collect()
     }
@@ -251,11 +230,8 @@ impl<'a> Subject<'a> {
     /// Returns the fit of a rigid motion of the positions to the template's at `at`: 1 for the same shape.
     fn rigid_fit(&self, template: &Template, of: &[u32], at: &[Located]) -> f64 {
         let faces = template.sphere.faces();
-        let pairs: Vec<[Vector3<f64>; 2]> = of
-            .iter()
-            .zip(at)
-            .map(|(&v, at)| [self.pattern.places[v as usize], at.vector(faces, &template.places)])
-            .collect();
+        let pair = |(&v, at): (&u32, &Located)| [self.pattern.places[v as usize], at.vector(faces, &template.places)];
+        let pairs: Vec<[Vector3<f64>; 2]> = of.iter().zip(at).map(pair).collect();
         let total: f64 = of.iter().map(|&v| self.pattern.areas[v as usize]).sum();
         let mean = |k: usize| -> Vector3<f64> {
             of.iter().zip(&pairs).map(|(&v, pair)| pair[k] * self.pattern.areas[v as usize]).sum::<Vector3<f64>>()
@@ -343,11 +319,7 @@ impl<'a> Subject<'a> {
     }
 
     fn warp(
-        &self,
-        template: &Template,
-        locator: &Locator<'_>,
-        places: &mut [Vector3<f64>],
-        control: &Control,
+        &self, template: &Template, locator: &Locator<'_>, places: &mut [Vector3<f64>], control: &Control,
     ) -> Result<()> {
         let faces = template.sphere.faces();
         let metric = Metric::new(&self.surface.moved(places.to_vec())?);
@@ -402,11 +374,6 @@ impl<'a> Subject<'a> {
     }
 }
 
-fn located(locator: &Locator<'_>, of: &[u32], places: &[Vector3<f64>]) -> Vec<Located> {
-    of.iter().map(|&v| locator.locate(&places[v as usize])).collect()
-}
-
-/// Returns the weighted correlation of pairs.
 fn correlation(pairs: impl Iterator<Item = [f64; 2]>, weights: &[f64]) -> f64 {
     let mut sums = [0.0; 6];
     for ([x, y], w) in pairs.zip(weights) {

@@ -7,24 +7,21 @@ use super::locate::Locator;
 use super::map::{flipped, spherical_map};
 use super::pattern::pattern;
 use super::register::{Template, register};
-use crate::control::Control;
-use crate::error::Error;
-use crate::surface::Surface;
-use crate::surface::mesh::shapes;
+use crate::surface::{Surface, mesh::shapes};
+use crate::{Control, Error};
 
-/// A sphere whose points are moved by a function.
 fn bent(times: usize, by: impl Fn(Vector3<f64>) -> Vector3<f64>) -> Surface {
     let (points, faces) = shapes::sphere(times);
     shapes::surface((points.into_iter().map(|p| by(p.into()).into()).collect(), faces))
 }
 
-/// A shape without symmetries.
+/// Maps the sphere to a shape without symmetries.
 fn folded(p: Vector3<f64>) -> Vector3<f64> {
     let ripples = 0.12 * (7.0 * p.x + 2.0 * p.z).sin() + 0.1 * (8.0 * p.y - 3.0 * p.x * p.x).sin();
     Vector3::new(1.0 * p.x + 0.3 * p.y * p.y, 1.6 * p.y, 0.8 * p.z + 0.2 * p.x) * (1.0 + ripples)
 }
 
-/// The area of a spherical triangle (Van Oosterom, Strackee 1983).
+/// Returns the area of a spherical triangle (Van Oosterom, Strackee 1983).
 fn excess([a, b, c]: [Vector3<f64>; 3]) -> f64 {
     2.0 * a.dot(&b.cross(&c)).atan2(1.0 + a.dot(&b) + b.dot(&c) + c.dot(&a))
 }

@@ -5,7 +5,7 @@ use std::io::{ErrorKind, Write};
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 
-use crate::error::{Error, Result};
+use crate::{Error, Result};
 
 /// The beginning of the first line of every journal.
 const FORMAT: &str = "{\"format\": \"voxflat rows 2\", ";

@@ -20,12 +20,11 @@ use std::time::{Duration, Instant};
 
 use rayon::prelude::*;
 
-use crate::control::Control;
-use crate::error::{Error, Result};
 use crate::geodesic::Solver;
 use crate::geodesic::bundle::{BundleScratch, MOST_SOURCES};
 use crate::parallel::in_turn;
 use crate::rows::{Rows, fill};
+use crate::{Control, Error, Result};
 use journal::Journal;
 use npy::{CHUNK, NpyFile, VALUE};
 
@@ -71,11 +70,7 @@ impl Store {
     /// Errors: [`Error::StoreInUse`], [`Error::StoreForeign`], [`Error::StoreFailed`]; [`Error::Unreachable`] if a
     /// vertex lies in another component; [`Error::Cancelled`]. Finished rows are kept in every case.
     pub fn compute<S: Solver>(
-        directory: &Path,
-        identity: &str,
-        solver: &S,
-        sources: &[u32],
-        control: &Control,
+        directory: &Path, identity: &str, solver: &S, sources: &[u32], control: &Control,
     ) -> Result<Self> {
         let columns = solver.columns();
         let Opened { lock, table, journal, found, sound } = open(directory, identity, sources.len(), columns, control)?;
@@ -103,13 +98,7 @@ impl Store {
     /// Rows in that journal are not computed again.
     /// Errors: Those of [`Store::compute`]; [`Error::StoreFailed`] if the table does not exist.
     pub fn compute_part<S: Solver>(
-        directory: &Path,
-        part: &Path,
-        identity: &str,
-        solver: &S,
-        sources: &[u32],
-        rows: &[u32],
-        control: &Control,
+        directory: &Path, part: &Path, identity: &str, solver: &S, sources: &[u32], rows: &[u32], control: &Control,
     ) -> Result<()> {
         let _lock = lock(part, control)?;
         let header = journal::header(identity, sources.len(), solver.columns());
@@ -201,12 +190,7 @@ fn verify(table: &NpyFile, known: &[Option<u32>], control: &Control) -> Result<V
 
 /// Computes and writes the rows without a checksum, and returns all checksums.
 fn compute_missing<S: Solver>(
-    table: &NpyFile,
-    journal: &Journal,
-    mut checksums: Vec<Option<u32>>,
-    rows: &[u32],
-    solver: &S,
-    sources: &[u32],
+    table: &NpyFile, journal: &Journal, mut checksums: Vec<Option<u32>>, rows: &[u32], solver: &S, sources: &[u32],
     control: &Control,
 ) -> Result<Vec<Option<u32>>> {
     let missing: Vec<usize> = rows.iter().map(|&row| row as usize).filter(|&row| checksums[row].is_none()).collect();

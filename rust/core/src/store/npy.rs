@@ -4,8 +4,7 @@ use std::fs::{File, OpenOptions};
 use std::io::{ErrorKind, Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 
-use crate::control::Control;
-use crate::error::{Error, Result};
+use crate::{Control, Error, Result};
 
 pub const VALUE: usize = size_of::<f32>();
 

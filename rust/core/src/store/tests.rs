@@ -50,7 +50,7 @@ fn sources() -> Vec<u32> {
     (0..ROWS as u32).map(|n| (n * 7 + 3) % 72).collect()
 }
 
-/// A solver that counts rows, and fails after a number of them.
+/// Returns a solver that counts rows, and fails after a number of them.
 fn until<'a>(graph: &'a VoxelGraph, rows: &'a AtomicUsize, last: usize) -> impl Solver + 'a {
     rows.store(0, Ordering::Relaxed);
     let count = move |_: &mut [f32]| match rows.fetch_add(1, Ordering::Relaxed) < last {

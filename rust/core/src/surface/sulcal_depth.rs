@@ -2,11 +2,10 @@
 
 use nalgebra::Vector3;
 
-use crate::control::Control;
-use crate::error::Result;
 use crate::surface::decimate::{Options, decimate};
 use crate::surface::mesh::diffusion::{Stiffness, masses};
 use crate::surface::mesh::{Surface, vertex_normals};
+use crate::{Control, Result};
 
 /// The most vertices without decimation: with triangles below 1 mm, the solver's steps grow faster than vertices.
 pub const FINEST: usize = 200_000;
@@ -98,7 +97,7 @@ mod tests {
         sulcal_depth(surface, 70.0, &Control::default()).unwrap()
     }
 
-    /// A sphere whose radius waves around the axis: r = 50 + a cos(16 φ) sin⁴ θ, mm.
+    /// Returns a sphere with waves around the axis: r = 50 + a cos(16 φ) sin⁴ θ, in mm.
     fn waved(times: usize, a: f64) -> Surface {
         let sphere = shapes::surface(shapes::sphere(times));
         let wave = |p: &Vector3<f64>| {

@@ -2,13 +2,11 @@
 
 use numpy::IntoPyArray;
 use pyo3::prelude::*;
-use pyo3::types::PyList;
 use voxflat::flatten::relaxation::{Relaxation, relax};
 use voxflat::surface::cuts::holes::{fill_holes, small_holes};
 use voxflat::surface::cuts::{self, Cut, Reason};
-use voxflat::surface::topology::Topology;
 use voxflat::surface::topology::loops::{Handle, cut_handles, handles};
-use voxflat::surface::topology::thin::thin_places;
+use voxflat::surface::topology::{Component, Loop, Topology, thin::thin_places};
 
 use super::Surface;
 use crate::convert::{self, Dict, List, dict};
@@ -23,9 +21,8 @@ impl Surface {
             let boundary: Vec<_> = topology.loops.iter().map(|one| one.vertices(&inner.surface)).collect();
             Ok((topology, boundary))
         })?;
-        let components = PyList::empty(py);
-        for component in &topology.components {
-            components.append(dict!(
+        let component_dict = |component: &Component| {
+            Ok(dict!(
                 py,
                 "area" = component.area,
                 "vertices" = component.vertices,
@@ -33,12 +30,12 @@ impl Surface {
                 "euler" = component.euler,
                 "handles" = component.genus,
                 "loops" = component.loops
-            ))?;
-        }
-        let loops = PyList::empty(py);
-        for (of, vertices) in topology.loops.iter().zip(boundary) {
-            loops.append(dict!(py, "length" = of.length, "vertices" = vertices))?;
-        }
+            ))
+        };
+        let components: List<'py> = topology.components.iter().map(component_dict).collect::<PyResult<_>>()?;
+        let loops = topology.loops.iter().zip(boundary);
+        let loop_dict = |(of, vertices): (&Loop, Vec<u32>)| Ok(dict!(py, "length" = of.length, "vertices" = vertices));
+        let loops: List<'py> = loops.map(loop_dict).collect::<PyResult<_>>()?;
         Ok(dict!(
             py,
             "vertices" = topology.vertices,
@@ -61,10 +58,7 @@ impl Surface {
     /// Cut the surface open along a short loop around each handle; return it and the loops.
     #[pyo3(signature = (threads=None, progress=None))]
     fn cut_handles<'py>(
-        &self,
-        py: Python<'py>,
-        threads: Threads,
-        progress: Progress<'py>,
+        &self, py: Python<'py>, threads: Threads, progress: Progress<'py>,
     ) -> PyResult<(Self, List<'py>)> {
         let (cut, found) =
             self.run(py, threads, &progress, move |inner, control| cut_handles(&inner.surface, control))?;
@@ -80,31 +74,20 @@ impl Surface {
     /// Cut the surface open to a disk; return it and the cuts: vertices, length (mm) and reason.
     #[pyo3(signature = (threads=None, progress=None))]
     fn open_to_disk<'py>(
-        &self,
-        py: Python<'py>,
-        threads: Threads,
-        progress: Progress<'py>,
+        &self, py: Python<'py>, threads: Threads, progress: Progress<'py>,
     ) -> PyResult<(Self, List<'py>)> {
         let opened =
             self.run(py, threads, &progress, move |inner, control| cuts::open_to_disk(&inner.surface, control))?;
-        let list = cut_list(py, opened.cuts)?;
-        Ok((opened.surface.into(), list))
+        Ok((opened.surface.into(), cut_list(py, opened.cuts)?))
     }
 
     /// Add relaxation cuts to a disk, of the given total length or as long as they pay. None are made if the distance
     /// error is at most `bearable`, or if they reduce it by less than `least_relief`. They stay within a distance (mm)
     /// of existing cuts. Also returns the cuts, and the error of a coarse map without and with them.
     #[pyo3(signature = (length=None, least_relief=0.0, bearable=0.0, within=None, threads=None, progress=None))]
-    #[expect(clippy::too_many_arguments)]
     fn relax<'py>(
-        &self,
-        py: Python<'py>,
-        length: Option<f64>,
-        least_relief: f64,
-        bearable: f64,
-        within: Option<f64>,
-        threads: Threads,
-        progress: Progress<'py>,
+        &self, py: Python<'py>, length: Option<f64>, least_relief: f64, bearable: f64, within: Option<f64>,
+        threads: Threads, progress: Progress<'py>,
     ) -> PyResult<(Self, List<'py>, [f64; 2])> {
         let relaxation = match length {
             None => Relaxation { least_relief, bearable, ..Relaxation::default() },
@@ -131,11 +114,7 @@ impl Surface {
     /// thickness.
     #[pyo3(signature = (thickness, threads=None, progress=None))]
     fn thin_places(
-        &self,
-        py: Python<'_>,
-        thickness: f64,
-        threads: Threads,
-        progress: Progress<'_>,
+        &self, py: Python<'_>, thickness: f64, threads: Threads, progress: Progress<'_>,
     ) -> PyResult<(usize, Option<(u32, f64)>)> {
         let thin =
             self.run(py, threads, &progress, move |inner, control| thin_places(&inner.surface, thickness, control))?;
@@ -144,28 +123,22 @@ impl Surface {
 }
 
 fn handle_list<'py>(py: Python<'py>, handles: &[Handle]) -> PyResult<List<'py>> {
-    let list = PyList::empty(py);
-    for handle in handles {
-        list.append(dict!(
-            py,
-            "vertices" = &handle.vertices,
-            "length" = handle.length,
-            "centre" = [handle.centre.x, handle.centre.y, handle.centre.z]
-        ))?;
-    }
-    Ok(list)
+    let handle_dict = |handle: &Handle| {
+        let centre: [f64; 3] = handle.centre.into();
+        Ok(dict!(py, "vertices" = &handle.vertices, "length" = handle.length, "centre" = centre))
+    };
+    handles.iter().map(handle_dict).collect()
 }
 
 fn cut_list(py: Python<'_>, cuts: Vec<Cut>) -> PyResult<List<'_>> {
-    let list = PyList::empty(py);
-    for cut in cuts {
+    let cut_dict = |cut: Cut| {
         let reason = match cut.reason {
             Reason::Handle => "handle",
             Reason::JoinBoundaries => "boundaries joined",
             Reason::Sphere => "closed sphere",
             Reason::Relaxation => "relaxation",
         };
-        list.append(dict!(py, "vertices" = cut.vertices.into_pyarray(py), "length" = cut.length, "reason" = reason))?;
-    }
-    Ok(list)
+        Ok(dict!(py, "vertices" = cut.vertices.into_pyarray(py), "length" = cut.length, "reason" = reason))
+    };
+    cuts.into_iter().map(cut_dict).collect()
 }

@@ -4,14 +4,12 @@ use std::path::PathBuf;
 
 use numpy::IntoPyArray;
 use pyo3::prelude::*;
+use voxflat::Control;
 use voxflat::adjacency::Links;
-use voxflat::control::Control;
 use voxflat::distortion::distances::error_of_distances;
-use voxflat::geodesic::Solver;
-use voxflat::geodesic::exact::Exact;
 use voxflat::geodesic::marching::{Marching, Wave};
 use voxflat::geodesic::path::{PathPoint, Site, length};
-use voxflat::geodesic::shortest::trace_path;
+use voxflat::geodesic::{Solver, exact::Exact, shortest::trace_path};
 use voxflat::rows::DistanceRows;
 use voxflat::sources::{Sources, by_curvature};
 use voxflat::store::Store;
@@ -39,16 +37,9 @@ impl Surface {
     /// Compute the missing rows of a store from sources (vertices); return the numbers of rows it had, and of damaged
     /// rows.
     #[pyo3(signature = (directory, identity, sources, geodesic="graph", threads=None, progress=None))]
-    #[allow(clippy::too_many_arguments)] // keyword arguments in Python
     fn store_rows(
-        &self,
-        py: Python<'_>,
-        directory: PathBuf,
-        identity: String,
-        sources: Given<'_, u32>,
-        geodesic: &str,
-        threads: Threads,
-        progress: Progress<'_>,
+        &self, py: Python<'_>, directory: PathBuf, identity: String, sources: Given<'_, u32>, geodesic: &str,
+        threads: Threads, progress: Progress<'_>,
     ) -> PyResult<(usize, usize)> {
         let geodesic = Geodesic::named(geodesic)?;
         let sources = self.vertices(&sources)?;
@@ -63,12 +54,7 @@ impl Surface {
     /// Create a store whose rows other processes compute; return how many rows it had, and how many were damaged.
     #[pyo3(signature = (directory, identity, rows, progress=None))]
     fn lay_out_store(
-        &self,
-        py: Python<'_>,
-        directory: PathBuf,
-        identity: String,
-        rows: usize,
-        progress: Progress<'_>,
+        &self, py: Python<'_>, directory: PathBuf, identity: String, rows: usize, progress: Progress<'_>,
     ) -> PyResult<(usize, usize)> {
         let columns = self.0.surface.len();
         let found =
@@ -78,18 +64,9 @@ impl Surface {
 
     /// Compute missing rows, by their numbers, of a part of a store: a directory with its own journal.
     #[pyo3(signature = (directory, part, identity, sources, rows, geodesic="graph", threads=None, progress=None))]
-    #[allow(clippy::too_many_arguments)] // keyword arguments in Python
     fn store_part(
-        &self,
-        py: Python<'_>,
-        directory: PathBuf,
-        part: PathBuf,
-        identity: String,
-        sources: Given<'_, u32>,
-        rows: Given<'_, u32>,
-        geodesic: &str,
-        threads: Threads,
-        progress: Progress<'_>,
+        &self, py: Python<'_>, directory: PathBuf, part: PathBuf, identity: String, sources: Given<'_, u32>,
+        rows: Given<'_, u32>, geodesic: &str, threads: Threads, progress: Progress<'_>,
     ) -> PyResult<()> {
         let geodesic = Geodesic::named(geodesic)?;
         let sources = self.vertices(&sources)?;
@@ -111,12 +88,7 @@ impl Surface {
     /// Choose sources: "farthest", "curvature" or "random".
     #[pyo3(signature = (sampling, count, seed, progress=None))]
     fn choose_sources<'py>(
-        &self,
-        py: Python<'py>,
-        sampling: &str,
-        count: usize,
-        seed: u64,
-        progress: Progress<'py>,
+        &self, py: Python<'py>, sampling: &str, count: usize, seed: u64, progress: Progress<'py>,
     ) -> PyResult<Values<'py, u32>> {
         let named = match sampling {
             "curvature" => None,
@@ -133,12 +105,7 @@ impl Surface {
     /// Return distance rows (m, N) in mm from sources (vertices).
     #[pyo3(signature = (sources, geodesic="graph", threads=None, progress=None))]
     fn rows<'py>(
-        &self,
-        py: Python<'py>,
-        sources: Given<'py, u32>,
-        geodesic: &str,
-        threads: Threads,
-        progress: Progress<'py>,
+        &self, py: Python<'py>, sources: Given<'py, u32>, geodesic: &str, threads: Threads, progress: Progress<'py>,
     ) -> PyResult<Table<'py, f32>> {
         let geodesic = Geodesic::named(geodesic)?;
         let sources = self.vertices(&sources)?;
@@ -151,12 +118,7 @@ impl Surface {
     /// Return the mean relative error of a solver's distances from random vertices, compared with exact ones.
     #[pyo3(signature = (seed, geodesic="graph", threads=None, progress=None))]
     fn error_of_distances(
-        &self,
-        py: Python<'_>,
-        seed: u64,
-        geodesic: &str,
-        threads: Threads,
-        progress: Progress<'_>,
+        &self, py: Python<'_>, seed: u64, geodesic: &str, threads: Threads, progress: Progress<'_>,
     ) -> PyResult<f64> {
         let geodesic = Geodesic::named(geodesic)?;
         self.run(py, threads, &progress, move |inner, control| {
@@ -216,13 +178,8 @@ impl Surface {
     /// The cost of an edge is its length times the mean of the `factors` (N) of its ends.
     #[pyo3(signature = (source, to, may_pass, factors, progress=None))]
     fn edge_path_to_any<'py>(
-        &self,
-        py: Python<'py>,
-        source: u32,
-        to: Given<'py, bool>,
-        may_pass: Given<'py, bool>,
-        factors: Given<'py, f64>,
-        progress: Progress<'py>,
+        &self, py: Python<'py>, source: u32, to: Given<'py, bool>, may_pass: Given<'py, bool>,
+        factors: Given<'py, f64>, progress: Progress<'py>,
     ) -> PyResult<Values<'py, u32>> {
         let to = convert::values(&to);
         let may_pass = convert::values(&may_pass);
@@ -246,10 +203,7 @@ fn line_path<'py>(py: Python<'py>, path: &[PathPoint], length: f64) -> PyResult<
 
 /// Returns the vertices of a shortest path along links, and its length in mm.
 pub fn shortest<G: Links + Solver>(
-    graph: &G,
-    source: u32,
-    target: u32,
-    control: &Control,
+    graph: &G, source: u32, target: u32, control: &Control,
 ) -> voxflat::Result<(Vec<u32>, f32)> {
     let mut row = vec![0.0; graph.vertices()];
     graph.row(source, &mut row, &mut graph.scratch(), control)?;

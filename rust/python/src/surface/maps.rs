@@ -3,23 +3,21 @@
 use std::path::PathBuf;
 
 use pyo3::prelude::*;
-use voxflat::embed::stress::levels::Levels;
-use voxflat::embed::stress::start::Start;
-use voxflat::flatten;
+use voxflat::embed::stress::{levels::Levels, start::Start};
 use voxflat::flatten::saucan2006::{self, Whole};
 use voxflat::flatten::schwartz1989::{Mapped, Options};
 use voxflat::flatten::voxflat::{AfterPlacing, Options as MapOptions, Scale};
 use voxflat::flatten::zigelman2002::Sampling;
 use voxflat::geodesic::marching::Wave;
-use voxflat::orient;
 use voxflat::rows::DistanceRows;
 use voxflat::store::Store;
+use voxflat::{flatten, orient};
 
 use super::Surface;
 use super::patches::seams_dict;
 use super::solvers::{Geodesic, with_solver};
-use crate::convert::{self, Dict, Given, GivenTable, Table};
-use crate::work::{InputError, Progress, Threads};
+use crate::convert::{self, Dict, Given, GivenTable, Table, ensure};
+use crate::work::{Progress, Threads};
 
 #[pymethods]
 impl Surface {
@@ -36,26 +34,12 @@ impl Surface {
     /// (`start`), for `patience` times as many steps as usual. `max_area` is the maximum factor of area changes, if
     /// possible.
     #[pyo3(signature = (sources, seed, geodesic="graph", weighting=0.5, scale="distances", keep_rows=false, threads=None, progress=None, store=None, start=None, patience=1, max_area=None))]
-    #[allow(clippy::too_many_arguments)] // keyword arguments in Python
     fn voxflat<'py>(
-        &self,
-        py: Python<'py>,
-        sources: Given<'py, u32>,
-        seed: u64,
-        geodesic: &str,
-        weighting: f64,
-        scale: &str,
-        keep_rows: bool,
-        threads: Threads,
-        progress: Progress<'py>,
-        store: Option<(PathBuf, String)>,
-        start: Option<GivenTable<'py, f64>>,
-        patience: u32,
-        max_area: Option<f64>,
+        &self, py: Python<'py>, sources: Given<'py, u32>, seed: u64, geodesic: &str, weighting: f64, scale: &str,
+        keep_rows: bool, threads: Threads, progress: Progress<'py>, store: Option<(PathBuf, String)>,
+        start: Option<GivenTable<'py, f64>>, patience: u32, max_area: Option<f64>,
     ) -> PyResult<Dict<'py>> {
-        if patience == 0 {
-            return Err(InputError::new_err("patience is 0. Give at least 1"));
-        }
+        ensure!(patience > 0, "patience is 0. Give at least 1");
         let start = start.map(|places| convert::rows::<_, 2>(&places, "start")).transpose()?;
         let geodesic = Geodesic::named(geodesic)?;
         let scale = convert::one_of("scale", scale, &[("distances", Scale::Distances), ("areas", Scale::Areas)])?;
@@ -91,17 +75,9 @@ impl Surface {
     /// vertices, or about `count` pixels of a grid: the pixel (N, 2) of each vertex and the distance of rows and
     /// columns in mm. `wave` is "circle" or "plane".
     #[pyo3(signature = (count, seed, vertices=None, grid=None, wave="circle", keep_rows=false, threads=None, progress=None))]
-    #[allow(clippy::too_many_arguments)]
     fn zigelman2002<'py>(
-        &self,
-        py: Python<'py>,
-        count: usize,
-        seed: u64,
-        vertices: Option<Given<'py, u32>>,
-        grid: Option<(GivenTable<'py, u32>, [f64; 2])>,
-        wave: &str,
-        keep_rows: bool,
-        threads: Threads,
+        &self, py: Python<'py>, count: usize, seed: u64, vertices: Option<Given<'py, u32>>,
+        grid: Option<(GivenTable<'py, u32>, [f64; 2])>, wave: &str, keep_rows: bool, threads: Threads,
         progress: Progress<'py>,
     ) -> PyResult<Dict<'py>> {
         let wave = convert::one_of("wave", wave, &[("circle", Wave::Circle), ("plane", Wave::Plane)])?;
@@ -131,21 +107,11 @@ impl Surface {
     /// Flatten by the method of Schwartz et al., with exact distances within `rings` (None: of all pairs) and from
     /// sources (vertices), from several random starts.
     #[pyo3(signature = (rings, sources, starts, seed, keep_rows=false, threads=None, progress=None))]
-    #[allow(clippy::too_many_arguments)]
     fn schwartz1989<'py>(
-        &self,
-        py: Python<'py>,
-        rings: Option<u32>,
-        sources: Given<'py, u32>,
-        starts: u32,
-        seed: u64,
-        keep_rows: bool,
-        threads: Threads,
-        progress: Progress<'py>,
+        &self, py: Python<'py>, rings: Option<u32>, sources: Given<'py, u32>, starts: u32, seed: u64, keep_rows: bool,
+        threads: Threads, progress: Progress<'py>,
     ) -> PyResult<Dict<'py>> {
-        if starts == 0 {
-            return Err(InputError::new_err("starts is 0. Give at least 1"));
-        }
+        ensure!(starts > 0, "starts is 0. Give at least 1");
         let sources = convert::values(&sources);
         let Mapped { map, stresses, pairs } = self.run(py, threads, &progress, move |inner, control| {
             let options = Options { rings, sources: &sources, starts, seed, keep_rows };
@@ -166,12 +132,7 @@ impl Surface {
     /// Return the maximum memory in bytes for flattening by the method of Schwartz et al.
     #[pyo3(signature = (rings, sources, threads, progress=None))]
     fn schwartz1989_memory_need(
-        &self,
-        py: Python<'_>,
-        rings: Option<u32>,
-        sources: usize,
-        threads: usize,
-        progress: Progress<'_>,
+        &self, py: Python<'_>, rings: Option<u32>, sources: usize, threads: usize, progress: Progress<'_>,
     ) -> PyResult<u64> {
         self.run(py, None, &progress, move |inner, control| {
             flatten::schwartz1989::memory_need(&inner.surface, rings, sources, threads, control)
@@ -182,12 +143,7 @@ impl Surface {
     /// returns the surface as it is cut open, to which the map belongs, and the outcome of gluing.
     #[pyo3(signature = (bound, seed, threads=None, progress=None))]
     fn saucan2006<'py>(
-        &self,
-        py: Python<'py>,
-        bound: f64,
-        seed: u64,
-        threads: Threads,
-        progress: Progress<'py>,
+        &self, py: Python<'py>, bound: f64, seed: u64, threads: Threads, progress: Progress<'py>,
     ) -> PyResult<Dict<'py>> {
         let found = self.run(py, threads, &progress, move |inner, control| {
             saucan2006::saucan2006(&inner.surface, bound, seed, control)
@@ -213,17 +169,12 @@ impl Surface {
 /// 2); also return the angle in radians.
 #[pyfunction]
 pub fn turn_onto<'py>(
-    py: Python<'py>,
-    uv: GivenTable<'py, f64>,
-    places: GivenTable<'py, f64>,
-    onto: GivenTable<'py, f64>,
+    py: Python<'py>, uv: GivenTable<'py, f64>, places: GivenTable<'py, f64>, onto: GivenTable<'py, f64>,
 ) -> PyResult<(Table<'py, f64>, f64)> {
     let mut uv = convert::rows::<_, 2>(&uv, "uv")?;
     let (places, onto) = (convert::rows::<_, 2>(&places, "places")?, convert::rows::<_, 2>(&onto, "onto")?);
-    if places.len() != onto.len() {
-        let message = format!("places has {} rows, but onto has {}. Give as many of both", places.len(), onto.len());
-        return Err(InputError::new_err(message));
-    }
+    let counts = [places.len(), onto.len()];
+    ensure!(counts[0] == counts[1], "places and onto have {counts:?} rows. Give the same number of rows in both");
     let turn = orient::turn_onto(&places, &onto, &mut uv);
     Ok((convert::array(py, &uv)?, turn))
 }

@@ -2,11 +2,8 @@
 
 use numpy::IntoPyArray;
 use pyo3::prelude::*;
-use voxflat::distortion::evaluate;
-use voxflat::distortion::faces::measure_faces;
-use voxflat::distortion::overlap::overlaps;
-use voxflat::surface::mesh::curvature::smooth_mean_curvature;
-use voxflat::surface::sulcal_depth::sulcal_depth;
+use voxflat::distortion::{evaluate, faces::measure_faces, overlap::overlaps};
+use voxflat::surface::{mesh::curvature::smooth_mean_curvature, sulcal_depth::sulcal_depth};
 
 use super::solvers::{Geodesic, with_solver};
 use super::{Inner, Surface};
@@ -18,11 +15,7 @@ impl Surface {
     /// Return the mean curvature (N) in 1/mm, averaged over `smoothing` mm.
     #[pyo3(signature = (smoothing, threads=None, progress=None))]
     fn mean_curvature<'py>(
-        &self,
-        py: Python<'py>,
-        smoothing: f64,
-        threads: Threads,
-        progress: Progress<'py>,
+        &self, py: Python<'py>, smoothing: f64, threads: Threads, progress: Progress<'py>,
     ) -> PyResult<Values<'py, f64>> {
         let work = move |inner: &Inner, control: &_| smooth_mean_curvature(&inner.surface, smoothing, control);
         Ok(self.run(py, threads, &progress, work)?.into_pyarray(py))
@@ -31,11 +24,7 @@ impl Surface {
     /// Return the sulcal depth (N) in mm, by a flow of this number of mm².
     #[pyo3(signature = (flow, threads=None, progress=None))]
     fn sulcal_depth<'py>(
-        &self,
-        py: Python<'py>,
-        flow: f64,
-        threads: Threads,
-        progress: Progress<'py>,
+        &self, py: Python<'py>, flow: f64, threads: Threads, progress: Progress<'py>,
     ) -> PyResult<Values<'py, f64>> {
         let work = move |inner: &Inner, control: &_| sulcal_depth(&inner.surface, flow, control);
         Ok(self.run(py, threads, &progress, work)?.into_pyarray(py))
@@ -55,17 +44,9 @@ impl Surface {
 
     /// Return the distance errors of maps (N, 2) from sources (vertices). Rows above `kept` bytes are computed twice.
     #[pyo3(signature = (maps, sources, geodesic, kept, seed, threads=None, progress=None))]
-    #[allow(clippy::too_many_arguments)] // keyword arguments in Python
     fn judge<'py>(
-        &self,
-        py: Python<'py>,
-        maps: Vec<GivenTable<'py, f64>>,
-        sources: Given<'py, u32>,
-        geodesic: &str,
-        kept: u64,
-        seed: u64,
-        threads: Threads,
-        progress: Progress<'py>,
+        &self, py: Python<'py>, maps: Vec<GivenTable<'py, f64>>, sources: Given<'py, u32>, geodesic: &str, kept: u64,
+        seed: u64, threads: Threads, progress: Progress<'py>,
     ) -> PyResult<Vec<Dict<'py>>> {
         let geodesic = Geodesic::named(geodesic)?;
         let maps: Vec<Vec<[f64; 2]>> = maps.iter().map(|uv| convert::rows(uv, "uv")).collect::<PyResult<_>>()?;

@@ -7,21 +7,14 @@ use voxflat::atlas::{self, Atlas, Limit, Patch, Seeds};
 
 use super::Surface;
 use crate::convert::{self, Dict, Given, GivenTable, dict};
-use crate::work::{InputError, Progress, Threads};
+use crate::work::{Progress, Threads};
 
 #[pymethods]
 impl Surface {
     /// Return certified flat patches, limited by "angle" (degrees), "bound" (on C) or "count" (their number).
     #[pyo3(signature = (limit, value, seeds, seed, threads=None, progress=None))]
-    #[allow(clippy::too_many_arguments)]
     fn patches<'py>(
-        &self,
-        py: Python<'py>,
-        limit: &str,
-        value: f64,
-        seeds: &str,
-        seed: u64,
-        threads: Threads,
+        &self, py: Python<'py>, limit: &str, value: f64, seeds: &str, seed: u64, threads: Threads,
         progress: Progress<'py>,
     ) -> PyResult<Dict<'py>> {
         let limits =
@@ -38,23 +31,15 @@ impl Surface {
     /// Glue patches within a bound on C: `labels` of the faces; each row of `flat` holds u, v of a face's corners.
     #[pyo3(signature = (labels, flat, bound, threads=None, progress=None))]
     fn glue<'py>(
-        &self,
-        py: Python<'py>,
-        labels: Given<'py, u32>,
-        flat: GivenTable<'py, f64>,
-        bound: f64,
-        threads: Threads,
+        &self, py: Python<'py>, labels: Given<'py, u32>, flat: GivenTable<'py, f64>, bound: f64, threads: Threads,
         progress: Progress<'py>,
     ) -> PyResult<Dict<'py>> {
         let labels = labels.as_array().to_vec();
         let flat: Vec<[f64; 6]> = convert::rows(&flat, "flat")?;
         let flat: Vec<[[f64; 2]; 3]> = flat.into_iter().map(|[a, b, c, d, e, f]| [[a, b], [c, d], [e, f]]).collect();
         let faces = self.0.surface.faces().len();
-        if labels.len() != faces || flat.len() != faces {
-            let message =
-                format!("labels has {} values and flat {} rows. Give {faces} of both", labels.len(), flat.len());
-            return Err(InputError::new_err(message));
-        }
+        convert::check_length(labels.len(), faces, "labels", "face")?;
+        convert::check_length(flat.len(), faces, "flat", "face")?;
         let found = self.run(py, threads, &progress, move |inner, control| {
             glue::glue(&inner.surface, &labels, &flat, bound, control)
         })?;
@@ -134,7 +119,6 @@ fn glued_dict(py: Python<'_>, glued: Glued) -> PyResult<Dict<'_>> {
     ))
 }
 
-/// Returns the outcome of gluing by name.
 pub(super) fn seams_dict<'py>(py: Python<'py>, seams: &Seams) -> PyResult<Dict<'py>> {
     Ok(dict!(
         py,

@@ -14,7 +14,6 @@ pub(super) enum Geodesic {
 }
 
 impl Geodesic {
-    /// Returns the solver with a name.
     pub(super) fn named(name: &str) -> PyResult<Self> {
         match name {
             "graph" => Ok(Self::Graph),

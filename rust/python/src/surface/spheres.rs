@@ -2,16 +2,14 @@
 
 use numpy::IntoPyArray;
 use pyo3::prelude::*;
-use pyo3::types::PyList;
-use voxflat::sphere::locate::Locator;
-use voxflat::sphere::map::flipped;
 use voxflat::sphere::pattern::{SCALES, pattern};
-use voxflat::sphere::register::{Template, register};
+use voxflat::sphere::register::{Alignment, Template, register};
+use voxflat::sphere::{locate::Locator, map::flipped};
 use voxflat::surface::Surface as CoreSurface;
 
 use super::Surface;
-use crate::convert::{self, Dict, Given, GivenTable, Table, Values, dict};
-use crate::work::{InputError, Progress, Threads, to_python};
+use crate::convert::{self, Dict, Given, GivenTable, List, Table, Values, dict, ensure};
+use crate::work::{Progress, Threads, to_python};
 
 /// The depths (K, N), positions (N, 3) and weights (N,) of a template.
 type TemplateValues<'py> = (GivenTable<'py, f64>, GivenTable<'py, f64>, Given<'py, f64>);
@@ -30,16 +28,9 @@ impl Surface {
 
     /// Register the vertices to one of several templates, which share a sphere of points (N, 3) and faces (F, 3).
     #[pyo3(signature = (points, faces, templates, named=None, threads=None, progress=None))]
-    #[expect(clippy::too_many_arguments)]
     fn register<'py>(
-        &self,
-        py: Python<'py>,
-        points: GivenTable<'py, f64>,
-        faces: GivenTable<'py, i64>,
-        templates: Vec<TemplateValues<'py>>,
-        named: Option<usize>,
-        threads: Threads,
-        progress: Progress<'py>,
+        &self, py: Python<'py>, points: GivenTable<'py, f64>, faces: GivenTable<'py, i64>,
+        templates: Vec<TemplateValues<'py>>, named: Option<usize>, threads: Threads, progress: Progress<'py>,
     ) -> PyResult<Dict<'py>> {
         let sphere = sphere(&points, &faces)?;
         let mut made = Vec::new();
@@ -49,27 +40,21 @@ impl Surface {
             let weights: Vec<f64> = weights.as_array().to_vec();
             let count = sphere.len();
             let is_whole = depths.iter().all(|depth| depth.len() == count) && places.len() == count;
-            if depths.len() != SCALES.len() || !is_whole || weights.len() != count {
-                return Err(InputError::new_err(format!("a template has missing values. Give {count} of each kind")));
-            }
+            ensure!(
+                depths.len() == SCALES.len() && is_whole && weights.len() == count,
+                "a template is incomplete. Give {count} depths per scale, {count} places and {count} weights"
+            );
             made.push(Template::new(sphere.clone(), depths, places.into_iter().map(Into::into).collect(), weights));
         }
-        if made.is_empty() || named.is_some_and(|n| n >= made.len()) {
-            return Err(InputError::new_err(
-                "the named template does not exist. Give the number of one of the templates",
-            ));
-        }
+        let exists = named.map_or(!made.is_empty(), |n| n < made.len());
+        ensure!(exists, "the named template does not exist. Give the index of one of the templates");
         let found =
             self.run(py, threads, &progress, move |inner, control| register(&inner.surface, &made, named, control))?;
-        let alignments = PyList::empty(py);
-        for alignment in found.alignments {
-            alignments.append(dict!(
-                py,
-                "correlations" = alignment.correlations,
-                "rigid" = alignment.rigid,
-                "score" = alignment.score
-            ))?;
-        }
+        let alignment_dict = |alignment: Alignment| {
+            let Alignment { correlations, rigid, score, .. } = alignment;
+            Ok(dict!(py, "correlations" = correlations, "rigid" = rigid, "score" = score))
+        };
+        let alignments: List<'py> = found.alignments.into_iter().map(alignment_dict).collect::<PyResult<_>>()?;
         Ok(dict!(
             py,
             "turned_over" = flipped(self.0.surface.faces(), &found.points),
@@ -86,10 +71,7 @@ impl Surface {
 /// 3).
 #[pyfunction]
 pub fn locate_on_sphere<'py>(
-    py: Python<'py>,
-    points: GivenTable<'py, f64>,
-    faces: GivenTable<'py, i64>,
-    places: GivenTable<'py, f64>,
+    py: Python<'py>, points: GivenTable<'py, f64>, faces: GivenTable<'py, i64>, places: GivenTable<'py, f64>,
 ) -> PyResult<Located<'py>> {
     let sphere = sphere(&points, &faces)?;
     let places = convert::rows::<_, 3>(&places, "places")?;
@@ -101,17 +83,15 @@ pub fn locate_on_sphere<'py>(
     Ok((found.iter().map(|one| one.face).collect::<Vec<_>>().into_pyarray(py), convert::array(py, &weights)?))
 }
 
-/// Returns a triangulation of the sphere.
 fn sphere(points: &GivenTable<'_, f64>, faces: &GivenTable<'_, i64>) -> PyResult<CoreSurface> {
     let points = convert::rows::<_, 3>(points, "points")?;
     let faces = convert::rows::<_, 3>(faces, "faces")?;
     let (sphere, repaired) = CoreSurface::from_triangles(&points, &faces).map_err(to_python)?;
     let triangles = flipped(sphere.faces(), sphere.points());
     let is_whole = repaired.turned == 0 && repaired.unused == 0 && sphere.boundary().is_empty();
-    if !is_whole || triangles > 0 {
-        return Err(InputError::new_err(format!(
-            "the sphere has holes or {triangles} flipped triangles. Give triangles that cover the sphere once"
-        )));
-    }
+    ensure!(
+        is_whole && triangles == 0,
+        "the sphere has holes or {triangles} flipped triangles. Give triangles that cover the sphere once"
+    );
     Ok(sphere)
 }

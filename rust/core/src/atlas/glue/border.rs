@@ -9,8 +9,7 @@ use robust::{Coord, orient2d};
 use super::layout::Layout;
 use super::strain::Place;
 use crate::boxes::{Bounds, Tree};
-use crate::control::Control;
-use crate::error::Result;
+use crate::{Control, Result};
 
 struct Side {
     places: [u32; 2],
@@ -20,10 +19,7 @@ struct Side {
 
 /// Returns whether the boundary of pieces to be united meets itself, where `moved` holds for one of the two positions.
 pub(super) fn meets_itself(
-    layout: &Layout<'_>,
-    pieces: &[u32],
-    moved: &dyn Fn(u32) -> bool,
-    control: &Control,
+    layout: &Layout<'_>, pieces: &[u32], moved: &dyn Fn(u32) -> bool, control: &Control,
 ) -> Result<bool> {
     let facets = pieces.iter().flat_map(|&piece| &layout.members[piece as usize]);
     let open = facets.flat_map(|&facet| 3 * facet..3 * facet + 3).filter(|&side| layout.is_open(side));

@@ -5,7 +5,7 @@
 
 use std::collections::{HashMap, HashSet};
 
-use nalgebra::{Rotation2, Vector2};
+use nalgebra::Rotation2;
 
 use super::strain::Place;
 use crate::adjacency::distinct;
@@ -279,13 +279,7 @@ impl<'a> Layout<'a> {
 
     /// Returns the rigid motion that moves the other sides of cuts closest to them (Procrustes).
     pub fn fit(&self, cuts: &[u32]) -> (Rotation2<f64>, Place) {
-        let pairs: Vec<[Place; 2]> = cuts
-            .iter()
-            .flat_map(|&side| {
-                let twin = self.twins[side as usize];
-                [[self.at(side), self.at(next(twin))], [self.at(next(side)), self.at(twin)]]
-            })
-            .collect();
+        let pairs: Vec<[Place; 2]> = cuts.iter().flat_map(|&side| self.pairs(side)).collect();
         let centre = |n: usize| pairs.iter().map(|pair| pair[n]).sum::<Place>() / pairs.len() as f64;
         let [to, from] = [centre(0), centre(1)];
         let (mut dot, mut cross) = (0.0, 0.0);
@@ -300,9 +294,14 @@ impl<'a> Layout<'a> {
 
     /// Returns the distance between the two sides of a cut, at the end where it is larger.
     pub fn gap(&self, side: u32) -> f64 {
+        let gaps = self.pairs(side).map(|[a, b]| (a - b).norm());
+        gaps[0].max(gaps[1])
+    }
+
+    /// Returns the positions of the two ends of a side, each with the position of the same vertex on the other side.
+    fn pairs(&self, side: u32) -> [[Place; 2]; 2] {
         let twin = self.twins[side as usize];
-        let gaps: [Vector2<f64>; 2] = [self.at(side) - self.at(next(twin)), self.at(next(side)) - self.at(twin)];
-        gaps[0].norm().max(gaps[1].norm())
+        [[self.at(side), self.at(next(twin))], [self.at(next(side)), self.at(twin)]]
     }
 }
 

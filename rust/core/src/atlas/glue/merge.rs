@@ -1,13 +1,13 @@
 //! Pieces are united along their common boundaries, first those that share the largest part of the boundary of one of
-//! them. (With the length alone, large pieces would grow on, with long boundaries that do not fit later.)
+//! them. (If only the length counted, large pieces would keep growing, with long boundaries that do not fit later.)
 
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
 use super::layout::Chain;
 use super::seams::Gluing;
+use crate::Result;
 use crate::adjacency::distinct;
-use crate::error::Result;
 use crate::surface::mesh::next;
 
 /// Sides are closed together if their gap is smaller than this share of their length.

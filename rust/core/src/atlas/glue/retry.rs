@@ -2,7 +2,7 @@
 
 use super::layout::Chain;
 use super::seams::{BRIEFLY, Gluing};
-use crate::error::Result;
+use crate::Result;
 
 /// The maximum number of rounds over all cuts.
 const ROUNDS: usize = 16;
@@ -39,10 +39,8 @@ impl Gluing<'_> {
             cuts.map(|side| ([owner(side), owner(self.layout.twins[side as usize])], side)).collect();
         keyed.retain(|([a, b], _)| a <= b);
         keyed.sort_unstable();
-        keyed
-            .chunk_by(|p, q| p.0 == q.0)
-            .flat_map(|few| self.layout.chained(few.iter().map(|few| few.1).collect()))
-            .collect()
+        let between = keyed.chunk_by(|p, q| p.0 == q.0).map(|few| few.iter().map(|&(_, side)| side).collect());
+        between.flat_map(|sides| self.layout.chained(sides)).collect()
     }
 
     /// Returns the length of all cuts, counted from both sides, in mm.

@@ -5,9 +5,8 @@ use std::collections::HashSet;
 use super::border::meets_itself;
 use super::layout::{Chain, Layout};
 use super::settle::Around;
-use crate::control::Control;
 use crate::embed::stress::descent::Until;
-use crate::error::Result;
+use crate::{Control, Result};
 
 /// The numbers of rings of places around a seam that are moved to close it: first few, then more.
 const RINGS: [usize; 3] = [2, 6, 15];

@@ -5,11 +5,10 @@ use std::collections::HashMap;
 use super::layout::Layout;
 use super::strain::{Place, Price, Region, Strain};
 use crate::adjacency::distinct;
-use crate::control::Control;
 use crate::distortion::faces::stretch_of;
 use crate::embed::stress::descent::{Until, descend};
 use crate::embed::stress::triangles::Rest;
-use crate::error::{Error, Result};
+use crate::{Control, Error, Result};
 
 /// The excess over this share of the range (by its logarithm) is minimised, to stay well within the bound.
 const ASIDE: f64 = 0.8;
@@ -23,7 +22,7 @@ const LOOKS: usize = 8;
 /// The attempt is abandoned if more than this share of the excess remains between two checks.
 const REMAINS: f64 = 0.7;
 
-/// The triangles around a place on the boundary fill less than a full turn by this angle.
+/// The triangles around a place on the boundary must leave this angle of a full turn free, in radians.
 const SLIT: f64 = 1e-9;
 
 /// The moving part of a layout; the rest is fixed.
@@ -86,11 +85,7 @@ impl Around {
     /// Moves the free places until every facet is within the bound, and then reduces distortion for a number of steps.
     /// Returns the previous positions; if the bound is not reached, returns nothing and moves nothing.
     pub fn settle(
-        &self,
-        layout: &mut Layout<'_>,
-        bound: f64,
-        steps: usize,
-        control: &Control,
+        &self, layout: &mut Layout<'_>, bound: f64, steps: usize, control: &Control,
     ) -> Result<Option<Vec<Place>>> {
         let before = self.read(layout);
         if self.come_within(layout, bound, control)? {

@@ -10,11 +10,10 @@
 
 use nalgebra::{Matrix2, Vector2};
 
-use crate::control::Control;
 use crate::embed::stress::descent::{Objective, SAFE};
 use crate::embed::stress::springs::{Factor, Springs};
 use crate::embed::stress::triangles::Rest;
-use crate::error::Result;
+use crate::{Control, Result};
 
 pub(super) type Place = Vector2<f64>;
 
@@ -191,7 +190,6 @@ impl Objective for Strain<'_> {
 }
 
 impl Strain<'_> {
-    /// Returns whether a triangle is within the bound after a step.
     fn is_within(&self, rest: &Rest, uv: &[Place], direction: &[Place], step: f64) -> bool {
         let place = |n: u32| match uv.get(n as usize) {
             Some(place) => place + direction[n as usize] * step,

@@ -3,8 +3,7 @@ use proptest::prelude::*;
 use nalgebra::{Matrix2, Vector2, Vector3};
 
 use super::*;
-use crate::atlas::tests::shaken;
-use crate::atlas::{Limit, Seeds, patches};
+use crate::atlas::{Limit, Seeds, patches, tests::shaken};
 use crate::distortion::overlap::{counterclockwise, interiors_meet};
 use crate::surface::mesh::{BORDER, next, shapes};
 use crate::tests::{Mesh, both, moved};
@@ -16,7 +15,7 @@ fn glued(surface: &Surface, angle: f64, bound: f64) -> Glued {
     glued
 }
 
-/// σ1 and σ2 by a singular value decomposition of the map from an orthonormal frame of the triangle.
+/// Returns σ1 and σ2 by a singular value decomposition of the map from an orthonormal frame of the triangle.
 fn singular(points: [Vector3<f64>; 3], uv: [[f64; 2]; 3]) -> [f64; 2] {
     let [p, q] = [points[1] - points[0], points[2] - points[0]];
     let across = (q - p * (q.dot(&p) / p.norm_squared())).normalize();
@@ -41,11 +40,8 @@ fn check(surface: &Surface, patches: &[u32], glued: &Glued, bound: f64) {
             assert!(stretch[0] <= bound + 1e-9 && stretch[1].recip() <= bound + 1e-9, "{stretch:?}");
             assert!((0..2).all(|k| (stretch[k] - glued.stretch[face as usize][k]).abs() < 1e-7));
         }
-        let triangles: Vec<_> = piece
-            .corners
-            .iter()
-            .map(|&corners| counterclockwise(flat(corners).map(|[x, y]| robust::Coord { x, y })).unwrap())
-            .collect();
+        let triangle = |&c: &[u32; 3]| counterclockwise(flat(c).map(|[x, y]| robust::Coord { x, y })).unwrap();
+        let triangles: Vec<_> = piece.corners.iter().map(triangle).collect();
         for (n, triangle) in triangles.iter().enumerate() {
             assert!(!triangles[..n].iter().any(|other| interiors_meet(triangle, other)), "a piece lies on itself");
         }
@@ -74,7 +70,6 @@ fn most_change(glued: &Glued) -> f64 {
     glued.stretch.iter().flatten().map(|sigma| (sigma - 1.0).abs()).fold(0.0, f64::max)
 }
 
-/// A grid with a hole, bent and with random displacements.
 fn with_hole(shake: &[[f64; 3]], size: f64) -> Mesh {
     let (points, faces) = shaken(9, shake, size);
     let kept = |face: &[i64; 3]| !face.iter().all(|&v| (3..=6).contains(&(v / 10)) && (3..=6).contains(&(v % 10)));
@@ -112,8 +107,8 @@ proptest! {
     }
 }
 
-/// A sheet of irregular triangles between straight lines, x = 0, 1, 2 and so on, along which it is folded: `at` says
-/// the position in space of a point of the plane.
+/// Returns a sheet of irregular triangles, folded along the straight lines x = 0, 1, 2 and so on. `at` returns the
+/// position in space of a point of the plane.
 fn folded(m: usize, n: usize, at: impl Fn(f64, f64) -> [f64; 3]) -> Mesh {
     moved(&shapes::sheet(m, n), |&[x, y, _]| {
         let inner = y > 0.5 && y < n as f64 - 0.5;
@@ -125,16 +120,11 @@ fn folded(m: usize, n: usize, at: impl Fn(f64, f64) -> [f64; 3]) -> Mesh {
 fn two_patches_of_a_plane_are_one_piece() {
     let surface = shapes::surface(shapes::sheet(8, 6));
     let labels: Vec<u32> = surface.faces().iter().map(|face| u32::from(face[0] < 28)).collect();
-    // each rotated and translated
-    let flat: Vec<[[f64; 2]; 3]> = surface
-        .faces()
-        .iter()
-        .zip(&labels)
-        .map(|(face, &label)| {
-            let (sin, cos) = (1.0 + f64::from(label)).sin_cos();
-            face.map(|v| surface.points()[v as usize]).map(|p| [cos * p.x - sin * p.y, sin * p.x + cos * p.y + 7.0])
-        })
-        .collect();
+    let rotated_and_translated = |(face, &label): (&[u32; 3], &u32)| {
+        let (sin, cos) = (1.0 + f64::from(label)).sin_cos();
+        face.map(|v| surface.points()[v as usize]).map(|p| [cos * p.x - sin * p.y, sin * p.x + cos * p.y + 7.0])
+    };
+    let flat: Vec<[[f64; 2]; 3]> = surface.faces().iter().zip(&labels).map(rotated_and_translated).collect();
     let found = glue(&surface, &labels, &flat, 1.01, &Control::default()).unwrap();
     check(&surface, &labels, &found, 1.01);
     assert_eq!((found.pieces.len(), found.patches), (1, 2));

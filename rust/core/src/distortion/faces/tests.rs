@@ -12,7 +12,7 @@ fn measured(points: &[Vector3<f64>], faces: &[[u32; 3]], uv: &[[f64; 2]]) -> Fac
     measure_faces(points, faces, uv, &Control::default()).unwrap()
 }
 
-/// A flat surface, mapped by a matrix and rotated in space.
+/// Measures the map by a matrix of a flat surface that is rotated in space.
 fn mapped(matrix: Matrix2<f64>) -> FaceDistortion {
     let (uv, faces) = grid(6, 4);
     let turn = Rotation3::from_euler_angles(0.3, -1.1, 2.0);
@@ -169,7 +169,7 @@ fn summaries_weigh_by_area() {
     assert_eq!(counted, Summary { mean: 2.5, median: 2.0, p95: 4.0, max: 4.0, undefined: 1 });
 }
 
-/// What `wb_command -surface-distortion` computes, with its f32.
+/// Computes the result of `wb_command -surface-distortion`, also in f32.
 fn workbench(points: &[Vector3<f64>], faces: &[[u32; 3]], uv: &[[f64; 2]]) -> Vec<f32> {
     let areas = |points: Vec<[f32; 3]>| {
         let mut sums = vec![0f32; points.len()];
@@ -226,10 +226,8 @@ fn areas_at_the_scale_that_keeps_the_whole_area() {
         let turn = Rotation3::from_euler_angles(0.3, -1.1, 2.0);
         let points: Vec<_> =
             in_space(&uv, |_, _| 0.0).iter().map(|p| turn * p + Vector3::new(30.0, -70.0, 5.0)).collect();
-        let map: Vec<[f64; 2]> = uv
-            .iter()
-            .map(|&[x, y]| [s * (x + bend * (0.7 * x).sin()) - 40.0, s * (y + bend * y.cos()) + 9.0])
-            .collect();
+        let bent = |&[x, y]: &[f64; 2]| [s * (x + bend * (0.7 * x).sin()) - 40.0, s * (y + bend * y.cos()) + 9.0];
+        let map: Vec<[f64; 2]> = uv.iter().map(bent).collect();
         let found = measured(&points, &faces, &map);
         // the outline remains a rectangle, whose sides determine the map's area
         let width = 9.0 + bend * (0.7f64 * 9.0).sin();

@@ -3,10 +3,9 @@
 use super::levels::{APART, Convergence, Levels, weighted};
 use super::pairs::Pairs;
 use super::triangles::AreaBound;
-use crate::control::Control;
 use crate::embed::Place;
-use crate::error::Result;
 use crate::rows::DistanceRows;
+use crate::{Control, Result};
 
 /// The initial penalty on the squared excess of an area change, its growth factor, the number of times that it grows,
 /// and the share of the bound at which it begins.
@@ -20,17 +19,12 @@ const WITHIN: f64 = 0.98;
 /// maximum change is returned, and marked as not converged.
 /// Panics like [`flatten`](super::levels::flatten), or if the number of positions differs from the number of vertices.
 pub fn bounded(
-    levels: &Levels,
-    rows: &DistanceRows,
-    uv: &[[f64; 2]],
-    weighting: f64,
-    max_area: f64,
-    control: &Control,
+    levels: &Levels, rows: &DistanceRows, uv: &[[f64; 2]], weighting: f64, max_area: f64, control: &Control,
 ) -> Result<(Vec<[f64; 2]>, Convergence)> {
     let pairs = Pairs::new(rows, levels.evaluated(), control)?;
     let mut level = levels.prepare(0, &pairs, control)?;
     let mut uv: Vec<Place> = uv.iter().map(|&place| place.into()).collect();
-    assert_eq!(uv.len(), levels.finest().len(), "one place a vertex");
+    assert_eq!(uv.len(), levels.finest().len(), "one position per vertex");
     level.check_unfolded(&uv)?;
     let is_apart = level.outline.crossings(&uv, control)? == 0;
     let most = max_area.ln();

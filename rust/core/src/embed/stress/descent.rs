@@ -2,9 +2,8 @@
 
 use super::lbfgs::History;
 use super::springs::Factor;
-use crate::control::Control;
 use crate::embed::Place;
-use crate::error::Result;
+use crate::{Control, Result};
 
 /// The maximum share of the largest step without a fold that is taken (Smith, Schaefer 2015).
 pub(crate) const SAFE: f64 = 0.8;

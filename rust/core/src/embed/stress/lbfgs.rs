@@ -79,7 +79,6 @@ impl History {
     }
 }
 
-/// Returns the products of vectors with another vector.
 fn products(of: &VecDeque<Vec<Vector2<f32>>>, by: &[Place]) -> Vec<f64> {
     let of_batch = |(n, by): (usize, &[Place])| {
         let vectors: Vec<&[Vector2<f32>]> = of.iter().map(|one| &one[n * BATCH..]).collect();
@@ -131,7 +130,7 @@ fn add(to: &mut [Place], vectors: &VecDeque<Vec<Vector2<f32>>>, times: &[f64]) {
 mod tests {
     use super::super::springs::Springs;
     use super::*;
-    use crate::control::Control;
+    use crate::Control;
     use proptest::prelude::*;
 
     type Vectors = Vec<Vector2<f64>>;
@@ -149,7 +148,7 @@ mod tests {
         a.iter().zip(b).map(|(a, b)| a.dot(b)).sum()
     }
 
-    /// The published recursion (Nocedal, Wright, algorithm 7.4).
+    /// Computes the published recursion (Nocedal, Wright, algorithm 7.4).
     fn two_loops(gradient: &Vectors, steps: &[(Vectors, Vectors)], factor: &Factor) -> Vectors {
         let mut turned = gradient.clone();
         let mut shares = Vec::new();

@@ -6,21 +6,19 @@
 use crate::embed::Place;
 use std::iter;
 
-use super::MapEnergy;
 use super::descent::{Descended, Until, descend};
 use super::local::ease;
 use super::outline::Outline;
 use super::pairs::{Bands, Pairs};
 use super::springs::Springs;
 use super::triangles::{Shape, TriangleEnergy};
-use super::tutte;
-use crate::control::Control;
-use crate::error::{Error, Result};
+use super::{MapEnergy, tutte};
 use crate::geodesic::Solver;
 use crate::place::reinsertion::{self, Placing};
 use crate::rows::{DistanceRows, Rows};
 use crate::surface::Surface;
 use crate::surface::decimate::{self, Decimation, decimate};
+use crate::{Control, Error, Result};
 
 /// The ratio of the numbers of vertices of successive levels.
 const FALL: f64 = 3.0;
@@ -125,24 +123,16 @@ pub struct Convergence {
 /// lengths vary so much that the optimisation yields no map, [`Error::TooManySprings`], [`Error::Cancelled`].
 /// Panics if the rows are not those of [`Levels::measure`] or [`Levels::take`].
 pub fn flatten(
-    levels: &mut Levels,
-    rows: &DistanceRows,
-    places: &[[f64; 2]],
-    weighting: f64,
-    control: &Control,
+    levels: &mut Levels, rows: &DistanceRows, places: &[[f64; 2]], weighting: f64, control: &Control,
 ) -> Result<(Vec<[f64; 2]>, Convergence)> {
     let (uv, convergence) = unfold(levels, rows, places, weighted(weighting), control)?;
     let is_map = convergence.energies.last().is_some_and(|&energy| energy < HOPELESS);
     if is_map { Ok((uv, convergence)) } else { Err(Error::Uneven) }
 }
 
-/// Does the same with given weights, and accepts any final energy.
+/// Returns a map like [`flatten`], but with given weights and with any final energy.
 pub(crate) fn unfold(
-    levels: &mut Levels,
-    rows: &DistanceRows,
-    places: &[[f64; 2]],
-    dials: Dials,
-    control: &Control,
+    levels: &mut Levels, rows: &DistanceRows, places: &[[f64; 2]], dials: Dials, control: &Control,
 ) -> Result<(Vec<[f64; 2]>, Convergence)> {
     let pairs = Pairs::new(rows, levels.evaluated(), control)?;
     let depth = levels.coarser.len();
@@ -256,11 +246,7 @@ impl<'a> Levels<'a> {
 
     /// Optimises on a level, and prepares the next finer one in parallel, which is mostly the work of one thread.
     pub(super) fn beside(
-        &self,
-        depth: usize,
-        settle: impl FnOnce() -> Result<Convergence> + Send,
-        pairs: &Pairs,
-        control: &Control,
+        &self, depth: usize, settle: impl FnOnce() -> Result<Convergence> + Send, pairs: &Pairs, control: &Control,
     ) -> Result<(Convergence, Option<Level>)> {
         let prepare = || depth.checked_sub(1).map(|finer| self.prepare(finer, pairs, control)).transpose();
         let (settled, finer) = rayon::join(settle, prepare);
@@ -269,13 +255,8 @@ impl<'a> Levels<'a> {
 
     /// Returns the finest level's map from that of the coarsest remaining one, and its convergence. Drops used levels.
     pub(super) fn refined(
-        &mut self,
-        mut uv: Vec<Place>,
-        mut convergence: Convergence,
-        mut finer: Option<Level>,
-        pairs: &Pairs,
-        dials: Dials,
-        control: &Control,
+        &mut self, mut uv: Vec<Place>, mut convergence: Convergence, mut finer: Option<Level>, pairs: &Pairs,
+        dials: Dials, control: &Control,
     ) -> Result<(Vec<[f64; 2]>, Convergence)> {
         while let Some(level) = finer {
             let depth = self.coarser.len() - 1;
@@ -314,11 +295,7 @@ impl Level {
     /// Optimises the first map, in which distances change much. Parts may pass through each other. If the outline
     /// crosses itself in the end, the optimisation is repeated with the outline kept apart.
     fn settle_first(
-        &self,
-        uv: &mut Vec<Place>,
-        dials: Dials,
-        stage: &'static str,
-        control: &Control,
+        &self, uv: &mut Vec<Place>, dials: Dials, stage: &'static str, control: &Control,
     ) -> Result<Convergence> {
         let start = uv.clone();
         let free = self.descend(uv, &vec![true; start.len()], dials, None, stage, control)?;
@@ -329,7 +306,7 @@ impl Level {
         self.descend(uv, &self.outline.inside(uv.len()), dials, Some((&self.outline, APART)), stage, control)
     }
 
-    /// Does the same from a coarser map, while the outline is kept apart.
+    /// Optimises the refinement of a coarser map, while the outline is kept apart.
     fn settle(&self, uv: &mut Vec<Place>, dials: Dials, stage: &'static str, control: &Control) -> Result<Convergence> {
         self.ease_tiny(uv, dials.shape, control)?;
         ease(&self.triangles, dials.shape, &self.outline.inside(uv.len()), uv, control)?;
@@ -352,10 +329,7 @@ impl Level {
     }
 
     pub(super) fn energy<'a>(
-        &'a self,
-        pairs: &'a Pairs,
-        dials: Dials,
-        outline: Option<(&'a Outline, f64)>,
+        &'a self, pairs: &'a Pairs, dials: Dials, outline: Option<(&'a Outline, f64)>,
     ) -> MapEnergy<'a> {
         let Self { triangles, springs, .. } = self;
         let Dials { bands, shape, stiffness, .. } = dials;
@@ -364,13 +338,8 @@ impl Level {
 
     /// Optimises the first map, in which triangles can be tiny, by way of a map that preserves far distances.
     fn descend(
-        &self,
-        uv: &mut Vec<Place>,
-        may_move: &[bool],
-        dials: Dials,
-        outline: Option<(&Outline, f64)>,
-        stage: &'static str,
-        control: &Control,
+        &self, uv: &mut Vec<Place>, may_move: &[bool], dials: Dials, outline: Option<(&Outline, f64)>,
+        stage: &'static str, control: &Control,
     ) -> Result<Convergence> {
         ease(&self.triangles, FIRST.shape, may_move, uv, control)?;
         let few = self.pairs.of_first(FIRST_LANDMARKS);
@@ -380,14 +349,8 @@ impl Level {
 
     #[expect(clippy::too_many_arguments)]
     pub(super) fn rounds(
-        &self,
-        pairs: &Pairs,
-        uv: &mut Vec<Place>,
-        dials: Dials,
-        rounds: usize,
-        outline: Option<(&Outline, f64)>,
-        stage: &'static str,
-        control: &Control,
+        &self, pairs: &Pairs, uv: &mut Vec<Place>, dials: Dials, rounds: usize, outline: Option<(&Outline, f64)>,
+        stage: &'static str, control: &Control,
     ) -> Result<Convergence> {
         let (rounds, patience) = (rounds * dials.patience as usize, f64::from(dials.patience));
         control.begin(stage, (rounds * ROUND) as u64);

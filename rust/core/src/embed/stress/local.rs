@@ -7,8 +7,7 @@ use crate::embed::Place;
 use nalgebra::Matrix2;
 
 use super::triangles::{Rest, Shape, TriangleEnergy, cofactors};
-use crate::control::Control;
-use crate::error::Result;
+use crate::{Control, Result};
 
 /// The maximum number of times that a step is shortened.
 const MOST_SHORTER: usize = 12;
@@ -25,11 +24,7 @@ const BATCH: usize = 1 << 12;
 
 /// Moves the free vertices one after the other until the energy hardly decreases. No triangle is flipped.
 pub fn ease(
-    triangles: &TriangleEnergy,
-    shape: Shape,
-    may_move: &[bool],
-    uv: &mut [Place],
-    control: &Control,
+    triangles: &TriangleEnergy, shape: Shape, may_move: &[bool], uv: &mut [Place], control: &Control,
 ) -> Result<()> {
     let mut energy = triangles.energy(uv, shape);
     for _ in 0..MOST_SWEEPS {

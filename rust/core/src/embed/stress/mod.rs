@@ -16,8 +16,7 @@ pub(crate) mod tutte;
 use crate::embed::Place;
 use nalgebra::Vector2;
 
-use crate::control::Control;
-use crate::error::Result;
+use crate::{Control, Result};
 use descent::{Objective, SAFE};
 use outline::Outline;
 use pairs::{Bands, Pairs};

@@ -12,11 +12,10 @@ use robust::Coord;
 
 use super::triangles::roots;
 use crate::boxes::{Bounds, Tree};
-use crate::control::Control;
 use crate::distortion::overlap::count_crossings;
 use crate::embed::Place;
-use crate::error::Result;
 use crate::surface::Surface;
+use crate::{Control, Result};
 
 /// The gap as a share of the smallest height of a triangle at the boundary: in a map that preserves shapes, no vertex
 /// is that close to an edge of its own triangles.

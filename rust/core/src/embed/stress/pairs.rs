@@ -13,9 +13,8 @@ use pulp::{Arch, Simd, WithSimd};
 use rayon::prelude::*;
 
 use crate::adjacency::marked;
-use crate::control::Control;
-use crate::error::Result;
 use crate::rows::DistanceRows;
+use crate::{Control, Result};
 
 /// The number of vertices that are visited together.
 const BATCH: usize = 256;

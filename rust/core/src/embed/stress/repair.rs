@@ -12,9 +12,8 @@ use super::descent::SAFE;
 use super::outline::Outline;
 use super::triangles::{TriangleEnergy, signed_area};
 use crate::adjacency::distinct;
-use crate::control::Control;
-use crate::error::Result;
 use crate::place::reinsertion::seeing;
+use crate::{Control, Result};
 
 /// The number of rounds in which vertices of folded triangles are moved.
 const ROUNDS: usize = 40;
@@ -31,10 +30,7 @@ pub(super) enum Fault {
 
 /// Repairs a map; if this fails, returns the defect of the given map.
 pub(super) fn repair(
-    triangles: &TriangleEnergy,
-    outline: &Outline,
-    uv: &mut [Place],
-    control: &Control,
+    triangles: &TriangleEnergy, outline: &Outline, uv: &mut [Place], control: &Control,
 ) -> Result<Option<Fault>> {
     let folded = triangles.folded(uv);
     if folded > 0 && !unfold(triangles, outline, uv, control)? {

@@ -4,18 +4,14 @@
 //! everything around it, as far as the stiffness carries it.
 
 use crate::embed::Place;
-use faer::Side;
-use faer::linalg::solvers::SolveCore;
-use faer::sparse::linalg::LltError;
 use faer::sparse::linalg::solvers::{Llt, SymbolicLlt};
 use faer::sparse::{SparseColMatRef, SymbolicSparseColMat};
-use faer::{Conj, Mat};
+use faer::{Conj, Mat, Side, linalg::solvers::SolveCore, sparse::linalg::LltError};
 use nalgebra::Vector2;
 use rayon::prelude::*;
 
 use crate::adjacency::starts_of;
-use crate::control::Control;
-use crate::error::{Error, Result};
+use crate::{Control, Error, Result};
 
 /// The sparsity pattern of the matrix and its symbolic factor, which are the same for every map of a surface.
 #[derive(Debug)]

@@ -8,10 +8,9 @@ use super::levels::{APART, Convergence, Dials, HOPELESS, Level, Levels, MOST_ROU
 use super::outline::Outline;
 use super::pairs::Pairs;
 use super::repair::{Fault, repair};
-use crate::control::Control;
-use crate::error::{Error, Result};
 use crate::rows::DistanceRows;
 use crate::surface::Surface;
+use crate::{Control, Error, Result};
 
 /// The maximum factor between the scale of a start and that given by its area, in both directions, and the number of
 /// times that the range of its scale is narrowed.
@@ -37,7 +36,8 @@ impl Start<'_> {
             return Err(Error::StartNotFinite { vertex });
         }
         let largest = self.places.as_flattened().iter().fold(0.0f64, |largest, x| largest.max(x.abs()));
-        let small = |x: f64| if largest > 0.0 { x / largest } else { x }; // products of huge or tiny positions would overflow
+        // products of huge or tiny positions would overflow
+        let small = |x: f64| if largest > 0.0 { x / largest } else { x };
         let places: Vec<Place> = self.places.iter().map(|place| place.map(small).into()).collect();
         let centre = places.iter().sum::<Place>() / places.len() as f64;
         let double = |face: &[u32; 3]| {
@@ -57,11 +57,7 @@ impl Start<'_> {
 /// cannot be repaired on any level, or makes no progress; and those of [`flatten`](super::levels::flatten). Panics like
 /// [`flatten`](super::levels::flatten).
 pub fn flatten_from(
-    levels: &mut Levels,
-    rows: &DistanceRows,
-    start: Start,
-    weighting: f64,
-    control: &Control,
+    levels: &mut Levels, rows: &DistanceRows, start: Start, weighting: f64, control: &Control,
 ) -> Result<(Vec<[f64; 2]>, Convergence)> {
     let places = start.counterclockwise(levels.finest())?;
     let dials = Dials { patience: start.patience, ..weighted(weighting) };
@@ -98,11 +94,7 @@ pub fn flatten_from(
 impl Level {
     /// Optimises a known map that does not overlap itself.
     fn settle_again(
-        &self,
-        uv: &mut Vec<Place>,
-        dials: Dials,
-        stage: &'static str,
-        control: &Control,
+        &self, uv: &mut Vec<Place>, dials: Dials, stage: &'static str, control: &Control,
     ) -> Result<Convergence> {
         let apart = Some((&self.outline, APART));
         self.scale(uv, dials, apart, control)?;

@@ -1,10 +1,9 @@
 use super::levels::Levels;
 use super::*;
+use crate::Error;
 use crate::distortion::overlap::overlaps;
-use crate::error::Error;
 use crate::rows::DistanceRows;
-use crate::surface::Surface;
-use crate::surface::mesh::shapes;
+use crate::surface::{Surface, mesh::shapes};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
@@ -14,7 +13,7 @@ fn sheet() -> (Surface, DistanceRows) {
     (surface, rows)
 }
 
-/// The distances in the plane of the first two axes, multiplied by a factor.
+/// Returns the distances in the plane of the first two axes, multiplied by a factor.
 fn straight(surface: &Surface, sources: impl Iterator<Item = u32>, times: f32) -> DistanceRows {
     let (sources, places): (Vec<u32>, _) = (sources.collect(), plan(surface));
     let row = |&a: &u32| places.iter().map(move |b| (a, b)).collect::<Vec<_>>();
@@ -22,12 +21,9 @@ fn straight(surface: &Surface, sources: impl Iterator<Item = u32>, times: f32) -
     DistanceRows::new(sources, surface.len(), data)
 }
 
-/// The slope of an energy with respect to one coordinate.
+/// Returns the slope of an energy with respect to one coordinate.
 fn slope(
-    uv: &[Vector2<f64>],
-    (vertex, axis): (usize, usize),
-    step: f64,
-    energy: impl Fn(&[Vector2<f64>]) -> f64,
+    uv: &[Vector2<f64>], (vertex, axis): (usize, usize), step: f64, energy: impl Fn(&[Vector2<f64>]) -> f64,
 ) -> f64 {
     let moved = |by: f64| {
         let mut uv = uv.to_vec();
@@ -119,7 +115,7 @@ fn the_eigenvalues_are_those_of_the_hessian() {
     }
 }
 
-/// The stress by definition, in double precision.
+/// Computes the stress by its definition, in double precision.
 fn plain_stress(rows: &DistanceRows, bands: &Bands, uv: &[Vector2<f64>]) -> f64 {
     let mut sums = [(0.0, 0usize); 3];
     for (n, &source) in rows.sources().iter().enumerate() {
@@ -238,7 +234,7 @@ fn a_step_ends_where_the_first_triangle_has_no_area() {
     }
 }
 
-/// A ribbon of 2 mm that turns by some degrees around a circle of radius 6 mm and rises so that it never meets itself.
+/// Returns a ribbon 2 mm wide around a circle of radius 6 mm, which rises so that it never meets itself.
 fn ramp(degrees: f64) -> Surface {
     let steps = (degrees / 4.0) as usize;
     let (mut points, faces) = shapes::sheet(steps, 4);

@@ -48,12 +48,7 @@ pub(crate) struct Rest {
 }
 
 impl Rest {
-    /// Creates a triangle that is at least `thinnest` times as high as its longest side is long.
-    fn new(points: &[Vector3<f64>], face: [u32; 3], thinnest: f64) -> Self {
-        Self::of(face.map(|vertex| points[vertex as usize]), face, thinnest)
-    }
-
-    /// The same, also returning the positions of its corners.
+    /// Creates a triangle at `points` whose height is at least `thinnest` times the length of its longest side.
     pub(crate) fn of(points: [Vector3<f64>; 3], face: [u32; 3], thinnest: f64) -> Self {
         let sides = [0, 1, 2].map(|n| points[(n + 1) % 3] - points[n]);
         let longest = (0..3).max_by(|&a, &b| sides[a].norm_squared().total_cmp(&sides[b].norm_squared())).unwrap_or(0);
@@ -189,7 +184,6 @@ impl Shape {
         self.price_of::<true>(half, area, area.ln())
     }
 
-    /// Returns whether large distortions count less.
     fn has_outliers(&self) -> bool {
         self.outlier.is_finite()
     }
@@ -250,7 +244,8 @@ pub struct TriangleEnergy {
 
 impl TriangleEnergy {
     pub fn new(surface: &Surface) -> Self {
-        let rests = |thinnest| surface.faces().iter().map(move |&face| Rest::new(surface.points(), face, thinnest));
+        let corners = |face: [u32; 3]| face.map(|vertex| surface.points()[vertex as usize]);
+        let rests = |thinnest| surface.faces().iter().map(move |&face| Rest::of(corners(face), face, thinnest));
         let mut heights: Vec<f64> = rests(0.0).map(|rest| rest.height()).collect();
         let fifth = (MANY * heights.len() as f64) as usize;
         let thin = *heights.select_nth_unstable_by(fifth, f64::total_cmp).1;
@@ -360,7 +355,6 @@ impl TriangleEnergy {
     }
 }
 
-/// Returns the signed area of a flat triangle in mm².
 pub(super) fn signed_area([a, b, c]: [u32; 3], uv: &[Place]) -> f64 {
     let [a, b, c] = [a, b, c].map(|vertex| uv[vertex as usize]);
     0.5 * (b - a).perp(&(c - a))

@@ -11,9 +11,8 @@ use nalgebra::{Matrix2, Vector2};
 
 use super::springs::Springs;
 use super::triangles::TriangleEnergy;
-use crate::control::Control;
-use crate::error::Result;
 use crate::surface::Surface;
+use crate::{Control, Result};
 
 /// The share of their area to which triangles may shrink.
 const SMALL: f64 = 0.02;
@@ -38,11 +37,7 @@ const NARROWEST: f64 = 0.005;
 
 /// Returns the map of a disk whose vertices have approximate positions, which may fold.
 pub fn spread(
-    surface: &Surface,
-    places: &[Place],
-    triangles: &TriangleEnergy,
-    springs: &Springs,
-    control: &Control,
+    surface: &Surface, places: &[Place], triangles: &TriangleEnergy, springs: &Springs, control: &Control,
 ) -> Result<Vec<Place>> {
     let mut ground = vec![0.0; surface.len()];
     let mut forces = vec![Vector2::zeros(); surface.len()];
@@ -90,12 +85,11 @@ fn on_ellipse(outline: &[Place], lengths: &[f64]) -> Vec<Place> {
     } else {
         axes.eigenvectors
     };
-    let ellipse: Vec<Place> = (0..PLACES)
-        .map(|n| {
-            let (sin, cos) = (n as f64 / PLACES as f64 * TAU).sin_cos();
-            turn * Vector2::new(extents.x * cos, extents.y * sin)
-        })
-        .collect();
+    let place = |n: usize| {
+        let (sin, cos) = (n as f64 / PLACES as f64 * TAU).sin_cos();
+        turn * Vector2::new(extents.x * cos, extents.y * sin)
+    };
+    let ellipse: Vec<Place> = (0..PLACES).map(place).collect();
     let mut along = vec![0.0];
     for n in 0..PLACES {
         along.push(along[n] + (ellipse[(n + 1) % PLACES] - ellipse[n]).norm());

@@ -2,20 +2,18 @@
 
 use nalgebra::Vector2;
 
-use crate::control::Control;
 use crate::distortion::measure;
 use crate::embed::classical::classical_scaling;
-use crate::embed::stress::MapEnergy;
 use crate::embed::stress::descent::{Until, descend};
 use crate::embed::stress::levels::{self, Dials, FINAL, Levels};
 use crate::embed::stress::pairs::{Bands, Pairs};
-use crate::embed::stress::springs::Springs;
 use crate::embed::stress::triangles::{Shape, TriangleEnergy};
-use crate::error::Result;
+use crate::embed::stress::{MapEnergy, springs::Springs};
 use crate::geodesic::graph::GeodesicGraph;
 use crate::rows::{DistanceRows, Rows};
 use crate::sources::Sources;
 use crate::surface::Surface;
+use crate::{Control, Result};
 
 /// The number of points from which distances are kept.
 pub const LANDMARKS: usize = 48;

@@ -4,21 +4,20 @@ use crate::flatten::voxflat::Options;
 use crate::geodesic::graph::GeodesicGraph;
 use crate::sources::Sources;
 use crate::surface::cuts::{cut, open_to_disk};
-use crate::surface::mesh::shapes;
-use crate::surface::topology::Topology;
+use crate::surface::{mesh::shapes, topology::Topology};
 
 fn relaxed(surface: &Surface, length: f64, least_gain: f64) -> Relaxed {
     relax(surface, Relaxation { length, least_gain, ..Relaxation::default() }, &Control::default()).unwrap()
 }
 
-/// The part of a sphere below a height: more than half if it is positive.
+/// Returns the part of a sphere below a height, which is more than half of it for a positive height.
 fn cap(height: f64) -> Surface {
     let sphere = shapes::surface(shapes::sphere(4));
     let below: Vec<bool> = sphere.points().iter().map(|p| p.z < height).collect();
     sphere.part_of_vertices(&below)
 }
 
-/// The same disk, cut along the reported cuts.
+/// Checks that the result is the given disk, cut along the reported cuts.
 fn assert_cut(surface: &Surface, relaxed: &Relaxed) {
     assert!(Topology::of(&relaxed.surface).is_disk());
     let paths: Vec<Vec<u32>> = relaxed.cuts.iter().map(|cut| cut.vertices.clone()).collect();

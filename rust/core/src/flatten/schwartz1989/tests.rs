@@ -1,5 +1,5 @@
 use super::*;
-use crate::error::Error;
+use crate::Error;
 use crate::surface::mesh::shapes;
 use crate::tests::flipped as turned_over;
 
@@ -7,9 +7,10 @@ fn cylinder() -> Surface {
     shapes::curled(16, 24)
 }
 
-fn flattened(surface: &Surface, options: &Options<'_>) -> Result<Mapped> {
+fn flattened(surface: &Surface, rings: Option<u32>, sources: &[u32], starts: u32, seed: u64) -> Result<Mapped> {
     let control = Control::default();
-    schwartz1989(surface, &GeodesicGraph::new(surface, &control)?, options, &control)
+    let options = Options { rings, sources, starts, seed, keep_rows: false };
+    schwartz1989(surface, &GeodesicGraph::new(surface, &control)?, &options, &control)
 }
 
 fn evenly(surface: &Surface, step: usize) -> Vec<u32> {
@@ -21,8 +22,7 @@ fn a_cylinder_is_unrolled_whatever_the_neighbourhood() {
     let surface = cylinder();
     let sources = evenly(&surface, 9);
     for (rings, sources) in [(None, &[][..]), (Some(4), &sources), (Some(1), &sources)] {
-        let Mapped { map, stresses, pairs } =
-            flattened(&surface, &Options { rings, sources, starts: 2, seed: 4, keep_rows: false }).unwrap();
+        let Mapped { map, stresses, pairs } = flattened(&surface, rings, sources, 2, 4).unwrap();
         assert!(map.distortion.raw.relative_error < 0.01, "{rings:?}: {}", map.distortion.raw.relative_error);
         assert_eq!(turned_over(&surface, &map.uv), 0);
         assert_eq!(stresses.len(), 2);
@@ -39,8 +39,7 @@ fn a_cylinder_is_unrolled_whatever_the_neighbourhood() {
 #[test]
 fn short_distances_alone_fold() {
     let surface = cylinder();
-    let short =
-        flattened(&surface, &Options { rings: Some(1), sources: &[], starts: 3, seed: 0, keep_rows: false }).unwrap();
+    let short = flattened(&surface, Some(1), &[], 3, 0).unwrap();
     assert!(short.map.distortion.raw.relative_error > 0.1);
     assert!(turned_over(&surface, &short.map.uv) > surface.faces().len() / 20);
 }
@@ -51,8 +50,7 @@ fn a_map_is_seen_from_outside_whatever_the_start() {
     let upper: Vec<bool> = sphere.points().iter().map(|p| p.z >= -1e-9).collect();
     let half = sphere.part_of_vertices(&upper);
     for seed in 0..6 {
-        let found =
-            flattened(&half, &Options { rings: None, sources: &[], starts: 1, seed, keep_rows: false }).unwrap();
+        let found = flattened(&half, None, &[], 1, seed).unwrap();
         assert!(map_area(half.faces(), &found.map.uv) > 0.0);
         assert_eq!(turned_over(&half, &found.map.uv), 0);
     }
@@ -78,12 +76,11 @@ fn usual_neighbourhoods_hold_a_tenth_and_a_hundred() {
 
 #[test]
 fn what_cannot_be_flattened_is_refused() {
-    let options = Options { rings: Some(3), sources: &[], starts: 1, seed: 0, keep_rows: false };
     let closed = shapes::surface(shapes::sphere(2));
-    assert!(matches!(flattened(&closed, &options).unwrap_err(), Error::NotADisk { .. }));
+    assert!(matches!(flattened(&closed, Some(3), &[], 1, 0).unwrap_err(), Error::NotADisk { .. }));
     let surface = cylinder();
     let points = surface.len();
-    let refused = |sources| flattened(&surface, &Options { sources, ..options.clone() }).unwrap_err();
+    let refused = |sources| flattened(&surface, Some(3), sources, 1, 0).unwrap_err();
     assert_eq!(refused(&[425]), Error::NoSuchPoint { vertex: 425, points });
     assert_eq!(refused(&[4, 5, 4]), Error::DuplicateSource { vertex: 4 });
 }

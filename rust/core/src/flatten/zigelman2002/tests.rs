@@ -16,7 +16,7 @@ fn flattened(surface: &Surface, sampling: &Sampling<'_>, wave: Wave) -> Result<F
     zigelman2002(surface, &GeodesicGraph::new(surface, &control)?, sampling, wave, 1, false, &control)
 }
 
-/// The mean relative error of distances between some vertices of the unrolled cylinder.
+/// Returns the mean relative error of distances between some vertices of the unrolled cylinder.
 fn error(uv: &[[f64; 2]]) -> f64 {
     let pixels = pixels();
     let apart = |[a, b]: [f64; 2], [c, d]: [f64; 2]| (a - c).hypot(b - d);

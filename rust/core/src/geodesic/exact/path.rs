@@ -5,11 +5,10 @@ use std::collections::HashSet;
 use super::Exact;
 use super::wave::{Wave, Way};
 use super::window::length;
-use crate::control::Control;
-use crate::error::{Error, Result};
 use crate::geodesic::path::{PathPoint, Site};
 use crate::surface::mesh::paths::shortest_path;
 use crate::surface::mesh::{BORDER, next, previous};
+use crate::{Control, Error, Result};
 
 /// A crossing this close to an end of its edge, as a share of the edge, can be replaced by the end itself.
 const AT_VERTEX: f64 = 1e-6;

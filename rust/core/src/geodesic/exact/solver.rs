@@ -2,9 +2,8 @@
 
 use super::Exact;
 use super::wave::Wave;
-use crate::control::Control;
-use crate::error::Result;
 use crate::geodesic::solver::{Fingerprint, Solver};
+use crate::{Control, Result};
 
 impl Exact<'_> {
     /// Writes the distances in mm from `source` to every vertex; infinity where it cannot be reached. `wave` then also

@@ -2,16 +2,11 @@ use nalgebra::{Rotation3, Vector2, Vector3};
 use proptest::prelude::*;
 
 use super::*;
-use crate::Error;
-use crate::control::Control;
-use crate::geodesic::graph::GeodesicGraph;
-use crate::geodesic::path::{
-    Site,
-    checks::{assert_on_surface, bumpy},
-    length,
-};
-use crate::geodesic::solver::Solver;
+use crate::geodesic::path::checks::{assert_on_surface, bumpy};
+use crate::geodesic::path::{Site, length};
+use crate::geodesic::{graph::GeodesicGraph, solver::Solver};
 use crate::surface::mesh::{BORDER, next, previous, shapes};
+use crate::{Control, Error};
 
 fn row(surface: &Surface, source: u32) -> Vec<f64> {
     row_within(surface, source, Reach::default())
@@ -28,7 +23,6 @@ fn assert_near(found: f64, expected: f64, relative: f64) {
     assert!((found - expected).abs() <= relative * expected.abs(), "{found} instead of {expected}");
 }
 
-/// Checks the distances between all pairs of vertices.
 fn assert_all(surface: &Surface, relative: f64, expected: impl Fn(Vector3<f64>, Vector3<f64>) -> Option<f64>) {
     for source in 0..surface.len() as u32 {
         for (&point, found) in surface.points().iter().zip(row(surface, source)) {
@@ -39,7 +33,7 @@ fn assert_all(surface: &Surface, relative: f64, expected: impl Fn(Vector3<f64>, 
     }
 }
 
-/// Distances along the edges alone (Bellman, Ford).
+/// Returns the distances along the edges only (Bellman, Ford).
 fn along_edges(surface: &Surface, source: u32) -> Vec<f64> {
     let mut row = vec![f64::INFINITY; surface.len()];
     row[source as usize] = 0.0;
@@ -56,8 +50,8 @@ fn along_edges(surface: &Surface, source: u32) -> Vec<f64> {
     }
 }
 
-/// The shortest of all lines that run straight through some sequence of faces, none of them twice, and of chains of
-/// such lines: what a shortest path is, by definition.
+/// Returns the lengths of shortest paths by their definition: of all lines that run straight through a sequence of
+/// different faces, and of all chains of such lines, the shortest.
 fn unfolded(surface: &Surface) -> Vec<Vec<f64>> {
     let n = surface.len();
     let mut rows = vec![vec![f64::INFINITY; n]; n];
@@ -82,11 +76,7 @@ fn unfolded(surface: &Surface) -> Vec<Vec<f64>> {
 }
 
 fn look(
-    surface: &Surface,
-    row: &mut [f64],
-    faces: &mut Vec<u32>,
-    half_edge: u32,
-    [right, left]: [Vector2<f64>; 2],
+    surface: &Surface, row: &mut [f64], faces: &mut Vec<u32>, half_edge: u32, [right, left]: [Vector2<f64>; 2],
     [low, high]: [Vector2<f64>; 2],
 ) {
     let twin = surface.twins()[half_edge as usize];
@@ -112,6 +102,14 @@ fn look(
         look(surface, row, faces, previous(twin), [place, left], [if is_left { place } else { low }, high]);
     }
     faces.pop();
+}
+
+fn assert_agrees_with_every_unfolding(surface: &Surface) {
+    for (source, expected) in (0..).zip(unfolded(surface)) {
+        for (found, expected) in row(surface, source).into_iter().zip(expected) {
+            assert_near(found, expected, 1e-12);
+        }
+    }
 }
 
 #[test]
@@ -148,7 +146,7 @@ fn paths_bend_at_the_end_of_a_slit() {
     });
 }
 
-/// The surface of the cube from 0 to `n`, in squares of side 1.
+/// Returns the surface of the cube from 0 to `n`, in squares of side 1.
 fn cube(n: i64) -> Surface {
     let mut points = Vec::new();
     let mut number = std::collections::HashMap::new();
@@ -179,11 +177,8 @@ fn a_cube_unfolds() {
     let surface = cube(5);
     let corner = surface.points().iter().position(|p| *p == Vector3::zeros()).unwrap() as u32;
     for (p, found) in surface.points().iter().zip(row(&surface, corner)) {
-        let sorted = {
-            let mut sorted = [p.x, p.y, p.z];
-            sorted.sort_by(f64::total_cmp);
-            sorted
-        };
+        let mut sorted = [p.x, p.y, p.z];
+        sorted.sort_by(f64::total_cmp);
         // flat on the three faces of the corner; beyond, over the shortest of the edges in between
         let [least, middle, most] = sorted;
         let over = |a: f64, b: f64, c: f64| (a + b).hypot(c);
@@ -295,24 +290,14 @@ proptest! {
 
     #[test]
     fn tiny_surfaces_agree_with_every_unfolding(seed in any::<u64>(), m in 1usize..4, n in 1usize..4) {
-        let surface = bumpy(m, n, seed);
-        for (source, expected) in (0..).zip(unfolded(&surface)) {
-            for (found, expected) in row(&surface, source).into_iter().zip(expected) {
-                assert_near(found, expected, 1e-12);
-            }
-        }
+        assert_agrees_with_every_unfolding(&bumpy(m, n, seed));
     }
 
     #[test]
     fn closed_surfaces_agree_with_every_unfolding(heights in prop::collection::vec(0.3f64..2.0, 18)) {
         let (points, faces) = shapes::sphere(1);
         let points = points.iter().zip(heights).map(|(p, h)| p.map(|x| h * x)).collect();
-        let surface = shapes::surface((points, faces));
-        for (source, expected) in (0..).zip(unfolded(&surface)) {
-            for (found, expected) in row(&surface, source).into_iter().zip(expected) {
-                assert_near(found, expected, 1e-12);
-            }
-        }
+        assert_agrees_with_every_unfolding(&shapes::surface((points, faces)));
     }
 
     #[test]

@@ -7,9 +7,8 @@ use super::envelope::Envelopes;
 use super::frame::{Frame, Frames, around};
 use super::rings::Rings;
 use super::window::{Window, length};
-use crate::control::Control;
-use crate::error::Result;
 use crate::surface::mesh::{Surface, next, previous};
+use crate::{Control, Result};
 
 /// The width of a bucket of the queue, in mean lengths of an edge.
 const BUCKET: f64 = 0.5;

@@ -10,8 +10,7 @@ use rayon::prelude::*;
 
 use super::view::{Seen, View};
 use crate::adjacency::{Arc, starts_of};
-use crate::control::Control;
-use crate::error::{Error, Result};
+use crate::{Control, Error, Result};
 
 /// A link is dropped if two others are together at most this factor longer (docs/decisions/0007).
 pub(super) const DETOUR: f32 = 1.0005;
@@ -291,12 +290,7 @@ impl Needed {
     /// Lists the new links from a vertex to higher ones that pairs of others may replace, and these pairs by their
     /// positions; all other new links are kept.
     fn pairs_instead(
-        &self,
-        new: &Layer,
-        from: u32,
-        beside: &mut Beside,
-        known: &[AtomicU8],
-        open: &mut Vec<Open>,
+        &self, new: &Layer, from: u32, beside: &mut Beside, known: &[AtomicU8], open: &mut Vec<Open>,
         pairs: &mut Vec<[u32; 2]>,
     ) {
         let new_links = || (new.starts[from as usize]..).zip(new.links_of(from));

@@ -94,11 +94,7 @@ struct Window {
 /// faces' other edges at a boundary, and vertices across up to `most` edges. Vertices below `lowest` are excluded.
 /// `beyond_of` returns the faces across half-edges.
 pub(in crate::geodesic) fn unfold(
-    surface: &Surface,
-    half_edges: &[u32],
-    most: u32,
-    lowest: u32,
-    beyond_of: impl Fn(u32) -> Beyond,
+    surface: &Surface, half_edges: &[u32], most: u32, lowest: u32, beyond_of: impl Fn(u32) -> Beyond,
     seen: &mut Vec<Arc>,
 ) {
     let point = |v: u32| surface.points()[v as usize];

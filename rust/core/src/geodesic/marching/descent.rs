@@ -17,13 +17,11 @@ use nalgebra::Vector2;
 use super::visibility::{First, Side, View};
 use super::{Marching, SEEN, Wave};
 use crate::adjacency::Groups;
-use crate::control::Control;
-use crate::error::{Error, Result};
-use crate::geodesic::graph::outgoing;
 use crate::geodesic::path::{PathPoint, Site};
-use crate::geodesic::solver::Solver;
+use crate::geodesic::{graph::outgoing, solver::Solver};
 use crate::surface::mesh::paths::shortest_path;
 use crate::surface::mesh::{BORDER, Surface, next, previous};
+use crate::{Control, Error, Result};
 
 /// A crossing this close to an end of its side, as a share of the side, is replaced by the end itself.
 const AT_VERTEX: f64 = 1e-6;

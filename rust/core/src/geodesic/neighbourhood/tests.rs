@@ -8,7 +8,7 @@ fn torus() -> Surface {
     shapes::surface(shapes::torus(18, 11))
 }
 
-/// The vertices within a number of rings of each vertex, found by repeated passes over all faces.
+/// Returns the vertices within a number of rings of each vertex, by repeated passes over all faces.
 fn by_brute_force(surface: &Surface, rings: u32) -> Vec<BTreeSet<u32>> {
     let grown = |inside: &BTreeSet<u32>| {
         let touching = surface.faces().iter().filter(|face| face.iter().any(|v| inside.contains(v)));
@@ -22,7 +22,7 @@ fn by_brute_force(surface: &Surface, rings: u32) -> Vec<BTreeSet<u32>> {
 fn neighbours_are_those_within_so_many_rings() {
     for surface in [torus(), shapes::surface(shapes::sheet(9, 6))] {
         for rings in [1, 2, 4] {
-            let found = Neighbourhoods::measure(&surface, Some(rings), &[], &Control::default()).unwrap();
+            let found = Neighbourhoods::measure(&surface, Some(rings), &[], false, &Control::default()).unwrap().0;
             let expected = by_brute_force(&surface, rings);
             for (vertex, mut expected) in expected.into_iter().enumerate() {
                 expected.remove(&(vertex as u32));
@@ -47,7 +47,7 @@ fn neighbourhoods_have_the_sizes_that_are_told() {
     }
 }
 
-/// The shorter of both directions' exact distances.
+/// Returns the shorter of the exact distances in both directions.
 fn exact(surface: &Surface) -> Vec<Vec<f32>> {
     let rows: Vec<_> = (0..surface.len() as u32).map(|vertex| row(&Exact::new(surface), vertex)).collect();
     let count = surface.len();
@@ -59,10 +59,10 @@ fn all_pairs_and_those_of_sources_are_exact() {
     let surface = torus();
     let expected = exact(&surface);
     let control = Control::default();
-    let all = Neighbourhoods::measure(&surface, None, &[], &control).unwrap();
+    let all = Neighbourhoods::measure(&surface, None, &[], false, &control).unwrap().0;
     assert_eq!(all.pairs(), surface.len() * (surface.len() - 1) / 2);
     let sources = [150, 3, 60];
-    let some = Neighbourhoods::measure(&surface, Some(2), &sources, &control).unwrap();
+    let some = Neighbourhoods::measure(&surface, Some(2), &sources, false, &control).unwrap().0;
     let mut total = 0.0;
     for vertex in 0..surface.len() {
         for near in all.of_vertex(vertex) {
@@ -89,7 +89,7 @@ fn all_pairs_and_those_of_sources_are_exact() {
 #[test]
 fn on_a_plane_distances_within_rings_are_straight() {
     let surface = shapes::surface(shapes::sheet(12, 9));
-    let found = Neighbourhoods::measure(&surface, Some(4), &[], &Control::default()).unwrap();
+    let found = Neighbourhoods::measure(&surface, Some(4), &[], false, &Control::default()).unwrap().0;
     let off = |vertex: usize, near: &Near| {
         let straight = (surface.points()[vertex] - surface.points()[near.vertex as usize]).norm();
         f64::from(near.distance) / straight - 1.0
@@ -107,6 +107,6 @@ fn what_cannot_be_reached_is_refused() {
     let sheet = shapes::sheet(3, 3);
     let surface = shapes::surface(both(&sheet, &moved(&sheet, |[x, y, z]| [x + 9.0, *y, *z])));
     let control = Control::default();
-    let found = Neighbourhoods::measure(&surface, Some(2), &[3], &control).unwrap_err();
+    let found = Neighbourhoods::measure(&surface, Some(2), &[3], false, &control).unwrap_err();
     assert_eq!(found, Error::Unreachable { source_vertex: 3, vertex: 16 });
 }

@@ -1,8 +1,7 @@
 use super::*;
 use crate::orient::map_area;
-use crate::surface::Surface;
 use crate::surface::decimate::{Decimation, Options, decimate};
-use crate::surface::mesh::shapes;
+use crate::surface::{Surface, mesh::shapes};
 use crate::tests::flipped;
 use proptest::prelude::*;
 
@@ -13,10 +12,7 @@ fn decimated(surface: &Surface, vertices: usize) -> Decimation {
 
 /// Extends a map of the survivors to all vertices; returns it with the number of flipped triangles.
 fn carried(
-    found: &Decimation,
-    vertices: usize,
-    map: impl Fn(u32) -> [f64; 2],
-    is_mirrored: bool,
+    found: &Decimation, vertices: usize, map: impl Fn(u32) -> [f64; 2], is_mirrored: bool,
 ) -> (Vec<[f64; 2]>, usize) {
     let mut uv = vec![[f64::NAN; 2]; vertices];
     found.survivors.iter().for_each(|&v| uv[v as usize] = map(v));
@@ -25,7 +21,7 @@ fn carried(
     (uv, turned)
 }
 
-/// A plane grid in space whose inner vertices are moved at random, without flipping a triangle.
+/// Returns a plane grid in space whose inner vertices are moved at random, without flipping a triangle.
 fn jittered(side: usize, moves: &[[f64; 2]]) -> Surface {
     let (points, faces) = shapes::sheet(side, side);
     let moved = points.iter().zip(moves).map(|(&[x, y, _], [dx, dy])| {

@@ -1,9 +1,8 @@
 //! Shortest paths from the boundary of a surface to its interior.
 
-use crate::control::Control;
-use crate::error::Result;
 use crate::surface::mesh::Surface;
 use crate::surface::mesh::paths::{EdgeSearch, Network};
+use crate::{Control, Result};
 
 /// The shortest paths along edges from the boundary to every vertex.
 #[derive(Debug)]
@@ -53,10 +52,7 @@ pub(crate) fn from_sides(surface: &Surface, control: &Control) -> Result<Vec<f64
 
 /// Returns allowed vertices inside a surface, each the farthest one from the boundary and from the previous ones.
 pub(crate) fn spread(
-    surface: &Surface,
-    count: usize,
-    is_allowed: impl Fn(u32) -> bool,
-    control: &Control,
+    surface: &Surface, count: usize, is_allowed: impl Fn(u32) -> bool, control: &Control,
 ) -> Result<Vec<u32>> {
     let mut from = Inward::of(surface, control)?;
     let mut nearest = vec![f64::INFINITY; surface.len()];

@@ -4,14 +4,11 @@ pub mod holes;
 pub(crate) mod inward;
 
 use crate::adjacency::Sets;
-use crate::control::Control;
-use crate::error::{Error, Result};
-use crate::surface::mesh::Surface;
-use crate::surface::mesh::curvature::mean_curvature;
 use crate::surface::mesh::paths::{EdgeSearch, Network, Step, length};
-use crate::surface::topology::Topology;
-use crate::surface::topology::homology::Shrunk;
+use crate::surface::mesh::{Surface, curvature::mean_curvature};
 use crate::surface::topology::loops::{TOLL, cut_handles};
+use crate::surface::topology::{Topology, homology::Shrunk};
+use crate::{Control, Error, Result};
 
 /// A surface that was cut open to a disk.
 #[derive(Debug, Clone, PartialEq)]
@@ -69,19 +66,6 @@ pub fn cut(surface: &Surface, paths: &[Vec<u32>]) -> Result<Surface> {
 /// at most twice as long as the shortest tree (Mehlhorn 1988). If the surface is then closed or nearly closed, it also
 /// gets a cut between two distant points, preferably along the depths of folds. A disk is left unchanged. Takes O(n log
 /// n) time beside the handles; the result is deterministic.
-///
-/// # Examples
-/// ```
-/// use voxflat::control::Control;
-/// use voxflat::surface::cuts::open_to_disk;
-/// use voxflat::surface::mesh::shapes;
-/// use voxflat::surface::topology::Topology;
-///
-/// let torus = shapes::surface(shapes::torus(24, 12));
-/// let opened = open_to_disk(&torus, &Control::default())?;
-/// assert!(Topology::of(&opened.surface).is_disk());
-/// # Ok::<(), voxflat::Error>(())
-/// ```
 pub fn open_to_disk(surface: &Surface, control: &Control) -> Result<Opened> {
     let topology = Topology::of(surface);
     require_connected(&topology)?;

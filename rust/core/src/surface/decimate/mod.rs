@@ -20,9 +20,9 @@ use nalgebra::Vector3;
 use rayon::prelude::*;
 
 use crate::adjacency::marked;
-use crate::control::Control;
-use crate::error::{Error, Result, check_points};
+use crate::error::check_points;
 use crate::surface::mesh::Surface;
+use crate::{Control, Error, Result};
 use connectivity::{Connectivity, Ring};
 use quadric::Quadric;
 
@@ -108,13 +108,8 @@ pub struct Removal<'a> {
 
 impl Removals {
     /// Returns the number of removed vertices.
-    pub fn len(&self) -> usize {
+    pub(crate) fn len(&self) -> usize {
         self.vertices.len()
-    }
-
-    /// Returns whether no vertex was removed.
-    pub fn is_empty(&self) -> bool {
-        self.vertices.is_empty()
     }
 
     /// Iterates in the order of removal; in reverse, all neighbours of each vertex are known.
@@ -141,20 +136,6 @@ impl Removals {
 
 /// Removes vertices, except those to `keep`, until the desired number is left or no more can go. Deterministic.
 /// Errors: [`Error::DecimationOption`], [`Error::NoSuchPoint`] among those to keep, [`Error::Cancelled`].
-///
-/// # Examples
-/// ```
-/// use voxflat::control::Control;
-/// use voxflat::surface::decimate::{Options, decimate};
-/// use voxflat::surface::mesh::shapes;
-///
-/// let sheet = shapes::surface(shapes::sheet(8, 8)); // 8 by 8 squares of 1 mm, in the plane z = 0
-/// let found = decimate(&sheet, &[40], &Options { vertices: 30, ..Options::default() }, &Control::default())?;
-/// assert_eq!(found.survivors.len(), 30);
-/// assert!(found.survivors.contains(&40));
-/// assert!((found.surface.areas().iter().sum::<f64>() - 64.0).abs() < 1e-9); // it is still the same square
-/// # Ok::<(), voxflat::Error>(())
-/// ```
 pub fn decimate(surface: &Surface, keep: &[u32], options: &Options, control: &Control) -> Result<Decimation> {
     options.validate()?;
     let points = surface.len();

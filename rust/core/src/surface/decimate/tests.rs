@@ -9,14 +9,12 @@ fn decimated(surface: &Surface, vertices: usize) -> Decimation {
     decimate(surface, &[], &options, &Control::default()).unwrap()
 }
 
-/// A grid with a random relief and random diagonals.
 fn relief(side: usize, heights: &[f64]) -> Surface {
     let (points, faces) = shapes::sheet(side, side);
     let lifted = points.iter().zip(heights).map(|(&[x, y, _], z)| [x + 0.2 * z, y, *z]);
     shapes::surface((lifted.collect(), faces))
 }
 
-/// Checks properties of every decimation.
 fn assert_right(surface: &Surface, found: &Decimation) {
     let Decimation { survivors, surface: coarse, removals } = found;
     assert_sound(coarse);

@@ -17,7 +17,6 @@ const WIDEST: f64 = PI - 1e-6;
 /// The widest fan of a vertex on the boundary after unfolding.
 const WIDEST_FAN: f64 = 0.95 * TAU;
 
-/// Returns the weights of the ring around an apex.
 pub(super) fn weights(apex: Vector3<f64>, ring: &[Vector3<f64>], is_closed: bool) -> Vec<[f64; 2]> {
     let spokes: Vec<Vector3<f64>> = ring.iter().map(|p| p - apex).collect();
     let found = if is_closed { within(&spokes) } else { beside(&spokes) };
@@ -72,7 +71,7 @@ mod tests {
         weights.iter().zip(places).map(|(&[re, im], place)| Complex::new(re, im) * place).sum()
     }
 
-    /// A ring around a vertex of the plane that it sees, by its steps of angle and its lengths.
+    /// Returns a ring in the plane that is visible from its vertex, given its angular steps and lengths.
     fn ring(steps: &[f64], lengths: &[f64], turn: f64) -> Vec<Complex<f64>> {
         let mut direction = 0.0;
         let at = |(step, &length): (&f64, &f64)| {

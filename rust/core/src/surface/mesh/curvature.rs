@@ -2,10 +2,9 @@
 
 use nalgebra::Vector3;
 
-use crate::control::Control;
-use crate::error::Result;
 use crate::surface::mesh::Surface;
 use crate::surface::mesh::diffusion::{Stiffness, masses};
+use crate::{Control, Result};
 
 /// The number of diffusion steps; with three, the kernel is close to a Gaussian.
 const STEPS: usize = 3;
@@ -33,11 +32,8 @@ pub fn mean_curvature(surface: &Surface, rings: usize) -> Vec<f64> {
 pub fn smooth_mean_curvature(surface: &Surface, smoothing: f64, control: &Control) -> Result<Vec<f64>> {
     control.begin("computing mean curvature", STEPS as u64);
     let (bend, area) = (bends(surface), masses(surface.points(), surface.faces()));
-    let mut curvature: Vec<Vector3<f64>> = bend
-        .iter()
-        .zip(&area)
-        .map(|(bend, area)| [if *area > 0.0 { bend / area } else { 0.0 }, 0.0, 0.0].into())
-        .collect();
+    let mean = |(&bend, &area): (&f64, &f64)| Vector3::new(if area > 0.0 { bend / area } else { 0.0 }, 0.0, 0.0);
+    let mut curvature: Vec<Vector3<f64>> = bend.iter().zip(&area).map(mean).collect();
     if smoothing > 0.0 {
         let stiffness = Stiffness::new(surface);
         for _ in 0..STEPS {

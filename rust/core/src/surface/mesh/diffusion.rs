@@ -4,9 +4,8 @@ use nalgebra::Vector3;
 use rayon::prelude::*;
 
 use crate::adjacency::starts_of;
-use crate::control::Control;
-use crate::error::Result;
 use crate::surface::mesh::Surface;
+use crate::{Control, Result};
 
 /// The relative residual at which conjugate gradients end; they also end after the maximum number of steps.
 const SMALL: f64 = 3e-3;
@@ -56,12 +55,7 @@ impl Stiffness {
 
     /// Takes one backward Euler step: solves (M + t L) y = b, M = diag(`mass`), from an initial guess y.
     pub(crate) fn solve(
-        &self,
-        mass: &[f64],
-        time: f64,
-        b: &[Vector3<f64>],
-        y: &mut [Vector3<f64>],
-        control: &Control,
+        &self, mass: &[f64], time: f64, b: &[Vector3<f64>], y: &mut [Vector3<f64>], control: &Control,
     ) -> Result<()> {
         // conjugate gradients with a diagonal preconditioner, for three columns at a time
         let diagonal: Vec<f64> =

@@ -14,8 +14,8 @@ pub mod triangles;
 use nalgebra::Vector3;
 
 use crate::adjacency::Components;
-use crate::error::{Error, Result};
 use crate::scales::{SHORTEST_EDGE, SMALLEST, is_near};
+use crate::{Error, Result};
 
 /// Marks a half-edge with no face on its other side.
 pub const BORDER: u32 = u32::MAX;
@@ -23,15 +23,7 @@ pub const BORDER: u32 = u32::MAX;
 /// An oriented 2-manifold of triangles, with or without a boundary.
 ///
 /// Half-edge `3 f + k` leads from corner `k` of face `f` to its corner `k + 1`. Faces run counterclockwise as seen from
-/// outside. # Examples
-/// ```
-/// use voxflat::surface::Surface;
-///
-/// let points = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
-/// let (tetrahedron, repairs) = Surface::from_triangles(&points, &[[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]])?;
-/// assert_eq!((tetrahedron.edges().count(), tetrahedron.boundary().len(), repairs.turned), (6, 0, 0));
-/// # Ok::<(), voxflat::Error>(())
-/// ```
+/// outside.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Surface {
     points: Vec<Vector3<f64>>,
@@ -96,7 +88,7 @@ impl Surface {
     /// Returns the faces for which `keep` is true, with their vertices.
     /// Panics if the number of values differs from the number of faces.
     pub fn part(&self, keep: &[bool]) -> Self {
-        assert_eq!(keep.len(), self.faces.len(), "one value a face");
+        assert_eq!(keep.len(), self.faces.len(), "one value per face");
         let mut number = vec![BORDER; keep.len()];
         let kept: Vec<u32> = (0..keep.len() as u32).filter(|&f| keep[f as usize]).collect();
         kept.iter().enumerate().for_each(|(n, &f)| number[f as usize] = n as u32);
@@ -113,7 +105,7 @@ impl Surface {
     /// Returns the faces whose three corners are vertices for which `keep` is true.
     /// Panics if the number of values differs from the number of vertices.
     pub fn part_of_vertices(&self, keep: &[bool]) -> Self {
-        assert_eq!(keep.len(), self.points.len(), "one value a vertex");
+        assert_eq!(keep.len(), self.points.len(), "one value per vertex");
         let faces: Vec<bool> = self.faces.iter().map(|face| face.iter().all(|&v| keep[v as usize])).collect();
         self.part(&faces)
     }
@@ -133,7 +125,7 @@ impl Surface {
     /// Returns the same surface with other vertex positions, at which distances are then measured.
     /// Panics if the number of points differs from the number of vertices.
     pub fn moved(&self, points: Vec<Vector3<f64>>) -> Result<Self> {
-        assert_eq!(points.len(), self.points.len(), "one point a vertex");
+        assert_eq!(points.len(), self.points.len(), "one point per vertex");
         finite(points.iter().map(|p| (*p).into()))?;
         let moved = Self { points, ..self.clone() };
         moved.check_size()?;
@@ -161,13 +153,9 @@ impl Surface {
         if let Some(far) = self.points.iter().position(|p| !p.iter().all(|&x| is_near(x))) {
             return Err(Error::PointTooFar { vertex: self.ids[far] as usize, at: self.points[far].into() });
         }
-        let ends = self
-            .points
-            .iter()
-            .fold([Vector3::repeat(f64::INFINITY), Vector3::repeat(f64::NEG_INFINITY)], |[l, h], p| {
-                [l.inf(p), h.sup(p)]
-            });
-        let size = (ends[1] - ends[0]).max();
+        let low = self.points.iter().fold(Vector3::repeat(f64::INFINITY), |low, p| low.inf(p));
+        let high = self.points.iter().fold(Vector3::repeat(f64::NEG_INFINITY), |high, p| high.sup(p));
+        let size = (high - low).max();
         if size < SMALLEST && !self.is_empty() { Err(Error::SurfaceTooSmall { size }) } else { Ok(size) }
     }
 
@@ -356,7 +344,7 @@ fn finite(mut points: impl Iterator<Item = [f64; 3]>) -> Result<()> {
 mod tests {
     use super::shapes::assert_sound;
     use super::*;
-    use crate::error::Error;
+    use crate::Error;
     use crate::surface::topology::Topology;
     use proptest::prelude::*;
 

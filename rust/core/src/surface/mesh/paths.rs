@@ -4,9 +4,9 @@ use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
 use crate::adjacency::starts_of;
-use crate::control::Control;
-use crate::error::{Error, Result, check_points};
+use crate::error::check_points;
 use crate::surface::mesh::{BORDER, Surface};
+use crate::{Control, Error, Result};
 
 const NONE: u32 = u32::MAX;
 
@@ -232,15 +232,10 @@ pub fn shortest_path(surface: &Surface, stops: &[u32], factors: Option<&[f64]>, 
 /// vertices that `may_pass`: a simple path that meets `to` only at its end. The cost of an edge is its length times the
 /// mean of its ends' factors. Panics if the number of factors or flags differs from the number of vertices.
 pub fn path_to_any(
-    surface: &Surface,
-    from: u32,
-    to: &[bool],
-    may_pass: &[bool],
-    factors: &[f64],
-    control: &Control,
+    surface: &Surface, from: u32, to: &[bool], may_pass: &[bool], factors: &[f64], control: &Control,
 ) -> Result<Vec<u32>> {
     check_points([from], surface.len())?;
-    assert!([to.len(), may_pass.len()] == [surface.len(); 2], "one word on each vertex");
+    assert!([to.len(), may_pass.len()] == [surface.len(); 2], "one flag and one factor per vertex");
     let network = factored(surface, factors)?;
     let mut search = EdgeSearch::new(surface.len());
     search.seed(from);
@@ -258,7 +253,7 @@ pub fn path_to_any(
 
 /// Returns the network of a surface, where the cost of an edge is its length times the mean of the factors of its ends.
 fn factored(surface: &Surface, factors: &[f64]) -> Result<Network> {
-    assert_eq!(factors.len(), surface.len(), "one factor a vertex");
+    assert_eq!(factors.len(), surface.len(), "one factor per vertex");
     if let Some(vertex) = factors.iter().position(|&f| !(f > 0.0 && f <= LONGEST.sqrt())) {
         return Err(Error::FactorNotPositive { vertex, factor: factors[vertex] });
     }

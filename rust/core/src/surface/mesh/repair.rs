@@ -1,4 +1,4 @@
-//! Repair of triangle meshes: removal of defects that have exactly one right correction.
+//! Repair of triangle meshes: removal of defects that have exactly one valid correction.
 //!
 //! - If no triangles share a vertex (triangle soup, as in STL files), vertices at the same position are merged.
 //! - Of triangles with the same corners, one is kept.
@@ -95,7 +95,6 @@ fn is_needle(shortest: f64, longest: f64) -> bool {
     shortest <= ROUNDING * longest
 }
 
-/// Returns the faces that have the same corners as an earlier face.
 pub(super) fn duplicates(faces: &[[u32; 3]]) -> Vec<u32> {
     let sorted = |mut face: [u32; 3]| {
         face.sort_unstable();
@@ -324,7 +323,6 @@ impl<'a> Complex<'a> {
         })
     }
 
-    /// Returns the lengths of a triangle's edges in mm.
     fn lengths(&self, corners: &[u32; 3]) -> [f64; 3] {
         lengths(self.points, corners)
     }

@@ -60,13 +60,11 @@ pub fn sphere(times: usize) -> (Vec<[f64; 3]>, Vec<[i64; 3]>) {
                 points.len() as i64 - 1
             })
         };
-        faces = faces
-            .iter()
-            .flat_map(|&[a, b, c]| {
-                let (d, e, f) = (halve(a, b), halve(b, c), halve(c, a));
-                [[a, d, f], [b, e, d], [c, f, e], [d, e, f]]
-            })
-            .collect();
+        let quarters = |&[a, b, c]: &[i64; 3]| {
+            let (d, e, f) = (halve(a, b), halve(b, c), halve(c, a));
+            [[a, d, f], [b, e, d], [c, f, e], [d, e, f]]
+        };
+        faces = faces.iter().flat_map(quarters).collect();
     }
     (points.into_iter().map(Into::into).collect(), faces)
 }

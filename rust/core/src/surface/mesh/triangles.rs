@@ -5,7 +5,7 @@ use nalgebra::Vector3;
 use super::repair::{Repair, at_one_place, duplicates, has_no_area, is_soup};
 use super::{BORDER, Surface, fans, finite, next, twins_of_turned};
 use crate::adjacency::distinct;
-use crate::error::{Error, Result};
+use crate::{Error, Result};
 
 /// The repairs that were made to a mesh.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
@@ -81,7 +81,7 @@ impl Surface {
         Ok((surface, repaired))
     }
 
-    /// Does the same, but repairs all defects that have exactly one right correction. Triangles without area are
+    /// Creates a surface, and repairs all defects that have exactly one valid correction. Triangles without area are
     /// dropped or flipped away, and vertices merged for it, of which the lowest one keeps its number as id. Duplicates
     /// are dropped. Every fan around a vertex gets its own vertex. For valid triangles, the surface is bit-identical to
     /// that of [`Surface::from_triangles`].
@@ -111,11 +111,7 @@ impl Surface {
     }
 
     fn joined(
-        points: &[[f64; 3]],
-        faces: &[[u32; 3]],
-        twins: Vec<u32>,
-        defects: Defects,
-        repair: Repair,
+        points: &[[f64; 3]], faces: &[[u32; 3]], twins: Vec<u32>, defects: Defects, repair: Repair,
     ) -> (Self, Repairs) {
         let points: Vec<Vector3<f64>> = points.iter().map(|&p| p.into()).collect();
         let ids: Vec<u32> = (0..points.len() as u32).collect();

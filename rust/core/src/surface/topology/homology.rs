@@ -13,11 +13,9 @@
 //! (Erickson, Nayyeri 2011 keep bits).
 
 use crate::adjacency::Sets;
-use crate::control::Control;
-use crate::error::Result;
-use crate::surface::mesh::Surface;
 use crate::surface::mesh::paths::{Edge, EdgeSearch, Network, Step, length};
-use crate::surface::topology::shrunk;
+use crate::surface::{mesh::Surface, topology::shrunk};
+use crate::{Control, Result};
 
 /// A surface whose boundary loops are contracted to points.
 #[derive(Debug)]
@@ -214,8 +212,7 @@ fn random(n: u64) -> u64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::surface::mesh::shapes;
-    use crate::surface::topology::Topology;
+    use crate::surface::{mesh::shapes, topology::Topology};
     use proptest::prelude::*;
 
     proptest! {

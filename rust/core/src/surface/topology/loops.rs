@@ -15,12 +15,11 @@ use std::collections::BinaryHeap;
 use nalgebra::Vector3;
 
 use crate::adjacency::distinct;
-use crate::control::Control;
-use crate::error::Result;
 use crate::surface::mesh::paths::{EdgeSearch, length};
 use crate::surface::mesh::{BORDER, Surface};
 use crate::surface::topology::Topology;
 use crate::surface::topology::homology::{Homology, Shrunk};
+use crate::{Control, Result};
 
 /// The cost of a path through a boundary loop, as a share of the loop's length: that of its longest way around.
 pub(crate) const TOLL: f64 = 0.5;
@@ -258,12 +257,7 @@ impl Across {
 
     /// Returns the half-edges that are crossed on a path from one face to another.
     fn path(
-        &mut self,
-        surface: &Surface,
-        from: u32,
-        to: u32,
-        is_open: impl Fn(u32) -> bool,
-        control: &Control,
+        &mut self, surface: &Surface, from: u32, to: u32, is_open: impl Fn(u32) -> bool, control: &Control,
     ) -> Result<Option<Vec<u32>>> {
         self.round += 1;
         self.seen[from as usize] = (self.round, u32::MAX);

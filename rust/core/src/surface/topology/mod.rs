@@ -105,11 +105,6 @@ impl Topology {
     pub fn is_disk(&self) -> bool {
         self.components.len() == 1 && self.genus == 0 && self.loops.len() == 1
     }
-
-    /// Returns whether the surface has no boundary.
-    pub fn is_closed(&self) -> bool {
-        self.loops.is_empty() && !self.components.is_empty()
-    }
 }
 
 /// Returns the boundary loops in the order of their first half-edges; `label` is the component of each face.
@@ -145,7 +140,7 @@ mod tests {
         {
             let topology = Topology::of(&shapes::surface(shape));
             assert_eq!((topology.euler, topology.genus, topology.loops.len()), (euler, genus, loops));
-            assert_eq!((topology.is_disk(), topology.is_closed()), (loops == 1, loops == 0));
+            assert_eq!(topology.is_disk(), loops == 1);
         }
     }
 
@@ -164,15 +159,15 @@ mod tests {
         assert_eq!(topology.components.iter().map(|c| c.area).collect::<Vec<_>>(), [45.0, 1.0]);
         let loops: Vec<_> = topology.loops.iter().map(|l| (l.component, l.length, l.half_edges.len())).collect();
         assert_eq!(loops, [(1, 28.0, 28), (1, 8.0, 8), (0, 4.0, 4)]);
-        assert!(!topology.is_disk() && !topology.is_closed());
+        assert!(!topology.is_disk());
         assert_eq!(topology.loops[1].vertices(&part).len(), 8);
     }
 
     #[test]
-    fn nothing_is_neither_disk_nor_closed() {
+    fn nothing_is_no_disk() {
         let nothing = shapes::surface(shapes::sheet(1, 1)).part(&[false, false]);
         let topology = Topology::of(&nothing);
-        assert!(!topology.is_disk() && !topology.is_closed());
+        assert!(!topology.is_disk());
         assert_eq!((topology.euler, topology.components.len()), (0, 0));
     }
 

@@ -6,10 +6,9 @@ use std::collections::HashMap;
 
 use nalgebra::Vector3;
 
-use crate::control::Control;
-use crate::error::Result;
 use crate::surface::mesh::Surface;
 use crate::surface::mesh::paths::{EdgeSearch, Network};
+use crate::{Control, Result};
 
 /// The maximum cosine between the normals of opposite sides.
 const AWAY: f64 = -0.5;
@@ -80,11 +79,7 @@ pub fn thin_places(surface: &Surface, thickness: f64, control: &Control) -> Resu
 
 /// Computes distances along edges up to a radius.
 fn search_around(
-    search: &mut EdgeSearch,
-    network: &Network,
-    vertex: u32,
-    radius: f64,
-    control: &Control,
+    search: &mut EdgeSearch, network: &Network, vertex: u32, radius: f64, control: &Control,
 ) -> Result<()> {
     search.clear();
     search.seed(vertex);
@@ -135,7 +130,7 @@ mod tests {
         thin_places(surface, thickness, &Control::default()).unwrap()
     }
 
-    /// A ball pressed flat.
+    /// Returns a flattened ball.
     fn disc(height: f64) -> Surface {
         let sphere = shapes::surface(shapes::sphere(5));
         sphere.moved(sphere.points().iter().map(|p| [5.0 * p.x, 5.0 * p.y, height * p.z].into()).collect()).unwrap()

@@ -3,9 +3,8 @@
 //! A sheet that can be flattened has Euler characteristic χ = 1 (a disk). The surface of a solid has χ = 2 and encloses
 //! an interior. Every handle, hole, or contact of two banks reduces χ by one.
 
-use crate::control::Control;
-use crate::error::Result;
 use crate::surface::voxels::{DIRECT, VertexGrid, VoxelSurface, neighbours};
+use crate::{Control, Result};
 
 /// The smallest share of the surface that must line one cavity for the surface to count as closed. A smaller cavity is
 /// a pocket inside a thick sheet, which still has an edge and can be flattened.
@@ -65,11 +64,8 @@ fn euler_characteristic(surface: &VoxelSurface, grid: &VertexGrid) -> i64 {
         let bits = offsets.iter().enumerate().filter(|&(_, &e)| e < [0, 0, 0] && shares(s, e));
         bits.fold(0u32, |mask, (bit, _)| mask | 1 << bit)
     };
-    let cells: Vec<(u32, i64)> = offsets
-        .iter()
-        .chain(&[[0, 0, 0]])
-        .map(|&s| (earlier(s), if s.iter().filter(|&&x| x == 0).count() % 2 == 0 { 1 } else { -1 }))
-        .collect();
+    let sign = |s: [i64; 3]| if s.iter().filter(|&&x| x == 0).count() % 2 == 0 { 1 } else { -1 };
+    let cells: Vec<(u32, i64)> = offsets.iter().chain(&[[0, 0, 0]]).map(|&s| (earlier(s), sign(s))).collect();
     let present = |cell: usize| {
         let found = |&step: &isize| grid.cells()[cell.wrapping_add_signed(step)] != VertexGrid::NONE;
         steps.iter().enumerate().fold(0u32, |mask, (bit, step)| mask | u32::from(found(step)) << bit)
@@ -170,7 +166,7 @@ mod tests {
         assert_eq!((topology.cavities, topology.is_closed()), (1, false));
     }
 
-    /// χ by listing every cell of every cube.
+    /// Returns χ by listing every cell of every cube.
     fn euler_by_listing(surface: &VoxelSurface) -> i64 {
         let mut cells = HashSet::new();
         for voxel in surface.voxels() {

@@ -2,8 +2,7 @@
 
 use super::{VertexGrid, VoxelSurface, neighbours};
 use crate::adjacency::{Arc, Links};
-use crate::control::Control;
-use crate::error::{Error, Result};
+use crate::{Control, Error, Result};
 
 /// A stored arc: 29 bits for the neighbour, 3 for the kind of link. Distance rows are memory-bound; half the bytes make
 /// them about half again as fast.
@@ -61,16 +60,6 @@ impl VoxelGraph {
         4 * links as u64 + 4 * vertices as u64
     }
 
-    /// Returns the number of vertices.
-    pub fn len(&self) -> usize {
-        self.starts.len() - 1
-    }
-
-    /// Returns whether there are no vertices.
-    pub fn is_empty(&self) -> bool {
-        self.len() == 0
-    }
-
     /// Returns the number of links, counted from both of their ends.
     pub fn links(&self) -> usize {
         self.arcs.len()
@@ -84,7 +73,7 @@ impl VoxelGraph {
 
 impl Links for VoxelGraph {
     fn vertices(&self) -> usize {
-        self.len()
+        self.starts.len() - 1
     }
 
     #[inline]

@@ -2,7 +2,7 @@
 
 use nalgebra::Vector3;
 
-use crate::error::{Error, Result};
+use crate::{Error, Result};
 
 /// An image, and its value at the surface, such as a probability of 0.5.
 #[derive(Debug, Clone)]

@@ -15,9 +15,8 @@ pub mod voxelmesh;
 
 use nalgebra::Vector3;
 
-use crate::control::Control;
-use crate::error::{Error, Result};
 use crate::volume::{Affine, Mask};
+use crate::{Control, Error, Result};
 
 /// The offsets to the six direct neighbours.
 pub(crate) const DIRECT: [[i64; 3]; 6] = [[-1, 0, 0], [0, -1, 0], [0, 0, -1], [0, 0, 1], [0, 1, 0], [1, 0, 0]];
@@ -58,7 +57,7 @@ impl VoxelSurface {
 
     /// Returns the voxels for which `keep` is true. Panics if the number of values differs from the number of voxels.
     pub fn subset(&self, keep: &[bool]) -> Self {
-        assert_eq!(keep.len(), self.voxels.len(), "one value a voxel");
+        assert_eq!(keep.len(), self.voxels.len(), "one value per voxel");
         let kept = || (0..keep.len()).filter(|&v| keep[v]);
         Self {
             shape: self.shape,

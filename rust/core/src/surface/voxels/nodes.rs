@@ -11,10 +11,9 @@ use std::collections::HashSet;
 use nalgebra::Vector3;
 use rayon::prelude::*;
 
-use crate::control::Control;
-use crate::error::{Error, Result};
 use crate::surface::mesh::{BORDER, Surface};
 use crate::surface::voxels::surfels::Surfels;
+use crate::{Control, Error, Result};
 
 /// The assignment of surfels to nodes.
 #[derive(Debug, Clone)]
@@ -46,9 +45,7 @@ impl Nodes {
     /// returns the positions of nodes (mm), by which diagonals are chosen. It is called for the final nodes, and before
     /// only for the centres of surfels.
     pub fn triangulate(
-        surfels: &Surfels,
-        centres: &[Vector3<f64>],
-        place: impl FnOnce(&Self) -> Result<Vec<Vector3<f64>>>,
+        surfels: &Surfels, centres: &[Vector3<f64>], place: impl FnOnce(&Self) -> Result<Vec<Vector3<f64>>>,
         control: &Control,
     ) -> Result<(Self, Surface)> {
         let mut apart = not_a_disk(surfels);

@@ -13,8 +13,7 @@ use nalgebra::{Matrix6, Vector3, Vector6};
 use rayon::prelude::*;
 
 use crate::adjacency::starts_of;
-use crate::control::Control;
-use crate::error::Result;
+use crate::{Control, Result};
 
 /// The neighbours of each node, in compressed rows.
 #[derive(Debug, Clone, Default)]
@@ -71,11 +70,7 @@ pub struct Places {
 
 /// Fits the surface through nodes at `base` (mm along the axes) with approximate normals `outward`.
 pub fn fit(
-    base: &[Vector3<f64>],
-    outward: Vec<Vector3<f64>>,
-    neighbours: &Neighbours,
-    spacing: [f64; 3],
-    control: &Control,
+    base: &[Vector3<f64>], outward: Vec<Vector3<f64>>, neighbours: &Neighbours, spacing: [f64; 3], control: &Control,
 ) -> Result<Places> {
     let unit = spacing.into_iter().fold(0.0, f64::max);
     let finest = spacing.into_iter().fold(unit, f64::min);
@@ -170,7 +165,6 @@ impl Places {
     }
 }
 
-/// Averages normals with their neighbours'.
 fn averaged(mut normals: Vec<Vector3<f64>>, neighbours: &Neighbours) -> Vec<Vector3<f64>> {
     for _ in 0..AVERAGED {
         let mean = |node: usize| {
@@ -229,11 +223,7 @@ const STEEPEST: f64 = 2.0;
 impl Fit {
     /// Returns the height of the fitted surface over a node, and its normal there.
     fn height(
-        self,
-        node: u32,
-        around: &[u32],
-        points: &[Vector3<f64>],
-        normals: &[Vector3<f64>],
+        self, node: u32, around: &[u32], points: &[Vector3<f64>], normals: &[Vector3<f64>],
     ) -> (f64, Vector3<f64>) {
         let (origin, normal) = (points[node as usize], normals[node as usize]);
         let across = if normal.x.abs() < 0.7 { Vector3::x() } else { Vector3::y() };

@@ -33,10 +33,9 @@ use self::distances::distances;
 use self::grid::{BATCH, Grid, look};
 use self::runs::{EDGES, FACES, Runs};
 use self::simple::{AROUND, is_simple, neighbourhood};
-use crate::control::Control;
-use crate::error::{Error, Result};
 use crate::surface::voxels::neighbours;
 use crate::volume::Mask;
+use crate::{Control, Error, Result};
 
 /// The depth in voxels that equals the certainty of being on one side, or of having only neighbours on it.
 const LIKELY: f32 = 2.0;
@@ -67,23 +66,8 @@ pub struct Repaired {
 /// clamped to 0 to 1; NaN counts as 0. Voxels outside the volume are background and remain so.
 /// Errors: [`Error::SpacingNotPositive`]; [`Error::ShapeMismatch`] of the probability; [`Error::VolumeTooLarge`] if the
 /// foreground's bounding box has more than 2³² voxels; [`Error::Cancelled`].
-///
-/// # Examples
-/// ```
-/// use voxflat::control::Control;
-/// use voxflat::surface::voxels::repair::to_genus_zero;
-/// use voxflat::volume::Mask;
-///
-/// let ring = Mask::from_fn([7, 7, 3], |[i, j, k]| k == 1 && (1..6).contains(&i) && (1..6).contains(&j) && [i, j] != [3, 3])?;
-/// let repaired = to_genus_zero(&ring, [1.0; 3], None, &Control::default())?;
-/// assert_eq!((repaired.handles, repaired.filled), (1, vec![[3, 3, 1]])); // the hole is closed
-/// # Ok::<(), voxflat::Error>(())
-/// ```
 pub fn to_genus_zero(
-    mask: &Mask,
-    spacing: [f64; 3],
-    probability: Option<&[f32]>,
-    control: &Control,
+    mask: &Mask, spacing: [f64; 3], probability: Option<&[f32]>, control: &Control,
 ) -> Result<Repaired> {
     validate(mask, spacing, probability)?;
     let solid = Solid::of(mask, control)?;
@@ -124,8 +108,7 @@ fn in_voxels(spacing: [f64; 3]) -> [f64; 3] {
 
 /// Runs both at once if there are two threads.
 fn both<T: Send>(
-    first: impl FnOnce() -> Result<T> + Send,
-    second: impl FnOnce() -> Result<T> + Send,
+    first: impl FnOnce() -> Result<T> + Send, second: impl FnOnce() -> Result<T> + Send,
 ) -> Result<(T, T)> {
     let (first, second) = rayon::join(first, second);
     Ok((first?, second?))
@@ -134,12 +117,7 @@ fn both<T: Send>(
 impl Repaired {
     /// Lists the changes from the input to the result `cells`.
     fn compare(
-        mask: &Mask,
-        solid: &Solid,
-        cells: &[bool],
-        handles: usize,
-        considered: [usize; 2],
-        control: &Control,
+        mask: &Mask, solid: &Solid, cells: &[bool], handles: usize, considered: [usize; 2], control: &Control,
     ) -> Result<Self> {
         let Solid { grid, cells: solid } = solid;
         let [mut cut, mut filled, mut dropped, mut cavities] = [const { Vec::new() }; 4];
@@ -228,11 +206,7 @@ fn euler_of_block(block: u32) -> i64 {
 /// Returns the priorities in which one side of the solid takes its cells, highest first: by depth, by the probability
 /// of being on this side, and by the number of neighbours on it. No value is negative.
 fn order(
-    solid: &Solid,
-    side: bool,
-    scale: [f64; 3],
-    likely: impl Fn(usize) -> f32,
-    control: &Control,
+    solid: &Solid, side: bool, scale: [f64; 3], likely: impl Fn(usize) -> f32, control: &Control,
 ) -> Result<Vec<f32>> {
     let Solid { grid, cells } = solid;
     let mut order = distances(grid, scale, |cell| cells[cell] != side, control)?;
@@ -322,11 +296,7 @@ impl<'a> Shape<'a> {
     /// Moves every allowed cell that is simple when it is visited to a side. Begins with the queued cells, and visits
     /// cells again when a neighbour has moved. Returns the moved cells.
     fn grow(
-        &mut self,
-        side: bool,
-        is_allowed: impl Fn(usize) -> bool,
-        order: impl Fn(usize) -> f32,
-        control: &Control,
+        &mut self, side: bool, is_allowed: impl Fn(usize) -> bool, order: impl Fn(usize) -> f32, control: &Control,
     ) -> Result<Vec<usize>> {
         let steps: Vec<isize> = neighbours().map(|offset| self.solid.grid.step(offset)).collect();
         let mut moved = Vec::new();

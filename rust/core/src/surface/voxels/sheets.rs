@@ -17,12 +17,11 @@ use nalgebra::{Matrix3, Vector3};
 use rayon::prelude::*;
 
 use crate::adjacency::Links;
-use crate::control::Control;
-use crate::error::Result;
 use crate::surface::voxels::graph::VoxelGraph;
 use crate::surface::voxels::surfels::{Surfels, moved};
 use crate::surface::voxels::{VoxelSurface, neighbours};
 use crate::volume::Mask;
+use crate::{Control, Result};
 
 /// The largest share of a sheet's foreground voxels without background neighbours. Ball-like labels of more than a few
 /// voxels have more, and real solids more than half.
@@ -189,10 +188,8 @@ mod tests {
     use super::*;
     use crate::geodesic::graph::GeodesicGraph;
     use crate::patch::largest_piece;
-    use crate::surface::Surface;
-    use crate::surface::mesh::shapes::assert_sound;
-    use crate::surface::topology::Topology;
     use crate::surface::voxels::voxelmesh::{Kind, VoxelMesh};
+    use crate::surface::{Surface, mesh::shapes::assert_sound, topology::Topology};
     use crate::tests::{masks, row};
     use crate::volume::Affine;
     use nalgebra::Rotation3;
@@ -210,7 +207,7 @@ mod tests {
         Rotation3::from_euler_angles(angles[0], angles[1], angles[2])
     }
 
-    /// A square of this side, digitised with one voxel in each column along the axis nearest to its normal.
+    /// Returns a square of this side, digitised with one voxel in each column along the axis nearest to its normal.
     fn plane(side: f64, rotation: &Rotation3<f64>, thick: f64) -> Mask {
         let size = (1.8 * side) as usize;
         let middle = Vector3::repeat(size as f64 / 2.0 + 0.137);
@@ -222,7 +219,7 @@ mod tests {
         .unwrap()
     }
 
-    /// Mean relative error of distances on a surface, from three of its vertices, against those in a plane.
+    /// Returns the mean relative error of distances on a surface from three of its vertices, compared with a plane.
     fn error(surface: &Surface, unrolled: impl Fn(&Vector3<f64>) -> [f64; 2]) -> f64 {
         let graph = GeodesicGraph::new(surface, &Control::default()).unwrap();
         let flat: Vec<[f64; 2]> = surface.points().iter().map(unrolled).collect();
@@ -330,7 +327,7 @@ mod tests {
         assert_eq!(outward.count(), mesh.surface.len());
     }
 
-    /// A threshold of smoothed noise, similar to masks of thin structures.
+    /// Returns a threshold of smoothed noise, similar to masks of thin structures.
     fn smooth(size: [usize; 3], noise: &[f64], times: usize, share: f64) -> Option<Mask> {
         let at = |[i, j, k]: [usize; 3]| (i * size[1] + j) * size[2] + k;
         let count = size.iter().product();

@@ -4,11 +4,10 @@
 //! paired determines the surface there ([`Touching`]). Corners are only united across glued edges, so the result is
 //! always a closed, oriented, abstract surface: χ = corners − surfels.
 
-use crate::control::Control;
-use crate::error::{Error, Result};
 use crate::surface::mesh::BORDER;
 use crate::surface::voxels::{DIRECT, VertexGrid, VoxelSurface};
 use crate::volume::Mask;
+use crate::{Control, Error, Result};
 
 /// How foreground voxels that touch only along an edge are connected.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -46,7 +45,6 @@ fn edges_of(direction: usize) -> [usize; 4] {
     }
 }
 
-/// Returns the opposite direction.
 const fn opposite(direction: usize) -> usize {
     5 - direction
 }
@@ -110,13 +108,8 @@ impl Surfels {
     }
 
     /// Returns the number of surfels.
-    pub fn len(&self) -> usize {
+    pub(crate) fn len(&self) -> usize {
         self.voxel.len()
-    }
-
-    /// Returns whether there are no surfels.
-    pub fn is_empty(&self) -> bool {
-        self.voxel.is_empty()
     }
 
     /// Returns the surface voxel of a surfel.
@@ -145,7 +138,7 @@ impl Surfels {
     /// Returns the surfels for which `keep` is true; the surface ends where they do.
     /// Panics if the number of values differs from the number of surfels.
     pub fn restricted(&self, keep: &[bool]) -> Self {
-        assert_eq!(keep.len(), self.len(), "one value a surfel");
+        assert_eq!(keep.len(), self.len(), "one value per surfel");
         let kept: Vec<u32> = (0..keep.len() as u32).filter(|&s| keep[s as usize]).collect();
         let mut number = vec![BORDER; keep.len()];
         kept.iter().enumerate().for_each(|(n, &s)| number[s as usize] = n as u32);
@@ -220,7 +213,7 @@ mod tests {
         (surface, surfels)
     }
 
-    /// The ends of an edge in doubled coordinates, from corner q − 1 to corner q.
+    /// Returns the ends of an edge in doubled coordinates, from corner q − 1 to corner q.
     fn ends(surface: &VoxelSurface, surfels: &Surfels, edge: u32) -> [[i64; 3]; 2] {
         let s = edge / 4;
         let d = usize::from(surfels.direction[s as usize]);

@@ -2,16 +2,12 @@
 
 use nalgebra::Vector3;
 
-use crate::control::Control;
-use crate::error::{Error, Result};
 use crate::surface::mesh::Surface;
-use crate::surface::voxels::VoxelSurface;
-use crate::surface::voxels::level::Level;
-use crate::surface::voxels::nodes::Nodes;
 use crate::surface::voxels::positions::{self, Neighbours, Places};
-use crate::surface::voxels::sheets;
 use crate::surface::voxels::surfels::{Surfels, Touching, moved};
+use crate::surface::voxels::{VoxelSurface, level::Level, nodes::Nodes, sheets};
 use crate::volume::{Affine, Mask};
+use crate::{Control, Error, Result};
 
 /// The number of fits of a solid's surface; each one smooths the steps between voxels further (docs/decisions/0006).
 const SOLID_FITS: usize = 2;
@@ -22,15 +18,15 @@ const SHEET_FITS: usize = 4;
 /// How far fitted nodes are moved away from the mean of their neighbours ([`Places::sharpen`]).
 const SHARPENING: f64 = 0.65;
 
-/// The same for nodes that were placed by an image with a level.
+/// How far nodes that were placed by an image with a level are moved in this way.
 const LEVEL_SHARPENING: f64 = 0.25;
 
 /// The kind of a label.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Kind {
-    /// It has an interior, whose boundary is the surface.
+    /// The label has an interior, whose boundary is the surface.
     Solid,
-    /// It has background on both sides, and is itself the surface.
+    /// The label has background on both sides, and is itself the surface.
     Sheet,
 }
 
@@ -54,11 +50,7 @@ pub struct VoxelMesh {
 impl VoxelMesh {
     /// Extracts the surface of a label of the given kind, or of the kind that is detected.
     pub fn of(
-        mask: &Mask,
-        affine: &Affine,
-        kind: Option<Kind>,
-        level: Option<&Level>,
-        control: &Control,
+        mask: &Mask, affine: &Affine, kind: Option<Kind>, level: Option<&Level>, control: &Control,
     ) -> Result<Self> {
         match kind.unwrap_or_else(|| if sheets::is_sheet(mask) { Kind::Sheet } else { Kind::Solid }) {
             Kind::Solid => Self::of_solid(mask, affine, level, control),
@@ -216,7 +208,7 @@ mod tests {
         VoxelMesh::of_solid(mask, &Affine::from_spacing([1.0; 3]).unwrap(), None, &Control::default()).unwrap()
     }
 
-    /// A closed manifold with the surfels' χ, whose vertices are the surface voxels and which passes as a mesh from a file.
+    /// Checks that a mesh is a closed manifold with the surfels' χ, whose vertices are the surface voxels.
     fn assert_sound(mask: &Mask, mesh: &VoxelMesh) {
         crate::surface::mesh::shapes::assert_sound(&mesh.surface);
         let half_edges = 0..3 * mesh.surface.faces().len() as u32;

@@ -6,7 +6,6 @@ use rand_chacha::ChaCha8Rng;
 
 const SHAPE: Shape = Shape { barrier: 0.2, area: 1.5, outlier: 0.3 };
 
-/// A grid with small random displacements.
 fn shaken() -> (TriangleEnergy, Vec<Vector2<f64>>) {
     let surface = shapes::surface(shapes::sheet(8, 6));
     let mut rng = ChaCha8Rng::seed_from_u64(5);

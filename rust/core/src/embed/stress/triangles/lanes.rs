@@ -12,12 +12,7 @@ type Lanes = [f64; LANES];
 
 /// Sets the energies of triangles in a map, and `scale` times the gradients with respect to their corners.
 pub(super) fn energies(
-    rests: &[Rest],
-    uv: &[Place],
-    shape: Shape,
-    scale: f64,
-    energies: &mut [f64],
-    pulls: &mut [[Place; 3]],
+    rests: &[Rest], uv: &[Place], shape: Shape, scale: f64, energies: &mut [f64], pulls: &mut [[Place; 3]],
 ) {
     if shape.has_outliers() {
         Arch::new().dispatch(Energies::<true> { rests, uv, shape, scale, energies, pulls });

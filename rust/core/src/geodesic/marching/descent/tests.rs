@@ -2,14 +2,11 @@ use nalgebra::Vector3;
 use proptest::prelude::*;
 
 use super::*;
-use crate::geodesic::exact::Exact;
-use crate::geodesic::path::{
-    checks::{assert_on_surface, bumpy},
-    length,
-};
+use crate::geodesic::path::checks::{assert_on_surface, bumpy};
+use crate::geodesic::{exact::Exact, path::length};
 use crate::surface::mesh::shapes;
 
-/// The relative excess length of each vertex's path over the exact one. Every path is checked.
+/// Returns the relative excess length of each vertex's path over the exact one, and checks every path.
 fn excess(surface: &Surface, wave: Wave, source: u32) -> Vec<f64> {
     let control = Control::default();
     let marching = Marching::new(surface, wave, &control).unwrap();
@@ -37,8 +34,8 @@ fn least(values: &[f64]) -> f64 {
     values.iter().copied().fold(f64::INFINITY, f64::min)
 }
 
-/// A sheet of which no two triangles are alike, in the plane or bent onto a cylinder of radius 5; none if one of them
-/// is flipped, so that the surface is folded.
+/// Returns a sheet with random triangles, in the plane or bent onto a cylinder of radius 5; none if a triangle is
+/// flipped.
 fn irregular(seed: u64, is_bent: bool) -> Option<Surface> {
     let (flat, faces) = (bumpy(16, 14, seed), shapes::sheet(16, 14).1);
     let is_turned = |face: &[u32; 3]| {

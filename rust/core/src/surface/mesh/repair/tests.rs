@@ -1,10 +1,8 @@
 use proptest::prelude::*;
 
-use crate::error::Error;
-use crate::surface::Surface;
-use crate::surface::mesh::shapes;
-use crate::surface::mesh::shapes::assert_sound;
-use crate::surface::mesh::triangles::Repairs;
+use crate::Error;
+use crate::surface::mesh::shapes::{self, assert_sound};
+use crate::surface::{Surface, mesh::triangles::Repairs};
 
 type Mesh = (Vec<[f64; 3]>, Vec<[i64; 3]>);
 
@@ -14,7 +12,7 @@ fn repaired(mesh: &Mesh) -> (Surface, Repairs) {
     (surface, repaired)
 }
 
-/// The triangles by the numbers that their corners had, each from its lowest corner on, sorted.
+/// Returns the triangles with the original numbers of their corners, the lowest first, in sorted order.
 fn by_numbers(surface: &Surface) -> Vec<[u32; 3]> {
     let turned = |face: &[u32; 3]| {
         let [a, b, c] = face.map(|v| surface.ids()[v as usize]);
@@ -45,7 +43,6 @@ fn split(mesh: &mut Mesh, vertex: i64, from: usize, to: usize) {
     mesh.1.extend([[vertex, twin, ring[n]], [twin, vertex, ring[m]]]);
 }
 
-/// The neighbours of an inner vertex, counterclockwise.
 fn ring(faces: &[[i64; 3]], vertex: i64) -> Vec<i64> {
     let after = |v: i64| {
         let turned = |face: &[i64; 3]| {

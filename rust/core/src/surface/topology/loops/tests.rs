@@ -1,8 +1,7 @@
 use proptest::prelude::*;
 
 use super::*;
-use crate::surface::mesh::shapes;
-use crate::surface::topology::Topology;
+use crate::surface::{mesh::shapes, topology::Topology};
 use crate::tests;
 use crate::volume::Mask;
 

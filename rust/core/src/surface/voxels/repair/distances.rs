@@ -1,16 +1,12 @@
 //! Euclidean distance transform of a grid.
 
 use super::grid::Grid;
-use crate::control::Control;
-use crate::error::Result;
+use crate::{Control, Result};
 
 /// Returns the Euclidean distance of every cell to the nearest site, by squared distances along one axis after the
 /// other (Felzenszwalb, Huttenlocher 2012, Distance transforms of sampled functions). `scale` separates neighbours.
 pub(super) fn distances(
-    grid: &Grid,
-    scale: [f64; 3],
-    is_site: impl Fn(usize) -> bool,
-    control: &Control,
+    grid: &Grid, scale: [f64; 3], is_site: impl Fn(usize) -> bool, control: &Control,
 ) -> Result<Vec<f32>> {
     let mut squared: Vec<f32> = (0..grid.len()).map(|cell| if is_site(cell) { 0.0 } else { f32::INFINITY }).collect();
     let mut envelope = Vec::new();

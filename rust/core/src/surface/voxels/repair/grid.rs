@@ -1,8 +1,7 @@
 //! A box of cells, and connected components in it.
 
-use crate::control::Control;
-use crate::error::{Error, Result};
 use crate::volume::Mask;
+use crate::{Control, Error, Result};
 
 /// The number of steps between two checks for cancellation.
 pub(super) const BATCH: usize = 1 << 12;
@@ -41,7 +40,6 @@ impl Grid {
         self.shape.iter().product()
     }
 
-    /// Returns the distances in memory between neighbours along each axis.
     pub(super) fn strides(&self) -> [usize; 3] {
         [self.shape[1] * self.shape[2], self.shape[2], 1]
     }
@@ -79,12 +77,7 @@ impl Grid {
     ///
     /// The rim needs no check: a step out of the box leads to the rim on its opposite side, or beyond all cells.
     pub(super) fn flood(
-        &self,
-        first: usize,
-        offsets: &[[i64; 3]],
-        enter: impl Fn(usize) -> bool,
-        seen: &mut [bool],
-        control: &Control,
+        &self, first: usize, offsets: &[[i64; 3]], enter: impl Fn(usize) -> bool, seen: &mut [bool], control: &Control,
     ) -> Result<Vec<usize>> {
         let steps: Vec<isize> = offsets.iter().map(|&offset| self.step(offset)).collect();
         let mut reached = vec![first];
@@ -105,10 +98,7 @@ impl Grid {
 
     /// Returns the connected components of a set of inner cells, in the order of their first cells.
     pub(super) fn pieces(
-        &self,
-        offsets: &[[i64; 3]],
-        is_in: impl Fn(usize) -> bool,
-        control: &Control,
+        &self, offsets: &[[i64; 3]], is_in: impl Fn(usize) -> bool, control: &Control,
     ) -> Result<Vec<Vec<usize>>> {
         let mut seen = vec![false; self.len()];
         let mut pieces = Vec::new();

@@ -2,8 +2,7 @@
 
 use super::grid::{Grid, look};
 use crate::adjacency::Sets;
-use crate::control::Control;
-use crate::error::Result;
+use crate::{Control, Result};
 
 /// The previous rows to which a row connects, and the gap in cells at which two runs there still touch.
 pub(super) type Touch = &'static [([i64; 2], u32)];

@@ -24,8 +24,8 @@ fn ball(v: [usize; 3], centre: i64, radius: i64) -> bool {
     squared_norm(minus(v.map(|x| x as i64), [centre; 3])) <= radius * radius
 }
 
-/// Number of pieces, by adding one voxel after the other and joining the pieces it touches. Two voxels touch if their
-/// squared distance is at most `reach`: 1 through faces, 2 through edges, 3 through corners.
+/// Returns the number of pieces, by adding one voxel after the other and joining the pieces it touches. Two voxels touch
+/// if their squared distance is at most `reach`: 1 through faces, 2 through edges, 3 through corners.
 fn count_pieces(voxels: &Voxels, reach: i64) -> usize {
     let mut pieces: Vec<Vec<[i64; 3]>> = Vec::new();
     for &voxel in voxels {
@@ -41,14 +41,14 @@ fn foreground(mask: &Mask) -> Voxels {
     mask.foreground().collect()
 }
 
-/// The background of the volume and of one layer around it.
+/// Returns the background of the volume and of one layer around it.
 fn background(mask: &Mask) -> Voxels {
     let [ni, nj, nk] = mask.shape().map(|n| n as i64);
     let cells = (-1..=ni).flat_map(|i| (-1..=nj).flat_map(move |j| (-1..=nk).map(move |k| [i, j, k])));
     cells.filter(|&v| !mask.is_inside(v)).collect()
 }
 
-/// Vertices − edges + squares − cubes, plus one for each corner at which two background voxels only touch.
+/// Returns vertices − edges + squares − cubes, plus one for each corner at which two background voxels only touch.
 fn euler(voxels: &Voxels) -> i64 {
     let holds = |v: [i64; 3], offset: usize| {
         voxels.contains(&std::array::from_fn(|axis| v[axis] + (offset as i64 >> axis & 1)))
@@ -82,7 +82,6 @@ fn assert_sphere(mask: &Mask) {
     assert_eq!((seen.len(), surfels.euler()), (surfels.len(), 2));
 }
 
-/// Checks that the lists contain every change exactly once.
 fn assert_lists(mask: &Mask, repaired: &Repaired) {
     let set = |lists: [&Vec<[u32; 3]>; 2]| -> Voxels {
         let all: Vec<_> = lists.into_iter().flatten().map(|v| v.map(i64::from)).collect();
@@ -193,7 +192,7 @@ fn wrong_input_is_refused() {
     assert_eq!(error(CUBE, Some(&[0.5]), &control), mismatch);
 }
 
-/// Whether the voxels of `seeds` are connected in `voxels` by paths with a limited number of steps from a seed.
+/// Returns whether the voxels of `seeds` are connected in `voxels` by paths with a limited number of steps from a seed.
 fn hang_together(seeds: &Voxels, voxels: &Voxels, reach: i64, steps: usize) -> bool {
     let mut near = seeds.clone();
     for _ in 1..steps {
@@ -203,7 +202,7 @@ fn hang_together(seeds: &Voxels, voxels: &Voxels, reach: i64, steps: usize) -> b
     !seeds.is_empty() && count_pieces(&near, reach) == 1
 }
 
-/// The definition by geodesic neighbourhoods: of order 3 for 6⁺, of order 2 for 18.
+/// Applies the definition by geodesic neighbourhoods: of order 3 for 6⁺, of order 2 for 18.
 fn is_simple_by_definition(block: &Voxels) -> bool {
     let cube = || (0..27).map(|n| [n / 9 - 1, n / 3 % 3 - 1, n % 3 - 1]).filter(|&v| v != [0; 3]);
     let foreground: Voxels = cube().filter(|v| block.contains(v)).collect();

@@ -10,23 +10,18 @@ from voxflat.io.files import EXTRAS
 
 yaml = pytest.importorskip("yaml")
 
-ROOT, AUTHOR = Path(__file__).parents[1], "The voxflat developers"
+ROOT, AUTHOR = Path(__file__).parents[2], "The voxflat developers"
 
 
 def found(pattern, name):
-    """Return what a pattern with one group finds first in a file."""
+    """Return the first match of a pattern with one group in a file."""
     return re.search(pattern, (ROOT / name).read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL)[1]
 
 
+FILES = ("CITATION.cff", "codemeta.json", ".zenodo.json", ".napari-hub/config.yml", "docs/packaging/recipe.yaml")
 CITATION, CODEMETA, ZENODO, HUB, RECIPE = (
-    yaml.safe_load((ROOT / name).read_text(encoding="utf-8"))  # JSON is YAML, too
-    for name in (
-        "CITATION.cff",
-        "codemeta.json",
-        ".zenodo.json",
-        ".napari-hub/config.yml",
-        "docs/packaging/recipe.yaml",
-    )
+    yaml.safe_load((ROOT / name).read_text(encoding="utf-8"))  # JSON is YAML as well
+    for name in FILES
 )
 
 
@@ -41,9 +36,8 @@ def test_every_file_has_the_same_author_and_licence():
         assert [author["name"] for author in authors] == [AUTHOR]
     assert found(r'^authors = \[\{ name = "(.+?)" \}\]$', "pyproject.toml") == AUTHOR
     assert found(r"^Copyright \(c\) \d+, the (.+?)$", "LICENSE") in AUTHOR
-    licences = {one["license"] for one in (CITATION, ZENODO, RECIPE["about"])} | {
-        CODEMETA["license"].rpartition("/")[2]
-    }
+    licences = {one["license"] for one in (CITATION, ZENODO, RECIPE["about"])}
+    licences |= {CODEMETA["license"].rpartition("/")[2]}
     assert licences == {found(r'^license = "(.+?)"$', "pyproject.toml")}
 
 
@@ -57,12 +51,11 @@ def test_the_extra_of_each_optional_package_is_that_of_the_project():
     table = found(r"^\[project.optional-dependencies\]\n(.*?)^\[project", "pyproject.toml")
     lists = {name: text for name, text in re.findall(r"^(\w+) = \[(.*?)\]$", table, re.MULTILINE | re.DOTALL)}
     assert set(lists) == {*EXTRAS.values(), "all"}
-    named = {"itk": "itk-io", "imageio_ffmpeg": "imageio-ffmpeg", "vtkmodules": "pyvista"}  # PyVista brings VTK along
+    named = {"itk": "itk-io", "imageio_ffmpeg": "imageio-ffmpeg", "vtkmodules": "pyvista"}  # PyVista requires VTK
     packages = {name: {named.get(one, one) for one, extra in EXTRAS.items() if extra == name} for name in lists}
     packages["pyvista"] |= {"imageio-ffmpeg"}  # is in two extras
-    assert {name: set(re.findall(r'"([\w-]+)[\[>]', text)) for name, text in lists.items()} == packages | {
-        "all": {"voxflat"}
-    }
+    packages["all"] = {"voxflat"}
+    assert {name: set(re.findall(r'"([\w-]+)[\[>]', text)) for name, text in lists.items()} == packages
 
 
 def test_workflows_pin_actions_by_commit():

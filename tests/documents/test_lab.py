@@ -1,4 +1,4 @@
-"""The commands for labs in README and the how-to guides, as printed, in a directory as FreeSurfer leaves it."""
+"""The commands for labs in README and the how-to guides work in a folder in FreeSurfer's layout."""
 
 import re
 import shlex
@@ -14,14 +14,14 @@ from mesh_files import write_obj
 
 import voxflat
 
-ROOT = Path(__file__).parents[1]
-FEW = 162  # vertices, where it is a matter of commands
-ENOUGH = 642  # where it is a matter of maps
-AS_GOOD = 1.1  # times the error of the best map that any option gives
+ROOT = Path(__file__).parents[2]
+FEW = 162  # vertices for tests of commands
+ENOUGH = 642  # vertices for tests of maps
+AS_GOOD = 1.1  # times the error of the best map with any option
 
 
 def commands_of_readme():
-    """Return the commands, in lines of their own or within sentences."""
+    """Return the commands in separate lines and within sentences."""
     readme = (ROOT / "README.md").read_text()
     return re.findall(r"(?:^ {0,4}|`)voxflat ((?:flatten|measure) [^`\n]*[^`\n.])(?:`|$)", readme, re.MULTILINE)
 
@@ -32,7 +32,7 @@ def run(command):
 
 @pytest.fixture(scope="module")
 def subject(tmp_path_factory):
-    """The directory after all commands, in the order of the pages."""
+    """The folder after all commands in the order of the pages, and their output."""
     folder = tmp_path_factory.mktemp("surf")
     lab.write(folder, FEW)
     with pytest.MonkeyPatch.context() as patch:

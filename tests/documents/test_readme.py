@@ -12,12 +12,12 @@ import voxflat
 from voxflat import demo
 from voxflat.io.volumes import write_volume
 
-README = (Path(__file__).parents[1] / "README.md").read_text()
+README = (Path(__file__).parents[2] / "README.md").read_text()
 
 
 @pytest.fixture(scope="module")
 def volumes(tmp_path_factory):
-    """Write the files that README names: white matter only around its seed point, in a small volume."""
+    """Write the files that README names, with white matter only around its seed point, in a small volume."""
     folder = tmp_path_factory.mktemp("volumes")
     white_matter, t1, _ = demo.demo_cortex()
     near = tuple(slice(at - 6, at + 7) for at in demo.SEED_POINT)
@@ -31,7 +31,7 @@ def volumes(tmp_path_factory):
 
 @pytest.fixture
 def lab(volumes, tmp_path, monkeypatch):
-    """The directory of a user who has these files."""
+    """A working directory with these files."""
     shutil.copytree(volumes, tmp_path, dirs_exist_ok=True)
     monkeypatch.chdir(tmp_path)
     return tmp_path
@@ -65,8 +65,8 @@ def test_the_commands_run(lab):
 
 
 def test_every_relative_link_exists_and_the_readme_is_short():
-    """The pictures that the build of the documentation makes, in docs/_generated, need not be there."""
-    root = Path(__file__).parents[1]
+    """Pictures in docs/_generated, which the build of the documentation makes, need not exist."""
+    root = Path(__file__).parents[2]
     pages = [*root.glob("*.md"), *root.glob("docs/*.md"), *root.glob("docs/[!_]*/**/*.md")]
     links = {(page, target) for page in pages for target in re.findall(r"\]\(([^)#:]+)[)#]", page.read_text())}
     assert len(links) > 50

@@ -1,33 +1,52 @@
-"""The command `voxflat info`."""
+"""The commands `voxflat cite` and `voxflat info`, which describe maps for a paper and the system for a bug report."""
 
 import os
 import platform
 import re
+from dataclasses import asdict
 from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-import click
 import cloup
 import numpy as np
 
 from voxflat._core import __version__
 from voxflat.arguments import amount, free_memory
+from voxflat.citation.methods_text import cite
 from voxflat.cli import options
-from voxflat.cli.output import print_json
+from voxflat.cli.console import bars
+from voxflat.cli.options import FILE
+from voxflat.cli.output import report
+from voxflat.maps.flat_map import load
 
 _FEATURES = ("SSE42", "AVX2", "FMA3", "AVX512F", "NEON", "SVE")  # instruction sets that affect speed
 _FURTHER = ("vtk", "pyqt6")  # dependencies of the optional packages
 
 
+@options.command("cite", "voxflat cite lh.npz rh.npz", "voxflat cite lh.npz rh.npz --bibtex > references.bib")
+@cloup.argument("maps", metavar="[MAP]...", type=FILE, nargs=-1)
+@options.section("Output", options.flag("--bibtex", "Print only the BibTeX entries."), options.as_json)
+@options.run()
+def cite_command(maps: tuple[Path, ...], bibtex: bool) -> None:
+    """Print a paragraph for the methods section of a paper, with references.
+
+    Each MAP is a file written by voxflat flatten. The paragraph states the version of voxflat, the method, its options,
+    the cuts, and the distance errors. Without MAP, voxflat prints a general paragraph with all references.
+    """
+    with bars():
+        citation = cite(*map(load, maps))
+    report(asdict(citation), citation.bibtex if bibtex else str(citation))
+
+
 @cloup.command("info")
 @options.section("Output", options.as_json)
 @options.run()
-def command(as_json: bool) -> None:
-    """Print the versions and the machine for a bug report.
+def info_command() -> None:
+    """Print version and system information for a bug report.
 
-    The list contains the versions of voxflat, of Python and of the required and optional packages, the operating
-    system, the processor, the number of threads and the memory. It contains no names of users, computers or files.
+    The list contains the versions of voxflat, Python, and the required and optional packages, the operating system, the
+    processor, the number of threads, and the memory. It does not contain the names of users, computers or files.
     """
     import psutil
 
@@ -43,14 +62,11 @@ def command(as_json: bool) -> None:
         "free_memory_bytes": free_memory(),
         "packages": _packages(),
     }
-    if as_json:
-        print_json(told)
-        return
     lines = {name: told[name] for name in ("voxflat", "python", "system", "cpu", "threads")}
-    lines["cpu"] += f" ({', '.join(told['cpu_features']) or 'no vector instructions known'})"
+    lines["cpu"] += f" ({', '.join(told['cpu_features']) or 'vector instructions unknown'})"
     lines["memory"] = f"{amount(told['memory_bytes'])}, {amount(told['free_memory_bytes'])} free"
     lines |= {name: version or "not installed" for name, version in told["packages"].items()}
-    click.echo("\n".join(f"{name:16}{value}" for name, value in lines.items()))
+    report(told, "\n".join(f"{name:16}{value}" for name, value in lines.items()))
 
 
 def _cpu() -> str:

@@ -1,4 +1,4 @@
-"""Every public class and method is on the site, passes numpydoc's checks, and has an example that runs."""
+"""Every public class and method is on the site, passes the checks of numpydoc, and has a working example."""
 
 import doctest
 import importlib
@@ -19,7 +19,7 @@ pytest.importorskip("nilearn")
 NAMES = {
     "voxflat": voxflat.__all__,
     **{f"voxflat.{name}": getattr(voxflat, name).__all__ for name in ("methods", "figures", "io", "samples", "vtk")},
-    # what a user is handed and never makes
+    # classes whose objects users receive but never make
     "voxflat._pyvista.accessor": ["VoxflatAccessor"],
     "voxflat._pyvista.blocks": ["BlocksAccessor"],
     "voxflat._pyvista.morphs": ["Morph"],
@@ -42,7 +42,7 @@ NAMES = {
 
 
 def public():
-    """Return all public classes, functions and methods, once each, by the names of where they are written."""
+    """Return all public classes, functions and methods by the names of their definitions."""
     found = {}
     for module, names in NAMES.items():
         for name in names:
@@ -52,7 +52,7 @@ def public():
             methods = [getattr(value, "__func__", value) for key, value in members if not key.startswith("_")]
             for one in (thing, *(one for one in methods if inspect.isfunction(one))):
                 is_ours = getattr(one, "__module__", "").startswith("voxflat") and hasattr(one, "__qualname__")
-                if is_ours and not one.__name__.startswith("Request"):  # which VTK calls
+                if is_ours and not one.__name__.startswith("Request"):  # called by VTK
                     found[f"{one.__module__}.{one.__qualname__}"] = one
     return found
 
@@ -66,7 +66,7 @@ def test_the_docstring_passes_all_checks_of_numpydoc(name):
 
 
 def test_the_reference_lists_every_public_name():
-    page = (Path(__file__).parents[1] / "docs" / "reference" / "python" / "index.rst").read_text()
+    page = (Path(__file__).parents[2] / "docs" / "reference" / "python" / "index.rst").read_text()
     listed, module = set(), ""
     for line in page.splitlines():
         module = line.removeprefix(".. currentmodule:: ") if line.startswith(".. currentmodule") else module

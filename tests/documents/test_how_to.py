@@ -1,4 +1,4 @@
-"""Every page of the how-to guides: its commands are ones that voxflat takes, and its Python compiles."""
+"""The how-to guides contain only valid commands, and Python code that compiles."""
 
 import re
 import shlex
@@ -13,7 +13,7 @@ PAGES = sorted(path.stem for path in how_to.HOW_TO.glob("*.md"))
 
 
 def parsed(command):
-    """Parse a command as voxflat does, with all options, choices and numbers; files need not be there."""
+    """Parse a command with all options, choices and numbers; its files need not exist."""
     name, *words = shlex.split(command, comments=True)
     with click.Context(cli.main, info_name="voxflat") as parent:
         cli.main.get_command(parent, name).make_context(name, words, parent)
@@ -23,14 +23,14 @@ def parsed(command):
 def test_commands_are_taken_and_python_compiles(page, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     text = how_to.text(page)
-    for name in re.findall(r"[\w.]+\.txt", text):  # lists of vertices are read at once
+    for name in re.findall(r"[\w.]+\.txt", text):  # lists of vertices are read during parsing
         (tmp_path / name).write_text("1\n2\n3\n")
     inline = [found for found in re.findall(r"`voxflat ([^`]+ [^`]+)`", text) if "..." not in found]
     for command in [*how_to.commands(text), *inline]:
         try:
             parsed(command)
         except click.MissingParameter:
-            assert command in inline, command  # in a sentence a command may be shortened
+            assert command in inline, command  # a command within a sentence may be shortened
     for code in how_to.blocks(text, "python"):
         compile(code, page, "exec")
     assert text.startswith("# ")

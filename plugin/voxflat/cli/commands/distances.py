@@ -1,0 +1,112 @@
+"""The commands `voxflat path` and `voxflat rows`, which measure distances along a surface."""
+
+from pathlib import Path
+from typing import Any
+
+import click
+import cloup
+
+from voxflat.cli import options
+from voxflat.cli.console import bars
+from voxflat.cli.input import part_of, surface_of
+from voxflat.cli.options import OUT
+from voxflat.cli.output import check_output, report
+from voxflat.cli.parameter_options import option_of
+from voxflat.distances.geodesic import SOLVERS
+from voxflat.io.files import atomic_path
+from voxflat.io.grid import in_unit
+from voxflat.io.provenance import saving
+from voxflat.pipeline.surface import Surface
+
+
+@options.command(
+    "path",
+    "voxflat path lh.white 1204 8811 9032 --geodesic edges -o cut.txt",
+    "voxflat path wm.nii.gz 136,112,127 136,90,130 --threshold 0.5",
+)
+@options.input_
+@cloup.argument("stops", metavar="I,J,K|V...", nargs=-1, required=True, callback=options.places)
+@options.surface_options
+@options.section(
+    "Path",
+    option_of(
+        Surface.path,
+        "geodesic",
+        type=click.Choice([*SOLVERS, "edges", "chain"]),
+        sentences=5,
+        like=Surface.geodesic,
+        note='"edges": paths along the edges of the triangles, as required for cuts.',
+    ),
+    options.link_lengths(Surface.path),
+)
+@options.output("Write the vertices along the path to this file, one per line, for --cuts.", required=False)
+@options.run(options.memory_limit)
+def path_command(input_: Path, stops: list[Any], output: Path | None, writing: dict[str, Any], **given: Any) -> None:
+    """Find the shortest path through points of a surface.
+
+    The command prints the length of the path. The points are voxel indices I,J,K or vertex numbers V, counted from 0.
+    """
+    if len(stops) < 2:
+        raise click.UsageError(f"{len(stops)} stop is given. Give at least two stops.")
+    if output is not None:
+        if given["geodesic"] in ("marching", "exact"):
+            raise click.UsageError("This path crosses triangles, so it cannot be a cut. Give --geodesic edges with -o.")
+        check_output(output, **writing)
+    elif writing["sidecar"]:
+        raise click.UsageError("--sidecar requires -o.")
+    with bars() as shown:
+        whole = surface_of(input_, given, shown.progress)
+        found = whole.path(*stops, geodesic=given["geodesic"], link_lengths=given["link_lengths"])
+    if output is not None:
+        with saving(output, found.provenance, **writing), atomic_path(output) as beside:
+            beside.write_text("".join(f"{one}\n" for one in found.ids), encoding="utf-8", newline="\n")
+    content = {"length": found.length, "ids": found.ids.tolist(), "points": found.points.tolist()}
+    length = in_unit(f"{found.length:.3f} mm", whole.metadata)
+    saved = "" if output is None else f"\nsaved as {output}"
+    report(
+        {**content, "space": found.space._described(), "provenance": found.provenance},
+        f"{length} through {len(found.ids)} points{saved}",
+    )
+
+
+@options.command(
+    "rows",
+    "voxflat rows wm.nii.gz --threshold 0.5 --sources 1000 --store wm.rows",
+    "voxflat rows lh.white --pial lh.pial --sources 500 --store lh.rows --json",
+    "voxflat rows lh.white --pial lh.pial --sources 5000 --store lh.rows --dask tcp://node1:8786",
+)
+@options.input_
+@options.surface_options
+@options.region
+@options.section("Cuts", options.where_cut[0])
+@options.section(
+    "Distances",
+    option_of(Surface.geodesic, "geodesic", type=click.Choice([*SOLVERS, "chain"]), sentences=5),
+    option_of(Surface.geodesic, "sources", type=int, required=True, metavar="N", until=", or "),
+    options.sampling,
+    options.link_lengths(Surface.geodesic),
+)
+@options.section(
+    "Output", option_of(Surface.geodesic, "store", type=OUT, metavar="DIR", required=True), options.as_json
+)
+@options.run(options.dask, options.seed, options.threads, options.memory_limit, options.quiet)
+def rows_command(input_: Path, sources: int, quiet: bool, **given: Any) -> None:
+    """Measure geodesic distances and store them on disk.
+
+    The command writes the geodesic distances from N sources to all points of a surface to DIR as rows.npy (float32,
+    mm). voxflat.open_rows opens this file, and NumPy can memory-map it. Only a small part of the distances is in memory
+    at any time. To resume an interrupted computation, run the same command again.
+    """
+    with bars(quiet) as shown:
+        cuts, choose = given.pop("cuts"), part_of(given, shown.progress)
+        part = choose(surface_of(input_, given, shown.progress))
+        if cuts is not None:
+            part = part.cut(cuts, relax=False, threads=given["threads"], progress=shown.progress).surface
+        measured = part.geodesic(sources, progress=shown.progress, **given)
+    size = {"shape": list(measured.shape), "bytes": measured.nbytes}
+    report(
+        {"store": str(measured.store), **size, "provenance": measured.provenance},
+        f"{measured.shape[0]} x {measured.shape[1]} distances, {measured.nbytes / 2**20:.0f} MiB\n"
+        f"saved in {measured.store}",
+        quiet=quiet,
+    )

@@ -1,0 +1,162 @@
+"""The commands `voxflat measure` and `voxflat worst`, which report the distortion of flat maps."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import click
+import cloup
+
+from voxflat.cli import options
+from voxflat.cli.console import bars
+from voxflat.cli.input import surface_of
+from voxflat.cli.options import FILE
+from voxflat.cli.output import FIGURE_ENDINGS, check_output, report
+from voxflat.cli.parameter_options import option_of
+from voxflat.evaluation.measure import compare, measure
+from voxflat.io.reading import reading
+from voxflat.maps.flat_map import load
+from voxflat.maps.worst_places import WORST_ENDINGS
+from voxflat.maps.worst_search import worst_places
+
+
+@options.command(
+    "measure",
+    "voxflat measure lh.white lh.cortex.patch.flat",
+    "voxflat measure lh.midthickness.surf.gii lh.flat.surf.gii --json",
+    "voxflat measure lh.white map.npz lh.cortex.patch.flat unwrapped.obj --heat-maps maps.png",
+)
+@cloup.argument("surface_", metavar="SURFACE", type=FILE)
+@cloup.argument("flat", metavar="FLAT...", type=FILE, nargs=-1, required=True)
+@options.surface_options
+@options.section(
+    "Measure",
+    option_of(measure, "sources", type=int, metavar="N", default="300, or fewer for exact distances on large meshes"),
+    option_of(
+        measure,
+        "reference",
+        type=click.Choice(["exact", "graph"]),
+        default="exact for meshes, graph for volumes",
+        help='How distances on the surface are measured: "exact", or the faster "graph" (see voxflat rows --geodesic).',
+    ),
+    option_of(measure, "on_surface", is_flag=True, sentences=2),
+)
+@options.section(
+    "Output",
+    options.writes(
+        "--heat-maps", "Also draw the distance errors and area changes of all maps side by side (.png, .pdf or .svg)."
+    ),
+    options.as_json,
+)
+@options.run(options.seed, options.threads, options.memory_limit)
+def measure_command(surface_: Path, flat: tuple[Path, ...], heat_maps: Path | None, **given: Any) -> None:
+    """Measure the distortion of flat maps made by any tool.
+
+    Each FLAT is a flat map of SURFACE: a FreeSurfer patch, a flat GIFTI surface, an .obj file with texture coordinates,
+    or a file written by voxflat flatten. Distances are measured in mm on SURFACE, with the same cuts as the map. A map
+    that voxflat made midway to the pial surface is measured on that geometry, and a note reports this. Several maps are
+    measured from the same source points. The documentation defines all measures.
+    """
+    names = _short_names(flat)
+    if heat_maps is not None:
+        from voxflat import figures  # imports matplotlib
+
+        check_output(heat_maps, FIGURE_ENDINGS)
+    with bars() as shown:
+        whole = surface_of(surface_, given, shown.progress)
+        compared = compare(whole, dict(zip(names, flat, strict=True)), progress=shown.progress, **given)
+    if heat_maps is not None:
+        figures.save(figures.heat_maps(compared), heat_maps, compared.provenance)
+    one = compared[names[0]] if len(names) == 1 else None
+    measures = {"maps": compared.figures()} if one is None else one.figures()
+    report({**measures, "provenance": compared.provenance}, (one or compared).table())
+
+
+def _short_names(paths: Sequence[Path]) -> list[str]:
+    """Return the file names of paths, or the complete paths if the names are not unique."""
+    for names in ([path.name for path in paths], [str(path) for path in paths]):
+        if len(set(names)) == len(names):
+            return names
+    raise click.UsageError("The same FLAT is given twice. Remove one of them.")
+
+
+@options.command(
+    "worst",
+    "voxflat worst map.npz",
+    "voxflat worst map.npz --beyond 2 --parcels lh.aparc.annot -o worst.tsv --figure worst.png",
+    "voxflat worst map.npz --place 1 --save-cuts cuts.json",
+    "voxflat flatten lh.white --pial lh.pial --cuts cuts.json -o relieved.npz",
+)
+@options.map_
+@options.section(
+    "Regions",
+    option_of(worst_places, "count", type=click.IntRange(min=0), metavar="N"),
+    option_of(
+        worst_places,
+        "beyond",
+        type=float,
+        metavar="FACTOR",
+        help="List regions whose areas change by more than this factor.",
+    ),
+    options.reads("--parcels", "Name the regions after these parcels (.annot, .label.gii, .dlabel.nii or a volume)."),
+    options.reads("--table", "Names of the parcels, in the format of FreeSurferColorLUT.txt or a BIDS dseg.tsv."),
+)
+@options.output(
+    "Write the list of regions to this file: .json, or .tsv with one row per region.",
+    options.writes(
+        "--save-cuts",
+        "Write the cuts of the map and the suggested cuts to this file (.json). Pass it to --cuts of voxflat flatten.",
+        "cuts_file",
+    ),
+    options.value(
+        "--place", "N", "Save only the cut of region N; may be repeated.", "numbers", type=int, multiple=True
+    ),
+    options.writes("--figure", "Draw the regions on the map (.png, .svg or .pdf)."),
+    options.writes("--picture", "Draw the regions on the surface, from both sides.", metavar="PNG"),
+    required=False,
+)
+@options.run(options.threads)
+def worst_command(
+    map_: Path,
+    output: Path | None,
+    cuts_file: Path | None,
+    numbers: tuple[int, ...],
+    figure: Path | None,
+    picture: Path | None,
+    writing: dict[str, Any],
+    **given: Any,
+) -> None:
+    """List the regions of highest area distortion.
+
+    MAP is a file written by voxflat flatten. Regions are ranked by their area times its change, at the scale that
+    preserves the total area. For each region, voxflat suggests a cut that runs from the border through the region. The
+    gain of a cut is the decrease of the relative distance error of a coarse preview map of the default method, in
+    percentage points. The gain can be negative, since a cut that reduces area distortion may increase distance errors.
+    """
+    if numbers and cuts_file is None:
+        raise click.UsageError("--place requires --save-cuts.")
+    if given["table"] is not None and given["parcels"] is None:
+        raise click.UsageError("--table requires --parcels.")
+    files = {output: WORST_ENDINGS, cuts_file: (".json",), figure: FIGURE_ENDINGS, picture: (".png",)}
+    for file, endings in files.items():
+        if file is not None:
+            check_output(file, endings, **writing)
+    with bars() as shown, reading() as read:
+        worst = worst_places(load(map_), **given, progress=shown.progress)
+        worst = worst._with_provenance({**worst.provenance, "files": read})
+    if output is not None:
+        worst.save(output, **writing)
+    if cuts_file is not None:
+        worst.save_cuts(cuts_file, *numbers, **writing)
+    if figure is not None or picture is not None:
+        from voxflat import figures  # imports matplotlib
+
+        if figure is not None:
+            figures.save(figures.worst_places(worst), figure, worst.provenance)
+        if picture is not None:
+            figures.save_picture(figures.worst_places_3d(worst), picture, worst.provenance)
+    saved = [str(file) for file in files if file is not None]
+    report(
+        {**worst.figures(), "files": saved, "provenance": worst.provenance},
+        "\n".join([worst.table(), *(f"saved as {file}" for file in saved)]),
+    )

@@ -1,0 +1,187 @@
+"""The commands `voxflat image` and `voxflat texture`, which transfer pictures to and from flat maps."""
+
+from pathlib import Path
+from typing import Any
+
+import click
+import cloup
+import numpy as np
+
+from voxflat.atlases.atlas import Atlas
+from voxflat.atlases.certified import load_atlas, saved_kind
+from voxflat.cli import options
+from voxflat.cli.console import bars
+from voxflat.cli.options import FILE
+from voxflat.cli.output import check_output, report
+from voxflat.cli.overlay_options import check_depth, depth_options
+from voxflat.cli.parameter_options import option_of
+from voxflat.errors import InputError
+from voxflat.io.provenance import saving
+from voxflat.io.reading import reading
+from voxflat.maps.flat_map import FlatMap, load
+from voxflat.maps.image_files import IMAGE_ENDINGS, STACK_ENDINGS
+from voxflat.maps.sampling import INTERPOLATIONS
+from voxflat.maps.textures.textured import TEXTURED_ENDINGS, files_beside
+
+
+@options.command(
+    "image",
+    "voxflat image map.npz --volume t1.nii.gz --interpolation linear --depth 2 -o t1.png",
+    "voxflat image map.npz --volume areas.nii.gz --pixel-size 0.5 -o areas.nii.gz",
+    "voxflat image map.npz --volume face.obj -o face_flat.png",
+    "voxflat image map.npz --heat-map -o distortion.png",
+    "voxflat image atlas.npz --volume lh.sulc -o page.png",
+    'voxflat image map.npz --volume zstats.dscalar.nii --channel "2BK-0BK" -o zstat.png',
+    "voxflat image map.npz --volume bold.nii.gz --interpolation linear -o bold_flat.nii.gz",
+    "voxflat image map.npz --volume lh.bold.func.gii --time-step 2 -o bold_flat.zarr",
+    "voxflat image map.npz --volume t1.nii.gz --interpolation linear --fraction 0.1,0.3,0.5,0.7,0.9 -o layers.tif",
+    "voxflat image map.npz --volume bold.nii.gz --interpolation linear --fraction 0.25,0.5,0.75 "
+    "--average -o bold.nii.gz",
+)
+@options.map_
+@options.section(
+    "Data",
+    options.reads(
+        "--volume",
+        "Volume to resample (including OME-Zarr). For the map of a mesh, also an overlay or the texture of the mesh.",
+    ),
+    options.value(
+        "--channel",
+        "NAME|N",
+        "Map to show from a GIFTI, CIFTI or 4-D file with several maps: its name or number (from 0).  [default: "
+        "all; a .png can hold only one]",
+    ),
+    options.flag("--heat-map", "Show the local distortion of the map instead of a volume."),
+    options.period,
+    options.time_step,
+)
+@options.section(
+    "Sampling",
+    *depth_options("Several depths give one image each."),
+    options.flag("--average", "Average over all depths instead of writing one image per depth."),
+    options.choice(
+        "--interpolation",
+        INTERPOLATIONS,
+        'Interpolation between voxels. "majority" takes the most frequent label of the surrounding voxels over '
+        "all depths.  [default: nearest for integers, which may be labels; linear otherwise]",
+    ),
+)
+@options.output(
+    "Output file: .png for viewing, or .tif, .tiff, .nii, .nii.gz (float32) or .npy for the values. Several images can "
+    "also be written to .zarr.",
+    options.value(
+        "--pixel-size",
+        "MM",
+        "Side length of a pixel, in mm.  [default: half the voxel size or edge length; for an atlas, at most half "
+        "the gap between patches]",
+        type=float,
+    ),
+)
+@options.run(options.quiet)
+def image_command(
+    map_: Path,
+    volume: Path | None,
+    heat_map: bool,
+    output: Path,
+    pixel_size: float | None,
+    writing: dict[str, Any],
+    quiet: bool,
+    **given: Any,
+) -> None:
+    """Resample a volume, or the distortion, onto a flat map.
+
+    MAP is a file written by voxflat flatten or voxflat patches. For an atlas of patches, the image shows the page of
+    all patches, and the heat map shows C, the factor by which lengths change. A PNG shows scalars in grey (1st to 99th
+    percentile), labels in one colour each, and colours unchanged. It is transparent outside the map. The PNG of a heat
+    map is a figure with a colour bar. All other formats store the values, with NaN outside the map. A series is read,
+    sampled and written frame by frame, so its length is not limited by memory.
+    """
+    if heat_map == (volume is not None):
+        raise click.UsageError("Give either --volume or --heat-map.")
+    if heat_map and (unused := [name for name, value in given.items() if value not in (None, False)]):
+        flags = ", ".join(f"--{name.replace('_', '-')}" for name in unused)
+        raise click.UsageError(f"{flags}: only with --volume. Give --volume instead of --heat-map.")
+    check_depth(given)
+    how = {key: value[0] if isinstance(value, tuple) and len(value) == 1 else value for key, value in given.items()}
+    how = {key: value for key, value in how.items() if value is not None}
+    check_output(output, tuple(dict.fromkeys((*IMAGE_ENDINGS, *STACK_ENDINGS))), **writing)
+    with bars(quiet), reading() as files:
+        flat_map: FlatMap | Atlas = load_atlas(map_) if saved_kind(map_) == "atlas" else load(map_)
+        if "fraction" in how and not isinstance(flat_map, FlatMap):
+            raise InputError(
+                "--fraction requires a pial surface, which an atlas does not have. Give --depth in mm instead."
+            )
+        stack = None if volume is None else flat_map.images(volume, pixel_size, **how)
+        picture = flat_map.heat_map(pixel_size) if stack is None else stack[0]
+    picture = picture._with_provenance({**picture.provenance, "files": files})
+    if stack is not None and not (picture.data[..., 3] > 0 if picture.is_colour else ~np.isnan(picture.data)).any():
+        raise InputError(
+            f"{volume} does not overlap the map, so the image would be empty. Compare the affines with voxflat check."
+        )
+    count, step = 1, None
+    if stack is not None and len(stack) > 1:
+        count = len(stack)
+        step = None if stack.timing is None else stack.timing.step
+        with bars(quiet) as shown:
+            stack = stack._with_provenance({**stack.provenance, "files": files})
+            stack.save(output, **writing, progress=shown.progress)
+    elif heat_map and output.suffix.lower() == ".png":
+        from voxflat import figures  # imports matplotlib
+
+        if isinstance(flat_map, FlatMap):
+            drawn = figures.heat_map(flat_map, pixel_size)
+        else:
+            drawn = figures.atlas_heat_map(flat_map, pixel_size)
+        with saving(output, picture.provenance, **writing):
+            figures.save(drawn, output, picture.provenance)
+    else:
+        picture.save(output, **writing)
+    height, width = picture.data.shape[:2]
+    size = {"images": count, "width": width, "height": height, "pixel_size": picture.pixel_size}
+    images = "" if count == 1 else f"{count} images of "
+    apart = "" if step is None else f", {step:g} s apart"
+    report(
+        {"output": str(output), **size, "time_step": step, "provenance": picture.provenance},
+        f"{images}{width} x {height} pixels of {picture.pixel_size:g} mm{apart}\nsaved as {output}",
+        quiet=quiet,
+    )
+
+
+@options.command(
+    "texture",
+    "voxflat texture map.npz bricks.jpg -o bricks.obj",
+    "voxflat texture map.npz chessboard.png --texel-size 0.1 --repeat -o chessboard.glb",
+)
+@options.map_
+@cloup.argument("picture", metavar="PICTURE", type=FILE)
+@options.section(
+    "Picture",
+    option_of(FlatMap.textured, "texel_size", type=float, metavar="MM"),
+    option_of(FlatMap.textured, "repeat", is_flag=True, help="Repeat the picture beyond its borders."),
+)
+@options.output(
+    "Output file for the textured surface: .obj (with .mtl and .png), .vtp (with .png), .glb, or .ply (with vertex "
+    "colours)."
+)
+@options.run()
+def texture_command(
+    map_: Path, picture: Path, output: Path, texel_size: float | None, repeat: bool, writing: dict[str, Any]
+) -> None:
+    """Map a picture onto a surface as a texture.
+
+    MAP is a file written by voxflat flatten. PICTURE is centred on the flat map, keeps its aspect ratio, and is
+    transferred from the map to the surface. For .ply, triangles are subdivided where vertex colours would be too
+    coarse.
+    """
+    check_output(output, TEXTURED_ENDINGS, beside=files_beside(output), **writing)
+    with reading() as files:
+        textured = load(map_).textured(picture, texel_size, repeat=repeat)
+    textured = textured._with_provenance({**textured.provenance, "files": files})
+    if output.suffix.lower() == ".ply":
+        textured = textured.subdivided()
+    textured.save(output, **writing)
+    points, triangles = len(textured.points), len(textured.faces)
+    report(
+        {"output": str(output), "points": points, "triangles": triangles, "provenance": textured.provenance},
+        f"{points} points, {triangles} triangles\nsaved as {output}",
+    )

@@ -1,0 +1,137 @@
+"""The commands `voxflat points` and `voxflat regions`, which relate places in space to places on a flat map."""
+
+from pathlib import Path
+from typing import Any
+
+import click
+import cloup
+import numpy as np
+from numpy.typing import NDArray
+
+from voxflat.cli import options
+from voxflat.cli.options import FILE
+from voxflat.cli.output import check_output, report
+from voxflat.cli.parameter_options import option_of
+from voxflat.io.provenance import record_of, saving
+from voxflat.io.reading import reading
+from voxflat.io.sources import as_volume
+from voxflat.io.tables import TABLE_ENDINGS, read_points
+from voxflat.io.volumes import VOLUME_ENDINGS
+from voxflat.maps.flat_map import FlatMap, load
+from voxflat.maps.regions import REGION_ENDINGS, Regions
+
+
+@options.command(
+    "points",
+    "voxflat points map.npz electrodes.tsv --space scanner -o electrodes_uv.tsv",
+    "voxflat points map.npz peaks.csv --space scanner --limit 3 -o peaks_uv.csv",
+)
+@options.map_
+@cloup.argument("points", metavar="XYZ", type=FILE)
+@options.section(
+    "Points",
+    option_of(FlatMap.points_to_map, "limit", type=float, metavar="MM"),
+    option_of(FlatMap.points_to_map, "space", type=click.Choice(["surface", "scanner"])),
+)
+@options.output("Output table (.csv, .tsv or .txt): all columns of XYZ, and u, v and distance in mm.")
+@options.run()
+def points_command(map_: Path, points: Path, output: Path, limit: float, space: str, writing: dict[str, Any]) -> None:
+    """Find the positions of points in space on a flat map.
+
+    MAP is a file written by voxflat flatten. XYZ is a table (.csv, .tsv or .txt) of coordinates in RAS+ mm, with
+    columns named x, y and z or without a header. Each point is projected to the nearest point of the surface. For
+    points beyond --limit, u, v and distance are n/a.
+    """
+    check_output(output, TABLE_ENDINGS, **writing)
+    with reading() as files:
+        flat_map, table = load(map_), read_points(points)
+    uv, distance = flat_map.points_to_map(table.points, limit, space=space)
+    parameters = {"of": flat_map.provenance, "limit": limit, "space": space}
+    record = record_of("points_to_map", parameters, dict(sorted(files.items())))
+    with saving(output, record, **writing):
+        table.save(output, {"u": uv[:, 0], "v": uv[:, 1], "distance": distance})
+    shown = int(np.isfinite(distance).sum())
+    report(
+        {"output": str(output), "points": len(distance), "on_map": shown, "provenance": record},
+        f"{shown} of {len(distance)} points are within {limit:g} mm of the surface\nsaved as {output}",
+    )
+
+
+@options.command(
+    "regions",
+    "voxflat regions map.npz --svg drawn.svg -o lh.rois.annot",
+    "voxflat regions map.npz --polygons v1.json -o lh.V1.label",
+    "voxflat regions map.npz --image rois.tif -o rois.label.gii",
+    "voxflat regions map.npz --svg drawn.svg --layer visual --volume t1.nii.gz -o labels.nii.gz",
+    "voxflat regions map.npz --polygons v1.json --volume t1.nii.gz --depth 0,2.5 -o labels.nii.gz",
+)
+@options.map_
+@options.section(
+    "Regions",
+    options.reads("--svg", "Figure of the map (.svg) with regions drawn in a layer."),
+    options.value("--layer", "NAME", "Name of the layer in --svg that contains the regions.  [default: rois]"),
+    options.reads("--polygons", 'Polygons in mm for each region name (.json), such as {"V1": [[u, v], ...]}.'),
+    options.reads("--image", "Label image on the pixels of the map (.npy, .png, .tif, .nii or .nii.gz)."),
+    options.value(
+        "--pixel-size",
+        "MM",
+        "Side length of the pixels of --image, in mm.  [default: from the file, or as for voxflat image]",
+        type=float,
+    ),
+)
+@options.output(
+    "Output file: .annot, .label.gii or .label (one region) for vertices; .nii, .nii.gz, .mgh, .mgz or .nrrd for "
+    "voxels.",
+    options.reads("--volume", "Volume whose grid is used for voxels.  [default: the flattened volume]"),
+    options.value(
+        "--depth",
+        "MM,MM",
+        "Range of distances outside the surface that the regions fill, in mm, for voxels of maps made without --pial. "
+        "0,2.5 covers the cortex outside the white matter.",
+        callback=options.numbers,
+    ),
+)
+@options.run()
+def regions_command(
+    map_: Path,
+    svg: Path | None,
+    layer: str | None,
+    polygons: Path | None,
+    image: Path | None,
+    pixel_size: float | None,
+    output: Path,
+    volume: Path | None,
+    depth: Any,
+    writing: dict[str, Any],
+) -> None:
+    """Convert regions drawn on a flat map to vertex or voxel labels.
+
+    MAP is a file written by voxflat flatten. If it was made with --pial, the voxels between the white and the pial
+    surface are labelled. A vertex on a cut belongs to a region if either of its two positions on the map does. Where
+    regions overlap, the last one drawn is used.
+    """
+    drawn = [given for given in (svg, polygons, image) if given is not None]
+    if len(drawn) != 1:
+        raise click.UsageError("Give exactly one of --svg, --polygons and --image.")
+    if layer is not None and svg is None:
+        raise click.UsageError("--layer requires --svg.")
+    if pixel_size is not None and image is None:
+        raise click.UsageError("--pixel-size requires --image.")
+    check_output(output, REGION_ENDINGS, **writing)
+    with reading() as files:
+        flat_map = load(map_)
+        regions = flat_map.regions(drawn[0], pixel_size=pixel_size, **({} if layer is None else {"layer": layer}))
+        regions = regions._with_provenance({**regions.provenance, "files": files})
+        regions.save(output, volume=volume, depth=depth, **writing)
+    counts = {"regions": _counts(regions, regions.labels)}
+    if output.name.lower().endswith(VOLUME_ENDINGS):
+        counts["voxels"] = _counts(regions, as_volume(output).data)
+    voxels = {name: f", {count} voxels" for name, count in counts.get("voxels", {}).items()}
+    lines = [f"{name}: {n} points of the map{voxels.get(name, '')}" for name, n in counts["regions"].items()]
+    report(
+        {"output": str(output), **counts, "provenance": regions.provenance}, "\n".join([*lines, f"saved as {output}"])
+    )
+
+
+def _counts(regions: Regions, labels: NDArray[Any]) -> dict[str, int]:
+    return {name: int(np.count_nonzero(labels == key)) for name, key in zip(regions.names, regions.keys, strict=True)}

@@ -1,0 +1,229 @@
+"""The commands `voxflat bids` and `voxflat freesurfer`, which flatten the hemispheres of participants."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import click
+import cloup
+
+from voxflat.cli import options
+from voxflat.cli.console import Bars, bars
+from voxflat.cli.output import is_json, report
+from voxflat.lab.group import group
+from voxflat.lab.inputs import GEOMETRIES, Parameters
+from voxflat.lab.study import Outcome, freesurfer, plan, study
+
+_MAX_STATUS = 100  # greater exit statuses have other meanings in shells
+_RECORDED = ("outputs", "figures", "warnings")  # parts of a record that --json prints
+_HEMIS = {"L": "lh", "R": "rh"}
+_DASK = options.value(
+    "--dask",
+    "ADDRESS|FILE|local",
+    'Process the participants on the Dask cluster whose scheduler has this address or file, or "local" for workers on '
+    "this machine.",
+)
+_MAPS = options.section(
+    "Maps",
+    options.value(
+        "--cuts",
+        "standard|automatic|FILE",
+        'How to cut the surfaces: along the same lines in every brain ("standard", which requires a registered '
+        'sphere), along lines chosen for each surface ("automatic"), or along the cuts of a cuts file or a template. '
+        "{hemi} in the name of FILE is replaced by the hemisphere.",
+        default=Parameters.cuts,
+    ),
+    options.choice(
+        "--geometry", GEOMETRIES, "Surface on which distances are preserved and measured.", default=Parameters.geometry
+    ),
+    options.flag(
+        "--volume",
+        "Start from a white-matter volume instead of surfaces: mri/filled.mgz, or in BIDS derivatives a mask or "
+        "probability map (label-WM_mask or label-WM_probseg).",
+    ),
+    options.value(
+        "--overlay",
+        "F",
+        "Data to show on the maps: a name such as thickness or curv, a file of values, or a volume. Several overlays "
+        "may be given. {hemi} and {subject} in the name of a file are replaced by the hemisphere and the subject.  "
+        "[default: thickness, if present]",
+        "overlays",
+        multiple=True,
+    ),
+)
+
+
+class _MultipleValuesCommand(cloup.Command):
+    """Command whose repeatable options also accept several values after one flag, as in BIDS Apps."""
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """Repeat the option's name before each additional value, as long as the value is one of its choices."""
+        several = {name: own for own in self.params if getattr(own, "multiple", False) for name in own.opts}
+        words: list[str] = []
+        option = ""
+        for word in args:
+            if word.startswith("-"):
+                option = word if word in several else ""
+            elif option and words[-1] != option:
+                kind = several[option].type
+                if isinstance(kind, click.Choice) and word not in kind.choices:
+                    option = ""
+                else:
+                    words.append(option)
+            words.append(word)
+        return super().parse_args(ctx, words)
+
+
+@options.command(
+    "bids",
+    "voxflat bids study study/derivatives/voxflat participant",
+    "voxflat bids $SUBJECTS_DIR maps participant --participant-label 01 02 --overlay thickness curv",
+    "voxflat bids study maps participant --dry-run",
+    "voxflat bids study maps participant --dask tcp://node1:8786",
+    "voxflat bids study maps group",
+    cls=_MultipleValuesCommand,
+)
+@cloup.argument("source", metavar="BIDS_DIR", type=click.Path(path_type=Path))
+@cloup.argument("out", metavar="OUT", type=click.Path(path_type=Path))
+@cloup.argument("level", metavar="participant|group", type=click.Choice(["participant", "group"]))
+@options.section(
+    "Participants",
+    options.value(
+        "--participant-label",
+        "LABEL",
+        "Process only these participants, with or without the prefix sub-. Several labels may be given.  [default: "
+        "all]",
+        "--participant_label",
+        "labels",
+        multiple=True,
+    ),
+    options.choice("--hemi", list(_HEMIS), "Hemispheres to process.", "hemis", multiple=True, default=tuple(_HEMIS)),
+    options.flag("--dry-run", "Print the planned work as one JSON object per hemisphere, and stop."),
+)
+@_MAPS
+@options.section("Output", options.as_json)
+@options.run(_DASK, options.seed, options.threads, options.memory_limit, options.quiet)
+def bids_command(
+    source: Path,
+    out: Path,
+    level: str,
+    labels: tuple[str, ...],
+    hemis: tuple[str, ...],
+    dry_run: bool,
+    dask: str | None,
+    quiet: bool,
+    **given: Any,
+) -> int:
+    """Flatten all participants of a study (BIDS App).
+
+    BIDS_DIR contains FreeSurfer subjects, sMRIPrep or fMRIPrep derivatives, or white-matter masks, either directly or
+    in derivatives/ or sourcedata/freesurfer. At the level "participant", voxflat writes BIDS derivatives such as
+    sub-01_hemi-L_desc-voxflat_flat.surf.gii to OUT, and one report per participant. Results are skipped if they are up
+    to date according to the checksums of the inputs and the parameters. A participant that fails does not stop the
+    others. At the level "group", voxflat writes a table of all measures, means over standard maps, and a page of all
+    maps.
+
+    The exit status is the number of participants that failed (at most 100). If no participant could be processed, it is
+    1 or 2, as for the other commands.
+    """
+    parameters = _parameters(given)
+    if dask and (dry_run or level == "group"):
+        raise click.UsageError("--dask requires the level participant and cannot be combined with --dry-run.")
+    chosen = [_HEMIS[letter] for letter in dict.fromkeys(hemis)]
+    if dry_run:
+        if level == "group":
+            raise click.UsageError("--dry-run requires the level participant.")
+        for one in plan(source, out, chosen, parameters, labels):
+            click.echo(json.dumps(_listed(one)))
+        return 0
+    if level == "group":
+        found = group(source, out, labels)
+        state = f"written: {', '.join(found['written'])}" if found["written"] else "up to date"
+        counts = f"{found['maps']} maps, {len(found['missing'])} missing, {len(found['outliers'])} outliers"
+        report({"output": str(out), **found}, f"{counts}\n{state}", quiet=quiet)
+        return 0
+    with bars(quiet, notes=False) as shown:  # the warnings about each map are in its report
+        how: dict[str, Any] = {"labels": labels, "tell": _outcome_printer(shown, verbose=not (is_json() or quiet))}
+        outcomes = study(source, out, chosen, parameters, **how, dask=dask, progress=shown.progress, **given)
+    everybody = {one.name for one in outcomes}
+    failed = {one.name for one in outcomes if one.state == "failed"}
+    made = len({one.name for one in outcomes if one.state == "made"} - failed)
+    report(
+        {"output": str(out), "failed": sorted(failed), "hemispheres": [_listed(one) for one in outcomes]},
+        f"{len(everybody)} participants: {made} made, {len(everybody) - made - len(failed)} up to date, "
+        f"{len(failed)} failed",
+        quiet=quiet,
+    )
+    return min(len(failed), _MAX_STATUS)
+
+
+@options.command(
+    "freesurfer",
+    "voxflat freesurfer $SUBJECTS_DIR/sub-01",
+    "voxflat freesurfer sub-01 --hemi lh --overlay thickness curv",
+    "voxflat freesurfer sub-01 --overlay {hemi}.zstat.mgz --cuts automatic --json",
+    cls=_MultipleValuesCommand,
+)
+@cloup.argument("subject", metavar="SUBJECT_DIR", type=click.Path(path_type=Path))
+@options.section(
+    "Hemispheres",
+    options.choice("--hemi", ["lh", "rh"], "Hemispheres to process.", "hemis", multiple=True, default=("lh", "rh")),
+)
+@_MAPS
+@options.section("Output", options.as_json)
+@options.run(options.seed, options.threads, options.memory_limit, options.quiet)
+def freesurfer_command(subject: Path, hemis: tuple[str, ...], quiet: bool, **given: Any) -> int:
+    """Flatten a FreeSurfer subject and write a report.
+
+    voxflat reads surf/?h.white, pial, sphere.reg, thickness and label/?h.cortex.label (or aparc.annot), and reports
+    missing files. It writes the map as surf/?h.voxflat.flat.patch.3d, .surf.gii, .npz (complete) and .json (distortion
+    and provenance), measures and overlays at the vertices as surf/?h.voxflat.*.shape.gii, and the report voxflat.html.
+    Results are skipped if they are up to date according to the checksums of the inputs and the parameters. The exit
+    status is 1 if a hemisphere could not be flattened.
+    """
+    parameters = _parameters(given)
+    with bars(quiet) as shown:
+        tell = _outcome_printer(shown, verbose=not (is_json() or quiet))
+        hemis = tuple(dict.fromkeys(hemis))
+        outcomes = freesurfer(subject, hemis, parameters, tell=tell, progress=shown.progress, **given)
+    page = str(subject / "voxflat.html")
+    failed = [one for one in outcomes if one.state == "failed"]
+    report(
+        {"subject": str(subject), "report": page, "hemispheres": [_listed(one) for one in outcomes]},
+        f"report: {page}",
+        quiet=quiet or len(failed) == len(outcomes),
+    )
+    return 1 if failed else 0
+
+
+def _parameters(given: dict[str, Any]) -> Parameters:
+    """Remove the map options from the command's options, and return them as parameters."""
+    cuts, overlays = given.pop("cuts"), tuple(given.pop("overlays"))
+    own = {name: given.pop(name) for name in ("geometry", "volume", "seed")}
+    return Parameters(cuts=cuts, overlays=overlays, **own)
+
+
+def _outcome_printer(shown: Bars, *, verbose: bool) -> Callable[[Outcome], None]:
+    """Return a function that prints the outcome of a hemisphere; failures are always printed on stderr."""
+
+    def tell(one: Outcome) -> None:
+        begin = f"{one.name} {one.hemi}"
+        if one.state == "failed":
+            shown.hide()
+            click.echo(f"voxflat: {begin}: error: {one.reason}", err=True)
+        elif verbose and one.record is None:
+            shown.tell(f"{begin}: up to date")
+        elif verbose:
+            record: Any = one.record
+            error, seconds = record["figures"]["best_scale"]["relative_error"], sum(record["seconds"].values())
+            points = record["map"]["points"]
+            shown.tell(f"{begin}: {points} points, relative distance error {100 * error:.1f} %, {seconds:.1f} s")
+
+    return tell
+
+
+def _listed(one: Outcome) -> dict[str, Any]:
+    """Return an outcome, or the planned work of a hemisphere, as a dictionary for JSON."""
+    listed = {"participant": one.name, "hemi": one.letter, "state": one.state, "reason": one.reason or None}
+    return listed | {name: value for name, value in (one.record or {}).items() if name in _RECORDED}

@@ -1,0 +1,132 @@
+"""The commands `voxflat check`, `voxflat register` and `voxflat surface`, which examine and prepare surfaces."""
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import click
+
+from voxflat.arguments import log
+from voxflat.cli import options
+from voxflat.cli.console import bars
+from voxflat.cli.input import part_of, surface_of
+from voxflat.cli.output import check_output, report
+from voxflat.cli.parameter_options import option_of
+from voxflat.distortion.figures import json_ready
+from voxflat.errors import InputError
+from voxflat.io.meshes import check_mesh_name
+from voxflat.io.patches import FLAT_PATCH_ENDINGS, PATCH_ENDING
+from voxflat.io.volumes import check_volume_name, write_volume
+from voxflat.pipeline.check import check
+from voxflat.pipeline.surface import Surface
+from voxflat.surfaces.standard.pattern import SIDES
+
+
+@options.command(
+    "check",
+    "voxflat check labels.nii.gz",
+    "voxflat check wm.nii.gz --threshold 0.5 --seed-point 136,112,127 --radius 45",
+    "voxflat check lh.white --pial lh.pial --drop lh.Medial_wall.label",
+)
+@options.input_
+@options.surface_options
+@options.region
+@options.choice_of_cuts
+@options.run(options.threads, options.memory_limit, options.as_json)
+def check_command(input_: Path, **given: Any) -> None:
+    """Check whether a surface can be flattened.
+
+    The check lists the components, boundary loops, handles and defects of INPUT (a volume or a mesh), reports the
+    changes that each remedy would make, and gives advice. The exit status is 0 if the surface can be flattened, and 1
+    otherwise.
+    """
+    with bars() as shown:
+        part = part_of(given, shown.progress)
+        source: Path | Surface = input_
+        making = ("pial", "probability", "repair", "hemisphere", "unit")
+        if any(given[name] is not None for name in making):
+            source = surface_of(input_, given, shown.progress)
+        else:
+            given = {name: value for name, value in given.items() if name not in making}
+        findings = check(source, part=part, progress=shown.progress, **given)
+    report(json_ready(asdict(findings)), findings.table())
+    if not findings.can_flatten:
+        raise click.exceptions.Exit(1)
+
+
+@options.command(
+    "register",
+    "voxflat register lh.white -o lh.sphere.reg.surf.gii",
+    "voxflat register wm.nii.gz --label 2 --repair voxels --side left -o lh.sphere.reg",
+)
+@options.input_
+@options.surface_options
+@options.section("Registration", option_of(Surface.register, "side", type=click.Choice(SIDES), sentences=3))
+@options.output(
+    "Output file for the registered sphere, which has a radius of 100: .surf.gii, .vtp, .ply, .obj, or a FreeSurfer "
+    "name such as lh.sphere.reg."
+)
+@options.run(options.threads, options.memory_limit)
+def register_command(input_: Path, output: Path, writing: dict[str, Any], **given: Any) -> None:
+    """Register a hemisphere to the fsaverage sphere.
+
+    The registration aligns the folding pattern of the surface with that of fsaverage. The output can be used instead of
+    FreeSurfer's ?h.sphere.reg. Surfaces that are not recognised as a cerebral hemisphere are rejected.
+    """
+    check_output(output, **writing)
+    with bars() as shown:
+        whole = surface_of(input_, given, shown.progress)
+        made = whole.register(given["side"], threads=given["threads"], progress=shown.progress)
+    made.save(output, **writing)
+    size = {"output": str(output), "vertices": len(made.points), "side": made.side, "confidence": made.confidence}
+    report(
+        {**size, **made.figures, "warnings": list(made.remarks), "provenance": made.provenance},
+        f"{made.side} hemisphere, confidence {made.confidence:.2f}\n{len(made.points)} vertices\nsaved as {output}",
+    )
+
+
+@options.command(
+    "surface",
+    "voxflat surface wm.nii.gz --threshold 0.5 --repair voxels -o wm.surf.gii",
+    "voxflat surface labels.nii.gz --label 3 --repair voxels --repaired repaired.nii.gz -o label3.vtp",
+)
+@options.input_
+@options.surface_options
+@options.output(
+    "Output file for the surface: .surf.gii, .vtp, .ply, .obj, or a FreeSurfer name such as lh.white.",
+    options.writes(
+        "--repaired", "Also write the voxels that the repair changed as a label volume: 1 for removed, 2 for added."
+    ),
+)
+@options.run(options.threads, options.memory_limit)
+def surface_command(input_: Path, output: Path, repaired: Path | None, writing: dict[str, Any], **given: Any) -> None:
+    """Extract the surface of a volume, or check and convert a mesh.
+
+    Each vertex of a volume's surface is a surface voxel at a subvoxel position; voxflat does not compute an isosurface.
+    FreeSurfer files are written in tkRAS coordinates with a footer that locates them in scanner space. All other
+    formats are written in scanner RAS coordinates, which other tools expect for display with volumes.
+    """
+    check_output(output, **writing)
+    if repaired is not None:
+        check_output(repaired)
+        check_volume_name(repaired)
+        if given["repair"] in ("none", "cuts"):
+            raise InputError(
+                f"cannot write {repaired}: --repair {given['repair']} does not change any voxels. Give --repair "
+                "voxels, or omit --repaired."
+            )
+    if not output.name.lower().endswith((*FLAT_PATCH_ENDINGS, PATCH_ENDING)):  # save() has a better message for these
+        check_mesh_name(output)
+    with bars() as shown:
+        made = surface_of(input_, given, shown.progress)
+        for remark in made.remarks:
+            log.warning(remark)
+    if repaired is not None:
+        changed = made.changed_voxels()
+        write_volume(repaired, changed, made.metadata["affine"], made.provenance)
+    made.save(output, **writing)
+    size = {"vertices": len(made), "triangles": len(made.faces)}
+    report(
+        json_ready({"output": str(output), **size, "metadata": made.metadata, "warnings": list(made.remarks)}),
+        f"{len(made)} vertices, {len(made.faces)} triangles\nsaved as {output}",
+    )
