@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 
 from voxflat.arguments import checked_choice, is_whole, log, shown
 from voxflat.errors import InputError
-from voxflat.io.sources import as_volume
 from voxflat.io.volumes import Volume
 from voxflat.surfaces.foreground import check_scalar, keep_mask, labels_in
 
@@ -19,7 +18,7 @@ INNER, GREY, OUTER = 1, 2, 3
 _LAYNII = {"inner": 2, "outer": 1, "grey": 3}
 _RIBBON = {"left": {"inner": 2, "outer": None, "grey": 3}, "right": {"inner": 41, "outer": None, "grey": 42}}
 _ROUNDED = 0.01  # largest difference of a label from a whole number
-_PAD = 4  # voxels around the labels, in which they are extended
+_PAD = 6.0  # largest spacings around the labels, in which they are extended; fits of surfaces reach 4 of them
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,7 +55,7 @@ class Layered:
 
 def layered(volume: Volume, parts: dict[str, object], hemisphere: str | None) -> Layered:
     """Return the labels of a rim; `parts` are the labels or masks of "inner", "outer" and "grey", or None."""
-    check_scalar(volume)
+    check_scalar(volume.data)
     volume = _whole(volume)
     present = labels_in(volume.data) or {}
     codes = _codes(parts, present, hemisphere)
@@ -69,7 +68,8 @@ def layered(volume: Volume, parts: dict[str, object], hemisphere: str | None) ->
         labels[where["outer"]] = OUTER
     labels[where["grey"]] = GREY
     box = scipy.ndimage.find_objects(where["grey"].astype(np.uint8))[0]
-    low, high = np.array([part.start - _PAD for part in box]), np.array([part.stop + _PAD for part in box])
+    pad = np.ceil(_PAD * volume.spacing.max() / volume.spacing).astype(np.int64)
+    low, high = np.array([part.start for part in box]) - pad, np.array([part.stop for part in box]) + pad
     inside = map(slice, np.maximum(low, 0), np.minimum(high, labels.shape))
     beyond = np.stack([np.maximum(-low, 0), np.maximum(high - labels.shape, 0)], axis=1)
     near = np.pad(labels[tuple(inside)], beyond)
@@ -132,7 +132,7 @@ def _selected(volume: Volume, name: str, code: object, present: dict[int, int]) 
     if not is_whole(code):
         if isinstance(code, bool | float):
             raise InputError(f"{name} is {shown(code)}. Pass a label (a whole number) or a mask")
-        return keep_mask(as_volume(code), volume)
+        return keep_mask(code, volume, f"mask of the {_NAMES[name]}")
     found = np.asarray(volume.data == code)
     if not found.any():
         labels = ", ".join(map(str, sorted(present)[:10])) or "none"
