@@ -41,6 +41,7 @@ __all__ = [
     "FlatMap",
     "HemisphereError",
     "InputError",
+    "Rim",
     "Surface",
     "VoxflatError",
     "__version__",
@@ -56,6 +57,7 @@ __all__ = [
     "methods",
     "open_rows",
     "range_image",
+    "rim",
     "samples",
     "surface",
     "worst_places",
@@ -74,6 +76,7 @@ if TYPE_CHECKING:
     from voxflat.errors import AreaBoundError, Cancelled, HemisphereError, InputError, VoxflatError
     from voxflat.evaluation.measure import compare, measure
     from voxflat.lab.map_page import map_page
+    from voxflat.laminar.rim import Rim, rim
     from voxflat.maps.flat_map import FlatMap, load
     from voxflat.maps.worst_search import worst_places
     from voxflat.pipeline.check import check
@@ -92,6 +95,7 @@ else:
         "errors": ("AreaBoundError", "Cancelled", "HemisphereError", "InputError", "VoxflatError"),
         "evaluation.measure": ("compare", "measure"),
         "lab.map_page": ("map_page",),
+        "laminar.rim": ("Rim", "rim"),
         "maps.flat_map": ("FlatMap", "load"),
         "maps.worst_search": ("worst_places",),
         "pipeline.check": ("check",),

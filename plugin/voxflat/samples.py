@@ -3,9 +3,10 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from voxflat.io.volumes import Volume
 from voxflat.pipeline.surface import Surface, surface
 
-__all__ = ["ball", "hill"]
+__all__ = ["ball", "hill", "rim"]
 
 
 def hill() -> Surface:
@@ -55,3 +56,28 @@ def ball() -> NDArray[np.uint8]:
     """
     places = np.indices((24, 24, 24)) - 11.5
     return np.where(np.linalg.norm(places, axis=0) < 8, 3, 0).astype(np.uint8)
+
+
+def rim() -> Volume:
+    """Return a segmentation of the grey matter of a gyrus, as used for layer fMRI.
+
+    The grey matter is half a cylinder, 8 mm long, between the radii of 4.5 and 7 mm, with voxels of 0.4 mm.
+
+    Returns
+    -------
+    Volume
+        The labels: 1 at the outer border, 2 at the inner border, 3 in the grey matter, and 0 elsewhere.
+
+    See Also
+    --------
+    voxflat.rim : Measure depth in such a segmentation.
+
+    Examples
+    --------
+    >>> voxflat.samples.rim()
+    <Volume: 40 x 20 x 20 of uint8, voxels of 0.4 x 0.4 x 0.4 mm, RAS>
+    """
+    x, y, _ = np.indices((40, 20, 20)) * 0.4
+    radius = np.hypot(x - 7.8, y)
+    labels = np.select([radius < 3.7, radius < 4.5, radius < 7, radius < 7.8], [0, 2, 3, 1], 0)
+    return Volume(labels.astype(np.uint8), np.diag([0.4, 0.4, 0.4, 1.0]))

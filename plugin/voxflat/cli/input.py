@@ -11,6 +11,7 @@ from voxflat.arguments import Progress
 from voxflat.cli.output import WRITTEN
 from voxflat.errors import HemisphereError, InputError
 from voxflat.io.provenance import check_beside
+from voxflat.laminar.rim import rim
 from voxflat.pipeline.surface import Surface, surface
 from voxflat.surfaces.hemispheres import hemisphere
 
@@ -21,6 +22,10 @@ def surface_of(input_: Path, given: dict[str, Any], progress: Progress | None) -
     """Create the surface of an input, and remove the surface options from the command's options."""
     how, side = {name: given.pop(name) for name in _MAKING}, given.pop("hemisphere")
     limits = {name: given[name] for name in ("memory_limit", "threads") if name in given}
+    if given.pop("rim"):
+        if refused := [name for name in ("label", "threshold", "unit", "probability", "pial", "repair") if how[name]]:
+            raise InputError(f"--{refused[0]} and --rim cannot be combined. Give only one of them.")
+        return rim(input_, hemisphere=side, spacing=how["spacing"], **limits, progress=progress).surface
     if side is None:
         return surface(input_, **how, **limits, progress=progress)
     for name in ("label", "unit", "probability", "pial"):

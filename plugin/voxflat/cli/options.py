@@ -32,7 +32,7 @@ _TIME_STEP = "Time between frames of a series, in seconds.  [default: from the f
 _PER_LINE = "Write one vertex number, or three voxel indices, on each line."
 
 
-def _three(kind: type[int] | type[float], example: str) -> Callable[..., Any]:
+def three(kind: type[int] | type[float], example: str) -> Callable[..., Any]:
     """Return a callback that converts an option's text to three numbers."""
 
     def convert(ctx: click.Context, param: click.Parameter, value: str | None) -> tuple[float, ...] | None:
@@ -75,7 +75,7 @@ def _place(ctx: click.Context, param: click.Parameter, value: str | None) -> tup
             return int(value)
         except ValueError:
             raise click.BadParameter(f"{value!r} is not a point. Give I,J,K (a voxel) or a vertex number.") from None
-    indices: tuple[int, ...] | None = _three(int, "136,112,127")(ctx, param, value)
+    indices: tuple[int, ...] | None = three(int, "136,112,127")(ctx, param, value)
     return indices
 
 
@@ -250,7 +250,8 @@ _surface_options = section(
         'brain stem are removed, and the ventricles and deep nuclei are filled. "both" runs the command once per '
         "hemisphere and writes lh.OUT and rh.OUT.",
     ),
-    option_of(surface, "spacing", metavar="X,Y,Z", callback=_three(float, "0.5,0.5,0.5")),
+    flag("--rim", "INPUT is a rim, as for `voxflat layers`: use the surface halfway between its borders."),
+    option_of(surface, "spacing", metavar="X,Y,Z", callback=three(float, "0.5,0.5,0.5")),
     option_of(surface, "unit", type=click.Choice(UNITS), sentences=2),
     option_of(surface, "probability", type=FILE, metavar="FILE"),
     option_of(surface, "pial", type=FILE, metavar="FILE", sentences=2),

@@ -84,9 +84,10 @@ def map_over_triangles(
     uv, framed = _framed(result["uv"], cut, how)
     merged, places = part._also_merged()
     rows_of: Any = slice(None)
-    ids = part.ids
+    ids, vertices = part.ids, part.vertices
     if len(merged):  # each merged vertex has its own row, at the same position
-        rows_of, ids = np.concatenate([np.arange(len(part)), places]), np.concatenate([ids, merged])
+        rows_of = np.concatenate([np.arange(len(part)), places])
+        ids = vertices = np.concatenate([ids, merged])
         distortion = replace(distortion, per_point=distortion.per_point[rows_of])
         rows = rows if rows is None or how.store is not None else rows[:, rows_of]
     # triangles that close holes come last, and are not part of the map
@@ -112,8 +113,8 @@ def map_over_triangles(
         rows=rows,
         bridges=part._bridges(cut.faces),
         **{name: values[rows_of] for name, values in anatomy.items()},
-        white_points=None if part.white_points is None else part.white_points[ids],
-        pial_points=None if part.pial_points is None else part.pial_points[ids],
+        white_points=None if part.white_points is None else part.white_points[vertices],
+        pial_points=None if part.pial_points is None else part.pial_points[vertices],
     )
 
 

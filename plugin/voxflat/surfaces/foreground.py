@@ -67,19 +67,19 @@ def check_scalar(data: NDArray[Any]) -> None:
         raise InputError(f"the volume has shape {data.shape}, so it contains no voxels. Pass a volume with voxels")
 
 
-def keep_mask(keep: object, volume: Volume) -> NDArray[np.bool_]:
-    """Return a mask of the voxels to keep, on the grid of a volume."""
+def keep_mask(keep: object, volume: Volume, name: str = "mask to keep") -> NDArray[np.bool_]:
+    """Return a mask of selected voxels, on the grid of a volume."""
     mask = as_volume(keep)
     if mask.data.shape != volume.data.shape:
         raise InputError(
-            f"the mask to keep has shape {mask.data.shape}, but the volume has {volume.data.shape}. Resample the mask"
+            f"the {name} has shape {mask.data.shape}, but the volume has {volume.data.shape}. Resample the mask"
         )
     if mask.is_placed and not np.allclose(mask.affine, volume.affine, atol=1e-3 * volume.spacing.min()):
-        raise InputError("the affines of the mask to keep and the volume differ. Resample the mask")
+        raise InputError(f"the affines of the {name} and the volume differ. Resample the mask")
     if np.isnan(mask.data).any():
-        raise InputError("the mask to keep contains NaN. Set voxels to 1 to keep them and to 0 otherwise")
+        raise InputError(f"the {name} contains NaN. Set the selected voxels to 1 and others to 0")
     if not mask.data.any():
-        raise InputError("the mask to keep is empty: every voxel is 0. Set the voxels to keep to 1")
+        raise InputError(f"the {name} is empty: every voxel is 0. Set the selected voxels to 1")
     return np.asarray(mask.data != 0)
 
 

@@ -1,0 +1,1 @@
+"""Measure cortical depth in a segmentation of the grey matter, without given surfaces."""

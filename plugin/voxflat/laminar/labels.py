@@ -1,0 +1,163 @@
+"""Read a rim: the grey matter and its inner and outer borders in one label volume, or in several masks."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import scipy.ndimage
+from numpy.typing import NDArray
+
+from voxflat.arguments import checked_choice, is_whole, log, shown
+from voxflat.errors import InputError
+from voxflat.io.volumes import Volume
+from voxflat.surfaces.foreground import check_scalar, keep_mask, labels_in
+
+INNER, GREY, OUTER = 1, 2, 3
+"""Labels of a `Layered` volume; 0 is unknown."""
+
+_LAYNII = {"inner": 2, "outer": 1, "grey": 3}
+_RIBBON = {"left": {"inner": 2, "outer": None, "grey": 3}, "right": {"inner": 41, "outer": None, "grey": 42}}
+_ROUNDED = 0.01  # largest difference of a label from a whole number
+_PAD = 6.0  # largest spacings around the labels, in which they are extended; fits of surfaces reach 4 of them
+
+
+@dataclass(frozen=True, eq=False)
+class Layered:
+    """Store the labels of a rim in a box around it."""
+
+    labels: NDArray[np.uint8]  # as given, with 0 where unknown
+    extended: NDArray[np.uint8]  # each voxel has the label of the nearest labelled voxel
+    first: NDArray[np.int64]  # voxel of the volume at the first corner of the box; negative outside the volume
+    affine: NDArray[np.float64]  # from voxels of the box to RAS+ mm
+    volume: Volume
+
+    @property
+    def grey(self) -> NDArray[np.int64]:
+        """Voxels of grey matter in the box, (G, 3)."""
+        return np.argwhere(self.labels == GREY)
+
+    def places(self, voxels: NDArray[np.int64]) -> NDArray[np.float64]:
+        """Return the centres of voxels of the box in RAS+ mm."""
+        return np.asarray(voxels @ self.affine[:3, :3].T + self.affine[:3, 3])
+
+    def voxels(self, points: NDArray[np.float64]) -> NDArray[np.int64]:
+        """Return the voxels of the box that contain points."""
+        back = np.linalg.inv(self.affine)
+        found = np.rint(points @ back[:3, :3].T + back[:3, 3]).astype(np.int64)
+        return np.asarray(found.clip(0, np.array(self.labels.shape) - 1))
+
+    def in_volume(self, values: NDArray[Any], outside: float) -> Volume:
+        """Return a volume with a value for each voxel of grey matter."""
+        data = np.full(self.volume.data.shape, outside, dtype=values.dtype)
+        data[tuple((self.grey + self.first).T)] = values
+        return Volume(data, self.volume.affine, is_placed=self.volume.is_placed)
+
+
+def layered(volume: Volume, parts: dict[str, object], hemisphere: str | None) -> Layered:
+    """Return the labels of a rim; `parts` are the labels or masks of "inner", "outer" and "grey", or None."""
+    check_scalar(volume.data)
+    volume = _whole(volume)
+    present = labels_in(volume.data) or {}
+    codes = _codes(parts, present, hemisphere)
+    where = {name: _selected(volume, name, code, present) for name, code in codes.items()}
+    labels = np.zeros(volume.data.shape, dtype=np.uint8)
+    labels[where["inner"]] = INNER
+    if codes["outer"] is None:
+        labels[~where["inner"]] = OUTER
+    else:
+        labels[where["outer"]] = OUTER
+    labels[where["grey"]] = GREY
+    box = scipy.ndimage.find_objects(where["grey"].astype(np.uint8))[0]
+    pad = np.ceil(_PAD * volume.spacing.max() / volume.spacing).astype(np.int64)
+    low, high = np.array([part.start for part in box]) - pad, np.array([part.stop for part in box]) + pad
+    inside = map(slice, np.maximum(low, 0), np.minimum(high, labels.shape))
+    beyond = np.stack([np.maximum(-low, 0), np.maximum(high - labels.shape, 0)], axis=1)
+    near = np.pad(labels[tuple(inside)], beyond)
+    nearest = scipy.ndimage.distance_transform_edt(
+        near == 0, sampling=volume.spacing, return_distances=False, return_indices=True
+    )
+    affine = volume.affine.copy()
+    affine[:3, 3] += affine[:3, :3] @ low
+    found = Layered(near, near[tuple(nearest)], low, affine, volume)
+    _check_borders(found, codes)
+    return found
+
+
+def _whole(volume: Volume) -> Volume:
+    """Return a volume whose labels are whole numbers; values such as 2.9999 are rounded, with a warning."""
+    data = volume.data
+    if data.dtype.kind != "f":
+        return volume
+    if not np.isfinite(data).all():
+        raise InputError("the rim contains NaN or infinite values. Replace them by 0")
+    rounded = np.rint(data)
+    difference = float(np.abs(data - rounded).max())
+    if difference > _ROUNDED:
+        value = data.flat[int(np.abs(data - rounded).argmax())]
+        raise InputError(
+            f"the rim contains the value {value:g}, which is not a label. Resample the rim with nearest-neighbour "
+            "interpolation"
+        )
+    if difference > 0:
+        log.warning("the labels of the rim differ from whole numbers by up to %.2g and were rounded", difference)
+    return Volume(rounded.astype(np.int32), volume.affine, volume.path, volume.is_placed)
+
+
+def _codes(parts: dict[str, object], present: dict[int, int], hemisphere: str | None) -> dict[str, object]:
+    """Return the labels or masks of the parts: as given, or those of LayNii or FreeSurfer's ribbon."""
+    if hemisphere is not None:
+        checked_choice(hemisphere, "hemisphere", tuple(_RIBBON))
+    if all(part is None for part in parts.values()):
+        if hemisphere is not None:
+            return dict(_RIBBON[hemisphere])
+        if 42 in present and 41 in present:
+            raise InputError(
+                "the volume is a ribbon of two hemispheres (labels 2, 3, 41 and 42). Pass hemisphere='left' or 'right'"
+            )
+        return dict(_LAYNII)
+    if hemisphere is not None:
+        raise InputError(
+            "hemisphere selects the labels of FreeSurfer's ribbon. Pass either it or inner, outer and grey"
+        )
+    for name in ("inner", "grey"):
+        if parts[name] is None:
+            raise InputError(f"{name} is missing. Pass inner and grey together, each a label or a mask")
+    return parts
+
+
+def _selected(volume: Volume, name: str, code: object, present: dict[int, int]) -> NDArray[np.bool_]:
+    """Return the voxels of a part, given by a label or a mask."""
+    if code is None:
+        return np.zeros(volume.data.shape, dtype=np.bool_)
+    if not is_whole(code):
+        if isinstance(code, bool | float):
+            raise InputError(f"{name} is {shown(code)}. Pass a label (a whole number) or a mask")
+        return keep_mask(code, volume, f"mask of the {_NAMES[name]}")
+    found = np.asarray(volume.data == code)
+    if not found.any():
+        labels = ", ".join(map(str, sorted(present)[:10])) or "none"
+        raise InputError(
+            f"the rim has no voxel with the label {code} ({_NAMES[name]}); its labels are {labels}. Pass the labels as "
+            "inner, outer and grey"
+        )
+    return found
+
+
+_NAMES = {"inner": "inner border", "outer": "outer border", "grey": "grey matter"}
+
+
+def _check_borders(found: Layered, codes: dict[str, object]) -> None:
+    """Check that the grey matter touches both borders, and that the inner border does not enclose the outer one."""
+    near = scipy.ndimage.binary_dilation(found.labels == GREY, np.ones((3, 3, 3)))
+    for name, label in (("inner", INNER), ("outer", OUTER)):
+        if not (near & (found.labels == label)).any():
+            raise InputError(
+                f"no voxel of the grey matter touches the {_NAMES[name]} (label {shown(codes[name])}). Check the labels"
+            )
+    ends = np.ones(found.labels.shape, dtype=np.bool_)
+    ends[1:-1, 1:-1, 1:-1] = False
+    outermost = set(np.unique(found.extended[ends]).tolist())
+    if INNER in outermost and OUTER not in outermost:
+        raise InputError(
+            "the inner border encloses the outer border. Swap the labels that are passed as inner and outer"
+        )

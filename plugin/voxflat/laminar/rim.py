@@ -1,0 +1,278 @@
+"""The class `Rim`, and the function that makes one."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from voxflat import _core
+from voxflat.arguments import Progress, checked_choice, checked_threads, is_whole, log, shown
+from voxflat.errors import InputError
+from voxflat.io.provenance import Record, Recorded, telling
+from voxflat.io.sources import as_volume
+from voxflat.io.volumes import Volume
+from voxflat.laminar.field import Field, field_of
+from voxflat.laminar.labels import GREY, Layered, layered
+from voxflat.maps.depth import LAYERINGS
+from voxflat.pipeline.surface import Surface
+from voxflat.surfaces.foreground import foreground_of
+from voxflat.surfaces.manifold import Manifold
+
+_THICK = 2.5  # thickness, relative to the median, from which two banks may touch
+_MOST_LAYERS = 1000
+_SHARE_THICK = 0.01  # of the grey matter, above which a warning reports it
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Rim(Recorded):
+    """Grey matter between an inner and an outer border, made by `voxflat.rim`.
+
+    Each voxel of grey matter has a depth, from 0 at the inner border (white matter) to 1 at the outer border
+    (cerebrospinal fluid), and a thickness.
+
+    Parameters
+    ----------
+    labels : Layered
+        The labels, in a box around the grey matter.
+    values : Field
+        The depths of the voxels, and the middle surface.
+    surface : Surface
+        The middle surface. Its `white_points` and `pial_points` are the nearest points on the inner and the outer
+        border. It is open where the segmentation ends.
+    provenance : dict
+        The record of how it was made.
+
+    See Also
+    --------
+    rim : Make a rim.
+
+    Examples
+    --------
+    >>> voxflat.rim(voxflat.samples.rim())
+    <Rim: 5680 voxels of grey matter, median thickness 2.40 mm>
+    """
+
+    labels: Layered
+    values: Field
+    surface: Surface
+    provenance: Record = field(default_factory=dict)
+
+    def __repr__(self) -> str:
+        thickness = float(np.median(self.values.thickness))
+        return f"<Rim: {len(self.values.depth)} voxels of grey matter, median thickness {thickness:.2f} mm>"
+
+    def _depth(self, layering: str) -> Any:
+        checked_choice(layering, "layering", LAYERINGS)
+        return self.values.depth if layering == "equidistant" else self.values.volume_depth
+
+    @telling()
+    def depth(self, layering: str = "equivolume") -> Volume:
+        """Return the depth of each voxel of grey matter.
+
+        It is 0 at the inner and 1 at the outer border.
+
+        Parameters
+        ----------
+        layering : {"equivolume", "equidistant"}
+            "equidistant" is the distance from the inner border, divided by the sum of the distances from both borders.
+            "equivolume" is the share of the volume of the voxel's column below it. As in Bok's principle, layers are
+            then thinner on the convex side of a fold.
+
+        Returns
+        -------
+        Volume
+            Depth as float32; NaN outside the grey matter.
+
+        Raises
+        ------
+        InputError
+            The layering is unknown.
+
+        See Also
+        --------
+        Rim.layers : Divide the grey matter into layers.
+
+        Examples
+        --------
+        >>> rim = voxflat.rim(voxflat.samples.rim())
+        >>> depth = rim.depth().data
+        >>> bool(0 <= np.nanmin(depth) and np.nanmax(depth) <= 1)
+        True
+        """
+        return self.labels.in_volume(self._depth(layering).astype(np.float32), np.nan)
+
+    @telling()
+    def layers(self, count: int, layering: str = "equivolume") -> Volume:
+        """Divide the grey matter into layers.
+
+        Layer k contains the voxels with a depth from (k - 1) / `count` to k / `count`.
+
+        Parameters
+        ----------
+        count : int
+            Number of layers.
+        layering : {"equivolume", "equidistant"}
+            Whether layers have equal volumes or equal thicknesses in each column, as in `depth`.
+
+        Returns
+        -------
+        Volume
+            Layers as int16, from 1 at the inner to `count` at the outer border; 0 outside the grey matter.
+
+        Raises
+        ------
+        InputError
+            The number of layers is not between 1 and 1000, or the layering is unknown.
+
+        See Also
+        --------
+        Rim.depth : Return the depth of each voxel.
+
+        Examples
+        --------
+        >>> rim = voxflat.rim(voxflat.samples.rim())
+        >>> np.unique(rim.layers(3).data)
+        array([0, 1, 2, 3], dtype=int16)
+        """
+        if not is_whole(count) or not 1 <= count <= _MOST_LAYERS:
+            raise InputError(f"count is {shown(count)}. Pass a whole number of layers from 1 to {_MOST_LAYERS}")
+        layer = np.minimum(np.floor(self._depth(layering) * count), count - 1).astype(np.int16) + np.int16(1)
+        return self.labels.in_volume(layer, 0)
+
+    @telling()
+    def thickness(self) -> Volume:
+        """Return the thickness of the grey matter at each of its voxels.
+
+        It is the sum of the distances from the inner and from the outer border.
+
+        Returns
+        -------
+        Volume
+            Thickness in mm as float32; NaN outside the grey matter.
+
+        See Also
+        --------
+        Rim.depth : Return the depth of each voxel.
+
+        Examples
+        --------
+        >>> rim = voxflat.rim(voxflat.samples.rim())
+        >>> round(float(np.nanmedian(rim.thickness().data)), 1)
+        2.4
+        """
+        return self.labels.in_volume(self.values.thickness.astype(np.float32), np.nan)
+
+
+@telling()
+def rim(
+    source: object,
+    *,
+    inner: object | None = None,
+    outer: object | None = None,
+    grey: object | None = None,
+    hemisphere: str | None = None,
+    spacing: Sequence[float] | None = None,
+    affine: ArrayLike | None = None,
+    memory_limit: int | None = None,
+    threads: int | None = None,
+    progress: Progress | None = None,
+) -> Rim:
+    """Measure depth in a segmentation of the grey matter and its borders, as used for layer fMRI.
+
+    The segmentation may cover a patch of cortex, few slices or a complete hemisphere, and the borders may be lines of
+    single voxels. Where it ends, its layers are assumed to continue straight outwards: the ends belong to neither
+    border. Borders are surfaces with subvoxel positions, and distances to them are exact. The middle surface, where the
+    equidistant depth is one half, can be flattened like any other surface.
+
+    Parameters
+    ----------
+    source : ndarray, path, image object or Volume
+        The labels, shape (I, J, K). By default 1 is the outer border (cerebrospinal fluid), 2 the inner border (white
+        matter) and 3 grey matter, as in LayNii.
+    inner, outer, grey : int, or mask, optional
+        Other labels, or masks of the volume's shape (array, path, image object or Volume). If `inner` and `grey` are
+        given without `outer`, all other voxels belong to the outer border.
+    hemisphere : {"left", "right"}, optional
+        The hemisphere, if the labels are those of FreeSurfer's ``ribbon.mgz`` (2 and 3, or 41 and 42).
+    spacing : sequence of 3 floats, optional
+        Voxel size in mm, for volumes that do not define it (.npy, arrays); by default 1.
+    affine : array_like, shape (4, 4), optional
+        Matrix from voxel indices to RAS+ mm, for volumes that do not define it.
+    memory_limit : int, optional
+        Maximum number of bytes to use; by default the free memory.
+    threads : int, optional
+        Number of threads; by default one per core.
+    progress : callable, optional
+        As in `flatten`.
+
+    Returns
+    -------
+    Rim
+        Depth and thickness of the grey matter, and its middle surface.
+
+    Raises
+    ------
+    InputError
+        A part is missing, the grey matter does not touch both borders, or the labels are not whole numbers.
+    Cancelled
+        `progress` returned False.
+
+    See Also
+    --------
+    surface : Make a surface from a label volume or a mesh.
+
+    References
+    ----------
+    Waehnert et al. (2014), Anatomically motivated modeling of cortical laminae, NeuroImage 93. Huber et al. (2021),
+    LayNii: a software suite for layer-fMRI, NeuroImage 237.
+
+    Examples
+    --------
+    >>> rim = voxflat.rim(voxflat.samples.rim())
+    >>> rim.layers(20).data.max()
+    np.int16(20)
+    >>> flat_map = rim.surface.flatten()
+    """
+    threads = checked_threads(threads)
+    volume = as_volume(source, spacing=spacing, affine=affine)
+    labels = layered(volume, {"inner": inner, "outer": outer, "grey": grey}, hemisphere)
+    values = field_of(labels, threads, progress)
+    share = float((values.thickness > _THICK * np.median(values.thickness)).mean())
+    if share > _SHARE_THICK:
+        log.warning(
+            "%.1f %% of the grey matter is more than %g times as thick as the median. Check whether the banks of a "
+            "sulcus touch without an outer border between them",
+            100 * share,
+            _THICK,
+        )
+    return Rim(labels, values, _middle_surface(labels, values))
+
+
+def _middle_surface(labels: Layered, values: Field) -> Surface:
+    """Return the part of the middle surface that lies in the grey matter."""
+    step = 0.5 * labels.volume.spacing.min()
+    outward = values.outer - values.inner
+    outward *= step / np.maximum(np.linalg.norm(outward, axis=1, keepdims=True), 1e-9)
+    at = (labels.voxels(values.points + side * outward) for side in (-1, 0, 1))
+    is_grey = np.any([labels.labels[tuple(voxels.T)] == GREY for voxels in at], axis=0)
+    faces = values.faces[is_grey[values.faces].any(axis=1)]
+    kept, corners = np.unique(faces, return_inverse=True)
+    points = values.points[kept]
+    core, _ = _core.Surface.from_triangles(points, corners.reshape(-1, 3), True)
+    volume = labels.volume
+    grey = np.zeros(volume.data.shape, dtype=np.uint8)
+    grey[tuple((labels.grey + labels.first).T)] = 1
+    metadata: dict[str, Any] = {
+        **foreground_of(Volume(grey, volume.affine, volume.path, volume.is_placed), label=1).metadata,
+        "sheet": False,
+        "placed_by": "half of the equidistant depth",
+        "measured_on": "midthickness: halfway between the borders of the grey matter",
+    }
+    voxels = labels.voxels(points) + labels.first
+    return Surface._of(
+        Manifold(core, voxels, metadata, white_points=values.inner[kept], pial_points=values.outer[kept])
+    )
