@@ -102,11 +102,9 @@ def test_flatten_warns_of_holes_on_stderr(shared, tmp_path):
     assert "warning" not in result.stdout
 
 
-@pytest.mark.parametrize(
-    ("text", "size"), [("1000", 1000), ("4G", 2**32), ("1.5k", 1536), ("512MiB", 2**29), ("2 TB", 2**41), ("0", 0)]
-)
-def test_memory_sizes(text, size):
-    assert _options._bytes(None, None, text) == size
+def test_memory_sizes():
+    sizes = {"1000": 1000, "4G": 2**32, "1.5k": 1536, "512MiB": 2**29, "2 TB": 2**41, "0": 0}
+    assert {text: _options._bytes(None, None, text) for text in sizes} == sizes
 
 
 def test_rows_are_kept_without_a_word(shared, tmp_path):
@@ -381,17 +379,6 @@ def test_errors_and_cancellation_are_one_line(shared, tmp_path, monkeypatch, rai
         assert "Traceback" in run(*arguments, "--debug").stderr
 
 
-def test_ctrl_c_while_saving_leaves_nothing(shared, tmp_path, monkeypatch):
-    def savez(file, **arrays):
-        file.write(b"half")
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(np, "savez_compressed", savez)
-    result = run("flatten", shared / "surface.nii.gz", "-o", tmp_path / "map.npz", "--sources", 20)
-    assert (result.exit_code, result.stderr.splitlines()[-1]) == (130, "voxflat: cancelled")
-    assert list(tmp_path.iterdir()) == []
-
-
 @pytest.mark.skipif(os.name == "nt", reason="no pseudo-terminals")
 def test_ctrl_c_during_the_long_work(tmp_path):
     import fcntl
@@ -505,10 +492,8 @@ def test_messages_name_options_in_place_of_keyword_arguments():
         ("seed_point is given without radius", "--seed-point is given without --radius"),
         ("max_area and scale are both given", "--max-area and --scale are both given"),
         ("sources and scale are both given", "--sources and --scale are both given"),
-        (
-            "scale does not apply. Pass sources, bound or max_area",
-            "--scale does not apply. Pass --sources, --bound or --max-area",
-        ),
+        ("scale does not apply. Pass sources", "--scale does not apply. Pass --sources"),
+        ("Pass sources, bound or max_area", "Pass --sources, --bound or --max-area"),
         ("the label is given by a radius or by seed_point", "the label is given by a radius or by --seed-point"),
         ("Pass repair='cuts' or a label", "Pass --repair cuts or a label"),
         ("the relax=3 of lh.max_area_7.gii", "the relax=3 of lh.max_area_7.gii"),

@@ -150,12 +150,11 @@ def test_a_texture_found_beside_a_surface_is_an_input(folder):
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full")
-@pytest.mark.parametrize(
-    ("where", "status"), [("2>&-", 0), ("2>/dev/full", 0), (">&-", 0), ("0<&- >&- 2>&-", 0), (">/dev/full", 1)]
-)
-def test_the_map_is_saved_whatever_becomes_of_the_terminal(folder, where, status):
+@pytest.mark.parametrize("where", ["2>&-", "2>/dev/full", ">&-", "0<&- >&- 2>&-", ">/dev/full"])
+def test_the_map_is_saved_whatever_becomes_of_the_terminal(folder, where):
     command = f"{PROGRAM} flatten sheet.npy -o map.npz --sources 20 --json {where}"
-    assert subprocess.run(command, shell=True, check=False, capture_output=True, timeout=120).returncode == status
+    done = subprocess.run(command, shell=True, check=False, capture_output=True, timeout=120)
+    assert done.returncode == (where == ">/dev/full")
     assert len(voxflat.load("map.npz")) == 100
 
 
@@ -310,22 +309,11 @@ def test_arrays_are_told_by_their_hash(folder):
     assert record["files"] == {}
 
 
-@pytest.mark.parametrize(
-    ("value", "told"),
-    [
-        (np.float32(0.5), 0.5),
-        (np.int64(3), 3),
-        (np.bool_(True), True),
-        (float("nan"), "nan"),
-        (Path("a/b.nii"), "a/b.nii"),
-        ({"a": (1, None)}, {"a": [1, None]}),
-        (np.eye(2), [[1.0, 0.0], [0.0, 1.0]]),
-        (np.array([object()]), "ndarray"),
-        (object(), "object"),
-    ],
-)
-def test_what_json_can_hold_of_a_parameter(value, told):
-    assert described(value) == told
+def test_what_json_can_hold_of_a_parameter():
+    assert described([np.float32(0.5), np.int64(3), np.bool_(True), float("nan")]) == [0.5, 3, True, "nan"]
+    assert described({"a": (1, None), "b": Path("a/b.nii")}) == {"a": [1, None], "b": "a/b.nii"}
+    assert described(np.eye(2)) == [[1.0, 0.0], [0.0, 1.0]]
+    assert (described(np.array([object()])), described(object())) == ("ndarray", "object")
 
 
 def test_long_lists_are_told_by_their_hash():

@@ -20,12 +20,6 @@ ENOUGH = 642  # vertices for tests of maps
 AS_GOOD = 1.1  # times the error of the best map with any option
 
 
-def commands_of_readme():
-    """Return the commands in separate lines and within sentences."""
-    readme = (ROOT / "README.md").read_text()
-    return re.findall(r"(?:^ {0,4}|`)voxflat ((?:flatten|measure) [^`\n]*[^`\n.])(?:`|$)", readme, re.MULTILINE)
-
-
 def run(command):
     return succeed(*shlex.split(command)).output
 
@@ -54,7 +48,9 @@ def subject(tmp_path_factory):
 def test_the_commands_run_and_readmes_are_among_them(subject):
     folder, said = subject
     assert len(said) >= 8
-    for command in commands_of_readme():
+    readme = (ROOT / "README.md").read_text()
+    pattern = r"(?:^ {0,4}|`)voxflat ((?:flatten|measure) [^`\n]*[^`\n.])(?:`|$)"  # in lines and within sentences
+    for command in re.findall(pattern, readme, re.MULTILINE):
         if command.startswith(("flatten lh.", "measure lh.")) and "-o" in command:
             assert command in said or command.startswith("flatten lh.white --pial lh.pial -o")
     places, faces = nib.load(folder / "lh.flat.surf.gii").agg_data()

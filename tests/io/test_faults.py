@@ -96,16 +96,12 @@ def test_names_as_long_as_the_system_takes(folder, letter):
     assert len(names(folder)) == 3
 
 
-@pytest.mark.parametrize(
-    ("output", "repaired", "more", "message"),
-    [
-        ("bad.ending", "out.nii", ("--repair", "voxels"), "bad.ending: unknown"),
-        ("s.vtp", "out.bad", ("--repair", "voxels"), "out.bad: unknown"),
-        ("s.vtp", "out.nii", ("--repair", "none"), "--repair none does not change any voxels"),
-    ],
-)
-def test_of_two_results_neither_is_written_where_one_cannot_be(folder, output, repaired, more, message):
-    fail(1, message, "surface", "v.nii.gz", "--label", 1, *more, "--repaired", repaired, "-o", output)
+def test_of_two_results_neither_is_written_where_one_cannot_be(folder):
+    surface = ("surface", "v.nii.gz", "--label", 1, "--repair")
+    fail(1, "bad.ending: unknown", *surface, "voxels", "--repaired", "out.nii", "-o", "bad.ending")
+    fail(1, "out.bad: unknown", *surface, "voxels", "--repaired", "out.bad", "-o", "s.vtp")
+    unchanged = "--repair none does not change any voxels"
+    fail(1, unchanged, *surface, "none", "--repaired", "out.nii", "-o", "s.vtp")
     assert names(folder) == ["v.nii.gz"]
 
 
