@@ -29,23 +29,18 @@ def sheet():
     return np.ones((9, 9, 1), np.uint8)
 
 
-def calls_of_methods():
-    """Yield the location, name, first constant and keywords of each method call in the package."""
-    for path in PACKAGE.rglob("*.py"):
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute):
-                first = next((str(one.value) for one in node.args if isinstance(one, ast.Constant)), "")
-                yield f"{path.name}:{node.lineno}", node.func.attr, first, {one.arg for one in node.keywords}
-
-
 def test_text_files_have_the_same_bytes_on_every_system():
     """Windows would use another encoding and other line ends."""
     wanted = {"write_text": {"encoding", "newline"}, "open": {"encoding", "newline"}, "read_text": {"encoding"}}
     seen = set()
-    for place, name, first, given in calls_of_methods():
-        if name in wanted and (name != "open" or (first[:1] in set("wxar") and "b" not in first)):
-            assert given >= wanted[name] or first == "utf-8", place
-            seen.add(name)
+    trees = {path: ast.parse(path.read_text(encoding="utf-8")) for path in PACKAGE.rglob("*.py")}
+    for file, node in ((file, node) for file, tree in trees.items() for node in ast.walk(tree)):
+        if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute) and node.func.attr in wanted:
+            name, given = node.func.attr, {one.arg for one in node.keywords}
+            first = next((str(one.value) for one in node.args if isinstance(one, ast.Constant)), "")
+            if name != "open" or (first[:1] in set("wxar") and "b" not in first):
+                assert given >= wanted[name] or first == "utf-8", f"{file}:{node.lineno}"
+                seen.add(name)
     assert seen == set(wanted)
 
 

@@ -12,8 +12,7 @@ from voxflat import figures, io
 from voxflat.arguments import checked_kind, checked_limit, checked_number, checked_path, shown
 from voxflat.methods import Voxflat
 
-VOLUME = np.zeros((8, 8, 5), np.uint8)
-VOLUME[:, :, 2] = 1
+VOLUME = np.pad(np.ones((8, 8, 1), np.uint8), [(0, 0), (0, 0), (2, 2)])
 ROW, COLUMN = np.mgrid[:6, :6].reshape(2, -1)
 POINTS = np.column_stack([5.0 * ROW, 5.0 * COLUMN, np.zeros(36)])
 CORNER = np.flatnonzero((ROW < 5) & (COLUMN < 5))[:, None]

@@ -90,8 +90,7 @@ def test_flatten_says_which_part(shared, tmp_path):
 
 
 def test_flatten_warns_of_holes_on_stderr(shared, tmp_path):
-    surface = np.zeros((20, 20, 3), np.uint8)
-    surface[:, :, 1] = 1
+    surface = np.ones((20, 20, 1), np.uint8)
     surface[8:12, 8:12] = 0
     np.save(tmp_path / "ring.npy", surface)
     result = succeed("flatten", tmp_path / "ring.npy", "-o", tmp_path / "map.npz")
@@ -142,20 +141,16 @@ def test_check_says_yes_or_no(shared, tmp_path):
     box[0, 0, 0] = 2
     np.save(tmp_path / "box.npy", box)
     assert "pass a label or a threshold" in run("check", tmp_path / "box.npy").stdout
-    result = run("check", tmp_path / "box.npy", "--json")  # the label is ambiguous
-    assert result.exit_code == 1
-    content = json.loads(result.stdout)
+    content = json.loads(fail(1, "", "check", tmp_path / "box.npy", "--json").stdout)  # the label is ambiguous
     assert content["can_flatten"] is False
     assert content["contents"]["labels"] == {"1": 216, "2": 1}
-    result = succeed("check", tmp_path / "box.npy", "--label", 1, "--json")  # a closed surface
-    content = json.loads(result.stdout)
+    content = json.loads(succeed("check", tmp_path / "box.npy", "--label", 1, "--json").stdout)  # a closed surface
     assert (content["closed"], content["euler_characteristic"]) == (True, 2)
     assert "it was cut open along 1 path (" in content["advice"][0]
     volume = np.zeros((5, 5, 5))
     volume[2, 2, 2] = np.nan
     np.save(tmp_path / "nan.npy", volume)
-    result = run("check", tmp_path / "nan.npy", "--json")
-    assert result.exit_code == 1
+    result = fail(1, "", "check", tmp_path / "nan.npy", "--json")
     content = json.loads(result.stdout, parse_constant=pytest.fail)
     assert content["contents"]["range"] == [None, None]
     assert "NaN" in content["advice"][0]
@@ -284,9 +279,8 @@ def test_demo_runs_in_its_directory_or_says_what_to_install(tmp_path, monkeypatc
         raise ModuleNotFoundError("No module named 'pyvista'", name="pyvista")
 
     monkeypatch.setattr(demo, "run", missing)
-    result = run("demo")
-    assert result.exit_code == 1
-    assert result.stderr == "voxflat: error: the demo requires pyvista. Run pip install 'voxflat[lab,pyvista]'\n"
+    told = "voxflat: error: the demo requires pyvista. Run pip install 'voxflat[lab,pyvista]'\n"
+    assert fail(1, "", "demo").stderr == told
 
 
 @pytest.mark.parametrize("command", [[], *([name] for name in cli.main.commands)])
@@ -352,10 +346,7 @@ FLATTEN, IMAGE = "flatten a.nii -o m.npz", "image m.npz -o a.png"
     ],
 )
 def test_wrong_usage_is_status_2(arguments):
-    result = run(*arguments.split())
-    assert result.exit_code == 2
-    assert result.stdout == ""
-    assert "Usage: voxflat" in result.stderr
+    assert fail(2, "Usage: voxflat", *arguments.split()).stdout == ""
 
 
 @pytest.mark.parametrize(
@@ -386,9 +377,7 @@ def test_ctrl_c_during_the_long_work(tmp_path):
     import struct
     import termios
 
-    sheet = np.zeros((220, 220, 3), np.uint8)
-    sheet[:, :, 1] = 1
-    np.save(tmp_path / "sheet.npy", sheet)
+    np.save(tmp_path / "sheet.npy", np.ones((220, 220, 1), np.uint8))
     terminal, stderr = pty.openpty()
     fcntl.ioctl(stderr, termios.TIOCSWINSZ, struct.pack("HHHH", 24, 80, 0, 0))  # progress bars need a width
     command = [PROGRAM, "flatten", tmp_path / "sheet.npy", "-o", tmp_path / "map.npz", "--sampling", "random"]
@@ -462,6 +451,7 @@ def test_the_table_of_commands_agrees_with_their_modules():
     for name, (_, summary) in cli.program.COMMANDS.items():
         command = cli.main.get_command(None, name)
         assert (command.name, " ".join(command.help.split("\n\n")[0].split())) == (name, summary)
+        assert any("--json" in parameter.opts for parameter in command.params)
 
 
 def test_info_tells_what_a_bug_report_needs():

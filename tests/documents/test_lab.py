@@ -10,13 +10,12 @@ import lab
 import nibabel as nib
 import pytest
 from command_line import succeed
+from lab_runs import FEW, VERTICES
 from mesh_files import write_obj
 
 import voxflat
 
 ROOT = Path(__file__).parents[2]
-FEW = 162  # vertices for tests of commands
-ENOUGH = 642  # vertices for tests of maps
 AS_GOOD = 1.1  # times the error of the best map with any option
 
 
@@ -61,7 +60,7 @@ def test_the_commands_run_and_readmes_are_among_them(subject):
 
 @pytest.mark.slow
 def test_what_is_left_out_gives_the_best_map_of_any_option(tmp_path, monkeypatch):
-    lab.write(tmp_path, ENOUGH)
+    lab.write(tmp_path, VERTICES)
     monkeypatch.chdir(tmp_path)
     surface = voxflat.surface("lh.white", pial="lh.pial")
 

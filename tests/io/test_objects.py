@@ -129,11 +129,8 @@ def test_values_of_another_surface_are_refused(left):
     refused("has 9 values, but the surface has 441", left.image, gifti_values(values=VALUES[:9]))
     refused("has values for right, but the surface is CortexLeft", left.image, PolyData(right=VALUES))
     refused("has 9 values for left, but the surface has 441 points", left.image, PolyData(left=VALUES[:9]))
-
-
-def test_where_the_side_is_unknown_one_has_to_be_chosen():
-    flat_map = voxflat.flatten(NILEARN, relax=False)
-    refused("the hemisphere of the surface is unknown", flat_map.image, PolyData(left=VALUES, right=-VALUES))
+    unknown = voxflat.flatten(NILEARN, relax=False)
+    refused("the hemisphere of the surface is unknown", unknown.image, PolyData(left=VALUES, right=-VALUES))
 
 
 def test_labels_of_another_package_bring_their_table():

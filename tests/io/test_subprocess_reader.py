@@ -6,6 +6,7 @@ import subprocess
 import sys
 import threading
 import time
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -114,13 +115,8 @@ def test_values_come_back_and_prints_do_not(path, capfd):
 
 
 def test_threads_and_forks_share_no_answer(path):
-    found = []
-    threads = [threading.Thread(target=lambda: found.append(size(path))) for _ in range(4)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    assert found == [1770] * 4
+    with ThreadPoolExecutor(4) as pool:
+        assert list(pool.map(size, [path] * 4)) == [1770] * 4
     if not hasattr(os, "fork"):
         return
     process = os.fork()

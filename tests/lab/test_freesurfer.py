@@ -3,8 +3,6 @@
 import hashlib
 import json
 import re
-import shutil
-import subprocess
 from pathlib import Path
 
 import nibabel as nib
@@ -14,6 +12,7 @@ import studies
 from command_line import fail, run, succeed
 from freesurfer_rule import read_patch
 from lab_runs import FEW, VERTICES, console_of, everything
+from mesh_files import needs_workbench, workbench
 from nilearn.surface import load_surf_data, load_surf_mesh
 from numpy.testing import assert_allclose, assert_array_equal
 
@@ -138,13 +137,9 @@ def pycortex_flat(folder, hemi, patch):
     return flat
 
 
-@pytest.mark.skipif(shutil.which("wb_command") is None, reason="Connectome Workbench is not installed")
+@needs_workbench
 def test_workbench_reads_every_value(made, tmp_path):
     surf = made / "surf"
-
-    def workbench(*words):
-        return subprocess.run(["wb_command", *map(str, words)], capture_output=True, text=True, check=True).stdout
-
     for name in ("flat.surf.gii", "distanceerror.shape.gii"):
         told = workbench("-file-information", surf / f"lh.voxflat.{name}")
         assert re.search(rf"Number of Vertices: +{VERTICES}\b", told)
@@ -237,9 +232,8 @@ def test_cuts_of_a_file(subject):
 
 
 def test_a_missing_file_is_named_and_the_other_hemisphere_made(subject):
-    result = run("freesurfer", subject)
-    assert result.exit_code == 1
-    assert re.search(r"sub-02 rh: error: \S+/rh\.white: the file does not exist. Check that recon-all", result.stderr)
+    told = f"sub-02 rh: error: {subject}/surf/rh.white: the file does not exist. Check that recon-all"
+    result = fail(1, told, "freesurfer", subject)
     assert "sub-02 lh: " in result.stdout
     assert "The right hemisphere has no map" in (subject / "voxflat.html").read_text()
     assert json.loads((subject / "surf" / "rh.voxflat.failure.json").read_text())["reason"] in result.stderr

@@ -7,6 +7,7 @@ from itertools import pairwise
 import nibabel as nib
 import numpy as np
 import pytest
+from hard_shapes import signed_areas
 from lab_runs import drawn_with, scene_of
 from numpy.testing import assert_allclose, assert_array_equal
 
@@ -32,14 +33,8 @@ def test_fewer_points_keep_the_outline_the_cuts_and_the_area(shown, most):
     doubled = np.flatnonzero(np.bincount(ids)[ids] > 1)
     assert np.isin(doubled, points).all()
     assert len(points) <= len(doubled) + 2.5 * most  # cells at the border contain small parts of the map
-
-    def areas(corners):
-        a, b, c = (flat.uv[corners[:, n]] for n in range(3))
-        (x, y), (u, v) = (b - a).T, (c - a).T
-        return (x * v - y * u) / 2
-
-    kept = areas(points[faces])
-    assert kept.sum() == pytest.approx(areas(flat.faces.astype(int)).sum(), rel=0.15 if most == 60 else 0.06)
+    kept, whole = (signed_areas(flat.uv, corners).sum() for corners in (points[faces], flat.faces))
+    assert kept == pytest.approx(whole, rel=0.15 if most == 60 else 0.06)
     if most == 10_000:
         assert len(faces) == len(flat.faces)
 
