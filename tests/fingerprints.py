@@ -288,8 +288,7 @@ def blob():
     radius = np.sqrt((x / 15) ** 2 + (y / 13) ** 2 + (z / 12) ** 2)
     solid = radius + 0.06 * np.sin(x / 2) * np.cos(y / 2.5) < 1
     solid &= np.hypot(x - 4, y + 3) > 1.5
-    ring = np.hypot(np.hypot(x + 3, z - 11) - 4, y) < 1.6
-    return (solid | ring).astype(np.uint8)
+    return (solid | (np.hypot(np.hypot(x + 3, z - 11) - 4, y) < 1.6)).astype(np.uint8)
 
 
 @cache
@@ -641,14 +640,12 @@ def napari_jobs(threads, place):
         "mesh": plugin["Job"](surface=mesh, method="zigelman2002", options={"sources": 100}),
         "patches": plugin["PatchesJob"](surface=mesh, limit={"max_angle": 9.0}, glue=1.3),
     }
-    done = {name: job.run(lambda *_: True) for name, job in jobs.items()}
-    return {
-        name: {
-            "map": next(value for value in vars(of).values() if dataclasses.is_dataclass(value)),
-            "layers": [data for data, _, _ in of.layers],
-        }
-        for name, of in done.items()
-    }
+    results = {}
+    for name, job in jobs.items():
+        done = job.run(lambda *_: True)
+        found = next(value for value in vars(done).values() if dataclasses.is_dataclass(value))
+        results[name] = {"map": found, "layers": [data for data, _, _ in done.layers]}
+    return results
 
 
 if __name__ == "__main__":

@@ -266,8 +266,7 @@ def test_compressed_and_plain_file_of_one_name(tmp_path):
 def test_a_mask_that_lies_elsewhere(tmp_path):
     surface = nifti(tmp_path / "in.nii.gz")
     keep = nifti(tmp_path / "keep.nii.gz", kept(np.s_[:20]), affine(a03=2.0))
-    message = r"the affines of the mask to keep and the volume differ. Resample"
-    refused(message, voxflat.surface(surface).keep, keep)
+    refused(r"the affines of the mask to keep and the volume differ. Resample", voxflat.surface(surface).keep, keep)
     assert "affines of the mask" in fails(tmp_path, "flatten", surface, "--keep", keep, "-o", tmp_path / "map.npz")
 
 

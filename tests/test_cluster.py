@@ -29,6 +29,7 @@ dask = pytest.importorskip("dask")
 distributed = pytest.importorskip("distributed")
 fcntl = pytest.importorskip("fcntl")
 
+BROKEN = "sub-02"
 PAGE = how_to.text("job-array", "dask")
 
 pytestmark = pytest.mark.slow  # workers are processes, which take seconds to start
@@ -108,9 +109,6 @@ def test_what_cannot_be_connected_is_told_with_a_remedy(ready, monkeypatch):
 
 
 # ----------------------------------------------------------------------------------------------- studies
-
-
-BROKEN = "sub-02"
 
 
 @pytest.fixture(scope="module")

@@ -23,10 +23,7 @@ from voxflat.lab.inputs import Parameters, found_in
 from voxflat.methods import Voxflat
 
 PACKAGE = Path(voxflat.__file__).parent
-
-
-def sheet():
-    return np.ones((9, 9, 1), np.uint8)
+SHEET = np.ones((9, 9, 1), np.uint8)
 
 
 def test_text_files_have_the_same_bytes_on_every_system():
@@ -130,7 +127,7 @@ def test_names_that_differ_in_case_are_one_file_where_the_system_says_so(tmp_pat
     assert not output._is_same(*paths)
     monkeypatch.setattr(output, "_IGNORES_CASE", True)
     assert output._is_same(*paths)
-    np.save(tmp_path / "v.npy", sheet())
+    np.save(tmp_path / "v.npy", SHEET)
     monkeypatch.chdir(tmp_path)
     words = ("surface", "v.npy", "--repair", "voxels", "--repaired", "A.vtp", "-o", "a.vtp")
     fail(1, "twice. Choose another name", *words)
@@ -147,9 +144,9 @@ def test_overlays_whose_names_differ_in_case_are_refused(tmp_path):
 @pytest.mark.slow
 def test_a_process_that_is_started_afresh_has_the_same_map():
     """Processes are started by spawn, as on Windows and macOS, so they inherit nothing."""
-    expected = voxflat.flatten(sheet(), Voxflat(sources=20))
+    expected = voxflat.flatten(SHEET, Voxflat(sources=20))
     with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn")) as pool:
-        found = pool.submit(voxflat.flatten, sheet(), Voxflat(sources=20)).result()
+        found = pool.submit(voxflat.flatten, SHEET, Voxflat(sources=20)).result()
         again = pool.submit(np.asarray, expected.uv).result()
     np.testing.assert_array_equal(found.uv, expected.uv)
     np.testing.assert_array_equal(again, expected.uv)

@@ -30,6 +30,7 @@ from voxflat.maps.raster import FlatImage
 pytestmark = pytest.mark.slow  # the fixtures take seconds
 
 AFFINE = np.array([[0, -0.8, 0, 10], [0.8, 0, 0, -20], [0, 0, 0.8, 5], [0, 0, 0, 1.0]])
+FLATTEN, IMAGE = "flatten a.nii -o m.npz", "image m.npz -o a.png"
 PROGRAM = Path(sys.executable).with_name("voxflat")
 
 
@@ -240,8 +241,7 @@ def test_colours_stay_as_they_are(shared, flat_map, tmp_path, ending):
 def test_heat_map(shared, flat_map, tmp_path):
     for ending in (".png", ".tif"):
         succeed("image", shared / "map.npz", "--heat-map", "-o", tmp_path / f"heat{ending}")
-    picture = Image.open(tmp_path / "heat.png")  # a figure, not an image of the pixels
-    assert min(picture.size) > 800
+    assert min(Image.open(tmp_path / "heat.png").size) > 800  # a figure, not an image of the pixels
     assert_array_equal(np.asarray(Image.open(tmp_path / "heat.tif")), flat_map.heat_map().data.astype(np.float32))
 
 
@@ -333,9 +333,6 @@ def test_commands_and_functions_have_the_same_defaults(command, function):
             assert (told or None) == (usual[option.name] or None)  # None, 0 and False are equivalent
 
 
-FLATTEN, IMAGE = "flatten a.nii -o m.npz", "image m.npz -o a.png"
-
-
 @pytest.mark.parametrize(
     "arguments",
     [
@@ -398,8 +395,7 @@ def test_ctrl_c_during_the_long_work(tmp_path):
     assert status == 130
     assert seconds < 5  # half a second on an idle machine
     assert [path.name for path in tmp_path.iterdir()] == ["sheet.npy"]
-    last = shown.decode().rsplit("\r", 2)[-2]  # bars are overwritten by spaces
-    assert last == "voxflat: cancelled"
+    assert shown.decode().rsplit("\r", 2)[-2] == "voxflat: cancelled"  # bars are overwritten by spaces
     assert "Traceback" not in shown.decode()
 
 

@@ -51,8 +51,7 @@ def test_the_commands_run(lab):
     assert len(commands) == 6
     for command in commands:
         succeed(*shlex.split(command, comments=True))
-    made = {"lh.npz", "rh.npz", "both.png", "map.npz", "t1_flat.png"}
-    assert {path.name for path in lab.iterdir()} >= made
+    assert {path.name for path in lab.iterdir()} >= {"lh.npz", "rh.npz", "both.png", "map.npz", "t1_flat.png"}
 
 
 def test_every_relative_link_exists_and_the_readme_is_short():

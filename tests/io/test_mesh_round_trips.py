@@ -65,15 +65,12 @@ def test_odd_names(tmp_path, folder, name):
 
 
 def test_structures(tmp_path):
-    for name, given_one, read in [
-        ("s.surf.gii", "CortexRight", "CortexRight"),
-        ("lh.s.surf.gii", "CortexRight", "CortexRight"),
-        ("lh.s.surf.gii", None, "CortexLeft"),
-        ("rh.pial", None, "CortexRight"),
-        ("s.surf.gii", None, None),
-    ]:
-        write_mesh(tmp_path / name, sphere(structure=given_one))
-        assert read_mesh(tmp_path / name).structure == read
+    def again(name, structure=None):
+        write_mesh(tmp_path / name, sphere(structure=structure))
+        return read_mesh(tmp_path / name).structure
+
+    assert again("s.surf.gii", "CortexRight") == again("lh.s.surf.gii", "CortexRight") == "CortexRight"
+    assert (again("lh.s.surf.gii"), again("rh.pial"), again("s.surf.gii")) == ("CortexLeft", "CortexRight", None)
 
 
 @pytest.mark.parametrize(

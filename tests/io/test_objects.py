@@ -51,6 +51,7 @@ def vtk_polydata():
 
 
 NILEARN = InMemoryMesh(POINTS, FACES)
+BOTH = PolyMesh(left=NILEARN, right=NILEARN)
 SURFACES = {
     "InMemoryMesh": lambda: NILEARN,
     "PolyMesh": lambda: PolyMesh(left=NILEARN),
@@ -82,9 +83,6 @@ def test_a_file_mesh_is_read_as_its_file(tmp_path):
 def test_a_quadrilateral_of_meshio_is_cut_in_two():
     quads = meshio.Mesh([[0, 0], [1, 0], [1, 1], [0, 1]], [("quad", [[0, 1, 2, 3]])])
     assert len(voxflat.surface(quads).faces) == 2
-
-
-BOTH = PolyMesh(left=NILEARN, right=NILEARN)
 
 
 def test_what_is_no_surface_is_told():

@@ -55,8 +55,7 @@ def test_a_missing_package_is_named(tmp_path, monkeypatch):
 @pytest.mark.parametrize(("slope", "inter"), [(2.5, -3), (1, 5), (0, 5), (np.nan, 0), (-1, 0), (1, 0)])
 @pytest.mark.parametrize("dtype", ["u1", "i2", "i4", "f4"])
 def test_nifti_scaling(tmp_path, slope, inter, dtype):
-    scale = {112: np.float32(slope), 116: np.float32(inter)}
-    same_as_nibabel(save(tmp_path / "v.nii", values(dtype), patch=scale))
+    same_as_nibabel(save(tmp_path / "v.nii", values(dtype), patch={112: np.float32(slope), 116: np.float32(inter)}))
 
 
 def test_other_nifti_headers(tmp_path, capfd):

@@ -37,8 +37,7 @@ def test_the_commands_run(lab):
     _, said = lab
     assert len(said) == 7
     assert "2 participants: 2 made" in said["bids study maps participant"]
-    again = "2 participants: 0 made, 2 up to date"
-    assert again in said["bids study maps participant --participant-label 01 02"]
+    assert "2 participants: 0 made, 2 up to date" in said["bids study maps participant --participant-label 01 02"]
     assert "4 maps, 0 missing" in said["bids study maps group"]
 
 

@@ -158,8 +158,7 @@ def test_nilearn_reads_every_value(made, flat_map):
     on_map = np.unique(flat_map.ids)
     assert mesh.n_vertices == VERTICES
     for vertex in on_map.tolist():  # on one of the sides of a cut
-        apart = np.abs(flat_map.uv[flat_map.ids == vertex] - mesh.coordinates[vertex, :2]).max(axis=1)
-        assert apart.min() < 1e-4
+        assert np.abs(flat_map.uv[flat_map.ids == vertex] - mesh.coordinates[vertex, :2]).max(axis=1).min() < 1e-4
     for name in ("distanceerror", "thickness", "z"):
         assert_array_equal(load_surf_data(surf / f"lh.voxflat.{name}.shape.gii"), values(made, name))
 
@@ -223,8 +222,7 @@ def test_without_a_label_the_parcellation_says_what_cortex_is_and_without_both_t
 def test_cuts_of_a_file(subject):
     succeed("cut", subject / "surf" / "lh.white", "--cuts", "standard", "-o", subject / "lh.mine.json")
     succeed("freesurfer", subject, "--hemi", "lh", "--cuts", "{hemi}.mine.json")
-    record = record_of(subject)
-    assert record["inputs"]["cuts"]["path"].endswith("lh.mine.json")
+    assert record_of(subject)["inputs"]["cuts"]["path"].endswith("lh.mine.json")
     told = (subject / "lh.mine.json").read_text()
     cuts = flat_of(subject).metadata["cuts"]
     assert len(cuts) == 5
