@@ -481,8 +481,7 @@ def distances(threads, place):
 
 @case
 def paths(threads, place):
-    names = ("graph", "marching", "exact", "edges")
-    found = {name: cortex().path(4000, 300, 8000, geodesic=name) for name in names}
+    found = {name: cortex().path(4000, 300, 8000, geodesic=name) for name in ("graph", "marching", "exact", "edges")}
     voxels = voxflat.surface(blob(), spacing=(1, 1, 1)).ids
     stops = [voxels[k].tolist() for k in (0, len(voxels) // 2, -1)]
     found["chain"] = voxflat.surface(blob()).path(*stops, geodesic="chain")

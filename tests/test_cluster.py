@@ -10,6 +10,7 @@ import sys
 import threading
 import time
 from contextlib import nullcontext
+from unittest.mock import Mock
 
 import composed
 import how_to
@@ -161,12 +162,7 @@ def test_a_study_is_that_of_one_process_and_goes_on_where_a_worker_has_died(work
 
 
 def test_the_commands_of_the_page_run(workers, ready, study, tmp_path, monkeypatch):
-    started = []
-
-    def here(**how):
-        started.append(how)
-        return nullcontext(workers)
-
+    here = Mock(return_value=nullcontext(workers))
     monkeypatch.setattr(distributed, "LocalCluster", here)
     monkeypatch.chdir(tmp_path)
     shutil.copytree(study / "bids" / "sub-01", tmp_path / "study" / "sub-01")
@@ -183,7 +179,7 @@ def test_the_commands_of_the_page_run(workers, ready, study, tmp_path, monkeypat
     assert "2 maps, 0 missing" in group
     assert "1 participants: 0 made, 1 up to date" in local
     assert local == file
-    assert started[0]["n_workers"] == 1
+    assert here.call_args_list[0].kwargs["n_workers"] == 1
     assert f"100 x {FEW} distances" in rows
 
 
@@ -276,12 +272,8 @@ def test_a_part_waits_until_the_worker_that_had_it_has_ended(ready, expected, tm
         places = deal(*how)
         lock = (places[0] / "lock").open("a")
         fcntl.flock(lock, fcntl.LOCK_EX)
-
-        def release():
-            released.append(rows_known(tmp_path / "store"))
-            lock.close()
-
-        threading.Timer(1.5, release).start()  # longer than the core waits for a lock
+        # for longer than the core waits for a lock
+        threading.Timer(1.5, lambda: (released.append(rows_known(tmp_path / "store")), lock.close())).start()
         return places
 
     monkeypatch.setattr(parts, "_deal", deal_and_hold_one)

@@ -9,6 +9,7 @@ import sys
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 from types import SimpleNamespace
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -77,18 +78,13 @@ def test_a_file_that_another_program_holds_for_a_moment_is_replaced(tmp_path, mo
 
 
 def test_an_open_file_that_cannot_be_deleted_hides_no_error(tmp_path, monkeypatch):
-    def unlink(path, missing_ok=False):
-        raise PermissionError(errno.EACCES, "used by this process")
-
-    monkeypatch.setattr(Path, "unlink", unlink)
+    monkeypatch.setattr(Path, "unlink", Mock(side_effect=PermissionError(errno.EACCES, "used by this process")))
     with pytest.raises(ZeroDivisionError), voxflat.io.atomic_path(tmp_path / "a.txt"):
         raise ZeroDivisionError
 
 
 def test_a_broken_pipe_is_the_end_of_the_reader(monkeypatch):
-    def write(line):
-        raise OSError(errno.EINVAL, "Invalid argument")  # the error on Windows
-
+    write = Mock(side_effect=OSError(errno.EINVAL, "Invalid argument"))  # the error on Windows
     monkeypatch.setattr(subprocess_reader, "_stop", lambda patience: None)
     child = SimpleNamespace(stdin=SimpleNamespace(write=write), stdout=io.BytesIO(), returncode=3221225477)
     asked = {"package": "PIL", "seconds": 5, "memory": 1 << 20}
@@ -112,9 +108,7 @@ def test_limits_that_a_system_refuses_are_left_out(monkeypatch):
 
 
 def test_glibc_is_looked_for_on_linux_alone(monkeypatch):
-    def unreadable():
-        raise OSError(errno.EINVAL, "python.exe of the Microsoft Store cannot be read")
-
+    unreadable = Mock(side_effect=OSError(errno.EINVAL, "python.exe of the Microsoft Store cannot be read"))
     monkeypatch.setattr(sys, "platform", "win32")
     monkeypatch.setattr(platform, "libc_ver", unreadable)
     arguments.give_back_memory.__wrapped__()

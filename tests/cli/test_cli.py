@@ -10,6 +10,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from unittest.mock import Mock
 
 import nibabel as nib
 import numpy as np
@@ -274,11 +275,8 @@ def test_demo_runs_in_its_directory_or_says_what_to_install(tmp_path, monkeypatc
     monkeypatch.setattr(demo, "run", lambda output, progress=None, tell=print: tell(f"{output} {progress}"))
     result = run("demo", "-o", tmp_path / "results")
     assert (result.exit_code, result.stdout) == (0, f"{tmp_path / 'results'} None\n")
-
-    def missing(output, **options):
-        raise ModuleNotFoundError("No module named 'pyvista'", name="pyvista")
-
-    monkeypatch.setattr(demo, "run", missing)
+    missing = ModuleNotFoundError("No module named 'pyvista'", name="pyvista")
+    monkeypatch.setattr(demo, "run", Mock(side_effect=missing))
     told = "voxflat: error: the demo requires pyvista. Run pip install 'voxflat[lab,pyvista]'\n"
     assert fail(1, "", "demo").stderr == told
 
@@ -355,10 +353,7 @@ def test_wrong_usage_is_status_2(arguments):
     ],
 )
 def test_errors_and_cancellation_are_one_line(shared, tmp_path, monkeypatch, raised, status, told):
-    def flatten(*arguments, **options):
-        raise raised
-
-    monkeypatch.setattr("voxflat.cli.commands.flatten.surface_of", flatten)
+    monkeypatch.setattr("voxflat.cli.commands.flatten.surface_of", Mock(side_effect=raised))
     arguments = ["flatten", shared / "surface.nii.gz", "-o", tmp_path / "map.npz"]
     result = run(*arguments)
     assert result.exit_code == status
@@ -463,10 +458,7 @@ def test_info_tells_what_a_bug_report_needs():
 
 
 def test_info_works_in_a_checkout_that_is_not_installed(monkeypatch):
-    def requires(_):
-        raise importlib.metadata.PackageNotFoundError
-
-    monkeypatch.setattr(importlib.metadata, "requires", requires)
+    monkeypatch.setattr(importlib.metadata, "requires", Mock(side_effect=importlib.metadata.PackageNotFoundError))
     assert json.loads(succeed("info", "--json").stdout)["packages"].keys() == {"vtk", "pyqt6"}
 
 

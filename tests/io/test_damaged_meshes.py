@@ -4,8 +4,6 @@ import gzip
 import os
 import shutil
 import struct
-import warnings
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -34,12 +32,10 @@ COUNTED += ["text.ply", "s.stl", "text.stl"]
 
 
 @pytest.mark.parametrize("name", COUNTED)
-def test_files_cut_short(tmp_path, name, capfd, recwarn):
+def test_files_cut_short(tmp_path, name, capfd):
     """A file that is cut short is refused, unless only white space is missing."""
     path = written(tmp_path, name)
-    warnings.simplefilter("always")
     whole, mesh = path.read_bytes(), read_mesh(path)
-    assert [str(warning.message) for warning in recwarn if "voxflat" in Path(warning.filename).parts] == []
     for length in {*np.linspace(1, len(whole) - 1, 25).astype(int).tolist(), len(whole) - 1, len(whole) - 2}:
         path.write_bytes(whole[:length])
         if len(whole) - length >= 60 or whole[length:].strip():

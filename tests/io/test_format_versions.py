@@ -96,14 +96,11 @@ def test_kept_rows_open(tmp_path):
     np.testing.assert_array_equal(np.asarray(rows.rows)[:, 0], np.float32([5.929156, 0, 6.579514]))
 
 
-def test_kept_cuts_and_templates_open():
+def test_kept_cuts_and_templates_open(tmp_path):
     mesh = voxflat.load(KEPT / "map-5.npz")
     cut = voxflat.surface((mesh.points, mesh.faces)).cut(KEPT / "cuts-1.json")
     assert [path.ids.tolist() for path in cut.cuts] == [[3, 10, 17]]
+    (tmp_path / "cuts.json").write_text('{"cuts": [[200, 221]]}', encoding="utf-8")  # of the first version
+    assert [path.ids.tolist() for path in HILL.cut(tmp_path / "cuts.json").cuts] == [[200, 221]]
     read = template.read_template(KEPT / "template-1.json")
     assert (read.space, read.side, len(read.cuts)) == ("fs_LR", "left", 5)
-
-
-def test_cuts_without_a_version_are_of_the_first(tmp_path):
-    (tmp_path / "cuts.json").write_text('{"cuts": [[200, 221]]}', encoding="utf-8")
-    assert [path.ids.tolist() for path in HILL.cut(tmp_path / "cuts.json").cuts] == [[200, 221]]

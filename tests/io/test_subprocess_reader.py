@@ -151,8 +151,7 @@ def test_nothing_is_left_of_it(path, ending, tmp_path):
 def test_a_call_that_is_broken_off_ends_the_child(path):
     """A late answer of the child is not mistaken for the answer to the next request."""
     size(path)
-    caller = threading.main_thread().ident
-    threading.Timer(0.3, lambda: signal.pthread_kill(caller, signal.SIGINT)).start()
+    threading.Timer(0.3, lambda: signal.pthread_kill(threading.main_thread().ident, signal.SIGINT)).start()
     start = time.monotonic()
     with pytest.raises(KeyboardInterrupt):
         read_in_subprocess(computes, "vtkmodules", path)

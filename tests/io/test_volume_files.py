@@ -40,8 +40,7 @@ def test_nifti_chooses_the_affine_as_nibabel_does(tmp_path, sform, qform, capfd)
 @pytest.mark.parametrize("flip", list(np.ndindex(2, 2, 2)))
 @pytest.mark.parametrize("form", ["sform", "qform"])
 def test_nifti_flipped_and_permuted_axes(tmp_path, flip, form):
-    signs = 1 - 2 * np.array([*flip, 0])
-    affine = (np.diag([1.0, 2, 3, 1]) * np.array([*signs[:3], 1]))[[2, 0, 1, 3]]
+    affine = (np.diag([1.0, 2, 3, 1]) * (1 - 2 * np.array([*flip, 0])))[[2, 0, 1, 3]]
     codes = {"sform": 1, "qform": 0} if form == "sform" else {"sform": 0, "qform": 1}
     same_as_nibabel(save(tmp_path / "v.nii", values(), affine, **codes))
 
@@ -149,8 +148,7 @@ def test_any_orthogonal_affine(tmp_path_factory, turn, sizes, origin, sform):
 @settings(max_examples=200)
 @given(rotations, st.permutations(range(3)), st.tuples(*[st.sampled_from([-1, 1])] * 3), st.floats(0, 1))
 def test_orientation_is_nibabels(turn, order, signs, weight):
-    blend = weight * turn + (1 - weight) * (np.eye(3)[:, list(order)] * signs)
-    u, _, v = np.linalg.svd(blend)
+    u, _, v = np.linalg.svd(weight * turn + (1 - weight) * (np.eye(3)[:, list(order)] * signs))
     affine = nib.affines.from_matvec((u @ v) * (0.7, 1.1, 2.3))
     assert Volume(np.zeros(SHAPE), affine).orientation == "".join(nib.aff2axcodes(affine))
 

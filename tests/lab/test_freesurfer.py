@@ -4,6 +4,7 @@ import hashlib
 import json
 import re
 from pathlib import Path
+from unittest.mock import Mock
 
 import nibabel as nib
 import numpy as np
@@ -185,11 +186,8 @@ def test_another_parameter_makes_it_anew_and_the_first_one_as_it_was(subject):
 
 
 def test_ctrl_c_leaves_nothing_that_looks_finished(subject, monkeypatch):
-    def interrupted(*_, **__):
-        raise KeyboardInterrupt
-
     with monkeypatch.context() as patch:
-        patch.setattr("voxflat.lab.subject.value_bytes", interrupted)
+        patch.setattr("voxflat.lab.subject.value_bytes", Mock(side_effect=KeyboardInterrupt))
         assert run("freesurfer", subject, "--hemi", "lh").exit_code == 130
     left = {path.name for path in (subject / "surf").iterdir()}
     assert not any(name.startswith(".") or name.endswith(("flat.json", "failure.json")) for name in left)
