@@ -37,7 +37,7 @@ import nibabel
 import numpy as np
 import pyvista
 import scipy
-from click.testing import CliRunner
+from command_line import succeed
 from hard_shapes import sheet
 from mesh_files import fsaverage5
 from PIL import Image
@@ -288,8 +288,7 @@ def blob():
     radius = np.sqrt((x / 15) ** 2 + (y / 13) ** 2 + (z / 12) ** 2)
     solid = radius + 0.06 * np.sin(x / 2) * np.cos(y / 2.5) < 1
     solid &= np.hypot(x - 4, y + 3) > 1.5
-    ring = np.hypot(np.hypot(x + 3, z - 11) - 4, y) < 1.6
-    return (solid | ring).astype(np.uint8)
+    return (solid | (np.hypot(np.hypot(x + 3, z - 11) - 4, y) < 1.6)).astype(np.uint8)
 
 
 @cache
@@ -329,19 +328,14 @@ def patch_of_cortex(threads):
     return cortex().disk(4000, 30.0).flatten(threads=threads)
 
 
-def command(*arguments, place):
+def command(*arguments, place, threads=None):
     """Run a voxflat command in a directory, and return its output."""
-    from voxflat.cli import main as program
-
     home = Path.cwd()
     os.chdir(place)
     try:
-        done = CliRunner().invoke(program, [str(argument) for argument in arguments], prog_name="voxflat")
+        return succeed(*arguments, *(() if threads is None else ("--threads", threads))).stdout
     finally:
         os.chdir(home)
-    if done.exit_code:
-        raise RuntimeError(f"voxflat {arguments[0]} exited with {done.exit_code}: {done.stderr[-400:]}")
-    return done.stdout
 
 
 # -------------------------------------------------------------------------------------------------- maps
@@ -487,8 +481,7 @@ def distances(threads, place):
 
 @case
 def paths(threads, place):
-    names = ("graph", "marching", "exact", "edges")
-    found = {name: cortex().path(4000, 300, 8000, geodesic=name) for name in names}
+    found = {name: cortex().path(4000, 300, 8000, geodesic=name) for name in ("graph", "marching", "exact", "edges")}
     voxels = voxflat.surface(blob(), spacing=(1, 1, 1)).ids
     stops = [voxels[k].tolist() for k in (0, len(voxels) // 2, -1)]
     found["chain"] = voxflat.surface(blob()).path(*stops, geodesic="chain")
@@ -549,11 +542,9 @@ def command_line_of_a_volume(threads, place):
 
     nibabel.save(datasets.load_mni152_wm_template(resolution=1), place / "wm.nii")
     nibabel.save(datasets.load_mni152_template(resolution=1), place / "t1.nii")
-    told = command(
-        *("flatten", "wm.nii", "--threshold", "0.5", "--repair", "voxels", "--seed-point", "136,112,127"),
-        *("--radius", "45", "--json", "--quiet", "-o", "map.npz", *with_threads(threads)),
-        place=place,
-    )
+    how = ("--threshold", "0.5", "--repair", "voxels", "--seed-point", "136,112,127", "--radius", "45")
+    making = ("flatten", "wm.nii", *how, "--json", "--quiet", "-o", "map.npz")
+    told = command(*making, place=place, threads=threads)
     command("image", "map.npz", "--volume", "t1.nii", "--depth", "2", "-o", "t1.png", place=place)
     command("image", "map.npz", "--volume", "t1.nii", "--pixel-size", "0.8", "-o", "t1.npy", place=place)
     command("image", "map.npz", "--heat-map", "-o", "distortion.png", place=place)
@@ -569,14 +560,14 @@ def command_line_of_a_volume(threads, place):
 def command_line_of_meshes(threads, place):
     white, pial, flat = (fsaverage5(f"{kind}_left") for kind in ("white", "pial", "flat"))
     making = (white, "--pial", pial)
-    patch, more = ("--seed-point", "4000", "--radius", "50"), with_threads(threads)
-    command("cut", *making, *patch, "--relax-length", "50", "-o", "cuts.json", *more, place=place)
-    how = (*patch, "--cuts", "cuts.json", "--sources", "150", *more)
-    command("flatten", *making, *how, "-o", "lh.flat.surf.gii", place=place)
+    patch, there = ("--seed-point", "4000", "--radius", "50"), {"place": place, "threads": threads}
+    command("cut", *making, *patch, "--relax-length", "50", "-o", "cuts.json", **there)
+    how = (*patch, "--cuts", "cuts.json", "--sources", "150")
+    command("flatten", *making, *how, "-o", "lh.flat.surf.gii", **there)
     judging = ["measure", *making, "lh.flat.surf.gii", flat, "--sources", "30", "--reference", "graph", "--json"]
-    judged = command(*judging, "--heat-maps", "maps.png", *more, place=place)
+    judged = command(*judging, "--heat-maps", "maps.png", **there)
     traced = command("path", *making, "4000", "300", "--geodesic", "exact", "--json", place=place)
-    command("rows", white, "--sources", "30", "--store", "rows", "--geodesic", "marching", *more, place=place)
+    command("rows", white, "--sources", "30", "--store", "rows", "--geodesic", "marching", **there)
     return {
         "cuts": json.loads((place / "cuts.json").read_text()),
         "map": arrays_of(place / "lh.flat.surf.gii"),
@@ -592,7 +583,7 @@ def command_line_of_patches(threads, place):
     np.save(place / "blob.npy", blob())
     np.save(place / "waves.npy", waves(blob().shape))
     how = ("--repair", "voxels", "--spacing", "1,1,1", "--max-angle", "20", "--glue", "1.7", "--json")
-    told = command("patches", "blob.npy", *how, "-o", "glued.npz", *with_threads(threads), place=place)
+    told = command("patches", "blob.npy", *how, "-o", "glued.npz", place=place, threads=threads)
     command("image", "glued.npz", "--heat-map", "-o", "c.npy", place=place)
     command("image", "glued.npz", "--volume", "waves.npy", "-o", "waves.tif", place=place)
     checked = command("check", "blob.npy", "--spacing", "1,1,1", "--json", place=place)
@@ -606,10 +597,6 @@ def command_line_of_patches(threads, place):
         "check": json.loads(checked),
         "surface": arrays_of(place / "blob.surf.gii"),
     }
-
-
-def with_threads(threads):
-    return () if threads is None else ("--threads", str(threads))
 
 
 @case
@@ -652,14 +639,12 @@ def napari_jobs(threads, place):
         "mesh": plugin["Job"](surface=mesh, method="zigelman2002", options={"sources": 100}),
         "patches": plugin["PatchesJob"](surface=mesh, limit={"max_angle": 9.0}, glue=1.3),
     }
-    done = {name: job.run(lambda *_: True) for name, job in jobs.items()}
-    return {
-        name: {
-            "map": next(value for value in vars(of).values() if dataclasses.is_dataclass(value)),
-            "layers": [data for data, _, _ in of.layers],
-        }
-        for name, of in done.items()
-    }
+    results = {}
+    for name, job in jobs.items():
+        done = job.run(lambda *_: True)
+        found = next(value for value in vars(done).values() if dataclasses.is_dataclass(value))
+        results[name] = {"map": found, "layers": [data for data, _, _ in done.layers]}
+    return results
 
 
 if __name__ == "__main__":

@@ -10,6 +10,7 @@ import sys
 import threading
 import time
 from contextlib import nullcontext
+from unittest.mock import Mock
 
 import composed
 import how_to
@@ -17,8 +18,9 @@ import numpy as np
 import pytest
 import studies
 from cluster_work import no_package, tell, wait
-from command_line import fail, run
+from command_line import fail, run, succeed
 from lab_runs import FEW, everything
+from refusals import refused
 
 import voxflat
 from voxflat.distances import cluster, parts
@@ -28,6 +30,7 @@ dask = pytest.importorskip("dask")
 distributed = pytest.importorskip("distributed")
 fcntl = pytest.importorskip("fcntl")
 
+BROKEN = "sub-02"
 PAGE = how_to.text("job-array", "dask")
 
 pytestmark = pytest.mark.slow  # workers are processes, which take seconds to start
@@ -91,25 +94,22 @@ def test_who_waits_for_workers_is_told_so_and_can_leave():
 
 
 def test_what_cannot_be_connected_is_told_with_a_remedy(ready, monkeypatch):
-    def refused(address, match):
+    def is_refused(address, match):
         with pytest.raises(voxflat.InputError, match=match), connected(address, most=1):
             pass
 
     monkeypatch.setattr(cluster, "_PATIENCE", 0.2)
     for address in ("tcp://127.0.0.1:9", "nonsense://here", "no/such/scheduler.json"):
-        refused(address, rf"no Dask scheduler responds at {address} \(.*\)\. Check that it is running")
+        is_refused(address, rf"no Dask scheduler responds at {address} \(.*\)\. Check that it is running")
     monkeypatch.setattr(cluster, "__version__", "0.0.1")
-    refused(ready, r"the worker tcp://\S+ has voxflat \S+ instead of 0\.0\.1. Install the same version")
+    is_refused(ready, r"the worker tcp://\S+ has voxflat \S+ instead of 0\.0\.1. Install the same version")
     monkeypatch.setattr(cluster, "version", no_package)
-    refused(ready, r"voxflat is not installed on the worker tcp://\S+. Install version 0\.0\.1")
+    is_refused(ready, r"voxflat is not installed on the worker tcp://\S+. Install version 0\.0\.1")
     monkeypatch.setitem(sys.modules, "distributed", None)
-    refused(ready, r"a cluster requires the package distributed\. Run pip install 'voxflat\[lab\]'")
+    is_refused(ready, r"a cluster requires the package distributed\. Run pip install 'voxflat\[lab\]'")
 
 
 # ----------------------------------------------------------------------------------------------- studies
-
-
-BROKEN = "sub-02"
 
 
 @pytest.fixture(scope="module")
@@ -138,13 +138,8 @@ def made_of(folder):
 
 def test_a_study_is_that_of_one_process_and_goes_on_where_a_worker_has_died(workers, ready, study, monkeypatch):
     out = study / "out"
-
-    def kill_when_something_is_written():
-        until(lambda: list(out.rglob("*desc-voxflat*")))
-        kill_one(workers)
-
     monkeypatch.setattr(workers.scheduler, "allowed_failures", 0)  # otherwise another worker would resume it at once
-    killer = threading.Thread(target=kill_when_something_is_written)
+    killer = threading.Thread(target=lambda: (until(lambda: list(out.rglob("*desc-voxflat*"))), kill_one(workers)))
     killer.start()
     command = ["bids", study / "bids", out, "participant", "--hemi", "L", "--dask", ready]
     result = run(*command, "--json")
@@ -167,12 +162,7 @@ def test_a_study_is_that_of_one_process_and_goes_on_where_a_worker_has_died(work
 
 
 def test_the_commands_of_the_page_run(workers, ready, study, tmp_path, monkeypatch):
-    started = []
-
-    def here(**how):
-        started.append(how)
-        return nullcontext(workers)
-
+    here = Mock(return_value=nullcontext(workers))
     monkeypatch.setattr(distributed, "LocalCluster", here)
     monkeypatch.chdir(tmp_path)
     shutil.copytree(study / "bids" / "sub-01", tmp_path / "study" / "sub-01")
@@ -182,16 +172,14 @@ def test_the_commands_of_the_page_run(workers, ready, study, tmp_path, monkeypat
         shutil.copy(tmp_path / "study" / "sub-01" / "anat" / f"sub-01_hemi-L_{name}.surf.gii", f"lh.{name}.surf.gii")
     steps = [f"bids study maps {step}" for step in ("participant --dry-run", "participant", "group")]
     assert all(step in PAGE for step in steps)
-    said = {command: run(*shlex.split(command)) for command in [*steps, *how_to.commands(PAGE)]}
-    for command, result in said.items():
-        assert result.exit_code == 0, f"{command}\n{result.output}"
-    dry, made, group, local, file, rows = (result.stdout for result in said.values())
+    commands = [*steps, *how_to.commands(PAGE)]
+    dry, made, group, local, file, rows = (succeed(*shlex.split(command)).stdout for command in commands)
     assert [json.loads(line)["state"] for line in dry.splitlines()] == ["missing"] * 2
     assert "1 participants: 1 made" in made
     assert "2 maps, 0 missing" in group
     assert "1 participants: 0 made, 1 up to date" in local
     assert local == file
-    assert started[0]["n_workers"] == 1
+    assert here.call_args_list[0].kwargs["n_workers"] == 1
     assert f"100 x {FEW} distances" in rows
 
 
@@ -212,19 +200,12 @@ def rows_known(store):
     return sum(path.read_text().count("crc32") for path in store.rglob("journal.jsonl"))
 
 
-def is_that_of_one_process(rows, expected):
+def contents(rows):
+    """Verify rows; return the names in their store, the rows and the journal, whose entries may have any order."""
     rows.verify()
-    names = sorted(path.name for path in rows.store.iterdir())
-    return (
-        names == sorted(path.name for path in expected.store.iterdir())
-        and (rows.store / "rows.npy").read_bytes() == (expected.store / "rows.npy").read_bytes()
-        and _lines(rows) == _lines(expected)
-    )
-
-
-def _lines(rows):
     first, *entries, last = (rows.store / "journal.jsonl").read_text().splitlines()
-    return first, sorted(entries), last
+    names = sorted(path.name for path in rows.store.iterdir())
+    return names, (rows.store / "rows.npy").read_bytes(), first, sorted(entries), last
 
 
 def test_rows_are_those_of_one_process_though_a_worker_dies(workers, ready, expected, tmp_path):
@@ -233,7 +214,7 @@ def test_rows_are_those_of_one_process_though_a_worker_dies(workers, ready, expe
     killer.start()
     rows = voxflat.surface(SHEET).geodesic(SOURCES, store=store, dask=ready)
     killer.join()
-    assert is_that_of_one_process(rows, expected)
+    assert contents(rows) == contents(expected)
     assert rows.provenance == expected.provenance | {"parameters": rows.provenance["parameters"]}
 
 
@@ -260,8 +241,7 @@ def test_what_a_dead_caller_left_is_taken_over_and_computed_by_nobody_again(read
     with pytest.raises(voxflat.Cancelled):
         voxflat.surface(SHEET).geodesic(SOURCES, store=store, dask=ready, progress=stop_after_some)
     assert ("measuring distances", SOURCES) in {(stage, total) for stage, _, total in seen}
-    with pytest.raises(voxflat.InputError, match="not complete"):
-        voxflat.open_rows(store)
+    refused("not complete", voxflat.open_rows, store)
     until(lambda: _is_quiet(store))
     there = rows_known(store)
     assert 60 <= there <= SOURCES
@@ -269,9 +249,9 @@ def test_what_a_dead_caller_left_is_taken_over_and_computed_by_nobody_again(read
     rows = voxflat.surface(SHEET).geodesic(SOURCES, store=store, dask=ready)
     told = re.search(r"(\d+) rows were already in the store", caplog.text)
     assert there <= int(told[1]) <= SOURCES  # a worker may have started another part when the caller died
-    assert is_that_of_one_process(rows, expected)
+    assert contents(rows) == contents(expected)
     caplog.clear()
-    assert is_that_of_one_process(voxflat.surface(SHEET).geodesic(SOURCES, store=store, dask=ready), expected)
+    assert contents(voxflat.surface(SHEET).geodesic(SOURCES, store=store, dask=ready)) == contents(expected)
 
 
 def _is_quiet(store):
@@ -292,18 +272,14 @@ def test_a_part_waits_until_the_worker_that_had_it_has_ended(ready, expected, tm
         places = deal(*how)
         lock = (places[0] / "lock").open("a")
         fcntl.flock(lock, fcntl.LOCK_EX)
-
-        def release():
-            released.append(rows_known(tmp_path / "store"))
-            lock.close()
-
-        threading.Timer(1.5, release).start()  # longer than the core waits for a lock
+        # for longer than the core waits for a lock
+        threading.Timer(1.5, lambda: (released.append(rows_known(tmp_path / "store")), lock.close())).start()
         return places
 
     monkeypatch.setattr(parts, "_deal", deal_and_hold_one)
     rows = voxflat.surface(SHEET).geodesic(SOURCES, store=tmp_path / "store", dask=ready)
     assert released[0] < SOURCES
-    assert is_that_of_one_process(rows, expected)
+    assert contents(rows) == contents(expected)
 
 
 def test_what_workers_cannot_do_is_told(ready, tmp_path, monkeypatch):
@@ -313,8 +289,7 @@ def test_what_workers_cannot_do_is_told(ready, tmp_path, monkeypatch):
         ({"store": store, "geodesic": "chain"}, "does not have the option dask. Do not pass it"),
         ({"store": store, "memory_limit": 10**6}, "memory is needed, but the limit is 976.6 KiB. Use fewer threads"),
     ):
-        with pytest.raises(voxflat.InputError, match=match):
-            composed.geodesic(sheet, SOURCES, dask=ready, **options)
+        refused(match, composed.geodesic, sheet, SOURCES, dask=ready, **options)
     assert run("rows", "none.npy", "--sources", 5, "--store", store, "--dask", ready).exit_code == 1
     monkeypatch.setattr("voxflat.distances.parts._PATIENCE", 0.1)
     with (store / "lock").open() as lock:

@@ -16,8 +16,7 @@ IDENTITY = np.eye(4).tolist()
 
 @pytest.fixture(scope="module")
 def surface():
-    points, faces = square(60)
-    return _core.Surface.from_triangles(points, faces)[0]
+    return _core.Surface.from_triangles(*square(60))[0]
 
 
 @pytest.fixture(scope="module")

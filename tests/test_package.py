@@ -46,6 +46,7 @@ def test_each_public_name_is_that_of_its_module():
     assert {*dir(voxflat)} >= {*voxflat.__all__, "figures", "io", "vtk"}
     for module, name in told:
         assert getattr(voxflat, name) is getattr(import_module(f"voxflat.{module}"), name)
+    assert issubclass(voxflat.InputError, ValueError)
     with pytest.raises(AttributeError, match="has no attribute 'flaten'"):
         voxflat.flaten  # noqa: B018
 

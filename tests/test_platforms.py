@@ -9,6 +9,7 @@ import sys
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 from types import SimpleNamespace
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -23,29 +24,21 @@ from voxflat.lab.inputs import Parameters, found_in
 from voxflat.methods import Voxflat
 
 PACKAGE = Path(voxflat.__file__).parent
-
-
-def sheet():
-    return np.ones((9, 9, 1), np.uint8)
-
-
-def calls_of_methods():
-    """Yield the location, name, first constant and keywords of each method call in the package."""
-    for path in PACKAGE.rglob("*.py"):
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute):
-                first = next((str(one.value) for one in node.args if isinstance(one, ast.Constant)), "")
-                yield f"{path.name}:{node.lineno}", node.func.attr, first, {one.arg for one in node.keywords}
+SHEET = np.ones((9, 9, 1), np.uint8)
 
 
 def test_text_files_have_the_same_bytes_on_every_system():
     """Windows would use another encoding and other line ends."""
     wanted = {"write_text": {"encoding", "newline"}, "open": {"encoding", "newline"}, "read_text": {"encoding"}}
     seen = set()
-    for place, name, first, given in calls_of_methods():
-        if name in wanted and (name != "open" or (first[:1] in set("wxar") and "b" not in first)):
-            assert given >= wanted[name] or first == "utf-8", place
-            seen.add(name)
+    trees = {path: ast.parse(path.read_text(encoding="utf-8")) for path in PACKAGE.rglob("*.py")}
+    for file, node in ((file, node) for file, tree in trees.items() for node in ast.walk(tree)):
+        if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute) and node.func.attr in wanted:
+            name, given = node.func.attr, {one.arg for one in node.keywords}
+            first = next((str(one.value) for one in node.args if isinstance(one, ast.Constant)), "")
+            if name != "open" or (first[:1] in set("wxar") and "b" not in first):
+                assert given >= wanted[name] or first == "utf-8", f"{file}:{node.lineno}"
+                seen.add(name)
     assert seen == set(wanted)
 
 
@@ -85,18 +78,13 @@ def test_a_file_that_another_program_holds_for_a_moment_is_replaced(tmp_path, mo
 
 
 def test_an_open_file_that_cannot_be_deleted_hides_no_error(tmp_path, monkeypatch):
-    def unlink(path, missing_ok=False):
-        raise PermissionError(errno.EACCES, "used by this process")
-
-    monkeypatch.setattr(Path, "unlink", unlink)
+    monkeypatch.setattr(Path, "unlink", Mock(side_effect=PermissionError(errno.EACCES, "used by this process")))
     with pytest.raises(ZeroDivisionError), voxflat.io.atomic_path(tmp_path / "a.txt"):
         raise ZeroDivisionError
 
 
 def test_a_broken_pipe_is_the_end_of_the_reader(monkeypatch):
-    def write(line):
-        raise OSError(errno.EINVAL, "Invalid argument")  # the error on Windows
-
+    write = Mock(side_effect=OSError(errno.EINVAL, "Invalid argument"))  # the error on Windows
     monkeypatch.setattr(subprocess_reader, "_stop", lambda patience: None)
     child = SimpleNamespace(stdin=SimpleNamespace(write=write), stdout=io.BytesIO(), returncode=3221225477)
     asked = {"package": "PIL", "seconds": 5, "memory": 1 << 20}
@@ -120,9 +108,7 @@ def test_limits_that_a_system_refuses_are_left_out(monkeypatch):
 
 
 def test_glibc_is_looked_for_on_linux_alone(monkeypatch):
-    def unreadable():
-        raise OSError(errno.EINVAL, "python.exe of the Microsoft Store cannot be read")
-
+    unreadable = Mock(side_effect=OSError(errno.EINVAL, "python.exe of the Microsoft Store cannot be read"))
     monkeypatch.setattr(sys, "platform", "win32")
     monkeypatch.setattr(platform, "libc_ver", unreadable)
     arguments.give_back_memory.__wrapped__()
@@ -135,7 +121,7 @@ def test_names_that_differ_in_case_are_one_file_where_the_system_says_so(tmp_pat
     assert not output._is_same(*paths)
     monkeypatch.setattr(output, "_IGNORES_CASE", True)
     assert output._is_same(*paths)
-    np.save(tmp_path / "v.npy", sheet())
+    np.save(tmp_path / "v.npy", SHEET)
     monkeypatch.chdir(tmp_path)
     words = ("surface", "v.npy", "--repair", "voxels", "--repaired", "A.vtp", "-o", "a.vtp")
     fail(1, "twice. Choose another name", *words)
@@ -152,9 +138,9 @@ def test_overlays_whose_names_differ_in_case_are_refused(tmp_path):
 @pytest.mark.slow
 def test_a_process_that_is_started_afresh_has_the_same_map():
     """Processes are started by spawn, as on Windows and macOS, so they inherit nothing."""
-    expected = voxflat.flatten(sheet(), Voxflat(sources=20))
+    expected = voxflat.flatten(SHEET, Voxflat(sources=20))
     with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn")) as pool:
-        found = pool.submit(voxflat.flatten, sheet(), Voxflat(sources=20)).result()
+        found = pool.submit(voxflat.flatten, SHEET, Voxflat(sources=20)).result()
         again = pool.submit(np.asarray, expected.uv).result()
     np.testing.assert_array_equal(found.uv, expected.uv)
     np.testing.assert_array_equal(again, expected.uv)

@@ -58,8 +58,7 @@ def test_both_hemispheres_are_in_the_picture(hemispheres, tmp_path):
     """pycortex 331."""
     save(flat_map(hemispheres), tmp_path / "both.png")
     ink = np.asarray(Image.open(tmp_path / "both.png").convert("L")) < 250
-    halves = np.array_split(ink[: int(0.8 * len(ink))], 2, axis=1)
-    assert min(half.mean() for half in halves) > 0.2
+    assert min(half.mean() for half in np.array_split(ink[: int(0.8 * len(ink))], 2, axis=1)) > 0.2
 
 
 def test_flat_files_are_what_viewers_open(hemispheres, tmp_path):
@@ -86,8 +85,7 @@ def test_points_of_the_map_are_vertices_of_the_surface(hemispheres, tmp_path):
     left = hemispheres[0]
     left.save(tmp_path / "lh.flat.patch.3d")
     white, pial = (nib.load(fsaverage5_file(kind, "left")).agg_data("pointset") for kind in ("white", "pial"))
-    middle = (white + pial) / 2
-    np.testing.assert_allclose(left.points, middle[left.ids], atol=1e-4)
+    np.testing.assert_allclose(left.points, ((white + pial) / 2)[left.ids], atol=1e-4)
     other = np.fromfile(tmp_path / "lh.flat.patch.3d", dtype=">i4", count=2)
     assert other[0] == -1
     assert 0.98 < other[1] / len(np.unique(left.ids)) <= 1  # without one side of each cut
@@ -106,8 +104,7 @@ def test_other_structures_are_flattened():
     """pycortex 154: a deep nucleus, here an ellipsoid of its size."""
     x, y, z = np.indices((40, 30, 30)) - np.array([20, 15, 15])[:, None, None, None]
     thalamus = (x / 15.0) ** 2 + (y / 9.0) ** 2 + (z / 8.0) ** 2 < 1
-    found = voxflat.flatten(thalamus)
-    assert error(found) < 0.1
+    assert error(voxflat.flatten(thalamus)) < 0.1
     assert voxflat.surface(thalamus).cut().cuts[0].reason == "closed sphere"
 
 
@@ -119,8 +116,7 @@ def test_what_is_no_disk_becomes_one():
     ring = pv.ParametricTorus(ringradius=30, crosssectionradius=9).triangulate().clean()
     holes = np.random.default_rng(0).choice(ring.n_points, 3, replace=False)
     pieces = ring.remove_points(holes)[0].extract_surface() + pv.Sphere(radius=4, center=(90, 0, 0))
-    given = voxflat.surface(pieces.triangulate())
-    opened = given.cut()
+    opened = voxflat.surface(pieces.triangulate()).cut()
     topology = opened.surface.core.topology()
     assert (topology["handles"], len(topology["loops"])) == (0, 1)
     assert opened.flatten().distortion.triangles.flipped == 0
@@ -195,8 +191,7 @@ def test_a_map_has_a_threshold(hemispheres, motor, tmp_path):
     """nilearn 2747: values below the threshold are hidden."""
     shown = []
     for threshold in (None, 3.0, 100.0):
-        figure = flat_map(hemispheres[0], Overlay(motor[1], threshold=threshold))
-        save(figure, tmp_path / "map.png")
+        save(flat_map(hemispheres[0], Overlay(motor[1], threshold=threshold)), tmp_path / "map.png")
         pixels = np.asarray(Image.open(tmp_path / "map.png").convert("RGB")).astype(int)
         shown.append((np.ptp(pixels, axis=2) > 40).mean())
     assert shown[0] > 3 * shown[1] > 9 * shown[2]
@@ -212,8 +207,7 @@ def test_every_resolution_of_a_template_is_flattened(hemispheres):
 
 def test_right_is_right(hemispheres):
     """nilearn 1745: the side is determined by the folds, not by the file name."""
-    found = voxflat.surface(fsaverage5_file("white", "right")).register()
-    assert found.side == "right"
+    assert voxflat.surface(fsaverage5_file("white", "right")).register().side == "right"
 
 
 def test_values_all_equal_are_drawn(hemispheres, tmp_path):
@@ -263,8 +257,7 @@ def test_distances_on_a_loaded_mesh(tmp_path):
 def test_distance_from_a_line():
     """pmp 78: the distance is the minimum over several sources."""
     plane = pv.Plane(i_size=20, j_size=20, i_resolution=20, j_resolution=20).triangulate()
-    edge = np.flatnonzero(np.isclose(plane.points[:, 0], -10))
-    rows = voxflat.surface(plane).geodesic(edge)
+    rows = voxflat.surface(plane).geodesic(np.flatnonzero(np.isclose(plane.points[:, 0], -10)))
     np.testing.assert_allclose(np.min(rows, axis=0), plane.points[:, 0] + 10, atol=1e-5)
 
 

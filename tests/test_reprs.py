@@ -3,7 +3,6 @@
 import inspect
 
 import numpy as np
-import pytest
 from hard_shapes import sheet
 
 import voxflat
@@ -11,12 +10,8 @@ from voxflat import io
 from voxflat.pipeline.cut_surface import Cut
 from voxflat.surfaces.standard.registration import Registration
 
-LONGEST = 300
 
-
-@pytest.fixture(scope="module")
-def shown(tmp_path_factory):
-    """The repr of an object of each public class, by the name of the class."""
+def test_the_repr_of_each_public_class_is_a_line(tmp_path):
     points, faces = sheet(lambda u, v: (u, v, 3 * np.sin(u / 4) * np.cos(v / 4)), (39, 39), (40, 40))
     mesh = io.Mesh(points, faces)
     flat_map = voxflat.flatten(mesh, method=voxflat.methods.Voxflat(sources=30))
@@ -24,8 +19,7 @@ def shown(tmp_path_factory):
     glued = atlas.glue(1.6)
     compared = voxflat.compare(mesh, {f"map {n}": flat_map for n in range(40)}, sources=5)
     cut = voxflat.surface(mesh).cut()
-    store = tmp_path_factory.mktemp("rows") / "store"
-    voxflat.surface(mesh).geodesic(5, store=store)
+    voxflat.surface(mesh).geodesic(5, store=tmp_path / "store")
     patch = io.Patch(np.arange(1600), points, np.zeros(1600, dtype=bool))
     worst = voxflat.worst_places(flat_map, 1, beyond=1.0001)
     registration = Registration(cut.surface, points, "left", 0.99, {"scores": points})
@@ -34,23 +28,17 @@ def shown(tmp_path_factory):
         *(flat_map.distortion.standard_error, flat_map.raster(), flat_map.heat_map(), flat_map.look_up(points[:, :2])),
         *(atlas, atlas[0], atlas[0].plane, atlas.certificate, atlas.page(), glued, glued[0], glued.seams),
         *(atlas.page().textured(), compared, compared.maps["map 0"], voxflat.check(mesh), voxflat.surface(mesh)),
-        *(voxflat.surface(mesh).path(0, 1599), voxflat.open_rows(store), cut, patch),
+        *(voxflat.surface(mesh).path(0, 1599), voxflat.open_rows(tmp_path / "store"), cut, patch),
         *(Cut(np.arange(1600), 1.5, "given"), voxflat.cite(flat_map)),
         *(registration, worst, worst.places[0], worst.places[0].cut),
         *(mesh.space, io.VolumeGeometry(np.eye(3), np.array([3.0, -17.0, 22.0]), filename="x" * 40)),
         io.Volume(np.zeros((30, 40, 50), dtype=np.float32), np.diag([0.7, 0.7, 1.25, 1.0])),
     ]
-    return {type(result).__name__: repr(result) for result in results}
-
-
-def test_every_public_class_is_looked_at(shown):
+    shown = {type(result).__name__: repr(result) for result in results}
     public = {value for module in (voxflat, io) for value in vars(module).values() if inspect.isclass(value)}
-    results = {one.__name__ for one in public if not issubclass(one, Exception)} - {"Atlas"}  # which is none by itself
-    assert results <= set(shown)
-
-
-def test_they_are_a_line(shown):
+    kinds = {one.__name__ for one in public if not issubclass(one, Exception)} - {"Atlas"}  # which is none by itself
+    assert kinds <= set(shown)
     for text in shown.values():
         assert "\n" not in text
-        assert len(text) <= LONGEST
+        assert len(text) <= 300
         assert "array(" not in text

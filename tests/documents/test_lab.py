@@ -10,20 +10,13 @@ import lab
 import nibabel as nib
 import pytest
 from command_line import succeed
+from lab_runs import FEW, VERTICES
 from mesh_files import write_obj
 
 import voxflat
 
 ROOT = Path(__file__).parents[2]
-FEW = 162  # vertices for tests of commands
-ENOUGH = 642  # vertices for tests of maps
 AS_GOOD = 1.1  # times the error of the best map with any option
-
-
-def commands_of_readme():
-    """Return the commands in separate lines and within sentences."""
-    readme = (ROOT / "README.md").read_text()
-    return re.findall(r"(?:^ {0,4}|`)voxflat ((?:flatten|measure) [^`\n]*[^`\n.])(?:`|$)", readme, re.MULTILINE)
 
 
 def run(command):
@@ -54,7 +47,9 @@ def subject(tmp_path_factory):
 def test_the_commands_run_and_readmes_are_among_them(subject):
     folder, said = subject
     assert len(said) >= 8
-    for command in commands_of_readme():
+    readme = (ROOT / "README.md").read_text()
+    pattern = r"(?:^ {0,4}|`)voxflat ((?:flatten|measure) [^`\n]*[^`\n.])(?:`|$)"  # in lines and within sentences
+    for command in re.findall(pattern, readme, re.MULTILINE):
         if command.startswith(("flatten lh.", "measure lh.")) and "-o" in command:
             assert command in said or command.startswith("flatten lh.white --pial lh.pial -o")
     places, faces = nib.load(folder / "lh.flat.surf.gii").agg_data()
@@ -65,7 +60,7 @@ def test_the_commands_run_and_readmes_are_among_them(subject):
 
 @pytest.mark.slow
 def test_what_is_left_out_gives_the_best_map_of_any_option(tmp_path, monkeypatch):
-    lab.write(tmp_path, ENOUGH)
+    lab.write(tmp_path, VERTICES)
     monkeypatch.chdir(tmp_path)
     surface = voxflat.surface("lh.white", pial="lh.pial")
 

@@ -1,6 +1,5 @@
 import re
 import shlex
-import shutil
 from pathlib import Path
 
 import numpy as np
@@ -15,24 +14,16 @@ from voxflat.io.volumes import write_volume
 README = (Path(__file__).parents[2] / "README.md").read_text()
 
 
-@pytest.fixture(scope="module")
-def volumes(tmp_path_factory):
-    """Write the files that README names, with white matter only around its seed point, in a small volume."""
-    folder = tmp_path_factory.mktemp("volumes")
+@pytest.fixture
+def lab(tmp_path, monkeypatch):
+    """A working directory with the files that README names, with white matter only around its seed point."""
     white_matter, t1, _ = demo.demo_cortex()
     near = tuple(slice(at - 6, at + 7) for at in demo.SEED_POINT)
     ends = tuple(slice(at + 19) for at in demo.SEED_POINT)
     part = np.zeros_like(white_matter.data)
     part[near] = white_matter.data[near]
-    write_volume(folder / "wm.nii.gz", part[ends], white_matter.affine)
-    write_volume(folder / "t1.nii.gz", t1.data[ends], t1.affine)
-    return folder
-
-
-@pytest.fixture
-def lab(volumes, tmp_path, monkeypatch):
-    """A working directory with these files."""
-    shutil.copytree(volumes, tmp_path, dirs_exist_ok=True)
+    write_volume(tmp_path / "wm.nii.gz", part[ends], white_matter.affine)
+    write_volume(tmp_path / "t1.nii.gz", t1.data[ends], t1.affine)
     monkeypatch.chdir(tmp_path)
     return tmp_path
 
@@ -60,8 +51,7 @@ def test_the_commands_run(lab):
     assert len(commands) == 6
     for command in commands:
         succeed(*shlex.split(command, comments=True))
-    made = {"lh.npz", "rh.npz", "both.png", "map.npz", "t1_flat.png"}
-    assert {path.name for path in lab.iterdir()} >= made
+    assert {path.name for path in lab.iterdir()} >= {"lh.npz", "rh.npz", "both.png", "map.npz", "t1_flat.png"}
 
 
 def test_every_relative_link_exists_and_the_readme_is_short():

@@ -4,8 +4,6 @@ import gzip
 import os
 import shutil
 import struct
-import warnings
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -132,10 +130,3 @@ def test_no_permission(tmp_path):
     written(tmp_path, "s.ply").chmod(0)
     with pytest.raises(PermissionError, match=r"s\.ply"):
         read_mesh(tmp_path / "s.ply")
-
-
-def test_reading_warns_of_nothing(tmp_path, recwarn):
-    warnings.simplefilter("always")
-    for name in COUNTED:
-        read_mesh(written(tmp_path, name))
-    assert [str(warning.message) for warning in recwarn if "voxflat" in Path(warning.filename).parts] == []

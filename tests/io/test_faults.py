@@ -24,6 +24,8 @@ from voxflat.methods import Voxflat
 resource = pytest.importorskip("resource", reason="Windows has neither limits of a process nor signals of POSIX")
 pytestmark = pytest.mark.slow
 
+MESH = grid(30, 0.1 * np.random.default_rng(0).random(900), step=1.0)
+
 
 def sheet(n=60):
     i, j = np.indices((n, n))
@@ -96,16 +98,11 @@ def test_names_as_long_as_the_system_takes(folder, letter):
     assert len(names(folder)) == 3
 
 
-@pytest.mark.parametrize(
-    ("output", "repaired", "more", "message"),
-    [
-        ("bad.ending", "out.nii", ("--repair", "voxels"), "bad.ending: unknown"),
-        ("s.vtp", "out.bad", ("--repair", "voxels"), "out.bad: unknown"),
-        ("s.vtp", "out.nii", ("--repair", "none"), "--repair none does not change any voxels"),
-    ],
-)
-def test_of_two_results_neither_is_written_where_one_cannot_be(folder, output, repaired, more, message):
-    fail(1, message, "surface", "v.nii.gz", "--label", 1, *more, "--repaired", repaired, "-o", output)
+def test_of_two_results_neither_is_written_where_one_cannot_be(folder):
+    surface = ("surface", "v.nii.gz", "--label", 1, "--repair")
+    fail(1, "bad.ending: unknown", *surface, "voxels", "--repaired", "out.nii", "-o", "bad.ending")
+    fail(1, "out.bad: unknown", *surface, "voxels", "--repaired", "out.bad", "-o", "s.vtp")
+    fail(1, "--repair none does not change any voxels", *surface, "none", "--repaired", "out.nii", "-o", "s.vtp")
     assert names(folder) == ["v.nii.gz"]
 
 
@@ -215,23 +212,18 @@ def no_room():
         sys.dont_write_bytecode = keeps
 
 
-def mesh():
-    made = grid(30, 0.1 * np.random.default_rng(0).random(900), step=1.0)
-    return made.points, made.faces
-
-
 def writers():
     """Return a function that writes each kind of file, keyed by the name of the file."""
     random = np.random.default_rng(0)
     noise = random.integers(0, 255, (200, 200, 3)).astype(np.uint8)
-    flat_map = voxflat.flatten(mesh(), Voxflat(sources=30))
+    flat_map = voxflat.flatten(MESH, Voxflat(sources=30))
     image, textured = FlatImage(random.normal(size=(200, 200)), 0.5, (0.0, 0.0), "noise"), flat_map.textured(noise)
     volume = random.normal(size=(40, 40, 40)).astype(np.float32)
     write = {f"map.{ending}": flat_map.save for ending in ("npz", "surf.gii", "patch.flat", "vtp", "ply", "obj")}
     write |= {f"image.{ending}": image.save for ending in ("png", "tif", "nii", "nii.gz", "npy")}
     write |= {f"textured.{ending}": textured.save for ending in ("obj", "vtp", "glb", "ply")}
-    write["atlas.npz"] = voxflat.surface(mesh()).patches(5).save
-    write["lh.white"] = lambda path: io.write_mesh(path, io.Mesh(*mesh()))
+    write["atlas.npz"] = voxflat.surface(MESH).patches(5).save
+    write["lh.white"] = lambda path: io.write_mesh(path, MESH)
     for ending in ("nii", "nrrd", "mha", "mgh", "mgz", "npy", "npz"):
         write[f"volume.{ending}"] = lambda path: io.write_volume(path, volume, np.eye(4))
     for ending in ("png", "pdf", "svg"):
@@ -255,7 +247,7 @@ def test_every_writer_names_the_file_and_keeps_the_old_one(tmp_path):
 
 
 def test_the_command_line_ends_with_one_line(tmp_path):
-    io.write_mesh(tmp_path / "sheet.ply", io.Mesh(*mesh()))
+    io.write_mesh(tmp_path / "sheet.ply", MESH)
     with no_room():
         done = run("patches", tmp_path / "sheet.ply", "-o", tmp_path / "atlas.npz", "--quiet")
     assert (done.exit_code, done.stderr) == (1, f"voxflat: error: {tmp_path / 'atlas.npz'}: File too large\n")

@@ -75,17 +75,13 @@ KEPT = Path(__file__).parents[1] / "data" / "formats"
 """Files of every version since the first release. Later programs must open them: add files, never replace them."""
 
 
-@pytest.mark.parametrize(
-    ("name", "points", "first", "error"),
-    [
-        ("map-5.npz", 49, [-3.2044743565226304, -3.220240423591828], 0.006559079800173233),
-        ("map-5.voxflat", 81, [-4.000260451081108, -4.112915964461625], 0.0001655650852129655),
-    ],
-)
-def test_kept_maps_open(name, points, first, error):
-    flat = voxflat.load(KEPT / name)
-    assert (len(flat), flat.uv[0].tolist(), flat.distortion.raw.relative_error) == (points, first, error)
-    assert flat.plot().axes  # and can be used
+def test_kept_maps_open():
+    mesh, voxels = (voxflat.load(KEPT / name) for name in ("map-5.npz", "map-5.voxflat"))
+    assert (len(mesh), mesh.uv[0].tolist()) == (49, [-3.2044743565226304, -3.220240423591828])
+    assert (len(voxels), voxels.uv[0].tolist()) == (81, [-4.000260451081108, -4.112915964461625])
+    errors = [flat.distortion.raw.relative_error for flat in (mesh, voxels)]
+    assert errors == [0.006559079800173233, 0.0001655650852129655]
+    assert all(flat.plot().axes for flat in (mesh, voxels))  # they can be used
 
 
 def test_kept_atlases_open():
@@ -100,14 +96,11 @@ def test_kept_rows_open(tmp_path):
     np.testing.assert_array_equal(np.asarray(rows.rows)[:, 0], np.float32([5.929156, 0, 6.579514]))
 
 
-def test_kept_cuts_and_templates_open():
+def test_kept_cuts_and_templates_open(tmp_path):
     mesh = voxflat.load(KEPT / "map-5.npz")
     cut = voxflat.surface((mesh.points, mesh.faces)).cut(KEPT / "cuts-1.json")
     assert [path.ids.tolist() for path in cut.cuts] == [[3, 10, 17]]
+    (tmp_path / "cuts.json").write_text('{"cuts": [[200, 221]]}', encoding="utf-8")  # of the first version
+    assert [path.ids.tolist() for path in HILL.cut(tmp_path / "cuts.json").cuts] == [[200, 221]]
     read = template.read_template(KEPT / "template-1.json")
     assert (read.space, read.side, len(read.cuts)) == ("fs_LR", "left", 5)
-
-
-def test_cuts_without_a_version_are_of_the_first(tmp_path):
-    (tmp_path / "cuts.json").write_text('{"cuts": [[200, 221]]}', encoding="utf-8")
-    assert [path.ids.tolist() for path in HILL.cut(tmp_path / "cuts.json").cuts] == [[200, 221]]

@@ -48,13 +48,12 @@ def test_what_has_no_table(tmp_path):
     nib.save(nib.Nifti1Image(np.zeros((3, 3, 3), "u1"), np.eye(4)), tmp_path / "labels.nii.gz")
     nib.freesurfer.write_morph_data(tmp_path / "lh.thickness", np.zeros(5))
     assert own_table(tmp_path / "labels.nii.gz") is own_table(tmp_path / "lh.thickness") is None
+    assert [LabelTable().is_region(label) for label in (-1, 0, 1)] == [False, False, True]
 
 
 def test_the_lookup_table_of_freesurfer(tmp_path):
     path = tmp_path / "FreeSurferColorLUT.txt"
-    path.write_text(
-        "#$Id$\n\n#No. Label Name:   R   G   B   A\n0   Unknown   0 0 0 0\n17  Left-Hippocampus  220 216 20 0\n"
-    )
+    path.write_text("#$Id$\n\n#No. Label Name:   R G B A\n0   Unknown   0 0 0 0\n17  Left-Hippocampus  220 216 20 0\n")
     found = read_table(path)
     assert (found.names[17], found.colours[17]) == ("Left-Hippocampus", (220, 216, 20))
     assert not found.is_region(0)
@@ -68,20 +67,12 @@ def test_the_tsv_of_bids(tmp_path):
     assert found.colours == {1: (255, 83, 187)}
 
 
-@pytest.mark.parametrize(
-    ("name", "text", "said"),
-    [
-        ("a.txt", "1 name 1 2\n", "line 1"),
-        ("a.txt", "1 name 1 2 300\n", "label 1 has the colour"),
-        ("a.txt", "# nothing\n", "no labels"),
-        ("a.tsv", "label\tname\n1\tx\n", "index and name"),
-        ("a.tsv", "index\tname\nx\ty\n", "table"),
-    ],
-)
-def test_what_is_no_table_is_refused(tmp_path, name, text, said):
-    (tmp_path / name).write_text(text)
-    refused(said, read_table, tmp_path / name)
+WRONG = {"1 name 1 2": "line 1", "1 name 1 2 300": "label 1 has the colour", "# nothing": "no labels"}
+WRONG |= {"label\tname\n1\tx": "index and name", "index\tname\nx\ty": "table"}
 
 
-def test_labels_without_names():
-    assert [LabelTable().is_region(label) for label in (-1, 0, 1)] == [False, False, True]
+@pytest.mark.parametrize("text", WRONG)
+def test_what_is_no_table_is_refused(tmp_path, text):
+    path = tmp_path / ("a.tsv" if "\t" in text else "a.txt")
+    path.write_text(text + "\n")
+    refused(WRONG[text], read_table, path)

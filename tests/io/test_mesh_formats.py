@@ -62,26 +62,11 @@ def test_older_vtk_and_single_points(tmp_path):
         same(read_mesh(tmp_path / name), sphere())
 
 
-PLY = """ply
-format {} 1.0
-comment höhe
-element material 1
-property uchar red
-element vertex 4
-property float x
-property double y
-property short z
-property uchar quality
-property float texture_u
-property float texture_v
-element face 2
-property uchar flags
-property list uchar uint vertex_index
-property list uchar float texcoord
-element edge 7
-property int vertex1
-end_header
-"""
+PLY = ["ply", "format {} 1.0", "comment höhe", "element material 1", "property uchar red", "element vertex 4"]
+PLY += ["property float x", "property double y", "property short z", "property uchar quality"]
+PLY += ["property float texture_u", "property float texture_v", "element face 2", "property uchar flags"]
+PLY += ["property list uchar uint vertex_index", "property list uchar float texcoord"]
+PLY += ["element edge 7", "property int vertex1", "end_header", ""]
 POINTS = [(0, 0, 0, 7, 0, 0), (30, 0, 0, 8, 1, 0), (0, 0.1, 50, 9, 0, 1), (1, 2, 3, 10, 1, 1)]
 FACES = [(0, 1, 2), (1, 3, 2)]
 
@@ -96,7 +81,7 @@ def test_ply_with_other_elements(tmp_path, form, newline):
         order = "<" if "little" in form else ">"
         body = b"\xff" + b"".join(struct.pack(order + "fdhBff", *row) for row in POINTS)
         body += b"".join(struct.pack(order + "BB3IB2f", 1, 3, *face, 2, 0.5, 0.5) for face in FACES)
-    (tmp_path / "s.ply").write_bytes(PLY.format(form).replace("\n", newline).encode() + body)
+    (tmp_path / "s.ply").write_bytes(newline.join(PLY).format(form).encode() + body)
     read = read_mesh(tmp_path / "s.ply")
     same(read, Mesh(np.array(POINTS)[:, :3], FACES))
     np.testing.assert_array_equal(read.texture_coordinates, np.array(POINTS)[:, 4:])
@@ -105,26 +90,10 @@ def test_ply_with_other_elements(tmp_path, form, newline):
 
 def test_obj_keeps_the_numbers_of_points(tmp_path):
     """A point on a seam has two texture coordinates; VTK would split it into two points and renumber all points."""
-    text = """# a comment
-mtllib s.mtl
-o square
-v 9 9 9 1.0
-v 30 0 0 1 0 0
-v 0 0 0
-v 0 30 0 # corner
-v 30 30 0
-v 0 0 0
-vt 0 0
-vt 1 0 0
-vt 0 1
-vt .5 .5
-vn 0 0 1
-s off
-f 3/1/1 2/2/1 \\
-4/3/1
-f -5/4/1 -2/2/-1 -3/3
-"""
-    (tmp_path / "s.obj").write_text(text)
+    lines = ["# a comment", "mtllib s.mtl", "o square", "v 9 9 9 1.0", "v 30 0 0 1 0 0", "v 0 0 0", "v 0 30 0 # corner"]
+    lines += ["v 30 30 0", "v 0 0 0", "vt 0 0", "vt 1 0 0", "vt 0 1", "vt .5 .5", "vn 0 0 1", "s off"]
+    lines += ["f 3/1/1 2/2/1 \\", "4/3/1", "f -5/4/1 -2/2/-1 -3/3", ""]
+    (tmp_path / "s.obj").write_text("\n".join(lines))
     read = read_mesh(tmp_path / "s.obj")
     points = [(9, 9, 9), (30, 0, 0), (0, 0, 0), (0, 30, 0), (30, 30, 0), (0, 0, 0)]
     same(read, Mesh(np.array(points), [(2, 1, 3), (1, 4, 3)]))
@@ -189,22 +158,17 @@ def test_gifti_transforms_to_a_template_are_not_applied(tmp_path):
 POINT, TRIANGLE = (np.zeros((4, 3), "f4"), "pointset"), (np.zeros((1, 3), "i4"), "triangle")
 
 
-@pytest.mark.parametrize(
-    ("arrays", "message"),
-    [
-        ([POINT, POINT, TRIANGLE], "has 2 point sets"),
-        ([POINT, TRIANGLE, TRIANGLE], "has 2 triangle sets instead of one"),
-        ([POINT], r"has no triangle set \(its arrays are NIFTI_INTENT_POINTSET\)"),
-        ([(np.zeros(4, "f4"), "shape")], r"has no point set \(its arrays are NIFTI_INTENT_SHAPE\)"),
-        ([(np.zeros((0, 3), "f4"), "pointset"), TRIANGLE], "no points"),
-        ([POINT, (np.zeros((0, 3), "i4"), "triangle")], "no faces"),
-        ([POINT, (np.array([[0, 1, 4]], "i4"), "triangle")], r"face 0 is \[0, 1, 4\]"),
-        ([(np.full((4, 3), np.nan, "f4"), "pointset"), TRIANGLE], "point 0 has the coordinates"),
-        ([POINT, (np.zeros((1, 4), "i4"), "triangle")], r"faces have type int32 and shape \(1, 4\)"),
-    ],
-)
-def test_gifti_that_is_no_surface(tmp_path, arrays, message):
-    refuses(gifti(tmp_path / "s.surf.gii", arrays), message)
+def test_gifti_that_is_no_surface(tmp_path):
+    path, no_points, no_faces = tmp_path / "s.surf.gii", np.zeros((0, 3), "f4"), np.zeros((0, 3), "i4")
+    refuses(gifti(path, [POINT, POINT, TRIANGLE]), "has 2 point sets")
+    refuses(gifti(path, [POINT, TRIANGLE, TRIANGLE]), "has 2 triangle sets instead of one")
+    refuses(gifti(path, [POINT]), r"has no triangle set \(its arrays are NIFTI_INTENT_POINTSET\)")
+    refuses(gifti(path, [(np.zeros(4, "f4"), "shape")]), r"has no point set \(its arrays are NIFTI_INTENT_SHAPE\)")
+    refuses(gifti(path, [(no_points, "pointset"), TRIANGLE]), "no points")
+    refuses(gifti(path, [POINT, (no_faces, "triangle")]), "no faces")
+    refuses(gifti(path, [POINT, (np.array([[0, 1, 4]], "i4"), "triangle")]), r"face 0 is \[0, 1, 4\]")
+    refuses(gifti(path, [(POINT[0] * np.nan, "pointset"), TRIANGLE]), "point 0 has the coordinates")
+    refuses(gifti(path, [POINT, (np.zeros((1, 4), "i4"), "triangle")]), r"faces have type int32 and shape \(1, 4\)")
 
 
 def test_gifti_with_attacks(tmp_path):

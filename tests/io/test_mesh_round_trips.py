@@ -65,15 +65,12 @@ def test_odd_names(tmp_path, folder, name):
 
 
 def test_structures(tmp_path):
-    for name, given_one, read in [
-        ("s.surf.gii", "CortexRight", "CortexRight"),
-        ("lh.s.surf.gii", "CortexRight", "CortexRight"),
-        ("lh.s.surf.gii", None, "CortexLeft"),
-        ("rh.pial", None, "CortexRight"),
-        ("s.surf.gii", None, None),
-    ]:
-        write_mesh(tmp_path / name, sphere(structure=given_one))
-        assert read_mesh(tmp_path / name).structure == read
+    def again(name, structure=None):
+        write_mesh(tmp_path / name, sphere(structure=structure))
+        return read_mesh(tmp_path / name).structure
+
+    assert again("s.surf.gii", "CortexRight") == again("lh.s.surf.gii", "CortexRight") == "CortexRight"
+    assert (again("lh.s.surf.gii"), again("rh.pial"), again("s.surf.gii")) == ("CortexLeft", "CortexRight", None)
 
 
 @pytest.mark.parametrize(
@@ -88,18 +85,11 @@ def test_gifti_says_what_it_holds(tmp_path, mesh, geometry, topology):
     assert (points.data.dtype, triangles.data.dtype) == (np.float32, np.int32)
 
 
-@pytest.mark.parametrize(
-    ("name", "message"),
-    [
-        ("s.stl", "ending '.stl'. Use one of .surf.gii, .vtp, .ply, .obj, or a FreeSurfer name"),
-        ("s.vtk", "unknown"),
-        ("s.gii", "unknown"),
-        ("lh.white.stl", "unknown"),
-        ("lh.cortex.patch.flat", "Use write_patch"),
-    ],
-)
-def test_what_cannot_be_written(tmp_path, name, message):
-    refused(message, write_mesh, tmp_path / name, sphere())
+def test_what_cannot_be_written(tmp_path):
+    stl = "ending '.stl'. Use one of .surf.gii, .vtp, .ply, .obj, or a FreeSurfer name"
+    told = {"s.stl": stl, "s.vtk": "unknown", "s.gii": "unknown", "lh.white.stl": "unknown"}
+    for name, message in {**told, "lh.cortex.patch.flat": "Use write_patch"}.items():
+        refused(message, write_mesh, tmp_path / name, sphere())
     with pytest.raises(FileNotFoundError, match=r"s\.ply"):
         write_mesh(tmp_path / "missing" / "s.ply", sphere())
     half = Mesh(grid().points, grid().faces, texture_coordinates=np.where(np.eye(16, 2) > 0, np.nan, 0))
@@ -107,27 +97,19 @@ def test_what_cannot_be_written(tmp_path, name, message):
     assert not any(tmp_path.iterdir())
 
 
-@pytest.mark.parametrize(
-    ("points", "faces", "message"),
-    [
-        (np.zeros((0, 3)), np.zeros((0, 3), int), "no points"),
-        (np.zeros((3, 3)), np.zeros((0, 3), int), "no faces"),
-        (np.zeros((3, 2)), [[0, 1, 2]], r"points have type float64 and shape \(3, 2\)"),
-        (np.zeros((3, 3), complex), [[0, 1, 2]], "points have type complex128"),
-        (np.zeros((3, 3)), [[0, 1, 2, 0]], r"shape \(1, 4\)"),
-        (np.zeros((3, 3)), [[0.0, 1, 2]], "faces have type float64"),
-        (np.zeros((3, 3)), [[0, 1, 2], [0, 1, 3]], r"face 1 is \[0, 1, 3\], but the surface has the points 0 to 2"),
-        (np.zeros((3, 3)), [[0, 1, -1]], r"face 0 is \[0, 1, -1\]"),
-        (np.zeros((3, 3)), np.array([[0, 1, 2**64 - 1]], np.uint64), "face 0 is"),
-        ([[0, 0, 0], [0, np.nan, 0], [0, 0, np.inf]], [[0, 1, 2]], r"point 1 has the coordinates \[0.0, nan, 0.0\]"),
-        ([[0, 0, 0], [0, 0, 0], [0, 0, -np.inf]], [[0, 1, 2]], "point 2 has the coordinates"),
-    ],
-)
-def test_bad_arrays(points, faces, message):
-    refused(message, Mesh, points, faces)
-
-
-def test_bad_data():
+def test_bad_arrays():
+    zeros, face = np.zeros((3, 3)), [[0, 1, 2]]
+    refused("no points", Mesh, np.zeros((0, 3)), np.zeros((0, 3), int))
+    refused("no faces", Mesh, zeros, np.zeros((0, 3), int))
+    refused(r"points have type float64 and shape \(3, 2\)", Mesh, np.zeros((3, 2)), face)
+    refused("points have type complex128", Mesh, zeros.astype(complex), face)
+    refused(r"shape \(1, 4\)", Mesh, zeros, [[0, 1, 2, 0]])
+    refused("faces have type float64", Mesh, zeros, [[0.0, 1, 2]])
+    refused(r"face 1 is \[0, 1, 3\], but the surface has the points 0 to 2", Mesh, zeros, [[0, 1, 2], [0, 1, 3]])
+    refused(r"face 0 is \[0, 1, -1\]", Mesh, zeros, [[0, 1, -1]])
+    refused("face 0 is", Mesh, zeros, np.array([[0, 1, 2**64 - 1]], np.uint64))
+    refused(r"point 1 has the coordinates \[0.0, nan, 0.0\]", Mesh, [[0, 0, 0], [0, np.nan, 0], [0, 0, np.inf]], face)
+    refused("point 2 has the coordinates", Mesh, [[0, 0, 0], [0, 0, 0], [0, 0, -np.inf]], face)
     arrays, three = (grid().points, grid().faces), np.zeros((3, 2))
     refused(r"have shape \(3, 2\). Pass shape \(16, 2\)", Mesh, *arrays, texture_coordinates=three)
     refused("point data 'curv' has 3 values, but the surface has 16 points", Mesh, *arrays, point_data={"curv": three})

@@ -15,8 +15,6 @@ from voxflat.io import read_mesh, read_volume
 HILL = voxflat.samples.hill()
 POINTS, FACES = HILL.points, HILL.faces.astype(np.int64)
 STACK = np.random.default_rng(0).integers(0, 900, (5, 6, 7)).astype(np.uint16)  # z, y, x
-
-
 NAMES = ["hill.asc", "hill.off", "hill.glb"]
 
 

@@ -51,6 +51,7 @@ def vtk_polydata():
 
 
 NILEARN = InMemoryMesh(POINTS, FACES)
+BOTH = PolyMesh(left=NILEARN, right=NILEARN)
 SURFACES = {
     "InMemoryMesh": lambda: NILEARN,
     "PolyMesh": lambda: PolyMesh(left=NILEARN),
@@ -84,24 +85,17 @@ def test_a_quadrilateral_of_meshio_is_cut_in_two():
     assert len(voxflat.surface(quads).faces) == 2
 
 
-BOTH = PolyMesh(left=NILEARN, right=NILEARN)
-
-
-@pytest.mark.parametrize(
-    ("given", "said"),
-    [
-        (object(), r"object: this object is not supported. Pass a path, a NumPy array, .*nilearn.*"),
-        ({"a": 1}, "dict: this object is not supported"),
-        (None, "NoneType: this object is not supported"),
-        (BOTH, r"PolyMesh: has the parts left, right. Pass one of them, such as .parts\['left'\]"),
-        (SurfaceImage(BOTH, PolyData(left=VALUES, right=VALUES)), r"two hemispheres. Pass .*, such as .mesh.parts"),
-        (PolyData(left=VALUES), "PolyData: contains values, not a surface"),
-        (gifti_values(), "GiftiImage: contains values, not a surface"),
-        (meshio.Mesh([[0, 0, 0], [1, 0, 0]], [("line", [[0, 1]])]), "contains line, but no triangles"),
-    ],
-)
-def test_what_is_no_surface_is_told(given, said):
-    refused(said, voxflat.surface, given)
+def test_what_is_no_surface_is_told():
+    refused(r"object: this object is not supported. Pass a path, a NumPy array, .*nilearn.*", voxflat.surface, object())
+    refused("dict: this object is not supported", voxflat.surface, {"a": 1})
+    refused("NoneType: this object is not supported", voxflat.surface, None)
+    refused(r"PolyMesh: has the parts left, right. Pass one of them, such as .parts\['left'\]", voxflat.surface, BOTH)
+    image = SurfaceImage(BOTH, PolyData(left=VALUES, right=VALUES))
+    refused("two hemispheres. Pass .*, such as .mesh.parts", voxflat.surface, image)
+    refused("PolyData: contains values, not a surface", voxflat.surface, PolyData(left=VALUES))
+    refused("GiftiImage: contains values, not a surface", voxflat.surface, gifti_values())
+    lines = meshio.Mesh([[0, 0, 0], [1, 0, 0]], [("line", [[0, 1]])])
+    refused("contains line, but no triangles", voxflat.surface, lines)
 
 
 @pytest.fixture(scope="module")
@@ -127,22 +121,14 @@ def test_values_of_another_package_are_those_of_this_side(left, kind):
     assert 0 < len(voxflat.surface(gifti_surface()).keep(gifti_values(values=np.float32(VALUES > 0)))) < COUNT
 
 
-@pytest.mark.parametrize(
-    ("given", "said"),
-    [
-        (gifti_values("CortexRight"), "GiftiImage: belongs to CortexRight, but the surface is CortexLeft"),
-        (gifti_values(values=VALUES[:9]), "has 9 values, but the surface has 441"),
-        (PolyData(right=VALUES), "has values for right, but the surface is CortexLeft"),
-        (PolyData(left=VALUES[:9]), "has 9 values for left, but the surface has 441 points"),
-    ],
-)
-def test_values_of_another_surface_are_refused(left, given, said):
-    refused(said, left.image, given)
-
-
-def test_where_the_side_is_unknown_one_has_to_be_chosen():
-    flat_map = voxflat.flatten(NILEARN, relax=False)
-    refused("the hemisphere of the surface is unknown", flat_map.image, PolyData(left=VALUES, right=-VALUES))
+def test_values_of_another_surface_are_refused(left):
+    right = gifti_values("CortexRight")
+    refused("GiftiImage: belongs to CortexRight, but the surface is CortexLeft", left.image, right)
+    refused("has 9 values, but the surface has 441", left.image, gifti_values(values=VALUES[:9]))
+    refused("has values for right, but the surface is CortexLeft", left.image, PolyData(right=VALUES))
+    refused("has 9 values for left, but the surface has 441 points", left.image, PolyData(left=VALUES[:9]))
+    unknown = voxflat.flatten(NILEARN, relax=False)
+    refused("the hemisphere of the surface is unknown", unknown.image, PolyData(left=VALUES, right=-VALUES))
 
 
 def test_labels_of_another_package_bring_their_table():

@@ -16,19 +16,14 @@ _SHAPES = {
     "star": [((2 + 3 * (k % 2)) * np.cos(k * np.pi / 7), (2 + 3 * (k % 2)) * np.sin(k * np.pi / 7)) for k in range(14)],
     "with a corner on a side": [(0, 0), (2, 0), (4, 0), (4, 4), (0, 4)],
 }
-
-
 XYZ = "".join(f"property float {axis}\n" for axis in "xyz")
-
-
-def _area(places):
-    x, y = np.transpose(places)
-    return 0.5 * float(np.sum(x * np.roll(y, -1) - y * np.roll(x, -1)))
 
 
 @pytest.mark.parametrize("name", _SHAPES)
 def test_no_triangle_lies_outside_its_polygon(name):
     shape = np.asarray(_SHAPES[name], dtype=float)
+    (x, y), (u, v) = shape.T, np.roll(shape, -1, axis=0).T
+    area = 0.5 * abs(np.sum(x * v - y * u))
     for turn in range(len(shape)):
         for way in (1, -1):
             flat = np.roll(shape, turn, axis=0)[::way]
@@ -41,7 +36,7 @@ def test_no_triangle_lies_outside_its_polygon(name):
             a, b, c = np.moveaxis(points[triangles], 1, 0)
             signed = 0.5 * np.cross(b - a, c - a) @ tilt[:, 2] * way
             assert (signed > -1e-12).all()
-            assert signed.sum() == pytest.approx(abs(_area(shape)))
+            assert signed.sum() == pytest.approx(area)
 
 
 def test_the_shorter_diagonal_is_taken_and_the_same_whichever_corner_is_first():
@@ -49,8 +44,7 @@ def test_the_shorter_diagonal_is_taken_and_the_same_whichever_corner_is_first():
     for turn in range(4):
         points = np.roll(kite, turn, axis=0)
         triangles, _ = triangulated(points, np.arange(4), np.array([4]))
-        shared = set(triangles[0]) & set(triangles[1])
-        assert np.ptp(points[sorted(shared), 0]) == 0
+        assert np.ptp(points[sorted(set(triangles[0]) & set(triangles[1])), 0]) == 0
     with pytest.raises(InputError, match=r"face 1 has 1001 corners\. Triangulate it first"):
         triangulated(kite, np.zeros(1004, dtype=int), np.array([3, 1001]))
 

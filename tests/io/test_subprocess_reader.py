@@ -6,6 +6,7 @@ import subprocess
 import sys
 import threading
 import time
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -114,13 +115,8 @@ def test_values_come_back_and_prints_do_not(path, capfd):
 
 
 def test_threads_and_forks_share_no_answer(path):
-    found = []
-    threads = [threading.Thread(target=lambda: found.append(size(path))) for _ in range(4)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    assert found == [1770] * 4
+    with ThreadPoolExecutor(4) as pool:
+        assert list(pool.map(size, [path] * 4)) == [1770] * 4
     if not hasattr(os, "fork"):
         return
     process = os.fork()
@@ -155,8 +151,7 @@ def test_nothing_is_left_of_it(path, ending, tmp_path):
 def test_a_call_that_is_broken_off_ends_the_child(path):
     """A late answer of the child is not mistaken for the answer to the next request."""
     size(path)
-    caller = threading.main_thread().ident
-    threading.Timer(0.3, lambda: signal.pthread_kill(caller, signal.SIGINT)).start()
+    threading.Timer(0.3, lambda: signal.pthread_kill(threading.main_thread().ident, signal.SIGINT)).start()
     start = time.monotonic()
     with pytest.raises(KeyboardInterrupt):
         read_in_subprocess(computes, "vtkmodules", path)

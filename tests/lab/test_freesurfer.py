@@ -3,9 +3,8 @@
 import hashlib
 import json
 import re
-import shutil
-import subprocess
 from pathlib import Path
+from unittest.mock import Mock
 
 import nibabel as nib
 import numpy as np
@@ -14,6 +13,7 @@ import studies
 from command_line import fail, run, succeed
 from freesurfer_rule import read_patch
 from lab_runs import FEW, VERTICES, console_of, everything
+from mesh_files import needs_workbench, workbench
 from nilearn.surface import load_surf_data, load_surf_mesh
 from numpy.testing import assert_allclose, assert_array_equal
 
@@ -138,13 +138,9 @@ def pycortex_flat(folder, hemi, patch):
     return flat
 
 
-@pytest.mark.skipif(shutil.which("wb_command") is None, reason="Connectome Workbench is not installed")
+@needs_workbench
 def test_workbench_reads_every_value(made, tmp_path):
     surf = made / "surf"
-
-    def workbench(*words):
-        return subprocess.run(["wb_command", *map(str, words)], capture_output=True, text=True, check=True).stdout
-
     for name in ("flat.surf.gii", "distanceerror.shape.gii"):
         told = workbench("-file-information", surf / f"lh.voxflat.{name}")
         assert re.search(rf"Number of Vertices: +{VERTICES}\b", told)
@@ -163,8 +159,7 @@ def test_nilearn_reads_every_value(made, flat_map):
     on_map = np.unique(flat_map.ids)
     assert mesh.n_vertices == VERTICES
     for vertex in on_map.tolist():  # on one of the sides of a cut
-        apart = np.abs(flat_map.uv[flat_map.ids == vertex] - mesh.coordinates[vertex, :2]).max(axis=1)
-        assert apart.min() < 1e-4
+        assert np.abs(flat_map.uv[flat_map.ids == vertex] - mesh.coordinates[vertex, :2]).max(axis=1).min() < 1e-4
     for name in ("distanceerror", "thickness", "z"):
         assert_array_equal(load_surf_data(surf / f"lh.voxflat.{name}.shape.gii"), values(made, name))
 
@@ -191,11 +186,8 @@ def test_another_parameter_makes_it_anew_and_the_first_one_as_it_was(subject):
 
 
 def test_ctrl_c_leaves_nothing_that_looks_finished(subject, monkeypatch):
-    def interrupted(*_, **__):
-        raise KeyboardInterrupt
-
     with monkeypatch.context() as patch:
-        patch.setattr("voxflat.lab.subject.value_bytes", interrupted)
+        patch.setattr("voxflat.lab.subject.value_bytes", Mock(side_effect=KeyboardInterrupt))
         assert run("freesurfer", subject, "--hemi", "lh").exit_code == 130
     left = {path.name for path in (subject / "surf").iterdir()}
     assert not any(name.startswith(".") or name.endswith(("flat.json", "failure.json")) for name in left)
@@ -228,8 +220,7 @@ def test_without_a_label_the_parcellation_says_what_cortex_is_and_without_both_t
 def test_cuts_of_a_file(subject):
     succeed("cut", subject / "surf" / "lh.white", "--cuts", "standard", "-o", subject / "lh.mine.json")
     succeed("freesurfer", subject, "--hemi", "lh", "--cuts", "{hemi}.mine.json")
-    record = record_of(subject)
-    assert record["inputs"]["cuts"]["path"].endswith("lh.mine.json")
+    assert record_of(subject)["inputs"]["cuts"]["path"].endswith("lh.mine.json")
     told = (subject / "lh.mine.json").read_text()
     cuts = flat_of(subject).metadata["cuts"]
     assert len(cuts) == 5
@@ -237,9 +228,8 @@ def test_cuts_of_a_file(subject):
 
 
 def test_a_missing_file_is_named_and_the_other_hemisphere_made(subject):
-    result = run("freesurfer", subject)
-    assert result.exit_code == 1
-    assert re.search(r"sub-02 rh: error: \S+/rh\.white: the file does not exist. Check that recon-all", result.stderr)
+    told = f"sub-02 rh: error: {subject}/surf/rh.white: the file does not exist. Check that recon-all"
+    result = fail(1, told, "freesurfer", subject)
     assert "sub-02 lh: " in result.stdout
     assert "The right hemisphere has no map" in (subject / "voxflat.html").read_text()
     assert json.loads((subject / "surf" / "rh.voxflat.failure.json").read_text())["reason"] in result.stderr

@@ -7,6 +7,7 @@ from itertools import pairwise
 import nibabel as nib
 import numpy as np
 import pytest
+from hard_shapes import signed_areas
 from lab_runs import drawn_with, scene_of
 from numpy.testing import assert_allclose, assert_array_equal
 
@@ -32,14 +33,8 @@ def test_fewer_points_keep_the_outline_the_cuts_and_the_area(shown, most):
     doubled = np.flatnonzero(np.bincount(ids)[ids] > 1)
     assert np.isin(doubled, points).all()
     assert len(points) <= len(doubled) + 2.5 * most  # cells at the border contain small parts of the map
-
-    def areas(corners):
-        a, b, c = (flat.uv[corners[:, n]] for n in range(3))
-        (x, y), (u, v) = (b - a).T, (c - a).T
-        return (x * v - y * u) / 2
-
-    kept = areas(points[faces])
-    assert kept.sum() == pytest.approx(areas(flat.faces.astype(int)).sum(), rel=0.15 if most == 60 else 0.06)
+    kept, whole = (signed_areas(flat.uv, corners).sum() for corners in (points[faces], flat.faces))
+    assert kept == pytest.approx(whole, rel=0.15 if most == 60 else 0.06)
     if most == 10_000:
         assert len(faces) == len(flat.faces)
 
@@ -64,8 +59,7 @@ def test_a_scene_holds_the_values_of_the_files(shown):
 def test_cuts_stay_closed_where_the_surface_is_shown_smooth(shown):
     _, found, _ = scene_of(scene(shown.flat_map, layers_of([shown.values])[0], {}))
     smooth, ids = found["smooth"].reshape(-1, 3), shown.flat_map.ids
-    apart = [np.ptp(smooth[ids == vertex], axis=0).max() for vertex in np.unique(ids)]
-    assert max(apart) < 0.01
+    assert max(np.ptp(smooth[ids == vertex], axis=0).max() for vertex in np.unique(ids)) < 0.01
     moved = np.linalg.norm(smooth - shown.flat_map.points, axis=1)
     assert np.median(moved) > 1
     assert (moved < 0.02).any()  # the rim

@@ -149,8 +149,7 @@ def test_another_parameter_makes_all_stale(root):
 def test_names_are_those_of_bids_as_far_as_its_schema_goes(root, compared):
     validator = pytest.importorskip("bidsschematools.validator")
     out = root / "out"
-    unmatched = validator.validate_bids(str(out), dummy_paths=False)["path_tracking"]
-    assert [str(path) for path in unmatched] == []
+    assert [str(path) for path in validator.validate_bids(str(out), dummy_paths=False)["path_tracking"]] == []
     (out / ".bidsignore").rename(out / "ignored")
     try:
         assert len(validator.validate_bids(str(out), dummy_paths=False)["path_tracking"]) > 17
@@ -325,8 +324,7 @@ def test_a_study_that_is_up_to_date_is_left_alone(root, compared):
 def test_sums_forget_no_map_where_another_has_no_value():
     flat = voxflat.flatten(np.ones((12, 9, 1), int), method=voxflat.methods.Voxflat(sources=20))
     sums = Sums(tuple(flat.uv.min(axis=0)), tuple(flat.uv.max(axis=0)))
-    values = np.stack([flat.uv[:, 0], np.where(flat.uv[:, 1] > 0, np.nan, 3.0), flat.uv[:, 0] + 6])
-    for one in values:
+    for one in (flat.uv[:, 0], np.where(flat.uv[:, 1] > 0, np.nan, 3.0), flat.uv[:, 0] + 6):
         sums.add(flat, one)
     found = sums.result("u", "L")
     at = np.isfinite(found.mean.data) & (found.count == 2)
