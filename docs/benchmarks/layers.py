@@ -23,7 +23,7 @@ from voxflat.maps.depth import LAYERINGS, vertex_areas
 
 
 def bent_layers(shape, spacing):
-    """Return the rim of a layer 2.5 mm thick, bent to a "sphere", a "cylinder" or a "fold", and both true depths (equivolume, equidistant)."""
+    """Return the rim of a bent layer 2.5 mm thick, and its true equivolume and equidistant depth."""
     if shape == "fold":
         x, y, _ = np.meshgrid(
             np.arange(-12, 12, spacing), np.arange(-6, 8, spacing), np.arange(0, 6, spacing), indexing="ij"
