@@ -99,7 +99,7 @@ def test_what_cannot_be_connected_is_told_with_a_remedy(ready, monkeypatch):
     for address in ("tcp://127.0.0.1:9", "nonsense://here", "no/such/scheduler.json"):
         refused(address, rf"no Dask scheduler responds at {address} \(.*\)\. Check that it is running")
     monkeypatch.setattr(cluster, "__version__", "0.0.1")
-    refused(ready, r"the worker tcp://\S+ has voxflat \S+ instead of 0\.0\.1. Install the same version")
+    refused(ready, r"the worker tcp://\S+ has voxflat \S+ instead of 0\.0\.1. Install version")
     monkeypatch.setattr(cluster, "version", no_package)
     refused(ready, r"voxflat is not installed on the worker tcp://\S+. Install version 0\.0\.1")
     monkeypatch.setitem(sys.modules, "distributed", None)
@@ -309,8 +309,8 @@ def test_a_part_waits_until_the_worker_that_had_it_has_ended(ready, expected, tm
 def test_what_workers_cannot_do_is_told(ready, tmp_path, monkeypatch):
     store, sheet = tmp_path / "store", voxflat.surface(SHEET)
     for options, match in (
-        ({}, "the workers have no store to write into. Also pass store"),
-        ({"store": store, "geodesic": "chain"}, "does not have the option dask. Do not pass it"),
+        ({}, "dask requires a store to which the workers can write. Also pass store"),
+        ({"store": store, "geodesic": "chain"}, "does not have the option dask. Omit it"),
         ({"store": store, "memory_limit": 10**6}, "memory is needed, but the limit is 976.6 KiB. Use fewer threads"),
     ):
         with pytest.raises(voxflat.InputError, match=match):

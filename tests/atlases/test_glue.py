@@ -72,7 +72,7 @@ class TestGlue:
             (1, r"a bound of 1 on C. Give a bound from 1\.000001 to 10"),
             (float("nan"), "a bound of NaN"),
             (1.0001, r"change lengths by a factor of up to 1\.01.* greater bound"),
-            ("tight", "bound is 'tight'. Pass the greatest factor"),
+            ("tight", "bound is 'tight'. Pass the largest factor"),
             (True, "bound is True"),
         ],
     )
@@ -201,7 +201,7 @@ class TestOneMap:
     @pytest.mark.parametrize(
         ("options", "message"),
         [
-            ({"bound": 1.0}, "bound is 1.0. Pass the largest factor by which lengths may change, above 1, up to 10"),
+            ({"bound": 1.0}, "bound is 1.0. Pass the largest factor by which lengths may change, from above 1 to 10"),
             ({"bound": np.nan}, "bound is nan"),
             ({"bound": "1.5"}, "bound is '1.5'"),
             ({"rows": True}, "the method 'saucan2006' does not measure distances"),

@@ -35,8 +35,8 @@ def test_distances_on_a_sphere(rows, solver, worst):
 
 
 def test_an_unknown_solver_is_named(ball):
-    refused("'heat'; give 'graph', 'marching', 'exact' or 'chain'", ball.geodesic, 5, geodesic="heat")
-    refused("'heat'; give 'graph', 'marching', 'exact', 'edges' or 'chain'", ball.path, 0, 5, geodesic="heat")
+    refused("'heat'. Give 'graph', 'marching', 'exact' or 'chain'", ball.geodesic, 5, geodesic="heat")
+    refused("'heat'. Give 'graph', 'marching', 'exact', 'edges' or 'chain'", ball.path, 0, 5, geodesic="heat")
     refused("link_lengths", ball.geodesic, 5, geodesic="exact", link_lengths="euclidean")
 
 
@@ -77,7 +77,7 @@ class TestPaths:
     def test_in_different_components_is_refused(self, solver):
         apart = np.ones((9, 9, 1), np.uint8)
         apart[4] = 0
-        with pytest.raises(voxflat.InputError, match=r"and \[8, 0, 0\]: the two lie in different components"):
+        with pytest.raises(voxflat.InputError, match=r"and \[8, 0, 0\]: they lie in different components"):
             voxflat.surface(apart).path((0, 0, 0), (8, 0, 0), geodesic=solver)
 
 

@@ -72,7 +72,7 @@ HOSTILE = {
     "bad.gii.gz": (b"\x1f\x8bgarbage" * 9, "method|gzip"),
     "pairs.ply": (PLY + b"2 0 1\n2 1 2\n", "face 0 has 2 corners. Triangulate it first"),
     "mixed.ply": (PLY + b"3 0 1 2\n4 0 1 2\n", "ends at face 1 of 2"),
-    "range.ply": (PLY + b"3 0 1 2\n4 0 1 2 4\n", "face 1 has the corner 4, but the surface has the points 0 to 3"),
+    "range.ply": (PLY + b"3 0 1 2\n4 0 1 2 4\n", "face 1 refers to point 4, but the surface has points 0 to 3"),
     "half.ply": (PLY + b"3 0 1 1.5\n3 0 1 2\n", "face 0 is .*whole numbers"),
     "points.ply": (POINTS, "no faces with vertex_indices"),
     "format.ply": (b"ply\nformat morse 1.0\nend_header\n", "format is 'morse'"),

@@ -200,7 +200,7 @@ POINT, TRIANGLE = (np.zeros((4, 3), "f4"), "pointset"), (np.zeros((1, 3), "i4"),
         ([POINT, (np.zeros((0, 3), "i4"), "triangle")], "no faces"),
         ([POINT, (np.array([[0, 1, 4]], "i4"), "triangle")], r"face 0 is \[0, 1, 4\]"),
         ([(np.full((4, 3), np.nan, "f4"), "pointset"), TRIANGLE], "point 0 has the coordinates"),
-        ([POINT, (np.zeros((1, 4), "i4"), "triangle")], r"faces have type int32 and shape \(1, 4\)"),
+        ([POINT, (np.zeros((1, 4), "i4"), "triangle")], r"faces have data type int32 and shape \(1, 4\)"),
     ],
 )
 def test_gifti_that_is_no_surface(tmp_path, arrays, message):

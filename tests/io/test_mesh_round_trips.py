@@ -115,8 +115,8 @@ def test_what_cannot_be_written(tmp_path, name, message):
         (np.zeros((3, 2)), [[0, 1, 2]], r"points have type float64 and shape \(3, 2\)"),
         (np.zeros((3, 3), complex), [[0, 1, 2]], "points have type complex128"),
         (np.zeros((3, 3)), [[0, 1, 2, 0]], r"shape \(1, 4\)"),
-        (np.zeros((3, 3)), [[0.0, 1, 2]], "faces have type float64"),
-        (np.zeros((3, 3)), [[0, 1, 2], [0, 1, 3]], r"face 1 is \[0, 1, 3\], but the surface has the points 0 to 2"),
+        (np.zeros((3, 3)), [[0.0, 1, 2]], "faces have data type float64"),
+        (np.zeros((3, 3)), [[0, 1, 2], [0, 1, 3]], r"face 1 is \[0, 1, 3\], but the surface has points 0 to 2"),
         (np.zeros((3, 3)), [[0, 1, -1]], r"face 0 is \[0, 1, -1\]"),
         (np.zeros((3, 3)), np.array([[0, 1, 2**64 - 1]], np.uint64), "face 0 is"),
         ([[0, 0, 0], [0, np.nan, 0], [0, 0, np.inf]], [[0, 1, 2]], r"point 1 has the coordinates \[0.0, nan, 0.0\]"),
@@ -129,7 +129,7 @@ def test_bad_arrays(points, faces, message):
 
 def test_bad_data():
     arrays, three = (grid().points, grid().faces), np.zeros((3, 2))
-    refused(r"have shape \(3, 2\). Pass shape \(16, 2\)", Mesh, *arrays, texture_coordinates=three)
+    refused(r"have shape \(3, 2\) instead of \(16, 2\)", Mesh, *arrays, texture_coordinates=three)
     refused("point data 'curv' has 3 values, but the surface has 16 points", Mesh, *arrays, point_data={"curv": three})
 
 

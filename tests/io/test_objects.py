@@ -130,9 +130,9 @@ def test_values_of_another_package_are_those_of_this_side(left, kind):
 @pytest.mark.parametrize(
     ("given", "said"),
     [
-        (gifti_values("CortexRight"), "GiftiImage: belongs to CortexRight, but the surface is CortexLeft"),
+        (gifti_values("CortexRight"), "GiftiImage: belongs to CortexRight, but the surface belongs to CortexLeft"),
         (gifti_values(values=VALUES[:9]), "has 9 values, but the surface has 441"),
-        (PolyData(right=VALUES), "has values for right, but the surface is CortexLeft"),
+        (PolyData(right=VALUES), "has values for right, but the surface belongs to CortexLeft"),
         (PolyData(left=VALUES[:9]), "has 9 values for left, but the surface has 441 points"),
     ],
 )

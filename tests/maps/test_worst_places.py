@@ -229,7 +229,7 @@ def test_places_that_are_not_there_are_refused(both):
 
 def test_a_map_without_areas_is_refused():
     flat_map = voxflat.flatten(np.ones((9, 9, 1), int), method=Grossmann2002(sources=20))
-    refused("no triangles of the surface to measure areas", voxflat.worst_places, flat_map)
+    refused("no triangles on which to measure areas", voxflat.worst_places, flat_map)
 
 
 def test_figures_show_them(both, tmp_path):

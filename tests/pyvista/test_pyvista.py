@@ -221,7 +221,7 @@ def test_keep_is_an_array_of_the_mesh():
     assert_array_equal(flat.point_data["vertex_ids"], mask.point_data["vertex_ids"])
     assert not mesh.voxflat(method=Voxflat(sources=40), drop="right").point_data["right"].any()
     refused("contains no triangle", mesh.voxflat, keep=np.zeros(mesh.n_points, dtype=bool))
-    refused(r"'misspelt' is neither an array of the points nor a file.*right", mesh.voxflat, drop="misspelt")
+    refused(r"'misspelt' is neither a point array nor a file.*right", mesh.voxflat, drop="misspelt")
 
 
 def test_arrays_of_both_sides_of_a_cut():
@@ -249,7 +249,7 @@ def test_lines_beside_triangles_are_left_out():
 
 def test_what_means_nothing_for_a_mesh_is_refused():
     mesh = bumpy()
-    refused("scalars is 'height', but a mesh is flattened without scalars", mesh.voxflat, "height")
+    refused("scalars is 'height', but this option applies only to images", mesh.voxflat, "height")
     refused("label does not apply when the input is a mesh", mesh.voxflat, label=1)
     for call in (mesh.voxflat.volume, lambda: mesh.voxflat.voxel_at((0, 0, 0))):
         refused("the PolyData is not a volume", call)
@@ -315,9 +315,9 @@ def test_results_of_blocks_within_blocks_are_named_by_their_path():
     assert measured["more"]["none"] is None
     flat_maps = blocks.voxflat.flatten(method=Voxflat(sources=10))
     assert list(flat_maps) == list(blocks.voxflat.check()) == ["tube", "more/bumps"]
-    with pytest.raises(InputError, match="Give a MultiBlock with one map for each of the 2 blocks"):
+    with pytest.raises(InputError, match="Pass a MultiBlock with one map for each of the 2 blocks"):
         blocks.voxflat.measure(pv.MultiBlock([flat["tube"]]))
-    refused("the maps are PolyData. Give a MultiBlock", blocks.voxflat.measure, flat["tube"])
+    refused("the maps are PolyData. Pass a MultiBlock", blocks.voxflat.measure, flat["tube"])
 
 
 def test_verbs_of_one_surface_are_refused_for_blocks():

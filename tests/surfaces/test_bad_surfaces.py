@@ -96,7 +96,7 @@ def test_check_lists_all_defects():
         ({"label": 1}, "label does not apply when the input is a mesh"),
         ({"threshold": 0.5}, "threshold does not apply when the input is a mesh"),
         ({"method": "grossmann2002"}, "this surface has none. Pass a surface from a volume"),
-        ({"seed_point": (1, 2, 3), "radius": 3.0}, "Pass the number of a vertex of the mesh"),
+        ({"seed_point": (1, 2, 3), "radius": 3.0}, "Pass a vertex number of the mesh"),
         ({"seed_point": 99, "radius": 3.0}, "vertex 99 is not on the surface"),
         ({"seed_point": 24, "radius": 0.1}, "no triangle around vertex 24 lies within 0.1 mm"),
         ({"keep": np.zeros(49, bool)}, "contains no triangle of the surface"),
@@ -245,7 +245,7 @@ def test_a_label_at_the_border_is_told():
     ("pial", "message"),
     [
         (square(5), "pial surface has 36 vertices, but the given surface has 49"),
-        (square()[0], "pial has type ndarray. Pass a mesh"),
+        (square()[0], "pial has type ndarray. Pass a path"),
         ("rh.pial", r"rh\.pial: the file does not exist"),
     ],
 )

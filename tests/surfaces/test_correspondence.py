@@ -44,7 +44,7 @@ class TestPial:
             assert abs(np.median(made.thickness) - np.median(thickness)) < 0.25  # FreeSurfer's is to the nearest point
 
     def test_the_other_side_by_its_name(self, brain):
-        with pytest.raises(InputError, match="the surface is CortexLeft, but the pial surface is CortexRight"):
+        with pytest.raises(InputError, match="the surface belongs to CortexLeft, but the pial surface is CortexRight"):
             voxflat.surface(brain / "lh.white", pial=brain / "rh.pial")
 
     WRONG = (("lh.white", "rh.pial"), ("lh.white", "rh.white"), ("lh.white", "lh.inflated"), ("lh.white", "lh.sphere"))
@@ -114,7 +114,7 @@ class TestLabels:
     def test_the_other_sides(self, brain, tmp_path):
         vertices, white = self.chosen(brain, "rh.white")
         path = write_label(tmp_path / "rh.V1.label", vertices, white[vertices])
-        refused(r"rh\.V1\.label: belongs to CortexRight, but the surface is CortexLeft", self.cut, brain, path)
+        refused(r"rh\.V1\.label: belongs to CortexRight, but the surface belongs to CortexLeft", self.cut, brain, path)
         path = path.rename(tmp_path / "V1.label")  # now only its points tell
         refused(r"V1\.label: .* lie on opposite sides of the brain \(mean x: \d+ and -\d+", self.cut, brain, path)
 
@@ -149,7 +149,7 @@ class TestOverlays:
 
     @pytest.mark.parametrize("name", ["curv", "sulc", "thickness"])
     def test_the_other_sides(self, flat, brain, name):
-        message = rf"rh\.{name}: belongs to CortexRight, but the surface is CortexLeft. Pass .* array"
+        message = rf"rh\.{name}: belongs to CortexRight, but the surface belongs to CortexLeft. Pass .* array"
         refused(message, flat.image, brain / f"rh.{name}")
         values = nib.freesurfer.read_morph_data(brain / f"rh.{name}")
         assert np.isfinite(flat.image(values).data).any()  # what is meant is taken

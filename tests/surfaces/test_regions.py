@@ -58,7 +58,7 @@ def test_older_freesurfer_values(tmp_path):
     ("name", "content", "message"),
     [
         ("s.npy", b"hello", "is not a NumPy array"),
-        ("lh.curv", b"hello", "is not in a known format of values"),
+        ("lh.curv", b"hello", "is not in a known format for values"),
         ("lh.white", b"\xff\xff\xfehello", "does not contain values at points: its content is FreeSurfer surface"),
         ("s.mgh", b"hello", "is not an MGH file"),
         (
@@ -66,7 +66,7 @@ def test_older_freesurfer_values(tmp_path):
             struct.pack(">6i", 1, 5, 1, 1, 1, 3),
             "its header specifies the shape .5, 1, 1, 1., but the file ends after 24 of",
         ),
-        ("s.mgh", struct.pack(">6i", 1, 5, 5, 1, 1, 3) + bytes(400), "Pass values of shape"),
+        ("s.mgh", struct.pack(">6i", 1, 5, 5, 1, 1, 3) + bytes(400), "Pass an array of shape"),
         ("s.mgz", b"\x1f\x8bhello", "its gzip data are damaged"),
         ("lh.annot", b"\xff\xff\xff\xf0", "header is damaged"),
         ("lh.annot", struct.pack(">5i", 2, 1, 0, 0, 0), "does not list the points in order"),
@@ -84,7 +84,7 @@ def test_an_array_of_objects_is_not_unpickled(tmp_path):
     np.save(tmp_path / "s.npy", np.array([print], dtype=object), allow_pickle=True)
     refuses(tmp_path / "s.npy", "", read_overlay, 1)
     np.save(tmp_path / "s.npy", np.zeros(3, complex))
-    refuses(tmp_path / "s.npy", r"values have type complex128 and shape \(3,\)", read_overlay, 3)
+    refuses(tmp_path / "s.npy", r"values have data type complex128 and shape \(3,\)", read_overlay, 3)
 
 
 def annotation(path):
@@ -217,11 +217,11 @@ def entries(*rows):
         (struct.pack(">2i", -1, -7), "its header is damaged: it specifies -7 points"),
         (struct.pack(">2i", -1, 2**31 - 1), "but the file ends after 8 of"),
         (entries((1, 0, 0, 0))[:-1], "its header specifies 1 points, but the file ends after 23 of 24 bytes"),
-        (entries((1, 0, 0, 0)) + b"\0", "the file is 1 bytes longer"),
+        (entries((1, 0, 0, 0)) + b"\0", "the file has 1 extra bytes"),
         (entries((1, 0, 0, 0), (0, 0, 0, 0)), "entry 1 refers to vertex 0, but patch files count from 1"),
         (entries((1, 0, 0, 0), (-1, 0, 0, 0)), "entry 1 of the patch repeats vertex 0"),
         (entries((1, 0, 0, 0), (2, 0, float("nan"), 0)), r"entry 1 of the patch, \[0.0, nan, 0.0\], is not finite"),
-        (entries(), "vertices have type .*Pass whole numbers"),
+        (entries(), "vertices have data type .*Pass an integer"),
     ],
 )
 def test_bad_patches(tmp_path, data, message):
@@ -235,7 +235,7 @@ def test_bad_patches(tmp_path, data, message):
     [
         (([0, -1], np.zeros((2, 3)), [True, False]), "entry 1 of the patch is vertex -1. Number vertices from 0"),
         (([0.0], np.zeros((1, 3)), [True]), "float64"),
-        (([0], np.zeros((2, 3)), [True]), r"Pass shapes \(1, 3\) and \(1,\)"),
+        (([0], np.zeros((2, 3)), [True]), r"Pass arrays of shape \(1, 3\) and \(1,\)"),
         (([3, 0, 3], np.zeros((3, 3)), [True] * 3), "entry 2 of the patch repeats vertex 3"),
     ],
 )
@@ -264,4 +264,4 @@ def test_faces_and_border_of_a_patch():
     assert not patch_border(sphere().faces, np.arange(42), 42).any()
     for function in (patch_faces, patch_border):
         refused("entry 1 of the patch is vertex 25, but the surface has 25 points", function, mesh.faces, [0, 25], 25)
-        refused(r"face 0 is \[0, 5, 1\], but the surface has the points 0 to 3", function, mesh.faces, [0], 4)
+        refused(r"face 0 is \[0, 5, 1\], but the surface has points 0 to 3", function, mesh.faces, [0], 4)

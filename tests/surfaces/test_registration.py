@@ -124,12 +124,12 @@ def ball(radii, waves=0, seed=0):
     ids=["a ball", "an ellipsoid", "random folds"],
 )
 def test_what_is_no_hemisphere_is_refused(shape):
-    refused("not a hemisphere of a cortex", voxflat.surface(shape).register)
+    refused("not a cortical hemisphere", voxflat.surface(shape).register)
 
 
 def test_handles_and_sides_that_do_not_exist_are_refused(hemispheres):
     points, _, faces = hemispheres["left"]
-    refused("side is 'both'; give 'left' or 'right'", voxflat.surface((points, faces)).register, side="both")
+    refused("side is 'both'. Give 'left' or 'right'", voxflat.surface((points, faces)).register, side="both")
     ring = np.zeros((24, 24, 8), dtype=np.uint8)
     ring[4:20, 4:20, 2:6] = 1
     ring[9:15, 9:15] = 0
