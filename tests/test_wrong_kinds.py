@@ -101,7 +101,7 @@ CALLS = {
     "values of a volume": (lambda s: io.Volume([1, [2, 3]], np.eye(4)), r"values are \[1, \[2, 3\]\]. Give rows"),
     "a long volume": (lambda s: io.Volume(LONG, np.eye(4)), "has an axis of more than 2147483647 voxels"),
     "volume of one number": (lambda s: io.Volume(2**64, np.eye(4)), "values have data type object. Convert"),
-    "geometry": (lambda s: io.VolumeGeometry(np.eye(3), np.zeros(3), shape=1.5), "has 1.5 voxels of .*. Pass 3"),
+    "geometry": (lambda s: io.VolumeGeometry(np.eye(3), np.zeros(3), shape=1.5), "shape is 1.5 .* Pass 3-tuples"),
     "texture": (lambda s: io.Mesh(POINTS, FACES, texture_coordinates=b"x"), "coordinates are b'x'. Give numbers"),
     "point data": (lambda s: io.Mesh(POINTS, FACES, point_data=ARRAY), "point data is array.*. Give arrays by"),
     "face data": (lambda s: io.Mesh(POINTS, FACES, face_data={"a": 3}), "face data 'a' has 0 values, .* has 50"),
@@ -109,7 +109,7 @@ CALLS = {
     "mask": (lambda s: io.Patch([1, 2], POINTS[:2], [1, [2, 3]]), "entries of the border are .*. Give numbers"),
     "not a picture": (
         lambda s: figures.save_picture(ARRAY, "x.png"),
-        r"\(3,\) and data type float64. Pass uint8",
+        r"\(3,\) and data type float64. Pass a uint8",
     ),
     "record": (lambda s: figures.save_picture(np.zeros((4, 4, 3), np.uint8), "x.png", ARRAY), "record array.*JSON"),
     "cuts of numbers": (lambda s: voxflat.flatten(s, cuts=ARRAY), "cut"),

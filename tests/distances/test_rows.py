@@ -108,7 +108,7 @@ class TestAStore:
     def test_tells_what_it_needs(self, tmp_path, log):
         stored = SURFACE.geodesic(SOURCES, store=tmp_path / "store")
         memory, disk = messages(log)
-        assert re.fullmatch(r"up to \S+ [KM]iB of memory will be used for rows in progress", memory)
+        assert re.fullmatch(r"up to \S+ [KM]iB of memory will be used for the rows being computed", memory)
         assert disk == f"up to 93.75 KiB of disk space will be used in {stored.store}"
 
     def test_follows_no_change_of_directory(self, tmp_path, monkeypatch, expected):

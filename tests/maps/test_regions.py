@@ -257,7 +257,7 @@ class TestDrawings:
             ("", "rois", "its root does not define data-voxflat-extent"),
             ('data-voxflat-extent="1 2 3" data-voxflat-axes="0 0 1 1"', "rois", "data-voxflat-extent as four numbers"),
             ('data-voxflat-extent="1 1 2 3" data-voxflat-axes="0 0 1 1"', "rois", "has no area"),
-            (WHERE, "areas", "has no layer 'areas'; its layers are 'rois', 'names'. Draw"),
+            (WHERE, "areas", "has no layer 'areas' .layers: 'rois', 'names'.. Draw"),
         ],
     )
     def test_what_is_no_drawing(self, m, tmp_path, where, layer, message):

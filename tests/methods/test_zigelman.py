@@ -49,7 +49,7 @@ class TestFlatten:
             ({"sources": 2}, "2 sources are too few. Pass at least 3"),
             ({"sources": [4, 4, 9]}, "source 4 is given 2 times"),
             ({"rows": "directory"}, "cannot write a store"),
-            ({"method": "voxflat", "sampling": "decimation"}, "give 'farthest', 'curvature' or 'random'"),
+            ({"method": "voxflat", "sampling": "decimation"}, "Give 'farthest', 'curvature' or 'random'"),
         ],
     )
     def test_wrong_options_are_named(self, options, message):
@@ -140,8 +140,8 @@ class TestRangeImage:
     @pytest.mark.parametrize(
         ("arguments", "message"),
         [
-            ({"depth": np.zeros(5)}, r"depth has shape \(5,\). Pass an image"),
-            ({"depth": np.zeros((1, 9))}, r"depth has shape \(1, 9\). Pass an image"),
+            ({"depth": np.zeros(5)}, r"depth has shape \(5,\). Pass an array"),
+            ({"depth": np.zeros((1, 9))}, r"depth has shape \(1, 9\). Pass an array"),
             ({"depth": np.zeros((3, 3, 3))}, r"depth has shape \(3, 3, 3\)"),
             ({"depth": np.zeros((3, 3), complex)}, "depth has data type complex128. Pass real numbers"),
             ({"depth": np.array([["a", "b"], ["c", "d"]])}, "depth has data type <U1. Pass real numbers"),

@@ -44,7 +44,7 @@ def fin():
 
 NAN = float("nan")
 MESHES = {
-    "index beyond": (changed(faces=lambda f: put(f, (3, 1), 99)), r"face 3 is \[3, 99, 11\], .* the points 0 to 48"),
+    "index beyond": (changed(faces=lambda f: put(f, (3, 1), 99)), r"face 3 is \[3, 99, 11\], .* points 0 to 48"),
     "index negative": (changed(faces=lambda f: put(f, (3, 1), -1)), r"3 .*-1"),
     "NaN": (changed(points=lambda p: put(p, (7, 2), NAN)), r"point 7 .*nan.*finite"),
     "no point": ((np.zeros((0, 3)), np.zeros((0, 3), int)), r"no points"),
@@ -105,7 +105,7 @@ def test_check_lists_all_defects():
         ({"keep": np.arange(49) % 7 != 3}, "consists of 2 separate pieces"),
         ({"cuts": [[0, 2]]}, "0 and 2"),
         ({"cuts": [[0, 99]]}, "vertex 99 is not on the surface"),
-        ({"cuts": "auto"}, "cannot read the cuts auto: No such file"),
+        ({"cuts": "auto"}, "cannot read the cuts from auto: No such file"),
         ({"cuts": 5}, "cuts has type int. Pass a list of paths"),
         ({"sources": [0, 1, 1]}, "source 1 is given 2 times"),
         ({"sources": [[0, 0, 2]] * 3}, r"must be vertex numbers \(integers\) of shape \(m,\)"),

@@ -44,7 +44,7 @@ class TestPial:
             assert abs(np.median(made.thickness) - np.median(thickness)) < 0.25  # FreeSurfer's is to the nearest point
 
     def test_the_other_side_by_its_name(self, brain):
-        with pytest.raises(InputError, match="the surface belongs to CortexLeft, but the pial surface is CortexRight"):
+        with pytest.raises(InputError, match="the surface is CortexLeft, but the pial surface is CortexRight"):
             voxflat.surface(brain / "lh.white", pial=brain / "rh.pial")
 
     WRONG = (("lh.white", "rh.pial"), ("lh.white", "rh.white"), ("lh.white", "lh.inflated"), ("lh.white", "lh.sphere"))

@@ -148,9 +148,9 @@ LABEL = "#!ascii label  , from subject bert vox2ras=TkReg\n{}\n{}"
         ("2", "4 0 0 0 0\n", "lists 1 points, but its header specifies 2"),
         ("1", "4 0 0 0 0\n5 0 0 0 0\n", "lists 2 points, but its header specifies 1"),
         ("two", "4 0 0 0 0\n", "second line is not the number"),
-        ("1", "9 0 0 0 0\n", "line 3 is point 9, but the surface has points 0 to 5"),
-        ("2", "1 0 0 0 0\n-1 0 0 0 0\n", "line 4 is point -1"),
-        ("1", "1.5 0 0 0 0\n", "line 3 is point 1.5"),
+        ("1", "9 0 0 0 0\n", "line 3 names point 9, but the surface has points 0 to 5"),
+        ("2", "1 0 0 0 0\n-1 0 0 0 0\n", "line 4 names point -1"),
+        ("1", "1.5 0 0 0 0\n", "line 3 names point 1.5"),
         ("1", "one 0 0 0 0\n", "one"),
     ],
 )
@@ -220,7 +220,7 @@ def entries(*rows):
         (entries((1, 0, 0, 0)) + b"\0", "the file has 1 extra bytes"),
         (entries((1, 0, 0, 0), (0, 0, 0, 0)), "entry 1 refers to vertex 0, but patch files count from 1"),
         (entries((1, 0, 0, 0), (-1, 0, 0, 0)), "entry 1 of the patch repeats vertex 0"),
-        (entries((1, 0, 0, 0), (2, 0, float("nan"), 0)), r"entry 1 of the patch, \[0.0, nan, 0.0\], is not finite"),
+        (entries((1, 0, 0, 0), (2, 0, float("nan"), 0)), r"of patch entry 1, \[0.0, nan, 0.0\], is not finite"),
         (entries(), "vertices have data type .*Pass an integer"),
     ],
 )
@@ -233,7 +233,7 @@ def test_bad_patches(tmp_path, data, message):
 @pytest.mark.parametrize(
     ("arrays", "message"),
     [
-        (([0, -1], np.zeros((2, 3)), [True, False]), "entry 1 of the patch is vertex -1. Number vertices from 0"),
+        (([0, -1], np.zeros((2, 3)), [True, False]), "entry 1 of the patch refers to vertex -1. Number vertices"),
         (([0.0], np.zeros((1, 3)), [True]), "float64"),
         (([0], np.zeros((2, 3)), [True]), r"Pass arrays of shape \(1, 3\) and \(1,\)"),
         (([3, 0, 3], np.zeros((3, 3)), [True] * 3), "entry 2 of the patch repeats vertex 3"),
@@ -263,5 +263,5 @@ def test_faces_and_border_of_a_patch():
     assert patch_faces(mesh.faces, [3, 17], 25).shape == (0, 3)
     assert not patch_border(sphere().faces, np.arange(42), 42).any()
     for function in (patch_faces, patch_border):
-        refused("entry 1 of the patch is vertex 25, but the surface has 25 points", function, mesh.faces, [0, 25], 25)
+        refused("the patch refers to vertex 25, but the surface has 25 points", function, mesh.faces, [0, 25], 25)
         refused(r"face 0 is \[0, 5, 1\], but the surface has points 0 to 3", function, mesh.faces, [0], 4)

@@ -377,7 +377,7 @@ class Geometry:
         unknown = matched.vertices[~self.known[matched.vertices]]
         if len(unknown):
             raise InputError(
-                f"{_called(self.said_by)} was made on a geometry that differs from that of the given surface. It does "
+                f"{_called(self.said_by)} was made on a geometry that differs from that of the given surface, and does "
                 f"not define the positions of {len(np.unique(unknown))} vertices of {_called(name)}. Pass the surface "
                 "on which the map was made (with its pial surface), or pass on_surface to use the given one"
             )

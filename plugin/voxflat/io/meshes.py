@@ -236,7 +236,7 @@ def _format(path: Path, data: bytes) -> str:
         raise InputError(f"its ending indicates {named}, but its content is {found}. Rename the file")
     kind = found or named
     if kind not in READERS:
-        usual = f"Pass {', '.join(formats.ENDINGS)} or a FreeSurfer surface"
+        usual = f"Pass a {', '.join(formats.ENDINGS)} file or a FreeSurfer surface"
         hint = formats.HINTS.get(kind or "", usual)
         raise InputError(f"is not a surface: its content is {kind or 'unknown'}. {hint}")
     return kind

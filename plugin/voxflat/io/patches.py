@@ -289,7 +289,7 @@ def _check_vertices(vertices: ArrayLike) -> NDArray[np.int64]:
     array = np.ascontiguousarray(array, dtype=np.int64)
     if array.min() < 0:
         entry = np.flatnonzero(array < 0)[0]
-        raise InputError(f"entry {entry} of the patch is vertex {array[entry]}. Number vertices from 0")
+        raise InputError(f"entry {entry} of the patch refers to vertex {array[entry]}. Number vertices from 0")
     order = np.argsort(array, kind="stable")
     twice = order[1:][np.diff(array[order]) == 0]
     if len(twice):

@@ -62,7 +62,7 @@ def foreground_of(volume: Volume, *, label: int | None = None, threshold: float 
 def check_scalar(data: NDArray[Any]) -> None:
     """Raise an error unless there is one value per voxel."""
     if data.ndim != 3:
-        raise InputError(f"the volume has shape {data.shape}, like a colour image. Pass a volume of shape (I, J, K)")
+        raise InputError(f"the volume has shape {data.shape}, as for colours. Pass a volume with one value per voxel")
     if data.size == 0:
         raise InputError(f"the volume has shape {data.shape}, so it contains no voxels. Pass a volume with voxels")
 

@@ -146,7 +146,7 @@ def _named_side(whole: Manifold, mesh: Mesh | NDArray[np.float64], name: str) ->
     of_sphere = named.get(mesh.structure or "") if isinstance(mesh, Mesh) else None
     if of_surface and of_sphere and of_surface != of_sphere:
         raise InputError(
-            f"{name} is for the {of_sphere} hemisphere, but the surface is for the {of_surface} one. Pass the matching sphere"
+            f"{name} is for the {of_sphere} hemisphere, but the surface is for the {of_surface} one. Pass its sphere"
         )
     return of_surface or of_sphere
 
