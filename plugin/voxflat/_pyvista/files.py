@@ -38,7 +38,7 @@ def write(dataset: pv.DataSet, path: str) -> None:
     with naming(path, "can this format hold it?"):
         if not isinstance(dataset, pv.PolyData) or not dataset.is_all_triangles:
             raise InputError(
-                f"cannot save a {type(dataset).__name__} that is not made of triangles. Convert it: "
+                f"cannot save the {type(dataset).__name__}. Convert it to triangles: "
                 "mesh.extract_surface().triangulate()"
             )
         write_mesh(path, _of_map(dataset) if is_map(dataset) else _mesh(dataset.points, dataset.regular_faces))
