@@ -285,8 +285,8 @@ def test_a_part_waits_until_the_worker_that_had_it_has_ended(ready, expected, tm
 def test_what_workers_cannot_do_is_told(ready, tmp_path, monkeypatch):
     store, sheet = tmp_path / "store", voxflat.surface(SHEET)
     for options, match in (
-        ({}, "the workers have no store to write into. Also pass store"),
-        ({"store": store, "geodesic": "chain"}, "does not have the option dask. Do not pass it"),
+        ({}, "dask requires a store to which the workers can write. Also pass store"),
+        ({"store": store, "geodesic": "chain"}, "does not have the option dask. Omit it"),
         ({"store": store, "memory_limit": 10**6}, "memory is needed, but the limit is 976.6 KiB. Use fewer threads"),
     ):
         refused(match, composed.geodesic, sheet, SOURCES, dask=ready, **options)

@@ -43,14 +43,14 @@ def checked_path(path: str | os.PathLike[str], name: str = "path") -> Path:
     except UnicodeEncodeError:
         is_name = False
     if not is_name:
-        raise InputError(f"the {name} is {shown(path)}; give the name of a file or directory")
+        raise InputError(f"the {name} is {shown(path)}. Give a path to a file or directory")
     return Path(path)
 
 
 def checked_kind(value: object, name: str, attribute: str, kind: str) -> None:
     """Raise an error if a value does not have the attribute that identifies its type."""
     if not hasattr(value, attribute):
-        raise InputError(f"the {name} is {shown(value)}; give {kind}")
+        raise InputError(f"the {name} is {shown(value)}. Give {kind}")
 
 
 def checked_choice(value: object, name: str, choices: Iterable[str]) -> str:
@@ -58,21 +58,21 @@ def checked_choice(value: object, name: str, choices: Iterable[str]) -> str:
     known = tuple(choices)
     if not isinstance(value, str) or value not in known:
         *others, last = map(repr, known)
-        raise InputError(f"{name} is {shown(value)}; give {', '.join(others)} or {last}")
+        raise InputError(f"{name} is {shown(value)}. Give {', '.join(others)} or {last}")
     return value
 
 
 def checked_switch(value: object, name: str) -> bool:
     """Return a Python or NumPy boolean as a bool."""
     if not isinstance(value, bool | np.bool_):
-        raise InputError(f"{name} is {shown(value)}; give True or False")
+        raise InputError(f"{name} is {shown(value)}. Give True or False")
     return bool(value)
 
 
 def checked_text(value: object, name: str) -> str:
     """Return a string; None becomes an empty string."""
     if value is not None and not isinstance(value, str):
-        raise InputError(f"the {name} is {shown(value)}; give text")
+        raise InputError(f"the {name} is {shown(value)}. Give a string")
     return value or ""
 
 
@@ -89,14 +89,14 @@ def is_whole(value: object) -> TypeGuard[int]:
 def checked_seed(seed: int) -> int:
     """Return a seed after checking that the core accepts it."""
     if not is_whole(seed) or not 0 <= seed < 2**64:
-        raise InputError(f"the seed is {shown(seed)}; give a whole number from 0 to 2**64 - 1")
+        raise InputError(f"the seed is {shown(seed)}. Give a whole number from 0 to 2**64 - 1")
     return int(seed)
 
 
 def checked_pixels(value: object, name: str) -> int:
     """Return the number of pixels along one side of a picture."""
     if not is_whole(value) or not _PIXELS[0] <= value <= _PIXELS[1]:
-        raise InputError(f"the {name} is {shown(value)}; give {_PIXELS[0]} to {_PIXELS[1]} pixels")
+        raise InputError(f"the {name} is {shown(value)}. Give {_PIXELS[0]} to {_PIXELS[1]} pixels")
     return int(value)
 
 
@@ -104,7 +104,7 @@ def checked_threads(threads: int | None) -> int | None:
     """Return a number of threads that can be started; None means one thread per core."""
     most = max(_MOST_THREADS, os.cpu_count() or 1)
     if threads is not None and not (is_whole(threads) and 1 <= threads <= most):
-        raise InputError(f"threads is {shown(threads)}; give at least 1 and at most {most}, or None for one per core")
+        raise InputError(f"threads is {shown(threads)}. Give a number from 1 to {most}, or None for one per core")
     return threads
 
 
@@ -116,7 +116,7 @@ def workers(threads: int | None) -> int:
 def checked_number(value: float, name: str) -> float:
     """Return a number as a float."""
     if not is_number(value):
-        raise InputError(f"the {name} is {shown(value)}; give a number")
+        raise InputError(f"the {name} is {shown(value)}. Give a number")
     return as_float(value)
 
 
@@ -138,7 +138,7 @@ def array_of(values: object, name: str) -> NDArray[Any]:
     try:
         return np.asarray(values)
     except (TypeError, ValueError):  # ragged, or a type that NumPy cannot convert
-        raise InputError(f"the {name} are {shown(values)}; give rows of equal length") from None
+        raise InputError(f"the {name} are {shown(values)}. Give rows of equal length") from None
 
 
 def numbers_of(values: ArrayLike, name: str) -> NDArray[np.float64]:
@@ -149,7 +149,7 @@ def numbers_of(values: ArrayLike, name: str) -> NDArray[np.float64]:
             return array.astype(np.float64, copy=False)
     except (TypeError, ValueError):  # ragged, or a type that NumPy cannot convert
         pass
-    raise InputError(f"the {name} are {shown(values)}; give numbers")
+    raise InputError(f"the {name} are {shown(values)}. Give numbers")
 
 
 def voxel_indices(values: ArrayLike, name: str) -> NDArray[np.int64]:
@@ -157,7 +157,7 @@ def voxel_indices(values: ArrayLike, name: str) -> NDArray[np.int64]:
     array = np.asarray(values)
     if array.ndim != 2 or array.shape[1] != 3 or array.dtype.kind not in "ui":
         raise InputError(
-            f"{name} must be voxel indices (integers) of shape (m, 3), but have data type {array.dtype} and shape "
+            f"{name} must be voxel indices (integers) of shape (m, 3), but got data type {array.dtype} and shape "
             f"{array.shape}"
         )
     return np.ascontiguousarray(array, dtype=np.int64)
@@ -167,7 +167,7 @@ def refuse(method: str, **options: object) -> None:
     """Raise an error unless all options, which this method or kind of distance does not have, are None."""
     for name, value in options.items():
         if value is not None:
-            raise InputError(f"the method {method!r} does not have the option {name}. Do not pass it")
+            raise InputError(f"the method {method!r} does not have the option {name}. Omit it")
 
 
 _MMAP_THRESHOLD, _ARENA_MAX = -3, -8  # M_MMAP_THRESHOLD and M_ARENA_MAX of glibc's malloc.h
@@ -256,7 +256,7 @@ def checked_limit(limit: int | None) -> int | None:
     if limit is None:
         return None
     if not is_number(limit) or not math.isfinite(limit):
-        raise InputError(f"the memory limit is {shown(limit)}; give a number of bytes")
+        raise InputError(f"the memory limit is {shown(limit)}. Give a number of bytes")
     return int(limit)
 
 

@@ -148,7 +148,7 @@ def test_the_map_is_saved_whatever_becomes_of_the_terminal(folder, where):
         ("surface sheet.npy --label 7 -o s.ply", 1, "no voxel has label 7", "the volume has labels 1"),
         ("image m.npz --heat-map -o m.bmp", 1, "cannot write m.bmp", "Choose a name that ends in"),
         ("texture m.npz -o m.obj", 2, "Missing argument 'PICTURE'", None),
-        ("flatten lh.white --label 3 -o m.npz", 1, "label does not apply", "Do not pass it"),
+        ("flatten lh.white --label 3 -o m.npz", 1, "label does not apply", "Omit it"),
         ("path lh.white 0", 2, "Give at least two stops.", None),
         ("demo -o lh.white", 1, "lh.white", None),
     ],

@@ -35,8 +35,8 @@ def test_distances_on_a_sphere(rows, solver, worst):
 
 
 def test_an_unknown_solver_is_named(ball):
-    refused("'heat'; give 'graph', 'marching', 'exact' or 'chain'", ball.geodesic, 5, geodesic="heat")
-    refused("'heat'; give 'graph', 'marching', 'exact', 'edges' or 'chain'", ball.path, 0, 5, geodesic="heat")
+    refused("'heat'. Give 'graph', 'marching', 'exact' or 'chain'", ball.geodesic, 5, geodesic="heat")
+    refused("'heat'. Give 'graph', 'marching', 'exact', 'edges' or 'chain'", ball.path, 0, 5, geodesic="heat")
     refused("link_lengths", ball.geodesic, 5, geodesic="exact", link_lengths="euclidean")
 
 

@@ -170,7 +170,7 @@ def spoil(path, at, value=b"\xff"):
 
 def test_damaged_rows_are_found_and_mended(stored, expected, log):
     spoil(stored.store / "rows.npy", -5)
-    refused(r"store: the rows 39 do not match .* Measure again", voxflat.open_rows(stored.store).verify)
+    refused(r"store: some rows \(39\) do not match .* Measure again", voxflat.open_rows(stored.store).verify)
     log.clear()
     np.testing.assert_array_equal(SURFACE.geodesic(SOURCES, store=stored.store), expected)
     (warning,) = [record.getMessage() for record in log.records if record.levelno >= logging.WARNING]
@@ -299,7 +299,7 @@ def test_other_directories_and_files_are_refused_and_left_alone(tmp_path):
     (tmp_path / "thesis").mkdir()
     (tmp_path / "thesis" / "chapter.tex").write_text("much work")
     (tmp_path / "file").write_text("a file")
-    other = r"is not a store, but has files \(chapter.tex\). Pass a new or empty directory"
+    other = r"is not a store, but contains files \(chapter.tex\). Pass a new, empty directory"
     for name, message in (("thesis", other), ("file", "is a file. Pass a directory")):
         refused(message, SURFACE.geodesic, SOURCES, store=tmp_path / name)
         refused("not a store", voxflat.open_rows, tmp_path / name)
@@ -309,7 +309,7 @@ def test_other_directories_and_files_are_refused_and_left_alone(tmp_path):
     assert names(tmp_path) == ["file", "thesis"]
     assert (tmp_path / "thesis" / "chapter.tex").read_text() == "much work"
     for store in ("", 5):
-        refused("give the name of a file or directory", SURFACE.geodesic, SOURCES, store=store)
+        refused("Give a path to a file or directory", SURFACE.geodesic, SOURCES, store=store)
 
 
 @pytest.mark.skipif(getattr(os, "geteuid", int)() == 0, reason="root may write everywhere")
@@ -368,7 +368,7 @@ def test_the_command_measures_and_goes_on(tmp_path):
     assert told == {"store": str(tmp_path / "store"), "shape": [40, 600], "bytes": 96000}
     assert "40 rows were already in the store" in again.stderr
     assert run(*command, "--quiet").output == ""
-    fail(1, "holds other distances", *command, "--radius", 9, "--seed-point", "9,9,1")
+    fail(1, "contains other distances", *command, "--radius", 9, "--seed-point", "9,9,1")
 
 
 def test_flatten_keeps_its_rows(tmp_path):

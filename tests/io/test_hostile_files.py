@@ -347,7 +347,7 @@ def test_numbers_of_other_sizes(tmp_path, flat_map, atlas, floats, integers):
 
 def test_whole_numbers_beyond_those_of_a_map(tmp_path, flat_map):
     path = changed(flat_map, tmp_path / "map.npz", other("bridges", lambda _: np.full((1, 3), 2**63, np.uint64)))
-    refuses(path, r"its array bridges has values outside -9223372036854775808 to", voxflat.load)
+    refuses(path, r"its array bridges has values outside the range -9223372036854775808 to", voxflat.load)
 
 
 @pytest.mark.parametrize("area", [0, -1, np.nan, np.inf])
@@ -383,8 +383,8 @@ def test_cuts_in_a_damaged_gzip(tmp_path):
 @pytest.mark.parametrize(
     ("name", "text", "message"),
     [
-        ("lh.V1.label", "#!ascii\n1\ninf 0 0 0 0\n", "line 3 is point inf, but the surface has points 0 to 63"),
-        ("lh.V1.label", "#!ascii\n1\nnan 0 0 0 0\n", "line 3 is point nan, but the surface has points 0 to 63"),
+        ("lh.V1.label", "#!ascii\n1\ninf 0 0 0 0\n", "line 3 names point inf, but the surface has points 0 to 63"),
+        ("lh.V1.label", "#!ascii\n1\nnan 0 0 0 0\n", "line 3 names point nan, but the surface has points 0 to 63"),
         ("v.txt", "# nothing\n", "has 0 values, but the surface has 64 points"),
     ],
 )
@@ -533,7 +533,7 @@ def test_numbers_of_patches_and_labels_that_are_none_are_refused_without_a_warni
     names = nib.cifti2.LabelAxis(["a"], [{0: ("x", (0, 0, 0, 0))}])
     nib.save(nib.Cifti2Image(np.full((1, 64), np.inf, np.float32), (names, brain)), tmp_path / "v.dlabel.nii")
     with warnings_as_errors():
-        refuses(tmp_path / "lh.patch", r"entry 0 of the patch, \[nan, nan, nan\], is not finite", read_patch)
+        refuses(tmp_path / "lh.patch", r"position of patch entry 0, \[nan, nan, nan\], is not finite", read_patch)
         refuses(tmp_path / "v.dlabel.nii", "label inf is not", read_overlay, 64)
 
 

@@ -207,7 +207,7 @@ def test_what_memory_may_not_hold(tmp_path, monkeypatch):
     ("old", "new", "message"),
     [
         ('NumberOfDataArrays="2"', 'NumberOfDataArrays="3"', "has 2 arrays, but its header specifies 3"),
-        ('Dim0="42"', 'Dim0="43"', "array 1 ends after 504 of 516 bytes"),
+        ('Dim0="42"', 'Dim0="43"', "array 1 ends after 504 of the 516 bytes"),
         ('Encoding="GZipBase64Binary"', 'Encoding="Rot13"', "Rot13"),
     ],
 )

@@ -111,7 +111,7 @@ def test_bad_arrays():
     refused(r"point 1 has the coordinates \[0.0, nan, 0.0\]", Mesh, [[0, 0, 0], [0, np.nan, 0], [0, 0, np.inf]], face)
     refused("point 2 has the coordinates", Mesh, [[0, 0, 0], [0, 0, 0], [0, 0, -np.inf]], face)
     arrays, three = (grid().points, grid().faces), np.zeros((3, 2))
-    refused(r"have shape \(3, 2\). Pass shape \(16, 2\)", Mesh, *arrays, texture_coordinates=three)
+    refused(r"have shape \(3, 2\) instead of \(16, 2\)", Mesh, *arrays, texture_coordinates=three)
     refused("point data 'curv' has 3 values, but the surface has 16 points", Mesh, *arrays, point_data={"curv": three})
 
 

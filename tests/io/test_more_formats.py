@@ -111,7 +111,7 @@ def test_images_of_two_files(tmp_path, kind):
     (tmp_path / "pair.img").write_bytes((tmp_path / "pair.img").read_bytes()[:-9])
     refused("ends after 411 of 420 bytes", read_volume, tmp_path / "pair.hdr")
     (tmp_path / "pair.img").unlink()
-    refused(r"has no pair.img beside it", read_volume, tmp_path / "pair.hdr")
+    refused(r"has no companion file pair.img", read_volume, tmp_path / "pair.hdr")
 
 
 @pytest.mark.parametrize(("unit", "factor"), [("micron", 1e-3), ("meter", 1e3), ("mm", 1), ("unknown", 1)])

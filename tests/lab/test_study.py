@@ -162,7 +162,7 @@ def test_names_are_those_of_bids_as_far_as_its_schema_goes(root, compared):
 
 def test_a_directory_of_another_program_is_left_alone(root, tmp_path):
     (tmp_path / "dataset_description.json").write_text('{"GeneratedBy": [{"Name": "fMRIPrep"}]}')
-    for out, told in ((tmp_path, "derivatives of another program"), (root / "bids", "contains the inputs")):
+    for out, told in ((tmp_path, "derivatives of another program"), (root / "bids", "is the input")):
         before = everything(out)
         fail(1, told, "bids", root / "bids", out, "participant")
         assert everything(out) == before

@@ -144,7 +144,7 @@ class TestCifti:
     def test_which_side_has_to_be_known(self, tmp_path):
         cifti(tmp_path / "z.dscalar.nii", nib.cifti2.ScalarAxis(["z"]), at_vertices(0)[None])
         both = "contains CORTEX_LEFT, CORTEX_RIGHT, each with 169 vertices, and the hemi"
-        for structure, told in ((None, both), ("Cerebellum", "CORTEX_RIGHT, but the surface is CEREBELLUM")):
+        for structure, told in ((None, both), ("Cerebellum", "CORTEX_RIGHT, but the surface belongs to CEREBELLUM")):
             refused(told, flattened(structure).image, tmp_path / "z.dscalar.nii")
         cifti(tmp_path / "l.dscalar.nii", nib.cifti2.ScalarAxis(["z"]), at_vertices(0)[None], structures=BOTH[:1])
         assert_shows(flattened(None).image(tmp_path / "l.dscalar.nii"), 0)

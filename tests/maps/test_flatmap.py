@@ -134,7 +134,7 @@ class TestImage:
         np.testing.assert_allclose(np.diff(means), [3, 2], atol=0.1)
 
     def test_a_sheet_has_no_depth(self, sheet_map):
-        told = "depth is 1 mm, but this one-voxel-thick surface has no outside"
+        told = "depth is 1 mm, but a surface that is one voxel thick has no outside"
         refused(told, sheet_map.image, np.ones((42, 32, 3)), depth=1)
 
     def test_unfit_volumes(self, sheet_map):

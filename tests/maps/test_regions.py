@@ -122,7 +122,7 @@ class TestVoxels:
         assert np.count_nonzero(found) * 0.125 == pytest.approx(np.pi * 100 * 1.5 * (21.25 / 20) ** 2, rel=0.03)
         refused(r"has no pial surface. Pass depth", regions.volume, grid)
         refused(r"depth is 2 to 1 mm. Pass two finite numbers, the smaller one", regions.volume, grid, depth=(2, 1))
-        refused("the depth is None; give a number", regions.volume, grid, depth=(None, 1.0))
+        refused("the depth is None. Give a number", regions.volume, grid, depth=(None, 1.0))
 
     def test_the_flattened_volume_is_the_default(self, tmp_path):
         i, j, k = np.indices((24, 24, 24)) - 11.5
@@ -162,7 +162,7 @@ class TestFiles:
         np.testing.assert_array_equal(np.sort(vertices), np.flatnonzero(one.vertex_labels))
         rows = np.loadtxt(tmp_path / "lh.V1.label", skiprows=2)
         np.testing.assert_allclose(rows[:, 1:4], icosphere(INNER, 5)[0][vertices], atol=6e-4)  # on the white one
-        refused(r"a .label file holds one region, not 2", m.regions(drawn(m)).save, tmp_path / "lh.both.label")
+        refused(r"a .label file can store only one region, not 2", m.regions(drawn(m)).save, tmp_path / "lh.both.label")
 
     def test_points_of_a_label_are_tkras(self, tmp_path):
         (points, faces), of = ball(4), header()
@@ -201,7 +201,7 @@ class TestFiles:
         assert "t1.mgz" in json.loads(image.header.extensions[0].get_content())["files"]
         refused("it is an input", regions.save, tmp_path / "t1.mgz", volume=tmp_path / "t1.mgz")
         refused("Pass volume to define the grid", regions.save, tmp_path / "l.nii.gz")
-        refused("Do not pass them", regions.save, tmp_path / "l.annot", volume=grid)
+        refused("Omit them", regions.save, tmp_path / "l.annot", volume=grid)
         refused("Use a name that ends in", regions.save, tmp_path / "l.txt")
 
     @pytest.mark.slow
@@ -310,7 +310,7 @@ class TestDrawings:
         ring = m.regions({"ring": [circle(u, v, 8.0), circle(u, v, 4.0)[::-1]]})
         assert ring.at([[u, v], [u + 6, v], [u + 9, v]]).tolist() == [0, 1, 0]
         both = m.regions([circle(u, v, 8.0), circle(u + 4, v, 8.0)])
-        assert "lie in several regions. They belong to the one drawn last" in caplog.text
+        assert "lie in several regions. They belong to the region drawn last" in caplog.text
         assert both.at([[u - 7, v], [u, v], [u + 11, v]]).tolist() == [1, 2, 2]
         assert both.names == ("region 1", "region 2")
 

@@ -219,7 +219,7 @@ class TestRefusals:
         for name in ("day", "night"):
             polydata.point_data[name] = np.zeros((len(mesh[0]), 3), dtype=np.uint8)
         polydata.save(tmp_path / "face.vtp")
-        told = r"several colours at its vertices \(day, night\). Pass one of them as an array"
+        told = r"several colour arrays at its vertices \(day, night\). Pass one as an array"
         refused(told, flat_map.image, tmp_path / "face.vtp")
 
     def test_options_of_the_material_come_before_the_name(self, mesh, flat_map, tmp_path):

@@ -67,7 +67,7 @@ class TestPlacing:
         assert textured.texture_coordinates.max() > 1
 
     def test_a_picture_that_is_too_small_must_be_repeated(self, cylinder_map):
-        message = r"16 x 16 mm and does not cover the map. Pass repeat, or .* least (\S+) mm"
+        message = r"16 x 16 mm and does not cover the map. Pass repeat=True, or .* least (\S+) mm"
         with pytest.raises(InputError, match=message) as told:
             cylinder_map.textured(chessboard(), texel_size=0.25)
         enough = float(str(told.value).split()[-2])
@@ -124,7 +124,7 @@ class TestPictures:
             (np.full((4, 4), np.nan), "values range from nan to nan. Scale floats to 0 to 1 .without NaN"),
             (np.array([[0.0, 255.0]]), "values range from 0 to 255. Scale floats to 0 to 1"),
             (np.zeros((4, 4), dtype=int), "type int64. Pass uint8 .0 to 255., or floats from 0 to 1"),
-            (np.zeros((4, 4, 2)), r"shape \(4, 4, 2\). Pass \(H, W\), \(H, W, 3\) or \(H, W, 4\)"),
+            (np.zeros((4, 4, 2)), r"shape \(4, 4, 2\). Pass an array of shape \(H, W\), \(H, W, 3\) or \(H, W, 4\)"),
             (np.zeros((0, 4)), r"shape \(0, 4\)"),
             (np.zeros(4), r"shape \(4,\)"),
             (None, r"the picture has shape \(\) and data type object"),
@@ -140,7 +140,7 @@ class TestPictures:
         for damaged in (b"", b"text", whole[:60], whole[:-30]):
             (tmp_path / "bad.png").write_bytes(damaged)
             refused(r"bad.png: .*Check that the file is complete", cylinder_map.textured, tmp_path / "bad.png")
-        refused("is a directory. Pass the name of a file", cylinder_map.textured, tmp_path)
+        refused("is a directory. Pass a path to a file", cylinder_map.textured, tmp_path)
 
     @pytest.mark.parametrize("size", [0, -1, np.nan, np.inf])
     def test_texel_sizes(self, cylinder_map, size):

@@ -215,7 +215,7 @@ def test_what_cannot_be_meant_is_refused(both):
         refused(f"count is {count}", voxflat.worst_places, both, count)
     refused("there is no region 2. Pass a number from 1 to 1", voxflat.worst_places(both, 1, cuts=False).cuts, 2)
     flat_map = voxflat.flatten(np.ones((9, 9, 1), int), method=Grossmann2002(sources=20))
-    refused("no triangles of the surface to measure areas", voxflat.worst_places, flat_map)
+    refused("no triangles on which to measure areas", voxflat.worst_places, flat_map)
 
 
 def test_figures_show_them(both, tmp_path):

@@ -109,7 +109,7 @@ def test_a_start_of_another_surface_is_refused_by_name(known):
     refused("the map has 1600 points, but the surface has 1681 vertices", begun, known.uv[:1600])
     other = known.uv.copy()
     other[7] = np.nan
-    told = r"does not contain 3 of the 3200 triangles to be flattened, such as the triangle of vertices \[\d"
+    told = r"does not contain 3 of the 3200 triangles to be flattened \(for example, the triangle of vertices \[\d"
     refused(told, begun, other, relax=False)
 
 

@@ -35,13 +35,13 @@ class TestFlatten:
     @pytest.mark.parametrize(
         ("options", "message"),
         [
-            ({"sampling": "best"}, "is 'best'; give 'decimation', 'farthest', 'curvature', 'random' or 'grid'"),
+            ({"sampling": "best"}, "is 'best'. Give 'decimation', 'farthest', 'curvature', 'random' or 'grid'"),
             ({"sampling": "grid"}, "is not a range image. Create one with voxflat.range_image"),
             ({"sampling": "grid", "sources": [1, 5, 9]}, "chooses the sources itself"),
             ({"sources": 2}, "2 sources are too few. Pass at least 3"),
             ({"sources": [4, 4, 9]}, "source 4 is given 2 times"),
             ({"rows": "directory"}, "cannot write a store"),
-            ({"method": "voxflat", "sampling": "decimation"}, "give 'farthest', 'curvature' or 'random'"),
+            ({"method": "voxflat", "sampling": "decimation"}, "Give 'farthest', 'curvature' or 'random'"),
         ],
     )
     def test_wrong_options_are_named(self, options, message):
@@ -131,12 +131,12 @@ class TestRangeImage:
     @pytest.mark.parametrize(
         ("arguments", "message"),
         [
-            ({"depth": np.zeros(5)}, r"depth has shape \(5,\). Pass an image"),
-            ({"depth": np.zeros((1, 9))}, r"depth has shape \(1, 9\). Pass an image"),
+            ({"depth": np.zeros(5)}, r"depth has shape \(5,\). Pass an array"),
+            ({"depth": np.zeros((1, 9))}, r"depth has shape \(1, 9\). Pass an array"),
             ({"depth": np.zeros((3, 3, 3))}, r"depth has shape \(3, 3, 3\)"),
-            ({"depth": np.zeros((3, 3), complex)}, "depth has type complex128. Pass real numbers"),
-            ({"depth": np.array([["a", "b"], ["c", "d"]])}, "depth has type <U1. Pass real numbers"),
-            ({"depth": [[1, 2], [3]]}, "rows have different lengths"),
+            ({"depth": np.zeros((3, 3), complex)}, "depth has data type complex128. Pass real numbers"),
+            ({"depth": np.array([["a", "b"], ["c", "d"]])}, "depth has data type <U1. Pass real numbers"),
+            ({"depth": [[1, 2], [3]]}, "the rows of depth have different lengths"),
             ({"depth": np.array([[1, np.inf], [2, 3]])}, "row 0, column 1 is inf mm. Pass NaN"),
             ({"depth": np.array([[1, 2], [-1e30, 3]])}, r"row 1, column 0 is -1e\+30 mm"),
             ({"depth": np.full((4, 4), np.nan)}, r"no triangle .* \(0 of 16 pixels have a depth\)"),
@@ -148,7 +148,7 @@ class TestRangeImage:
             ({"spacing": (1, np.inf)}, r"spacing is \(1, inf\) mm. Pass numbers"),
             ({"spacing": (1, 2, 3)}, r"spacing is \(1, 2, 3\). Pass one number"),
             ({"spacing": "1"}, "spacing is '1'. Pass one number"),
-            ({"mask": np.ones((2, 2))}, r"mask has shape \(2, 2\), but depth has \(9, 9\)"),
+            ({"mask": np.ones((2, 2))}, r"the shapes of mask \(2, 2\) and depth \(9, 9\) differ"),
             ({"mask": np.full((9, 9), 7)}, r"mask \(int64\) has values other than 0 and 1"),
             ({"mask": np.zeros((9, 9), bool)}, r"no triangle .* \(0 of 81 pixels"),
             ({"jump": 0.0}, "jump is 0.0 mm. Pass a positive"),

@@ -200,7 +200,7 @@ def test_values_without_their_surface_say_what_to_open(subject, viewer, last_of,
     shutil.copy(subject / "surf" / "lh.thickness", tmp_path)
     viewer.open(str(tmp_path / "lh.thickness"), plugin="voxflat")
     assert not viewer.layers
-    assert "Open the surface (such as lh.white) first" in messages[-1].message
+    assert "Open it first (for example, lh.white)" in messages[-1].message
     points, faces, _ = bumps()
     viewer.add_surface((points[:-1], faces[(faces < len(points) - 1).all(axis=1)]), name="other")
     viewer.open(str(tmp_path / "lh.thickness"), plugin="voxflat")

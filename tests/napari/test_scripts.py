@@ -108,7 +108,7 @@ def test_a_click_copies_the_script(open_widget, qtbot, messages, monkeypatch, tm
     viewer.layers["sheet"].data_setitem((np.array([0]),) * 3, 9)
     messages.clear()
     widget.results.copy.click()
-    assert "have changed since" in messages[-1].message
+    assert "were changed after" in messages[-1].message
     viewer.layers["sheet distortion"].metadata["voxflat"].save(tmp_path / "map.voxflat")
     open_file(viewer, qtbot, tmp_path / "map.voxflat")
     assert not widget.results.copy.isVisibleTo(widget)  # its script is unknown

@@ -86,7 +86,7 @@ def test_what_is_damaged_or_no_surface_is_refused(ball, tmp_path):
     (tmp_path / "map.voxflat").write_bytes(b"rubbish")
     for name in ("lh.pial", "map.voxflat"):
         refused(name, pv.read, tmp_path / name)
-    wrong = r"grid\.surf\.gii: cannot store the UnstructuredGrid. Convert it to triangles"
+    wrong = r"grid\.surf\.gii: cannot save the UnstructuredGrid. Convert it to triangles"
     refused(wrong, ball.cast_to_unstructured_grid().save, tmp_path / "grid.surf.gii")
     refused(r"flat\.gii", ball.save, tmp_path / "flat.gii")
     assert sorted(path.name for path in tmp_path.iterdir()) == ["lh.pial", "map.voxflat"]

@@ -221,7 +221,7 @@ def test_keep_is_an_array_of_the_mesh():
     assert_array_equal(flat.point_data["vertex_ids"], mask.point_data["vertex_ids"])
     assert not mesh.voxflat(method=Voxflat(sources=40), drop="right").point_data["right"].any()
     refused("contains no triangle", mesh.voxflat, keep=np.zeros(mesh.n_points, dtype=bool))
-    refused(r"'misspelt' is neither an array of the points nor a file.*right", mesh.voxflat, drop="misspelt")
+    refused(r"'misspelt' is neither a point array nor a file.*right", mesh.voxflat, drop="misspelt")
 
 
 def test_arrays_of_both_sides_of_a_cut():
@@ -249,7 +249,7 @@ def test_lines_beside_triangles_are_left_out():
 
 def test_what_means_nothing_for_a_mesh_is_refused():
     mesh = bumpy()
-    refused("scalars is 'height', but a mesh is flattened without scalars", mesh.voxflat, "height")
+    refused("scalars is 'height', but this option applies only to images", mesh.voxflat, "height")
     refused("label does not apply when the input is a mesh", mesh.voxflat, label=1)
     for call in (mesh.voxflat.volume, lambda: mesh.voxflat.voxel_at((0, 0, 0))):
         refused("the PolyData is not a volume", call)
@@ -276,7 +276,7 @@ def test_numbers_are_those_of_the_datasets_points():
     with pytest.raises(InputError, match=f"seed_point: point {inside} is not on the surface of the RectilinearGrid"):
         solid.voxflat(seed_point=inside, radius=2.0)
     refused("Extract its surface first", pv.ImageData(dimensions=(3, 3, 3)).voxflat.geodesic, 0)
-    refused("UnstructuredGrid of 0 cells has no faces to flatten", pv.UnstructuredGrid().voxflat)
+    refused("UnstructuredGrid with 0 cells has no faces to flatten", pv.UnstructuredGrid().voxflat)
 
 
 def test_distances_and_paths_along_a_grid():
@@ -303,7 +303,7 @@ def test_blocks_are_flattened_one_by_one(capsys):
     assert flat["nothing"] is None
     assert flat["more"]["bumps"].n_points == bumpy().n_points
     assert "100%" in capsys.readouterr().err
-    with pytest.raises(InputError, match="block 'points': the PolyData of 4 cells has no faces"):
+    with pytest.raises(InputError, match="block 'points': the PolyData with 4 cells has no faces"):
         pv.MultiBlock({"points": pv.PolyData(np.eye(4, 3))}).voxflat()
 
 
@@ -315,9 +315,9 @@ def test_results_of_blocks_within_blocks_are_named_by_their_path():
     assert measured["more"]["none"] is None
     flat_maps = blocks.voxflat.flatten(method=Voxflat(sources=10))
     assert list(flat_maps) == list(blocks.voxflat.check()) == ["tube", "more/bumps"]
-    with pytest.raises(InputError, match="Give a MultiBlock with one map for each of the 2 blocks"):
+    with pytest.raises(InputError, match="Pass a MultiBlock with one map for each of the 2 blocks"):
         blocks.voxflat.measure(pv.MultiBlock([flat["tube"]]))
-    refused("the maps are PolyData. Give a MultiBlock", blocks.voxflat.measure, flat["tube"])
+    refused("got PolyData for the maps. Pass a MultiBlock", blocks.voxflat.measure, flat["tube"])
 
 
 def test_verbs_of_one_surface_are_refused_for_blocks():
@@ -334,7 +334,7 @@ def test_verbs_of_one_surface_are_refused_for_blocks():
     for _ in range(2):
         twice.append(pv.Plane(), "plane")
     refused("two blocks have the name 'plane'", twice.voxflat.check)
-    with pytest.raises(InputError, match="block 'table' is a Table, which does not have a surface"):
+    with pytest.raises(InputError, match="block 'table' has type Table, which has no surface"):
         pv.MultiBlock({"table": pv.Table({"a": np.arange(2)})}).voxflat()
 
 

@@ -87,7 +87,7 @@ def test_places_that_are_none_are_refused(caplog):
         (pv.Sphere().get_cell(3), "the cell is not on the surface"),
     ):
         refused(message, grid.voxflat.geodesic, bad)
-    refused(r"seed_point is \[1, 2, 3\]. Pass the number of one", grid.voxflat, seed_point=(1, 2, 3), radius=3.0)
+    refused(r"seed_point is \[1, 2, 3\]. Pass one point number", grid.voxflat, seed_point=(1, 2, 3), radius=3.0)
     with caplog.at_level(logging.WARNING, logger="voxflat"):
         grid.voxflat.geodesic([0.0, 0.0, 80.0])
     assert "the position [0.0, 0.0, 80.0] is 72.73 away from the surface" in caplog.text
@@ -209,7 +209,7 @@ def test_maps_of_other_surfaces_are_refused(ball, flat_ball):
         ((points[:, 0], faces, ids), "the map is an array of shape"),
         ((points, faces + len(points), ids), "the triangles of the map refer to points"),
         ((points, faces[:, :2], ids), "the triangles of the map are"),
-        ((points, faces, ids[1:]), "Pass one number per point"),
+        ((points, faces, ids[1:]), "Pass one vertex number per point"),
         ((points, faces, ids + 10**6), "vertex 1000000 of the map is not"),
         ((points * np.nan, faces, ids), "not flat or not finite"),
     ):
@@ -337,7 +337,7 @@ def test_a_film_goes_there_and_back(flat, tmp_path):
     assert apart[2][4] < 0.1 * apart[0][3]
     refused("cannot write unfold.avi: .* Use a name that ends in .mp4 or .gif", morph.save, tmp_path / "unfold.avi")
     refused("fps is 0", morph.save, tmp_path / "other.gif", fps=0)
-    refused("even numbers", morph.save, tmp_path / "unfold.mp4", window_size=(101, 96))
+    refused("that are even", morph.save, tmp_path / "unfold.mp4", window_size=(101, 96))
     if importlib.util.find_spec("imageio_ffmpeg"):
         morph.save(tmp_path / "unfold.mp4", window_size=(96, 96))
         import imageio_ffmpeg

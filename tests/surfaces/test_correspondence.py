@@ -140,7 +140,7 @@ class TestOverlays:
 
     @pytest.mark.parametrize("name", ["curv", "sulc", "thickness"])
     def test_the_other_sides(self, flat, brain, name):
-        message = rf"rh\.{name}: belongs to CortexRight, but the surface is CortexLeft. Pass .* array"
+        message = rf"rh\.{name}: belongs to CortexRight, but the surface belongs to CortexLeft. Pass .* array"
         refused(message, flat.image, brain / f"rh.{name}")
         values = nib.freesurfer.read_morph_data(brain / f"rh.{name}")
         assert np.isfinite(flat.image(values).data).any()  # what is meant is taken

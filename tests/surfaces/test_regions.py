@@ -58,7 +58,7 @@ def test_older_freesurfer_values(tmp_path):
     ("name", "content", "message"),
     [
         ("s.npy", b"hello", "is not a NumPy array"),
-        ("lh.curv", b"hello", "is not in a known format of values"),
+        ("lh.curv", b"hello", "is not in a known format for values"),
         ("lh.white", b"\xff\xff\xfehello", "does not contain values at points: its content is FreeSurfer surface"),
         ("s.mgh", b"hello", "is not an MGH file"),
         ("s.mgh", struct.pack(">6i", 1, 5, 1, 1, 1, 3), "specifies the shape .5, 1, 1, 1., but the file ends after 24"),
@@ -80,7 +80,7 @@ def test_an_array_of_objects_is_not_unpickled(tmp_path):
     np.save(tmp_path / "s.npy", np.array([print], dtype=object), allow_pickle=True)
     refuses(tmp_path / "s.npy", "", read_overlay, 1)
     np.save(tmp_path / "s.npy", np.zeros(3, complex))
-    refuses(tmp_path / "s.npy", r"values have type complex128 and shape \(3,\)", read_overlay, 3)
+    refuses(tmp_path / "s.npy", r"values have data type complex128 and shape \(3,\)", read_overlay, 3)
 
 
 def test_annotations(tmp_path):
@@ -138,9 +138,9 @@ LABEL = "#!ascii label  , from subject bert vox2ras=TkReg\n{}\n{}"
         ("2", "4 0 0 0 0\n", "lists 1 points, but its header specifies 2"),
         ("1", "4 0 0 0 0\n5 0 0 0 0\n", "lists 2 points, but its header specifies 1"),
         ("two", "4 0 0 0 0\n", "second line is not the number"),
-        ("1", "9 0 0 0 0\n", "line 3 is point 9, but the surface has points 0 to 5"),
-        ("2", "1 0 0 0 0\n-1 0 0 0 0\n", "line 4 is point -1"),
-        ("1", "1.5 0 0 0 0\n", "line 3 is point 1.5"),
+        ("1", "9 0 0 0 0\n", "line 3 names point 9, but the surface has points 0 to 5"),
+        ("2", "1 0 0 0 0\n-1 0 0 0 0\n", "line 4 names point -1"),
+        ("1", "1.5 0 0 0 0\n", "line 3 names point 1.5"),
         ("1", "one 0 0 0 0\n", "one"),
     ],
 )
@@ -207,11 +207,11 @@ def entries(*rows):
         (struct.pack(">2i", -1, -7), "its header is damaged: it specifies -7 points"),
         (struct.pack(">2i", -1, 2**31 - 1), "but the file ends after 8 of"),
         (entries((1, 0, 0, 0))[:-1], "its header specifies 1 points, but the file ends after 23 of 24 bytes"),
-        (entries((1, 0, 0, 0)) + b"\0", "the file is 1 bytes longer"),
+        (entries((1, 0, 0, 0)) + b"\0", "the file has 1 extra bytes"),
         (entries((1, 0, 0, 0), (0, 0, 0, 0)), "entry 1 refers to vertex 0, but patch files count from 1"),
         (entries((1, 0, 0, 0), (-1, 0, 0, 0)), "entry 1 of the patch repeats vertex 0"),
-        (entries((1, 0, 0, 0), (2, 0, float("nan"), 0)), r"entry 1 of the patch, \[0.0, nan, 0.0\], is not finite"),
-        (entries(), "vertices have type .*Pass whole numbers"),
+        (entries((1, 0, 0, 0), (2, 0, float("nan"), 0)), r"of patch entry 1, \[0.0, nan, 0.0\], is not finite"),
+        (entries(), "vertices have data type .*Pass an integer"),
     ],
 )
 def test_bad_patches(tmp_path, data, message):
@@ -223,9 +223,9 @@ def test_bad_patches(tmp_path, data, message):
 @pytest.mark.parametrize(
     ("arrays", "message"),
     [
-        (([0, -1], np.zeros((2, 3)), [True, False]), "entry 1 of the patch is vertex -1. Number vertices from 0"),
+        (([0, -1], np.zeros((2, 3)), [True, False]), "entry 1 of the patch refers to vertex -1. Number vertices"),
         (([0.0], np.zeros((1, 3)), [True]), "float64"),
-        (([0], np.zeros((2, 3)), [True]), r"Pass shapes \(1, 3\) and \(1,\)"),
+        (([0], np.zeros((2, 3)), [True]), r"Pass arrays of shape \(1, 3\) and \(1,\)"),
         (([3, 0, 3], np.zeros((3, 3)), [True] * 3), "entry 2 of the patch repeats vertex 3"),
     ],
 )
@@ -253,5 +253,5 @@ def test_faces_and_border_of_a_patch():
     assert patch_faces(mesh.faces, [3, 17], 25).shape == (0, 3)
     assert not patch_border(sphere().faces, np.arange(42), 42).any()
     for function in (patch_faces, patch_border):
-        refused("entry 1 of the patch is vertex 25, but the surface has 25 points", function, mesh.faces, [0, 25], 25)
-        refused(r"face 0 is \[0, 5, 1\], but the surface has the points 0 to 3", function, mesh.faces, [0], 4)
+        refused("the patch refers to vertex 25, but the surface has 25 points", function, mesh.faces, [0, 25], 25)
+        refused(r"face 0 is \[0, 5, 1\], but the surface has points 0 to 3", function, mesh.faces, [0], 4)

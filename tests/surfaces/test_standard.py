@@ -230,12 +230,12 @@ def test_spheres_that_do_not_belong_to_the_surface_are_refused(subject, sphere, 
         (subject / "none", "the file does not exist"),
         (3, "sphere has type int"),
         ("lh.white", "the file does not exist"),
-        (tmp_path / "rh.sphere.reg", "is a right hemisphere, but the surface is a left one"),
+        (tmp_path / "rh.sphere.reg", "is for the right hemisphere, but the surface is for the left one"),
         (tmp_path / "lh.sphere.reg", "shares only"),
     ):
         refused(reason, sphere_of, whole, given)
     ball = 30 * icosphere(4)[0], icosphere(4)[1]
-    refused("not a hemisphere of a cortex", voxflat.surface(ball).cut, cuts="standard")
+    refused("not a cortical hemisphere", voxflat.surface(ball).cut, cuts="standard")
     refused("sphere", voxflat.flatten, np.ones((3, 3, 3)), method="grossmann2002", sphere=sphere)
 
 

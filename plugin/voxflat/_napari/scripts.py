@@ -48,7 +48,7 @@ class Recipe:
     def script(self, folder: Path | None = None) -> str:
         """Return a script; data that are not in a file are saved in a folder. Raises InputError if layers changed."""
         if _fingerprints(self._job) != self._fingerprints:
-            raise InputError("Layers of this run have changed since it finished. Flatten again, then copy the script")
+            raise InputError("Layers of this run were changed after it finished. Flatten again, and copy the script")
         return _Script(self._job, folder).text()
 
 

@@ -270,8 +270,9 @@ class BlocksAccessor:
         """Apply an operation to each block, and to the block at the same position in another MultiBlock."""
         if beside is not None and not (isinstance(beside, pv.MultiBlock) and len(beside) == len(self._blocks)):
             given = f"{len(beside)} blocks" if isinstance(beside, pv.MultiBlock) else type(beside).__name__
-            remedy = f"Give a MultiBlock with one map for each of the {len(self._blocks)} blocks"
-            raise InputError(f"the maps are {given}. {remedy}")
+            raise InputError(
+                f"got {given} for the maps. Pass a MultiBlock with one map for each of the {len(self._blocks)} blocks"
+            )
         made = pv.MultiBlock()
         for name, block, one in zip(self._blocks.keys(), self._blocks, beside or self._blocks, strict=True):
             made.append(None if block is None else _applied(name, block, verb, one), name)
@@ -295,7 +296,7 @@ class BlocksAccessor:
 def _applied(name: str, block: object, verb: Callable[..., Any], *beside: object) -> Any:
     """Apply an operation to a block; errors name the block."""
     if not isinstance(block, pv.DataSet | pv.MultiBlock):
-        raise InputError(f"block {name!r} is a {type(block).__name__}, which does not have a surface. Remove it")
+        raise InputError(f"block {name!r} has type {type(block).__name__}, which has no surface. Remove the block")
     try:
         return verb(BlocksAccessor(block) if isinstance(block, pv.MultiBlock) else VoxflatAccessor(block), *beside)
     except InputError as error:

@@ -48,8 +48,10 @@ class ExtractedSurface:
             numbered = pv.wrap(outside.GetOutput())
         triangles = numbered.triangulate()
         if not triangles.n_cells:
-            given = f"the {type(dataset).__name__} of {dataset.n_cells} cells"
-            raise InputError(f"{given} has no faces to flatten. Pass a dataset with a surface")
+            raise InputError(
+                f"the {type(dataset).__name__} with {dataset.n_cells} cells has no faces to flatten. "
+                "Pass a dataset with a surface"
+            )
         # VTK duplicates the points at the edges of a grid, once for each adjacent side
         point_ids, first, row = np.unique(triangles.point_data[_POINT], return_index=True, return_inverse=True)
         faces = row.reshape(-1)[triangles.regular_faces]
@@ -67,7 +69,7 @@ class ExtractedSurface:
         found = self.points(seed, name)
         if found.ndim:
             given = np.asarray(seed).tolist()
-            raise InputError(f"{name} is {given}. Pass the number of one point, or a position of three floats")
+            raise InputError(f"{name} is {given}. Pass one point number, or one position (three floats)")
         return int(found)
 
     def points(self, seeds: object, name: str) -> NDArray[np.int64]:
@@ -80,7 +82,7 @@ class ExtractedSurface:
         if wanted.dtype.kind == "f":
             return self._nearest(wanted, name)
         if wanted.dtype.kind not in "iu":
-            raise InputError(f"{name} is of type {wanted.dtype}. Pass point numbers, positions (three floats) or cells")
+            raise InputError(f"{name} has data type {wanted.dtype}. Pass point numbers, positions (x, y, z) or cells")
         on_surface = np.full(self.dataset.n_points, -1, dtype=np.int64)
         on_surface[self.point_ids] = np.arange(len(self.point_ids))
         inside = (wanted >= 0) & (wanted < len(on_surface))

@@ -36,8 +36,10 @@ def write(dataset: pv.DataSet, path: str) -> None:
     """Write triangles as ``.surf.gii`` for ``mesh.save``; the map of a mesh keeps its vertex numbers."""
     with naming(path, "can this format hold it?"):
         if not isinstance(dataset, pv.PolyData) or not dataset.is_all_triangles:
-            remedy = "Convert it to triangles: mesh.extract_surface().triangulate()"
-            raise InputError(f"cannot store the {type(dataset).__name__}. {remedy}")
+            raise InputError(
+                f"cannot save the {type(dataset).__name__}. Convert it to triangles: "
+                "mesh.extract_surface().triangulate()"
+            )
         whole = Mesh(np.asarray(dataset.points), np.asarray(dataset.regular_faces))
         write_mesh(path, _of_map(dataset) if is_map(dataset) else whole)
 

@@ -106,7 +106,7 @@ class Inputs:
         if self._is_image:
             raise InputError("an ImageData is not a surface. Extract its surface first: image.voxflat.surface()")
         if scalars is not None:
-            raise InputError(f"scalars is {scalars!r}, but a mesh is flattened without scalars. Omit scalars")
+            raise InputError(f"scalars is {scalars!r}, but this option applies only to images. Omit scalars")
         return ExtractedSurface.of(self._mesh)
 
     def _source(self, scalars: str | None) -> tuple[ExtractedSurface | None, Any]:
@@ -184,7 +184,7 @@ class Inputs:
             return mask
         if not os.path.exists(region):
             there = ", ".join(names) or "none"
-            raise InputError(f"{region!r} is neither an array of the points nor a file. Available arrays: {there}")
+            raise InputError(f"{region!r} is neither a point array nor a file. Available arrays: {there}")
         return region
 
 

@@ -212,7 +212,7 @@ class Morph(Sequence[pv.PolyData]):
         if not is_number(fps) or not 0 < fps <= 100:
             raise InputError(f"fps is {fps!r}. Pass a number greater than 0 and at most 100")
         if any(side % 2 for side in window_size):
-            raise InputError(f"window_size is {window_size}. Pass even numbers of pixels for a movie")
+            raise InputError(f"window_size is {window_size}. For a movie, pass a width and a height that are even")
         check_movie(path)
         plotter, moved = self._view(scalars, cmap, clim, window_size=window_size, off_screen=True)
         shares = [number / (self._n - 1) for number in [*range(self._n), *range(self._n - 2, 0, -1)]]

@@ -486,5 +486,5 @@ class Verbs(Inputs):
             return self(progress_bar=progress_bar, **options)
         if options:
             names = ", ".join(options)
-            raise InputError(f"{names}: the mesh is already a flat map. Omit these options, or flatten the surface")
+            raise InputError(f"{names}: the mesh is already a flat map. Omit these options, or flatten its surface")
         return self._mesh  # type: ignore[return-value]

@@ -505,11 +505,11 @@ def _checked(arrays: dict[str, NDArray[Any]], metadata: dict[str, Any]) -> dict[
     pieces = len(starts) - 1
     is_split = pieces >= 1 and starts[0] == 0 and starts[-1] == rows and (np.diff(starts) >= 1).all()
     if not is_split or pieces != len(arrays["measured"]):
-        raise InputError(f"its array 'starts' does not match its {len(arrays['measured'])} pieces. {files.AGAIN}")
+        raise InputError(f"its array 'starts' does not match the {len(arrays['measured'])} pieces. {files.AGAIN}")
     files.check_range(arrays, {"faces": points, "vertex_ids": points, "piece_ids": pieces, "uv_faces": rows})
     files.check_range(arrays, {"patch_ids": len(arrays["faces"])})
     if arrays["measured"].shape[1] < 3:
-        raise InputError(f"its figures are incomplete. {files.AGAIN}")
+        raise InputError(f"its array 'measured' is incomplete. {files.AGAIN}")
     areas = arrays["measured"][:, -3].astype(np.float64)
     if not (areas >= 0).all() or not 0 < areas.max() <= FARTHEST**2:
         raise InputError(f"the areas of its pieces are not valid: {shown(areas)} mm². {files.AGAIN}")

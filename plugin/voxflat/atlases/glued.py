@@ -301,7 +301,7 @@ def _edges(faces: NDArray[np.int64], corners: NDArray[np.int64]) -> tuple[NDArra
 def glue(atlas: Atlas, certified: float, bound: float, threads: int | None, progress: Progress | None) -> GluedAtlas:
     """Glue the patches of an atlas whose certificate is C ≤ `certified`; see `FlatAtlas.glue`."""
     if not is_number(bound):
-        raise InputError(f"bound is {shown(bound)}. Pass the greatest factor by which lengths may change")
+        raise InputError(f"bound is {shown(bound)}. Pass the largest factor by which lengths may change")
     threads = checked_threads(threads)
     core, told = _core.Surface.from_triangles(atlas.points, atlas.faces)
     if told["turned"] or told["unused"] or not np.array_equal(core.faces, atlas.faces):

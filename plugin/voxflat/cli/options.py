@@ -53,8 +53,9 @@ def _bytes(ctx: click.Context, param: click.Parameter, value: str | None) -> int
         return None
     match = re.fullmatch(r"(\d+(?:\.\d+)?) *([KMGT]?)(?:iB|B)?", value, re.IGNORECASE)
     if match is None:
-        remedy = "Give a number of bytes, or a number with a unit such as 4G."
-        raise click.BadParameter(f"{value!r} is not an amount of memory. {remedy}")
+        raise click.BadParameter(
+            f"{value!r} is not an amount of memory. Give a number of bytes, or a number with a unit (for example, 4G)."
+        )
     return int(float(match[1]) * 1024 ** " KMGT".index(match[2].upper() or " "))
 
 

@@ -135,7 +135,7 @@ def connected(address: str, *, most: int) -> Iterator[Cluster]:
 
 def _check_version(worker: str, own: str, wanted: str) -> None:
     if own != wanted:
-        raise InputError(f"the worker {worker} has voxflat {own} instead of {wanted}. Install the same version")
+        raise InputError(f"the worker {worker} has voxflat {own} instead of {wanted}. Install version {wanted} on it")
 
 
 def _run(work: Work, item: Any, folder: Path, of: str, threads: int | None) -> Any:

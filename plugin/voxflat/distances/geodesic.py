@@ -47,7 +47,7 @@ def geodesic(
 ) -> DistanceRows:
     """Measure distances over a surface; see `voxflat.Surface.geodesic`."""
     if dask is not None and store is None:
-        raise InputError("dask is given, but the workers have no store to write into. Also pass store")
+        raise InputError("dask requires a store to which the workers can write. Also pass store")
     seed, threads = checked_seed(seed), checked_threads(threads)
     checked_choice(geodesic, "geodesic", (*SOLVERS, "chain"))
     part: Manifold | VoxelGraph
@@ -73,7 +73,7 @@ def geodesic(
         return DistanceRows(rows, part.ids, part.points, chosen.astype(np.int64))
     need = _core.store_memory_need(len(core), choice.count, workers(threads))
     check_memory(need, memory_limit, "use fewer threads")
-    log.info("up to %s of memory will be used for rows in progress", amount(need))
+    log.info("up to %s of memory will be used for the rows being computed", amount(need))
     chosen = choice.made(progress)
     prepared = prepare_store(store, core, part.ids, chosen, **what, progress=progress)
     return stored_rows(prepared, core, chosen, threads, progress)

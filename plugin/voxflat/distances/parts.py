@@ -251,7 +251,7 @@ def _surface(key: str, folder: Path) -> _core.Surface:
         points, faces = (np.asarray(Table.open(folder / f"{name}.npy")) for name in ("points", "faces"))
         core, _ = _core.Surface.from_triangles(points, faces.astype(np.int64))
         if not (np.array_equal(core.points, points) and np.array_equal(core.faces, faces)):
-            raise InputError("the surface differs between processes. Do not pass dask")
+            raise InputError("the surface differs between processes. Omit dask")
         _kept[key] = core
     return _kept[key]
 

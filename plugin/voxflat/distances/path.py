@@ -67,7 +67,7 @@ def path(surface: Manifold, stops: Sequence[Sequence[int] | int], geodesic: str,
         ids, find, space = core.voxels, core.path, Space._of(graph.metadata)
     else:
         if link_lengths is not None:
-            raise InputError(f"link_lengths does not apply to geodesic={geodesic!r}. Do not pass it")
+            raise InputError(f"link_lengths does not apply to geodesic={geodesic!r}. Omit it")
         core = surface.core
         vertices = surface.find(stops, "the stops")
         ids, find, space = surface.ids, core.path if geodesic == "graph" else core.edge_path, surface.space
@@ -82,7 +82,7 @@ def path(surface: Manifold, stops: Sequence[Sequence[int] | int], geodesic: str,
                 places = core.points[steps]
         except InputError:
             raise InputError(
-                f"no path connects {np.asarray(leg[0]).tolist()} and {np.asarray(leg[1]).tolist()}: the two lie in "
+                f"no path connects {np.asarray(leg[0]).tolist()} and {np.asarray(leg[1]).tolist()}: they lie in "
                 "different components of the surface. Choose all stops in one component"
             ) from None
         points.append(places[1:])

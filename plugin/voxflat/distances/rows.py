@@ -204,7 +204,7 @@ class DistanceRows:
         damaged = damaged_rows(self.store, dict(enumerate(_checksums(self.store, self.shape))))
         if damaged:
             which = ", ".join(map(str, damaged[:5])) + (", ..." if len(damaged) > 5 else "")
-            raise InputError(f"{self.store}: the rows {which} do not match their checksums. {FINISH}")
+            raise InputError(f"{self.store}: some rows ({which}) do not match their checksums. {FINISH}")
 
 
 def open_rows(path: str | os.PathLike[str]) -> DistanceRows:

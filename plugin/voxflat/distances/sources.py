@@ -46,7 +46,7 @@ def source_choice(
         if sources < fewest:
             raise InputError(f"{sources} sources are too few. Pass at least {fewest}")
         if sources > len(part) and not at_most_all:
-            raise InputError(f"{sources} sources are more than the {len(part)} points. Pass at most {len(part)}")
+            raise InputError(f"{sources} sources exceed the number of points. Pass at most {len(part)}")
         return SourceChoice(part, min(int(sources), len(part)), None, sampling, seed, sampling)
     if sources is None:
         raise InputError("sources is None. Pass the number of sources, or points of the surface")

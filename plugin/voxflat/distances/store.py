@@ -144,7 +144,7 @@ def _holds_files(path: Path) -> bool:
     names = sorted(entry.name for entry in path.iterdir()) if path.exists() else []
     if names and "store.json" not in names:
         shown = ", ".join(names[:3]) + (", ..." if len(names) > 3 else "")
-        raise InputError(f"the directory {path} is not a store, but has files ({shown}). Pass a new or empty directory")
+        raise InputError(f"{path} is not a store, but contains files ({shown}). Pass a new, empty directory")
     return bool(names)
 
 
@@ -213,7 +213,7 @@ def _compare(path: Path, identity: dict[str, Any]) -> None:
     elif not differences and "sources_sha256" in differ:
         differences.append(f"its sources differ{counts('sources')}")
     told = " and ".join(differences) or "its store.json differs"
-    raise InputError(f"the store {path} holds other distances: {told}. {OTHER}")
+    raise InputError(f"the store {path} contains other distances: {told}. {OTHER}")
 
 
 def _mend(path: Path, array: NDArray[Any], expected: str) -> None:

@@ -377,7 +377,7 @@ class Geometry:
         unknown = matched.vertices[~self.known[matched.vertices]]
         if len(unknown):
             raise InputError(
-                f"{_called(self.said_by)} was made on a different geometry from that of the given surface, which does "
+                f"{_called(self.said_by)} was made on a geometry that differs from that of the given surface, and does "
                 f"not define the positions of {len(np.unique(unknown))} vertices of {_called(name)}. Pass the surface "
                 "on which the map was made (with its pial surface), or pass on_surface to use the given one"
             )
@@ -405,11 +405,12 @@ def geometry_of(whole: Manifold, maps: Mapping[str, object]) -> Geometry:
                 )
         points[at] = flat.points
         known[whole.vertices[at]] = True
-    told = (
-        "%s was made on a different geometry from that of the given surface (%s). All figures refer to the geometry of "
-        "the map. Pass on_surface to use the given surface"
+    log.warning(
+        "%s was made on a geometry (%s) other than that of the given surface. All measures refer to the geometry of "
+        "the map. Pass on_surface to use the given surface",
+        _called(first),
+        _made_on(ours[first]),
     )
-    log.warning(told, _called(first), _made_on(ours[first]))
     return Geometry(whole._with_core(whole.core.moved(points)), known, first)
 
 

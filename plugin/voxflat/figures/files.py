@@ -111,7 +111,7 @@ def save_picture(picture: NDArray[np.uint8], path: str | os.PathLike[str], recor
     path, array = checked_path(path), array_of(picture, "values of the image")
     if array.dtype != np.uint8 or array.ndim not in (2, 3) or array.shape[2:] not in ((), (3,), (4,)) or not array.size:
         of = f"shape {array.shape} and data type {array.dtype}"
-        raise InputError(f"the image has {of}. Pass uint8 values of shape (H, W, 3)")
+        raise InputError(f"the image has {of}. Pass a uint8 array of shape (H, W, 3)")
     if Image.registered_extensions().get(path.suffix.lower()) not in Image.SAVE:
         raise InputError(f"cannot write {path.name}: unknown format. Use a name that ends in .png or .tif")
     with atomic_path(path) as temporary:

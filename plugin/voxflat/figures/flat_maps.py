@@ -113,7 +113,7 @@ def flat_map(
     page = Page.of(maps, _COLUMN * len(maps) if width is None else width, title, strip=strip, axes=ax)
     sides = [_Side(page, n, of, shown_by, parcels, table, depths) for n in range(len(maps))]
     if depths != ON_SURFACE and not any(side.has_volume for side in sides):
-        raise InputError("depth and fraction apply only to volumes, but no overlay or parcels are a volume. Omit them")
+        raise InputError("depth and fraction apply only to volumes, but no volume is drawn. Omit depth and fraction")
     full = _full(sides, shown_by)
     colours = None
     if of is not None:
@@ -228,7 +228,7 @@ def _full(sides: list[_Side], opacity: Any) -> float | None:
         values = np.abs(np.concatenate([image.data[np.isfinite(image.data)].ravel() for image in images]))
         full = float(np.percentile(values, WINDOW[1])) if len(values) else 0.0
     if full <= 0:
-        raise InputError("the opacity map is 0 everywhere on the flat map. Check that their affines agree")
+        raise InputError("the opacity map is 0 everywhere on the flat map. Check that the affines of the two agree")
     return full
 
 
@@ -246,7 +246,7 @@ def folds(flat_map: FlatMap, raster: Raster, underlay: str = "curvature") -> NDA
     values = {"curvature": flat_map.curvature, "sulcal depth": flat_map.sulcal_depth, "none": None}[underlay]
     grey = np.where(raster.inside, _NO_FOLDS, np.nan)
     if values is None and underlay != "none":
-        log.info("The map has no %s because its surface has no triangles. It is drawn in a uniform grey", underlay)
+        log.info("The map has no %s because its surface has no triangles. The map is drawn in uniform grey", underlay)
     if values is not None:
         outwards = raster.interpolate(values if underlay == "curvature" else -values)
         level = np.clip(outwards / _EDGES[underlay], -1, 1)

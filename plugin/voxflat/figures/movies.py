@@ -209,7 +209,7 @@ def movie(
         stacks.append(stack.percent_change(progress) if change else stack)
     if len({len(stack) for stack in stacks}) > 1:
         counts = " and ".join(str(len(one)) for one in stacks)
-        raise InputError(f"the series have {counts} frames. Pass series with the same number of frames")
+        raise InputError(f"the series have {counts} frames. Pass series with equal numbers of frames")
     colours = OverlayColours.of(_look(stacks), None, of, opacity)
     beneath = _pixels(page)
     for panel in page.panels:

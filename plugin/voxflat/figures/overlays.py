@@ -86,7 +86,7 @@ class Overlay:
     def __post_init__(self) -> None:
         """Check the options that do not depend on a map."""
         if self.values is None:
-            raise InputError("the overlay has no values. Pass data, or omit the options of the overlay")
+            raise InputError("the overlay has no values. Pass data, or omit the overlay options")
         checked_choice(self.zero, "zero", ("right", "top"))
         if self.strength is not None and self.thresholds == (None, None):
             raise InputError("strength is given without threshold. Pass threshold as well")
@@ -158,7 +158,7 @@ class OverlayColours:
         limits, colour_map, period = overlay.limits, overlay.colour_map, overlay.period
         inside = image.data[..., 3] > 0 if image.is_colour else np.isfinite(image.data)
         if not inside.any():
-            raise InputError("the overlay has no values on the map. Check that their affines agree")
+            raise InputError("the overlay has no values on the map. Check that the affine of the overlay is correct")
         is_free = all(value is None for value in (colour_map, limits, above, below))
         if image.is_colour and not is_free:
             raise InputError("the overlay contains colours, not values. Omit threshold, limits and colour_map")
@@ -169,7 +169,7 @@ class OverlayColours:
         if not passing(tested, above, below).any():
             what, known = "the overlay" if strength is None else "the strength", tested[np.isfinite(tested)]
             if len(known) == 0:
-                raise InputError(f"{what} has no values on the map. Check that their affines agree")
+                raise InputError(f"{what} has no values on the map. Check that its affine is correct")
             least, most = known.min(), known.max()
             log.warning("No value of %s passes the thresholds. The values range from %.4g to %.4g", what, least, most)
         options: dict[str, Any] = {"above": above, "below": below, "opacity": opacity}

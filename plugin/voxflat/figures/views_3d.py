@@ -257,8 +257,9 @@ def _patch_in_place(flat_map: FlatMap, volume: object) -> list[pyvista.PolyData]
         raise InputError(f"the volume has shape {data.shape}, but {made_from}. Pass the volume that was flattened")
     mask = foreground(data, label=flat_map.metadata["label"], threshold=flat_map.metadata["threshold"])
     if not mask[tuple(flat_map.ids.T)].all():
-        told = "the points of the map are not in the foreground of this volume"
-        raise InputError(f"{told}. Pass the volume that was flattened")
+        raise InputError(
+            "some points of the map are not in the foreground of this volume. Pass the volume that was flattened"
+        )
     mesh = _iso_surface(flat_map, np.pad(mask, 1).astype(np.float32), 0.5, np.array([-1, -1, -1]))
     # a point of this surface lies half-way between a foreground voxel and a background voxel
     mesh["inside"] = (mesh["distance"] < 0.51).astype(np.float32)
@@ -274,7 +275,7 @@ def _patch_of_mesh(pyvista: Any, flat_map: FlatMap, whole: object | None) -> lis
         return [patch]
     mesh = surface(whole)
     if mesh.is_voxels or mesh.count != flat_map.metadata["vertices"]:
-        made_from = f"the map was made from a mesh of {flat_map.metadata['vertices']} vertices"
+        made_from = f"the map was made from a mesh with {flat_map.metadata['vertices']} vertices"
         raise InputError(f"the mesh has {mesh.count} vertices, but {made_from}. Pass the mesh that was flattened")
     place = np.full((mesh.count, 3), np.nan)
     place[mesh.ids] = mesh.points

@@ -73,7 +73,7 @@ class Channels:
             if len(found) == 1:
                 return found[0]
             if len(found) > 1:
-                raise InputError(f"has {len(found)} maps named {channel!r}, {found}. Choose one by its number")
+                raise InputError(f"has {len(found)} maps named {channel!r} (numbers {found}). Choose one by its number")
             if not re.fullmatch(r"-?[0-9]+", channel):
                 raise InputError(f"has no map {channel!r}. Choose one of {self.listed()}")
             channel = int(channel)
@@ -140,7 +140,7 @@ def points_of_nibabel(obj: object, points: int, structure: str | None) -> Channe
     if not are_points(shape):
         return None
     if max(shape[:3]) != points:
-        raise InputError(f"has {max(shape[:3])} values, but the surface has {points} points. Pass its values")
+        raise InputError(f"has {max(shape[:3])} values, but the surface has {points} points. Pass one value per point")
     further = [n for n in shape[3:] if n != 1]
     if len(further) > 1 or image.get_data_dtype().kind not in "iuf":
         raise InputError(f"has shape {shape} and type {image.get_data_dtype()}. Pass numbers of shape (N, 1, 1, T)")
@@ -261,12 +261,12 @@ def _structure(models: dict[str, Any], sizes: dict[str, int], points: int, struc
     if structure is not None:
         wanted = "CIFTI_STRUCTURE_" + re.sub(r"(?<!^)(?=[A-Z])", "_", structure).upper()
         if wanted not in models:
-            raise InputError(f"contains {', '.join(map(_short, models))}, but the surface is {_short(wanted)}")
+            raise InputError(f"contains {', '.join(map(_short, models))}, but the surface belongs to {_short(wanted)}")
         return wanted
     fitting = [name for name in models if sizes[name] == points]
     if len(fitting) != 1:
         found = f"{', '.join(map(_short, fitting or models))}, {'each' if fitting else 'none'} with {points} vertices"
-        remedy = "Define AnatomicalStructurePrimary in its GIFTI file, or begin its file name with lh. or rh."
+        remedy = "Define AnatomicalStructurePrimary in the surface's GIFTI file, or begin its name with lh. or rh."
         raise InputError(f"contains {found}, and the hemisphere of the surface is unknown. {remedy}")
     return fitting[0]
 

@@ -173,7 +173,7 @@ def chunked_of(obj: object) -> tuple[Channels, Affine | None, Path | None] | Non
         check_room(_CHANNEL_BYTES * array.shape[3])
         each = [Chunked(array, fixed=((3, n),)) for n in range(array.shape[3])]
         return Channels(("",) * len(each), each.__getitem__), None, None
-    raise InputError(f"has shape {tuple(array.shape)}. Pass (I, J, K), or (I, J, K, C) with C channels")
+    raise InputError(f"has shape {tuple(array.shape)}. Pass an array of shape (I, J, K) or (I, J, K, C)")
 
 
 def _check(array: Any, chunks: Any) -> None:
@@ -214,7 +214,7 @@ def _ome_zarr(path: Path) -> tuple[Channels, Affine, Path]:
     axes = [axis if isinstance(axis, dict) else {"name": axis} for axis in axes]
     names = [str(axis.get("name")) for axis in axes]
     if len(names) != len(array.shape) or not {"x", "y", "z"} <= set(names):
-        raise InputError(f"has shape {tuple(array.shape)} and the axes {', '.join(names)}. Pass axes x, y and z")
+        raise InputError(f"has shape {tuple(array.shape)} and the axes {', '.join(names)}. Provide the axes x, y and z")
     _check(array, array.chunks)
     scale, shift = np.ones(len(names)), np.zeros(len(names))
     with np.errstate(invalid="ignore", over="ignore"):  # checked below

@@ -175,7 +175,7 @@ def check_regular(path: Path) -> os.stat_result:
     """Return the status of a file; raise an error if the file is not regular, because reading it could block."""
     status = path.stat()
     if stat.S_ISDIR(status.st_mode):
-        raise InputError("is a directory. Pass the name of a file")
+        raise InputError("is a directory. Pass a path to a file")
     if not stat.S_ISREG(status.st_mode):
         raise InputError("is not a regular file. Copy its content into a regular file")
     return status
@@ -215,7 +215,7 @@ def check_shapes(arrays: Mapping[str, NDArray[Any]], layout: Mapping[str, tuple[
         array, wanted = arrays[name], axes.split()
         kind = np.dtype(wanted_type).kind
         if array.dtype.kind not in ("iu" if kind in "iu" else kind) or array.ndim != len(wanted):
-            raise InputError(f"its array {name} has unexpected type {array.dtype} or shape {array.shape}. {AGAIN}")
+            raise InputError(f"its array {name} has an invalid type or shape ({array.dtype}, {array.shape}). {AGAIN}")
         for length, axis in zip(array.shape, wanted, strict=True):
             known, by = (int(axis), "its definition") if axis.isdigit() else lengths.setdefault(axis, (length, name))
             if axis != "?" and length != known:
@@ -230,7 +230,7 @@ def in_types(arrays: Mapping[str, NDArray[Any]], layout: Mapping[str, tuple[str,
         if wanted.kind in "iu" and array.size:
             bounds = np.iinfo(wanted)
             if int(array.min()) < bounds.min or int(array.max()) > bounds.max:
-                raise InputError(f"its array {name} has values outside {bounds.min} to {bounds.max}. {AGAIN}")
+                raise InputError(f"its array {name} has values outside the range {bounds.min} to {bounds.max}. {AGAIN}")
         made[name] = array.astype(wanted, copy=False)
     return made
 
@@ -281,7 +281,7 @@ def check_size(data: bytes, need: int, what: str, *, is_exact: bool = False) -> 
     if len(data) < need:
         raise InputError(f"its header specifies {what}, but the file ends after {len(data)} of {need} bytes. {AGAIN}")
     if is_exact and len(data) > need:
-        raise InputError(f"its header specifies {what}, but the file is {len(data) - need} bytes longer. {AGAIN}")
+        raise InputError(f"its header specifies {what}, but the file has {len(data) - need} extra bytes. {AGAIN}")
 
 
 def temporary_beside(path: Path) -> Path:

@@ -37,13 +37,13 @@ def check_affine(affine: ArrayLike) -> Affine:
     except InputError as error:
         raise InputError(f"affine {shown(affine)} is not an array of numbers. Pass a (4, 4) matrix") from error
     if matrix.shape != (4, 4):
-        raise InputError(f"affine has shape {matrix.shape}. Pass a (4, 4) matrix that maps voxel indices to RAS+ mm")
+        raise InputError(f"affine has shape {matrix.shape}. Pass a (4, 4) matrix that maps voxel indices to RAS+ (mm)")
     if not np.isfinite(matrix).all():
         raise InputError(f"affine {matrix.tolist()} is not finite. Repair the header, or pass an affine")
     if np.abs(matrix).max() > FARTHEST:
         raise InputError(f"affine {matrix.tolist()} exceeds {FARTHEST:g} mm. Repair the header, or pass an affine")
     if not np.array_equal(matrix[3], [0, 0, 0, 1]):
-        raise InputError(f"the last row of the affine is {matrix[3].tolist()}, not 0 0 0 1. Transpose it if needed")
+        raise InputError(f"the last row of the affine is {matrix[3].tolist()}, not 0 0 0 1. Transpose it if necessary")
     sizes = np.linalg.norm(matrix[:3, :3], axis=0)
     if not (sizes > 0).all():
         raise InputError(f"the affine has voxel sizes {sizes.tolist()} mm. Pass an affine with positive voxel sizes")
@@ -63,7 +63,7 @@ def given_affine(spacing: Sequence[float] | None, affine: ArrayLike | None) -> A
     if spacing is None:
         return None if affine is None else check_affine(affine)
     if affine is not None:
-        raise InputError("both spacing= and affine= are given. Pass only one; an affine includes the spacing")
+        raise InputError("both spacing= and affine= are given. Omit spacing=, which the affine includes")
     wrong = f"spacing is {shown(spacing)}. Pass 3 positive, finite numbers in mm"
     try:
         sizes = np.asarray(spacing, dtype=np.float64)
@@ -89,7 +89,7 @@ def volume_shape(shape: tuple[int, ...], dtype: np.dtype[Any]) -> tuple[int, ...
 def check_axes(shape: tuple[int, ...]) -> None:
     """Raise an error if a 32-bit index cannot cover an axis."""
     if max(shape) > _LONGEST:
-        raise InputError(f"shape {shape} has an axis of more than {_LONGEST} voxels. Crop it, or copy it again")
+        raise InputError(f"shape {shape} has an axis of more than {_LONGEST} voxels. Crop the volume, or copy it again")
 
 
 _MILLIMETRES = {"mm": 1.0, "cm": 10.0, "m": 1e3, "µm": 1e-3, "nm": 1e-6, "inch": 25.4}
@@ -127,7 +127,7 @@ def warn_of_unit(path: object, metadata: Mapping[str, Any]) -> None:
     """Warn if coordinates in another unit are written in a format that other programs read in mm."""
     unit = metadata.get("unit", "mm")
     if unit not in ("mm", "unknown"):
-        log.warning("%s: coordinates are in %s, but other programs assume that this format is in mm", path, unit)
+        log.warning("%s: coordinates are in %s, but other programs assume mm in this format", path, unit)
 
 
 def millimetres(unit: str) -> float:
@@ -143,5 +143,5 @@ def in_millimetres(affine: Affine, unit: str) -> Affine:
     factor = millimetres(unit)
     if factor == 1:
         return affine
-    log.warning("the header gives lengths in %s; they were converted to mm", unit)
+    log.warning("the header specifies lengths in %s, which were converted to mm", unit)
     return np.asarray(np.diag([factor] * 3 + [1.0]) @ affine)

@@ -103,7 +103,7 @@ def _of_columns(text: str) -> LabelTable:
     rows = []
     reader = csv.DictReader(io.StringIO(text), delimiter="\t")
     if not {"index", "name"} <= set(reader.fieldnames or ()):
-        raise InputError("has no columns index and name. Add both columns")
+        raise InputError("does not have the columns index and name. Add both columns")
     for row in reader:
         colour = (row.get("color") or "").strip().lstrip("#")
         is_known = re.fullmatch(r"[0-9a-fA-F]{6}", colour) is not None

@@ -145,7 +145,7 @@ class Mesh:
     def __post_init__(self) -> None:
         points = array_of(self.points, "points")
         if points.ndim != 2 or points.shape[1] != 3 or points.dtype.kind not in "iuf":
-            raise InputError(f"points have type {points.dtype} and shape {points.shape}. Pass numbers of shape (N, 3)")
+            raise InputError(f"points have type {points.dtype} and shape {points.shape}. Pass an (N, 3) numeric array")
         if len(points) == 0:
             raise InputError("has no points. Pass a surface mesh")
         points = np.ascontiguousarray(points, dtype=np.float64)
@@ -154,14 +154,14 @@ class Mesh:
             raise InputError(f"point {bad[0]} has the coordinates {points[bad[0]].tolist()}. Use finite numbers")
         far = np.flatnonzero((np.abs(points) > FARTHEST).any(axis=1))
         if len(far):
-            raise InputError(f"point {far[0]}, {points[far[0]].tolist()}, exceeds {FARTHEST:g} mm. Check the unit")
+            raise InputError(f"point {far[0]}, {points[far[0]].tolist()}, lies beyond ±{FARTHEST:g} mm. Check the unit")
         object.__setattr__(self, "points", points)
         object.__setattr__(self, "faces", check_faces(self.faces, len(points)))
         if self.texture_coordinates is not None:
             texture = np.ascontiguousarray(numbers_of(self.texture_coordinates, "texture coordinates"))
             object.__setattr__(self, "texture_coordinates", texture)
             if texture.shape != (len(points), 2):
-                raise InputError(f"texture coordinates have shape {texture.shape}. Pass shape ({len(points)}, 2)")
+                raise InputError(f"texture coordinates have shape {texture.shape} instead of ({len(points)}, 2)")
         for kind, data, count in (("point", self.point_data, len(points)), ("face", self.face_data, len(self.faces))):
             checked_kind(data, f"{kind} data", "items", "arrays by name")
             for name, array in data.items():
@@ -236,7 +236,7 @@ def _format(path: Path, data: bytes) -> str:
         raise InputError(f"its ending indicates {named}, but its content is {found}. Rename the file")
     kind = found or named
     if kind not in READERS:
-        usual = f"Pass {', '.join(formats.ENDINGS)} or a FreeSurfer surface"
+        usual = f"Pass a {', '.join(formats.ENDINGS)} file or a FreeSurfer surface"
         hint = formats.HINTS.get(kind or "", usual)
         raise InputError(f"is not a surface: its content is {kind or 'unknown'}. {hint}")
     return kind

@@ -46,9 +46,9 @@ def values_of_object(given: object, points: int, structure: str | None) -> Chann
             return None
         values, own = gifti.values(given), given.meta.get("AnatomicalStructurePrimary")  # type: ignore[attr-defined]
         if len(values) != points:
-            raise InputError(f"has {len(values)} values, but the surface has {points} points. Pass its values")
+            raise InputError(f"has {len(values)} values, but the surface has {points} points. Pass one value per point")
         if {own, structure} == set(_STRUCTURES.values()):
-            raise InputError(f"belongs to {own}, but the surface is {structure}. Pass the values of this hemisphere")
+            raise InputError(f"belongs to {own}, but the surface belongs to {structure}. Pass that hemisphere's values")
         return Channels.of_array(values, gifti.map_names(given))
 
 
@@ -141,7 +141,7 @@ def _of_side(parts: Mapping[str, Any], points: int, structure: str | None) -> ND
     if known:
         return np.asarray(next(iter(known.values())))
     if structure in _STRUCTURES.values() and structure not in map(_STRUCTURES.get, parts):
-        raise InputError(f"has values for {', '.join(parts)}, but the surface is {structure}. Pass its values")
+        raise InputError(f"has values for {', '.join(parts)}, but the surface belongs to {structure}. Pass its values")
     if len(fitting) == 1:
         return np.asarray(next(iter(fitting.values())))
     if fitting:

@@ -179,8 +179,8 @@ def refuse_other_side(path: str | os.PathLike[str], structure: str | None) -> No
             known = [part.meta.get("AnatomicalStructurePrimary") for part in (*image.darrays[:1], image)]
             own = next(filter(None, known), own)
     if own in (LEFT, RIGHT) and own != structure:
-        remedy = "Pass the file of this hemisphere, or pass the values as an array to use them nevertheless"
-        raise InputError(f"{path}: belongs to {own}, but the surface is {structure}. {remedy}")
+        remedy = "Pass a file for that hemisphere, or pass the values as an array to use them anyway"
+        raise InputError(f"{path}: belongs to {own}, but the surface belongs to {structure}. {remedy}")
 
 
 def region_of(channels: Channels, points: int) -> NDArray[np.bool_]:
@@ -219,9 +219,9 @@ def _values(path: Path, data: bytes, points: int) -> tuple[NDArray[Any], tuple[s
 def _fitting(values: NDArray[Any], points: int) -> NDArray[Any]:
     """Check that there is one value, or one row of values, per point."""
     if values.ndim not in (1, 2) or values.dtype.kind not in "biuf":
-        raise InputError(f"values have type {values.dtype} and shape {values.shape}. Pass numbers (N,) or (N, K)")
+        raise InputError(f"values have data type {values.dtype} and shape {values.shape}. Pass an (N,) or (N, K) array")
     if len(values) != points:
-        raise InputError(f"has {len(values)} values, but the surface has {points} points. Pass its values")
+        raise InputError(f"has {len(values)} values, but the surface has {points} points. Pass one value per point")
     return np.ascontiguousarray(values, dtype=values.dtype.newbyteorder("="))
 
 

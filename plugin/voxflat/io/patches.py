@@ -72,10 +72,10 @@ class Patch:
         k = len(self.vertex_ids)
         if self.points.shape != (k, 3) or self.border.shape != (k,):
             shapes = f"points have shape {self.points.shape} and border has shape {self.border.shape}"
-            raise InputError(f"{shapes}. Pass shapes ({k}, 3) and ({k},) for {k} vertices")
+            raise InputError(f"{shapes}. Pass arrays of shape ({k}, 3) and ({k},) for {k} vertices")
         bad = np.flatnonzero(~np.isfinite(self.points).all(axis=1))
         if len(bad):
-            raise InputError(f"entry {bad[0]} of the patch, {self.points[bad[0]].tolist()}, is not finite")
+            raise InputError(f"the position of patch entry {bad[0]}, {self.points[bad[0]].tolist()}, is not finite")
 
 
 def read_patch(path: str | os.PathLike[str]) -> Patch:
@@ -275,7 +275,7 @@ def _rows(faces: ArrayLike, vertices: ArrayLike, n: int) -> tuple[NDArray[np.int
     check_room(8 * n)
     if chosen.max() >= n:
         entry = np.flatnonzero(chosen >= n)[0]
-        raise InputError(f"entry {entry} of the patch is vertex {chosen[entry]}, but the surface has {n} points")
+        raise InputError(f"entry {entry} of the patch refers to vertex {chosen[entry]}, but the surface has {n} points")
     rows = np.full(n, -1, dtype=np.int64)
     rows[chosen] = np.arange(len(chosen))
     return triangles, rows
@@ -285,11 +285,11 @@ def _check_vertices(vertices: ArrayLike) -> NDArray[np.int64]:
     """Check that vertices are non-negative integers, each listed once."""
     array = array_of(vertices, "vertices")
     if array.ndim != 1 or len(array) == 0 or array.dtype.kind not in "iu":
-        raise InputError(f"vertices have type {array.dtype} and shape {array.shape}. Pass whole numbers of shape (k,)")
+        raise InputError(f"vertices have data type {array.dtype} and shape {array.shape}. Pass an integer (k,) array")
     array = np.ascontiguousarray(array, dtype=np.int64)
     if array.min() < 0:
         entry = np.flatnonzero(array < 0)[0]
-        raise InputError(f"entry {entry} of the patch is vertex {array[entry]}. Number vertices from 0")
+        raise InputError(f"entry {entry} of the patch refers to vertex {array[entry]}. Number vertices from 0")
     order = np.argsort(array, kind="stable")
     twice = order[1:][np.diff(array[order]) == 0]
     if len(twice):

@@ -40,7 +40,7 @@ def as_array(obj: object) -> NDArray[Any]:
 def read(path: Path) -> Read:
     """Read the voxels of a file, and its affine if it has one."""
     if path.is_dir():
-        raise InputError("is a directory. Pass a volume file; convert a DICOM series to NIfTI first")
+        raise InputError("is a directory. Pass a volume file. Convert a DICOM series to NIfTI first")
     check_regular(path)  # the system's own error for a missing file is more helpful
     path.open("rb").close()
     read: Callable[[Path], Read] = by_ending(path, READERS)
@@ -79,7 +79,7 @@ def _header(file: IO[bytes]) -> tuple[tuple[int, ...], np.dtype[Any]]:
     version = np.lib.format.read_magic(file)
     headers = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
     if version not in headers:  # only for field names beyond Latin-1, which numeric arrays do not have
-        raise InputError(f"has NumPy's array format {version}. Write it again with numpy.save")
+        raise InputError(f"has an unsupported NumPy format version, {version}. Write it again with numpy.save")
     shape, _, dtype = headers[version](file)
     return shape, dtype
 
@@ -119,7 +119,7 @@ def _read_pair(path: Path) -> Read:
     """Read an Analyze or NIfTI image that consists of two files."""
     voxels = path.with_name(f"{path.name[: -len(path.suffix)]}{'.IMG' if path.suffix.isupper() else '.img'}")
     if not voxels.is_file():
-        raise InputError(f"has no {voxels.name} beside it. Copy both files of this format, .hdr and .img")
+        raise InputError(f"has no companion file {voxels.name}. Copy both files, .hdr and .img")
     found = _read_by_nibabel(path, voxels)
     note(voxels)
     return found
@@ -202,7 +202,7 @@ def _rotation(imaginary: NDArray[np.float64]) -> NDArray[np.float64]:
     b, c, d = imaginary
     square = 1 - imaginary @ imaginary
     if not square > -3 * np.finfo(np.float32).eps:
-        raise InputError(f"has the qform quaternion {imaginary.tolist()}, which is longer than 1. Repair the header")
+        raise InputError(f"has the qform quaternion {imaginary.tolist()}, whose norm exceeds 1. Repair the header")
     # a half turn, within the rounding of float32
     a = np.sqrt(square) if square >= 3 * np.finfo(np.float32).eps else 0.0
     return np.array(
@@ -221,7 +221,7 @@ def _read_nrrd(path: Path) -> Read:
     lines = re.findall(rb"(?m)^(?:space )?units:(.*)$", head)
     units = {unit for line in lines for unit in re.findall(r'"([^"]*)"', line.decode("latin1"))}
     if len({millimetres(unit) for unit in units}) > 1:
-        raise InputError(f"has axes with different units, {', '.join(sorted(units))}. Pass an array and a spacing")
+        raise InputError(f"has axes with different units ({', '.join(sorted(units))}). Pass an array and a spacing")
     if spacings := re.search(rb"(?mi)^spacings:(.*nan.*)$", head):  # ITK would assume 1 mm
         raise InputError(f"has the spacings{spacings[1].decode('latin1')}. Pass an array and a spacing instead")
     return _by_itk(path, *separate, unit=units.pop() if units else "mm")

@@ -65,15 +65,15 @@ class VolumeGeometry:
     def __post_init__(self) -> None:
         shape, sizes = numbers_of(self.shape, "numbers of voxels"), numbers_of(self.voxel_size, "voxel sizes")
         if shape.shape != (3,) or sizes.shape != (3,) or not np.isfinite([shape, sizes]).all():
-            raise InputError(f"its volume has {shown(self.shape)} voxels of {shown(self.voxel_size)} mm. Pass 3 each")
+            raise InputError(f"shape is {shown(self.shape)} and voxel_size is {shown(self.voxel_size)}. Pass 3-tuples")
         checked_text(self.filename, "name of the volume's file")
         cosines, c_ras = (numbers_of(part, "axes and centre") for part in (self.cosines, self.c_ras))
         if cosines.shape != (3, 3) or c_ras.shape != (3,):
-            raise InputError(f"its axes and centre have shapes {cosines.shape} and {c_ras.shape}. Pass (3, 3) and (3,)")
+            raise InputError(f"cosines and c_ras have shapes {cosines.shape} and {c_ras.shape}, not (3, 3) and (3,)")
         if not np.isfinite(cosines).all() or np.abs(cosines.T @ cosines - np.eye(3)).max() > _ROUNDING:
-            raise InputError(f"the axes of its volume, {cosines.T.tolist()}, are not orthonormal")
+            raise InputError(f"the axes of the volume, {cosines.T.tolist()}, are not orthonormal")
         if not np.isfinite(c_ras).all():
-            raise InputError(f"its c_ras, {c_ras.tolist()}, is not finite")
+            raise InputError(f"c_ras, {c_ras.tolist()}, is not finite")
         object.__setattr__(self, "cosines", cosines)
         object.__setattr__(self, "c_ras", c_ras)
         object.__setattr__(self, "shape", tuple(int(n) for n in shape))

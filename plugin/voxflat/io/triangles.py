@@ -35,7 +35,7 @@ def triangulated(
     if len(bad):
         face = int(np.searchsorted(starts, bad[0], side="right")) - 1
         corner = corners[bad[0]]
-        raise InputError(f"face {face} has the corner {corner}, but the surface has the points 0 to {len(points) - 1}")
+        raise InputError(f"face {face} refers to point {corner}, but the surface has points 0 to {len(points) - 1}")
     ends = np.cumsum(counts - 2)
     triangles = np.empty((ends[-1], 3), dtype=np.int64)
     three = counts == 3
@@ -116,12 +116,12 @@ def check_faces(faces: ArrayLike, n: int) -> NDArray[np.int64]:
         raise InputError(f"the number of points is {shown(n)}. Pass a whole number")
     array = array_of(faces, "faces")
     if array.ndim != 2 or array.shape[1] != 3 or array.dtype.kind not in "iu":
-        raise InputError(f"faces have type {array.dtype} and shape {array.shape}. Pass whole numbers of shape (F, 3)")
+        raise InputError(f"faces have data type {array.dtype} and shape {array.shape}. Pass an integer (F, 3) array")
     if len(array) == 0:
         raise InputError("has no faces. Pass a surface, not only points")
     bad = np.flatnonzero(((array < 0) | (array >= n)).any(axis=1))
     if len(bad):
-        raise InputError(f"face {bad[0]} is {array[bad[0]].tolist()}, but the surface has the points 0 to {n - 1}")
+        raise InputError(f"face {bad[0]} is {array[bad[0]].tolist()}, but the surface has points 0 to {n - 1}")
     return np.ascontiguousarray(array, dtype=np.int64)
 
 
@@ -131,5 +131,5 @@ def as_float32(points: Points) -> NDArray[np.float32]:
         rounded = points.astype(np.float32)
     bad = np.flatnonzero(~np.isfinite(rounded).all(axis=1))
     if len(bad):
-        raise InputError(f"point {bad[0]}, {points[bad[0]].tolist()}, is too large for float32, which this format uses")
+        raise InputError(f"point {bad[0]}, {points[bad[0]].tolist()}, exceeds the float32 range of this format")
     return rounded

@@ -222,7 +222,7 @@ def _check_data(data: NDArray[Any]) -> NDArray[Any]:
         return data
     data = array_of(data, "values")
     if data.dtype.kind not in "biuf":
-        raise InputError(f"values have type {data.dtype}. Convert them to bool, integer or float")
+        raise InputError(f"values have data type {data.dtype}. Convert them to bool, integer or float")
     shape = volume_shape(data.shape, data.dtype)
     data = data if data.shape == shape else data.reshape(shape)
     return data.astype(data.dtype.newbyteorder("="), copy=False)
@@ -265,7 +265,7 @@ def _write_itk(path: Path, volume: Volume, _: Record | None) -> None:
     if data.ndim != 3 and path.suffix.lower() == ".mha":
         raise InputError("a MetaImage cannot mark its channels as colours. Use .nii.gz or .nrrd")
     if data.dtype.name not in ITK_TYPES:
-        raise InputError(f"ITK cannot write {data.dtype}. Convert the values to one of {', '.join(ITK_TYPES)}")
+        raise InputError(f"ITK cannot write the type {data.dtype}. Convert the values to one of {', '.join(ITK_TYPES)}")
     kji = np.ascontiguousarray(data.transpose(2, 1, 0, *range(3, data.ndim)))
     pixel = {3: itk.RGBPixel, 4: itk.RGBAPixel}.get(data.shape[3] if data.ndim == 4 else 0)
     image = itk.image_view_from_array(kji, ttype=pixel and itk.Image[pixel[itk.UC], 3])

@@ -194,7 +194,7 @@ def participants(folder: Path, labels: Sequence[str] = ()) -> list[Participant]:
     found = next(filter(None, (list(_in(place)) for place in _places(folder))), None)
     if found is None:
         places = "in this directory, in derivatives/ or in sourcedata/freesurfer/"
-        files = "no participant has FreeSurfer's surf/, anat/*.surf.gii or a white-matter mask"
+        files = "no participant has a FreeSurfer surf/ directory, anat/*.surf.gii files or a white-matter mask"
         raise InputError(f"{folder}: {files} {places}. Pass the directory that contains these files")
     by_name: dict[str, Participant] = {}
     for one in found:

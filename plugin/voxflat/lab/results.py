@@ -72,7 +72,7 @@ def read_record(path: Path) -> dict[str, Any]:
         record: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
         if all(name in record for name in ("voxflat", "format", "parameters", "inputs", "outputs", "figures")):
             return record
-    raise InputError(f"{path} is not a record of voxflat, or is damaged. Delete it, and run voxflat again")
+    raise InputError(f"{path} is not a voxflat record, or is damaged. Delete it, and run voxflat again")
 
 
 @dataclass(frozen=True, eq=False)

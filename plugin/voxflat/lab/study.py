@@ -83,7 +83,7 @@ def freesurfer(
     `tell` is called with each outcome, and `how` contains ``threads``, ``memory_limit`` and ``progress``.
     """
     if not (folder / "surf").is_dir() and not (folder / "mri").is_dir():
-        raise InputError(f"{folder} has no directory surf/. Pass the directory of a subject that recon-all made")
+        raise InputError(f"{folder} has no directory surf/. Pass a subject directory created by recon-all")
     results = partial(Results.in_freesurfer, folder)
     return _flatten(Job(folder.resolve().name, folder, results, folder / "voxflat.html"), hemis, parameters, tell, how)
 
@@ -153,7 +153,7 @@ def describe(source: Path, out: Path) -> None:
     if path.is_file() and '"voxflat"' not in path.read_text(encoding="utf-8", errors="replace"):
         raise InputError(f"{out} contains derivatives of another program ({path}). Pass another output directory")
     if out.resolve() == source.resolve():
-        raise InputError(f"{out} contains the inputs. Pass another one, such as {out / 'derivatives' / 'voxflat'}")
+        raise InputError(f"{out} is the input. Pass another directory, such as {out / 'derivatives' / 'voxflat'}")
     content = {
         "Name": "voxflat: flat maps of the cortex",
         "BIDSVersion": BIDS_VERSION,

@@ -118,7 +118,7 @@ def _beside_cortex(annotation: Path, count: int) -> NDArray[np.bool_]:
     others = [n for n, name in enumerate(names) if name.lower() in _NO_CORTEX]
     is_beside = (labels < 0) | np.isin(labels, others)
     if is_beside.all():
-        raise InputError(f"{annotation}: no vertex has a label of the cortex. Check the annotation")
+        raise InputError(f"{annotation}: no vertex has a cortical label. Check the annotation")
     return np.asarray(is_beside)
 
 

@@ -43,7 +43,7 @@ def coloured(
     try:
         pixels[inside] = colormaps[colour_map or "gray"](level[inside], bytes=True)
     except (KeyError, TypeError, ValueError):  # TypeError or ValueError if this is not a valid name
-        raise InputError(f"colour_map is {shown(colour_map)}. Pass the name of a matplotlib colour map") from None
+        raise InputError(f"colour_map is {shown(colour_map)}. Pass the name of a Matplotlib colour map") from None
     return pixels
 
 

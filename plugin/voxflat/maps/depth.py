@@ -34,13 +34,13 @@ class Depths:
         if fraction is None:
             return cls(_numbers(depth, "depth"))
         if not isinstance(depth, int | float) or depth != 0:
-            raise InputError("depth (in mm) and fraction (from white to pial) cannot be combined. Pass only one")
+            raise InputError("depth (in mm) and fraction (white to pial) cannot be combined. Pass only one of them")
         values = _numbers(fraction, "fraction")
         for value in values:
             if not 0 <= value <= 1:
                 raise InputError(
                     f"fraction is {value:g}. Pass numbers from 0 (white surface) to 1 (pial surface), or use depth (in "
-                    "mm) outside the cortex"
+                    "mm) for positions outside the cortex"
                 )
         return cls(values, layering)
 

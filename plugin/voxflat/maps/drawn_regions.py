@@ -125,7 +125,7 @@ def regions_of(of: Planar, rois: object, *, layer: str, pixel_size: float | None
     if len(listed):
         return _drawn(of, [Outline(f"region {n}", _loops(loop, f"region {n}")) for n, loop in enumerate(listed, 1)])
     raise InputError(
-        f"cannot read regions from {type(rois).__name__}. Pass polygons of shape (k, 2) in mm, keyed by name; a label "
+        f"cannot read regions from {type(rois).__name__}. Pass polygons as (k, 2) arrays in mm, keyed by name; a label "
         "image of the map; a napari Shapes layer; or an .svg, .json or image file"
     )
 
@@ -174,7 +174,7 @@ def _drawn(of: Planar, outlines: Sequence[Outline]) -> Regions:
         own = [outline for outline in outlines if outline.name == name]
         counts += _Drawn(tuple(own), (1,) * len(own)).labels(uv)
     if (counts > 1).any():
-        log.warning("%d points lie in several regions. They belong to the one drawn last", int((counts > 1).sum()))
+        log.warning("%d points lie in several regions. They belong to the region drawn last", int((counts > 1).sum()))
     return Regions(of, names, tuple(keys.values()), np.array(shown, dtype=np.uint8), drawn)
 
 
@@ -183,12 +183,12 @@ def _pixels(of: Planar, data: Any, pixel_size: float | None) -> Regions:
     values = array_of(data, "labels")
     if values.ndim != 2 or values.dtype.kind not in "biuf":
         told = f"the label image has shape {values.shape} and data type {values.dtype}"
-        raise InputError(f"{told}. Pass whole numbers of shape (H, W)")
+        raise InputError(f"{told}. Pass an array of whole numbers with shape (H, W)")
     raster = of.raster(pixel_size)
     if raster.shape != values.shape:
         raise InputError(
             f"the label image has {values.shape[1]} x {values.shape[0]} pixels, but the map has {raster.shape[1]} x "
-            f"{raster.shape[0]} at {raster.pixel_size:g} mm per pixel. Pass the pixel size at which it was drawn"
+            f"{raster.shape[0]} at {raster.pixel_size:g} mm per pixel. Pass the pixel size of the label image"
         )
     if not all_whole(values):
         raise InputError("the label image has values that are not whole numbers. Pass labels instead of intensities")
@@ -241,7 +241,7 @@ def _read_image(path: Path) -> tuple[NDArray[Any], float | None]:
         return data[:, :, 0] if data.shape[2:] == (1,) else data, float(volume.spacing[0])
     with header(path) as image:
         if image.mode not in ("L", "P", "I", "I;16", "F", "1"):
-            raise InputError(f"is a colour image (mode {image.mode}). Save labels as .tif or .npy, or in grey levels")
+            raise InputError(f"is a colour image (mode {image.mode}). Save the labels as grey levels, .tif or .npy")
         told = str(image.info.get("Pixel size", "")) or str(getattr(image, "tag_v2", {}).get(270, ""))
         data = decoded(path, image)
     size = told.split("Pixel size: ")[-1].split(" mm")[0]

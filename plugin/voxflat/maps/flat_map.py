@@ -381,9 +381,9 @@ class FlatMap(Planar):
         if not is_number(background):
             raise InputError(f"background is {shown(background)}. Pass a number")
         if not _holds(values.dtype, background):
-            raise InputError(f"background is {shown(background)}, which {values.dtype} cannot hold. Convert the values")
+            raise InputError(f"background is {shown(background)}, which {values.dtype} cannot hold. Use another type")
         if values.ndim not in (1, 2) or len(values) != len(self):
-            raise InputError(f"values has shape {values.shape}, but the map has {len(self)} points. Pass one per point")
+            raise InputError(f"values has shape {values.shape}. Pass one value for each of the {len(self)} points")
         self._triangles.on_surface.need_volume("has no voxels to paint", "Flatten a volume instead")
         volume = np.full((*self.volume_shape, *values.shape[1:]), background, dtype=values.dtype)
         volume[tuple(self.ids.T)] = values

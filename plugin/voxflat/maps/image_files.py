@@ -319,5 +319,5 @@ def _measured(data: NDArray[Any]) -> NDArray[Any]:
     single = data.astype(np.float32)
     if all_whole(data) and not np.array_equal(single, data, equal_nan=True):
         most = np.nanmax(np.abs(data))
-        raise InputError(f"labels up to {most:.0f} exceed the exact range of float32 in this format. Save as .npy")
+        raise InputError(f"labels up to {most:.0f} are too large for float32, which this format uses. Save as .npy")
     return single

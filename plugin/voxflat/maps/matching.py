@@ -74,7 +74,7 @@ def match(whole: Manifold, flat: object) -> Matched:
     if mesh is None:
         places = array_of(flat, "places")
         if places.ndim != 2 or places.shape[1] not in (2, 3) or places.dtype.kind not in "iuf":
-            raise InputError(f"the map is {_kind(places)}. Pass positions of shape (V, 2), or a file")
+            raise InputError(f"the map is {_kind(places)}. Pass positions as an array of shape (V, 2), or a file")
         return _of_places(whole, places.astype(np.float64), None)
     if mesh.texture_coordinates is None or _is_flat(mesh.points):
         return _of_places(whole, mesh.points, mesh)
@@ -120,16 +120,16 @@ def _of_rows(whole: Manifold, places: Any, faces: Any, vertices: Any) -> Matched
     """Use positions of given vertices, some of which a cut may have duplicated."""
     places, faces, vertices = (array_of(part, "positions, faces and vertices") for part in (places, faces, vertices))
     if places.ndim != 2 or places.shape[1] not in (2, 3) or places.dtype.kind not in "iuf":
-        raise InputError(f"the map is {_kind(places)}. Pass positions of shape (N, 2)")
+        raise InputError(f"the map is {_kind(places)}. Pass positions as an array of shape (N, 2)")
     if not _is_flat(places) or not np.isfinite(places).all():
         raise InputError("the coordinates of the map are not flat or not finite. Pass a flat surface")
     if faces.ndim != 2 or faces.shape[1] != 3 or faces.dtype.kind not in "iu" or not len(faces):
-        raise InputError(f"the triangles of the map are {_kind(faces)}. Pass whole numbers of shape (F, 3)")
+        raise InputError(f"the triangles of the map are {_kind(faces)}. Pass an integer array of shape (F, 3)")
     if not 0 <= int(faces.min()) <= int(faces.max()) < len(places):
         told = f"the triangles of the map refer to points {faces.min()} to {faces.max()}"
         raise InputError(f"{told}. Pass numbers from 0 to {len(places) - 1}")
     if vertices.shape != (len(places),) or vertices.dtype.kind not in "iu":
-        raise InputError(f"the vertices of the map are {_kind(vertices)}. Pass one number per point")
+        raise InputError(f"the vertices of the map are {_kind(vertices)}. Pass one vertex number per point")
     numbers = np.full(whole.count, -1, dtype=np.int64)
     numbers[whole.vertices[::-1]] = np.arange(len(whole))[::-1]  # the first of several matches
     numbers[whole.merged[:, 0]] = numbers[whole.merged[:, 1]]

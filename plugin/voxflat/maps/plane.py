@@ -218,7 +218,7 @@ class Planar(ABC):
         """
         wanted = numbers_of(places, "places")
         if wanted.ndim == 0 or wanted.shape[-1] != 2:
-            raise InputError(f"places has shape {wanted.shape}. Pass (u, v) in mm, shape (..., 2)")
+            raise InputError(f"places has shape {wanted.shape}. Pass (u, v) in mm as an array of shape (..., 2)")
         of, rows, shape = self._triangles, wanted.reshape(-1, 2), wanted.shape[:-1]
         triangles, weights = self._finder.find(np.ascontiguousarray(rows))
         if (at := (triangles >= 0) & of.torn[triangles]).any():
@@ -283,7 +283,7 @@ class Planar(ABC):
         """
         wanted = numbers_of(points, "points")
         if wanted.ndim == 0 or wanted.shape[-1] != 3:
-            raise InputError(f"points has shape {wanted.shape}. Pass RAS+ mm, shape (..., 3)")
+            raise InputError(f"points has shape {wanted.shape}. Pass RAS+ points in mm as an array of shape (..., 3)")
         limit = checked_number(limit, "limit")
         if not limit >= 0:
             raise InputError(f"limit is {limit} mm. Pass 0 or a positive number")

@@ -115,7 +115,7 @@ class Regions(Recorded):
         """
         wanted = numbers_of(places, "places")
         if wanted.ndim == 0 or wanted.shape[-1] != 2:
-            raise InputError(f"places has shape {wanted.shape}. Pass (u, v) in mm, shape (..., 2)")
+            raise InputError(f"places has shape {wanted.shape}. Pass (u, v) in mm as an array of shape (..., 2)")
         return self.places.labels(wanted.reshape(-1, 2)).reshape(wanted.shape[:-1])
 
     @cached_property
@@ -152,7 +152,7 @@ class Regions(Recorded):
         (441,)
         """
         if self._surface.is_voxels:
-            raise InputError("a map of a volume has no mesh vertices. Save a label volume, such as .nii.gz")
+            raise InputError("a map of a volume has no mesh vertices. Save a label volume (for example, .nii.gz)")
         found = np.zeros(self._surface.metadata["vertices"], dtype=np.int64)
         is_in = self.labels != 0
         found[self._surface.ids[is_in][::-1]] = self.labels[is_in][::-1]
@@ -285,7 +285,7 @@ class Regions(Recorded):
         if not name.endswith(REGION_ENDINGS):
             raise InputError(f"cannot save regions as {path.name}. Use a name that ends in {', '.join(REGION_ENDINGS)}")
         if name.endswith(_VERTEX_ENDINGS) and (volume is not None or depth is not None):
-            raise InputError(f"{path.name} holds vertices, so volume and depth do not apply. Do not pass them")
+            raise InputError(f"{path.name} stores vertices, so volume and depth do not apply. Omit them")
         made = None
         with reading() as files:
             if not name.endswith(_VERTEX_ENDINGS):
@@ -318,7 +318,7 @@ class Regions(Recorded):
             path.write_bytes(label_bytes(labels, self.keys, self.names, self.colours, structure, record))
         else:
             if len(self) != 1:
-                raise InputError(f"a .label file holds one region, not {len(self)}. Use .annot or .label.gii")
+                raise InputError(f"a .label file can store only one region, not {len(self)}. Use .annot or .label.gii")
             vertices = np.flatnonzero(labels)
             rows = np.zeros(self._surface.metadata["vertices"], dtype=np.int64)
             rows[self._surface.ids[::-1]] = np.arange(len(self._surface.ids))[::-1]
@@ -334,7 +334,7 @@ def _columns(
     surface, middle = flat.on_surface, 0.5
     if surface.white_points is not None and surface.pial_points is not None:
         if depth is not None:
-            raise InputError("depth does not apply to a map with white and pial surfaces. Do not pass it")
+            raise InputError("depth does not apply to a map with white and pial surfaces. Omit depth")
         inner, outer = surface.white_points, surface.pial_points
     else:
         if depth is None:

@@ -107,7 +107,7 @@ class Sampler:
     def need_volume(self, what: str, remedy: str = "Pass a volume with an affine, or values at its vertices") -> None:
         """Raise an error unless the map was made from a volume."""
         if not self.is_voxels:
-            raise InputError(f"the map of a mesh {what}. {remedy}")
+            raise InputError(f"a map of a mesh {what}. {remedy}")
 
     def images(
         self,
@@ -134,12 +134,12 @@ class Sampler:
         overlay = None if self.is_voxels or texture is not None else self._overlay(volume)
         if texture is not None:
             if depths != ON_SURFACE or interpolation is not None:
-                raise InputError("depth, fraction, interpolation and period do not apply to textures. Do not pass them")
+                raise InputError("depth, fraction, interpolation and period do not apply to textures. Omit them")
             colours = paint(texture, raster, self.ids)
             names = channels = Channels(("",), lambda _: colours)
         elif overlay is not None:
             if depths != ON_SURFACE:
-                raise InputError("an overlay has values only on the surface. Do not pass depth or fraction")
+                raise InputError("an overlay has values only on the surface. Omit depth and fraction")
             series = series_showing(raster, self.ids, interpolation)
             several = several and len(overlay) > 1
             shown = series if several else lambda values: show(raster, values[self.ids], interpolation)
@@ -236,8 +236,9 @@ class Sampler:
         is_array = is_array and not hasattr(volume, "dataobj")
         if is_array and (values := array_of(volume, "overlay's values")).ndim in (1, 2):
             if len(values) != count:
-                told = f"the overlay has {len(values)} values, but the mesh has {count} vertices"
-                raise InputError(f"{told}. Pass {count}")
+                raise InputError(
+                    f"the overlay has {len(values)} values, but the mesh has {count} vertices. Pass one value for each"
+                )
             return Channels.of_array(values)
         return values_of_object(volume, count, structure)
 
@@ -275,7 +276,7 @@ class Sampler:
         if path is not None and not is_same and not has_place(path):
             log.warning(
                 "%s does not define its position (no sform, qform or goodRASFlag), so its centre is taken as the "
-                "origin. Copy the header of an image with the same grid into it",
+                "origin. Copy the header of an image with the same grid into this file",
                 path.name,
             )
 
@@ -283,9 +284,9 @@ class Sampler:
         """Return the sampling positions of pixels, (H, W, 3) for each depth, scanner RAS, mm."""
         if self.space.doubt:
             log.warning(
-                "the volume may be sampled at the wrong positions: %s. Use a surface file that defines its space, such "
-                "as FreeSurfer's lh.white with its footer, or the output of mris_convert --to-scanner (version 7.4 or "
-                "later)",
+                "the volume may be sampled at the wrong positions: %s. Use a surface file that defines its space (for "
+                "example, a FreeSurfer lh.white with its footer), or the output of mris_convert --to-scanner (version "
+                "7.4 or later)",
                 self.space.doubt,
             )
         if depths.layering is None:
@@ -323,7 +324,7 @@ class Sampler:
     def _outward(self, depth: float) -> NDArray[np.float64]:
         """Return the normals for a depth."""
         if np.isnan(self.normals).all():
-            raise InputError(f"depth is {depth:g} mm, but this one-voxel-thick surface has no outside. Omit depth")
+            raise InputError(f"depth is {depth:g} mm, but a surface that is one voxel thick has no outside. Omit depth")
         return self.normals
 
     def placed(self, volume: object) -> Volume:

@@ -142,7 +142,7 @@ def sample_mean(volume: Volume, places: Sequence[_Floats], interpolation: str | 
     if len(places) > 1 and way == "nearest":
         raise InputError(
             f"values of type {volume.data.dtype} may be labels, which have no mean over depths. Pass a single depth, "
-            "interpolation='majority' for labels, or interpolation='linear' for other values, or use images"
+            "interpolation='majority' for labels or 'linear' for other values, or use images for one image per depth"
         )
     if way == "majority":
         together = np.stack(places)

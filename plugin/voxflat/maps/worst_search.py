@@ -87,12 +87,12 @@ def worst_places(
     """
     checked_kind(flat_map, "flat map", "distortion", "a FlatMap")
     if not is_whole(count) or count < 0:
-        raise InputError(f"count is {shown(count)}. Pass the maximum number of regions, a whole number")
+        raise InputError(f"count is {shown(count)}. Pass the maximum number of regions as a whole number")
     factor = optional_number(beyond, "beyond")
     if factor is None or not 1 < factor < np.inf:
         raise InputError(f"beyond is {shown(beyond)}. Pass a factor greater than 1, such as 1.5")
     if flat_map.distortion.triangles is None:
-        raise InputError("the map has no triangles of the surface to measure areas. Pass a map of another method")
+        raise InputError("the map has no triangles on which to measure areas. Pass a map made with another method")
     areas, logs = area_changes(flat_map)
     known = np.isfinite(logs)
     whole = float(areas[known].sum())

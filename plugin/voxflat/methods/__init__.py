@@ -54,7 +54,7 @@ def method_of(method: str | Method) -> Method:
         return method
     if not isinstance(method, str) or method not in METHODS:
         names = ", ".join(map(repr, METHODS))
-        raise InputError(f"method is {shown(method)}. Pass {names}, or an object of voxflat.methods")
+        raise InputError(f"method is {shown(method)}. Pass {names}, or an object from voxflat.methods")
     return METHODS[method]()
 
 

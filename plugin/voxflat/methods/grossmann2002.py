@@ -100,10 +100,10 @@ class Grossmann2002(Method):
         if isinstance(surface, Cutout) or where.is_given:
             raise InputError(
                 "the method 'grossmann2002' does not cut surfaces. Flatten a part of the surface (Surface.disk, "
-                "Surface.keep), and do not pass cuts, sphere, relax or adapt"
+                "Surface.keep), and omit cuts, sphere, relax and adapt"
             )
         if how.mirror:
-            raise InputError("the method 'grossmann2002' does not support mirror. Do not pass it")
+            raise InputError("the method 'grossmann2002' does not support mirror. Omit it")
         return self._map(voxel_graph(surface, self.link_lengths, how.progress), how)
 
     def _map(self, graph: VoxelGraph, how: How) -> FlatMap:

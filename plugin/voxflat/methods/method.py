@@ -116,7 +116,7 @@ class Method:
     def _check(self, how: How) -> None:
         """Raise an error if the method does not support the requested rows."""
         if how.rows is not False and not self.takes_rows:
-            raise InputError(f"the method {self.name!r} does not measure distances. Do not pass rows")
+            raise InputError(f"the method {self.name!r} does not measure distances. Omit rows")
         if how.store is not None and not self.takes_store:
             raise InputError(f"the method {self.name!r} cannot write a store. Pass rows=True to keep rows in memory")
 
@@ -133,7 +133,7 @@ class OverTriangles(Method):
         """Cut the surface open and flatten it."""
         if isinstance(surface, Cutout):
             if where.is_given:
-                raise InputError("the surface is already cut. Do not pass cuts, sphere, relax or adapt")
+                raise InputError("the surface is already cut. Omit cuts, sphere, relax and adapt")
             return self._map(surface, how)
         return self._map(self._cut(surface, where, how), how)
 

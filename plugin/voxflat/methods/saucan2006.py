@@ -68,7 +68,7 @@ class Saucan2006(OverTriangles):
         """Check the options."""
         if not (is_number(self.bound) and 1 < self.bound <= 10):
             raise InputError(
-                f"bound is {shown(self.bound)}. Pass the largest factor by which lengths may change, above 1, up to 10"
+                f"bound is {shown(self.bound)}. Pass the largest factor by which lengths may change, from above 1 to 10"
             )
 
     def _cut(self, surface: Manifold, where: Where, how: How) -> Cutout:

@@ -93,7 +93,7 @@ class Schwartz1989(OverTriangles):
         part = cut.part
         if is_whole(self.sources) and self.sources == 0:
             if how.keep_rows:
-                raise InputError("sources is 0, so there are no rows to keep. Use more sources, or do not pass rows")
+                raise InputError("sources is 0, so there are no rows to keep. Use more sources, or omit rows")
             choice = SourceChoice(part, 0, np.empty(0, dtype=np.uint32), self.sampling, how.seed, "given")
         else:
             choice = source_choice(part, self.sources, self.sampling, how.seed, fewest=3, at_most_all=True)

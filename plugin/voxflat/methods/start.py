@@ -31,8 +31,8 @@ def places_of(cut: Cutout, start: Matched) -> NDArray[np.float64]:
     if not is_there.all():
         lacking = vertices[cut.faces[np.flatnonzero(~is_there)[0]]].tolist()
         raise InputError(
-            f"start does not contain {int((~is_there).sum())} of the {len(is_there)} triangles to be flattened, such "
-            f"as the triangle of vertices {lacking}. Pass a map that covers all of them, or do not pass start"
+            f"start does not contain {int((~is_there).sum())} of the {len(is_there)} triangles to be flattened "
+            f"(for example, the triangle of vertices {lacking}). Pass a map that covers all of them, or omit start"
         )
     places = np.full((len(vertices), 2), np.nan)
     places[cut.faces] = found
@@ -40,8 +40,8 @@ def places_of(cut: Cutout, start: Matched) -> NDArray[np.float64]:
     if len(torn):
         vertex = int(vertices[cut.faces[tuple(torn[0])]])
         raise InputError(
-            f"start is cut at vertex {vertex}, but the surface is not. Also pass the cuts of the start, or do not pass "
-            "cuts, sphere, relax or adapt"
+            f"start is cut at vertex {vertex}, but the surface is not. Also pass the cuts of the start, or omit cuts, "
+            "sphere, relax and adapt"
         )
     return places
 

@@ -203,7 +203,7 @@ def _solver(part: Manifold, asked: str | None, links_error: float, how: How) -> 
         return solver, error, []
     doubt = f"distances by {_NAMES[solver]} have a mean error of {100 * error:.1f} %, which thin triangles can cause."
     if asked is not None:
-        return solver, error, [f"{doubt} Do not pass geodesic, or pass 'exact'"]
+        return solver, error, [f"{doubt} Omit geodesic, or pass 'exact'"]
     solver, error = "marching", error_of_distances(part, "marching", how)
     if error > MUCH:
         solver, error = "exact", 0.0

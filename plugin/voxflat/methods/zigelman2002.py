@@ -80,7 +80,7 @@ class Zigelman2002(OverTriangles):
         grid = vertices = None
         if self.sampling == "grid":
             if choice.given is not None:
-                raise InputError("sampling is 'grid', which chooses the sources itself. Pass only their number")
+                raise InputError("sampling is 'grid', which chooses the sources itself. Pass only a number of sources")
             grid = pixels_of(part)
         need = part.core.zigelman2002_memory_need(choice.count, how.workers)
         need = how.check_memory(need + how.rows_memory_need(choice.count, len(part)))

@@ -228,7 +228,7 @@ class CutSurface(Generic[_Surface]):
         'cut 1, posterior, right'
         """
         if not is_whole(number) or not 0 <= number < len(self.cuts):
-            raise InputError(f"the cut number is {shown(number)}, but there are {len(self.cuts)} cuts, counted from 0")
+            raise InputError(f"the cut number is {shown(number)}, but there are {len(self.cuts)} cuts, numbered from 0")
         cut, of = self.cuts[number], self.whole
         name = cut.name or f"cut {number + 1}"
         if of is None or not len(cut.ids):
@@ -311,7 +311,7 @@ class CutSurface(Generic[_Surface]):
         >>> cut_open.save_template("five_cuts.json")
         """
         if self.sphere is None or self.whole is None:
-            raise InputError("a template requires a sphere, but this surface has none. Pass sphere (--sphere) to cut")
+            raise InputError("a template requires a sphere, but this surface has none. Cut it with sphere (--sphere)")
         if not self.cuts and not len(self.left_out):
             raise InputError("cannot make a template: the surface has no cuts and no excluded vertices. Cut it first")
         kept = self.whole._has_triangles(self.surface.vertices[self.surface.faces])

@@ -66,6 +66,6 @@ def flatten(
     limits: dict[str, Any] = {"threads": threads, "memory_limit": memory_limit, "progress": progress}
     if isinstance(surface, CutSurface):
         if any(value is not None for value in where.values()):
-            raise InputError("the surface is already cut. Do not pass cuts, sphere, relax or adapt")
+            raise InputError("the surface is already cut. Omit cuts, sphere, relax and adapt")
         return surface.flatten(method, mirror=mirror, rows=rows, seed=seed, **limits)
     return making.surface(surface, **limits).flatten(method, **where, mirror=mirror, rows=rows, seed=seed, **limits)

@@ -72,7 +72,7 @@ def range_image(
     if not inside.any():
         raise InputError(
             f"no triangle of the range image has a depth at all three corners ({int(is_there.sum())} of {heights.size} "
-            "pixels have a depth). Pass an image in which pixels with a depth touch"
+            "pixels have a depth). Pass an image in which pixels with a depth are adjacent"
         )
     corners = np.where(is_there, heights, 0.0).ravel()[faces]
     kept = inside & (np.ptp(corners, axis=1) <= limit)
@@ -112,16 +112,16 @@ def _heights(depth: ArrayLike, mask: ArrayLike | None) -> NDArray[np.float64]:
     try:
         given = array_of(depth, "depths")
     except ValueError:
-        raise InputError("depth is not an array: its rows have different lengths. Pass an array (H, W)") from None
+        raise InputError("the rows of depth have different lengths. Pass an array of shape (H, W)") from None
     if given.ndim != 2 or min(given.shape) < 2:
-        raise InputError(f"depth has shape {given.shape}. Pass an image (H, W) of at least 2 x 2 pixels")
+        raise InputError(f"depth has shape {given.shape}. Pass an array of shape (H, W) with at least 2 x 2 pixels")
     if given.dtype.kind not in "uif":
-        raise InputError(f"depth has type {given.dtype}. Pass real numbers, in mm")
+        raise InputError(f"depth has data type {given.dtype}. Pass real numbers, in mm")
     heights = given.astype(np.float64)
     if mask is not None:
         there = array_of(mask, "values of the mask")
         if there.shape != heights.shape:
-            raise InputError(f"mask has shape {there.shape}, but depth has {heights.shape}. Pass a mask of that shape")
+            raise InputError(f"the shapes of mask {there.shape} and depth {heights.shape} differ. Pass equal shapes")
         if there.dtype.kind not in "buif" or not np.isin(there, (0, 1)).all():
             raise InputError(f"mask ({there.dtype}) has values other than 0 and 1. Pass True where there is a surface")
         heights[there == 0] = np.nan

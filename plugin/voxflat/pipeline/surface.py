@@ -557,7 +557,7 @@ class Surface(Manifold):
         5.0
         """
         if len(stops) < 2:
-            raise InputError(f"a path needs at least two stops, but got {len(stops)}. Pass at least its two ends")
+            raise InputError(f"a path requires at least two stops, but got {len(stops)}. Pass at least its two ends")
         return _path(self, stops, geodesic, link_lengths)
 
     # ------------------------------------------------------------------------------------------ checks and registration
@@ -735,7 +735,7 @@ def surface(
     <Surface from voxels: 632 vertices, 1260 triangles>
     """
     if repair is not None and (not isinstance(repair, str) or repair not in _REPAIRS):
-        raise InputError(f"repair is {shown(repair)}. Pass 'none', 'voxels' or 'cuts', or do not pass it")
+        raise InputError(f"repair is {shown(repair)}. Pass 'none', 'voxels' or 'cuts', or omit it")
     threads = checked_threads(threads)
     give_back_memory()
     voxels = {"label": label, "threshold": threshold, "spacing": spacing, "affine": affine, "probability": probability}
@@ -747,7 +747,7 @@ def surface(
     if isinstance(given, Mesh):
         _refuse_options("a mesh", **voxels)
         if repair == "voxels":
-            raise InputError("repair is 'voxels', but a mesh has no voxels. Pass 'cuts' or 'none', or do not pass it")
+            raise InputError("repair is 'voxels', but a mesh has no voxels. Pass 'cuts' or 'none', or omit it")
         made = of_mesh(given, pial, mend=repair != "none")
     else:
         _refuse_options("a volume", pial=pial)
@@ -761,4 +761,4 @@ def surface(
 def _refuse_options(what: str, **options: object) -> None:
     for name, value in options.items():
         if value is not None:
-            raise InputError(f"{name} does not apply when the input is {what}. Do not pass it")
+            raise InputError(f"{name} does not apply when the input is {what}. Omit it")

@@ -32,7 +32,7 @@ def pial_of(core: _core.Surface, mesh: Mesh, pial: object) -> tuple[NDArray[np.f
         is_there = Path(pial).exists()
         raise InputError(f"{pial}: " + ("not a mesh. Pass a pial surface" if is_there else "the file does not exist"))
     if other is None:
-        raise InputError(f"pial has type {type(pial).__name__}. Pass a mesh: a path, (points, faces), or a PolyData")
+        raise InputError(f"pial has type {type(pial).__name__}. Pass a path, a tuple (points, faces) or a PolyData")
     if len(other.points) != len(mesh.points):
         raise InputError(
             f"the pial surface has {len(other.points)} vertices, but the given surface has {len(mesh.points)}. "
@@ -108,8 +108,8 @@ def _check_label(whole: Manifold, path: Path) -> list[str]:
     sides = points[:, 0].mean(), there[:, 0].mean()
     if sides[0] * sides[1] < 0 and min(map(abs, sides)) > _SIDE:
         raise InputError(
-            f"{path}: the label's points and the vertices to which it refers lie on opposite sides of the brain (mean "
-            f"x: {sides[0]:.0f} and {sides[1]:.0f} mm). Pass the label of this hemisphere"
+            f"{path}: the points of the label and the vertices to which it refers lie on opposite sides of the brain "
+            f"(mean x: {sides[0]:.0f} and {sides[1]:.0f} mm). Pass the label of this hemisphere"
         )
     return [
         f"the points of {path.name} are {far:.0f} mm (median) away from the vertices to which it refers. Check that it "

@@ -45,7 +45,7 @@ def read_cuts(whole: Manifold, cuts: object | None) -> tuple[list[Any] | None, N
     if not isinstance(cuts, list | tuple):
         raise InputError(
             f"cuts has type {type(cuts).__name__}. Pass a list of paths (each a list of neighbouring vertices), or the "
-            "path of a cuts file"
+            "path to a cuts file"
         )
     return list(cuts), None
 
@@ -56,7 +56,7 @@ def _from_file(path: Path, indices: int | None) -> tuple[list[NDArray[np.int64]]
         content = from_json(contents(path))
     except OSError as error:
         remedy = "Pass 'standard', 'automatic', a file or paths"
-        raise InputError(f"cannot read the cuts {path}: {error.strerror}. {remedy}") from error
+        raise InputError(f"cannot read the cuts from {path}: {error.strerror}. {remedy}") from error
     except ValueError as error:
         raise InputError(f"{path} is not a cuts file: {error}") from error
     if not isinstance(content, dict) or not isinstance(content.get("cuts"), list):
@@ -76,7 +76,7 @@ def _vertices(path: Path, values: object, indices: int | None) -> NDArray[np.int
         return np.empty((0,) if indices is None else (0, indices), dtype=np.int64)
     if array.dtype.kind not in "iu" or array.shape[1:] != (() if indices is None else (indices,)):
         what = "vertex numbers" if indices is None else "voxel indices"
-        raise InputError(f"{path} has a list of type {array.dtype} and shape {array.shape}. Provide lists of {what}")
+        raise InputError(f"{path} has a list with type {array.dtype} and shape {array.shape}. Provide lists of {what}")
     return array.astype(np.int64)
 
 
@@ -147,7 +147,7 @@ def check_relax(relax: float | bool | None, adapt: float | None = None) -> None:
     """Raise an error for invalid values of `relax` or `adapt`."""
     if adapt is not None:
         if not (isinstance(adapt, Real) and not isinstance(adapt, bool) and adapt > 0 and math.isfinite(adapt)):
-            raise InputError(f"adapt is {shown(adapt)}. Pass the maximum distance from the template's cuts, in mm")
+            raise InputError(f"adapt is {shown(adapt)}. Pass the maximum distance from the cuts of the template, in mm")
         if relax is False:
             raise InputError("adapt adds relaxation cuts, but relax=False disables them. Pass only one of them")
     if relax is not None and not (isinstance(relax, Real) and relax >= 0 and math.isfinite(relax)):

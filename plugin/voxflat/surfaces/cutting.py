@@ -103,7 +103,7 @@ def cut_open(
     more: dict[str, Any] = {"sphere": choice.sphere, "traced": tuple(named), "is_standard": is_standard}
     cut = Cutout(whole, part, part.faces, metadata, tuple(remarks), given, is_cut, is_whole, **more)
     if adapt is not None and not is_standard:
-        raise InputError("adapt requires a template. Pass cuts='standard' or a template file, or do not pass adapt")
+        raise InputError("adapt requires a template. Pass cuts='standard' or a template file, or omit adapt")
     return opened_to_disk(cut, relax, threads, progress, adapt) if to_disk else cut
 
 

@@ -62,7 +62,7 @@ def foreground_of(volume: Volume, *, label: int | None = None, threshold: float 
 def check_scalar(data: NDArray[Any]) -> None:
     """Raise an error unless there is one value per voxel."""
     if data.ndim != 3:
-        raise InputError(f"the volume has shape {data.shape}, like a colour image. Pass one value per voxel (I, J, K)")
+        raise InputError(f"the volume has shape {data.shape}, as for colours. Pass a volume with one value per voxel")
     if data.size == 0:
         raise InputError(f"the volume has shape {data.shape}, so it contains no voxels. Pass a volume with voxels")
 
@@ -91,7 +91,7 @@ def foreground(data: NDArray[Any], *, label: int | None = None, threshold: float
     if data.dtype.kind == "f" and not np.isfinite(data).all():
         count = int(np.size(data) - np.isfinite(data).sum())
         voxels = "1 voxel is" if count == 1 else f"{count} voxels are"
-        raise InputError(f"{voxels} NaN or infinite. Replace them, for example with numpy.nan_to_num")
+        raise InputError(f"{voxels} NaN or infinite. Replace these values, for example with numpy.nan_to_num")
     if threshold is not None:
         return _above(data, threshold)
     return _labelled(data, _only_label(data) if label is None else label)

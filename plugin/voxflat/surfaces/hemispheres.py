@@ -223,7 +223,7 @@ def _of_mask(white: NDArray[np.bool_], volume: Volume, side: str, steps: "_Steps
             volume.affine,
             _there(white.shape, volume.affine, fitted),
         )
-    log.info("aligned the brain to MNI152: overlap %.2f", overlap)
+    log.info("aligned the brain to MNI152 (overlap %.2f)", overlap)
     back = np.linalg.inv(template.affine) @ np.linalg.inv(fitted) @ volume.affine
     found, is_near = np.zeros(white.shape, dtype=np.bool_), np.zeros(white.shape, dtype=np.bool_)
     step = max(1, _SLAB // max(1, white[0].size))

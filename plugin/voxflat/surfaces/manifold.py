@@ -305,7 +305,7 @@ class Manifold:
                 if self.is_voxels
                 else "vertex numbers (integers) of shape (m,)"
             )
-            raise InputError(f"{name} must be {what}, but have data type {wanted.dtype} and shape {wanted.shape}")
+            raise InputError(f"{name} must be {what}, but got data type {wanted.dtype} and shape {wanted.shape}")
         wanted = wanted.astype(np.int64)
         own = self.ids.astype(np.int64)
         if len(self.merged):
@@ -366,7 +366,7 @@ class Manifold:
             raise InputError("a surface from a mesh has no voxels. Pass a vertex number instead")
         wanted = numbers_of(place, "voxel")
         if wanted.shape != (3,):
-            raise InputError(f"the voxel is {shown(place)}. Pass its three indices")
+            raise InputError(f"the voxel is {shown(place)}. Pass three voxel indices")
         linear = np.asarray(self.metadata["affine"])[:3, :3]
         apart = np.linalg.norm((self.ids - wanted) @ linear.T, axis=1)
         vertex = int(apart.argmin())

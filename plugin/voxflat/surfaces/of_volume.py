@@ -90,7 +90,7 @@ def _level(
     if probability is not None:
         image = as_volume(probability)
         if image.data.shape != mask.shape:
-            shapes = f"shape {image.data.shape}, but the volume has {mask.shape}"
+            shapes = f"shape {image.data.shape}, but the volume has shape {mask.shape}"
             raise InputError(f"the probability image has {shapes}. Resample the image")
         if image.is_placed and volume.is_placed and not np.allclose(image.affine, volume.affine, atol=1e-3):
             raise InputError("the affines of the probability image and of the volume differ. Resample the image")

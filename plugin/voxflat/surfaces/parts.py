@@ -142,7 +142,7 @@ def _triangles(whole: Manifold, keep: object) -> NDArray[np.bool_] | None:
         )
     found = whole._has_triangles(mesh.faces)
     if found is None:
-        raise InputError("the surface to keep has triangles that the surface does not have. Pass a part of the surface")
+        raise InputError("the surface to keep has triangles that the full surface lacks. Pass a part of the surface")
     return found
 
 
@@ -150,7 +150,7 @@ def _vertices(whole: Manifold, region: object, verb: str) -> tuple[NDArray[np.bo
     """Return which vertices are in a region, and for volumes the region as a mask of voxels."""
     name = f"the region to {verb}"
     if isinstance(region, str | os.PathLike) and not os.path.exists(region):
-        raise InputError(f"{name}: the file {os.fspath(region)} does not exist")
+        raise InputError(f"{name}: the file {os.fspath(region)} does not exist. Check the path")
     if whole.is_voxels:
         shape = tuple(whole.metadata["shape"])
         if isinstance(region, np.ndarray | list) and array_of(region, "region's entries").ndim == 2:  # voxel indices
@@ -178,12 +178,12 @@ def _as_mask(region: NDArray[Any], count: int, name: str) -> NDArray[np.bool_]:
         return np.asarray(region != 0)
     if region.ndim != 1 or region.dtype.kind not in "ui":
         raise InputError(
-            f"{name} has data type {region.dtype} and shape {region.shape}. Pass a mask of shape ({count},), vertex "
-            "numbers, or a file"
+            f"{name} has data type {region.dtype} and shape {region.shape}. Pass a mask of shape ({count},), a "
+            "list of vertex numbers or a file"
         )
     bad = region[(region < 0) | (region >= count)]
     if len(bad):
-        raise InputError(f"{name} refers to vertex {bad[0]}, but the mesh has {count} vertices, counted from 0")
+        raise InputError(f"{name} refers to vertex {bad[0]}, but the mesh has {count} vertices, numbered from 0")
     chosen = np.zeros(count, dtype=np.bool_)
     chosen[region] = True
     return chosen
@@ -194,7 +194,7 @@ def _seed(part: Manifold, seed_point: Sequence[int] | int) -> tuple[int, list[st
     if not part.is_voxels:
         place = array_of(seed_point, "indices of the seed point")
         if place.ndim != 0 or place.dtype.kind not in "ui":
-            raise InputError(f"the seed point is {shown(seed_point)}. Pass the number of a vertex of the mesh")
+            raise InputError(f"the seed point is {shown(seed_point)}. Pass a vertex number of the mesh")
         return int(part.find(place[None], "the seed point")[0]), []
     wanted = seed_voxel(seed_point)
     vertex, distance = part.nearest(wanted)
@@ -211,7 +211,7 @@ def medial_wall_of(whole: Manifold) -> NDArray[np.bool_]:
     """Find the medial wall, bool (N,): the one large region where cortex has no thickness."""
     advice = "Pass the label of the medial wall as the region to drop, or drop nothing"
     if whole.thickness is None:
-        raise InputError("the medial wall cannot be found without the pial surface. Pass pial, or the wall's label")
+        raise InputError("the medial wall cannot be found without the pial surface. Pass pial, or a label")
     touching = whole.thickness[whole.vertices] < _TOUCHING
     corners = np.asarray(np.asarray(touching[whole.faces]).all(axis=1))
     if not corners.any():

@@ -69,7 +69,7 @@ pub enum Error {
     #[error("the affine contains {value} at row {row}, column {column}. Give a finite affine or spacing")]
     AffineNotFinite { row: usize, column: usize, value: f64 },
 
-    #[error("the last row of the affine is {row:?}, not [0, 0, 0, 1]. Give an affine from voxel indices to mm")]
+    #[error("the last row of the affine is {row:?}, not [0, 0, 0, 1]. Give an affine that maps voxel indices to mm")]
     AffineNotAffine { row: [f64; 4] },
 
     #[error("the spacing of axis {axis} is {spacing} mm. Give a positive spacing")]
@@ -173,7 +173,7 @@ pub enum Error {
     #[error("the flat image would have {width} x {height} pixels. Give a pixel size above {pixel_size} mm")]
     RasterTooLarge { width: f64, height: f64, pixel_size: f64 },
 
-    #[error("a surface of {points} points is too large for this graph (at most {most}). Flatten a smaller patch")]
+    #[error("a surface with {points} points is too large for this graph (at most {most}). Flatten a smaller patch")]
     GraphTooLarge { points: usize, most: usize },
 
     #[error(
@@ -189,7 +189,7 @@ pub enum Error {
     )]
     NotASphere { components: usize, loops: usize, handles: usize },
 
-    #[error("no triangle around vertex {vertex} lies within {radius} mm. Give a larger radius")]
+    #[error("no triangle around vertex {vertex} lies within {radius} mm of it. Give a larger radius")]
     EmptyDisk { vertex: usize, radius: f64 },
 
     #[error(
@@ -320,7 +320,7 @@ pub enum Error {
     )]
     FactorNotPositive { vertex: usize, factor: f64 },
 
-    #[error("the relaxation option {name} is {value}. Give a number that is not negative")]
+    #[error("the relaxation option {name} is {value}. Give a non-negative number")]
     RelaxationOption { name: &'static str, value: f64 },
 
     #[error(

@@ -68,7 +68,7 @@ def _on_surface(path: Path, read: Callable[[Geometry], _Read]) -> tuple[Geometry
             wrong = wrong or error
     if wrong is not None:
         raise InputError(f"{wrong}. Open the surface to which the file belongs, then open the file again") from wrong
-    raise InputError(f"{path}: the surface of this file was not found. Open the surface (such as lh.white) first")
+    raise InputError(f"{path}: the surface for this file was not found. Open it first (for example, lh.white)")
 
 
 def _display(path: Path, values: NDArray[Any]) -> dict[str, Any]:

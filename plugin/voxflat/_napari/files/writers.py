@@ -76,7 +76,7 @@ def _image_of(layers: Sequence[LayerData]) -> FlatImage:
     height, width = keywords["scale"]
     if height != width:
         size = f"{height:g} x {width:g} mm"
-        raise InputError(f"The pixels of layer '{keywords['name']}' are {size}. Set the same scale for both axes")
+        raise InputError(f"The pixels of '{keywords['name']}' are not square ({size}). Set equal scales for both axes")
     down, u = keywords["translate"]
     is_labels, pixels = kind == "labels", np.asarray(data)
     if keywords.get("rgb"):

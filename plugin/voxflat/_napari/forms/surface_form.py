@@ -209,7 +209,7 @@ class SurfaceForm(LayerForm):
         part = self.patch.currentData()
         if part == "disk":
             if self.seed.point is None:
-                raise InputError("There is no seed point. Click Pick and then the surface, or choose another part")
+                raise InputError("There is no seed point. Click Pick, then click the surface, or choose another part")
             return {"seed_point": self.seed.point, "radius": self.radius.value()}
         if part == "polygon":
             if self.polygon.layer is None:

@@ -37,7 +37,7 @@ class LayerMesh:
         place = LayerPlace.of(layer, world)
         if faces.ndim != 2 or faces.shape[1] != 3:
             corners = f"{faces.shape[1]} corners" if faces.ndim == 2 else f"shape {faces.shape}"
-            raise InputError(f"The faces of layer '{layer.name}' have {corners} instead of 3. Triangulate the mesh")
+            raise InputError(f"The faces of layer '{layer.name}' are not triangles ({corners}). Triangulate the mesh")
         if len(values) != len(vertices):
             counts = f"{len(values)} values for {len(vertices)} vertices"
             raise InputError(f"Layer '{layer.name}' has {counts}. Set one value per vertex")

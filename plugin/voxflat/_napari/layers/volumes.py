@@ -26,8 +26,10 @@ class LayerVolume:
     def of(cls, layer: Layer, world: str = "RAS", step: tuple[int, ...] = ()) -> "LayerVolume":
         """Read an Image or Labels layer; raises InputError unless it has three length axes in addition to `step`."""
         if layer.ndim - len(step) > 3:
-            remedy = "Split it (Layers → Layer Type → Split Stack), then choose one part"
-            raise InputError(f"Layer '{layer.name}' has {layer.ndim} dimensions instead of 3. {remedy}")
+            raise InputError(
+                f"Layer '{layer.name}' has {layer.ndim} dimensions, not 3. Split it (Layers → Layer Type → Split "
+                "Stack), then choose one of the new layers"
+            )
         place = LayerPlace.of(layer, world, len(step))
         return cls(finest(layer), place, getattr(layer, "rgb", False), step)  # Labels layers have no attribute rgb
 

@@ -90,7 +90,7 @@ def read_morph(path: Path, data: bytes) -> NDArray[Any]:
             raise InputError(f"has {each} values per point. Pass a file with one value per point")
         check_size(data, 15 + 4 * points if points >= 0 else -1, f"{points} values", is_exact=True)
     elif len(data) < 6 or len(data) != 6 + 2 * int.from_bytes(data[:3], "big"):  # this format has no magic number
-        raise InputError(f"is not in a known format of values, or is incomplete. {_REMEDY}")
+        raise InputError(f"is not in a known format for values, or is incomplete. {_REMEDY}")
     return np.asarray(require("nibabel").freesurfer.read_morph_data(path))
 
 
@@ -101,7 +101,7 @@ def read_mgh(data: bytes) -> NDArray[Any]:
         raise InputError(f"is not an MGH file, or is damaged. {_REMEDY}")
     check_size(data, 284 + math.prod(shape) * {0: 1, 4: 2}.get(kind, 4), f"the shape {shape}")
     if sorted(shape[:3])[:2] != [1, 1]:
-        raise InputError(f"has shape {shape}. Pass values of shape (N, 1, 1) at N points")
+        raise InputError(f"has shape {shape}. Pass an array of shape (N, 1, 1) for N points")
     with np.errstate(all="ignore"):  # warnings about the position, which is not needed
         values = np.asarray(require("nibabel").MGHImage.from_bytes(data).dataobj).reshape(max(shape[:3]), -1)
     return values[:, 0] if values.shape[1] == 1 else values
@@ -145,7 +145,7 @@ def read_label(data: bytes, n: int) -> NDArray[np.bool_]:
     vertices = _label_columns(data, 1)[:, 0]
     bad = np.flatnonzero(~((vertices >= 0) & (vertices < n) & (vertices == np.floor(vertices))))
     if len(bad):
-        raise InputError(f"line {bad[0] + 3} is point {vertices[bad[0]]:g}, but the surface has points 0 to {n - 1}")
+        raise InputError(f"line {bad[0] + 3} names point {vertices[bad[0]]:g}, but the surface has points 0 to {n - 1}")
     mask = np.zeros(n, dtype=bool)
     mask[vertices.astype(np.int64)] = True
     return mask

@@ -35,7 +35,7 @@ def _parser() -> Any:
     """Return an XML parser that rejects entity definitions."""
 
     def refuse(name: str, *_: object) -> None:
-        raise InputError(f"defines the XML entity {name!r}, which is not allowed. Write it without entities")
+        raise InputError(f"defines the XML entity {name!r}, which is not allowed. Save the file without entities")
 
     parser = ParserCreate()
     parser.buffer_text = True
@@ -78,9 +78,9 @@ class _Walk:
             self.array = attributes
             dimensions = attributes.get("Dimensionality", 1)
             if not 1 <= int(dimensions) <= _MOST_DIMENSIONS:
-                raise InputError(f"array {self.arrays} has {dimensions} dimensions. Write at most {_MOST_DIMENSIONS}")
+                raise InputError(f"array {self.arrays} has {dimensions} dimensions. Use at most {_MOST_DIMENSIONS}")
         elif self.text is not None:
-            raise InputError(f"array {self.arrays} has <{name}> within its data. {AGAIN}")
+            raise InputError(f"array {self.arrays} contains the element <{name}> within its data. {AGAIN}")
         elif name == "Data":
             self.text = []
 
@@ -99,7 +99,7 @@ class _Walk:
         types = nibabel.nifti1.data_type_codes
         encoding = nibabel.gifti.util.gifti_encoding_codes.label[self.array.get("Encoding", "undef")]
         if encoding == "External":
-            raise InputError(f"refers to another file, {self.array.get('ExternalFileName')!r}. Embed its data")
+            raise InputError(f"refers to another file, {self.array.get('ExternalFileName')!r}. Embed its data instead")
         if encoding == "ASCII":
             return
         dims = [int(self.array.get(f"Dim{axis}", 0)) for axis in range(int(self.array.get("Dimensionality", 1)))]
@@ -112,8 +112,8 @@ class _Walk:
             stream = zlib.decompressobj()
             stored = stream.decompress(stored, need + 1)  # one additional byte suffices
         if len(stored) != need:
-            found = f"ends after {len(stored)} of" if len(stored) < need else "is longer than the"
-            raise InputError(f"array {self.arrays} {found} {need} bytes that its header specifies. {AGAIN}")
+            found = f"ends after {len(stored)} of" if len(stored) < need else "is longer than"
+            raise InputError(f"array {self.arrays} {found} the {need} bytes that its header specifies. {AGAIN}")
 
 
 def load(data: bytes) -> Any:
@@ -165,7 +165,7 @@ def _transform(points: Any) -> NDArray[np.float64]:
     system = points.coordsys
     matrix = np.eye(4) if system is None or system.xform is None else np.asarray(system.xform, dtype=np.float64)
     if matrix.size != 16:
-        raise InputError(f"has a transformation of {matrix.size} numbers instead of 16. {AGAIN}")
+        raise InputError(f"has a transformation with {matrix.size} numbers instead of 16. {AGAIN}")
     return matrix.reshape(4, 4)  # nibabel returns a 1-D array if the matrix is on one line
 
 

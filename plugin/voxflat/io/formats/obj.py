@@ -115,7 +115,7 @@ def write_obj(
             return
         bad = np.flatnonzero(~np.isfinite(texture).all(axis=1))
         if len(bad):
-            raise InputError(f"point {bad[0]} has no texture coordinate. OBJ requires them for all points or for none")
+            raise InputError(f"point {bad[0]} has no texture coordinate. Define them for all points or for none")
         np.savetxt(file, texture, "vt %.9g %.9g")
         corners = np.stack([faces, faces if texture_faces is None else texture_faces], axis=2) + 1
         np.savetxt(file, corners.reshape(-1, 6), "f %d/%d %d/%d %d/%d")

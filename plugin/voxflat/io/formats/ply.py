@@ -43,7 +43,7 @@ def read_ply(path: Path, data: bytes) -> dict[str, Any]:
             break  # other elements are ignored
     names = vertices.dtype.names or ()
     if not {"x", "y", "z"} <= set(names) or lists is None:
-        raise InputError(f"has no vertices with x, y, z, or no faces with vertex_indices. {REMEDY}")
+        raise InputError(f"has no vertices with x, y and z, or no faces with vertex_indices. {REMEDY}")
     points = np.column_stack([vertices[axis] for axis in "xyz"]).astype(np.float64)
     corners, counts = lists
     if any(name == "tristrips" for name, _, _ in elements):
@@ -91,7 +91,7 @@ def _header(text: str) -> tuple[str, list[_Element]]:
         elif words and words[0] not in ("comment", "obj_info"):
             raise InputError(f"its header has the line {line!r}, which is not part of the PLY format. Remove it")
     if form not in _ORDERS:
-        raise InputError(f"its format is {form!r}. Write the file in one of {', '.join(_ORDERS)}")
+        raise InputError(f"its format is {form!r}. Save it in one of the formats {', '.join(_ORDERS)}")
     return form, elements
 
 
@@ -167,7 +167,7 @@ def _whole(numbers: NDArray[Any], counts: NDArray[np.int64]) -> NDArray[np.int64
         face = int(np.searchsorted(np.cumsum(counts), bad[0], side="right"))
         start = int(counts[:face].sum())
         corners = numbers[start : start + counts[face]].tolist()
-        raise InputError(f"face {face} is {corners}. Write corners as whole numbers")
+        raise InputError(f"face {face} has the corners {corners}. Write corners as whole numbers")
     return np.asarray(numbers.astype(np.int64))
 
 

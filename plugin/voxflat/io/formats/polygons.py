@@ -51,7 +51,7 @@ def read_glb(path: Path, data: bytes) -> dict[str, Any]:
     scene = require("trimesh").load_scene(io.BytesIO(data), file_type="glb", skip_materials=True)
     mesh = scene.to_mesh()
     if not len(mesh.faces):
-        raise InputError("has no triangles. Export its surface as triangles")
+        raise InputError("has no triangles. Export the surface as triangles")
     return {"points": np.asarray(mesh.vertices), "faces": np.asarray(mesh.faces, dtype=np.int64)}
 
 

@@ -50,10 +50,10 @@ def read_outlines(path: str | os.PathLike[str], layer: str) -> list[Outline]:
         if found is None:
             layers = [group for group in groups if _own(group, _MODE) == "layer"] or groups  # else not from Inkscape
             names = ", ".join(repr(_own(group, _LABEL) or str(group.id)) for group in layers) or "other elements"
-            raise InputError(f"has no layer {layer!r}; its layers are {names}. Draw in a layer named {layer!r}")
+            raise InputError(f"has no layer {layer!r} (layers: {names}). Draw the regions in a layer named {layer!r}")
         outlines = [outline for outline in _outlines(found, svg, to_mm, _own(found, _LABEL)) if outline.loops]
         if not outlines:
-            raise InputError(f"its layer {layer!r} has no path. Draw the regions in it as closed paths")
+            raise InputError(f"its layer {layer!r} has no path. Draw the regions in this layer as closed paths")
         return outlines
 
 

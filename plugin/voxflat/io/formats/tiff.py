@@ -67,7 +67,7 @@ def _imagej_sizes(file: Any, is_deep: bool) -> list[float] | None:
         number, whole = tags[name].value
         across.append(_size(str(whole / number), unit))
     if is_deep and not told.get("spacing"):
-        raise InputError("defines its pixel size, but not its slice distance. Pass an array and a spacing")
+        raise InputError("defines its pixel size, but not the distance between slices. Pass an array and a spacing")
     return [*across, _size(str(told.get("spacing", whole / number)), unit)]
 
 
@@ -77,5 +77,5 @@ def _size(text: str, unit: str) -> float:
     except ValueError:
         size = 0.0
     if not 0 < size < np.inf:
-        raise InputError(f"has a voxel size of {text} {unit}. Pass an array and a spacing")
+        raise InputError(f"has an invalid voxel size ({text} {unit}). Pass an array and a spacing")
     return size

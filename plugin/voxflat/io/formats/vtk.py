@@ -22,7 +22,7 @@ def read_vtk(path: Path, data: bytes) -> dict[str, Any]:
     if head is None:
         raise InputError(f"has a damaged header. {AGAIN}")
     if head[2].upper() != b"POLYDATA":
-        raise InputError(f"contains {head[2].decode('latin1')}. Extract its surface, and save it as POLYDATA")
+        raise InputError(f"has dataset type {head[2].decode('latin1')}. Extract its surface, and save it as POLYDATA")
     points = _POINTS.search(data, head.end())
     has_offsets, faces, strips = int(head[1]) >= 5, [0, 0], [0, 0]  # version 5.1 or later: one more offset than faces
     for name, number, size, offsets, array in _CELLS.findall(data, head.end()):

@@ -46,7 +46,7 @@ def check_cover(coordinates: NDArray[np.float64], shape: tuple[int, ...], texel_
         height, width = shape[0] * texel_size, shape[1] * texel_size
         raise InputError(
             f"with texels of {texel_size:g} mm, the picture is {width:g} x {height:g} mm and does not cover the map. "
-            f"Pass repeat, or a texel size of at least {needed * texel_size * (1 + 1e-6):.6g} mm"
+            f"Pass repeat=True, or a texel size of at least {needed * texel_size * (1 + 1e-6):.6g} mm"
         )
 
 
@@ -68,7 +68,7 @@ def check_values(picture: object) -> NDArray[Any]:
     array = array_of(picture, "values of the picture")
     if array.ndim not in (2, 3) or 0 in array.shape or array.dtype.kind not in "buif":
         told = f"the picture has shape {array.shape} and data type {array.dtype}"
-        raise InputError(f"{told}. Pass numbers of shape (H, W) or (H, W, C)")
+        raise InputError(f"{told}. Pass a numeric array of shape (H, W) or (H, W, C)")
     return array
 
 
@@ -127,17 +127,17 @@ def _of_pillow(image: Any) -> NDArray[np.uint8]:
 
 def _of_array(array: NDArray[Any]) -> NDArray[np.uint8]:
     if array.ndim == 3 and array.shape[2] not in (3, 4):
-        raise InputError(f"the picture has shape {array.shape}. Pass (H, W), (H, W, 3) or (H, W, 4)")
+        raise InputError(f"the picture has shape {array.shape}. Pass an array of shape (H, W), (H, W, 3) or (H, W, 4)")
     if array.dtype.kind == "b":
         array = np.uint8(255) * array
     elif array.dtype.kind == "f":
         least, most = float(array.min()), float(array.max())  # NaN if there is one
         if not (least >= 0 and most <= 1):
             raise InputError(
-                f"the picture's values range from {least:g} to {most:g}. Scale floats to 0 to 1 (without NaN), or "
-                "pass uint8"
+                f"the picture's values range from {least:g} to {most:g}. Scale floats to the range 0 to 1 (no NaN), or "
+                "pass uint8 values"
             )
         array = np.round(255 * array).astype(np.uint8)
     elif array.dtype != np.uint8:
-        raise InputError(f"the picture has type {array.dtype}. Pass uint8 (0 to 255), or floats from 0 to 1")
+        raise InputError(f"the picture has data type {array.dtype}. Pass uint8 (0 to 255), or floats from 0 to 1")
     return np.ascontiguousarray(np.repeat(array[..., None], 3, axis=2) if array.ndim == 2 else array)

@@ -65,7 +65,7 @@ def _vertex_colours(mesh: meshes.Mesh) -> NDArray[np.uint8]:
     if len(found) == 1:
         return next(iter(found.values()))
     if found:
-        raise InputError(f"has several colours at its vertices ({', '.join(found)}). Pass one of them as an array")
+        raise InputError(f"has several colour arrays at its vertices ({', '.join(found)}). Pass one as an array")
     raise InputError("has no texture (texture coordinates with a picture, or colours at vertices). Add a texture")
 
 
@@ -90,7 +90,7 @@ def _obj_texture(path: Path) -> SurfaceTexture:
         shown = ", ".join(sorted(picture.name for picture in pictures))
         raise InputError(f"has {len(pictures)} pictures ({shown}). Bake them into one picture")
     if plain := sorted(names["usemtl"] - set(found)):
-        raise InputError(f"its material {plain[0]!r} has no picture, but others do. Bake all into one picture")
+        raise InputError(f"its material {plain[0]!r} has no picture, but others do. Bake all pictures into one")
     return SurfaceTexture(faces, coordinates, as_picture(pictures.pop())[0])
 
 

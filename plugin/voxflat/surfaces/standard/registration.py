@@ -180,8 +180,8 @@ def _validated(whole: Manifold, found: dict[str, Any], named: str | None, remark
     confidence = float(1 / (1 + np.exp(-(evidence - _MIDWAY) / _WIDTH)))
     if evidence < _MIDWAY:
         raise InputError(
-            f"judging by its folds, the surface is not a hemisphere of a cortex (confidence {confidence:.2f}): its "
-            f"agreement is {better:.2f} with the better matching side of the template, and {worse:.2f} with the other "
+            f"judging by its folds, the surface is not a cortical hemisphere (confidence {confidence:.2f}): its "
+            f"agreement is {better:.2f} with the better-matching side of the template, and {worse:.2f} with the other "
             "side. Pass the surface of one hemisphere without the cerebellum and brain stem. Do not use a template for "
             "other shapes"
         )

@@ -120,7 +120,7 @@ def _as_points(sphere: object) -> Mesh | NDArray[np.float64]:
     except ValueError:
         points = np.empty(0)
     if points.ndim != 2 or points.shape[1] != 3 or points.dtype.kind not in "iuf" or not np.isfinite(points).all():
-        raise InputError(f"sphere has type {type(sphere).__name__}. Pass a file, or finite positions (V, 3)")
+        raise InputError(f"sphere has type {type(sphere).__name__}. Pass a file, or finite positions of shape (V, 3)")
     return points.astype(np.float64)
 
 
@@ -130,7 +130,7 @@ def _folded(whole: Manifold, places: NDArray[np.float64], name: str) -> int:
     folded = int((np.einsum("ij,ij->i", np.cross(a, b), c) < 0).sum())
     share = folded / len(whole.faces)
     if share > 1 - _FOLDED:
-        raise InputError(f"{name} is mirrored: all triangles are flipped on it. Pass it with FreeSurfer's orientation")
+        raise InputError(f"{name} is mirrored: all of its triangles are flipped. Pass it in the FreeSurfer orientation")
     if share > _FOLDED:
         raise InputError(
             f"{100 * share:.1f} % of the surface's triangles are flipped on {name}. Check that it is the sphere of "
@@ -146,7 +146,7 @@ def _named_side(whole: Manifold, mesh: Mesh | NDArray[np.float64], name: str) ->
     of_sphere = named.get(mesh.structure or "") if isinstance(mesh, Mesh) else None
     if of_surface and of_sphere and of_surface != of_sphere:
         raise InputError(
-            f"{name} is a {of_sphere} hemisphere, but the surface is a {of_surface} one. Pass the {of_surface} sphere"
+            f"{name} is for the {of_sphere} hemisphere, but the surface is for the {of_surface} one. Pass its sphere"
         )
     return of_surface or of_sphere
 
@@ -191,7 +191,7 @@ def _placed(
     distances = _distances(whole, places)
     if any(np.isnan(distance) for distance in distances.values()):  # a patch
         if named is None:
-            raise InputError("the file name does not show the hemisphere. Name it with lh., rh., hemi-L or hemi-R")
+            raise InputError("the hemisphere is unknown. Include lh., rh., hemi-L or hemi-R in the file name")
         return told_space, named, float("nan"), []
     best = min(distances, key=lambda key: distances[key])
     own = told_space, named or min(SIDES, key=lambda side: distances[told_space, side])
@@ -200,7 +200,7 @@ def _placed(
         if named is not None and best[1] != named:
             raise InputError(
                 f"according to {name}, the surface is the {best[1]} hemisphere, but the files specify the {named} one. "
-                "Rename them, or pass the matching sphere"
+                "Rename the files, or pass the matching sphere"
             )
         remarks.append(
             f"{name} is assumed to be in {best[0]} space, where corresponding points are {distances[best]:.0f} mm "

@@ -226,7 +226,7 @@ def template_of(
             break
         else:
             raise InputError(
-                f"the cut {rest[0][0]!r} begins neither at a boundary nor at another cut. Extend it to one"
+                f"the cut {rest[0][0]!r} begins neither at a boundary nor at another cut. Extend it to one of them"
             )
     return Template("", sphere.space, sphere.side, tuple(outlines), tuple(lines))
 
