@@ -38,7 +38,7 @@ def test_whole_numbers_that_no_float_holds_are_infinite():
 
 def test_a_limit_is_finite():
     for limit in (float("nan"), float("inf"), "x", np.ones((9, 9))):
-        refused(r"^the memory limit is [^\n]*; give a number of bytes$", checked_limit, limit)
+        refused(r"^the memory limit is [^\n]*. Give a number of bytes$", checked_limit, limit)
 
 
 def test_values_are_shown_on_one_short_line():
@@ -46,7 +46,7 @@ def test_values_are_shown_on_one_short_line():
     assert shown("x" * 999) == "'" + 75 * "x" + " ..."
     assert shown(10**9999) == "a number of the type int"
     checked_kind([], "list", "append", "a list")
-    refused(r"^the list is 3; give a list$", checked_kind, 3, "list", "append", "a list")
+    refused(r"^the list is 3. Give a list$", checked_kind, 3, "list", "append", "a list")
 
 
 @pytest.fixture(scope="module")
@@ -102,9 +102,9 @@ CALLS = {
     "texture": (lambda s: io.Mesh(POINTS, FACES, texture_coordinates=b"x"), "coordinates are b'x'. Give numbers"),
     "point data": (lambda s: io.Mesh(POINTS, FACES, point_data=ARRAY), "point data is array.*. Give arrays by"),
     "face data": (lambda s: io.Mesh(POINTS, FACES, face_data={"a": 3}), "face data 'a' has 0 values, .* has 50"),
-    "entries": (lambda s: io.Patch([1, [2, 3]], POINTS[:3], np.ones(3)), "the vertices are .*; give rows"),
-    "mask": (lambda s: io.Patch([1, 2], POINTS[:2], [1, [2, 3]]), "entries of the border are .*; give numbers"),
-    "not a picture": (lambda s: figures.save_picture(ARRAY, "x.png"), r"\(3,\) and data type float64. Pass uint8"),
+    "entries": (lambda s: io.Patch([1, [2, 3]], POINTS[:3], np.ones(3)), "the vertices are .*Give rows"),
+    "mask": (lambda s: io.Patch([1, 2], POINTS[:2], [1, [2, 3]]), "entries of the border are .*Give numbers"),
+    "not a picture": (lambda s: figures.save_picture(ARRAY, "x.png"), r"\(3,\) and data type float64. Pass a uint8"),
     "record": (lambda s: figures.save_picture(np.zeros((4, 4, 3), np.uint8), "x.png", ARRAY), "record array.* JSON"),
     "cuts of numbers": (lambda s: voxflat.flatten(s, cuts=ARRAY), "cut"),
     "cuts": (lambda s: voxflat.flatten(s, cuts=np.array("x")), "cuts has type ndarray. Pass a list of paths"),

@@ -77,7 +77,7 @@ class TestPaths:
     def test_in_different_components_is_refused(self, solver):
         apart = np.ones((9, 9, 1), np.uint8)
         apart[4] = 0
-        message = r"and \[8, 0, 0\]: the two lie in different components"
+        message = r"and \[8, 0, 0\]: they lie in different components"
         refused(message, voxflat.surface(apart).path, (0, 0, 0), (8, 0, 0), geodesic=solver)
 
 

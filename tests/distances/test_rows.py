@@ -104,7 +104,7 @@ class TestAStore:
     def test_tells_what_it_needs(self, tmp_path, log):
         stored = SURFACE.geodesic(SOURCES, store=tmp_path / "store")
         memory, disk = log.messages
-        assert re.fullmatch(r"up to \S+ [KM]iB of memory will be used for rows in progress", memory)
+        assert re.fullmatch(r"up to \S+ [KM]iB of memory will be used for the rows being computed", memory)
         assert disk == f"up to 93.75 KiB of disk space will be used in {stored.store}"
 
     def test_follows_no_change_of_directory(self, tmp_path, monkeypatch, expected):
@@ -281,7 +281,7 @@ def test_a_store_of_other_rows_is_refused_and_left_alone(stored):
         (hole, SOURCES, {}, "its surface differs (600 points instead of 599)"),
         (mesh, 2, {}, "its surface differs (600 points instead of 4)"),
     ]:
-        message = re.escape(f"holds other distances: {message}")
+        message = re.escape(f"contains other distances: {message}")
         refused(message, composed.geodesic, surface, sources, store=stored.store, **options)
     assert before == {name: (stored.store / name).read_bytes() for name in before}
 

@@ -177,7 +177,7 @@ def test_patch_3d_shows_the_triangles_of_a_mesh_in_the_colours_of_their_errors(m
 def test_patch_3d_refuses_another_surface(mesh_map, flat_map, scene):
     (points, faces), of_mesh = mesh_map
     fewer = (points[:870], faces[(faces < 870).all(axis=1)])
-    refused("has 870 vertices, but the map was made from a mesh of 900", figures.patch_3d, of_mesh, fewer)
+    refused("has 870 vertices, but the map was made from a mesh with 900", figures.patch_3d, of_mesh, fewer)
     refused("up to 2 mm away from the points", figures.patch_3d, of_mesh, (points + np.array([0, 0, 2]), faces))
     refused("shape", figures.patch_3d, flat_map, solid()[:-1])
     other = solid()[:, :, ::-1].copy() * (np.indices(SHAPE)[1] > 12)

@@ -252,7 +252,7 @@ class TestDrawings:
             ("-25 25 -12.5 12.5", "1 1 2 3", "has no area"),
             ("M 290", "M 1e999", "has a path with infinite coordinates"),
             ("translate(10", "translate(1e999", "has a path with infinite coordinates"),
-            ("rois", "areas", "has no layer 'rois'; its layers are 'areas', 'names'. Draw"),
+            ("rois", "areas", "has no layer 'rois' .layers: 'areas', 'names'.. Draw"),
         ],
     )
     def test_what_is_no_drawing(self, m, tmp_path, old, new, message):

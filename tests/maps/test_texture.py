@@ -121,8 +121,8 @@ class TestPictures:
 
     def test_what_is_no_picture(self, cylinder_map):
         for picture, told in (
-            (np.full((4, 4), np.nan), "values range from nan to nan. Scale floats to 0 to 1 .without NaN"),
-            (np.array([[0.0, 255.0]]), "values range from 0 to 255. Scale floats to 0 to 1"),
+            (np.full((4, 4), np.nan), "values range from nan to nan. Scale floats to the range 0 to 1 .no NaN"),
+            (np.array([[0.0, 255.0]]), "values range from 0 to 255. Scale floats to the range 0 to 1"),
             (np.zeros((4, 4), dtype=int), "type int64. Pass uint8 .0 to 255., or floats from 0 to 1"),
             (np.zeros((4, 4, 2)), r"shape \(4, 4, 2\). Pass an array of shape \(H, W\), \(H, W, 3\) or \(H, W, 4\)"),
             (np.zeros((0, 4)), r"shape \(0, 4\)"),

@@ -35,7 +35,7 @@ NAN = float("nan")
 POINTS, FACES = square()
 FIN = np.vstack([POINTS, [[0.2, 0.2, 3.0]]]), np.vstack([FACES, [[FACES[0][0], FACES[0][2], len(POINTS)]]])
 MESHES = {
-    "index beyond": ((POINTS, put(FACES, (3, 1), 99)), r"face 3 is \[3, 99, 11\], .* the points 0 to 48"),
+    "index beyond": ((POINTS, put(FACES, (3, 1), 99)), r"face 3 is \[3, 99, 11\], .* points 0 to 48"),
     "index negative": ((POINTS, put(FACES, (3, 1), -1)), r"3 .*-1"),
     "NaN": ((put(POINTS, (7, 2), NAN), FACES), r"point 7 .*nan.*finite"),
     "no point": ((np.zeros((0, 3)), np.zeros((0, 3), int)), r"no points"),
@@ -215,7 +215,7 @@ def test_a_label_at_the_border_is_told():
     ("options", "message"),
     [
         ({"pial": square(5)}, "pial surface has 36 vertices, but the given surface has 49"),
-        ({"pial": POINTS}, "pial has type ndarray. Pass a mesh"),
+        ({"pial": POINTS}, "pial has type ndarray. Pass a path"),
         ({"pial": "rh.pial"}, r"rh\.pial: the file does not exist"),
         ({"repair": "voxels"}, "a mesh has no voxels. Pass 'cuts' or 'none'"),
         ({"repair": "glue"}, "repair is 'glue'"),

@@ -105,7 +105,7 @@ class TestLabels:
     def test_the_other_sides(self, brain, tmp_path):
         vertices, white = self.chosen(brain, "rh.white")
         write_label(path := tmp_path / "rh.V1.label", vertices, white)
-        refused(r"rh\.V1\.label: belongs to CortexRight, but the surface is CortexLeft", self.cut, brain, path)
+        refused(r"rh\.V1\.label: belongs to CortexRight, but the surface belongs to CortexLeft", self.cut, brain, path)
         path = path.rename(tmp_path / "V1.label")  # now only its points tell
         refused(r"V1\.label: .* lie on opposite sides of the brain \(mean x: \d+ and -\d+", self.cut, brain, path)
 

@@ -183,7 +183,7 @@ def test_names(tmp_path, monkeypatch):
 
 def test_a_patch_of_another_surface(tmp_path):
     voxflat.flatten(sheet(), Voxflat(sources=30)).save(tmp_path / "lh.patch.flat")
-    message = "entry 24 of the patch is vertex 24, but the surface has 24 points"
+    message = "entry 24 of the patch refers to vertex 24, but the surface has 24 points"
     refused(message, voxflat.surface(sheet(4, 6)).keep, tmp_path / "lh.patch.flat")
 
 

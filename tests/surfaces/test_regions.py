@@ -62,7 +62,7 @@ def test_older_freesurfer_values(tmp_path):
         ("lh.white", b"\xff\xff\xfehello", "does not contain values at points: its content is FreeSurfer surface"),
         ("s.mgh", b"hello", "is not an MGH file"),
         ("s.mgh", struct.pack(">6i", 1, 5, 1, 1, 1, 3), "specifies the shape .5, 1, 1, 1., but the file ends after 24"),
-        ("s.mgh", struct.pack(">6i", 1, 5, 5, 1, 1, 3) + bytes(400), "Pass values of shape"),
+        ("s.mgh", struct.pack(">6i", 1, 5, 5, 1, 1, 3) + bytes(400), "Pass an array of shape"),
         ("s.mgz", b"\x1f\x8bhello", "its gzip data are damaged"),
         ("lh.annot", b"\xff\xff\xff\xf0", "header is damaged"),
         ("lh.annot", struct.pack(">5i", 2, 1, 0, 0, 0), "does not list the points in order"),

@@ -111,17 +111,17 @@ def ball(radii, waves=0, seed=0):
 
 
 def test_a_ball_is_no_hemisphere():
-    refused("not a hemisphere of a cortex", voxflat.surface(ball([50, 50, 50])).register)
+    refused("not a cortical hemisphere", voxflat.surface(ball([50, 50, 50])).register)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("waves", [0, 60])
 def test_an_ellipsoid_is_no_hemisphere_even_with_random_folds(waves):
-    refused("not a hemisphere of a cortex", voxflat.surface(ball([40, 85, 60], waves)).register)
+    refused("not a cortical hemisphere", voxflat.surface(ball([40, 85, 60], waves)).register)
 
 
 def test_handles_and_sides_that_do_not_exist_are_refused(hemispheres):
-    refused("side is 'both'; give 'left' or 'right'", voxflat.surface(hemispheres["left"][:2]).register, side="both")
+    refused("side is 'both'. Give 'left' or 'right'", voxflat.surface(hemispheres["left"][:2]).register, side="both")
     ring = np.zeros((24, 24, 8), dtype=np.uint8)
     ring[4:20, 4:20, 2:6] = 1
     ring[9:15, 9:15] = 0

@@ -319,7 +319,10 @@ def test_what_makes_no_template_is_refused(subject, sphere, tmp_path):
         ({"cuts": 3}, "cuts is not a list"),
         ({"cuts": [{"name": "", "line": [[1, 0, 0], [0, 1, 0]]}]}, "must have a name"),
         ({"cuts": [{"name": "a", "root": 3, "line": [[1, 0, 0], [0, 1, 0]]}]}, "root of 'a' is not a name"),
-        ({"cuts": [{"name": "a", "root": "b", "line": [[1, 0, 0], [0, 1, 0]]}]}, "'b', the root of 'a', is neither an"),
+        (
+            {"cuts": [{"name": "a", "root": "b", "line": [[1, 0, 0], [0.8, 0.6, 0]]}]},
+            "'b', the root of 'a', is neither",
+        ),
         ({"cuts": [{"name": "a", "line": [[1, 0, 0], [0, 2, 0]]}]}, "unit sphere"),
         ({"cuts": [{"name": "a", "line": [[1, 0, 0], [1, 0, 0]]}]}, "coincide"),
         ({"cuts": [{"name": "a", "line": [[1, 0, 0], [-1, 0, 0]]}]}, "too far apart"),
