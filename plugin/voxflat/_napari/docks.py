@@ -100,7 +100,7 @@ class TaskDock(Dock):
         worker.start()
 
     def _show_work(self, what: str | None) -> None:
-        """Show the name of the running task, or no name if it is None."""
+        """Show the name of the running task, or nothing if it is None."""
 
     def _show_message(self, message: str) -> None:
         """Show a message in the dock."""

@@ -77,7 +77,7 @@ def print_json(content: dict[str, Any]) -> None:
 
 
 def is_json() -> bool:
-    """Return whether ``--json`` is given."""
+    """Return whether ``--json`` was given."""
     return bool(click.get_current_context().meta.get(JSON))
 
 

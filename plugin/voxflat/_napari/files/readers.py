@@ -27,7 +27,7 @@ Reader: TypeAlias = Any  # Callable[[str], list[LayerData]] or None
 
 
 def map_reader(path: Paths = None) -> Reader:
-    """Return a reader for a flat map or an atlas; without a path (from napari's command palette), ask for a file."""
+    """Return a reader for a flat map or an atlas; without a path (napari's command palette), it asks for a file."""
     file = _file(path, "Read a flat map", _MAPS)
     if file is None:
         return None

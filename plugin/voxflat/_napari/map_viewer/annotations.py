@@ -89,7 +89,7 @@ def on_map(prepared: PreparedMap, annotations: Sequence[Annotation]) -> OnMap:
 
 
 def split(places: NDArray[np.float64], spacing: float) -> list[NDArray[np.float64]]:
-    """Split a line (k, 2) on the map at NaN and at jumps across cuts, and drop single points."""
+    """Split a line of shape (k, 2) on the map at NaN and at jumps across cuts, and drop single points."""
     steps = np.linalg.norm(np.diff(places, axis=0), axis=1)
     usual = float(np.median(steps[np.isfinite(steps)])) if np.isfinite(steps).any() else 0.0
     breaks = np.flatnonzero(~(steps <= _JUMP * max(usual, spacing))) + 1
