@@ -27,7 +27,7 @@ log = logging.getLogger("voxflat")  # reports the memory that a computation need
 
 
 def shown(value: object) -> str:
-    """Return the representation of a value as one short line for a message."""
+    """Return a short one-line representation of a value for a message."""
     try:
         line = " ".join(repr(value).split())
     except ValueError:  # integers with too many digits

@@ -194,7 +194,7 @@ class Morph(Sequence[pv.PolyData]):
         Raises
         ------
         InputError
-            If the file name has another extension, or a package is missing.
+            If the file name has another extension, or a required package is not installed.
         OSError
             If the file cannot be written.
 

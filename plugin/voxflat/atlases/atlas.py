@@ -64,7 +64,7 @@ class Atlas(FlatPieces, ABC):
     stretch : ndarray, shape (F, 2)
         Principal stretches σ1 ≥ σ2 of each triangle, measured in the plane.
     starts : ndarray of int64, shape (pieces + 1,)
-        First row of each piece in `vertex_ids` and `uv`, followed by the number of rows.
+        First row of each piece in `vertex_ids` and `uv`, followed by the total number of rows.
     vertex_ids : ndarray of int64, shape (P,)
         The row of `points` for each row of `uv`, piece by piece. A vertex on both sides of a cut within a piece has two
         rows.
@@ -154,7 +154,7 @@ class Atlas(FlatPieces, ABC):
         gap : float, optional
             Gap between the pieces, in mm; by default a twentieth of their typical size.
         packing : {"boxes", "shapes"}
-            "boxes" rotates each piece into its smallest bounding rectangle, and places the rectangles in rows.
+            "boxes" rotates each piece to fit its smallest bounding rectangle, and places the rectangles in rows.
             "shapes" fits the pieces together with the library xatlas (``pip install 'voxflat[lab]'``), which wastes
             less space on the page if pieces are large.
 

@@ -41,7 +41,7 @@ def lay_out(uv: _Floats, starts: _Ints, faces: _Ints, gap: float, packing: str) 
 
 
 def _turned(uv: _Floats, starts: _Ints) -> _Floats:
-    """Rotate each piece into its smallest rectangle, with the longer side along u and a corner at (0, 0)."""
+    """Rotate each piece to fit its smallest rectangle, with the longer side along u and a corner at (0, 0)."""
     parts = []
     for part in np.split(uv, starts[1:-1]):
         axis = _axis(part)

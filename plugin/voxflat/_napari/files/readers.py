@@ -125,7 +125,7 @@ def _reporting_errors(read: _Read) -> Callable[[str], list[LayerData]]:
 
 
 def _make_ready(viewer: Viewer, layers: list[LayerData]) -> None:
-    """Register opened runs with the viewer, and switch to 3D for surfaces, because 2D shows at most their outlines."""
+    """Register opened runs with the viewer, and switch to 3D for surfaces, which 2D shows at most as outlines."""
     from napari.layers import Surface
     from qtpy.QtCore import QTimer
 

@@ -17,7 +17,7 @@ _TONES = 32  # levels of red, green and blue that are distinguished
 
 
 class AnnotationItem(QGraphicsItem):
-    """Dots and lines on the map, with a dark rim."""
+    """Dots and lines on the map, with a dark outline."""
 
     def __init__(self) -> None:
         super().__init__()

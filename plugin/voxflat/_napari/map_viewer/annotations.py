@@ -66,7 +66,7 @@ class OnMap:
 
 
 def on_map(prepared: PreparedMap, annotations: Sequence[Annotation]) -> OnMap:
-    """Project annotations onto the nearest surface points within `FAR`; lines are split at cuts."""
+    """Project annotations onto the nearest surface points within the distance `FAR`; lines are split at cuts."""
     points = np.concatenate([np.empty((0, 3)), *(one.points for one in annotations)])
     colours = np.concatenate([np.empty((0, 4), dtype=np.uint8), *(one.colours for one in annotations)])
     dots = prepared.places(points)

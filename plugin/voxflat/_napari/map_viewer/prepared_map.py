@@ -192,7 +192,7 @@ class PreparedMap:
 
 
 def _distances_along(start: Points, along: Points, corner: Points, b: Points, c: Points) -> NDArray[np.float64]:
-    """Return the distances along a ray to triangles, or infinity for no intersection (Möller and Trumbore, 1997).
+    """Return the distances along a ray to triangles, or infinity without an intersection (Möller and Trumbore, 1997).
 
     The corners are ``corner``, ``corner + b`` and ``corner + c``, with shape (F, 3). Intersections behind the start are
     included, because rays in the viewer start in the plane of the mouse position.
