@@ -27,7 +27,7 @@ log = logging.getLogger("voxflat")  # reports the memory that a computation need
 
 
 def shown(value: object) -> str:
-    """Return the representation of a value as one short line for a message."""
+    """Return a short one-line representation of a value for a message."""
     try:
         line = " ".join(repr(value).split())
     except ValueError:  # integers with too many digits
@@ -164,7 +164,7 @@ def voxel_indices(values: ArrayLike, name: str) -> NDArray[np.int64]:
 
 
 def refuse(method: str, **options: object) -> None:
-    """Raise an error unless all options, which this method or kind of distance does not have, are None."""
+    """Raise an error if any of these options, which the method or kind of distance does not have, is set."""
     for name, value in options.items():
         if value is not None:
             raise InputError(f"the method {method!r} does not have the option {name}. Omit it")
@@ -179,7 +179,7 @@ _OWN_CGROUPS = Path("/proc/self/cgroup")
 
 
 def free_memory() -> int:
-    """Return the bytes available to this process, given the machine, its own limit (`ulimit -v`) and its containers."""
+    """Return the bytes available to this process, given the limits of the machine, `ulimit -v` and the containers."""
     import psutil
 
     return int(max(0, min(psutil.virtual_memory().available, _free_addresses(), _free_in_cgroups())))
@@ -252,7 +252,7 @@ def _free_in(group: Path, limit: str, usage: str, reclaimable: str) -> float:
 
 
 def checked_limit(limit: int | None) -> int | None:
-    """Return a memory limit in bytes; None means that there is none."""
+    """Return a memory limit in bytes; None means no limit."""
     if limit is None:
         return None
     if not is_number(limit) or not math.isfinite(limit):
@@ -261,7 +261,7 @@ def checked_limit(limit: int | None) -> int | None:
 
 
 def check_memory(need: int, limit: int | None, remedy: str) -> None:
-    """Raise an error before a computation that needs more memory than is available; `remedy` is an imperative."""
+    """Raise an error before a computation that needs more memory than available; `remedy` is an imperative sentence."""
     limit = checked_limit(limit)
     allowed = free_memory() if limit is None else limit
     if need > allowed:

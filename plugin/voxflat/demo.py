@@ -37,7 +37,7 @@ def demo_cortex() -> tuple[Volume, Volume, Volume]:
 
 
 def _template(folder: Path, kind: str) -> Volume:
-    """Read a template as nilearn does, but without importing nilearn, which takes seconds."""
+    """Read a template as nilearn does, but without importing nilearn, whose import takes seconds."""
     image = require("nibabel").load(folder / f"mni_icbm152_{kind}_tal_nlin_sym_09a_converted.nii.gz")
     data = np.asarray(image.dataobj, dtype=np.float32)
     return Volume(data / data.max(), image.affine)

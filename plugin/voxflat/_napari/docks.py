@@ -16,7 +16,7 @@ _LATE = 2000  # ms; the sizes of the windows are discarded after this time
 
 
 class Tab(QObject):
-    """Opens the dock of a widget as a tab beside the open voxflat docks; the user may then move it."""
+    """Opens the dock of a widget as a tab beside the open voxflat docks; the user can move it afterwards."""
 
     def __init__(self, widget: QWidget) -> None:
         super().__init__(widget)
@@ -56,7 +56,7 @@ class Tab(QObject):
 
 
 def arrange(layout: Any, *parts: Any) -> None:
-    """Add widgets and layouts to a box layout; a part may be a tuple with its stretch factor."""
+    """Add widgets and layouts to a box layout; a tuple (part, factor) sets its stretch factor."""
     for part in parts:
         item, stretch = part if isinstance(part, tuple) else (part, 0)
         (layout.addLayout if isinstance(item, QLayout) else layout.addWidget)(item, stretch)
@@ -100,7 +100,7 @@ class TaskDock(Dock):
         worker.start()
 
     def _show_work(self, what: str | None) -> None:
-        """Show the name of the running task, or no name if it is None."""
+        """Show the name of the running task, or nothing if it is None."""
 
     def _show_message(self, message: str) -> None:
         """Show a message in the dock."""

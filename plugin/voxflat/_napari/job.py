@@ -68,7 +68,7 @@ class Job:
         return part.flatten(method, **how, progress=progress)
 
     def split(self) -> tuple[Method, NDArray[Any] | None, dict[str, Any]]:
-        """Split the options into the method, the excluded vertices, and keywords of `Surface.flatten`."""
+        """Split the options into the method, the excluded vertices, and keyword arguments of `Surface.flatten`."""
         kind = METHODS[self.method]
         own = {name: value for name, value in self.options.items() if name in kind.__dataclass_fields__}
         how = {name: value for name, value in self.options.items() if name not in own}

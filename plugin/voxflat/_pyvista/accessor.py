@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 class VoxflatAccessor(Verbs):
     """Flatten a mesh, or the surface of a segmented image.
 
-    PyVista makes this accessor available as ``mesh.voxflat``. Calling it flattens the dataset. All methods raise
+    PyVista makes this accessor available as ``mesh.voxflat``. Call it to flatten the dataset. All methods raise
     `InputError` with an explanation if the dataset or an argument cannot be used, and `Cancelled` if the function given
     as ``progress`` returns False.
 
@@ -36,7 +36,7 @@ class VoxflatAccessor(Verbs):
     See Also
     --------
     voxflat.surface : Create a surface from arrays, files and other objects.
-    BlocksAccessor : The accessor of a MultiBlock.
+    BlocksAccessor : The accessor for a MultiBlock.
 
     Examples
     --------
@@ -73,19 +73,19 @@ class VoxflatAccessor(Verbs):
         picture : path, ndarray or PIL.Image.Image
             The image, as in `FlatMap.textured`.
         texel_size : float, optional
-            Side length of a pixel of the image, in mm. By default, the image covers the bounding box of the map.
+            Side length of an image pixel, in mm. By default, the image covers the bounding box of the map.
         repeat : bool
-            Whether the image is repeated beyond its borders.
+            Whether to repeat the image beyond its borders.
         progress_bar : bool
             Show a progress bar.
         **options : dict
-            Options for flattening, as in a call to the accessor. A mesh that is already a flat map takes no options.
+            Flattening options, as in a call to the accessor. Not accepted if the mesh is already a flat map.
 
         Returns
         -------
         surface : pyvista.PolyData
-            The surface in space, without torn triangles, with texture coordinates and all data of the map. The point
-            data ``colours`` (uint8) hold the colour of the image at each point.
+            The surface in 3D without torn triangles, with texture coordinates and all data of the map. The point data
+            ``colours`` (uint8) hold the colour of the image at each point.
         texture : pyvista.Texture
             The image as a texture, for ``surface.plot(texture=texture)``.
 
@@ -130,8 +130,8 @@ class VoxflatAccessor(Verbs):
     ) -> pv.Plotter:
         """Show the surface and its flat map side by side.
 
-        Both views have the same colour scale. A click in either view marks the same point in both, and shows the
-        point's number and value.
+        Both views have the same colour scale. A click in either view marks the same point in both views and shows its
+        number and value.
 
         Parameters
         ----------
@@ -149,11 +149,12 @@ class VoxflatAccessor(Verbs):
         screenshot : path, optional
             File to which a screenshot is written.
         show : bool
-            Show the plot now. If False, call `Plotter.show` on the result, for example after adding other meshes to it.
+            Show the plot now. If False, the plot appears when you call `Plotter.show` on the result, for example after
+            adding other meshes to it.
         progress_bar : bool
             Show a progress bar.
         **options : dict
-            Options for flattening, as in a call to the accessor. A mesh that is already a flat map takes no options.
+            Flattening options, as in a call to the accessor. Not accepted if the mesh is already a flat map.
 
         Returns
         -------
@@ -180,18 +181,18 @@ class VoxflatAccessor(Verbs):
         return view
 
     def morph(self, n: int = 25, *, progress_bar: bool = False, **options: Unpack[FlattenOptions]) -> Morph:
-        """Return a sequence of surfaces from the folded surface to the flat map.
+        """Return a sequence of meshes from the folded surface to the flat map.
 
         Every point moves on a straight line from its position on the surface to its position on the map.
 
         Parameters
         ----------
         n : int
-            Number of frames, at least 2, including the first and the last one.
+            Number of frames, including the first and the last (at least 2).
         progress_bar : bool
             Show a progress bar.
         **options : dict
-            Options for flattening, as in a call to the accessor. A mesh that is already a flat map takes no options.
+            Flattening options, as in a call to the accessor. Not accepted if the mesh is already a flat map.
 
         Returns
         -------
@@ -217,8 +218,8 @@ class VoxflatAccessor(Verbs):
     ) -> MapPage:
         """Show the surface and its flat map in a notebook.
 
-        The point under the pointer is marked in both views. A menu selects the displayed array, and a slider unfolds
-        the surface.
+        The point under the mouse pointer is marked in both views. A menu selects the displayed array, and a slider
+        unfolds the surface.
 
         Parameters
         ----------
@@ -227,12 +228,12 @@ class VoxflatAccessor(Verbs):
         progress_bar : bool
             Show a progress bar.
         **options : dict
-            Options for flattening, as in a call to the accessor. A mesh that is already a flat map takes no options.
+            Flattening options, as in a call to the accessor. Not accepted if the mesh is already a flat map.
 
         Returns
         -------
         MapPage
-            A page that Jupyter displays. `MapPage.save` writes it to a file.
+            An HTML page that Jupyter displays. `MapPage.save` writes it to a file.
 
         See Also
         --------

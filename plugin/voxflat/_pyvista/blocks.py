@@ -28,11 +28,11 @@ class BlocksAccessor:
     Parameters
     ----------
     blocks : pyvista.MultiBlock
-        Datasets, which may be nested.
+        The datasets, which may be nested.
 
     See Also
     --------
-    VoxflatAccessor : The accessor of a single dataset.
+    VoxflatAccessor : The accessor for a single dataset.
 
     Examples
     --------
@@ -52,8 +52,8 @@ class BlocksAccessor:
     ) -> pv.MultiBlock:
         """Flatten each block into the plane z = 0.
 
-        The parameters are the same as for `VoxflatAccessor`. The result contains a map of each block, under its name;
-        empty blocks stay empty.
+        The parameters are the same as for `VoxflatAccessor`. The result contains a map for each block under the same
+        name; empty blocks remain empty.
         """
         return self._made(lambda of, _: of(scalars, progress_bar=progress_bar, **options))
 
@@ -173,7 +173,7 @@ class BlocksAccessor:
         Returns
         -------
         pyvista.MultiBlock
-            The page of each block.
+            The page of patches for each block.
 
         See Also
         --------

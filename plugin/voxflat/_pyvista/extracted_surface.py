@@ -123,7 +123,7 @@ class ExtractedSurface:
         return np.unique(np.asarray(self.mesh.regular_faces, dtype=np.int64))
 
     def carry(self, flat: pv.PolyData, ids: NDArray[np.int64]) -> None:
-        """Copy the data of the dataset to a flat mesh; arrays whose names it already uses get the prefix ``mesh_``."""
+        """Copy the arrays of the dataset to a flat mesh; arrays whose names are taken get the prefix ``mesh_``."""
         of_points = self.point_ids[ids]
         texture = self.dataset.GetPointData().GetTCoords()
         for name in self.dataset.point_data:

@@ -33,7 +33,7 @@ def read(path: str, *, surface: object | None = None) -> pv.PolyData:
 
 
 def write(dataset: pv.DataSet, path: str) -> None:
-    """Write triangles as ``.surf.gii`` for ``mesh.save``; the map of a mesh keeps its vertex numbers."""
+    """Write triangles to a ``.surf.gii`` file for ``mesh.save``; a map of a mesh keeps the original vertex numbers."""
     with naming(path, "can this format hold it?"):
         if not isinstance(dataset, pv.PolyData) or not dataset.is_all_triangles:
             raise InputError(
@@ -45,7 +45,7 @@ def write(dataset: pv.DataSet, path: str) -> None:
 
 
 def _of_map(flat: pv.PolyData) -> Mesh:
-    """Return a flat map; if a mesh was flattened, the map has its vertex numbers."""
+    """Return a flat map; if a mesh was flattened, the map has the vertex numbers of the mesh."""
     told = json.loads(str(flat.field_data["voxflat"][0]))
     faces = np.asarray(flat.regular_faces)
     if "torn" in flat.cell_data:

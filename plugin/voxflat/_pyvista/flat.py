@@ -38,11 +38,11 @@ def to_polydata(flat_map: FlatMap, *, picture_shape: tuple[int, ...] = (1, 1)) -
         ``vertex_ids``, ``surface_points`` (RAS+ mm) and texture coordinates that place an image as `FlatMap.texture`
         does. Its cell data are ``isometric``, ``quasi_conformal``, ``flipped`` and ``torn`` (whether the triangle
         bridges a gap in the surface). `voxflat.distortion.triangles` defines the measures. The field data ``voxflat``
-        contain the metadata and the distortion figures: ``json.loads(mesh.field_data["voxflat"][0])``.
+        contain the metadata and the distortion measures: ``json.loads(mesh.field_data["voxflat"][0])``.
 
     See Also
     --------
-    to_surface_polydata : Return the surface in space with the same data.
+    to_surface_polydata : Return the surface in 3D with the same data.
 
     Examples
     --------
@@ -54,7 +54,7 @@ def to_polydata(flat_map: FlatMap, *, picture_shape: tuple[int, ...] = (1, 1)) -
 
 
 def to_surface_polydata(flat_map: FlatMap, *, picture_shape: tuple[int, ...] = (1, 1)) -> pv.PolyData:
-    """Return the surface of a flat map as a mesh in space, in RAS+ mm.
+    """Return the surface of a flat map as a 3D mesh, in RAS+ mm.
 
     Torn triangles bridge gaps in the surface.
 
@@ -144,7 +144,7 @@ def to_measured_polydata(
 
 
 def to_cut_polydata(done: CutSurface[Surface], point_ids: NDArray[np.int64] | None = None) -> pv.PolyData:
-    """Return a cut surface as a mesh in space, in RAS+ mm."""
+    """Return a cut surface as a 3D mesh, in RAS+ mm."""
     whole = done.surface
     mesh = triangles(whole.points, whole.faces)
     named = np.asarray if point_ids is None else point_ids.__getitem__
@@ -173,14 +173,14 @@ def _in_plane(uv: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def is_map(mesh: pv.DataSet) -> bool:
-    """Return whether a dataset is a flat map or a page that voxflat made, with its positions on the surface."""
+    """Return whether a dataset is a flat map or a page that voxflat made, and contains the surface positions."""
     return isinstance(mesh, pv.PolyData) and "voxflat" in mesh.field_data and "surface_points" in mesh.point_data
 
 
 def _add_measures(
     mesh: pv.PolyData, distortion: Distortion, points: NDArray[np.float64], uv: NDArray[np.float64]
 ) -> None:
-    """Add the distortion of each point and triangle."""
+    """Add the distortion of each point and triangle to a mesh."""
     of_points, of_triangles = measure_arrays(distortion, points, np.asarray(mesh.regular_faces), uv)
     mesh.point_data.update(of_points)
     mesh.cell_data.update(of_triangles)

@@ -16,10 +16,10 @@ from voxflat.maps.placement import aligned
 
 
 class Morph(Sequence[pv.PolyData]):
-    """A sequence of meshes from a surface to its flat map.
+    """A sequence of meshes that morph a surface into its flat map.
 
-    Each point moves on a straight line from its position on the surface to its position on the map. To minimise the sum
-    of the squared distances, the map is rotated and translated, but not scaled.
+    Each point moves on a straight line from its position on the surface to its position on the map. The map is rotated
+    and translated, but not scaled, to minimise the sum of squared distances between matching points.
 
     Parameters
     ----------
@@ -71,7 +71,7 @@ class Morph(Sequence[pv.PolyData]):
     def at(self, share: float) -> pv.PolyData:
         """Return the mesh at a position between the surface and the map.
 
-        The mesh has all data of the map.
+        The mesh contains all data of the map.
 
         Parameters
         ----------
@@ -170,7 +170,7 @@ class Morph(Sequence[pv.PolyData]):
         window_size: tuple[int, int] = (800, 800),
         progress_bar: bool = False,
     ) -> None:
-        """Write a movie from the surface to the map and back.
+        """Write a movie that morphs the surface to the map and back.
 
         The movie shows the frames of the sequence forwards and then backwards.
 
@@ -194,13 +194,13 @@ class Morph(Sequence[pv.PolyData]):
         Raises
         ------
         InputError
-            If the file name has another extension, or a package is missing.
+            If the file name has another extension, or a required package is not installed.
         OSError
             If the file cannot be written.
 
         See Also
         --------
-        voxflat.figures.save_movie : Write other movies.
+        voxflat.figures.save_movie : Write any movie to a file.
 
         Examples
         --------
@@ -228,7 +228,7 @@ class Morph(Sequence[pv.PolyData]):
     def _view(
         self, scalars: str | None, cmap: str | None, clim: tuple[float, float] | None, **how: Any
     ) -> tuple[pv.Plotter, Callable[[float], None]]:
-        """Return a plotter that shows the surface, and a function that moves its points; all positions are in view."""
+        """Return a plotter that shows the surface and a function that moves its points; all positions are in view."""
         what = Shown.of(self._flat, scalars, cmap, clim)
         plotter: Any = pv.Plotter(**how)
         plotter.set_background("white")

@@ -33,7 +33,7 @@ class SurfaceOptions(PlaceOptions, total=False):
 
 
 class PartOptions(SurfaceOptions, total=False):
-    """Options that choose a part of the surface: `Surface.keep`, `drop`, `disk` and `polygon`."""
+    """Options that choose a part of the surface, as in `Surface.keep`, `drop`, `disk` and `polygon`."""
 
     keep: object | None
     drop: object | None

@@ -214,18 +214,18 @@ class Verbs(Inputs):
     ) -> pv.DataSet:
         """Measure distances along the surface of a mesh.
 
-        The result holds the distance of each point from its nearest source.
+        The result holds the distance from each point to its nearest source.
 
         Parameters
         ----------
         sources : int, position, pyvista.Cell, or several of them
             Point numbers, positions of three floats (the nearest point is used), or cells.
         method : {"graph", "marching", "exact"}
-            How distances are measured, like ``geodesic`` of `Surface.geodesic`.
+            How distances are measured, like the parameter ``geodesic`` of `Surface.geodesic`.
         progress_bar : bool
             Show a progress bar.
         progress : callable, optional
-            A function that is called with the progress, as in `Surface.geodesic`.
+            A function that receives the progress, as in `Surface.geodesic`.
 
         Returns
         -------
@@ -261,16 +261,16 @@ class Verbs(Inputs):
     def path(self, a: Seed, b: Seed, *further: Seed, method: str = "exact") -> pv.PolyData:
         """Find the shortest path along the surface of a mesh.
 
-        The path may lead through more than two points, in the given order.
+        The path may pass through more than two points, in the given order.
 
         Parameters
         ----------
         a, b : int, position or pyvista.Cell
-            The first and second point of the path, in any form that `geodesic` accepts as a source.
+            The first and second points of the path, in any form that `geodesic` accepts as a source.
         *further : int, position or pyvista.Cell
             More points, after `b`.
         method : {"exact", "graph", "marching", "edges"}
-            How the path is found, like ``geodesic`` of `Surface.path`.
+            How the path is found, like the parameter ``geodesic`` of `Surface.path`.
 
         Returns
         -------
@@ -280,7 +280,7 @@ class Verbs(Inputs):
 
         See Also
         --------
-        geodesic : Measure the distances from points to all other points.
+        geodesic : Measure the distances from given points to all other points.
 
         Examples
         --------
@@ -311,7 +311,7 @@ class Verbs(Inputs):
     ) -> pv.PolyData:
         """Flatten the mesh, or the surface of the image, in certified patches.
 
-        The distortion of each patch has a proven bound, for a surface of any topology.
+        The distortion of each patch has a proven bound, whatever the topology of the surface.
 
         Parameters
         ----------
@@ -324,13 +324,13 @@ class Verbs(Inputs):
         count : int, optional
             Number of patches, as in `Surface.patches`.
         glue : float, optional
-            Bound on C within which patches are glued, as in `FlatAtlas.glue`.
+            Largest C allowed when patches are glued, as in `FlatAtlas.glue`.
         packing : {"boxes", "shapes"}
             How patches are arranged on the page, as in `Atlas.page`.
         seeds : {"curvature", "flattest", "random"}
             Where patches begin to grow, as in `Surface.patches`.
         seed : int
-            Seed of the random numbers.
+            Seed of the random number generator.
         progress_bar : bool
             Show a progress bar.
         **options : dict
@@ -340,7 +340,7 @@ class Verbs(Inputs):
         -------
         pyvista.PolyData
             The page of all patches, as in `to_page_polydata`. The arrays of a mesh are copied, as in a call to the
-            accessor. ``page.points = page["surface_points"]`` moves the page back into space.
+            accessor. ``page.points = page["surface_points"]`` moves the points of the page back onto the surface.
 
         See Also
         --------
@@ -386,7 +386,7 @@ class Verbs(Inputs):
         Returns
         -------
         pyvista.PolyData
-            The surface in space, with two points wherever it is cut, and all arrays of a mesh. The active point data
+            The surface in 3D, with two points wherever it is cut, and all arrays of a mesh. The active point data
             ``cut`` contain the number (from 0) of the cut on which a point lies, or -1. ``vertex_ids`` or ``voxel_ids``
             identify the points. The field data ``voxflat`` contain the ``cuts``, each with ``ids``, ``length`` (mm),
             ``reason`` and ``name``, and the ``remarks``.
@@ -438,7 +438,7 @@ class Verbs(Inputs):
         reference : {"exact", "graph"}, optional
             How reference distances are measured, as in `voxflat.measure`.
         seed : int
-            Seed of the random numbers.
+            Seed of the random number generator.
         progress_bar : bool
             Show a progress bar.
         **options : dict
@@ -448,7 +448,7 @@ class Verbs(Inputs):
         -------
         pyvista.PolyData
             The map in the plane z = 0, with its measures as in `to_polydata` and all arrays of a mesh. The field data
-            ``voxflat`` contain the figures of ``distortion``.
+            ``voxflat`` contain the measures of ``distortion``.
 
         See Also
         --------

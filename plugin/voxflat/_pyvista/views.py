@@ -73,7 +73,7 @@ class Shown:
         mesh.GetPointData().SetNormals(normals.GetPointData().GetNormals())
 
     def add(self, plotter: Any, mesh: pv.PolyData, *, bar: bool, lighting: bool) -> None:
-        """Add to a plotter a mesh that `mesh` returned."""
+        """Add a mesh returned by `mesh` to a plotter."""
         light = {"ambient": 0.35, "diffuse": 0.75, "specular": 0.0} if lighting else {"lighting": False}
         look: dict[str, Any] = {"rgb": True}
         if self.clim is not None:

@@ -52,7 +52,7 @@ class Atlas(FlatPieces, ABC):
     Parameters
     ----------
     points : ndarray, shape (N, 3)
-        Vertices of the surface, RAS+ mm in `space`.
+        Vertices of the surface, in RAS+ mm (see `space`).
     faces : ndarray of int64, shape (F, 3)
         Triangles of the surface, as rows of `points`.
     ids : ndarray of int64, shape (N, 3) or (N,)
@@ -64,23 +64,23 @@ class Atlas(FlatPieces, ABC):
     stretch : ndarray, shape (F, 2)
         Principal stretches σ1 ≥ σ2 of each triangle, measured in the plane.
     starts : ndarray of int64, shape (pieces + 1,)
-        First row of each piece in `vertex_ids` and `uv`, followed by the number of rows.
+        First row of each piece in `vertex_ids` and `uv`, followed by the total number of rows.
     vertex_ids : ndarray of int64, shape (P,)
         The row of `points` for each row of `uv`, piece by piece. A vertex on both sides of a cut within a piece has two
         rows.
     uv : ndarray, shape (P, 2)
-        Positions in the plane, mm. Each piece has its own plane.
+        Positions in the plane, in mm. Each piece has its own plane.
     uv_faces : ndarray of int64, shape (F, 3)
-        Corners of each triangle as rows of `uv`, in the order of `faces`; counterclockwise.
+        Corners of each triangle, counterclockwise, as rows of `uv`; triangles are in the order of `faces`.
     metadata : dict
         Parameters and input of the atlas: ``kind`` ("voxels" or "mesh"); ``affine`` and ``shape`` for voxels, or the
         number of ``vertices`` for meshes; and the ``space`` of the points.
     measured : ndarray, shape (pieces, K)
-        Figures of each piece, one per column; the last three are area, isometric and quasi_conformal.
+        Measures of each piece, one per column; the last three are area, isometric and quasi_conformal.
 
     See Also
     --------
-    Surface.patches : Make an atlas.
+    Surface.patches : Create an atlas.
 
     Examples
     --------
@@ -95,13 +95,13 @@ class Atlas(FlatPieces, ABC):
 
     @property
     def title(self) -> str:
-        """One line that describes the atlas, for pictures.
+        """A one-line description of the atlas, for pictures.
 
-        It gives the numbers of patches or pieces, and the bounds.
+        It states the number of patches or pieces, and the bounds.
 
         See Also
         --------
-        Atlas.table : All figures as text.
+        Atlas.table : All measures as text.
 
         Examples
         --------
@@ -152,9 +152,9 @@ class Atlas(FlatPieces, ABC):
         Parameters
         ----------
         gap : float, optional
-            Gap between the pieces, mm; by default a twentieth of their typical size.
+            Gap between the pieces, in mm; by default a twentieth of their typical size.
         packing : {"boxes", "shapes"}
-            "boxes" rotates each piece into its smallest bounding rectangle, and places the rectangles in rows.
+            "boxes" rotates each piece to fit its smallest bounding rectangle, and places the rectangles in rows.
             "shapes" fits the pieces together with the library xatlas (``pip install 'voxflat[lab]'``), which wastes
             less space on the page if pieces are large.
 
@@ -166,7 +166,7 @@ class Atlas(FlatPieces, ABC):
         Raises
         ------
         InputError
-            If the gap or the packing is not valid, or xatlas is missing.
+            If the gap or the packing is invalid, or xatlas is not installed.
 
         See Also
         --------
@@ -198,7 +198,7 @@ class Atlas(FlatPieces, ABC):
         Returns
         -------
         ndarray, shape (P, 2)
-            Position on the page for each row of `uv`, mm.
+            Position on the page for each row of `uv`, in mm.
 
         See Also
         --------
@@ -302,7 +302,7 @@ class Atlas(FlatPieces, ABC):
     # ------------------------------------------------------------------------------------- figures
 
     def figures(self) -> dict[str, Any]:
-        """Return the figures of the atlas, ready for JSON.
+        """Return the measures of the atlas as a dictionary that can be written as JSON.
 
         They describe the patches or pieces, the bounds, the measured distortion and, if patches are glued, the seams.
 
@@ -313,7 +313,7 @@ class Atlas(FlatPieces, ABC):
 
         See Also
         --------
-        Atlas.table : The figures as text.
+        Atlas.table : The measures as text.
 
         Examples
         --------
@@ -331,7 +331,7 @@ class Atlas(FlatPieces, ABC):
         return page(self, self.table(), figure, "The pieces side by side, one colour per patch")
 
     def table(self) -> str:
-        """Return a table of the figures as text.
+        """Return a table of the measures as text.
 
         The largest patches or pieces have one row each.
 
@@ -342,7 +342,7 @@ class Atlas(FlatPieces, ABC):
 
         See Also
         --------
-        Atlas.figures : The figures for JSON.
+        Atlas.figures : The measures for JSON.
 
         Examples
         --------
@@ -367,7 +367,7 @@ class Atlas(FlatPieces, ABC):
         return {"triangles": len(self.faces), "single_triangles": single, **areas}
 
     def _largest(self, columns: dict[str, str], measured: NDArray[np.float64]) -> list[str]:
-        """Return a table of the largest pieces (number, triangles, figures); columns have a title and a format."""
+        """Return a table of the largest pieces (number, triangles, measures); columns have a title and a format."""
         titles = (in_unit(name, self.metadata).rjust(int(form[1:].split(".")[0])) for name, form in columns.items())
         rows = ((n, self._sizes[n], *values) for n, values in enumerate(measured[:_SHOWN].tolist()))
         more = [f"{'...':>6}{len(self) - _SHOWN:>6} more"] if len(self) > _SHOWN else []
@@ -379,7 +379,7 @@ class Atlas(FlatPieces, ABC):
     def provenance(self) -> Record:
         """The record of how the atlas was made.
 
-        It lists version, function, parameters, input files, warnings and figures.
+        It lists the version, function, parameters, input files, warnings and measures.
 
         See Also
         --------
@@ -396,12 +396,12 @@ class Atlas(FlatPieces, ABC):
     def save(self, path: str | os.PathLike[str], *, sidecar: bool = False, overwrite: bool = False) -> None:
         """Save the atlas to a file.
 
-        The file includes `provenance`. It is either complete or not written at all.
+        The file includes `provenance`. It is written either completely or not at all.
 
         Parameters
         ----------
         path : path
-            A name that ends in .npz or .voxflat.
+            A file name that ends in .npz or .voxflat.
         sidecar : bool
             Also write `provenance` to ``<path>.json``.
         overwrite : bool
@@ -410,7 +410,7 @@ class Atlas(FlatPieces, ABC):
         Raises
         ------
         InputError
-            If the ending is not supported, or the path is an input file of the atlas.
+            If the extension is not supported, or the path is an input file of the atlas.
         OSError
             If the file cannot be written.
 
@@ -438,7 +438,7 @@ class Atlas(FlatPieces, ABC):
 
     @abstractmethod
     def _text(self) -> dict[str, Any]:
-        """Return the part of the file that is JSON, except the metadata."""
+        """Return the JSON part of the file, except for the metadata."""
 
     @classmethod
     @abstractmethod
@@ -466,7 +466,7 @@ class Atlas(FlatPieces, ABC):
         InputError
             If the file is damaged or is not such an atlas.
         FileNotFoundError
-            If there is no such file.
+            If the file does not exist.
 
         See Also
         --------
@@ -491,7 +491,7 @@ class Atlas(FlatPieces, ABC):
 
 
 def figures_of(told: Mapping[str, Any]) -> dict[str, Any]:
-    """Return figures from a file; raise ValueError if one is not a number."""
+    """Return numbers stored in a file as floats; raise ValueError if one is not a number."""
     if not all(is_number(one) for one in told.values()):
         raise ValueError(f"{dict(told)} are not numbers")
     return {name: float(one) for name, one in told.items()}

@@ -24,14 +24,14 @@ _COLUMNS = {"patch": ">6", "triangles": ">11", "area, mm²": ">12.4g", "degrees"
 class Certificate:
     """Bounds that are proven for every triangle of an atlas.
 
-    Measured figures do not exceed them, except by rounding errors.
+    Measured values do not exceed them, except by rounding errors.
 
     Parameters
     ----------
     angle : float
-        Greatest angle between a direction on the surface and the plane of its patch, degrees.
+        Largest angle between a direction on the surface and the plane of its patch, in degrees.
     c : float
-        Greatest factor by which lengths change: max(σ1, 1/σ2) ≤ C.
+        Largest factor by which lengths change: max(σ1, 1/σ2) ≤ C.
     k : float
         Maximal dilatation: σ1/σ2 ≤ K.
 
@@ -52,18 +52,18 @@ class Certificate:
 
 @dataclass(frozen=True)
 class Plane:
-    """A plane in space, seen from the side to which its normal points.
+    """A plane in 3D, viewed from the side to which its normal points.
 
     Each certified patch is projected onto such a plane.
 
     Parameters
     ----------
     origin : ndarray, shape (3,)
-        The point at (u, v) = (0, 0), RAS+ mm.
+        The point at (u, v) = (0, 0), in RAS+ mm.
     normal : ndarray, shape (3,)
         Unit normal.
     axes : ndarray, shape (2, 3)
-        Orthogonal unit vectors, the directions of u and v.
+        Orthogonal unit vectors in the directions of u and v.
 
     See Also
     --------
@@ -88,7 +88,7 @@ class Plane:
 class FlatPatch(Piece):
     """A part of a surface, projected onto a plane.
 
-    It is an item of a `FlatAtlas`.
+    Each item of a `FlatAtlas` is such a patch.
 
     Parameters
     ----------
@@ -97,19 +97,19 @@ class FlatPatch(Piece):
     vertex_ids : ndarray of int64, shape (P,)
         Vertices of the patch, as rows of the atlas's `points`.
     uv : ndarray, shape (P, 2)
-        Positions of the vertices in the plane, mm.
+        Positions of the vertices in the plane, in mm.
     faces : ndarray of int64, shape (G, 3)
         The same triangles as rows of `uv`, counterclockwise.
     area : float
         Area on the surface, mm².
     isometric, quasi_conformal : float
-        Greatest max(σ1, 1/σ2) and σ1/σ2 of the triangles, measured in the plane.
+        Largest max(σ1, 1/σ2) and largest σ1/σ2 of the triangles, measured in the plane.
     plane : Plane
         The plane onto which the patch is projected.
     certificate : Certificate
         The bounds that are proven for the patch.
     tilt : float
-        Greatest angle between a triangle and the plane, degrees.
+        Largest angle between a triangle and the plane, in degrees.
 
     See Also
     --------
@@ -205,7 +205,7 @@ class FlatAtlas(Atlas, Sequence[FlatPatch]):
 
     @property
     def broken(self) -> NDArray[np.bool_]:
-        """Whether the measured figures of each triangle exceed the certificate, shape (F,).
+        """Whether the measured distortion of each triangle exceeds the certificate, shape (F,).
 
         Only rounding errors in very thin triangles can cause this.
 
@@ -244,12 +244,12 @@ class FlatAtlas(Atlas, Sequence[FlatPatch]):
 
         Neighbouring patches are joined along their common edges, and their vertices are moved to minimise distortion.
         Every triangle keeps max(σ1, 1/σ2) ≤ `bound`, no triangle is flipped, and no piece overlaps itself. Where this
-        is not possible, the seam stays cut. A developable surface is flattened without distortion.
+        is not possible, the seam remains cut. A developable surface is flattened without distortion.
 
         Parameters
         ----------
         bound : float
-            Greatest factor by which lengths may change, above 1 and at most 10.
+            Largest factor by which lengths may change, above 1 and at most 10.
         threads : int, optional
             As in `surface`.
         progress : callable, optional
@@ -264,7 +264,7 @@ class FlatAtlas(Atlas, Sequence[FlatPatch]):
         Raises
         ------
         InputError
-            If the bound is not valid, or the patches themselves exceed it.
+            If the bound is invalid, or the patches themselves exceed it.
         Cancelled
             If `progress` returned False.
 

@@ -22,7 +22,7 @@ _COLUMNS = {"piece": ">6", "triangles": ">11", "area, mm²": ">12.4g", "C": ">9.
 
 @dataclass(frozen=True)
 class Seams:
-    """The lengths of closed and open seams between patches, mm on the surface.
+    """The lengths of closed and open seams between patches, in mm on the surface.
 
     Each seam counts once.
 
@@ -36,7 +36,7 @@ class Seams:
         Length of cuts inside a piece that cannot be closed because of the curvature around them: a triangle would
         exceed the bound.
     bound : float
-        Length of cuts between pieces that could not be united within the bound.
+        Length of cuts between pieces that could not be joined within the bound.
     overlap : float
         Length of cuts that prevent a piece from overlapping itself.
 
@@ -58,13 +58,13 @@ class Seams:
 
     @property
     def cuts(self) -> float:
-        """The length of the remaining cuts, mm.
+        """The length of the remaining cuts, in mm.
 
         It is the sum of `holonomy`, `bound` and `overlap`.
 
         See Also
         --------
-        Seams.closed_share : Share of the seams that are closed.
+        Seams.closed_share : Fraction of the seam length that is closed.
 
         Examples
         --------
@@ -75,7 +75,7 @@ class Seams:
 
     @property
     def closed_share(self) -> float:
-        """The share of the total length of seams that is closed.
+        """The fraction of the total seam length that is closed.
 
         It is 1 if there are no seams.
 
@@ -91,9 +91,9 @@ class Seams:
         return self.closed / self.length if self.length > 0 else 1.0
 
     def figures(self) -> dict[str, float]:
-        """Return the lengths, mm, and the closed share.
+        """Return the lengths, in mm, and the closed share.
 
-        The result is ready for JSON.
+        The result can be written as JSON.
 
         Returns
         -------
@@ -102,7 +102,7 @@ class Seams:
 
         See Also
         --------
-        GluedAtlas.figures : Figures of the atlas.
+        GluedAtlas.figures : Measures of the atlas.
 
         Examples
         --------
@@ -116,7 +116,7 @@ class Seams:
 class GluedPiece(Piece):
     """A flat piece of a surface, made of several patches.
 
-    It is an item of a `GluedAtlas`.
+    Each item of a `GluedAtlas` is such a piece.
 
     Parameters
     ----------
@@ -151,11 +151,11 @@ class GluedAtlas(Atlas, Sequence[GluedPiece]):
     measured : ndarray, shape (pieces, 3)
         Area, isometric and quasi_conformal of each piece.
     bound : float
-        Upper bound of max(σ1, 1/σ2) for all triangles.
+        Upper bound on max(σ1, 1/σ2) for all triangles.
     certified_before : float
-        C of the patches' certificate, before gluing.
+        C in the certificate of the patches, before gluing.
     measured_before : float
-        Greatest max(σ1, 1/σ2) measured in the patches, before gluing.
+        Largest max(σ1, 1/σ2) measured in the patches, before gluing.
     seams : Seams
         Lengths of closed and open seams.
 
@@ -215,7 +215,7 @@ class GluedAtlas(Atlas, Sequence[GluedPiece]):
 
         See Also
         --------
-        GluedAtlas.outline : Edges of pieces in the plane.
+        GluedAtlas.outline : Boundary edges of the pieces in the plane.
 
         Examples
         --------
@@ -280,7 +280,7 @@ def _pieces(count: int) -> str:
 
 
 def measured(stretch: NDArray[np.float64], corners: NDArray[np.float64]) -> dict[str, float]:
-    """Return the greatest C and K of triangles and their area-weighted means, from σ1, σ2 and corners in space."""
+    """Return the maxima and area-weighted means of C and K, given σ1, σ2 and the 3D corners of the triangles."""
     area = 0.5 * np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
     found: dict[str, float] = {}
     for name, values in (("c", isometric(stretch)), ("k", quasi_conformal(stretch))):
@@ -289,7 +289,7 @@ def measured(stretch: NDArray[np.float64], corners: NDArray[np.float64]) -> dict
 
 
 def _edges(faces: NDArray[np.int64], corners: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return the sides of all triangles, smaller vertex first, sorted, and the corners at their ends."""
+    """Return the sorted sides of all triangles, with the smaller vertex first, and the corners at their ends."""
     ends = np.stack([faces, np.roll(faces, -1, axis=1)], axis=-1).reshape(-1, 2)
     rows = np.stack([corners, np.roll(corners, -1, axis=1)], axis=-1).reshape(-1, 2)
     turned = ends[:, 0] > ends[:, 1]

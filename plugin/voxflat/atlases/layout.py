@@ -18,17 +18,17 @@ _TEXELS = 4  # texels of xatlas per gap; more texels are slow and do not make th
 
 
 def usual_gap(uv: _Floats, starts: _Ints) -> float:
-    """Return the default gap, mm, which is proportional to the typical size of the pieces."""
+    """Return the default gap, in mm, which is proportional to the typical size of the pieces."""
     sizes = np.maximum.reduceat(_turned(uv, starts), starts[:-1], axis=0)
     return _GAP * float(np.sqrt(sizes.prod(axis=1).mean()))
 
 
 def lay_out(uv: _Floats, starts: _Ints, faces: _Ints, gap: float, packing: str) -> _Floats:
-    """Place pieces on a page; return the position of each row of `uv`, mm, with the lowest corner at (0, 0).
+    """Place pieces on a page; return the position of each row of `uv`, in mm, with the lowest corner at (0, 0).
 
-    Each piece has consecutive rows of `uv` (P, 2), which begin at `starts`. Pieces are rotated and moved, not mirrored.
-    "boxes" places their smallest bounding rectangles in rows, from the highest to the lowest, separated by the gap;
-    "shapes" fits the pieces together with xatlas.
+    Each piece has consecutive rows of `uv`, shape (P, 2), which begin at `starts`. Pieces are rotated and moved, not
+    mirrored. "boxes" places their smallest bounding rectangles in rows, from the highest to the lowest, separated by
+    the gap; "shapes" fits the pieces together with xatlas.
     """
     if not (np.isfinite(gap) and gap >= 0) or (gap == 0 and packing == "shapes"):
         raise InputError(f"gap is {gap} mm. Pass a positive number")
@@ -41,7 +41,7 @@ def lay_out(uv: _Floats, starts: _Ints, faces: _Ints, gap: float, packing: str) 
 
 
 def _turned(uv: _Floats, starts: _Ints) -> _Floats:
-    """Rotate each piece into its smallest rectangle, with the longer side along u and a corner at (0, 0)."""
+    """Rotate each piece to fit its smallest rectangle, with the longer side along u and a corner at (0, 0)."""
     parts = []
     for part in np.split(uv, starts[1:-1]):
         axis = _axis(part)
@@ -51,7 +51,7 @@ def _turned(uv: _Floats, starts: _Ints) -> _Floats:
 
 
 def _axis(places: _Floats) -> _Floats:
-    """Return the direction of the longer side of the smallest bounding rectangle; one side is along a hull edge."""
+    """Return the direction of the longer side of the smallest bounding rectangle; one side lies along a hull edge."""
     try:
         hull = places if len(places) == 3 else places[scipy.spatial.ConvexHull(places).vertices]
     except scipy.spatial.QhullError:  # degenerate to a line

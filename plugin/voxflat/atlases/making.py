@@ -67,7 +67,7 @@ def patches(
 
 
 def _limit(limits: dict[str, Any]) -> tuple[str, float]:
-    """Return the name, as in the core, and the value of the limit on patches."""
+    """Return the name (as in the core) and the value of the limit on patches."""
     given = {name: value for name, value in limits.items() if value is not None}
     if len(given) > 1:
         raise InputError(f"{' and '.join(given)} cannot be combined. Pass only one of max_angle, bound and count")

@@ -29,10 +29,10 @@ class FlatPage(Planar):
     atlas : Atlas
         The atlas.
     uv : ndarray, shape (P, 2)
-        Position on the page for each row of the atlas's `uv`, mm. Pieces are rotated and moved; (0, 0) is the lower
+        Position on the page for each row of the atlas's `uv`, in mm. Pieces are rotated and moved; (0, 0) is the lower
         left corner.
     gap : float
-        Smallest distance between pieces, mm.
+        Smallest distance between pieces, in mm.
 
     See Also
     --------
@@ -71,13 +71,13 @@ class FlatPage(Planar):
 
     @property
     def corners(self) -> NDArray[np.float64]:
-        """The positions of each triangle's corners, shape (F, 3, 2), mm.
+        """The positions of the corners of each triangle, in mm, shape (F, 3, 2).
 
         Triangles are in the order of the atlas's `faces`.
 
         See Also
         --------
-        FlatPage.face_ids : The triangle of each pixel.
+        FlatPage.face_ids : The triangle at each pixel.
 
         Examples
         --------
@@ -106,7 +106,7 @@ class FlatPage(Planar):
 
     @property
     def pixel_size(self) -> float:
-        """The default side length of a pixel, mm.
+        """The default side length of a pixel, in mm.
 
         It is half of the typical edge or voxel size, and at most half of the gap.
 
@@ -170,7 +170,7 @@ class FlatPage(Planar):
         pixel_size : float, optional
             As in `raster`.
         of : {"isometric", "quasi_conformal", "areal"}
-            The measure: C, K, or the change of area.
+            The measure: C, K, or the change in area.
 
         Returns
         -------
@@ -180,7 +180,7 @@ class FlatPage(Planar):
         Raises
         ------
         InputError
-            If there is no such measure.
+            If the measure is unknown.
 
         See Also
         --------
@@ -196,7 +196,7 @@ class FlatPage(Planar):
 
     @telling()
     def label_image(self, pixel_size: float | None = None) -> FlatImage:
-        """Return an image of the patch numbers, from 1.
+        """Return an image of the patch numbers, starting from 1.
 
         It has the same pixels as the images that `image` returns.
 
@@ -223,7 +223,7 @@ class FlatPage(Planar):
         return replace(self._carried(numbers, "number of the patch", pixel_size), labels=True)
 
     def _carried(self, values: NDArray[np.generic], name: str, pixel_size: float | None) -> FlatImage:
-        """Return an image of values of the triangles."""
+        """Return an image of the values of the triangles."""
         raster, shown = self.raster(pixel_size), self.face_ids(pixel_size)
         data = np.where(shown < 0, np.nan, values.astype(np.float64)[shown])
         return FlatImage(data, raster.pixel_size, raster.origin, name, unit=raster.unit)
@@ -236,7 +236,7 @@ class FlatPage(Planar):
         Parameters
         ----------
         image : FlatImage, optional
-            An image from `image`, `heat_map` or `label_image`; by default, an image with the default pixels.
+            An image from `image`, `heat_map` or `label_image`; by default, an image with the default pixel size.
 
         Returns
         -------
@@ -292,7 +292,7 @@ class FlatPage(Planar):
         Raises
         ------
         InputError
-            If the image does not belong to this page or shows nothing, or if there is no such colour map.
+            If the image does not belong to this page or shows nothing, or if the colour map does not exist.
 
         See Also
         --------

@@ -90,7 +90,7 @@ class FlatPieces:
     def normals(self) -> NDArray[np.float64]:
         """The outward unit normals of the vertices, shape (N, 3).
 
-        Each is the area-weighted mean over the adjacent triangles; NaN for a one-voxel-thick surface.
+        Each normal is the area-weighted mean over the adjacent triangles; NaN for a one-voxel-thick surface.
 
         See Also
         --------
@@ -107,13 +107,13 @@ class FlatPieces:
 
     @property
     def isometric(self) -> NDArray[np.float64]:
-        """The figure C of each triangle, max(σ1, 1/σ2), shape (F,).
+        """The measure C = max(σ1, 1/σ2) of each triangle, shape (F,).
 
-        It is the greatest factor by which lengths change.
+        It is the largest factor by which lengths change.
 
         See Also
         --------
-        Atlas.heat_map : Show figures on the page.
+        Atlas.heat_map : Show measures on the page.
 
         Examples
         --------
@@ -124,13 +124,13 @@ class FlatPieces:
 
     @property
     def quasi_conformal(self) -> NDArray[np.float64]:
-        """The figure K of each triangle, σ1/σ2, shape (F,).
+        """The measure K = σ1/σ2 of each triangle, shape (F,).
 
         It is 1 if angles do not change.
 
         See Also
         --------
-        Atlas.heat_map : Show figures on the page.
+        Atlas.heat_map : Show measures on the page.
 
         Examples
         --------
@@ -141,13 +141,13 @@ class FlatPieces:
 
     @property
     def areal(self) -> NDArray[np.float64]:
-        """The change of area of each triangle, σ1 σ2, shape (F,).
+        """The change in area of each triangle, σ1 σ2, shape (F,).
 
         It is the area in the plane divided by the area on the surface.
 
         See Also
         --------
-        Atlas.heat_map : Show figures on the page.
+        Atlas.heat_map : Show measures on the page.
 
         Examples
         --------

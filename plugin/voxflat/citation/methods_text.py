@@ -26,12 +26,12 @@ _PLACE = (("journal", ". ", ""), ("volume", ", ", ""), ("number", "(", ")"), ("p
 class Citation:
     """A paragraph for the methods section of a paper, with its references.
 
-    Its `str` is the paragraph followed by the list of references.
+    Conversion to `str` returns the paragraph followed by the list of references.
 
     Parameters
     ----------
     text : str
-        The paragraph. Maps that were made in different ways have one paragraph each.
+        The paragraph. Maps that were made in different ways are described in separate paragraphs.
     references : tuple of str
         The references that the paragraph cites, one per entry.
     bibtex : str
@@ -39,7 +39,7 @@ class Citation:
 
     See Also
     --------
-    cite : Make a citation.
+    cite : Create a citation.
 
     Examples
     --------
@@ -157,7 +157,7 @@ def citation_of(facts: Sequence[Facts]) -> Citation:
 
 
 def _span(maps: Sequence[Facts], name: str) -> str:
-    """Return the smallest and the greatest of several numbers; some are texts that begin with a number."""
+    """Return the smallest and the greatest of several numbers; some are strings that begin with a number."""
     found = {float(str(one[name]).split()[0]): f"{one[name]:,}" if name == "points" else str(one[name]) for one in maps}
     return found[min(found)] if len(found) == 1 else f"{found[min(found)]} to {found[max(found)]}"
 

@@ -29,7 +29,7 @@ CANCELLED, TERMINATED = 130, 143  # exit statuses of programs ended by SIGINT an
 
 
 class Program(cloup.Group):
-    """Group of commands that reports every error as one line on stderr and, with ``--json``, as a JSON object."""
+    """Command group that reports every error as one line on stderr and, with ``--json``, as a JSON object."""
 
     def __init__(self, *arguments: Any, **more: Any) -> None:
         super().__init__(*arguments, **more)
@@ -92,7 +92,7 @@ def _ignore_interrupts() -> None:
 
 
 class _Terminated(KeyboardInterrupt):
-    """Report that SIGTERM was received, which is handled like Ctrl-C."""
+    """Exception for SIGTERM, which is handled like Ctrl-C."""
 
 
 @contextmanager
@@ -113,7 +113,7 @@ def _sigterm_as_interrupt() -> Iterator[None]:
 
 
 def _replace_closed_files() -> None:
-    """Replace closed standard streams, whose descriptors output files would get; escape unprintable characters."""
+    """Replace closed standard streams, or output files would get their descriptors; escape unprintable characters."""
     for number in range(3):
         try:
             os.fstat(number)
@@ -143,7 +143,7 @@ def _print(text: str) -> None:
 
 
 def _ignoring_errors(show: Callable[[], None]) -> None:
-    """Write to stderr, and ignore failures to do so, which must not lose the result."""
+    """Write to stderr, and ignore failures to do so, so that the result is not lost."""
     try:
         show()
     except (OSError, ValueError):  # the disk is full, or the stream is closed

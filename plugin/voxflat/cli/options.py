@@ -203,7 +203,7 @@ def output(help_: str, *further: Callable[..., Any], required: bool = True) -> C
 
 
 def _json(ctx: click.Context, param: click.Parameter, value: bool) -> None:
-    """Store whether ``--json`` is given."""
+    """Store whether ``--json`` was given."""
     ctx.meta[JSON] = value
 
 

@@ -35,8 +35,8 @@ def check_output(
     """Check that a result can be written before it is computed.
 
     An output must not be an input under any name, or the same file as another output. An existing file that the user
-    named is replaced. Files `beside` it, and the record (`sidecar`), are replaced only if voxflat wrote them or with
-    `overwrite`.
+    named is replaced. Files `beside` it, and the record (`sidecar`), are replaced only if voxflat wrote them or
+    `overwrite` is set.
     """
     if endings and not path.name.lower().endswith(tuple(endings)):
         remedy = f"Choose a name that ends in {' or '.join(endings)}."
@@ -77,7 +77,7 @@ def print_json(content: dict[str, Any]) -> None:
 
 
 def is_json() -> bool:
-    """Return whether ``--json`` is given."""
+    """Return whether ``--json`` was given."""
     return bool(click.get_current_context().meta.get(JSON))
 
 

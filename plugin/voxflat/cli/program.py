@@ -25,7 +25,7 @@ COMMANDS = {
     "movie": ("drawing", "Make a movie of a series on one or two flat maps."),
     "patches": ("patches", "Flatten a surface in patches with certified distortion."),
     "path": ("distances", "Find the shortest path through points of a surface."),
-    "points": ("places", "Find the positions of points in space on a flat map."),
+    "points": ("places", "Find the positions of 3D points on a flat map."),
     "regions": ("places", "Convert regions drawn on a flat map to vertex or voxel labels."),
     "register": ("surfaces", "Register a hemisphere to the fsaverage sphere."),
     "rows": ("distances", "Measure geodesic distances and store them on disk."),

@@ -58,7 +58,7 @@ class Cluster:
         threads: int | None = None,
         progress: Progress | None = None,
     ) -> Iterator[tuple[_Item, Any, Exception | None]]:
-        """Process each item on a free worker; if the worker dies, another one takes the item, at most 4 times."""
+        """Process each item on a free worker; if a worker dies, another one takes over the item, up to 4 times."""
         finished: queue.SimpleQueue[Any] = queue.SimpleQueue()
         run = partial(_run, work, folder=Path.cwd(), of=__version__, threads=threads)
         futures = self._client.map(run, items, pure=False, retries=0)
@@ -139,7 +139,7 @@ def _check_version(worker: str, own: str, wanted: str) -> None:
 
 
 def _run(work: Work, item: Any, folder: Path, of: str, threads: int | None) -> Any:
-    """Process an item on a worker, one at a time: the core uses several threads."""
+    """Process an item on a worker, one at a time, because the core uses several threads."""
     distributed = importlib.import_module("distributed")
     worker, key = distributed.get_worker(), distributed.worker.thread_state.key
     _check_version(worker.address, __version__, of)  # the worker may have joined after the client

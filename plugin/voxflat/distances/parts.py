@@ -158,7 +158,7 @@ def _collect(store: Path) -> None:
 
 
 def _deal(store: Path, missing: list[int], workers: int) -> list[Path]:
-    """Make a part for each worker, with neighbouring sources; each worker has to prepare the graph."""
+    """Make one part per worker, with neighbouring sources, because each worker has to prepare the graph."""
     sources = Table.open(store / "points.npy")[Table.open(store / "sources.npy")[missing]]
     along = np.linalg.svd(sources - sources.mean(axis=0), full_matrices=False)[2][0]
     order = np.array(missing)[np.argsort(sources @ along, kind="stable")]
@@ -210,7 +210,7 @@ class _Rows:
 
 
 def _begin(wanted: Wanted, places: tuple[Path, Path], *, threads: int, progress: Progress) -> Store:
-    """Choose sources and create a store of them, or check that an existing store has the same rows."""
+    """Choose sources and create a store for them, or check that an existing store has the same rows."""
     folder, path = places
     core = _surface(wanted.surface, folder)
     if isinstance(wanted.sources, int):
@@ -245,7 +245,7 @@ def _part(
 
 
 def _surface(key: str, folder: Path) -> _core.Surface:
-    """Return the surface of a folder; a worker caches it, with the data that distances need."""
+    """Return the surface of a folder; a worker caches it, with the data needed to compute distances."""
     if key not in _kept:
         _kept.clear()
         points, faces = (np.asarray(Table.open(folder / f"{name}.npy")) for name in ("points", "faces"))

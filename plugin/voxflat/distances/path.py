@@ -18,19 +18,19 @@ from voxflat.surfaces.voxel_graph import LINK_LENGTHS, voxel_graph
 
 @dataclass(frozen=True, eq=False)
 class Path(Recorded):
-    """A shortest path over a surface.
+    """A shortest path along a surface.
 
     `Surface.path` returns it.
 
     Parameters
     ----------
     ids : ndarray of int64, shape (k, 3) or (k,)
-        Voxels or vertices on the path, including both ends; −1 where it crosses an edge.
+        Voxels or vertices on the path, including both ends; −1 where the path crosses an edge.
     points : ndarray of float64, shape (k, 3)
-        Positions, RAS+ mm in `space`. The path is straight between these points, except that a path of links follows
-        the triangles.
+        Positions along the path, in RAS+ mm (see `space`). The path is straight between these points, except that a
+        path of links follows the triangles.
     length : float
-        Length of the path over the surface, mm.
+        Length of the path along the surface, in mm.
     space : Space
         The coordinate space of the surface.
     provenance : dict

@@ -39,7 +39,7 @@ def find_cuts(whole: Surface, by: str, progress: Progress) -> Found:
 
 
 def cuts_of_map(whole: Surface, flat_map: FlatMap, _: Progress) -> Found:
-    """Return the cuts of a map, and the vertices of the surface that it excludes."""
+    """Return the cuts of a map, and the vertices of the surface that the map excludes."""
     about = flat_map.metadata
     given, further = about.get("cuts") or [], [cut["ids"] for cut in about.get("automatic_cuts") or []]
     paths = [np.asarray(path, dtype=np.int64) for path in [*given, *further]]

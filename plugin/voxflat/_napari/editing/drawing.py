@@ -66,7 +66,7 @@ class Drawing:
         return bool(self._undone)
 
     def add_stop(self, vertex: int) -> None:
-        """Continue the current cut, or begin a cut; raises InputError if no path leads to the vertex."""
+        """Continue the current cut, or begin a new one; raises InputError if no path leads to the vertex."""
         now = self._done[-1]
         if not now.is_open:
             names = (f"drawn {number}" for number in count(1))

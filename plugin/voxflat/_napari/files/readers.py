@@ -27,7 +27,7 @@ Reader: TypeAlias = Any  # Callable[[str], list[LayerData]] or None
 
 
 def map_reader(path: Paths = None) -> Reader:
-    """Return a reader for a flat map or an atlas; without a path (from napari's command palette), ask for a file."""
+    """Return a reader for a flat map or an atlas; without a path (napari's command palette), it asks for a file."""
     file = _file(path, "Read a flat map", _MAPS)
     if file is None:
         return None
@@ -125,7 +125,7 @@ def _reporting_errors(read: _Read) -> Callable[[str], list[LayerData]]:
 
 
 def _make_ready(viewer: Viewer, layers: list[LayerData]) -> None:
-    """Register opened runs with the viewer, and switch to 3D for surfaces, because 2D shows at most their outlines."""
+    """Register opened runs with the viewer, and switch to 3D for surfaces, which 2D shows at most as outlines."""
     from napari.layers import Surface
     from qtpy.QtCore import QTimer
 

@@ -51,7 +51,7 @@ def surface_layers(path: Path) -> list[LayerData]:
 
 
 def geometries_for(path: Path) -> Iterator[Geometry]:
-    """Yield surfaces for a values file: open surfaces from nearby files, other nearby files, other open surfaces."""
+    """Yield surfaces for a values file: open ones from nearby files, then other nearby files, then other open ones."""
     files = _beside(path)
     opened = [one for one in _open() if _agree(_side(path), one.structure or _side(one.path))]
     yield from (one for one in opened if one.path in files)
@@ -89,7 +89,7 @@ def _rank(path: Path) -> int:
 
 
 def _side(path: Path | None) -> str | None:
-    """Return the hemisphere that a file name indicates; nilearn's names are also recognised."""
+    """Return the hemisphere that a file name indicates; the names used by nilearn are also recognised."""
     if path is None:
         return None
     named = {"left": "CortexLeft", "right": "CortexRight"}

@@ -30,7 +30,7 @@ def gifti_layers(path: Path) -> list[LayerData]:
 
 
 def value_layers(path: Path) -> list[LayerData]:
-    """Read values or labels on a surface that is open or stored near the file; raises InputError if none fits."""
+    """Read values or labels on a surface that is open or stored near the file; raises InputError if no surface fits."""
     is_region = path.name.lower().endswith(".label")
     read = read_region if is_region else read_overlay
 

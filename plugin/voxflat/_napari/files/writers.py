@@ -50,7 +50,7 @@ def _ask(title: str, endings: Sequence[str]) -> list[str]:
 
 @contextmanager
 def _reporting_errors() -> Iterator[None]:
-    """Convert InputError, which is a ValueError; napari would treat it as a missing writer and not report it."""
+    """Convert InputError, because it is a ValueError, which napari would take for a missing writer and not report."""
     try:
         yield
     except InputError as error:

@@ -16,7 +16,7 @@ _PAUSE = 400  # ms without painting before the labels are listed again
 
 
 class LabelChoice(QComboBox):
-    """Lets the user choose a label from a list made in a thread; the default is the selected label of the layer."""
+    """Lets the user choose a label from a list compiled in a thread; the default is the selected label of the layer."""
 
     def __init__(self) -> None:
         super().__init__()

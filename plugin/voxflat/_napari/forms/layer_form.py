@@ -20,7 +20,7 @@ from voxflat.errors import InputError
 
 
 class LayerForm(QWidget):
-    """Base class of the forms: the surface and the values on its map; subclasses add the flattening options."""
+    """Base class of the forms, with the surface and the values on its map; subclasses add the flattening options."""
 
     def __init__(self, viewer: Viewer) -> None:
         super().__init__()
@@ -115,7 +115,7 @@ class LayerForm(QWidget):
 
 
 def _surface_rank(viewer: Viewer, layer: Layer) -> int | None:
-    """Rank layers to flatten: labels, then surfaces, then images; 0 for a surface that belongs to another one."""
+    """Rank layers to flatten: labels, then surfaces, then images; a surface that belongs to another one has rank 0."""
     if "voxflat" in layer.metadata or not isinstance(layer, Image | Labels | Surface) or getattr(layer, "rgb", False):
         return None
     if layer.ndim != 3 or any(_is_of(layer, other) for other in viewer.layers):

@@ -108,7 +108,7 @@ class OptionsForm(QWidget):
         return cuts
 
     def offer_drawn(self, drawn: DrawnCuts | None, chosen: bool = False) -> None:
-        """Offer the drawn cuts, if there are any, and select them if `chosen`."""
+        """Offer the drawn cuts, if there are any, and select them if `chosen` is set."""
         self._drawn = drawn
         offer(self._cuts, {_DRAWN: ""}, _DRAWN, drawn is not None)
         if drawn is not None:

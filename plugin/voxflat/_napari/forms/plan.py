@@ -30,7 +30,7 @@ _PARTS = {
 
 @dataclass(frozen=True)
 class _Asked:
-    """The choices of the form."""
+    """The choices made in the form."""
 
     layer: Layer
     method: str

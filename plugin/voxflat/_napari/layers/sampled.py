@@ -83,7 +83,7 @@ def shown(
 
 
 def usual_depth(layer: Layer | None) -> float:
-    """Return the default sampling depth, in mm: the depth used in the demo outside white matter, otherwise 0."""
+    """Return the default sampling depth, in mm: that of the demo if values lie outside white matter, otherwise 0."""
     if layer is None or layer.ndim != 3:
         return 0.0
     if isinstance(layer, Surface):

@@ -17,7 +17,7 @@ _TONES = 32  # levels of red, green and blue that are distinguished
 
 
 class AnnotationItem(QGraphicsItem):
-    """Dots and lines on the map, with a dark rim."""
+    """Dots and lines on the map, with a dark outline."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -28,7 +28,7 @@ class AnnotationItem(QGraphicsItem):
         self.setAcceptedMouseButtons(Qt.MouseButton.NoButton)
 
     def show_annotations(self, found: OnMap | None, around: QRectF) -> None:
-        """Show annotations within a rectangle of the scene, or none."""
+        """Show annotations within a rectangle of the scene, or show none."""
         self.prepareGeometryChange()
         self._around = around
         self._lines, self._dots = [], []

@@ -66,7 +66,7 @@ class OnMap:
 
 
 def on_map(prepared: PreparedMap, annotations: Sequence[Annotation]) -> OnMap:
-    """Project annotations onto the nearest surface points within `FAR`; lines are split at cuts."""
+    """Project annotations onto the nearest surface points within the distance `FAR`; lines are split at cuts."""
     points = np.concatenate([np.empty((0, 3)), *(one.points for one in annotations)])
     colours = np.concatenate([np.empty((0, 4), dtype=np.uint8), *(one.colours for one in annotations)])
     dots = prepared.places(points)
@@ -89,7 +89,7 @@ def on_map(prepared: PreparedMap, annotations: Sequence[Annotation]) -> OnMap:
 
 
 def split(places: NDArray[np.float64], spacing: float) -> list[NDArray[np.float64]]:
-    """Split a line (k, 2) on the map at NaN and at jumps across cuts, and drop single points."""
+    """Split a line of shape (k, 2) on the map at NaN and at jumps across cuts, and drop single points."""
     steps = np.linalg.norm(np.diff(places, axis=0), axis=1)
     usual = float(np.median(steps[np.isfinite(steps)])) if np.isfinite(steps).any() else 0.0
     breaks = np.flatnonzero(~(steps <= _JUMP * max(usual, spacing))) + 1

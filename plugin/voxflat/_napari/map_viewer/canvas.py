@@ -127,7 +127,7 @@ class MapCanvas(QGraphicsView):
         return float(self.transform().m11())  # pixels per mm
 
     def position(self, u: float, v: float) -> Any:
-        """Return the position of (u, v), in mm, in the viewport, in pixels."""
+        """Return the viewport position, in pixels, of the point (u, v), in mm."""
         return self.mapFromScene(QPointF(u, -v))
 
     def _put(self, item: QGraphicsPixmapItem, picture: Picture) -> None:

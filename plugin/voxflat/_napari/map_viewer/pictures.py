@@ -17,7 +17,7 @@ class ColourScale:
     limits: tuple[float, float]
 
     def paint(self, data: NDArray[np.floating]) -> NDArray[np.uint8]:
-        """Convert values (H, W) to colours (H, W, 4); NaN is transparent."""
+        """Convert values of shape (H, W) to colours of shape (H, W, 4); NaN is transparent."""
         low, high = self.limits
         known = np.isfinite(data)
         level = np.clip((np.where(known, data, low) - low) * (255 / ((high - low) or 1.0)), 0, 255)

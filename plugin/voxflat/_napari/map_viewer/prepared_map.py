@@ -115,7 +115,7 @@ class PreparedMap:
         return None if np.isnan(u) else (u, v)
 
     def places(self, points: NDArray[Any]) -> NDArray[np.float64]:
-        """Return (u, v) of the surface points nearest to points (..., 3) in RAS+ mm; NaN if farther than `FAR`."""
+        """Return (u, v) of the surface points nearest to points (RAS+ mm), shape (..., 3); NaN beyond `FAR`."""
         return self.planar.points_to_map(self.planar._triangles.on_surface.space.from_scanner(points), FAR)[0]
 
     def met(self, start: NDArray[Any], along: NDArray[Any]) -> NDArray[np.float64] | None:
@@ -139,7 +139,7 @@ class PreparedMap:
     def _met_point(
         self, start: NDArray[Any], along: NDArray[np.float64], beside: NDArray[np.float64]
     ) -> NDArray[np.float64] | None:
-        """Return the first point near a ray; `beside` holds the squared distances of the points from it."""
+        """Return the first point near a ray; `beside` holds the squared distances of the points from the ray."""
         reach = _NEAR * self.spacing
         hits = np.flatnonzero(beside <= reach**2)
         if not len(hits):
@@ -192,9 +192,9 @@ class PreparedMap:
 
 
 def _distances_along(start: Points, along: Points, corner: Points, b: Points, c: Points) -> NDArray[np.float64]:
-    """Return the distances along a ray to triangles, or infinity for no intersection (Möller and Trumbore, 1997).
+    """Return the distances along a ray to triangles, or infinity without an intersection (Möller and Trumbore, 1997).
 
-    The corners are ``corner``, ``corner + b`` and ``corner + c``, shape (F, 3). Intersections behind the start are
+    The corners are ``corner``, ``corner + b`` and ``corner + c``, with shape (F, 3). Intersections behind the start are
     included, because rays in the viewer start in the plane of the mouse position.
     """
     across = np.cross(along, c)

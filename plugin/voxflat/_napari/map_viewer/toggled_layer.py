@@ -38,7 +38,7 @@ class ToggledLayer(QObject, Generic[LayerType]):
             self._set_visible(False)
 
     def remove(self) -> None:
-        """Remove the layer from the viewer, or do not add it."""
+        """Remove the layer from the viewer, or cancel its addition."""
         if self.is_coming:
             assert self.layer is not None
             self._coming.stop()

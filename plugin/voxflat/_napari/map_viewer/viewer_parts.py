@@ -40,7 +40,7 @@ def look_from_side(viewer: Viewer, *, right: bool, world: str = "RAS") -> None:
 
 
 def _in_their_order(viewer: Viewer) -> None:
-    """Restore the axis order, because napari shows surfaces in 3D only in this order."""
+    """Restore the axis order, the only one in which napari shows surfaces in 3D."""
     viewer.dims.order = tuple(range(viewer.dims.ndim))
     camera(viewer).orientation2d = ("down", "right")  # another orientation would mirror this order
 
@@ -73,7 +73,7 @@ def show_sagittal(viewer: Viewer) -> None:
 
 
 def fill(viewer: Viewer, places: NDArray[np.float64], size: tuple[int, int], world: str = "RAS") -> None:
-    """Zoom until points (N, 3), seen in 3D after `look_from_side`, fill a canvas of the given size in pixels."""
+    """Zoom until points of shape (N, 3), seen in 3D after `look_from_side`, fill a canvas of a given size in pixels."""
     across, up = np.ptp(places @ from_ras(np.array([[0.0, 1, 0], [0, 0, 1]]), world).T, axis=0)
     if across > 0 and up > 0:
         camera(viewer).zoom = _FILLED * min(size[0] / across, size[1] / up)

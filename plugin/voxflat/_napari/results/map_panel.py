@@ -98,7 +98,7 @@ class CopyAsPython(QPushButton):
         self.hide()
 
     def show_run(self, run: Run) -> None:
-        """Offer the script of a run; a run that was opened from a file has none."""
+        """Offer the script of a run; a run that was opened from a file has no script."""
         self._run = run
         self.setVisible(run.script is not None)
 

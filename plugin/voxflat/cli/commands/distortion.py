@@ -51,8 +51,8 @@ def measure_command(surface_: Path, flat: tuple[Path, ...], heat_maps: Path | No
 
     Each FLAT is a flat map of SURFACE: a FreeSurfer patch, a flat GIFTI surface, an .obj file with texture coordinates,
     or a file written by voxflat flatten. Distances are measured in mm on SURFACE, with the same cuts as the map. A map
-    that voxflat made midway to the pial surface is measured on that geometry, and a note reports this. Several maps are
-    measured from the same source points. The documentation defines all measures.
+    that voxflat computed midway to the pial surface is measured on the midway surface, and a note reports this. All
+    maps are measured from the same source points. The documentation defines all measures.
     """
     names = [path.name for path in flat]
     if len(set(names)) < len(names):
@@ -115,10 +115,11 @@ def worst_command(
 ) -> None:
     """List the regions of highest area distortion.
 
-    MAP is a file written by voxflat flatten. Regions are ranked by their area times its change, at the scale that
-    preserves the total area. For each region, voxflat suggests a cut that runs from the border through the region. The
-    gain of a cut is the decrease of the relative distance error of a coarse preview map of the default method, in
-    percentage points. The gain can be negative, since a cut that reduces area distortion may increase distance errors.
+    MAP is a file written by voxflat flatten. Regions are ranked by the product of their area and its change, at the
+    scale that preserves the total area. For each region, voxflat suggests a cut that runs from the border through the
+    region. The gain of a cut is the decrease in the relative distance error of a coarse preview map of the default
+    method, in percentage points. The gain can be negative, since a cut that reduces area distortion may increase
+    distance errors.
     """
     if numbers and cuts_file is None:
         raise click.UsageError("--place requires --save-cuts.")

@@ -84,8 +84,8 @@ def figure_command(maps: tuple[Path, ...], output: Path, writing: dict[str, Any]
     Gyri are light and sulci are dark. The figure is annotated with anatomical directions at the centre of the map, the
     hemisphere, a scale bar and the names of cuts, as far as these are known. A warning lists the parcel names that are
     omitted because they do not fit. With --period, the data are phases, which are drawn with a cyclic colour map (hsv,
-    or --cmap) and a colour wheel. A PNG is at least 1,700 pixels wide. In an SVG, curvature, data, parcels, names and
-    annotations are layers. To write only the values, use voxflat image.
+    or --cmap) and a colour wheel. PNG files are at least 1,700 pixels wide. In an SVG, curvature, data, parcels, names
+    and annotations are separate layers. To write only the values, use voxflat image.
     """
     if len(maps) > 2:
         raise click.UsageError(f"{len(maps)} maps are given. Give one map, or the maps of both hemispheres.")
@@ -151,7 +151,7 @@ def movie_command(
     """Make a movie of a series on one or two flat maps.
 
     MAP is a file written by voxflat flatten. The maps of both hemispheres are shown side by side. Each frame shows the
-    data over the folds, and the time. All frames share one colour scale. Data that do not pass the threshold are
+    time, and the data over the folds. All frames share one colour scale. Data that do not pass the threshold are
     transparent. To write the values of all frames, use voxflat image.
     """
     if len(maps) > 2 or len(overlay) > len(maps):

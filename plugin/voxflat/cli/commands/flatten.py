@@ -98,8 +98,8 @@ def flatten_command(input_: Path, output: Path, writing: dict[str, Any], quiet: 
     INPUT is a label or intensity volume (.nii, .nii.gz, .hdr, .mgh, .mgz, .nrrd, .nhdr, .mha, .mhd, .tif, .npy, .npz)
     or a mesh (.surf.gii, FreeSurfer geometry such as lh.white, .asc, .vtk, .vtp, .ply, .stl, .obj, .off, .glb). A
     volume with several labels requires --label or --threshold. With --hemisphere, the surface is cut along standard
-    cuts by default. Without a region, the largest component is flattened. A surface that is not a disk is cut open, and
-    a warning lists the cuts.
+    cuts by default. If no region is specified, the largest component is flattened. A surface that is not a disk is cut
+    open, and a warning lists the cuts.
     """
     check_output(output, MAP_ENDINGS, **writing)
     method, rows, store = options.method_of(given), given.pop("rows"), given.pop("store")

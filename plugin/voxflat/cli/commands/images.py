@@ -91,9 +91,9 @@ def image_command(
 
     MAP is a file written by voxflat flatten or voxflat patches. For an atlas of patches, the image shows the page of
     all patches, and the heat map shows C, the factor by which lengths change. A PNG shows scalars in grey (1st to 99th
-    percentile), labels in one colour each, and colours unchanged. It is transparent outside the map. The PNG of a heat
-    map is a figure with a colour bar. All other formats store the values, with NaN outside the map. A series is read,
-    sampled and written frame by frame, so its length is not limited by memory.
+    percentile), each label in its own colour, and colours unchanged. It is transparent outside the map. The PNG of a
+    heat map is a figure with a colour bar. All other formats store the values, with NaN outside the map. A series is
+    read, sampled and written frame by frame, so its length is not limited by memory.
     """
     if heat_map == (volume is not None):
         raise click.UsageError("Give either --volume or --heat-map.")

@@ -54,9 +54,9 @@ def _label(ctx: click.Context, param: click.Parameter, value: str | None) -> int
 def layers_command(
     input_: Path, output: Path, count: int, layering: str, writing: dict[str, Any], **given: Any
 ) -> None:
-    """Divide the grey matter into layers, from a segmentation with its inner and outer borders.
+    """Divide the grey matter into layers, given a segmentation that includes its inner and outer borders.
 
-    INPUT is a rim as used for layer fMRI: a label volume of the grey matter and its borders, of a patch or of a
+    INPUT is a rim file as used in layer fMRI: a label volume of the grey matter and its borders, for a patch or a
     complete hemisphere. No surfaces are needed.
     """
     check_volume_name(output)

@@ -71,12 +71,12 @@ def patches_command(
 ) -> None:
     """Flatten a surface in patches with certified distortion.
 
-    SURFACE is a volume or a mesh of any topology. It is divided into patches, and each is projected onto a plane. The
-    distortion has proven bounds: lengths change by at most a factor C, and angles by a dilatation of at most K
+    SURFACE is a volume or a mesh of any topology. It is divided into patches, and each patch is projected onto a plane.
+    The distortion has proven bounds: lengths change by at most a factor of C, and angles by a dilatation of at most K
     (Appleboim, Saucan, Zeevi 2006).
 
-    By default, textured outputs show the patches in colours. To show data instead, use --volume or --heat-map. To draw
-    images of an atlas that was saved as .npz, use voxflat image.
+    By default, textured outputs show the patches in different colours. To show data instead, use --volume or
+    --heat-map. To draw images of an atlas that was saved as .npz, use voxflat image.
     """
     check_output(output, (*SAVED_ENDINGS, *TEXTURED_ENDINGS), beside=files_beside(output), **writing)
     is_textured = output.suffix.lower() not in SAVED_ENDINGS

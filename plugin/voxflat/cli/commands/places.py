@@ -38,10 +38,10 @@ _PIXEL_SIZE = "Side length of the pixels of --image, in mm.  [default: from the 
 @options.output("Output table (.csv, .tsv or .txt): all columns of XYZ, and u, v and distance in mm.")
 @options.run()
 def points_command(map_: Path, points: Path, output: Path, limit: float, space: str, writing: dict[str, Any]) -> None:
-    """Find the positions of points in space on a flat map.
+    """Find the positions of 3D points on a flat map.
 
     MAP is a file written by voxflat flatten. XYZ is a table (.csv, .tsv or .txt) of coordinates in RAS+ mm, with
-    columns named x, y and z or without a header. Each point is projected to the nearest point of the surface. For
+    columns named x, y and z or without a header. Each point is projected onto the nearest point of the surface. For
     points beyond --limit, u, v and distance are n/a.
     """
     check_output(output, TABLE_ENDINGS, **writing)
@@ -101,9 +101,9 @@ def regions_command(
 ) -> None:
     """Convert regions drawn on a flat map to vertex or voxel labels.
 
-    MAP is a file written by voxflat flatten. If it was made with --pial, the voxels between the white and the pial
-    surface are labelled. A vertex on a cut belongs to a region if either of its two positions on the map does. Where
-    regions overlap, the last one drawn is used.
+    MAP is a file written by voxflat flatten. If the map was made with --pial, the voxels between the white and pial
+    surfaces are labelled. A vertex on a cut belongs to a region if either of its two positions on the map does. Where
+    regions overlap, the region drawn last takes precedence.
     """
     drawn = [given for given in (svg, polygons, image) if given is not None]
     if len(drawn) != 1:

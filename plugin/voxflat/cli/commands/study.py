@@ -119,13 +119,13 @@ def bids_command(
 
     BIDS_DIR contains FreeSurfer subjects, sMRIPrep or fMRIPrep derivatives, or white-matter masks, either directly or
     in derivatives/ or sourcedata/freesurfer. At the level "participant", voxflat writes BIDS derivatives such as
-    sub-01_hemi-L_desc-voxflat_flat.surf.gii to OUT, and one report per participant. Results are skipped if they are up
-    to date according to the checksums of the inputs and the parameters. A participant that fails does not stop the
+    sub-01_hemi-L_desc-voxflat_flat.surf.gii to OUT, and one report per participant. Results that are up to date,
+    according to the checksums of the inputs and the parameters, are skipped. A participant that fails does not stop the
     others. At the level "group", voxflat writes a table of all measures, means over standard maps, and a page of all
     maps.
 
     The exit status is the number of participants that failed (at most 100). If no participant could be processed, it is
-    1 or 2, as for the other commands.
+    1 or 2, as for other commands.
     """
     parameters = _parameters(given)
     if dask and (dry_run or level == "group"):
@@ -176,7 +176,7 @@ def freesurfer_command(subject: Path, hemis: tuple[str, ...], quiet: bool, **giv
     voxflat reads surf/?h.white, pial, sphere.reg, thickness and label/?h.cortex.label (or aparc.annot), and reports
     missing files. It writes the map as surf/?h.voxflat.flat.patch.3d, .surf.gii, .npz (complete) and .json (distortion
     and provenance), measures and overlays at the vertices as surf/?h.voxflat.*.shape.gii, and the report voxflat.html.
-    Results are skipped if they are up to date according to the checksums of the inputs and the parameters. The exit
+    Results that are up to date, according to the checksums of the inputs and the parameters, are skipped. The exit
     status is 1 if a hemisphere could not be flattened.
     """
     parameters = _parameters(given)

@@ -100,9 +100,9 @@ def register_command(input_: Path, output: Path, writing: dict[str, Any], **give
 def surface_command(input_: Path, output: Path, repaired: Path | None, writing: dict[str, Any], **given: Any) -> None:
     """Extract the surface of a volume, or check and convert a mesh.
 
-    Each vertex of a volume's surface is a surface voxel at a subvoxel position; voxflat does not compute an isosurface.
-    FreeSurfer files are written in tkRAS coordinates with a footer that locates them in scanner space. All other
-    formats are written in scanner RAS coordinates, which other tools expect for display with volumes.
+    For a volume, each vertex of the surface is a surface voxel, placed at a subvoxel position; voxflat does not compute
+    an isosurface. FreeSurfer files are written in tkRAS coordinates with a footer that locates them in scanner space.
+    All other formats are written in scanner RAS coordinates, which other tools expect for display with volumes.
     """
     check_output(output, **writing)
     if repaired is not None:
