@@ -15,7 +15,7 @@ SAMPLINGS = ("farthest", "curvature", "random")  # ways to choose sources on any
 
 @dataclass(frozen=True)
 class SourceChoice:
-    """Store how sources will be chosen; their number is known before any memory is needed for choosing them."""
+    """Describe how sources will be chosen; their number is known before choosing them requires any memory."""
 
     part: Manifold | VoxelGraph
     count: int

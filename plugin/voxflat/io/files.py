@@ -130,7 +130,7 @@ def one_line(error: Exception) -> str:
 
 @contextmanager
 def naming(name: object, remedy: str) -> Iterator[None]:
-    """Convert all errors except system errors to one line that begins with the name of a file or an object type."""
+    """Convert non-system errors to one-line errors that begin with the name of a file or an object type."""
     name = name if isinstance(name, str | os.PathLike) else type(name).__name__
     try:
         yield
@@ -146,7 +146,7 @@ def naming(name: object, remedy: str) -> Iterator[None]:
 
 @contextmanager
 def holding(path: str | os.PathLike[str], what: str) -> Iterator[None]:
-    """Convert any error while reading one of voxflat's own files to an error that names the expected kind of file."""
+    """Convert any error from reading one of voxflat's own files to an error that names the expected kind of file."""
     try:
         yield
     except InputError as error:
@@ -382,5 +382,5 @@ def save_array(path: Path, array: NDArray[Any]) -> None:
 
 
 def beside(path: Path, ending: str) -> Path:
-    """Return the path of a surface's companion file, without spaces, because OBJ readers cut names at spaces."""
+    """Return the path of a surface's companion file, without spaces, because OBJ readers truncate names at spaces."""
     return path.with_name(re.sub(r"[\s#]+", "_", path.stem) + ending)

@@ -83,7 +83,7 @@ class Sums:
 
 
 def outliers(values: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Return which values are outliers (modified z score above 3.5); NaN and groups of fewer than five never are."""
+    """Return a mask of outliers (modified z score above 3.5), without NaN and values in groups of fewer than five."""
     defined = values[np.isfinite(values)]
     if len(defined) < _LEAST:
         return np.zeros(len(values), dtype=np.bool_)

@@ -105,7 +105,7 @@ def map_page(flat_map: FlatMap, title: str = "Flat map") -> MapPage:
 
     See Also
     --------
-    voxflat.figures.flat_map : A figure for a paper.
+    voxflat.figures.flat_map : Draw a figure for a paper.
 
     Examples
     --------

@@ -51,9 +51,9 @@ class FlatMap(Planar):
     Parameters
     ----------
     uv : ndarray of float64, shape (N, 2)
-        Positions of the points in the plane, mm. The surface is seen from outside, with superior up.
+        Positions of the points in the plane, in mm. The surface is seen from outside, with superior up.
     points : ndarray of float64, shape (N, 3)
-        Positions of the points on the surface, RAS+ mm in `space`; for meshes the coordinates of the file.
+        Positions of the points on the surface in RAS+ mm, in `space`; for meshes, the coordinates of the file.
     normals : ndarray of float64, shape (N, 3)
         Outward unit normals (towards the background, RAS+). NaN for a one-voxel-thick surface, which has background on
         both sides.
@@ -69,13 +69,13 @@ class FlatMap(Planar):
     sources : ndarray of int64, shape (m,)
         Row numbers of the points from which distances were measured.
     eigenvalues : ndarray of float64, shape (K,)
-        Eigenvalues of classical scaling with the largest magnitudes, mm². Two dominant values imply a planar surface.
+        Eigenvalues of classical scaling with the largest magnitudes, mm². Two dominant values mean low distortion.
     distortion : Distortion
         Errors of distances, and changes of areas and angles.
     metadata : dict
         Parameters, affine, versions, topology, and the checksum of the input.
     rows : ndarray of float32, shape (m, N), or Table, or None
-        Geodesic distances from the sources, mm, if requested. Distance rows in a store (``metadata["store"]``) stay
+        Geodesic distances from the sources, in mm, if requested. Distance rows in a store (``metadata["store"]``) stay
         there: `save` does not include them, and merged vertices have no column.
     bridges : ndarray of int64, shape (B, 3)
         Mesh triangles that are not part of the map although all their corners are. A patch file must exclude them.
@@ -83,7 +83,7 @@ class FlatMap(Planar):
         Mean curvature at the points, 1/mm, positive on gyri, from `Surface.mean_curvature` of the whole surface before
         it was cut. None for the method "grossmann2002", whose surface has no triangles.
     sulcal_depth : ndarray of float64, shape (N,), or None
-        Depth of the points in folds, mm, positive in sulci, from `Surface.sulcal_depth` of the same surface.
+        Depth of the points in folds, in mm, positive in sulci, from `Surface.sulcal_depth` of the same surface.
     white_points, pial_points : ndarray of float64, shape (N, 3), or None
         Positions of the points on the white and pial surfaces, in `space`, if both are known.
 
@@ -174,7 +174,7 @@ class FlatMap(Planar):
 
     @property
     def affine(self) -> NDArray[np.float64]:
-        """The affine of the flattened volume, from voxel indices to RAS+ mm, shape (4, 4).
+        """The affine of the flattened volume from voxel indices to RAS+ mm, of shape (4, 4).
 
         It is not available for maps of meshes.
 
@@ -208,9 +208,9 @@ class FlatMap(Planar):
 
     @cached_property
     def spacing(self) -> float:
-        """The typical distance between neighbouring points, mm.
+        """The typical distance between neighbouring points, in mm.
 
-        For voxels it is the geometric mean of the three spacings.
+        For voxels, it is the geometric mean of the three spacings.
 
         See Also
         --------
@@ -225,7 +225,7 @@ class FlatMap(Planar):
 
     @property
     def pixel_size(self) -> float:
-        """The default side length of a pixel, mm.
+        """The default side length of a pixel, in mm.
 
         It is half of `spacing`.
 
@@ -250,7 +250,7 @@ class FlatMap(Planar):
         Parameters
         ----------
         pixel_size : float, optional
-            Side length of a pixel, mm; by default half of `spacing`.
+            Side length of a pixel, in mm; by default half of `spacing`.
 
         Returns
         -------
@@ -348,7 +348,7 @@ class FlatMap(Planar):
     def paint(self, values: ArrayLike, background: float = 0) -> NDArray[Any]:
         """Write values of the points into a volume with the shape of the flattened volume.
 
-        This requires the map of a volume.
+        The map must have been made from a volume.
 
         Parameters
         ----------
@@ -398,21 +398,21 @@ class FlatMap(Planar):
         Parameters
         ----------
         rois : dict, ndarray, sequence, FlatImage, path or napari Shapes layer
-            Polygons (k, 2) in mm: one polygon, a list of polygons, or a dict keyed by name, such as {"V1": polygon}.
-            Several polygons with the same name enclose one region. Alternatively, a label image on the pixels of the
-            map, shape (H, W), with 0 outside regions; a napari Shapes layer over the map, whose column "name" of the
-            features holds the names; or a file. An ``.svg`` file is a voxflat figure with paths in a layer, a ``.json``
-            file holds polygons keyed by name, and ``.npy``, ``.png``, ``.tif``, ``.nii`` and ``.nii.gz`` files are
-            label images.
+            Polygons in mm, each of shape (k, 2): one polygon, a list of polygons, or a dict keyed by name, such as
+            {"V1": polygon}. Several polygons with the same name enclose one region. Alternatively, a label image on the
+            pixels of the map, shape (H, W), with 0 outside regions; a napari Shapes layer over the map, whose feature
+            column "name" contains the names; or a file. An ``.svg`` file is a voxflat figure with paths in a layer, a
+            ``.json`` file holds polygons keyed by name, and ``.npy``, ``.png``, ``.tif``, ``.nii`` and ``.nii.gz``
+            files are label images.
         layer : str
             Layer of the SVG file in which the regions were drawn.
         pixel_size : float, optional
-            Pixel size at which a label image was drawn, mm; by default the size in its file, or `pixel_size`.
+            Pixel size at which a label image was drawn, in mm; by default the size in its file, or `pixel_size`.
 
         Returns
         -------
         Regions
-            The regions, on the map.
+            The regions on the map.
 
         Raises
         ------
@@ -435,7 +435,7 @@ class FlatMap(Planar):
         return regions_of(self, rois, layer=layer, pixel_size=pixel_size)
 
     def description(self) -> dict[str, Any]:
-        """Return the metadata with the distortion figures, ready for JSON.
+        """Return the metadata with the distortion measures, ready for JSON.
 
         Undefined figures are None.
 
@@ -459,7 +459,7 @@ class FlatMap(Planar):
     def provenance(self) -> Record:
         """The record of how the map was made.
 
-        It lists the version, function, parameters, input files, warnings and distortion figures.
+        It lists the version, function, parameters, input files, warnings and distortion measures.
 
         See Also
         --------
@@ -474,7 +474,7 @@ class FlatMap(Planar):
         return {**self.metadata.get("provenance", {}), **told, "figures": self.distortion.figures()}
 
     def _with_provenance(self, record: Record) -> "FlatMap":
-        """Return the map with a record of how it was made, which is also written to its store of distance rows."""
+        """Return the map with a provenance record, which is also written to its store of distance rows."""
         full = resolved(record, self.metadata)
         if "store" in self.metadata:
             write_provenance(self.metadata["store"], full)
@@ -490,7 +490,7 @@ class FlatMap(Planar):
         path : path
             ``.npz`` and ``.voxflat`` hold everything, for `load`. ``.vtp``, ``.ply`` and ``.obj`` hold the triangles in
             the plane. ``.surf.gii`` is a flat surface for Connectome Workbench. ``.patch.flat`` and ``.flat.patch.3d``
-            are FreeSurfer patches, which pycortex reads, too. Surfaces and patches have the mesh's own vertex numbers
+            are FreeSurfer patches, which pycortex also reads. Surfaces and patches have the mesh's own vertex numbers
             and one position per vertex. Where a cut duplicates vertices, only one side is kept; patches exclude
             vertices on both sides of cuts, so that no triangle spans a cut. A warning reports how many triangles are
             lost in this way, or because they are torn; a ``.vtp`` keeps torn triangles, marked in the cell data
