@@ -88,7 +88,7 @@ class DistanceRows:
     def shape(self) -> tuple[int, int]:
         """The number of sources and the number of points.
 
-        These are the lengths of the array's axes.
+        These are the lengths of the axes of the array.
 
         See Also
         --------
@@ -221,7 +221,7 @@ def open_rows(path: str | os.PathLike[str]) -> DistanceRows:
     Returns
     -------
     DistanceRows
-        The rows, which NumPy, ``dask.array.from_array`` and napari's ``viewer.add_image`` accept.
+        The rows, which can be passed to NumPy, ``dask.array.from_array`` and ``viewer.add_image`` of napari.
 
     Raises
     ------

@@ -25,7 +25,7 @@ class SourceChoice:
     rule: str  # `sampling`, or "given" if sources were passed
 
     def made(self, progress: Progress | None) -> NDArray[np.uint32]:
-        """Return the sources as row numbers of the surface's points, shape (count,)."""
+        """Return the sources as row numbers of the surface points, of shape (count,)."""
         if self.given is not None:
             return self.given
         return self.part.core.choose_sources(self.sampling, self.count, self.seed, progress)

@@ -48,7 +48,7 @@ class Store:
         return (self.path, self.identity)
 
     def tell(self, found: tuple[int, int]) -> None:
-        """Log the rows that were already in the store."""
+        """Log how many rows were already in the store, and how many were damaged."""
         rows, damaged = found
         if rows:
             log.info("%d rows were already in the store %s", rows, self.path)
@@ -132,7 +132,7 @@ def read_provenance(path: Path) -> Record:
 
 
 def array_hash(array: NDArray[Any]) -> str:
-    """Return a hash of an array's shape and values, the same on every machine."""
+    """Return a hash of the shape and values of an array, which is the same on every machine."""
     kind = array.dtype.newbyteorder("<")
     header = f"{kind.str} {array.shape} ".encode()
     return hashlib.sha256(header + np.ascontiguousarray(array, dtype=kind).tobytes()).hexdigest()

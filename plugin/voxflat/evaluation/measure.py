@@ -173,7 +173,7 @@ def measure(
 ) -> Distortion:
     """Measure the distortion of a flat map that was made with any tool.
 
-    Distances are measured on the surface as it was cut for the map: over the map's triangles, and not across its seams.
+    Distances are measured on the surface as cut for the map: over the triangles of the map, and not across its seams.
 
     Parameters
     ----------

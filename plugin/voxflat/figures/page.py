@@ -262,7 +262,7 @@ class Page:
 
 
 def pixels_of(figure: Figure) -> NDArray[np.uint8]:
-    """Draw a figure as an image, shape (H, W, 4)."""
+    """Draw a figure as an image of shape (H, W, 4)."""
     canvas: Any = FigureCanvasAgg(figure)
     canvas.draw()
     pixels: NDArray[np.uint8] = np.asarray(canvas.buffer_rgba()).copy()

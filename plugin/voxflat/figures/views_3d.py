@@ -293,7 +293,7 @@ def _patch_of_mesh(pyvista: Any, flat_map: FlatMap, whole: object | None) -> lis
 
 
 def _iso_surface(flat_map: FlatMap, field: NDArray[np.float32], level: float, first: NDArray[Any]) -> pyvista.PolyData:
-    """Return the smooth iso-surface of a field whose first voxel is `first`, RAS+ mm, with errors of points in %."""
+    """Return the smooth iso-surface (RAS+ mm) of a field whose first voxel is `first`, with errors of points in %."""
     import pyvista
 
     grid = pyvista.ImageData(dimensions=field.shape, origin=first)

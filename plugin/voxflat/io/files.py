@@ -120,7 +120,7 @@ def _to_own_log(record: logging.LogRecord) -> bool:
 
 
 def one_line(error: Exception) -> str:
-    """Shorten an error message to one line. For example, ITK's messages contain source positions and addresses."""
+    """Shorten an error message to one line. For example, messages from ITK contain source positions and addresses."""
     if isinstance(error, InputError):
         return str(error)
     told = str(error)[:_LONGEST_ERROR]  # readers may repeat all their input, which slows down pattern matching
@@ -376,7 +376,7 @@ def check_new(path: Path) -> None:
 
 
 def save_array(path: Path, array: NDArray[Any]) -> None:
-    """Write a .npy file like `numpy.save`, but with Python's own file object, which reports incomplete writes."""
+    """Write a .npy file like `numpy.save`, but with a Python file object, which reports incomplete writes."""
     with path.open("wb") as file:
         np.lib.format.write_array(SimpleNamespace(write=file.write), np.asanyarray(array), allow_pickle=False)
 

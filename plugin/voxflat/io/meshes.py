@@ -55,7 +55,7 @@ class Mesh:
     remarks : tuple of str
         Remarks on properties that the reader noticed or changed.
     space : Space
-        Coordinate space of the points: scanner RAS, FreeSurfer's tkRAS, or unknown.
+        Coordinate space of the points: scanner RAS, FreeSurfer tkRAS, or unknown.
     has_unit : bool
         Whether the source defines the unit of the coordinates.
 
@@ -280,8 +280,7 @@ def write_mesh(path: str | os.PathLike[str], mesh: Mesh, record: Record | None =
     Parameters
     ----------
     path : path
-        ``.surf.gii``, ``.vtp``, ``.ply``, ``.obj``, or a FreeSurfer name, without an ending or with the prefix ``lh.``
-        or ``rh.``.
+        ``.surf.gii``, ``.vtp``, ``.ply``, ``.obj``, or a FreeSurfer name (without an ending, or like ``lh.white``).
     mesh : Mesh
         The mesh. Its points are rounded to float32 in GIFTI and FreeSurfer files, and to 9 digits in OBJ files. Only
         ``.surf.gii`` stores the structure, only ``.vtp`` the point and face data, and only ``.vtp``, ``.ply`` and

@@ -47,7 +47,7 @@ class VolumeGeometry:
 
     See Also
     --------
-    Space : The space of a surface's coordinates.
+    Space : The space of the coordinates of a surface.
 
     Examples
     --------
@@ -153,7 +153,7 @@ class VolumeGeometry:
 
     @property
     def matrix(self) -> NDArray[np.float64]:
-        """Matrix from tkRAS to scanner RAS, shape (4, 4).
+        """Matrix from tkRAS to scanner RAS, of shape (4, 4).
 
         It is a rotation by the direction cosines, followed by a translation by c_ras.
 
@@ -182,14 +182,14 @@ class VolumeGeometry:
 
 @dataclass(frozen=True, eq=False)
 class Space:
-    """Describe the space of a surface's coordinates.
+    """Describe the space of the coordinates of a surface.
 
     Coordinates in an unknown space are treated as scanner RAS.
 
     Parameters
     ----------
     name : {"scanner", "tkRAS", "unknown"}
-        "scanner" is scanner RAS, the world space of volumes and templates. "tkRAS" is FreeSurfer's surface space.
+        "scanner" is scanner RAS, the world space of volumes and templates. "tkRAS" is the surface space of FreeSurfer.
     volume : VolumeGeometry or None
         The volume that links scanner RAS and tkRAS; None if it is not known.
     doubt : str

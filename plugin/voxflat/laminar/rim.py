@@ -191,13 +191,13 @@ def rim(
     Parameters
     ----------
     source : ndarray, path, image object or Volume
-        The labels, shape (I, J, K). By default 1 is the outer border (cerebrospinal fluid), 2 the inner border (white
-        matter) and 3 grey matter, as in LayNii.
+        The labels, of shape (I, J, K). By default 1 is the outer border (cerebrospinal fluid), 2 the inner border
+        (white matter) and 3 grey matter, as in LayNii.
     inner, outer, grey : int, or mask, optional
         Other labels, or masks with the shape of the volume (array, path, image object or Volume). If `inner` and `grey`
         are given without `outer`, all other voxels belong to the outer border.
     hemisphere : {"left", "right"}, optional
-        The hemisphere, if the labels are those of FreeSurfer's ``ribbon.mgz`` (2 and 3, or 41 and 42).
+        The hemisphere, if the labels are those of a FreeSurfer ``ribbon.mgz`` (2 and 3, or 41 and 42).
     spacing : sequence of 3 floats, optional
         Voxel size in mm, for volumes that do not define it (.npy, arrays); by default 1.
     affine : array_like, shape (4, 4), optional

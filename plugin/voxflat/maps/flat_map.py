@@ -55,8 +55,8 @@ class FlatMap(Planar):
     points : ndarray of float64, shape (N, 3)
         Positions of the points on the surface in RAS+ mm, in `space`; for meshes, the coordinates of the file.
     normals : ndarray of float64, shape (N, 3)
-        Outward unit normals (towards the background, RAS+). NaN for a one-voxel-thick surface, which has background on
-        both sides.
+        Outward unit normals (towards the background, in RAS+). NaN for a one-voxel-thick surface, which has background
+        on both sides.
     ids : ndarray of int64, shape (N, 3) or (N,)
         Voxel indices (i, j, k) or vertex numbers of the points; the two sides of a cut have the same values. Mesh
         vertices that were merged with another vertex have their own rows at the end, at the same position and without
@@ -69,7 +69,7 @@ class FlatMap(Planar):
     sources : ndarray of int64, shape (m,)
         Row numbers of the points from which distances were measured.
     eigenvalues : ndarray of float64, shape (K,)
-        Eigenvalues of classical scaling with the largest magnitudes, mm². Two dominant values mean low distortion.
+        Eigenvalues of classical scaling with the largest magnitudes, in mm². Two dominant values mean low distortion.
     distortion : Distortion
         Errors of distances, and changes of areas and angles.
     metadata : dict
@@ -80,8 +80,8 @@ class FlatMap(Planar):
     bridges : ndarray of int64, shape (B, 3)
         Mesh triangles that are not part of the map although all their corners are. A patch file must exclude them.
     curvature : ndarray of float64, shape (N,), or None
-        Mean curvature at the points, 1/mm, positive on gyri, from `Surface.mean_curvature` of the whole surface before
-        it was cut. None for the method "grossmann2002", whose surface has no triangles.
+        Mean curvature at the points, in 1/mm, positive on gyri, from `Surface.mean_curvature` of the whole surface
+        before it was cut. None for the method "grossmann2002", whose surface has no triangles.
     sulcal_depth : ndarray of float64, shape (N,), or None
         Depth of the points in folds, in mm, positive in sulci, from `Surface.sulcal_depth` of the same surface.
     white_points, pial_points : ndarray of float64, shape (N, 3), or None
@@ -304,8 +304,8 @@ class FlatMap(Planar):
     def textured(self, picture: object, texel_size: float | None = None, *, repeat: bool = False) -> TexturedSurface:
         """Return the surface with a picture on it (Zigelman et al. 2002, section V).
 
-        The picture is placed on the map as in `texture`, and the map gives the texture coordinates of the surface. The
-        surface keeps its triangles, except for torn ones.
+        The picture is placed on the map as in `texture`, and the map provides the texture coordinates of the surface.
+        The surface keeps its triangles, except for torn ones.
 
         Parameters
         ----------
@@ -313,7 +313,7 @@ class FlatMap(Planar):
             A grey or colour picture, optionally with opacity. Arrays have shape (H, W), (H, W, 3) or (H, W, 4), and
             type uint8, bool, or float from 0 to 1.
         texel_size : float, optional
-            Side length of a pixel of the picture, mm; by default the picture just covers the bounding box of the map.
+            Side length of a picture pixel, in mm; by default, the picture just covers the bounding box of the map.
         repeat : bool
             Whether the picture is repeated beyond its borders.
 
@@ -325,13 +325,13 @@ class FlatMap(Planar):
         Raises
         ------
         InputError
-            If `picture` is not a picture, or does not cover the map and `repeat` is False.
+            If `picture` is not a picture, or if it does not cover the map and `repeat` is False.
         FileNotFoundError, PermissionError
             If the file cannot be opened.
 
         See Also
         --------
-        FlatMap.texture : Return the picture's value at each point.
+        FlatMap.texture : Return the value of the picture at each point.
 
         Examples
         --------
@@ -365,7 +365,7 @@ class FlatMap(Planar):
         Raises
         ------
         InputError
-            If the number of values is not the number of points, or the type of the values cannot hold the background.
+            If the numbers of values and points differ, or if the type of the values cannot hold the background.
 
         See Also
         --------
