@@ -35,7 +35,7 @@ class VolumeGeometry:
     Parameters
     ----------
     cosines : ndarray, shape (3, 3)
-        Directions of the volume's axes in scanner RAS, as columns xras, yras, zras. They are orthonormal within 1e-3.
+        Directions of the volume axes in scanner RAS, as columns xras, yras, zras. They are orthonormal to within 1e-3.
     c_ras : ndarray, shape (3,)
         Centre of the volume in scanner RAS, in mm.
     shape : sequence of 3 ints

@@ -65,7 +65,7 @@ class FlatMap(Planar):
         Triangles that cover the map, counterclockwise except where they are flipped.
     torn : ndarray of bool, shape (F,)
         Triangles whose corners are neighbours in the plane but not on the surface, because the map is compressed or
-        folded there. Only maps of the 26-neighbour graph, whose triangles are made in the plane, can have them.
+        folded there. Only maps of the 26-neighbour graph, whose triangles are constructed in the plane, can have them.
     sources : ndarray of int64, shape (m,)
         Row numbers of the points from which distances were measured.
     eigenvalues : ndarray of float64, shape (K,)
@@ -320,7 +320,7 @@ class FlatMap(Planar):
         Returns
         -------
         TexturedSurface
-            The surface, to be saved as ``.obj``, ``.vtp``, ``.glb`` or ``.ply``.
+            The surface, which can be saved as ``.obj``, ``.vtp``, ``.glb`` or ``.ply``.
 
         Raises
         ------
@@ -353,7 +353,7 @@ class FlatMap(Planar):
         Parameters
         ----------
         values : array_like, shape (N,) or (N, C)
-            One value, or one row, per point.
+            One value, or one row of values, per point.
         background : float, optional
             Value of all other voxels.
 
@@ -483,18 +483,18 @@ class FlatMap(Planar):
     def save(self, path: str | os.PathLike[str], *, sidecar: bool = False, overwrite: bool = False) -> None:
         """Save the map to a file.
 
-        The ending of the name selects the format. The file is either complete or not written at all.
+        The ending of the name selects the format. The file is written completely or not at all.
 
         Parameters
         ----------
         path : path
-            ``.npz`` and ``.voxflat`` hold everything, for `load`. ``.vtp``, ``.ply`` and ``.obj`` hold the triangles in
-            the plane. ``.surf.gii`` is a flat surface for Connectome Workbench. ``.patch.flat`` and ``.flat.patch.3d``
-            are FreeSurfer patches, which pycortex also reads. Surfaces and patches have the mesh's own vertex numbers
-            and one position per vertex. Where a cut duplicates vertices, only one side is kept; patches exclude
-            vertices on both sides of cuts, so that no triangle spans a cut. A warning reports how many triangles are
-            lost in this way, or because they are torn; a ``.vtp`` keeps torn triangles, marked in the cell data
-            ``torn``. ``.npz``, ``.voxflat`` and GIFTI include `provenance`.
+            ``.npz`` and ``.voxflat`` hold the complete map, for `load`. ``.vtp``, ``.ply`` and ``.obj`` hold the
+            triangles in the plane. ``.surf.gii`` is a flat surface for Connectome Workbench. ``.patch.flat`` and
+            ``.flat.patch.3d`` are FreeSurfer patches, which pycortex also reads. Surfaces and patches have the mesh's
+            own vertex numbers and one position per vertex. Where a cut duplicates vertices, only one side is kept;
+            patches exclude vertices on both sides of cuts, so that no triangle spans a cut. A warning reports how many
+            triangles are lost in this way, or because they are torn; a ``.vtp`` keeps torn triangles, marked in the
+            cell data ``torn``. ``.npz``, ``.voxflat`` and GIFTI include `provenance`.
         sidecar : bool
             Also write `provenance` to ``<path>.json``.
         overwrite : bool
@@ -752,7 +752,7 @@ def load(path: str | os.PathLike[str]) -> FlatMap:
     InputError
         If the file is damaged or is not a flat map.
     FileNotFoundError
-        If there is no such file.
+        If the file does not exist.
 
     See Also
     --------
