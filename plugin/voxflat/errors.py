@@ -32,7 +32,7 @@ class VoxflatError(Exception):
 
         See Also
         --------
-        InputError : Exception whose message names the value and the remedy.
+        InputError : Exception whose message contains the value and the remedy.
 
         Examples
         --------
@@ -48,7 +48,7 @@ class VoxflatError(Exception):
 class InputError(VoxflatError, ValueError):
     """Exception for an input or an argument that cannot be used.
 
-    The message names the value and, if there is one, the file, and explains how to fix the error.
+    The message contains the value and the file, if any, and explains how to fix the error.
 
     See Also
     --------
@@ -75,7 +75,7 @@ class AreaBoundError(InputError):
     message : str
         Description of the error and its remedy.
     best : FlatMap
-        The map that was found with the smallest maximum change of area.
+        The best map that was found, which has the smallest maximum change of area.
     places : WorstPlaces
         The regions of this map that exceed the bound, with suggested cuts.
 
@@ -121,7 +121,7 @@ class HemisphereError(InputError):
 
     See Also
     --------
-    voxflat.hemisphere : Extract a hemisphere from the volume of a brain.
+    voxflat.hemisphere : Extract a hemisphere from a brain volume.
 
     Examples
     --------
@@ -151,7 +151,7 @@ class HemisphereError(InputError):
 
         See Also
         --------
-        voxflat.hemisphere : Extract a hemisphere from the volume of a brain.
+        voxflat.hemisphere : Extract a hemisphere from a brain volume.
 
         Examples
         --------
@@ -183,7 +183,7 @@ class Cancelled(VoxflatError):  # noqa: N818  (it is not an error: the user aske
 
 
 def user_message(error: BaseException) -> str:
-    """Return the message of an exception for users, on one line."""
+    """Return a user-facing message for an exception, on one line."""
     if isinstance(error, VoxflatError):
         text = str(error)
     elif isinstance(error, MemoryError):

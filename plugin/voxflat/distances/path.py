@@ -34,7 +34,7 @@ class Path(Recorded):
     space : Space
         The coordinate space of the surface.
     provenance : dict
-        Record of how the path was made.
+        Record of how the path was computed.
 
     See Also
     --------

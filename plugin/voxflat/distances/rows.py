@@ -38,22 +38,22 @@ _CHUNK = 1 << 26  # best number of bytes per read
 class DistanceRows:
     """Geodesic distances from sources to all points of a surface, convertible to an array.
 
-    Rows in a store are read from disk on demand: slices are arrays in memory.
+    Rows in a store are read from disk on demand, and slices are arrays in memory.
 
     Parameters
     ----------
     rows : ndarray of float32, shape (m, N)
-        Distances, mm; for a store, a `Table` that is read on demand.
+        Distances in mm; for a store, a `Table` that is read on demand.
     ids : ndarray of int64, shape (N, 3) or (N,)
         Voxel indices or vertex numbers of the points.
     points : ndarray of float64, shape (N, 3)
-        Positions of the points, RAS+ mm in the surface's space.
+        Positions of the points in RAS+ mm, in the space of the surface.
     sources : ndarray of int64, shape (m,)
         The sources, as row numbers of the points.
     store : Path, optional
         Directory of the store.
     provenance : dict
-        Record of how the distances were made; a store keeps it, too.
+        Record of how the distances were computed; a store also contains this record.
 
     See Also
     --------
@@ -75,7 +75,7 @@ class DistanceRows:
     provenance: Record = field(default_factory=dict)
 
     def _with_provenance(self, record: Record) -> DistanceRows:
-        """Return the same rows with a record of how they were made, which is also written to their store."""
+        """Return the same rows with a provenance record, which is also written to their store."""
         if self.store is not None:
             write_provenance(self.store, record)
         return replace(self, provenance=record)
@@ -86,13 +86,13 @@ class DistanceRows:
 
     @property
     def shape(self) -> tuple[int, int]:
-        """The numbers of sources and of points.
+        """The number of sources and the number of points.
 
-        These are the lengths of the array's axes.
+        These are the lengths of the axes of the array.
 
         See Also
         --------
-        DistanceRows.chunks : Shape of blocks to read at once.
+        DistanceRows.chunks : Shape of the blocks to read at once.
 
         Examples
         --------
@@ -126,7 +126,7 @@ class DistanceRows:
 
         See Also
         --------
-        DistanceRows.shape : Length of the axes.
+        DistanceRows.shape : Lengths of the axes.
 
         Examples
         --------
@@ -143,7 +143,7 @@ class DistanceRows:
 
         See Also
         --------
-        DistanceRows.chunks : Shape of blocks to read at once.
+        DistanceRows.chunks : Shape of the blocks to read at once.
 
         Examples
         --------
@@ -154,9 +154,9 @@ class DistanceRows:
 
     @property
     def chunks(self) -> tuple[int, int]:
-        """The shape of blocks to read at once, which consist of complete rows.
+        """The shape of the blocks to read at once; each block consists of complete rows.
 
-        Dask uses it as a hint.
+        Dask uses this shape as a hint.
 
         See Also
         --------
@@ -183,12 +183,12 @@ class DistanceRows:
     def verify(self) -> None:
         """Read a complete store and compare it with its checksums.
 
-        Rows in memory have no checksums, and always pass.
+        Rows in memory have no checksums and always pass.
 
         Raises
         ------
         InputError
-            If rows do not match; the message names them.
+            If rows do not match their checksums; the message lists these rows.
 
         See Also
         --------
@@ -221,12 +221,12 @@ def open_rows(path: str | os.PathLike[str]) -> DistanceRows:
     Returns
     -------
     DistanceRows
-        The rows, which NumPy, ``dask.array.from_array`` and napari's ``viewer.add_image`` accept.
+        The rows, which can be passed to NumPy, ``dask.array.from_array`` and ``viewer.add_image`` of napari.
 
     Raises
     ------
     InputError
-        If the directory is not a store, or is incomplete or damaged.
+        If the directory is not a store, or if the store is incomplete or damaged.
 
     See Also
     --------
@@ -262,7 +262,7 @@ def _array(path: Path, expected: str) -> NDArray[Any]:
 
 
 def _checksums(path: Path, shape: tuple[int, int]) -> list[int]:
-    """Return the checksums of a complete store's rows."""
+    """Return the checksums of the rows in a complete store."""
     journal = read_journal(path)
     if (journal.rows, journal.columns) != shape:
         raise InputError(f"{path / 'journal.jsonl'} is damaged (expected {shape[0]} x {shape[1]} distances). {OTHER}")

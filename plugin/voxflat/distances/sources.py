@@ -15,7 +15,7 @@ SAMPLINGS = ("farthest", "curvature", "random")  # ways to choose sources on any
 
 @dataclass(frozen=True)
 class SourceChoice:
-    """Store how sources will be chosen; their number is known before any memory is needed for choosing them."""
+    """Describe how sources will be chosen; their number is known before choosing them requires any memory."""
 
     part: Manifold | VoxelGraph
     count: int
@@ -25,7 +25,7 @@ class SourceChoice:
     rule: str  # `sampling`, or "given" if sources were passed
 
     def made(self, progress: Progress | None) -> NDArray[np.uint32]:
-        """Return the sources as row numbers of the surface's points, shape (count,)."""
+        """Return the sources as row numbers of the surface points, of shape (count,)."""
         if self.given is not None:
             return self.given
         return self.part.core.choose_sources(self.sampling, self.count, self.seed, progress)

@@ -48,7 +48,7 @@ class Store:
         return (self.path, self.identity)
 
     def tell(self, found: tuple[int, int]) -> None:
-        """Log the rows that were already in the store."""
+        """Log how many rows were already in the store, and how many were damaged."""
         rows, damaged = found
         if rows:
             log.info("%d rows were already in the store %s", rows, self.path)
@@ -66,7 +66,7 @@ def prepare_store(
     link_lengths: str | None = None,
     progress: Progress | None = None,
 ) -> Store:
-    """Create a store, or open one with the same rows; `chosen` (m,) are the sources, as row numbers of the points."""
+    """Create a store, or open one with the same rows; `chosen`, shape (m,), contains the row numbers of the sources."""
     path = store_path(path)
     arrays = {"points": core.points, "ids": ids, "sources": chosen.astype(np.int64)}
     named = {} if isinstance(core, _core.VoxelSurface) else {"geodesic": geodesic}
@@ -118,13 +118,13 @@ def read_description(path: Path) -> dict[str, Any]:
 
 
 def write_provenance(path: str | os.PathLike[str], record: Record) -> None:
-    """Write the record of how rows were made into their store."""
+    """Write the provenance record of rows to their store."""
     with atomic_path(Path(path) / "provenance.json") as temporary:
         temporary.write_text(as_text(record, indent=2) + "\n", encoding="utf-8", newline="\n")
 
 
 def read_provenance(path: Path) -> Record:
-    """Return the record of how a store's rows were made; empty if unknown. Nothing depends on it."""
+    """Return the provenance record of the rows in a store, which is empty if unknown. Nothing depends on it."""
     with suppress(OSError, ValueError):
         record = from_json((path / "provenance.json").read_text(encoding="utf-8"))
         return record if isinstance(record, dict) else {}
@@ -132,7 +132,7 @@ def read_provenance(path: Path) -> Record:
 
 
 def array_hash(array: NDArray[Any]) -> str:
-    """Return a hash of an array's shape and values, the same on every machine."""
+    """Return a hash of the shape and values of an array, which is the same on every machine."""
     kind = array.dtype.newbyteorder("<")
     header = f"{kind.str} {array.shape} ".encode()
     return hashlib.sha256(header + np.ascontiguousarray(array, dtype=kind).tobytes()).hexdigest()
@@ -165,7 +165,7 @@ def check_disk(path: Path, size: int) -> None:
 
 
 def _create(path: Path, identity: dict[str, Any], arrays: dict[str, NDArray[Any]]) -> None:
-    """Make a store in a temporary directory and rename it, so that it is complete or does not exist."""
+    """Make a store in a temporary directory and rename it, so that it is either complete or absent."""
     beside = temporary_beside(path)
     try:
         beside.mkdir()
@@ -192,7 +192,7 @@ def _to_disk(file: Any) -> None:
 
 
 def _compare(path: Path, identity: dict[str, Any]) -> None:
-    """Raise an error if a store holds other rows, and name the differences."""
+    """Raise an error that lists the differences if a store contains other rows."""
     there = read_description(path)
     if there == identity:
         return

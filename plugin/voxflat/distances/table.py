@@ -17,7 +17,7 @@ FINISH = "Measure again with the same store to complete or repair it"  # remedy 
 
 @dataclass(frozen=True, eq=False)
 class Table:
-    """A `.npy` file of one or two axes, in C order; converting it to an array reads all of it."""
+    """A `.npy` file with one or two axes, in C order; converting it to an array reads all of it."""
 
     path: Path
     shape: tuple[int, ...]

@@ -16,39 +16,39 @@ from voxflat.io.notebook import page
 class Distortion:
     """The distortion of a flat map, measured from random reference sources to all points.
 
-    δ are geodesic distances on the surface, d are distances in the map.
+    δ are geodesic distances on the surface, and d are distances in the map.
 
     Parameters
     ----------
     raw : Figures
-        Figures at scale 1: the map as it is, in mm.
+        Measures at scale 1, that is, of the unscaled map.
     best_scale : Figures
-        Figures at the scale with the smallest mean relative error.
+        Measures at the scale with the smallest mean relative error.
     pearson_r : float
         Correlation of flat and geodesic distances.
     mean_geodesic : float
-        Mean geodesic distance of the pairs, mm (Grossmann et al. 2002: δ̄).
+        Mean geodesic distance of the pairs, in mm (Grossmann et al. 2002: δ̄).
     standard_error : StandardErrors
-        Standard errors of these figures.
+        Standard errors of these measures.
     sources : int
         Number of reference sources.
     pairs : int
         Number of pairs.
     reference : {"exact", "graph", "chain"}
-        How reference distances were measured, as in `Surface.geodesic`.
+        How the reference distances were measured, as in `Surface.geodesic`.
     per_point : ndarray, shape (N,)
         Mean of ``|d − δ|/δ`` over the pairs of each point, at scale 1, as in the heat map.
     scatter : ndarray, shape (K, 2)
-        A sample of pairs (δ, d), mm.
+        A sample of pairs (δ, d) in mm.
     triangles : TriangleFigures or None
         Distortion of the triangles, if the surface has triangles.
     topology : dict or None
         Topology of the surface as cut by the map, if determined: ``components``, ``euler``, ``loops`` of the boundary
         and ``handles``.
     voxel_size : float or None
-        Geometric mean of the three voxel spacings, mm; None for meshes.
+        Geometric mean of the three voxel spacings, in mm; None for meshes.
     unit : str
-        Unit of lengths; "unknown" if it is not defined.
+        Unit of length; "unknown" if it is not defined.
 
     See Also
     --------
@@ -87,7 +87,7 @@ class Distortion:
     def _of(
         cls, distances: dict[str, Any], triangles: dict[str, Any] | None, reference: str, **more: Any
     ) -> "Distortion":
-        """Return the figures that the compiled core has measured."""
+        """Return the measures that the compiled core has computed."""
         errors = dict(distances["standard_error"])
         for scales in (distances, errors):
             scales |= {name: Figures(**scales[name]) for name in ("raw", "best_scale")}
@@ -96,18 +96,18 @@ class Distortion:
         return cls(**distances, triangles=of_triangles, reference=reference, **more)
 
     def figures(self) -> dict[str, Any]:
-        """Return the figures without the arrays, ready for JSON.
+        """Return the distortion measures without the arrays, ready for JSON.
 
-        Undefined figures are None.
+        Undefined measures are None.
 
         Returns
         -------
         dict
-            The figures, keyed by field name; ``standard_error`` has the same keys.
+            The measures, keyed by field name; ``standard_error`` has the same keys.
 
         See Also
         --------
-        Distortion.table : The figures as text.
+        Distortion.table : The measures as text.
 
         Examples
         --------
@@ -118,13 +118,13 @@ class Distortion:
         return dict(json_ready(_without_arrays(asdict(self))))
 
     def _repr_html_(self) -> str:
-        """Return the table of the figures, for Jupyter."""
+        """Return the table of the measures, for Jupyter."""
         return page(self, self.table())
 
     def table(self) -> str:
-        """Return a table of the figures as text.
+        """Return a table of the measures as text.
 
-        Undefined figures are shown as dashes.
+        Undefined measures are shown as dashes.
 
         Returns
         -------
@@ -133,7 +133,7 @@ class Distortion:
 
         See Also
         --------
-        Distortion.figures : The figures for JSON.
+        Distortion.figures : The measures for JSON.
 
         Examples
         --------
@@ -258,7 +258,7 @@ def _with_error(value: float, error: float, digits: int) -> str:
 
 
 def _aligned(of: Sequence[Distortion], rows: list[list[str]]) -> str:
-    """Return rows with right-aligned columns, under a line that describes the figures."""
+    """Return rows with right-aligned columns, under a line that describes the measures."""
     width = 2 + max(len(cell) for row in rows for cell in row[1:])
     sources = ", ".join(sorted({str(one.sources) for one in of}))
     references = "; ".join(sorted({_REFERENCES[one.reference] for one in of}))

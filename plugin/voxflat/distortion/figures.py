@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 
 @dataclass(frozen=True)
 class Figures:
-    """Distortion figures of the distances of a flat map at one scale.
+    """Measures of the distance distortion of a flat map at one scale.
 
-    δ are geodesic distances on the surface, d are flat distances times `scale`. Undefined figures are NaN.
+    δ are geodesic distances on the surface, and d are flat distances times `scale`. Undefined measures are NaN.
 
     Parameters
     ----------
@@ -22,9 +22,9 @@ class Figures:
     relative_error_0_5mm, relative_error_5_15mm, relative_error_15_30mm : float
         The same for pairs with δ in these bands, which include their upper ends.
     relative_error_10mm, relative_error_30mm : float
-        The same for pairs with δ ≤ 10 mm and ≤ 30 mm.
+        The same for pairs with δ ≤ 10 mm and with δ ≤ 30 mm.
     absolute_error : float
-        Mean of ``|d − δ|``, mm (Grossmann et al. 2002: ε̄).
+        Mean of ``|d − δ|``, in mm (Grossmann et al. 2002: ε̄).
     stress_1 : float
         Kruskal's stress-1, √(Σ(d − δ)² / Σδ²).
     sammon_stress : float
@@ -32,7 +32,7 @@ class Figures:
 
     See Also
     --------
-    Distortion : All figures of a map.
+    Distortion : All measures of a map.
 
     Examples
     --------
@@ -61,10 +61,10 @@ class Figures:
 
 @dataclass(frozen=True, eq=False)
 class TriangleFigures:
-    """Distortion figures of the triangles of a flat map.
+    """Measures of the distortion of the triangles of a flat map.
 
     σ1 ≥ σ2 are the principal stretches of a triangle. Means, medians and 95th percentiles are weighted by the areas of
-    triangles on the surface, except those of `areal`, which are taken over vertices. Undefined figures are NaN.
+    triangles on the surface, except those of `areal`, which are taken over vertices. Undefined measures are NaN.
 
     Parameters
     ----------
@@ -74,34 +74,34 @@ class TriangleFigures:
     equal_area_scale : float
         Factor by which to scale the map so that its area equals that of the surface.
     equal_area_median, equal_area_p95 : float
-        `areal_median` and `areal_p95` at that scale.
+        `areal_median` and `areal_p95` at `equal_area_scale`.
     edge : float
         Mean of ``|l_flat / l_surface − 1|`` over the edges.
     angle : float
-        Mean change of the corner angles, degrees.
+        Mean change of the corner angles, in degrees.
     quasi_conformal, isometric, symmetric_dirichlet : float
-        Medians of σ1/σ2, of max(σ1, 1/σ2), and of ½(σ1² + σ2² + σ1⁻² + σ2⁻²). Without distortion they are 1, 1 and 2.
+        Medians of σ1/σ2, of max(σ1, 1/σ2), and of ½(σ1² + σ2² + σ1⁻² + σ2⁻²). Without distortion, they are 1, 1 and 2.
     flipped : int
         Number of flipped triangles, that is, triangles with the minority orientation.
     flipped_share : float
-        Share of the surface's area in flipped triangles.
+        Share of the surface area in flipped triangles.
     collapsed : int
-        Number of triangles without area in the map.
+        Number of triangles with zero area in the map.
     crossings : int
         Number of pairs of boundary edges that cross in the map.
     covering : int
-        Number of triangles that cover another one.
+        Number of triangles that cover another triangle.
     areal : ndarray, shape (N,)
         Change of area at each vertex, ``log2(A_flat / A_surface)``.
     is_flipped : ndarray of bool, shape (F,)
         Whether each triangle is flipped.
     area_beyond_1_25, area_beyond_1_5, area_beyond_2 : float
-        Share of the surface's area in triangles whose area changes by more than this factor, in either direction, at
-        `equal_area_scale`. NaN in maps that were saved before these figures existed.
+        Share of the surface area in triangles whose area changes by more than this factor, in either direction, at
+        `equal_area_scale`. NaN for maps that were saved before these measures were introduced.
 
     See Also
     --------
-    Distortion : All figures of a map.
+    Distortion : All measures of a map.
 
     Examples
     --------
@@ -140,22 +140,22 @@ class TriangleFigures:
 
 @dataclass(frozen=True)
 class StandardErrors:
-    """Standard errors of distortion figures with respect to the choice of sources.
+    """Standard errors of distortion measures with respect to the choice of sources.
 
-    They are computed by the bootstrap (Efron 1979): n sources are resampled with replacement 1000 times, and the
+    They are computed by bootstrapping (Efron 1979): n sources are resampled with replacement 1000 times, and the
     standard deviation is multiplied by √(n/(n − 1) · (1 − n/N)), where N is the number of points. The best scale is
-    held fixed. Errors are NaN if they are undefined: with a single source, or if a sample contains no pair.
+    held fixed. Errors are NaN if they are undefined, that is, with a single source or if a sample contains no pairs.
 
     Parameters
     ----------
     raw, best_scale : Figures
         Standard errors of the figures of the same name; their `scale` is NaN.
     pearson_r, mean_geodesic : float
-        Standard errors of the figures of the same name.
+        Standard errors of the measures with the same names.
 
     See Also
     --------
-    Distortion : All figures of a map.
+    Distortion : All measures of a map.
 
     Examples
     --------

@@ -23,7 +23,7 @@ _WEIGHTED = np.spacing(1.0)  # lower bound for areas of degenerate triangles
 def measure_arrays(
     distortion: Distortion, points: NDArray[np.float64], faces: NDArray[Any], uv: NDArray[np.float64]
 ) -> tuple[dict[str, NDArray[Any]], dict[str, NDArray[Any]]]:
-    """Return figures of points and triangles; only `distance_error` if the map has no triangles of the surface."""
+    """Return measures of points and triangles; only `distance_error` if the map has no triangles of the surface."""
     of_points = {"distance_error": distortion.per_point}
     if distortion.triangles is None:
         return of_points, {}
@@ -37,7 +37,7 @@ def measure_arrays(
 
 
 def stretches(points: NDArray[np.float64], faces: NDArray[Any], uv: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return σ1 ≥ σ2 ≥ 0 of each triangle, shape (F, 2); NaN if it has no area on the surface."""
+    """Return the stretches σ1 ≥ σ2 ≥ 0 of each triangle, shape (F, 2); NaN if its area on the surface is zero."""
     a, b = (points[faces[:, corner]] - points[faces[:, 0]] for corner in (1, 2))
     base = np.linalg.norm(a, axis=1)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -55,7 +55,7 @@ def stretches(points: NDArray[np.float64], faces: NDArray[Any], uv: NDArray[np.f
 
 
 def isometric(stretch: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return max(σ1, 1/σ2) of triangles."""
+    """Return max(σ1, 1/σ2) for each triangle."""
     most, least = stretch.T
     with np.errstate(divide="ignore", over="ignore"):
         return np.asarray(np.maximum(most, 1 / least))
@@ -69,7 +69,7 @@ def quasi_conformal(stretch: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def angle_changes(points: NDArray[np.float64], faces: NDArray[Any], uv: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the mean change of angles around each point, degrees; NaN if it has no triangle."""
+    """Return the mean change of the angles around each point, in degrees; NaN for points without triangles."""
     corners = faces.astype(np.int64)
     change = np.abs(_corner_angles(uv[corners]) - _corner_angles(points[corners]))
     count = np.bincount(corners.ravel(), minlength=len(uv))
@@ -78,7 +78,7 @@ def angle_changes(points: NDArray[np.float64], faces: NDArray[Any], uv: NDArray[
 
 
 def _corner_angles(corners: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the angles of triangles (F, 3, 2 or 3), shape (F, 3), radians."""
+    """Return the angles, in radians and of shape (F, 3), of triangles of shape (F, 3, 2) or (F, 3, 3)."""
     to_next, to_last = (np.roll(corners, step, axis=1) - corners for step in (-1, 1))
     lengths = np.linalg.norm(to_next, axis=2) * np.linalg.norm(to_last, axis=2)
     cosines = np.einsum("fcx,fcx->fc", to_next, to_last) / np.maximum(lengths, _WEIGHTED)

@@ -43,12 +43,12 @@ _KEPT_SHARE = 4  # kept rows may use a quarter of the free memory
 class MeasuredMap:
     """A flat map with the part of the surface on which it was measured.
 
-    A `Comparison` holds one for each map.
+    A `Comparison` contains one for each map.
 
     Parameters
     ----------
     uv : ndarray of float64, shape (N, 2)
-        Positions in the plane, mm.
+        Positions in the plane, in mm.
     vertex_ids : ndarray of int64, shape (N,)
         Vertex number of each position in the input; for a surface of voxels, the vertex number in the surface.
     faces : ndarray of uint32, shape (F, 3)
@@ -88,7 +88,7 @@ class Comparison(Recorded):
     maps : dict of str to MeasuredMap
         The maps, keyed by name.
     provenance : dict
-        Record of how they were measured.
+        Record of how the maps were measured.
 
     See Also
     --------
@@ -113,9 +113,9 @@ class Comparison(Recorded):
         return self.maps[name].distortion
 
     def figures(self) -> dict[str, Any]:
-        """Return the figures of each map, ready for JSON.
+        """Return the measures of each map, ready for JSON.
 
-        Undefined figures are None.
+        Undefined measures are None.
 
         Returns
         -------
@@ -124,7 +124,7 @@ class Comparison(Recorded):
 
         See Also
         --------
-        Comparison.table : The figures as text.
+        Comparison.table : The measures as text.
 
         Examples
         --------
@@ -136,7 +136,7 @@ class Comparison(Recorded):
         return {name: measured.distortion.figures() for name, measured in self.maps.items()}
 
     def table(self) -> str:
-        """Return a table of the figures as text.
+        """Return a table of the measures as text.
 
         There is one column per map.
 
@@ -147,7 +147,7 @@ class Comparison(Recorded):
 
         See Also
         --------
-        Comparison.figures : The figures for JSON.
+        Comparison.figures : The measures for JSON.
 
         Examples
         --------
@@ -171,9 +171,9 @@ def measure(
     memory_limit: int | None = None,
     progress: Progress | None = None,
 ) -> Distortion:
-    """Measure the distortion of a flat map of a surface, made by any tool.
+    """Measure the distortion of a flat map that was made with any tool.
 
-    Distances are measured on the surface as it was cut for the map: over the map's triangles, and not across its seams.
+    Distances are measured on the surface as cut for the map: over the triangles of the map, and not across its seams.
 
     Parameters
     ----------
@@ -182,10 +182,10 @@ def measure(
     flat : path, FlatMap, Mesh, (places, faces), (places, faces, vertices), or array_like of shape (V, 2) or (V, 3)
         The map: a FreeSurfer patch (``lh.cortex.patch.flat``); GIFTI or another mesh file with the surface's vertices
         in the same order; a voxflat map (.npz); the texture coordinates of an .obj, .ply or .vtp; or positions
-        (``places``) in the plane, mm. The triangles of the map are measured or, if it has none, the triangles of the
+        (``places``) in the plane, in mm. The triangles of the map are measured or, if it has none, the triangles of the
         surface whose corners all have a position. A third coordinate must be constant. ``vertices`` gives the vertex of
-        the surface for each position, so that cuts may duplicate vertices. If a vertex of an .obj has several texture
-        coordinates, the surface is cut there.
+        the surface for each position, so that cuts may duplicate vertices. If a vertex of an .obj file has several
+        texture coordinates, the surface is cut there.
     sources : int, optional
         Number of random points from which distances are measured. By default 300, or fewer if exact distances on a
         large surface would take more than half a minute on two cores: 69 for 32,000 points, 6 for 160,000 points or
@@ -196,7 +196,7 @@ def measure(
         surfaces of voxels, whose triangles are themselves an estimate.
     on_surface : bool
         Measure on the given surface. By default, a voxflat map is measured on the geometry on which it was made: a
-        map made midway to the pial surface is not measured on the white surface. A warning reports this.
+        map made midway to the pial surface is not measured on the white surface. A warning is issued.
     seed : int
         Seed of the random choice of sources.
     threads, memory_limit, progress : optional
@@ -210,7 +210,7 @@ def measure(
     Raises
     ------
     InputError, Cancelled
-        If the map does not belong to the surface or is not flat, or `progress` returned False.
+        If the map does not belong to the surface or is not flat, or if `progress` returned False.
 
     See Also
     --------
@@ -317,7 +317,7 @@ def compare(
 
 
 def _grouped(matched: list[Matched]) -> list[list[tuple[Matched, NDArray[np.int64]]]]:
-    """Group maps with the same triangles and cuts, each with the order of its vertices in its group's first map."""
+    """Group maps with the same triangles and cuts, each with the order of its vertices in the group's first map."""
     groups: list[list[tuple[Matched, NDArray[np.int64]]]] = []
     for one in matched:
         for group in groups:
@@ -331,7 +331,7 @@ def _grouped(matched: list[Matched]) -> list[list[tuple[Matched, NDArray[np.int6
 
 
 def _sources(groups: list[list[tuple[Matched, NDArray[np.int64]]]], count: int, seed: int) -> list[NDArray[np.uint32]]:
-    """Choose sources that all maps have, as vertices of each group's surface."""
+    """Choose sources that all maps contain, as vertices of the surface of each group."""
     firsts = [group[0][0] for group in groups]
     if len(firsts) == 1:
         return [_core.reference_sources(len(firsts[0].uv), count, seed)]
@@ -346,14 +346,14 @@ def _sources(groups: list[list[tuple[Matched, NDArray[np.int64]]]], count: int, 
 
 
 def _usual_sources(points: list[int], reference: str) -> int:
-    """Return the default number of sources; `points` has the size of each group of maps."""
+    """Return the default number of sources; `points` contains the number of points of each group of maps."""
     if reference == "graph":
         return _USUAL_SOURCES
     return min(_USUAL_SOURCES, max(_FEWEST_SOURCES, int(_USUAL_WORK / sum(count**1.5 for count in points))))
 
 
 def _topology(name: str, one: Matched) -> dict[str, int]:
-    """Return the topology of the surface as cut by the map, which is a manifold at this point."""
+    """Return the topology of the surface as cut by the map; the surface is known to be a manifold."""
     found = one.core.topology()
     components = len(found["components"])
     if components > 1:
@@ -371,7 +371,7 @@ class Geometry:
     said_by: str = ""  # name of the map that defines the geometry
 
     def check(self, name: str, matched: Matched) -> None:
-        """Raise an error for a map that has vertices of unknown position."""
+        """Raise an error for a map that has vertices with unknown positions."""
         if self.known is None:
             return
         unknown = matched.vertices[~self.known[matched.vertices]]

@@ -59,7 +59,7 @@ def atlas_page(atlas: Atlas, *, packing: str = "boxes") -> Figure:
 def atlas_heat_map(atlas: Atlas, pixel_size: float | None = None, *, of: str = "isometric") -> Figure:
     """Draw the distortion of each triangle on the page of an atlas.
 
-    The colours range from 1 (no distortion) to the 99th percentile of the triangles. For changes of area, the colours
+    The colours range from 1 (no distortion) to the 99th percentile over the triangles. For changes of area, the colours
     start at the 1st percentile.
 
     Parameters

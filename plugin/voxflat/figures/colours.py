@@ -19,7 +19,7 @@ AREA_LABEL = "area, log2(flat / surface)"
 
 
 def patch_colours(atlas: FlatPieces) -> NDArray[np.uint8]:
-    """Return the colour of each triangle's patch, shape (F, 3), as in image files and textures of a page."""
+    """Return the colour of each triangle's patch, shape (F, 3); image files and page textures use the same colours."""
     return label_colours(atlas.patch_ids[:, None] + 1.0)[:, 0, :3]
 
 

@@ -15,7 +15,7 @@ _VIEW = 3.2  # length of the longer side of a view, inches
 
 
 def cut_surface_views(surface: Manifold) -> Figure:
-    """Draw the points of a surface along its shortest axis from both sides, with the visible part of its boundary."""
+    """Draw the points of a surface from both ends of its shortest axis, with the visible part of its boundary."""
     points, faces = surface.points, surface.faces
     axis = int(np.argmin(np.ptp(points, axis=0)))
     across, up = (other for other in range(3) if other != axis)

@@ -71,7 +71,7 @@ def scatter(flat_map: FlatMap) -> Figure:
 def heat_map(flat_map: FlatMap, pixel_size: float | None = None) -> Figure:
     """Draw the mean relative error of the distances from each point, in %.
 
-    The colours range from 0 to the 99th percentile of the points, so that a few torn regions do not dominate the scale.
+    The colours range from 0 to the 99th percentile over the points, so a few torn regions do not dominate the scale.
 
     Parameters
     ----------

@@ -39,9 +39,9 @@ def save(figure: Figure, path: str | os.PathLike[str], record: Record | None = N
     figure : matplotlib.figure.Figure
         The figure.
     path : path
-        The file: ``.png``, ``.pdf``, ``.svg`` or another format of Matplotlib.
+        The file to write: ``.png``, ``.pdf``, ``.svg`` or another format that Matplotlib supports.
     record : dict, optional
-        The provenance to store in the file: as text in PNG, as the subject in PDF, and as the description in SVG.
+        The provenance to store in the file: as text in PNG, as the subject in PDF, or as the description in SVG.
 
     Raises
     ------
@@ -73,7 +73,7 @@ def save(figure: Figure, path: str | os.PathLike[str], record: Record | None = N
 
 
 def _metadata(kind: str, record: Record | None) -> dict[str, Any] | None:
-    """Return the metadata of a file: the record, and no date, so that identical figures give identical files."""
+    """Return the metadata of a file: the record, and no date, so that identical figures produce identical files."""
     place = {"png": "Provenance", "pdf": "Subject", "svg": "Description"}.get(kind)
     stored = {} if place is None or record is None else {place: as_text(record)}
     return {**stored, **{"pdf": {"CreationDate": None}, "svg": {"Date": None}}.get(kind, {})} or None
@@ -89,7 +89,7 @@ def save_picture(picture: NDArray[np.uint8], path: str | os.PathLike[str], recor
     picture : ndarray of uint8, shape (H, W, 3)
         The colours of the pixels; shapes (H, W) and (H, W, 4) are also accepted.
     path : path
-        The file: ``.png``, ``.tif`` or another format of Pillow.
+        The file to write: ``.png``, ``.tif`` or another format that Pillow supports.
     record : dict, optional
         The provenance to store as text in a PNG file.
 
@@ -123,7 +123,7 @@ def save_picture(picture: NDArray[np.uint8], path: str | os.PathLike[str], recor
 
 
 class _Pictures(Protocol):
-    """The frames of a movie. Each frame, an image (H, W, 3) with even height and width, is drawn on request."""
+    """The frames of a movie. Each frame is an image of shape (H, W, 3) with even height and width, drawn on request."""
 
     @property
     def size(self) -> tuple[int, int]: ...
@@ -151,16 +151,16 @@ def save_movie(
 ) -> None:
     """Write a movie to a file.
 
-    The file is written completely or not at all. One frame is in memory at a time for ``.mp4``, and all frames are in
-    memory for ``.gif``.
+    The file is written completely or not at all. For ``.mp4``, only one frame is in memory at a time; for ``.gif``, all
+    frames are in memory.
 
     Parameters
     ----------
     movie : Movie
         The movie, or another sequence that draws its frames on request.
     path : path
-        The file: ``.mp4`` (H.264, for slides and browsers; requires ``pip install 'voxflat[lab]'``) or ``.gif``. The
-        duration of a GIF frame is a multiple of 0.01 s, and at least 0.02 s.
+        The file to write: ``.mp4`` (H.264, for slides and browsers; requires ``pip install 'voxflat[lab]'``) or
+        ``.gif``. The duration of a GIF frame is a multiple of 0.01 s, and at least 0.02 s.
     record : dict, optional
         The provenance to store as a comment in the file.
     progress : callable, optional

@@ -78,7 +78,7 @@ def flat_map(
         Text above the map.
     width : float, optional
         Width of the figure on paper, in mm. The default is 85 (one column) for one map, and 170 for two. At this width,
-        fonts have at least 6 points.
+        text is at least 6 points in size.
     ax : matplotlib.axes.Axes, optional
         Draw into these axes instead of a new figure.
 
@@ -180,7 +180,7 @@ def _opacity(opacity: object) -> Any:
 
 
 class _Side:
-    """A map of the figure with its data."""
+    """A map in the figure, with its data."""
 
     def __init__(
         self, page: Page, number: int, overlay: Overlay | None, opacity: Any, parcels: Any, table: Any, depths: Depths

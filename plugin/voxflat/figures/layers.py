@@ -26,7 +26,7 @@ _PREFIXES = {
 
 
 def name_layers(path: Path, drawn: Figure) -> None:
-    """Sort the elements of a Matplotlib SVG file into layers by gid, and store the map's position at the root."""
+    """Sort the elements of a Matplotlib SVG file into layers by gid, and store the map position at the root."""
     text = path.read_text(encoding="utf-8")
     if not any(f'id="{name}"' in text for name in LAYERS):
         return

@@ -24,7 +24,7 @@ class Direction:
 
 
 def directions(flat_map: FlatMap) -> list[Direction]:
-    """Return the two anatomical directions that lie best in the plane at the middle of the map, if its space is known.
+    """Return the two anatomical directions that are closest to the map plane at its middle, if the space is known.
 
     Each coordinate of the points around the middle is fitted linearly in (u, v); the gradient is its direction.
     """

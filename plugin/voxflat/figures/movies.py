@@ -29,7 +29,7 @@ _TIME, _CORNER = 3.2, 1.8  # mm of paper: height of the letters, and their dista
 class Movie(Sequence[NDArray[np.uint8]]):
     """A sequence of images, one per frame of a series.
 
-    `movie` creates such sequences. Frames are drawn on request: ``movie[3]`` is an array of uint8, shape (H, W, 3).
+    `movie` creates such sequences. Frames are drawn on request: ``movie[3]`` is a uint8 array of shape (H, W, 3).
 
     Parameters
     ----------
@@ -148,7 +148,7 @@ def movie(
         The meaning of `fraction`, as in `FlatMap.images`.
     change : bool
         Show the change from the mean of each point in %, as computed by `FlatStack.percent_change`, instead of raw
-        signals, which show mostly anatomy.
+        signals, which mostly show anatomy.
     opacity : float
         Opacity of the data, from 0 to 1.
     underlay : {"curvature", "sulcal depth", "none"}
@@ -160,7 +160,7 @@ def movie(
     size : int
         Width of the frames in pixels.
     progress : callable, optional
-        Reports progress, as in `FlatStack.percent_change`.
+        Progress callback, as in `FlatStack.percent_change`.
 
     Returns
     -------
@@ -252,7 +252,7 @@ def _pixels(page: Page) -> NDArray[np.uint8]:
 
 
 def _places(page: Page, panel: Panel, stack: FlatStack, shape: tuple[int, ...]) -> list[tuple[int, NDArray[np.int64]]]:
-    """Return, for rows and columns, the first that shows the map, and the map's pixels from there on."""
+    """Return the first row and the first column that show the map, each with the map pixels from there on."""
     per_mm = page.figure.dpi / 25.4
     left, bottom = (per_mm * at for at in panel.at(*stack.origin))  # pixel (0, 0) from the lower left corner
     step = per_mm * page.scale * stack.pixel_size

@@ -47,7 +47,7 @@ def place_names(labels: NDArray[np.int64], names: dict[int, str], pixel: float) 
 
 
 def text_size(text: str, size: float) -> tuple[float, float]:
-    """Return the width and height of a text on paper, mm; the font size is in points."""
+    """Return the width and height of a text on paper, in mm; the font size is in points."""
     lines = text.split("\n")
     return max(map(_width, lines)) * size * _POINT, _LINE * size * _POINT * len(lines)
 

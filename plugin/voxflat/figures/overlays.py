@@ -44,14 +44,14 @@ class Overlay:
         Apply the threshold to this map instead of the data, for example t, R² or coherence. If it has several maps,
         pass ``Overlay(values, channel=2)``. Not for movies.
     period : float, optional
-        Period of values that are phases (360, 2π, seconds). Phases are interpolated along the shorter arc and shown
-        with a cyclic colour map and a colour wheel. Not for movies.
+        Period of values that are phases (for example, 360, 2π, or a duration in seconds). Phases are interpolated along
+        the shorter arc and shown with a cyclic colour map and a colour wheel. Not for movies.
     zero : {"right", "top"}
-        Position of phase 0 on the colour wheel. Phases increase counterclockwise from "right", clockwise from "top".
+        Position of phase 0 on the colour wheel. Phases increase counterclockwise from "right" and clockwise from "top".
     limits : sequence of 2 numbers or percentiles, optional
         The values at the ends of the colour scale: numbers such as ``(0, 5)``, or percentiles of the values on the map
-        such as ``("2%", "98%")``. The default is the 1st and 99th percentiles. If these have different signs, the range
-        is symmetric about 0.
+        such as ``("2%", "98%")``. The defaults are the 1st and 99th percentiles. If these have different signs, the
+        range is symmetric about 0.
     colour_map : str, optional
         A Matplotlib colour map. The default is "viridis", "RdBu_r" if the limits have different signs, or "hsv" for
         phases.
@@ -93,7 +93,7 @@ class Overlay:
 
     @property
     def thresholds(self) -> tuple[float | None, float | None]:
-        """The values above which, and below which, data are shown; None means that there is no threshold."""
+        """The thresholds above and below which data are shown; None means that there is no threshold."""
         if self.threshold is None:
             return None, None
         if is_number(self.threshold):

@@ -41,7 +41,7 @@ _BEHIND = {"facecolor": "white", "edgecolor": "none", "alpha": 0.75, "pad": 0.8}
 
 
 class Panel:
-    """One map on a page: its axes in mm of the map, and their position on paper."""
+    """One map on a page: its axes, in mm on the map, and their position on paper."""
 
     def __init__(self, axes: Any, flat_map: FlatMap, corner: tuple[float, float], scale: float) -> None:
         self.axes, self.flat_map, self.corner, self.scale = axes, flat_map, corner, scale
@@ -55,7 +55,7 @@ class Panel:
         self.axes.set(xlim=(self.low[0], right), ylim=(self.low[1], top))
 
     def at(self, u: float, v: float) -> tuple[float, float]:
-        """Return the position of a map point on paper, mm."""
+        """Return the position of a map point on paper, in mm."""
         left, bottom = self.corner
         return left + (u - self.low[0]) * self.scale, bottom + (v - self.low[1]) * self.scale
 
@@ -67,7 +67,7 @@ class Panel:
         self._show_all()
 
     def lines(self, lines: list[NDArray[np.float64]], layer: str, width: float, colour: str) -> None:
-        """Draw lines given in map coordinates, mm."""
+        """Draw lines that are given in map coordinates, in mm."""
         how: Any = {"capstyle": "round", "joinstyle": "round", "clip_on": False}
         drawn = LineCollection(lines, linewidths=width, colors=colour, gid=layer, **how)
         self.axes.add_collection(drawn, autolim=False)
@@ -94,7 +94,7 @@ class Page:
         self.paper.patch.set_visible(False)
 
     def _add_axes(self, box: tuple[float, float, float, float], zorder: float = 0) -> Any:
-        """Add axes at a position on paper: left, bottom, width and height, mm."""
+        """Add axes at a position on paper: left, bottom, width and height, in mm."""
         if self._within is not None:
             return self._within.inset_axes(box, transform=self._within.transData, zorder=5 + zorder)
         left, bottom, wide, high = box
@@ -113,7 +113,7 @@ class Page:
         pixels: int | None = None,
         axes: Axes | None = None,
     ) -> "Page":
-        """Place maps side by side on a page; lengths are in mm, `head` adds room above, `pixels` is the page width."""
+        """Place maps side by side on a page; lengths are in mm, `head` adds space above, `pixels` is the page width."""
         tallest = _TALLEST * checked_number(width, "width")
         if axes is not None:
             checked_kind(axes, "ax", "get_window_extent", "Matplotlib axes")
@@ -144,7 +144,7 @@ class Page:
         return page
 
     def text(self, x: float, y: float, text: str, layer: str, **how: Any) -> None:
-        """Write a text at a position on paper, mm."""
+        """Write a text at a position on paper, in mm."""
         style = {"ha": "center", "va": "center", "size": _FONT, "linespacing": 1.05, "gid": layer, **how}
         self.paper.text(x, y, text, **style)
 
@@ -237,7 +237,7 @@ class Page:
                 self.text(*panel.at(u, v), name, "marks", style="italic", color="0.15", bbox=_BEHIND)
 
     def _directions(self, flat_map: FlatMap, x: float) -> float:
-        """Draw the anatomical directions and the hemisphere, starting at `x`, and return where they end, mm."""
+        """Draw the anatomical directions and the hemisphere, starting at `x`, and return where they end, in mm."""
         middle = STRIP / 2
         found = directions(flat_map)
         if not found and flat_map.space.name == "unknown":
@@ -262,7 +262,7 @@ class Page:
 
 
 def pixels_of(figure: Figure) -> NDArray[np.uint8]:
-    """Draw a figure as an image, shape (H, W, 4)."""
+    """Draw a figure as an image of shape (H, W, 4)."""
     canvas: Any = FigureCanvasAgg(figure)
     canvas.draw()
     pixels: NDArray[np.uint8] = np.asarray(canvas.buffer_rgba()).copy()
@@ -270,7 +270,7 @@ def pixels_of(figure: Figure) -> NDArray[np.uint8]:
 
 
 def _shortened(label: str, room: float) -> str:
-    """Return a label that is at most as wide as the room, in mm."""
+    """Return a label, shortened to fit the available width in mm."""
     while text_size(label, _FONT)[0] > room:
         label = label[:-2].rstrip() + "…"
     return label

@@ -103,7 +103,7 @@ def atlas_3d(atlas: FlatPieces, *, towards: Any = (0.6, -1.0, 0.5), size: int = 
     atlas : Atlas
         An atlas of patches, or a glued atlas.
     towards : sequence of 3 floats
-        The direction from the surface to the viewer, RAS+.
+        The direction from the surface to the viewer, in RAS+.
     size : int
         Width and height in pixels.
 
@@ -188,7 +188,7 @@ def drawn_from_both_sides(
 
 
 def load_pyvista() -> Any:
-    """Import PyVista; raise an error if it is missing, or if an old VTK without a display would end the process."""
+    """Import PyVista; raise an error if it is missing, or if an old VTK would end the process for lack of a display."""
     try:
         import pyvista
     except ImportError as error:
@@ -250,7 +250,7 @@ def _patch_alone(flat_map: FlatMap) -> pyvista.PolyData:
 
 
 def _patch_in_place(flat_map: FlatMap, volume: object) -> list[pyvista.PolyData]:
-    """Return the patch and the surface around it, both from the boundary between foreground and background."""
+    """Return the patch and the surface around it, both made from the boundary between foreground and background."""
     data = as_volume(volume).data
     if data.shape != flat_map.volume_shape:
         made_from = f"the map was made from a volume of shape {flat_map.volume_shape}"
@@ -294,7 +294,7 @@ def _patch_of_mesh(pyvista: Any, flat_map: FlatMap, whole: object | None) -> lis
 
 
 def _iso_surface(flat_map: FlatMap, field: NDArray[np.float32], level: float, first: NDArray[Any]) -> pyvista.PolyData:
-    """Return the smooth iso-surface of a field whose first voxel is `first`, RAS+ mm, with errors of points in %."""
+    """Return the smooth iso-surface (RAS+ mm) of a field whose first voxel is `first`, with errors of points in %."""
     import pyvista
 
     grid = pyvista.ImageData(dimensions=field.shape, origin=first)

@@ -92,7 +92,7 @@ class Chunked:
 
 @dataclass(frozen=True, eq=False)
 class _ZarrArray:
-    """Represent an array in a zarr directory, whose chunks are decompressed by C code in a child process."""
+    """Represent an array in a Zarr directory, whose chunks are decompressed by C code in a child process."""
 
     path: Path
     shape: tuple[int, ...]
@@ -107,7 +107,7 @@ class _ZarrArray:
 
 
 def zarr_block(path: Path, at: list[int | list[int]]) -> NDArray[Any]:
-    """Read a box from an array in a zarr directory, given one index, or a start and an end index, for each axis."""
+    """Read a box from an array in a Zarr directory, given one index, or a start and an end index, for each axis."""
     array = require("zarr").open_array(str(path), mode="r")
     return np.asarray(array[tuple(slice(*one) if isinstance(one, list) else one for one in at)])
 
@@ -119,7 +119,7 @@ def is_chunked(obj: object) -> bool:
 
 
 def is_zarr_path(obj: object) -> bool:
-    """Return whether an object is the path of a zarr directory."""
+    """Return whether an object is the path to a Zarr directory."""
     if not isinstance(obj, str | os.PathLike):
         return False
     path = Path(obj)
@@ -253,7 +253,7 @@ def _ome_zarr(path: Path) -> tuple[Channels, Affine, Path]:
 
 
 def _multiscales(path: Path) -> tuple[dict[str, Any] | None, Path | None]:
-    """Return the first multiscales entry in the metadata of a zarr group, and the file that contains it."""
+    """Return the first multiscales entry in the metadata of a Zarr group, and the file that contains it."""
     for name in ("zarr.json", ".zattrs"):
         file = path / name
         if not file.is_file():

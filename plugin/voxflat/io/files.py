@@ -120,7 +120,7 @@ def _to_own_log(record: logging.LogRecord) -> bool:
 
 
 def one_line(error: Exception) -> str:
-    """Shorten an error message to one line. For example, ITK's messages contain source positions and addresses."""
+    """Shorten an error message to one line. For example, messages from ITK contain source positions and addresses."""
     if isinstance(error, InputError):
         return str(error)
     told = str(error)[:_LONGEST_ERROR]  # readers may repeat all their input, which slows down pattern matching
@@ -130,7 +130,7 @@ def one_line(error: Exception) -> str:
 
 @contextmanager
 def naming(name: object, remedy: str) -> Iterator[None]:
-    """Convert all errors except system errors to one line that begins with the name of a file or an object type."""
+    """Convert non-system errors to one-line errors that begin with the name of a file or an object type."""
     name = name if isinstance(name, str | os.PathLike) else type(name).__name__
     try:
         yield
@@ -146,7 +146,7 @@ def naming(name: object, remedy: str) -> Iterator[None]:
 
 @contextmanager
 def holding(path: str | os.PathLike[str], what: str) -> Iterator[None]:
-    """Convert any error while reading one of voxflat's own files to an error that names the expected kind of file."""
+    """Convert any error from reading one of voxflat's own files to an error that names the expected kind of file."""
     try:
         yield
     except InputError as error:
@@ -376,11 +376,11 @@ def check_new(path: Path) -> None:
 
 
 def save_array(path: Path, array: NDArray[Any]) -> None:
-    """Write a .npy file like `numpy.save`, but with Python's own file object, which reports incomplete writes."""
+    """Write a .npy file like `numpy.save`, but with a Python file object, which reports incomplete writes."""
     with path.open("wb") as file:
         np.lib.format.write_array(SimpleNamespace(write=file.write), np.asanyarray(array), allow_pickle=False)
 
 
 def beside(path: Path, ending: str) -> Path:
-    """Return the path of a surface's companion file, without spaces, because OBJ readers cut names at spaces."""
+    """Return the path of a surface's companion file, without spaces, because OBJ readers truncate names at spaces."""
     return path.with_name(re.sub(r"[\s#]+", "_", path.stem) + ending)

@@ -23,7 +23,7 @@ SMALLEST = _core.SMALLEST  # mm, smallest voxel size and smallest surface extent
 
 
 def voxel_size(affine: ArrayLike) -> float:
-    """Return the geometric mean of the voxel spacings in mm, which equals the spacing of cubes on every machine."""
+    """Return the geometric mean of the voxel spacings in mm; for cubes, it is their exact spacing on every machine."""
     spacing = np.linalg.norm(np.asarray(affine, dtype=np.float64)[:3, :3], axis=0)
     largest = spacing.max()
     # the cube root of 1 is exactly 1 on every machine, that of 0.125 is not exactly 0.5

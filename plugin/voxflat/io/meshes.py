@@ -41,11 +41,11 @@ class Mesh:
     points : ndarray of float64, shape (N, 3)
         Coordinates in RAS+ mm, in `space`; they must be finite.
     faces : ndarray of int64, shape (F, 3)
-        Triangles, as rows of `points`. Points without a face are allowed, because flat maps may have them.
+        Triangles, as row numbers of `points`. Points without a face are allowed, because flat maps may have them.
     path : Path or None
         The file that the mesh was read from.
     structure : str or None
-        Brain structure in the notation of GIFTI's AnatomicalStructurePrimary: ``"CortexLeft"``, ``"CortexRight"``, ...
+        Brain structure in the notation of AnatomicalStructurePrimary in GIFTI: ``"CortexLeft"``, ``"CortexRight"``, ...
     point_data : dict of str to ndarray, shape (N,) or (N, K)
         Values at the points, keyed by name.
     texture_coordinates : ndarray of float64, shape (N, 2), or None
@@ -55,7 +55,7 @@ class Mesh:
     remarks : tuple of str
         Remarks on properties that the reader noticed or changed.
     space : Space
-        Coordinate space of the points: scanner RAS, FreeSurfer's tkRAS, or unknown.
+        Coordinate space of the points: scanner RAS, FreeSurfer tkRAS, or unknown.
     has_unit : bool
         Whether the source defines the unit of the coordinates.
 
@@ -121,7 +121,7 @@ class Mesh:
     def unit_remark(self) -> str | None:
         """Remark that the mesh is probably not in mm, or None.
 
-        A mesh is suspicious if the longest side of its bounding box is below 1.
+        A mesh is suspicious if the longest side of its bounding box is less than 1.
 
         See Also
         --------
@@ -184,7 +184,7 @@ def read_mesh(path: str | os.PathLike[str]) -> Mesh:
     Returns
     -------
     Mesh
-        The mesh, with its points in the order of the file. In STL files, which store corners, equal corners become one.
+        The mesh, with its points in the order of the file. STL files store corners; equal corners become one point.
 
     Raises
     ------
@@ -273,20 +273,20 @@ READERS: dict[str, Callable[[Path, bytes], dict[str, Any]]] = {  # these return 
 def write_mesh(path: str | os.PathLike[str], mesh: Mesh, record: Record | None = None) -> None:
     """Write a surface to a file.
 
-    The file is written completely or not at all. FreeSurfer files are written in tkRAS with the volume geometry, all
-    other formats in scanner RAS. Points are transformed if the transformation is known. Points in an unknown space are
-    written unchanged.
+    The file is written completely or not at all. FreeSurfer files are written in tkRAS with the volume geometry, and
+    all other formats in scanner RAS. Points are transformed if the transformation is known. Points in an unknown space
+    are written unchanged.
 
     Parameters
     ----------
     path : path
-        ``.surf.gii``, ``.vtp``, ``.ply``, ``.obj``, or a FreeSurfer name without an ending or such as ``lh.white``.
+        ``.surf.gii``, ``.vtp``, ``.ply``, ``.obj``, or a FreeSurfer name (without an ending, or like ``lh.white``).
     mesh : Mesh
-        The mesh. GIFTI and FreeSurfer round its points to float32, OBJ to 9 digits. Only ``.surf.gii`` stores the
-        structure, only ``.vtp`` the point and face data, and only ``.vtp``, ``.ply`` and ``.obj`` the texture
-        coordinates. GIFTI marks a mesh as flat if all its z coordinates are 0.
+        The mesh. Its points are rounded to float32 in GIFTI and FreeSurfer files, and to 9 digits in OBJ files. Only
+        ``.surf.gii`` stores the structure, only ``.vtp`` the point and face data, and only ``.vtp``, ``.ply`` and
+        ``.obj`` the texture coordinates. A mesh is marked as flat in a GIFTI file if all its z coordinates are 0.
     record : dict, optional
-        Provenance record for GIFTI's metadata; other formats cannot hold it.
+        Provenance record for the metadata of a GIFTI file; other formats cannot hold it.
 
     Raises
     ------

@@ -36,7 +36,7 @@ def read_overlay(path: str | os.PathLike[str], points: int, *, structure: str | 
     points : int
         Number of points of the surface.
     structure : str, optional
-        Structure of the surface in GIFTI's notation, such as "CortexLeft". It selects a part of a CIFTI file. Points
+        Structure of the surface in GIFTI notation, such as "CortexLeft". It selects a part of a CIFTI file. Points
         that the file does not list are NaN, or 0 in ``.dlabel.nii`` files.
 
     Returns
@@ -114,8 +114,8 @@ def read_region(
     Parameters
     ----------
     path : path
-        A FreeSurfer ``.label``, ``.annot`` (with `name`) or patch; a surface whose faces use only points of the region;
-        or a file for `read_overlay`, in which the points of the region have values other than 0 and NaN.
+        A FreeSurfer ``.label``, ``.annot`` (with `name`) or patch file; a surface whose faces use only points of the
+        region; or a file for `read_overlay`, in which the points of the region have values other than 0 and NaN.
     points : int
         Number of points of the surface.
     name : str, optional

@@ -36,7 +36,7 @@ class Patch:
     Parameters
     ----------
     vertex_ids : ndarray of int64, shape (k,)
-        Numbers of the points on the surface, each listed once.
+        Point numbers on the surface, each listed once.
     points : ndarray of float64, shape (k, 3)
         Positions of the points in mm; in a flat patch, z is 0.
     border : ndarray of bool, shape (k,)
@@ -198,7 +198,7 @@ def patch_faces(faces: ArrayLike, vertices: ArrayLike, n: int) -> NDArray[np.int
     Returns
     -------
     ndarray of int64, shape (G, 3)
-        Faces, whose corners are rows of the patch (0 to k − 1); together with ``patch.points``, they form a mesh.
+        Faces, whose corners are patch row numbers (0 to k − 1); together with ``patch.points``, they form a mesh.
 
     Raises
     ------

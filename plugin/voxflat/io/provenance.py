@@ -199,7 +199,7 @@ def _files(record: object) -> Iterator[tuple[str, str]]:
 
 
 def check_not_read(path: Path, record: Record) -> None:
-    """Raise an error instead of overwriting a file from which a result was made, under any name."""
+    """Raise an error instead of overwriting a file from which a result was made, even under another name."""
     if not path.exists():
         return
     for name, digest in _files(record):

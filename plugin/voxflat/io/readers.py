@@ -342,7 +342,7 @@ def from_itk(image: Any) -> Read:
 
 
 def _by_itk(path: Path, *separate: Path, unit: str, packed_from: int | None = None) -> Read:
-    """Read an image whose voxels may be in another file, and may be compressed from a given offset."""
+    """Read an image whose voxels may be in another file, and may be compressed from a given offset onwards."""
     for file in separate:
         note(file)
     size = sum(file.stat().st_size for file in (path, *separate))

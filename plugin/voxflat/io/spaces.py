@@ -35,19 +35,19 @@ class VolumeGeometry:
     Parameters
     ----------
     cosines : ndarray, shape (3, 3)
-        Directions of the volume's axes in scanner RAS, as columns xras, yras, zras. They are orthonormal within 1e-3.
+        Directions of the volume axes in scanner RAS, as columns xras, yras, zras. They are orthonormal to within 1e-3.
     c_ras : ndarray, shape (3,)
-        Centre of the volume in scanner RAS, mm.
+        Centre of the volume in scanner RAS, in mm.
     shape : sequence of 3 ints
-        Numbers of voxels along the axes.
+        Number of voxels along each axis.
     voxel_size : sequence of 3 floats
-        Voxel size along the axes, mm.
+        Voxel size along each axis, in mm.
     filename : str
         File name of the volume.
 
     See Also
     --------
-    Space : The space of a surface's coordinates.
+    Space : The space of the coordinates of a surface.
 
     Examples
     --------
@@ -88,7 +88,7 @@ class VolumeGeometry:
         Parameters
         ----------
         c_ras : array_like, shape (3,)
-            Centre of the volume in scanner RAS, mm.
+            Centre of the volume in scanner RAS, in mm.
         filename : str
             File name of the volume.
 
@@ -112,21 +112,21 @@ class VolumeGeometry:
     def of_volume(cls, affine: ArrayLike, shape: ArrayLike, filename: str = "") -> VolumeGeometry:
         """Return the geometry of a volume, or of the conformed volume with the same centre.
 
-        The tkRAS of a volume with another orientation than a conformed volume would be rotated or mirrored.
+        If a volume and a conformed volume differ in orientation, the tkRAS of the volume would be rotated or mirrored.
 
         Parameters
         ----------
         affine : array_like, shape (4, 4)
-            Affine from voxel indices to scanner RAS, mm.
+            Affine from voxel indices to scanner RAS, in mm.
         shape : array_like, shape (3,)
-            Numbers of voxels along the axes.
+            Number of voxels along each axis.
         filename : str
             File name of the volume.
 
         Returns
         -------
         VolumeGeometry
-            Geometry of the volume itself if its axes point left, inferior and anterior, otherwise of the conformed one.
+            Geometry of the volume itself if its axes point left, inferior and anterior, else of the conformed volume.
 
         See Also
         --------
@@ -153,7 +153,7 @@ class VolumeGeometry:
 
     @property
     def matrix(self) -> NDArray[np.float64]:
-        """Matrix from tkRAS to scanner RAS, shape (4, 4).
+        """Matrix from tkRAS to scanner RAS, of shape (4, 4).
 
         It is a rotation by the direction cosines, followed by a translation by c_ras.
 
@@ -182,14 +182,14 @@ class VolumeGeometry:
 
 @dataclass(frozen=True, eq=False)
 class Space:
-    """Describe the space of a surface's coordinates.
+    """Describe the space of the coordinates of a surface.
 
     Coordinates in an unknown space are treated as scanner RAS.
 
     Parameters
     ----------
     name : {"scanner", "tkRAS", "unknown"}
-        "scanner" is scanner RAS, the world space of volumes and templates. "tkRAS" is FreeSurfer's surface space.
+        "scanner" is scanner RAS, the world space of volumes and templates. "tkRAS" is the surface space of FreeSurfer.
     volume : VolumeGeometry or None
         The volume that links scanner RAS and tkRAS; None if it is not known.
     doubt : str
@@ -259,12 +259,12 @@ class Space:
         Parameters
         ----------
         points : array_like, shape (..., 3)
-            Points in this space, mm.
+            Points in this space, in mm.
 
         Returns
         -------
         ndarray of float64, shape (..., 3)
-            Points in scanner RAS, mm.
+            Points in scanner RAS, in mm.
 
         See Also
         --------
@@ -286,12 +286,12 @@ class Space:
         Parameters
         ----------
         points : array_like, shape (..., 3)
-            Points in scanner RAS, mm.
+            Points in scanner RAS, in mm.
 
         Returns
         -------
         ndarray of float64, shape (..., 3)
-            Points in this space, mm.
+            Points in this space, in mm.
 
         See Also
         --------
@@ -314,7 +314,7 @@ class Space:
         Parameters
         ----------
         points : array_like, shape (..., 3)
-            Points in this space, mm.
+            Points in this space, in mm.
 
         Returns
         -------

@@ -145,7 +145,7 @@ def _answer(child: subprocess.Popen[bytes], asked: dict[str, Any]) -> dict[str, 
 
 
 def _end_of(child: subprocess.Popen[bytes], asked: dict[str, Any]) -> str:
-    """Return why a child ended."""
+    """Return the reason why a child ended."""
     _stop(_DYING)
     status, name = child.returncode, _PACKAGES[asked["package"]][0]
     for timer, (_, times) in _TIMES.items():

@@ -36,9 +36,9 @@ class Volume(Recorded):
     Parameters
     ----------
     data : ndarray, shape (I, J, K), or (I, J, K, 3) or (I, J, K, 4) for uint8 colours
-        Values indexed as i, j, k, as in nibabel, in native byte order.
+        Values in native byte order, indexed as (i, j, k), as in nibabel.
     affine : ndarray, shape (4, 4), float64
-        Affine from voxel indices (i, j, k, 1) to RAS+ mm; the centre of a voxel has integer indices.
+        Affine from voxel indices (i, j, k, 1) to RAS+ mm; integer indices refer to voxel centres.
     path : Path or None
         The file that the volume was read from.
     is_placed : bool
@@ -82,7 +82,7 @@ class Volume(Recorded):
     def spacing(self) -> Affine:
         """Distance between the centres of neighbouring voxels along i, j, k, in mm.
 
-        It has the shape (3,).
+        The array has shape (3,).
 
         See Also
         --------
@@ -183,7 +183,7 @@ def write_volume(
     affine : array_like, shape (4, 4)
         Affine from voxel indices to RAS+ mm.
     record : dict, optional
-        Provenance record, stored in a NIfTI header as an extension of code 6 (comment). Other formats cannot hold it.
+        Provenance record, stored in a NIfTI header as an extension with code 6 (comment). Other formats cannot hold it.
     has_unit : bool
         Whether the affine maps to mm; if it does not, a NIfTI header marks the unit as unknown.
 

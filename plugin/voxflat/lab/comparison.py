@@ -56,7 +56,7 @@ class Sums:
         self.count, self.mean, self.squares = np.zeros(shape, np.int64), np.zeros(shape), np.zeros(shape)
 
     def add(self, flat_map: FlatMap, values: NDArray[np.float64]) -> None:
-        """Add the values of a map at its points, shape (N,)."""
+        """Add the values of a map at its points, of shape (N,)."""
         at = flat_map.look_up(self.places)
         found = np.full(at.face_ids.shape, np.nan)
         inside = at.face_ids >= 0
@@ -83,7 +83,7 @@ class Sums:
 
 
 def outliers(values: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Return which values are outliers (modified z score above 3.5); NaN and groups of fewer than five never are."""
+    """Return a mask of outliers (modified z score above 3.5), without NaN and values in groups of fewer than five."""
     defined = values[np.isfinite(values)]
     if len(defined) < _LEAST:
         return np.zeros(len(values), dtype=np.bool_)

@@ -22,7 +22,7 @@ _STEM = "group_desc-voxflat"
 
 
 def group(source: Path, out: Path, labels: Sequence[str] = ()) -> dict[str, Any]:
-    """Compare the participants of a study, and write a table, images of means and a page into its output directory.
+    """Compare the participants of a study, and write a table, images of the means and a page to its output directory.
 
     Return the number of ``maps``, the reasons why maps are ``missing`` and the ``outliers`` (measures), both keyed by
     participant and hemisphere, and the names of the files ``written`` (none if all were up to date).

@@ -90,7 +90,7 @@ def found_in(folder: Path, hemi: str, parameters: Parameters) -> Hemisphere:
 
 
 def _given(find: "_FreeSurfer | _Bids", text: str, what: str) -> Path:
-    """Return a file that the user named, with the placeholders filled in."""
+    """Return the path to a file given by the user, with the placeholders filled in."""
     named = find.filled(text)
     for path in (find.folder / named, Path(named)):
         if path.is_file():

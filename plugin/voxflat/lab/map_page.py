@@ -88,8 +88,8 @@ class MapPage:
 def map_page(flat_map: FlatMap, title: str = "Flat map") -> MapPage:
     """Show a flat map next to its surface in a notebook or a browser.
 
-    The pointer marks the same point on both and shows its values. The page has a menu of measures and a slider that
-    morphs the surface into the map. Larger maps are reduced to about 20,000 points.
+    The pointer marks the same point on the map and the surface, and shows its values. The page has a menu of measures
+    and a slider that morphs the surface into the map. Larger maps are reduced to about 20,000 points.
 
     Parameters
     ----------
@@ -105,7 +105,7 @@ def map_page(flat_map: FlatMap, title: str = "Flat map") -> MapPage:
 
     See Also
     --------
-    voxflat.figures.flat_map : A figure for a paper.
+    voxflat.figures.flat_map : Draw a figure for a paper.
 
     Examples
     --------

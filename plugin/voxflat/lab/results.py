@@ -62,7 +62,7 @@ class Results:
         return self.folder / f"{self.prefix}{'.' if self.of_freesurfer else '_'}{name}"
 
     def values(self, name: str) -> Path:
-        """Return the file of a measure or an overlay."""
+        """Return the path to the file of a measure or an overlay."""
         return self._named(f"{name}.shape.gii")
 
 

@@ -78,7 +78,7 @@ def _nothing(_: Outcome) -> None:
 def freesurfer(
     folder: Path, hemis: Sequence[str], parameters: Parameters, *, tell: Report = _nothing, **how: Any
 ) -> list[Outcome]:
-    """Flatten the hemispheres of a FreeSurfer subject, and write the results and a report into its directory.
+    """Flatten the hemispheres of a FreeSurfer subject, and write the results and a report to its directory.
 
     `tell` is called with each outcome, and `how` contains ``threads``, ``memory_limit`` and ``progress``.
     """

@@ -110,7 +110,7 @@ def _part(hemisphere: Hemisphere, parameters: Parameters, whole: Surface) -> Sur
 
 
 def _beside_cortex(annotation: Path, count: int) -> NDArray[np.bool_]:
-    """Return which vertices a parcellation of the cortex excludes."""
+    """Return a mask of the vertices that a parcellation of the cortex excludes."""
     with naming(annotation, REMEDY):
         labels, names = read_annot(annotation, contents(annotation))
     if len(labels) != count:
@@ -196,7 +196,7 @@ def _written_before(results: Results) -> set[Path]:
 
 
 def _description(whole: Surface, flat_map: FlatMap, doubts: list[str]) -> dict[str, Any]:
-    """Return the description of surface and map for the record."""
+    """Return the description of the surface and the map for the record."""
     topology, metadata = whole.core.topology(), flat_map.metadata
     first = topology["components"][0]
     width, height = np.ptp(flat_map.uv, axis=0).tolist()

@@ -25,7 +25,7 @@ _SMOOTHED = 0.5  # width of the smoothing of areas, relative to the median thick
 
 @dataclass(frozen=True, eq=False)
 class Field:
-    """Store depths of the voxels of grey matter, and the middle surface with corresponding points on both borders."""
+    """Store the depths of grey-matter voxels, and the middle surface with its corresponding points on both borders."""
 
     depth: NDArray[np.float64]  # (G,), equidistant: 0 at the inner, 1 at the outer border
     volume_depth: NDArray[np.float64]  # (G,), equivolume
@@ -109,7 +109,7 @@ def _share_below(
 ) -> NDArray[np.float64]:
     """Return the share of a column's volume below a depth, from the areas at depths 0, ½ and 1.
 
-    Between these the area is a quadratic function of depth, as it is on parallel surfaces (Steiner's formula).
+    Between these, the area is a quadratic function of depth, as it is on parallel surfaces (Steiner's formula).
     """
     slope, bend = 4 * middle - 3 * inner - outer, 2 * inner - 4 * middle + 2 * outer
     below = depth * (inner + depth * (slope / 2 + depth * bend / 3))

@@ -104,7 +104,7 @@ def _whole(volume: Volume) -> Volume:
 
 
 def _codes(parts: dict[str, object], present: dict[int, int], hemisphere: str | None) -> dict[str, object]:
-    """Return the labels or masks of the parts: as given, or those of LayNii or FreeSurfer's ribbon."""
+    """Return the labels or masks of the parts: as given, or those of LayNii or the FreeSurfer ribbon."""
     if hemisphere is not None:
         checked_choice(hemisphere, "hemisphere", tuple(_RIBBON))
     if all(part is None for part in parts.values()):

@@ -44,7 +44,7 @@ class Rim(Recorded):
         The middle surface. Its `white_points` and `pial_points` are the nearest points on the inner and the outer
         border. It is open where the segmentation ends.
     provenance : dict
-        The record of how it was made.
+        The record of how the rim was made.
 
     See Also
     --------
@@ -73,14 +73,14 @@ class Rim(Recorded):
     def depth(self, layering: str = "equivolume") -> Volume:
         """Return the depth of each voxel of grey matter.
 
-        It is 0 at the inner and 1 at the outer border.
+        It is 0 at the inner border and 1 at the outer border.
 
         Parameters
         ----------
         layering : {"equivolume", "equidistant"}
             "equidistant" is the distance from the inner border, divided by the sum of the distances from both borders.
-            "equivolume" is the share of the volume of the voxel's column below it. As in Bok's principle, layers are
-            then thinner on the convex side of a fold.
+            "equivolume" is the share of the column's volume that lies below the voxel. As in Bok's principle, layers
+            are then thinner on the convex side of a fold.
 
         Returns
         -------
@@ -121,7 +121,7 @@ class Rim(Recorded):
         Returns
         -------
         Volume
-            Layers as int16, from 1 at the inner to `count` at the outer border; 0 outside the grey matter.
+            Layers as int16, from 1 at the inner border to `count` at the outer border; 0 outside the grey matter.
 
         Raises
         ------
@@ -147,7 +147,7 @@ class Rim(Recorded):
     def thickness(self) -> Volume:
         """Return the thickness of the grey matter at each of its voxels.
 
-        It is the sum of the distances from the inner and from the outer border.
+        It is the sum of the distances from the inner and outer borders.
 
         Returns
         -------
@@ -183,21 +183,21 @@ def rim(
 ) -> Rim:
     """Measure depth in a segmentation of the grey matter and its borders, as used for layer fMRI.
 
-    The segmentation may cover a patch of cortex, few slices or a complete hemisphere, and the borders may be lines of
-    single voxels. Where it ends, its layers are assumed to continue straight outwards: the ends belong to neither
+    The segmentation may cover a patch of cortex, a few slices or a complete hemisphere, and the borders may be lines of
+    single voxels. Where it ends, the layers are assumed to continue straight outwards, so the ends belong to neither
     border. Borders are surfaces with subvoxel positions, and distances to them are exact. The middle surface, where the
     equidistant depth is one half, can be flattened like any other surface.
 
     Parameters
     ----------
     source : ndarray, path, image object or Volume
-        The labels, shape (I, J, K). By default 1 is the outer border (cerebrospinal fluid), 2 the inner border (white
-        matter) and 3 grey matter, as in LayNii.
+        The labels, of shape (I, J, K). By default 1 is the outer border (cerebrospinal fluid), 2 the inner border
+        (white matter) and 3 grey matter, as in LayNii.
     inner, outer, grey : int, or mask, optional
-        Other labels, or masks of the volume's shape (array, path, image object or Volume). If `inner` and `grey` are
-        given without `outer`, all other voxels belong to the outer border.
+        Other labels, or masks with the shape of the volume (array, path, image object or Volume). If `inner` and `grey`
+        are given without `outer`, all other voxels belong to the outer border.
     hemisphere : {"left", "right"}, optional
-        The hemisphere, if the labels are those of FreeSurfer's ``ribbon.mgz`` (2 and 3, or 41 and 42).
+        The hemisphere, if the labels are those of a FreeSurfer ``ribbon.mgz`` (2 and 3, or 41 and 42).
     spacing : sequence of 3 floats, optional
         Voxel size in mm, for volumes that do not define it (.npy, arrays); by default 1.
     affine : array_like, shape (4, 4), optional

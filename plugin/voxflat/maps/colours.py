@@ -31,7 +31,7 @@ def are_labels(data: NDArray[Any]) -> bool:
 def coloured(
     data: NDArray[Any], colour_map: str | None = None, limits: Sequence[float] | None = None, *, labels: bool
 ) -> NDArray[np.uint8]:
-    """Return an image as RGBA, with opacity 0 outside the map; by default scalars are grey, 1st to 99th percentile."""
+    """Return an image as RGBA, transparent outside the map; by default, scalars are grey (1st to 99th percentile)."""
     if data.ndim == 3:
         return data
     if colour_map is None and limits is None and labels:

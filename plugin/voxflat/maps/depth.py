@@ -75,7 +75,7 @@ def _numbers(given: float | Sequence[float], name: str) -> tuple[float, ...]:
 
 
 def vertex_areas(points: NDArray[np.float64], faces: NDArray[np.integer]) -> NDArray[np.float64]:
-    """Return the area around each vertex, mm², a third of the area of its triangles."""
+    """Return the area around each vertex in mm²: a third of the total area of its triangles."""
     a, b, c = (points[faces[:, k]] for k in range(3))
     areas = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 6
     return np.asarray(np.bincount(faces.ravel(), np.repeat(areas, 3), len(points)), dtype=np.float64)

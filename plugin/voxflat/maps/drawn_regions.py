@@ -74,7 +74,7 @@ class _Pixels:
 
     @cached_property
     def _continued(self) -> NDArray[np.int64]:
-        """The image, extended slightly beyond the outline of the map, which cuts pixels."""
+        """The image, extended slightly beyond the outline of the map, because the outline cuts through pixels."""
         away, (rows, columns) = scipy.ndimage.distance_transform_edt(~self.raster.inside, return_indices=True)
         return np.where(away <= _BESIDE, self.data[rows, columns], 0)
 

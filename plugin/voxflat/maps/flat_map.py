@@ -51,12 +51,12 @@ class FlatMap(Planar):
     Parameters
     ----------
     uv : ndarray of float64, shape (N, 2)
-        Positions of the points in the plane, mm. The surface is seen from outside, with superior up.
+        Positions of the points in the plane, in mm. The surface is seen from outside, with superior up.
     points : ndarray of float64, shape (N, 3)
-        Positions of the points on the surface, RAS+ mm in `space`; for meshes the coordinates of the file.
+        Positions of the points on the surface in RAS+ mm, in `space`; for meshes, the coordinates of the file.
     normals : ndarray of float64, shape (N, 3)
-        Outward unit normals (towards the background, RAS+). NaN for a one-voxel-thick surface, which has background on
-        both sides.
+        Outward unit normals (towards the background, in RAS+). NaN for a one-voxel-thick surface, which has background
+        on both sides.
     ids : ndarray of int64, shape (N, 3) or (N,)
         Voxel indices (i, j, k) or vertex numbers of the points; the two sides of a cut have the same values. Mesh
         vertices that were merged with another vertex have their own rows at the end, at the same position and without
@@ -65,25 +65,25 @@ class FlatMap(Planar):
         Triangles that cover the map, counterclockwise except where they are flipped.
     torn : ndarray of bool, shape (F,)
         Triangles whose corners are neighbours in the plane but not on the surface, because the map is compressed or
-        folded there. Only maps of the 26-neighbour graph, whose triangles are made in the plane, can have them.
+        folded there. Only maps of the 26-neighbour graph, whose triangles are constructed in the plane, can have them.
     sources : ndarray of int64, shape (m,)
         Row numbers of the points from which distances were measured.
     eigenvalues : ndarray of float64, shape (K,)
-        Eigenvalues of classical scaling with the largest magnitudes, mm². Two dominant values imply a planar surface.
+        Eigenvalues of classical scaling with the largest magnitudes, in mm². Two dominant values mean low distortion.
     distortion : Distortion
         Errors of distances, and changes of areas and angles.
     metadata : dict
         Parameters, affine, versions, topology, and the checksum of the input.
     rows : ndarray of float32, shape (m, N), or Table, or None
-        Geodesic distances from the sources, mm, if requested. Distance rows in a store (``metadata["store"]``) stay
+        Geodesic distances from the sources, in mm, if requested. Distance rows in a store (``metadata["store"]``) stay
         there: `save` does not include them, and merged vertices have no column.
     bridges : ndarray of int64, shape (B, 3)
         Mesh triangles that are not part of the map although all their corners are. A patch file must exclude them.
     curvature : ndarray of float64, shape (N,), or None
-        Mean curvature at the points, 1/mm, positive on gyri, from `Surface.mean_curvature` of the whole surface before
-        it was cut. None for the method "grossmann2002", whose surface has no triangles.
+        Mean curvature at the points, in 1/mm, positive on gyri, from `Surface.mean_curvature` of the whole surface
+        before it was cut. None for the method "grossmann2002", whose surface has no triangles.
     sulcal_depth : ndarray of float64, shape (N,), or None
-        Depth of the points in folds, mm, positive in sulci, from `Surface.sulcal_depth` of the same surface.
+        Depth of the points in folds, in mm, positive in sulci, from `Surface.sulcal_depth` of the same surface.
     white_points, pial_points : ndarray of float64, shape (N, 3), or None
         Positions of the points on the white and pial surfaces, in `space`, if both are known.
 
@@ -174,7 +174,7 @@ class FlatMap(Planar):
 
     @property
     def affine(self) -> NDArray[np.float64]:
-        """The affine of the flattened volume, from voxel indices to RAS+ mm, shape (4, 4).
+        """The affine of the flattened volume from voxel indices to RAS+ mm, of shape (4, 4).
 
         It is not available for maps of meshes.
 
@@ -208,9 +208,9 @@ class FlatMap(Planar):
 
     @cached_property
     def spacing(self) -> float:
-        """The typical distance between neighbouring points, mm.
+        """The typical distance between neighbouring points, in mm.
 
-        For voxels it is the geometric mean of the three spacings.
+        For voxels, it is the geometric mean of the three spacings.
 
         See Also
         --------
@@ -225,7 +225,7 @@ class FlatMap(Planar):
 
     @property
     def pixel_size(self) -> float:
-        """The default side length of a pixel, mm.
+        """The default side length of a pixel, in mm.
 
         It is half of `spacing`.
 
@@ -250,7 +250,7 @@ class FlatMap(Planar):
         Parameters
         ----------
         pixel_size : float, optional
-            Side length of a pixel, mm; by default half of `spacing`.
+            Side length of a pixel, in mm; by default half of `spacing`.
 
         Returns
         -------
@@ -304,8 +304,8 @@ class FlatMap(Planar):
     def textured(self, picture: object, texel_size: float | None = None, *, repeat: bool = False) -> TexturedSurface:
         """Return the surface with a picture on it (Zigelman et al. 2002, section V).
 
-        The picture is placed on the map as in `texture`, and the map gives the texture coordinates of the surface. The
-        surface keeps its triangles, except for torn ones.
+        The picture is placed on the map as in `texture`, and the map provides the texture coordinates of the surface.
+        The surface keeps its triangles, except for torn ones.
 
         Parameters
         ----------
@@ -313,25 +313,25 @@ class FlatMap(Planar):
             A grey or colour picture, optionally with opacity. Arrays have shape (H, W), (H, W, 3) or (H, W, 4), and
             type uint8, bool, or float from 0 to 1.
         texel_size : float, optional
-            Side length of a pixel of the picture, mm; by default the picture just covers the bounding box of the map.
+            Side length of a picture pixel, in mm; by default, the picture just covers the bounding box of the map.
         repeat : bool
             Whether the picture is repeated beyond its borders.
 
         Returns
         -------
         TexturedSurface
-            The surface, to be saved as ``.obj``, ``.vtp``, ``.glb`` or ``.ply``.
+            The surface, which can be saved as ``.obj``, ``.vtp``, ``.glb`` or ``.ply``.
 
         Raises
         ------
         InputError
-            If `picture` is not a picture, or does not cover the map and `repeat` is False.
+            If `picture` is not a picture, or if it does not cover the map and `repeat` is False.
         FileNotFoundError, PermissionError
             If the file cannot be opened.
 
         See Also
         --------
-        FlatMap.texture : Return the picture's value at each point.
+        FlatMap.texture : Return the value of the picture at each point.
 
         Examples
         --------
@@ -348,12 +348,12 @@ class FlatMap(Planar):
     def paint(self, values: ArrayLike, background: float = 0) -> NDArray[Any]:
         """Write values of the points into a volume with the shape of the flattened volume.
 
-        This requires the map of a volume.
+        The map must have been made from a volume.
 
         Parameters
         ----------
         values : array_like, shape (N,) or (N, C)
-            One value, or one row, per point.
+            One value, or one row of values, per point.
         background : float, optional
             Value of all other voxels.
 
@@ -365,7 +365,7 @@ class FlatMap(Planar):
         Raises
         ------
         InputError
-            If the number of values is not the number of points, or the type of the values cannot hold the background.
+            If the numbers of values and points differ, or if the type of the values cannot hold the background.
 
         See Also
         --------
@@ -398,21 +398,21 @@ class FlatMap(Planar):
         Parameters
         ----------
         rois : dict, ndarray, sequence, FlatImage, path or napari Shapes layer
-            Polygons (k, 2) in mm: one polygon, a list of polygons, or a dict keyed by name, such as {"V1": polygon}.
-            Several polygons with the same name enclose one region. Alternatively, a label image on the pixels of the
-            map, shape (H, W), with 0 outside regions; a napari Shapes layer over the map, whose column "name" of the
-            features holds the names; or a file. An ``.svg`` file is a voxflat figure with paths in a layer, a ``.json``
-            file holds polygons keyed by name, and ``.npy``, ``.png``, ``.tif``, ``.nii`` and ``.nii.gz`` files are
-            label images.
+            Polygons in mm, each of shape (k, 2): one polygon, a list of polygons, or a dict keyed by name, such as
+            {"V1": polygon}. Several polygons with the same name enclose one region. Alternatively, a label image on the
+            pixels of the map, shape (H, W), with 0 outside regions; a napari Shapes layer over the map, whose feature
+            column "name" contains the names; or a file. An ``.svg`` file is a voxflat figure with paths in a layer, a
+            ``.json`` file holds polygons keyed by name, and ``.npy``, ``.png``, ``.tif``, ``.nii`` and ``.nii.gz``
+            files are label images.
         layer : str
             Layer of the SVG file in which the regions were drawn.
         pixel_size : float, optional
-            Pixel size at which a label image was drawn, mm; by default the size in its file, or `pixel_size`.
+            Pixel size at which a label image was drawn, in mm; by default the size in its file, or `pixel_size`.
 
         Returns
         -------
         Regions
-            The regions, on the map.
+            The regions on the map.
 
         Raises
         ------
@@ -435,7 +435,7 @@ class FlatMap(Planar):
         return regions_of(self, rois, layer=layer, pixel_size=pixel_size)
 
     def description(self) -> dict[str, Any]:
-        """Return the metadata with the distortion figures, ready for JSON.
+        """Return the metadata with the distortion measures, ready for JSON.
 
         Undefined figures are None.
 
@@ -459,7 +459,7 @@ class FlatMap(Planar):
     def provenance(self) -> Record:
         """The record of how the map was made.
 
-        It lists the version, function, parameters, input files, warnings and distortion figures.
+        It lists the version, function, parameters, input files, warnings and distortion measures.
 
         See Also
         --------
@@ -474,7 +474,7 @@ class FlatMap(Planar):
         return {**self.metadata.get("provenance", {}), **told, "figures": self.distortion.figures()}
 
     def _with_provenance(self, record: Record) -> "FlatMap":
-        """Return the map with a record of how it was made, which is also written to its store of distance rows."""
+        """Return the map with a provenance record, which is also written to its store of distance rows."""
         full = resolved(record, self.metadata)
         if "store" in self.metadata:
             write_provenance(self.metadata["store"], full)
@@ -483,18 +483,18 @@ class FlatMap(Planar):
     def save(self, path: str | os.PathLike[str], *, sidecar: bool = False, overwrite: bool = False) -> None:
         """Save the map to a file.
 
-        The ending of the name selects the format. The file is either complete or not written at all.
+        The ending of the name selects the format. The file is written completely or not at all.
 
         Parameters
         ----------
         path : path
-            ``.npz`` and ``.voxflat`` hold everything, for `load`. ``.vtp``, ``.ply`` and ``.obj`` hold the triangles in
-            the plane. ``.surf.gii`` is a flat surface for Connectome Workbench. ``.patch.flat`` and ``.flat.patch.3d``
-            are FreeSurfer patches, which pycortex reads, too. Surfaces and patches have the mesh's own vertex numbers
-            and one position per vertex. Where a cut duplicates vertices, only one side is kept; patches exclude
-            vertices on both sides of cuts, so that no triangle spans a cut. A warning reports how many triangles are
-            lost in this way, or because they are torn; a ``.vtp`` keeps torn triangles, marked in the cell data
-            ``torn``. ``.npz``, ``.voxflat`` and GIFTI include `provenance`.
+            ``.npz`` and ``.voxflat`` hold the complete map, for `load`. ``.vtp``, ``.ply`` and ``.obj`` hold the
+            triangles in the plane. ``.surf.gii`` is a flat surface for Connectome Workbench. ``.patch.flat`` and
+            ``.flat.patch.3d`` are FreeSurfer patches, which pycortex also reads. Surfaces and patches have the mesh's
+            own vertex numbers and one position per vertex. Where a cut duplicates vertices, only one side is kept;
+            patches exclude vertices on both sides of cuts, so that no triangle spans a cut. A warning reports how many
+            triangles are lost in this way, or because they are torn; a ``.vtp`` keeps torn triangles, marked in the
+            cell data ``torn``. ``.npz``, ``.voxflat`` and GIFTI include `provenance`.
         sidecar : bool
             Also write `provenance` to ``<path>.json``.
         overwrite : bool
@@ -752,7 +752,7 @@ def load(path: str | os.PathLike[str]) -> FlatMap:
     InputError
         If the file is damaged or is not a flat map.
     FileNotFoundError
-        If there is no such file.
+        If the file does not exist.
 
     See Also
     --------

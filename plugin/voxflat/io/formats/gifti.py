@@ -237,7 +237,7 @@ def _volume_geometry(meta: Any) -> VolumeGeometry | None:
 def surface_bytes(
     points: Points, faces: Faces, structure: str | None, *, is_scanner: bool = False, record: Record | None = None
 ) -> bytes:
-    """Return a surface and its record in Workbench's convention: coordinates as given, in scanner RAS if known."""
+    """Return a surface and its record in the Workbench convention: coordinates as given, in scanner RAS if known."""
     is_flat = not points[:, 2].any()
     about = {"GeometricType": "Flat" if is_flat else "Anatomical", **_named(structure)}
     topology = {"TopologicalType": "Closed" if _is_closed(faces) else "Cut" if is_flat else "Open"}
@@ -255,7 +255,7 @@ def label_bytes(
     structure: str | None,
     record: Record | None = None,
 ) -> bytes:
-    """Return labels at points in Workbench's convention (0 for no label), with their names and colours."""
+    """Return labels at points in the Workbench convention (0 for no label), with their names and colours."""
     gifti = require("nibabel").gifti
     table = gifti.GiftiLabelTable()
     rows = [(0, "???", (0.0, 0.0, 0.0, 0.0))]
@@ -269,7 +269,7 @@ def label_bytes(
 
 
 def value_bytes(values: Mapping[str, NDArray[Any]], structure: str | None, record: Record | None = None) -> bytes:
-    """Return values at points in Workbench's convention, with one map per name and NaN for missing values."""
+    """Return values at points in the Workbench convention, with one map per name and NaN for missing values."""
     arrays = [_array(one.astype(np.float32), "NIFTI_INTENT_NONE", {"Name": name}) for name, one in values.items()]
     return _file(arrays, _named(structure), record)
 

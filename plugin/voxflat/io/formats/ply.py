@@ -100,7 +100,7 @@ def _stored(kind: str, order: str) -> np.dtype[Any]:
 
 
 def _table(body: bytes, at: int, element: _Element, order: str) -> NDArray[Any]:
-    """Return the rows of an element; all its lists must have the same length as in the first row."""
+    """Return the rows of an element; all its lists must have the same lengths as those in the first row."""
     layout: list[Any] = []
     name, count, properties = element
     if count == 0 or not properties:

@@ -33,7 +33,7 @@ def read_off(path: Path, data: bytes) -> dict[str, Any]:
 
 
 def read_asc(path: Path, data: bytes) -> dict[str, Any]:
-    """Read an ASCII surface written by FreeSurfer's mris_convert, in tkRAS without a volume geometry."""
+    """Read an ASCII surface written by mris_convert of FreeSurfer, in tkRAS without a volume geometry."""
     header, _, rest = data.partition(b"\n")
     if not header.startswith(b"#!ascii"):
         raise InputError("does not begin with #!ascii. Check that it is a surface written by mris_convert")

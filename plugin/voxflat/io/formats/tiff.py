@@ -55,7 +55,7 @@ def _ome_sizes(text: str | None) -> list[float] | None:
 
 
 def _imagej_sizes(file: Any, is_deep: bool) -> list[float] | None:
-    """Return voxel sizes along x, y, z in mm from ImageJ's tags."""
+    """Return voxel sizes along x, y, z in mm from ImageJ tags."""
     told = file.imagej_metadata
     if not told or not told.get("unit") or told["unit"] in ("pixel", "pixels"):
         return None

@@ -17,7 +17,7 @@ from voxflat.io.triangles import Faces, Points, of_strips, triangulated
 
 
 def read_vtk(path: Path, data: bytes) -> dict[str, Any]:
-    """Read a file in VTK's legacy format."""
+    """Read a file in the legacy VTK format."""
     head = re.match(rb"# vtk DataFile Version (\d+)\.\d+\s*?\n.*\r?\n(?:ASCII|BINARY)\s+DATASET\s+(\w+)", data, re.I)
     if head is None:
         raise InputError(f"has a damaged header. {AGAIN}")
@@ -49,7 +49,7 @@ _COUNTS = re.compile(rb"""\bNumberOf(Points|Polys|Strips)\s*=\s*["'](\d{1,18})["
 
 
 def read_vtp(path: Path, data: bytes) -> dict[str, Any]:
-    """Read a file in VTK's XML format."""
+    """Read a file in the XML-based VTK format."""
     totals = Counter[bytes]()
     for name, count in _COUNTS.findall(data):
         totals[name] += int(count)
