@@ -29,9 +29,9 @@ class Places:
     Parameters
     ----------
     face_ids : ndarray of int64, shape (...)
-        The triangle at each point, as a row of `faces`; −1 outside all triangles.
+        The triangle at each point, as a row number of `faces`; −1 outside all triangles.
     weights : ndarray of float64, shape (..., 3)
-        Barycentric coordinates for the corners of the triangle; NaN outside all triangles.
+        Barycentric coordinates with respect to the corners of the triangle; NaN outside all triangles.
     points : ndarray of float64, shape (..., 3)
         Positions on the surface, RAS+ mm in its `space`; NaN outside all triangles.
     piece_ids : ndarray of int64, shape (...)
@@ -39,7 +39,7 @@ class Places:
 
     See Also
     --------
-    FlatMap.look_up : Look up points of the plane.
+    FlatMap.look_up : Look up points in the plane.
 
     Examples
     --------
@@ -62,7 +62,7 @@ class Places:
 class FlatTriangles:
     """Triangles in the plane, with the corresponding points on the surface.
 
-    Maps and pages draw them and look them up.
+    Maps and pages use them for drawing and for looking up points.
 
     Parameters
     ----------
@@ -71,7 +71,7 @@ class FlatTriangles:
     faces : ndarray of uint32, shape (F, 3)
         The triangles.
     torn : ndarray of bool, shape (F,)
-        Triangles whose corners are not connected on the surface; they show the nearest corner.
+        Mask of the triangles whose corners are not connected on the surface; they show the nearest corner.
     on_surface : Sampler
         The same N points on the surface.
     piece_ids : ndarray of int64, shape (F,), or None
@@ -117,7 +117,7 @@ class Planar(ABC):
         return _core.TriangleFinder(np.ascontiguousarray(of.uv[of.faces], dtype=np.float64))
 
     def raster(self, pixel_size: float | None = None) -> Raster:
-        """Return the pixels, with their positions on the surface.
+        """Return the pixels with their positions on the surface.
 
         Rasters are cached, so repeated calls are fast.
 
@@ -129,7 +129,7 @@ class Planar(ABC):
         Returns
         -------
         Raster
-            On a map, its corners are points of the map. On a page, corner 3 t + k is corner k of triangle t.
+            On a map, `corners` are points of the map. On a page, corner 3 t + k is corner k of triangle t.
 
         Raises
         ------
@@ -186,7 +186,7 @@ class Planar(ABC):
         return np.where(inside, of.ids[nearest], -1), raster.interpolate(of.points)
 
     def look_up(self, places: ArrayLike) -> Places:
-        """Look up the triangle, the piece and the surface position at points of the plane.
+        """Look up the triangle, the piece and the surface position at points in the plane.
 
         In a torn triangle, whose corners are not connected on the surface, the nearest corner is used. Where triangles
         overlap, the first one is used.
@@ -244,7 +244,7 @@ class Planar(ABC):
     def points_to_map(
         self, points: ArrayLike, limit: float = LIMIT, *, space: str = "surface"
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Find points in space on the map, each at the nearest position of the surface.
+        """Find points in space on the map, each at the nearest position on the surface.
 
         Points on a cut are assigned to one of its sides.
 
@@ -253,8 +253,9 @@ class Planar(ABC):
         points : array_like, shape (..., 3)
             Points, RAS+ mm.
         limit : float
-            Greatest distance between a point and the surface, mm; by default 5, more than the thickness of the cortex.
-            The surface is that of the map's `points`, which lies midway between white and pial if ``pial=`` was passed.
+            Maximum distance between a point and the surface, in mm; the default, 5, is more than the cortical
+            thickness. The surface is that of the map's `points`, which lie midway between the white and pial surfaces
+            if ``pial=`` was passed.
         space : {"surface", "scanner"}
             Space of the points: the surface's own `space`, as in the result of `locate`, or scanner RAS, as for
             volumes.
@@ -319,7 +320,7 @@ class Planar(ABC):
     ) -> FlatImage:
         """Show a volume, or values at the vertices, on the map.
 
-        The mean of several depths is shown. `images` returns each depth, frame or channel separately.
+        If there are several depths, their mean is shown. `images` returns each depth, frame or channel separately.
 
         Parameters
         ----------
@@ -338,10 +339,11 @@ class Planar(ABC):
             Number (from 0) or name of the channel to show, if there are several.
         depth : float or sequence of float
             Distance outside the surface at which to sample, mm; negative values are inside. Grey matter lies about 2 mm
-            outside white matter. The mean of several depths is shown.
+            outside white matter. If there are several depths, their mean is shown.
         fraction : float or sequence of float, optional
             Cortical depth at which to sample, from 0 (white surface) to 1 (pial surface), instead of `depth`. This
-            requires a map of a white surface that was read with ``pial=``. The mean of several fractions is shown.
+            requires a map of a white surface that was read with ``pial=``. If there are several fractions, their mean
+            is shown.
         layering : {"equivolume", "equidistant"}
             Whether a fraction refers to the local volume of the cortex (Waehnert et al. 2014), which follows layers
             through gyri and sulci, or to its thickness.
@@ -351,16 +353,16 @@ class Planar(ABC):
             surrounding voxels (for an overlay, the corners of the triangle) at all depths, so that borders are smoother
             than voxel borders.
         period : float, optional
-            Period of values that are phases, such as 360. Means of phases are circular, from 0 to the period, and
-            interpolation is "linear" by default.
+            Period of phase values, such as 360. Means of phases are circular, from 0 to the period, and interpolation
+            is "linear" by default.
         name : str, optional
             Title of the image.
 
         Returns
         -------
         FlatImage
-            The image, with NaN (for colours, alpha 0) outside triangles and where the volume has no value. A mean needs
-            values at all depths.
+            The image, with NaN (for colours, alpha 0) outside the triangles and where the volume has no value. A mean
+            needs values at all depths.
 
         Raises
         ------
@@ -398,9 +400,9 @@ class Planar(ABC):
         time_step: float | None = None,
         name: str = "",
     ) -> FlatStack:
-        """Show several depths, all maps of a file, or a series of volumes on the map.
+        """Show several depths, all maps in a file, or a series of volumes on the map.
 
-        Images are sampled on demand. Except for rounding, each equals the result of `image`.
+        Images are sampled on demand. Except for rounding errors, each image equals the result of `image`.
 
         Parameters
         ----------
@@ -421,8 +423,9 @@ class Planar(ABC):
         period : float, optional
             As in `image`.
         time_step : float, optional
-            Time between frames of a series, s. By default, the time step of the file: NIfTI files have one if the
-            header has a unit of time, ``.mgh`` and CIFTI series always have one, and GIFTI files and arrays never do.
+            Time between frames of a series, in seconds. By default, the time step stored in the file: NIfTI files have
+            one if the header has a unit of time, ``.mgh`` and CIFTI series always have one, and GIFTI files and arrays
+            never do.
         name : str, optional
             As in `image`.
 

@@ -38,7 +38,7 @@ class Cut:
     length : float or None
         Length in mm; None for cuts that were passed by the user.
     reason : {"given", "template", "handle", "boundaries joined", "closed sphere", "relaxation"}
-        Why the cut was made.
+        The reason for the cut.
     name : str or None
         Name of the cut if it comes from a template, such as ``"calcarine"``.
 
@@ -257,7 +257,7 @@ class CutSurface(Generic[_Surface]):
         Raises
         ------
         InputError
-            If the path is an input file, or its ending is not supported.
+            If the path is an input file, or the file extension is not supported.
         OSError
             If the file cannot be written.
 

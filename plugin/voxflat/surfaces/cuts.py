@@ -32,7 +32,7 @@ _BEARABLE = 0.15  # distance error below which a given disk stays as it is
 
 
 def read_cuts(whole: Manifold, cuts: object | None) -> tuple[list[Any] | None, NDArray[np.int64] | None]:
-    """Return given cuts as paths of neighbours, and the vertices that a cuts file excludes, by input ids."""
+    """Return given cuts as paths of neighbouring vertices, and the vertices that a cuts file excludes, by input ids."""
     if cuts is None:
         return None, None
     if isinstance(cuts, str | os.PathLike):

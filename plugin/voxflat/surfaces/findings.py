@@ -19,7 +19,7 @@ _SHOWN = 5  # maximum number of handles, holes and loops in a table
 
 @dataclass(frozen=True)
 class Check:
-    """Store the findings about an input and its surface.
+    """Findings about an input and its surface.
 
     `voxflat.check` and `Surface.check` return it.
 

@@ -182,7 +182,7 @@ def _of_labels(volume: Volume, side: str) -> NDArray[np.bool_] | None:
 
 @dataclass(frozen=True, eq=False)
 class _Template:
-    """Store the parts of MNI152.
+    """The parts of the MNI152 template.
 
     `affine`: to RAS+ mm. `white` bool: white matter. `parts` (3, ...) float32: membership of the left hemisphere, the
     right one and the rest, from the nearest white matter. `deep` (2, ...) float32: membership of the inner parts.
@@ -315,7 +315,7 @@ def _more_promising(start: Affine, others: list[Affine], pair: "_Pair", steps: _
 
 
 def _coarse(white: NDArray[np.bool_], affine: Affine) -> tuple[NDArray[np.float32], Affine]:
-    """Return the share of a mask in each voxel of a coarser grid, and the affine of that grid."""
+    """Return the fraction of each voxel of a coarser grid that a mask fills, and the affine of that grid."""
     factors = [max(1, round(_STEP / size)) for size in np.linalg.norm(affine[:3, :3], axis=0)]
     beyond = [(0, -length % factor) for length, factor in zip(white.shape, factors, strict=True)]
     padded = np.pad(white, beyond)
@@ -359,7 +359,7 @@ def _turned(axis: int, angle: float, template: _Template) -> Affine:
 
 @dataclass(frozen=True, eq=False)
 class _Pair:
-    """Store a brain's values, the transform from RAS+ mm to voxels, and the smoothed template at `points` (N, 3)."""
+    """A brain's values, the transform from RAS+ mm to voxels, and the smoothed template at `points` (N, 3)."""
 
     values: NDArray[np.float32]
     to_index: Affine

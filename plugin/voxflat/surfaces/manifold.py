@@ -41,7 +41,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Step:
-    """Store one step that selected a part of a surface, such as `Surface.keep` or `Surface.disk`."""
+    """One step that selected a part of a surface, such as `Surface.keep` or `Surface.disk`."""
 
     verb: str  # name of the method; "outlines" for a template's excluded region
     mask: NDArray[np.bool_] | None = None  # voxels to keep, for a region of a volume
@@ -54,7 +54,7 @@ class Step:
 
 @dataclass(frozen=True, eq=False)
 class Manifold:
-    """Store a surface of triangles, an oriented manifold with or without a boundary.
+    """A surface of triangles: an oriented manifold with or without a boundary.
 
     `voxflat.Surface` describes the fields. Arrays with V rows refer to the vertices of the complete surface.
     """
@@ -164,7 +164,7 @@ class Manifold:
     def faces(self) -> NDArray[np.uint32]:
         """Triangles as vertex numbers, shape (F, 3).
 
-        Their corners run counterclockwise as seen from outside.
+        Corners are listed counterclockwise as seen from outside.
 
         See Also
         --------
@@ -250,7 +250,7 @@ class Manifold:
 
     @property
     def ids(self) -> NDArray[np.int64]:
-        """Voxel or vertex of the input for each vertex.
+        """The voxel or vertex of the input that corresponds to each vertex.
 
         These are voxel indices of shape (N, 3), or vertex numbers of shape (N,) if the input was a mesh.
 
@@ -435,7 +435,7 @@ class Manifold:
         Raises
         ------
         InputError, Cancelled
-            If the flow is not positive, or `progress` returned False.
+            If `flow` is not positive, or `progress` returned False.
 
         See Also
         --------
@@ -568,7 +568,7 @@ class Manifold:
         Raises
         ------
         InputError
-            If the path has another ending, or the surface was made from that file.
+            If the file extension is not supported, or the surface was made from that file.
         OSError
             If the file cannot be written.
 
@@ -616,7 +616,7 @@ def size_and_space(
 
 
 def are_triangles(faces: NDArray[np.int64], of: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Return which triangles are among others, regardless of their first corner and direction."""
+    """Return a mask of the triangles that are among others, regardless of their first corner and direction."""
     return in_rows(np.sort(faces, axis=1), np.sort(of, axis=1))
 
 
@@ -656,7 +656,7 @@ def patch_of(
 
 
 def _keys(ids: NDArray[np.int64], among: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return a number for each vertex number, or voxel (k, 3); -1 for voxels outside the bounding box of others."""
+    """Return a number for each vertex number, or voxel (k, 3); -1 for voxels outside the bounding box of the others."""
     if ids.ndim == 1:
         return ids
     low, high = among.min(axis=0), among.max(axis=0)

@@ -20,7 +20,7 @@ _FAR = 2.0  # most voxels between a seed point and the surface without a remark
 
 @dataclass(frozen=True, eq=False)
 class VoxelGraph:
-    """Store surface voxels, linked to those of their 26 neighbours that are surface voxels."""
+    """Surface voxels, linked to those of their 26 neighbours that are surface voxels."""
 
     core: _core.VoxelSurface  # part in use
     whole: _core.VoxelSurface  # complete surface

@@ -21,7 +21,7 @@ _STRUCTURES = {"CortexLeft": "left", "CortexRight": "right"}
 
 @dataclass(frozen=True, eq=False)
 class Registration(Recorded):
-    """Store a surface on the unit sphere, in fsaverage space.
+    """A surface that is registered to the unit sphere, in fsaverage space.
 
     `Surface.register` returns it.
 
@@ -135,7 +135,7 @@ class Registration(Recorded):
 
 
 def register(whole: Manifold, side: str | None, threads: int | None, progress: Progress | None) -> Registration:
-    """Register a hemisphere to fsaverage's sphere; see `voxflat.Surface.register`."""
+    """Register a hemisphere to the fsaverage sphere; see `voxflat.Surface.register`."""
     if side is not None:
         checked_choice(side, "side", SIDES)
     whole, remarks = _one_piece(whole)
