@@ -483,7 +483,7 @@ class FlatMap(Planar):
     def save(self, path: str | os.PathLike[str], *, sidecar: bool = False, overwrite: bool = False) -> None:
         """Save the map to a file.
 
-        The file extension determines the format. The file is either complete or not written at all.
+        The file extension determines the format. The file is written either completely or not at all.
 
         Parameters
         ----------
@@ -591,7 +591,7 @@ class FlatMap(Planar):
         Returns
         -------
         nilearn.surface.InMemoryMesh
-            Coordinates (u, v, 0), mm.
+            Coordinates (u, v, 0), in mm.
 
         See Also
         --------
@@ -635,7 +635,7 @@ class FlatMap(Planar):
         Returns
         -------
         trimesh.Trimesh
-            Coordinates (u, v, 0), mm.
+            Coordinates (u, v, 0), in mm.
 
         See Also
         --------
@@ -697,7 +697,7 @@ class FlatMap(Planar):
 
         See Also
         --------
-        FlatMap.image : Show data on the map as an array.
+        FlatMap.image : Return the data shown on the map as an array.
 
         Examples
         --------

@@ -75,7 +75,7 @@ def read_map(path: str | os.PathLike[str]) -> dict[str, Any]:
 def mesh_of_vertices(
     places: NDArray[np.float64], ids: NDArray[np.int64], faces: NDArray[Any], count: int, structure: str | None
 ) -> Mesh:
-    """Return a flat map as a mesh with the vertices of the flattened mesh; at cuts, the larger side stays."""
+    """Return a flat map as a mesh with the flattened mesh's vertices; at cuts, the side with more triangles is kept."""
     rows = one_point_a_vertex(ids, faces)
     is_kept = triangles_of(rows, faces)
     if not is_kept.all():

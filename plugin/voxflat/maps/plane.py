@@ -33,7 +33,7 @@ class Places:
     weights : ndarray of float64, shape (..., 3)
         Barycentric coordinates with respect to the corners of the triangle; NaN outside all triangles.
     points : ndarray of float64, shape (..., 3)
-        Positions on the surface, RAS+ mm in its `space`; NaN outside all triangles.
+        Positions on the surface, in RAS+ mm in its `space`; NaN outside all triangles.
     piece_ids : ndarray of int64, shape (...)
         The piece of an atlas, or 0 on a map, which has only one piece; −1 outside all triangles.
 
@@ -67,7 +67,7 @@ class FlatTriangles:
     Parameters
     ----------
     uv : ndarray of float64, shape (N, 2)
-        Positions in the plane, mm.
+        Positions in the plane, in mm.
     faces : ndarray of uint32, shape (F, 3)
         The triangles.
     torn : ndarray of bool, shape (F,)
@@ -105,7 +105,7 @@ class Planar(ABC):
     @property
     @abstractmethod
     def pixel_size(self) -> float:
-        """The default side length of a pixel, mm."""
+        """The default side length of a pixel, in mm."""
 
     @cached_property
     def _rasters(self) -> dict[float, Raster]:
@@ -124,7 +124,7 @@ class Planar(ABC):
         Parameters
         ----------
         pixel_size : float, optional
-            Side length of a pixel, mm; by default `pixel_size`.
+            Side length of a pixel, in mm; by default `pixel_size`.
 
         Returns
         -------
@@ -168,7 +168,7 @@ class Planar(ABC):
         ids : ndarray of int64, shape (H, W, 3) or (H, W)
             The nearest surface voxel or vertex; −1 outside the map.
         points : ndarray of float64, shape (H, W, 3)
-            Positions, RAS+ mm in the surface's `space`, interpolated linearly between vertices; NaN outside the map.
+            Positions, in RAS+ mm in the surface's `space`, interpolated linearly between vertices; NaN outside the map.
 
         See Also
         --------
@@ -194,7 +194,7 @@ class Planar(ABC):
         Parameters
         ----------
         places : array_like, shape (..., 2)
-            Positions (u, v), mm.
+            Positions (u, v), in mm.
 
         Returns
         -------
@@ -251,11 +251,11 @@ class Planar(ABC):
         Parameters
         ----------
         points : array_like, shape (..., 3)
-            Points, RAS+ mm.
+            Points, in RAS+ mm.
         limit : float
-            Maximum distance between a point and the surface, in mm; the default, 5, is more than the cortical
-            thickness. The surface is that of the map's `points`, which lie midway between the white and pial surfaces
-            if ``pial=`` was passed.
+            Maximum distance between a point and the surface, in mm; by default 5, more than the thickness of the
+            cortex. The surface is that of the map's `points`, which lie midway between the white and pial surfaces if
+            ``pial=`` was passed.
         space : {"surface", "scanner"}
             Space of the points: the surface's own `space`, as in the result of `locate`, or scanner RAS, as for
             volumes.
@@ -263,9 +263,9 @@ class Planar(ABC):
         Returns
         -------
         uv : ndarray of float64, shape (..., 2)
-            Positions on the map, mm; NaN for points beyond the limit.
+            Positions on the map, in mm; NaN for points beyond the limit.
         distance : ndarray of float64, shape (...)
-            Exact distance from each point to the triangles of the surface, mm; NaN beyond the limit.
+            Exact distance from each point to the triangles of the surface, in mm; NaN beyond the limit.
 
         Raises
         ------
@@ -338,8 +338,8 @@ class Planar(ABC):
         channel : int or str, optional
             Number (from 0) or name of the channel to show, if there are several.
         depth : float or sequence of float
-            Distance outside the surface at which to sample, mm; negative values are inside. Grey matter lies about 2 mm
-            outside white matter. If there are several depths, their mean is shown.
+            Distance outside the surface at which to sample, in mm; negative values are inside. Grey matter lies about 2
+            mm outside white matter. If there are several depths, their mean is shown.
         fraction : float or sequence of float, optional
             Cortical depth at which to sample, from 0 (white surface) to 1 (pial surface), instead of `depth`. This
             requires a map of a white surface that was read with ``pial=``. If there are several fractions, their mean

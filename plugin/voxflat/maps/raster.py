@@ -32,11 +32,11 @@ class Raster:
     weights : ndarray of float32, shape (H, W, 3)
         Barycentric coordinates in that triangle; NaN outside the map.
     origin : tuple of 2 floats
-        Position (u, v) of the centre of pixel (0, 0), mm.
+        Position (u, v) of the centre of pixel (0, 0), in mm.
     pixel_size : float
-        Side length of a pixel, mm.
+        Side length of a pixel, in mm.
     unit : str
-        Unit of lengths, as in `Surface.metadata`.
+        Unit of length, as in `Surface.metadata`.
 
     See Also
     --------
@@ -156,17 +156,18 @@ class FlatImage(Recorded):
     data : ndarray, shape (H, W), or (H, W, 4) uint8 for colours
         Values, with NaN outside the map; colours have alpha 0 there. Row 0 is at the top.
     pixel_size : float
-        Side length of a pixel, mm.
+        Side length of a pixel, in mm.
     origin : tuple of 2 floats
-        Position (u, v) of the centre of pixel (0, 0), mm.
+        Position (u, v) of the centre of pixel (0, 0), in mm.
     name : str
         Title, with the unit of the values.
     labels : bool or None
-        Whether the values are labels, each with its own colour. If None, whole numbers that form areas are labels.
+        Whether the values are labels, each with its own colour. If None, whole numbers that form areas are treated as
+        labels.
     provenance : dict
         Record of how the image was made: the volume, the sampling, and the record of the map or atlas.
     unit : str
-        Unit of lengths on the map; "unknown" if it is not defined. Saved files are in mm or have no unit.
+        Unit of length on the map; "unknown" if it is not defined. Saved files are in mm or have no unit.
 
     See Also
     --------
@@ -308,7 +309,7 @@ class FlatImage(Recorded):
     def save(self, path: str | os.PathLike[str], *, sidecar: bool = False, overwrite: bool = False) -> None:
         """Save the image to a file.
 
-        The file extension determines the format. The file is either complete or not written at all.
+        The file extension determines the format. The file is written either completely or not at all.
 
         Parameters
         ----------
@@ -351,9 +352,9 @@ class FlatStack(Sequence[FlatImage], Recorded):
     channels : Channels
         Arrays as in `FlatImage.data`.
     pixel_size : float
-        Side length of a pixel, mm.
+        Side length of a pixel, in mm.
     origin : tuple of 2 floats
-        Position (u, v) of the centre of pixel (0, 0), mm.
+        Position (u, v) of the centre of pixel (0, 0), in mm.
     name : str
         Title.
     provenance : dict
@@ -575,7 +576,7 @@ class FlatStack(Sequence[FlatImage], Recorded):
     ) -> None:
         """Save all images to one file.
 
-        Images are sampled and written one by one. The file is either complete or not written at all.
+        Images are sampled and written one by one. The file is written either completely or not at all.
 
         Parameters
         ----------

@@ -89,14 +89,14 @@ class Regions(Recorded):
         return self.of._triangles.on_surface
 
     def at(self, places: NDArray[np.float64]) -> NDArray[np.int64]:
-        """Return the region at positions on the map.
+        """Return the region at each of the given positions on the map.
 
         Where regions overlap, the last one is returned.
 
         Parameters
         ----------
         places : ndarray, shape (..., 2)
-            Positions (u, v), mm.
+            Positions (u, v), in mm.
 
         Returns
         -------
@@ -248,7 +248,7 @@ class Regions(Recorded):
     ) -> None:
         """Save the regions to a file.
 
-        The file extension determines the format. The file is either complete or not written at all.
+        The file extension determines the format. The file is written either completely or not at all.
 
         Parameters
         ----------
@@ -256,7 +256,7 @@ class Regions(Recorded):
             ``.annot`` and ``.label.gii`` hold names, colours and mesh vertices. ``.label`` holds the vertices of a
             single region. ``.nii``, ``.nii.gz``, ``.mgh``, ``.mgz`` and ``.nrrd`` hold voxels, as returned by `volume`.
         volume : path, image object or Volume, optional
-            A volume that defines the grid of a label volume; by default, the flattened volume.
+            A volume that defines the grid of a label volume; by default the flattened volume.
         depth : tuple of 2 floats, optional
             As in `volume`.
         sidecar : bool

@@ -23,7 +23,7 @@ _CANCELLED = 1e-6  # a mean of unit vectors shorter than this has no direction
 
 
 def sample(volume: Volume, points: _Floats, interpolation: str | None = None) -> NDArray[Any]:
-    """Sample a volume at positions (..., 3), RAS+ mm; NaN (for colours, alpha 0) outside it. See `FlatMap.image`."""
+    """Sample a volume at positions (..., 3) in RAS+ mm; NaN (for colours, alpha 0) outside it. See `FlatMap.image`."""
     data = volume.data
     colour = data.ndim == 4
     interpolation = _way(volume, interpolation)

@@ -33,11 +33,11 @@ class RelievingCut:
     ids : ndarray of int64, shape (k,) or (k, 3)
         Vertices or voxels along the cut, from the interior of the map to its border.
     points : ndarray of float64, shape (k, 3)
-        Positions of these vertices on the surface, mm.
+        Positions of these vertices on the surface, in mm.
     uv : ndarray of float64, shape (k, 2)
-        Positions of these vertices on the map, mm.
+        Positions of these vertices on the map, in mm.
     length : float
-        Length of the cut, mm.
+        Length of the cut, in mm.
     gain : float
         Reduction of the relative distance error of a coarse preview map, as a fraction. Relaxation cuts are chosen by
         the same measure. It is negative if distances become worse, which can happen even if areas improve; NaN if there
@@ -76,18 +76,18 @@ class WorstPlace:
     kind : {"stretched", "shrunk"}
         How its area changes.
     area : float
-        Area of the region on the surface, mm².
+        Area of the region on the surface, in mm².
     share : float
         Area of the region as a fraction of the whole surface.
     excess : float
-        Total distortion of the region, ``Σ A_surface |log2(A_flat / A_surface)|``, mm².
+        Total distortion of the region, ``Σ A_surface |log2(A_flat / A_surface)|``, in mm².
     worst_ratio, median_ratio : float
         A_flat / A_surface of the triangle with the greatest change, and the area-weighted median, at the scale that
         preserves the total area.
     point : ndarray of float64, shape (3,)
-        Centre of the region on the surface (one of its vertices), mm.
+        Centre of the region on the surface (one of its vertices), in mm.
     uv : ndarray of float64, shape (2,)
-        The position of that vertex on the map, mm.
+        The position of that vertex on the map, in mm.
     id : ndarray of int64, shape () or (3,)
         The number of that vertex, or its voxel.
     triangles : ndarray of int64, shape (k,)
@@ -98,7 +98,7 @@ class WorstPlace:
         A cut that reduces the distortion of the region. None if cuts were not requested, or if no path connects the
         region to the border.
     unit : str
-        Unit of lengths; "unknown" if it is not defined.
+        Unit of length; "unknown" if it is not defined.
 
     See Also
     --------

@@ -50,7 +50,7 @@ class Schwartz1989(OverTriangles):
         default the neighbourhood covers a tenth of the vertices, which Schwartz et al. (1989) found to be sufficient,
         and at least 100 vertices.
     starts : int
-        Number of random starts; by default 3, as in Schwartz et al. (1989).
+        Number of random starts; by default 3, as in [1]_.
 
     See Also
     --------

@@ -52,7 +52,7 @@ class Voxflat(OverTriangles):
 
     The part weighted by :math:`\lambda = 0.02` tends to infinity when a triangle is about to flip [1]_. The other part
     keeps the map as rigid as possible [2]_. The descent starts from a Tutte embedding of a coarse surface and proceeds
-    level by level until all vertices are placed. No triangle is flipped in the process, and no triangle covers another.
+    level by level until all vertices are placed. No triangle is flipped in the process, and no triangles overlap.
 
     Parameters
     ----------
@@ -78,8 +78,8 @@ class Voxflat(OverTriangles):
         scale to the other.
     max_area : float, optional
         Greatest factor, above 1, by which any triangle may change its area, relative to the scale that preserves the
-        total area. Starting from the usual map, the descent continues with an increasing penalty on larger changes.
-        ``metadata["area_change"]`` is the factor reached. If no such map is found, flattening raises an
+        total area. Starting from the map without this bound, the descent continues with an increasing penalty on larger
+        changes. ``metadata["area_change"]`` holds the factor reached. If no such map is found, flattening raises an
         `AreaBoundError`, which holds the best map and suggested cuts.
     start : map, optional
         A flat map of the surface to start from, of any kind that `voxflat.measure` accepts. It may have any position,

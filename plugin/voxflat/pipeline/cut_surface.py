@@ -281,7 +281,7 @@ class CutSurface(Generic[_Surface]):
     def save_template(self, path: str | os.PathLike[str], *, sidecar: bool = False, overwrite: bool = False) -> None:
         """Save the cuts, and the border of the excluded region, as a template.
 
-        The lines are stored on the sphere. The template therefore applies to every surface with a registered sphere of
+        The lines are stored on the sphere. The template therefore applies to every surface with a registered sphere for
         the same hemisphere and space. Pass the file as the ``cuts`` argument of `flatten` or `Surface.cut`.
 
         Parameters

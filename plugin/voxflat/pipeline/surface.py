@@ -56,7 +56,7 @@ class Surface(Manifold):
     remarks : tuple of str
         Warnings about the surface.
     white_points, pial_points : ndarray of float64, shape (V, 3), or None
-        The white and the pial position of each vertex of the whole surface, RAS+ mm in `space`, if both are known.
+        The white and the pial position of each vertex of the whole surface, in RAS+ mm in `space`, if both are known.
     mesh_faces : ndarray of int64, shape (G, 3), or None
         The triangles of the whole mesh as given or repaired, as vertex numbers; None if the input was not a mesh.
     merged : ndarray of int64, shape (M, 2)
@@ -131,7 +131,7 @@ class Surface(Manifold):
         Parameters
         ----------
         region : mask, path or vertex numbers, or "medial wall"
-            As in `keep`. ``"medial wall"`` finds the region where the white and pial surfaces touch.
+            As in `keep`. ``"medial wall"`` selects the region where the white and pial surfaces touch.
 
         Returns
         -------
@@ -204,7 +204,8 @@ class Surface(Manifold):
     def polygon(self, corners: ArrayLike, *, progress: Progress | None = None) -> Surface:
         """Return the region enclosed by shortest paths between corners.
 
-        The closed path follows edges from each corner to the next. The region is the smaller side of the path.
+        The closed path follows edges from each corner to the next. The region is the smaller of the two sides of the
+        path.
 
         Parameters
         ----------
@@ -255,13 +256,13 @@ class Surface(Manifold):
 
         Parameters
         ----------
-        cuts : "standard", "automatic", list of paths, or path of a file, optional
+        cuts : "standard", "automatic", list of paths, or path to a file, optional
             Where to cut. "standard" cuts along the medial wall, the calcarine sulcus, three medial lines and a temporal
             line, which are the same for every brain; they are traced on the registered `sphere`. "automatic" cuts open
             any surface that is not a disk, and adds relaxation cuts (see `relax`) that suit this surface best. A list
             holds paths of neighbouring vertices (voxel indices (k, 3) or vertex numbers (k,)), for example from
             `Surface.path`. A file holds cuts from `CutSurface.save`, or a template from `CutSurface.save_template`. If
-            the surface is still not a disk, it is cut open automatically and a warning reports it; pass ``[]`` to
+            the surface is still not a disk, it is cut open automatically and a warning is issued; pass ``[]`` to
             prevent this. The default is "standard" for a closed surface whose sphere is given, or is stored next to its
             file as in FreeSurfer (``lh.sphere.reg`` next to ``lh.white``), unless a part was chosen other than by
             `drop`; otherwise it is "automatic".
@@ -328,8 +329,8 @@ class Surface(Manifold):
     ) -> FlatMap:
         """Flatten the surface into the plane while preserving geodesic distances.
 
-        The surface is first cut open to a disk, as by `cut`. Warnings are sent to the logger ``voxflat`` and listed in
-        ``metadata["warnings"]``.
+        The surface is first cut open to a disk, as with `cut`. Warnings are sent to the logger ``voxflat`` and listed
+        in ``metadata["warnings"]``.
 
         Parameters
         ----------
@@ -701,7 +702,7 @@ def surface(
     probability : ndarray, path, image object or Volume, optional
         For volumes, an image of the same shape whose value on the surface is `threshold` (or 0.5). Points are placed at
         this value. By default, the volume itself determines their positions if `threshold` is given and its values vary
-        smoothly; otherwise, a fit to the voxels does.
+        smoothly; otherwise, they are fitted to the voxels.
     pial : path, Mesh, (points, faces) or pyvista.PolyData, optional
         The pial surface whose vertices correspond to those of the given white surface. Distances are then measured
         midway between the two surfaces. An error is raised if the pial surface does not lie outside the white one.

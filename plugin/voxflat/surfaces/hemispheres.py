@@ -1,4 +1,4 @@
-"""Extract the white matter of one hemisphere from the white matter of a whole brain.
+"""Extract the white matter of one hemisphere from whole-brain white matter.
 
 An affine transform aligns a template of the MNI152 white matter, divided into both hemispheres and the rest, with the
 brain. Each voxel of white matter belongs to the nearest part of the template. Ventricles and deep nuclei inside the
@@ -57,10 +57,10 @@ def hemisphere(
     affine: ArrayLike | None = None,
     progress: Progress | None = None,
 ) -> Volume:
-    """Extract the white matter of one hemisphere from the white matter of a whole brain.
+    """Extract the white matter of one hemisphere from whole-brain white matter.
 
     The result has a closed surface. The cerebellum and the brain stem are excluded, and the ventricles and deep nuclei
-    are filled. The brain may have any position and any orientation that its affine defines, and be rotated by up to
+    are filled. The brain may have any position and any orientation that its affine defines, plus a rotation of up to
     about 30 degrees.
 
     Parameters
@@ -77,13 +77,13 @@ def hemisphere(
     Returns
     -------
     Volume
-        Mask of uint8 on the grid of the source: 1 in the hemisphere, one component under face adjacency.
+        A uint8 mask on the grid of the source: 1 in the hemisphere, which is a single face-connected component.
 
     Raises
     ------
     HemisphereError
-        If the volume does not look like the white matter of a whole brain. The message names the step that failed, and
-        the error's ``figure()`` shows it.
+        If the volume does not look like whole-brain white matter. The message names the step that failed, and the
+        error's ``figure()`` shows it.
     InputError, Cancelled
         If the input is not a 3-D volume, or `progress` returned False.
 
@@ -279,7 +279,7 @@ _last: dict[bytes, tuple[Affine, float]] = {}  # the last alignment, by its inpu
 
 
 def _fitted(coarse: NDArray[np.float32], grid: Affine, steps: _Steps) -> tuple[Affine, float]:
-    """Return the affine transform from the template to a brain in large voxels, RAS+ mm, and the overlap (Dice).
+    """Return the affine transform from the template to a brain in large voxels, in RAS+ mm, and the overlap (Dice).
 
     It minimises the sum of squared differences of both masks by Gauss-Newton steps, with decreasing smoothing. Points
     outside the brain's volume are ignored.
@@ -336,7 +336,7 @@ def _aligned_middles(coarse: NDArray[np.float32], grid: Affine, template: _Templ
 
 
 def _moments(mask: NDArray[Any], affine: Affine) -> tuple[NDArray[np.float64], float]:
-    """Return the centre of a mask and the root mean square distance from it, mm."""
+    """Return the centre of a mask and the root mean square distance from it, in mm."""
     places = np.argwhere(mask > 0.5)
     if len(places) == 0:
         said = "the volume contains hardly any white matter. Check the threshold"

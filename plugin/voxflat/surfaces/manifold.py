@@ -106,7 +106,7 @@ class Manifold:
 
     @property
     def voxel_size(self) -> float | None:
-        """Geometric mean of the three voxel spacings, mm.
+        """Geometric mean of the three voxel spacings, in mm.
 
         It is None for a surface from a mesh.
 
@@ -123,12 +123,12 @@ class Manifold:
 
     @property
     def _largest_spacing(self) -> float:
-        """The largest of the three voxel spacings, mm; the surface must come from a volume."""
+        """The largest of the three voxel spacings, in mm; the surface must come from a volume."""
         return float(np.linalg.norm(np.asarray(self.metadata["affine"])[:3, :3], axis=0).max())
 
     @property
     def points(self) -> NDArray[np.float64]:
-        """Coordinates of the vertices, RAS+ mm in `space`, shape (N, 3).
+        """Coordinates of the vertices, in RAS+ mm in `space`, shape (N, 3).
 
         The two sides of a cut have separate vertices.
 
@@ -179,7 +179,7 @@ class Manifold:
 
     @property
     def thickness(self) -> NDArray[np.float64] | None:
-        """Distance from the white to the pial surface at each vertex of the complete surface, mm, shape (V,).
+        """Distance from the white to the pial surface at each vertex of the complete surface, in mm, shape (V,).
 
         It is None if the white or the pial surface is not known.
 
@@ -198,7 +198,7 @@ class Manifold:
 
     @property
     def usual_edge(self) -> float:
-        """Median length of the triangle edges, mm.
+        """Median length of the triangle edges, in mm.
 
         It is a measure of the resolution of the surface.
 
@@ -349,7 +349,7 @@ class Manifold:
         vertex : int
             Vertex number.
         distance : float
-            Distance from the centre of the voxel to the centre of the vertex's voxel, mm.
+            Distance from the centre of the voxel to the centre of the vertex's voxel, in mm.
 
         See Also
         --------
@@ -489,7 +489,7 @@ class Manifold:
         return among[~are_triangles(among, own)]
 
     def changed_voxels(self) -> NDArray[np.uint8]:
-        """Return which voxels the repair changed.
+        """Return the voxels that the repair changed.
 
         Only surfaces from volumes have voxels.
 

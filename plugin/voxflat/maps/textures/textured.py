@@ -30,7 +30,7 @@ class TexturedSurface(Recorded):
     Parameters
     ----------
     points : ndarray of float64, shape (N, 3)
-        Positions, RAS+ mm, in scanner RAS if the transform is known.
+        Positions in RAS+ mm, in scanner RAS if the transform is known.
     faces : ndarray of int64, shape (F, 3)
         Triangles of points.
     texture_coordinates : ndarray of float64, shape (N, 2) or (P, 2)
