@@ -21,7 +21,7 @@ def hill() -> Surface:
 
     See Also
     --------
-    ball : Return a label volume, whose surface is closed.
+    ball : Return a label volume with a closed surface.
 
     Examples
     --------
@@ -61,7 +61,7 @@ def ball() -> NDArray[np.uint8]:
 def rim() -> Volume:
     """Return a segmentation of the grey matter of a gyrus, as used for layer fMRI.
 
-    The grey matter is half a cylinder, 8 mm long, between the radii of 4.5 and 7 mm, with voxels of 0.4 mm.
+    The grey matter is half a cylinder, 8 mm long, between radii of 4.5 and 7 mm, with voxels of 0.4 mm.
 
     Returns
     -------

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 
 class Distinct(NamedTuple):
-    """Store the unique rows of an array."""
+    """The unique rows of an array."""
 
     rows: NDArray[Any]  # sorted lexicographically, shape (K, C), or (K,) for an array of one dimension
     first: NDArray[np.int64]  # index of the first occurrence of each, shape (K,)

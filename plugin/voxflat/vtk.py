@@ -206,13 +206,13 @@ class FlattenSurface(_Filter):
     keep, drop : str, ndarray or None
         Region to keep or to exclude: the name of a point array, or a mask.
     seed_point : int, position, pyvista.Cell or None
-        Centre of a patch, with `radius`.
+        Centre of a patch with the given `radius`.
     radius : float or None
         Radius of the patch along the surface, in the unit of the data.
     cuts, relax, method : object
         Cuts, relaxation cuts and method, as in `Surface.flatten`.
     seed : int
-        Seed of the random numbers.
+        Seed for random choices.
     threads : int or None
         Number of threads.
 

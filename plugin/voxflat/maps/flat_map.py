@@ -483,7 +483,7 @@ class FlatMap(Planar):
     def save(self, path: str | os.PathLike[str], *, sidecar: bool = False, overwrite: bool = False) -> None:
         """Save the map to a file.
 
-        The ending of the name selects the format. The file is written completely or not at all.
+        The file extension determines the format. The file is written either completely or not at all.
 
         Parameters
         ----------
@@ -503,7 +503,7 @@ class FlatMap(Planar):
         Raises
         ------
         InputError
-            If the ending is not supported, or the path is an input file of the map.
+            If the file extension is not supported, or the path is an input file of the map.
         OSError
             If the file cannot be written.
 
@@ -548,7 +548,7 @@ class FlatMap(Planar):
 
     @property
     def _places(self) -> NDArray[np.float64]:
-        """Positions of the points as 3-D points with z = 0."""
+        """Positions of the points in 3-D, with z = 0."""
         return np.column_stack([self.uv, np.zeros(len(self))])
 
     def _mesh(self, *, with_torn: bool = False) -> Mesh:
@@ -583,19 +583,19 @@ class FlatMap(Planar):
     # ------------------------------------------------------------------- as objects of other packages
 
     def to_nilearn(self) -> Any:
-        """Convert the map of a mesh to nilearn's ``InMemoryMesh``, for ``plot_surf`` and ``view_surf``.
+        """Convert the map of a mesh to a nilearn ``InMemoryMesh`` for ``plot_surf`` and ``view_surf``.
 
         The result has the vertices of the flattened mesh, in the same order, so data on that mesh can be plotted on it.
-        Vertices that the map excludes lie at the origin and belong to no triangle.
+        Vertices excluded from the map lie at the origin and do not belong to any triangle.
 
         Returns
         -------
         nilearn.surface.InMemoryMesh
-            Coordinates (u, v, 0), mm.
+            Coordinates (u, v, 0), in mm.
 
         See Also
         --------
-        FlatMap.to_gifti : Convert the map to nibabel's GiftiImage.
+        FlatMap.to_gifti : Convert the map to a nibabel GiftiImage.
 
         Examples
         --------
@@ -606,7 +606,7 @@ class FlatMap(Planar):
         return require("nilearn.surface").InMemoryMesh(mesh.points, mesh.faces)
 
     def to_gifti(self) -> Any:
-        """Convert the map to nibabel's ``GiftiImage``.
+        """Convert the map to a nibabel ``GiftiImage``.
 
         The result is the flat surface that ``save("map.surf.gii")`` writes.
 
@@ -617,7 +617,7 @@ class FlatMap(Planar):
 
         See Also
         --------
-        FlatMap.to_nilearn : Convert the map to nilearn's InMemoryMesh.
+        FlatMap.to_nilearn : Convert the map to a nilearn InMemoryMesh.
 
         Examples
         --------
@@ -628,18 +628,18 @@ class FlatMap(Planar):
         return gifti.load(gifti.surface_bytes(mesh.points, mesh.faces, mesh.structure))
 
     def to_trimesh(self) -> Any:
-        """Convert the map to ``trimesh.Trimesh``, in the plane.
+        """Convert the map to a ``trimesh.Trimesh`` object in the plane.
 
         The result has the vertices of the flattened mesh.
 
         Returns
         -------
         trimesh.Trimesh
-            Coordinates (u, v, 0), mm.
+            Coordinates (u, v, 0), in mm.
 
         See Also
         --------
-        FlatMap.to_pyvista : Convert the map to pyvista.PolyData.
+        FlatMap.to_pyvista : Convert the map to a pyvista.PolyData object.
 
         Examples
         --------
@@ -650,18 +650,18 @@ class FlatMap(Planar):
         return require("trimesh").Trimesh(mesh.points, mesh.faces, process=False)
 
     def to_pyvista(self) -> Any:
-        """Convert the map to ``pyvista.PolyData``, in the plane.
+        """Convert the map to a ``pyvista.PolyData`` object in the plane.
 
-        Distortion figures are included as point data, as in the result of ``mesh.voxflat()``.
+        Distortion measures are included as point data, as in the result of ``mesh.voxflat()``.
 
         Returns
         -------
         pyvista.PolyData
-            One point for each row of the map.
+            A mesh with one point for each point of the map.
 
         See Also
         --------
-        FlatMap.to_trimesh : Convert the map to trimesh.Trimesh.
+        FlatMap.to_trimesh : Convert the map to a trimesh.Trimesh object.
 
         Examples
         --------
@@ -674,14 +674,14 @@ class FlatMap(Planar):
     def plot(self, overlay: object | None = None, *, ax: Any = None, **options: Any) -> Any:
         """Draw the map with matplotlib.
 
-        It accepts the options of `voxflat.figures.flat_map` and of the command ``voxflat figure``.
+        It accepts the options of `voxflat.figures.flat_map` and of the ``voxflat figure`` command.
 
         Parameters
         ----------
         overlay : Overlay, path, ndarray, image object or Volume, optional
-            Data shown over the folds.
+            Data to show on top of the cortical folds.
         ax : matplotlib.axes.Axes, optional
-            Axes in which to draw; by default a new figure.
+            Axes to draw in; by default, a new figure is created.
         **options
             As in `voxflat.figures.flat_map`.
 
@@ -697,7 +697,7 @@ class FlatMap(Planar):
 
         See Also
         --------
-        FlatMap.image : Show data on the map as an array.
+        FlatMap.image : Return the data shown on the map as an array.
 
         Examples
         --------
@@ -711,7 +711,7 @@ class FlatMap(Planar):
         return figure if ax is None else ax
 
     def _repr_html_(self) -> str:
-        """Return a picture of the map and a table of its distortion figures, for Jupyter."""
+        """Return a picture of the map and a table of its distortion measures, for Jupyter."""
         figure = _drawing("figures").flat_map(self)
         return page(self, self.distortion.table(), figure, "The flat map, shaded by its folds")
 

@@ -32,7 +32,7 @@ _Values = Iterator[NDArray[np.float32]]
 
 
 class _Image(Protocol):
-    """The part of `FlatImage` that is used here."""
+    """The properties of `FlatImage` that this module uses."""
 
     @property
     def data(self) -> NDArray[Any]: ...
@@ -47,7 +47,7 @@ class _Image(Protocol):
 
 
 class _Stack(Protocol):
-    """The part of `FlatStack` that is used here."""
+    """The properties of `FlatStack` that this module uses."""
 
     @property
     def names(self) -> tuple[str, ...]: ...
@@ -154,7 +154,7 @@ def reporting(images: Iterator[_T], count: int, name: str, progress: Progress | 
 
 
 def _frames_and_channels(stack: _Stack) -> tuple[int, tuple[str, ...]]:
-    """Return the number of frames of a stack (1 if it is not a series), and the names of the images of a frame."""
+    """Return the number of frames of a stack (1 if it is not a series), and the names of the images in each frame."""
     names = stack.names if stack.timing is None else stack.layers or ("",)
     return len(stack) // len(names), names
 
@@ -176,7 +176,7 @@ def _write_tiff_pages(path: Path, stack: _Stack, first: _Image, values: _Values,
 
 
 def _ome(stack: _Stack, first: _Image, record: Record) -> str:
-    """Return the description of an OME-TIFF, from which Bio-Formats, Fiji and tifffile read the axes and units."""
+    """Return the OME-XML description, from which Bio-Formats, Fiji and tifffile read the axes and units."""
     frames, channels = _frames_and_channels(stack)
     height, width = first.data.shape
     affine, has_unit = _placed(first)
@@ -239,7 +239,7 @@ def _write_npy_series(path: Path, stack: _Stack, first: _Image, values: _Values,
 
 
 def _write_zarr(path: Path, stack: _Stack, first: _Image, values: _Values, record: Record) -> None:
-    """Write OME-Zarr 0.4, which all readers support, with the axes t or c (t and c), y = −v, x = u."""
+    """Write OME-Zarr 0.4, which all readers support, with axes t and c (or one of them), y = −v and x = u."""
     zarr = require("zarr")
     form: Any = {"zarr_format": 2} if int(zarr.__version__.split(".")[0]) > 2 else {}  # the only format before
     frames, channels = _frames_and_channels(stack)
@@ -283,7 +283,7 @@ def _described(image: _Image, name: str, record: Record) -> str:
 
 
 def _resolution(image: _Image) -> dict[str, float]:
-    """Return the resolution tags of TIFF."""
+    """Return the TIFF resolution tags."""
     affine, has_unit = _placed(image)
     per_cm = 10 / float(affine[2, 2])
     known = {"x_resolution": per_cm, "y_resolution": per_cm, "resolution_unit": _TIFF_CENTIMETRE}
@@ -303,7 +303,7 @@ def _description(image: _Image, name: str, record: Record) -> dict[str, str]:
 
 
 def _grey(data: NDArray[Any]) -> tuple[NDArray[np.uint8], str]:
-    """Return grey levels and opacity (H, W, 2), and a description of black and white."""
+    """Return grey levels and opacity (H, W, 2), and a description of the values shown as black and white."""
     inside = np.isfinite(data)
     level, (low, high) = levels(data, None)
     pixels = np.zeros((*data.shape, 2), dtype=np.uint8)

@@ -14,7 +14,7 @@ _AROUND = 256  # corners of the polygon that approximates an ellipse
 
 
 def outline(uv: _Floats, faces: NDArray[Any]) -> list[_Floats]:
-    """Return the outline of a map as lines of `rim`, mm."""
+    """Return the outline of a map as lines from `rim`, in mm."""
     return [uv[line] for line in rim(faces, len(uv))]
 
 
@@ -32,10 +32,10 @@ def ellipse(corners: _Floats) -> _Floats:
 
 
 def borders(uv: _Floats, faces: NDArray[Any], labels: _Ints) -> list[_Floats]:
-    """Return smooth borders between the labels of points as lines, mm, by marching triangles.
+    """Return smooth borders between labelled points as lines, in mm, using marching triangles.
 
-    Crossings, initially in the middles of edges, move along their edges but never to an end, so that each vertex stays
-    on its side. Where three labels meet, borders lead from the middles of the edges to the centre of the triangle.
+    Crossings start at the midpoints of edges and move along them, but never reach an end, so that each vertex stays on
+    its side. Where three labels meet, borders lead from the midpoints of the edges to the centre of the triangle.
     """
     edges, share, links, centres = _crossings(uv, faces, labels)
     crossings = uv[edges[:, 0]] + share[:, None] * (uv[edges[:, 1]] - uv[edges[:, 0]])
@@ -46,7 +46,7 @@ def borders(uv: _Floats, faces: NDArray[Any], labels: _Ints) -> list[_Floats]:
 def region_corners(
     uv: _Floats, faces: NDArray[Any], labels: _Ints, corners: NDArray[Any], weights: NDArray[np.floating[Any]]
 ) -> _Ints:
-    """Return the corner on the same side of the `borders` as each place, given by corners (M, 3) and weights."""
+    """Return, for each place given by corners (M, 3) and weights, the corner on the same side of the `borders`."""
     corners = corners.astype(np.int64)
     own = labels[corners]
     best = np.take_along_axis(corners, weights.argmax(axis=1)[:, None], axis=1)[:, 0]
@@ -104,7 +104,7 @@ def chains(links: NDArray[Any]) -> list[_Ints]:
 
 
 def edges_of(faces: NDArray[Any], count: int) -> tuple[_Ints, _Ints, _Ints]:
-    """Return edges (E, 2), smaller number first; the edges of each face (F, 3); and the face count of each edge."""
+    """Return edges (E, 2), smaller number first; the edges of each face (F, 3); and the face count at each edge."""
     faces = faces.astype(np.int64)
     ends = np.stack([faces, np.roll(faces, -1, axis=1)], axis=2)
     keys = ends.min(axis=2) * count + ends.max(axis=2)
@@ -113,7 +113,7 @@ def edges_of(faces: NDArray[Any], count: int) -> tuple[_Ints, _Ints, _Ints]:
 
 
 def _crossings(uv: _Floats, faces: NDArray[Any], labels: _Ints) -> tuple[_Ints, _Floats, _Ints, _Floats]:
-    """Return crossed edges, positions along them, links, and centres of triangles with three labels (last numbers)."""
+    """Return crossed edges, positions along them, links, and centres of triangles with three labels (numbered last)."""
     edges, of_face, _ = edges_of(faces, len(uv))
     differs = labels[edges[:, 0]] != labels[edges[:, 1]]
     number = np.full(len(edges), -1)

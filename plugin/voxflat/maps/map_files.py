@@ -44,7 +44,7 @@ def write_map(path: Path, arrays: dict[str, Any], description: Record) -> None:
 
 
 def read_map(path: str | os.PathLike[str]) -> dict[str, Any]:
-    """Read the fields of a `FlatMap`, checked against each other; a damaged file raises an `InputError`."""
+    """Read the fields of a `FlatMap` and check their consistency; a damaged file raises an `InputError`."""
     with files.naming(path, files.AGAIN):
         files.check_regular(checked_path(path))
     with files.holding(path, "a flat map"):
@@ -75,7 +75,7 @@ def read_map(path: str | os.PathLike[str]) -> dict[str, Any]:
 def mesh_of_vertices(
     places: NDArray[np.float64], ids: NDArray[np.int64], faces: NDArray[Any], count: int, structure: str | None
 ) -> Mesh:
-    """Return a flat map as a mesh with the vertices of the flattened mesh; cuts keep the side with more triangles."""
+    """Return a flat map as a mesh with the flattened mesh's vertices; at cuts, the side with more triangles is kept."""
     rows = one_point_a_vertex(ids, faces)
     is_kept = triangles_of(rows, faces)
     if not is_kept.all():

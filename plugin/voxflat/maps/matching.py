@@ -30,7 +30,7 @@ class Matched:
     uv: NDArray[np.float64]  # (N, 2)
 
     def correspondence(self, other: "Matched") -> NDArray[np.int64] | None:
-        """Return the other map's vertex for each vertex, if both have the same triangles and cuts."""
+        """Return the other map's vertex for each vertex, if both maps have the same triangles and cuts."""
         corners, ids = _sorted_corners(self)
         others, other_ids = _sorted_corners(other)
         if not np.array_equal(ids, other_ids):
@@ -51,7 +51,7 @@ def _sorted_corners(of: Matched) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
 
 
 def loaded(flat: object) -> object:
-    """Load a voxflat map if a path names one; return all other input unchanged."""
+    """Load the input if it is the path to a voxflat map; return all other input unchanged."""
     is_ours = isinstance(flat, str | os.PathLike) and os.fspath(flat).lower().endswith(SAVED_ENDINGS)
     return load(flat) if is_ours else flat  # type: ignore[arg-type]
 
@@ -150,7 +150,7 @@ def _cut_as_it_is(
 
 
 def vertices_of(whole: Manifold, flat: FlatMap) -> NDArray[np.int64]:
-    """Find a map's points; if a voxel has two vertices, one for each side of the surface, use the nearest."""
+    """Find the vertices of a map's points; if a voxel has two, one for each side of the surface, use the nearer one."""
     found = whole.find(flat.ids, "the map's points").astype(np.int64)
     _, _, kind, counts = distinct(whole.ids)
     order, ends = np.argsort(kind, kind="stable"), np.cumsum(counts)
@@ -177,7 +177,7 @@ def _matched(whole: Manifold, faces: NDArray[np.int64], places: NDArray[np.float
 
 
 def _check_triangles(whole: Manifold, faces: NDArray[np.int64]) -> None:
-    """Raise an error for vertices that the surface does not have; warn about triangles that it does not have."""
+    """Raise an error for vertices that are not on the surface; warn about triangles that are not on it."""
     if len(faces) == 0:
         raise InputError("the map does not contain a complete triangle of the surface. Pass a map of this surface")
     is_there = np.zeros(whole.count, dtype=np.bool_)

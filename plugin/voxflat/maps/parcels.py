@@ -35,16 +35,16 @@ class Parcels:
 
     @cached_property
     def colours(self) -> dict[int, tuple[int, int, int]]:
-        """The colour of each parcel on the map, by label: red, green, blue from 0 to 255."""
+        """The colour of each parcel on the map, by label: red, green and blue, from 0 to 255."""
         return {label: self.table.colours.get(label) or label_colour(label) for label in self.names}
 
     @cached_property
     def borders(self) -> list[NDArray[np.float64]]:
-        """The borders between parcels, smooth lines of shape (k, 2), mm, from `lines.borders`."""
+        """The borders between parcels: smooth lines of shape (k, 2) in mm, from `lines.borders`."""
         return borders(self.flat_map.uv, self.flat_map.faces[~self.flat_map.torn], self.labels)
 
     def raster(self, raster: Raster) -> NDArray[np.int64]:
-        """Return the label of each pixel, separated by the lines in `borders`; −1 where there is no label."""
+        """Return the label of each pixel, with areas separated by the lines `borders`; −1 where there is no label."""
         inside = raster.inside
         found = np.full(raster.shape, _NONE)
         corners, weights = raster.corners[inside], np.asarray(raster.weights[inside], dtype=np.float64)
@@ -53,18 +53,19 @@ class Parcels:
         return found
 
     def coloured(self, labels: NDArray[np.int64]) -> NDArray[np.uint8]:
-        """Return the colours of labels, RGBA, with opacity 0 where there is no parcel."""
+        """Return the RGBA colours of labels, with opacity 0 where there is no parcel."""
         known, which = np.unique(labels, return_inverse=True)
         rows = [(*self.colours[label], 255) if label in self.colours else (0, 0, 0, 0) for label in known.tolist()]
         return np.array(rows, dtype=np.uint8)[which.reshape(labels.shape)]
 
 
 def parcels_of(flat_map: FlatMap, labels: object, *, table: object = None, depths: Depths = ON_SURFACE) -> Parcels:
-    """Return labels on a map; raise an InputError if there are none on the map.
+    """Return labels on a map; raise an `InputError` if none is on the map.
 
-    Labels belong to the vertices of the mesh (``.annot``, ``.label.gii``, ``.dlabel.nii``, or whole numbers of shape
-    (V,)), or are a volume. From a volume, each point takes the label of the nearest voxel, or, with several depths, the
-    most frequent label of the surrounding voxels. `table` gives names and colours that the file does not contain.
+    Labels are given for the vertices of the mesh (``.annot``, ``.label.gii``, ``.dlabel.nii``, or an array of whole
+    numbers of shape (V,)), or as a volume. With a volume, each point takes the label of the nearest voxel or, at
+    several depths, the most frequent label among the surrounding voxels. `table` provides names and colours that the
+    file does not contain.
     """
     sampler, way = flat_map._triangles.on_surface, "nearest" if len(depths) == 1 else "majority"
     stack = sampler.images(at_points(len(flat_map)), labels, depths=depths, average=True, interpolation=way)

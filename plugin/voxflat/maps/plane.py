@@ -29,17 +29,17 @@ class Places:
     Parameters
     ----------
     face_ids : ndarray of int64, shape (...)
-        The triangle at each point, as a row of `faces`; −1 outside all triangles.
+        The triangle at each point, as a row number of `faces`; −1 outside all triangles.
     weights : ndarray of float64, shape (..., 3)
-        Barycentric coordinates for the corners of the triangle; NaN outside all triangles.
+        Barycentric coordinates with respect to the corners of the triangle; NaN outside all triangles.
     points : ndarray of float64, shape (..., 3)
-        Positions on the surface, RAS+ mm in its `space`; NaN outside all triangles.
+        Positions on the surface, in RAS+ mm in its `space`; NaN outside all triangles.
     piece_ids : ndarray of int64, shape (...)
         The piece of an atlas, or 0 on a map, which has only one piece; −1 outside all triangles.
 
     See Also
     --------
-    FlatMap.look_up : Look up points of the plane.
+    FlatMap.look_up : Look up points in the plane.
 
     Examples
     --------
@@ -62,16 +62,16 @@ class Places:
 class FlatTriangles:
     """Triangles in the plane, with the corresponding points on the surface.
 
-    Maps and pages draw them and look them up.
+    Maps and pages use them for drawing and for looking up points.
 
     Parameters
     ----------
     uv : ndarray of float64, shape (N, 2)
-        Positions in the plane, mm.
+        Positions in the plane, in mm.
     faces : ndarray of uint32, shape (F, 3)
         The triangles.
     torn : ndarray of bool, shape (F,)
-        Triangles whose corners are not connected on the surface; they show the nearest corner.
+        Mask of the triangles whose corners are not connected on the surface; they show the nearest corner.
     on_surface : Sampler
         The same N points on the surface.
     piece_ids : ndarray of int64, shape (F,), or None
@@ -105,7 +105,7 @@ class Planar(ABC):
     @property
     @abstractmethod
     def pixel_size(self) -> float:
-        """The default side length of a pixel, mm."""
+        """The default side length of a pixel, in mm."""
 
     @cached_property
     def _rasters(self) -> dict[float, Raster]:
@@ -117,19 +117,19 @@ class Planar(ABC):
         return _core.TriangleFinder(np.ascontiguousarray(of.uv[of.faces], dtype=np.float64))
 
     def raster(self, pixel_size: float | None = None) -> Raster:
-        """Return the pixels, with their positions on the surface.
+        """Return the pixels with their positions on the surface.
 
         Rasters are cached, so repeated calls are fast.
 
         Parameters
         ----------
         pixel_size : float, optional
-            Side length of a pixel, mm; by default `pixel_size`.
+            Side length of a pixel, in mm; by default `pixel_size`.
 
         Returns
         -------
         Raster
-            On a map, its corners are points of the map. On a page, corner 3 t + k is corner k of triangle t.
+            On a map, `corners` are points of the map. On a page, corner 3 t + k is corner k of triangle t.
 
         Raises
         ------
@@ -168,7 +168,7 @@ class Planar(ABC):
         ids : ndarray of int64, shape (H, W, 3) or (H, W)
             The nearest surface voxel or vertex; −1 outside the map.
         points : ndarray of float64, shape (H, W, 3)
-            Positions, RAS+ mm in the surface's `space`, interpolated linearly between vertices; NaN outside the map.
+            Positions, in RAS+ mm in the surface's `space`, interpolated linearly between vertices; NaN outside the map.
 
         See Also
         --------
@@ -186,7 +186,7 @@ class Planar(ABC):
         return np.where(inside, of.ids[nearest], -1), raster.interpolate(of.points)
 
     def look_up(self, places: ArrayLike) -> Places:
-        """Look up the triangle, the piece and the surface position at points of the plane.
+        """Look up the triangle, the piece and the surface position at points in the plane.
 
         In a torn triangle, whose corners are not connected on the surface, the nearest corner is used. Where triangles
         overlap, the first one is used.
@@ -194,7 +194,7 @@ class Planar(ABC):
         Parameters
         ----------
         places : array_like, shape (..., 2)
-            Positions (u, v), mm.
+            Positions (u, v), in mm.
 
         Returns
         -------
@@ -244,17 +244,18 @@ class Planar(ABC):
     def points_to_map(
         self, points: ArrayLike, limit: float = LIMIT, *, space: str = "surface"
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Find points in space on the map, each at the nearest position of the surface.
+        """Find points in space on the map, each at the nearest position on the surface.
 
         Points on a cut are assigned to one of its sides.
 
         Parameters
         ----------
         points : array_like, shape (..., 3)
-            Points, RAS+ mm.
+            Points, in RAS+ mm.
         limit : float
-            Greatest distance between a point and the surface, mm; by default 5, more than the thickness of the cortex.
-            The surface is that of the map's `points`, which lies midway between white and pial if ``pial=`` was passed.
+            Maximum distance between a point and the surface, in mm; by default 5, more than the thickness of the
+            cortex. The surface is that of the map's `points`, which lie midway between the white and pial surfaces if
+            ``pial=`` was passed.
         space : {"surface", "scanner"}
             Space of the points: the surface's own `space`, as in the result of `locate`, or scanner RAS, as for
             volumes.
@@ -262,9 +263,9 @@ class Planar(ABC):
         Returns
         -------
         uv : ndarray of float64, shape (..., 2)
-            Positions on the map, mm; NaN for points beyond the limit.
+            Positions on the map, in mm; NaN for points beyond the limit.
         distance : ndarray of float64, shape (...)
-            Exact distance from each point to the triangles of the surface, mm; NaN beyond the limit.
+            Exact distance from each point to the triangles of the surface, in mm; NaN beyond the limit.
 
         Raises
         ------
@@ -319,7 +320,7 @@ class Planar(ABC):
     ) -> FlatImage:
         """Show a volume, or values at the vertices, on the map.
 
-        The mean of several depths is shown. `images` returns each depth, frame or channel separately.
+        If there are several depths, their mean is shown. `images` returns each depth, frame or channel separately.
 
         Parameters
         ----------
@@ -337,11 +338,12 @@ class Planar(ABC):
         channel : int or str, optional
             Number (from 0) or name of the channel to show, if there are several.
         depth : float or sequence of float
-            Distance outside the surface at which to sample, mm; negative values are inside. Grey matter lies about 2 mm
-            outside white matter. The mean of several depths is shown.
+            Distance outside the surface at which to sample, in mm; negative values are inside. Grey matter lies about 2
+            mm outside white matter. If there are several depths, their mean is shown.
         fraction : float or sequence of float, optional
             Cortical depth at which to sample, from 0 (white surface) to 1 (pial surface), instead of `depth`. This
-            requires a map of a white surface that was read with ``pial=``. The mean of several fractions is shown.
+            requires a map of a white surface that was read with ``pial=``. If there are several fractions, their mean
+            is shown.
         layering : {"equivolume", "equidistant"}
             Whether a fraction refers to the local volume of the cortex (Waehnert et al. 2014), which follows layers
             through gyri and sulci, or to its thickness.
@@ -351,16 +353,16 @@ class Planar(ABC):
             surrounding voxels (for an overlay, the corners of the triangle) at all depths, so that borders are smoother
             than voxel borders.
         period : float, optional
-            Period of values that are phases, such as 360. Means of phases are circular, from 0 to the period, and
-            interpolation is "linear" by default.
+            Period of phase values, such as 360. Means of phases are circular, from 0 to the period, and interpolation
+            is "linear" by default.
         name : str, optional
             Title of the image.
 
         Returns
         -------
         FlatImage
-            The image, with NaN (for colours, alpha 0) outside triangles and where the volume has no value. A mean needs
-            values at all depths.
+            The image, with NaN (for colours, alpha 0) outside the triangles and where the volume has no value. A mean
+            needs values at all depths.
 
         Raises
         ------
@@ -398,9 +400,9 @@ class Planar(ABC):
         time_step: float | None = None,
         name: str = "",
     ) -> FlatStack:
-        """Show several depths, all maps of a file, or a series of volumes on the map.
+        """Show several depths, all maps in a file, or a series of volumes on the map.
 
-        Images are sampled on demand. Except for rounding, each equals the result of `image`.
+        Images are sampled on demand. Except for rounding errors, each image equals the result of `image`.
 
         Parameters
         ----------
@@ -421,8 +423,9 @@ class Planar(ABC):
         period : float, optional
             As in `image`.
         time_step : float, optional
-            Time between frames of a series, s. By default, the time step of the file: NIfTI files have one if the
-            header has a unit of time, ``.mgh`` and CIFTI series always have one, and GIFTI files and arrays never do.
+            Time between frames of a series, in seconds. By default, the time step stored in the file: NIfTI files have
+            one if the header has a unit of time, ``.mgh`` and CIFTI series always have one, and GIFTI files and arrays
+            never do.
         name : str, optional
             As in `image`.
 

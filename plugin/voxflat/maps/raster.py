@@ -32,11 +32,11 @@ class Raster:
     weights : ndarray of float32, shape (H, W, 3)
         Barycentric coordinates in that triangle; NaN outside the map.
     origin : tuple of 2 floats
-        Position (u, v) of the centre of pixel (0, 0), mm.
+        Position (u, v) of the centre of pixel (0, 0), in mm.
     pixel_size : float
-        Side length of a pixel, mm.
+        Side length of a pixel, in mm.
     unit : str
-        Unit of lengths, as in `Surface.metadata`.
+        Unit of length, as in `Surface.metadata`.
 
     See Also
     --------
@@ -60,13 +60,13 @@ class Raster:
 
     @property
     def shape(self) -> tuple[int, int]:
-        """The numbers of rows and columns.
+        """The number of rows and columns.
 
         All images of the map with this pixel size have this shape.
 
         See Also
         --------
-        Raster.inside : Which pixels lie on the map.
+        Raster.inside : Mask of the pixels that lie on the map.
 
         Examples
         --------
@@ -77,7 +77,7 @@ class Raster:
 
     @property
     def inside(self) -> NDArray[np.bool_]:
-        """Which pixels lie on the map, shape (H, W).
+        """Mask of the pixels that lie on the map, shape (H, W).
 
         A pixel lies on the map if a triangle covers its centre.
 
@@ -96,7 +96,7 @@ class Raster:
     def nearest(self) -> NDArray[np.int64]:
         """The nearest of the map's points for each pixel, shape (H, W).
 
-        Pixels outside the map have −1.
+        Pixels outside the map have the value −1.
 
         See Also
         --------
@@ -112,7 +112,7 @@ class Raster:
         return np.where(self.inside, nearest, -1)
 
     def interpolate(self, values: NDArray[Any]) -> NDArray[np.float64]:
-        """Interpolate values of the points at the pixels.
+        """Interpolate the values of the points at the pixels.
 
         Interpolation is linear within triangles.
 
@@ -154,19 +154,20 @@ class FlatImage(Recorded):
     Parameters
     ----------
     data : ndarray, shape (H, W), or (H, W, 4) uint8 for colours
-        Values, NaN outside the map; colours have alpha 0 there. Row 0 is at the top.
+        Values, with NaN outside the map; colours have alpha 0 there. Row 0 is at the top.
     pixel_size : float
-        Side length of a pixel, mm.
+        Side length of a pixel, in mm.
     origin : tuple of 2 floats
-        Position (u, v) of the centre of pixel (0, 0), mm.
+        Position (u, v) of the centre of pixel (0, 0), in mm.
     name : str
         Title, with the unit of the values.
     labels : bool or None
-        Whether the values are labels, each with its own colour. If None, whole numbers that form areas are labels.
+        Whether the values are labels, each with its own colour. If None, whole numbers that form areas are treated as
+        labels.
     provenance : dict
         Record of how the image was made: the volume, the sampling, and the record of the map or atlas.
     unit : str
-        Unit of lengths on the map; "unknown" if it is not defined. Files are in mm, or without a unit.
+        Unit of length on the map; "unknown" if it is not defined. Saved files are in mm or have no unit.
 
     See Also
     --------
@@ -252,7 +253,7 @@ class FlatImage(Recorded):
         Raises
         ------
         InputError
-            If there is no such colour map.
+            If the colour map does not exist.
 
         See Also
         --------
@@ -293,7 +294,7 @@ class FlatImage(Recorded):
 
         See Also
         --------
-        FlatImage.affine : From pixels to positions on the map.
+        FlatImage.affine : Transform from pixels to positions on the map.
 
         Examples
         --------
@@ -308,7 +309,7 @@ class FlatImage(Recorded):
     def save(self, path: str | os.PathLike[str], *, sidecar: bool = False, overwrite: bool = False) -> None:
         """Save the image to a file.
 
-        The ending of the name selects the format. The file is either complete or not written at all.
+        The file extension determines the format. The file is written either completely or not at all.
 
         Parameters
         ----------
@@ -323,7 +324,7 @@ class FlatImage(Recorded):
         Raises
         ------
         InputError
-            If the ending is not supported, the format cannot hold the values, or the path is an input file.
+            If the file extension is not supported, the format cannot hold the values, or the path is an input file.
         OSError
             If the file cannot be written.
 
@@ -351,9 +352,9 @@ class FlatStack(Sequence[FlatImage], Recorded):
     channels : Channels
         Arrays as in `FlatImage.data`.
     pixel_size : float
-        Side length of a pixel, mm.
+        Side length of a pixel, in mm.
     origin : tuple of 2 floats
-        Position (u, v) of the centre of pixel (0, 0), mm.
+        Position (u, v) of the centre of pixel (0, 0), in mm.
     name : str
         Title.
     provenance : dict
@@ -428,7 +429,7 @@ class FlatStack(Sequence[FlatImage], Recorded):
 
     @property
     def times(self) -> NDArray[np.float64] | None:
-        """The time of each frame of a series, s.
+        """The time of each frame of a series, in seconds.
 
         None if it is unknown, or if the images are not a series.
 
@@ -451,8 +452,8 @@ class FlatStack(Sequence[FlatImage], Recorded):
     def data(self) -> NDArray[Any]:
         """All images as one array.
 
-        The axes are (depth, row, column), (channel, row, column) or (channel, depth, row, column). Colours have one
-        more axis, the last.
+        The axes are (depth, row, column), (channel, row, column) or (channel, depth, row, column). Colours have an
+        additional last axis.
 
         See Also
         --------
@@ -507,12 +508,12 @@ class FlatStack(Sequence[FlatImage], Recorded):
         Parameters
         ----------
         progress : callable, optional
-            Called as ``progress(stage, done, total)`` after each image. Return False to cancel the work.
+            Called as ``progress(stage, done, total)`` after each image. If it returns False, the work is cancelled.
 
         Returns
         -------
         FlatStack
-            The changes in %; NaN where the mean is not positive, or a frame has no value.
+            The changes in percent; NaN where the mean is not positive, or a frame has no value.
 
         Raises
         ------
@@ -575,16 +576,17 @@ class FlatStack(Sequence[FlatImage], Recorded):
     ) -> None:
         """Save all images to one file.
 
-        Images are sampled and written one by one. The file is either complete or not written at all.
+        Images are sampled and written one by one. The file is written either completely or not at all.
 
         Parameters
         ----------
         path : path
-            ``.tif`` and ``.tiff`` are OME-TIFF files with one page per image. ``.nii`` and ``.nii.gz`` have shape (H,
-            W, D, K) for K channels at D depths, with the names in a header extension (JSON). ``.zarr`` is a new
+            ``.tif`` and ``.tiff`` are OME-TIFF files with one page per image. ``.nii`` and ``.nii.gz`` files have shape
+            (H, W, D, K) for K channels at D depths, with the names in a header extension (JSON). ``.zarr`` is a new
             OME-Zarr 0.4 directory with one chunk per image, y = −v and x = u. These formats store the pixel size in mm
-            and, for series, the time between frames in s. ``.npy`` has shape (K, H, W), (D, H, W) or (K, D, H, W), and
-            no names. Values are float32, with NaN outside the map. All formats except ``.npy`` include `provenance`.
+            and, for series, the time between frames in seconds. ``.npy`` has shape (K, H, W), (D, H, W) or (K, D, H,
+            W), and no names. Values are float32, with NaN outside the map. All formats except ``.npy`` include
+            `provenance`.
         sidecar, overwrite : bool
             As in `FlatImage.save`; directories are never replaced.
         progress : callable, optional
@@ -593,8 +595,8 @@ class FlatStack(Sequence[FlatImage], Recorded):
         Raises
         ------
         InputError
-            If the ending is not supported (``.png`` holds one image), the format cannot hold the values, or the path is
-            an input file.
+            If the file extension is not supported (``.png`` holds one image), the format cannot hold the values, or the
+            path is an input file.
         Cancelled
             If `progress` returned False.
         OSError
@@ -615,7 +617,7 @@ class FlatStack(Sequence[FlatImage], Recorded):
 
 
 def show(raster: Raster, values: NDArray[Any], interpolation: str | None) -> NDArray[np.float64]:
-    """Return an overlay's values at the pixels, by default of the nearest point for integers, which may be labels."""
+    """Return an overlay's values at the pixels; integers, which may be labels, default to the nearest point."""
     way = _way(values, interpolation)
     if way == "linear":
         return raster.interpolate(values)
@@ -651,7 +653,7 @@ def series_showing(
 
 
 def _way(values: NDArray[Any], interpolation: str | None) -> str:
-    """Return how values at points are interpolated at pixels."""
+    """Return the interpolation of values from points to pixels."""
     if interpolation is None:
         return "nearest" if values.dtype.kind in "biu" else "linear"
     return checked_choice(interpolation, "interpolation", INTERPOLATIONS)

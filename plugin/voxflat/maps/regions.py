@@ -35,7 +35,7 @@ class _Places(Protocol):
     """An object that returns the region at each position."""
 
     def labels(self, places: NDArray[np.float64]) -> NDArray[np.int64]:
-        """Return the key at each position, shape (P,); 0 for none."""
+        """Return the key at each position, shape (P,); 0 outside all regions."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,19 +89,19 @@ class Regions(Recorded):
         return self.of._triangles.on_surface
 
     def at(self, places: NDArray[np.float64]) -> NDArray[np.int64]:
-        """Return the region at positions on the map.
+        """Return the region at each of the given positions on the map.
 
         Where regions overlap, the last one is returned.
 
         Parameters
         ----------
         places : ndarray, shape (..., 2)
-            Positions (u, v), mm.
+            Positions (u, v), in mm.
 
         Returns
         -------
         ndarray of int64, shape (...)
-            Keys of the regions; 0 for none.
+            Keys of the regions; 0 outside all regions.
 
         See Also
         --------
@@ -122,11 +122,11 @@ class Regions(Recorded):
     def labels(self) -> NDArray[np.int64]:
         """The key of the region at each point of the map, shape (N,).
 
-        Points outside all regions have 0.
+        Points outside all regions have the key 0.
 
         See Also
         --------
-        Regions.vertex_labels : The same for each vertex of the mesh.
+        Regions.vertex_labels : The region at each vertex of the mesh.
 
         Examples
         --------
@@ -139,12 +139,12 @@ class Regions(Recorded):
     def vertex_labels(self) -> NDArray[np.int64]:
         """The key of the region at each vertex of the whole mesh, shape (V,).
 
-        Vertices outside all regions or outside the map have 0. A vertex on a cut has two positions on the map; it is in
-        a region if either position is.
+        Vertices outside all regions or outside the map have the key 0. A vertex on a cut has two positions on the map;
+        it is in a region if either position is.
 
         See Also
         --------
-        Regions.labels : The same for each point of the map.
+        Regions.labels : The region at each point of the map.
 
         Examples
         --------
@@ -171,7 +171,7 @@ class Regions(Recorded):
         Returns
         -------
         FlatImage
-            Keys; 0 for none, NaN outside the map.
+            Keys; 0 outside all regions, NaN outside the map.
 
         See Also
         --------
@@ -193,22 +193,22 @@ class Regions(Recorded):
     def volume(self, like: object, *, depth: tuple[float, float] | None = None) -> Volume:
         """Transfer the regions through the cortex to the voxels of a volume.
 
-        Each triangle defines a column of the cortex. A voxel whose centre lies in a column gets the region at its
-        position there. Columns extend from the white to the pial surface if both are known, otherwise along the
-        normals.
+        Each triangle defines a column of the cortex. A voxel whose centre lies in a column is assigned the region at
+        its position in the column. Columns extend from the white to the pial surface if both are known, otherwise along
+        the normals.
 
         Parameters
         ----------
         like : path, image object or Volume
-            A volume with the grid of the result.
+            A volume that defines the grid of the result.
         depth : tuple of 2 floats, optional
-            The distances outside the surface between which columns extend, mm. Required if no pial surface is known;
+            Distances outside the surface at which columns begin and end, in mm. Required if no pial surface is known;
             not accepted otherwise.
 
         Returns
         -------
         Volume
-            Keys as int32; 0 for none.
+            Keys as int32; 0 outside all regions.
 
         Raises
         ------
@@ -248,7 +248,7 @@ class Regions(Recorded):
     ) -> None:
         """Save the regions to a file.
 
-        The ending of the name selects the format. The file is either complete or not written at all.
+        The file extension determines the format. The file is written either completely or not at all.
 
         Parameters
         ----------
@@ -256,7 +256,7 @@ class Regions(Recorded):
             ``.annot`` and ``.label.gii`` hold names, colours and mesh vertices. ``.label`` holds the vertices of a
             single region. ``.nii``, ``.nii.gz``, ``.mgh``, ``.mgz`` and ``.nrrd`` hold voxels, as returned by `volume`.
         volume : path, image object or Volume, optional
-            A volume with the grid of a label volume; by default the flattened volume.
+            A volume that defines the grid of a label volume; by default the flattened volume.
         depth : tuple of 2 floats, optional
             As in `volume`.
         sidecar : bool
@@ -267,7 +267,7 @@ class Regions(Recorded):
         Raises
         ------
         InputError
-            If the ending is not supported, the format cannot hold the regions, or the path is an input file.
+            If the file extension is not supported, the format cannot hold the regions, or the path is an input file.
         OSError
             If the file cannot be written.
 
@@ -329,7 +329,7 @@ class Regions(Recorded):
 def _columns(
     of: Planar, affine: NDArray[np.float64], shape: tuple[int, int, int], depth: tuple[float, float] | None
 ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """Return the voxels in the cortex, by number, and their positions (u, v) on the map, shape (P, 2)."""
+    """Return the numbers of the voxels in the cortex and their positions (u, v) on the map, shape (P, 2)."""
     flat = of._triangles
     surface, middle = flat.on_surface, 0.5
     if surface.white_points is not None and surface.pial_points is not None:

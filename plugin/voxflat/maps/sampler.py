@@ -35,7 +35,7 @@ _CURVED = 0.15  # correlation with the mean curvature: on fsaverage5 curv has 0.
 
 
 def usual_spacing(metadata: dict[str, Any], uv: NDArray[np.float64], faces: NDArray[Any]) -> float:
-    """Return the typical distance between neighbours, mm: the spacing of voxels, or the median edge in the plane."""
+    """Return the typical distance between neighbours, in mm: the voxel spacing, or the median edge in the plane."""
     if metadata["kind"] == "voxels":
         return voxel_size(metadata["affine"])
     sides = uv[faces] - uv[np.roll(faces, 1, axis=1)]
@@ -173,7 +173,7 @@ class Sampler:
 
     @staticmethod
     def _found(volume: object, channels: Channels, channel: int | str | None) -> int:
-        """Return the number of a channel; errors name the volume."""
+        """Return the number of a channel; error messages name the volume."""
         with naming(volume if isinstance(volume, str | os.PathLike) else type(volume).__name__, REMEDY):
             return channels.find(channel)
 
@@ -243,7 +243,7 @@ class Sampler:
         return values_of_object(volume, count, structure)
 
     def _doubt(self, path: Path, values: NDArray[Any]) -> None:
-        """Warn if the name or the curvature of a file suggests that it belongs to another surface."""
+        """Warn if a file's name, or its poor match with the curvature, suggests that it belongs to another surface."""
         names = [re.findall(r"sub-[A-Za-z0-9]+", str(of)) for of in (self.metadata.get("input") or "", path)]
         if all(names) and names[0][-1] != names[1][-1]:
             told = "%s belongs to %s, but the surface belongs to %s. Check the file"
@@ -281,7 +281,7 @@ class Sampler:
             )
 
     def _in_world(self, raster: Raster, depths: Depths) -> list[NDArray[np.float64]]:
-        """Return the sampling positions of pixels, (H, W, 3) for each depth, scanner RAS, mm."""
+        """Return the sampling positions of pixels in scanner RAS and mm, shape (H, W, 3) for each depth."""
         if self.space.doubt:
             log.warning(
                 "the volume may be sampled at the wrong positions: %s. Use a surface file that defines its space (for "
@@ -294,7 +294,7 @@ class Sampler:
         return [self.space.to_scanner(raster.interpolate(points)) for points in self.at(depths)]
 
     def _at_depth(self, raster: Raster, depth: float) -> NDArray[np.float64]:
-        """Return the sampling position of each pixel, shape (H, W, 3), RAS+ mm in the space of the points."""
+        """Return the sampling position of each pixel, shape (H, W, 3), in RAS+ mm in the space of the points."""
         points = raster.interpolate(self.points)
         if depth == 0:
             return points
@@ -302,7 +302,7 @@ class Sampler:
         return np.asarray(points + depth * normals / np.linalg.norm(normals, axis=-1, keepdims=True))
 
     def at(self, depths: Depths) -> list[NDArray[np.float64]]:
-        """Return the points at depths, (N, 3) each, RAS+ mm in the space of the points."""
+        """Return the points at each depth, shape (N, 3), in RAS+ mm in the space of the points."""
         if depths.layering is None:
             return [self.points + (depth * self._outward(depth) if depth else 0) for depth in depths.values]
         if self.white_points is None or self.pial_points is None:
@@ -328,7 +328,7 @@ class Sampler:
         return self.normals
 
     def placed(self, volume: object) -> Volume:
-        """Return a volume with an affine; if it has none, with the affine of the flattened volume."""
+        """Return a volume with its affine or, if it has none, with the affine of the flattened volume."""
         given = as_volume(volume)
         return given if given.is_placed else replace(given, affine=self._own_place(given.data.shape))
 
@@ -343,7 +343,7 @@ class Sampler:
 
 
 def _one_by_one(layers: Channels, names: Sequence[str]) -> Channels:
-    """Return each depth of each channel as a channel; the depths of a channel are sampled together."""
+    """Return each depth of each channel as a separate channel; the depths of a channel are sampled together."""
     held: dict[int, Any] = {}
 
     def read(n: int) -> NDArray[Any]:

@@ -23,7 +23,7 @@ _CANCELLED = 1e-6  # a mean of unit vectors shorter than this has no direction
 
 
 def sample(volume: Volume, points: _Floats, interpolation: str | None = None) -> NDArray[Any]:
-    """Sample a volume at positions (..., 3), RAS+ mm; NaN (for colours, alpha 0) outside it. See `FlatMap.image`."""
+    """Sample a volume at positions (..., 3) in RAS+ mm; NaN (for colours, alpha 0) outside it. See `FlatMap.image`."""
     data = volume.data
     colour = data.ndim == 4
     interpolation = _way(volume, interpolation)
@@ -76,7 +76,7 @@ def _by_voxels(data: Any, at: _Floats, interpolation: str) -> _Floats:
 
 
 def _majority_at(data: Any, at: _Floats) -> _Floats:
-    """Return the label with the greatest weight around several positions together, shape (P, K, 3)."""
+    """Return the label with the greatest total weight around each set of K positions, shape (P, K, 3)."""
     count = at.shape[1]
     values, low = _around(data, at.reshape(-1, 3))
     values = values.reshape(-1, 8 * count)
@@ -137,7 +137,7 @@ def sample_layers(volume: Volume, places: Sequence[_Floats], interpolation: str 
 
 
 def sample_mean(volume: Volume, places: Sequence[_Floats], interpolation: str | None = None) -> NDArray[Any]:
-    """Return the mean, or the majority of labels, over several depths; NaN (or alpha 0) if one lies outside."""
+    """Return the mean, or the majority of labels, over several depths; NaN (or alpha 0) if any is outside."""
     way = _way(volume, interpolation)
     if len(places) > 1 and way == "nearest":
         raise InputError(
@@ -212,7 +212,7 @@ def series_sampling(
     """Return a function that samples a series of volumes, with weights that are computed once per grid.
 
     Its results equal those of `sample_mean` (if `average`) or `sample_layers`: exactly for nearest voxels, and up to
-    rounding errors otherwise. These functions sample colours, chunks and majorities.
+    rounding errors otherwise. Colours, chunked volumes and majorities are sampled with these functions.
     """
     held: dict[tuple[object, ...], list[Mixing]] = {}
 
@@ -236,10 +236,10 @@ def series_sampling(
 def phases(
     sampled: Callable[[Any], NDArray[Any]], period: float, interpolation: str | None
 ) -> Callable[[Any], _Floats]:
-    """Return a function that samples phases, whose mean is circular.
+    """Return a function that samples phases and computes circular means.
 
-    The mean is the direction of the mean of unit vectors, from 0 to the period; NaN where they cancel out. Phases in
-    chunks are read twice.
+    The mean is the direction of the mean of unit vectors, from 0 to the period; NaN where they cancel out. Chunked
+    volumes are read twice.
     """
 
     def turned(values: Any, part: np.ufunc) -> Any:
@@ -263,7 +263,7 @@ def phases(
 
 
 def _mixing(volume: Volume, places: Sequence[_Floats], way: str) -> Mixing:
-    """Return the weights of voxels for the mean of a volume over several depths; voxels have Fortran order."""
+    """Return the weights of voxels for the mean of a volume over several depths; voxels are in Fortran order."""
     shape = volume.data.shape
     found = [_indices(volume, points) for points in places]
     inside = np.logical_and.reduce([covered for _, covered in found])

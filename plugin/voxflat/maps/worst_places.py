@@ -31,13 +31,13 @@ class RelievingCut:
     Parameters
     ----------
     ids : ndarray of int64, shape (k,) or (k, 3)
-        Vertices or voxels along the cut, from the inside of the map to its border.
+        Vertices or voxels along the cut, from the interior of the map to its border.
     points : ndarray of float64, shape (k, 3)
-        Positions of these vertices on the surface, mm.
+        Positions of these vertices on the surface, in mm.
     uv : ndarray of float64, shape (k, 2)
-        Positions of these vertices on the map, mm.
+        Positions of these vertices on the map, in mm.
     length : float
-        Length of the cut, mm.
+        Length of the cut, in mm.
     gain : float
         Reduction of the relative distance error of a coarse preview map, as a fraction. Relaxation cuts are chosen by
         the same measure. It is negative if distances become worse, which can happen even if areas improve; NaN if there
@@ -76,18 +76,18 @@ class WorstPlace:
     kind : {"stretched", "shrunk"}
         How its area changes.
     area : float
-        Area of the region on the surface, mm².
+        Area of the region on the surface, in mm².
     share : float
         Area of the region as a fraction of the whole surface.
     excess : float
-        Total distortion of the region, ``Σ A_surface |log2(A_flat / A_surface)|``, mm².
+        Total distortion of the region, ``Σ A_surface |log2(A_flat / A_surface)|``, in mm².
     worst_ratio, median_ratio : float
         A_flat / A_surface of the triangle with the greatest change, and the area-weighted median, at the scale that
         preserves the total area.
     point : ndarray of float64, shape (3,)
-        Centre of the region on the surface (one of its vertices), mm.
+        Centre of the region on the surface (one of its vertices), in mm.
     uv : ndarray of float64, shape (2,)
-        The position of that vertex on the map, mm.
+        The position of that vertex on the map, in mm.
     id : ndarray of int64, shape () or (3,)
         The number of that vertex, or its voxel.
     triangles : ndarray of int64, shape (k,)
@@ -98,7 +98,7 @@ class WorstPlace:
         A cut that reduces the distortion of the region. None if cuts were not requested, or if no path connects the
         region to the border.
     unit : str
-        Unit of lengths; "unknown" if it is not defined.
+        Unit of length; "unknown" if it is not defined.
 
     See Also
     --------
@@ -129,7 +129,7 @@ class WorstPlace:
         return f"<WorstPlace {self.number}: {self.kind}, area {self.area:.1f}, worst ratio {self.worst_ratio:.2f}>"
 
     def figures(self) -> dict[str, Any]:
-        """Return the figures of the region, ready for JSON.
+        """Return the measures of the region, ready for JSON.
 
         Names include units, such as ``area_mm2``. Triangles are not included.
 
@@ -140,7 +140,7 @@ class WorstPlace:
 
         See Also
         --------
-        WorstPlaces.figures : Figures of all regions.
+        WorstPlaces.figures : Measures of all regions.
 
         Examples
         --------
@@ -173,11 +173,12 @@ class WorstPlaces(Recorded):
     places : tuple of WorstPlace
         The regions; fewer than requested if the map has fewer.
     found : int
-        Number of regions in the map.
+        Total number of regions on the map.
     share : float
-        Fraction of the surface that all regions cover, as `area_beyond_1_5` of `TriangleFigures` but for this factor.
+        Fraction of the surface that all regions cover, like `area_beyond_1_5` of `TriangleFigures` but for this factor.
     sketch_error : float
-        Mean relative distance error of the coarse preview map to which `RelievingCut.gain` refers; NaN without one.
+        Mean relative distance error of the coarse preview map to which `RelievingCut.gain` refers; NaN if there is
+        none.
     provenance : dict
         Record of how the regions were found.
 
@@ -215,7 +216,7 @@ class WorstPlaces(Recorded):
 
         See Also
         --------
-        WorstPlaces.logs : Change of area of each triangle.
+        WorstPlaces.logs : Change in area of each triangle.
 
         Examples
         --------
@@ -229,10 +230,10 @@ class WorstPlaces(Recorded):
 
     @cached_property
     def logs(self) -> NDArray[np.float64]:
-        """The change of area of each triangle, log2(A_flat / A_surface), shape (F,).
+        """The change in area of each triangle, log2(A_flat / A_surface), shape (F,).
 
-        It refers to the scale that preserves the total area. Values are limited to ±10, because triangles may have no
-        area on the map, and are NaN for triangles without area on the surface.
+        It is relative to the scale that preserves the total area. Values are limited to ±10, because triangles may have
+        no area on the map, and are NaN for triangles without area on the surface.
 
         See Also
         --------
@@ -285,7 +286,7 @@ class WorstPlaces(Recorded):
     def save_cuts(
         self, path: str | os.PathLike[str], *numbers: int, sidecar: bool = False, overwrite: bool = False
     ) -> None:
-        """Save the cuts to a file that ``cuts`` of `flatten` accepts.
+        """Save the cuts to a file that `flatten` accepts as ``cuts``.
 
         For a mesh, the file also lists the vertices that the map excludes.
 
@@ -320,18 +321,18 @@ class WorstPlaces(Recorded):
             beside.write_text(as_text(content) + "\n", encoding="utf-8", newline="\n")
 
     def figures(self) -> dict[str, Any]:
-        """Return the figures of all regions, ready for JSON.
+        """Return the measures of all regions, ready for JSON.
 
         Triangles are not included.
 
         Returns
         -------
         dict
-            The figures by name; ``places`` lists the figures of each region.
+            The measures by name; ``places`` lists the measures of each region.
 
         See Also
         --------
-        WorstPlaces.table : The figures as text.
+        WorstPlaces.table : The measures as text.
 
         Examples
         --------
@@ -358,7 +359,7 @@ class WorstPlaces(Recorded):
 
         See Also
         --------
-        WorstPlaces.figures : The figures for JSON.
+        WorstPlaces.figures : The measures for JSON.
 
         Examples
         --------
@@ -389,7 +390,7 @@ class WorstPlaces(Recorded):
     def save(self, path: str | os.PathLike[str], *, sidecar: bool = False, overwrite: bool = False) -> None:
         """Save the regions to a file.
 
-        The ending of the name selects the format.
+        The file extension determines the format.
 
         Parameters
         ----------
@@ -401,7 +402,7 @@ class WorstPlaces(Recorded):
         Raises
         ------
         InputError
-            If the ending is not supported, or the path is an input file.
+            If the file extension is not supported, or the path is an input file.
 
         See Also
         --------
@@ -437,7 +438,7 @@ _NO_PLACE = WorstPlace(
 
 
 def area_changes(flat_map: FlatMap) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return each triangle's area, mm², and log2 of its change (NaN without area on the surface, −10 on the map)."""
+    """Return triangle areas in mm² and log2 of their changes (NaN without area on the surface, −10 on the map)."""
     assert flat_map.distortion.triangles is not None
     a, b = (flat_map.points[flat_map.faces[:, corner]] - flat_map.points[flat_map.faces[:, 0]] for corner in (1, 2))
     areas = np.linalg.norm(np.cross(a, b), axis=1) / 2

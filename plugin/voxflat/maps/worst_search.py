@@ -42,7 +42,7 @@ def worst_places(
     """Find the regions where a map changes areas most, and a cut that would reduce the distortion of each.
 
     A region is a set of connected triangles that are all stretched, or all shrunk, by more than the factor `beyond`,
-    relative to the scale that preserves the total area. Regions are ranked by their area times its change.
+    relative to the scale that preserves the total area. Regions are ranked by their area, weighted by its change.
 
     Parameters
     ----------
@@ -58,7 +58,7 @@ def worst_places(
     parcels : path, ndarray, image object, Volume or Parcels, optional
         Labels, as in `figures.flat_map`. Each region gets the name of the parcel that contains the largest part of it.
     table : path, optional
-        Names of the parcels, if their file has none.
+        Names of the parcels, if their file does not contain names.
     threads : int, optional
         As in `flatten`.
     progress : callable, optional
@@ -78,7 +78,7 @@ def worst_places(
 
     See Also
     --------
-    voxflat.methods.Voxflat : Bound changes of area with ``max_area``.
+    voxflat.methods.Voxflat : Limit changes in area with ``max_area``.
 
     Examples
     --------
@@ -114,7 +114,7 @@ def worst_places(
 
 
 def _touching(faces: NDArray[Any], chosen: NDArray[np.bool_], count: int) -> list[_Ints]:
-    """Split selected triangles into groups that share no vertex."""
+    """Split selected triangles into groups that do not share a vertex."""
     numbers = np.flatnonzero(chosen)
     if not len(numbers):
         return []

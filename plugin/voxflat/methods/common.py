@@ -32,7 +32,7 @@ def error_of_distances(part: Manifold, geodesic: str, how: How) -> float:
 
 
 def _measured(part: Manifold, result: dict[str, Any], geodesic: str, links_error: float, how: How) -> Distortion:
-    """Measure the distortion against graph distances, or against exact distances if those are too inaccurate."""
+    """Measure the distortion against graph distances, or against exact distances if graph distances are inaccurate."""
     reference, distances = "graph", result["distortion"]
     if geodesic == "exact" or links_error > MUCH:
         count = _core.REFERENCE_SOURCES if geodesic == "exact" else _FEW
@@ -158,7 +158,7 @@ def making_metadata(
     sampling: str | None,
     known: Sequence[str] = (),
 ) -> dict[str, Any]:
-    """Log the warnings that were not logged before, and return the metadata that describe how a map was made."""
+    """Log the warnings that were not logged before, and return the metadata that describes how a map was made."""
     for warning in warnings:
         if warning not in known:
             log.warning(warning)

@@ -48,7 +48,7 @@ class Grossmann2002(Method):
     ----------
     sources : int or array_like of int, shape (m, 3)
         Number of points from which distances are measured (all points, if there are fewer), or the voxel indices of the
-        points. The default is 1000, as in the paper.
+        points. The default is 1000, as in Grossmann et al. (2002).
     sampling : {"farthest", "random"}
         How sources are chosen: "farthest" spreads them evenly, each as far as possible from the others along the
         surface; "random" draws them at random.

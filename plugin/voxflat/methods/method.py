@@ -29,7 +29,7 @@ Rows = bool | str | os.PathLike[str]  # whether to keep distances in memory, or 
 
 @dataclass(frozen=True)
 class How:
-    """Store the options of `Surface.flatten` that do not depend on the method."""
+    """The options of `Surface.flatten` that do not depend on the method."""
 
     mirror: bool = False
     rows: Rows = False
@@ -78,7 +78,8 @@ class How:
 class Method:
     """Base class of the methods that flatten a surface.
 
-    Each method is a dataclass of options. Its class attribute ``name`` is the name that `Surface.flatten` accepts.
+    Each method is a dataclass whose fields are its options. Its class attribute ``name`` is the name that
+    `Surface.flatten` accepts.
 
     See Also
     --------

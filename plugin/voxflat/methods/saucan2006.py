@@ -24,8 +24,8 @@ class Saucan2006(OverTriangles):
 
     .. math:: 1 + \tan\theta \approx 1.176 .
 
-    Gluing goes beyond the paper. Neighbouring patches are moved so that their common edges meet, and a seam is closed
-    as long as every triangle satisfies
+    Gluing extends the published method. Neighbouring patches are moved so that their common edges meet, and a seam is
+    closed as long as every triangle satisfies
 
     .. math:: \max(\sigma_1, 1/\sigma_2) \le C,
 
@@ -35,12 +35,12 @@ class Saucan2006(OverTriangles):
     Parameters
     ----------
     bound : float
-        Greatest factor :math:`C` by which lengths may change, above 1 and up to 10; by default 1.5. If the patches
+        Maximum factor :math:`C` by which lengths may change, above 1 and at most 10; by default 1.5. If the patches
         cannot be glued into one piece within this bound, flattening raises an error.
 
     See Also
     --------
-    Surface.patches : Make the patches themselves, on surfaces of any topology.
+    Surface.patches : Return the patches themselves, for surfaces of any topology.
     FlatAtlas.glue : Glue patches; several pieces may remain.
     Surface.flatten : Flatten a surface with a method.
 

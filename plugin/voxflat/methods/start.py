@@ -49,7 +49,7 @@ def places_of(cut: Cutout, start: Matched) -> NDArray[np.float64]:
 def _at_corners(
     vertices: NDArray[np.int64], faces: NDArray[np.uint32], start: Matched
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """Return the positions of triangle corners in a map, (F, 3, 2), and a mask of the triangles that the map has."""
+    """Return the positions of triangle corners in a map, (F, 3, 2), and a mask of the triangles in the map."""
     wanted, known = vertices[faces], start.vertices[start.core.faces]
     keys, wanted_keys = numbered(np.sort(known, axis=1), np.sort(wanted, axis=1))
     triangle = np.zeros(len(keys) + len(wanted_keys), dtype=np.int64)

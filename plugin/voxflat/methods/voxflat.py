@@ -52,13 +52,14 @@ class Voxflat(OverTriangles):
 
     The part weighted by :math:`\lambda = 0.02` tends to infinity when a triangle is about to flip [1]_. The other part
     keeps the map as rigid as possible [2]_. The descent starts from a Tutte embedding of a coarse surface and proceeds
-    level by level until all vertices are placed. No triangle is flipped in the process, and no triangle covers another.
+    level by level until all vertices are placed. No triangle is flipped in the process, and no triangles overlap.
 
     Parameters
     ----------
     sources : int or array_like of int
         Number of points from which distances are measured (all points, if there are fewer), or the points themselves:
-        voxel indices (m, 3) or vertex numbers (m,). The default is 400; more sources did not change any measured map.
+        voxel indices (m, 3) or vertex numbers (m,). The default is 400; using more sources did not change any measured
+        map.
     sampling : {"farthest", "curvature", "random"}
         How sources are chosen: "farthest" spreads them evenly along the surface; "curvature" places them up to four
         times as densely where the surface bends; "random" draws them at random.
@@ -67,9 +68,9 @@ class Voxflat(OverTriangles):
         sample of sources, which thin triangles can cause, "marching" is used instead, or "exact" if the error of
         "marching" also exceeds 1 %.
     weighting : float
-        Balance between triangles (0) and far distances (1); by default 0.5. The weights of triangles and of distances
+        Balance between triangles (0) and long distances (1); by default 0.5. The weights of triangles and of distances
         up to 30 mm are multiplied by ``10 ** (1 - 2 * weighting)``: 0 preserves angles and areas best, and 1 preserves
-        far distances best.
+        long distances best.
     scale : {"distances", "areas"}
         The quantity that the scale of the map preserves; a curved surface has no map that preserves both. "distances"
         minimises the mean relative error of distances; "areas" gives the map the area of the surface.
@@ -77,8 +78,8 @@ class Voxflat(OverTriangles):
         scale to the other.
     max_area : float, optional
         Greatest factor, above 1, by which any triangle may change its area, relative to the scale that preserves the
-        total area. Starting from the usual map, the descent continues with an increasing penalty on larger changes.
-        ``metadata["area_change"]`` is the factor reached. If no such map is found, flattening raises an
+        total area. Starting from the map without this bound, the descent continues with an increasing penalty on larger
+        changes. ``metadata["area_change"]`` holds the factor reached. If no such map is found, flattening raises an
         `AreaBoundError`, which holds the best map and suggested cuts.
     start : map, optional
         A flat map of the surface to start from, of any kind that `voxflat.measure` accepts. It may have any position,
@@ -171,7 +172,7 @@ class Voxflat(OverTriangles):
 
 
 def _within(flat: FlatMap, max_area: float, how: How) -> FlatMap:
-    """Return a map that keeps the bound on areas; otherwise raise an error."""
+    """Return a map that satisfies the bound on area changes, or raise an error."""
     areas, logs = area_changes(flat)
     areas, logs = areas[np.isfinite(logs)], logs[np.isfinite(logs)]  # triangles with an area on the surface
     reached = float(np.exp2(np.abs(logs).max()))

@@ -28,18 +28,18 @@ class Zigelman2002(OverTriangles):
 
     and places the sources at :math:`\sqrt{\lambda_k}\, v_k`. By default the sources are the vertices that remain after
     decimation. The other vertices are then re-inserted in the reverse order of their removal, each as a weighted mean
-    of its neighbours. With ``sampling="grid"``, as in the paper, vertices between sources are interpolated bilinearly.
+    of its neighbours. With ``sampling="grid"``, as in [1]_, vertices between sources are interpolated bilinearly.
 
     Parameters
     ----------
     sources : int or array_like of int
         Number of points from which distances are measured (all points, if there are fewer), or the points themselves:
-        voxel indices (m, 3) or vertex numbers (m,). The default is 25 × 25 = 625, as in the paper.
+        voxel indices (m, 3) or vertex numbers (m,). The default is 25 × 25 = 625, as in Zigelman et al. (2002).
     sampling : {"decimation", "farthest", "curvature", "random", "grid"}
         How sources are chosen. "decimation" keeps the vertices that remain after decimation (and any that cannot be
         removed without damaging the surface); "farthest" spreads sources evenly along the surface; "curvature" places
         them up to four times as densely where the surface bends; "random" draws them at random; "grid" takes pixels on
-        a regular grid, and needs a `range_image`.
+        a regular grid, and requires a surface from `range_image`.
 
     See Also
     --------

@@ -37,7 +37,7 @@ def check(
 ) -> Check:
     """Check the contents of an input, whether its surface can be flattened, and the effect of each remedy.
 
-    An input that cannot be converted to a surface does not raise an error; `Check.advice` gives the reason.
+    An input that cannot be converted to a surface does not cause an error; `Check.advice` gives the reason.
 
     Parameters
     ----------

@@ -38,7 +38,7 @@ class Cut:
     length : float or None
         Length in mm; None for cuts that were passed by the user.
     reason : {"given", "template", "handle", "boundaries joined", "closed sphere", "relaxation"}
-        Why the cut was made.
+        The reason for the cut.
     name : str or None
         Name of the cut if it comes from a template, such as ``"calcarine"``.
 
@@ -257,7 +257,7 @@ class CutSurface(Generic[_Surface]):
         Raises
         ------
         InputError
-            If the path is an input file, or its ending is not supported.
+            If the path is an input file, or the file extension is not supported.
         OSError
             If the file cannot be written.
 
@@ -281,7 +281,7 @@ class CutSurface(Generic[_Surface]):
     def save_template(self, path: str | os.PathLike[str], *, sidecar: bool = False, overwrite: bool = False) -> None:
         """Save the cuts, and the border of the excluded region, as a template.
 
-        The lines are stored on the sphere. The template therefore applies to every surface with a registered sphere of
+        The lines are stored on the sphere. The template therefore applies to every surface with a registered sphere for
         the same hemisphere and space. Pass the file as the ``cuts`` argument of `flatten` or `Surface.cut`.
 
         Parameters

@@ -54,7 +54,7 @@ def flatten(
 
     See Also
     --------
-    Surface.flatten : Flatten a surface; describes all parameters.
+    Surface.flatten : Flatten a surface (with a description of all parameters).
 
     Examples
     --------

@@ -36,7 +36,7 @@ def range_image(
         True where there is a surface.
     jump : float, optional
         Largest depth difference within a triangle, in mm. The surface is cut at larger differences, where one
-        object hides another. The default is 8 times the larger spacing, which is a slope of 83 degrees.
+        object hides another. The default is 8 times the larger spacing, which corresponds to a slope of 83 degrees.
 
     Returns
     -------
@@ -48,7 +48,7 @@ def range_image(
     Raises
     ------
     InputError
-        If depth is not an image, has infinite values, or leaves no triangle; the message names the pixel.
+        If `depth` is not an image, contains infinite values (the message names a pixel), or leaves no triangle.
 
     See Also
     --------

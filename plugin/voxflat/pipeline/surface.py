@@ -56,7 +56,7 @@ class Surface(Manifold):
     remarks : tuple of str
         Warnings about the surface.
     white_points, pial_points : ndarray of float64, shape (V, 3), or None
-        The white and the pial position of each vertex of the whole surface, RAS+ mm in `space`, if both are known.
+        The white and the pial position of each vertex of the whole surface, in RAS+ mm in `space`, if both are known.
     mesh_faces : ndarray of int64, shape (G, 3), or None
         The triangles of the whole mesh as given or repaired, as vertex numbers; None if the input was not a mesh.
     merged : ndarray of int64, shape (M, 2)
@@ -131,7 +131,7 @@ class Surface(Manifold):
         Parameters
         ----------
         region : mask, path or vertex numbers, or "medial wall"
-            As in `keep`. ``"medial wall"`` finds the region where the white and pial surfaces touch.
+            As in `keep`. ``"medial wall"`` selects the region where the white and pial surfaces touch.
 
         Returns
         -------
@@ -204,7 +204,8 @@ class Surface(Manifold):
     def polygon(self, corners: ArrayLike, *, progress: Progress | None = None) -> Surface:
         """Return the region enclosed by shortest paths between corners.
 
-        The closed path follows edges from each corner to the next. The region is the smaller side of the path.
+        The closed path follows edges from each corner to the next. The region is the smaller of the two sides of the
+        path.
 
         Parameters
         ----------
@@ -255,13 +256,13 @@ class Surface(Manifold):
 
         Parameters
         ----------
-        cuts : "standard", "automatic", list of paths, or path of a file, optional
+        cuts : "standard", "automatic", list of paths, or path to a file, optional
             Where to cut. "standard" cuts along the medial wall, the calcarine sulcus, three medial lines and a temporal
             line, which are the same for every brain; they are traced on the registered `sphere`. "automatic" cuts open
             any surface that is not a disk, and adds relaxation cuts (see `relax`) that suit this surface best. A list
             holds paths of neighbouring vertices (voxel indices (k, 3) or vertex numbers (k,)), for example from
             `Surface.path`. A file holds cuts from `CutSurface.save`, or a template from `CutSurface.save_template`. If
-            the surface is still not a disk, it is cut open automatically and a warning reports it; pass ``[]`` to
+            the surface is still not a disk, it is cut open automatically and a warning is issued; pass ``[]`` to
             prevent this. The default is "standard" for a closed surface whose sphere is given, or is stored next to its
             file as in FreeSurfer (``lh.sphere.reg`` next to ``lh.white``), unless a part was chosen other than by
             `drop`; otherwise it is "automatic".
@@ -328,8 +329,8 @@ class Surface(Manifold):
     ) -> FlatMap:
         """Flatten the surface into the plane while preserving geodesic distances.
 
-        The surface is first cut open to a disk, as by `cut`. Warnings are sent to the logger ``voxflat`` and listed in
-        ``metadata["warnings"]``.
+        The surface is first cut open to a disk, as with `cut`. Warnings are sent to the logger ``voxflat`` and listed
+        in ``metadata["warnings"]``.
 
         Parameters
         ----------
@@ -339,20 +340,21 @@ class Surface(Manifold):
         cuts, sphere, relax, adapt : optional
             Where the surface is cut, as in `Surface.cut`.
         mirror : bool
-            Mirror the map left to right, so that maps of right hemispheres look like maps of left ones.
+            Mirror the map left to right, so that maps of right hemispheres look like those of left hemispheres.
         rows : bool or path
             Keep the distances from all sources to all points in `FlatMap.rows`: in memory (True), or in a store (a
             directory on disk from which `FlatMap.rows` reads on demand). If the computation of a store is interrupted,
             the same call resumes it. `voxflat.open_rows` opens the directory.
         seed : int
-            Seed of all random choices. The same seed gives the same map, bit by bit, for any number of threads.
+            Seed for all random choices. The same seed gives the same map, bit for bit, for any number of threads.
         threads : int, optional
             Number of threads; by default one per core.
         memory_limit : int, optional
             Maximum number of bytes to use; by default the free memory. The required memory is estimated before the
             computation starts.
         progress : callable, optional
-            Called as ``progress(stage, done, total)`` about every 20 ms. Return False to cancel the computation.
+            Called as ``progress(stage, done, total)`` about every 20 ms. If it returns False, the computation is
+            cancelled.
 
         Returns
         -------
@@ -394,7 +396,7 @@ class Surface(Manifold):
         threads: int | None = None,
         progress: Progress | None = None,
     ) -> FlatAtlas:
-        """Flatten a surface of any topology in certified patches (Appleboim, Saucan, Zeevi 2006).
+        """Flatten a surface of any topology in certified patches (Appleboim, Saucan and Zeevi 2006).
 
         Each patch is projected orthogonally onto a plane to which no triangle is inclined by more than an angle θ. No
         length changes by more than a factor C ≤ 1 + tan θ, and the dilatation of angles is at most K ≤ (1 + tan θ)^1.5.
@@ -403,19 +405,20 @@ class Surface(Manifold):
         Parameters
         ----------
         max_angle : float, optional
-            Greatest inclination θ to a patch's plane, in degrees, from 0.01 to 80; by default 10.
+            Maximum inclination θ to the plane of a patch, in degrees, from 0.01 to 80; by default 10.
         bound : float, optional
-            Greatest factor C by which lengths may change, as an alternative to the angle. The angle is the largest one
+            Maximum factor C by which lengths may change, as an alternative to the angle. The angle is the largest one
             for which C = K = 1/cos θ, the exact bound of a projection, stays within `bound`. This needs fewer patches
             than the formula above.
         count : int, optional
-            Greatest number of patches, as an alternative to the angle. The smallest possible angle is used.
+            Maximum number of patches, as an alternative to the angle. The smallest possible angle is used.
         seeds : {"curvature", "flattest", "random"}
             Where patches begin. "curvature" grows candidates around the flattest places, tilts them to become as large
             as possible, and keeps the largest first; small patches are merged into their neighbours. The other two
-            follow the paper: patches grow one after another on the plane of the flattest triangle or of a random one.
+            follow Appleboim et al. (2006): patches grow one after another on the plane of the flattest triangle or of a
+            random one.
         seed : int
-            Seed of the random choice.
+            Seed for random choices.
         threads, progress : optional
             As in `flatten`.
 
@@ -488,7 +491,7 @@ class Surface(Manifold):
             the scheduler, or "local" for workers on this machine. The workers must have access to the directory of the
             store. `threads` then applies to each worker.
         seed : int
-            Seed of random choices.
+            Seed for random choices.
         threads, memory_limit, progress : optional
             As in `flatten`.
 
@@ -610,13 +613,13 @@ class Surface(Manifold):
     def register(
         self, side: str | None = None, *, threads: int | None = None, progress: Progress | None = None
     ) -> Registration:
-        """Register a hemisphere to fsaverage's sphere by the pattern of its folds.
+        """Register a hemisphere to the fsaverage sphere by its folding pattern.
 
-        The surface is mapped one to one onto a sphere (Praun, Hoppe 2003). All rotations are compared with both
-        hemispheres of the fsaverage5 template by the depth in the folds at three scales and by shape. The sphere is
-        then warped, from coarse to fine (as in Yeo et al. 2010), until the depths agree; no triangle is flipped.
-        The position, orientation and unit of the surface do not matter. Holes, such as an excluded medial wall, are
-        closed for the registration; handles raise an error.
+        The surface is mapped one to one onto a sphere (Praun and Hoppe 2003). All rotations are compared with both
+        hemispheres of the fsaverage5 template by the depth of the folds at three scales and by shape. The sphere is
+        then warped, from coarse to fine (as in Yeo et al. 2010), until the depths agree; no triangle is flipped. The
+        position, orientation and unit of the surface do not matter. Holes, such as an excluded medial wall, are closed
+        for the registration; handles raise an error.
 
         Parameters
         ----------
@@ -644,7 +647,7 @@ class Surface(Manifold):
 
         See Also
         --------
-        Surface.cut : Cut along standard lines of the sphere.
+        Surface.cut : Cut along standard lines on the sphere.
 
         Examples
         --------
@@ -699,7 +702,7 @@ def surface(
     probability : ndarray, path, image object or Volume, optional
         For volumes, an image of the same shape whose value on the surface is `threshold` (or 0.5). Points are placed at
         this value. By default, the volume itself determines their positions if `threshold` is given and its values vary
-        smoothly; otherwise, a fit to the voxels does.
+        smoothly; otherwise, they are fitted to the voxels.
     pial : path, Mesh, (points, faces) or pyvista.PolyData, optional
         The pial surface whose vertices correspond to those of the given white surface. Distances are then measured
         midway between the two surfaces. An error is raised if the pial surface does not lie outside the white one.
@@ -707,10 +710,10 @@ def surface(
         How to remove topological handles: edit as few voxels as possible ("voxels"), cut the handles open ("cuts"), or
         leave the surface unchanged and fail if it has defects ("none"). With "voxels" the surface of a volume becomes
         one sphere. By default, handles of a volume's largest component are removed if that changes at most 1 % of its
-        voxels; a warning reports it. Defects of a mesh are repaired if the repair is unambiguous, except with "none":
-        triangles without area are removed, directly or by flipping edges (for this, vertices at the same position are
-        merged, but keep their numbers); duplicate triangles are removed; and parts that touch only at a vertex are
-        separated there.
+        voxels, and a warning is issued. Defects of a mesh are repaired if the repair is unambiguous, except with
+        "none": triangles without area are removed, directly or by flipping edges (for this, vertices at the same
+        position are merged, but keep their numbers); duplicate triangles are removed; and parts that touch only at a
+        vertex are separated there.
     memory_limit, threads, progress : optional
         As in `flatten`.
 

@@ -23,9 +23,9 @@ _SIDE = 5.0  # mm from the midline for a reliable side
 def pial_of(core: _core.Surface, mesh: Mesh, pial: object) -> tuple[NDArray[np.float64], list[str]]:
     """Return the points of a pial surface in the space of the white one, shape (N, 3), and remarks.
 
-    The pial surface must lie outside. The test uses the outward share of the displacements from vertex to vertex: the
-    sum of the components along the normals, divided by the sum of the lengths. It does not depend on units or on the
-    thickness of the cortex.
+    The pial surface must lie outside the white one. The test uses the outward share of the displacements from vertex to
+    vertex: the sum of the components along the normals, divided by the sum of the lengths. It does not depend on units
+    or on the thickness of the cortex.
     """
     other = as_mesh(pial)
     if other is None and isinstance(pial, str | os.PathLike):
@@ -43,7 +43,7 @@ def pial_of(core: _core.Surface, mesh: Mesh, pial: object) -> tuple[NDArray[np.f
 
 
 def _in_space_of(mesh: Mesh, other: Mesh) -> NDArray[np.float64]:
-    """Return the points of another mesh in the space of a mesh; unchanged if one of the spaces is unknown."""
+    """Return the points of another mesh in the space of a mesh; unchanged if either space is unknown."""
     is_same = mesh.space._described()["to_scanner"] == other.space._described()["to_scanner"]
     if is_same or not (mesh.space.is_known and other.space.is_known):
         return other.points

@@ -82,7 +82,7 @@ def listed_points(ids: NDArray[np.int64], faces: NDArray[Any], bridges: NDArray[
 
 
 class _Corners:
-    """Store the triangles at vertices that may be excluded, and the sets of points with which each one is correct.
+    """The triangles at vertices that may be excluded, and the sets of points with which each one is correct.
 
     A bridge is not correct with any points. A triangle is correct with several sets of points if a slit between its
     corners was closed.

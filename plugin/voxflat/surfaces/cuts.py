@@ -32,7 +32,7 @@ _BEARABLE = 0.15  # distance error below which a given disk stays as it is
 
 
 def read_cuts(whole: Manifold, cuts: object | None) -> tuple[list[Any] | None, NDArray[np.int64] | None]:
-    """Return given cuts as paths of neighbours, and the vertices that a cuts file excludes, by input ids."""
+    """Return given cuts as paths of neighbouring vertices, and the vertices that a cuts file excludes, by input ids."""
     if cuts is None:
         return None, None
     if isinstance(cuts, str | os.PathLike):
@@ -183,7 +183,7 @@ def opened(
 ) -> tuple[Manifold, list[dict[str, Any]], list[str]]:
     """Cut a surface open to a disk, and add relaxation cuts; return ``ids``, ``length`` and ``reason`` of each cut.
 
-    `given` is the total length of the given cuts in mm, which count towards `relax`. If `is_fixed`, a surface that is
+    `given` is the total length of the given cuts in mm, which counts towards `relax`. If `is_fixed`, a surface that is
     not a disk stays as it is. A surface that the user has cut gets relaxation cuts only on request; a disk that the
     user passed gets them on request, or if its distance error is large. `adapt` requests them within this distance (mm)
     of existing cuts.

@@ -25,7 +25,7 @@ _NO_TRIAL = 1e9  # an error limit that is never exceeded, so that no cut is trie
 
 @dataclass(frozen=True)
 class Cutout:
-    """Store the part that is flattened, the surface that it was cut from, and the steps."""
+    """The part that is flattened, the surface that it was cut from, and a record of the steps."""
 
     whole: Manifold
     part: Manifold
@@ -53,7 +53,7 @@ class Cutout:
 
 @dataclass(frozen=True)
 class Where:
-    """Store where to cut a surface, with the arguments of `voxflat.Surface.cut`."""
+    """The arguments of `voxflat.Surface.cut`, which define where to cut a surface."""
 
     cuts: object | None = None
     sphere: object | None = None
@@ -110,7 +110,7 @@ def cut_open(
 def _metadata(
     whole: Manifold, part: Manifold, cuts: list[Any], names: list[Any], by: str, sphere: Sphere | None = None
 ) -> dict[str, Any]:
-    """Return metadata that describe how a part was selected and cut, before automatic cuts are made."""
+    """Return metadata that describes how a part was selected and cut, before automatic cuts are made."""
     verbs = {step.verb: step for step in part.steps}
     disk, corners = verbs.get("disk"), verbs.get("polygon")
     return {

@@ -19,7 +19,7 @@ _SHOWN = 5  # maximum number of handles, holes and loops in a table
 
 @dataclass(frozen=True)
 class Check:
-    """Store the findings about an input and its surface.
+    """Findings about an input and its surface.
 
     `voxflat.check` and `Surface.check` return it.
 
@@ -65,7 +65,7 @@ class Check:
     named_cuts : tuple of dict
         Cuts of a template, made before the automatic ones: ``name``, ``length`` (mm), ``ids``.
     cuts_by : str or None
-        Origin of the cuts: "standard", the file of a template, "given" or "automatic".
+        Origin of the cuts: "standard", a template file, "given" or "automatic".
     sketch_errors : dict of str to float
         If a template defines the cuts: estimated mean relative distance error with the cuts of `cuts_by` and with
         "automatic" cuts.

@@ -19,7 +19,7 @@ _WIDEST = 2**16  # largest range of integers for bincount
 
 @dataclass(frozen=True, eq=False)
 class Foreground:
-    """Store a volume and its foreground."""
+    """A volume and its foreground."""
 
     volume: Volume
     mask: NDArray[np.bool_]
@@ -28,13 +28,13 @@ class Foreground:
 
 @dataclass(frozen=True, eq=False)
 class PackedMask:
-    """Store the foreground of a volume with one bit per voxel (`numpy.packbits`), as surfaces keep it."""
+    """The foreground of a volume with one bit per voxel (`numpy.packbits`), as stored in surfaces."""
 
     bits: NDArray[np.uint8]
     metadata: dict[str, Any]  # as in `Foreground`
 
     def mask(self) -> NDArray[np.bool_]:
-        """Return which voxels are foreground, shape (I, J, K)."""
+        """Return a mask of the foreground, shape (I, J, K)."""
         shape = self.metadata["shape"]
         return np.asarray(np.unpackbits(self.bits, count=int(np.prod(shape))).reshape(shape).view(np.bool_))
 
@@ -84,7 +84,7 @@ def keep_mask(keep: object, volume: Volume, name: str = "mask to keep") -> NDArr
 
 
 def foreground(data: NDArray[Any], *, label: int | None = None, threshold: float | None = None) -> NDArray[np.bool_]:
-    """Select where a volume equals a label or exceeds a threshold, or is not 0 if it is a mask with one label."""
+    """Select voxels that equal a label or exceed a threshold, or are not 0 if the volume is a mask with one label."""
     check_scalar(data)
     if label is not None and threshold is not None:
         raise InputError(f"both label={label} and threshold={threshold} are given. Pass only one of them")
@@ -98,7 +98,7 @@ def foreground(data: NDArray[Any], *, label: int | None = None, threshold: float
 
 
 def labels_in(data: NDArray[Any]) -> dict[int, int] | None:
-    """Return the number of voxels of each label other than 0; None if the values are too many or fractional."""
+    """Return the number of voxels of each label other than 0; None if there are too many or fractional values."""
     if data.dtype.kind == "f":
         sample = data.ravel()[:: max(1, data.size // 10_000)]
         if not (np.isfinite(sample).all() and (sample == np.round(sample)).all()):

@@ -1,4 +1,4 @@
-"""Extract the white matter of one hemisphere from the white matter of a whole brain.
+"""Extract the white matter of one hemisphere from whole-brain white matter.
 
 An affine transform aligns a template of the MNI152 white matter, divided into both hemispheres and the rest, with the
 brain. Each voxel of white matter belongs to the nearest part of the template. Ventricles and deep nuclei inside the
@@ -57,10 +57,10 @@ def hemisphere(
     affine: ArrayLike | None = None,
     progress: Progress | None = None,
 ) -> Volume:
-    """Extract the white matter of one hemisphere from the white matter of a whole brain.
+    """Extract the white matter of one hemisphere from whole-brain white matter.
 
     The result has a closed surface. The cerebellum and the brain stem are excluded, and the ventricles and deep nuclei
-    are filled. The brain may have any position and any orientation that its affine defines, and be rotated by up to
+    are filled. The brain may have any position and any orientation that its affine defines, plus a rotation of up to
     about 30 degrees.
 
     Parameters
@@ -77,13 +77,13 @@ def hemisphere(
     Returns
     -------
     Volume
-        Mask of uint8 on the grid of the source: 1 in the hemisphere, one component under face adjacency.
+        A uint8 mask on the grid of the source: 1 in the hemisphere, which is a single face-connected component.
 
     Raises
     ------
     HemisphereError
-        If the volume does not look like the white matter of a whole brain. The message names the step that failed, and
-        the error's ``figure()`` shows it.
+        If the volume does not look like whole-brain white matter. The message names the step that failed, and the
+        error's ``figure()`` shows it.
     InputError, Cancelled
         If the input is not a 3-D volume, or `progress` returned False.
 
@@ -182,7 +182,7 @@ def _of_labels(volume: Volume, side: str) -> NDArray[np.bool_] | None:
 
 @dataclass(frozen=True, eq=False)
 class _Template:
-    """Store the parts of MNI152.
+    """The parts of the MNI152 template.
 
     `affine`: to RAS+ mm. `white` bool: white matter. `parts` (3, ...) float32: membership of the left hemisphere, the
     right one and the rest, from the nearest white matter. `deep` (2, ...) float32: membership of the inner parts.
@@ -279,7 +279,7 @@ _last: dict[bytes, tuple[Affine, float]] = {}  # the last alignment, by its inpu
 
 
 def _fitted(coarse: NDArray[np.float32], grid: Affine, steps: _Steps) -> tuple[Affine, float]:
-    """Return the affine transform from the template to a brain in large voxels, RAS+ mm, and the overlap (Dice).
+    """Return the affine transform from the template to a brain in large voxels, in RAS+ mm, and the overlap (Dice).
 
     It minimises the sum of squared differences of both masks by Gauss-Newton steps, with decreasing smoothing. Points
     outside the brain's volume are ignored.
@@ -315,7 +315,7 @@ def _more_promising(start: Affine, others: list[Affine], pair: "_Pair", steps: _
 
 
 def _coarse(white: NDArray[np.bool_], affine: Affine) -> tuple[NDArray[np.float32], Affine]:
-    """Return the share of a mask in each voxel of a coarser grid, and the affine of that grid."""
+    """Return the fraction of each voxel of a coarser grid that a mask fills, and the affine of that grid."""
     factors = [max(1, round(_STEP / size)) for size in np.linalg.norm(affine[:3, :3], axis=0)]
     beyond = [(0, -length % factor) for length, factor in zip(white.shape, factors, strict=True)]
     padded = np.pad(white, beyond)
@@ -336,7 +336,7 @@ def _aligned_middles(coarse: NDArray[np.float32], grid: Affine, template: _Templ
 
 
 def _moments(mask: NDArray[Any], affine: Affine) -> tuple[NDArray[np.float64], float]:
-    """Return the centre of a mask and the root mean square distance from it, mm."""
+    """Return the centre of a mask and the root mean square distance from it, in mm."""
     places = np.argwhere(mask > 0.5)
     if len(places) == 0:
         said = "the volume contains hardly any white matter. Check the threshold"
@@ -359,7 +359,7 @@ def _turned(axis: int, angle: float, template: _Template) -> Affine:
 
 @dataclass(frozen=True, eq=False)
 class _Pair:
-    """Store a brain's values, the transform from RAS+ mm to voxels, and the smoothed template at `points` (N, 3)."""
+    """A brain's values, the transform from RAS+ mm to voxels, and the smoothed template at `points` (N, 3)."""
 
     values: NDArray[np.float32]
     to_index: Affine

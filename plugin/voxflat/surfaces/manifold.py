@@ -41,7 +41,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Step:
-    """Store one step that selected a part of a surface, such as `Surface.keep` or `Surface.disk`."""
+    """One step that selected a part of a surface, such as `Surface.keep` or `Surface.disk`."""
 
     verb: str  # name of the method; "outlines" for a template's excluded region
     mask: NDArray[np.bool_] | None = None  # voxels to keep, for a region of a volume
@@ -54,7 +54,7 @@ class Step:
 
 @dataclass(frozen=True, eq=False)
 class Manifold:
-    """Store a surface of triangles, an oriented manifold with or without a boundary.
+    """A surface of triangles: an oriented manifold with or without a boundary.
 
     `voxflat.Surface` describes the fields. Arrays with V rows refer to the vertices of the complete surface.
     """
@@ -106,7 +106,7 @@ class Manifold:
 
     @property
     def voxel_size(self) -> float | None:
-        """Geometric mean of the three voxel spacings, mm.
+        """Geometric mean of the three voxel spacings, in mm.
 
         It is None for a surface from a mesh.
 
@@ -123,12 +123,12 @@ class Manifold:
 
     @property
     def _largest_spacing(self) -> float:
-        """The largest of the three voxel spacings, mm; the surface must come from a volume."""
+        """The largest of the three voxel spacings, in mm; the surface must come from a volume."""
         return float(np.linalg.norm(np.asarray(self.metadata["affine"])[:3, :3], axis=0).max())
 
     @property
     def points(self) -> NDArray[np.float64]:
-        """Coordinates of the vertices, RAS+ mm in `space`, shape (N, 3).
+        """Coordinates of the vertices, in RAS+ mm in `space`, shape (N, 3).
 
         The two sides of a cut have separate vertices.
 
@@ -164,7 +164,7 @@ class Manifold:
     def faces(self) -> NDArray[np.uint32]:
         """Triangles as vertex numbers, shape (F, 3).
 
-        Their corners run counterclockwise as seen from outside.
+        Corners are listed counterclockwise as seen from outside.
 
         See Also
         --------
@@ -179,7 +179,7 @@ class Manifold:
 
     @property
     def thickness(self) -> NDArray[np.float64] | None:
-        """Distance from the white to the pial surface at each vertex of the complete surface, mm, shape (V,).
+        """Distance from the white to the pial surface at each vertex of the complete surface, in mm, shape (V,).
 
         It is None if the white or the pial surface is not known.
 
@@ -198,7 +198,7 @@ class Manifold:
 
     @property
     def usual_edge(self) -> float:
-        """Median length of the triangle edges, mm.
+        """Median length of the triangle edges, in mm.
 
         It is a measure of the resolution of the surface.
 
@@ -250,7 +250,7 @@ class Manifold:
 
     @property
     def ids(self) -> NDArray[np.int64]:
-        """Voxel or vertex of the input for each vertex.
+        """The voxel or vertex of the input that corresponds to each vertex.
 
         These are voxel indices of shape (N, 3), or vertex numbers of shape (N,) if the input was a mesh.
 
@@ -349,7 +349,7 @@ class Manifold:
         vertex : int
             Vertex number.
         distance : float
-            Distance from the centre of the voxel to the centre of the vertex's voxel, mm.
+            Distance from the centre of the voxel to the centre of the vertex's voxel, in mm.
 
         See Also
         --------
@@ -435,7 +435,7 @@ class Manifold:
         Raises
         ------
         InputError, Cancelled
-            If the flow is not positive, or `progress` returned False.
+            If `flow` is not positive, or `progress` returned False.
 
         See Also
         --------
@@ -489,7 +489,7 @@ class Manifold:
         return among[~are_triangles(among, own)]
 
     def changed_voxels(self) -> NDArray[np.uint8]:
-        """Return which voxels the repair changed.
+        """Return the voxels that the repair changed.
 
         Only surfaces from volumes have voxels.
 
@@ -568,7 +568,7 @@ class Manifold:
         Raises
         ------
         InputError
-            If the path has another ending, or the surface was made from that file.
+            If the file extension is not supported, or the surface was made from that file.
         OSError
             If the file cannot be written.
 
@@ -616,7 +616,7 @@ def size_and_space(
 
 
 def are_triangles(faces: NDArray[np.int64], of: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Return which triangles are among others, regardless of their first corner and direction."""
+    """Return a mask of the triangles that are among others, regardless of their first corner and direction."""
     return in_rows(np.sort(faces, axis=1), np.sort(of, axis=1))
 
 
@@ -656,7 +656,7 @@ def patch_of(
 
 
 def _keys(ids: NDArray[np.int64], among: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return a number for each vertex number, or voxel (k, 3); -1 for voxels outside the bounding box of others."""
+    """Return a number for each vertex number, or voxel (k, 3); -1 for voxels outside the bounding box of the others."""
     if ids.ndim == 1:
         return ids
     low, high = among.min(axis=0), among.max(axis=0)

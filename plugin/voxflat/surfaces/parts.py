@@ -208,7 +208,7 @@ def is_medial_wall(region: object) -> bool:
 
 
 def medial_wall_of(whole: Manifold) -> NDArray[np.bool_]:
-    """Find the medial wall, bool (N,): the one large region where cortex has no thickness."""
+    """Find the medial wall, bool (N,): the one large region where the cortex has no thickness."""
     advice = "Pass the label of the medial wall as the region to drop, or drop nothing"
     if whole.thickness is None:
         raise InputError("the medial wall cannot be found without the pial surface. Pass pial, or a label")

@@ -20,7 +20,7 @@ _FAR = 2.0  # most voxels between a seed point and the surface without a remark
 
 @dataclass(frozen=True, eq=False)
 class VoxelGraph:
-    """Store surface voxels, linked to those of their 26 neighbours that are surface voxels."""
+    """Surface voxels, linked to those of their 26 neighbours that are surface voxels."""
 
     core: _core.VoxelSurface  # part in use
     whole: _core.VoxelSurface  # complete surface
@@ -38,12 +38,12 @@ class VoxelGraph:
 
     @property
     def points(self) -> NDArray[np.float64]:
-        """Centres of the voxels, RAS+ mm, shape (N, 3)."""
+        """Centres of the voxels, in RAS+ mm, shape (N, 3)."""
         return self.core.points
 
     @property
     def voxel_size(self) -> float:
-        """Geometric mean of the three voxel spacings, mm."""
+        """Geometric mean of the three voxel spacings, in mm."""
         return voxel_size(self.metadata["affine"])
 
     def find(self, ids: ArrayLike, name: str = "the ids") -> NDArray[np.uint32]:

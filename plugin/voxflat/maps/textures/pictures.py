@@ -29,7 +29,7 @@ _SLACK = 1e-9  # share of a picture's side by which rounding may move a point ac
 
 
 def place(uv: NDArray[np.float64], shape: tuple[int, ...], texel_size: float | None = None) -> NDArray[np.float64]:
-    """Return texture coordinates for a picture centred on a map, which by default just covers the map."""
+    """Return texture coordinates for a picture centred on a map; by default, the picture just covers the map."""
     size = np.array([shape[1], shape[0]], dtype=np.float64)
     low, high = uv.min(axis=0), uv.max(axis=0)
     if texel_size is None:
@@ -64,7 +64,7 @@ def values_at(picture: NDArray[Any], coordinates: NDArray[np.float64], repeat: b
 
 
 def check_values(picture: object) -> NDArray[Any]:
-    """Return an array of numbers, (H, W) or (H, W, C), as a picture."""
+    """Return an array of numbers of shape (H, W) or (H, W, C) as a picture."""
     array = array_of(picture, "values of the picture")
     if array.ndim not in (2, 3) or 0 in array.shape or array.dtype.kind not in "buif":
         told = f"the picture has shape {array.shape} and data type {array.dtype}"
@@ -73,7 +73,7 @@ def check_values(picture: object) -> NDArray[Any]:
 
 
 def as_picture(picture: object) -> tuple[NDArray[np.uint8], Path | None]:
-    """Return a file, Pillow image or array (uint8, bool or floats to 1) as colours (H, W, 3 or 4), and its file."""
+    """Return a file, Pillow image or array (uint8, bool or floats up to 1) as colours (H, W, 3 or 4), and its path."""
     if isinstance(picture, str | os.PathLike):
         path = Path(picture)
         with naming(path, REMEDY), header(path) as image:

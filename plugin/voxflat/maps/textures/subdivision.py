@@ -64,7 +64,7 @@ def _deviation(corners: _Floats, picture: NDArray[np.uint8], repeat: bool) -> _F
 
 
 def _bisect(faces: _Ints, places: _Floats, rough: NDArray[np.bool_]) -> tuple[_Ints, _Ints, NDArray[np.bool_]]:
-    """Bisect triangles without cracks; return sides (their midpoints are new points), triangles, and which are new."""
+    """Bisect triangles without cracks; return the sides split at new points, the triangles, and a mask of new ones."""
     pairs = np.stack([faces, np.roll(faces, -1, axis=1)], axis=2)  # side k leads from corner k to k + 1
     low, high = pairs.min(axis=2), pairs.max(axis=2)
     keys, side_of = np.unique(low * len(places) + high, return_inverse=True)

@@ -41,8 +41,8 @@ def are_colours(values: object, count: int) -> bool:
 def read_texture(path: Path, count: int) -> SurfaceTexture | NDArray[np.uint8]:
     """Read the texture of a surface of `count` vertices, or colours at its vertices.
 
-    ``.obj`` files have a material with a picture (map_Kd). ``.vtp`` and ``.ply`` files have either colours at the
-    vertices, or texture coordinates and a picture, which has the same name or is named in PLY's comment TextureFile.
+    ``.obj`` files need a material with a picture (map_Kd). ``.vtp`` and ``.ply`` files have either colours at the
+    vertices, or texture coordinates and a picture, which has the same name or is named in the PLY comment TextureFile.
     """
     with naming(path, REMEDY):
         mesh = meshes.read_mesh(path)
@@ -70,7 +70,7 @@ def _vertex_colours(mesh: meshes.Mesh) -> NDArray[np.uint8]:
 
 
 def _picture_beside(path: Path) -> Path | None:
-    """Return the picture of a file: one with the same name, or the one that a PLY file's header names."""
+    """Return the picture of a file: one with the same name, or the one named in the header of a PLY file."""
     named = re.search(rb"(?m)^comment TextureFile (.*?)\s*$", contents(path)[:4096])
     if named and path.suffix.lower() == ".ply":
         return path.with_name(named[1].decode("utf-8", "replace"))
@@ -109,7 +109,7 @@ def _material_pictures(library: Path) -> dict[str, str]:
 
 
 def paint(texture: SurfaceTexture | NDArray[np.uint8], raster: Raster, ids: NDArray[np.int64]) -> NDArray[np.uint8]:
-    """Return the colours of a texture, or of vertices, at the pixels of a map as RGBA; opacity 0 means no colour."""
+    """Return the RGBA colours of a texture, or of vertices, at the pixels of a map; opacity 0 means no colour."""
     values = raster.interpolate(texture[ids]) if isinstance(texture, np.ndarray) else _sampled(texture, raster, ids)
     seen = np.isfinite(values[..., 0])
     image = np.zeros((*raster.shape, 4), dtype=np.uint8)

@@ -25,18 +25,18 @@ _Files = list[Path]
 class TexturedSurface(Recorded):
     """A surface with a picture on it, as returned by `FlatMap.textured` and `FlatPage.textured`.
 
-    3-D programs display the saved files with their picture.
+    3-D programs display the saved surface with its picture.
 
     Parameters
     ----------
     points : ndarray of float64, shape (N, 3)
-        Positions, RAS+ mm, in scanner RAS if the transform is known.
+        Positions in RAS+ mm, in scanner RAS if the transform is known.
     faces : ndarray of int64, shape (F, 3)
         Triangles of points.
     texture_coordinates : ndarray of float64, shape (N, 2) or (P, 2)
         The position (s, t) of each point in the picture, from 0 to 1. Values outside this range repeat the picture.
     picture : ndarray of uint8, shape (H, W, 3) or (H, W, 4)
-        Colours, optionally with opacity. Row 0 is the top, t = 1.
+        Colours, optionally with opacity. Row 0 is the top row (t = 1).
     repeat : bool
         Whether the picture is repeated beyond its borders.
     source : Path or None
@@ -115,18 +115,18 @@ class TexturedSurface(Recorded):
         return replace(self, points=points, faces=self.texture_faces, texture_faces=None)
 
     def subdivided(self, tolerance: float = 16.0) -> "TexturedSurface":
-        """Split triangles that are too coarse to show the picture by colours at their corners.
+        """Split triangles that are too coarse to show the picture with colours at their corners.
 
-        This follows section IV of Zigelman et al. 2002. New points lie on edges of the triangles, so that the surface
-        keeps its shape, its first N points and their texture coordinates, and has no cracks. Triangles are bisected at
-        the edge that is longest in the picture (Rivara 1984). No angle in the picture becomes smaller than half of the
-        smallest original angle.
+        The method follows section IV of Zigelman et al. (2002). New points lie on edges of the triangles, so the
+        surface has no cracks and keeps its shape, its first N points and their texture coordinates. Triangles are
+        bisected at the edge that is longest in the picture (Rivara 1984). No angle in the picture becomes smaller than
+        half of the smallest original angle.
 
         Parameters
         ----------
         tolerance : float
             Greatest difference, on a scale of 255 grey levels, between the picture and the interpolated colours within
-            a triangle. Triangles no longer than a texel are kept.
+            a triangle. Triangles no longer than a texel are not split.
 
         Returns
         -------
@@ -157,22 +157,23 @@ class TexturedSurface(Recorded):
     def save(self, path: str | os.PathLike[str], *, sidecar: bool = False, overwrite: bool = False) -> None:
         """Save the surface with its picture.
 
-        All files are complete before the first one is put into place.
+        All files are written completely before the first one is moved into place.
 
         Parameters
         ----------
         path : path
-            For ``.obj``, an ``.mtl`` and a ``.png`` file are written next to it, and for ``.vtp``, a ``.png`` file.
-            ``.glb`` is a single glTF 2.0 file in metres with y up, as the format requires. ``.ply`` has colours at the
-            points instead of a picture; see `subdivided`. At seams, OBJ keeps the points of the surface, and the other
-            formats duplicate them. The ``.png`` file includes `provenance`.
+            An ``.obj`` file is accompanied by an ``.mtl`` and a ``.png`` file, and a ``.vtp`` file by a ``.png`` file.
+            ``.glb`` is a single glTF 2.0 file in metres with y up, as the format requires. ``.ply`` files have colours
+            at the points instead of a picture; see `subdivided`. At seams, OBJ keeps the points of the surface, and the
+            other formats duplicate them. The ``.png`` file includes `provenance`.
         sidecar, overwrite : bool
             As in `FlatMap.save`.
 
         Raises
         ------
         InputError
-            If the ending is not supported, or a file would replace an input file or one that voxflat did not write.
+            If the file extension is not supported, or a file would replace an input file or one that voxflat did not
+            write.
         OSError
             If a file cannot be written.
 

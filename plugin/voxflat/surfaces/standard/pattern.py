@@ -17,7 +17,7 @@ SUBDIVISIONS = 5
 
 
 class Pattern(NamedTuple):
-    """Store the values that a registration compares at N places on the sphere, for `_core.Surface.register`."""
+    """The values that a registration compares at N places on the sphere, for `_core.Surface.register`."""
 
     depths: NDArray[np.float64]
     places: NDArray[np.float64]

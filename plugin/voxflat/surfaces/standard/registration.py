@@ -21,7 +21,7 @@ _STRUCTURES = {"CortexLeft": "left", "CortexRight": "right"}
 
 @dataclass(frozen=True, eq=False)
 class Registration(Recorded):
-    """Store a surface on the unit sphere, in fsaverage space.
+    """A surface that is registered to the unit sphere, in fsaverage space.
 
     `Surface.register` returns it.
 
@@ -38,9 +38,9 @@ class Registration(Recorded):
     figures : dict
         Values on which the confidence is based. ``score``: agreement with the template after the best rotation, by
         side. ``rigid``: fit of the smoothed surface to the template by a rigid motion, 1 for the same shape, by side.
-        ``correlations``: correlation with the template of the depth in folds at scales of 24, 12 and 6 mm (for an
-        adult's brain) after the warp; ``rotated``: the same before the warp. ``affine``: share of the template's
-        positions that an affine map explains.
+        ``correlations``: correlation of fold depth with the template at scales of 24, 12 and 6 mm (for an adult's
+        brain) after the warp; ``rotated``: the same before the warp. ``affine``: share of the template's positions that
+        an affine map explains.
     remarks : tuple of str
         Remarks for the user.
     provenance : dict
@@ -135,7 +135,7 @@ class Registration(Recorded):
 
 
 def register(whole: Manifold, side: str | None, threads: int | None, progress: Progress | None) -> Registration:
-    """Register a hemisphere to fsaverage's sphere; see `voxflat.Surface.register`."""
+    """Register a hemisphere to the fsaverage sphere; see `voxflat.Surface.register`."""
     if side is not None:
         checked_choice(side, "side", SIDES)
     whole, remarks = _one_piece(whole)

@@ -30,7 +30,7 @@ _NEAREST = 12  # nearest vertices whose triangles are tested
 
 @dataclass(frozen=True, eq=False)
 class Sphere:
-    """Store vertex positions on the sphere of fsaverage or fs_LR, and the brain's distance from the template."""
+    """Vertex positions on the sphere of fsaverage or fs_LR, and the distance of the brain from the template."""
 
     places: NDArray[np.float64]  # (V, 3), unit vectors, one for each vertex of the whole mesh
     space: str  # fsaverage or fs_LR

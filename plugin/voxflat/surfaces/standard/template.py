@@ -24,7 +24,7 @@ _UNIT = 1e-3  # tolerance of the radius
 
 @dataclass(frozen=True, eq=False)
 class Line:
-    """Store a line on the unit sphere, with arcs of great circles between its points.
+    """A line on the unit sphere, with great-circle arcs between its points.
 
     An outline is closed: its last point is joined to its first, and the patch lies on its left as seen from outside. A
     cut begins at its root, which is an outline or an earlier cut; on a surface without a boundary it has no root.
@@ -37,7 +37,7 @@ class Line:
 
 @dataclass(frozen=True, eq=False)
 class Anchors:
-    """Store corresponding points, which align maps with a standard frame and reveal unsuitable spheres."""
+    """Corresponding points, which align maps with a standard frame and reveal unsuitable spheres."""
 
     sphere: NDArray[np.float64]  # (a, 3), on the unit sphere
     flat: NDArray[np.float64]  # (a, 2), on the flat map of fsaverage5, mm
@@ -46,7 +46,7 @@ class Anchors:
 
 @dataclass(frozen=True, eq=False)
 class Template:
-    """Store where a hemisphere is cut."""
+    """The lines along which a hemisphere is cut."""
 
     name: str  # name, or path of its file
     space: str  # fsaverage or fs_LR: sphere of its lines

@@ -31,7 +31,7 @@ _STEEP = 1e6  # largest cost per length of an edge
 
 @dataclass(frozen=True, eq=False)
 class TracedCut:
-    """Store a template's cut on a surface."""
+    """A cut of a template, traced on a surface."""
 
     name: str  # the template's
     vertices: NDArray[np.int64]  # (k,), of the part, from the root to the tip
