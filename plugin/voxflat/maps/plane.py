@@ -253,8 +253,9 @@ class Planar(ABC):
         points : array_like, shape (..., 3)
             Points, RAS+ mm.
         limit : float
-            Greatest distance between a point and the surface, mm; by default 5, more than the thickness of the cortex.
-            The surface is that of the map's `points`, which lies midway between white and pial if ``pial=`` was passed.
+            Maximum distance between a point and the surface, in mm; by default 5, more than the thickness of the
+            cortex. The surface is that of the map's `points`, which lies midway between white and pial if ``pial=`` was
+            passed.
         space : {"surface", "scanner"}
             Space of the points: the surface's own `space`, as in the result of `locate`, or scanner RAS, as for
             volumes.
