@@ -154,9 +154,9 @@ class Atlas(FlatPieces, ABC):
         gap : float, optional
             Gap between the pieces, in mm; by default a twentieth of their typical size.
         packing : {"boxes", "shapes"}
-            "boxes" rotates each piece to fit its smallest bounding rectangle, and places the rectangles in rows.
-            "shapes" fits the pieces together with the library xatlas (``pip install 'voxflat[lab]'``), which wastes
-            less space on the page if pieces are large.
+            "boxes" rotates each piece so that its bounding rectangle is as small as possible, and arranges the
+            rectangles in rows. "shapes" fits the pieces together with the xatlas library (``pip install
+            'voxflat[lab]'``), which wastes less space on the page if pieces are large.
 
         Returns
         -------

@@ -26,7 +26,7 @@ _Command = TypeVar("_Command", bound=Callable[..., Any])
 POSITIVE = click.FloatRange(min=0, min_open=True)
 _SIDECAR = "Also save the provenance of OUT (inputs, options, version) in OUT.json, for formats that cannot store it."
 _OVERWRITE = "Replace existing companion files of OUT, such as OUT.json, even if voxflat did not write them."
-_RELAX_LENGTH = "Maximum total length of relaxation cuts, in mm, including those of --cuts."
+_RELAX_LENGTH = "Maximum total length of relaxation cuts in mm, including any cuts passed to --cuts."
 _PERIOD = "Treat the values as phases with this period, such as 360, so that averages and colours wrap around."
 _TIME_STEP = "Time between frames of a series, in seconds.  [default: from the file]"
 _PER_LINE = "Write one vertex number, or three voxel indices, on each line."
@@ -247,11 +247,11 @@ _surface_options = section(
     choice(
         "--hemisphere",
         ["left", "right", "both"],
-        "Extract this hemisphere from a white-matter volume or a segmentation of a whole brain. The cerebellum and the "
+        "Extract this hemisphere from a white-matter volume or a whole-brain segmentation. The cerebellum and the "
         'brain stem are removed, and the ventricles and deep nuclei are filled. "both" runs the command once per '
         "hemisphere and writes lh.OUT and rh.OUT.",
     ),
-    flag("--rim", "INPUT is a rim, as for `voxflat layers`: use the surface halfway between its borders."),
+    flag("--rim", "Treat INPUT as a rim, as for voxflat layers, and use the surface halfway between its borders."),
     option_of(surface, "spacing", metavar="X,Y,Z", callback=three(float, "0.5,0.5,0.5")),
     option_of(surface, "unit", type=click.Choice(UNITS), sentences=2),
     option_of(surface, "probability", type=FILE, metavar="FILE"),
@@ -270,14 +270,14 @@ region = section(
     reads("--keep", "Restrict the surface to this region: a mask volume or, for meshes, a label, patch or GIFTI file."),
     reads(
         "--drop",
-        "Exclude this region: a file as for --keep, or medial-wall for the part where the white and pial surfaces "
+        'Exclude this region: a file as for --keep, or "medial-wall" for the part where the white and pial surfaces '
         "touch.",
     ),
     value(
         "--seed-point",
         "I,J,K|V",
-        "Restrict the surface to the geodesic disk around this voxel (indices from 0) or mesh vertex (number from "
-        "0). Requires --radius.",
+        "Restrict the surface to the geodesic disk around this voxel (indices I,J,K) or mesh vertex (number V), both "
+        "counted from 0. Requires --radius.",
         callback=_place,
     ),
     option_of(Surface.disk, "radius", type=float, metavar="MM"),
@@ -307,7 +307,7 @@ where_cut = (
         multiple=True,
         callback=paths,
         sentences=3,
-        note="FILE is a cuts file, a template, or a list of neighbouring vertices (may be repeated).",
+        note="FILE is a cuts file, a template, or a list of neighbouring vertices (repeat --cuts for several lists).",
     ),
     option_of(Surface.cut, "sphere", type=FILE, metavar="FILE"),
 )
@@ -316,7 +316,7 @@ further_cuts = (
         "--relax/--no-relax",
         default=None,
         callback=_relax,
-        help="Add relaxation cuts, which reduce the distortion of the map, as long as they pay off.  "
+        help="Add relaxation cuts where they reduce the distortion of the map enough to be worthwhile.  "
         "[default: --relax, unless --cuts or a patch file specifies the cuts]",
     ),
     value("--relax-length", "MM", _RELAX_LENGTH, type=click.FloatRange(min=0), is_eager=True),
@@ -341,7 +341,8 @@ def _of_methods(option: str) -> str:
 
 
 _METHODS = f"Flattening method. {'; '.join(f'{name}: {method.summary}' for name, method in METHODS.items())}."
-_SOLVER = "graph, or a more exact one if its error exceeds 1 %"
+_START = "Flat map of the surface to start from, in any format that voxflat measure accepts."
+_SOLVER = "graph, or a more exact method if its error exceeds 1 %"
 _METHOD_SECTIONS = (
     section(
         "Method",
@@ -355,7 +356,7 @@ _METHOD_SECTIONS = (
         option_of(Voxflat, "weighting", type=click.FloatRange(0, 1), metavar="W", sentences=2),
         option_of(Voxflat, "scale", type=click.Choice(SCALES), sentences=2),
         option_of(Voxflat, "max_area", type=float, metavar="FACTOR"),
-        option_of(Voxflat, "start", type=FILE, metavar="MAP"),
+        option_of(Voxflat, "start", type=FILE, metavar="MAP", help=_START),
     ),
     section("Method grossmann2002", link_lengths(Grossmann2002)),
     section(

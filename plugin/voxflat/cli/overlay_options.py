@@ -36,11 +36,9 @@ def _limits(ctx: click.Context, param: click.Parameter, value: str | None) -> tu
 
 def depth_options(several: str) -> tuple[Callable[..., Any], ...]:
     """Return the options for the depth at which volumes are sampled; `several` explains the use of several depths."""
-    depth = "Distance outside the surface at which volumes are sampled, in mm; negative values are inside the surface."
-    fraction = (
-        "Cortical depth from 0 (white surface) to 1 (pial surface), instead of --depth, for maps made with --pial."
-    )
-    layering = "Measure --fraction as a share of the cortical volume (equivolume) or of the thickness (equidistant)."
+    depth = "Distance from the surface, in mm, at which volumes are sampled: positive outside, negative inside."
+    fraction = "Cortical depth from 0 (white surface) to 1 (pial surface). Replaces --depth for maps made with --pial."
+    layering = "Interpret --fraction as a share of the cortical volume (equivolume) or of the thickness (equidistant)."
     return (
         options.value("--depth", "MM[,MM...]", f"{depth} {several}  [default: 0]", callback=options.numbers),
         options.value("--fraction", "F[,F...]", f"{fraction} {several}", callback=options.numbers),
@@ -52,7 +50,7 @@ def data_section(overlay: Any, *further: Any, interpolation: str) -> Callable[[_
     """Return the section of options that specify the data and how they are sampled."""
     help_ = f"Interpolation between voxels.  [default: {interpolation}]"
     between = options.choice("--interpolation", ["linear", "nearest"], help_)
-    depths = depth_options("With several depths, the mean or the most frequent label is shown.")
+    depths = depth_options("With several depths, the mean value or the most frequent label is shown.")
     return options.section("Data", overlay, *depths, between, *further)
 
 
@@ -72,7 +70,7 @@ def colour_section(*further: Any) -> Callable[[_Command], _Command]:
         options.value(
             "--range",
             "LO,HI",
-            "Values at both ends of the colour scale, as numbers or as percentiles such as 2%,98%.  [default: "
+            "Values at the two ends of the colour scale, as numbers or as percentiles such as 2%,98%.  [default: "
             "1%,99%, made symmetric about 0 if their signs differ]",
             "limits",
             callback=_limits,
@@ -80,15 +78,15 @@ def colour_section(*further: Any) -> Callable[[_Command], _Command]:
         options.value(
             "--cmap", "NAME", "Matplotlib colour map.  [default: viridis, or RdBu_r if LO < 0 < HI]", "colour_map"
         ),
-        options.value("--label", "TEXT", "Label of the colour bar.  [default: the name of the file]"),
-        options.value("--unit", "TEXT", "Unit of the data, added in parentheses to the colour bar's label."),
+        options.value("--label", "TEXT", "Label of the colour bar.  [default: the file name]"),
+        options.value("--unit", "TEXT", "Unit of the data, added in parentheses to the label of the colour bar."),
         *further,
     )
 
 
 def page_section(*further: Any) -> Callable[[_Command], _Command]:
     """Return the section of options for the background, the title and other elements of the page."""
-    kinds, help_ = ("curvature", "sulcal depth", "none"), "Measure shown in grey below the data."
+    kinds, help_ = ("curvature", "sulcal depth", "none"), "Measure to show in grey beneath the data."
     underlay = options.choice("--underlay", kinds, help_, default=kinds[0])
     return options.section("Page", underlay, options.value("--title", "TEXT", "Title above the map."), *further)
 

@@ -195,8 +195,9 @@ def measure(
         How distances are measured, as in `Surface.geodesic`. By default "exact" for meshes of any size, and "graph" for
         surfaces of voxels, whose triangles are themselves an estimate.
     on_surface : bool
-        Measure on the given surface. By default, a voxflat map is measured on the geometry on which it was made: a
-        map made midway to the pial surface is not measured on the white surface. A warning is issued.
+        Measure distances on the given surface. By default, a voxflat map is measured on the geometry on which it was
+        made: a map made midway between the white and pial surfaces is not measured on the white surface. A warning
+        reports this.
     seed : int
         Seed of the random choice of sources.
     threads, memory_limit, progress : optional

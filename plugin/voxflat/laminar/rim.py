@@ -199,11 +199,11 @@ def rim(
     hemisphere : {"left", "right"}, optional
         The hemisphere, if the labels are those of a FreeSurfer ``ribbon.mgz`` (2 and 3, or 41 and 42).
     spacing : sequence of 3 floats, optional
-        Voxel size in mm, for volumes that do not define it (.npy, arrays); by default 1.
+        Voxel size in mm, for volumes that do not define it (.npy files and arrays); by default 1.
     affine : array_like, shape (4, 4), optional
         Matrix from voxel indices to RAS+ mm, for volumes that do not define it.
     memory_limit : int, optional
-        Maximum number of bytes to use; by default the free memory.
+        Maximum amount of memory to use, in bytes; by default the free memory.
     threads : int, optional
         Number of threads; by default one per core.
     progress : callable, optional

@@ -313,7 +313,8 @@ class FlatMap(Planar):
             A grey or colour picture, optionally with opacity. Arrays have shape (H, W), (H, W, 3) or (H, W, 4), and
             type uint8, bool, or float from 0 to 1.
         texel_size : float, optional
-            Side length of a picture pixel, in mm; by default, the picture just covers the bounding box of the map.
+            Side length of a pixel of the picture, in mm; by default chosen so that the picture just covers the bounding
+            box of the map.
         repeat : bool
             Whether the picture is repeated beyond its borders.
 

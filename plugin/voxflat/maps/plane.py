@@ -254,8 +254,8 @@ class Planar(ABC):
             Points, in RAS+ mm.
         limit : float
             Maximum distance between a point and the surface, in mm; by default 5, more than the thickness of the
-            cortex. The surface is that of the map's `points`, which lie midway between the white and pial surfaces if
-            ``pial=`` was passed.
+            cortex. The surface is that of the map's `points`, which lies midway between white and pial if ``pial=`` was
+            passed.
         space : {"surface", "scanner"}
             Space of the points: the surface's own `space`, as in the result of `locate`, or scanner RAS, as for
             volumes.

@@ -53,8 +53,8 @@ class Grossmann2002(Method):
         How sources are chosen: "farthest" spreads them evenly, each as far as possible from the others along the
         surface; "random" draws them at random.
     link_lengths : {"chain-code", "euclidean"}
-        Lengths of the links between neighbouring voxels: "chain-code" uses the unbiased estimator of the paper;
-        "euclidean" uses 1, √2 and √3 voxels.
+        Lengths of the links between neighbouring voxels: "chain-code" uses the unbiased estimator of Grossmann et al.
+        (2002); "euclidean" uses 1, √2 and √3 voxels.
 
     See Also
     --------

@@ -35,7 +35,7 @@ class Saucan2006(OverTriangles):
     Parameters
     ----------
     bound : float
-        Maximum factor :math:`C` by which lengths may change, above 1 and at most 10; by default 1.5. If the patches
+        Maximum factor :math:`C` by which lengths may change, above 1 and up to 10; by default 1.5. If the patches
         cannot be glued into one piece within this bound, flattening raises an error.
 
     See Also

@@ -46,9 +46,9 @@ class Schwartz1989(OverTriangles):
         How sources are chosen: "farthest" spreads them evenly along the surface; "curvature" places them up to four
         times as densely where the surface bends; "random" draws them at random.
     neighbourhood : int or "all", optional
-        Radius, in edges, of the neighbourhood of each vertex in which distances are stored, or "all" for all pairs. By
-        default the neighbourhood covers a tenth of the vertices, which Schwartz et al. (1989) found to be sufficient,
-        and at least 100 vertices.
+        Size of the neighbourhood of each vertex in which distances are stored, as a number of edges, or "all" for all
+        pairs. By default the neighbourhood covers a tenth of the vertices, which the paper found to be sufficient, and
+        at least 100 vertices.
     starts : int
         Number of random starts; by default 3, as in [1]_.
 

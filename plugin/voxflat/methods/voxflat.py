@@ -68,18 +68,18 @@ class Voxflat(OverTriangles):
         sample of sources, which thin triangles can cause, "marching" is used instead, or "exact" if the error of
         "marching" also exceeds 1 %.
     weighting : float
-        Balance between triangles (0) and long distances (1); by default 0.5. The weights of triangles and of distances
-        up to 30 mm are multiplied by ``10 ** (1 - 2 * weighting)``: 0 preserves angles and areas best, and 1 preserves
-        long distances best.
+        Balance between preserving triangles (0) and long distances (1); by default 0.5. The weights of triangles and of
+        distances up to 30 mm are multiplied by ``10 ** (1 - 2 * weighting)``: 0 preserves angles and areas best, and 1
+        preserves long distances best.
     scale : {"distances", "areas"}
-        The quantity that the scale of the map preserves; a curved surface has no map that preserves both. "distances"
-        minimises the mean relative error of distances; "areas" gives the map the area of the surface.
-        ``distortion.triangles.equal_area_scale`` and ``distortion.best_scale.scale`` are the factors that convert one
-        scale to the other.
+        Whether the scale of the map preserves distances or areas; no map of a curved surface preserves both.
+        "distances" minimises the mean relative error of distances; "areas" makes the area of the map equal to that of
+        the surface. ``distortion.triangles.equal_area_scale`` and ``distortion.best_scale.scale`` are the factors that
+        convert one scale to the other.
     max_area : float, optional
-        Greatest factor, above 1, by which any triangle may change its area, relative to the scale that preserves the
-        total area. Starting from the map without this bound, the descent continues with an increasing penalty on larger
-        changes. ``metadata["area_change"]`` holds the factor reached. If no such map is found, flattening raises an
+        Maximum factor (above 1) by which the area of any triangle may change, relative to the scale that preserves the
+        total area. Starting from the usual map, the descent continues with an increasing penalty on larger changes.
+        ``metadata["area_change"]`` is the factor reached. If no such map is found, flattening raises an
         `AreaBoundError`, which holds the best map and suggested cuts.
     start : map, optional
         A flat map of the surface to start from, of any kind that `voxflat.measure` accepts. It may have any position,

@@ -174,7 +174,7 @@ class Surface(Manifold):
             Voxel indices or, for meshes, a vertex number, counted from 0. If a voxel is not on the surface, the nearest
             surface voxel is used; a warning reports the distance if it is large.
         radius : float
-            Radius of the disk, in mm along the surface.
+            Radius of the disk around `seed_point`, in mm along the surface.
         threads, progress : optional
             As in `flatten`.
 
@@ -256,21 +256,21 @@ class Surface(Manifold):
 
         Parameters
         ----------
-        cuts : "standard", "automatic", list of paths, or path to a file, optional
-            Where to cut. "standard" cuts along the medial wall, the calcarine sulcus, three medial lines and a temporal
-            line, which are the same for every brain; they are traced on the registered `sphere`. "automatic" cuts open
-            any surface that is not a disk, and adds relaxation cuts (see `relax`) that suit this surface best. A list
-            holds paths of neighbouring vertices (voxel indices (k, 3) or vertex numbers (k,)), for example from
-            `Surface.path`. A file holds cuts from `CutSurface.save`, or a template from `CutSurface.save_template`. If
-            the surface is still not a disk, it is cut open automatically and a warning is issued; pass ``[]`` to
-            prevent this. The default is "standard" for a closed surface whose sphere is given, or is stored next to its
-            file as in FreeSurfer (``lh.sphere.reg`` next to ``lh.white``), unless a part was chosen other than by
-            `drop`; otherwise it is "automatic".
+        cuts : "standard", "automatic", list of paths, or path of a file, optional
+            Where to cut. "standard" cuts along the same lines in every brain: the medial wall, the calcarine sulcus,
+            three medial lines and a temporal line, which are traced on the registered `sphere`. "automatic" cuts open
+            any surface that is not a disk, and adds the relaxation cuts that suit this surface best. A list holds paths
+            of neighbouring vertices (voxel indices (k, 3) or vertex numbers (k,)), for example from `Surface.path`. A
+            file holds cuts from `CutSurface.save`, or a template from `CutSurface.save_template`. If the surface is
+            still not a disk, it is cut open automatically and a warning reports it; pass ``[]`` to prevent this. The
+            default is "standard" for a closed surface whose sphere is given, or is stored next to its file as in
+            FreeSurfer (``lh.sphere.reg`` next to ``lh.white``), unless a part was chosen other than by `drop`;
+            otherwise it is "automatic".
         sphere : path, Mesh, (points, faces) or array_like of shape (V, 3), optional
-            The registered sphere of a mesh, on which standard cuts are traced: one position for each vertex of the
-            whole mesh, centred at the origin, with any radius. It is in fsaverage space, or in fs_LR space if the file
-            name indicates it. By default FreeSurfer's sphere is used if it is stored next to the surface file and
-            standard cuts are made. Maps cut by a template are aligned with the flat map of fsaverage5
+            The registered sphere of a mesh, on which standard cuts are traced, with one position for each vertex of the
+            whole mesh; it is centred at the origin and may have any radius. It is in fsaverage space, or in fs_LR space
+            if the file name indicates it. By default FreeSurfer's sphere is used if it is stored next to the surface
+            file and standard cuts are made. Maps cut by a template are aligned with the flat map of fsaverage5
             (``metadata["frame"]`` is "standard").
         relax : bool or float, optional
             Add relaxation cuts, from the boundary inwards, where they reduce distortion most. True adds cuts as long as
@@ -280,8 +280,8 @@ class Surface(Manifold):
             reduce it by at least a tenth. A disk that is flattened unchanged, such as a scan or a patch, is cut only if
             the error would otherwise exceed 15 %.
         adapt : float, optional
-            Distance in mm within which the cuts of a template may grow and branch to reduce distortion. By default they
-            stay the same for every brain.
+            Distance in mm from their original position within which the cuts of a template may grow and branch to
+            reduce distortion. By default they stay the same for every brain.
         threads, memory_limit, progress : optional
             As in `flatten`.
 
@@ -346,12 +346,12 @@ class Surface(Manifold):
             directory on disk from which `FlatMap.rows` reads on demand). If the computation of a store is interrupted,
             the same call resumes it. `voxflat.open_rows` opens the directory.
         seed : int
-            Seed for all random choices. The same seed gives the same map, bit for bit, for any number of threads.
+            Seed for all random choices. The same seed gives the same map, bit by bit, for any number of threads.
         threads : int, optional
             Number of threads; by default one per core.
         memory_limit : int, optional
-            Maximum number of bytes to use; by default the free memory. The required memory is estimated before the
-            computation starts.
+            Maximum amount of memory to use, in bytes; by default the free memory. The required memory is estimated
+            before the computation starts.
         progress : callable, optional
             Called as ``progress(stage, done, total)`` about every 20 ms. If it returns False, the computation is
             cancelled.
@@ -405,18 +405,18 @@ class Surface(Manifold):
         Parameters
         ----------
         max_angle : float, optional
-            Maximum inclination θ to the plane of a patch, in degrees, from 0.01 to 80; by default 10.
+            Maximum angle θ between a triangle and the plane of its patch, in degrees, from 0.01 to 80; by default 10.
         bound : float, optional
-            Maximum factor C by which lengths may change, as an alternative to the angle. The angle is the largest one
+            Maximum factor C by which lengths may change, as an alternative to `max_angle`. The angle is the largest one
             for which C = K = 1/cos θ, the exact bound of a projection, stays within `bound`. This needs fewer patches
             than the formula above.
         count : int, optional
-            Maximum number of patches, as an alternative to the angle. The smallest possible angle is used.
+            Maximum number of patches, as an alternative to `max_angle`. The smallest possible angle is used.
         seeds : {"curvature", "flattest", "random"}
-            Where patches begin. "curvature" grows candidates around the flattest places, tilts them to become as large
-            as possible, and keeps the largest first; small patches are merged into their neighbours. The other two
-            follow Appleboim et al. (2006): patches grow one after another on the plane of the flattest triangle or of a
-            random one.
+            Where patches begin. "curvature" grows candidate patches around the flattest places, tilts their planes to
+            make the patches as large as possible, and keeps the largest first; small patches are merged into their
+            neighbours. "flattest" and "random" follow Appleboim, Saucan and Zeevi (2006): patches grow one after
+            another on the plane of the flattest triangle or of a random one.
         seed : int
             Seed for random choices.
         threads, progress : optional
@@ -474,10 +474,11 @@ class Surface(Manifold):
             Number of points from which distances are measured, or the points themselves: voxel indices (m, 3) or vertex
             numbers (m,).
         geodesic : {"graph", "marching", "exact", "chain"}
-            "graph": paths of straight links over the triangles. They are a fraction of a percent too long, but by far
-            the fastest to compute for many sources. "marching": fast marching with circular fronts (Kimmel, Sethian
-            1998). "exact": exact distances on the triangles (Mitchell, Mount, Papadimitriou 1987), which are slow to
-            compute. "chain": chain-code lengths over the 26-neighbour graph of a volume's surface voxels.
+            "graph": lengths of paths made of straight links across the triangles. They are a fraction of a percent too
+            long, but are by far the fastest to compute for many sources. "marching": fast marching with circular fronts
+            (Kimmel and Sethian 1998). "exact": exact distances on the triangles (Mitchell, Mount and Papadimitriou
+            1987), which are slow to compute. "chain": chain-code lengths in the 26-neighbour graph of the surface
+            voxels of a volume.
         sampling : {"farthest", "curvature", "random"}
             How sources are chosen: "farthest" spreads them evenly along the surface; "curvature" places them up to four
             times as densely where the surface bends (not for "chain"); "random" draws them at random.
@@ -487,9 +488,9 @@ class Surface(Manifold):
             Keep the distances in this directory on disk instead of in memory. If the computation is interrupted, the
             same call resumes it.
         dask : str, optional
-            Dask cluster whose workers compute the rows of a store, with bit-identical results: the address or file of
-            the scheduler, or "local" for workers on this machine. The workers must have access to the directory of the
-            store. `threads` then applies to each worker.
+            Dask cluster whose workers compute the rows of the store, with bit-identical results: the scheduler address,
+            a scheduler file, or "local" for workers on this machine. The workers must have access to the directory of
+            the store. `threads` then applies to each worker.
         seed : int
             Seed for random choices.
         threads, memory_limit, progress : optional
@@ -624,8 +625,8 @@ class Surface(Manifold):
         Parameters
         ----------
         side : {"left", "right"}, optional
-            The hemisphere. An error is raised if the surface agrees better with the other hemisphere. By default, the
-            hemisphere is detected.
+            The hemisphere. An error is raised if the surface matches the other hemisphere better. By default, the
+            hemisphere is detected automatically.
         threads, progress : optional
             As in `flatten`.
 
@@ -690,9 +691,9 @@ def surface(
     label : int, optional
         Label of the foreground, for volumes. By default, the only label in the volume.
     threshold : float, optional
-        Value above which the voxels of a volume are foreground, in the unit of the input.
+        Value above which the voxels of a volume are foreground, in the units of the input.
     spacing : sequence of 3 floats, optional
-        Voxel size in mm, for volumes that do not define it (.npy, arrays); by default 1.
+        Voxel size in mm, for volumes that do not define it (.npy files and arrays); by default 1.
     affine : array_like, shape (4, 4), optional
         Matrix from voxel indices to RAS+ mm, for volumes that do not define it.
     unit : {"mm", "µm", "nm", "cm", "m", "inch"}, optional
@@ -700,9 +701,9 @@ def surface(
         shown and saved in this unit. By default arrays, GIFTI and FreeSurfer files are in mm, and the unit of other
         meshes is unknown.
     probability : ndarray, path, image object or Volume, optional
-        For volumes, an image of the same shape whose value on the surface is `threshold` (or 0.5). Points are placed at
-        this value. By default, the volume itself determines their positions if `threshold` is given and its values vary
-        smoothly; otherwise, they are fitted to the voxels.
+        For volumes, an image of the same shape, such as a probability map, which has the value `threshold` (or 0.5) on
+        the surface. Points are placed at this value. By default, the volume itself determines their positions if
+        `threshold` is given and its values vary smoothly; otherwise, a fit to the voxels does.
     pial : path, Mesh, (points, faces) or pyvista.PolyData, optional
         The pial surface whose vertices correspond to those of the given white surface. Distances are then measured
         midway between the two surfaces. An error is raised if the pial surface does not lie outside the white one.

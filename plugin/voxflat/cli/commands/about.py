@@ -45,8 +45,9 @@ def cite_command(maps: tuple[Path, ...], bibtex: bool) -> None:
 def info_command() -> None:
     """Print version and system information for a bug report.
 
-    The list contains the versions of voxflat, Python, and the required and optional packages, the operating system, the
-    processor, the number of threads, and the memory. It does not contain the names of users, computers or files.
+    The command lists the versions of voxflat, Python, and the required and optional packages, as well as the operating
+    system, the processor, the number of threads, and the amount of memory. It does not list the names of users,
+    computers or files.
     """
     import psutil
 

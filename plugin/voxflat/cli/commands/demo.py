@@ -24,8 +24,8 @@ from voxflat.io.files import installing
 def demo_command(output: Path) -> None:
     """Flatten a hemisphere of the MNI152 template.
 
-    The demo extracts the left hemisphere from the MNI152 white-matter template bundled with nilearn, without a
-    download. It writes the map, a summary of its distortion, and pictures to a directory.
+    The demo extracts the left hemisphere from the MNI152 white-matter template bundled with nilearn, so it does not
+    download anything. The map, a summary of its distortion, and pictures are written to DIR.
     """
     try:
         from voxflat.demo import run

@@ -35,10 +35,10 @@ _EDGES = '"edges": paths along the edges of the triangles, as required for cuts.
     option_of(Surface.path, "geodesic", type=_WAYS, sentences=5, like=Surface.geodesic, note=_EDGES),
     options.link_lengths(Surface.path),
 )
-@options.output("Write the vertices along the path to this file, one per line, for --cuts.", required=False)
+@options.output("Write the vertices along the path to this file, one per line, for use with --cuts.", required=False)
 @options.run(options.memory_limit)
 def path_command(input_: Path, stops: list[Any], output: Path | None, writing: dict[str, Any], **given: Any) -> None:
-    """Find the shortest path through points of a surface.
+    """Find the shortest path through points on a surface.
 
     The command prints the length of the path. The points are voxel indices I,J,K or vertex numbers V, counted from 0.
     """
@@ -87,9 +87,9 @@ def path_command(input_: Path, stops: list[Any], output: Path | None, writing: d
 def rows_command(input_: Path, sources: int, quiet: bool, **given: Any) -> None:
     """Measure geodesic distances and store them on disk.
 
-    The command writes the geodesic distances from N sources to all points of a surface to DIR as rows.npy (float32,
-    mm). voxflat.open_rows opens this file, and NumPy can memory-map it. Only a small part of the distances is in memory
-    at any time. To resume an interrupted computation, run the same command again.
+    The geodesic distances from N sources to all points of a surface are written to DIR/rows.npy (float32, in mm). To
+    read them in Python, pass DIR to voxflat.open_rows, or memory-map the file with NumPy. Only a small part of the
+    distances is held in memory at any time. To resume an interrupted computation, run the same command again.
     """
     with bars(quiet) as shown:
         cuts, choose = given.pop("cuts"), part_of(given, shown.progress)

@@ -18,7 +18,9 @@ from voxflat.maps.flat_map import load
 from voxflat.maps.worst_places import WORST_ENDINGS
 from voxflat.maps.worst_search import worst_places
 
-_REFERENCE = 'How distances on the surface are measured: "exact", or the faster "graph" (see voxflat rows --geodesic).'
+_REFERENCE = (
+    'How distances on the surface are measured: "exact", or the faster "graph" (see --geodesic of voxflat rows).'
+)
 _USUAL = "exact for meshes, graph for volumes"
 _BEYOND = "List regions whose areas change by more than this factor."
 
@@ -51,8 +53,8 @@ def measure_command(surface_: Path, flat: tuple[Path, ...], heat_maps: Path | No
 
     Each FLAT is a flat map of SURFACE: a FreeSurfer patch, a flat GIFTI surface, an .obj file with texture coordinates,
     or a file written by voxflat flatten. Distances are measured in mm on SURFACE, with the same cuts as the map. A map
-    that voxflat computed midway to the pial surface is measured on the midway surface, and a note reports this. All
-    maps are measured from the same source points. The documentation defines all measures.
+    that voxflat made midway between the white and pial surfaces is measured on that geometry, and a note reports this.
+    All maps are measured from the same source points. The documentation defines all measures.
     """
     names = [path.name for path in flat]
     if len(set(names)) < len(names):
@@ -92,14 +94,15 @@ def measure_command(surface_: Path, flat: tuple[Path, ...], heat_maps: Path | No
     "Write the list of regions to this file: .json, or .tsv with one row per region.",
     options.writes(
         "--save-cuts",
-        "Write the cuts of the map and the suggested cuts to this file (.json). Pass it to --cuts of voxflat flatten.",
+        "Write the cuts of the map and the suggested cuts to this file (.json). Pass the file to voxflat flatten "
+        "with --cuts.",
         "cuts_file",
     ),
     options.value(
-        "--place", "N", "Save only the cut of region N; may be repeated.", "numbers", type=int, multiple=True
+        "--place", "N", "Save only the cut for region N (may be repeated).", "numbers", type=int, multiple=True
     ),
     options.writes("--figure", "Draw the regions on the map (.png, .svg or .pdf)."),
-    options.writes("--picture", "Draw the regions on the surface, from both sides.", metavar="PNG"),
+    options.writes("--picture", "Draw the regions on the surface, seen from both sides.", metavar="PNG"),
     required=False,
 )
 @options.run(options.threads)
@@ -113,13 +116,13 @@ def worst_command(
     writing: dict[str, Any],
     **given: Any,
 ) -> None:
-    """List the regions of highest area distortion.
+    """List the regions with the highest area distortion.
 
     MAP is a file written by voxflat flatten. Regions are ranked by the product of their area and its change, at the
-    scale that preserves the total area. For each region, voxflat suggests a cut that runs from the border through the
-    region. The gain of a cut is the decrease in the relative distance error of a coarse preview map of the default
-    method, in percentage points. The gain can be negative, since a cut that reduces area distortion may increase
-    distance errors.
+    scale that preserves the total area. For each region, voxflat suggests a cut that runs from the border of the map
+    through the region. The gain of a cut is the decrease, in percentage points, of the relative distance error of a
+    coarse preview map made with the default method. The gain can be negative, because a cut that reduces area
+    distortion may increase distance errors.
     """
     if numbers and cuts_file is None:
         raise click.UsageError("--place requires --save-cuts.")

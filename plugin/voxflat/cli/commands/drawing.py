@@ -21,8 +21,8 @@ _EACH = "For two maps, give one file that covers both, or give --overlay once pe
 _DATA = f"Data to draw over the folds: a volume, or values at the vertices of the mesh. {_EACH}"
 _SERIES = f"Series of volumes, or of values at the vertices of the mesh. {_EACH}"
 _ZERO = "Position of phase 0 on the colour wheel of --period: right (phases run counterclockwise) or top (clockwise)."
-_OPACITY = "Opacity of the data (default 1), or of parcels without data (default 0.75)."
-_FULL = "Magnitude of --alpha at which the data become opaque.  [default: its 99th percentile]"
+_OPACITY = "Opacity of the data (default 1) or, without data, of the parcels (default 0.75)."
+_FULL = "Magnitude of the --alpha values at which the data become opaque.  [default: their 99th percentile]"
 _maps = cloup.argument("maps", metavar="MAP [MAP]", type=FILE, nargs=-1, required=True)
 
 
@@ -41,21 +41,25 @@ _maps = cloup.argument("maps", metavar="MAP [MAP]", type=FILE, nargs=-1, require
 @_maps
 @data_section(
     options.reads("--overlay", _DATA, multiple=True),
-    options.value("--channel", "NAME|N", "Map to draw from an overlay with several maps: its name or number (from 0)."),
+    options.value(
+        "--channel", "NAME|N", "Map to draw from an overlay with several maps: its name, or its number from 0."
+    ),
     options.period,
     interpolation="nearest for integers, which may be labels; linear otherwise",
 )
 @colour_section(
     options.reads(
-        "--strength", "Apply the threshold to these data instead (such as t, R² or coherence).", multiple=True
+        "--strength", "Data to threshold instead of the overlay (for example, t, R² or coherence).", multiple=True
     ),
-    options.value("--strength-channel", "NAME|N", "Map to use from --strength, as for --channel."),
+    options.value(
+        "--strength-channel", "NAME|N", "Map to use from the --strength file: its name or number, as for --channel."
+    ),
     options.choice("--zero", ["right", "top"], _ZERO, default="right"),
     options.value("--opacity", "X", _OPACITY, type=click.FloatRange(0, 1)),
     options.reads(
         "--alpha",
-        "Set the opacity of the data by this file: the data are transparent where its values are 0, and opaque where "
-        "their magnitude reaches --alpha-full.",
+        "File of values that set the opacity of the data: transparent where a value is 0, and opaque where its "
+        "magnitude reaches --alpha-full.",
         multiple=True,
     ),
     options.value("--alpha-full", "X", _FULL, type=options.POSITIVE),
@@ -64,8 +68,8 @@ _maps = cloup.argument("maps", metavar="MAP [MAP]", type=FILE, nargs=-1, require
     "Parcels",
     options.reads(
         "--parcels",
-        "Draw the borders and names of these parcels (.annot, .label.gii, .dlabel.nii or a volume), and their colours "
-        "if there is no overlay.",
+        "Draw the borders and names of these parcels (.annot, .label.gii, .dlabel.nii or a volume), and fill them with "
+        "their colours if there is no overlay.",
         multiple=True,
     ),
     options.reads(
@@ -73,19 +77,24 @@ _maps = cloup.argument("maps", metavar="MAP [MAP]", type=FILE, nargs=-1, require
     ),
 )
 @page_section(
-    options.value("--width", "MM", "Width on paper, in mm.  [default: 85 (one column), 170 for two maps]", type=float)
+    options.value(
+        "--width",
+        "MM",
+        "Width of the printed figure, in mm.  [default: 85 (one column), or 170 for two maps]",
+        type=float,
+    )
 )
 @options.output("Output file: .png, .pdf, or .svg (with layers).")
 @options.run()
 def figure_command(maps: tuple[Path, ...], output: Path, writing: dict[str, Any], **look: Any) -> None:
     """Draw a figure of one or two flat maps.
 
-    MAP is a file written by voxflat flatten. The maps of both hemispheres are drawn side by side with one colour scale.
-    Gyri are light and sulci are dark. The figure is annotated with anatomical directions at the centre of the map, the
-    hemisphere, a scale bar and the names of cuts, as far as these are known. A warning lists the parcel names that are
-    omitted because they do not fit. With --period, the data are phases, which are drawn with a cyclic colour map (hsv,
-    or --cmap) and a colour wheel. PNG files are at least 1,700 pixels wide. In an SVG, curvature, data, parcels, names
-    and annotations are separate layers. To write only the values, use voxflat image.
+    MAP is a file written by voxflat flatten. The maps of both hemispheres are drawn side by side with the same colour
+    scale. Gyri are light and sulci are dark. The figure is annotated with anatomical directions at the centre of the
+    map, the hemisphere, a scale bar and the names of cuts, as far as these are known. A warning lists the parcel names
+    that are omitted because they do not fit. With --period, the data are treated as phases and drawn with a cyclic
+    colour map (hsv, or --cmap) and a colour wheel. A PNG is at least 1,700 pixels wide. In an SVG, curvature, data,
+    parcels, names and annotations are separate layers. To write only the values, use voxflat image.
     """
     if len(maps) > 2:
         raise click.UsageError(f"{len(maps)} maps are given. Give one map, or the maps of both hemispheres.")
@@ -133,7 +142,7 @@ def figure_command(maps: tuple[Path, ...], output: Path, writing: dict[str, Any]
 @_maps
 @data_section(
     options.reads("--overlay", _SERIES, required=True, multiple=True),
-    options.flag("--change", "Show the change from the mean over time, in %, at each point."),
+    options.flag("--change", "Show the percent change from the temporal mean at each point."),
     options.time_step,
     interpolation="linear",
 )
@@ -148,10 +157,10 @@ def figure_command(maps: tuple[Path, ...], output: Path, writing: dict[str, Any]
 def movie_command(
     maps: tuple[Path, ...], overlay: tuple[Path, ...], output: Path, writing: dict[str, Any], quiet: bool, **look: Any
 ) -> None:
-    """Make a movie of a series on one or two flat maps.
+    """Make a movie of a time series on one or two flat maps.
 
     MAP is a file written by voxflat flatten. The maps of both hemispheres are shown side by side. Each frame shows the
-    time, and the data over the folds. All frames share one colour scale. Data that do not pass the threshold are
+    time, and the data over the folds. All frames share the same colour scale. Data that do not pass the threshold are
     transparent. To write the values of all frames, use voxflat image.
     """
     if len(maps) > 2 or len(overlay) > len(maps):

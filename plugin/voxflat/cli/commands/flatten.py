@@ -32,12 +32,12 @@ _CUT_ENDINGS = (".json", ".surf.gii", ".vtp", ".ply", ".obj", PATCH_ENDING)
 @options.region
 @options.cuts
 @options.output(
-    "Output file. A .json file stores the cuts, for --cuts; .surf.gii, .vtp, .ply, .obj and .patch.3d (for "
-    "mris_flatten) store the cut surface.",
+    "Output file: .json for the cuts (to pass to --cuts), or .surf.gii, .vtp, .ply, .obj or .patch.3d (for "
+    "mris_flatten) for the cut surface.",
     options.writes(
         "--save-template",
         "Also write the cuts and the border of the excluded region as a template (.json). The template can be passed "
-        "to --cuts for any surface with a registered sphere of the same hemisphere and space.",
+        "to --cuts for any surface of the same hemisphere with a registered sphere in the same space.",
         "template",
     ),
 )
@@ -45,7 +45,7 @@ _CUT_ENDINGS = (".json", ".surf.gii", ".vtp", ".ply", ".obj", PATCH_ENDING)
 def cut_command(input_: Path, output: Path, template: Path | None, writing: dict[str, Any], **given: Any) -> None:
     """Cut a surface open for flattening.
 
-    The cuts are those that voxflat flatten would make: a surface that is not a disk is cut open to a disk, and
+    The cuts are those that voxflat flatten would make: a surface that is not a disk is cut open into a disk, and
     relaxation cuts are added where they reduce the distortion of the map.
     """
     check_output(output, _CUT_ENDINGS, **writing)
@@ -85,10 +85,12 @@ def cut_command(input_: Path, output: Path, template: Path | None, writing: dict
 @options.cuts
 @options.method_options
 @options.output(
-    "Output file. .npz and .voxflat store the complete map; .surf.gii, .patch.flat, .flat.patch.3d, .vtp, .ply and "
-    ".obj store the flat surface.",
+    "Output file: .npz or .voxflat for the complete map, or .surf.gii, .patch.flat, .flat.patch.3d, .vtp, .ply or .obj "
+    "for the flat surface.",
     option_of(Surface.flatten, "mirror", is_flag=True),
-    options.flag("--rows", "Save the distances from all sources to all points in OUT (large)."),
+    options.flag(
+        "--rows", "Also save the distances from all sources to all points in OUT, which makes the file large."
+    ),
     options.store,
 )
 @options.run(options.seed, options.threads, options.memory_limit, options.quiet)
@@ -98,7 +100,7 @@ def flatten_command(input_: Path, output: Path, writing: dict[str, Any], quiet: 
     INPUT is a label or intensity volume (.nii, .nii.gz, .hdr, .mgh, .mgz, .nrrd, .nhdr, .mha, .mhd, .tif, .npy, .npz)
     or a mesh (.surf.gii, FreeSurfer geometry such as lh.white, .asc, .vtk, .vtp, .ply, .stl, .obj, .off, .glb). A
     volume with several labels requires --label or --threshold. With --hemisphere, the surface is cut along standard
-    cuts by default. If no region is specified, the largest component is flattened. A surface that is not a disk is cut
+    cuts by default. If no region is given, the largest component is flattened. A surface that is not a disk is cut
     open, and a warning lists the cuts.
     """
     check_output(output, MAP_ENDINGS, **writing)

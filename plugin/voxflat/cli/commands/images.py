@@ -23,7 +23,10 @@ from voxflat.maps.image_files import IMAGE_ENDINGS, STACK_ENDINGS
 from voxflat.maps.sampling import INTERPOLATIONS
 from voxflat.maps.textures.textured import TEXTURED_ENDINGS, files_beside
 
-_VOLUME = "Volume to resample (including OME-Zarr). For the map of a mesh, also an overlay or the texture of the mesh."
+_VOLUME = (
+    "Volume to resample (including OME-Zarr images). For the map of a mesh, an overlay or the texture of the mesh is "
+    "also accepted."
+)
 
 
 @options.command(
@@ -47,8 +50,8 @@ _VOLUME = "Volume to resample (including OME-Zarr). For the map of a mesh, also 
     options.value(
         "--channel",
         "NAME|N",
-        "Map to show from a GIFTI, CIFTI or 4-D file with several maps: its name or number (from 0).  [default: "
-        "all; a .png can hold only one]",
+        "Map to show from a GIFTI, CIFTI or 4-D file with several maps: its name, or its number from 0.  "
+        "[default: all; a .png can hold only one]",
     ),
     options.flag("--heat-map", "Show the local distortion of the map instead of a volume."),
     options.period,
@@ -56,18 +59,18 @@ _VOLUME = "Volume to resample (including OME-Zarr). For the map of a mesh, also 
 )
 @options.section(
     "Sampling",
-    *depth_options("Several depths give one image each."),
+    *depth_options("Several depths produce one image per depth."),
     options.flag("--average", "Average over all depths instead of writing one image per depth."),
     options.choice(
         "--interpolation",
         INTERPOLATIONS,
-        'Interpolation between voxels. "majority" takes the most frequent label of the surrounding voxels over '
+        'Interpolation between voxels. "majority" selects the most frequent label among the surrounding voxels at '
         "all depths.  [default: nearest for integers, which may be labels; linear otherwise]",
     ),
 )
 @options.output(
     "Output file: .png for viewing, or .tif, .tiff, .nii, .nii.gz (float32) or .npy for the values. Several images can "
-    "also be written to .zarr.",
+    "also be written to a .zarr store.",
     options.value(
         "--pixel-size",
         "MM",
@@ -87,13 +90,13 @@ def image_command(
     quiet: bool,
     **given: Any,
 ) -> None:
-    """Resample a volume, or the distortion, onto a flat map.
+    """Resample a volume onto a flat map, or show the distortion of the map.
 
-    MAP is a file written by voxflat flatten or voxflat patches. For an atlas of patches, the image shows the page of
-    all patches, and the heat map shows C, the factor by which lengths change. A PNG shows scalars in grey (1st to 99th
-    percentile), each label in its own colour, and colours unchanged. It is transparent outside the map. The PNG of a
-    heat map is a figure with a colour bar. All other formats store the values, with NaN outside the map. A series is
-    read, sampled and written frame by frame, so its length is not limited by memory.
+    MAP is a file written by voxflat flatten or voxflat patches. For an atlas of patches, the image shows the page with
+    all patches, and the heat map shows C, the factor by which lengths change. A PNG shows scalars in grey (from the 1st
+    to the 99th percentile), each label in its own colour, and colours unchanged. Pixels outside the map are
+    transparent. A heat map saved as a PNG is a figure with a colour bar. All other formats store the values, with NaN
+    outside the map. A series is read, sampled and written frame by frame, so its length is not limited by memory.
     """
     if heat_map == (volume is not None):
         raise click.UsageError("Give either --volume or --heat-map.")
@@ -165,7 +168,7 @@ def texture_command(
     """Map a picture onto a surface as a texture.
 
     MAP is a file written by voxflat flatten. PICTURE is centred on the flat map, keeps its aspect ratio, and is
-    transferred from the map to the surface. For .ply, triangles are subdivided where vertex colours would be too
+    transferred from the map to the surface. For .ply output, triangles are subdivided where vertex colours would be too
     coarse.
     """
     check_output(output, TEXTURED_ENDINGS, beside=files_beside(output), **writing)

@@ -31,10 +31,10 @@ def _label(ctx: click.Context, param: click.Parameter, value: str | None) -> int
 @options.section(
     "Input",
     *(
-        option_of(rim, name, metavar="LABEL|FILE", callback=_label, help=f"{part}: a label, or a mask file.{default}")
+        option_of(rim, name, metavar="LABEL|FILE", callback=_label, help=f"{part}: a label or a mask file.{default}")
         for name, part, default in (
             ("inner", "Inner border (white matter)", "  [default: 2]"),
-            ("outer", "Outer border (cerebrospinal fluid)", "  [default: 1; everything else if --inner is given]"),
+            ("outer", "Outer border (cerebrospinal fluid)", "  [default: 1, or all other voxels if --inner is given]"),
             ("grey", "Grey matter", "  [default: 3]"),
         )
     ),
@@ -44,11 +44,11 @@ def _label(ctx: click.Context, param: click.Parameter, value: str | None) -> int
 @options.section(
     "Layers",
     options.value("--count", "N", "Number of layers.", "-n", type=int, required=True),
-    option_of(Rim.layers, "layering", type=click.Choice(LAYERINGS)),
+    option_of(Rim.layers, "layering", type=click.Choice(LAYERINGS), until=", as in"),
 )
 @options.output(
-    "Output volume for the layers, from 1 at the inner to N at the outer border. The depth and the thickness are "
-    "written next to it, with _depth and _thickness in their names."
+    "Output volume for the layers, numbered from 1 at the inner border to N at the outer border. Volumes of the depth "
+    "and the thickness are written to the same directory, with _depth and _thickness added to the name."
 )
 @options.run(options.threads, options.memory_limit)
 def layers_command(
@@ -56,7 +56,7 @@ def layers_command(
 ) -> None:
     """Divide the grey matter into layers, given a segmentation that includes its inner and outer borders.
 
-    INPUT is a rim file as used in layer fMRI: a label volume of the grey matter and its borders, for a patch or a
+    INPUT is a rim as used for layer fMRI: a label volume of the grey matter and its borders, for either a patch or a
     complete hemisphere. No surfaces are needed.
     """
     check_volume_name(output)

@@ -44,7 +44,7 @@ from voxflat.pipeline.surface import Surface
 @options.section(
     "Texture",
     option_of(Atlas.page, "packing", type=click.Choice(PACKINGS), sentences=2),
-    options.reads("--volume", "Show this volume. For a mesh, also an overlay or the texture of the mesh."),
+    options.reads("--volume", "Show this volume. For a mesh, an overlay or the texture of the mesh is also accepted."),
     options.flag("--heat-map", "Show C, the factor by which lengths change."),
     options.value(
         "--depth", "MM", "Distance outside the surface at which the volume is sampled, in mm.  [default: 0]", type=float
@@ -52,10 +52,10 @@ from voxflat.pipeline.surface import Surface
     options.value("--pixel-size", "MM", "Side length of a pixel, in mm.  [default: as for voxflat image]", type=float),
 )
 @options.output(
-    "Output file. .npz and .voxflat store the complete atlas; .obj (with .mtl and .png), .vtp (with .png), .glb and "
-    ".ply store the surface with the page as its texture.",
+    "Output file: .npz or .voxflat for the complete atlas, or .obj (with .mtl and .png), .vtp (with .png), .glb or "
+    ".ply for the surface with the page as its texture.",
     options.writes("--page", "Also draw all patches on a page (.png, .pdf or .svg)."),
-    options.writes("--picture", "Also draw the surface with its patches in colours.", metavar="PNG"),
+    options.writes("--picture", "Also draw the surface with each patch in its own colour.", metavar="PNG"),
 )
 @options.run(options.seed, options.threads, options.memory_limit, options.quiet)
 def patches_command(
@@ -71,12 +71,12 @@ def patches_command(
 ) -> None:
     """Flatten a surface in patches with certified distortion.
 
-    SURFACE is a volume or a mesh of any topology. It is divided into patches, and each patch is projected onto a plane.
-    The distortion has proven bounds: lengths change by at most a factor of C, and angles by a dilatation of at most K
-    (Appleboim, Saucan, Zeevi 2006).
+    SURFACE is a volume or a mesh of any topology. The surface is divided into patches, and each patch is projected onto
+    a plane. The distortion has proven bounds: lengths change by at most a factor of C, and the dilatation of angles is
+    at most K (Appleboim, Saucan and Zeevi 2006).
 
-    By default, textured outputs show the patches in different colours. To show data instead, use --volume or
-    --heat-map. To draw images of an atlas that was saved as .npz, use voxflat image.
+    By default, textured outputs show each patch in its own colour. To show data instead, use --volume or --heat-map. To
+    draw images of an atlas that was saved as .npz, use voxflat image.
     """
     check_output(output, (*SAVED_ENDINGS, *TEXTURED_ENDINGS), beside=files_beside(output), **writing)
     is_textured = output.suffix.lower() not in SAVED_ENDINGS

@@ -20,6 +20,7 @@ from voxflat.io.volumes import VOLUME_ENDINGS
 from voxflat.maps.flat_map import FlatMap, load
 from voxflat.maps.regions import REGION_ENDINGS, Regions
 
+_SPACE = 'Space of the coordinates: "surface" (the space of the surface) or "scanner" (scanner RAS, as for volumes).'
 _PIXEL_SIZE = "Side length of the pixels of --image, in mm.  [default: from the file, or as for voxflat image]"
 
 
@@ -33,16 +34,16 @@ _PIXEL_SIZE = "Side length of the pixels of --image, in mm.  [default: from the 
 @options.section(
     "Points",
     option_of(FlatMap.points_to_map, "limit", type=float, metavar="MM"),
-    option_of(FlatMap.points_to_map, "space", type=click.Choice(["surface", "scanner"])),
+    option_of(FlatMap.points_to_map, "space", type=click.Choice(["surface", "scanner"]), help=_SPACE),
 )
-@options.output("Output table (.csv, .tsv or .txt): all columns of XYZ, and u, v and distance in mm.")
+@options.output("Output table (.csv, .tsv or .txt): all columns of XYZ, plus u, v and distance in mm.")
 @options.run()
 def points_command(map_: Path, points: Path, output: Path, limit: float, space: str, writing: dict[str, Any]) -> None:
-    """Find the positions of 3D points on a flat map.
+    """Find where points in space lie on a flat map.
 
-    MAP is a file written by voxflat flatten. XYZ is a table (.csv, .tsv or .txt) of coordinates in RAS+ mm, with
+    MAP is a file written by voxflat flatten. XYZ is a table (.csv, .tsv or .txt) of RAS+ coordinates in mm, either with
     columns named x, y and z or without a header. Each point is projected onto the nearest point of the surface. For
-    points beyond --limit, u, v and distance are n/a.
+    points farther from the surface than --limit, u, v and distance are n/a.
     """
     check_output(output, TABLE_ENDINGS, **writing)
     with reading() as files:
@@ -68,21 +69,21 @@ def points_command(map_: Path, points: Path, output: Path, limit: float, space: 
 @options.map_
 @options.section(
     "Regions",
-    options.reads("--svg", "Figure of the map (.svg) with regions drawn in a layer."),
+    options.reads("--svg", "Figure of the map (.svg) with the regions drawn in one layer."),
     options.value("--layer", "NAME", "Name of the layer in --svg that contains the regions.  [default: rois]"),
-    options.reads("--polygons", 'Polygons in mm for each region name (.json), such as {"V1": [[u, v], ...]}.'),
-    options.reads("--image", "Label image on the pixels of the map (.npy, .png, .tif, .nii or .nii.gz)."),
+    options.reads("--polygons", 'File (.json) of polygons in mm, keyed by region name, such as {"V1": [[u, v], ...]}.'),
+    options.reads("--image", "Label image on the pixel grid of the map (.npy, .png, .tif, .nii or .nii.gz)."),
     options.value("--pixel-size", "MM", _PIXEL_SIZE, type=float),
 )
 @options.output(
-    "Output file: .annot, .label.gii or .label (one region) for vertices; .nii, .nii.gz, .mgh, .mgz or .nrrd for "
-    "voxels.",
-    options.reads("--volume", "Volume whose grid is used for voxels.  [default: the flattened volume]"),
+    "Output file: .annot, .label.gii or .label (one region) for vertex labels; .nii, .nii.gz, .mgh, .mgz or .nrrd for "
+    "voxel labels.",
+    options.reads("--volume", "Volume whose grid is used for the voxel labels.  [default: the flattened volume]"),
     options.value(
         "--depth",
         "MM,MM",
-        "Range of distances outside the surface that the regions fill, in mm, for voxels of maps made without --pial. "
-        "0,2.5 covers the cortex outside the white matter.",
+        "Range of distances from the surface, in mm, in which voxels are labelled, for maps made without --pial. "
+        "For example, 0,2.5 covers the cortex outside the white matter.",
         callback=options.numbers,
     ),
 )
@@ -101,9 +102,9 @@ def regions_command(
 ) -> None:
     """Convert regions drawn on a flat map to vertex or voxel labels.
 
-    MAP is a file written by voxflat flatten. If the map was made with --pial, the voxels between the white and pial
-    surfaces are labelled. A vertex on a cut belongs to a region if either of its two positions on the map does. Where
-    regions overlap, the region drawn last takes precedence.
+    MAP is a file written by voxflat flatten. If MAP was made with --pial, the voxels between the white and pial
+    surfaces are labelled. A vertex on a cut belongs to a region if either of its two positions on the map is inside the
+    region. Where regions overlap, the last one drawn is used.
     """
     drawn = [given for given in (svg, polygons, image) if given is not None]
     if len(drawn) != 1:

@@ -21,7 +21,7 @@ _HEMIS = {"L": "lh", "R": "rh"}
 _DASK = options.value(
     "--dask",
     "ADDRESS|FILE|local",
-    'Process the participants on the Dask cluster whose scheduler has this address or file, or "local" for workers on '
+    'Dask cluster that processes the participants: the scheduler address, a scheduler file, or "local" for workers on '
     "this machine.",
 )
 _MAPS = options.section(
@@ -30,8 +30,8 @@ _MAPS = options.section(
         "--cuts",
         "standard|automatic|FILE",
         'How to cut the surfaces: along the same lines in every brain ("standard", which requires a registered '
-        'sphere), along lines chosen for each surface ("automatic"), or along the cuts of a cuts file or a template. '
-        "{hemi} in the name of FILE is replaced by the hemisphere.",
+        'sphere), along lines chosen for each surface ("automatic"), or along the cuts in a cuts file or template. '
+        "{hemi} in the name of FILE is replaced with the hemisphere.",
         default=Parameters.cuts,
     ),
     options.choice(
@@ -39,14 +39,14 @@ _MAPS = options.section(
     ),
     options.flag(
         "--volume",
-        "Start from a white-matter volume instead of surfaces: mri/filled.mgz, or in BIDS derivatives a mask or "
+        "Start from a white-matter volume instead of surfaces: mri/filled.mgz or, in BIDS derivatives, a mask or "
         "probability map (label-WM_mask or label-WM_probseg).",
     ),
     options.value(
         "--overlay",
         "F",
-        "Data to show on the maps: a name such as thickness or curv, a file of values, or a volume. Several overlays "
-        "may be given. {hemi} and {subject} in the name of a file are replaced by the hemisphere and the subject.  "
+        "Data to show on the maps: a measure such as thickness or curv, a file of values, or a volume. Several "
+        "overlays may be given. {hemi} and {subject} in a file name are replaced with the hemisphere and the subject.  "
         "[default: thickness, if present]",
         "overlays",
         multiple=True,
@@ -92,14 +92,14 @@ class _MultipleValuesCommand(cloup.Command):
     options.value(
         "--participant-label",
         "LABEL",
-        "Process only these participants, with or without the prefix sub-. Several labels may be given.  [default: "
-        "all]",
+        "Labels of the participants to process, with or without the prefix sub-. Several labels may be given.  "
+        "[default: all]",
         "--participant_label",
         "labels",
         multiple=True,
     ),
     options.choice("--hemi", list(_HEMIS), "Hemispheres to process.", "hemis", multiple=True, default=tuple(_HEMIS)),
-    options.flag("--dry-run", "Print the planned work as one JSON object per hemisphere, and stop."),
+    options.flag("--dry-run", "Print the planned work as one JSON object per hemisphere, and exit."),
 )
 @_MAPS
 @options.section("Output", options.as_json)
@@ -117,15 +117,15 @@ def bids_command(
 ) -> int:
     """Flatten all participants of a study (BIDS App).
 
-    BIDS_DIR contains FreeSurfer subjects, sMRIPrep or fMRIPrep derivatives, or white-matter masks, either directly or
-    in derivatives/ or sourcedata/freesurfer. At the level "participant", voxflat writes BIDS derivatives such as
-    sub-01_hemi-L_desc-voxflat_flat.surf.gii to OUT, and one report per participant. Results that are up to date,
-    according to the checksums of the inputs and the parameters, are skipped. A participant that fails does not stop the
-    others. At the level "group", voxflat writes a table of all measures, means over standard maps, and a page of all
-    maps.
+    BIDS_DIR contains FreeSurfer subjects, sMRIPrep or fMRIPrep derivatives, or white-matter masks, either at the top
+    level or in derivatives/ or sourcedata/freesurfer. At the "participant" level, voxflat writes BIDS derivatives, such
+    as sub-01_hemi-L_desc-voxflat_flat.surf.gii, and one report per participant to OUT. Results are not recomputed if
+    they are up to date according to the parameters and the checksums of the inputs. If a participant fails, the others
+    are still processed. At the "group" level, voxflat writes a table of all measures, images of the means over maps
+    with standard cuts, and a page that shows all maps.
 
-    The exit status is the number of participants that failed (at most 100). If no participant could be processed, it is
-    1 or 2, as for other commands.
+    The exit status is the number of participants that failed (at most 100). If no participant could be processed, the
+    exit status is 1 or 2, as for the other commands.
     """
     parameters = _parameters(given)
     if dask and (dry_run or level == "group"):
@@ -173,11 +173,11 @@ def bids_command(
 def freesurfer_command(subject: Path, hemis: tuple[str, ...], quiet: bool, **given: Any) -> int:
     """Flatten a FreeSurfer subject and write a report.
 
-    voxflat reads surf/?h.white, pial, sphere.reg, thickness and label/?h.cortex.label (or aparc.annot), and reports
-    missing files. It writes the map as surf/?h.voxflat.flat.patch.3d, .surf.gii, .npz (complete) and .json (distortion
-    and provenance), measures and overlays at the vertices as surf/?h.voxflat.*.shape.gii, and the report voxflat.html.
-    Results that are up to date, according to the checksums of the inputs and the parameters, are skipped. The exit
-    status is 1 if a hemisphere could not be flattened.
+    voxflat reads surf/?h.white, ?h.pial, ?h.sphere.reg, ?h.thickness and label/?h.cortex.label (or ?h.aparc.annot), and
+    reports missing files. It writes the map to surf/?h.voxflat.flat.patch.3d, .surf.gii, .npz (the complete map) and
+    .json (distortion and provenance), vertex-wise measures and overlays to surf/?h.voxflat.*.shape.gii, and the report
+    to voxflat.html. Results are not recomputed if they are up to date according to the parameters and the checksums of
+    the inputs. The exit status is 1 if a hemisphere could not be flattened.
     """
     parameters = _parameters(given)
     with bars(quiet) as shown:

@@ -36,7 +36,7 @@ from voxflat.surfaces.standard.pattern import SIDES
 def check_command(input_: Path, **given: Any) -> None:
     """Check whether a surface can be flattened.
 
-    The check lists the components, boundary loops, handles and defects of INPUT (a volume or a mesh), reports the
+    The command lists the components, boundary loops, handles and defects of INPUT (a volume or a mesh), reports the
     changes that each remedy would make, and gives advice. The exit status is 0 if the surface can be flattened, and 1
     otherwise.
     """
@@ -70,8 +70,8 @@ def check_command(input_: Path, **given: Any) -> None:
 def register_command(input_: Path, output: Path, writing: dict[str, Any], **given: Any) -> None:
     """Register a hemisphere to the fsaverage sphere.
 
-    The registration aligns the folding pattern of the surface with that of fsaverage. The output can be used instead of
-    FreeSurfer's ?h.sphere.reg. Surfaces that are not recognised as a cerebral hemisphere are rejected.
+    The registration aligns the folding pattern of the surface with that of fsaverage. The output can be used in place
+    of the FreeSurfer file ?h.sphere.reg. Surfaces that are not recognised as cerebral hemispheres are rejected.
     """
     check_output(output, **writing)
     with bars() as shown:
@@ -93,16 +93,17 @@ def register_command(input_: Path, output: Path, writing: dict[str, Any], **give
 @options.output(
     "Output file for the surface: .surf.gii, .vtp, .ply, .obj, or a FreeSurfer name such as lh.white.",
     options.writes(
-        "--repaired", "Also write the voxels that the repair changed as a label volume: 1 for removed, 2 for added."
+        "--repaired", "Also write a label volume of the voxels that the repair changed: 1 for removed, 2 for added."
     ),
 )
 @options.run(options.threads, options.memory_limit)
 def surface_command(input_: Path, output: Path, repaired: Path | None, writing: dict[str, Any], **given: Any) -> None:
     """Extract the surface of a volume, or check and convert a mesh.
 
-    For a volume, each vertex of the surface is a surface voxel, placed at a subvoxel position; voxflat does not compute
-    an isosurface. FreeSurfer files are written in tkRAS coordinates with a footer that locates them in scanner space.
-    All other formats are written in scanner RAS coordinates, which other tools expect for display with volumes.
+    Each vertex of the surface of a volume represents one surface voxel and has a subvoxel position; voxflat does not
+    compute an isosurface. FreeSurfer files are written in tkRAS coordinates with a footer that locates them in scanner
+    space. All other formats are written in scanner RAS coordinates, which other tools expect when they display surfaces
+    with volumes.
     """
     check_output(output, **writing)
     if repaired is not None:
