@@ -102,7 +102,7 @@ def test_what_cannot_be_connected_is_told_with_a_remedy(ready, monkeypatch):
     for address in ("tcp://127.0.0.1:9", "nonsense://here", "no/such/scheduler.json"):
         is_refused(address, rf"no Dask scheduler responds at {address} \(.*\)\. Check that it is running")
     monkeypatch.setattr(cluster, "__version__", "0.0.1")
-    is_refused(ready, r"the worker tcp://\S+ has voxflat \S+ instead of 0\.0\.1. Install the same version")
+    is_refused(ready, r"the worker tcp://\S+ has voxflat \S+ instead of 0\.0\.1. Install version")
     monkeypatch.setattr(cluster, "version", no_package)
     is_refused(ready, r"voxflat is not installed on the worker tcp://\S+. Install version 0\.0\.1")
     monkeypatch.setitem(sys.modules, "distributed", None)

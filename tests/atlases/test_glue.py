@@ -67,7 +67,7 @@ class TestGlue:
         refused(r"a bound of 1 on C. Give a bound from 1\.000001 to 10", atlas.glue, 1)
         refused("a bound of NaN", atlas.glue, float("nan"))
         refused(r"change lengths by a factor of up to 1\.01.* greater bound", atlas.glue, 1.0001)
-        refused("bound is 'tight'. Pass the greatest factor", atlas.glue, "tight")
+        refused("bound is 'tight'. Pass the largest factor", atlas.glue, "tight")
         refused("bound is True", atlas.glue, True)
 
     def test_it_can_be_cancelled(self, atlas):
@@ -167,7 +167,7 @@ class TestOneMap:
 
     def test_bad_options_are_refused(self):
         for options, message in (
-            ({"bound": 1.0}, "bound is 1.0. Pass the largest factor by which lengths may change, above 1, up to 10"),
+            ({"bound": 1.0}, "bound is 1.0. Pass the largest factor by which lengths may change, from above 1 to 10"),
             ({"bound": np.nan}, "bound is nan"),
             ({"bound": "1.5"}, "bound is '1.5'"),
             ({"rows": True}, "the method 'saucan2006' does not measure distances"),

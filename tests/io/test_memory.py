@@ -152,4 +152,4 @@ voxflat.surface(sys.argv[1], threshold=0.5)
     command = [sys.executable, "-c", code, tmp_path / "a.nii.gz"]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert "InputError" in done.stderr.splitlines()[-1]
-    assert re.search("953.7 MiB of memory is needed, .*MiB are free", done.stderr)
+    assert re.search("953.7 MiB of memory is needed, .*MiB is free", done.stderr)

@@ -167,7 +167,7 @@ def test_glued(open_widget, qtbot):
     surface, _, heat = viewer.layers[1:]
     same_atlas(heat, expected)
     assert_array_equal(heat.data, expected.heat_map().data)
-    assert f"{len(expected)} pieces" in widget.status.text()
+    assert f"{len(expected)} piece" in widget.status.text()
     # of one patch one colour, also where it is glued to others
     shown = np.asarray(surface.vertex_colors)[surface.faces]
     assert (shown == shown[:, :1]).all()

@@ -204,7 +204,7 @@ def in_options(text: str, command: click.Command | None) -> str:
     """Return a message with Python arguments, such as relax=False, replaced by command options, such as --no-relax.
 
     A name without an underscore may be an ordinary word. It is replaced if it stands beside another option, or if the
-    message says that it is given, cannot be combined or does not apply.
+    message says that it is given, cannot be combined or does not apply, or asks to pass or omit it.
     """
     names = {str(one.name) for one in command.params if isinstance(one, click.Option)} if command else set()
 
@@ -225,7 +225,10 @@ def in_options(text: str, command: click.Command | None) -> str:
         before, after = found.string[: found.start()], found.string[found.end() :]
         is_list = "--" in found[0] and re.match(r"[,.;:]|$| (?:is|are|requires?|cannot|do|does)\b", after)
         is_given = re.search(r"(?:^|[.:;] )$", before) and re.match(_GIVEN, after)
-        if not (is_list or is_given) or re.search(r"--[\w-]+ $", before):  # this one: the value of an option
+        is_named = re.search(r"\b(?:[Pp]ass|[Oo]mit) $", before) and re.match(r"\.|$", after)
+        if not (is_list or is_given or is_named) or re.search(
+            r"--[\w-]+ $", before
+        ):  # this one: the value of an option
             return found[0]
         return re.sub(rf"(?<![\w-])(?:{words})(?![\w-])", r"--\g<0>", found[0])
 

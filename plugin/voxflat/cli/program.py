@@ -20,7 +20,7 @@ COMMANDS = {
     "freesurfer": ("study", "Flatten a FreeSurfer subject and write a report."),
     "image": ("images", "Resample a volume onto a flat map, or show the distortion of the map."),
     "info": ("about", "Print version and system information for a bug report."),
-    "layers": ("layers", "Divide the grey matter into layers, from a segmentation with its borders."),
+    "layers": ("layers", "Divide the grey matter of a segmentation into layers."),
     "measure": ("distortion", "Measure the distortion of flat maps made by any tool."),
     "movie": ("drawing", "Make a movie of a time series on one or two flat maps."),
     "patches": ("patches", "Flatten a surface in patches with certified distortion."),

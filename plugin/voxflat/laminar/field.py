@@ -4,8 +4,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import scipy.ndimage
-import scipy.sparse
+import scipy
 from numpy.typing import NDArray
 
 from voxflat import _core

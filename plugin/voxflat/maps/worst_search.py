@@ -4,9 +4,8 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-import scipy
+import scipy  # its modules are imported on first use
 from numpy.typing import NDArray
-from scipy.sparse.csgraph import connected_components, dijkstra
 
 from voxflat import _core
 from voxflat.arguments import Progress, checked_kind, checked_switch, checked_threads, is_whole, optional_number, shown
@@ -121,7 +120,7 @@ def _touching(faces: NDArray[Any], chosen: NDArray[np.bool_], count: int) -> lis
     corners = faces[numbers].astype(np.int64)
     ends = np.concatenate([corners[:, [0, 1]], corners[:, [1, 2]]])
     links = scipy.sparse.coo_matrix((np.ones(len(ends)), ends.T), shape=(count, count))
-    _, group = connected_components(links, directed=False)
+    _, group = scipy.sparse.csgraph.connected_components(links, directed=False)
     _, which = np.unique(group[corners[:, 0]], return_inverse=True)
     order = np.argsort(which, kind="stable")
     return np.split(numbers[order], np.cumsum(np.bincount(which))[:-1])
@@ -187,7 +186,9 @@ class _Ways:
         """Return the distance of vertices to the nearest source, and the previous vertex on the shortest path."""
         count = len(self.rows)
         graph = scipy.sparse.csr_matrix((lengths, ends.T), shape=(count, count))
-        far, before, _ = dijkstra(graph, directed=False, indices=sources, min_only=True, return_predecessors=True)
+        far, before, _ = scipy.sparse.csgraph.dijkstra(
+            graph, directed=False, indices=sources, min_only=True, return_predecessors=True
+        )
         return far, before
 
     def relieving(self, place: WorstPlace) -> RelievingCut | None:

@@ -54,7 +54,7 @@ def _label(ctx: click.Context, param: click.Parameter, value: str | None) -> int
 def layers_command(
     input_: Path, output: Path, count: int, layering: str, writing: dict[str, Any], **given: Any
 ) -> None:
-    """Divide the grey matter into layers, given a segmentation that includes its inner and outer borders.
+    """Divide the grey matter of a segmentation into layers.
 
     INPUT is a rim as used for layer fMRI: a label volume of the grey matter and its borders, for either a patch or a
     complete hemisphere. No surfaces are needed.
