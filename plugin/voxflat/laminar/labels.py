@@ -117,7 +117,7 @@ def _codes(parts: dict[str, object], present: dict[int, int], hemisphere: str | 
         return dict(_LAYNII)
     if hemisphere is not None:
         raise InputError(
-            "hemisphere selects the labels of FreeSurfer's ribbon. Pass either it or inner, outer and grey"
+            "hemisphere selects the labels of FreeSurfer's ribbon. Pass hemisphere alone, or pass inner, outer and grey"
         )
     for name in ("inner", "grey"):
         if parts[name] is None:
