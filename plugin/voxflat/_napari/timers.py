@@ -9,7 +9,7 @@ PAUSE = 10  # ms between two steps; otherwise, Qt would run the next step before
 
 
 def single_shot(parent: QObject, pause: int, act: Callable[[], Any]) -> QTimer:
-    """Return a timer that calls a function once, when the pause (ms) has passed since its last start."""
+    """Return a timer that calls a function once, `pause` ms after the timer was last started."""
     timer = QTimer(parent)
     timer.setSingleShot(True)
     timer.setInterval(pause)

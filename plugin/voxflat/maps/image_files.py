@@ -319,5 +319,7 @@ def _measured(data: NDArray[Any]) -> NDArray[Any]:
     single = data.astype(np.float32)
     if all_whole(data) and not np.array_equal(single, data, equal_nan=True):
         most = np.nanmax(np.abs(data))
-        raise InputError(f"labels up to {most:.0f} are too large for float32, which this format uses. Save as .npy")
+        raise InputError(
+            f"the largest label, {most:.0f}, is too large for float32, which this format uses. Save as .npy"
+        )
     return single

@@ -636,7 +636,9 @@ def patch_of(
     rows = listed_points(ids, faces, bridges)
     kept = faces[triangles_of(rows, faces)]
     if len(kept) == 0:
-        raise InputError("every triangle lies at a cut, so a patch file cannot store any. Save as .vtp, .ply or .obj")
+        raise InputError(
+            "every triangle borders a cut, so a patch file cannot store any of them. Save as .vtp, .ply or .obj"
+        )
     vertices = len(np.unique(ids[faces]))
     if len(kept) < len(faces):
         log.warning(

@@ -129,7 +129,7 @@ def _loops(path: Any, svg: Any, to_mm: Any) -> Iterator[NDArray[np.float64]]:
 
 
 def _chords(segment: Any, svg: Any, to_mm: Any) -> NDArray[np.float64]:
-    """Return points along a segment that are close enough for the chords to stay within the tolerance."""
+    """Return points along a segment, close enough together for the chords to stay within the tolerance."""
     if isinstance(segment, svg.Line | svg.Close):
         ends = [segment.start, segment.end]
         return np.array([[end.x, end.y] for end in ends if end is not None], dtype=np.float64).reshape(-1, 2)
