@@ -702,8 +702,8 @@ def surface(
         meshes is unknown.
     probability : ndarray, path, image object or Volume, optional
         For volumes, an image of the same shape, such as a probability map, whose value on the surface equals
-        `threshold` (by default 0.5). Points are placed at this value. By default, the volume itself determines their positions if
-        `threshold` is given and its values vary smoothly; otherwise, a fit to the voxels does.
+        `threshold` (by default 0.5). Points are placed at this value. By default, the volume itself determines their
+        positions if `threshold` is given and its values vary smoothly; otherwise, a fit to the voxels does.
     pial : path, Mesh, (points, faces) or pyvista.PolyData, optional
         The pial surface whose vertices correspond to those of the given white surface. Distances are then measured
         midway between the two surfaces. An error is raised if the pial surface does not lie outside the white one.

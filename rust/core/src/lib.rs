@@ -57,7 +57,7 @@
 //! The centre of a voxel has integer index coordinates `(i, j, k)`. The affine maps them to millimetres (RAS+).
 //! Distance rows are `f32` millimetres; arithmetic is `f64`. `NaN` means undefined. Results depend only on the input
 //! and the seed. They are bit-identical for any number of threads, because sums over sources are taken in the order of
-//! the sources. Every function that takes a [`Control`](control::Control) returns [`Error::Cancelled`] after it is
+//! the sources. Every function that takes a [`Control`] returns [`Error::Cancelled`] after it is
 //! cancelled (`tests/jobs.rs`). The messages of [`Error`] explain the other errors.
 
 pub mod adjacency;
