@@ -1,9 +1,9 @@
 """Convert any input, a file or an object of another package, to a `Mesh` or a `Volume`; the first match is used."""
 
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, TypeAlias, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -43,13 +43,9 @@ def taken(
 
 def as_mesh(source: object) -> Mesh | None:
     """Return a path, (points, faces), a `Mesh` or another package's mesh as a `Mesh`, or None for other input."""
-    if isinstance(source, Mesh):
-        return source
-    if isinstance(source, str | os.PathLike) and is_mesh_name(source):
-        return read_mesh(source)
-    if isinstance(source, tuple) and len(source) == 2:
-        points, faces = (array_of(part, "points and faces") for part in source)
-        return Mesh(points, faces)
+    for is_one, of in _MESHES:
+        if is_one(source):
+            return of(source)
     return mesh_of_object(source)
 
 
@@ -89,7 +85,7 @@ def as_volume(obj: object, *, spacing: Sequence[float] | None = None, affine: Ar
     """
     given, is_file = given_affine(spacing, affine), isinstance(obj, str | os.PathLike)
     with naming(obj, REMEDY if is_file else "pass an array, a path or an image"):
-        volume = _volume(obj)
+        volume = next(of(obj) for is_one, of in _VOLUMES if is_one(obj))
         if given is None:
             return volume
         if volume.is_placed:
@@ -97,15 +93,16 @@ def as_volume(obj: object, *, spacing: Sequence[float] | None = None, affine: Ar
         return replace(volume, affine=given, is_placed=True)
 
 
-def _volume(given: Any) -> Volume:
-    if isinstance(given, Volume):
-        return given
-    if isinstance(given, str | os.PathLike):
-        return volume_of_file(given)
-    if hasattr(given, "dataobj") and hasattr(given, "affine"):
-        return Volume._placed(*from_nibabel(given))
-    if hasattr(given, "GetBufferedRegion") and hasattr(given, "TransformIndexToPhysicalPoint"):
-        return Volume._placed(*from_itk(given))
+def _is_path(given: object) -> bool:
+    return isinstance(given, str | os.PathLike)
+
+
+def _of_pair(pair: tuple[Any, Any]) -> Mesh:
+    points, faces = (array_of(part, "points and faces") for part in pair)
+    return Mesh(points, faces)
+
+
+def _of_array(given: object) -> Volume:
     if isinstance(given, np.ma.MaskedArray):
         raise InputError("has a mask, which would be lost. Fill the array first, for example with .filled(0)")
     array = as_array(given)
@@ -114,3 +111,27 @@ def _volume(given: Any) -> Volume:
     if array.dtype == object:
         raise InputError(f"this object is not supported. Pass {SUPPORTED}")
     return Volume._placed(array, None)
+
+
+T = TypeVar("T")
+_Kinds: TypeAlias = tuple[tuple[Callable[[Any], bool], Callable[[Any], T]], ...]
+
+_MESHES: _Kinds[Mesh] = (
+    (lambda given: isinstance(given, Mesh), lambda mesh: mesh),
+    (lambda given: _is_path(given) and is_mesh_name(given), read_mesh),
+    (lambda given: isinstance(given, tuple) and len(given) == 2, _of_pair),
+)
+
+_VOLUMES: _Kinds[Volume] = (
+    (lambda given: isinstance(given, Volume), lambda volume: volume),
+    (_is_path, volume_of_file),
+    (
+        lambda given: hasattr(given, "dataobj") and hasattr(given, "affine"),
+        lambda of: Volume._placed(*from_nibabel(of)),
+    ),
+    (
+        lambda given: hasattr(given, "GetBufferedRegion") and hasattr(given, "TransformIndexToPhysicalPoint"),
+        lambda image: Volume._placed(*from_itk(image)),
+    ),
+    (lambda _: True, _of_array),
+)
