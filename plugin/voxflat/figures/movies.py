@@ -81,7 +81,20 @@ class Movie(Sequence[NDArray[np.uint8]]):
 
     @property
     def size(self) -> tuple[int, int]:
-        """Height and width of each frame in pixels; both are even, as H.264 requires."""
+        """Height and width of each frame in pixels.
+
+        Both are even, as H.264 requires.
+
+        See Also
+        --------
+        movie : Its parameter `size` sets the width.
+
+        Examples
+        --------
+        >>> flat_map = voxflat.samples.hill().flatten()
+        >>> voxflat.figures.movie(flat_map, np.ones((441, 3)), size=320).size
+        (358, 320)
+        """
         return (self._below.height, self._below.width)
 
     def _caption(self, n: int) -> str:
