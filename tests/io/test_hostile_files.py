@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 from mesh_files import grid, nib, patch, refuses
 from PIL import Image
+from PIL import __version__ as pillow
 from refusals import refused, warnings_as_errors
 
 import voxflat
@@ -486,6 +487,9 @@ def test_tags_of_a_picture_that_are_damaged_are_not_told(tmp_path, sheet):
     path = tmp_path / "rois.tif"
     damaged_tag(path, (4, 4), 270, 2, lambda entry: entry[:4] + struct.pack("<L", 10**8) + entry[8:])
     with warnings_as_errors():
+        if int(pillow.split(".")[0]) < 13:  # which refuses the file
+            refused("cannot identify image file", sheet.regions, path)
+            return
         refuses(path, "the label image has 4 x 4 pixels", sheet.regions)
         assert (as_picture(path)[0] == 1).all()
 

@@ -154,7 +154,7 @@ class _Stderr:
     """Stderr stream that ignores failures to write."""
 
     def write(self, text: str) -> None:
-        _ignoring_errors(lambda: print(end=text, file=sys.stderr))
+        _ignoring_errors(lambda: print(end=text, file=sys.stderr, flush=True))
 
     def flush(self) -> None:
         _ignoring_errors(sys.stderr.flush)
