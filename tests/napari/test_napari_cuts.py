@@ -189,6 +189,18 @@ def test_standard_cuts_show_the_excluded_part_and_make_a_template(make_napari_vi
         assert_array_equal(one.ids, other)
 
 
+def test_using_cuts_opens_the_form(make_napari_viewer, qtbot):
+    viewer = make_napari_viewer()
+    viewer.add_surface(sphere(200), name="ball")
+    _, dock = viewer.window.add_plugin_dock_widget("voxflat", "Draw cuts")
+    press(dock, qtbot, "begin")
+    press(dock, qtbot, "automatic")
+    dock.use.click()
+    _, widget = viewer.window.add_plugin_dock_widget("voxflat", "Flatten surface")
+    assert widget.form.surface.layer.name == "ball"
+    assert "along the drawn lines" in widget.form.plan.text()
+
+
 def test_one_more_cut_continues_from_the_displayed_map(open_widget, qtbot, tmp_path, monkeypatch, messages):
     points, faces = sphere(200)
     viewer, widget = open_widget(Surface((points, faces), name="ball"))

@@ -30,7 +30,7 @@ class ViewerState:
     """The runs of one viewer, which do not depend on open docks; the signal `changed` notifies the docks."""
 
     changed = Signal()  # emitted when runs are added or removed, or the current run changes
-    cuts_drawn = Signal()  # emitted when cuts were drawn for a layer
+    cuts_drawn = Signal(object)  # emitted when cuts were drawn for a layer
     flatten_requested = Signal(object, object)  # emitted with a layer to flatten along drawn cuts, and its foreground
 
     _of: ClassVar["dict[int, ViewerState]"] = {}
@@ -124,7 +124,7 @@ class ViewerState:
 
     def set_cuts(self, layer: Layer, cuts: DrawnCuts) -> None:
         self._cuts[layer] = cuts
-        self.cuts_drawn.emit()
+        self.cuts_drawn.emit(layer)
 
     def cuts_of(self, layer: Layer | None) -> DrawnCuts | None:
         return None if layer is None else self._cuts.get(layer)

@@ -261,12 +261,14 @@ class DrawCuts(TaskDock):
 
     def _on_use(self) -> None:
         if self.drawing is not None and self._layer is not None:
+            self._viewer.window.add_plugin_dock_widget(
+                "voxflat", "Flatten surface", tabify=True
+            )  # opens it if necessary
             ViewerState.of(self._viewer).set_cuts(self._layer, DrawnCuts(self.drawing.paths(), self.drawing.left_out))
             self.status.setText(f"Flatten surface will use these cuts for '{self._layer.name}'.")
 
     def _on_again(self) -> None:
         self._on_use()
-        self._viewer.window.add_plugin_dock_widget("voxflat", "Flatten surface", tabify=True)  # opens it if necessary
         ViewerState.of(self._viewer).flatten_requested.emit(self._layer, self._foreground)
 
     def _show_work(self, what: str | None) -> None:

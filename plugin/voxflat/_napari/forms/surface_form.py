@@ -107,7 +107,8 @@ class SurfaceForm(LayerForm):
         self._offer_to_go_on()
         self._update_plan()
 
-    def _on_cuts_drawn(self) -> None:
+    def _on_cuts_drawn(self, layer: Layer) -> None:
+        self.surface.choose(layer)
         self.options.offer_drawn(self._state.cuts_of(self.surface.layer), chosen=True)
 
     def _on_patch(self) -> None:
