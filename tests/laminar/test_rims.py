@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from command_line import fail, succeed
 from layers import bent_layers
 from refusals import refused
 
@@ -191,6 +192,7 @@ def test_wrong_options(rims):
     refused("hemisphere selects the labels", voxflat.rim, labels, inner=2, grey=3, hemisphere="left")
     refused("inner is 2.5. Pass a label", voxflat.rim, labels, inner=2.5, grey=3)
     refused("has shape", voxflat.rim, labels, inner=np.ones((2, 2, 2)), grey=3)
+    refused("has the label 1. Omit hemisphere", voxflat.rim, labels, hemisphere="left")
     refused("hemisphere is 'up'", voxflat.rim, labels, hemisphere="up")
     refused(
         "no voxel of the grey matter touches",
@@ -200,6 +202,30 @@ def test_wrong_options(rims):
     for count in (0, 1001, 2.5, "3", True):
         refused("count is", rim.layers, count)
     refused("layering is", rim.depth, "laplace")
+
+
+def test_maps_of_rims_can_be_saved(rims, tmp_path):
+    flat_map = voxflat.rim(voxflat.samples.rim()).surface.flatten()  # the grey matter reaches the ends of the volume
+    flat_map.save(tmp_path / "map.npz")
+    loaded = voxflat.load(tmp_path / "map.npz")
+    np.testing.assert_array_equal(loaded.white_points, flat_map.white_points)
+    np.testing.assert_array_equal(
+        loaded.image(rims["fold"][1], fraction=0.5).data, flat_map.image(rims["fold"][1], fraction=0.5).data
+    )
+
+
+def test_layers_on_the_command_line(rims, tmp_path):
+    rim, labels, *_ = rims["fold"]
+    voxflat.io.write_volume(tmp_path / "rim.nii.gz", labels.data, labels.affine)
+    voxflat.io.write_volume(tmp_path / "white.nii.gz", (labels.data == 2).astype(np.uint8), labels.affine)
+    given = (tmp_path / "rim.nii.gz", "-n", 3, "--inner", tmp_path / "white.nii.gz", "--grey", 3, "--outer", 1)
+    succeed("layers", *given, "-o", tmp_path / "layers.nii.gz")
+    for name, expected in (("", rim.layers(3)), ("_depth", rim.depth()), ("_thickness", rim.thickness())):
+        found = voxflat.io.read_volume(tmp_path / f"layers{name}.nii.gz")
+        np.testing.assert_array_equal(found.data, expected.data)
+        np.testing.assert_allclose(found.affine, labels.affine)
+    fail(1, "it is an input. Choose another name", "layers", *given, "-o", tmp_path / "white.nii.gz")
+    fail(1, "it is an input. Choose another name", "layers", *given, "-o", tmp_path / "rim.nii.gz")
 
 
 def test_threads_do_not_matter(rims):

@@ -109,6 +109,10 @@ def _codes(parts: dict[str, object], present: dict[int, int], hemisphere: str | 
         checked_choice(hemisphere, "hemisphere", tuple(_RIBBON))
     if all(part is None for part in parts.values()):
         if hemisphere is not None:
+            if _LAYNII["outer"] in present:
+                raise InputError(
+                    "hemisphere applies to FreeSurfer's ribbon, but this rim has the label 1. Omit hemisphere"
+                )
             return dict(_RIBBON[hemisphere])
         if 42 in present and 41 in present:
             raise InputError(

@@ -272,7 +272,8 @@ def _middle_surface(labels: Layered, values: Field) -> Surface:
         "placed_by": "half of the equidistant depth",
         "measured_on": "midthickness: halfway between the borders of the grey matter",
     }
-    voxels = labels.voxels(points) + labels.first
+    voxels = labels.voxels(points) + labels.first  # vertices at an end of the volume may lie just outside it
+    voxels = voxels.clip(0, np.array(volume.data.shape) - 1)
     return Surface._of(
         Manifold(core, voxels, metadata, white_points=values.inner[kept], pial_points=values.outer[kept])
     )

@@ -16,9 +16,12 @@ from voxflat.maps.depth import LAYERINGS
 from voxflat.surfaces.standard.pattern import SIDES
 
 
-def _label(ctx: click.Context, param: click.Parameter, value: str | None) -> int | str | None:
-    """Convert a text to a label, or to the path of a mask."""
-    return int(value) if value is not None and value.lstrip("-").isdecimal() else value
+def _label(ctx: click.Context, param: click.Parameter, value: str | None) -> int | Path | None:
+    """Convert a text to a label, or to the path of a mask, which is an input."""
+    if value is None or value.lstrip("-").isdecimal():
+        return None if value is None else int(value)
+    path: Path = options.FILE.convert(value, param, ctx)
+    return path
 
 
 @options.command(
