@@ -209,6 +209,7 @@ def test_maps_of_rims_can_be_saved(rims, tmp_path):
     flat_map.save(tmp_path / "map.npz")
     loaded = voxflat.load(tmp_path / "map.npz")
     np.testing.assert_array_equal(loaded.white_points, flat_map.white_points)
+    assert "halfway between the inner and the outer border of segmented grey matter" in str(voxflat.cite(loaded))
     np.testing.assert_array_equal(
         loaded.image(rims["fold"][1], fraction=0.5).data, flat_map.image(rims["fold"][1], fraction=0.5).data
     )
