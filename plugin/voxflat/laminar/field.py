@@ -29,6 +29,7 @@ class Field:
     depth: NDArray[np.float64]  # (G,), equidistant: 0 at the inner, 1 at the outer border
     volume_depth: NDArray[np.float64]  # (G,), equivolume
     thickness: NDArray[np.float64]  # (G,), mm
+    halfway: NDArray[np.float64]  # (G, 3), the point of the middle surface on the column of each voxel, RAS+ mm
     points: NDArray[np.float64]  # (V, 3), middle surface, RAS+ mm
     faces: NDArray[np.uint32]  # (F, 3)
     inner: NDArray[np.float64]  # (V, 3), nearest points on the inner border
@@ -48,7 +49,7 @@ def field_of(rim: Layered, threads: int | None = None, progress: Progress | None
     is_band &= scipy.ndimage.binary_dilation(rim.labels == GREY, iterations=3)
     band = np.argwhere(is_band)
     places = rim.places(band)
-    (inwards, _), (outwards, _) = (border.find(places, steps) for border in borders)
+    (inwards, inner), (outwards, outer) = (border.find(places, steps) for border in borders)
     outwards = -outwards
     thickness = inwards + outwards
     depth = inwards / np.where(thickness > 0, thickness, 1.0)
@@ -58,9 +59,24 @@ def field_of(rim: Layered, threads: int | None = None, progress: Progress | None
     is_grey = rim.labels[tuple(band.T)] == GREY
     depth, thickness = depth[is_grey].clip(0, 1), thickness[is_grey]
     areas = _areas(feet[0], points, feet[1], faces, float(np.median(thickness)))
-    triangles, weights = steps.nearest(_core.NearestFinder(points, faces), places[is_grey])[:2]
-    around = [(weights * area[faces[triangles]]).sum(axis=1) for area in areas]
-    return Field(depth, _share_below(depth, *around), thickness, points, faces, feet[0], feet[1])
+    near = _half_depth(places[is_grey], depth, inner[is_grey], outer[is_grey])
+    triangles, weights = steps.nearest(_core.NearestFinder(points, faces), near)[:2]
+    corners = faces[triangles]
+    around = [(weights * area[corners]).sum(axis=1) for area in areas]
+    halfway = np.einsum("nk,nkd->nd", weights, points[corners])
+    return Field(depth, _share_below(depth, *around), thickness, halfway, points, faces, feet[0], feet[1])
+
+
+def _half_depth(
+    places: NDArray[np.float64], depth: NDArray[np.float64], inner: NDArray[np.float64], outer: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Move places along the straight line to their farther foot until they are at half the depth.
+
+    The nearest point on the middle surface then belongs to the same bank, even if the other bank is nearer.
+    """
+    is_outer = (depth > 0.5)[:, None]
+    foot, share = np.where(is_outer, inner, outer), np.where(is_outer[:, 0], depth, 1 - depth)
+    return foot + (places - foot) * (0.5 / share)[:, None]
 
 
 def _middle(
