@@ -1,5 +1,6 @@
 """Compute depth, thickness and columns of the grey matter between two borders."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -17,6 +18,7 @@ from voxflat.maps.depth import vertex_areas
 _A_VOXEL = 60
 """Bytes of memory per voxel of the box; measured: 40 to 55."""
 
+_BEYOND = 3  # voxels beyond the labels
 _CHUNK = 1 << 17  # points between two reports of progress
 _FAR = 1e6  # mm, no limit
 _SMOOTHED = 0.5  # width of the smoothing of areas, relative to the median thickness
@@ -45,26 +47,43 @@ def field_of(rim: Layered, threads: int | None = None, progress: Progress | None
         _Border.of(rim.extended == INNER, affine, threads, progress),
         _Border.of(rim.extended != OUTER, affine, threads, progress),
     ]
-    is_band = scipy.ndimage.binary_dilation(rim.extended == GREY)
-    is_band &= scipy.ndimage.binary_dilation(rim.labels == GREY, iterations=3)
-    band = np.argwhere(is_band)
+    # Beyond the labels, a few voxels of extended grey matter let the middle surface reach the end of the labels.
+    near = scipy.ndimage.binary_dilation(rim.labels == GREY, iterations=_BEYOND)
+    band = np.argwhere((rim.extended == GREY) & near)
     places = rim.places(band)
-    (inwards, inner), (outwards, outer) = (border.find(places, steps) for border in borders)
-    outwards = -outwards
-    thickness = inwards + outwards
-    depth = inwards / np.where(thickness > 0, thickness, 1.0)
-    middle = _middle(rim, band, depth, threads, progress)
+    depth, thickness, inner, outer = _depth(places, borders, steps)
+    image = np.select([rim.extended == INNER, rim.extended == OUTER], [0.5, -0.5]).astype(np.float32)  # ½ - depth
+    image[tuple(band.T)] = 0.5 - depth
+    thin = np.argwhere(_crossed(image, rim.extended != GREY) & near)  # the middle surface passes beside these
+    image[tuple(thin.T)] = 0.5 - _depth(rim.places(thin), borders, steps)[0].clip(-1, 2)
+    middle = _surface_in(image > 0, affine, (image, 0.0), threads, progress)
     points, faces = middle.points, middle.faces
     feet = [border.find(points, steps)[1] for border in borders]
     is_grey = rim.labels[tuple(band.T)] == GREY
     depth, thickness = depth[is_grey].clip(0, 1), thickness[is_grey]
     areas = _areas(feet[0], points, feet[1], faces, float(np.median(thickness)))
-    near = _half_depth(places[is_grey], depth, inner[is_grey], outer[is_grey])
-    triangles, weights = steps.nearest(_core.NearestFinder(points, faces), near)[:2]
+    halves = _half_depth(places[is_grey], depth, inner[is_grey], outer[is_grey])
+    triangles, weights = steps.nearest(_core.NearestFinder(points, faces), halves)[:2]
     corners = faces[triangles]
     around = [(weights * area[corners]).sum(axis=1) for area in areas]
     halfway = np.einsum("nk,nkd->nd", weights, points[corners])
     return Field(depth, _share_below(depth, *around), thickness, halfway, points, faces, feet[0], feet[1])
+
+
+def _depth(
+    places: NDArray[np.float64], borders: Sequence["_Border"], steps: "_Steps"
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Return the equidistant depth of places, the thickness, and the nearest points on the inner and outer border."""
+    (inwards, inner), (outwards, outer) = (border.find(places, steps) for border in borders)
+    thickness = inwards - outwards
+    return inwards / np.where(thickness > 0, thickness, 1.0), thickness, inner, outer
+
+
+def _crossed(image: NDArray[np.float32], where: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return the voxels that differ in sign from one of their 26 neighbours."""
+    is_inner, cube = image > 0, np.ones((3, 3, 3), dtype=np.bool_)
+    near_inner, near_outer = (scipy.ndimage.binary_dilation(side, cube) for side in (is_inner, ~is_inner))
+    return np.asarray(where & near_inner & near_outer)
 
 
 def _half_depth(
@@ -77,16 +96,6 @@ def _half_depth(
     is_outer = (depth > 0.5)[:, None]
     foot, share = np.where(is_outer, inner, outer), np.where(is_outer[:, 0], depth, 1 - depth)
     return foot + (places - foot) * (0.5 / share)[:, None]
-
-
-def _middle(
-    rim: Layered, band: NDArray[np.int64], depth: NDArray[np.float64], threads: int | None, progress: Progress | None
-) -> _core.Surface:
-    """Return the surface at half the depth, with outward normals."""
-    image = np.where(rim.extended == INNER, 1.0, -2.0).astype(np.float32)  # it falls outwards
-    image[rim.extended == GREY] = 0.0
-    image[tuple(band.T)] = 0.5 - depth.clip(-1, 2)
-    return _surface_in(image > 0, rim.affine.tolist(), (image, 0.0), threads, progress)
 
 
 def _surface_in(

@@ -28,8 +28,17 @@ pub struct NearestFinder {
     corners: Vec<[Vector3<f64>; 3]>,
     /// The triangles along a space-filling curve.
     order: Vec<u32>,
-    /// The levels of the tree, from the boxes of the triangles in that order to the one around all of them.
-    levels: Vec<Vec<Bounds>>,
+    /// The levels of the tree. The boxes of the first contain one triangle each, in that order; the last level is one
+    /// node.
+    levels: Vec<Vec<Node>>,
+}
+
+/// The bounding boxes of up to [`FAN`] children, one list per axis, so that their distances are computed together.
+#[derive(Debug, Clone, Copy)]
+struct Node {
+    low: [[f64; FAN]; 3],
+    high: [[f64; FAN]; 3],
+    children: usize,
 }
 
 #[derive(Debug, Clone, Copy)]
@@ -37,6 +46,9 @@ struct Bounds {
     low: Vector3<f64>,
     high: Vector3<f64>,
 }
+
+/// The nearest triangle so far: the square of its distance, its number, and the weights of the nearest point.
+type Best = (f64, u32, [f64; 3]);
 
 impl NearestFinder {
     /// Creates a finder from the corners of triangles in mm.
@@ -48,56 +60,111 @@ impl NearestFinder {
             bounds.iter().map(|b| all.map_or(0, |all| all.curve_position(b))).zip(0..).collect();
         keyed.par_sort_unstable();
         let order: Vec<u32> = keyed.into_iter().map(|(_, n)| n).collect();
-        let mut levels = vec![order.iter().map(|&n| bounds[n as usize]).collect::<Vec<_>>()];
-        while let Some(below) = levels.last().filter(|below| below.len() > 1) {
-            let above = below.chunks(FAN).filter_map(|few| few.iter().copied().reduce(Bounds::with)).collect();
-            levels.push(above);
+        let mut below: Vec<Bounds> = order.iter().map(|&n| bounds[n as usize]).collect();
+        let mut levels = Vec::new();
+        while levels.is_empty() || below.len() > 1 {
+            levels.push(below.chunks(FAN).map(Node::of).collect());
+            below = below.chunks(FAN).filter_map(|few| few.iter().copied().reduce(Bounds::with)).collect();
         }
         Self { corners, order, levels }
     }
 
     /// Returns the nearest point on the surface within `limit` mm. None for points that are not finite.
     pub fn find(&self, point: [f64; 3], limit: f64) -> Option<Nearest> {
+        self.find_from(point, limit, None)
+    }
+
+    /// Calls [`find`](Self::find). A triangle that is probably near shortens the search and does not change the result.
+    fn find_from(&self, point: [f64; 3], limit: f64, near: Option<u32>) -> Option<Nearest> {
         let point = Vector3::from(point);
         if !point.iter().all(|x| x.is_finite()) || self.corners.is_empty() || limit.is_nan() || limit < 0.0 {
             return None;
         }
-        let top = self.levels.len() - 1;
         let mut best = (limit * limit, u32::MAX, [f64::NAN; 3]);
-        self.search(top, 0, &point, &mut best);
+        if let Some(triangle) = near {
+            self.compare(triangle, &point, &mut best);
+        }
+        self.search(self.levels.len() - 1, 0, &point, &mut best);
         let (square, triangle, weights) = best;
         (triangle != u32::MAX).then(|| Nearest { triangle, weights, distance: square.sqrt() })
     }
 
-    /// Searches below one box, the nearest child first.
-    fn search(&self, level: usize, node: usize, point: &Vector3<f64>, best: &mut (f64, u32, [f64; 3])) {
-        if level == 0 {
-            let triangle = self.order[node];
-            let weights = nearest_weights(&self.corners[triangle as usize], point);
-            let square = (place(&self.corners[triangle as usize], &weights) - point).norm_squared();
-            if square < best.0 || (square == best.0 && triangle < best.1) {
-                *best = (square, triangle, weights);
+    /// Searches below one node, the nearest child first.
+    fn search(&self, level: usize, node: usize, point: &Vector3<f64>, best: &mut Best) {
+        let boxes = &self.levels[level][node];
+        let mut squares = boxes.squares_to(point);
+        loop {
+            let mut next = (best.0, usize::MAX);
+            for (child, &square) in squares.iter().enumerate().take(boxes.children) {
+                if square < next.0 || (square == next.0 && next.1 == usize::MAX) {
+                    next = (square, child);
+                }
             }
-            return;
-        }
-        let below = &self.levels[level - 1];
-        let children = node * FAN..((node + 1) * FAN).min(below.len());
-        let mut near = [(f64::INFINITY, usize::MAX); FAN];
-        for (slot, child) in near.iter_mut().zip(children) {
-            *slot = (below[child].square_to(point), child);
-        }
-        near.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
-        for (square, child) in near {
-            if child == usize::MAX || square > best.0 {
+            if next.1 == usize::MAX {
                 return;
             }
-            self.search(level - 1, child, point, best);
+            squares[next.1] = f64::NAN; // visited
+            let child = node * FAN + next.1;
+            match level {
+                0 => self.compare(self.order[child], point, best),
+                _ => self.search(level - 1, child, point, best),
+            }
         }
     }
 
-    /// Calls [`find`](Self::find) for many points in parallel.
+    /// Takes a triangle if it is nearer, or as near and the first.
+    fn compare(&self, triangle: u32, point: &Vector3<f64>, best: &mut Best) {
+        let corners = &self.corners[triangle as usize];
+        let weights = nearest_weights(corners, point);
+        let square = (place(corners, &weights) - point).norm_squared();
+        if square < best.0 || (square == best.0 && triangle < best.1) {
+            *best = (square, triangle, weights);
+        }
+    }
+
+    /// Calls [`find`](Self::find) for many points in parallel. It is fastest if successive points are near each other.
     pub fn find_all(&self, points: &[[f64; 3]], limit: f64, control: &Control) -> Result<Vec<Option<Nearest>>> {
-        control.each("finding the nearest points", points, CHUNK, |&point| self.find(point, limit))
+        control.begin("finding the nearest points", points.len().div_ceil(CHUNK) as u64);
+        let of_chunk = |few: &[[f64; 3]]| {
+            control.check()?;
+            let mut last = None;
+            let found = few.iter().map(|&point| {
+                let found = self.find_from(point, limit, last);
+                last = found.map(|near| near.triangle).or(last);
+                found
+            });
+            let found = found.collect();
+            control.advance();
+            Ok(found)
+        };
+        Ok(points.par_chunks(CHUNK).map(of_chunk).collect::<Result<Vec<Vec<_>>>>()?.concat())
+    }
+}
+
+impl Node {
+    fn of(children: &[Bounds]) -> Self {
+        let mut node = Self { low: [[0.0; FAN]; 3], high: [[0.0; FAN]; 3], children: children.len() };
+        for (n, child) in children.iter().enumerate() {
+            for axis in 0..3 {
+                node.low[axis][n] = child.low[axis];
+                node.high[axis][n] = child.high[axis];
+            }
+        }
+        node
+    }
+
+    /// Returns the squared distances of a point to the boxes; 0 inside.
+    fn squares_to(&self, point: &Vector3<f64>) -> [f64; FAN] {
+        let mut squares = [0.0; FAN];
+        for axis in 0..3 {
+            for n in 0..FAN {
+                let (below, above) = (self.low[axis][n] - point[axis], point[axis] - self.high[axis][n]);
+                let beyond = if below > above { below } else { above };
+                let beyond = if beyond > 0.0 { beyond } else { 0.0 };
+                squares[n] += beyond * beyond;
+            }
+        }
+        squares
     }
 }
 
@@ -109,11 +176,6 @@ impl Bounds {
 
     fn with(self, other: Self) -> Self {
         Self { low: self.low.inf(&other.low), high: self.high.sup(&other.high) }
-    }
-
-    /// Returns the squared distance to a point; 0 inside.
-    fn square_to(&self, point: &Vector3<f64>) -> f64 {
-        (point.sup(&self.low).inf(&self.high) - point).norm_squared()
     }
 
     /// Returns the position of another box's centre along the Z-order curve through this box.
