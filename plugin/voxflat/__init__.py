@@ -41,6 +41,7 @@ __all__ = [
     "FlatMap",
     "HemisphereError",
     "InputError",
+    "Profile",
     "Rim",
     "Surface",
     "VoxflatError",
@@ -76,6 +77,7 @@ if TYPE_CHECKING:
     from voxflat.errors import AreaBoundError, Cancelled, HemisphereError, InputError, VoxflatError
     from voxflat.evaluation.measure import compare, measure
     from voxflat.lab.map_page import map_page
+    from voxflat.laminar.profile import Profile
     from voxflat.laminar.rim import Rim, rim
     from voxflat.maps.flat_map import FlatMap, load
     from voxflat.maps.worst_search import worst_places
@@ -95,6 +97,7 @@ else:
         "errors": ("AreaBoundError", "Cancelled", "HemisphereError", "InputError", "VoxflatError"),
         "evaluation.measure": ("compare", "measure"),
         "lab.map_page": ("map_page",),
+        "laminar.profile": ("Profile",),
         "laminar.rim": ("Rim", "rim"),
         "maps.flat_map": ("FlatMap", "load"),
         "maps.worst_search": ("worst_places",),

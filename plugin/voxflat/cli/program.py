@@ -26,6 +26,7 @@ COMMANDS = {
     "patches": ("patches", "Flatten a surface in patches with certified distortion."),
     "path": ("distances", "Find the shortest path through points on a surface."),
     "points": ("places", "Find where points in space lie on a flat map."),
+    "profile": ("layers", "Average a volume along cortical depth within regions."),
     "regions": ("places", "Convert regions drawn on a flat map to vertex or voxel labels."),
     "register": ("surfaces", "Register a hemisphere to the fsaverage sphere."),
     "rows": ("distances", "Measure geodesic distances and store them on disk."),

@@ -12,6 +12,7 @@ from voxflat.figures.files import save, save_movie, save_picture
 from voxflat.figures.flat_maps import flat_map
 from voxflat.figures.movies import Movie, movie
 from voxflat.figures.overlays import Overlay
+from voxflat.figures.profiles import profile
 from voxflat.figures.views_3d import atlas_3d, patch_3d
 from voxflat.figures.worst import worst_places, worst_places_3d
 
@@ -26,6 +27,7 @@ __all__ = [
     "heat_maps",
     "movie",
     "patch_3d",
+    "profile",
     "save",
     "save_movie",
     "save_picture",

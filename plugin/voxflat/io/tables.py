@@ -3,6 +3,7 @@
 import csv
 import io
 import os
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -27,15 +28,32 @@ class PointTable:
 
     def save(self, path: str | os.PathLike[str], more: dict[str, NDArray[np.float64]]) -> None:
         """Write the table with additional columns, completely or not at all; missing numbers are written as ``n/a``."""
-        path = checked_path(path)
-        delimiter = {".csv": ",", ".tsv": "\t"}.get(path.suffix.lower(), " ")
-        columns = [["n/a" if np.isnan(of) else f"{of:.6f}" for of in values.tolist()] for values in more.values()]
-        text = io.StringIO()
-        writer = csv.writer(text, delimiter=delimiter, lineterminator="\n")
-        writer.writerow([*(self.header or [*"xyz", *(f"column{n}" for n in range(4, len(self.rows[0]) + 1))]), *more])
-        writer.writerows([*row, *(column[n] for column in columns)] for n, row in enumerate(self.rows))
-        with atomic_path(path) as temporary:
-            temporary.write_text(text.getvalue(), encoding="utf-8", newline="\n")
+        columns = [[cell_of(value) for value in values.tolist()] for values in more.values()]
+        header = self.header or [*"xyz", *(f"column{n}" for n in range(4, len(self.rows[0]) + 1))]
+        rows = ([*row, *(column[n] for column in columns)] for n, row in enumerate(self.rows))
+        write_table(path, [[*header, *more], *rows])
+
+
+def cell_of(value: float, form: str = ".6f") -> str:
+    """Return a number as text, or ``n/a`` if it is missing."""
+    return "n/a" if np.isnan(value) else format(value, form)
+
+
+def write_table(path: str | os.PathLike[str], rows: Iterable[Sequence[str]]) -> None:
+    """Write rows of cells, separated by commas (.csv), tabs (.tsv) or spaces, completely or not at all."""
+    path = checked_path(path)
+    text = io.StringIO()
+    delimiter = {".csv": ",", ".tsv": "\t"}.get(path.suffix.lower(), " ")
+    csv.writer(text, delimiter=delimiter, lineterminator="\n").writerows(rows)
+    with atomic_path(path) as temporary:
+        temporary.write_text(text.getvalue(), encoding="utf-8", newline="\n")
+
+
+def aligned(rows: Sequence[Sequence[str]], left: Sequence[int] = (0,)) -> str:
+    """Return rows as text in columns, which are right-aligned except for those numbered in `left`."""
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    line = "  ".join(f"{{:{'<' if column in left else '>'}{width}}}" for column, width in enumerate(widths))
+    return "\n".join(line.format(*row).rstrip() for row in rows)
 
 
 def read_points(path: str | os.PathLike[str]) -> PointTable:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from voxflat import _core
 from voxflat.arguments import Progress, checked_choice, checked_threads, is_whole, log, shown
@@ -17,7 +17,9 @@ from voxflat.io.sources import as_volume
 from voxflat.io.volumes import Volume
 from voxflat.laminar.field import Field, field_of
 from voxflat.laminar.labels import GREY, Layered, layered
+from voxflat.laminar.profile import Layers, Profile, groups_of, profile_of
 from voxflat.maps.depth import LAYERINGS
+from voxflat.maps.sampler import Sampler
 from voxflat.pipeline.surface import Surface
 from voxflat.surfaces.foreground import foreground_of
 from voxflat.surfaces.manifold import Manifold
@@ -138,10 +140,14 @@ class Rim(Recorded):
         >>> np.unique(rim.layers(3).data)
         array([0, 1, 2, 3], dtype=int16)
         """
+        return self.labels.in_volume(self._layer(count, layering), 0)
+
+    def _layer(self, count: int, layering: str) -> NDArray[np.int16]:
+        """Return the layer of each voxel of grey matter, shape (G,)."""
         if not is_whole(count) or not 1 <= count <= _MOST_LAYERS:
             raise InputError(f"count is {shown(count)}. Pass a whole number of layers from 1 to {_MOST_LAYERS}")
-        layer = np.minimum(np.floor(self._depth(layering) * count), count - 1).astype(np.int16) + np.int16(1)
-        return self.labels.in_volume(layer, 0)
+        layer = np.minimum(np.floor(self._depth(layering) * count), count - 1).astype(np.int16)
+        return np.asarray(layer + np.int16(1))
 
     @telling()
     def thickness(self) -> Volume:
@@ -165,6 +171,71 @@ class Rim(Recorded):
         2.4
         """
         return self.labels.in_volume(self.values.thickness.astype(np.float32), np.nan)
+
+    @telling()
+    def profile(
+        self,
+        volume: object,
+        regions: object | None = None,
+        *,
+        count: int = 20,
+        layering: str = "equivolume",
+        channel: int | str | None = None,
+        interpolation: str | None = None,
+    ) -> Profile:
+        """Return the mean and the standard deviation of a volume in each layer, for each region.
+
+        The volume is sampled at the centres of the voxels of grey matter. Voxels without a value are left out and
+        counted.
+
+        Parameters
+        ----------
+        volume : path, ndarray, image object or Volume
+            Scalars of shape (I, J, K), or (I, J, K, C) for several channels or frames. The grid may differ from that of
+            the rim: the affine defines the position. An array without an affine must have the shape of the rim.
+        regions : path, ndarray, image object, Volume or Regions, optional
+            A mask, or a volume of labels, in which 0 is outside all regions; voxels take the nearest label if the grid
+            differs from that of the rim. Alternatively, the result of `FlatMap.regions` for a map of `surface`. Each
+            voxel then belongs to the region that contains its column. By default, one region of all grey matter.
+        count : int
+            Number of layers, as in `layers`.
+        layering : {"equivolume", "equidistant"}
+            As in `layers`.
+        channel : int or str, optional
+            Number (from 0) or name of the channel, if there are several; by default all of them.
+        interpolation : {"linear", "nearest"}, optional
+            Interpolation between voxels of the volume; by default nearest for integers, and linear otherwise.
+
+        Returns
+        -------
+        Profile
+            The values, which can be drawn and saved as a table.
+
+        Raises
+        ------
+        InputError
+            A parameter is not valid, the volume has no values in the grey matter, or a region contains no voxel.
+
+        See Also
+        --------
+        Rim.layers : Divide the grey matter into layers.
+
+        Examples
+        --------
+        >>> rim = voxflat.rim(voxflat.samples.rim())
+        >>> rim.profile(rim.depth(), count=4).mean.round(1)
+        array([[0.1, 0.4, 0.6, 0.9]])
+        """
+        at = Sampler(
+            points=self.labels.places(self.labels.grey),
+            normals=np.empty((0, 3)),
+            ids=self.labels.grey + self.labels.first,
+            metadata=self.surface.metadata,
+            faces=np.empty((0, 3), dtype=np.uint32),
+            of="rim",
+        )
+        layers = Layers(self._layer(count, layering) - 1, count, layering)
+        return profile_of(volume, at, groups_of(regions, at, self.values.halfway), layers, channel, interpolation)
 
 
 @telling()

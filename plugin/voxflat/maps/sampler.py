@@ -80,6 +80,7 @@ class Sampler:
     faces: NDArray[Any]
     white_points: NDArray[np.float64] | None = None  # (N, 3), on the white and pial surfaces, if both are known
     pial_points: NDArray[np.float64] | None = None
+    of: str = "flattened volume"  # how messages refer to the volume whose affine volumes without one get
 
     @property
     def is_voxels(self) -> bool:
@@ -145,7 +146,7 @@ class Sampler:
             shown = series if several else lambda values: show(raster, values[self.ids], interpolation)
             names = channels = overlay.mapped(shown if period is None else phases(shown, period, interpolation))
         else:
-            volumes, placed, path = self._volumes(volume)
+            volumes, placed, path = self.volumes(volume)
             names = volumes
             title = name or (path.name if path else "volume")
             places = self._in_world(raster, depths)
@@ -185,7 +186,7 @@ class Sampler:
         shown = stack[self._found(volume, stack.channels, channel)]
         return replace(shown, name=name) if name else shown
 
-    def _volumes(self, volume: object) -> tuple[Channels, Callable[[NDArray[Any]], Volume], Path | None]:
+    def volumes(self, volume: object) -> tuple[Channels, Callable[[NDArray[Any]], Volume], Path | None]:
         """Return voxels (one by one for several volumes), a function that makes a volume from them, and the file."""
         path = Path(volume) if isinstance(volume, str | os.PathLike) else None
         with naming(path or type(volume).__name__, REMEDY):
@@ -328,15 +329,15 @@ class Sampler:
         return self.normals
 
     def placed(self, volume: object) -> Volume:
-        """Return a volume with its affine or, if it has none, with the affine of the flattened volume."""
+        """Return a volume with its affine or, if it has none, with the affine of the points' volume."""
         given = as_volume(volume)
         return given if given.is_placed else replace(given, affine=self._own_place(given.data.shape))
 
     def _own_place(self, shape: tuple[int, ...]) -> NDArray[np.float64]:
-        """Return the affine of the flattened volume for a volume of the same shape."""
+        """Return the affine of the points' volume for a volume of the same shape."""
         if shape[:3] != self.volume_shape:
             raise InputError(
-                f"the volume has shape {shape} and no affine, but the flattened volume has shape {self.volume_shape}. "
+                f"the volume has shape {shape} and no affine, but the {self.of} has shape {self.volume_shape}. "
                 "Pass a volume of that shape, or one with an affine"
             )
         return self.affine

@@ -19,6 +19,7 @@ INTERPOLATIONS = ("linear", "nearest", "majority")  # interpolation between voxe
 _Floats = NDArray[np.float64]
 _CORNERS = np.array(list(np.ndindex(2, 2, 2)), dtype=np.int32)
 _BLOCK = 1 << 16  # positions whose weights are in memory at a time
+_ROUNDING = 1e-3  # voxels, by which affines in single precision may misplace centres
 _CANCELLED = 1e-6  # a mean of unit vectors shorter than this has no direction
 
 
@@ -58,6 +59,12 @@ def _indices(volume: Volume, points: _Floats) -> tuple[_Floats, NDArray[np.bool_
     where = points @ inverse[:3, :3].T + inverse[:3, 3]
     size = np.asarray(volume.data.shape[:3])
     return where, np.all((where >= -0.5 - 1e-6) & (where <= size - 0.5 + 1e-6), axis=-1)
+
+
+def are_centres(volume: Volume, points: _Floats) -> bool:
+    """Return whether positions (P, 3) are centres of voxels, where no interpolation is needed."""
+    where, _ = _indices(volume, points)
+    return bool((np.abs(where - np.rint(where)) < _ROUNDING).all())
 
 
 def _by_voxels(data: Any, at: _Floats, interpolation: str) -> _Floats:

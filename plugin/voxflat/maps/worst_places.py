@@ -14,6 +14,7 @@ from voxflat.errors import InputError
 from voxflat.io.files import atomic_path
 from voxflat.io.grid import in_unit
 from voxflat.io.provenance import Record, Recorded, as_text, saving
+from voxflat.io.tables import aligned
 from voxflat.maps.flat_map import FlatMap
 
 WORST_ENDINGS = (".json", ".tsv")  # endings of the files that `WorstPlaces.save` writes
@@ -381,11 +382,8 @@ class WorstPlaces(Recorded):
         if any(place.parcel is not None for place in self.places):
             for row, parcel in zip(rows, ["parcel", *(place.parcel or "–" for place in self.places)], strict=True):
                 row.append(parcel)
-        widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-        aligned = [f"{{:{'<' if column in (0, 9) else '>'}{width}}}" for column, width in enumerate(widths)]
-        lines = ["  ".join(aligned).format(*row) for row in rows]
         told = [] if np.isnan(self.sketch_error) else [_GAIN.format(100 * self.sketch_error)]
-        return "\n".join([self._about, *(line.rstrip() for line in lines), *told])
+        return "\n".join([self._about, aligned(rows, left=(0, 9)), *told])
 
     def save(self, path: str | os.PathLike[str], *, sidecar: bool = False, overwrite: bool = False) -> None:
         """Save the regions to a file.

@@ -1,4 +1,4 @@
-"""The command `voxflat layers`."""
+"""The commands `voxflat layers` and `voxflat profile`, for segmented grey matter."""
 
 from pathlib import Path
 from typing import Any
@@ -8,11 +8,13 @@ import numpy as np
 
 from voxflat.cli import options
 from voxflat.cli.console import bars
-from voxflat.cli.output import check_output, report
+from voxflat.cli.output import FIGURE_ENDINGS, check_output, report
 from voxflat.cli.parameter_options import option_of
 from voxflat.io.volumes import VOLUME_ENDINGS, check_volume_name, write_volume
+from voxflat.laminar.profile import PROFILE_ENDINGS
 from voxflat.laminar.rim import Rim, rim
 from voxflat.maps.depth import LAYERINGS
+from voxflat.maps.flat_map import load
 from voxflat.surfaces.standard.pattern import SIDES
 
 
@@ -24,14 +26,7 @@ def _label(ctx: click.Context, param: click.Parameter, value: str | None) -> int
     return path
 
 
-@options.command(
-    "layers",
-    "voxflat layers rim.nii.gz -n 20 -o layers.nii.gz",
-    "voxflat layers ribbon.mgz --hemisphere left -n 3 --layering equidistant -o lh.layers.nii.gz",
-    "voxflat layers labels.nii.gz --inner 1 --grey 2 --outer 5 -n 10 -o layers.nii.gz",
-)
-@options.input_
-@options.section(
+_rim_options = options.section(
     "Input",
     *(
         option_of(rim, name, metavar="LABEL|FILE", callback=_label, help=f"{part}: a label or a mask file.{default}")
@@ -44,10 +39,22 @@ def _label(ctx: click.Context, param: click.Parameter, value: str | None) -> int
     option_of(rim, "hemisphere", type=click.Choice(SIDES)),
     option_of(rim, "spacing", metavar="X,Y,Z", callback=options.three(float, "0.5,0.5,0.5")),
 )
+
+_layering = option_of(Rim.layers, "layering", type=click.Choice(LAYERINGS), until=", as in")
+
+
+@options.command(
+    "layers",
+    "voxflat layers rim.nii.gz -n 20 -o layers.nii.gz",
+    "voxflat layers ribbon.mgz --hemisphere left -n 3 --layering equidistant -o lh.layers.nii.gz",
+    "voxflat layers labels.nii.gz --inner 1 --grey 2 --outer 5 -n 10 -o layers.nii.gz",
+)
+@options.input_
+@_rim_options
 @options.section(
     "Layers",
     options.value("--count", "N", "Number of layers.", "-n", type=int, required=True),
-    option_of(Rim.layers, "layering", type=click.Choice(LAYERINGS), until=", as in"),
+    _layering,
 )
 @options.output(
     "Output volume for the layers, numbered from 1 at the inner border to N at the outer border. Volumes of the depth "
@@ -80,3 +87,90 @@ def layers_command(
         f"{voxels} voxels of grey matter, median thickness {thickness:.2f} mm\nsaved as {output}, {beside[0]} and "
         f"{beside[1]}",
     )
+
+
+@options.command(
+    "profile",
+    "voxflat profile rim.nii.gz --volume bold.nii.gz -n 20 -o profile.tsv --figure profile.png",
+    "voxflat profile rim.nii.gz --volume zstat.nii.gz --regions areas.nii.gz -n 10 -o profiles.csv",
+    "voxflat profile rim.nii.gz --volume bold.nii.gz --channel 0 --map map.npz --regions drawn.svg -o profile.tsv",
+)
+@options.input_
+@_rim_options
+@options.section(
+    "Data",
+    options.reads("--volume", "Volume to measure, on any grid. A 4-D file has several channels.", required=True),
+    options.value("--channel", "NAME|N", "Channel to measure: its name, or its number from 0.  [default: all]"),
+    option_of(Rim.profile, "interpolation", type=click.Choice(["linear", "nearest"])),
+)
+@options.section(
+    "Regions",
+    options.reads(
+        "--regions",
+        "Mask or label volume, with one profile per label; with --map, regions drawn on that map, in any format that "
+        "voxflat regions reads.  [default: all grey matter]",
+    ),
+    options.reads("--map", "Map of this rim (voxflat flatten --rim) on which the regions were drawn.", metavar="MAP"),
+    options.value("--layer", "NAME", "Layer of an .svg file that contains the regions.  [default: rois]"),
+)
+@options.section(
+    "Layers",
+    options.value("--count", "N", "Number of layers.", "-n", type=int, default=20),
+    _layering,
+)
+@options.output(
+    "Output table (.tsv or .csv) with the columns region, layer, depth, mean, sd, voxels and, if there are several, "
+    "channel.",
+    options.writes("--figure", "Also draw the profiles, with bands of one standard deviation (.png, .svg or .pdf)."),
+    options.value("--label", "TEXT", "Label of the vertical axis of the figure.  [default: the file name]"),
+)
+@options.run(options.threads, options.memory_limit)
+def profile_command(
+    input_: Path,
+    volume: Path,
+    regions: Path | None,
+    map: Path | None,
+    layer: str | None,
+    output: Path,
+    figure: Path | None,
+    label: str | None,
+    writing: dict[str, Any],
+    **given: Any,
+) -> None:
+    """Average a volume along cortical depth within regions.
+
+    INPUT is a rim, as for voxflat layers. The table contains the mean and the standard deviation over the voxels of
+    each layer and region. With --map, a voxel belongs to the region that contains its column.
+    """
+    if map is not None and regions is None:
+        raise click.UsageError("--map requires --regions.")
+    if layer is not None and map is None:
+        raise click.UsageError("--layer requires --map.")
+    if label is not None and figure is None:
+        raise click.UsageError("--label requires --figure.")
+    check_output(output, PROFILE_ENDINGS, **writing)
+    if figure is not None:
+        check_output(figure, FIGURE_ENDINGS, **writing)
+    how = {name: given.pop(name) for name in ("channel", "interpolation", "count", "layering")}
+    with bars() as shown:
+        found = rim(input_, **given, progress=shown.progress)
+        drawn = regions if map is None else load(map).regions(regions, layer=layer or "rois")
+        made = found.profile(volume, drawn, **how)
+    if figure is not None:
+        from voxflat import figures  # imports matplotlib
+
+        drawing = figures.profile(made, label=label)
+    made.save(output, **writing)
+    if figure is not None:
+        figures.save(drawing, figure, made.provenance)
+    files = [str(path) for path in (output, figure) if path is not None]
+    missing = int(made.missing.max(initial=0))
+    without = f"{missing} voxels have no value and are left out\n" if missing else ""
+    content = {
+        "files": files,
+        "regions": list(made.names),
+        "voxels": made.voxels.sum(axis=1).tolist(),
+        "missing": made.missing.tolist(),
+        "provenance": made.provenance,
+    }
+    report(content, f"{made!r}\n{without}saved as {' and '.join(files)}")

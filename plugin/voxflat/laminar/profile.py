@@ -1,0 +1,339 @@
+"""Compute profiles: the mean and standard deviation of a volume along cortical depth, within regions."""
+
+import importlib
+import os
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from voxflat.arguments import checked_choice, checked_path
+from voxflat.errors import InputError
+from voxflat.io.files import REMEDY, naming
+from voxflat.io.notebook import page
+from voxflat.io.provenance import Record, Recorded, saving
+from voxflat.io.tables import aligned, cell_of, write_table
+from voxflat.maps.colours import all_whole
+from voxflat.maps.regions import Regions
+from voxflat.maps.sampler import Sampler
+from voxflat.maps.sampling import are_centres, sample, series_sampling
+
+PROFILE_ENDINGS = (".tsv", ".csv")  # of the files of `Profile.save`
+
+_GREY = "grey matter"
+_INTERPOLATIONS = ("linear", "nearest")
+_LARGEST_LABEL = 2**31 - 1
+_OFF_MAP = 0.5  # largest distance of a column from the map, relative to the voxel size
+
+
+@dataclass(frozen=True, eq=False)
+class Profile(Recorded):
+    """Mean and standard deviation of a volume in layers of grey matter, for one or several regions.
+
+    `Rim.profile` returns it. Arrays have shape (R, L) for R regions and L layers, or (R, L, C) if the volume has
+    several channels.
+
+    Parameters
+    ----------
+    keys : tuple of int
+        Label of each region.
+    names : tuple of str
+        Name of each region.
+    depths : ndarray of float64, shape (L,)
+        Depth at the centre of each layer, from 0 at the inner border (white matter) to 1 at the outer border
+        (cerebrospinal fluid).
+    mean : ndarray of float64, shape (R, L) or (R, L, C)
+        Mean over the voxels; NaN in layers without voxels.
+    sd : ndarray of float64, shape (R, L) or (R, L, C)
+        Standard deviation between the voxels, with the denominator n - 1; NaN in layers with fewer than two voxels.
+    voxels : ndarray of int64, shape (R, L) or (R, L, C)
+        Number of voxels with a value.
+    missing : ndarray of int64, shape (R,) or (R, C)
+        Number of voxels of each region that are left out because the volume has no finite value there.
+    layering : {"equivolume", "equidistant"}
+        Whether layers have equal volumes or equal thicknesses.
+    channels : tuple of str
+        Names or numbers of the channels; empty for a single one.
+    name : str
+        File name of the volume; empty if it is not a file.
+    provenance : dict
+        The record of how the profile was made.
+
+    See Also
+    --------
+    Rim.profile : Compute a profile.
+
+    Examples
+    --------
+    >>> rim = voxflat.rim(voxflat.samples.rim())
+    >>> rim.profile(rim.thickness(), count=10)
+    <Profile: 10 equivolume layers, region grey matter, 5680 voxels>
+    """
+
+    keys: tuple[int, ...]
+    names: tuple[str, ...]
+    depths: NDArray[np.float64]
+    mean: NDArray[np.float64]
+    sd: NDArray[np.float64]
+    voxels: NDArray[np.int64]
+    missing: NDArray[np.int64]
+    layering: str
+    channels: tuple[str, ...] = ()
+    name: str = ""
+    provenance: Record = field(default_factory=dict)
+
+    def __repr__(self) -> str:
+        count = len(self.names)
+        regions = f"region {self.names[0]}" if count == 1 else f"{count} regions"
+        channels = f", {len(self.channels)} channels" if self.channels else ""
+        voxels = self.voxels.sum(axis=(0, 1)).max()
+        return f"<Profile: {len(self.depths)} {self.layering} layers, {regions}{channels}, {voxels} voxels>"
+
+    def _repr_html_(self) -> str:
+        """Return a table of the values, for Jupyter."""
+        return page(self, self.table())
+
+    def _rows(self) -> Iterator[tuple[str, int, float, float, float, int, str]]:
+        """Yield region, layer, depth, mean, sd, voxels and channel for each value."""
+        for place in np.ndindex(self.mean.shape):
+            region, layer, *channel = place
+            values = float(self.depths[layer]), float(self.mean[place]), float(self.sd[place]), int(self.voxels[place])
+            yield (self.names[region], layer + 1, *values, self.channels[channel[0]] if channel else "")
+
+    @property
+    def _columns(self) -> list[str]:
+        return ["region", "layer", "depth", "mean", "sd", "voxels", *(["channel"] if self.channels else [])]
+
+    def table(self) -> str:
+        """Return a table of the values as text.
+
+        There is one row per region, layer and channel. Undefined values are shown as dashes.
+
+        Returns
+        -------
+        str
+            The table.
+
+        See Also
+        --------
+        Profile.save : Save the values to a file.
+
+        Examples
+        --------
+        >>> rim = voxflat.rim(voxflat.samples.rim())
+        >>> print(rim.profile(rim.depth(), count=2).table())
+        region       layer  depth    mean      sd  voxels
+        grey matter      1   0.25  0.2459  0.1394    2727
+        grey matter      2   0.75  0.7446  0.1458    2953
+        """
+        rows = []
+        for region, layer, depth, mean, sd, voxels, channel in self._rows():
+            numbers = ("–" if np.isnan(value) else f"{value:.4g}" for value in (mean, sd))
+            rows.append([region, str(layer), f"{depth:.4g}", *numbers, str(voxels), *([channel] if channel else [])])
+        return aligned([self._columns, *rows])
+
+    def save(self, path: str | os.PathLike[str], *, sidecar: bool = False, overwrite: bool = False) -> None:
+        """Save the values as a table.
+
+        The columns are region, layer (from 1 at the inner border), depth, mean, sd, voxels and, if there are several,
+        channel. Undefined values are written as ``n/a``.
+
+        Parameters
+        ----------
+        path : path
+            ``.tsv`` or ``.csv``.
+        sidecar, overwrite : bool
+            As in `FlatMap.save`.
+
+        Raises
+        ------
+        InputError
+            If the file extension is not supported, or the path is an input file.
+
+        See Also
+        --------
+        Profile.plot : Draw the profile.
+
+        Examples
+        --------
+        >>> rim = voxflat.rim(voxflat.samples.rim())
+        >>> rim.profile(rim.thickness()).save("profile.tsv")
+        """
+        path = checked_path(path)
+        if path.suffix.lower() not in PROFILE_ENDINGS:
+            raise InputError(f"cannot save a profile as {path.name}. Use a name that ends in .tsv or .csv")
+        rows = (
+            [region, str(layer), f"{depth:.6g}", *(cell_of(value, ".8g") for value in (mean, sd)), str(voxels)]
+            + ([channel] if channel else [])
+            for region, layer, depth, mean, sd, voxels, channel in self._rows()
+        )
+        with saving(path, self.provenance, sidecar=sidecar, overwrite=overwrite):
+            write_table(path, [self._columns, *rows])
+
+    def plot(self, *, label: str | None = None, ax: Any = None) -> Any:
+        """Draw the profile with matplotlib.
+
+        It accepts the options of `voxflat.figures.profile`.
+
+        Parameters
+        ----------
+        label : str, optional
+            Label of the vertical axis, with the unit.
+        ax : matplotlib.axes.Axes, optional
+            Axes to draw in; by default, a new figure is created.
+
+        Returns
+        -------
+        matplotlib.axes.Axes or matplotlib.figure.Figure
+            `ax`, or the new figure.
+
+        Raises
+        ------
+        InputError
+            As in `voxflat.figures.profile`.
+
+        See Also
+        --------
+        Profile.table : The values as text.
+
+        Examples
+        --------
+        >>> import matplotlib.pyplot as plt
+        >>> rim = voxflat.rim(voxflat.samples.rim())
+        >>> figure, ax = plt.subplots()
+        >>> rim.profile(rim.thickness()).plot(label="thickness (mm)", ax=ax) is ax
+        True
+        """
+        figures: Any = importlib.import_module("voxflat.figures")  # depends on this module, and needs matplotlib
+        figure = figures.profile(self, label=label, ax=ax)
+        return figure if ax is None else ax
+
+
+@dataclass(frozen=True, eq=False)
+class Layers:
+    """Store the layers of voxels."""
+
+    of: NDArray[np.int16]  # (G,), from 0 at the inner border
+    count: int
+    layering: str
+
+
+@dataclass(frozen=True, eq=False)
+class Groups:
+    """Store the regions of voxels."""
+
+    keys: tuple[int, ...]
+    names: tuple[str, ...]
+    of: NDArray[np.int64]  # (G,), numbers from 0; -1 outside all regions
+
+
+def groups_of(regions: object, voxels: Sampler, halfway: NDArray[np.float64]) -> Groups:
+    """Return the regions of voxels of grey matter; `halfway` are points of the middle surface on their columns."""
+    if regions is None:
+        return Groups((1,), (_GREY,), np.zeros(len(voxels.points), dtype=np.int64))
+    if isinstance(regions, Regions):
+        return _drawn(regions, voxels, halfway)
+    labels = _labels(regions, voxels)
+    keys = np.unique(labels[labels != 0])
+    if len(keys) == 0:
+        raise InputError("the regions contain no voxel of grey matter. Check that the affines match")
+    of = np.where(labels != 0, np.searchsorted(keys, labels), -1)
+    return Groups(tuple(keys.tolist()), tuple(map(str, keys.tolist())), of)
+
+
+def _labels(regions: object, voxels: Sampler) -> NDArray[np.int64]:
+    """Return the labels of voxels in a mask or a volume of labels, shape (G,)."""
+    channels, placed, _ = voxels.volumes(regions)
+    if len(channels) > 1:
+        raise InputError(f"the regions consist of {len(channels)} volumes. Pass a single volume of labels")
+    volume = placed(channels.read(0))
+    if volume.data.ndim != 3:
+        raise InputError(f"the regions have shape {volume.data.shape}, as for colours. Pass a volume of labels")
+    found = np.nan_to_num(sample(volume, voxels.points, "nearest"), nan=0.0)
+    if not all_whole(found):
+        value = found[found != np.round(found)][0]
+        raise InputError(f"the regions contain the value {value:g}, which is not a label. Pass a mask or whole numbers")
+    if found.min() < 0 or found.max() > _LARGEST_LABEL:
+        told = f"the labels of regions range from {found.min():g} to {found.max():g}"
+        raise InputError(f"{told}. Use numbers from 1 to {_LARGEST_LABEL}")
+    return np.asarray(found.astype(np.int64))
+
+
+def _drawn(regions: Regions, voxels: Sampler, halfway: NDArray[np.float64]) -> Groups:
+    """Return the regions on a map that contain the columns of voxels."""
+    size = float(np.linalg.norm(voxels.affine[:3, :3], axis=0).max())
+    space = "scanner" if voxels.space.is_known else "surface"
+    uv, _ = regions.of.points_to_map(halfway, _OFF_MAP * size, space=space)
+    on_map = np.isfinite(uv[:, 0])
+    if not on_map.any():
+        raise InputError(
+            "no column of grey matter lies on the map of the regions. Draw regions on a map of rim.surface"
+        )
+    of = np.full(len(halfway), -1)
+    keys = regions.at(uv[on_map])
+    order = np.argsort(regions.keys)
+    found = np.searchsorted(regions.keys, keys, sorter=order)
+    of[on_map] = np.where(keys == 0, -1, order[found % len(order)])
+    for name, count in zip(regions.names, np.bincount(of[of >= 0], minlength=len(regions)), strict=True):
+        if count == 0:
+            raise InputError(f"the region {name} contains no voxel of grey matter. Draw a larger region")
+    return Groups(regions.keys, regions.names, of)
+
+
+def profile_of(
+    volume: object,
+    voxels: Sampler,
+    groups: Groups,
+    layers: Layers,
+    channel: int | str | None,
+    interpolation: str | None,
+) -> Profile:
+    """Return the profile of a volume."""
+    if interpolation is not None:
+        checked_choice(interpolation, "interpolation", _INTERPOLATIONS)
+    inside = groups.of >= 0
+    group, bins = groups.of[inside], groups.of[inside] * layers.count + layers.of[inside]
+    channels, placed, path = voxels.volumes(volume)
+    points = voxels.points[inside]
+    sampled = None
+    numbers = range(len(channels))
+    if channel is not None:
+        with naming(path or type(volume).__name__, REMEDY):
+            numbers = range(found := channels.find(channel), found + 1)
+    parts = []
+    for number in numbers:
+        frame = placed(channels.read(number))
+        if sampled is None:
+            way = "nearest" if are_centres(frame, points) else interpolation  # ignores NaN in the voxels around
+            sampled = series_sampling([points], way, average=True)
+        values = sampled(frame)
+        if values.ndim != 1:
+            raise InputError("the volume contains colours, which have no mean. Pass a volume with one value per voxel")
+        parts.append(_statistics(values, bins, group, (len(groups.keys), layers.count)))
+    mean, sd, counts, missing = (np.stack(part, axis=-1) for part in zip(*parts, strict=True))
+    if not counts.any():
+        raise InputError("the volume has no finite values in the grey matter of the regions. Check its affine")
+    names = tuple(channels.names[number] or str(number) for number in numbers) if len(parts) > 1 else ()
+    if not names:
+        mean, sd, counts, missing = mean[..., 0], sd[..., 0], counts[..., 0], missing[..., 0]
+    depths = (np.arange(layers.count) + 0.5) / layers.count
+    title = "" if path is None else Path(path).name
+    return Profile(groups.keys, groups.names, depths, mean, sd, counts, missing, layers.layering, names, title)
+
+
+def _statistics(
+    values: NDArray[np.float64], bins: NDArray[np.int64], group: NDArray[np.int64], shape: tuple[int, int]
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int64], NDArray[np.int64]]:
+    """Return mean, standard deviation and number of voxels of each layer, and the number of voxels left out."""
+    has_value = np.isfinite(values)
+    own, values = bins[has_value], values[has_value]
+    size = shape[0] * shape[1]
+    counts = np.bincount(own, minlength=size)
+    mean = np.bincount(own, values, size) / np.where(counts > 0, counts, np.nan)
+    squares = np.bincount(own, (values - mean[own]) ** 2, size)
+    sd = np.sqrt(squares / np.where(counts > 1, counts - 1, np.nan))
+    missing = np.bincount(group[~has_value], minlength=shape[0])
+    return mean.reshape(shape), sd.reshape(shape), counts.reshape(shape), missing
