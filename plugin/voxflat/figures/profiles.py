@@ -1,7 +1,5 @@
 """Draw profiles of values along cortical depth."""
 
-from typing import Any
-
 import numpy as np
 from matplotlib import colormaps
 from matplotlib.axes import Axes
@@ -12,7 +10,6 @@ from voxflat.errors import InputError
 from voxflat.laminar.profile import Profile
 
 _MOST_LINES = 20
-_MOST_WITHIN = 6  # lines whose legend fits into the axes
 
 
 def profile(profile: Profile, *, label: str | None = None, ax: Axes | None = None) -> Figure:
@@ -58,17 +55,17 @@ def profile(profile: Profile, *, label: str | None = None, ax: Axes | None = Non
         told = f"the profile has {len(lines)} lines ({regions} regions, {mean.shape[2]} channels)"
         raise InputError(f"{told}, but a figure shows at most {_MOST_LINES}. Choose fewer regions, or one channel")
     if ax is None:
-        ax = Figure(figsize=(5.6, 4.2), layout="constrained").add_subplot()
+        ax = Figure(figsize=(6.6, 4.2), layout="constrained").add_subplot()
     colours = colormaps["tab10" if len(lines) <= 10 else "tab20"].colors  # type: ignore[attr-defined]
     for (region, channel), colour in zip(lines, colours, strict=False):
-        name = profile.names[region] + (f", channel {profile.channels[channel]}" if profile.channels else "")
+        names = [profile.names[region]] if regions > 1 or not profile.channels else []
+        names += [f"channel {profile.channels[channel]}"] if profile.channels else []
         middle, spread = mean[region, :, channel], np.nan_to_num(sd[region, :, channel])
-        ax.plot(profile.depths, middle, color=colour, marker="o", markersize=3, linewidth=1.4, label=name)
+        ax.plot(profile.depths, middle, color=colour, marker="o", markersize=3, linewidth=1.4, label=", ".join(names))
         ax.fill_between(profile.depths, middle - spread, middle + spread, color=colour, alpha=0.18, linewidth=0)
     ax.set(xlim=(0, 1), xlabel=f"{profile.layering} depth", ylabel=label)
     ax.set_xticks([0, 0.25, 0.5, 0.75, 1], ["0\nwhite matter", "0.25", "0.5", "0.75", "1\nCSF"])
-    beside: Any = {"loc": "upper left", "bbox_to_anchor": (1, 1)} if len(lines) > _MOST_WITHIN else {}
-    ax.legend(title="mean ± sd", frameon=False, **beside)
+    ax.legend(title="mean ± sd", frameon=False, loc="upper left", bbox_to_anchor=(1, 1))
     figure = ax.get_figure()
     assert isinstance(figure, Figure)
     return figure

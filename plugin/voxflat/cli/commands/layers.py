@@ -173,4 +173,6 @@ def profile_command(
         "missing": made.missing.tolist(),
         "provenance": made.provenance,
     }
-    report(content, f"{made!r}\n{without}saved as {' and '.join(files)}")
+    parts = "1 region" if len(made.names) == 1 else f"{len(made.names)} regions"
+    counted = f"{parts} with {made.voxels.sum(axis=(0, 1)).max()} voxels in {len(made.depths)} layers"
+    report(content, f"{counted}\n{without}saved as {' and '.join(files)}")
