@@ -144,6 +144,8 @@ def profile_command(
     """
     if map is not None and regions is None:
         raise click.UsageError("--map requires --regions.")
+    if regions is not None and map is None and regions.suffix.lower() in (".svg", ".json"):
+        raise click.UsageError(f"--regions {regions.name} contains drawn regions and requires --map.")
     if layer is not None and map is None:
         raise click.UsageError("--layer requires --map.")
     if label is not None and figure is None:
@@ -164,8 +166,8 @@ def profile_command(
     if figure is not None:
         figures.save(drawing, figure, made.provenance)
     files = [str(path) for path in (output, figure) if path is not None]
-    missing = int(made.missing.max(initial=0))
-    without = f"{missing} voxels have no value and are left out\n" if missing else ""
+    missing = int(made.missing.sum(axis=0).max())
+    without = f"{missing} voxels have no finite value and are left out\n" if missing else ""
     content = {
         "files": files,
         "regions": list(made.names),
