@@ -291,6 +291,7 @@ def test_command(gyrus, tmp_path):
     assert "1 region with 5680 voxels in 20 layers" in succeed(*given).stdout
     fail(2, "--map requires --regions", *given, *drawn[:2])
     fail(2, "--regions rois.json contains drawn regions and requires --map", *given, *drawn[2:])
+    fail(1, "none.nii.gz: No such file", *given, "--regions", tmp_path / "none.nii.gz")
     fail(2, "--layer requires --map", *given, "--layer", "rois")
     fail(2, "--label requires --figure", *given, "--label", "t")
     fail(1, "unknown file format. Choose a name that ends in .tsv or .csv", *given[:-1], tmp_path / "out.nii")

@@ -154,9 +154,11 @@ def profile_command(
     if figure is not None:
         check_output(figure, FIGURE_ENDINGS, **writing)
     how = {name: given.pop(name) for name in ("channel", "interpolation", "count", "layering")}
+    for path in filter(None, (volume, regions, map)):
+        path.stat()  # a missing file is reported before depths are measured
     with bars() as shown:
-        found = rim(input_, **given, progress=shown.progress)
         drawn = regions if map is None else load(map).regions(regions, layer=layer or "rois")
+        found = rim(input_, **given, progress=shown.progress)
         made = found.profile(volume, drawn, **how)
     if figure is not None:
         from voxflat import figures  # imports matplotlib
