@@ -34,6 +34,7 @@ __all__ = [
     "Atlas",
     "Cancelled",
     "Citation",
+    "Columns",
     "CutSurface",
     "DistanceRows",
     "Distortion",
@@ -77,6 +78,7 @@ if TYPE_CHECKING:
     from voxflat.errors import AreaBoundError, Cancelled, HemisphereError, InputError, VoxflatError
     from voxflat.evaluation.measure import compare, measure
     from voxflat.lab.map_page import map_page
+    from voxflat.laminar.columns import Columns
     from voxflat.laminar.profile import Profile
     from voxflat.laminar.rim import Rim, rim
     from voxflat.maps.flat_map import FlatMap, load
@@ -97,6 +99,7 @@ else:
         "errors": ("AreaBoundError", "Cancelled", "HemisphereError", "InputError", "VoxflatError"),
         "evaluation.measure": ("compare", "measure"),
         "lab.map_page": ("map_page",),
+        "laminar.columns": ("Columns",),
         "laminar.profile": ("Profile",),
         "laminar.rim": ("Rim", "rim"),
         "maps.flat_map": ("FlatMap", "load"),

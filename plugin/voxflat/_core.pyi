@@ -18,6 +18,7 @@ __all__ = [
     "VoxelSurface",
     "__version__",
     "chain_weights",
+    "connect_columns",
     "damaged_rows",
     "defects",
     "draw",
@@ -73,6 +74,7 @@ def ribbon_voxels(
     middle: float,
     progress: _Progress = None,
 ) -> tuple[NDArray[np.uint64], _Uints, _Floats, _Floats]: ...
+def connect_columns(voxels: _Uints, columns: _Uints, halfway: _Floats, progress: _Progress = None) -> _Uints: ...
 
 @final
 class NearestFinder:
@@ -192,6 +194,7 @@ class Surface:
     def memory_need(self, sources: int, threads: int, rows: str = "dropped") -> int: ...
     def links(self, progress: _Progress = None) -> int: ...
     def choose_sources(self, sampling: str, count: int, seed: int, progress: _Progress = None) -> _Uints: ...
+    def cells(self, count: int, seed: int, progress: _Progress = None) -> tuple[_Uints, _Uints]: ...
     def rows(
         self, sources: _Uints, geodesic: str = "graph", threads: _Threads = None, progress: _Progress = None
     ) -> _Singles: ...

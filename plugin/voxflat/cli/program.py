@@ -13,6 +13,7 @@ COMMANDS = {
     "bids": ("study", "Flatten all participants of a study (BIDS App)."),
     "check": ("surfaces", "Check whether a surface can be flattened."),
     "cite": ("about", "Print a paragraph for the methods section of a paper, with references."),
+    "columns": ("layers", "Divide the grey matter of a segmentation into columns."),
     "cut": ("flatten", "Cut a surface open for flattening."),
     "demo": ("demo", "Flatten a hemisphere of the MNI152 template."),
     "figure": ("drawing", "Draw a figure of one or two flat maps."),

@@ -15,6 +15,7 @@ from voxflat.errors import InputError
 from voxflat.io.provenance import Record, Recorded, telling
 from voxflat.io.sources import as_volume
 from voxflat.io.volumes import Volume
+from voxflat.laminar.columns import Columns, columns_of
 from voxflat.laminar.field import Field, field_of
 from voxflat.laminar.labels import GREY, Layered, layered
 from voxflat.laminar.profile import Layers, Profile, groups_of, profile_of
@@ -236,6 +237,51 @@ class Rim(Recorded):
         )
         layers = Layers(self._layer(count, layering) - 1, count, layering)
         return profile_of(volume, at, groups_of(regions, at, self.values.halfway), layers, channel, interpolation)
+
+    @telling()
+    def columns(
+        self, count: int | None = None, *, area: float | None = None, seed: int = 0, progress: Progress | None = None
+    ) -> Columns:
+        """Divide the grey matter into columns from the inner to the outer border.
+
+        The centres of the columns are spread evenly over the middle surface: each is the point farthest along the
+        surface from the previous ones. Each voxel belongs to the column whose centre is nearest, along the surface, to
+        the point of the middle surface on the voxel's path between the borders. All voxels of a column are connected.
+
+        Parameters
+        ----------
+        count : int, optional
+            Number of columns.
+        area : float, optional
+            Mean area of a column on the middle surface in mm², instead of `count`.
+        seed : int
+            Seed of the first centre.
+        progress : callable, optional
+            As in `flatten`.
+
+        Returns
+        -------
+        Columns
+            The column of each voxel and of each vertex of the middle surface, with centres and areas.
+
+        Raises
+        ------
+        InputError
+            Neither or both of `count` and `area` are given, or there are more columns than vertices.
+        Cancelled
+            `progress` returned False.
+
+        See Also
+        --------
+        Rim.layers : Divide the grey matter into layers.
+
+        Examples
+        --------
+        >>> columns = voxflat.rim(voxflat.samples.rim()).columns(area=10.0)
+        >>> len(columns)
+        61
+        """
+        return columns_of(self.labels, self.values.halfway, self.surface, count, area, seed, progress)
 
 
 @telling()

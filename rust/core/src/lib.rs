@@ -23,6 +23,7 @@
 //! | [`lookup`] | flat map → surface | the triangle at a position of the map |
 //! | [`nearest`] | space → surface | the nearest point on the surface |
 //! | [`ribbon`] | space → surface | the voxels between two surfaces, and the triangle below each of them |
+//! | [`columns`] | | columns of voxels, each of which is connected |
 //! | [`raster`] | flat map → image | pixels of the map, and their positions on the surface |
 //! | [`atlas`] | surface → flat patches | certified patches, and how they are glued |
 //! | [`flatten`] | | complete methods, composed of the stages |
@@ -63,6 +64,7 @@
 pub mod adjacency;
 pub mod atlas;
 mod boxes;
+pub mod columns;
 pub mod control;
 pub mod distortion;
 pub mod embed;

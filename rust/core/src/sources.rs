@@ -60,9 +60,9 @@ impl Sources {
             if count > points { Err(Error::TooManySources { sources: count, points }) } else { Ok(count) }
         };
         match *self {
-            Self::Farthest { count, seed } => farthest(graph, checked(count)?, seed, None, control),
+            Self::Farthest { count, seed } => Ok(farthest(graph, checked(count)?, seed, None, control)?.0),
             Self::Weighted { count, seed, ref weights } => {
-                farthest(graph, checked(count)?, seed, Some(weights), control)
+                Ok(farthest(graph, checked(count)?, seed, Some(weights), control)?.0)
             }
             Self::Random { count, seed } => Ok(random(points, checked(count)?, seed)),
             Self::Given(ref vertices) => given(vertices, points),
@@ -87,9 +87,38 @@ pub fn by_curvature(surface: &Surface, count: usize) -> Vec<f32> {
     mean_curvature(surface, BEND_RINGS).into_iter().map(weight).collect()
 }
 
+/// Divides a graph into the geodesic Voronoi cells of evenly spread sources ([`Sources::Farthest`]). Returns the sources
+/// and, for each vertex, the number of the nearest source; the first of several, and `u32::MAX` if no path leads to one.
+/// All vertices on the shortest path to the source are in the same cell.
+pub fn cells(graph: &impl Links, count: usize, seed: u64, control: &Control) -> Result<(Vec<u32>, Vec<u32>)> {
+    let points = graph.vertices();
+    if count > points {
+        return Err(Error::TooManySources { sources: count, points });
+    }
+    let (sources, nearest) = farthest(graph, count, seed, None, control)?;
+    let mut cells = vec![u32::MAX; points];
+    let mut stack = Vec::new();
+    for (cell, &source) in (0..).zip(&sources) {
+        control.check()?;
+        cells[source as usize] = cell;
+        stack.push(source);
+        while let Some(vertex) = stack.pop() {
+            for arc in graph.arcs(vertex) {
+                let is_through = nearest[vertex as usize] + arc.length == nearest[arc.to as usize];
+                if is_through && cells[arc.to as usize] == u32::MAX {
+                    cells[arc.to as usize] = cell;
+                    stack.push(arc.to);
+                }
+            }
+        }
+    }
+    Ok((sources, cells))
+}
+
+/// Returns the sources, and the distance of each vertex to the nearest of them.
 fn farthest(
     graph: &impl Links, count: usize, seed: u64, weights: Option<&[f32]>, control: &Control,
-) -> Result<Vec<u32>> {
+) -> Result<(Vec<u32>, Vec<f32>)> {
     control.begin("choosing sources", count as u64);
     let mut search = Search::new(graph);
     let mut nearest = vec![f32::INFINITY; graph.vertices()]; // distance to the sources so far
@@ -108,7 +137,7 @@ fn farthest(
             }
         };
     }
-    Ok(chosen)
+    Ok((chosen, nearest))
 }
 
 /// Returns the index of the first of the largest distances. Distances are not negative, so their bits have the same
@@ -165,6 +194,24 @@ mod tests {
                 nearest.iter_mut().zip(row(&graph, source)).for_each(|(near, distance)| *near = near.min(distance));
             }
         }
+    }
+
+    #[test]
+    fn each_vertex_is_in_the_cell_of_its_nearest_source() {
+        let (graph, control) = (bent_sheet(), Control::default());
+        for count in [0, 1, 2, 12, graph.vertices()] {
+            let (sources, cells) = super::cells(&graph, count, 5, &control).unwrap();
+            assert_eq!(sources, Sources::Farthest { count, seed: 5 }.choose(&graph, &control).unwrap());
+            let rows: Vec<Vec<f32>> = sources.iter().map(|&source| row(&graph, source)).collect();
+            for vertex in 0..graph.vertices() {
+                let least = rows.iter().map(|row| row[vertex]).fold(f32::INFINITY, f32::min);
+                match cells[vertex] {
+                    u32::MAX => assert_eq!(count, 0),
+                    cell => assert_eq!(rows[cell as usize][vertex], least),
+                }
+            }
+        }
+        assert!(matches!(super::cells(&graph, graph.vertices() + 1, 5, &control), Err(Error::TooManySources { .. })));
     }
 
     #[test]

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use numpy::IntoPyArray;
 use pyo3::prelude::*;
 use voxflat::nearest::NearestFinder as CoreFinder;
-use voxflat::ribbon;
+use voxflat::{columns, ribbon};
 
 use crate::convert::{self, Given, GivenTable, Table, Values, ensure};
 use crate::work::{Progress, run};
@@ -76,4 +76,24 @@ pub fn ribbon_voxels<'py>(
         convert::array(py, &weights)?,
         found.iter().map(|of| of.fraction).collect::<Vec<_>>().into_pyarray(py),
     ))
+}
+
+/// Make columns of voxels connected: `voxels` (P, 3) in C order, the column of each voxel (P,) or 0, and `halfway` (P, 3),
+/// its point on the middle surface in mm. Returns the columns (P,).
+#[pyfunction]
+#[pyo3(signature = (voxels, columns, halfway, progress=None))]
+pub fn connect_columns<'py>(
+    py: Python<'py>, voxels: GivenTable<'py, u32>, columns: Given<'py, u32>, halfway: GivenTable<'py, f64>,
+    progress: Progress<'py>,
+) -> PyResult<Values<'py, u32>> {
+    let voxels = convert::rows::<_, 3>(&voxels, "voxels")?;
+    let halfway = convert::rows::<_, 3>(&halfway, "halfway")?;
+    let given = convert::values(&columns);
+    let counts = [voxels.len(), given.len(), halfway.len()];
+    ensure!(
+        counts == [voxels.len(); 3],
+        "voxels, columns and halfway have {counts:?} rows. Give the same number of rows in each, one per voxel"
+    );
+    let joined = run(py, Some(1), &progress, move |control| columns::connect(&voxels, &given, &halfway, control))?;
+    Ok(joined.into_pyarray(py))
 }

@@ -1,4 +1,4 @@
-"""The commands `voxflat layers` and `voxflat profile`, for segmented grey matter."""
+"""The commands `voxflat layers`, `voxflat columns` and `voxflat profile`, for segmented grey matter."""
 
 from pathlib import Path
 from typing import Any
@@ -11,6 +11,7 @@ from voxflat.cli.console import bars
 from voxflat.cli.output import FIGURE_ENDINGS, check_output, report
 from voxflat.cli.parameter_options import option_of
 from voxflat.io.volumes import VOLUME_ENDINGS, check_volume_name, write_volume
+from voxflat.laminar.columns import check_number
 from voxflat.laminar.profile import PROFILE_ENDINGS
 from voxflat.laminar.rim import Rim, rim
 from voxflat.maps.depth import LAYERINGS
@@ -86,6 +87,50 @@ def layers_command(
         {"output": [str(path) for path in (output, *beside)], "voxels": voxels, "median_thickness": thickness},
         f"{voxels} voxels of grey matter, median thickness {thickness:.2f} mm\nsaved as {output}, {beside[0]} and "
         f"{beside[1]}",
+    )
+
+
+@options.command(
+    "columns",
+    "voxflat columns rim.nii.gz -n 1000 -o columns.nii.gz",
+    "voxflat columns ribbon.mgz --hemisphere right --area 2 -o rh.columns.nii.gz",
+)
+@options.input_
+@_rim_options
+@options.section(
+    "Columns",
+    options.value("--count", "N", "Number of columns. Either --count or --area is required.", "-n", type=int),
+    option_of(Rim.columns, "area", metavar="MM2", type=float),
+    options.value("--seed", "N", "Seed of the first centre.", type=int, default=0),
+)
+@options.output("Output volume for the columns, numbered from 1; 0 outside the grey matter.")
+@options.run(options.threads, options.memory_limit)
+def columns_command(
+    input_: Path,
+    output: Path,
+    count: int | None,
+    area: float | None,
+    seed: int,
+    writing: dict[str, Any],
+    **given: Any,
+) -> None:
+    """Divide the grey matter of a segmentation into columns.
+
+    INPUT is a rim, as for voxflat layers. The centres of the columns are spread evenly over the surface halfway between
+    the borders, and each voxel belongs to the nearest centre along that surface. All voxels of a column are connected.
+    """
+    check_volume_name(output)
+    check_output(output, **writing)
+    check_number(count, area)
+    with bars() as shown:
+        made = rim(input_, **given, progress=shown.progress).columns(
+            count, area=area, seed=seed, progress=shown.progress
+        )
+    write_volume(output, made.volume.data, made.volume.affine, made.volume.provenance)
+    median = float(np.median(made.areas))
+    report(
+        {"output": str(output), "columns": len(made), "median_area": median},
+        f"{len(made)} columns, median area {median:.2f} mm²\nsaved as {output}",
     )
 
 

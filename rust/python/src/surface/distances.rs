@@ -11,7 +11,7 @@ use voxflat::geodesic::marching::{Marching, Wave};
 use voxflat::geodesic::path::{PathPoint, Site, length};
 use voxflat::geodesic::{Solver, exact::Exact, shortest::trace_path};
 use voxflat::rows::DistanceRows;
-use voxflat::sources::{Sources, by_curvature};
+use voxflat::sources::{Sources, by_curvature, cells};
 use voxflat::store::Store;
 use voxflat::surface::mesh::paths::{path_to_any, shortest_path};
 
@@ -100,6 +100,18 @@ impl Surface {
             sources.choose(&*inner.graph(control)?, control)
         })?;
         Ok(chosen.into_pyarray(py))
+    }
+
+    /// Divide the surface into the geodesic Voronoi cells of evenly spread sources: the sources (count,), and for each
+    /// point the number of its cell from 1, or 0 if no path leads to a source (N,).
+    #[pyo3(signature = (count, seed, progress=None))]
+    fn cells<'py>(
+        &self, py: Python<'py>, count: usize, seed: u64, progress: Progress<'py>,
+    ) -> PyResult<(Values<'py, u32>, Values<'py, u32>)> {
+        let (sources, cells) =
+            self.run(py, None, &progress, move |inner, control| cells(&*inner.graph(control)?, count, seed, control))?;
+        let cells: Vec<u32> = cells.into_iter().map(|cell| cell.wrapping_add(1)).collect();
+        Ok((sources.into_pyarray(py), cells.into_pyarray(py)))
     }
 
     /// Return distance rows (m, N) in mm from sources (vertices).

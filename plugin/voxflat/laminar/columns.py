@@ -1,0 +1,117 @@
+"""Divide the grey matter of a rim into columns."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from voxflat import _core
+from voxflat.arguments import Progress, is_number, is_whole, log, shown
+from voxflat.errors import InputError
+from voxflat.io.provenance import Record, Recorded
+from voxflat.io.volumes import Volume
+from voxflat.laminar.labels import Layered
+from voxflat.maps.depth import vertex_areas
+from voxflat.pipeline.surface import Surface
+
+_FAR = 1e6  # mm, no limit
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Columns(Recorded):
+    """Columns of the grey matter of a rim, made by `Rim.columns`.
+
+    Columns are numbered from 1. Each reaches from the inner to the outer border, and its voxels are connected.
+
+    Parameters
+    ----------
+    volume : Volume
+        The column of each voxel of grey matter as int32; 0 elsewhere.
+    vertex_columns : ndarray of int32, shape (V,)
+        The column of each vertex of the middle surface, which is `Rim.surface`; 0 for none.
+    centres : ndarray, shape (N, 3)
+        The sources of the columns on the middle surface, in RAS+ mm.
+    areas : ndarray, shape (N,)
+        The area of each column on the middle surface, in mm².
+    provenance : dict
+        The record of how the columns were made.
+
+    See Also
+    --------
+    Rim.columns : Make columns.
+
+    Examples
+    --------
+    >>> voxflat.rim(voxflat.samples.rim()).columns(50)
+    <Columns: 50 columns, median area 12.26 mm²>
+    """
+
+    volume: Volume
+    vertex_columns: NDArray[np.int32]
+    centres: NDArray[np.float64]
+    areas: NDArray[np.float64]
+    provenance: Record = field(default_factory=dict)
+
+    def __repr__(self) -> str:
+        return f"<Columns: {len(self)} columns, median area {float(np.median(self.areas)):.2f} mm²>"
+
+    def __len__(self) -> int:
+        """Return the number of columns."""
+        return len(self.areas)
+
+
+def columns_of(
+    labels: Layered,
+    halfway: NDArray[np.float64],
+    surface: Surface,
+    count: object,
+    area: object,
+    seed: object,
+    progress: Progress | None,
+) -> Columns:
+    """Divide the middle surface into geodesic Voronoi cells, and assign each voxel to the cell of its column."""
+    areas = vertex_areas(surface.points, surface.faces)
+    count = _count(count, area, len(surface.points), float(areas.sum()))
+    if not is_whole(seed) or not 0 <= seed < 2**63:
+        raise InputError(f"seed is {shown(seed)}. Pass a whole number from 0 to 2**63 - 1")
+    sources, cells = surface.core.cells(count, int(seed), progress)
+    triangles, weights, _ = _core.NearestFinder(surface.points, surface.faces).find(halfway, _FAR)
+    corners = surface.faces[triangles, weights.argmax(axis=1)]
+    voxels = labels.grey
+    found = _core.connect_columns(voxels.astype(np.uint32), cells[corners], halfway, progress)
+    loose, empty = int((found == 0).sum()), count - len(np.unique(found[found > 0]))
+    if loose:
+        log.warning("%d of %d voxels of grey matter belong to no column, because none touches them", loose, len(found))
+    if empty:
+        log.warning("%d of %d columns contain the centre of no voxel. Pass a smaller count", empty, count)
+    return Columns(
+        labels.in_volume(found.astype(np.int32), 0),
+        cells.astype(np.int32),
+        surface.points[sources],
+        np.asarray(np.bincount(cells, areas, count + 1)[1:], dtype=np.float64),
+    )
+
+
+def check_number(count: object, area: object) -> None:
+    """Check that either a number of columns or their area is given, and that it is positive."""
+    if (count is None) == (area is None):
+        raise InputError("pass either count, the number of columns, or area, their mean area in mm²")
+    if area is not None and (not is_number(area) or not 0 < area < np.inf):
+        raise InputError(f"area is {shown(area)}. Pass a positive number, in mm²")
+    if area is None and (not is_whole(count) or count < 1):
+        raise InputError(f"count is {shown(count)}. Pass a whole number of columns, at least 1")
+
+
+def _count(count: Any, area: Any, points: int, total: float) -> int:
+    """Return the number of columns for a number or an area."""
+    check_number(count, area)
+    given = f"{count} columns"
+    if count is None:
+        count = max(1, round(min(total / area, 1e9)))
+        given = f"an area of {area:g} mm² gives {count} columns. They"
+    if count > points:
+        raise InputError(f"{given} exceed the {points} points of the middle surface. Pass fewer or larger columns")
+    return int(count)

@@ -1,0 +1,113 @@
+"""Columns of rims: connected, evenly spread, and never across a sulcus."""
+
+import numpy as np
+import pytest
+import scipy
+from layers import bent_layers
+from refusals import refused
+
+import voxflat
+from voxflat.io import Volume
+
+CUBE = np.ones((3, 3, 3))
+
+
+@pytest.fixture(scope="module")
+def sphere():
+    """Return the rim of a sphere, with its columns, and the direction from the centre of each grey voxel."""
+    labels, *_ = bent_layers("sphere", 0.5)
+    rim = voxflat.rim(labels)
+    ends = (np.array(labels.data.shape) - 1) * 0.5 / 2
+    places = np.argwhere(labels.data == 3) * 0.5 - ends - [0.13, 0.27, -0.31]
+    return rim, rim.columns(60, seed=3), places / np.linalg.norm(places, axis=1)[:, None], ends
+
+
+def assert_connected(columns):
+    """Check that the voxels of each column touch each other."""
+    for number, box in enumerate(scipy.ndimage.find_objects(columns.volume.data), start=1):
+        assert box is not None
+        assert scipy.ndimage.label(columns.volume.data[box] == number, CUBE)[1] == 1
+
+
+def test_each_voxel_belongs_to_the_nearest_centre(sphere):
+    rim, columns, directions, ends = sphere
+    centres = columns.centres - ends - [0.13, 0.27, -0.31]
+    centres /= np.linalg.norm(centres, axis=1)[:, None]
+    near = directions @ centres.T
+    found = columns.volume.data[rim.labels.volume.data == 3]
+    assert columns.volume.data.dtype == np.int32
+    assert (columns.volume.data[rim.labels.volume.data != 3] == 0).all()
+    assert (found == near.argmax(axis=1) + 1).mean() > 0.93  # not where two centres are within a voxel of equally near
+    behind = near.max(axis=1) - near[np.arange(len(found)), found - 1]
+    assert np.rad2deg(behind.max()) < 5
+
+
+def test_columns_are_connected_and_even(sphere):
+    rim, columns, *_ = sphere
+    assert_connected(columns)
+    assert len(columns) == len(columns.centres) == columns.vertex_columns.max() == 60
+    assert columns.areas.sum() == pytest.approx(4 * np.pi * 11.25**2, rel=0.02)
+    assert columns.areas.max() < 3 * columns.areas.min()
+    vertices = [np.flatnonzero((rim.surface.points == centre).all(axis=1))[0] for centre in columns.centres]
+    np.testing.assert_array_equal(columns.vertex_columns[vertices], np.arange(1, 61))
+
+
+@pytest.mark.parametrize("thin", [1.5, 4.0])
+def test_no_column_crosses_a_sulcus(thin):
+    # two flat banks, 4 mm and `thin` mm thick, with one voxel of fluid between them
+    x = np.arange(-6, 7, 0.5)
+    labels = np.zeros((len(x), 40, 40), dtype=np.int16)
+    labels[np.abs(x) < 0.1] = 1
+    banks = (x > 0) & (x <= 4), (x < 0) & (x >= -thin)
+    for bank, beyond in zip(banks, (1, -1), strict=True):
+        labels[bank] = 3
+        labels[np.flatnonzero(bank)[-1 if beyond == 1 else 0] + beyond] = 2
+    rim = voxflat.rim(Volume(labels, np.diag([0.5, 0.5, 0.5, 1])))
+    columns = rim.columns(area=9.0)
+    assert_connected(columns)
+    sides = [set(np.unique(columns.volume.data[bank])) - {0} for bank in banks]
+    assert not sides[0] & sides[1]
+    assert sides[0] | sides[1] == set(range(1, len(columns) + 1))
+    assert columns.areas.sum() == pytest.approx(2 * 20**2, rel=0.06)
+    assert len(columns) == round(columns.areas.sum() / 9)
+
+
+def test_columns_depend_on_the_seed_alone():
+    rim = voxflat.rim(voxflat.samples.rim())
+    one, same, other = (rim.columns(40, seed=seed) for seed in (0, 0, 1))
+    np.testing.assert_array_equal(one.volume.data, same.volume.data)
+    assert (one.centres[0] != other.centres[0]).any()
+
+
+def test_more_columns_than_voxels_warn(caplog):
+    rim = voxflat.rim(voxflat.samples.rim())
+    columns = rim.columns(len(rim.surface.points))
+    assert "contain the centre of no voxel" in caplog.text
+    assert len(np.unique(columns.volume.data)) - 1 < len(columns)
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({}, "pass either count"),
+        ({"count": 3, "area": 2.0}, "pass either count"),
+        ({"count": 0}, "count is 0. Pass a whole number of columns"),
+        ({"count": 2.5}, "count is 2.5"),
+        ({"count": True}, "count is True"),
+        ({"count": 10**9}, "1000000000 columns exceed the"),
+        ({"area": 0.0}, "area is 0.0. Pass a positive number"),
+        ({"area": float("nan")}, "area is nan"),
+        ({"area": 1e-12}, "exceed the"),
+        ({"area": "2"}, "area is '2'"),
+        ({"count": 3, "seed": -1}, "seed is -1"),
+    ],
+)
+def test_wrong_arguments(given, message):
+    rim = voxflat.rim(voxflat.samples.rim())
+    refused(message, rim.columns, **given)
+
+
+def test_columns_can_be_cancelled():
+    rim = voxflat.rim(voxflat.samples.rim())
+    with pytest.raises(voxflat.Cancelled):
+        rim.columns(40, progress=lambda *_: False)
