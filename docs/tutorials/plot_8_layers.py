@@ -18,13 +18,14 @@ from scipy.ndimage import zoom
 from scipy.spatial import cKDTree
 
 import voxflat
-from voxflat.io import Volume, write_volume
+from voxflat.io import write_volume
 
 # %%
 # Data to try it on
 # -----------------
 # We make a patch of folded cortex, 2.5 mm thick, with voxels of 0.4 mm. As in LayNii, 1 marks the outer border
-# (cerebrospinal fluid), 2 the inner border (white matter), and 3 grey matter. With your own rim, start at the next step.
+# (cerebrospinal fluid), 2 the inner border (white matter), and 3 grey matter. With your own rim, skip to the section
+# about depth.
 
 STEP = 0.4  # mm
 x, y, z = np.meshgrid(np.arange(-16, 16, STEP), np.arange(-10, 10, STEP), np.arange(-6, 9, STEP), indexing="ij")
@@ -40,7 +41,9 @@ border = np.column_stack([border, height(*border.T)])
 distance, foot = cKDTree(border).query(np.stack([x, y, z], axis=-1).reshape(-1, 3))
 distance = distance.reshape(x.shape) * np.sign(z - height(x, y))
 foot = border[foot.reshape(x.shape)]
-labels = np.select([abs(distance + 0.4) <= 0.4, (distance > 0) & (distance < 2.5), abs(distance - 2.9) <= 0.4], [2, 3, 1])
+labels = np.select(
+    [abs(distance + 0.4) <= 0.4, (distance > 0) & (distance < 2.5), abs(distance - 2.9) <= 0.4], [2, 3, 1]
+)
 
 # %%
 # The activity is superficial in one area, and deep in another. The functional volume has larger voxels, of 0.8 mm, and
@@ -65,8 +68,8 @@ write_volume(folder / "bold.nii.gz", bold.astype(np.float32), coarse)
 # %%
 # Measure depth
 # -------------
-# :func:`voxflat.rim` finds both borders with subvoxel accuracy. Each voxel of grey matter then has a depth between them.
-# Layers of equal volume, the default, are thinner on the convex side of a fold.
+# :func:`voxflat.rim` finds both borders with subvoxel accuracy. Each voxel of grey matter then has a depth between
+# them. Layers of equal volume, the default, are thinner on the convex side of a fold.
 
 rim = voxflat.rim(folder / "rim.nii.gz")
 print(rim)
@@ -78,7 +81,7 @@ pictures = {
     "rim": (labels.astype(float), "viridis"),
     "depth (equivolume)": (rim.depth().data, "magma"),
     "9 layers": (rim.layers(9).data.astype(float), "turbo"),
-    "columns of 4 mm²": (columns.volume.data * 37.0 % 101, "nipy_spectral"),
+    "columns of 4 mm²": (columns.volume.data * 37.0 % 20 + 1, "tab20"),
 }
 for ax, (title, (data, colours)) in zip(axes.flat, pictures.items(), strict=True):
     section = np.where(labels > 0, data, np.nan)[:, data.shape[1] // 2].T
@@ -100,17 +103,15 @@ flat_volume = flat_map.images(folder / "bold.nii.gz", depths=5)
 figure, axes = plt.subplots(1, 5, figsize=(10, 2.6), layout="constrained")
 for ax, image in zip(axes, flat_volume, strict=True):
     ax.imshow(image.data, cmap="inferno", vmin=0, vmax=0.8, extent=image.extent)
-    ax.set_title(image.name.split(": ")[-1])
+    ax.set_title(f"depth {image.name.split()[-1]}")
     ax.axis("off")
 
 # %%
 # Draw regions, and plot profiles
 # -------------------------------
-# Regions that are drawn on the map contain complete columns. We find the two areas by the mean over all depths, and draw
-# a square of 8 mm around each maximum. :meth:`voxflat.Rim.profile` averages the functional volume in each layer.
+# Regions that are drawn on the map contain complete columns. Here, we draw a square of 8 mm around each area.
+# :meth:`voxflat.Rim.profile` averages the functional volume in each layer.
 
-mean = np.nan_to_num(np.mean([image.data for image in flat_volume], axis=0))
-image = flat_volume[0]
 regions = {}
 for name, side in (("superficial", -1), ("deep", 1)):
     places = flat_map.points_to_map(np.array([[side * 8.0, 0.0, height(side * 8.0, 0.0) + 1.25]]))[0]
@@ -130,8 +131,8 @@ profile.plot(label="activity")
 
 drawn = (np.nan_to_num(flat_volume.data) > 0.35).astype(np.uint8)
 painted = rim.paint(drawn, flat_map)
-section = painted.data[:, painted.data.shape[1] // 2].T + (labels == 3)[:, labels.shape[1] // 2].T
-figure, ax = plt.subplots(figsize=(7, 3), layout="constrained")
+section = (painted.data + 1 * (labels == 3))[:, labels.shape[1] // 2].T
+figure, ax = plt.subplots(figsize=(6, 2.4), layout="constrained")
 ax.imshow(section, origin="lower", cmap="inferno", interpolation="nearest")
 ax.axis("off")
 

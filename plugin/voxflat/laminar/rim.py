@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
 
 from voxflat import _core
@@ -21,7 +22,7 @@ from voxflat.laminar.labels import GREY, Layered, layered
 from voxflat.laminar.painting import flat_volume, on_map, pixels_of
 from voxflat.laminar.profile import Layers, Profile, groups_of, profile_of
 from voxflat.maps.colours import all_whole
-from voxflat.maps.depth import LAYERINGS, checked_layers
+from voxflat.maps.depth import LAYERINGS, checked_layers, vertex_areas
 from voxflat.maps.flat_map import FlatMap, check_background
 from voxflat.maps.sampler import Sampler
 from voxflat.pipeline.surface import Surface
@@ -438,6 +439,19 @@ def rim(
     return Rim(labels, values, _middle_surface(labels, values))
 
 
+def _is_no_fragment(points: NDArray[np.float64], faces: NDArray[np.uint32], area: float) -> NDArray[np.bool_]:
+    """Return the triangles that belong to the largest component, or to another one with at least this area.
+
+    Where the grey matter is thinner than a voxel, the surface consists of many small components.
+    """
+    links = scipy.sparse.coo_matrix(
+        (np.ones(faces.size), (faces.ravel(), np.roll(faces, 1, axis=1).ravel())), shape=(len(points), len(points))
+    )
+    component = scipy.sparse.csgraph.connected_components(links, directed=False)[1]
+    areas = np.bincount(component, vertex_areas(points, faces))
+    return np.asarray((areas >= min(area, areas.max()))[component[faces[:, 0]]])
+
+
 def _middle_surface(labels: Layered, values: Field) -> Surface:
     """Return the part of the middle surface that lies in the grey matter."""
     step = 0.5 * labels.volume.spacing.min()
@@ -446,6 +460,7 @@ def _middle_surface(labels: Layered, values: Field) -> Surface:
     at = (labels.voxels(values.points + side * outward) for side in (-1, 0, 1))
     is_grey = np.any([labels.labels[tuple(voxels.T)] == GREY for voxels in at], axis=0)
     faces = values.faces[is_grey[values.faces].any(axis=1)]
+    faces = faces[_is_no_fragment(values.points, faces, float(np.median(values.thickness)) ** 2)]
     kept, corners = np.unique(faces, return_inverse=True)
     points = values.points[kept]
     core, _ = _core.Surface.from_triangles(points, corners.reshape(-1, 3), True)
