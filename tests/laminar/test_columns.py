@@ -111,3 +111,17 @@ def test_columns_can_be_cancelled():
     rim = voxflat.rim(voxflat.samples.rim())
     with pytest.raises(voxflat.Cancelled):
         rim.columns(40, progress=lambda *_: False)
+
+
+def test_fragments_get_no_column(sphere, caplog):
+    labels, *_ = bent_layers("sphere", 0.5)
+    data = labels.data.copy()
+    data[:6, :6, :6] = 1
+    data[1:5, 1:5, 1:5] = 3
+    data[2:4, 2:4, 2:4] = 2
+    rim = voxflat.rim(Volume(data, labels.affine))
+    assert len(rim.surface.points) == len(sphere[0].surface.points)
+    columns = rim.columns(60, seed=3)
+    assert (columns.volume.data[:6, :6, :6] == 0).all()
+    assert "56 of" in caplog.text
+    assert (columns.areas > 0.5 * sphere[1].areas.min()).all()

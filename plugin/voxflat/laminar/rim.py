@@ -30,6 +30,7 @@ from voxflat.surfaces.foreground import foreground_of
 from voxflat.surfaces.manifold import Manifold
 
 _THICK = 2.5  # thickness, relative to the median, from which two banks may touch
+_FRAGMENT = 0.01  # area of a component of the middle surface, relative to the largest one, below which it is dropped
 _SHARE_THICK = 0.01  # of the grey matter, above which a warning reports it
 
 
@@ -349,7 +350,7 @@ class Rim(Recorded):
         --------
         >>> columns = voxflat.rim(voxflat.samples.rim()).columns(area=10.0)
         >>> len(columns)
-        61
+        16
         """
         return columns_of(self.labels, self.values.halfway, self.surface, count, area, seed, progress)
 
@@ -439,17 +440,18 @@ def rim(
     return Rim(labels, values, _middle_surface(labels, values))
 
 
-def _is_no_fragment(points: NDArray[np.float64], faces: NDArray[np.uint32], area: float) -> NDArray[np.bool_]:
-    """Return the triangles that belong to the largest component, or to another one with at least this area.
+def _is_fragment(core: _core.Surface, area: float) -> NDArray[np.bool_]:
+    """Return the triangles of components that are smaller than an area, and much smaller than the largest one.
 
-    Where the grey matter is thinner than a voxel, the surface consists of many small components.
+    Where the grey matter is thinner than a voxel, the middle surface consists of many small components.
     """
+    faces = core.faces
     links = scipy.sparse.coo_matrix(
-        (np.ones(faces.size), (faces.ravel(), np.roll(faces, 1, axis=1).ravel())), shape=(len(points), len(points))
+        (np.ones(faces.size), (faces.ravel(), np.roll(faces, 1, axis=1).ravel())), shape=(len(core), len(core))
     )
     component = scipy.sparse.csgraph.connected_components(links, directed=False)[1]
-    areas = np.bincount(component, vertex_areas(points, faces))
-    return np.asarray((areas >= min(area, areas.max()))[component[faces[:, 0]]])
+    areas = np.bincount(component, vertex_areas(core.points, faces))
+    return np.asarray((areas < min(area, _FRAGMENT * areas.max()))[component[faces[:, 0]]])
 
 
 def _middle_surface(labels: Layered, values: Field) -> Surface:
@@ -460,10 +462,10 @@ def _middle_surface(labels: Layered, values: Field) -> Surface:
     at = (labels.voxels(values.points + side * outward) for side in (-1, 0, 1))
     is_grey = np.any([labels.labels[tuple(voxels.T)] == GREY for voxels in at], axis=0)
     faces = values.faces[is_grey[values.faces].any(axis=1)]
-    faces = faces[_is_no_fragment(values.points, faces, float(np.median(values.thickness)) ** 2)]
     kept, corners = np.unique(faces, return_inverse=True)
     points = values.points[kept]
     core, _ = _core.Surface.from_triangles(points, corners.reshape(-1, 3), True)
+    core = core.part_of_faces(~_is_fragment(core, 4 * np.pi * float(np.median(values.thickness)) ** 2))
     volume = labels.volume
     grey = np.zeros(volume.data.shape, dtype=np.uint8)
     grey[tuple((labels.grey + labels.first).T)] = 1
