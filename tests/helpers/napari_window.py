@@ -16,7 +16,15 @@ from voxflat._napari.results.maps import map_layers
 from voxflat._napari.viewer_state import ViewerState
 
 AFFINE = np.array([[0, -2.0, 0, 30], [1.5, 0, 0, -7], [0, 0, 3.0, 11], [0, 0, 0, 1]])
-DOCKS = ("Flatten surface", "Flatten in patches", "Flat map", "Draw cuts", "Check surface", "Measure map")
+DOCKS = (
+    "Flatten surface",
+    "Flatten in patches",
+    "Flat map",
+    "Draw cuts",
+    "Check surface",
+    "Measure map",
+    "Cortical depth",
+)
 FLIP = np.array([[-2.0, 0, 0, 30], [0, 1.5, 0, -7], [0, 0, 3.0, 11], [0, 0, 0, 1]])  # napari shows no permuted axes
 
 

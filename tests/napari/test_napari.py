@@ -51,11 +51,13 @@ def texts_of_menu(menu, *path):
 
 def test_menus_of_a_real_viewer(make_napari_viewer):
     viewer = make_napari_viewer()
-    transforms, measures = ("Flatten surface", "Flatten in patches", "Draw cuts"), ("Check surface", "Measure map")
+    transforms = ("Flatten surface", "Flatten in patches", "Draw cuts")
+    measures = ("Check surface", "Measure map", "Cortical depth")
     for menu, names in (("Transform", transforms), ("Measure", measures)):
         assert {f"{name} (voxflat)" for name in names} <= set(texts_of_menu(viewer.window.layers_menu, menu))
     assert texts_of_menu(viewer.window.plugins_menu, "voxflat") == [f"{name} (voxflat)" for name in DOCKS]
-    assert "Demo cortex (MNI152) (voxflat)" in texts_of_menu(viewer.window.file_menu, "Open Sample")
+    samples = ["Demo cortex (MNI152)", "Demo rim (synthetic gyrus)"]
+    assert texts_of_menu(viewer.window.file_menu, "Open Sample", "voxflat") == samples
 
 
 NO_NAMES = {"(voxflat)", "Point", "Points and Shapes"}  # on the page: a suffix of napari, an action, layers of napari

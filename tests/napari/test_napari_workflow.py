@@ -12,7 +12,7 @@ from mesh_files import fsaverage5
 from napari_clicks import Hand
 from napari_window import wait_for_threads, wait_until_drawn
 from numpy.testing import assert_array_equal
-from qtpy.QtCore import QPoint
+from qtpy.QtCore import QPoint, Qt
 from qtpy.QtWidgets import QApplication
 from scipy.spatial import ConvexHull
 
@@ -231,7 +231,7 @@ def test_a_freesurfer_directory(window, subject, pictures, look, tmp_path):
 
 def test_the_demo_cortex(window, pictures, look, request):
     viewer, hand = window(LARGE)
-    hand.menu("File", "Open Sample", "Demo cortex (MNI152) (voxflat)")
+    hand.menu("File", "Open Sample", "voxflat", "Demo cortex (MNI152)")
     hand.wait(lambda: len(viewer.layers) == 3)
     hand.menu("Layers", "Transform", "Flatten surface (voxflat)")
     widget = dock(viewer, "Flatten surface")
@@ -246,3 +246,42 @@ def test_the_demo_cortex(window, pictures, look, request):
     point_at(hand, flat, len(flat.prepared.run.flat_map) // 2)
     hand.picture(pictures / "napari.png")
     look(hand, viewer, "demo", *parts_of(flat))
+
+
+def test_a_rim(window, pictures, look, tmp_path, qtbot):
+    viewer, hand = window(SMALL)
+    hand.menu("File", "Open Sample", "voxflat", "Demo rim (synthetic gyrus)")
+    hand.menu("Layers", "Transform", "Flatten surface (voxflat)")
+    widget = dock(viewer, "Flatten surface")
+    hand.wait(lambda: widget.form.label.rim == "rim")
+    hand.picture(tmp_path / "rim_form.png")
+    flat = flatten(hand, viewer)
+    uv = flat.prepared.run.flat_map.uv
+    hand.choose(flat.click, "draws a region")
+    centre, size = (uv.min(axis=0) + uv.max(axis=0)) / 2, np.ptp(uv, axis=0)
+    canvas = flat.canvas.viewport()
+    for number, (low, high) in enumerate(((0.08, 0.42), (-0.42, -0.08)), 1):  # halves of the gyrus
+        for shift in ((-0.4, low), (0.4, low), (0.4, high), (-0.4, high)):
+            last = flat.canvas.position(*(centre + size * shift))
+            hand.click(canvas, last)
+        qtbot.mouseDClick(canvas, Qt.MouseButton.LeftButton, pos=last)
+        hand.wait(lambda number=number: f"Drew {number} region" in flat.text.text())
+    hand.picture(tmp_path / "rim_map.png")
+
+    hand.menu("Layers", "Measure", "Cortical depth (voxflat)")
+    depth = dock(viewer, "Cortical depth")
+    hand.wait(lambda: depth.form.label.rim == "rim")
+    assert [box.currentText() for box in (depth.form.sampled, depth.form.regions)] == ["activity", "map regions"]
+    for button in (depth.layers, depth.measure):
+        hand.press(button)
+        hand.wait(button.isEnabled)
+    assert depth.profile.names == ("region 1", "region 2")
+    hand.picture(pictures / "napari_layers.png")
+    look(hand, viewer, "depth", depth.layers, depth.measure, depth.status, depth.plot, depth.save)
+    hand.press(depth.flatten)
+    hand.wait(depth.flatten.isEnabled)
+    shown = depth.flat_window.viewer
+    assert shown.dims.axis_labels[0] == "depth"
+    height = np.ptp(shown.layers[0].extent.world[:, 1])
+    hand.wait(lambda: height * shown.camera.zoom < shown.window._qt_viewer.canvas.size[0])  # all of the map is visible
+    assert shown.window._qt_window.grab().save(str(tmp_path / "flat_volume.png"))

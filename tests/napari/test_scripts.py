@@ -46,6 +46,7 @@ def jobs(folder):
     yield Job(taken, keep=taken.kept(), shown=overlay(white, taken), values=overlay(white, taken))
     corners = points[[100, 112, 400, 412]]
     yield Job(LayerMesh.of(Surface((points, faces), name="bumps", units="mm")), polygon=corners[[0, 1, 3, 2]])
+    yield Job(LayerVolume.of(Labels(voxflat.samples.rim().data, name="rim", units="mm")), rim="rim")
     yield PatchesJob(LayerMesh.of(Surface((points, faces), name="parts", units="mm")), {"max_angle": 10.0}, glue=1.4)
 
 

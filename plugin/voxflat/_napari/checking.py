@@ -1,5 +1,6 @@
 """The widgets of *Layers → Measure*, which report defects of surfaces and the quality of maps."""
 
+from functools import partial
 from html import escape
 from typing import Any
 
@@ -10,9 +11,13 @@ from qtpy.QtWidgets import QPushButton, QTextEdit, QVBoxLayout, QWidget
 
 from voxflat._napari.docks import TaskDock, arrange
 from voxflat._napari.forms.layer_form import LayerForm
+from voxflat._napari.layers.foreground import surface_of
+from voxflat._napari.layers.meshes import LayerMesh
+from voxflat._napari.layers.volumes import LayerVolume
 from voxflat._napari.layers.world import from_ras
 from voxflat._napari.results.report import sentence, table
 from voxflat._napari.viewer_state import ViewerState
+from voxflat.arguments import Progress
 from voxflat.distortion.distortion import Distortion
 from voxflat.errors import VoxflatError
 from voxflat.evaluation.measure import measure
@@ -74,7 +79,7 @@ class CheckSurface(Findings):
             self._fail(error)
             return
         self._origin = source.origin
-        self._work(lambda progress: check(source.read(), **foreground, progress=progress), self._action, self._show)
+        self._work(partial(_checked, source, foreground), self._action, self._show)
 
     def _release(self) -> None:
         super()._release()
@@ -101,6 +106,14 @@ class CheckSurface(Findings):
         units = None if self._origin["unit"].startswith("pixel") else ("mm",) * 3
         points = from_ras(np.array(places), self._origin["world_axes"])
         self._viewer.add_points(points, name=name, units=units, features={"finding": texts}, **_PLACES)
+
+
+def _checked(source: LayerVolume | LayerMesh, foreground: dict[str, Any], progress: Progress) -> Check:
+    """Check the surface of a layer; called in a thread."""
+    kind = foreground.pop("rim", None)
+    if kind is not None:
+        return surface_of(source, progress, rim=kind).check(progress=progress)
+    return check(source.read(), **foreground, progress=progress)
 
 
 class MeasureMap(Findings):

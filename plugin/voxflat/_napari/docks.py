@@ -1,11 +1,11 @@
 """Base classes of the docks, which open as tabs because two docks do not fit on a small screen."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from napari.utils.notifications import show_error
 from qtpy.QtCore import QEvent, QObject
-from qtpy.QtWidgets import QApplication, QDockWidget, QLayout, QMainWindow, QWidget
+from qtpy.QtWidgets import QApplication, QDockWidget, QGridLayout, QLayout, QMainWindow, QPushButton, QWidget
 
 from voxflat._napari.timers import single_shot
 from voxflat._napari.worker import JobWorker
@@ -60,6 +60,14 @@ def arrange(layout: Any, *parts: Any) -> None:
     for part in parts:
         item, stretch = part if isinstance(part, tuple) else (part, 0)
         (layout.addLayout if isinstance(item, QLayout) else layout.addWidget)(item, stretch)
+
+
+def grid(buttons: Sequence[QPushButton], columns: int) -> QGridLayout:
+    """Return a layout with buttons in rows."""
+    layout = QGridLayout()
+    for number, button in enumerate(buttons):
+        layout.addWidget(button, *divmod(number, columns))
+    return layout
 
 
 class Dock(QWidget):

@@ -9,6 +9,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from voxflat._napari.layers.foreground import surface_of
 from voxflat._napari.layers.meshes import LayerMesh
 from voxflat._napari.layers.sampled import Overlay, Shown
 from voxflat._napari.layers.seed import Seed
@@ -19,7 +20,6 @@ from voxflat.arguments import Progress
 from voxflat.errors import Cancelled
 from voxflat.maps.flat_map import FlatMap
 from voxflat.methods import METHODS, Method
-from voxflat.pipeline.surface import surface
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,6 +30,7 @@ class Job:
     method: str = "voxflat"
     label: int | None = None
     threshold: float | None = None
+    rim: str | None = None  # the kind of rim, a key of `RIMS`
     keep: LayerVolume | NDArray[Any] | None = None  # a mask of the same shape for a volume
     seed_point: Seed | None = None
     radius: float | None = None
@@ -50,8 +51,8 @@ class Job:
 
     def _flatten(self, progress: Progress) -> FlatMap:
         pial = None if self.pial is None else self.pial.read()
-        foreground: dict[str, Any] = {"label": self.label, "threshold": self.threshold, "pial": pial}
-        part = surface(self.surface.read(), **foreground, progress=progress)
+        foreground: dict[str, Any] = {"label": self.label, "threshold": self.threshold, "rim": self.rim, "pial": pial}
+        part = surface_of(self.surface, progress, **foreground)
         corners = None
         if self.polygon is not None:
             _, nearest = scipy.spatial.cKDTree(part.points).query(self.polygon)
@@ -85,14 +86,15 @@ class PatchesJob:
     limit: dict[str, Any]  # one of max_angle, bound and count, as in `Surface.patches`
     label: int | None = None
     threshold: float | None = None
+    rim: str | None = None
     glue: float | None = None  # the bound on C; None if patches are not glued
     pixel_size: float | None = None  # mm
     shown: Shown | None = None
 
     def run(self, progress: Progress) -> FlatLayers:
         _tell(progress, "reading the layer")
-        foreground: dict[str, Any] = {"label": self.label, "threshold": self.threshold}
-        whole = surface(self.surface.read(), **foreground, progress=progress)
+        foreground: dict[str, Any] = {"label": self.label, "threshold": self.threshold, "rim": self.rim}
+        whole = surface_of(self.surface, progress, **foreground)
         atlas = whole.patches(**self.limit, progress=progress)
         atlas.metadata["napari"] = self.surface.origin
         glued = None if self.glue is None else atlas.glue(self.glue, progress=progress)

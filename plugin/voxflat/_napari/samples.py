@@ -1,4 +1,4 @@
-"""Sample data: a human cortex to flatten."""
+"""Sample data: a human cortex to flatten, and a synthetic rim."""
 
 import importlib
 import threading
@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from napari import Viewer
 
+import voxflat
 from voxflat._napari.layers.seed import MARKER
 from voxflat._napari.results.flat_layers import LayerData, hidden
 from voxflat.arguments import Progress
@@ -34,6 +35,21 @@ def demo_cortex() -> list[LayerData]:
     _make_ready(viewer)
     _add_when_read(viewer)
     return [hidden(seed)]
+
+
+def demo_rim() -> list[LayerData]:
+    """Open a small rim, and a volume that is high in the middle layers of one half of the gyrus."""
+    rim = voxflat.samples.rim()
+    x, y, _ = np.indices(rim.data.shape) * rim.spacing[:, None, None, None]
+    depth = (np.hypot(x - 7.8, y) - 4.5) / 2.5  # the radii of the grey matter are 4.5 and 7 mm
+    active = np.exp(-(((depth - 0.5) / 0.2) ** 2)) * (x > 7.8)
+    noise = np.random.default_rng(0).normal(0, 0.2, rim.data.shape)
+    activity, labels = (data.T[:, ::-1] for data in ((active + noise).astype(np.float32), rim.data))  # seen as a hill
+    place: dict[str, Any] = {"affine": rim.affine, "units": ("mm",) * 3}
+    return [
+        (activity, {"name": "activity", "colormap": "inferno", **place}, "image"),
+        (labels, {"name": "rim", "opacity": 0.4, **place}, "labels"),
+    ]
 
 
 def _cortex(progress: Progress) -> list[LayerData]:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from voxflat._core import __version__
 from voxflat._napari.job import Job, PatchesJob
+from voxflat._napari.layers.foreground import RIMS
 from voxflat._napari.layers.meshes import LayerMesh
 from voxflat._napari.layers.sampled import Overlay, Sampled, Shown
 from voxflat._napari.layers.volumes import LayerVolume
@@ -77,8 +78,7 @@ class _Script:
 
     def _of_job(self, job: Job) -> None:
         pial = None if job.pial is None else _Code(self._surface(job.pial, "pial"))
-        given = {"label": job.label, "threshold": job.threshold, "pial": pial}
-        self._call("surface", "voxflat.surface", self._surface(job.surface), given)
+        self._whole(job, pial=pial)
         if job.polygon is not None:
             self._imports.add(_TREE)
             corners = self._array(job.polygon, "polygon")
@@ -99,6 +99,16 @@ class _Script:
         self._call("flat_map", "surface.flatten", self._method(job, method), how)
         self._result("flat_map", job.shown, job.pixel_size)
 
+    def _whole(self, job: Job | PatchesJob, **given: Any) -> None:
+        """Add the lines that make the surface."""
+        source = self._surface(job.surface)
+        if job.rim is None:
+            given = {"label": job.label, "threshold": job.threshold, **given}
+            self._call("surface", "voxflat.surface", source, given)
+        else:
+            self._call("rim", "voxflat.rim", source, {"hemisphere": RIMS[job.rim].hemisphere})
+            self._lines.append("surface = rim.surface")
+
     def _method(self, job: Job, method: Method) -> str:
         """Return a method as an argument: an object with options, a name, or nothing for the default method."""
         changed = {name: value for name, value in job.options.items() if name in type(method).__dataclass_fields__}
@@ -110,8 +120,7 @@ class _Script:
         return "" if job.method == "voxflat" else repr(job.method)
 
     def _of_patches(self, job: PatchesJob) -> None:
-        given = {"label": job.label, "threshold": job.threshold}
-        self._call("surface", "voxflat.surface", self._surface(job.surface), given)
+        self._whole(job)
         self._call("atlas", "surface.patches", "", job.limit)
         if job.glue is not None:
             self._lines.append(f"atlas = atlas.glue({job.glue!r})")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -13,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from voxflat import _core
 from voxflat.arguments import Progress, checked_choice, checked_threads, log
 from voxflat.errors import InputError
+from voxflat.io.files import require
 from voxflat.io.provenance import Record, Recorded, telling
 from voxflat.io.sources import as_volume
 from voxflat.io.volumes import Volume
@@ -353,6 +355,45 @@ class Rim(Recorded):
         16
         """
         return columns_of(self.labels, self.values.halfway, self.surface, count, area, seed, progress)
+
+    def to_pyvista(self, columns: Columns | None = None) -> Any:
+        """Convert the borders and the middle surface to PyVista meshes, in RAS+ mm.
+
+        The same point number refers to corresponding places on the three meshes.
+
+        Parameters
+        ----------
+        columns : Columns, optional
+            Columns of this rim, to include their numbers.
+
+        Returns
+        -------
+        pyvista.MultiBlock
+            The blocks ``inner``, ``middle`` and ``outer``. Their point data are ``thickness``, which is the distance
+            between the borders in mm, ``voxel_ids`` (i, j, k) and, if given, ``column`` (0 for none). The column is
+            active if it is given, otherwise the thickness.
+
+        Raises
+        ------
+        InputError
+            The columns are not those of this rim.
+
+        See Also
+        --------
+        FlatMap.to_pyvista : Convert a flat map to a PyVista mesh.
+
+        Examples
+        --------
+        >>> voxflat.rim(voxflat.samples.rim()).to_pyvista().keys()
+        ['inner', 'middle', 'outer']
+        """
+        require("pyvista")
+        if columns is not None and len(columns.vertex_columns) != len(self.surface):
+            raise InputError(
+                f"the columns have {len(columns.vertex_columns)} vertices, but the middle surface has "
+                f"{len(self.surface)}. Pass columns of this rim"
+            )
+        return importlib.import_module("voxflat._pyvista.rims").to_multiblock(self, columns)  # a higher layer
 
 
 @telling()

@@ -8,11 +8,12 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from voxflat._napari.layers.foreground import surface_of
 from voxflat._napari.layers.meshes import LayerMesh
 from voxflat._napari.layers.volumes import LayerVolume
 from voxflat.arguments import Progress
 from voxflat.maps.flat_map import FlatMap
-from voxflat.pipeline.surface import Surface, surface
+from voxflat.pipeline.surface import Surface
 from voxflat.surfaces.cutting import Where, cut_open, sketch_error
 from voxflat.surfaces.standard.sphere import sphere_beside
 from voxflat.unique_rows import in_rows
@@ -27,7 +28,7 @@ def make_surface(
     source: LayerVolume | LayerMesh, foreground: dict[str, Any], progress: Progress
 ) -> tuple[Surface, NDArray[np.float64]]:
     """Return the surface on which cuts are drawn, and its mean curvature in 1/mm."""
-    made = surface(source.read(), **foreground, progress=progress)
+    made = surface_of(source, progress, **foreground)
     return made, made.mean_curvature(progress=progress)
 
 

@@ -1,6 +1,6 @@
 """The widget of *Layers → Transform → Draw cuts*."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -14,7 +14,6 @@ from qtpy.QtCore import Qt
 from qtpy.QtWidgets import (
     QAbstractItemView,
     QFileDialog,
-    QGridLayout,
     QHeaderView,
     QLabel,
     QPushButton,
@@ -23,7 +22,7 @@ from qtpy.QtWidgets import (
     QVBoxLayout,
 )
 
-from voxflat._napari.docks import TaskDock, arrange
+from voxflat._napari.docks import TaskDock, arrange, grid
 from voxflat._napari.editing.cut_layers import CutLayers
 from voxflat._napari.editing.cut_tasks import Found, cuts_of_map, evaluate_cuts, find_cuts, make_surface, save_template
 from voxflat._napari.editing.cuts_form import CutsForm
@@ -94,7 +93,7 @@ class DrawCuts(TaskDock):
         self.status.setWordWrap(True)
         above = (self.draw, self.end_cut, self.undo, self.redo, self.standard, self.automatic, self.from_map, self.load)
         below = (self.remove, self.evaluate, self.save, self.template, self.use, self.again)
-        parts = (self.form, self.begin, _grid(above, 4), (self.cuts, 1), _grid(below, 2), self.status)
+        parts = (self.form, self.begin, grid(above, 4), (self.cuts, 1), grid(below, 2), self.status)
         arrange(QVBoxLayout(self), *parts)
         buttons = {_UNDO: self.undo, _REDO: self.redo, _END_CUT: self.end_cut}
         ViewerState.of(napari_viewer).changed.connect(self._enable)
@@ -324,13 +323,6 @@ class DrawCuts(TaskDock):
         ViewerState.of(self._viewer).changed.disconnect(self._enable, missing_ok=True)
         self.form.release()
         self._end()
-
-
-def _grid(buttons: Sequence[QPushButton], columns: int) -> QGridLayout:
-    grid = QGridLayout()
-    for number, button in enumerate(buttons):
-        grid.addWidget(button, *divmod(number, columns))
-    return grid
 
 
 def _cell(text: str) -> QTableWidgetItem:

@@ -20,7 +20,7 @@ class CutsForm(LayerForm):
     def layer(self) -> Layer:
         """Return the layer to cut; raises InputError if there is none."""
         layer = self._chosen()
-        if isinstance(layer, Labels) and self.label.label is None:
+        if isinstance(layer, Labels) and self.label.currentData() is None:
             raise InputError(f"Layer '{layer.name}' has no labels. Paint a label, or choose another layer")
         return layer
 

@@ -2,17 +2,19 @@
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from voxflat._napari.results.flat_layers import LayerData
+from voxflat._napari.results.flat_layers import STACK, LayerData
 from voxflat.atlases.atlas import Atlas
 from voxflat.errors import InputError, VoxflatError
+from voxflat.io.channels import Channels
 from voxflat.maps.flat_map import MAP_ENDINGS, FlatMap
 from voxflat.maps.image_files import IMAGE_ENDINGS
-from voxflat.maps.raster import FlatImage
+from voxflat.maps.raster import FlatImage, FlatStack
 
 Written: TypeAlias = Any  # list[str], which napari's commands cannot compare with classes on Python 3.10
 
@@ -66,13 +68,18 @@ def _map_of(layers: Sequence[LayerData]) -> FlatMap | Atlas:
     return next(iter(maps.values()))  # type: ignore[no-any-return]  # metadata are Any
 
 
-def _image_of(layers: Sequence[LayerData]) -> FlatImage:
-    """Return the image of a layer, with its position on the map."""
+def _image_of(layers: Sequence[LayerData]) -> FlatImage | FlatStack:
+    """Return the image or flat volume of a layer, with its position on the map."""
     flat_map = _map_of(layers)
     images = [layer for layer in layers if layer[2] in ("image", "labels")]
     if len(images) != 1:
         raise InputError(f"{len(images)} flat images are selected. Select exactly one")
     data, keywords, kind = images[0]
+    stack: FlatStack | None = keywords["metadata"].get(STACK)
+    if stack is not None:
+        values = np.asarray(data, dtype=np.float32)
+        values = np.where(values == 0, np.float32(np.nan), values) if kind == "labels" else values
+        return replace(stack, channels=Channels(stack.channels.names, values.__getitem__))
     height, width = keywords["scale"]
     if height != width:
         size = f"{height:g} x {width:g} mm"

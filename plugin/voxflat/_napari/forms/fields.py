@@ -25,11 +25,17 @@ def choice(texts: Mapping[Any, str], tip: str) -> QComboBox:
     for key, text in texts.items():
         box.addItem(text, key)
     box.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Fixed)  # long texts must not widen the window
-    listed, metrics = box.view(), box.fontMetrics()
-    assert listed is not None
-    listed.setMinimumWidth(max(map(metrics.horizontalAdvance, texts.values()), default=0) + _BESIDE)  # show all
+    show_all(box)
     box.setToolTip(tip)
     return box
+
+
+def show_all(box: QComboBox) -> None:
+    """Make the list of a box as wide as its texts."""
+    listed, metrics = box.view(), box.fontMetrics()
+    assert listed is not None
+    texts = (box.itemText(index) for index in range(box.count()))
+    listed.setMinimumWidth(max(map(metrics.horizontalAdvance, texts), default=0) + _BESIDE)
 
 
 def offer(box: QComboBox, texts: Mapping[str, str], key: str, offered: bool) -> None:

@@ -1,25 +1,33 @@
-"""A box for choosing one of the labels in a Labels layer."""
+"""A box for choosing one of the labels in a Labels layer, or a rim."""
 
+import re
 from typing import Any
 
 import numpy as np
 from napari.layers import Labels
-from qtpy.QtWidgets import QComboBox
+from qtpy.QtWidgets import QComboBox, QSizePolicy
 
+from voxflat._napari.forms.fields import show_all
+from voxflat._napari.layers.foreground import RIMS, rims_in
 from voxflat._napari.layers.volumes import finest
 from voxflat._napari.timers import single_shot
 from voxflat._napari.worker import BackgroundTask
 from voxflat.surfaces.foreground import labels_in
 
 _SCANNED = 2**29  # voxels; larger layers, which may be remote, are not read only to list their labels
+_RIM = re.compile(r"(?i)(?<![a-z])(rim|ribbon)(?![a-z])")  # in the name of a layer
 _PAUSE = 400  # ms without painting before the labels are listed again
 
 
 class LabelChoice(QComboBox):
-    """Lets the user choose a label from a list compiled in a thread; the default is the selected label of the layer."""
+    """Lets the user choose a label from a list compiled in a thread; the default is the selected label of the layer.
+
+    If the labels can be those of a rim, the rim is offered, too. It is the default if the name of the layer says so.
+    """
 
     def __init__(self) -> None:
         super().__init__()
+        self.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Fixed)
         self._layer: Labels | None = None
         self._labels: dict[int, int] | None = None  # number of voxels of each label, once known
         self._timer = single_shot(self, _PAUSE, self.scan)
@@ -27,9 +35,15 @@ class LabelChoice(QComboBox):
     @property
     def label(self) -> int | None:
         label = self.currentData()
-        return None if label is None else int(label)
+        return int(label) if isinstance(label, int) else None
 
-    def choose(self, label: int) -> None:
+    @property
+    def rim(self) -> str | None:
+        """The kind of rim, a key of `RIMS`; None if a label is chosen."""
+        kind = self.currentData()
+        return kind if isinstance(kind, str) else None
+
+    def choose(self, label: int | str) -> None:
         self.setCurrentIndex(self.findData(label))
 
     def follow(self, layer: Labels | None) -> None:
@@ -66,7 +80,7 @@ class LabelChoice(QComboBox):
             self._offer(labels)
 
     def _on_selected(self) -> None:
-        if self._layer is None:
+        if self._layer is None or self.rim is not None:
             return
         if self._labels is None:
             self._offer(None)
@@ -74,16 +88,22 @@ class LabelChoice(QComboBox):
             self.choose(self._layer.selected_label)
 
     def _offer(self, labels: dict[int, int] | None) -> None:
-        """Offer these labels, or only the selected label if they are unknown."""
+        """Offer these labels and rims, or only the selected label if they are unknown."""
         assert self._layer is not None
         selected = self._layer.selected_label
-        before = self.label
+        before = None if self._labels is None else self.currentData()
         self._labels = labels
         self.clear()
         if labels is None:
             self.addItem(str(selected), selected)
             return
+        rims = rims_in(labels)
+        for kind in rims:
+            self.addItem(RIMS[kind].text, kind)
         for label, count in labels.items():
             self.addItem(f"{label}   ({count:,} voxels)", label)
-        if (wanted := before if before in labels else selected) in labels:
-            self.choose(wanted)
+        show_all(self)
+        usual = rims[0] if rims and _RIM.search(self._layer.name) else selected
+        found = [one for one in (before, usual, selected, *labels) if one in rims or one in labels]
+        if found:
+            self.choose(found[0])

@@ -15,7 +15,7 @@ from voxflat._napari.forms.threshold_choice import ThresholdChoice
 from voxflat._napari.layers.meshes import LayerMesh, is_elsewhere, surface_name, vary
 from voxflat._napari.layers.sampled import Shown, shown, usual_depth
 from voxflat._napari.layers.volumes import LayerVolume
-from voxflat._napari.layers.world import WORLDS, same_kind_of_unit
+from voxflat._napari.layers.world import MADE_FROM, WORLDS, same_kind_of_unit
 from voxflat.errors import InputError
 
 
@@ -28,7 +28,11 @@ class LayerForm(QWidget):
         self.surface.setPlaceholderText("open a Labels, Image or Surface layer")
         self.surface.setToolTip("The layer to flatten: Labels, an Image with a threshold, or a Surface")
         self.label = LabelChoice()
-        self.label.setToolTip("The label whose surface is flattened. The default is the selected label of the layer")
+        self.label.setToolTip(
+            "The label whose surface is flattened. The default is the selected label of the layer. A rim, which "
+            "contains the outer border (1), the inner border (2) and the grey matter (3), is flattened halfway "
+            "between its borders. So is the grey matter of a FreeSurfer ribbon"
+        )
         self.threshold = ThresholdChoice(viewer)
         self.world = choice(WORLDS, "Anatomical directions of the viewer's axes. A wrong choice mirrors the map")
         self.sampled = LayerChoice(viewer, self._sampled_rank, none="nothing")
@@ -49,6 +53,7 @@ class LayerForm(QWidget):
         for text, field in (*surface, *rows):
             self._rows.addRow(text, field)
         self.surface.chosen.connect(self._on_surface)
+        self.label.currentIndexChanged.connect(self._set_depth)
         if self._rows.labelForField(self.sample_depth) is not None:  # the form shows a map
             self.sampled.chosen.connect(self._on_sampled)
 
@@ -59,8 +64,11 @@ class LayerForm(QWidget):
         show_row(self._rows, self.threshold, isinstance(layer, Image))
         self.threshold.follow(layer if isinstance(layer, Image) and not layer.rgb else None)
         self.sampled.refresh()
+        self._set_depth()
+
+    def _set_depth(self) -> None:
         if not self._depth_by_user:
-            self.sample_depth.setValue(usual_depth(layer))
+            self.sample_depth.setValue(0.0 if self.label.rim is not None else usual_depth(self.surface.layer))
 
     def _on_depth(self) -> None:
         self._depth_by_user = True
@@ -94,8 +102,9 @@ class LayerForm(QWidget):
         return LayerVolume.of(layer, world), self._foreground(layer)
 
     def _foreground(self, layer: Layer) -> dict[str, Any]:
-        labels = isinstance(layer, Labels)
-        return {"label": self.label.label if labels else None, "threshold": None if labels else self.threshold.value()}
+        if isinstance(layer, Labels):
+            return {"label": self.label.label, "threshold": None, "rim": self.label.rim}
+        return {"label": None, "threshold": self.threshold.value(), "rim": None}
 
     def _shown(self, layer: Layer, world: str) -> Shown | None:
         sampled = self.sampled.layer
@@ -118,7 +127,7 @@ def _surface_rank(viewer: Viewer, layer: Layer) -> int | None:
     """Rank layers to flatten: labels, then surfaces, then images; a surface that belongs to another one has rank 0."""
     if "voxflat" in layer.metadata or not isinstance(layer, Image | Labels | Surface) or getattr(layer, "rgb", False):
         return None
-    if layer.ndim != 3 or any(_is_of(layer, other) for other in viewer.layers):
+    if layer.ndim != 3 or MADE_FROM in layer.metadata or any(_is_of(layer, other) for other in viewer.layers):
         return 0
     if isinstance(layer, Surface):
         return 2 if _is_partner(layer) else 3

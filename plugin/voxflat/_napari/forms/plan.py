@@ -41,6 +41,7 @@ class _Asked:
     goes_on: bool
     label: int | None = None
     threshold: float | None = None
+    rim: str | None = None
 
 
 class Plan(QLabel):
@@ -66,6 +67,9 @@ class Plan(QLabel):
         key = (id(layer), self._asked.label, self._asked.threshold)
         if isinstance(layer, Surface):
             self._count = len(layer.vertices)
+        elif self._asked.rim is not None:
+            self._counted, self._count = key, None
+            self._timer.stop()
         elif key != self._counted:
             self._counted, self._count = key, None
             self._timer.start()
@@ -103,13 +107,15 @@ def _steps(asked: _Asked) -> list[str]:
     part = _PARTS[asked.part].format(radius=asked.radius)
     if asked.method == "grossmann2002":
         return [f"Flattens {part}, voxel by voxel. The surface must be open."]
-    is_mesh = isinstance(asked.layer, Surface)
+    is_mesh, is_rim = isinstance(asked.layer, Surface), asked.rim is not None
     steps = [f"Flattens {'the largest component' if asked.part == 'whole' and not is_mesh else part}."]
+    if is_rim:
+        steps = [f"Flattens {part}, halfway between the borders of the grey matter."]
     if asked.threshold is not None and asked.part == "whole":
         steps.append("In a whole brain, this component can include both hemispheres and the cerebellum.")
     if is_mesh and asked.has_pial:
         steps.append("Measures distances midway to the pial surface.")
-    if not is_mesh:
+    if not is_mesh and not is_rim:
         steps.append("Repairs topology if that changes at most 1\u00a0% of the voxels.")
     if asked.goes_on:
         steps.append("Starts from the displayed map.")

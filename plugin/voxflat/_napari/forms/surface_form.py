@@ -2,7 +2,6 @@
 
 from typing import Any
 
-import numpy as np
 from napari import Viewer
 from napari.layers import Labels, Layer, Points, Shapes, Surface
 from numpy.typing import NDArray
@@ -17,6 +16,7 @@ from voxflat._napari.forms.options_form import OptionsForm, takes
 from voxflat._napari.forms.plan import Plan
 from voxflat._napari.forms.seed_choice import SeedChoice
 from voxflat._napari.job import Job
+from voxflat._napari.layers.foreground import inside
 from voxflat._napari.layers.meshes import LayerMesh, surface_name, vary
 from voxflat._napari.layers.sampled import overlay
 from voxflat._napari.layers.seed import corners
@@ -133,11 +133,13 @@ class SurfaceForm(LayerForm):
         is_known = takes(self.method.currentData(), "start")
         return self._state.map_of(self.surface.layer) if is_known else None
 
-    def continue_from_shown_map(self, layer: Layer, label: int | None = None, threshold: float | None = None) -> None:
+    def continue_from_shown_map(
+        self, layer: Layer, label: int | None = None, threshold: float | None = None, rim: str | None = None
+    ) -> None:
         """Set the form to flatten a layer along its drawn cuts, starting from the displayed map."""
         self.surface.choose(layer)
-        if label is not None:
-            self.label.choose(label)
+        if (chosen := label if rim is None else rim) is not None:
+            self.label.choose(chosen)
         if threshold is not None:
             self.threshold.setValue(threshold)
         self.method.setCurrentIndex(self.method.findData("voxflat"))
@@ -164,8 +166,8 @@ class SurfaceForm(LayerForm):
 
     def _inside(self, values: NDArray[Any]) -> NDArray[Any]:
         """Return a mask of the foreground values."""
-        labels = isinstance(self.surface.layer, Labels)
-        return np.asarray(values == self.label.label if labels else values > self.threshold.value())
+        assert self.surface.layer is not None
+        return inside(values, **self._foreground(self.surface.layer))
 
     def _pial_rank(self, layer: Layer) -> int | None:
         white = self.surface.layer

@@ -1,5 +1,6 @@
 """Convert napari Image and Labels layers to volumes in RAS+ mm."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -57,6 +58,12 @@ class LayerVolume:
 def finest(layer: Layer) -> Any:
     """Return the voxels of a layer as numpy, dask or zarr, at the finest level of a multiscale layer."""
     return layer.data[0] if layer.multiscale else layer.data
+
+
+def shown_step(layer: Layer, point: Sequence[float]) -> tuple[int, ...]:
+    """Return the time point and channel of a layer at a point of the viewer."""
+    index = layer.world_to_data(point[-layer.ndim :])[: layer.ndim - 3]
+    return tuple(int(np.clip(round(n), 0, size - 1)) for n, size in zip(index, finest(layer).shape, strict=False))
 
 
 def _bytes(colours: NDArray[Any]) -> NDArray[np.uint8]:

@@ -20,6 +20,9 @@ WORLDS = {
 }
 """The possible axes of the world, which a layer does not record: their directions, and the readers that use them."""
 
+MADE_FROM = "voxflat_made_from"
+"""Key of the metadata of layers that the user rarely flattens, because voxflat made them from another layer."""
+
 
 @dataclass(frozen=True, eq=False)
 class LayerPlace:

@@ -6,7 +6,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from app_model.types import KeyCode, KeyMod
 from napari import Viewer
-from napari.layers import Image, Labels, Layer, Points
+from napari.layers import Image, Labels, Points
 from numpy.typing import NDArray
 from qtpy.QtCore import Qt
 from qtpy.QtWidgets import QCheckBox, QComboBox, QHBoxLayout, QLabel, QPushButton, QSizePolicy, QVBoxLayout, QWidget
@@ -16,6 +16,7 @@ from superqt.utils import signals_blocked
 from voxflat._napari.docks import Dock, arrange
 from voxflat._napari.keys import Keys, key_text
 from voxflat._napari.layers.sampled import shown
+from voxflat._napari.layers.volumes import shown_step
 from voxflat._napari.map_viewer import drawings
 from voxflat._napari.map_viewer.annotations import Annotation, OnMap, VolumeAnnotations, on_map
 from voxflat._napari.map_viewer.canvas import MapCanvas
@@ -287,15 +288,9 @@ class FlatMapDock(Dock):
         how: dict[str, Any] = {}
         if isinstance(content, Image | Labels):
             in_mm = self.depth_unit.currentText() == _MM
-            how = {"depth" if in_mm else "fraction": self.depths.value(), "step": self._step(content)}
+            step = shown_step(content, self._viewer.dims.point)
+            how = {"depth" if in_mm else "fraction": self.depths.value(), "step": step}
         return drawing(shown(content, world, **how))
-
-    def _step(self, layer: Layer) -> tuple[int, ...]:
-        """Return the time point and channel at which the viewer shows a layer."""
-        first = layer.ndim - 3
-        index = layer.world_to_data(self._viewer.dims.point[-layer.ndim :])[:first]
-        data = layer.data[0] if layer.multiscale else layer.data
-        return tuple(int(np.clip(round(n), 0, size - 1)) for n, size in zip(index, data.shape, strict=False))
 
     def _on_surface(self, painted: bool) -> None:
         if painted:

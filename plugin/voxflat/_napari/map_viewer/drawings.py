@@ -9,7 +9,7 @@ from napari import Viewer
 from napari.layers import Labels, Layer, Points, Shapes, Surface
 from numpy.typing import NDArray
 
-from voxflat._napari.layers.world import from_ras
+from voxflat._napari.layers.world import MADE_FROM, from_ras
 from voxflat._napari.map_viewer.prepared_map import PreparedMap
 from voxflat._napari.results.flat_layers import LayerData, units
 from voxflat._napari.results.layer_list import insert
@@ -19,6 +19,9 @@ from voxflat.maps.flat_map import FlatMap
 from voxflat.pipeline.surface import surface
 
 Place: TypeAlias = tuple[float, float]  # (u, v), mm
+
+REGIONS = "map regions"
+"""Name of the layer with the regions that the user draws."""
 
 _COLOUR = "#ffd23f"
 _CORTEX = (-0.5, 3.0)  # mm outside the surface; the depths of a region if the pial surface is unknown
@@ -46,7 +49,11 @@ def regions(prepared: PreparedMap, polygons: Sequence[Sequence[Place]]) -> Drawn
     flat_map = _map(prepared)
     drawn = flat_map.regions({f"region {n}": np.array(corners) for n, corners in enumerate(polygons, 1)})
     message = f"Drew {len(polygons)} region{'s' * (len(polygons) > 1)}"
-    keywords: dict[str, Any] = {"name": "map regions", "units": units(flat_map, 3)}
+    keywords: dict[str, Any] = {
+        "name": REGIONS,
+        "units": units(flat_map, 3),
+        "metadata": {MADE_FROM: prepared.run.name},
+    }
     if not flat_map.is_voxels:
         surface = (_world(prepared, prepared.points), flat_map.faces[~flat_map.torn], drawn.labels.astype(np.float32))
         look = {"colormap": "turbo", "contrast_limits": (0.0, float(len(polygons)))}

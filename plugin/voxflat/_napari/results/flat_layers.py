@@ -14,6 +14,9 @@ from voxflat.maps.raster import FlatImage
 
 LayerData: TypeAlias = tuple[Any, dict[str, Any], str]  # as in napari: the data, the keywords and the type
 
+STACK = "voxflat_stack"
+"""Key of the metadata of flat volumes: the `FlatStack` from which they were made."""
+
 
 @dataclass(frozen=True, eq=False)
 class FlatLayers:

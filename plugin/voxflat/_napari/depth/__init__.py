@@ -1,0 +1,1 @@
+"""The dock *Cortical depth*: layers, flat volumes and profiles of a rim."""

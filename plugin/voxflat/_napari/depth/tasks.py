@@ -1,0 +1,69 @@
+"""The tasks of *Cortical depth*, which run in another thread."""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from voxflat._napari.layers.foreground import rim_of
+from voxflat._napari.layers.sampled import Sampled
+from voxflat._napari.layers.volumes import LayerVolume
+from voxflat._napari.results.flat_layers import STACK, LayerData, limits
+from voxflat.arguments import Progress
+from voxflat.errors import Cancelled, InputError
+from voxflat.laminar.profile import Profile
+from voxflat.maps.flat_map import FlatMap
+
+
+def divide_into_layers(rim: tuple[LayerVolume, str], layers: dict[str, Any], progress: Progress) -> NDArray[np.integer]:
+    """Return the layer of each voxel."""
+    return np.asarray(rim_of(*rim, progress).layers(**layers).data)
+
+
+def divide_into_columns(rim: tuple[LayerVolume, str], area: float, progress: Progress) -> NDArray[np.integer]:
+    """Return the column of each voxel; `area` is the mean area of a column in mm²."""
+    return np.asarray(rim_of(*rim, progress).columns(area=area, progress=progress).volume.data)
+
+
+def flat_volume(flat_map: FlatMap, shown: Sampled, layers: dict[str, Any], progress: Progress) -> LayerData:
+    """Return a layer (depth, row, column) with a volume in the middle of each layer of a map."""
+    count = layers["count"]
+    depths = [(k + 0.5) / count for k in range(count)]
+    how = {"interpolation": "nearest" if shown.kind == "labels" else "linear", "layering": layers["layering"]}
+    stack = flat_map.images(shown.volume.lazily(), fraction=depths, **how)
+    images = []
+    for k in range(count):
+        if progress("sampling the volume", k, count) is False:
+            raise Cancelled("cancelled while sampling the volume")
+        images.append(stack[k])
+    if images[0].is_colour:
+        raise InputError(f"Layer '{shown.name}' contains colours. Choose a layer with one value per voxel")
+    data = np.stack([image.data for image in images])
+    (u, v), size = stack.origin, stack.pixel_size
+    about = {"voxflat": flat_map, STACK: stack}
+    place = {"metadata": about, "scale": (1 / count, size, size), "translate": (0.5 / count, -v, u)}
+    keywords = {**shown.display, "name": f"{shown.name} flattened", "axis_labels": ("depth", "−v", "u"), **place}
+    if shown.kind == "labels":
+        return np.nan_to_num(data).astype(np.int64), keywords, "labels"
+    keywords.setdefault("contrast_limits", limits(data))
+    return data.astype(np.float32), keywords, "image"
+
+
+def profile(
+    rim: tuple[LayerVolume, str],
+    shown: Sampled,
+    region: LayerVolume | None,
+    layers: dict[str, Any],
+    progress: Progress,
+) -> tuple[Profile, Any]:
+    """Return the profile of a volume, and its picture."""
+    from matplotlib.figure import Figure
+
+    regions = None if region is None else region.read()
+    found = rim_of(*rim, progress).profile(shown.volume.lazily(), regions=regions, **layers)
+    figure = Figure(layout="constrained")
+    if region is not None:
+        found = replace(found, names=tuple(f"region {name}" for name in found.names))
+    found.plot(label=shown.name, ax=figure.subplots())
+    return found, figure

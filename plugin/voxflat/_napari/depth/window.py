@@ -1,0 +1,65 @@
+"""The window of flat volumes."""
+
+from contextlib import suppress
+from typing import Any
+
+from napari import Viewer
+from napari.layers import Layer
+from qtpy.QtCore import QEvent, QObject, QTimer
+from qtpy.QtWidgets import QWidget
+
+from voxflat._napari.gl_context import keep_canvas_current
+from voxflat._napari.results.flat_layers import LayerData
+from voxflat._napari.timers import PAUSE
+
+_SIZE = (1000, 650)  # pixels
+
+
+class FlatWindow:
+    """A second window of napari, because the sliders of the first one belong to other axes.
+
+    It is closed together with the dock that owns it.
+    """
+
+    def __init__(self, owner: QWidget) -> None:
+        self.viewer: Viewer | None = None
+        owner.destroyed.connect(lambda: self.close())
+
+    def show(self, data: LayerData) -> None:
+        """Show a flat volume, instead of an earlier one of the same name."""
+        if self.viewer is None:
+            self.viewer = Viewer(title="Flat volume", show=False)
+            keep_canvas_current(self.viewer)
+            window = self.viewer.window._qt_window
+            window.resize(*_SIZE)
+            window.installEventFilter(_Hider(window))
+        layers, name = self.viewer.layers, data[1]["name"]
+        if name in layers:
+            layers.remove(name)
+        layers.append(Layer.create(*data))
+        self.viewer.window.show()
+        self.viewer.window.activate()
+        QTimer.singleShot(PAUSE, self._fit)  # once the size of the canvas is known
+
+    def _fit(self) -> None:
+        if self.viewer is not None:
+            self.viewer.reset_view()
+
+    def close(self) -> None:
+        viewer, self.viewer = self.viewer, None
+        if viewer is not None:
+            with suppress(RuntimeError, AttributeError):  # napari may have closed the window before
+                window = viewer.window._qt_window
+                window.removeEventFilter(window.findChild(_Hider))
+                viewer.close()
+
+
+class _Hider(QObject):
+    """Hides a window when the user closes it, because napari would cancel all tasks and delete the window."""
+
+    def eventFilter(self, watched: Any, event: Any) -> bool:  # noqa: N802 - Qt's name
+        if event.type() != QEvent.Type.Close or getattr(watched, "_quit_app", False):
+            return False
+        event.ignore()
+        watched.hide()
+        return True
