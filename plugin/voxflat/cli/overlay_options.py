@@ -19,10 +19,11 @@ _Command = TypeVar("_Command", bound=Callable[..., Any])
 
 def check_depth(given: dict[str, Any]) -> None:
     """Raise a usage error if the depth options contradict each other."""
-    if given["layering"] is not None and given["fraction"] is None:
-        raise click.UsageError("--layering requires --fraction.")
-    if given["depth"] is not None and given["fraction"] is not None:
-        raise click.UsageError("--depth and --fraction cannot be combined. Give only one of them.")
+    places = [name for name in ("depth", "fraction", "depths") if given.get(name) is not None]
+    if len(places) > 1:
+        raise click.UsageError(f"--{places[0]} and --{places[1]} cannot be combined. Give only one of them.")
+    if given["layering"] is not None and places in ([], ["depth"]):
+        raise click.UsageError(f"--layering requires --fraction{' or --depths' if 'depths' in given else ''}.")
 
 
 def _limits(ctx: click.Context, param: click.Parameter, value: str | None) -> tuple[str, ...] | None:

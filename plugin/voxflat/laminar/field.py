@@ -13,7 +13,7 @@ from voxflat.arguments import Progress
 from voxflat.errors import Cancelled
 from voxflat.io.reading import check_room
 from voxflat.laminar.labels import GREY, INNER, OUTER, Layered
-from voxflat.maps.depth import vertex_areas
+from voxflat.maps.depth import smooth_areas
 
 _A_VOXEL = 60
 """Bytes of memory per voxel of the box; measured: 40 to 55."""
@@ -21,7 +21,6 @@ _A_VOXEL = 60
 _BEYOND = 3  # voxels beyond the labels
 _CHUNK = 1 << 17  # points between two reports of progress
 _FAR = 1e6  # mm, no limit
-_SMOOTHED = 0.5  # width of the smoothing of areas, relative to the median thickness
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,7 +60,7 @@ def field_of(rim: Layered, threads: int | None = None, progress: Progress | None
     feet = [border.find(points, steps)[1] for border in borders]
     is_grey = rim.labels[tuple(band.T)] == GREY
     depth, thickness = depth[is_grey].clip(0, 1), thickness[is_grey]
-    areas = _areas(feet[0], points, feet[1], faces, float(np.median(thickness)))
+    areas = smooth_areas((feet[0], points, feet[1]), points, faces, float(np.median(thickness)))
     halves = _half_depth(places[is_grey], depth, inner[is_grey], outer[is_grey])
     triangles, weights = steps.nearest(_core.NearestFinder(points, faces), halves)[:2]
     corners = faces[triangles]
@@ -105,27 +104,6 @@ def _surface_in(
     core, voxels, _ = _core.Surface.from_mask(mask, affine, level, False, threads, progress)
     is_end = ((voxels == 0) | (voxels == np.array(mask.shape) - 1)).any(axis=1)
     return core.part_of_faces(~is_end[core.faces].any(axis=1))
-
-
-def _areas(
-    inner: NDArray[np.float64],
-    middle: NDArray[np.float64],
-    outer: NDArray[np.float64],
-    faces: NDArray[np.uint32],
-    thickness: float,
-) -> list[NDArray[np.float64]]:
-    """Return the areas around each vertex on three surfaces, smoothed along the surface."""
-    starts, ends = faces.ravel(), np.roll(faces, 1, axis=1).ravel()
-    edge = float(np.median(np.linalg.norm(middle[starts] - middle[ends], axis=1)))
-    pairs = (np.concatenate([starts, ends]), np.concatenate([ends, starts]))
-    near = scipy.sparse.csr_matrix((np.ones(len(pairs[0])), pairs), shape=(len(middle), len(middle)))
-    near.data[:] = 1.0
-    near += scipy.sparse.identity(len(middle))
-    average = scipy.sparse.diags(1 / np.asarray(near.sum(axis=1)).ravel()) @ near
-    areas = np.stack([vertex_areas(points, faces) for points in (inner, middle, outer)], axis=1)
-    for _ in range(min(100, round((_SMOOTHED * thickness / edge) ** 2) + 1)):
-        areas = average @ areas
-    return list(areas.T)
 
 
 def _share_below(

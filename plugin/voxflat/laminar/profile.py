@@ -16,6 +16,7 @@ from voxflat.io.files import REMEDY, naming
 from voxflat.io.notebook import page
 from voxflat.io.provenance import Record, Recorded, saving
 from voxflat.io.tables import aligned, cell_of, write_table
+from voxflat.laminar.painting import on_map
 from voxflat.maps.colours import all_whole
 from voxflat.maps.regions import Regions
 from voxflat.maps.sampler import Sampler
@@ -26,7 +27,6 @@ PROFILE_ENDINGS = (".tsv", ".csv")  # of the files of `Profile.save`
 _GREY = "grey matter"
 _INTERPOLATIONS = ("linear", "nearest")
 _LARGEST_LABEL = 2**31 - 1
-_OFF_MAP = 0.5  # largest distance of a column from the map, relative to the voxel size
 
 
 @dataclass(frozen=True, eq=False)
@@ -264,19 +264,16 @@ def _labels(regions: object, voxels: Sampler) -> NDArray[np.int64]:
 
 def _drawn(regions: Regions, voxels: Sampler, halfway: NDArray[np.float64]) -> Groups:
     """Return the regions on a map that contain the columns of voxels."""
-    size = float(np.linalg.norm(voxels.affine[:3, :3], axis=0).max())
-    space = "scanner" if voxels.space.is_known else "surface"
-    uv, _ = regions.of.points_to_map(halfway, _OFF_MAP * size, space=space)
-    on_map = np.isfinite(uv[:, 0])
-    if not on_map.any():
+    uv, is_on = on_map(regions.of, halfway, voxels.affine, voxels.space)
+    if not is_on.any():
         raise InputError(
             "no column of grey matter lies on the map of the regions. Draw regions on a map of rim.surface"
         )
     of = np.full(len(halfway), -1)
-    keys = regions.at(uv[on_map])
+    keys = regions.at(uv)
     order = np.argsort(regions.keys)
     found = np.searchsorted(regions.keys, keys, sorter=order)
-    of[on_map] = np.where(keys == 0, -1, order[found % len(order)])
+    of[is_on] = np.where(keys == 0, -1, order[found % len(order)])
     for name, count in zip(regions.names, np.bincount(of[of >= 0], minlength=len(regions)), strict=True):
         if count == 0:
             raise InputError(f"the region {name} contains no voxel of grey matter. Draw a larger region")

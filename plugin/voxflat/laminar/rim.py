@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from voxflat import _core
-from voxflat.arguments import Progress, checked_choice, checked_threads, is_whole, log, shown
+from voxflat.arguments import Progress, checked_choice, checked_threads, log
 from voxflat.errors import InputError
 from voxflat.io.provenance import Record, Recorded, telling
 from voxflat.io.sources import as_volume
@@ -18,15 +18,17 @@ from voxflat.io.volumes import Volume
 from voxflat.laminar.columns import Columns, columns_of
 from voxflat.laminar.field import Field, field_of
 from voxflat.laminar.labels import GREY, Layered, layered
+from voxflat.laminar.painting import flat_volume, on_map, pixels_of
 from voxflat.laminar.profile import Layers, Profile, groups_of, profile_of
-from voxflat.maps.depth import LAYERINGS
+from voxflat.maps.colours import all_whole
+from voxflat.maps.depth import LAYERINGS, checked_layers
+from voxflat.maps.flat_map import FlatMap, check_background
 from voxflat.maps.sampler import Sampler
 from voxflat.pipeline.surface import Surface
 from voxflat.surfaces.foreground import foreground_of
 from voxflat.surfaces.manifold import Manifold
 
 _THICK = 2.5  # thickness, relative to the median, from which two banks may touch
-_MOST_LAYERS = 1000
 _SHARE_THICK = 0.01  # of the grey matter, above which a warning reports it
 
 
@@ -71,6 +73,12 @@ class Rim(Recorded):
     def _depth(self, layering: str) -> Any:
         checked_choice(layering, "layering", LAYERINGS)
         return self.values.depth if layering == "equidistant" else self.values.volume_depth
+
+    def _layer(self, count: int, layering: str) -> NDArray[np.int16]:
+        """Return the layer of each voxel of grey matter, from 0."""
+        depth: NDArray[np.float64] = self._depth(layering)
+        count = checked_layers(count, "count")
+        return np.minimum(np.floor(depth * count), count - 1).astype(np.int16)
 
     @telling()
     def depth(self, layering: str = "equivolume") -> Volume:
@@ -141,14 +149,75 @@ class Rim(Recorded):
         >>> np.unique(rim.layers(3).data)
         array([0, 1, 2, 3], dtype=int16)
         """
-        return self.labels.in_volume(self._layer(count, layering), 0)
+        return self.labels.in_volume(self._layer(count, layering) + np.int16(1), 0)
 
-    def _layer(self, count: int, layering: str) -> NDArray[np.int16]:
-        """Return the layer of each voxel of grey matter, shape (G,)."""
-        if not is_whole(count) or not 1 <= count <= _MOST_LAYERS:
-            raise InputError(f"count is {shown(count)}. Pass a whole number of layers from 1 to {_MOST_LAYERS}")
-        layer = np.minimum(np.floor(self._depth(layering) * count), count - 1).astype(np.int16)
-        return np.asarray(layer + np.int16(1))
+    @telling()
+    def paint(
+        self,
+        values: object,
+        flat_map: FlatMap,
+        *,
+        layering: str = "equivolume",
+        pixel_size: float | None = None,
+        background: float = 0,
+    ) -> Volume:
+        """Transfer a flat volume to the voxels of the grey matter.
+
+        Each voxel takes the value of one pixel, at the position of its column on the map and in its layer. Values are
+        not interpolated, so labels are transferred exactly.
+
+        Parameters
+        ----------
+        values : ndarray, FlatStack, path, image object or Volume
+            The flat volume, such as ``flat_map.images(volume, depths=21)``, or labels drawn in it. An array has the
+            shape (depth, row, column), as `FlatStack.data`. An image has the axes (row, column, depth), as the NIfTI
+            files of `FlatStack.save`.
+        flat_map : FlatMap
+            The map of `surface`, or of a part of it.
+        layering : {"equivolume", "equidistant"}
+            The layering with which the flat volume was made.
+        pixel_size : float, optional
+            Side length of a pixel of an array, in mm; by default that of `FlatMap.raster`.
+        background : float
+            Value of voxels whose column is not on the map, and of those without a value.
+
+        Returns
+        -------
+        Volume
+            The values; whole numbers of a floating-point type become int32.
+
+        Raises
+        ------
+        InputError
+            The flat volume does not fit the map or the layering, no column lies on the map, or the type of the values
+            cannot hold the background.
+
+        See Also
+        --------
+        FlatMap.images : Make a flat volume.
+
+        Examples
+        --------
+        >>> rim = voxflat.rim(voxflat.samples.rim())
+        >>> flat_map = rim.surface.flatten()
+        >>> flat_volume = flat_map.images(rim.layers(3), depths=3)
+        >>> np.unique(rim.paint(flat_volume, flat_map).data)
+        array([0, 1, 2, 3], dtype=int32)
+        """
+        data, raster = flat_volume(values, flat_map, pixel_size, layering)
+        check_background(background, data.dtype)
+        layer = self._layer(len(data), layering)
+        uv, is_on = on_map(flat_map, self.values.halfway, self.labels.affine, self.surface.space)
+        if not is_on.any():
+            raise InputError("no column of the rim lies on the map. Pass a map of the surface of this rim")
+        rows, columns = pixels_of(uv, raster)
+        found = np.full(len(layer), background, dtype=data.dtype)
+        found[is_on] = data[layer[is_on], rows, columns]
+        if found.dtype.kind == "f":
+            found[np.isnan(found)] = background
+            if all_whole(found) and np.abs(found).max() <= np.iinfo(np.int32).max:
+                found = found.astype(np.int32)
+        return self.labels.in_volume(found, background)
 
     @telling()
     def thickness(self) -> Volume:
@@ -235,7 +304,7 @@ class Rim(Recorded):
             faces=np.empty((0, 3), dtype=np.uint32),
             of="rim",
         )
-        layers = Layers(self._layer(count, layering) - 1, count, layering)
+        layers = Layers(self._layer(count, layering), count, layering)
         return profile_of(volume, at, groups_of(regions, at, self.values.halfway), layers, channel, interpolation)
 
     @telling()

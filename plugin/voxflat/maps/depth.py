@@ -6,13 +6,17 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
 
-from voxflat.arguments import checked_choice, is_number, shown
+from voxflat.arguments import checked_choice, is_number, is_whole, shown
 from voxflat.errors import InputError
 
 LAYERINGS = ("equivolume", "equidistant")
 """Whether a fraction of cortical depth refers to the local volume of the cortex or to its thickness."""
+
+_MOST_LAYERS = 1000
+_SMOOTHED = 0.5  # width of the smoothing of areas, relative to the thickness
 
 
 @dataclass(frozen=True)
@@ -28,13 +32,19 @@ class Depths:
         depth: float | Sequence[float] = 0.0,
         fraction: float | Sequence[float] | None = None,
         layering: str = "equivolume",
+        count: int | None = None,
     ) -> "Depths":
-        """Return the depths for the arguments of `FlatMap.image`, after checking them."""
+        """Return the depths for the arguments of `FlatMap.images`, after checking them; `count` is its `depths`."""
         checked_choice(layering, "layering", LAYERINGS)
+        if count is not None:
+            if fraction is not None:
+                raise InputError("fraction and depths (a number of layers) cannot be combined. Pass only one of them")
+            fraction = layer_centres(count, "depths")
         if fraction is None:
             return cls(_numbers(depth, "depth"))
         if not isinstance(depth, int | float) or depth != 0:
-            raise InputError("depth (in mm) and fraction (white to pial) cannot be combined. Pass only one of them")
+            given = "fraction (white to pial)" if count is None else "depths (a number of layers)"
+            raise InputError(f"depth (in mm) and {given} cannot be combined. Pass only one of them")
         values = _numbers(fraction, "fraction")
         for value in values:
             if not 0 <= value <= 1:
@@ -59,6 +69,19 @@ class Depths:
 ON_SURFACE = Depths((0.0,))  # the surface itself
 
 
+def checked_layers(count: object, name: str) -> int:
+    """Check a number of layers."""
+    if not is_whole(count) or not 1 <= count <= _MOST_LAYERS:
+        raise InputError(f"{name} is {shown(count)}. Pass a whole number of layers from 1 to {_MOST_LAYERS}")
+    return int(count)
+
+
+def layer_centres(count: int, name: str) -> tuple[float, ...]:
+    """Return the fractions at the centres of layers."""
+    count = checked_layers(count, name)
+    return tuple((layer + 0.5) / count for layer in range(count))
+
+
 def _numbers(given: float | Sequence[float], name: str) -> tuple[float, ...]:
     """Return one or several finite numbers as a tuple."""
     is_several = isinstance(given, Sequence) and not isinstance(given, str)
@@ -79,6 +102,26 @@ def vertex_areas(points: NDArray[np.float64], faces: NDArray[np.integer]) -> NDA
     a, b, c = (points[faces[:, k]] for k in range(3))
     areas = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 6
     return np.asarray(np.bincount(faces.ravel(), np.repeat(areas, 3), len(points)), dtype=np.float64)
+
+
+def smooth_areas(
+    surfaces: Sequence[NDArray[np.float64]],
+    along: NDArray[np.float64],
+    faces: NDArray[np.integer],
+    thickness: float,
+) -> list[NDArray[np.float64]]:
+    """Return the areas around each vertex on several surfaces, smoothed along one of them over half the thickness."""
+    starts, ends = faces.ravel(), np.roll(faces, 1, axis=1).ravel()
+    edge = float(np.median(np.linalg.norm(along[starts] - along[ends], axis=1)))
+    pairs = (np.concatenate([starts, ends]), np.concatenate([ends, starts]))
+    near = scipy.sparse.csr_matrix((np.ones(len(pairs[0])), pairs), shape=(len(along), len(along)))
+    near.data[:] = 1.0
+    near += scipy.sparse.identity(len(along))
+    average = scipy.sparse.diags(1 / np.asarray(near.sum(axis=1)).ravel()) @ near
+    areas = np.stack([vertex_areas(points, faces) for points in surfaces], axis=1)
+    for _ in range(min(100, round((_SMOOTHED * thickness / edge) ** 2) + 1)):
+        areas = average @ areas
+    return list(areas.T)
 
 
 def equivolume(fraction: float, inner: ArrayLike, outer: ArrayLike) -> NDArray[np.float64]:

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
 from voxflat.arguments import array_of, log, numbers_of
@@ -22,7 +21,7 @@ from voxflat.io.volumes import VOLUME_ENDINGS
 from voxflat.maps.colours import all_whole, label_colour
 from voxflat.maps.lines import ellipse
 from voxflat.maps.plane import Planar
-from voxflat.maps.raster import FlatImage, Raster
+from voxflat.maps.raster import FlatImage, Raster, nearest_inside
 from voxflat.maps.regions import Regions
 from voxflat.maps.sampling import majority
 from voxflat.maps.textures.pictures import decoded, header
@@ -74,8 +73,8 @@ class _Pixels:
 
     @cached_property
     def _continued(self) -> NDArray[np.int64]:
-        """The image, extended slightly beyond the outline of the map, because the outline cuts through pixels."""
-        away, (rows, columns) = scipy.ndimage.distance_transform_edt(~self.raster.inside, return_indices=True)
+        """The image, extended slightly beyond the outline of the map."""
+        away, (rows, columns) = nearest_inside(self.raster)
         return np.where(away <= _BESIDE, self.data[rows, columns], 0)
 
     def labels(self, places: NDArray[np.float64]) -> NDArray[np.int64]:

@@ -379,10 +379,7 @@ class FlatMap(Planar):
         (24, 24, 24)
         """
         values = array_of(values, "values")
-        if not is_number(background):
-            raise InputError(f"background is {shown(background)}. Pass a number")
-        if not _holds(values.dtype, background):
-            raise InputError(f"background is {shown(background)}, which {values.dtype} cannot hold. Use another type")
+        check_background(background, values.dtype)
         if values.ndim not in (1, 2) or len(values) != len(self):
             raise InputError(f"values has shape {values.shape}. Pass one value for each of the {len(self)} points")
         self._triangles.on_surface.need_volume("has no voxels to paint", "Flatten a volume instead")
@@ -720,6 +717,14 @@ class FlatMap(Planar):
 def _drawing(module: str) -> Any:
     """Import a drawing module, which depends on maps and needs optional packages."""
     return importlib.import_module(f"voxflat.{module}")
+
+
+def check_background(background: object, dtype: np.dtype[Any]) -> None:
+    """Check that a background is a number that a type can hold."""
+    if not is_number(background):
+        raise InputError(f"background is {shown(background)}. Pass a number")
+    if not _holds(dtype, background):
+        raise InputError(f"background is {shown(background)}, which {dtype} cannot hold. Use another type")
 
 
 def _holds(dtype: np.dtype[Any], number: float) -> bool:

@@ -1,6 +1,7 @@
 """Flat images as files: PNG for viewing, TIFF and NIfTI for measurements, NumPy for further use."""
 
 import gzip
+import json
 import os
 import textwrap
 from collections.abc import Callable, Iterator
@@ -53,6 +54,8 @@ class _Stack(Protocol):
     def names(self) -> tuple[str, ...]: ...
     @property
     def layers(self) -> tuple[str, ...]: ...
+    @property
+    def heights(self) -> tuple[float, ...]: ...
     @property
     def timing(self) -> Timing | None: ...
     @property
@@ -206,9 +209,14 @@ def _write_nifti_series(path: Path, stack: _Stack, first: _Image, values: _Value
     header = nibabel.Nifti1Header()
     header.set_data_dtype(np.float32)
     depths, timing = max(1, len(stack.layers)), stack.timing
+    shape = (height, width, depths, len(stack) // depths)
     affine, has_unit = _placed(first)
-    header.set_data_shape((height, width, depths, len(stack) // depths))
-    header.set_zooms((*[float(affine[2, 2])] * 3, 1.0 if timing is None else timing.step))
+    steps = np.diff(stack.heights)
+    if len(steps) and steps[0] > 0 and np.allclose(steps, steps[0]):
+        affine[2, 2:] = affine[2, 2] / first.affine[2, 2] * np.array([steps[0], stack.heights[0]])  # in mm
+    header.set_data_shape(shape if depths == 1 or shape[3] > 1 else shape[:3])
+    zooms = (*np.linalg.norm(affine[:3, :3], axis=0), 1.0 if timing is None else timing.step)
+    header.set_zooms(zooms[: len(header.get_data_shape())])
     header.set_sform(affine, "scanner")
     header.set_qform(affine, "scanner")
     header.set_xyzt_units("mm" if has_unit else "unknown", None if timing is None else "sec")
@@ -226,6 +234,20 @@ def _write_nifti_series(path: Path, stack: _Stack, first: _Image, values: _Value
         file.write(bytes(int(header["vox_offset"]) - file.tell()))
         for pixels in values:
             file.write(pixels.tobytes(order="F"))
+
+
+def names_in(path: Path) -> tuple[str, ...]:
+    """Return the names of the images that voxflat stored in a NIfTI file; empty if there are none."""
+    if not path.name.lower().endswith((".nii", ".nii.gz")):
+        return ()
+    for extension in require("nibabel").load(path).header.extensions:
+        try:
+            names = json.loads(extension.get_content().rstrip(b"\0"))["names"]
+        except (ValueError, KeyError, TypeError, AttributeError):  # of another program
+            continue
+        if isinstance(names, list):
+            return tuple(map(str, names))
+    return ()
 
 
 def _write_npy_series(path: Path, stack: _Stack, first: _Image, values: _Values, record: Record) -> None:

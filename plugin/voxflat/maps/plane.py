@@ -393,6 +393,7 @@ class Planar(ABC):
         channel: int | str | None = None,
         depth: float | Sequence[float] = 0.0,
         fraction: float | Sequence[float] | None = None,
+        depths: int | None = None,
         layering: str = "equivolume",
         average: bool = False,
         interpolation: str | None = None,
@@ -414,6 +415,9 @@ class Planar(ABC):
             Number or name of the only channel to show, if there are several.
         depth, fraction : float or sequence of float
             As in `image`.
+        depths : int, optional
+            Number of layers between the white and the pial surface, each of which is sampled at its centre: layer k at
+            the fraction (k + ½) / `depths`. The result is a flat volume.
         layering : {"equivolume", "equidistant"}
             As in `image`.
         average : bool
@@ -450,7 +454,7 @@ class Planar(ABC):
         >>> len(voxflat.samples.hill().flatten().images(np.ones((441, 4)), pixel_size=1.0))  # four frames
         4
         """
-        depths = Depths.of(depth, fraction, layering)
-        how: dict[str, Any] = {"depths": depths, "average": average, "interpolation": interpolation, "name": name}
+        where = Depths.of(depth, fraction, layering, depths)
+        how: dict[str, Any] = {"depths": where, "average": average, "interpolation": interpolation, "name": name}
         how |= {"period": period, "time_step": time_step}
         return self._triangles.on_surface.images(self.raster(pixel_size), volume, channel=channel, **how)

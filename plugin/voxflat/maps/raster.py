@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any, overload
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from voxflat.arguments import Progress, checked_choice, is_whole, numbers_of, shown
@@ -363,6 +364,9 @@ class FlatStack(Sequence[FlatImage], Recorded):
         Names of the depths, if each channel is shown at several depths. All depths of the first channel come first.
     unit : str
         As in `FlatImage`.
+    heights : tuple of float
+        Height of each depth in mm, as given, or a fraction of the median thickness of the cortex. NIfTI files store
+        the distance between evenly spaced depths.
 
     See Also
     --------
@@ -382,6 +386,7 @@ class FlatStack(Sequence[FlatImage], Recorded):
     provenance: Record = field(default_factory=dict)
     layers: tuple[str, ...] = ()
     unit: str = "mm"
+    heights: tuple[float, ...] = ()
 
     _used = ("pixel_size",)
 
@@ -582,11 +587,11 @@ class FlatStack(Sequence[FlatImage], Recorded):
         ----------
         path : path
             ``.tif`` and ``.tiff`` are OME-TIFF files with one page per image. ``.nii`` and ``.nii.gz`` files have shape
-            (H, W, D, K) for K channels at D depths, with the names in a header extension (JSON). ``.zarr`` is a new
-            OME-Zarr 0.4 directory with one chunk per image, y = −v and x = u. These formats store the pixel size in mm
-            and, for series, the time between frames in seconds. ``.npy`` has shape (K, H, W), (D, H, W) or (K, D, H,
-            W), and no names. Values are float32, with NaN outside the map. All formats except ``.npy`` include
-            `provenance`.
+            (H, W, D) for D depths or (H, W, D, K) for K channels, with the names in a header extension (JSON).
+            ``.zarr`` is a new OME-Zarr 0.4 directory with one chunk per image, y = −v and x = u. These formats store
+            the pixel size in mm and, for series, the time between frames in seconds. ``.npy`` has shape (K, H, W), (D,
+            H, W) or (K, D, H, W), and no names. Values are float32, with NaN outside the map. All formats except
+            ``.npy`` include `provenance`.
         sidecar, overwrite : bool
             As in `FlatImage.save`; directories are never replaced.
         progress : callable, optional
@@ -657,6 +662,15 @@ def _way(values: NDArray[Any], interpolation: str | None) -> str:
     if interpolation is None:
         return "nearest" if values.dtype.kind in "biu" else "linear"
     return checked_choice(interpolation, "interpolation", INTERPOLATIONS)
+
+
+def nearest_inside(raster: Raster) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Return the distance from each pixel to the nearest one on the map, in pixels, and its row and column, (2, H, W).
+
+    The outline of the map cuts through pixels, so that places on the map can lie in pixels outside it.
+    """
+    away, nearest = scipy.ndimage.distance_transform_edt(~raster.inside, return_indices=True)
+    return away, nearest
 
 
 def at_points(count: int) -> Raster:

@@ -24,7 +24,7 @@ from voxflat.io.readers import has_place
 from voxflat.io.sources import as_volume
 from voxflat.io.spaces import Space
 from voxflat.io.volumes import Volume
-from voxflat.maps.depth import ON_SURFACE, Depths, equivolume, vertex_areas
+from voxflat.maps.depth import ON_SURFACE, Depths, equivolume, smooth_areas, vertex_areas
 from voxflat.maps.raster import FlatImage, FlatStack, Raster, series_showing, show
 from voxflat.maps.sampling import INTERPOLATIONS, phases, sample_layers, sample_mean, series_sampling
 from voxflat.maps.textures.surface_texture import TEXTURE_ENDINGS, SurfaceTexture, are_colours, paint, read_texture
@@ -131,6 +131,7 @@ class Sampler:
         name = checked_text(name, "name")
         title = name or (Path(volume).name if isinstance(volume, str | os.PathLike) else "overlay")
         layers: tuple[str, ...] = ()
+        heights: tuple[float, ...] = ()
         texture = None if self.is_voxels else self._surface_texture(volume)
         overlay = None if self.is_voxels or texture is not None else self._overlay(volume)
         if texture is not None:
@@ -166,10 +167,11 @@ class Sampler:
 
             channels = volumes.mapped(read)
             if not average:
-                layers = depths.names
+                layers, heights = depths.names, self._heights(depths)
                 channels = _one_by_one(channels, layers)
         channels = _timed(channels, time_step, title)
-        stack = FlatStack(channels, raster.pixel_size, raster.origin, title, layers=layers, unit=raster.unit)
+        how: dict[str, Any] = {"layers": layers, "heights": heights, "unit": raster.unit}
+        stack = FlatStack(channels, raster.pixel_size, raster.origin, title, **how)
         return stack if channel is None else stack.of_channel(self._found(volume, names, channel))
 
     @staticmethod
@@ -302,6 +304,13 @@ class Sampler:
         normals = raster.interpolate(self._outward(depth))
         return np.asarray(points + depth * normals / np.linalg.norm(normals, axis=-1, keepdims=True))
 
+    def _heights(self, depths: Depths) -> tuple[float, ...]:
+        """Return the height of each depth in mm: a fraction of the median thickness, or the distance as given."""
+        if depths.layering is None or self.white_points is None or self.pial_points is None:
+            return depths.values
+        thickness = _thickness(self.white_points, self.pial_points)
+        return tuple(value * thickness for value in depths.values)
+
     def at(self, depths: Depths) -> list[NDArray[np.float64]]:
         """Return the points at each depth, shape (N, 3), in RAS+ mm in the space of the points."""
         if depths.layering is None:
@@ -314,7 +323,11 @@ class Sampler:
         way = self.pial_points - self.white_points
         if depths.layering == "equidistant":
             return [self.white_points + value * way for value in depths.values]
-        inner, outer = self._areas(self.white_points), self._areas(self.pial_points)
+        if self.is_voxels:  # these surfaces are too rough for the areas around single points
+            surfaces = (self.white_points, self.pial_points)
+            inner, outer = smooth_areas(surfaces, self.points, self.faces, _thickness(*surfaces))
+        else:
+            inner, outer = self._areas(self.white_points), self._areas(self.pial_points)
         return [self.white_points + equivolume(value, inner, outer)[:, None] * way for value in depths.values]
 
     def _areas(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -341,6 +354,11 @@ class Sampler:
                 "Pass a volume of that shape, or one with an affine"
             )
         return self.affine
+
+
+def _thickness(inner: NDArray[np.float64], outer: NDArray[np.float64]) -> float:
+    """Return the median distance between two surfaces in mm."""
+    return float(np.median(np.linalg.norm(outer - inner, axis=1)))
 
 
 def _one_by_one(layers: Channels, names: Sequence[str]) -> Channels:

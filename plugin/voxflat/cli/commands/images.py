@@ -20,6 +20,7 @@ from voxflat.io.provenance import saving
 from voxflat.io.reading import reading
 from voxflat.maps.flat_map import FlatMap, load
 from voxflat.maps.image_files import IMAGE_ENDINGS, STACK_ENDINGS
+from voxflat.maps.plane import Planar
 from voxflat.maps.sampling import INTERPOLATIONS
 from voxflat.maps.textures.textured import TEXTURED_ENDINGS, files_beside
 
@@ -40,6 +41,7 @@ _VOLUME = (
     "voxflat image map.npz --volume bold.nii.gz --interpolation linear -o bold_flat.nii.gz",
     "voxflat image map.npz --volume lh.bold.func.gii --time-step 2 -o bold_flat.zarr",
     "voxflat image map.npz --volume t1.nii.gz --interpolation linear --fraction 0.1,0.3,0.5,0.7,0.9 -o layers.tif",
+    "voxflat image map.npz --volume bold.nii.gz --interpolation linear --depths 21 -o flat_volume.nii.gz",
     "voxflat image map.npz --volume bold.nii.gz --interpolation linear --fraction 0.25,0.5,0.75 "
     "--average -o bold.nii.gz",
 )
@@ -60,6 +62,14 @@ _VOLUME = (
 @options.section(
     "Sampling",
     *depth_options("Several depths produce one image per depth."),
+    option_of(
+        Planar.images,
+        "depths",
+        type=int,
+        metavar="N",
+        until=": layer k",
+        note="Replaces --fraction; the images are a flat volume.",
+    ),
     options.flag("--average", "Average over all depths instead of writing one image per depth."),
     options.choice(
         "--interpolation",
@@ -109,9 +119,10 @@ def image_command(
     check_output(output, tuple(dict.fromkeys((*IMAGE_ENDINGS, *STACK_ENDINGS))), **writing)
     with bars(quiet), reading() as files:
         flat_map: FlatMap | Atlas = load_atlas(map_) if saved_kind(map_) == "atlas" else load(map_)
-        if "fraction" in how and not isinstance(flat_map, FlatMap):
-            reason = "requires a pial surface, which an atlas does not have"
-            raise InputError(f"--fraction {reason}. Give --depth in mm instead.")
+        for name in {"fraction", "depths"} & how.keys() if isinstance(flat_map, Atlas) else ():
+            raise InputError(
+                f"--{name} requires a pial surface, which an atlas does not have. Give --depth in mm instead."
+            )
         stack = None if volume is None else flat_map.images(volume, pixel_size, **how)
         picture = flat_map.heat_map(pixel_size) if stack is None else stack[0]
     picture = picture._with_provenance({**picture.provenance, "files": files})
