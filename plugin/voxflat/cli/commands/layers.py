@@ -1,4 +1,4 @@
-"""The commands `voxflat layers`, `voxflat columns`, `voxflat profile` and `voxflat paint`, for segmented grey matter."""
+"""The commands for segmented grey matter: `voxflat layers`, `columns`, `profile` and `paint`."""
 
 from pathlib import Path
 from typing import Any
