@@ -26,7 +26,7 @@ from voxflat import _core
 
 SOURCES = 20
 CASES = (  # rim, radius of the disk in mm; sc_rim is a slab of 4.8 mm, and the last two are single slices
-    *(("half sphere", 8.0), ("fold", 6.0), ("sc_rim", 2.0), ("sc_rim", 10.0)),
+    *(("half sphere", 8.0), ("fold", 6.0), ("sc_rim", 1.5), ("sc_rim", 10.0)),
     *(("lo_rim_LL", 8.0), ("rim_M", 2.0)),
 )
 
