@@ -2,16 +2,18 @@
 
     python docs/benchmarks/flat_volumes.py --laynii DIR    # where LayNii was built, with its test_data
 
-Prints, for each rim: the share of empty bins inside the patch; the mean relative error of distances between voxels (of
-pairs more than 3 voxels apart), against closed forms or exact geodesics on the middle surface; the area error (median
-and 95th percentile of the absolute log2); and CPU seconds and memory of all commands from the rim to the flat volume.
-`--picture FILE` draws both flat volumes.
+Prints, for each rim: the share of bins, one voxel wide, that are empty inside the patch; the mean relative error of
+distances between voxels (of pairs more than 3 voxels apart), against closed forms or exact geodesics on the middle
+surface; the area error (median and 95th percentile of the absolute log2); and CPU seconds and memory of all commands
+from the rim to the flat volume.
+`--picture FILE` draws both flat volumes of a pattern of cubes.
 """
 
 import argparse
 import subprocess
 import sys
 import tempfile
+from dataclasses import replace
 from pathlib import Path
 
 import nibabel as nib
@@ -22,10 +24,9 @@ from layers import bent_layers
 import voxflat
 from voxflat import _core
 
-DEPTHS = 10
-SOURCES = 30
-CASES = (  # rim, radius of the disk in mm; the fold is 6 mm wide, sc_rim 4.8 mm, and the last two are single slices
-    *(("sphere", 8.0), ("fold", 2.5), ("fold", 6.0), ("sc_rim", 2.0), ("sc_rim", 10.0)),
+SOURCES = 20
+CASES = (  # rim, radius of the disk in mm; sc_rim is a slab of 4.8 mm, and the last two are single slices
+    *(("half sphere", 8.0), ("fold", 6.0), ("sc_rim", 1.5), ("sc_rim", 10.0)),
     *(("lo_rim_LL", 8.0), ("rim_M", 2.0)),
 )
 
@@ -102,9 +103,9 @@ def empty(has_value):
     return 100 * (1 - has_value[:, patch].mean())
 
 
-def laynii(folder, place, radius):
+def laynii(folder, place, radius, depths):
     """Run LayNii; return the control point, (u, v) of the voxels, the flat volume, its density, and the costs."""
-    costs = [run(place, folder / "LN2_LAYERS", "-rim", "rim.nii.gz", "-nr_layers", DEPTHS)]
+    costs = [run(place, folder / "LN2_LAYERS", "-rim", "rim.nii.gz", "-nr_layers", depths)]
     image = nib.load(place / "rim_midGM_equidist.nii.gz")
     points = np.asarray(image.dataobj).copy()
     voxels = np.argwhere(points > 0)
@@ -131,12 +132,12 @@ def laynii(folder, place, radius):
         "-bins_v",
         bins[1],
         "-bins_d",
-        DEPTHS,
+        depths,
     )
     costs.append(run(place, folder / "LN2_PATCH_FLATTEN", *given, "-density", "-output", "flat.nii.gz"))
-    made = "flat_flat_" + "x".join(map(str, (*bins, DEPTHS)))
+    made = "flat_flat_" + "x".join(map(str, (*bins, depths)))
     flat, density = (nib.load(place / f"{made}{end}.nii.gz").get_fdata() for end in ("", "_density"))
-    return centre, uv, flat.reshape(*bins, DEPTHS), density.reshape(*bins, DEPTHS), spent(*costs)
+    return centre, uv, flat.reshape(*bins, depths), density.reshape(*bins, depths), spent(*costs)
 
 
 def main():
@@ -152,40 +153,47 @@ def main():
     for name, radius in CASES:
         if asked.only is None or name in asked.only.split(","):
             with tempfile.TemporaryDirectory() as made:
-                drawn[f"{name}, {radius:g} mm"] = compare(name, radius, folder, Path(made))
+                layers = compare(name, radius, folder, Path(made))
+            if layers is not None:
+                drawn[f"{name}, {radius:g} mm"] = layers
     if asked.picture:
         draw(drawn, asked.picture)
 
 
 def compare(name, radius, folder, place):
-    """Print the rows of a rim, and return a layer of both flat volumes."""
-    if name in ("sphere", "fold"):
+    """Print the rows of a rim, and return a layer of both flat volumes, or None if LayNii has none."""
+    if name == "half sphere":
+        volume = bent_layers("sphere", 0.5)[0]
+        volume = replace(volume, data=volume.data[: len(volume.data) // 2])
+    elif name == "fold":
         volume = bent_layers(name, 0.5)[0]
+        volume = replace(volume, data=np.tile(volume.data, (1, 1, 3)))  # 18 mm wide
     else:
         volume = voxflat.io.read_volume(folder / f"test_data/{name}.nii.gz")
     labels, affine = np.asarray(volume.data, dtype=np.int16), volume.affine
     nib.Nifti1Image(labels, affine).to_filename(place / "rim.nii.gz")
+    rim = voxflat.rim(volume)
+    spacing = np.prod(volume.spacing) ** (1 / 3)
+    depths = round(float(np.median(rim.values.thickness)) / spacing)  # bins are one voxel wide in all directions
     size = radius / 4
     where = np.moveaxis(np.indices(labels.shape), 0, -1) @ affine[:3, :3].T
-    checks = (np.floor(where / size).sum(axis=-1) % 2 + 1).astype(np.float32)
+    checks = (np.floor(where / size).sum(axis=-1) % 2 + 1).astype(np.int16)
     nib.Nifti1Image(checks, affine).to_filename(place / "values.nii.gz")
-    centre, theirs, their_flat, density, their_cost = laynii(folder, place, radius)
-    spacing = np.prod(volume.spacing) ** (1 / 3)
+    centre, theirs, their_flat, density, their_cost = laynii(folder, place, radius, depths)
     program = (sys.executable, "-m", "voxflat.cli")
     region = ("--seed-point", ",".join(map(str, centre)), "--radius", radius)
     cost = run(place, *program, "flatten", "rim.nii.gz", "--rim", *region, "-o", "map.npz", "--quiet")
-    given = ("map.npz", "--volume", "values.nii.gz", "--depths", DEPTHS, "--pixel-size", spacing, "--layering")
+    given = ("map.npz", "--volume", "values.nii.gz", "--depths", depths, "--pixel-size", spacing, "--layering")
     cost = spent(cost, run(place, *program, "image", *given, "equidistant", "-o", "flat.npy", "--quiet"))
     flat_map, flat = voxflat.load(place / "map.npz"), np.load(place / "flat.npy")
 
-    rim = voxflat.rim(volume)
     points, grey = rim.values.halfway, rim.labels.grey + rim.labels.first
     ours = flat_map.points_to_map(points, 1e-6)[0]
     theirs = theirs[tuple(grey.T)][:, :2]
     both = np.isfinite(ours).all(axis=1) & (np.isfinite(theirs).all(axis=1) | (density is None))
     points, ours, theirs = points[both], ours[both], theirs[both]
     sources = np.random.default_rng(0).choice(len(points), min(SOURCES, len(points)), replace=False)
-    if name == "sphere":
+    if name == "half sphere":
         truth = sphere_distances(points, sources)
     elif name == "fold":
         truth = fold_distances(points, sources)
@@ -202,9 +210,9 @@ def compare(name, radius, folder, place):
     )
     print(f"  {both.sum()} voxels of {spacing:.2f} mm", file=sys.stderr)
     if density is None:
-        return np.full((1, 1), np.nan), flat[DEPTHS // 2]
+        return None
     theirs = np.where(density > 0, their_flat, np.nan)[:, ::-1].transpose(2, 1, 0)
-    return theirs[DEPTHS // 2], flat[DEPTHS // 2]
+    return theirs[depths // 2], flat[depths // 2]
 
 
 def draw(drawn, path):

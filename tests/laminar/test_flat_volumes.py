@@ -199,6 +199,13 @@ def test_the_command_line(fold, tmp_path):
     expected = fold[0].paint(flat, flat_map, background=9)
     np.testing.assert_array_equal(voxflat.io.read_volume(out).data, expected.data)
     assert set(np.unique(expected.data[labels.data == 3])) >= {3, 9}
+    array = tmp_path / "flat.npy"
+    succeed(*image[:-1], array, "--depths", COUNT, "--pixel-size", 0.3)
+    paint = ("paint", rim, "--map", tmp_path / "map.npz", "--values", array, "-o", out)
+    fail(1, "pixels, but the map has", *paint)
+    succeed(*paint, "--pixel-size", 0.3)
+    painted = fold[0].paint(np.load(array), flat_map, pixel_size=0.3)
+    np.testing.assert_array_equal(voxflat.io.read_volume(out).data, painted.data)
     for wrong in (("--depths", 2, "--fraction", 0.5), ("--depths", 2, "--depth", 1), ("--layering", "equivolume")):
         fail(2, "Give only one of them" if len(wrong) > 2 else "--fraction or --depths", *image, *wrong)
     fail(1, "it is an input", "paint", rim, "--map", tmp_path / "map.npz", "--values", flat, "-o", flat)

@@ -416,8 +416,8 @@ class Planar(ABC):
         depth, fraction : float or sequence of float
             As in `image`.
         depths : int, optional
-            Number of layers between the white and the pial surface. Each is sampled at its centre, at the `fraction`
-            (k + ½) / `depths` for layer k. The result is a flat volume.
+            Number of layers between the white and the pial surface, each of which is sampled at its centre: layer k at
+            the fraction (k + ½) / `depths`. The result is a flat volume.
         layering : {"equivolume", "equidistant"}
             As in `image`.
         average : bool

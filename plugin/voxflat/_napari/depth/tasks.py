@@ -29,9 +29,8 @@ def divide_into_columns(rim: tuple[LayerVolume, str], area: float, progress: Pro
 def flat_volume(flat_map: FlatMap, shown: Sampled, layers: dict[str, Any], progress: Progress) -> LayerData:
     """Return a layer (depth, row, column) with a volume in the middle of each layer of a map."""
     count = layers["count"]
-    depths = [(k + 0.5) / count for k in range(count)]
     how = {"interpolation": "nearest" if shown.kind == "labels" else "linear", "layering": layers["layering"]}
-    stack = flat_map.images(shown.volume.lazily(), fraction=depths, **how)
+    stack = flat_map.images(shown.volume.lazily(), depths=count, **how)
     images = []
     for k in range(count):
         if progress("sampling the volume", k, count) is False:

@@ -63,7 +63,12 @@ _VOLUME = (
     "Sampling",
     *depth_options("Several depths produce one image per depth."),
     option_of(
-        Planar.images, "depths", sentences=3, type=int, metavar="N", note="Requires a map made with --pial or --rim."
+        Planar.images,
+        "depths",
+        type=int,
+        metavar="N",
+        until=": layer k",
+        note="Replaces --fraction; the images are a flat volume.",
     ),
     options.flag("--average", "Average over all depths instead of writing one image per depth."),
     options.choice(

@@ -1,4 +1,4 @@
-"""The commands `voxflat layers`, `columns`, `paint` and `profile`, for segmented grey matter."""
+"""The commands for segmented grey matter: `voxflat layers`, `columns`, `profile` and `paint`."""
 
 from pathlib import Path
 from typing import Any
@@ -137,54 +137,6 @@ def columns_command(
 
 
 @options.command(
-    "paint",
-    "voxflat image map.npz --volume t1.nii.gz --depths 21 -o flat_volume.nii.gz",
-    "voxflat paint rim.nii.gz --map map.npz --values labels_drawn.nii.gz -o labels.nii.gz",
-)
-@options.input_
-@_rim_options
-@options.section(
-    "Flat volume",
-    options.reads("--map", "Map of the rim, made by voxflat flatten --rim.", required=True),
-    options.reads(
-        "--values",
-        "Flat volume with the shape of the output of voxflat image --depths, or labels drawn in it.",
-        required=True,
-    ),
-    option_of(Rim.paint, "layering", type=click.Choice(LAYERINGS)),
-    option_of(Rim.paint, "background", type=float),
-)
-@options.output("Output volume with the grid of INPUT.")
-@options.run(options.threads, options.memory_limit)
-def paint_command(
-    input_: Path,
-    values: Path,
-    output: Path,
-    layering: str,
-    background: float,
-    writing: dict[str, Any],
-    **given: Any,
-) -> None:
-    """Transfer a flat volume to the voxels of the grey matter.
-
-    INPUT is the rim from which the map was made. Each voxel takes the value of one pixel, at the position of its column
-    on the map and in its layer. Values are not interpolated, so labels are transferred exactly.
-    """
-    check_volume_name(output)
-    check_output(output, **writing)
-    with bars() as shown, reading() as files:
-        flat_map = load(given.pop("map"))
-        made = rim(input_, **given, progress=shown.progress)
-        painted = made.paint(values, flat_map, layering=layering, background=background)
-    record = {**(painted.provenance or {}), "files": files}
-    with saving(output, record, **writing):
-        write_volume(output, painted.data, painted.affine, record)
-    count = int(np.count_nonzero(painted.data != background))
-    text = f"{count} of {len(made.values.depth)} voxels of grey matter have a value\nsaved as {output}"
-    report({"output": str(output), "voxels": count, "provenance": record}, text)
-
-
-@options.command(
     "profile",
     "voxflat profile rim.nii.gz --volume bold.nii.gz -n 20 -o profile.tsv --figure profile.png",
     "voxflat profile rim.nii.gz --volume zstat.nii.gz --regions areas.nii.gz -n 10 -o profiles.csv",
@@ -275,3 +227,54 @@ def profile_command(
     parts = "1 region" if len(made.names) == 1 else f"{len(made.names)} regions"
     counted = f"{parts} with {made.voxels.sum(axis=(0, 1)).max()} voxels in {len(made.depths)} layers"
     report(content, f"{counted}\n{without}saved as {' and '.join(files)}")
+
+
+@options.command(
+    "paint",
+    "voxflat image map.npz --volume t1.nii.gz --depths 21 -o flat_volume.nii.gz",
+    "voxflat paint rim.nii.gz --map map.npz --values labels_drawn.nii.gz -o labels.nii.gz",
+)
+@options.input_
+@_rim_options
+@options.section(
+    "Flat volume",
+    options.reads("--map", "Map of the rim, made by voxflat flatten --rim.", required=True),
+    options.reads(
+        "--values",
+        "Flat volume with the shape of the output of voxflat image --depths, or labels drawn in it.",
+        required=True,
+    ),
+    option_of(Rim.paint, "layering", type=click.Choice(LAYERINGS)),
+    option_of(Rim.paint, "pixel_size", type=float, metavar="MM", default="from the file, or as for voxflat image"),
+    option_of(Rim.paint, "background", type=float),
+)
+@options.output("Output volume with the grid of INPUT.")
+@options.run(options.threads, options.memory_limit)
+def paint_command(
+    input_: Path,
+    values: Path,
+    output: Path,
+    layering: str,
+    pixel_size: float | None,
+    background: float,
+    writing: dict[str, Any],
+    **given: Any,
+) -> None:
+    """Transfer a flat volume to the voxels of the grey matter.
+
+    INPUT is the rim from which the map was made. Each voxel takes the value of one pixel, at the position of its column
+    on the map and in its layer. Values are not interpolated, so labels are transferred exactly.
+    """
+    check_volume_name(output)
+    check_output(output, **writing)
+    with bars() as shown, reading() as files:
+        flat_map = load(given.pop("map"))
+        made = rim(input_, **given, progress=shown.progress)
+        how: dict[str, Any] = {"layering": layering, "pixel_size": pixel_size, "background": background}
+        painted = made.paint(values, flat_map, **how)
+    record = {**(painted.provenance or {}), "files": files}
+    with saving(output, record, **writing):
+        write_volume(output, painted.data, painted.affine, record)
+    count = int(np.count_nonzero(painted.data != background))
+    text = f"{count} of {len(made.values.depth)} voxels of grey matter have a value\nsaved as {output}"
+    report({"output": str(output), "voxels": count, "provenance": record}, text)
