@@ -81,7 +81,7 @@ def layers_command(
         made = rim(input_, **given, progress=shown.progress)
         volumes = [made.layers(count, layering), made.depth(layering), made.thickness()]
     for path, volume in zip((output, *beside), volumes, strict=True):
-        write_volume(path, volume.data, volume.affine, volume.provenance)
+        write_volume(path, volume.data, volume.in_unit("mm").affine, volume.provenance)
     voxels, thickness = len(made.values.depth), float(np.median(made.values.thickness))
     report(
         {"output": [str(path) for path in (output, *beside)], "voxels": voxels, "median_thickness": thickness},
