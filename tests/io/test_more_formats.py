@@ -125,6 +125,8 @@ def test_channels_have_the_names_of_the_file(tmp_path):
 def test_axes_without_names_are_refused(tmp_path):
     tifffile.imwrite(tmp_path / "p.tif", np.zeros((2, 5, 6, 7), np.float32))
     refused(r"does not name its axes \(2 x 5 x 6 x 7\). Save it as OME-TIFF", read_volume, tmp_path / "p.tif")
+    tifffile.imwrite(tmp_path / "c.tif", STACK, imagej=True, metadata={"axes": "CYX"})
+    refused(r"one slice and several images \(5 along C\)", read_volume, tmp_path / "c.tif")
     np.save(tmp_path / "p.npy", STACK)
     refused("channel is 1, but only TIFF and OME-Zarr", read_volume, tmp_path / "p.npy", 1)
 

@@ -44,8 +44,8 @@ def check_command(input_: Path, **given: Any) -> None:
     with bars() as shown:
         part = part_of(given, shown.progress)
         source: Path | Surface = input_
-        making = ("pial", "probability", "repair", "hemisphere", "unit", "rim")
-        if any(given[name] for name in making):
+        making = ("pial", "probability", "repair", "hemisphere", "unit", "rim", "channel", "smooth")
+        if any(given[name] is not None and given[name] is not False for name in making):
             source = surface_of(input_, given, shown.progress)
         else:
             given = {name: value for name, value in given.items() if name not in making}

@@ -57,6 +57,9 @@ def open_tiff(path: Path) -> TiffStack:
         affine, unit = _ome_place(file.ome_metadata) or _imagej_place(file, bool(pages)) or (None, "mm")
         titles = re.findall(r'<Channel [^>]*\bName="([^"]*)"', file.ome_metadata or "")
     others = [(axis, n) for axis, n in axes if not _is_inside(axis, n, depth)]
+    if not depth and (several := [f"{n} along {axis}" for axis, n in others if n > 1]):
+        remedy = "If these are slices, save them as slices (in Fiji: Image → Properties), or pass an array (x, y, z)"
+        raise InputError(f"has one slice and several images ({', '.join(several)}). {remedy}")
     names = []
     for index in np.ndindex(*(n for _, n in others)):
         each = [(axis, at) for (axis, n), at in zip(others, index, strict=True) if n > 1]
