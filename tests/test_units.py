@@ -10,6 +10,7 @@ import pytest
 import pyvista as pv
 import shapes
 import tifffile
+import zarr
 from command_line import run, succeed
 from matplotlib.text import Text
 from PIL import Image
@@ -131,6 +132,28 @@ def test_images_in_files_have_the_size_of_the_cell_or_no_unit(maps, tmp_path):
         with tifffile.TiffFile(tmp_path / "stack.tif") as file:
             assert ('PhysicalSizeX="0.325" PhysicalSizeXUnit="&#181;m"' in file.ome_metadata) == bool(size)
             assert ("PhysicalSizeXUnit" in file.ome_metadata) == bool(size)
+
+
+def test_a_channel_of_ome_zarr_becomes_a_surface_in_its_unit(tmp_path):
+    cell = shapes.ball(8).astype(np.uint8)
+    group = zarr.open_group(str(tmp_path / "cell.zarr"), mode="w", zarr_format=2)
+    array = group.create_array("0", shape=(2, *cell.T.shape), chunks=(1, 7, 7, 7), dtype=np.uint8)
+    array[1] = cell.T
+    axes = [{"name": "c", "type": "channel"}]
+    axes += [{"name": axis, "type": "space", "unit": unit} for axis, unit in (("z", "nanometer"), ("y", "micrometer"))]
+    axes += [{"name": "x", "type": "space", "unit": "micrometer"}]
+    steps = [{"type": "scale", "scale": [1, 2000, 0.65, 0.65]}]
+    images = [{"path": "0", "coordinateTransformations": steps}]
+    group.attrs["multiscales"] = [{"version": "0.4", "axes": axes, "datasets": images}]
+    refused("has 2 channels or time points .c0, c1.*Choose one", voxflat.surface, tmp_path / "cell.zarr")
+    volume = voxflat.io.read_volume(tmp_path / "cell.zarr", "c1")
+    assert volume.unit == "µm"
+    np.testing.assert_allclose(volume.spacing, (0.65, 0.65, 2))
+    expected = voxflat.surface(cell, spacing=(0.65, 0.65, 2), unit="µm")
+    np.testing.assert_allclose(voxflat.surface(volume).points, expected.points, atol=1e-9)
+    flat_map = expected.flatten()
+    shown = flat_map.images(tmp_path / "cell.zarr")[1].data
+    np.testing.assert_allclose(shown, flat_map.image(cell).data, atol=1e-6)
 
 
 @pytest.mark.parametrize("name", ["labels.png", "labels.tif", "labels.nii.gz"])

@@ -95,7 +95,7 @@ print(*flat_map.distortion.table().splitlines()[1:3], sep="\n")
 # inside the surface. The seven stripes cross the map from side to side. The scale bar and all figures are in µm. The
 # arrows name the axes of the stack: R is x, A is y, and S is z.
 
-stack = voxflat.io.read_volume(path)
+stack = voxflat.io.read_volume(path).data.astype(float)  # whole numbers would be sampled as labels
 overlay = figures.Overlay(stack, colour_map="magma", limits=(60, 180), label="intensity")
 figures.flat_map(flat_map, overlay, depth=-10, width=120)
 
@@ -113,7 +113,7 @@ figures.heat_map(flat_map)
 # Each map point stores its position in the stack. The intensity along the long axis, averaged over the map, has seven
 # peaks.
 
-values = ndimage.map_coordinates(stack.data.astype(float), (flat_map.points - 10 * flat_map.normals).T / STEP, order=1)
+values = ndimage.map_coordinates(stack, (flat_map.points - 10 * flat_map.normals).T / STEP, order=1)
 bins = np.digitize(flat_map.points[:, 0], np.arange(0, STEP * shape[0], 8))
 figure, ax = plt.subplots(figsize=(7, 2.6), layout="constrained")
 ax.plot(*zip(*((8 * n, values[bins == n].mean()) for n in np.unique(bins)), strict=True))
@@ -125,7 +125,7 @@ ax.set(xlabel="position along the embryo (µm)", ylabel="mean intensity")
 # .. code-block:: console
 #
 #     $ voxflat flatten embryo.tif --threshold 35 --smooth 40 -o embryo.npz
-#     $ voxflat image embryo.npz --volume embryo.tif --depth=-10 -o embryo_flat.tif
+#     $ voxflat image embryo.npz --volume embryo.tif --depth=-10 --interpolation linear -o embryo_flat.tif
 #
 # Where to go next
 # ----------------
