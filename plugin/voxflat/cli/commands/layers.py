@@ -126,7 +126,7 @@ def columns_command(
         made = rim(input_, **given, progress=shown.progress).columns(
             count, area=area, seed=seed, progress=shown.progress
         )
-    write_volume(output, made.volume.data, made.volume.affine, made.volume.provenance)
+    write_volume(output, made.volume.data, made.volume.in_unit("mm").affine, made.volume.provenance)
     median = float(np.median(made.areas))
     report(
         {"output": str(output), "columns": len(made), "median_area": median},
