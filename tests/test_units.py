@@ -2,6 +2,7 @@
 
 import logging
 import re
+from dataclasses import replace
 
 import nibabel as nib
 import numpy as np
@@ -9,16 +10,18 @@ import pytest
 import pyvista as pv
 import shapes
 import tifffile
+import zarr
 from command_line import run, succeed
 from matplotlib.text import Text
 from PIL import Image
+from PIL.PngImagePlugin import PngInfo
 from refusals import refused
 
 import voxflat
 from voxflat import figures
 from voxflat.io.grid import in_unit, named_unit
 
-SIZE = 0.5 * 0.65e-3  # mm, of half a voxel of 0.65 µm
+SIZE = 0.5 * 0.65  # µm, half a voxel
 MM = re.compile(r"(?<![A-Za-z])mm(?![A-Za-z])")
 
 
@@ -119,17 +122,77 @@ def test_images_in_files_have_the_size_of_the_cell_or_no_unit(maps, tmp_path):
         for name in ("map.nii.gz", "stack.nii.gz"):
             header = nib.load(tmp_path / name).header
             assert header.get_xyzt_units()[0] == ("mm" if size else "unknown")
-            assert header.get_zooms()[0] == pytest.approx(size or 0.5)
+            assert header.get_zooms()[0] == pytest.approx(1e-3 * size if size else 0.5)
         with Image.open(tmp_path / "map.png") as png, Image.open(tmp_path / "map.tif") as tiff:
             told = png.text["Pixel size"], tiff.tag_v2[270].split("; ")[1].removeprefix("Pixel size: ")
             per_cm = tiff.tag_v2.get(282)
+        assert told == (("0.325 um",) * 2 if size else ("0.5",) * 2)
         if size:
-            assert float(per_cm) == pytest.approx(10 / size, rel=1e-3)
-            assert [float(text.removesuffix(" mm")) for text in told] == pytest.approx([size, size])
-        else:
-            assert told == ("0.5", "0.5")
+            assert float(per_cm) == pytest.approx(1e4 / size, rel=1e-3)
         with tifffile.TiffFile(tmp_path / "stack.tif") as file:
+            assert ('PhysicalSizeX="0.325" PhysicalSizeXUnit="&#181;m"' in file.ome_metadata) == bool(size)
             assert ("PhysicalSizeXUnit" in file.ome_metadata) == bool(size)
+
+
+def test_a_channel_of_ome_zarr_becomes_a_surface_in_its_unit(tmp_path):
+    cell = shapes.ball(8).astype(np.uint8)
+    group = zarr.open_group(str(tmp_path / "cell.zarr"), mode="w", zarr_format=2)
+    array = group.create_array("0", shape=(2, *cell.T.shape), chunks=(1, 7, 7, 7), dtype=np.uint8)
+    array[1] = cell.T
+    axes = [{"name": "c", "type": "channel"}]
+    axes += [{"name": axis, "type": "space", "unit": unit} for axis, unit in (("z", "nanometer"), ("y", "micrometer"))]
+    axes += [{"name": "x", "type": "space", "unit": "micrometer"}]
+    steps = [{"type": "scale", "scale": [1, 2000, 0.65, 0.65]}]
+    images = [{"path": "0", "coordinateTransformations": steps}]
+    group.attrs["multiscales"] = [{"version": "0.4", "axes": axes, "datasets": images}]
+    refused("has 2 channels or time points .c0, c1.*Choose one", voxflat.surface, tmp_path / "cell.zarr")
+    volume = voxflat.io.read_volume(tmp_path / "cell.zarr", "c1")
+    assert volume.unit == "µm"
+    np.testing.assert_allclose(volume.spacing, (0.65, 0.65, 2))
+    expected = voxflat.surface(cell, spacing=(0.65, 0.65, 2), unit="µm")
+    np.testing.assert_allclose(voxflat.surface(volume).points, expected.points, atol=1e-9)
+    flat_map = expected.flatten()
+    shown = flat_map.images(tmp_path / "cell.zarr")[1].data
+    np.testing.assert_allclose(shown, flat_map.image(cell).data, atol=1e-6)
+
+
+@pytest.mark.parametrize("name", ["labels.png", "labels.tif", "labels.nii.gz"])
+def test_labels_drawn_on_an_image_find_their_place_on_the_map(maps, tmp_path, name):
+    image = maps[0].heat_map()
+    drawn = replace(image, data=np.where(np.isfinite(image.data), 1.0, 0.0))
+    drawn.save(tmp_path / name)
+    if name.endswith(("png", "tif")):  # as a program for drawing would save them
+        with Image.open(tmp_path / name) as saved:
+            told = {"pnginfo": PngInfo()} if name.endswith("png") else {"tiffinfo": {270: saved.tag_v2[270]}}
+            if name.endswith("png"):
+                told["pnginfo"].add_text("Pixel size", saved.text["Pixel size"])
+        Image.fromarray(drawn.data.astype(np.uint8)).save(tmp_path / name, **told)
+    assert len(maps[0].regions(tmp_path / name)) == 1
+
+
+def test_a_stack_in_micrometres_is_sampled_where_it_lies(tmp_path):
+    cell = shapes.ball(8).astype(np.uint8)
+    how = {"metadata": {"spacing": 2.0, "unit": "um", "axes": "ZYX"}, "resolution": (1 / 0.65, 1 / 0.65)}
+    tifffile.imwrite(tmp_path / "cell.tif", cell.T, imagej=True, **how)
+    nib.save(nib.Nifti1Image(cell, np.diag([0.65e-3, 0.65e-3, 2e-3, 1])), tmp_path / "cell.nii")
+    surface = voxflat.surface(tmp_path / "cell.tif")
+    assert surface.metadata["unit"] == "µm"
+    np.testing.assert_allclose(np.ptp(surface.points, axis=0), np.ptp(surface.ids, axis=0) * (0.65, 0.65, 2), rtol=0.2)
+    given = voxflat.surface(cell, spacing=(0.65, 0.65, 2), unit="µm")
+    np.testing.assert_allclose(surface.points, given.points, rtol=1e-5, atol=1e-5)
+    np.testing.assert_allclose(voxflat.surface(tmp_path / "cell.nii").points * 1000, given.points, rtol=1e-5, atol=1e-5)
+    assert len(surface.keep(tmp_path / "cell.nii")) == len(surface)
+    flat_map = surface.flatten()
+    images = [flat_map.image(volume).data for volume in (cell, tmp_path / "cell.tif", tmp_path / "cell.nii")]
+    for image in images:
+        assert np.isfinite(image).sum() > 100
+        np.testing.assert_allclose(image, images[0], atol=1e-3)
+    regions = flat_map.regions({"all": [[-99, -99], [99, -99], [99, 99], [-99, 99]]})
+    regions.save(tmp_path / "back.nii", depth=(-2, 1))
+    back = nib.load(tmp_path / "back.nii")
+    np.testing.assert_allclose(np.diag(back.affine), [0.65e-3, 0.65e-3, 2e-3, 1], rtol=1e-5)
+    assert regions.volume(tmp_path / "cell.tif", depth=(-2, 1)).unit == "µm"
+    np.testing.assert_array_equal(regions.volume(tmp_path / "cell.nii", depth=(-2, 1)).data, back.get_fdata())
 
 
 @pytest.mark.parametrize(("name", "warned"), [("map.surf.gii", True), ("map.ply", False)])

@@ -42,7 +42,8 @@ nuclei = np.tanh(ndimage.gaussian_filter(nuclei, 1.1) / 0.25)
 stack = 70 * ndimage.gaussian_filter(inside.astype(float), 1) + 110 * nuclei + random.normal(scale=2, size=shape)
 path = Path(tempfile.mkdtemp()) / "embryo.tif"
 pages = np.clip(stack, 0, 255).astype(np.uint8).transpose(2, 1, 0)
-tifffile.imwrite(path, pages, imagej=True, resolution=(1 / STEP, 1 / STEP), metadata={"spacing": STEP, "unit": "um"})
+about = {"axes": "ZYX", "spacing": STEP, "unit": "um"}
+tifffile.imwrite(path, pages, imagej=True, resolution=(1 / STEP, 1 / STEP), metadata=about)
 
 figure, axes = plt.subplots(1, 2, figsize=(9, 3), layout="constrained")
 axes[0].imshow(pages[32], cmap="gray")
@@ -54,13 +55,14 @@ for ax, title in zip(axes, ("a page of the stack", "a section across the pages")
 # %%
 # Read it in µm
 # -------------
-# If you pass a path, :func:`voxflat.surface` reads the voxel size from the TIFF file and converts it to mm. For
-# results in µm, read the pages yourself and pass ``spacing`` and ``unit``. The threshold separates tissue from
-# background, and the surface is the border between the two.
+# The TIFF file stores the size of its voxels in µm, and all results are in µm, too. The threshold separates tissue from
+# background, and the surface is the border between the two. :meth:`voxflat.Surface.smooth` removes the bumps that are
+# shorter than 40 µm, and reports how far this moved the surface. To choose one of several channels, use
+# :func:`voxflat.io.read_volume`.
 
-stack = tifffile.imread(path).transpose(2, 1, 0)
-surface = voxflat.surface(stack, threshold=35, spacing=(STEP, STEP, STEP), unit="µm")
+surface = voxflat.surface(path, threshold=35).smooth(40)
 print(surface)
+print(surface.remarks[-1])
 
 # %%
 # Choose a cut
@@ -93,7 +95,8 @@ print(*flat_map.distortion.table().splitlines()[1:3], sep="\n")
 # inside the surface. The seven stripes cross the map from side to side. The scale bar and all figures are in µm. The
 # arrows name the axes of the stack: R is x, A is y, and S is z.
 
-overlay = figures.Overlay(stack.astype(float), colour_map="magma", limits=(60, 180), label="intensity")
+stack = voxflat.io.read_volume(path).data.astype(float)  # whole numbers would be sampled as labels
+overlay = figures.Overlay(stack, colour_map="magma", limits=(60, 180), label="intensity")
 figures.flat_map(flat_map, overlay, depth=-10, width=120)
 
 # %%
@@ -110,19 +113,19 @@ figures.heat_map(flat_map)
 # Each map point stores its position in the stack. The intensity along the long axis, averaged over the map, has seven
 # peaks.
 
-values = ndimage.map_coordinates(stack.astype(float), (flat_map.points - 10 * flat_map.normals).T / STEP, order=1)
+values = ndimage.map_coordinates(stack, (flat_map.points - 10 * flat_map.normals).T / STEP, order=1)
 bins = np.digitize(flat_map.points[:, 0], np.arange(0, STEP * shape[0], 8))
 figure, ax = plt.subplots(figsize=(7, 2.6), layout="constrained")
 ax.plot(*zip(*((8 * n, values[bins == n].mean()) for n in np.unique(bins)), strict=True))
 ax.set(xlabel="position along the embryo (µm)", ylabel="mean intensity")
 
 # %%
-# On the command line, lengths in a TIFF file are in mm:
+# The same on the command line:
 #
 # .. code-block:: console
 #
-#     $ voxflat flatten embryo.tif --threshold 35 -o embryo.npz
-#     $ voxflat image embryo.npz --volume embryo.tif --depth=-0.01 -o embryo_flat.tif
+#     $ voxflat flatten embryo.tif --threshold 35 --smooth 40 -o embryo.npz
+#     $ voxflat image embryo.npz --volume embryo.tif --depth=-10 --interpolation linear -o embryo_flat.tif
 #
 # Where to go next
 # ----------------

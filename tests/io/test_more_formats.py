@@ -75,7 +75,7 @@ def test_polygons_of_off_are_cut(tmp_path):
     assert len(read_mesh(tmp_path / "quad.off").faces) == 2
 
 
-def test_tiff_stacks_are_volumes_in_mm(tmp_path):
+def test_tiff_stacks_are_volumes_in_their_unit(tmp_path):
     tifffile.imwrite(tmp_path / "plain.tif", STACK, photometric="minisblack")
     how = {"resolution": (1 / 0.5, 1 / 0.25), "metadata": {"spacing": 2.0, "unit": "um", "axes": "ZYX"}}
     tifffile.imwrite(tmp_path / "imagej.tif", STACK, imagej=True, **how)
@@ -86,18 +86,49 @@ def test_tiff_stacks_are_volumes_in_mm(tmp_path):
         volume = read_volume(tmp_path / name)
         np.testing.assert_array_equal(volume.data, STACK.T)
         assert volume.is_placed == (name != "plain.tif")
+        assert volume.unit == ("µm" if volume.is_placed else "mm")
         if volume.is_placed:
-            np.testing.assert_allclose(np.diag(volume.affine), [0.0005, 0.00025, 0.002, 1], rtol=1e-5)
+            np.testing.assert_allclose(np.diag(volume.affine), [0.5, 0.25, 2.0, 1], rtol=1e-5)
+            np.testing.assert_allclose(volume.in_unit("mm").spacing, [0.0005, 0.00025, 0.002], rtol=1e-5)
     assert voxflat.surface(tmp_path / "plain.tif", threshold=450, spacing=(0.5, 0.25, 2.0)).is_voxels
-    succeed("check", tmp_path / "imagej.tif", "--threshold", "450")
+    assert "0.5 x 0.25 x 2 µm" in succeed("check", tmp_path / "imagej.tif", "--threshold", "450").output
 
 
 @pytest.mark.parametrize(
-    ("axes", "shape"), [("CZYX", (2, 5, 6, 7)), ("TZYX", (3, 5, 6, 7)), ("TZCYX", (3, 5, 2, 6, 7))]
+    ("axes", "shape", "channel", "named"),
+    [
+        ("CZYX", (2, 5, 6, 7), (1,), "c1"),
+        ("TZYX", (3, 5, 6, 7), (2,), "t2"),
+        ("TZCYX", (3, 5, 2, 6, 7), (1, 0), "t1 c0"),
+    ],
 )
-def test_a_stack_of_several_volumes_is_refused(tmp_path, axes, shape):
-    tifffile.imwrite(tmp_path / "s.ome.tif", np.zeros(shape, np.uint8), metadata={"axes": axes})
-    refused(r"s.ome.tif: contains more than one volume \([23] along", read_volume, tmp_path / "s.ome.tif")
+def test_a_stack_of_several_volumes_is_read_by_channel(tmp_path, axes, shape, channel, named):
+    path, stack = tmp_path / "s.ome.tif", np.random.default_rng(1).integers(0, 99, shape).astype(np.uint8)
+    tifffile.imwrite(path, stack, metadata={"axes": axes})
+    refused("s.ome.tif: has [236] channels or time points .*Choose one", read_volume, path)
+    refused("has no map 'c7'. Choose one of", read_volume, path, "c7")
+    leading = [axis for axis in axes if axis in "TC"]
+    expected = np.moveaxis(stack, [axes.index(axis) for axis in leading], range(len(leading)))[channel].T
+    number = np.ravel_multi_index(channel, [shape[axes.index(axis)] for axis in leading])
+    for given in (named, int(number)):
+        np.testing.assert_array_equal(read_volume(path, given).data, expected)
+
+
+def test_channels_have_the_names_of_the_file(tmp_path):
+    path = tmp_path / "s.ome.tif"
+    tifffile.imwrite(
+        path, np.stack([STACK, STACK + 1]), metadata={"axes": "CZYX", "Channel": {"Name": ["wall", "dna"]}}
+    )
+    np.testing.assert_array_equal(read_volume(path, "dna").data, STACK.T + 1)
+
+
+def test_axes_without_names_are_refused(tmp_path):
+    tifffile.imwrite(tmp_path / "p.tif", np.zeros((2, 5, 6, 7), np.float32))
+    refused(r"does not name its axes \(2 x 5 x 6 x 7\). Save it as OME-TIFF", read_volume, tmp_path / "p.tif")
+    tifffile.imwrite(tmp_path / "c.tif", STACK, imagej=True, metadata={"axes": "CYX"})
+    refused(r"one slice and several images \(5 along C\)", read_volume, tmp_path / "c.tif")
+    np.save(tmp_path / "p.npy", STACK)
+    refused("channel is 1, but only TIFF and OME-Zarr", read_volume, tmp_path / "p.npy", 1)
 
 
 @pytest.mark.parametrize("kind", [nib.Nifti1Pair, nib.AnalyzeImage])

@@ -254,7 +254,8 @@ def _is_in_file(source: Volume | Mesh) -> bool:
     try:
         if isinstance(source, Volume):
             volume = read_volume(source.path)
-            return _same(volume.data, source.data) and _same(volume.affine, source.affine)
+            is_same = _same(volume.data, source.data) and _same(volume.affine, source.affine)
+            return is_same and volume.unit == source.unit
         mesh = read_mesh(source.path)
     except (InputError, OSError):
         return False

@@ -11,6 +11,7 @@ from voxflat.arguments import Progress
 from voxflat.cli.output import WRITTEN
 from voxflat.errors import HemisphereError, InputError
 from voxflat.io.provenance import check_beside
+from voxflat.io.volumes import Volume, read_volume
 from voxflat.laminar.rim import rim
 from voxflat.pipeline.surface import Surface, surface
 from voxflat.surfaces.hemispheres import hemisphere
@@ -21,6 +22,16 @@ _MAKING = ("label", "threshold", "spacing", "unit", "probability", "pial", "repa
 def surface_of(input_: Path, given: dict[str, Any], progress: Progress | None) -> Surface:
     """Create the surface of an input, and remove the surface options from the command's options."""
     how, side = {name: given.pop(name) for name in _MAKING}, given.pop("hemisphere")
+    channel, smooth = given.pop("channel"), given.pop("smooth")
+    source = input_ if channel is None else read_volume(input_, int(channel) if channel.isdigit() else channel)
+    made = _made(source, given, how, side, progress)
+    return made if smooth is None else made.smooth(smooth, progress=progress)
+
+
+def _made(
+    input_: Path | Volume, given: dict[str, Any], how: dict[str, Any], side: str | None, progress: Progress | None
+) -> Surface:
+    """Create the surface of a file or a volume."""
     limits = {name: given[name] for name in ("memory_limit", "threads") if name in given}
     if given.pop("rim"):
         if refused := [name for name in ("label", "threshold", "unit", "probability", "pial", "repair") if how[name]]:

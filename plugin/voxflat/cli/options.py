@@ -16,6 +16,7 @@ from voxflat.cli.parameter_options import option_of
 from voxflat.distances.geodesic import SOLVERS
 from voxflat.distances.sources import SAMPLINGS
 from voxflat.io.grid import UNITS
+from voxflat.io.volumes import read_volume
 from voxflat.methods import METHODS, Grossmann2002, Method, Saucan2006, Schwartz1989, Voxflat
 from voxflat.methods.voxflat import SCALES
 from voxflat.pipeline.surface import Surface, surface
@@ -242,6 +243,7 @@ def _for_each_side(command: Callable[..., None]) -> Callable[..., None]:
 
 _surface_options = section(
     "Input",
+    option_of(read_volume, "channel"),
     option_of(surface, "label", type=int),
     option_of(surface, "threshold", type=float),
     choice(
@@ -257,6 +259,13 @@ _surface_options = section(
     option_of(surface, "probability", type=FILE, metavar="FILE"),
     option_of(surface, "pial", type=FILE, metavar="FILE", sentences=2),
     option_of(surface, "repair", type=click.Choice(["none", "voxels", "cuts"])),
+    value(
+        "--smooth",
+        "LENGTH",
+        "Remove waves that are shorter than this from the surface, such as the noise and the steps of a segmentation. "
+        "A few voxels are usual.",
+        type=float,
+    ),
 )
 
 

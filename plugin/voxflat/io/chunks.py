@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from voxflat.errors import InputError
 from voxflat.io.channels import Channels
 from voxflat.io.files import REMEDY, check_regular, naming, require
-from voxflat.io.grid import Affine, check_axes
+from voxflat.io.grid import LONG_NAMES, Affine, check_axes, millimetres
 from voxflat.io.reading import check_room, note
 from voxflat.io.subprocess_reader import read_in_subprocess
 
@@ -25,7 +25,7 @@ _CHANNEL_BYTES = 1000  # bytes of memory per channel before any voxel is read
 
 _HEADERS = ("zarr.json", ".zattrs", ".zarray", ".zgroup")
 
-_TO_MM = {"millimeter": 1.0, "micrometer": 1e-3, "nanometer": 1e-6, "centimeter": 10.0, "meter": 1e3, "angstrom": 1e-7}
+_UNITS = {**{name: (unit, 1.0) for unit, name in LONG_NAMES.items()}, "angstrom": ("nm", 0.1)}  # lengths in a unit
 _ENDS = (("left", "right"), ("posterior", "anterior"), ("inferior", "superior"))  # of the axes of RAS
 _ORIENTED = {f"{low}-to-{high}": (axis, 1) for axis, (low, high) in enumerate(_ENDS)}  # RFC-4: axis and direction
 _ORIENTED |= {f"{high}-to-{low}": (axis, -1) for axis, (low, high) in enumerate(_ENDS)}
@@ -68,6 +68,11 @@ class Chunked:
     def shape(self) -> tuple[int, ...]:
         """Number of voxels along each of i, j and k."""
         return tuple(int(self.array.shape[axis]) for axis in self.axes)
+
+    def whole(self) -> NDArray[Any]:
+        """Read all voxels."""
+        check_room(2 * math.prod(self.shape) * self.dtype.itemsize)
+        return self.block([(0, length) for length in self.shape])
 
     @property
     def dtype(self) -> np.dtype[Any]:
@@ -158,8 +163,8 @@ def voxels_at(data: Any, low: NDArray[np.integer[Any]], offsets: NDArray[np.inte
     return found
 
 
-def chunked_of(obj: object) -> tuple[Channels, Affine | None, Path | None] | None:
-    """Return the `Chunked` channels, affine and file of a chunked array or OME-Zarr path, or None for other input."""
+def chunked_of(obj: object) -> tuple[Channels, Affine | None, str] | None:
+    """Return the `Chunked` channels, affine and unit of a chunked array or OME-Zarr path, or None for other input."""
     if is_zarr_path(obj):
         return _ome_zarr(Path(str(obj)))
     if not is_chunked(obj):
@@ -168,11 +173,11 @@ def chunked_of(obj: object) -> tuple[Channels, Affine | None, Path | None] | Non
     _check(array, array.chunks)
     if len(array.shape) == 3:
         each: list[Any] = [Chunked(array)]
-        return Channels(("",), each.__getitem__), None, None
+        return Channels(("",), each.__getitem__), None, "mm"
     if len(array.shape) == 4:
         check_room(_CHANNEL_BYTES * array.shape[3])
         each = [Chunked(array, fixed=((3, n),)) for n in range(array.shape[3])]
-        return Channels(("",) * len(each), each.__getitem__), None, None
+        return Channels(("",) * len(each), each.__getitem__), None, "mm"
     raise InputError(f"has shape {tuple(array.shape)}. Pass an array of shape (I, J, K) or (I, J, K, C)")
 
 
@@ -189,7 +194,7 @@ def _check(array: Any, chunks: Any) -> None:
     check_room(2 * largest * np.dtype(array.dtype).itemsize)
 
 
-def _ome_zarr(path: Path) -> tuple[Channels, Affine, Path]:
+def _ome_zarr(path: Path) -> tuple[Channels, Affine, str]:
     """Open the finest image of an OME-Zarr directory, or the image within it that the path selects."""
     zarr = require("zarr")
     wanted = None
@@ -230,15 +235,19 @@ def _ome_zarr(path: Path) -> tuple[Channels, Affine, Path]:
     spatial = tuple(names.index(axis) for axis in "xyz")
     affine = np.zeros((4, 4))
     affine[3, 3] = 1
+    units = [str(axes[axis].get("unit", "millimeter")) for axis in spatial]
+    for axis, named in zip(spatial, units, strict=True):
+        if named not in _UNITS:
+            raise InputError(f"has an axis {names[axis]} with the unit {named}. Use one of {', '.join(_UNITS)}")
+    unit = _UNITS[units[0]][0]
     for column, axis in enumerate(spatial):
-        unit = str(axes[axis].get("unit", "millimeter"))
-        if unit not in _TO_MM:
-            raise InputError(f"has an axis {names[axis]} with the unit {unit}. Use one of {', '.join(_TO_MM)}")
+        own, length = _UNITS[units[column]]
+        length *= millimetres(own) / millimetres(unit)
         orientation = axes[axis].get("orientation") or {}
         value = orientation.get("value") if isinstance(orientation, dict) else None
         row, sign = _ORIENTED.get(str(value), (column, 1))
-        affine[row, column] = sign * scale[axis] * _TO_MM[unit]
-        affine[row, 3] = sign * shift[axis] * _TO_MM[unit]
+        affine[row, column] = sign * scale[axis] * length
+        affine[row, 3] = sign * shift[axis] * length
     if abs(np.linalg.det(affine)) == 0:
         raise InputError("has a singular affine: an axis has no extent, or two axes are parallel. Correct its metadata")
     others = [axis for axis in range(len(names)) if axis not in spatial]
@@ -249,7 +258,7 @@ def _ome_zarr(path: Path) -> tuple[Channels, Affine, Path]:
         fixed = tuple(zip(others, map(int, number), strict=True))
         each.append(Chunked(array, (spatial[0], spatial[1], spatial[2]), fixed, path=path))
         titles.append(" ".join(f"{names[axis]}{n}" for axis, n in fixed if array.shape[axis] > 1))
-    return Channels(tuple(titles), each.__getitem__), affine, path
+    return Channels(tuple(titles), each.__getitem__), affine, unit
 
 
 def _multiscales(path: Path) -> tuple[dict[str, Any] | None, Path | None]:

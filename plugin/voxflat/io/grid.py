@@ -92,6 +92,8 @@ def check_axes(shape: tuple[int, ...]) -> None:
         raise InputError(f"shape {shape} has an axis of more than {_LONGEST} voxels. Crop the volume, or copy it again")
 
 
+LONG_NAMES = {"mm": "millimeter", "µm": "micrometer", "nm": "nanometer", "cm": "centimeter", "m": "meter"}
+LONG_NAMES |= {"inch": "inch"}  # of OME-Zarr and napari
 _MILLIMETRES = {"mm": 1.0, "cm": 10.0, "m": 1e3, "µm": 1e-3, "nm": 1e-6, "inch": 25.4}
 UNITS = tuple(_MILLIMETRES)
 _UNITS = {"mm": ("", "?", "???", "unknown", "millimeter", "millimetre", "mm"), "cm": ("cm", "centimeter")}
@@ -138,10 +140,15 @@ def millimetres(unit: str) -> float:
     return _MILLIMETRES[found]
 
 
+def scaled(affine: ArrayLike, unit: str, to: str) -> Affine:
+    """Return an affine in another unit of length."""
+    factor = millimetres(unit) / millimetres(to)
+    return np.asarray(np.diag([factor] * 3 + [1.0]) @ np.asarray(affine, dtype=np.float64))
+
+
 def in_millimetres(affine: Affine, unit: str) -> Affine:
     """Convert an affine from a given unit to mm, and log the conversion."""
-    factor = millimetres(unit)
-    if factor == 1:
+    if millimetres(unit) == 1:
         return affine
     log.warning("the header specifies lengths in %s, which were converted to mm", unit)
-    return np.asarray(np.diag([factor] * 3 + [1.0]) @ affine)
+    return scaled(affine, unit, "mm")

@@ -18,12 +18,11 @@ from numpy.typing import NDArray
 
 from voxflat.errors import InputError
 from voxflat.io.files import AGAIN, by_ending, check_regular, nibabel_image, require
-from voxflat.io.formats.tiff import read_tiff
 from voxflat.io.grid import Affine, check_affine, in_millimetres, millimetres, volume_shape
 from voxflat.io.reading import check_room, note
 from voxflat.io.subprocess_reader import read_in_subprocess
 
-Read: TypeAlias = tuple[NDArray[Any], NDArray[Any] | None]  # voxels, and the affine or None
+Read: TypeAlias = tuple[NDArray[Any], NDArray[Any] | None]  # voxels, and the affine to mm or None
 
 LPS_TO_RAS = np.diag([-1.0, -1.0, 1.0, 1.0])
 
@@ -383,5 +382,4 @@ READERS: dict[str, Callable[[Path], Read]] = {
     ".npy": lambda path: (read_array(path), None),
     ".npz": _read_npz,
     **dict.fromkeys((".hdr", ".img"), _read_pair),
-    **dict.fromkeys((".tif", ".tiff"), read_tiff),
 }

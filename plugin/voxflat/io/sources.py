@@ -32,8 +32,12 @@ def taken(
     mesh = as_mesh(source)
     if mesh is None:
         volume = as_volume(source, spacing=spacing, affine=affine)
-        if unit not in (None, "mm") and spacing is None and affine is None and volume.is_placed:
-            raise InputError(f"unit is {unit!r}, but this volume defines its voxel size in mm. Omit unit")
+        if unit is not None and unit != volume.unit:
+            if spacing is None and affine is None and volume.is_placed:
+                raise InputError(
+                    f"unit is {unit!r}, but this volume defines its voxel size in {volume.unit}. Omit unit"
+                )
+            volume = replace(volume, unit=unit)
         check_memory(_BYTES_PER_VOXEL * volume.data.size, memory_limit, "crop or downsample the volume")
         return volume
     if unit is not None or mesh.path is not None or mesh.unit_remark is None:  # for files, the reader reports it

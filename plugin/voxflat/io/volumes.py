@@ -6,22 +6,24 @@ a `Volume`, which checks its data once.
 
 import os
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from voxflat.arguments import array_of, checked_path
+from voxflat.arguments import array_of, checked_path, shown
 from voxflat.errors import InputError
-from voxflat.io.chunks import Chunked, is_chunked
+from voxflat.io.channels import tiff_of
+from voxflat.io.chunks import Chunked, chunked_of, is_chunked, is_zarr_path
 from voxflat.io.files import REMEDY, atomic_path, by_ending, naming, require, save_array
-from voxflat.io.grid import Affine, check_affine, volume_shape
+from voxflat.io.formats.tiff import TIFF_ENDINGS
+from voxflat.io.grid import Affine, check_affine, named_unit, scaled, volume_shape
 from voxflat.io.provenance import Record, Recorded, as_text
 from voxflat.io.readers import ITK_TYPES, LPS_TO_RAS, READERS, read
 
-VOLUME_ENDINGS = tuple(READERS)
+VOLUME_ENDINGS = (*READERS, *TIFF_ENDINGS)
 """Endings of the names of volume files."""
 
 _CHECK = "check that this format can hold it"
@@ -38,13 +40,15 @@ class Volume(Recorded):
     data : ndarray, shape (I, J, K), or (I, J, K, 3) or (I, J, K, 4) for uint8 colours
         Values in native byte order, indexed as (i, j, k), as in nibabel.
     affine : ndarray, shape (4, 4), float64
-        Affine from voxel indices (i, j, k, 1) to RAS+ mm; integer indices refer to voxel centres.
+        Affine from voxel indices (i, j, k, 1) to RAS+ positions in `unit`; integer indices refer to voxel centres.
     path : Path or None
         The file that the volume was read from.
     is_placed : bool
         Whether an affine was given; if not, the affine is the identity.
     provenance : dict or None
         Record of how voxflat created the volume; None if it did not.
+    unit : {"mm", "µm", "nm", "cm", "m", "inch"}
+        Unit of length of the affine.
 
     See Also
     --------
@@ -63,24 +67,62 @@ class Volume(Recorded):
     path: Path | None = None
     is_placed: bool = True
     provenance: Record | None = None
+    unit: str = "mm"
 
     def __repr__(self) -> str:
         name = "" if self.path is None else f" {self.path.name}"
         shape, spacing = (" x ".join(f"{n:.4g}" for n in sizes) for sizes in (self.data.shape, self.spacing))
-        return f"<Volume{name}: {shape} of {self.data.dtype}, voxels of {spacing} mm, {self.orientation}>"
+        return f"<Volume{name}: {shape} of {self.data.dtype}, voxels of {spacing} {self.unit}, {self.orientation}>"
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "data", _check_data(self.data))
         object.__setattr__(self, "affine", check_affine(self.affine))
+        object.__setattr__(self, "unit", named_unit(self.unit))
 
     @classmethod
-    def _placed(cls, data: NDArray[Any], affine: NDArray[Any] | None, path: Path | None = None) -> "Volume":
+    def _placed(
+        cls, data: NDArray[Any], affine: NDArray[Any] | None, unit: str = "mm", path: Path | None = None
+    ) -> "Volume":
         """Return voxels with their affine, or with the identity if there is none."""
-        return cls(data, np.eye(4) if affine is None else affine, path, is_placed=affine is not None)
+        return cls(data, np.eye(4) if affine is None else affine, path, is_placed=affine is not None, unit=unit)
+
+    def in_unit(self, unit: str) -> "Volume":
+        """Return the same voxels with their affine in another unit of length.
+
+        Voxels without an affine are not changed.
+
+        Parameters
+        ----------
+        unit : {"mm", "µm", "nm", "cm", "m", "inch"}
+            The unit of length.
+
+        Returns
+        -------
+        Volume
+            The volume, whose voxels are not copied.
+
+        Raises
+        ------
+        InputError
+            The unit is unknown.
+
+        See Also
+        --------
+        Volume.spacing : The size of the voxels.
+
+        Examples
+        --------
+        >>> voxflat.io.Volume(voxflat.samples.ball(), np.diag([0.5, 0.5, 0.5, 1])).in_unit("µm")
+        <Volume: 24 x 24 x 24 of uint8, voxels of 500 x 500 x 500 µm, RAS>
+        """
+        unit = named_unit(unit)
+        if unit == self.unit or not self.is_placed:
+            return self
+        return replace(self, affine=scaled(self.affine, self.unit, unit), unit=unit)
 
     @property
     def spacing(self) -> Affine:
-        """Distance between the centres of neighbouring voxels along i, j, k, in mm.
+        """Distance between the centres of neighbouring voxels along i, j, k, in the unit of the volume.
 
         The array has shape (3,).
 
@@ -120,26 +162,31 @@ class Volume(Recorded):
         return "".join(codes)
 
 
-def read_volume(path: str | os.PathLike[str]) -> Volume:
+def read_volume(path: str | os.PathLike[str], channel: int | str | None = None) -> Volume:
     """Read a volume from a file.
 
-    The affine of arrays without one is the identity, which corresponds to voxels of 1 mm.
+    The affine of arrays without one is the identity, which corresponds to voxels of 1 mm. TIFF and OME-Zarr files keep
+    their unit of length, for example µm; lengths in other files are converted to mm.
 
     Parameters
     ----------
     path : path
-        ``.nii``, ``.nii.gz``, ``.nrrd``, ``.nhdr``, ``.mha``, ``.mhd``, ``.mgh``, ``.mgz``, ``.npy``, or
-        ``.npz`` with one array, or with ``data`` and optionally ``affine``.
+        ``.nii``, ``.nii.gz``, ``.nrrd``, ``.nhdr``, ``.mha``, ``.mhd``, ``.mgh``, ``.mgz``, ``.npy``, ``.npz`` with one
+        array, or with ``data`` and optionally ``affine``, ``.tif``, ``.tiff``, or an OME-Zarr directory.
+    channel : int or str, optional
+        Number (from 0) or name of the channel to read from a TIFF or OME-Zarr file with several channels or time
+        points, such as 1, "nuclei" or "t0 c1". By default, the only one.
 
     Returns
     -------
     Volume
-        Voxels (I, J, K) and their affine to RAS+ mm.
+        Voxels (I, J, K) and their affine to RAS+ positions.
 
     Raises
     ------
     InputError
-        The file is damaged, is in another format, is not a single volume, or has a sheared affine or an unknown unit.
+        The file is damaged, is in another format, has several channels of which none is chosen, or has a sheared affine
+        or an unknown unit.
 
     See Also
     --------
@@ -153,12 +200,22 @@ def read_volume(path: str | os.PathLike[str]) -> Volume:
     """
     path = checked_path(path)
     with naming(path, REMEDY):
-        return volume_of_file(path)
+        return volume_of_file(path, channel)
 
 
-def volume_of_file(path: str | os.PathLike[str]) -> Volume:
+def volume_of_file(path: str | os.PathLike[str], channel: int | str | None = None) -> Volume:
     """Read a volume; errors do not name the file."""
-    return Volume._placed(*read(Path(path)), Path(path))
+    found = chunked_of(path) if is_zarr_path(path) else tiff_of(path)
+    if found is not None:
+        channels, affine, unit = found
+        if channel is None and len(channels) > 1:
+            several = f"has {len(channels)} channels or time points ({channels.listed()})"
+            raise InputError(f"{several}. Choose one with voxflat.io.read_volume(path, channel)")
+        data: Any = channels.read(channels.find(channel))
+        return Volume._placed(data.whole() if isinstance(data, Chunked) else data, affine, unit, Path(path))
+    if channel not in (None, 0):
+        raise InputError(f"channel is {shown(channel)}, but only TIFF and OME-Zarr files have channels. Omit channel")
+    return Volume._placed(*read(Path(path)), path=Path(path))
 
 
 def write_volume(

@@ -1,6 +1,6 @@
 """Read a rim: the grey matter and its inner and outer borders in one label volume, or in several masks."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -50,7 +50,7 @@ class Layered:
         """Return a volume with a value for each voxel of grey matter."""
         data = np.full(self.volume.data.shape, outside, dtype=values.dtype)
         data[tuple((self.grey + self.first).T)] = values
-        return Volume(data, self.volume.affine, is_placed=self.volume.is_placed)
+        return replace(self.volume, data=data, path=None)
 
 
 def layered(volume: Volume, parts: dict[str, object], hemisphere: str | None) -> Layered:
@@ -100,7 +100,7 @@ def _whole(volume: Volume) -> Volume:
         )
     if difference > 0:
         log.warning("the labels of the rim differ from whole numbers by up to %.2g and were rounded", difference)
-    return Volume(rounded.astype(np.int32), volume.affine, volume.path, volume.is_placed)
+    return replace(volume, data=rounded.astype(np.int32))
 
 
 def _codes(parts: dict[str, object], present: dict[int, int], hemisphere: str | None) -> dict[str, object]:

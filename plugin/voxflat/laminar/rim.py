@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import importlib
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -511,7 +511,7 @@ def _middle_surface(labels: Layered, values: Field) -> Surface:
     grey = np.zeros(volume.data.shape, dtype=np.uint8)
     grey[tuple((labels.grey + labels.first).T)] = 1
     metadata: dict[str, Any] = {
-        **foreground_of(Volume(grey, volume.affine, volume.path, volume.is_placed), label=1).metadata,
+        **foreground_of(replace(volume, data=grey), label=1).metadata,
         "sheet": False,
         "placed_by": "half of the equidistant depth",
         "measured_on": "midthickness: halfway between the borders of the grey matter",

@@ -1,6 +1,7 @@
 """Regions drawn on a map, as outlines or as pixels."""
 
 import os
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -14,6 +15,7 @@ from voxflat.arguments import array_of, log, numbers_of
 from voxflat.errors import InputError
 from voxflat.io.files import REMEDY, check_regular, contents, from_json, naming
 from voxflat.io.formats.svg import Outline, read_outlines
+from voxflat.io.grid import millimetres
 from voxflat.io.readers import read_array
 from voxflat.io.reading import note
 from voxflat.io.sources import as_volume
@@ -105,7 +107,7 @@ def regions_of(of: Planar, rois: object, *, layer: str, pixel_size: float | None
             return _drawn(of, _read_polygons(path))
         if name.endswith(_IMAGES):
             with naming(path, REMEDY):
-                data, size = _read_image(path)
+                data, size = _read_image(path, of._triangles.on_surface.unit)
                 return _pixels(of, data, pixel_size or size)
         raise InputError(f"{path}: unsupported file type. Pass regions as .svg, .json, {', '.join(_IMAGES)}")
     if isinstance(rois, FlatImage):
@@ -226,8 +228,8 @@ def _read_polygons(path: Path) -> list[Outline]:
         return [Outline(name, _loops(loops, name)) for name, loops in content.items() if name != "provenance"]
 
 
-def _read_image(path: Path) -> tuple[NDArray[Any], float | None]:
-    """Return a label image, and its pixel size in mm if the file defines it."""
+def _read_image(path: Path, unit: str) -> tuple[NDArray[Any], float | None]:
+    """Return a label image, and its pixel size in the unit of the map if the file defines it."""
     name = path.name.lower()
     check_regular(path)
     if name.endswith(".npy"):
@@ -237,14 +239,19 @@ def _read_image(path: Path) -> tuple[NDArray[Any], float | None]:
     if name.endswith(VOLUME_ENDINGS) and not name.endswith((".tif", ".tiff")):  # here TIFFs are pictures
         volume = as_volume(path)
         data = volume.data
-        return data[:, :, 0] if data.shape[2:] == (1,) else data, float(volume.spacing[0])
+        return data[:, :, 0] if data.shape[2:] == (1,) else data, float(volume.spacing[0]) * _ratio("mm", unit)
     with header(path) as image:
         if image.mode not in ("L", "P", "I", "I;16", "F", "1"):
             raise InputError(f"is a colour image (mode {image.mode}). Save the labels as grey levels, .tif or .npy")
         told = str(image.info.get("Pixel size", "")) or str(getattr(image, "tag_v2", {}).get(270, ""))
         data = decoded(path, image)
-    size = told.split("Pixel size: ")[-1].split(" mm")[0]
+    found = re.match(r"([0-9.e+-]+)( (?:mm|um|nm|cm|m|inch)\b)?", told.split("Pixel size: ")[-1])
     try:
-        return data, float(size)
+        return data, None if found is None else float(found[1]) * _ratio((found[2] or " unknown")[1:], unit)
     except ValueError:
         return data, None
+
+
+def _ratio(unit: str, to: str) -> float:
+    """Return the factor from one unit of length to another, or 1 if either is unknown."""
+    return 1.0 if unit == to or "unknown" in (unit, to) else millimetres(unit) / millimetres(to)

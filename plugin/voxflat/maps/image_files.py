@@ -17,7 +17,7 @@ from voxflat.arguments import Progress, checked_path
 from voxflat.errors import Cancelled, InputError
 from voxflat.io.channels import Timing
 from voxflat.io.files import atomic_directory, atomic_path, require, save_array
-from voxflat.io.grid import millimetres
+from voxflat.io.grid import LONG_NAMES, millimetres
 from voxflat.io.provenance import Record, as_text, portable
 from voxflat.io.volumes import write_volume
 from voxflat.maps.colours import WINDOW, all_whole, label_colours, levels
@@ -182,11 +182,11 @@ def _ome(stack: _Stack, first: _Image, record: Record) -> str:
     """Return the OME-XML description, from which Bio-Formats, Fiji and tifffile read the axes and units."""
     frames, channels = _frames_and_channels(stack)
     height, width = first.data.shape
-    affine, has_unit = _placed(first)
     pixels = {"ID": "Pixels:0", "DimensionOrder": "XYCZT", "Type": "float", "SizeX": str(width), "SizeY": str(height)}
     pixels |= {"SizeC": str(len(channels)), "SizeZ": "1", "SizeT": str(frames)}
-    for axis in "XY" if has_unit else "":
-        pixels |= {f"PhysicalSize{axis}": f"{affine[2, 2]:.9g}", f"PhysicalSize{axis}Unit": "mm"}
+    for axis in "XY" if first.unit != "unknown" else "":
+        unit = {"inch": "in"}.get(first.unit, first.unit)
+        pixels |= {f"PhysicalSize{axis}": f"{first.affine[2, 2]:.9g}", f"PhysicalSize{axis}Unit": unit}
     if stack.timing is not None:
         pixels |= {"TimeIncrement": f"{stack.timing.step:.9g}", "TimeIncrementUnit": "s"}
     root = ElementTree.Element("OME", {"xmlns": _OME})
@@ -265,7 +265,7 @@ def _write_zarr(path: Path, stack: _Stack, first: _Image, values: _Values, recor
     zarr = require("zarr")
     form: Any = {"zarr_format": 2} if int(zarr.__version__.split(".")[0]) > 2 else {}  # the only format before
     frames, channels = _frames_and_channels(stack)
-    affine, has_unit = _placed(first)
+    affine, named = first.affine, LONG_NAMES.get(first.unit)
     timing, size = stack.timing, float(affine[2, 2])
     u, v = affine[:2, 3].tolist()
     leading: list[tuple[dict[str, str], int, float, float]] = []
@@ -274,7 +274,7 @@ def _write_zarr(path: Path, stack: _Stack, first: _Image, values: _Values, recor
     if timing is None or len(channels) > 1:
         leading.append(({"name": "c", "type": "channel"}, len(channels), 1.0, 0.0))
     lengths = tuple(length for _, length, _, _ in leading)
-    space = [{"name": name, "type": "space", **({"unit": "millimeter"} if has_unit else {})} for name in "yx"]
+    space = [{"name": name, "type": "space", **({"unit": named} if named else {})} for name in "yx"]
     transforms = [
         {"type": "scale", "scale": [*(step for _, _, step, _ in leading), size, size]},
         {"type": "translation", "translation": [*(start for _, _, _, start in leading), -v, u]},
@@ -313,12 +313,11 @@ def _resolution(image: _Image) -> dict[str, float]:
 
 
 def _description(image: _Image, name: str, record: Record) -> dict[str, str]:
-    affine, has_unit = _placed(image)
-    (u, v), mm = affine[:2, 3], " mm" if has_unit else ""
+    (u, v), unit = image.affine[:2, 3], f" {image.unit}".replace("µ", "u") if image.unit != "unknown" else ""
     return {
         "Title": name,
-        "Pixel size": f"{affine[2, 2]:.9g}{mm}",
-        "Centre of the upper left pixel": f"u = {u:.9g}{mm}, v = {v:.9g}{mm}",
+        "Pixel size": f"{image.affine[2, 2]:.9g}{unit}",
+        "Centre of the upper left pixel": f"u = {u:.9g}{unit}, v = {v:.9g}{unit}",
         "Software": "voxflat",
         "Provenance": as_text(record),
     }

@@ -168,7 +168,7 @@ class FlatImage(Recorded):
     provenance : dict
         Record of how the image was made: the volume, the sampling, and the record of the map or atlas.
     unit : str
-        Unit of length on the map; "unknown" if it is not defined. Saved files are in mm or have no unit.
+        Unit of length on the map; "unknown" if it is not defined. NIfTI files are in mm.
 
     See Also
     --------

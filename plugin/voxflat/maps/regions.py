@@ -3,7 +3,7 @@
 import math
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Protocol
@@ -19,7 +19,6 @@ from voxflat.io.formats.freesurfer import write_annot, write_label
 from voxflat.io.formats.gifti import label_bytes
 from voxflat.io.provenance import Record, Recorded, saving
 from voxflat.io.reading import check_room, reading
-from voxflat.io.sources import as_volume
 from voxflat.io.volumes import Volume, write_volume
 from voxflat.maps.depth import Depths
 from voxflat.maps.plane import Planar
@@ -226,16 +225,14 @@ class Regions(Recorded):
         >>> regions.volume(voxflat.samples.ball(), depth=(-1.0, 1.0))
         <Volume: 24 x 24 x 24 of int32, voxels of 1 x 1 x 1 mm, RAS>
         """
-        grid = as_volume(like)
-        if not grid.is_placed:
-            grid = self._surface.placed(grid)
+        grid = self._surface.placed(like)
         shape = grid.data.shape[:3]
         voxels, places = _columns(self.of, grid.affine, (shape[0], shape[1], shape[2]), depth)
         found = np.zeros(math.prod(shape), dtype=np.int32)
         found[voxels] = self.at(places)
         if not found.any():
             raise InputError("no region contains the centre of a voxel. Use a finer volume that covers the regions")
-        return Volume(found.reshape(shape), grid.affine)
+        return replace(grid, data=found.reshape(shape), path=None, provenance=None)
 
     def save(
         self,
@@ -295,7 +292,7 @@ class Regions(Recorded):
         record = {**self.provenance, "labels": labels, "files": inputs}
         with saving(path, record, sidecar=sidecar, overwrite=overwrite):
             if made is not None:
-                write_volume(path, made.data, made.affine, record)
+                write_volume(path, made.data, made.in_unit("mm").affine, record)
             else:
                 with atomic_path(path) as temporary:
                     self._write_vertices(temporary, name, record)
@@ -305,7 +302,7 @@ class Regions(Recorded):
         if not self._surface.is_voxels:
             raise InputError("a map of a mesh has no voxels. Pass volume to define the grid of the labels")
         empty = np.broadcast_to(np.uint8(0), self._surface.volume_shape)
-        return Volume(empty, self._surface.affine)
+        return Volume(empty, self._surface.affine, unit=self._surface.unit)
 
     def _write_vertices(self, path: Path, name: str, record: Record) -> None:
         labels = self.vertex_labels

@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 
 from voxflat.arguments import array_of, checked_choice, checked_number, checked_switch, checked_text, is_whole, log
 from voxflat.errors import InputError
-from voxflat.io.channels import Channels, Timing, series_of
+from voxflat.io.channels import Channels, Timing, series_of, tiff_of
 from voxflat.io.chunks import chunked_of, is_chunked, is_zarr_path
 from voxflat.io.files import AGAIN, REMEDY, naming
-from voxflat.io.grid import voxel_size
+from voxflat.io.grid import scaled, voxel_size
 from voxflat.io.objects import values_of_object
 from voxflat.io.overlays import holds_volume, read_channels, refuse_other_side
 from voxflat.io.readers import has_place
@@ -86,6 +86,11 @@ class Sampler:
     def is_voxels(self) -> bool:
         """Whether the surface was made from a volume."""
         return bool(self.metadata["kind"] == "voxels")
+
+    @property
+    def unit(self) -> str:
+        """The unit of length of the points."""
+        return str(self.metadata.get("unit", "mm"))
 
     @property
     def space(self) -> Space:
@@ -192,18 +197,17 @@ class Sampler:
         """Return voxels (one by one for several volumes), a function that makes a volume from them, and the file."""
         path = Path(volume) if isinstance(volume, str | os.PathLike) else None
         with naming(path or type(volume).__name__, REMEDY):
-            chunks = chunked_of(volume.data if isinstance(volume, Volume) else volume)
+            chunks = chunked_of(volume.data if isinstance(volume, Volume) else volume) or tiff_of(volume)
         if chunks is not None:
-            own = volume.affine if isinstance(volume, Volume) else chunks[1]
-            if own is None:
-                own = self._own_place(chunks[0].read(0).shape)
-            at: NDArray[np.float64] = own
-            return chunks[0], lambda voxels: Volume(voxels, at, path), path
+            at, unit = (volume.affine, volume.unit) if isinstance(volume, Volume) else chunks[1:3]
+            place = self._own_place(chunks[0].read(0).shape) if at is None else self._here(at, unit)
+            return chunks[0], lambda voxels: Volume(voxels, place, path), path
         with naming(path or type(volume).__name__, REMEDY):
             series = series_of(path or volume)
         if series is not None:
             self._doubt_place(series[1], path)
-            return series[0], lambda voxels: Volume(voxels, series[1], path), path
+            in_map = self._here(series[1], "mm")
+            return series[0], lambda voxels: Volume(voxels, in_map, path), path
         if isinstance(volume, np.ndarray) and volume.ndim == 4 and volume.dtype != np.uint8 and volume.shape[3] > 1:
             return Channels(("",) * volume.shape[3], lambda n: volume[..., n]), self.placed, None
         placed = self.placed(volume)
@@ -344,7 +348,13 @@ class Sampler:
     def placed(self, volume: object) -> Volume:
         """Return a volume with its affine or, if it has none, with the affine of the points' volume."""
         given = as_volume(volume)
-        return given if given.is_placed else replace(given, affine=self._own_place(given.data.shape))
+        if not given.is_placed:
+            return replace(given, affine=self._own_place(given.data.shape), unit=self.unit, is_placed=True)
+        return given if self.unit == "unknown" else given.in_unit(self.unit)
+
+    def _here(self, affine: NDArray[np.float64], unit: str) -> NDArray[np.float64]:
+        """Return an affine in the unit of the map, if that is known."""
+        return affine if self.unit == "unknown" else scaled(affine, unit, self.unit)
 
     def _own_place(self, shape: tuple[int, ...]) -> NDArray[np.float64]:
         """Return the affine of the points' volume for a volume of the same shape."""

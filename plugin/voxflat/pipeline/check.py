@@ -132,6 +132,7 @@ def _volume_contents(volume: Volume) -> dict[str, Any]:
         "shape": volume.data.shape,
         "dtype": str(volume.data.dtype),
         "spacing": tuple(float(h) for h in volume.spacing),
+        "unit": volume.unit,
         "orientation": volume.orientation,
         "affine": volume.affine.tolist(),
         "labels": labels_in(volume.data),

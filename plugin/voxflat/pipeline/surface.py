@@ -33,6 +33,7 @@ from voxflat.surfaces.manifold import Manifold, size_and_space
 from voxflat.surfaces.of_mesh import of_mesh
 from voxflat.surfaces.of_volume import of_volume
 from voxflat.surfaces.parts import disk, dropped, kept, polygon
+from voxflat.surfaces.smoothing import smoothed
 from voxflat.surfaces.standard.registration import Registration, register
 
 _REPAIRS = ("none", "voxels", "cuts")
@@ -235,6 +236,44 @@ class Surface(Manifold):
         25
         """
         return polygon(self, corners, progress)
+
+    @telling()
+    def smooth(self, length: float, *, progress: Progress | None = None) -> Surface:
+        """Return the surface without short waves, such as the noise and the steps of a segmentation.
+
+        Waves of the given length become half as high, waves of half the length become 17 times lower, and waves of
+        twice the length keep 94 % of their height. The surface does not shrink as a whole. The last of its `remarks`
+        reports how far it moved; `flatten` repeats it as a warning.
+
+        Parameters
+        ----------
+        length : float
+            The length of the waves to remove, in mm (or the unit of the surface). A few voxels are usual.
+        progress : callable, optional
+            As in `flatten`.
+
+        Returns
+        -------
+        Surface
+            The smoothed surface, with the same vertices and triangles. ``metadata["smoothed"]`` holds the mean and the
+            95th percentile of the distance by which it moved along its normals, and its relative change in volume.
+
+        Raises
+        ------
+        InputError
+            If the length is not valid, or the surface is a part of another one or lies between two given surfaces.
+
+        See Also
+        --------
+        voxflat.surface : Make a surface from a segmentation.
+
+        Examples
+        --------
+        >>> smooth = voxflat.surface(voxflat.samples.ball()).smooth(6.0)
+        >>> smooth.metadata["smoothed"]["mean"] < 0.3
+        True
+        """
+        return Surface._of(smoothed(self, length, progress))
 
     # ------------------------------------------------------------------------------------------ cuts and maps
 

@@ -171,7 +171,7 @@ class Check:
         labels = of["labels"]
         return [
             ("shape", " x ".join(str(n) for n in of["shape"]) + f", {of['dtype']}"),
-            ("spacing", " x ".join(f"{h:g}" for h in of["spacing"]) + " mm"),
+            ("spacing", " x ".join(f"{h:g}" for h in of["spacing"]) + " " + of["unit"]),
             ("orientation", of["orientation"]),
             ("values", f"{of['range'][0]:g} to {of['range'][1]:g}"),
             (

@@ -55,6 +55,7 @@ def foreground_of(volume: Volume, *, label: int | None = None, threshold: float 
         "label": None if label is None else int(label),
         "threshold": threshold,
         "foreground": int(np.count_nonzero(mask)),
+        **({} if volume.unit == "mm" else {"unit": volume.unit}),
     }
     return Foreground(volume, mask, metadata)
 
@@ -69,7 +70,7 @@ def check_scalar(data: NDArray[Any]) -> None:
 
 def keep_mask(keep: object, volume: Volume, name: str = "mask to keep") -> NDArray[np.bool_]:
     """Return a mask of selected voxels, on the grid of a volume."""
-    mask = as_volume(keep)
+    mask = as_volume(keep).in_unit(volume.unit)
     if mask.data.shape != volume.data.shape:
         raise InputError(
             f"the {name} has shape {mask.data.shape}, but the volume has {volume.data.shape}. Resample the mask"

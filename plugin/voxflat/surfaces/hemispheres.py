@@ -118,7 +118,7 @@ def hemisphere(
     mask = np.zeros(found.shape, dtype=np.uint8)
     box = scipy.ndimage.find_objects(found.astype(np.uint8))[0]
     mask[box] = _one_piece(found[box])
-    return Volume(mask, volume.affine, is_placed=volume.is_placed)
+    return Volume(mask, volume.affine, is_placed=volume.is_placed, unit=volume.unit)
 
 
 def _one_piece(found: NDArray[np.bool_]) -> NDArray[np.bool_]:

@@ -88,7 +88,7 @@ def _level(
 ) -> tuple[tuple[NDArray[np.float32], float] | None, str]:
     """Return the image with its value on the surface, or None, and a description of how vertices are placed."""
     if probability is not None:
-        image = as_volume(probability)
+        image = as_volume(probability).in_unit(volume.unit)
         if image.data.shape != mask.shape:
             shapes = f"shape {image.data.shape}, but the volume has shape {mask.shape}"
             raise InputError(f"the probability image has {shapes}. Resample the image")

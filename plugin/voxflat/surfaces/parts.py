@@ -158,7 +158,9 @@ def _vertices(whole: Manifold, region: object, verb: str) -> tuple[NDArray[np.bo
             mask = np.zeros(shape, dtype=np.bool_)
             mask[tuple(whole.ids[found].T)] = True
         else:
-            place = Volume(np.empty(shape, dtype=np.bool_), np.asarray(whole.metadata["affine"]), is_placed=True)
+            place = Volume(
+                np.empty(shape, dtype=np.bool_), whole.metadata["affine"], unit=whole.metadata.get("unit", "mm")
+            )
             mask = keep_mask(region, place)
         return mask[tuple(whole.ids.T)], mask
     count = whole.metadata["vertices"]

@@ -39,7 +39,7 @@ def volume_layers(path: Path) -> list[LayerData]:
         in_time[1:, 1:] = affine[:, [*order, 3]]
         about: dict[str, Any] = {"affine": in_time, "units": ("pixel", *_SPACE)}
         return [(data, {"name": _name(path), **about}, "image")]
-    volume = read_volume(path)
+    volume = read_volume(path).in_unit("mm")
     order = _order(volume.affine)
     voxels = np.transpose(volume.data, [*order, *range(3, volume.data.ndim)])
     about = {"name": _name(path), "affine": volume.affine[:, [*order, 3]], "units": _SPACE}

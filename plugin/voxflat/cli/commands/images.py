@@ -16,6 +16,7 @@ from voxflat.cli.output import check_output, report
 from voxflat.cli.overlay_options import check_depth, depth_options
 from voxflat.cli.parameter_options import option_of
 from voxflat.errors import InputError
+from voxflat.io.grid import in_unit
 from voxflat.io.provenance import saving
 from voxflat.io.reading import reading
 from voxflat.maps.flat_map import FlatMap, load
@@ -151,7 +152,8 @@ def image_command(
     size = {"images": count, "width": width, "height": height, "pixel_size": picture.pixel_size}
     images = "" if count == 1 else f"{count} images of "
     apart = "" if step is None else f", {step:g} s apart"
-    text = f"{images}{width} x {height} pixels of {picture.pixel_size:g} mm{apart}\nsaved as {output}"
+    text = f"{images}{width} x {height} pixels of {in_unit(f'{picture.pixel_size:g} mm', flat_map.metadata)}"
+    text += f"{apart}\nsaved as {output}"
     content = {"output": str(output), **size, "time_step": step, "provenance": picture.provenance}
     report(content, text, quiet=quiet)
 

@@ -83,7 +83,7 @@ def layers_command(
         made = rim(input_, **given, progress=shown.progress)
         volumes = [made.layers(count, layering), made.depth(layering), made.thickness()]
     for path, volume in zip((output, *beside), volumes, strict=True):
-        write_volume(path, volume.data, volume.affine, volume.provenance)
+        write_volume(path, volume.data, volume.in_unit("mm").affine, volume.provenance)
     voxels, thickness = len(made.values.depth), float(np.median(made.values.thickness))
     report(
         {"output": [str(path) for path in (output, *beside)], "voxels": voxels, "median_thickness": thickness},
@@ -128,7 +128,7 @@ def columns_command(
         made = rim(input_, **given, progress=shown.progress).columns(
             count, area=area, seed=seed, progress=shown.progress
         )
-    write_volume(output, made.volume.data, made.volume.affine, made.volume.provenance)
+    write_volume(output, made.volume.data, made.volume.in_unit("mm").affine, made.volume.provenance)
     median = float(np.median(made.areas))
     report(
         {"output": str(output), "columns": len(made), "median_area": median},

@@ -14,6 +14,7 @@ from voxflat.cli.output import check_output, report
 from voxflat.cli.parameter_options import option_of
 from voxflat.distortion.figures import json_ready
 from voxflat.errors import InputError
+from voxflat.io.grid import scaled
 from voxflat.io.meshes import check_mesh_name
 from voxflat.io.patches import FLAT_PATCH_ENDINGS, PATCH_ENDING
 from voxflat.io.volumes import check_volume_name, write_volume
@@ -43,8 +44,8 @@ def check_command(input_: Path, **given: Any) -> None:
     with bars() as shown:
         part = part_of(given, shown.progress)
         source: Path | Surface = input_
-        making = ("pial", "probability", "repair", "hemisphere", "unit", "rim")
-        if any(given[name] for name in making):
+        making = ("pial", "probability", "repair", "hemisphere", "unit", "rim", "channel", "smooth")
+        if any(given[name] is not None and given[name] is not False for name in making):
             source = surface_of(input_, given, shown.progress)
         else:
             given = {name: value for name, value in given.items() if name not in making}
@@ -119,7 +120,8 @@ def surface_command(input_: Path, output: Path, repaired: Path | None, writing: 
         for remark in made.remarks:
             log.warning(remark)
     if repaired is not None:
-        write_volume(repaired, made.changed_voxels(), made.metadata["affine"], made.provenance)
+        affine = scaled(made.metadata["affine"], made.metadata.get("unit", "mm"), "mm")
+        write_volume(repaired, made.changed_voxels(), affine, made.provenance)
     made.save(output, **writing)
     size = {"vertices": len(made), "triangles": len(made.faces)}
     content = {"output": str(output), **size, "metadata": made.metadata, "warnings": list(made.remarks)}
