@@ -9,9 +9,10 @@ import scipy
 from numpy.typing import NDArray
 
 from voxflat import _core
-from voxflat.arguments import Progress
+from voxflat.arguments import Progress, log
 from voxflat.errors import Cancelled
 from voxflat.io.reading import check_room
+from voxflat.laminar.banks import between_banks, keep_to_bank
 from voxflat.laminar.labels import GREY, INNER, OUTER, Layered
 from voxflat.maps.depth import vertex_areas
 
@@ -51,7 +52,7 @@ def field_of(rim: Layered, threads: int | None = None, progress: Progress | None
     near = scipy.ndimage.binary_dilation(rim.labels == GREY, iterations=_BEYOND)
     band = np.argwhere((rim.extended == GREY) & near)
     places = rim.places(band)
-    depth, thickness, inner, outer = _depth(places, borders, steps)
+    borders, (depth, thickness, inner, outer) = _within_banks(rim, band, borders, steps)
     image = np.select([rim.extended == INNER, rim.extended == OUTER], [0.5, -0.5]).astype(np.float32)  # ½ - depth
     image[tuple(band.T)] = 0.5 - depth
     thin = np.argwhere(_crossed(image, rim.extended != GREY) & near)  # the middle surface passes beside these
@@ -75,8 +76,13 @@ def _depth(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
     """Return the equidistant depth of places, the thickness, and the nearest points on the inner and outer border."""
     (inwards, inner), (outwards, outer) = (border.find(places, steps) for border in borders)
-    thickness = inwards - outwards
-    return inwards / np.where(thickness > 0, thickness, 1.0), thickness, inner, outer
+    return _share(inwards, -outwards), inwards - outwards, inner, outer
+
+
+def _share(inwards: NDArray[np.float64], outwards: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the equidistant depth from the distances from the borders."""
+    thickness = inwards + outwards
+    return np.asarray(inwards / np.where(thickness > 0, thickness, 1.0))
 
 
 def _crossed(image: NDArray[np.float32], where: NDArray[np.bool_]) -> NDArray[np.bool_]:
@@ -84,6 +90,42 @@ def _crossed(image: NDArray[np.float32], where: NDArray[np.bool_]) -> NDArray[np
     is_inner, cube = image > 0, np.ones((3, 3, 3), dtype=np.bool_)
     near_inner, near_outer = (scipy.ndimage.binary_dilation(side, cube) for side in (is_inner, ~is_inner))
     return np.asarray(where & near_inner & near_outer)
+
+
+def _within_banks(
+    rim: Layered, band: NDArray[np.int64], borders: list["_Border"], steps: "_Steps"
+) -> tuple[list["_Border"], tuple[NDArray[np.float64], ...]]:
+    """Return `_depth` of voxels of grey matter with columns that stay within their bank, and the borders for this."""
+    places = rim.places(band)
+    (inwards, inner), (outwards, outer) = (border.find(places, steps) for border in borders)
+    inner = keep_to_bank(rim, OUTER, band, inner, outer)
+    sheet = between_banks(band, rim.labels.shape, places, inner, -outwards)
+    if len(sheet[0]):
+        borders = [borders[0], borders[1].joined(*sheet)]
+        near = np.flatnonzero(_may_be_nearer(sheet[0], places, -outwards, rim.volume.spacing))
+        before = outwards[near]
+        outwards[near], outer[near] = borders[1].find(places[near], steps)
+        is_grey = rim.labels[tuple(band.T)] == GREY
+        log.warning(
+            "the banks of a sulcus touch without an outer border between them. A border was placed halfway between "
+            "them; it changed the depth of %.2g %% of the grey matter",
+            100 * (is_grey[near] & (outwards[near] > before)).sum() / is_grey.sum(),
+        )
+    outer = keep_to_bank(rim, INNER, band, outer, inner)
+    inwards, outwards = (
+        np.copysign(np.linalg.norm(places - foot, axis=1), side)
+        for foot, side in ((inner, inwards), (outer, -outwards))
+    )
+    return borders, (_share(inwards, outwards), inwards + outwards, inner, outer)
+
+
+def _may_be_nearer(
+    points: NDArray[np.float64], places: NDArray[np.float64], distances: NDArray[np.float64], spacing: NDArray[Any]
+) -> NDArray[np.bool_]:
+    """Return which places may be nearer to a surface with these points than a distance."""
+    limits = distances + float(np.linalg.norm(spacing))  # no place of the surface is farther from a point
+    nearest, _ = scipy.spatial.cKDTree(points).query(places, distance_upper_bound=float(limits.max()))
+    return np.asarray(nearest < limits)
 
 
 def _half_depth(
@@ -155,13 +197,20 @@ class _Border:
         core = _surface_in(mask, affine, None, threads, progress)
         return cls(core.points, core.normals, core.faces, _core.NearestFinder(core.points, core.faces))
 
+    def joined(self, points: NDArray[np.float64], faces: NDArray[np.uint32]) -> "_Border":
+        """Return the border with a surface added, both sides of which are inside."""
+        points, faces = np.concatenate([self.points, points]), np.concatenate([self.faces, faces + len(self.points)])
+        normals = np.zeros_like(points)
+        normals[: len(self.normals)] = self.normals
+        return _Border(points, normals, faces.astype(np.uint32), _core.NearestFinder(points, faces.astype(np.uint32)))
+
     def find(self, places: NDArray[np.float64], steps: "_Steps") -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return the distance of places from the border in mm, positive outside, and the nearest points."""
         triangles, weights, distances = steps.nearest(self.finder, places)
         corners = self.faces[triangles]
         nearest = np.einsum("nk,nkd->nd", weights, self.points[corners])
         outward = np.einsum("nk,nkd->nd", weights, self.normals[corners])
-        is_inside = ((places - nearest) * outward).sum(axis=1) < 0
+        is_inside = ((places - nearest) * outward).sum(axis=1) <= 0  # 0 where the normals are, see `joined`
         return np.where(is_inside, -distances, distances), nearest
 
 
