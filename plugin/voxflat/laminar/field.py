@@ -12,7 +12,7 @@ from voxflat import _core
 from voxflat.arguments import Progress, log
 from voxflat.errors import Cancelled
 from voxflat.io.reading import check_room
-from voxflat.laminar.banks import between_banks, keep_to_bank
+from voxflat.laminar.banks import between_banks, crosses, keep_to_bank
 from voxflat.laminar.labels import GREY, INNER, OUTER, Layered
 from voxflat.maps.depth import vertex_areas
 
@@ -33,6 +33,7 @@ class Field:
     volume_depth: NDArray[np.float64]  # (G,), equivolume
     thickness: NDArray[np.float64]  # (G,), mm
     halfway: NDArray[np.float64]  # (G, 3), the point of the middle surface on the column of each voxel, RAS+ mm
+    columns: NDArray[np.float64]  # (G, 3), outward normals of the middle surface there
     points: NDArray[np.float64]  # (V, 3), middle surface, RAS+ mm
     faces: NDArray[np.uint32]  # (F, 3)
     inner: NDArray[np.float64]  # (V, 3), nearest points on the inner border
@@ -60,6 +61,10 @@ def field_of(rim: Layered, threads: int | None = None, progress: Progress | None
     middle = _surface_in(image > 0, affine, (image, 0.0), threads, progress)
     points, faces = middle.points, middle.faces
     feet = [border.find(points, steps)[1] for border in borders]
+    for side, (label, own) in enumerate(((OUTER, inner), (INNER, outer))):
+        beyond = crosses(rim, label, points, feet[side], feet[1 - side])
+        if len(beyond):  # on the other bank; the nearest voxel stays on its own
+            feet[side][beyond] = own[scipy.spatial.cKDTree(places).query(points[beyond])[1]]
     is_grey = rim.labels[tuple(band.T)] == GREY
     depth, thickness = depth[is_grey].clip(0, 1), thickness[is_grey]
     areas = _areas(feet[0], points, feet[1], faces, float(np.median(thickness)))
@@ -68,7 +73,9 @@ def field_of(rim: Layered, threads: int | None = None, progress: Progress | None
     corners = faces[triangles]
     around = [(weights * area[corners]).sum(axis=1) for area in areas]
     halfway = np.einsum("nk,nkd->nd", weights, points[corners])
-    return Field(depth, _share_below(depth, *around), thickness, halfway, points, faces, feet[0], feet[1])
+    columns = np.einsum("nk,nkd->nd", weights, middle.normals[corners])
+    columns /= np.linalg.norm(columns, axis=1, keepdims=True)
+    return Field(depth, _share_below(depth, *around), thickness, halfway, columns, points, faces, feet[0], feet[1])
 
 
 def _depth(

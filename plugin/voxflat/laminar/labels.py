@@ -47,10 +47,10 @@ class Layered:
         return np.asarray(found.clip(0, np.array(self.labels.shape) - 1))
 
     def in_volume(self, values: NDArray[Any], outside: float) -> Volume:
-        """Return a volume with a value for each voxel of grey matter."""
-        data = np.full(self.volume.data.shape, outside, dtype=values.dtype)
+        """Return a volume with a value, or a vector, for each voxel of grey matter."""
+        data = np.full((*self.volume.data.shape, *values.shape[1:]), outside, dtype=values.dtype)
         data[tuple((self.grey + self.first).T)] = values
-        return Volume(data, self.volume.affine, is_placed=self.volume.is_placed)
+        return Volume(data, self.volume.affine, is_placed=self.volume.is_placed, is_vectors=values.ndim == 2)
 
 
 def layered(volume: Volume, parts: dict[str, object], hemisphere: str | None) -> Layered:

@@ -151,6 +151,31 @@ class Rim(Recorded):
         return np.asarray(layer + np.int16(1))
 
     @telling()
+    def streamlines(self) -> Volume:
+        """Return the direction of the column of each voxel of grey matter, from the inner to the outer border.
+
+        It is perpendicular to the middle surface where the column crosses it. Use it, for example, to compute the angle
+        between the cortex and the main magnetic field.
+
+        Returns
+        -------
+        Volume
+            Unit vectors (right, anterior, superior) of shape (I, J, K, 3) as float32; NaN outside the grey matter.
+
+        See Also
+        --------
+        Rim.depth : Return the depth of each voxel.
+
+        Examples
+        --------
+        >>> rim = voxflat.rim(voxflat.samples.rim())
+        >>> directions = rim.streamlines().data
+        >>> directions.shape[3]
+        3
+        """
+        return self.labels.in_volume(self.values.columns.astype(np.float32), np.nan)
+
+    @telling()
     def thickness(self) -> Volume:
         """Return the thickness of the grey matter at each of its voxels.
 
