@@ -86,11 +86,12 @@ def between_banks(
         second = number[tuple(np.minimum(voxels + step, last).T)]  # itself at the end of the box
         first = np.flatnonzero(second >= 0)
         second = second[first]
-        is_opposed = (columns[first] * columns[second]).sum(axis=1) < 0
-        first, second = first[is_opposed], second[is_opposed]
         way, apart = places[second] - places[first], feet[second] - feet[first]
         ahead = ((feet[first] + feet[second]) / 2 - places[first]) * apart
-        part = ahead.sum(axis=1) / (way * apart).sum(axis=1)
+        whole = (way * apart).sum(axis=1)
+        is_opposed = ((columns[first] * columns[second]).sum(axis=1) < 0) & (whole > 0)
+        first, second, way = first[is_opposed], second[is_opposed], way[is_opposed]
+        part = ahead.sum(axis=1)[is_opposed] / whole[is_opposed]
         pairs.append(np.stack([first, second]))
         crossings.append(places[first] + part.clip(0, 1)[:, None] * way)
         cells.append(np.ravel_multi_index(tuple(np.moveaxis(voxels[first][:, None] - around, -1, 0)), shape))

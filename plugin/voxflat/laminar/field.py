@@ -21,7 +21,7 @@ _A_VOXEL = 60
 
 _BEYOND = 3  # voxels beyond the labels
 _CHUNK = 1 << 17  # points between two reports of progress
-_FAR = 1e6  # mm, no limit
+_FAR = np.inf  # mm, no limit
 _SMOOTHED = 0.5  # width of the smoothing of areas, relative to the median thickness
 
 
@@ -74,7 +74,8 @@ def field_of(rim: Layered, threads: int | None = None, progress: Progress | None
     around = [(weights * area[corners]).sum(axis=1) for area in areas]
     halfway = np.einsum("nk,nkd->nd", weights, points[corners])
     columns = np.einsum("nk,nkd->nd", weights, middle.normals[corners])
-    columns /= np.linalg.norm(columns, axis=1, keepdims=True)
+    lengths = np.linalg.norm(columns, axis=1, keepdims=True)
+    columns /= np.where(lengths > 0, lengths, np.nan)
     return Field(depth, _share_below(depth, *around), thickness, halfway, columns, points, faces, feet[0], feet[1])
 
 

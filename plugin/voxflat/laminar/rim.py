@@ -26,6 +26,7 @@ from voxflat.surfaces.foreground import foreground_of
 from voxflat.surfaces.manifold import Manifold
 
 _THICK = 2.5  # thickness, relative to the median, from which two banks may touch
+_PLAUSIBLE = (0.1, 20.0)  # thickness in mm
 _MOST_LAYERS = 1000
 _SHARE_THICK = 0.01  # of the grey matter, above which a warning reports it
 
@@ -383,6 +384,9 @@ def rim(
     volume = as_volume(source, spacing=spacing, affine=affine)
     labels = layered(volume, {"inner": inner, "outer": outer, "grey": grey}, hemisphere)
     values = field_of(labels, threads, progress)
+    usual = float(np.median(values.thickness))
+    if not _PLAUSIBLE[0] < usual < _PLAUSIBLE[1]:
+        log.warning("the median thickness of the grey matter is %.3g mm. Check the voxel size", usual)
     share = float((values.thickness > _THICK * np.median(values.thickness)).mean())
     if share > _SHARE_THICK:
         log.warning(
