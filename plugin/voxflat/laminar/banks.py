@@ -8,6 +8,7 @@ from voxflat.laminar.labels import Layered
 
 _THICK = 1.5  # thickness, relative to the usual one, from which two banks may touch
 _BANK = (0.5, 1.5)  # thickness of each of these banks, relative to the usual one
+_SHARE = 0.2  # of a part of the surface, at least, that lies at such places
 _SAMPLE = 20_000  # voxels from which the usual thickness is estimated
 
 _STEPS = np.eye(3, dtype=np.int64)
@@ -74,7 +75,7 @@ def between_banks(
     `outwards` are the distances from the outer border in mm.
 
     Opposite sides also meet below the bottom of a narrow sulcus. Therefore, a part of the surface counts only if the
-    grey matter is too thick for one bank somewhere: thicker than usual although each half is a bank of usual thickness.
+    grey matter around it is often too thick for one bank, and each half of it has the thickness of a bank.
     """
     number = np.full(shape, -1, dtype=np.int32)
     number[tuple(voxels.T)] = np.arange(len(voxels))
@@ -113,7 +114,8 @@ def between_banks(
         (np.ones(corners.size), (corners.ravel(), np.roll(corners, 1, axis=1).ravel())), shape=(len(used), len(used))
     )
     part_of = scipy.sparse.csgraph.connected_components(links, directed=False)[1][corners[:, 0]]
-    corners = corners[np.isin(part_of, part_of[is_thick])]
+    share = np.bincount(part_of, is_thick) / np.maximum(np.bincount(part_of), 1)
+    corners = corners[share[part_of] > _SHARE]
     kept, corners = np.unique(corners, return_inverse=True)
     points, corners = points[kept], corners.reshape(-1, 4)
     return points, np.concatenate([corners[:, [0, 1, 2]], corners[:, [0, 2, 3]]]).astype(np.uint32)
