@@ -40,9 +40,7 @@ border = np.column_stack([border, height(*border.T)])
 distance, foot = cKDTree(border).query(np.stack([x, y, z], axis=-1).reshape(-1, 3))
 distance = distance.reshape(x.shape) * np.sign(z - height(x, y))
 foot = border[foot.reshape(x.shape)]
-labels = np.select(
-    [abs(distance + 0.4) <= 0.4, (distance > 0) & (distance < 2.5), abs(distance - 2.9) <= 0.4], [2, 3, 1]
-)
+labels = np.select([abs(distance + 0.4) <= 0.4, (distance > 0) & (distance < 2.5), abs(distance - 2.9) <= 0.4], [2, 3, 1])
 
 # %%
 # The activity is superficial in one area, and deep in another. The functional volume has larger voxels, of 0.8 mm, and

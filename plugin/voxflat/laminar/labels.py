@@ -111,7 +111,7 @@ def _report_loose(found: Layered) -> None:
     loose = np.bincount(parts.ravel(), minlength=count + 1)[1:][~is_tied[1:]]
     if len(loose):
         log.warning(
-            "%d of %d parts of the grey matter (%d voxels) do not touch both borders. Their depth is uncertain",
+            "%s of %s parts of the grey matter (%s voxels) do not touch both borders. Their depth is uncertain",
             len(loose),
             count,
             loose.sum(),
@@ -201,7 +201,7 @@ def _check_overlap(where: dict[str, NDArray[np.bool_]]) -> None:
             raise InputError(f"the {_NAMES[second]} lies within the {_NAMES[first]}. Pass separate labels or masks")
         if both:
             log.warning(
-                "%d voxels are %s and %s; they were assigned to the former", both, _NAMES[first], _NAMES[second]
+                "%s voxels are %s and %s; they were assigned to the former", both, _NAMES[first], _NAMES[second]
             )
 
 
