@@ -338,6 +338,10 @@ def test_layers_on_the_command_line(rims, tmp_path):
         found = voxflat.io.read_volume(tmp_path / f"layers{name}.nii.gz")
         np.testing.assert_array_equal(found.data, expected.data)
         np.testing.assert_allclose(found.affine, labels.affine)
+    assert not (tmp_path / "layers_streamlines.nii.gz").exists()
+    succeed("layers", *given, "--streamlines", "-o", tmp_path / "more.nii.gz")
+    written = nibabel.load(tmp_path / "more_streamlines.nii.gz").get_fdata()
+    np.testing.assert_array_equal(written, rim.streamlines().data)
     fail(1, "it is an input. Choose another name", "layers", *given, "-o", tmp_path / "white.nii.gz")
     fail(1, "it is an input. Choose another name", "layers", *given, "-o", tmp_path / "rim.nii.gz")
 
