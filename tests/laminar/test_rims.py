@@ -1,5 +1,8 @@
 """Rims: depth, thickness and layers of a segmentation, on shapes whose depth is known."""
 
+import re
+
+import nibabel
 import numpy as np
 import pytest
 from command_line import fail, succeed
@@ -153,12 +156,115 @@ def test_almost_whole_labels_are_rounded(rims, caplog):
     np.testing.assert_array_equal(found.values.depth, rim.values.depth)
 
 
-def test_banks_that_touch_are_reported(caplog):
-    labels = np.full((60, 12, 30), 2, np.uint8)
-    labels[6:54, :, 20:23], labels[:, :, 23:26], labels[:, :, 26:] = 3, 3, 1
-    labels[26:34, :, 4:23] = 3  # a sulcus without an outer border
-    voxflat.rim(labels)
-    assert "of the grey matter is more than 2.5 times as thick as the median. Check whether the banks" in caplog.text
+def sulcus(gap, spacing=0.5, thickness=2.5):
+    """Return the rim of a sulcus whose banks are some mm apart, and its depth within the sulcus."""
+    x, y, _ = np.meshgrid(np.arange(-9, 9, spacing), np.arange(-6, 16, spacing), np.arange(8), indexing="ij")
+    x, y = x + 0.13, y + 0.07
+    side = np.where(y > 0, np.abs(x) - gap / 2, np.hypot(np.maximum(np.abs(x) - gap / 2, 0), y))
+    distance = np.minimum(side, 12 - y)  # from cerebrospinal fluid
+    labels = np.select([distance <= 0, distance <= thickness], [1, 3], 2)
+    return labels, np.where((labels == 3) & (y < 7), 1 - distance / thickness, np.nan)
+
+
+def test_banks_that_touch_are_separated(caplog):
+    mean = {}
+    for gap in (0.0, 1.6):
+        labels, truth = sulcus(gap)
+        rim = voxflat.rim(labels, spacing=(0.5, 0.5, 0.5))
+        mean[gap] = np.nanmean(np.abs(rim.depth("equidistant").data - truth))
+        points = rim.surface.points[rim.surface.faces] - (8.87, 5.93, 0)
+        is_deep = (points[..., 1] > 1).all(axis=1)
+        assert (np.ptp(np.sign(points[is_deep, :, 0]), axis=1) == 0).all()  # no bridge between the banks
+        assert len(rim.surface.core.topology()["components"]) == 1
+        assert ("banks of a sulcus touch" in caplog.text) == (gap == 0)
+        caplog.clear()
+    assert mean[0.0] < 1.1 * mean[1.6] < 0.06
+
+
+@pytest.mark.parametrize("thin", ["outer", "inner"])
+def test_columns_stay_in_their_bank(thin):
+    labels = np.zeros((26, 6, 6), np.uint8)  # a thick and a thin bank, with a thin line between them
+    ends = {"outer": (2, 1), "inner": (1, 2)}[thin]
+    labels[:3], labels[3:16], labels[16], labels[17:20], labels[20:] = ends[0], 3, ends[1], 3, ends[0]
+    rim = voxflat.rim(labels)
+    expected = (np.arange(13) + 0.5) / 13
+    found = rim.depth("equidistant").data[3:16, 3, 3]
+    np.testing.assert_allclose(found, expected if thin == "outer" else 1 - expected, atol=0.02)
+    assert abs(np.diff(rim.surface.white_points[:, 0] > 16)).max() == 1
+    assert (abs(rim.surface.white_points[:, 0] - rim.surface.pial_points[:, 0]) < 13.1).all()
+
+
+def test_islands_are_no_borders(rims):
+    rim, labels, *_ = rims["sphere"]
+    filled = labels.data.copy()
+    center = np.array(filled.shape) // 2
+    around = np.linalg.norm(np.indices(filled.shape) - center[:, None, None, None], axis=0) * 0.5
+    filled[(filled == 0) & (around < 9)] = 2
+    filled[center[0] + 15, center[1], center[2]] = 1  # fluid in the white matter
+    found = voxflat.rim(Volume(filled, labels.affine))
+    np.testing.assert_allclose(found.values.depth, rim.values.depth, atol=0.02)
+
+
+def test_streamlines_point_outwards(tmp_path):
+    labels, *_ = bent_layers("sphere", 0.8)
+    turned = np.eye(4)
+    turned[:3, :3] = np.linalg.qr(np.random.default_rng(0).normal(size=(3, 3)))[0] * 0.8
+    directions = voxflat.rim(Volume(labels.data, turned)).streamlines()
+    voxels = np.argwhere(labels.data == 3)
+    radii = (voxels - (np.array([0.13, 0.27, -0.31]) / 0.8 + 18)) @ turned[:3, :3].T
+    radii /= np.linalg.norm(radii, axis=1, keepdims=True)
+    found = directions.data[tuple(voxels.T)]
+    angles = np.degrees(np.arccos((found * radii).sum(axis=1).clip(-1, 1)))
+    assert angles.mean() < 4
+    assert np.quantile(angles, 0.95) < 10
+    assert directions.data.dtype == np.float32
+    assert np.isnan(directions.data[labels.data != 3]).all()
+    for name in ("v.nii.gz", "v.mgz"):
+        voxflat.io.write_volume(tmp_path / name, directions.data, turned, is_vectors=True)
+        np.testing.assert_array_equal(nibabel.load(tmp_path / name).get_fdata(), directions.data)
+    refused("Pass vectors of shape", voxflat.io.write_volume, tmp_path / "v.nii", labels.data, turned, is_vectors=True)
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda v: {"inner": v, "grey": 3}, r"has several values \(1 to 3\). Pass a mask with one value"),
+        (lambda v: {"inner": 3, "grey": 3, "outer": 1}, "inner border lies within the grey matter"),
+        (lambda v: {"inner": v == 3, "grey": v == 3}, "inner border lies within the grey matter"),
+        (lambda v: {"inner": np.where(v == 2, 1, np.nan), "grey": 3}, "contains NaN"),
+        (lambda v: {"inner": Volume(1 * (v == 2), np.eye(4)), "grey": 3}, "affines of the mask"),
+        (lambda v: {"outer": 1}, "inner is missing"),
+    ],
+)
+def test_wrong_masks(rims, make, message):
+    refused(message, voxflat.rim, rims["fold"][1], **make(rims["fold"][1].data))
+
+
+def test_doubtful_rims_are_reported(rims, caplog):
+    labels = rims["fold"][1].data
+    speck = labels.copy()
+    speck[5, :4, 2] = 3
+    for change, options, message in (
+        (labels, {"spacing": (500, 500, 500)}, r"median thickness of the grey matter is 2.46e\+03 mm. Check the voxel"),
+        (speck, {}, r"1 of 2 parts of the grey matter \(4 voxels\) do not touch both borders"),
+        (labels, {"inner": labels > 1, "grey": 3, "outer": 1}, "3240 voxels are grey matter and inner border"),
+    ):
+        voxflat.rim(change, **options)
+        assert re.search(message, caplog.text)
+        caplog.clear()
+
+
+@pytest.mark.parametrize("spacing", [(1e6, 1e6, 1e6), (0.01, 1.0, 1.0), (0.3, 0.3, 6.0)])
+def test_unusual_voxels(rims, spacing):
+    depth = voxflat.rim(rims["fold"][1].data, spacing=spacing).values.depth
+    assert np.isfinite(depth).all()
+
+
+def test_volumes_with_one_time_point(rims):
+    rim, labels, *_ = rims["fold"]
+    np.testing.assert_array_equal(
+        voxflat.rim(labels.data[..., None], affine=labels.affine).values.depth, rim.values.depth
+    )
 
 
 @pytest.mark.parametrize(
@@ -174,6 +280,13 @@ def test_banks_that_touch_are_reported(caplog):
         (lambda v: v + 0.4, "contains the value .*, which is not a label. Resample the rim with nearest-neighbour"),
         (lambda v: np.where(v == 3, np.nan, v), "NaN or infinite"),
         (lambda v: np.stack([v] * 2, -1), "Select one 3-D volume"),
+        (lambda v: v[..., 0], "Select one 3-D volume"),
+        (lambda v: np.stack([v.astype(np.uint8)] * 3, -1), "as for colours"),
+        (lambda v: -v, "its labels are -3, -2, -1"),
+        (lambda v: v == 3, "its labels are 1"),
+        (lambda v: np.choose(v, [0, 2, 3, 1]), r"touches the inner border \(label 2\)"),
+        (lambda v: np.choose(v, [0, 0, 2, 3]), "or hemisphere='left' for FreeSurfer's ribbon"),
+        (lambda v: np.choose(v, [0, 0, 41, 42]), "labels 41 and 42 of FreeSurfer's ribbon. Pass hemisphere"),
         (lambda v: v[:0], "shape"),
     ],
 )
@@ -225,6 +338,10 @@ def test_layers_on_the_command_line(rims, tmp_path):
         found = voxflat.io.read_volume(tmp_path / f"layers{name}.nii.gz")
         np.testing.assert_array_equal(found.data, expected.data)
         np.testing.assert_allclose(found.affine, labels.affine)
+    assert not (tmp_path / "layers_streamlines.nii.gz").exists()
+    succeed("layers", *given, "--streamlines", "-o", tmp_path / "more.nii.gz")
+    written = nibabel.load(tmp_path / "more_streamlines.nii.gz").get_fdata()
+    np.testing.assert_array_equal(written, rim.streamlines().data)
     fail(1, "it is an input. Choose another name", "layers", *given, "-o", tmp_path / "white.nii.gz")
     fail(1, "it is an input. Choose another name", "layers", *given, "-o", tmp_path / "rim.nii.gz")
 

@@ -37,7 +37,7 @@ class Volume(Recorded):
 
     Parameters
     ----------
-    data : ndarray, shape (I, J, K), or (I, J, K, 3) or (I, J, K, 4) for uint8 colours
+    data : ndarray, shape (I, J, K), or (I, J, K, 3) or (I, J, K, 4) for uint8 colours, or (I, J, K, 3) for vectors
         Values in native byte order, indexed as (i, j, k), as in nibabel.
     affine : ndarray, shape (4, 4), float64
         Affine from voxel indices (i, j, k, 1) to RAS+ positions in `unit`; integer indices refer to voxel centres.
@@ -49,6 +49,8 @@ class Volume(Recorded):
         Record of how voxflat created the volume; None if it did not.
     unit : {"mm", "µm", "nm", "cm", "m", "inch"}
         Unit of length of the affine.
+    is_vectors : bool
+        Whether the values are vectors, whose components point right, anterior and superior.
 
     See Also
     --------
@@ -68,6 +70,7 @@ class Volume(Recorded):
     is_placed: bool = True
     provenance: Record | None = None
     unit: str = "mm"
+    is_vectors: bool = False
 
     def __repr__(self) -> str:
         name = "" if self.path is None else f" {self.path.name}"
@@ -75,7 +78,7 @@ class Volume(Recorded):
         return f"<Volume{name}: {shape} of {self.data.dtype}, voxels of {spacing} {self.unit}, {self.orientation}>"
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "data", _check_data(self.data))
+        object.__setattr__(self, "data", _check_data(self.data, self.is_vectors))
         object.__setattr__(self, "affine", check_affine(self.affine))
         object.__setattr__(self, "unit", named_unit(self.unit))
 
@@ -225,6 +228,7 @@ def write_volume(
     record: Record | None = None,
     *,
     has_unit: bool = True,
+    is_vectors: bool = False,
 ) -> None:
     """Write a volume to a file.
 
@@ -235,7 +239,7 @@ def write_volume(
     path : path
         ``.nii``, ``.nii.gz``, ``.nrrd``, ``.mha``, ``.mgh``, ``.mgz``, ``.npz``, or ``.npy``, which cannot hold an
         affine other than the identity.
-    data : array_like, shape (I, J, K), or (I, J, K, 3|4) uint8 for colours
+    data : array_like, shape (I, J, K), or (I, J, K, 3|4) uint8 for colours, or (I, J, K, 3) for vectors
         Values; the type is kept, except that bool becomes uint8 in image formats.
     affine : array_like, shape (4, 4)
         Affine from voxel indices to RAS+ mm.
@@ -243,6 +247,8 @@ def write_volume(
         Provenance record, stored in a NIfTI header as an extension with code 6 (comment). Other formats cannot hold it.
     has_unit : bool
         Whether the affine maps to mm; if it does not, a NIfTI header marks the unit as unknown.
+    is_vectors : bool
+        Whether the values are vectors.
 
     Raises
     ------
@@ -260,7 +266,7 @@ def write_volume(
     path = checked_path(path)
     write = check_volume_name(path)
     with atomic_path(path) as temporary, naming(path, _CHECK):
-        volume = Volume(array_of(data, "values"), check_affine(affine))
+        volume = Volume(array_of(data, "values"), check_affine(affine), is_vectors=is_vectors)
         if has_unit or write is not _write_nifti:
             write(temporary, volume, record)
         else:
@@ -273,14 +279,16 @@ def check_volume_name(path: Path) -> Callable[[Path, Volume, Record | None], Non
         return by_ending(path, _WRITERS, ". The formats .mhd and .nhdr consist of two files and cannot be written")
 
 
-def _check_data(data: NDArray[Any]) -> NDArray[Any]:
+def _check_data(data: NDArray[Any], is_vectors: bool) -> NDArray[Any]:
     """Check type and shape, drop trailing axes of length 1, and convert to native byte order; keep chunked arrays."""
     if isinstance(data, Chunked) or is_chunked(data):
         return data
     data = array_of(data, "values")
     if data.dtype.kind not in "biuf":
         raise InputError(f"values have data type {data.dtype}. Convert them to bool, integer or float")
-    shape = volume_shape(data.shape, data.dtype)
+    shape = data.shape if is_vectors else volume_shape(data.shape, data.dtype)
+    if is_vectors and (len(shape) != 4 or shape[3] != 3):
+        raise InputError(f"has shape {shape}. Pass vectors of shape (I, J, K, 3)")
     data = data if data.shape == shape else data.reshape(shape)
     return data.astype(data.dtype.newbyteorder("="), copy=False)
 
@@ -294,7 +302,7 @@ def _write_npy(path: Path, volume: Volume, _: Record | None) -> None:
 def _write_mgh(path: Path, volume: Volume, _: Record | None) -> None:
     nibabel = require("nibabel")
     data = _storable(volume.data)
-    if data.ndim != 3:
+    if data.ndim != 3 and not volume.is_vectors:
         raise InputError("an MGH file cannot hold colours. Use .nii.gz or .nrrd")
     nibabel.save(nibabel.MGHImage(data, volume.affine), path)
 
@@ -302,7 +310,7 @@ def _write_mgh(path: Path, volume: Volume, _: Record | None) -> None:
 def _write_nifti(path: Path, volume: Volume, record: Record | None, unit: str = "mm") -> None:
     nibabel = require("nibabel")
     data = _storable(volume.data)
-    if data.ndim == 4:
+    if data.ndim == 4 and not volume.is_vectors:
         colour = np.dtype([(name, "u1") for name in "RGBA"[: data.shape[3]]])
         data = np.ascontiguousarray(data).view(colour)[..., 0]
     if max(data.shape) > np.iinfo(np.int16).max:  # nibabel would write a file that only FreeSurfer can read
@@ -319,13 +327,14 @@ def _write_nifti(path: Path, volume: Volume, record: Record | None, unit: str = 
 def _write_itk(path: Path, volume: Volume, _: Record | None) -> None:
     itk = require("itk")
     data = _storable(volume.data)
-    if data.ndim != 3 and path.suffix.lower() == ".mha":
+    is_colour = data.ndim == 4 and not volume.is_vectors
+    if is_colour and path.suffix.lower() == ".mha":
         raise InputError("a MetaImage cannot mark its channels as colours. Use .nii.gz or .nrrd")
     if data.dtype.name not in ITK_TYPES:
         raise InputError(f"ITK cannot write the type {data.dtype}. Convert the values to one of {', '.join(ITK_TYPES)}")
     kji = np.ascontiguousarray(data.transpose(2, 1, 0, *range(3, data.ndim)))
-    pixel = {3: itk.RGBPixel, 4: itk.RGBAPixel}.get(data.shape[3] if data.ndim == 4 else 0)
-    image = itk.image_view_from_array(kji, ttype=pixel and itk.Image[pixel[itk.UC], 3])
+    pixel = {3: itk.RGBPixel, 4: itk.RGBAPixel}.get(data.shape[3] if is_colour else 0)
+    image = itk.image_view_from_array(kji, volume.is_vectors, ttype=pixel and itk.Image[pixel[itk.UC], 3])
     lps = LPS_TO_RAS @ volume.affine
     image.SetSpacing(volume.spacing.tolist())
     image.SetOrigin(lps[:3, 3].tolist())

@@ -17,7 +17,7 @@ from voxflat.laminar.labels import Layered
 from voxflat.maps.depth import vertex_areas
 from voxflat.pipeline.surface import Surface
 
-_FAR = 1e6  # mm, no limit
+_FAR = np.inf  # mm, no limit
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -9,8 +9,11 @@ from numpy.typing import NDArray
 
 from voxflat.arguments import checked_choice, is_whole, log, shown
 from voxflat.errors import InputError
+from voxflat.io.sources import as_volume
 from voxflat.io.volumes import Volume
 from voxflat.surfaces.foreground import check_scalar, keep_mask, labels_in
+
+_CUBE = np.ones((3, 3, 3), dtype=np.bool_)
 
 INNER, GREY, OUTER = 1, 2, 3
 """Labels of a `Layered` volume; 0 is unknown."""
@@ -18,7 +21,7 @@ INNER, GREY, OUTER = 1, 2, 3
 _LAYNII = {"inner": 2, "outer": 1, "grey": 3}
 _RIBBON = {"left": {"inner": 2, "outer": None, "grey": 3}, "right": {"inner": 41, "outer": None, "grey": 42}}
 _ROUNDED = 0.01  # largest difference of a label from a whole number
-_PAD = 6.0  # largest spacings around the labels, in which they are extended; fits of surfaces reach 4 of them
+_PAD = 6  # voxels around the labels, in which they are extended; fits of surfaces reach 4 of them
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,10 +50,10 @@ class Layered:
         return np.asarray(found.clip(0, np.array(self.labels.shape) - 1))
 
     def in_volume(self, values: NDArray[Any], outside: float) -> Volume:
-        """Return a volume with a value for each voxel of grey matter."""
-        data = np.full(self.volume.data.shape, outside, dtype=values.dtype)
+        """Return a volume with a value, or a vector, for each voxel of grey matter."""
+        data = np.full((*self.volume.data.shape, *values.shape[1:]), outside, dtype=values.dtype)
         data[tuple((self.grey + self.first).T)] = values
-        return replace(self.volume, data=data, path=None)
+        return replace(self.volume, data=data, path=None, is_vectors=values.ndim == 2)
 
 
 def layered(volume: Volume, parts: dict[str, object], hemisphere: str | None) -> Layered:
@@ -60,6 +63,7 @@ def layered(volume: Volume, parts: dict[str, object], hemisphere: str | None) ->
     present = labels_in(volume.data) or {}
     codes = _codes(parts, present, hemisphere)
     where = {name: _selected(volume, name, code, present) for name, code in codes.items()}
+    _check_overlap(where)
     labels = np.zeros(volume.data.shape, dtype=np.uint8)
     labels[where["inner"]] = INNER
     if codes["outer"] is None:
@@ -68,8 +72,7 @@ def layered(volume: Volume, parts: dict[str, object], hemisphere: str | None) ->
         labels[where["outer"]] = OUTER
     labels[where["grey"]] = GREY
     box = scipy.ndimage.find_objects(where["grey"].astype(np.uint8))[0]
-    pad = np.ceil(_PAD * volume.spacing.max() / volume.spacing).astype(np.int64)
-    low, high = np.array([part.start for part in box]) - pad, np.array([part.stop for part in box]) + pad
+    low, high = np.array([part.start for part in box]) - _PAD, np.array([part.stop for part in box]) + _PAD
     inside = map(slice, np.maximum(low, 0), np.minimum(high, labels.shape))
     beyond = np.stack([np.maximum(-low, 0), np.maximum(high - labels.shape, 0)], axis=1)
     near = np.pad(labels[tuple(inside)], beyond)
@@ -78,9 +81,41 @@ def layered(volume: Volume, parts: dict[str, object], hemisphere: str | None) ->
     )
     affine = volume.affine.copy()
     affine[:3, 3] += affine[:3, :3] @ low
-    found = Layered(near, near[tuple(nearest)], low, affine, volume)
+    found = Layered(near, _joined(near[tuple(nearest)]), low, affine, volume)
     _check_borders(found, codes)
+    _report_loose(found)
     return found
+
+
+def _joined(labels: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Join parts of a border that do not touch the grey matter, such as ventricles, to the other border around them."""
+    near = scipy.ndimage.binary_dilation(labels == GREY, _CUBE)
+    joined: NDArray[np.uint8] = labels.copy()
+    for label, other in ((INNER, OUTER), (OUTER, INNER)):
+        parts, count = scipy.ndimage.label(labels == label)
+        is_loose = np.ones(count + 1, dtype=np.bool_)
+        is_loose[parts[near]] = is_loose[0] = False
+        if is_loose.any() and not is_loose[1:].all():
+            joined[is_loose[parts]] = other
+    return joined
+
+
+def _report_loose(found: Layered) -> None:
+    """Warn of parts of the grey matter that do not touch both borders."""
+    parts, count = scipy.ndimage.label(found.labels == GREY, _CUBE)
+    is_tied = np.ones(count + 1, dtype=np.bool_)
+    for label in (INNER, OUTER):
+        beside = np.zeros(count + 1, dtype=np.bool_)
+        beside[parts[scipy.ndimage.binary_dilation(found.labels == label, _CUBE)]] = True
+        is_tied &= beside
+    loose = np.bincount(parts.ravel(), minlength=count + 1)[1:][~is_tied[1:]]
+    if len(loose):
+        log.warning(
+            "%s of %s parts of the grey matter (%s voxels) do not touch both borders. Their depth is uncertain",
+            len(loose),
+            count,
+            loose.sum(),
+        )
 
 
 def _whole(volume: Volume) -> Volume:
@@ -116,7 +151,7 @@ def _codes(parts: dict[str, object], present: dict[int, int], hemisphere: str | 
             return dict(_RIBBON[hemisphere])
         if 42 in present and 41 in present:
             raise InputError(
-                "the volume is a ribbon of two hemispheres (labels 2, 3, 41 and 42). Pass hemisphere='left' or 'right'"
+                "the volume has the labels 41 and 42 of FreeSurfer's ribbon. Pass hemisphere='left' or 'right'"
             )
         return dict(_LAYNII)
     if hemisphere is not None:
@@ -136,15 +171,43 @@ def _selected(volume: Volume, name: str, code: object, present: dict[int, int]) 
     if not is_whole(code):
         if isinstance(code, bool | float):
             raise InputError(f"{name} is {shown(code)}. Pass a label (a whole number) or a mask")
-        return keep_mask(code, volume, f"mask of the {_NAMES[name]}")
+        mask = as_volume(code)
+        is_selected = keep_mask(mask, volume, f"mask of the {_NAMES[name]}")
+        values = np.unique(mask.data[is_selected])
+        if len(values) > 1:
+            raise InputError(
+                f"the mask of the {_NAMES[name]} has several values ({values[0]:g} to {values[-1]:g}). Pass a mask "
+                "with one value other than 0"
+            )
+        return is_selected
     found = np.asarray(volume.data == code)
     if not found.any():
         labels = ", ".join(map(str, sorted(present)[:10])) or "none"
+        remedy = "Pass the labels as inner, outer and grey"
+        for side, ribbon in _RIBBON.items():
+            if {ribbon["inner"], ribbon["grey"]} <= present.keys() and 1 not in present:
+                remedy += f", or hemisphere={side!r} for FreeSurfer's ribbon"
         raise InputError(
-            f"the rim has no voxel with the label {code} ({_NAMES[name]}); its labels are {labels}. Pass the labels as "
-            "inner, outer and grey"
+            f"the rim has no voxel with the label {code} ({_NAMES[name]}); its labels are {labels}. {remedy}"
         )
     return found
+
+
+def _check_overlap(where: dict[str, NDArray[np.bool_]]) -> None:
+    """Warn of voxels that belong to several parts; refuse a part that lies in another one."""
+    for first, second in (("grey", "outer"), ("grey", "inner"), ("outer", "inner")):
+        both = int((where[first] & where[second]).sum())
+        if both and both == where[second].sum():
+            raise InputError(f"the {_NAMES[second]} lies within the {_NAMES[first]}. Pass separate labels or masks")
+        if both:
+            log.warning(
+                "%s voxels are %s and %s; they were assigned to the former", both, _NAMES[first], _NAMES[second]
+            )
+
+
+def _told(code: object) -> str:
+    """Return the label in parentheses, or nothing for masks."""
+    return f" (label {code})" if is_whole(code) else ""
 
 
 _NAMES = {"inner": "inner border", "outer": "outer border", "grey": "grey matter"}
@@ -152,11 +215,11 @@ _NAMES = {"inner": "inner border", "outer": "outer border", "grey": "grey matter
 
 def _check_borders(found: Layered, codes: dict[str, object]) -> None:
     """Check that the grey matter touches both borders, and that the inner border does not enclose the outer one."""
-    near = scipy.ndimage.binary_dilation(found.labels == GREY, np.ones((3, 3, 3)))
+    near = scipy.ndimage.binary_dilation(found.labels == GREY, _CUBE)
     for name, label in (("inner", INNER), ("outer", OUTER)):
         if not (near & (found.labels == label)).any():
             raise InputError(
-                f"no voxel of the grey matter touches the {_NAMES[name]} (label {shown(codes[name])}). Check the labels"
+                f"no voxel of the grey matter touches the {_NAMES[name]}{_told(codes[name])}. Check the labels"
             )
     ends = np.ones(found.labels.shape, dtype=np.bool_)
     ends[1:-1, 1:-1, 1:-1] = False

@@ -33,6 +33,7 @@ from voxflat.surfaces.manifold import Manifold
 
 _THICK = 2.5  # thickness, relative to the median, from which two banks may touch
 _FRAGMENT = 0.01  # area of a component of the middle surface, relative to the largest one, below which it is dropped
+_PLAUSIBLE = (0.1, 20.0)  # thickness in mm
 _SHARE_THICK = 0.01  # of the grey matter, above which a warning reports it
 
 
@@ -222,6 +223,31 @@ class Rim(Recorded):
             if all_whole(found) and np.abs(found).max() <= np.iinfo(np.int32).max:
                 found = found.astype(np.int32)
         return self.labels.in_volume(found, background)
+
+    @telling()
+    def streamlines(self) -> Volume:
+        """Return the direction of the column of each voxel of grey matter, from the inner to the outer border.
+
+        It is perpendicular to the middle surface where the column crosses it. Use it, for example, to compute the angle
+        between the cortex and the main magnetic field.
+
+        Returns
+        -------
+        Volume
+            Unit vectors (right, anterior, superior) of shape (I, J, K, 3) as float32; NaN outside the grey matter.
+
+        See Also
+        --------
+        Rim.depth : Return the depth of each voxel.
+
+        Examples
+        --------
+        >>> rim = voxflat.rim(voxflat.samples.rim())
+        >>> directions = rim.streamlines().data
+        >>> directions.shape[3]
+        3
+        """
+        return self.labels.in_volume(self.values.columns.astype(np.float32), np.nan)
 
     @telling()
     def thickness(self) -> Volume:
@@ -470,6 +496,9 @@ def rim(
     volume = as_volume(source, spacing=spacing, affine=affine)
     labels = layered(volume, {"inner": inner, "outer": outer, "grey": grey}, hemisphere)
     values = field_of(labels, threads, progress)
+    usual = float(np.median(values.thickness))
+    if not _PLAUSIBLE[0] < usual < _PLAUSIBLE[1]:
+        log.warning("the median thickness of the grey matter is %.3g mm. Check the voxel size", usual)
     share = float((values.thickness > _THICK * np.median(values.thickness)).mean())
     if share > _SHARE_THICK:
         log.warning(

@@ -58,6 +58,11 @@ _layering = option_of(Rim.layers, "layering", type=click.Choice(LAYERINGS), unti
     "Layers",
     options.value("--count", "N", "Number of layers.", "-n", type=int, required=True),
     _layering,
+    options.flag(
+        "--streamlines",
+        "Also write the direction of the column of each voxel as unit vectors (right, anterior, superior), with "
+        "_streamlines added to the name.",
+    ),
 )
 @options.output(
     "Output volume for the layers, numbered from 1 at the inner border to N at the outer border. Volumes of the depth "
@@ -65,7 +70,7 @@ _layering = option_of(Rim.layers, "layering", type=click.Choice(LAYERINGS), unti
 )
 @options.run(options.threads, options.memory_limit)
 def layers_command(
-    input_: Path, output: Path, count: int, layering: str, writing: dict[str, Any], **given: Any
+    input_: Path, output: Path, count: int, layering: str, streamlines: bool, writing: dict[str, Any], **given: Any
 ) -> None:
     """Divide the grey matter of a segmentation into layers.
 
@@ -76,19 +81,21 @@ def layers_command(
     ending = next(ending for ending in sorted(VOLUME_ENDINGS, key=len)[::-1] if output.name.lower().endswith(ending))
     beside = [
         output.with_name(f"{output.name[: -len(ending)]}_{name}{output.name[-len(ending) :]}")
-        for name in ("depth", "thickness")
+        for name in ("depth", "thickness", *(["streamlines"] if streamlines else []))
     ]
     check_output(output, beside=beside, **writing)
     with bars() as shown:
         made = rim(input_, **given, progress=shown.progress)
         volumes = [made.layers(count, layering), made.depth(layering), made.thickness()]
+        volumes += [made.streamlines()] if streamlines else []
     for path, volume in zip((output, *beside), volumes, strict=True):
-        write_volume(path, volume.data, volume.in_unit("mm").affine, volume.provenance)
+        volume = volume.in_unit("mm")
+        write_volume(path, volume.data, volume.affine, volume.provenance, is_vectors=volume.is_vectors)
     voxels, thickness = len(made.values.depth), float(np.median(made.values.thickness))
     report(
         {"output": [str(path) for path in (output, *beside)], "voxels": voxels, "median_thickness": thickness},
-        f"{voxels} voxels of grey matter, median thickness {thickness:.2f} mm\nsaved as {output}, {beside[0]} and "
-        f"{beside[1]}",
+        f"{voxels} voxels of grey matter, median thickness {thickness:.2f} mm\nsaved as "
+        f"{', '.join(map(str, (output, *beside[:-1])))} and {beside[-1]}",
     )
 
 

@@ -1,0 +1,121 @@
+"""Keep columns within their bank, and place a border where the banks of a sulcus touch without one."""
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from voxflat.laminar.labels import Layered
+
+_THICK = 1.5  # thickness, relative to the usual one, from which two banks may touch
+_BANK = (0.5, 1.5)  # thickness of each of these banks, relative to the usual one
+_SHARE = 0.2  # of a part of the surface, at least, that lies at such places
+_SAMPLE = 20_000  # voxels from which the usual thickness is estimated
+
+_STEPS = np.eye(3, dtype=np.int64)
+_BESIDE = np.concatenate([_STEPS, -_STEPS])
+_AROUND = [np.array([0 * a, a, a + b, b]) for a, b in (_STEPS[[1, 2]], _STEPS[[0, 2]], _STEPS[[0, 1]])]
+
+
+def crosses(
+    rim: Layered, label: int, places: NDArray[np.float64], feet: NDArray[np.float64], others: NDArray[np.float64]
+) -> NDArray[np.int64]:
+    """Return the places whose straight way to `feet` passes a label; `others` are the nearest points of this label."""
+    way, other = feet - places, others - places
+    length = np.linalg.norm(way, axis=1)
+    found = np.flatnonzero(((way * other).sum(axis=1) > 0) & (np.linalg.norm(other, axis=1) < length))
+    steps = int(np.ceil(2 * length[found].max(initial=0) / rim.volume.spacing.min()))
+    is_passed = np.zeros(len(found), dtype=np.bool_)
+    for step in range(1, steps):
+        passed = rim.voxels(places[found] + step / steps * way[found])
+        is_passed |= rim.extended[tuple(passed.T)] == label
+    return found[is_passed]
+
+
+def keep_to_bank(
+    rim: Layered, label: int, voxels: NDArray[np.int64], feet: NDArray[np.float64], others: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return the nearest points on a border that grey `voxels` reach without passing a label.
+
+    Between a thick and a thin bank, the nearest point of the inner border can belong to the other bank. Such voxels
+    take the nearest of their neighbours' points.
+    """
+    places, feet = rim.places(voxels), feet.copy()
+    lost = crosses(rim, label, places, feet, others)
+    number = np.full(rim.labels.shape, -1, dtype=np.int32)
+    number[tuple(voxels.T)] = np.arange(len(voxels))
+    is_known = np.ones(len(voxels) + 1, dtype=np.bool_)  # the last one is for -1
+    is_known[lost] = is_known[-1] = False
+    last = np.array(rim.labels.shape) - 1
+    while len(lost):
+        near = number[tuple(np.moveaxis((voxels[lost][:, None] + _BESIDE).clip(0, last), -1, 0))]
+        distances = np.linalg.norm(feet[near] - places[lost][:, None], axis=2)
+        distances[~is_known[near]] = np.inf
+        best = distances.argmin(axis=1)
+        is_reached = np.isfinite(distances.min(axis=1))
+        if not is_reached.any():
+            break  # no neighbour belongs to a column
+        reached = lost[is_reached]
+        feet[reached] = feet[near[is_reached, best[is_reached]]]
+        is_known[reached] = True
+        lost = lost[~is_reached]
+    return feet
+
+
+def between_banks(
+    voxels: NDArray[np.int64],
+    shape: tuple[int, ...],
+    places: NDArray[np.float64],
+    feet: NDArray[np.float64],
+    outwards: NDArray[np.float64],
+) -> tuple[NDArray[np.float64], NDArray[np.uint32]]:
+    """Return the points and triangles of the surface halfway between banks that touch.
+
+    Neighbouring voxels lie on opposite sides if the directions to their nearest points on the inner border (`feet`) are
+    opposed. The surface crosses the line between their centres (`places`) where both points are equally distant.
+    `outwards` are the distances from the outer border in mm.
+
+    Opposite sides also meet below the bottom of a narrow sulcus. Therefore, a part of the surface counts only if the
+    grey matter around it is often too thick for one bank, and each half of it has the thickness of a bank.
+    """
+    number = np.full(shape, -1, dtype=np.int32)
+    number[tuple(voxels.T)] = np.arange(len(voxels))
+    last = np.array(shape) - 1
+    columns = places - feet
+    inwards = np.linalg.norm(columns, axis=1)
+    pairs, crossings, cells = [], [], []
+    for step, around in zip(_STEPS, _AROUND, strict=True):
+        second = number[tuple(np.minimum(voxels + step, last).T)]  # itself at the end of the box
+        first = np.flatnonzero(second >= 0)
+        second = second[first]
+        way, apart = places[second] - places[first], feet[second] - feet[first]
+        ahead = ((feet[first] + feet[second]) / 2 - places[first]) * apart
+        whole = (way * apart).sum(axis=1)
+        is_opposed = ((columns[first] * columns[second]).sum(axis=1) < 0) & (whole > 0)
+        first, second, way = first[is_opposed], second[is_opposed], way[is_opposed]
+        part = ahead.sum(axis=1)[is_opposed] / whole[is_opposed]
+        pairs.append(np.stack([first, second]))
+        crossings.append(places[first] + part.clip(0, 1)[:, None] * way)
+        cells.append(np.ravel_multi_index(tuple(np.moveaxis(voxels[first][:, None] - around, -1, 0)), shape))
+    pair, crossing, corners = np.concatenate(pairs, axis=1), np.concatenate(crossings), np.concatenate(cells)
+    if not len(crossing):
+        return crossing, np.zeros((0, 3), dtype=np.uint32)
+    used, corners = np.unique(corners, return_inverse=True)
+    corners = corners.reshape(-1, 4)  # a quadrilateral for each pair of voxels, with a point in each cell of 8 voxels
+    points = np.zeros((len(used), 3))
+    np.add.at(points, corners, crossing[:, None])
+    points /= np.bincount(corners.ravel(), minlength=len(used))[:, None]
+
+    some = slice(None, None, len(voxels) // _SAMPLE + 1)
+    nearest = scipy.spatial.cKDTree(crossing).query(places[some])[0]
+    usual = np.median(inwards[some] + np.minimum(outwards[some], nearest))
+    bank, both = inwards[pair] / usual, (inwards + outwards)[pair] / usual
+    is_thick = ((both > _THICK) & (bank > _BANK[0]) & (bank < _BANK[1])).all(axis=0)
+    links = scipy.sparse.coo_matrix(
+        (np.ones(corners.size), (corners.ravel(), np.roll(corners, 1, axis=1).ravel())), shape=(len(used), len(used))
+    )
+    part_of = scipy.sparse.csgraph.connected_components(links, directed=False)[1][corners[:, 0]]
+    share = np.bincount(part_of, is_thick) / np.maximum(np.bincount(part_of), 1)
+    corners = corners[share[part_of] > _SHARE]
+    kept, corners = np.unique(corners, return_inverse=True)
+    points, corners = points[kept], corners.reshape(-1, 4)
+    return points, np.concatenate([corners[:, [0, 1, 2]], corners[:, [0, 2, 3]]]).astype(np.uint32)
