@@ -88,9 +88,10 @@ def layers_command(
         made = rim(input_, **given, progress=shown.progress)
         volumes = [made.layers(count, layering), made.depth(layering), made.thickness()]
         volumes += [made.streamlines()] if streamlines else []
-    for path, volume in zip((output, *beside), volumes, strict=True):
-        volume = volume.in_unit("mm")
-        write_volume(path, volume.data, volume.affine, volume.provenance, is_vectors=volume.is_vectors)
+    with saving(output, volumes[0].provenance or {}, **writing):
+        for path, volume in zip((output, *beside), volumes, strict=True):
+            volume = volume.in_unit("mm")
+            write_volume(path, volume.data, volume.affine, volume.provenance, is_vectors=volume.is_vectors)
     voxels, thickness = len(made.values.depth), float(np.median(made.values.thickness))
     report(
         {"output": [str(path) for path in (output, *beside)], "voxels": voxels, "median_thickness": thickness},
@@ -135,10 +136,11 @@ def columns_command(
         made = rim(input_, **given, progress=shown.progress).columns(
             count, area=area, seed=seed, progress=shown.progress
         )
-    write_volume(output, made.volume.data, made.volume.in_unit("mm").affine, made.volume.provenance)
+    with saving(output, made.provenance, **writing):
+        write_volume(output, made.volume.data, made.volume.in_unit("mm").affine, made.provenance)
     median = float(np.median(made.areas))
     report(
-        {"output": str(output), "columns": len(made), "median_area": median},
+        {"output": str(output), "columns": len(made), "median_area": median, "provenance": made.provenance},
         f"{len(made)} columns, median area {median:.2f} mm²\nsaved as {output}",
     )
 
