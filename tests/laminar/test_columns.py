@@ -79,11 +79,14 @@ def test_columns_depend_on_the_seed_alone():
     assert (one.centres[0] != other.centres[0]).any()
 
 
-def test_more_columns_than_voxels_warn(caplog):
-    rim = voxflat.rim(voxflat.samples.rim())
-    columns = rim.columns(len(rim.surface.points))
-    assert "contain the centre of no voxel" in caplog.text
-    assert len(np.unique(columns.volume.data)) - 1 < len(columns)
+def test_no_column_is_empty():
+    labels = np.zeros((60, 14, 1), dtype=np.uint8)  # one slice
+    for low, high, label in ((2, 4, 2), (4, 8, 3), (8, 10, 1)):
+        labels[:, low:high] = label
+    rim = voxflat.rim(Volume(labels, np.diag([0.5, 0.5, 2.0, 1])))
+    columns = rim.columns(40)
+    assert_connected(columns)
+    assert set(np.unique(columns.volume.data)) == set(range(41))
 
 
 @pytest.mark.parametrize(

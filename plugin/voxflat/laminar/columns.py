@@ -74,19 +74,17 @@ def columns_of(
 ) -> Columns:
     """Divide the middle surface into geodesic Voronoi cells, and assign each voxel to the cell of its column."""
     areas = vertex_areas(surface.points, surface.faces)
-    count = _count(count, area, len(surface.points), float(areas.sum()))
-    if not is_whole(seed) or not 0 <= seed < 2**63:
-        raise InputError(f"seed is {shown(seed)}. Pass a whole number from 0 to 2**63 - 1")
-    sources, cells = surface.core.cells(count, int(seed), progress)
     triangles, weights, _ = _core.NearestFinder(surface.points, surface.faces).find(halfway, _FAR)
     corners = surface.faces[triangles, weights.argmax(axis=1)]
-    voxels = labels.grey
-    found = _core.connect_columns(voxels.astype(np.uint32), cells[corners], halfway, progress)
-    loose, empty = int((found == 0).sum()), count - len(np.unique(found[found > 0]))
+    reached = np.unique(corners)  # a source among these has at least one voxel
+    count = _count(count, area, len(reached), float(areas.sum()))
+    if not is_whole(seed) or not 0 <= seed < 2**63:
+        raise InputError(f"seed is {shown(seed)}. Pass a whole number from 0 to 2**63 - 1")
+    sources, cells = surface.core.cells(reached.astype(np.uint32), count, int(seed), progress)
+    found = _core.connect_columns(labels.grey.astype(np.uint32), cells[corners], halfway, progress)
+    loose = int((found == 0).sum())
     if loose:
         log.warning("%d of %d voxels of grey matter belong to no column, because none touches them", loose, len(found))
-    if empty:
-        log.warning("%d of %d columns contain the centre of no voxel. Pass a smaller count", empty, count)
     return Columns(
         labels.in_volume(found.astype(np.int32), 0),
         cells.astype(np.int32),
@@ -113,5 +111,7 @@ def _count(count: Any, area: Any, points: int, total: float) -> int:
         count = max(1, round(min(total / area, 1e9)))
         given = f"an area of {area:g} mm² gives {count} columns. They"
     if count > points:
-        raise InputError(f"{given} exceed the {points} points of the middle surface. Pass fewer or larger columns")
+        raise InputError(
+            f"{given} exceed the {points} points of the middle surface that voxels belong to. Pass fewer or larger columns"
+        )
     return int(count)

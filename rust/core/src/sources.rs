@@ -60,9 +60,17 @@ impl Sources {
             if count > points { Err(Error::TooManySources { sources: count, points }) } else { Ok(count) }
         };
         match *self {
-            Self::Farthest { count, seed } => Ok(farthest(graph, checked(count)?, seed, None, control)?.0),
+            Self::Farthest { count, seed } => {
+                let first = random(points, checked(count)?.min(1), seed).first().copied();
+                Ok(farthest(graph, count, first, first_of_greatest, control)?.0)
+            }
             Self::Weighted { count, seed, ref weights } => {
-                Ok(farthest(graph, checked(count)?, seed, Some(weights), control)?.0)
+                let first = random(points, checked(count)?.min(1), seed).first().copied();
+                let next = |nearest: &[f32]| {
+                    let counted: Vec<f32> = nearest.iter().zip(weights).map(|(near, weight)| near * weight).collect();
+                    first_of_greatest(&counted)
+                };
+                Ok(farthest(graph, count, first, next, control)?.0)
             }
             Self::Random { count, seed } => Ok(random(points, checked(count)?, seed)),
             Self::Given(ref vertices) => given(vertices, points),
@@ -87,15 +95,22 @@ pub fn by_curvature(surface: &Surface, count: usize) -> Vec<f32> {
     mean_curvature(surface, BEND_RINGS).into_iter().map(weight).collect()
 }
 
-/// Divides a graph into the geodesic Voronoi cells of evenly spread sources ([`Sources::Farthest`]). Returns the sources
-/// and, for each vertex, the number of the nearest source; the first of several, and `u32::MAX` if no path leads to one.
-/// All vertices on the shortest path to the source are in the same cell.
-pub fn cells(graph: &impl Links, count: usize, seed: u64, control: &Control) -> Result<(Vec<u32>, Vec<u32>)> {
+/// Divides a graph into the geodesic Voronoi cells of evenly spread sources, as [`Sources::Farthest`], which are chosen
+/// from some vertices. Returns the sources and, for each vertex, the number of the nearest source; the first of several,
+/// and `u32::MAX` if no path leads to one. All vertices on the shortest path to the source are in the same cell.
+pub fn cells(
+    graph: &impl Links, from: &[u32], count: usize, seed: u64, control: &Control,
+) -> Result<(Vec<u32>, Vec<u32>)> {
     let points = graph.vertices();
-    if count > points {
-        return Err(Error::TooManySources { sources: count, points });
+    if count > from.len() {
+        return Err(Error::TooManySources { sources: count, points: from.len() });
     }
-    let (sources, nearest) = farthest(graph, count, seed, None, control)?;
+    let first = random(from.len(), count.min(1), seed).first().map(|&n| from[n as usize]);
+    let farthest_of = |nearest: &[f32]| {
+        let greatest = from.iter().map(|&vertex| nearest[vertex as usize].to_bits()).fold(0, u32::max);
+        from.iter().copied().find(|&vertex| nearest[vertex as usize].to_bits() == greatest)
+    };
+    let (sources, nearest) = farthest(graph, count, first, farthest_of, control)?;
     let mut cells = vec![u32::MAX; points];
     let mut stack = Vec::new();
     for (cell, &source) in (0..).zip(&sources) {
@@ -115,27 +130,22 @@ pub fn cells(graph: &impl Links, count: usize, seed: u64, control: &Control) -> 
     Ok((sources, cells))
 }
 
-/// Returns the sources, and the distance of each vertex to the nearest of them.
+/// Returns the sources, and the distance of each vertex to the nearest of them. `next` returns the next source for the
+/// distances to the previous ones.
 fn farthest(
-    graph: &impl Links, count: usize, seed: u64, weights: Option<&[f32]>, control: &Control,
+    graph: &impl Links, count: usize, first: Option<u32>, next: impl Fn(&[f32]) -> Option<u32>, control: &Control,
 ) -> Result<(Vec<u32>, Vec<f32>)> {
     control.begin("choosing sources", count as u64);
     let mut search = Search::new(graph);
     let mut nearest = vec![f32::INFINITY; graph.vertices()]; // distance to the sources so far
     let mut chosen = Vec::with_capacity(count);
-    let mut next = random(graph.vertices(), count.min(1), seed).first().copied();
-    while let (Some(source), true) = (next, chosen.len() < count) {
-        nearest[source as usize] = 0.0;
-        search.lower(graph, &[source], &mut nearest, control)?;
-        chosen.push(source);
+    let mut source = first;
+    while let (Some(vertex), true) = (source, chosen.len() < count) {
+        nearest[vertex as usize] = 0.0;
+        search.lower(graph, &[vertex], &mut nearest, control)?;
+        chosen.push(vertex);
         control.advance();
-        next = match weights {
-            None => first_of_greatest(&nearest),
-            Some(weights) => {
-                let counted: Vec<f32> = nearest.iter().zip(weights).map(|(near, weight)| near * weight).collect();
-                first_of_greatest(&counted)
-            }
-        };
+        source = next(&nearest);
     }
     Ok((chosen, nearest))
 }
@@ -199,9 +209,15 @@ mod tests {
     #[test]
     fn each_vertex_is_in_the_cell_of_its_nearest_source() {
         let (graph, control) = (bent_sheet(), Control::default());
-        for count in [0, 1, 2, 12, graph.vertices()] {
-            let (sources, cells) = super::cells(&graph, count, 5, &control).unwrap();
-            assert_eq!(sources, Sources::Farthest { count, seed: 5 }.choose(&graph, &control).unwrap());
+        let all: Vec<u32> = (0..graph.vertices() as u32).collect();
+        let some: Vec<u32> = all.iter().copied().filter(|vertex| vertex % 3 == 1).collect();
+        for (from, count) in [0, 1, 2, 12, some.len()].into_iter().flat_map(|count| [(&all, count), (&some, count)]) {
+            let (sources, cells) = super::cells(&graph, from, count, 5, &control).unwrap();
+            assert!(sources.iter().all(|source| from.contains(source)));
+            assert_eq!(distinct(sources.clone()).len(), count);
+            if from.len() == all.len() {
+                assert_eq!(sources, Sources::Farthest { count, seed: 5 }.choose(&graph, &control).unwrap());
+            }
             let rows: Vec<Vec<f32>> = sources.iter().map(|&source| row(&graph, source)).collect();
             for vertex in 0..graph.vertices() {
                 let least = rows.iter().map(|row| row[vertex]).fold(f32::INFINITY, f32::min);
@@ -211,7 +227,8 @@ mod tests {
                 }
             }
         }
-        assert!(matches!(super::cells(&graph, graph.vertices() + 1, 5, &control), Err(Error::TooManySources { .. })));
+        let too_many = super::cells(&graph, &some, some.len() + 1, 5, &control);
+        assert!(matches!(too_many, Err(Error::TooManySources { .. })));
     }
 
     #[test]

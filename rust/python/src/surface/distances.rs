@@ -102,14 +102,17 @@ impl Surface {
         Ok(chosen.into_pyarray(py))
     }
 
-    /// Divide the surface into the geodesic Voronoi cells of evenly spread sources: the sources (count,), and for each
-    /// point the number of its cell from 1, or 0 if no path leads to a source (N,).
-    #[pyo3(signature = (count, seed, progress=None))]
+    /// Divide the surface into the geodesic Voronoi cells of evenly spread sources, chosen from some points: the sources
+    /// (count,), and for each point the number of its cell from 1, or 0 if no path leads to a source (N,).
+    #[pyo3(signature = (points, count, seed, progress=None))]
     fn cells<'py>(
-        &self, py: Python<'py>, count: usize, seed: u64, progress: Progress<'py>,
+        &self, py: Python<'py>, points: Given<'py, u32>, count: usize, seed: u64, progress: Progress<'py>,
     ) -> PyResult<(Values<'py, u32>, Values<'py, u32>)> {
-        let (sources, cells) =
-            self.run(py, None, &progress, move |inner, control| cells(&*inner.graph(control)?, count, seed, control))?;
+        let from = convert::values(&points);
+        convert::check_vertices(from.iter().copied(), self.0.surface.len())?;
+        let (sources, cells) = self.run(py, None, &progress, move |inner, control| {
+            cells(&*inner.graph(control)?, &from, count, seed, control)
+        })?;
         let cells: Vec<u32> = cells.into_iter().map(|cell| cell.wrapping_add(1)).collect();
         Ok((sources.into_pyarray(py), cells.into_pyarray(py)))
     }
