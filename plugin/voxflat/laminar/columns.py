@@ -112,6 +112,7 @@ def _count(count: Any, area: Any, points: int, total: float) -> int:
         given = f"an area of {area:g} mm² gives {count} columns. They"
     if count > points:
         raise InputError(
-            f"{given} exceed the {points} points of the middle surface that belong to voxels. Pass fewer or larger columns"
+            f"{given} exceed the {points} points of the middle surface that belong to voxels. Pass fewer or larger "
+            "columns"
         )
     return int(count)
