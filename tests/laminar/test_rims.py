@@ -369,3 +369,13 @@ def test_provenance_says_how_it_was_made(rims, tmp_path):
     layers = voxflat.rim(path).layers(3)
     assert layers.provenance["parameters"]["count"] == 3
     assert str(path) in layers.provenance["parameters"]["of"]["files"] or layers.provenance["parameters"]["of"]["files"]
+
+
+def test_a_rim_is_flattened_as_its_middle_surface():
+    rim = voxflat.rim(voxflat.samples.rim())
+    np.testing.assert_array_equal(voxflat.flatten(rim).uv, rim.surface.flatten().uv)
+    assert voxflat.surface(rim).points.shape == rim.surface.points.shape
+    assert voxflat.check(rim).can_flatten
+    assert rim.surface.flatten().provenance["parameters"]["of"]["function"] == "rim"
+    refused("label does not apply when the input is a Surface", voxflat.surface, rim, label=3)
+    refused("this object is not supported", voxflat.surface, rim.surface.cut())

@@ -75,6 +75,10 @@ class Rim(Recorded):
         thickness = float(np.median(self.values.thickness))
         return f"<Rim: {len(self.values.depth)} voxels of grey matter, median thickness {thickness:.2f} mm>"
 
+    def _with_provenance(self, record: Record) -> Rim:
+        """Return the same rim with a provenance record, which its surface shares."""
+        return replace(super()._with_provenance(record), surface=self.surface._with_provenance(record))
+
     def _depth(self, layering: str) -> Any:
         checked_choice(layering, "layering", LAYERINGS)
         return self.values.depth if layering == "equidistant" else self.values.volume_depth

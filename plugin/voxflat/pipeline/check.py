@@ -13,7 +13,7 @@ from voxflat.io.meshes import Mesh
 from voxflat.io.reading import reading
 from voxflat.io.sources import as_mesh, as_volume
 from voxflat.io.volumes import Volume
-from voxflat.pipeline.surface import Surface
+from voxflat.pipeline.surface import Surface, middle_of_rim
 from voxflat.pipeline.surface import surface as _surface
 from voxflat.surfaces.cutting import Where
 from voxflat.surfaces.findings import Check, check_surface
@@ -41,7 +41,7 @@ def check(
 
     Parameters
     ----------
-    source : ndarray, path, image object, Volume, (points, faces), Mesh, pyvista.PolyData or Surface
+    source : ndarray, path, image object, Volume, (points, faces), Mesh, pyvista.PolyData, Surface or Rim
         As in `voxflat.surface`.
     label, threshold, spacing, affine : optional
         As in `voxflat.surface`.
@@ -72,6 +72,7 @@ def check(
     """
     if part is not None and not callable(part):
         raise InputError(f"part is {shown(part)}. Pass a function that takes a Surface and returns a part of it")
+    source = middle_of_rim(source)
     with reading(memory_limit):
         if isinstance(source, Surface):
             chosen = source if part is None else part(source)

@@ -33,7 +33,7 @@ def flatten(
 
     Parameters
     ----------
-    surface : path, ndarray, image object, Volume, (points, faces), Mesh, pyvista.PolyData, Surface or CutSurface
+    surface : path, ndarray, image object, Volume, (points, faces), Mesh, pyvista.PolyData, Surface, Rim or CutSurface
         Any input of `voxflat.surface`, or a surface that is already cut.
     method : str or Method
         As in `Surface.flatten`.

@@ -724,9 +724,9 @@ def surface(
 
     Parameters
     ----------
-    source : ndarray, path, image object, Volume, (points, faces), Mesh, pyvista.PolyData or Surface
+    source : ndarray, path, image object, Volume, (points, faces), Mesh, pyvista.PolyData, Surface or Rim
         A label or intensity volume (I, J, K), or a triangle mesh in RAS+ mm. The space of a mesh (`Surface.space`) is
-        the one that its file defines: scanner RAS, FreeSurfer's tkRAS, or unknown.
+        the one that its file defines: scanner RAS, FreeSurfer's tkRAS, or unknown. For a `Rim`, its middle surface.
     label : int, optional
         Label of the foreground, for volumes. By default, the only label in the volume.
     threshold : float, optional
@@ -782,6 +782,7 @@ def surface(
     threads = checked_threads(threads)
     give_back_memory()
     voxels = {"label": label, "threshold": threshold, "spacing": spacing, "affine": affine, "probability": probability}
+    source = middle_of_rim(source)
     if isinstance(source, Surface):
         _refuse_options("a Surface", **voxels, pial=pial, unit=unit, repair=repair)
         return source
@@ -799,6 +800,12 @@ def surface(
     if unit is not None:
         made = replace(made, metadata={**made.metadata, "unit": unit})
     return Surface._of(cut_handles(made, threads, progress) if repair == "cuts" else made)
+
+
+def middle_of_rim(source: object) -> object:
+    """Return the middle surface of a `Rim`, whose class is defined further up; any other source as it is."""
+    middle = None if isinstance(source, CutSurface) else getattr(source, "surface", None)
+    return middle if isinstance(middle, Surface) else source
 
 
 def _refuse_options(what: str, **options: object) -> None:
