@@ -372,6 +372,7 @@ def test_provenance_says_how_it_was_made(rims, tmp_path):
 
 
 def test_a_rim_is_flattened_as_its_middle_surface():
+    refused(r"labels 1, 2, 3. For a rim .* use voxflat.rim", voxflat.flatten, voxflat.samples.rim())
     rim = voxflat.rim(voxflat.samples.rim())
     np.testing.assert_array_equal(voxflat.flatten(rim).uv, rim.surface.flatten().uv)
     assert voxflat.surface(rim).points.shape == rim.surface.points.shape

@@ -155,7 +155,9 @@ def _only_label(data: NDArray[Any]) -> int:
         raise InputError(f"the volume has intensities from {data.min():g} to {data.max():g}. Pass a threshold")
     labels = labels_in(data)
     if labels is None or len(labels) > 1:
-        raise InputError(f"pass a label or a threshold; {_present(data)}")
+        is_rim = labels is not None and set(labels) == {1, 2, 3}
+        hint = ". For a rim (borders and grey matter), use voxflat.rim, or --rim on the command line" if is_rim else ""
+        raise InputError(f"pass a label or a threshold; {_present(data)}{hint}")
     if not labels:
         raise InputError("the volume is empty: every voxel is 0")
     return next(iter(labels))
