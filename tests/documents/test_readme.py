@@ -47,11 +47,20 @@ def test_the_commands_run(lab):
     whole = ndimage.affine_transform(white_matter.data, np.full(3, 1.5), output_shape=(132, 156, 126), order=1)
     write_volume(lab / "brain.nii.gz", whole, grid)
     write_volume(lab / "zstat.nii.gz", 9 * np.sin(np.indices(whole.shape)[1] / 9), grid)
+    rim = voxflat.samples.rim()
+    write_volume(lab / "rim.nii.gz", rim.data, rim.affine)
     commands = re.findall(r"^ {4}voxflat (.*)$", README, re.MULTILINE)
-    assert len(commands) == 6
+    assert len(commands) == 7
     for command in commands:
         succeed(*shlex.split(command, comments=True))
-    assert {path.name for path in lab.iterdir()} >= {"lh.npz", "rh.npz", "both.png", "map.npz", "t1_flat.png"}
+    assert {path.name for path in lab.iterdir()} >= {
+        "lh.npz",
+        "rh.npz",
+        "both.png",
+        "map.npz",
+        "t1_flat.png",
+        "layers.nii.gz",
+    }
 
 
 def test_every_relative_link_exists_and_the_readme_is_short():
