@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from napari import Viewer
 
-import voxflat
+from voxflat import samples
 from voxflat._napari.layers.seed import MARKER
 from voxflat._napari.results.flat_layers import LayerData, hidden
 from voxflat.arguments import Progress
@@ -39,7 +39,7 @@ def demo_cortex() -> list[LayerData]:
 
 def demo_rim() -> list[LayerData]:
     """Open a small rim, and a volume that is high in the middle layers of one half of the gyrus."""
-    rim = voxflat.samples.rim()
+    rim = samples.rim()
     x, y, _ = np.indices(rim.data.shape) * rim.spacing[:, None, None, None]
     depth = (np.hypot(x - 7.8, y) - 4.5) / 2.5  # the radii of the grey matter are 4.5 and 7 mm
     active = np.exp(-(((depth - 0.5) / 0.2) ** 2)) * (x > 7.8)

@@ -46,7 +46,7 @@ class Columns(Recorded):
     Examples
     --------
     >>> voxflat.rim(voxflat.samples.rim()).columns(50)
-    <Columns: 50 columns, median area 3.48 mm²>
+    <Columns: 50 columns, median area 3.19 mm²>
     """
 
     volume: Volume

@@ -126,8 +126,8 @@ class Profile(Recorded):
         >>> rim = voxflat.rim(voxflat.samples.rim())
         >>> print(rim.profile(rim.depth(), count=2).table())
         region       layer  depth    mean      sd  voxels
-        grey matter      1   0.25  0.2459  0.1394    2727
-        grey matter      2   0.75  0.7446  0.1458    2953
+        grey matter      1   0.25   0.246  0.1394    2722
+        grey matter      2   0.75  0.7447  0.1458    2958
         """
         rows = []
         for region, layer, depth, mean, sd, voxels, channel in self._rows():

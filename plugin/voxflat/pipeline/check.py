@@ -70,7 +70,7 @@ def check(
     >>> voxflat.check(voxflat.samples.ball()).can_flatten
     True
     """
-    if part is not None and not callable(part):
+    if part is not None and (not callable(part) or isinstance(part, type)):
         raise InputError(f"part is {shown(part)}. Pass a function that takes a Surface and returns a part of it")
     source = middle_of_rim(source)
     with reading(memory_limit):
