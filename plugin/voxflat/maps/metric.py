@@ -44,4 +44,4 @@ class Metric:
 def _inverse(matrices: _Floats) -> _Floats:
     """Return the inverses of matrices of shape (F, 2, 2); not finite for singular ones."""
     (a, b), (c, d) = matrices.transpose(1, 2, 0)
-    return np.asarray(np.array([[d, -b], [-c, a]]) / (a * d - b * c)).transpose(2, 0, 1)
+    return np.asarray((np.array([[d, -b], [-c, a]]) / (a * d - b * c)).transpose(2, 0, 1))

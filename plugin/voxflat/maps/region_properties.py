@@ -29,10 +29,12 @@ def properties_of(
 ) -> dict[str, _Floats]:
     """Return the properties of regions, one value for each key, as `Regions.properties` documents them."""
     size, (left, top) = raster.pixel_size, raster.origin
-    rows, columns = np.nonzero(raster.inside)
+    rows, columns = np.nonzero(raster.inside & scipy.ndimage.binary_dilation(labels != 0, iterations=_REACH))
     places = of.look_up(np.column_stack([left + columns * size, top - rows * size]))
     metric, sorted_keys = of._metric, np.sort(keys)
     area = size**2 * np.where(places.face_ids < 0, 0.0, np.nan_to_num(metric.area[places.face_ids]))
+    faces = np.full(raster.shape, -1, dtype=np.int64)
+    faces[rows, columns] = places.face_ids
     own = labels[rows, columns]
     kept = (own != 0) & (area > 0)
     which, area_of, face = np.searchsorted(sorted_keys, own[kept]), area[kept], places.face_ids[kept]
@@ -52,7 +54,7 @@ def properties_of(
         spread = (between + within) / areas[:, None, None]
         normals = totals(metric.normals)
         normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    found = {"area": areas, "perimeter": _perimeters(of, labels, raster, sorted_keys, at, places.face_ids)}
+    found = {"area": areas, "perimeter": _perimeters(of, labels, raster, sorted_keys, at, faces)}
     found |= {"map_area": size**2 * np.bincount(which, minlength=len(keys)).astype(np.float64)}
     found |= dict(zip("xyz", centres.T, strict=True))
     found |= _shapes(of, centres, spread, normals)
@@ -67,13 +69,15 @@ def _shapes(of: Planar, centres: _Floats, spread: _Floats, normals: _Floats) -> 
     """Return the axes of the ellipses with the same second moments in the tangent planes, and their directions."""
     face, weights, _ = of._nearest(centres, np.inf)
     uv = np.einsum("pc,pcx->px", weights, of._triangles.uv[of._triangles.faces[face]])
-    known = np.isfinite(spread).all(axis=(1, 2)) & np.isfinite(normals).all(axis=1)
+    known = np.asarray(np.isfinite(spread).all(axis=(1, 2)) & np.isfinite(normals).all(axis=1))
     tangent = np.eye(3) - normals[:, :, None] * normals[:, None]
     values, vectors = np.linalg.eigh(np.where(known[:, None, None], tangent @ spread @ tangent, 0.0))
     major, minor = (4 * np.sqrt(np.where(known, np.maximum(values[:, n], 0.0), np.nan)) for n in (2, 1))
     along = np.where(known[:, None], vectors[:, :, 2], np.nan)
     u, v = np.einsum("pab,pb->ap", of._metric.to_map[face], along)
-    turned = (u < 0) | ((u == 0) & (v < 0))  # an axis has two directions: take the one towards the right of the map
+    turned = np.asarray(
+        (u < 0) | ((u == 0) & (v < 0))
+    )  # of its two directions, take the one to the right of the map
     along = np.where(turned[:, None], -along, along)
     angle = np.degrees(np.arctan2(np.where(turned, -v, v), np.where(turned, -u, u)))
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -88,12 +92,10 @@ def _perimeters(
     raster: Raster,
     keys: NDArray[np.int64],
     at: Callable[[_Floats], NDArray[np.int64]],
-    face_ids: NDArray[np.int64],
+    faces: NDArray[np.int64],
 ) -> _Floats:
     """Return the perimeters: inside the map by the total variation of each region, and along its outline."""
     found, metric, size = _along_outline(of, keys, at, raster.pixel_size), of._metric, raster.pixel_size
-    faces = np.full(raster.shape, -1, dtype=np.int64)
-    faces[raster.inside] = face_ids
     away, (rows, columns) = nearest_inside(raster)
     ranked = np.where(labels == 0, 0, np.searchsorted(keys, labels) + 1)
     ranked = np.where(away <= _REACH, ranked[rows, columns], 0)  # so that the outline of the map is not a border

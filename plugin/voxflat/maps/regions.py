@@ -30,7 +30,8 @@ from voxflat.unique_rows import distinct
 
 _VERTEX_ENDINGS = (".annot", ".label.gii", ".label")
 _TABLE_ENDINGS = (".tsv", ".csv")
-REGION_ENDINGS = (*_VERTEX_ENDINGS, *_TABLE_ENDINGS, ".nii", ".nii.gz", ".mgh", ".mgz", ".nrrd")  # of the files of `Regions.save`
+_VOLUME_ENDINGS = (".nii", ".nii.gz", ".mgh", ".mgz", ".nrrd")
+REGION_ENDINGS = (*_VERTEX_ENDINGS, *_TABLE_ENDINGS, *_VOLUME_ENDINGS)  # of the files of `Regions.save`
 
 
 class _Places(Protocol):
@@ -210,7 +211,7 @@ class Regions(Recorded):
             Values of which to compute the mean, on the pixels of the regions.
         pixel_size : float, optional
             Side length of the pixels into which outlines are divided, in mm; by default that of `image` or, for a label
-            image, its own, or else half of that of the map.
+            image, its own, or else a quarter of that of the map.
 
         Returns
         -------
@@ -248,7 +249,7 @@ class Regions(Recorded):
         (array([50.]), array([50.]))
         """
         own = image.pixel_size if isinstance(image, FlatImage) else self.places.pixel_size
-        raster = self.of.raster(pixel_size or own or self.of.pixel_size / 2)
+        raster = self.of.raster(pixel_size or own or self.of.pixel_size / 4)
         values = None
         if image is not None:
             values = numbers_of(image.data if isinstance(image, FlatImage) else image, "image")
@@ -352,7 +353,7 @@ class Regions(Recorded):
         name = path.name.lower()
         if not name.endswith(REGION_ENDINGS):
             raise InputError(f"cannot save regions as {path.name}. Use a name that ends in {', '.join(REGION_ENDINGS)}")
-        holds_voxels = not name.endswith((*_VERTEX_ENDINGS, *_TABLE_ENDINGS))
+        holds_voxels = name.endswith(_VOLUME_ENDINGS)
         if not holds_voxels and (volume is not None or depth is not None):
             raise InputError(f"{path.name} does not store voxels, so volume and depth do not apply. Omit them")
         made = None
@@ -385,8 +386,8 @@ class Regions(Recorded):
         units["map_direction"] = "_degrees"
         found = self.properties()
         columns = [
-            list(map(str, values)) if name in ("label", "name") else [cell_of(value, ".7g") for value in values.tolist()]
-            for name, values in found.items()
+            [cell_of(value, ".7g") if isinstance(value, float) else str(value) for value in values.tolist()]
+            for values in found.values()
         ]
         return [[name + units.get(name, "") for name in found], *map(list, zip(*columns, strict=True))]
 
