@@ -75,9 +75,7 @@ def _shapes(of: Planar, centres: _Floats, spread: _Floats, normals: _Floats) -> 
     major, minor = (4 * np.sqrt(np.where(known, np.maximum(values[:, n], 0.0), np.nan)) for n in (2, 1))
     along = np.where(known[:, None], vectors[:, :, 2], np.nan)
     u, v = np.einsum("pab,pb->ap", of._metric.to_map[face], along)
-    turned = np.asarray(
-        (u < 0) | ((u == 0) & (v < 0))
-    )  # of its two directions, take the one to the right of the map
+    turned = np.asarray((u < 0) | ((u == 0) & (v < 0)))  # of its two directions, take the one to the right of the map
     along = np.where(turned[:, None], -along, along)
     angle = np.degrees(np.arctan2(np.where(turned, -v, v), np.where(turned, -u, u)))
     with np.errstate(invalid="ignore", divide="ignore"):
