@@ -184,7 +184,7 @@ def measure(
         The surface.
     flat : path, FlatMap, Mesh, (places, faces), (places, faces, vertices), or array_like of shape (V, 2) or (V, 3)
         The map: a FreeSurfer patch (``lh.cortex.patch.flat``); GIFTI or another mesh file with the surface's vertices
-        in the same order; a voxflat map (.npz); the texture coordinates of an .obj, .ply or .vtp; or positions
+        in the same order; a voxflat map (.npz); the texture coordinates of an .obj, .ply, .glb or .vtp; or positions
         (``places``) in the plane, in mm. The triangles of the map are measured or, if it has none, the triangles of the
         surface whose corners all have a position. A third coordinate must be constant. ``vertices`` gives the vertex of
         the surface for each position, so that cuts may duplicate vertices. If a vertex of an .obj file has several
