@@ -246,7 +246,7 @@ class Regions(Recorded):
         >>> flat_map = voxflat.samples.hill().flatten()
         >>> cells = flat_map.regions({"V1": [[-5, -5], [5, -5], [0, 5]]}).properties(pixel_size=0.25)
         >>> cells["area"].round(), cells["map_area"].round()
-        (array([50.]), array([50.]))
+        (array([59.]), array([51.]))
         """
         own = image.pixel_size if isinstance(image, FlatImage) else self.places.pixel_size
         raster = self.of.raster(pixel_size or own or self.of.pixel_size / 4)
