@@ -9,7 +9,7 @@ import pytest
 import shapes
 from command_line import fail, run, succeed
 from hard_shapes import sheet
-from mesh_files import write_obj
+from mesh_files import icosphere, write_obj
 from refusals import refused
 
 import voxflat
@@ -114,9 +114,65 @@ class TestFormats:
         assert "the map has triangles that the surface does not have" in caplog.text
         assert len(found.triangles.is_flipped) == len(others)
 
-    def test_a_map_in_pieces(self):
-        pieces = FLAT, np.vstack([faces for _, faces in APART])
-        refused("the map has 2 pieces, between which distances are not defined", voxflat.measure, BUMPS, pieces)
+    def test_a_map_in_charts(self):
+        """Each chart has the values that it has alone, and the whole map their mean over all pairs."""
+        faces = np.vstack([faces for _, faces in APART])
+        scaled = FLAT * np.where(np.arange(len(FLAT)) > 80, 5.0, 1.0)[:, None]  # the second chart is larger
+        everywhere = 10**6
+        found = voxflat.compare(BUMPS, {"uv": (scaled, faces)}, sources=everywhere)
+        assert list(found.maps) == ["uv, chart 1", "uv, chart 2", "uv"]
+        alone = [voxflat.measure(BUMPS, (scaled, faces), sources=everywhere) for _, faces in APART[::-1]]
+        charts = found["uv, chart 1"], found["uv, chart 2"]
+        assert len(charts[0].per_point) > len(charts[1].per_point)
+        for chart, one in zip(charts, alone, strict=True):
+            assert chart.best_scale.relative_error == pytest.approx(one.best_scale.relative_error, rel=1e-9)
+            assert chart.pairs == one.pairs
+        whole, pairs = found["uv"], np.array([one.pairs for one in alone])
+        for scale in ("raw", "best_scale"):
+            for name in ("relative_error", "absolute_error"):
+                mean = np.average([getattr(getattr(one, scale), name) for one in alone], weights=pairs)
+                assert getattr(getattr(whole, scale), name) == pytest.approx(mean, rel=1e-9)
+        assert whole.pairs == pairs.sum()
+        assert (whole.topology["components"], whole.topology["loops"]) == (2, 2)
+        assert len(whole.triangles.is_flipped) == len(faces)
+        assert whole.triangles.equal_area_p95 > 1 > max(one.triangles.equal_area_p95 for one in alone)
+        of_points = np.concatenate([one.per_point for one in alone])
+        np.testing.assert_allclose(np.sort(whole.per_point), np.sort(of_points), rtol=1e-9)
+        assert whole.figures()["pearson_r"] is whole.figures()["best_scale"]["stress_1"] is None
+        assert "components" in found.table()
+        assert len(figures.heat_maps(found).axes) == 8
+        assert voxflat.measure(BUMPS, (scaled, faces), sources=everywhere).figures() == whole.figures()
+
+    def test_every_chart_has_sources(self):
+        """Sources are in proportion to the vertices, but at least six."""
+        faces = np.vstack([FACES[(FACES < 20).all(axis=1)], APART[1][1]])
+        found = voxflat.compare(BUMPS, {"uv": (FLAT, faces), "whole": UV}, sources=20)
+        assert found["uv, chart 2"].sources == 6
+        assert found["whole"].sources == 20
+        assert found["uv"].sources == found["uv, chart 1"].sources + 6
+
+    def test_a_closed_surface_in_two_charts(self, tmp_path):
+        """As Blender writes it: a sphere with two caps by Lambert's projection, which keeps areas, and a stray line."""
+        points, faces = icosphere(20.0, 3)
+        upper = points[faces][:, :, 2].mean(axis=1) > -8
+        away = np.where(upper, 1, -1)[:, None] * points[faces][:, :, 2]  # towards the pole of the chart
+        places = points[faces][:, :, :2] * np.sqrt(2 / (1 + away / 20))[..., None]
+        places[~upper] = places[~upper] * [-1, 1] + [100, 0]
+        path = tmp_path / "uv.obj"
+        write_obj(path, points, faces, places / 1000)
+        with path.open("a") as file:
+            file.write("l 1 2\n")
+        surface = voxflat.surface(path)
+        found = voxflat.compare(surface, {"uv": path}, sources=40)
+        for name, triangles in {"uv, chart 1": upper.sum(), "uv, chart 2": (~upper).sum(), "uv": len(faces)}.items():
+            assert len(found.maps[name].faces) == triangles
+            assert found[name].triangles.flipped == 0
+            assert found[name].triangles.equal_area_p95 < 0.05
+            assert found[name].triangles.equal_area_scale == pytest.approx(1000, rel=0.01)
+        assert "uv.obj, chart 2" in succeed("measure", path, path, "--sources", "20").stdout
+        flat = surface.flatten(Voxflat(start=path))
+        assert len(flat.faces) == upper.sum()
+        assert flat.distortion.raw.relative_error < found["uv, chart 1"].best_scale.relative_error
 
     def test_vertices_that_no_triangle_has(self):
         more = np.concatenate([POINTS, [[500.0, 0, 0]]]), FACES

@@ -77,7 +77,6 @@ HOSTILE = {
     "line.ply": (b"ply\nelemnt vertex 3\nend_header\n", "line 'elemnt vertex 3'"),
     "pairs.obj": (OBJ + b"v 0 9 0\nf 1 2 3\nf 1 2\n", "face 1 has 2 corners. Triangulate"),
     "points.obj": (b"v 0 0 0\nv 9 0 0\n", "no line that begins with 'f'"),
-    "lines.obj": (OBJ + b"l 1 2\nf 1 2 3\n", r"has lines \(1\) in addition to its faces"),
     "zero.obj": (OBJ + b"f 0 1 2\n", r"face 0 is \[-1, 0, 1\]"),
     "range.obj": (OBJ + b"f 1 2 3\nf 1 2 4\n", r"face 1 is \[0, 1, 3\]"),
     "texture.obj": (OBJ + b"vt 0 0\nf 1/1 2/1 3/2\n", "face 0 refers to texture coordinate 2, but the file has 1"),

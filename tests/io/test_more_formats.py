@@ -6,6 +6,7 @@ import pytest
 import tifffile
 import trimesh
 from command_line import succeed
+from PIL import Image
 from refusals import refused
 
 import voxflat
@@ -157,3 +158,27 @@ def test_lengths_of_nifti_become_mm_and_that_is_said(tmp_path, caplog, unit, fac
     np.testing.assert_allclose(read_volume(tmp_path / "v.nii.gz").affine, expected)
     np.testing.assert_allclose(voxflat.io.as_volume(image).affine, expected)
     assert ("converted to mm" in caplog.text) == (factor != 1)
+
+
+def test_surfaces_of_a_glb_are_placed_and_keep_their_texture(tmp_path):
+    """Several surfaces, one mirrored, with and without texture coordinates; the picture is not opened."""
+    picture = Image.new("RGB", (4, 4))
+    scene = trimesh.Scene()
+    uv = POINTS[:, :2] / 100
+    look = trimesh.visual.TextureVisuals(uv, image=picture)
+    scene.add_geometry(trimesh.Trimesh(POINTS, FACES, visual=look, process=False))
+    scene.add_geometry(trimesh.Trimesh(POINTS, FACES, process=False), transform=np.diag([-1.0, 1, 1, 1]))
+    scene.export(tmp_path / "two.glb")
+    mesh = read_mesh(tmp_path / "two.glb")
+    textured = np.isfinite(mesh.texture_coordinates).all(axis=1)
+    for of, points, faces in ((textured, POINTS, FACES), (~textured, POINTS * [-1, 1, 1], FACES[:, ::-1])):
+        np.testing.assert_allclose(mesh.points[of], points, atol=1e-5)
+        np.testing.assert_array_equal(mesh.faces[of[mesh.faces].all(axis=1)], faces + np.flatnonzero(of)[0])
+    np.testing.assert_allclose(mesh.texture_coordinates[textured], uv, atol=1e-6)
+
+
+def test_lines_of_an_obj_are_ignored(tmp_path):
+    (tmp_path / "lines.obj").write_text("v 0 0 0\nv 9 0 0\nv 0 9 0\nl 1 2\nf 1 2 3\n")
+    mesh = read_mesh(tmp_path / "lines.obj")
+    assert len(mesh.faces) == 1
+    assert mesh.remarks == ("has lines (1) in addition to its faces, which are ignored",)

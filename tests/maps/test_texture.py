@@ -8,10 +8,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import pyvista as pv
+import trimesh
 from command_line import succeed
 from hard_shapes import signed_areas
 from hypothesis import given
 from hypothesis import strategies as st
+from mesh_files import icosphere
 from numpy.testing import assert_allclose, assert_array_equal
 from PIL import Image
 from refusals import refused
@@ -357,3 +359,25 @@ def test_the_command_writes_what_python_writes(cylinder_map, tmp_path, ending, m
     textured._with_provenance(made["provenance"]).save(tmp_path / "python" / f"cli{ending}")
     for file in (tmp_path / "python").iterdir():
         assert (tmp_path / file.name).read_bytes() == file.read_bytes(), file.name
+
+
+def test_cuts_of_a_map_are_seams_of_the_texture(tmp_path):
+    """OBJ keeps the closed surface, GLB divides points, and other readers find the place of each corner in both."""
+    surface = voxflat.surface(icosphere(20.0, 3))
+    flat = surface.flatten(Voxflat(sources=30))
+    textured = flat.textured(chessboard())
+    assert len(textured.points) == 642 < len(flat) == len(textured.texture_coordinates)
+    assert_array_equal(textured.points[textured.faces], flat.points[flat.faces])
+    corners = textured.texture_coordinates[textured.texture_faces]
+    for ending in (".obj", ".glb"):
+        path = tmp_path / f"ball{ending}"
+        textured.save(path)
+        seen = trimesh.load(path, process=False, force="mesh")
+        assert_allclose(seen.visual.uv[seen.faces], corners, atol=1e-6)
+    assert len(read_mesh(tmp_path / "ball.obj").points) == 642
+    own = read_mesh(tmp_path / "ball.glb")
+    assert_allclose(own.texture_coordinates[own.faces], corners, atol=1e-6)
+    whole = voxflat.measure(surface, tmp_path / "ball.obj", sources=10**6).best_scale.relative_error
+    assert whole == pytest.approx(voxflat.measure(surface, flat, sources=10**6).best_scale.relative_error, rel=1e-6)
+    by_glb = voxflat.measure(tmp_path / "ball.glb", tmp_path / "ball.glb", sources=10**6)
+    assert by_glb.best_scale.relative_error == pytest.approx(whole, rel=1e-4)

@@ -23,6 +23,7 @@ from voxflat.arguments import (
 )
 from voxflat.distortion.distortion import Distortion, table_of_several
 from voxflat.errors import InputError
+from voxflat.evaluation.charts import charts_of, total
 from voxflat.io.provenance import Record, Recorded, telling
 from voxflat.maps.flat_map import FlatMap
 from voxflat.maps.matching import Matched, loaded, match, vertices_of
@@ -174,6 +175,8 @@ def measure(
     """Measure the distortion of a flat map that was made with any tool.
 
     Distances are measured on the surface as cut for the map: over the triangles of the map, and not across its seams.
+    For a map in several charts, distances are measured within each chart, each at its own best scale, and averaged over
+    all pairs; `compare` also returns each chart.
 
     Parameters
     ----------
@@ -181,7 +184,7 @@ def measure(
         The surface.
     flat : path, FlatMap, Mesh, (places, faces), (places, faces, vertices), or array_like of shape (V, 2) or (V, 3)
         The map: a FreeSurfer patch (``lh.cortex.patch.flat``); GIFTI or another mesh file with the surface's vertices
-        in the same order; a voxflat map (.npz); the texture coordinates of an .obj, .ply or .vtp; or positions
+        in the same order; a voxflat map (.npz); the texture coordinates of an .obj, .ply, .glb or .vtp; or positions
         (``places``) in the plane, in mm. The triangles of the map are measured or, if it has none, the triangles of the
         surface whose corners all have a position. A third coordinate must be constant. ``vertices`` gives the vertex of
         the surface for each position, so that cuts may duplicate vertices. If a vertex of an .obj file has several
@@ -259,7 +262,8 @@ def compare(
     Returns
     -------
     Comparison
-        The distortion of each map.
+        The distortion of each map. For a map in several charts, the entries "NAME, chart 1", "NAME, chart 2" and so on,
+        largest first, come before the entry of the whole map. Charts have their own sources.
 
     Raises
     ------
@@ -294,14 +298,15 @@ def compare(
     matched = {name: match(geometry.surface, flat) for name, flat in maps.items()}
     for name, one in matched.items():
         geometry.check(name, one)
-    topologies = {name: _topology(name, one) for name, one in matched.items()}
-    groups = _grouped(list(matched.values()))
+    charts = {name: charts_of(one) for name, one in matched.items()}
+    groups = _grouped([one for parts in charts.values() for one, _ in parts])
     if sources is None:
         sources = _usual_sources([len(group[0][0].uv) for group in groups], reference)
+    shares = {id(one): len(rows) / len(matched[name].uv) for name, parts in charts.items() for one, rows in parts}
     # rows beyond this limit are computed twice
     kept = int(max(_core.KEPT_BYTES, (free_memory() if memory_limit is None else memory_limit) // _KEPT_SHARE))
     distances: dict[int, dict[str, Any]] = {}
-    for group, chosen in zip(groups, _sources(groups, int(min(sources, _MOST_SOURCES)), seed), strict=True):
+    for group, chosen in zip(groups, _sources(groups, shares, int(min(sources, _MOST_SOURCES)), seed), strict=True):
         first = group[0][0]
         places = [one.uv[order] for one, order in group]
         found = first.core.judge(places, chosen, reference, kept, seed, threads, progress)
@@ -310,10 +315,19 @@ def compare(
             per_point[order] = measured["per_point"]
             distances[id(one)] = measured | {"per_point": per_point}
     measured = {}
-    for name, one in matched.items():
-        more = {"topology": topologies[name], "voxel_size": whole.voxel_size, "unit": whole.metadata.get("unit", "mm")}
-        distortion = Distortion._of(distances[id(one)], one.core.measure(one.uv, progress), reference, **more)
-        measured[name] = MeasuredMap(one.uv, one.vertices, one.core.faces, distortion)
+    for name, parts in charts.items():
+        of_charts = []
+        for number, (one, _) in enumerate(parts, 1):
+            topology = _topology(one)
+            more = {"topology": topology, "voxel_size": whole.voxel_size, "unit": whole.metadata.get("unit", "mm")}
+            triangles = one.core.measure(one.uv, progress)
+            of_charts.append(Distortion._of(distances[id(one)], triangles, reference, **more))
+            called = name if len(parts) == 1 else f"{name}, chart {number}".removeprefix(", ")
+            measured[called] = MeasuredMap(one.uv, one.vertices, one.core.faces, of_charts[-1])
+        if len(parts) > 1:
+            one = matched[name]
+            distortion = total(of_charts, [rows for _, rows in parts], one.core.measure(one.uv, progress))
+            measured[name] = MeasuredMap(one.uv, one.vertices, one.core.faces, distortion)
     return Comparison(measured)
 
 
@@ -331,19 +345,31 @@ def _grouped(matched: list[Matched]) -> list[list[tuple[Matched, NDArray[np.int6
     return groups
 
 
-def _sources(groups: list[list[tuple[Matched, NDArray[np.int64]]]], count: int, seed: int) -> list[NDArray[np.uint32]]:
-    """Choose sources that all maps contain, as vertices of the surface of each group."""
+def _sources(
+    groups: list[list[tuple[Matched, NDArray[np.int64]]]], shares: Mapping[int, float], count: int, seed: int
+) -> list[NDArray[np.uint32]]:
+    """Choose sources as vertices of the surface of each group: the same ones for all maps in one chart.
+
+    Charts of a map, which have no vertices in common, have their own sources, in proportion to their vertices.
+    """
     firsts = [group[0][0] for group in groups]
-    if len(firsts) == 1:
-        return [_core.reference_sources(len(firsts[0].uv), count, seed)]
-    known = [np.unique(one.vertices, return_index=True) for one in firsts]
-    common = known[0][0]
-    for vertices, _ in known[1:]:
-        common = np.intersect1d(common, vertices)
-    if len(common) == 0:
-        raise InputError("the maps have no vertex in common. Measure the maps one by one")
-    chosen = common[_core.reference_sources(len(common), count, seed)]
-    return [first[np.searchsorted(vertices, chosen)].astype(np.uint32) for vertices, first in known]
+    own = [max(_FEWEST_SOURCES, round(count * shares[id(first)])) for first in firsts]
+    found = [
+        _core.reference_sources(len(first.uv), min(number, count), seed)
+        for first, number in zip(firsts, own, strict=True)
+    ]
+    whole = [n for n, first in enumerate(firsts) if shares[id(first)] == 1]
+    if len(whole) > 1:
+        known = [np.unique(firsts[n].vertices, return_index=True) for n in whole]
+        common = known[0][0]
+        for vertices, _ in known[1:]:
+            common = np.intersect1d(common, vertices)
+        if len(common) == 0:
+            raise InputError("the maps have no vertex in common. Measure the maps one by one")
+        chosen = common[_core.reference_sources(len(common), count, seed)]
+        for n, (vertices, first) in zip(whole, known, strict=True):
+            found[n] = first[np.searchsorted(vertices, chosen)].astype(np.uint32)
+    return found
 
 
 def _usual_sources(points: list[int], reference: str) -> int:
@@ -353,14 +379,11 @@ def _usual_sources(points: list[int], reference: str) -> int:
     return min(_USUAL_SOURCES, max(_FEWEST_SOURCES, int(_USUAL_WORK / sum(count**1.5 for count in points))))
 
 
-def _topology(name: str, one: Matched) -> dict[str, int]:
+def _topology(one: Matched) -> dict[str, int]:
     """Return the topology of the surface as cut by the map; the surface is known to be a manifold."""
     found = one.core.topology()
-    components = len(found["components"])
-    if components > 1:
-        called = f"the map {name}" if name else "the map"
-        raise InputError(f"{called} has {components} pieces, between which distances are not defined. Pass one piece")
-    return {"components": components, **{key: found[key] for key in ("euler", "handles")}, "loops": len(found["loops"])}
+    counts = {"components": len(found["components"]), **{key: found[key] for key in ("euler", "handles")}}
+    return counts | {"loops": len(found["loops"])}
 
 
 @dataclass(frozen=True, eq=False)

@@ -152,7 +152,7 @@ def heat_maps(comparison: Comparison) -> Figure:
         colour_bar = ScalarMappable(Normalize(low, high), colours)
         figure.colorbar(colour_bar, ax=row.tolist(), label=label, extend=extend)
     for axes, name in zip(grid[0], maps, strict=True):
-        axes.set_title(name)
+        axes.set_title(name.replace(", chart ", "\nchart "))
     return figure
 
 

@@ -39,6 +39,8 @@ class _Drawn:
     outlines: tuple[Outline, ...]
     keys: tuple[int, ...]
 
+    pixel_size = None
+
     def labels(self, places: NDArray[np.float64]) -> NDArray[np.int64]:
         order = np.argsort(places[:, 1], kind="stable")
         sorted_places = places[order]
@@ -72,6 +74,10 @@ class _Pixels:
 
     data: NDArray[np.int64]
     raster: Raster
+
+    @property
+    def pixel_size(self) -> float:
+        return self.raster.pixel_size
 
     @cached_property
     def _continued(self) -> NDArray[np.int64]:

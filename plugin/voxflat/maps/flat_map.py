@@ -33,6 +33,7 @@ from voxflat.maps.sampler import Sampler, usual_spacing
 from voxflat.maps.textures.pictures import as_picture, check_cover, check_values, place, values_at
 from voxflat.maps.textures.textured import TexturedSurface
 from voxflat.surfaces.manifold import patch_of
+from voxflat.unique_rows import distinct
 
 MAP_ENDINGS = (*SAVED_ENDINGS, ".surf.gii", *FLAT_PATCH_ENDINGS, ".vtp", ".ply", ".obj")
 _ARRAYS = (  # fields that are saved as arrays, if they are known
@@ -305,7 +306,7 @@ class FlatMap(Planar):
         """Return the surface with a picture on it (Zigelman et al. 2002, section V).
 
         The picture is placed on the map as in `texture`, and the map provides the texture coordinates of the surface.
-        The surface keeps its triangles, except for torn ones.
+        The surface keeps its triangles, except for torn ones. Cuts of the map are seams of the texture.
 
         Parameters
         ----------
@@ -344,7 +345,12 @@ class FlatMap(Planar):
         if not checked_switch(repeat, "repeat") and texel_size is not None:
             check_cover(coordinates, colours.shape, texel_size)
         faces = self.faces[~self.torn].astype(np.int64)
-        return TexturedSurface(self.space.to_scanner(self.points), faces, coordinates, colours, repeat, source)
+        points = self.space.to_scanner(self.points)
+        if (one := distinct(points)).which.max() + 1 == len(points):
+            return TexturedSurface(points, faces, coordinates, colours, repeat, source)
+        order = np.argsort(np.argsort(one.first))  # the two sides of a cut are one point with two coordinates
+        closed = order[one.which][faces]
+        return TexturedSurface(points[np.sort(one.first)], closed, coordinates, colours, repeat, source, faces)
 
     def paint(self, values: ArrayLike, background: float = 0) -> NDArray[Any]:
         """Write values of the points into a volume with the shape of the flattened volume.

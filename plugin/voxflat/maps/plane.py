@@ -14,6 +14,7 @@ from voxflat.arguments import checked_number, log, numbers_of, shown
 from voxflat.errors import InputError
 from voxflat.io.provenance import Record, telling
 from voxflat.maps.depth import Depths
+from voxflat.maps.metric import Metric
 from voxflat.maps.raster import FlatImage, FlatStack, Raster
 from voxflat.maps.sampler import Sampler
 
@@ -241,6 +242,19 @@ class Planar(ABC):
         of = self._triangles
         return of.faces[~of.torn] if of.torn.any() else of.faces
 
+    @cached_property
+    def _metric(self) -> Metric:
+        of = self._triangles
+        return Metric.of(of.on_surface.points, of.uv, of.faces, of.torn)
+
+    def _nearest(
+        self, points: NDArray[np.float64], limit: float
+    ) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
+        """Return the nearest triangle that is not torn (−1 beyond the limit), the weights there, and the distance."""
+        triangles, weights, distance = self._nearest_finder.find(np.ascontiguousarray(points), limit)
+        whole = np.append(np.flatnonzero(~self._triangles.torn), -1)
+        return whole[triangles], weights, distance
+
     def points_to_map(
         self, points: ArrayLike, limit: float = LIMIT, *, space: str = "surface"
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -282,22 +296,125 @@ class Planar(ABC):
         >>> uv.shape, far.round(1)
         ((1, 2), array([0.]))
         """
+        wanted = self._checked_points(points, space)
+        uv, _, distance = self._to_map(wanted.reshape(-1, 3), limit)
+        return uv.reshape(*wanted.shape[:-1], 2), distance.reshape(wanted.shape[:-1])
+
+    def _checked_points(self, points: ArrayLike, space: str) -> NDArray[np.float64]:
+        """Return points in the space of the surface."""
         wanted = numbers_of(points, "points")
         if wanted.ndim == 0 or wanted.shape[-1] != 3:
             raise InputError(f"points has shape {wanted.shape}. Pass RAS+ points in mm as an array of shape (..., 3)")
+        if not isinstance(space, str) or space not in ("surface", "scanner"):
+            raise InputError(f"space is {shown(space)}. Pass 'surface' or 'scanner'")
+        own = self._triangles.on_surface.space
+        if space == "scanner":
+            if own.doubt:
+                log.warning("points may not lie on the surface: %s", own.doubt)
+            wanted = own.from_scanner(wanted)
+        return wanted
+
+    def _to_map(
+        self, points: NDArray[np.float64], limit: float
+    ) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.float64]]:
+        """Return the map positions of points, their triangles and their distances; NaN and −1 beyond the limit."""
         limit = checked_number(limit, "limit")
         if not limit >= 0:
             raise InputError(f"limit is {limit} mm. Pass 0 or a positive number")
-        if not isinstance(space, str) or space not in ("surface", "scanner"):
-            raise InputError(f"space is {shown(space)}. Pass 'surface' or 'scanner'")
+        face_ids, weights, distance = self._nearest(points, limit)
         of = self._triangles
+        return np.einsum("pc,pcx->px", weights, of.uv[of.faces[face_ids]]), face_ids, distance
+
+    def vectors_to_map(
+        self, points: ArrayLike, vectors: ArrayLike, limit: float = LIMIT, *, space: str = "surface"
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Transfer vectors on the surface, such as velocities, to the map (push-forward).
+
+        The metric of the map corrects their lengths and angles. Components along the normal of the surface vanish.
+
+        Parameters
+        ----------
+        points : array_like, shape (..., 3)
+            Points at which the vectors start, as in `points_to_map`.
+        vectors : array_like, shape (..., 3)
+            Vectors along x, y and z, in mm or, for velocities, in mm per unit of time.
+        limit, space : optional
+            As in `points_to_map`; vectors have the same space as the points.
+
+        Returns
+        -------
+        uv : ndarray of float64, shape (..., 2)
+            Positions of the points on the map, in mm; NaN beyond the limit.
+        flat : ndarray of float64, shape (..., 2)
+            Vectors along u and v, in the unit of `vectors`; NaN beyond the limit.
+
+        Raises
+        ------
+        InputError
+            If the points or the vectors have the wrong shape, or the limit or the space is not valid.
+
+        See Also
+        --------
+        FlatMap.vectors_to_surface : Transfer vectors from the map to the surface.
+
+        Examples
+        --------
+        >>> flat_map = voxflat.samples.hill().flatten()
+        >>> uv, flat = flat_map.vectors_to_map(flat_map.points, np.ones((441, 3)))
+        >>> flat.shape
+        (441, 2)
+        """
+        wanted = self._checked_points(points, space)
+        along = _checked_vectors(vectors, wanted.shape, "points")
         if space == "scanner":
-            if of.on_surface.space.doubt:
-                log.warning("points may not lie on the surface: %s", of.on_surface.space.doubt)
-            wanted = of.on_surface.space.from_scanner(wanted)
-        triangles, weights, distance = self._nearest_finder.find(np.ascontiguousarray(wanted.reshape(-1, 3)), limit)
-        uv = np.einsum("pc,pcx->px", weights, of.uv[self._whole_faces[triangles]])  # NaN outside triangles
-        return uv.reshape(*wanted.shape[:-1], 2), distance.reshape(wanted.shape[:-1])
+            own = self._triangles.on_surface.space
+            along = own.from_scanner(along) - own.from_scanner(np.zeros(3))
+        uv, face_ids, _ = self._to_map(wanted.reshape(-1, 3), limit)
+        flat = np.einsum("pab,pb->pa", self._metric.to_map[face_ids], along.reshape(-1, 3))
+        flat[face_ids < 0] = np.nan
+        return uv.reshape(*wanted.shape[:-1], 2), flat.reshape(*wanted.shape[:-1], 2)
+
+    def vectors_to_surface(
+        self, places: ArrayLike, vectors: ArrayLike
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Transfer vectors on the map, such as optical flow, to the surface (pull-back).
+
+        The results are tangent to the surface and have the true lengths and angles. For a flow of (rows, columns) in
+        pixels, pass ``(columns * pixel_size, -rows * pixel_size)``.
+
+        Parameters
+        ----------
+        places : array_like, shape (..., 2)
+            Positions (u, v) at which the vectors start, in mm.
+        vectors : array_like, shape (..., 2)
+            Vectors along u and v, in mm or, for velocities, in mm per unit of time.
+
+        Returns
+        -------
+        points : ndarray of float64, shape (..., 3)
+            Positions on the surface, as in `look_up`; NaN outside the map.
+        on_surface : ndarray of float64, shape (..., 3)
+            Vectors along x, y and z in the surface's `space`, in the unit of `vectors`; NaN outside the map.
+
+        Raises
+        ------
+        InputError
+            If `places` or `vectors` has the wrong shape.
+
+        See Also
+        --------
+        FlatMap.vectors_to_map : Transfer vectors from the surface to the map.
+
+        Examples
+        --------
+        >>> points, along = voxflat.samples.hill().flatten().vectors_to_surface([[0.0, 0.0]], [[1.0, 0.0]])
+        >>> along.shape
+        (1, 3)
+        """
+        found = self.look_up(places)
+        flat = _checked_vectors(vectors, (*found.face_ids.shape, 2), "places")
+        along = np.einsum("...ab,...b->...a", self._metric.to_surface[found.face_ids], flat)
+        return found.points, np.where((found.face_ids < 0)[..., None], np.nan, along)
 
     @property
     @abstractmethod
@@ -458,3 +575,11 @@ class Planar(ABC):
         how: dict[str, Any] = {"depths": where, "average": average, "interpolation": interpolation, "name": name}
         how |= {"period": period, "time_step": time_step}
         return self._triangles.on_surface.images(self.raster(pixel_size), volume, channel=channel, **how)
+
+
+def _checked_vectors(vectors: ArrayLike, shape: tuple[int, ...], starts: str) -> NDArray[np.float64]:
+    """Return vectors, one for each of the points or places where they start."""
+    found = numbers_of(vectors, "vectors")
+    if found.shape != shape:
+        raise InputError(f"vectors has shape {found.shape}, but {starts} has {shape}. Pass one vector for each")
+    return found

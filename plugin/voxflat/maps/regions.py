@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,19 +19,27 @@ from voxflat.io.formats.freesurfer import write_annot, write_label
 from voxflat.io.formats.gifti import label_bytes
 from voxflat.io.provenance import Record, Recorded, saving
 from voxflat.io.reading import check_room, reading
+from voxflat.io.tables import cell_of, write_table
 from voxflat.io.volumes import Volume, write_volume
 from voxflat.maps.depth import Depths
 from voxflat.maps.plane import Planar
 from voxflat.maps.raster import FlatImage
+from voxflat.maps.region_properties import AREAS, LENGTHS, properties_of
 from voxflat.maps.sampler import Sampler
 from voxflat.unique_rows import distinct
 
 _VERTEX_ENDINGS = (".annot", ".label.gii", ".label")
-REGION_ENDINGS = (*_VERTEX_ENDINGS, ".nii", ".nii.gz", ".mgh", ".mgz", ".nrrd")  # of the files of `Regions.save`
+_TABLE_ENDINGS = (".tsv", ".csv")
+_VOLUME_ENDINGS = (".nii", ".nii.gz", ".mgh", ".mgz", ".nrrd")
+REGION_ENDINGS = (*_VERTEX_ENDINGS, *_TABLE_ENDINGS, *_VOLUME_ENDINGS)  # of the files of `Regions.save`
 
 
 class _Places(Protocol):
     """An object that returns the region at each position."""
+
+    @property
+    def pixel_size(self) -> float | None:
+        """The side length of its pixels, if it consists of pixels."""
 
     def labels(self, places: NDArray[np.float64]) -> NDArray[np.int64]:
         """Return the key at each position, shape (P,); 0 outside all regions."""
@@ -189,6 +197,69 @@ class Regions(Recorded):
         data = np.where(raster.inside, self.at(centres), np.nan)
         return FlatImage(data, raster.pixel_size, raster.origin, "regions", True, self.provenance, raster.unit)
 
+    def properties(
+        self, image: FlatImage | NDArray[np.float64] | None = None, *, pixel_size: float | None = None
+    ) -> dict[str, NDArray[Any]]:
+        """Measure the regions as on the surface, like ``regionprops_table`` of scikit-image.
+
+        The metric of the map corrects areas, lengths and directions in each pixel. A region that continues on the other
+        side of a cut is measured as a whole.
+
+        Parameters
+        ----------
+        image : FlatImage or ndarray of shape (H, W), optional
+            Values of which to compute the mean, on the pixels of the regions.
+        pixel_size : float, optional
+            Side length of the pixels into which outlines are divided, in mm; by default that of `image` or, for a label
+            image, its own, or else a quarter of that of the map.
+
+        Returns
+        -------
+        dict of str to ndarray, each of shape (R,)
+            Columns for ``pandas.DataFrame``, with one value for each region:
+
+            - ``label``, ``name``: key and name;
+            - ``area``, ``perimeter``: on the surface, in mm² and mm;
+            - ``map_area``: on the map, in mm²;
+            - ``x``, ``y``, ``z``: centroid on the surface, in mm, in the `space` of the map;
+            - ``u``, ``v``: the position on the map that is nearest to this centroid, in mm;
+            - ``major_axis``, ``minor_axis``, ``elongation``: lengths of the axes of the ellipse in the tangent plane
+              that has the same second moments, in mm, and their ratio;
+            - ``direction_x``, ``direction_y``, ``direction_z``: unit vector along the major axis on the surface;
+            - ``map_direction``: angle of the major axis on the map, from u towards v, in degrees from −90 to 90;
+            - ``mean``: mean of `image`, weighted by area on the surface, if it was given.
+
+            A region without a pixel has the area 0, and its other values are NaN.
+
+        Raises
+        ------
+        InputError
+            If the image has other pixels.
+
+        See Also
+        --------
+        Regions.save : Save this table as ``.tsv`` or ``.csv``.
+        FlatMap.vectors_to_surface : Transfer vectors from the map to the surface.
+
+        Examples
+        --------
+        >>> flat_map = voxflat.samples.hill().flatten()
+        >>> cells = flat_map.regions({"V1": [[-5, -5], [5, -5], [0, 5]]}).properties(pixel_size=0.25)
+        >>> cells["area"].round(), cells["map_area"].round()
+        (array([59.]), array([51.]))
+        """
+        own = image.pixel_size if isinstance(image, FlatImage) else self.places.pixel_size
+        raster = self.of.raster(pixel_size or own or self.of.pixel_size / 4)
+        values = None
+        if image is not None:
+            values = numbers_of(image.data if isinstance(image, FlatImage) else image, "image")
+            if values.shape != raster.shape:
+                told = f"the image has shape {values.shape}, but the map has {raster.shape} pixels of "
+                raise InputError(f"{told}{raster.pixel_size:g}. Pass an image with these pixels")
+        labels = np.nan_to_num(self.image(raster.pixel_size).data).astype(np.int64)
+        found = properties_of(self.of, labels, raster, self.keys, self.at, values)
+        return {"label": found.pop("label"), "name": np.array(self.names), **found}
+
     def volume(self, like: object, *, depth: tuple[float, float] | None = None) -> Volume:
         """Transfer the regions through the cortex to the voxels of a volume.
 
@@ -252,6 +323,7 @@ class Regions(Recorded):
         path : path
             ``.annot`` and ``.label.gii`` hold names, colours and mesh vertices. ``.label`` holds the vertices of a
             single region. ``.nii``, ``.nii.gz``, ``.mgh``, ``.mgz`` and ``.nrrd`` hold voxels, as returned by `volume`.
+            ``.tsv`` and ``.csv`` hold the table of `properties`, with units in its header.
         volume : path, image object or Volume, optional
             A volume that defines the grid of a label volume; by default the flattened volume.
         depth : tuple of 2 floats, optional
@@ -281,11 +353,12 @@ class Regions(Recorded):
         name = path.name.lower()
         if not name.endswith(REGION_ENDINGS):
             raise InputError(f"cannot save regions as {path.name}. Use a name that ends in {', '.join(REGION_ENDINGS)}")
-        if name.endswith(_VERTEX_ENDINGS) and (volume is not None or depth is not None):
-            raise InputError(f"{path.name} stores vertices, so volume and depth do not apply. Omit them")
+        holds_voxels = name.endswith(_VOLUME_ENDINGS)
+        if not holds_voxels and (volume is not None or depth is not None):
+            raise InputError(f"{path.name} does not store voxels, so volume and depth do not apply. Omit them")
         made = None
         with reading() as files:
-            if not name.endswith(_VERTEX_ENDINGS):
+            if holds_voxels:
                 made = self.volume(self._grid() if volume is None else volume, depth=depth)
         labels = dict(zip(map(str, self.keys), self.names, strict=True))
         inputs = dict(sorted({**self.provenance.get("files", {}), **files}.items()))
@@ -293,6 +366,8 @@ class Regions(Recorded):
         with saving(path, record, sidecar=sidecar, overwrite=overwrite):
             if made is not None:
                 write_volume(path, made.data, made.in_unit("mm").affine, record)
+            elif name.endswith(_TABLE_ENDINGS):
+                write_table(path, self._rows())
             else:
                 with atomic_path(path) as temporary:
                     self._write_vertices(temporary, name, record)
@@ -303,6 +378,18 @@ class Regions(Recorded):
             raise InputError("a map of a mesh has no voxels. Pass volume to define the grid of the labels")
         empty = np.broadcast_to(np.uint8(0), self._surface.volume_shape)
         return Volume(empty, self._surface.affine, unit=self._surface.unit)
+
+    def _rows(self) -> list[list[str]]:
+        """Return the properties as cells, under a header with units."""
+        unit = "" if self._surface.unit == "unknown" else "_" + self._surface.unit.replace("µ", "u")
+        units = {**dict.fromkeys(LENGTHS, unit), **dict.fromkeys(AREAS, unit and f"{unit}2")}
+        units["map_direction"] = "_degrees"
+        found = self.properties()
+        columns = [
+            [cell_of(value, ".7g") if isinstance(value, float) else str(value) for value in values.tolist()]
+            for values in found.values()
+        ]
+        return [[name + units.get(name, "") for name in found], *map(list, zip(*columns, strict=True))]
 
     def _write_vertices(self, path: Path, name: str, record: Record) -> None:
         labels = self.vertex_labels

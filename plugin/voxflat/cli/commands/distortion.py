@@ -54,7 +54,8 @@ def measure_command(surface_: Path, flat: tuple[Path, ...], heat_maps: Path | No
     Each FLAT is a flat map of SURFACE: a FreeSurfer patch, a flat GIFTI surface, an .obj file with texture coordinates,
     or a file written by voxflat flatten. Distances are measured in mm on SURFACE, with the same cuts as the map. A map
     that voxflat made midway between the white and pial surfaces is measured on that geometry, and a note reports this.
-    All maps are measured from the same source points. The documentation defines all measures.
+    All maps are measured from the same source points. A UV map in several charts has one column for each chart and one
+    for the whole. The documentation defines all measures.
     """
     names = [path.name for path in flat]
     if len(set(names)) < len(names):
@@ -70,7 +71,7 @@ def measure_command(surface_: Path, flat: tuple[Path, ...], heat_maps: Path | No
         compared = compare(whole, dict(zip(names, flat, strict=True)), progress=shown.progress, **given)
     if heat_maps is not None:
         figures.save(figures.heat_maps(compared), heat_maps, compared.provenance)
-    one = compared[names[0]] if len(names) == 1 else None
+    one = compared[names[0]] if len(compared.maps) == 1 else None
     measures = {"maps": compared.figures()} if one is None else one.figures()
     report({**measures, "provenance": compared.provenance}, (one or compared).table())
 

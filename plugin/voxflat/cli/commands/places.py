@@ -63,6 +63,7 @@ def points_command(map_: Path, points: Path, output: Path, limit: float, space: 
     "voxflat regions map.npz --svg drawn.svg -o lh.rois.annot",
     "voxflat regions map.npz --polygons v1.json -o lh.V1.label",
     "voxflat regions map.npz --image rois.tif -o rois.label.gii",
+    "voxflat regions map.npz --image cells.tif -o cells.tsv",
     "voxflat regions map.npz --svg drawn.svg --layer visual --volume t1.nii.gz -o labels.nii.gz",
     "voxflat regions map.npz --polygons v1.json --volume t1.nii.gz --depth 0,2.5 -o labels.nii.gz",
 )
@@ -77,7 +78,7 @@ def points_command(map_: Path, points: Path, output: Path, limit: float, space: 
 )
 @options.output(
     "Output file: .annot, .label.gii or .label (one region) for vertex labels; .nii, .nii.gz, .mgh, .mgz or .nrrd for "
-    "voxel labels.",
+    "voxel labels; .tsv or .csv for a table of areas, perimeters, positions and shapes on the surface.",
     options.reads("--volume", "Volume whose grid is used for the voxel labels.  [default: the flattened volume]"),
     options.value(
         "--depth",
@@ -100,7 +101,7 @@ def regions_command(
     depth: Any,
     writing: dict[str, Any],
 ) -> None:
-    """Convert regions drawn on a flat map to vertex or voxel labels.
+    """Convert regions drawn on a flat map to vertex or voxel labels, or measure them.
 
     MAP is a file written by voxflat flatten. If MAP was made with --pial, the voxels between the white and pial
     surfaces are labelled. A vertex on a cut belongs to a region if either of its two positions on the map is inside the

@@ -48,14 +48,14 @@ def _tables(data: bytes) -> tuple[dict[str, list[list[str]]], NDArray[np.int64],
                 before.append((len(rows["v"]), len(rows["vt"])))
     if not rows["v"]:
         raise InputError("has no line that begins with 'v'. Check that it is an OBJ file of a surface")
-    if rows["l"]:
-        raise InputError(f"has lines ({len(rows['l'])}) in addition to its faces. Remove the lines")
     counts = np.array([len(face) for face in rows["f"]], dtype=np.int64)
     corners, lines = _corners(rows["f"]), np.repeat(np.array(before, dtype=np.int64).reshape(-1, 2), counts, axis=0)
     # numbers count from 1 or, if negative, from the end; 0 (absent) becomes −1
     of_points, of_texture = np.where(corners < 0, corners + lines, corners - 1).T
     points = np.array([row[:3] for row in rows["v"]], dtype=np.float64) if (counts > 3).any() else np.empty((0, 3))
     triangles, remarks = triangulated(points, of_points, counts)
+    if rows["l"]:  # Blender writes edges without faces as lines
+        remarks = (*remarks, f"has lines ({len(rows['l'])}) in addition to its faces, which are ignored")
     return rows, of_points[triangles], of_texture[triangles], remarks
 
 

@@ -1,6 +1,7 @@
 """Read GLB with trimesh; read OFF, FreeSurfer's ASCII format and STL without VTK, which accepts incomplete files."""
 
 import io
+import json
 import re
 from pathlib import Path
 from typing import Any
@@ -47,12 +48,43 @@ def read_asc(path: Path, data: bytes) -> dict[str, Any]:
 
 
 def read_glb(path: Path, data: bytes) -> dict[str, Any]:
-    """Read the surfaces of a GLB file with trimesh and merge them into one."""
-    scene = require("trimesh").load_scene(io.BytesIO(data), file_type="glb", skip_materials=True)
-    mesh = scene.to_mesh()
-    if not len(mesh.faces):
+    """Read the surfaces of a GLB file and their texture coordinates with trimesh, and merge them into one."""
+    scene = require("trimesh").load_scene(io.BytesIO(_without_pictures(data)), file_type="glb")
+    points, faces, texture = [np.empty((0, 3))], [np.empty((0, 3), dtype=np.int64)], [np.empty((0, 2))]
+    for node in scene.graph.nodes_geometry:
+        transform, name = scene.graph[node]
+        mesh = scene.geometry[name]
+        if not len(getattr(mesh, "faces", ())):
+            continue  # points or lines
+        own = np.asarray(mesh.vertices) @ transform[:3, :3].T + transform[:3, 3]
+        coordinates = getattr(mesh.visual, "uv", None)
+        turn = -1 if np.linalg.det(transform[:3, :3]) < 0 else 1  # a mirrored surface keeps its outside
+        faces.append(np.asarray(mesh.faces, dtype=np.int64)[:, ::turn] + sum(map(len, points)))
+        points.append(own)
+        texture.append(np.full((len(own), 2), np.nan) if coordinates is None else np.asarray(coordinates))
+    if len(faces) == 1:
         raise InputError("has no triangles. Export the surface as triangles")
-    return {"points": np.asarray(mesh.vertices), "faces": np.asarray(mesh.faces, dtype=np.int64)}
+    places = np.concatenate(texture)
+    is_textured = bool(np.isfinite(places).any())
+    read = {"points": np.concatenate(points), "faces": np.concatenate(faces)}
+    return {**read, "texture_coordinates": places if is_textured else None}
+
+
+def _without_pictures(data: bytes) -> bytes:
+    """Return a GLB file whose surfaces share one plain material, so that no picture is opened."""
+    length = int.from_bytes(data[12:16], "little")
+    content = json.loads(data[20 : 20 + length])
+    for key in ("images", "textures", "samplers"):
+        content.pop(key, None)
+    content["materials"] = [{}]
+    for mesh in content.get("meshes", []):
+        for primitive in mesh.get("primitives", []):
+            primitive["material"] = 0
+    text = json.dumps(content).encode()
+    text += b" " * (-len(text) % 4)
+    rest = data[20 + length :]
+    header = data[:8] + (20 + len(text) + len(rest)).to_bytes(4, "little")
+    return header + len(text).to_bytes(4, "little") + data[16:20] + text + rest
 
 
 _FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])

@@ -1,0 +1,196 @@
+"""Areas, perimeters and shapes of regions on a map are those on the surface, on analytic shapes."""
+
+import csv
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import scipy
+from mesh_files import grid, icosphere
+from refusals import refused
+
+import voxflat
+from voxflat.io import Volume
+from voxflat.methods import Voxflat
+
+RADIUS = 20.0
+STRETCHED = np.array([[1.6, 0.0], [0.5, 0.7]])
+
+
+@pytest.fixture(scope="module")
+def cap():
+    """Return the map of a disk of 18 mm around a pole of a sphere."""
+    return voxflat.surface(icosphere(RADIUS, 5)).disk(0, 18.0).flatten(Voxflat(sources=30))
+
+
+@pytest.fixture(scope="module")
+def tube():
+    """Return the map of half of a cylinder around x with a radius of 30 µm, which can be flattened exactly."""
+    sheet = grid(61, step=1.0, columns=95)
+    x, turn = sheet.points[:, 0], sheet.points[:, 1] / 30
+    points = np.column_stack([x, 30 * np.sin(turn), 30 * np.cos(turn)])
+    return voxflat.surface((points, sheet.faces), unit="µm").flatten(Voxflat(sources=30))
+
+
+@pytest.fixture(scope="module")
+def egg():
+    """Return the map, with cuts, of a closed ellipsoid with semi-axes of 20, 12 and 10 µm."""
+    points, faces = icosphere(1.0, 4)
+    return voxflat.surface((points * [20, 12, 10], faces), unit="µm").flatten(Voxflat(sources=30))
+
+
+def near(m, centre, radius, pixel_size):
+    """Return a label image of the pixels within a distance, in space, of a point."""
+    return (np.linalg.norm(m.locate(pixel_size)[1] - centre, axis=-1) < radius).astype(np.int32)
+
+
+def measured(m, labels, pixel_size, **how):
+    return m.regions(labels, pixel_size=pixel_size).properties(**how)
+
+
+def test_a_spherical_cap(cap):
+    """Its area, perimeter, centroid and second moments are known."""
+    angle = 0.35
+    pole = cap.points[cap.ids == 0][0]
+    for size in (0.25, 0.1):
+        found = measured(cap, near(cap, pole, 2 * RADIUS * np.sin(angle / 2), size), size)
+        assert found["area"] == pytest.approx(2 * np.pi * RADIUS**2 * (1 - np.cos(angle)), rel=0.01)
+        assert found["perimeter"] == pytest.approx(2 * np.pi * RADIUS * np.sin(angle), rel=0.015)
+        centre = np.array([found[axis][0] for axis in "xyz"])
+        np.testing.assert_allclose(centre, pole * (1 + np.cos(angle)) / 2, atol=0.05)
+        np.testing.assert_allclose([found["u"][0], found["v"][0]], cap.uv[cap.ids == 0][0], atol=0.1)
+        assert found["elongation"] == pytest.approx(1, abs=0.02)
+        height = RADIUS * (1 - np.cos(angle))  # by Archimedes, the height is distributed evenly over the area
+        heights = np.linspace(RADIUS - height, RADIUS, 1001)
+        wide = 4 * np.sqrt(np.mean(RADIUS**2 - heights**2) / 2)
+        assert found["major_axis"] == pytest.approx(wide, rel=0.015)
+
+
+def test_an_ellipse_on_a_cylinder(tube):
+    """An ellipse of 12 x 6 µm, 30 degrees from the axis, in the plane into which the cylinder unrolls."""
+    at = tube.locate(0.2)[1]
+    along = np.stack([at[..., 0] - 30, 30 * np.arctan2(at[..., 1], at[..., 2]) - 45], axis=-1)
+    turned = along @ np.array([[np.cos(np.pi / 6), -np.sin(np.pi / 6)], [np.sin(np.pi / 6), np.cos(np.pi / 6)]])
+    found = measured(tube, ((turned / [6.0, 3.0]) ** 2).sum(axis=-1) < 1, 0.2)
+    assert found["area"] == pytest.approx(18 * np.pi, rel=0.01)
+    assert found["perimeter"] == pytest.approx(4 * 6 * scipy.special.ellipe(0.75), rel=0.015)
+    assert found["major_axis"] == pytest.approx(12, rel=0.01)
+    assert found["minor_axis"] == pytest.approx(6, rel=0.01)
+    assert found["elongation"] == pytest.approx(2, rel=0.01)
+    direction = np.array([found[f"direction_{axis}"][0] for axis in "xyz"])
+    true = np.array([np.cos(np.pi / 6), *(np.sin(np.pi / 6) * np.array([np.cos(1.5), -np.sin(1.5)]))])
+    assert abs(direction @ true) > np.cos(np.radians(1))
+    ends = np.array([[found[axis][0] for axis in "xyz"] + step * direction for step in (0.0, 0.5)])
+    step = np.diff(tube.points_to_map(ends)[0], axis=0)[0]
+    assert np.degrees(np.arctan2(step[1], step[0])) == pytest.approx(found["map_direction"][0], abs=1)
+
+
+def test_a_stretched_map_changes_no_property_of_the_surface(cap):
+    """A patch drawn on a map that is stretched by 1.69 and 0.66 along its axes has the same properties."""
+    other = replace(cap, uv=cap.uv @ STRETCHED)
+    of = []
+    for m in (cap, other):
+        at = m.locate(0.1)[1] - cap.points[cap.ids == 0][0]
+        labels = ((at / [5.0, 3.0, 9.0]) ** 2).sum(axis=-1) < 1
+        of.append(measured(m, labels, 0.1, image=np.nan_to_num(at[..., 0])))
+    for name in ("area", "x", "y", "z", "major_axis", "minor_axis", "mean"):
+        assert of[0][name] == pytest.approx(of[1][name], rel=0.01, abs=0.02), name
+    assert of[0]["perimeter"] == pytest.approx(of[1]["perimeter"], rel=0.03)
+    axes = [np.array([one[f"direction_{axis}"][0] for axis in "xyz"]) for one in of]
+    assert abs(axes[0] @ axes[1]) > 0.999
+    assert of[1]["map_area"] / of[0]["map_area"] == pytest.approx(np.linalg.det(STRETCHED), rel=0.01)
+    assert of[0]["mean"] == pytest.approx(of[0]["x"] - cap.points[cap.ids == 0][0][0], abs=1e-9)
+
+
+def test_a_region_across_a_cut_is_measured_as_a_whole(egg):
+    """A disk around a point of a cut, in several parts on the map, has its whole area and no border along the cut."""
+    ids, counts = np.unique(egg.ids, return_counts=True)
+    on_cut = egg.points[np.isin(egg.ids, ids[counts > 1])]
+    centre = on_cut[np.abs(on_cut[:, 0]).argmin()]
+    labels = near(egg, centre, 4.0, 0.1)
+    assert scipy.ndimage.label(labels)[1] > 1
+    found = measured(egg, labels, 0.1)
+    points, faces = icosphere(1.0, 7)
+    corners = (points * [20, 12, 10])[faces]
+    areas = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1) / 2
+    inside = np.linalg.norm(corners.mean(axis=1) - centre, axis=1) < 4
+    assert found["area"] == pytest.approx(areas[inside].sum(), rel=0.01)
+    assert found["perimeter"] == pytest.approx(np.sqrt(4 * np.pi * areas[inside].sum()), rel=0.03)
+    true = (areas[inside, None] * corners[inside].mean(axis=1)).sum(axis=0) / areas[inside].sum()
+    np.testing.assert_allclose([found[axis][0] for axis in "xyz"], true, atol=0.05)
+
+
+def test_cells_of_a_closed_surface_cover_it(egg):
+    """The areas of all cells sum to the area of the ellipsoid, by Knud Thomsen's formula within 1 %."""
+    seeds = egg.points[:: len(egg) // 30]
+    at = egg.locate(0.2)[1]
+    cells = scipy.spatial.cKDTree(seeds).query(np.nan_to_num(at))[1] + 1
+    found = measured(egg, cells, 0.2)
+    whole = 4 * np.pi * np.mean([240**1.6075, 200**1.6075, 120**1.6075]) ** (1 / 1.6075)
+    assert found["area"].sum() == pytest.approx(whole, rel=0.01)
+    assert (found["perimeter"] > np.sqrt(4 * np.pi * found["area"]) * 0.97).all()  # the isoperimetric inequality
+
+
+def test_the_border_of_the_surface_counts_as_perimeter(tube):
+    """The whole sheet of 60 x 94 µm ends at its own border."""
+    low, high = tube.uv.min(axis=0) - 1, tube.uv.max(axis=0) + 1
+    box = np.array([low, [high[0], low[1]], high, [low[0], high[1]]])
+    found = tube.regions(box).properties()
+    assert found["area"] == pytest.approx(60 * 94, rel=0.01)
+    assert found["perimeter"] == pytest.approx(2 * (60 + 94), rel=0.01)
+
+
+def test_labels_return_from_an_anisotropic_volume_in_micrometres():
+    """An ellipsoid in voxels of 0.4 x 0.4 x 1 µm: from cells on the map to voxels and back, with Dice >= 0.98."""
+    axes, spacing = np.array([20.0, 12, 10]), np.array([0.4, 0.4, 1.0])
+    shape = np.ceil(2 * (axes + 4) / spacing).astype(int)
+    xyz = (np.moveaxis(np.indices(shape), 0, -1) + 0.5) * spacing - (axes + 4)
+    affine = np.diag([*spacing, 1.0])
+    affine[:3, 3] = 0.5 * spacing - (axes + 4)
+    solid = scipy.ndimage.gaussian_filter((((xyz / axes) ** 2).sum(-1) < 1).astype(np.float32), 1 / spacing)
+    volume = Volume(solid, affine, unit="µm")
+    m = voxflat.surface(volume, threshold=0.5).disk((30, 40, 14), 14.0).flatten(Voxflat(sources=30))
+    at = m.locate(0.5)[1]
+    seeds = m.points[:: len(m) // 12]
+    cells = np.where(np.isnan(at[..., 0]), 0, scipy.spatial.cKDTree(seeds).query(np.nan_to_num(at))[1] + 1)
+    voxels = m.regions(cells, pixel_size=0.5).volume(volume, depth=(-2, 2))
+    how = {"depth": (-1.5, -0.75, 0, 0.75, 1.5), "interpolation": "majority"}
+    back = np.nan_to_num(m.image(voxels, 0.5, **how).data)
+    both = np.count_nonzero((back == cells) & (cells > 0))
+    assert 2 * both / (np.count_nonzero(back) + np.count_nonzero(cells)) >= 0.98
+
+
+def test_the_table_has_names_units_and_one_row_per_region(tube, tmp_path):
+    middle = tube.uv.mean(axis=0)
+    corners = {"two": [[0, 0], [9, 0], [9, 6], [0, 6]], "one": [[0, 0], [-6, 0], [-6, -6], [0, -6]]}
+    drawn = {name: middle + np.array(at) for name, at in corners.items()}
+    regions = tube.regions(drawn)
+    regions.save(tmp_path / "cells.tsv", sidecar=True)
+    rows = list(csv.DictReader((tmp_path / "cells.tsv").open(), delimiter="\t"))
+    found = regions.properties()
+    assert [row["name"] for row in rows] == list(found["name"]) == ["two", "one"]
+    np.testing.assert_allclose([float(row["area_um2"]) for row in rows], found["area"], rtol=1e-6)
+    np.testing.assert_allclose(found["area"], [54, 36], rtol=0.03)
+    assert {"perimeter_um", "map_direction_degrees", "u_um", "elongation"} < set(rows[0])
+    regions.save(tmp_path / "cells.csv")
+    assert (tmp_path / "cells.csv").read_text().startswith("label,name,area_um2,perimeter_um,")
+
+
+def test_a_region_without_a_pixel_is_missing(tube, tmp_path):
+    middle = tube.uv.mean(axis=0)
+    small, large = ([[-a, -a], [a, -a], [a, a], [-a, a]] for a in (1.0, 5.0))
+    regions = tube.regions({"hidden": middle + small, "above": middle + large})
+    found = regions.properties()
+    assert found["area"][0] == 0 < found["area"][1]
+    assert np.isnan([found[name][0] for name in ("x", "u", "major_axis", "map_direction")]).all()
+    regions.save(tmp_path / "cells.tsv")
+    assert (tmp_path / "cells.tsv").read_text().splitlines()[1].startswith("1\thidden\t0\t0\t0\tn/a\t")
+
+
+def test_refusals(cap, tmp_path):
+    regions = cap.regions(near(cap, cap.points[0], 9.0, 0.5), pixel_size=0.5)
+    refused(r"the image has shape \(3, 3\), but the map has", regions.properties, np.zeros((3, 3)))
+    refused("the image are 'a'. Give numbers", regions.properties, "a")
+    refused("pixel size", regions.properties, pixel_size=-1.0)
+    refused("does not store voxels, so volume and depth do not apply", regions.save, tmp_path / "a.tsv", depth=(0, 1))
+    assert list(tmp_path.iterdir()) == []
