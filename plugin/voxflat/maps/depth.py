@@ -1,4 +1,4 @@
-"""Cortical depth: in mm along the normals, or as a fraction of the way from the white to the pial surface."""
+"""Depth: the distance along the normals, or as a fraction of the way from the white to the pial surface."""
 
 import math
 from collections.abc import Sequence
@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from voxflat.arguments import checked_choice, is_number, is_whole, shown
 from voxflat.errors import InputError
+from voxflat.io.grid import in_unit
 
 LAYERINGS = ("equivolume", "equidistant")
 """Whether a fraction of cortical depth refers to the local volume of the cortex or to its thickness."""
@@ -23,7 +24,7 @@ _SMOOTHED = 0.5  # width of the smoothing of areas, relative to the thickness
 class Depths:
     """One or several depths at which to sample."""
 
-    values: tuple[float, ...]  # mm outside the surface, or fractions from 0 (white surface) to 1 (pial surface)
+    values: tuple[float, ...]  # distances outside the surface, or fractions from 0 (white surface) to 1 (pial surface)
     layering: str | None = None  # one of `LAYERINGS`, for fractions
 
     @classmethod
@@ -58,11 +59,10 @@ class Depths:
         """Return the number of depths."""
         return len(self.values)
 
-    @property
-    def names(self) -> tuple[str, ...]:
-        """The name of each depth."""
+    def names(self, unit: str = "mm") -> tuple[str, ...]:
+        """Return the name of each depth, given the unit of distances from the surface."""
         if self.layering is None:
-            return tuple(f"{value:g} mm" for value in self.values)
+            return tuple(in_unit(f"{value:g} mm", {"unit": unit}) for value in self.values)
         return tuple(f"{self.layering} {value:g}" for value in self.values)
 
 
