@@ -195,8 +195,8 @@ def sample_projection(
     if len(layers) == 1:
         return np.asarray(layers[0])
     if volume.data.ndim == 3:
-        return _PROJECTED[projection](np.asarray(layers))
-    mean = np.round(layers.mean(axis=0)).astype(np.uint8)
+        return np.asarray(_PROJECTED[projection](layers))
+    mean: NDArray[Any] = np.round(layers.mean(axis=0)).astype(np.uint8)
     mean[(layers[..., 3] == 0).any(axis=0)] = 0
     return mean
 

@@ -5,6 +5,7 @@ import re
 import weakref
 from dataclasses import dataclass
 from functools import cached_property
+from html import unescape
 from itertools import product
 from pathlib import Path
 from typing import Any, Literal
@@ -111,7 +112,7 @@ def open_tiff(path: Path) -> TiffStack:
             raise InputError(f"does not name its axes ({shape}). Save it as OME-TIFF, or pass an array (x, y, z)")
         depth = pages[0] if pages else ""
         affine, unit = _ome_place(file.ome_metadata) or _imagej_place(file, bool(pages)) or (None, "mm")
-        titles = re.findall(r'<Channel [^>]*\bName="([^"]*)"', file.ome_metadata or "")
+        titles = [unescape(name) for name in re.findall(r'<Channel [^>]*\bName="([^"]*)"', file.ome_metadata or "")]
     others = [(axis, n) for axis, n in axes if not _is_inside(axis, n, depth)]
     if not depth and (several := [f"{n} along {axis}" for axis, n in others if n > 1]):
         remedy = "If these are slices, save them as slices (in Fiji: Image → Properties), or pass an array (x, y, z)"
@@ -147,7 +148,7 @@ def _ome_place(text: str | None) -> tuple[Affine, str] | None:
         size = re.search(rf'\bPhysicalSize{axis}="([^"]+)"', text or "")
         unit = re.search(rf'\bPhysicalSize{axis}Unit="([^"]+)"', text or "")
         if size is not None:
-            sizes.append((size[1], unit[1] if unit else "µm"))
+            sizes.append((size[1], unescape(unit[1]) if unit else "µm"))
         elif axis == "Z" and sizes:
             sizes.append(sizes[0])
         else:
