@@ -191,7 +191,7 @@ def test_a_stack_that_is_cut_off_after_it_was_opened(stacks, flat, tmp_path, mon
     whole = (stacks / "imagej.tif").read_bytes()
     (tmp_path / "short.tif").write_bytes(whole)
     layers = flat.images(tmp_path / "short.tif", depth=DEPTHS)
-    (tmp_path / "short.tif").write_bytes(whole[: len(whole) // 2])
+    (tmp_path / "short.tif").write_bytes(whole[:5000])
     refused("short.tif: ends after .* pixels of page", layers.save, tmp_path / "layers.zarr")
     assert not (tmp_path / "layers.zarr").exists()
 
