@@ -14,7 +14,7 @@ from refusals import refused
 import voxflat
 from voxflat.io import chunks
 from voxflat.maps import sampler
-from voxflat.maps.directions import uncrossed
+from voxflat.maps.depth import uncrossed
 
 RADIUS, SIZES, SHAPE = 12.0, (0.5, 0.5, 1.0), (70, 72, 36)  # µm; x, y, z
 CENTRE = np.array([17.0, 18.0, 17.5])

@@ -11,6 +11,8 @@ import os
 import subprocess
 import sys
 import time
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
@@ -34,8 +36,8 @@ def shell(size: int, z: int) -> tuple[slice, np.ndarray]:
     return rows, np.where(np.abs(away) < _SHELL, np.round(10000 + 100 * away), 0).astype(np.uint16)
 
 
-def write(folder: Path, size: int, slices: range) -> list[Path]:
-    """Write some slices of a stack as OME-TIFF and OME-Zarr, both sparse."""
+def write(folder: Path, size: int, slices: range) -> None:
+    """Write some slices of a stack as OME-TIFF and OME-Zarr, both sparse, and the map of the sphere."""
     shape, told = (size, size, size), {"axes": "ZYX"}
     told |= {f"PhysicalSize{axis}": 1.0 for axis in "XYZ"} | {f"PhysicalSize{axis}Unit": "µm" for axis in "XYZ"}
     tifffile.imwrite(folder / "stack.ome.tif", shape=shape, dtype=np.uint16, metadata=told, bigtiff=True)
@@ -52,7 +54,7 @@ def write(folder: Path, size: int, slices: range) -> list[Path]:
             block[z - first, rows] = pages[z, rows] = values
         array[first : first + len(block)] = block
     pages.flush()
-    return [folder / "stack.ome.tif", folder / "stack.zarr"]
+    voxflat.surface(ball(size), unit="µm").flatten().save(folder / "map.npz")
 
 
 def main() -> None:
@@ -66,10 +68,10 @@ def main() -> None:
     folder.mkdir(parents=True, exist_ok=True)
     first = size // 2 // 64 * 64
     slices = range(first, min(size, first + 320))
-    files = write(folder, size, slices)
-    flat_map = voxflat.surface(ball(size), unit="µm").flatten()
-    flat_map.save(folder / "map.npz")
-    heights = flat_map.locate(given.pixel_size)[1][..., 2]
+    with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:  # its memory would count as that of commands
+        pool.submit(write, folder, size, slices).result()
+    heights = voxflat.load(folder / "map.npz").locate(given.pixel_size)[1][..., 2]
+    files = [folder / "stack.ome.tif", folder / "stack.zarr"]
     for path in files:
         apparent = 2 * size**3 if path.is_dir() else path.stat().st_size
         for name, more in (("max", ["--projection", "max"]), ("layers", [])):

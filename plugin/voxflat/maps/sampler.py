@@ -24,8 +24,7 @@ from voxflat.io.readers import has_place
 from voxflat.io.sources import as_volume
 from voxflat.io.spaces import Space
 from voxflat.io.volumes import Volume
-from voxflat.maps.depth import ON_SURFACE, Depths, equivolume, smooth_areas, vertex_areas
-from voxflat.maps.directions import uncrossed
+from voxflat.maps.depth import ON_SURFACE, Depths, equivolume, smooth_areas, uncrossed, vertex_areas
 from voxflat.maps.raster import FlatImage, FlatStack, Raster, series_showing, show, some_pixels
 from voxflat.maps.sampling import (
     INTERPOLATIONS,
@@ -236,9 +235,16 @@ class Sampler:
         places = np.concatenate(self._in_world(some_pixels(raster, part), depths)).reshape(-1, 3)
         if are_intensities(volume, places):
             return "linear"
-        told = "%s: the integers form areas, so they are sampled as labels. Pass interpolation='linear' for intensities"
-        log.warning(told, Path(str(volume.path)).name)
+        if volume.path not in self._of_labels:
+            self._of_labels.add(volume.path)
+            told = "%s: the integers form areas, so they are sampled as labels. Use interpolation 'linear' otherwise"
+            log.warning(told, Path(str(volume.path)).name)
         return "nearest"
+
+    @cached_property
+    def _of_labels(self) -> set[Path]:
+        """The stacks that were taken for labels, each of which is reported once."""
+        return set()
 
     @staticmethod
     def _found(volume: object, channels: Channels, channel: int | str | None) -> int:
