@@ -242,7 +242,7 @@ class Sampler:
         return "nearest"
 
     @cached_property
-    def _of_labels(self) -> set[Path]:
+    def _of_labels(self) -> set[Path | None]:
         """The stacks that were taken for labels, each of which is reported once."""
         return set()
 
