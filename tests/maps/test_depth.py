@@ -116,7 +116,7 @@ class TestSeveral:
         radius = radius_volume()
         mean = shells.image(radius, 0.4, fraction=(0.2, 0.5, 0.9))
         assert_allclose(mean.data, shells.images(radius, 0.4, fraction=(0.2, 0.5, 0.9)).data.mean(axis=0))
-        assert_array_equal(mean.data, shells.images(radius, 0.4, fraction=(0.2, 0.5, 0.9), average=True)[0].data)
+        assert_array_equal(mean.data, shells.images(radius, 0.4, fraction=(0.2, 0.5, 0.9), projection="mean")[0].data)
         middle = shells.pial_points.mean(axis=0)
         beyond = volume_of(lambda x, y, z: (x**2 + y**2 + z**2 > 12.2**2) & (x > middle[0])).data
         small = Volume(np.where(beyond, np.nan, radius.data), GRID)
@@ -134,7 +134,9 @@ class TestSeveral:
         assert stack.data.shape[:2] == (3, 2)
         assert_allclose(stack.data[1, 0], shells.image(path, 0.4, channel=1, fraction=0.25).data, rtol=1e-12)
         assert_array_equal(shells.images(path, 0.4, channel=1, fraction=(0.25, 0.75)).data, stack.data[1])
-        assert_allclose(shells.images(path, 0.4, fraction=(0.25, 0.75), average=True).data, stack.data.mean(axis=1))
+        assert_allclose(
+            shells.images(path, 0.4, fraction=(0.25, 0.75), projection="mean").data, stack.data.mean(axis=1)
+        )
         stack.save(tmp_path / "out.nii.gz")
         image = nib.load(tmp_path / "out.nii.gz")
         assert image.shape == (*stack.data.shape[2:], 2, 3)
@@ -188,7 +190,7 @@ def test_by_the_command_line(shells, tmp_path):
     succeed(*command, "--fraction", "0,0.5,1", "--layering", "equidistant")
     expected = shells.images(volume, 0.6, fraction=(0, 0.5, 1), layering="equidistant").data
     assert_allclose(np.load(out), expected, rtol=1e-6)
-    succeed(*command, "--depth", "-1,1", "--average")
+    succeed(*command, "--depth", "-1,1", "--projection", "mean")
     assert_allclose(np.load(out), shells.image(volume, 0.6, depth=(-1, 1)).data, rtol=1e-6)
     for wrong in (("--fraction", "0.5", "--depth", "1"), ("--layering", "equidistant"), ("--fraction", "half")):
         assert run(*command, *wrong).exit_code == 2

@@ -72,13 +72,13 @@ def test_each_frame_lies_where_the_surface_is(tk_map, tmp_path, kind, name):
 
 
 @pytest.mark.parametrize(
-    "how", [{}, {"depth": 1.0}, {"fraction": (0.2, 0.5, 0.9)}, {"fraction": (0.2, 0.8), "average": True}]
+    "how", [{}, {"depth": 1.0}, {"fraction": (0.2, 0.5, 0.9)}, {"fraction": (0.2, 0.8), "projection": "mean"}]
 )
 @pytest.mark.parametrize("interpolation", ["linear", "nearest"])
 def test_a_frame_is_what_one_volume_is(shells, tmp_path, how, interpolation):
     """By nearest voxels bit for bit, else within rounding; NaN and the volume's ends at the same pixels."""
     flat, data, affine = shells
-    alone = {name: value for name, value in how.items() if name != "average"}
+    alone = {name: value for name, value in how.items() if name != "projection"}
     if interpolation == "nearest":
         data, how = np.nan_to_num(100 * data).astype(np.int16), alone
     series = flat.images(nifti(tmp_path / "bold.nii", data, affine), 0.7, interpolation=interpolation, **how)
@@ -228,7 +228,7 @@ def test_nibabel_reads_mm_and_seconds(series, shells, tmp_path, name):
 
 def test_tifffile_reads_axes_and_units(series, tmp_path):
     tifffile = pytest.importorskip("tifffile")
-    for stack, axes in zip(series, ("TCYX", "TYX"), strict=True):
+    for stack, axes in zip(series, ("TZYX", "TYX"), strict=True):
         stack.save(tmp_path / "flat.tif")
         with tifffile.TiffFile(tmp_path / "flat.tif") as file:
             assert file.is_ome
@@ -247,12 +247,12 @@ def test_tifffile_reads_axes_and_units(series, tmp_path):
 
 def test_zarr_reads_axes_and_units(series, tmp_path):
     zarr = pytest.importorskip("zarr")
-    for n, (stack, axes) in enumerate(zip(series, ("tcyx", "tyx"), strict=True)):
+    for n, (stack, axes) in enumerate(zip(series, ("tzyx", "tyx"), strict=True)):
         stack.save(tmp_path / f"{n}.zarr")
         group = zarr.open_group(tmp_path / f"{n}.zarr", mode="r")
         (scales,) = group.attrs["multiscales"]
         assert "".join(axis["name"] for axis in scales["axes"]) == axes
-        assert [axis.get("unit") for axis in scales["axes"] if axis["name"] != "c"] == ["second", *["millimeter"] * 2]
+        assert [axis.get("unit") for axis in scales["axes"]] == ["second", *["millimeter"] * (len(axes) - 1)]
         scale, shift = (step[step["type"]] for step in scales["datasets"][0]["coordinateTransformations"])
         array = group["0"]
         assert array.chunks == (*[1] * (array.ndim - 2), *stack[0].data.shape)

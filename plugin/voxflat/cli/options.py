@@ -1,6 +1,7 @@
 """Define the options that several commands share."""
 
 import functools
+import math
 import re
 import warnings
 from collections.abc import Callable, Iterable
@@ -30,6 +31,7 @@ _OVERWRITE = "Replace existing companion files of OUT, such as OUT.json, even if
 _RELAX_LENGTH = "Maximum total length of relaxation cuts in mm, including any cuts passed to --cuts."
 _PERIOD = "Treat the values as phases with this period, such as 360, so that averages and colours wrap around."
 _TIME_STEP = "Time between frames of a series, in seconds.  [default: from the file]"
+_MOST_NUMBERS = 1e6  # in a range
 _PER_LINE = "Write one vertex number, or three voxel indices, on each line."
 
 
@@ -117,11 +119,24 @@ def paths(ctx: click.Context, param: click.Parameter, value: tuple[Path, ...]) -
 
 
 def numbers(ctx: click.Context, param: click.Parameter, value: str | None) -> tuple[float, ...] | None:
-    """Convert an option's text to one or more numbers."""
+    """Convert an option's text to numbers: one number, a list such as 0,2, or a range such as -10:10:1."""
     try:
-        return None if value is None else tuple(float(part) for part in value.split(","))
+        return None if value is None else tuple(number for part in value.split(",") for number in _numbers(part))
     except ValueError:
-        raise click.BadParameter(f"{value!r} is not a number or a list of numbers such as 0.25,0.5.") from None
+        wanted = "a number, a list of numbers such as 0.25,0.5 or a range such as -10:10:1 (first:last:step)"
+        raise click.BadParameter(f"{value!r} is not {wanted}.") from None
+
+
+def _numbers(text: str) -> list[float]:
+    """Return a number, or all numbers of a range, which includes both ends."""
+    parts = [float(part) for part in text.split(":")]
+    if len(parts) == 1:
+        return parts
+    first, last, step = parts
+    steps = (last - first) / step if step else math.inf
+    if not 0 <= steps < _MOST_NUMBERS:
+        raise ValueError(text)
+    return [float(f"{first + step * n:.12g}") for n in range(math.floor(steps + 1e-9) + 1)]
 
 
 class _File(click.Path):

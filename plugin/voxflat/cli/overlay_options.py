@@ -37,11 +37,12 @@ def _limits(ctx: click.Context, param: click.Parameter, value: str | None) -> tu
 
 def depth_options(several: str) -> tuple[Callable[..., Any], ...]:
     """Return the options for the depth at which volumes are sampled; `several` explains the use of several depths."""
-    depth = "Distance from the surface, in mm, at which volumes are sampled: positive outside, negative inside."
+    depth = "Distance from the surface, in the unit of the map, at which volumes are sampled: positive outside, "
+    depth += "negative inside. -10:10:1 stands for -10, -9, ..., 10."
     fraction = "Cortical depth from 0 (white surface) to 1 (pial surface). Replaces --depth for maps made with --pial."
     layering = "Interpret --fraction as a share of the cortical volume (equivolume) or of the thickness (equidistant)."
     return (
-        options.value("--depth", "MM[,MM...]", f"{depth} {several}  [default: 0]", callback=options.numbers),
+        options.value("--depth", "D[,D...]", f"{depth} {several}  [default: 0]", callback=options.numbers),
         options.value("--fraction", "F[,F...]", f"{fraction} {several}", callback=options.numbers),
         options.choice("--layering", LAYERINGS, f"{layering}  [default: equivolume]"),
     )

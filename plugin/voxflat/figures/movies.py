@@ -211,7 +211,11 @@ def movie(
         raise InputError(f"opacity is {shown(opacity)}. Pass a number from 0 to 1")
     page = Page.of(maps, _WIDTH, title, head=True, pixels=int(size))
     depths = Depths.of(depth, fraction, layering)
-    how: dict[str, Any] = {"interpolation": of.interpolation or "linear", "time_step": of.time_step, "average": True}
+    how: dict[str, Any] = {
+        "interpolation": of.interpolation or "linear",
+        "time_step": of.time_step,
+        "projection": "mean",
+    }
     values = of.values if len(maps) > 1 and isinstance(of.values, list | tuple) else [of.values] * len(maps)
     stacks = []
     for own, panel in zip(values, page.panels, strict=True):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
 import re
 import textwrap
 from collections.abc import Callable, Sequence
@@ -16,8 +15,7 @@ from numpy.typing import NDArray
 
 from voxflat.arguments import shown
 from voxflat.errors import InputError
-from voxflat.io.files import OF_DAMAGE, REMEDY, check_regular, naming, nibabel_image
-from voxflat.io.formats.tiff import TIFF_ENDINGS, open_tiff
+from voxflat.io.files import OF_DAMAGE, REMEDY, naming, nibabel_image
 from voxflat.io.grid import Affine, check_affine, in_millimetres
 from voxflat.io.readers import check_length
 from voxflat.io.reading import check_room, note
@@ -128,17 +126,6 @@ def series_of(obj: object) -> tuple[Channels, Affine] | None:
         return np.asarray(image.dataobj[at])
 
     return Channels(("",) * shape[3], frame, _timing(image.header)).of_file(path), affine
-
-
-def tiff_of(obj: object) -> tuple[Channels, Affine | None, str] | None:
-    """Return the channels of a TIFF stack, its affine and the unit of the affine, or None for other input."""
-    if not isinstance(obj, str | os.PathLike) or not str(obj).lower().endswith(TIFF_ENDINGS):
-        return None
-    path = Path(obj)
-    check_regular(path)
-    stack = open_tiff(path)
-    note(path)
-    return Channels(stack.names, stack.read).of_file(path), stack.affine, stack.unit
 
 
 def points_of_nibabel(obj: object, points: int, structure: str | None) -> Channels | None:

@@ -1,4 +1,4 @@
-"""Read volumes that are larger than memory in chunks (dask, zarr, OME-Zarr); each required chunk is read once."""
+"""Read volumes that are larger than memory in chunks (dask, zarr, OME-Zarr, TIFF); each required chunk is read once."""
 
 import json
 import math
@@ -14,12 +14,16 @@ from numpy.typing import NDArray
 from voxflat.errors import InputError
 from voxflat.io.channels import Channels
 from voxflat.io.files import REMEDY, check_regular, naming, require
+from voxflat.io.formats.tiff import TIFF_ENDINGS, open_tiff
 from voxflat.io.grid import LONG_NAMES, Affine, check_axes, millimetres
 from voxflat.io.reading import check_room, note
 from voxflat.io.subprocess_reader import read_in_subprocess
 
 PLACE_BYTES = 360
 """Bytes of memory per sampled position (a pixel at one depth), in addition to one chunk at a time."""
+
+_WHOLE = 1 << 28
+"""Largest size in bytes of a volume in a TIFF file that is read at once."""
 
 _CHANNEL_BYTES = 1000  # bytes of memory per channel before any voxel is read
 
@@ -80,6 +84,19 @@ class Chunked:
         found: np.dtype[Any] = np.dtype(self.array.dtype)
         return found if self.made_of is None else self.made_of(np.zeros(0, found)).dtype
 
+    @property
+    def grids(self) -> list[_Grid]:
+        """The chunks along each of i, j and k."""
+        return [_Grid(length, self.array.chunks[axis]) for axis, length in zip(self.axes, self.shape, strict=True)]
+
+    def chunk_of(self, voxels: NDArray[np.integer[Any]]) -> NDArray[np.integer[Any]]:
+        """Return the number of the chunk that contains each voxel, given by its indices (P, 3)."""
+        number = np.zeros(len(voxels), dtype=np.int64)
+        for axis, grid in enumerate(self.grids):
+            number *= grid.count
+            number += grid.number(voxels[:, axis])
+        return number
+
     def block(self, spans: list[tuple[int, int]]) -> NDArray[Any]:
         """Read a box of voxels, given the first index and the index after the last one along each of i, j and k."""
         at: list[Any] = [slice(None)] * len(self.array.shape)
@@ -131,6 +148,11 @@ def is_zarr_path(obj: object) -> bool:
     return path.is_dir() and any((path / name).exists() for name in _HEADERS)
 
 
+def is_stack_path(obj: object) -> bool:
+    """Return whether an object is the path to a microscopy stack: a TIFF file or a Zarr directory."""
+    return is_zarr_path(obj) or (isinstance(obj, str | os.PathLike) and str(obj).lower().endswith(TIFF_ENDINGS))
+
+
 def voxels_at(data: Any, low: NDArray[np.integer[Any]], offsets: NDArray[np.integer[Any]]) -> NDArray[Any]:
     """Return the voxels (P, K) at `low` (P, 3) plus `offsets` (K, 3), clipped to the volume; read each chunk once."""
     last = np.asarray(data.shape[:3], dtype=low.dtype) - 1
@@ -139,16 +161,11 @@ def voxels_at(data: Any, low: NDArray[np.integer[Any]], offsets: NDArray[np.inte
         for n, offset in enumerate(offsets):
             found[:, n] = data[tuple(np.minimum(low + offset, last).T)]
         return found
-    grids = [_Grid(length, data.array.chunks[axis]) for axis, length in zip(data.axes, data.shape, strict=True)]
+    grids = data.grids
     counts = [grid.count for grid in grids]
     chunk = np.empty(found.shape, dtype=np.int32 if math.prod(counts) < 2**31 else np.int64)
     for n, offset in enumerate(offsets):
-        number = np.zeros(len(low), dtype=chunk.dtype)
-        for axis, grid in enumerate(grids):
-            own = np.minimum(low[:, axis] + offset[axis], last[axis])
-            number *= counts[axis]
-            number += grid.number(own).astype(number.dtype)
-        chunk[:, n] = number
+        chunk[:, n] = data.chunk_of(np.minimum(low + offset, last))
     order = np.argsort(chunk.ravel(), kind="stable")
     values, first = found.reshape(-1), 0
     numbers, sizes = np.unique(chunk, return_counts=True)
@@ -164,9 +181,11 @@ def voxels_at(data: Any, low: NDArray[np.integer[Any]], offsets: NDArray[np.inte
 
 
 def chunked_of(obj: object) -> tuple[Channels, Affine | None, str] | None:
-    """Return the `Chunked` channels, affine and unit of a chunked array or OME-Zarr path, or None for other input."""
+    """Return the channels, affine and unit of a chunked array, OME-Zarr path or TIFF file, or None for other input."""
     if is_zarr_path(obj):
         return _ome_zarr(Path(str(obj)))
+    if is_stack_path(obj):
+        return _tiff(Path(str(obj)))
     if not is_chunked(obj):
         return None
     array: Any = obj
@@ -192,6 +211,27 @@ def _check(array: Any, chunks: Any) -> None:
         raise InputError(f"has {count} chunks, more than a 64-bit integer can count. Write it again with larger chunks")
     largest = math.prod(max(of) if isinstance(of, tuple | list) else int(of) for of in chunks)
     check_room(2 * largest * np.dtype(array.dtype).itemsize)
+
+
+def _tiff(path: Path) -> tuple[Channels, Affine | None, str]:
+    """Open a TIFF stack; volumes that are small are read completely, and others in chunks of one page."""
+    check_regular(path)
+    stack = open_tiff(path)
+    note(path)
+    voxels = math.prod(length for n, (_, length) in enumerate(stack.axes) if n not in dict(stack.at(0)[1]))
+    size = voxels * stack.array.dtype.itemsize
+    is_large = size > _WHOLE and len(stack.at(0)[0]) == 3 and not stack.is_colour
+    if is_large:
+        _check(stack.array, stack.array.chunks)
+
+    def read(n: int) -> Any:
+        if not is_large:
+            check_room(2 * size)
+            return stack.read(n)
+        (x, y, z), fixed = stack.at(n)
+        return Chunked(stack.array, (x, y, z), fixed, path=path)
+
+    return Channels(stack.names, read).of_file(path), stack.affine, stack.unit
 
 
 def _ome_zarr(path: Path) -> tuple[Channels, Affine, str]:

@@ -15,8 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from voxflat.arguments import array_of, checked_path, shown
 from voxflat.errors import InputError
-from voxflat.io.channels import tiff_of
-from voxflat.io.chunks import Chunked, chunked_of, is_chunked, is_zarr_path
+from voxflat.io.chunks import Chunked, chunked_of, is_chunked, is_stack_path
 from voxflat.io.files import REMEDY, atomic_path, by_ending, naming, require, save_array
 from voxflat.io.formats.tiff import TIFF_ENDINGS
 from voxflat.io.grid import Affine, check_affine, named_unit, scaled, volume_shape
@@ -208,7 +207,7 @@ def read_volume(path: str | os.PathLike[str], channel: int | str | None = None) 
 
 def volume_of_file(path: str | os.PathLike[str], channel: int | str | None = None) -> Volume:
     """Read a volume; errors do not name the file."""
-    found = chunked_of(path) if is_zarr_path(path) else tiff_of(path)
+    found = chunked_of(path) if is_stack_path(path) else None
     if found is not None:
         channels, affine, unit = found
         if channel is None and len(channels) > 1:

@@ -48,7 +48,7 @@ def flat_volume(
         )
     if origin is not None and np.abs(origin - raster.origin).max() > max(_SAME, raster.pixel_size * _SAME):
         raise InputError("the flat volume has another origin than the map. Pass the map with which it was made")
-    expected = Depths.of(layering=layering, count=len(data)).names
+    expected = Depths.of(layering=layering, count=len(data)).names()
     for name, one in zip(names, expected, strict=False):
         if name and not name.endswith(one):
             raise InputError(

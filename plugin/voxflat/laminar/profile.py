@@ -295,7 +295,7 @@ def profile_of(
     group, bins = groups.of[inside], groups.of[inside] * layers.count + layers.of[inside]
     channels, placed, path = voxels.volumes(volume)
     points = voxels.points[inside]
-    sampled = None
+    sampled = way = None
     numbers = range(len(channels))
     if channel is not None:
         with naming(path or type(volume).__name__, REMEDY):
@@ -305,8 +305,8 @@ def profile_of(
         frame = placed(channels.read(number))
         if sampled is None:
             way = "nearest" if are_centres(frame, points) else interpolation  # ignores NaN in the voxels around
-            sampled = series_sampling([points], way, average=True)
-        values = sampled(frame)
+            sampled = series_sampling([points], "mean")
+        values = sampled(frame, way)
         if values.ndim != 1:
             raise InputError("the volume contains colours, which have no mean. Pass a volume with one value per voxel")
         parts.append(_statistics(values, bins, group, (len(groups.keys), layers.count)))

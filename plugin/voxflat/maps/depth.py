@@ -1,4 +1,4 @@
-"""Cortical depth: in mm along the normals, or as a fraction of the way from the white to the pial surface."""
+"""Depth: the distance along the normals, or as a fraction of the way from the white to the pial surface."""
 
 import math
 from collections.abc import Sequence
@@ -11,11 +11,16 @@ from numpy.typing import ArrayLike, NDArray
 
 from voxflat.arguments import checked_choice, is_number, is_whole, shown
 from voxflat.errors import InputError
+from voxflat.io.grid import in_unit
+from voxflat.unique_rows import distinct
 
 LAYERINGS = ("equivolume", "equidistant")
 """Whether a fraction of cortical depth refers to the local volume of the cortex or to its thickness."""
 
 _MOST_LAYERS = 1000
+_RINGS = 3  # neighbours around a crossing whose directions are averaged
+_MOST_ROUNDS = 100
+_PATIENCE = 10  # rounds in which the number of crossings has to fall
 _SMOOTHED = 0.5  # width of the smoothing of areas, relative to the thickness
 
 
@@ -23,7 +28,7 @@ _SMOOTHED = 0.5  # width of the smoothing of areas, relative to the thickness
 class Depths:
     """One or several depths at which to sample."""
 
-    values: tuple[float, ...]  # mm outside the surface, or fractions from 0 (white surface) to 1 (pial surface)
+    values: tuple[float, ...]  # distances outside the surface, or fractions from 0 (white surface) to 1 (pial surface)
     layering: str | None = None  # one of `LAYERINGS`, for fractions
 
     @classmethod
@@ -58,11 +63,10 @@ class Depths:
         """Return the number of depths."""
         return len(self.values)
 
-    @property
-    def names(self) -> tuple[str, ...]:
-        """The name of each depth."""
+    def names(self, unit: str = "mm") -> tuple[str, ...]:
+        """Return the name of each depth, given the unit of distances from the surface."""
         if self.layering is None:
-            return tuple(f"{value:g} mm" for value in self.values)
+            return tuple(in_unit(f"{value:g} mm", {"unit": unit}) for value in self.values)
         return tuple(f"{self.layering} {value:g}" for value in self.values)
 
 
@@ -136,3 +140,59 @@ def equivolume(fraction: float, inner: ArrayLike, outer: ArrayLike) -> NDArray[n
     below = np.sqrt(fraction * outer**2 + (1 - fraction) * inner**2) + inner
     with np.errstate(invalid="ignore", divide="ignore"):
         return np.where(below > 0, fraction * (inner + outer) / below, fraction)
+
+
+def uncrossed(
+    points: NDArray[np.float64], normals: NDArray[np.float64], faces: NDArray[np.integer], low: float, high: float
+) -> tuple[NDArray[np.float64], float]:
+    """Return unit vectors (N, 3) along which layers from `low` to `high` do not cross, and the share that still does.
+
+    They are the normals, except that they are averaged with their neighbours where a triangle would be turned over
+    on its way to one of the two ends. The share is that of the triangles.
+    """
+    merged = distinct(points)  # both sides of a cut move together
+    corners = merged.which[faces]
+    places, directions = points[merged.first], normals[merged.first].copy()
+    starts, ends = corners.ravel(), np.roll(corners, 1, axis=1).ravel()
+    pairs = (np.concatenate([starts, ends]), np.concatenate([ends, starts]))
+    near = scipy.sparse.csr_array((np.ones(len(pairs[0])), pairs), shape=(len(places),) * 2)
+    near.data[:] = 1.0
+    near = (near + scipy.sparse.eye_array(len(places))).tocsr()
+    is_known = np.isfinite(directions).all(axis=1)
+    is_turned = _turned(places, directions, corners, low, high)
+    fewest, since = len(corners) + 1, 0
+    for _ in range(_MOST_ROUNDS):
+        count = int(np.count_nonzero(is_turned))
+        fewest, since = (count, 0) if count < fewest else (fewest, since + 1)
+        if count == 0 or since == _PATIENCE:
+            break
+        is_moved = np.zeros(len(places), dtype=bool)
+        is_moved[corners[is_turned]] = True
+        for _ in range(_RINGS):
+            is_moved = (near @ is_moved) > 0
+        rows = np.flatnonzero(is_moved & is_known)
+        mean = near[rows] @ np.nan_to_num(directions)
+        length = np.linalg.norm(mean, axis=1, keepdims=True)
+        directions[rows] = np.divide(mean, length, out=directions[rows], where=length > 0)
+        touched = np.flatnonzero(is_moved[corners].any(axis=1))
+        is_turned[touched] = _turned(places, directions, corners[touched], low, high)
+    share = float(np.count_nonzero(is_turned)) / max(1, len(corners))
+    return directions[merged.which], share
+
+
+def _turned(
+    points: NDArray[np.float64], directions: NDArray[np.float64], faces: NDArray[np.integer], low: float, high: float
+) -> NDArray[np.bool_]:
+    """Return which triangles turn over when their corners move from 0 to `low` or to `high`."""
+    a, b, c = (faces[:, k] for k in range(3))
+    sides = points[b] - points[a], points[c] - points[a]
+    moves = directions[b] - directions[a], directions[c] - directions[a]
+    normal = np.cross(*sides)
+    # the component of the moved triangle's normal along its first one is a quadratic function of the distance
+    constant = (normal * normal).sum(axis=1)
+    linear = (normal * (np.cross(sides[0], moves[1]) + np.cross(moves[0], sides[1]))).sum(axis=1)
+    square = (normal * np.cross(*moves)).sum(axis=1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        lowest = np.clip(np.nan_to_num(-linear / (2 * square)), min(low, 0.0), max(high, 0.0))
+    least = np.min([constant + at * (linear + at * square) for at in (low, high, lowest)], axis=0)
+    return np.asarray(least <= 0)

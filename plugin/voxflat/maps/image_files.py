@@ -60,6 +60,8 @@ class _Stack(Protocol):
     def timing(self) -> Timing | None: ...
     @property
     def name(self) -> str: ...
+    @property
+    def channel_names(self) -> tuple[str, ...]: ...
     def __len__(self) -> int: ...
     def __getitem__(self, channel: int) -> _Image: ...
 
@@ -157,9 +159,16 @@ def reporting(images: Iterator[_T], count: int, name: str, progress: Progress | 
 
 
 def _frames_and_channels(stack: _Stack) -> tuple[int, tuple[str, ...]]:
-    """Return the number of frames of a stack (1 if it is not a series), and the names of the images in each frame."""
-    names = stack.names if stack.timing is None else stack.layers or ("",)
-    return len(stack) // len(names), names
+    """Return the number of frames of a stack (1 if it is not a series), and the names of the channels of each frame."""
+    names = stack.channel_names
+    return (1, names) if stack.timing is None else (len(names), ("",))
+
+
+def _depth_step(stack: _Stack) -> float | None:
+    """Return the distance between evenly spaced depths, if there are several."""
+    steps = np.diff(stack.heights)
+    is_even = len(steps) > 0 and steps[0] > 0 and np.allclose(steps, steps[0])
+    return float(steps[0]) if is_even else None
 
 
 def _write_tiff_pages(path: Path, stack: _Stack, first: _Image, values: _Values, record: Record) -> None:
@@ -182,11 +191,13 @@ def _ome(stack: _Stack, first: _Image, record: Record) -> str:
     """Return the OME-XML description, from which Bio-Formats, Fiji and tifffile read the axes and units."""
     frames, channels = _frames_and_channels(stack)
     height, width = first.data.shape
-    pixels = {"ID": "Pixels:0", "DimensionOrder": "XYCZT", "Type": "float", "SizeX": str(width), "SizeY": str(height)}
-    pixels |= {"SizeC": str(len(channels)), "SizeZ": "1", "SizeT": str(frames)}
-    for axis in "XY" if first.unit != "unknown" else "":
+    pixels = {"ID": "Pixels:0", "DimensionOrder": "XYZCT", "Type": "float", "SizeX": str(width), "SizeY": str(height)}
+    pixels |= {"SizeC": str(len(channels)), "SizeZ": str(max(1, len(stack.layers))), "SizeT": str(frames)}
+    step = _depth_step(stack)
+    sizes = dict.fromkeys("XY", float(first.affine[2, 2])) | ({} if step is None else {"Z": step})
+    for axis, size in sizes.items() if first.unit != "unknown" else ():
         unit = {"inch": "in"}.get(first.unit, first.unit)
-        pixels |= {f"PhysicalSize{axis}": f"{first.affine[2, 2]:.9g}", f"PhysicalSize{axis}Unit": unit}
+        pixels |= {f"PhysicalSize{axis}": f"{size:.9g}", f"PhysicalSize{axis}Unit": unit}
     if stack.timing is not None:
         pixels |= {"TimeIncrement": f"{stack.timing.step:.9g}", "TimeIncrementUnit": "s"}
     root = ElementTree.Element("OME", {"xmlns": _OME})
@@ -211,9 +222,9 @@ def _write_nifti_series(path: Path, stack: _Stack, first: _Image, values: _Value
     depths, timing = max(1, len(stack.layers)), stack.timing
     shape = (height, width, depths, len(stack) // depths)
     affine, has_unit = _placed(first)
-    steps = np.diff(stack.heights)
-    if len(steps) and steps[0] > 0 and np.allclose(steps, steps[0]):
-        affine[2, 2:] = affine[2, 2] / first.affine[2, 2] * np.array([steps[0], stack.heights[0]])  # in mm
+    step = _depth_step(stack)
+    if step is not None:
+        affine[2, 2:] = affine[2, 2] / first.affine[2, 2] * np.array([step, stack.heights[0]])  # in mm
     header.set_data_shape(shape if depths == 1 or shape[3] > 1 else shape[:3])
     zooms = (*np.linalg.norm(affine[:3, :3], axis=0), 1.0 if timing is None else timing.step)
     header.set_zooms(zooms[: len(header.get_data_shape())])
@@ -261,7 +272,7 @@ def _write_npy_series(path: Path, stack: _Stack, first: _Image, values: _Values,
 
 
 def _write_zarr(path: Path, stack: _Stack, first: _Image, values: _Values, record: Record) -> None:
-    """Write OME-Zarr 0.4, which all readers support, with axes t and c (or one of them), y = −v and x = u."""
+    """Write OME-Zarr 0.4, which all readers support, with axes t and c (or one), z for depths, y = −v, x = u."""
     zarr = require("zarr")
     form: Any = {"zarr_format": 2} if int(zarr.__version__.split(".")[0]) > 2 else {}  # the only format before
     frames, channels = _frames_and_channels(stack)
@@ -273,6 +284,10 @@ def _write_zarr(path: Path, stack: _Stack, first: _Image, values: _Values, recor
         leading.append(({"name": "t", "type": "time", "unit": "second"}, frames, timing.step, timing.start))
     if timing is None or len(channels) > 1:
         leading.append(({"name": "c", "type": "channel"}, len(channels), 1.0, 0.0))
+    step = _depth_step(stack)
+    if stack.layers:
+        depth = {"name": "z", "type": "space"} | ({"unit": named} if named and step is not None else {})
+        leading.append((depth, len(stack.layers), step or 1.0, 0.0 if step is None else stack.heights[0]))
     lengths = tuple(length for _, length, _, _ in leading)
     space = [{"name": name, "type": "space", **({"unit": named} if named else {})} for name in "yx"]
     transforms = [
@@ -283,12 +298,19 @@ def _write_zarr(path: Path, stack: _Stack, first: _Image, values: _Values, recor
     axes = [*(axis for axis, _, _, _ in leading), *space]
     datasets = [{"path": "0", "coordinateTransformations": transforms}]
     group.attrs["multiscales"] = [{"version": "0.4", "name": stack.name, "axes": axes, "datasets": datasets}]
-    group.attrs["voxflat"] = {"affine": affine.tolist(), "names": list(channels), "provenance": portable(record)}
+    group.attrs["voxflat"] = {"affine": affine.tolist(), "names": list(stack.names), "provenance": portable(record)}
+    if timing is None and any(channels):
+        group.attrs["omero"] = {"channels": [_rendering(name) for name in channels]}
     shape, chunks = (*lengths, *first.data.shape), (*[1] * len(lengths), *first.data.shape)
     form |= {"dtype": "<f4", "fill_value": np.nan, "dimension_separator": "/"}
     array = zarr.open_array(str(path / "0"), mode="w", shape=shape, chunks=chunks, **form)
     for n, pixels in enumerate(values):
         array[np.unravel_index(n, lengths)] = pixels
+
+
+def _rendering(name: str) -> dict[str, Any]:
+    """Return the name of a channel as OME-Zarr stores it, beside a colour, which is mandatory."""
+    return {"label": name, "color": "FFFFFF", "active": True}
 
 
 _STACK_WRITERS: dict[str, Callable[[Path, _Stack, _Image, _Values, Record], None]] = {

@@ -68,7 +68,7 @@ def parcels_of(flat_map: FlatMap, labels: object, *, table: object = None, depth
     file does not contain.
     """
     sampler, way = flat_map._triangles.on_surface, "nearest" if len(depths) == 1 else "majority"
-    stack = sampler.images(at_points(len(flat_map)), labels, depths=depths, average=True, interpolation=way)
+    stack = sampler.images(at_points(len(flat_map)), labels, depths=depths, projection="mean", interpolation=way)
     number = stack.channels.find(None)  # a file with several channels fails here
     values: NDArray[Any] = stack[number].data
     file = f"{labels}: " if isinstance(labels, str | os.PathLike) else ""

@@ -431,13 +431,14 @@ class Planar(ABC):
         depth: float | Sequence[float] = 0.0,
         fraction: float | Sequence[float] | None = None,
         layering: str = "equivolume",
+        projection: str = "mean",
         interpolation: str | None = None,
         period: float | None = None,
         name: str = "",
     ) -> FlatImage:
         """Show a volume, or values at the vertices, on the map.
 
-        If there are several depths, their mean is shown. `images` returns each depth, frame or channel separately.
+        If there are several depths, their projection is shown. `images` returns each depth, frame or channel.
 
         Parameters
         ----------
@@ -455,20 +456,23 @@ class Planar(ABC):
         channel : int or str, optional
             Number (from 0) or name of the channel to show, if there are several.
         depth : float or sequence of float
-            Distance outside the surface at which to sample, in mm; negative values are inside. Grey matter lies about 2
-            mm outside white matter. If there are several depths, their mean is shown.
+            Distance outside the surface at which to sample, in the unit of the map; negative values are inside. Grey
+            matter lies about 2 mm outside white matter. Points move along the normals of the surface, which are
+            averaged where layers between the surface and the depths would otherwise cross.
         fraction : float or sequence of float, optional
             Cortical depth at which to sample, from 0 (white surface) to 1 (pial surface), instead of `depth`. This
-            requires a map of a white surface that was read with ``pial=``. If there are several fractions, their mean
-            is shown.
+            requires a map of a white surface that was read with ``pial=``.
         layering : {"equivolume", "equidistant"}
             Whether a fraction refers to the local volume of the cortex (Waehnert et al. 2014), which follows layers
             through gyri and sulci, or to its thickness.
+        projection : {"mean", "max", "sum"}
+            The value that is shown for several depths or fractions. Of labels, "mean" is the most frequent one.
         interpolation : {"linear", "nearest", "majority"}, optional
             The default is "nearest" for bool and integer volumes, which may be labels, and "linear" for floating-point
-            volumes and colours. "majority" is for labels: it shows the label with the greatest weight among the
-            surrounding voxels (for an overlay, the corners of the triangle) at all depths, so that borders are smoother
-            than voxel borders.
+            volumes and colours. Integers in TIFF and OME-Zarr files are labels only if most neighbouring voxels are
+            equal, which a warning reports; otherwise they are intensities, and the default is "linear". "majority" is
+            for labels: it shows the label with the greatest weight among the surrounding voxels (for an overlay, the
+            corners of the triangle) at all depths, so that borders are smoother than voxel borders.
         period : float, optional
             Period of phase values, such as 360. Means of phases are circular, from 0 to the period, and interpolation
             is "linear" by default.
@@ -478,8 +482,8 @@ class Planar(ABC):
         Returns
         -------
         FlatImage
-            The image, with NaN (for colours, alpha 0) outside the triangles and where the volume has no value. A mean
-            needs values at all depths.
+            The image, with NaN (for colours, alpha 0) outside the triangles and where the volume has no value. A
+            projection needs values at all depths.
 
         Raises
         ------
@@ -499,6 +503,7 @@ class Planar(ABC):
         """
         depths = Depths.of(depth, fraction, layering)
         how: dict[str, Any] = {"depths": depths, "interpolation": interpolation, "period": period, "name": name}
+        how["projection"] = projection
         return self._triangles.on_surface.image(self.raster(pixel_size), volume, channel=channel, **how)
 
     @telling()
@@ -512,7 +517,7 @@ class Planar(ABC):
         fraction: float | Sequence[float] | None = None,
         depths: int | None = None,
         layering: str = "equivolume",
-        average: bool = False,
+        projection: str | None = None,
         interpolation: str | None = None,
         period: float | None = None,
         time_step: float | None = None,
@@ -537,8 +542,8 @@ class Planar(ABC):
             the fraction (k + ½) / `depths`. The result is a flat volume.
         layering : {"equivolume", "equidistant"}
             As in `image`.
-        average : bool
-            Show the mean of several depths for each channel.
+        projection : {"mean", "max", "sum"}, optional
+            Show this projection of all depths of each channel, as in `image`, instead of one image per depth.
         interpolation : {"linear", "nearest", "majority"}, optional
             As in `image`.
         period : float, optional
@@ -572,7 +577,7 @@ class Planar(ABC):
         4
         """
         where = Depths.of(depth, fraction, layering, depths)
-        how: dict[str, Any] = {"depths": where, "average": average, "interpolation": interpolation, "name": name}
+        how: dict[str, Any] = {"depths": where, "projection": projection, "interpolation": interpolation, "name": name}
         how |= {"period": period, "time_step": time_step}
         return self._triangles.on_surface.images(self.raster(pixel_size), volume, channel=channel, **how)
 

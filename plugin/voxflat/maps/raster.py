@@ -416,6 +416,26 @@ class FlatStack(Sequence[FlatImage], Recorded):
         return self.channels.names
 
     @property
+    def channel_names(self) -> tuple[str, ...]:
+        """The name of each channel, without its depths.
+
+        The names are empty if the channels have none.
+
+        See Also
+        --------
+        FlatStack.names : Names of the images.
+
+        Examples
+        --------
+        >>> voxflat.samples.hill().flatten().images(np.ones((441, 2)), pixel_size=1.0).channel_names
+        ('', '')
+        """
+        if not self.layers:
+            return self.names
+        first = self.layers[0]
+        return tuple(name.removesuffix(first).removesuffix(", ") for name in self.names[:: len(self.layers)])
+
+    @property
     def timing(self) -> Timing | None:
         """The timing of the frames of a series.
 
@@ -586,12 +606,12 @@ class FlatStack(Sequence[FlatImage], Recorded):
         Parameters
         ----------
         path : path
-            ``.tif`` and ``.tiff`` are OME-TIFF files with one page per image. ``.nii`` and ``.nii.gz`` files have shape
-            (H, W, D) for D depths or (H, W, D, K) for K channels, with the names in a header extension (JSON).
-            ``.zarr`` is a new OME-Zarr 0.4 directory with one chunk per image, y = −v and x = u. These formats store
-            the pixel size in mm and, for series, the time between frames in seconds. ``.npy`` has shape (K, H, W), (D,
-            H, W) or (K, D, H, W), and no names. Values are float32, with NaN outside the map. All formats except
-            ``.npy`` include `provenance`.
+            ``.tif`` and ``.tiff`` are OME-TIFF files with one page per image; depths are slices (Z). ``.nii`` and
+            ``.nii.gz`` files have shape (H, W, D) for D depths or (H, W, D, K) for K channels, with the names in a
+            header extension (JSON). ``.zarr`` is a new OME-Zarr 0.4 directory with one chunk per image, y = −v and x =
+            u. These formats store the pixel size and the distance between evenly spaced depths and, for series, the
+            time between frames in seconds. ``.npy`` has shape (K, H, W), (D, H, W) or (K, D, H, W), and no names.
+            Values are float32, with NaN outside the map. All formats except ``.npy`` include `provenance`.
         sidecar, overwrite : bool
             As in `FlatImage.save`; directories are never replaced.
         progress : callable, optional
@@ -671,6 +691,12 @@ def nearest_inside(raster: Raster) -> tuple[NDArray[np.float64], NDArray[np.int6
     """
     away, nearest = scipy.ndimage.distance_transform_edt(~raster.inside, return_indices=True)
     return away, nearest
+
+
+def some_pixels(raster: Raster, pixels: NDArray[np.int64]) -> Raster:
+    """Return a raster of shape (P, 1) with some pixels of another, given by their numbers in row-major order."""
+    corners = raster.corners.reshape(-1, 1, 3)[pixels]
+    return replace(raster, corners=corners, weights=raster.weights.reshape(-1, 1, 3)[pixels])
 
 
 def at_points(count: int) -> Raster:

@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from voxflat.arguments import array_of, checked_choice, checked_number, checked_switch, checked_text, is_whole, log
+from voxflat.arguments import array_of, checked_choice, checked_number, checked_text, is_whole, log
 from voxflat.errors import InputError
-from voxflat.io.channels import Channels, Timing, series_of, tiff_of
-from voxflat.io.chunks import chunked_of, is_chunked, is_zarr_path
+from voxflat.io.channels import Channels, Timing, series_of
+from voxflat.io.chunks import Chunked, chunked_of, is_chunked, is_stack_path, is_zarr_path
 from voxflat.io.files import AGAIN, REMEDY, naming
 from voxflat.io.grid import scaled, voxel_size
 from voxflat.io.objects import values_of_object
@@ -24,12 +24,22 @@ from voxflat.io.readers import has_place
 from voxflat.io.sources import as_volume
 from voxflat.io.spaces import Space
 from voxflat.io.volumes import Volume
-from voxflat.maps.depth import ON_SURFACE, Depths, equivolume, smooth_areas, vertex_areas
-from voxflat.maps.raster import FlatImage, FlatStack, Raster, series_showing, show
-from voxflat.maps.sampling import INTERPOLATIONS, phases, sample_layers, sample_mean, series_sampling
+from voxflat.maps.depth import ON_SURFACE, Depths, equivolume, smooth_areas, uncrossed, vertex_areas
+from voxflat.maps.raster import FlatImage, FlatStack, Raster, series_showing, show, some_pixels
+from voxflat.maps.sampling import (
+    INTERPOLATIONS,
+    PROJECTIONS,
+    are_intensities,
+    phases,
+    sampled_at,
+    series_sampling,
+    voxels_of,
+)
 from voxflat.maps.textures.surface_texture import TEXTURE_ENDINGS, SurfaceTexture, are_colours, paint, read_texture
 from voxflat.unique_rows import distinct
 
+_BATCH = 1 << 21  # positions that are sampled at a time in a large volume or at many pixels
+_RUNS, _JUDGED = 16, 8192  # runs of neighbouring pixels, and positions in them, that tell intensities from labels
 _LONGEST_STEP = 100.0  # s; a warning reports longer time steps, which may be in ms
 _CURVED = 0.15  # correlation with the mean curvature: on fsaverage5 curv has 0.9, sulc 0.65, the other hemisphere 0.05
 
@@ -122,7 +132,7 @@ class Sampler:
         *,
         channel: int | str | None = None,
         depths: Depths = ON_SURFACE,
-        average: bool = False,
+        projection: str | None = None,
         interpolation: str | None = None,
         period: float | None = None,
         time_step: float | None = None,
@@ -130,9 +140,10 @@ class Sampler:
         several: bool = True,
     ) -> FlatStack:
         """Sample channels of a volume, an overlay or a texture at pixels; if `several`, they share weights."""
+        if projection is not None:
+            checked_choice(projection, "projection", PROJECTIONS)
         if period is not None:
-            interpolation = _of_phases(period, interpolation)
-        checked_switch(average, "average")
+            interpolation = _of_phases(period, interpolation, projection)
         name = checked_text(name, "name")
         title = name or (Path(volume).name if isinstance(volume, str | os.PathLike) else "overlay")
         layers: tuple[str, ...] = ()
@@ -155,29 +166,85 @@ class Sampler:
             volumes, placed, path = self.volumes(volume)
             names = volumes
             title = name or (path.name if path else "volume")
-            places = self._in_world(raster, depths)
-            average = average or len(depths) == 1
-            one = sample_mean if average else sample_layers
-            repeated = series_sampling(places, interpolation, average=average)
-            several = several and len(volumes) > 1
-            sampled = repeated if several else lambda of: one(of, places, interpolation)
+            projection = "mean" if len(depths) == 1 else projection
+            sampled = self._sampling(raster, depths, projection, several=several and len(volumes) > 1)
 
             def read(voxels: NDArray[Any]) -> NDArray[Any]:
                 volume = placed(voxels)
                 if period is None:
-                    return sampled(volume)
+                    return sampled(volume, interpolation or self._default(raster, depths, volume))
                 if volume.data.ndim != 3:
                     raise InputError("period is given, but the volume has colours. Pass a volume of phases")
-                return phases(lambda own: sampled(replace(volume, data=own)), period, interpolation)(volume.data)
+                of_phases = phases(lambda own: sampled(replace(volume, data=own), interpolation), period, interpolation)
+                return of_phases(volume.data)
 
-            channels = volumes.mapped(read)
-            if not average:
-                layers, heights = depths.names, self._heights(depths)
-                channels = _one_by_one(channels, layers)
+            layers = depths.names(self.unit) if projection is None else ()
+            heights = self._heights(depths) if projection is None else ()
+            channels = _one_by_one(volumes.mapped(read), layers)
         channels = _timed(channels, time_step, title)
         how: dict[str, Any] = {"layers": layers, "heights": heights, "unit": raster.unit}
         stack = FlatStack(channels, raster.pixel_size, raster.origin, title, **how)
         return stack if channel is None else stack.of_channel(self._found(volume, names, channel))
+
+    def _sampling(
+        self, raster: Raster, depths: Depths, projection: str | None, *, several: bool
+    ) -> Callable[[Volume, str | None], NDArray[Any]]:
+        """Return a function that samples a volume at pixels; if `several`, volumes in memory share weights."""
+        self._doubt_space()
+        if depths.layering is not None:
+            self._at_fractions(depths)
+        elif any(depths.values):
+            self._directions(depths)
+        repeated: Callable[[Volume, str | None], NDArray[Any]] | None = None
+
+        def sampled(volume: Volume, interpolation: str | None) -> NDArray[Any]:
+            nonlocal repeated
+            is_chunked = isinstance(volume.data, Chunked)
+            if volume.data.ndim == 3 and (is_chunked or len(depths) * math.prod(raster.shape) > _BATCH):
+                return self._in_batches(raster, depths, projection, volume, interpolation)
+            if several:
+                repeated = repeated or series_sampling(self._in_world(raster, depths), projection)
+                return repeated(volume, interpolation)
+            return sampled_at(volume, self._in_world(raster, depths), interpolation, projection)
+
+        return sampled
+
+    def _in_batches(
+        self, raster: Raster, depths: Depths, projection: str | None, volume: Volume, interpolation: str | None
+    ) -> NDArray[np.float64]:
+        """Sample a volume at pixels of a few chunks at a time, so that memory never holds all voxels or positions."""
+        pixels = np.flatnonzero(raster.inside)
+        if isinstance(volume.data, Chunked):
+            near = self._in_world(some_pixels(raster, pixels), ON_SURFACE)[0][:, 0]
+            pixels = pixels[np.argsort(volume.data.chunk_of(voxels_of(volume, near)), kind="stable")]
+        found = np.full((*(() if projection else (len(depths),)), math.prod(raster.shape)), np.nan)
+        for part in np.array_split(pixels, 1 + len(pixels) * len(depths) // _BATCH):
+            places = self._in_world(some_pixels(raster, part), depths)
+            found[..., part] = sampled_at(volume, places, interpolation, projection)[..., 0]
+        return found.reshape(*found.shape[:-1], *raster.shape)
+
+    def _default(self, raster: Raster, depths: Depths, volume: Volume) -> str | None:
+        """Return the interpolation of a stack of integers, which may be intensities or labels; otherwise None."""
+        is_stack = volume.path is not None and is_stack_path(volume.path)
+        if not is_stack or volume.data.ndim != 3 or volume.data.dtype.kind not in "iu":
+            return None
+        pixels = np.flatnonzero(raster.inside)
+        starts = np.linspace(0, len(pixels), _RUNS, endpoint=False, dtype=np.int64)
+        run = starts[:, None] + np.arange(max(1, _JUDGED // (_RUNS * len(depths))))
+        part = pixels[np.unique(np.minimum(run, len(pixels) - 1))]
+        places = np.concatenate(self._in_world(some_pixels(raster, part), depths)).reshape(-1, 3)
+        if are_intensities(volume, places):
+            return "linear"
+        if volume.path not in self._of_labels:
+            self._of_labels.add(volume.path)
+            told = "%s: the integers form areas, so they are sampled as labels. Use interpolation 'linear' otherwise"
+            log.warning(told, Path(str(volume.path)).name)
+        return "nearest"
+
+    @cached_property
+    def _of_labels(self) -> set[Path | None]:
+        """The stacks that were taken for labels, each of which is reported once."""
+        return set()
 
     @staticmethod
     def _found(volume: object, channels: Channels, channel: int | str | None) -> int:
@@ -189,7 +256,8 @@ class Sampler:
         self, raster: Raster, volume: object, *, channel: int | str | None = None, name: str = "", **how: Any
     ) -> FlatImage:
         """Sample one channel at pixels, as `FlatMap.image` does; `how` holds options of `images`."""
-        stack = self.images(raster, volume, average=True, several=False, name=name, **how)
+        how = {"projection": "mean", **how}
+        stack = self.images(raster, volume, several=False, name=name, **how)
         shown = stack[self._found(volume, stack.channels, channel)]
         return replace(shown, name=name) if name else shown
 
@@ -197,10 +265,11 @@ class Sampler:
         """Return voxels (one by one for several volumes), a function that makes a volume from them, and the file."""
         path = Path(volume) if isinstance(volume, str | os.PathLike) else None
         with naming(path or type(volume).__name__, REMEDY):
-            chunks = chunked_of(volume.data if isinstance(volume, Volume) else volume) or tiff_of(volume)
+            chunks = chunked_of(volume.data if isinstance(volume, Volume) else volume)
         if chunks is not None:
             at, unit = (volume.affine, volume.unit) if isinstance(volume, Volume) else chunks[1:3]
             place = self._own_place(chunks[0].read(0).shape) if at is None else self._here(at, unit)
+            path = volume.path if isinstance(volume, Volume) else path
             return chunks[0], lambda voxels: Volume(voxels, place, path), path
         with naming(path or type(volume).__name__, REMEDY):
             series = series_of(path or volume)
@@ -287,8 +356,8 @@ class Sampler:
                 path.name,
             )
 
-    def _in_world(self, raster: Raster, depths: Depths) -> list[NDArray[np.float64]]:
-        """Return the sampling positions of pixels in scanner RAS and mm, shape (H, W, 3) for each depth."""
+    def _doubt_space(self) -> None:
+        """Warn if the space of the surface is not certain."""
         if self.space.doubt:
             log.warning(
                 "the volume may be sampled at the wrong positions: %s. Use a surface file that defines its space (for "
@@ -296,17 +365,17 @@ class Sampler:
                 "7.4 or later)",
                 self.space.doubt,
             )
-        if depths.layering is None:
-            return [self.space.to_scanner(self._at_depth(raster, depth)) for depth in depths.values]
-        return [self.space.to_scanner(raster.interpolate(points)) for points in self.at(depths)]
 
-    def _at_depth(self, raster: Raster, depth: float) -> NDArray[np.float64]:
-        """Return the sampling position of each pixel, shape (H, W, 3), in RAS+ mm in the space of the points."""
+    def _in_world(self, raster: Raster, depths: Depths) -> list[NDArray[np.float64]]:
+        """Return the sampling positions of pixels in scanner RAS and mm, shape (H, W, 3) for each depth."""
+        if depths.layering is not None:
+            return [self.space.to_scanner(raster.interpolate(points)) for points in self.at(depths)]
         points = raster.interpolate(self.points)
-        if depth == 0:
-            return points
-        normals = raster.interpolate(self._outward(depth))
-        return np.asarray(points + depth * normals / np.linalg.norm(normals, axis=-1, keepdims=True))
+        if not any(depths.values):
+            return [self.space.to_scanner(points)] * len(depths)
+        normals = raster.interpolate(self._directions(depths))
+        normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
+        return [self.space.to_scanner(points + depth * normals if depth else points) for depth in depths.values]
 
     def _heights(self, depths: Depths) -> tuple[float, ...]:
         """Return the height of each depth in mm: a fraction of the median thickness, or the distance as given."""
@@ -318,7 +387,22 @@ class Sampler:
     def at(self, depths: Depths) -> list[NDArray[np.float64]]:
         """Return the points at each depth, shape (N, 3), in RAS+ mm in the space of the points."""
         if depths.layering is None:
-            return [self.points + (depth * self._outward(depth) if depth else 0) for depth in depths.values]
+            return [self.points + (depth * self._directions(depths) if depth else 0) for depth in depths.values]
+        return self._at_fractions(depths)
+
+    def _at_fractions(self, depths: Depths) -> list[NDArray[np.float64]]:
+        """Return the points at fractions of the way from the white to the pial surface; the last result is kept."""
+        if depths not in self._fractions:
+            self._fractions.clear()
+            self._fractions[depths] = self._between(depths)
+        return self._fractions[depths]
+
+    @cached_property
+    def _fractions(self) -> dict[Depths, list[NDArray[np.float64]]]:
+        return {}
+
+    def _between(self, depths: Depths) -> list[NDArray[np.float64]]:
+        """Return the points at fractions of the way from the white to the pial surface."""
         if self.white_points is None or self.pial_points is None:
             raise InputError(
                 "fraction requires white and pial surfaces, but this map has no pial surface. Flatten the white "
@@ -339,11 +423,24 @@ class Sampler:
         one = distinct(self.ids).which
         return np.asarray(np.bincount(one, vertex_areas(points, self.faces))[one], dtype=np.float64)
 
-    def _outward(self, depth: float) -> NDArray[np.float64]:
-        """Return the normals for a depth."""
+    def _directions(self, depths: Depths) -> NDArray[np.float64]:
+        """Return unit vectors from the surface to all depths; layers along them do not cross, if that is possible."""
+        low, high = min(depths.values), max(depths.values)
         if np.isnan(self.normals).all():
-            raise InputError(f"depth is {depth:g} mm, but a surface that is one voxel thick has no outside. Omit depth")
-        return self.normals
+            depth = f"{high or low:g} mm"
+            raise InputError(f"depth is {depth}, but a surface that is one voxel thick has no outside. Omit depth")
+        if (low, high) not in self._uncrossed:
+            self._uncrossed[low, high], share = uncrossed(self.points, self.normals, self.faces, low, high)
+            if share:
+                ends = Depths((low, high)).names(self.unit)
+                where = ends[0] if low == high else " to ".join(ends)
+                told = "layers at depths of %s cross at %.2g %% of the triangles, where the surface bends more tightly"
+                log.warning(f"{told}. Use smaller depths, or smooth the surface", where, 100 * share)
+        return self._uncrossed[low, high]
+
+    @cached_property
+    def _uncrossed(self) -> dict[tuple[float, float], NDArray[np.float64]]:
+        return {}
 
     def placed(self, volume: object) -> Volume:
         """Return a volume with its affine or, if it has none, with the affine of the points' volume."""
@@ -372,25 +469,29 @@ def _thickness(inner: NDArray[np.float64], outer: NDArray[np.float64]) -> float:
 
 
 def _one_by_one(layers: Channels, names: Sequence[str]) -> Channels:
-    """Return each depth of each channel as a separate channel; the depths of a channel are sampled together."""
+    """Return each depth of each channel as a separate channel; the last channel that was sampled is kept in memory."""
     held: dict[int, Any] = {}
 
     def read(n: int) -> NDArray[Any]:
-        channel, layer = divmod(n, len(names))
+        channel, layer = divmod(n, max(1, len(names)))
         if channel not in held:
             held.clear()
             held[channel] = layers.read(channel)
-        image: NDArray[Any] = held[channel][layer]
+        image: NDArray[Any] = held[channel][layer] if names else held[channel]
         return image
 
+    if not names:
+        return replace(layers, read=read)
     titles = [", ".join(part for part in (own, layer) if part) for own in layers.names for layer in names]
     return Channels(tuple(titles), read, layers.timing)
 
 
-def _of_phases(period: float, interpolation: str | None) -> str:
+def _of_phases(period: float, interpolation: str | None, projection: str | None) -> str:
     """Check the period of phases, and return their interpolation."""
     if not (math.isfinite(checked_number(period, "period")) and period > 0):
         raise InputError(f"period is {period:g}. Pass a positive number, such as 360 for degrees")
+    if projection not in (None, "mean"):
+        raise InputError(f"projection is {projection!r}, but phases have only a mean over depths. Pass 'mean'")
     if interpolation is not None and checked_choice(interpolation, "interpolation", INTERPOLATIONS) == "majority":
         raise InputError("interpolation is 'majority', which is for labels, not for phases. Pass 'linear'")
     return interpolation or "linear"

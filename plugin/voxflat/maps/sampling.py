@@ -14,9 +14,16 @@ from voxflat.io.chunks import PLACE_BYTES, Chunked, voxels_at
 from voxflat.io.reading import check_room
 from voxflat.io.volumes import Volume
 
-INTERPOLATIONS = ("linear", "nearest", "majority")  # interpolation between voxels or vertices
-
 _Floats = NDArray[np.float64]
+
+INTERPOLATIONS = ("linear", "nearest", "majority")  # interpolation between voxels or vertices
+_PROJECTED: dict[str, Callable[[NDArray[Any]], NDArray[Any]]] = {
+    "mean": lambda layers: np.asarray(layers.mean(axis=0)),
+    "max": lambda layers: np.asarray(layers.max(axis=0)),
+    "sum": lambda layers: np.asarray(layers.sum(axis=0)),
+}
+PROJECTIONS = tuple(_PROJECTED)  # of layers onto one image
+
 _CORNERS = np.array(list(np.ndindex(2, 2, 2)), dtype=np.int32)
 _BLOCK = 1 << 16  # positions whose weights are in memory at a time
 _ROUNDING = 1e-3  # voxels, by which affines in single precision may misplace centres
@@ -61,10 +68,29 @@ def _indices(volume: Volume, points: _Floats) -> tuple[_Floats, NDArray[np.bool_
     return where, np.all((where >= -0.5 - 1e-6) & (where <= size - 0.5 + 1e-6), axis=-1)
 
 
+def voxels_of(volume: Volume, points: _Floats) -> NDArray[np.int32]:
+    """Return the indices (P, 3) of the voxels around positions, or of the nearest ones for positions outside."""
+    where, _ = _indices(volume, points)
+    return _lowest(np.rint(where), volume.data)
+
+
 def are_centres(volume: Volume, points: _Floats) -> bool:
     """Return whether positions (P, 3) are centres of voxels, where no interpolation is needed."""
     where, _ = _indices(volume, points)
     return bool((np.abs(where - np.rint(where)) < _ROUNDING).all())
+
+
+def are_intensities(volume: Volume, points: _Floats) -> bool:
+    """Return whether integers around positions (P, 3) are intensities rather than labels, which form areas.
+
+    Most neighbouring voxels have the same label, whereas intensities differ. Pairs with a zero, which is background in
+    both, do not count.
+    """
+    where, inside = _indices(volume, points)
+    values = voxels_at(volume.data, _lowest(where[inside], volume.data), _CORNERS[[0, 1, 2, 4]])
+    first, others = values[:, :1], values[:, 1:]
+    counts = (first != 0) & (others != 0)
+    return bool(2 * np.count_nonzero(counts & (first == others)) <= np.count_nonzero(counts))
 
 
 def _by_voxels(data: Any, at: _Floats, interpolation: str) -> _Floats:
@@ -143,14 +169,20 @@ def sample_layers(volume: Volume, places: Sequence[_Floats], interpolation: str 
     return np.stack([sample(volume, points, interpolation) for points in places])
 
 
-def sample_mean(volume: Volume, places: Sequence[_Floats], interpolation: str | None = None) -> NDArray[Any]:
-    """Return the mean, or the majority of labels, over several depths; NaN (or alpha 0) if any is outside."""
+def sample_projection(
+    volume: Volume, places: Sequence[_Floats], interpolation: str | None = None, projection: str = "mean"
+) -> NDArray[Any]:
+    """Return one of `PROJECTIONS` (of labels, the majority) over depths; NaN (or alpha 0) if any is outside."""
     way = _way(volume, interpolation)
     if len(places) > 1 and way == "nearest":
         raise InputError(
-            f"values of type {volume.data.dtype} may be labels, which have no mean over depths. Pass a single depth, "
-            "interpolation='majority' for labels or 'linear' for other values, or use images for one image per depth"
+            f"values of type {volume.data.dtype} may be labels, which have no {projection} over depths. Pass a single "
+            "depth, interpolation='majority' for labels or 'linear' for other values, or use images for one image per "
+            "depth"
         )
+    if projection != "mean" and (way == "majority" or (len(places) > 1 and volume.data.ndim == 4)):
+        what = "labels" if way == "majority" else "colours"
+        raise InputError(f"projection is {projection!r}, but {what} have only a mean over depths. Pass 'mean'")
     if way == "majority":
         together = np.stack(places)
         where, inside = _indices(volume, together)
@@ -162,12 +194,20 @@ def sample_mean(volume: Volume, places: Sequence[_Floats], interpolation: str | 
     layers = sample_layers(volume, places, interpolation)
     if len(layers) == 1:
         return np.asarray(layers[0])
-    mean = np.asarray(layers.mean(axis=0))
     if volume.data.ndim == 3:
-        return mean
-    mean = np.round(mean).astype(np.uint8)
+        return np.asarray(_PROJECTED[projection](layers))
+    mean: NDArray[Any] = np.round(layers.mean(axis=0)).astype(np.uint8)
     mean[(layers[..., 3] == 0).any(axis=0)] = 0
     return mean
+
+
+def sampled_at(
+    volume: Volume, places: Sequence[_Floats], interpolation: str | None, projection: str | None
+) -> NDArray[Any]:
+    """Return each depth (`sample_layers`), or their projection (`sample_projection`)."""
+    if projection is None:
+        return sample_layers(volume, places, interpolation)
+    return sample_projection(volume, places, interpolation, projection)
 
 
 @dataclass(frozen=True, eq=False)
@@ -213,21 +253,20 @@ class Mixing:
         return found
 
 
-def series_sampling(
-    places: Sequence[_Floats], interpolation: str | None, *, average: bool
-) -> Callable[[Volume], NDArray[Any]]:
+def series_sampling(places: Sequence[_Floats], projection: str | None) -> Callable[[Volume, str | None], NDArray[Any]]:
     """Return a function that samples a series of volumes, with weights that are computed once per grid.
 
-    Its results equal those of `sample_mean` (if `average`) or `sample_layers`: exactly for nearest voxels, and up to
-    rounding errors otherwise. Colours, chunked volumes and majorities are sampled with these functions.
+    Its results equal those of `sampled_at`: exactly for nearest voxels, and up to rounding errors otherwise. Colours,
+    chunked volumes and majorities are sampled with that function.
     """
     held: dict[tuple[object, ...], list[Mixing]] = {}
 
-    def sampled(volume: Volume) -> NDArray[Any]:
-        way, is_mean = _way(volume, interpolation), average and len(places) > 1
+    def sampled(volume: Volume, interpolation: str | None) -> NDArray[Any]:
+        way, is_several = _way(volume, interpolation), len(places) > 1
         is_plain = volume.data.ndim == 3 and not isinstance(volume.data, Chunked)
-        if not is_plain or way == "majority" or (is_mean and way == "nearest"):
-            return (sample_mean if average else sample_layers)(volume, places, interpolation)
+        if not is_plain or way == "majority" or (projection is not None and is_several and way == "nearest"):
+            return sampled_at(volume, places, interpolation, projection)
+        is_mean = projection == "mean" and is_several
         grid = (way, volume.data.shape, volume.affine.tobytes())
         if grid not in held:
             held.clear()
@@ -235,7 +274,9 @@ def series_sampling(
             held[grid] = [_mixing(volume, each, way) for each in sets]
         values = volume.data.ravel(order="F")
         images = [mixing(values) for mixing in held[grid]]
-        return images[0] if average else np.stack(images)
+        if len(images) == 1 and projection is not None:
+            return images[0]
+        return np.stack(images) if projection is None else np.asarray(_PROJECTED[projection](np.stack(images)))
 
     return sampled
 

@@ -22,7 +22,7 @@ from voxflat.io.reading import reading
 from voxflat.maps.flat_map import FlatMap, load
 from voxflat.maps.image_files import IMAGE_ENDINGS, STACK_ENDINGS
 from voxflat.maps.plane import Planar
-from voxflat.maps.sampling import INTERPOLATIONS
+from voxflat.maps.sampling import INTERPOLATIONS, PROJECTIONS
 from voxflat.maps.textures.textured import TEXTURED_ENDINGS, files_beside
 
 _VOLUME = (
@@ -44,7 +44,8 @@ _VOLUME = (
     "voxflat image map.npz --volume t1.nii.gz --interpolation linear --fraction 0.1,0.3,0.5,0.7,0.9 -o layers.tif",
     "voxflat image map.npz --volume bold.nii.gz --interpolation linear --depths 21 -o flat_volume.nii.gz",
     "voxflat image map.npz --volume bold.nii.gz --interpolation linear --fraction 0.25,0.5,0.75 "
-    "--average -o bold.nii.gz",
+    "--projection mean -o bold.nii.gz",
+    "voxflat image map.npz --volume stack.ome.tif --depth -10:10:1 -o layers.ome.tif",
 )
 @options.map_
 @options.section(
@@ -71,12 +72,13 @@ _VOLUME = (
         until=": layer k",
         note="Replaces --fraction; the images are a flat volume.",
     ),
-    options.flag("--average", "Average over all depths instead of writing one image per depth."),
+    option_of(Planar.images, "projection", type=click.Choice(PROJECTIONS), until=" of each channel"),
     options.choice(
         "--interpolation",
         INTERPOLATIONS,
         'Interpolation between voxels. "majority" selects the most frequent label among the surrounding voxels at '
-        "all depths.  [default: nearest for integers, which may be labels; linear otherwise]",
+        "all depths.  [default: nearest for integers, which may be labels; linear otherwise, and for intensities in "
+        "TIFF or OME-Zarr files]",
     ),
 )
 @options.output(

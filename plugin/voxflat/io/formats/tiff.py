@@ -1,17 +1,21 @@
 """Read TIFF stacks with tifffile: plain TIFF, ImageJ and OME-TIFF."""
 
+import math
 import re
+import weakref
 from dataclasses import dataclass
+from functools import cached_property
+from html import unescape
+from itertools import product
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from voxflat.errors import InputError
-from voxflat.io.files import require
+from voxflat.io.files import AGAIN, require
 from voxflat.io.grid import Affine, millimetres, named_unit
-from voxflat.io.reading import check_room
 
 TIFF_ENDINGS = (".tif", ".tiff")
 
@@ -19,24 +23,77 @@ _PAGES = "ZQI"  # tifffile's axes of pages: depth, or unspecified
 
 
 @dataclass(frozen=True, eq=False)
+class TiffArray:
+    """The pages of a TIFF file as one array, of which only the pages that are asked for are read."""
+
+    path: Path
+    shape: tuple[int, ...]
+    dtype: np.dtype[Any]  # in native byte order
+    chunks: tuple[int, ...]  # one page
+    offset: int | None  # of the pixels in the file, if all pages follow each other without compression
+    order: Literal["<", ">"]  # of the bytes
+
+    def __getitem__(self, key: tuple[int | slice, ...]) -> NDArray[Any]:
+        """Return a box, given one index, or a slice with both ends, for each axis."""
+        count = next((n for n, size in enumerate(self.chunks) if size > 1), len(self.shape))
+        leading, inner = key[:count], key[count:]
+        wanted = [range(one.start, one.stop) if isinstance(one, slice) else (one,) for one in leading]
+        pages = [self._page(index)[inner] for index in product(*wanted)]
+        lengths = [len(each) for each, one in zip(wanted, leading, strict=True) if isinstance(one, slice)]
+        return np.stack(pages).reshape(*lengths, *pages[0].shape)
+
+    def _page(self, index: tuple[int, ...]) -> NDArray[Any]:
+        """Read one page."""
+        number = int(np.ravel_multi_index(index, self.shape[: len(index)])) if index else 0
+        shape = self.shape[len(index) :]
+        if self.offset is None:
+            page = self._series.pages[number] if index else self._series
+            return np.zeros(shape, self.dtype) if page is None else np.asarray(page.asarray()).reshape(shape)
+        size = math.prod(shape)
+        with self.path.open("rb") as file:
+            file.seek(self.offset + number * size * self.dtype.itemsize)
+            data = np.frombuffer(file.read(size * self.dtype.itemsize), self.dtype.newbyteorder(self.order))
+        if len(data) < size:
+            raise InputError(f"ends after {len(data)} of {size} pixels of page {number}. {AGAIN}")
+        return data.reshape(shape).astype(self.dtype, copy=False)
+
+    @cached_property
+    def _series(self) -> Any:
+        """The open file, which is closed with this object."""
+        file = require("tifffile").TiffFile(self.path)
+        weakref.finalize(self, file.close)
+        return file.series[0]
+
+
+@dataclass(frozen=True, eq=False)
 class TiffStack:
     """The volumes of a TIFF file, which differ in channel or time."""
 
-    path: Path
+    array: TiffArray
     axes: tuple[tuple[str, int], ...]  # tifffile's name of each axis, and its length
     depth: str  # the axis of the pages of a volume, or "" for a single page
     names: tuple[str, ...]  # of the volumes
     affine: Affine | None
     unit: str  # of the affine
 
+    @property
+    def is_colour(self) -> bool:
+        """Whether voxels have several samples."""
+        return any(axis == "S" and _is_inside(axis, length, self.depth) for axis, length in self.axes)
+
+    def at(self, number: int) -> tuple[tuple[int, ...], tuple[tuple[int, int], ...]]:
+        """Return the axes x, y and z of a volume in the array, and its index along each of the other axes."""
+        names = [axis for axis, _ in self.axes]
+        others = [n for n, (axis, length) in enumerate(self.axes) if not _is_inside(axis, length, self.depth)]
+        index = np.unravel_index(number, [self.axes[n][1] for n in others]) if others else ()
+        inside = tuple(names.index(axis) for axis in ("X", "Y", self.depth) if axis)
+        return inside, tuple(zip(others, map(int, index), strict=True))
+
     def read(self, number: int) -> NDArray[Any]:
         """Return a volume (x, y, z), with y pointing downwards, or colours (x, y, z, 3)."""
-        with require("tifffile").TiffFile(self.path) as file:
-            data = file.series[0].asarray().reshape([length for _, length in self.axes])
-        others = [n for n, (axis, length) in enumerate(self.axes) if not _is_inside(axis, length, self.depth)]
-        kept = [axis for axis, length in self.axes if _is_inside(axis, length, self.depth)]
-        data = np.moveaxis(data, others, range(len(others)))
-        data = data.reshape(-1, *data.shape[len(others) :])[number]
+        fixed = dict(self.at(number)[1])
+        key = tuple(fixed.get(n, slice(0, length)) for n, (_, length) in enumerate(self.axes))
+        kept, data = [axis for n, (axis, _) in enumerate(self.axes) if n not in fixed], self.array[key]
         if not self.depth:
             kept, data = ["one", *kept], data[None]
         order = [kept.index(axis) for axis in ("X", "Y", self.depth or "one", "S") if axis in kept]
@@ -48,14 +105,14 @@ def open_tiff(path: Path) -> TiffStack:
     with require("tifffile").TiffFile(path) as file:
         series = file.series[0]
         axes = tuple(zip(series.axes, map(int, series.shape), strict=True))
-        check_room(2 * int(np.prod(series.shape, dtype=object)) * np.dtype(series.dtype).itemsize)
+        array = _array(path, file)
         pages = [axis for axis, length in axes if axis in _PAGES and length > 1]
         if len(pages) > 1:
             shape = " x ".join(str(length) for _, length in axes)
             raise InputError(f"does not name its axes ({shape}). Save it as OME-TIFF, or pass an array (x, y, z)")
         depth = pages[0] if pages else ""
         affine, unit = _ome_place(file.ome_metadata) or _imagej_place(file, bool(pages)) or (None, "mm")
-        titles = re.findall(r'<Channel [^>]*\bName="([^"]*)"', file.ome_metadata or "")
+        titles = [unescape(name) for name in re.findall(r'<Channel [^>]*\bName="([^"]*)"', file.ome_metadata or "")]
     others = [(axis, n) for axis, n in axes if not _is_inside(axis, n, depth)]
     if not depth and (several := [f"{n} along {axis}" for axis, n in others if n > 1]):
         remedy = "If these are slices, save them as slices (in Fiji: Image → Properties), or pass an array (x, y, z)"
@@ -65,7 +122,18 @@ def open_tiff(path: Path) -> TiffStack:
         each = [(axis, at) for (axis, n), at in zip(others, index, strict=True) if n > 1]
         is_named = len(titles) == dict(axes).get("C")
         names.append(" ".join(titles[at] if axis == "C" and is_named else f"{axis.lower()}{at}" for axis, at in each))
-    return TiffStack(path, axes, depth, tuple(names), affine, unit)
+    return TiffStack(array, axes, depth, tuple(names), affine, unit)
+
+
+def _array(path: Path, file: Any) -> TiffArray:
+    """Return the first series of a file as an array in chunks of one page, or in one chunk if its pages differ."""
+    series = file.series[0]
+    shape, page = tuple(map(int, series.shape)), math.prod(series.keyframe.shape)
+    count = next((n for n in range(len(shape)) if math.prod(shape[n:]) == page), 0)
+    is_paged = series.dataoffset is not None or len(series.pages) == math.prod(shape[:count])
+    chunks = (1,) * count + shape[count:] if is_paged else shape
+    dtype = np.dtype(series.dtype).newbyteorder("=")
+    return TiffArray(path, shape, dtype, chunks, series.dataoffset, file.byteorder)
 
 
 def _is_inside(axis: str, length: int, depth: str) -> bool:
@@ -80,7 +148,7 @@ def _ome_place(text: str | None) -> tuple[Affine, str] | None:
         size = re.search(rf'\bPhysicalSize{axis}="([^"]+)"', text or "")
         unit = re.search(rf'\bPhysicalSize{axis}Unit="([^"]+)"', text or "")
         if size is not None:
-            sizes.append((size[1], unit[1] if unit else "µm"))
+            sizes.append((size[1], unescape(unit[1]) if unit else "µm"))
         elif axis == "Z" and sizes:
             sizes.append(sizes[0])
         else:
