@@ -84,8 +84,10 @@ def _ratio(of: NDArray[np.float64], by: NDArray[np.float64]) -> NDArray[np.float
     return np.divide(of, by, out=np.zeros_like(of), where=by > 0)
 
 
-def _laplacian(points: NDArray[np.float64], faces: NDArray[np.int64]) -> tuple[Any, NDArray[np.float64]]:
-    """Return the cotangent matrix, with empty rows for the boundary, and the area around each vertex."""
+def cotangents(
+    points: NDArray[np.float64], faces: NDArray[np.int64], least: float = -np.inf
+) -> tuple[Any, NDArray[np.float64]]:
+    """Return the cotangent matrix, with weights that are not less than `least`, and the area around each vertex."""
     count = len(points)
     rows, columns, values = [], [], []
     area = np.zeros(count)
@@ -93,20 +95,26 @@ def _laplacian(points: NDArray[np.float64], faces: NDArray[np.int64]) -> tuple[A
         at, one, two = faces[:, corner], faces[:, (corner + 1) % 3], faces[:, (corner + 2) % 3]
         a, b = points[one] - points[at], points[two] - points[at]
         cross = np.linalg.norm(np.cross(a, b), axis=1)
-        least = _STEEPEST * np.linalg.norm(a, axis=1) * np.linalg.norm(b, axis=1)
-        cotangent = 0.5 * (a * b).sum(axis=1) / np.maximum(cross, least)
+        thin = _STEEPEST * np.linalg.norm(a, axis=1) * np.linalg.norm(b, axis=1)
+        cotangent = 0.5 * (a * b).sum(axis=1) / np.maximum(cross, thin)
         area += np.bincount(at, cross / 6, count)
         rows += [one, two]
         columns += [two, one]
         values += [cotangent, cotangent]
     index = np.concatenate(rows), np.concatenate(columns)
     off = scipy.sparse.coo_array((np.concatenate(values), index), shape=(count, count)).tocsr()
-    matrix = scipy.sparse.diags_array(off.sum(axis=1)) - off
+    off.data = np.maximum(off.data, least)
+    return (scipy.sparse.diags_array(off.sum(axis=1)) - off).tocsr(), np.maximum(area, 1e-12 * area.mean())
+
+
+def _laplacian(points: NDArray[np.float64], faces: NDArray[np.int64]) -> tuple[Any, NDArray[np.float64]]:
+    """Return the cotangent matrix, with empty rows for the boundary, and the area around each vertex."""
+    matrix, area = cotangents(points, faces)
     edges = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
     once, times = np.unique(edges, axis=0, return_counts=True)
-    inside = np.ones(count)
+    inside = np.ones(len(points))
     inside[once[times == 1]] = 0
-    return (scipy.sparse.diags_array(inside) @ matrix).tocsr(), np.maximum(area, 1e-12 * area.mean())
+    return (scipy.sparse.diags_array(inside) @ matrix).tocsr(), area
 
 
 def _normals(points: NDArray[np.float64], faces: NDArray[np.int64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
