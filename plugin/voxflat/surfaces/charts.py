@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -25,7 +24,6 @@ _SWEEPS = 4  # searches for the farthest vertex; more do not make the axis longe
 _STRAYING = 10.0  # how many times longer a seam's edge counts for each radian away from the back
 _NEAR_SEAM = 0.9 * np.pi  # longitudes beyond this lie on either side of a single chart
 _LEAST = 0.05  # share of the surface that each chart leaves to the others
-_LEAST_WEIGHT = 1e-3  # of an edge; with positive weights longitudes rise steadily around the axis
 
 _Floats = NDArray[np.float64]
 _Ints = NDArray[np.int64]
@@ -188,18 +186,13 @@ def _in_order(part: Manifold, one: _Ints, other: _Ints) -> tuple[_Ints, _Ints]:
 
 
 def _frame(part: Manifold, graph: Any, ends: tuple[_Ints, _Ints], front: int | None) -> _Frame:
-    """Measure longitudes from the front; by default the front is opposite the shortest path between the ends."""
+    """Measure longitudes from the front."""
     if front is not None and any(front in end for end in ends):
         raise InputError("the front lies at an end of the axis. Pass a point on the side, or another axis")
-    if front is None:
-        path = _straight(part, _path(graph, *ends))
-    else:
-        legs = (_path(graph, ends[0], np.array([front])), _path(graph, np.array([front]), ends[1]))
-        path = _without_detours(np.concatenate([_straight(part, leg) for leg in legs]))
-    path = path[np.flatnonzero(np.isin(path, ends[0]))[-1] :]
-    path = path[: np.flatnonzero(np.isin(path, ends[1]))[0] + 1]
-    longitudes = _harmonic_longitudes(part, path) - (np.pi if front is None else 0.0)
-    longitudes = np.where(longitudes > np.pi, longitudes - 2 * np.pi, longitudes)
+    path = _path(graph, *ends)
+    longitudes = _harmonic_longitudes(part, path)
+    middle = np.angle(np.exp(1j * longitudes[path[1:-1]]).sum()) if front is None else longitudes[front]
+    longitudes = _wrapped(longitudes - middle)
     for end in ends:
         if len(end) == 1:
             longitudes[end] = np.nan
@@ -208,54 +201,37 @@ def _frame(part: Manifold, graph: Any, ends: tuple[_Ints, _Ints], front: int | N
     return _Frame(ends, longitudes, (before - after) / 2, float(_areas(part).sum()) / (2 * np.pi * length))
 
 
-def _straight(part: Manifold, path: _Ints) -> _Ints:
-    """Return edges along the shortest path across triangles between the ends of a path."""
-    stops, _ = part.core.path(int(path[0]), int(path[-1]))
-    legs = [part.core.edge_path(int(a), int(b))[0].astype(np.int64) for a, b in pairwise(stops)]
-    return _without_detours(np.concatenate(legs))
-
-
-def _without_detours(path: _Ints) -> _Ints:
-    """Return a path without the parts that lead back to the same vertex."""
-    found: list[int] = []
-    for vertex in path.tolist():
-        if vertex in found:
-            del found[found.index(vertex) :]
-        found.append(vertex)
-    return np.array(found)
-
-
 def _areas(part: Manifold) -> _Floats:
+    """Return the areas of the triangles."""
     a, b, c = (part.points[part.faces[:, corner]] for corner in range(3))
     return np.asarray(np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2)
 
 
 def _harmonic_longitudes(part: Manifold, path: _Ints) -> _Floats:
-    """Return angles around the axis, from 0 above a path between the ends to 2π below it; harmonic in between."""
+    """Return the harmonic angles around the axis, which do not depend on the path between the ends but for a constant.
+
+    The angles rise by 2π around the axis. Below the path, its vertices count as 2π higher than above it.
+    """
     opened = part.core.cut([path.astype(np.uint32)])
-    faces = opened.faces.astype(np.int64)
-    along = np.full(len(part), -1)
-    along[path] = np.arange(len(path))
-    half = np.array([[0, 1], [1, 2], [2, 0]])
-    steps = np.diff(along[part.faces[:, half]], axis=2)[..., 0]
-    steps[(along[part.faces[:, half]] < 0).any(axis=2)] = 0
-    edges = faces[:, half]
-    keys = edges[..., 0] * len(opened) + edges[..., 1]
-    is_border = ~np.isin(keys, edges[..., 1] * len(opened) + edges[..., 0])
-    above, below = (np.unique(edges[is_border & (steps == step)]) for step in (1, -1))
-    above, below = np.setdiff1d(above, below), np.setdiff1d(below, above)
-    if not len(above) or not len(below):
+    faces, count = opened.faces.astype(np.int64), len(opened)
+    own = np.empty(count, dtype=np.int64)
+    own[faces.ravel()] = part.faces.ravel()
+    order = np.full(len(part), -2 * len(path))
+    order[path] = np.arange(len(path))
+    edges = faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
+    is_border = ~np.isin(edges @ [count, 1], edges @ [1, count])
+    steps = np.diff(order[own[edges]], axis=1)[:, 0]
+    below = np.setdiff1d(edges[is_border & (steps == -1)], edges[is_border & (steps == 1)])
+    if not len(below):
         raise InputError("the ends of the axis are neighbours on the surface. Pass points that are farther apart")
-    angles = np.full(len(opened), np.nan)
-    angles[above], angles[below] = 0.0, 2 * np.pi
-    matrix, _ = cotangents(opened.points, faces, _LEAST_WEIGHT)
-    free = np.isnan(angles)
-    rest = -(matrix[free][:, ~free] @ angles[~free])
-    angles[free] = scipy.sparse.linalg.spsolve(matrix[free][:, free].tocsc(), rest, permc_spec="MMD_AT_PLUS_A")
-    found = np.empty(len(part))
-    found[part.faces.ravel()] = angles[faces.ravel()]
-    found[path] = 0.0
-    return found
+    higher = np.zeros(count)
+    higher[below] = 2 * np.pi
+    matrix, _ = cotangents(opened.points, faces)
+    join = scipy.sparse.coo_array((np.ones(count), (np.arange(count), own)), shape=(count, len(part))).tocsr()
+    system, rest = (join.T @ (matrix @ join)).tocsc(), -(join.T @ (matrix @ higher))
+    angles = np.zeros(len(part))  # the angle of the first vertex is arbitrary
+    angles[1:] = scipy.sparse.linalg.spsolve(system[1:, 1:], rest[1:], permc_spec="MMD_AT_PLUS_A")
+    return angles
 
 
 def _opposite(graph: Any, longitudes: _Floats, ends: tuple[_Ints, _Ints]) -> _Ints:

@@ -84,10 +84,8 @@ def _ratio(of: NDArray[np.float64], by: NDArray[np.float64]) -> NDArray[np.float
     return np.divide(of, by, out=np.zeros_like(of), where=by > 0)
 
 
-def cotangents(
-    points: NDArray[np.float64], faces: NDArray[np.int64], least: float = -np.inf
-) -> tuple[Any, NDArray[np.float64]]:
-    """Return the cotangent matrix, with weights that are not less than `least`, and the area around each vertex."""
+def cotangents(points: NDArray[np.float64], faces: NDArray[np.int64]) -> tuple[Any, NDArray[np.float64]]:
+    """Return the cotangent matrix, and the area around each vertex."""
     count = len(points)
     rows, columns, values = [], [], []
     area = np.zeros(count)
@@ -95,15 +93,14 @@ def cotangents(
         at, one, two = faces[:, corner], faces[:, (corner + 1) % 3], faces[:, (corner + 2) % 3]
         a, b = points[one] - points[at], points[two] - points[at]
         cross = np.linalg.norm(np.cross(a, b), axis=1)
-        thin = _STEEPEST * np.linalg.norm(a, axis=1) * np.linalg.norm(b, axis=1)
-        cotangent = 0.5 * (a * b).sum(axis=1) / np.maximum(cross, thin)
+        least = _STEEPEST * np.linalg.norm(a, axis=1) * np.linalg.norm(b, axis=1)
+        cotangent = 0.5 * (a * b).sum(axis=1) / np.maximum(cross, least)
         area += np.bincount(at, cross / 6, count)
         rows += [one, two]
         columns += [two, one]
         values += [cotangent, cotangent]
     index = np.concatenate(rows), np.concatenate(columns)
     off = scipy.sparse.coo_array((np.concatenate(values), index), shape=(count, count)).tocsr()
-    off.data = np.maximum(off.data, least)
     return (scipy.sparse.diags_array(off.sum(axis=1)) - off).tocsr(), np.maximum(area, 1e-12 * area.mean())
 
 
