@@ -366,20 +366,20 @@ class Surface(Manifold):
         """Divide a closed organ, or a tube with two open ends, into charts that reach from end to end.
 
         Flatten each chart with `CutSurface.flatten`. The maps are seen from outside and aligned: the axis of the organ
-        is horizontal, with the anterior end on the left, and the middle of the chart is halfway up.
+        is horizontal, with the anterior end on the left. Borders between charts follow harmonic longitudes, which are
+        also defined for bent organs.
 
         Parameters
         ----------
         count : int
-            Number of charts. One chart covers the surface, which is cut along a seam opposite `front`. Two charts are
-            the front and the back. More charts are gores, numbered upwards from the front.
+            Number of charts. A single chart covers the complete surface, which is cut along a seam opposite `front`.
+            Two charts are the front and the back. More charts are gores, numbered upwards from the front.
         axis : sequence of two points, optional
             The anterior and the posterior end of the organ: voxel indices, or vertex numbers of a mesh. By default, the
             two points that are farthest from each other along the surface, starting with the lower coordinate. The
             ends of a tube are its boundaries, and the axis only defines their order.
         front : sequence of 3 ints, or int, optional
-            Point in the middle of the first chart, as in `Surface.disk`; by default opposite the shortest path between
-            the ends.
+            Point on the middle line of the first chart; by default on the shortest path between the ends.
         overlap : float
             Width of the band that neighbouring charts share, in mm along the edges of the surface.
         relax : bool or float, optional

@@ -16,10 +16,9 @@ from voxflat.surfaces.manifold import Manifold
 from voxflat.surfaces.parts import largest_piece, vertex_at
 from voxflat.surfaces.smoothing import cotangents
 
-CHARTS = "charts"
-"""The name of these cuts in the metadata of a map."""
+MOST_CHARTS = 64
+"""The largest number of charts of a surface."""
 
-_MOST = 64  # charts
 _SWEEPS = 4  # searches for the farthest vertex; more do not make the axis longer
 _STRAYING = 10.0  # how many times longer a seam's edge counts for each radian away from the back
 _NEAR_SEAM = 0.9 * np.pi  # longitudes beyond this lie on either side of a single chart
@@ -50,13 +49,13 @@ def charted(
     progress: Progress | None,
 ) -> list[Cutout]:
     """Divide a surface into charts; see `voxflat.Surface.charts`."""
-    if not is_whole(count) or not 1 <= count <= _MOST:
-        raise InputError(f"count is {shown(count)}. Pass a number of charts from 1 to {_MOST}")
+    if not is_whole(count) or not 1 <= count <= MOST_CHARTS:
+        raise InputError(f"count is {shown(count)}. Pass a number of charts from 1 to {MOST_CHARTS}")
     overlap = checked_number(overlap, "overlap")
     if not (np.isfinite(overlap) and overlap >= 0):
         raise InputError(f"overlap is {overlap:g}. Pass the width of the overlap, or 0 for none")
     if overlap and count == 1:
-        raise InputError("overlap does not apply to a single chart. Omit it, or pass count=2 or more")
+        raise InputError("overlap does not apply to a single chart. Omit it, or choose two or more charts")
     part = largest_piece(part)
     kind = _checked_topology(part)
     graph = _edge_graph(part)
@@ -84,7 +83,7 @@ def charted(
     whole = part if part.whole is None else part.whole
     charts = []
     for number, (chart, cuts) in enumerate(made):
-        cut = cut_out_as(whole, chart, cuts, CHARTS)
+        cut = cut_out_as(whole, chart, cuts, "charts")
         described = {**about, "name": name_of(number, count)}
         cut = replace(
             cut,
@@ -258,7 +257,7 @@ def _sectors(part: Manifold, graph: Any, frame: _Frame, count: int, overlap: flo
     beside = _neighbours(faces)
     for sector in range(count):
         if not (inside := sectors == sector).any():
-            raise InputError(f"count is {count}, but the surface has too few triangles. Pass a smaller count")
+            raise InputError(f"the surface has too few triangles for {count} charts. Choose fewer charts")
         sectors[inside & ~_largest(inside, beside, areas)] = -1
     while (sectors < 0).any():  # strays join their neighbours
         a, b = beside[(sectors[beside] >= 0).sum(axis=1) == 1].T
