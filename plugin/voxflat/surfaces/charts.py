@@ -65,7 +65,7 @@ def charted(
     if front is not None:
         at_front, remarks = vertex_at(part, front, "front")
         told += remarks
-    frame = _frame(part, graph, ends, at_front)
+    frame = _frame(part, graph, ends, at_front, count)
     about = {"count": count, "overlap": overlap, "front": None if at_front is None else part.ids[at_front].tolist()}
     about["axis"] = [part.ids[end[0]].tolist() for end in ends]
     if count == 1:
@@ -184,14 +184,17 @@ def _in_order(part: Manifold, one: _Ints, other: _Ints) -> tuple[_Ints, _Ints]:
     return (one, other) if apart[np.abs(apart).argmax()] > 0 else (other, one)
 
 
-def _frame(part: Manifold, graph: Any, ends: tuple[_Ints, _Ints], front: int | None) -> _Frame:
+def _frame(part: Manifold, graph: Any, ends: tuple[_Ints, _Ints], front: int | None, count: int) -> _Frame:
     """Measure longitudes from the front."""
     if front is not None and any(front in end for end in ends):
         raise InputError("the front lies at an end of the axis. Pass a point on the side, or another axis")
     path = _path(graph, *ends)
     longitudes = _harmonic_longitudes(part, path)
-    middle = np.angle(np.exp(1j * longitudes[path[1:-1]]).sum()) if front is None else longitudes[front]
-    longitudes = _wrapped(longitudes - middle)
+    if front is None:  # a border lies opposite the shortest path, which is the convex side of a bent organ
+        start = float(np.angle(np.exp(1j * longitudes[path[1:-1]]).sum())) + np.pi - np.pi / count
+    else:
+        start = float(longitudes[front])
+    longitudes = _wrapped(longitudes - start)
     for end in ends:
         if len(end) == 1:
             longitudes[end] = np.nan
