@@ -21,6 +21,7 @@ from voxflat.io.volumes import read_volume
 from voxflat.methods import METHODS, Grossmann2002, Method, Saucan2006, Schwartz1989, Voxflat
 from voxflat.methods.voxflat import SCALES
 from voxflat.pipeline.surface import Surface, surface
+from voxflat.surfaces.charts import MOST_CHARTS
 from voxflat.surfaces.standard.choice import AUTOMATIC
 from voxflat.surfaces.standard.template import STANDARD
 
@@ -348,6 +349,42 @@ further_cuts = (
 )
 cuts = section("Cuts", *where_cut, *further_cuts)
 choice_of_cuts = section("Cuts", *where_cut)  # for commands that do not add relaxation cuts
+
+
+charts = section(
+    "Charts",
+    value(
+        "--charts",
+        "N",
+        "Divide a closed organ, or a tube with two open ends, into N charts that reach from end to end, with the axis "
+        "horizontal and the anterior end on the left. 1 cuts it along a seam. 2 writes front.OUT and back.OUT, and "
+        "larger numbers write chart1.OUT, chart2.OUT, and so on.",
+        type=click.IntRange(1, MOST_CHARTS),
+    ),
+    option_of(
+        Surface.charts,
+        "axis",
+        nargs=2,
+        metavar="I,J,K|V I,J,K|V",
+        callback=lambda ctx, param, value: None if value is None else places(ctx, param, value),
+        sentences=2,
+    ),
+    option_of(Surface.charts, "front", metavar="I,J,K|V", callback=_place),
+    option_of(Surface.charts, "overlap", type=float, metavar="MM"),
+)
+
+
+def charts_of(given: dict[str, Any]) -> dict[str, Any] | None:
+    """Remove the options of the charts from the command's options, and return them; None if no charts are made."""
+    count, axis, front, overlap = (given.pop(name) for name in ("charts", "axis", "front", "overlap"))
+    if count is None:
+        if axis is not None or front is not None or overlap:
+            raise click.UsageError("--axis, --front and --overlap require --charts.")
+        return None
+    cuts = [given.pop(name) for name in ("cuts", "sphere", "adapt")]
+    if any(one is not None for one in cuts):
+        raise click.UsageError("--charts cannot be combined with --cuts, --sphere and --adapt.")
+    return {"count": count, "axis": axis, "front": front, "overlap": overlap, "relax": given.pop("relax")}
 
 
 def link_lengths(of: Any) -> Callable[[_Command], _Command]:

@@ -63,6 +63,8 @@ def telling(**told_as: Callable[[Any], Any]) -> Callable[[_Function], _Function]
             told = {"of" if name == "self" else name: value for name, value in given.items() if name not in _UNRECORDED}
             told |= {name: tell(told[name]) for name, tell in told_as.items()}
             record = record_of(function.__name__, described(told), dict(sorted(files.items())))
+            if isinstance(made, tuple):
+                return tuple(one._with_provenance(resolved(record, defaults)) for one in made)
             return made._with_provenance(resolved(record, defaults))
 
         return cast("_Function", wrapped)

@@ -119,8 +119,13 @@ def map_over_triangles(
 
 
 def _framed(uv: NDArray[np.float64], cut: Cutout, how: How) -> tuple[NDArray[np.float64], dict[str, Any]]:
-    """Align a map with the standard frame if a template cut it, and mirror it on request."""
+    """Align a map with the standard frame or with the axis of its chart, and mirror it on request."""
     found: dict[str, Any] = {"frame": None, "mirrored": how.mirror}
+    if cut.onto is not None:
+        onto = cut.onto[cut.part.vertices]
+        known = np.isfinite(onto).all(axis=1)
+        uv, _ = _core.turn_onto(uv, uv[known], onto[known])
+        uv, found["frame"] = uv - uv.mean(axis=0), "axis"
     if cut.is_standard and cut.sphere is not None:
         uv, points, residual = _in_standard_frame(uv, cut.part, cut.faces, cut.sphere)
         if points:

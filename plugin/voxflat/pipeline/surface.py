@@ -26,6 +26,7 @@ from voxflat.maps.flat_map import FlatMap
 from voxflat.methods import Method, flattened, method_of
 from voxflat.methods.method import How, Rows
 from voxflat.pipeline.cut_surface import CutSurface
+from voxflat.surfaces.charts import charted
 from voxflat.surfaces.cutting import Where, cut_handles, cut_open
 from voxflat.surfaces.findings import Check, check_surface
 from voxflat.surfaces.foreground import foreground_of
@@ -349,6 +350,70 @@ class Surface(Manifold):
             log.warning(remark)
         made = replace(made, is_told=True)
         return CutSurface._of(made, Surface._of(made.part))
+
+    @telling()
+    def charts(
+        self,
+        count: int = 1,
+        *,
+        axis: Sequence[Any] | None = None,
+        front: Sequence[int] | int | None = None,
+        overlap: float = 0.0,
+        relax: float | bool | None = None,
+        threads: int | None = None,
+        progress: Progress | None = None,
+    ) -> tuple[CutSurface[Surface], ...]:
+        """Divide a closed organ, or a tube with two open ends, into charts that reach from end to end.
+
+        Flatten each chart with `CutSurface.flatten`. The maps are seen from outside and aligned: the axis of the organ
+        is horizontal, with the anterior end on the left. Borders between charts follow harmonic longitudes, which are
+        also defined for bent organs.
+
+        Parameters
+        ----------
+        count : int
+            Number of charts. A single chart covers the complete surface, which is cut along a seam opposite `front`.
+            Two charts are the front and the back. More charts are gores, numbered upwards from the front.
+        axis : sequence of two points, optional
+            The anterior and the posterior end of the organ: voxel indices, or vertex numbers of a mesh. By default, the
+            two points that are farthest from each other along the surface, starting with the lower coordinate. The
+            ends of a tube are its boundaries, and the axis only defines their order.
+        front : sequence of 3 ints, or int, optional
+            Point on the middle line of the first chart; by default so that a border lies opposite the shortest path
+            between the ends.
+        overlap : float
+            Width of the band that neighbouring charts share, in mm along the edges of the surface.
+        relax : bool or float, optional
+            Add relaxation cuts, as in `cut`; by default none are added.
+        threads, progress : optional
+            As in `flatten`.
+
+        Returns
+        -------
+        tuple of CutSurface
+            The charts, starting at the front. ``cutout.metadata["chart"]`` describes each one.
+
+        Raises
+        ------
+        InputError, Cancelled
+            If the surface is neither closed nor a tube, has handles, or an argument is not valid.
+
+        See Also
+        --------
+        Surface.cut : Cut along other lines.
+        Surface.patches : Divide any surface into patches with a bound on the distortion.
+
+        Examples
+        --------
+        >>> ball = voxflat.surface(voxflat.samples.ball())
+        >>> front, back = ball.charts(2, axis=[(4, 12, 12), (19, 12, 12)], front=(12, 12, 19), overlap=2.0)
+        >>> front.flatten()
+        <FlatMap: 388 points, 24 x 25 mm, relative error 8.7 %>
+        """
+        found = charted(self, count, axis, front, overlap, relax, checked_threads(threads), progress)
+        for remark in dict.fromkeys(remark for made in found for remark in made.remarks):
+            log.warning(remark)
+        return tuple(CutSurface._of(replace(made, is_told=True), Surface._of(made.part)) for made in found)
 
     @telling(method=method_of)
     def flatten(

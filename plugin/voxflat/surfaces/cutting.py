@@ -39,6 +39,7 @@ class Cutout:
     traced: tuple[TracedCut, ...] = ()  # cuts of a template, as in the metadata
     is_standard: bool = False  # whether a template's cuts were chosen
     is_told: bool = False  # whether its remarks were logged
+    onto: NDArray[np.float64] | None = None  # where the vertices of the complete surface belong on the map, or NaN
 
     def anatomy(self, threads: int | None = None, progress: Progress | None = None) -> dict[str, NDArray[np.float64]]:
         """Return curvature and sulcal depth of the part's vertices, computed on the complete surface."""

@@ -60,7 +60,7 @@ def disk(
 ) -> _Part:
     """Return a geodesic disk; see `voxflat.Surface.disk`."""
     radius = checked_number(radius, "radius")
-    seed, told = _seed(of, seed_point)
+    seed, told = vertex_at(of, seed_point, "seed point")
     core, filled = of.core.disk(seed, radius, threads, progress)
     if filled:
         told.append(f"the disk includes {filled} triangles that are beyond the radius, but enclosed by the disk")
@@ -191,16 +191,16 @@ def _as_mask(region: NDArray[Any], count: int, name: str) -> NDArray[np.bool_]:
     return chosen
 
 
-def _seed(part: Manifold, seed_point: Sequence[int] | int) -> tuple[int, list[str]]:
-    """Return the vertex nearest to a seed point, and a remark if it is far away."""
+def vertex_at(part: Manifold, point: Sequence[int] | int, name: str) -> tuple[int, list[str]]:
+    """Return the vertex nearest to a point that the user gave, and a remark if it is far away."""
     if not part.is_voxels:
-        place = array_of(seed_point, "indices of the seed point")
+        place = array_of(point, f"indices of the {name}")
         if place.ndim != 0 or place.dtype.kind not in "ui":
-            raise InputError(f"the seed point is {shown(seed_point)}. Pass a vertex number of the mesh")
-        return int(part.find(place[None], "the seed point")[0]), []
-    wanted = seed_voxel(seed_point)
+            raise InputError(f"the {name} is {shown(point)}. Pass a vertex number of the mesh")
+        return int(part.find(place[None], f"the {name}")[0]), []
+    wanted = seed_voxel(point, name)
     vertex, distance = part.nearest(wanted)
-    return vertex, found_seed(wanted, part.ids[vertex].tolist(), distance, part._largest_spacing)
+    return vertex, found_seed(wanted, part.ids[vertex].tolist(), distance, part._largest_spacing, name)
 
 
 def is_medial_wall(region: object) -> bool:

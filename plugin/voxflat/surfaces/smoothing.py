@@ -84,8 +84,8 @@ def _ratio(of: NDArray[np.float64], by: NDArray[np.float64]) -> NDArray[np.float
     return np.divide(of, by, out=np.zeros_like(of), where=by > 0)
 
 
-def _laplacian(points: NDArray[np.float64], faces: NDArray[np.int64]) -> tuple[Any, NDArray[np.float64]]:
-    """Return the cotangent matrix, with empty rows for the boundary, and the area around each vertex."""
+def cotangents(points: NDArray[np.float64], faces: NDArray[np.int64]) -> tuple[Any, NDArray[np.float64]]:
+    """Return the cotangent matrix, and the area around each vertex."""
     count = len(points)
     rows, columns, values = [], [], []
     area = np.zeros(count)
@@ -101,12 +101,17 @@ def _laplacian(points: NDArray[np.float64], faces: NDArray[np.int64]) -> tuple[A
         values += [cotangent, cotangent]
     index = np.concatenate(rows), np.concatenate(columns)
     off = scipy.sparse.coo_array((np.concatenate(values), index), shape=(count, count)).tocsr()
-    matrix = scipy.sparse.diags_array(off.sum(axis=1)) - off
+    return (scipy.sparse.diags_array(off.sum(axis=1)) - off).tocsr(), np.maximum(area, 1e-12 * area.mean())
+
+
+def _laplacian(points: NDArray[np.float64], faces: NDArray[np.int64]) -> tuple[Any, NDArray[np.float64]]:
+    """Return the cotangent matrix, with empty rows for the boundary, and the area around each vertex."""
+    matrix, area = cotangents(points, faces)
     edges = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
     once, times = np.unique(edges, axis=0, return_counts=True)
-    inside = np.ones(count)
+    inside = np.ones(len(points))
     inside[once[times == 1]] = 0
-    return (scipy.sparse.diags_array(inside) @ matrix).tocsr(), np.maximum(area, 1e-12 * area.mean())
+    return (scipy.sparse.diags_array(inside) @ matrix).tocsr(), area
 
 
 def _normals(points: NDArray[np.float64], faces: NDArray[np.int64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

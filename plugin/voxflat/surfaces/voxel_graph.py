@@ -99,20 +99,22 @@ def voxel_graph(of: Manifold, link_lengths: str = LINK_LENGTHS, progress: Progre
     return VoxelGraph(part, whole, metadata, tuple(remarks))
 
 
-def seed_voxel(seed_point: object) -> list[int]:
+def seed_voxel(seed_point: object, name: str = "seed point") -> list[int]:
     """Return a seed point as voxel indices."""
-    place = array_of(seed_point, "indices of the seed point")
+    place = array_of(seed_point, f"indices of the {name}")
     if place.shape != (3,) or place.dtype.kind not in "ui":
         raise InputError(
-            f"the seed point must be three voxel indices (whole numbers), but has data type {place.dtype} and shape "
+            f"the {name} must be three voxel indices (whole numbers), but has data type {place.dtype} and shape "
             f"{place.shape}"
         )
     return [int(index) for index in place]
 
 
-def found_seed(seed_point: list[int], voxel: Any, distance: float, voxel_size: float) -> list[str]:
+def found_seed(
+    seed_point: list[int], voxel: Any, distance: float, voxel_size: float, name: str = "seed point"
+) -> list[str]:
     """Return a remark if the surface voxel nearest to a seed point is more than two voxels away."""
     if distance <= _FAR * voxel_size:
         return []
-    at = f"the seed point {seed_point} is {distance:.1f} mm away from the surface"
+    at = f"the {name} {seed_point} is {distance:.1f} mm away from the surface"
     return [f"{at}; the nearest surface voxel {voxel} is used instead"]

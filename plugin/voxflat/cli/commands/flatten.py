@@ -3,6 +3,7 @@
 from pathlib import Path
 from typing import Any
 
+import click
 import numpy as np
 
 from voxflat.cli import options
@@ -14,6 +15,7 @@ from voxflat.io.grid import in_unit
 from voxflat.io.patches import PATCH_ENDING
 from voxflat.maps.flat_map import MAP_ENDINGS, FlatMap
 from voxflat.pipeline.surface import Surface
+from voxflat.surfaces.charts import name_of
 
 _CUT_ENDINGS = (".json", ".surf.gii", ".vtp", ".ply", ".obj", PATCH_ENDING)
 
@@ -78,11 +80,13 @@ def cut_command(input_: Path, output: Path, template: Path | None, writing: dict
     "voxflat flatten rh.midthickness.surf.gii --sphere rh.sphere.reg.surf.gii --mirror -o rh.npz",
     "voxflat flatten lh.midthickness.surf.gii --keep lh.cortex.patch.3d -o lh.cortex.patch.flat",
     "voxflat flatten lh.midthickness.surf.gii --start lh.cortex.patch.flat -o lh.better.npz",
+    "voxflat flatten embryo.tif --threshold 35 --charts 2 --front 65,36,60 --overlap 20 -o embryo.npz",
 )
 @options.input_
 @options.surface_options
 @options.region
 @options.cuts
+@options.charts
 @options.method_options
 @options.output(
     "Output file: .npz or .voxflat for the complete map, or .surf.gii, .patch.flat, .flat.patch.3d, .vtp, .ply or .obj "
@@ -103,15 +107,29 @@ def flatten_command(input_: Path, output: Path, writing: dict[str, Any], quiet: 
     cuts by default. If no region is given, the largest component is flattened. A surface that is not a disk is cut
     open, and a warning lists the cuts.
     """
-    check_output(output, MAP_ENDINGS, **writing)
     method, rows, store = options.method_of(given), given.pop("rows"), given.pop("store")
-    if given["hemisphere"] is not None and given["cuts"] is None:
+    charts = options.charts_of(given)
+    count = 1 if charts is None else charts["count"]
+    outputs = [output if count == 1 else output.with_name(f"{name_of(n, count)}.{output.name}") for n in range(count)]
+    for path in outputs:
+        check_output(path, MAP_ENDINGS, **writing)
+    if count > 1 and store is not None:
+        raise click.UsageError("--store holds the distances of one map. Omit it, or give --charts 1.")
+    if charts is None and given["hemisphere"] is not None and given["cuts"] is None:
         given["cuts"] = "standard"
+    kept = rows if store is None else store
     with bars(quiet) as shown:
         part = part_of(given, shown.progress)(surface_of(input_, given, shown.progress))
-        flat_map = part.flatten(method, rows=rows if store is None else store, progress=shown.progress, **given)
-    flat_map.save(output, **writing)
-    report({"output": str(output), **flat_map.description()}, _summary(flat_map, output), quiet=quiet)
+        if charts is None:
+            maps = [part.flatten(method, rows=kept, progress=shown.progress, **given)]
+        else:
+            opened = part.charts(**charts, threads=given["threads"], progress=shown.progress)
+            maps = [one.flatten(method, rows=kept, progress=shown.progress, **given) for one in opened]
+    for flat_map, path in zip(maps, outputs, strict=True):
+        flat_map.save(path, **writing)
+    told = [{"output": str(path), **one.description()} for one, path in zip(maps, outputs, strict=True)]
+    text = "\n\n".join(_summary(one, path) for one, path in zip(maps, outputs, strict=True))
+    report(told[0] if count == 1 else {"charts": told}, text, quiet=quiet)
 
 
 def _summary(flat_map: FlatMap, output: Path) -> str:
@@ -133,6 +151,8 @@ def _summary(flat_map: FlatMap, output: Path) -> str:
 def _part(metadata: dict[str, Any]) -> str:
     """Describe the part of the surface that was flattened."""
     what = "voxel" if metadata["kind"] == "voxels" else "vertex"
+    if metadata.get("chart", {}).get("count", 1) > 1:
+        return f"the chart {metadata['chart']['name']!r}"
     parts = ["inside the mask"] if metadata["keep"] or metadata.get("drop") else []
     if metadata["seed_point"] is not None:
         parts.append(f"within {metadata['radius']} mm of {what} {metadata['seed_point']}")

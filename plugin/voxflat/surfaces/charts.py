@@ -1,0 +1,309 @@
+"""Divide a closed surface or a tube into charts: seams from end to end, and the alignment of the maps."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from voxflat.arguments import Progress, checked_number, is_whole, shown
+from voxflat.errors import InputError
+from voxflat.io.grid import in_unit
+from voxflat.surfaces.cutting import Cutout, cut_out_as, opened_to_disk
+from voxflat.surfaces.manifold import Manifold
+from voxflat.surfaces.parts import largest_piece, vertex_at
+from voxflat.surfaces.smoothing import cotangents
+
+MOST_CHARTS = 64
+"""The largest number of charts of a surface."""
+
+_SWEEPS = 4  # searches for the farthest vertex; more do not make the axis longer
+_STRAYING = 10.0  # how many times longer a seam's edge counts for each radian away from the back
+_NEAR_SEAM = 0.9 * np.pi  # longitudes beyond this lie on either side of a single chart
+_LEAST = 0.05  # share of the surface that each chart leaves to the others
+
+_Floats = NDArray[np.float64]
+_Ints = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class _Frame:
+    """Longitudes around an axis from end to end, seen with the anterior end on the left."""
+
+    ends: tuple[_Ints, _Ints]  # anterior and posterior: a vertex, or the vertices of a boundary loop
+    longitudes: _Floats  # of the vertices, from -π to π, 0 at the front, rising upwards; NaN at ends that are vertices
+    along: _Floats  # position of the vertices from end to end
+    radius: float  # mean radius
+
+
+def charted(
+    part: Manifold,
+    count: int,
+    axis: Sequence[Any] | None,
+    front: Any,
+    overlap: float,
+    relax: float | bool | None,
+    threads: int | None,
+    progress: Progress | None,
+) -> list[Cutout]:
+    """Divide a surface into charts; see `voxflat.Surface.charts`."""
+    if not is_whole(count) or not 1 <= count <= MOST_CHARTS:
+        raise InputError(f"count is {shown(count)}. Pass a number of charts from 1 to {MOST_CHARTS}")
+    overlap = checked_number(overlap, "overlap")
+    if not (np.isfinite(overlap) and overlap >= 0):
+        raise InputError(f"overlap is {overlap:g}. Pass the width of the overlap, or 0 for none")
+    if overlap and count == 1:
+        raise InputError("overlap does not apply to a single chart. Omit it, or choose two or more charts")
+    part = largest_piece(part)
+    kind = _checked_topology(part)
+    graph = _edge_graph(part)
+    told: list[str] = []
+    ends = _ends(part, graph, axis, told)
+    at_front = None
+    if front is not None:
+        at_front, remarks = vertex_at(part, front, "front")
+        told += remarks
+    frame = _frame(part, graph, ends, at_front, count)
+    about = {"count": count, "overlap": overlap, "front": None if at_front is None else part.ids[at_front].tolist()}
+    about["axis"] = [part.ids[end[0]].tolist() for end in ends]
+    if count == 1:
+        seam = _opposite(graph, frame.longitudes, ends)
+        length = float(np.linalg.norm(np.diff(part.points[seam], axis=0), axis=1).sum())
+        told.append(f"the surface is {kind}, so it was cut along a seam from end to end ({length:.0f} mm)")
+        made = [(part, [seam])]
+    else:
+        told.append(f"the surface is {kind}, so it was divided into {count} charts that reach from end to end")
+        made = [
+            (part._with_core(part.core.part_of_faces(faces)), [])
+            for faces in _sectors(part, graph, frame, count, overlap)
+        ]
+    told = [in_unit(remark, part.metadata) for remark in told]
+    whole = part if part.whole is None else part.whole
+    charts = []
+    for number, (chart, cuts) in enumerate(made):
+        cut = cut_out_as(whole, chart, cuts, "charts")
+        described = {**about, "name": name_of(number, count)}
+        cut = replace(
+            cut,
+            metadata={**cut.metadata, "chart": described},
+            remarks=(*cut.remarks, *told),
+            onto=_targets(part, frame, number, count),
+        )
+        charts.append(opened_to_disk(cut, bool(relax) and relax, threads, progress))
+    return charts
+
+
+def name_of(number: int, count: int) -> str:
+    """Return the name of a chart: "front" and "back" for two, and otherwise its number from 1."""
+    return ("front", "back")[number] if count == 2 else f"chart{number + 1}"
+
+
+def _checked_topology(part: Manifold) -> str:
+    """Return "closed" or "a tube"; raise an error for other surfaces."""
+    topology = part.core.topology()
+    loops, handles = len(topology["loops"]), topology["handles"]
+    if handles:
+        raise InputError(
+            f"the surface has {handles} handle(s), but charts require a surface without handles. Make the surface with "
+            "repair='voxels', or remove the handles from the segmentation"
+        )
+    if loops not in (0, 2):
+        what = "is a disk" if loops == 1 else f"has {loops} boundary loops"
+        remedy = "Flatten it without charts" if loops == 1 else "Close the holes, or flatten it without charts"
+        raise InputError(f"charts require a closed surface, or a tube with two ends, but this one {what}. {remedy}")
+    return "a tube" if loops else "closed"
+
+
+def _edge_graph(part: Manifold) -> Any:
+    """Return the lengths of the edges as a sparse matrix."""
+    faces = part.faces.astype(np.int64)
+    edges = np.unique(np.sort(faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1), axis=0)
+    lengths = np.linalg.norm(np.diff(part.points[edges], axis=1)[:, 0], axis=1)
+    ends = np.concatenate([edges, edges[:, ::-1]]).T
+    return scipy.sparse.csr_array((np.concatenate([lengths, lengths]), tuple(ends)), shape=(len(part), len(part)))
+
+
+def _path(graph: Any, sources: _Ints, targets: _Ints) -> _Ints:
+    """Return the shortest path along edges from any source to any target."""
+    lengths, before, _ = scipy.sparse.csgraph.dijkstra(graph, indices=sources, min_only=True, return_predecessors=True)
+    path = [int(targets[lengths[targets].argmin()])]
+    while before[path[-1]] >= 0:
+        path.append(int(before[path[-1]]))
+    return np.array(path[::-1])
+
+
+def _ends(part: Manifold, graph: Any, axis: Sequence[Any] | None, told: list[str]) -> tuple[_Ints, _Ints]:
+    """Return the anterior and the posterior end: a vertex each, or the boundary loops of a tube."""
+    given = None
+    if axis is not None:
+        if isinstance(axis, str) or not hasattr(axis, "__len__") or len(axis) != 2:
+            raise InputError(f"the axis is {shown(axis)}. Pass two points: the anterior and the posterior end")
+        found = [
+            vertex_at(part, point, f"{end} end of the axis")
+            for end, point in zip(("anterior", "posterior"), axis, strict=True)
+        ]
+        given = [vertex for vertex, _ in found]
+        told += [remark for _, remarks in found for remark in remarks]
+        if given[0] == given[1]:
+            raise InputError("the two ends of the axis are the same point. Pass two different points")
+    loops = [np.array(loop["vertices"]) for loop in part.core.topology()["loops"]]
+    if not loops:
+        return (
+            _in_order(part, *(np.array([vertex]) for vertex in _poles(part)))
+            if given is None
+            else (np.array(given[:1]), np.array(given[1:]))
+        )
+    if given is None:
+        return _in_order(part, *loops)
+    apart = [scipy.sparse.csgraph.dijkstra(graph, indices=loop, min_only=True)[given] for loop in loops]
+    nearest = np.argmin(apart, axis=0)
+    if nearest[0] == nearest[1]:
+        raise InputError("both points of the axis are nearest to the same end of the tube. Pass one point at each end")
+    return loops[nearest[0]], loops[nearest[1]]
+
+
+def _poles(part: Manifold) -> tuple[int, int]:
+    """Return two vertices that are as far from each other as possible along the surface."""
+    centred = part.points - part.points.mean(axis=0)
+    _, _, ways = np.linalg.svd(centred.T @ centred)
+    one, other, longest = int((centred @ ways[0]).argmax()), 0, 0.0
+    for _ in range(_SWEEPS):
+        row = part.core.rows(np.array([one], dtype=np.uint32))[0]
+        farthest = int(row.argmax())
+        if row[farthest] <= longest:
+            break
+        longest, one, other = float(row[farthest]), farthest, one
+    return one, other
+
+
+def _in_order(part: Manifold, one: _Ints, other: _Ints) -> tuple[_Ints, _Ints]:
+    """Return two ends, starting with the one that is lower along the coordinate in which they differ most."""
+    apart = part.points[other].mean(axis=0) - part.points[one].mean(axis=0)
+    return (one, other) if apart[np.abs(apart).argmax()] > 0 else (other, one)
+
+
+def _frame(part: Manifold, graph: Any, ends: tuple[_Ints, _Ints], front: int | None, count: int) -> _Frame:
+    """Measure longitudes from the front."""
+    if front is not None and any(front in end for end in ends):
+        raise InputError("the front lies at an end of the axis. Pass a point on the side, or another axis")
+    path = _path(graph, *ends)
+    longitudes = _harmonic_longitudes(part, path)
+    if front is None:  # a border lies opposite the shortest path, which is the convex side of a bent organ
+        start = float(np.angle(np.exp(1j * longitudes[path[1:-1]]).sum())) + np.pi - np.pi / count
+    else:
+        start = float(longitudes[front])
+    longitudes = _wrapped(longitudes - start)
+    for end in ends:
+        if len(end) == 1:
+            longitudes[end] = np.nan
+    before, after = (scipy.sparse.csgraph.dijkstra(graph, indices=end, min_only=True) for end in ends)
+    length = float(before[ends[1]].min())
+    return _Frame(ends, longitudes, (before - after) / 2, float(_areas(part).sum()) / (2 * np.pi * length))
+
+
+def _areas(part: Manifold) -> _Floats:
+    """Return the areas of the triangles."""
+    a, b, c = (part.points[part.faces[:, corner]] for corner in range(3))
+    return np.asarray(np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2)
+
+
+def _harmonic_longitudes(part: Manifold, path: _Ints) -> _Floats:
+    """Return the harmonic angles around the axis, which do not depend on the path between the ends but for a constant.
+
+    The angles rise by 2π around the axis. Below the path, its vertices count as 2π higher than above it.
+    """
+    opened = part.core.cut([path.astype(np.uint32)])
+    faces, count = opened.faces.astype(np.int64), len(opened)
+    own = np.empty(count, dtype=np.int64)
+    own[faces.ravel()] = part.faces.ravel()
+    order = np.full(len(part), -2 * len(path))
+    order[path] = np.arange(len(path))
+    edges = faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
+    is_border = ~np.isin(edges @ [count, 1], edges @ [1, count])
+    steps = np.diff(order[own[edges]], axis=1)[:, 0]
+    below = np.setdiff1d(edges[is_border & (steps == -1)], edges[is_border & (steps == 1)])
+    if not len(below):
+        raise InputError("the ends of the axis are neighbours on the surface. Pass points that are farther apart")
+    higher = np.zeros(count)
+    higher[below] = 2 * np.pi
+    matrix, _ = cotangents(opened.points, faces)
+    join = scipy.sparse.coo_array((np.ones(count), (np.arange(count), own)), shape=(count, len(part))).tocsr()
+    system, rest = (join.T @ (matrix @ join)).tocsc(), -(join.T @ (matrix @ higher))
+    angles = np.zeros(len(part))  # the angle of the first vertex is arbitrary
+    angles[1:] = scipy.sparse.linalg.spsolve(system[1:, 1:], rest[1:], permc_spec="MMD_AT_PLUS_A")
+    return angles
+
+
+def _opposite(graph: Any, longitudes: _Floats, ends: tuple[_Ints, _Ints]) -> _Ints:
+    """Return a path between the ends that stays close to the longitude π."""
+    edges = graph.tocoo()
+    off = np.nan_to_num(np.abs(_wrapped(longitudes - np.pi)))
+    for end in ends:
+        off[end] = 0.0
+    factors = 1 + _STRAYING * np.maximum(off[edges.coords[0]], off[edges.coords[1]])
+    return _path(scipy.sparse.coo_array((edges.data * factors, edges.coords), shape=graph.shape).tocsr(), *ends)
+
+
+def _wrapped(angles: _Floats) -> _Floats:
+    """Return angles from -π to π."""
+    return np.asarray((angles + np.pi) % (2 * np.pi) - np.pi)
+
+
+def _sectors(part: Manifold, graph: Any, frame: _Frame, count: int, overlap: float) -> list[NDArray[np.bool_]]:
+    """Return the triangles of each chart: equal sectors of longitude, grown by half of the overlap."""
+    faces, areas = part.faces.astype(np.int64), _areas(part)
+    ways = np.nan_to_num(np.exp(1j * frame.longitudes))
+    angles = np.angle(ways[faces].sum(axis=1))
+    sectors = np.round(angles * count / (2 * np.pi)).astype(np.int64) % count
+    beside = _neighbours(faces)
+    for sector in range(count):
+        if not (inside := sectors == sector).any():
+            raise InputError(f"the surface has too few triangles for {count} charts. Choose fewer charts")
+        sectors[inside & ~_largest(inside, beside, areas)] = -1
+    while (sectors < 0).any():  # strays join their neighbours
+        a, b = beside[(sectors[beside] >= 0).sum(axis=1) == 1].T
+        lost = np.where(sectors[a] < 0, a, b)
+        sectors[lost] = sectors[np.where(sectors[a] < 0, b, a)]
+    charts = [sectors == sector for sector in range(count)]
+    if overlap:
+        charts = [_grown(chart, faces, beside, areas, graph, overlap / 2) for chart in charts]
+    return charts
+
+
+def _neighbours(faces: _Ints) -> _Ints:
+    """Return the pairs of triangles that share an edge."""
+    edges = np.sort(faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
+    order = np.lexsort(edges.T)
+    same = (edges[order][1:] == edges[order][:-1]).all(axis=1)
+    return np.column_stack([order[:-1][same], order[1:][same]]) // 3
+
+
+def _largest(inside: NDArray[np.bool_], beside: _Ints, areas: _Floats) -> NDArray[np.bool_]:
+    """Return the connected piece of some triangles that has the largest area."""
+    links = beside[inside[beside].all(axis=1)].T
+    graph = scipy.sparse.coo_array((np.ones(links.shape[1]), tuple(links)), shape=(len(inside), len(inside)))
+    _, pieces = scipy.sparse.csgraph.connected_components(graph, directed=False)
+    return np.asarray(inside & (pieces == np.bincount(pieces, areas * inside).argmax()))
+
+
+def _grown(
+    chart: NDArray[np.bool_], faces: _Ints, beside: _Ints, areas: _Floats, graph: Any, width: float
+) -> NDArray[np.bool_]:
+    """Return a chart with the triangles up to a distance from it, without holes."""
+    inside = np.unique(faces[chart])
+    apart = scipy.sparse.csgraph.dijkstra(graph, indices=inside, min_only=True, limit=width)
+    grown = np.isfinite(apart)[faces].any(axis=1)
+    if areas[~grown].sum() < _LEAST * areas.sum():
+        raise InputError(f"overlap is {2 * width:g}, so that a chart would cover the surface. Pass a smaller overlap")
+    return ~_largest(~grown, beside, areas)
+
+
+def _targets(part: Manifold, frame: _Frame, number: int, count: int) -> _Floats:
+    """Return where the points of a chart would lie on a cylinder, by vertex of the complete surface; NaN if unknown."""
+    around = _wrapped(frame.longitudes - 2 * np.pi * number / count)
+    around[np.abs(around) > _NEAR_SEAM] = np.nan
+    onto = np.full((part.count, 2), np.nan)
+    onto[part.vertices] = np.column_stack([frame.along, frame.radius * around])
+    return onto
