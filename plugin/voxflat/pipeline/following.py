@@ -30,6 +30,7 @@ _STILL = 2e-4  # change of a step, relative to the size of the surface, at which
 _REACH = 0.1  # deviation that weighs as much as a strain of 1, relative to the size of the surface
 _ALIKE = 0.3  # least cosine of the angle between the normals of corresponding places
 _RIDGE = 1e-9  # relative; decides where neither shape nor strain do, such as turns of a sphere
+_UNFOLDINGS = 30  # most attempts
 _SMOOTHINGS = (12, 4)  # averaging steps of the movements that close the last gaps
 
 
@@ -159,14 +160,30 @@ class Follower:
             for _ in range(averaging):
                 move = self.average @ move
             points = points + move
+        return self._unfolded(points, target)
+
+    def _unfolded(self, points: _Floats, target: Shape) -> _Floats:
+        """Return points without folds: those of folded triangles move to the mean of their neighbours."""
+        for _ in range(_UNFOLDINGS):
+            folded = self.folded(points, target)
+            if not folded.any():
+                break
+            near = np.zeros(self.count)
+            near[self.faces[folded]] = 1
+            rows = np.flatnonzero(self.average @ near)
+            if self.reference.border is not None:
+                rows = np.setdiff1d(rows, self.reference.border.vertices)
+            points = points.copy()
+            points[rows] = (self.average @ points)[rows]
+            points[rows] += self._gap(points, target)[0][rows]
         return points
 
-    def folded(self, points: _Floats, target: Shape) -> int:
-        """Return the number of triangles that face against the surface of a frame."""
+    def folded(self, points: _Floats, target: Shape) -> NDArray[np.bool_]:
+        """Find the triangles that face against the surface of a frame."""
         a, b, c = (points[self.faces[:, corner]] for corner in range(3))
         corners, weights, _ = target.nearest((a + b + c) / 3)
         normals = target.mixed(target.normals, corners, weights)
-        return int(((np.cross(b - a, c - a) * normals).sum(axis=1) < 0).sum())
+        return np.asarray((np.cross(b - a, c - a) * normals).sum(axis=1) < 0)
 
     def _gap(self, points: _Floats, target: Shape) -> tuple[_Floats, NDArray[np.bool_]]:
         """Return the way from each vertex to the next frame, and whether the normals at both ends agree."""

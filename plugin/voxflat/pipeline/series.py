@@ -166,8 +166,8 @@ class FlatSeries(Sequence[FlatMap]):
             values, axes = np.linalg.eigh(self._metric(self._number(since)))
             back = np.einsum("nab,nb,ncb->nac", axes, 1 / np.sqrt(values), axes)
             metric = back @ metric @ back
-        squares: NDArray[np.float64] = np.linalg.eigvalsh(metric)[:, ::-1]
-        return np.sqrt(np.maximum(squares, 0))
+        squares = np.linalg.eigvalsh(metric)[:, ::-1]
+        return np.asarray(np.sqrt(np.maximum(squares, 0)), dtype=np.float64)
 
     def _metric(self, frame: int) -> NDArray[np.float64]:
         """Return the metric tensor (N, 2, 2) of a frame in the coordinates of the map, averaged over triangles."""
@@ -280,7 +280,7 @@ def flatten_series(
             outward = moved.mixed(_core.vertex_normals(places, follower.faces), corners, weights)
             normals[frame] = outward / np.linalg.norm(outward, axis=1, keepdims=True)
             gaps[frame] = np.percentile(moved.nearest(target.points)[2], 95)
-            folded[frame] = follower.folded(places, target)
+            folded[frame] = follower.folded(places, target).sum()
             done += 1
     made = FlatSeries(flat_map, points, normals, reference, gaps, folded)
     _warn(made, follower)
@@ -331,8 +331,8 @@ def _warn(made: FlatSeries, follower: Follower) -> None:
         text = f"frame {worst} is up to {made.gaps[worst]:.3g} mm away from the moved surface (95th percentile)"
         log.warning("%s. Check this frame", in_unit(text, made.flat_map.metadata))
     if made.folded.any():
-        frames = np.flatnonzero(made.folded)
-        log.warning(
-            "the moved surface is folded in %d frames (at most %d triangles, in frame %d). Check the surfaces there",
-            *(len(frames), made.folded.max(), made.folded.argmax()),
+        frames, worst = np.count_nonzero(made.folded), int(made.folded.argmax())
+        text = (
+            f"the moved surface is folded in {frames} frames (at most {made.folded[worst]} triangles, in frame {worst})"
         )
+        log.warning("%s. Check the surfaces there", text)
