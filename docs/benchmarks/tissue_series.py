@@ -138,7 +138,7 @@ def main():
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--peer", help="interpreter with blender-tissue-cartography")
-    parser.add_argument("--vertices", type=int, default=3000)
+    parser.add_argument("--vertices", type=int, default=2000)
     parser.add_argument("--only", nargs="*", choices=list(MOVIES), default=list(MOVIES))
     options = parser.parse_args()
     print("| movie | method | drift, µm (% of length): median, 95 %, all frames | last frame | CPU s |")
