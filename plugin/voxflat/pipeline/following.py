@@ -132,7 +132,7 @@ class Follower:
 
     def _cells(self, core: _core.Surface, count: int) -> Any:
         """Return smooth functions that add up to 1, one for each of the cells of a division of the surface."""
-        _, cells = core.cells(count, 0)
+        _, cells = core.cells(np.arange(self.count, dtype=np.uint32), count, 0)
         cells = np.maximum(cells.astype(np.int64) - 1, 0)
         basis = scipy.sparse.csr_array((np.ones(self.count), (np.arange(self.count), cells)), shape=(self.count, count))
         for _ in range(max(3, round(0.6 * self.count / count / np.pi))):  # half the radius of a cell
