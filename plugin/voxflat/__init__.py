@@ -40,6 +40,7 @@ __all__ = [
     "Distortion",
     "FlatAtlas",
     "FlatMap",
+    "FlatSeries",
     "HemisphereError",
     "InputError",
     "Profile",
@@ -51,6 +52,7 @@ __all__ = [
     "cite",
     "compare",
     "flatten",
+    "flatten_series",
     "hemisphere",
     "load",
     "load_atlas",
@@ -87,6 +89,7 @@ if TYPE_CHECKING:
     from voxflat.pipeline.cut_surface import CutSurface
     from voxflat.pipeline.flatten import flatten
     from voxflat.pipeline.range_image import range_image
+    from voxflat.pipeline.series import FlatSeries, flatten_series
     from voxflat.pipeline.surface import Surface, surface
     from voxflat.surfaces.hemispheres import hemisphere
 else:
@@ -108,6 +111,7 @@ else:
         "pipeline.cut_surface": ("CutSurface",),
         "pipeline.flatten": ("flatten",),
         "pipeline.range_image": ("range_image",),
+        "pipeline.series": ("FlatSeries", "flatten_series"),
         "pipeline.surface": ("Surface", "surface"),
         "surfaces.hemispheres": ("hemisphere",),
     }

@@ -1,0 +1,171 @@
+"""One map for a movie: material points keep their places, and frames that do not belong together are refused."""
+
+import numpy as np
+import pytest
+from scipy.spatial import ConvexHull
+from scipy.spatial.transform import Rotation
+
+import voxflat
+from voxflat.errors import InputError
+
+TURN = Rotation.from_euler("xyz", [5, -4, 6], degrees=True).as_matrix()
+
+
+def sphere(count, seed):
+    """Return a mesh of the unit sphere; each seed has other vertices."""
+    step = np.arange(count) + 0.5
+    z, turn = 1 - 2 * step / count, step * np.pi * (1 + np.sqrt(5))
+    points = np.column_stack([np.cos(turn) * np.sqrt(1 - z**2), np.sin(turn) * np.sqrt(1 - z**2), z])
+    points = points @ Rotation.random(random_state=seed).as_matrix()
+    faces = ConvexHull(points).simplices
+    a, b, c = (points[faces[:, corner]] for corner in range(3))
+    inwards = (np.cross(b - a, c - a) * a).sum(axis=1) < 0
+    faces[inwards] = faces[inwards, ::-1]
+    return points, faces
+
+
+def sheet(move, side):
+    """Return a mesh of the unit square, moved by a function of x and y."""
+    axis = np.linspace(-1, 1, side)
+    x, y = (values.ravel() for values in np.meshgrid(axis, axis))
+    corners = np.arange(side**2).reshape(side, side)
+    a, b, c, d = (part.ravel() for part in (corners[:-1, :-1], corners[:-1, 1:], corners[1:, 1:], corners[1:, :-1]))
+    return move(x, y), np.concatenate([np.column_stack([a, b, c]), np.column_stack([a, c, d])])
+
+
+def grown(points, frame):
+    """Return points that moved with an ellipsoid that grows, turns and drifts."""
+    moved = points * [10, 5, 3.5] * (1 + 0.1 * frame)
+    return moved @ np.linalg.matrix_power(TURN, frame).T + [0, 2 * frame, 0]
+
+
+@pytest.fixture(scope="module")
+def growth():
+    frames = [(grown(points, t), faces) for t, (points, faces) in enumerate(sphere(600 + 50 * t, t) for t in range(3))]
+    return voxflat.flatten_series(frames, reference=1), frames
+
+
+def test_material_points_stay_in_place_on_a_growing_turning_surface(growth):
+    series, _ = growth
+    material = sphere(650, 1)[0][series.flat_map.ids]
+    for frame in range(3):
+        apart = np.linalg.norm(series.points[frame] - grown(material, frame), axis=1)
+        assert np.median(apart) < 0.005 * 20
+        assert np.percentile(apart, 95) < 0.015 * 20
+    assert not series.folded.any()
+
+
+def test_all_frames_share_the_map_of_the_reference_frame(growth):
+    series, frames = growth
+    assert series[1] is series.flat_map
+    assert np.array_equal(series[0].uv, series[2].uv)
+    assert series[0].raster().shape == series[2].raster().shape
+    assert np.array_equal(series[1].points, frames[1][0][series.flat_map.ids])
+    assert [len(own) for own in series[:2]] == [len(series.flat_map)] * 2
+    for own, normals in zip(series, series.normals, strict=True):  # outwards
+        assert ((own.points - own.points.mean(axis=0)) * normals).sum(axis=1).min() > 0
+
+
+def test_points_lie_on_their_frame_which_is_covered(growth):
+    series, frames = growth
+    for own, (points, faces) in zip(series, frames, strict=True):
+        finder = voxflat._core.NearestFinder(np.ascontiguousarray(points), faces.astype(np.uint32))
+        assert finder.find(np.ascontiguousarray(own.points), np.inf)[2].max() < 1e-6
+    assert series.gaps.max() < 0.2  # a tenth of an edge
+
+
+def test_stretches_are_those_of_the_growth(growth):
+    series, _ = growth
+    assert np.nanmedian(series.stretches(2, since=0), axis=0) == pytest.approx([1.2, 1.2], rel=0.02)
+    of_map = series.stretches(1)
+    assert (of_map[:, 0] >= of_map[:, 1]).all()
+    assert np.median(of_map.prod(axis=1)) == pytest.approx(
+        np.median(1 / 2**series.flat_map.distortion.triangles.areal), rel=0.01
+    )
+
+
+def test_stretches_of_a_sheet_that_is_stretched_in_one_direction():
+    frames = [sheet(lambda x, y, s=s: np.column_stack([s * x, y, 0 * x]), side) for s, side in ((1, 20), (1.3, 27))]
+    series = voxflat.flatten_series(frames)
+    stretches = series.stretches(1, since=0)
+    assert np.median(stretches, axis=0) == pytest.approx([1.3, 1.0], abs=0.02)
+    rim = np.abs(frames[0][0][:, :2]).max(axis=1) == 1
+    on = series.points[1][rim[series.flat_map.ids]] / [1.3, 1, 1]
+    assert np.abs(on[:, :2]).max(axis=1) == pytest.approx(1)
+
+
+def test_each_volume_is_sampled_on_the_surface_of_its_frame(growth):
+    series, _ = growth
+    affine = np.diag([1.0, 1.0, 1.0, 1.0])
+    affine[:3, 3] = -20
+    heights = np.broadcast_to(np.arange(40.0) - 20, (40, 40, 40))  # z
+    volumes = [voxflat.io.Volume(heights + 100 * t, affine) for t in range(3)]
+    stacks = series.images(volumes, pixel_size=0.5, depth=[0.0, 1.0])
+    data = np.stack([stack.data for stack in stacks])
+    assert data.shape[:2] == (3, 2)
+    for t in range(3):
+        expected = 100 * t + series[t].raster(0.5).interpolate(series.points[t])[..., 2]
+        assert data[t, 0] == pytest.approx(expected, nan_ok=True)
+
+
+def test_a_wave_that_passes_carries_little_with_it():
+    def narrowed(points, time):
+        width = 1 - 0.3 * np.exp(-(((points[:, 0] + 0.6 - 1.2 * time) / 0.25) ** 2))
+        return points * np.column_stack([10 + 0 * width, 4 * width, 3 * width])
+
+    meshes = [sphere(500 + 9 * t, t) for t in range(9)]
+    series = voxflat.flatten_series([(narrowed(points, t / 8), faces) for t, (points, faces) in enumerate(meshes)])
+    truth = narrowed(meshes[0][0], 1)[series.flat_map.ids]
+    assert np.median(np.linalg.norm(series.points[-1] - truth, axis=1)) < 0.05 * 20
+    assert not series.folded.any()
+
+
+BALL, PLATE = sphere(300, 0), sheet(lambda x, y: np.column_stack([x, y, x * y]), 10)
+
+
+@pytest.mark.parametrize(
+    ("surfaces", "options", "told"),
+    [
+        ([], {}, "list of surfaces is empty"),
+        ([BALL], {}, "is a single frame. Pass two or more frames, or use flatten"),
+        ([BALL, None, BALL], {}, "frame 1 is missing"),
+        (
+            [BALL, PLATE],
+            {},
+            "frame 1 has 1 component, 0 handles, 1 boundary loop, but frame 0 has 1 component, 0 handles",
+        ),
+        ([BALL, (BALL[0], BALL[1] + 1)], {}, "frame 1: "),
+        ("movie.ply", {}, "Pass a list of surfaces"),
+        ([BALL, BALL], {"reference": 2}, "reference is 2. Pass a frame number from 0 to 1"),
+        ([BALL, BALL], {"reference": 0.5}, "reference is 0.5"),
+        ([voxflat.surface(BALL, unit="µm"), BALL], {}, "frame 1 is in mm, but frame 0 is in µm"),
+    ],
+)
+def test_frames_that_do_not_belong_together_are_refused(surfaces, options, told):
+    with pytest.raises(InputError) as error:
+        voxflat.flatten_series(surfaces, **options)
+    assert told in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+def test_a_missing_file_is_named(tmp_path):
+    with pytest.raises(FileNotFoundError, match="frame_2"):
+        voxflat.flatten_series([BALL, tmp_path / "frame_2.ply"])
+
+
+def test_wrong_frames_and_volumes_are_refused(growth):
+    series, _ = growth
+    with pytest.raises(IndexError, match="numbered from 0 to 2"):
+        series[3]
+    with pytest.raises(InputError, match="Pass a whole number"):
+        series.stretches(1.5)
+    with pytest.raises(InputError, match="got 2 volumes for 3 frames"):
+        series.images([np.zeros((4, 4, 4))] * 2)
+
+
+def test_it_can_be_cancelled():
+    def progress(stage, done, total):
+        return stage != "following the surface"
+
+    with pytest.raises(voxflat.Cancelled):
+        voxflat.flatten_series([BALL, BALL], progress=progress)
