@@ -369,7 +369,7 @@ charts = section(
         callback=lambda ctx, param, value: None if value is None else places(ctx, param, value),
         sentences=2,
     ),
-    option_of(Surface.charts, "front", metavar="I,J,K|V", callback=_place),
+    option_of(Surface.charts, "front", metavar="I,J,K|V", callback=_place, sentences=2),
     option_of(Surface.charts, "overlap", type=float, metavar="MM"),
 )
 

@@ -379,8 +379,8 @@ class Surface(Manifold):
             two points that are farthest from each other along the surface, starting with the lower coordinate. The
             ends of a tube are its boundaries, and the axis only defines their order.
         front : sequence of 3 ints, or int, optional
-            Point on the middle line of the first chart; by default so that a border lies opposite the shortest path
-            between the ends.
+            Point on the middle line of the first chart. By default, a single chart is cut opposite the shortest path
+            between the ends, and several charts start on a broad side of the organ.
         overlap : float
             Width of the band that neighbouring charts share, in mm along the edges of the surface.
         relax : bool or float, optional

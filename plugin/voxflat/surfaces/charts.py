@@ -166,8 +166,7 @@ def _ends(part: Manifold, graph: Any, axis: Sequence[Any] | None, told: list[str
 
 def _poles(part: Manifold) -> tuple[int, int]:
     """Return two vertices that are as far from each other as possible along the surface."""
-    centred = part.points - part.points.mean(axis=0)
-    _, _, ways = np.linalg.svd(centred.T @ centred)
+    centred, ways = _principal_axes(part)
     one, other, longest = int((centred @ ways[0]).argmax()), 0, 0.0
     for _ in range(_SWEEPS):
         row = part.core.rows(np.array([one], dtype=np.uint32))[0]
@@ -176,6 +175,14 @@ def _poles(part: Manifold) -> tuple[int, int]:
             break
         longest, one, other = float(row[farthest]), farthest, one
     return one, other
+
+
+def _principal_axes(part: Manifold) -> tuple[_Floats, _Floats]:
+    """Return the points without their mean, and their principal axes as rows, which point to higher coordinates."""
+    centred = part.points - part.points.mean(axis=0)
+    _, _, ways = np.linalg.svd(centred.T @ centred)
+    largest = np.abs(ways).argmax(axis=1)
+    return centred, ways * np.sign(ways[np.arange(3), largest])[:, None]
 
 
 def _in_order(part: Manifold, one: _Ints, other: _Ints) -> tuple[_Ints, _Ints]:
@@ -190,10 +197,13 @@ def _frame(part: Manifold, graph: Any, ends: tuple[_Ints, _Ints], front: int | N
         raise InputError("the front lies at an end of the axis. Pass a point on the side, or another axis")
     path = _path(graph, *ends)
     longitudes = _harmonic_longitudes(part, path)
-    if front is None:  # a border lies opposite the shortest path, which is the convex side of a bent organ
-        start = float(np.angle(np.exp(1j * longitudes[path[1:-1]]).sum())) + np.pi - np.pi / count
-    else:
+    if front is not None:
         start = float(longitudes[front])
+    elif count == 1:  # the seam is opposite the shortest path, on the convex side of a bent organ
+        start = float(np.angle(np.exp(1j * longitudes[path[1:-1]]).sum()))
+    else:  # a broad side
+        centred, ways = _principal_axes(part)
+        start = float(np.angle(np.exp(1j * longitudes) @ (centred @ ways[2])))
     longitudes = _wrapped(longitudes - start)
     for end in ends:
         if len(end) == 1:
