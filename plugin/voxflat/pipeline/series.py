@@ -252,7 +252,7 @@ def flatten_series(
     --------
     >>> ball = voxflat.samples.ball()
     >>> voxflat.flatten_series([ball, np.roll(ball, 1, axis=0)])
-    <FlatSeries: 2 frames, 654 points>
+    <FlatSeries: 2 frames, 678 points>
     """
     limits: dict[str, Any] = {"threads": checked_threads(threads), "memory_limit": memory_limit, "progress": progress}
     frames = _frames(surfaces, limits)
