@@ -61,12 +61,14 @@ textured = flat_map.textured(chequers, texel_size=0.5 / 16, repeat=True)
 print(textured)
 
 # %%
-# To show it in PyVista, pass the points, the triangles and the texture coordinates. The squares keep their size over
-# bumps and hollows, but the rows do not match across cuts.
+# To show it in PyVista, pass the points, the triangles and the texture coordinates. PyVista needs one texture coordinate
+# per point, so the surface is opened at the cuts. The squares keep their size over bumps and hollows, but the rows do
+# not match across cuts.
 
 
 def show(textured, direction, rest=None):
     """Render a textured surface with PyVista and, if given, the rest of the surface in one colour."""
+    textured = textured.opened()
     mesh = pv.PolyData.from_regular_faces(textured.points, textured.faces)
     mesh.active_texture_coordinates = textured.texture_coordinates
     texture = pv.Texture(textured.picture)
