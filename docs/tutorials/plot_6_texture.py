@@ -61,9 +61,9 @@ textured = flat_map.textured(chequers, texel_size=0.5 / 16, repeat=True)
 print(textured)
 
 # %%
-# To show it in PyVista, pass the points, the triangles and the texture coordinates. PyVista needs one texture coordinate
-# per point, so the surface is opened at the cuts. The squares keep their size over bumps and hollows, but the rows do
-# not match across cuts.
+# To show it in PyVista, pass the points, the triangles and the texture coordinates. PyVista needs one texture
+# coordinate per point, so the surface is opened at the cuts. The squares keep their size over bumps and hollows, but
+# the rows do not match across cuts.
 
 
 def show(textured, direction, rest=None):
