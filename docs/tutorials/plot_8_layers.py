@@ -81,7 +81,7 @@ pictures = {
     "rim": (labels.astype(float), "viridis"),
     "depth (equivolume)": (rim.depth().data, "magma"),
     "9 layers": (rim.layers(9).data.astype(float), "turbo"),
-    "columns of 4 mm²": (columns.volume.data * 37.0 % 20 + 1, "tab20"),
+    "columns of 4 mm²": (np.where(columns.volume.data > 0, columns.volume.data % 20 + 1.0, 0), "tab20"),
 }
 for ax, (title, (data, colours)) in zip(axes.flat, pictures.items(), strict=True):
     section = np.where(labels > 0, data, np.nan)[:, data.shape[1] // 2].T
