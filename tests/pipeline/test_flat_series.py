@@ -62,6 +62,8 @@ def test_all_frames_share_the_map_of_the_reference_frame(growth):
     assert series[0].raster().shape == series[2].raster().shape
     assert np.array_equal(series[1].points, frames[1][0][series.flat_map.ids])
     assert [len(own) for own in series[:2]] == [len(series.flat_map)] * 2
+    assert [np.isnan(own.distortion.raw.relative_error) for own in series] == [True, False, True]  # not measured there
+    assert np.isnan(series[0].heat_map().data).all()
     for own, normals in zip(series, series.normals, strict=True):  # outwards
         assert ((own.points - own.points.mean(axis=0)) * normals).sum(axis=1).min() > 0
 

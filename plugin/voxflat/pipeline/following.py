@@ -36,7 +36,7 @@ _SMOOTHINGS = (12, 4)  # averaging steps of the movements that close the last ga
 
 @dataclass(frozen=True, eq=False)
 class Shape:
-    """A surface of one frame, with what is needed to find its nearest points."""
+    """Store the surface of one frame, and find the nearest points on it."""
 
     points: _Floats
     faces: _Faces
@@ -192,8 +192,8 @@ class Follower:
         feet, normals = target.mixed(target.points, corners, weights), target.mixed(target.normals, corners, weights)
         alike = (own.normals * normals).sum(axis=1) > _ALIKE
         if own.border is not None and target.border is not None:
-            rim = own.border.vertices
-            feet[rim], alike[rim] = target.border.nearest(points[rim])[0], True
+            rows = own.border.vertices
+            feet[rows], alike[rows] = target.border.nearest(points[rows])[0], True
         return feet - points, alike
 
     def _step(self, rest: Shape, points: _Floats, target: Shape, basis: Any) -> _Floats:
@@ -206,7 +206,7 @@ class Follower:
             self._strain(rest, points, samples),
         ]
         if own.border is not None and target.border is not None:
-            blocks.append(self._rim(own, target))
+            blocks.append(self._border(own, target))
         reach = _REACH * rest.size
         scales = [1 / reach, 1 / reach, 1.0, 1 / reach]
         columns = 3 * basis.shape[1]
@@ -242,7 +242,7 @@ class Follower:
         parts = _rows(corners, weights[..., None] * normals[:, None], self.count)
         return parts, (gap * normals).sum(axis=1), target.areas[rows] * share * alike
 
-    def _rim(self, own: Shape, target: Shape) -> tuple[list[Any], _Floats, _Floats]:
+    def _border(self, own: Shape, target: Shape) -> tuple[list[Any], _Floats, _Floats]:
         """Return how far the boundary is from that of the next frame, across the boundary."""
         assert own.border is not None
         assert target.border is not None

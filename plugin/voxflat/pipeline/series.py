@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, is_dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -20,6 +20,15 @@ from voxflat.pipeline.following import Follower, Shape
 from voxflat.pipeline.surface import Surface, surface
 
 _FAR = 0.02  # distance from a frame, relative to the size of the surface, that is reported
+
+
+def _unmeasured(figures: Any) -> Any:
+    """Return figures of the same structure that are all NaN."""
+    if is_dataclass(figures) and not isinstance(figures, type):
+        return replace(figures, **{one.name: _unmeasured(getattr(figures, one.name)) for one in fields(figures)})
+    if isinstance(figures, np.ndarray):
+        return np.full_like(figures, np.nan) if figures.dtype.kind == "f" else figures
+    return float("nan") if isinstance(figures, float) else figures
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,13 +82,14 @@ class FlatSeries(Sequence[FlatMap]):
         return f"<FlatSeries: {len(self)} frames, {len(self.flat_map)} points>"
 
     def __getitem__(self, frame: Any) -> Any:
-        """Return the map with the positions of a frame; its `distortion` is that of the reference frame."""
+        """Return the map with the positions of a frame; the `distortion` of other frames than the reference is NaN."""
         if isinstance(frame, slice):
             return [self[number] for number in range(*frame.indices(len(self)))]
         frame = range(len(self))[self._number(frame)]
         if frame == self.reference:
             return self.flat_map
         own: dict[str, Any] = {"points": self.points[frame], "normals": self.normals[frame]}
+        own["distortion"] = _unmeasured(self.flat_map.distortion)
         own |= dict.fromkeys(("rows", "curvature", "sulcal_depth", "white_points", "pial_points"))
         return replace(self.flat_map, **own, metadata={**self.flat_map.metadata, "series_frame": frame})
 
