@@ -86,6 +86,15 @@ def test_stretches_are_those_of_the_growth(growth):
     )
 
 
+def test_growth_is_shown_on_the_map_of_a_closed_surface():
+    points, faces = sphere(800, 1)
+    series = voxflat.flatten_series([(10 * points, faces), (11 * points, faces)])
+    assert len(series.flat_map) > len(points)  # points on cuts have copies
+    growth = series.flat_map.raster(1.0).interpolate(series.stretches(1, since=0).prod(axis=1))
+    assert np.isfinite(growth).any()
+    assert growth[np.isfinite(growth)] == pytest.approx(1.21, rel=1e-3)
+
+
 def test_stretches_of_a_sheet_that_is_stretched_in_one_direction():
     frames = [sheet(lambda x, y, s=s: np.column_stack([s * x, y, 0 * x]), side) for s, side in ((1, 20), (1.3, 27))]
     series = voxflat.flatten_series(frames)
