@@ -389,6 +389,8 @@ class FlatMap(Planar):
         if values.ndim not in (1, 2) or len(values) != len(self):
             raise InputError(f"values has shape {values.shape}. Pass one value for each of the {len(self)} points")
         self._triangles.on_surface.need_volume("has no voxels to paint", "Flatten a volume instead")
+        if "series_frame" in self.metadata:
+            raise InputError("the points of another frame are not voxels of the flattened volume. Use Regions.volume")
         volume = np.full((*self.volume_shape, *values.shape[1:]), background, dtype=values.dtype)
         volume[tuple(self.ids.T)] = values
         return volume
@@ -542,13 +544,17 @@ class FlatMap(Planar):
                 raise InputError(f"cannot save a map as {path.name}{why}. {remedy}")
 
     def _save_all(self, path: Path) -> None:
+        write_map(path, self._arrays(), self.description())
+
+    def _arrays(self) -> dict[str, Any]:
+        """Return the arrays that the complete map consists of, as files name them."""
         arrays = {name: getattr(self, name) for name in _ARRAYS if getattr(self, name) is not None}
         arrays |= {f"distortion_{name}": getattr(self.distortion, name) for name in ("per_point", "scatter")}
         if (triangles := self.distortion.triangles) is not None:
             arrays |= {f"distortion_{name}": getattr(triangles, name) for name in ("areal", "is_flipped")}
         if self.rows is not None and "store" not in self.metadata:
             arrays["rows"] = np.asarray(self.rows)
-        write_map(path, arrays, self.description())
+        return arrays
 
     @property
     def _places(self) -> NDArray[np.float64]:

@@ -14,7 +14,7 @@ from voxflat.errors import Cancelled, InputError
 from voxflat.io.channels import Channels, Timing
 from voxflat.io.provenance import Record, Recorded, saving
 from voxflat.maps.colours import are_labels, coloured
-from voxflat.maps.image_files import write_image, write_stack
+from voxflat.maps.image_files import Pages, write_image, write_stack
 from voxflat.maps.sampling import INTERPOLATIONS, Mixing, majority
 
 _OUTSIDE = np.uint32(2**32 - 1)
@@ -638,7 +638,14 @@ class FlatStack(Sequence[FlatImage], Recorded):
         >>> frames.save("frames.nii.gz")
         """
         with saving(path, self.provenance, sidecar=sidecar, overwrite=overwrite):
-            write_stack(path, self, self.provenance, progress)
+            write_stack(path, self._pages, self.provenance, progress)
+
+    @property
+    def _pages(self) -> Pages:
+        """The images and their axes, as files describe them."""
+        is_series = self.timing is not None
+        channels, frames = (("",), len(self) // max(1, len(self.layers))) if is_series else (self.channel_names, None)
+        return Pages(self, self.names, channels, self.layers, self.heights, frames, self.timing, self.name)
 
 
 def show(raster: Raster, values: NDArray[Any], interpolation: str | None) -> NDArray[np.float64]:

@@ -283,6 +283,12 @@ class Sampler:
         self._doubt_place(placed.affine, placed.path)
         return Channels(("",), lambda _: placed.data), lambda _: placed, placed.path
 
+    def form(self, volume: object) -> tuple[tuple[int, ...], int]:
+        """Return the shape of a volume, or of values at the mesh's vertices, and its number of channels."""
+        overlay = None if self.is_voxels else self._overlay(volume)
+        channels = self.volumes(volume)[0] if overlay is None else overlay
+        return tuple(channels.read(0).shape[:3]), len(channels)
+
     def _surface_texture(self, volume: object) -> SurfaceTexture | NDArray[np.uint8] | None:
         """Return the texture of the mesh, or colours at its vertices; None if the input is neither."""
         count = self.metadata["vertices"]
@@ -497,13 +503,18 @@ def _of_phases(period: float, interpolation: str | None, projection: str | None)
     return interpolation or "linear"
 
 
+def timing_of(step: float) -> Timing:
+    """Return the times of frames with the given time step."""
+    timing = Timing.told(checked_number(step, "time step"))
+    if timing is None:
+        raise InputError(f"time_step is {step:g}. Pass the time between frames, in seconds")
+    return timing
+
+
 def _timed(channels: Channels, step: float | None, name: str) -> Channels:
     """Return channels with the given time step, or with the time step of their file."""
     if step is not None:
-        timing = Timing.told(checked_number(step, "time step"))
-        if timing is None:
-            raise InputError(f"time_step is {step:g}. Pass the time between frames, in seconds")
-        return replace(channels, timing=timing)
+        return replace(channels, timing=timing_of(step))
     if channels.timing is not None and channels.timing.step > _LONGEST_STEP:
         told = "the header of %s gives a time step of %g s, which may be in milliseconds. Pass the time step in seconds"
         log.warning(told, name, channels.timing.step)
