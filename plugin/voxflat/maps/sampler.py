@@ -91,6 +91,7 @@ class Sampler:
     white_points: NDArray[np.float64] | None = None  # (N, 3), on the white and pial surfaces, if both are known
     pial_points: NDArray[np.float64] | None = None
     of: str = "flattened volume"  # how messages refer to the volume whose affine volumes without one get
+    usual: Callable[[int], str | None] | None = None  # default interpolation of a channel, if a series determines it
 
     @property
     def is_voxels(self) -> bool:
@@ -169,10 +170,11 @@ class Sampler:
             projection = "mean" if len(depths) == 1 else projection
             sampled = self._sampling(raster, depths, projection, several=several and len(volumes) > 1)
 
-            def read(voxels: NDArray[Any]) -> NDArray[Any]:
-                volume = placed(voxels)
+            def read(n: int) -> NDArray[Any]:
+                volume = placed(volumes.read(n))
                 if period is None:
-                    return sampled(volume, interpolation or self._default(raster, depths, volume))
+                    usual = self.usual(n) if self.usual else self._default(raster, depths, volume)
+                    return sampled(volume, interpolation or usual)
                 if volume.data.ndim != 3:
                     raise InputError("period is given, but the volume has colours. Pass a volume of phases")
                 of_phases = phases(lambda own: sampled(replace(volume, data=own), interpolation), period, interpolation)
@@ -180,7 +182,7 @@ class Sampler:
 
             layers = depths.names(self.unit) if projection is None else ()
             heights = self._heights(depths) if projection is None else ()
-            channels = _one_by_one(volumes.mapped(read), layers)
+            channels = _one_by_one(replace(volumes, read=read), layers)
         channels = _timed(channels, time_step, title)
         how: dict[str, Any] = {"layers": layers, "heights": heights, "unit": raster.unit}
         stack = FlatStack(channels, raster.pixel_size, raster.origin, title, **how)
@@ -240,6 +242,11 @@ class Sampler:
             told = "%s: the integers form areas, so they are sampled as labels. Use interpolation 'linear' otherwise"
             log.warning(told, Path(str(volume.path)).name)
         return "nearest"
+
+    def default(self, raster: Raster, depths: Depths, volume: object, channel: int) -> str | None:
+        """Return the default interpolation of a channel of a volume; None if its data type determines it."""
+        volumes, placed, _ = self.volumes(volume)
+        return self._default(raster, depths, placed(volumes.read(channel)))
 
     @cached_property
     def _of_labels(self) -> set[Path | None]:

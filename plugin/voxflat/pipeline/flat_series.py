@@ -6,6 +6,7 @@ import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, fields, is_dataclass, replace
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -18,6 +19,7 @@ from voxflat.errors import InputError
 from voxflat.io.channels import Channels
 from voxflat.io.files import SAVED_ENDINGS
 from voxflat.io.provenance import Record, Recorded, saving, telling
+from voxflat.maps.depth import Depths
 from voxflat.maps.flat_map import FlatMap
 from voxflat.maps.map_files import read_map, write_map
 from voxflat.maps.raster import FlatStack
@@ -178,11 +180,23 @@ class FlatSeries(Sequence[FlatMap], Recorded):
         raster = self.flat_map.raster(pixel_size)
         title = str(options.get("name") or "movie")
 
+        @cache
+        def interpolation(channel: int) -> str | None:
+            """Return the default for all frames, so that integers are labels in all of them or in none."""
+            where = (options.get("depth", 0.0), options.get("fraction"), options.get("layering", "equivolume"))
+            depths = Depths.of(*where, options.get("depths"))
+            of = self[0]._triangles.on_surface
+            return None if volumes is None else of.default(raster, depths, volumes[0], channel)
+
         def read(frame: int) -> FlatStack:
             stack: FlatStack | None = None
             if volumes is not None:
+                own = replace(self[frame])
+                sampler = replace(own._triangles.on_surface, usual=interpolation)
+                triangles = replace(own._triangles, on_surface=sampler)
+                vars(own).update(_rasters=self.flat_map._rasters, _triangles=triangles)
                 with _naming(frame):
-                    stack = self[frame].images(volumes[frame], raster.pixel_size, **options)
+                    stack = own.images(volumes[frame], raster.pixel_size, **options)
             if stack is not None and not metric:
                 return stack
             stretches = self.stretches(frame)

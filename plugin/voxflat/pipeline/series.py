@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from typing import Any
 
@@ -126,16 +127,23 @@ def _frames(surfaces: Sequence[object], limits: dict[str, Any]) -> list[Surface]
         except InputError as error:
             raise InputError(f"frame {number}: {error}") from error
         frames.append(own)
+        named = f"frame {number}{_file(own)}"
         if (kind := _kind(own)) != (known := _kind(frames[0])):
             raise InputError(
-                f"frame {number} has {kind}, but frame 0 has {known}. Correct its surface, or split the movie there"
+                f"{named} has {kind}, but frame 0 has {known}. Correct its surface, or split the movie there"
             )
         units = [one.metadata.get("unit", "mm") for one in (frames[0], own)]
         if units[0] != units[1]:
-            raise InputError(f"frame {number} is in {units[1]}, but frame 0 is in {units[0]}. Pass unit= when reading")
+            raise InputError(f"{named} is in {units[1]}, but frame 0 is in {units[0]}. Pass unit when reading them")
     if (parts := len(frames[0].core.topology()["components"])) > 1:
         raise InputError(f"the surfaces have {parts} components. Select one with keep, or smooth the segmentation")
     return frames
+
+
+def _file(of: Surface) -> str:
+    """Return the name of the file of a surface in parentheses, if it is known."""
+    name = of.metadata.get("input")
+    return f" ({os.path.basename(name)})" if name else ""
 
 
 def _kind(of: Surface) -> str:
