@@ -168,10 +168,11 @@ class FlatSeries(Sequence[FlatMap], Recorded):
         >>> movie.data.shape[:2]
         (2, 2)
         """
-        if volumes is None and not checked_switch(metric, "metric"):
+        checked_switch(metric, "metric")
+        if volumes is None and not metric:
             raise InputError("volumes is missing. Pass a list of one volume per frame, or metric=True")
         if volumes is None and options:
-            raise InputError(f"{', '.join(options)} requires volumes. Pass a list of one volume per frame")
+            raise InputError(f"{next(iter(options))} does not apply without volumes. Pass one volume per frame")
         if volumes is not None and (isinstance(volumes, str) or not hasattr(volumes, "__len__")):
             raise InputError(f"volumes is {shown(volumes)}. Pass a list of one volume per frame")
         if volumes is not None and len(volumes) != len(self):
@@ -255,7 +256,7 @@ class FlatSeries(Sequence[FlatMap], Recorded):
         >>> hill = voxflat.samples.hill()
         >>> series = voxflat.flatten_series([hill, (1.1 * hill.points, hill.faces)])
         >>> round(series.measure(1).best_scale.relative_error, 3)
-        0.034
+        0.036
         """
         of = self.flat_map
         frame = range(len(self))[self._number(frame)]
