@@ -187,8 +187,8 @@ def measure(
         in the same order; a voxflat map (.npz); the texture coordinates of an .obj, .ply, .glb or .vtp; or positions
         (``places``) in the plane, in mm. The triangles of the map are measured or, if it has none, the triangles of the
         surface whose corners all have a position. A third coordinate must be constant. ``vertices`` gives the vertex of
-        the surface for each position, so that cuts may duplicate vertices. If a vertex of an .obj file has several
-        texture coordinates, the surface is cut there.
+        the surface for each position, so that cuts may duplicate vertices. The surface is cut
+        where a vertex has several texture coordinates; points that a file has split there are found by their position.
     sources : int, optional
         Number of random points from which distances are measured. By default 300, or fewer if exact distances on a
         large surface would take more than half a minute on two cores: 69 for 32,000 points, 6 for 160,000 points or

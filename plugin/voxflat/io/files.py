@@ -52,10 +52,11 @@ def by_ending(path: Path, table: dict[str, Callable[..., Any]], more: str = "") 
     raise InputError(f"unknown file name ending {path.suffix!r}. Use one of {', '.join(table)}{more}")
 
 
+_LAB = ("distributed", "h5py", "imageio_ffmpeg", "itk", "nilearn", "svgelements", "xatlas", "zarr")
 EXTRAS = {
     **dict.fromkeys(("napari", "qtpy", "superqt"), "napari"),
     **dict.fromkeys(("pyvista", "vtkmodules"), "pyvista"),
-    **dict.fromkeys(("distributed", "imageio_ffmpeg", "itk", "nilearn", "svgelements", "xatlas", "zarr"), "lab"),
+    **dict.fromkeys(_LAB, "lab"),
 }
 """Optional packages, keyed by import name, with the extra that installs each of them."""
 
@@ -137,6 +138,8 @@ def naming(name: object, remedy: str) -> Iterator[None]:
     except MemoryError:
         raise
     except InputError as error:
+        if str(error).startswith(f"{name}: "):
+            raise
         raise InputError(f"{name}: {error}") from error
     except Exception as error:
         if isinstance(error, OSError) and error.errno not in OF_DAMAGE:

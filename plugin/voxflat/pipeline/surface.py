@@ -797,7 +797,7 @@ def surface(
     threshold : float, optional
         Value above which the voxels of a volume are foreground, in the units of the input.
     spacing : sequence of 3 floats, optional
-        Voxel size in mm, for volumes that do not define it (.npy files and arrays); by default 1.
+        Voxel size in mm or `unit`, for volumes that do not define it (.npy files and arrays); by default 1.
     affine : array_like, shape (4, 4), optional
         Matrix from voxel indices to RAS+ mm, for volumes that do not define it.
     unit : {"mm", "µm", "nm", "cm", "m", "inch"}, optional

@@ -100,8 +100,8 @@ _VOLUME = (
     options.value(
         "--pixel-size",
         "MM",
-        "Side length of a pixel, in mm.  [default: half the voxel size or edge length; for an atlas, at most half "
-        "the gap between patches]",
+        "Side length of a pixel, in the unit of the map.  [default: half the voxel size or edge length; for an atlas, "
+        "at most half the gap between patches]",
         type=float,
     ),
 )
