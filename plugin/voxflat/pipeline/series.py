@@ -14,10 +14,12 @@ from voxflat.errors import Cancelled, InputError
 from voxflat.io.grid import in_unit
 from voxflat.io.provenance import telling
 from voxflat.methods import Method, method_of
+from voxflat.pipeline.cut_surface import CutSurface
 from voxflat.pipeline.flat_series import FlatSeries, numbered
 from voxflat.pipeline.following import Follower, Shape
 from voxflat.pipeline.surface import Surface, surface
 
+_SAME = 1e-5  # greatest distance between a surface and its own chart, relative to the size of the surface
 _FAR = 0.02  # distance from a frame, relative to the size of the surface, that is reported
 
 
@@ -52,7 +54,8 @@ def flatten_series(
     reference : int
         Number of the frame that is flattened.
     cuts, relax : optional
-        Where the surface of the reference frame is cut, as in `Surface.cut`.
+        Where the surface of the reference frame is cut, as in `Surface.cut`. ``cuts`` can also be a chart of that
+        surface, from `Surface.charts`.
     mirror, seed, threads, memory_limit, progress : optional
         As in `Surface.flatten`.
 
@@ -84,9 +87,17 @@ def flatten_series(
         raise InputError(f"reference is {shown(reference)}. Pass a frame number from 0 to {len(frames) - 1}")
     reference = range(len(frames))[reference]
     first = frames[reference]
-    flat_map = first.flatten(method, cuts=cuts, relax=relax, mirror=mirror, seed=seed, **limits)
+    how: dict[str, Any] = {"mirror": mirror, "seed": seed, **limits}
+    if isinstance(cuts, CutSurface):
+        if relax is not None:
+            raise InputError("relax does not apply to a chart. Pass relax to Surface.charts instead")
+        flat_map = cuts.flatten(method, **how)
+    else:
+        flat_map = first.flatten(method, cuts=cuts, relax=relax, **how)
     follower = Follower(first.core)
-    corners, weights, _ = follower.reference.nearest(flat_map.points)
+    corners, weights, apart = follower.reference.nearest(flat_map.points)
+    if apart.max() > _SAME * follower.reference.size:
+        raise InputError(f"the chart belongs to another surface. Make it from the surface of frame {reference}")
     count = len(frames)
     points = np.empty((count, len(flat_map), 3))
     normals, gaps, folded = points.copy(), np.zeros(count), np.zeros(count, dtype=np.int64)
