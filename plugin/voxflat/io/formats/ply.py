@@ -186,7 +186,9 @@ def _of_corners(
     fits = np.array([len(one) for one in stored], dtype=np.int64) == 2 * counts
     found = np.full((int(counts.sum()), 2), np.nan)
     if fits.any():
-        found[np.repeat(fits, counts)] = np.concatenate([stored[n] for n in np.flatnonzero(fits).tolist()]).reshape(-1, 2)
+        found[np.repeat(fits, counts)] = np.concatenate([stored[n] for n in np.flatnonzero(fits).tolist()]).reshape(
+            -1, 2
+        )
     return found if fits.any() else None
 
 
