@@ -84,7 +84,11 @@ def test_images_of_all_frames(folder, tmp_path):
             "2 volumes are given, but map.npz is a single",
         ),
         ("image map.npz --metric -o a.tif", 1, "--metric is given, but map.npz is a single map"),
-        ("figure movie.npz -o a.png", 1, "movie.npz holds maps of several frames. Use voxflat image, or load_series"),
+        (
+            "figure movie.npz -o a.png",
+            1,
+            "movie.npz holds maps of several frames. Use voxflat image, or select a frame",
+        ),
         ("worst movie.npz", 1, "movie.npz holds maps of several frames"),
         ("movie-map seg_00.tif --threshold 0.5 -o a.npz", 1, "is a single frame. Pass two or more frames"),
         ("movie-map seg_00.tif seg_01.tif --threshold 0.5 -o a.ply", 1, "unknown file format"),

@@ -21,7 +21,6 @@ from voxflat.maps.sampler import check_origin
 from voxflat.surfaces.cut_sides import one_point_a_vertex, triangles_of
 
 _FORMAT, _SERIES_FORMAT = 5, "series 1"
-_OF_SERIES = "Use voxflat image, or load_series in Python, which selects single frames"
 _REQUIRED = ("uv", "ids", "points", "normals", "faces", "torn", "sources", "eigenvalues")
 
 _LAYOUT = {  # types and axes of the arrays in a file, in the form that `check_shapes` expects
@@ -57,8 +56,9 @@ def read_map(path: str | os.PathLike[str], *, series: bool = False) -> dict[str,
         metadata = files.from_json(str(arrays.pop("metadata")))
         form = metadata.pop("format")
         if isinstance(form, str) != series:
-            remedy = "a single map. Load it with load" if series else f"maps of several frames. {_OF_SERIES}"
-            raise InputError(f"{path} holds {remedy}")
+            one = f'Use voxflat image, or select a frame in Python: voxflat.load_series("{path}")[0]'
+            told = "a single map. Use voxflat.load" if series else f"maps of several frames. {one}"
+            raise InputError(f"{path} holds {told}")
         files.check_format(path, form, _SERIES_FORMAT if series else _FORMAT, "Flatten the surface again")
         note(path)
         uv, ids, points, *_ = (arrays[name] for name in _REQUIRED)  # a file without these fields fails here

@@ -173,8 +173,8 @@ class Sampler:
             def read(n: int) -> NDArray[Any]:
                 volume = placed(volumes.read(n))
                 if period is None:
-                    usual = self.usual(n) if self.usual else self._default(raster, depths, volume)
-                    return sampled(volume, interpolation or usual)
+                    way = interpolation or (self.usual(n) if self.usual else self._default(raster, depths, volume))
+                    return sampled(volume, way)
                 if volume.data.ndim != 3:
                     raise InputError("period is given, but the volume has colours. Pass a volume of phases")
                 of_phases = phases(lambda own: sampled(replace(volume, data=own), interpolation), period, interpolation)

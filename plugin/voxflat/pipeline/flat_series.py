@@ -6,7 +6,7 @@ import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, fields, is_dataclass, replace
-from functools import cache
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -22,7 +22,8 @@ from voxflat.io.provenance import Record, Recorded, saving, telling
 from voxflat.maps.depth import Depths
 from voxflat.maps.flat_map import FlatMap
 from voxflat.maps.map_files import read_map, write_map
-from voxflat.maps.raster import FlatStack
+from voxflat.maps.plane import FlatTriangles
+from voxflat.maps.raster import FlatStack, Raster
 from voxflat.maps.sampler import timing_of
 from voxflat.pipeline.flat_movie import FlatMovie, joined
 
@@ -178,51 +179,12 @@ class FlatSeries(Sequence[FlatMap], Recorded):
         if volumes is not None and len(volumes) != len(self):
             raise InputError(f"got {len(volumes)} volumes for {len(self)} frames. Pass one volume per frame, in order")
         timing = None if time_step is None else timing_of(time_step)
-        raster = self.flat_map.raster(pixel_size)
-        title = str(options.get("name") or "movie")
-
-        @cache
-        def interpolation(channel: int) -> str | None:
-            """Return the default for all frames, so that integers are labels in all of them or in none."""
-            where = (options.get("depth", 0.0), options.get("fraction"), options.get("layering", "equivolume"))
-            depths = Depths.of(*where, options.get("depths"))
-            of = self[0]._triangles.on_surface
-            return None if volumes is None else of.default(raster, depths, volumes[0], channel)
-
-        def read(frame: int) -> FlatStack:
-            stack: FlatStack | None = None
-            if volumes is not None:
-                own = replace(self[frame])
-                sampler = replace(own._triangles.on_surface, usual=interpolation)
-                triangles = replace(own._triangles, on_surface=sampler)
-                vars(own).update(_rasters=self.flat_map._rasters, _triangles=triangles)
-                with _naming(frame):
-                    stack = own.images(volumes[frame], raster.pixel_size, **options)
-            if stack is not None and not metric:
-                return stack
-            stretches = self.stretches(frame)
-            values = np.column_stack([stretches.prod(axis=1), stretches])
-            channels = Channels(_METRIC, lambda n: raster.interpolate(values[:, n]))
-            how: dict[str, Any] = {"unit": raster.unit, "provenance": self[frame].provenance}
-            measured = FlatStack(channels, raster.pixel_size, raster.origin, title, **how)
-            return measured if stack is None else joined(stack, measured)
-
-        def form(frame: int) -> tuple[tuple[int, ...], int] | None:
-            with _naming(frame):
-                return None if volumes is None else self.flat_map._triangles.on_surface.form(volumes[frame])
-
-        known = form(0)
-
-        def check(frame: int) -> None:
-            found = form(frame)
-            if found is not None and known is not None and found != known:
-                both = [f"{' x '.join(map(str, shape))} voxels and {count} channels" for shape, count in (found, known)]
-                told = f"the volume of frame {frame} has {both[0]}, but that of frame 0 has {both[1]}"
-                raise InputError(f"{told}. Pass volumes of the same size")
-
-        first = read(0)
-        axes: dict[str, Any] = {"layers": first.layers, "heights": first.heights}
-        return FlatMovie(len(self), read, check, raster.pixel_size, title, first.channel_names, **axes, timing=timing)
+        given = None if volumes is None else list(volumes)
+        frames = _Frames(self, given, self.flat_map.raster(pixel_size), metric, options)
+        first = frames.read(0)
+        axes: dict[str, Any] = {"layers": first.layers, "heights": first.heights, "timing": timing}
+        how = (first.pixel_size, frames.title, first.channel_names)
+        return FlatMovie(len(self), frames.read, frames.check, *how, **axes)
 
     def measure(self, frame: int, *, threads: int | None = None, progress: Progress | None = None) -> Distortion:
         """Measure the distortion of the map for the surface of a frame.
@@ -384,6 +346,78 @@ class FlatSeries(Sequence[FlatMap], Recorded):
         if not -len(self) <= frame < len(self):
             raise IndexError(f"frame {frame} does not exist: frames are numbered from 0 to {len(self) - 1}")
         return int(frame)
+
+
+@dataclass(frozen=True, eq=False)
+class _Frames:
+    """The images of a series: each frame is read and sampled on demand."""
+
+    series: FlatSeries
+    volumes: list[object] | None
+    raster: Raster
+    metric: bool
+    options: dict[str, Any]  # of `FlatMap.images`
+    shared: dict[int, FlatTriangles] = field(default_factory=dict)  # of each frame, with the directions of depths
+
+    @property
+    def title(self) -> str:
+        """The title of the movie."""
+        return str(self.options.get("name") or "movie")
+
+    def read(self, frame: int) -> FlatStack:
+        """Return the channels and depths of a frame."""
+        stack = None if self.volumes is None else self._sampled(frame, self.volumes[frame])
+        if stack is not None and not self.metric:
+            return stack
+        raster, stretches = self.raster, self.series.stretches(frame)
+        values = np.column_stack([stretches.prod(axis=1), stretches])
+        channels = Channels(_METRIC, lambda n: raster.interpolate(values[:, n]))
+        how: dict[str, Any] = {"unit": raster.unit, "provenance": self.series[frame].provenance}
+        measured = FlatStack(channels, raster.pixel_size, raster.origin, self.title, **how)
+        return measured if stack is None else joined(stack, measured)
+
+    def check(self, frame: int) -> None:
+        """Raise an error if the volume of a frame differs in form from that of the first frame."""
+        found, known = self._form(frame), self._first_form
+        if found != known:
+            both = [f"{' x '.join(map(str, shape))} voxels and {count} channels" for shape, count in (found, known)]
+            told = f"the volume of frame {frame} has {both[0]}, but that of frame 0 has {both[1]}"
+            raise InputError(f"{told}. Pass volumes of the same size")
+
+    def _sampled(self, frame: int, volume: object) -> FlatStack:
+        """Return the images of a volume on the surface of a frame."""
+        own = replace(self.series[frame])
+        if frame not in self.shared:
+            sampler = replace(own._triangles.on_surface, usual=self._interpolation)
+            self.shared[frame] = replace(own._triangles, on_surface=sampler)
+        vars(own).update(_rasters=self.series.flat_map._rasters, _triangles=self.shared[frame])
+        with _naming(frame):
+            stack: FlatStack = own.images(volume, self.raster.pixel_size, **self.options)
+            return stack
+
+    def _interpolation(self, channel: int) -> str | None:
+        """Return the default for all frames, so that integers are labels in all of them or in none."""
+        if channel not in self._usual and self.volumes is not None:
+            given, of = self.options, self.shared[0].on_surface
+            where = (given.get("depth", 0.0), given.get("fraction"), given.get("layering", "equivolume"))
+            depths = Depths.of(*where, given.get("depths"))
+            self._usual[channel] = of.default(self.raster, depths, self.volumes[0], channel)
+        return self._usual[channel]
+
+    @cached_property
+    def _usual(self) -> dict[int, str | None]:
+        return {}
+
+    def _form(self, frame: int) -> tuple[tuple[int, ...], int]:
+        """Return the shape and the number of channels of the volume of a frame."""
+        if self.volumes is None:
+            return (), 0
+        with _naming(frame):
+            return self.series.flat_map._triangles.on_surface.form(self.volumes[frame])
+
+    @cached_property
+    def _first_form(self) -> tuple[tuple[int, ...], int]:
+        return self._form(0)
 
 
 @contextmanager
