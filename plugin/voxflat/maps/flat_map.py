@@ -207,6 +207,25 @@ class FlatMap(Planar):
         """
         return self._triangles.on_surface.volume_shape
 
+    @property
+    def period(self) -> float | None:
+        """The period of a map of a tube, in mm, or None.
+
+        The map of the chart "cylinder" of `Surface.charts` repeats in v with this period: it continues beyond its upper
+        side at its lower side. Its distortion compares distances around the tube with distances to the nearest copy.
+
+        See Also
+        --------
+        Surface.charts : Divide a surface into charts.
+
+        Examples
+        --------
+        >>> voxflat.samples.hill().flatten().period is None
+        True
+        """
+        period = self.metadata.get("period")
+        return None if period is None else float(period)
+
     @cached_property
     def spacing(self) -> float:
         """The typical distance between neighbouring points, in mm.

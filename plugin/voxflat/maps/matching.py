@@ -1,7 +1,7 @@
 """Match flat maps from any tool with a surface: find the position of each vertex."""
 
 import os
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -31,6 +31,21 @@ class Matched:
     core: _core.Surface  # the triangles over which the map is defined
     vertices: NDArray[np.int64]  # (N,), vertex of the whole surface; both sides of a cut have the same vertex
     uv: NDArray[np.float64]  # (N, 2)
+    period: float | None = None  # of a map that repeats in v
+
+    def joined(self) -> tuple["Matched", NDArray[np.int64]]:
+        """Return the map of the surface on which distances are measured, and the vertex there of each vertex.
+
+        The two sides of the seam of a periodic map are joined; other maps stay as they are.
+        """
+        if self.period is None:
+            return self, np.arange(len(self.uv))
+        one = distinct(self.vertices[:, None])
+        core, _ = _core.Surface.from_triangles(self.core.points[one.first], one.which[self.core.faces])
+        number = np.empty(len(core), dtype=np.int64)
+        number[core.ids] = np.arange(len(core))
+        kept = one.first[core.ids]
+        return Matched(core, self.vertices[kept], np.ascontiguousarray(self.uv[kept]), self.period), number[one.which]
 
     def correspondence(self, other: "Matched") -> NDArray[np.int64] | None:
         """Return the other map's vertex for each vertex, if both maps have the same triangles and cuts."""
@@ -68,7 +83,8 @@ def match(whole: Manifold, flat: object) -> Matched:
         places[patch.vertex_ids] = patch.points
         return _matched(whole, whole.vertices[whole.faces[whole._in_patch(patch)]], places)
     if isinstance(flat, FlatMap):
-        return _cut_as_it_is(whole, vertices_of(whole, flat), flat.faces.astype(np.int64), flat.uv)
+        cut = _cut_as_it_is(whole, vertices_of(whole, flat), flat.faces.astype(np.int64), flat.uv)
+        return replace(cut, period=flat.period)
     if isinstance(flat, tuple) and len(flat) == 2 and np.ndim(flat[0]) == 2 and np.shape(flat[0])[1] == 2:
         flat = (np.pad(flat[0], ((0, 0), (0, 1))), flat[1])  # add z = 0
     if isinstance(flat, tuple) and len(flat) == 3:

@@ -29,7 +29,7 @@ fn rows_of(sources: &[u32], points: &[[f64; 2]], wrong: impl Fn(usize, usize) ->
 }
 
 fn evaluated(uv: &[[f64; 2]], rows: &DistanceRows) -> Distortion {
-    measure(&[uv], rows, 0, &Control::default()).unwrap().remove(0)
+    measure(&[uv], None, rows, 0, &Control::default()).unwrap().remove(0)
 }
 
 fn pairs(uv: &[[f64; 2]], rows: &DistanceRows) -> Vec<(f64, f64)> {
@@ -203,7 +203,7 @@ fn blocks_threads_and_other_maps_change_no_bit() {
     }
     for (threads, block) in [(1, 1), (2, 5), (5, 37), (3, 64)] {
         let maps: [&[[f64; 2]]; 2] = [&other, &uv];
-        let found = with_threads(threads, || measure(&maps, &Few(&rows, block), 0, &Control::default()).unwrap());
+        let found = with_threads(threads, || measure(&maps, None, &Few(&rows, block), 0, &Control::default()).unwrap());
         assert!(same(&found[1], &expected));
         assert!(same(&found[0], &alone));
     }
@@ -253,9 +253,9 @@ fn the_best_scale_alone_is_that_of_the_figures() {
         let scale = evaluated(&uv, &rows).best_scale.scale;
         assert!((1.0..5.0).contains(&scale), "{scale}");
         for block in [1, 6, 20] {
-            assert_eq!(best_scale(&uv, &Few(&rows, block), &Control::default()), Ok(scale), "{first} {block}");
+            assert_eq!(best_scale(&uv, None, &Few(&rows, block), &Control::default()), Ok(scale), "{first} {block}");
         }
     }
     let one = vec![[1.0, 2.0]; 30];
-    assert!(best_scale(&one, &rows_of(&[3], &scattered(30), |_, _| 1.0), &Control::default()).unwrap().is_nan());
+    assert!(best_scale(&one, None, &rows_of(&[3], &scattered(30), |_, _| 1.0), &Control::default()).unwrap().is_nan());
 }
