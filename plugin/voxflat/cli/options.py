@@ -21,7 +21,7 @@ from voxflat.io.volumes import read_volume
 from voxflat.methods import METHODS, Grossmann2002, Method, Saucan2006, Schwartz1989, Voxflat
 from voxflat.methods.voxflat import SCALES
 from voxflat.pipeline.surface import Surface, surface
-from voxflat.surfaces.charts import MOST_CHARTS
+from voxflat.surfaces.charts import CYLINDER, MOST_CHARTS
 from voxflat.surfaces.standard.choice import AUTOMATIC
 from voxflat.surfaces.standard.template import STANDARD
 
@@ -362,15 +362,30 @@ frame_cuts = section("Cuts", where_cut[0], *relaxation)  # of the reference fram
 choice_of_cuts = section("Cuts", *where_cut)  # for commands that do not add relaxation cuts
 
 
+class _Charts(click.ParamType):
+    """A number of charts, or "cylinder"."""
+
+    name = "charts"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> int | str:
+        if value == CYLINDER:
+            return CYLINDER
+        try:
+            return int(click.IntRange(1, MOST_CHARTS).convert(value, param, ctx))
+        except click.BadParameter:
+            self.fail(f"{value!r} is neither a number from 1 to {MOST_CHARTS} nor '{CYLINDER}'.", param, ctx)
+
+
 charts = section(
     "Charts",
     value(
         "--charts",
-        "N",
+        "N|cylinder",
         "Divide a closed organ, or a tube with two open ends, into N charts that reach from end to end, with the axis "
         "horizontal and the anterior end on the left. 1 cuts it along a seam. 2 writes front.OUT and back.OUT, and "
-        "larger numbers write chart1.OUT, chart2.OUT, and so on.",
-        type=click.IntRange(1, MOST_CHARTS),
+        "larger numbers write chart1.OUT, chart2.OUT, and so on. 'cylinder' writes a periodic map of a tube as "
+        "cylinder.OUT, and the ends of a closed organ as anterior.OUT and posterior.OUT.",
+        type=_Charts(),
     ),
     option_of(
         Surface.charts,

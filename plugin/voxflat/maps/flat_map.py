@@ -247,7 +247,7 @@ class FlatMap(Planar):
     def pixel_size(self) -> float:
         """The default side length of a pixel, in mm.
 
-        It is half of `spacing`.
+        It is half of `spacing`, or about half if the map has a `period`, of which it is a whole fraction.
 
         See Also
         --------
@@ -259,7 +259,8 @@ class FlatMap(Planar):
         >>> flat_map.pixel_size == flat_map.spacing / 2
         True
         """
-        return self.spacing / 2
+        half = self.spacing / 2
+        return half if self.period is None else self.period / max(1, round(self.period / half))
 
     @telling()
     def heat_map(self, pixel_size: float | None = None) -> FlatImage:

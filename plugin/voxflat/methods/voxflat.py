@@ -188,6 +188,7 @@ class Voxflat(OverTriangles):
         energies, converged = result["convergence"]
         metadata = {"geodesic": solver, "distance_error": error, "weighting": self.weighting, "scale": self.scale}
         metadata |= {"descent": {"converged": converged, "energies": energies}, "period": result["period"]}
+        metadata["planarity"] = None  # distances around a tube are not those in a plane
         more: dict[str, Any] = {"sampling": choice.rule, "links_error": links_error}
         return map_over_triangles(self.name, cut, how, result, need, None, metadata, doubts, **more)
 

@@ -19,7 +19,7 @@ from voxflat.io.patches import PATCH_ENDING
 from voxflat.maps.flat_map import MAP_ENDINGS, FlatMap
 from voxflat.pipeline.series import flatten_series
 from voxflat.pipeline.surface import Surface
-from voxflat.surfaces.charts import name_of
+from voxflat.surfaces.charts import names_of
 
 _CUT_ENDINGS = (".json", ".surf.gii", ".vtp", ".ply", ".obj", PATCH_ENDING)
 
@@ -114,10 +114,10 @@ def flatten_command(input_: Path, output: Path, writing: dict[str, Any], quiet: 
     method, rows, store = options.method_of(given), given.pop("rows"), given.pop("store")
     charts = options.charts_of(given)
     count = 1 if charts is None else charts["count"]
-    outputs = [output if count == 1 else output.with_name(f"{name_of(n, count)}.{output.name}") for n in range(count)]
+    outputs = [output] if count == 1 else [output.with_name(f"{name}.{output.name}") for name in names_of(count)]
     for path in outputs:
         check_output(path, MAP_ENDINGS, **writing)
-    if count > 1 and store is not None:
+    if count != 1 and store is not None:
         raise click.UsageError("--store holds the distances of one map. Omit it, or give --charts 1.")
     if charts is None and given["hemisphere"] is not None and given["cuts"] is None:
         given["cuts"] = "standard"
@@ -129,10 +129,11 @@ def flatten_command(input_: Path, output: Path, writing: dict[str, Any], quiet: 
         else:
             opened = part.charts(**charts, threads=given["threads"], progress=shown.progress)
             maps = [one.flatten(method, rows=kept, progress=shown.progress, **given) for one in opened]
-    for flat_map, path in zip(maps, outputs, strict=True):
+    written = list(zip(maps, outputs, strict=False))  # a tube has only the first chart of a cylinder
+    for flat_map, path in written:
         flat_map.save(path, **writing)
-    told = [{"output": str(path), **one.description()} for one, path in zip(maps, outputs, strict=True)]
-    text = "\n\n".join(_summary(one, path) for one, path in zip(maps, outputs, strict=True))
+    told = [{"output": str(path), **one.description()} for one, path in written]
+    text = "\n\n".join(_summary(one, path) for one, path in written)
     report(told[0] if count == 1 else {"charts": told}, text, quiet=quiet)
 
 
@@ -198,6 +199,8 @@ def _summary(flat_map: FlatMap, output: Path) -> str:
     rows = {"flattened": f"{metadata['points']} of {metadata['surface_points']} points, {_part(metadata)}"}
     if cut_names:
         rows["cuts"] = f"{metadata['cuts_by']}: {cut_names}"
+    if flat_map.period is not None:
+        rows["period"] = f"{flat_map.period:.1f} mm"
     if "sources" in metadata:
         rows["sources"] = metadata["sources"]
     rows["map"] = f"{width:.1f} x {height:.1f} mm{torn}"
@@ -209,7 +212,7 @@ def _summary(flat_map: FlatMap, output: Path) -> str:
 def _part(metadata: dict[str, Any]) -> str:
     """Describe the part of the surface that was flattened."""
     what = "voxel" if metadata["kind"] == "voxels" else "vertex"
-    if metadata.get("chart", {}).get("count", 1) > 1:
+    if metadata.get("chart", {}).get("count", 1) != 1:
         return f"the chart {metadata['chart']['name']!r}"
     parts = ["inside the mask"] if metadata["keep"] or metadata.get("drop") else []
     if metadata["seed_point"] is not None:

@@ -68,8 +68,7 @@ pub fn measure<R: Rows>(
     maps: &[&[[f64; 2]]], period: Option<f64>, rows: &R, seed: u64, control: &Control,
 ) -> Result<Vec<Distortion>> {
     let sources = rows.sources().len();
-    let mut maps: Vec<Evaluated> =
-        maps.iter().map(|&uv| Evaluated::new(Plane { uv, period }, sources, seed)).collect();
+    let mut maps: Vec<Evaluated> = maps.iter().map(|&uv| Evaluated::new(Plane { uv, period }, sources, seed)).collect();
     control.begin("measuring distortion", 2);
     pass(&mut maps, rows, control, Evaluated::take_raw)?;
     control.advance();

@@ -259,3 +259,22 @@ fn the_best_scale_alone_is_that_of_the_figures() {
     let one = vec![[1.0, 2.0]; 30];
     assert!(best_scale(&one, None, &rows_of(&[3], &scattered(30), |_, _| 1.0), &Control::default()).unwrap().is_nan());
 }
+
+#[test]
+fn distances_of_a_periodic_map_are_those_to_the_nearest_copy() {
+    let period = 7.5;
+    let uv: Vec<[f64; 2]> = (0..40).map(f64::from).map(|n| [(0.7 * n).sin() * 9.0, (1.3 * n).cos() * 20.0]).collect();
+    let nearest = |a: [f64; 2], b: [f64; 2]| {
+        let copies = (-9..=9).map(|turns| (a[0] - b[0]).hypot(a[1] - b[1] + f64::from(turns) * period));
+        copies.fold(f64::INFINITY, f64::min)
+    };
+    let sources = [0, 5, 17];
+    let uv = &uv;
+    let row = |&source: &u32| uv.iter().map(|&place| nearest(uv[source as usize], place) as f32).collect::<Vec<_>>();
+    let rows = DistanceRows::new(sources.to_vec(), uv.len(), sources.iter().flat_map(row).collect());
+    let found = measure(&[uv], Some(period), &rows, 0, &Control::default()).unwrap().remove(0);
+    assert!(found.raw.relative_error < 1e-6 && found.per_point.iter().all(|error| *error < 1e-6));
+    assert!(found.scatter.iter().all(|[delta, d]| (delta - d).abs() < 1e-5));
+    assert!((best_scale(uv, Some(period), &rows, &Control::default()).unwrap() - 1.0).abs() < 1e-5);
+    assert!(evaluated(uv, &rows).raw.relative_error > 0.1);
+}

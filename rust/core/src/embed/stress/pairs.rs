@@ -188,9 +188,7 @@ impl Pairs {
         self.add_all_curvature::<true>(uv, period as f32, bands, diagonal);
     }
 
-    fn add_all_curvature<const REPEATS: bool>(
-        &self, uv: &[Place], period: f32, bands: &Bands, diagonal: &mut [f64],
-    ) {
+    fn add_all_curvature<const REPEATS: bool>(&self, uv: &[Place], period: f32, bands: &Bands, diagonal: &mut [f64]) {
         let places = self.places(uv);
         let of_batch = |(vertices, table): (&[u32], &[f32])| {
             let sums = vec![0.0; self.width];

@@ -140,7 +140,9 @@ impl<'a> Tube<'a> {
 
     /// Returns positions and a period without folds: springs hold the tube between two straight collars, which are
     /// connected to the edges at its ends (Tutte 1963; Gortler, Gotsman, Thurston 2006).
-    fn spread(&self, length: f64, triangles: &TriangleEnergy, springs: &Springs, control: &Control) -> Result<Vec<Place>> {
+    fn spread(
+        &self, length: f64, triangles: &TriangleEnergy, springs: &Springs, control: &Control,
+    ) -> Result<Vec<Place>> {
         let count = self.closed.len();
         let period = triangles.area / length;
         let mut ground = vec![0.0; count];

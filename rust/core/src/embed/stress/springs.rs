@@ -124,7 +124,11 @@ impl Springs {
         let pulls: Vec<Place> = forces.iter().map(|&force| Vector2::new(0.0, force)).collect();
         let follow: Vec<f64> = factor.solve(&pulls).iter().map(|place| place.y).collect();
         let stiffness = own - follow.iter().zip(&forces).map(|(follow, force)| follow * force).sum::<f64>();
-        if stiffness > 0.0 { Ok(Factor { period: Some(OfPeriod { follow, stiffness }), ..factor }) } else { Err(Error::Uneven) }
+        if stiffness > 0.0 {
+            Ok(Factor { period: Some(OfPeriod { follow, stiffness }), ..factor })
+        } else {
+            Err(Error::Uneven)
+        }
     }
 }
 
