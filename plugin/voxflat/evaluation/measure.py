@@ -176,8 +176,8 @@ def measure(
 
     Distances are measured on the surface as cut for the map: over the triangles of the map, and not across its seams.
     For a map in several charts, distances are measured within each chart, each at its own best scale, and averaged over
-    all pairs; `compare` also returns each chart. For a voxflat map with a `FlatMap.period`, distances are measured across
-    its seam, and to the nearest copy on the map.
+    all pairs; `compare` also returns each chart. For a voxflat map with a `FlatMap.period`, distances are measured
+    across its seam, and to the nearest copy on the map.
 
     Parameters
     ----------

@@ -260,7 +260,7 @@ class Page:
             return x + 4.5
         chart = flat_map.metadata.get("chart", {"count": 1})
         if chart["count"] != 1:
-            self.text(x - 3.0, middle, chart["name"], "marks", ha="left", weight="bold")
+            self.text(x - 3.0, middle, chart["name"], "marks", ha="left", va="center_baseline", weight="bold")
             return x + text_size(chart["name"], _FONT)[0]
         return x + 1.0
 
