@@ -144,6 +144,41 @@ def test_the_period_is_saved_and_scaled(tmp_path):
     assert mirrored.period == flat_map.period
 
 
+def test_one_period_of_an_image_has_no_seam():
+    points, faces, angles = bent_tube(rings=30, around=24)
+    (chart,) = voxflat.surface((points, faces)).charts("cylinder")
+    flat_map = chart.flatten()
+    values = np.sin(angles)
+    image = flat_map.image(values)
+    one = image.one_period(flat_map.period)
+    assert len(one.data) == round(flat_map.period / one.pixel_size) < len(image.data)
+    assert abs(one.extent[3] - one.extent[2] - flat_map.period) < 1e-9
+    assert -one.pixel_size <= one.extent[2] + one.extent[3] <= one.pixel_size
+    middle = one.data[:, 12:-12]
+    assert np.isfinite(middle).all()
+    steps = np.abs(np.diff(np.concatenate([middle, middle[:1]]), axis=0)).max(axis=1)
+    assert steps[-1] <= steps[:-1].max()
+    # each pixel shows what the map shows at its position, or one period away
+    u, v = (
+        one.origin[axis] + sign * one.pixel_size * np.arange(size)
+        for axis, sign, size in ((0, 1, one.data.shape[1]), (1, -1, len(one.data)))
+    )
+    places = np.stack(np.meshgrid(u, v), axis=-1)
+    shown = np.full(one.data.shape, np.nan)
+    for turns in (-1, 0, 1):
+        found = flat_map.look_up(places + np.array([0, turns * flat_map.period]))
+        inside = found.face_ids >= 0
+        shown[inside] = (found.weights * values[flat_map.ids][flat_map.faces[found.face_ids]]).sum(axis=-1)[inside]
+    np.testing.assert_allclose(shown[:, 12:-12], middle, atol=1e-5)
+    colours = voxflat.maps.raster.FlatImage(image.colours(), image.pixel_size, image.origin, "colours")
+    assert (colours.one_period(flat_map.period).data[:, 12:-12, 3] == 255).all()
+    refused("the map is not periodic", image.one_period, None)
+    refused(
+        "the period is .* pixels. Pass a pixel size", flat_map.image(values, pixel_size=1.0).one_period, flat_map.period
+    )
+    refused("the period is", image.one_period, np.nan)
+
+
 def test_the_ends_of_a_closed_organ_become_caps():
     points, faces = ellipsoid(2500)
     points *= [1, 1.2, 1.2]  # 5 : 2 : 2

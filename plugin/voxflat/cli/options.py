@@ -362,18 +362,13 @@ frame_cuts = section("Cuts", where_cut[0], *relaxation)  # of the reference fram
 choice_of_cuts = section("Cuts", *where_cut)  # for commands that do not add relaxation cuts
 
 
-class _Charts(click.ParamType):
-    """A number of charts, or "cylinder"."""
-
-    name = "charts"
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> int | str:
-        if value == CYLINDER:
-            return CYLINDER
-        try:
-            return int(click.IntRange(1, MOST_CHARTS).convert(value, param, ctx))
-        except click.BadParameter:
-            self.fail(f"{value!r} is neither a number from 1 to {MOST_CHARTS} nor '{CYLINDER}'.", param, ctx)
+def _count_of_charts(ctx: click.Context, param: click.Parameter, value: str | None) -> int | str | None:
+    """Return a number of charts, or "cylinder"."""
+    if value is None or value == CYLINDER:
+        return value
+    if not value.isdecimal() or not 1 <= int(value) <= MOST_CHARTS:
+        raise click.BadParameter(f"{value!r} is neither a number from 1 to {MOST_CHARTS} nor '{CYLINDER}'.")
+    return int(value)
 
 
 charts = section(
@@ -385,7 +380,7 @@ charts = section(
         "horizontal and the anterior end on the left. 1 cuts it along a seam. 2 writes front.OUT and back.OUT, and "
         "larger numbers write chart1.OUT, chart2.OUT, and so on. 'cylinder' writes a periodic map of a tube as "
         "cylinder.OUT, and the ends of a closed organ as anterior.OUT and posterior.OUT.",
-        type=_Charts(),
+        callback=_count_of_charts,
     ),
     option_of(
         Surface.charts,

@@ -1,5 +1,6 @@
 """Flat maps as images: pixels in mm, their values, and their positions on the surface."""
 
+import math
 import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
@@ -9,7 +10,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from voxflat.arguments import Progress, checked_choice, is_whole, numbers_of, shown
+from voxflat.arguments import Progress, checked_choice, checked_number, is_whole, numbers_of, shown
 from voxflat.errors import Cancelled, InputError
 from voxflat.io.channels import Channels, Timing
 from voxflat.io.provenance import Record, Recorded, saving
@@ -18,6 +19,7 @@ from voxflat.maps.image_files import Pages, write_image, write_stack
 from voxflat.maps.sampling import INTERPOLATIONS, Mixing, majority
 
 _OUTSIDE = np.uint32(2**32 - 1)
+_WHOLE = 1e-6  # relative tolerance within which a period is a whole number of pixels
 
 
 @dataclass(frozen=True, eq=False)
@@ -306,6 +308,54 @@ class FlatImage(Recorded):
         height, width = self.data.shape[:2]
         left, top = self.origin[0] - self.pixel_size / 2, self.origin[1] + self.pixel_size / 2
         return (left, left + width * self.pixel_size, top - height * self.pixel_size, top)
+
+    def one_period(self, period: float | None) -> "FlatImage":
+        """Return one period of the image of a periodic map, centred on v = 0.
+
+        Copies of the result that are stacked vertically fit together without a seam.
+
+        Parameters
+        ----------
+        period : float
+            The period of the map, from `FlatMap.period`. It must be a whole number of pixels, as it is by default.
+
+        Returns
+        -------
+        FlatImage
+            The image, with ``period / pixel_size`` rows. Pixels beyond the ends of the tube are outside the map.
+
+        Raises
+        ------
+        InputError
+            If the map is not periodic, or the period is not a whole number of pixels.
+
+        See Also
+        --------
+        FlatMap.period : The period of a map.
+
+        Examples
+        --------
+        >>> tube = voxflat.surface(voxflat.samples.ball()).charts("cylinder")[0].flatten()
+        >>> image = tube.image(tube.points[:, 2]).one_period(tube.period)
+        >>> len(image.data) == round(tube.period / image.pixel_size)
+        True
+        """
+        if period is None:
+            raise InputError("the map is not periodic. Use the chart 'cylinder' of Surface.charts")
+        count = checked_number(period, "period") / self.pixel_size
+        rows = round(count) if math.isfinite(count) else 0
+        if rows < 1 or abs(count - rows) > _WHOLE * rows:
+            raise InputError(
+                f"the period is {count:.6g} pixels. Pass a pixel size of which it is a multiple, such as the default"
+            )
+        top = math.floor(rows / 2)  # the number of rows above v = 0
+        first = round(self.origin[1] / self.pixel_size)
+        blank, kind = (0, self.data.dtype) if self.is_colour else (np.nan, np.result_type(self.data, np.float32))
+        whole = np.full((rows, *self.data.shape[1:]), blank, dtype=kind)
+        for row, pixels in enumerate(self.data):
+            inside = pixels[:, 3] > 0 if self.is_colour else ~np.isnan(pixels)
+            whole[(top - first + row) % rows][inside] = pixels[inside]
+        return replace(self, data=whole, origin=(self.origin[0], top * self.pixel_size))
 
     def save(self, path: str | os.PathLike[str], *, sidecar: bool = False, overwrite: bool = False) -> None:
         """Save the image to a file.

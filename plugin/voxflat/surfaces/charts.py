@@ -132,7 +132,7 @@ def _cylinder(
     if kind == "closed":
         is_cap = _caps(part, frame, 0.0)
         told = [*told, "the surface is closed, so its ends were cut off as separate charts"]
-    tube = part._with_core(part.core.part_of_faces(~is_cap.any(axis=0)))
+    tube = part._with_core(part.core.part_of_faces(~(is_cap[0] | is_cap[1])))
     loops = [np.array(loop["vertices"]) for loop in tube.core.topology()["loops"]]
     if len(loops) != 2:
         raise InputError("the ends of the surface cannot be cut off. Pass other ends of the axis, or a finer surface")
