@@ -131,7 +131,9 @@ def test_the_period_is_saved_and_scaled(tmp_path):
     (chart,) = voxflat.surface((points, faces)).charts("cylinder")
     flat_map = chart.flatten()
     flat_map.save(tmp_path / "map.npz")
-    assert voxflat.load(tmp_path / "map.npz").period == flat_map.period
+    saved = voxflat.load(tmp_path / "map.npz")
+    assert saved.period == flat_map.period
+    refused("a periodic map has no eigenvalues", voxflat.figures.spectrum, saved)
     pixels = flat_map.period / flat_map.pixel_size
     assert abs(pixels - round(pixels)) < 1e-9
     assert abs(flat_map.pixel_size / flat_map.spacing - 0.5) < 0.02
@@ -172,9 +174,19 @@ def test_one_period_of_an_image_has_no_seam():
     np.testing.assert_allclose(shown[:, 12:-12], middle, atol=1e-5)
     colours = voxflat.maps.raster.FlatImage(image.colours(), image.pixel_size, image.origin, "colours")
     assert (colours.one_period(flat_map.period).data[:, 12:-12, 3] == 255).all()
+    # labels that were drawn on one period, across its border
+    labels = np.where(np.isfinite(one.data) & (np.abs(v)[:, None] > flat_map.period / 4), 3, 0)
+    regions = flat_map.regions(labels)
+    beyond = np.abs((flat_map.uv[:, 1] + flat_map.period / 2) % flat_map.period - flat_map.period / 2)
+    clear = np.abs(beyond - flat_map.period / 4) > 2 * one.pixel_size
+    np.testing.assert_array_equal(regions.labels[clear], np.where(beyond > flat_map.period / 4, 3, 0)[clear])
+    figures = regions.properties()
+    assert abs(figures["map_area"][0] / (labels > 0).sum() / one.pixel_size**2 - 1) < 0.01
     refused("the map is not periodic", image.one_period, None)
     refused(
-        "the period is .* pixels. Pass a pixel size", flat_map.image(values, pixel_size=1.0).one_period, flat_map.period
+        "the period is .* pixels, not a whole number. Pass a pixel size",
+        flat_map.image(values, pixel_size=1.0).one_period,
+        flat_map.period,
     )
     refused("the period is", image.one_period, np.nan)
 

@@ -23,7 +23,7 @@ from voxflat.io.volumes import VOLUME_ENDINGS
 from voxflat.maps.colours import all_whole, label_colour
 from voxflat.maps.lines import ellipse
 from voxflat.maps.plane import Planar
-from voxflat.maps.raster import FlatImage, Raster, nearest_inside
+from voxflat.maps.raster import FlatImage, Raster, nearest_inside, rows_in, rows_of_period
 from voxflat.maps.regions import Regions
 from voxflat.maps.sampling import majority
 from voxflat.maps.textures.pictures import decoded, header
@@ -192,6 +192,9 @@ def _pixels(of: Planar, data: Any, pixel_size: float | None) -> Regions:
         told = f"the label image has shape {values.shape} and data type {values.dtype}"
         raise InputError(f"{told}. Pass an array of whole numbers with shape (H, W)")
     raster = of.raster(pixel_size)
+    period = of._triangles.on_surface.metadata.get("period")
+    if period is not None and values.shape == (rows_in(period, raster.pixel_size), raster.shape[1]):
+        values = values[rows_of_period(raster, len(values))]  # from `FlatImage.one_period`
     if raster.shape != values.shape:
         size = in_unit(f"{raster.pixel_size:g} mm", {"unit": raster.unit})
         raise InputError(

@@ -312,7 +312,8 @@ class FlatImage(Recorded):
     def one_period(self, period: float | None) -> "FlatImage":
         """Return one period of the image of a periodic map, centred on v = 0.
 
-        Copies of the result that are stacked vertically fit together without a seam.
+        Copies of the result that are stacked vertically fit together without a seam. `FlatMap.regions` accepts label
+        images that were drawn on it.
 
         Parameters
         ----------
@@ -342,20 +343,17 @@ class FlatImage(Recorded):
         """
         if period is None:
             raise InputError("the map is not periodic. Use the chart 'cylinder' of Surface.charts")
-        count = checked_number(period, "period") / self.pixel_size
-        rows = round(count) if math.isfinite(count) else 0
-        if rows < 1 or abs(count - rows) > _WHOLE * rows:
-            raise InputError(
-                f"the period is {count:.6g} pixels. Pass a pixel size of which it is a multiple, such as the default"
-            )
-        top = math.floor(rows / 2)  # the number of rows above v = 0
-        first = round(self.origin[1] / self.pixel_size)
+        period = checked_number(period, "period")
+        rows = rows_in(period, self.pixel_size)
+        if not rows:
+            told = f"the period is {period / self.pixel_size:.6g} pixels, not a whole number"
+            raise InputError(f"{told}. Pass a pixel size of which it is a multiple, such as the default")
         blank, kind = (0, self.data.dtype) if self.is_colour else (np.nan, np.result_type(self.data, np.float32))
         whole = np.full((rows, *self.data.shape[1:]), blank, dtype=kind)
-        for row, pixels in enumerate(self.data):
+        for row, pixels in zip(rows_of_period(self, rows), self.data, strict=True):
             inside = pixels[:, 3] > 0 if self.is_colour else ~np.isnan(pixels)
-            whole[(top - first + row) % rows][inside] = pixels[inside]
-        return replace(self, data=whole, origin=(self.origin[0], top * self.pixel_size))
+            whole[row][inside] = pixels[inside]
+        return replace(self, data=whole, origin=(self.origin[0], rows // 2 * self.pixel_size))
 
     def save(self, path: str | os.PathLike[str], *, sidecar: bool = False, overwrite: bool = False) -> None:
         """Save the image to a file.
@@ -390,6 +388,19 @@ class FlatImage(Recorded):
         """
         with saving(path, self.provenance, sidecar=sidecar, overwrite=overwrite):
             write_image(path, self, self.provenance)
+
+
+def rows_in(period: float, pixel_size: float) -> int:
+    """Return the number of pixels in a period, or 0 if it is not whole."""
+    count = period / pixel_size
+    return round(count) if math.isfinite(count) and abs(count - round(count)) <= _WHOLE * count else 0
+
+
+def rows_of_period(image: FlatImage | Raster, rows: int) -> NDArray[np.int64]:
+    """Return the row of a single period, with so many rows and its middle at v = 0, for each row of an image."""
+    height = (image.data if isinstance(image, FlatImage) else image.corners).shape[0]
+    first = round(image.origin[1] / image.pixel_size)
+    return np.asarray((rows // 2 - first + np.arange(height)) % rows)
 
 
 @dataclass(frozen=True, eq=False)
