@@ -137,7 +137,9 @@ class TestParcels:
         refused("whole numbers", parcels_of, flat_map, np.linspace(0, 1, 900))
         refused("900 vertices", parcels_of, flat_map, np.zeros(7, np.int64))
         away = voxflat.io.Volume(np.ones((4, 4, 4), np.uint8), np.eye(4) + np.eye(4, k=3) * 500)
-        refused("there are no labels on the map", parcels_of, flat_map, away)
+        refused("does not overlap the map", parcels_of, flat_map, away)
+        empty = voxflat.io.Volume(np.zeros((40, 40, 5), np.uint8), np.eye(4))
+        refused("there are no labels on the map", parcels_of, flat_map, empty)
 
     def test_labels_of_a_volume_are_those_of_the_nearest_voxel(self, flat_map):
         data = np.zeros((40, 40, 5), np.int16)

@@ -13,8 +13,9 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from voxflat.arguments import log
 from voxflat.errors import InputError
-from voxflat.io.files import AGAIN, require
+from voxflat.io.files import AGAIN, require, retelling
 from voxflat.io.grid import Affine, millimetres, named_unit
 
 TIFF_ENDINGS = (".tif", ".tiff")
@@ -103,7 +104,7 @@ class TiffStack:
 def open_tiff(path: Path) -> TiffStack:
     """Read the axes of a TIFF file, the names of its channels and the size of its voxels."""
     with require("tifffile").TiffFile(path) as file:
-        series = file.series[0]
+        series = _first_series(path, file)
         axes = tuple(zip(series.axes, map(int, series.shape), strict=True))
         array = _array(path, file)
         pages = [axis for axis, length in axes if axis in _PAGES and length > 1]
@@ -123,6 +124,18 @@ def open_tiff(path: Path) -> TiffStack:
         is_named = len(titles) == dict(axes).get("C")
         names.append(" ".join(titles[at] if axis == "C" and is_named else f"{axis.lower()}{at}" for axis, at in each))
     return TiffStack(array, axes, depth, tuple(names), affine, unit)
+
+
+def _first_series(path: Path, file: Any) -> Any:
+    """Return the images of a file; tifffile only logs that pages are missing, and omits them."""
+    messages: list[str] = []
+    with retelling(path, "tifffile", messages.append):
+        series = file.series[0]
+    if any("invalid page offset" in message for message in messages):
+        raise InputError(f"ends before its last page. {AGAIN}")
+    for message in messages:
+        log.warning("%s: %s", path, message)
+    return series
 
 
 def _array(path: Path, file: Any) -> TiffArray:
