@@ -70,6 +70,8 @@ class Channels:
                 several = f"has {count} {self.called}s ({self.listed()})"
                 raise InputError(f"{several}. Choose one by its name or number (channel)")
             return 0
+        if count == 1 and channel not in (0, -1, "0", "-1", self.names[0]):
+            raise InputError(f"has only one {self.called}, but channel is {shown(channel)}. Omit channel")
         if isinstance(channel, str):
             found = [n for n, name in enumerate(self.names) if name == channel]
             if len(found) == 1:

@@ -170,8 +170,14 @@ class Sampler:
             projection = "mean" if len(depths) == 1 else projection
             sampled = self._sampling(raster, depths, projection, several=several and len(volumes) > 1)
 
+            is_checked = False
+
             def read(n: int) -> NDArray[Any]:
+                nonlocal is_checked
                 volume = placed(volumes.read(n))
+                if not is_checked:  # all channels have the same place
+                    self._check_place(volume, depths, title)
+                    is_checked = True
                 if period is None:
                     way = interpolation or (self.usual(n) if self.usual else self._default(raster, depths, volume))
                     return sampled(volume, way)
@@ -369,6 +375,22 @@ class Sampler:
                 path.name,
             )
 
+    def _check_place(self, volume: Volume, depths: Depths, title: str) -> None:
+        """Raise an error if the map lies outside a volume or within one voxel, mostly because their units differ."""
+        inverse = np.linalg.inv(volume.affine)
+        surfaces = [one for one in (self.points, self.white_points, self.pial_points) if one is not None]
+        at = self.space.to_scanner(np.concatenate(surfaces)) @ inverse[:3, :3].T + inverse[:3, 3]
+        low, high = at.min(axis=0), at.max(axis=0)
+        beyond = 0.5 + (max(map(abs, depths.values)) / volume.spacing if depths.layering is None else 0)
+        if (high < -beyond).any() or (low > np.array(volume.data.shape[:3]) - 1 + beyond).any():
+            told = "does not overlap the map, so the image would be empty"
+        elif (high - low).max() < 1:
+            told = "has voxels that are larger than the map"
+        else:
+            return
+        unit = "an unknown unit" if self.unit == "unknown" else self.unit
+        raise InputError(f"{title} {told}. Compare their positions and units; the map is in {unit}")
+
     def _doubt_space(self) -> None:
         """Warn if the space of the surface is not certain."""
         if self.space.doubt:
@@ -468,6 +490,9 @@ class Sampler:
 
     def _own_place(self, shape: tuple[int, ...]) -> NDArray[np.float64]:
         """Return the affine of the points' volume for a volume of the same shape."""
+        if not self.is_voxels:
+            told = "the volume does not define the size and position of its voxels, nor does the map of a mesh"
+            raise InputError(f"{told}. Pass a volume with an affine, or values at its vertices")
         if shape[:3] != self.volume_shape:
             raise InputError(
                 f"the volume has shape {shape} and no affine, but the {self.of} has shape {self.volume_shape}. "

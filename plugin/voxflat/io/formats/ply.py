@@ -1,7 +1,6 @@
 """Read and write PLY files without VTK, because damaged files crash VTK 9.7."""
 
 import re
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -178,7 +177,7 @@ def _uneven(body: bytes, at: int, element: _Element, order: str, key: str) -> tu
 
 
 def _of_corners(
-    stored: Sequence[NDArray[Any]] | NDArray[Any] | None, counts: NDArray[np.int64]
+    stored: list[NDArray[Any]] | NDArray[Any] | None, counts: NDArray[np.int64]
 ) -> NDArray[np.float64] | None:
     """Return the texture coordinates of corners, (C, 2); NaN for faces without two numbers for each corner."""
     if stored is None:
@@ -186,9 +185,7 @@ def _of_corners(
     fits = np.array([len(one) for one in stored], dtype=np.int64) == 2 * counts
     found = np.full((int(counts.sum()), 2), np.nan)
     if fits.any():
-        found[np.repeat(fits, counts)] = np.concatenate([stored[n] for n in np.flatnonzero(fits).tolist()]).reshape(
-            -1, 2
-        )
+        found[np.repeat(fits, counts)] = np.concatenate([stored[n] for n in np.flatnonzero(fits)]).reshape(-1, 2)
     return found if fits.any() else None
 
 
