@@ -39,6 +39,7 @@ class _Asked:
     radius: float
     has_pial: bool
     goes_on: bool
+    frame: tuple[int, int, bool] | None = None  # of a movie: the displayed one, their number, whether all are flattened
     label: int | None = None
     threshold: float | None = None
     rim: str | None = None
@@ -67,7 +68,7 @@ class Plan(QLabel):
         key = (id(layer), self._asked.label, self._asked.threshold)
         if isinstance(layer, Surface):
             self._count = len(layer.vertices)
-        elif self._asked.rim is not None:
+        elif self._asked.rim is not None or self._asked.frame is not None:
             self._counted, self._count = key, None
             self._timer.stop()
         elif key != self._counted:
@@ -109,6 +110,11 @@ def _steps(asked: _Asked) -> list[str]:
         return [f"Flattens {part}, voxel by voxel. The surface must be open."]
     is_mesh, is_rim = isinstance(asked.layer, Surface), asked.rim is not None
     steps = [f"Flattens {'the largest component' if asked.part == 'whole' and not is_mesh else part}."]
+    if asked.frame is not None:
+        number, count, flattens_all = asked.frame
+        steps = [f"Flattens the largest component in frame {number}."]
+        if flattens_all:
+            steps.append(f"Moves its mesh onto the other {count - 1} frames, so that all frames share the map.")
     if is_rim:
         steps = [f"Flattens {part}, halfway between the borders of the grey matter."]
     if asked.threshold is not None and asked.part == "whole":
