@@ -58,7 +58,8 @@ def demo_embryo() -> list[LayerData]:
     nuclei, labels = (np.stack([volume.data.T for volume in volumes]) for volumes in (embryo.images, embryo.labels))
     first = embryo.images[0]
     scale, translate = ((1.0 * time, *place[::-1]) for time, place in ((1, first.spacing), (0, first.affine[:3, 3])))
-    place: dict[str, Any] = {"scale": scale, "translate": translate, "units": ("pixel", *["µm"] * 3)}
+    place: dict[str, Any] = {"scale": scale, "translate": translate, "axis_labels": tuple("tzyx")}
+    place["units"] = ("pixel", *["µm"] * 3)
     return [
         (nuclei, {"name": "nuclei", "colormap": "gray", "contrast_limits": (0, 255), **place}, "image"),
         (labels, {"name": "embryo", "opacity": 0.3, **place}, "labels"),

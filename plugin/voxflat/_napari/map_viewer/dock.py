@@ -1,6 +1,7 @@
 """The dock *Flat map*, which shows the map of the current run, linked to its volume or surface."""
 
 from functools import partial
+from pathlib import Path
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -9,11 +10,21 @@ from napari import Viewer
 from napari.layers import Image, Labels, Points
 from numpy.typing import NDArray
 from qtpy.QtCore import Qt
-from qtpy.QtWidgets import QCheckBox, QComboBox, QHBoxLayout, QLabel, QPushButton, QSizePolicy, QVBoxLayout, QWidget
+from qtpy.QtWidgets import (
+    QCheckBox,
+    QComboBox,
+    QFileDialog,
+    QHBoxLayout,
+    QLabel,
+    QPushButton,
+    QSizePolicy,
+    QVBoxLayout,
+    QWidget,
+)
 from superqt import QLabeledDoubleSlider
 from superqt.utils import signals_blocked
 
-from voxflat._napari.docks import Dock, arrange
+from voxflat._napari.docks import TaskDock, arrange
 from voxflat._napari.keys import Keys, key_text
 from voxflat._napari.layers.sampled import shown
 from voxflat._napari.layers.volumes import shown_step
@@ -28,13 +39,14 @@ from voxflat._napari.map_viewer.on_surface import PaintedSurface
 from voxflat._napari.map_viewer.patch_outline import PatchOutline
 from voxflat._napari.map_viewer.pictures import Picture
 from voxflat._napari.map_viewer.prepared_map import PreparedMap, Spot
+from voxflat._napari.map_viewer.segmentations import Segmentation, Segmentations, save_table, to_volume
 from voxflat._napari.map_viewer.viewer_link import ViewerLink
 from voxflat._napari.map_viewer.viewer_parts import theme_colours
 from voxflat._napari.results.flat_layers import LayerData, Run, unit_of_map
 from voxflat._napari.timers import single_shot
 from voxflat._napari.viewer_state import ViewerState
-from voxflat._napari.worker import JobWorker, LatestTask
-from voxflat.errors import Cancelled, VoxflatError
+from voxflat._napari.worker import LatestTask
+from voxflat.errors import VoxflatError
 from voxflat.maps.flat_map import FlatMap
 
 _DEEPEST, _HIGHEST = -3.0, 5.0  # mm outside the surface
@@ -53,7 +65,6 @@ _NEXT, _PREVIOUS, _IN_3D, _OUTLINE, _WHOLE = (
 )
 _OF_CLICKS = [KeyMod.Shift | key for key in (KeyCode.KeyG, KeyCode.KeyM, KeyCode.KeyR, KeyCode.KeyD)]
 
-_MOVIE, _CANCEL = "Movie", "Cancel"
 NOTHING = "Flatten a surface to see its map here."
 _HINT = "Point at the map or the volume to see the same location in both. Click to go there."
 
@@ -68,7 +79,7 @@ def open_flat_map(viewer: Viewer) -> "FlatMapDock":
     return widget  # type: ignore[no-any-return]  # napari's type is Any
 
 
-class FlatMapDock(Dock):
+class FlatMapDock(TaskDock):
     """Shows the map of the current run on its own canvas, without changing the view in the viewer."""
 
     def __init__(self, napari_viewer: Viewer) -> None:
@@ -77,7 +88,6 @@ class FlatMapDock(Dock):
         self._state = ViewerState.of(napari_viewer)
         self._run: Run | None = None
         self._frame: int | None = None  # the displayed frame of a movie
-        self._stacker: JobWorker | None = None  # samples a movie
         self._display_events: list[Any] = []
         self._location: tuple[Spot | None, tuple[float, float] | None] | None = None
         self.prepared: PreparedMap | None = None  # the map of the run, for display and lookups; None until it is drawn
@@ -90,12 +100,12 @@ class FlatMapDock(Dock):
         self._annotator = LatestTask(self, self._on_annotated, self._on_annotation_failed)
         self._painter = LatestTask(self, self._on_drawn, self._on_failed)
         self._redraw = single_shot(self, 0, self._draw)  # draws once after several changes
+        self.movies = MovieWindow(napari_viewer, self)
         self._make_fields()
         self.link = ViewerLink(napari_viewer, self)
         self.painted = PaintedSurface(napari_viewer, self)
         self.outline = PatchOutline(napari_viewer, self)
         self.annotations = VolumeAnnotations(napari_viewer, self)
-        self.movies = MovieWindow(napari_viewer, self)
         self._lay_out()
         self._connect()
         self._on_theme()
@@ -133,11 +143,14 @@ class FlatMapDock(Dock):
         self.whole = QPushButton("Whole map")
         tip = f"Fit the map to the dock ({key_text(_WHOLE)}, or double-click)"
         self.whole.setToolTip(f"{tip}. Scroll to zoom in and out, and drag to move the map")
-        self.movie = QPushButton(_MOVIE)
+        self.movie = QPushButton("Movie")
         self.movie.setToolTip(
             "Show the displayed layer in all frames, at this depth, as one layer in a new window, whose time slider "
             "moves together with that of the viewer"
         )
+        self.stop = QPushButton("Cancel")
+        self.stop.hide()
+        self.segmentations = Segmentations(self._viewer, self.movies)
         self.canvas = MapCanvas()
         self.legend = Legend()
         self.text = QLabel(NOTHING)
@@ -170,7 +183,17 @@ class FlatMapDock(Dock):
         layout = QVBoxLayout(self)
         layout.setContentsMargins(6, 6, 6, 6)
         layout.setSpacing(4)
-        arrange(layout, self._run_row, first, second, (self.canvas, 1), self.legend, self.text, self.excluded)
+        arrange(
+            layout,
+            self._run_row,
+            first,
+            second,
+            (self.canvas, 1),
+            self.legend,
+            self.segmentations,
+            self.text,
+            self.excluded,
+        )
 
     def _connect(self) -> None:
         self._state.changed.connect(self._on_runs)
@@ -187,6 +210,9 @@ class FlatMapDock(Dock):
         self.outlined.toggled.connect(self._on_outlined)
         self.whole.clicked.connect(self.canvas.fit)
         self.movie.clicked.connect(self._on_movie)
+        self.stop.clicked.connect(self._on_stop)
+        self.segmentations.to_volume.connect(self._on_send)
+        self.segmentations.to_table.connect(self._on_save_table)
         self.movies.pointed.connect(self._on_map_pointed)
         self.canvas.pointed.connect(self._on_map_pointed)
         self.canvas.clicked.connect(self._on_map_clicked)
@@ -224,6 +250,7 @@ class FlatMapDock(Dock):
         self._run, self.prepared, self.link.prepared = run, None, None
         self._frame = self._shown_frame()
         self.movie.setVisible(self._frame is not None)
+        self.segmentations.offer(run is not None and isinstance(run.flat_map, FlatMap))
         self.movies.close()
         self._location = None
         self._points, self._regions, self._annotations = [], [], []
@@ -401,9 +428,6 @@ class FlatMapDock(Dock):
 
     def _on_movie(self) -> None:
         """Sample all frames in a thread, or stop it."""
-        if self._stacker is not None:
-            self._stacker.quit()
-            return
         run, content = self._run, self.contents.content
         if run is None or run.layers.movie is None:
             return
@@ -411,32 +435,71 @@ class FlatMapDock(Dock):
         try:
             frames, look = shown_frames(content, world, run.layers.movie, self._viewer.dims.point, **self._depth())
         except VoxflatError as error:
-            self._show_message(error)
+            self._show_message(" ".join(str(error).split()))
             return
-        worker = JobWorker(partial(flat_movie, run.layers.movie, frames, look), "Flat movie")
-        worker.returned.connect(partial(self._on_movie_sampled, run))
-        worker.errored.connect(self._on_movie_failed)
-        worker.finished.connect(self._on_movie_ended)
-        self.destroyed.connect(worker.quit)
-        self._stacker = worker
-        self.movie.setText(_CANCEL)
-        worker.start()
+        task = partial(flat_movie, run.layers.movie, frames, look)
+        self._work(task, "Sampling the movie", partial(self._on_sampled, run))
 
-    def _on_movie_sampled(self, run: Run, data: LayerData) -> None:
-        is_current = run is self._run and self._stacker is not None and not self._stacker.abort_requested
-        if is_current and run.layers.movie is not None:
+    def _on_sampled(self, run: Run, data: LayerData) -> None:
+        if run is self._run and run.layers.movie is not None:
             self.movies.show(run.layers.movie, data)
+            self._show_message(f"The window shows '{data[1]['name']}' in all frames.")
 
-    def _on_movie_failed(self, error: Exception) -> None:
-        if not isinstance(error, Cancelled):
-            self._show_message(error)
+    def _on_send(self) -> None:
+        layer, prepared = self.segmentations.layer, self.prepared
+        if layer is None or prepared is None:
+            return
+        try:
+            drawn = Segmentation.of(layer)
+        except VoxflatError as error:
+            self._show_message(str(error))
+            return
+        depth, units = self._depth().get("depth", 0.0), self._viewer.layers.units
+        movie = prepared.run.layers.movie
+        time_unit = None if movie is None or units is None else units[movie.time.axis]
+        task = partial(to_volume, prepared, drawn, depth, time_unit)
+        self._work(task, "Transferring labels", partial(self._on_sent, prepared.run))
 
-    def _on_movie_ended(self) -> None:
-        self._stacker = None
-        self.movie.setText(_MOVIE)
+    def _on_sent(self, run: Run, data: LayerData) -> None:
+        if run is self._run:
+            drawings.put(self._viewer, data)
+            self._show_message(f"Added '{data[1]['name']}'")
 
-    def _show_message(self, error: Exception) -> None:
-        self.text.setText(" ".join((str(error) or type(error).__name__).split()))
+    def _on_save_table(self) -> None:
+        layer, prepared = self.segmentations.layer, self.prepared
+        if layer is None or prepared is None:
+            return
+        kinds = "Tab-separated (*.tsv);;Comma-separated (*.csv)"
+        path, _ = QFileDialog.getSaveFileName(self, "Save the table", f"{layer.name}.tsv", kinds)
+        if not path:
+            return
+        try:
+            drawn = Segmentation.of(layer)
+        except VoxflatError as error:
+            self._show_message(str(error))
+            return
+        file = Path(path if path.lower().endswith((".tsv", ".csv")) else f"{path}.tsv")
+        self._work(partial(save_table, prepared, drawn, self._frame, file), "Measuring the labels", self._show_message)
+
+    def _on_stop(self) -> None:
+        if self._worker is not None:
+            self._worker.quit()
+            self._show_message("Cancelling…")
+
+    def _show_work(self, what: str | None) -> None:
+        for button in (self.movie, self.segmentations.send, self.segmentations.save):
+            button.setEnabled(what is None)
+        self.stop.setVisible(what is not None)
+        if what is not None:
+            self._show_message(f"{what}…")
+
+    def _show_message(self, message: str) -> None:
+        self.text.setText(message)
+
+    def _on_finished(self) -> None:
+        if self._worker is not None and self._worker.abort_requested:
+            self._show_message("Cancelled")
+        super()._on_finished()
 
     # ------------------------------------------------------------------------------ drawn in the volume
 
@@ -564,12 +627,11 @@ class FlatMapDock(Dock):
     # ------------------------------------------------------------------------------------------ ending
 
     def _release(self) -> None:
+        super()._release()
         for running in (self._redraw, self._painter, self._projector, self._annotator):
             running.stop()
-        if self._stacker is not None:
-            self._stacker.quit()
         self.movies.close()
-        for linked in (self._keys, self.annotations, self.link, self.outline, self.contents):
+        for linked in (self.segmentations, self._keys, self.annotations, self.link, self.outline, self.contents):
             linked.release()
         self.painted.remove()
         for event in self._display_events:

@@ -61,19 +61,26 @@ def regions(prepared: PreparedMap, polygons: Sequence[Sequence[Place]]) -> Drawn
     labels = flat_map.paint(drawn.labels.astype(np.int32))
     if not np.isnan(flat_map.normals).all():  # the surface has an outer side, where the cortex lies
         grid = Volume(labels, flat_map.affine, unit=prepared.unit)
-        cortex = drawn.volume(grid, depth=_range(prepared) if flat_map.pial_points is None else None)
+        cortex = drawn.volume(grid, depth=depth_range(prepared) if flat_map.pial_points is None else None)
         labels = np.where(labels == 0, cortex.data, labels)
-    to_world = flat_map.affine
-    corners = _world(prepared, np.vstack([np.zeros(3), np.eye(3)]) @ to_world[:3, :3].T + to_world[:3, 3])
+    return Drawn((labels, {**keywords, "affine": affine_in_world(prepared)}, "labels"), message)
+
+
+def affine_in_world(prepared: PreparedMap) -> NDArray[np.float64]:
+    """Return the affine of the flattened volume to the world of the viewer."""
+    to_ras = _map(prepared).affine
+    corners = _world(prepared, np.vstack([np.zeros(3), np.eye(3)]) @ to_ras[:3, :3].T + to_ras[:3, 3])
     affine = np.eye(4)
     affine[:3, 3] = corners[0]
     affine[:3, :3] = (corners[1:] - corners[0]).T
-    return Drawn((labels, {**keywords, "affine": affine}, "labels"), message)
+    return affine
 
 
-def _range(prepared: PreparedMap) -> tuple[float, float]:
-    """Return the depths of regions: those of the cortex in mm, or a voxel on each side of the surface of a tissue."""
-    return _CORTEX if prepared.unit == "mm" else (-prepared.spacing, prepared.spacing)
+def depth_range(prepared: PreparedMap, depth: float = 0.0) -> tuple[float, float]:
+    """Return the depths of regions: of the cortex in mm, or of a tissue up to the displayed depth and a voxel more."""
+    if prepared.unit == "mm":
+        return _CORTEX
+    return min(0.0, depth) - prepared.spacing, max(0.0, depth) + prepared.spacing
 
 
 def way(prepared: PreparedMap, a: Place, b: Place) -> Drawn:
