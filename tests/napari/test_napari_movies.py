@@ -156,6 +156,17 @@ def test_the_surface_in_3d_moves_with_time(movie, series, qtbot):
         assert_allclose(layer.vertices, series.points[frame][:, ::-1])
 
 
+def test_growth_is_a_measure_of_movies(movie, series, qtbot):
+    viewer, _, dock = movie
+    dock.contents.setCurrentText(f"Growth since frame {REFERENCE}")
+    for frame in (REFERENCE, 2):
+        at_frame(viewer, dock, frame, qtbot)
+        expected = np.log2(series.stretches(frame, REFERENCE).prod(axis=1))
+        assert np.nanmedian(dock.picture.data) == pytest.approx(np.nanmedian(expected), abs=0.02)
+    grown = (1.25 * 1.1) / (1.125 * 1.05)  # in length and in width, from the middle to the last frame
+    assert 2 ** np.nanmedian(dock.picture.data) == pytest.approx(grown, rel=0.03)
+
+
 def test_the_movie_is_one_layer_linked_in_time(movie, embryo, series, qtbot):
     viewer, _, dock = movie
     assert dock.contents.content is viewer.layers["nuclei"]

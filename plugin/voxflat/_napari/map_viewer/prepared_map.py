@@ -52,6 +52,7 @@ class PreparedMap:
     side: str | None  # L or R, if known
     points: NDArray[np.float64]  # (N, 3), RAS+ in scanner space
     frames: dict[int, PreparedMap] = field(default_factory=dict)  # of a movie
+    frame: int | None = None
 
     @classmethod
     def of(cls, run: Run) -> PreparedMap:
@@ -89,7 +90,7 @@ class PreparedMap:
             planar = movie.series[frame]
             planar._rasters.update(self.planar._rasters)  # all frames have the same pixels
             points = planar.space.to_scanner(planar.points)
-            self.frames[frame] = replace(self, planar=planar, points=points)
+            self.frames[frame] = replace(self, planar=planar, points=points, frame=frame)
             self.frames[frame]._build()
         return self.frames[frame]
 
