@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from napari.layers import Image, Labels
+from napari.layers import Image, Labels, Surface
 from napari_window import PATIENCE, choose, map_dock, run, wait_for_picture, wait_for_threads
 from numpy.testing import assert_allclose, assert_array_equal
 
@@ -384,3 +384,12 @@ def test_the_script_repeats_the_movie(movie, series, tmp_path, monkeypatch):
     exec(compile(script.script(tmp_path), "script", "exec"), found)
     assert_array_equal(found["series"].points, series.points)
     assert_array_equal(found["flat_map"].uv, series.flat_map.uv)
+
+
+def test_surfaces_with_time_are_refused_in_one_line(open_widget, qtbot, messages):
+    vertices = np.array([[t, *place] for t in (0, 1) for place in ((0, 0, 0), (0, 1, 0), (0, 0, 1))], dtype=float)
+    viewer, widget = open_widget(Surface((vertices, np.array([[0, 1, 2], [3, 4, 5]])), name="moving"))
+    widget.form.surface.choose(viewer.layers["moving"])
+    widget.start.click()
+    assert "has 4 dimensions instead of 3. Choose a 3D layer" in widget.status.text()
+    assert widget.form.plan.text() == ""
