@@ -139,7 +139,8 @@ def test_the_map_follows_what_is_drawn_in_the_volume(flattened, qtbot):
     flat_map = dock.prepared.run.flat_map
 
     def expected(spots):
-        return flat_map.points_to_map(spots * [2, 0.5, 3] + [5, -4, 7])[0]
+        placed = 1000 * (spots * [2, 0.5, 3] + [5, -4, 7])
+        return flat_map.points_to_map(placed[..., ::-1], dock.prepared.far)[0]  # the axes are z, y, x
 
     def same(found, spots):
         wanted = expected(spots)

@@ -75,7 +75,7 @@ class SurfaceForm(LayerForm):
         tip = "The part to flatten. Closed surfaces are cut open. Small parts are less distorted"
         self.patch = choice(_PARTS, tip)
         self.seed = SeedChoice(viewer, self._inside)
-        self.radius = spin(QDoubleSpinBox(), 1, 1000, "Radius of the disk, measured along the surface", " mm")
+        self.radius = spin(QDoubleSpinBox(), 1, 100_000, "Radius of the disk, measured along the surface", " mm")
         self.radius.setDecimals(1)
         self.radius.setValue(_RADIUS)
         self.polygon = LayerChoice(viewer, _polygon_rank)
