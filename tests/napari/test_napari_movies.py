@@ -173,8 +173,8 @@ def test_the_movie_is_one_layer_linked_in_time(movie, embryo, series, qtbot):
     dock.depths.setValue(-4)
     flat = show_movie(dock, qtbot)
     (layer,) = flat.layers
-    stacks = series.images(embryo.images, depth=-4.0, interpolation="linear")
-    assert_array_equal(layer.data, np.stack([stack[0].data for stack in stacks]).astype(np.float32))
+    expected = series.images(embryo.images, depth=-4.0, interpolation="linear").data
+    assert_array_equal(layer.data, expected.reshape(layer.data.shape).astype(np.float32))
     assert flat.dims.current_step[0] == REFERENCE
     viewer.dims.set_current_step(0, 2)
     assert flat.dims.current_step[0] == 2
@@ -373,6 +373,13 @@ def test_a_movie_can_be_cancelled_and_the_docks_closed(movie, qtbot):
     viewer.window.remove_dock_widget(dock)
     assert dock.movies.window.viewer is None
     viewer.dims.set_current_step(0, 2)
+
+
+def test_saving_a_movie_saves_all_frames(movie, series, tmp_path, monkeypatch):
+    _, widget, _ = movie
+    monkeypatch.setattr("qtpy.QtWidgets.QFileDialog.getSaveFileName", lambda *_: (str(tmp_path / "movie"), ""))
+    widget.results.save.click()
+    assert_array_equal(voxflat.load_series(tmp_path / "movie.voxflat").points, series.points)
 
 
 def test_the_script_repeats_the_movie(movie, series, tmp_path, monkeypatch):

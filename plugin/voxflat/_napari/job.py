@@ -14,7 +14,7 @@ from voxflat._napari.layers.meshes import LayerMesh
 from voxflat._napari.layers.sampled import Overlay, Shown
 from voxflat._napari.layers.seed import Seed
 from voxflat._napari.layers.volumes import LayerVolume, TimeAxis
-from voxflat._napari.results.flat_layers import FlatLayers, FlatMovie
+from voxflat._napari.results.flat_layers import FlatLayers, MovieMaps
 from voxflat._napari.results.maps import map_layers, page_layers
 from voxflat.arguments import Progress
 from voxflat.errors import Cancelled, InputError
@@ -95,7 +95,7 @@ class Job:
         flat_map = replace(flat_map, metadata={**flat_map.metadata, "napari": self.surface.origin})
         _draw(progress, "map")
         layers = map_layers(flat_map, self.surface.origin["layer"], pixel_size=self.pixel_size)
-        movie = FlatMovie(replace(series, flat_map=flat_map), frames.time)
+        movie = MovieMaps(replace(series, flat_map=flat_map), frames.time)
         return replace(layers, shown=self.shown, movie=movie)
 
     def split(self) -> tuple[Method, NDArray[Any] | None, dict[str, Any]]:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from voxflat._napari.map_viewer.pictures import ColourScale, Picture
 from voxflat._napari.map_viewer.prepared_map import PreparedMap
-from voxflat._napari.results.flat_layers import FlatMovie
+from voxflat._napari.results.flat_layers import MovieMaps
 from voxflat.atlases.atlas import Atlas
 from voxflat.distortion.triangles import angle_changes
 from voxflat.maps.colours import label_colours
@@ -41,7 +41,7 @@ def measures(flat_map: FlatMap | Atlas) -> list[Measure]:
     return [Measure(DISTANCES, "%", _distances), *(of_triangles if flat_map.distortion.triangles is not None else [])]
 
 
-def growth(movie: FlatMovie) -> Measure:
+def growth(movie: MovieMaps) -> Measure:
     """Return the measure of a movie: by how much the surface has grown between the flattened frame and each frame."""
 
     def draw(prepared: PreparedMap) -> Picture:

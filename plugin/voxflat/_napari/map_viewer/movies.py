@@ -13,7 +13,7 @@ from voxflat._napari.layers.sampled import Shown, shown
 from voxflat._napari.layers.volumes import shown_step
 from voxflat._napari.map_viewer.flat_window import FlatWindow
 from voxflat._napari.map_viewer.viewer_parts import list_events, show_scale_bar
-from voxflat._napari.results.flat_layers import FlatMovie, LayerData, limits
+from voxflat._napari.results.flat_layers import LayerData, MovieMaps, limits
 from voxflat.arguments import Progress
 from voxflat.errors import Cancelled, InputError
 from voxflat.maps.raster import FlatImage
@@ -28,7 +28,7 @@ class MovieWindow(QObject):
     def __init__(self, viewer: Viewer, owner: QWidget) -> None:
         super().__init__(owner)
         self._viewer = viewer
-        self._movie: FlatMovie | None = None
+        self._movie: MovieMaps | None = None
         self._linked: Viewer | None = None
         self.window = FlatWindow(owner, "Flat movie")
 
@@ -36,7 +36,7 @@ class MovieWindow(QObject):
     def layers(self) -> list[Layer]:
         return [] if self.window.viewer is None else list(self.window.viewer.layers)
 
-    def show(self, movie: FlatMovie, data: LayerData) -> None:
+    def show(self, movie: MovieMaps, data: LayerData) -> None:
         """Show a movie; layers of the maps of other movies are removed."""
         if self._movie is not movie and self.window.viewer is not None:
             self.window.viewer.layers.clear()
@@ -80,7 +80,7 @@ class MovieWindow(QObject):
 
 
 def shown_frames(
-    layer: Layer, world: str, movie: FlatMovie, point: Sequence[float], **how: Any
+    layer: Layer, world: str, movie: MovieMaps, point: Sequence[float], **how: Any
 ) -> tuple[list[Shown], dict[str, Any]]:
     """Read the values of a layer for each frame of a movie, at the other coordinates of a point of the viewer."""
     if not isinstance(layer, Image | Labels):
@@ -95,16 +95,13 @@ def shown_frames(
     return found, look
 
 
-def flat_movie(movie: FlatMovie, frames: list[Shown], look: dict[str, Any], progress: Progress) -> LayerData:
+def flat_movie(movie: MovieMaps, frames: list[Shown], look: dict[str, Any], progress: Progress) -> LayerData:
     """Return a layer (frame, row, column) with the values of all frames; called in a thread."""
     images: list[FlatImage] = []
-    rasters: dict[float, Any] = {}  # all frames have the same pixels
     for number, (flat_map, values) in enumerate(zip(movie.series, frames, strict=True)):
         if progress("sampling the frames", number, len(frames)) is False:
             raise Cancelled("cancelled while sampling the frames")
-        flat_map._rasters.update(rasters)
         images.append(values.image(flat_map, None))
-        rasters = flat_map._rasters
     data, image, one = np.stack([image.data for image in images]), images[0], frames[0]
     (u, v), size = image.origin, image.pixel_size
     units = ("pixel", image.unit, image.unit) if image.unit != "unknown" else None

@@ -88,7 +88,6 @@ class PreparedMap:
             return self
         if frame not in self.frames:
             planar = movie.series[frame]
-            planar._rasters.update(self.planar._rasters)  # all frames have the same pixels
             points = planar.space.to_scanner(planar.points)
             self.frames[frame] = replace(self, planar=planar, points=points, frame=frame)
             self.frames[frame]._build()

@@ -139,7 +139,6 @@ def to_volume(
         if progress("transferring labels", number, len(frames)) is False:
             raise Cancelled("cancelled while transferring labels")
         of = flat_map if movie is None or frame is None else movie.series[frame]
-        of._rasters.update(flat_map._rasters)  # all frames have the same pixels
         if drawn.at(frame).any():
             regions = drawn.regions(of, frame)
             volumes.append(regions.volume(regions._grid(), depth=wanted).data)

@@ -12,7 +12,7 @@ from voxflat._napari.layers.volumes import TimeAxis
 from voxflat.atlases.atlas import Atlas
 from voxflat.maps.flat_map import FlatMap
 from voxflat.maps.raster import FlatImage
-from voxflat.pipeline.series import FlatSeries
+from voxflat.pipeline.flat_series import FlatSeries
 
 LayerData: TypeAlias = tuple[Any, dict[str, Any], str]  # as in napari: the data, the keywords and the type
 
@@ -21,7 +21,7 @@ STACK = "voxflat_stack"
 
 
 @dataclass(frozen=True, eq=False)
-class FlatMovie:
+class MovieMaps:
     """The maps of all frames of a movie."""
 
     series: FlatSeries
@@ -36,7 +36,7 @@ class FlatLayers:
     layers: list[LayerData]  # images: the values that the map shows, if any, and the distortion
     in_space: list[LayerData] = field(default_factory=list)  # the surface of an atlas
     shown: Shown | None = None  # the values chosen in the form
-    movie: FlatMovie | None = None
+    movie: MovieMaps | None = None
 
 
 def shown_image(flat_map: FlatMap | Atlas, shown: Shown, pixel_size: float | None) -> LayerData:
