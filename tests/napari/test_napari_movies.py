@@ -290,6 +290,27 @@ def test_the_displayed_frame_alone(open_widget, qtbot, embryo):
     wait_for_threads(qtbot)
 
 
+def test_layers_without_units_have_the_axes_of_microscopes_too(open_widget, qtbot, series):
+    layers = layers_of_sample()
+    for layer in layers:
+        layer.units = ("pixel",) * 4
+    viewer, widget = open_widget(*layers)
+    listed(widget.form, qtbot)
+    viewer.dims.set_current_step(0, REFERENCE)
+    run(widget, qtbot)
+    found = ViewerState.of(viewer).current.layers.movie.series
+    assert_array_equal(found.points, series.points)
+    dock = map_dock(viewer, qtbot)
+    dock.depths.setValue(-2)
+    flat = show_movie(dock, qtbot)
+    flat._new_labels()
+    flat.layers[-1].data[:, 60:90, 60:90] = 1
+    dock.segmentations.send.click()
+    assert "Added" in done(dock, qtbot)
+    assert [str(unit) for unit in viewer.layers[-1].units] == ["pixel"] * 4
+    assert_allclose(viewer.layers[-1].extent.world, viewer.layers["embryo"].extent.world)
+
+
 @pytest.mark.parametrize("shape", ["one frame", "channels"])
 def test_layers_of_one_frame_and_of_several_channels(open_widget, qtbot, embryo, shape):
     data = np.stack([labels.data.T for labels in embryo.labels])

@@ -67,16 +67,18 @@ class LayerForm(QWidget):
         self.threshold.follow(layer if isinstance(layer, Image) and not layer.rgb else None)
         self.sampled.refresh()
         self._set_depth()
-        self._set_unit("mm" if layer is None else unit_of(layer))
-
-    def _set_unit(self, unit: str) -> None:
-        """Show the unit of the surface; layers of microscopes have the axes z, y, x."""
-        for box in (self.sample_depth, self.pixel_size):
-            box.setSuffix(f" {unit}")
-        usual = "RAS" if unit == "mm" else "SAR"
+        unit = "mm" if layer is None else unit_of(layer)
+        self._set_unit(unit)
+        is_tissue = unit != "mm" or (layer is not None and layer.ndim > 3)
+        usual = "SAR" if is_tissue else "RAS"  # layers of microscopes have the axes z, y, x
         if usual != self._usual_world:
             self._usual_world = usual
             self.world.setCurrentIndex(self.world.findData(usual))
+
+    def _set_unit(self, unit: str) -> None:
+        """Show the unit of the surface."""
+        for box in (self.sample_depth, self.pixel_size):
+            box.setSuffix(f" {unit}")
 
     def _set_depth(self) -> None:
         if not self._depth_by_user:

@@ -77,10 +77,10 @@ def affine_in_world(prepared: PreparedMap) -> NDArray[np.float64]:
 
 
 def depth_range(prepared: PreparedMap, depth: float = 0.0) -> tuple[float, float]:
-    """Return the depths of regions: of the cortex in mm, or of a tissue up to the displayed depth and a voxel more."""
-    if prepared.unit == "mm":
-        return _CORTEX
-    return min(0.0, depth) - prepared.spacing, max(0.0, depth) + prepared.spacing
+    """Return the depths of regions: of the cortex or, in a tissue, a voxel on both sides, up to a depth."""
+    is_cortex = prepared.unit == "mm" and prepared.run.layers.movie is None
+    low, high = _CORTEX if is_cortex else (-prepared.spacing, prepared.spacing)
+    return min(low, low + depth), max(high, high + depth)
 
 
 def way(prepared: PreparedMap, a: Place, b: Place) -> Drawn:
