@@ -54,3 +54,14 @@ def test_the_movie_is_small_reproducible_and_in_micrometres(embryo):
 @pytest.mark.parametrize("frames", [0, -1, 2.5, True, "6"])
 def test_other_numbers_of_frames_are_refused(frames):
     refused("Pass a positive whole number", samples.embryo, frames)
+
+
+@pytest.mark.slow
+def test_the_positions_show_how_well_a_movie_is_followed(embryo):
+    series = voxflat.flatten_series([voxflat.surface(labels) for labels in embryo.labels])
+    faces = np.ascontiguousarray(series.flat_map.faces)
+    triangles, weights, _ = voxflat._core.NearestFinder(series.points[0], faces).find(embryo.points[0], np.inf)
+    for frame in (1, 2):
+        found = np.einsum("pc,pcx->px", weights, series.points[frame][faces[triangles]])
+        drift = np.linalg.norm(found - embryo.points[frame], axis=1)
+        assert np.median(drift) < 0.03 * np.ptp(embryo.points[frame][:, 0])

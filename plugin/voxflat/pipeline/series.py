@@ -94,20 +94,22 @@ def flatten_series(
         flat_map = cuts.flatten(method, **how)
     else:
         flat_map = first.flatten(method, cuts=cuts, relax=relax, **how)
-    follower = Follower(first.core)
+    done, count = 0, len(frames)
+
+    def tick() -> None:
+        if progress is not None and progress("following the surface", done, count - 1) is False:
+            raise Cancelled("following the surface was cancelled")
+
+    follower = Follower(first.core, tick)
     corners, weights, apart = follower.reference.nearest(flat_map.points)
     if apart.max() > _SAME * follower.reference.size:
         raise InputError(f"the chart belongs to another surface. Make it from the surface of frame {reference}")
-    count = len(frames)
     points = np.empty((count, len(flat_map), 3))
     normals, gaps, folded = points.copy(), np.zeros(count), np.zeros(count, dtype=np.int64)
     points[reference], normals[reference] = flat_map.points, flat_map.normals
-    done = 0
     for order in (range(reference + 1, count), range(reference - 1, -1, -1)):
         places = follower.reference.points
         for frame in order:
-            if progress is not None and progress("following the surface", done, count - 1) is False:
-                raise Cancelled("following the surface was cancelled")
             target = Shape(frames[frame].points, np.ascontiguousarray(frames[frame].faces))
             places = follower.onto(places, target)
             moved = Shape(places, follower.faces)
