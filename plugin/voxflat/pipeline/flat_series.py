@@ -280,7 +280,8 @@ class FlatSeries(Sequence[FlatMap], Recorded):
     def stretches(self, frame: int, since: int | None = None) -> NDArray[np.float64]:
         """Return the two principal stretches at each point: of the map to a frame, or from one frame to another.
 
-        Their product is the factor by which areas change. To show values on the map, pass them to `FlatMap.image`.
+        Their product is the factor by which areas change. To show values on the map, use
+        ``flat_map.raster().interpolate(values)``.
 
         Parameters
         ----------
