@@ -337,7 +337,7 @@ class FlatImage(Recorded):
         Examples
         --------
         >>> tube = voxflat.surface(voxflat.samples.ball()).charts("cylinder")[0].flatten()
-        >>> image = tube.image(tube.points[:, 2]).one_period(tube.period)
+        >>> image = tube.image(voxflat.samples.ball()).one_period(tube.period)
         >>> len(image.data) == round(tube.period / image.pixel_size)
         True
         """
