@@ -24,6 +24,7 @@ def test_the_repr_of_each_public_class_is_a_line(tmp_path):
     worst = voxflat.worst_places(flat_map, 1, beyond=1.0001)
     registration = Registration(cut.surface, points, "left", 0.99, {"scores": points})
     rim = voxflat.rim(voxflat.samples.rim())
+    series = voxflat.flatten_series([voxflat.samples.hill()] * 2)
     results = [
         *(mesh, flat_map, flat_map.distortion, flat_map.distortion.raw, flat_map.distortion.triangles),
         *(flat_map.distortion.standard_error, flat_map.raster(), flat_map.heat_map(), flat_map.look_up(points[:, :2])),
@@ -32,7 +33,7 @@ def test_the_repr_of_each_public_class_is_a_line(tmp_path):
         *(voxflat.surface(mesh).path(0, 1599), voxflat.open_rows(tmp_path / "store"), cut, patch),
         *(Cut(np.arange(1600), 1.5, "given"), voxflat.cite(flat_map)),
         *(rim, rim.profile(rim.thickness()), rim.columns(9), registration, worst, worst.places[0], worst.places[0].cut),
-        voxflat.flatten_series([voxflat.samples.hill()] * 2),
+        *(series, series.images(metric=True), voxflat.samples.embryo(1)),
         *(mesh.space, io.VolumeGeometry(np.eye(3), np.array([3.0, -17.0, 22.0]), filename="x" * 40)),
         io.Volume(np.zeros((30, 40, 50), dtype=np.float32), np.diag([0.7, 0.7, 1.25, 1.0])),
     ]

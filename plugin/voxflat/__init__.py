@@ -40,6 +40,7 @@ __all__ = [
     "Distortion",
     "FlatAtlas",
     "FlatMap",
+    "FlatMovie",
     "FlatSeries",
     "HemisphereError",
     "InputError",
@@ -56,6 +57,7 @@ __all__ = [
     "hemisphere",
     "load",
     "load_atlas",
+    "load_series",
     "map_page",
     "measure",
     "methods",
@@ -87,9 +89,11 @@ if TYPE_CHECKING:
     from voxflat.maps.worst_search import worst_places
     from voxflat.pipeline.check import check
     from voxflat.pipeline.cut_surface import CutSurface
+    from voxflat.pipeline.flat_movie import FlatMovie
+    from voxflat.pipeline.flat_series import FlatSeries, load_series
     from voxflat.pipeline.flatten import flatten
     from voxflat.pipeline.range_image import range_image
-    from voxflat.pipeline.series import FlatSeries, flatten_series
+    from voxflat.pipeline.series import flatten_series
     from voxflat.pipeline.surface import Surface, surface
     from voxflat.surfaces.hemispheres import hemisphere
 else:
@@ -109,9 +113,11 @@ else:
         "maps.worst_search": ("worst_places",),
         "pipeline.check": ("check",),
         "pipeline.cut_surface": ("CutSurface",),
+        "pipeline.flat_movie": ("FlatMovie",),
+        "pipeline.flat_series": ("FlatSeries", "load_series"),
         "pipeline.flatten": ("flatten",),
         "pipeline.range_image": ("range_image",),
-        "pipeline.series": ("FlatSeries", "flatten_series"),
+        "pipeline.series": ("flatten_series",),
         "pipeline.surface": ("Surface", "surface"),
         "surfaces.hemispheres": ("hemisphere",),
     }

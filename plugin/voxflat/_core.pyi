@@ -156,6 +156,7 @@ class Surface:
         seed: int,
         threads: _Threads = None,
         progress: _Progress = None,
+        period: float | None = None,
     ) -> list[_Facts]: ...
     def patches(
         self, limit: str, value: float, seeds: str, seed: int, threads: _Threads = None, progress: _Progress = None
@@ -246,6 +247,18 @@ class Surface:
         start: _Floats | None = None,
         patience: int = 1,
         max_area: float | None = None,
+    ) -> _Facts: ...
+    def periodic(
+        self,
+        opened: Surface,
+        seam: _Uints,
+        sources: _Uints,
+        seed: int,
+        geodesic: str = "graph",
+        weighting: float = 0.5,
+        scale: str = "distances",
+        threads: _Threads = None,
+        progress: _Progress = None,
     ) -> _Facts: ...
 
 @final

@@ -217,7 +217,7 @@ def test_both_hemispheres_share_one_scale_of_lengths_and_colours(flat_map):
     assert letters["L"] < 20 < 170 - 20 < letters["R"]
     means = [axes.images[1].get_array()[..., :3].mean() for axes in (first, second)]
     assert means[0] < means[1]  # viridis is dark for low and light for high values
-    refused("got 3 maps. Pass one map, or the maps of both hemispheres", figures.flat_map, [flat_map] * 3)
+    refused("got 3 maps. Pass one map, or two, such as both hemispheres", figures.flat_map, [flat_map] * 3)
 
 
 def test_a_figure_fills_the_axes_that_it_is_given(flat_map):

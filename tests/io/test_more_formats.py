@@ -107,7 +107,7 @@ def test_a_stack_of_several_volumes_is_read_by_channel(tmp_path, axes, shape, ch
     path, stack = tmp_path / "s.ome.tif", np.random.default_rng(1).integers(0, 99, shape).astype(np.uint8)
     tifffile.imwrite(path, stack, metadata={"axes": axes})
     refused("s.ome.tif: has [236] channels or time points .*Choose one", read_volume, path)
-    refused("has no map 'c7'. Choose one of", read_volume, path, "c7")
+    refused("has no channel 'c7'. Choose one of", read_volume, path, "c7")
     leading = [axis for axis in axes if axis in "TC"]
     expected = np.moveaxis(stack, [axes.index(axis) for axis in leading], range(len(leading)))[channel].T
     number = np.ravel_multi_index(channel, [shape[axes.index(axis)] for axis in leading])
@@ -129,7 +129,7 @@ def test_axes_without_names_are_refused(tmp_path):
     tifffile.imwrite(tmp_path / "c.tif", STACK, imagej=True, metadata={"axes": "CYX"})
     refused(r"one slice and several images \(5 along C\)", read_volume, tmp_path / "c.tif")
     np.save(tmp_path / "p.npy", STACK)
-    refused("channel is 1, but only TIFF and OME-Zarr", read_volume, tmp_path / "p.npy", 1)
+    refused("channel is 1, but only TIFF, HDF5 and OME-Zarr", read_volume, tmp_path / "p.npy", 1)
 
 
 @pytest.mark.parametrize("kind", [nib.Nifti1Pair, nib.AnalyzeImage])

@@ -137,7 +137,11 @@ class TestParcels:
         refused("whole numbers", parcels_of, flat_map, np.linspace(0, 1, 900))
         refused("900 vertices", parcels_of, flat_map, np.zeros(7, np.int64))
         away = voxflat.io.Volume(np.ones((4, 4, 4), np.uint8), np.eye(4) + np.eye(4, k=3) * 500)
-        refused("there are no labels on the map", parcels_of, flat_map, away)
+        refused("does not overlap the map", parcels_of, flat_map, away)
+        small = np.diag([0.1, 0.1, 9.0, 1.0])
+        small[:3, 3] = 5.4, 5.4, -4.0  # between the vertices
+        between = voxflat.io.Volume(np.ones((1, 1, 1), np.uint8), small)
+        refused("there are no labels on the map", parcels_of, flat_map, between)
 
     def test_labels_of_a_volume_are_those_of_the_nearest_voxel(self, flat_map):
         data = np.zeros((40, 40, 5), np.int16)

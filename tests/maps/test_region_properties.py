@@ -2,15 +2,17 @@
 
 import csv
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 import scipy
+import tifffile
+from command_line import fail, succeed
 from mesh_files import grid, icosphere
 from refusals import refused
 
 import voxflat
-from voxflat.io import Volume
 from voxflat.methods import Voxflat
 
 RADIUS = 20.0
@@ -131,6 +133,17 @@ def test_cells_of_a_closed_surface_cover_it(egg):
     assert (found["perimeter"] > np.sqrt(4 * np.pi * found["area"]) * 0.97).all()  # the isoperimetric inequality
 
 
+def test_curvature_is_that_of_the_surface(cap, egg):
+    whole = measured(cap, near(cap, cap.points[cap.ids == 0][0], 9.0, 0.25), 0.25)
+    assert whole["curvature"] == pytest.approx(1 / RADIUS, rel=0.01)
+    at, axes = egg.locate(0.2)[1], np.array([20.0, 12, 10])
+    cells = scipy.spatial.cKDTree(egg.points[:: len(egg) // 30]).query(np.nan_to_num(at))[1] + 1
+    slope = ((at / axes**2) ** 2).sum(axis=-1) ** 1.5
+    true = ((axes**2).sum() - (at**2).sum(axis=-1)) / (2 * axes.prod() ** 2 * slope)
+    found = measured(egg, cells, 0.2, image=true)
+    np.testing.assert_allclose(found["curvature"], found["mean"], rtol=0.06)
+
+
 def test_the_border_of_the_surface_counts_as_perimeter(tube):
     """The whole sheet of 60 x 94 µm ends at its own border."""
     low, high = tube.uv.min(axis=0) - 1, tube.uv.max(axis=0) + 1
@@ -140,24 +153,79 @@ def test_the_border_of_the_surface_counts_as_perimeter(tube):
     assert found["perimeter"] == pytest.approx(2 * (60 + 94), rel=0.01)
 
 
-def test_labels_return_from_an_anisotropic_volume_in_micrometres():
-    """An ellipsoid in voxels of 0.4 x 0.4 x 1 µm: from cells on the map to voxels and back, with Dice >= 0.98."""
-    axes, spacing = np.array([20.0, 12, 10]), np.array([0.4, 0.4, 1.0])
-    shape = np.ceil(2 * (axes + 4) / spacing).astype(int)
-    xyz = (np.moveaxis(np.indices(shape), 0, -1) + 0.5) * spacing - (axes + 4)
-    affine = np.diag([*spacing, 1.0])
-    affine[:3, 3] = 0.5 * spacing - (axes + 4)
-    solid = scipy.ndimage.gaussian_filter((((xyz / axes) ** 2).sum(-1) < 1).astype(np.float32), 1 / spacing)
-    volume = Volume(solid, affine, unit="µm")
-    m = voxflat.surface(volume, threshold=0.5).disk((30, 40, 14), 14.0).flatten(Voxflat(sources=30))
-    at = m.locate(0.5)[1]
-    seeds = m.points[:: len(m) // 12]
+AXES, SPACING = np.array([20.0, 12.0, 10.0]), np.array([0.4, 0.4, 1.0])  # µm, of an ellipsoid and its voxels
+
+
+@pytest.fixture(scope="module")
+def organ(tmp_path_factory):
+    """Write a stack of an ellipsoid with two channels, its map with cuts, and cells on the map; return the folder.
+
+    The first channel is the probability of the inside, and the second is the position along z.
+    """
+    folder = tmp_path_factory.mktemp("organ")
+    shape = np.ceil(2 * (AXES + 4) / SPACING).astype(int)
+    xyz = (np.moveaxis(np.indices(shape), 0, -1)) * SPACING
+    solid = ((((xyz - AXES - 4) / AXES) ** 2).sum(-1) < 1).astype(np.float32)
+    channels = np.stack([scipy.ndimage.gaussian_filter(solid, 1 / SPACING), xyz[..., 2].astype(np.float32)])
+    told = {f"PhysicalSize{axis}": size for axis, size in zip("XYZ", SPACING.tolist(), strict=True)}
+    told |= {"axes": "CZYX", "Channel": {"Name": ["inside", "z position"]}}
+    tifffile.imwrite(folder / "stack.ome.tif", channels.transpose(0, 3, 2, 1), metadata=told)
+    surface = voxflat.surface(voxflat.io.read_volume(folder / "stack.ome.tif", "inside"), threshold=0.5)
+    m = surface.flatten(Voxflat(sources=30))
+    m.save(folder / "map.npz")
+    at = m.locate()[1]
+    seeds = m.points[:: len(m) // 60]
     cells = np.where(np.isnan(at[..., 0]), 0, scipy.spatial.cKDTree(seeds).query(np.nan_to_num(at))[1] + 1)
-    voxels = m.regions(cells, pixel_size=0.5).volume(volume, depth=(-2, 2))
-    how = {"depth": (-1.5, -0.75, 0, 0.75, 1.5), "interpolation": "majority"}
-    back = np.nan_to_num(m.image(voxels, 0.5, **how).data)
-    both = np.count_nonzero((back == cells) & (cells > 0))
-    assert 2 * both / (np.count_nonzero(back) + np.count_nonzero(cells)) >= 0.98
+    tifffile.imwrite(folder / "cells_cp_masks.tif", cells.astype(np.uint16))
+    return folder
+
+
+def overlap(one, other):
+    """Return the Dice coefficient of two label images."""
+    both = np.count_nonzero((one == other) & (one > 0))
+    return 2 * both / (np.count_nonzero(one) + np.count_nonzero(other))
+
+
+@pytest.mark.slow
+def test_labels_return_from_an_anisotropic_volume_in_micrometres(organ, monkeypatch):
+    """From 60 cells on the map to voxels and back, by the command line, across cuts, with Dice >= 0.98."""
+    monkeypatch.chdir(organ)
+    succeed("regions", "map.npz", "--image", "cells_cp_masks.tif", "--depth", "-2,2", "-o", "cells.nii.gz")
+    how = ("--depth", "-1.5:1.5:0.75", "--interpolation", "majority", "--projection", "mean")
+    succeed("image", "map.npz", "--volume", "cells.nii.gz", *how, "-o", "back.tif")
+    cells, back = (tifffile.imread(name) for name in ("cells_cp_masks.tif", "back.tif"))
+    assert overlap(cells, np.nan_to_num(back)) >= 0.98
+    regions = voxflat.load("map.npz").regions("back.tif")
+    drawn = voxflat.load("map.npz").regions("cells_cp_masks.tif")
+    areas = drawn.properties()["area"]
+    np.testing.assert_allclose(regions.properties()["area"], areas, rtol=0.1)
+    corners = drawn.of.points[drawn.of.faces]
+    sides = corners[:, 1:] - corners[:, :1]
+    assert areas.sum() == pytest.approx(np.linalg.norm(np.cross(*sides.swapaxes(0, 1)), axis=1).sum() / 2, rel=0.01)
+
+
+@pytest.mark.slow
+def test_means_of_channels_over_a_range_of_depths(organ, monkeypatch):
+    monkeypatch.chdir(organ)
+    command = ("regions", "map.npz", "--image", "cells_cp_masks.tif", "--volume", "stack.ome.tif")
+    succeed(*command, "-o", "surface.tsv")
+    succeed(*command, "--depth", "-1,1", "-o", "around.tsv")
+    for name, within in (("surface.tsv", 0.02), ("around.tsv", 0.3)):
+        rows = list(csv.DictReader(Path(name).read_text().splitlines(), delimiter="\t"))
+        z, channel = ([float(row[key]) for row in rows] for key in ("z_um", "mean_z_position"))
+        np.testing.assert_allclose(channel, z, atol=within)
+        inside = np.array([float(row["mean_inside"]) for row in rows])
+        np.testing.assert_allclose(inside, 0.5, atol=0.1)
+    fail(
+        1,
+        "--depth is given, but no volume to average over these depths. Pass --volume",
+        *command[:4],
+        "--depth",
+        "-1,1",
+        "-o",
+        "no.tsv",
+    )
+    fail(1, "missing.tif", *command[:5], "missing.tif", "-o", "no.tsv")
 
 
 def test_the_table_has_names_units_and_one_row_per_region(tube, tmp_path):
@@ -192,5 +260,9 @@ def test_refusals(cap, tmp_path):
     refused(r"the image has shape \(3, 3\), but the map has", regions.properties, np.zeros((3, 3)))
     refused("the image are 'a'. Give numbers", regions.properties, "a")
     refused("pixel size", regions.properties, pixel_size=-1.0)
-    refused("does not store voxels, so volume and depth do not apply", regions.save, tmp_path / "a.tsv", depth=(0, 1))
+    refused("depth is given, but no volume to average", regions.save, tmp_path / "a.tsv", depth=(0, 1))
+    for depth in (1.0, (1, 0), (0, np.inf)):
+        refused("depth is", regions.save, tmp_path / "a.tsv", volume=np.ones(len(cap)), depth=depth)
+    for name in ("a.annot", "a.label"):
+        refused("does not store voxels, so volume and depth do not apply", regions.save, tmp_path / name, depth=(0, 1))
     assert list(tmp_path.iterdir()) == []

@@ -121,7 +121,7 @@ class TestVoxels:
         assert INNER + 0.49 < radius.min() <= radius.max() < INNER + 2.0
         assert np.count_nonzero(found) * 0.125 == pytest.approx(np.pi * 100 * 1.5 * (21.25 / 20) ** 2, rel=0.03)
         refused(r"has no pial surface. Pass depth", regions.volume, grid)
-        refused(r"depth is 2 to 1 mm. Pass two finite numbers, the smaller one", regions.volume, grid, depth=(2, 1))
+        refused(r"depth is 2 to 1. Pass two finite numbers, the smaller one", regions.volume, grid, depth=(2, 1))
         refused("the depth is None. Give a number", regions.volume, grid, depth=(None, 1.0))
 
     def test_the_flattened_volume_is_the_default(self, tmp_path):

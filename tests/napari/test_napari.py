@@ -56,7 +56,7 @@ def test_menus_of_a_real_viewer(make_napari_viewer):
     for menu, names in (("Transform", transforms), ("Measure", measures)):
         assert {f"{name} (voxflat)" for name in names} <= set(texts_of_menu(viewer.window.layers_menu, menu))
     assert texts_of_menu(viewer.window.plugins_menu, "voxflat") == [f"{name} (voxflat)" for name in DOCKS]
-    samples = ["Demo cortex (MNI152)", "Demo rim (synthetic gyrus)"]
+    samples = ["Demo cortex (MNI152)", "Demo rim (synthetic gyrus)", "Synthetic embryo"]
     assert texts_of_menu(viewer.window.file_menu, "Open Sample", "voxflat") == samples
 
 

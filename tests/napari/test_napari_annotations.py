@@ -20,9 +20,10 @@ from numpy.testing import assert_allclose, assert_array_equal
 from qtpy.QtCore import Qt
 
 import voxflat
-from voxflat._napari.map_viewer.annotations import FAR, Annotation, on_map
+from voxflat._napari.map_viewer.annotations import Annotation, on_map
 from voxflat._napari.map_viewer.patch_outline import edges, in_slice, width
 from voxflat._napari.map_viewer.viewer_parts import canvas_widget
+from voxflat.maps.plane import LIMIT
 
 RADIUS = 20.0
 
@@ -62,7 +63,7 @@ def test_points_above_a_plane_are_projected_onto_it(plane, corners):
     points = corners + np.array([0, 0, 7])
     colours = np.arange(4 * len(points), dtype=np.uint8).reshape(-1, 4)
     found = on_map(plane, [Annotation(points, colours, [], np.empty((0, 4), np.uint8))])
-    near = np.abs(corners[:, 2]) <= FAR
+    near = np.abs(corners[:, 2]) <= LIMIT
     assert_array_equal(found.colours, colours[near])
     flat = np.column_stack([points[:, :2], np.full(len(points), 7)])
     assert_allclose(found.dots, plane.places(flat)[near], atol=1e-6)
@@ -138,7 +139,8 @@ def test_the_map_follows_what_is_drawn_in_the_volume(flattened, qtbot):
     flat_map = dock.prepared.run.flat_map
 
     def expected(spots):
-        return flat_map.points_to_map(spots * [2, 0.5, 3] + [5, -4, 7])[0]
+        placed = 1000 * (spots * [2, 0.5, 3] + [5, -4, 7])
+        return flat_map.points_to_map(placed[..., ::-1], dock.prepared.far)[0]  # the axes are z, y, x
 
     def same(found, spots):
         wanted = expected(spots)

@@ -32,17 +32,22 @@ def test_affine_agrees_with_the_layer(kind, transform):
         assert_allclose(affine[:3, :3] @ voxel + affine[:3, 3], layer.data_to_world(voxel), atol=1e-9)
 
 
-def test_units_become_millimetres():
+def test_units_become_millimetres_except_micrometres():
     data = np.ones((4, 4, 4))
     microns = LayerVolume.of(Image(data, scale=(250, 250, 500), translate=(1000, 0, 0), units="micrometer"))
-    assert_allclose(microns.place.affine, [[0.25, 0, 0, 1], [0, 0.25, 0, 0], [0, 0, 0.5, 0], [0, 0, 0, 1]])
-    assert microns.origin["unit"] == "micrometer"
+    assert_allclose(microns.read().affine, [[250, 0, 0, 1000], [0, 250, 0, 0], [0, 0, 500, 0], [0, 0, 0, 1]])
+    assert (microns.origin["unit"], microns.read().unit) == ("micrometer", "µm")
+    for units, size in (("cm", 10.0), (("mm", "um", "um"), 1.0)):
+        other = LayerVolume.of(Image(data, scale=(1, 1, 1) if units == "cm" else (1, 1000, 1000), units=units))
+        assert_allclose(other.read().affine, np.diag([size, size, size, 1]))
+        assert other.read().unit == "mm"
     pixels = LayerVolume.of(Image(data))
     assert_allclose(pixels.place.affine, np.eye(4))
     assert "taken as mm" in pixels.origin["unit"]
     points, faces, _ = bumps(4)
     mesh = LayerMesh.of(Surface((points, faces), scale=(250, 250, 500), translate=(1000, 0, 0), units="micrometer"))
-    assert_allclose(mesh.read().points, points * [0.25, 0.25, 0.5] + [1, 0, 0])
+    assert_allclose(mesh.read().points, points * [250, 250, 500] + [1000, 0, 0])
+    assert mesh.place.unit == "µm"
     assert_array_equal(LayerMesh.of(Surface((points, faces))).read().points, points)
     for of, layer in ((LayerVolume, Image(data)), (LayerMesh, Surface((points, faces)))):
         layer.units = ("second", "mm", "mm")

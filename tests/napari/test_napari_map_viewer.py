@@ -41,21 +41,23 @@ def to_map(dock, qtbot, u, v):
 
 @pytest.mark.parametrize("unit", ["mm", "micrometer"])
 def test_map_and_volume_are_linked(flattened, qtbot, unit):
-    """Lookups in both directions, for a mesh with another unit and axes other than RAS."""
+    """Lookups in both directions, for a mesh in mm with the axes x, y, z, and one in µm with the axes z, y, x."""
     points, faces, values = bumps()
     factor = {"mm": 1.0, "micrometer": 1000.0}[unit]
     place = {"scale": factor * SCALE, "translate": factor * CORNER, "units": unit}
     volume = Image(np.random.default_rng(0).random((60, 60, 30)).astype(np.float32), name="v", **place)
     viewer, _, dock = flattened(volume, Surface((points, faces, values), name="bumps", **place))
     flat_map = dock.prepared.run.flat_map
+    assert dock.prepared.unit == {"mm": "mm", "micrometer": "µm"}[unit]
     world = factor * (points * SCALE + CORNER)
+    axes = {"mm": [0, 1, 2], "micrometer": [2, 1, 0]}[unit]  # of the world, for x, y and z
     u, v = flat_map.uv[int(np.flatnonzero(flat_map.ids == 12 * 25 + 12)[0])]
 
     # the map points: the ring is where the vertex is, in a slice of any depth and in 3D
     to_map(dock, qtbot, u, v)
     marked = dock.link.to_world(dock.link._marked)
-    pixel = 1 / dock.canvas.scale_factor  # mm on the map; the surface is stretched by at most 3 here
-    assert_allclose(marked / factor, world[312] / factor, atol=6 * pixel)
+    pixel = 1 / dock.canvas.scale_factor  # on the map; the surface is stretched by at most 3 here
+    assert_allclose(marked, world[312], atol=6 * pixel)
     told = int(re.search(r"vertex (\d+) ", dock.text.text())[1])  # a pixel is half of what vertices are apart here
     assert any({312, told} <= set(triangle) for triangle in flat_map.ids[flat_map.faces].tolist())
     canvas = canvas_widget(dock)
@@ -77,7 +79,7 @@ def test_map_and_volume_are_linked(flattened, qtbot, unit):
     camera(viewer).set_view_direction(view_direction=(0.1, 0.1, -1), up_direction=(0, -1, 0))
     camera(viewer).center = world[312]
     wait_until_drawn(viewer, qtbot)
-    expected = flat_map.points_to_map(world[312] / factor)[0]
+    expected = flat_map.points_to_map(world[312][axes])[0]
 
     def ring():
         """Point at the middle of the canvas, and return where the ring of the map is."""
@@ -85,21 +87,21 @@ def test_map_and_volume_are_linked(flattened, qtbot, unit):
         return np.array([dock.canvas.ring.pos().x(), -dock.canvas.ring.pos().y()])
 
     # the sliders, that 3D has not, give their height to the canvas when Qt comes to it
-    qtbot.waitUntil(lambda: np.abs(ring() - expected).max() < 1.5, timeout=PATIENCE)
+    qtbot.waitUntil(lambda: np.abs(ring() - expected).max() < 1.5 * factor, timeout=PATIENCE)
     assert dock.canvas.ring.isVisible()
 
     # a click on the map: the slices go there
     viewer.dims.ndisplay = 2
     dock.canvas.fit()
     qtbot.mouseClick(dock.canvas.viewport(), Qt.MouseButton.LeftButton, pos=dock.canvas.position(u, v))
-    assert_allclose(np.array(viewer.dims.point) / factor, world[312] / factor, atol=6 * pixel + 1)
-    assert_allclose(np.array(camera(viewer).center)[-2:] / factor, world[312][1:] / factor, atol=6 * pixel)
+    assert_allclose(np.array(viewer.dims.point), world[312], atol=6 * pixel + factor)
+    assert_allclose(np.array(camera(viewer).center)[-2:], world[312][1:], atol=6 * pixel)
     wait_until_drawn(viewer, qtbot)
 
     # and in the slice: the ring of the map comes to the middle
-    there = np.array([viewer.dims.point[0], *camera(viewer).center[-2:]]) / factor  # the slice is that of a voxel
-    expected = flat_map.points_to_map(there)[0]
-    qtbot.waitUntil(lambda: np.abs(ring() - expected).max() < 1.5, timeout=PATIENCE)
+    there = np.array([viewer.dims.point[0], *camera(viewer).center[-2:]])  # the slice is that of a voxel
+    expected = flat_map.points_to_map(there[axes])[0]
+    qtbot.waitUntil(lambda: np.abs(ring() - expected).max() < 1.5 * factor, timeout=PATIENCE)
     found = ring()
     click_middle(canvas, qtbot)
     seen, viewport = dock.canvas.position(*found), dock.canvas.viewport()

@@ -74,15 +74,16 @@ def test_disk_of_a_mesh_in_microns(open_widget, qtbot):
     affine[:3, 3] = (1000, 2000, 3000)
     viewer, widget = open_widget(Surface((points, faces), name="bumps", affine=affine, units="micrometer"))
     choose(widget.form.patch, "disk")
+    choose(widget.form.world, "RAS")
     widget.form.seed.set_point(312)
-    widget.form.radius.setValue(7)
+    widget.form.radius.setValue(7000)
     run(widget, qtbot)
-    placed = points * [0.25, -0.5, 0.5] + [1, 2, 3]
+    placed = points * [250.0, -500, 500] + [1000, 2000, 3000]
     turned = Mesh(placed, faces[:, ::-1], space=Space("scanner"))  # mirrored: outside stays outside
-    expected = voxflat.surface(turned).disk(312, 7).flatten()
+    expected = voxflat.surface(turned, unit="µm").disk(312, 7000).flatten()
     same_map(viewer.layers["bumps distortion"], expected)
     assert "bumps flattened" not in viewer.layers  # it has no values
-    assert np.linalg.norm(expected.points - placed[312], axis=1).max() <= 7
+    assert np.linalg.norm(expected.points - placed[312], axis=1).max() <= 7000
 
 
 def test_closed_surface_is_cut_open_with_a_warning(open_widget, qtbot):

@@ -55,7 +55,7 @@ POINTS, FACES, _ = bumps()
 BAD_LAYERS = [
     (lambda: Labels(np.zeros((9, 9, 9), dtype=np.uint8)), "every voxel is 0"),
     (lambda: Labels(np.ones((9, 9), dtype=np.uint8)), "2 dimensions"),
-    (lambda: Labels(np.ones((2, 9, 9, 9), dtype=np.uint8)), "4 dimensions"),
+    (lambda: Labels(np.zeros((2, 9, 9, 9), dtype=np.uint8)), "frame 0: no voxel"),
     (lambda: Image(np.where(cap() > 0, 3, np.nan), contrast_limits=(0, 3)), "NaN"),
     (lambda: Surface((np.zeros((3, 2)), np.array([[0, 1, 2]]))), "2 dimensions"),
     (lambda: Surface((POINTS, np.array([[0, 1, 26, 25]]))), "not triangles (4 corners)"),

@@ -140,7 +140,7 @@ def point_at(hand, flat, row):
 
     def told():
         hand.move(flat.canvas.viewport(), flat.canvas.position(u, v))
-        return "mm" in flat.text.text()
+        return any(f" {unit} · " in flat.text.text() for unit in ("mm", "µm"))
 
     hand.wait(told)
 
@@ -285,3 +285,43 @@ def test_a_rim(window, pictures, look, tmp_path, qtbot):
     height = np.ptp(shown.layers[0].extent.world[:, 1])
     hand.wait(lambda: height * shown.camera.zoom < shown.window._qt_viewer.canvas.size[0])  # all of the map is visible
     assert shown.window._qt_window.grab().save(str(tmp_path / "flat_volume.png"))
+
+
+def test_a_movie(window, pictures, look, tmp_path):
+    """Flatten all frames, paint a cell on the flat movie, and find it in the volume at another time."""
+    viewer, hand = window(SMALL)
+    hand.menu("File", "Open Sample", "voxflat", "Synthetic embryo")
+    hand.menu("Layers", "Transform", "Flatten surface (voxflat)")
+    widget = dock(viewer, "Flatten surface")
+    hand.wait(lambda: "voxels" in widget.form.label.currentText())
+    assert widget.form.frames.currentText() == "all frames with one map"
+    assert widget.form.sampled.currentText() == "nuclei"
+    viewer.dims.set_current_step(0, 0)
+    flat = flatten(hand, viewer)
+    flat.depths.setValue(-4)
+    hand.press(flat.movie)
+    hand.wait(flat.movie.isEnabled)
+    shown = flat.movies.window.viewer
+    shown._new_labels()
+    cells = shown.layers[-1]
+    flat_map = flat.prepared.run.flat_map
+    cells.name, cells.brush_size = "cells", 14
+    for number, x in enumerate((-50, 0, 50), 1):  # on the side that faces the camera
+        u, v = flat_map.uv[np.linalg.norm(flat_map.points - (x, 0, 30), axis=1).argmin()]
+        for frame in range(6):
+            cells.paint(np.round(cells.world_to_data((frame, -v, u))), number)
+    hand.press(flat.segmentations.send)
+    hand.wait(lambda: "Added" in flat.text.text())
+    viewer.dims.set_current_step(0, 5)
+    viewer.dims.ndisplay = 3
+    hand.press(flat.on_surface)
+    hand.wait(lambda: flat.is_drawn)
+    found = viewer.layers["cells in the volume"]
+    assert [np.unique(frame).tolist() for frame in found.data] == [[0, 1, 2, 3]] * 6
+    assert shown.dims.current_step[0] == 5
+    viewer.layers["nuclei"].visible = False
+    viewer.reset_view()
+    point_at(hand, flat, int(np.linalg.norm(flat_map.points - (25, 10, 30), axis=1).argmin()))
+    hand.picture(pictures / "napari_tissue.png")
+    assert shown.window._qt_window.grab().save(str(tmp_path / "flat_movie.png"))
+    look(hand, viewer, "movie", *parts_of(flat), flat.movie, flat.segmentations.send)

@@ -72,7 +72,8 @@ def test_only_chunks_at_the_surface_are_read(kind):
     layer = Image(levels, multiscale=True, units=("pixel", *("um",) * 3), scale=(1, 250, 250, 250), name="microscope")
     volume = LayerVolume.of(layer, step=(1,)).read()
     assert_array_equal(volume.data, channels[1])  # of the finest level
-    assert_allclose(volume.affine, np.diag([0.25, 0.25, 0.25, 1]))
+    assert_allclose(volume.affine, np.diag([250, 250, 250, 1]))
+    assert volume.unit == "µm"
     points, faces = grid(21, 21, 0.25)  # mm: voxels 2 to 22 of 0.25 mm
     prepared = prepared_map_of(points + np.array([0.5, 0.5, 3.1]), faces)
     read.clear()

@@ -131,7 +131,8 @@ def test_the_largest_component_is_that_of_the_largest_area_and_so_it_is_told():
         both = np.vstack([first[0], second[0]]), np.vstack([first[1], second[1] + len(first[0])])
         flat = voxflat.flatten(both, Voxflat(sources=9))
         assert len(flat) == len(coarse[0])
-        warning = "the surface has 2 components; only the largest is used (80.0 % of the area)"
+        warning = "the surface has 2 components; only the largest is used (80.0 % of the area). "
+        warning += "To use another one, select its label or keep a part"
         assert flat.metadata["warnings"][0] == warning
         found = voxflat.check(both)
         assert (found.components, found.used) == ((len(coarse[0]), len(fine[0])), len(coarse[0]))

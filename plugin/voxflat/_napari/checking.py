@@ -71,6 +71,7 @@ class CheckSurface(Findings):
         self._viewer = napari_viewer
         ViewerState.of(napari_viewer)  # prevents crashes when layers are removed
         self._origin: dict[str, str] = {}
+        self._unit = "mm"
 
     def look(self) -> None:
         try:
@@ -78,7 +79,7 @@ class CheckSurface(Findings):
         except VoxflatError as error:
             self._fail(error)
             return
-        self._origin = source.origin
+        self._origin, self._unit = source.origin, source.place.unit
         self._work(partial(_checked, source, foreground), self._action, self._show)
 
     def _release(self) -> None:
@@ -96,14 +97,14 @@ class CheckSurface(Findings):
         name = f"defects of {self._origin['layer']}"
         if name in self._viewer.layers:
             self._viewer.layers.remove(name)
-        places = [handle["centre"] for handle in found.handles]  # RAS+ mm
-        texts = [f"handle (loop of {handle['length']:.1f} mm)" for handle in found.handles]
+        places = [handle["centre"] for handle in found.handles]  # RAS+
+        texts = [f"handle (loop of {handle['length']:.1f} {self._unit})" for handle in found.handles]
         if found.thin is not None and found.thin["place"] is not None:
             places.append(found.thin["place"])
-            texts.append(f"thinnest part ({found.thin['worst']:.2f} mm)")
+            texts.append(f"thinnest part ({found.thin['worst']:.2f} {self._unit})")
         if not places:
             return
-        units = None if self._origin["unit"].startswith("pixel") else ("mm",) * 3
+        units = None if self._origin["unit"].startswith("pixel") else (self._unit,) * 3
         points = from_ras(np.array(places), self._origin["world_axes"])
         self._viewer.add_points(points, name=name, units=units, features={"finding": texts}, **_PLACES)
 

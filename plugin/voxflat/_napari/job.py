@@ -13,13 +13,23 @@ from voxflat._napari.layers.foreground import surface_of
 from voxflat._napari.layers.meshes import LayerMesh
 from voxflat._napari.layers.sampled import Overlay, Shown
 from voxflat._napari.layers.seed import Seed
-from voxflat._napari.layers.volumes import LayerVolume
-from voxflat._napari.results.flat_layers import FlatLayers
+from voxflat._napari.layers.volumes import LayerVolume, TimeAxis
+from voxflat._napari.results.flat_layers import FlatLayers, MovieMaps
 from voxflat._napari.results.maps import map_layers, page_layers
 from voxflat.arguments import Progress
-from voxflat.errors import Cancelled
+from voxflat.errors import Cancelled, InputError
 from voxflat.maps.flat_map import FlatMap
 from voxflat.methods import METHODS, Method
+from voxflat.pipeline.series import flatten_series
+
+
+@dataclass(frozen=True, eq=False)
+class Frames:
+    """All frames of a movie."""
+
+    volumes: tuple[LayerVolume, ...]
+    reference: int  # the frame that is flattened
+    time: TimeAxis
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,9 +51,12 @@ class Job:
     shown: Shown | None = None
     values: Overlay | None = None  # the values at the vertices of the mesh
     start: FlatMap | None = None  # the map to start from
+    frames: Frames | None = None  # to flatten all frames of a movie
 
     def run(self, progress: Progress) -> FlatLayers:
         _tell(progress, "reading the layer")
+        if self.frames is not None:
+            return self._flatten_all(self.frames, progress)
         flat_map = self._flatten(progress)
         flat_map = replace(flat_map, metadata={**flat_map.metadata, "napari": self.surface.origin})
         _draw(progress, "map")
@@ -67,6 +80,23 @@ class Job:
         if corners is not None:
             part = part.polygon(corners, progress=progress)
         return part.flatten(method, **how, progress=progress)
+
+    def _flatten_all(self, frames: Frames, progress: Progress) -> FlatLayers:
+        """Flatten all frames of a movie with one map."""
+        surfaces = []
+        for number, volume in enumerate(frames.volumes):
+            try:
+                surfaces.append(surface_of(volume, progress, label=self.label, threshold=self.threshold))
+            except InputError as error:
+                raise InputError(f"frame {number}: {error}") from error
+        method, _, how = self.split()
+        series = flatten_series(surfaces, method, reference=frames.reference, **how, progress=progress)
+        flat_map = series.flat_map
+        flat_map = replace(flat_map, metadata={**flat_map.metadata, "napari": self.surface.origin})
+        _draw(progress, "map")
+        layers = map_layers(flat_map, self.surface.origin["layer"], pixel_size=self.pixel_size)
+        movie = MovieMaps(replace(series, flat_map=flat_map), frames.time)
+        return replace(layers, shown=self.shown, movie=movie)
 
     def split(self) -> tuple[Method, NDArray[Any] | None, dict[str, Any]]:
         """Split the options into the method, the excluded vertices, and keyword arguments of `Surface.flatten`."""

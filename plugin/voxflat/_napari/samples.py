@@ -1,4 +1,4 @@
-"""Sample data: a human cortex to flatten, and a synthetic rim."""
+"""Sample data: a human cortex to flatten, a synthetic rim, and a synthetic embryo."""
 
 import importlib
 import threading
@@ -49,6 +49,20 @@ def demo_rim() -> list[LayerData]:
     return [
         (activity, {"name": "activity", "colormap": "inferno", **place}, "image"),
         (labels, {"name": "rim", "opacity": 0.4, **place}, "labels"),
+    ]
+
+
+def demo_embryo() -> list[LayerData]:
+    """Open a movie of a growing embryo with nuclei, and its segmentation, with the axes t, z, y, x."""
+    embryo = samples.embryo()
+    nuclei, labels = (np.stack([volume.data.T for volume in volumes]) for volumes in (embryo.images, embryo.labels))
+    first = embryo.images[0]
+    scale, translate = ((1.0 * time, *place[::-1]) for time, place in ((1, first.spacing), (0, first.affine[:3, 3])))
+    place: dict[str, Any] = {"scale": scale, "translate": translate, "axis_labels": tuple("tzyx")}
+    place["units"] = ("pixel", *["µm"] * 3)
+    return [
+        (nuclei, {"name": "nuclei", "colormap": "gray", "contrast_limits": (0, 255), **place}, "image"),
+        (labels, {"name": "embryo", "opacity": 0.3, **place}, "labels"),
     ]
 
 

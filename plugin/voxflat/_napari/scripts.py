@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from voxflat._core import __version__
-from voxflat._napari.job import Job, PatchesJob
+from voxflat._napari.job import Frames, Job, PatchesJob
 from voxflat._napari.layers.foreground import RIMS
 from voxflat._napari.layers.meshes import LayerMesh
 from voxflat._napari.layers.sampled import Overlay, Sampled, Shown
@@ -77,6 +77,9 @@ class _Script:
         return "\n\n".join([about, *("\n".join(block) for block in blocks if block)]) + "\n"
 
     def _of_job(self, job: Job) -> None:
+        if job.frames is not None:
+            self._of_movie(job, job.frames)
+            return
         pial = None if job.pial is None else _Code(self._surface(job.pial, "pial"))
         self._whole(job, pial=pial)
         if job.polygon is not None:
@@ -99,10 +102,29 @@ class _Script:
         self._call("flat_map", "surface.flatten", self._method(job, method), how)
         self._result("flat_map", job.shown, job.pixel_size)
 
+    def _of_movie(self, job: Job, frames: Frames) -> None:
+        """Add the lines that flatten all frames of a movie."""
+        volumes = [volume.read() for volume in frames.volumes]
+        arrays = {"data": np.stack([volume.data for volume in volumes]), "affine": volumes[0].affine}
+        saved = self._load(job.surface.origin["layer"], **arrays)
+        self._readers.add("Volume")
+        place = f'{saved}["affine"], unit={volumes[0].unit!r}'
+        self._lines.append(f'volumes = [Volume(frame, {place}) for frame in {saved}["data"]]')
+        how = "threshold" if job.label is None else "label"
+        self._lines.append(f"surfaces = [voxflat.surface(volume, {how}={getattr(job, how)!r}) for volume in volumes]")
+        method, _, options = job.split()
+        first = ", ".join(filter(None, ["surfaces", self._method(job, method)]))
+        self._call("series", "voxflat.flatten_series", first, {"reference": frames.reference, **options})
+        self._lines.append("flat_map = series.flat_map")
+        self._result("flat_map", None, job.pixel_size)
+
     def _whole(self, job: Job | PatchesJob, **given: Any) -> None:
         """Add the lines that make the surface."""
         source = self._surface(job.surface)
         if job.rim is None:
+            unit = job.surface.place.unit
+            if isinstance(job.surface, LayerMesh) and unit != "mm":
+                given["unit"] = unit
             given = {"label": job.label, "threshold": job.threshold, **given}
             self._call("surface", "voxflat.surface", source, given)
         else:
@@ -181,7 +203,8 @@ class _Script:
             return
         self._readers.add("Volume")
         saved = self._load(name, data=volume.data, affine=volume.affine)
-        self._lines.append(f'{variable} = Volume({saved}["data"], {saved}["affine"])')
+        unit = "" if volume.unit == "mm" else f", unit={volume.unit!r}"
+        self._lines.append(f'{variable} = Volume({saved}["data"], {saved}["affine"]{unit})')
 
     def _mesh(self, mesh: Mesh, name: str, variable: str) -> None:
         self._readers.add("Mesh")

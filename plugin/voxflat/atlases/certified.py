@@ -328,13 +328,13 @@ def load_atlas(path: str | os.PathLike[str]) -> FlatAtlas | GluedAtlas:
     return GluedAtlas.load(path) if is_glued else FlatAtlas.load(path)
 
 
-def saved_kind(path: str | os.PathLike[str]) -> Literal["map", "atlas"] | None:
-    """Return the kind of a file that `FlatMap.save` or `Atlas.save` wrote; None for other or unreadable files."""
+def saved_kind(path: str | os.PathLike[str]) -> Literal["map", "series", "atlas"] | None:
+    """Return the kind of a file that voxflat wrote; None for other or unreadable files."""
     try:
         with np.load(path, allow_pickle=False) as file:
             names = set(file.files)
     except Exception:  # damaged files raise many kinds of errors
         return None
     if {"uv", "ids", "metadata"} <= names:
-        return "map"
+        return "series" if "series_points" in names else "map"
     return "atlas" if {"uv", "uv_faces", "text"} <= names else None

@@ -72,7 +72,7 @@ class Program(cloup.Group):
         if cmd_name not in self.commands:
             return None
         module = importlib.import_module(f"voxflat.cli.commands.{self.modules[cmd_name]}")
-        command: click.Command = getattr(module, f"{cmd_name}_command")
+        command: click.Command = getattr(module, f"{cmd_name.replace('-', '_')}_command")
         command.context_settings = {**self.context_settings, **command.context_settings}  # accept -h in all parsers
         self.commands[cmd_name] = command
         return command

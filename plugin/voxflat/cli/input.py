@@ -1,13 +1,18 @@
 """Create the surface, or the part of a surface, that a command processes."""
 
-from collections.abc import Callable
+import itertools
+import os
+import re
+import statistics
+import textwrap
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 import click
 
 from voxflat._core import __version__
-from voxflat.arguments import Progress
+from voxflat.arguments import Progress, log
 from voxflat.cli.output import WRITTEN
 from voxflat.errors import HemisphereError, InputError
 from voxflat.io.provenance import check_beside
@@ -21,7 +26,7 @@ _MAKING = ("label", "threshold", "spacing", "unit", "probability", "pial", "repa
 
 def surface_of(input_: Path, given: dict[str, Any], progress: Progress | None) -> Surface:
     """Create the surface of an input, and remove the surface options from the command's options."""
-    how, side = {name: given.pop(name) for name in _MAKING}, given.pop("hemisphere")
+    how, side = {name: given.pop(name, None) for name in _MAKING}, given.pop("hemisphere", None)
     channel, smooth = given.pop("channel"), given.pop("smooth")
     source = input_ if channel is None else read_volume(input_, int(channel) if channel.isdigit() else channel)
     made = _made(source, given, how, side, progress)
@@ -33,7 +38,7 @@ def _made(
 ) -> Surface:
     """Create the surface of a file or a volume."""
     limits = {name: given[name] for name in ("memory_limit", "threads") if name in given}
-    if given.pop("rim"):
+    if given.pop("rim", False):
         if refused := [name for name in ("label", "threshold", "unit", "probability", "pial", "repair") if how[name]]:
             raise InputError(f"--{refused[0]} and --rim cannot be combined. Give only one of them.")
         return rim(input_, hemisphere=side, spacing=how["spacing"], **limits, progress=progress).surface
@@ -59,6 +64,32 @@ def _made(
         message = f"{str(error).rstrip('.')}. {picture} shows the voxels that were assumed to be white matter."
         raise InputError(message) from error
     return surface(found, repair=how["repair"] or "voxels", **limits, progress=progress)
+
+
+def check_numbers(paths: Sequence[Path]) -> None:
+    """Warn if the numbers in the names of frames have gaps or are not ascending, as in an alphabetical order."""
+    names = [re.split(r"([0-9]+)", os.fspath(path)) for path in paths]
+    if len({len(parts) for parts in names}) > 1:
+        return
+    columns = list(zip(*names, strict=True))
+    varying = [n for n, column in enumerate(columns) if len(set(column)) > 1]
+    if len(varying) != 1 or varying[0] % 2 == 0:  # the names differ in more than one number
+        return
+    digits = columns[varying[0]]
+    steps = [int(after) - int(before) for before, after in itertools.pairwise(digits)]
+    usual = statistics.mode([step for step in steps if step > 0] or [1])
+    missing = []
+    for n, step in enumerate(steps):
+        if step < 0:
+            told = "%s comes before %s, so the frames are not in the order of their numbers. Pass them in their order"
+            log.warning(told, paths[n], paths[n + 1])
+            return
+        gap = range(int(digits[n]) + usual, int(digits[n + 1]), usual) if step else ()
+        ends = [str(gap[at]).zfill(len(digits[n])) for at in ((0, -1) if len(gap) > 1 else (0,) if gap else ())]
+        files = ["".join([*names[n][: varying[0]], end, *names[n][varying[0] + 1 :]]) for end in ends]
+        missing += [" to ".join(files)] if files else []
+    if missing:
+        log.warning("frames are missing: %s", textwrap.shorten(", ".join(missing), 300, placeholder=" ..."))
 
 
 def part_of(given: dict[str, Any], progress: Progress | None) -> Callable[[Surface], Surface]:

@@ -21,7 +21,7 @@ from voxflat.io.volumes import read_volume
 from voxflat.methods import METHODS, Grossmann2002, Method, Saucan2006, Schwartz1989, Voxflat
 from voxflat.methods.voxflat import SCALES
 from voxflat.pipeline.surface import Surface, surface
-from voxflat.surfaces.charts import MOST_CHARTS
+from voxflat.surfaces.charts import CYLINDER, MOST_CHARTS
 from voxflat.surfaces.standard.choice import AUTOMATIC
 from voxflat.surfaces.standard.template import STANDARD
 
@@ -257,23 +257,16 @@ def _for_each_side(command: Callable[..., None]) -> Callable[..., None]:
     return each
 
 
-_surface_options = section(
-    "Input",
+_of_volumes = (
     option_of(read_volume, "channel"),
     option_of(surface, "label", type=int),
     option_of(surface, "threshold", type=float),
-    choice(
-        "--hemisphere",
-        ["left", "right", "both"],
-        "Extract this hemisphere from a white-matter volume or a whole-brain segmentation. The cerebellum and the "
-        'brain stem are removed, and the ventricles and deep nuclei are filled. "both" runs the command once per '
-        "hemisphere and writes lh.OUT and rh.OUT.",
-    ),
-    flag("--rim", "Treat INPUT as a rim, as for voxflat layers, and use the surface halfway between its borders."),
+)
+_of_grids = (
     option_of(surface, "spacing", metavar="X,Y,Z", callback=three(float, "0.5,0.5,0.5")),
     option_of(surface, "unit", type=click.Choice(UNITS), sentences=2),
-    option_of(surface, "probability", type=FILE, metavar="FILE"),
-    option_of(surface, "pial", type=FILE, metavar="FILE", sentences=2),
+)
+_of_surfaces = (
     option_of(surface, "repair", type=click.Choice(["none", "voxels", "cuts"])),
     value(
         "--smooth",
@@ -282,6 +275,23 @@ _surface_options = section(
         "A few voxels are usual.",
         type=float,
     ),
+)
+frame_options = section("Input", *_of_volumes, *_of_grids, *_of_surfaces)  # of the surface of each frame
+_surface_options = section(
+    "Input",
+    *_of_volumes,
+    choice(
+        "--hemisphere",
+        ["left", "right", "both"],
+        "Extract this hemisphere from a white-matter volume or a whole-brain segmentation. The cerebellum and the "
+        'brain stem are removed, and the ventricles and deep nuclei are filled. "both" runs the command once per '
+        "hemisphere and writes lh.OUT and rh.OUT.",
+    ),
+    flag("--rim", "Treat INPUT as a rim, as for voxflat layers, and use the surface halfway between its borders."),
+    *_of_grids,
+    option_of(surface, "probability", type=FILE, metavar="FILE"),
+    option_of(surface, "pial", type=FILE, metavar="FILE", sentences=2),
+    *_of_surfaces,
 )
 
 
@@ -336,7 +346,7 @@ where_cut = (
     ),
     option_of(Surface.cut, "sphere", type=FILE, metavar="FILE"),
 )
-further_cuts = (
+relaxation = (
     cloup.option(
         "--relax/--no-relax",
         default=None,
@@ -345,21 +355,32 @@ further_cuts = (
         "[default: --relax, unless --cuts or a patch file specifies the cuts]",
     ),
     value("--relax-length", "MM", _RELAX_LENGTH, type=click.FloatRange(min=0), is_eager=True),
-    option_of(Surface.cut, "adapt", type=POSITIVE, metavar="MM"),
 )
+further_cuts = (*relaxation, option_of(Surface.cut, "adapt", type=POSITIVE, metavar="MM"))
 cuts = section("Cuts", *where_cut, *further_cuts)
+frame_cuts = section("Cuts", where_cut[0], *relaxation)  # of the reference frame
 choice_of_cuts = section("Cuts", *where_cut)  # for commands that do not add relaxation cuts
+
+
+def _count_of_charts(ctx: click.Context, param: click.Parameter, value: str | None) -> int | str | None:
+    """Return a number of charts, or "cylinder"."""
+    if value is None or value == CYLINDER:
+        return value
+    if not value.isdecimal() or not 1 <= int(value) <= MOST_CHARTS:
+        raise click.BadParameter(f"{value!r} is neither a number from 1 to {MOST_CHARTS} nor '{CYLINDER}'.")
+    return int(value)
 
 
 charts = section(
     "Charts",
     value(
         "--charts",
-        "N",
+        "N|cylinder",
         "Divide a closed organ, or a tube with two open ends, into N charts that reach from end to end, with the axis "
         "horizontal and the anterior end on the left. 1 cuts it along a seam. 2 writes front.OUT and back.OUT, and "
-        "larger numbers write chart1.OUT, chart2.OUT, and so on.",
-        type=click.IntRange(1, MOST_CHARTS),
+        "larger numbers write chart1.OUT, chart2.OUT, and so on. 'cylinder' writes a periodic map of a tube as "
+        "cylinder.OUT, and the ends of a closed organ as anterior.OUT and posterior.OUT.",
+        callback=_count_of_charts,
     ),
     option_of(
         Surface.charts,

@@ -24,6 +24,7 @@ COMMANDS = {
     "layers": ("layers", "Divide the grey matter of a segmentation into layers."),
     "measure": ("distortion", "Measure the distortion of flat maps made by any tool."),
     "movie": ("drawing", "Make a movie of a time series on one or two flat maps."),
+    "movie-map": ("flatten", "Flatten the surfaces of all frames of a movie into one flat map."),
     "paint": ("layers", "Transfer a flat volume to the voxels of the grey matter."),
     "patches": ("patches", "Flatten a surface in patches with certified distortion."),
     "path": ("distances", "Find the shortest path through points on a surface."),

@@ -176,7 +176,8 @@ def measure(
 
     Distances are measured on the surface as cut for the map: over the triangles of the map, and not across its seams.
     For a map in several charts, distances are measured within each chart, each at its own best scale, and averaged over
-    all pairs; `compare` also returns each chart.
+    all pairs; `compare` also returns each chart. For a voxflat map with a `FlatMap.period`, distances are measured
+    across its seam, and to the nearest copy on the map.
 
     Parameters
     ----------
@@ -187,8 +188,8 @@ def measure(
         in the same order; a voxflat map (.npz); the texture coordinates of an .obj, .ply, .glb or .vtp; or positions
         (``places``) in the plane, in mm. The triangles of the map are measured or, if it has none, the triangles of the
         surface whose corners all have a position. A third coordinate must be constant. ``vertices`` gives the vertex of
-        the surface for each position, so that cuts may duplicate vertices. If a vertex of an .obj file has several
-        texture coordinates, the surface is cut there.
+        the surface for each position, so that cuts may duplicate vertices. The surface is cut
+        where a vertex has several texture coordinates; points that a file has split there are found by their position.
     sources : int, optional
         Number of random points from which distances are measured. By default 300, or fewer if exact distances on a
         large surface would take more than half a minute on two cores: 69 for 32,000 points, 6 for 160,000 points or
@@ -299,17 +300,22 @@ def compare(
     for name, one in matched.items():
         geometry.check(name, one)
     charts = {name: charts_of(one) for name, one in matched.items()}
-    groups = _grouped([one for parts in charts.values() for one, _ in parts])
+    joined = {id(one): one.joined() for parts in charts.values() for one, _ in parts}
+    groups = _grouped([one for one, _ in joined.values()])
     if sources is None:
         sources = _usual_sources([len(group[0][0].uv) for group in groups], reference)
-    shares = {id(one): len(rows) / len(matched[name].uv) for name, parts in charts.items() for one, rows in parts}
+    shares = {
+        id(joined[id(one)][0]): len(rows) / len(matched[name].uv)
+        for name, parts in charts.items()
+        for one, rows in parts
+    }
     # rows beyond this limit are computed twice
     kept = int(max(_core.KEPT_BYTES, (free_memory() if memory_limit is None else memory_limit) // _KEPT_SHARE))
     distances: dict[int, dict[str, Any]] = {}
     for group, chosen in zip(groups, _sources(groups, shares, int(min(sources, _MOST_SOURCES)), seed), strict=True):
         first = group[0][0]
         places = [one.uv[order] for one, order in group]
-        found = first.core.judge(places, chosen, reference, kept, seed, threads, progress)
+        found = first.core.judge(places, chosen, reference, kept, seed, threads, progress, period=first.period)
         for (one, order), measured in zip(group, found, strict=True):
             per_point = np.empty_like(measured["per_point"])
             per_point[order] = measured["per_point"]
@@ -321,7 +327,9 @@ def compare(
             topology = _topology(one)
             more = {"topology": topology, "voxel_size": whole.voxel_size, "unit": whole.metadata.get("unit", "mm")}
             triangles = one.core.measure(one.uv, progress)
-            of_charts.append(Distortion._of(distances[id(one)], triangles, reference, **more))
+            closed, at = joined[id(one)]
+            of_distances = distances[id(closed)] | {"per_point": distances[id(closed)]["per_point"][at]}
+            of_charts.append(Distortion._of(of_distances, triangles, reference, **more))
             called = name if len(parts) == 1 else f"{name}, chart {number}".removeprefix(", ")
             measured[called] = MeasuredMap(one.uv, one.vertices, one.core.faces, of_charts[-1])
         if len(parts) > 1:
@@ -337,7 +345,7 @@ def _grouped(matched: list[Matched]) -> list[list[tuple[Matched, NDArray[np.int6
     for one in matched:
         for group in groups:
             order = group[0][0].correspondence(one)
-            if order is not None:
+            if order is not None and group[0][0].period == one.period:
                 group.append((one, order))
                 break
         else:

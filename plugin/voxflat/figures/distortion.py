@@ -188,6 +188,8 @@ def spectrum(flat_map: FlatMap) -> Figure:
     """
     checked_kind(flat_map, "flat map", "eigenvalues", "a FlatMap")
     values = flat_map.eigenvalues
+    if flat_map.period is not None:
+        raise InputError("a periodic map has no eigenvalues, because distances around a tube are not those in a plane")
     if len(values) == 0:
         told = "the map has no eigenvalues because it was made without sources"
         raise InputError(f"{told}. Flatten with sources=3 or more")

@@ -44,16 +44,18 @@ def flat_map(
     width: float | None = None,
     ax: Axes | None = None,
 ) -> Figure:
-    """Draw a flat map, or the maps of both hemispheres side by side.
+    """Draw a flat map, or two maps side by side at the same scale.
 
-    The figure shows the folds, data over them, the borders and names of parcels, a scale bar, and the names of cuts.
+    The figure shows the folds, data over them, the borders and names of parcels, a scale bar, the names of cuts, and
+    the hemisphere or the name of the chart.
     Arrows show anatomical directions at the middle of the map if the space of the surface is known. A warning lists
     names that do not fit into their parcels. PNG files are at least 1,700 pixels wide.
 
     Parameters
     ----------
     flat_map : FlatMap, or sequence of two
-        A flat map, or the maps of the left and the right hemisphere, which share one colour scale.
+        A flat map, or two maps that share one colour scale, such as those of the left and the right hemisphere, or of
+        the front and the back of an embryo.
     overlay : Overlay, path, ndarray, image object or Volume, optional
         Data to draw over the folds: any input that `FlatMap.image` accepts, or an `Overlay` with display options. For
         two maps, pass a volume or CIFTI file that covers both, or a sequence of two inputs.
@@ -159,10 +161,10 @@ def flat_map(
 
 
 def maps_of(given: object) -> list[FlatMap]:
-    """Return the maps to draw: one map, or the maps of both hemispheres."""
+    """Return the maps to draw: one map, or two."""
     maps: list[Any] = list(given) if isinstance(given, list | tuple) else [given]
     if not 1 <= len(maps) <= 2:
-        raise InputError(f"got {len(maps)} maps. Pass one map, or the maps of both hemispheres")
+        raise InputError(f"got {len(maps)} maps. Pass one map, or two, such as both hemispheres")
     for one in maps:
         checked_kind(one, "flat map", "eigenvalues", "a FlatMap")
     return maps

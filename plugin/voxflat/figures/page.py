@@ -255,10 +255,14 @@ class Page:
                 self.text(letter[0], letter[1], one.letter, "marks")
             x += 6.5
         which = side(flat_map)
-        if which is None:
-            return x + 1.0
-        self.text(x, middle, which, "marks", size=9, weight="bold")
-        return x + 4.5
+        if which is not None:
+            self.text(x, middle, which, "marks", size=9, weight="bold")
+            return x + 4.5
+        chart = flat_map.metadata.get("chart", {"count": 1})
+        if chart["count"] != 1:
+            self.text(x - 3.0, middle, chart["name"], "marks", ha="left", va="center_baseline", weight="bold")
+            return x + text_size(chart["name"], _FONT)[0]
+        return x + 1.0
 
 
 def pixels_of(figure: Figure) -> NDArray[np.uint8]:

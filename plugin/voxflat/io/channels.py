@@ -6,7 +6,7 @@ import math
 import re
 import textwrap
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -50,6 +50,7 @@ class Channels:
     names: tuple[str, ...]  # one per channel; empty strings if the file does not name them
     read: Callable[[int], NDArray[Any]]  # the argument is the number of a channel, from 0
     timing: Timing | None = None  # if the channels are frames of a series with known times
+    called: str = "map"  # what messages call a channel
 
     def __len__(self) -> int:
         """Return the number of channels."""
@@ -66,26 +67,31 @@ class Channels:
         count = len(self)
         if channel is None:
             if count > 1:
-                raise InputError(f"has {count} maps ({self.listed()}). Choose one by its name or number (channel)")
+                several = f"has {count} {self.called}s ({self.listed()})"
+                raise InputError(f"{several}. Choose one by its name or number (channel)")
             return 0
+        if count == 1 and channel not in (0, -1, "0", "-1", self.names[0]):
+            raise InputError(f"has only one {self.called}, but channel is {shown(channel)}. Omit channel")
         if isinstance(channel, str):
             found = [n for n, name in enumerate(self.names) if name == channel]
             if len(found) == 1:
                 return found[0]
             if len(found) > 1:
-                raise InputError(f"has {len(found)} maps named {channel!r} (numbers {found}). Choose one by its number")
+                several = f"has {len(found)} {self.called}s named {channel!r} (numbers {found})"
+                raise InputError(f"{several}. Choose one by its number")
             if not re.fullmatch(r"-?[0-9]+", channel):
-                raise InputError(f"has no map {channel!r}. Choose one of {self.listed()}")
+                raise InputError(f"has no {self.called} {channel!r}. Choose one of {self.listed()}")
             channel = int(channel)
         if isinstance(channel, bool | np.bool_) or not isinstance(channel, int | np.integer):
             raise InputError(f"channel is {shown(channel)}. Pass the name or the number of a channel")
         if not -count <= channel < count:
-            raise InputError(f"has no map {channel}. Pass a number from 0 to {count - 1}")
+            named = f" ({self.listed()})" if any(self.names) else ""
+            raise InputError(f"has no {self.called} {channel}. Pass a number from 0 to {count - 1}{named}")
         return int(channel) % count
 
     def mapped(self, change: Callable[[NDArray[Any]], NDArray[Any]]) -> Channels:
         """Return the same channels, with a function that is applied to each channel when it is read."""
-        return Channels(self.names, lambda n: change(self.read(n)), self.timing)
+        return replace(self, read=lambda n: change(self.read(n)))
 
     def of_file(self, path: Path | None) -> Channels:
         """Return the same channels with errors that name the file, because it is read long after it is opened."""
@@ -96,7 +102,7 @@ class Channels:
             with naming(path, REMEDY):
                 return self.read(n)
 
-        return Channels(self.names, read, self.timing)
+        return replace(self, read=read)
 
     @classmethod
     def of_array(cls, values: NDArray[Any], names: Sequence[str] | None = None) -> Channels:

@@ -1,9 +1,9 @@
-"""Read volumes that are larger than memory in chunks (dask, zarr, OME-Zarr, TIFF); each required chunk is read once."""
+"""Read volumes larger than memory in chunks (dask, zarr, OME-Zarr, HDF5, TIFF); each required chunk is read once."""
 
 import json
 import math
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from voxflat.errors import InputError
 from voxflat.io.channels import Channels
 from voxflat.io.files import REMEDY, check_regular, naming, require
+from voxflat.io.formats.hdf5 import HDF5_ENDINGS, hdf5_block, open_hdf5
 from voxflat.io.formats.tiff import TIFF_ENDINGS, open_tiff
 from voxflat.io.grid import LONG_NAMES, Affine, check_axes, millimetres
 from voxflat.io.reading import check_room, note
@@ -25,6 +26,7 @@ PLACE_BYTES = 360
 _WHOLE = 1 << 28
 """Largest size in bytes of a volume in a TIFF file that is read at once."""
 
+_CALLED = "channel"  # what messages call a volume in a stack
 _CHANNEL_BYTES = 1000  # bytes of memory per channel before any voxel is read
 
 _HEADERS = ("zarr.json", ".zattrs", ".zarray", ".zgroup")
@@ -113,18 +115,21 @@ class Chunked:
 
 
 @dataclass(frozen=True, eq=False)
-class _ZarrArray:
-    """Represent an array in a Zarr directory, whose chunks are decompressed by C code in a child process."""
+class _StoredArray:
+    """Represent an array in a Zarr directory or an HDF5 file, which C code decompresses in a child process."""
 
     path: Path
     shape: tuple[int, ...]
     dtype: np.dtype[Any]
     chunks: tuple[int, ...]
+    package: str
+    read: Callable[..., NDArray[Any]]  # reads a box in the child process
+    name: tuple[str, ...] = ()  # of the dataset in a file
 
     def __getitem__(self, key: tuple[int | slice, ...]) -> NDArray[Any]:
         at = [[one.start, one.stop] if isinstance(one, slice) else one for one in key]
-        values = math.prod(one[1] - one[0] for one in at if isinstance(one, list))
-        found: NDArray[Any] = read_in_subprocess(zarr_block, "zarr", self.path, at, size=values * self.dtype.itemsize)
+        size = self.dtype.itemsize * math.prod(one[1] - one[0] for one in at if isinstance(one, list))
+        found: NDArray[Any] = read_in_subprocess(self.read, self.package, self.path, at, *self.name, size=size)
         return found
 
 
@@ -149,8 +154,9 @@ def is_zarr_path(obj: object) -> bool:
 
 
 def is_stack_path(obj: object) -> bool:
-    """Return whether an object is the path to a microscopy stack: a TIFF file or a Zarr directory."""
-    return is_zarr_path(obj) or (isinstance(obj, str | os.PathLike) and str(obj).lower().endswith(TIFF_ENDINGS))
+    """Return whether an object is the path to a microscopy stack: a TIFF or HDF5 file, or a Zarr directory."""
+    is_path = isinstance(obj, str | os.PathLike)
+    return is_zarr_path(obj) or (is_path and str(obj).lower().endswith((*TIFF_ENDINGS, *HDF5_ENDINGS)))
 
 
 def voxels_at(data: Any, low: NDArray[np.integer[Any]], offsets: NDArray[np.integer[Any]]) -> NDArray[Any]:
@@ -181,11 +187,12 @@ def voxels_at(data: Any, low: NDArray[np.integer[Any]], offsets: NDArray[np.inte
 
 
 def chunked_of(obj: object) -> tuple[Channels, Affine | None, str] | None:
-    """Return the channels, affine and unit of a chunked array, OME-Zarr path or TIFF file, or None for other input."""
+    """Return the channels, affine and unit of a chunked array or stack file, or None for other input."""
     if is_zarr_path(obj):
         return _ome_zarr(Path(str(obj)))
     if is_stack_path(obj):
-        return _tiff(Path(str(obj)))
+        path = Path(str(obj))
+        return _hdf5(path) if path.name.lower().endswith(HDF5_ENDINGS) else _tiff(path)
     if not is_chunked(obj):
         return None
     array: Any = obj
@@ -231,7 +238,32 @@ def _tiff(path: Path) -> tuple[Channels, Affine | None, str]:
         (x, y, z), fixed = stack.at(n)
         return Chunked(stack.array, (x, y, z), fixed, path=path)
 
-    return Channels(stack.names, read).of_file(path), stack.affine, stack.unit
+    return Channels(stack.names, read, called=_CALLED).of_file(path), stack.affine, stack.unit
+
+
+def _hdf5(path: Path) -> tuple[Channels, None, str]:
+    """Open the stack in an HDF5 file, which does not define the size of voxels."""
+    check_regular(path)
+    found = open_hdf5(path)
+    note(path)
+    how: dict[str, Any] = {"package": "h5py", "read": hdf5_block, "name": (found.name,)}
+    array = _StoredArray(path, found.shape, found.dtype, found.chunks, **how)
+    _check(array, array.chunks)
+    return _channels(array, found.axes, path), None, "mm"
+
+
+def _channels(array: Any, names: Sequence[str], path: Path) -> Channels:
+    """Return the volumes of an array, which differ along all axes other than x, y and z."""
+    x, y, z = (names.index(axis) for axis in "xyz")
+    others = [axis for axis in range(len(names)) if axis not in (x, y, z)]
+    check_room(_CHANNEL_BYTES * math.prod(array.shape[axis] for axis in others))
+    each: list[Any] = []
+    titles = []
+    for number in np.ndindex(*(array.shape[axis] for axis in others)):
+        fixed = tuple(zip(others, map(int, number), strict=True))
+        each.append(Chunked(array, (x, y, z), fixed, path=path))
+        titles.append(" ".join(f"{names[axis]}{n}" for axis, n in fixed if array.shape[axis] > 1))
+    return Channels(tuple(titles), each.__getitem__, called=_CALLED)
 
 
 def _ome_zarr(path: Path) -> tuple[Channels, Affine, str]:
@@ -254,7 +286,8 @@ def _ome_zarr(path: Path) -> tuple[Channels, Affine, str]:
         if (file / name).exists():
             check_regular(file / name)
     opened = zarr.open_array(str(file), mode="r")
-    array = _ZarrArray(file, tuple(map(int, opened.shape)), np.dtype(opened.dtype), tuple(map(int, opened.chunks)))
+    shape, chunks = tuple(map(int, opened.shape)), tuple(map(int, opened.chunks))
+    array = _StoredArray(file, shape, np.dtype(opened.dtype), chunks, "zarr", zarr_block)
     axes = told.get("axes") or [{"name": name} for name in "tczyx"[-len(array.shape) :]]
     axes = [axis if isinstance(axis, dict) else {"name": axis} for axis in axes]
     names = [str(axis.get("name")) for axis in axes]
@@ -290,15 +323,7 @@ def _ome_zarr(path: Path) -> tuple[Channels, Affine, str]:
         affine[row, 3] = sign * shift[axis] * length
     if abs(np.linalg.det(affine)) == 0:
         raise InputError("has a singular affine: an axis has no extent, or two axes are parallel. Correct its metadata")
-    others = [axis for axis in range(len(names)) if axis not in spatial]
-    check_room(_CHANNEL_BYTES * math.prod(array.shape[axis] for axis in others))
-    each: list[Any] = []
-    titles = []
-    for number in np.ndindex(*(array.shape[axis] for axis in others)):
-        fixed = tuple(zip(others, map(int, number), strict=True))
-        each.append(Chunked(array, (spatial[0], spatial[1], spatial[2]), fixed, path=path))
-        titles.append(" ".join(f"{names[axis]}{n}" for axis, n in fixed if array.shape[axis] > 1))
-    return Channels(tuple(titles), each.__getitem__), affine, unit
+    return _channels(array, names, path), affine, unit
 
 
 def _multiscales(path: Path) -> tuple[dict[str, Any] | None, Path | None]:

@@ -52,10 +52,11 @@ def by_ending(path: Path, table: dict[str, Callable[..., Any]], more: str = "") 
     raise InputError(f"unknown file name ending {path.suffix!r}. Use one of {', '.join(table)}{more}")
 
 
+_LAB = ("distributed", "h5py", "imageio_ffmpeg", "itk", "nilearn", "svgelements", "xatlas", "zarr")
 EXTRAS = {
     **dict.fromkeys(("napari", "qtpy", "superqt"), "napari"),
     **dict.fromkeys(("pyvista", "vtkmodules"), "pyvista"),
-    **dict.fromkeys(("distributed", "imageio_ffmpeg", "itk", "nilearn", "svgelements", "xatlas", "zarr"), "lab"),
+    **dict.fromkeys(_LAB, "lab"),
 }
 """Optional packages, keyed by import name, with the extra that installs each of them."""
 
@@ -85,7 +86,7 @@ def check_format(path: str | os.PathLike[str], found: object, known: str | int, 
         raise InputError(f"{path} has the format {found!r}, but this version of voxflat reads {known!r}. {remedy}")
 
 
-_loading: ContextVar[object] = ContextVar("voxflat_loading", default=None)
+_loading: ContextVar[Callable[[str], None] | None] = ContextVar("voxflat_loading", default=None)
 
 
 def nibabel_image(path: str | os.PathLike[str], **options: Any) -> Any:
@@ -103,20 +104,20 @@ def nibabel_image(path: str | os.PathLike[str], **options: Any) -> Any:
 
 
 @contextmanager
-def retelling(path: str | os.PathLike[str], logger: str) -> Iterator[None]:
-    """Redirect another package's log messages to voxflat's log, and add the file name."""
-    logging.getLogger(logger).addFilter(_to_own_log)
-    token = _loading.set(path)
+def retelling(path: str | os.PathLike[str], logger: str, take: Callable[[str], None] | None = None) -> Iterator[None]:
+    """Redirect another package's log messages to a function or, with the file name, to voxflat's log."""
+    logging.getLogger(logger).addFilter(_redirected)
+    token = _loading.set(take or (lambda message: log.warning("%s: %s", path, message)))
     try:
         yield
     finally:
         _loading.reset(token)
 
 
-def _to_own_log(record: logging.LogRecord) -> bool:
-    if (path := _loading.get()) is not None:
-        log.warning("%s: %s", path, record.getMessage())
-    return path is None
+def _redirected(record: logging.LogRecord) -> bool:
+    if (take := _loading.get()) is not None:
+        take(record.getMessage())
+    return take is None
 
 
 def one_line(error: Exception) -> str:
@@ -137,6 +138,8 @@ def naming(name: object, remedy: str) -> Iterator[None]:
     except MemoryError:
         raise
     except InputError as error:
+        if str(error).startswith(f"{name}: "):
+            raise
         raise InputError(f"{name}: {error}") from error
     except Exception as error:
         if isinstance(error, OSError) and error.errno not in OF_DAMAGE:

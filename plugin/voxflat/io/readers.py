@@ -51,6 +51,10 @@ def read(path: Path) -> Read:
 def read_array(path: Path) -> NDArray[Any]:
     """Read the array of a .npy file."""
     with path.open("rb") as file:
+        if _header(file)[1].hasobject:
+            told = "contains Python objects, which could run programs when they are loaded"
+            raise InputError(f"{told}. Save an array, or the masks of cellpose as TIFF")
+        file.seek(0)
         check_room(_need_of(file, path.stat().st_size))
         file.seek(0)
         return np.lib.format.read_array(file, allow_pickle=False)

@@ -3,13 +3,15 @@
 import os
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import Any, TypeAlias, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from voxflat.arguments import array_of, check_memory
+from voxflat.arguments import array_of, check_memory, log
 from voxflat.errors import InputError
+from voxflat.io.chunks import is_stack_path
 from voxflat.io.files import REMEDY, naming
 from voxflat.io.grid import given_affine
 from voxflat.io.meshes import Mesh, is_mesh_name, read_mesh
@@ -38,6 +40,9 @@ def taken(
                     f"unit is {unit!r}, but this volume defines its voxel size in {volume.unit}. Omit unit"
                 )
             volume = replace(volume, unit=unit)
+        if not volume.is_placed and is_stack_path(volume.path):
+            told = "%s does not define the size of its voxels, which is assumed to be 1 %s. Pass spacing and unit"
+            log.warning(told, Path(str(volume.path)).name, volume.unit)
         check_memory(_BYTES_PER_VOXEL * volume.data.size, memory_limit, "crop or downsample the volume")
         return volume
     if unit is not None or mesh.path is not None or mesh.unit_remark is None:  # for files, the reader reports it

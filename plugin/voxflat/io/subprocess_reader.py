@@ -1,6 +1,6 @@
 """Run readers written in C++ in a child process.
 
-ITK, VTK and the decoders of Zarr chunks and pictures trust the files that they read. A damaged file can crash the
+ITK, VTK, HDF5 and the decoders of Zarr chunks and pictures trust the files that they read. A damaged file can crash the
 process, take all its memory, print messages, or never finish. Therefore, they run in a child process, which starts on
 first use and restarts after a crash. The system limits its memory and time for each file. Its output is discarded, and
 its answers, JSON and the bytes of arrays, are checked here. If reading fails, the caller gets a one-line error. Windows
@@ -91,7 +91,7 @@ def read_in_subprocess(
 
 # display name, and an attribute that triggers loading (ITK loads lazily)
 _PACKAGES = {"itk": ("ITK", "ImageIOFactory"), "vtkmodules": ("VTK", "__name__")}
-_PACKAGES |= {"PIL": ("Pillow", "__name__"), "zarr": ("Zarr", "__name__")}
+_PACKAGES |= {"PIL": ("Pillow", "__name__"), "zarr": ("Zarr", "__name__"), "h5py": ("HDF5", "__name__")}
 
 _lock = threading.Lock()
 _child: subprocess.Popen[bytes] | None = None

@@ -125,6 +125,21 @@ def check_faces(faces: ArrayLike, n: int) -> NDArray[np.int64]:
     return np.ascontiguousarray(array, dtype=np.int64)
 
 
+def first_coordinates(coordinates: Points, faces: Faces, n: int) -> tuple[Points, tuple[str, ...]]:
+    """Return the first texture coordinate of each of n points, and a remark if any has several.
+
+    The coordinates of the corners of the faces have shape (F, 3, 2), and are NaN where there are none.
+    """
+    check_faces(faces, n)
+    is_there = ~np.isnan(coordinates).any(axis=2)
+    corners, places = faces[is_there], coordinates[is_there]
+    texture = np.full((n, 2), np.nan)
+    texture[corners[::-1]] = places[::-1]  # the last assignment is the first in the file
+    seam = np.unique(corners[(texture[corners] != places).any(axis=1)])
+    text = f"has points on texture seams ({len(seam)}); each keeps only its first texture coordinate"
+    return texture, (text,) if len(seam) else ()
+
+
 def as_float32(points: Points) -> NDArray[np.float32]:
     """Round to float32; raise an error for values that it cannot represent."""
     with np.errstate(over="ignore"):

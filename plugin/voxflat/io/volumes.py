@@ -17,12 +17,13 @@ from voxflat.arguments import array_of, checked_path, shown
 from voxflat.errors import InputError
 from voxflat.io.chunks import Chunked, chunked_of, is_chunked, is_stack_path
 from voxflat.io.files import REMEDY, atomic_path, by_ending, naming, require, save_array
+from voxflat.io.formats.hdf5 import HDF5_ENDINGS
 from voxflat.io.formats.tiff import TIFF_ENDINGS
 from voxflat.io.grid import Affine, check_affine, named_unit, scaled, volume_shape
 from voxflat.io.provenance import Record, Recorded, as_text
 from voxflat.io.readers import ITK_TYPES, LPS_TO_RAS, READERS, read
 
-VOLUME_ENDINGS = (*READERS, *TIFF_ENDINGS)
+VOLUME_ENDINGS = (*READERS, *TIFF_ENDINGS, *HDF5_ENDINGS)
 """Endings of the names of volume files."""
 
 _CHECK = "check that this format can hold it"
@@ -174,9 +175,10 @@ def read_volume(path: str | os.PathLike[str], channel: int | str | None = None) 
     ----------
     path : path
         ``.nii``, ``.nii.gz``, ``.nrrd``, ``.nhdr``, ``.mha``, ``.mhd``, ``.mgh``, ``.mgz``, ``.npy``, ``.npz`` with one
-        array, or with ``data`` and optionally ``affine``, ``.tif``, ``.tiff``, or an OME-Zarr directory.
+        array, or with ``data`` and optionally ``affine``, ``.tif``, ``.tiff``, ``.h5`` or ``.hdf5`` of ilastik, or an
+        OME-Zarr directory.
     channel : int or str, optional
-        Number (from 0) or name of the channel to read from a TIFF or OME-Zarr file with several channels or time
+        Number (from 0) or name of the channel to read from a TIFF, HDF5 or OME-Zarr file with several channels or time
         points, such as 1, "nuclei" or "t0 c1". By default, the only one.
 
     Returns
@@ -212,11 +214,11 @@ def volume_of_file(path: str | os.PathLike[str], channel: int | str | None = Non
         channels, affine, unit = found
         if channel is None and len(channels) > 1:
             several = f"has {len(channels)} channels or time points ({channels.listed()})"
-            raise InputError(f"{several}. Choose one with voxflat.io.read_volume(path, channel)")
+            raise InputError(f"{several}. Choose one with --channel or voxflat.io.read_volume(path, channel)")
         data: Any = channels.read(channels.find(channel))
         return Volume._placed(data.whole() if isinstance(data, Chunked) else data, affine, unit, Path(path))
     if channel not in (None, 0):
-        raise InputError(f"channel is {shown(channel)}, but only TIFF and OME-Zarr files have channels. Omit channel")
+        raise InputError(f"channel is {shown(channel)}, but only TIFF, HDF5 and OME-Zarr files have channels. Omit it")
     return Volume._placed(*read(Path(path)), path=Path(path))
 
 

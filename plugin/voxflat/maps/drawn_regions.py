@@ -15,7 +15,7 @@ from voxflat.arguments import array_of, log, numbers_of
 from voxflat.errors import InputError
 from voxflat.io.files import REMEDY, check_regular, contents, from_json, naming
 from voxflat.io.formats.svg import Outline, read_outlines
-from voxflat.io.grid import millimetres
+from voxflat.io.grid import in_unit, millimetres
 from voxflat.io.readers import read_array
 from voxflat.io.reading import note
 from voxflat.io.sources import as_volume
@@ -23,7 +23,7 @@ from voxflat.io.volumes import VOLUME_ENDINGS
 from voxflat.maps.colours import all_whole, label_colour
 from voxflat.maps.lines import ellipse
 from voxflat.maps.plane import Planar
-from voxflat.maps.raster import FlatImage, Raster, nearest_inside
+from voxflat.maps.raster import FlatImage, Raster, nearest_inside, rows_in, rows_of_period
 from voxflat.maps.regions import Regions
 from voxflat.maps.sampling import majority
 from voxflat.maps.textures.pictures import decoded, header
@@ -172,8 +172,8 @@ def _drawn(of: Planar, outlines: Sequence[Outline]) -> Regions:
         if (corners.max(axis=0) < low).any() or (corners.min(axis=0) > high).any():
             raise InputError(
                 f"{outline.name} lies outside the map: its centre is at u = {corners[:, 0].mean():.4g}, "
-                f"v = {corners[:, 1].mean():.4g} mm, but the map extends from ({low[0]:.4g}, {low[1]:.4g}) to "
-                f"({high[0]:.4g}, {high[1]:.4g}) mm. Draw it on the map"
+                f"v = {corners[:, 1].mean():.4g}, but the map extends from ({low[0]:.4g}, {low[1]:.4g}) to "
+                f"({high[0]:.4g}, {high[1]:.4g}). Draw it on the map"
             )
     drawn = _Drawn(tuple(outlines), tuple(keys[outline.name] for outline in outlines))
     counts = np.zeros(len(uv), dtype=np.int64)
@@ -192,10 +192,14 @@ def _pixels(of: Planar, data: Any, pixel_size: float | None) -> Regions:
         told = f"the label image has shape {values.shape} and data type {values.dtype}"
         raise InputError(f"{told}. Pass an array of whole numbers with shape (H, W)")
     raster = of.raster(pixel_size)
+    period = of._triangles.on_surface.metadata.get("period")
+    if period is not None and values.shape == (rows_in(period, raster.pixel_size), raster.shape[1]):
+        values = values[rows_of_period(raster, len(values))]  # from `FlatImage.one_period`
     if raster.shape != values.shape:
+        size = in_unit(f"{raster.pixel_size:g} mm", {"unit": raster.unit})
         raise InputError(
             f"the label image has {values.shape[1]} x {values.shape[0]} pixels, but the map has {raster.shape[1]} x "
-            f"{raster.shape[0]} at {raster.pixel_size:g} mm per pixel. Pass the pixel size of the label image"
+            f"{raster.shape[0]} at {size} per pixel. Pass the pixel size of the label image"
         )
     if not all_whole(values):
         raise InputError("the label image has values that are not whole numbers. Pass labels instead of intensities")
@@ -227,10 +231,10 @@ def _of_shapes(layer: Any) -> list[Outline]:
 
 def _read_polygons(path: Path) -> list[Outline]:
     """Read polygons keyed by name: {"V1": [[u, v], ...]}, with one or several polygons each."""
-    with naming(path, 'write {"name": [[u, v], ...]} in mm'):
+    with naming(path, 'write {"name": [[u, v], ...]} in the unit of the map'):
         content = from_json(contents(path))
         if not isinstance(content, dict):
-            raise InputError('is not a JSON object. Write {"name": [[u, v], ...]} in mm')
+            raise InputError('is not a JSON object. Write {"name": [[u, v], ...]} in the unit of the map')
         return [Outline(name, _loops(loops, name)) for name, loops in content.items() if name != "provenance"]
 
 

@@ -207,6 +207,25 @@ class FlatMap(Planar):
         """
         return self._triangles.on_surface.volume_shape
 
+    @property
+    def period(self) -> float | None:
+        """The period of a map of a tube, in mm, or None.
+
+        The map of the chart "cylinder" of `Surface.charts` repeats in v with this period: it continues beyond its upper
+        side at its lower side. Its distortion compares distances around the tube with distances to the nearest copy.
+
+        See Also
+        --------
+        Surface.charts : Divide a surface into charts.
+
+        Examples
+        --------
+        >>> voxflat.samples.hill().flatten().period is None
+        True
+        """
+        period = self.metadata.get("period")
+        return None if period is None else float(period)
+
     @cached_property
     def spacing(self) -> float:
         """The typical distance between neighbouring points, in mm.
@@ -228,7 +247,7 @@ class FlatMap(Planar):
     def pixel_size(self) -> float:
         """The default side length of a pixel, in mm.
 
-        It is half of `spacing`.
+        It is half of `spacing`, or about half if the map has a `period`, of which it is a whole fraction.
 
         See Also
         --------
@@ -240,7 +259,8 @@ class FlatMap(Planar):
         >>> flat_map.pixel_size == flat_map.spacing / 2
         True
         """
-        return self.spacing / 2
+        half = self.spacing / 2
+        return half if self.period is None else self.period / max(1, round(self.period / half))
 
     @telling()
     def heat_map(self, pixel_size: float | None = None) -> FlatImage:
@@ -389,6 +409,8 @@ class FlatMap(Planar):
         if values.ndim not in (1, 2) or len(values) != len(self):
             raise InputError(f"values has shape {values.shape}. Pass one value for each of the {len(self)} points")
         self._triangles.on_surface.need_volume("has no voxels to paint", "Flatten a volume instead")
+        if "series_frame" in self.metadata:
+            raise InputError("the points of another frame are not voxels of the flattened volume. Use Regions.volume")
         volume = np.full((*self.volume_shape, *values.shape[1:]), background, dtype=values.dtype)
         volume[tuple(self.ids.T)] = values
         return volume
@@ -542,13 +564,17 @@ class FlatMap(Planar):
                 raise InputError(f"cannot save a map as {path.name}{why}. {remedy}")
 
     def _save_all(self, path: Path) -> None:
+        write_map(path, self._arrays(), self.description())
+
+    def _arrays(self) -> dict[str, Any]:
+        """Return the arrays that the complete map consists of, as files name them."""
         arrays = {name: getattr(self, name) for name in _ARRAYS if getattr(self, name) is not None}
         arrays |= {f"distortion_{name}": getattr(self.distortion, name) for name in ("per_point", "scatter")}
         if (triangles := self.distortion.triangles) is not None:
             arrays |= {f"distortion_{name}": getattr(triangles, name) for name in ("areal", "is_flipped")}
         if self.rows is not None and "store" not in self.metadata:
             arrays["rows"] = np.asarray(self.rows)
-        write_map(path, arrays, self.description())
+        return arrays
 
     @property
     def _places(self) -> NDArray[np.float64]:

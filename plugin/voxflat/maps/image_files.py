@@ -4,7 +4,8 @@ import gzip
 import json
 import os
 import textwrap
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
 from typing import Any, Protocol, TypeVar
@@ -47,23 +48,34 @@ class _Image(Protocol):
     def is_labels(self) -> bool: ...
 
 
-class _Stack(Protocol):
-    """The properties of `FlatStack` that this module uses."""
+@dataclass(frozen=True, eq=False)
+class Pages:
+    """Images that are written to one file: all depths of each channel, for each frame.
+
+    A series of single images has one channel without a name. `frames` is None if there is no series.
+    """
+
+    images: Sequence[_Image]
+    names: tuple[str, ...]  # of the images
+    channels: tuple[str, ...]  # names
+    layers: tuple[str, ...]  # names of the depths, if there are several
+    heights: tuple[float, ...]
+    frames: int | None
+    timing: Timing | None
+    title: str
 
     @property
-    def names(self) -> tuple[str, ...]: ...
+    def count(self) -> int:
+        """The number of images."""
+        return len(self.names)
+
     @property
-    def layers(self) -> tuple[str, ...]: ...
-    @property
-    def heights(self) -> tuple[float, ...]: ...
-    @property
-    def timing(self) -> Timing | None: ...
-    @property
-    def name(self) -> str: ...
-    @property
-    def channel_names(self) -> tuple[str, ...]: ...
-    def __len__(self) -> int: ...
-    def __getitem__(self, channel: int) -> _Image: ...
+    def shape(self) -> tuple[int, ...]:
+        """The numbers of frames, channels and depths; files omit those that do not apply."""
+        several = [] if self.frames is None else [self.frames]
+        if self.frames is None or len(self.channels) > 1:
+            several.append(len(self.channels))
+        return (*several, *([len(self.layers)] if self.layers else []))
 
 
 def write_image(path: str | os.PathLike[str], image: _Image, record: Record) -> None:
@@ -130,24 +142,25 @@ _WRITERS: dict[str, Callable[[Path, _Image, Record], None]] = {
 IMAGE_ENDINGS = tuple(_WRITERS)  # endings of the files that `FlatImage.save` writes
 
 
-def write_stack(path: str | os.PathLike[str], stack: _Stack, record: Record, progress: Progress | None) -> None:
+def write_stack(path: str | os.PathLike[str], pages: Pages, record: Record, progress: Progress | None) -> None:
     """Write several images to one file (completely or not at all); see `FlatStack.save`."""
     path = checked_path(path)
     write = next((write for ending, write in _STACK_WRITERS.items() if path.name.lower().endswith(ending)), None)
     if write is None:
         endings = ", ".join(_STACK_WRITERS)
-        listed = textwrap.shorten(", ".join(map(str, stack.names if any(stack.names) else range(len(stack)))), 300)
+        names = map(str, pages.names if any(pages.names) else range(pages.count))
+        listed = textwrap.shorten(", ".join(names), 300, placeholder=" ...")
         raise InputError(
-            f"{path.name} can hold only one image, but there are {len(stack)} ({listed}). Select one by name or number "
-            f"(channel), or use a name that ends in {endings}"
+            f"{path.name} can hold only one image, but there are {pages.count} ({listed}). Select one by name or "
+            f"number (channel), or use a name that ends in {endings}"
         )
-    first = stack[0]
+    first = pages.images[0]
     if first.data.ndim != 2:
         raise InputError("colours cannot be saved as channels. Save each colour image separately")
-    images = chain([first], (stack[n] for n in range(1, len(stack))))
+    images = chain([first], (pages.images[n] for n in range(1, pages.count)))
     values = (_measured(image.data).astype("<f4", copy=False) for image in images)
     with atomic_directory(path) if write is _write_zarr else atomic_path(path) as temporary:
-        write(temporary, stack, first, reporting(values, len(stack), path.name, progress), record)
+        write(temporary, pages, first, reporting(values, pages.count, path.name, progress), record)
 
 
 def reporting(images: Iterator[_T], count: int, name: str, progress: Progress | None) -> Iterator[_T]:
@@ -158,53 +171,47 @@ def reporting(images: Iterator[_T], count: int, name: str, progress: Progress | 
             raise Cancelled(f"cancelled while writing {name}")
 
 
-def _frames_and_channels(stack: _Stack) -> tuple[int, tuple[str, ...]]:
-    """Return the number of frames of a stack (1 if it is not a series), and the names of the channels of each frame."""
-    names = stack.channel_names
-    return (1, names) if stack.timing is None else (len(names), ("",))
-
-
-def _depth_step(stack: _Stack) -> float | None:
+def _depth_step(pages: Pages) -> float | None:
     """Return the distance between evenly spaced depths, if there are several."""
-    steps = np.diff(stack.heights)
+    steps = np.diff(pages.heights)
     is_even = len(steps) > 0 and steps[0] > 0 and np.allclose(steps, steps[0])
     return float(steps[0]) if is_even else None
 
 
-def _write_tiff_pages(path: Path, stack: _Stack, first: _Image, values: _Values, record: Record) -> None:
+def _write_tiff_pages(path: Path, pages: Pages, first: _Image, values: _Values, record: Record) -> None:
     from PIL import Image as Pillow
     from PIL import TiffImagePlugin
 
-    if len(stack) * (first.data.size * 4 + 4096) > _TIFF_LIMIT:
-        raise InputError(f"{len(stack)} images exceed the 4 GiB limit of TIFF. Save as .nii, .zarr or .npy")
+    if pages.count * (first.data.size * 4 + 4096) > _TIFF_LIMIT:
+        raise InputError(f"{pages.count} images exceed the 4 GiB limit of TIFF. Save as .nii, .zarr or .npy")
     with TiffImagePlugin.AppendingTiffWriter(str(path), True) as file:
         for n, pixels in enumerate(values):
             tags = TiffImagePlugin.ImageFileDirectory_v2()
             if n == 0:
-                tags[_TIFF_DESCRIPTION] = _ome(stack, first, record)
-            tags[_TIFF_PAGE_NAME] = stack.names[n] or str(n)
+                tags[_TIFF_DESCRIPTION] = _ome(pages, first, record)
+            tags[_TIFF_PAGE_NAME] = pages.names[n] or str(n)
             Pillow.fromarray(pixels).save(file, format="TIFF", tiffinfo=tags, **_resolution(first))
             file.newFrame()
 
 
-def _ome(stack: _Stack, first: _Image, record: Record) -> str:
+def _ome(pages: Pages, first: _Image, record: Record) -> str:
     """Return the OME-XML description, from which Bio-Formats, Fiji and tifffile read the axes and units."""
-    frames, channels = _frames_and_channels(stack)
     height, width = first.data.shape
     pixels = {"ID": "Pixels:0", "DimensionOrder": "XYZCT", "Type": "float", "SizeX": str(width), "SizeY": str(height)}
-    pixels |= {"SizeC": str(len(channels)), "SizeZ": str(max(1, len(stack.layers))), "SizeT": str(frames)}
-    step = _depth_step(stack)
+    pixels |= {"SizeC": str(len(pages.channels)), "SizeZ": str(max(1, len(pages.layers)))}
+    pixels |= {"SizeT": str(pages.frames or 1)}
+    step = _depth_step(pages)
     sizes = dict.fromkeys("XY", float(first.affine[2, 2])) | ({} if step is None else {"Z": step})
     for axis, size in sizes.items() if first.unit != "unknown" else ():
         unit = {"inch": "in"}.get(first.unit, first.unit)
         pixels |= {f"PhysicalSize{axis}": f"{size:.9g}", f"PhysicalSize{axis}Unit": unit}
-    if stack.timing is not None:
-        pixels |= {"TimeIncrement": f"{stack.timing.step:.9g}", "TimeIncrementUnit": "s"}
+    if pages.timing is not None:
+        pixels |= {"TimeIncrement": f"{pages.timing.step:.9g}", "TimeIncrementUnit": "s"}
     root = ElementTree.Element("OME", {"xmlns": _OME})
-    image = ElementTree.SubElement(root, "Image", {"ID": "Image:0", "Name": stack.name})
-    ElementTree.SubElement(image, "Description").text = _described(first, stack.name, record)
+    image = ElementTree.SubElement(root, "Image", {"ID": "Image:0", "Name": pages.title})
+    ElementTree.SubElement(image, "Description").text = _described(first, pages.title, record)
     body = ElementTree.SubElement(image, "Pixels", pixels)
-    for n, name in enumerate(channels):
+    for n, name in enumerate(pages.channels):
         named = {"Name": name} if name else {}
         ElementTree.SubElement(body, "Channel", {"ID": f"Channel:0:{n}", **named, "SamplesPerPixel": "1"})
     ElementTree.SubElement(body, "TiffData")
@@ -212,19 +219,24 @@ def _ome(stack: _Stack, first: _Image, record: Record) -> str:
     return text.decode("ascii")
 
 
-def _write_nifti_series(path: Path, stack: _Stack, first: _Image, values: _Values, record: Record) -> None:
+def _write_nifti_series(path: Path, pages: Pages, first: _Image, values: _Values, record: Record) -> None:
     nibabel = require("nibabel")
     height, width = first.data.shape
-    if max(height, width, len(stack)) > np.iinfo(np.int16).max:
-        raise InputError(f"{len(stack)} images of {width} x {height} pixels exceed the limits of NIfTI-1. Save as .npy")
+    if pages.frames is not None and len(pages.channels) > 1:
+        count = len(pages.channels)
+        raise InputError(f"NIfTI cannot hold {count} channels of each frame. Save as .ome.tif, .zarr or .npy")
+    if max(height, width, pages.count) > np.iinfo(np.int16).max:
+        raise InputError(
+            f"{pages.count} images of {width} x {height} pixels exceed the limits of NIfTI-1. Save as .npy"
+        )
     header = nibabel.Nifti1Header()
     header.set_data_dtype(np.float32)
-    depths, timing = max(1, len(stack.layers)), stack.timing
-    shape = (height, width, depths, len(stack) // depths)
+    depths, timing = max(1, len(pages.layers)), pages.timing
+    shape = (height, width, depths, pages.count // depths)
     affine, has_unit = _placed(first)
-    step = _depth_step(stack)
+    step = _depth_step(pages)
     if step is not None:
-        affine[2, 2:] = affine[2, 2] / first.affine[2, 2] * np.array([step, stack.heights[0]])  # in mm
+        affine[2, 2:] = affine[2, 2] / first.affine[2, 2] * np.array([step, pages.heights[0]])  # in mm
     header.set_data_shape(shape if depths == 1 or shape[3] > 1 else shape[:3])
     zooms = (*np.linalg.norm(affine[:3, :3], axis=0), 1.0 if timing is None else timing.step)
     header.set_zooms(zooms[: len(header.get_data_shape())])
@@ -233,7 +245,7 @@ def _write_nifti_series(path: Path, stack: _Stack, first: _Image, values: _Value
     header.set_xyzt_units("mm" if has_unit else "unknown", None if timing is None else "sec")
     header["toffset"] = 0 if timing is None else timing.start
     header["scl_slope"], header["scl_inter"] = 1, 0
-    told: dict[str, Any] = {"names": list(stack.names)} if any(stack.names) else {}
+    told: dict[str, Any] = {"names": list(pages.names)} if any(pages.names) else {}
     if record:
         told["provenance"] = record
     if told:
@@ -261,33 +273,33 @@ def names_in(path: Path) -> tuple[str, ...]:
     return ()
 
 
-def _write_npy_series(path: Path, stack: _Stack, first: _Image, values: _Values, record: Record) -> None:
-    depths = len(stack.layers)
-    shape = (len(stack) // depths, depths) if 0 < depths < len(stack) else (len(stack),)
-    described = {"descr": "<f4", "fortran_order": False, "shape": (*shape, *first.data.shape)}
+def _write_npy_series(path: Path, pages: Pages, first: _Image, values: _Values, record: Record) -> None:
+    is_single = pages.frames is None and len(pages.layers) == pages.count
+    shape = (*pages.shape[is_single:], *first.data.shape)
+    described = {"descr": "<f4", "fortran_order": False, "shape": shape}
     with path.open("wb") as file:
         np.lib.format.write_array_header_1_0(file, described)
         for pixels in values:
             file.write(pixels.tobytes())
 
 
-def _write_zarr(path: Path, stack: _Stack, first: _Image, values: _Values, record: Record) -> None:
+def _write_zarr(path: Path, pages: Pages, first: _Image, values: _Values, record: Record) -> None:
     """Write OME-Zarr 0.4, which all readers support, with axes t and c (or one), z for depths, y = −v, x = u."""
     zarr = require("zarr")
     form: Any = {"zarr_format": 2} if int(zarr.__version__.split(".")[0]) > 2 else {}  # the only format before
-    frames, channels = _frames_and_channels(stack)
     affine, named = first.affine, LONG_NAMES.get(first.unit)
-    timing, size = stack.timing, float(affine[2, 2])
+    timing, size = pages.timing, float(affine[2, 2])
     u, v = affine[:2, 3].tolist()
     leading: list[tuple[dict[str, str], int, float, float]] = []
-    if timing is not None:
-        leading.append(({"name": "t", "type": "time", "unit": "second"}, frames, timing.step, timing.start))
-    if timing is None or len(channels) > 1:
-        leading.append(({"name": "c", "type": "channel"}, len(channels), 1.0, 0.0))
-    step = _depth_step(stack)
-    if stack.layers:
+    if pages.frames is not None:
+        time = {"name": "t", "type": "time"} | ({} if timing is None else {"unit": "second"})
+        leading.append((time, pages.frames, *((1.0, 0.0) if timing is None else (timing.step, timing.start))))
+    if pages.frames is None or len(pages.channels) > 1:
+        leading.append(({"name": "c", "type": "channel"}, len(pages.channels), 1.0, 0.0))
+    step = _depth_step(pages)
+    if pages.layers:
         depth = {"name": "z", "type": "space"} | ({"unit": named} if named and step is not None else {})
-        leading.append((depth, len(stack.layers), step or 1.0, 0.0 if step is None else stack.heights[0]))
+        leading.append((depth, len(pages.layers), step or 1.0, 0.0 if step is None else pages.heights[0]))
     lengths = tuple(length for _, length, _, _ in leading)
     space = [{"name": name, "type": "space", **({"unit": named} if named else {})} for name in "yx"]
     transforms = [
@@ -297,10 +309,10 @@ def _write_zarr(path: Path, stack: _Stack, first: _Image, values: _Values, recor
     group = zarr.open_group(str(path), mode="a", **form)
     axes = [*(axis for axis, _, _, _ in leading), *space]
     datasets = [{"path": "0", "coordinateTransformations": transforms}]
-    group.attrs["multiscales"] = [{"version": "0.4", "name": stack.name, "axes": axes, "datasets": datasets}]
-    group.attrs["voxflat"] = {"affine": affine.tolist(), "names": list(stack.names), "provenance": portable(record)}
-    if timing is None and any(channels):
-        group.attrs["omero"] = {"channels": [_rendering(name) for name in channels]}
+    group.attrs["multiscales"] = [{"version": "0.4", "name": pages.title, "axes": axes, "datasets": datasets}]
+    group.attrs["voxflat"] = {"affine": affine.tolist(), "names": list(pages.names), "provenance": portable(record)}
+    if any(pages.channels):
+        group.attrs["omero"] = {"channels": [_rendering(name) for name in pages.channels]}
     shape, chunks = (*lengths, *first.data.shape), (*[1] * len(lengths), *first.data.shape)
     form |= {"dtype": "<f4", "fill_value": np.nan, "dimension_separator": "/"}
     array = zarr.open_array(str(path / "0"), mode="w", shape=shape, chunks=chunks, **form)
@@ -313,7 +325,7 @@ def _rendering(name: str) -> dict[str, Any]:
     return {"label": name, "color": "FFFFFF", "active": True}
 
 
-_STACK_WRITERS: dict[str, Callable[[Path, _Stack, _Image, _Values, Record], None]] = {
+_STACK_WRITERS: dict[str, Callable[[Path, Pages, _Image, _Values, Record], None]] = {
     **dict.fromkeys((".tif", ".tiff"), _write_tiff_pages),
     **dict.fromkeys((".nii", ".nii.gz"), _write_nifti_series),
     ".zarr": _write_zarr,

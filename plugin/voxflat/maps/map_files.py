@@ -7,9 +7,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from voxflat.arguments import checked_path, log
+from voxflat.arguments import checked_path, is_whole, log, shown
 from voxflat.distortion.distortion import Distortion
 from voxflat.distortion.figures import undefined_as_nan
+from voxflat.errors import InputError
 from voxflat.io import files
 from voxflat.io.meshes import Mesh
 from voxflat.io.provenance import Record, as_text
@@ -19,7 +20,7 @@ from voxflat.io.spaces import Space
 from voxflat.maps.sampler import check_origin
 from voxflat.surfaces.cut_sides import one_point_a_vertex, triangles_of
 
-_FORMAT = 5
+_FORMAT, _SERIES_FORMAT = 5, "series 1"
 _REQUIRED = ("uv", "ids", "points", "normals", "faces", "torn", "sources", "eigenvalues")
 
 _LAYOUT = {  # types and axes of the arrays in a file, in the form that `check_shapes` expects
@@ -33,24 +34,32 @@ _LAYOUT = {  # types and axes of the arrays in a file, in the form that `check_s
     "rows": ("f4", "sources ?"),
     "bridges": ("i8", "? 3"),
     "distortion_scatter": ("f8", "? 2"),
+    **dict.fromkeys(("series_points", "series_normals"), ("f8", "frames points 3")),
+    "series_gaps": ("f8", "frames"),
+    "series_folded": ("i8", "frames"),
 }
 
 
 def write_map(path: Path, arrays: dict[str, Any], description: Record) -> None:
-    """Write a map's arrays and description to an archive (completely or not at all)."""
-    text = as_text({"format": _FORMAT, **description})
+    """Write the arrays and the description of a map or a series to an archive (completely or not at all)."""
+    text = as_text({"format": _SERIES_FORMAT if "series" in description else _FORMAT, **description})
     with files.atomic_path(path) as temporary, temporary.open("wb") as file:
         np.savez_compressed(file, metadata=np.array(text), **arrays)
 
 
-def read_map(path: str | os.PathLike[str]) -> dict[str, Any]:
-    """Read the fields of a `FlatMap` and check their consistency; a damaged file raises an `InputError`."""
+def read_map(path: str | os.PathLike[str], *, series: bool = False) -> dict[str, Any]:
+    """Read the fields of a `FlatMap`, and the arrays of a series; a damaged file raises an `InputError`."""
     with files.naming(path, files.AGAIN):
         files.check_regular(checked_path(path))
-    with files.holding(path, "a flat map"):
+    with files.holding(path, "a series" if series else "a flat map"):
         arrays = read_arrays(path)
         metadata = files.from_json(str(arrays.pop("metadata")))
-        files.check_format(path, metadata.pop("format"), _FORMAT, "Flatten the surface again")
+        form = metadata.pop("format")
+        if isinstance(form, str) != series:
+            one = f'Use voxflat image, or select a frame in Python: voxflat.load_series("{path}")[0]'
+            told = "a single map. Use voxflat.load" if series else f"maps of several frames. {one}"
+            raise InputError(f"{path} holds {told}")
+        files.check_format(path, form, _SERIES_FORMAT if series else _FORMAT, "Flatten the surface again")
         note(path)
         uv, ids, points, *_ = (arrays[name] for name in _REQUIRED)  # a file without these fields fails here
         layout = {**_LAYOUT, "ids": ("i8", "points 3" if metadata.get("kind") == "voxels" else "points")}
@@ -69,7 +78,21 @@ def read_map(path: str | os.PathLike[str]) -> dict[str, Any]:
         distances = undefined_as_nan(distortion)
         distances |= {name: arrays.pop(f"distortion_{name}") for name in ("per_point", "scatter")}
         Space._of(metadata)  # a damaged file fails here
+        if series:
+            _check_series(arrays, metadata)
         return {"distortion": Distortion._of(distances, triangles, **more), "metadata": metadata, **arrays}
+
+
+def _check_series(arrays: dict[str, Any], metadata: dict[str, Any]) -> None:
+    """Check that a file of a series is complete."""
+    reference, count = metadata["series"]["reference"], len(arrays["series_points"])
+    for name in (name for name in _LAYOUT if name.startswith("series_")):
+        arrays[name]  # a file without this array fails here
+    files.check_places({"series_points": arrays["series_points"]})
+    if not is_whole(reference) or not 0 <= reference < count:
+        raise InputError(f"its reference frame is {shown(reference)}, but it has {count} frames. {files.AGAIN}")
+    if not np.array_equal(arrays["series_points"][reference], arrays["points"]):
+        raise InputError(f"its reference frame does not have the points of the map. {files.AGAIN}")
 
 
 def mesh_of_vertices(

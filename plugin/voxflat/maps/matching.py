@@ -1,11 +1,11 @@
 """Match flat maps from any tool with a surface: find the position of each vertex."""
 
 import os
-from dataclasses import dataclass
-from pathlib import Path
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from voxflat import _core
@@ -13,12 +13,15 @@ from voxflat.arguments import array_of, log
 from voxflat.errors import InputError
 from voxflat.io.files import REMEDY, SAVED_ENDINGS, contents, naming
 from voxflat.io.formats.obj import read_obj_texture
+from voxflat.io.formats.ply import read_ply_texture
 from voxflat.io.meshes import Mesh
 from voxflat.io.patches import is_patch, read_patch
 from voxflat.io.sources import as_mesh
 from voxflat.maps.flat_map import FlatMap, load
 from voxflat.surfaces.manifold import Manifold
 from voxflat.unique_rows import distinct
+
+_SAME_PLACE = 2e-6  # tolerance for positions in single precision, relative to the size of the surface
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,6 +31,21 @@ class Matched:
     core: _core.Surface  # the triangles over which the map is defined
     vertices: NDArray[np.int64]  # (N,), vertex of the whole surface; both sides of a cut have the same vertex
     uv: NDArray[np.float64]  # (N, 2)
+    period: float | None = None  # of a map that repeats in v
+
+    def joined(self) -> tuple["Matched", NDArray[np.int64]]:
+        """Return the map of the surface on which distances are measured, and the vertex there of each vertex.
+
+        The two sides of the seam of a periodic map are joined; other maps stay as they are.
+        """
+        if self.period is None:
+            return self, np.arange(len(self.uv))
+        one = distinct(self.vertices[:, None])
+        core, _ = _core.Surface.from_triangles(self.core.points[one.first], one.which[self.core.faces])
+        number = np.empty(len(core), dtype=np.int64)
+        number[core.ids] = np.arange(len(core))
+        kept = one.first[core.ids]
+        return Matched(core, self.vertices[kept], np.ascontiguousarray(self.uv[kept]), self.period), number[one.which]
 
     def correspondence(self, other: "Matched") -> NDArray[np.int64] | None:
         """Return the other map's vertex for each vertex, if both maps have the same triangles and cuts."""
@@ -65,7 +83,8 @@ def match(whole: Manifold, flat: object) -> Matched:
         places[patch.vertex_ids] = patch.points
         return _matched(whole, whole.vertices[whole.faces[whole._in_patch(patch)]], places)
     if isinstance(flat, FlatMap):
-        return _cut_as_it_is(whole, vertices_of(whole, flat), flat.faces.astype(np.int64), flat.uv)
+        cut = _cut_as_it_is(whole, vertices_of(whole, flat), flat.faces.astype(np.int64), flat.uv)
+        return replace(cut, period=flat.period)
     if isinstance(flat, tuple) and len(flat) == 2 and np.ndim(flat[0]) == 2 and np.shape(flat[0])[1] == 2:
         flat = (np.pad(flat[0], ((0, 0), (0, 1))), flat[1])  # add z = 0
     if isinstance(flat, tuple) and len(flat) == 3:
@@ -78,9 +97,10 @@ def match(whole: Manifold, flat: object) -> Matched:
         return _of_places(whole, places.astype(np.float64), None)
     if mesh.texture_coordinates is None or _is_flat(mesh.points):
         return _of_places(whole, mesh.points, mesh)
-    if mesh.path is not None and mesh.path.name.lower().endswith(".obj"):
-        return _of_texture(whole, mesh, mesh.path)
-    return _of_places(whole, mesh.texture_coordinates, mesh)
+    corners = _texture_of_corners(mesh)
+    if corners is None and len(mesh.points) == whole.count:
+        return _of_places(whole, mesh.texture_coordinates, mesh)
+    return _of_texture(whole, mesh, *(corners or (mesh.faces, mesh.texture_coordinates[mesh.faces])))
 
 
 def _kind(array: NDArray[Any]) -> str:
@@ -100,20 +120,55 @@ def _of_places(whole: Manifold, places: NDArray[np.float64], mesh: Mesh | None) 
     return _matched(whole, faces[is_placed[faces].all(axis=1)], places)
 
 
-def _of_texture(whole: Manifold, mesh: Mesh, path: Path) -> Matched:
-    """Use the texture coordinates of an OBJ file as a map, which is cut at vertices with several coordinates."""
-    _check_count(whole, len(mesh.points))
-    with naming(path, REMEDY):
-        faces, coordinates, _ = read_obj_texture(contents(path))
+def _texture_of_corners(mesh: Mesh) -> tuple[NDArray[np.int64], NDArray[np.float64]] | None:
+    """Return the faces of a file and their corners' texture coordinates (F, 3, 2); None if points have one each."""
+    ending = "" if mesh.path is None else mesh.path.suffix.lower()
+    if mesh.path is None or ending not in (".obj", ".ply"):
+        return None
+    with naming(mesh.path, REMEDY):
+        data = contents(mesh.path)
+        return read_obj_texture(data)[:2] if ending == ".obj" else read_ply_texture(data)
+
+
+def _of_texture(whole: Manifold, mesh: Mesh, faces: NDArray[np.int64], coordinates: NDArray[np.float64]) -> Matched:
+    """Use texture coordinates at the corners of triangles as a map, which is cut where those of a vertex differ."""
     is_placed = np.isfinite(coordinates).all(axis=(1, 2))
     faces, coordinates = faces[is_placed], coordinates[is_placed]
-    faces = whole._merged_in(faces)
+    faces = whole._merged_in(faces) if len(mesh.points) == whole.count else _same_places(whole, mesh.points, faces)
     _check_triangles(whole, faces)
     corners = np.column_stack([faces.ravel(), coordinates.reshape(-1, 2) + 0.0])  # adding 0.0 turns −0 into 0
     rows, _, numbers, _ = distinct(corners)
     vertices = rows[:, 0].astype(np.int64)
     core, _ = _core.Surface.from_triangles(_places_of(whole)[vertices], numbers.reshape(-1, 3), mend=True)
     return Matched(core, vertices[core.ids], np.ascontiguousarray(rows[core.ids, 1:]))
+
+
+def _same_places(whole: Manifold, points: NDArray[np.float64], faces: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return triangles as vertices of the surface that have the positions of points, which seams have duplicated."""
+    used, corners = np.unique(faces, return_inverse=True)
+    tree, extent = scipy.spatial.cKDTree(whole.points), np.ptp(whole.points, axis=0).max()
+    at = points[used]
+    upright = at[:, [0, 2, 1]] * [1, -1, 1]  # glTF has the y axis up, and metres
+    near = _SAME_PLACE * (extent + np.abs(whole.points).max())
+    for places in (at, whole.space.from_scanner(at), upright, 1000 * upright):
+        away, nearest = tree.query(places)
+        if away.max(initial=0.0) <= near:
+            break
+    else:
+        away, _ = tree.query(at)
+        told = f"the map has {len(points)} points, but the surface has {whole.count} vertices, and none of them is at"
+        raise InputError(
+            f"{told} {_shown(at[away.argmax()])}. Pass one point per vertex, or points at the same positions"
+        )
+    counts = tree.query_ball_point(whole.points[nearest], near, return_length=True)
+    if (counts > 1).any():
+        told = f"several vertices of the surface are at {_shown(at[counts.argmax()])}"
+        raise InputError(f"{told}, so points cannot be matched by position. Pass one point per vertex")
+    return np.asarray(whole.vertices[nearest][corners.reshape(-1, 3)])
+
+
+def _shown(point: NDArray[np.float64]) -> str:
+    return "(" + ", ".join(f"{value:.6g}" for value in point) + ")"
 
 
 def _of_rows(whole: Manifold, places: Any, faces: Any, vertices: Any) -> Matched:

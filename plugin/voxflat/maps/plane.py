@@ -320,7 +320,7 @@ class Planar(ABC):
         """Return the map positions of points, their triangles and their distances; NaN and −1 beyond the limit."""
         limit = checked_number(limit, "limit")
         if not limit >= 0:
-            raise InputError(f"limit is {limit} mm. Pass 0 or a positive number")
+            raise InputError(f"limit is {limit}. Pass 0 or a positive number")
         face_ids, weights, distance = self._nearest(points, limit)
         of = self._triangles
         return np.einsum("pc,pcx->px", weights, of.uv[of.faces[face_ids]]), face_ids, distance

@@ -1,5 +1,6 @@
 """Flat maps as images: pixels in mm, their values, and their positions on the surface."""
 
+import math
 import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
@@ -9,15 +10,16 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from voxflat.arguments import Progress, checked_choice, is_whole, numbers_of, shown
+from voxflat.arguments import Progress, checked_choice, checked_number, is_whole, numbers_of, shown
 from voxflat.errors import Cancelled, InputError
 from voxflat.io.channels import Channels, Timing
 from voxflat.io.provenance import Record, Recorded, saving
 from voxflat.maps.colours import are_labels, coloured
-from voxflat.maps.image_files import write_image, write_stack
+from voxflat.maps.image_files import Pages, write_image, write_stack
 from voxflat.maps.sampling import INTERPOLATIONS, Mixing, majority
 
 _OUTSIDE = np.uint32(2**32 - 1)
+_WHOLE = 1e-6  # relative tolerance within which a period is a whole number of pixels
 
 
 @dataclass(frozen=True, eq=False)
@@ -307,6 +309,52 @@ class FlatImage(Recorded):
         left, top = self.origin[0] - self.pixel_size / 2, self.origin[1] + self.pixel_size / 2
         return (left, left + width * self.pixel_size, top - height * self.pixel_size, top)
 
+    def one_period(self, period: float | None) -> "FlatImage":
+        """Return one period of the image of a periodic map, centred on v = 0.
+
+        Copies of the result that are stacked vertically fit together without a seam. `FlatMap.regions` accepts label
+        images that were drawn on it.
+
+        Parameters
+        ----------
+        period : float
+            The period of the map, from `FlatMap.period`. It must be a whole number of pixels, as it is by default.
+
+        Returns
+        -------
+        FlatImage
+            The image, with ``period / pixel_size`` rows. Pixels beyond the ends of the tube are outside the map.
+
+        Raises
+        ------
+        InputError
+            If the map is not periodic, or the period is not a whole number of pixels.
+
+        See Also
+        --------
+        FlatMap.period : The period of a map.
+
+        Examples
+        --------
+        >>> tube = voxflat.surface(voxflat.samples.ball()).charts("cylinder")[0].flatten()
+        >>> image = tube.image(voxflat.samples.ball()).one_period(tube.period)
+        >>> len(image.data) == round(tube.period / image.pixel_size)
+        True
+        """
+        if period is None:
+            raise InputError("the map is not periodic. Use the chart 'cylinder' of Surface.charts")
+        period = checked_number(period, "period")
+        rows = rows_in(period, self.pixel_size)
+        if not rows:
+            told = f"the period is {period / self.pixel_size:.6g} pixels, not a whole number"
+            raise InputError(f"{told}. Pass a pixel size of which it is a multiple, such as the default")
+        blank, kind = (0, self.data.dtype) if self.is_colour else (np.nan, np.result_type(self.data, np.float32))
+        whole = np.full((rows, *self.data.shape[1:]), blank, dtype=kind)
+        for row, pixels in zip(rows_of_period(self, rows), self.data, strict=True):
+            inside = pixels[:, 3] > 0 if self.is_colour else ~np.isnan(pixels)
+            whole[row][inside] = pixels[inside]
+        return replace(self, data=whole, origin=(self.origin[0], rows // 2 * self.pixel_size))
+
     def save(self, path: str | os.PathLike[str], *, sidecar: bool = False, overwrite: bool = False) -> None:
         """Save the image to a file.
 
@@ -340,6 +388,19 @@ class FlatImage(Recorded):
         """
         with saving(path, self.provenance, sidecar=sidecar, overwrite=overwrite):
             write_image(path, self, self.provenance)
+
+
+def rows_in(period: float, pixel_size: float) -> int:
+    """Return the number of pixels in a period, or 0 if it is not whole."""
+    count = period / pixel_size
+    return round(count) if math.isfinite(count) and abs(count - round(count)) <= _WHOLE * count else 0
+
+
+def rows_of_period(image: FlatImage | Raster, rows: int) -> NDArray[np.int64]:
+    """Return the row of a single period, with so many rows and its middle at v = 0, for each row of an image."""
+    height = (image.data if isinstance(image, FlatImage) else image.corners).shape[0]
+    first = round(image.origin[1] / image.pixel_size)
+    return np.asarray((rows // 2 - first + np.arange(height)) % rows)
 
 
 @dataclass(frozen=True, eq=False)
@@ -638,7 +699,14 @@ class FlatStack(Sequence[FlatImage], Recorded):
         >>> frames.save("frames.nii.gz")
         """
         with saving(path, self.provenance, sidecar=sidecar, overwrite=overwrite):
-            write_stack(path, self, self.provenance, progress)
+            write_stack(path, self._pages, self.provenance, progress)
+
+    @property
+    def _pages(self) -> Pages:
+        """The images and their axes, as files describe them."""
+        is_series = self.timing is not None
+        channels, frames = (("",), len(self) // max(1, len(self.layers))) if is_series else (self.channel_names, None)
+        return Pages(self, self.names, channels, self.layers, self.heights, frames, self.timing, self.name)
 
 
 def show(raster: Raster, values: NDArray[Any], interpolation: str | None) -> NDArray[np.float64]:

@@ -1,6 +1,6 @@
 """Properties of regions on a map, measured as on the surface: areas, perimeters, positions and shapes."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
 import scipy
@@ -25,7 +25,8 @@ def properties_of(
     raster: Raster,
     keys: Sequence[int],
     at: Callable[[_Floats], NDArray[np.int64]],
-    image: _Floats | None,
+    curvature: _Floats | None,
+    images: Iterable[tuple[str, _Floats]],
 ) -> dict[str, _Floats]:
     """Return the properties of regions, one value for each key, as `Regions.properties` documents them."""
     size, (left, top) = raster.pixel_size, raster.origin
@@ -45,6 +46,12 @@ def properties_of(
     def totals(of_faces: _Floats) -> _Floats:
         return total(*(each[face] for each in of_faces.reshape(len(of_faces), -1).T)).reshape(-1, *of_faces.shape[1:])
 
+    def mean(values: _Floats) -> _Floats:
+        known = np.isfinite(values)
+        weights, sums = total(known.astype(np.float64), np.where(known, values, 0.0)).T
+        with np.errstate(invalid="ignore"):
+            return np.asarray(sums / np.where(weights > 0, weights, np.nan))
+
     areas = total(np.ones(len(which)))[:, 0]
     with np.errstate(invalid="ignore", divide="ignore"):
         centres = total(*places.points[kept].T) / areas[:, None]
@@ -58,9 +65,10 @@ def properties_of(
     found |= {"map_area": size**2 * np.bincount(which, minlength=len(keys)).astype(np.float64)}
     found |= dict(zip("xyz", centres.T, strict=True))
     found |= _shapes(of, centres, spread, normals)
-    if image is not None:
-        with np.errstate(invalid="ignore", divide="ignore"):
-            found["mean"] = total(image[rows, columns][kept])[:, 0] / areas
+    if curvature is not None:
+        corners = of._triangles.faces[face]
+        found["curvature"] = mean(np.einsum("pc,pc->p", places.weights[kept], curvature[corners]))
+    found |= {name: mean(values[rows, columns][kept]) for name, values in images}
     order = np.searchsorted(sorted_keys, keys)
     return {"label": np.array(keys), **{name: values[order] for name, values in found.items()}}
 

@@ -2,7 +2,8 @@
 
 import math
 import os
-from collections.abc import Sequence
+import re
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -23,7 +24,7 @@ from voxflat.io.tables import cell_of, write_table
 from voxflat.io.volumes import Volume, write_volume
 from voxflat.maps.depth import Depths
 from voxflat.maps.plane import Planar
-from voxflat.maps.raster import FlatImage
+from voxflat.maps.raster import FlatImage, FlatStack
 from voxflat.maps.region_properties import AREAS, LENGTHS, properties_of
 from voxflat.maps.sampler import Sampler
 from voxflat.unique_rows import distinct
@@ -198,7 +199,7 @@ class Regions(Recorded):
         return FlatImage(data, raster.pixel_size, raster.origin, "regions", True, self.provenance, raster.unit)
 
     def properties(
-        self, image: FlatImage | NDArray[np.float64] | None = None, *, pixel_size: float | None = None
+        self, image: FlatImage | FlatStack | NDArray[np.float64] | None = None, *, pixel_size: float | None = None
     ) -> dict[str, NDArray[Any]]:
         """Measure the regions as on the surface, like ``regionprops_table`` of scikit-image.
 
@@ -207,8 +208,9 @@ class Regions(Recorded):
 
         Parameters
         ----------
-        image : FlatImage or ndarray of shape (H, W), optional
-            Values of which to compute the mean, on the pixels of the regions.
+        image : FlatImage, FlatStack or ndarray of shape (H, W), optional
+            Values of which to compute the mean, on the pixels of the regions, such as a channel of a stack, or all of
+            them.
         pixel_size : float, optional
             Side length of the pixels into which outlines are divided, in mm; by default that of `image` or, for a label
             image, its own, or else a quarter of that of the map.
@@ -227,7 +229,9 @@ class Regions(Recorded):
               that has the same second moments, in mm, and their ratio;
             - ``direction_x``, ``direction_y``, ``direction_z``: unit vector along the major axis on the surface;
             - ``map_direction``: angle of the major axis on the map, from u towards v, in degrees from −90 to 90;
-            - ``mean``: mean of `image`, weighted by area on the surface, if it was given.
+            - ``curvature``: mean of the map's `curvature`, in 1/mm, if it is known;
+            - ``mean``: mean of `image`, if it was given, or ``mean_NAME`` for each of several images. Means are
+              weighted by area on the surface, and leave out pixels without a value.
 
             A region without a pixel has the area 0, and its other values are NaN.
 
@@ -248,17 +252,25 @@ class Regions(Recorded):
         >>> cells["area"].round(), cells["map_area"].round()
         (array([59.]), array([51.]))
         """
-        own = image.pixel_size if isinstance(image, FlatImage) else self.places.pixel_size
-        raster = self.of.raster(pixel_size or own or self.of.pixel_size / 4)
-        values = None
-        if image is not None:
-            values = numbers_of(image.data if isinstance(image, FlatImage) else image, "image")
-            if values.shape != raster.shape:
-                told = f"the image has shape {values.shape}, but the map has {raster.shape} pixels of "
-                raise InputError(f"{told}{raster.pixel_size:g}. Pass an image with these pixels")
+        raster = self.of.raster(pixel_size or getattr(image, "pixel_size", None) or self._pixel_size)
+
+        def values() -> Iterator[tuple[str, NDArray[np.float64]]]:
+            for name, one in _named(image):
+                data = numbers_of(one.data if isinstance(one, FlatImage) else one, "image")
+                if data.shape != raster.shape:
+                    told = f"the image has shape {data.shape}, but the map has {raster.shape} pixels of "
+                    raise InputError(f"{told}{raster.pixel_size:g}. Pass an image with these pixels")
+                yield name, data
+
         labels = np.nan_to_num(self.image(raster.pixel_size).data).astype(np.int64)
-        found = properties_of(self.of, labels, raster, self.keys, self.at, values)
+        curvature = getattr(self.of, "curvature", None)  # which pages do not have
+        found = properties_of(self.of, labels, raster, self.keys, self.at, curvature, values())
         return {"label": found.pop("label"), "name": np.array(self.names), **found}
+
+    @property
+    def _pixel_size(self) -> float:
+        """The side length of the pixels in which regions are measured by default."""
+        return self.places.pixel_size or self.of.pixel_size / 4
 
     def volume(self, like: object, *, depth: tuple[float, float] | None = None) -> Volume:
         """Transfer the regions through the cortex to the voxels of a volume.
@@ -325,9 +337,10 @@ class Regions(Recorded):
             single region. ``.nii``, ``.nii.gz``, ``.mgh``, ``.mgz`` and ``.nrrd`` hold voxels, as returned by `volume`.
             ``.tsv`` and ``.csv`` hold the table of `properties`, with units in its header.
         volume : path, image object or Volume, optional
-            A volume that defines the grid of a label volume; by default the flattened volume.
+            A volume that defines the grid of a label volume; by default the flattened volume. For a table, a volume or
+            overlay; the mean of each of its channels is added.
         depth : tuple of 2 floats, optional
-            As in `volume`.
+            As in `volume`. For a table, the range over which the volume is averaged; by default, on the surface.
         sidecar : bool
             Also write `provenance`, which includes the names of the regions, to ``<path>.json``.
         overwrite : bool
@@ -354,11 +367,16 @@ class Regions(Recorded):
         if not name.endswith(REGION_ENDINGS):
             raise InputError(f"cannot save regions as {path.name}. Use a name that ends in {', '.join(REGION_ENDINGS)}")
         holds_voxels = name.endswith(_VOLUME_ENDINGS)
-        if not holds_voxels and (volume is not None or depth is not None):
+        is_table = name.endswith(_TABLE_ENDINGS)
+        if not (holds_voxels or is_table) and (volume is not None or depth is not None):
             raise InputError(f"{path.name} does not store voxels, so volume and depth do not apply. Omit them")
-        made = None
+        if is_table and volume is None and depth is not None:
+            raise InputError("depth is given, but no volume to average over these depths. Pass volume")
+        made = rows = None
         with reading() as files:
-            if holds_voxels:
+            if is_table:
+                rows = self._rows(None if volume is None else self._sampled(volume, depth))
+            elif holds_voxels:
                 made = self.volume(self._grid() if volume is None else volume, depth=depth)
         labels = dict(zip(map(str, self.keys), self.names, strict=True))
         inputs = dict(sorted({**self.provenance.get("files", {}), **files}.items()))
@@ -366,8 +384,8 @@ class Regions(Recorded):
         with saving(path, record, sidecar=sidecar, overwrite=overwrite):
             if made is not None:
                 write_volume(path, made.data, made.in_unit("mm").affine, record)
-            elif name.endswith(_TABLE_ENDINGS):
-                write_table(path, self._rows())
+            elif rows is not None:
+                write_table(path, rows)
             else:
                 with atomic_path(path) as temporary:
                     self._write_vertices(temporary, name, record)
@@ -379,12 +397,20 @@ class Regions(Recorded):
         empty = np.broadcast_to(np.uint8(0), self._surface.volume_shape)
         return Volume(empty, self._surface.affine, unit=self._surface.unit)
 
-    def _rows(self) -> list[list[str]]:
+    def _sampled(self, volume: object, depth: tuple[float, float] | None) -> FlatStack:
+        """Return the channels of a volume on the pixels of the regions, averaged over a range of depths."""
+        size, depths = self._pixel_size, np.zeros(1)
+        if depth is not None:
+            low, high = _range(depth)
+            depths = np.linspace(low, high, 1 + math.ceil((high - low) / size))
+        return self.of.images(volume, size, depth=depths.tolist(), projection="mean", interpolation="linear")
+
+    def _rows(self, stack: FlatStack | None) -> list[list[str]]:
         """Return the properties as cells, under a header with units."""
         unit = "" if self._surface.unit == "unknown" else "_" + self._surface.unit.replace("µ", "u")
         units = {**dict.fromkeys(LENGTHS, unit), **dict.fromkeys(AREAS, unit and f"{unit}2")}
-        units["map_direction"] = "_degrees"
-        found = self.properties()
+        units |= {"map_direction": "_degrees", "curvature": unit and f"_per{unit}"}
+        found = self.properties(stack)
         columns = [
             [cell_of(value, ".7g") if isinstance(value, float) else str(value) for value in values.tolist()]
             for values in found.values()
@@ -410,6 +436,29 @@ class Regions(Recorded):
             write_label(path, vertices, self._surface.space.to_tkras(points[rows[vertices]]), self.names[0])
 
 
+def _named(
+    image: FlatImage | FlatStack | NDArray[np.float64] | None,
+) -> Iterator[tuple[str, FlatImage | NDArray[np.float64]]]:
+    """Return the names of the columns of means, and the images, each of which is sampled on demand."""
+    if isinstance(image, FlatStack) and len(image) > 1:
+        names = [re.sub(r"\s+", "_", name) for name in image.names]
+        for n, name in enumerate(names):
+            yield f"mean_{name if name and names.count(name) == 1 else n}", image[n]
+    elif image is not None:
+        yield "mean", image[0] if isinstance(image, FlatStack) else image
+
+
+def _range(depth: object) -> tuple[float, float]:
+    """Return two distances from the surface, the smaller one first."""
+    pair: object = list(depth) if isinstance(depth, np.ndarray) and depth.ndim else depth
+    if not isinstance(pair, Sequence) or isinstance(pair, str) or len(pair) != 2:
+        raise InputError(f"depth is {shown(pair)}. Pass two distances from the surface")
+    low, high = (checked_number(value, "depth") for value in pair)
+    if not (math.isfinite(low) and math.isfinite(high) and low < high):
+        raise InputError(f"depth is {low:g} to {high:g}. Pass two finite numbers, the smaller one first")
+    return low, high
+
+
 def _columns(
     of: Planar, affine: NDArray[np.float64], shape: tuple[int, int, int], depth: tuple[float, float] | None
 ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
@@ -422,13 +471,8 @@ def _columns(
         inner, outer = surface.white_points, surface.pial_points
     else:
         if depth is None:
-            raise InputError("this map has no pial surface. Pass depth in mm, such as (0, 2.5) for a white surface")
-        pair: object = list(depth) if isinstance(depth, np.ndarray) and depth.ndim else depth
-        if not isinstance(pair, Sequence) or isinstance(pair, str) or len(pair) != 2:
-            raise InputError(f"depth is {shown(pair)}. Pass two distances from the surface, in mm")
-        low, high = (checked_number(value, "depth") for value in pair)
-        if not (math.isfinite(low) and math.isfinite(high) and low < high):
-            raise InputError(f"depth is {low:g} to {high:g} mm. Pass two finite numbers, the smaller one first")
+            raise InputError("this map has no pial surface. Pass depth, such as (0, 2.5) mm for a white surface")
+        low, high = _range(depth)
         inner, outer = surface.at(Depths((low, high)))
         middle = min(max(-low / (high - low), 0.0), 1.0)
     inverse = np.linalg.inv(affine)

@@ -91,6 +91,7 @@ class Sampler:
     white_points: NDArray[np.float64] | None = None  # (N, 3), on the white and pial surfaces, if both are known
     pial_points: NDArray[np.float64] | None = None
     of: str = "flattened volume"  # how messages refer to the volume whose affine volumes without one get
+    usual: Callable[[int], str | None] | None = None  # default interpolation of a channel, if a series determines it
 
     @property
     def is_voxels(self) -> bool:
@@ -169,10 +170,17 @@ class Sampler:
             projection = "mean" if len(depths) == 1 else projection
             sampled = self._sampling(raster, depths, projection, several=several and len(volumes) > 1)
 
-            def read(voxels: NDArray[Any]) -> NDArray[Any]:
-                volume = placed(voxels)
+            is_checked = False
+
+            def read(n: int) -> NDArray[Any]:
+                nonlocal is_checked
+                volume = placed(volumes.read(n))
+                if not is_checked:  # all channels have the same place
+                    self._check_place(volume, depths, title)
+                    is_checked = True
                 if period is None:
-                    return sampled(volume, interpolation or self._default(raster, depths, volume))
+                    way = interpolation or (self.usual(n) if self.usual else self._default(raster, depths, volume))
+                    return sampled(volume, way)
                 if volume.data.ndim != 3:
                     raise InputError("period is given, but the volume has colours. Pass a volume of phases")
                 of_phases = phases(lambda own: sampled(replace(volume, data=own), interpolation), period, interpolation)
@@ -180,7 +188,7 @@ class Sampler:
 
             layers = depths.names(self.unit) if projection is None else ()
             heights = self._heights(depths) if projection is None else ()
-            channels = _one_by_one(volumes.mapped(read), layers)
+            channels = _one_by_one(replace(volumes, read=read), layers)
         channels = _timed(channels, time_step, title)
         how: dict[str, Any] = {"layers": layers, "heights": heights, "unit": raster.unit}
         stack = FlatStack(channels, raster.pixel_size, raster.origin, title, **how)
@@ -241,6 +249,11 @@ class Sampler:
             log.warning(told, Path(str(volume.path)).name)
         return "nearest"
 
+    def default(self, raster: Raster, depths: Depths, volume: object, channel: int) -> str | None:
+        """Return the default interpolation of a channel of a volume; None if its data type determines it."""
+        volumes, placed, _ = self.volumes(volume)
+        return self._default(raster, depths, placed(volumes.read(channel)))
+
     @cached_property
     def _of_labels(self) -> set[Path | None]:
         """The stacks that were taken for labels, each of which is reported once."""
@@ -282,6 +295,12 @@ class Sampler:
         placed = self.placed(volume)
         self._doubt_place(placed.affine, placed.path)
         return Channels(("",), lambda _: placed.data), lambda _: placed, placed.path
+
+    def form(self, volume: object) -> tuple[tuple[int, ...], int]:
+        """Return the shape of a volume, or of values at the mesh's vertices, and its number of channels."""
+        overlay = None if self.is_voxels else self._overlay(volume)
+        channels = self.volumes(volume)[0] if overlay is None else overlay
+        return tuple(channels.read(0).shape[:3]), len(channels)
 
     def _surface_texture(self, volume: object) -> SurfaceTexture | NDArray[np.uint8] | None:
         """Return the texture of the mesh, or colours at its vertices; None if the input is neither."""
@@ -355,6 +374,22 @@ class Sampler:
                 "origin. Copy the header of an image with the same grid into this file",
                 path.name,
             )
+
+    def _check_place(self, volume: Volume, depths: Depths, title: str) -> None:
+        """Raise an error if the map lies outside a volume or within one voxel, mostly because their units differ."""
+        inverse = np.linalg.inv(volume.affine)
+        surfaces = [one for one in (self.points, self.white_points, self.pial_points) if one is not None]
+        at = self.space.to_scanner(np.concatenate(surfaces)) @ inverse[:3, :3].T + inverse[:3, 3]
+        low, high = at.min(axis=0), at.max(axis=0)
+        beyond = 0.5 + (max(map(abs, depths.values)) / volume.spacing if depths.layering is None else 0)
+        if (high < -beyond).any() or (low > np.array(volume.data.shape[:3]) - 1 + beyond).any():
+            told = "does not overlap the map, so the image would be empty"
+        elif (high - low).max() < 1:
+            told = "has voxels that are larger than the map"
+        else:
+            return
+        unit = "an unknown unit" if self.unit == "unknown" else self.unit
+        raise InputError(f"{title} {told}. Compare their positions and units; the map is in {unit}")
 
     def _doubt_space(self) -> None:
         """Warn if the space of the surface is not certain."""
@@ -455,6 +490,9 @@ class Sampler:
 
     def _own_place(self, shape: tuple[int, ...]) -> NDArray[np.float64]:
         """Return the affine of the points' volume for a volume of the same shape."""
+        if not self.is_voxels:
+            told = "the volume does not define the size and position of its voxels, nor does the map of a mesh"
+            raise InputError(f"{told}. Pass a volume with an affine, or values at its vertices")
         if shape[:3] != self.volume_shape:
             raise InputError(
                 f"the volume has shape {shape} and no affine, but the {self.of} has shape {self.volume_shape}. "
@@ -497,13 +535,18 @@ def _of_phases(period: float, interpolation: str | None, projection: str | None)
     return interpolation or "linear"
 
 
+def timing_of(step: float) -> Timing:
+    """Return the times of frames with the given time step."""
+    timing = Timing.told(checked_number(step, "time step"))
+    if timing is None:
+        raise InputError(f"time_step is {step:g}. Pass the time between frames, in seconds")
+    return timing
+
+
 def _timed(channels: Channels, step: float | None, name: str) -> Channels:
     """Return channels with the given time step, or with the time step of their file."""
     if step is not None:
-        timing = Timing.told(checked_number(step, "time step"))
-        if timing is None:
-            raise InputError(f"time_step is {step:g}. Pass the time between frames, in seconds")
-        return replace(channels, timing=timing)
+        return replace(channels, timing=timing_of(step))
     if channels.timing is not None and channels.timing.step > _LONGEST_STEP:
         told = "the header of %s gives a time step of %g s, which may be in milliseconds. Pass the time step in seconds"
         log.warning(told, name, channels.timing.step)

@@ -62,4 +62,6 @@ def flattened(surface: Manifold | Cutout, method: str | Method, where: Where, ho
     """Flatten a surface, which may already be cut; see `voxflat.Surface.flatten`."""
     chosen = method_of(method)
     chosen._check(how)
+    if isinstance(surface, Cutout) and surface.tube is not None and not chosen.takes_tubes:
+        raise InputError(f"the method {chosen.name!r} cannot make a periodic map. Use the method 'voxflat'")
     return chosen._flatten(surface, where, how)

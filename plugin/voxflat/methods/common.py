@@ -31,15 +31,18 @@ def error_of_distances(part: Manifold, geodesic: str, how: How) -> float:
     return part.core.error_of_distances(how.seed, geodesic, how.threads, how.progress)
 
 
-def _measured(part: Manifold, result: dict[str, Any], geodesic: str, links_error: float, how: How) -> Distortion:
+def _measured(cut: Cutout, result: dict[str, Any], geodesic: str, links_error: float, how: How) -> Distortion:
     """Measure the distortion against graph distances, or against exact distances if graph distances are inaccurate."""
-    reference, distances = "graph", result["distortion"]
+    part, reference, distances = cut.part, "graph", result["distortion"]
     if geodesic == "exact" or links_error > MUCH:
+        joined, rows = (part, np.arange(len(part))) if cut.tube is None else (cut.tube.part, cut.tube.rows(part))
+        uv = np.empty((len(joined), 2))
+        uv[rows] = result["uv"]
         count = _core.REFERENCE_SOURCES if geodesic == "exact" else _FEW
-        sources = _core.reference_sources(len(part), count, how.seed)
-        evaluate = part.core.judge
-        figures = evaluate([result["uv"]], sources, "exact", _core.KEPT_BYTES, how.seed, how.threads, how.progress)
-        reference, distances = "exact", figures[0]
+        sources = _core.reference_sources(len(joined), count, how.seed)
+        kept, period = (_core.KEPT_BYTES, how.seed, how.threads, how.progress), result.get("period")
+        reference, distances = "exact", joined.core.judge([uv], sources, "exact", *kept, period=period)[0]
+        distances["per_point"] = distances["per_point"][rows]
     of_triangles = part.core.measure(result["uv"], how.progress)
     return Distortion._of(distances, of_triangles, reference, voxel_size=part.voxel_size)
 
@@ -62,7 +65,7 @@ def map_over_triangles(
     warnings = [*cut.remarks, *doubts]
     if links_error is None:
         links_error = error_of_distances(part, "graph", how)
-    distortion = _measured(part, result, more.get("geodesic", "graph"), links_error, how)
+    distortion = _measured(cut, result, more.get("geodesic", "graph"), links_error, how)
     if not more.get("descent", {"converged": True})["converged"]:
         steps = len(more["descent"]["energies"])
         warnings.append(f"the optimisation stopped after {steps} steps before it converged. A better map may exist")
@@ -124,7 +127,8 @@ def _framed(uv: NDArray[np.float64], cut: Cutout, how: How) -> tuple[NDArray[np.
     if cut.onto is not None:
         onto = cut.onto[cut.part.vertices]
         known = np.isfinite(onto).all(axis=1)
-        uv, _ = _core.turn_onto(uv, uv[known], onto[known])
+        if cut.tube is None:  # the axes of a periodic map are those of its period
+            uv, _ = _core.turn_onto(uv, uv[known], onto[known])
         uv, found["frame"] = uv - uv.mean(axis=0), "axis"
     if cut.is_standard and cut.sphere is not None:
         uv, points, residual = _in_standard_frame(uv, cut.part, cut.faces, cut.sphere)

@@ -96,6 +96,7 @@ class Method:
     summary: ClassVar[str]
     takes_rows: ClassVar[bool] = True
     takes_store: ClassVar[bool] = False
+    takes_tubes: ClassVar[bool] = False
 
     @property
     def provenance(self) -> dict[str, Any]:

@@ -19,7 +19,7 @@ from voxflat.maps.worst_search import worst_places
 from voxflat.methods.common import MUCH, error_of_distances, map_over_triangles
 from voxflat.methods.method import How, OverTriangles
 from voxflat.methods.start import cut_as, places_of
-from voxflat.surfaces.cutting import Cutout, Where
+from voxflat.surfaces.cutting import Cutout, Tube, Where
 from voxflat.surfaces.manifold import Manifold
 
 SCALES = ("distances", "areas")  # quantities that the scale of a map may preserve
@@ -112,6 +112,7 @@ class Voxflat(OverTriangles):
     name: ClassVar[str] = "voxflat"
     summary: ClassVar[str] = "minimises the distortion of distances and triangles"
     takes_store: ClassVar[bool] = True
+    takes_tubes: ClassVar[bool] = True
 
     sources: int | ArrayLike = 400
     sampling: str = "farthest"
@@ -140,6 +141,8 @@ class Voxflat(OverTriangles):
 
     def _map(self, cut: Cutout, how: How) -> FlatMap:
         """Flatten a disk of triangles, from a coarse surface or from a given map."""
+        if cut.tube is not None:
+            return self._periodic_map(cut, cut.tube, how)
         part, weighting = cut.part, float(self.weighting)
         max_area = None if self.max_area is None else float(self.max_area)
         places = None if self.start is None else places_of(cut, match(cut.whole, self.start))
@@ -169,6 +172,25 @@ class Voxflat(OverTriangles):
         more: dict[str, Any] = {"sampling": choice.rule, "links_error": links_error}
         flat = map_over_triangles(self.name, cut, how, result, need, rows, metadata, doubts, **more)
         return flat if max_area is None else _within(flat, max_area, how)
+
+    def _periodic_map(self, cut: Cutout, tube: Tube, how: How) -> FlatMap:
+        """Flatten a tube such that the two sides of its seam differ by one period."""
+        given = {"max_area": self.max_area, "start": self.start, "rows": how.rows or None}
+        for name in (name for name, value in given.items() if value is not None):
+            raise InputError(f"{name} does not apply to the chart 'cylinder'. Omit it, or use a single chart")
+        part = tube.part
+        choice = source_choice(part, self.sources, self.sampling, how.seed, fewest=3, at_most_all=True)
+        need = how.check_memory(cut.part.core.memory_need(choice.count, how.workers, "dropped"))
+        links_error = error_of_distances(part, "graph", how)
+        solver, error, doubts = _solver(part, self.geodesic, links_error, how)
+        of_seam = (cut.part.core, tube.seam.astype(np.uint32), choice.made(how.progress), how.seed, solver)
+        result = part.core.periodic(*of_seam, float(self.weighting), self.scale, how.threads, how.progress)
+        energies, converged = result["convergence"]
+        metadata = {"geodesic": solver, "distance_error": error, "weighting": self.weighting, "scale": self.scale}
+        metadata |= {"descent": {"converged": converged, "energies": energies}, "period": result["period"]}
+        metadata["planarity"] = None  # distances around a tube are not those in a plane
+        more: dict[str, Any] = {"sampling": choice.rule, "links_error": links_error}
+        return map_over_triangles(self.name, cut, how, result, need, None, metadata, doubts, **more)
 
 
 def _within(flat: FlatMap, max_area: float, how: How) -> FlatMap:

@@ -8,6 +8,7 @@ the reference frame, scaled to the area of the next frame. The movement is a sum
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -119,7 +120,8 @@ def boundary_edges(faces: NDArray[Any]) -> NDArray[np.int64]:
 class Follower:
     """Moves the mesh of a reference frame onto frame after frame."""
 
-    def __init__(self, core: _core.Surface) -> None:
+    def __init__(self, core: _core.Surface, tick: Callable[[], None] = lambda: None) -> None:
+        self._tick = tick  # called often; it may raise an error to stop the work
         self.reference = Shape(core.points, np.ascontiguousarray(core.faces))
         self.faces, self.count = self.reference.faces, len(core)
         starts, ends = self.faces.ravel(), np.roll(self.faces, 1, axis=1).ravel()
@@ -136,6 +138,7 @@ class Follower:
         cells = np.maximum(cells.astype(np.int64) - 1, 0)
         basis = scipy.sparse.csr_array((np.ones(self.count), (np.arange(self.count), cells)), shape=(self.count, count))
         for _ in range(max(3, round(0.6 * self.count / count / np.pi))):  # half the radius of a cell
+            self._tick()
             basis = self.average @ basis
             basis.data[basis.data < 1e-3] = 0
             basis.eliminate_zeros()
@@ -187,6 +190,7 @@ class Follower:
 
     def _gap(self, points: _Floats, target: Shape) -> tuple[_Floats, NDArray[np.bool_]]:
         """Return the way from each vertex to the next frame, and whether the normals at both ends agree."""
+        self._tick()
         own = Shape(points, self.faces)
         corners, weights, _ = target.nearest(points)
         feet, normals = target.mixed(target.points, corners, weights), target.mixed(target.normals, corners, weights)
@@ -212,6 +216,7 @@ class Follower:
         columns = 3 * basis.shape[1]
         normal, pull = np.zeros((columns, columns)), np.zeros(columns)
         for (parts, misfit, weights), scale in zip(blocks, scales, strict=False):
+            self._tick()
             jacobian = scipy.sparse.hstack([part @ basis for part in parts], format="csr")
             weighted = scipy.sparse.diags_array(weights * scale**2) @ jacobian
             normal += (jacobian.T @ weighted).toarray()

@@ -354,7 +354,7 @@ class Surface(Manifold):
     @telling()
     def charts(
         self,
-        count: int = 1,
+        count: int | str = 1,
         *,
         axis: Sequence[Any] | None = None,
         front: Sequence[int] | int | None = None,
@@ -371,9 +371,12 @@ class Surface(Manifold):
 
         Parameters
         ----------
-        count : int
+        count : int or "cylinder"
             Number of charts. A single chart covers the complete surface, which is cut along a seam opposite `front`.
-            Two charts are the front and the back. More charts are gores, numbered upwards from the front.
+            Two charts are the front and the back. More charts are gores, numbered upwards from the front. "cylinder"
+            returns one chart of a tube, whose map is periodic: the two sides of its seam differ by `FlatMap.period`.
+            The ends of a closed organ, up to 60 % of its largest circumference, become two more charts, "anterior" and
+            "posterior".
         axis : sequence of two points, optional
             The anterior and the posterior end of the organ: voxel indices, or vertex numbers of a mesh. By default, the
             two points that are farthest from each other along the surface, starting with the lower coordinate. The
@@ -382,7 +385,7 @@ class Surface(Manifold):
             Point on the middle line of the first chart. By default, a single chart is cut opposite the shortest path
             between the ends, and several charts start on a broad side of the organ.
         overlap : float
-            Width of the band that neighbouring charts share, in mm along the edges of the surface.
+            Width of the band that neighbouring charts share, in mm along the surface.
         relax : bool or float, optional
             Add relaxation cuts, as in `cut`; by default none are added.
         threads, progress : optional
@@ -797,7 +800,7 @@ def surface(
     threshold : float, optional
         Value above which the voxels of a volume are foreground, in the units of the input.
     spacing : sequence of 3 floats, optional
-        Voxel size in mm, for volumes that do not define it (.npy files and arrays); by default 1.
+        Voxel size in mm or `unit`, for volumes that do not define it (.npy files and arrays); by default 1.
     affine : array_like, shape (4, 4), optional
         Matrix from voxel indices to RAS+ mm, for volumes that do not define it.
     unit : {"mm", "µm", "nm", "cm", "m", "inch"}, optional

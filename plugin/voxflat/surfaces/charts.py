@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from voxflat.arguments import Progress, checked_number, is_whole, shown
 from voxflat.errors import InputError
 from voxflat.io.grid import in_unit
-from voxflat.surfaces.cutting import Cutout, cut_out_as, opened_to_disk
+from voxflat.surfaces.cutting import Cutout, Tube, cut_out_as, opened_to_disk
 from voxflat.surfaces.manifold import Manifold
 from voxflat.surfaces.parts import largest_piece, vertex_at
 from voxflat.surfaces.smoothing import cotangents
@@ -22,6 +22,10 @@ MOST_CHARTS = 64
 _SWEEPS = 4  # searches for the farthest vertex; more do not make the axis longer
 _STRAYING = 10.0  # how many times longer a seam's edge counts for each radian away from the back
 _NEAR_SEAM = 0.9 * np.pi  # longitudes beyond this lie on either side of a single chart
+CYLINDER = "cylinder"
+CAPS = ("anterior", "posterior")
+_CAP = 0.6  # circumference at which the ends of a closed surface are cut off, as a share of the largest one
+_BANDS = 50  # bands from end to end whose circumferences are compared
 _LEAST = 0.05  # share of the surface that each chart leaves to the others
 
 _Floats = NDArray[np.float64]
@@ -40,7 +44,7 @@ class _Frame:
 
 def charted(
     part: Manifold,
-    count: int,
+    count: int | str,
     axis: Sequence[Any] | None,
     front: Any,
     overlap: float,
@@ -49,8 +53,12 @@ def charted(
     progress: Progress | None,
 ) -> list[Cutout]:
     """Divide a surface into charts; see `voxflat.Surface.charts`."""
-    if not is_whole(count) or not 1 <= count <= MOST_CHARTS:
-        raise InputError(f"count is {shown(count)}. Pass a number of charts from 1 to {MOST_CHARTS}")
+    is_cylinder = isinstance(count, str) and count == CYLINDER
+    if not is_cylinder and not (is_whole(count) and 1 <= int(count) <= MOST_CHARTS):
+        raise InputError(f"count is {shown(count)}. Pass a number of charts from 1 to {MOST_CHARTS}, or 'cylinder'")
+    sectors = 1 if is_cylinder else int(count)
+    if is_cylinder and relax:
+        raise InputError("relax does not apply to a cylinder. Omit it, or choose a number of charts")
     overlap = checked_number(overlap, "overlap")
     if not (np.isfinite(overlap) and overlap >= 0):
         raise InputError(f"overlap is {overlap:g}. Pass the width of the overlap, or 0 for none")
@@ -58,6 +66,8 @@ def charted(
         raise InputError("overlap does not apply to a single chart. Omit it, or choose two or more charts")
     part = largest_piece(part)
     kind = _checked_topology(part)
+    if overlap and is_cylinder and kind != "closed":
+        raise InputError("overlap does not apply to a tube, which becomes a single cylinder. Omit it")
     graph = _edge_graph(part)
     told: list[str] = []
     ends = _ends(part, graph, axis, told)
@@ -65,9 +75,12 @@ def charted(
     if front is not None:
         at_front, remarks = vertex_at(part, front, "front")
         told += remarks
-    frame = _frame(part, graph, ends, at_front, count)
+    frame = _frame(part, graph, ends, at_front, sectors)
     about = {"count": count, "overlap": overlap, "front": None if at_front is None else part.ids[at_front].tolist()}
     about["axis"] = [part.ids[end[0]].tolist() for end in ends]
+    whole = part if part.whole is None else part.whole
+    if is_cylinder:
+        return _cylinder(whole, part, frame, kind, about, told, threads, progress)
     if count == 1:
         seam = _opposite(graph, frame.longitudes, ends)
         length = float(np.linalg.norm(np.diff(part.points[seam], axis=0), axis=1).sum())
@@ -77,27 +90,80 @@ def charted(
         told.append(f"the surface is {kind}, so it was divided into {count} charts that reach from end to end")
         made = [
             (part._with_core(part.core.part_of_faces(faces)), [])
-            for faces in _sectors(part, graph, frame, count, overlap)
+            for faces in _sectors(part, graph, frame, sectors, overlap)
         ]
-    told = [in_unit(remark, part.metadata) for remark in told]
-    whole = part if part.whole is None else part.whole
     charts = []
     for number, (chart, cuts) in enumerate(made):
-        cut = cut_out_as(whole, chart, cuts, "charts")
-        described = {**about, "name": name_of(number, count)}
-        cut = replace(
-            cut,
-            metadata={**cut.metadata, "chart": described},
-            remarks=(*cut.remarks, *told),
-            onto=_targets(part, frame, number, count),
-        )
+        described = {**about, "name": names_of(sectors)[number]}
+        onto = _targets(part, frame, 2 * np.pi * number / sectors)
+        cut = _chart(whole, chart, cuts, described, told, onto)
         charts.append(opened_to_disk(cut, bool(relax) and relax, threads, progress))
     return charts
 
 
-def name_of(number: int, count: int) -> str:
-    """Return the name of a chart: "front" and "back" for two, and otherwise its number from 1."""
-    return ("front", "back")[number] if count == 2 else f"chart{number + 1}"
+def _chart(
+    whole: Manifold, part: Manifold, cuts: list[_Ints], described: dict[str, Any], told: list[str], onto: _Floats
+) -> Cutout:
+    """Return a chart with its description, its remarks, and where it belongs."""
+    cut = cut_out_as(whole, part, cuts, "charts")
+    remarks = (*cut.remarks, *(in_unit(remark, part.metadata) for remark in told))
+    return replace(cut, metadata={**cut.metadata, "chart": described}, remarks=remarks, onto=onto)
+
+
+def names_of(count: int | str) -> tuple[str, ...]:
+    """Return the names of the charts: "front" and "back" for two, and otherwise their numbers from 1."""
+    if isinstance(count, str):
+        return (CYLINDER, *CAPS)
+    return ("front", "back") if count == 2 else tuple(f"chart{number + 1}" for number in range(count))
+
+
+def _cylinder(
+    whole: Manifold,
+    part: Manifold,
+    frame: _Frame,
+    kind: str,
+    about: dict[str, Any],
+    told: list[str],
+    threads: int | None,
+    progress: Progress | None,
+) -> list[Cutout]:
+    """Return a tube, cut open along a seam, and the two caps of a closed surface."""
+    is_cap = np.zeros((2, len(part.faces)), dtype=np.bool_)
+    if kind == "closed":
+        is_cap = _caps(part, frame, 0.0)
+        told = [*told, "the surface is closed, so its ends were cut off as separate charts"]
+    tube = part._with_core(part.core.part_of_faces(~(is_cap[0] | is_cap[1])))
+    loops = [np.array(loop["vertices"]) for loop in tube.core.topology()["loops"]]
+    if len(loops) != 2:
+        raise InputError("the ends of the surface cannot be cut off. Pass other ends of the axis, or a finer surface")
+    number = np.empty(part.count, dtype=np.int64)
+    number[part.vertices] = np.arange(len(part))
+    rows = number[tube.vertices]
+    left, right = sorted(loops, key=lambda loop: float(frame.along[rows[loop]].mean()))
+    seam = _opposite(_edge_graph(tube), frame.longitudes[rows], (left, right))
+    onto = _targets(part, frame, 0.0)
+    cut = _chart(whole, tube, [seam], {**about, "name": CYLINDER}, told, onto)
+    charts = [replace(cut, tube=Tube(tube, seam))]
+    if kind == "closed":
+        for name, faces, sign in zip(CAPS, _caps(part, frame, about["overlap"]), (1, -1), strict=True):
+            cap = part._with_core(part.core.part_of_faces(faces))
+            cut = _chart(whole, cap, [], {**about, "name": name}, told, _polar_targets(part, frame, sign))
+            charts.append(opened_to_disk(cut, False, threads, progress))
+    return charts
+
+
+def _caps(part: Manifold, frame: _Frame, overlap: float) -> NDArray[np.bool_]:
+    """Return the triangles of both ends, up to where the circumference is a share of the largest one."""
+    faces, areas = part.faces.astype(np.int64), _areas(part)
+    beside = _neighbours(faces)
+    poles = np.concatenate(frame.ends).astype(np.uint32)
+    apart = part.core.rows(poles)[:, faces].mean(axis=2)
+    along = (apart[0] - apart[1]) / 2
+    low, high = along.min(), along.max()
+    sums, edges = np.histogram(along, _BANDS, (low, high), weights=areas)  # proportional to circumferences
+    wide = np.flatnonzero(sums >= _CAP * sums.max())
+    reaches = (edges[wide[0]] - low, high - edges[wide[-1] + 1])
+    return np.array([~_largest(of > reach + overlap, beside, areas) for of, reach in zip(apart, reaches, strict=True)])
 
 
 def _checked_topology(part: Manifold) -> str:
@@ -310,9 +376,18 @@ def _grown(
     return ~_largest(~grown, beside, areas)
 
 
-def _targets(part: Manifold, frame: _Frame, number: int, count: int) -> _Floats:
+def _polar_targets(part: Manifold, frame: _Frame, sign: int) -> _Floats:
+    """Return where the points of a cap would lie beside a cylinder, on its left (1) or right (-1) side."""
+    reach = sign * frame.along
+    ways = np.stack([sign * np.cos(frame.longitudes), np.sin(frame.longitudes)], axis=1)
+    onto = np.full((part.count, 2), np.nan)
+    onto[part.vertices] = (reach - np.nanmin(reach))[:, None] * ways
+    return onto
+
+
+def _targets(part: Manifold, frame: _Frame, middle: float) -> _Floats:
     """Return where the points of a chart would lie on a cylinder, by vertex of the complete surface; NaN if unknown."""
-    around = _wrapped(frame.longitudes - 2 * np.pi * number / count)
+    around = _wrapped(frame.longitudes - middle)
     around[np.abs(around) > _NEAR_SEAM] = np.nan
     onto = np.full((part.count, 2), np.nan)
     onto[part.vertices] = np.column_stack([frame.along, frame.radius * around])

@@ -24,6 +24,20 @@ _NO_TRIAL = 1e9  # an error limit that is never exceeded, so that no cut is trie
 
 
 @dataclass(frozen=True)
+class Tube:
+    """A tube before it was cut open, on which the distances of a periodic map are measured."""
+
+    part: Manifold
+    seam: NDArray[np.int64]  # its vertices from the left to the right end
+
+    def rows(self, opened: Manifold) -> NDArray[np.int64]:
+        """Return the vertex of the tube for each vertex of the surface that was cut open along the seam."""
+        found = np.empty(len(opened), dtype=np.int64)
+        found[opened.faces] = self.part.faces
+        return found
+
+
+@dataclass(frozen=True)
 class Cutout:
     """The part that is flattened, the surface that it was cut from, and a record of the steps."""
 
@@ -40,6 +54,7 @@ class Cutout:
     is_standard: bool = False  # whether a template's cuts were chosen
     is_told: bool = False  # whether its remarks were logged
     onto: NDArray[np.float64] | None = None  # where the vertices of the complete surface belong on the map, or NaN
+    tube: Tube | None = None  # the tube before it was cut open, if the map is to be periodic
 
     def anatomy(self, threads: int | None = None, progress: Progress | None = None) -> dict[str, NDArray[np.float64]]:
         """Return curvature and sulcal depth of the part's vertices, computed on the complete surface."""

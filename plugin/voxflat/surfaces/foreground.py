@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from voxflat.arguments import is_whole, optional_number, shown
+from voxflat.arguments import is_whole, log, optional_number, shown
 from voxflat.errors import InputError
 from voxflat.io.sources import as_volume
 from voxflat.io.spaces import UNKNOWN, Space
@@ -136,6 +136,11 @@ def _above(data: NDArray[Any], threshold: float) -> NDArray[np.bool_]:
         mask = np.asarray(data > threshold)
     if not mask.any():
         raise InputError(f"no voxel is above the threshold {threshold}; the largest value is {data.max()}")
+    if 0 < threshold < 1 and data.dtype in (np.uint8, np.uint16):
+        largest, most = int(data.max()), int(np.iinfo(data.dtype).max)
+        if 4 * largest > 3 * most and ((data > 0) & (data < largest)).any():  # not a mask
+            told = "values range up to %d, so threshold=%g selects all voxels except zeros. For probabilities, pass %g"
+            log.warning(told, largest, threshold, threshold * most)
     return mask
 
 

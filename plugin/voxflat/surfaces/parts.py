@@ -88,6 +88,8 @@ def largest_piece(part: _Part) -> _Part:
         )
     what = "the patch" if part.steps else "the surface"
     remark = f"{what} has {len(areas)} components; only the largest is used ({100 * share:.1f} % of the area)"
+    if 1 - share > _STRAY_SHARE:
+        remark += ". To use another one, select its label or keep a part"
     return replace(part, core=part.core.largest_piece(), remarks=(*part.remarks, remark))
 
 

@@ -30,6 +30,12 @@ pub enum Error {
     )]
     Folded { triangles: usize },
 
+    #[error(
+        "the surface has {loops} boundary loops, or its seam does not open it, but a periodic map requires a tube with \
+         two ends. Cut the ends off, or flatten it without a period"
+    )]
+    NotATube { loops: usize },
+
     #[error("the start has {places} positions, but the surface has {points} vertices. Give one position per vertex")]
     StartMismatch { places: usize, points: usize },
 

@@ -15,9 +15,9 @@ from qtpy.QtWidgets import QFileDialog, QLabel, QPushButton, QSizePolicy, QVBoxL
 
 from voxflat._napari.depth import tasks
 from voxflat._napari.depth.form import DepthForm
-from voxflat._napari.depth.window import FlatWindow
 from voxflat._napari.docks import TaskDock, arrange, grid
 from voxflat._napari.layers.world import MADE_FROM, data_to_world
+from voxflat._napari.map_viewer.flat_window import FlatWindow
 from voxflat._napari.results.flat_layers import LayerData
 from voxflat._napari.viewer_state import ViewerState
 from voxflat.errors import InputError, VoxflatError
@@ -34,7 +34,7 @@ class CorticalDepth(TaskDock):
         super().__init__()
         self._viewer = napari_viewer
         self._state = ViewerState.of(napari_viewer)
-        self.flat_window = FlatWindow(self)
+        self.flat_window = FlatWindow(self, "Flat volume")
         self.profile: Profile | None = None
         self.plot: QWidget | None = None
         self.form = DepthForm(napari_viewer)

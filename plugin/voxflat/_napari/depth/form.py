@@ -51,6 +51,10 @@ class DepthForm(LayerForm):
             self.surface.keep()
         self.regions.refresh()
 
+    def _set_unit(self, unit: str) -> None:
+        super()._set_unit(unit)
+        self.area.setSuffix(f" {unit}²")
+
     def _region_rank(self, layer: Layer) -> int | None:
         if not isinstance(layer, Labels) or layer.ndim != 3 or "voxflat" in layer.metadata:
             return None

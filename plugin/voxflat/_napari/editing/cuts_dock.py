@@ -29,7 +29,7 @@ from voxflat._napari.editing.cuts_form import CutsForm
 from voxflat._napari.editing.drawing import Drawing, Drawn
 from voxflat._napari.keys import Keys, key_text
 from voxflat._napari.layers.seed import first_vertex
-from voxflat._napari.layers.world import data_to_world, from_ras, in_units_of, moved, unit_ratio
+from voxflat._napari.layers.world import data_to_world, from_ras, in_units_of, moved, unit_of, unit_ratio
 from voxflat._napari.map_viewer.viewer_parts import canvas_widget, fill, is_click
 from voxflat._napari.viewer_state import DrawnCuts, ViewerState
 from voxflat.errors import VoxflatError
@@ -130,7 +130,7 @@ class DrawCuts(TaskDock):
         shown_on = self.form.shown_on.layer
         if shown_on is None:
             places = from_ras(drawing.points, world)
-            unit = None if str(self._layer.units[0]) == "pixel" else "mm"
+            unit = None if str(self._layer.units[-1]) == "pixel" else unit_of(self._layer)
         else:  # such as the inflated surface, which has the same vertices
             places = moved(np.asarray(shown_on.vertices)[surface.vertices], data_to_world(shown_on))
             unit = None if str(shown_on.units[0]) == "pixel" else str(shown_on.units[0])
@@ -283,14 +283,20 @@ class DrawCuts(TaskDock):
         self.cuts.setRowCount(len(cuts))
         for row, cut in enumerate(cuts):
             assert self.drawing is not None
-            for column, text in enumerate((self.drawing.title(cut), f"{self.drawing.length(cut):.0f} mm", "")):
+            for column, text in enumerate((self.drawing.title(cut), self._length(cut), "")):
                 self.cuts.setItem(row, column, _cell(text))
         if self._layers is not None and self._layers.is_there:
             self._layers.update()
         if self.drawing is not None:
-            total = sum(self.drawing.length(cut) for cut in cuts)
-            self.status.setText(status or f"{len(cuts)} cut{'s' * (len(cuts) != 1)}, {total:.0f} mm in total.")
+            total = self._length(*cuts)
+            self.status.setText(status or f"{len(cuts)} cut{'s' * (len(cuts) != 1)}, {total} in total.")
         self._enable()
+
+    def _length(self, *cuts: Any) -> str:
+        """Return the length of cuts in total, with its unit."""
+        assert self.drawing is not None
+        unit = "mm" if self._layer is None else unit_of(self._layer)
+        return f"{sum(map(self.drawing.length, cuts)):.0f} {unit}"
 
     def _enable(self) -> None:
         drawing = self.drawing

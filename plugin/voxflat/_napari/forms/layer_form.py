@@ -14,8 +14,8 @@ from voxflat._napari.forms.layer_choice import LayerChoice
 from voxflat._napari.forms.threshold_choice import ThresholdChoice
 from voxflat._napari.layers.meshes import LayerMesh, is_elsewhere, surface_name, vary
 from voxflat._napari.layers.sampled import Shown, shown, usual_depth
-from voxflat._napari.layers.volumes import LayerVolume
-from voxflat._napari.layers.world import MADE_FROM, WORLDS, same_kind_of_unit
+from voxflat._napari.layers.volumes import LayerVolume, shown_step
+from voxflat._napari.layers.world import MADE_FROM, WORLDS, same_kind_of_unit, unit_of
 from voxflat.errors import InputError
 
 
@@ -24,6 +24,7 @@ class LayerForm(QWidget):
 
     def __init__(self, viewer: Viewer) -> None:
         super().__init__()
+        self._viewer = viewer
         self.surface = LayerChoice(viewer, partial(_surface_rank, viewer), follows_selection=True)
         self.surface.setPlaceholderText("open a Labels, Image or Surface layer")
         self.surface.setToolTip("The layer to flatten: Labels, an Image with a threshold, or a Surface")
@@ -42,6 +43,7 @@ class LayerForm(QWidget):
         tip = "Pixel size of the map. The default is half the size of a voxel, or half the length of a mesh edge"
         self.pixel_size = spin(QDoubleSpinBox(), 0, 100, tip, " mm", step=0.1, special="automatic")
         self._depth_by_user = False
+        self._usual_world = "RAS"
         self.sample_depth.editingFinished.connect(self._on_depth)
         self._rows = QFormLayout(self)
         self._rows.setContentsMargins(0, 0, 0, 0)
@@ -65,6 +67,18 @@ class LayerForm(QWidget):
         self.threshold.follow(layer if isinstance(layer, Image) and not layer.rgb else None)
         self.sampled.refresh()
         self._set_depth()
+        unit = "mm" if layer is None else unit_of(layer)
+        self._set_unit(unit)
+        is_tissue = unit != "mm" or (layer is not None and layer.ndim > 3)
+        usual = "SAR" if is_tissue else "RAS"  # layers of microscopes have the axes z, y, x
+        if usual != self._usual_world:
+            self._usual_world = usual
+            self.world.setCurrentIndex(self.world.findData(usual))
+
+    def _set_unit(self, unit: str) -> None:
+        """Show the unit of the surface."""
+        for box in (self.sample_depth, self.pixel_size):
+            box.setSuffix(f" {unit}")
 
     def _set_depth(self) -> None:
         if not self._depth_by_user:
@@ -81,7 +95,8 @@ class LayerForm(QWidget):
         if "voxflat" in layer.metadata:
             return None
         if isinstance(layer, Image | Labels):
-            suits = isinstance(layer, Image) and layer.ndim == 3
+            own = self.surface.layer
+            suits = isinstance(layer, Image) and layer.ndim == max(3, 3 if own is None else own.ndim)
             return int(suits) + (suits and layer != self.surface.layer)  # an image is constant on its own isosurface
         mesh = self.surface.layer
         if not (isinstance(layer, Surface) and isinstance(mesh, Surface) and len(layer.vertices) == len(mesh.vertices)):
@@ -113,7 +128,8 @@ class LayerForm(QWidget):
         if not isinstance(sampled, Surface) and sampled.ndim == 3 and not same_kind_of_unit(layer, sampled):
             both = f"'{layer.name}' ({layer.units[0]}) and '{sampled.name}' ({sampled.units[0]})"
             raise InputError(f"The units of {both} do not match. Set both to units of length")
-        return shown(sampled, world, self.sample_depth.value())
+        step = () if isinstance(sampled, Surface) else shown_step(sampled, self._viewer.dims.point)
+        return shown(sampled, world, self.sample_depth.value(), step=step)
 
     def release(self) -> None:
         """Stop following the viewer."""
@@ -127,6 +143,8 @@ def _surface_rank(viewer: Viewer, layer: Layer) -> int | None:
     """Rank layers to flatten: labels, then surfaces, then images; a surface that belongs to another one has rank 0."""
     if "voxflat" in layer.metadata or not isinstance(layer, Image | Labels | Surface) or getattr(layer, "rgb", False):
         return None
+    if isinstance(layer, Labels) and layer.ndim > 3 and MADE_FROM not in layer.metadata:
+        return 1  # frames of a movie
     if layer.ndim != 3 or MADE_FROM in layer.metadata or any(_is_of(layer, other) for other in viewer.layers):
         return 0
     if isinstance(layer, Surface):

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from qtpy.QtWidgets import QLabel
 
 from voxflat._napari.layers.volumes import finest
+from voxflat._napari.layers.world import unit_of
 from voxflat._napari.timers import single_shot
 from voxflat._napari.worker import BackgroundTask
 from voxflat.surfaces.standard.sphere import sphere_at
@@ -21,7 +22,7 @@ _SECONDS = 2e-4  # run time per point on two cores (docs/decisions/0027)
 _BYTES = 6500.0  # memory per point
 _PARTS = {
     "whole": "the whole surface",
-    "disk": "a disk of radius {radius:g} mm around the seed point",
+    "disk": "a disk of radius {radius:g} {unit} around the seed point",
     "polygon": "the region within the polygon",
     "mask": "the region within the mask",
     "values": "the region where values are not 0",
@@ -39,6 +40,7 @@ class _Asked:
     radius: float
     has_pial: bool
     goes_on: bool
+    frame: tuple[int, int, bool] | None = None  # of a movie: the displayed one, their number, whether all are flattened
     label: int | None = None
     threshold: float | None = None
     rim: str | None = None
@@ -67,7 +69,7 @@ class Plan(QLabel):
         key = (id(layer), self._asked.label, self._asked.threshold)
         if isinstance(layer, Surface):
             self._count = len(layer.vertices)
-        elif self._asked.rim is not None:
+        elif self._asked.rim is not None or self._asked.frame is not None:
             self._counted, self._count = key, None
             self._timer.stop()
         elif key != self._counted:
@@ -104,14 +106,20 @@ class Plan(QLabel):
 
 
 def _steps(asked: _Asked) -> list[str]:
-    part = _PARTS[asked.part].format(radius=asked.radius)
+    unit = unit_of(asked.layer)
+    part = _PARTS[asked.part].format(radius=asked.radius, unit=unit)
     if asked.method == "grossmann2002":
         return [f"Flattens {part}, voxel by voxel. The surface must be open."]
     is_mesh, is_rim = isinstance(asked.layer, Surface), asked.rim is not None
     steps = [f"Flattens {'the largest component' if asked.part == 'whole' and not is_mesh else part}."]
+    if asked.frame is not None:
+        number, count, flattens_all = asked.frame
+        steps = [f"Flattens the largest component in frame {number}."]
+        if flattens_all:
+            steps.append(f"Moves its mesh onto the other {count - 1} frames, so that all frames share the map.")
     if is_rim:
         steps = [f"Flattens {part}, halfway between the borders of the grey matter."]
-    if asked.threshold is not None and asked.part == "whole":
+    if asked.threshold is not None and asked.part == "whole" and unit == "mm":
         steps.append("In a whole brain, this component can include both hemispheres and the cerebellum.")
     if is_mesh and asked.has_pial:
         steps.append("Measures distances midway to the pial surface.")

@@ -3,7 +3,7 @@
 from typing import Any
 
 from napari import Viewer
-from napari.layers import Labels, Layer, Points, Shapes, Surface
+from napari.layers import Image, Labels, Layer, Points, Shapes, Surface
 from numpy.typing import NDArray
 from qtpy.QtCore import Qt
 from qtpy.QtWidgets import QCheckBox, QDoubleSpinBox
@@ -15,12 +15,13 @@ from voxflat._napari.forms.layer_form import LayerForm
 from voxflat._napari.forms.options_form import OptionsForm, takes
 from voxflat._napari.forms.plan import Plan
 from voxflat._napari.forms.seed_choice import SeedChoice
-from voxflat._napari.job import Job
+from voxflat._napari.job import Frames, Job
 from voxflat._napari.layers.foreground import inside
 from voxflat._napari.layers.meshes import LayerMesh, surface_name, vary
 from voxflat._napari.layers.sampled import overlay
 from voxflat._napari.layers.seed import corners
-from voxflat._napari.layers.volumes import LayerVolume
+from voxflat._napari.layers.volumes import LayerVolume, finest, frames_of, shown_step, time_axis
+from voxflat._napari.layers.world import unit_of
 from voxflat._napari.viewer_state import ViewerState
 from voxflat.errors import InputError
 from voxflat.maps.flat_map import FlatMap
@@ -28,6 +29,7 @@ from voxflat.methods import METHODS
 
 _RADIUS = 45.0  # mm, as in the README
 _METHODS = {name: name for name in METHODS}  # the summaries, which are wider than the box, are tooltips
+_FRAMES = {"all": "all frames with one map", "one": "displayed frame"}
 _PARTS = {"whole": "whole surface", "disk": "disk around a point", "polygon": "within a polygon"}
 _PARTS |= {"mask": "within a mask", "values": "nonzero values"}
 
@@ -43,13 +45,14 @@ class SurfaceForm(LayerForm):
         part = (("Part", self.patch), *disk, ("Polygon", self.polygon), ("Mask", self.masked_by))
         shown = (("Show on map", self.sampled), ("at depth", self.sample_depth))
         how = (("Method", self.method), ("Continue", self.continues), ("World axes", self.world))
-        self._add_rows(("Pial surface", self.pial), *part, *shown, *how)
+        self._add_rows(("Frames", self.frames), ("Pial surface", self.pial), *part, *shown, *how)
         advanced = QCollapsible("Advanced", expandedIcon="▾", collapsedIcon="▸")
         advanced.addWidget(self.options)
         self._rows.addRow(advanced)
         self._rows.addRow(self.plan)
         self.patch.currentIndexChanged.connect(self._on_patch)
         self.method.currentIndexChanged.connect(self._on_method)
+        self.frames.currentIndexChanged.connect(self._on_frames)
         for layers in (self.pial, self.polygon, self.masked_by, self.sampled):
             layers.chosen.connect(self._update_plan)
         changes = (self.label.currentIndexChanged, self.options.changed, self.threshold.box.valueChanged)
@@ -57,6 +60,7 @@ class SurfaceForm(LayerForm):
             change.connect(self._update_plan)
         self._state.cuts_drawn.connect(self._on_cuts_drawn)
         self._state.changed.connect(self._offer_to_go_on)
+        viewer.dims.events.current_step.connect(self._on_step)
         self._on_surface()
         self._on_patch()
         self._on_method()
@@ -64,12 +68,14 @@ class SurfaceForm(LayerForm):
 
     def _make_fields(self, viewer: Viewer) -> None:
         self.method = choice(_METHODS, "The flattening method: voxflat's own method, or the method of a paper")
+        tip = "Flatten all frames with one map, on which cells stay in place, or only the frame that is displayed"
+        self.frames = choice(_FRAMES, tip)
         self.pial = LayerChoice(viewer, self._pial_rank, none="none")
         self.pial.setToolTip("The pial surface of a white surface. Distances are measured midway between the two")
         tip = "The part to flatten. Closed surfaces are cut open. Small parts are less distorted"
         self.patch = choice(_PARTS, tip)
         self.seed = SeedChoice(viewer, self._inside)
-        self.radius = spin(QDoubleSpinBox(), 1, 1000, "Radius of the disk, measured along the surface", " mm")
+        self.radius = spin(QDoubleSpinBox(), 1, 100_000, "Radius of the disk, measured along the surface", " mm")
         self.radius.setDecimals(1)
         self.radius.setValue(_RADIUS)
         self.polygon = LayerChoice(viewer, _polygon_rank)
@@ -93,7 +99,11 @@ class SurfaceForm(LayerForm):
     def _on_surface(self) -> None:
         super()._on_surface()
         layer = self.surface.layer
-        is_mesh = isinstance(layer, Surface)
+        is_mesh, is_series = isinstance(layer, Surface), layer is not None and layer.ndim > 3
+        show_row(self._rows, self.frames, _is_movie(layer))
+        if is_series:
+            self.patch.setCurrentIndex(self.patch.findData("whole"))
+        show_row(self._rows, self.patch, not is_series)
         offer(self.method, _METHODS, "grossmann2002", not is_mesh)
         for name, method in METHODS.items():
             self.method.setItemData(self.method.findData(name), method.summary, Qt.ItemDataRole.ToolTipRole)
@@ -102,7 +112,7 @@ class SurfaceForm(LayerForm):
         self.pial.refresh()
         self.masked_by.refresh()
         show_row(self._rows, self.pial, is_mesh and self.pial.count() > 1)
-        self.seed.set_surface(layer)
+        self.seed.set_surface(None if is_series else layer)
         self.options.offer_drawn(self._state.cuts_of(layer))
         self._offer_to_go_on()
         self._update_plan()
@@ -110,6 +120,23 @@ class SurfaceForm(LayerForm):
     def _on_cuts_drawn(self, layer: Layer) -> None:
         self.surface.choose(layer)
         self.options.offer_drawn(self._state.cuts_of(self.surface.layer), chosen=True)
+
+    def _on_frames(self) -> None:
+        self._offer_to_go_on()
+        self._update_plan()
+
+    def _on_step(self) -> None:
+        if self.surface.layer is not None and self.surface.layer.ndim > 3:
+            self._update_plan()
+
+    @property
+    def _flattens_all(self) -> bool:
+        layer = self.surface.layer
+        return _is_movie(layer) and self.frames.currentData() == "all"
+
+    def _set_unit(self, unit: str) -> None:
+        super()._set_unit(unit)
+        self.radius.setSuffix(f" {unit}")
 
     def _on_patch(self) -> None:
         part = self.patch.currentData()
@@ -131,7 +158,8 @@ class SurfaceForm(LayerForm):
 
     def _map_to_go_on_from(self) -> FlatMap | None:
         is_known = takes(self.method.currentData(), "start")
-        return self._state.map_of(self.surface.layer) if is_known else None
+        is_single = is_known and not self._flattens_all
+        return self._state.map_of(self.surface.layer) if is_single else None
 
     def continue_from_shown_map(
         self, layer: Layer, label: int | None = None, threshold: float | None = None, rim: str | None = None
@@ -149,10 +177,13 @@ class SurfaceForm(LayerForm):
 
     def _update_plan(self) -> None:
         layer = self.surface.layer
-        if layer is None or layer.ndim != 3:
+        is_mesh = isinstance(layer, Surface)
+        if layer is None or layer.ndim < 3 or (is_mesh and layer.ndim > 3):
             self.plan.follow(None)
             return
-        is_mesh = isinstance(layer, Surface)
+        frame = None
+        if layer.ndim > 3:
+            frame = shown_step(layer, self._viewer.dims.point)[0], finest(layer).shape[0], self._flattens_all
         self.plan.follow(
             layer,
             method=self.method.currentData(),
@@ -161,6 +192,7 @@ class SurfaceForm(LayerForm):
             radius=self.radius.value(),
             has_pial=is_mesh and self.pial.layer is not None,
             goes_on=self.continues.isChecked(),
+            frame=frame,
             **({} if is_mesh else self._foreground(layer)),
         )
 
@@ -188,12 +220,13 @@ class SurfaceForm(LayerForm):
         """Return the job that the form describes; raises InputError if a choice is missing or unsuitable."""
         layer, world, method = self._chosen(), self.world.currentData(), self.method.currentData()
         surface, foreground = self.source()
+        frames = self._frames(layer, surface) if self._flattens_all else None
         of_mesh: dict[str, Any] = {}
         if isinstance(surface, LayerMesh):
             if self.patch.currentData() == "values":
                 of_mesh["keep"] = surface.kept()
             of_mesh["values"] = overlay(layer, surface) if vary(surface.values) else None
-            of_mesh["pial"] = None if self.pial.layer is None else LayerMesh.of(self.pial.layer, world)
+            of_mesh["pial"] = None if self.pial.layer is None else LayerMesh.of(self.pial.layer, world, unit_of(layer))
         self.threshold.preview.setChecked(False)
         return Job(
             surface=surface,
@@ -201,11 +234,29 @@ class SurfaceForm(LayerForm):
             pixel_size=self.pixel_size.value() or None,
             shown=self._shown(layer, world),
             options=self.options.options(method),
+            frames=frames,
             start=self._map_to_go_on_from() if self.continues.isChecked() else None,
             **self._part(layer, world),
             **foreground,
             **of_mesh,
         )
+
+    def source(self) -> tuple[LayerVolume | LayerMesh, dict[str, Any]]:
+        """Return the chosen layer, at the displayed frame of a movie, as `LayerForm.source` does."""
+        layer = self._chosen()
+        if isinstance(layer, Surface) or layer.ndim == 3:
+            return super().source()
+        step = shown_step(layer, self._viewer.dims.point)
+        return LayerVolume.of(layer, self.world.currentData(), step), self._foreground(layer)
+
+    def _frames(self, layer: Layer, surface: LayerVolume | LayerMesh) -> Frames:
+        """Return the frames of a movie; raises InputError if it has options that only single surfaces have."""
+        assert isinstance(surface, LayerVolume)
+        if self.label.rim is not None:
+            raise InputError("Movies cannot be flattened as rims. Choose a label, or flatten only the displayed frame")
+        if "drop" in self.options.options(self.method.currentData()):
+            raise InputError("Drawn cuts that exclude a part need a single surface. Flatten only the displayed frame")
+        return Frames(frames_of(surface), surface.step[0], time_axis(layer))
 
     def _part(self, layer: Layer, world: str) -> dict[str, Any]:
         """Return the arguments that select the part to flatten."""
@@ -217,7 +268,7 @@ class SurfaceForm(LayerForm):
         if part == "polygon":
             if self.polygon.layer is None:
                 raise InputError("There is no polygon. Draw it in a Shapes layer, or add its corners to a Points layer")
-            return {"polygon": corners(self.polygon.layer, world)}
+            return {"polygon": corners(self.polygon.layer, world, unit_of(layer))}
         if part == "mask":
             if self.masked_by.layer is None:
                 raise InputError("There is no mask. Open a Labels layer of the same shape, or choose another part")
@@ -228,9 +279,15 @@ class SurfaceForm(LayerForm):
         super().release()
         self._state.cuts_drawn.disconnect(self._on_cuts_drawn)
         self._state.changed.disconnect(self._offer_to_go_on)
+        self._viewer.dims.events.current_step.disconnect(self._on_step)
         self.plan.follow(None)
         for followed in (self.seed, self.pial, self.polygon, self.masked_by):
             followed.release()
+
+
+def _is_movie(layer: Layer | None) -> bool:
+    """Return whether a layer has several frames, along its first axis."""
+    return isinstance(layer, Image | Labels) and layer.ndim > 3 and finest(layer).shape[0] > 1
 
 
 def _polygon_rank(layer: Layer) -> int | None:

@@ -65,6 +65,7 @@ def rim_of(source: LayerVolume, kind: str, progress: Progress) -> Rim:
 def surface_of(source: LayerVolume | LayerMesh, progress: Progress, *, rim: str | None = None, **how: Any) -> Surface:
     """Return the surface of a layer; `rim` is a key of `RIMS`, and the other keywords are as in `voxflat.surface`."""
     if rim is None:
-        return surface(source.read(), **how, progress=progress)
+        unit = source.place.unit if isinstance(source, LayerMesh) and source.place.unit != "mm" else None
+        return surface(source.read(), **how, unit=unit, progress=progress)
     assert isinstance(source, LayerVolume)
     return rim_of(source, rim, progress).surface

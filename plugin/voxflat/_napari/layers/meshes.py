@@ -28,13 +28,13 @@ class LayerMesh:
     structure: str | None = None
 
     @classmethod
-    def of(cls, layer: Surface, world: str = "RAS") -> "LayerMesh":
+    def of(cls, layer: Surface, world: str = "RAS", unit: str | None = None) -> "LayerMesh":
         """Read a Surface layer; raises InputError unless it is 3D, with triangles, length units and suitable values."""
         vertices, faces, values = (np.asarray(part) for part in layer.data)
         if values.ndim > 1:
             select = "Select one value per vertex, for example with layer.vertex_values = layer.vertex_values[0]"
             raise InputError(f"The values of layer '{layer.name}' have {values.ndim} axes. {select}")
-        place = LayerPlace.of(layer, world)
+        place = LayerPlace.of(layer, world, unit=unit)
         if faces.ndim != 2 or faces.shape[1] != 3:
             corners = f"{faces.shape[1]} corners" if faces.ndim == 2 else f"shape {faces.shape}"
             raise InputError(f"The faces of layer '{layer.name}' are not triangles ({corners}). Triangulate the mesh")
@@ -50,7 +50,7 @@ class LayerMesh:
         return self.place.origin
 
     def read(self) -> Mesh:
-        """Convert the vertices to RAS+ mm; a mirroring transform reverses the triangles. May raise InputError."""
+        """Convert the vertices to RAS+; a mirroring transform reverses the triangles. May raise InputError."""
         affine = self.place.affine
         faces = self.faces[:, ::-1] if np.linalg.det(affine[:3, :3]) < 0 else self.faces
         space = UNKNOWN if self.origin["unit"].startswith("pixel") else Space("scanner")

@@ -38,7 +38,8 @@ class Sampled:
 
     @property
     def meaning(self) -> str:
-        place = f"{abs(self.depth):g} mm {'out' if self.depth > 0 else 'in'}side" if self.depth else "at"
+        side, unit = "outside" if self.depth > 0 else "inside", self.volume.place.unit
+        place = f"{abs(self.depth):g} {unit} {side}" if self.depth else "at"
         return f"the values of '{self.name}', sampled {place} the surface"
 
     def image(self, flat_map: Planar | Atlas, pixel_size: float | None) -> FlatImage:

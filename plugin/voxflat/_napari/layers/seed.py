@@ -20,8 +20,8 @@ MARKER = {"name": "seed point", "size": 6, "symbol": "cross", "face_color": "#ff
 MARKER |= {"blending": "translucent_no_depth"}
 
 
-def corners(drawn: Points | Shapes, world: str) -> NDArray[np.float64]:
-    """Return polygon corners (all points, or the selected or last shape) in RAS+ mm; raises InputError if too few."""
+def corners(drawn: Points | Shapes, world: str, unit: str) -> NDArray[np.float64]:
+    """Return polygon corners (all points, or the selected or last shape) in RAS+; raises InputError if too few."""
     found = drawn.data
     if isinstance(drawn, Shapes) and len(found):
         chosen = sorted(drawn.selected_data)
@@ -29,7 +29,7 @@ def corners(drawn: Points | Shapes, world: str) -> NDArray[np.float64]:
     if len(found) < 3:
         count = f"{len(found)} corner{'s' * (len(found) != 1)}"
         raise InputError(f"The polygon in layer '{drawn.name}' has {count}. Draw at least 3 corners")
-    return moved(found, LayerPlace.of(drawn, world).affine)
+    return moved(found, LayerPlace.of(drawn, world, unit=unit).affine)
 
 
 def seed_of(points: Points, layer: Layer) -> Seed | None:

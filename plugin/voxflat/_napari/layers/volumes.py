@@ -1,7 +1,7 @@
-"""Convert napari Image and Labels layers to volumes in RAS+ mm."""
+"""Convert napari Image and Labels layers to volumes in RAS+ positions."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -12,6 +12,24 @@ from voxflat._napari.layers.world import LayerPlace
 from voxflat.errors import InputError
 from voxflat.io.chunks import is_chunked
 from voxflat.io.volumes import Volume
+
+
+@dataclass(frozen=True, eq=False)
+class TimeAxis:
+    """The position of the frames of a movie in the world of the viewer."""
+
+    axis: int  # from the last one, such as -4
+    start: float  # of frame 0
+    step: float
+
+    def frame(self, point: Sequence[float], count: int) -> int:
+        """Return the frame at a point of the viewer."""
+        at = point[self.axis] if len(point) >= -self.axis else self.start
+        return int(np.clip(round((at - self.start) / self.step), 0, count - 1))
+
+    def place(self, frame: int) -> float:
+        """Return the position of a frame along the axis."""
+        return self.start + frame * self.step
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,7 +59,7 @@ class LayerVolume:
     def read(self) -> Volume:
         """Load the voxels, which may be slow for dask and zarr arrays; raises InputError if they are not a volume."""
         data = np.asarray(self.data[self.step] if self.step else self.data)
-        return Volume(_bytes(data) if self.rgb else data, self.place.affine, self.place.path)
+        return Volume(_bytes(data) if self.rgb else data, self.place.affine, self.place.path, unit=self.place.unit)
 
     def lazily(self) -> Volume:
         """Return the volume without loading dask and zarr arrays; sampling reads only the chunks that it needs."""
@@ -52,7 +70,12 @@ class LayerVolume:
             from dask.array import from_array
 
             data = (data if hasattr(data, "dask") else from_array(data))[self.step]  # type: ignore[no-untyped-call]
-        return Volume(data, self.place.affine, self.place.path)
+        return Volume(data, self.place.affine, self.place.path, unit=self.place.unit)
+
+
+def frames_of(volume: LayerVolume) -> tuple[LayerVolume, ...]:
+    """Return all frames of a movie along its first axis; other leading axes, such as channels, keep their index."""
+    return tuple(replace(volume, step=(frame, *volume.step[1:])) for frame in range(volume.data.shape[0]))
 
 
 def finest(layer: Layer) -> Any:
@@ -64,6 +87,14 @@ def shown_step(layer: Layer, point: Sequence[float]) -> tuple[int, ...]:
     """Return the time point and channel of a layer at a point of the viewer."""
     index = layer.world_to_data(point[-layer.ndim :])[: layer.ndim - 3]
     return tuple(int(np.clip(round(n), 0, size - 1)) for n, size in zip(index, finest(layer).shape, strict=False))
+
+
+def time_axis(layer: Layer) -> TimeAxis:
+    """Return the position of the first axis of a layer in the world of the viewer."""
+    ends = np.zeros((2, layer.ndim))
+    ends[1, 0] = 1
+    start, following = (float(layer.data_to_world(end)[0]) for end in ends)
+    return TimeAxis(-layer.ndim, start, following - start)
 
 
 def _bytes(colours: NDArray[Any]) -> NDArray[np.uint8]:

@@ -1,4 +1,4 @@
-"""Determine the position of a layer in the world of the viewer, and convert it to RAS+ mm."""
+"""Determine the position of a layer in the world of the viewer, and convert it to RAS+ positions in mm, µm or nm."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -10,7 +10,7 @@ from napari.layers import Layer
 from numpy.typing import NDArray
 
 from voxflat.errors import InputError
-from voxflat.io.grid import check_affine
+from voxflat.io.grid import LONG_NAMES, check_affine
 
 WORLDS = {
     "RAS": "RAS: x, y, z (nibabel)",
@@ -28,28 +28,39 @@ MADE_FROM = "voxflat_made_from"
 class LayerPlace:
     """The position of a layer, and the origin metadata."""
 
-    affine: NDArray[np.float64]  # from the layer's data coordinates to RAS+ mm
+    affine: NDArray[np.float64]  # from the layer's data coordinates to RAS+ positions in `unit`
     path: Path | None  # path of the surface file, for a layer of values
     origin: dict[str, str]  # for the metadata of the map: layer, world_axes, unit
+    unit: str  # mm, µm or nm
 
     @classmethod
-    def of(cls, layer: Layer, world: str = "RAS", leading: int = 0) -> "LayerPlace":
-        """Read the position of a layer; raises InputError unless it has three length axes after the leading axes."""
+    def of(cls, layer: Layer, world: str = "RAS", leading: int = 0, unit: str | None = None) -> "LayerPlace":
+        """Read the position of a layer; raises InputError unless it has three length axes after the leading axes.
+
+        The default unit is that of `unit_of`.
+        """
         if layer.ndim - leading != 3:
             raise InputError(f"Layer '{layer.name}' has {layer.ndim} dimensions instead of 3. Choose a 3D layer")
         units = layer.units[-3:]
-        unit, factors = ", ".join(dict.fromkeys(map(str, units))), np.ones(3)
-        if unit == "pixel":
-            unit = "pixel, taken as mm"
+        named, factors = ", ".join(dict.fromkeys(map(str, units))), np.ones(3)
+        unit = unit or unit_of(layer)
+        if named == "pixel":
+            named = f"pixel, taken as {unit}"
         elif all(own.is_compatible_with("mm") for own in units):
-            factors = unit_ratio(units, ["mm"] * 3)
+            factors = unit_ratio(units, [unit] * 3)
         else:
-            raise InputError(f"The units of layer '{layer.name}' are {unit}. Set them to units of length, such as mm")
-        to_mm = np.diag([*factors, 1.0])
+            raise InputError(f"The units of layer '{layer.name}' are {named}. Set them to units of length, such as mm")
+        to_unit = np.diag([*factors, 1.0])
         path = layer.metadata.get("surface_file") or layer.source.path  # the former for a layer of values
-        affine = check_affine(_to_ras(world) @ to_mm @ data_to_world(layer))
-        origin = {"layer": layer.name, "world_axes": world, "unit": unit}
-        return cls(affine, Path(path) if path else None, origin)
+        affine = check_affine(_to_ras(world) @ to_unit @ data_to_world(layer))
+        origin = {"layer": layer.name, "world_axes": world, "unit": named}
+        return cls(affine, Path(path) if path else None, origin, unit)
+
+
+def unit_of(layer: Layer) -> str:
+    """Return the unit of the map of a layer: µm or nm if all three space axes have this unit, otherwise mm."""
+    named = {str(unit) for unit in layer.units[-3:]}
+    return next((unit for unit in ("µm", "nm") if named == {LONG_NAMES[unit]}), "mm")
 
 
 def data_to_world(layer: Layer) -> NDArray[np.float64]:

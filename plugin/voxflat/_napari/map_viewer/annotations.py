@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from qtpy.QtCore import QObject, Signal  # type: ignore[attr-defined]  # qtpy makes it of pyqtSignal
 
 from voxflat._napari.layers.world import LayerPlace, moved
-from voxflat._napari.map_viewer.prepared_map import FAR, PreparedMap
+from voxflat._napari.map_viewer.prepared_map import PreparedMap
 from voxflat._napari.timers import single_shot
 from voxflat.maps.lines import ellipse
 
@@ -34,10 +34,10 @@ class Annotation:
     line_colours: NDArray[np.uint8]  # (L, 4), one per line
 
     @classmethod
-    def of(cls, layer: Points | Shapes, world: str, point: Sequence[float]) -> "Annotation":
+    def of(cls, layer: Points | Shapes, world: str, point: Sequence[float], unit: str = "mm") -> "Annotation":
         """Read the displayed points or lines of a layer; raises InputError if its last three axes are not lengths."""
         leading = layer.ndim - 3
-        affine = LayerPlace.of(layer, world, leading).affine
+        affine = LayerPlace.of(layer, world, leading, unit).affine
         now = np.asarray(layer.world_to_data(np.asarray(point)[-layer.ndim :]))[:leading]
         if isinstance(layer, Shapes):
             seen = [n for n, corners in enumerate(layer.data) if _is_now(corners[:1], now)[0]]
@@ -66,7 +66,7 @@ class OnMap:
 
 
 def on_map(prepared: PreparedMap, annotations: Sequence[Annotation]) -> OnMap:
-    """Project annotations onto the nearest surface points within the distance `FAR`; lines are split at cuts."""
+    """Project annotations onto the nearest surface points within the distance `far`; lines are split at cuts."""
     points = np.concatenate([np.empty((0, 3)), *(one.points for one in annotations)])
     colours = np.concatenate([np.empty((0, 4), dtype=np.uint8), *(one.colours for one in annotations)])
     dots = prepared.places(points)
@@ -83,7 +83,8 @@ def on_map(prepared: PreparedMap, annotations: Sequence[Annotation]) -> OnMap:
     beyond = int((~known).sum())
     counts = [f"{beyond} of {len(points)} point{'s' * (len(points) > 1)}"] if beyond else []
     counts += [f"all or parts of {far} of {shapes} shape{'s' * (shapes > 1)}"] if far else []
-    excluded = f"Not shown (more than {FAR:g} mm from the surface): {', '.join(counts)}" if counts else ""
+    limit = f"more than {prepared.far:.3g} {prepared.unit} from the surface"
+    excluded = f"Not shown ({limit}): {', '.join(counts)}" if counts else ""
     all_colours = np.array(line_colours, dtype=np.uint8).reshape(-1, 4)
     return OnMap(dots[known], colours[known], lines, all_colours, excluded)
 
@@ -98,7 +99,7 @@ def split(places: NDArray[np.float64], spacing: float) -> list[NDArray[np.float6
 
 def _along(line: NDArray[np.float64], prepared: PreparedMap) -> NDArray[np.float64]:
     """Sample a line more finely than the surface points; a part that is far from the surface becomes a single NaN."""
-    low, high = prepared.points.min(axis=0) - FAR, prepared.points.max(axis=0) + FAR
+    low, high = prepared.points.min(axis=0) - prepared.far, prepared.points.max(axis=0) + prepared.far
     step = prepared.spacing / _FINER
     found, nothing = [np.empty((0, 3))], np.full((1, 3), np.nan)
     for a, b in pairwise(line):
@@ -158,9 +159,10 @@ class VolumeAnnotations(QObject):
     def is_busy(self) -> bool:
         return bool(self._soon.isActive())
 
-    def taken(self, world: str) -> list[Annotation]:
+    def taken(self, world: str, unit: str) -> list[Annotation]:
         """Read the annotations of all visible layers; raises InputError if the axes of a layer have no length units."""
-        return [Annotation.of(layer, world, self._viewer.dims.point) for layer in self.layers if layer.visible]
+        point = self._viewer.dims.point
+        return [Annotation.of(layer, world, point, unit) for layer in self.layers if layer.visible]
 
     def release(self) -> None:
         self._soon.stop()

@@ -12,7 +12,7 @@ from qtpy.QtWidgets import QComboBox, QSizePolicy
 from superqt.utils import signals_blocked
 
 from voxflat._napari.layers.sampled import Shown
-from voxflat._napari.map_viewer.measures import Measure, measures
+from voxflat._napari.map_viewer.measures import Measure, growth, measures
 from voxflat._napari.map_viewer.pictures import ColourScale, Picture
 from voxflat._napari.map_viewer.prepared_map import PreparedMap
 from voxflat._napari.map_viewer.viewer_parts import list_events
@@ -100,6 +100,8 @@ class ContentChoice(QComboBox):
         """Offer the values that a run's map can show; select the layer chosen in the form, or the first measure."""
         self._run = run
         own = [] if run is None else measures(run.flat_map)
+        if run is not None and run.layers.movie is not None:
+            own.append(growth(run.layers.movie))
         self._fill(own)
         wanted: Content = own[0] if own else None
         shown = None if run is None else run.layers.shown

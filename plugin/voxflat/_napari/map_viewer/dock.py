@@ -1,6 +1,7 @@
 """The dock *Flat map*, which shows the map of the current run, linked to its volume or surface."""
 
 from functools import partial
+from pathlib import Path
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -9,11 +10,21 @@ from napari import Viewer
 from napari.layers import Image, Labels, Points
 from numpy.typing import NDArray
 from qtpy.QtCore import Qt
-from qtpy.QtWidgets import QCheckBox, QComboBox, QHBoxLayout, QLabel, QPushButton, QSizePolicy, QVBoxLayout, QWidget
+from qtpy.QtWidgets import (
+    QCheckBox,
+    QComboBox,
+    QFileDialog,
+    QHBoxLayout,
+    QLabel,
+    QPushButton,
+    QSizePolicy,
+    QVBoxLayout,
+    QWidget,
+)
 from superqt import QLabeledDoubleSlider
 from superqt.utils import signals_blocked
 
-from voxflat._napari.docks import Dock, arrange
+from voxflat._napari.docks import TaskDock, arrange
 from voxflat._napari.keys import Keys, key_text
 from voxflat._napari.layers.sampled import shown
 from voxflat._napari.layers.volumes import shown_step
@@ -23,20 +34,24 @@ from voxflat._napari.map_viewer.canvas import MapCanvas
 from voxflat._napari.map_viewer.contents import Content, ContentChoice, drawing
 from voxflat._napari.map_viewer.legend import Legend
 from voxflat._napari.map_viewer.measures import DISTANCES, Measure
+from voxflat._napari.map_viewer.movies import MovieWindow, flat_movie, shown_frames
 from voxflat._napari.map_viewer.on_surface import PaintedSurface
 from voxflat._napari.map_viewer.patch_outline import PatchOutline
 from voxflat._napari.map_viewer.pictures import Picture
 from voxflat._napari.map_viewer.prepared_map import PreparedMap, Spot
+from voxflat._napari.map_viewer.segmentations import Segmentation, Segmentations, save_table, to_volume
 from voxflat._napari.map_viewer.viewer_link import ViewerLink
 from voxflat._napari.map_viewer.viewer_parts import theme_colours
-from voxflat._napari.results.flat_layers import Run
+from voxflat._napari.results.flat_layers import LayerData, Run, unit_of_map
 from voxflat._napari.timers import single_shot
 from voxflat._napari.viewer_state import ViewerState
 from voxflat._napari.worker import LatestTask
 from voxflat.errors import VoxflatError
+from voxflat.maps.flat_map import FlatMap
 
 _DEEPEST, _HIGHEST = -3.0, 5.0  # mm outside the surface
-_MM, _CORTEX = "mm outside", "of cortex"
+_REACH = 10  # depths in other units, on both sides of the surface, as a multiple of the spacing of its points
+_LENGTH, _CORTEX = range(2)  # entries of the box with the unit of the depth
 _SHARE = 0.43  # initial width of the dock, as a fraction of the window; the viewer keeps the same width
 _OPACITY = 0.85  # initial opacity of the colours, so that the folds remain visible
 
@@ -64,7 +79,7 @@ def open_flat_map(viewer: Viewer) -> "FlatMapDock":
     return widget  # type: ignore[no-any-return]  # napari's type is Any
 
 
-class FlatMapDock(Dock):
+class FlatMapDock(TaskDock):
     """Shows the map of the current run on its own canvas, without changing the view in the viewer."""
 
     def __init__(self, napari_viewer: Viewer) -> None:
@@ -72,6 +87,7 @@ class FlatMapDock(Dock):
         self._viewer = napari_viewer
         self._state = ViewerState.of(napari_viewer)
         self._run: Run | None = None
+        self._frame: int | None = None  # the displayed frame of a movie
         self._display_events: list[Any] = []
         self._location: tuple[Spot | None, tuple[float, float] | None] | None = None
         self.prepared: PreparedMap | None = None  # the map of the run, for display and lookups; None until it is drawn
@@ -84,6 +100,7 @@ class FlatMapDock(Dock):
         self._annotator = LatestTask(self, self._on_annotated, self._on_annotation_failed)
         self._painter = LatestTask(self, self._on_drawn, self._on_failed)
         self._redraw = single_shot(self, 0, self._draw)  # draws once after several changes
+        self.movies = MovieWindow(napari_viewer, self)
         self._make_fields()
         self.link = ViewerLink(napari_viewer, self)
         self.painted = PaintedSurface(napari_viewer, self)
@@ -109,7 +126,7 @@ class FlatMapDock(Dock):
         self.depths = QLabeledDoubleSlider(Qt.Orientation.Horizontal)
         self.depths.setToolTip("Distance from the surface at which the layer is sampled")
         self.depth_unit = QComboBox()
-        self.depth_unit.addItems([_MM, _CORTEX])
+        self.depth_unit.addItems(["mm outside", "of cortex"])
         self.opacity = QLabeledDoubleSlider(Qt.Orientation.Horizontal)
         self.opacity.setRange(0, 1)
         self.opacity.setValue(_OPACITY)
@@ -126,6 +143,14 @@ class FlatMapDock(Dock):
         self.whole = QPushButton("Whole map")
         tip = f"Fit the map to the dock ({key_text(_WHOLE)}, or double-click)"
         self.whole.setToolTip(f"{tip}. Scroll to zoom in and out, and drag to move the map")
+        self.movie = QPushButton("Movie")
+        self.movie.setToolTip(
+            "Show the displayed layer in all frames, at this depth, as one layer in a new window, whose time slider "
+            "moves together with that of the viewer"
+        )
+        self.stop = QPushButton("Cancel")
+        self.stop.hide()
+        self.segmentations = Segmentations(self._viewer, self.movies)
         self.canvas = MapCanvas()
         self.legend = Legend()
         self.text = QLabel(NOTHING)
@@ -144,12 +169,31 @@ class FlatMapDock(Dock):
         arrange(runs, (self.runs, 1))
         arrange(depth, QLabel("Depth"), (self.depths, 1), self.depth_unit)
         first, second = QHBoxLayout(), QHBoxLayout()
-        arrange(first, QLabel("Shows"), (self.contents, 1), self.on_surface, self.outlined, self.whole, self.keep)
+        arrange(
+            first,
+            QLabel("Shows"),
+            (self.contents, 1),
+            self.on_surface,
+            self.outlined,
+            self.whole,
+            self.movie,
+            self.keep,
+        )
         arrange(second, QLabel("Click"), self.click, QLabel("Opacity"), (self.opacity, 1), (self._depth_row, 2))
         layout = QVBoxLayout(self)
         layout.setContentsMargins(6, 6, 6, 6)
         layout.setSpacing(4)
-        arrange(layout, self._run_row, first, second, (self.canvas, 1), self.legend, self.text, self.excluded)
+        arrange(
+            layout,
+            self._run_row,
+            first,
+            second,
+            (self.canvas, 1),
+            self.legend,
+            self.segmentations,
+            self.text,
+            self.excluded,
+        )
 
     def _connect(self) -> None:
         self._state.changed.connect(self._on_runs)
@@ -165,6 +209,11 @@ class FlatMapDock(Dock):
         self.on_surface.toggled.connect(self._on_surface)
         self.outlined.toggled.connect(self._on_outlined)
         self.whole.clicked.connect(self.canvas.fit)
+        self.movie.clicked.connect(self._on_movie)
+        self.stop.clicked.connect(self._on_stop)
+        self.segmentations.to_volume.connect(self._on_send)
+        self.segmentations.to_table.connect(self._on_save_table)
+        self.movies.pointed.connect(self._on_map_pointed)
         self.canvas.pointed.connect(self._on_map_pointed)
         self.canvas.clicked.connect(self._on_map_clicked)
         self.canvas.double_clicked.connect(self._on_double_click)
@@ -199,6 +248,10 @@ class FlatMapDock(Dock):
 
     def _show_run(self, run: Run | None) -> None:
         self._run, self.prepared, self.link.prepared = run, None, None
+        self._frame = self._shown_frame()
+        self.movie.setVisible(self._frame is not None)
+        self.segmentations.offer(run is not None and isinstance(run.flat_map, FlatMap))
+        self.movies.close()
         self._location = None
         self._points, self._regions, self._annotations = [], [], []
         self._show_excluded("")
@@ -208,7 +261,8 @@ class FlatMapDock(Dock):
         self.text.setText(NOTHING if run is None else "Drawing the map…")
         known = run is not None and getattr(run.flat_map, "pial_points", None) is not None
         with signals_blocked(self.depth_unit):
-            self.depth_unit.setCurrentText(_MM)
+            self.depth_unit.setCurrentIndex(_LENGTH)
+            self.depth_unit.setItemText(_LENGTH, f"{self._unit} outside")
         self.depth_unit.setVisible(known)  # to choose fractions of the cortical thickness
         self._limit_depth()
         self.depths.setValue(getattr(None if run is None else run.layers.shown, "depth", 0.0))  # chosen in the form
@@ -245,8 +299,19 @@ class FlatMapDock(Dock):
 
     def _on_step(self) -> None:
         content = self.contents.content
-        if isinstance(content, Image | Labels) and content.ndim > 3:
+        frame = self._shown_frame()
+        if frame != self._frame:
+            self._frame = frame
+            self.link.prepared = None  # until the map of this frame is ready
+            self.movies.go_to(frame or 0)
             self._redraw.start()
+        elif isinstance(content, Image | Labels) and content.ndim > 3:
+            self._redraw.start()
+
+    def _shown_frame(self) -> int | None:
+        """Return the frame of a movie that the viewer displays."""
+        movie = None if self._run is None else self._run.layers.movie
+        return None if movie is None else movie.time.frame(self._viewer.dims.point, len(movie.series))
 
     def _on_depth_unit(self) -> None:
         self._limit_depth()
@@ -257,13 +322,22 @@ class FlatMapDock(Dock):
         if self.on_surface.isChecked():
             self._redraw.start()
 
+    @property
+    def _unit(self) -> str:
+        return "mm" if self._run is None else unit_of_map(self._run.flat_map)
+
     def _limit_depth(self) -> None:
-        in_mm = self.depth_unit.currentText() == _MM
+        is_length = self.depth_unit.currentIndex() == _LENGTH
+        lowest, highest = (_DEEPEST, _HIGHEST) if is_length else (0.0, 1.0)
+        flat_map = None if self._run is None else self._run.flat_map
+        if is_length and self._unit != "mm" and isinstance(flat_map, FlatMap):
+            highest = float(np.ceil(_REACH * flat_map.spacing))
+            lowest = -highest
         with signals_blocked(self.depths):
-            self.depths.setRange(_DEEPEST if in_mm else 0.0, _HIGHEST if in_mm else 1.0)
-            self.depths.setDecimals(1 if in_mm else 2)
-            self.depths.setSingleStep(0.1 if in_mm else 0.05)  # type: ignore[arg-type]  # superqt's are floats
-            self.depths.setValue(0.0 if in_mm else 0.5)
+            self.depths.setRange(lowest, highest)
+            self.depths.setDecimals(1 if is_length else 2)
+            self.depths.setSingleStep(0.1 if is_length else 0.05)  # type: ignore[arg-type]  # superqt's are floats
+            self.depths.setValue(0.0 if is_length else 0.5)
 
     def _draw(self) -> None:
         """Draw the chosen values in a thread."""
@@ -276,7 +350,7 @@ class FlatMapDock(Dock):
             self._on_failed(error)
             return
         opacity = self.opacity.value() if self.on_surface.isChecked() else None
-        self._painter.ask(partial(_drawn, run, self.prepared, draw, opacity))
+        self._painter.ask(partial(_drawn, run, self.prepared, self._frame, draw, opacity))
 
     def _drawing(self, content: Content) -> Any:
         if content is None:
@@ -287,10 +361,12 @@ class FlatMapDock(Dock):
         world = self._run.flat_map.metadata.get("napari", {}).get("world_axes", "RAS")
         how: dict[str, Any] = {}
         if isinstance(content, Image | Labels):
-            in_mm = self.depth_unit.currentText() == _MM
-            step = shown_step(content, self._viewer.dims.point)
-            how = {"depth" if in_mm else "fraction": self.depths.value(), "step": step}
+            how = {**self._depth(), "step": shown_step(content, self._viewer.dims.point)}
         return drawing(shown(content, world, **how))
+
+    def _depth(self) -> dict[str, float]:
+        is_length = self.depth_unit.currentIndex() == _LENGTH
+        return {"depth" if is_length else "fraction": self.depths.value()}
 
     def _on_surface(self, painted: bool) -> None:
         if painted:
@@ -308,11 +384,18 @@ class FlatMapDock(Dock):
         prepared, picture, colours = result
         if prepared.run is not self._run:
             return
-        if prepared is not self.prepared:
-            self.prepared = self.link.prepared = prepared
+        if self._frame is not None and prepared is not prepared.frames.get(self._frame):
+            self._redraw.start()  # the frame has changed meanwhile
+            return
+        if self.prepared is None:
             self.canvas.show_map(prepared.folds, prepared.outline)
             self.legend.show_marks(prepared.directions, prepared.side)
             self.text.setText(_HINT)
+            self._on_zoomed()
+        self.link.prepared = prepared
+        if prepared is not self.prepared:
+            self.prepared = prepared
+            self._annotations = []
             self._annotate()
             self.painted.take_up(prepared)
             self.outline.take_up(prepared)
@@ -321,9 +404,17 @@ class FlatMapDock(Dock):
         self.canvas.show_picture(picture)
         self.legend.show_colours(None if picture is None else picture.scale)
         if self._location is not None:
-            self._show_location(*self._location)
+            self._show_again(*self._location)
         if colours is not None and self.on_surface.isChecked():
             self.painted.show(prepared, colours)
+
+    def _show_again(self, spot: Spot | None, place: tuple[float, float] | None) -> None:
+        """Show a location again, which moves with the surface from frame to frame."""
+        assert self.prepared is not None
+        if spot is not None and place is not None:
+            spot = self.prepared.spot(*place)
+            self.link.follow(None if spot is None else spot.point)
+        self._show_location(spot, place)
 
     def _on_failed(self, error: Exception) -> None:
         if self.prepared is None:  # the painted surface and the outline belong to the previous map
@@ -333,6 +424,83 @@ class FlatMapDock(Dock):
         self.legend.show_colours(None)
         self.text.setText(" ".join(str(error).split()))
 
+    # ------------------------------------------------------------------------------------------- movies
+
+    def _on_movie(self) -> None:
+        """Sample all frames in a thread, or stop it."""
+        run, content = self._run, self.contents.content
+        if run is None or run.layers.movie is None:
+            return
+        world = run.flat_map.metadata.get("napari", {}).get("world_axes", "RAS")
+        try:
+            frames, look = shown_frames(content, world, run.layers.movie, self._viewer.dims.point, **self._depth())
+        except VoxflatError as error:
+            self._show_message(" ".join(str(error).split()))
+            return
+        task = partial(flat_movie, run.layers.movie, frames, look)
+        self._work(task, "Sampling the movie", partial(self._on_sampled, run))
+
+    def _on_sampled(self, run: Run, data: LayerData) -> None:
+        if run is self._run and run.layers.movie is not None:
+            self.movies.show(run.layers.movie, data)
+            self._show_message(f"The window shows '{data[1]['name']}' in all frames.")
+
+    def _on_send(self) -> None:
+        layer, prepared = self.segmentations.layer, self.prepared
+        if layer is None or prepared is None:
+            return
+        try:
+            drawn = Segmentation.of(layer)
+        except VoxflatError as error:
+            self._show_message(str(error))
+            return
+        depth, units = self._depth().get("depth", 0.0), self._viewer.layers.units
+        movie = prepared.run.layers.movie
+        time_unit = None if movie is None or units is None else units[movie.time.axis]
+        task = partial(to_volume, prepared, drawn, depth, time_unit)
+        self._work(task, "Transferring labels", partial(self._on_sent, prepared.run))
+
+    def _on_sent(self, run: Run, data: LayerData) -> None:
+        if run is self._run:
+            drawings.put(self._viewer, data)
+            self._show_message(f"Added '{data[1]['name']}'")
+
+    def _on_save_table(self) -> None:
+        layer, prepared = self.segmentations.layer, self.prepared
+        if layer is None or prepared is None:
+            return
+        kinds = "Tab-separated (*.tsv);;Comma-separated (*.csv)"
+        path, _ = QFileDialog.getSaveFileName(self, "Save the table", f"{layer.name}.tsv", kinds)
+        if not path:
+            return
+        try:
+            drawn = Segmentation.of(layer)
+        except VoxflatError as error:
+            self._show_message(str(error))
+            return
+        file = Path(path if path.lower().endswith((".tsv", ".csv")) else f"{path}.tsv")
+        self._work(partial(save_table, prepared, drawn, self._frame, file), "Measuring the labels", self._show_message)
+
+    def _on_stop(self) -> None:
+        if self._worker is not None:
+            self._worker.quit()
+            self._show_message("Cancelling…")
+
+    def _show_work(self, what: str | None) -> None:
+        for button in (self.movie, self.segmentations.send, self.segmentations.save):
+            button.setEnabled(what is None)
+        self.stop.setVisible(what is not None)
+        if what is not None:
+            self._show_message(f"{what}…")
+
+    def _show_message(self, message: str) -> None:
+        self.text.setText(message)
+
+    def _on_finished(self) -> None:
+        if self._worker is not None and self._worker.abort_requested:
+            self._show_message("Cancelled")
+        super()._on_finished()
+
     # ------------------------------------------------------------------------------ drawn in the volume
 
     def _annotate(self) -> None:
@@ -340,7 +508,7 @@ class FlatMapDock(Dock):
         if self.prepared is None:
             return
         try:
-            found = self.annotations.taken(self.prepared.origin.get("world_axes", "RAS"))
+            found = self.annotations.taken(self.prepared.origin.get("world_axes", "RAS"), self.prepared.unit)
         except VoxflatError as error:
             self._on_annotation_failed(error)
             return
@@ -439,17 +607,17 @@ class FlatMapDock(Dock):
             return
         x, y, z = spot.point
         number = f"vertex {spot.vertex}" if isinstance(spot.vertex, int) else f"voxel {str(spot.vertex)[1:-1]}"
-        parts = [f"{x:.1f}, {y:.1f}, {z:.1f} mm", number]
+        parts = [f"{x:.1f}, {y:.1f}, {z:.1f} {self._unit}", number]
         value = None if self.picture is None else self.picture.value(*place)
         content = self.contents.content
         unit = content.unit if isinstance(content, Measure) else ""
         if value is not None and content is not None and not (unit and content.name == DISTANCES):
             shown = f"{100 * (2**value - 1):+.1f} %" if unit == "log2" else f"{value:.4g}{unit and ' '}{unit}"
             parts.append(f"{content.name} {shown}")
-        self.text.setText(" · ".join([*parts, spot.distortion]).replace("-", "−"))
+        self.text.setText(" · ".join(filter(None, [*parts, spot.distortion])).replace("-", "−"))
 
     def _on_zoomed(self) -> None:
-        self.legend.show_length(self.canvas.scale_factor)
+        self.legend.show_length(self.canvas.scale_factor, self._unit)
 
     def _on_theme(self) -> None:
         background, ink = theme_colours(self._viewer)
@@ -459,9 +627,11 @@ class FlatMapDock(Dock):
     # ------------------------------------------------------------------------------------------ ending
 
     def _release(self) -> None:
+        super()._release()
         for running in (self._redraw, self._painter, self._projector, self._annotator):
             running.stop()
-        for linked in (self._keys, self.annotations, self.link, self.outline, self.contents):
+        self.movies.close()
+        for linked in (self.segmentations, self._keys, self.annotations, self.link, self.outline, self.contents):
             linked.release()
         self.painted.remove()
         for event in self._display_events:
@@ -472,9 +642,9 @@ class FlatMapDock(Dock):
         self._viewer.dims.events.current_step.disconnect(self._on_step)
 
 
-def _drawn(run: Run, prepared: PreparedMap | None, draw: Any, opacity: float | None) -> _Drawn:
+def _drawn(run: Run, prepared: PreparedMap | None, frame: int | None, draw: Any, opacity: float | None) -> _Drawn:
     """Draw the picture, and find the colours of the surface if it is shown; called in a thread."""
-    ready = PreparedMap.of(run) if prepared is None else prepared
+    ready = (PreparedMap.of(run) if prepared is None else prepared).at(frame)
     picture = None if draw is None else draw(ready)
     return ready, picture, None if opacity is None else ready.colours(picture, opacity)
 

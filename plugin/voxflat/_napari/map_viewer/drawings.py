@@ -39,7 +39,7 @@ def points(prepared: PreparedMap, places: Sequence[Place]) -> Drawn:
     """Project points (u, v) on the map onto the surface."""
     spots = [spot for spot in (prepared.spot(*place) for place in places) if spot is not None]
     features = {"vertex": [str(spot.vertex) for spot in spots], "surface": [prepared.run.name] * len(spots)}
-    look = {"face_color": _COLOUR, "size": 2, "features": features}
+    look = {"face_color": _COLOUR, "size": 2 * prepared.thickness, "features": features}
     keywords = {"name": "map points", **look, "units": units(prepared.run.flat_map, 3)}
     return Drawn((_world(prepared, np.array([spot.point for spot in spots])), keywords, "points"))
 
@@ -60,14 +60,27 @@ def regions(prepared: PreparedMap, polygons: Sequence[Sequence[Place]]) -> Drawn
         return Drawn((surface, {**keywords, **look}, "surface"), message)
     labels = flat_map.paint(drawn.labels.astype(np.int32))
     if not np.isnan(flat_map.normals).all():  # the surface has an outer side, where the cortex lies
-        cortex = drawn.volume(Volume(labels, flat_map.affine), depth=_CORTEX if flat_map.pial_points is None else None)
+        grid = Volume(labels, flat_map.affine, unit=prepared.unit)
+        cortex = drawn.volume(grid, depth=depth_range(prepared) if flat_map.pial_points is None else None)
         labels = np.where(labels == 0, cortex.data, labels)
-    to_mm = flat_map.affine
-    corners = _world(prepared, np.vstack([np.zeros(3), np.eye(3)]) @ to_mm[:3, :3].T + to_mm[:3, 3])
+    return Drawn((labels, {**keywords, "affine": affine_in_world(prepared)}, "labels"), message)
+
+
+def affine_in_world(prepared: PreparedMap) -> NDArray[np.float64]:
+    """Return the affine of the flattened volume to the world of the viewer."""
+    to_ras = _map(prepared).affine
+    corners = _world(prepared, np.vstack([np.zeros(3), np.eye(3)]) @ to_ras[:3, :3].T + to_ras[:3, 3])
     affine = np.eye(4)
     affine[:3, 3] = corners[0]
     affine[:3, :3] = (corners[1:] - corners[0]).T
-    return Drawn((labels, {**keywords, "affine": affine}, "labels"), message)
+    return affine
+
+
+def depth_range(prepared: PreparedMap, depth: float = 0.0) -> tuple[float, float]:
+    """Return the depths of regions: of the cortex or, in a tissue, a voxel on both sides, up to a depth."""
+    is_cortex = prepared.unit == "mm" and prepared.run.layers.movie is None
+    low, high = _CORTEX if is_cortex else (-prepared.spacing, prepared.spacing)
+    return min(low, low + depth), max(high, high + depth)
 
 
 def way(prepared: PreparedMap, a: Place, b: Place) -> Drawn:
@@ -83,9 +96,10 @@ def way(prepared: PreparedMap, a: Place, b: Place) -> Drawn:
     start, end = (int(merged[spot.row]) for spot in ends if spot is not None)
     found = surface((flat_map.points[rows], merged[faces])).path(start, end, geodesic="exact")
     flat = float(np.hypot(a[0] - b[0], a[1] - b[1]))
-    message = f"{found.length:.1f} mm along the surface, {flat:.1f} mm on the map"
+    unit = prepared.unit
+    message = f"{found.length:.1f} {unit} along the surface, {flat:.1f} {unit} on the map"
     line = _world(prepared, flat_map.space.to_scanner(found.points))
-    look = {"shape_type": "path", "edge_color": _COLOUR, "edge_width": 0.7}
+    look = {"shape_type": "path", "edge_color": _COLOUR, "edge_width": 0.7 * prepared.thickness}
     return Drawn(([line], {"name": "shortest path", **look, "units": units(flat_map, 3)}, "shapes"), message)
 
 
@@ -118,5 +132,5 @@ def _map(prepared: PreparedMap) -> FlatMap:
 
 
 def _world(prepared: PreparedMap, of: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Convert points from RAS+ mm to mm along the world axes."""
+    """Convert points from RAS+ to positions along the world axes."""
     return from_ras(of.reshape(-1, 3), prepared.origin.get("world_axes", "RAS"))

@@ -29,7 +29,7 @@ class Legend(QWidget):
         super().__init__()
         self._directions: list[Direction] = []
         self._side: str | None = None
-        self._pixels = 0.0
+        self._pixels, self._unit = 0.0, "mm"
         self._ink = QColor("black")
         self.scale: ColourScale | None = None
         self.setFixedHeight(_HEIGHT)
@@ -43,9 +43,9 @@ class Legend(QWidget):
         self._directions, self._side = directions, side
         self.update()
 
-    def show_length(self, pixels: float) -> None:
-        """Set the scale of the map, in screen pixels per mm."""
-        self._pixels = pixels
+    def show_length(self, pixels: float, unit: str) -> None:
+        """Set the scale of the map, in screen pixels per unit of length."""
+        self._pixels, self._unit = pixels, unit
         self.update()
 
     def show_colours(self, scale: ColourScale | None) -> None:
@@ -106,7 +106,7 @@ class Legend(QWidget):
         painter.drawLine(QPointF(x, 33), QPointF(x + wide, 33))
         painter.restore()
         painter.setFont(self._font(9))
-        text = f"{length:g} mm"
+        text = f"{length:g} {self._unit}"
         room = max(wide, float(painter.fontMetrics().horizontalAdvance(text)) + 2)
         painter.drawText(QRectF(x, 12, room, 18), Qt.AlignmentFlag.AlignCenter, text)
         return x + room

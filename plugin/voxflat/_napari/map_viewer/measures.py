@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from voxflat._napari.map_viewer.pictures import ColourScale, Picture
 from voxflat._napari.map_viewer.prepared_map import PreparedMap
+from voxflat._napari.results.flat_layers import MovieMaps
 from voxflat.atlases.atlas import Atlas
 from voxflat.distortion.triangles import angle_changes
 from voxflat.maps.colours import label_colours
@@ -38,6 +39,18 @@ def measures(flat_map: FlatMap | Atlas) -> list[Measure]:
         ]
     of_triangles = [Measure("Areas", "log2", _areas), Measure("Angles", "°", _angles)]
     return [Measure(DISTANCES, "%", _distances), *(of_triangles if flat_map.distortion.triangles is not None else [])]
+
+
+def growth(movie: MovieMaps) -> Measure:
+    """Return the measure of a movie: by how much the surface has grown between the flattened frame and each frame."""
+
+    def draw(prepared: PreparedMap) -> Picture:
+        series = movie.series
+        factors = series.stretches(series.reference if prepared.frame is None else prepared.frame, series.reference)
+        values = np.log2(factors.prod(axis=1))
+        return _at_points(prepared, values, replace(_scale("areal", values), title="area growth (log2)"))
+
+    return Measure(f"Growth since frame {movie.series.reference}", "log2", draw)
 
 
 def _distances(prepared: PreparedMap) -> Picture:

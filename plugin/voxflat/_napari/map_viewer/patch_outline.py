@@ -13,7 +13,7 @@ from qtpy.QtCore import QObject, Signal  # type: ignore[attr-defined]  # qtpy ma
 from voxflat._napari.layers.world import from_ras, to_ras
 from voxflat._napari.map_viewer.prepared_map import PreparedMap
 from voxflat._napari.map_viewer.toggled_layer import ToggledLayer
-from voxflat._napari.map_viewer.viewer_parts import mm_per_unit
+from voxflat._napari.map_viewer.viewer_parts import world_units
 from voxflat._napari.results.flat_layers import units
 from voxflat._napari.worker import LatestTask
 from voxflat.unique_rows import distinct
@@ -155,7 +155,7 @@ class PatchOutline(ToggledLayer[Vectors]):
             if len(across) != 1:  # for example, a slice along time
                 return
             world = self._prepared.origin.get("world_axes", "RAS")
-            point = np.asarray(dims.point, dtype=np.float64)[-3:] * mm_per_unit(self._viewer)
+            point = np.asarray(dims.point, dtype=np.float64)[-3:] * world_units(self._viewer, self._prepared.unit)
             axis = int(np.abs(to_ras(np.eye(3)[across], world)[0]).argmax())
             view = axis, float(to_ras(point[None], world)[0, axis])
         if view != self._view:
@@ -198,8 +198,8 @@ class PatchOutline(ToggledLayer[Vectors]):
         return self.layer is not None and self.there is None
 
     def _step(self) -> float:
-        """Return the largest slice spacing, in mm; a layer with a finer grid would refine the steps of the sliders."""
-        if self._viewer.dims.ndim < 3:
+        """Return the largest slice spacing; a layer with a finer grid would refine the steps of the sliders."""
+        if self._viewer.dims.ndim < 3 or self._prepared is None:
             return 1.0
-        steps = [step for _, _, step in self._viewer.dims.range][-3:] * mm_per_unit(self._viewer)
+        steps = [step for _, _, step in self._viewer.dims.range][-3:] * world_units(self._viewer, self._prepared.unit)
         return float(np.max(steps)) or 1.0

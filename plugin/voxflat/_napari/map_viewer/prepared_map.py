@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -11,7 +11,7 @@ import scipy
 from numpy.typing import NDArray
 
 from voxflat._napari.map_viewer.pictures import Picture
-from voxflat._napari.results.flat_layers import Run
+from voxflat._napari.results.flat_layers import Run, unit_of_map
 from voxflat.io.triangles import Points
 from voxflat.maps.flat_map import FlatMap
 from voxflat.maps.lines import rim
@@ -20,7 +20,7 @@ from voxflat.maps.plane import LIMIT, Planar
 if TYPE_CHECKING:
     from voxflat.figures.marks import Direction
 
-FAR = LIMIT  # mm, more than the thickness of the cortex; points farther from the surface are not on the map
+_IN_SLICE = 1.0  # mm
 
 _PIXELS = 1e6  # in the bounding box of the map; about as many as in a large dock
 _FINER = 4  # largest refinement of the run's pixels, for small maps
@@ -36,7 +36,7 @@ class Spot:
     point: NDArray[np.float64]  # (3,), RAS+ mm in scanner space
     row: int  # the index of the nearest map point
     vertex: int | tuple[int, ...]  # the nearest vertex or voxel of the input
-    distortion: str  # a description of the distortion there
+    distortion: str  # a description of the distortion there; empty if unknown
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +50,9 @@ class PreparedMap:
     rim: list[NDArray[np.int64]]  # rows of points, in order
     directions: list[Direction]
     side: str | None  # L or R, if known
-    points: NDArray[np.float64]  # (N, 3), RAS+ mm in scanner space
+    points: NDArray[np.float64]  # (N, 3), RAS+ in scanner space
+    frames: dict[int, PreparedMap] = field(default_factory=dict)  # of a movie
+    frame: int | None = None
 
     @classmethod
     def of(cls, run: Run) -> PreparedMap:
@@ -71,13 +73,31 @@ class PreparedMap:
             corner = np.zeros(len(flat_map.uv), dtype=np.int64)  # one surface vertex for each vertex of the page
             corner[flat_map.uv_faces] = of.faces
             lines = [corner[line] for line in rim(flat_map.uv_faces, len(flat_map.uv))]
-        marks = (directions(flat_map), side(flat_map)) if isinstance(flat_map, FlatMap) else ([], None)
+        marks: tuple[list[Direction], str | None] = ([], None)
+        if isinstance(flat_map, FlatMap) and unit_of_map(flat_map) == "mm":  # tissues have no anatomical axes
+            marks = directions(flat_map), side(flat_map)
         points = of.on_surface.space.to_scanner(of.on_surface.points)
         found = cls(run, planar, pixel_size, Picture(grey, raster.origin, pixel_size), lines, *marks, points)
-        found.spot(*of.uv[0])  # the first lookups build the search trees
-        found.place(found.points[0])
-        found.met(found.points[0], np.ones(3))
+        found._build()
         return found
+
+    def at(self, frame: int | None) -> PreparedMap:
+        """Return the map with the positions of a frame of a movie."""
+        movie = self.run.layers.movie
+        if movie is None or frame is None:
+            return self
+        if frame not in self.frames:
+            planar = movie.series[frame]
+            points = planar.space.to_scanner(planar.points)
+            self.frames[frame] = replace(self, planar=planar, points=points, frame=frame)
+            self.frames[frame]._build()
+        return self.frames[frame]
+
+    def _build(self) -> None:
+        """Build the search trees, which the first lookups need."""
+        self.spot(*self.planar._triangles.uv[0])
+        self.place(self.points[0])
+        self.met(self.points[0], np.ones(3))
 
     @property
     def origin(self) -> dict[str, str]:
@@ -105,18 +125,19 @@ class PreparedMap:
     def _distortion(self, row: int, face: int) -> str:
         flat_map = self.run.flat_map
         if isinstance(flat_map, FlatMap):
-            return f"distance error {100 * flat_map.distortion.per_point[row]:.1f} %"
+            error = float(self.planar.distortion.per_point[row]) if isinstance(self.planar, FlatMap) else np.nan
+            return "" if np.isnan(error) else f"distance error {100 * error:.1f} %"
         most, least = flat_map.stretch[face].tolist()
         return f"length change up to {100 * (max(most, 1 / least if least else np.inf) - 1):.1f} %"
 
     def place(self, point: NDArray[Any]) -> tuple[float, float] | None:
-        """Look up a point in RAS+ mm on the map; return None if it is farther than `FAR` from the surface."""
+        """Look up a point in RAS+ mm on the map; return None if it is farther than `far` from the surface."""
         u, v = self.places(np.asarray(point)).tolist()
         return None if np.isnan(u) else (u, v)
 
     def places(self, points: NDArray[Any]) -> NDArray[np.float64]:
-        """Return (u, v) of the surface points nearest to points (RAS+ mm), shape (..., 3); NaN beyond `FAR`."""
-        return self.planar.points_to_map(self.planar._triangles.on_surface.space.from_scanner(points), FAR)[0]
+        """Return (u, v) of the surface points nearest to points (RAS+ mm), shape (..., 3); NaN beyond `far`."""
+        return self.planar.points_to_map(self.planar._triangles.on_surface.space.from_scanner(points), self.far)[0]
 
     def met(self, start: NDArray[Any], along: NDArray[Any]) -> NDArray[np.float64] | None:
         """Return the first intersection of the surface with a ray, given by a point and a direction in RAS+ mm."""
@@ -185,8 +206,22 @@ class PreparedMap:
         return nearest[0][rows, columns], nearest[1][rows, columns]
 
     @property
+    def unit(self) -> str:
+        return unit_of_map(self.run.flat_map)
+
+    @property
+    def far(self) -> float:
+        """The distance beyond which points are not on the map: more than the thickness of the cortex, or of cells."""
+        return LIMIT if self.unit == "mm" else 5 * self.spacing
+
+    @property
+    def thickness(self) -> float:
+        """The distance within which locations count as part of the displayed slice."""
+        return _IN_SLICE if self.unit == "mm" else self.spacing
+
+    @property
     def spacing(self) -> float:
-        """The spacing of the surface points, in mm."""
+        """The spacing of the surface points."""
         of = self.run.flat_map
         return of.spacing if isinstance(of, FlatMap) else 2 * self.planar.pixel_size
 

@@ -13,11 +13,10 @@ from qtpy.QtWidgets import QWidget
 from voxflat._napari.layers.world import from_ras, to_ras
 from voxflat._napari.map_viewer.cursor import RingWidget
 from voxflat._napari.map_viewer.prepared_map import PreparedMap
-from voxflat._napari.map_viewer.viewer_parts import camera, canvas_widget, in_grid, is_click, mm_per_unit, projected
+from voxflat._napari.map_viewer.viewer_parts import camera, canvas_widget, in_grid, is_click, projected, world_units
 from voxflat._napari.timers import single_shot
 
 _CLICK = 4  # pixels; a longer movement is not a click
-_IN_SLICE = 1.0  # mm; locations nearer to the displayed slice count as part of it
 
 
 class ViewerLink(QObject):
@@ -57,16 +56,22 @@ class ViewerLink(QObject):
     def _is_linked(self) -> bool:
         return self.prepared is not None and bool(self.prepared.origin) and self._viewer.dims.ndim >= 3
 
+    @property
+    def _units(self) -> NDArray[np.float64]:
+        """The units of the world axes in the unit of the map."""
+        assert self.prepared is not None
+        return world_units(self._viewer, self.prepared.unit)
+
     def to_world(self, point: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Convert a point from RAS+ mm to the world of the viewer; other axes, such as time, keep their position."""
+        """Convert a point from RAS+ to the world of the viewer; other axes, such as time, keep their position."""
         assert self.prepared is not None
         world = np.asarray(self._viewer.dims.point, dtype=np.float64)
-        world[-3:] = from_ras(point[None], self.prepared.origin["world_axes"])[0] / mm_per_unit(self._viewer)
+        world[-3:] = from_ras(point[None], self.prepared.origin["world_axes"])[0] / self._units
         return world
 
     def _to_ras(self, world: Any) -> NDArray[np.float64]:
         assert self.prepared is not None
-        mm = np.asarray(world, dtype=np.float64)[-3:] * mm_per_unit(self._viewer)
+        mm = np.asarray(world, dtype=np.float64)[-3:] * self._units
         return np.asarray(to_ras(mm[None], self.prepared.origin["world_axes"])[0])
 
     def _place(self, event: Any) -> tuple[float, float] | None:
@@ -91,12 +96,17 @@ class ViewerLink(QObject):
             self.clicked.emit(place)
 
     def mark(self, point: NDArray[np.float64] | None) -> None:
-        """Place the ring at a point in RAS+ mm, or hide it."""
+        """Place the ring at a point in RAS+, or hide it."""
         self._marked = point
         self._draw()
 
+    def follow(self, point: NDArray[np.float64] | None) -> None:
+        """Move the ring to a point in RAS+, unless it is hidden."""
+        if self._marked is not None:
+            self.mark(point)
+
     def centre(self, point: NDArray[np.float64]) -> None:
-        """Move the slices of the viewer to a point in RAS+ mm, and centre the camera on it."""
+        """Move the slices of the viewer to a point in RAS+, and centre the camera on it."""
         if not self._is_linked:
             return
         viewer, world = self._viewer, self.to_world(point)
@@ -113,14 +123,14 @@ class ViewerLink(QObject):
         canvas = None if self.ring is None else self.ring.parentWidget()
         if canvas is None or self.ring is None:
             return
-        at = None
-        if self._marked is not None and self._is_linked and not in_grid(self._viewer):
+        at, prepared = None, self.prepared
+        if self._marked is not None and prepared is not None and self._is_linked and not in_grid(self._viewer):
             world = self.to_world(self._marked)
             at = projected(self._viewer, world, (canvas.width(), canvas.height()))
-        if at is None or not canvas.rect().contains(round(at[0]), round(at[1])):
+        if at is None or prepared is None or not canvas.rect().contains(round(at[0]), round(at[1])):
             self.ring.hide()
         else:
             hidden = [axis for axis in self._viewer.dims.not_displayed if axis >= self._viewer.dims.ndim - 3]
             apart = np.zeros(self._viewer.dims.ndim)
-            apart[-3:] = (world - self._viewer.dims.point)[-3:] * mm_per_unit(self._viewer)
-            self.ring.show_at(*at, near=bool((np.abs(apart[hidden]) <= _IN_SLICE).all()))
+            apart[-3:] = (world - self._viewer.dims.point)[-3:] * self._units
+            self.ring.show_at(*at, near=bool((np.abs(apart[hidden]) <= prepared.thickness).all()))

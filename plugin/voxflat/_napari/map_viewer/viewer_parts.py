@@ -129,10 +129,15 @@ def _named(way: Any) -> str:
     return str(way).rpartition(".")[2].lower()
 
 
-def mm_per_unit(viewer: Viewer) -> NDArray[np.float64]:
-    """Return the units of the last three world axes in mm; pixels are treated as mm."""
+def show_scale_bar(viewer: Viewer) -> None:
+    overlays = getattr(getattr(viewer, "canvas", None), "overlays", viewer)  # of the viewer itself before napari 0.9
+    overlays.scale_bar.visible = True
+
+
+def world_units(viewer: Viewer, unit: str) -> NDArray[np.float64]:
+    """Return the units of the last three world axes in a unit of length; pixels are treated as this unit."""
     units = viewer.layers.units
-    return np.ones(3) if units is None else unit_ratio([*units][-3:], ["mm"] * 3)
+    return np.ones(3) if units is None else unit_ratio([*units][-3:], [unit] * 3)
 
 
 def theme_colours(viewer: Viewer) -> tuple[QColor, QColor]:

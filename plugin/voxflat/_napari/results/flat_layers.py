@@ -8,14 +8,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from voxflat._napari.layers.sampled import Shown
+from voxflat._napari.layers.volumes import TimeAxis
 from voxflat.atlases.atlas import Atlas
 from voxflat.maps.flat_map import FlatMap
 from voxflat.maps.raster import FlatImage
+from voxflat.pipeline.flat_series import FlatSeries
 
 LayerData: TypeAlias = tuple[Any, dict[str, Any], str]  # as in napari: the data, the keywords and the type
 
 STACK = "voxflat_stack"
 """Key of the metadata of flat volumes: the `FlatStack` from which they were made."""
+
+
+@dataclass(frozen=True, eq=False)
+class MovieMaps:
+    """The maps of all frames of a movie."""
+
+    series: FlatSeries
+    time: TimeAxis
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,6 +36,7 @@ class FlatLayers:
     layers: list[LayerData]  # images: the values that the map shows, if any, and the distortion
     in_space: list[LayerData] = field(default_factory=list)  # the surface of an atlas
     shown: Shown | None = None  # the values chosen in the form
+    movie: MovieMaps | None = None
 
 
 def shown_image(flat_map: FlatMap | Atlas, shown: Shown, pixel_size: float | None) -> LayerData:
@@ -43,16 +54,22 @@ def shown_image(flat_map: FlatMap | Atlas, shown: Shown, pixel_size: float | Non
 
 
 def units(flat_map: FlatMap | Atlas, axes: int) -> tuple[str, ...] | None:
-    """Return mm for each axis, or None if the flattened layer is in pixels, because napari cannot mix mm and pixels."""
+    """Return the unit of each axis, or None if the flattened layer is in pixels, because napari cannot mix them."""
     in_pixels = flat_map.metadata.get("napari", {}).get("unit", "").startswith("pixel")
-    return None if in_pixels else ("mm",) * axes
+    return None if in_pixels else (unit_of_map(flat_map),) * axes
+
+
+def unit_of_map(flat_map: FlatMap | Atlas) -> str:
+    """Return the unit of a map; an unknown unit is taken as mm."""
+    unit: str = flat_map.metadata.get("unit", "mm")
+    return "mm" if unit == "unknown" else unit
 
 
 def described(flat_map: FlatMap | Atlas, name: str, meaning: str, image: FlatImage | None = None) -> dict[str, Any]:
     """Return the name, metadata and position of a layer; rows increase downwards in napari, but v increases upwards."""
     figures = (flat_map.distortion if isinstance(flat_map, FlatMap) else flat_map).figures()
     about: dict[str, Any] = {"voxflat": flat_map, "parameters": flat_map.metadata, "distortion": figures}
-    about |= {"colours": meaning, "axes": "rows: −v, columns: u, mm"}
+    about |= {"colours": meaning, "axes": f"rows: −v, columns: u, {unit_of_map(flat_map)}"}
     if image is None:
         return {"name": name, "metadata": about}
     u, v = image.origin

@@ -15,6 +15,7 @@ from voxflat.atlases.atlas import Atlas
 from voxflat.errors import VoxflatError
 from voxflat.io.files import SAVED_ENDINGS
 from voxflat.maps.flat_map import FlatMap
+from voxflat.pipeline.flat_series import FlatSeries
 
 
 class MapPanel(QWidget):
@@ -24,6 +25,7 @@ class MapPanel(QWidget):
         super().__init__()
         self._what, self.shows_maps = what, what == "map"
         self.flat_map: FlatMap | Atlas | None = None
+        self._saved: FlatMap | Atlas | FlatSeries | None = None
         self._figures = QGridLayout()
         self._figures.setColumnStretch(0, 1)
         self._figures.setVerticalSpacing(2)
@@ -33,7 +35,10 @@ class MapPanel(QWidget):
             text.setWordWrap(True)
             text.setTextFormat(Qt.TextFormat.RichText)
         self.save = QPushButton(f"Save {what}…")
-        loads = {"map": "voxflat.load()", "atlas": "voxflat.load_atlas()"}[what]
+        loads = {
+            "map": "voxflat.load(), or the maps of a movie with voxflat.load_series()",
+            "atlas": "voxflat.load_atlas()",
+        }[what]
         self.save.setToolTip(f"Save the {what} with all its data. Open the file in napari or with {loads}")
         self.save.clicked.connect(self._on_save)
         self.copy = CopyAsPython()
@@ -44,6 +49,7 @@ class MapPanel(QWidget):
 
     def show_run(self, run: Run) -> None:
         self.flat_map = run.flat_map
+        self._saved = run.flat_map if run.layers.movie is None else run.layers.movie.series
         self.copy.show_run(run)
         self._name_result("")
         self._show_figures(run.flat_map)
@@ -78,10 +84,10 @@ class MapPanel(QWidget):
         numpys, own = SAVED_ENDINGS  # napari first tries its own reader of .npz, which fails
         kinds = f"voxflat (*{own});;NumPy (*{numpys})"
         path, _ = QFileDialog.getSaveFileName(self, f"Save the {self._what}", f"{self._what}{own}", kinds)
-        if path and self.flat_map is not None:
+        if path and self._saved is not None:
             try:
                 path = path if path.endswith(SAVED_ENDINGS) else f"{path}{own}"
-                self.flat_map.save(path)
+                self._saved.save(path)
                 show_info(f"Saved {path}")
             except (VoxflatError, OSError) as error:
                 show_error(str(error))

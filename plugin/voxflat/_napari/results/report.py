@@ -5,6 +5,7 @@ from typing import TypeAlias
 
 import numpy as np
 
+from voxflat._napari.results.flat_layers import unit_of_map
 from voxflat.atlases.atlas import Atlas
 from voxflat.atlases.certified import FlatAtlas
 from voxflat.atlases.glued import GluedAtlas
@@ -37,7 +38,12 @@ def table(flat_map: FlatMap | Atlas) -> str:
 
 
 def figures(flat_map: FlatMap | Atlas) -> list[Row]:
-    """Return the most important measures of a flat map or an atlas."""
+    """Return the most important measures of a flat map or an atlas, with lengths in its unit."""
+    unit = unit_of_map(flat_map)
+    return [(re.sub(r"\bmm\b", unit, name), re.sub(r"\bmm\b", unit, value)) for name, value in _in_mm(flat_map)]
+
+
+def _in_mm(flat_map: FlatMap | Atlas) -> list[Row]:
     if isinstance(flat_map, GluedAtlas):
         return _of_glued(flat_map)
     if isinstance(flat_map, FlatAtlas):

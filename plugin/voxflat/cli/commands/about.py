@@ -13,12 +13,14 @@ import numpy as np
 
 from voxflat._core import __version__
 from voxflat.arguments import amount, free_memory
+from voxflat.atlases.certified import saved_kind
 from voxflat.citation.methods_text import cite
 from voxflat.cli import options
 from voxflat.cli.console import bars
 from voxflat.cli.options import FILE
 from voxflat.cli.output import report
 from voxflat.maps.flat_map import load
+from voxflat.pipeline.flat_series import load_series
 
 _FEATURES = ("SSE42", "AVX2", "FMA3", "AVX512F", "NEON", "SVE")  # instruction sets that affect speed
 _FURTHER = ("vtk", "pyqt6")  # dependencies of the optional packages
@@ -35,7 +37,7 @@ def cite_command(maps: tuple[Path, ...], bibtex: bool) -> None:
     the cuts, and the distance errors. Without MAP, voxflat prints a general paragraph with all references.
     """
     with bars():
-        citation = cite(*map(load, maps))
+        citation = cite(*(load_series(one).flat_map if saved_kind(one) == "series" else load(one) for one in maps))
     report(asdict(citation), citation.bibtex if bibtex else str(citation))
 
 

@@ -89,15 +89,16 @@ _maps = cloup.argument("maps", metavar="MAP [MAP]", type=FILE, nargs=-1, require
 def figure_command(maps: tuple[Path, ...], output: Path, writing: dict[str, Any], **look: Any) -> None:
     """Draw a figure of one or two flat maps.
 
-    MAP is a file written by voxflat flatten. The maps of both hemispheres are drawn side by side with the same colour
-    scale. Gyri are light and sulci are dark. The figure is annotated with anatomical directions at the centre of the
-    map, the hemisphere, a scale bar and the names of cuts, as far as these are known. A warning lists the parcel names
-    that are omitted because they do not fit. With --period, the data are treated as phases and drawn with a cyclic
-    colour map (hsv, or --cmap) and a colour wheel. A PNG is at least 1,700 pixels wide. In an SVG, curvature, data,
-    parcels, names and annotations are separate layers. To write only the values, use voxflat image.
+    MAP is a file written by voxflat flatten. Two maps, such as both hemispheres or the front and the back of an embryo,
+    are drawn side by side at the same scale, with the same colour scale. Gyri are light and sulci are dark. The figure
+    is annotated with anatomical directions at the centre of the map, the hemisphere or the name of the chart, a scale
+    bar and the names of cuts, as far as these are known. A warning lists the parcel names that are omitted because they
+    do not fit. With --period, the data are treated as phases and drawn with a cyclic colour map (hsv, or --cmap) and a
+    colour wheel. A PNG is at least 1,700 pixels wide. In an SVG, curvature, data, parcels, names and annotations are
+    separate layers. To write only the values, use voxflat image.
     """
     if len(maps) > 2:
-        raise click.UsageError(f"{len(maps)} maps are given. Give one map, or the maps of both hemispheres.")
+        raise click.UsageError(f"{len(maps)} maps are given. Give one map, or two, such as both hemispheres.")
     for name in ("overlay", "strength", "parcels", "alpha"):
         if len(look[name]) > len(maps):
             count = f"{len(look[name])} times for {len(maps)} map{'s' * (len(maps) > 1)}"

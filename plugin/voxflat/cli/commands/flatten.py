@@ -1,21 +1,25 @@
-"""The commands `voxflat cut` and `voxflat flatten`."""
+"""The commands `voxflat cut`, `voxflat flatten` and `voxflat movie-map`."""
 
 from pathlib import Path
 from typing import Any
 
 import click
+import cloup
 import numpy as np
 
 from voxflat.cli import options
 from voxflat.cli.console import bars
-from voxflat.cli.input import part_of, surface_of
+from voxflat.cli.input import check_numbers, part_of, surface_of
+from voxflat.cli.options import FILE
 from voxflat.cli.output import check_output, report
 from voxflat.cli.parameter_options import option_of
+from voxflat.io.files import SAVED_ENDINGS
 from voxflat.io.grid import in_unit
 from voxflat.io.patches import PATCH_ENDING
 from voxflat.maps.flat_map import MAP_ENDINGS, FlatMap
+from voxflat.pipeline.series import flatten_series
 from voxflat.pipeline.surface import Surface
-from voxflat.surfaces.charts import name_of
+from voxflat.surfaces.charts import names_of
 
 _CUT_ENDINGS = (".json", ".surf.gii", ".vtp", ".ply", ".obj", PATCH_ENDING)
 
@@ -110,10 +114,10 @@ def flatten_command(input_: Path, output: Path, writing: dict[str, Any], quiet: 
     method, rows, store = options.method_of(given), given.pop("rows"), given.pop("store")
     charts = options.charts_of(given)
     count = 1 if charts is None else charts["count"]
-    outputs = [output if count == 1 else output.with_name(f"{name_of(n, count)}.{output.name}") for n in range(count)]
+    outputs = [output] if count == 1 else [output.with_name(f"{name}.{output.name}") for name in names_of(count)]
     for path in outputs:
         check_output(path, MAP_ENDINGS, **writing)
-    if count > 1 and store is not None:
+    if count != 1 and store is not None:
         raise click.UsageError("--store holds the distances of one map. Omit it, or give --charts 1.")
     if charts is None and given["hemisphere"] is not None and given["cuts"] is None:
         given["cuts"] = "standard"
@@ -125,11 +129,66 @@ def flatten_command(input_: Path, output: Path, writing: dict[str, Any], quiet: 
         else:
             opened = part.charts(**charts, threads=given["threads"], progress=shown.progress)
             maps = [one.flatten(method, rows=kept, progress=shown.progress, **given) for one in opened]
-    for flat_map, path in zip(maps, outputs, strict=True):
+    written = list(zip(maps, outputs, strict=False))  # a tube has only the first chart of a cylinder
+    for flat_map, path in written:
         flat_map.save(path, **writing)
-    told = [{"output": str(path), **one.description()} for one, path in zip(maps, outputs, strict=True)]
-    text = "\n\n".join(_summary(one, path) for one, path in zip(maps, outputs, strict=True))
+    told = [{"output": str(path), **one.description()} for one, path in written]
+    text = "\n\n".join(_summary(one, path) for one, path in written)
     report(told[0] if count == 1 else {"charts": told}, text, quiet=quiet)
+
+
+@options.command(
+    "movie-map",
+    "voxflat movie-map frame_*.tif --threshold 0.5 --smooth 4 -o movie.npz",
+    "voxflat movie-map frame_*.ply --unit µm --reference 30 -o movie.npz",
+    "voxflat image movie.npz --volume frame_*.tif --depth -4:4:2 --metric -o movie.ome.tif",
+)
+@cloup.argument("frames", metavar="FRAME...", type=FILE, nargs=-1, required=True)
+@options.frame_options
+@options.frame_cuts
+@options.method_options
+@options.output(
+    "Output file for the map of all frames: .npz or .voxflat.",
+    option_of(flatten_series, "reference", type=int, metavar="N"),
+    option_of(Surface.flatten, "mirror", is_flag=True),
+)
+@options.run(options.seed, options.threads, options.memory_limit, options.quiet)
+def movie_map_command(
+    frames: tuple[Path, ...], output: Path, writing: dict[str, Any], quiet: bool, **given: Any
+) -> None:
+    """Flatten the surfaces of all frames of a movie into one flat map.
+
+    Each FRAME is a volume or a mesh, as for voxflat flatten. The frames are processed in the given order. The surface
+    of the reference frame is flattened, and its mesh follows the surface from frame to frame, so that material points
+    keep their places on the map. To show the volumes of all frames on the map, use voxflat image.
+    """
+    method = options.method_of(given)
+    check_output(output, SAVED_ENDINGS, **writing)
+    making = ("channel", "label", "threshold", "spacing", "unit", "repair", "smooth")
+    how = {name: given.pop(name) for name in making}
+    limits = {name: given[name] for name in ("threads", "memory_limit")}
+    with bars(quiet) as shown:
+        check_numbers(frames)
+        surfaces = []
+        for number, file in enumerate(frames):
+            if shown.progress is not None:
+                shown.progress("reading the frames", number, len(frames))
+            surfaces.append(surface_of(file, {**how, **limits}, None))
+        made = flatten_series(surfaces, method, progress=shown.progress, **given)
+    made.save(output, **writing)
+    told = made.flat_map.description()
+    content = {"output": str(output), "frames": len(made), "reference": made.reference, "map": told}
+    content |= {"gaps": made.gaps.tolist(), "folded": made.folded.tolist(), "provenance": made.provenance}
+    width, height = np.ptp(made.flat_map.uv, axis=0)
+    rows = {"frames": f"{len(made)}, flattened: {made.reference} ({frames[made.reference].name})"}
+    rows["map"] = f"{width:.1f} x {height:.1f} mm, {len(made.flat_map)} points"
+    rows["largest gap"] = f"{made.gaps.max():.2g} mm (95th percentile in frame {made.gaps.argmax()})"
+    rows["folded triangles"] = f"{made.folded.max()}" + (
+        f" in frame {made.folded.argmax()}" if made.folded.any() else ""
+    )
+    lines = [f"{name:22}{value}" for name, value in rows.items()]
+    lines += ["", f"distortion of frame {made.reference}", made.flat_map.distortion.table(), ""]
+    report(content, in_unit("\n".join(lines), told) + f"\nsaved as {output}", quiet=quiet)
 
 
 def _summary(flat_map: FlatMap, output: Path) -> str:
@@ -140,6 +199,8 @@ def _summary(flat_map: FlatMap, output: Path) -> str:
     rows = {"flattened": f"{metadata['points']} of {metadata['surface_points']} points, {_part(metadata)}"}
     if cut_names:
         rows["cuts"] = f"{metadata['cuts_by']}: {cut_names}"
+    if flat_map.period is not None:
+        rows["period"] = f"{flat_map.period:.1f} mm"
     if "sources" in metadata:
         rows["sources"] = metadata["sources"]
     rows["map"] = f"{width:.1f} x {height:.1f} mm{torn}"
@@ -151,7 +212,7 @@ def _summary(flat_map: FlatMap, output: Path) -> str:
 def _part(metadata: dict[str, Any]) -> str:
     """Describe the part of the surface that was flattened."""
     what = "voxel" if metadata["kind"] == "voxels" else "vertex"
-    if metadata.get("chart", {}).get("count", 1) > 1:
+    if metadata.get("chart", {}).get("count", 1) != 1:
         return f"the chart {metadata['chart']['name']!r}"
     parts = ["inside the mask"] if metadata["keep"] or metadata.get("drop") else []
     if metadata["seed_point"] is not None:

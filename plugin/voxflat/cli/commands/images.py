@@ -11,6 +11,7 @@ from voxflat.atlases.atlas import Atlas
 from voxflat.atlases.certified import load_atlas, saved_kind
 from voxflat.cli import options
 from voxflat.cli.console import bars
+from voxflat.cli.input import check_numbers
 from voxflat.cli.options import FILE
 from voxflat.cli.output import check_output, report
 from voxflat.cli.overlay_options import check_depth, depth_options
@@ -24,6 +25,7 @@ from voxflat.maps.image_files import IMAGE_ENDINGS, STACK_ENDINGS
 from voxflat.maps.plane import Planar
 from voxflat.maps.sampling import INTERPOLATIONS, PROJECTIONS
 from voxflat.maps.textures.textured import TEXTURED_ENDINGS, files_beside
+from voxflat.pipeline.flat_series import FlatSeries, load_series
 
 _VOLUME = (
     "Volume to resample (including OME-Zarr images). For the map of a mesh, an overlay or the texture of the mesh is "
@@ -46,8 +48,12 @@ _VOLUME = (
     "voxflat image map.npz --volume bold.nii.gz --interpolation linear --fraction 0.25,0.5,0.75 "
     "--projection mean -o bold.nii.gz",
     "voxflat image map.npz --volume stack.ome.tif --depth -10:10:1 -o layers.ome.tif",
+    "voxflat image movie.npz --volume frame_*.tif --depth -4:4:2 --metric --time-step 60 -o movie.ome.tif",
 )
 @options.map_
+@cloup.argument(
+    "further", metavar="[VOLUME]...", type=FILE, nargs=-1, help="Volumes of further frames, after --volume."
+)
 @options.section(
     "Data",
     options.reads("--volume", _VOLUME),
@@ -58,6 +64,13 @@ _VOLUME = (
         "[default: all; a .png can hold only one]",
     ),
     options.flag("--heat-map", "Show the local distortion of the map instead of a volume."),
+    option_of(
+        FlatSeries.images,
+        "metric",
+        is_flag=True,
+        help="Add three channels for the map of a movie: the area factor and the two stretches of each frame. --volume "
+        "may then be omitted.",
+    ),
     options.period,
     options.time_step,
 )
@@ -87,16 +100,18 @@ _VOLUME = (
     options.value(
         "--pixel-size",
         "MM",
-        "Side length of a pixel, in mm.  [default: half the voxel size or edge length; for an atlas, at most half "
-        "the gap between patches]",
+        "Side length of a pixel, in the unit of the map.  [default: half the voxel size or edge length; for an atlas, "
+        "at most half the gap between patches]",
         type=float,
     ),
 )
 @options.run(options.quiet)
 def image_command(
     map_: Path,
+    further: tuple[Path, ...],
     volume: Path | None,
     heat_map: bool,
+    metric: bool,
     output: Path,
     pixel_size: float | None,
     writing: dict[str, Any],
@@ -110,8 +125,13 @@ def image_command(
     to the 99th percentile), each label in its own colour, and colours unchanged. Pixels outside the map are
     transparent. A heat map saved as a PNG is a figure with a colour bar. All other formats store the values, with NaN
     outside the map. A series is read, sampled and written frame by frame, so its length is not limited by memory.
+
+    If MAP was written by voxflat movie-map, give the volumes of all frames in order: --volume frame_*.tif.
     """
-    if heat_map == (volume is not None):
+    kind = saved_kind(map_)
+    if heat_map and kind == "series":
+        raise click.UsageError("--heat-map applies to single maps. Give --metric for the map of a movie.")
+    if heat_map == (volume is not None or metric):
         raise click.UsageError("Give either --volume or --heat-map.")
     if heat_map and (unused := [name for name, value in given.items() if value not in (None, False)]):
         flags = ", ".join(f"--{name.replace('_', '-')}" for name in unused)
@@ -119,9 +139,16 @@ def image_command(
     check_depth(given)
     how = {key: value[0] if isinstance(value, tuple) and len(value) == 1 else value for key, value in given.items()}
     how = {key: value for key, value in how.items() if value is not None}
-    check_output(output, tuple(dict.fromkeys((*IMAGE_ENDINGS, *STACK_ENDINGS))), **writing)
+    endings = () if kind == "series" else IMAGE_ENDINGS
+    check_output(output, tuple(dict.fromkeys((*endings, *STACK_ENDINGS))), **writing)
+    if kind == "series":
+        volumes = None if volume is None else (volume, *further)
+        return _movie(map_, volumes, {**how, "metric": metric}, output, pixel_size, writing, quiet)
+    if further or metric:
+        wrong = f"{1 + len(further)} volumes are given" if further else "--metric is given"
+        raise InputError(f"{wrong}, but {map_} is a single map. Give one volume, or the map of voxflat movie-map.")
     with bars(quiet), reading() as files:
-        flat_map: FlatMap | Atlas = load_atlas(map_) if saved_kind(map_) == "atlas" else load(map_)
+        flat_map: FlatMap | Atlas = load_atlas(map_) if kind == "atlas" else load(map_)
         for name in {"fraction", "depths"} & how.keys() if isinstance(flat_map, Atlas) else ():
             raise InputError(
                 f"--{name} requires a pial surface, which an atlas does not have. Give --depth in mm instead."
@@ -158,6 +185,36 @@ def image_command(
     text += f"{apart}\nsaved as {output}"
     content = {"output": str(output), **size, "time_step": step, "provenance": picture.provenance}
     report(content, text, quiet=quiet)
+
+
+def _movie(
+    map_: Path,
+    volumes: tuple[Path, ...] | None,
+    how: dict[str, Any],
+    output: Path,
+    pixel_size: float | None,
+    writing: dict[str, Any],
+    quiet: bool,
+) -> None:
+    """Write the images of all frames of a series."""
+    with bars(quiet) as shown:
+        with reading() as files:
+            check_numbers(volumes or ())
+            movie = load_series(map_).images(volumes, pixel_size, **how)
+            first = movie[0][0]
+        if not (~np.isnan(first.data)).any():
+            reason = "does not overlap the map, so the image would be empty"
+            raise InputError(f"{volumes[0] if volumes else map_} {reason}. Compare the affines with voxflat check.")
+        movie = movie._with_provenance({**movie.provenance, "files": files})
+        movie.save(output, **writing, progress=shown.progress)
+    height, width = first.data.shape[:2]
+    depths, step = max(1, len(movie.layers)), None if movie.timing is None else movie.timing.step
+    size = {"frames": len(movie), "channels": len(movie.channel_names), "depths": depths}
+    told = " x ".join(f"{count} {name.removesuffix('s' * (count == 1))}" for name, count in size.items())
+    pixels = f"{width} x {height} pixels of {movie.pixel_size:g} {first.unit}"
+    text = f"{told} of {pixels}{'' if step is None else f', {step:g} s apart'}\nsaved as {output}"
+    content = {"output": str(output), **size, "width": width, "height": height, "pixel_size": movie.pixel_size}
+    report({**content, "time_step": step, "provenance": movie.provenance}, text, quiet=quiet)
 
 
 @options.command(

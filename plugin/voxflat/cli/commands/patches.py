@@ -47,9 +47,17 @@ from voxflat.pipeline.surface import Surface
     options.reads("--volume", "Show this volume. For a mesh, an overlay or the texture of the mesh is also accepted."),
     options.flag("--heat-map", "Show C, the factor by which lengths change."),
     options.value(
-        "--depth", "MM", "Distance outside the surface at which the volume is sampled, in mm.  [default: 0]", type=float
+        "--depth",
+        "MM",
+        "Distance outside the surface at which the volume is sampled, in the unit of the map.  [default: 0]",
+        type=float,
     ),
-    options.value("--pixel-size", "MM", "Side length of a pixel, in mm.  [default: as for voxflat image]", type=float),
+    options.value(
+        "--pixel-size",
+        "MM",
+        "Side length of a pixel, in the unit of the map.  [default: as for voxflat image]",
+        type=float,
+    ),
 )
 @options.output(
     "Output file: .npz or .voxflat for the complete atlas, or .obj (with .mtl and .png), .vtp (with .png), .glb or "

@@ -12,6 +12,7 @@ from voxflat.cli import options
 from voxflat.cli.options import FILE
 from voxflat.cli.output import check_output, report
 from voxflat.cli.parameter_options import option_of
+from voxflat.io.grid import in_unit
 from voxflat.io.provenance import record_of, saving
 from voxflat.io.reading import reading
 from voxflat.io.sources import as_volume
@@ -21,7 +22,9 @@ from voxflat.maps.flat_map import FlatMap, load
 from voxflat.maps.regions import REGION_ENDINGS, Regions
 
 _SPACE = 'Space of the coordinates: "surface" (the space of the surface) or "scanner" (scanner RAS, as for volumes).'
-_PIXEL_SIZE = "Side length of the pixels of --image, in mm.  [default: from the file, or as for voxflat image]"
+_PIXEL_SIZE = (
+    "Side length of the pixels of --image, in the unit of the map.  [default: from the file, or as for voxflat image]"
+)
 
 
 @options.command(
@@ -36,7 +39,7 @@ _PIXEL_SIZE = "Side length of the pixels of --image, in mm.  [default: from the 
     option_of(FlatMap.points_to_map, "limit", type=float, metavar="MM"),
     option_of(FlatMap.points_to_map, "space", type=click.Choice(["surface", "scanner"]), help=_SPACE),
 )
-@options.output("Output table (.csv, .tsv or .txt): all columns of XYZ, plus u, v and distance in mm.")
+@options.output("Output table (.csv, .tsv or .txt): all columns of XYZ, plus u, v and distance in the unit of the map.")
 @options.run()
 def points_command(map_: Path, points: Path, output: Path, limit: float, space: str, writing: dict[str, Any]) -> None:
     """Find where points in space lie on a flat map.
@@ -54,7 +57,8 @@ def points_command(map_: Path, points: Path, output: Path, limit: float, space: 
     with saving(output, record, **writing):
         table.save(output, {"u": uv[:, 0], "v": uv[:, 1], "distance": distance})
     shown = int(np.isfinite(distance).sum())
-    text = f"{shown} of {len(distance)} points are within {limit:g} mm of the surface\nsaved as {output}"
+    within = in_unit(f"{limit:g} mm", flat_map.metadata)
+    text = f"{shown} of {len(distance)} points are within {within} of the surface\nsaved as {output}"
     report({"output": str(output), "points": len(distance), "on_map": shown, "provenance": record}, text)
 
 
@@ -63,7 +67,7 @@ def points_command(map_: Path, points: Path, output: Path, limit: float, space: 
     "voxflat regions map.npz --svg drawn.svg -o lh.rois.annot",
     "voxflat regions map.npz --polygons v1.json -o lh.V1.label",
     "voxflat regions map.npz --image rois.tif -o rois.label.gii",
-    "voxflat regions map.npz --image cells.tif -o cells.tsv",
+    "voxflat regions map.npz --image cells.tif --volume stack.ome.tif --depth -2,2 -o cells.tsv",
     "voxflat regions map.npz --svg drawn.svg --layer visual --volume t1.nii.gz -o labels.nii.gz",
     "voxflat regions map.npz --polygons v1.json --volume t1.nii.gz --depth 0,2.5 -o labels.nii.gz",
 )
@@ -72,19 +76,27 @@ def points_command(map_: Path, points: Path, output: Path, limit: float, space: 
     "Regions",
     options.reads("--svg", "Figure of the map (.svg) with the regions drawn in one layer."),
     options.value("--layer", "NAME", "Name of the layer in --svg that contains the regions.  [default: rois]"),
-    options.reads("--polygons", 'File (.json) of polygons in mm, keyed by region name, such as {"V1": [[u, v], ...]}.'),
+    options.reads(
+        "--polygons",
+        'File (.json) of polygons in the unit of the map, keyed by region name, such as {"V1": [[u, v], ...]}.',
+    ),
     options.reads("--image", "Label image on the pixel grid of the map (.npy, .png, .tif, .nii or .nii.gz)."),
     options.value("--pixel-size", "MM", _PIXEL_SIZE, type=float),
 )
 @options.output(
     "Output file: .annot, .label.gii or .label (one region) for vertex labels; .nii, .nii.gz, .mgh, .mgz or .nrrd for "
     "voxel labels; .tsv or .csv for a table of areas, perimeters, positions and shapes on the surface.",
-    options.reads("--volume", "Volume whose grid is used for the voxel labels.  [default: the flattened volume]"),
+    options.reads(
+        "--volume",
+        "Volume whose grid is used for the voxel labels. For a table, volume or overlay whose mean is added for each "
+        "channel.  [default: for voxel labels, the flattened volume]",
+    ),
     options.value(
         "--depth",
         "MM,MM",
-        "Range of distances from the surface, in mm, in which voxels are labelled, for maps made without --pial. "
-        "For example, 0,2.5 covers the cortex outside the white matter.",
+        "Range of distances from the surface, in the unit of the map, in which voxels are labelled, for maps made "
+        "without --pial. For example, 0,2.5 covers the cortex outside the white matter. For a table, the volume is "
+        "averaged over this range.  [default: on the surface]",
         callback=options.numbers,
     ),
 )

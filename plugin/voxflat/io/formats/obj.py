@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from voxflat.errors import InputError
-from voxflat.io.triangles import Faces, Points, check_faces, triangulated
+from voxflat.io.triangles import Faces, Points, check_faces, first_coordinates, triangulated
 
 
 def read_obj(path: Path, data: bytes) -> dict[str, Any]:
@@ -18,7 +18,7 @@ def read_obj(path: Path, data: bytes) -> dict[str, Any]:
     incomplete = "does not end with a complete line. Check that the file is complete"
     remarks = cut if data.endswith(b"\n") else (incomplete, *cut)
     if (used != -1).any():
-        texture, seam = _texture(_places(rows["vt"], used), used, faces, len(points))
+        texture, seam = first_coordinates(_coordinates(rows["vt"], used), faces, len(points))
         remarks += seam
     return {"points": points, "faces": faces, "texture_coordinates": texture, "remarks": remarks}
 
@@ -27,13 +27,13 @@ def read_obj_texture(data: bytes) -> tuple[NDArray[np.int64], NDArray[np.float64
     """Read the faces, their corners' texture coordinates (F, 3, 2; NaN if absent), and the mtllib and usemtl names."""
     rows, faces, used, _ = _tables(data)
     check_faces(faces, len(rows["v"]))
-    places = np.concatenate([_places(rows["vt"], used), [[np.nan, np.nan]]])  # index −1 refers to this row
+    coordinates = _coordinates(rows["vt"], used)
     names: dict[str, set[str]] = {"mtllib": set(), "usemtl": set()}
     for line in data.decode("utf-8", "replace").splitlines():
         key, *rest = line.split(None, 1)[:2] or [""]
         if key in names and rest:
             names[key].add(rest[0].strip())
-    return faces, places[used], names
+    return faces, coordinates, names
 
 
 def _tables(data: bytes) -> tuple[dict[str, list[list[str]]], NDArray[np.int64], NDArray[np.int64], tuple[str, ...]]:
@@ -71,27 +71,14 @@ def _corners(faces: list[list[str]]) -> NDArray[np.int64]:
     return numbers[:, :2] if numbers.shape[1] > 1 else np.concatenate([numbers, np.zeros_like(numbers)], axis=1)
 
 
-def _places(lines: list[list[str]], used: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Return a file's texture coordinates; check that each corner refers to an existing one, or to none (−1)."""
+def _coordinates(lines: list[list[str]], used: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Return the texture coordinates of corners, each of which refers to an existing line, or to none (−1)."""
     places = np.array([line[:2] for line in lines], dtype=np.float64).reshape(-1, 2)
     bad = np.flatnonzero((used.ravel() >= len(places)) | (used.ravel() < -1))
     if len(bad):
         number = used.ravel()[bad[0]] + 1
         raise InputError(f"face {bad[0] // 3} refers to texture coordinate {number}, but the file has {len(places)}")
-    return places
-
-
-def _texture(
-    places: NDArray[np.float64], used: NDArray[np.int64], faces: Faces, n: int
-) -> tuple[NDArray[np.float64], tuple[str, ...]]:
-    """Return the first texture coordinate of each point, and a remark if any point has several."""
-    check_faces(faces, n)
-    corners, used = faces[used >= 0], used[used >= 0]
-    texture = np.full((n, 2), np.nan)
-    texture[corners[::-1]] = places[used[::-1]]  # the last assignment is the first in the file
-    seam = np.unique(corners[(texture[corners] != places[used]).any(axis=1)])
-    text = f"has points on texture seams ({len(seam)}); each keeps only its first texture coordinate"
-    return texture, (text,) if len(seam) else ()
+    return np.concatenate([places, [[np.nan, np.nan]]])[used]  # index −1 refers to the last row
 
 
 def write_obj(

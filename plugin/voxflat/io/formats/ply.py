@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from voxflat.errors import InputError
 from voxflat.io.files import AGAIN, REMEDY
-from voxflat.io.triangles import TRIANGULATE, Faces, Points, of_strips, triangulated
+from voxflat.io.triangles import TRIANGULATE, Faces, Points, first_coordinates, of_strips, triangulated
 
 _TYPES = {"char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4"}
 _TYPES |= {"float": "f4", "double": "f8", "int8": "i1", "uint8": "u1", "int16": "i2", "uint16": "u2"}
@@ -17,11 +17,23 @@ _TYPES |= {"int32": "i4", "uint32": "u4", "float32": "f4", "float64": "f8"}
 _TEXT = "="  # byte order of ASCII files, whose numbers are read as native doubles
 _ORDERS = {"ascii": _TEXT, "binary_little_endian": "<", "binary_big_endian": ">"}
 _COLOURS = ("red", "green", "blue", "alpha")
+_OF_CORNERS = "texcoord"  # of faces, as MeshLab writes them
 _TEXTURES = (("s", "t"), ("u", "v"), ("texture_u", "texture_v"))
 
 
 def read_ply(path: Path, data: bytes) -> dict[str, Any]:
-    """Read a PLY file of polygons or triangle strips."""
+    """Read a PLY file of polygons or triangle strips; a point on a seam keeps its first texture coordinate."""
+    return _read(data)[0]
+
+
+def read_ply_texture(data: bytes) -> tuple[NDArray[np.int64], NDArray[np.float64]] | None:
+    """Read the faces and their corners' texture coordinates (F, 3, 2), or None if those are stored at the points."""
+    read, coordinates = _read(data)
+    return None if coordinates is None else (read["faces"], coordinates)
+
+
+def _read(data: bytes) -> tuple[dict[str, Any], NDArray[np.float64] | None]:
+    """Return the parts of a mesh, and the texture coordinates of the corners of its faces, if the faces have them."""
     header = re.match(rb"(?s)ply(\r?\n|\r)(.*?)\1end_header\1", data)
     if header is None:
         raise InputError("has no header from 'ply' to 'end_header'. Check that it is a PLY file")
@@ -45,7 +57,8 @@ def read_ply(path: Path, data: bytes) -> dict[str, Any]:
     if not {"x", "y", "z"} <= set(names) or lists is None:
         raise InputError(f"has no vertices with x, y and z, or no faces with vertex_indices. {REMEDY}")
     points = np.column_stack([vertices[axis] for axis in "xyz"]).astype(np.float64)
-    corners, counts = lists
+    corners, counts, of_corners = lists
+    stored: NDArray[np.float64] | None = None
     if any(name == "tristrips" for name, _, _ in elements):
         rows = np.split(corners, np.cumsum(counts)[:-1])  # strips may share a list, with −1 between them
         split = [strip[strip >= 0] for row in rows for strip in np.split(row, np.flatnonzero(row == -1))]
@@ -55,23 +68,23 @@ def read_ply(path: Path, data: bytes) -> dict[str, Any]:
     else:
         places, remarks = triangulated(points, corners, counts)
         faces = corners[places]
+        stored = None if of_corners is None else of_corners[places]
     texture = next((pair for pair in _TEXTURES if set(pair) <= set(names)), ())
     coordinates = np.column_stack([vertices[key] for key in texture]) if texture else None
+    if coordinates is None and stored is not None:
+        coordinates, seam = first_coordinates(stored, faces, len(points))
+        remarks += seam
     kept = [key for key in names if key not in ("x", "y", "z", *texture) and not key.endswith(" length")]
     values = {of: vertices[of].astype(vertices[of].dtype.newbyteorder("=")) for of in kept if vertices[of].ndim == 1}
     more = {"remarks": remarks, "texture_coordinates": coordinates, "point_data": values}
-    return {"points": points, "faces": faces, **more}
-
-
-class _UnevenError(InputError):
-    """Report that the lists of an element have different lengths."""
+    return {"points": points, "faces": faces, **more}, stored
 
 
 _Element: TypeAlias = tuple[str, int, list[tuple[str, str, str]]]
 """Name, count, and the name, type and type of the list length ('' if it is not a list) of each property."""
 
-_Lists: TypeAlias = tuple[NDArray[np.int64], NDArray[np.int64]]
-"""The concatenated corners of all faces, and the number of corners of each face."""
+_Lists: TypeAlias = tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64] | None]
+"""The concatenated corners of all faces, the number of corners of each face, and texture coordinates (C, 2) or None."""
 
 
 def _header(text: str) -> tuple[str, list[_Element]]:
@@ -119,7 +132,7 @@ def _table(body: bytes, at: int, element: _Element, order: str) -> NDArray[Any]:
         other = np.flatnonzero(rows[key] != rows[key][:1])
         if len(other):
             here, first = (int(rows[key][row]) for row in (other[0], 0))
-            raise _UnevenError(f"{name} {other[0]} has {here} corners, but {name} 0 has {first}. {TRIANGULATE}")
+            raise InputError(f"{name} {other[0]} has {here} corners, but {name} 0 has {first}. {TRIANGULATE}")
     if len(rows) < count:
         raise InputError(f"ends at {name} {len(rows)} of {count}. {AGAIN}")
     return rows
@@ -132,18 +145,19 @@ def _lists(body: bytes, at: int, element: _Element, order: str) -> tuple[_Lists 
         return None, at + _table(body, at, element, order).nbytes
     try:
         table = _table(body, at, element, order)
-    except _UnevenError:
+    except InputError:  # its lists have different lengths, or the file is incomplete
         return _uneven(body, at, element, order, names[0])
     rows = table[names[0]] if element[1] else np.empty((0, 3))
     counts = np.full(len(rows), rows.shape[1], dtype=np.int64)
-    return (_whole(rows.ravel(), counts), counts), at + table.nbytes
+    stored = table[_OF_CORNERS] if _OF_CORNERS in (table.dtype.names or ()) else None
+    return (_whole(rows.ravel(), counts), counts, _of_corners(stored, counts)), at + table.nbytes
 
 
 def _uneven(body: bytes, at: int, element: _Element, order: str, key: str) -> tuple[_Lists, int]:
     """Read an element whose lists have different lengths, row by row."""
     name, count, properties = element
     kinds = [(one, _stored(of, order), _stored(size or of, order), size) for one, of, size in properties]
-    rows = []
+    rows, stored = [], []
     for row in range(count):
         for one, kind, length_kind, is_list in kinds:
             length = 1
@@ -155,9 +169,24 @@ def _uneven(body: bytes, at: int, element: _Element, order: str, key: str) -> tu
                 raise InputError(f"ends at {name} {row} of {count}. {AGAIN}")
             if one == key:
                 rows.append(np.frombuffer(body, kind, length, at))
+            elif one == _OF_CORNERS:
+                stored.append(np.frombuffer(body, kind, length, at))
             at += length * kind.itemsize
     counts = np.array([len(one) for one in rows], dtype=np.int64)
-    return (_whole(np.concatenate(rows), counts), counts), at
+    return (_whole(np.concatenate(rows), counts), counts, _of_corners(stored or None, counts)), at
+
+
+def _of_corners(
+    stored: list[NDArray[Any]] | NDArray[Any] | None, counts: NDArray[np.int64]
+) -> NDArray[np.float64] | None:
+    """Return the texture coordinates of corners, (C, 2); NaN for faces without two numbers for each corner."""
+    if stored is None:
+        return None
+    fits = np.array([len(one) for one in stored], dtype=np.int64) == 2 * counts
+    found = np.full((int(counts.sum()), 2), np.nan)
+    if fits.any():
+        found[np.repeat(fits, counts)] = np.concatenate([stored[n] for n in np.flatnonzero(fits)]).reshape(-1, 2)
+    return found if fits.any() else None
 
 
 def _whole(numbers: NDArray[Any], counts: NDArray[np.int64]) -> NDArray[np.int64]:

@@ -13,8 +13,9 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from voxflat.arguments import log
 from voxflat.errors import InputError
-from voxflat.io.files import AGAIN, require
+from voxflat.io.files import AGAIN, require, retelling
 from voxflat.io.grid import Affine, millimetres, named_unit
 
 TIFF_ENDINGS = (".tif", ".tiff")
@@ -102,8 +103,11 @@ class TiffStack:
 
 def open_tiff(path: Path) -> TiffStack:
     """Read the axes of a TIFF file, the names of its channels and the size of its voxels."""
-    with require("tifffile").TiffFile(path) as file:
+    messages: list[str] = []  # tifffile only logs that pages, or the text with the axes, are missing, and omits them
+    with retelling(path, "tifffile", messages.append), require("tifffile").TiffFile(path) as file:
         series = file.series[0]
+        if any(re.search("invalid page offset|TiffTag 270", message) for message in messages):
+            raise InputError(f"ends before its last page. {AGAIN}")
         axes = tuple(zip(series.axes, map(int, series.shape), strict=True))
         array = _array(path, file)
         pages = [axis for axis, length in axes if axis in _PAGES and length > 1]
@@ -113,6 +117,8 @@ def open_tiff(path: Path) -> TiffStack:
         depth = pages[0] if pages else ""
         affine, unit = _ome_place(file.ome_metadata) or _imagej_place(file, bool(pages)) or (None, "mm")
         titles = [unescape(name) for name in re.findall(r'<Channel [^>]*\bName="([^"]*)"', file.ome_metadata or "")]
+    for message in messages:
+        log.warning("%s: %s", path, message)
     others = [(axis, n) for axis, n in axes if not _is_inside(axis, n, depth)]
     if not depth and (several := [f"{n} along {axis}" for axis, n in others if n > 1]):
         remedy = "If these are slices, save them as slices (in Fiji: Image → Properties), or pass an array (x, y, z)"

@@ -163,9 +163,9 @@ class TexturedSurface(Recorded):
         ----------
         path : path
             An ``.obj`` file is accompanied by an ``.mtl`` and a ``.png`` file, and a ``.vtp`` file by a ``.png`` file.
-            ``.glb`` is a single glTF 2.0 file in metres with y up, as the format requires. ``.ply`` files have colours
-            at the points instead of a picture; see `subdivided`. At seams, OBJ keeps the points of the surface, and the
-            other formats duplicate them. The ``.png`` file includes `provenance`.
+            ``.glb`` is a single glTF 2.0 file in metres with y up, as the format requires. ``.ply`` files have
+            colours and texture coordinates at the points, but no picture; see `subdivided`. At seams, OBJ keeps the
+            points of the surface, and the other formats duplicate them. The ``.png`` file includes `provenance`.
         sidecar, overwrite : bool
             As in `FlatMap.save`.
 
@@ -226,7 +226,7 @@ def _write_vtp(files: _Files, surface: TexturedSurface, names: list[str]) -> Non
 
 
 def _write_ply(files: _Files, surface: TexturedSurface, names: list[str]) -> None:
-    ply.write_ply(files[0], surface.points, surface.faces, None, surface.colours)
+    ply.write_ply(files[0], surface.points, surface.faces, surface.texture_coordinates, surface.colours)
 
 
 def _png(surface: TexturedSurface) -> bytes:

@@ -23,7 +23,7 @@ pub fn evaluate(
     solver: &impl Solver, uv: &[[f64; 2]], count: usize, seed: u64, control: &Control,
 ) -> Result<Distortion> {
     let reference = reference_sources(uv.len(), count, seed);
-    Ok(evaluate_all(solver, &[uv], &reference, u64::MAX, seed, control)?.remove(0))
+    Ok(evaluate_all(solver, &[uv], None, &reference, u64::MAX, seed, control)?.remove(0))
 }
 
 /// Returns random reference sources. They differ from the sources of a map with the same seed.
@@ -32,14 +32,15 @@ pub fn reference_sources(points: usize, count: usize, seed: u64) -> Vec<u32> {
 }
 
 /// Evaluates several maps of the same vertices by the distances from the same sources. If the rows take more than
-/// `kept` bytes, they are computed twice instead of being kept; the figures are the same.
+/// `kept` bytes, they are computed twice instead of being kept; the figures are the same. Maps may have a period, as in
+/// [`measure`].
 pub fn evaluate_all<S: Solver>(
-    solver: &S, maps: &[&[[f64; 2]]], reference: &[u32], kept: u64, seed: u64, control: &Control,
+    solver: &S, maps: &[&[[f64; 2]]], period: Option<f64>, reference: &[u32], kept: u64, seed: u64, control: &Control,
 ) -> Result<Vec<Distortion>> {
     if 4 * reference.len() as u64 * solver.columns() as u64 <= kept {
-        measure(maps, &DistanceRows::compute(solver, reference, control)?, seed, control)
+        measure(maps, period, &DistanceRows::compute(solver, reference, control)?, seed, control)
     } else {
-        measure(maps, &PassingRows::new(solver, reference, kept), seed, control)
+        measure(maps, period, &PassingRows::new(solver, reference, kept), seed, control)
     }
 }
 
@@ -64,7 +65,7 @@ mod tests {
                 rows.fetch_add(1, Ordering::Relaxed);
                 Ok(())
             });
-            let found = evaluate_all(&counting, &[&uv, &squeezed], &reference, kept, 3, &control).unwrap();
+            let found = evaluate_all(&counting, &[&uv, &squeezed], None, &reference, kept, 3, &control).unwrap();
             (found, rows.into_inner())
         };
         let all = 4 * 3 * 35; // bytes of three rows to 35 points
@@ -76,7 +77,7 @@ mod tests {
             assert_eq!((format!("{passed:?}"), rows), (format!("{kept:?}"), 6), "{bytes}");
         }
         let alone = evaluate(&exact, &uv, 3, 3, &control).unwrap();
-        let same = evaluate_all(&exact, &[&uv], &reference_sources(35, 3, 3), 0, 3, &control).unwrap();
+        let same = evaluate_all(&exact, &[&uv], None, &reference_sources(35, 3, 3), 0, 3, &control).unwrap();
         assert_eq!(format!("{alone:?}"), format!("{:?}", same[0]));
     }
 }

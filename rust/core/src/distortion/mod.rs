@@ -62,9 +62,13 @@ pub struct Distortion {
     pub scatter: Vec<[f64; 2]>,
 }
 
-/// Evaluates flat maps of the same vertices (positions in mm) against distance rows to all of their points.
-pub fn measure<R: Rows>(maps: &[&[[f64; 2]]], rows: &R, seed: u64, control: &Control) -> Result<Vec<Distortion>> {
-    let mut maps: Vec<Evaluated> = maps.iter().map(|uv| Evaluated::new(uv, rows.sources().len(), seed)).collect();
+/// Evaluates flat maps of the same vertices (positions in mm) against distance rows to all of their points. If the maps
+/// repeat in the second direction with a period, distances are measured to the nearest copy.
+pub fn measure<R: Rows>(
+    maps: &[&[[f64; 2]]], period: Option<f64>, rows: &R, seed: u64, control: &Control,
+) -> Result<Vec<Distortion>> {
+    let sources = rows.sources().len();
+    let mut maps: Vec<Evaluated> = maps.iter().map(|&uv| Evaluated::new(Plane { uv, period }, sources, seed)).collect();
     control.begin("measuring distortion", 2);
     pass(&mut maps, rows, control, Evaluated::take_raw)?;
     control.advance();
@@ -77,9 +81,9 @@ pub fn measure<R: Rows>(maps: &[&[[f64; 2]]], rows: &R, seed: u64, control: &Con
 }
 
 /// Returns the scale at which the distances of a map are closest to the rows: argmin mean |s·d − δ|/δ. The rows must
-/// reach all points of the map. NaN if all positions coincide.
-pub fn best_scale<R: Rows>(uv: &[[f64; 2]], rows: &R, control: &Control) -> Result<f64> {
-    let mut map = [Evaluated::new(uv, 0, 0)];
+/// reach all points of the map, which may have a period as in [`measure`]. NaN if all positions coincide.
+pub fn best_scale<R: Rows>(uv: &[[f64; 2]], period: Option<f64>, rows: &R, control: &Control) -> Result<f64> {
+    let mut map = [Evaluated::new(Plane { uv, period }, 0, 0)];
     pass(&mut map, rows, control, |map, block, control| {
         map.begin_ratios(block, control)?;
         map.take_ratios(block, control)
@@ -122,24 +126,35 @@ impl Block<'_> {
 
     /// Visits (δ, d) for all pairs of the n-th source with other points.
     #[inline]
-    fn pairs(&self, n: usize, uv: &[[f64; 2]], mut visit: impl FnMut(f64, f64)) {
+    fn pairs(&self, n: usize, plane: Plane, mut visit: impl FnMut(f64, f64)) {
         let source = self.sources[n] as usize;
-        let from = uv[source];
-        for (point, (&delta, &place)) in self.row(n).iter().zip(uv).enumerate() {
+        for (point, &delta) in self.row(n)[..plane.uv.len()].iter().enumerate() {
             if point != source && delta != 0.0 {
-                visit(f64::from(delta), apart(from, place));
+                visit(f64::from(delta), plane.apart(source, point));
             }
         }
     }
 }
 
-fn apart([x, y]: [f64; 2], [u, v]: [f64; 2]) -> f64 {
-    ((u - x) * (u - x) + (v - y) * (v - y)).sqrt()
+/// Positions in the plane, which may repeat in the second direction.
+#[derive(Clone, Copy)]
+struct Plane<'a> {
+    uv: &'a [[f64; 2]],
+    period: Option<f64>,
+}
+
+impl Plane<'_> {
+    #[inline]
+    fn apart(&self, one: usize, other: usize) -> f64 {
+        let ([x, y], [u, v]) = (self.uv[one], self.uv[other]);
+        let along = self.period.map_or(v - y, |period| v - y - period * ((v - y) / period).round());
+        ((u - x) * (u - x) + along * along).sqrt()
+    }
 }
 
 /// A map and its figures so far.
 struct Evaluated<'a> {
-    uv: &'a [[f64; 2]],
+    plane: Plane<'a>,
     /// Sums at scale 1 and at the best scale, for each source.
     raw: Vec<Sums>,
     best: Vec<Sums>,
@@ -153,7 +168,8 @@ struct Evaluated<'a> {
 }
 
 impl<'a> Evaluated<'a> {
-    fn new(uv: &'a [[f64; 2]], sources: usize, seed: u64) -> Self {
+    fn new(plane: Plane<'a>, sources: usize, seed: u64) -> Self {
+        let uv = plane.uv;
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         let others = uv.len().saturating_sub(1);
         let pairs = if others == 0 { 0 } else { SCATTER.min(sources * others) };
@@ -161,7 +177,7 @@ impl<'a> Evaluated<'a> {
             (0..pairs).map(|_| (rng.random_range(0..sources), rng.random_range(1..uv.len()))).collect();
         chosen.sort_unstable(); // blocks arrive in the order of the sources
         Self {
-            uv,
+            plane,
             raw: Vec::with_capacity(sources),
             best: Vec::with_capacity(sources),
             ratios: Ratios::default(),
@@ -177,7 +193,7 @@ impl<'a> Evaluated<'a> {
         if block.first == 0 && !block.sources.is_empty() {
             control.check()?;
             let mut first = Vec::with_capacity(block.columns);
-            block.pairs(0, self.uv, |delta, d| first.push((delta, d)));
+            block.pairs(0, self.plane, |delta, d| first.push((delta, d)));
             self.ratios = Ratios::around_median(first.into_iter());
         }
         Ok(())
@@ -185,10 +201,10 @@ impl<'a> Evaluated<'a> {
 
     fn take_raw(&mut self, block: &Block, control: &Control) -> Result<()> {
         self.begin_ratios(block, control)?;
-        let (uv, ratios) = (self.uv, &self.ratios);
+        let (plane, ratios) = (self.plane, &self.ratios);
         let sums = block.each_source(control, |n| {
             let mut sums = Sums::default();
-            block.pairs(n, uv, |delta, d| {
+            block.pairs(n, plane, |delta, d| {
                 sums.add(delta, d);
                 ratios.add(delta, d);
             });
@@ -202,7 +218,7 @@ impl<'a> Evaluated<'a> {
 
     /// Adds to the sum of each point, source by source, so that the result does not depend on blocks or threads.
     fn take_points(&mut self, block: &Block, control: &Control) -> Result<()> {
-        let uv = self.uv;
+        let plane = self.plane;
         self.per_point.par_chunks_mut(CHUNK).enumerate().try_for_each(|(chunk, sums)| {
             control.check()?;
             let start = chunk * CHUNK;
@@ -211,7 +227,7 @@ impl<'a> Evaluated<'a> {
                 for (point, (sum, &delta)) in (start..).zip(sums.iter_mut().zip(row)) {
                     if point != source as usize && delta != 0.0 {
                         let delta = f64::from(delta);
-                        sum.0 += (apart(uv[source as usize], uv[point]) - delta).abs() / delta;
+                        sum.0 += (plane.apart(source as usize, point) - delta).abs() / delta;
                         sum.1 += 1.0;
                     }
                 }
@@ -225,8 +241,8 @@ impl<'a> Evaluated<'a> {
         let here = self.chosen[begin..].iter().take_while(|&&(n, _)| n < block.first + block.sources.len());
         self.scatter.extend(here.map(|&(n, behind)| {
             let source = block.sources[n - block.first] as usize;
-            let point = (source + behind) % self.uv.len(); // any point but the source
-            [f64::from(block.row(n - block.first)[point]), apart(self.uv[source], self.uv[point])]
+            let point = (source + behind) % self.plane.uv.len(); // any point but the source
+            [f64::from(block.row(n - block.first)[point]), self.plane.apart(source, point)]
         }));
     }
 
@@ -246,16 +262,16 @@ impl<'a> Evaluated<'a> {
 
     fn take_ratios(&mut self, block: &Block, control: &Control) -> Result<()> {
         if self.scale.is_none() {
-            block.each_source(control, |n| block.pairs(n, self.uv, |delta, d| self.ratios.add(delta, d)))?;
+            block.each_source(control, |n| block.pairs(n, self.plane, |delta, d| self.ratios.add(delta, d)))?;
         }
         Ok(())
     }
 
     fn take_best(&mut self, block: &Block, control: &Control) -> Result<()> {
-        let (uv, scale) = (self.uv, self.scale.unwrap_or(f64::NAN));
+        let (plane, scale) = (self.plane, self.scale.unwrap_or(f64::NAN));
         let sums = block.each_source(control, |n| {
             let mut sums = Sums::default();
-            block.pairs(n, uv, |delta, d| sums.add(delta, scale * d));
+            block.pairs(n, plane, |delta, d| sums.add(delta, scale * d));
             sums
         })?;
         self.best.extend(sums);
@@ -270,7 +286,7 @@ impl<'a> Evaluated<'a> {
             best_scale: best.figures(scale),
             pearson_r: raw.correlation(),
             mean_geodesic: raw.mean_geodesic(),
-            standard_error: standard_errors(&self.raw, &self.best, self.uv.len(), seed, control)?,
+            standard_error: standard_errors(&self.raw, &self.best, self.plane.uv.len(), seed, control)?,
             sources: self.raw.len(),
             pairs: raw.pairs(),
             per_point: self.per_point.iter().map(|(sum, count)| sum / count).collect(), // NaN without other sources

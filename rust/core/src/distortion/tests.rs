@@ -29,7 +29,7 @@ fn rows_of(sources: &[u32], points: &[[f64; 2]], wrong: impl Fn(usize, usize) ->
 }
 
 fn evaluated(uv: &[[f64; 2]], rows: &DistanceRows) -> Distortion {
-    measure(&[uv], rows, 0, &Control::default()).unwrap().remove(0)
+    measure(&[uv], None, rows, 0, &Control::default()).unwrap().remove(0)
 }
 
 fn pairs(uv: &[[f64; 2]], rows: &DistanceRows) -> Vec<(f64, f64)> {
@@ -203,7 +203,7 @@ fn blocks_threads_and_other_maps_change_no_bit() {
     }
     for (threads, block) in [(1, 1), (2, 5), (5, 37), (3, 64)] {
         let maps: [&[[f64; 2]]; 2] = [&other, &uv];
-        let found = with_threads(threads, || measure(&maps, &Few(&rows, block), 0, &Control::default()).unwrap());
+        let found = with_threads(threads, || measure(&maps, None, &Few(&rows, block), 0, &Control::default()).unwrap());
         assert!(same(&found[1], &expected));
         assert!(same(&found[0], &alone));
     }
@@ -253,9 +253,28 @@ fn the_best_scale_alone_is_that_of_the_figures() {
         let scale = evaluated(&uv, &rows).best_scale.scale;
         assert!((1.0..5.0).contains(&scale), "{scale}");
         for block in [1, 6, 20] {
-            assert_eq!(best_scale(&uv, &Few(&rows, block), &Control::default()), Ok(scale), "{first} {block}");
+            assert_eq!(best_scale(&uv, None, &Few(&rows, block), &Control::default()), Ok(scale), "{first} {block}");
         }
     }
     let one = vec![[1.0, 2.0]; 30];
-    assert!(best_scale(&one, &rows_of(&[3], &scattered(30), |_, _| 1.0), &Control::default()).unwrap().is_nan());
+    assert!(best_scale(&one, None, &rows_of(&[3], &scattered(30), |_, _| 1.0), &Control::default()).unwrap().is_nan());
+}
+
+#[test]
+fn distances_of_a_periodic_map_are_those_to_the_nearest_copy() {
+    let period = 7.5;
+    let uv: Vec<[f64; 2]> = (0..40).map(f64::from).map(|n| [(0.7 * n).sin() * 9.0, (1.3 * n).cos() * 20.0]).collect();
+    let nearest = |a: [f64; 2], b: [f64; 2]| {
+        let copies = (-9..=9).map(|turns| (a[0] - b[0]).hypot(a[1] - b[1] + f64::from(turns) * period));
+        copies.fold(f64::INFINITY, f64::min)
+    };
+    let sources = [0, 5, 17];
+    let uv = &uv;
+    let row = |&source: &u32| uv.iter().map(|&place| nearest(uv[source as usize], place) as f32).collect::<Vec<_>>();
+    let rows = DistanceRows::new(sources.to_vec(), uv.len(), sources.iter().flat_map(row).collect());
+    let found = measure(&[uv], Some(period), &rows, 0, &Control::default()).unwrap().remove(0);
+    assert!(found.raw.relative_error < 1e-6 && found.per_point.iter().all(|error| *error < 1e-6));
+    assert!(found.scatter.iter().all(|[delta, d]| (delta - d).abs() < 1e-5));
+    assert!((best_scale(uv, Some(period), &rows, &Control::default()).unwrap() - 1.0).abs() < 1e-5);
+    assert!(evaluated(uv, &rows).raw.relative_error > 0.1);
 }

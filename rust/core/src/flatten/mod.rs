@@ -3,6 +3,7 @@
 mod check;
 pub mod grossmann2002;
 mod map;
+pub mod periodic;
 pub mod relaxation;
 pub mod saucan2006;
 pub mod schwartz1989;
@@ -12,6 +13,7 @@ pub mod zigelman2002;
 pub use check::{check_disk, check_flattenable};
 pub use grossmann2002::grossmann2002;
 pub use map::FlatMap;
+pub use periodic::periodic;
 pub use relaxation::relax;
 pub use saucan2006::saucan2006;
 pub use schwartz1989::schwartz1989;

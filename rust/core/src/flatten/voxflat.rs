@@ -45,7 +45,7 @@ pub fn voxflat(
     let factor = match scale {
         Scale::Distances => {
             let evaluated: Vec<[f64; 2]> = levels.evaluated().iter().map(|&vertex| uv[vertex as usize]).collect();
-            best_scale(&evaluated, &rows, control)?
+            best_scale(&evaluated, None, &rows, control)?
         }
         Scale::Areas => equal_area_scale(surface.points(), surface.faces(), &uv),
     };

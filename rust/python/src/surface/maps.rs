@@ -1,6 +1,7 @@
 //! The flat maps of a surface.
 
 use std::path::PathBuf;
+use std::sync::Arc;
 
 use pyo3::prelude::*;
 use voxflat::embed::stress::{levels::Levels, start::Start};
@@ -18,6 +19,8 @@ use super::patches::seams_dict;
 use super::solvers::{Geodesic, with_solver};
 use crate::convert::{self, Dict, Given, GivenTable, Table, ensure};
 use crate::work::{Progress, Threads};
+
+const SCALES: [(&str, Scale); 2] = [("distances", Scale::Distances), ("areas", Scale::Areas)];
 
 #[pymethods]
 impl Surface {
@@ -42,7 +45,7 @@ impl Surface {
         ensure!(patience > 0, "patience is 0. Give at least 1");
         let start = start.map(|places| convert::rows::<_, 2>(&places, "start")).transpose()?;
         let geodesic = Geodesic::named(geodesic)?;
-        let scale = convert::one_of("scale", scale, &[("distances", Scale::Distances), ("areas", Scale::Areas)])?;
+        let scale = convert::one_of("scale", scale, &SCALES)?;
         let sources = self.vertices(&sources)?;
         let (map, found) = self.run(py, threads, &progress, move |inner, control| {
             let surface = &inner.surface;
@@ -68,6 +71,29 @@ impl Surface {
         })?;
         let dict = convert::map_dict(py, map)?;
         dict.set_item("found", found.map(|found| (found.rows, found.damaged)))?;
+        Ok(dict)
+    }
+
+    /// Flatten a tube that repeats: `opened` has the same triangles, cut open along the seam (vertices from end to end).
+    /// Distances are measured on this surface. The other arguments are as in `voxflat`; the dictionary also contains the
+    /// period.
+    #[pyo3(signature = (opened, seam, sources, seed, geodesic="graph", weighting=0.5, scale="distances", threads=None, progress=None))]
+    fn periodic<'py>(
+        &self, py: Python<'py>, opened: PyRef<'py, Self>, seam: Given<'py, u32>, sources: Given<'py, u32>, seed: u64,
+        geodesic: &str, weighting: f64, scale: &str, threads: Threads, progress: Progress<'py>,
+    ) -> PyResult<Dict<'py>> {
+        let geodesic = Geodesic::named(geodesic)?;
+        let scale = convert::one_of("scale", scale, &SCALES)?;
+        let (seam, sources) = (self.vertices(&seam)?, self.vertices(&sources)?);
+        let opened = Arc::clone(&opened.0);
+        let (map, period) = self.run(py, threads, &progress, move |inner, control| {
+            let (closed, opened, graph) = (&inner.surface, &opened.surface, &*inner.graph(control)?);
+            with_solver!(geodesic, inner, control, |solver| {
+                flatten::periodic(closed, opened, &seam, &sources, solver, weighting, scale, graph, seed, control)
+            })
+        })?;
+        let dict = convert::map_dict(py, map)?;
+        dict.set_item("period", period)?;
         Ok(dict)
     }
 

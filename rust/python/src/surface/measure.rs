@@ -43,10 +43,11 @@ impl Surface {
     }
 
     /// Return the distance errors of maps (N, 2) from sources (vertices). Rows above `kept` bytes are computed twice.
-    #[pyo3(signature = (maps, sources, geodesic, kept, seed, threads=None, progress=None))]
+    /// The maps may repeat in the second direction, with a period.
+    #[pyo3(signature = (maps, sources, geodesic, kept, seed, threads=None, progress=None, period=None))]
     fn judge<'py>(
         &self, py: Python<'py>, maps: Vec<GivenTable<'py, f64>>, sources: Given<'py, u32>, geodesic: &str, kept: u64,
-        seed: u64, threads: Threads, progress: Progress<'py>,
+        seed: u64, threads: Threads, progress: Progress<'py>, period: Option<f64>,
     ) -> PyResult<Vec<Dict<'py>>> {
         let geodesic = Geodesic::named(geodesic)?;
         let maps: Vec<Vec<[f64; 2]>> = maps.iter().map(|uv| convert::rows(uv, "uv")).collect::<PyResult<_>>()?;
@@ -55,7 +56,7 @@ impl Surface {
         let evaluated = self.run(py, threads, &progress, move |inner, control| {
             let maps: Vec<&[[f64; 2]]> = maps.iter().map(Vec::as_slice).collect();
             with_solver!(geodesic, inner, control, |solver| {
-                evaluate::evaluate_all(solver, &maps, &sources, kept, seed, control)
+                evaluate::evaluate_all(solver, &maps, period, &sources, kept, seed, control)
             })
         })?;
         evaluated.into_iter().map(|distortion| convert::distortion_dict(py, distortion)).collect()

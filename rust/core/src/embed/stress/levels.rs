@@ -6,7 +6,7 @@
 use crate::embed::Place;
 use std::iter;
 
-use super::descent::{Descended, Until, descend};
+use super::descent::{Descended, Objective, Until, descend};
 use super::local::ease;
 use super::outline::Outline;
 use super::pairs::{Bands, Pairs};
@@ -54,7 +54,7 @@ fn coarser(vertices: usize, landmarks: usize) -> Option<usize> {
 const ROUND: usize = 40;
 
 /// The maximum number of rounds of the first optimisation, which has the longest way, and of the others.
-const FIRST_ROUNDS: usize = 40;
+pub(super) const FIRST_ROUNDS: usize = 40;
 pub(super) const MOST_ROUNDS: usize = 10;
 
 /// The optimisation ends when five steps, or a round, decrease the energy by less than this share.
@@ -69,13 +69,13 @@ pub(super) const HOPELESS: f64 = 1000.0;
 const TINY: f64 = 0.1;
 
 /// The first optimisation: far distances without outliers, from some of the landmarks, and triangles with a barrier.
-const FIRST: Dials = Dials {
+pub(super) const FIRST: Dials = Dials {
     bands: Bands { weights: [1.0, 0.0, 0.0], outliers: [f64::INFINITY; 2] },
     shape: Shape { barrier: 1.0, area: 0.0, outlier: f64::INFINITY },
     stiffness: 0.1,
     patience: 1,
 };
-const FIRST_LANDMARKS: usize = 96;
+pub(super) const FIRST_LANDMARKS: usize = 96;
 
 /// The weights of the final map (docs/decisions/0013).
 pub(crate) const FINAL: Dials = Dials {
@@ -352,27 +352,34 @@ impl Level {
         &self, pairs: &Pairs, uv: &mut Vec<Place>, dials: Dials, rounds: usize, outline: Option<(&Outline, f64)>,
         stage: &'static str, control: &Control,
     ) -> Result<Convergence> {
-        let (rounds, patience) = (rounds * dials.patience as usize, f64::from(dials.patience));
-        control.begin(stage, (rounds * ROUND) as u64);
         let energy = self.energy(pairs, dials, outline);
-        let mut curve: Vec<f64> = Vec::new();
-        for _ in 0..rounds {
-            let before = outline.map(|_| uv.clone());
-            let until = Until { steps: ROUND, gain: GAIN / patience, enough: f64::NEG_INFINITY };
-            let Descended { energies, converged } = descend(&energy, uv, until, control)?;
-            if let Some(before) = before
-                && self.outline.crossings(uv, control)? > 0
-            {
-                *uv = before; // a vertex crossed an edge by rounding
-                curve.push(energies[0]);
-                return Ok(Convergence { energies: curve, converged: false });
-            }
-            let [first, last] = [energies[0], energies[energies.len() - 1]];
-            curve.extend(energies);
-            if converged || first - last < ROUND_GAIN / patience * first {
-                return Ok(Convergence { energies: curve, converged: true });
-            }
-        }
-        Ok(Convergence { energies: curve, converged: false })
+        let crossings = |uv: &[Place]| outline.map_or(Ok(0), |(outline, _)| outline.crossings(uv, control));
+        descend_in_rounds(&energy, crossings, uv, dials.patience, rounds, stage, control)
     }
+}
+
+/// Minimises an energy in rounds, each with its own springs, as long as the outline does not cross itself.
+pub(super) fn descend_in_rounds(
+    energy: &impl Objective, crossings: impl Fn(&[Place]) -> Result<usize>, uv: &mut Vec<Place>, patience: u32,
+    rounds: usize, stage: &'static str, control: &Control,
+) -> Result<Convergence> {
+    let (rounds, patience) = (rounds * patience as usize, f64::from(patience));
+    control.begin(stage, (rounds * ROUND) as u64);
+    let mut curve: Vec<f64> = Vec::new();
+    for _ in 0..rounds {
+        let before = uv.clone();
+        let until = Until { steps: ROUND, gain: GAIN / patience, enough: f64::NEG_INFINITY };
+        let Descended { energies, converged } = descend(energy, uv, until, control)?;
+        if crossings(uv)? > 0 {
+            *uv = before; // a vertex crossed an edge by rounding
+            curve.push(energies[0]);
+            return Ok(Convergence { energies: curve, converged: false });
+        }
+        let [first, last] = [energies[0], energies[energies.len() - 1]];
+        curve.extend(energies);
+        if converged || first - last < ROUND_GAIN / patience * first {
+            return Ok(Convergence { energies: curve, converged: true });
+        }
+    }
+    Ok(Convergence { energies: curve, converged: false })
 }

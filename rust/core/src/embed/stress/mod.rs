@@ -7,6 +7,7 @@ pub mod levels;
 pub(crate) mod local;
 pub(crate) mod outline;
 pub(crate) mod pairs;
+pub mod periodic;
 mod repair;
 pub(crate) mod springs;
 pub mod start;

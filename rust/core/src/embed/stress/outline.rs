@@ -66,7 +66,13 @@ impl Outline {
         inside
     }
 
+    /// Creates the outline of the complete boundary.
     pub fn new(surface: &Surface) -> Self {
+        Self::of(surface, surface.boundary().into_iter().flatten())
+    }
+
+    /// Creates the outline of some half-edges of the boundary.
+    pub fn of(surface: &Surface, boundary: impl Iterator<Item = u32>) -> Self {
         let points = surface.points();
         let mut heights = vec![f64::INFINITY; surface.len()];
         for face in surface.faces() {
@@ -76,9 +82,20 @@ impl Outline {
             face.iter().for_each(|&vertex| heights[vertex as usize] = heights[vertex as usize].min(height));
         }
         let ends = |half_edge: u32| [surface.origin(half_edge), surface.target(half_edge)];
-        let edges: Vec<[u32; 2]> = surface.boundary().into_iter().flatten().map(ends).collect();
+        let edges: Vec<[u32; 2]> = boundary.map(ends).collect();
         let gaps = edges.iter().map(|edge| GAP * heights[edge[0] as usize].min(heights[edge[1] as usize])).collect();
         Self { edges, gaps }
+    }
+
+    /// Returns the edges, which have the surface on their left.
+    pub fn edges(&self) -> &[[u32; 2]] {
+        &self.edges
+    }
+
+    /// Adds copies of all original edges, in their order.
+    pub fn extend(&mut self, copies: impl ExactSizeIterator<Item = [u32; 2]>) {
+        self.gaps.extend_from_within(..copies.len());
+        self.edges.extend(copies);
     }
 
     fn ends(&self, edge: usize, uv: &[Place]) -> [Place; 2] {

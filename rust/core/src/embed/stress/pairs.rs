@@ -142,34 +142,58 @@ impl Pairs {
 
     /// Returns the stress, and adds its gradient to `gradient`.
     pub fn add(&self, uv: &[Place], bands: &Bands, gradient: &mut [Place], control: &Control) -> Result<f64> {
+        Ok(self.add_all::<false>(uv, f32::NAN, bands, gradient, control)?.0)
+    }
+
+    /// Returns the stress of a map that repeats in the second direction, where distances are those to the nearest copy,
+    /// and its derivative with respect to the period; adds its gradient to `gradient`.
+    pub fn add_around(
+        &self, uv: &[Place], period: f64, bands: &Bands, gradient: &mut [Place], control: &Control,
+    ) -> Result<(f64, f64)> {
+        self.add_all::<true>(uv, period as f32, bands, gradient, control)
+    }
+
+    fn add_all<const REPEATS: bool>(
+        &self, uv: &[Place], period: f32, bands: &Bands, gradient: &mut [Place], control: &Control,
+    ) -> Result<(f64, f64)> {
         let places = self.places(uv);
         let of_batch = |(vertices, table): (&[u32], &[f32])| {
             control.check()?;
             let sums = [vec![0.0f32; self.width], vec![0.0f32; self.width]];
-            let batch = Batch { places: &places, uv, vertices, table, width: self.width, sums };
-            Ok(Arch::new().dispatch(Stress { batch, dials: self.of_kernels(bands) }))
+            let batch = Batch { places: &places, uv, period, vertices, table, width: self.width, sums };
+            Ok(Arch::new().dispatch(Stress::<REPEATS> { batch, dials: self.of_kernels(bands) }))
         };
         let batches = self.vertices.par_chunks(BATCH).zip(self.table.par_chunks((BATCH * self.width).max(1)));
         let parts: Vec<Found> = batches.map(of_batch).collect::<Result<_>>()?;
-        let mut energy = 0.0;
+        let (mut energy, mut of_period) = (0.0, 0.0);
         for (part, vertices) in parts.iter().zip(self.vertices.chunks(BATCH)) {
             energy += part.energy;
+            of_period += part.of_period;
             vertices.iter().zip(&part.of_vertices).for_each(|(&vertex, by)| gradient[vertex as usize] += by);
             for (n, &landmark) in self.landmarks.iter().enumerate() {
                 gradient[landmark as usize] -= Vector2::new(part.of_landmarks[0][n], part.of_landmarks[1][n]).cast();
             }
         }
-        Ok(energy)
+        Ok((energy, of_period))
     }
 
     /// Adds to `diagonal` the stiffness of springs that hold each vertex, from the positive curvature of the stress
     /// with respect to its own position. The curvature of a pair is ρ''/δ² along, and ρ'/(δ d) across.
     pub fn add_curvature(&self, uv: &[Place], bands: &Bands, diagonal: &mut [f64]) {
+        self.add_all_curvature::<false>(uv, f32::NAN, bands, diagonal);
+    }
+
+    /// Like [`add_curvature`](Self::add_curvature), for a map that repeats in the second direction.
+    pub fn add_curvature_around(&self, uv: &[Place], period: f64, bands: &Bands, diagonal: &mut [f64]) {
+        self.add_all_curvature::<true>(uv, period as f32, bands, diagonal);
+    }
+
+    fn add_all_curvature<const REPEATS: bool>(&self, uv: &[Place], period: f32, bands: &Bands, diagonal: &mut [f64]) {
         let places = self.places(uv);
         let of_batch = |(vertices, table): (&[u32], &[f32])| {
             let sums = vec![0.0; self.width];
-            let batch = Batch { places: &places, uv, vertices, table, width: self.width, sums };
-            Arch::new().dispatch(Curvature { batch, dials: self.of_kernels(bands) })
+            let batch = Batch { places: &places, uv, period, vertices, table, width: self.width, sums };
+            Arch::new().dispatch(Curvature::<REPEATS> { batch, dials: self.of_kernels(bands) })
         };
         let batches = self.vertices.par_chunks(BATCH).zip(self.table.par_chunks((BATCH * self.width).max(1)));
         let parts: Vec<(Vec<f64>, Vec<f64>)> = batches.map(of_batch).collect();
@@ -189,6 +213,8 @@ fn weight([all, thirty, ten]: [f32; 3], distance: f32) -> f32 {
 struct Batch<'a, Sums> {
     places: &'a [Vec<f32>; 2],
     uv: &'a [Place],
+    /// The period in the second direction, if the map repeats.
+    period: f32,
     vertices: &'a [u32],
     table: &'a [f32],
     width: usize,
@@ -205,39 +231,49 @@ struct Dials {
     sharp: [f32; 2],
 }
 
+/// Returns how often a map repeats between two points, and their difference to the nearest copy.
+#[inline(always)]
+fn nearest_copy<const REPEATS: bool>(difference: f32, period: f32) -> (f32, f32) {
+    let turns = if REPEATS { (difference / period).round_ties_even() } else { 0.0 };
+    (turns, if REPEATS { difference - turns * period } else { difference })
+}
+
 /// The stress of a batch of vertices, its gradient by their positions, and its negative gradient by the landmarks'.
 struct Found {
     energy: f64,
+    /// The derivative with respect to the period.
+    of_period: f64,
     of_vertices: Vec<Place>,
     of_landmarks: [Vec<f32>; 2],
 }
 
-struct Stress<'a> {
+struct Stress<'a, const REPEATS: bool> {
     batch: Batch<'a, [Vec<f32>; 2]>,
     dials: Dials,
 }
 
-impl WithSimd for Stress<'_> {
+impl<const REPEATS: bool> WithSimd for Stress<'_, REPEATS> {
     type Output = Found;
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, _: S) -> Found {
-        let Batch { places, uv, vertices, table, width, mut sums } = self.batch;
-        let mut found =
-            Found { energy: 0.0, of_vertices: Vec::with_capacity(vertices.len()), of_landmarks: Default::default() };
+        let Batch { places, uv, period, vertices, table, width, mut sums } = self.batch;
+        let of_vertices = Vec::with_capacity(vertices.len());
+        let mut found = Found { energy: 0.0, of_period: 0.0, of_vertices, of_landmarks: Default::default() };
         let [sums_x, sums_y] = &mut sums;
         // local copies, or each of the lanes would load its own from memory
         let (nearest, steps, [far, near]) = (self.dials.nearest, self.dials.steps, self.dials.sharp);
         let apart = (APART * nearest) * (APART * nearest);
         for (&vertex, row) in vertices.iter().zip(table.chunks_exact(width.max(1))) {
             let place = uv[vertex as usize].cast::<f32>();
-            let mut total = [[0.0f32; LANES]; 3];
+            let mut total = [[0.0f32; LANES]; 4];
             let lanes = row.chunks_exact(LANES).zip(places[0].chunks_exact(LANES).zip(places[1].chunks_exact(LANES)));
             let sums = sums_x.chunks_exact_mut(LANES).zip(sums_y.chunks_exact_mut(LANES));
             for ((row, (x, y)), (sum_x, sum_y)) in lanes.zip(sums) {
                 for n in 0..LANES {
                     let delta = row[n];
-                    let (dx, dy) = (place.x - x[n], place.y - y[n]);
+                    let dx = place.x - x[n];
+                    let (turns, dy) = nearest_copy::<REPEATS>(place.y - y[n], period);
                     let flat = (dx * dx + dy * dy + apart).sqrt();
                     let inverse = if delta > nearest { delta.recip() } else { 0.0 };
                     let counts = if delta > nearest { weight(steps, delta) } else { 0.0 };
@@ -248,16 +284,20 @@ impl WithSimd for Stress<'_> {
                     let pull = 2.0 * counts * error * inverse / (root * flat);
                     total[1][n] += pull * dx;
                     total[2][n] += pull * dy;
+                    if REPEATS {
+                        total[3][n] -= turns * pull * dy;
+                    }
                     sum_x[n] += pull * dx;
                     sum_y[n] += pull * dy;
                 }
             }
-            let mut sums = [0.0; 3]; // interleaved, because each sum waits for its previous term
+            let mut sums = [0.0; 4]; // interleaved, because each sum waits for its previous term
             for n in 0..LANES {
-                (0..3).for_each(|part| sums[part] += f64::from(total[part][n]));
+                (0..4).for_each(|part| sums[part] += f64::from(total[part][n]));
             }
-            let [energy, x, y] = sums;
+            let [energy, x, y, of_period] = sums;
             found.energy += energy;
+            found.of_period += of_period;
             found.of_vertices.push(Vector2::new(x, y));
         }
         found.of_landmarks = sums;
@@ -265,18 +305,18 @@ impl WithSimd for Stress<'_> {
     }
 }
 
-struct Curvature<'a> {
+struct Curvature<'a, const REPEATS: bool> {
     batch: Batch<'a, Vec<f64>>,
     dials: Dials,
 }
 
-impl WithSimd for Curvature<'_> {
+impl<const REPEATS: bool> WithSimd for Curvature<'_, REPEATS> {
     /// Of the vertices, and of the landmarks.
     type Output = (Vec<f64>, Vec<f64>);
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, _: S) -> Self::Output {
-        let Batch { places, uv, vertices, table, width, sums: mut of_landmarks } = self.batch;
+        let Batch { places, uv, period, vertices, table, width, sums: mut of_landmarks } = self.batch;
         let (nearest, steps, [far, near]) = (self.dials.nearest, self.dials.steps, self.dials.sharp);
         let mut of_vertices = Vec::with_capacity(vertices.len());
         for (&vertex, row) in vertices.iter().zip(table.chunks_exact(width.max(1))) {
@@ -287,7 +327,8 @@ impl WithSimd for Curvature<'_> {
                 let mut bends = [0.0f32; LANES];
                 for n in 0..LANES {
                     let distance = row[n];
-                    let (dx, dy) = (place.x - x[n], place.y - y[n]);
+                    let dx = place.x - x[n];
+                    let (_, dy) = nearest_copy::<REPEATS>(place.y - y[n], period);
                     let flat = (dx * dx + dy * dy).sqrt().max(APART * nearest);
                     let error = flat / distance - 1.0;
                     let bent = error * if distance > BANDS[1] { far } else { near };

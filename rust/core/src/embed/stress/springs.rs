@@ -28,8 +28,21 @@ pub struct Springs {
 /// No entry: one end of the edge is fixed.
 const HELD: u32 = u32::MAX;
 
+/// The factored matrix, and optionally one more unknown: the period of a map that repeats in the second direction.
 #[derive(Debug)]
-pub struct Factor(Llt<u32, f64>);
+pub struct Factor {
+    own: Llt<u32, f64>,
+    period: Option<OfPeriod>,
+}
+
+/// The period's part of a factor.
+#[derive(Debug)]
+struct OfPeriod {
+    /// The displacements that an increase of the period by 1 causes, with opposite signs.
+    follow: Vec<f64>,
+    /// Its stiffness when all vertices follow it.
+    stiffness: f64,
+}
 
 impl Springs {
     /// Creates springs along the edges of triangles, given by their corners. Corners from `vertices` on are fixed.
@@ -81,18 +94,58 @@ impl Springs {
         self.diagonal.iter().zip(ground).for_each(|(&at, ground)| values[at as usize] += ground);
         let matrix = SparseColMatRef::new(self.pattern.as_ref(), &values);
         let factor = Llt::try_new_with_symbolic(self.order.clone(), matrix, Side::Lower);
-        Ok(Factor(factor.map_err(|error| match error {
+        let own = factor.map_err(|error| match error {
             LltError::Generic(_) => Error::TooManySprings { vertices: self.diagonal.len() },
             LltError::Numeric(_) => Error::Uneven,
-        })?))
+        })?;
+        Ok(Factor { own, period: None })
+    }
+
+    /// Returns the forces on the vertices, with opposite signs, and on the period, when the period of a map increases
+    /// by 1. `turns` are the periods that are added to the positions of each triangle's corners.
+    pub fn of_period(&self, stiffness: &[[f64; 3]], turns: &[[f64; 3]]) -> (Vec<f64>, f64) {
+        let (mut forces, mut own) = (vec![0.0; self.diagonal.len()], 0.0);
+        for ((corners, stiffness), turns) in self.triangles.iter().zip(stiffness).zip(turns) {
+            for (&entry, (a, b)) in stiffness.iter().zip([(0, 1), (0, 2), (1, 2)]) {
+                let force = -entry * (turns[a] - turns[b]);
+                forces[corners[a] as usize] += force;
+                forces[corners[b] as usize] -= force;
+                own += force * (turns[a] - turns[b]);
+            }
+        }
+        (forces, own)
+    }
+
+    /// Like [`factor`](Self::factor), with the period as one more unknown at the end; `turns` as in
+    /// [`of_period`](Self::of_period).
+    pub fn factor_with_period(&self, stiffness: &[[f64; 3]], ground: &[f64], turns: &[[f64; 3]]) -> Result<Factor> {
+        let factor = self.factor(stiffness, ground)?;
+        let (forces, own) = self.of_period(stiffness, turns);
+        let pulls: Vec<Place> = forces.iter().map(|&force| Vector2::new(0.0, force)).collect();
+        let follow: Vec<f64> = factor.solve(&pulls).iter().map(|place| place.y).collect();
+        let stiffness = own - follow.iter().zip(&forces).map(|(follow, force)| follow * force).sum::<f64>();
+        if stiffness > 0.0 {
+            Ok(Factor { period: Some(OfPeriod { follow, stiffness }), ..factor })
+        } else {
+            Err(Error::Uneven)
+        }
     }
 }
 
 impl Factor {
-    /// Returns the displacements for which the springs balance the forces.
+    /// Returns the displacements for which the springs balance the forces. With a period, the last force and
+    /// displacement are its own, in the second direction.
     pub fn solve(&self, forces: &[Place]) -> Vec<Place> {
-        let mut both = Mat::from_fn(forces.len(), 2, |row, column| forces[row][column]);
-        self.0.solve_in_place_with_conj(Conj::No, both.as_mut());
-        (0..forces.len()).map(|row| Vector2::new(both[(row, 0)], both[(row, 1)])).collect()
+        let vertices = forces.len() - usize::from(self.period.is_some());
+        let mut both = Mat::from_fn(vertices, 2, |row, column| forces[row][column]);
+        self.own.solve_in_place_with_conj(Conj::No, both.as_mut());
+        let mut moved: Vec<Place> = (0..vertices).map(|row| Vector2::new(both[(row, 0)], both[(row, 1)])).collect();
+        if let Some(OfPeriod { follow, stiffness }) = &self.period {
+            let carried: f64 = follow.iter().zip(forces).map(|(follow, force)| follow * force.y).sum();
+            let grown = (forces[vertices].y - carried) / stiffness;
+            moved.iter_mut().zip(follow).for_each(|(moved, follow)| moved.y -= grown * follow);
+            moved.push(Vector2::new(0.0, grown));
+        }
+        moved
     }
 }

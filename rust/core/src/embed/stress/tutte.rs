@@ -50,12 +50,20 @@ pub fn spread(
             forces[vertex] = FIRM * place;
         }
     }
-    let mut stiffness = vec![1.0f64; surface.faces().len()];
+    softened(triangles, |entries| Ok(springs.factor(entries, &ground)?.solve(&forces)), control)
+}
+
+/// Returns the map by springs that are softened where triangles are small. `balanced` returns the map for the entries
+/// of each triangle in the matrix of springs.
+pub(super) fn softened(
+    triangles: &TriangleEnergy, balanced: impl Fn(&[[f64; 3]]) -> Result<Vec<Place>>, control: &Control,
+) -> Result<Vec<Place>> {
+    let mut stiffness = vec![1.0f64; triangles.corners().len()];
     let mut rounds = 0;
     loop {
         control.check()?;
         let entries: Vec<[f64; 3]> = stiffness.iter().map(|&stiffness| [-stiffness; 3]).collect();
-        let uv = springs.factor(&entries, &ground)?.solve(&forces);
+        let uv = balanced(&entries)?;
         let growths = triangles.growths(&uv);
         rounds += 1;
         if rounds == ROUNDS || growths.iter().all(|&growth| growth > SMALL) {

@@ -106,7 +106,7 @@ impl Preview {
     /// Returns the mean relative error of its distances at the best scale, compared with this surface.
     pub fn error(&self, control: &Control) -> Result<f64> {
         let uv: Vec<[f64; 2]> = self.uv.iter().map(|&place| place.into()).collect();
-        Ok(measure(&[&uv], &self.measured.rows, 0, &control.part())?.remove(0).best_scale.relative_error)
+        Ok(measure(&[&uv], None, &self.measured.rows, 0, &control.part())?.remove(0).best_scale.relative_error)
     }
 
     fn descend(&mut self, until: Until, control: &Control) -> Result<()> {

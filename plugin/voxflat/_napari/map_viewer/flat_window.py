@@ -1,4 +1,4 @@
-"""The window of flat volumes."""
+"""The window of flat volumes and flat movies."""
 
 from contextlib import suppress
 from typing import Any
@@ -21,14 +21,15 @@ class FlatWindow:
     It is closed together with the dock that owns it.
     """
 
-    def __init__(self, owner: QWidget) -> None:
+    def __init__(self, owner: QWidget, title: str) -> None:
+        self._title = title
         self.viewer: Viewer | None = None
         owner.destroyed.connect(lambda: self.close())
 
     def show(self, data: LayerData) -> None:
-        """Show a flat volume, instead of an earlier one of the same name."""
+        """Show a layer, instead of an earlier one of the same name."""
         if self.viewer is None:
-            self.viewer = Viewer(title="Flat volume", show=False)
+            self.viewer = Viewer(title=self._title, show=False)
             keep_canvas_current(self.viewer)
             window = self.viewer.window._qt_window
             window.resize(*_SIZE)

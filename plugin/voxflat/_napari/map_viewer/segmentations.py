@@ -1,0 +1,168 @@
+"""Segmentations drawn on the map, which become labels in the volume or a table of cells."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from napari import Viewer
+from napari.layers import Labels
+from numpy.typing import NDArray
+from qtpy.QtCore import Signal  # type: ignore[attr-defined]  # qtpy makes it of pyqtSignal
+from qtpy.QtWidgets import QComboBox, QHBoxLayout, QLabel, QPushButton, QSizePolicy, QWidget
+from superqt.utils import signals_blocked
+
+from voxflat._napari.docks import arrange
+from voxflat._napari.layers.volumes import finest
+from voxflat._napari.map_viewer.drawings import affine_in_world, depth_range
+from voxflat._napari.map_viewer.movies import MovieWindow
+from voxflat._napari.map_viewer.prepared_map import PreparedMap
+from voxflat._napari.map_viewer.viewer_parts import list_events
+from voxflat._napari.results.flat_layers import LayerData, units
+from voxflat.arguments import Progress
+from voxflat.errors import Cancelled, InputError
+from voxflat.maps.flat_map import FlatMap
+
+
+class Segmentations(QWidget):
+    """A row that offers Labels layers over the map, from the viewer (2-D) and from the window of movies."""
+
+    to_volume = Signal()
+    to_table = Signal()
+
+    def __init__(self, viewer: Viewer, movies: MovieWindow) -> None:
+        super().__init__()
+        self._viewer, self._movies = viewer, movies
+        self._layers: list[Labels] = []
+        self.box = QComboBox()
+        self.box.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Fixed)
+        self.box.setToolTip("A Labels layer over the flattened image, such as cells that you painted or segmented")
+        self.send, self.save = QPushButton("To volume"), QPushButton("Save table…")
+        self.send.setToolTip("Add a Labels layer with the same labels in the volume, around the displayed depth")
+        self.save.setToolTip("Save the area, perimeter and elongation of each label as on the surface")
+        row = QHBoxLayout(self)
+        row.setContentsMargins(0, 0, 0, 0)
+        arrange(row, QLabel("Segmentation"), (self.box, 1), self.send, self.save)
+        self.send.clicked.connect(self.to_volume)
+        self.save.clicked.connect(self.to_table)
+        self._events = list_events(viewer.layers)
+        for event in self._events:
+            event.connect(self.refresh)
+        movies.layers_changed.connect(self.refresh)
+        self._is_offered = False
+        self.refresh()
+
+    @property
+    def layer(self) -> Labels | None:
+        index = self.box.currentIndex()
+        return self._layers[index] if 0 <= index < len(self._layers) else None
+
+    def offer(self, offered: bool) -> None:
+        """Offer layers if there is a map on which they can lie."""
+        self._is_offered = offered
+        self.refresh()
+
+    def refresh(self) -> None:
+        """Update the offered layers; the newest one is selected if the selected one was removed."""
+        before = self.layer
+        found = [layer for layer in self._viewer.layers if isinstance(layer, Labels) and layer.ndim == 2]
+        found = [layer for layer in found if "voxflat" not in layer.metadata]
+        self._layers = [*found, *(layer for layer in self._movies.layers if isinstance(layer, Labels))]
+        with signals_blocked(self.box):
+            self.box.clear()
+            self.box.addItems([layer.name for layer in self._layers])
+            chosen = self._layers.index(before) if before in self._layers else len(self._layers) - 1
+            self.box.setCurrentIndex(chosen)
+        self.setVisible(self._is_offered and bool(self._layers))
+
+    def release(self) -> None:
+        for event in self._events:
+            event.disconnect(self.refresh)
+
+
+@dataclass(frozen=True, eq=False)
+class Segmentation:
+    """The labels of a layer, read in the GUI thread."""
+
+    name: str
+    data: NDArray[Any]  # (H, W), or (T, H, W) for the frames of a movie
+    corner: NDArray[np.float64]  # (−v, u) of the first pixel
+    pixel_size: float
+
+    @classmethod
+    def of(cls, layer: Labels) -> "Segmentation":
+        """Read a layer; raises InputError unless its pixels are square."""
+        ends = np.zeros((3, layer.ndim))
+        ends[1, -2] = ends[2, -1] = 1
+        corner, down, right = (np.asarray(layer.data_to_world(end))[-2:] for end in ends)
+        size = float(right[1] - corner[1])
+        if not np.allclose([down - corner, right - corner], size * np.eye(2), atol=1e-6 * abs(size)) or size <= 0:
+            raise InputError(f"The pixels of '{layer.name}' are not those of the map. {_REMEDY}")
+        return cls(layer.name, np.array(finest(layer)), corner, size)
+
+    def at(self, frame: int | None) -> NDArray[Any]:
+        """Return the labels of a frame; labels without frames are the same in all frames."""
+        return self.data if self.data.ndim == 2 or frame is None else self.data[frame]
+
+    def regions(self, flat_map: FlatMap, frame: int | None) -> Any:
+        """Return the regions on the map of a frame; raises InputError unless the labels lie on its pixels."""
+        raster = flat_map.raster(self.pixel_size)
+        u, v = raster.origin
+        labels = self.at(frame)
+        near = np.allclose(self.corner, (-v, u), atol=0.1 * self.pixel_size)
+        if labels.shape != raster.shape or not near:
+            raise InputError(f"The pixels of '{self.name}' are not those of the map. {_REMEDY}")
+        return flat_map.regions(labels, pixel_size=self.pixel_size)
+
+
+_REMEDY = "Give the layer the scale and translation of a flattened image of this map, and the same shape"
+
+
+def to_volume(
+    prepared: PreparedMap, drawn: Segmentation, depth: float, time_unit: Any, progress: Progress
+) -> LayerData:
+    """Return a Labels layer with the labels in the volume, for all frames of a movie; called in a thread."""
+    flat_map, movie = prepared.run.flat_map, prepared.run.layers.movie
+    if not isinstance(flat_map, FlatMap):
+        raise InputError("Segmentations need a flat map, not a page of patches. Use Flatten surface instead")
+    if not flat_map.is_voxels:
+        raise InputError("The map of a mesh has no voxels. Save the table, or flatten a Labels or Image layer")
+    if not drawn.data.any():
+        raise InputError(f"Layer '{drawn.name}' has no labels. Paint on it, or segment the flattened image")
+    if movie is not None and drawn.data.ndim == 3 and len(drawn.data) != len(movie.series):
+        count = len(movie.series)
+        raise InputError(f"Layer '{drawn.name}' has {len(drawn.data)} frames, but the movie has {count}. {_REMEDY}")
+    wanted = None if flat_map.pial_points is not None else depth_range(prepared, depth)
+    frames = [None] if movie is None else list(range(len(movie.series)))
+    volumes = []
+    for number, frame in enumerate(frames):
+        if progress("transferring labels", number, len(frames)) is False:
+            raise Cancelled("cancelled while transferring labels")
+        of = flat_map if movie is None or frame is None else movie.series[frame]
+        if drawn.at(frame).any():
+            regions = drawn.regions(of, frame)
+            volumes.append(regions.volume(regions._grid(), depth=wanted).data)
+        else:
+            volumes.append(np.zeros(flat_map.volume_shape, dtype=np.int32))
+    affine, own = affine_in_world(prepared), units(flat_map, 3)
+    data, about = volumes[0], {"name": f"{drawn.name} in the volume", "opacity": 0.6}
+    if movie is not None:
+        leading = -movie.time.axis - 3
+        data = np.stack(volumes).reshape(len(volumes), *[1] * (leading - 1), *volumes[0].shape)
+        placed = np.eye(data.ndim + 1)
+        placed[0, [0, -1]] = movie.time.step, movie.time.start
+        placed[leading:, leading:] = affine
+        affine = placed
+        own = None if own is None else (time_unit, *["pixel"] * (leading - 1), *own)
+    return data, {**about, "affine": affine, "units": own}, "labels"
+
+
+def save_table(prepared: PreparedMap, drawn: Segmentation, frame: int | None, path: Path, progress: Progress) -> str:
+    """Save the properties of the labels in one frame; return a message. Called in a thread."""
+    flat_map = prepared.planar
+    if not isinstance(flat_map, FlatMap):
+        raise InputError("Segmentations need a flat map, not a page of patches. Use Flatten surface instead")
+    progress("measuring labels", 0, 1)
+    regions = drawn.regions(flat_map, frame)
+    regions.save(path, overwrite=True)  # the dialog has asked
+    return f"Saved {len(regions):,} labels" + ("" if frame is None else f" of frame {frame}") + f" in {path.name}"

@@ -1,0 +1,83 @@
+"""Read HDF5 files of ilastik with h5py, in the child process."""
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from voxflat.errors import InputError
+from voxflat.io.files import AGAIN, require
+from voxflat.io.subprocess_reader import read_in_subprocess
+
+HDF5_ENDINGS = (".h5", ".hdf5")
+
+_USUAL = "exported_data"  # ilastik's name of the dataset
+_AXES = {3: "zyx", 4: "czyx"}  # by the number of axes, for datasets without axistags
+_OTHER = "Export the volume from ilastik into a file of its own"
+
+
+@dataclass(frozen=True)
+class Hdf5Array:
+    """Describe the dataset of an HDF5 file that contains a stack."""
+
+    name: str
+    shape: tuple[int, ...]
+    dtype: np.dtype[Any]
+    chunks: tuple[int, ...]
+    axes: str  # one letter of t, c, z, y and x for each axis
+
+
+def open_hdf5(path: Path) -> Hdf5Array:
+    """Find the stack in an HDF5 file, and its axes: the dataset of ilastik, or the only one."""
+    name, shape, kind, chunks, tags = read_in_subprocess(_described, "h5py", path)
+    axes = _AXES.get(len(shape), "") if tags is None else _axes(tags)
+    sizes = " x ".join(map(str, shape))
+    if not axes:
+        raise InputError(f"has a dataset {name} without axistags ({sizes}). Export it from ilastik, or pass an array")
+    if len(axes) != len(shape) or len(set(axes)) != len(axes) or not set("xyz") <= set(axes) <= set("tczyx"):
+        raise InputError(f"has shape {sizes} and the axes {', '.join(axes)}. Export a volume with the axes z, y and x")
+    if not chunks:  # stored as one block
+        pages = {*"tc", next(axis for axis in axes if axis in "xyz")}
+        chunks = [1 if axis in pages else length for axis, length in zip(axes, shape, strict=True)]
+    return Hdf5Array(name, tuple(shape), np.dtype(kind).newbyteorder("="), tuple(chunks), axes)
+
+
+def _axes(tags: str) -> str:
+    """Return the letters of the axes from ilastik's JSON."""
+    try:
+        return "".join(str(axis["key"]).lower() for axis in json.loads(tags)["axes"])
+    except (ValueError, KeyError, TypeError, RecursionError):
+        raise InputError(f"its axistags are damaged. {AGAIN}") from None
+
+
+def _described(path: Path) -> tuple[str, list[int], str, list[int] | None, str | None]:
+    """Return the name, shape, type, chunks and axistags of the stack in a file, in the child process."""
+    h5py = require("h5py")
+    found: dict[str, Any] = {}
+
+    def note(name: str, item: Any) -> None:
+        if isinstance(item, h5py.Dataset) and len(item.shape or ()) > 2 and item.dtype.kind in "biuf":
+            found[name] = item
+
+    with h5py.File(path, "r") as file:
+        file.visititems(note)
+        if not found:
+            raise InputError(f"contains no dataset of numbers with at least three axes. {_OTHER}")
+        if len(found) > 1 and _USUAL not in found:
+            listed = ", ".join(list(found)[:5]) + ", ..." * (len(found) > 5)
+            raise InputError(f"contains several datasets ({listed}), none of which is named {_USUAL}. {_OTHER}")
+        name, data = (_USUAL, found[_USUAL]) if _USUAL in found else found.popitem()
+        if data.is_virtual or data.external:
+            raise InputError(f"stores the values of {name} in other files. {_OTHER}")
+        tags = data.attrs.get("axistags")
+        tags = tags.decode() if isinstance(tags, bytes) else None if tags is None else str(tags)
+        return name, list(map(int, data.shape)), data.dtype.str, data.chunks and list(map(int, data.chunks)), tags
+
+
+def hdf5_block(path: Path, at: list[int | list[int]], name: str) -> NDArray[Any]:
+    """Read a box of a dataset, given one index, or a start and an end index, for each axis."""
+    with require("h5py").File(path, "r") as file:
+        return np.asarray(file[name][tuple(slice(*one) if isinstance(one, list) else one for one in at)])

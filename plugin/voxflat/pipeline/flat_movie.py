@@ -1,0 +1,207 @@
+"""Images of all frames of a series: the class `FlatMovie`, which `FlatSeries.images` returns."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, overload
+
+import numpy as np
+from numpy.typing import NDArray
+
+from voxflat.arguments import Progress
+from voxflat.errors import Cancelled
+from voxflat.io.channels import Timing
+from voxflat.io.provenance import Record, Recorded, saving
+from voxflat.io.reading import reading
+from voxflat.maps.image_files import Pages, write_stack
+from voxflat.maps.raster import FlatImage, FlatStack
+
+
+@dataclass(frozen=True, eq=False)
+class FlatMovie(Sequence[FlatStack], Recorded):
+    """Images of all frames of a series, with the same pixels.
+
+    ``movie[t]`` holds the channels and depths of frame t. Frames are read and sampled on demand.
+
+    Parameters
+    ----------
+    frames : int
+        Number of frames.
+    read : callable
+        Returns the `FlatStack` of a frame, given its number.
+    check : callable
+        Raises an error if the volume of a frame, given by its number, differs in form from that of the first frame.
+    pixel_size : float
+        Side length of a pixel, in mm (or the unit of the surfaces).
+    name : str
+        Title.
+    channel_names : tuple of str
+        Name of each channel; empty strings if the channels have none.
+    layers, heights : tuple
+        As in `FlatStack`.
+    timing : Timing or None
+        The times of the frames, if they are known.
+    provenance : dict
+        As in `FlatImage`.
+
+    See Also
+    --------
+    FlatSeries.images : Make a movie.
+
+    Examples
+    --------
+    >>> ball = voxflat.samples.ball()
+    >>> movie = voxflat.flatten_series([ball, np.roll(ball, 1, axis=0)]).images([ball, ball], depth=[-1.0, 1.0])
+    >>> movie
+    <FlatMovie: 2 frames, 1 channel, 2 depths>
+    """
+
+    frames: int
+    read: Callable[[int], FlatStack]
+    check: Callable[[int], None]
+    pixel_size: float
+    name: str
+    channel_names: tuple[str, ...]
+    layers: tuple[str, ...] = ()
+    heights: tuple[float, ...] = ()
+    timing: Timing | None = None
+    provenance: Record = field(default_factory=dict)
+
+    _used = ("pixel_size",)
+
+    def __len__(self) -> int:
+        """Return the number of frames."""
+        return self.frames
+
+    def __repr__(self) -> str:
+        channels, depths = len(self.channel_names), max(1, len(self.layers))
+        counts = ((self.frames, "frame"), (channels, "channel"), (depths, "depth"))
+        told = [f"{count} {name}{'s' * (count != 1)}" for count, name in counts]
+        return f"<FlatMovie: {', '.join(told)}>"
+
+    @overload
+    def __getitem__(self, frame: int) -> FlatStack: ...
+
+    @overload
+    def __getitem__(self, frame: slice) -> list[FlatStack]: ...
+
+    def __getitem__(self, frame: int | slice) -> FlatStack | list[FlatStack]:
+        """Return the images of a frame."""
+        if isinstance(frame, slice):
+            return [self[n] for n in range(*frame.indices(len(self)))]
+        if not -len(self) <= frame < len(self):
+            raise IndexError(f"frame {frame} does not exist: frames are numbered from 0 to {len(self) - 1}")
+        self.check(frame % len(self))
+        return self.read(frame % len(self))
+
+    @property
+    def data(self) -> NDArray[Any]:
+        """All images as one array.
+
+        The axes are (frame, channel, depth, row, column), without those for channels or depths if there is only one.
+
+        See Also
+        --------
+        FlatStack.data : The images of a single frame.
+
+        Examples
+        --------
+        >>> hill = voxflat.samples.hill()
+        >>> series = voxflat.flatten_series([hill, (1.1 * hill.points, hill.faces)])
+        >>> series.images(metric=True, pixel_size=1.0).data.shape
+        (2, 3, 43, 43)
+        """
+        images = np.stack([stack.channels.read(n) for stack in self for n in range(len(stack))])
+        return images.reshape(*self._pages.shape, *images.shape[1:])
+
+    @property
+    def _pages(self) -> Pages:
+        """The images and their axes, as files describe them."""
+        own = [(channel, layer) for channel in self.channel_names for layer in self.layers or ("",)]
+        parts = [(f"frame {frame}", *parts) for frame in range(len(self)) for parts in own]
+        names = tuple(", ".join(part for part in of if part) for of in parts)
+        axes = (self.channel_names, self.layers, self.heights, self.frames)
+        return Pages(_Images(self, len(own)), names, *axes, self.timing, self.name)
+
+    def save(
+        self,
+        path: str | os.PathLike[str],
+        *,
+        sidecar: bool = False,
+        overwrite: bool = False,
+        progress: Progress | None = None,
+    ) -> None:
+        """Save all images to one file.
+
+        All volumes are checked first. Images are then sampled and written frame by frame, so that memory holds a single
+        frame. The file is written either completely or not at all.
+
+        Parameters
+        ----------
+        path : path
+            Files as in `FlatStack.save`. ``.tif`` and ``.tiff`` are OME-TIFF files with the axes TCZYX. ``.zarr`` and
+            ``.npy`` have the axes of `data`. ``.nii`` and ``.nii.gz`` hold a single channel.
+        sidecar, overwrite : bool
+            As in `FlatImage.save`; directories are never replaced.
+        progress : callable, optional
+            Called as ``progress(stage, done, total)`` after each image. If it returns False, nothing is written.
+
+        Raises
+        ------
+        InputError
+            If the volumes differ in shape or number of channels, or as in `FlatStack.save`.
+        Cancelled
+            If `progress` returned False.
+        OSError
+            If the file cannot be written.
+
+        See Also
+        --------
+        FlatStack.save : Save the images of a single frame.
+
+        Examples
+        --------
+        >>> hill = voxflat.samples.hill()
+        >>> series = voxflat.flatten_series([hill, (1.1 * hill.points, hill.faces)])
+        >>> series.images(metric=True).save("stretches.ome.tif")
+        """
+        with reading() as files:
+            for frame in range(len(self)):
+                self.check(frame)
+                if progress is not None and progress("checking the volumes", frame + 1, len(self)) is False:
+                    raise Cancelled("cancelled while checking the volumes")
+        record = {**self.provenance, "files": {**self.provenance.get("files", {}), **files}}
+        with saving(path, record, sidecar=sidecar, overwrite=overwrite):
+            write_stack(path, self._pages, record, progress)
+
+
+@dataclass(frozen=True)
+class _Images(Sequence[FlatImage]):
+    """All images of a movie in the order of files; the last frame is kept."""
+
+    movie: FlatMovie
+    each: int  # images of a frame
+    held: dict[int, FlatStack] = field(default_factory=dict)
+
+    def __len__(self) -> int:
+        return len(self.movie) * self.each
+
+    def __getitem__(self, number: Any) -> Any:
+        frame, n = divmod(number, self.each)
+        if frame not in self.held:
+            self.held.clear()
+            self.held[frame] = self.movie.read(frame)
+        return self.held[frame][n]
+
+
+def joined(stack: FlatStack, further: FlatStack) -> FlatStack:
+    """Return a stack with further channels, which are the same at all of its depths."""
+    own, count, layers = stack.channels, len(stack), stack.layers or ("",)
+    names = [", ".join(part for part in (name, layer) if part) for name in further.names for layer in layers]
+
+    def read(n: int) -> NDArray[Any]:
+        return own.read(n) if n < count else further.channels.read((n - count) // len(layers))
+
+    return replace(stack, channels=replace(own, names=(*own.names, *names), read=read))

@@ -1,0 +1,469 @@
+"""Maps of all frames of a movie: the class `FlatSeries`, which `flatten_series` returns, and `load_series`."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field, fields, is_dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from voxflat import _core
+from voxflat.arguments import Progress, checked_path, checked_switch, checked_threads, is_whole, shown
+from voxflat.distortion.distortion import Distortion
+from voxflat.errors import InputError
+from voxflat.io.channels import Channels
+from voxflat.io.files import SAVED_ENDINGS
+from voxflat.io.provenance import Record, Recorded, saving, telling
+from voxflat.maps.depth import Depths
+from voxflat.maps.flat_map import FlatMap
+from voxflat.maps.map_files import read_map, write_map
+from voxflat.maps.plane import FlatTriangles
+from voxflat.maps.raster import FlatStack, Raster
+from voxflat.maps.sampler import timing_of
+from voxflat.pipeline.flat_movie import FlatMovie, joined
+
+_ARRAYS = ("points", "normals", "gaps", "folded")  # fields that are saved as arrays
+_METRIC = ("area factor", "largest stretch", "smallest stretch")  # names of the channels
+
+
+def numbered(values: Any) -> Any:
+    """Return a list as a dict, whose files records keep, however long it is."""
+    return {str(n): value for n, value in enumerate(values)} if isinstance(values, list | tuple) else values
+
+
+def _unmeasured(figures: Any) -> Any:
+    """Return figures of the same structure that are all NaN."""
+    if is_dataclass(figures) and not isinstance(figures, type):
+        return replace(figures, **{one.name: _unmeasured(getattr(figures, one.name)) for one in fields(figures)})
+    if isinstance(figures, np.ndarray):
+        return np.full_like(figures, np.nan) if figures.dtype.kind == "f" else figures
+    return float("nan") if isinstance(figures, float) else figures
+
+
+@dataclass(frozen=True, eq=False)
+class FlatSeries(Sequence[FlatMap], Recorded):
+    """One flat map for all frames of a movie.
+
+    ``series[t]`` is the map with the positions of frame t. All frames have the same positions in the plane, and
+    therefore the same pixels.
+
+    Parameters
+    ----------
+    flat_map : FlatMap
+        The map of the reference frame.
+    points : ndarray of float64, shape (T, N, 3)
+        Positions of the map's points in each frame, in RAS+ mm (or the unit of the surfaces).
+    normals : ndarray of float64, shape (T, N, 3)
+        Outward unit normals of the points in each frame.
+    reference : int
+        Number of the reference frame.
+    gaps : ndarray of float64, shape (T,)
+        The 95th percentile of the distance from the vertices of each frame to the moved surface of the reference frame.
+    folded : ndarray of int64, shape (T,)
+        Number of triangles of the moved surface that face inwards.
+    provenance : dict
+        Record of how the series was made, with the surfaces of all frames.
+
+    See Also
+    --------
+    flatten_series : Make a series.
+    load_series : Load a saved series.
+
+    Examples
+    --------
+    >>> hill = voxflat.samples.hill()
+    >>> series = voxflat.flatten_series([hill, (1.1 * hill.points, hill.faces)])
+    >>> series
+    <FlatSeries: 2 frames, 441 points>
+    >>> series.points.shape
+    (2, 441, 3)
+    """
+
+    flat_map: FlatMap
+    points: NDArray[np.float64]
+    normals: NDArray[np.float64]
+    reference: int
+    gaps: NDArray[np.float64]
+    folded: NDArray[np.int64]
+    provenance: Record = field(default_factory=dict)
+
+    def __len__(self) -> int:
+        """Return the number of frames."""
+        return len(self.points)
+
+    def __repr__(self) -> str:
+        return f"<FlatSeries: {len(self)} frames, {len(self.flat_map)} points>"
+
+    def __getitem__(self, frame: Any) -> Any:
+        """Return the map of a frame; the `distortion` of other frames than the reference is NaN (see `measure`)."""
+        if isinstance(frame, slice):
+            return [self[number] for number in range(*frame.indices(len(self)))]
+        frame = range(len(self))[self._number(frame)]
+        if frame == self.reference:
+            return self.flat_map
+        own: dict[str, Any] = {"points": self.points[frame], "normals": self.normals[frame]}
+        own["distortion"] = _unmeasured(self.flat_map.distortion)
+        own |= dict.fromkeys(("rows", "curvature", "sulcal_depth", "white_points", "pial_points"))
+        metadata = {**self.flat_map.metadata, "series_frame": frame}
+        if self.provenance:
+            parameters = {**self.provenance["parameters"], "frame": frame}
+            metadata["provenance"] = {**self.provenance, "parameters": parameters}
+        made = replace(self.flat_map, **own, metadata=metadata)
+        vars(made)["_rasters"] = self.flat_map._rasters  # all frames have the same pixels
+        return made
+
+    @telling(volumes=numbered)
+    def images(
+        self,
+        volumes: Sequence[object] | None = None,
+        pixel_size: float | None = None,
+        *,
+        metric: bool = False,
+        time_step: float | None = None,
+        **options: Any,
+    ) -> FlatMovie:
+        """Show one volume per frame on the map, each on the surface of its frame.
+
+        Images are sampled on demand. All frames have the same pixels.
+
+        Parameters
+        ----------
+        volumes : sequence of path, ndarray, image object or Volume, optional
+            One volume per frame, with one or several channels.
+        pixel_size : float, optional
+            Side length of a pixel, in mm (or the unit of the surfaces).
+        metric : bool
+            Add three channels that describe the surface of each frame: the factor from areas on the map to areas on the
+            surface, and the two factors of lengths, as in `stretches`. They are the same at all depths.
+        time_step : float, optional
+            Time between frames, in seconds.
+        **options
+            Further options of `FlatMap.images`, such as ``depth=[-2, 0, 2]``.
+
+        Returns
+        -------
+        FlatMovie
+            A sequence of one `FlatStack` per frame. `FlatMovie.data` is the array (frame, channel, depth, row, column),
+            and `FlatMovie.save` writes all images.
+
+        Raises
+        ------
+        InputError
+            If the number of volumes is not the number of frames, if the volumes differ in shape or number of channels,
+            or as in `FlatMap.images`.
+
+        See Also
+        --------
+        FlatMap.images : Show the channels and depths of one frame.
+
+        Examples
+        --------
+        >>> ball = voxflat.samples.ball()
+        >>> series = voxflat.flatten_series([ball, np.roll(ball, 1, axis=0)])
+        >>> movie = series.images([ball, np.roll(ball, 1, axis=0)], depth=[-1.0, 1.0])
+        >>> movie.data.shape[:2]
+        (2, 2)
+        """
+        checked_switch(metric, "metric")
+        if volumes is None and not metric:
+            raise InputError("volumes is missing. Pass a list of one volume per frame, or metric=True")
+        if volumes is None and options:
+            raise InputError(f"{next(iter(options))} does not apply without volumes. Pass one volume per frame")
+        if volumes is not None and (isinstance(volumes, str) or not hasattr(volumes, "__len__")):
+            raise InputError(f"volumes is {shown(volumes)}. Pass a list of one volume per frame")
+        if volumes is not None and len(volumes) != len(self):
+            raise InputError(f"got {len(volumes)} volumes for {len(self)} frames. Pass one volume per frame, in order")
+        timing = None if time_step is None else timing_of(time_step)
+        given = None if volumes is None else list(volumes)
+        frames = _Frames(self, given, self.flat_map.raster(pixel_size), metric, options)
+        first = frames.read(0)
+        axes: dict[str, Any] = {"layers": first.layers, "heights": first.heights, "timing": timing}
+        how = (first.pixel_size, frames.title, first.channel_names)
+        return FlatMovie(len(self), frames.read, frames.check, *how, **axes)
+
+    def measure(self, frame: int, *, threads: int | None = None, progress: Progress | None = None) -> Distortion:
+        """Measure the distortion of the map for the surface of a frame.
+
+        Distances, areas and angles of the map are compared with those on the surface of the frame, in the same way and
+        from as many points as in `FlatMap.distortion` of the reference frame.
+
+        Parameters
+        ----------
+        frame : int
+            The frame.
+        threads, progress : optional
+            As in `Surface.flatten`.
+
+        Returns
+        -------
+        Distortion
+            The distortion.
+
+        Raises
+        ------
+        InputError, IndexError, Cancelled
+            If the frame does not exist, the map has no triangles, or `progress` returned False.
+
+        See Also
+        --------
+        FlatMap.distortion : The distortion of the reference frame.
+
+        Examples
+        --------
+        >>> hill = voxflat.samples.hill()
+        >>> series = voxflat.flatten_series([hill, (1.1 * hill.points, hill.faces)])
+        >>> round(series.measure(1).best_scale.relative_error, 3)
+        0.036
+        """
+        of = self.flat_map
+        frame = range(len(self))[self._number(frame)]
+        known, seed, threads = of.distortion, of.metadata["seed"], checked_threads(threads)
+        if known.triangles is None:
+            method = of.metadata["method"]
+            raise InputError(
+                f"a map of the method {method} has no triangles on the surface. Flatten with another method"
+            )
+        core, _ = _core.Surface.from_triangles(self.points[frame], of.faces[~of.torn].astype(np.int64))
+        uv = np.ascontiguousarray(of.uv[core.ids])
+        sources = _core.reference_sources(len(core), known.sources, seed)
+        found = core.judge([uv], sources, known.reference, _core.KEPT_BYTES, seed, threads, progress)[0]
+        triangles = core.measure(uv, progress)
+        for figures, name in ((found, "per_point"), (triangles, "areal")):
+            values = np.full(len(of), np.nan)
+            values[core.ids] = figures[name]
+            figures[name] = values
+        more = {"topology": known.topology, "voxel_size": known.voxel_size, "unit": known.unit}
+        return Distortion._of(found, triangles, known.reference, **more)
+
+    def save(self, path: str | os.PathLike[str], *, sidecar: bool = False, overwrite: bool = False) -> None:
+        """Save the series to a file, for `load_series`.
+
+        The file is written either completely or not at all.
+
+        Parameters
+        ----------
+        path : path
+            An ``.npz`` or ``.voxflat`` file, which holds the map, the positions in all frames and `provenance`.
+        sidecar, overwrite : bool
+            As in `FlatMap.save`.
+
+        Raises
+        ------
+        InputError
+            If the file extension is not supported, or the path is an input file of the series.
+        OSError
+            If the file cannot be written.
+
+        See Also
+        --------
+        load_series : Load a saved series.
+
+        Examples
+        --------
+        >>> hill = voxflat.samples.hill()
+        >>> voxflat.flatten_series([hill, (1.1 * hill.points, hill.faces)]).save("growth.npz")
+        """
+        path = checked_path(path)
+        if not path.name.lower().endswith(SAVED_ENDINGS):
+            endings = ", ".join(SAVED_ENDINGS)
+            raise InputError(f"cannot save a series as {path.name}. Use a name that ends in {endings}")
+        arrays = {**self.flat_map._arrays(), **{f"series_{name}": getattr(self, name) for name in _ARRAYS}}
+        told = {"series": {"reference": self.reference, "provenance": self.provenance}}
+        with saving(path, self.provenance, sidecar=sidecar, overwrite=overwrite):
+            write_map(path, arrays, {**self.flat_map.description(), **told})
+
+    def stretches(self, frame: int, since: int | None = None) -> NDArray[np.float64]:
+        """Return the two principal stretches at each point: of the map to a frame, or from one frame to another.
+
+        Their product is the factor by which areas change. To show values on the map, use
+        ``flat_map.raster().interpolate(values)``.
+
+        Parameters
+        ----------
+        frame : int
+            The frame.
+        since : int, optional
+            An earlier frame, to measure how the surface stretches from that frame to `frame`. By default, lengths on
+            the surface are divided by lengths on the map.
+
+        Returns
+        -------
+        ndarray of float64, shape (N, 2)
+            The largest and the smallest factor of length in any direction; NaN for points without triangles.
+
+        Raises
+        ------
+        InputError
+            If a frame does not exist.
+
+        See Also
+        --------
+        FlatMap.distortion : Changes of areas and angles of the reference frame.
+
+        Examples
+        --------
+        >>> hill = voxflat.samples.hill()
+        >>> series = voxflat.flatten_series([hill, (1.1 * hill.points, hill.faces)])
+        >>> np.median(series.stretches(1, since=0), axis=0).round(2)
+        array([1.1, 1.1])
+        """
+        metric = self._metric(self._number(frame))
+        if since is not None:
+            values, axes = np.linalg.eigh(self._metric(self._number(since)))
+            back = np.einsum("nab,nb,ncb->nac", axes, 1 / np.sqrt(values), axes)
+            metric = back @ metric @ back
+        squares = np.linalg.eigvalsh(metric)[:, ::-1]
+        return np.asarray(np.sqrt(np.maximum(squares, 0)), dtype=np.float64)
+
+    def _metric(self, frame: int) -> NDArray[np.float64]:
+        """Return the metric tensor (N, 2, 2) of a frame in the coordinates of the map, averaged over triangles."""
+        of = self.flat_map
+        faces = of.faces[~of.torn].astype(np.int64)
+        flat = np.stack([of.uv[faces[:, side]] - of.uv[faces[:, 0]] for side in (1, 2)], axis=2)
+        area = np.linalg.det(flat)
+        is_valid = np.abs(area) > 0
+        faces, flat, area = faces[is_valid], flat[is_valid], np.abs(area[is_valid])
+        places = self.points[frame]
+        sides = np.stack([places[faces[:, side]] - places[faces[:, 0]] for side in (1, 2)], axis=2)
+        stretch = sides @ np.linalg.inv(flat)
+        metric = np.swapaxes(stretch, 1, 2) @ stretch
+        total = np.bincount(faces.ravel(), np.repeat(area, 3), len(of))
+        weighted = (area[:, None, None] * metric).reshape(-1, 4)
+        sums = [np.bincount(faces.ravel(), np.repeat(column, 3), len(of)) for column in weighted.T]
+        with np.errstate(invalid="ignore", divide="ignore"):
+            found: NDArray[np.float64] = (np.stack(sums, axis=1) / total[:, None]).reshape(-1, 2, 2)
+        found[total == 0] = np.eye(2) * np.nan
+        return found
+
+    def _number(self, frame: object) -> int:
+        """Check the number of a frame."""
+        if not is_whole(frame):
+            raise InputError(f"the frame is {shown(frame)}. Pass a whole number")
+        if not -len(self) <= frame < len(self):
+            raise IndexError(f"frame {frame} does not exist: frames are numbered from 0 to {len(self) - 1}")
+        return int(frame)
+
+
+@dataclass(frozen=True, eq=False)
+class _Frames:
+    """The images of a series: each frame is read and sampled on demand."""
+
+    series: FlatSeries
+    volumes: list[object] | None
+    raster: Raster
+    metric: bool
+    options: dict[str, Any]  # of `FlatMap.images`
+    shared: dict[int, FlatTriangles] = field(default_factory=dict)  # of each frame, with the directions of depths
+
+    @property
+    def title(self) -> str:
+        """The title of the movie."""
+        return str(self.options.get("name") or "movie")
+
+    def read(self, frame: int) -> FlatStack:
+        """Return the channels and depths of a frame."""
+        stack = None if self.volumes is None else self._sampled(frame, self.volumes[frame])
+        if stack is not None and not self.metric:
+            return stack
+        raster, stretches = self.raster, self.series.stretches(frame)
+        values = np.column_stack([stretches.prod(axis=1), stretches])
+        channels = Channels(_METRIC, lambda n: raster.interpolate(values[:, n]))
+        how: dict[str, Any] = {"unit": raster.unit, "provenance": self.series[frame].provenance}
+        measured = FlatStack(channels, raster.pixel_size, raster.origin, self.title, **how)
+        return measured if stack is None else joined(stack, measured)
+
+    def check(self, frame: int) -> None:
+        """Raise an error if the volume of a frame differs in form from that of the first frame."""
+        found, known = self._form(frame), self._first_form
+        if found != known:
+            both = [f"{' x '.join(map(str, shape))} voxels and {count} channels" for shape, count in (found, known)]
+            told = f"the volume of frame {frame} has {both[0]}, but that of frame 0 has {both[1]}"
+            raise InputError(f"{told}. Pass volumes of the same size")
+
+    def _sampled(self, frame: int, volume: object) -> FlatStack:
+        """Return the images of a volume on the surface of a frame."""
+        own = replace(self.series[frame])
+        if frame not in self.shared:
+            sampler = replace(own._triangles.on_surface, usual=self._interpolation)
+            self.shared[frame] = replace(own._triangles, on_surface=sampler)
+        vars(own).update(_rasters=self.series.flat_map._rasters, _triangles=self.shared[frame])
+        with _naming(frame):
+            stack: FlatStack = own.images(volume, self.raster.pixel_size, **self.options)
+            return stack
+
+    def _interpolation(self, channel: int) -> str | None:
+        """Return the default for all frames, so that integers are labels in all of them or in none."""
+        if channel not in self._usual and self.volumes is not None:
+            given, of = self.options, self.shared[0].on_surface
+            where = (given.get("depth", 0.0), given.get("fraction"), given.get("layering", "equivolume"))
+            depths = Depths.of(*where, given.get("depths"))
+            self._usual[channel] = of.default(self.raster, depths, self.volumes[0], channel)
+        return self._usual[channel]
+
+    @cached_property
+    def _usual(self) -> dict[int, str | None]:
+        return {}
+
+    def _form(self, frame: int) -> tuple[tuple[int, ...], int]:
+        """Return the shape and the number of channels of the volume of a frame."""
+        if self.volumes is None:
+            return (), 0
+        with _naming(frame):
+            return self.series.flat_map._triangles.on_surface.form(self.volumes[frame])
+
+    @cached_property
+    def _first_form(self) -> tuple[tuple[int, ...], int]:
+        return self._form(0)
+
+
+@contextmanager
+def _naming(frame: int) -> Iterator[None]:
+    """Name the frame in the errors of its volume."""
+    try:
+        yield
+    except InputError as error:
+        raise InputError(f"frame {frame}: {error}") from error
+
+
+def load_series(path: str | os.PathLike[str]) -> FlatSeries:
+    """Load a series that was saved with `FlatSeries.save`.
+
+    Files of single maps are loaded with `load`.
+
+    Parameters
+    ----------
+    path : path
+        An .npz or .voxflat file.
+
+    Returns
+    -------
+    FlatSeries
+        The series.
+
+    Raises
+    ------
+    InputError
+        If the file is damaged or does not hold a series.
+    FileNotFoundError
+        If the file does not exist.
+
+    See Also
+    --------
+    FlatSeries.save : Save a series.
+
+    Examples
+    --------
+    >>> hill = voxflat.samples.hill()
+    >>> voxflat.flatten_series([hill, (1.1 * hill.points, hill.faces)]).save("growth.npz")
+    >>> voxflat.load_series("growth.npz")
+    <FlatSeries: 2 frames, 441 points>
+    """
+    fields = read_map(path, series=True)
+    told = fields["metadata"].pop("series")
+    own = {name: fields.pop(f"series_{name}") for name in _ARRAYS}
+    return FlatSeries(FlatMap(**fields), **own, **told)

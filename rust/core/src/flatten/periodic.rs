@@ -1,0 +1,64 @@
+//! Maps of tubes that repeat in the second direction.
+
+use super::map::FlatMap;
+use super::voxflat::Scale;
+use crate::distortion::evaluate::{REFERENCE_SOURCES, evaluate_all, reference_sources};
+use crate::distortion::{best_scale, faces::equal_area_scale};
+use crate::embed::stress::levels::MOST_EVALUATED;
+use crate::embed::stress::periodic::{Tube, flatten_tube};
+use crate::geodesic::{Solver, graph::GeodesicGraph};
+use crate::rows::DistanceRows;
+use crate::sources::check_enough;
+use crate::surface::Surface;
+use crate::{Control, Result};
+
+/// Flattens a tube that is cut open along a seam from its first end to its second; distances are measured on the closed
+/// tube from sources among its vertices. Returns the map of the opened tube and its period: positions of the two sides
+/// of the seam differ by exactly one period in the second direction. No triangle is flipped. The distances of the map's
+/// distortion are those around the closed tube, and to the nearest copy in the plane.
+/// Errors: those of [`Tube::new`], [`check_enough`] and [`flatten_tube`].
+#[expect(clippy::too_many_arguments)]
+pub fn periodic<S: Solver>(
+    closed: &Surface, opened: &Surface, seam: &[u32], sources: &[u32], solver: &S, weighting: f64, scale: Scale,
+    graph: &GeodesicGraph, seed: u64, control: &Control,
+) -> Result<(FlatMap, f64)> {
+    check_enough(sources.len())?;
+    let tube = Tube::new(closed, opened, seam)?;
+    let evaluated = tube.evaluated(sources, MOST_EVALUATED);
+    let number = |vertex: &u32| evaluated.partition_point(|other| other < vertex) as u32;
+    let rows = DistanceRows::compute_to(solver, sources, &evaluated, control)?;
+    let rows = DistanceRows::new(sources.iter().map(number).collect(), evaluated.len(), rows.into_data());
+    let (mut uv, mut period, convergence) = flatten_tube(&tube, &rows, &evaluated, weighting, control)?;
+    let first = tube.first_copies();
+    let of_closed = |uv: &[[f64; 2]]| first.iter().map(|&copy| uv[copy as usize]).collect::<Vec<_>>();
+    let factor = match scale {
+        Scale::Distances => {
+            let all = of_closed(&uv);
+            let compared: Vec<[f64; 2]> = evaluated.iter().map(|&vertex| all[vertex as usize]).collect();
+            best_scale(&compared, Some(period), &rows, control)?
+        }
+        Scale::Areas => equal_area_scale(opened.points(), opened.faces(), &uv),
+    };
+    if factor.is_finite() && factor > 0.0 {
+        period *= factor;
+        uv.iter_mut().flatten().for_each(|coordinate| *coordinate *= factor);
+    }
+    drop(rows);
+    let (reference, all) = (reference_sources(closed.len(), REFERENCE_SOURCES, seed), of_closed(&uv));
+    let mut found = evaluate_all(graph, &[&all], Some(period), &reference, u64::MAX, seed, control)?;
+    let mut distortion = found.remove(0);
+    distortion.per_point = tube.vertices().iter().map(|&vertex| distortion.per_point[vertex as usize]).collect();
+    let normals = closed.normals();
+    let normals = tube.vertices().iter().map(|&vertex| normals[vertex as usize]).collect();
+    let map = FlatMap {
+        uv,
+        normals,
+        sources: sources.iter().map(|&vertex| first[vertex as usize]).collect(),
+        eigenvalues: Vec::new(), // distances around a tube have no classical scaling in the plane
+        planarity: f64::NAN,
+        distortion,
+        convergence: Some(convergence),
+        rows: None,
+    };
+    Ok((map, period))
+}
