@@ -148,7 +148,7 @@ def test_limits_by_percentiles_and_by_sign(flat_map):
     [
         ({"overlay": None, "threshold": 1.0}, "the overlay has no values. Pass data"),
         ({"overlay": None, "period": 360}, "the overlay has no values. Pass data"),
-        ({"overlay": AWAY}, "the overlay has no values on the map"),
+        ({"overlay": AWAY}, "does not overlap the map"),
         ({"overlay": np.ones(3)}, "3 values"),
         ({"limits": (3, 2)}, "Pass the lower limit first"),
         ({"limits": (3,)}, "two numbers"),
@@ -453,7 +453,7 @@ def test_depth_is_of_volumes_alone(flat_map):
     affine = np.diag([25.0, 25, 25, 1])
     affine[:3, 3] = (-140 + 12.5, -12.5, -12.5)
     of = {"overlay": values, "parcels": Volume(beside, affine)}
-    refused("there are no labels on the map", composed.flat_map, flat_map, **of)
+    refused("does not overlap the map", composed.flat_map, flat_map, **of)
     assert "7" in {text.get_text() for text in texts(composed.flat_map(flat_map, **of, depth=20))}
 
 

@@ -141,16 +141,18 @@ def test_a_volume_without_a_place_is_told(tmp_path, caplog, kind):
     """Its middle is the origin by nibabel; a mesh's map says so, that of a volume of the same header need not."""
     data = np.zeros((60, 60, 60), np.uint8)
     data[20:40, 20:40, 20:40] = 1
+    affine = np.diag([2.0, 2, 2, 1])
+    affine[:3, 3] = -59  # the centre is near the origin
     path = tmp_path / ("v.mgz" if kind == "mgz" else "v.nii.gz")
 
     def write(known):
         if kind == "mgz":
-            image = nib.MGHImage(data, np.diag([2.0, 2, 2, 1]))
+            image = nib.MGHImage(data, affine)
             image.header["goodRASFlag"] = known
         else:
-            image = (nib.Nifti1Image if kind == "nifti1" else nib.Nifti2Image)(data, np.diag([2.0, 2, 2, 1]))
+            image = (nib.Nifti1Image if kind == "nifti1" else nib.Nifti2Image)(data, affine)
             image.set_qform(None, code=0)
-            image.set_sform(np.diag([2.0, 2, 2, 1]), code=int(known))
+            image.set_sform(affine, code=int(known))
         nib.save(image, path)
 
     write(known=True)

@@ -70,6 +70,8 @@ class Channels:
                 several = f"has {count} {self.called}s ({self.listed()})"
                 raise InputError(f"{several}. Choose one by its name or number (channel)")
             return 0
+        if isinstance(channel, bool | np.bool_) or not isinstance(channel, str | int | np.integer):
+            raise InputError(f"channel is {shown(channel)}. Pass the name or the number of a channel")
         if count == 1 and channel not in (0, -1, "0", "-1", self.names[0]):
             raise InputError(f"has only one {self.called}, but channel is {shown(channel)}. Omit channel")
         if isinstance(channel, str):
@@ -82,8 +84,6 @@ class Channels:
             if not re.fullmatch(r"-?[0-9]+", channel):
                 raise InputError(f"has no {self.called} {channel!r}. Choose one of {self.listed()}")
             channel = int(channel)
-        if isinstance(channel, bool | np.bool_) or not isinstance(channel, int | np.integer):
-            raise InputError(f"channel is {shown(channel)}. Pass the name or the number of a channel")
         if not -count <= channel < count:
             named = f" ({self.listed()})" if any(self.names) else ""
             raise InputError(f"has no {self.called} {channel}. Pass a number from 0 to {count - 1}{named}")
