@@ -16,7 +16,8 @@ from voxflat.io.provenance import telling
 from voxflat.methods import Method, method_of
 from voxflat.pipeline.cut_surface import CutSurface
 from voxflat.pipeline.flat_series import FlatSeries, numbered
-from voxflat.pipeline.following import Follower, Shape
+from voxflat.pipeline.following import Follower
+from voxflat.pipeline.shapes import Shape
 from voxflat.pipeline.surface import Surface, surface
 
 _SAME = 1e-5  # greatest distance between a surface and its own chart, relative to the size of the surface
