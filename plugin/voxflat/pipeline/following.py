@@ -16,7 +16,7 @@ import scipy
 from numpy.typing import NDArray
 
 from voxflat import _core
-from voxflat.pipeline.shapes import Shape
+from voxflat.pipeline.shapes import ALIKE, Shape
 
 _Floats = NDArray[np.float64]
 # linear equations for a movement: one sparse matrix (P, N) per axis, right-hand side (P,) and weights (P,)
@@ -26,15 +26,16 @@ _CELLS = (30, 150, 600)  # functions of each level after the affine one
 _SAMPLES = 24  # points per function at which positions and strains are compared
 _FEWEST_SAMPLES = 1500
 _STEPS = (15, 8, 6, 4)  # Gauss-Newton steps of each level
-_TIGHT = (1, 1, 1, 10)  # weight of the distances in each level; an elastic sheet that is held loosely wrinkles
+# weights of the distances in each level; the next attempt follows where the mesh folds, as a loosely held sheet does
+_TIGHT = ((1, 1, 1, 1), (1, 1, 1, 10), (1, 1, 10, 300))
 _STILL = 2e-4  # change of a step, relative to the size of the surface, at which a level ends
 _REACH = 0.1  # deviation that weighs as much as a strain of 1, relative to the size of the surface
-_ALIKE = 0.3  # least cosine of the angle between the normals of corresponding places
 _FRICTION = 0.03  # weight of movements along the surface, relative to that of distances
 _PULL = 10.0  # weight of all landmarks, relative to that of distances
 _THINNEST = 0.05  # least stretch; keeps the equations of collapsed triangles finite
 _RIDGE = 1e-9  # relative; decides where nothing else does
-_UNFOLDINGS = 30  # most attempts
+_UNFOLDINGS = 50  # most attempts
+_WIDENED = 10  # attempts after which the neighbourhood of folds grows by one ring
 _SMOOTHINGS = (12, 4)  # averaging steps of the movements that close the last gaps
 
 
@@ -69,47 +70,64 @@ class Follower:
 
         `landmarks` (K, 3) are the positions of the landmarks in the next frame, NaN where they are not known.
         """
+        best, fewest = start, len(self.faces) + 1
+        for tight in _TIGHT[: None if len(self.bases) == len(_CELLS) else 1]:
+            points = self._closed(self._moved(start, target, landmarks, tight), target)
+            folds = int(self.folded(points, target).sum())
+            if folds < fewest:
+                best, fewest = points, folds
+            if not folds:
+                break
+        return self._unfolded(best, target)
+
+    def _moved(self, start: _Floats, target: Shape, landmarks: _Floats | None, tight: tuple[float, ...]) -> _Floats:
+        """Return the points with the least energy, from few to many functions."""
         before = Shape(start, self.faces)
         shift = target.centre - before.centre
         points = min((start, start + shift), key=lambda places: float(target.nearest(places)[2].mean()))
         rest = Shape(self.reference.points * (target.size / self.reference.size), self.faces)
         affine = np.column_stack([np.ones(self.count), (start - before.centre) / before.size])
-        held = points
-        bases = (scipy.sparse.csr_array(affine), *self.bases)
-        for basis, steps, tight in zip(bases, _STEPS, _TIGHT, strict=False):
+        held = None
+        for basis, steps, weight in zip((scipy.sparse.csr_array(affine), *self.bases), _STEPS, tight, strict=False):
             samples = max(_FEWEST_SAMPLES, _SAMPLES * basis.shape[1])
+            unit = 1 / (_REACH * rest.size) ** 2
             for _ in range(steps):
                 own = Shape(points, self.faces)
-                unit = 1 / (_REACH * rest.size) ** 2
                 equations = [(self._strain(rest, points, samples), 1.0)]
-                if basis is not bases[0]:
+                equations += [(each, unit * weight) for each in self._distances(own, target, samples)]
+                if held is not None:
                     equations.append((self._friction(own, held, samples), unit * _FRICTION))
-                equations += [(each, unit * tight) for each in self._distances(own, target, samples)]
                 if self.marks is not None and landmarks is not None:
-                    equations.append((self._landmarks(own, landmarks), unit * tight * _PULL))
+                    equations.append((self._landmarks(own, landmarks), unit * weight * _PULL))
                 move = _least_squares(equations, basis)
                 points = points + move
                 if float(np.sqrt((move**2).sum(axis=1).mean())) < _STILL * rest.size:
                     break
-            if basis is bases[0]:
+            if held is None:
                 held = _turned(before, points) * (target.size / before.size) + target.centre
+        return points
+
+    def _closed(self, points: _Floats, target: Shape) -> _Floats:
+        """Return points on the next frame: movements to the nearest points, at first averaged over neighbours."""
         for averaging in (*_SMOOTHINGS, 0):
             move, alike = self._gap(points, target)
             move[~alike] = 0
             for _ in range(averaging):
                 move = self.average @ move
             points = points + move
-        return self._unfolded(points, target)
+        return points
 
     def _unfolded(self, points: _Floats, target: Shape) -> _Floats:
         """Return points without folds: those of folded triangles move to the mean of their neighbours."""
-        for _ in range(_UNFOLDINGS):
+        for attempt in range(_UNFOLDINGS):
             folded = self.folded(points, target)
             if not folded.any():
                 break
             near = np.zeros(self.count)
             near[self.faces[folded]] = 1
-            rows = np.flatnonzero(self.average @ near)
+            for _ in range(1 + attempt // _WIDENED):
+                near = self.average @ near
+            rows = np.flatnonzero(near)
             if self.reference.border is not None:
                 rows = np.setdiff1d(rows, self.reference.border.vertices)
             points = points.copy()
@@ -129,7 +147,7 @@ class Follower:
         own = Shape(points, self.faces)
         corners, weights, _ = target.nearest(points)
         feet, normals = target.mixed(target.points, corners, weights), target.mixed(target.normals, corners, weights)
-        alike = (own.normals * normals).sum(axis=1) > _ALIKE
+        alike = (own.normals * normals).sum(axis=1) > ALIKE
         if own.border is not None and target.border is not None:
             rows = own.border.vertices
             feet[rows], alike[rows] = target.border.nearest(points[rows])[0], True
@@ -145,10 +163,9 @@ class Follower:
     def _fit(self, own: Shape, target: Shape, samples: int) -> _Equations:
         """Return how far vertices of the mesh are from the next frame, along its normals."""
         rows, share = _spread(self.count, samples)
-        corners, weights, _ = target.nearest(own.points[rows])
+        corners, weights, alike = target.facing(own.points[rows], own.normals[rows])
         normals = target.mixed(target.normals, corners, weights)
         gap = target.mixed(target.points, corners, weights) - own.points[rows]
-        alike = (own.normals[rows] * normals).sum(axis=1) > _ALIKE
         if own.border is not None:
             alike &= ~np.isin(rows, own.border.vertices)
         parts = _rows(rows[:, None], normals[:, None], self.count)
@@ -157,10 +174,9 @@ class Follower:
     def _cover(self, own: Shape, target: Shape, samples: int) -> _Equations:
         """Return how far vertices of the next frame are from the mesh, along the normals of the next frame."""
         rows, share = _spread(len(target.points), samples)
-        corners, weights, _ = own.nearest(target.points[rows])
+        corners, weights, alike = own.facing(target.points[rows], target.normals[rows])
         normals = target.normals[rows]
         gap = target.points[rows] - own.mixed(own.points, corners, weights)
-        alike = (own.mixed(own.normals, corners, weights) * normals).sum(axis=1) > _ALIKE
         parts = _rows(corners, weights[..., None] * normals[:, None], self.count)
         return parts, (gap * normals).sum(axis=1), target.areas[rows] * share * alike
 

@@ -16,6 +16,9 @@ from voxflat.maps.depth import vertex_areas
 _Floats = NDArray[np.float64]
 _Faces = NDArray[np.uint32]
 
+ALIKE = 0.3  # least cosine of the angle between the normals of corresponding places
+_TURN = 0.1  # distance that weighs as much as a difference of normals of 1, relative to the size of the surface
+
 
 @dataclass(frozen=True, eq=False)
 class Shape:
@@ -59,6 +62,27 @@ class Shape:
         """Return the corners (P, 3) of the nearest triangles, barycentric coordinates (P, 3) and distances (P,)."""
         triangles, weights, far = self.finder.find(np.ascontiguousarray(places), np.inf)
         return self.faces[triangles], weights, far
+
+    @cached_property
+    def _oriented(self) -> Any:
+        """A search tree of the positions and normals of the vertices."""
+        return scipy.spatial.cKDTree(np.nan_to_num(np.hstack([self.points, _TURN * self.size * self.normals])))
+
+    def facing(self, places: _Floats, normals: _Floats) -> tuple[_Faces, _Floats, NDArray[np.bool_]]:
+        """Return the corners (P, 3) and weights (P, 3) of near places with similar normals, and where there are any.
+
+        They are the nearest places, or where their normals differ, as on the other wall of a furrow, a vertex that is
+        near in position and direction.
+        """
+        corners, weights, _ = self.nearest(places)
+        alike = (self.mixed(self.normals, corners, weights) * normals).sum(axis=1) > ALIKE
+        other = np.flatnonzero(~alike & np.isfinite(normals).all(axis=1))
+        if len(other):
+            wanted = np.hstack([places[other], _TURN * self.size * normals[other]])
+            found = self._oriented.query(wanted)[1]
+            corners[other], weights[other] = found[:, None], [1.0, 0.0, 0.0]
+            alike[other] = (self.normals[found] * normals[other]).sum(axis=1) > ALIKE
+        return corners, weights, alike
 
     def mixed(self, values: _Floats, corners: _Faces, weights: _Floats) -> _Floats:
         """Interpolate values (N, 3) of vertices."""
