@@ -198,9 +198,9 @@ class Follower:
         """Return how far the landmarks of the mesh are from their positions in the next frame."""
         assert self.marks is not None
         known = np.isfinite(landmarks).all(axis=1)
-        corners, weights = (values[known] for values in self.marks)
+        corners, weights = self.marks[0][known], self.marks[1][known]
         gap = landmarks[known] - own.mixed(own.points, corners, weights)
-        axes = np.repeat(np.eye(3), len(gap), axis=0)
+        axes = np.asarray(np.repeat(np.eye(3), len(gap), axis=0), dtype=np.float64)
         parts = _rows(np.tile(corners, (3, 1)), np.tile(weights, (3, 1))[..., None] * axes[:, None], self.count)
         return parts, gap.T.ravel(), np.full(gap.size, own.areas.sum() / max(1, len(gap)))
 

@@ -25,8 +25,8 @@ def checked_landmarks(landmarks: object, frames: list[Surface], reference: int) 
             f"landmarks has shape {places.shape}. Pass an array of shape ({len(frames)}, landmarks, 3), with NaN where "
             "a position is not known"
         )
-    known = np.isfinite(places).all(axis=2)
-    places[~known & np.isnan(places).any(axis=2)] = np.nan
+    known = np.asarray(np.isfinite(places).all(axis=2))
+    places[np.isnan(places).any(axis=2)] = np.nan
     for frame, own in enumerate(frames):
         wrong = np.flatnonzero(np.isinf(places[frame]).any(axis=1))
         if len(wrong):
