@@ -173,6 +173,12 @@ def test_open_surfaces_keep_their_material_boundary_and_orientation(move, made):
         assert np.linalg.norm(on - own[rim], axis=1).max() < 0.01
 
 
+def test_a_surface_does_not_turn_where_its_shape_does_not_show_it():
+    balls = [sphere(600 + 9 * t, t) for t in range(3)]
+    series = voxflat.flatten_series(balls)
+    assert np.linalg.norm(series.points - series.points[0], axis=2).max() < 0.06
+
+
 def turned_balls(count):
     """Return frames of a sphere that turns by 20 degrees per frame, the turns, and 5 landmarks."""
     turns = [Rotation.from_rotvec(np.radians(20) * t * np.array([1, 2, 2]) / 3).as_matrix() for t in range(count)]

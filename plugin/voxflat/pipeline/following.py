@@ -71,7 +71,7 @@ class Follower:
         `landmarks` (K, 3) are the positions of the landmarks in the next frame, NaN where they are not known.
         """
         best, fewest = start, len(self.faces) + 1
-        for tight in _TIGHT[: None if len(self.bases) == len(_CELLS) else 1]:
+        for tight in dict.fromkeys(weights[: 1 + len(self.bases)] for weights in _TIGHT):
             points = self._closed(self._moved(start, target, landmarks, tight), target)
             folds = int(self.folded(points, target).sum())
             if folds < fewest:
@@ -87,24 +87,25 @@ class Follower:
         points = min((start, start + shift), key=lambda places: float(target.nearest(places)[2].mean()))
         rest = Shape(self.reference.points * (target.size / self.reference.size), self.faces)
         affine = np.column_stack([np.ones(self.count), (start - before.centre) / before.size])
-        held = None
-        for basis, steps, weight in zip((scipy.sparse.csr_array(affine), *self.bases), _STEPS, tight, strict=False):
+        bases = (scipy.sparse.csr_array(affine), *self.bases)
+        scale = target.size / before.size
+        held = (start - before.centre) * scale + target.centre
+        for basis, steps, weight in zip(bases, _STEPS, tight, strict=False):
             samples = max(_FEWEST_SAMPLES, _SAMPLES * basis.shape[1])
             unit = 1 / (_REACH * rest.size) ** 2
             for _ in range(steps):
                 own = Shape(points, self.faces)
                 equations = [(self._strain(rest, points, samples), 1.0)]
                 equations += [(each, unit * weight) for each in self._distances(own, target, samples)]
-                if held is not None:
-                    equations.append((self._friction(own, held, samples), unit * _FRICTION))
+                equations.append((self._friction(own, held, samples), unit * _FRICTION))
                 if self.marks is not None and landmarks is not None:
                     equations.append((self._landmarks(own, landmarks), unit * weight * _PULL))
                 move = _least_squares(equations, basis)
                 points = points + move
+                if basis is bases[0]:
+                    held = _turned(before, points) * scale + target.centre
                 if float(np.sqrt((move**2).sum(axis=1).mean())) < _STILL * rest.size:
                     break
-            if held is None:
-                held = _turned(before, points) * (target.size / before.size) + target.centre
         return points
 
     def _closed(self, points: _Floats, target: Shape) -> _Floats:
