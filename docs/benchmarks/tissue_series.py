@@ -2,7 +2,7 @@
 
     python docs/benchmarks/tissue_series.py --peer PYTHON    # an interpreter with blender-tissue-cartography
 
-Each movie deforms a closed surface; each frame has its own mesh. 500 points move with the material. Prints the median
+Each movie deforms a surface; each frame has its own mesh. 500 points move with the material. Prints the median
 and the 95th percentile of the distance between where a method finds them and where they are, in µm and in % of the
 length of the surface, over all frames and in the last frame. Maps of single frames are aligned with the points
 themselves, by the best similarity. `--peer` wraps the first mesh onto each frame in turn (`shrinkwrap_igl`), and
@@ -69,6 +69,36 @@ def sphere(count, seed):
     return points, faces.astype(np.int64)
 
 
+def tube(count, seed):
+    """Return a mesh of an open tube of length 2 and radius 1 along x, with about as many vertices."""
+    rng = np.random.default_rng(seed)
+    side = round(np.sqrt(count / 1.5))
+    rings = count // side
+    along = np.linspace(-1, 1, rings)[:, None] + np.zeros(side)
+    along[1:-1] += rng.uniform(-0.5, 0.5, (rings - 2, side)) / rings
+    turn = 2 * np.pi * (np.arange(side) + 0.3 * np.sin(4 * np.arange(side)) + rng.uniform()) / side + 0.3 * along
+    points = np.column_stack([along.ravel(), np.cos(turn).ravel(), np.sin(turn).ravel()])
+    corners = np.arange(rings * side).reshape(rings, side)
+    a, b = corners[:-1].ravel(), corners[1:].ravel()
+    c, d = (np.roll(part, -1, axis=1).ravel() for part in (corners[1:], corners[:-1]))
+    return points, np.concatenate([np.column_stack([a, c, b]), np.column_stack([a, d, c])])
+
+
+def disk(count, seed):
+    """Return a flat mesh of the unit disk; each seed has other vertices."""
+    rim = round(2 * np.sqrt(np.pi * count) / 2)
+    turn = 2 * np.pi * (np.arange(rim) + np.random.default_rng(seed).uniform()) / rim
+    step = np.arange(count - rim) + 0.5
+    radius, spiral = (1 - np.pi / rim) * np.sqrt(step / len(step)), step * np.pi * (1 + np.sqrt(5)) + seed
+    plane = np.concatenate(
+        [
+            np.column_stack([np.cos(turn), np.sin(turn)]),
+            radius[:, None] * np.column_stack([np.cos(spiral), np.sin(spiral)]),
+        ]
+    )
+    return np.column_stack([plane, np.zeros(len(plane))]), scipy.spatial.Delaunay(plane).simplices.astype(np.int64)
+
+
 def growing(points, time):
     """Grow an ellipsoid of 200 x 90 x 70 µm by half in all directions."""
     return points * np.array([100, 45, 35]) * (1 + 0.5 * time)
@@ -91,7 +121,20 @@ def peristalsis(points, time):
     return np.column_stack([x, 34 * narrow * points[:, 1], 28 * narrow * points[:, 2]])
 
 
-MOVIES = {"growing": (growing, 11), "bending": (bending, 11), "peristalsis": (peristalsis, 31)}
+def bending_disk(points, time):
+    """Bend a disk with a diameter of 200 µm by 90 degrees, to a part of a cylinder."""
+    turn = max(time, 1e-6) * np.pi / 2
+    x, y, _ = (100 * points).T
+    return np.column_stack([200 / turn * np.sin(turn * x / 200), y, 200 / turn * (1 - np.cos(turn * x / 200))])
+
+
+MOVIES = {
+    "growing": (sphere, growing, 11),
+    "bending": (sphere, bending, 11),
+    "peristalsis": (sphere, peristalsis, 31),
+    "peristalsis of an open tube": (tube, peristalsis, 31),
+    "bending disk": (disk, bending_disk, 11),
+}
 
 
 def places_on(points, faces, wanted):
@@ -144,11 +187,11 @@ def main():
     print("| movie | method | drift, µm (% of length): median, 95 %, all frames | last frame | CPU s |")
     print("|---|---|---|---|---|")
     for name in options.only:
-        move, count = MOVIES[name]
-        painted = sphere(500, 999)[0]
+        mesh, move, count = MOVIES[name]
+        painted = mesh(500, 999)[0]
         frames = []
         for t in range(count):
-            points, faces = sphere(options.vertices + 37 * t, t)
+            points, faces = mesh(options.vertices + 37 * t, t)
             when = t / (count - 1)
             frames.append((move(points, when), faces, move(painted, when)))
         lengths = [np.ptp(truth, axis=0).max() for *_, truth in frames[1:]]

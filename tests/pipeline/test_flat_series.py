@@ -7,6 +7,7 @@ from scipy.spatial.transform import Rotation
 
 import voxflat
 from voxflat.errors import InputError
+from voxflat.pipeline.shapes import Shape, boundary_edges
 
 TURN = Rotation.from_euler("xyz", [5, -4, 6], degrees=True).as_matrix()
 
@@ -31,6 +32,16 @@ def sheet(move, side):
     corners = np.arange(side**2).reshape(side, side)
     a, b, c, d = (part.ravel() for part in (corners[:-1, :-1], corners[:-1, 1:], corners[1:, 1:], corners[1:, :-1]))
     return move(x, y), np.concatenate([np.column_stack([a, b, c]), np.column_stack([a, c, d])])
+
+
+def tube(move, rings, side):
+    """Return a mesh of an open tube of length 2 and radius 1 along x, moved by a function of its points."""
+    along, around = np.meshgrid(np.linspace(-1, 1, rings), 2 * np.pi * np.arange(side) / side, indexing="ij")
+    points = np.column_stack([along.ravel(), np.cos(around).ravel(), np.sin(around).ravel()])
+    corners = np.arange(rings * side).reshape(rings, side)
+    a, b = corners[:-1].ravel(), corners[1:].ravel()
+    c, d = (np.roll(part, -1, axis=1).ravel() for part in (corners[1:], corners[:-1]))
+    return move(points), np.concatenate([np.column_stack([a, c, b]), np.column_stack([a, d, c])])
 
 
 def grown(points, frame):
@@ -131,6 +142,78 @@ def test_a_wave_that_passes_carries_little_with_it():
     assert not series.folded.any()
 
 
+def narrowed_tube(points, time):
+    """Return points of a tube along which a contraction passes."""
+    width = 1 - 0.3 * np.exp(-(((points[:, 0] + 0.6 - 1.2 * time) / 0.3) ** 2))
+    return points * np.column_stack([10 + 0 * width, 4 * width, 3 * width])
+
+
+def bent(x, y, time):
+    """Return points of a square of side 20 that bends by 60 degrees; its normals point to positive z at first."""
+    turn = max(time, 1e-6) * np.pi / 3
+    return np.column_stack([20 / turn * np.sin(turn * x / 2), 10 * y, 20 / turn * (1 - np.cos(turn * x / 2))])
+
+
+@pytest.mark.parametrize(
+    ("move", "made"),
+    [
+        (narrowed_tube, lambda move, number: tube(move, 29 + 2 * number, 20 + number)),
+        (bent, lambda move, number: sheet(move, 22 + number)),
+    ],
+    ids=["tube", "disk"],
+)
+def test_open_surfaces_keep_their_material_boundary_and_orientation(move, made):
+    def frame(time, number):
+        return made(lambda *parts: move(*parts, time), number)
+
+    times = np.linspace(0, 1, 6)
+    frames = [frame(time, number) for number, time in enumerate(times)]
+    series = voxflat.flatten_series(frames)
+    assert not series.folded.any()
+    ids, faces = series.flat_map.ids, frames[0][1].astype(np.uint32)
+    rim = np.isin(ids, np.unique(boundary_edges(faces)))
+    for own, normals, time, target in zip(series.points, series.normals, times, frames, strict=True):
+        truth = frame(time, 0)[0]
+        apart = np.linalg.norm(own - truth[ids], axis=1)
+        assert np.median(apart) < 0.03 * 20
+        assert np.percentile(apart, 95) < 0.06 * 20
+        assert (normals * voxflat._core.vertex_normals(truth, faces)[ids]).sum(axis=1).min() > 0.5  # outwards
+        on = Shape(target[0], target[1].astype(np.uint32)).border.nearest(own[rim])[0]
+        assert np.linalg.norm(on - own[rim], axis=1).max() < 0.01
+
+
+def test_a_surface_does_not_turn_where_its_shape_does_not_show_it():
+    balls = [sphere(600 + 9 * t, t) for t in range(3)]
+    series = voxflat.flatten_series(balls)
+    assert np.linalg.norm(series.points - series.points[0], axis=2).max() < 0.06
+
+
+def turned_balls(count):
+    """Return frames of a sphere that turns by 20 degrees per frame, the turns, and 5 landmarks."""
+    turns = [Rotation.from_rotvec(np.radians(20) * t * np.array([1, 2, 2]) / 3).as_matrix() for t in range(count)]
+    frames = [
+        (points @ turn.T, faces)
+        for turn, (points, faces) in zip(turns, (sphere(600 + 9 * t, t) for t in range(count)), strict=True)
+    ]
+    places = sphere(5, 7)[0]
+    return frames, turns, np.array([places @ turn.T for turn in turns])
+
+
+def test_landmarks_show_how_a_sphere_turns():
+    frames, turns, landmarks = turned_balls(4)
+    landmarks[2, 1] = np.nan
+    errors = []
+    for known in (None, landmarks):
+        series = voxflat.flatten_series(frames, landmarks=known)
+        true = [frames[0][0][series.flat_map.ids] @ turn.T for turn in turns]
+        errors.append(
+            [np.linalg.norm(own - points, axis=1).max() for own, points in zip(true, series.points, strict=True)]
+        )
+        assert not series.folded.any()
+    assert errors[0][3] > 0.5  # the shape alone does not tell
+    assert max(errors[1]) < 0.06
+
+
 BALL, PLATE = sphere(300, 0), sheet(lambda x, y: np.column_stack([x, y, x * y]), 10)
 
 
@@ -155,6 +238,35 @@ BALL, PLATE = sphere(300, 0), sheet(lambda x, y: np.column_stack([x, y, x * y]),
 def test_frames_that_do_not_belong_together_are_refused(surfaces, options, told):
     with pytest.raises(InputError) as error:
         voxflat.flatten_series(surfaces, **options)
+    assert told in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+MARKS = np.tile(BALL[0][:4], (2, 1, 1))
+
+
+def changed(frame, landmark, value):
+    """Return landmarks of two balls, one of which differs."""
+    places = MARKS.copy()
+    places[frame, landmark] = value
+    return places
+
+
+@pytest.mark.parametrize(
+    ("landmarks", "told"),
+    [
+        ("here", "landmarks is 'here'. Pass an array of shape (frames, landmarks, 3)"),
+        (MARKS[:1], "landmarks has shape (1, 4, 3). Pass an array of shape (2, landmarks, 3)"),
+        (MARKS[..., :2], "landmarks has shape (2, 4, 2)"),
+        (MARKS[:, :0], "landmarks has shape (2, 0, 3)"),
+        (changed(0, 3, np.nan), "landmark 3 is not known in frame 0, the reference frame"),
+        (changed(1, 2, np.inf), "landmark 2 is infinite in frame 1"),
+        (changed(1, 2, 2.0), "landmark 2 is 2.47 mm away from the surface of frame 1"),
+    ],
+)
+def test_landmarks_that_do_not_belong_to_the_frames_are_refused(landmarks, told):
+    with pytest.raises(InputError) as error:
+        voxflat.flatten_series([BALL, BALL], landmarks=landmarks)
     assert told in str(error.value)
     assert "\n" not in str(error.value)
 

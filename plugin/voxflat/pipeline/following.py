@@ -1,129 +1,55 @@
 """Follow a surface from frame to frame of a movie: move a mesh onto the next frame with as little strain as possible.
 
 The shape of the next frame determines how the mesh moves along its normals. In the other directions, the mesh moves so
-that the integral of the squared Green strain of its triangles is smallest, as for an elastic sheet that is at rest in
-the reference frame, scaled to the area of the next frame. The movement is a sum of smooth functions, from a few
-(affine) to many (one per cell of a division of the surface).
+that an energy is smallest: that of an elastic sheet that is at rest in the reference frame, scaled to the area of the
+next frame, and of friction, which holds the mesh where it was in the frame before. The movement is a sum of smooth
+functions, from a few (affine) to many (one per cell of a division of the surface). Landmarks pull the mesh to known
+positions.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
-from functools import cached_property
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 import scipy
 from numpy.typing import NDArray
 
 from voxflat import _core
-from voxflat.maps.depth import vertex_areas
+from voxflat.pipeline.shapes import ALIKE, Shape
 
 _Floats = NDArray[np.float64]
-_Faces = NDArray[np.uint32]
+# linear equations for a movement: one sparse matrix (P, N) per axis, right-hand side (P,) and weights (P,)
+_Equations: TypeAlias = tuple[list[Any], _Floats, _Floats]
 
 _CELLS = (30, 150, 600)  # functions of each level after the affine one
 _SAMPLES = 24  # points per function at which positions and strains are compared
 _FEWEST_SAMPLES = 1500
 _STEPS = (15, 8, 6, 4)  # Gauss-Newton steps of each level
+# weights of the distances in each level; the next attempt follows where the mesh folds, as a loosely held sheet does
+_TIGHT = ((1, 1, 1, 1), (1, 1, 1, 10), (1, 1, 10, 300))
 _STILL = 2e-4  # change of a step, relative to the size of the surface, at which a level ends
 _REACH = 0.1  # deviation that weighs as much as a strain of 1, relative to the size of the surface
-_ALIKE = 0.3  # least cosine of the angle between the normals of corresponding places
-_RIDGE = 1e-9  # relative; decides where neither shape nor strain do, such as turns of a sphere
-_UNFOLDINGS = 30  # most attempts
+_FRICTION = 0.03  # weight of movements along the surface, relative to that of distances
+_PULL = 10.0  # weight of all landmarks, relative to that of distances
+_THINNEST = 0.05  # least stretch; keeps the equations of collapsed triangles finite
+_RIDGE = 1e-9  # relative; decides where nothing else does
+_UNFOLDINGS = 50  # most attempts
+_WIDENED = 10  # attempts after which the neighbourhood of folds grows by one ring
 _SMOOTHINGS = (12, 4)  # averaging steps of the movements that close the last gaps
-
-
-@dataclass(frozen=True, eq=False)
-class Shape:
-    """Store the surface of one frame, and find the nearest points on it."""
-
-    points: _Floats
-    faces: _Faces
-
-    @cached_property
-    def normals(self) -> _Floats:
-        """The outward unit normals of the vertices."""
-        return _core.vertex_normals(self.points, self.faces)
-
-    @cached_property
-    def areas(self) -> _Floats:
-        """The area around each vertex."""
-        return vertex_areas(self.points, self.faces)
-
-    @cached_property
-    def size(self) -> float:
-        """The radius of the sphere with the same area."""
-        return float(np.sqrt(self.areas.sum() / (4 * np.pi)))
-
-    @property
-    def centre(self) -> _Floats:
-        """The centre of gravity of the area."""
-        return np.asarray(self.areas @ self.points / self.areas.sum())
-
-    @cached_property
-    def finder(self) -> _core.NearestFinder:
-        """The finder of nearest points."""
-        return _core.NearestFinder(self.points, self.faces)
-
-    @cached_property
-    def border(self) -> Border | None:
-        """The boundary, if there is one."""
-        edges = boundary_edges(self.faces)
-        return Border(self, edges) if len(edges) else None
-
-    def nearest(self, places: _Floats) -> tuple[_Faces, _Floats, _Floats]:
-        """Return the corners (P, 3) of the nearest triangles, barycentric coordinates (P, 3) and distances (P,)."""
-        triangles, weights, far = self.finder.find(np.ascontiguousarray(places), np.inf)
-        return self.faces[triangles], weights, far
-
-    def mixed(self, values: _Floats, corners: _Faces, weights: _Floats) -> _Floats:
-        """Interpolate values (N, 3) of vertices."""
-        return np.asarray(np.einsum("pc,pcx->px", weights, values[corners]))
-
-
-@dataclass(frozen=True, eq=False)
-class Border:
-    """The boundary of a surface."""
-
-    of: Shape
-    edges: NDArray[np.int64]
-
-    @cached_property
-    def vertices(self) -> NDArray[np.int64]:
-        """The vertices on the boundary."""
-        return np.unique(self.edges)
-
-    def nearest(self, places: _Floats) -> tuple[_Floats, _Floats]:
-        """Return the nearest points on the boundary, and the unit directions of the boundary there."""
-        starts, ends = (self.of.points[self.edges[:, side]] for side in (0, 1))
-        tree = scipy.spatial.cKDTree((starts + ends) / 2)
-        _, close = tree.query(places, k=min(8, len(self.edges)))
-        close = close.reshape(len(places), -1)
-        start, along = starts[close], (ends - starts)[close]
-        length = (along**2).sum(axis=2)
-        share = np.clip(((places[:, None] - start) * along).sum(axis=2) / length, 0, 1)
-        feet = start + share[..., None] * along
-        best = np.linalg.norm(feet - places[:, None], axis=2).argmin(axis=1)
-        rows = np.arange(len(places))
-        return feet[rows, best], along[rows, best] / np.sqrt(length[rows, best])[:, None]
-
-
-def boundary_edges(faces: NDArray[Any]) -> NDArray[np.int64]:
-    """Return the edges with only one triangle, shape (B, 2)."""
-    edges = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]).astype(np.int64), axis=1)
-    once, times = np.unique(edges, axis=0, return_counts=True)
-    return np.asarray(once[times == 1])
 
 
 class Follower:
     """Moves the mesh of a reference frame onto frame after frame."""
 
-    def __init__(self, core: _core.Surface, tick: Callable[[], None] = lambda: None) -> None:
+    def __init__(
+        self, core: _core.Surface, landmarks: _Floats | None = None, tick: Callable[[], None] = lambda: None
+    ) -> None:
         self._tick = tick  # called often; it may raise an error to stop the work
         self.reference = Shape(core.points, np.ascontiguousarray(core.faces))
         self.faces, self.count = self.reference.faces, len(core)
+        self.marks = None if landmarks is None else self.reference.nearest(landmarks)[:2]
         starts, ends = self.faces.ravel(), np.roll(self.faces, 1, axis=1).ravel()
         pairs = np.concatenate([starts, ends]), np.concatenate([ends, starts])
         near = scipy.sparse.csr_array((np.ones(len(pairs[0])), pairs), shape=(self.count, self.count))
@@ -144,36 +70,70 @@ class Follower:
             basis.eliminate_zeros()
         return (scipy.sparse.diags_array(1 / basis.sum(axis=1)) @ basis).tocsr()
 
-    def onto(self, start: _Floats, target: Shape) -> _Floats:
-        """Return the points of the mesh on the next frame; `start` are those on the frame before."""
+    def onto(self, start: _Floats, target: Shape, landmarks: _Floats | None = None) -> _Floats:
+        """Return the points of the mesh on the next frame; `start` are those on the frame before.
+
+        `landmarks` (K, 3) are the positions of the landmarks in the next frame, NaN where they are not known.
+        """
+        best, fewest = start, len(self.faces) + 1
+        for tight in dict.fromkeys(weights[: 1 + len(self.bases)] for weights in _TIGHT):
+            points = self._closed(self._moved(start, target, landmarks, tight), target)
+            folds = int(self.folded(points, target).sum())
+            if folds < fewest:
+                best, fewest = points, folds
+            if not folds:
+                break
+        return self._unfolded(best, target)
+
+    def _moved(self, start: _Floats, target: Shape, landmarks: _Floats | None, tight: tuple[float, ...]) -> _Floats:
+        """Return the points with the least energy, from few to many functions."""
         before = Shape(start, self.faces)
         shift = target.centre - before.centre
         points = min((start, start + shift), key=lambda places: float(target.nearest(places)[2].mean()))
         rest = Shape(self.reference.points * (target.size / self.reference.size), self.faces)
         affine = np.column_stack([np.ones(self.count), (start - before.centre) / before.size])
-        for basis, steps in zip((scipy.sparse.csr_array(affine), *self.bases), _STEPS, strict=False):
+        bases = (scipy.sparse.csr_array(affine), *self.bases)
+        scale = target.size / before.size
+        held = (start - before.centre) * scale + target.centre
+        for basis, steps, weight in zip(bases, _STEPS, tight, strict=False):
+            samples = max(_FEWEST_SAMPLES, _SAMPLES * basis.shape[1])
+            unit = 1 / (_REACH * rest.size) ** 2
             for _ in range(steps):
-                move = self._step(rest, points, target, basis)
+                own = Shape(points, self.faces)
+                equations = [(self._strain(rest, points, samples), 1.0)]
+                equations += [(each, unit * weight) for each in self._distances(own, target, samples)]
+                equations.append((self._friction(own, held, samples), unit * _FRICTION))
+                if self.marks is not None and landmarks is not None:
+                    equations.append((self._landmarks(own, landmarks), unit * weight * _PULL))
+                move = self._least_squares(equations, basis)
                 points = points + move
+                if basis is bases[0]:
+                    held = _turned(before, points) * scale + target.centre
                 if float(np.sqrt((move**2).sum(axis=1).mean())) < _STILL * rest.size:
                     break
+        return points
+
+    def _closed(self, points: _Floats, target: Shape) -> _Floats:
+        """Return points on the next frame: movements to the nearest points, at first averaged over neighbours."""
         for averaging in (*_SMOOTHINGS, 0):
             move, alike = self._gap(points, target)
             move[~alike] = 0
             for _ in range(averaging):
                 move = self.average @ move
             points = points + move
-        return self._unfolded(points, target)
+        return points
 
     def _unfolded(self, points: _Floats, target: Shape) -> _Floats:
         """Return points without folds: those of folded triangles move to the mean of their neighbours."""
-        for _ in range(_UNFOLDINGS):
+        for attempt in range(_UNFOLDINGS):
             folded = self.folded(points, target)
             if not folded.any():
                 break
             near = np.zeros(self.count)
             near[self.faces[folded]] = 1
-            rows = np.flatnonzero(self.average @ near)
+            for _ in range(1 + attempt // _WIDENED):
+                near = self.average @ near
+            rows = np.flatnonzero(near)
             if self.reference.border is not None:
                 rows = np.setdiff1d(rows, self.reference.border.vertices)
             points = points.copy()
@@ -194,60 +154,54 @@ class Follower:
         own = Shape(points, self.faces)
         corners, weights, _ = target.nearest(points)
         feet, normals = target.mixed(target.points, corners, weights), target.mixed(target.normals, corners, weights)
-        alike = (own.normals * normals).sum(axis=1) > _ALIKE
+        alike = (own.normals * normals).sum(axis=1) > ALIKE
         if own.border is not None and target.border is not None:
             rows = own.border.vertices
             feet[rows], alike[rows] = target.border.nearest(points[rows])[0], True
         return feet - points, alike
 
-    def _step(self, rest: Shape, points: _Floats, target: Shape, basis: Any) -> _Floats:
-        """Return a Gauss-Newton step: the movement (N, 3) within the span of a basis."""
-        samples = max(_FEWEST_SAMPLES, _SAMPLES * basis.shape[1])
-        own = Shape(points, self.faces)
-        blocks = [
-            self._fit(own, target, samples),
-            self._cover(own, target, samples),
-            self._strain(rest, points, samples),
-        ]
-        if own.border is not None and target.border is not None:
-            blocks.append(self._border(own, target))
-        reach = _REACH * rest.size
-        scales = [1 / reach, 1 / reach, 1.0, 1 / reach]
+    def _least_squares(self, equations: list[tuple[_Equations, float]], basis: Any) -> _Floats:
+        """Return the movement (N, 3) within the span of a basis that fulfils weighted equations best."""
         columns = 3 * basis.shape[1]
         normal, pull = np.zeros((columns, columns)), np.zeros(columns)
-        for (parts, misfit, weights), scale in zip(blocks, scales, strict=False):
+        for (parts, misfit, weights), scale in equations:
             self._tick()
             jacobian = scipy.sparse.hstack([part @ basis for part in parts], format="csr")
-            weighted = scipy.sparse.diags_array(weights * scale**2) @ jacobian
+            weighted = scipy.sparse.diags_array(weights * scale) @ jacobian
             normal += (jacobian.T @ weighted).toarray()
             pull += weighted.T @ misfit
         normal[np.diag_indices(columns)] += _RIDGE * np.trace(normal) / columns
         found = scipy.linalg.solve(normal, pull, assume_a="pos")
         return np.asarray(basis @ found.reshape(3, -1).T)
 
-    def _fit(self, own: Shape, target: Shape, samples: int) -> tuple[list[Any], _Floats, _Floats]:
+    def _distances(self, own: Shape, target: Shape, samples: int) -> list[_Equations]:
+        """Return the distances between the mesh and the next frame, and between their boundaries."""
+        found = [self._fit(own, target, samples), self._cover(own, target, samples)]
+        if own.border is not None and target.border is not None:
+            found.append(self._border(own, target))
+        return found
+
+    def _fit(self, own: Shape, target: Shape, samples: int) -> _Equations:
         """Return how far vertices of the mesh are from the next frame, along its normals."""
         rows, share = _spread(self.count, samples)
-        corners, weights, _ = target.nearest(own.points[rows])
+        corners, weights, alike = target.facing(own.points[rows], own.normals[rows])
         normals = target.mixed(target.normals, corners, weights)
         gap = target.mixed(target.points, corners, weights) - own.points[rows]
-        alike = (own.normals[rows] * normals).sum(axis=1) > _ALIKE
         if own.border is not None:
             alike &= ~np.isin(rows, own.border.vertices)
         parts = _rows(rows[:, None], normals[:, None], self.count)
         return parts, (gap * normals).sum(axis=1), own.areas[rows] * share * alike
 
-    def _cover(self, own: Shape, target: Shape, samples: int) -> tuple[list[Any], _Floats, _Floats]:
+    def _cover(self, own: Shape, target: Shape, samples: int) -> _Equations:
         """Return how far vertices of the next frame are from the mesh, along the normals of the next frame."""
         rows, share = _spread(len(target.points), samples)
-        corners, weights, _ = own.nearest(target.points[rows])
+        corners, weights, alike = own.facing(target.points[rows], target.normals[rows])
         normals = target.normals[rows]
         gap = target.points[rows] - own.mixed(own.points, corners, weights)
-        alike = (own.mixed(own.normals, corners, weights) * normals).sum(axis=1) > _ALIKE
         parts = _rows(corners, weights[..., None] * normals[:, None], self.count)
         return parts, (gap * normals).sum(axis=1), target.areas[rows] * share * alike
 
-    def _border(self, own: Shape, target: Shape) -> tuple[list[Any], _Floats, _Floats]:
+    def _border(self, own: Shape, target: Shape) -> _Equations:
         """Return how far the boundary is from that of the next frame, across the boundary."""
         assert own.border is not None
         assert target.border is not None
@@ -261,36 +215,69 @@ class Follower:
         parts = _rows(np.tile(rows, 2)[:, None], across[:, None], self.count)
         return parts, (gap * across).sum(axis=1), np.tile(own.areas[rows], 2)
 
-    def _strain(self, rest: Shape, points: _Floats, samples: int) -> tuple[list[Any], _Floats, _Floats]:
-        """Return the Green strain of triangles, with opposite sign."""
+    def _landmarks(self, own: Shape, landmarks: _Floats) -> _Equations:
+        """Return how far the landmarks of the mesh are from their positions in the next frame."""
+        assert self.marks is not None
+        known = np.isfinite(landmarks).all(axis=1)
+        corners, weights = self.marks[0][known], self.marks[1][known]
+        gap = landmarks[known] - own.mixed(own.points, corners, weights)
+        axes = np.asarray(np.repeat(np.eye(3), len(gap), axis=0), dtype=np.float64)
+        parts = _rows(np.tile(corners, (3, 1)), np.tile(weights, (3, 1))[..., None] * axes[:, None], self.count)
+        return parts, gap.T.ravel(), np.full(gap.size, own.areas.sum() / max(1, len(gap)))
+
+    def _friction(self, own: Shape, held: _Floats, samples: int) -> _Equations:
+        """Return how far vertices moved along the surface."""
+        rows, share = _spread(self.count, samples)
+        normals = own.normals[rows]
+        across = np.eye(3)[np.abs(normals).argmin(axis=1)]
+        first = np.cross(normals, across)
+        first /= np.maximum(np.linalg.norm(first, axis=1, keepdims=True), 1e-9)
+        along = np.concatenate([first, np.cross(normals, first)])
+        gap = np.tile(held[rows] - own.points[rows], (2, 1))
+        parts = _rows(np.tile(rows, 2)[:, None], along[:, None], self.count)
+        return parts, (gap * along).sum(axis=1), np.tile(own.areas[rows] * share, 2)
+
+    def _strain(self, rest: Shape, points: _Floats, samples: int) -> _Equations:
+        """Return half the difference between the stretch of triangles and its inverse, with opposite sign."""
         triangles, share = _spread(len(self.faces), samples)
         corners = self.faces[triangles].astype(np.int64)
         a, b, c = (rest.points[corners[:, corner]] for corner in range(3))
         first = (b - a) / np.maximum(np.linalg.norm(b - a, axis=1, keepdims=True), 1e-300)
         cross = np.cross(b - a, c - a)
         twice = np.maximum(np.linalg.norm(cross, axis=1), 1e-9 * rest.size**2 / len(self.faces))
-        second = np.cross(cross / twice[:, None], first)
+        up = cross / twice[:, None]
+        plane = np.stack([first, np.cross(up, first)], axis=2)
         # gradients of the linear functions that are 1 at one corner, in the plane of the triangle at rest
-        turned = (
-            np.cross((cross / twice[:, None])[:, None], np.stack([c - b, a - c, b - a], axis=1)) / twice[:, None, None]
-        )
-        gradient = np.stack([(turned * first[:, None]).sum(axis=2), (turned * second[:, None]).sum(axis=2)], axis=2)
-        stretch = np.einsum("tcx,tca->txa", points[corners], gradient)  # (T, 3, 2)
-        strain = (np.einsum("txa,txb->tab", stretch, stretch) - np.eye(2)) / 2
+        gradient = np.cross(up[:, None], np.stack([c - b, a - c, b - a], axis=1)) @ plane / twice[:, None, None]
+        stretch = np.swapaxes(points[corners], 1, 2) @ gradient  # (T, 3, 2)
+        squares, axes = np.linalg.eigh(np.swapaxes(stretch, 1, 2) @ stretch)
+        stretch, gradient = stretch @ axes, gradient @ axes  # along the principal directions
+        sizes = np.sqrt(np.maximum(squares, _THINNEST**2))
+        strain = (sizes - 1 / sizes) / 2
         parts: list[list[Any]] = [[], [], []]
         misfit, weights = [], []
         for one, other in ((0, 0), (1, 1), (0, 1)):
             change = stretch[:, None, :, one] * gradient[:, :, None, other]
-            change = (change + stretch[:, None, :, other] * gradient[:, :, None, one]) / 2  # (T, corner, axis)
-            for axis, rows in enumerate(_rows(corners, change, self.count)):
+            change = change + stretch[:, None, :, other] * gradient[:, :, None, one]  # of the squared stretch
+            slope = (1 + 1 / (sizes[:, one] * sizes[:, other])) / (sizes[:, one] + sizes[:, other]) / 2
+            for axis, rows in enumerate(_rows(corners, change * slope[:, None, None], self.count)):
                 parts[axis].append(rows)
-            misfit.append(-strain[:, one, other])
+            misfit.append(-strain[:, one] if one == other else np.zeros(len(strain)))
             weights.append(twice / 2 * share * (1 if one == other else 2))
         return (
             [scipy.sparse.vstack(each, format="csr") for each in parts],
             np.concatenate(misfit),
             np.concatenate(weights),
         )
+
+
+def _turned(before: Shape, points: _Floats) -> _Floats:
+    """Return the points of a shape around its centre, turned to where the points are now."""
+    own = before.points - before.centre
+    now = (points - Shape(points, before.faces).centre) * before.areas[:, None]
+    left, _, right = np.linalg.svd(own.T @ now)
+    left[:, 2] *= np.sign(np.linalg.det(left @ right))
+    return np.asarray(own @ left @ right)
 
 
 def _spread(count: int, samples: int) -> tuple[NDArray[np.int64], float]:

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from voxflat import _core
 from voxflat.arguments import Progress, checked_threads, is_whole, log, shown
@@ -16,7 +17,9 @@ from voxflat.io.provenance import telling
 from voxflat.methods import Method, method_of
 from voxflat.pipeline.cut_surface import CutSurface
 from voxflat.pipeline.flat_series import FlatSeries, numbered
-from voxflat.pipeline.following import Follower, Shape
+from voxflat.pipeline.following import Follower
+from voxflat.pipeline.landmarks import checked_landmarks
+from voxflat.pipeline.shapes import Shape
 from voxflat.pipeline.surface import Surface, surface
 
 _SAME = 1e-5  # greatest distance between a surface and its own chart, relative to the size of the surface
@@ -36,12 +39,14 @@ def flatten_series(
     threads: int | None = None,
     memory_limit: int | None = None,
     progress: Progress | None = None,
+    landmarks: ArrayLike | None = None,
 ) -> FlatSeries:
     """Flatten the surfaces of all frames of a movie with one map, on which material points stay in place.
 
     The surface of the reference frame is flattened. Its mesh is then moved from frame to frame, as an elastic sheet
     that is at rest in the reference frame: onto the shape of each frame, with as little strain as possible. Growth by
-    a constant factor causes no strain. Only the shape is used, so movements that do not change it cannot be seen.
+    a constant factor causes no strain. Without `landmarks`, only the shape is used, so movements that do not change it
+    cannot be seen.
 
     Parameters
     ----------
@@ -58,6 +63,9 @@ def flatten_series(
         surface, from `Surface.charts`.
     mirror, seed, threads, memory_limit, progress : optional
         As in `Surface.flatten`.
+    landmarks : array_like of float, shape (T, K, 3), optional
+        Positions of K material points in each of the T frames, such as tracked nuclei, in the unit of the surfaces. NaN
+        marks positions that are not known; in the reference frame, all must be known. The mesh is pulled to them.
 
     Returns
     -------
@@ -67,7 +75,7 @@ def flatten_series(
     Raises
     ------
     InputError
-        If there are fewer than two frames, or if their topology or units differ.
+        If there are fewer than two frames, if their topology or units differ, or if a landmark is far from its surface.
     Cancelled
         If `progress` returned False.
 
@@ -86,6 +94,7 @@ def flatten_series(
     if not is_whole(reference) or not -len(frames) <= reference < len(frames):
         raise InputError(f"reference is {shown(reference)}. Pass a frame number from 0 to {len(frames) - 1}")
     reference = range(len(frames))[reference]
+    marks = checked_landmarks(landmarks, frames, reference)
     first = frames[reference]
     how: dict[str, Any] = {"mirror": mirror, "seed": seed, **limits}
     if isinstance(cuts, CutSurface):
@@ -100,7 +109,7 @@ def flatten_series(
         if progress is not None and progress("following the surface", done, count - 1) is False:
             raise Cancelled("following the surface was cancelled")
 
-    follower = Follower(first.core, tick)
+    follower = Follower(first.core, None if marks is None else marks[reference], tick)
     corners, weights, apart = follower.reference.nearest(flat_map.points)
     if apart.max() > _SAME * follower.reference.size:
         raise InputError(f"the chart belongs to another surface. Make it from the surface of frame {reference}")
@@ -111,7 +120,7 @@ def flatten_series(
         places = follower.reference.points
         for frame in order:
             target = Shape(frames[frame].points, np.ascontiguousarray(frames[frame].faces))
-            places = follower.onto(places, target)
+            places = follower.onto(places, target, None if marks is None else marks[frame])
             moved = Shape(places, follower.faces)
             points[frame] = moved.mixed(places, corners, weights)
             outward = moved.mixed(_core.vertex_normals(places, follower.faces), corners, weights)

@@ -1,0 +1,47 @@
+"""Landmarks of a movie: known positions of the same material points in several frames."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from voxflat.arguments import shown
+from voxflat.errors import InputError
+from voxflat.io.grid import in_unit
+from voxflat.pipeline.shapes import Shape
+from voxflat.pipeline.surface import Surface
+
+_AWAY = 0.2  # greatest distance of a landmark from its surface, relative to the radius of a sphere of the same area
+
+
+def checked_landmarks(landmarks: object, frames: list[Surface], reference: int) -> NDArray[np.float64] | None:
+    """Return landmarks as an array (T, K, 3), after checking that they lie near the surfaces of their frames."""
+    if landmarks is None:
+        return None
+    try:
+        places = np.array(landmarks, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise InputError(f"landmarks is {shown(landmarks)}. Pass an array of shape (frames, landmarks, 3)") from None
+    if places.ndim != 3 or len(places) != len(frames) or places.shape[1] == 0 or places.shape[2] != 3:
+        raise InputError(
+            f"landmarks has shape {places.shape}. Pass an array of shape ({len(frames)}, landmarks, 3), with NaN where "
+            "a position is not known"
+        )
+    known = np.asarray(np.isfinite(places).all(axis=2))
+    places[np.isnan(places).any(axis=2)] = np.nan
+    for frame, own in enumerate(frames):
+        wrong = np.flatnonzero(np.isinf(places[frame]).any(axis=1))
+        if len(wrong):
+            raise InputError(f"landmark {wrong[0]} is infinite in frame {frame}. Pass NaN where it is not known")
+        missing = np.flatnonzero(~known[frame])
+        if frame == reference and len(missing):
+            raise InputError(
+                f"landmark {missing[0]} is not known in frame {frame}, the reference frame. Remove it, or choose "
+                "another reference"
+            )
+        shape = Shape(own.points, np.ascontiguousarray(own.faces))
+        far = np.zeros(len(known[frame]))
+        far[known[frame]] = shape.nearest(places[frame][known[frame]])[2]
+        worst = int(far.argmax())
+        if far[worst] > _AWAY * shape.size:
+            text = f"landmark {worst} is {far[worst]:.3g} mm away from the surface of frame {frame}"
+            raise InputError(f"{in_unit(text, own.metadata)}. Correct it, or pass NaN if its position is not known")
+    return places
