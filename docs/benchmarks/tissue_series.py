@@ -128,12 +128,26 @@ def bending_disk(points, time):
     return np.column_stack([200 / turn * np.sin(turn * x / 200), y, 200 / turn * (1 - np.cos(turn * x / 200))])
 
 
+def convergent_extension(points, time):
+    """Lengthen a tube by half and narrow it, at constant area."""
+    factor = 1 + 0.5 * time
+    return points * np.array([100 * factor, 34 / np.sqrt(factor), 28 / np.sqrt(factor)])
+
+
+def bud(points, time):
+    """Let a bud grow from a sphere with a diameter of 120 µm, outwards from the centre."""
+    near = np.exp(-((points - [0, 0, 1]) ** 2).sum(axis=1) / 0.3)
+    return 60 * points * (1 + 0.9 * time * near)[:, None]
+
+
 MOVIES = {
     "growing": (sphere, growing, 11),
     "bending": (sphere, bending, 11),
     "peristalsis": (sphere, peristalsis, 31),
     "peristalsis of an open tube": (tube, peristalsis, 31),
     "bending disk": (disk, bending_disk, 11),
+    "convergent extension of a tube": (tube, convergent_extension, 11),
+    "bud": (sphere, bud, 11),
 }
 
 

@@ -50,6 +50,21 @@ def test_the_map_is_that_of_the_function(folder):
     assert all(record.count(path.name) for path in of(folder, "seg"))
 
 
+@pytest.mark.parametrize(("kind", "names"), [("1", [""]), ("2", ["front.", "back."]), ("cylinder", ["cylinder."])])
+def test_charts_have_one_map_each(folder, tmp_path, kind, names):
+    words = [*of(folder, "seg"), "--threshold", 0.5, "--smooth", 4, "--charts", kind, "--quiet"]
+    succeed("movie-map", *words, "--reference", 1, "-o", tmp_path / "movie.npz")
+    surfaces = [voxflat.surface(path, threshold=0.5).smooth(4) for path in of(folder, "seg")]
+    charts = surfaces[1].charts(kind if kind == "cylinder" else int(kind))
+    for name, chart in zip(names, charts, strict=False):
+        series = voxflat.load_series(tmp_path / f"{name}movie.npz")
+        expected = voxflat.flatten_series(surfaces, reference=1, cuts=chart)
+        assert np.array_equal(series.points, expected.points)
+        assert series.flat_map.period == expected.flat_map.period
+    told = "--charts cannot be combined with --cuts"
+    fail(2, told, "movie-map", *words, "--cuts", "automatic", "-o", tmp_path / "other.npz")
+
+
 def test_images_of_all_frames(folder, tmp_path):
     words = ["image", folder / "movie.npz", "--volume", *of(folder, "frame"), "--depth", "-2:2:2", "--metric"]
     told = succeed(*words, "--time-step", 60, "-o", tmp_path / "movie.ome.tif", "--json")

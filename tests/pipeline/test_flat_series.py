@@ -130,6 +130,23 @@ def test_each_volume_is_sampled_on_the_surface_of_its_frame(growth):
         assert data[t, 0] == pytest.approx(expected, nan_ok=True)
 
 
+@pytest.mark.parametrize("kind", [2, "cylinder"])
+def test_charts_of_a_movie_agree_where_they_overlap(growth, kind):
+    whole, frames = growth
+    charts = voxflat.surface(frames[1]).charts(kind)
+    made = voxflat.flatten_series(frames, reference=1, cuts=charts)
+    assert [len(one.flat_map) for one in made] == [len(chart.flatten()) for chart in charts]
+    points = np.full((3, len(frames[1][0]), 3), np.nan)
+    points[:, whole.flat_map.ids] = whole.points
+    for one in made:
+        assert one.points == pytest.approx(points[:, one.flat_map.ids])
+        assert one.gaps.tolist() == whole.gaps.tolist()
+    assert np.isin(np.arange(len(frames[1][0])), np.concatenate([one.flat_map.ids for one in made])).all()
+    alone = voxflat.flatten_series(frames, reference=1, cuts=charts[0])
+    assert alone.points == pytest.approx(made[0].points)
+    assert (made[0].measure(2).best_scale.relative_error or 1) < 0.1  # uniform growth
+
+
 def test_a_wave_that_passes_carries_little_with_it():
     def narrowed(points, time):
         width = 1 - 0.3 * np.exp(-(((points[:, 0] + 0.6 - 1.2 * time) / 0.25) ** 2))

@@ -402,7 +402,7 @@ def charts_of(given: dict[str, Any]) -> dict[str, Any] | None:
         if axis is not None or front is not None or overlap:
             raise click.UsageError("--axis, --front and --overlap require --charts.")
         return None
-    cuts = [given.pop(name) for name in ("cuts", "sphere", "adapt")]
+    cuts = [given.pop(name, None) for name in ("cuts", "sphere", "adapt")]
     if any(one is not None for one in cuts):
         raise click.UsageError("--charts cannot be combined with --cuts, --sphere and --adapt.")
     return {"count": count, "axis": axis, "front": front, "overlap": overlap, "relax": given.pop("relax")}

@@ -7,13 +7,13 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
-from voxflat import _core
 from voxflat.arguments import Progress, checked_threads, is_whole, log, shown
 from voxflat.errors import Cancelled, InputError
 from voxflat.io.grid import in_unit
 from voxflat.io.provenance import telling
+from voxflat.maps.flat_map import FlatMap
 from voxflat.methods import Method, method_of
 from voxflat.pipeline.cut_surface import CutSurface
 from voxflat.pipeline.flat_series import FlatSeries, numbered
@@ -40,7 +40,7 @@ def flatten_series(
     memory_limit: int | None = None,
     progress: Progress | None = None,
     landmarks: ArrayLike | None = None,
-) -> FlatSeries:
+) -> Any:
     """Flatten the surfaces of all frames of a movie with one map, on which material points stay in place.
 
     The surface of the reference frame is flattened. Its mesh is then moved from frame to frame, as an elastic sheet
@@ -60,7 +60,7 @@ def flatten_series(
         Number of the frame that is flattened.
     cuts, relax : optional
         Where the surface of the reference frame is cut, as in `Surface.cut`. ``cuts`` can also be a chart of that
-        surface, from `Surface.charts`.
+        surface, or all its charts, from `Surface.charts`.
     mirror, seed, threads, memory_limit, progress : optional
         As in `Surface.flatten`.
     landmarks : array_like of float, shape (T, K, 3), optional
@@ -69,8 +69,9 @@ def flatten_series(
 
     Returns
     -------
-    FlatSeries
-        The map, with the positions of its points in each frame.
+    FlatSeries or tuple of FlatSeries
+        The map, with the positions of its points in each frame. A tuple, with one map per chart, if `cuts` is a list of
+        charts.
 
     Raises
     ------
@@ -88,21 +89,25 @@ def flatten_series(
     >>> ball = voxflat.samples.ball()
     >>> voxflat.flatten_series([ball, np.roll(ball, 1, axis=0)])
     <FlatSeries: 2 frames, 678 points>
+
+    With one map for each of two charts:
+
+    >>> surfaces = [voxflat.surface(labels) for labels in voxflat.samples.embryo().labels[:2]]
+    >>> front, back = voxflat.flatten_series(surfaces, cuts=surfaces[0].charts(2))
     """
     limits: dict[str, Any] = {"threads": checked_threads(threads), "memory_limit": memory_limit, "progress": progress}
     frames = _frames(surfaces, limits)
-    if not is_whole(reference) or not -len(frames) <= reference < len(frames):
-        raise InputError(f"reference is {shown(reference)}. Pass a frame number from 0 to {len(frames) - 1}")
-    reference = range(len(frames))[reference]
+    reference = checked_reference(reference, len(frames))
     marks = checked_landmarks(landmarks, frames, reference)
     first = frames[reference]
     how: dict[str, Any] = {"mirror": mirror, "seed": seed, **limits}
-    if isinstance(cuts, CutSurface):
-        if relax is not None:
-            raise InputError("relax does not apply to a chart. Pass relax to Surface.charts instead")
-        flat_map = cuts.flatten(method, **how)
+    charts = _charts(cuts)
+    if charts is None:
+        maps = [first.flatten(method, cuts=cuts, relax=relax, **how)]
+    elif relax is not None:
+        raise InputError("relax does not apply to a chart. Pass relax to Surface.charts instead")
     else:
-        flat_map = first.flatten(method, cuts=cuts, relax=relax, **how)
+        maps = [chart.flatten(method, **how) for chart in charts]
     done, count = 0, len(frames)
 
     def tick() -> None:
@@ -110,27 +115,45 @@ def flatten_series(
             raise Cancelled("following the surface was cancelled")
 
     follower = Follower(first.core, None if marks is None else marks[reference], tick)
-    corners, weights, apart = follower.reference.nearest(flat_map.points)
-    if apart.max() > _SAME * follower.reference.size:
+    rest = follower.reference
+    if any(rest.nearest(one.points)[2].max() > _SAME * rest.size for one in maps):
         raise InputError(f"the chart belongs to another surface. Make it from the surface of frame {reference}")
-    points = np.empty((count, len(flat_map), 3))
-    normals, gaps, folded = points.copy(), np.zeros(count), np.zeros(count, dtype=np.int64)
-    points[reference], normals[reference] = flat_map.points, flat_map.normals
+    moved, gaps, folded = [rest] * count, np.zeros(count), np.zeros(count, dtype=np.int64)
     for order in (range(reference + 1, count), range(reference - 1, -1, -1)):
-        places = follower.reference.points
+        places = rest.points
         for frame in order:
             target = Shape(frames[frame].points, np.ascontiguousarray(frames[frame].faces))
             places = follower.onto(places, target, None if marks is None else marks[frame])
-            moved = Shape(places, follower.faces)
-            points[frame] = moved.mixed(places, corners, weights)
-            outward = moved.mixed(_core.vertex_normals(places, follower.faces), corners, weights)
-            normals[frame] = outward / np.linalg.norm(outward, axis=1, keepdims=True)
-            gaps[frame] = np.percentile(moved.nearest(target.points)[2], 95)
+            moved[frame] = Shape(places, follower.faces)
+            gaps[frame] = np.percentile(Shape(places, follower.faces).nearest(target.points)[2], 95)
             folded[frame] = follower.folded(places, target).sum()
             done += 1
-    made = FlatSeries(flat_map, points, normals, reference, gaps, folded)
-    _warn(made, follower)
-    return made
+    made = tuple(FlatSeries(one, *_places(one, moved, reference), reference, gaps, folded) for one in maps)
+    _warn(made[0], follower)
+    return made[0] if charts is None or isinstance(cuts, CutSurface) else made
+
+
+def checked_reference(reference: object, count: int) -> int:
+    """Return the number of the reference frame, counted from 0, after checking it."""
+    if not is_whole(reference) or not -count <= reference < count:
+        raise InputError(f"reference is {shown(reference)}. Pass a frame number from 0 to {count - 1}")
+    return range(count)[reference]
+
+
+def _charts(cuts: object) -> list[CutSurface[Surface]] | None:
+    """Return the charts, if cuts are charts."""
+    found = [cuts] if isinstance(cuts, CutSurface) else list(cuts) if isinstance(cuts, list | tuple) else []
+    return found if found and all(isinstance(one, CutSurface) for one in found) else None
+
+
+def _places(flat_map: FlatMap, moved: list[Shape], reference: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the positions and outward normals (T, N, 3) of the points of a map in all frames."""
+    corners, weights, _ = moved[reference].nearest(flat_map.points)
+    points = np.stack([shape.mixed(shape.points, corners, weights) for shape in moved])
+    normals = np.stack([shape.mixed(shape.normals, corners, weights) for shape in moved])
+    normals /= np.linalg.norm(normals, axis=2, keepdims=True)
+    points[reference], normals[reference] = flat_map.points, flat_map.normals
+    return points, normals
 
 
 def _frames(surfaces: Sequence[object], limits: dict[str, Any]) -> list[Surface]:

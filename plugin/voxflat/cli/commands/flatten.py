@@ -17,7 +17,8 @@ from voxflat.io.files import SAVED_ENDINGS
 from voxflat.io.grid import in_unit
 from voxflat.io.patches import PATCH_ENDING
 from voxflat.maps.flat_map import MAP_ENDINGS, FlatMap
-from voxflat.pipeline.series import flatten_series
+from voxflat.pipeline.flat_series import FlatSeries
+from voxflat.pipeline.series import checked_reference, flatten_series
 from voxflat.pipeline.surface import Surface
 from voxflat.surfaces.charts import names_of
 
@@ -114,9 +115,7 @@ def flatten_command(input_: Path, output: Path, writing: dict[str, Any], quiet: 
     method, rows, store = options.method_of(given), given.pop("rows"), given.pop("store")
     charts = options.charts_of(given)
     count = 1 if charts is None else charts["count"]
-    outputs = [output] if count == 1 else [output.with_name(f"{name}.{output.name}") for name in names_of(count)]
-    for path in outputs:
-        check_output(path, MAP_ENDINGS, **writing)
+    outputs = _outputs(output, count, MAP_ENDINGS, writing)
     if count != 1 and store is not None:
         raise click.UsageError("--store holds the distances of one map. Omit it, or give --charts 1.")
     if charts is None and given["hemisphere"] is not None and given["cuts"] is None:
@@ -141,11 +140,13 @@ def flatten_command(input_: Path, output: Path, writing: dict[str, Any], quiet: 
     "movie-map",
     "voxflat movie-map frame_*.tif --threshold 0.5 --smooth 4 -o movie.npz",
     "voxflat movie-map frame_*.ply --unit µm --reference 30 -o movie.npz",
+    "voxflat movie-map frame_*.ply --unit µm --charts 2 --overlap 20 -o movie.npz",
     "voxflat image movie.npz --volume frame_*.tif --depth -4:4:2 --metric -o movie.ome.tif",
 )
 @cloup.argument("frames", metavar="FRAME...", type=FILE, nargs=-1, required=True)
 @options.frame_options
 @options.frame_cuts
+@options.charts
 @options.method_options
 @options.output(
     "Output file for the map of all frames: .npz or .voxflat.",
@@ -162,8 +163,9 @@ def movie_map_command(
     of the reference frame is flattened, and its mesh follows the surface from frame to frame, so that material points
     keep their places on the map. To show the volumes of all frames on the map, use voxflat image.
     """
-    method = options.method_of(given)
-    check_output(output, SAVED_ENDINGS, **writing)
+    method, charts = options.method_of(given), options.charts_of(given)
+    count = 1 if charts is None else charts["count"]
+    outputs = _outputs(output, count, SAVED_ENDINGS, writing)
     making = ("channel", "label", "threshold", "spacing", "unit", "repair", "smooth")
     how = {name: given.pop(name) for name in making}
     limits = {name: given[name] for name in ("threads", "memory_limit")}
@@ -174,21 +176,44 @@ def movie_map_command(
             if shown.progress is not None:
                 shown.progress("reading the frames", number, len(frames))
             surfaces.append(surface_of(file, {**how, **limits}, None))
+        if charts is not None:
+            first = surfaces[checked_reference(given["reference"], len(frames))]
+            given["cuts"] = first.charts(**charts, threads=given["threads"], progress=shown.progress)
         made = flatten_series(surfaces, method, progress=shown.progress, **given)
-    made.save(output, **writing)
-    told = made.flat_map.description()
-    content = {"output": str(output), "frames": len(made), "reference": made.reference, "map": told}
-    content |= {"gaps": made.gaps.tolist(), "folded": made.folded.tolist(), "provenance": made.provenance}
-    width, height = np.ptp(made.flat_map.uv, axis=0)
-    rows = {"frames": f"{len(made)}, flattened: {made.reference} ({frames[made.reference].name})"}
-    rows["map"] = f"{width:.1f} x {height:.1f} mm, {len(made.flat_map)} points"
-    rows["largest gap"] = f"{made.gaps.max():.2g} mm (95th percentile in frame {made.gaps.argmax()})"
-    rows["folded triangles"] = f"{made.folded.max()}" + (
-        f" in frame {made.folded.argmax()}" if made.folded.any() else ""
-    )
+    written = list(zip([made] if charts is None else made, outputs, strict=False))
+    for series, path in written:
+        series.save(path, **writing)
+    told = [_series_content(series, path) for series, path in written]
+    text = "\n\n".join(_series_summary(series, path, frames) for series, path in written)
+    report(told[0] if count == 1 else {"charts": told}, text, quiet=quiet)
+
+
+def _outputs(output: Path, count: int | str, endings: tuple[str, ...], writing: dict[str, Any]) -> list[Path]:
+    """Return the output files of all charts, after checking them."""
+    outputs = [output] if count == 1 else [output.with_name(f"{name}.{output.name}") for name in names_of(count)]
+    for path in outputs:
+        check_output(path, endings, **writing)
+    return outputs
+
+
+def _series_content(series: FlatSeries, output: Path) -> dict[str, Any]:
+    content = {"output": str(output), "frames": len(series), "reference": series.reference}
+    content |= {"map": series.flat_map.description(), "gaps": series.gaps.tolist(), "folded": series.folded.tolist()}
+    return {**content, "provenance": series.provenance}
+
+
+def _series_summary(series: FlatSeries, output: Path, frames: tuple[Path, ...]) -> str:
+    flat_map, gaps, folded = series.flat_map, series.gaps, series.folded
+    width, height = np.ptp(flat_map.uv, axis=0)
+    rows = {"frames": f"{len(series)}, flattened: {series.reference} ({frames[series.reference].name})"}
+    rows["map"] = f"{width:.1f} x {height:.1f} mm, {len(flat_map)} points"
+    if flat_map.period is not None:
+        rows["period"] = f"{flat_map.period:.1f} mm"
+    rows["largest gap"] = f"{gaps.max():.2g} mm (95th percentile in frame {gaps.argmax()})"
+    rows["folded triangles"] = f"{folded.max()}" + (f" in frame {folded.argmax()}" if folded.any() else "")
     lines = [f"{name:22}{value}" for name, value in rows.items()]
-    lines += ["", f"distortion of frame {made.reference}", made.flat_map.distortion.table(), ""]
-    report(content, in_unit("\n".join(lines), told) + f"\nsaved as {output}", quiet=quiet)
+    lines += ["", f"distortion of frame {series.reference}", flat_map.distortion.table(), ""]
+    return in_unit("\n".join(lines), flat_map.description()) + f"\nsaved as {output}"
 
 
 def _summary(flat_map: FlatMap, output: Path) -> str:
