@@ -231,6 +231,16 @@ def test_landmarks_show_how_a_sphere_turns():
     assert max(errors[1]) < 0.06
 
 
+def test_landmarks_below_the_surface_do_not_pull_it_inwards():
+    frames, turns, landmarks = turned_balls(3)
+    below = 0.9 * landmarks
+    below[1] = np.nan  # nothing is known of this frame
+    series = voxflat.flatten_series(frames, landmarks=below)
+    assert np.linalg.norm(series.points, axis=2) == pytest.approx(1, abs=0.02)
+    truth = frames[0][0][series.flat_map.ids] @ turns[2].T
+    assert np.linalg.norm(series.points[2] - truth, axis=1).max() < 0.06
+
+
 BALL, PLATE = sphere(300, 0), sheet(lambda x, y: np.column_stack([x, y, x * y]), 10)
 
 

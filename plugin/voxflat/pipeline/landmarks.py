@@ -13,7 +13,7 @@ _AWAY = 0.2  # greatest distance of a landmark from its surface, relative to the
 
 
 def checked_landmarks(landmarks: object, frames: list[Surface], reference: int) -> NDArray[np.float64] | None:
-    """Return landmarks as an array (T, K, 3), after checking that they lie near the surfaces of their frames."""
+    """Return the points (T, K, 3) of the surfaces that are nearest to the landmarks, after checking that they are near."""
     if landmarks is None:
         return None
     try:
@@ -38,10 +38,12 @@ def checked_landmarks(landmarks: object, frames: list[Surface], reference: int) 
                 "another reference"
             )
         shape = Shape(own.points, np.ascontiguousarray(own.faces))
+        corners, weights, near = shape.nearest(places[frame][known[frame]])
         far = np.zeros(len(known[frame]))
-        far[known[frame]] = shape.nearest(places[frame][known[frame]])[2]
+        far[known[frame]] = near
         worst = int(far.argmax())
         if far[worst] > _AWAY * shape.size:
             text = f"landmark {worst} is {far[worst]:.3g} mm away from the surface of frame {frame}"
             raise InputError(f"{in_unit(text, own.metadata)}. Correct it, or pass NaN if its position is not known")
+        places[frame][known[frame]] = shape.mixed(shape.points, corners, weights)
     return places

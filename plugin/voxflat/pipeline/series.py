@@ -65,7 +65,8 @@ def flatten_series(
         As in `Surface.flatten`.
     landmarks : array_like of float, shape (T, K, 3), optional
         Positions of K material points in each of the T frames, such as tracked nuclei, in the unit of the surfaces. NaN
-        marks positions that are not known; in the reference frame, all must be known. The mesh is pulled to them.
+        marks positions that are not known; in the reference frame, all must be known. The mesh is pulled to the points
+        of the surfaces that are nearest to them.
 
     Returns
     -------
