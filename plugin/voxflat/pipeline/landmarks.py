@@ -13,7 +13,7 @@ _AWAY = 0.2  # greatest distance of a landmark from its surface, relative to the
 
 
 def checked_landmarks(landmarks: object, frames: list[Surface], reference: int) -> NDArray[np.float64] | None:
-    """Return the points (T, K, 3) of the surfaces that are nearest to the landmarks, after checking that they are near."""
+    """Check that landmarks (T, K, 3) lie near the surfaces, and return the nearest points on the surfaces."""
     if landmarks is None:
         return None
     try:
