@@ -1,5 +1,7 @@
 """One map for a movie: material points keep their places, and frames that do not belong together are refused."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.spatial import ConvexHull
@@ -229,6 +231,24 @@ def test_landmarks_show_how_a_sphere_turns():
         assert not series.folded.any()
     assert errors[0][3] > 0.5  # the shape alone does not tell
     assert max(errors[1]) < 0.06
+
+
+def test_frames_that_do_not_fit_are_named(caplog):
+    points, faces = sphere(600, 0)
+    spiked = points * (1 + 1.5 * np.exp(-200 * ((points - points[0]) ** 2).sum(axis=1)))[:, None]
+    frames = [voxflat.surface((p, faces), unit="µm") for p in (points, points, spiked * [1, 1, 0.05], points)]
+    series = voxflat.flatten_series(frames)
+    assert series.folded[:2].tolist() == [0, 0]
+    assert series.folded[2] > 0
+    (remark,) = [one for one in series.remarks if "folded" in one]
+    assert "is folded in frame" in remark
+    assert remark in caplog.text
+    far = replace(series, gaps=np.array([0, 0.01, 0.5, 0.01]), folded=0 * series.folded)
+    assert far.remarks == (
+        "the moved surface does not fit frame 2 (95th percentile of the gap: 0.5 µm in frame 2). Check the surfaces "
+        "there, or split the movie",
+    )
+    assert replace(far, gaps=np.full(4, 0.01)).remarks == ()
 
 
 def test_landmarks_below_the_surface_do_not_pull_it_inwards():

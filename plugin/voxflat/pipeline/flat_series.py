@@ -18,8 +18,9 @@ from voxflat.distortion.distortion import Distortion
 from voxflat.errors import InputError
 from voxflat.io.channels import Channels
 from voxflat.io.files import SAVED_ENDINGS
+from voxflat.io.grid import in_unit
 from voxflat.io.provenance import Record, Recorded, saving, telling
-from voxflat.maps.depth import Depths
+from voxflat.maps.depth import Depths, vertex_areas
 from voxflat.maps.flat_map import FlatMap
 from voxflat.maps.map_files import read_map, write_map
 from voxflat.maps.plane import FlatTriangles
@@ -28,12 +29,21 @@ from voxflat.maps.sampler import timing_of
 from voxflat.pipeline.flat_movie import FlatMovie, joined
 
 _ARRAYS = ("points", "normals", "gaps", "folded")  # fields that are saved as arrays
+_FAR = 0.02  # gap, relative to the size of the surface, that is reported
 _METRIC = ("area factor", "largest stretch", "smallest stretch")  # names of the channels
 
 
 def numbered(values: Any) -> Any:
     """Return a list as a dict, whose files records keep, however long it is."""
     return {str(n): value for n, value in enumerate(values)} if isinstance(values, list | tuple) else values
+
+
+def _listed(chosen: NDArray[np.bool_]) -> str:
+    """Return the numbers of the chosen frames as text, at most six of them."""
+    numbers = [str(n) for n in np.flatnonzero(chosen)]
+    if len(numbers) > 6:
+        return f"{len(numbers)} frames"
+    return f"frame{'s' * (len(numbers) > 1)} {', '.join(numbers)}"
 
 
 def _unmeasured(figures: Any) -> Any:
@@ -91,6 +101,22 @@ class FlatSeries(Sequence[FlatMap], Recorded):
     gaps: NDArray[np.float64]
     folded: NDArray[np.int64]
     provenance: Record = field(default_factory=dict)
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """Warnings about frames that the moved surface does not fit; empty if it fits all frames."""
+        found = []
+        advice = "Check the surfaces there, or split the movie"
+        size = float(np.sqrt(vertex_areas(self.flat_map.points, self.flat_map.faces).sum() / (4 * np.pi)))
+        is_far = self.gaps > max(_FAR * size, 3 * float(np.median(self.gaps)))
+        if is_far.any():
+            worst = f"{self.gaps.max():.3g} mm in frame {self.gaps.argmax()}"
+            text = f"the moved surface does not fit {_listed(is_far)} (95th percentile of the gap: {worst})"
+            found.append(f"{in_unit(text, self.flat_map.metadata)}. {advice}")
+        if self.folded.any():
+            worst = f"{self.folded.max()} triangles in frame {self.folded.argmax()}"
+            found.append(f"the moved surface is folded in {_listed(self.folded > 0)} (at most {worst}). {advice}")
+        return tuple(found)
 
     def __len__(self) -> int:
         """Return the number of frames."""

@@ -171,7 +171,7 @@ class Follower:
             normal += (jacobian.T @ weighted).toarray()
             pull += weighted.T @ misfit
         normal[np.diag_indices(columns)] += _RIDGE * np.trace(normal) / columns
-        found = scipy.linalg.solve(normal, pull, assume_a="pos")
+        found = np.linalg.solve(normal, pull)  # unlike SciPy's, it releases the GIL
         return np.asarray(basis @ found.reshape(3, -1).T)
 
     def _distances(self, own: Shape, target: Shape, samples: int) -> list[_Equations]:

@@ -11,7 +11,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from voxflat.arguments import Progress, checked_threads, is_whole, log, shown
 from voxflat.errors import Cancelled, InputError
-from voxflat.io.grid import in_unit
 from voxflat.io.provenance import telling
 from voxflat.maps.flat_map import FlatMap
 from voxflat.methods import Method, method_of
@@ -23,7 +22,6 @@ from voxflat.pipeline.shapes import Shape
 from voxflat.pipeline.surface import Surface, surface
 
 _SAME = 1e-5  # greatest distance between a surface and its own chart, relative to the size of the surface
-_FAR = 0.02  # distance from a frame, relative to the size of the surface, that is reported
 
 
 @telling(method=method_of, surfaces=numbered)
@@ -130,7 +128,8 @@ def flatten_series(
             folded[frame] = follower.folded(places, target).sum()
             done += 1
     made = tuple(FlatSeries(one, *_places(one, moved, reference), reference, gaps, folded) for one in maps)
-    _warn(made[0], follower)
+    for remark in made[0].remarks:
+        log.warning("%s", remark)
     return made[0] if charts is None or isinstance(cuts, CutSurface) else made
 
 
@@ -198,18 +197,3 @@ def _kind(of: Surface) -> str:
     parts, handles, loops = len(found["components"]), found["handles"], len(found["loops"])
     counts = ((parts, "component"), (handles, "handle"), (loops, "boundary loop"))
     return ", ".join(f"{count} {name}{'s' * (count != 1)}" for count, name in counts)
-
-
-def _warn(made: FlatSeries, follower: Follower) -> None:
-    """Report frames that the mesh does not fit."""
-    usual = float(np.median(made.gaps))
-    worst = int(made.gaps.argmax())
-    if made.gaps[worst] > max(_FAR * follower.reference.size, 3 * usual):
-        text = f"frame {worst} is up to {made.gaps[worst]:.3g} mm away from the moved surface (95th percentile)"
-        log.warning("%s. Check this frame", in_unit(text, made.flat_map.metadata))
-    if made.folded.any():
-        frames, worst = np.count_nonzero(made.folded), int(made.folded.argmax())
-        text = (
-            f"the moved surface is folded in {frames} frames (at most {made.folded[worst]} triangles, in frame {worst})"
-        )
-        log.warning("%s. Check the surfaces there", text)
