@@ -1,5 +1,8 @@
 """One map for a movie: material points keep their places, and frames that do not belong together are refused."""
 
+import os
+import subprocess
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -339,3 +342,25 @@ def test_it_can_be_cancelled():
 
     with pytest.raises(voxflat.Cancelled):
         voxflat.flatten_series([BALL, BALL], progress=progress)
+
+
+PRINT_HASH = """
+import hashlib, sys
+import numpy as np
+import voxflat
+given = np.load(sys.argv[1])
+series = voxflat.flatten_series([(given[f"points{t}"], given["faces"]) for t in range(2)])
+print(hashlib.sha256(series.points.tobytes()).hexdigest())
+"""
+
+
+@pytest.mark.slow
+def test_movies_are_bit_identical_for_any_number_of_threads(tmp_path):
+    points, faces = sphere(3000, 0)
+    np.savez(tmp_path / "frames.npz", points0=grown(points, 0), points1=grown(points, 1), faces=faces)
+    command = [sys.executable, "-c", PRINT_HASH, str(tmp_path / "frames.npz")]
+    found = [
+        subprocess.run(command, check=True, capture_output=True, env={**os.environ, "OPENBLAS_NUM_THREADS": threads})
+        for threads in ("1", "2")
+    ]
+    assert found[0].stdout == found[1].stdout != b""

@@ -171,7 +171,7 @@ class Follower:
             normal += (jacobian.T @ weighted).toarray()
             pull += weighted.T @ misfit
         normal[np.diag_indices(columns)] += _RIDGE * np.trace(normal) / columns
-        found = np.linalg.solve(normal, pull)  # unlike SciPy's, it releases the GIL
+        found = _core.solve(normal, pull)
         return np.asarray(basis @ found.reshape(3, -1).T)
 
     def _distances(self, own: Shape, target: Shape, samples: int) -> list[_Equations]:
@@ -275,7 +275,7 @@ def _turned(before: Shape, points: _Floats) -> _Floats:
     """Return the points of a shape around its centre, turned to where the points are now."""
     own = before.points - before.centre
     now = (points - Shape(points, before.faces).centre) * before.areas[:, None]
-    left, _, right = np.linalg.svd(own.T @ now)
+    left, _, right = np.linalg.svd(np.einsum("na,nb->ab", own, now))
     left[:, 2] *= np.sign(np.linalg.det(left @ right))
     return np.asarray(own @ left @ right)
 

@@ -45,7 +45,7 @@ class Shape:
     @property
     def centre(self) -> _Floats:
         """The centre of gravity of the area."""
-        return np.asarray(self.areas @ self.points / self.areas.sum())
+        return np.asarray(np.einsum("n,nx->x", self.areas, self.points) / self.areas.sum())
 
     @cached_property
     def finder(self) -> _core.NearestFinder:

@@ -6,6 +6,7 @@
 //! |---|---|---|
 //! | [`scales`] | | the range of lengths that is supported |
 //! | [`error`], [`control`] | | errors; progress and cancellation of long computations |
+//! | [`dense`] | | dense linear systems |
 //! | `parallel`, `boxes` | | parallel work in a fixed order; overlapping boxes in the plane |
 //! | [`volume`] | label volume | [`Mask`](volume::Mask), [`Affine`](volume::Affine) |
 //! | [`adjacency`] | | [`Links`](adjacency::Links): neighbours and the distances to them; connected components |
@@ -66,6 +67,7 @@ pub mod atlas;
 mod boxes;
 pub mod columns;
 pub mod control;
+pub mod dense;
 pub mod distortion;
 pub mod embed;
 pub mod error;

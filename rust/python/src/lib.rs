@@ -13,6 +13,7 @@ mod work;
 
 use std::path::PathBuf;
 
+use numpy::{IntoPyArray, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 
 /// Return the maximum memory in bytes for computing a store of this size, without the graph.
@@ -30,6 +31,22 @@ fn damaged_rows(
     work::run(py, None, &progress, move |control| {
         voxflat::store::damaged_rows(&directory, columns, &checksums, control)
     })
+}
+
+/// Solve a symmetric positive definite system with the matrix (N, N) and the right-hand side (N,).
+#[pyfunction]
+fn solve<'py>(
+    py: Python<'py>, matrix: convert::GivenTable<'py, f64>, right: convert::Given<'py, f64>,
+) -> PyResult<convert::Values<'py, f64>> {
+    let (matrix, shape) = (matrix.as_array(), matrix.shape());
+    let right = convert::values(&right);
+    convert::ensure!(
+        shape == [right.len(); 2],
+        "the matrix has shape {shape:?}, but the right-hand side has length {}. Give a square matrix",
+        right.len()
+    );
+    let matrix: Vec<f64> = matrix.iter().copied().collect();
+    Ok(work::run(py, Some(1), &None, move |_| voxflat::dense::solve(&matrix, &right))?.into_pyarray(py))
 }
 
 /// The compiled core of voxflat.
@@ -55,6 +72,7 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(surface::spheres::locate_on_sphere, module)?)?;
     module.add_function(wrap_pyfunction!(surface::vertex_normals, module)?)?;
     module.add_function(wrap_pyfunction!(damaged_rows, module)?)?;
+    module.add_function(wrap_pyfunction!(solve, module)?)?;
     module.add_function(wrap_pyfunction!(store_memory_need, module)?)?;
     module.add_function(wrap_pyfunction!(voxels::chain_weights, module)?)?;
     Ok(())
