@@ -34,6 +34,11 @@ def folder(tmp_path_factory):
     assert "µm" in told.stdout
     assert "missing" not in told.stderr
     succeed("flatten", made / "seg_00.tif", "--threshold", 0.5, "-o", made / "map.npz")
+    write(made / "empty.tif", 0 * PLACES[0])
+    write(made / "two.tif", (np.abs(PLACES) < 6).all(axis=0) & (np.abs(PLACES[0]) > 2))
+    flat = voxflat.load(made / "map.npz").raster().inside
+    labels = np.where(flat & (np.indices(flat.shape)[0] < len(flat) / 2), 1, 2 * flat)
+    tifffile.imwrite(made / "labels.tif", labels.astype(np.uint8))
     return made
 
 
@@ -65,6 +70,20 @@ def test_charts_have_one_map_each(folder, tmp_path, kind, names):
     fail(2, told, "movie-map", *words, "--cuts", "automatic", "-o", tmp_path / "other.npz")
 
 
+def test_regions_are_written_for_a_volume_of_several_channels(folder, tmp_path):
+    words = ["regions", folder / "map.npz", "--image", folder / "labels.tif", "--depth", "-2,2"]
+    succeed(*words, "--volume", folder / "frame_00.tif", "-o", tmp_path / "cells.nii.gz")
+    found = voxflat.io.read_volume(tmp_path / "cells.nii.gz")
+    assert found.data.shape == PLACES.shape[1:]
+    assert set(np.unique(found.data)) == {0, 1, 2}
+
+
+def test_units_have_several_names(folder, tmp_path):
+    words = ["movie-map", *of(folder, "seg")[:2], "--threshold", 0.5, "--quiet"]
+    succeed(*words, "--unit", "um", "-o", tmp_path / "movie.npz")
+    fail(2, "'ell' is not one of", *words, "--unit", "ell", "-o", tmp_path / "other.npz")
+
+
 def test_images_of_all_frames(folder, tmp_path):
     words = ["image", folder / "movie.npz", "--volume", *of(folder, "frame"), "--depth", "-2:2:2", "--metric"]
     told = succeed(*words, "--time-step", 60, "-o", tmp_path / "movie.ome.tif", "--json")
@@ -89,7 +108,12 @@ def test_images_of_all_frames(folder, tmp_path):
     [
         ("image movie.npz --volume frame_00.tif frame_01.tif -o a.tif", 1, "got 2 volumes for 3 frames"),
         ("image movie.npz --volume frame_00.tif -o a.tif", 1, "got 1 volumes for 3 frames"),
-        ("image movie.npz -o a.tif", 2, "Give either --volume or --heat-map"),
+        ("image movie.npz -o a.tif", 2, "for the map of a movie, --volume or --metric"),
+        ("image nothing.npz --metric -o a.tif", 1, "nothing.npz"),
+        ("movie-map seg_00.tif empty.tif --threshold 0.5 -o a.npz", 1, "frame 1 (empty.tif): no voxel is above"),
+        ("movie-map seg_00.tif two.tif --threshold 0.5 -o a.npz", 1, "frame 1 (two.tif) has 2 components with areas"),
+        ("image movie.npz --volume frame_00.tif frame_01.tif seg_02.tif -o a.tif", 1, "frame 2 (seg_02.tif) has"),
+        ("regions map.npz --image labels.tif -o a.nii.gz --volume frame_00.tif", 1, "a range in µm such as"),
         ("image movie.npz --heat-map -o a.tif", 2, "--heat-map applies to single maps. Give --metric"),
         ("image movie.npz --metric -o a.png", 1, "Choose a name that ends in .tif"),
         ("image movie.npz --metric --depth 2 -o a.tif", 1, "--depth does not apply without volumes"),

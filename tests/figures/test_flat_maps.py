@@ -220,6 +220,18 @@ def test_both_hemispheres_share_one_scale_of_lengths_and_colours(flat_map):
     refused("got 3 maps. Pass one map, or two, such as both hemispheres", figures.flat_map, [flat_map] * 3)
 
 
+def test_labels_of_two_maps_keep_their_colours():
+    """The overlay is a volume of labels, whose kind is found from the pixels of both maps."""
+    volume = voxflat.samples.ball() * np.where(np.arange(24) < 12, 3, 7)[:, None, None]
+    sides = [voxflat.surface(volume > 0).disk((12, 12, k), 9).flatten() for k in (4, 19)]
+    figure = figures.flat_map(sides, Volume(volume.astype(np.uint8), np.eye(4)))
+    _, *drawn = figure.axes
+    assert len(drawn) == 2  # no colour bar
+    colours = [{tuple(colour) for colour in one.images[1].get_array().reshape(-1, 4) if colour[3] > 0} for one in drawn]
+    assert colours[0] == colours[1]
+    assert len(colours[0]) == 3  # 3, 7, and grey for 0
+
+
 def test_a_figure_fills_the_axes_that_it_is_given(flat_map):
     figure = Figure(figsize=(8, 4), dpi=100)
     left, right = figure.subplots(1, 2)

@@ -158,6 +158,8 @@ def test_files_have_channels_depths_and_their_sizes(stacks, flat, tmp_path):
     scale, shift = (step[step["type"]] for step in scales["datasets"][0]["coordinateTransformations"])
     assert (scale, shift[:2]) == ([1.0, 1.0, 0.5, 0.5], [0.0, -2.0])
     assert [channel["label"] for channel in group.attrs["omero"]["channels"]] == list(NAMES)
+    again = voxflat.io.read_volume(tmp_path / "layers.zarr", "nuclei")
+    np.testing.assert_array_equal(again.data.T, layers.data[1].astype(np.float32))
     assert group["0"].chunks == (1, 1, *flat.raster(0.5).shape)
     np.testing.assert_array_equal(group["0"][:], layers.data.astype(np.float32))
     uneven = flat.images(stacks / "stack.ome.tif", depth=(0, 1, 4), channel=0)

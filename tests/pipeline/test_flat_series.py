@@ -236,6 +236,20 @@ def test_landmarks_show_how_a_sphere_turns():
     assert max(errors[1]) < 0.06
 
 
+def test_warnings_about_the_surfaces_of_all_frames_are_told(caplog):
+    balls = [voxflat.io.Volume(np.roll(voxflat.samples.ball(), n, axis=0), np.eye(4)) for n in (0, 0, 4, 4)]
+    stray = balls[1].data.copy()
+    stray[1, 1, 1] = stray.max()
+    balls[1] = replace(balls[1], data=stray)
+    surfaces = [voxflat.surface(one).smooth(4) for one in balls]
+    assert not voxflat.flatten_series(surfaces).folded.any()
+    told = [line for line in caplog.messages if line.startswith("frame")]
+    assert len(told) == 2
+    assert told[0].startswith("frame 1: the surface has 2 components; only the largest is used")
+    assert told[1].startswith("frame 2: the foreground touches the border of the volume")
+    assert told[1].endswith("(and similarly in frame 3)")
+
+
 def test_frames_that_do_not_fit_are_named(caplog):
     points, faces = sphere(600, 0)
     spiked = points * (1 + 1.5 * np.exp(-200 * ((points - points[0]) ** 2).sum(axis=1)))[:, None]

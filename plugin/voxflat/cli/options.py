@@ -16,7 +16,8 @@ from voxflat.cli.output import JSON, READ, WRITTEN
 from voxflat.cli.parameter_options import option_of
 from voxflat.distances.geodesic import SOLVERS
 from voxflat.distances.sources import SAMPLINGS
-from voxflat.io.grid import UNITS
+from voxflat.errors import InputError
+from voxflat.io.grid import UNITS, named_unit
 from voxflat.io.volumes import read_volume
 from voxflat.methods import METHODS, Grossmann2002, Method, Saucan2006, Schwartz1989, Voxflat
 from voxflat.methods.voxflat import SCALES
@@ -257,6 +258,16 @@ def _for_each_side(command: Callable[..., None]) -> Callable[..., None]:
     return each
 
 
+class _Unit(click.Choice[str]):
+    """A unit of length by any of its names, such as um for µm."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
+        try:
+            return named_unit(value)
+        except InputError:
+            return super().convert(value, param, ctx)
+
+
 _of_volumes = (
     option_of(read_volume, "channel"),
     option_of(surface, "label", type=int),
@@ -264,7 +275,7 @@ _of_volumes = (
 )
 _of_grids = (
     option_of(surface, "spacing", metavar="X,Y,Z", callback=three(float, "0.5,0.5,0.5")),
-    option_of(surface, "unit", type=click.Choice(UNITS), sentences=2),
+    option_of(surface, "unit", type=_Unit(UNITS), sentences=2),
 )
 _of_surfaces = (
     option_of(surface, "repair", type=click.Choice(["none", "voxels", "cuts"])),

@@ -239,8 +239,9 @@ def _joined(images: list[FlatImage | None]) -> FlatImage | None:
     first = images[0]
     if first is None or len(images) == 1:
         return first
-    data = [image.data.reshape(-1, *image.data.shape[2:]) for image in images if image is not None]
-    return replace(first, data=np.concatenate(data))
+    known = [image for image in images if image is not None]
+    data = [image.data.reshape(-1, 1, *image.data.shape[2:]) for image in known]
+    return replace(first, data=np.concatenate(data), labels=all(image.is_labels for image in known))
 
 
 def folds(flat_map: FlatMap, raster: Raster, underlay: str = "curvature") -> NDArray[np.uint8]:

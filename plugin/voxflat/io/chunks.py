@@ -252,8 +252,11 @@ def _hdf5(path: Path) -> tuple[Channels, None, str]:
     return _channels(array, found.axes, path), None, "mm"
 
 
-def _channels(array: Any, names: Sequence[str], path: Path) -> Channels:
-    """Return the volumes of an array, which differ along all axes other than x, y and z."""
+def _channels(array: Any, names: Sequence[str], path: Path, labels: Sequence[str] = ()) -> Channels:
+    """Return the volumes of an array, which differ along all axes other than x, y and z.
+
+    `labels` are the names of the channels, the axis c.
+    """
     x, y, z = (names.index(axis) for axis in "xyz")
     others = [axis for axis in range(len(names)) if axis not in (x, y, z)]
     check_room(_CHANNEL_BYTES * math.prod(array.shape[axis] for axis in others))
@@ -262,7 +265,13 @@ def _channels(array: Any, names: Sequence[str], path: Path) -> Channels:
     for number in np.ndindex(*(array.shape[axis] for axis in others)):
         fixed = tuple(zip(others, map(int, number), strict=True))
         each.append(Chunked(array, (x, y, z), fixed, path=path))
-        titles.append(" ".join(f"{names[axis]}{n}" for axis, n in fixed if array.shape[axis] > 1))
+        labelled = names.index("c") if "c" in names and len(labels) == array.shape[names.index("c")] else None
+        parts = [
+            labels[n] if axis == labelled else f"{names[axis]}{n}"
+            for axis, n in fixed
+            if array.shape[axis] > 1 or axis == labelled
+        ]
+        titles.append(" ".join(parts))
     return Channels(tuple(titles), each.__getitem__, called=_CALLED)
 
 
@@ -270,9 +279,9 @@ def _ome_zarr(path: Path) -> tuple[Channels, Affine, str]:
     """Open the finest image of an OME-Zarr directory, or the image within it that the path selects."""
     zarr = require("zarr")
     wanted = None
-    told, about = _multiscales(path)
+    told, about, labels = _multiscales(path)
     if told is None:
-        told, about = _multiscales(path.parent)
+        told, about, labels = _multiscales(path.parent)
         wanted = path.name
     if told is None or about is None:
         raise InputError("has no multiscales metadata, which define its position. Pass an array and an affine")
@@ -323,11 +332,11 @@ def _ome_zarr(path: Path) -> tuple[Channels, Affine, str]:
         affine[row, 3] = sign * shift[axis] * length
     if abs(np.linalg.det(affine)) == 0:
         raise InputError("has a singular affine: an axis has no extent, or two axes are parallel. Correct its metadata")
-    return _channels(array, names, path), affine, unit
+    return _channels(array, names, path, labels), affine, unit
 
 
-def _multiscales(path: Path) -> tuple[dict[str, Any] | None, Path | None]:
-    """Return the first multiscales entry in the metadata of a Zarr group, and the file that contains it."""
+def _multiscales(path: Path) -> tuple[dict[str, Any] | None, Path | None, tuple[str, ...]]:
+    """Return the first multiscales entry in the metadata of a Zarr group, the file that contains it, and channels."""
     for name in ("zarr.json", ".zattrs"):
         file = path / name
         if not file.is_file():
@@ -335,9 +344,12 @@ def _multiscales(path: Path) -> tuple[dict[str, Any] | None, Path | None]:
         try:
             content = json.loads(file.read_text(encoding="utf-8"))  # accepts NaN, which some programs write
             attributes = content.get("attributes", {}) if name == "zarr.json" else content
-            scales = attributes.get("ome", attributes).get("multiscales")
+            group = attributes.get("ome", attributes)
+            scales = group.get("multiscales")
+            channels = (group.get("omero") or attributes.get("omero") or {}).get("channels") or []
+            labels = tuple(str(one.get("label", "")).strip() for one in channels)
         except (ValueError, AttributeError, RecursionError):
             raise InputError(f"{name} is damaged. Copy or download it again") from None
         if scales:
-            return scales[0], file
-    return None, None
+            return scales[0], file, labels if all(labels) else ()
+    return None, None, ()

@@ -15,13 +15,15 @@ from numpy.typing import NDArray
 from voxflat import _core
 from voxflat.arguments import checked_number, checked_path, numbers_of, shown
 from voxflat.errors import InputError
+from voxflat.io.chunks import is_stack_path
 from voxflat.io.files import atomic_path
 from voxflat.io.formats.freesurfer import write_annot, write_label
 from voxflat.io.formats.gifti import label_bytes
+from voxflat.io.grid import in_unit
 from voxflat.io.provenance import Record, Recorded, saving
 from voxflat.io.reading import check_room, reading
 from voxflat.io.tables import cell_of, write_table
-from voxflat.io.volumes import Volume, write_volume
+from voxflat.io.volumes import Volume, read_volume, write_volume
 from voxflat.maps.depth import Depths
 from voxflat.maps.plane import Planar
 from voxflat.maps.raster import FlatImage, FlatStack
@@ -308,7 +310,8 @@ class Regions(Recorded):
         >>> regions.volume(voxflat.samples.ball(), depth=(-1.0, 1.0))
         <Volume: 24 x 24 x 24 of int32, voxels of 1 x 1 x 1 mm, RAS>
         """
-        grid = self._surface.placed(like)
+        is_stack = isinstance(like, str | os.PathLike) and is_stack_path(like)
+        grid = self._surface.placed(read_volume(like, 0) if is_stack else like)  # type: ignore[arg-type]
         shape = grid.data.shape[:3]
         voxels, places = _columns(self.of, grid.affine, (shape[0], shape[1], shape[2]), depth)
         found = np.zeros(math.prod(shape), dtype=np.int32)
@@ -471,7 +474,9 @@ def _columns(
         inner, outer = surface.white_points, surface.pial_points
     else:
         if depth is None:
-            raise InputError("this map has no pial surface. Pass depth, such as (0, 2.5) mm for a white surface")
+            raise InputError(
+                in_unit("this map has no pial surface. Pass depth, a range in mm such as (0, 2.5)", surface.metadata)
+            )
         low, high = _range(depth)
         inner, outer = surface.at(Depths((low, high)))
         middle = min(max(-low / (high - low), 0.0), 1.0)

@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, fields, is_dataclass, replace
 from functools import cached_property
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -38,12 +39,11 @@ def numbered(values: Any) -> Any:
     return {str(n): value for n, value in enumerate(values)} if isinstance(values, list | tuple) else values
 
 
-def _listed(chosen: NDArray[np.bool_]) -> str:
-    """Return the numbers of the chosen frames as text, at most six of them."""
-    numbers = [str(n) for n in np.flatnonzero(chosen)]
+def listed(numbers: Sequence[int] | NDArray[np.int64]) -> str:
+    """Return numbers of frames as text, at most six of them."""
     if len(numbers) > 6:
         return f"{len(numbers)} frames"
-    return f"frame{'s' * (len(numbers) > 1)} {', '.join(numbers)}"
+    return f"frame{'s' * (len(numbers) > 1)} {', '.join(map(str, numbers))}"
 
 
 def _unmeasured(figures: Any) -> Any:
@@ -111,11 +111,15 @@ class FlatSeries(Sequence[FlatMap], Recorded):
         is_far = self.gaps > max(_FAR * size, 3 * float(np.median(self.gaps)))
         if is_far.any():
             worst = f"{self.gaps.max():.3g} mm in frame {self.gaps.argmax()}"
-            text = f"the moved surface does not fit {_listed(is_far)} (95th percentile of the gap: {worst})"
+            text = (
+                f"the moved surface does not fit {listed(np.flatnonzero(is_far))} (95th percentile of the gap: {worst})"
+            )
             found.append(f"{in_unit(text, self.flat_map.metadata)}. {advice}")
         if self.folded.any():
             worst = f"{self.folded.max()} triangles in frame {self.folded.argmax()}"
-            found.append(f"the moved surface is folded in {_listed(self.folded > 0)} (at most {worst}). {advice}")
+            found.append(
+                f"the moved surface is folded in {listed(np.flatnonzero(self.folded))} (at most {worst}). {advice}"
+            )
         return tuple(found)
 
     def __len__(self) -> int:
@@ -324,8 +328,8 @@ class FlatSeries(Sequence[FlatMap], Recorded):
 
         Raises
         ------
-        InputError
-            If a frame does not exist.
+        InputError, IndexError
+            If a frame is not a whole number, or does not exist.
 
         See Also
         --------
@@ -408,7 +412,9 @@ class _Frames:
         found, known = self._form(frame), self._first_form
         if found != known:
             both = [f"{' x '.join(map(str, shape))} voxels and {count} channels" for shape, count in (found, known)]
-            told = f"the volume of frame {frame} has {both[0]}, but that of frame 0 has {both[1]}"
+            volume = self.volumes[frame] if self.volumes is not None else None
+            file = f" ({Path(volume).name})" if isinstance(volume, str | os.PathLike) else ""
+            told = f"the volume of frame {frame}{file} has {both[0]}, but that of frame 0 has {both[1]}"
             raise InputError(f"{told}. Pass volumes of the same size")
 
     def _sampled(self, frame: int, volume: object) -> FlatStack:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Sequence
 from typing import Any
 
@@ -11,15 +12,18 @@ from numpy.typing import ArrayLike, NDArray
 
 from voxflat.arguments import Progress, checked_threads, is_whole, log, shown
 from voxflat.errors import Cancelled, InputError
+from voxflat.io.grid import in_unit
 from voxflat.io.provenance import telling
 from voxflat.maps.flat_map import FlatMap
 from voxflat.methods import Method, method_of
 from voxflat.pipeline.cut_surface import CutSurface
-from voxflat.pipeline.flat_series import FlatSeries, numbered
+from voxflat.pipeline.flat_series import FlatSeries, listed, numbered
 from voxflat.pipeline.following import Follower
 from voxflat.pipeline.landmarks import checked_landmarks
 from voxflat.pipeline.shapes import Shape
 from voxflat.pipeline.surface import Surface, surface
+from voxflat.surfaces.parts import STRAY_SHARE, largest_piece
+from voxflat.surfaces.smoothing import MOVED
 
 _SAME = 1e-5  # greatest distance between a surface and its own chart, relative to the size of the surface
 
@@ -97,6 +101,7 @@ def flatten_series(
     limits: dict[str, Any] = {"threads": checked_threads(threads), "memory_limit": memory_limit, "progress": progress}
     frames = _frames(surfaces, limits)
     reference = checked_reference(reference, len(frames))
+    _tell(frames, reference)
     marks = checked_landmarks(landmarks, frames, reference)
     first = frames[reference]
     how: dict[str, Any] = {"mirror": mirror, "seed": seed, **limits}
@@ -171,8 +176,9 @@ def _frames(surfaces: Sequence[object], limits: dict[str, Any]) -> list[Surface]
             own = surface(given, **limits)
         except InputError as error:
             raise InputError(f"frame {number}: {error}") from error
-        frames.append(own)
         named = f"frame {number}{_file(own)}"
+        own = _largest(own, named)
+        frames.append(own)
         if (kind := _kind(own)) != (known := _kind(frames[0])):
             raise InputError(
                 f"{named} has {kind}, but frame 0 has {known}. Correct its surface, or split the movie there"
@@ -180,9 +186,29 @@ def _frames(surfaces: Sequence[object], limits: dict[str, Any]) -> list[Surface]
         units = [one.metadata.get("unit", "mm") for one in (frames[0], own)]
         if units[0] != units[1]:
             raise InputError(f"{named} is in {units[1]}, but frame 0 is in {units[0]}. Pass unit when reading them")
-    if (parts := len(frames[0].core.topology()["components"])) > 1:
-        raise InputError(f"the surfaces have {parts} components. Select one with keep, or smooth the segmentation")
     return frames
+
+
+def _largest(of: Surface, named: str) -> Surface:
+    """Return the largest component of a surface, if the others are small."""
+    areas = [piece["area"] for piece in of.core.topology()["components"]]
+    if 1 - areas[0] / sum(areas) > STRAY_SHARE:
+        sizes = ", ".join(f"{area:.4g}" for area in areas[:5]) + (", ..." if len(areas) > 5 else "")
+        told = in_unit(f"{named} has {len(areas)} components with areas of {sizes} mm²", of.metadata)
+        raise InputError(f"{told}. Select the label of one, or separate them in the segmentation")
+    return largest_piece(of)
+
+
+def _tell(frames: list[Surface], reference: int) -> None:
+    """Log the warnings about the surfaces of all frames but the reference, which is flattened with its own."""
+    found: dict[str, list[tuple[int, str]]] = {}
+    for number, own in enumerate(frames):
+        for remark in own.remarks if number != reference else ():
+            if not remark.startswith(MOVED):
+                found.setdefault(re.sub(r"[0-9][0-9.]*", "", remark), []).append((number, remark))
+    for (number, remark), *further in found.values():
+        others = f" (and similarly in {listed([one for one, _ in further])})" if further else ""
+        log.warning("frame %d%s: %s%s", number, _file(frames[number]), remark, others)
 
 
 def _file(of: Surface) -> str:

@@ -23,7 +23,7 @@ from voxflat.surfaces.foreground import keep_mask
 from voxflat.surfaces.manifold import Manifold, Step
 from voxflat.surfaces.voxel_graph import found_seed, seed_voxel
 
-_STRAY_SHARE = 0.05  # largest share of a part's area in stray pieces
+STRAY_SHARE = 0.05  # largest share of a part's area in stray pieces
 _TOUCHING = 0.3  # mm between white and pial surface; cortex is 1 to 5 mm thick
 _SHARES = (0.01, 0.2)  # limits of the medial wall's share of a hemisphere; 7 % is usual
 _CLEAR = 10  # least size relative to the next largest such region
@@ -80,7 +80,7 @@ def largest_piece(part: _Part) -> _Part:
     if len(areas) == 1:
         return part
     share = areas[0] / sum(areas)
-    if part.steps and 1 - share > _STRAY_SHARE:
+    if part.steps and 1 - share > STRAY_SHARE:
         sizes = ", ".join(f"{area:.4g}" for area in areas[:5]) + (", ..." if len(areas) > 5 else "")
         raise InputError(
             f"the patch consists of {len(areas)} separate pieces (with areas of {sizes} mm²). Keep one piece, or pass "
@@ -88,7 +88,7 @@ def largest_piece(part: _Part) -> _Part:
         )
     what = "the patch" if part.steps else "the surface"
     remark = f"{what} has {len(areas)} components; only the largest is used ({100 * share:.1f} % of the area)"
-    if 1 - share > _STRAY_SHARE:
+    if 1 - share > STRAY_SHARE:
         remark += ". To use another one, select its label or keep a part"
     return replace(part, core=part.core.largest_piece(), remarks=(*part.remarks, remark))
 
@@ -200,7 +200,7 @@ def vertex_at(part: Manifold, point: Sequence[int] | int, name: str) -> tuple[in
         if place.ndim != 0 or place.dtype.kind not in "ui":
             raise InputError(f"the {name} is {shown(point)}. Pass a vertex number of the mesh")
         return int(part.find(place[None], f"the {name}")[0]), []
-    wanted = seed_voxel(point, name)
+    wanted = seed_voxel(point, part.metadata["shape"], name)
     vertex, distance = part.nearest(wanted)
     return vertex, found_seed(wanted, part.ids[vertex].tolist(), distance, part._largest_spacing, name)
 

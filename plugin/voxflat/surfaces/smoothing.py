@@ -12,6 +12,8 @@ from voxflat.errors import Cancelled, InputError
 from voxflat.io.grid import in_unit
 from voxflat.surfaces.manifold import Manifold
 
+MOVED = "smoothing moved the surface"  # start of a remark that is always made
+
 _CLOSE = 1e-3  # relative residual at which the iteration stops
 _MOST_STEPS = 5000
 _STEEPEST = 1e-6  # least sine of an angle of a triangle that counts: smaller ones have cotangents beyond 1e6
@@ -36,7 +38,7 @@ def smoothed(surface: Manifold, length: float, progress: Progress | None) -> Man
     along = np.abs((moves * _normals(points, faces)[1]).sum(axis=1))
     before, after = _folded(points, faces), _folded(points + moves, faces)
     told: dict[str, Any] = {"length": length, "mean": float(along.mean()), "p95": float(np.percentile(along, 95))}
-    text = f"smoothing moved the surface by {told['mean']:.3g} mm on average (95 %: {told['p95']:.3g} mm)"
+    text = f"{MOVED} by {told['mean']:.3g} mm on average (95 %: {told['p95']:.3g} mm)"
     if len(surface.core.topology()["loops"]) == 0:
         told["volume_change"] = _volume(points + moves, faces) / _volume(points, faces) - 1
         text += f" and changed its volume by {100 * told['volume_change']:.2g} %"

@@ -1,5 +1,6 @@
 """Link the surface voxels of a volume into a graph of 26-neighbours, for `grossmann2002` and chain codes."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -72,7 +73,7 @@ def voxel_graph(of: Manifold, link_lengths: str = LINK_LENGTHS, progress: Progre
     seed, found, radius = None, None, None
     for step in of.steps:
         if step.verb == "disk":
-            seed, radius = seed_voxel(step.seed_point), step.radius
+            seed, radius = seed_voxel(step.seed_point, of.metadata["shape"]), step.radius
             vertex, distance = whole.nearest(seed)
             found = [int(index) for index in whole.voxels[vertex]]
             remarks += found_seed(seed, found, distance, size)
@@ -99,15 +100,21 @@ def voxel_graph(of: Manifold, link_lengths: str = LINK_LENGTHS, progress: Progre
     return VoxelGraph(part, whole, metadata, tuple(remarks))
 
 
-def seed_voxel(seed_point: object, name: str = "seed point") -> list[int]:
-    """Return a seed point as voxel indices."""
+def seed_voxel(seed_point: object, shape: Sequence[int], name: str = "seed point") -> list[int]:
+    """Return a seed point as voxel indices of a volume."""
     place = array_of(seed_point, f"indices of the {name}")
     if place.shape != (3,) or place.dtype.kind not in "ui":
         raise InputError(
             f"the {name} must be three voxel indices (whole numbers), but has data type {place.dtype} and shape "
             f"{place.shape}"
         )
-    return [int(index) for index in place]
+    indices = [int(index) for index in place]
+    if any(not 0 <= index < length for index, length in zip(indices, shape, strict=True)):
+        size = " x ".join(map(str, shape))
+        raise InputError(
+            f"the {name} {indices} is outside the volume of {size} voxels. Give indices in the order x, y, z"
+        )
+    return indices
 
 
 def found_seed(

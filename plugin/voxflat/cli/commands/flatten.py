@@ -13,6 +13,7 @@ from voxflat.cli.input import check_numbers, part_of, surface_of
 from voxflat.cli.options import FILE
 from voxflat.cli.output import check_output, report
 from voxflat.cli.parameter_options import option_of
+from voxflat.errors import InputError
 from voxflat.io.files import SAVED_ENDINGS
 from voxflat.io.grid import in_unit
 from voxflat.io.patches import PATCH_ENDING
@@ -175,7 +176,10 @@ def movie_map_command(
         for number, file in enumerate(frames):
             if shown.progress is not None:
                 shown.progress("reading the frames", number, len(frames))
-            surfaces.append(surface_of(file, {**how, **limits}, None))
+            try:
+                surfaces.append(surface_of(file, {**how, **limits}, None))
+            except InputError as error:
+                raise InputError(f"frame {number} ({file.name}): {error}") from error
         if charts is not None:
             first = surfaces[checked_reference(given["reference"], len(frames))]
             given["cuts"] = first.charts(**charts, threads=given["threads"], progress=shown.progress)

@@ -132,7 +132,7 @@ def image_command(
     if heat_map and kind == "series":
         raise click.UsageError("--heat-map applies to single maps. Give --metric for the map of a movie.")
     if heat_map == (volume is not None or metric):
-        raise click.UsageError("Give either --volume or --heat-map.")
+        raise click.UsageError("Give either --volume or --heat-map (for the map of a movie, --volume or --metric).")
     if heat_map and (unused := [name for name, value in given.items() if value not in (None, False)]):
         flags = ", ".join(f"--{name.replace('_', '-')}" for name in unused)
         raise click.UsageError(f"{flags}: only with --volume. Give --volume instead of --heat-map.")
@@ -145,6 +145,8 @@ def image_command(
         volumes = None if volume is None else (volume, *further)
         return _movie(map_, volumes, {**how, "metric": metric}, output, pixel_size, writing, quiet)
     if further or metric:
+        if kind is None:
+            load(map_)  # raises an error if there is no such map
         wrong = f"{1 + len(further)} volumes are given" if further else "--metric is given"
         raise InputError(f"{wrong}, but {map_} is a single map. Give one volume, or the map of voxflat movie-map.")
     with bars(quiet), reading() as files:
