@@ -110,8 +110,13 @@ API = {
     "radius infinite": (sheet(), {"seed_point": (1, 1, 2), "radius": INF}, r"radius is inf mm. Give a .* finite"),
     "radius text": (sheet(), {"seed_point": (1, 1, 2), "radius": "5 mm"}, r"radius is '5 mm'. Give a number"),
     "radius below a voxel": (sheet(), {"seed_point": (1, 1, 2), "radius": 0.5}, r"0.5 mm of it. Give a larger radius"),
-    "seed point far off": (
+    "seed point outside": (
         sheet(),
+        {"seed_point": (1, 1, 90), "radius": 5},
+        r"outside the volume of 40 x 40 x 5 voxels",
+    ),
+    "seed point far off": (
+        np.pad(sheet(), [(0, 0), (0, 0), (0, 95)]),
         {"seed_point": (1, 1, 90), "radius": 5},
         r"\[1, 1, 90\] is 88.0 mm away .* voxel \[1, 1, 2\]\), which is farther than the patch radius of 5 mm. Choose",
     ),
