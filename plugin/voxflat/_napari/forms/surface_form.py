@@ -20,7 +20,7 @@ from voxflat._napari.layers.foreground import inside
 from voxflat._napari.layers.meshes import LayerMesh, surface_name, vary
 from voxflat._napari.layers.sampled import overlay
 from voxflat._napari.layers.seed import corners
-from voxflat._napari.layers.volumes import LayerVolume, finest, frames_of, shown_step, time_axis
+from voxflat._napari.layers.volumes import LayerVolume, finest, frames_of, nearest_step, time_axis
 from voxflat._napari.layers.world import unit_of
 from voxflat._napari.viewer_state import ViewerState
 from voxflat.errors import InputError
@@ -29,7 +29,7 @@ from voxflat.methods import METHODS
 
 _RADIUS = 45.0  # mm, as in the README
 _METHODS = {name: name for name in METHODS}  # the summaries, which are wider than the box, are tooltips
-_FRAMES = {"all": "all frames with one map", "one": "displayed frame"}
+_FRAMES = {"all": "all, on one map", "one": "displayed frame"}
 _PARTS = {"whole": "whole surface", "disk": "disk around a point", "polygon": "within a polygon"}
 _PARTS |= {"mask": "within a mask", "values": "nonzero values"}
 
@@ -183,7 +183,7 @@ class SurfaceForm(LayerForm):
             return
         frame = None
         if layer.ndim > 3:
-            frame = shown_step(layer, self._viewer.dims.point)[0], finest(layer).shape[0], self._flattens_all
+            frame = nearest_step(layer, self._viewer)[0], finest(layer).shape[0], self._flattens_all
         self.plan.follow(
             layer,
             method=self.method.currentData(),
@@ -246,7 +246,7 @@ class SurfaceForm(LayerForm):
         layer = self._chosen()
         if isinstance(layer, Surface) or layer.ndim == 3:
             return super().source()
-        step = shown_step(layer, self._viewer.dims.point)
+        step = nearest_step(layer, self._viewer)
         return LayerVolume.of(layer, self.world.currentData(), step), self._foreground(layer)
 
     def _frames(self, layer: Layer, surface: LayerVolume | LayerMesh) -> Frames:
