@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import tifffile
 from napari.layers import Image, Labels, Points, Shapes
 from napari_window import PATIENCE, map_dock, wait_for_picture, wait_for_threads
 from numpy.testing import assert_allclose, assert_array_equal
@@ -338,6 +339,20 @@ def test_an_edited_movie_is_not_replaced(movie, qtbot):
     show_movie(dock, qtbot, "embryo")
     assert [(layer.data[0] == 7).any() for layer in flat.layers] == [True, False]
     flat.layers[0].data[:] = 0
+
+
+@pytest.mark.parametrize("name", ["nuclei", "embryo"])
+def test_movies_can_be_saved(movie, qtbot, name, tmp_path):
+    _, dock, _ = movie
+    _, flat = show_movie(dock, qtbot, name)
+    (layer,) = flat.layers
+    layer.data[1, 3, 4] = 9  # by hand
+    assert layer.save(str(tmp_path / "flat.tif"), plugin="voxflat")
+    found = tifffile.imread(tmp_path / "flat.tif")
+    assert_array_equal(np.nan_to_num(found).reshape(layer.data.shape), np.nan_to_num(layer.data))
+    with tifffile.TiffFile(tmp_path / "flat.tif") as file:
+        assert file.series[0].axes.startswith("T")
+    layer.data[:] = 0
 
 
 def test_cancel_is_part_of_the_dock(opened, data, qtbot):

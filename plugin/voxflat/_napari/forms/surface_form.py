@@ -22,6 +22,7 @@ from voxflat._napari.layers.sampled import overlay
 from voxflat._napari.layers.seed import corners
 from voxflat._napari.layers.volumes import LayerVolume, finest, frames_of, nearest_step, time_axis
 from voxflat._napari.layers.world import unit_of
+from voxflat._napari.results.flat_layers import SingleFrame
 from voxflat._napari.viewer_state import ViewerState
 from voxflat.errors import InputError
 from voxflat.maps.flat_map import FlatMap
@@ -235,6 +236,7 @@ class SurfaceForm(LayerForm):
             shown=self._shown(layer, world),
             options=self.options.options(method),
             frames=frames,
+            frame=self._frame(layer, surface) if frames is None and _is_movie(layer) else None,
             start=self._map_to_go_on_from() if self.continues.isChecked() else None,
             **self._part(layer, world),
             **foreground,
@@ -257,6 +259,10 @@ class SurfaceForm(LayerForm):
         if "drop" in self.options.options(self.method.currentData()):
             raise InputError("Drawn cuts that exclude a part need a single surface. Flatten only the displayed frame")
         return Frames(frames_of(surface), surface.step[0], time_axis(layer))
+
+    def _frame(self, layer: Layer, surface: LayerVolume | LayerMesh) -> SingleFrame:
+        assert isinstance(surface, LayerVolume)
+        return SingleFrame(surface.step[0], finest(layer).shape[0], time_axis(layer))
 
     def _part(self, layer: Layer, world: str) -> dict[str, Any]:
         """Return the arguments that select the part to flatten."""

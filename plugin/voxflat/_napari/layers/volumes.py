@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from voxflat._napari.layers.world import LayerPlace, in_units_of, unit_ratio
 from voxflat.errors import InputError
+from voxflat.io.channels import Timing
 from voxflat.io.chunks import is_chunked
 from voxflat.io.volumes import Volume
 
@@ -45,6 +46,14 @@ class TimeAxis:
         units = viewer.layers.units
         known = units is not None and len(units) >= -self.axis
         return float(unit_ratio([units[self.axis]], self.units[:1])[0]) if known else 1.0
+
+    @property
+    def timing(self) -> Timing | None:
+        """The times of the frames, if the unit of the axis is one of time."""
+        if not self.units[0].is_compatible_with("s"):
+            return None
+        second = float((1 * self.units[0]).to("s").magnitude)
+        return Timing.told(self.step * second, self.start * second)
 
     def leading(self, viewer: Viewer, frame: int) -> tuple[float, ...]:
         """Return the position of a frame along all axes but the last three, at the displayed channel."""

@@ -159,6 +159,9 @@ class FlatMapDock(TaskDock):
         self.excluded = QLabel()
         self.excluded.setWordWrap(True)
         self.excluded.hide()
+        self.frame_hint = QLabel()
+        self.frame_hint.setWordWrap(True)
+        self.frame_hint.hide()
         self._limit_depth()
 
     def _lay_out(self) -> None:
@@ -194,6 +197,7 @@ class FlatMapDock(TaskDock):
             self.legend,
             self.segmentations,
             message,
+            self.frame_hint,
             self.excluded,
         )
 
@@ -251,6 +255,7 @@ class FlatMapDock(TaskDock):
     def _show_run(self, run: Run | None) -> None:
         self._run, self.prepared, self.link.prepared = run, None, None
         self._frame = self._shown_frame()
+        self._show_hint()
         self.movie.setVisible(self._frame is not None)
         self.segmentations.offer(run is not None and isinstance(run.flat_map, FlatMap))
         self.movies.close()
@@ -302,6 +307,7 @@ class FlatMapDock(TaskDock):
     def _on_step(self) -> None:
         content = self.contents.content
         frame = self._shown_frame()
+        self._show_hint()
         if frame != self._frame:
             self._frame = frame
             self.link.prepared = None  # until the map of this frame is ready
@@ -309,6 +315,13 @@ class FlatMapDock(TaskDock):
             self._redraw.start()
         elif isinstance(content, Image | Labels) and content.ndim > 3:
             self._redraw.start()
+
+    def _show_hint(self) -> None:
+        """Tell if the map belongs to another frame than the displayed one."""
+        single = None if self._run is None else self._run.layers.frame
+        hint = "" if single is None else single.hint(self._viewer)
+        self.frame_hint.setText(hint)
+        self.frame_hint.setVisible(bool(hint))
 
     def _shown_frame(self) -> int | None:
         """Return the frame of a movie that the viewer displays."""

@@ -15,12 +15,13 @@ from voxflat._napari.layers.sampled import Shown, shown
 from voxflat._napari.layers.volumes import OutsideError, check_time, finest, shown_step
 from voxflat._napari.map_viewer.flat_window import FlatWindow
 from voxflat._napari.map_viewer.viewer_parts import list_events, show_scale_bar
-from voxflat._napari.results.flat_layers import LayerData, MovieMaps, limits
+from voxflat._napari.results.flat_layers import MOVIE, LayerData, MovieMaps, limits
 from voxflat._napari.results.layer_list import insert
 from voxflat._napari.results.outputs import is_unchanged
 from voxflat.arguments import Progress
 from voxflat.errors import Cancelled, InputError
-from voxflat.maps.raster import FlatImage
+from voxflat.io.channels import Channels
+from voxflat.maps.raster import FlatImage, FlatStack
 
 KEPT = "voxflat_kept"
 """Key of the metadata of labels from the window, which are kept in the viewer: a weak reference to the `MovieMaps`."""
@@ -173,7 +174,10 @@ def flat_movie(movie: MovieMaps, frames: list[Shown | None], look: dict[str, Any
     units = (movie.time.units[0], image.unit, image.unit) if image.unit != "unknown" else None
     place = {"scale": (movie.time.step, size, size), "translate": (movie.time.start, -v, u), "units": units}
     keywords = {**one.display, **look, "name": f"{one.name} flattened", "axis_labels": ("time", "−v", "u"), **place}
-    if one.kind == "labels":
-        return np.nan_to_num(data).astype(np.int64), keywords, "labels"
-    keywords.setdefault("contrast_limits", limits(data))
-    return data.astype(np.float32), keywords, "image"
+    found: NDArray[Any] = np.nan_to_num(data).astype(np.int64) if one.kind == "labels" else data.astype(np.float32)
+    channels = Channels(("",), found.__getitem__, movie.time.timing)
+    frame = FlatStack(channels, size, image.origin, keywords["name"], image.provenance, unit=image.unit)
+    keywords["metadata"] = {"voxflat": movie.series.flat_map, MOVIE: frame}
+    if one.kind == "image":
+        keywords.setdefault("contrast_limits", limits(data))
+    return found, keywords, one.kind
