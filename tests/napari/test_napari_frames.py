@@ -303,7 +303,7 @@ def test_painted_labels_are_kept(movie, qtbot, messages, flattened_layers, how):
     show_movie(dock, qtbot, "embryo")
     cells = painted(flat, (5, 0, 75, 80, 12), (6, 2, 40, 60, 9))
     values, place = cells.data.copy(), cells.data_to_world((2, 30, 40))
-    run = ViewerState.of(viewer).current
+    run, slices = ViewerState.of(viewer).current, viewer.dims.nsteps[:2]
     if how == "closed":
         viewer.window.remove_dock_widget(dock)
     else:
@@ -314,6 +314,7 @@ def test_painted_labels_are_kept(movie, qtbot, messages, flattened_layers, how):
     assert "'cells'" in messages[-1].message
     kept = viewer.layers["cells"]
     assert not kept.visible
+    assert viewer.dims.nsteps[:2] == slices
     assert_array_equal(kept.data, values[:, None])
     assert_allclose(np.delete(kept.data_to_world((2, 0, 30, 40)), 1), place)
     assert [layer for layer in viewer.layers if isinstance(layer, Labels)] == [viewer.layers["embryo"], kept]

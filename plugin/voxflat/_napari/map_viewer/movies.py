@@ -14,7 +14,7 @@ from qtpy.QtWidgets import QWidget
 from voxflat._napari.layers.sampled import Shown, shown
 from voxflat._napari.layers.volumes import OutsideError, check_time, finest, shown_step
 from voxflat._napari.map_viewer.flat_window import FlatWindow
-from voxflat._napari.map_viewer.viewer_parts import list_events, show_scale_bar
+from voxflat._napari.map_viewer.viewer_parts import list_events, show_scale_bar, world_units
 from voxflat._napari.results.flat_layers import MOVIE, LayerData, MovieMaps, limits
 from voxflat._napari.results.layer_list import insert
 from voxflat._napari.results.outputs import is_unchanged
@@ -38,8 +38,8 @@ def flat_labels(layer: Labels) -> NDArray[Any]:
     return data.reshape(len(data), *data.shape[-2:]) if is_kept(layer) else data
 
 
-def _in_space(layer: Labels, movie: MovieMaps) -> Labels:
-    """Return labels over the map as a layer of the viewer, at z = 0, because axes of layers are aligned at the end."""
+def _in_space(layer: Labels, movie: MovieMaps, viewer: Viewer) -> Labels:
+    """Return labels over the map as a layer of the viewer, in its first slice, because it aligns the last axes."""
     ends = [np.asarray(layer.data_to_world(end)) for end in np.vstack([np.zeros(layer.ndim), np.eye(layer.ndim)])]
     size, corner = np.diagonal(np.stack(ends[1:]) - ends[0]), ends[0]
     look = {"name": layer.name, "colormap": layer.colormap, "visible": False}
@@ -47,6 +47,9 @@ def _in_space(layer: Labels, movie: MovieMaps) -> Labels:
         return Labels(finest(layer), scale=size, translate=corner, units=layer.units, **look)
     placed = movie.time.placed(np.eye(4))
     scale, translate = placed.diagonal()[:-1].copy(), placed[:-1, -1].copy()
+    ratio = world_units(viewer, str(layer.units[-1]))[0]  # pixels stay pixels
+    slices = viewer.dims.range[-3] if viewer.dims.ndim > 2 else (0.0, 0.0, 1.0)  # the steps of the slider stay as well
+    translate[-3], _, scale[-3] = (ratio * place for place in slices)
     scale[[0, -2, -1]], translate[[0, -2, -1]] = size, corner
     units = (layer.units[0], *movie.time.units[1:], layer.units[-1], *layer.units[-2:])
     data = np.asarray(finest(layer)).reshape(len(finest(layer)), *[1] * (len(scale) - 3), *layer.data.shape[-2:])
@@ -100,7 +103,7 @@ class MovieWindow(QObject):
         """Close the window; labels that the user has drawn in it become hidden layers of the viewer."""
         if self._movie is not None:
             drawn = [layer for layer in self.layers if isinstance(layer, Labels) and not is_unchanged(layer)]
-            kept = [_in_space(layer, self._movie) for layer in drawn if np.any(finest(layer))]
+            kept = [_in_space(layer, self._movie, self._viewer) for layer in drawn if np.any(finest(layer))]
             for layer in kept:
                 insert(self._viewer, layer)
             if kept:

@@ -44,11 +44,8 @@ class SingleFrame:
     def hint(self, viewer: Viewer) -> str:
         """Return a message if the viewer displays another frame."""
         shown = self.time.frame(viewer, self.count)
-        return (
-            ""
-            if shown == self.number
-            else f"This is the map of frame {self.number}, not of the displayed frame {shown}."
-        )
+        hint = f"This is the map of frame {self.number}, not of the displayed frame {shown}."
+        return "" if shown == self.number else hint
 
 
 @dataclass(frozen=True, eq=False)
