@@ -375,8 +375,11 @@ class FlatMapDock(TaskDock):
         world = self._run.flat_map.metadata.get("napari", {}).get("world_axes", "RAS")
         how: dict[str, Any] = {}
         if isinstance(content, Image | Labels):
-            if (movie := self._run.layers.movie) is not None:
+            movie, single = self._run.layers.movie, self._run.layers.frame
+            if movie is not None:
                 check_time(content, movie.time, len(movie.series))
+            elif single is not None:
+                check_time(content, single.time, single.count)
             how = {**self._depth(), "step": shown_step(content, self._viewer)}
         return drawing(shown(content, world, **how))
 
