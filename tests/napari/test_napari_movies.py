@@ -287,6 +287,12 @@ def test_the_displayed_frame_alone(open_widget, qtbot, embryo):
     run_layers = ViewerState.of(viewer).current.layers
     assert run_layers.movie is None
     assert_array_equal(run_layers.flat_map.uv, voxflat.surface(zyx(embryo.labels[2])).flatten().uv)
+    dock = map_dock(viewer, qtbot)
+    assert dock.frame_hint.isHidden()
+    viewer.dims.set_current_step(0, 1)
+    assert not dock.frame_hint.isHidden()
+    assert dock.frame_hint.text() == "This is the map of frame 2, not of the displayed frame 1."
+    wait_for_picture(dock, qtbot)
     wait_for_threads(qtbot)
 
 

@@ -294,7 +294,7 @@ def test_a_movie(window, pictures, look, tmp_path):
     hand.menu("Layers", "Transform", "Flatten surface (voxflat)")
     widget = dock(viewer, "Flatten surface")
     hand.wait(lambda: "voxels" in widget.form.label.currentText())
-    assert widget.form.frames.currentText() == "all frames with one map"
+    assert widget.form.frames.currentText() == "all, on one map"
     assert widget.form.sampled.currentText() == "nuclei"
     viewer.dims.set_current_step(0, 0)
     flat = flatten(hand, viewer)

@@ -14,7 +14,7 @@ from voxflat._napari.layers.meshes import LayerMesh
 from voxflat._napari.layers.sampled import Overlay, Shown
 from voxflat._napari.layers.seed import Seed
 from voxflat._napari.layers.volumes import LayerVolume, TimeAxis
-from voxflat._napari.results.flat_layers import FlatLayers, MovieMaps
+from voxflat._napari.results.flat_layers import FlatLayers, MovieMaps, SingleFrame
 from voxflat._napari.results.maps import map_layers, page_layers
 from voxflat.arguments import Progress
 from voxflat.errors import Cancelled, InputError
@@ -52,6 +52,7 @@ class Job:
     values: Overlay | None = None  # the values at the vertices of the mesh
     start: FlatMap | None = None  # the map to start from
     frames: Frames | None = None  # to flatten all frames of a movie
+    frame: SingleFrame | None = None  # to flatten one of them
 
     def run(self, progress: Progress) -> FlatLayers:
         _tell(progress, "reading the layer")
@@ -60,7 +61,8 @@ class Job:
         flat_map = self._flatten(progress)
         flat_map = replace(flat_map, metadata={**flat_map.metadata, "napari": self.surface.origin})
         _draw(progress, "map")
-        return map_layers(flat_map, self.surface.origin["layer"], self.shown, self.values, self.pixel_size)
+        layers = map_layers(flat_map, self.surface.origin["layer"], self.shown, self.values, self.pixel_size)
+        return replace(layers, frame=self.frame)
 
     def _flatten(self, progress: Progress) -> FlatMap:
         pial = None if self.pial is None else self.pial.read()

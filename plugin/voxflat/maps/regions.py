@@ -310,14 +310,19 @@ class Regions(Recorded):
         >>> regions.volume(voxflat.samples.ball(), depth=(-1.0, 1.0))
         <Volume: 24 x 24 x 24 of int32, voxels of 1 x 1 x 1 mm, RAS>
         """
+        grid = self._voxels(like, depth)
+        if not grid.data.any():
+            raise InputError("no region contains the centre of a voxel. Use a finer volume that covers the regions")
+        return grid
+
+    def _voxels(self, like: object, depth: tuple[float, float] | None) -> Volume:
+        """Return the keys of the voxels, which may all be 0."""
         is_stack = isinstance(like, str | os.PathLike) and is_stack_path(like)
         grid = self._surface.placed(read_volume(like, 0) if is_stack else like)  # type: ignore[arg-type]
         shape = grid.data.shape[:3]
         voxels, places = _columns(self.of, grid.affine, (shape[0], shape[1], shape[2]), depth)
         found = np.zeros(math.prod(shape), dtype=np.int32)
         found[voxels] = self.at(places)
-        if not found.any():
-            raise InputError("no region contains the centre of a voxel. Use a finer volume that covers the regions")
         return replace(grid, data=found.reshape(shape), path=None, provenance=None)
 
     def save(

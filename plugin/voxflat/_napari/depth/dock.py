@@ -95,7 +95,7 @@ class CorticalDepth(TaskDock):
                 "There is no map with an inner and an outer border. Flatten a rim, or a white surface with its pial "
                 "surface, then press Flat volume"
             )
-        shown, layers = self.form.volume(self._viewer.dims.point), self.form.layers()
+        shown, layers = self.form.volume(), self.form.layers()
         self._work(partial(tasks.flat_volume, flat_map, shown, layers), "Flat volume", self._on_flattened)
 
     def _on_flattened(self, layer: LayerData) -> None:
@@ -104,7 +104,7 @@ class CorticalDepth(TaskDock):
         self._show_message(f"The window shows '{name}'. Its slider is the depth, from the white matter outwards.")
 
     def _on_measure(self) -> None:
-        shown, region = self.form.volume(self._viewer.dims.point), self.form.region()
+        shown, region = self.form.volume(), self.form.region()
         task = partial(tasks.profile, self.form.rim(), shown, region, self.form.layers())
         self._work(task, "Plotting the profile", self._on_measured)
 

@@ -1,6 +1,5 @@
 """The form of *Cortical depth*: the rim, its number of layers, and the volume to sample."""
 
-from collections.abc import Sequence
 from typing import Any
 
 from napari import Viewer
@@ -58,7 +57,7 @@ class DepthForm(LayerForm):
     def _region_rank(self, layer: Layer) -> int | None:
         if not isinstance(layer, Labels) or layer.ndim != 3 or "voxflat" in layer.metadata:
             return None
-        return None if layer is self.surface.layer else int(layer.name == REGIONS)
+        return None if layer is self.surface.layer else int(layer.name.startswith(REGIONS))
 
     def rim(self) -> tuple[LayerVolume, str]:
         """Return the rim and its kind; raises InputError if the label of the form is not a rim."""
@@ -70,12 +69,12 @@ class DepthForm(LayerForm):
             )
         return LayerVolume.of(layer, self.world.currentData()), self.label.rim
 
-    def volume(self, point: Sequence[float]) -> Sampled:
-        """Return the volume at the time of a point of the viewer; raises InputError if there is none."""
+    def volume(self) -> Sampled:
+        """Return the volume at the displayed time; raises InputError if there is none."""
         layer = self.sampled.layer
         if layer is None or isinstance(layer, Surface):
             raise InputError("There is no volume to sample. Choose an Image layer as the Volume")
-        found = shown(layer, self.world.currentData(), step=shown_step(layer, point))
+        found = shown(layer, self.world.currentData(), step=shown_step(layer, self._viewer))
         assert isinstance(found, Sampled)
         return found
 

@@ -8,13 +8,14 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from voxflat._napari.results.flat_layers import STACK, LayerData
+from voxflat._napari.results.flat_layers import MOVIE, STACK, LayerData
 from voxflat.atlases.atlas import Atlas
 from voxflat.errors import InputError, VoxflatError
 from voxflat.io.channels import Channels
 from voxflat.maps.flat_map import MAP_ENDINGS, FlatMap
 from voxflat.maps.image_files import IMAGE_ENDINGS
 from voxflat.maps.raster import FlatImage, FlatStack
+from voxflat.pipeline.flat_movie import FlatMovie
 
 Written: TypeAlias = Any  # list[str], which napari's commands cannot compare with classes on Python 3.10
 
@@ -68,8 +69,8 @@ def _map_of(layers: Sequence[LayerData]) -> FlatMap | Atlas:
     return next(iter(maps.values()))  # type: ignore[no-any-return]  # metadata are Any
 
 
-def _image_of(layers: Sequence[LayerData]) -> FlatImage | FlatStack:
-    """Return the image or flat volume of a layer, with its position on the map."""
+def _image_of(layers: Sequence[LayerData]) -> FlatImage | FlatStack | FlatMovie:
+    """Return the image, flat volume or flat movie of a layer, with its position on the map."""
     flat_map = _map_of(layers)
     images = [layer for layer in layers if layer[2] in ("image", "labels")]
     if len(images) != 1:
@@ -80,6 +81,8 @@ def _image_of(layers: Sequence[LayerData]) -> FlatImage | FlatStack:
         values = np.asarray(data, dtype=np.float32)
         values = np.where(values == 0, np.float32(np.nan), values) if kind == "labels" else values
         return replace(stack, channels=Channels(stack.channels.names, values.__getitem__))
+    if (frame := keywords["metadata"].get(MOVIE)) is not None:
+        return _movie_of(np.asarray(data), frame, kind == "labels")
     height, width = keywords["scale"]
     if height != width:
         size = f"{height:g} x {width:g} mm"
@@ -92,6 +95,17 @@ def _image_of(layers: Sequence[LayerData]) -> FlatImage | FlatStack:
         pixels = np.where(pixels == 0, np.nan, pixels.astype(np.float64))  # 0 means no label, or outside the map
     named = {"name": keywords["name"], "labels": is_labels, "provenance": flat_map.provenance}
     return FlatImage(pixels, float(width), (float(u), float(-down)), **named)
+
+
+def _movie_of(data: NDArray[Any], frame: FlatStack, is_labels: bool) -> FlatMovie:
+    """Return the movie of an array (frame, row, column)."""
+    values = np.where(data == 0, np.nan, data.astype(np.float64)) if is_labels else data
+
+    def read(number: int) -> FlatStack:
+        return replace(frame, channels=replace(frame.channels, read=lambda _: values[number]))
+
+    about: dict[str, Any] = {"timing": frame.channels.timing, "provenance": frame.provenance}
+    return FlatMovie(len(values), read, lambda _: None, frame.pixel_size, frame.name, ("",), **about)
 
 
 def _with_opacity(colours: NDArray[Any]) -> NDArray[np.uint8]:

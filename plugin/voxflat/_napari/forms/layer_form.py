@@ -14,7 +14,7 @@ from voxflat._napari.forms.layer_choice import LayerChoice
 from voxflat._napari.forms.threshold_choice import ThresholdChoice
 from voxflat._napari.layers.meshes import LayerMesh, is_elsewhere, surface_name, vary
 from voxflat._napari.layers.sampled import Shown, shown, usual_depth
-from voxflat._napari.layers.volumes import LayerVolume, shown_step
+from voxflat._napari.layers.volumes import LayerVolume, check_time, finest, shown_step, time_axis
 from voxflat._napari.layers.world import MADE_FROM, WORLDS, same_kind_of_unit, unit_of
 from voxflat.errors import InputError
 
@@ -128,8 +128,14 @@ class LayerForm(QWidget):
         if not isinstance(sampled, Surface) and sampled.ndim == 3 and not same_kind_of_unit(layer, sampled):
             both = f"'{layer.name}' ({layer.units[0]}) and '{sampled.name}' ({sampled.units[0]})"
             raise InputError(f"The units of {both} do not match. Set both to units of length")
-        step = () if isinstance(sampled, Surface) else shown_step(sampled, self._viewer.dims.point)
+        step = () if isinstance(sampled, Surface) else self._step(layer, sampled)
         return shown(sampled, world, self.sample_depth.value(), step=step)
+
+    def _step(self, layer: Layer, sampled: Layer) -> tuple[int, ...]:
+        """Return the displayed time point of the sampled layer; raises InputError if it is not that of the surface."""
+        if layer.ndim > 3:
+            check_time(sampled, time_axis(layer), finest(layer).shape[0])
+        return shown_step(sampled, self._viewer)
 
     def release(self) -> None:
         """Stop following the viewer."""
@@ -140,16 +146,16 @@ class LayerForm(QWidget):
 
 
 def _surface_rank(viewer: Viewer, layer: Layer) -> int | None:
-    """Rank layers to flatten: labels, then surfaces, then images; a surface that belongs to another one has rank 0."""
+    """Rank layers to flatten: labels, surfaces, images, movies; a surface that belongs to another one has rank 0."""
     if "voxflat" in layer.metadata or not isinstance(layer, Image | Labels | Surface) or getattr(layer, "rgb", False):
         return None
-    if isinstance(layer, Labels) and layer.ndim > 3 and MADE_FROM not in layer.metadata:
-        return 1  # frames of a movie
+    if isinstance(layer, Image | Labels) and layer.ndim > 3 and MADE_FROM not in layer.metadata:
+        return 2 if isinstance(layer, Labels) else 1  # frames of a movie
     if layer.ndim != 3 or MADE_FROM in layer.metadata or any(_is_of(layer, other) for other in viewer.layers):
         return 0
     if isinstance(layer, Surface):
-        return 2 if _is_partner(layer) else 3
-    return 4 if isinstance(layer, Labels) else 1
+        return 3 if _is_partner(layer) else 4
+    return 5 if isinstance(layer, Labels) else 2
 
 
 def _is_partner(layer: Surface) -> bool:

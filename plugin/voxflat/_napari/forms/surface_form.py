@@ -20,8 +20,9 @@ from voxflat._napari.layers.foreground import inside
 from voxflat._napari.layers.meshes import LayerMesh, surface_name, vary
 from voxflat._napari.layers.sampled import overlay
 from voxflat._napari.layers.seed import corners
-from voxflat._napari.layers.volumes import LayerVolume, finest, frames_of, shown_step, time_axis
+from voxflat._napari.layers.volumes import LayerVolume, finest, frames_of, nearest_step, time_axis
 from voxflat._napari.layers.world import unit_of
+from voxflat._napari.results.flat_layers import SingleFrame
 from voxflat._napari.viewer_state import ViewerState
 from voxflat.errors import InputError
 from voxflat.maps.flat_map import FlatMap
@@ -29,7 +30,7 @@ from voxflat.methods import METHODS
 
 _RADIUS = 45.0  # mm, as in the README
 _METHODS = {name: name for name in METHODS}  # the summaries, which are wider than the box, are tooltips
-_FRAMES = {"all": "all frames with one map", "one": "displayed frame"}
+_FRAMES = {"all": "all, on one map", "one": "displayed frame"}
 _PARTS = {"whole": "whole surface", "disk": "disk around a point", "polygon": "within a polygon"}
 _PARTS |= {"mask": "within a mask", "values": "nonzero values"}
 
@@ -183,7 +184,7 @@ class SurfaceForm(LayerForm):
             return
         frame = None
         if layer.ndim > 3:
-            frame = shown_step(layer, self._viewer.dims.point)[0], finest(layer).shape[0], self._flattens_all
+            frame = nearest_step(layer, self._viewer)[0], finest(layer).shape[0], self._flattens_all
         self.plan.follow(
             layer,
             method=self.method.currentData(),
@@ -235,6 +236,7 @@ class SurfaceForm(LayerForm):
             shown=self._shown(layer, world),
             options=self.options.options(method),
             frames=frames,
+            frame=self._frame(layer, surface) if frames is None and _is_movie(layer) else None,
             start=self._map_to_go_on_from() if self.continues.isChecked() else None,
             **self._part(layer, world),
             **foreground,
@@ -246,7 +248,7 @@ class SurfaceForm(LayerForm):
         layer = self._chosen()
         if isinstance(layer, Surface) or layer.ndim == 3:
             return super().source()
-        step = shown_step(layer, self._viewer.dims.point)
+        step = nearest_step(layer, self._viewer)
         return LayerVolume.of(layer, self.world.currentData(), step), self._foreground(layer)
 
     def _frames(self, layer: Layer, surface: LayerVolume | LayerMesh) -> Frames:
@@ -257,6 +259,10 @@ class SurfaceForm(LayerForm):
         if "drop" in self.options.options(self.method.currentData()):
             raise InputError("Drawn cuts that exclude a part need a single surface. Flatten only the displayed frame")
         return Frames(frames_of(surface), surface.step[0], time_axis(layer))
+
+    def _frame(self, layer: Layer, surface: LayerVolume | LayerMesh) -> SingleFrame:
+        assert isinstance(surface, LayerVolume)
+        return SingleFrame(surface.step[0], finest(layer).shape[0], time_axis(layer))
 
     def _part(self, layer: Layer, world: str) -> dict[str, Any]:
         """Return the arguments that select the part to flatten."""

@@ -68,7 +68,7 @@ class ThresholdChoice(QWidget):
     def _on_box(self, value: float) -> None:
         low, high = self._limits
         with signals_blocked(self.slider):
-            self.slider.setValue(round(_STEPS * (value - low) / (high - low)))
+            self.slider.setValue(round(_STEPS * min(max((value - low) / (high - low), 0), 1)))
         if self._shown is not None:
             self._shown.contrast_limits = self._above()
 

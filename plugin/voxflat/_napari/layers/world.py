@@ -95,9 +95,10 @@ def unit_ratio(units: Sequence[Any], target: Sequence[Any]) -> NDArray[np.float6
 
 
 def in_units_of(layer: Layer, position: Sequence[float], units: Sequence[Any] | None) -> NDArray[np.float64]:
-    """Convert the last three coordinates of a position from the viewer's units, if any, to the units of a layer."""
-    place = np.asarray(position, dtype=np.float64)[-3:]
-    return place if units is None else place * unit_ratio(tuple(units)[-3:], layer.units)
+    """Convert the coordinates of a position along the axes of a layer from the viewer's units, if any, to its units."""
+    place = np.asarray(position, dtype=np.float64)[-layer.ndim :]
+    count = len(place)  # smaller while the layer is being removed
+    return place if units is None else place * unit_ratio(tuple(units)[-count:], layer.units[-count:])
 
 
 def same_kind_of_unit(a: Layer, b: Layer) -> bool:

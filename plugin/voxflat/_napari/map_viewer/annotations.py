@@ -11,7 +11,7 @@ from napari.layers import Layer, Points, Shapes
 from numpy.typing import NDArray
 from qtpy.QtCore import QObject, Signal  # type: ignore[attr-defined]  # qtpy makes it of pyqtSignal
 
-from voxflat._napari.layers.world import LayerPlace, moved
+from voxflat._napari.layers.world import LayerPlace, in_units_of, moved
 from voxflat._napari.map_viewer.prepared_map import PreparedMap
 from voxflat._napari.timers import single_shot
 from voxflat.maps.lines import ellipse
@@ -34,8 +34,13 @@ class Annotation:
     line_colours: NDArray[np.uint8]  # (L, 4), one per line
 
     @classmethod
-    def of(cls, layer: Points | Shapes, world: str, point: Sequence[float], unit: str = "mm") -> "Annotation":
-        """Read the displayed points or lines of a layer; raises InputError if its last three axes are not lengths."""
+    def of(
+        cls, layer: Points | Shapes, world: str, point: Sequence[float] | NDArray[np.float64], unit: str = "mm"
+    ) -> "Annotation":
+        """Read the points or lines of a layer that are displayed at a point in its units.
+
+        Raises InputError if its last three axes are not lengths.
+        """
         leading = layer.ndim - 3
         affine = LayerPlace.of(layer, world, leading, unit).affine
         now = np.asarray(layer.world_to_data(np.asarray(point)[-layer.ndim :]))[:leading]
@@ -161,8 +166,9 @@ class VolumeAnnotations(QObject):
 
     def taken(self, world: str, unit: str) -> list[Annotation]:
         """Read the annotations of all visible layers; raises InputError if the axes of a layer have no length units."""
-        point = self._viewer.dims.point
-        return [Annotation.of(layer, world, point, unit) for layer in self.layers if layer.visible]
+        point, units = self._viewer.dims.point, self._viewer.layers.units
+        seen = [layer for layer in self.layers if layer.visible]
+        return [Annotation.of(layer, world, in_units_of(layer, point, units), unit) for layer in seen]
 
     def release(self) -> None:
         self._soon.stop()

@@ -27,7 +27,7 @@ from superqt.utils import signals_blocked
 from voxflat._napari.docks import TaskDock, arrange
 from voxflat._napari.keys import Keys, key_text
 from voxflat._napari.layers.sampled import shown
-from voxflat._napari.layers.volumes import shown_step
+from voxflat._napari.layers.volumes import check_time, shown_step
 from voxflat._napari.map_viewer import drawings
 from voxflat._napari.map_viewer.annotations import Annotation, OnMap, VolumeAnnotations, on_map
 from voxflat._napari.map_viewer.canvas import MapCanvas
@@ -55,7 +55,7 @@ _LENGTH, _CORTEX = range(2)  # entries of the box with the unit of the depth
 _SHARE = 0.43  # initial width of the dock, as a fraction of the window; the viewer keeps the same width
 _OPACITY = 0.85  # initial opacity of the colours, so that the folds remain visible
 
-_Drawn: TypeAlias = tuple[PreparedMap, Picture | None, NDArray[np.uint8] | None]
+_Drawn: TypeAlias = tuple[PreparedMap, Picture | None, NDArray[np.uint8] | None, str]
 
 # the actions of a click on the map
 GO, MARK, REGION, MEASURE = _CLICKS = ("goes there", "marks a point", "draws a region", "measures a distance")
@@ -159,6 +159,9 @@ class FlatMapDock(TaskDock):
         self.excluded = QLabel()
         self.excluded.setWordWrap(True)
         self.excluded.hide()
+        self.frame_hint = QLabel()
+        self.frame_hint.setWordWrap(True)
+        self.frame_hint.hide()
         self._limit_depth()
 
     def _lay_out(self) -> None:
@@ -180,6 +183,8 @@ class FlatMapDock(TaskDock):
             self.keep,
         )
         arrange(second, QLabel("Click"), self.click, QLabel("Opacity"), (self.opacity, 1), (self._depth_row, 2))
+        message = QHBoxLayout()
+        arrange(message, (self.text, 1), self.stop)
         layout = QVBoxLayout(self)
         layout.setContentsMargins(6, 6, 6, 6)
         layout.setSpacing(4)
@@ -191,7 +196,8 @@ class FlatMapDock(TaskDock):
             (self.canvas, 1),
             self.legend,
             self.segmentations,
-            self.text,
+            message,
+            self.frame_hint,
             self.excluded,
         )
 
@@ -249,6 +255,7 @@ class FlatMapDock(TaskDock):
     def _show_run(self, run: Run | None) -> None:
         self._run, self.prepared, self.link.prepared = run, None, None
         self._frame = self._shown_frame()
+        self._show_hint()
         self.movie.setVisible(self._frame is not None)
         self.segmentations.offer(run is not None and isinstance(run.flat_map, FlatMap))
         self.movies.close()
@@ -300,6 +307,7 @@ class FlatMapDock(TaskDock):
     def _on_step(self) -> None:
         content = self.contents.content
         frame = self._shown_frame()
+        self._show_hint()
         if frame != self._frame:
             self._frame = frame
             self.link.prepared = None  # until the map of this frame is ready
@@ -308,10 +316,17 @@ class FlatMapDock(TaskDock):
         elif isinstance(content, Image | Labels) and content.ndim > 3:
             self._redraw.start()
 
+    def _show_hint(self) -> None:
+        """Tell if the map belongs to another frame than the displayed one."""
+        single = None if self._run is None else self._run.layers.frame
+        hint = "" if single is None else single.hint(self._viewer)
+        self.frame_hint.setText(hint)
+        self.frame_hint.setVisible(bool(hint))
+
     def _shown_frame(self) -> int | None:
         """Return the frame of a movie that the viewer displays."""
         movie = None if self._run is None else self._run.layers.movie
-        return None if movie is None else movie.time.frame(self._viewer.dims.point, len(movie.series))
+        return None if movie is None else movie.time.frame(self._viewer, len(movie.series))
 
     def _on_depth_unit(self) -> None:
         self._limit_depth()
@@ -347,8 +362,7 @@ class FlatMapDock(TaskDock):
         try:
             draw = self._drawing(self.contents.content)
         except VoxflatError as error:
-            self._on_failed(error)
-            return
+            draw = partial(_refuse, error)
         opacity = self.opacity.value() if self.on_surface.isChecked() else None
         self._painter.ask(partial(_drawn, run, self.prepared, self._frame, draw, opacity))
 
@@ -361,7 +375,12 @@ class FlatMapDock(TaskDock):
         world = self._run.flat_map.metadata.get("napari", {}).get("world_axes", "RAS")
         how: dict[str, Any] = {}
         if isinstance(content, Image | Labels):
-            how = {**self._depth(), "step": shown_step(content, self._viewer.dims.point)}
+            movie, single = self._run.layers.movie, self._run.layers.frame
+            if movie is not None:
+                check_time(content, movie.time, len(movie.series))
+            elif single is not None:
+                check_time(content, single.time, single.count)
+            how = {**self._depth(), "step": shown_step(content, self._viewer)}
         return drawing(shown(content, world, **how))
 
     def _depth(self) -> dict[str, float]:
@@ -381,7 +400,7 @@ class FlatMapDock(TaskDock):
             self.outline.show(self.prepared)
 
     def _on_drawn(self, result: _Drawn) -> None:
-        prepared, picture, colours = result
+        prepared, picture, colours, problem = result
         if prepared.run is not self._run:
             return
         if self._frame is not None and prepared is not prepared.frames.get(self._frame):
@@ -407,6 +426,8 @@ class FlatMapDock(TaskDock):
             self._show_again(*self._location)
         if colours is not None and self.on_surface.isChecked():
             self.painted.show(prepared, colours)
+        if problem:
+            self.text.setText(problem)
 
     def _show_again(self, spot: Spot | None, place: tuple[float, float] | None) -> None:
         """Show a location again, which moves with the surface from frame to frame."""
@@ -433,17 +454,19 @@ class FlatMapDock(TaskDock):
             return
         world = run.flat_map.metadata.get("napari", {}).get("world_axes", "RAS")
         try:
-            frames, look = shown_frames(content, world, run.layers.movie, self._viewer.dims.point, **self._depth())
+            frames, look = shown_frames(content, world, run.layers.movie, self._viewer, **self._depth())
         except VoxflatError as error:
             self._show_message(" ".join(str(error).split()))
             return
         task = partial(flat_movie, run.layers.movie, frames, look)
-        self._work(task, "Sampling the movie", partial(self._on_sampled, run))
+        missing = [str(number) for number, frame in enumerate(frames) if frame is None]
+        self._work(task, "Sampling the movie", partial(self._on_sampled, run, missing))
 
-    def _on_sampled(self, run: Run, data: LayerData) -> None:
+    def _on_sampled(self, run: Run, missing: list[str], data: LayerData) -> None:
         if run is self._run and run.layers.movie is not None:
             self.movies.show(run.layers.movie, data)
-            self._show_message(f"The window shows '{data[1]['name']}' in all frames.")
+            empty = f", but the layer has no frame {', '.join(missing)}, which is empty" if missing else ""
+            self._show_message(f"The window shows '{data[1]['name']}' in all frames{empty}.")
 
     def _on_send(self) -> None:
         layer, prepared = self.segmentations.layer, self.prepared
@@ -454,16 +477,13 @@ class FlatMapDock(TaskDock):
         except VoxflatError as error:
             self._show_message(str(error))
             return
-        depth, units = self._depth().get("depth", 0.0), self._viewer.layers.units
-        movie = prepared.run.layers.movie
-        time_unit = None if movie is None or units is None else units[movie.time.axis]
-        task = partial(to_volume, prepared, drawn, depth, time_unit)
-        self._work(task, "Transferring labels", partial(self._on_sent, prepared.run))
+        task = partial(to_volume, prepared, drawn, self._depth().get("depth", 0.0))
+        self._work(task, "Transferring labels", partial(self._on_sent, prepared.run, layer))
 
-    def _on_sent(self, run: Run, data: LayerData) -> None:
+    def _on_sent(self, run: Run, layer: Labels, result: tuple[LayerData, str]) -> None:
         if run is self._run:
-            drawings.put(self._viewer, data)
-            self._show_message(f"Added '{data[1]['name']}'")
+            added = drawings.put(self._viewer, result[0], run, layer)
+            self._show_message(". ".join(filter(None, [f"Added '{added.name}'", result[1]])))
 
     def _on_save_table(self) -> None:
         layer, prepared = self.segmentations.layer, self.prepared
@@ -555,9 +575,9 @@ class FlatMapDock(TaskDock):
         own.append((u, v))
         self._show_drawn([np.array(own)] if wanted == REGION else [])
         if wanted == MARK:
-            self._projector.ask(partial(drawings.points, self.prepared, [*own]))
+            self._projector.ask(partial(drawings.points, self.prepared, [*own], self._moment))
         elif wanted == MEASURE and len(own) == 2:
-            self._projector.ask(partial(drawings.way, self.prepared, *own))
+            self._projector.ask(partial(drawings.way, self.prepared, own[0], own[1], self._moment))
             self._corners = []
 
     def _on_double_click(self) -> None:
@@ -569,8 +589,14 @@ class FlatMapDock(TaskDock):
             self._corners = []
             self._projector.ask(partial(drawings.regions, self.prepared, [*self._regions]))
 
+    @property
+    def _moment(self) -> tuple[float, ...]:
+        """The position of the map's frame along the axes before space; empty for a single map."""
+        movie, frame = (None, None) if self.prepared is None else (self.prepared.run.layers.movie, self.prepared.frame)
+        return () if movie is None or frame is None else movie.time.leading(self._viewer, frame)
+
     def _on_projected(self, drawn: drawings.Drawn) -> None:
-        layer = drawings.put(self._viewer, drawn.layer)
+        layer = drawings.put(self._viewer, drawn.layer, *filter(None, [self._run]))
         if isinstance(layer, Points):
             self._points = []
         self._show_drawn([])
@@ -643,10 +669,21 @@ class FlatMapDock(TaskDock):
 
 
 def _drawn(run: Run, prepared: PreparedMap | None, frame: int | None, draw: Any, opacity: float | None) -> _Drawn:
-    """Draw the picture, and find the colours of the surface if it is shown; called in a thread."""
+    """Draw the picture, and find the colours of the surface if it is shown; called in a thread.
+
+    If the values cannot be drawn, return the reason; the map of the frame is shown without them.
+    """
     ready = (PreparedMap.of(run) if prepared is None else prepared).at(frame)
-    picture = None if draw is None else draw(ready)
-    return ready, picture, None if opacity is None else ready.colours(picture, opacity)
+    picture, problem = None, ""
+    try:
+        picture = None if draw is None else draw(ready)
+    except VoxflatError as error:
+        problem = " ".join(str(error).split())
+    return ready, picture, None if opacity is None else ready.colours(picture, opacity), problem
+
+
+def _refuse(error: VoxflatError, _: PreparedMap) -> Picture:
+    raise error
 
 
 def _annotated(prepared: PreparedMap, annotations: list[Annotation]) -> tuple[PreparedMap, OnMap]:

@@ -1,5 +1,6 @@
 """Drawings on a map, projected onto the surface: points, regions, and the shortest path between two points."""
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, TypeAlias
@@ -13,6 +14,7 @@ from voxflat._napari.layers.world import MADE_FROM, from_ras
 from voxflat._napari.map_viewer.prepared_map import PreparedMap
 from voxflat._napari.results.flat_layers import LayerData, units
 from voxflat._napari.results.layer_list import insert
+from voxflat._napari.results.outputs import is_unchanged, remember
 from voxflat.errors import InputError
 from voxflat.io.volumes import Volume
 from voxflat.maps.flat_map import FlatMap
@@ -35,35 +37,44 @@ class Drawn:
     message: str = ""
 
 
-def points(prepared: PreparedMap, places: Sequence[Place]) -> Drawn:
-    """Project points (u, v) on the map onto the surface."""
+def points(prepared: PreparedMap, places: Sequence[Place], moment: Sequence[float] = ()) -> Drawn:
+    """Project points (u, v) on the map onto the surface; `moment` is the position along the axes before space."""
     spots = [spot for spot in (prepared.spot(*place) for place in places) if spot is not None]
     features = {"vertex": [str(spot.vertex) for spot in spots], "surface": [prepared.run.name] * len(spots)}
     look = {"face_color": _COLOUR, "size": 2 * prepared.thickness, "features": features}
-    keywords = {"name": "map points", **look, "units": units(prepared.run.flat_map, 3)}
-    return Drawn((_world(prepared, np.array([spot.point for spot in spots])), keywords, "points"))
+    keywords = {"name": "map points", **look, "units": units_in_time(prepared)}
+    world = _world(prepared, np.array([spot.point for spot in spots]))
+    return Drawn((_at(moment, world), keywords, "points"))
 
 
 def regions(prepared: PreparedMap, polygons: Sequence[Sequence[Place]]) -> Drawn:
-    """Convert polygons on a map to voxels or vertices; raises InputError for an empty region or a page of patches."""
+    """Convert polygons on a map to voxels or vertices, at the displayed frame of a movie.
+
+    Raises InputError for an empty region or a page of patches.
+    """
     flat_map = _map(prepared)
     drawn = flat_map.regions({f"region {n}": np.array(corners) for n, corners in enumerate(polygons, 1)})
-    message = f"Drew {len(polygons)} region{'s' * (len(polygons) > 1)}"
+    of_frame = "" if prepared.frame is None else f" of frame {prepared.frame}"
+    message = f"Drew {len(polygons)} region{'s' * (len(polygons) > 1)}{of_frame and ' in' + of_frame[3:]}"
     keywords: dict[str, Any] = {
-        "name": REGIONS,
-        "units": units(flat_map, 3),
+        "name": f"{REGIONS}{of_frame}",
+        "units": units_in_time(prepared),
         "metadata": {MADE_FROM: prepared.run.name},
     }
     if not flat_map.is_voxels:
         surface = (_world(prepared, prepared.points), flat_map.faces[~flat_map.torn], drawn.labels.astype(np.float32))
         look = {"colormap": "turbo", "contrast_limits": (0.0, float(len(polygons)))}
         return Drawn((surface, {**keywords, **look}, "surface"), message)
-    labels = flat_map.paint(drawn.labels.astype(np.int32))
+    is_own = flat_map is prepared.own  # the points of other frames are not voxels
+    labels = flat_map.paint(drawn.labels.astype(np.int32)) if is_own else np.zeros(flat_map.volume_shape, np.int32)
     if not np.isnan(flat_map.normals).all():  # the surface has an outer side, where the cortex lies
         grid = Volume(labels, flat_map.affine, unit=prepared.unit)
         cortex = drawn.volume(grid, depth=depth_range(prepared) if flat_map.pial_points is None else None)
         labels = np.where(labels == 0, cortex.data, labels)
-    return Drawn((labels, {**keywords, "affine": affine_in_world(prepared)}, "labels"), message)
+    affine, movie = affine_in_world(prepared), prepared.run.layers.movie
+    if movie is not None and prepared.frame is not None:
+        affine = movie.time.placed(affine, prepared.frame)
+    return Drawn((labels[(None,) * (len(affine) - 4)], {**keywords, "affine": affine}, "labels"), message)
 
 
 def affine_in_world(prepared: PreparedMap) -> NDArray[np.float64]:
@@ -83,8 +94,11 @@ def depth_range(prepared: PreparedMap, depth: float = 0.0) -> tuple[float, float
     return min(low, low + depth), max(high, high + depth)
 
 
-def way(prepared: PreparedMap, a: Place, b: Place) -> Drawn:
-    """Find the shortest path along the surface, across cuts, between two map points; raises InputError on failure."""
+def way(prepared: PreparedMap, a: Place, b: Place, moment: Sequence[float] = ()) -> Drawn:
+    """Find the shortest path along the surface, across cuts, between two map points; raises InputError on failure.
+
+    `moment` is as in `points`.
+    """
     flat_map = _map(prepared)
     ends = [prepared.spot(*end) for end in (a, b)]
     if None in ends:
@@ -98,34 +112,62 @@ def way(prepared: PreparedMap, a: Place, b: Place) -> Drawn:
     flat = float(np.hypot(a[0] - b[0], a[1] - b[1]))
     unit = prepared.unit
     message = f"{found.length:.1f} {unit} along the surface, {flat:.1f} {unit} on the map"
-    line = _world(prepared, flat_map.space.to_scanner(found.points))
+    message += "" if prepared.frame is None else f", in frame {prepared.frame}"
+    line = _at(moment, _world(prepared, flat_map.space.to_scanner(found.points)))
     look = {"shape_type": "path", "edge_color": _COLOUR, "edge_width": 0.7 * prepared.thickness}
-    return Drawn(([line], {"name": "shortest path", **look, "units": units(flat_map, 3)}, "shapes"), message)
+    return Drawn(([line], {"name": "shortest path", **look, "units": units_in_time(prepared)}, "shapes"), message)
 
 
-def put(viewer: Viewer, data: LayerData) -> Layer:
-    """Add a layer to the viewer, or replace the layer of the same name; points are added to the existing points."""
+def put(viewer: Viewer, data: LayerData, *sources: Any) -> Layer:
+    """Add a layer to the viewer; points are added to the existing points.
+
+    A layer that was made from the same sources is replaced, unless the user has edited it.
+    """
     values, keywords, kind = data
     features = keywords.get("features", {})
-    earlier = next((one for one in viewer.layers if one.name == keywords["name"]), None)
-    if isinstance(earlier, Points) and kind == "points" and earlier.ndim == 3:
+    made = Layer.create(values, keywords, kind)
+    named = re.compile(rf"{re.escape(keywords['name'])}( \[\d+\])?")  # as napari numbers equal names
+    alike = [one for one in viewer.layers if type(one) is type(made) and named.fullmatch(one.name)]
+    alike = [one for one in alike if one.ndim == made.ndim]
+    if kind != "points":
+        alike = [one for one in alike if _corners(one) == _corners(made) and is_unchanged(one, *sources)]
+    earlier = alike[-1] if alike else None
+    if isinstance(earlier, Points):
         merged = {name: [*earlier.features.get(name, [""] * len(earlier.data)), *new] for name, new in features.items()}
         earlier.data = np.concatenate([earlier.data, [earlier.world_to_data(place) for place in values]])
         earlier.features = merged
         earlier.visible = True
-    elif isinstance(earlier, Labels | Surface) and type(earlier).__name__.lower() == kind:
+        return earlier
+    if isinstance(earlier, Labels | Surface):
         earlier.data = values
-    elif isinstance(earlier, Shapes) and kind == "shapes" and earlier.ndim == 3:
+    elif isinstance(earlier, Shapes):
         earlier.data = [(line, keywords["shape_type"]) for line in values]  # a new Shapes layer may crash OpenGL
         earlier.visible = True
     else:
-        earlier = Layer.create(values, keywords, kind)
+        earlier = made
         insert(viewer, earlier)
+    remember(earlier, *sources)
     return earlier
 
 
+def units_in_time(prepared: PreparedMap) -> tuple[Any, ...] | None:
+    """Return the units of all axes of a layer that belongs to a frame of a movie, or of the space axes."""
+    own, movie = units(prepared.run.flat_map, 3), prepared.run.layers.movie
+    return own if own is None or movie is None else (*movie.time.units, *own)
+
+
+def _at(moment: Sequence[float], points: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.column_stack([np.broadcast_to(np.asarray(moment, dtype=np.float64), (len(points), len(moment))), points])
+
+
+def _corners(layer: Layer) -> list[tuple[float, ...]]:
+    """Return the positions that determine where a layer lies in the world."""
+    return [tuple(layer.data_to_world(end)) for end in np.vstack([np.zeros(layer.ndim), np.eye(layer.ndim)])]
+
+
 def _map(prepared: PreparedMap) -> FlatMap:
-    flat_map = prepared.run.flat_map
+    """Return the map with the positions of the displayed frame."""
+    flat_map = prepared.planar
     if not isinstance(flat_map, FlatMap):
         raise InputError("Regions and distances need a flat map, not a page of patches. Use Flatten surface instead")
     return flat_map

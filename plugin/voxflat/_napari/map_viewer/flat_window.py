@@ -10,6 +10,7 @@ from qtpy.QtWidgets import QWidget
 
 from voxflat._napari.gl_context import keep_canvas_current
 from voxflat._napari.results.flat_layers import LayerData
+from voxflat._napari.results.outputs import is_unchanged, remember
 from voxflat._napari.timers import PAUSE
 
 _SIZE = (1000, 650)  # pixels
@@ -27,7 +28,7 @@ class FlatWindow:
         owner.destroyed.connect(lambda: self.close())
 
     def show(self, data: LayerData) -> None:
-        """Show a layer, instead of an earlier one of the same name."""
+        """Show a layer, instead of an earlier one of the same name, unless the user has edited that one."""
         if self.viewer is None:
             self.viewer = Viewer(title=self._title, show=False)
             keep_canvas_current(self.viewer)
@@ -35,9 +36,11 @@ class FlatWindow:
             window.resize(*_SIZE)
             window.installEventFilter(_Hider(window))
         layers, name = self.viewer.layers, data[1]["name"]
-        if name in layers:
+        if name in layers and is_unchanged(layers[name]):
             layers.remove(name)
-        layers.append(Layer.create(*data))
+        layer = Layer.create(*data)
+        layers.append(layer)
+        remember(layer)
         self.viewer.window.show()
         self.viewer.window.activate()
         QTimer.singleShot(PAUSE, self._fit)  # once the size of the canvas is known

@@ -118,9 +118,20 @@ class PreparedMap:
             return None
         of = self.planar._triangles
         row = int(of.faces[face][int(found.weights.argmax())])
-        vertex = of.on_surface.ids[row].tolist()
         point = of.on_surface.space.to_scanner(found.points)
+        vertex = (of.on_surface.ids[row] if self.planar is self.own else self._voxel(point)).tolist()
         return Spot(point, row, tuple(vertex) if isinstance(vertex, list) else vertex, self._distortion(row, face))
+
+    @property
+    def own(self) -> Planar:
+        """The map of the run, which is that of the reference frame of a movie, or the page of its atlas."""
+        return self.run.flat_map if isinstance(self.run.flat_map, FlatMap) else self.planar
+
+    def _voxel(self, point: NDArray[np.float64]) -> NDArray[np.int64]:
+        """Return the voxel that contains a point, or the nearest one, in another frame than the flattened one."""
+        of = self.planar._triangles.on_surface
+        index = np.linalg.solve(of.affine, [*point, 1.0])[:3]
+        return np.clip(np.round(index), 0, np.subtract(of.volume_shape, 1)).astype(np.int64)
 
     def _distortion(self, row: int, face: int) -> str:
         flat_map = self.run.flat_map

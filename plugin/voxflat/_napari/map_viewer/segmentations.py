@@ -13,15 +13,16 @@ from qtpy.QtWidgets import QComboBox, QHBoxLayout, QLabel, QPushButton, QSizePol
 from superqt.utils import signals_blocked
 
 from voxflat._napari.docks import arrange
-from voxflat._napari.layers.volumes import finest
-from voxflat._napari.map_viewer.drawings import affine_in_world, depth_range
-from voxflat._napari.map_viewer.movies import MovieWindow
+from voxflat._napari.map_viewer.drawings import affine_in_world, depth_range, units_in_time
+from voxflat._napari.map_viewer.movies import MovieWindow, flat_labels, is_kept
 from voxflat._napari.map_viewer.prepared_map import PreparedMap
 from voxflat._napari.map_viewer.viewer_parts import list_events
-from voxflat._napari.results.flat_layers import LayerData, units
+from voxflat._napari.results.flat_layers import LayerData
 from voxflat.arguments import Progress
 from voxflat.errors import Cancelled, InputError
 from voxflat.maps.flat_map import FlatMap
+from voxflat.maps.raster import Raster
+from voxflat.maps.regions import Regions
 
 
 class Segmentations(QWidget):
@@ -67,6 +68,7 @@ class Segmentations(QWidget):
         before = self.layer
         found = [layer for layer in self._viewer.layers if isinstance(layer, Labels) and layer.ndim == 2]
         found = [layer for layer in found if "voxflat" not in layer.metadata]
+        found += [layer for layer in self._viewer.layers if is_kept(layer)]
         self._layers = [*found, *(layer for layer in self._movies.layers if isinstance(layer, Labels))]
         with signals_blocked(self.box):
             self.box.clear()
@@ -98,30 +100,36 @@ class Segmentation:
         size = float(right[1] - corner[1])
         if not np.allclose([down - corner, right - corner], size * np.eye(2), atol=1e-6 * abs(size)) or size <= 0:
             raise InputError(f"The pixels of '{layer.name}' are not those of the map. {_REMEDY}")
-        return cls(layer.name, np.array(finest(layer)), corner, size)
+        return cls(layer.name, flat_labels(layer), corner, size)
 
     def at(self, frame: int | None) -> NDArray[Any]:
         """Return the labels of a frame; labels without frames are the same in all frames."""
         return self.data if self.data.ndim == 2 or frame is None else self.data[frame]
 
-    def regions(self, flat_map: FlatMap, frame: int | None) -> Any:
-        """Return the regions on the map of a frame; raises InputError unless the labels lie on its pixels."""
+    def check(self, flat_map: FlatMap) -> Raster:
+        """Return the pixels of a map; raises InputError unless the labels lie on them."""
         raster = flat_map.raster(self.pixel_size)
         u, v = raster.origin
-        labels = self.at(frame)
         near = np.allclose(self.corner, (-v, u), atol=0.1 * self.pixel_size)
-        if labels.shape != raster.shape or not near:
+        if self.data.shape[-2:] != raster.shape or not near:
             raise InputError(f"The pixels of '{self.name}' are not those of the map. {_REMEDY}")
-        return flat_map.regions(labels, pixel_size=self.pixel_size)
+        return raster
+
+    def regions(self, flat_map: FlatMap, frame: int | None) -> Regions:
+        """Return the regions on the map of a frame; raises InputError unless the labels lie on its pixels."""
+        self.check(flat_map)
+        return flat_map.regions(self.at(frame), pixel_size=self.pixel_size)
 
 
+_MOST = 3  # labels that are named
 _REMEDY = "Give the layer the scale and translation of a flattened image of this map, and the same shape"
 
 
-def to_volume(
-    prepared: PreparedMap, drawn: Segmentation, depth: float, time_unit: Any, progress: Progress
-) -> LayerData:
-    """Return a Labels layer with the labels in the volume, for all frames of a movie; called in a thread."""
+def to_volume(prepared: PreparedMap, drawn: Segmentation, depth: float, progress: Progress) -> tuple[LayerData, str]:
+    """Return a Labels layer with the labels in the volume, for all frames of a movie; called in a thread.
+
+    Also return a message that names the labels without voxels; it is empty if there are none.
+    """
     flat_map, movie = prepared.run.flat_map, prepared.run.layers.movie
     if not isinstance(flat_map, FlatMap):
         raise InputError("Segmentations need a flat map, not a page of patches. Use Flatten surface instead")
@@ -134,27 +142,35 @@ def to_volume(
         raise InputError(f"Layer '{drawn.name}' has {len(drawn.data)} frames, but the movie has {count}. {_REMEDY}")
     wanted = None if flat_map.pial_points is not None else depth_range(prepared, depth)
     frames = [None] if movie is None else list(range(len(movie.series)))
-    volumes = []
+    inside = drawn.check(flat_map).inside
+    volumes, lost = [], []
     for number, frame in enumerate(frames):
         if progress("transferring labels", number, len(frames)) is False:
             raise Cancelled("cancelled while transferring labels")
         of = flat_map if movie is None or frame is None else movie.series[frame]
-        if drawn.at(frame).any():
+        labels = drawn.at(frame)
+        if (inside & (labels != 0)).any():
             regions = drawn.regions(of, frame)
-            volumes.append(regions.volume(regions._grid(), depth=wanted).data)
+            volumes.append(regions._voxels(regions._grid(), wanted).data)
         else:
             volumes.append(np.zeros(flat_map.volume_shape, dtype=np.int32))
-    affine, own = affine_in_world(prepared), units(flat_map, 3)
-    data, about = volumes[0], {"name": f"{drawn.name} in the volume", "opacity": 0.6}
+        where = "" if frame is None else f" in frame {frame}"
+        lost += [f"{key}{where}" for key in np.setdiff1d(labels, [0, *np.unique(volumes[-1])]).tolist()]
+    data, affine = np.stack(volumes), affine_in_world(prepared)
+    if not data.any():
+        raise InputError(f"No label of '{drawn.name}' contains the centre of a voxel. Draw larger labels on the map")
+    data = data[0]
     if movie is not None:
-        leading = -movie.time.axis - 3
-        data = np.stack(volumes).reshape(len(volumes), *[1] * (leading - 1), *volumes[0].shape)
-        placed = np.eye(data.ndim + 1)
-        placed[0, [0, -1]] = movie.time.step, movie.time.start
-        placed[leading:, leading:] = affine
-        affine = placed
-        own = None if own is None else (time_unit, *["pixel"] * (leading - 1), *own)
-    return data, {**about, "affine": affine, "units": own}, "labels"
+        affine = movie.time.placed(affine)
+        data = np.stack(volumes).reshape(len(volumes), *[1] * (len(affine) - 5), *data.shape)
+    about = {"name": f"{drawn.name} in the volume", "opacity": 0.6}
+    told = f"Left out, because they contain no voxel centre of the map: label {_listed(lost)}" if lost else ""
+    return (data, {**about, "affine": affine, "units": units_in_time(prepared)}, "labels"), told
+
+
+def _listed(lost: list[str]) -> str:
+    """List the first entries, and count the others."""
+    return ", ".join(lost[:_MOST]) + (f" and {len(lost) - _MOST} more" if len(lost) > _MOST else "")
 
 
 def save_table(prepared: PreparedMap, drawn: Segmentation, frame: int | None, path: Path, progress: Progress) -> str:

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any, Protocol, TypeAlias
 
 import numpy as np
+from napari import Viewer
 from numpy.typing import NDArray
 
 from voxflat._napari.layers.sampled import Shown
@@ -20,12 +21,31 @@ STACK = "voxflat_stack"
 """Key of the metadata of flat volumes: the `FlatStack` from which they were made."""
 
 
+MOVIE = "voxflat_movie"
+"""Key of the metadata of flat movies: a `FlatStack` with the pixels of one frame, and the times of the frames."""
+
+
 @dataclass(frozen=True, eq=False)
 class MovieMaps:
     """The maps of all frames of a movie."""
 
     series: FlatSeries
     time: TimeAxis
+
+
+@dataclass(frozen=True, eq=False)
+class SingleFrame:
+    """The frame of a movie to which a single map belongs."""
+
+    number: int
+    count: int  # of all frames
+    time: TimeAxis
+
+    def hint(self, viewer: Viewer) -> str:
+        """Return a message if the viewer displays another frame."""
+        shown = self.time.frame(viewer, self.count)
+        hint = f"This is the map of frame {self.number}, not of the displayed frame {shown}."
+        return "" if shown == self.number else hint
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,6 +57,7 @@ class FlatLayers:
     in_space: list[LayerData] = field(default_factory=list)  # the surface of an atlas
     shown: Shown | None = None  # the values chosen in the form
     movie: MovieMaps | None = None
+    frame: "SingleFrame | None" = None  # if only one frame of a movie was flattened
 
 
 def shown_image(flat_map: FlatMap | Atlas, shown: Shown, pixel_size: float | None) -> LayerData:

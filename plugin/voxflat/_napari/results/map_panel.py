@@ -53,6 +53,7 @@ class MapPanel(QWidget):
         self.copy.show_run(run)
         self._name_result("")
         self._show_figures(run.flat_map)
+        self._show_warnings(warnings(run.layers))
         self.show()
 
     def show_earlier(self) -> None:
@@ -75,10 +76,11 @@ class MapPanel(QWidget):
             label.setToolTip(MEANINGS.get(name, ""))
             self._figures.addWidget(label, row, 0)
             self._figures.addWidget(number, row, 1, Qt.AlignmentFlag.AlignRight)
-        found = warnings(flat_map)
+        self.setToolTip(f"<pre>{table(flat_map)}</pre>")
+
+    def _show_warnings(self, found: list[str]) -> None:
         self.warnings.setText("".join(f"<p>⚠ {escape(warning)}</p>" for warning in found))
         self.warnings.setVisible(bool(found))
-        self.setToolTip(f"<pre>{table(flat_map)}</pre>")
 
     def _on_save(self) -> None:
         numpys, own = SAVED_ENDINGS  # napari first tries its own reader of .npz, which fails

@@ -1,0 +1,31 @@
+"""The layers that voxflat writes and may overwrite, unless the user has edited them."""
+
+import weakref
+import zlib
+from typing import Any
+
+import numpy as np
+from napari.layers import Layer
+
+_written: "weakref.WeakKeyDictionary[Layer, tuple[str, int, tuple[Any, ...]]]" = weakref.WeakKeyDictionary()
+
+
+def remember(layer: Layer, *sources: Any) -> None:
+    """Remember the content of a layer, and the objects from which it was made."""
+    _written[layer] = layer.name, _checksum(layer), tuple(map(weakref.ref, sources))
+
+
+def is_unchanged(layer: Layer, *sources: Any) -> bool:
+    """Return whether a layer was made from the same objects, and the user has neither edited nor renamed it."""
+    if layer not in _written:
+        return False
+    name, checksum, made_from = _written[layer]
+    same = made_from == tuple(map(weakref.ref, sources)) and name == layer.name
+    return same and checksum == _checksum(layer)
+
+
+def _checksum(layer: Layer) -> int:
+    found = 0
+    for array in layer.data if isinstance(layer.data, list | tuple) else [layer.data]:
+        found = zlib.crc32(np.ascontiguousarray(array).data.cast("B"), found)
+    return found
