@@ -329,7 +329,7 @@ def test_the_same_volume_may_be_given_twice(series):
         ([ellipsoid(1), np.maximum(ellipsoid(0.5), np.roll(ellipsoid(0.5), 14, 0))], "frame 1 has 2 components"),
         (
             [np.maximum(ellipsoid(0.5), np.roll(ellipsoid(0.5), 14, 0))] * 2,
-            "the surfaces have 2 components. Select one",
+            "frame 0 has 2 components with areas of",
         ),
     ],
 )
