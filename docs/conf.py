@@ -118,7 +118,7 @@ def _write_commands():
     folder = GENERATED / "cli"
     folder.mkdir(parents=True, exist_ok=True)
     for name, module in program.modules.items():
-        page = f".. click:: voxflat.cli.commands.{module}:{name}_command\n   :prog: voxflat {name}\n"
+        page = f".. click:: voxflat.cli.commands.{module}:{name.replace('-', '_')}_command\n   :prog: voxflat {name}\n"
         path = folder / f"{name}.rst"
         if not path.exists() or path.read_text(encoding="utf-8") != page:
             path.write_text(page, encoding="utf-8")
