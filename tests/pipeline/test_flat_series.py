@@ -147,6 +147,10 @@ def test_charts_of_a_movie_agree_where_they_overlap(growth, kind):
         assert one.points == pytest.approx(points[:, one.flat_map.ids])
         assert one.gaps.tolist() == whole.gaps.tolist()
     assert np.isin(np.arange(len(frames[1][0])), np.concatenate([one.flat_map.ids for one in made])).all()
+    for one in made:  # the two measurements take different samples of the pairs
+        own = one.flat_map.distortion
+        assert one.measure(1).best_scale.relative_error == pytest.approx(own.best_scale.relative_error, rel=0.01)
+        assert one.measure(1).per_point == pytest.approx(own.per_point, rel=0.05, nan_ok=True)
     alone = voxflat.flatten_series(frames, reference=1, cuts=charts[0])
     assert alone.points == pytest.approx(made[0].points)
     assert (made[0].measure(2).best_scale.relative_error or 1) < 0.1  # uniform growth

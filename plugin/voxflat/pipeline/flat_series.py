@@ -24,10 +24,12 @@ from voxflat.io.provenance import Record, Recorded, saving, telling
 from voxflat.maps.depth import Depths, vertex_areas
 from voxflat.maps.flat_map import FlatMap
 from voxflat.maps.map_files import read_map, write_map
+from voxflat.maps.matching import Matched
 from voxflat.maps.plane import FlatTriangles
 from voxflat.maps.raster import FlatStack, Raster
 from voxflat.maps.sampler import timing_of
 from voxflat.pipeline.flat_movie import FlatMovie, joined
+from voxflat.unique_rows import distinct
 
 _ARRAYS = ("points", "normals", "gaps", "folded")  # fields that are saved as arrays
 _FAR = 0.02  # gap, relative to the size of the surface, that is reported
@@ -273,8 +275,11 @@ class FlatSeries(Sequence[FlatMap], Recorded):
             )
         core, _ = _core.Surface.from_triangles(self.points[frame], of.faces[~of.torn].astype(np.int64))
         uv = np.ascontiguousarray(of.uv[core.ids])
-        sources = _core.reference_sources(len(core), known.sources, seed)
-        found = core.judge([uv], sources, known.reference, _core.KEPT_BYTES, seed, threads, progress)[0]
+        closed, at = Matched(core, distinct(of.ids).which[core.ids], uv, of.period).joined()
+        sources = _core.reference_sources(len(closed.uv), known.sources, seed)
+        kept, period = _core.KEPT_BYTES, of.period
+        found = closed.core.judge([closed.uv], sources, known.reference, kept, seed, threads, progress, period=period)[0]
+        found["per_point"] = found["per_point"][at]
         triangles = core.measure(uv, progress)
         for figures, name in ((found, "per_point"), (triangles, "areal")):
             values = np.full(len(of), np.nan)

@@ -53,9 +53,9 @@ def flatten_series(
     Parameters
     ----------
     surfaces : sequence
-        The surfaces of the frames, in order: inputs of `voxflat.surface`. They need no common vertices, but one
-        component and the same number of handles and boundary loops. The boundary of each frame moves to that of the
-        next one.
+        The surfaces of the frames, in order: inputs of `voxflat.surface`. They need no common vertices, but the
+        same number of handles and boundary loops. The boundary of each frame moves to that of the next one. Of several
+        components, only the largest is used if the others have at most 5 % of the area.
     method : str or Method
         As in `Surface.flatten`.
     reference : int
