@@ -277,8 +277,8 @@ class FlatSeries(Sequence[FlatMap], Recorded):
         uv = np.ascontiguousarray(of.uv[core.ids])
         closed, at = Matched(core, distinct(of.ids).which[core.ids], uv, of.period).joined()
         sources = _core.reference_sources(len(closed.uv), known.sources, seed)
-        kept, period = _core.KEPT_BYTES, of.period
-        found = closed.core.judge([closed.uv], sources, known.reference, kept, seed, threads, progress, period=period)[0]
+        judge, kept = closed.core.judge, _core.KEPT_BYTES
+        found = judge([closed.uv], sources, known.reference, kept, seed, threads, progress, period=of.period)[0]
         found["per_point"] = found["per_point"][at]
         triangles = core.measure(uv, progress)
         for figures, name in ((found, "per_point"), (triangles, "areal")):
