@@ -76,6 +76,31 @@ def test_polygons_of_off_are_cut(tmp_path):
     assert len(read_mesh(tmp_path / "quad.off").faces) == 2
 
 
+SQUARE = "0 0 0\n1 0 0\n1 1 0\n0 1 0\n"
+
+
+def test_faces_of_off_may_continue_on_the_next_line(tmp_path):
+    path = tmp_path / "square.off"
+    for text in (
+        "OFF\n4 2 0\n" + SQUARE + "3 0\n1 2\n3 0 2\n3 255 0 0\n",
+        "OFF 4 2 5\n" + SQUARE + "3\n0 1 2\n3 0 2 3\n",
+    ):
+        path.write_text(text)
+        np.testing.assert_array_equal(read_mesh(path).faces, [[0, 1, 2], [0, 2, 3]])
+
+
+@pytest.mark.parametrize("header", ["OFF\n4 1 0\n", "OFF\n4 3 0\n", "4OFF\n4 2 0\n"])
+def test_off_must_list_as_many_faces_as_it_specifies(tmp_path, header):
+    (tmp_path / "square.off").write_text(header + SQUARE + "3 0 1 2\n3 0 2 3\n")
+    refused(
+        "square.off: (its header specifies 1 faces.*lists 2|has 6 lines|does not begin)",
+        read_mesh,
+        tmp_path / "square.off",
+    )
+    (tmp_path / "square.off").write_text("OFF\n4 2 0\n" + SQUARE + "3 0 1 2\n3 0 2\n")
+    refused("its header specifies 2 faces, but the file lists an incomplete one", read_mesh, tmp_path / "square.off")
+
+
 def test_tiff_stacks_are_volumes_in_their_unit(tmp_path):
     tifffile.imwrite(tmp_path / "plain.tif", STACK, photometric="minisblack")
     how = {"resolution": (1 / 0.5, 1 / 0.25), "metadata": {"spacing": 2.0, "unit": "um", "axes": "ZYX"}}

@@ -16,21 +16,30 @@ from voxflat.io.triangles import triangulated
 
 
 def read_off(path: Path, data: bytes) -> dict[str, Any]:
-    """Read an OFF file; colours and normals are ignored."""
+    """Read an OFF file, whose faces may continue on the next line; colours and normals are ignored."""
     lines = [line for line in (raw.split("#")[0].strip() for raw in data.decode("latin1").splitlines()) if line]
-    if not lines or not lines[0].upper().endswith("OFF") or "BINARY" in lines[0].upper():
+    header = re.fullmatch(r"(?:ST)?C?N?OFF\b(.*)", lines[0] if lines else "", re.IGNORECASE)
+    if header is None or "BINARY" in header[1].upper():
         raise InputError("does not begin with OFF. Check that it is an ASCII OFF file")
-    counts = [int(word) for word in lines[1].split()]
-    if len(counts) < 2 or min(counts[:2]) < 0 or len(lines) < 2 + counts[0] + counts[1]:
-        raise InputError(f"has {len(lines) - 2} lines of points and faces instead of {sum(counts[:2])}. {AGAIN}")
-    points = np.array([line.split()[:3] for line in lines[2 : 2 + counts[0]]], dtype=np.float64)
-    faces = [line.split() for line in lines[2 + counts[0] : 2 + counts[0] + counts[1]]]
+    counts, *rows = [line.split() for line in (header[1].strip(), *lines[1:]) if line] or [[]]
+    numbers = [int(word) for word in counts[:2]]
+    if len(numbers) < 2 or min(numbers) < 0 or len(rows) < sum(numbers):
+        raise InputError(f"has {len(rows)} lines of points and faces instead of {sum(numbers)}. {AGAIN}")
+    points = np.array([row[:3] for row in rows[: numbers[0]]], dtype=np.float64).reshape(-1, 3)
+    faces: list[list[str]] = []
+    for row in rows[numbers[0] :]:
+        if faces and len(faces[-1]) <= int(faces[-1][0]):
+            faces[-1] += row
+        else:
+            faces.append(row)
     lengths = np.array([int(face[0]) for face in faces], dtype=np.int64)
-    if any(len(face) <= length for face, length in zip(faces, lengths.tolist(), strict=True)):
-        raise InputError(f"has a face with fewer corners than it specifies. {AGAIN}")
+    is_cut = bool(faces) and len(faces[-1]) <= lengths[-1]
+    if len(faces) != numbers[1] or is_cut:
+        found = "an incomplete one" if is_cut else str(len(faces))
+        raise InputError(f"its header specifies {numbers[1]} faces, but the file lists {found}. {AGAIN}")
     corners = np.array([corner for face in faces for corner in face[1 : int(face[0]) + 1]], dtype=np.int64)
-    places, remarks = triangulated(points.reshape(-1, 3), corners, lengths)
-    return {"points": points.reshape(-1, 3), "faces": corners[places], "remarks": remarks}
+    places, remarks = triangulated(points, corners, lengths)
+    return {"points": points, "faces": corners[places], "remarks": remarks}
 
 
 def read_asc(path: Path, data: bytes) -> dict[str, Any]:
