@@ -4,7 +4,6 @@ import ast
 import errno
 import io
 import multiprocessing
-import platform
 import sys
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
@@ -17,7 +16,7 @@ from command_line import fail
 from refusals import refused
 
 import voxflat
-from voxflat import arguments, cli
+from voxflat import cli
 from voxflat.cli import output
 from voxflat.io import files, subprocess_reader
 from voxflat.lab.inputs import Parameters, found_in
@@ -105,14 +104,6 @@ def test_limits_that_a_system_refuses_are_left_out(monkeypatch):
     assert told == [resource.RLIMIT_AS, resource.RLIMIT_CORE]
     monkeypatch.setitem(sys.modules, "resource", None)  # Windows
     subprocess_reader._limit_addresses(1 << 30)
-
-
-def test_glibc_is_looked_for_on_linux_alone(monkeypatch):
-    unreadable = Mock(side_effect=OSError(errno.EINVAL, "python.exe of the Microsoft Store cannot be read"))
-    monkeypatch.setattr(sys, "platform", "win32")
-    monkeypatch.setattr(platform, "libc_ver", unreadable)
-    arguments.give_back_memory.__wrapped__()
-    arguments._share_one_heap.__wrapped__()
 
 
 def test_names_that_differ_in_case_are_one_file_where_the_system_says_so(tmp_path, monkeypatch):

@@ -1,13 +1,9 @@
 """Check arguments that many functions share: types, numbers, voxel indices and memory."""
 
-import ctypes
 import logging
 import math
 import os
-import platform
-import sys
 from collections.abc import Callable, Iterable
-from functools import lru_cache
 from numbers import Integral, Real
 from pathlib import Path
 from typing import Any, TypeGuard
@@ -170,8 +166,6 @@ def refuse(method: str, **options: object) -> None:
             raise InputError(f"the method {method!r} does not have the option {name}. Omit it")
 
 
-_MMAP_THRESHOLD, _ARENA_MAX = -3, -8  # M_MMAP_THRESHOLD and M_ARENA_MAX of glibc's malloc.h
-_LARGE_ARRAY = 1 << 20
 _STACK_ADDRESSES = 48 << 20  # address space for the stacks of threads that will be started
 
 _CGROUPS = Path("/sys/fs/cgroup")
@@ -195,26 +189,7 @@ def _free_addresses() -> float:
     limit, _ = process.rlimit(psutil.RLIMIT_AS)
     if limit == psutil.RLIM_INFINITY:
         return math.inf
-    _share_one_heap()
     return limit - process.memory_info().vms - _STACK_ADDRESSES
-
-
-def _has_glibc() -> bool:
-    return sys.platform == "linux" and platform.libc_ver()[0] == "glibc"  # libc_ver() fails on Windows
-
-
-@lru_cache(maxsize=1)
-def give_back_memory() -> None:
-    """Return freed arrays to the system; glibc keeps arrays up to 32 MiB (a third of memory for 100,000 vertices)."""
-    if _has_glibc():
-        ctypes.CDLL(None).mallopt(_MMAP_THRESHOLD, _LARGE_ARRAY)
-
-
-@lru_cache(maxsize=1)
-def _share_one_heap() -> None:
-    """Let threads share one heap if address space is limited, because glibc reserves 64 MiB for each thread's heap."""
-    if _has_glibc():
-        ctypes.CDLL(None).mallopt(_ARENA_MAX, 1)
 
 
 def _free_in_cgroups() -> float:

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import atexit
+import ctypes
 import importlib
 import io
 import json
 import logging
 import os
+import platform
 import re
 import signal
 import sys
@@ -26,6 +28,7 @@ if TYPE_CHECKING:
     from voxflat.arguments import Progress
 
 CANCELLED, TERMINATED = 130, 143  # exit statuses of programs ended by SIGINT and SIGTERM
+_ARENA_MAX = -8  # M_ARENA_MAX of glibc's malloc.h
 
 
 class Program(cloup.Group):
@@ -49,6 +52,7 @@ class Program(cloup.Group):
     def _status(self, arguments: list[str], *further: Any, **more: Any) -> int:
         more["standalone_mode"] = False  # click raises its errors instead of printing them
         _replace_closed_files()
+        _share_one_heap()
         try:
             with _sigterm_as_interrupt():
                 status = super().main(arguments, *further, **more)
@@ -110,6 +114,19 @@ def _sigterm_as_interrupt() -> Iterator[None]:
         yield
     finally:
         signal.signal(signal.SIGTERM, before or signal.SIG_DFL)
+
+
+def _share_one_heap() -> None:
+    """Let threads share one heap if address space is limited, because glibc reserves 64 MiB for each thread's heap.
+
+    This changes the process, so only the program does it, and never the library.
+    """
+    if sys.platform != "linux" or platform.libc_ver()[0] != "glibc":
+        return
+    import resource
+
+    if resource.getrlimit(resource.RLIMIT_AS)[0] != resource.RLIM_INFINITY:
+        ctypes.CDLL(None).mallopt(_ARENA_MAX, 1)
 
 
 def _replace_closed_files() -> None:

@@ -4,6 +4,7 @@ import re
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
+from xml.parsers import expat
 
 from matplotlib.figure import Figure
 
@@ -13,16 +14,7 @@ MAP = "map"  # label of the axes of a flat map, whose units are mm of the map
 
 LAYERS = ("curvature", "data", "parcels", "names", "marks")  # from bottom to top; the gid of an artist names its layer
 
-_SVG = "http://www.w3.org/2000/svg"
 _INKSCAPE = "http://www.inkscape.org/namespaces/inkscape"
-_PREFIXES = {
-    "": _SVG,
-    "xlink": "http://www.w3.org/1999/xlink",
-    "inkscape": _INKSCAPE,
-    "cc": "http://creativecommons.org/ns#",
-    "dc": "http://purl.org/dc/elements/1.1/",
-    "rdf": "http://www.w3.org/1999/02/22-rdf-syntax-ns#",
-}
 
 
 def name_layers(path: Path, drawn: Figure) -> None:
@@ -31,13 +23,12 @@ def name_layers(path: Path, drawn: Figure) -> None:
     if not any(f'id="{name}"' in text for name in LAYERS):
         return
     head = re.match(r"(?s).*?(?=<svg)", text)
-    for prefix, uri in _PREFIXES.items():
-        ElementTree.register_namespace(prefix, uri)
-    root = ElementTree.fromstring(text)
+    root = _with_prefixes(text)
+    root.set("xmlns:inkscape", _INKSCAPE)
     layers: dict[str, Any] = {}
     for name in ("background", *LAYERS):
-        told = {"id": f"layer-{name}", f"{{{_INKSCAPE}}}groupmode": "layer", f"{{{_INKSCAPE}}}label": name}
-        layers[name] = ElementTree.Element(f"{{{_SVG}}}g", told)
+        told = {"id": f"layer-{name}", "inkscape:groupmode": "layer", "inkscape:label": name}
+        layers[name] = ElementTree.Element("g", told)
     for axes in drawn.axes:
         if axes.get_label() == MAP:
             box, (width, height) = axes.get_position(), 72 * drawn.get_size_inches()  # in points, y pointing down
@@ -52,6 +43,15 @@ def name_layers(path: Path, drawn: Figure) -> None:
         root.insert(place, layer)
     body = ElementTree.tostring(root, encoding="unicode")
     path.write_text((head[0] if head else "") + body + "\n", encoding="utf-8", newline="\n")
+
+
+def _with_prefixes(text: str) -> Any:
+    """Parse XML, and keep the prefixes of names as they are; ElementTree has prefixes only for the whole process."""
+    builder, parser = ElementTree.TreeBuilder(), expat.ParserCreate()
+    parser.StartElementHandler, parser.EndElementHandler = builder.start, builder.end
+    parser.CharacterDataHandler = builder.data
+    parser.Parse(text, True)
+    return builder.close()
 
 
 def _sort(group: Any, layers: dict[str, Any]) -> None:

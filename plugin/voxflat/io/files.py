@@ -11,6 +11,7 @@ import re
 import shutil
 import stat
 import textwrap
+import threading
 import time
 import uuid
 import warnings
@@ -86,7 +87,8 @@ def check_format(path: str | os.PathLike[str], found: object, known: str | int, 
         raise InputError(f"{path} has the format {found!r}, but this version of voxflat reads {known!r}. {remedy}")
 
 
-_loading: ContextVar[Callable[[str], None] | None] = ContextVar("voxflat_loading", default=None)
+_loading: ContextVar[object] = ContextVar("voxflat_loading", default=None)
+_filters_lock = threading.Lock()
 
 
 def nibabel_image(path: str | os.PathLike[str], **options: Any) -> Any:
@@ -105,19 +107,25 @@ def nibabel_image(path: str | os.PathLike[str], **options: Any) -> Any:
 
 @contextmanager
 def retelling(path: str | os.PathLike[str], logger: str, take: Callable[[str], None] | None = None) -> Iterator[None]:
-    """Redirect another package's log messages to a function or, with the file name, to voxflat's log."""
-    logging.getLogger(logger).addFilter(_redirected)
-    token = _loading.set(take or (lambda message: log.warning("%s: %s", path, message)))
+    """Redirect the log messages that another package emits in this context to a function, or to voxflat's log."""
+    told = take or (lambda message: log.warning("%s: %s", path, message))
+    other, here = logging.getLogger(logger), object()
+
+    def redirect(record: logging.LogRecord) -> bool:
+        is_ours = _loading.get() is here
+        if is_ours:
+            told(record.getMessage())
+        return not is_ours
+
+    token = _loading.set(here)
+    with _filters_lock:
+        other.filters = [*other.filters, redirect]  # a new list, because another thread may be using this one
     try:
         yield
     finally:
+        with _filters_lock:
+            other.filters = [one for one in other.filters if one is not redirect]
         _loading.reset(token)
-
-
-def _redirected(record: logging.LogRecord) -> bool:
-    if (take := _loading.get()) is not None:
-        take(record.getMessage())
-    return take is None
 
 
 def one_line(error: Exception) -> str:

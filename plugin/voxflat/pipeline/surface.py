@@ -9,7 +9,7 @@ from typing import Any
 
 from numpy.typing import ArrayLike
 
-from voxflat.arguments import Progress, checked_seed, checked_threads, give_back_memory, log, shown
+from voxflat.arguments import Progress, checked_seed, checked_threads, log, shown
 from voxflat.atlases.certified import FlatAtlas
 from voxflat.atlases.making import patches
 from voxflat.distances.geodesic import geodesic as _geodesic
@@ -848,7 +848,6 @@ def surface(
     if repair is not None and (not isinstance(repair, str) or repair not in _REPAIRS):
         raise InputError(f"repair is {shown(repair)}. Pass 'none', 'voxels' or 'cuts', or omit it")
     threads = checked_threads(threads)
-    give_back_memory()
     voxels = {"label": label, "threshold": threshold, "spacing": spacing, "affine": affine, "probability": probability}
     source = middle_of_rim(source)
     if isinstance(source, Surface):
