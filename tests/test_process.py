@@ -40,7 +40,7 @@ def state():
     os.umask(mask)
     found |= {"umask": mask, "directory": os.getcwd(), "locale": locale.setlocale(locale.LC_ALL)}
     found |= {f"environment {name}": value for name, value in os.environ.items()}
-    found |= {"environment": sorted(os.environ), "search path": sys.path, "audit": sys.gettrace(), "meta": sys.meta_path}
+    found |= {"environment": sorted(os.environ), "search path": sys.path, "importers": sys.meta_path}
     for name in ("excepthook", "displayhook", "unraisablehook", "breakpointhook"):
         found[f"sys.{name}"] = getattr(sys, name)
     found |= {"threading.excepthook": threading.excepthook, "recursion": sys.getrecursionlimit()}
@@ -61,7 +61,8 @@ def state():
     found |= {"vtk": vtkObject.GetGlobalWarningDisplay(), "vtk window": vtkOutputWindow.GetInstance().GetClassName()}
     try:
         import resource
-        found |= {f"limit {name}": resource.getrlimit(getattr(resource, name)) for name in dir(resource) if "RLIMIT" in name}
+        limits = [name for name in dir(resource) if "RLIMIT" in name]
+        found |= {f"limit {name}": resource.getrlimit(getattr(resource, name)) for name in limits}
     except ImportError:
         pass
     names = [None, *sorted(logging.root.manager.loggerDict)]
@@ -102,7 +103,8 @@ def run():
 
 
 def changes(before, after):
-    return {name: (before.get(name), after.get(name)) for name in {*before, *after} if before.get(name) != after.get(name)}
+    pairs = {name: (before.get(name), after.get(name)) for name in {*before, *after}}
+    return {name: pair for name, pair in pairs.items() if pair[0] != pair[1]}
 
 
 def faults():
