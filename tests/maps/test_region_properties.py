@@ -87,6 +87,19 @@ def test_an_ellipse_on_a_cylinder(tube):
     assert np.degrees(np.arctan2(step[1], step[0])) == pytest.approx(found["map_direction"][0], abs=1)
 
 
+def test_a_region_of_few_pixels_has_the_moments_of_its_squares():
+    """Pixels are squares, not points: a rectangle a x b has second moments a²/12 and b²/12."""
+    sheet = grid(21)
+    m = replace(voxflat.surface(sheet).flatten(Voxflat(sources=10)), uv=sheet.points[:, :2])
+    labels = np.zeros(m.raster(1.0).shape, dtype=int)
+    for wide, high in ((1, 1), (3, 1), (3, 2)):
+        labels[:] = 0
+        labels[4 : 4 + high, 6 : 6 + wide] = 1
+        found = measured(m, labels, 1.0)
+        assert found["major_axis"] == pytest.approx(4 * wide / np.sqrt(12), rel=1e-6)
+        assert found["minor_axis"] == pytest.approx(4 * high / np.sqrt(12), rel=1e-6)
+
+
 def test_a_stretched_map_changes_no_property_of_the_surface(cap):
     """A patch drawn on a map that is stretched by 1.69 and 0.66 along its axes has the same properties."""
     other = replace(cap, uv=cap.uv @ STRETCHED)
