@@ -156,6 +156,46 @@ def test_a_channel_of_ome_zarr_becomes_a_surface_in_its_unit(tmp_path):
     np.testing.assert_allclose(shown, flat_map.image(cell).data, atol=1e-6)
 
 
+def test_units_have_their_lengths():
+    """An inch is 254/10 mm by definition, and 39.3701 inches are a metre."""
+    sizes = {"inch": 1000 / 39.3701, "cm": 1000 / 100, "m": 1000 / 1, "nm": 1000 / 1e9, "µm": 1000 / 1e6, "mm": 1.0}
+    for unit, length in sizes.items():
+        volume = voxflat.io.Volume(np.zeros((2, 2, 2)), np.diag([2.0, 3.0, 5.0, 1.0]), unit=unit)
+        np.testing.assert_allclose(volume.in_unit("mm").spacing, np.multiply([2, 3, 5], length), rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("unit", "in_nm"), [("angstrom", 0.1), ("nanometer", 1.0), ("micrometer", 1000.0), ("inch", 25.4e6)]
+)
+def test_ome_zarr_has_the_lengths_of_its_units(tmp_path, unit, in_nm):
+    group = zarr.open_group(str(tmp_path / "a.zarr"), mode="w", zarr_format=2)
+    group.create_array("0", shape=(4, 4, 4), chunks=(4, 4, 4), dtype=np.uint8)[:] = 1
+    axes = [{"name": axis, "type": "space", "unit": unit} for axis in "zyx"]
+    steps = [{"type": "scale", "scale": [3.0, 2.0, 1.5]}]
+    images = [{"path": "0", "coordinateTransformations": steps}]
+    group.attrs["multiscales"] = [{"version": "0.4", "axes": axes, "datasets": images}]
+    volume = voxflat.io.read_volume(tmp_path / "a.zarr")
+    np.testing.assert_allclose(volume.in_unit("nm").spacing, np.multiply([1.5, 2.0, 3.0], in_nm), rtol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("told", "in_um"),
+    [
+        ({"PhysicalSizeX": 0.5, "PhysicalSizeY": 0.25}, (0.5, 0.25, 0.5)),  # by the OME schema, the default unit is µm
+        ({"PhysicalSizeX": 0.5, "PhysicalSizeY": 0.25, "PhysicalSizeZ": 2.0}, (0.5, 0.25, 2.0)),
+        (
+            {"PhysicalSizeX": 5, "PhysicalSizeY": 2, "PhysicalSizeZ": 3}
+            | {f"PhysicalSize{axis}Unit": unit for axis, unit in zip("XYZ", ("nm", "µm", "mm"), strict=True)},
+            (0.005, 2, 3000),
+        ),
+    ],
+)
+def test_ome_tiff_has_the_sizes_of_its_voxels(tmp_path, told, in_um):
+    tifffile.imwrite(tmp_path / "a.ome.tif", np.ones((3, 4, 5), np.uint8), metadata={"axes": "ZYX", **told})
+    volume = voxflat.io.read_volume(tmp_path / "a.ome.tif")
+    np.testing.assert_allclose(volume.in_unit("µm").spacing, in_um, rtol=1e-9)
+
+
 @pytest.mark.parametrize("name", ["labels.png", "labels.tif", "labels.nii.gz"])
 def test_labels_drawn_on_an_image_find_their_place_on_the_map(maps, tmp_path, name):
     image = maps[0].heat_map()

@@ -19,6 +19,7 @@ from refusals import refused
 import voxflat
 from voxflat.io import Volume, write_volume
 from voxflat.io.meshes import Mesh, write_mesh
+from voxflat.io.tables import read_points
 from voxflat.maps.raster import FlatImage
 from voxflat.methods import Voxflat
 
@@ -378,6 +379,7 @@ class TestPoints:
         rows = [("E1", *m.points[3], "good"), ("E2", 0, 0, 0, "far"), ("E3", "n/a", "n/a", "n/a", "lost")]
         table = [("name", "x", "y", "z", "status"), *rows]
         Path("electrodes.tsv").write_text("".join("\t".join(map(str, row)) + "\n" for row in table))
+        assert np.isnan(read_points("electrodes.tsv").points[2]).all()
         result = succeed("points", "m.npz", "electrodes.tsv", "-o", "uv.csv", "--json")
         assert json.loads(result.output)["on_map"] == 1
         lines = Path("uv.csv").read_text().splitlines()

@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 
 import voxflat
 from voxflat.errors import InputError
+from voxflat.pipeline import following
 from voxflat.pipeline.shapes import Shape, boundary_edges
 
 TURN = Rotation.from_euler("xyz", [5, -4, 6], degrees=True).as_matrix()
@@ -382,3 +383,32 @@ def test_movies_are_bit_identical_for_any_number_of_threads(tmp_path):
         for threads in ("1", "2")
     ]
     assert found[0].stdout == found[1].stdout != b""
+
+
+def test_the_friction_follows_the_best_rotation_and_never_a_reflection():
+    """SciPy's alignment of vectors gives the same rotation, for shapes that turned and for those that are mirrored."""
+    points, faces = sphere(300, 0)
+    points = points * [3, 2, 1] + [1, 2, 3]
+    before = Shape(points, faces.astype(np.uint32))
+    turned = points @ Rotation.from_euler("xyz", [40, -70, 20], degrees=True).as_matrix()
+    flat = points * [1, 1, 1e-3]
+    for now in (turned, turned * [1, 1.2, 0.9], turned * [1, 1, -1], flat * [1, 1, -1]):
+        own = points - before.centre
+        there = now - Shape(now, before.faces).centre
+        rotation, _ = Rotation.align_vectors(there, own, weights=before.areas)
+        np.testing.assert_allclose(following._turned(before, now), rotation.apply(own), atol=1e-9)
+
+
+def test_the_strain_of_a_small_movement_is_that_of_linear_elasticity():
+    """A movement u = G x in the plane has the energy area * |(G + Gᵀ) / 2|², in which shear counts twice."""
+    points, faces = sheet(lambda x, y: np.column_stack([x, y, 0 * x]), 6)
+    surface = voxflat.surface((points, faces))
+    follower = following.Follower(surface.core)
+    shape = Shape(surface.points, follower.faces)
+    for gradient in ([[1, 0], [0, 0]], [[0, 1], [0, 0]], [[0.3, -1], [1, 0.2]], [[0, -1], [1, 0]]):
+        movement = np.column_stack([surface.points[:, :2] @ np.transpose(gradient), np.zeros(len(points))])
+        parts, misfit, weights = follower._strain(shape, surface.points, len(follower.faces))
+        changed = sum(part @ movement[:, axis] for axis, part in enumerate(parts))
+        symmetric = (np.array(gradient) + np.transpose(gradient)) / 2
+        np.testing.assert_allclose(misfit, 0, atol=1e-12)
+        assert weights @ changed**2 == pytest.approx(4.0 * (symmetric**2).sum(), abs=1e-12)  # the area is 4
