@@ -89,6 +89,19 @@ class Program(cloup.Group):
             raise Cancelled("cancelled") from stop
 
 
+class Command(cloup.Command):
+    """Command that refuses an option that is given twice, unless all its values are used."""
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """Parse the arguments; click itself would use the last value of a repeated option, without a word."""
+        if not ctx.resilient_parsing:
+            _, _, given = self.make_parser(ctx).parse_args(args=list(args))
+            for number, one in enumerate(given):
+                if isinstance(one, click.Option) and not one.multiple and one in given[:number]:
+                    raise click.UsageError(f"{one.opts[-1]} is given twice. Give it once.", ctx)
+        return super().parse_args(ctx, args)
+
+
 def _ignore_interrupts() -> None:
     """Ignore Ctrl-C when the work is done, because it would interrupt Python's clean-up with a traceback."""
     if threading.current_thread() is threading.main_thread():

@@ -12,6 +12,7 @@ import click
 import cloup
 import numpy as np
 
+from voxflat.cli.console import Command
 from voxflat.cli.output import JSON, READ, WRITTEN
 from voxflat.cli.parameter_options import option_of
 from voxflat.distances.geodesic import SOLVERS
@@ -195,8 +196,9 @@ def writes(name: str, help_: str, *names: str, metavar: str = "FILE") -> Callabl
 
 
 def command(name: str, *examples: str, **more: Any) -> Callable[[Callable[..., Any]], cloup.Command]:
-    """Return a decorator that makes a command whose help ends with examples."""
-    return cloup.command(name, epilog="\b\nExamples:\n" + "".join(f"  {one}\n" for one in examples), **more)
+    """Return a decorator that makes a command; its help ends with the examples."""
+    epilog = "\b\nExamples:\n" + "".join(f"  {one}\n" for one in examples) if examples else None
+    return cloup.command(name, **{"cls": Command, "epilog": epilog, **more})
 
 
 input_ = cloup.argument("input_", metavar="INPUT", type=FILE)

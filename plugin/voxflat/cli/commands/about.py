@@ -41,7 +41,7 @@ def cite_command(maps: tuple[Path, ...], bibtex: bool) -> None:
     report(asdict(citation), citation.bibtex if bibtex else str(citation))
 
 
-@cloup.command("info")
+@options.command("info")
 @options.section("Output", options.as_json)
 @options.run()
 def info_command() -> None:

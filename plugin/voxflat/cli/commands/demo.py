@@ -2,8 +2,6 @@
 
 from pathlib import Path
 
-import cloup
-
 from voxflat.cli import options
 from voxflat.cli.console import bars
 from voxflat.cli.options import OUT
@@ -12,7 +10,7 @@ from voxflat.errors import InputError
 from voxflat.io.files import installing
 
 
-@cloup.command("demo")
+@options.command("demo")
 @options.section(
     "Output",
     options.value(

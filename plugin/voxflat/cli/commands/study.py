@@ -9,7 +9,7 @@ import click
 import cloup
 
 from voxflat.cli import options
-from voxflat.cli.console import Bars, bars
+from voxflat.cli.console import Bars, Command, bars
 from voxflat.cli.output import is_json, report
 from voxflat.lab.group import group
 from voxflat.lab.inputs import GEOMETRIES, HEMISPHERES, Parameters
@@ -54,7 +54,7 @@ _MAPS = options.section(
 )
 
 
-class _MultipleValuesCommand(cloup.Command):
+class _MultipleValuesCommand(Command):
     """Command whose repeatable options also accept several values after one flag, as in BIDS Apps."""
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
