@@ -53,6 +53,7 @@ VOLUMES = {
     "printf.nhdr": (NRRD.replace("v.raw", "x%n%n 1 5 1 2"), "instead of one file"),
     "list.nhdr": (NRRD.replace("v.raw", "LIST\n../secret.raw"), "instead of one file"),
     "outside.nhdr": (NRRD.replace("v.raw", "../secret.raw"), "outside its directory"),
+    "cr.nhdr": (NRRD.replace("v.raw", "../secret.raw").replace("\n", "\r"), "outside its directory"),
 }
 
 

@@ -192,6 +192,18 @@ def check_regular(path: Path) -> os.stat_result:
     return status
 
 
+def companion(path: Path, name: str, what: str) -> Path:
+    """Return a file that another one names; it must be in the directory of that file or a subdirectory."""
+    file = path.parent / name
+    if not file.resolve().is_relative_to(path.parent.resolve()):
+        raise InputError(f"stores its {what} in {name!r:.80}, outside its directory. Copy that file into the directory")
+    if not file.exists():
+        raise InputError(f"stores its {what} in {name!r:.80}, which does not exist. Copy that file too")
+    if not file.is_file():
+        raise InputError(f"stores its {what} in {name!r:.80}, which is not a regular file. Copy the original file")
+    return file
+
+
 def check_regular_within(folder: Path) -> None:
     """Raise an error if a directory contains anything other than directories and regular files."""
     for entry in folder.iterdir():

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from voxflat.errors import InputError
-from voxflat.io.files import AGAIN, by_ending, check_regular, nibabel_image, require
+from voxflat.io.files import AGAIN, by_ending, check_regular, companion, nibabel_image, require
 from voxflat.io.grid import Affine, check_affine, in_millimetres, millimetres, volume_shape
 from voxflat.io.reading import check_room, note
 from voxflat.io.subprocess_reader import read_in_subprocess
@@ -219,8 +219,9 @@ def _rotation(imaginary: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def _read_nrrd(path: Path) -> Read:
     with path.open("rb") as file:
-        head = re.split(rb"\r?\n\r?\n", file.read(1 << 20), maxsplit=1)[0]
-    separate = [_beside(path, line) for line in re.findall(rb"(?mi)^data ?file:(.*)$", head)]
+        start = file.read(1 << 20).replace(b"\r\n", b"\n").replace(b"\r", b"\n")
+    head = start.partition(b"\n\n")[0]
+    separate = [_beside(path, line) for line in re.findall(rb"(?mi)^data ?file:(.*)$", start)]
     lines = re.findall(rb"(?m)^(?:space )?units:(.*)$", head)
     units = {unit for line in lines for unit in re.findall(r'"([^"]*)"', line.decode("latin1"))}
     if len({millimetres(unit) for unit in units}) > 1:
@@ -259,14 +260,9 @@ def _metaimage_header(start: bytes) -> tuple[dict[bytes, bytes], int]:
 def _beside(path: Path, named: bytes) -> Path:
     """Return the voxel file that a header names, which must be in the header's directory or a subdirectory."""
     name = named.strip().decode("utf-8", "surrogateescape")
-    file = path.parent / name
     if not name or "%" in name or name.split()[0] == "LIST":  # lists of files and printf formats are not supported
         raise InputError(f"stores its voxels in {name!r:.80} instead of one file. Write it as .mha, .nrrd or .nii.gz")
-    if not file.resolve().is_relative_to(path.parent.resolve()):
-        raise InputError(f"stores its voxels in {name!r:.80}, outside its directory. Copy that file into the directory")
-    if not file.is_file():
-        raise InputError(f"stores its voxels in {name!r:.80}, which does not exist. Copy that file too")
-    return file
+    return companion(path, name, "voxels")
 
 
 def _check_deflated(path: Path, start: int, size: int) -> None:

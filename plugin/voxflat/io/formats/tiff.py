@@ -1,5 +1,6 @@
 """Read TIFF stacks with tifffile: plain TIFF, ImageJ and OME-TIFF."""
 
+import contextlib
 import math
 import re
 import weakref
@@ -16,6 +17,7 @@ from numpy.typing import NDArray
 from voxflat.arguments import log
 from voxflat.errors import InputError
 from voxflat.io.files import AGAIN, require, retelling
+from voxflat.io.formats.tiff_pages import check_companions, check_pages, check_series
 from voxflat.io.grid import Affine, millimetres, named_unit
 
 TIFF_ENDINGS = (".tif", ".tiff")
@@ -48,8 +50,14 @@ class TiffArray:
         number = int(np.ravel_multi_index(index, self.shape[: len(index)])) if index else 0
         shape = self.shape[len(index) :]
         if self.offset is None:
-            page = self._series.pages[number] if index else self._series
-            return np.zeros(shape, self.dtype) if page is None else np.asarray(page.asarray()).reshape(shape)
+            if not index:
+                return np.asarray(self._series.asarray()).reshape(shape)
+            page = self._series.pages[number]
+            with contextlib.ExitStack() as closing:  # tifffile closes all files of a series but the first
+                if page.parent.filehandle.closed:
+                    page.parent.filehandle.open()
+                    closing.callback(page.parent.filehandle.close)
+                return np.asarray(page.asarray()).reshape(shape)
         size = math.prod(shape)
         with self.path.open("rb") as file:
             file.seek(self.offset + number * size * self.dtype.itemsize)
@@ -61,9 +69,10 @@ class TiffArray:
     @cached_property
     def _series(self) -> Any:
         """The open file, which is closed with this object."""
-        file = require("tifffile").TiffFile(self.path)
-        weakref.finalize(self, file.close)
-        return file.series[0]
+        with retelling(self.path, "tifffile"):
+            file = require("tifffile").TiffFile(self.path)
+            weakref.finalize(self, file.close)
+            return file.series[0]
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,11 +112,12 @@ class TiffStack:
 
 def open_tiff(path: Path) -> TiffStack:
     """Read the axes of a TIFF file, the names of its channels and the size of its voxels."""
-    messages: list[str] = []  # tifffile only logs that pages, or the text with the axes, are missing, and omits them
+    check_pages(path)
+    messages: list[str] = []  # passed on only if the file is read
     with retelling(path, "tifffile", messages.append), require("tifffile").TiffFile(path) as file:
+        values = check_companions(path, file.ome_metadata)
         series = file.series[0]
-        if any(re.search("invalid page offset|TiffTag 270", message) for message in messages):
-            raise InputError(f"ends before its last page. {AGAIN}")
+        check_series(file, values)
         axes = tuple(zip(series.axes, map(int, series.shape), strict=True))
         array = _array(path, file)
         pages = [axis for axis, length in axes if axis in _PAGES and length > 1]
@@ -115,7 +125,7 @@ def open_tiff(path: Path) -> TiffStack:
             shape = " x ".join(str(length) for _, length in axes)
             raise InputError(f"does not name its axes ({shape}). Save it as OME-TIFF, or pass an array (x, y, z)")
         depth = pages[0] if pages else ""
-        affine, unit = _ome_place(file.ome_metadata) or _imagej_place(file, bool(pages)) or (None, "mm")
+        affine, unit = _ome_place(file.ome_metadata, bool(pages)) or _imagej_place(file, bool(pages)) or (None, "mm")
         titles = [unescape(name) for name in re.findall(r'<Channel [^>]*\bName="([^"]*)"', file.ome_metadata or "")]
     for message in messages:
         log.warning("%s: %s", path, message)
@@ -136,10 +146,11 @@ def _array(path: Path, file: Any) -> TiffArray:
     series = file.series[0]
     shape, page = tuple(map(int, series.shape)), math.prod(series.keyframe.shape)
     count = next((n for n in range(len(shape)) if math.prod(shape[n:]) == page), 0)
-    is_paged = series.dataoffset is not None or len(series.pages) == math.prod(shape[:count])
+    offset = None if series.is_multifile else series.dataoffset
+    is_paged = offset is not None or len(series.pages) == math.prod(shape[:count])
     chunks = (1,) * count + shape[count:] if is_paged else shape
     dtype = np.dtype(series.dtype).newbyteorder("=")
-    return TiffArray(path, shape, dtype, chunks, series.dataoffset, file.byteorder)
+    return TiffArray(path, shape, dtype, chunks, offset, file.byteorder)
 
 
 def _is_inside(axis: str, length: int, depth: str) -> bool:
@@ -147,19 +158,24 @@ def _is_inside(axis: str, length: int, depth: str) -> bool:
     return axis in "XY" or axis == depth or (axis == "S" and length in (3, 4))
 
 
-def _ome_place(text: str | None) -> tuple[Affine, str] | None:
+def _ome_place(text: str | None, is_deep: bool) -> tuple[Affine, str] | None:
     """Return the affine and its unit from OME-XML, if it defines the size of voxels."""
-    sizes: list[tuple[str, str]] = []
+    found = {}
     for axis in "XYZ" if text else "":
-        size = re.search(rf'\bPhysicalSize{axis}="([^"]+)"', text or "")
+        size = re.search(rf'\bPhysicalSize{axis}="([^"]*)"', text or "")
         unit = re.search(rf'\bPhysicalSize{axis}Unit="([^"]+)"', text or "")
         if size is not None:
-            sizes.append((size[1], unescape(unit[1]) if unit else "µm"))
-        elif axis == "Z" and sizes:
-            sizes.append(sizes[0])
-        else:
-            return None
-    return _place(sizes) if sizes else None
+            found[axis] = (size[1], unescape(unit[1]) if unit else "µm")
+    if not found:
+        return None
+    if not is_deep:
+        found.setdefault("Z", found.get("X", ("", "µm")))
+    if missing := [axis for axis in "XYZ" if axis not in found]:
+        raise InputError(f"does not define the size of its voxels along {missing[0]}. Pass an array and a spacing")
+    sizes = [found[axis] for axis in "XYZ"]
+    if negative := [size for size, _ in sizes if size.strip().startswith("-")]:
+        raise InputError(f"has an invalid voxel size ({negative[0]}). Pass an array and a spacing")
+    return _place(sizes)
 
 
 def _imagej_place(file: Any, is_deep: bool) -> tuple[Affine, str] | None:
