@@ -35,6 +35,8 @@ LONG, HIGH = 40, 16  # vertices of the sheet, 1 mm apart
 COUNT = LONG * HIGH
 AWAY = Volume(np.ones((4, 4, 4), np.float32), np.eye(4) + np.eye(4, k=3) * 900)
 
+FROM_CIFTI = "sub-01_task-language_space-fsLR_den-91k_stat-z_statmap.dscalar.nii, MATH-STORY"
+
 
 @pytest.fixture(scope="module")
 def flat_map():
@@ -364,9 +366,9 @@ def test_the_scale_bar_is_as_long_as_it_says(flat_map):
 
 def test_cuts_have_their_names_between_their_lips(cut_map):
     cut = dataclasses.replace(cut_map, metadata={**cut_map.metadata, "cut_names": ["calcarine", None]})
-    ((name, u, v),) = cut_names(cut)
+    ((name, places),) = cut_names(cut)
     assert name == "calcarine"
-    assert_allclose((u, v), cut.uv[[5, 20]].mean(axis=0))
+    assert_allclose(places[0], cut.uv[[5, 20]].mean(axis=0))
     assert "calcarine" in {text.get_text() for text in texts(figures.flat_map(cut), "marks")}
 
 
@@ -472,13 +474,67 @@ def test_depth_is_of_volumes_alone(flat_map):
 @pytest.mark.parametrize("width", [60, 85])
 def test_the_bars_label_stays_on_the_paper(flat_map, width):
     values = np.arange(COUNT, dtype=float)
-    for label in ("z", "grey matter, 2 mm outside white matter", "W" * 200):
+    for label in ("z", "grey matter, 2 mm outside white matter", "W" * 200, FROM_CIFTI):
         figure = figures.flat_map(flat_map, figures.Overlay(values, label=label), width=width)
         axes = figure.axes[2]
         (title,) = (text for text in (axes.title, axes._right_title) if text.get_text())
         figure.draw_without_rendering()
         box = title.get_window_extent()
         assert figure.bbox.x0 <= box.x0 < box.x1 <= figure.bbox.x1
-        assert title.get_text() == label or title.get_text().endswith("…")
+        assert title.get_text() == label or "…" in title.get_text()
+        assert box.y0 > axes.get_window_extent().y1  # descenders do not touch the frame
+        assert not label.endswith("MATH-STORY") or title.get_text().endswith("MATH-STORY")  # the map in the file
         for mark in texts(figure, "marks"):
             assert not box.overlaps(mark.get_window_extent())
+
+
+@pytest.mark.parametrize(("low", "high"), [(-2.51, 4.13), (0.0212, 0.087), (1003.5, 1009), (-3e-7, 8e-7), (2, 2e7)])
+def test_a_bar_labels_its_ends_and_marks_its_thresholds(flat_map, low, high):
+    above = low + 0.6 * (high - low)
+    over = figures.Overlay(np.linspace(low, high, COUNT), limits=(low, high), threshold=(above, None))
+    figure = figures.flat_map(flat_map, over)
+    figure.draw_without_rendering()
+    bar = figure.axes[2]
+    labels = {at: text for at, text in zip(bar.get_xticks(), bar.get_xticklabels(), strict=True)}
+    for end in (low, high, above):
+        told = float(labels[end].get_text().replace("\N{MINUS SIGN}", "-"))
+        assert told == pytest.approx(end, abs=0.01 * (high - low))
+    (line,) = bar.lines
+    assert_allclose(line.get_xdata(), above)
+    boxes = [text.get_window_extent() for text in labels.values()]
+    assert not any(one.overlaps(other) for n, one in enumerate(boxes) for other in boxes[:n])
+
+
+def test_a_threshold_of_another_map_is_not_marked(flat_map):
+    values = np.linspace(0, 1, COUNT)
+    over = figures.Overlay(values, strength=values, threshold=0.5)
+    assert not figures.flat_map(flat_map, over).axes[2].lines
+
+
+def test_names_of_cuts_stay_on_the_page_and_beside_the_names_of_parcels(flat_map, tmp_path):
+    ids, uv = flat_map.ids, flat_map.uv
+    edges = [int(np.argmin(uv[:, 0])), int(np.argmax(uv[:, 0])), int(np.argmax(uv[:, 1]))]
+    table = tmp_path / "names.tsv"
+    table.write_text("index\tname\n1\tprecuneus\n")
+    parcels = np.ones(COUNT, dtype=int)
+
+    def boxes(cuts):
+        named = {"cuts": cuts, "cut_names": ["calcarine"] * len(cuts)}
+        cut = dataclasses.replace(flat_map, metadata={**flat_map.metadata, **named})
+        figure = figures.flat_map(cut, parcels=parcels, table=table)
+        figure.draw_without_rendering()
+        found = {name: [] for name in ("calcarine", "precuneus")}
+        for text in texts(figure):
+            if text.get_text() in found:
+                found[text.get_text()].append((text.get_bbox_patch() or text).get_window_extent())
+        return figure, found["calcarine"], found["precuneus"][0]
+
+    figure, drawn, parcel = boxes([[int(ids[n])] for n in [*edges, *edges[:1]]])
+    for n, box in enumerate(drawn):
+        assert figure.bbox.x0 <= box.x0 < box.x1 <= figure.bbox.x1
+        assert figure.bbox.y0 <= box.y0 < box.y1 <= figure.bbox.y1
+        assert not any(box.overlaps(other) for other in drawn[:n])
+    at = figure.axes[1].transData.inverted().transform([(parcel.x0 + parcel.x1) / 2, (parcel.y0 + parcel.y1) / 2])
+    near = int(np.argmin(np.linalg.norm(uv - at, axis=1)))
+    _, (over,), parcel = boxes([[int(ids[near])]])
+    assert not over.overlaps(parcel)

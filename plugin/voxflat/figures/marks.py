@@ -57,8 +57,8 @@ def side(flat_map: FlatMap) -> str | None:
     return next((_SIDES[one] for one in known if one in _SIDES), None)
 
 
-def cut_names(flat_map: FlatMap) -> list[tuple[str, float, float]]:
-    """Return the names of cuts with their positions (u, v) in mm, between the sides of a cut where the gap is wide."""
+def cut_names(flat_map: FlatMap) -> list[tuple[str, NDArray[np.float64]]]:
+    """Return the names of cuts, and positions (k, 2) in mm between the sides of each cut, the best one first."""
     names = flat_map.metadata.get("cut_names") or []
     paths = flat_map.metadata.get("cuts") or []
     rows: dict[object, list[int]] = {}
@@ -70,17 +70,15 @@ def cut_names(flat_map: FlatMap) -> list[tuple[str, float, float]]:
         both_sides = [rows.get(tuple(key) if isinstance(key, list) else key, []) for key in path]
         places = [flat_map.uv[points] for points in both_sides if points]
         if name and places:
-            found.append((str(name), *_widest(places)))
+            found.append((str(name), _between(places)))
     return found
 
 
-def _widest(places: list[NDArray[np.float64]]) -> tuple[float, float]:
-    """Return the midpoint between the two sides of a cut, where the gap is wider than along two thirds of the cut."""
-    gaps = [float(np.ptp(points, axis=0).max()) for points in places]
-    order = sorted(range(len(places)), key=lambda n: -gaps[n])
-    at = order[len(order) // 3] if max(gaps) > 0 else len(places) // 2
-    u, v = places[at].mean(axis=0).tolist()
-    return u, v
+def _between(places: list[NDArray[np.float64]]) -> NDArray[np.float64]:
+    """Return the midpoints between the sides of a cut; the first has a wider gap than two thirds of the cut."""
+    gaps = np.array([np.ptp(points, axis=0).max() for points in places])
+    best = np.argsort(-gaps, kind="stable")[len(gaps) // 3] if gaps.max() > 0 else len(gaps) // 2
+    return np.array([points.mean(axis=0) for points in places])[np.argsort(np.abs(gaps - gaps[best]), kind="stable")]
 
 
 def round_length(room: float) -> float:

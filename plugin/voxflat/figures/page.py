@@ -1,7 +1,8 @@
 """Lay out the page of a flat-map figure: maps, and a strip below them with annotations and the colour bar."""
 
+from bisect import bisect
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -32,12 +33,16 @@ _EDGE, _TITLE = 1.5, 5.0  # mm on paper: margin and height of the title
 _WHEEL, _HOLE = 11.0, 0.45  # diameter of the colour wheel, mm; its hole, as a share of the radius
 _WHEEL_PIXELS = 400
 _TALLEST = 1.4  # greatest height, as a multiple of the width
-_FONT, _LETTER = 6.5, 7.5  # points
+_FONT, _LETTER, _TICK = 6.5, 7.5, 6.0  # points
+_TITLE_PAD = 2.6  # of a colour bar, points: descenders stay above the frame
+_BESIDE, _APART = 0.8, 0.8  # mm beside the name of a cut, and between the labels of ticks
 _NAMES_PIXEL = 0.2  # mm of paper
 _MARKS = 30.0  # room for directions, hemisphere and scale bar, mm
 _SIDE = 14.0  # room for directions and hemisphere, mm
 _GAP = 2.0  # mm between maps
 _BEHIND = {"facecolor": "white", "edgecolor": "none", "alpha": 0.75, "pad": 0.8}  # background of names over data
+
+Box: TypeAlias = tuple[float, float, float, float]  # left, bottom, right and top on paper, mm
 
 
 class Panel:
@@ -81,6 +86,7 @@ class Page:
         self.width, self.height, self.scale = width, height, scale
         self.pixel_size = _INCH / dpi / scale
         self.panels: list[Panel] = []
+        self._names: list[Box] = []  # boxes of the names on the maps
         self._within = axes
         if axes is None:
             self.figure: Any = Figure(figsize=(width / _INCH, height / _INCH), dpi=dpi)
@@ -166,6 +172,7 @@ class Page:
             x, y = panel.at(raster.origin[0] + step * column, raster.origin[1] - step * row)
             turned = {"rotation": 90 if name.is_upright else 0, "color": "black" if light > 115 else "white"}
             self.text(x, y, name.text, "names", size=name.size, **turned)
+            self._names.append(_box(x, y, name.width * pixel, name.height * pixel))
         small = sum(name.size < 6 for name in placed)
         if small:
             log.info("%d of %d names are smaller than 6 points. Increase the width to enlarge them", small, len(placed))
@@ -186,14 +193,18 @@ class Page:
         share = pixels[..., 3:] / 255
         mixed = np.round(share * pixels[..., :3] + (1 - share) * 255 * (DARK + LIGHT) / 2).astype(np.uint8)
         axes.imshow(mixed, extent=(low, high, 0, 1), aspect="auto", interpolation="nearest")
-        axes.xaxis.set_major_locator(MaxNLocator(4))
-        axes.tick_params(axis="x", labelsize=6, length=1.5, width=0.4, pad=1)
+        thresholds = [] if colours.is_by_strength else [colours.above, colours.below]
+        marked = sorted({end for end in thresholds if end is not None and low < end < high})
+        for end in marked:
+            axes.axvline(end, color="black", linewidth=0.7)
+        axes.set_xticks(*_ticks(low, high, marked, wide))
+        axes.tick_params(axis="x", labelsize=_TICK, length=1.5, width=0.4, pad=1)
         axes.set_yticks([])
         for spine in axes.spines.values():
             spine.set_linewidth(0.4)
         label = _shortened(label, max(wide, x - _MARKS))
         is_narrow = text_size(label, _FONT)[0] <= wide
-        axes.set_title(label, fontsize=_FONT, pad=1.5, loc="center" if is_narrow else "right")
+        axes.set_title(label, fontsize=_FONT, pad=_TITLE_PAD, loc="center" if is_narrow else "right")
 
     def wheel(self, colours: OverlayColours, label: str, zero: str) -> None:
         """Draw the colour wheel of a cyclic colour map, with the phases at its quarters."""
@@ -233,8 +244,21 @@ class Page:
                 self.paper.plot([x, end], [3.2, 3.2], color="black", linewidth=1.6, solid_capstyle="butt", gid="marks")
                 self.text((x + end) / 2, 5.4, in_unit(f"{length:g} mm", panel.flat_map.metadata), "marks")
                 x = end
-            for name, u, v in cut_names(panel.flat_map):
-                self.text(*panel.at(u, v), name, "marks", style="italic", color="0.15", bbox=_BEHIND)
+            for name, places in cut_names(panel.flat_map):
+                at = self._free(name, [panel.at(u, v) for u, v in places.tolist()])
+                self.text(*at, name, "marks", style="italic", color="0.15", bbox=_BEHIND)
+
+    def _free(self, name: str, places: Sequence[tuple[float, float]]) -> tuple[float, float]:
+        """Return the first place on the page where a name covers no other name, or the first place if there is none."""
+        wide, high = (side + _BESIDE for side in text_size(name, _FONT))
+        low, most = (wide / 2, high / 2), (self.width - wide / 2, self.height - high / 2)
+        shifted = [(x, y + step * high) for step in (0, 1, -1, 2, -2) for x, y in places]
+        within = [(max(low[0], min(x, most[0])), max(low[1], min(y, most[1]))) for x, y in shifted]
+        boxes = [_box(x, y, wide, high) for x, y in within]
+        free = (n for n, box in enumerate(boxes) if not any(_overlap(box, other) for other in self._names))
+        best = next(free, 0)
+        self._names.append(boxes[best])
+        return within[best]
 
     def _directions(self, flat_map: FlatMap, x: float) -> float:
         """Draw the anatomical directions and the hemisphere, starting at `x`, and return where they end, in mm."""
@@ -273,8 +297,37 @@ def pixels_of(figure: Figure) -> NDArray[np.uint8]:
     return pixels
 
 
+def _box(x: float, y: float, wide: float, high: float) -> Box:
+    return x - wide / 2, y - high / 2, x + wide / 2, y + high / 2
+
+
+def _overlap(one: Box, other: Box) -> bool:
+    return one[0] < other[2] and other[0] < one[2] and one[1] < other[3] and other[1] < one[3]
+
+
+def _ticks(low: float, high: float, marked: Sequence[float], wide: float) -> tuple[list[float], list[str]]:
+    """Return ticks of a colour bar and their labels: thresholds, ends, and round values where there is room."""
+    largest = max(abs(low), abs(high))
+    decimals = max(0, 2 - int(np.floor(np.log10(high - low)))) if 1e-3 <= largest < 1e6 else None
+    ticks: dict[float, str] = {}
+    for value in (*marked, low, high, *MaxNLocator(4).tick_values(low, high).tolist()):
+        text = f"{value:.3g}" if decimals is None else f"{round(value, decimals) + 0.0:.{decimals}f}"
+        if "." in text and "e" not in text:
+            text = text.rstrip("0").rstrip(".")
+        text = text.replace("-", "\N{MINUS SIGN}")
+        half = text_size(text, _TICK)[0] / 2
+        rooms = ((at, half + text_size(other, _TICK)[0] / 2 + _APART) for at, other in ticks.items())
+        if low <= value <= high and all(abs(value - at) / (high - low) * wide >= room for at, room in rooms):
+            ticks[value] = text
+    return list(ticks), list(ticks.values())
+
+
 def _shortened(label: str, room: float) -> str:
-    """Return a label, shortened to fit the available width in mm."""
-    while text_size(label, _FONT)[0] > room:
-        label = label[:-2].rstrip() + "…"
-    return label
+    """Return a label; if it is wider than the room in mm, an ellipsis replaces a part near its start."""
+
+    def cut(kept: int) -> str:
+        return label[: kept // 3].rstrip() + "…" + label[len(label) - kept + kept // 3 :].lstrip()
+
+    if text_size(label, _FONT)[0] <= room:
+        return label
+    return cut(max(0, bisect(range(len(label)), room, key=lambda kept: text_size(cut(kept), _FONT)[0]) - 1))
