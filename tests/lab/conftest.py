@@ -13,7 +13,7 @@ def flattened(tmp_path_factory):
     for hemi in ("lh", "rh"):
         studies.write_freesurfer(folder, hemi, studies.hemisphere(hemi, VERTICES), studies.C_RAS)
     studies.write_z(folder / "mri" / "z.mgz")
-    return folder, succeed("freesurfer", folder, "--overlay", "thickness", "mri/z.mgz")
+    return folder, succeed("freesurfer", folder, "--overlay", "mri/z.mgz", "thickness")
 
 
 @pytest.fixture(scope="session")

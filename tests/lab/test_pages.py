@@ -12,7 +12,7 @@ from lab_runs import drawn_with, scene_of
 from numpy.testing import assert_allclose, assert_array_equal
 
 import voxflat
-from voxflat.lab.pages import layers_of, scene, thinned
+from voxflat.lab.pages import Layer, layers_of, scene, thinned
 from voxflat.lab.results import LoadedResults, Results
 
 pytestmark = pytest.mark.slow  # its fixtures take seconds
@@ -47,7 +47,7 @@ def test_a_scene_holds_the_values_of_the_files(shown):
     assert_allclose(found["uv"].reshape(-1, 2), flat.uv, atol=0.01)
     assert_allclose(found["folded"].reshape(-1, 3), flat.points, atol=0.01)
     assert_array_equal(faces, flat.faces)
-    assert [layer.name for layer in layers][:2] == ["thickness", "z"]
+    assert [layer.name for layer in layers][:2] == ["z", "thickness"]  # in the order of the command
     for name, factor in (("thickness", 1), ("distanceerror", 100), ("areachange", 1)):
         wanted = factor * shown.values[name]
         assert_allclose(found[name], wanted, atol=1e-4 * np.ptp(wanted))
@@ -92,7 +92,7 @@ def test_the_pointer_reads_what_the_files_hold(made, tmp_path):
       const at = {{ clientX: box.left + {across} * box.width, clientY: box.top + {down} * box.height }};
       canvas.dispatchEvent(new PointerEvent("pointermove", at));"""
     drawn = drawn_with(move, (made / "voxflat.html").read_text(), tmp_path)
-    told = re.search(r"<output>Vertex (\d+), at \((.*?)\) mm\. Thickness: (\S+) mm · Z: (\S+) · ", drawn)
+    told = re.search(r"<output>Vertex (\d+), at \((.*?)\) mm\. Z: (\S+) · Thickness: (\S+) mm · ", drawn)
     vertex = int(told[1])
     flat = voxflat.load(made / "surf" / "lh.voxflat.flat.npz")
     low, high = flat.uv.min(axis=0), flat.uv.max(axis=0)
@@ -102,7 +102,7 @@ def test_the_pointer_reads_what_the_files_hold(made, tmp_path):
     assert np.linalg.norm(flat.uv[flat.ids == vertex][0] - wanted) < apart.min() + 1
     assert_allclose([float(part) for part in told[2].split(",")], flat.points[flat.ids == vertex][0], atol=0.06)
     thickness = nib.freesurfer.read_morph_data(made / "surf" / "lh.thickness")[vertex]
-    assert float(told[3]) == pytest.approx(thickness, rel=0.006)
+    assert float(told[4]) == pytest.approx(thickness, rel=0.006)
 
 
 def test_the_worst_places_are_those_of_the_map_and_a_click_shows_them(made, tmp_path):
@@ -117,7 +117,14 @@ def test_the_worst_places_are_those_of_the_map_and_a_click_shows_them(made, tmp_
         assert cells[:4] == [str(place.number), place.kind, area, ratios]
         assert cells[5] == ("–" if place.cut is None else f"{place.cut.length:.0f}")
     click = """
+      const views = [...document.querySelectorAll(".viewer")].map((root) => root.viewer.axes().away[0]);
+      document.body.dataset.views = JSON.stringify(views);
+      document.querySelector(".viewer").viewer.zoom = 8;
       document.querySelector("[data-place]").click();
+      const seen = document.querySelector(".viewer").viewer, at = seen.spaceView();
+      const spot = seen.places.subarray(3 * seen.marked);
+      const on = (k) => at[k] * spot[0] + at[4 + k] * spot[1] + at[8 + k] * spot[2] + at[12 + k];
+      document.body.dataset.place = Math.max(Math.abs(on(0)), Math.abs(on(1)));
       const viewer = document.querySelector(".viewer").viewer, out = viewer.normals.subarray(3 * viewer.marked);
       const towards = viewer.axes().away.reduce((sum, value, k) => sum - value * out[k], 0);
       document.body.dataset.towards = towards / Math.hypot(out[0], out[1], out[2]);
@@ -134,5 +141,16 @@ def test_the_worst_places_are_those_of_the_map_and_a_click_shows_them(made, tmp_
     drawn = drawn_with(click, text, tmp_path)
     shown = [float(part) for part in re.search(r"<output>Vertex \d+, at \((.*?)\) mm", drawn)[1].split(",")]
     assert_allclose(shown, worst.places[0].point, atol=3)  # pages have fewer points
+    assert [np.sign(x) for x in json.loads(re.search(r'data-views="(.*?)"', drawn)[1])] == [1, -1]  # from the sides
+    assert float(re.search(r'data-place="(.*?)"', drawn)[1]) < 1  # on the canvas, at any zoom before
     assert float(re.search(r'data-towards="(.*?)"', drawn)[1]) == pytest.approx(1, abs=1e-3)
     assert float(re.search(r'data-off="(.*?)"', drawn)[1]) < 1.5  # pixels from the mark on the map to its point
+
+
+def test_folds_do_not_darken_diverging_colours():
+    def layer(low, high, name="z"):
+        return Layer(name, "Z", "", np.zeros(1), "RdBu_r", (low, high))
+
+    assert layer(0.0, 3.0).is_shaded
+    assert not layer(-3.0, 3.0).is_shaded  # dark red is a high value
+    assert not layer(0.0, 3.0, "distanceerror").is_shaded

@@ -310,7 +310,7 @@ def _ticks(low: float, high: float, marked: Sequence[float], wide: float) -> tup
     largest = max(abs(low), abs(high))
     decimals = max(0, 2 - int(np.floor(np.log10(high - low)))) if 1e-3 <= largest < 1e6 else None
     ticks: dict[float, str] = {}
-    for value in (*marked, low, high, *MaxNLocator(4).tick_values(low, high).tolist()):
+    for value in map(float, (*marked, low, high, *MaxNLocator(4).tick_values(low, high))):
         text = f"{value:.3g}" if decimals is None else f"{round(value, decimals) + 0.0:.{decimals}f}"
         if "." in text and "e" not in text:
             text = text.rstrip("0").rstrip(".")

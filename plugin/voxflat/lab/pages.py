@@ -48,6 +48,11 @@ class Layer:
     limits: tuple[float, float]  # values at the ends of the colours
     first_label: int | None = None  # smallest label that is not background, such as 1; None for values
 
+    @property
+    def is_shaded(self) -> bool:
+        """Whether the folds darken the layer, so that sulci stay visible; in diverging colours, dark means extreme."""
+        return self.name not in MEASURES and not self.limits[0] < 0 < self.limits[1]
+
     def colours(self, values: NDArray[np.float64]) -> NDArray[np.uint8]:
         """Return the colours (n, 3) of labels, or of values between the limits."""
         if self.first_label is not None:
@@ -106,7 +111,7 @@ def pictures(
         pixels = under
         if layer is not None:
             over = painted(raster.interpolate(layer.values), layer.colour_map, layer.limits)
-            if layer.name not in MEASURES:  # sulci stay visible
+            if layer.is_shaded:
                 over[..., :3] = np.round(over[..., :3] * shade)
             pixels = np.where(over[..., 3:] > 0, over, under)
         drawn.append(png(pixels, raster.shape[1] * raster.pixel_size))

@@ -53,7 +53,7 @@ def make(hemisphere: Hemisphere, parameters: Parameters, results: Results, **com
     record = {
         **wanted,
         "hemi": hemisphere.letter,
-        "overlays": sorted(hemisphere.overlays),
+        "overlays": list(hemisphere.overlays),
         "outputs": {path.name: path.stat().st_size for path in written},
         **_description(whole, flat_map, doubts),
         "notes": notes,

@@ -14,7 +14,8 @@ const SHADERS = [
   `precision mediump float; varying vec3 shade; varying float facing; uniform float lit;
    void main() {
      float light = facing > 0.0 ? 0.45 + 0.6 * facing : 0.35 + 0.25 * -facing;
-     gl_FragColor = vec4(shade * mix(1.0, light, lit), 1.0);
+     vec3 colour = facing > 0.0 ? shade : vec3(0.5); // the inside shows no values
+     gl_FragColor = vec4(mix(shade, colour * light, lit), 1.0);
    }`,
 ];
 
@@ -96,7 +97,7 @@ class Viewer {
     this.faces = new Uint32Array(buffer.slice(at, at + 12 * content.triangles));
     this.flat = new Canvas(root.querySelector("canvas.flat"));
     this.space = new Canvas(root.querySelector("canvas.space"));
-    this.turn = content.view ?? [root.dataset.side === "right" ? -Math.PI / 2 : Math.PI / 2, 0.1]; // medial: most cuts are there
+    this.turn = content.view ?? [root.dataset.side === "right" ? Math.PI / 2 : -Math.PI / 2, 0.1]; // lateral: no inside is visible
     this.zoom = 1;
     this.marked = -1;
     this.places = new Float32Array(3 * content.points);
@@ -283,6 +284,7 @@ class Viewer {
     }
     const out = [...this.normals.subarray(3 * best, 3 * best + 3)], length = Math.hypot(...out) || 1;
     this.turn = [Math.atan2(out[0], -out[1]), Math.asin(out[2] / length)];
+    this.zoom = 1; // the whole surface is visible, at any zoom before
     this.show(best);
   }
 
