@@ -58,6 +58,17 @@ def checked_choice(value: object, name: str, choices: Iterable[str]) -> str:
     return value
 
 
+_SIDES = {"l": "left", "lh": "left", "left": "left", "r": "right", "rh": "right", "right": "right"}
+
+
+def named_side(value: object, name: str) -> str:
+    """Return "left" or "right" for any name of a hemisphere, such as L or lh, in upper or lower case."""
+    found = _SIDES.get(value.lower()) if isinstance(value, str) else None
+    if found is None:
+        raise InputError(f"{name} is {shown(value)}. Give 'left' or 'right' (or 'L', 'R', 'lh' or 'rh')")
+    return found
+
+
 def checked_switch(value: object, name: str) -> bool:
     """Return a Python or NumPy boolean as a bool."""
     if not isinstance(value, bool | np.bool_):

@@ -1,9 +1,11 @@
 """The rules that every option of every command obeys, tested on options collected from the commands themselves."""
 
 import click
+import numpy as np
 import pytest
 from command_line import run
 
+import voxflat
 from voxflat import cli
 
 
@@ -32,3 +34,25 @@ def test_an_option_that_is_given_twice_is_used_twice_or_refused_by_its_name(comm
     assert line == f"Error: {option.opts[-1]} is given twice. Give it once."
     second = (option.secondary_opts or option.opts)[0]  # another spelling is the same option
     assert run(command, *words, second, *values).exit_code == 2
+
+
+HEMISPHERES = [one for one in every_option() if {"--hemisphere", "--hemi", "--side"} & set(one[1].opts)]
+
+
+@pytest.mark.parametrize(("command", "option"), HEMISPHERES, ids=lambda one: getattr(one, "name", one))
+@pytest.mark.parametrize("names", [("left", "L", "lh", "LEFT", "l", "LH"), ("right", "R", "rh", "Right")])
+def test_every_option_for_a_hemisphere_accepts_all_its_names(command, option, names):
+    assert {option.type.convert(name, option, None) for name in names} == {names[0]}
+    with pytest.raises(click.BadParameter):
+        option.type.convert("middle", option, None)
+
+
+def test_python_accepts_all_names_of_a_hemisphere():
+    from voxflat.arguments import named_side
+
+    assert {named_side(name, "side") for name in ("R", "rh", "RIGHT")} == {"right"}
+    labels = np.zeros((3, 3, 12), np.uint8)
+    labels[:, :, 2:6], labels[:, :, 6:9] = 41, 42
+    assert len(voxflat.rim(labels, hemisphere="R").surface) == len(voxflat.rim(labels, hemisphere="right").surface)
+    with pytest.raises(voxflat.InputError, match=r"hemisphere is 'middle'\. Give 'left' or 'right'"):
+        voxflat.rim(labels, hemisphere="middle")

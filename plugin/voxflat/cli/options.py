@@ -12,6 +12,7 @@ import click
 import cloup
 import numpy as np
 
+from voxflat.arguments import named_side
 from voxflat.cli.console import Command
 from voxflat.cli.output import JSON, READ, WRITTEN
 from voxflat.cli.parameter_options import option_of
@@ -260,6 +261,20 @@ def _for_each_side(command: Callable[..., None]) -> Callable[..., None]:
     return each
 
 
+class _Hemisphere(click.Choice[str]):
+    """A hemisphere by any of its names: left, L or lh, and right, R or rh."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
+        try:
+            return named_side(value, "hemisphere")
+        except InputError:
+            return super().convert(str(value).lower(), param, ctx)
+
+
+SIDE, SIDES = _Hemisphere(["left", "right"]), _Hemisphere(["left", "right", "both"])
+"""Types of options that name one hemisphere, and one or both."""
+
+
 class _Unit(click.Choice[str]):
     """A unit of length by any of its names, such as um for µm."""
 
@@ -293,12 +308,14 @@ frame_options = section("Input", *_of_volumes, *_of_grids, *_of_surfaces)  # of 
 _surface_options = section(
     "Input",
     *_of_volumes,
-    choice(
+    value(
         "--hemisphere",
-        ["left", "right", "both"],
+        "[left|right|both]",
         "Extract this hemisphere from a white-matter volume or a whole-brain segmentation. The cerebellum and the "
         'brain stem are removed, and the ventricles and deep nuclei are filled. "both" runs the command once per '
         "hemisphere and writes lh.OUT and rh.OUT.",
+        "--hemi",
+        type=SIDES,
     ),
     flag("--rim", "Treat INPUT as a rim, as for voxflat layers, and use the surface halfway between its borders."),
     *_of_grids,

@@ -7,7 +7,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from voxflat.arguments import checked_choice, is_whole, log, shown
+from voxflat.arguments import is_whole, log, named_side, shown
 from voxflat.errors import InputError
 from voxflat.io.sources import as_volume
 from voxflat.io.volumes import Volume
@@ -141,7 +141,7 @@ def _whole(volume: Volume) -> Volume:
 def _codes(parts: dict[str, object], present: dict[int, int], hemisphere: str | None) -> dict[str, object]:
     """Return the labels or masks of the parts: as given, or those of LayNii or the FreeSurfer ribbon."""
     if hemisphere is not None:
-        checked_choice(hemisphere, "hemisphere", tuple(_RIBBON))
+        hemisphere = named_side(hemisphere, "hemisphere")
     if all(part is None for part in parts.values()):
         if hemisphere is not None:
             if _LAYNII["outer"] in present:

@@ -17,7 +17,7 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike, NDArray
 
-from voxflat.arguments import Progress, checked_choice, log, optional_number
+from voxflat.arguments import Progress, log, named_side, optional_number
 from voxflat.errors import Cancelled, HemisphereError, InputError
 from voxflat.io.grid import Affine, voxel_size
 from voxflat.io.provenance import note_default, telling
@@ -68,7 +68,7 @@ def hemisphere(
     source : ndarray, path, image object or Volume
         A mask or probability map of white matter, or a segmentation with the labels of FreeSurfer's aseg or SynthSeg.
     side : {"left", "right"}
-        The hemisphere.
+        The hemisphere. "L", "R", "lh" and "rh" are also accepted, in upper or lower case.
     threshold : float, optional
         Values above this threshold are white matter. By default, Otsu's method determines it; masks do not need it.
     spacing, affine, progress : optional
@@ -98,7 +98,7 @@ def hemisphere(
     >>> voxflat.hemisphere(white_matter, "left", threshold=0.5)
     <Volume: 197 x 233 x 189 of uint8, voxels of 1 x 1 x 1 mm, RAS>
     """
-    checked_choice(side, "side", _SIDES)
+    side = named_side(side, "side")
     volume = as_volume(source, spacing=spacing, affine=affine)
     if volume.data.ndim != 3:
         raise InputError(f"a 3-D volume is required, but this one has {volume.data.ndim} axes. Select one volume")

@@ -18,7 +18,6 @@ from voxflat.laminar.profile import PROFILE_ENDINGS
 from voxflat.laminar.rim import Rim, rim
 from voxflat.maps.depth import LAYERINGS
 from voxflat.maps.flat_map import load
-from voxflat.surfaces.standard.pattern import SIDES
 
 
 def _label(ctx: click.Context, param: click.Parameter, value: str | None) -> int | Path | None:
@@ -39,7 +38,7 @@ _rim_options = options.section(
             ("grey", "Grey matter", "  [default: 3]"),
         )
     ),
-    option_of(rim, "hemisphere", type=click.Choice(SIDES)),
+    option_of(rim, "hemisphere", type=options.SIDE, metavar="[left|right]"),
     option_of(rim, "spacing", metavar="X,Y,Z", callback=options.three(float, "0.5,0.5,0.5")),
 )
 

@@ -17,7 +17,17 @@ from voxflat.lab.study import Outcome, freesurfer, plan, study
 
 _MAX_STATUS = 100  # greater exit statuses have other meanings in shells
 _RECORDED = ("outputs", "figures", "warnings")  # parts of a record that --json prints
-_HEMIS = {"L": "lh", "R": "rh"}
+_HEMIS = {"left": ("lh",), "right": ("rh",), "both": ("lh", "rh")}
+_HEMISPHERE = options.value(
+    "--hemisphere",
+    "[left|right|both]",
+    "Hemispheres to process.",
+    "--hemi",
+    "hemis",
+    type=options.SIDES,
+    multiple=True,
+    default=("both",),
+)
 _DASK = options.value(
     "--dask",
     "ADDRESS|FILE|local",
@@ -67,10 +77,12 @@ class _MultipleValuesCommand(Command):
                 option = word if word in several else ""
             elif option and words[-1] != option:
                 kind = several[option].type
-                if isinstance(kind, click.Choice) and word not in kind.choices:
-                    option = ""
-                else:
+                try:
+                    if isinstance(kind, click.Choice):
+                        kind.convert(word, several[option], ctx)
                     words.append(option)
+                except click.BadParameter:  # an argument of the command
+                    option = ""
             words.append(word)
         return super().parse_args(ctx, words)
 
@@ -98,7 +110,7 @@ class _MultipleValuesCommand(Command):
         "labels",
         multiple=True,
     ),
-    options.choice("--hemi", list(_HEMIS), "Hemispheres to process.", "hemis", multiple=True, default=tuple(_HEMIS)),
+    _HEMISPHERE,
     options.flag("--dry-run", "Print the planned work as one JSON object per hemisphere, and exit."),
 )
 @_MAPS
@@ -130,7 +142,7 @@ def bids_command(
     parameters = _parameters(given)
     if dask and (dry_run or level == "group"):
         raise click.UsageError("--dask requires the level participant and cannot be combined with --dry-run.")
-    chosen = [_HEMIS[letter] for letter in dict.fromkeys(hemis)]
+    chosen = _chosen(hemis)
     if dry_run:
         if level == "group":
             raise click.UsageError("--dry-run requires the level participant.")
@@ -165,7 +177,7 @@ def bids_command(
 @cloup.argument("subject", metavar="SUBJECT_DIR", type=click.Path(path_type=Path))
 @options.section(
     "Hemispheres",
-    options.choice("--hemi", ["lh", "rh"], "Hemispheres to process.", "hemis", multiple=True, default=("lh", "rh")),
+    _HEMISPHERE,
 )
 @_MAPS
 @options.section("Output", options.as_json)
@@ -182,13 +194,17 @@ def freesurfer_command(subject: Path, hemis: tuple[str, ...], quiet: bool, **giv
     parameters = _parameters(given)
     with bars(quiet) as shown:
         tell = _outcome_printer(shown, verbose=not (is_json() or quiet))
-        hemis = tuple(dict.fromkeys(hemis))
-        outcomes = freesurfer(subject, hemis, parameters, tell=tell, progress=shown.progress, **given)
+        outcomes = freesurfer(subject, _chosen(hemis), parameters, tell=tell, progress=shown.progress, **given)
     page = str(subject / "voxflat.html")
     failed = [one for one in outcomes if one.state == "failed"]
     content = {"subject": str(subject), "report": page, "hemispheres": [_listed(one) for one in outcomes]}
     report(content, f"report: {page}", quiet=quiet or len(failed) == len(outcomes))
     return 1 if failed else 0
+
+
+def _chosen(sides: tuple[str, ...]) -> list[str]:
+    """Return lh, rh or both, in the order in which they were given."""
+    return list(dict.fromkeys(hemi for side in sides for hemi in _HEMIS[side]))
 
 
 def _parameters(given: dict[str, Any]) -> Parameters:

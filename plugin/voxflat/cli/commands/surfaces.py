@@ -20,7 +20,6 @@ from voxflat.io.patches import FLAT_PATCH_ENDINGS, PATCH_ENDING
 from voxflat.io.volumes import check_volume_name, write_volume
 from voxflat.pipeline.check import check
 from voxflat.pipeline.surface import Surface
-from voxflat.surfaces.standard.pattern import SIDES
 
 
 @options.command(
@@ -62,7 +61,9 @@ def check_command(input_: Path, **given: Any) -> None:
 )
 @options.input_
 @options.surface_options
-@options.section("Registration", option_of(Surface.register, "side", type=click.Choice(SIDES), sentences=3))
+@options.section(
+    "Registration", option_of(Surface.register, "side", type=options.SIDE, metavar="[left|right]", sentences=3)
+)
 @options.output(
     "Output file for the registered sphere, which has a radius of 100: .surf.gii, .vtp, .ply, .obj, or a FreeSurfer "
     "name such as lh.sphere.reg."

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from voxflat.arguments import Progress, checked_choice, checked_threads
+from voxflat.arguments import Progress, checked_threads, named_side
 from voxflat.errors import InputError
 from voxflat.io.meshes import Mesh, write_mesh
 from voxflat.io.provenance import Record, Recorded, saving
@@ -137,7 +137,7 @@ class Registration(Recorded):
 def register(whole: Manifold, side: str | None, threads: int | None, progress: Progress | None) -> Registration:
     """Register a hemisphere to the fsaverage sphere; see `voxflat.Surface.register`."""
     if side is not None:
-        checked_choice(side, "side", SIDES)
+        side = named_side(side, "side")
     whole, remarks = _one_piece(whole)
     templates = [pattern(each) for each in SIDES]
     number = None if side is None else SIDES.index(side)
