@@ -1,6 +1,7 @@
 """Depth: fractions of the cortex' volume and thickness, mm, means, stacks; by analytic volumes and Workbench."""
 
 import json
+import warnings
 from dataclasses import replace
 
 import nibabel as nib
@@ -117,13 +118,47 @@ class TestSeveral:
         mean = shells.image(radius, 0.4, fraction=(0.2, 0.5, 0.9))
         assert_allclose(mean.data, shells.images(radius, 0.4, fraction=(0.2, 0.5, 0.9)).data.mean(axis=0))
         assert_array_equal(mean.data, shells.images(radius, 0.4, fraction=(0.2, 0.5, 0.9), projection="mean")[0].data)
-        middle = shells.pial_points.mean(axis=0)
+
+    @pytest.mark.parametrize("is_series", [False, True])
+    @pytest.mark.parametrize("projection", ["mean", "max", "sum"])
+    def test_depths_without_a_value_are_left_out_and_counted(self, shells, projection, is_series, caplog):
+        """By NumPy's nan-functions of each depth alone; values are missing as NaN and outside the volume."""
+        radius, middle = radius_volume(), shells.pial_points.mean(axis=0)
         beyond = volume_of(lambda x, y, z: (x**2 + y**2 + z**2 > 12.2**2) & (x > middle[0])).data
-        small = Volume(np.where(beyond, np.nan, radius.data), GRID)
-        inside = ~np.isnan(shells.image(small, 0.4, fraction=1.0).data)
-        some = ~np.isnan(shells.image(small, 0.4, fraction=(0.0, 1.0)).data)
-        assert 0 < inside.sum() < shells.raster(0.4).inside.sum()
-        assert_array_equal(some, inside)  # not the mean of what there is
+        cropped = np.where(beyond, np.nan, radius.data)[:, :, : 4 + int((middle[2] + 15) / 0.5)]
+        fractions = (0.0, 0.4, 1.0)
+        layers = shells.images(Volume(cropped, GRID), 0.4, fraction=fractions).data
+        count = (~np.isnan(layers)).sum(axis=0)
+        some, seen = np.count_nonzero((count > 0) & (count < 3)), np.count_nonzero(count)
+        assert 0 < some < seen < shells.raster(0.4).inside.sum()
+        given = Volume(cropped, GRID)
+        if is_series:
+            given = nib.Nifti1Image(np.stack([cropped, 2 * cropped], axis=-1), GRID)
+        found = shells.images(given, 0.4, fraction=fractions, projection=projection)[0].data
+        assert f"{some:,} of {seen:,} pixels have no value at some of the 3 depths" in caplog.text
+        with np.errstate(all="ignore"), warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # NumPy warns about pixels without any value
+            expected = {"mean": np.nanmean, "max": np.nanmax, "sum": np.sum}[projection](layers, axis=0)
+        assert_allclose(found, expected, rtol=1e-12)
+
+    def test_majorities_and_colours_leave_out_depths_outside_the_volume(self, shells, caplog):
+        labels = np.arange(61)[:, None, None] // 7 + np.zeros((61, 61, 61))
+        top = 4 + int((shells.pial_points[:, 2].mean() + 15) / 0.5)
+        small = Volume(labels[:, :, :top].astype(np.int16), GRID)
+        how = {"fraction": (0.0, 1.0), "interpolation": "majority"}
+        layers = shells.images(small, 0.4, **how).data
+        is_partly = np.isnan(layers).any(axis=0) & ~np.isnan(layers).all(axis=0)
+        assert is_partly.any()
+        found = shells.image(small, 0.4, **how).data
+        assert "no value at some of the 2 depths" in caplog.text
+        assert_array_equal(found[is_partly], np.nanmax(layers[:, is_partly], axis=0))
+        caplog.clear()
+        rgb = Volume(np.repeat(labels[:, :, :top, None], 3, axis=3).astype(np.uint8), GRID)
+        layers = shells.images(rgb, 0.4, fraction=(0.0, 1.0)).data
+        found = shells.image(rgb, 0.4, fraction=(0.0, 1.0)).data
+        assert "no value at some of the 2 depths" in caplog.text
+        is_partly = (layers[..., 3] > 0).sum(axis=0) == 1
+        assert_array_equal(found[is_partly], layers.max(axis=0)[is_partly])
 
     def test_channels_stay_channels(self, shells, tmp_path):
         x, y = (volume_of(lambda *xyz, axis=axis: xyz[axis]).data for axis in range(2))

@@ -268,6 +268,18 @@ def test_a_region_without_a_pixel_is_missing(tube, tmp_path):
     assert (tmp_path / "cells.tsv").read_text().splitlines()[1].startswith("1\thidden\t0\t0\t0\tn/a\t")
 
 
+def test_pixels_without_a_value_are_left_out_of_a_mean_and_counted(cap, caplog):
+    flat = cap[0] if isinstance(cap, tuple) else cap
+    regions = flat.regions({"a": [[-2, -2], [2, -2], [2, 2], [-2, 2]]})
+    shape = flat.raster(0.5).shape
+    image = np.full(shape, 7.0)
+    inside = np.nan_to_num(regions.image(0.5).data) > 0
+    rows, columns = np.nonzero(inside)
+    image[rows[::4], columns[::4]] = np.nan
+    assert regions.properties(image, pixel_size=0.5)["mean"] == pytest.approx(7.0)
+    assert f"{len(rows[::4]):,} of {len(rows):,} pixels of the regions have no value" in caplog.text
+
+
 def test_refusals(cap, tmp_path):
     regions = cap.regions(near(cap, cap.points[0], 9.0, 0.5), pixel_size=0.5)
     refused(r"the image has shape \(3, 3\), but the map has", regions.properties, np.zeros((3, 3)))

@@ -26,7 +26,7 @@ from voxflat.lab.inputs import Hemisphere, Parameters
 from voxflat.lab.results import MEASURES, Results, read_record
 from voxflat.maps.depth import ON_SURFACE, Depths
 from voxflat.maps.flat_map import FlatMap
-from voxflat.maps.sampling import sample_projection
+from voxflat.maps.sampling import sample
 from voxflat.pipeline.surface import Surface, surface
 from voxflat.surfaces.cut_sides import one_point_a_vertex
 
@@ -152,8 +152,8 @@ def _overlays(flat_map: FlatMap, hemisphere: Hemisphere) -> dict[str, NDArray[np
                 series = series_of(path)
             if series is not None:
                 raise InputError(f"the overlay {path} has {len(series[0])} frames. {_ONE}")
-            places = [flat_map.space.to_scanner(points) for points in sampler.at(depths)]
-            found[name] = sample_projection(sampler.placed(path), places)
+            (points,) = sampler.at(depths)
+            found[name] = sample(sampler.placed(path), flat_map.space.to_scanner(points))
             if found[name].ndim > 1:
                 raise InputError(f"the overlay {path} has colours or several volumes. Pass one volume of values")
         if not np.isfinite(found[name]).any():

@@ -20,7 +20,7 @@ from voxflat.laminar.painting import on_map
 from voxflat.maps.colours import all_whole
 from voxflat.maps.regions import Regions
 from voxflat.maps.sampler import Sampler
-from voxflat.maps.sampling import are_centres, sample, series_sampling
+from voxflat.maps.sampling import Coverage, are_centres, sample, series_sampling
 
 PROFILE_ENDINGS = (".tsv", ".csv")  # of the files of `Profile.save`
 
@@ -305,7 +305,7 @@ def profile_of(
         frame = placed(channels.read(number))
         if sampled is None:
             way = "nearest" if are_centres(frame, points) else interpolation  # ignores NaN in the voxels around
-            sampled = series_sampling([points], "mean")
+            sampled = series_sampling([points], "mean", Coverage())
         values = sampled(frame, way)
         if values.ndim != 1:
             raise InputError("the volume contains colours, which have no mean. Pass a volume with one value per voxel")

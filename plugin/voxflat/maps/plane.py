@@ -466,7 +466,9 @@ class Planar(ABC):
             Whether a fraction refers to the local volume of the cortex (Waehnert et al. 2014), which follows layers
             through gyri and sulci, or to its thickness.
         projection : {"mean", "max", "sum"}
-            The value that is shown for several depths or fractions. Of labels, "mean" is the most frequent one.
+            The value that is shown for several depths or fractions. Of labels, "mean" is the most frequent one. Depths
+            without a value (NaN, or outside the volume) are left out of the mean and the maximum, and a warning counts
+            these pixels. A sum needs values at all depths.
         interpolation : {"linear", "nearest", "majority"}, optional
             The default is "nearest" for bool and integer volumes, which may be labels, and "linear" for floating-point
             volumes and colours. Integers in TIFF and OME-Zarr files are labels only if most neighbouring voxels are
@@ -482,8 +484,7 @@ class Planar(ABC):
         Returns
         -------
         FlatImage
-            The image, with NaN (for colours, alpha 0) outside the triangles and where the volume has no value. A
-            projection needs values at all depths.
+            The image, with NaN (for colours, alpha 0) outside the triangles and where the volume has no value.
 
         Raises
         ------

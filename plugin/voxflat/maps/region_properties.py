@@ -6,6 +6,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from voxflat.arguments import log
 from voxflat.maps.plane import Planar
 from voxflat.maps.raster import Raster, nearest_inside
 from voxflat.unique_rows import distinct
@@ -68,7 +69,13 @@ def properties_of(
     if curvature is not None:
         corners = of._triangles.faces[face]
         found["curvature"] = mean(np.einsum("pc,pc->p", places.weights[kept], curvature[corners]))
-    found |= {name: mean(values[rows, columns][kept]) for name, values in images}
+    for name, values in images:
+        of_pixels = values[rows, columns][kept]
+        without = np.count_nonzero(~np.isfinite(of_pixels))
+        if without:
+            told = "%s: %s of %s pixels of the regions have no value, and are left out"
+            log.warning(told, name, f"{without:,}", f"{len(of_pixels):,}")
+        found[name] = mean(of_pixels)
     order = np.searchsorted(sorted_keys, keys)
     return {"label": np.array(keys), **{name: values[order] for name, values in found.items()}}
 

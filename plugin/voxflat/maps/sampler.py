@@ -29,6 +29,7 @@ from voxflat.maps.raster import FlatImage, FlatStack, Raster, series_showing, sh
 from voxflat.maps.sampling import (
     INTERPOLATIONS,
     PROJECTIONS,
+    Coverage,
     are_intensities,
     phases,
     sampled_at,
@@ -168,7 +169,7 @@ class Sampler:
             names = volumes
             title = name or (path.name if path else "volume")
             projection = "mean" if len(depths) == 1 else projection
-            sampled = self._sampling(raster, depths, projection, several=several and len(volumes) > 1)
+            sampled = self._sampling(raster, depths, projection, title, several=several and len(volumes) > 1)
 
             is_checked = False
 
@@ -195,7 +196,7 @@ class Sampler:
         return stack if channel is None else stack.of_channel(self._found(volume, names, channel))
 
     def _sampling(
-        self, raster: Raster, depths: Depths, projection: str | None, *, several: bool
+        self, raster: Raster, depths: Depths, projection: str | None, title: str, *, several: bool
     ) -> Callable[[Volume, str | None], NDArray[Any]]:
         """Return a function that samples a volume at pixels; if `several`, volumes in memory share weights."""
         self._doubt_space()
@@ -204,21 +205,36 @@ class Sampler:
         elif any(depths.values):
             self._directions(depths)
         repeated: Callable[[Volume, str | None], NDArray[Any]] | None = None
+        coverage = Coverage()
 
         def sampled(volume: Volume, interpolation: str | None) -> NDArray[Any]:
             nonlocal repeated
-            is_chunked = isinstance(volume.data, Chunked)
+            is_chunked, is_told = isinstance(volume.data, Chunked), coverage.some > 0
+            if not is_told:
+                coverage.any = 0  # of this channel
             if volume.data.ndim == 3 and (is_chunked or len(depths) * math.prod(raster.shape) > _BATCH):
-                return self._in_batches(raster, depths, projection, volume, interpolation)
-            if several:
-                repeated = repeated or series_sampling(self._in_world(raster, depths), projection)
-                return repeated(volume, interpolation)
-            return sampled_at(volume, self._in_world(raster, depths), interpolation, projection)
+                found = self._in_batches(raster, depths, projection, volume, interpolation, coverage)
+            elif several:
+                repeated = repeated or series_sampling(self._in_world(raster, depths), projection, coverage)
+                found = repeated(volume, interpolation)
+            else:
+                found = sampled_at(volume, self._in_world(raster, depths), interpolation, projection, coverage)
+            if coverage.some and not is_told:  # once, for the first channel with such pixels
+                left = "They have no sum" if projection == "sum" else "The other depths determine their values"
+                told = "%s: %s of %s pixels have no value at some of the %d depths (NaN, or outside the volume). %s"
+                log.warning(told, title, f"{coverage.some:,}", f"{coverage.any:,}", len(depths), left)
+            return found
 
         return sampled
 
     def _in_batches(
-        self, raster: Raster, depths: Depths, projection: str | None, volume: Volume, interpolation: str | None
+        self,
+        raster: Raster,
+        depths: Depths,
+        projection: str | None,
+        volume: Volume,
+        interpolation: str | None,
+        coverage: Coverage,
     ) -> NDArray[np.float64]:
         """Sample a volume at pixels of a few chunks at a time, so that memory never holds all voxels or positions."""
         pixels = np.flatnonzero(raster.inside)
@@ -228,7 +244,7 @@ class Sampler:
         found = np.full((*(() if projection else (len(depths),)), math.prod(raster.shape)), np.nan)
         for part in np.array_split(pixels, 1 + len(pixels) * len(depths) // _BATCH):
             places = self._in_world(some_pixels(raster, part), depths)
-            found[..., part] = sampled_at(volume, places, interpolation, projection)[..., 0]
+            found[..., part] = sampled_at(volume, places, interpolation, projection, coverage)[..., 0]
         return found.reshape(*found.shape[:-1], *raster.shape)
 
     def _default(self, raster: Raster, depths: Depths, volume: Volume) -> str | None:

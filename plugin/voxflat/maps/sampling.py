@@ -17,12 +17,7 @@ from voxflat.io.volumes import Volume
 _Floats = NDArray[np.float64]
 
 INTERPOLATIONS = ("linear", "nearest", "majority")  # interpolation between voxels or vertices
-_PROJECTED: dict[str, Callable[[NDArray[Any]], NDArray[Any]]] = {
-    "mean": lambda layers: np.asarray(layers.mean(axis=0)),
-    "max": lambda layers: np.asarray(layers.max(axis=0)),
-    "sum": lambda layers: np.asarray(layers.sum(axis=0)),
-}
-PROJECTIONS = tuple(_PROJECTED)  # of layers onto one image
+PROJECTIONS = ("mean", "max", "sum")  # of layers onto one image
 
 _CORNERS = np.array(list(np.ndindex(2, 2, 2)), dtype=np.int32)
 _BLOCK = 1 << 16  # positions whose weights are in memory at a time
@@ -108,8 +103,8 @@ def _by_voxels(data: Any, at: _Floats, interpolation: str) -> _Floats:
     return found
 
 
-def _majority_at(data: Any, at: _Floats) -> _Floats:
-    """Return the label with the greatest total weight around each set of K positions, shape (P, K, 3)."""
+def _majority_at(data: Any, at: _Floats, inside: NDArray[np.bool_] | None = None) -> _Floats:
+    """Return the label with the greatest total weight around each set of K positions (P, K, 3) that are inside."""
     count = at.shape[1]
     values, low = _around(data, at.reshape(-1, 3))
     values = values.reshape(-1, 8 * count)
@@ -117,6 +112,8 @@ def _majority_at(data: Any, at: _Floats) -> _Floats:
     found = values[:, 0].astype(np.float64)
     mixed = (values != values[:, :1]).any(axis=1)  # elsewhere all labels agree, and weights are not needed
     weights = _weights(at[mixed].reshape(-1, 3), low.reshape(-1, count, 3)[mixed].reshape(-1, 3), data)
+    if inside is not None:
+        weights *= inside[mixed].reshape(-1, 1)
     found[mixed] = majority(values[mixed], weights.reshape(-1, 8 * count))
     return found
 
@@ -169,10 +166,27 @@ def sample_layers(volume: Volume, places: Sequence[_Floats], interpolation: str 
     return np.stack([sample(volume, points, interpolation) for points in places])
 
 
+@dataclass
+class Coverage:
+    """Count the positions with values at any depth, and those with values at only some of the depths."""
+
+    any: int = 0
+    some: int = 0
+
+    def add(self, has_value: NDArray[np.bool_]) -> None:
+        """Count positions; the first axis is the depth."""
+        is_any = has_value.any(axis=0)
+        self.any += int(np.count_nonzero(is_any))
+        self.some += int(np.count_nonzero(is_any & ~has_value.all(axis=0)))
+
+
 def sample_projection(
-    volume: Volume, places: Sequence[_Floats], interpolation: str | None = None, projection: str = "mean"
+    volume: Volume, places: Sequence[_Floats], interpolation: str | None, projection: str, coverage: Coverage
 ) -> NDArray[Any]:
-    """Return one of `PROJECTIONS` (of labels, the majority) over depths; NaN (or alpha 0) if any is outside."""
+    """Return one of `PROJECTIONS` (of labels, the majority) over the depths at which there are values.
+
+    Positions without a value at any depth are NaN (or have alpha 0). A sum is NaN if any depth has no value.
+    """
     way = _way(volume, interpolation)
     if len(places) > 1 and way == "nearest":
         raise InputError(
@@ -184,30 +198,43 @@ def sample_projection(
         what = "labels" if way == "majority" else "colours"
         raise InputError(f"projection is {projection!r}, but {what} have only a mean over depths. Pass 'mean'")
     if way == "majority":
-        together = np.stack(places)
-        where, inside = _indices(volume, together)
-        everywhere = inside.all(axis=0)
-        at = where[:, everywhere].swapaxes(0, 1)  # (P, depths, 3)
-        image = np.full(everywhere.shape, np.nan)
-        image[everywhere] = _majority_at(volume.data, at)
+        where, inside = _indices(volume, np.stack(places))
+        coverage.add(inside)
+        somewhere = inside.any(axis=0)
+        inside = inside[:, somewhere].T  # (P, depths)
+        at = np.where(inside[..., None], where[:, somewhere].swapaxes(0, 1), 0.0)
+        image = np.full(somewhere.shape, np.nan)
+        image[somewhere] = _majority_at(volume.data, at, inside)
         return image
     layers = sample_layers(volume, places, interpolation)
     if len(layers) == 1:
         return np.asarray(layers[0])
-    if volume.data.ndim == 3:
-        return np.asarray(_PROJECTED[projection](layers))
-    mean: NDArray[Any] = np.round(layers.mean(axis=0)).astype(np.uint8)
-    mean[(layers[..., 3] == 0).any(axis=0)] = 0
-    return mean
+    return _projected(layers, projection, coverage)
+
+
+def _projected(layers: NDArray[Any], projection: str, coverage: Coverage) -> NDArray[Any]:
+    """Return a projection of values (depths, ...), or the mean of colours (depths, ..., 4), as `sample_projection`."""
+    is_colour = layers.dtype == np.uint8
+    has_value = layers[..., 3] > 0 if is_colour else ~np.isnan(layers)
+    coverage.add(has_value)
+    if projection == "sum":
+        return np.asarray(layers.sum(axis=0))
+    if projection == "max":
+        return np.asarray(np.fmax.reduce(layers, axis=0))
+    count, known = has_value.sum(axis=0), has_value[..., None] if is_colour else has_value
+    sums = np.where(known, layers, 0).sum(axis=0, dtype=np.float64)
+    if is_colour:
+        return np.asarray(np.round(sums / np.maximum(count, 1)[..., None]).astype(np.uint8))
+    return np.asarray(np.divide(sums, count, out=np.full(sums.shape, np.nan), where=count > 0))
 
 
 def sampled_at(
-    volume: Volume, places: Sequence[_Floats], interpolation: str | None, projection: str | None
+    volume: Volume, places: Sequence[_Floats], interpolation: str | None, projection: str | None, coverage: Coverage
 ) -> NDArray[Any]:
     """Return each depth (`sample_layers`), or their projection (`sample_projection`)."""
     if projection is None:
         return sample_layers(volume, places, interpolation)
-    return sample_projection(volume, places, interpolation, projection)
+    return sample_projection(volume, places, interpolation, projection, coverage)
 
 
 @dataclass(frozen=True, eq=False)
@@ -253,7 +280,9 @@ class Mixing:
         return found
 
 
-def series_sampling(places: Sequence[_Floats], projection: str | None) -> Callable[[Volume, str | None], NDArray[Any]]:
+def series_sampling(
+    places: Sequence[_Floats], projection: str | None, coverage: Coverage
+) -> Callable[[Volume, str | None], NDArray[Any]]:
     """Return a function that samples a series of volumes, with weights that are computed once per grid.
 
     Its results equal those of `sampled_at`: exactly for nearest voxels, and up to rounding errors otherwise. Colours,
@@ -265,7 +294,7 @@ def series_sampling(places: Sequence[_Floats], projection: str | None) -> Callab
         way, is_several = _way(volume, interpolation), len(places) > 1
         is_plain = volume.data.ndim == 3 and not isinstance(volume.data, Chunked)
         if not is_plain or way == "majority" or (projection is not None and is_several and way == "nearest"):
-            return sampled_at(volume, places, interpolation, projection)
+            return sampled_at(volume, places, interpolation, projection, coverage)
         is_mean = projection == "mean" and is_several
         grid = (way, volume.data.shape, volume.affine.tobytes())
         if grid not in held:
@@ -274,9 +303,16 @@ def series_sampling(places: Sequence[_Floats], projection: str | None) -> Callab
             held[grid] = [_mixing(volume, each, way) for each in sets]
         values = volume.data.ravel(order="F")
         images = [mixing(values) for mixing in held[grid]]
-        if len(images) == 1 and projection is not None:
-            return images[0]
-        return np.stack(images) if projection is None else np.asarray(_PROJECTED[projection](np.stack(images)))
+        if projection is None:
+            return np.stack(images)
+        if is_several and not is_mean:
+            return _projected(np.stack(images), projection, coverage)
+        if is_mean:
+            missing = np.isnan(images[0])
+            coverage.add(~missing[None])
+            partly = [points[missing] for points in places]
+            images[0][missing] = sample_projection(volume, partly, interpolation, "mean", coverage)
+        return images[0]
 
     return sampled
 
