@@ -3,7 +3,7 @@
 import click
 import numpy as np
 import pytest
-from command_line import run
+from command_line import fail, run, succeed
 
 import voxflat
 from voxflat import cli
@@ -56,3 +56,40 @@ def test_python_accepts_all_names_of_a_hemisphere():
     assert len(voxflat.rim(labels, hemisphere="R").surface) == len(voxflat.rim(labels, hemisphere="right").surface)
     with pytest.raises(voxflat.InputError, match=r"hemisphere is 'middle'\. Give 'left' or 'right'"):
         voxflat.rim(labels, hemisphere="middle")
+
+
+@pytest.fixture
+def two_labels(tmp_path):
+    """Create a bar of the labels 7, 8 and 9, one after the other."""
+    labels = np.zeros((9, 9, 26), np.uint8)
+    labels[2:7, 2:7, 2:8], labels[2:7, 2:7, 8:14], labels[2:7, 2:7, 14:24] = 7, 8, 9
+    np.save(tmp_path / "labels.npy", labels)
+    return labels, tmp_path / "labels.npy"
+
+
+@pytest.mark.parametrize("words", [("--label", 7, "--label", 8), ("--label", "7,8"), ("--label", "8,7,8")])
+def test_several_labels_are_one_foreground(two_labels, tmp_path, words):
+    labels, path = two_labels
+    joined = voxflat.surface(np.isin(labels, (7, 8)).astype(np.uint8))
+    succeed("surface", path, *words, "-o", tmp_path / "joined.ply")
+    assert len(voxflat.surface(tmp_path / "joined.ply")) == len(joined)
+    made = voxflat.surface(labels, label=[7, 8])
+    np.testing.assert_array_equal(made.points, joined.points)
+    assert made.metadata["label"] == [7, 8]
+    fail(1, "no voxel has label 5", "surface", path, "--label", "7,5", "-o", tmp_path / "none.ply")
+    fail(2, "'7,x' is not a label", "surface", path, "--label", "7,x", "-o", tmp_path / "none.ply")
+    for wrong in ([], "78", [7, 1.5], {7}):
+        with pytest.raises(voxflat.InputError, match=r"the label is .*Pass a whole number"):
+            voxflat.surface(labels, label=wrong)
+
+
+def test_several_regions_are_all_dropped(tmp_path):
+    sheet = voxflat.range_image(np.zeros((12, 12)), 1.0)
+    sheet.save(tmp_path / "sheet.ply")
+    marks = {"a": np.zeros(144), "b": np.zeros(144)}
+    marks["a"][:12], marks["b"][-24:] = 1, 1
+    for name, values in marks.items():
+        np.save(tmp_path / f"{name}.npy", values)
+    drops = [word for name in marks for word in ("--drop", tmp_path / f"{name}.npy")]
+    succeed("cut", tmp_path / "sheet.ply", *drops, "-o", tmp_path / "part.ply")
+    assert len(voxflat.surface(tmp_path / "part.ply")) == 144 - 36

@@ -20,6 +20,7 @@ from voxflat.io.volumes import Volume, read_volume
 from voxflat.laminar.rim import rim
 from voxflat.pipeline.surface import Surface, surface
 from voxflat.surfaces.hemispheres import hemisphere
+from voxflat.surfaces.parts import is_medial_wall
 
 _MAKING = ("label", "threshold", "spacing", "unit", "probability", "pial", "repair")
 
@@ -103,8 +104,8 @@ def part_of(given: dict[str, Any], progress: Progress | None) -> Callable[[Surfa
     def choose(part: Surface) -> Surface:
         if keep is not None:
             part = part.keep(keep)
-        if drop is not None:
-            part = part.drop(drop)
+        for region in sorted(drop, key=lambda one: not is_medial_wall(one)):  # it is found on the whole surface
+            part = part.drop(region)
         if seed_point is not None and radius is not None:
             part = part.disk(seed_point, radius, threads=given.get("threads"), progress=progress)
         return part if polygon is None else part.polygon(polygon, progress=progress)

@@ -66,6 +66,15 @@ def _bytes(ctx: click.Context, param: click.Parameter, value: str | None) -> int
     return int(float(match[1]) * 1024 ** " KMGT".index(match[2].upper() or " "))
 
 
+def _labels(ctx: click.Context, param: click.Parameter, value: tuple[str, ...]) -> int | list[int] | None:
+    """Convert the texts of --label, such as 7,8, to one label or several."""
+    try:
+        labels = [int(part) for text in value for part in text.split(",")]
+    except ValueError:
+        raise click.BadParameter(f"{value[-1]!r} is not a label. Give whole numbers such as 7,8.") from None
+    return labels[0] if len(labels) == 1 else labels or None
+
+
 def _rings(ctx: click.Context, param: click.Parameter, value: str | None) -> int | str | None:
     """Convert an option's text to a number of rings, or "all"."""
     if value is None or value == "all":
@@ -287,7 +296,7 @@ class _Unit(click.Choice[str]):
 
 _of_volumes = (
     option_of(read_volume, "channel"),
-    option_of(surface, "label", type=int),
+    option_of(surface, "label", metavar="N[,N...]", sentences=2, multiple=True, callback=_labels, default=None),
     option_of(surface, "threshold", type=float),
 )
 _of_grids = (
@@ -336,7 +345,8 @@ region = section(
     reads(
         "--drop",
         'Exclude this region: a file as for --keep, or "medial-wall" for the part where the white and pial surfaces '
-        "touch.",
+        "touch. It may be repeated: all regions are excluded.",
+        multiple=True,
     ),
     value(
         "--seed-point",

@@ -24,7 +24,7 @@ from voxflat.surfaces.manifold import size_and_space
 def check(
     source: object,
     *,
-    label: int | None = None,
+    label: int | Sequence[int] | None = None,
     threshold: float | None = None,
     spacing: Sequence[float] | None = None,
     affine: ArrayLike | None = None,

@@ -772,7 +772,7 @@ class Surface(Manifold):
 def surface(
     source: object,
     *,
-    label: int | None = None,
+    label: int | Sequence[int] | None = None,
     threshold: float | None = None,
     spacing: Sequence[float] | None = None,
     affine: ArrayLike | None = None,
@@ -795,8 +795,9 @@ def surface(
     source : ndarray, path, image object, Volume, (points, faces), Mesh, pyvista.PolyData, Surface or Rim
         A label or intensity volume (I, J, K), or a triangle mesh in RAS+ mm. The space of a mesh (`Surface.space`) is
         the one that its file defines: scanner RAS, FreeSurfer's tkRAS, or unknown. For a `Rim`, its middle surface.
-    label : int, optional
-        Label of the foreground, for volumes. By default, the only label in the volume.
+    label : int or sequence of int, optional
+        Label of the foreground, for volumes. Several labels form one foreground. By default, the only label in the
+        volume.
     threshold : float, optional
         Value above which the voxels of a volume are foreground, in the units of the input.
     spacing : sequence of 3 floats, optional

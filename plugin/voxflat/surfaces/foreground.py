@@ -1,6 +1,7 @@
 """Select the foreground voxels of a volume: a label, or the values above a threshold."""
 
 import hashlib
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,6 +13,8 @@ from voxflat.errors import InputError
 from voxflat.io.sources import as_volume
 from voxflat.io.spaces import UNKNOWN, Space
 from voxflat.io.volumes import Volume
+
+Labels = int | Sequence[int]  # a label, or several that form one foreground
 
 _SHOWN = 20  # maximum number of labels in a message
 _WIDEST = 2**16  # largest range of integers for bincount
@@ -39,12 +42,11 @@ class PackedMask:
         return np.asarray(np.unpackbits(self.bits, count=int(np.prod(shape))).reshape(shape).view(np.bool_))
 
 
-def foreground_of(volume: Volume, *, label: int | None = None, threshold: float | None = None) -> Foreground:
+def foreground_of(volume: Volume, *, label: Labels | None = None, threshold: float | None = None) -> Foreground:
     """Select the foreground of a volume."""
     threshold = optional_number(threshold, "threshold")
-    if label is not None and not is_whole(label):
-        raise InputError(f"the label is {shown(label)}. Pass a whole number, or a threshold for intensities")
     mask = foreground(volume.data, label=label, threshold=threshold)
+    labels = None if label is None else [int(one) for one in _several(label)]
     metadata = {
         "kind": "voxels",
         "input": None if volume.path is None else str(volume.path),
@@ -52,7 +54,7 @@ def foreground_of(volume: Volume, *, label: int | None = None, threshold: float 
         "shape": [int(n) for n in volume.data.shape],
         "affine": volume.affine.tolist(),
         "space": (Space("scanner") if volume.is_placed else UNKNOWN)._described(),
-        "label": None if label is None else int(label),
+        "label": labels[0] if labels is not None and len(labels) == 1 else labels,
         "threshold": threshold,
         "foreground": int(np.count_nonzero(mask)),
         **({} if volume.unit == "mm" else {"unit": volume.unit}),
@@ -84,7 +86,15 @@ def keep_mask(keep: object, volume: Volume, name: str = "mask to keep") -> NDArr
     return np.asarray(mask.data != 0)
 
 
-def foreground(data: NDArray[Any], *, label: int | None = None, threshold: float | None = None) -> NDArray[np.bool_]:
+def _several(label: Labels) -> list[int]:
+    """Return one or several labels as a list without repetitions."""
+    labels = [label] if is_whole(label) or not isinstance(label, Sequence | np.ndarray) else list(label)
+    if not labels or isinstance(label, str | bytes) or not all(is_whole(one) for one in labels):
+        raise InputError(f"the label is {shown(label)}. Pass a whole number or several, or a threshold for intensities")
+    return list(dict.fromkeys(labels))
+
+
+def foreground(data: NDArray[Any], *, label: Labels | None = None, threshold: float | None = None) -> NDArray[np.bool_]:
     """Select voxels that equal a label or exceed a threshold, or are not 0 if the volume is a mask with one label."""
     check_scalar(data)
     if label is not None and threshold is not None:
@@ -95,7 +105,11 @@ def foreground(data: NDArray[Any], *, label: int | None = None, threshold: float
         raise InputError(f"{voxels} NaN or infinite. Replace these values, for example with numpy.nan_to_num")
     if threshold is not None:
         return _above(data, threshold)
-    return _labelled(data, _only_label(data) if label is None else label)
+    wanted = [_only_label(data)] if label is None else _several(label)
+    mask = _labelled(data, wanted[0])
+    for further in wanted[1:]:
+        mask |= _labelled(data, further)
+    return mask
 
 
 def labels_in(data: NDArray[Any]) -> dict[int, int] | None:
