@@ -201,6 +201,38 @@ def test_using_cuts_opens_the_form(make_napari_viewer, qtbot):
     assert "along the drawn lines" in widget.form.plan.text()
 
 
+@pytest.mark.slow
+def test_cuts_outlive_begin_another_layer_and_the_dock(make_napari_viewer, qtbot):
+    viewer = make_napari_viewer()
+    viewer.add_surface(sphere(200), name="ball")
+    viewer.add_surface(bumps()[:2], name="bumps")
+    window, dock = viewer.window.add_plugin_dock_widget("voxflat", "Draw cuts")
+
+    def begin(dock, name):
+        dock.form.surface.choose(viewer.layers[name])
+        press(dock, qtbot, "begin")
+
+    begin(dock, "ball")
+    draw(dock, 3, 50)
+    dock.end_cut.click()
+    draw(dock, 70, 90)
+    stops = [cut.stops for cut in dock.drawing.cuts]
+    assert len(stops) == 2
+    begin(dock, "ball")
+    assert [cut.stops for cut in dock.drawing.cuts] == stops
+    assert "are back" in dock.status.text()
+    begin(dock, "bumps")
+    assert dock.drawing.cuts == ()
+    begin(dock, "ball")
+    viewer.window.remove_dock_widget(window)
+    _, dock = viewer.window.add_plugin_dock_widget("voxflat", "Draw cuts")
+    begin(dock, "ball")
+    assert [cut.stops for cut in dock.drawing.cuts] == stops
+    assert dock.cuts.rowCount() == 2
+    dock.undo.click()  # with its history
+    assert [cut.stops for cut in dock.drawing.cuts] == [stops[0], stops[1][:1]]
+
+
 def test_one_more_cut_continues_from_the_displayed_map(open_widget, qtbot, tmp_path, monkeypatch, messages):
     points, faces = sphere(200)
     viewer, widget = open_widget(Surface((points, faces), name="ball"))

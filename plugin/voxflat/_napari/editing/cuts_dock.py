@@ -125,7 +125,7 @@ class DrawCuts(TaskDock):
         if self._layer is None or self._layer not in self._viewer.layers:
             self.status.setText("The layer was removed. Choose another layer, then press Begin.")
             return
-        drawing = Drawing(surface)
+        drawing = Drawing.on(self._layer, surface)
         world = self.form.world.currentData()
         shown_on = self.form.shown_on.layer
         if shown_on is None:
@@ -148,7 +148,9 @@ class DrawCuts(TaskDock):
             size = canvas.width(), canvas.height()
             fill(self._viewer, ratio * self._layers.places, size, self.form.world.currentData())
         self.draw.setChecked(True)
-        self._update("Click on the surface where a cut begins, then where it continues.")
+        has_cuts = self.drawing is not None and bool(self.drawing.cuts)
+        earlier = "The cuts that you drew earlier on this surface are back. " if has_cuts else ""
+        self._update(f"{earlier}Click on the surface where a cut begins, then where it continues.")
 
     # ------------------------------------------------------------------------------------------ drawing
 

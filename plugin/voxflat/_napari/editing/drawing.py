@@ -4,9 +4,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import count, pairwise
-from typing import Any, TypeAlias
+from typing import Any, ClassVar, TypeAlias
+from weakref import WeakKeyDictionary
 
 import numpy as np
+from napari.layers import Layer
 from numpy.typing import NDArray
 
 from voxflat.pipeline.cut_surface import whereabouts
@@ -42,6 +44,21 @@ class Drawing:
     _undone: list[_State] = field(default_factory=list)
     _ways: dict[tuple[int, int], NDArray[np.uint32]] = field(default_factory=dict)
     _titles: dict[Drawn, str] = field(default_factory=dict)  # cached, because a title needs all points
+
+    _of: ClassVar["WeakKeyDictionary[Layer, list[Drawing]]"] = WeakKeyDictionary()
+
+    @classmethod
+    def on(cls, layer: Layer, surface: Surface) -> "Drawing":
+        """Return the drawing on this surface of a layer, which exists as long as the layer does."""
+        drawings = cls._of.setdefault(layer, [])
+        drawings[:] = [one for one in drawings if one.can_undo or one.can_redo]
+        for drawing in drawings:
+            if all(
+                np.array_equal(getattr(drawing.surface, of), getattr(surface, of)) for of in ("points", "faces", "ids")
+            ):
+                return drawing
+        drawings.append(cls(surface))
+        return drawings[-1]
 
     @property
     def cuts(self) -> tuple[Drawn, ...]:
