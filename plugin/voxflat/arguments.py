@@ -140,16 +140,33 @@ def as_float(value: float) -> float:
         return math.inf if value > 0 else -math.inf
 
 
-def array_of(values: object, name: str) -> NDArray[Any]:
-    """Return values as an array of any type after checking that its rows have equal lengths."""
+def unmasked(values: Any, name: str, *, as_nan: bool = False) -> Any:
+    """Return values after checking that `numpy.asarray` will not reveal masked entries; if `as_nan`, they become NaN.
+
+    Only floating-point numbers can become NaN.
+    """
+    parts = values if isinstance(values, list | tuple) else [values]
+    count = sum(np.count_nonzero(np.ma.getmaskarray(part)) for part in parts if isinstance(part, np.ma.MaskedArray))
+    if not count:
+        return values
+    if as_nan and isinstance(values, np.ma.MaskedArray) and values.dtype.kind == "f":
+        return values.filled(np.nan)
+    told = f"{count:,} of the {name} are masked"
+    raise InputError(f"{told}. {'Convert them to floats' if as_nan else 'Fill them, for example with .filled(0)'}")
+
+
+def array_of(values: object, name: str, *, as_nan: bool = False) -> NDArray[Any]:
+    """Return values as an array of any type after checking that its rows have equal lengths; see `unmasked`."""
+    values = unmasked(values, name, as_nan=as_nan)
     try:
         return np.asarray(values)
     except (TypeError, ValueError):  # ragged, or a type that NumPy cannot convert
         raise InputError(f"the {name} are {shown(values)}. Give rows of equal length") from None
 
 
-def numbers_of(values: ArrayLike, name: str) -> NDArray[np.float64]:
-    """Return values as an array of floats after checking that they are numbers in rows of equal length."""
+def numbers_of(values: ArrayLike, name: str, *, as_nan: bool = False) -> NDArray[np.float64]:
+    """Return values as an array of floats after checking that they are numbers in equally long rows; see `unmasked`."""
+    values = unmasked(values, name, as_nan=as_nan)
     try:
         array = np.asarray(values)
         if array.dtype.kind in "biuf" or array.size == 0:
@@ -161,7 +178,7 @@ def numbers_of(values: ArrayLike, name: str) -> NDArray[np.float64]:
 
 def voxel_indices(values: ArrayLike, name: str) -> NDArray[np.int64]:
     """Return voxel indices of shape (m, 3)."""
-    array = np.asarray(values)
+    array = array_of(values, name)
     if array.ndim != 2 or array.shape[1] != 3 or array.dtype.kind not in "ui":
         raise InputError(
             f"{name} must be voxel indices (integers) of shape (m, 3), but got data type {array.dtype} and shape "

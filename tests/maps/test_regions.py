@@ -353,6 +353,24 @@ class TestPoints:
         mesh = pv.PolyData(points).compute_implicit_distance(pv.PolyData.from_regular_faces(m.points, m.faces))
         np.testing.assert_allclose(distance, np.abs(mesh["implicit_distance"]), atol=1e-5)
 
+    @pytest.mark.parametrize(("factor", "unit"), [(1e3, "µm"), (1e-3, "m")])
+    def test_points_in_another_unit_are_reported_with_that_unit(self, m, factor, unit, caplog):
+        points = m.points[:20]
+        _, distance = m.points_to_map(points * factor, 1.0)
+        assert np.isnan(distance).all()
+        (message,) = caplog.messages
+        assert message.startswith("0 of 20 points are within 1 mm")
+        assert f"if they are in {unit}. Convert them" in message
+
+    def test_points_that_are_far_in_every_unit_are_reported_without_one(self, m, caplog):
+        m.points_to_map(m.points[:20] + 1e4, 1.0)
+        (message,) = caplog.messages
+        assert message.startswith("0 of 20 points are within 1 mm")
+        assert "the map is in mm" in message
+        caplog.clear()
+        m.points_to_map(np.concatenate([m.points[:20], m.points[:20] + 1e4]), 1.0)
+        assert not caplog.messages
+
     def test_beyond_the_limit(self, m):
         points = np.array([[0.0, 0, 0], [np.nan, 0, 0], m.points[5] * (1 + 4 / np.linalg.norm(m.points[5]))])
         uv, distance = m.points_to_map(points)

@@ -7,6 +7,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from voxflat.arguments import array_of
 from voxflat.errors import InputError
 from voxflat.io.channels import Channels, points_of_nibabel
 from voxflat.io.files import naming
@@ -73,7 +74,7 @@ def _has_parts(given: object) -> bool:
 
 def _of_nilearn(mesh: Any) -> Mesh:
     path = getattr(mesh, "file_path", None)  # the file of a FileMesh contains more information
-    return Mesh(np.asarray(mesh.coordinates), np.asarray(mesh.faces)) if path is None else read_mesh(path)
+    return Mesh(mesh.coordinates, mesh.faces) if path is None else read_mesh(path)
 
 
 def _of_parts(mesh: Any) -> Mesh:
@@ -139,11 +140,11 @@ def _of_side(parts: Mapping[str, Any], points: int, structure: str | None) -> ND
     fitting = {side: part for side, part in parts.items() if len(part) == points}
     known = {side: part for side, part in fitting.items() if _STRUCTURES.get(side) == structure}
     if known:
-        return np.asarray(next(iter(known.values())))
+        return array_of(next(iter(known.values())), "values", as_nan=True)
     if structure in _STRUCTURES.values() and structure not in map(_STRUCTURES.get, parts):
         raise InputError(f"has values for {', '.join(parts)}, but the surface belongs to {structure}. Pass its values")
     if len(fitting) == 1:
-        return np.asarray(next(iter(fitting.values())))
+        return array_of(next(iter(fitting.values())), "values", as_nan=True)
     if fitting:
         both = f"has {points} values for each hemisphere, and the hemisphere of the surface is unknown"
         raise InputError(f"{both}. Pass one part, such as .data.parts['left']")

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from voxflat.arguments import array_of, log, numbers_of
+from voxflat.arguments import array_of, log, numbers_of, unmasked
 from voxflat.errors import InputError
 from voxflat.io.files import REMEDY, check_regular, contents, from_json, naming
 from voxflat.io.formats.svg import Outline, read_outlines
@@ -142,6 +142,7 @@ def _loops(given: Any, name: str) -> tuple[NDArray[np.float64], ...]:
     several = isinstance(given, Sequence) and len(given) and np.ndim(given[0]) == 2
     found = []
     for polygon in given if several else [given]:
+        unmasked(polygon, f"corners of {name}")
         try:
             loop = numbers_of(polygon, "corners")
         except InputError:

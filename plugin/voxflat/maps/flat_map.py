@@ -404,7 +404,7 @@ class FlatMap(Planar):
         >>> flat_map.paint(flat_map.uv[:, 0]).shape
         (24, 24, 24)
         """
-        values = array_of(values, "values")
+        values = array_of(values, "values", as_nan=True)
         check_background(background, values.dtype)
         if values.ndim not in (1, 2) or len(values) != len(self):
             raise InputError(f"values has shape {values.shape}. Pass one value for each of the {len(self)} points")

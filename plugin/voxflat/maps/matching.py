@@ -86,7 +86,7 @@ def match(whole: Manifold, flat: object) -> Matched:
         cut = _cut_as_it_is(whole, vertices_of(whole, flat), flat.faces.astype(np.int64), flat.uv)
         return replace(cut, period=flat.period)
     if isinstance(flat, tuple) and len(flat) == 2 and np.ndim(flat[0]) == 2 and np.shape(flat[0])[1] == 2:
-        flat = (np.pad(flat[0], ((0, 0), (0, 1))), flat[1])  # add z = 0
+        flat = (np.pad(array_of(flat[0], "places"), ((0, 0), (0, 1))), flat[1])  # add z = 0
     if isinstance(flat, tuple) and len(flat) == 3:
         return _of_rows(whole, *flat)
     mesh = as_mesh(flat)

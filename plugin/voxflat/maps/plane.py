@@ -18,6 +18,7 @@ from voxflat.maps.metric import Metric
 from voxflat.maps.raster import FlatImage, FlatStack, Raster
 from voxflat.maps.sampler import Sampler
 
+_FACTORS = {"mm": {"µm": 1e-3, "m": 1e3}, "µm": {"mm": 1e3, "nm": 1e-3}, "m": {"mm": 1e-3}}  # likely wrong units
 LIMIT = 5.0  # default distance of points from the surface, mm; the cortex is up to 4.5 mm thick
 
 
@@ -277,7 +278,7 @@ class Planar(ABC):
         Returns
         -------
         uv : ndarray of float64, shape (..., 2)
-            Positions on the map, in mm; NaN for points beyond the limit.
+            Positions on the map, in mm; NaN for points beyond the limit. A warning reports if this applies to all.
         distance : ndarray of float64, shape (...)
             Exact distance from each point to the triangles of the surface, in mm; NaN beyond the limit.
 
@@ -298,7 +299,24 @@ class Planar(ABC):
         """
         wanted = self._checked_points(points, space)
         uv, _, distance = self._to_map(wanted.reshape(-1, 3), limit)
+        placed = int(np.count_nonzero(np.isfinite(distance)))
+        if 10 * placed < len(distance):
+            self._doubt_unit(wanted.reshape(-1, 3), limit, placed)
         return uv.reshape(*wanted.shape[:-1], 2), distance.reshape(wanted.shape[:-1])
+
+    def _doubt_unit(self, points: NDArray[np.float64], limit: float, placed: int) -> None:
+        """Warn that few points lie near the surface if most of them would in another unit, or that none does."""
+        unit = self._triangles.on_surface.unit
+        told = f"{placed:,} of {len(points):,} points are within {limit:g} {unit} of the surface. "
+        for other, factor in _FACTORS.get(unit, {}).items():
+            _, _, distance = self._nearest(points * factor, limit)
+            if 2 * np.count_nonzero(np.isfinite(distance)) > len(points):
+                log.warning(
+                    "%sMost would be if they are in %s. Convert them to %s, the unit of the map", told, other, unit
+                )
+                return
+        if not placed:
+            log.warning("%sCheck their coordinate space and their unit; the map is in %s", told, unit)
 
     def _checked_points(self, points: ArrayLike, space: str) -> NDArray[np.float64]:
         """Return points in the space of the surface."""

@@ -139,7 +139,7 @@ class Raster:
         >>> flat_map.raster(pixel_size=1.0).interpolate(flat_map.points[:, 2]).shape
         (43, 43)
         """
-        values = numbers_of(values, "values")
+        values = numbers_of(values, "values", as_nan=True)
         image = np.zeros((*self.shape, *values.shape[1:]))
         each = (...,) + (None,) * (values.ndim - 1)
         for corner in (0, 2, 1) if values.size == len(values) else (0, 1, 2):  # the order (and bits) of np.einsum

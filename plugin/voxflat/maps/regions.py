@@ -258,7 +258,7 @@ class Regions(Recorded):
 
         def values() -> Iterator[tuple[str, NDArray[np.float64]]]:
             for name, one in _named(image):
-                data = numbers_of(one.data if isinstance(one, FlatImage) else one, "image")
+                data = numbers_of(one.data if isinstance(one, FlatImage) else one, "image", as_nan=True)
                 if data.shape != raster.shape:
                     told = f"the image has shape {data.shape}, but the map has {raster.shape} pixels of "
                     raise InputError(f"{told}{raster.pixel_size:g}. Pass an image with these pixels")

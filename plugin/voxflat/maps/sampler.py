@@ -325,7 +325,7 @@ class Sampler:
             path = Path(volume)
             is_textured = path.name.lower().endswith(TEXTURE_ENDINGS)
             return read_texture(path, count) if is_textured else None
-        return np.asarray(volume) if are_colours(volume, count) else None
+        return array_of(volume, "colours") if are_colours(volume, count) else None
 
     def is_overlay(self, values: object) -> bool:
         """Return whether values lie at the mesh's vertices and therefore have no depth."""
@@ -345,7 +345,7 @@ class Sampler:
             return channels
         is_array = isinstance(volume, list) or hasattr(volume, "__array__")  # includes a pandas Series
         is_array = is_array and not hasattr(volume, "dataobj")
-        if is_array and (values := array_of(volume, "overlay's values")).ndim in (1, 2):
+        if is_array and (values := array_of(volume, "overlay's values", as_nan=True)).ndim in (1, 2):
             if len(values) != count:
                 raise InputError(
                     f"the overlay has {len(values)} values, but the mesh has {count} vertices. Pass one value for each"

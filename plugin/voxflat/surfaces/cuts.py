@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from voxflat.arguments import Progress, is_whole, shown
+from voxflat.arguments import Progress, is_whole, shown, unmasked
 from voxflat.errors import InputError
 from voxflat.io.files import check_format, contents, from_json
 from voxflat.io.grid import in_unit
@@ -38,6 +38,7 @@ def read_cuts(whole: Manifold, cuts: object | None) -> tuple[list[Any] | None, N
     if isinstance(cuts, str | os.PathLike):
         paths, left_out = _from_file(Path(cuts), 3 if whole.is_voxels else None)
         return [_filled(whole, path, number) for number, path in enumerate(paths)], left_out
+    unmasked(cuts, "vertices of the cuts")
     if isinstance(cuts, np.ndarray) and cuts.ndim:
         cuts = list(cuts)
     if isinstance(cuts, list | tuple) and len(cuts) and is_whole(cuts[0]):

@@ -148,7 +148,8 @@ class PreparedMap:
 
     def places(self, points: NDArray[Any]) -> NDArray[np.float64]:
         """Return (u, v) of the surface points nearest to points (RAS+ mm), shape (..., 3); NaN beyond `far`."""
-        return self.planar.points_to_map(self.planar._triangles.on_surface.space.from_scanner(points), self.far)[0]
+        at = self.planar._triangles.on_surface.space.from_scanner(points)
+        return self.planar._to_map(at.reshape(-1, 3), self.far)[0].reshape(*at.shape[:-1], 2)
 
     def met(self, start: NDArray[Any], along: NDArray[Any]) -> NDArray[np.float64] | None:
         """Return the first intersection of the surface with a ray, given by a point and a direction in RAS+ mm."""
