@@ -177,3 +177,36 @@ def test_plot_draws_on_given_axes(left):
     ax = Figure().add_subplot()
     assert left.plot(VALUES, ax=ax, title="effect") is ax
     assert len(ax.child_axes) == 3
+
+
+def test_every_dataset_with_a_surface_is_a_surface_with_its_own_vertex_numbers():
+    ball = pv.Sphere()
+    x, y = np.meshgrid(np.arange(9.0), np.arange(7.0), indexing="ij")
+    for dataset in (ball.cast_to_unstructured_grid(), pv.StructuredGrid(x, y, x * y / 9)):
+        surface = voxflat.surface(dataset)
+        assert len(surface) == dataset.n_points
+        np.testing.assert_allclose(surface.points, dataset.points[surface.ids])
+        assert surface.metadata["unit"] == "unknown"
+    block = pv.ImageData(dimensions=(5, 5, 5)).cast_to_unstructured_grid()
+    shell = voxflat.surface(block)
+    assert (len(shell), shell.core.topology()["loops"]) == (5**3 - 3**3, [])
+    np.testing.assert_allclose(shell.points, block.points[shell.ids])
+    both = voxflat.surface(pv.MultiBlock([ball, pv.MultiBlock([ball.translate((9, 0, 0))])]))
+    assert len(both.core.topology()["components"]) == 2
+    refused(
+        "ImageData: is an image of 4 x 4 x 4 points.*voxflat.volume",
+        voxflat.surface,
+        pv.ImageData(dimensions=(4, 4, 4)),
+    )
+    refused("UnstructuredGrid: has 0 cells", voxflat.surface, pv.UnstructuredGrid())
+
+
+def test_a_trimesh_scene_is_placed_and_a_known_unit_is_kept():
+    ball = trimesh.creation.icosphere()
+    ball.units = "mm"
+    assert "unit" not in voxflat.surface(ball).metadata
+    ball.units = "meters"
+    assert any("meters" in remark for remark in voxflat.surface(ball).remarks)
+    scene = trimesh.Scene()
+    scene.add_geometry(ball, transform=trimesh.transformations.translation_matrix([7, 0, 0]))
+    np.testing.assert_allclose(voxflat.surface(scene).points.mean(axis=0), [7, 0, 0], atol=1e-9)

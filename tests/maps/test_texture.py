@@ -381,3 +381,19 @@ def test_cuts_of_a_map_are_seams_of_the_texture(tmp_path):
     assert whole == pytest.approx(voxflat.measure(surface, flat, sources=10**6).best_scale.relative_error, rel=1e-6)
     by_glb = voxflat.measure(tmp_path / "ball.glb", tmp_path / "ball.glb", sources=10**6)
     assert by_glb.best_scale.relative_error == pytest.approx(whole, rel=1e-4)
+
+
+@pytest.mark.parametrize(("unit", "metres"), [("µm", 1e-6), ("mm", 1e-3), ("m", 1.0), (None, 1.0)])
+def test_a_glb_has_the_size_of_the_surface_and_stands_upright(tmp_path, unit, metres):
+    """trimesh reads metres with y upwards; a GLB whose unit is unknown comes back unchanged."""
+    hill = voxflat.samples.hill()
+    trimesh.Trimesh(hill.points, hill.faces, process=False).export(tmp_path / "hill.glb")
+    source = (hill.points, hill.faces.astype(np.int64)) if unit else tmp_path / "hill.glb"
+    picture = np.full((8, 8, 3), 255, np.uint8)
+    flat = voxflat.surface(source, unit=unit).flatten(voxflat.methods.Voxflat(sources=9))
+    for surface in (flat.textured(picture), flat.textured(picture).subdivided()):
+        surface.save(tmp_path / "saved.glb", overwrite=True)
+        read = trimesh.load(tmp_path / "saved.glb", force="mesh", process=False)
+        expected = hill.points if unit is None else metres * hill.points[:, [0, 2, 1]] * [1, 1, -1]
+        assert_allclose(np.ptp(read.vertices, axis=0), np.ptp(expected, axis=0), rtol=1e-6)
+        assert_allclose(read.bounds, [expected.min(axis=0), expected.max(axis=0)], rtol=1e-6, atol=1e-9 * metres)

@@ -5,6 +5,7 @@ import json
 import numpy as np
 import pytest
 from hard_shapes import signed_areas
+from refusals import refused
 from triangle_meshes import bump, square
 
 import voxflat
@@ -166,3 +167,60 @@ def test_holes_are_small_beside_the_mesh_where_its_unit_is_unknown(tmp_path):
         around = np.array([12 + 8**0.5, 4 + 8**0.5]) * scale
         assert closed["s.ply"] == closed["s.obj"] == closed["s.vtp"] == [False, True], scale
         assert closed["s.surf.gii"] == ([False, True] if scale < 0.01 else (around <= 15).tolist()), scale
+
+
+def test_vertices_without_a_position_are_left_out_and_the_others_keep_their_numbers(tmp_path):
+    points, faces = bump(16)
+    missing = [40, 77]
+    left = faces[~np.isin(faces, missing).any(axis=1)]
+    gaps = np.vstack([points, np.full((1, 3), np.nan)])  # no triangle uses the last one
+    gaps[missing] = np.nan
+    nib.freesurfer.write_geometry(tmp_path / "lh.white", np.nan_to_num(gaps), faces)
+    write_mesh(tmp_path / "gaps.ply", Mesh(gaps, faces))
+    for source in ((gaps, faces), tmp_path / "gaps.ply"):
+        surface = voxflat.surface(source)
+        assert {frozenset(f) for f in surface.ids[surface.faces].tolist()} == {frozenset(f) for f in left.tolist()}
+        (told,) = [remark for remark in surface.remarks if "finite" in remark]
+        gone = len(faces) - len(left)
+        assert told == (
+            f"2 of {len(gaps)} vertices have no finite position (40, 77); "
+            f"{gone} of {len(faces)} triangles there were removed"
+        )
+        refused("point 40", voxflat.surface, source, repair="none")
+        assert voxflat.check(source).defects["vertices without a position"] == missing
+    flat = voxflat.flatten((gaps, faces), Voxflat(sources=9))
+    assert not set(missing) & set(flat.ids.tolist())
+    assert flat.image(np.arange(len(gaps), dtype=float)).data.shape
+    unused = gaps.copy()
+    unused[missing] = points[missing]
+    assert not voxflat.surface((unused, faces), repair="none").remarks
+
+
+def test_triangles_with_a_masked_corner_are_left_out():
+    points, faces = bump(16)
+    surface = voxflat.surface((points, np.vstack([faces, [[0, 1, -1], [-1, -1, -1]]])))
+    assert len(surface.faces) == len(faces)
+    assert surface.remarks == (f"2 of {len(faces) + 2} triangles have a corner of -1 and were left out",)
+
+
+def test_midway_is_missing_where_the_pial_vertex_is():
+    points, faces = bump(16)
+    pial = points + np.array([0.0, 0.0, 2.0])
+    pial[40] = np.nan
+    surface = voxflat.surface((points, faces), pial=(pial, faces))
+    assert 40 not in surface.ids
+    assert any("1 of" in remark and "(40)" in remark for remark in surface.remarks)
+
+
+def test_a_stray_fin_is_split_off_and_told():
+    points, faces = bump(16)
+    a, b = faces[100, :2].tolist()
+    fin = np.vstack([points, points[a] + np.array([0, 0, 5.0])]), np.vstack([faces, [[a, b, len(points)]]])
+    surface, clean = voxflat.surface(fin), voxflat.surface((points, faces))
+    low, high = sorted((a, b))
+    assert f"more than two triangles meet at 1 edge(s), between the vertices {low} and {high}" in surface.remarks[0]
+    assert surface.metadata["mended"]["crowded_edges"] == [[low, high]]
+    flat, expected = surface.flatten(Voxflat(sources=9)), clean.flatten(Voxflat(sources=9))
+    np.testing.assert_array_equal(flat.uv, expected.uv)
+    assert any("2 components" in warning and "% of the area" in warning for warning in flat.metadata["warnings"])
+    refused(f"between the vertices {low} and {high}", voxflat.surface, fin, repair="none")

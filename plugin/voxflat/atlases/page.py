@@ -309,7 +309,8 @@ class FlatPage(Planar):
         picture = _spread(shown.colours(colour_map, limits))
         of = self.atlas
         points = of.space.to_scanner(of.points)
-        return TexturedSurface(points, of.faces, coordinates, picture, texture_faces=of.uv_faces)
+        unit = of.metadata.get("unit", "mm")
+        return TexturedSurface(points, of.faces, coordinates, picture, texture_faces=of.uv_faces, unit=unit)
 
 
 def _spread(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:

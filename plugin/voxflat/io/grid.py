@@ -96,13 +96,21 @@ LONG_NAMES = {"mm": "millimeter", "µm": "micrometer", "nm": "nanometer", "cm": 
 LONG_NAMES |= {"inch": "inch"}  # of OME-Zarr and napari
 _MILLIMETRES = {"mm": 1.0, "cm": 10.0, "m": 1e3, "µm": 1e-3, "nm": 1e-6, "inch": 25.4}
 UNITS = tuple(_MILLIMETRES)
-_UNITS = {"mm": ("", "?", "???", "unknown", "millimeter", "millimetre", "mm"), "cm": ("cm", "centimeter")}
+_UNITS = {
+    "mm": ("", "?", "???", "unknown", "millimeter", "millimetre", "millimeters", "mm"),
+    "cm": ("cm", "centimeter"),
+}
 _UNITS |= {"m": ("m", "meter", "metre"), "nm": ("nm", "nanometer"), "inch": ("inch", "in")}
 _UNITS |= {"µm": ("micron", "microns", "um", "µm", "μm", "micrometer", "micrometre")}
 
 
 def _unit(text: str) -> str | None:
     return next((name for name, called in _UNITS.items() if text.strip().lower() in called), None)
+
+
+def is_unit(text: object, unit: str) -> bool:
+    """Return whether a text is a name of a unit of length."""
+    return isinstance(text, str) and bool(text.strip()) and _unit(text) == unit
 
 
 def named_unit(unit: object) -> str:

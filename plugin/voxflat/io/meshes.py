@@ -39,7 +39,7 @@ class Mesh:
     Parameters
     ----------
     points : ndarray of float64, shape (N, 3)
-        Coordinates in RAS+ mm, in `space`; they must be finite.
+        Coordinates in RAS+ mm, in `space`. NaN marks a point without a position; infinite values are errors.
     faces : ndarray of int64, shape (F, 3)
         Triangles, as row numbers of `points`. Points without a face are allowed, because flat maps may have them.
     path : Path or None
@@ -132,7 +132,8 @@ class Mesh:
         >>> voxflat.io.Mesh(np.eye(3) / 1000, [[0, 1, 2]]).unit_remark.split(";")[0]
         'is 0.001 units across'
         """
-        across = float(np.ptp(self.points, axis=0).max())
+        there = self.points[np.isfinite(self.points).all(axis=1)]
+        across = float(np.ptp(there, axis=0).max()) if len(there) else 1.0
         if across >= 1:
             return None
         text = f"is {across:.2g} units across; coordinates are assumed to be in mm. If they are in metres, multiply"
@@ -149,9 +150,6 @@ class Mesh:
         if len(points) == 0:
             raise InputError("has no points. Pass a surface mesh")
         points = np.ascontiguousarray(points, dtype=np.float64)
-        bad = np.flatnonzero(~np.isfinite(points).all(axis=1))
-        if len(bad):
-            raise InputError(f"point {bad[0]} has the coordinates {points[bad[0]].tolist()}. Use finite numbers")
         far = np.flatnonzero((np.abs(points) > FARTHEST).any(axis=1))
         if len(far):
             raise InputError(f"point {far[0]}, {points[far[0]].tolist()}, lies beyond ±{FARTHEST:g} mm. Check the unit")

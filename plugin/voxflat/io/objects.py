@@ -12,7 +12,9 @@ from voxflat.errors import InputError
 from voxflat.io.channels import Channels, points_of_nibabel
 from voxflat.io.files import naming
 from voxflat.io.formats import gifti
-from voxflat.io.formats.vtk import polydata_points, polydata_triangles
+from voxflat.io.formats.polygons import of_scene
+from voxflat.io.formats.vtk import grid_triangles, polydata_points, polydata_triangles
+from voxflat.io.grid import is_unit
 from voxflat.io.meshes import Mesh, read_mesh
 from voxflat.io.triangles import triangulated
 
@@ -110,19 +112,52 @@ def _of_polydata(mesh: Any) -> Mesh:
     return Mesh(polydata_points(mesh), faces, remarks=remarks, has_unit=False)
 
 
+def _of_grid(grid: Any) -> Mesh:
+    faces, remarks = grid_triangles(grid)
+    return Mesh(polydata_points(grid), faces, remarks=remarks, has_unit=False)
+
+
+def _of_blocks(blocks: Any) -> Mesh:
+    """Return the surfaces of all blocks as one, like those of a GLB file."""
+    all_blocks = [blocks.GetBlock(number) for number in range(blocks.GetNumberOfBlocks())]
+    meshes = [mesh for block in all_blocks if block is not None and (mesh := mesh_of_object(block)) is not None]
+    if not meshes or len(meshes) < sum(block is not None for block in all_blocks):
+        raise InputError(f"has {len(all_blocks)} blocks, {len(meshes)} of which are surfaces. Pass only the surfaces")
+    starts = np.cumsum([0, *(len(mesh.points) for mesh in meshes)])
+    faces = np.concatenate([mesh.faces + start for mesh, start in zip(meshes, starts, strict=False)])
+    remarks = tuple(dict.fromkeys(remark for mesh in meshes for remark in mesh.remarks))
+    return Mesh(np.concatenate([mesh.points for mesh in meshes]), faces, remarks=remarks, has_unit=False)
+
+
+def _refuse_image(image: Any) -> Mesh:
+    remedy = "Pass image.voxflat.volume(), or the surface that image.contour() or image.extract_surface() returns"
+    raise InputError(f"is an image of {' x '.join(map(str, image.GetDimensions()))} points, not a surface. {remedy}")
+
+
+def _of_trimesh(mesh: Any) -> Mesh:
+    units = getattr(mesh, "units", None)
+    is_mm = units is not None and is_unit(units, "mm")
+    told = f"the trimesh object is in {units!r}, but its unit counts as unknown unless it is passed as unit"
+    remark = () if units is None or is_mm else (told,)
+    if hasattr(mesh, "graph"):
+        return replace(Mesh(**of_scene(mesh)), has_unit=is_mm, remarks=remark)
+    return Mesh(np.asarray(mesh.vertices), np.asarray(mesh.faces), has_unit=is_mm, remarks=remark)
+
+
 _Reader: TypeAlias = tuple[Callable[[object], bool], Callable[[Any], Mesh]]
 
 _MESHES: tuple[_Reader, ...] = (
     (_has("GetPolys", "GetStrips", "GetPoints"), _of_polydata),  # VTK, and PyVista's PolyData
+    (_has("GetCellType", "GetScalarPointer"), _refuse_image),  # VTK's image data
+    (_has("GetCellType", "GetPoints", "GetNumberOfCells"), _of_grid),  # VTK's other datasets
+    (_has("GetNumberOfBlocks", "GetBlock"), _of_blocks),
     (_has("coordinates", "faces", "n_vertices"), _of_nilearn),  # InMemoryMesh, FileMesh
     (lambda given: _has_parts(getattr(given, "mesh", None)), _of_surface_image),
     (_has_parts, _of_parts),  # PolyMesh
     (lambda given: is_gifti(given) and gifti._has_triangles(given), lambda image: Mesh(**gifti.surface(image))),
     (_has("points", "cells", "cells_dict"), _of_meshio),
-    (
-        _has("vertices", "faces", "face_normals"),  # trimesh
-        lambda mesh: Mesh(np.asarray(mesh.vertices), np.asarray(mesh.faces), has_unit=False),
-    ),
+    (_has("vertices", "faces", "face_normals"), _of_trimesh),
+    (_has("geometry", "graph", "units"), _of_trimesh),  # a trimesh scene
 )
 
 

@@ -107,8 +107,13 @@ def _is_path(given: object) -> bool:
 
 
 def _of_pair(pair: tuple[Any, Any]) -> Mesh:
+    """Return a mesh from points and faces; faces with a corner of −1, as in masked grids, are left out."""
     points, faces = (array_of(part, "points and faces") for part in pair)
-    return Mesh(points, faces)
+    is_left_out = (faces == -1).any(axis=1) if faces.ndim == 2 and faces.dtype.kind == "i" else np.zeros(0, dtype=bool)
+    if not is_left_out.any() or is_left_out.all():
+        return Mesh(points, faces)
+    remark = f"{is_left_out.sum()} of {len(faces)} triangles have a corner of -1 and were left out"
+    return Mesh(points, faces[~is_left_out], remarks=(remark,))
 
 
 def _of_array(given: object) -> Volume:

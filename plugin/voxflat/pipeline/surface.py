@@ -821,8 +821,8 @@ def surface(
         one sphere. By default, handles of a volume's largest component are removed if that changes at most 1 % of its
         voxels, and a warning is issued. Defects of a mesh are repaired if the repair is unambiguous, except with
         "none": triangles without area are removed, directly or by flipping edges (for this, vertices at the same
-        position are merged, but keep their numbers); duplicate triangles are removed; and parts that touch only at a
-        vertex are separated there.
+        position are merged, but keep their numbers); duplicate triangles and triangles with NaN vertices are removed;
+        and parts that touch only at a vertex or at an edge of more than two triangles are separated there.
     memory_limit, threads, progress : optional
         As in `flatten`.
 

@@ -57,10 +57,12 @@ def _check_pial(core: _core.Surface, mesh: Mesh, pial: Mesh, places: NDArray[np.
             f"the surface is {mesh.structure}, but the pial surface is {pial.structure}. Pass surfaces of the same side"
         )
     way = (places - mesh.points)[core.ids]
+    there = np.isfinite(way).all(axis=1)
+    way = way[there]
     lengths = np.linalg.norm(way, axis=1)
     if not lengths.any():
         return ["the pial surface equals the given surface: distances are measured on it, not halfway between the two"]
-    normals = np.nan_to_num(_core.vertex_normals(core.points, core.faces))
+    normals = np.nan_to_num(_core.vertex_normals(core.points, core.faces))[there]
     outward = float((normals * way).sum() / lengths.sum())
     apart = (
         f"the median distance to the pial surface is {np.median(lengths):.3g} mm, and {100 * outward:.0f} % of the "

@@ -610,7 +610,8 @@ def size_and_space(
     points: NDArray[Any], triangles: int, structure: str | None, space: Space, unit: str
 ) -> dict[str, Any]:
     """Return size, hemisphere and coordinate space of a mesh, for a check."""
-    size = tuple(float(side) for side in np.ptp(points, axis=0))
+    there = points[np.isfinite(points).all(axis=1)]
+    size = tuple(float(side) for side in np.ptp(there, axis=0)) if len(there) else (0.0, 0.0, 0.0)
     about = {"structure": structure, "space": space._described(), "unit": unit}
     return {"vertices": len(points), "triangles": triangles, "size": size, **about}
 

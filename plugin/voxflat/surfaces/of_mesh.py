@@ -11,6 +11,8 @@ from voxflat.io.reading import check_room
 from voxflat.surfaces.correspondence import pial_of
 from voxflat.surfaces.manifold import Manifold
 
+_MENDED = ("incomplete", "missing", "dropped", "flipped", "duplicates", "crowded_edges", "split")
+_SHOWN = 10  # maximum number of vertices or edges in a remark
 _A_TRIANGLE, _A_POINT = 200, 100  # bytes to create a surface; measured: 160 to 190 per triangle and half a point
 
 
@@ -25,7 +27,7 @@ def of_mesh(mesh: Mesh, pial: object | None = None, *, mend: bool = True) -> Man
         places, of_pial = pial_of(core, mesh, pial)
         white = np.asarray(mesh.points, dtype=np.float64)
         midway = (white + places) / 2
-        if len(told["merged"]):  # their halfway positions may differ
+        if len(told["merged"]) or np.isnan(midway[core.ids]).any():  # halfway, positions may differ or be missing
             core, told = _core.Surface.from_triangles(midway, mesh.faces, mend)
         else:
             core = core.moved(midway[core.ids])
@@ -43,7 +45,7 @@ def of_mesh(mesh: Mesh, pial: object | None = None, *, mend: bool = True) -> Man
     }
     merged = told["merged"].astype(np.int64)
     mesh_faces = mesh.faces
-    mended: dict[str, Any] = {name: told[name] for name in ("dropped", "flipped", "duplicates", "split") if told[name]}
+    mended: dict[str, Any] = {name: told[name] for name in _MENDED if told[name]}
     if len(merged):
         mended["merged"] = merged.tolist()
     if mended:
@@ -57,6 +59,19 @@ def of_mesh(mesh: Mesh, pial: object | None = None, *, mend: bool = True) -> Man
 def _remarks(told: dict[str, Any], faces: int, points: int) -> list[str]:
     """Return remarks on the changes to a mesh."""
     remarks = []
+    if told["missing"]:
+        count, named = len(told["missing"]), _listed(told["missing"])
+        remarks.append(
+            f"{count} of {points} vertices have no finite position ({named}); "
+            f"{told['incomplete']} of {faces} triangles there were removed"
+        )
+    if told["crowded_edges"]:
+        edges = told["crowded_edges"]
+        named = _listed([f"{a} and {b}" for a, b in edges])
+        remarks.append(
+            f"more than two triangles meet at {len(edges)} edge(s), between the vertices {named}; "
+            "the surface was split along these edges"
+        )
     if told["turned"]:
         remarks.append(f"{told['turned']} of {faces} triangles were reversed, so that all of them face outwards")
     if told["unused"]:
@@ -74,3 +89,8 @@ def _remarks(told: dict[str, Any], faces: int, points: int) -> list[str]:
         where = f"vertex {first}" if count == 1 else f"{count} vertices (the first is {first})"
         remarks.append(f"parts of the surface touch at {where}; each has its own vertex there, with the same number")
     return remarks
+
+
+def _listed(items: list[Any]) -> str:
+    """Return items as text: all of a few, or the first ones."""
+    return ", ".join(map(str, items[:_SHOWN])) + ", ..." * (len(items) > _SHOWN)

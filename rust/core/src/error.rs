@@ -298,10 +298,11 @@ pub enum Error {
     DuplicateFace { face: usize, count: usize },
 
     #[error(
-        "more than two triangles meet at the edge between vertices {a} and {b} ({count} such edges). Remove the \
-         additional triangles, so that the surface has at most two at each edge"
+        "more than two triangles meet at {} edge(s), between the vertices {}. Remove the additional triangles, so that \
+         the surface has at most two at each edge",
+        edges.len(), pairs(edges)
     )]
-    CrowdedEdge { a: usize, b: usize, count: usize },
+    CrowdedEdges { edges: Vec<[u32; 2]> },
 
     #[error(
         "the surface touches itself at vertex {vertex} ({count} such vertices). Give each part of the surface its own \
@@ -354,6 +355,12 @@ pub enum Error {
 
     #[error("cancelled")]
     Cancelled,
+}
+
+/// Returns edges as text: all of up to ten, or the first ones.
+fn pairs(edges: &[[u32; 2]]) -> String {
+    let shown: Vec<String> = edges.iter().take(10).map(|[a, b]| format!("{a} and {b}")).collect();
+    if edges.len() > 10 { format!("{}, ...", shown.join(", ")) } else { shown.join(", ") }
 }
 
 /// Checks that every vertex is less than the number of points.

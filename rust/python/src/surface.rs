@@ -74,7 +74,10 @@ impl Surface {
             "dropped" = repaired.dropped,
             "flipped" = repaired.flipped,
             "duplicates" = repaired.duplicates,
-            "split" = repaired.split
+            "split" = repaired.split,
+            "crowded_edges" = repaired.crowded_edges,
+            "missing" = repaired.missing,
+            "incomplete" = repaired.incomplete
         );
         Ok((surface.into(), dict))
     }
@@ -230,6 +233,7 @@ pub fn defects<'py>(py: Python<'py>, points: GivenTable<'py, f64>, faces: GivenT
     let found = run(py, Some(1), &None, move |_| CoreSurface::defects(&points, &faces))?;
     Ok(dict!(
         py,
+        "vertices without a position" = found.missing,
         "triangles without area" = found.degenerate,
         "triangles given twice" = found.duplicate,
         "edges of more than two triangles" = found.crowded_edges,

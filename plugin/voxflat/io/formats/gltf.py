@@ -4,18 +4,30 @@ import json
 import struct
 from pathlib import Path
 
+from voxflat.io.grid import millimetres
 from voxflat.io.triangles import Faces, Points, as_float32
 
 _FLOAT, _UINT32 = 5126, 5125
 _VERTICES, _INDICES = 34962, 34963
 _LINEAR, _MIPMAPS, _REPEAT, _CLAMP = 9729, 9987, 10497, 33071
-_TO_METRES_Y_UP = [1e-3, 0, 0, 0, 0, 0, -1e-3, 0, 0, 1e-3, 0, 0, 0, 0, 0, 1]  # column by column
 
 
 def write_glb(
-    path: Path, points: Points, faces: Faces, texture: Points, picture: bytes, *, repeat: bool, transparent: bool
+    path: Path,
+    points: Points,
+    faces: Faces,
+    texture: Points,
+    picture: bytes,
+    *,
+    unit: str,
+    repeat: bool,
+    transparent: bool,
 ) -> None:
-    """Write a binary glTF file; the picture is a PNG, and the texture coordinate t is 0 at its bottom edge."""
+    """Write a binary glTF file; the picture is a PNG, and the texture coordinate t is 0 at its bottom edge.
+
+    glTF is in metres with y upwards. Points of an unknown unit, such as those of OBJ and GLB files, keep their
+    coordinates; those of a known unit are scaled, and RAS+ is turned so that its z axis points upwards.
+    """
     single = as_float32(points)
     coordinates = texture * [1, -1] + [0, 1]  # t runs downwards in glTF
     arrays = (single.astype("<f4"), coordinates.astype("<f4"), faces.astype("<u4"))
@@ -34,7 +46,7 @@ def write_glb(
         "asset": {"version": "2.0", "generator": "voxflat"},
         "scene": 0,
         "scenes": [{"nodes": [0]}],
-        "nodes": [{"mesh": 0, "matrix": _TO_METRES_Y_UP}],
+        "nodes": [{"mesh": 0, "matrix": _to_metres(unit)}],
         "meshes": [{"primitives": [{"attributes": {"POSITION": 0, "TEXCOORD_0": 1}, "indices": 2, "material": 0}]}],
         "materials": [{"pbrMetallicRoughness": look, "doubleSided": True, "alphaMode": alpha}],
         "textures": [{"source": 0, "sampler": 0}],
@@ -51,6 +63,14 @@ def write_glb(
     content = _padded(json.dumps(described, allow_nan=False).encode(), b" ")
     chunks = struct.pack("<I4s", len(content), b"JSON") + content + struct.pack("<I4s", len(body), b"BIN\0") + body
     path.write_bytes(struct.pack("<4sII", b"glTF", 2, 12 + len(chunks)) + chunks)
+
+
+def _to_metres(unit: str) -> list[float]:
+    """Return the transformation to metres with y upwards, column by column."""
+    if unit == "unknown":
+        return [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1]
+    scale = millimetres(unit) / millimetres("m")
+    return [scale, 0, 0, 0, 0, 0, -scale, 0, 0, scale, 0, 0, 0, 0, 0, 1]
 
 
 def _padded(block: bytes, filler: bytes) -> bytes:

@@ -58,7 +58,11 @@ def read_asc(path: Path, data: bytes) -> dict[str, Any]:
 
 def read_glb(path: Path, data: bytes) -> dict[str, Any]:
     """Read the surfaces of a GLB file and their texture coordinates with trimesh, and merge them into one."""
-    scene = require("trimesh").load_scene(io.BytesIO(_without_pictures(data)), file_type="glb")
+    return of_scene(require("trimesh").load_scene(io.BytesIO(_without_pictures(data)), file_type="glb"))
+
+
+def of_scene(scene: Any) -> dict[str, Any]:
+    """Return the surfaces of a trimesh scene as one, and their texture coordinates."""
     points, faces, texture = [np.empty((0, 3))], [np.empty((0, 3), dtype=np.int64)], [np.empty((0, 2))]
     for node in scene.graph.nodes_geometry:
         transform, name = scene.graph[node]

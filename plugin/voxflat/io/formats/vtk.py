@@ -112,8 +112,22 @@ def polydata_triangles(mesh: Any) -> tuple[NDArray[np.int64], tuple[str, ...]]:
     return np.concatenate([corners[places], of_all]), remarks
 
 
+def grid_triangles(grid: Any) -> tuple[NDArray[np.int64], tuple[str, ...]]:
+    """Return the triangles of the outer surface of a vtkPointSet, as numbers of its own points, and remarks."""
+    outside = importlib.import_module("vtkmodules.vtkFiltersGeometry").vtkDataSetSurfaceFilter()
+    outside.PassThroughPointIdsOn()
+    outside.SetInputData(grid)
+    outside.Update()
+    surface = outside.GetOutput()
+    if not surface.GetNumberOfPolys() + surface.GetNumberOfStrips():
+        raise InputError(f"has {grid.GetNumberOfCells()} cells, but no faces. Pass a dataset with a surface")
+    faces, remarks = polydata_triangles(surface)
+    numbers = _as_numpy(surface.GetPointData().GetArray(outside.GetOriginalPointIdsName()))
+    return numbers.astype(np.int64)[faces], remarks
+
+
 def polydata_points(mesh: Any) -> NDArray[np.float64]:
-    """Return the points of a vtkPolyData."""
+    """Return the points of a vtkPolyData or another vtkPointSet."""
     return _as_numpy(mesh.GetPoints().GetData()).astype(np.float64, copy=False)
 
 

@@ -44,6 +44,8 @@ class TexturedSurface(Recorded):
     texture_faces : ndarray of int64, shape (F, 3), or None
         Corners of each triangle as rows of `texture_coordinates`, if the texture has seams, where a point has several
         coordinates; otherwise None.
+    unit : str
+        Unit of the points, or "unknown". ``.glb`` files are in metres; points of an unknown unit are written unchanged.
     provenance : dict
         Record of how the textured surface was made.
 
@@ -65,6 +67,7 @@ class TexturedSurface(Recorded):
     repeat: bool = False
     source: Path | None = None
     texture_faces: NDArray[np.int64] | None = None
+    unit: str = "mm"
     provenance: Record = field(default_factory=dict)
 
     def __repr__(self) -> str:
@@ -242,7 +245,7 @@ def _png(surface: TexturedSurface) -> bytes:
 def _write_glb(files: _Files, surface: TexturedSurface, names: list[str]) -> None:
     arrays = (surface.points, surface.faces, surface.texture_coordinates)
     how = {"repeat": surface.repeat, "transparent": surface.picture.shape[2] == 4}
-    gltf.write_glb(files[0], *arrays, _png(surface), **how)
+    gltf.write_glb(files[0], *arrays, _png(surface), unit=surface.unit, **how)
 
 
 _WRITERS: dict[str, Callable[[_Files, TexturedSurface, list[str]], None]] = {

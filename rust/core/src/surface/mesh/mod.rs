@@ -388,7 +388,7 @@ mod tests {
         third.push([0.2, 0.2, 3.0]);
         let mut fin = faces.clone();
         fin.push([faces[0][0], faces[0][2], 9]); // on the diagonal of the first square
-        assert_eq!(refused(&third, &fin), Error::CrowdedEdge { a: 0, b: 4, count: 1 });
+        assert_eq!(refused(&third, &fin), Error::CrowdedEdges { edges: vec![[0, 4]] });
         let bow = [[0, 3, 4], [4, 8, 5]];
         assert_eq!(refused(&points, &bow), Error::PinchedVertex { vertex: 4, count: 1 });
     }

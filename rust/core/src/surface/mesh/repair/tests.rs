@@ -143,12 +143,8 @@ fn components_without_area_are_left_out_and_nothing_else() {
 
 #[test]
 fn what_has_several_answers_is_refused_with_its_place() {
-    let (mut points, mut faces) = shapes::sheet(2, 2);
-    let whole = faces.clone();
+    let (mut points, whole) = shapes::sheet(2, 2);
     points.push([0.2, 0.2, 3.0]);
-    faces.push(faces[0]);
-    faces.push([0, 4, 9]);
-    assert_eq!(Surface::repaired(&points, &faces).unwrap_err(), Error::CrowdedEdge { a: 0, b: 4, count: 1 });
     // a strip that has no width in its middle: one vertex there would tear it in two
     let strip = [[0.0, 0.0, 0.0], [0.0, 1.0, 0.0], [1.0, 0.5, 0.0], [1.0, 0.5, 0.0], [2.0, 0.0, 0.0], [2.0, 1.0, 0.0]];
     let faces = [[0, 2, 1], [1, 2, 3], [3, 2, 4], [3, 4, 5]];
@@ -159,6 +155,58 @@ fn what_has_several_answers_is_refused_with_its_place() {
     points.extend(strip);
     twice.extend(faces.map(|face| face.map(|v| v + 10)));
     assert_eq!(Surface::repaired(&points, &twice).unwrap_err(), Error::DegenerateFace { face: 10, count: 2 });
+}
+
+#[test]
+fn a_fin_becomes_a_sheet_of_its_own_and_leaves_the_surface_closed() {
+    let (mut points, mut faces) = shapes::sphere(2);
+    let closed = shapes::surface((points.clone(), faces.clone()));
+    points.extend([[3.0, 3.0, 3.0], [3.0, 4.0, 3.0]]);
+    let [a, b, _] = faces[7];
+    faces.insert(0, [a, b, 66]);
+    faces.push([66, a, 67]);
+    let (surface, repairs) = repaired(&(points.clone(), faces.clone()));
+    let edge = [a.min(b) as u32, a.max(b) as u32];
+    assert_eq!(repairs.crowded_edges, [edge]);
+    assert_eq!(Surface::from_triangles(&points, &faces).unwrap_err(), Error::CrowdedEdges { edges: vec![edge] });
+    assert_eq!(crate::patch::largest_piece(&surface).points(), closed.points());
+    assert_eq!(crate::patch::largest_piece(&surface).boundary().len(), 0);
+    assert_eq!(surface.components().sizes.len(), 2);
+}
+
+#[test]
+fn closed_surfaces_with_a_common_edge_stay_closed_and_three_sheets_end_there() {
+    let (mut points, mut faces) = shapes::sphere(1);
+    let [a, b, _] = faces[3];
+    let count = points.len() as i64;
+    let mirrored: Vec<[f64; 3]> = points.iter().map(|p| [p[0] + 9.0, p[1], p[2]]).collect();
+    points.extend(mirrored);
+    let other = |v: i64| if v == a || v == b { v } else { v + count };
+    faces.extend(faces.clone().iter().map(|face| face.map(other)));
+    let (surface, repairs) = repaired(&(points, faces));
+    assert_eq!((repairs.crowded_edges.len(), surface.boundary().len(), surface.components().sizes.len()), (1, 0, 2));
+    let points = [[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, 1.0]];
+    let (surface, _) = repaired(&(points.to_vec(), vec![[0, 1, 2], [0, 1, 3], [0, 1, 4]]));
+    assert_eq!((surface.len(), surface.components().sizes.len()), (9, 3));
+}
+
+#[test]
+fn faces_of_vertices_without_a_position_are_dropped_and_numbers_kept() {
+    let (mut points, mut faces) = shapes::sheet(3, 3);
+    points[5] = [f64::NAN; 3];
+    points.push([f64::NAN, 0.0, 1.0]); // no face uses it
+    points.push([1.0, 1.0, 1.0]);
+    faces.push([0, 1, 1]);
+    let (surface, repairs) = repaired(&(points.clone(), faces.clone()));
+    assert_eq!((repairs.missing, repairs.incomplete, repairs.unused, repairs.dropped), (vec![5], 6, 2, 1));
+    let expected: Vec<u32> = (1..16).filter(|&v| v != 5).collect();
+    assert_eq!(surface.ids(), expected);
+    assert_eq!(Surface::from_triangles(&points, &faces).unwrap_err(), Error::PointNotFinite { vertex: 5 });
+    assert_eq!(Surface::repaired(&points, &[[4, 5, 6]]).unwrap_err(), Error::PointNotFinite { vertex: 5 });
+    let closed = shapes::sphere(2);
+    let first = std::iter::once([f64::NAN; 3]).chain(closed.0).collect();
+    let (surface, repairs) = repaired(&(first, closed.1.iter().map(|face| face.map(|v| v + 1)).collect()));
+    assert_eq!((repairs, surface.len()), (Repairs::default(), 66));
 }
 
 #[test]
