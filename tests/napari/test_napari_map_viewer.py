@@ -15,6 +15,7 @@ from napari_window import (
     choose,
     click_middle,
     map_dock,
+    prepared_map_of,
     run,
     run_whole,
     sphere,
@@ -27,6 +28,7 @@ from qtpy.QtCore import QPoint, Qt
 from qtpy.QtWidgets import QApplication, QWidget
 
 import voxflat
+from voxflat._napari.map_viewer.drawings import put, regions
 from voxflat._napari.map_viewer.viewer_parts import camera, canvas_widget, projected
 from voxflat._napari.results.flat_layers import Run
 from voxflat._napari.results.maps import map_layers
@@ -293,10 +295,14 @@ def test_docks_open_as_tabs_and_stay_where_they_are_moved(make_napari_viewer, qt
 def test_the_surface_has_the_colours_of_the_map(flattened, qtbot):
     points, faces, values = bumps()
     viewer, widget, dock = flattened(Surface((points, faces, values), name="bumps", colormap="viridis", scale=SCALE))
+    t1 = viewer.add_image(np.ones((5, 5, 5)), name="T1")
+    viewer.dims.ndisplay = 3
     dock.opacity.setValue(1)
     dock.on_surface.click()
     wait_for_picture(dock, qtbot)
     layer = viewer.layers["bumps in map colours"]
+    assert not t1.visible  # it would cover the surface
+    assert_allclose(camera(viewer).up_direction, (0, 0, 1), atol=1e-6)  # superior
     world = layer.vertices[layer.faces].mean(axis=1)
     assert_allclose(np.sort(world, axis=0), np.sort((points * SCALE)[faces].mean(axis=1), axis=0), atol=1e-9)
     scale, ids = dock.picture.scale, dock.prepared.run.flat_map.ids
@@ -309,9 +315,12 @@ def test_the_surface_has_the_colours_of_the_map(flattened, qtbot):
     dock.on_surface.click()
     assert not layer.visible
     assert viewer.layers["bumps"].visible
+    assert t1.visible
+    camera(viewer).angles = (10, 20, 30)
     dock.on_surface.click()
     wait_for_picture(dock, qtbot)
     assert layer.visible
+    assert_allclose(camera(viewer).angles, (10, 20, 30))  # as the user has turned it
     assert not viewer.layers["bumps"].visible
 
     choose(widget.form.patch, "values")  # the next map, of fewer points, takes the layer over
@@ -323,6 +332,21 @@ def test_the_surface_has_the_colours_of_the_map(flattened, qtbot):
     viewer.window.remove_dock_widget(dock)  # whose box is the way back
     assert "bumps in map colours" not in viewer.layers
     assert viewer.layers["bumps"].visible
+
+
+def test_regions_on_a_mesh_differ_in_colour(make_napari_viewer):
+    points, faces, _ = bumps(15)
+    prepared, viewer = prepared_map_of(points, faces), make_napari_viewer()
+    uv = prepared.run.flat_map.uv
+    (left, low), (right, high) = np.quantile(uv, (0.1, 0.9), axis=0)
+    middle = (left + right) / 2
+    parts = [[(a, low), (b, low), (b, high), (a, high)] for a, b in ((left, middle), (middle, right))]
+    for count in (1, 2):
+        layer = put(viewer, regions(prepared, parts[:count]).layer, prepared)
+    assert len(viewer.layers) == 1
+    assert layer.contrast_limits == [0, 2]
+    colours = layer.colormap.map(np.array([0, 1, 2]) / layer.contrast_limits[1])
+    assert np.abs(np.diff(colours, axis=0)).max(axis=1).min() > 0.3
 
 
 def click(dock, qtbot, *places):

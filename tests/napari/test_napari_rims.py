@@ -3,6 +3,7 @@
 import nibabel as nib
 import numpy as np
 import pytest
+from napari import current_viewer
 from napari.layers import Image, Labels, Surface
 from napari_window import PATIENCE, bumps, choose, map_dock, run, wait_for_threads
 from numpy.testing import assert_allclose, assert_array_equal
@@ -123,8 +124,10 @@ def test_layers_flat_volume_and_profile(open_widget, qtbot, sample, monkeypatch,
         assert_array_equal(written.get_fdata(), same.get_fdata())
         assert_array_equal(written.affine, same.affine)
         assert flat.window._qt_window.isVisible()
+        assert [str(one) for one in layer.units] == ["pixel", "millimeter", "millimeter"]
         flat.window._qt_window.close()
         assert not flat.window._qt_window.isVisible()
+        assert current_viewer() is getattr(viewer, "__wrapped__", viewer)  # not the hidden one
     del flat
     viewer.window.remove_dock_widget(dock)
     assert dock.flat_window.viewer is None

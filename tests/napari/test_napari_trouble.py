@@ -17,7 +17,7 @@ from napari_window import (
     wait_for_threads,
     wait_until_drawn,
 )
-from qtpy.QtCore import QTimer
+from qtpy.QtCore import QPoint, QTimer
 
 import voxflat
 from voxflat._napari.job import Job
@@ -90,14 +90,22 @@ def test_bad_input_gives_a_one_line_message_and_adds_no_layer(open_widget, qtbot
 
 
 def test_a_closed_surface_is_refused_by_grossmann2002(open_widget, qtbot, messages):
-    _, widget = open_widget(Labels(np.pad(np.ones((5, 5, 5), dtype=np.uint8), 2)))
+    viewer, widget = open_widget(Labels(np.pad(np.ones((5, 5, 5), dtype=np.uint8), 2)), show=True)
+    viewer.window._qt_window.resize(1000, 600)
     choose(widget.form.method, "grossmann2002")
     choose_whole(widget)
     run(widget, qtbot)
     assert "closed" in messages[-1].message
     choose(widget.form.method, "voxflat")
     run(widget, qtbot)
-    assert "cut open" in widget.results.warnings.text()
+    shown = widget.results.warnings
+    assert "cut open" in shown.text()
+
+    def is_seen():
+        top = shown.mapTo(widget.scrolled.widget(), QPoint(0, 0)).y() - widget.scrolled.verticalScrollBar().value()
+        return 0 <= top < widget.scrolled.viewport().height()
+
+    qtbot.waitUntil(is_seen, timeout=PATIENCE)
 
 
 def test_missing_choices_are_named(open_widget, messages):
@@ -109,7 +117,9 @@ def test_missing_choices_are_named(open_widget, messages):
         choose(widget.form.patch, part)
         widget.start.click()
         assert missing in messages[-1].message
+        assert missing in widget.status.text()
     choose_whole(widget)
+    assert widget.status.text() == ""  # the error no longer applies
     viewer.add_image(np.ones((24, 24, 24)), units="mm")
     widget.start.click()
     assert "units" in messages[-1].message

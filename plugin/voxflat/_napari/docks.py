@@ -5,7 +5,19 @@ from typing import Any
 
 from napari.utils.notifications import show_error
 from qtpy.QtCore import QEvent, QObject
-from qtpy.QtWidgets import QApplication, QDockWidget, QGridLayout, QLayout, QMainWindow, QPushButton, QWidget
+from qtpy.QtWidgets import (
+    QAbstractButton,
+    QApplication,
+    QComboBox,
+    QDockWidget,
+    QDoubleSpinBox,
+    QGridLayout,
+    QLayout,
+    QMainWindow,
+    QPushButton,
+    QSpinBox,
+    QWidget,
+)
 
 from voxflat._napari.timers import single_shot
 from voxflat._napari.worker import JobWorker
@@ -93,6 +105,19 @@ class TaskDock(Dock):
     def __init__(self) -> None:
         super().__init__()
         self._worker: JobWorker | None = None
+        self._has_failed = False  # and the dock shows the error
+
+    def _follow_edits(self, form: QWidget) -> None:
+        """Clear the message of an error when a field of a form changes, because it may no longer apply."""
+        signals = {QComboBox: "currentIndexChanged", QAbstractButton: "toggled", QSpinBox: "valueChanged"}
+        for kind, signal in {**signals, QDoubleSpinBox: "valueChanged"}.items():
+            for field in form.findChildren(kind):
+                getattr(field, signal).connect(self._forget_error)
+
+    def _forget_error(self) -> None:
+        if self._has_failed:
+            self._has_failed = False
+            self._show_message("")
 
     def _work(self, work: Callable[[Progress], Any], what: str, returned: Callable[[Any], None]) -> None:
         """Run a task in another thread, unless one is running."""
@@ -104,6 +129,7 @@ class TaskDock(Dock):
         worker.finished.connect(self._on_finished)
         self.destroyed.connect(worker.quit)  # when the window is closed
         self._worker = worker
+        self._has_failed = False
         self._show_work(what)
         worker.start()
 
@@ -124,6 +150,7 @@ class TaskDock(Dock):
     def _fail(self, error: Exception) -> None:
         message = " ".join((str(error) or type(error).__name__).split())
         self._show_message(message)
+        self._has_failed = True
         show_error(message)
 
     def _release(self) -> None:

@@ -67,6 +67,7 @@ class FlattenWidget(TaskDock):
         arrange(actions, (self.start, 2), (self.stop, 1))
         arrange(QVBoxLayout(self), (self.scrolled, 1), actions, self.bar, self.status)
         self._show_work(None)
+        self._follow_edits(form)
         ViewerState.of(viewer).changed.connect(self._show_current)
         self._show_current()
 
@@ -127,7 +128,12 @@ class FlattenWidget(TaskDock):
             ViewerState.of(self._viewer).add(run)
             self.status.setText(summary)
             self._viewer.status = summary
+            if not self.results.warnings.isHidden():
+                QTimer.singleShot(PAUSE, self._show_warnings)  # once the results have their size
         self._end()
+
+    def _show_warnings(self) -> None:
+        self.scrolled.ensureWidgetVisible(self.results.warnings, 0, 0)
 
     def _show_current(self) -> None:
         """Show the current run if this widget shows runs of its kind."""

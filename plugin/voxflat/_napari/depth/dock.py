@@ -56,6 +56,7 @@ class CorticalDepth(TaskDock):
         arrange(self._column, self.form, grid(self._actions, 2), self.stop, self.status, self.save)
         self._column.addStretch(1)
         self._show_work(None)
+        self._follow_edits(self.form)
 
     def _button(self, text: str, tip: str, pressed: Callable[[], None]) -> QPushButton:
         button = QPushButton(text)

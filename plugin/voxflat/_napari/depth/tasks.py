@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from voxflat._napari.layers.foreground import rim_of
 from voxflat._napari.layers.sampled import Sampled
 from voxflat._napari.layers.volumes import LayerVolume
-from voxflat._napari.results.flat_layers import STACK, LayerData, limits
+from voxflat._napari.results.flat_layers import STACK, LayerData, limits, unit_of_map
 from voxflat.arguments import Progress
 from voxflat.errors import Cancelled, InputError
 from voxflat.laminar.profile import Profile
@@ -41,7 +41,8 @@ def flat_volume(flat_map: FlatMap, shown: Sampled, layers: dict[str, Any], progr
     data = np.stack([image.data for image in images])
     (u, v), size = stack.origin, stack.pixel_size
     about = {"voxflat": flat_map, STACK: stack}
-    place = {"metadata": about, "scale": (1 / count, size, size), "translate": (0.5 / count, -v, u)}
+    units = ("pixel", *(unit_of_map(flat_map),) * 2)  # the depth is a share of the thickness
+    place = {"metadata": about, "units": units, "scale": (1 / count, size, size), "translate": (0.5 / count, -v, u)}
     keywords = {**shown.display, "name": f"{shown.name} flattened", "axis_labels": ("depth", "−v", "u"), **place}
     if shown.kind == "labels":
         return np.nan_to_num(data).astype(np.int64), keywords, "labels"

@@ -51,9 +51,15 @@ def surface_layers(path: Path) -> list[LayerData]:
 
 
 def geometries_for(path: Path) -> Iterator[Geometry]:
-    """Yield surfaces for a values file: open ones from nearby files, then other nearby files, then other open ones."""
+    """Yield surfaces for a values file: open ones from nearby files, then other nearby files, then other open ones.
+
+    Hidden surfaces come last, so that the values are not put on a surface that the user has hidden.
+    """
     files = _beside(path)
-    opened = [one for one in _open() if _agree(_side(path), one.structure or _side(one.path))]
+    opened, hidden = (
+        [one for one in _open(visible=visible) if _agree(_side(path), one.structure or _side(one.path))]
+        for visible in (True, False)
+    )
     yield from (one for one in opened if one.path in files)
     for file in files[:_TRIED]:
         try:
@@ -61,6 +67,7 @@ def geometries_for(path: Path) -> Iterator[Geometry]:
         except (InputError, OSError):  # the file may not be a surface despite its name
             continue
     yield from (one for one in reversed(opened) if one.path not in files)
+    yield from reversed(hidden)
 
 
 def _beside(path: Path) -> list[Path]:
@@ -100,15 +107,15 @@ def _agree(side: str | None, other: str | None) -> bool:
     return side is None or other is None or side == other
 
 
-def _open() -> list[Geometry]:
-    """Return the surfaces that are open in the viewer, in world coordinates."""
+def _open(*, visible: bool) -> list[Geometry]:
+    """Return the visible or the hidden surfaces of the viewer, in world coordinates."""
     from napari import current_viewer
     from napari.layers import Surface
 
     viewer, found = current_viewer(), []
     for layer in [] if viewer is None else viewer.layers:
         about = layer.metadata
-        if isinstance(layer, Surface) and layer.ndim == 3 and "voxflat" not in about:
+        if isinstance(layer, Surface) and (layer.ndim, layer.visible) == (3, visible) and "voxflat" not in about:
             path = about.get("surface_file") or layer.source.path
             vertices = moved(np.asarray(layer.vertices), data_to_world(layer))
             file = Path(path) if path else None

@@ -140,6 +140,8 @@ def put(viewer: Viewer, data: LayerData, *sources: Any) -> Layer:
         return earlier
     if isinstance(earlier, Labels | Surface):
         earlier.data = values
+        if "contrast_limits" in keywords:  # of all regions, which would otherwise have the colour of the last one
+            earlier.contrast_limits = keywords["contrast_limits"]
     elif isinstance(earlier, Shapes):
         earlier.data = [(line, keywords["shape_type"]) for line in values]  # a new Shapes layer may crash OpenGL
         earlier.visible = True

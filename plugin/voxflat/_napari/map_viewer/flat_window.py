@@ -66,4 +66,7 @@ class _Hider(QObject):
             return False
         event.ignore()
         watched.hide()
+        opened = getattr(type(watched), "_instances", [])  # the last one is napari's current viewer
+        if watched in opened:
+            opened.insert(0, opened.pop(opened.index(watched)))
         return True

@@ -4,13 +4,14 @@ from typing import Any
 
 import numpy as np
 from napari import Viewer
-from napari.layers import Layer, Surface
+from napari.layers import Image, Layer, Surface
 from numpy.typing import NDArray
 from qtpy.QtCore import QObject
 
 from voxflat._napari.layers.world import from_ras
 from voxflat._napari.map_viewer.prepared_map import PreparedMap
 from voxflat._napari.map_viewer.toggled_layer import ToggledLayer
+from voxflat._napari.map_viewer.viewer_parts import stand_upright
 from voxflat._napari.results.flat_layers import units
 
 
@@ -20,8 +21,7 @@ class PaintedSurface(ToggledLayer[Surface]):
     def __init__(self, viewer: Viewer, parent: QObject) -> None:
         super().__init__(viewer, parent)
         self._prepared: PreparedMap | None = None
-        self._covered: Layer | None = None
-        self._was_visible = True
+        self._covered: list[Layer] = []
 
     def show(self, prepared: PreparedMap, colours: NDArray[np.uint8]) -> None:
         """Show the surface of a map, with one colour per point."""
@@ -35,6 +35,9 @@ class PaintedSurface(ToggledLayer[Surface]):
         data, described = _of(prepared)
         self._prepared = prepared
         self._cover()
+        if self._viewer.dims.ndisplay == 3:
+            right = "Right" in (prepared.run.flat_map.metadata.get("structure") or "")
+            stand_upright(self._viewer, right=right, world=prepared.origin.get("world_axes", "RAS"))
         self._insert(Surface(data, vertex_colors=colours / 255, shading="smooth", **described))
 
     def take_up(self, prepared: PreparedMap) -> None:
@@ -62,16 +65,20 @@ class PaintedSurface(ToggledLayer[Surface]):
         self._prepared = None
 
     def _cover(self) -> None:
-        """Hide the flattened layer, which would cover the surface."""
+        """Hide the flattened layer and, in 3D, images, which would cover the surface."""
         source = None if self._prepared is None else self._prepared.origin.get("layer")
-        if self._covered is None and source in self._viewer.layers:
-            self._covered = self._viewer.layers[source]
-            self._was_visible, self._covered.visible = self._covered.visible, False
+        in_3d = self._viewer.dims.ndisplay == 3
+        for layer in self._viewer.layers:
+            is_over = layer.name == source or (in_3d and isinstance(layer, Image) and layer.ndim >= 3)
+            if is_over and layer.visible:
+                self._covered.append(layer)
+                layer.visible = False
 
     def _uncover(self) -> None:
-        if self._covered is not None and self._covered in self._viewer.layers:
-            self._covered.visible = self._was_visible
-        self._covered = None
+        for layer in self._covered:
+            if layer in self._viewer.layers:
+                layer.visible = True
+        self._covered = []
 
 
 def _of(prepared: PreparedMap) -> tuple[Any, dict[str, Any]]:

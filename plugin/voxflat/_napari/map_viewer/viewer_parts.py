@@ -14,6 +14,7 @@ from qtpy.QtWidgets import QWidget
 from voxflat._napari.layers.world import from_ras, unit_ratio
 
 _CANVAS = "CanvasBackendDesktop"  # the name of vispy's class
+_UNTURNED = ((0.0, 0.0, 0.0), (0.0, 0.0, 90.0))  # degrees; napari's initial 3D view in its versions
 _FILLED = 0.9  # fraction of the canvas
 
 
@@ -39,6 +40,12 @@ def look_from_side(viewer: Viewer, *, right: bool, world: str = "RAS") -> None:
     camera(viewer).set_view_direction(inwards, up)
 
 
+def stand_upright(viewer: Viewer, *, right: bool = False, world: str = "RAS") -> None:
+    """Turn the 3D view to an upright lateral view, unless the user has turned it before."""
+    if any(np.allclose(camera(viewer).angles, angles) for angles in _UNTURNED):
+        look_from_side(viewer, right=right, world=world)
+
+
 def _in_their_order(viewer: Viewer) -> None:
     """Restore the axis order, the only one in which napari shows surfaces in 3D."""
     viewer.dims.order = tuple(range(viewer.dims.ndim))
@@ -58,6 +65,7 @@ def show_sagittal(viewer: Viewer) -> None:
         if viewer.dims.ndisplay == 3:
             slices = viewer.dims.order, camera(viewer).orientation2d  # the user may have changed them
             _in_their_order(viewer)
+            stand_upright(viewer)
         elif len(slices[0]) == viewer.dims.ndim:
             show(*slices)
 

@@ -44,7 +44,7 @@ class MapPanel(QWidget):
         self.copy = CopyAsPython()
         layout = QVBoxLayout(self)
         layout.setContentsMargins(0, 0, 0, 0)
-        arrange(layout, self.title, self._figures, self.warnings, colours, self.save, self.copy)
+        arrange(layout, self.title, self.warnings, self._figures, colours, self.save, self.copy)
         self.hide()
 
     def show_run(self, run: Run) -> None:
