@@ -133,4 +133,4 @@ else:
         return value
 
     def __dir__() -> list[str]:
-        return sorted({*globals(), *__all__, "figures", "io", "vtk"})
+        return sorted({*__all__, "figures", "io", "vtk", *(name for name in globals() if name.startswith("__"))})

@@ -1,7 +1,6 @@
 """Define the exceptions that voxflat raises deliberately."""
 
 import importlib
-import re
 from typing import Any
 
 
@@ -23,26 +22,6 @@ class VoxflatError(Exception):
     ...     print(type(error).__name__)
     FileNotFoundError
     """
-
-    @property
-    def remedy(self) -> str:
-        """Return the part of the message that explains how to fix the error, or an empty string if there is none.
-
-        This part follows the first sentence of the message, or else its last semicolon or colon.
-
-        See Also
-        --------
-        InputError : Exception whose message contains the value and the remedy.
-
-        Examples
-        --------
-        >>> voxflat.InputError("radius is -1; give a positive radius").remedy
-        'give a positive radius'
-        """
-        text = str(self)
-        sentence = re.search(r"\. (?=[A-Z])", text)
-        at = max(text.rfind(mark) for mark in ("; ", ": ")) if sentence is None else sentence.start()
-        return text[at + 2 :] if at >= 0 else ""
 
 
 class InputError(VoxflatError, ValueError):

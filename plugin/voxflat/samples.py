@@ -10,6 +10,7 @@ from voxflat.arguments import is_whole, shown
 from voxflat.errors import InputError
 from voxflat.io.volumes import Volume
 from voxflat.pipeline.surface import Surface, surface
+from voxflat.read_only import ReadOnly
 
 __all__ = ["Embryo", "ball", "embryo", "hill", "rim"]
 
@@ -94,7 +95,7 @@ def rim() -> Volume:
 
 
 @dataclass(frozen=True, eq=False)
-class Embryo:
+class Embryo(ReadOnly):
     """Store a synthetic movie of an embryo.
 
     The true positions of the nuclei show how well a method follows the movement.

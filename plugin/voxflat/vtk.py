@@ -1,7 +1,8 @@
 """Filters for VTK pipelines that flatten a surface, measure distances on it, or divide it into patches.
 
 `voxflat.vtk` requires PyVista and VTK 9.1 or later. Its filters return the same arrays as ``mesh.voxflat``. The options
-of a filter are its attributes. After an option has changed, the next ``Update`` runs the filter again.
+of a filter are its attributes. After an option has changed, the next ``Update`` runs the filter again. Options hold
+copies of arrays: after you change an array in place, set the option again.
 
 >>> import voxflat
 >>> from vtkmodules.vtkFiltersSources import vtkPlaneSource
@@ -16,8 +17,10 @@ of a filter are its attributes. After an option has changed, the next ``Update``
 
 from __future__ import annotations
 
+import difflib
 from abc import abstractmethod
 from collections.abc import Callable
+from copy import deepcopy
 from typing import Any, Generic, TypeVar, overload
 
 import numpy as np
@@ -30,6 +33,7 @@ from voxflat._pyvista.accessor import VoxflatAccessor
 from voxflat._pyvista.options import Seed
 from voxflat.errors import Cancelled, InputError
 from voxflat.methods import Method
+from voxflat.read_only import read_only
 
 __all__ = ["FlattenSurface", "SurfaceGeodesic", "SurfacePatches"]
 
@@ -37,7 +41,10 @@ _Value = TypeVar("_Value")
 
 
 class _Option(Generic[_Value]):
-    """An option of a filter; setting another value marks the filter as modified."""
+    """An option of a filter; setting another value marks the filter as modified.
+
+    The filter keeps a copy of an array or a list, so that it notices when a changed one is set again.
+    """
 
     def __init__(self, default: _Value) -> None:
         self._default = default
@@ -57,7 +64,7 @@ class _Option(Generic[_Value]):
 
     def __set__(self, instance: _Filter, value: _Value) -> None:
         if not _is_same(self.__get__(instance, type(instance)), value):
-            instance.given[self.name] = value
+            instance.given[self.name] = read_only(deepcopy(value)) if isinstance(value, np.ndarray | list) else value
             instance.Modified()
 
 
@@ -71,10 +78,22 @@ class _Filter(VTKPythonAlgorithmBase):
         initialise: Any = VTKPythonAlgorithmBase.__init__
         initialise(self, nInputPorts=1, inputType="vtkDataSet", nOutputPorts=1, outputType=self.OUTPUT)
         for name, value in options.items():
-            if not isinstance(getattr(type(self), name, None), _Option):
-                known = ", ".join(self.options())
-                raise TypeError(f"{type(self).__name__} has no option {name!r}. Its options are {known}")
+            if name not in self.options():
+                raise TypeError(self._unknown(name))
             setattr(self, name, value)
+
+    def __setattr__(self, name: str, value: object) -> None:
+        """Set an option; other names, such as misspelt ones, are refused."""
+        is_vtks = not name[:1].islower()  # such as InputType
+        if not (is_vtks or name == "given" or hasattr(type(self), name)):
+            raise AttributeError(self._unknown(name))
+        super().__setattr__(name, value)
+
+    def _unknown(self, name: str) -> str:
+        options = self.options()
+        near = difflib.get_close_matches(name, options, 1)
+        rest = f"Did you mean {near[0]}?" if near else f"Its options are {', '.join(options)}"
+        return f"{type(self).__name__} has no option {name!r}. {rest}"
 
     @classmethod
     def options(cls) -> list[str]:

@@ -59,12 +59,15 @@ facts["progress"] = told[:]
 
 counts = [len(runs)]
 everywhere = np.ones(mesh.n_points, dtype=bool)
+in_place = everywhere.copy()
 for options, resolution in (
     ({}, 14),  # as it was
     ({"method": Voxflat(sources=10), "relax": False}, 14),  # the same values
     ({"method": Voxflat(sources=11)}, 14),
     ({"keep": everywhere}, 14),
     ({"keep": everywhere.copy()}, 14),  # an equal mask
+    ({"keep": in_place}, 14),  # an equal mask, which changes before it is set again
+    ({"keep": in_place}, 14),
     ({"keep": None}, 13),  # two changes, one of the surface
 ):
     for name, value in options.items():
@@ -72,6 +75,7 @@ for options, resolution in (
     source.SetUResolution(resolution)
     flatten.Update()
     counts.append(len(runs))
+    in_place[0] = options.get("keep") is not in_place
 facts["runs"] = counts
 
 
@@ -108,6 +112,10 @@ try:
     filters.FlattenSurface(raduis=3)
 except TypeError as error:
     facts["misspelt"] = str(error)
+try:
+    flatten.treads = 3
+except AttributeError as error:
+    facts["unknown"] = str(error)
 
 distances = filters.SurfaceGeodesic(sources=(0.0, 0.0, 0.0), method="exact")
 x, y = np.meshgrid(np.linspace(0, 4, 5), np.linspace(0, 3, 4), indexing="ij")

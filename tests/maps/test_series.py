@@ -211,7 +211,7 @@ def test_nibabel_reads_mm_and_seconds(series, shells, tmp_path, name):
         image = nib.load(tmp_path / name, mmap=False)  # Windows replaces no mapped file
         assert image.shape == (*stack[0].data.shape, *shape)
         assert image.header.get_xyzt_units() == ("mm", "sec")
-        affine = stack[0].affine
+        affine = stack[0].affine.copy()
         if len(stack.layers) > 1:  # the fractions 0.25 and 0.75 are half the thickness apart
             affine[2, 2:] = 0.5 * thickness, 0.25 * thickness
         np.testing.assert_allclose(image.header.get_zooms(), (0.7, 0.7, affine[2, 2], 1.5), rtol=1e-6)

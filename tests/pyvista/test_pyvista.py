@@ -2,6 +2,7 @@ import inspect
 import json
 import subprocess
 import sys
+import warnings
 
 import composed
 import numpy as np
@@ -192,8 +193,9 @@ def test_a_mesh_is_flattened_with_all_its_arrays():
     assert same.all()
     ids = flat.point_data["vertex_ids"]
     assert_array_equal(np.sort(ids), np.arange(mesh.n_points))
-    assert set(flat.point_data) >= set(mesh.point_data) - {"TextureCoordinates"}
-    assert_array_equal(flat.point_data["mesh_TextureCoordinates"], mesh.point_data["TextureCoordinates"][ids])
+    assert set(flat.point_data) >= set(mesh.point_data)
+    assert_array_equal(flat.active_texture_coordinates, mesh.active_texture_coordinates[ids])
+    assert flat.point_data["Texture Coordinates"].shape == (mesh.n_points, 2)  # those of the map
     for name in ("height", "right", "colour", "name", "Normals"):
         assert_array_equal(flat.point_data[name], mesh.point_data[name][ids])
         assert flat.point_data[name].dtype == mesh.point_data[name].dtype
@@ -395,6 +397,23 @@ def test_description_survives_a_file(flat_map, tmp_path):
         assert description["affine"] == flat_map.metadata["affine"]
         assert description["distortion"]["raw"]["relative_error"] == flat_map.distortion.raw.relative_error
         assert mesh.active_texture_coordinates.shape == (len(flat_map), 2)
+
+
+@pytest.mark.parametrize("name", ["TextureCoordinates", "Texture Coordinates"])
+def test_a_textured_globe_shows_the_same_world_on_its_map(name):
+    globe = pv.Icosphere(nsub=3)
+    x, y, z = globe.points.T
+    globe.point_data[name] = np.column_stack([0.5 + np.arctan2(y, x) / (2 * np.pi), np.arccos(2 * z) / np.pi])
+    globe.GetPointData().SetActiveTCoords(name)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        flat = globe.voxflat(method=Voxflat(sources=30))
+    is_told = any("named 'mesh_Texture Coordinates'" in str(one.message) for one in caught)
+    assert is_told == (name == "Texture Coordinates")
+    assert_array_equal(flat.active_texture_coordinates, globe.active_texture_coordinates[flat["vertex_ids"]])
+    shown, texture = flat.voxflat.texture(np.zeros((8, 8, 3), dtype=np.uint8))
+    assert texture.n_components == 3
+    assert_allclose(shown.active_texture_coordinates, flat.point_data["Texture Coordinates"], atol=1e-6)
 
 
 @pytest.mark.parametrize("shape", [(64, 64), (40, 90), (90, 40)])

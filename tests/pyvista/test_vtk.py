@@ -34,7 +34,7 @@ def test_the_arrays_are_the_accessors_bit_by_bit_and_those_of_the_input_beside_t
 
 
 def test_it_runs_when_its_input_or_an_option_has_changed_and_after_an_abort(facts):
-    assert facts["runs"] == [1, 1, 1, 2, 3, 3, 4]
+    assert facts["runs"] == [1, 1, 1, 2, 3, 3, 3, 4, 5]
     assert facts["points after an abort"] == 0
     assert facts["points afterwards"] > 0
 
@@ -50,7 +50,8 @@ def test_errors_are_events_with_their_text(facts):
     message = "seed_point: point 1000000 is not on the surface of the PolyData. Choose another point"
     assert facts["messages"] == [message]
     assert facts["points after an error"] == 0
-    assert facts["misspelt"].startswith("FlattenSurface has no option 'raduis'. Its options are ")
+    assert facts["misspelt"] == "FlattenSurface has no option 'raduis'. Did you mean radius?"
+    assert facts["unknown"] == "FlattenSurface has no option 'treads'. Did you mean threads?"
 
 
 def test_distances_keep_the_type_of_the_dataset(facts):

@@ -127,9 +127,10 @@ class ExtractedSurface:
         of_points = self.point_ids[ids]
         texture = self.dataset.GetPointData().GetTCoords()
         for name in self.dataset.point_data:
-            is_texture = texture is not None and name == texture.GetName()
-            free = _free(f"mesh_{name}" if is_texture else name, flat)
+            free = _free(name, flat)
             flat.point_data[free] = self.dataset.point_data[name][of_points]
+            if texture is not None and name == texture.GetName():  # the picture of the mesh stays on the map
+                flat.GetPointData().SetActiveTCoords(free)
         for name in self.dataset.field_data:
             flat.field_data[_free(name, flat)] = self.dataset.field_data[name]
         if not self.dataset.cell_data:

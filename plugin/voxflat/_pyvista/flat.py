@@ -127,7 +127,7 @@ def to_page_polydata(atlas: Atlas, *, packing: str = "boxes") -> pv.PolyData:
     mesh.active_texture_coordinates = page.texture_coordinates()
     mesh.field_data["voxflat"] = [json.dumps(atlas.metadata)]
     mesh.set_active_scalars("patch", preference="cell")
-    return mesh
+    return mesh.copy()
 
 
 def to_measured_polydata(
@@ -140,7 +140,7 @@ def to_measured_polydata(
     _add_measures(mesh, measured.distortion, points, measured.uv)
     mesh.field_data["voxflat"] = [json.dumps({"distortion": measured.distortion.figures()})]
     mesh.set_active_scalars("distance_error", preference="point")
-    return mesh
+    return mesh.copy()  # PyVista shares memory, but the arrays of the map must not change with the mesh
 
 
 def to_cut_polydata(done: CutSurface[Surface], point_ids: NDArray[np.int64] | None = None) -> pv.PolyData:
@@ -159,12 +159,12 @@ def to_cut_polydata(done: CutSurface[Surface], point_ids: NDArray[np.int64] | No
     ]
     mesh.field_data["voxflat"] = [json.dumps({"cuts": cuts, "remarks": list(done.remarks)})]
     mesh.set_active_scalars("cut", preference="point")
-    return mesh
+    return mesh.copy()  # PyVista shares memory, but the arrays of the map must not change with the mesh
 
 
 def triangles(points: Any, faces: Any) -> pv.PolyData:
-    """Return a triangle mesh."""
-    mesh: pv.PolyData = pv.PolyData.from_regular_faces(points, faces.astype(np.int64))
+    """Return a triangle mesh, which has its own points."""
+    mesh: pv.PolyData = pv.PolyData.from_regular_faces(np.array(points), faces.astype(np.int64))
     return mesh
 
 
@@ -195,4 +195,4 @@ def _mesh(flat_map: FlatMap, points: NDArray[np.float64], picture_shape: tuple[i
     mesh.active_texture_coordinates = place(flat_map.uv, picture_shape)
     mesh.field_data["voxflat"] = [json.dumps(flat_map.description())]
     mesh.set_active_scalars("distance_error", preference="point")
-    return mesh
+    return mesh.copy()  # PyVista shares memory, but the arrays of the map must not change with the mesh

@@ -16,6 +16,7 @@ from voxflat.atlases.pieces import Piece
 from voxflat.io.files import REMEDY, check_regular, from_json, holding, naming
 from voxflat.io.provenance import telling
 from voxflat.io.readers import read_arrays
+from voxflat.read_only import ReadOnly
 
 _COLUMNS = {"patch": ">6", "triangles": ">11", "area, mm²": ">12.4g", "degrees": ">9.2f", "C": ">9.4f", "K": ">9.4f"}
 
@@ -51,7 +52,7 @@ class Certificate:
 
 
 @dataclass(frozen=True)
-class Plane:
+class Plane(ReadOnly):
     """A plane in 3D, viewed from the side to which its normal points.
 
     Each certified patch is projected onto such a plane.

@@ -16,12 +16,13 @@ from voxflat.distortion.triangles import isometric, quasi_conformal
 from voxflat.errors import InputError
 from voxflat.io.grid import in_unit
 from voxflat.maps.lines import edges_of
+from voxflat.read_only import ReadOnly
 
 _COLUMNS = {"piece": ">6", "triangles": ">11", "area, mm²": ">12.4g", "C": ">9.4f", "K": ">9.4f"}
 
 
 @dataclass(frozen=True)
-class Seams:
+class Seams(ReadOnly):
     """The lengths of closed and open seams between patches, in mm on the surface.
 
     Each seam counts once.

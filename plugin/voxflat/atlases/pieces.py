@@ -11,6 +11,7 @@ from voxflat import _core
 from voxflat.distortion.triangles import isometric, quasi_conformal
 from voxflat.io.provenance import Record
 from voxflat.io.spaces import Space
+from voxflat.read_only import ReadOnly
 
 FIGURES = {
     "isometric": "C: greatest factor by which lengths change",
@@ -21,7 +22,7 @@ FIGURES = {
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Piece:
+class Piece(ReadOnly):
     """A part of a surface in the plane; `FlatPatch` documents the fields."""
 
     face_ids: NDArray[np.int64]
@@ -41,7 +42,7 @@ Own = TypeVar("Own", bound="FlatPieces")
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class FlatPieces:
+class FlatPieces(ReadOnly):
     """A surface divided into flat pieces; every triangle lies in one piece. `Atlas` documents the arrays."""
 
     points: NDArray[np.float64]

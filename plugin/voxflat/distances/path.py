@@ -12,12 +12,13 @@ from voxflat.arguments import checked_choice, voxel_indices
 from voxflat.errors import InputError
 from voxflat.io.provenance import Record, Recorded
 from voxflat.io.spaces import Space
+from voxflat.read_only import ReadOnly
 from voxflat.surfaces.manifold import Manifold
 from voxflat.surfaces.voxel_graph import LINK_LENGTHS, voxel_graph
 
 
 @dataclass(frozen=True, eq=False)
-class Path(Recorded):
+class Path(ReadOnly, Recorded):
     """A shortest path along a surface.
 
     `Surface.path` returns it.

@@ -30,12 +30,13 @@ from voxflat.distances.store import (
 from voxflat.distances.table import FINISH, Table
 from voxflat.errors import InputError
 from voxflat.io.provenance import Record
+from voxflat.read_only import ReadOnly
 
 _CHUNK = 1 << 26  # best number of bytes per read
 
 
 @dataclass(frozen=True, eq=False)
-class DistanceRows:
+class DistanceRows(ReadOnly):
     """Geodesic distances from sources to all points of a surface, convertible to an array.
 
     Rows in a store are read from disk on demand, and slices are arrays in memory.

@@ -10,10 +10,11 @@ from numpy.typing import NDArray
 from voxflat.distortion.figures import Figures, StandardErrors, TriangleFigures, json_ready
 from voxflat.io.grid import in_unit
 from voxflat.io.notebook import page
+from voxflat.read_only import ReadOnly
 
 
 @dataclass(frozen=True, eq=False)
-class Distortion:
+class Distortion(ReadOnly):
     """The distortion of a flat map, measured from random reference sources to all points.
 
     δ are geodesic distances on the surface, and d are distances in the map.

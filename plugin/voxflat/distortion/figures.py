@@ -6,6 +6,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from voxflat.read_only import ReadOnly
+
 
 @dataclass(frozen=True)
 class Figures:
@@ -60,7 +62,7 @@ class Figures:
 
 
 @dataclass(frozen=True, eq=False)
-class TriangleFigures:
+class TriangleFigures(ReadOnly):
     """Measures of the distortion of the triangles of a flat map.
 
     σ1 ≥ σ2 are the principal stretches of a triangle. Means, medians and 95th percentiles are weighted by the areas of
@@ -78,7 +80,7 @@ class TriangleFigures:
     edge : float
         Mean of ``|l_flat / l_surface − 1|`` over the edges.
     angle : float
-        Mean change of the corner angles, in degrees.
+        Mean over the triangles, weighted by area, of the mean change of their three corner angles, in degrees.
     quasi_conformal, isometric, symmetric_dirichlet : float
         Medians of σ1/σ2, of max(σ1, 1/σ2), and of ½(σ1² + σ2² + σ1⁻² + σ2⁻²). Without distortion, they are 1, 1 and 2.
     flipped : int

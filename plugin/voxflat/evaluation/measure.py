@@ -28,6 +28,7 @@ from voxflat.io.provenance import Record, Recorded, telling
 from voxflat.maps.flat_map import FlatMap
 from voxflat.maps.matching import Matched, loaded, match, vertices_of
 from voxflat.pipeline.surface import surface as _surface
+from voxflat.read_only import ReadOnly
 from voxflat.surfaces.manifold import Manifold
 
 _SAME = 1e-3  # tolerance for edge lengths, relative to their median, because files hold float32
@@ -41,7 +42,7 @@ _KEPT_SHARE = 4  # kept rows may use a quarter of the free memory
 
 
 @dataclass(frozen=True, eq=False)
-class MeasuredMap:
+class MeasuredMap(ReadOnly):
     """A flat map with the part of the surface on which it was measured.
 
     A `Comparison` contains one for each map.
@@ -79,7 +80,7 @@ class MeasuredMap:
 
 
 @dataclass(frozen=True, eq=False)
-class Comparison(Recorded):
+class Comparison(ReadOnly, Recorded):
     """Several flat maps of one surface, measured from the same sources.
 
     `voxflat.compare` returns it.

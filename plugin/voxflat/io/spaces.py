@@ -21,13 +21,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from voxflat.arguments import array_of, checked_text, numbers_of, shown
 from voxflat.errors import InputError
+from voxflat.read_only import ReadOnly
 
 _CONFORMED = np.array([[-1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])  # the columns are left, inferior, anterior
 _ROUNDING = 1e-3  # tolerance of direction cosines
 
 
 @dataclass(frozen=True, eq=False)
-class VolumeGeometry:
+class VolumeGeometry(ReadOnly):
     """Store FreeSurfer's volume geometry.
 
     It describes the volume whose centre is the origin of tkRAS.
@@ -78,6 +79,7 @@ class VolumeGeometry:
         object.__setattr__(self, "c_ras", c_ras)
         object.__setattr__(self, "shape", tuple(int(n) for n in shape))
         object.__setattr__(self, "voxel_size", tuple(float(h) for h in sizes))
+        super().__post_init__()
 
     @classmethod
     def conformed(cls, c_ras: ArrayLike = (0, 0, 0), filename: str = "") -> VolumeGeometry:

@@ -16,12 +16,13 @@ from voxflat.io.volumes import Volume
 from voxflat.laminar.labels import Layered
 from voxflat.maps.depth import vertex_areas
 from voxflat.pipeline.surface import Surface
+from voxflat.read_only import ReadOnly
 
 _FAR = np.inf  # mm, no limit
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Columns(Recorded):
+class Columns(ReadOnly, Recorded):
     """Columns of the grey matter of a rim, made by `Rim.columns`.
 
     Columns are numbered from 1. Each reaches from the inner to the outer border, and its voxels are connected.

@@ -21,6 +21,7 @@ from voxflat.maps.colours import all_whole
 from voxflat.maps.regions import Regions
 from voxflat.maps.sampler import Sampler
 from voxflat.maps.sampling import Coverage, are_centres, sample, series_sampling
+from voxflat.read_only import ReadOnly
 
 PROFILE_ENDINGS = (".tsv", ".csv")  # of the files of `Profile.save`
 
@@ -30,7 +31,7 @@ _LARGEST_LABEL = 2**31 - 1
 
 
 @dataclass(frozen=True, eq=False)
-class Profile(Recorded):
+class Profile(ReadOnly, Recorded):
     """Mean and standard deviation of a volume in layers of grey matter, for one or several regions.
 
     `Rim.profile` returns it. Arrays have shape (R, L) for R regions and L layers, or (R, L, C) if the volume has

@@ -28,6 +28,7 @@ from voxflat.maps.depth import LAYERINGS, checked_layers, vertex_areas
 from voxflat.maps.flat_map import FlatMap, check_background
 from voxflat.maps.sampler import Sampler
 from voxflat.pipeline.surface import Surface
+from voxflat.read_only import ReadOnly
 from voxflat.surfaces.foreground import foreground_of
 from voxflat.surfaces.manifold import Manifold
 
@@ -38,7 +39,7 @@ _SHARE_THICK = 0.01  # of the grey matter, above which a warning reports it
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Rim(Recorded):
+class Rim(ReadOnly, Recorded):
     """Grey matter between an inner and an outer border, made by `voxflat.rim`.
 
     Each voxel of grey matter has a depth, from 0 at the inner border (white matter) to 1 at the outer border

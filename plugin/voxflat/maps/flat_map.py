@@ -120,6 +120,7 @@ class FlatMap(Planar):
     pial_points: NDArray[np.float64] | None = None
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         unit = self.metadata.get("unit", "mm")
         object.__setattr__(self, "distortion", replace(self.distortion, unit=unit))
 

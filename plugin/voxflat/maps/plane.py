@@ -17,13 +17,14 @@ from voxflat.maps.depth import Depths
 from voxflat.maps.metric import Metric
 from voxflat.maps.raster import FlatImage, FlatStack, Raster
 from voxflat.maps.sampler import Sampler
+from voxflat.read_only import ReadOnly
 
 _FACTORS = {"mm": {"µm": 1e-3, "m": 1e3}, "µm": {"mm": 1e3, "nm": 1e-3}, "m": {"mm": 1e-3}}  # likely wrong units
 LIMIT = 5.0  # default distance of points from the surface, mm; the cortex is up to 4.5 mm thick
 
 
 @dataclass(frozen=True, eq=False)
-class Places:
+class Places(ReadOnly):
     """Points in the plane, with their positions on the surface.
 
     `FlatMap.look_up` returns them.
@@ -61,7 +62,7 @@ class Places:
 
 
 @dataclass(frozen=True, eq=False)
-class FlatTriangles:
+class FlatTriangles(ReadOnly):
     """Triangles in the plane, with the corresponding points on the surface.
 
     Maps and pages use them for drawing and for looking up points.
@@ -96,7 +97,7 @@ class FlatTriangles:
     piece_ids: NDArray[np.int64] | None = None
 
 
-class Planar(ABC):
+class Planar(ReadOnly, ABC):
     """Base class of maps and pages: triangles in the plane with known positions on the surface."""
 
     @property

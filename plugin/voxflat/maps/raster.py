@@ -17,13 +17,14 @@ from voxflat.io.provenance import Record, Recorded, saving
 from voxflat.maps.colours import are_labels, coloured
 from voxflat.maps.image_files import Pages, write_image, write_stack
 from voxflat.maps.sampling import INTERPOLATIONS, Mixing, majority
+from voxflat.read_only import ReadOnly
 
 _OUTSIDE = np.uint32(2**32 - 1)
 _WHOLE = 1e-6  # relative tolerance within which a period is a whole number of pixels
 
 
 @dataclass(frozen=True, eq=False)
-class Raster:
+class Raster(ReadOnly):
     """The pixels of a flat map, with their positions on the surface.
 
     Row 0 is at the top of the map (largest v), column 0 at its left (smallest u).
@@ -149,7 +150,7 @@ class Raster:
 
 
 @dataclass(frozen=True, eq=False)
-class FlatImage(Recorded):
+class FlatImage(ReadOnly, Recorded):
     """An image on the flat map.
 
     `affine` and `extent` give its position on the map.
@@ -404,7 +405,7 @@ def rows_of_period(image: FlatImage | Raster, rows: int) -> NDArray[np.int64]:
 
 
 @dataclass(frozen=True, eq=False)
-class FlatStack(Sequence[FlatImage], Recorded):
+class FlatStack(Sequence[FlatImage], ReadOnly, Recorded):
     """Images with the same pixels on a flat map, one for each channel or frame.
 
     Each image is sampled on demand.

@@ -29,6 +29,7 @@ from voxflat.maps.plane import Planar
 from voxflat.maps.raster import FlatImage, FlatStack
 from voxflat.maps.region_properties import AREAS, LENGTHS, properties_of
 from voxflat.maps.sampler import Sampler
+from voxflat.read_only import ReadOnly
 from voxflat.unique_rows import distinct
 
 _VERTEX_ENDINGS = (".annot", ".label.gii", ".label")
@@ -49,7 +50,7 @@ class _Places(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
-class Regions(Recorded):
+class Regions(ReadOnly, Recorded):
     """Regions on a map, as returned by `FlatMap.regions`.
 
     They can be evaluated at map positions, vertices and voxels.

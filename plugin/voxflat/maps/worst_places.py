@@ -16,6 +16,7 @@ from voxflat.io.grid import in_unit
 from voxflat.io.provenance import Record, Recorded, as_text, saving
 from voxflat.io.tables import aligned
 from voxflat.maps.flat_map import FlatMap
+from voxflat.read_only import ReadOnly
 
 WORST_ENDINGS = (".json", ".tsv")  # endings of the files that `WorstPlaces.save` writes
 
@@ -24,7 +25,7 @@ _MOST = 10.0  # limit of |log2 area change|, so that a triangle without area on 
 
 
 @dataclass(frozen=True, eq=False)
-class RelievingCut:
+class RelievingCut(ReadOnly):
     """A cut that reduces the distortion of a region of a map.
 
     `WorstPlaces.cuts` returns cuts in the form that `flatten` accepts.
@@ -65,7 +66,7 @@ class RelievingCut:
 
 
 @dataclass(frozen=True, eq=False)
-class WorstPlace:
+class WorstPlace(ReadOnly):
     """A connected region of a map whose area is stretched, or shrunk, by more than a given factor.
 
     Regions are ranked by `excess`.
@@ -160,7 +161,7 @@ class WorstPlace:
 
 
 @dataclass(frozen=True, eq=False)
-class WorstPlaces(Recorded):
+class WorstPlaces(ReadOnly, Recorded):
     """The regions of highest distortion of a map, worst first.
 
     `voxflat.worst_places` returns them.

@@ -18,6 +18,7 @@ from voxflat.io.provenance import Record, as_text, saving, telling
 from voxflat.maps.flat_map import FlatMap
 from voxflat.methods import Method, flattened, method_of
 from voxflat.methods.method import How, Rows
+from voxflat.read_only import ReadOnly
 from voxflat.surfaces.cuts import CUTS_FORMAT
 from voxflat.surfaces.cutting import Cutout, Where
 from voxflat.surfaces.manifold import Manifold
@@ -26,7 +27,7 @@ from voxflat.surfaces.standard.tracing import template_of
 
 
 @dataclass(frozen=True, eq=False)
-class Cut:
+class Cut(ReadOnly):
     """One cut of a surface.
 
     A `CutSurface` lists its cuts in the order in which they were made.
@@ -80,7 +81,7 @@ _Surface = TypeVar("_Surface", bound=Manifold)
 
 
 @dataclass(frozen=True, eq=False)
-class CutSurface(Generic[_Surface]):
+class CutSurface(ReadOnly, Generic[_Surface]):
     """A surface that was cut open, as returned by `Surface.cut`.
 
     Flatten it, edit its cuts, or save them to apply them to other surfaces.

@@ -17,10 +17,11 @@ from voxflat.io.provenance import Record, Recorded, saving
 from voxflat.io.reading import reading
 from voxflat.maps.image_files import Pages, write_stack
 from voxflat.maps.raster import FlatImage, FlatStack
+from voxflat.read_only import ReadOnly
 
 
 @dataclass(frozen=True, eq=False)
-class FlatMovie(Sequence[FlatStack], Recorded):
+class FlatMovie(Sequence[FlatStack], ReadOnly, Recorded):
     """Images of all frames of a series, with the same pixels.
 
     ``movie[t]`` holds the channels and depths of frame t. Frames are read and sampled on demand.

@@ -29,6 +29,7 @@ from voxflat.maps.plane import FlatTriangles
 from voxflat.maps.raster import FlatStack, Raster
 from voxflat.maps.sampler import timing_of
 from voxflat.pipeline.flat_movie import FlatMovie, joined
+from voxflat.read_only import ReadOnly
 from voxflat.unique_rows import distinct
 
 _ARRAYS = ("points", "normals", "gaps", "folded")  # fields that are saved as arrays
@@ -58,7 +59,7 @@ def _unmeasured(figures: Any) -> Any:
 
 
 @dataclass(frozen=True, eq=False)
-class FlatSeries(Sequence[FlatMap], Recorded):
+class FlatSeries(Sequence[FlatMap], ReadOnly, Recorded):
     """One flat map for all frames of a movie.
 
     ``series[t]`` is the map with the positions of frame t. All frames have the same positions in the plane, and

@@ -31,6 +31,7 @@ from voxflat.io.patches import FLAT_PATCH_ENDINGS, PATCH_ENDING, Patch, in_patch
 from voxflat.io.provenance import Record, resolved, saving
 from voxflat.io.spaces import Space, VolumeGeometry
 from voxflat.io.triangles import check_faces
+from voxflat.read_only import ReadOnly
 from voxflat.surfaces.cut_sides import listed_points, triangles_of
 from voxflat.surfaces.foreground import PackedMask
 from voxflat.unique_rows import distinct, in_rows
@@ -53,7 +54,7 @@ class Step:
 
 
 @dataclass(frozen=True, eq=False)
-class Manifold:
+class Manifold(ReadOnly):
     """A surface of triangles: an oriented manifold with or without a boundary.
 
     `voxflat.Surface` describes the fields. Arrays with V rows refer to the vertices of the complete surface.

@@ -17,12 +17,13 @@ from voxflat.io.formats import gltf, obj, ply, vtk
 from voxflat.io.provenance import Record, Recorded, as_text, check_beside, check_not_read, saving
 from voxflat.maps.textures.pictures import values_at
 from voxflat.maps.textures.subdivision import subdivide
+from voxflat.read_only import ReadOnly
 
 _Files = list[Path]
 
 
 @dataclass(frozen=True, eq=False)
-class TexturedSurface(Recorded):
+class TexturedSurface(ReadOnly, Recorded):
     """A surface with a picture on it, as returned by `FlatMap.textured` and `FlatPage.textured`.
 
     3-D programs display the saved surface with its picture.

@@ -11,6 +11,7 @@ from voxflat.arguments import Progress, checked_threads, named_side
 from voxflat.errors import InputError
 from voxflat.io.meshes import Mesh, write_mesh
 from voxflat.io.provenance import Record, Recorded, saving
+from voxflat.read_only import ReadOnly
 from voxflat.surfaces.manifold import Manifold
 from voxflat.surfaces.standard.pattern import SIDES, icosphere, pattern
 
@@ -20,7 +21,7 @@ _STRUCTURES = {"CortexLeft": "left", "CortexRight": "right"}
 
 
 @dataclass(frozen=True, eq=False)
-class Registration(Recorded):
+class Registration(ReadOnly, Recorded):
     """A surface that is registered to the unit sphere, in fsaverage space.
 
     `Surface.register` returns it.

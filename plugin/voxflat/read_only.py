@@ -1,0 +1,60 @@
+"""Make the arrays of results read-only, so that a result cannot contradict itself."""
+
+from dataclasses import fields
+from functools import cached_property, wraps
+from typing import Any, cast
+
+import numpy as np
+
+
+def read_only(value: Any) -> Any:
+    """Return a read-only view of an array, or of the arrays in a tuple, list or dictionary; anything else as it is."""
+    if isinstance(value, np.ndarray) and value.flags.writeable:
+        view = value.view()
+        view.flags.writeable = False
+        return view
+    if type(value) in (tuple, list):
+        return type(value)(map(read_only, value))
+    if type(value) is dict:
+        return {name: read_only(item) for name, item in value.items()}
+    return value
+
+
+class ReadOnly:
+    """Base class of results: dataclasses whose fields and properties give out arrays as read-only views."""
+
+    def __init_subclass__(cls, **more: Any) -> None:
+        super().__init_subclass__(**more)
+        for name, value in list(vars(cls).items()):
+            if name.startswith("_"):
+                continue
+            if isinstance(value, property) and value.fget is not None:
+                setattr(cls, name, property(_protected(value.fget), doc=value.__doc__))
+            elif isinstance(value, cached_property):
+                value.func = _protected(value.func)
+
+    def __post_init__(self) -> None:
+        _protect(self)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return the fields: what was derived from them is not copied, because parts of the core cannot be."""
+        return {one.name: self.__dict__[one.name] for one in fields(cast("Any", self))}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Restore a copied or unpickled result, whose arrays NumPy makes writeable."""
+        self.__dict__.update(state)
+        _protect(self)
+
+
+def _protect(result: Any) -> None:
+    for one in fields(result):
+        if isinstance(value := getattr(result, one.name), np.ndarray):
+            object.__setattr__(result, one.name, read_only(value))
+
+
+def _protected(get: Any) -> Any:
+    @wraps(get)
+    def got(self: Any) -> Any:
+        return read_only(get(self))
+
+    return got
