@@ -21,6 +21,7 @@ mod window;
 
 use crate::surface::mesh::Surface;
 use frame::Frames;
+pub use wave::Wave;
 
 /// The range of distances to compute.
 #[derive(Debug, Clone, Copy, PartialEq)]
