@@ -123,10 +123,10 @@ def test_what_is_no_disk_becomes_one():
 
 
 def test_edges_of_three_triangles_are_named():
-    """BFF 87: the error names the edge that is not manifold."""
+    """BFF 87: without repair, the error names the edge that is not manifold."""
     points = np.array([[0, 0, 0], [10, 0, 0], [0, 10, 0], [0, -10, 0], [0, 0, 10.0]])
     with pytest.raises(voxflat.InputError, match="edge"):
-        voxflat.flatten((points, np.array([[0, 1, 2], [0, 1, 3], [0, 1, 4]])))
+        voxflat.surface((points, np.array([[0, 1, 2], [0, 1, 3], [0, 1, 4]])), repair="none")
 
 
 def test_equal_holes_stay_equal():

@@ -181,8 +181,7 @@ def test_ome_zarr_has_the_lengths_of_its_units(tmp_path, unit, in_nm):
 @pytest.mark.parametrize(
     ("told", "in_um"),
     [
-        ({"PhysicalSizeX": 0.5, "PhysicalSizeY": 0.25}, (0.5, 0.25, 0.5)),  # by the OME schema, the default unit is µm
-        ({"PhysicalSizeX": 0.5, "PhysicalSizeY": 0.25, "PhysicalSizeZ": 2.0}, (0.5, 0.25, 2.0)),
+        ({"PhysicalSizeX": 0.5, "PhysicalSizeY": 0.25, "PhysicalSizeZ": 2.0}, (0.5, 0.25, 2.0)),  # OME's default is µm
         (
             {"PhysicalSizeX": 5, "PhysicalSizeY": 2, "PhysicalSizeZ": 3}
             | {f"PhysicalSize{axis}Unit": unit for axis, unit in zip("XYZ", ("nm", "µm", "mm"), strict=True)},

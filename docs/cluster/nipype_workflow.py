@@ -1,6 +1,6 @@
 """Run `voxflat bids` with Nipype, through an interface that is made from the Boutiques descriptor.
 
-    python nipype_workflow.py study maps --plugin MultiProc --hemi L
+    python nipype_workflow.py study maps --plugin MultiProc --hemi left
 
 Options unknown to this script are passed to voxflat. Each participant with missing or outdated maps has a node. A
 failed node leaves a crash file, and the other participants are still compared. In your own workflow, use:

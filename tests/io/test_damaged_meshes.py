@@ -81,7 +81,7 @@ HOSTILE = {
     "range.obj": (OBJ + b"f 1 2 3\nf 1 2 4\n", r"face 1 is \[0, 1, 3\]"),
     "texture.obj": (OBJ + b"vt 0 0\nf 1/1 2/1 3/2\n", "face 0 refers to texture coordinate 2, but the file has 1"),
     "word.obj": (b"v 0 0 zero\nf 1 1 1\n", "could not convert string to float: 'zero'"),
-    "nan.obj": (b"v 0 0 nan\nv 0 0 0\nv 9 9 9\nf 1 2 3\n", "point 0 has the coordinates"),
+    "nan.obj": (b"v 0 0 inf\nv 0 0 0\nv 9 9 9\nf 1 2 3\n", "point 0.* lies beyond"),
     "lh.patch": (struct.pack(">2i", -1, 0), "is not a surface: its content is FreeSurfer patch. Use read_patch"),
     "lh.curv": (b"\xff\xff\xff" + struct.pack(">3if", 1, 1, 1, 0.5), "FreeSurfer file of values. Use read_overlay"),
     "lh.cut": (b"\xff\xff\xfecreated by me\n\n\0\0\0\x09", "its header is damaged: it specifies .* -1 faces"),

@@ -166,7 +166,7 @@ def test_nilearn_reads_every_value(made, flat_map):
 
 def test_what_is_up_to_date_is_left_alone(made):
     before = everything(made)
-    again = run("freesurfer", made, "--overlay", "thickness", "--overlay", "mri/z.mgz")
+    again = run("freesurfer", made, "--overlay", "mri/z.mgz", "--overlay", "thickness")
     assert (again.exit_code, again.stdout.count("up to date")) == (0, 2)
     assert everything(made) == before
 

@@ -20,7 +20,7 @@ from voxflat.cli.commands.study import bids_command
 ROOT = Path(__file__).parents[2]
 CLUSTER = ROOT / "docs" / "cluster"
 DESCRIPTOR = CLUSTER / "voxflat.boutiques.json"
-GIVEN = {"source": str(ROOT), "out": "maps", "level": "participant", "labels": ["01", "02"], "hemis": ["L"]}
+GIVEN = {"source": str(ROOT), "out": "maps", "level": "participant", "labels": ["01", "02"], "hemis": ["left"]}
 GIVEN |= {"overlays": ["thickness", "curv"], "cuts": "automatic", "volume": True, "dry_run": True, "threads": 2}
 GIVEN |= {"memory_limit": "4G", "dask": "local"}
 
@@ -87,13 +87,13 @@ def test_a_study_is_a_workflow_of_nipype(nipypes, tmp_path, monkeypatch):
         studies.write_derivatives(tmp_path / "my study" / f"sub-0{n}" / "anat", f"sub-0{n}", "lh", of)
     (tmp_path / "my study" / "sub-01" / "anat" / "sub-01_hemi-L_pial.surf.gii").unlink()
     monkeypatch.setenv("PATH", f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}")
-    script = [sys.executable, CLUSTER / "nipype_workflow.py", "my study", "maps", "--hemi", "L", "--cores", "1"]
+    script = [sys.executable, CLUSTER / "nipype_workflow.py", "my study", "maps", "--hemi", "left", "--cores", "1"]
     done = subprocess.run(script, cwd=tmp_path, capture_output=True, text=True, check=False)
     assert (done.returncode, done.stderr.splitlines()[-1]) == (1, "failed: sub-01"), done.stderr
     assert "found no *_hemi-L_pial.surf.gii" in done.stdout + done.stderr
     out = tmp_path / "maps"
     monkeypatch.chdir(tmp_path)
-    how = {"source": "my study", "out": "maps", "hemis": ["L"]}
+    how = {"source": "my study", "out": "maps", "hemis": ["left"]}
     made = nipypes.VoxflatBids(**how, level="participant", labels="02").run().outputs
     assert made.surfaces == [str(out / "sub-02" / "anat" / "sub-02_hemi-L_desc-voxflat_flat.surf.gii")]
     assert (made.maps, made.pages) == (str(out), [str(out / "sub-02.html")])

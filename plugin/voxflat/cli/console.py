@@ -68,7 +68,7 @@ class Program(cloup.Group):
                 _print(traceback.format_exc().rstrip())
             text = in_options(user_message(error), self.commands.get(next(iter(arguments), "")))
             _print(f"voxflat: error: {text}")
-            status = _failed(arguments, text, 1, getattr(error, "remedy", ""))
+            status = _failed(arguments, text, 1)
         return status if isinstance(status, int) else 0
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
@@ -159,11 +159,11 @@ def _null_stream() -> TextIO:
     return open(os.devnull, "w", encoding="utf-8", newline="\n")
 
 
-def _failed(arguments: list[str], text: str, status: int, remedy: str = "") -> int:
+def _failed(arguments: list[str], text: str, status: int) -> int:
     """Return the exit status; with ``--json``, also print the error as a JSON object on stdout."""
     if "--json" in arguments:
         with suppress(OSError):
-            click.echo(json.dumps({"error": text, "remedy": remedy or None, "exit_code": status}))
+            click.echo(json.dumps({"error": text, "exit_code": status}))
     return status
 
 
