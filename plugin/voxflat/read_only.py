@@ -37,7 +37,7 @@ class ReadOnly:
         _protect(self)
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return the fields: what was derived from them is not copied, because parts of the core cannot be."""
+        """Return the fields without values derived from them, some of which cannot be copied."""
         return {one.name: self.__dict__[one.name] for one in fields(cast("Any", self))}
 
     def __setstate__(self, state: dict[str, Any]) -> None:

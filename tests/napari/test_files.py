@@ -86,7 +86,7 @@ def test_freesurfer_files_open_on_their_surface(subject, viewer, last_of, messag
         layer.visible = False
     assert_allclose(
         last_of(subject / "surf" / "lh.thickness").vertices, points + CENTRE, atol=1e-5
-    )  # not what is hidden
+    )  # hidden layers are not saved
     flat = last_of(subject / "surf" / "lh.cortex.patch.flat")
     assert_allclose(flat.vertices, points[values != 0][:, [1, 0]] * [-1, 1])
     assert_array_equal(flat.features["vertex"], np.flatnonzero(values))

@@ -42,7 +42,7 @@ MESHES = {
     "no point": ((np.zeros((0, 3)), np.zeros((0, 3), int)), r"no points"),
     "no triangle": ((POINTS, np.zeros((0, 3), int)), r"no (triangle|face)"),
     "quads": ((POINTS, np.array([[0, 1, 8, 7]])), r"\(1, 4\)"),
-    "an edge of three": (FIN, r"more than two triangles meet at 1 edge\(s\), between the vertices 0 and 8"),
+    "an edge of three": (FIN, r"more than two triangles meet at an edge, between the vertices 0 and 8"),
     "a vertex of two fans": ((POINTS, np.array([[0, 7, 8], [8, 16, 9]])), r"touches itself at vertex 8 \(1 such"),
     "a corner twice": ((POINTS, np.vstack([FACES, [[3, 3, 4]]])), "triangle 72 has no area"),
     "no area": ((POINTS[[*range(8), 0, *range(9, 49)]], FACES), r"has no area \(\d+ such triangles\)"),

@@ -218,7 +218,7 @@ def test_a_stray_fin_is_split_off_and_told():
     fin = np.vstack([points, points[a] + np.array([0, 0, 5.0])]), np.vstack([faces, [[a, b, len(points)]]])
     surface, clean = voxflat.surface(fin), voxflat.surface((points, faces))
     low, high = sorted((a, b))
-    assert f"more than two triangles meet at 1 edge(s), between the vertices {low} and {high}" in surface.remarks[0]
+    assert f"more than two triangles meet at an edge, between the vertices {low} and {high}" in surface.remarks[0]
     assert surface.metadata["mended"]["crowded_edges"] == [[low, high]]
     flat, expected = surface.flatten(Voxflat(sources=9)), clean.flatten(Voxflat(sources=9))
     np.testing.assert_array_equal(flat.uv, expected.uv)

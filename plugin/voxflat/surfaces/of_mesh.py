@@ -69,8 +69,8 @@ def _remarks(told: dict[str, Any], faces: int, points: int) -> list[str]:
         edges = told["crowded_edges"]
         named = _listed([f"{a} and {b}" for a, b in edges])
         remarks.append(
-            f"more than two triangles meet at {len(edges)} edge(s), between the vertices {named}; "
-            "the surface was split along these edges"
+            f"more than two triangles meet at {'an edge' if len(edges) == 1 else f'{len(edges)} edges'}, between the "
+            f"vertices {named}; the surface was split there"
         )
     if told["turned"]:
         remarks.append(f"{told['turned']} of {faces} triangles were reversed, so that all of them face outwards")

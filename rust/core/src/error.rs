@@ -298,9 +298,9 @@ pub enum Error {
     DuplicateFace { face: usize, count: usize },
 
     #[error(
-        "more than two triangles meet at {} edge(s), between the vertices {}. Remove the additional triangles, so that \
+        "more than two triangles meet at {}, between the vertices {}. Remove the additional triangles, so that \
          the surface has at most two at each edge",
-        edges.len(), pairs(edges)
+        if edges.len() == 1 { "an edge".into() } else { format!("{} edges", edges.len()) }, pairs(edges)
     )]
     CrowdedEdges { edges: Vec<[u32; 2]> },
 
