@@ -1,6 +1,7 @@
 """Studies and distance rows on the workers of a Dask cluster, some of which are killed."""
 
 import json
+import logging
 import os
 import re
 import shlex
@@ -159,6 +160,21 @@ def test_a_study_is_that_of_one_process_and_goes_on_where_a_worker_has_died(work
     assert {name: now[name] for name in there} == there  # finished maps were not made again
     assert made_of(out) == made_of(study / "alone")
     assert {path.name for path in out.glob("*.html")} == {path.name for path in (study / "alone").glob("*.html")}
+
+
+def test_a_local_cluster_leaves_the_environment_and_the_logs_as_they_were(monkeypatch):
+    """Dask sets variables such as OMP_NUM_THREADS, which programs started later would inherit."""
+    for name in [name for name in os.environ if name.startswith(("MALLOC_", "OMP_", "MKL_", "OPENBLAS_", "__DASK"))]:
+        monkeypatch.delenv(name)
+
+    def state():
+        loggers = sorted(name for name in logging.root.manager.loggerDict if name.startswith("distributed"))
+        return dict(os.environ), {name: level for name in loggers if (level := logging.getLogger(name).level)}
+
+    before = state()
+    with connected("local", most=1):
+        assert "OMP_NUM_THREADS" in os.environ
+    assert state() == before
 
 
 def test_the_commands_of_the_page_run(workers, ready, study, tmp_path, monkeypatch):

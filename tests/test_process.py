@@ -1,6 +1,7 @@
 """Importing and using voxflat leaves the user's process as it was."""
 
 import json
+import os
 import subprocess
 import sys
 
@@ -130,7 +131,11 @@ print(json.dumps([changes(before, imported), changes(imported, state()), faults(
 @pytest.fixture(scope="module")
 def told(tmp_path_factory):
     folder = tmp_path_factory.mktemp("process")
-    done = subprocess.run([sys.executable, "-c", PROGRAM], cwd=folder, capture_output=True, text=True, check=False)
+    environment = {
+        name: value for name, value in os.environ.items() if not name.startswith("MALLOC_")
+    }  # of other tests
+    command = [sys.executable, "-c", PROGRAM]
+    done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     return json.loads(done.stdout.splitlines()[-1])
 

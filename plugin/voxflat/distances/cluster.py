@@ -100,6 +100,21 @@ def _outcome(future: Any) -> tuple[Any, Exception | None]:
 
 
 @contextmanager
+def _environment_kept() -> Iterator[None]:
+    """Restore the environment variables at the end, because Dask sets some for its local workers.
+
+    Programs that the user starts later would otherwise inherit them, such as a single thread for OpenMP.
+    """
+    before = dict(os.environ)
+    try:
+        yield
+    finally:
+        for name in set(os.environ) - set(before):
+            del os.environ[name]
+        os.environ.update(before)
+
+
+@contextmanager
 def connected(address: str, *, most: int) -> Iterator[Cluster]:
     """Connect to a Dask cluster, or start one on this machine, until the block ends."""
     try:
@@ -112,6 +127,7 @@ def connected(address: str, *, most: int) -> Iterator[Cluster]:
         threads = math.ceil(cores / count)
         quiet: dict[str, Any] = {"silence_logs": "CRITICAL", "dashboard_address": None}
         with (
+            _environment_kept(),
             distributed.LocalCluster(n_workers=count, threads_per_worker=threads, **quiet) as here,
             distributed.Client(here) as client,
         ):
