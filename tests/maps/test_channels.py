@@ -217,6 +217,16 @@ class TestSeries:
     def test_one_volume_of_a_series_is_a_volume(self, flat, tmp_path):
         assert_shows(flat.image(series(tmp_path, 1)), 0)
 
+    @pytest.mark.parametrize("name", ["bold.nii.gz", "bold.mgz"])
+    def test_a_gzipped_series_is_decompressed_once(self, flat, tmp_path, monkeypatch, name):
+        """Opened again for each frame, a file is decompressed from its start up to that frame."""
+        opened, opener = [], nib.openers.ImageOpener
+        image = nib.load(series(tmp_path, 6, name))
+        monkeypatch.setattr(nib.openers, "ImageOpener", lambda *a, **b: opened.append(a) or opener(*a, **b))
+        for k, shown in enumerate(flat.images(image)):
+            assert_shows(shown, k)
+        assert len(opened) == 1
+
     def test_an_array(self):
         """Of a map of voxels: shape and place are those of the volume that was flattened."""
         ball = np.linalg.norm(np.stack(np.meshgrid(*[np.arange(15.0)] * 3)) - 7, axis=0) < 5

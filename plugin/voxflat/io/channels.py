@@ -125,11 +125,11 @@ def series_of(obj: object) -> tuple[Channels, Affine] | None:
     _check_complete(path, image, 2 * math.prod(shape[:3]))
     unit = image.header.get_xyzt_units()[0] if hasattr(image.header, "get_xyzt_units") else "mm"
     affine = in_millimetres(check_affine(image.affine), unit)
-    rest = (0,) * (len(image.shape) - 4)
+    rest, stored = (0,) * (len(image.shape) - 4), _kept_open(image)
 
     def frame(n: int) -> NDArray[Any]:
         at = (..., n, *rest)
-        return np.asarray(image.dataobj[at])
+        return np.asarray(stored[at])
 
     return Channels(("",) * shape[3], frame, _timing(image.header)).of_file(path), affine
 
@@ -152,11 +152,11 @@ def points_of_nibabel(obj: object, points: int, structure: str | None) -> Channe
         raise InputError(f"has shape {shape} and type {image.get_data_dtype()}. Pass numbers of shape (N, 1, 1, T)")
     _check_complete(path, image, 2 * points)
     count = further[0] if further else 1
-    at = shape.index(count, 3) if further else 0
+    at, stored = shape.index(count, 3) if further else 0, _kept_open(image)
 
     def read(n: int) -> NDArray[Any]:
         place = tuple(slice(None) if axis < 3 else n if axis == at else 0 for axis in range(len(shape)))
-        return np.asarray(image.dataobj[place]).ravel()
+        return np.asarray(stored[place]).ravel()
 
     return Channels(("",) * count, read, _timing(image.header) if at == 3 else None)
 
@@ -175,6 +175,16 @@ def opened(obj: object) -> tuple[Any, Path | None]:
         return None, None
     except Exception:  # the reader of volumes reports errors, such as a missing nibabel
         return None, None
+
+
+def _kept_open(image: Any) -> Any:
+    """Return the data of an image; a gzipped file stays open, or each frame would decompress all frames before it."""
+    proxy = image.dataobj
+    name = getattr(proxy, "file_like", None)
+    if type(proxy).__name__ != "ArrayProxy" or not str(name).lower().endswith((".gz", ".mgz")):
+        return proxy
+    layout = (proxy.shape, proxy.dtype, proxy.offset, proxy.slope, proxy.inter)
+    return type(proxy)(name, layout, keep_file_open=True)
 
 
 def are_points(shape: tuple[int, ...]) -> bool:
@@ -232,12 +242,13 @@ def _cifti(image: Any, points: int, structure: str | None) -> Channels:
         timing = Timing.told(maps.step, maps.start) if maps.unit == "SECOND" else None
     start, stop = part.start or 0, part.stop or image.shape[1]
     held: dict[int, NDArray[Any]] = {}
+    stored = _kept_open(image)
 
     def read(n: int) -> NDArray[Any]:
         first = n - n % _BLOCK
         if first not in held:
             held.clear()
-            held[first] = np.asarray(image.dataobj[first : first + _BLOCK, start:stop])
+            held[first] = np.asarray(stored[first : first + _BLOCK, start:stop])
         values = held[first][n - first]
         if kind == "LabelAxis":
             labels = np.zeros(points, dtype=np.int64)
