@@ -58,6 +58,22 @@ def test_axes_of_ilastik(tmp_path, axes, storage):
     refused("has no channel 'dna'. Choose one of c0, c1", read_volume, path, "dna")
 
 
+def test_chunks_that_are_missing_are_reported(tmp_path, caplog):
+    path = exported(tmp_path / "p.h5", "zyx", BOTH[0], chunks=(5, 11, 41), compression="gzip")
+    read_volume(path)
+    assert not caplog.records
+    with h5py.File(path, "w") as file:
+        made = file.create_dataset("exported_data", SHAPE, np.float32, chunks=(5, 11, 41))
+        made.attrs["axistags"] = json.dumps({"axes": [{"key": axis} for axis in "zyx"]})
+        made[:5] = 1
+    assert read_volume(path).data.sum() == 5 * SHAPE[1] * SHAPE[2]
+    assert f"{path}: 12 of 15 chunks (80 %) are not stored" in caplog.text
+    with h5py.File(path, "a") as file:
+        file.create_dataset("none", (9, 9, 9), np.float32, chunks=(9, 9, 9))
+        del file["exported_data"]
+    refused("contains none of its 1 chunks", read_volume, path)
+
+
 def test_a_probability_map_becomes_a_smooth_surface_in_its_unit(tmp_path, caplog):
     path = exported(tmp_path / "p.hdf5", "zyx", BOTH[0])
     surface = voxflat.surface(path, threshold=0.5, spacing=SPACING, unit="µm")

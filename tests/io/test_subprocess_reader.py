@@ -1,5 +1,6 @@
 """Readers written in C++ crash in their own process: the caller gets a one-line error, and reads the next file."""
 
+import ctypes
 import os
 import signal
 import subprocess
@@ -46,6 +47,12 @@ def computes(path):
         pass
 
 
+def holds(path, told):
+    """Stay in C, with Python's lock held, as VTK does while it reads."""
+    Path(told).write_text(str(os.getpid()))
+    ctypes.PyDLL(None).sleep(60)
+
+
 def takes(path, size):
     return np.ones(size, np.uint8)
 
@@ -63,7 +70,7 @@ def fails(path, kind):
 @pytest.fixture(autouse=True)
 def found_by_the_child(monkeypatch):
     monkeypatch.syspath_prepend(str(Path(__file__).parent))
-    for function in (ends, computes, takes, prints, fails):
+    for function in (ends, computes, holds, takes, prints, fails):
         monkeypatch.setattr(function, "__module__", Path(__file__).stem)
     module._stop()  # the present child has another sys.path
     yield
@@ -144,6 +151,31 @@ def test_nothing_is_left_of_it(path, ending, tmp_path):
     caller.communicate(b"\n")  # without a signal, the caller continues to its end
     assert ending or caller.returncode == 0
     child.wait(20)
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere, it ends when C code returns")
+def test_a_busy_child_ends_when_the_caller_is_killed(path, tmp_path):
+    folder, told = Path(__file__).parent, tmp_path / "told"
+    code = f"import sys, pathlib; sys.path.append({str(folder)!r}); import test_subprocess_reader as test; "
+    code += f"test.read_in_subprocess(test.holds, 'vtkmodules', pathlib.Path({str(path)!r}), {str(told)!r})"
+    helpers = os.pathsep.join(one for one in sys.path if one)
+    caller = subprocess.Popen([sys.executable, "-c", code], env={**os.environ, "PYTHONPATH": helpers})
+    while not (told.exists() and told.read_text()):
+        assert caller.poll() is None
+    child = psutil.Process(int(told.read_text()))
+    assert child.is_running()
+    caller.kill()
+    caller.wait()
+    child.wait(20)
+
+
+def test_a_child_outlives_the_thread_that_started_it(path):
+    with ThreadPoolExecutor(1) as pool:
+        assert pool.submit(size, path).result() == 1770
+    child = module._child
+    assert size(path) == 1770
+    assert module._child is child
 
 
 @pytest.mark.slow

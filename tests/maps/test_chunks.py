@@ -201,8 +201,14 @@ class TestOmeZarr:
             ({"axes": [{"name": n} for n in "ctyx"]}, "and the axes c, t, y, x"),
             ({"axes": [{"name": "c"}, *({"name": n, "unit": "parsec"} for n in "zyx")]}, "with the unit parsec"),
             ({"coordinateTransformations": [{"type": "affine", "affine": []}]}, "has the transformation 'affine'"),
-            ({"coordinateTransformations": [{"type": "scale", "scale": [1, 0, 1, 1]}]}, "singular"),
+            ({"coordinateTransformations": [{"type": "scale", "scale": [1, 0, 1, 1]}]}, "Use positive numbers"),
             ({"datasets": []}, "has no image"),
+            ({"datasets": [{"path": "0"}]}, "does not define its scale"),
+            ({"coordinateTransformations": [{"type": "scale", "scale": [1, 1, -1, 1]}]}, "Use positive numbers"),
+            ({"coordinateTransformations": [{"type": "scale", "scale": [2]}]}, "one number for each of its 4 axes"),
+            ({"coordinateTransformations": [{"type": "scale", "scale": 2}]}, "one number for each of its 4 axes"),
+            ({"datasets": [{"path": "../secret"}]}, "outside its directory"),
+            ({"datasets": [{"path": "/secret"}]}, "outside its directory"),
             *(({"datasets": [scaled]}, "has scale .*Use finite numbers") for scaled in SCALED),
         ],
     )
@@ -235,6 +241,56 @@ class TestOmeZarr:
         for chunk in path.glob("0/[0-9]*"):
             chunk.write_bytes(chunk.read_bytes()[:20])
         refused(r"/v\.zarr: .*. Check that the file is complete", images.__getitem__, 0)
+
+    @pytest.mark.parametrize("version", [0.4, 0.5])
+    def test_chunks_that_are_missing_are_reported(self, m, values, tmp_path, version, caplog):
+        """By definition, they have the fill value; none at all, or more than they can hold, is refused."""
+        path = ome(tmp_path / "v.zarr", values, version)
+        m.image(path, 0.4, channel=0)
+        assert not caplog.records
+        chunks = sorted(file for file in (path / "0").rglob("*") if file.is_file() and file.name[-1].isdecimal())
+        chunks[0].unlink()
+        m.image(path, 0.4, channel=1)
+        assert f"{path}: 1 of {len(chunks)} chunks ({100 / len(chunks):.2g} %) are not stored" in caplog.text
+        for chunk in chunks[1:]:
+            chunk.write_bytes(b"")
+        refused("has chunks of .*, more than its files can contain", m.image, path, 0.4, channel=0)
+        for chunk in chunks[1:]:
+            chunk.unlink()
+        refused(f"contains none of its {len(chunks)} chunks", m.image, path, 0.4, channel=0)
+
+    def test_chunks_larger_than_their_file_can_be_are_refused(self, m, values, tmp_path):
+        """A small file could ask for any amount of memory: the chunks of a header are compared with the files."""
+        path = ome(tmp_path / "v.zarr", values)
+        header = json.loads((path / "0" / ".zarray").read_text())
+        header.update(shape=[2, 1 << 8, 1 << 10, 1 << 10], chunks=[1, 1 << 8, 1 << 10, 1 << 10])
+        (path / "0" / ".zarray").write_text(json.dumps(header))
+        for chunk in path.glob("0/[0-9]*"):
+            chunk.unlink()
+        (path / "0" / "0.0.0.0").write_bytes(bytes(4096))
+        refused("has chunks of 1.00 GiB, more than its files can contain", m.image, path, 0.4, channel=0)
+
+    @pytest.mark.parametrize("compressor", ["blosc", "zstd", "bz2"])
+    def test_chunks_that_compress_well_are_read(self, tmp_path, compressor):
+        """The strongest compressors, and shards of which only one chunk is stored."""
+        codecs = pytest.importorskip("numcodecs")
+        zarr = pytest.importorskip("zarr", minversion="3")
+        chosen = {"blosc": codecs.Blosc("zstd", 9), "zstd": codecs.Zstd(22), "bz2": codecs.BZ2(9)}[compressor]
+        path = ome(tmp_path / "v.zarr", np.zeros((4, 4, 4), np.float32))
+        group, shape = zarr.open_group(str(path)), (2, 192, 192, 192)
+        group.create_array("0", shape=shape, dtype="u1", chunks=(1, 192, 192, 192), compressors=chosen, overwrite=True)
+        group["0"][:] = 7
+        assert (chunked_of(path)[0].read(1).whole() == 7).all()
+
+    def test_chunks_of_shards(self, tmp_path):
+        zarr = pytest.importorskip("zarr", minversion="3")
+        path = ome(tmp_path / "v.zarr", np.zeros((4, 4, 4), np.float32), 0.5)
+        layout = {"shape": (2, 256, 256, 256), "chunks": (1, 64, 64, 64), "shards": (1, 256, 256, 256), "dtype": "u2"}
+        array = zarr.open_group(str(path)).create_array("0", **layout, overwrite=True)
+        array[:, :64, :64, :64] = 9
+        volume = chunked_of(path)[0].read(1)
+        assert (volume.block([(0, 64)] * 3) == 9).all()
+        assert not volume.block([(64, 128)] * 3).any()
 
     @pytest.mark.parametrize("at", [4, 8])  # bytes of Blosc's header: sizes unpacked and of a block
     def test_a_chunk_that_would_end_the_process(self, m, values, tmp_path, at):

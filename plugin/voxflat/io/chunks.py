@@ -3,6 +3,7 @@
 import json
 import math
 import os
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,9 +12,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from voxflat.arguments import amount, log, shown
 from voxflat.errors import InputError
 from voxflat.io.channels import Channels
-from voxflat.io.files import REMEDY, check_regular, naming, require
+from voxflat.io.files import AGAIN, REMEDY, check_regular, naming, require, within
 from voxflat.io.formats.hdf5 import HDF5_ENDINGS, hdf5_block, open_hdf5
 from voxflat.io.formats.tiff import TIFF_ENDINGS, open_tiff
 from voxflat.io.grid import LONG_NAMES, Affine, check_axes, millimetres
@@ -26,6 +28,7 @@ PLACE_BYTES = 360
 _WHOLE = 1 << 28
 """Largest size in bytes of a volume in a TIFF file that is read at once."""
 
+_INFLATED = {True: 1 << 21, False: 1 << 16}  # above the largest compression ratio of a chunk: with bzip2, with zstd
 _CALLED = "channel"  # what messages call a volume in a stack
 _CHANNEL_BYTES = 1000  # bytes of memory per channel before any voxel is read
 
@@ -128,8 +131,12 @@ class _StoredArray:
 
     def __getitem__(self, key: tuple[int | slice, ...]) -> NDArray[Any]:
         at = [[one.start, one.stop] if isinstance(one, slice) else one for one in key]
-        size = self.dtype.itemsize * math.prod(one[1] - one[0] for one in at if isinstance(one, list))
-        found: NDArray[Any] = read_in_subprocess(self.read, self.package, self.path, at, *self.name, size=size)
+        size = self.dtype.itemsize
+        for one, length in zip(at, self.chunks, strict=True):  # all of each chunk is decompressed
+            first, last = (one[0], one[1] - 1) if isinstance(one, list) else (one, one)
+            size *= (last // length - first // length + 1) * length
+        how: dict[str, Any] = {"size": size, "inflated": 2}
+        found: NDArray[Any] = read_in_subprocess(self.read, self.package, self.path, at, *self.name, **how)
         return found
 
 
@@ -249,6 +256,7 @@ def _hdf5(path: Path) -> tuple[Channels, None, str]:
     how: dict[str, Any] = {"package": "h5py", "read": hdf5_block, "name": (found.name,)}
     array = _StoredArray(path, found.shape, found.dtype, found.chunks, **how)
     _check(array, array.chunks)
+    _check_stored(path, *found.stored)
     return _channels(array, found.axes, path), None, "mm"
 
 
@@ -290,7 +298,7 @@ def _ome_zarr(path: Path) -> tuple[Channels, Affine, str]:
     found = next((one for one in sets if wanted is None or one.get("path") == wanted), None)
     if found is None:
         raise InputError(f"has no image {wanted!r}. Choose one of {', '.join(str(one.get('path')) for one in sets)}")
-    file = (path if wanted is None else path.parent) / str(found["path"])
+    file = within(path if wanted is None else path.parent, str(found.get("path")), "image")
     for name in _HEADERS:
         if (file / name).exists():
             check_regular(file / name)
@@ -303,17 +311,8 @@ def _ome_zarr(path: Path) -> tuple[Channels, Affine, str]:
     if len(names) != len(array.shape) or not {"x", "y", "z"} <= set(names):
         raise InputError(f"has shape {tuple(array.shape)} and the axes {', '.join(names)}. Provide the axes x, y and z")
     _check(array, array.chunks)
-    scale, shift = np.ones(len(names)), np.zeros(len(names))
-    with np.errstate(invalid="ignore", over="ignore"):  # checked below
-        for step in [*found.get("coordinateTransformations", []), *told.get("coordinateTransformations", [])]:
-            if step.get("type") == "scale":
-                scale, shift = scale * step["scale"], shift * step["scale"]
-            elif step.get("type") == "translation":
-                shift = shift + step["translation"]
-            elif step.get("type") != "identity":
-                raise InputError(f"has the transformation {step.get('type')!r}. Use only scale and translation")
-    if not (np.isfinite(scale).all() and np.isfinite(shift).all()):
-        raise InputError(f"has scale {scale.tolist()} and translation {shift.tolist()}. Use finite numbers")
+    _check_stored(path, *_zarr_chunks(file, opened))
+    scale, shift = _scale_and_shift(found, told, len(names))
     spatial = tuple(names.index(axis) for axis in "xyz")
     affine = np.zeros((4, 4))
     affine[3, 3] = 1
@@ -333,6 +332,67 @@ def _ome_zarr(path: Path) -> tuple[Channels, Affine, str]:
     if abs(np.linalg.det(affine)) == 0:
         raise InputError("has a singular affine: an axis has no extent, or two axes are parallel. Correct its metadata")
     return _channels(array, names, path, labels), affine, unit
+
+
+def _scale_and_shift(
+    image: dict[str, Any], told: dict[str, Any], axes: int
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the scale and the translation of an image along each axis."""
+    scale, shift = np.ones(axes), np.zeros(axes)
+    steps = [*(image.get("coordinateTransformations") or []), *(told.get("coordinateTransformations") or [])]
+    if not any(step.get("type") == "scale" for step in steps):
+        raise InputError("does not define its scale, the size of its voxels. Pass an array and an affine")
+    with np.errstate(invalid="ignore", over="ignore"):  # checked below
+        for step in steps:
+            kind = step.get("type")
+            if kind not in ("scale", "translation", "identity"):
+                raise InputError(f"has the transformation {shown(kind)}. Use only scale and translation")
+            if kind == "identity":
+                continue
+            numbers = step.get(kind)
+            if (
+                not isinstance(numbers, list)
+                or len(numbers) != axes
+                or any(type(n) not in (int, float) for n in numbers)
+            ):
+                raise InputError(f"has the {kind} {shown(numbers)}. Use one number for each of its {axes} axes")
+            if kind == "scale" and min(numbers) <= 0:
+                raise InputError(f"has the scale {numbers}. Use positive numbers, and orientation for reversed axes")
+            scale = scale * numbers if kind == "scale" else scale
+            shift = shift * numbers if kind == "scale" else shift + numbers
+    if not (np.isfinite(scale).all() and np.isfinite(shift).all()):
+        raise InputError(f"has scale {scale.tolist()} and translation {shift.tolist()}. Use finite numbers")
+    return scale, shift
+
+
+def _zarr_chunks(path: Path, array: Any) -> tuple[int, int, int, int]:
+    """Return the numbers of stored and of all files of a Zarr array, the size of a chunk, and the most a file can hold.
+
+    Sizes are in bytes. The file of a chunk, or of a shard, is called 1/2/3 or 1.2.3, after c/ or c. in version 3.
+    """
+    each = getattr(array, "shards", None) or array.chunks
+    counts, stored, largest = [-(-n // size) for n, size in zip(array.shape, each, strict=True)], 0, 0
+    for folder, _, names in os.walk(path):
+        for name in names:
+            place = re.split(r"[./]", (Path(folder) / name).relative_to(path).as_posix())
+            place = place[1:] if place[0] == "c" else place
+            if len(place) == len(counts) and all(map(str.isdecimal, place)):
+                stored += all(int(one) < count for one, count in zip(place, counts, strict=True))
+                largest = max(largest, (Path(folder) / name).stat().st_size)
+    ratio = _INFLATED["bz2" in str(array.metadata).lower()]
+    return stored, math.prod(counts), math.prod(array.chunks) * np.dtype(array.dtype).itemsize, ratio * largest
+
+
+def _check_stored(path: Path, stored: int, count: int, size: int, most: int) -> None:
+    """Check that a file can contain its chunks; report missing ones, which have the fill value by definition."""
+    if not stored:
+        raise InputError(f"contains none of its {count} chunks. {AGAIN}")
+    if size > most:
+        raise InputError(f"has chunks of {amount(size)}, more than its files can contain. {AGAIN}")
+    if stored < count:
+        told = "%s: %d of %d chunks (%.2g %%) are not stored. Their voxels have the fill value, usually 0, as in "
+        told += "chunks that a program left out because they are empty. If the image was copied, copy it again"
+        log.warning(told, path, count - stored, count, 100 * (count - stored) / count)
 
 
 def _multiscales(path: Path) -> tuple[dict[str, Any] | None, Path | None, tuple[str, ...]]:

@@ -192,11 +192,17 @@ def check_regular(path: Path) -> os.stat_result:
     return status
 
 
+def within(folder: Path, name: str, what: str) -> Path:
+    """Return a path that a file names; it must be in the directory of that file or a subdirectory."""
+    found = folder / name
+    if not found.resolve().is_relative_to(folder.resolve()):
+        raise InputError(f"stores its {what} in {name!r:.80}, outside its directory. Copy that file into the directory")
+    return found
+
+
 def companion(path: Path, name: str, what: str) -> Path:
     """Return a file that another one names; it must be in the directory of that file or a subdirectory."""
-    file = path.parent / name
-    if not file.resolve().is_relative_to(path.parent.resolve()):
-        raise InputError(f"stores its {what} in {name!r:.80}, outside its directory. Copy that file into the directory")
+    file = within(path.parent, name, what)
     if not file.exists():
         raise InputError(f"stores its {what} in {name!r:.80}, which does not exist. Copy that file too")
     if not file.is_file():

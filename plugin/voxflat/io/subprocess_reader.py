@@ -14,6 +14,7 @@ import importlib.util
 import json
 import math
 import os
+import select
 import signal
 import stat
 import subprocess
@@ -56,12 +57,18 @@ _START = "import sys; sys.path[:] = sys.argv[1:]; from voxflat.io.subprocess_rea
 
 
 def read_in_subprocess(
-    function: Callable[..., Any], package: str, path: Path, *arguments: Any, size: int | None = None
+    function: Callable[..., Any],
+    package: str,
+    path: Path,
+    *arguments: Any,
+    size: int | None = None,
+    inflated: int = _INFLATED,
 ) -> Any:
     """Call a module-level function in the child process that reads a file with a C++ package.
 
     The function returns an array or JSON; tuples become lists. `size` is the number of bytes to read if they are not
-    all in that file. A crash of the child raises an `InputError`, and most other errors raise a `RuntimeError`.
+    all in that file, and `inflated` is the number of bytes that each of them can become. A crash of the child raises an
+    `InputError`, and most other errors raise a `RuntimeError`.
     """
     global _child
     if importlib.util.find_spec(package) is None:
@@ -73,10 +80,11 @@ def read_in_subprocess(
         "arguments": [str(path.absolute()), *arguments],
         "seconds": _SECONDS + size // _RATE,
         "memory": allowed_memory(),
-        "contents": _INFLATED * size,
+        "contents": inflated * size,
     }
     with _lock:
         if _child is None or _child.poll() is not None:
+            _stop()
             _child = _started()
         try:
             told = _answer(_child, asked)
@@ -95,21 +103,28 @@ _PACKAGES |= {"PIL": ("Pillow", "__name__"), "zarr": ("Zarr", "__name__"), "h5py
 
 _lock = threading.Lock()
 _child: subprocess.Popen[bytes] | None = None
+_life: IO[bytes] | None = None  # end of a pipe that the child watches: the system closes it when this process ends
 
 
 def _started() -> subprocess.Popen[bytes]:
-    """Start a child that ignores the caller's Ctrl-C and ends when its input ends."""
-    return subprocess.Popen(
-        [sys.executable, "-c", _START, *sys.path],
-        bufsize=0,
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.DEVNULL,
-        pipesize=_RATE,
-        start_new_session=True,
-        creationflags=getattr(subprocess, "CREATE_NO_WINDOW", 0),
-        env={**os.environ, **_ENVIRONMENT},
-    )
+    """Start a child that ignores the caller's Ctrl-C and ends when the caller ends."""
+    global _life
+    watched, life = os.pipe()
+    _life = os.fdopen(life, "wb", 0)
+    try:
+        return subprocess.Popen(
+            [sys.executable, "-c", _START, *sys.path],
+            bufsize=0,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=watched,
+            pipesize=_RATE,
+            start_new_session=True,
+            creationflags=getattr(subprocess, "CREATE_NO_WINDOW", 0),
+            env={**os.environ, **_ENVIRONMENT},
+        )
+    finally:
+        os.close(watched)
 
 
 def _answer(child: subprocess.Popen[bytes], asked: dict[str, Any]) -> dict[str, Any]:
@@ -170,7 +185,7 @@ def _stop(patience: float = 0.0) -> None:
 
 
 def _close(child: subprocess.Popen[bytes]) -> None:
-    for stream in (child.stdin, child.stdout):
+    for stream in (child.stdin, child.stdout, _life):
         assert stream is not None
         stream.close()
 
@@ -192,6 +207,7 @@ if hasattr(os, "register_at_fork"):
 def serve() -> None:
     """Answer the requests that `read_in_subprocess` sends to standard input, until the input ends."""
     requests, answers = os.fdopen(os.dup(0), "rb"), os.fdopen(os.dup(1), "wb")
+    _end_with_caller(os.dup(2))
     nowhere = os.open(os.devnull, os.O_RDWR)
     for stream in (0, 1, 2):
         os.dup2(nowhere, stream)
@@ -203,6 +219,27 @@ def serve() -> None:
         except Exception as error:
             answer = {"error": _as_answer(error, asked["arguments"][0])}
         _send(answers, answer)
+
+
+def _end_with_caller(watched: int) -> None:
+    """End this process when the other end of a pipe is closed, even while it reads a file.
+
+    On Linux, the system sends a signal, which needs no Python, because C++ code may hold the interpreter. The death
+    signal of Linux would come too early: when the thread of the caller ends that started this process.
+    """
+    if sys.platform == "linux":
+        import fcntl
+
+        fcntl.fcntl(watched, fcntl.F_SETOWN, os.getpid())
+        fcntl.fcntl(watched, fcntl.F_SETFL, os.O_ASYNC)  # SIGIO, which ends a process
+        if not select.select([watched], [], [], 0)[0]:
+            return
+
+    def wait() -> None:
+        os.read(watched, 1)
+        os._exit(0)
+
+    threading.Thread(target=wait, daemon=True).start()
 
 
 def _refuse_pipe(event: str, values: tuple[Any, ...]) -> None:

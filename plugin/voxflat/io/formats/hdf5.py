@@ -1,6 +1,7 @@
 """Read HDF5 files of ilastik with h5py, in the child process."""
 
 import json
+import math
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,6 +17,7 @@ HDF5_ENDINGS = (".h5", ".hdf5")
 
 _USUAL = "exported_data"  # ilastik's name of the dataset
 _AXES = {3: "zyx", 4: "czyx"}  # by the number of axes, for datasets without axistags
+_INFLATED = 1 << 11  # above the largest compression ratio of a chunk, 1032 (gzip)
 _OTHER = "Export the volume from ilastik into a file of its own"
 
 
@@ -28,11 +30,12 @@ class Hdf5Array:
     dtype: np.dtype[Any]
     chunks: tuple[int, ...]
     axes: str  # one letter of t, c, z, y and x for each axis
+    stored: tuple[int, int, int, int]  # chunks in the file, all chunks; bytes of a chunk, and that the file can hold
 
 
 def open_hdf5(path: Path) -> Hdf5Array:
     """Find the stack in an HDF5 file, and its axes: the dataset of ilastik, or the only one."""
-    name, shape, kind, chunks, tags = read_in_subprocess(_described, "h5py", path)
+    name, shape, kind, chunks, tags, stored = read_in_subprocess(_described, "h5py", path)
     axes = _AXES.get(len(shape), "") if tags is None else _axes(tags)
     sizes = " x ".join(map(str, shape))
     if not axes:
@@ -42,7 +45,7 @@ def open_hdf5(path: Path) -> Hdf5Array:
     if not chunks:  # stored as one block
         pages = {*"tc", next(axis for axis in axes if axis in "xyz")}
         chunks = [1 if axis in pages else length for axis, length in zip(axes, shape, strict=True)]
-    return Hdf5Array(name, tuple(shape), np.dtype(kind).newbyteorder("="), tuple(chunks), axes)
+    return Hdf5Array(name, tuple(shape), np.dtype(kind).newbyteorder("="), tuple(chunks), axes, tuple(stored))
 
 
 def _axes(tags: str) -> str:
@@ -53,8 +56,8 @@ def _axes(tags: str) -> str:
         raise InputError(f"its axistags are damaged. {AGAIN}") from None
 
 
-def _described(path: Path) -> tuple[str, list[int], str, list[int] | None, str | None]:
-    """Return the name, shape, type, chunks and axistags of the stack in a file, in the child process."""
+def _described(path: Path) -> tuple[str, list[int], str, list[int] | None, str | None, tuple[int, ...]]:
+    """Return the name, shape, type, chunks, axistags and stored chunks of the stack in a file, in the child process."""
     h5py = require("h5py")
     found: dict[str, Any] = {}
 
@@ -74,7 +77,12 @@ def _described(path: Path) -> tuple[str, list[int], str, list[int] | None, str |
             raise InputError(f"stores the values of {name} in other files. {_OTHER}")
         tags = data.attrs.get("axistags")
         tags = tags.decode() if isinstance(tags, bytes) else None if tags is None else str(tags)
-        return name, list(map(int, data.shape)), data.dtype.str, data.chunks and list(map(int, data.chunks)), tags
+        chunks, held = data.chunks and list(map(int, data.chunks)), int(data.id.get_storage_size())
+        count = math.prod(-(-n // max(size, 1)) for n, size in zip(data.shape, chunks or data.shape, strict=True))
+        there = int(data.id.get_num_chunks()) if chunks else int(held > 0)
+        size = math.prod(chunks or data.shape) * data.dtype.itemsize
+        stored = (there, count, size, _INFLATED * held)
+        return name, list(map(int, data.shape)), data.dtype.str, chunks, tags, stored
 
 
 def hdf5_block(path: Path, at: list[int | list[int]], name: str) -> NDArray[Any]:
