@@ -102,6 +102,7 @@ API = {
     "fractional sources": (sheet(), {"sources": [[0.5, 0, 2]] * 3}, r"sources must be voxel indices \(integers\)"),
     "pieces": (sheet(), {"keep": kept(np.s_[:5], np.s_[30:])}, r"2 separate pieces \(400, 200 voxels\). Keep one"),
     "small mask": (sheet(), {"keep": np.ones((3, 4, 5))}, r"shape \(3, 4, 5\), but the volume has \(40, 40, 5\)"),
+    "mask to drop": (sheet(), {"drop": np.ones((3, 3, 3))}, r"mask to drop has shape \(3, 3, 3\)"),
     "mask empty": (sheet(), {"keep": kept()}, r"mask to keep is empty: every voxel is 0"),
     "mask beside": (sheet(), {"keep": kept(np.s_[:, :, 0])}, r"contains no triangle of the surface \(1600 vertices"),
     "mask of NaN": (sheet(), {"keep": kept() + np.float32(NAN)}, r"mask to keep contains NaN. Set"),

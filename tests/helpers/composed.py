@@ -6,7 +6,7 @@ import voxflat
 from voxflat import figures
 from voxflat.methods import METHODS
 
-MAKING = ("label", "threshold", "spacing", "affine", "probability", "sheet", "pial", "repair")
+MAKING = ("label", "threshold", "spacing", "affine", "probability", "sheet", "pial", "repair", "unit")
 PARTS = ("keep", "drop", "seed_point", "radius", "polygon")
 
 

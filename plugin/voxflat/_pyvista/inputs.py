@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from voxflat._pyvista.extracted_surface import ExtractedSurface
 from voxflat.arguments import Progress, is_number
 from voxflat.errors import InputError
+from voxflat.io.grid import named_unit
 from voxflat.io.volumes import Volume
 from voxflat.methods import Method, method_of
 from voxflat.pipeline.surface import Surface, surface
@@ -23,7 +24,7 @@ class Inputs:
     def __init__(self, mesh: pv.DataSet) -> None:
         self._mesh = mesh
 
-    def volume(self, scalars: str | None = None) -> Volume:
+    def volume(self, scalars: str | None = None, *, unit: str | None = None) -> Volume:
         """Return an array of the image as a volume with its affine.
 
         The values are not copied.
@@ -32,6 +33,8 @@ class Inputs:
         ----------
         scalars : str, optional
             Name of the array. By default, the active array or the only array.
+        unit : {"mm", "µm", "nm", "cm", "m", "inch"}, optional
+            Unit of the image's spacing and origin, which VTK does not store. The default is mm.
 
         Returns
         -------
@@ -55,7 +58,8 @@ class Inputs:
         >>> image.voxflat.volume()
         <Volume: 8 x 8 x 8 of uint8, voxels of 1 x 1 x 1 mm, RAS>
         """
-        return _volume_of(self._mesh, scalars)
+        volume = _volume_of(self._mesh, scalars)
+        return volume if unit is None else replace(volume, unit=named_unit(unit))
 
     def voxel_at(self, point: ArrayLike, scalars: str | None = None) -> tuple[int, int, int]:
         """Return the voxel at a position.
@@ -109,16 +113,16 @@ class Inputs:
             raise InputError(f"scalars is {scalars!r}, but this option applies only to images. Omit scalars")
         return ExtractedSurface.of(self._mesh)
 
-    def _source(self, scalars: str | None) -> tuple[ExtractedSurface | None, Any]:
+    def _source(self, scalars: str | None, unit: str | None = None) -> tuple[ExtractedSurface | None, Any]:
         """Return the extracted surface of a mesh, and the mesh or the volume to make a `Surface` from."""
         if self._is_image:
-            return None, self.volume(scalars)
+            return None, self.volume(scalars, unit=unit)
         extracted = self._extracted(scalars)
         return extracted, extracted.mesh
 
     def _part(self, scalars: str | None, given: dict[str, Any], progress: Progress | None) -> Surface:
         """Return the selected part of the surface, and remove the options that select it from `given`."""
-        extracted, source = self._source(scalars)
+        extracted, source = self._source(scalars, given.get("unit"))
         making: dict[str, Any] = {name: given.pop(name) for name in ("label", "threshold", "unit") if name in given}
         making |= {name: given[name] for name in ("threads", "memory_limit") if name in given}
         part = surface(source, progress=progress, **making)

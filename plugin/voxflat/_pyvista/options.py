@@ -27,7 +27,7 @@ class PlaceOptions(TypedDict, total=False):
 
 
 class SurfaceOptions(PlaceOptions, total=False):
-    """The options of `PlaceOptions`, and the unit of a mesh."""
+    """The options of `PlaceOptions`, and the unit of the coordinates, which VTK does not store."""
 
     unit: str | None
 

@@ -167,7 +167,7 @@ class Verbs(Inputs):
         >>> pv.Icosphere(nsub=2).voxflat.surface().n_points
         162
         """
-        extracted, source = self._source(scalars)
+        extracted, source = self._source(scalars, options.get("unit"))
         whole = surface(source, **options)
         mesh = triangles(whole.points, whole.faces)
         if extracted is None:

@@ -163,7 +163,7 @@ def _vertices(whole: Manifold, region: object, verb: str) -> tuple[NDArray[np.bo
             place = Volume(
                 np.empty(shape, dtype=np.bool_), whole.metadata["affine"], unit=whole.metadata.get("unit", "mm")
             )
-            mask = keep_mask(region, place)
+            mask = keep_mask(region, place, f"mask to {verb}")
         return mask[tuple(whole.ids.T)], mask
     count = whole.metadata["vertices"]
     if isinstance(region, str | os.PathLike):
