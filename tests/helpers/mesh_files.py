@@ -1,7 +1,9 @@
 """Small surfaces, and checks shared by the tests of files."""
 
 import importlib.util
+import json
 import shutil
+import struct
 import subprocess
 from pathlib import Path
 
@@ -67,6 +69,14 @@ def refuses(path, message, read=read_mesh, *arguments):
     assert str(caught.value).startswith(str(path))
     assert str(caught.value).count(str(path)) == 1
     assert "\n" not in str(caught.value)
+
+
+def glb(content, body=b""):
+    """Return a GLB file with a description and binary data."""
+    text = json.dumps(content).encode()
+    text += b" " * (-len(text) % 4)
+    chunks = struct.pack("<I4s", len(text), b"JSON") + text + struct.pack("<I4s", len(body), b"BIN\0") + body
+    return struct.pack("<4sII", b"glTF", 2, 12 + len(chunks)) + chunks
 
 
 def icosphere(radius, nsub=4):

@@ -6,6 +6,7 @@ import pytest
 import tifffile
 import trimesh
 from command_line import succeed
+from mesh_files import glb
 from PIL import Image
 from refusals import refused
 
@@ -200,6 +201,65 @@ def test_surfaces_of_a_glb_are_placed_and_keep_their_texture(tmp_path):
         np.testing.assert_allclose(mesh.points[of], points, atol=1e-5)
         np.testing.assert_array_equal(mesh.faces[of[mesh.faces].all(axis=1)], faces + np.flatnonzero(of)[0])
     np.testing.assert_allclose(mesh.texture_coordinates[textured], uv, atol=1e-6)
+
+
+def test_parts_of_a_glb_are_where_trimesh_places_them(tmp_path):
+    """Nodes within nodes, with matrices or with translation, rotation and scale; lists and strips; whole numbers."""
+    rng = np.random.default_rng(0)
+    points, corners = rng.normal(size=(9, 3)).astype("<f4"), np.array([0, 1, 2, 3, 4, 5], "<u2")
+    body = points.tobytes() + corners.tobytes()
+    accessors = [
+        {"bufferView": 0, "componentType": 5126, "count": 9, "type": "VEC3"},
+        {"bufferView": 1, "componentType": 5123, "count": 6, "type": "SCALAR"},
+        {"bufferView": 0, "componentType": 5126, "count": 4, "type": "VEC3", "byteOffset": 12},
+    ]
+    views = [{"buffer": 0, "byteLength": 108}, {"buffer": 0, "byteOffset": 108, "byteLength": 12}]
+    views[0]["byteStride"] = 12
+    quaternion = rng.normal(size=4)
+    moved = {
+        "translation": [1, 2, 3],
+        "rotation": (quaternion / np.linalg.norm(quaternion)).tolist(),
+        "scale": [1, 2, -3],
+    }
+    matrix = {"matrix": [0, 2, 0, 0, 1, 0, 0, 0, 0, 0, 1, 0, 5, 6, 7, 1]}
+    first = {"attributes": {"POSITION": 0}, "indices": 1}
+    meshes = [{"primitives": [first, {**first, "mode": 5}, {**first, "mode": 1}]}]
+    nodes = [{"children": [1, 2], **matrix}, {"mesh": 0, **moved}, {"mesh": 0, "children": [3]}, {"mesh": 0, **matrix}]
+    told = {"scenes": [{"nodes": []}, {"nodes": [0]}], "scene": 1, "nodes": nodes, "meshes": meshes}
+    told |= {"accessors": accessors, "bufferViews": views, "buffers": [{"byteLength": len(body)}]}
+    (tmp_path / "a.glb").write_bytes(glb(told, body))
+
+    def triangles(points, faces):
+        """Return the corners of all triangles in one order; a triangle begins at its lowest corner."""
+        each = np.round(points[faces], 4)
+        each = [np.roll(one, -min(range(3), key=lambda n: tuple(one[n])), axis=0) for one in each]
+        return np.array(sorted(one.ravel().tolist() for one in each))
+
+    mesh, scene = read_mesh(tmp_path / "a.glb"), trimesh.load_scene(tmp_path / "a.glb")
+    expected = scene.to_geometry()
+    assert len(mesh.faces) == 3 * (2 + 4)
+    np.testing.assert_allclose(
+        triangles(mesh.points, mesh.faces), triangles(expected.vertices, expected.faces), atol=1e-3
+    )
+
+
+def test_a_fan_of_a_glb_and_coordinates_as_shares_of_the_largest_number(tmp_path):
+    points, places = (
+        np.array([[0, 0, 0], [9, 0, 0], [9, 9, 0], [0, 9, 0]], "<i2"),
+        np.array([[0, 255], [255, 0]] * 2, "u1"),
+    )
+    body = points.tobytes() + places.tobytes()
+    accessors = [{"bufferView": 0, "componentType": 5122, "count": 4, "type": "VEC3"}]
+    accessors += [{"bufferView": 1, "componentType": 5121, "count": 4, "type": "VEC2", "normalized": True}]
+    views = [{"buffer": 0, "byteLength": 24}, {"buffer": 0, "byteOffset": 24, "byteLength": 8}]
+    part = {"attributes": {"POSITION": 0, "TEXCOORD_0": 1}, "mode": 6}
+    told = {"scenes": [{"nodes": [0]}], "nodes": [{"mesh": 0}], "meshes": [{"primitives": [part]}]}
+    told |= {"accessors": accessors, "bufferViews": views, "buffers": [{"byteLength": 32}]}
+    (tmp_path / "a.glb").write_bytes(glb(told, body))
+    mesh = read_mesh(tmp_path / "a.glb")
+    np.testing.assert_array_equal(mesh.faces, [[0, 1, 2], [0, 2, 3]])
+    np.testing.assert_array_equal(mesh.points, points)
+    np.testing.assert_array_equal(mesh.texture_coordinates, [[0, 0], [1, 1]] * 2)
 
 
 def test_lines_of_an_obj_are_ignored(tmp_path):

@@ -10,6 +10,7 @@ import os
 import re
 import shutil
 import stat
+import struct
 import textwrap
 import threading
 import time
@@ -42,6 +43,11 @@ _BLOCK = 1 << 20
 _WAITS = (0.1, 0.2, 0.4, 0.8) if os.name == "nt" else ()  # seconds between attempts to replace a file
 _LONGEST_NAME = 255  # bytes, on all common file systems
 _LONGEST_ERROR = 2000  # characters
+_OF_PYTHON = (LookupError, TypeError, AttributeError, ArithmeticError, RecursionError, AssertionError, struct.error)
+_WORDS_OF_PYTHON = re.compile(
+    "set_int_max_str_digits|values to unpack|with base 10|inhomogeneous|substring|subsection|cannot reshape|buffer size"
+    "|to integer$|fixed-type"
+)
 OF_DAMAGE = (None, errno.EINVAL)  # errno if a file is damaged: none from readers, EINVAL for invalid offsets
 
 
@@ -152,7 +158,11 @@ def naming(name: object, remedy: str) -> Iterator[None]:
     except Exception as error:
         if isinstance(error, OSError) and error.errno not in OF_DAMAGE:
             raise
-        raise InputError(f"{name}: {one_line(error).removesuffix('.')}. {remedy[:1].upper()}{remedy[1:]}") from error
+        told = one_line(error).removesuffix(".")
+        if isinstance(error, _OF_PYTHON) or _WORDS_OF_PYTHON.search(told):  # about a program rather than a file
+            what = f"{error}, which is missing or unknown" if isinstance(error, KeyError) else type(error).__name__
+            told = f"has invalid content ({what})"
+        raise InputError(f"{name}: {told}. {remedy[:1].upper()}{remedy[1:]}") from error
 
 
 @contextmanager

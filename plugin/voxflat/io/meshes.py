@@ -14,7 +14,7 @@ from voxflat.arguments import array_of, checked_kind, checked_path, numbers_of
 from voxflat.errors import InputError
 from voxflat.io import formats
 from voxflat.io.files import REMEDY, atomic_path, by_ending, contents, naming
-from voxflat.io.formats import freesurfer, gifti, obj, ply, polygons, vtk
+from voxflat.io.formats import freesurfer, gifti, gltf, obj, ply, polygons, vtk
 from voxflat.io.grid import FARTHEST
 from voxflat.io.provenance import Record
 from voxflat.io.spaces import UNKNOWN, Space, VolumeGeometry
@@ -264,7 +264,7 @@ READERS: dict[str, Callable[[Path, bytes], dict[str, Any]]] = {  # these return 
     formats.OBJ: obj.read_obj,
     formats.OFF: polygons.read_off,
     formats.ASC: polygons.read_asc,
-    formats.GLB: polygons.read_glb,
+    formats.GLB: gltf.read_glb,
 }
 
 

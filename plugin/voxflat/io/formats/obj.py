@@ -7,13 +7,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from voxflat.errors import InputError
+from voxflat.io.files import AGAIN
 from voxflat.io.triangles import Faces, Points, check_faces, first_coordinates, triangulated
 
 
 def read_obj(path: Path, data: bytes) -> dict[str, Any]:
     """Read an OBJ file; a point on a seam, which has several texture coordinates, keeps the first one."""
     rows, faces, used, cut = _tables(data)
-    points = np.array([row[:3] for row in rows["v"]], dtype=np.float64)
+    points = _numbers(rows["v"], 3, "v")
     texture = None
     incomplete = "does not end with a complete line. Check that the file is complete"
     remarks = cut if data.endswith(b"\n") else (incomplete, *cut)
@@ -52,7 +53,7 @@ def _tables(data: bytes) -> tuple[dict[str, list[list[str]]], NDArray[np.int64],
     corners, lines = _corners(rows["f"]), np.repeat(np.array(before, dtype=np.int64).reshape(-1, 2), counts, axis=0)
     # numbers count from 1 or, if negative, from the end; 0 (absent) becomes −1
     of_points, of_texture = np.where(corners < 0, corners + lines, corners - 1).T
-    points = np.array([row[:3] for row in rows["v"]], dtype=np.float64) if (counts > 3).any() else np.empty((0, 3))
+    points = _numbers(rows["v"], 3, "v") if (counts > 3).any() else np.empty((0, 3))
     triangles, remarks = triangulated(points, of_points, counts)
     if rows["l"]:  # Blender writes edges without faces as lines
         remarks = (*remarks, f"has lines ({len(rows['l'])}) in addition to its faces, which are ignored")
@@ -71,9 +72,19 @@ def _corners(faces: list[list[str]]) -> NDArray[np.int64]:
     return numbers[:, :2] if numbers.shape[1] > 1 else np.concatenate([numbers, np.zeros_like(numbers)], axis=1)
 
 
+def _numbers(lines: list[list[str]], count: int, key: str) -> NDArray[np.float64]:
+    """Return the first numbers of each line that begins with a key."""
+    short = next((n for n, line in enumerate(lines) if len(line) < count), None)
+    if short is not None:
+        raise InputError(
+            f"its line {short} that begins with {key!r} has {len(lines[short])} of {count} numbers. {AGAIN}"
+        )
+    return np.array([line[:count] for line in lines], dtype=np.float64).reshape(-1, count)
+
+
 def _coordinates(lines: list[list[str]], used: NDArray[np.int64]) -> NDArray[np.float64]:
     """Return the texture coordinates of corners, each of which refers to an existing line, or to none (−1)."""
-    places = np.array([line[:2] for line in lines], dtype=np.float64).reshape(-1, 2)
+    places = _numbers(lines, 2, "vt")
     bad = np.flatnonzero((used.ravel() >= len(places)) | (used.ravel() < -1))
     if len(bad):
         number = used.ravel()[bad[0]] + 1

@@ -123,6 +123,8 @@ def _table(body: bytes, at: int, element: _Element, order: str) -> NDArray[Any]:
         if length_kind:
             place = at + np.dtype(layout).itemsize
             length = int(np.frombuffer(body[place : place + length_type.itemsize], length_type)[0])
+            if not 0 <= length <= len(body):
+                raise InputError(f"{name} 0 has {length} corners, more than the file contains. {AGAIN}")
             layout += [(f"{key} length", length_type), (key, value_type, (length,))]
         else:
             layout.append((key, value_type))

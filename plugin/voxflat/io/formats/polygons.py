@@ -1,7 +1,5 @@
-"""Read GLB with trimesh; read OFF, FreeSurfer's ASCII format and STL without VTK, which accepts incomplete files."""
+"""Read OFF, FreeSurfer's ASCII format and STL without VTK, which accepts incomplete files; and scenes of trimesh."""
 
-import io
-import json
 import re
 from pathlib import Path
 from typing import Any
@@ -9,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from voxflat.errors import InputError
-from voxflat.io.files import AGAIN, require
+from voxflat.io.files import AGAIN
 from voxflat.io.formats.freesurfer import UNPLACED
 from voxflat.io.spaces import Space
 from voxflat.io.triangles import triangulated
@@ -47,18 +45,16 @@ def read_asc(path: Path, data: bytes) -> dict[str, Any]:
     header, _, rest = data.partition(b"\n")
     if not header.startswith(b"#!ascii"):
         raise InputError("does not begin with #!ascii. Check that it is a surface written by mris_convert")
-    numbers = np.loadtxt(io.BytesIO(rest.replace(b"\n", b" ")), ndmin=1)
-    points, faces = (int(count) for count in numbers[:2])
-    if points < 0 or faces < 0 or len(numbers) != 2 + 4 * (points + faces):
-        raise InputError(f"has {len(numbers)} numbers, but its header specifies {2 + 4 * (points + faces)}. {AGAIN}")
+    numbers = np.fromiter(map(float, rest.split()), np.float64)
+    points, faces = numbers[:2] if len(numbers) > 1 else (np.nan, np.nan)
+    if not (points >= 0 and faces >= 0 and len(numbers) == 2 + 4 * (points + faces)):
+        raise InputError(
+            f"has {len(numbers)} numbers, but its header specifies {points:g} points and {faces:g} faces. {AGAIN}"
+        )
+    points, faces = int(points), int(faces)
     rows = numbers[2:].reshape(-1, 4)
     faces_of = rows[points:, :3].astype(np.int64)
     return {"points": rows[:points, :3], "faces": faces_of, "space": Space("tkRAS", None, UNPLACED)}
-
-
-def read_glb(path: Path, data: bytes) -> dict[str, Any]:
-    """Read the surfaces of a GLB file and their texture coordinates with trimesh, and merge them into one."""
-    return of_scene(require("trimesh").load_scene(io.BytesIO(_without_pictures(data)), file_type="glb"))
 
 
 def of_scene(scene: Any) -> dict[str, Any]:
@@ -81,23 +77,6 @@ def of_scene(scene: Any) -> dict[str, Any]:
     is_textured = bool(np.isfinite(places).any())
     read = {"points": np.concatenate(points), "faces": np.concatenate(faces)}
     return {**read, "texture_coordinates": places if is_textured else None}
-
-
-def _without_pictures(data: bytes) -> bytes:
-    """Return a GLB file whose surfaces share one plain material, so that no picture is opened."""
-    length = int.from_bytes(data[12:16], "little")
-    content = json.loads(data[20 : 20 + length])
-    for key in ("images", "textures", "samplers"):
-        content.pop(key, None)
-    content["materials"] = [{}]
-    for mesh in content.get("meshes", []):
-        for primitive in mesh.get("primitives", []):
-            primitive["material"] = 0
-    text = json.dumps(content).encode()
-    text += b" " * (-len(text) % 4)
-    rest = data[20 + length :]
-    header = data[:8] + (20 + len(text) + len(rest)).to_bytes(4, "little")
-    return header + len(text).to_bytes(4, "little") + data[16:20] + text + rest
 
 
 _FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
