@@ -17,6 +17,7 @@ from voxflat.io import read_mesh, read_volume
 HILL = voxflat.samples.hill()
 POINTS, FACES = HILL.points, HILL.faces.astype(np.int64)
 STACK = np.random.default_rng(0).integers(0, 900, (5, 6, 7)).astype(np.uint16)  # z, y, x
+SIZES = ("PhysicalSizeX", "PhysicalSizeY", "PhysicalSizeZ")
 NAMES = ["hill.asc", "hill.off", "hill.glb"]
 
 
@@ -56,6 +57,32 @@ def test_a_damaged_stack_ends_in_one_line(tmp_path):
     whole = path.read_bytes()
     damage_or_read(path, whole, read_volume)
     damage_or_read(path, whole[:400], read_volume)
+
+
+def test_only_one_image_of_a_stack_is_read_and_that_is_told(tmp_path, caplog):
+    """Several stacks, or pages that are no stack, are refused; an overview picture beside a stack is not."""
+    path = tmp_path / "s.ome.tif"
+    with tifffile.TiffWriter(path, ome=True) as file:
+        for name in ("left", "right"):
+            file.write(STACK, metadata={"axes": "ZYX", "Name": name, **dict.fromkeys(SIZES, 1)})
+    told = (
+        r"contains 2 images \('left' \(7 x 6 x 5\), 'right' \(7 x 6 x 5\)\). Save one image, or all slices as one stack"
+    )
+    refused(told, read_volume, path)
+    for page in STACK:
+        tifffile.imwrite(tmp_path / "pages.tif", page, append=True)
+    refused(r"contains 5 images \(7 x 6, 7 x 6", read_volume, tmp_path / "pages.tif")
+    with tifffile.TiffWriter(tmp_path / "overview.tif") as file:
+        file.write(STACK, photometric="minisblack")
+        file.write(STACK[0, ::2, ::2], photometric="minisblack")
+    assert read_volume(tmp_path / "overview.tif").data.shape == (7, 6, 5)
+    assert "overview.tif: contains 2 images (7 x 6 x 5, 4 x 3). Only the first one, a stack, is read" in caplog.text
+    caplog.clear()
+    with tifffile.TiffWriter(path, ome=True) as file:  # resolutions of one image
+        file.write(STACK, subifds=1, metadata={"axes": "ZYX", **dict.fromkeys(SIZES, 1)})
+        file.write(STACK[:, ::2, ::2], subfiletype=1)
+    assert read_volume(path).data.shape == (7, 6, 5)
+    assert not caplog.records
 
 
 def damage_or_read(path, whole, read):

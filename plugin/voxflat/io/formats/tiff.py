@@ -118,6 +118,8 @@ def open_tiff(path: Path) -> TiffStack:
         values = check_companions(path, file.ome_metadata)
         series = file.series[0]
         check_series(file, values)
+        if len(file.series) > 1:
+            messages.append(_other_images(file.series))
         axes = tuple(zip(series.axes, map(int, series.shape), strict=True))
         array = _array(path, file)
         pages = [axis for axis, length in axes if axis in _PAGES and length > 1]
@@ -139,6 +141,16 @@ def open_tiff(path: Path) -> TiffStack:
         is_named = len(titles) == dict(axes).get("C")
         names.append(" ".join(titles[at] if axis == "C" and is_named else f"{axis.lower()}{at}" for axis, at in each))
     return TiffStack(array, axes, depth, tuple(names), affine, unit)
+
+
+def _other_images(series: Any) -> str:
+    """Return a message about the pictures after the first image; raise an error if these are slices or stacks."""
+    sizes = [" x ".join(str(length) for length in one.shape[::-1]) for one in series]
+    names = [f"{one.name!r:.60} ({size})" if one.name else size for one, size in zip(series, sizes, strict=True)]
+    told = f"contains {len(series)} images ({', '.join(names[:5])}{', ...' * (len(names) > 5)})"
+    if len(series[0]) == 1 or any(len(one) > 1 for one in series[1:]):
+        raise InputError(f"{told}. Save one image, or all slices as one stack, to a file of its own")
+    return f"{told}. Only the first one, a stack, is read"
 
 
 def _array(path: Path, file: Any) -> TiffArray:
