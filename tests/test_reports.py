@@ -8,8 +8,10 @@ import pytest
 import pyvista as pv
 import trimesh
 from anatomy import fsaverage5, fsaverage5_file
+from mesh_files import grid
 from nilearn import datasets, plotting, surface
 from PIL import Image
+from scipy.spatial import Delaunay
 
 import voxflat
 from voxflat.figures import Overlay, flat_map, save
@@ -291,3 +293,195 @@ def test_meshes_of_vtk_take_values_of_volumes(tmp_path):
     found = voxflat.flatten(tmp_path / "white.vtk")
     sampled, truth = found.image(along_x, 0.5).data, found.raster(0.5).interpolate(found.points[:, 0])
     np.testing.assert_allclose(sampled, truth, atol=0.2, equal_nan=True)
+
+
+# ------------------------------------------------------------------------------ distances
+
+
+DART = np.array([[0, 0, 0], [1, -3, 0], [2, 0, 0], [1, 3, 0]], dtype=float), np.array([[0, 1, 2], [0, 2, 3]])
+CORNER = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]], dtype=float), np.array([[0, 1, 2]])
+EVERY_WAY = pytest.mark.parametrize("geodesic", ["exact", "marching", "graph"])
+
+
+@EVERY_WAY
+def test_distances_on_the_smallest_meshes(geodesic):
+    """potpourri3d 5 and 30, pygeodesic 17, with the meshes of the reports: distances to the vertices are edges."""
+    for points, faces in (DART, CORNER):
+        for source, expected in enumerate(np.linalg.norm(points[:, None] - points, axis=2)):
+            found = voxflat.surface((points, faces)).geodesic([source], geodesic=geodesic)[0]
+            neighbours = np.unique(faces[(faces == source).any(axis=1)])
+            np.testing.assert_allclose(found[neighbours], expected[neighbours], rtol=1e-4)
+
+
+@pytest.mark.parametrize(("geodesic", "tolerance"), [("exact", 1e-6), ("marching", 1e-6), ("graph", 0.003)])
+def test_distances_in_a_square_are_straight(geodesic, tolerance):
+    """gptoolbox 31, with the mesh of the report: the diagonal of the unit square is √2."""
+    x, y = (axis.ravel() for axis in np.meshgrid(np.arange(101) / 100, np.arange(101) / 100))
+    square = voxflat.surface((np.column_stack([x, y, 0 * x]), Delaunay(np.column_stack([x, y])).simplices))
+    found = square.geodesic([0], geodesic=geodesic)[0]
+    np.testing.assert_allclose(found, np.hypot(x, y), atol=tolerance)
+
+
+@EVERY_WAY
+def test_neighbours_are_an_edge_away(geodesic):
+    """libigl 2442."""
+    ball = trimesh.creation.icosphere(4)
+    found = voxflat.surface(ball).geodesic([7], geodesic=geodesic)[0]
+    neighbours = ball.vertex_neighbors[7]
+    lengths = np.linalg.norm(ball.vertices[neighbours] - ball.vertices[7], axis=1)
+    np.testing.assert_allclose(found[neighbours], lengths, rtol=1e-5)
+
+
+def test_distances_from_the_whole_border():
+    """compas 538, compas_cgal 73: many sources at once."""
+    plane = pv.Plane(i_size=20, j_size=20, i_resolution=20, j_resolution=20).triangulate()
+    inside = 10 - np.abs(plane.points[:, :2]).max(axis=1)
+    found = plane.voxflat.geodesic(np.flatnonzero(inside < 1e-6), method="exact")
+    np.testing.assert_allclose(found["geodesic_distance"], inside, atol=1e-5)
+
+
+def test_a_path_between_components_and_across_a_triangle_soup():
+    """potpourri3d 3: the message says why there is none; triangles without shared vertices are joined."""
+    one = pv.Plane(i_resolution=5, j_resolution=5).triangulate()
+    two = one.merge(one.translate((3, 0, 0)))
+    with pytest.raises(voxflat.InputError, match="no path connects 0 and 71: they lie in different components"):
+        two.voxflat.path(0, 71)
+    soup = one.points[one.regular_faces].reshape(-1, 3)
+    along = voxflat.surface((soup, np.arange(len(soup)).reshape(-1, 3))).path(0, len(soup) - 1)
+    assert along.length == pytest.approx(np.linalg.norm(soup[-1] - soup[0]), rel=0.02)
+
+
+# ------------------------------------------------------------------------------ libigl, BFF, scrolls
+
+
+def test_a_large_plain_mesh_is_flattened(tmp_path):
+    """libigl-python-bindings 54: a fine triangulation of a plane in an STL file."""
+    plain = grid(120, 0.0, step=0.05)
+    trimesh.Trimesh(plain.points, plain.faces, process=False).export(tmp_path / "plain.stl")
+    found = voxflat.flatten(tmp_path / "plain.stl")
+    assert len(found) == 120**2
+    assert error(found) < 0.001
+
+
+def test_stray_points_and_components_are_left_out():
+    """libigl 66, 343, 2439, BFF 77: points that no triangle uses, and a second component."""
+    hills = pv.ParametricRandomHills(u_res=30, v_res=30).triangulate()
+    stray = np.random.default_rng(0).normal(scale=50, size=(500, 3))
+    points = np.vstack([hills.points, stray, [[99, 0, 0], [99, 1, 0], [99, 0, 1]]])
+    faces = np.vstack([hills.regular_faces, np.arange(len(points) - 3, len(points))[None]])
+    found = voxflat.flatten((points, faces))
+    assert np.array_equal(found.ids, np.arange(hills.n_points))
+    assert np.isfinite(found.uv).all()
+    assert error(found) < 0.06
+
+
+def test_half_a_cylinder_is_a_rectangle():
+    """libigl 2409."""
+    angle, height = (axis.ravel() for axis in np.meshgrid(np.linspace(0, np.pi, 40), np.linspace(0, 3, 30)))
+    points = np.column_stack([np.cos(angle), np.sin(angle), height])
+    found = voxflat.flatten((points, Delaunay(np.column_stack([angle, height])).simplices))
+    assert error(found) < 0.002
+    np.testing.assert_allclose(sorted(np.ptp(found.uv, axis=0)), [3, np.pi], rtol=0.01)
+
+
+def test_a_sheet_with_many_holes_has_no_folds():
+    """villa 941, 1012: a wavy sheet of a scroll with sixty holes, without texture coordinates."""
+    i, j = np.indices((100, 100))
+    sheet = grid(100, (6 * np.sin(i / 12) + 4 * np.cos(j / 9)).ravel(), step=1.0)
+    middles, chosen = sheet.points[sheet.faces].mean(axis=1), np.random.default_rng(1)
+    kept = np.ones(len(sheet.faces), dtype=bool)
+    for _ in range(60):
+        x, y = chosen.uniform(5, 94, 2)
+        kept &= np.hypot(middles[:, 0] - x, middles[:, 1] - y) > chosen.uniform(1, 4)
+    found = voxflat.flatten((sheet.points, sheet.faces[kept]))
+    assert np.isfinite(found.uv).all()
+    assert found.distortion.triangles.flipped == 0
+
+
+def test_areas_are_those_of_the_surface():
+    """villa 463: the area of a region does not depend on how the map stretches it."""
+    hill = voxflat.samples.hill()
+    found = hill.flatten()
+    corners = np.asarray(found.points)[found.faces]
+    area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1).sum() / 2
+    across = np.ptp(found.uv, axis=0).max()
+    everywhere = np.array([[-across, -across], [across, -across], [across, across], [-across, across]])
+    whole = found.regions({"all": everywhere + found.uv.mean(axis=0)}).properties()
+    assert whole["area"] == pytest.approx([area], rel=0.01)  # up to the pixels of the border
+
+
+# ------------------------------------------------------------------------------ texture coordinates
+
+
+def test_texture_coordinates_of_objects_are_maps(tmp_path):
+    """pyvista 3992, pyvista-support 230, vedo 371: also where a seam has two of them."""
+    angle, height = (axis.ravel() for axis in np.meshgrid(np.linspace(0, 2 * np.pi, 25), np.arange(10) * 0.3))
+    flat = np.column_stack([angle, height])
+    split = np.column_stack([np.cos(angle), np.sin(angle), height]), Delaunay(flat).simplices  # double at the seam
+    whole = trimesh.Trimesh(*split, visual=trimesh.visual.TextureVisuals(uv=flat / 7), process=False)
+    of_pyvista = pv.PolyData.from_regular_faces(*split)
+    of_pyvista.active_texture_coordinates = flat / 7
+    own = voxflat.measure(split, np.column_stack([flat, 0 * angle]))
+    for mesh in (whole, of_pyvista):
+        found = voxflat.measure(mesh, mesh)
+        assert found.best_scale.scale == pytest.approx(7, rel=0.01)
+        assert found.best_scale.relative_error == pytest.approx(own.best_scale.relative_error, abs=1e-6)
+    whole.export(tmp_path / "tube.obj")
+    assert voxflat.measure(tmp_path / "tube.obj", tmp_path / "tube.obj").best_scale.relative_error < 0.002
+
+
+# ------------------------------------------------------------------------------ nilearn, pycortex, hippunfold, LayNii
+
+
+def test_nearest_values_are_those_of_the_volume(hemispheres):
+    """nilearn 2068, 5169: an atlas of whole numbers keeps them, also when depths are combined."""
+    labels = np.random.default_rng(0).integers(1, 400, (91, 109, 91)).astype(np.int16)
+    atlas = nib.Nifti1Image(labels, np.array([[-2.0, 0, 0, 90], [0, 2, 0, -126], [0, 0, 2, -72], [0, 0, 0, 1]]))
+    for how in ({"interpolation": "nearest"}, {"interpolation": "majority", "fraction": [0.25, 0.5, 0.75]}):
+        values = hemispheres[0].image(atlas, **how).data
+        assert set(np.unique(values[np.isfinite(values)])) <= set(range(1, 400))
+
+
+def test_values_of_another_structure_are_refused(hemispheres):
+    """hippunfold 344: a file of the dentate with the values of the hippocampus."""
+    with pytest.raises(voxflat.InputError, match="has 7262 values, but the mesh has 10242 vertices"):
+        flat_map(hemispheres[0], np.zeros(7262))
+
+
+def test_a_surface_that_meets_itself_is_flattened():
+    """hippunfold 241: a roll of nearly two turns whose layers coincide."""
+    turn, along = (axis.ravel() for axis in np.meshgrid(np.linspace(0, 3.6 * np.pi, 60), np.linspace(0, 20, 20)))
+    points = np.column_stack([6 * np.cos(turn), 6 * np.sin(turn), along])
+    found = voxflat.flatten((points, Delaunay(np.column_stack([turn, along])).simplices))
+    assert error(found) < 0.01
+
+
+def test_vertices_beside_the_map_are_used_by_no_triangle(hemispheres, tmp_path):
+    """pycortex 497, 408: they are at the origin, and the map has one border."""
+    hemispheres[0].save(tmp_path / "lh.flat.surf.gii")
+    points, faces = (part.data for part in nib.load(tmp_path / "lh.flat.surf.gii").darrays)
+    beside = np.setdiff1d(np.arange(len(points)), faces)
+    assert len(beside) == len(points) - len(np.unique(faces))
+    assert not points[beside].any()
+    edges, counts = np.unique(trimesh.Trimesh(points, faces, process=False).edges_sorted, axis=0, return_counts=True)
+    assert len(edges[counts == 1]) > 100
+
+
+def test_regions_drawn_on_a_part_are_in_place(tmp_path):
+    """pycortex 318: a map with fewer vertices than the surface, and a polygon drawn on it."""
+    white = voxflat.surface(fsaverage5_file("white", "left"))
+    patch = white.disk(100, 40.0).flatten()
+    corners = patch.uv[patch.ids == 100][0] + 10 * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
+    drawn = patch.regions({"square": corners})
+    inside = np.flatnonzero(np.abs(patch.uv - patch.uv[patch.ids == 100][0]).max(axis=1) < 10)
+    drawn.save(tmp_path / "lh.square.label.gii")
+    labels = nib.load(tmp_path / "lh.square.label.gii").darrays[0].data
+    assert len(labels) == 10242
+    assert set(patch.ids[inside]) == set(np.flatnonzero(labels))
+
+
+@pytest.mark.parametrize("count", [100, 101, 120])
+def test_there_are_as_many_columns_as_asked_for(count):
+    """LAYNII 108."""
+    columns = voxflat.rim(voxflat.samples.rim()).columns(count)
+    assert np.array_equal(np.unique(columns.volume.data), np.arange(count + 1))

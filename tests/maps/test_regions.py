@@ -318,6 +318,7 @@ class TestDrawings:
     def test_what_is_no_region(self, m):
         for given, message in (
             ({"a": [[0, 0], [1, 1]]}, "a: not a polygon .* at least 3 corners"),
+            ([("a", [[0, 0], [1, 1], [1, 0]])], "region 1: not a polygon"),
             ({"a": [[0, 0], [1, 1], [np.nan, 3]]}, "a: corner 2 is not finite"),
             ({"a": [[900, 0], [901, 1], [900, 1]]}, "a lies outside the map: its centre is at u = 900"),
             ({}, "there are no regions"),

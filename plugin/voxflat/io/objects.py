@@ -13,7 +13,7 @@ from voxflat.io.channels import Channels, points_of_nibabel
 from voxflat.io.files import naming
 from voxflat.io.formats import gifti
 from voxflat.io.formats.polygons import of_scene
-from voxflat.io.formats.vtk import grid_triangles, polydata_points, polydata_triangles
+from voxflat.io.formats.vtk import grid_triangles, polydata_points, polydata_texture, polydata_triangles
 from voxflat.io.grid import is_unit
 from voxflat.io.meshes import Mesh, read_mesh
 from voxflat.io.triangles import triangulated
@@ -109,7 +109,8 @@ def _of_meshio(mesh: Any) -> Mesh:
 
 def _of_polydata(mesh: Any) -> Mesh:
     faces, remarks = polydata_triangles(mesh)
-    return Mesh(polydata_points(mesh), faces, remarks=remarks, has_unit=False)
+    texture = polydata_texture(mesh)
+    return Mesh(polydata_points(mesh), faces, remarks=remarks, has_unit=False, texture_coordinates=texture)
 
 
 def _of_grid(grid: Any) -> Mesh:
@@ -141,7 +142,9 @@ def _of_trimesh(mesh: Any) -> Mesh:
     remark = () if units is None or is_mm else (told,)
     if hasattr(mesh, "graph"):
         return replace(Mesh(**of_scene(mesh)), has_unit=is_mm, remarks=remark)
-    return Mesh(np.asarray(mesh.vertices), np.asarray(mesh.faces), has_unit=is_mm, remarks=remark)
+    texture = getattr(mesh.visual, "uv", None)  # one pair for each vertex
+    placed = Mesh(np.asarray(mesh.vertices), np.asarray(mesh.faces), has_unit=is_mm, remarks=remark)
+    return placed if texture is None else replace(placed, texture_coordinates=np.asarray(texture)[:, :2])
 
 
 _Reader: TypeAlias = tuple[Callable[[object], bool], Callable[[Any], Mesh]]

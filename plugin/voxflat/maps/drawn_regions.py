@@ -125,7 +125,7 @@ def regions_of(of: Planar, rois: object, *, layer: str, pixel_size: float | None
     if isinstance(rois, np.ndarray) and rois.ndim == 2 and rois.shape[1] != 2 and rois.dtype.kind in "biuf":
         return _pixels(of, rois, pixel_size)
     listed: Any = rois if isinstance(rois, Sequence) else ()
-    if (isinstance(rois, np.ndarray) and rois.ndim == 2) or (len(listed) and np.ndim(listed[0]) == 1):
+    if (isinstance(rois, np.ndarray) and rois.ndim == 2) or (len(listed) and _axes(listed[0]) == 1):
         return _drawn(of, [Outline("region 1", _loops(rois, "region 1"))])
     if len(listed) and all(isinstance(item, Outline) for item in listed):
         return _drawn(of, listed)
@@ -137,9 +137,17 @@ def regions_of(of: Planar, rois: object, *, layer: str, pixel_size: float | None
     )
 
 
+def _axes(value: Any) -> int:
+    """Return the number of axes of an array or of nested lists, or 0 if their lengths differ."""
+    try:
+        return np.ndim(value)
+    except ValueError:
+        return 0
+
+
 def _loops(given: Any, name: str) -> tuple[NDArray[np.float64], ...]:
     """Return the polygons, one or several, that enclose a region."""
-    several = isinstance(given, Sequence) and len(given) and np.ndim(given[0]) == 2
+    several = isinstance(given, Sequence) and len(given) and _axes(given[0]) == 2
     found = []
     for polygon in given if several else [given]:
         unmasked(polygon, f"corners of {name}")

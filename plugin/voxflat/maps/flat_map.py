@@ -518,10 +518,11 @@ class FlatMap(Planar):
             ``.npz`` and ``.voxflat`` hold the complete map, for `load`. ``.vtp``, ``.ply`` and ``.obj`` hold the
             triangles in the plane. ``.surf.gii`` is a flat surface for Connectome Workbench. ``.patch.flat`` and
             ``.flat.patch.3d`` are FreeSurfer patches, which pycortex also reads. Surfaces and patches have the mesh's
-            own vertex numbers and one position per vertex. Where a cut duplicates vertices, only one side is kept;
-            patches exclude vertices on both sides of cuts, so that no triangle spans a cut. A warning reports how many
-            triangles are lost in this way, or because they are torn; a ``.vtp`` keeps torn triangles, marked in the
-            cell data ``torn``. ``.npz``, ``.voxflat`` and GIFTI include `provenance`.
+            own vertex numbers and one position per vertex. Surfaces place vertices beside the map at the origin, where
+            no triangle uses them. Where a cut duplicates vertices, only one side is kept; patches exclude vertices on
+            both sides of cuts, so that no triangle spans a cut. A warning reports how many triangles are lost in this
+            way, or because they are torn; a ``.vtp`` keeps torn triangles, marked in the cell data ``torn``. ``.npz``,
+            ``.voxflat`` and GIFTI include `provenance`.
         sidecar : bool
             Also write `provenance` to ``<path>.json``.
         overwrite : bool

@@ -131,6 +131,12 @@ def polydata_points(mesh: Any) -> NDArray[np.float64]:
     return _as_numpy(mesh.GetPoints().GetData()).astype(np.float64, copy=False)
 
 
+def polydata_texture(mesh: Any) -> NDArray[np.float64] | None:
+    """Return the texture coordinates of the points of a vtkPolyData, or None if there are none."""
+    texture = mesh.GetPointData().GetTCoords()
+    return None if texture is None else _as_numpy(texture)[:, :2].astype(np.float64)
+
+
 def write_vtp(
     path: Path,
     points: Points,
