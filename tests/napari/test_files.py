@@ -288,7 +288,8 @@ def test_each_ending_in_the_manifest_is_written(contributions, tmp_path):
     flat_map = voxflat.flatten(bumps(9)[:2])
     flat_map.metadata["napari"] = {"layer": "bumps", "world_axes": "RAS", "unit": "millimeter"}
     (heat,) = map_layers(flat_map, "bumps").layers
-    for ending in (ending for writer in contributions.writers for ending in writer.filename_extensions):
+    writers = [writer for writer in contributions.writers if writer.command != "voxflat.write_regions"]
+    for ending in (ending for writer in writers for ending in writer.filename_extensions):
         path = str(tmp_path / f"map{ending}")
         assert io_utils.write(path, [Layer.create(*heat)], plugin_name="voxflat") == [path], ending
         assert Path(path).stat().st_size > 0, ending

@@ -4,6 +4,7 @@ import gc
 import re
 
 import dask.array as da
+import nibabel as nib
 import numpy as np
 import pytest
 from napari.layers import Image, Labels, Surface
@@ -28,6 +29,7 @@ from qtpy.QtCore import QPoint, Qt
 from qtpy.QtWidgets import QApplication, QWidget
 
 import voxflat
+from voxflat._napari.layers.world import WORLD
 from voxflat._napari.map_viewer.drawings import put, regions
 from voxflat._napari.map_viewer.viewer_parts import camera, canvas_widget, projected
 from voxflat._napari.results.flat_layers import Run
@@ -354,7 +356,36 @@ def click(dock, qtbot, *places):
         qtbot.mouseClick(dock.canvas.viewport(), Qt.MouseButton.LeftButton, pos=dock.canvas.position(u, v))
 
 
-def test_drawings_on_a_map_of_voxels(flattened, qtbot):
+def test_regions_on_a_mesh_are_saved_at_its_vertices(flattened, qtbot, tmp_path):
+    points, faces, values = bumps()
+    viewer, _, dock = flattened(Surface((points, faces, values), name="bumps"))
+    flat_map = dock.prepared.run.flat_map
+    u, v = flat_map.uv.mean(axis=0)
+    dock.click.setCurrentText("draws a region")
+    for label, middle in enumerate((u - 6, u + 6), 1):  # the second one updates the layer
+        click(dock, qtbot, *[(middle + x, v + y) for x, y in ((-5, -5), (5, -5), (5, 5), (-5, 5))])
+        qtbot.mouseDClick(dock.canvas.viewport(), Qt.MouseButton.LeftButton, pos=dock.canvas.position(middle, v))
+        wait_for_picture(dock, qtbot)
+        assert viewer.layers["map regions"].vertex_values.max() == label
+    regions = viewer.layers["map regions"]
+    viewer.layers.selection = {regions}
+    expected = np.zeros(len(points), dtype=int)
+    expected[flat_map.ids] = regions.vertex_values
+    assert set(expected) == {0, 1, 2}
+    for name in ("regions.label.gii", "lh.regions.annot"):
+        viewer.layers.save(str(tmp_path / name), selected=True, plugin="voxflat")
+    gifti = nib.load(tmp_path / "regions.label.gii")
+    assert_array_equal(gifti.darrays[0].data, expected)
+    assert [gifti.labeltable.get_labels_as_dict()[key] for key in (1, 2)] == ["region 1", "region 2"]
+    read, _, names = nib.freesurfer.read_annot(tmp_path / "lh.regions.annot")
+    assert_array_equal(np.array([*names, b"none"])[read] == b"region 2", expected == 2)
+    regions.vertex_values = regions.vertex_values * 0
+    with pytest.raises(voxflat.VoxflatError, match="were changed"):
+        viewer.layers.save(str(tmp_path / "changed.annot"), selected=True, plugin="voxflat")
+    assert not (tmp_path / "changed.annot").exists()
+
+
+def test_drawings_on_a_map_of_voxels(flattened, qtbot, tmp_path):
     viewer, _, dock = flattened(Labels(cap(), name="sheet", scale=(2.0, 2.0, 2.0), units="mm"))
     flat_map = dock.prepared.run.flat_map
     u, v = flat_map.uv.mean(axis=0)
@@ -374,6 +405,16 @@ def test_drawings_on_a_map_of_voxels(flattened, qtbot):
     assert regions.data[tuple(flat_map.ids[inside].T)].all()
     assert regions.data[tuple(flat_map.ids[outside].T)].mean() < 0.1
     assert_allclose(regions.data_to_world((3, 4, 5)), (6, 8, 10))
+    viewer.layers.selection = {regions}
+    file = tmp_path / "regions.nii.gz"
+    assert viewer.layers.save(str(file), selected=True, plugin="voxflat") == [str(file)]
+    assert_array_equal(nib.load(file).get_fdata(), regions.data)
+    assert_allclose(nib.load(file).affine, np.diag([2.0, 2, 2, 1]))
+    regions.metadata = {**regions.metadata, WORLD: "LPS"}  # as chosen in the form
+    viewer.layers.save(str(file), selected=True, plugin="voxflat")
+    assert_allclose(nib.load(file).affine, np.diag([-2.0, -2, 2, 1]))
+    with pytest.raises(voxflat.VoxflatError, match=r"Save it as \.nii\.gz"):  # which has no position in space
+        viewer.layers.save(str(tmp_path / "regions.tif"), selected=True, plugin="voxflat")
 
     dock.click.setCurrentText("measures a distance")
     for reach in (5, 9):  # the second takes the place of the first

@@ -103,6 +103,10 @@ def test_layers_flat_volume_and_profile(open_widget, qtbot, sample, monkeypatch,
 
     press(dock, dock.layers, qtbot)
     assert_array_equal(viewer.layers["rim in layers"].data, rim.layers(COUNT).data)
+    viewer.layers.selection = {viewer.layers["rim in layers"]}
+    viewer.layers.save(str(tmp_path / "layers.nii.gz"), selected=True, plugin="voxflat")
+    assert_array_equal(nib.load(tmp_path / "layers.nii.gz").get_fdata(), rim.layers(COUNT).data)
+    assert_allclose(nib.load(tmp_path / "layers.nii.gz").affine, rim.layers(COUNT).affine, atol=1e-6)
     dock.form.area.setValue(10.0)
     assert "columns" in press(dock, dock.columns, qtbot)
     assert_array_equal(viewer.layers["rim in columns"].data, rim.columns(area=10.0).volume.data)

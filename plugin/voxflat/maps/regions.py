@@ -32,10 +32,10 @@ from voxflat.maps.sampler import Sampler
 from voxflat.read_only import ReadOnly
 from voxflat.unique_rows import distinct
 
-_VERTEX_ENDINGS = (".annot", ".label.gii", ".label")
+VERTEX_ENDINGS = (".annot", ".label.gii", ".label")
 _TABLE_ENDINGS = (".tsv", ".csv")
 _VOLUME_ENDINGS = (".nii", ".nii.gz", ".mgh", ".mgz", ".nrrd")
-REGION_ENDINGS = (*_VERTEX_ENDINGS, *_TABLE_ENDINGS, *_VOLUME_ENDINGS)  # of the files of `Regions.save`
+REGION_ENDINGS = (*VERTEX_ENDINGS, *_TABLE_ENDINGS, *_VOLUME_ENDINGS)  # of the files of `Regions.save`
 
 
 class _Places(Protocol):

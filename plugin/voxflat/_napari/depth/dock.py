@@ -16,7 +16,7 @@ from qtpy.QtWidgets import QFileDialog, QLabel, QPushButton, QSizePolicy, QVBoxL
 from voxflat._napari.depth import tasks
 from voxflat._napari.depth.form import DepthForm
 from voxflat._napari.docks import TaskDock, arrange, grid
-from voxflat._napari.layers.world import MADE_FROM, data_to_world
+from voxflat._napari.layers.world import MADE_FROM, WORLD, data_to_world
 from voxflat._napari.map_viewer.flat_window import FlatWindow
 from voxflat._napari.results.flat_layers import LayerData
 from voxflat._napari.viewer_state import ViewerState
@@ -84,7 +84,8 @@ class CorticalDepth(TaskDock):
         name = f"{layer.name} in {parts}"
         if name in self._viewer.layers:
             self._viewer.layers.remove(name)
-        place = {"affine": data_to_world(layer), "units": layer.units, "metadata": {MADE_FROM: layer.name}}
+        about = {MADE_FROM: layer.name, WORLD: self.form.world.currentData()}
+        place = {"affine": data_to_world(layer), "units": layer.units, "metadata": about}
         colours = {"colormap": _in_order(int(data.max()))} if parts == "layers" else {}
         self._viewer.add_labels(data, name=name, **place, **colours)
         self._show_message(f"Divided '{layer.name}' into {data.max():,} {parts}.")

@@ -1,4 +1,4 @@
-"""Writers of complete flat maps and of flat images."""
+"""Writers of complete flat maps, of flat images, of labels in the volume, and of regions on a mesh."""
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -6,15 +6,21 @@ from dataclasses import replace
 from typing import Any, TypeAlias
 
 import numpy as np
+from napari.layers import Layer
 from numpy.typing import NDArray
 
+from voxflat._napari.layers.volumes import LayerVolume
+from voxflat._napari.layers.world import WORLD
+from voxflat._napari.map_viewer.drawings import OF_MESH
 from voxflat._napari.results.flat_layers import MOVIE, STACK, LayerData
 from voxflat.atlases.atlas import Atlas
 from voxflat.errors import InputError, VoxflatError
 from voxflat.io.channels import Channels
+from voxflat.io.volumes import write_volume
 from voxflat.maps.flat_map import MAP_ENDINGS, FlatMap
 from voxflat.maps.image_files import IMAGE_ENDINGS
 from voxflat.maps.raster import FlatImage, FlatStack
+from voxflat.maps.regions import VERTEX_ENDINGS
 from voxflat.pipeline.flat_movie import FlatMovie
 
 Written: TypeAlias = Any  # list[str], which napari's commands cannot compare with classes on Python 3.10
@@ -34,12 +40,43 @@ def write_flat_map(path: str | None = None, layers: Sequence[LayerData] = ()) ->
 
 
 def write_flat_image(path: str | None = None, layers: Sequence[LayerData] = ()) -> Written:
-    """Save the image of one layer of a map or page, in the same way as `write_flat_map`."""
+    """Save the image of one layer of a map or page, in the same way as `write_flat_map`.
+
+    Regions and layers of depth are saved with the position of their voxels.
+    """
     if path is None:
         return _ask("Save a flat image", IMAGE_ENDINGS)
     with _reporting_errors():
-        _image_of(layers).save(path)
+        if any(WORLD in keywords["metadata"] for _, keywords, _ in layers):
+            _save_volume(path, layers)
+        else:
+            _image_of(layers).save(path)
     return [path]
+
+
+def write_regions(path: str | None = None, layers: Sequence[LayerData] = ()) -> Written:
+    """Save the regions that were drawn on the map of a mesh, in the same way as `write_flat_map`."""
+    if path is None:
+        return _ask("Save regions", VERTEX_ENDINGS)
+    with _reporting_errors():
+        found = [keywords["metadata"].get(OF_MESH) for _, keywords, _ in layers]
+        if len(found) != 1 or found[0] is None:
+            raise InputError("Regions on a mesh are saved one layer at a time. Select one layer with regions of a map")
+        if not np.array_equal(layers[0][0][2], found[0].labels):
+            raise InputError(f"The values of '{layers[0][1]['name']}' were changed. Draw the regions on the map again")
+        found[0].save(path, overwrite=True)
+    return [path]
+
+
+def _save_volume(path: str, layers: Sequence[LayerData]) -> None:
+    """Save labels that voxflat made in the volume, in RAS+ mm."""
+    if len(layers) != 1:
+        raise InputError(f"{len(layers)} layers are selected. Select exactly one layer with labels of the volume")
+    layer = Layer.create(*layers[0])
+    if not path.lower().endswith((".nii", ".nii.gz")):
+        raise InputError(f"Layer '{layer.name}' contains voxels with a position in space. Save it as .nii.gz")
+    volume = LayerVolume.of(layer, layer.metadata[WORLD]).read()
+    write_volume(path, volume.data, volume.in_unit("mm").affine, has_unit=str(layer.units[-1]) != "pixel")
 
 
 def _ask(title: str, endings: Sequence[str]) -> list[str]:

@@ -23,6 +23,9 @@ WORLDS = {
 MADE_FROM = "voxflat_made_from"
 """Key of the metadata of layers that the user rarely flattens, because voxflat made them from another layer."""
 
+WORLD = "voxflat_world_axes"
+"""Key of the metadata of labels that voxflat made from another layer: the world axes that the user chose for it."""
+
 
 @dataclass(frozen=True, eq=False)
 class LayerPlace:

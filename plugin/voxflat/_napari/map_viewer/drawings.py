@@ -10,7 +10,7 @@ from napari import Viewer
 from napari.layers import Labels, Layer, Points, Shapes, Surface
 from numpy.typing import NDArray
 
-from voxflat._napari.layers.world import MADE_FROM, from_ras
+from voxflat._napari.layers.world import MADE_FROM, WORLD, from_ras
 from voxflat._napari.map_viewer.prepared_map import PreparedMap
 from voxflat._napari.results.flat_layers import LayerData, units
 from voxflat._napari.results.layer_list import insert
@@ -24,6 +24,9 @@ Place: TypeAlias = tuple[float, float]  # (u, v), mm
 
 REGIONS = "map regions"
 """Name of the layer with the regions that the user draws."""
+
+OF_MESH = "voxflat_regions"
+"""Key of the metadata of regions on a mesh: the `Regions`, which can be saved with all vertices of the mesh."""
 
 _COLOUR = "#ffd23f"
 _CORTEX = (-0.5, 3.0)  # mm outside the surface; the depths of a region if the pial surface is unknown
@@ -59,10 +62,11 @@ def regions(prepared: PreparedMap, polygons: Sequence[Sequence[Place]]) -> Drawn
     keywords: dict[str, Any] = {
         "name": f"{REGIONS}{of_frame}",
         "units": units_in_time(prepared),
-        "metadata": {MADE_FROM: prepared.run.name},
+        "metadata": {MADE_FROM: prepared.run.name, WORLD: prepared.origin.get("world_axes", "RAS")},
     }
     if not flat_map.is_voxels:
         surface = (_world(prepared, prepared.points), flat_map.faces[~flat_map.torn], drawn.labels.astype(np.float32))
+        keywords["metadata"][OF_MESH] = drawn
         look = {"colormap": "turbo", "contrast_limits": (0.0, float(len(polygons)))}
         return Drawn((surface, {**keywords, **look}, "surface"), message)
     is_own = flat_map is prepared.own  # the points of other frames are not voxels
@@ -142,6 +146,7 @@ def put(viewer: Viewer, data: LayerData, *sources: Any) -> Layer:
         earlier.data = values
         if "contrast_limits" in keywords:  # of all regions, which would otherwise have the colour of the last one
             earlier.contrast_limits = keywords["contrast_limits"]
+        earlier.metadata = made.metadata
     elif isinstance(earlier, Shapes):
         earlier.data = [(line, keywords["shape_type"]) for line in values]  # a new Shapes layer may crash OpenGL
         earlier.visible = True
