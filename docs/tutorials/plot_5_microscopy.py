@@ -93,7 +93,7 @@ print(*flat_map.distortion.table().splitlines()[1:3], sep="\n")
 # -----------
 # The nuclei lie about 10 µm below the surface, so the stack is sampled at a depth of -10 µm; negative depths lie
 # inside the surface. The seven stripes cross the map from side to side. The scale bar and all figures are in µm. The
-# arrows name the axes of the stack: R is x, A is y, and S is z.
+# arrows point along the axes x, y and z of the stack.
 
 stack = voxflat.io.read_volume(path).data.astype(float)  # whole numbers would be sampled as labels
 overlay = figures.Overlay(stack, colour_map="magma", limits=(60, 180), label="intensity")

@@ -1,8 +1,12 @@
 """The rules that every option of every command obeys, tested on options collected from the commands themselves."""
 
+import hashlib
+import json
+
 import click
 import numpy as np
 import pytest
+import tifffile
 from command_line import fail, run, succeed
 
 import voxflat
@@ -93,3 +97,57 @@ def test_several_regions_are_all_dropped(tmp_path):
     drops = [word for name in marks for word in ("--drop", tmp_path / f"{name}.npy")]
     succeed("cut", tmp_path / "sheet.ply", *drops, "-o", tmp_path / "part.ply")
     assert len(voxflat.surface(tmp_path / "part.ply")) == 144 - 36
+
+
+TAKING = sorted({name for name, one in every_option() if one.name in ("spacing", "volume")} - {"bids", "freesurfer"})
+
+
+@pytest.mark.parametrize("command", TAKING)
+def test_every_command_that_reads_a_volume_reads_one_with_channels(command):
+    names = {one.name for of, one in every_option() if of == command}
+    assert names & {"channel", "rim_channel"} if "spacing" in names else True
+    assert names & {"channel", "volume_channel"} or command == "regions"  # which measures all channels
+
+
+def test_a_channel_of_the_input_is_what_the_file_of_that_channel_is(tmp_path):
+    """The surface is the same, and the record contains the channel and the hash of the file."""
+    ball = (voxflat.samples.ball() > 0).astype(np.uint8).T
+    about = {"imagej": True, "resolution": (0.5, 0.5), "metadata": {"axes": "ZYX", "spacing": 2, "unit": "um"}}
+    tifffile.imwrite(tmp_path / "one.tif", ball, **about)
+    about["metadata"]["axes"] = "ZCYX"
+    tifffile.imwrite(tmp_path / "two.tif", np.stack([0 * ball + 5, ball], axis=1), **about)
+    expected = voxflat.surface(tmp_path / "one.tif")
+    fail(1, "has 2 channels or time points (c0, c1)", "surface", tmp_path / "two.tif", "-o", tmp_path / "s.vtp")
+    told = json.loads(
+        succeed("surface", tmp_path / "two.tif", "--channel", "c1", "-o", tmp_path / "s.vtp", "--json").stdout
+    )
+    np.testing.assert_array_equal(voxflat.surface(tmp_path / "s.vtp").points, expected.points)
+    source = told["metadata"]["provenance"]["parameters"]["source"]
+    digest = hashlib.sha256((tmp_path / "two.tif").read_bytes()).hexdigest()
+    assert source["parameters"] == {"path": str(tmp_path / "two.tif"), "channel": "c1"}
+    assert source["files"] == {str(tmp_path / "two.tif"): digest}
+
+
+def test_the_texture_of_patches_is_a_channel_of_their_volume(tmp_path):
+    ball = (voxflat.samples.ball() > 0).astype(np.uint8).T
+    about = {"imagej": True, "resolution": (0.5, 0.5), "metadata": {"axes": "ZYX", "spacing": 2, "unit": "um"}}
+    tifffile.imwrite(tmp_path / "mask.tif", ball, **about)
+    about["metadata"]["axes"] = "ZCYX"
+    steps = np.broadcast_to(np.arange(24)[:, None, None], ball.shape).astype(np.uint8)
+    tifffile.imwrite(tmp_path / "two.tif", np.stack([steps, steps.transpose(1, 0, 2)], axis=1), **about)
+    words = (
+        "patches",
+        tmp_path / "mask.tif",
+        "--volume",
+        tmp_path / "two.tif",
+        "-o",
+        tmp_path / "a.obj",
+        "--overwrite",
+    )
+    fail(1, "two.tif: has 2 channels", *words)
+    pictures = []
+    for channel in (0, 1):
+        succeed(*words, "--volume-channel", channel)
+        pictures.append((tmp_path / "a.png").read_bytes())
+    assert pictures[0] != pictures[1]
+    fail(2, "--volume-channel requires --volume", *words[:2], "--volume-channel", 1, *words[4:])

@@ -8,6 +8,7 @@ from xml.etree import ElementTree
 import composed
 import numpy as np
 import pytest
+import tifffile
 from command_line import fail, run, succeed
 from hard_shapes import sheet
 from matplotlib import colormaps
@@ -338,6 +339,21 @@ def test_directions_are_those_of_the_points(flat_map):
         assert found[letter] @ towards / np.linalg.norm(towards) > 0.999
     assert found["A"][0] < -0.99  # anterior is on the left in a view from the left
     assert {"A", "S", "L"} <= {text.get_text() for text in texts(figures.flat_map(flat_map), "marks")}
+
+
+def test_directions_of_a_stack_are_its_axes(tmp_path):
+    """A microscope does not know right, anterior and superior."""
+    i, j, k = np.indices((20, 20, 20)) - 9.5
+    path, spacing = tmp_path / "ball.tif", {"spacing": 2, "unit": "um"}
+    about = {"imagej": True, "resolution": (0.5, 0.5), "metadata": {"axes": "ZYX", **spacing}}
+    tifffile.imwrite(path, (i**2 + j**2 + k**2 < 64).astype(np.uint8), **about)
+    cap = voxflat.surface(path).disk((9, 9, 17), 10.0)  # at the end of z
+    found = {one.letter: np.array([one.u, one.v]) for one in directions(cap.flatten())}
+    assert found.keys() == {"x", "y"}
+    told = voxflat.check(path).table()
+    assert "RAS" not in told
+    assert "orientation" not in told
+    assert "RAS" not in succeed("check", path, "--smooth", 8).stdout
 
 
 def test_an_unknown_space_has_no_directions_and_no_side(flat_map, caplog):

@@ -5,6 +5,7 @@ import re
 import nibabel
 import numpy as np
 import pytest
+import tifffile
 from command_line import fail, succeed
 from layers import bent_layers
 from refusals import refused
@@ -344,6 +345,35 @@ def test_layers_on_the_command_line(rims, tmp_path):
     np.testing.assert_array_equal(written, rim.streamlines().data)
     fail(1, "it is an input. Choose another name", "layers", *given, "-o", tmp_path / "white.nii.gz")
     fail(1, "it is an input. Choose another name", "layers", *given, "-o", tmp_path / "rim.nii.gz")
+
+
+def test_rims_in_stacks_of_channels_and_other_units(tmp_path):
+    """Depths, thickness and areas are in mm, whatever the unit of the file."""
+    sample = voxflat.samples.rim()
+    pages = np.stack([0 * sample.data, sample.data]).transpose(3, 0, 2, 1)
+    about = {"axes": "ZCYX", "Channel": {"Name": ["raw", "rim"]}}
+    about |= {f"PhysicalSize{axis}": 500.0 for axis in "XYZ"} | {f"PhysicalSize{axis}Unit": "µm" for axis in "XYZ"}
+    stack, one = tmp_path / "s.ome.tif", tmp_path / "one.nii.gz"
+    tifffile.imwrite(stack, pages, metadata=about)
+    voxflat.io.write_volume(one, sample.data, np.diag([0.5, 0.5, 0.5, 1]))
+
+    def both(command, *words, endings, option="--channel"):
+        for path, of in ((stack, (option, "rim")), (one, ())):
+            succeed(command, path, *of, *words, "-o", tmp_path / f"{path.name[0]}.nii.gz", "--overwrite")
+        for ending in endings:
+            found, expected = (voxflat.io.read_volume(tmp_path / f"{name}{ending}.nii.gz") for name in "so")
+            np.testing.assert_allclose(found.data, expected.data, rtol=1e-5)
+            np.testing.assert_allclose(found.affine, expected.affine)
+
+    fail(1, "has 2 channels", "layers", stack, "-n", 3, "-o", tmp_path / "s.nii.gz")
+    both("layers", "-n", 3, endings=("", "_depth", "_thickness"))
+    both("columns", "-n", 9, endings=("",))
+    voxflat.rim(one).surface.flatten().save(tmp_path / "map.npz")
+    succeed("image", tmp_path / "map.npz", "--volume", one, "--depths", 3, "-o", tmp_path / "values.nii.gz")
+    both("paint", "--map", tmp_path / "map.npz", "--values", tmp_path / "values.nii.gz", endings=("",))
+    for path, of in ((stack, ("--rim-channel", "rim")), (one, ())):
+        succeed("profile", path, *of, "--volume", one, "-n", 4, "-o", tmp_path / f"{path.name[0]}.tsv")
+    assert (tmp_path / "s.tsv").read_text() == (tmp_path / "o.tsv").read_text()
 
 
 def test_threads_do_not_matter(rims):

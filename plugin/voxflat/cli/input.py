@@ -15,7 +15,8 @@ from voxflat._core import __version__
 from voxflat.arguments import Progress, log
 from voxflat.cli.output import WRITTEN
 from voxflat.errors import HemisphereError, InputError
-from voxflat.io.provenance import check_beside
+from voxflat.io.provenance import check_beside, record_of
+from voxflat.io.reading import reading
 from voxflat.io.volumes import Volume, read_volume
 from voxflat.laminar.rim import rim
 from voxflat.pipeline.surface import Surface, surface
@@ -28,10 +29,19 @@ _MAKING = ("label", "threshold", "spacing", "unit", "probability", "pial", "repa
 def surface_of(input_: Path, given: dict[str, Any], progress: Progress | None) -> Surface:
     """Create the surface of an input, and remove the surface options from the command's options."""
     how, side = {name: given.pop(name, None) for name in _MAKING}, given.pop("hemisphere", None)
-    channel, smooth = given.pop("channel"), given.pop("smooth")
-    source = input_ if channel is None else read_volume(input_, int(channel) if channel.isdigit() else channel)
+    smooth, source = given.pop("smooth"), channel_of(input_, given.pop("channel"), given)
     made = _made(source, given, how, side, progress)
     return made if smooth is None else made.smooth(smooth, progress=progress)
+
+
+def channel_of(path: Path, channel: str | None, given: dict[str, Any]) -> Path | Volume:
+    """Return one channel of a file as a volume, or the path if no channel is chosen."""
+    if channel is None:
+        return path
+    with reading(given.get("memory_limit")) as files:
+        volume = read_volume(path, channel)
+    record = record_of("read_volume", {"path": str(path), "channel": channel}, files)
+    return volume._with_provenance(record)
 
 
 def _made(

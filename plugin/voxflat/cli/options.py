@@ -294,8 +294,9 @@ class _Unit(click.Choice[str]):
             return super().convert(value, param, ctx)
 
 
+channel = option_of(read_volume, "channel", metavar="NAME|N")
 _of_volumes = (
-    option_of(read_volume, "channel"),
+    channel,
     option_of(surface, "label", metavar="N[,N...]", sentences=2, multiple=True, callback=_labels, default=None),
     option_of(surface, "threshold", type=float),
 )

@@ -17,18 +17,19 @@ _SIDES = {"CortexLeft": "L", "CortexRight": "R", "left": "L", "right": "R"}
 class Direction:
     """An anatomical direction on the map."""
 
-    letter: str  # R, A or S: right, anterior, superior
+    letter: str  # R, A or S: right, anterior, superior; or x, y or z of a volume without anatomical directions
     u: float  # (u, v) is a unit vector
     v: float
     share: float  # R² of the linear fit: the share of the coordinate's variance that the plane explains
 
 
 def directions(flat_map: FlatMap) -> list[Direction]:
-    """Return the two anatomical directions that are closest to the map plane at its middle, if the space is known.
+    """Return the two directions of the space that are closest to the map plane at its middle, if there are any.
 
     Each coordinate of the points around the middle is fitted linearly in (u, v); the gradient is its direction.
     """
-    if flat_map.space.name == "unknown" and flat_map.metadata.get("structure") not in _SIDES:
+    is_unknown = flat_map.space.name == "unknown" and flat_map.metadata.get("structure") not in _SIDES
+    if is_unknown and flat_map.metadata.get("kind") != "voxels":
         return []
     points = flat_map.space.to_scanner(flat_map.points)
     corners = flat_map.uv[flat_map.faces[~flat_map.torn]]
@@ -39,7 +40,7 @@ def directions(flat_map: FlatMap) -> list[Direction]:
     near = apart <= max(_MIDDLE * np.sqrt(area.sum() / np.pi), float(np.sort(apart)[min(20, len(apart) - 1)]))
     design = np.column_stack([flat_map.uv[near] - middle, np.ones(near.sum())])
     found = []
-    for letter, values in zip("RAS", points[near].T, strict=True):
+    for letter, values in zip("xyz" if is_unknown else "RAS", points[near].T, strict=True):
         fit, *_ = np.linalg.lstsq(design, values, rcond=None)
         rest, spread = values - design @ fit, values - values.mean()
         share = 1 - float(rest @ rest) / max(float(spread @ spread), 1e-12)

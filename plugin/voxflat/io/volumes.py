@@ -217,7 +217,7 @@ def volume_of_file(path: str | os.PathLike[str], channel: int | str | None = Non
             raise InputError(f"{several}. Choose one with --channel or voxflat.io.read_volume(path, channel)")
         data: Any = channels.read(channels.find(channel))
         return Volume._placed(data.whole() if isinstance(data, Chunked) else data, affine, unit, Path(path))
-    if channel not in (None, 0):
+    if channel not in (None, 0, "0"):
         raise InputError(f"channel is {shown(channel)}, but only TIFF, HDF5 and OME-Zarr files have channels. Omit it")
     return Volume._placed(*read(Path(path)), path=Path(path))
 

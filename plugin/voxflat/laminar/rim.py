@@ -64,7 +64,7 @@ class Rim(ReadOnly, Recorded):
     Examples
     --------
     >>> voxflat.rim(voxflat.samples.rim())
-    <Rim: 5680 voxels of grey matter, median thickness 2.40 mm>
+    <Rim: 5680 voxels of grey matter, median thickness 2.4 mm>
     """
 
     labels: Layered
@@ -74,7 +74,7 @@ class Rim(ReadOnly, Recorded):
 
     def __repr__(self) -> str:
         thickness = float(np.median(self.values.thickness))
-        return f"<Rim: {len(self.values.depth)} voxels of grey matter, median thickness {thickness:.2f} mm>"
+        return f"<Rim: {len(self.values.depth)} voxels of grey matter, median thickness {thickness:.3g} mm>"
 
     def _with_provenance(self, record: Record) -> Rim:
         """Return the same rim with a provenance record, which its surface shares."""
@@ -498,7 +498,7 @@ def rim(
     >>> flat_map = rim.surface.flatten()
     """
     threads = checked_threads(threads)
-    volume = as_volume(source, spacing=spacing, affine=affine)
+    volume = as_volume(source, spacing=spacing, affine=affine).in_unit("mm")
     labels = layered(volume, {"inner": inner, "outer": outer, "grey": grey}, hemisphere)
     values = field_of(labels, threads, progress)
     usual = float(np.median(values.thickness))

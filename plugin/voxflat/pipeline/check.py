@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike
 from voxflat import _core
 from voxflat.arguments import Progress, checked_threads, shown
 from voxflat.errors import InputError
+from voxflat.io.chunks import is_stack_path
 from voxflat.io.meshes import Mesh
 from voxflat.io.reading import reading
 from voxflat.io.sources import as_mesh, as_volume
@@ -134,7 +135,7 @@ def _volume_contents(volume: Volume) -> dict[str, Any]:
         "dtype": str(volume.data.dtype),
         "spacing": tuple(float(h) for h in volume.spacing),
         "unit": volume.unit,
-        "orientation": volume.orientation,
+        "orientation": None if is_stack_path(volume.path) else volume.orientation,
         "affine": volume.affine.tolist(),
         "labels": labels_in(volume.data),
         "range": (float(volume.data.min()), float(volume.data.max())),

@@ -30,10 +30,10 @@ class Check:
     kind : {"volume", "mesh"}
         Kind of the input.
     contents : dict
-        Content of the input. For a volume: ``shape``, ``dtype``, ``spacing`` (mm), ``orientation`` (such as "RAS"),
-        ``affine``, ``labels`` (number of voxels by label; None for intensities) and ``range``. For a mesh:
-        ``vertices``, ``triangles``, ``size`` (mm), ``structure``, and ``space``: ``name`` ("scanner", "tkRAS" or
-        "unknown") and ``to_scanner``, the matrix from the coordinates to scanner RAS.
+        Content of the input. For a volume: ``shape``, ``dtype``, ``spacing`` (mm), ``orientation`` (such as "RAS"; None
+        for microscopy files), ``affine``, ``labels`` (number of voxels by label; None for intensities) and ``range``.
+        For a mesh: ``vertices``, ``triangles``, ``size`` (mm), ``structure``, and ``space``: ``name`` ("scanner",
+        "tkRAS" or "unknown") and ``to_scanner``, the matrix from the coordinates to scanner RAS.
     defects : dict of str to list
         Defects that make a mesh invalid as a surface: the numbers of the triangles or vertices, keyed by defect.
         `advice` lists the defects that were repaired.
@@ -166,13 +166,16 @@ class Check:
         if self.kind == "mesh":
             size = " x ".join(f"{side:.4g}" for side in of["size"])
             rows = [("mesh", f"{of['vertices']} vertices, {of['triangles']} triangles")]
-            rows += [("size", in_unit(f"{size} mm", of)), ("coordinates", str(Space._of(of)))]
+            space = Space._of(of)
+            is_stack = self.foreground is not None and space.name == "unknown"
+            told = "x, y and z of the volume, without anatomical directions" if is_stack else str(space)
+            rows += [("size", in_unit(f"{size} mm", of)), ("coordinates", told)]
             return rows + ([("structure", of["structure"])] if of["structure"] else [])
         labels = of["labels"]
         return [
             ("shape", " x ".join(str(n) for n in of["shape"]) + f", {of['dtype']}"),
             ("spacing", " x ".join(f"{h:g}" for h in of["spacing"]) + " " + of["unit"]),
-            ("orientation", of["orientation"]),
+            *([("orientation", of["orientation"])] if of["orientation"] else []),
             ("values", f"{of['range'][0]:g} to {of['range'][1]:g}"),
             (
                 "labels (voxels)",

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from voxflat.arguments import is_whole, log, optional_number, shown
 from voxflat.errors import InputError
+from voxflat.io.chunks import is_stack_path
 from voxflat.io.sources import as_volume
 from voxflat.io.spaces import UNKNOWN, Space
 from voxflat.io.volumes import Volume
@@ -47,13 +48,14 @@ def foreground_of(volume: Volume, *, label: Labels | None = None, threshold: flo
     threshold = optional_number(threshold, "threshold")
     mask = foreground(volume.data, label=label, threshold=threshold)
     labels = None if label is None else [int(one) for one in _several(label)]
+    is_anatomical = volume.is_placed and not is_stack_path(volume.path)  # microscopes do not know right and left
     metadata = {
         "kind": "voxels",
         "input": None if volume.path is None else str(volume.path),
         "input_sha256": hashlib.sha256(np.packbits(mask).tobytes() + str(mask.shape).encode()).hexdigest(),
         "shape": [int(n) for n in volume.data.shape],
         "affine": volume.affine.tolist(),
-        "space": (Space("scanner") if volume.is_placed else UNKNOWN)._described(),
+        "space": (Space("scanner") if is_anatomical else UNKNOWN)._described(),
         "label": labels[0] if labels is not None and len(labels) == 1 else labels,
         "threshold": threshold,
         "foreground": int(np.count_nonzero(mask)),

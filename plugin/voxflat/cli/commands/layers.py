@@ -8,6 +8,7 @@ import numpy as np
 
 from voxflat.cli import options
 from voxflat.cli.console import bars
+from voxflat.cli.input import channel_of
 from voxflat.cli.output import FIGURE_ENDINGS, check_output, report
 from voxflat.cli.parameter_options import option_of
 from voxflat.io.provenance import saving
@@ -28,8 +29,7 @@ def _label(ctx: click.Context, param: click.Parameter, value: str | None) -> int
     return path
 
 
-_rim_options = options.section(
-    "Input",
+_parts = (
     *(
         option_of(rim, name, metavar="LABEL|FILE", callback=_label, help=f"{part}: a label or a mask file.{default}")
         for name, part, default in (
@@ -41,6 +41,7 @@ _rim_options = options.section(
     option_of(rim, "hemisphere", type=options.SIDE, metavar="[left|right]"),
     option_of(rim, "spacing", metavar="X,Y,Z", callback=options.three(float, "0.5,0.5,0.5")),
 )
+_rim_options = options.section("Input", options.channel, *_parts)
 
 _layering = option_of(Rim.layers, "layering", type=click.Choice(LAYERINGS), until=", as in")
 
@@ -84,7 +85,7 @@ def layers_command(
     ]
     check_output(output, beside=beside, **writing)
     with bars() as shown:
-        made = rim(input_, **given, progress=shown.progress)
+        made = rim(channel_of(input_, given.pop("channel"), given), **given, progress=shown.progress)
         volumes = [made.layers(count, layering), made.depth(layering), made.thickness()]
         volumes += [made.streamlines()] if streamlines else []
     with saving(output, volumes[0].provenance or {}, **writing):
@@ -94,7 +95,7 @@ def layers_command(
     voxels, thickness = len(made.values.depth), float(np.median(made.values.thickness))
     report(
         {"output": [str(path) for path in (output, *beside)], "voxels": voxels, "median_thickness": thickness},
-        f"{voxels} voxels of grey matter, median thickness {thickness:.2f} mm\nsaved as "
+        f"{voxels} voxels of grey matter, median thickness {thickness:.3g} mm\nsaved as "
         f"{', '.join(map(str, (output, *beside[:-1])))} and {beside[-1]}",
     )
 
@@ -132,15 +133,14 @@ def columns_command(
     check_output(output, **writing)
     check_number(count, area)
     with bars() as shown:
-        made = rim(input_, **given, progress=shown.progress).columns(
-            count, area=area, seed=seed, progress=shown.progress
-        )
+        whole = rim(channel_of(input_, given.pop("channel"), given), **given, progress=shown.progress)
+        made = whole.columns(count, area=area, seed=seed, progress=shown.progress)
     with saving(output, made.provenance, **writing):
         write_volume(output, made.volume.data, made.volume.in_unit("mm").affine, made.provenance)
     median = float(np.median(made.areas))
     report(
         {"output": str(output), "columns": len(made), "median_area": median, "provenance": made.provenance},
-        f"{len(made)} columns, median area {median:.2f} mm²\nsaved as {output}",
+        f"{len(made)} columns, median area {median:.3g} mm²\nsaved as {output}",
     )
 
 
@@ -151,7 +151,11 @@ def columns_command(
     "voxflat profile rim.nii.gz --volume bold.nii.gz --channel 0 --map map.npz --regions drawn.svg -o profile.tsv",
 )
 @options.input_
-@_rim_options
+@options.section(
+    "Input",
+    options.value("--rim-channel", "NAME|N", "Channel of INPUT: its name, or its number from 0.", "rim_channel"),
+    *_parts,
+)
 @options.section(
     "Data",
     options.reads("--volume", "Volume to measure, on any grid. A 4-D file has several channels.", required=True),
@@ -213,7 +217,7 @@ def profile_command(
         path.stat()  # a missing file is reported before depths are measured
     with bars() as shown:
         drawn = regions if map is None else load(map).regions(regions, layer=layer or "rois")
-        found = rim(input_, **given, progress=shown.progress)
+        found = rim(channel_of(input_, given.pop("rim_channel"), given), **given, progress=shown.progress)
         made = found.profile(volume, drawn, **how)
     if figure is not None:
         from voxflat import figures  # imports matplotlib
@@ -277,7 +281,7 @@ def paint_command(
     check_output(output, **writing)
     with bars() as shown, reading() as files:
         flat_map = load(given.pop("map"))
-        made = rim(input_, **given, progress=shown.progress)
+        made = rim(channel_of(input_, given.pop("channel"), given), **given, progress=shown.progress)
         how: dict[str, Any] = {"layering": layering, "pixel_size": pixel_size, "background": background}
         painted = made.paint(values, flat_map, **how)
     record = {**(painted.provenance or {}), "files": files}

@@ -45,6 +45,7 @@ from voxflat.pipeline.surface import Surface
     "Texture",
     option_of(Atlas.page, "packing", type=click.Choice(PACKINGS), sentences=2),
     options.reads("--volume", "Show this volume. For a mesh, an overlay or the texture of the mesh is also accepted."),
+    options.value("--volume-channel", "NAME|N", "Channel of --volume: its name, or its number from 0."),
     options.flag("--heat-map", "Show C, the factor by which lengths change."),
     options.value(
         "--depth",
@@ -88,7 +89,7 @@ def patches_command(
     """
     check_output(output, (*SAVED_ENDINGS, *TEXTURED_ENDINGS), beside=files_beside(output), **writing)
     is_textured = output.suffix.lower() not in SAVED_ENDINGS
-    texture = {name: given.pop(name) for name in ("volume", "heat_map", "depth", "pixel_size")}
+    texture = {name: given.pop(name) for name in ("volume", "volume_channel", "heat_map", "depth", "pixel_size")}
     _check_texture(is_textured, **texture)
     for path in (page, picture):
         if path is not None:
@@ -115,7 +116,12 @@ def patches_command(
 
 
 def _check_texture(
-    is_textured: bool, volume: Path | None, heat_map: bool, depth: float | None, pixel_size: float | None
+    is_textured: bool,
+    volume: Path | None,
+    volume_channel: str | None,
+    heat_map: bool,
+    depth: float | None,
+    pixel_size: float | None,
 ) -> None:
     """Raise a usage error, before the computation, if texture options contradict each other."""
     given = {"--volume": volume is not None, "--heat-map": heat_map, "--depth": depth is not None}
@@ -126,17 +132,24 @@ def _check_texture(
         raise click.UsageError(f"{flags} a textured output (.obj, .vtp, .glb or .ply). {remedy}")
     if volume is not None and heat_map:
         raise click.UsageError("Give either --volume or --heat-map.")
-    if depth is not None and volume is None:
-        raise click.UsageError("--depth requires --volume.")
+    for name, value in (("--depth", depth), ("--volume-channel", volume_channel)):
+        if value is not None and volume is None:
+            raise click.UsageError(f"{name} requires --volume.")
 
 
 def _textured(
-    page: FlatPage, output: Path, volume: Path | None, heat_map: bool, depth: float | None, pixel_size: float | None
+    page: FlatPage,
+    output: Path,
+    volume: Path | None,
+    volume_channel: str | None,
+    heat_map: bool,
+    depth: float | None,
+    pixel_size: float | None,
 ) -> TexturedSurface:
     if heat_map:
         textured = page.textured(page.heat_map(pixel_size), colour_map="inferno")
     elif volume is not None:
-        textured = page.textured(page.image(volume, pixel_size, depth=depth or 0.0))
+        textured = page.textured(page.image(volume, pixel_size, depth=depth or 0.0, channel=volume_channel))
     else:
         textured = page.textured(page.label_image(pixel_size))
     return textured.subdivided() if output.suffix.lower() == ".ply" else textured
