@@ -6,6 +6,7 @@ the types and the words that the docstrings list.
 
 import gzip
 import inspect
+import json
 import re
 from dataclasses import fields
 from fnmatch import fnmatch
@@ -13,13 +14,28 @@ from functools import cache
 from pathlib import Path
 from typing import get_args, get_type_hints
 
+import composed
 import numpy as np
 import pytest
 import pyvista as pv
 import trimesh
 import yaml
 from command_line import run as command
-from doors import SIZE, SOURCES, CommandLine, Filter, Napari, Python, PyVista, mesh
+from doors import (
+    SIZE,
+    SOURCES,
+    CommandLine,
+    Filter,
+    Napari,
+    Outcome,
+    Python,
+    PyVista,
+    dataset,
+    filtered,
+    mesh,
+    of_array,
+    tried,
+)
 from volume_files import itk, itk_image, nib
 
 import voxflat
@@ -168,6 +184,104 @@ def test_options_of_the_window(make_napari_viewer, qtbot):
     results = {name: compare(door, name) for name in NAMES if name in door.takes}
     assert [line for found, _ in results.values() for line in found] == []
     assert all(tried for _, tried in results.values()), results
+
+
+# ------------------------------------------------------------------------------ other work
+
+
+def patches(source, folder, given):
+    """Return the patch of each triangle."""
+    command = CommandLine(folder, "patches")
+    file = folder / "atlas.npz"
+    read = lambda _: of_array(voxflat.load_atlas(file).patch_ids)  # noqa: E731
+    yield tried(lambda: composed.patches(SOURCES[source], **given).patch_ids)
+    if given.keys() <= command.takes:
+        yield command.run(source, [], given, ["-o", file], read)
+    if given.keys() <= {"label", "threshold", *inspect.signature(Surface.patches).parameters}:
+        yield tried(lambda: dataset(source).voxflat.patches(**given)["patch"])
+    if given.keys() <= set(voxflat.vtk.SurfacePatches.options()):
+        page = filtered(lambda: voxflat.vtk.SurfacePatches(**given), source)
+        yield page if isinstance(page, Outcome) else of_array(page["patch"])
+
+
+def distances(source, folder, given):
+    """Return the distances from a number of sources, or from the nearest of several points."""
+    sources = given.pop("sources", [MIDDLE] if source == "mesh" else 3)
+    rows = tried(lambda: np.asarray(composed.geodesic(SOURCES[source], sources, **given)))
+    if isinstance(sources, int):
+        yield rows
+        store = folder / "rows"
+        command = CommandLine(folder, "rows")
+        read = lambda _: of_array(np.asarray(voxflat.open_rows(store)))  # noqa: E731
+        yield command.run(source, [], given, ["--store", store, "--sources", sources], read)
+        return
+    yield rows if rows.refusal is not None else of_array(rows.uv.min(axis=0))
+    if source == "mesh" and given.keys() <= {"geodesic"}:
+        method = {"method": given["geodesic"]} if "geodesic" in given else {}
+        yield tried(lambda: dataset(source).voxflat.geodesic(sources, **method)["geodesic_distance"])
+        measured = filtered(lambda: voxflat.vtk.SurfaceGeodesic(sources=sources, **method), source)
+        yield measured if isinstance(measured, Outcome) else of_array(measured["geodesic_distance"])
+
+
+def paths(source, folder, given):
+    """Return the points of a path."""
+    stops = given.pop("stops", [0, MIDDLE] if source == "mesh" else [(2, 2, 5), (5, 5, 5)])
+    words = [",".join(map(str, one)) if isinstance(one, tuple) else str(one) for one in stops]
+    yield tried(lambda: composed.path(SOURCES[source], *stops, **given).points)
+    command = CommandLine(folder, "path")
+    yield command.run(source, words, given, ["--json"], lambda text: of_array(json.loads(text)["points"]))
+    if source == "mesh" and len(stops) > 1 and given.keys() <= {"geodesic"}:
+        method = {"method": given.get("geodesic", "graph")}
+        yield tried(lambda: dataset(source).voxflat.path(*stops, **method).points)
+
+
+def measures(source, folder, given):
+    """Return the measures of a projection of the mesh, or of a map of the labels."""
+    surface_of = voxflat.surface(SOURCES[source])
+    file = folder / "flat.npz"
+    surface_of.flatten(voxflat.methods.Zigelman2002(sources=9)).save(file)
+    names = ("relative_error", "stress_1")
+    pick = lambda figures: [figures["raw"][name] for name in names]  # noqa: E731
+    yield tried(lambda: pick(voxflat.measure(surface_of, file, **given).figures()))
+    command = CommandLine(folder, "measure")
+    yield command.run(source, [file], given, ["--json"], lambda text: of_array(pick(json.loads(text))))
+    if given.keys() <= {"sources", "reference", "seed"}:
+        yield tried(lambda: pick(_told(dataset(source).voxflat.measure(file, **given))))
+
+
+def _told(measured):
+    return json.loads(measured.field_data["voxflat"][0])["distortion"]
+
+
+WORK = {
+    "patches": (patches, Surface.patches, {"label": [3, 5], "threshold": [0.5]}),
+    "distances": (distances, Surface.geodesic, {"sources": [[MIDDLE], [0, MIDDLE], 3, 0, [10**6], [-1]]}),
+    "paths": (paths, Surface.path, {"stops": [[0, LINE[-1]], [0], [0, 10**6], [0, 0]]}),
+    "measures": (measures, voxflat.measure, {}),
+}
+
+
+@pytest.mark.parametrize("source", ["mesh", "labels"])
+@pytest.mark.parametrize("work", WORK)
+def test_options_of_other_work(work, source, tmp_path):
+    run, of, more = WORK[work]
+    tried_with, found = [{}], []
+    hints = get_type_hints(of)
+    for name in inspect.signature(of).parameters:
+        if name in hints and name not in {"surface", "flat", "stops", "store", "dask", *RUN}:
+            tried_with += [{name: value} for value in suggested(of, name, hints[name])]
+    tried_with += [
+        {name: value} for name, values in more.items() for value in values if source == "mesh" or name != "stops"
+    ]
+    for number, given in enumerate(tried_with):
+        folder = tmp_path / str(number)
+        folder.mkdir()
+        own, *others = run(source, folder, dict(given))
+        found += [f"{given}: {one}, but in Python {own}" for one in others if not one.same(own)]
+    assert found == []
+
+
+# ------------------------------------------------------------------------------ files
 
 
 MESHES = [f"s{ending}" for ending in formats.ENDINGS] + ["lh.white"]

@@ -36,7 +36,7 @@ class Outcome:
         return f"a map of {len(self.ids)} points" if self.refusal is None else f"refused: {self.refusal}"
 
     def same(self, other):
-        """Return whether both are refusals, or maps with the same bits."""
+        """Return whether both are refusals, or have the same bits."""
         if self.refusal is not None or other.refusal is not None:
             return self.refusal is not None and other.refusal is not None
         return self.uv.tobytes() == other.uv.tobytes() and np.array_equal(self.ids, other.ids)
@@ -53,6 +53,33 @@ def _sheet():
 
 
 SOURCES = {"mesh": mesh(), "labels": _sheet(), "intensities": _sheet() / np.float32(3)}
+
+
+def of_array(values):
+    """Return the outcome of work whose result is an array."""
+    return Outcome(np.ascontiguousarray(values, dtype=np.float64), np.arange(len(values)))
+
+
+def tried(work):
+    """Return what some work returns as an array, or its refusal."""
+    try:
+        return of_array(work())
+    except voxflat.InputError as error:
+        return Outcome(refusal=str(error))
+
+
+def filtered(make, source):
+    """Run a filter of VTK, and return its output, or its refusal."""
+    told = []
+    try:
+        one = make()
+    except voxflat.InputError as error:  # of a method
+        return Outcome(refusal=str(error))
+    one.AddObserver("ErrorEvent", _Text(told))
+    one.SetInputData(dataset(source))
+    one.Update()
+    assert not told or one.GetOutput().GetNumberOfPoints() == 0
+    return Outcome(refusal=told[0]) if told else pv.wrap(one.GetOutput())
 
 
 def _outcome(flat_map):
@@ -72,31 +99,30 @@ class Python:
 
 
 class CommandLine:
-    """`voxflat flatten` on files."""
+    """A command, by default `voxflat flatten`, on files."""
 
-    def __init__(self, folder):
-        self._folder = folder
-        self._options = {option.name: option for option in main.get_command(None, "flatten").params}
+    def __init__(self, folder, name="flatten"):
+        self._folder, self._name = folder, name
+        self._options = {option.name: option for option in main.get_command(None, name).params}
         self.takes = set(self._options)
         self._files = {name: self._write(name, source) for name, source in SOURCES.items()}
 
     def __call__(self, source, given):
-        words = ["flatten", self._files.get(source, source)]
-        for name, value in given.items():
-            said = self._words(name, value)
-            if said is None:
-                return None
-            words += said
         output = self._folder / "map.npz"
-        result = command(*words, "-o", output)
+        return self.run(source, [], given, ["-o", output], lambda _: _outcome(voxflat.load(output)))
+
+    def run(self, source, arguments, given, more, read):
+        """Run the command with arguments, options and more words, and return what `read` makes of its output."""
+        words = [word for name, value in given.items() for word in self._words(name, value)]
+        result = command(self._name, self._files.get(source, source), *arguments, *words, *more)
         if result.exit_code == 0:
-            return _outcome(voxflat.load(output))
+            return read(result.stdout)
         assert result.exit_code in (1, 2), result.output
         assert isinstance(result.exception, SystemExit), result.exception
         return Outcome(refusal=result.stderr.strip().splitlines()[-1])
 
     def _words(self, name, value):
-        """Return an option as words, or None if it has no such form."""
+        """Return an option as words."""
         option = self._options["relax_length" if name == "relax" and type(value) in (int, float) else name]
         flag = option.opts[-1]
         if isinstance(value, bool):
@@ -145,18 +171,9 @@ class Filter:
     takes = frozenset({*voxflat.vtk.FlattenSurface.options(), *OF_METHODS})
 
     def __call__(self, source, given):
-        told = []
-        try:
-            flatten = voxflat.vtk.FlattenSurface(**composed.with_method(given))
-        except voxflat.InputError as error:  # of a method
-            return Outcome(refusal=str(error))
-        flatten.AddObserver("ErrorEvent", _Text(told))
-        flatten.SetInputData(dataset(source))
-        flatten.Update()
-        if told:
-            assert flatten.GetOutput().GetNumberOfPoints() == 0
-            return Outcome(refusal=told[0])
-        flat = pv.wrap(flatten.GetOutput())
+        flat = filtered(lambda: voxflat.vtk.FlattenSurface(**composed.with_method(given)), source)
+        if isinstance(flat, Outcome):
+            return flat
         ids = flat["vertex_ids" if source == "mesh" else "voxel_ids"]
         return Outcome(np.ascontiguousarray(flat.points[:, :2]), np.asarray(ids))
 

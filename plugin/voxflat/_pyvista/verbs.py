@@ -290,7 +290,8 @@ class Verbs(Inputs):
         extracted = self._extracted(None)
         stops = [extracted.point(stop, "stops") for stop in (a, b, *further)]
         found = surface(extracted.mesh).path(*stops, geodesic=method)
-        line: pv.PolyData = pv.MultipleLines(found.points)
+        count = len(found.points)
+        line = pv.PolyData(np.array(found.points), lines=[count, *range(count)] if count > 1 else None)
         line.point_data["vertex_ids"] = np.where(found.ids >= 0, extracted.point_ids[found.ids], -1)
         line.field_data["length"] = [found.length]
         return line
