@@ -4,6 +4,7 @@ import csv
 import json
 import re
 import shutil
+from pathlib import Path
 
 import nibabel as nib
 import numpy as np
@@ -16,8 +17,9 @@ from numpy.testing import assert_allclose, assert_array_equal
 from refusals import refused
 
 import voxflat
-from voxflat.lab.comparison import Sums, outliers
+from voxflat.lab.comparison import Sums, outliers, outliers_by_chance
 from voxflat.lab.inputs import Parameters, found_in, participants
+from voxflat.lab.results import sealed
 
 pytestmark = pytest.mark.slow  # its fixtures take seconds
 
@@ -116,7 +118,7 @@ def test_a_dry_run_says_what_would_be_done_and_a_change_of_one_redoes_one(root, 
     assert everything(tmp_path / "out") == before
     assert len(plan) == 20
     stale = {one["participant"]: one["reason"] for one in plan if one["state"] == "stale"}
-    missing = f"{lost.name} is missing or was modified"
+    missing = f"{lost.name} is missing"
     assert stale == {"sub-07": "changed inputs: overlay thickness", "sub-09": missing}
     assert [one["participant"] for one in plan if one["state"] == "failed"] == ["sub-05"]
     next((tmp_path / "bids").rglob("sub-06_hemi-L_white.surf.gii")).touch()  # times do not matter
@@ -234,7 +236,8 @@ def test_white_matter_is_found_by_its_name(tmp_path):
 
 
 def test_the_table_has_everybody_and_every_figure(root, compared):
-    assert compared.exit_code == 0, compared.output
+    assert compared.exit_code == 3, compared.output
+    assert all(re.search(f"sub-{label} L: error: .*{why}", compared.stderr) for label, why in BROKEN.items())
     with (root / "out" / "group_desc-voxflat_measures.tsv").open() as file:
         rows = list(csv.DictReader(file, delimiter="\t"))
     assert [row["participant_id"] for row in rows] == [f"sub-{n:02}" for n in range(1, 21)]
@@ -273,6 +276,8 @@ def test_means_are_those_of_the_maps_pixel_by_pixel(root, compared):
     assert_allclose(found[is_inner], values[:, is_inner].mean(axis=0), rtol=1e-4)
     assert_allclose(scattered[is_inner], values[:, is_inner].std(axis=0, ddof=1), rtol=1e-3)
     assert np.isnan(found[count < 8]).all()
+    counted = nib.load(out / "group_hemi-L_stat-count_desc-voxflat_thickness.nii.gz")
+    assert np.mean(np.asarray(counted.dataobj)[..., 0][rows, columns] == count) > 0.999  # apart from borders
 
 
 def test_a_broken_map_stands_out_in_table_and_page(root, compared, tmp_path):
@@ -287,8 +292,10 @@ def test_a_broken_map_stands_out_in_table_and_page(root, compared, tmp_path):
     record["figures"]["triangles"]["flipped"] = 4
     record["figures"]["best_scale"]["relative_error"] = 0.31
     record["inputs"]["white"]["sha256"] = "0" * 64
-    path.write_text(json.dumps(record))
+    del record["sha256"]
+    path.write_text(json.dumps(sealed(record)))
     told = json.loads(run("bids", root / "bids", tmp_path / "out", "group", "--json").stdout)
+    assert told["outliers"]["sub-02 L"]["best_scale.relative_error"] == "high"
     assert {"triangles.flipped", "best_scale.relative_error"} <= set(told["outliers"]["sub-02 L"])
     page = (tmp_path / "out" / "group.html").read_text()
     assert '<td class="n bad">31.0<span class="quiet"> ±' in page
@@ -314,10 +321,93 @@ def test_the_table_of_the_page_begins_with_the_largest_distance_error(root, comp
     assert "at the scale of each map that minimises the distance error" in page
 
 
+def test_outliers_by_chance_are_those_of_a_normal_distribution():
+    draws = np.random.default_rng(5).standard_normal((1000, 20))
+    assert outliers_by_chance(20) == pytest.approx(np.mean([outliers(of).sum() for of in draws]), rel=0.25)
+    assert outliers_by_chance(4) == 0
+    assert outliers_by_chance(2000) == pytest.approx(2000 * 0.000465, rel=0.2)  # P(|z| > 3.5)
+
+
+def read(path):
+    """Return the values in a file of results, whose provenance has paths."""
+    return voxflat.load(path).uv.tolist() if path.suffix == ".npz" else nib.load(path).darrays[0].data.tobytes()
+
+
+def _overwritten(path):
+    """Overwrite four bytes in the middle of a file."""
+    with path.open("r+b") as file:
+        file.seek(path.stat().st_size // 2)
+        four = file.read(4)
+        file.seek(-4, 1)
+        file.write(bytes(255 - of for of in four))
+
+
+def test_damaged_outputs_are_made_again_and_stop_nobody(root, compared, tmp_path):
+    shutil.copytree(root / "out", tmp_path / "out")
+    shutil.copytree(root / "bids", tmp_path / "bids")
+    files = {
+        label: tmp_path / "out" / f"sub-{label}" / "anat" / f"sub-{label}_hemi-L_desc-voxflat"
+        for label in ("01", "02", "03")
+    }
+    names = ("flat.npz", "flat.json", "curvature.shape.gii")
+    damaged = [Path(f"{files[label]}_{of}") for label, of in zip(files, names, strict=True)]
+    for path in damaged:
+        _overwritten(path)
+    (tmp_path / "out" / "sub-04.html").unlink()
+    _overwritten(tmp_path / "out" / "sub-06.html")
+    before = everything(tmp_path / "out")
+    group = run("bids", tmp_path / "bids", tmp_path / "out", "group", "--json")
+    assert group.exit_code == 6
+    assert json.loads(group.stdout)["maps"] == 14
+    for label, path in zip(files, damaged, strict=True):
+        assert re.search(rf"voxflat: sub-{label} L: error: {path.name} .*Run voxflat bids again", group.stderr)
+    plan = [json.loads(line) for line in participant(tmp_path, "--dry-run").stdout.splitlines()]
+    assert [one["participant"] for one in plan if one["state"] == "stale"] == [f"sub-{n:02}" for n in (1, 2, 3, 4, 6)]
+    assert "3 made, 14 up to date, 3 failed" in participant(tmp_path).stdout
+    now, whole = everything(tmp_path / "out"), everything(root / "out")
+    assert {name for name in now if name not in before or now[name][0] != before[name][0]} >= {
+        "sub-04.html",
+        "sub-06.html",
+    }
+    for name in ("sub-04.html", "sub-06.html"):
+        assert now[name][0] == whole[name][0]
+    for path in (damaged[0], damaged[2]):
+        assert read(path) == read(root / path.relative_to(tmp_path))
+    again = json.loads(run("bids", tmp_path / "bids", tmp_path / "out", "group", "--json").stdout)
+    assert (again["maps"], len(again["missing"])) == (17, 3)
+
+
+def test_a_page_that_cannot_be_written_stops_nobody(root, tmp_path):
+    shutil.copytree(root / "out", tmp_path / "out")
+    shutil.copytree(root / "bids", tmp_path / "bids")
+    page = tmp_path / "out" / "sub-01.html"
+    page.unlink()
+    page.mkdir()
+    (tmp_path / "out" / "sub-02.html").unlink()
+    told = participant(tmp_path)
+    assert "16 up to date, 4 failed" in told.stdout
+    assert "voxflat: sub-01 lh: error: " in told.stderr
+    assert (tmp_path / "out" / "sub-02.html").is_file()
+    page.rmdir()
+    assert "17 up to date, 3 failed" in participant(tmp_path).stdout
+    assert page.is_file()
+
+
+@pytest.mark.parametrize("ending", ["html", "tsv", "json", "nii.gz"])
+def test_a_damaged_or_missing_file_of_the_group_is_made_again(root, compared, tmp_path, ending):
+    shutil.copytree(root / "out", tmp_path / "out")
+    path = sorted((tmp_path / "out").glob(f"group*.{ending}"))[0]
+    whole = path.read_bytes()
+    for damage in (_overwritten, Path.unlink):
+        damage(path)
+        assert "written: " in run("bids", root / "bids", tmp_path / "out", "group").stdout
+        assert path.read_bytes() == whole
+
+
 def test_a_study_that_is_up_to_date_is_left_alone(root, compared):
     before = everything(root / "out")
     again = run("bids", root / "bids", root / "out", "group")
-    assert (again.exit_code, again.stdout.splitlines()[-1]) == (0, "up to date")
+    assert (again.exit_code, again.stdout.splitlines()[-1]) == (3, "up to date")
     assert everything(root / "out") == before
 
 
@@ -327,7 +417,7 @@ def test_sums_forget_no_map_where_another_has_no_value():
     for one in (flat.uv[:, 0], np.where(flat.uv[:, 1] > 0, np.nan, 3.0), flat.uv[:, 0] + 6):
         sums.add(flat, one)
     found = sums.result("u", "L")
-    at = np.isfinite(found.mean.data) & (found.count == 2)
+    at = np.isfinite(found.mean.data) & (found.count.data == 2)
     assert_allclose(found.mean.data[at], sums.places[..., 0][at] + 3, atol=1e-9)
     assert_allclose(found.deviation.data[at], np.sqrt(18), atol=1e-9)
 

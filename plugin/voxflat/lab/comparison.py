@@ -1,7 +1,8 @@
 """Compare hemispheres: find outliers, and average maps with standard cuts."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,7 @@ from voxflat.maps.raster import FlatImage
 _PIXEL = 1.0  # mm
 _LEAST = 5  # smallest number of maps for which outliers are reported
 _FAR = 3.5  # threshold on modified z scores (Iglewicz, Hoaglin 1993)
+_DRAWS = 2000  # number of simulated groups
 _NORMAL = 0.6745  # median absolute deviation of a normal distribution with standard deviation 1
 
 
@@ -27,18 +29,23 @@ class Row:
     page: str  # file of the report
     record: dict[str, Any] | None  # record of its results; None if there are none
     reason: str = ""  # reason why there are no results
-    outliers: tuple[str, ...] = ()  # names of measures in which it is an outlier
+    outliers: Mapping[str, str] = field(default_factory=dict)  # measures in which it is an outlier: high or low
+
+    @property
+    def hemisphere(self) -> str:
+        """Its name in messages, such as sub-01_ses-02 L."""
+        return f"{self.name}{self.session} {self.letter}"
 
 
 @dataclass(frozen=True, eq=False)
 class Mean:
-    """Mean and standard deviation of standard maps; NaN where fewer than half, or fewer than two, have a value."""
+    """Mean and standard deviation (N - 1) of standard maps; NaN where fewer than half, or than two, have a value."""
 
     name: str
     letter: str
     mean: FlatImage
     deviation: FlatImage
-    count: NDArray[np.int64]  # (H, W): number of maps with a value there
+    count: FlatImage  # number of maps with a value there
 
 
 class Sums:
@@ -79,7 +86,8 @@ class Sums:
         how: dict[str, Any] = {"labels": False, "provenance": record}
         of_mean = FlatImage(mean, _PIXEL, origin, f"mean of {name}", **how)
         of_deviation = FlatImage(deviation, _PIXEL, origin, f"standard deviation of {name}", **how)
-        return Mean(name, letter, of_mean, of_deviation, self.count)
+        of_count = FlatImage(self.count, _PIXEL, origin, f"number of maps with a value of {name}", **how)
+        return Mean(name, letter, of_mean, of_deviation, of_count)
 
 
 def outliers(values: NDArray[np.float64]) -> NDArray[np.bool_]:
@@ -90,3 +98,10 @@ def outliers(values: NDArray[np.float64]) -> NDArray[np.bool_]:
     apart = np.abs(values - np.median(defined))
     usual = float(np.median(apart[np.isfinite(apart)]))
     return np.asarray(_NORMAL * np.nan_to_num(apart) > _FAR * usual) & (np.nan_to_num(apart) > 0)
+
+
+@lru_cache
+def outliers_by_chance(count: int) -> float:
+    """Return the mean number of outliers among `count` values from a normal distribution, by simulation."""
+    draws = np.random.default_rng(0).standard_normal((_DRAWS, count))
+    return sum(int(outliers(values).sum()) for values in draws) / _DRAWS

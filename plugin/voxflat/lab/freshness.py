@@ -14,10 +14,10 @@ from voxflat.errors import InputError
 from voxflat.io.files import atomic_path
 from voxflat.io.reading import hash_of
 from voxflat.lab.inputs import Hemisphere, Parameters
-from voxflat.lab.results import Results, read_record
+from voxflat.lab.results import FORMAT, Results, check_outputs, digest_of, read_record
 
-_FORMAT = 1  # version of the output; increase it to make all results again at the next run
 _HEAD = 4096  # number of bytes at the beginning of a page that contain its key
+_SEAL = "\n<!-- sha256 {} -->\n"  # last line of a page: the checksum of everything before it
 
 Request = dict[str, Any]
 """Everything that determines results: ``voxflat`` (version), ``parameters``, and ``inputs`` (paths and SHA-256)."""
@@ -28,7 +28,7 @@ def request(hemisphere: Hemisphere, parameters: Parameters) -> Request:
     files = {**hemisphere.files, **{f"overlay {name}": path for name, path in hemisphere.overlays.items()}}
     inputs = {name: {"path": os.fspath(path), "sha256": hash_of(path)} for name, path in files.items()}
     options = {**asdict(parameters), "overlays": list(parameters.overlays), "hemi": hemisphere.letter}
-    return {"voxflat": __version__, "format": _FORMAT, "parameters": options, "inputs": inputs}
+    return {"voxflat": __version__, "format": FORMAT, "parameters": options, "inputs": inputs}
 
 
 def state(results: Results, wanted: Request) -> tuple[str, str]:
@@ -39,9 +39,8 @@ def state(results: Results, wanted: Request) -> tuple[str, str]:
         record = read_record(results.record)
     except InputError as error:
         return "stale", str(error)
-    for name in ("voxflat", "format"):
-        if record[name] != wanted[name]:
-            return "stale", f"made by voxflat {record['voxflat']} (format {record['format']})"
+    if record["voxflat"] != wanted["voxflat"]:
+        return "stale", f"made by voxflat {record['voxflat']}"
     earlier = record["parameters"]
     pairs = [(key, earlier.get(key), value) for key, value in wanted["parameters"].items()]
     changed = [f"{key}: {before!r} before, now {value!r}" for key, before, value in pairs if before != value]
@@ -51,26 +50,35 @@ def state(results: Results, wanted: Request) -> tuple[str, str]:
     changed = sorted(name for name in before.keys() | now.keys() if before.get(name) != now.get(name))
     if changed:
         return "stale", f"changed inputs: {', '.join(changed)}"
-    for name, size in record["outputs"].items():
-        path = results.folder / name
-        if not path.is_file() or path.stat().st_size != size:
-            return "stale", f"{name} is missing or was modified"
+    try:
+        check_outputs(results.folder, record["outputs"])
+    except InputError as error:
+        return "stale", str(error)
     return "done", ""
 
 
 def page_key(records: Sequence[Mapping[str, Any]], failures: Mapping[str, str]) -> str:
     """Return the SHA-256 of everything that determines a page: records, and reasons for failures."""
     made_of = [{key: record[key] for key in ("voxflat", "format", "parameters", "inputs")} for record in records]
-    return hashlib.sha256(json.dumps([made_of, dict(failures)], sort_keys=True).encode()).hexdigest()
+    return digest_of([made_of, dict(failures)])
 
 
 def is_page_of(path: Path, key: str) -> bool:
-    """Return whether a page exists and has this key."""
+    """Return whether a page exists, has this key, and is undamaged."""
     if not path.is_file():
         return False
-    with path.open(encoding="utf-8", errors="replace") as file:
-        found = re.search(r'name="voxflat" content="([0-9a-f]+)"', file.read(_HEAD))
-    return found is not None and found[1] == key
+    page = path.read_bytes()
+    found = re.search(rb'name="voxflat" content="([0-9a-f]+)"', page[:_HEAD])
+    return found is not None and found[1] == key.encode() and page.endswith(_seal(page[: -len(_seal(b""))]))
+
+
+def write_page(path: Path, html: str) -> bool:
+    """Write a page with its checksum unless the file already has it; return whether it was written."""
+    return write_text(path, html + _seal(html.encode()).decode())
+
+
+def _seal(page: bytes) -> bytes:
+    return _SEAL.format(hashlib.sha256(page).hexdigest()).encode()
 
 
 def write_json(path: Path, content: Mapping[str, Any]) -> bool:

@@ -9,48 +9,101 @@ from typing import Any
 
 import numpy as np
 
+from voxflat._core import __version__
 from voxflat.errors import InputError, user_message
-from voxflat.lab.comparison import Mean, Row, Sums, outliers
-from voxflat.lab.freshness import is_page_of, page_key, write_json, write_text
+from voxflat.io.reading import hash_of
+from voxflat.lab.comparison import Mean, Row, Sums, outliers, outliers_by_chance
+from voxflat.lab.freshness import page_key, write_json, write_text
 from voxflat.lab.inputs import HEMISPHERES, participants
-from voxflat.lab.results import FIGURES, LoadedResults, Results, figure_of, read_record
+from voxflat.lab.results import (
+    COUNTS,
+    FIGURES,
+    FORMAT,
+    LoadedResults,
+    Results,
+    check_outputs,
+    figure_of,
+    read_record,
+    sealed,
+)
 from voxflat.lab.study import NO_FILES, Job
 from voxflat.maps.flat_map import FlatMap
 
-_COUNTS = ("triangles.flipped", "triangles.covering", "triangles.crossings")  # a correct map has none
 _STEM = "group_desc-voxflat"
+_AGAIN = "Run voxflat bids again at the level participant"
 
 
 def group(source: Path, out: Path, labels: Sequence[str] = ()) -> dict[str, Any]:
     """Compare the participants of a study, and write a table, images of the means and a page to its output directory.
 
-    Return the number of ``maps``, the reasons why maps are ``missing`` and the ``outliers`` (measures), both keyed by
-    participant and hemisphere, and the names of the files ``written`` (none if all were up to date).
+    Return the number of ``maps``, the reasons why maps are ``missing`` and the ``outliers`` (measures, high or low),
+    both keyed by participant and hemisphere, the number of ``outliers_by_chance``, and the names of the files
+    ``written`` (none if all were up to date).
     """
-    rows = _with_outliers(list(_rows(source, out, labels)))
-    there = [row for row in rows if row.record is not None]
-    if not there:
-        raise InputError(f"{out}: no participant has a map. Run voxflat bids {source} {out} participant first")
-    reasons = {f"{row.name}{row.session} {row.letter}": row.reason for row in rows if row.record is None}
-    key = page_key([row.record for row in there if row.record is not None], reasons)
-    page, table = out / "group.html", out / f"{_STEM}_measures.tsv"
+    rows = list(_rows(source, out, labels))
+    record = out / f"{_STEM}_record.json"
     written: list[str] = []
-    if not is_page_of(page, key) or not table.is_file():
+    if not _is_done(record, rows):
         from voxflat.lab.study_report import map_picture, study_page  # imports Matplotlib
 
-        maps: list[dict[str, Any]] = []
-        means = _means(out, there, lambda row, flat_map: maps.append(map_picture(row, flat_map, len(there))))
+        rows, means, maps = _compared(out, rows, map_picture)
+        if not maps:
+            raise InputError(f"{out}: no participant has a map. Run voxflat bids {source} {out} participant first")
         for one in means:
-            for statistic, image in (("mean", one.mean), ("std", one.deviation)):
+            for statistic, image in (("mean", one.mean), ("std", one.deviation), ("count", one.count)):
                 name = f"group_hemi-{one.letter}_stat-{statistic}_desc-voxflat_{one.name}.nii.gz"
                 image.save(out / name)
                 written.append(name)
+        table, page = out / f"{_STEM}_measures.tsv", out / "group.html"
         write_text(table, _table(rows))
         write_json(table.with_suffix(".json"), _columns())
-        write_text(page, study_page(rows, means, maps, key))
+        write_text(page, study_page(rows, means, maps, _key(rows), expected_outliers(rows)))
         written += [table.name, table.with_suffix(".json").name, page.name]
-    found = {f"{row.name}{row.session} {row.letter}": list(row.outliers) for row in rows if row.outliers}
-    return {"maps": len(there), "missing": reasons, "outliers": found, "written": written}
+        outputs = {name: hash_of(out / name) for name in written}
+        write_json(record, sealed({"voxflat": __version__, "format": FORMAT, "key": _key(rows), "outputs": outputs}))
+        written.append(record.name)
+    rows = _with_outliers(rows)
+    return {
+        "maps": sum(row.record is not None for row in rows),
+        "missing": {row.hemisphere: row.reason for row in rows if row.record is None},
+        "failed": sorted({row.name + row.session for row in rows if row.record is None}),
+        "outliers": {row.hemisphere: row.outliers for row in rows if row.outliers},
+        "outliers_by_chance": expected_outliers(rows),
+        "written": written,
+    }
+
+
+def _key(rows: Sequence[Row]) -> str:
+    """Return the SHA-256 of everything that determines the files of the group."""
+    missing = {row.hemisphere: row.reason for row in rows if row.record is None}
+    return page_key([row.record for row in rows if row.record is not None], missing)
+
+
+def _is_done(record: Path, rows: Sequence[Row]) -> bool:
+    """Return whether all files of the group are up to date and undamaged."""
+    try:
+        earlier = read_record(record)
+        check_outputs(record.parent, earlier["outputs"])
+    except (InputError, OSError):
+        return False
+    return bool(earlier["key"] == _key(rows))
+
+
+def _compared(
+    out: Path, rows: list[Row], picture: Callable[[Row, FlatMap, int], dict[str, Any]]
+) -> tuple[list[Row], list[Mean], list[dict[str, Any]]]:
+    """Return the rows, the means and a picture of each map; hemispheres that cannot be read become missing."""
+    rows = _with_outliers(rows)
+    there = [row for row in rows if row.record is not None]
+    maps: list[dict[str, Any]] = []
+    means, unreadable = _means(out, there, lambda row, flat_map: maps.append(picture(row, flat_map, len(there))))
+    if not unreadable:
+        return rows, means, maps
+    rest = [
+        replace(row, record=None, reason=unreadable[row.hemisphere]) if row.hemisphere in unreadable else row
+        for row in rows
+    ]
+    return _compared(out, rest, picture)
 
 
 def _rows(source: Path, out: Path, labels: Sequence[str]) -> Iterator[Row]:
@@ -67,9 +120,11 @@ def _rows(source: Path, out: Path, labels: Sequence[str]) -> Iterator[Row]:
                 yield Row(*about, letter, page, None, _reason(results))
             elif results.record.is_file():
                 try:
-                    yield Row(*about, letter, page, read_record(results.record))
-                except InputError as error:
-                    yield Row(*about, letter, page, None, user_message(error))
+                    record = read_record(results.record)
+                    check_outputs(results.folder, record["outputs"])
+                    yield Row(*about, letter, page, record)
+                except (InputError, OSError) as error:
+                    yield Row(*about, letter, page, None, f"{user_message(error)}. {_AGAIN}")
         if not found:
             yield Row(*about, "n/a", page, None, NO_FILES if one.folder is None else "not flattened yet")
 
@@ -77,21 +132,31 @@ def _rows(source: Path, out: Path, labels: Sequence[str]) -> Iterator[Row]:
 def _reason(results: Results) -> str:
     try:
         return str(json.loads(results.failure.read_text(encoding="utf-8"))["reason"])
-    except (ValueError, KeyError, OSError):
-        return f"{results.failure} is damaged. Run voxflat bids again at the level participant"
+    except (ValueError, TypeError, KeyError, OSError):
+        return f"{results.failure.name} is damaged. {_AGAIN}"
 
 
 def _with_outliers(rows: list[Row]) -> list[Row]:
     """Mark outliers among the hemispheres of the same side."""
-    marks: dict[int, list[str]] = {}
-    for letter in ("L", "R"):
-        own = [n for n, row in enumerate(rows) if row.letter == letter and row.record is not None]
+    marks: dict[int, dict[str, str]] = {}
+    for own in _sides(rows):
         for place in _places([rows[n].record or {} for n in own]):
             values = np.array([figure_of(rows[n].record or {}, place) for n in own], dtype=np.float64)  # None is NaN
-            far = values > 0 if place in _COUNTS else outliers(values) if place in FIGURES else np.zeros(len(own), bool)
-            for n in np.array(own, dtype=int)[far].tolist():
-                marks.setdefault(n, []).append(place)
-    return [replace(row, outliers=tuple(marks.get(n, ()))) for n, row in enumerate(rows)]
+            far = values > 0 if place in COUNTS else outliers(values) if place in FIGURES else np.zeros(len(own), bool)
+            for n, value in zip(np.array(own, dtype=int)[far].tolist(), values[far].tolist(), strict=True):
+                marks.setdefault(n, {})[place] = "low" if value < np.nanmedian(values) else "high"
+    return [replace(row, outliers=marks.get(n, {})) for n, row in enumerate(rows)]
+
+
+def _sides(rows: Sequence[Row]) -> list[list[int]]:
+    """Return the rows that have a map, of the left and of the right side."""
+    return [[n for n, row in enumerate(rows) if row.letter == of and row.record is not None] for of in ("L", "R")]
+
+
+def expected_outliers(rows: Sequence[Row]) -> float:
+    """Return the number of outliers to expect by chance in all measures, if these are normally distributed."""
+    measures = sum(place not in COUNTS for place in FIGURES)
+    return round(measures * sum(outliers_by_chance(len(own)) for own in _sides(rows)), 2)
 
 
 def _places(records: Sequence[Mapping[str, Any]]) -> list[str]:
@@ -116,7 +181,11 @@ def _table(rows: Sequence[Row]) -> str:
     print("\t".join(head + places), file=text)
     for row in rows:
         cells: list[Any] = [row.name, row.session.removeprefix("_") or None, row.letter]
-        cells += ["missing" if row.record is None else "done", row.reason or None, ",".join(row.outliers) or None]
+        cells += [
+            "missing" if row.record is None else "done",
+            row.reason or None,
+            ", ".join(map(" ".join, row.outliers.items())) or None,
+        ]
         if row.record is None:
             cells += [None] * (4 + len(places))
         else:
@@ -136,8 +205,8 @@ def _columns() -> dict[str, Any]:
     described = {
         "status": "done, or missing if there is no map",
         "reason": "reason why there is no map",
-        "outliers": "columns in which the hemisphere is an outlier among the hemispheres of its side (modified z score "
-        "above 3.5), and columns with a nonzero count of flipped triangles, covering triangles or boundary crossings",
+        "outliers": "columns in which the hemisphere is high or low among the hemispheres of its side (modified z "
+        "score above 3.5), and columns with a nonzero count of flipped or covering triangles or boundary crossings",
         "cuts": "source of the cuts: standard, automatic, given, or the name of a template",
         "points": "number of vertices on the map",
         "width": {"Description": "width of the map", "Units": "mm"},
@@ -150,12 +219,20 @@ def _columns() -> dict[str, Any]:
     return {name: {"Description": of} if isinstance(of, str) else of for name, of in described.items()}
 
 
-def _means(out: Path, rows: Sequence[Row], show: Callable[[Row, FlatMap], None]) -> list[Mean]:
-    """Return means over standard maps, and pass every map to `show`; one map is in memory at a time."""
+def _means(out: Path, rows: Sequence[Row], show: Callable[[Row, FlatMap], None]) -> tuple[list[Mean], dict[str, str]]:
+    """Return means over standard maps, and why hemispheres cannot be read; pass every map to `show`.
+
+    One map is in memory at a time.
+    """
     sums: dict[tuple[str, str], Sums] = {}
+    unreadable: dict[str, str] = {}
     for row in rows:
         folder = out / row.name / row.session.removeprefix("_") / "anat"
-        shown = LoadedResults.read(Results.in_bids(folder, row.name + row.session, row.letter))
+        try:
+            shown = LoadedResults.read(Results.in_bids(folder, row.name + row.session, row.letter))
+        except (InputError, OSError) as error:
+            unreadable[row.hemisphere] = user_message(error)
+            continue
         show(row, shown.flat_map)
         if shown.record["map"]["frame"] != "standard":
             continue
@@ -164,7 +241,7 @@ def _means(out: Path, rows: Sequence[Row], show: Callable[[Row, FlatMap], None])
                 if (key := (name, row.letter)) not in sums:
                     sums[key] = Sums(*_ends(rows, row.letter))
                 sums[key].add(shown.flat_map, shown.values[name])
-    return [of.result(name, letter) for (name, letter), of in sorted(sums.items()) if of.maps > 1]
+    return [of.result(name, letter) for (name, letter), of in sorted(sums.items()) if of.maps > 1], unreadable
 
 
 def _ends(rows: Sequence[Row], letter: str) -> tuple[list[float], list[float]]:

@@ -1,5 +1,6 @@
 """The results of a hemisphere: their files and measures, and functions that read them."""
 
+import hashlib
 import json
 from collections.abc import Mapping
 from contextlib import suppress
@@ -13,7 +14,10 @@ from numpy.typing import NDArray
 from voxflat.errors import InputError
 from voxflat.io.files import REMEDY, naming
 from voxflat.io.overlays import read_overlay
+from voxflat.io.reading import hash_of
 from voxflat.maps.flat_map import FlatMap, load
+
+FORMAT = 2  # version of the output; increase it to make all results again at the next run
 
 MEASURES = {
     "distanceerror": "mean relative error of the distances from each point, as a fraction",
@@ -35,6 +39,10 @@ FIGURES: dict[str, tuple[str, float, str]] = {
     "triangles.covering": ("Triangles covering another", 1, ""),
 }
 """Measures of a page by their path in a record: name, factor, and unit."""
+
+
+COUNTS = ("triangles.flipped", "triangles.covering", "triangles.crossings")
+"""Measures that are 0 in a correct map."""
 
 
 class Results:
@@ -66,13 +74,35 @@ class Results:
         return self._named(f"{name}.shape.gii")
 
 
+def digest_of(content: Any) -> str:
+    """Return the SHA-256 of a value of JSON."""
+    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
+
+
+def sealed(content: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the content of a record with its own checksum."""
+    return {**content, "sha256": digest_of(content)}
+
+
 def read_record(path: Path) -> dict[str, Any]:
-    """Read the record of a hemisphere's results; a damaged record raises an InputError."""
-    with suppress(ValueError, TypeError):
+    """Read a record, without its checksum; a damaged record or one of another format raises an InputError."""
+    with suppress(ValueError, TypeError, KeyError):
         record: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
-        if all(name in record for name in ("voxflat", "format", "parameters", "inputs", "outputs", "figures")):
+        if record["format"] != FORMAT:
+            raise InputError(f"made by voxflat {record['voxflat']} (format {record['format']})")
+        if record.pop("sha256") == digest_of(record):
             return record
-    raise InputError(f"{path} is not a voxflat record, or is damaged. Delete it, and run voxflat again")
+    raise InputError(f"{path.name} is damaged")
+
+
+def check_outputs(folder: Path, outputs: Mapping[str, str]) -> None:
+    """Raise an InputError if a file is missing or differs from its SHA-256; `outputs` is keyed by file name."""
+    for name, digest in outputs.items():
+        path = folder / name
+        if not path.is_file():
+            raise InputError(f"{name} is missing")
+        if hash_of(path) != digest:
+            raise InputError(f"{name} was modified or is damaged")
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -10,7 +10,7 @@ from typing import Any
 from voxflat._core import __version__
 from voxflat.distances.cluster import connected
 from voxflat.errors import Cancelled, InputError, user_message
-from voxflat.lab.freshness import Request, is_page_of, page_key, request, state, write_json, write_text
+from voxflat.lab.freshness import Request, is_page_of, page_key, request, state, write_json, write_page, write_text
 from voxflat.lab.inputs import HEMISPHERES, Hemisphere, Parameters, Participant, found_in, participants
 from voxflat.lab.results import LoadedResults, Results, read_record
 from voxflat.lab.subject import make
@@ -119,7 +119,7 @@ def study(
                 job = Job.of(one, out)
                 planned = [_planned(job, hemi, parameters) for hemi in hemis]
                 made = [_failed(job, of.hemi, error) if of.state in ("missing", "stale") else of for of in planned]
-                _show(job, made)
+                made += _shown(job, made)
             for outcome in made:
                 tell(outcome)
             outcomes += made
@@ -136,14 +136,18 @@ def plan(
 ) -> Iterator[Outcome]:
     """Yield what `study` would do, without writing anything; the state is "failed" if input files are missing."""
     for one in participants(source, labels):
-        for hemi in hemis:
-            yield _planned(Job.of(one, out), hemi, parameters)
+        job = Job.of(one, out)
+        planned = [_planned(job, hemi, parameters) for hemi in hemis]
+        is_due = all(of.state in ("done", "failed") for of in planned) and _is_page_due(job, planned)
+        reason = f"{job.page.name} is missing, outdated or damaged"
+        for of in planned:
+            yield replace(of, state="stale", reason=reason) if is_due and of.state == "done" else of
 
 
 def _planned(job: Job, hemi: str, parameters: Parameters) -> Outcome:
     try:
         return Outcome(job.name, hemi, *state(job.results(hemi), job.request(hemi, parameters)[1]))
-    except (InputError, OSError) as error:
+    except Exception as error:  # one participant never stops the others
         return Outcome(job.name, hemi, "failed", user_message(error))
 
 
@@ -173,21 +177,38 @@ def _flatten(
     for hemi in hemis:
         outcomes.append(_one(job, hemi, parameters, how))
         tell(outcomes[-1])
-    _show(job, outcomes)
+    for failure in _shown(job, outcomes):
+        outcomes.append(failure)
+        tell(failure)
     return outcomes
 
 
-def _show(job: Job, outcomes: Sequence[Outcome]) -> None:
-    """Write the report, unless it is up to date."""
-    there = {one.hemi: job.results(one.hemi) for one in outcomes if one.state != "failed"}
-    failures = {one.hemi: one.reason for one in outcomes if one.state == "failed"}
-    key = page_key([read_record(of.record) for of in there.values()], failures)
-    is_due = bool(there) or job.page.is_file()  # otherwise an earlier report would not mention the failure
-    if is_due and (any(one.state == "made" for one in outcomes) or not is_page_of(job.page, key)):
-        from voxflat.lab.report import subject_page  # imports Matplotlib
+def _shown(job: Job, outcomes: Sequence[Outcome]) -> list[Outcome]:
+    """Write the report, unless it is up to date; if this fails, return the failure."""
+    try:
+        if _is_page_due(job, outcomes):
+            from voxflat.lab.report import subject_page  # imports Matplotlib
 
-        shown = {hemi: LoadedResults.read(of) for hemi, of in there.items()}
-        write_text(job.page, subject_page(job.name, shown, failures))
+            shown = {one.hemi: LoadedResults.read(job.results(one.hemi)) for one in outcomes if one.state != "failed"}
+            write_page(job.page, subject_page(job.name, shown, _failures(outcomes)))
+    except Cancelled:
+        raise
+    except Exception as error:  # one participant never stops the others
+        return [Outcome(job.name, outcomes[0].hemi, "failed", f"{job.page.name}: {user_message(error)}")]
+    return []
+
+
+def _is_page_due(job: Job, outcomes: Sequence[Outcome]) -> bool:
+    """Return whether the report has to be written."""
+    there = [job.results(one.hemi).record for one in outcomes if one.state != "failed"]
+    if not there and not job.page.is_file():  # an existing report must mention the failure
+        return False
+    key = page_key([read_record(record) for record in there], _failures(outcomes))
+    return any(one.state == "made" for one in outcomes) or not is_page_of(job.page, key)
+
+
+def _failures(outcomes: Sequence[Outcome]) -> dict[str, str]:
+    return {one.hemi: one.reason for one in outcomes if one.state == "failed"}
 
 
 def _one(job: Job, hemi: str, parameters: Parameters, how: dict[str, Any]) -> Outcome:

@@ -10,7 +10,7 @@ from voxflat.citation.methods_text import citation_of, facts_of
 from voxflat.figures.overlays import painted
 from voxflat.lab.comparison import Mean, Row
 from voxflat.lab.pages import Layer, colour_bar, filled, layers_of, pictures, png
-from voxflat.lab.results import FIGURES, figure_of
+from voxflat.lab.results import COUNTS, FIGURES, figure_of
 from voxflat.maps.flat_map import FlatMap
 
 _SHOWN = 0.9  # pixels of the page per mm of a map
@@ -19,7 +19,9 @@ _DOTS = (240.0, 26.0)  # pixels of a row of dots
 _RANKED_BY = "best_scale.relative_error"  # the table begins with the map in which this measure is largest
 
 
-def study_page(rows: Sequence[Row], means: Sequence[Mean], maps: Sequence[Mapping[str, Any]], key: str) -> str:
+def study_page(
+    rows: Sequence[Row], means: Sequence[Mean], maps: Sequence[Mapping[str, Any]], key: str, by_chance: float
+) -> str:
     """Return the page of a study as HTML, with a table, maps, means, and links to the reports on subjects."""
     there = [row for row in rows if row.record is not None]
     missing = [row for row in rows if row.record is None]
@@ -43,6 +45,8 @@ def study_page(rows: Sequence[Row], means: Sequence[Mean], maps: Sequence[Mappin
         parameters=sorted(parameters),
         versions=sorted(versions),
         maps=len(there),
+        marked=sum(len(row.outliers.keys() - set(COUNTS)) for row in there),
+        by_chance=f"{by_chance:.2g}",
         citation=citation_of([of["facts"] for of in maps]),
         participants=len({row.name + row.session for row in rows}),
     )
@@ -59,11 +63,11 @@ def _cell(row: Row, place: str) -> dict[str, Any]:
     value, error = (figure_of(row.record or {}, name) for name in (place, f"standard_error.{place}"))
     digits = 0 if place.endswith(("flipped", "covering")) else 1 if unit else 3
     text, after = ("–" if one is None else f"{factor * one:.{digits}f}" for one in (value, error))
-    return {"text": text, "error": "" if error is None else f" ± {after}", "is_outlier": place in row.outliers}
+    return {"text": text, "error": "" if error is None else f" ± {after}", "outlier": row.outliers.get(place, "")}
 
 
 def _mean(one: Mean) -> dict[str, Any]:
-    """Return the mean and the standard deviation of a measure as images."""
+    """Return the mean, the standard deviation and the number of maps of a measure as images."""
     look = layers_of([{one.name: one.mean.data[np.isfinite(one.mean.data)]}])[0][0]
     spread = one.deviation.data[np.isfinite(one.deviation.data)]
     high = float(np.percentile(spread, 99)) if len(spread) else 1.0
@@ -75,7 +79,7 @@ def _mean(one: Mean) -> dict[str, Any]:
         drawn = png(pixels, image.data.shape[1] * image.pixel_size)
         images.append({**drawn, "bar": colour_bar(layer), "what": what})
     side = {"L": "left", "R": "right"}[one.letter]
-    return {"title": look.title, "side": side, "most": int(one.count.max()), "images": images}
+    return {"title": look.title, "side": side, "most": int(one.count.data.max()), "images": images}
 
 
 def _dots(rows: Sequence[Row], place: str) -> dict[str, Any]:
@@ -91,7 +95,7 @@ def _dots(rows: Sequence[Row], place: str) -> dict[str, Any]:
             "x": round(6 + (width - 12) * (factor * value - low) / span, 1),
             "y": round(height * (0.3 if row.letter == "L" else 0.7), 1),
             "is_outlier": place in row.outliers,
-            "text": f"{row.name}{row.session} {row.letter}: {factor * value:.4g}{' ' + unit if unit else ''}",
+            "text": f"{row.hemisphere}: {factor * value:.4g} {unit} {row.outliers.get(place, '')}".rstrip(),
         }
         for row, value in found
         if value is not None

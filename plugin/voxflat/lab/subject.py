@@ -21,9 +21,10 @@ from voxflat.io.formats.gifti import value_bytes
 from voxflat.io.meshes import is_mesh_name
 from voxflat.io.overlays import read_overlay
 from voxflat.io.provenance import portable
+from voxflat.io.reading import hash_of
 from voxflat.lab.freshness import request, write_json
 from voxflat.lab.inputs import Hemisphere, Parameters
-from voxflat.lab.results import MEASURES, Results, read_record
+from voxflat.lab.results import MEASURES, Results, read_record, sealed
 from voxflat.maps.depth import ON_SURFACE, Depths
 from voxflat.maps.flat_map import FlatMap
 from voxflat.maps.sampling import sample
@@ -54,12 +55,12 @@ def make(hemisphere: Hemisphere, parameters: Parameters, results: Results, **com
         **wanted,
         "hemi": hemisphere.letter,
         "overlays": list(hemisphere.overlays),
-        "outputs": {path.name: path.stat().st_size for path in written},
+        "outputs": {path.name: hash_of(path) for path in written},
         **_description(whole, flat_map, doubts),
         "notes": notes,
         "seconds": seconds,
     }
-    write_json(results.record, record)
+    write_json(results.record, sealed(record))
     results.failure.unlink(missing_ok=True)
     return record
 

@@ -136,8 +136,8 @@ def bids_command(
     are still processed. At the "group" level, voxflat writes a table of all measures, images of the means over maps
     with standard cuts, and a page that shows all maps.
 
-    The exit status is the number of participants that failed (at most 100). If no participant could be processed, the
-    exit status is 1 or 2, as for the other commands.
+    The exit status is the number of participants that failed or, at the "group" level, that lack a map (at most 100).
+    If no participant could be processed, the exit status is 1 or 2, as for the other commands.
     """
     parameters = _parameters(given)
     if dask and (dry_run or level == "group"):
@@ -152,9 +152,13 @@ def bids_command(
     if level == "group":
         found = group(source, out, labels)
         state = f"written: {', '.join(found['written'])}" if found["written"] else "up to date"
-        counts = f"{found['maps']} maps, {len(found['missing'])} missing, {len(found['outliers'])} outliers"
+        for name, reason in found["missing"].items():
+            click.echo(f"voxflat: {name}: error: {reason}", err=True)
+        marked = sum(map(len, found["outliers"].values()))
+        counts = f"{found['maps']} maps, {len(found['missing'])} missing"
+        counts += f", {marked} outliers (about {found['outliers_by_chance']:.2g} expected by chance)"
         report({"output": str(out), **found}, f"{counts}\n{state}", quiet=quiet)
-        return 0
+        return min(len(found["failed"]), _MAX_STATUS)
     with bars(quiet, notes=False) as shown:  # the warnings about each map are in its report
         how: dict[str, Any] = {"labels": labels, "tell": _outcome_printer(shown, verbose=not (is_json() or quiet))}
         outcomes = study(source, out, chosen, parameters, **how, dask=dask, progress=shown.progress, **given)
