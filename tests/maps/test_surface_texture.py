@@ -38,6 +38,20 @@ def save_obj(folder, mesh, picture, corners=None, map_kd="map_Kd picture.png"):
     return folder / "face.obj"
 
 
+def save_ply(folder, mesh, picture, corners):
+    """Write a PLY file as MeshLab does, with texture coordinates at the corners of the faces."""
+    points, faces, _ = mesh
+    lines = ["ply", "format ascii 1.0", "comment TextureFile picture.png", f"element vertex {len(points)}"]
+    lines += [f"property double {axis}" for axis in "xyz"] + [f"element face {len(faces)}"]
+    lines += ["property list uchar int vertex_indices", "property list uchar double texcoord", "end_header"]
+    lines += [" ".join(map(repr, point)) for point in points.tolist()]
+    places = corners.reshape(len(faces), 6).tolist()
+    lines += [f"3 {a} {b} {c} 6 {' '.join(map(repr, of))}" for (a, b, c), of in zip(faces, places, strict=True)]
+    (folder / "face.ply").write_text("\n".join(lines) + "\n")
+    Image.fromarray(picture).save(folder / "picture.png")
+    return folder / "face.ply"
+
+
 def faces_at(flat_map, image):
     """Find, by trying all triangles, which one covers each pixel's centre; −1 outside, −2 too near to a side to say."""
     rows, columns = np.indices(image.data.shape[:2])
@@ -64,7 +78,8 @@ def test_each_pixel_shows_what_its_place_on_the_surface_shows(mesh, flat_map, tm
     assert (image.data[raster.inside][:, 2] == 7).all()
 
 
-def test_seams_of_the_texture_are_kept(mesh, flat_map, tmp_path):
+@pytest.mark.parametrize("save", [save_obj, save_ply])
+def test_seams_of_the_texture_are_kept(mesh, flat_map, tmp_path, caplog, save):
     """Every triangle has a patch of its own in the picture, its corners in any order: each pixel has its colour."""
     points, faces, _ = mesh
     rng = np.random.default_rng(5)
@@ -76,7 +91,9 @@ def test_seams_of_the_texture_are_kept(mesh, flat_map, tmp_path):
     corner = np.array([[0.3, 0.3], [0.7, 0.3], [0.3, 0.7]])
     corners = (np.column_stack([column, side - 1 - row])[:, None] + corner) / side
     shuffled = rng.permutation(len(faces))
-    path = save_obj(tmp_path, (points, faces[shuffled], None), picture, corners[shuffled])
+    path = save(tmp_path, (points, faces[shuffled], None), picture, corners[shuffled])
+    voxflat.surface(path)
+    assert "seam" not in caplog.text
     image = flat_map.image(path, 0.25)
     at = faces_at(flat_map, image)
     assert (at >= 0).sum() > 1000

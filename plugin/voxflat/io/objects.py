@@ -100,7 +100,7 @@ def _of_meshio(mesh: Any) -> Mesh:
     polygons = [np.asarray(block.data, dtype=np.int64) for block in mesh.cells if block.type in kept]
     if not polygons:
         kinds = ", ".join(sorted({str(block.type) for block in mesh.cells})) or "no cells"
-        raise InputError(f"contains {kinds}, but no triangles, quadrilaterals or polygons. Extract its surface first")
+        raise InputError(f"contains no triangles, quadrilaterals or polygons ({kinds}). Extract its surface first")
     corners = np.concatenate([block.ravel() for block in polygons])
     lengths = np.concatenate([np.full(len(block), block.shape[1]) for block in polygons])
     places, remarks = triangulated(points, corners, lengths)

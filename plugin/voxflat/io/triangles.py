@@ -14,6 +14,7 @@ Faces: TypeAlias = NDArray[np.int64]  # (F, 3)
 
 TRIANGULATE = "Triangulate it first, for example with PyVista's mesh.triangulate()"
 
+SEAMS = "has points on texture seams"  # begins the remark on them
 _MOST_CORNERS = 1000  # largest number of corners of a polygon to split
 
 
@@ -136,7 +137,7 @@ def first_coordinates(coordinates: Points, faces: Faces, n: int) -> tuple[Points
     texture = np.full((n, 2), np.nan)
     texture[corners[::-1]] = places[::-1]  # the last assignment is the first in the file
     seam = np.unique(corners[(texture[corners] != places).any(axis=1)])
-    text = f"has points on texture seams ({len(seam)}); each keeps only its first texture coordinate"
+    text = f"{SEAMS} ({len(seam)}); each keeps only its first texture coordinate"
     return texture, (text,) if len(seam) else ()
 
 

@@ -114,13 +114,17 @@ def polydata_triangles(mesh: Any) -> tuple[NDArray[np.int64], tuple[str, ...]]:
 
 def grid_triangles(grid: Any) -> tuple[NDArray[np.int64], tuple[str, ...]]:
     """Return the triangles of the outer surface of a vtkPointSet, as numbers of its own points, and remarks."""
+    if not grid.GetNumberOfPoints():
+        raise InputError("has no points. Pass a surface mesh")
     outside = importlib.import_module("vtkmodules.vtkFiltersGeometry").vtkDataSetSurfaceFilter()
     outside.PassThroughPointIdsOn()
     outside.SetInputData(grid)
     outside.Update()
     surface = outside.GetOutput()
     if not surface.GetNumberOfPolys() + surface.GetNumberOfStrips():
-        raise InputError(f"has {grid.GetNumberOfCells()} cells, but no faces. Pass a dataset with a surface")
+        raise InputError(
+            f"has no faces, only {grid.GetNumberOfCells()} cells without area. Pass a dataset with a surface"
+        )
     faces, remarks = polydata_triangles(surface)
     numbers = _as_numpy(surface.GetPointData().GetArray(outside.GetOriginalPointIdsName()))
     return numbers.astype(np.int64)[faces], remarks

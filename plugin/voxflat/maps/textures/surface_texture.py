@@ -16,6 +16,7 @@ from voxflat.errors import InputError
 from voxflat.io import meshes
 from voxflat.io.files import REMEDY, beside, contents, naming
 from voxflat.io.formats.obj import read_obj_texture
+from voxflat.io.formats.ply import read_ply_texture
 from voxflat.maps.raster import Raster
 from voxflat.maps.textures.pictures import as_picture, values_at
 from voxflat.unique_rows import numbered
@@ -52,8 +53,9 @@ def read_texture(path: Path, count: int) -> SurfaceTexture | NDArray[np.uint8]:
             return _obj_texture(path)
         picture = _picture_beside(path)
         if mesh.texture_coordinates is not None and picture is not None:
-            coordinates = mesh.texture_coordinates[mesh.faces]
-            return SurfaceTexture(mesh.faces, coordinates, as_picture(picture)[0])
+            corners = read_ply_texture(contents(path)) if path.suffix.lower() == ".ply" else None
+            faces, coordinates = corners or (mesh.faces, mesh.texture_coordinates[mesh.faces])
+            return SurfaceTexture(faces, coordinates, as_picture(picture)[0])
         return _vertex_colours(mesh)
 
 
