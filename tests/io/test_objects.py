@@ -123,7 +123,7 @@ def test_values_of_another_package_are_those_of_this_side(left, kind):
 
 def test_values_of_another_surface_are_refused(left):
     right = gifti_values("CortexRight")
-    refused("GiftiImage: belongs to CortexRight, but the surface belongs to CortexLeft", left.image, right)
+    refused("GiftiImage: belongs to the right hemisphere, but the surface belongs to the left one", left.image, right)
     refused("has 9 values, but the surface has 441", left.image, gifti_values(values=VALUES[:9]))
     refused("has values for right, but the surface belongs to CortexLeft", left.image, PolyData(right=VALUES))
     refused("has 9 values for left, but the surface has 441 points", left.image, PolyData(left=VALUES[:9]))

@@ -33,6 +33,9 @@ def mesh(brain, name):
     return tuple(nib.freesurfer.read_geometry(brain / name))
 
 
+OTHER = "belongs to the right hemisphere, but the surface belongs to the left one"
+
+
 class TestPial:
     @pytest.mark.parametrize("h", ["lh", "rh"])
     def test_the_right_one(self, brain, h):
@@ -44,7 +47,7 @@ class TestPial:
             assert abs(np.median(made.thickness) - np.median(thickness)) < 0.25  # FreeSurfer's is to the nearest point
 
     def test_the_other_side_by_its_name_and_exchanged_ones(self, brain):
-        message = "the surface is CortexLeft, but the pial surface is CortexRight"
+        message = f"rh.pial: {OTHER}"
         refused(message, voxflat.surface, brain / "lh.white", pial=brain / "rh.pial")
         message = r"lies inside the given surface: .*whether the two are swapped"
         refused(message, voxflat.surface, brain / "lh.pial", pial=brain / "lh.white")
@@ -105,7 +108,12 @@ class TestLabels:
     def test_the_other_sides(self, brain, tmp_path):
         vertices, white = self.chosen(brain, "rh.white")
         write_label(path := tmp_path / "rh.V1.label", vertices, white)
-        refused(r"rh\.V1\.label: belongs to CortexRight, but the surface belongs to CortexLeft", self.cut, brain, path)
+        refused(
+            rf"rh\.V1\.label: {OTHER}",
+            self.cut,
+            brain,
+            path,
+        )
         path = path.rename(tmp_path / "V1.label")  # now only its points tell
         refused(r"V1\.label: .* lie on opposite sides of the brain \(mean x: \d+ and -\d+", self.cut, brain, path)
 
@@ -140,7 +148,7 @@ class TestOverlays:
 
     @pytest.mark.parametrize("name", ["curv", "sulc", "thickness"])
     def test_the_other_sides(self, flat, brain, name):
-        message = rf"rh\.{name}: belongs to CortexRight, but the surface belongs to CortexLeft. Pass .* array"
+        message = rf"rh\.{name}: {OTHER}. Pass .* array"
         refused(message, flat.image, brain / f"rh.{name}")
         values = nib.freesurfer.read_morph_data(brain / f"rh.{name}")
         assert np.isfinite(flat.image(values).data).any()  # what is meant is taken
@@ -149,7 +157,7 @@ class TestOverlays:
         values = [(np.zeros(10242, "f4"), "shape")]
         right = {"AnatomicalStructurePrimary": "CortexRight"}
         for change in (lambda image: image.meta.update(right), lambda image: image.darrays[0].meta.update(right)):
-            refused("belongs to CortexRight", flat.image, gifti(tmp_path / "lh.shape.gii", values, change))
+            refused("belongs to the right hemisphere", flat.image, gifti(tmp_path / "lh.shape.gii", values, change))
         flat.image(gifti(tmp_path / "x.shape.gii", values))
 
     @pytest.mark.slow

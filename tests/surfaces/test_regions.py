@@ -121,7 +121,7 @@ def test_gifti_labels(tmp_path):
 
 
 def test_values_as_regions(tmp_path):
-    values = np.array([0, 1, -2, np.nan, 0.5])
+    values = np.array([0, 1, -2, np.nan, 3])
     for path in overlays(tmp_path, values):
         np.testing.assert_array_equal(read_region(path, 5), [False, True, True, False, True])
         refused(r"not one of its labels|contains no named labels", read_region, path, 5, name="V1")

@@ -230,7 +230,7 @@ def test_spheres_that_do_not_belong_to_the_surface_are_refused(subject, sphere, 
         (subject / "none", "the file does not exist"),
         (3, "sphere has type int"),
         ("lh.white", "the file does not exist"),
-        (tmp_path / "rh.sphere.reg", "is for the right hemisphere, but the surface is for the left one"),
+        (tmp_path / "rh.sphere.reg", "belongs to the right hemisphere, but the surface belongs to the left one"),
         (tmp_path / "lh.sphere.reg", "shares only"),
     ):
         refused(reason, sphere_of, whole, given)

@@ -110,6 +110,7 @@ def flat_map(
     checked_choice(underlay, "underlay", UNDERLAYS)
     depths = Depths.of(depth, fraction, layering)
     of = None if overlay is None else Overlay._of(overlay, len(maps))
+    check_differ(maps, parcels, opacity, *(() if of is None else (of.values, of.strength)))
     shown_by = _opacity(opacity)
     strip = STRIP if of is None or of.period is None else WHEEL_STRIP
     page = Page.of(maps, _COLUMN * len(maps) if width is None else width, title, strip=strip, axes=ax)
@@ -168,6 +169,15 @@ def maps_of(given: object) -> list[FlatMap]:
     for one in maps:
         checked_kind(one, "flat map", "eigenvalues", "a FlatMap")
     return maps
+
+
+def check_differ(maps: list[FlatMap], *values: object) -> None:
+    """Raise an error for two equal maps with the same values."""
+    first, *others = maps
+    if any(isinstance(of, list | tuple) and len(of) == len(maps) for of in values):
+        return
+    if any(np.array_equal(first.uv, one.uv) and np.array_equal(first.points, one.points) for one in others):
+        raise InputError("both maps are the same. Pass two different maps, or an overlay for each of them")
 
 
 def _opacity(opacity: object) -> Any:

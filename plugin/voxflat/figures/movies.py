@@ -10,7 +10,7 @@ from PIL import Image, ImageDraw, ImageFont
 
 from voxflat.arguments import Progress, checked_choice, checked_switch, is_number, is_whole, log, shown
 from voxflat.errors import InputError
-from voxflat.figures.flat_maps import UNDERLAYS, folds, maps_of
+from voxflat.figures.flat_maps import UNDERLAYS, check_differ, folds, maps_of
 from voxflat.figures.overlays import Overlay, OverlayColours
 from voxflat.figures.page import Page, Panel, pixels_of
 from voxflat.maps.depth import Depths
@@ -199,6 +199,7 @@ def movie(
     """
     maps = maps_of(flat_map)
     of = Overlay._of(overlay, len(maps))
+    check_differ(maps, of.values)
     if of.channel is not None or of.strength is not None or of.period is not None:
         raise InputError("channel, strength and period do not apply to movies. Omit them")
     checked_choice(underlay, "underlay", UNDERLAYS)

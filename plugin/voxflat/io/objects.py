@@ -16,6 +16,7 @@ from voxflat.io.formats.polygons import of_scene
 from voxflat.io.formats.vtk import grid_triangles, polydata_points, polydata_texture, polydata_triangles
 from voxflat.io.grid import is_unit
 from voxflat.io.meshes import Mesh, read_mesh
+from voxflat.io.partners import check_side
 from voxflat.io.triangles import triangulated
 
 _IMAGES = "a nibabel (NIfTI, GIFTI, CIFTI) or ITK image, a nilearn SurfaceImage"
@@ -50,8 +51,7 @@ def values_of_object(given: object, points: int, structure: str | None) -> Chann
         values, own = gifti.values(given), given.meta.get("AnatomicalStructurePrimary")  # type: ignore[attr-defined]
         if len(values) != points:
             raise InputError(f"has {len(values)} values, but the surface has {points} points. Pass one value per point")
-        if {own, structure} == set(_STRUCTURES.values()):
-            raise InputError(f"belongs to {own}, but the surface belongs to {structure}. Pass that hemisphere's values")
+        check_side(type(given).__name__, own, structure, "Pass the values of that hemisphere")
         return Channels.of_array(values, gifti.map_names(given))
 
 

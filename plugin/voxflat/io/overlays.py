@@ -16,9 +16,12 @@ from voxflat.io import formats, patches, readers
 from voxflat.io.channels import Channels, are_points, is_cifti, opened, points_of_nibabel
 from voxflat.io.files import REMEDY, check_regular, contents, naming
 from voxflat.io.formats import freesurfer, gifti
-from voxflat.io.meshes import LEFT, READERS, RIGHT, named_structure, parsed
+from voxflat.io.meshes import READERS, parsed
+from voxflat.io.partners import check_file_side
 from voxflat.io.reading import check_room
 from voxflat.io.volumes import VOLUME_ENDINGS
+
+_WHOLE = 1e-3  # tolerance of whole numbers in masks, which files may store scaled
 
 
 def read_overlay(path: str | os.PathLike[str], points: int, *, structure: str | None = None) -> NDArray[Any]:
@@ -37,7 +40,7 @@ def read_overlay(path: str | os.PathLike[str], points: int, *, structure: str | 
         Number of points of the surface.
     structure : str, optional
         Structure of the surface in GIFTI notation, such as "CortexLeft". It selects a part of a CIFTI file. Points
-        that the file does not list are NaN, or 0 in ``.dlabel.nii`` files.
+        that the file does not list are NaN, or 0 in ``.dlabel.nii`` files. A file of the other hemisphere is refused.
 
     Returns
     -------
@@ -47,7 +50,8 @@ def read_overlay(path: str | os.PathLike[str], points: int, *, structure: str | 
     Raises
     ------
     InputError
-        The file is damaged, has a different number of values, or has more maps than fit into memory.
+        The file is damaged, belongs to the other hemisphere, has a different number of values, or has more maps than
+        fit into memory.
 
     See Also
     --------
@@ -60,6 +64,7 @@ def read_overlay(path: str | os.PathLike[str], points: int, *, structure: str | 
     array([0., 1., 2., 3.])
     """
     path = checked_path(path)
+    check_file_side(path, structure)
     with naming(path, REMEDY):
         channels = _channels(path, points, structure)
         first = channels.read(0)
@@ -72,6 +77,7 @@ def read_overlay(path: str | os.PathLike[str], points: int, *, structure: str | 
 def read_channels(path: str | os.PathLike[str], points: int, *, structure: str | None = None) -> Channels:
     """Read values as `read_overlay` does, but read the maps in NIfTI and CIFTI files on demand."""
     path = checked_path(path)
+    check_file_side(path, structure)
     with naming(path, REMEDY):
         return _channels(path, points, structure).of_file(path)
 
@@ -115,7 +121,8 @@ def read_region(
     ----------
     path : path
         A FreeSurfer ``.label``, ``.annot`` (with `name`) or patch file; a surface whose faces use only points of the
-        region; or a file for `read_overlay`, in which the points of the region have values other than 0 and NaN.
+        region; or a file for `read_overlay` with whole numbers, such as a mask, in which the points of the region have
+        values other than 0 and NaN.
     points : int
         Number of points of the surface.
     name : str, optional
@@ -145,6 +152,7 @@ def read_region(
     """
     name = None if name is None else checked_text(name, "name of a label")
     path = checked_path(path)
+    check_file_side(path, structure)
     with naming(path, REMEDY):
         data = contents(path)
         kind = formats.by_content(data) or formats.by_name(path)
@@ -167,28 +175,20 @@ def read_region(
         return region_of(_channels(path, points, structure), points)
 
 
-def refuse_other_side(path: str | os.PathLike[str], structure: str | None) -> None:
-    """Raise an error if the values belong to the other hemisphere; GIFTI metadata override the file name."""
-    if structure not in (LEFT, RIGHT):
-        return
-    path = checked_path(path)
-    own = named_structure(path)
-    if formats.by_name(path) == formats.GIFTI:
-        with naming(path, REMEDY):
-            image = gifti.load(contents(path))
-            known = [part.meta.get("AnatomicalStructurePrimary") for part in (*image.darrays[:1], image)]
-            own = next(filter(None, known), own)
-    if own in (LEFT, RIGHT) and own != structure:
-        remedy = "Pass a file for that hemisphere, or pass the values as an array to use them anyway"
-        raise InputError(f"{path}: belongs to {own}, but the surface belongs to {structure}. {remedy}")
-
-
 def region_of(channels: Channels, points: int) -> NDArray[np.bool_]:
     """Return a mask (points,) of the points where the only map of the channels is neither 0 nor NaN."""
     if len(channels) > 1:
         raise InputError(f"has {len(channels)} maps. Pass a file with one map")
-    values = _fitting(channels.read(0), points)
-    return np.asarray((values != 0) & ~np.isnan(values))
+    return as_mask(_fitting(channels.read(0), points))
+
+
+def as_mask(values: NDArray[Any]) -> NDArray[np.bool_]:
+    """Return where values are neither 0 nor NaN; raise an error for measurements such as a thickness."""
+    known = np.nan_to_num(values) if values.dtype.kind == "f" else values
+    if known.dtype.kind == "f" and (broken := np.abs(known - np.round(known)) > _WHOLE).any():
+        told = f"contains fractional values (such as {known[broken][0]:.4g}), so it is not a region"
+        raise InputError(f"{told}. Pass labels, or a mask that is 1 in the region and 0 elsewhere")
+    return np.asarray(known != 0)
 
 
 def _values(path: Path, data: bytes, points: int) -> tuple[NDArray[Any], tuple[str, ...] | None]:

@@ -9,18 +9,22 @@ import scipy
 from numpy.typing import NDArray
 
 from voxflat import _core
-from voxflat.arguments import array_of, log
+from voxflat.arguments import array_of, log, shown
 from voxflat.errors import InputError
 from voxflat.io.files import REMEDY, SAVED_ENDINGS, contents, naming
 from voxflat.io.formats.obj import read_obj_texture
 from voxflat.io.formats.ply import read_ply_texture
 from voxflat.io.meshes import Mesh
+from voxflat.io.partners import check_participant, check_partner, check_side
 from voxflat.io.patches import is_patch, read_patch
 from voxflat.io.sources import as_mesh
 from voxflat.maps.flat_map import FlatMap, load
-from voxflat.surfaces.manifold import Manifold
+from voxflat.surfaces.manifold import Manifold, are_triangles
 from voxflat.unique_rows import distinct
 
+_OTHER = "Pass the surface on which the map was made"
+_PARTS = {"vertices": "vertices", "shape": "voxels"}
+_COMMON = 0.5  # least share of a map's triangles that are triangles of its surface
 _SAME_PLACE = 2e-6  # tolerance for positions in single precision, relative to the size of the surface
 
 
@@ -77,6 +81,8 @@ def loaded(flat: object) -> object:
 def match(whole: Manifold, flat: object) -> Matched:
     """Match a map, as accepted by `voxflat.measure`, with its surface."""
     flat = loaded(flat)
+    if isinstance(flat, str | os.PathLike):
+        check_partner(flat, whole.metadata)
     if isinstance(flat, str | os.PathLike) and is_patch(flat):
         patch = read_patch(flat)
         places = np.full((whole.count, 3), np.nan)
@@ -84,6 +90,7 @@ def match(whole: Manifold, flat: object) -> Matched:
         return _matched(whole, whole.vertices[whole.faces[whole._in_patch(patch)]], places)
     if isinstance(flat, FlatMap):
         cut = _cut_as_it_is(whole, vertices_of(whole, flat), flat.faces.astype(np.int64), flat.uv)
+        _check_share(whole, cut)
         return replace(cut, period=flat.period)
     if isinstance(flat, tuple) and len(flat) == 2 and np.ndim(flat[0]) == 2 and np.shape(flat[0])[1] == 2:
         flat = (np.pad(array_of(flat[0], "places"), ((0, 0), (0, 1))), flat[1])  # add z = 0
@@ -206,6 +213,13 @@ def _cut_as_it_is(
 
 def vertices_of(whole: Manifold, flat: FlatMap) -> NDArray[np.int64]:
     """Find the vertices of a map's points; if a voxel has two, one for each side of the surface, use the nearer one."""
+    check_side("the map", flat.metadata.get("structure"), whole.metadata.get("structure"), _OTHER)
+    for name in ("vertices", "shape"):
+        own, other = flat.metadata.get(name), whole.metadata.get(name)
+        if own is not None and other is not None and not np.array_equal(own, other):
+            sizes = f"{shown(own)} {_PARTS[name]}, but the given surface has {shown(other)}"
+            raise InputError(f"the map was made on a surface with {sizes}. {_OTHER}")
+    check_participant(flat.metadata.get("input"), whole.metadata)
     found = whole.find(flat.ids, "the map's points").astype(np.int64)
     _, _, kind, counts = distinct(whole.ids)
     order, ends = np.argsort(kind, kind="stable"), np.cumsum(counts)
@@ -229,6 +243,14 @@ def _matched(whole: Manifold, faces: NDArray[np.int64], places: NDArray[np.float
         depth = float(np.ptp(used[:, 2]))
         raise InputError(f"the map is not flat: its third coordinate varies by {depth:.3g} mm. Pass a flat surface")
     return Matched(core, core.ids.astype(np.int64), np.ascontiguousarray(used[:, :2]))
+
+
+def _check_share(whole: Manifold, cut: Matched) -> None:
+    """Raise an error for a map that has few triangles of the surface; repairs and closed holes change only some."""
+    known = are_triangles(cut.vertices[cut.core.faces], whole.vertices[whole.faces])
+    if known.mean() < _COMMON:
+        told = f"only {known.sum()} of the map's {len(known)} triangles are triangles of the surface"
+        raise InputError(f"{told}. {_OTHER}")
 
 
 def _check_triangles(whole: Manifold, faces: NDArray[np.int64]) -> None:

@@ -19,7 +19,8 @@ from voxflat.io.chunks import Chunked, chunked_of, is_chunked, is_stack_path, is
 from voxflat.io.files import AGAIN, REMEDY, naming
 from voxflat.io.grid import scaled, voxel_size
 from voxflat.io.objects import values_of_object
-from voxflat.io.overlays import holds_volume, read_channels, refuse_other_side
+from voxflat.io.overlays import holds_volume, read_channels
+from voxflat.io.partners import check_participant, check_partner
 from voxflat.io.readers import has_place
 from voxflat.io.sources import as_volume
 from voxflat.io.spaces import Space
@@ -158,6 +159,9 @@ class Sampler:
             colours = paint(texture, raster, self.ids)
             names = channels = Channels(("",), lambda _: colours)
         elif overlay is not None:
+            if isinstance(volume, str | os.PathLike):
+                check_partner(volume, self.metadata)
+                self._doubt(Path(volume), overlay.read(0))
             if depths != ON_SURFACE:
                 raise InputError("an overlay has values only on the surface. Omit depth and fraction")
             series = series_showing(raster, self.ids, interpolation)
@@ -167,6 +171,7 @@ class Sampler:
         else:
             volumes, placed, path = self.volumes(volume)
             names = volumes
+            check_participant(path or "", self.metadata)
             title = name or (path.name if path else "volume")
             projection = "mean" if len(depths) == 1 else projection
             sampled = self._sampling(raster, depths, projection, title, several=several and len(volumes) > 1)
@@ -323,8 +328,10 @@ class Sampler:
         count = self.metadata["vertices"]
         if isinstance(volume, str | os.PathLike):
             path = Path(volume)
-            is_textured = path.name.lower().endswith(TEXTURE_ENDINGS)
-            return read_texture(path, count) if is_textured else None
+            if not path.name.lower().endswith(TEXTURE_ENDINGS):
+                return None
+            check_partner(path, self.metadata)
+            return read_texture(path, count)
         return array_of(volume, "colours") if are_colours(volume, count) else None
 
     def is_overlay(self, values: object) -> bool:
@@ -339,10 +346,7 @@ class Sampler:
         if isinstance(volume, str | os.PathLike):
             if is_zarr_path(volume) or holds_volume(volume):
                 return None
-            refuse_other_side(volume, structure)
-            channels = read_channels(volume, count, structure=structure)
-            self._doubt(Path(volume), channels.read(0))
-            return channels
+            return read_channels(volume, count, structure=structure)
         is_array = isinstance(volume, list) or hasattr(volume, "__array__")  # includes a pandas Series
         is_array = is_array and not hasattr(volume, "dataobj")
         if is_array and (values := array_of(volume, "overlay's values", as_nan=True)).ndim in (1, 2):
@@ -354,11 +358,7 @@ class Sampler:
         return values_of_object(volume, count, structure)
 
     def _doubt(self, path: Path, values: NDArray[Any]) -> None:
-        """Warn if a file's name, or its poor match with the curvature, suggests that it belongs to another surface."""
-        names = [re.findall(r"sub-[A-Za-z0-9]+", str(of)) for of in (self.metadata.get("input") or "", path)]
-        if all(names) and names[0][-1] != names[1][-1]:
-            told = "%s belongs to %s, but the surface belongs to %s. Check the file"
-            log.warning(told, path.name, names[1][-1], names[0][-1])
+        """Warn if folds in a file match the curvature poorly, which suggests that it belongs to another surface."""
         if re.search(r"(^|[._-])(curv|sulc)([._]|$)", path.name) and values.ndim == 1:
             r = self._correlation_with_curvature(values)
             if abs(r) < _CURVED:

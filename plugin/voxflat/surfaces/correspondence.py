@@ -10,7 +10,7 @@ from voxflat import _core
 from voxflat.errors import InputError
 from voxflat.io.formats.freesurfer import read_label_points
 from voxflat.io.meshes import Mesh
-from voxflat.io.overlays import refuse_other_side
+from voxflat.io.partners import check_participant, check_side
 from voxflat.io.sources import as_mesh
 from voxflat.io.spaces import Space
 from voxflat.surfaces.manifold import Manifold
@@ -52,10 +52,9 @@ def _in_space_of(mesh: Mesh, other: Mesh) -> NDArray[np.float64]:
 
 def _check_pial(core: _core.Surface, mesh: Mesh, pial: Mesh, places: NDArray[np.float64]) -> list[str]:
     """Check that a pial surface lies outside a white one, whose triangles face outwards."""
-    if mesh.structure and pial.structure and mesh.structure != pial.structure:
-        raise InputError(
-            f"the surface is {mesh.structure}, but the pial surface is {pial.structure}. Pass surfaces of the same side"
-        )
+    name = "the pial surface" if pial.path is None else pial.path
+    check_side(name, pial.structure, mesh.structure, "Pass the pial surface of the same hemisphere")
+    check_participant(pial.path, {"input": mesh.path})
     way = (places - mesh.points)[core.ids]
     there = np.isfinite(way).all(axis=1)
     way = way[there]
@@ -81,16 +80,13 @@ def _check_pial(core: _core.Surface, mesh: Mesh, pial: Mesh, places: NDArray[np.
     return []
 
 
-def check_region(whole: Manifold, region: str | os.PathLike[str]) -> list[str]:
-    """Check that a region file belongs to this hemisphere; return a remark if the points of a label lie elsewhere."""
-    if whole.is_voxels:
+def check_label(whole: Manifold, path: Path) -> list[str]:
+    """Compare the points of a label file, unless all are 0, with its vertices; return a remark if they lie elsewhere.
+
+    Many labels lie on the white surface.
+    """
+    if whole.is_voxels or not path.name.lower().endswith(".label"):
         return []
-    refuse_other_side(region, whole.metadata.get("structure"))
-    return _check_label(whole, Path(region)) if Path(region).name.lower().endswith(".label") else []
-
-
-def _check_label(whole: Manifold, path: Path) -> list[str]:
-    """Compare the points of a label, unless all are 0, with its vertices; many labels lie on the white surface."""
     vertices, points = read_label_points(path)
     place = np.full((whole.count, 3), np.nan)
     place[whole.vertices] = whole.points

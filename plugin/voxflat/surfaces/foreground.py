@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 from voxflat.arguments import is_whole, log, optional_number, shown
 from voxflat.errors import InputError
 from voxflat.io.chunks import is_stack_path
+from voxflat.io.files import naming
+from voxflat.io.overlays import as_mask
 from voxflat.io.sources import as_volume
 from voxflat.io.spaces import UNKNOWN, Space
 from voxflat.io.volumes import Volume
@@ -85,7 +87,8 @@ def keep_mask(keep: object, volume: Volume, name: str = "mask to keep") -> NDArr
         raise InputError(f"the {name} contains NaN. Set the selected voxels to 1 and others to 0")
     if not mask.data.any():
         raise InputError(f"the {name} is empty: every voxel is 0. Set the selected voxels to 1")
-    return np.asarray(mask.data != 0)
+    with naming(f"the {name}", ""):
+        return as_mask(mask.data)
 
 
 def _several(label: Labels) -> list[int]:

@@ -3,7 +3,8 @@
 import os
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any, TypeVar
+from pathlib import Path
+from typing import Any, TypeGuard, TypeVar
 
 import numpy as np
 import scipy
@@ -12,13 +13,15 @@ from numpy.typing import ArrayLike, NDArray
 from voxflat import _core
 from voxflat.arguments import Progress, array_of, checked_number, shown
 from voxflat.errors import InputError
+from voxflat.io.files import naming
 from voxflat.io.meshes import holds_mesh
 from voxflat.io.objects import values_of_object
-from voxflat.io.overlays import read_region, region_of
+from voxflat.io.overlays import as_mask, read_region, region_of
+from voxflat.io.partners import check_partner
 from voxflat.io.patches import Patch, is_patch, read_patch
 from voxflat.io.sources import as_mesh
 from voxflat.io.volumes import Volume
-from voxflat.surfaces.correspondence import check_region
+from voxflat.surfaces.correspondence import check_label
 from voxflat.surfaces.foreground import keep_mask
 from voxflat.surfaces.manifold import Manifold, Step
 from voxflat.surfaces.voxel_graph import found_seed, seed_voxel
@@ -33,6 +36,7 @@ _Part = TypeVar("_Part", bound=Manifold)
 
 def kept(of: _Part, region: object) -> _Part:
     """Return the part of a surface inside a region; see `voxflat.Surface.keep`."""
+    _check_file(of, region)
     faces = of.faces
     by_triangles = None if of.is_voxels else _triangles(of, region)
     mask = None
@@ -46,6 +50,7 @@ def kept(of: _Part, region: object) -> _Part:
 
 def dropped(of: _Part, region: object) -> _Part:
     """Return the part of a surface outside a region; see `voxflat.Surface.drop`."""
+    _check_file(of, region)
     mask = None
     if is_medial_wall(region):
         vertices = medial_wall_of(of)
@@ -114,8 +119,17 @@ def _part(of: _Part, core: _core.Surface, step: Step, told: list[str]) -> _Part:
 def _region(of: _Part, faces: NDArray[np.bool_], step: Step, region: object) -> _Part:
     if not faces.any():
         raise InputError(f"the region contains no triangle of the surface ({len(of)} vertices). Choose another region")
-    told = check_region(of, region) if isinstance(region, str | os.PathLike) and not is_medial_wall(region) else []
+    told = check_label(of, Path(region)) if _is_file(region) else []
     return _part(of, of.core.part_of_faces(faces), step, told)
+
+
+def _is_file(region: object) -> TypeGuard[str | os.PathLike[str]]:
+    return isinstance(region, str | os.PathLike) and not is_medial_wall(region)
+
+
+def _check_file(of: Manifold, region: object) -> None:
+    if _is_file(region) and not of.is_voxels:
+        check_partner(region, of.metadata)
 
 
 def _all_corners(chosen: NDArray[np.bool_], faces: NDArray[np.uint32]) -> NDArray[np.bool_]:
@@ -178,8 +192,9 @@ def _vertices(whole: Manifold, region: object, verb: str) -> tuple[NDArray[np.bo
 
 def _as_mask(region: NDArray[Any], count: int, name: str) -> NDArray[np.bool_]:
     """Convert a mask of the vertices, or vertex numbers, to a mask."""
-    if region.shape == (count,) and (region.dtype.kind == "b" or not region.any() or region.max() <= 1):
-        return np.asarray(region != 0)
+    if region.shape == (count,) and (region.dtype.kind in "bf" or not region.any() or region.max() <= 1):
+        with naming(name, ""):
+            return as_mask(region)
     if region.ndim != 1 or region.dtype.kind not in "ui":
         raise InputError(
             f"{name} has data type {region.dtype} and shape {region.shape}. Pass a mask of shape ({count},), a "

@@ -12,7 +12,7 @@ from voxflat._napari.results.flat_layers import LayerData, limits
 from voxflat.errors import InputError
 from voxflat.io.label_tables import own_table
 from voxflat.io.meshes import holds_mesh
-from voxflat.io.overlays import read_overlay, read_region, refuse_other_side
+from voxflat.io.overlays import read_overlay, read_region
 from voxflat.io.patches import patch_faces, read_patch
 from voxflat.maps.colours import label_colours
 
@@ -35,7 +35,6 @@ def value_layers(path: Path) -> list[LayerData]:
     read = read_region if is_region else read_overlay
 
     def on(geometry: Geometry) -> NDArray[Any]:
-        refuse_other_side(path, geometry.structure)
         return read(path, len(geometry.vertices), structure=geometry.structure)
 
     geometry, values = _on_surface(path, on)

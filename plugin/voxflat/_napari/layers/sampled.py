@@ -14,9 +14,11 @@ from voxflat._napari.layers.volumes import LayerVolume, finest
 from voxflat._napari.layers.world import unit_ratio
 from voxflat.atlases.atlas import Atlas
 from voxflat.demo import DEPTH
+from voxflat.io.partners import check_side
 from voxflat.maps.plane import Planar
 from voxflat.maps.raster import FlatImage
 
+_OTHER = "Show a layer of the map's hemisphere"
 _WHITE = ("white", "smoothwm")  # parts of the names of surfaces with grey matter outside
 _HEAD = 60.0  # mm; the shortest side of a volume that contains a hemisphere
 _FINE = 2.0  # mm; the size of the largest voxels that resolve the cortex
@@ -57,6 +59,7 @@ class Overlay:
     values: NDArray[Any]
     display: Mapping[str, Any] = field(default_factory=dict)  # as in `Sampled`
     path: Path | None = None
+    structure: str | None = None
     kind = "image"
 
     @property
@@ -65,6 +68,7 @@ class Overlay:
 
     def image(self, flat_map: Planar | Atlas, pixel_size: float | None) -> FlatImage:
         """Draw the values on a map, as `FlatMap.image` does."""
+        check_side(f"Layer '{self.name}'", self.structure, flat_map.metadata.get("structure"), _OTHER, "the map")
         return flat_map.image(self.values, pixel_size)
 
 
@@ -97,7 +101,7 @@ def usual_depth(layer: Layer | None) -> float:
 def overlay(layer: Surface, mesh: LayerMesh) -> Overlay:
     """Read the values of a Surface layer with the given mesh, and their display."""
     path = layer.source.path
-    return Overlay(layer.name, mesh.values, _display(layer), Path(path) if path else None)
+    return Overlay(layer.name, mesh.values, _display(layer), Path(path) if path else None, mesh.structure)
 
 
 def _display(layer: Layer) -> dict[str, Any]:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from voxflat.arguments import array_of
 from voxflat.errors import InputError
 from voxflat.io.meshes import Mesh, read_mesh
+from voxflat.io.partners import check_side
 from voxflat.io.sources import as_mesh
 from voxflat.surfaces.manifold import Manifold, are_triangles
 from voxflat.surfaces.standard.registration import Registration
@@ -142,13 +143,9 @@ def _folded(whole: Manifold, places: NDArray[np.float64], name: str) -> int:
 def _named_side(whole: Manifold, mesh: Mesh | NDArray[np.float64], name: str) -> str | None:
     """Return the hemisphere that the surface and its sphere specify, if they do."""
     named = {structure: side for side, structure in SIDES.items()}
-    of_surface = named.get(whole.metadata.get("structure") or "")
-    of_sphere = named.get(mesh.structure or "") if isinstance(mesh, Mesh) else None
-    if of_surface and of_sphere and of_surface != of_sphere:
-        raise InputError(
-            f"{name} is for the {of_sphere} hemisphere, but the surface is for the {of_surface} one. Pass its sphere"
-        )
-    return of_surface or of_sphere
+    of_surface, of_sphere = whole.metadata.get("structure"), mesh.structure if isinstance(mesh, Mesh) else None
+    check_side(name, of_sphere, of_surface, "Pass its sphere")
+    return named.get(of_surface or "") or named.get(of_sphere or "")
 
 
 def in_triangles(

@@ -1,0 +1,54 @@
+"""Check that files belong together: both sides of fsaverage have the same number of vertices."""
+
+import os
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from voxflat.arguments import log
+from voxflat.errors import InputError
+from voxflat.io import formats
+from voxflat.io.files import REMEDY, contents, naming
+from voxflat.io.formats import gifti
+from voxflat.io.meshes import LEFT, RIGHT, named_structure
+
+_SIDES = {LEFT: "left", RIGHT: "right"}
+_AS_ARRAY = "Pass a file for that hemisphere, or pass the values as an array to use them anyway"
+
+
+def check_side(name: object, own: str | None, structure: object, remedy: str, of: str = "the surface") -> None:
+    """Raise an error if structures in GIFTI notation, such as "CortexLeft", are different hemispheres."""
+    if own in _SIDES and structure in _SIDES and own != structure:
+        sides = f"belongs to the {_SIDES[own]} hemisphere, but {of} belongs to the {_SIDES[str(structure)]} one"
+        raise InputError(f"{name}: {sides}. {remedy}")
+
+
+def check_file_side(path: str | os.PathLike[str], structure: str | None) -> None:
+    """Raise an error if a file belongs to the other hemisphere; GIFTI metadata override the file name."""
+    if structure not in _SIDES or not os.path.isfile(path):
+        return
+    own = named_structure(path)
+    if formats.by_name(Path(path)) == formats.GIFTI:
+        with naming(path, REMEDY):
+            image = gifti.load(contents(path))
+            known = [part.meta.get("AnatomicalStructurePrimary") for part in (*image.darrays[:1], image)]
+            own = next(filter(None, known), own)
+    check_side(path, own, structure, _AS_ARRAY)
+
+
+def check_partner(path: str | os.PathLike[str], metadata: Mapping[str, Any]) -> None:
+    """Compare a file with the metadata of a surface or a map.
+
+    Raise an error if it belongs to the other hemisphere, and warn if the names of both contain different participants.
+    """
+    check_file_side(path, metadata.get("structure"))
+    check_participant(path, metadata)
+
+
+def check_participant(path: object, metadata: Mapping[str, Any]) -> None:
+    """Warn if a file's name and that of the surface contain different participants."""
+    own, other = (re.findall(r"sub-[A-Za-z0-9]+", str(of)) for of in (path, metadata.get("input") or ""))
+    if own and other and own[-1] != other[-1]:
+        name = os.path.basename(str(path))
+        log.warning("%s belongs to %s, but the surface belongs to %s. Check the file", name, own[-1], other[-1])
