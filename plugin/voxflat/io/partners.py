@@ -31,7 +31,7 @@ def check_file_side(path: str | os.PathLike[str], structure: str | None) -> None
     own = named_structure(path)
     if formats.by_name(Path(path)) == formats.GIFTI:
         with naming(path, REMEDY):
-            image = gifti.load(contents(path))
+            image = gifti.load(contents(Path(path)))
             known = [part.meta.get("AnatomicalStructurePrimary") for part in (*image.darrays[:1], image)]
             own = next(filter(None, known), own)
     check_side(path, own, structure, _AS_ARRAY)
