@@ -10,9 +10,11 @@ from refusals import refused
 
 import voxflat
 from voxflat._napari.layers.meshes import LayerMesh
+from voxflat._napari.layers.sampled import overlay
 from voxflat._napari.layers.seed import describe, first_vertex, first_voxel, nearest_vertex, seed_of, voxel_at
 from voxflat._napari.layers.volumes import LayerVolume
 from voxflat._napari.layers.world import WORLDS
+from voxflat.io import Mesh
 
 TRANSFORMS = [
     {},
@@ -217,3 +219,13 @@ def test_click_sets_the_seed(open_widget, qtbot, ndisplay):
     assert viewer.layers["seed point"].data.tolist() == [[i, j, k]]
     viewer.layers.remove("seed point")
     assert widget.form.seed.point is None
+
+
+def test_values_of_the_other_hemisphere_are_not_shown_on_a_map():
+    points, faces = voxflat.samples.hill().points, voxflat.samples.hill().faces
+    left, right = (Mesh(points, faces, structure=side) for side in ("CortexLeft", "CortexRight"))
+    layer = Surface((points, faces, points[:, 2]), units="mm", name="depth", metadata={"structure": "CortexRight"})
+    values = overlay(layer, LayerMesh.of(layer))
+    message = "Layer 'depth': belongs to the right hemisphere, but the map belongs to the left one"
+    refused(message, values.image, voxflat.flatten(left), 1.0)
+    assert np.isfinite(values.image(voxflat.flatten(right), 1.0).data).any()
