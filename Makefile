@@ -89,7 +89,7 @@ bench-series: setup ## measure time and memory of 100 and 1,000 frames on a map 
 bench-napari: setup ## run 200 random sequences of actions in the napari window (half an hour)
 	$(SCREEN) $(RUN) pytest -q -x tests/napari/test_napari_machine.py --sequences 200
 
-soak: setup ## open 100,000 damaged files, make a million wrong calls, flatten hostile shapes, kill stores 20 times
+soak: setup ## open 100,000 damaged and 50,000 shortened files, make a million wrong calls, flatten hostile shapes, kill stores 20 times
 	$(RUN) python docs/benchmarks/soak/fuzz.py
 	VOXFLAT_CASES=20000 cargo test --release --workspace --test hostile
 	VOXFLAT_CASES=10000 cargo test --release --workspace --test folds

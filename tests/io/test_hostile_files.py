@@ -4,6 +4,7 @@ import contextlib
 import gzip
 import json
 import os
+import re
 import signal
 import struct
 import time
@@ -11,8 +12,10 @@ import zipfile
 from unittest.mock import Mock
 
 import fuzz_files
+import numcodecs
 import numpy as np
 import pytest
+import zarr
 from mesh_files import grid, nib, patch, refuses
 from PIL import Image
 from PIL import __version__ as pillow
@@ -165,6 +168,9 @@ def atlas():
     return sheet_of_voxels().patches(bound=1.2)
 
 
+RECORD = "sub-01_hemi-L_desc-voxflat_flat.json"
+
+
 @pytest.mark.slow
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="this system has no named pipes")
 def test_no_file_of_any_format_is_a_pipe(tmp_path):
@@ -187,10 +193,11 @@ def test_no_file_of_any_format_is_a_pipe(tmp_path):
             file.write_bytes(data)
     signal.signal(signal.SIGALRM, before)
     others = {name for name, text in told.items() if "is not a regular file" not in text}
-    # the reader first looks for the position of the voxels
-    assert others == {("t.zarr", "t.zarr/.zattrs")}
+    # the reader first looks for the position of the voxels, and for the results of a participant
+    assert {main for main, _ in others} == {"t.zarr", "v2.zarr", "blosc.zarr", "v3.zarr", "shards.zarr", RECORD}
+    assert {file.rpartition("/")[2] for main, file in others if main != RECORD} == {".zattrs", "zarr.json"}
     unread = {(entry.main, file.relative_to(entry.folder).as_posix()) for entry, file in asked} - set(told)
-    assert unread == {("t.zarr", "t.zarr/.zgroup")}  # never read
+    assert {file.rpartition("/")[2] for _, file in unread} == {".zgroup"}  # never read
 
 
 def test_pictures_of_other_kinds(tmp_path):
@@ -547,3 +554,22 @@ def test_pictures_of_half_precision_are_looked_up_as_others():
     picture = np.arange(16.0).reshape(4, 4)
     for kind in (np.float16, np.longdouble):
         np.testing.assert_array_equal(values_at(picture.astype(kind), coordinates), values_at(picture, coordinates))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("form", ["2", "3", "3 in shards"])
+@pytest.mark.parametrize("missing", [1, 8, 38])
+def test_truncated_blosc_chunks_are_refused(tmp_path, form, missing):
+    """Blosc reads beyond the end of a chunk, and returns whatever is in memory there."""
+    more = {"shards": {"shape": (8, 4, 4), "index_location": "start"}} if "shards" in form else {}
+    codec = numcodecs.Blosc() if form == "2" else zarr.codecs.BloscCodec()
+    group = zarr.open_group(tmp_path / "v.zarr", mode="w", zarr_format=int(form[0]))
+    data = np.random.default_rng(0).integers(1, 9, (8, 4, 4), dtype=np.uint8)  # too short to be compressed
+    group.create_array("0", data=data, chunks=(2, 4, 4), compressors=codec, **more)
+    sets = [{"path": "0", "coordinateTransformations": [{"type": "scale", "scale": [1, 1, 1]}]}]
+    told = {"multiscales": [{"version": "0.4", "axes": list("zyx"), "datasets": sets}]}
+    group.attrs.update(told if form == "2" else {"ome": told})
+    chunk = next(path for path in (tmp_path / "v.zarr" / "0").rglob("*") if re.search(r"\d[./]0[./]0$", str(path)))
+    assert np.array_equal(read_volume(tmp_path / "v.zarr").data, data.T)
+    chunk.write_bytes(chunk.read_bytes()[:-missing])
+    refuses(tmp_path / "v.zarr", r"contains a chunk that ends after \d+ of \d+ bytes", read_volume)

@@ -1,13 +1,14 @@
 """Open damaged files and call functions with wrong values: each case must end in a result or an error of voxflat.
 
     make soak
-    python docs/benchmarks/soak/fuzz.py --files 2000 --calls 2000     # a minute
-    python docs/benchmarks/soak/fuzz.py --case files 123              # repeat one case, with its traceback
+    python docs/benchmarks/soak/fuzz.py --files 2000 --short 1000 --calls 2000     # two minutes
+    python docs/benchmarks/soak/fuzz.py --case files 123                           # repeat one case, with its traceback
 
-A small file of each format is damaged at random and opened; public functions and methods are called with right and
-wrong values. The seed and the number determine a case. Worker processes with limited memory run the cases. A finding is
-a crash, a hang, excessive memory, an exception not defined by voxflat, a message of several lines, or printed text.
-Each place is reported once, with the command that repeats the case.
+A small file of each format is damaged at random and opened; files are shortened and opened; public functions and
+methods are called with right and wrong values. The seed and the number determine a case. Worker processes with limited
+memory run the cases. A finding is a crash, a hang, excessive memory, an exception not defined by voxflat, a message of
+several lines, or printed text; a file opened outside the folder; and a shortened file from which something else is read
+than from the complete file, without a warning. Each place is reported once, with the command that repeats the case.
 """
 
 import argparse
@@ -17,12 +18,14 @@ import os
 import random
 import resource
 import select
+import shutil
 import signal
 import subprocess
 import sys
 import tempfile
 import time
 import traceback
+import warnings
 from collections import Counter
 from concurrent.futures import ThreadPoolExecutor
 from itertools import count
@@ -30,10 +33,11 @@ from pathlib import Path
 
 from tqdm import tqdm
 
-DEADLINE = 20.0  # seconds per case
+DEADLINE = 20.0  # seconds per case, and four times that when it is repeated
 READING = 1 << 28  # memory limit of reading, bytes
 MOST = 1 << 30  # bytes that a case may add to the memory of its worker
 ADDRESSES = 3 << 30  # bytes of address space that a worker may add after its start
+BAIT = ("/etc/hosts", "/dev/zero", "secret.tif", "secret.raw")  # ends of names outside the folder of a damaged file
 
 
 # ------------------------------------------------------------------------------------------------- worker
@@ -45,14 +49,24 @@ def _two_lines():
     raise InputError("one line\nand another")
 
 
+class Accepted(Exception):  # noqa: N818
+    """A shortened file was read without an error or a warning."""
+
+
+def _accepted(name):
+    raise Accepted(f"{name}: something is missing without a warning")
+
+
 FAULTS = {
     "refused": lambda: Path("nowhere", "at all").read_text(),
     "raw": lambda: [][0],
+    "outside": lambda: Path("/etc/hosts").read_bytes(),
+    "accepted": lambda: _accepted("t.nii"),
     "not one line": _two_lines,
     "printed": lambda: print("a warning"),
     "memory": lambda: b"x" * (1 << 26),
     "crash": lambda: os.kill(os.getpid(), signal.SIGSEGV),
-    "hang": lambda: time.sleep(2 * DEADLINE),
+    "hang": lambda: time.sleep(5 * DEADLINE),
 }
 """Cases of a third kind by their expected outcomes, which test the search itself."""
 
@@ -62,10 +76,19 @@ class Cases:
 
     def __init__(self, folder, kind, seed):
         self.folder, self.kind, self.seed = folder, kind, seed
-        if kind == "files":
+        self.whole, self.warnings, self.opened = {}, [], []
+        warned = logging.Handler(logging.WARNING)
+        warned.emit = lambda record: self.warnings.append(str(record.msg))
+        logging.getLogger("voxflat").addHandler(warned)
+        warnings.showwarning = lambda message, *_: self.warnings.append(str(message))
+        warnings.simplefilter("always")
+        sys.addaudithook(lambda event, of: event == "open" and str(of[0]).endswith(BAIT) and self.opened.append(of[0]))
+        if kind in ("files", "short"):
             from fuzz_files import corpus
 
             self.entries = corpus(folder / "corpus")
+            for name in ("secret.tif", "secret.raw"):
+                shutil.copy(next(of.folder / of.main for of in self.entries if of.main == "plain.tif"), folder / name)
         elif kind == "calls":
             from fuzz_calls import calls
 
@@ -81,28 +104,51 @@ class Cases:
 
             entry = self.entries[number % len(self.entries)]
             path, opener = damaged(entry, self.entries, self.folder / "case", chance)
-            return f"{opener} {path.name}", lambda: OPENERS[opener](path)
+            return f"{opener} {path.name}", entry.kind, lambda: OPENERS[opener](path)
+        if self.kind == "short":
+            from fuzz_files import OPENERS
+            from fuzz_short import shortened
+
+            entry = self.entries[number % len(self.entries)]
+            path, how = shortened(entry, self.folder / "case", chance)
+            return f"{path.name}: {how}", entry.kind, lambda: self.shorter(entry, path, OPENERS[entry.opener], how)
         if self.kind == "faults":
             name = list(FAULTS)[number % len(FAULTS)]
-            return name, FAULTS[name]
+            return name, name, FAULTS[name]
         from fuzz_calls import DRAWING, SELDOM, arguments, told
 
         label = self.labels[number % len(self.labels)]
         while label in DRAWING and number // len(self.labels) % SELDOM:
             label = chance.choice(self.labels)
         given = arguments(self.calls[label], self.values, chance)
-        return told(label, given), lambda: self.calls[label](**given)
+        return told(label, given), "", lambda: self.calls[label](**given)
+
+    def shorter(self, entry, path, opener, how):
+        """Open a shortened file, and compare the result with that of the complete file."""
+        from fuzz_short import digest
+
+        if entry not in self.whole:
+            self.warnings.clear()
+            self.whole[entry] = (digest(opener(entry.folder / entry.main)), set(self.warnings))
+        self.warnings.clear()
+        found, (whole, warned) = digest(opener(path)), self.whole[entry]
+        if how and found != whole and not set(self.warnings) - warned:
+            _accepted(entry.main)
 
     def run(self, number):
         from voxflat.errors import VoxflatError
         from voxflat.io.reading import reading
 
-        what, case = self.drawn(number)
+        what, kind, case = self.drawn(number)
+        self.opened.clear()
+        self.warnings.clear()
         before, start = _memory(), time.perf_counter()
         outcome, where, trace = "result", "", ""
         try:
             with reading(READING):
                 case()
+        except Accepted as error:
+            outcome, where = "accepted", str(error)
         except VoxflatError as error:
             text = str(error)
             outcome = "refused" if text.strip() and "\n" not in text else "not one line"
@@ -114,7 +160,9 @@ class Cases:
             outcome = "raw"
             where, trace = f"{type(error).__name__} from {_place(error)}", traceback.format_exc()
             what = f"{what}\n        {' '.join(str(error).split())[:150]}"
-        told = {"outcome": outcome, "what": what, "where": where, "trace": trace}
+        if self.opened:
+            outcome, where = "outside", f"{kind}: opened {self.opened[0]}"
+        told = {"outcome": outcome, "kind": kind, "what": what, "where": where, "trace": trace}
         return told | {"seconds": time.perf_counter() - start, "memory": max(0, _memory(peak=True) - before)}
 
 
@@ -142,7 +190,6 @@ def work(kind, seed):
         (folder / "here").mkdir()
         cases = Cases(folder, kind, seed)
         os.chdir(folder / "here")
-        logging.getLogger("voxflat").addHandler(logging.NullHandler())
         logging.getLogger("voxflat").propagate = False
         printed = (folder / "printed").open("w+b")
         for stream in (1, 2):
@@ -185,10 +232,11 @@ class Worker:
             return None
         return self.process.stdout.readline()
 
-    def run(self, number):
+    def run(self, number, seconds=None):
+        """Run a case; one that is late is repeated with more time, because other programs may have delayed it."""
         self.process.stdin.write(f"{number}\n")
         self.process.stdin.flush()
-        line = self._line(DEADLINE)
+        line = self._line(seconds or DEADLINE)
         if line:
             found = json.loads(line)
             if found["outcome"] in ("result", "refused") and found["memory"] > MOST:
@@ -198,9 +246,11 @@ class Worker:
             self.process.kill()
         status = self.process.wait()
         self.start()
+        if line is None and seconds is None:
+            return self.run(number, 4 * DEADLINE)
         outcome = "hang" if line is None else "crash"
-        where = f"more than {DEADLINE:g} s" if line is None else f"status {status}"
-        return {"outcome": outcome, "what": "", "where": where, "seconds": DEADLINE, "memory": 0}
+        where = f"more than {4 * DEADLINE:g} s" if line is None else f"status {status}"
+        return {"outcome": outcome, "kind": "", "what": "", "where": where, "seconds": DEADLINE, "memory": 0}
 
     def stop(self):
         self.process.stdin.close()
@@ -212,7 +262,7 @@ def run(kind, numbers, seed, workers):
     if not numbers:
         return []
     bar = tqdm(total=len(numbers), desc=kind, disable=not sys.stderr.isatty())
-    turns, outcomes, findings = count(numbers.start), Counter(), {}
+    turns, outcomes, kinds, findings = count(numbers.start), Counter(), Counter(), {}
     slowest, greatest = (0.0, 0), (0, 0)
 
     def turn(_):
@@ -221,6 +271,7 @@ def run(kind, numbers, seed, workers):
         while (number := next(turns)) < numbers.stop:
             found = worker.run(number)
             outcomes[found["outcome"]] += 1
+            kinds[found["kind"], found["outcome"]] += 1
             slowest, greatest = max(slowest, (found["seconds"], number)), max(greatest, (found["memory"], number))
             if found["outcome"] not in ("result", "refused"):
                 findings.setdefault(f"{found['outcome']}: {found['where']}", []).append((number, found["what"]))
@@ -235,6 +286,8 @@ def run(kind, numbers, seed, workers):
     counted = ", ".join(f"{n:,} {name}" for name, n in outcomes.most_common())
     print(f"{len(numbers):,} {kind} in {took:.0f} s: {counted}")
     print(f"  slowest: {slowest[0]:.1f} s ({kind} {slowest[1]}); most memory: {greatest[0] >> 20} MiB ({greatest[1]})")
+    for kind_of in sorted({of for of, _ in kinds if of}):
+        print(f"  {kind_of}: {', '.join(f'{n:,} {what}' for (of, what), n in kinds.most_common() if of == kind_of)}")
     for name, cases in sorted(findings.items(), key=lambda item: -len(item[1])):
         number, what = cases[0]
         again = f"python {sys.argv[0]} --seed {seed} --case {kind} {number}"
@@ -245,12 +298,13 @@ def run(kind, numbers, seed, workers):
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--files", type=int, default=100_000, help="number of damaged files")
+    parser.add_argument("--short", type=int, default=50_000, help="number of shortened files")
     parser.add_argument("--calls", type=int, default=1_000_000, help="number of calls of the public API")
     parser.add_argument("--first", type=int, default=0, help="number of the first case of each kind")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--workers", type=int, default=os.cpu_count() or 1)
     parser.add_argument("--case", nargs=2, metavar=("KIND", "NUMBER"), help="run only this case, in this process")
-    parser.add_argument("--work", choices=("files", "calls", "faults"), help=argparse.SUPPRESS)
+    parser.add_argument("--work", choices=("files", "short", "calls", "faults"), help=argparse.SUPPRESS)
     asked = parser.parse_args()
     if asked.work:
         work(asked.work, asked.seed)
@@ -258,7 +312,7 @@ def main():
         again(asked.case[0], int(asked.case[1]), asked.seed)
     else:
         found = []
-        for kind, number in (("files", asked.files), ("calls", asked.calls)):
+        for kind, number in (("files", asked.files), ("short", asked.short), ("calls", asked.calls)):
             found += run(kind, range(asked.first, asked.first + number), asked.seed, asked.workers)
         sys.exit(f"{len(found)} findings" if found else 0)
 

@@ -18,16 +18,22 @@ from pathlib import Path
 import nibabel as nib
 import numpy as np
 import pyvista as pv
+from fuzz_stacks import entries as stacks
+from fuzz_stacks import stack
 from PIL import Image
 
 import voxflat
+from voxflat.errors import InputError
 from voxflat.io.files import contents
+from voxflat.io.formats.gltf import write_glb
 from voxflat.io.label_tables import own_table, read_table
 from voxflat.io.meshes import Mesh, holds_mesh, is_mesh_name, read_mesh, write_mesh
 from voxflat.io.overlays import holds_volume, read_channels, read_overlay, read_region
 from voxflat.io.patches import Patch, is_patch, read_patch, write_patch
 from voxflat.io.tables import read_points
 from voxflat.io.volumes import read_volume, write_volume
+from voxflat.lab.freshness import state
+from voxflat.lab.results import Results
 from voxflat.maps.textures.pictures import as_picture
 from voxflat.surfaces.standard.template import is_template, read_template, standard_template
 
@@ -53,60 +59,85 @@ def grid():
 # -------------------------------------------------------------------------------------------------- openers
 
 
+def _volume(path):
+    volume = read_volume(path)
+    return volume.data, volume.affine
+
+
 def _mesh(path):
     is_mesh_name(path)
     holds_mesh(path)
-    read_mesh(path)
+    mesh = read_mesh(path)
+    return mesh.points, mesh.faces, mesh.texture_coordinates
 
 
 def _values(path):
     holds_volume(path)
-    read_overlay(path, N)
     channels = read_channels(path, N)
-    channels.read(len(channels) - 1)
+    return read_overlay(path, N), channels.read(len(channels) - 1)
 
 
 def _labels(path):
     own_table(path)
-    read_overlay(path, N)
-    read_region(path, N, name="V1")
+    return read_overlay(path, N), path.suffix == ".nii" or read_region(path, N, name="V1")
 
 
 def _series(path):
     stack = _MADE["map"].images(path)
-    stack[len(stack) - 1].data.sum()
+    return [stack[number].data for number in (0, len(stack) - 1)]
 
 
 def _map(path):
     found = voxflat.load(path)
     found.heat_map()
-    found.image(np.ones(found.volume_shape) if found.is_voxels else np.ones(found.metadata["vertices"]))
     found.look_up([[0.0, 0.0]])
     found.save(path.with_name("again.vtp"))
     repr(found)
+    image = found.image(np.ones(found.volume_shape) if found.is_voxels else np.ones(found.metadata["vertices"]))
+    return found.uv, found.ids, found.faces, image.data
+
+
+def _movie(path):
+    found = voxflat.load_series(path)
+    return found.points, found.flat_map.uv, found.images(metric=True)[len(found) - 1].data
 
 
 def _atlas(path):
     found = voxflat.load_atlas(path)
-    found.table()
-    found.page().heat_map()
     found.save(path.with_name("again.npz"))
+    return found.table(), found.page().heat_map().data
 
 
 def _store(path):
     rows = voxflat.open_rows(path)
     rows.verify()
-    rows.chunks  # noqa: B018
+    return rows.chunks, np.asarray(rows[0])
 
 
-OPENERS = {"volume": read_volume, "series": _series, "mesh": _mesh}
+def _cuts(path):
+    found = voxflat.surface(_MADE["surface"]).cut(cuts=path, relax=False)
+    return [cut.ids for cut in found.cuts], found.left_out
+
+
+def _regions(path):
+    found = _MADE["map"].regions(path)
+    return found.at(np.zeros((1, 2))), found.at(_MADE["map"].uv)
+
+
+def _record(path):
+    results = Results.in_bids(path.parent, "sub-01", "L")
+    found, reason = state(results, _MADE["request"])
+    if found != "done":
+        raise InputError(" ".join(reason.split()))
+
+
+OPENERS = {"volume": _volume, "series": _series, "mesh": _mesh, "stack": stack}
 OPENERS |= {"values": _values, "labels": _labels, "region": lambda path: read_region(path, N)}
 OPENERS |= {"patch": lambda path: (is_patch(path), read_patch(path)), "table": read_table, "points": read_points}
-OPENERS |= {"map": _map, "atlas": _atlas, "store": _store}
-OPENERS |= {"cuts": lambda path: voxflat.surface(_MADE["surface"]).cut(cuts=path, relax=False)}
+OPENERS |= {"map": _map, "movie": _movie, "atlas": _atlas, "store": _store, "cuts": _cuts}
 OPENERS |= {"template": lambda path: (is_template(path), read_template(path))}
-OPENERS |= {"regions": lambda path: _MADE["map"].regions(path).at(np.zeros((1, 2))), "picture": as_picture}
-OPENERS |= {"contents": contents}
+OPENERS |= {"regions": _regions, "picture": lambda path: as_picture(path)[0]}
+OPENERS |= {"contents": contents, "record": _record}
 
 _MADE = {}
 """Objects that openers need in addition to their file."""
@@ -126,6 +157,11 @@ class Entry:
     @property
     def files(self):
         return sorted(path for path in self.folder.rglob("*") if path.is_file())
+
+    @property
+    def kind(self):
+        """The opener and the ending, by which cases are counted."""
+        return f"{self.opener} {''.join(Path(self.main).suffixes) or self.main}"
 
 
 def corpus(folder, endings=("",)):
@@ -160,16 +196,26 @@ def corpus(folder, endings=("",)):
     mgh = nib.MGHImage(np.ones((SIDE, SIDE, 5, 3), np.float32), np.eye(4))
     entry("t.mgz", "series", lambda path: nib.save(mgh, path))
     entry("t.zarr", "series", _write_zarr)
+    stacks(entry)
     _meshes(entry)
     _on_points(entry)
     entry("map.npz", "map", flat_map.save)
     of_mesh = voxflat.flatten((grid().points, grid().faces), method=voxflat.methods.Voxflat(sources=9))
     entry("map.voxflat", "map", of_mesh.save)
+    texture = _png_bytes()
+    own = {"unit": "mm", "repeat": False, "transparent": False}
+    arrays = grid().points, grid().faces, of_mesh.uv[:N] / 100, texture
+    entry("textured.glb", "mesh", lambda path: write_glb(path, *arrays, **own))
+    series = voxflat.flatten_series([(scale * grid().points, grid().faces) for scale in (1, 1.1)])
+    entry("series.voxflat", "movie", series.save)
     atlas = surface.patches(bound=1.2)
     entry("atlas.npz", "atlas", atlas.save)
     entry("glued.npz", "atlas", atlas.glue().save)
     entry("store", "store", lambda path: surface.geodesic(9, store=path))
     entry("cuts.json", "cuts", lambda path: path.write_text('{"cuts": [[[0,3,2],[1,3,2],[2,3,2]]], "drop": [[7,7,2]]}'))
+    cut = surface.cut(cuts=[[[0, 3, 2], [1, 3, 2]]], relax=False)
+    entry("saved.json", "cuts", cut.save)
+    entry("sub-01_hemi-L_desc-voxflat_flat.json", "record", _write_record)
     entry("t.json", "template", lambda path: path.write_text(standard_template("fsaverage", "left").as_json()))
     middle = flat_map.uv.mean(axis=0)
     square = (middle + 2 * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])).tolist()
@@ -177,8 +223,9 @@ def corpus(folder, endings=("",)):
     entry("rois.svg", "regions", lambda path: _write_svg(path, flat_map))
     pixels = flat_map.heat_map().data
     entry("rois.npy", "regions", lambda path: np.save(path, np.ones(np.shape(pixels), np.uint8)))
-    for ending in (".png", ".tif", ".nii"):
-        entry(f"rois{ending}", "regions", flat_map.heat_map().save)
+    for ending in (".png", ".tif"):
+        entry(f"rois{ending}", "regions", Image.fromarray(np.ones(np.shape(pixels), np.uint8)).save)
+    entry("rois.nii", "regions", flat_map.heat_map().save)
     picture = Image.fromarray(np.arange(300, dtype=np.uint8).reshape(10, 10, 3))
     for ending in (".png", ".jpg", ".tif", ".bmp"):
         entry(f"p{ending}", "picture", picture.save)
@@ -199,6 +246,13 @@ def _meshes(entry):
     entry("text.stl", "mesh", lambda path: of_vtk.save(path, binary=False))
     quads = b"".join(b"v %d %d 0 # z\n" % (i, j) for i in range(3) for j in range(3)) + b"vt 0 0\nvt 0 1\n"
     quads += b"mtllib m.mtl\nusemtl a\nf 1/1 2/2 5/1 4/2\nf 2//1 3//1 6//1 5//1\nf -1 -2 -5\n"
+    off = [f"OFF\n{N} {len(mesh.faces)} 0", *(" ".join(map(str, row)) for row in mesh.points)]
+    off += [f"3 {' '.join(map(str, row))}" for row in mesh.faces]
+    entry("s.off", "mesh", lambda path: path.write_text("\n".join(off) + "\n"))
+    asc = ["#!ascii", f"{N} {len(mesh.faces)}", *(f"{' '.join(map(str, row))} 0" for row in mesh.points)]
+    asc += [f"{' '.join(map(str, row))} 0" for row in mesh.faces]
+    entry("lh.white.asc", "mesh", lambda path: path.write_text("\n".join(asc) + "\n"))
+    entry("nodes.glb", "mesh", _write_scene)
     entry("quads.obj", "mesh", lambda path: path.write_bytes(quads))
 
 
@@ -260,6 +314,34 @@ def _write_old(path, mesh, kind):
     writer.Write()
 
 
+def _png_bytes():
+    made = io.BytesIO()
+    Image.new("RGB", (2, 2)).save(made, "png")
+    return made.getvalue()
+
+
+def _write_scene(path):
+    """Write GLB with trimesh: two nodes with transformations."""
+    import trimesh
+
+    scene, mesh = trimesh.Scene(), grid()
+    shape = trimesh.Trimesh(mesh.points, mesh.faces, process=False)
+    for shift in (0, 50):
+        scene.add_geometry(shape, transform=trimesh.transformations.translation_matrix([shift, 0, 0]))
+    path.write_bytes(scene.export(file_type="glb"))
+
+
+def _write_record(path):
+    """Write the record of a participant's results, and one of its files."""
+    inputs = {"white": {"path": "lh.white", "sha256": "0" * 64}}
+    wanted = {"voxflat": voxflat.__version__, "format": 1, "parameters": {"cuts": "five"}, "inputs": inputs}
+    _MADE["request"] = wanted
+    output = path.with_name("sub-01_hemi-L_desc-voxflat_area.shape.gii")
+    output.write_bytes(bytes(100))
+    content = {**wanted, "outputs": {output.name: 100}, "figures": {"angle": 1.5}, "overlays": ["area"]}
+    path.write_text(json.dumps(content))
+
+
 def _write_nhdr(path):
     head = "NRRD0004\ntype: uint8\ndimension: 3\nspace: right-anterior-superior\nsizes: 8 8 5\n"
     head += "space directions: (1,0,0) (0,1,0) (0,0,2)\nspace origin: (0,0,0)\nencoding: raw\ndata file: v.raw\n\n"
@@ -302,14 +384,19 @@ def _write_zarr(path):
 # -------------------------------------------------------------------------------------------------- damage
 
 _WORDS = b"0 -1 1 3 255 65536 2147483647 2147483648 -2147483648 4294967295 9223372036854775807".split()
-_WORDS += b"18446744073709551616 99999999999999999999 1e19 1e107 1e400 nan -inf 0.5 x ' ../../../etc/hosts None".split()
+_WORDS += (
+    b"18446744073709551616 99999999999999999999 1e19 1e107 1e400 nan -inf 0.5 x ' /etc/hosts ../secret.tif None".split()
+)
 _WORDS += [b"", b"%n%x%s", b"\xff\xfe", b'"', b"1 2 3 4"]
 _INTEGERS = [0, 1, 2, 3, 7, 127, 255, 256, 32767, 65535, 2**24, 2**31 - 1, 2**31, 2**32 - 1, -1, -2, -(2**31)]
 _FLOATS = [0.0, -0.0, 1.0, -1.0, 1e-30, 1e19, 1e30, float("nan"), float("inf"), float("-inf")]
 _VALUES = [None, True, False, 0, -1, 1, 2**31, 2**63, 2**70, 1e19, 1e107, "", "x", "nan", "0", [], {}, [[]]]
+_VALUES += [1e10, "../secret.tif", "../secret.raw", "/etc/hosts", "/dev/zero"]
 _VALUES += [[None], [[1, 2], [3]], {"a": 1}, [1, 2, 3], float("nan"), float("inf"), ["a", "b"], "\x00", 0.5]
 _ZEROS = gzip.compress(bytes(1 << 26), 1, mtime=0)
-_NUMBER = re.compile(rb"[-+]?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?")
+_NUMBER = re.compile(rb"([-+]?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?)")
+_QUOTED = re.compile(rb"""(?:["'=])([\w.,:/ #-]{1,60})(?=["'\n])""")
+_TEXTS = re.compile(rb"<\?xml[^\0]{40,}>|\{\"axes[^\0]{20,}\}|ImageJ=[^\0]{20,}|<svg[^\0]{40,}>")
 
 
 def damage(data, chance, other):
@@ -336,6 +423,17 @@ def _inside(data, chance, other):
         at = chance.randrange(len(lines))
         lines[at] = json.dumps(_in_json(json.loads(lines[at]), chance)).encode("utf-8", "replace")
         return b"\n".join(lines)
+    if data[:4] == b"glTF":
+        return _in_glb(data, chance)
+    if data[:4] in (b"II*\0", b"MM\0*") and chance.random() < 0.5:
+        return _in_tiff(data, chance)
+    if texts := [
+        found for found in _TEXTS.finditer(data) if found.end() - found.start() < len(data) or chance.random() < 0.5
+    ]:
+        text = chance.choice(texts)  # within a binary file, where it keeps its length
+        changed = _in_text(text[0], chance)
+        is_whole = len(text[0]) == len(data)
+        return data[: text.start()] + (changed if is_whole else changed.ljust(len(text[0]))) + data[text.end() :]
     if blocks := list(re.finditer(rb">\s*([A-Za-z0-9+/]{40,}=*)\s*<", data)):
         block = chance.choice(blocks)
         inner = base64.b64decode(block[1])
@@ -346,6 +444,39 @@ def _inside(data, chance, other):
         inner = base64.b64encode(pack(_numbers(inner, chance, other)))
         return data[: block.start(1)] + inner + data[block.end(1) :]
     return None
+
+
+def _in_glb(data, chance):
+    """Change the JSON of a GLB file, and correct the lengths."""
+    length = int.from_bytes(data[12:16], "little")
+    text = json.dumps(_in_json(json.loads(data[20 : 20 + length]), chance)).encode("utf-8", "replace")
+    text += b" " * (-len(text) % 4)
+    rest = data[20 + length :]
+    head = struct.pack("<4s4I", b"glTF", 2, 20 + len(text) + len(rest), len(text), 0x4E4F534A)
+    return head + text + rest
+
+
+def _in_tiff(data, chance):
+    """Change the type, the count or the value of a tag on any page."""
+    changed, order = bytearray(data), "<" if data[:1] == b"I" else ">"
+    tags, at = [], struct.unpack_from(f"{order}I", data, 4)[0]
+    while at and at + 2 <= len(data):
+        count = struct.unpack_from(f"{order}H", data, at)[0]
+        tags += [at + 2 + 12 * n for n in range(count)]
+        at = struct.unpack_from(f"{order}I", data, at + 2 + 12 * count)[0]
+    tag = chance.choice(tags)
+    form, shift = chance.choice((("H", 0), ("H", 2), ("I", 4), ("I", 8), ("H", 8)))
+    struct.pack_into(order + form, changed, tag + shift, chance.choice(_INTEGERS) % (1 << 8 * struct.calcsize(form)))
+    return bytes(changed)
+
+
+def _in_text(text, chance):
+    """Replace a quoted value or a number of XML or JSON, or the value of a line of ImageJ."""
+    found = list(_QUOTED.finditer(text)) or list(_NUMBER.finditer(text))
+    if not found:
+        return text
+    word = chance.choice(found)
+    return text[: word.start(1)] + chance.choice(_WORDS) + text[word.end(1) :]
 
 
 def _in_archive(data, chance, other):
