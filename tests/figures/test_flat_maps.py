@@ -554,3 +554,20 @@ def test_names_of_cuts_stay_on_the_page_and_beside_the_names_of_parcels(flat_map
     near = int(np.argmin(np.linalg.norm(uv - at, axis=1)))
     _, (over,), parcel = boxes([[int(ids[near])]])
     assert not over.overlaps(parcel)
+
+
+@pytest.mark.parametrize("name", ["back", "posterior"])
+def test_the_name_of_a_chart_is_beside_the_arrows_and_on_the_page(flat_map, name):
+    charts = [{"count": 2, "name": one} for one in ("front", name)]
+    both = [
+        dataclasses.replace(flat_map, metadata={**flat_map.metadata, "structure": None, "chart": one}) for one in charts
+    ]
+    both = [dataclasses.replace(one, metadata={**one.metadata, "space": None, "kind": "voxels"}) for one in both]
+    drawn = figures.flat_map(both)
+    canvas = FigureCanvasAgg(drawn)
+    boxes = [text.get_window_extent(canvas.get_renderer()) for text in texts(drawn, "marks")]
+    assert {"front", name} <= {text.get_text() for text in texts(drawn, "marks")}
+    for number, box in enumerate(boxes):
+        assert box.x0 >= 0
+        assert box.x1 <= drawn.bbox.width
+        assert not any(box.overlaps(other) for other in boxes[number + 1 :])

@@ -37,6 +37,9 @@ def test_whole_floats_are_labels_and_others_are_not():
     assert labels_in(np.arange(5000.0).reshape(5, 10, 100)) is None  # intensities that happen to be whole
     labels = np.array([[[0.0, 1.0, 2.0]]])
     refused("pass a label or a threshold; the volume has labels 1, 2", foreground, labels)
+    intensities = np.arange(8**3, dtype=np.uint16).reshape(8, 8, 8)
+    told = "pass a label or a threshold; the values are 511 whole numbers from 1 to 511, labels or intensities"
+    refused(told, foreground, intensities)  # nothing about labels of FreeSurfer, such as 2 and 41
 
 
 def test_nothing_of_half_precision_is_above_what_it_cannot_hold():

@@ -40,6 +40,7 @@ _NAMES_PIXEL = 0.2  # mm of paper
 _MARKS = 30.0  # room for directions, hemisphere and scale bar, mm
 _SIDE = 14.0  # room for directions and hemisphere, mm
 _GAP = 2.0  # mm between maps
+_LISTED = 20  # most names of parcels in a warning
 _BEHIND = {"facecolor": "white", "edgecolor": "none", "alpha": 0.75, "pad": 0.8}  # background of names over data
 
 Box: TypeAlias = tuple[float, float, float, float]  # left, bottom, right and top on paper, mm
@@ -179,13 +180,13 @@ class Page:
         if left_out:
             count = f"{len(left_out)} of {len(left_out) + len(placed)}"
             told = "%s names do not fit into their parcels and are omitted: %s. Increase the width to show more names"
-            log.warning(told, count, ", ".join(left_out))
+            rest = [f"and {len(left_out) - _LISTED} more"] if len(left_out) > _LISTED else []
+            log.warning(told, count, ", ".join([*left_out[:_LISTED], *rest]))
 
     def bar(self, colours: OverlayColours, label: str) -> None:
         """Draw the colour bar; values excluded by the thresholds are grey."""
         low, high = colours.limits
-        beside = 0.0 if len(self.panels) == 1 else _SIDE  # room for the annotations of the last map
-        wide, x = min(36.0, 0.42 * self.width), self.width - _EDGE - 2.5 - beside
+        wide, x = min(36.0, 0.42 * self.width), self.width - _EDGE - 2.5 - self._beside()
         axes = self._add_axes((x - wide, 4.1, wide, 1.9), zorder=3)
         axes.set_gid("data")
         values = np.linspace(low, high, 512)[None]
@@ -208,8 +209,7 @@ class Page:
 
     def wheel(self, colours: OverlayColours, label: str, zero: str) -> None:
         """Draw the colour wheel of a cyclic colour map, with the phases at its quarters."""
-        beside = 0.0 if len(self.panels) == 1 else _SIDE
-        x, y = self.width - _EDGE - 5.5 - _WHEEL / 2 - beside, WHEEL_STRIP / 2
+        x, y = self.width - _EDGE - 5.5 - _WHEEL / 2 - self._beside(), WHEEL_STRIP / 2
         axes = self._add_axes((x - _WHEEL / 2, y - _WHEEL / 2, _WHEEL, _WHEEL), zorder=3)
         axes.set_gid("data")
         axes.set_axis_off()
@@ -236,7 +236,7 @@ class Page:
         x = _EDGE + 4.0
         for panel in self.panels:
             if panel is not self.panels[0]:  # the annotations of the last map end the strip
-                x = max(x, self.width - _EDGE - _SIDE + 4.0)
+                x = max(x, self.width - _EDGE - self._beside() + 4.0)
             x = self._directions(panel.flat_map, x)
             if panel is self.panels[0]:
                 length = round_length(0.22 * self.width / self.scale / len(self.panels))
@@ -259,6 +259,13 @@ class Page:
         best = next(free, 0)
         self._names.append(boxes[best])
         return within[best]
+
+    def _beside(self) -> float:
+        """Return the room in mm for the annotations of the second map: its directions, and its side or chart."""
+        if len(self.panels) == 1:
+            return 0.0
+        chart = self.panels[-1].flat_map.metadata.get("chart")
+        return _SIDE if chart is None else _SIDE + max(0.0, text_size(chart["name"], _FONT)[0] - 4.0)
 
     def _directions(self, flat_map: FlatMap, x: float) -> float:
         """Draw the anatomical directions and the hemisphere, starting at `x`, and return where they end, in mm."""
@@ -284,6 +291,7 @@ class Page:
             return x + 4.5
         chart = flat_map.metadata.get("chart", {"count": 1})
         if chart["count"] != 1:
+            x += 1.5 if found else 0.0  # beside the letter of an arrow
             self.text(x - 3.0, middle, chart["name"], "marks", ha="left", va="center_baseline", weight="bold")
             return x + text_size(chart["name"], _FONT)[0]
         return x + 1.0

@@ -20,6 +20,7 @@ from voxflat.io.volumes import Volume
 Labels = int | Sequence[int]  # a label, or several that form one foreground
 
 _SHOWN = 20  # maximum number of labels in a message
+_MOST_LISTED = 100  # labels without gaps, as in intensities
 _WIDEST = 2**16  # largest range of integers for bincount
 
 
@@ -193,6 +194,8 @@ def _present(data: NDArray[Any]) -> str:
         return f"the values range from {data.min():g} to {data.max():g}"
     if not labels:
         return "every voxel is 0"
+    if len(labels) > _MOST_LISTED and len(labels) > (max(labels) - min(labels)) / 2:  # few numbers are left out
+        return f"the values are {len(labels)} whole numbers from {min(labels)} to {max(labels)}, labels or intensities"
     shown = ", ".join(str(label) for label in list(labels)[:_SHOWN])
     shown += f" and {len(labels) - _SHOWN} more" if len(labels) > _SHOWN else ""
     of_freesurfer = "; in FreeSurfer's aseg and ribbon, label=2 is the left and label=41 the right white matter"
