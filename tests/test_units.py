@@ -10,6 +10,7 @@ import pytest
 import pyvista as pv
 import shapes
 import tifffile
+import trimesh
 import zarr
 from command_line import run, succeed
 from matplotlib.text import Text
@@ -252,3 +253,22 @@ def test_tables_and_json_have_the_unit_in_their_names(maps):
     mesh = pv.Sphere(radius=300)
     assert not MM.search(voxflat.check(mesh).table())
     assert "600 nm" in voxflat.surface(mesh, unit="nm").check().table()
+
+
+def test_texts_give_lengths_in_the_unit_of_the_surface(tmp_path, caplog):
+    """A closed surface of 30 mm, declared in metres: no length is rounded to 0, and nothing is said to be in mm."""
+    ball = trimesh.creation.icosphere(3, radius=0.015)
+    ball.export(tmp_path / "ball.ply")
+    told = [succeed("flatten", tmp_path / "ball.ply", "--unit", "m", "-o", tmp_path / "map.npz")]
+    told += [succeed("measure", tmp_path / "ball.ply", tmp_path / "map.npz", "--unit", "m")]
+    told += [succeed("check", tmp_path / "ball.ply", "--unit", "m")]
+    told += [succeed("cut", tmp_path / "ball.ply", "--unit", "m", "-o", tmp_path / "cut.json")]
+    texts = [text for one in told for text in (one.stdout, one.stderr)]
+    flat_map = voxflat.load(tmp_path / "map.npz")
+    texts += [caplog.text, repr(flat_map), flat_map.distortion.table(), str(flat_map.metadata["warnings"])]
+    texts += [str(voxflat.cite(flat_map)), repr(voxflat.surface(tmp_path / "ball.ply", unit="m").cut())]
+    for text in texts:
+        assert not re.search(r"(?<![\w_])mm\b", text), text
+        assert not re.search(r"\b0(\.0+)?( x 0(\.0+)?)? m\b", text), text
+    assert re.search(r"map +0\.0\d+ x 0\.0\d+ m\n", told[0].stdout)
+    assert re.search(r"absolute error, m +0\.00", told[1].stdout)

@@ -10,7 +10,7 @@ from typing import Any
 
 from voxflat._core import __version__
 from voxflat.arguments import checked_kind
-from voxflat.io.grid import in_unit
+from voxflat.io.grid import in_unit, rounded
 from voxflat.maps.flat_map import FlatMap
 from voxflat.surfaces.standard.sphere import OWN_REGISTRATION
 
@@ -122,7 +122,7 @@ def facts_of(flat_map: FlatMap) -> Facts:
     return {
         "how": how,
         "paths": len(automatic),
-        "length": in_unit(f"{sum(cut['length'] for cut in automatic):.0f} mm", metadata),
+        "length": in_unit(f"{rounded(sum(cut['length'] for cut in automatic))} mm", metadata),
         "points": metadata["points"],
         "sources": figures["sources"],
         "scale": f"{figures['best_scale']['scale'] or float('nan'):.3f}",

@@ -121,6 +121,11 @@ def named_unit(unit: object) -> str:
     return found
 
 
+def rounded(length: float, places: int = 0) -> str:
+    """Return a length with some decimal places, but at least two significant digits below 1, so that it is not "0"."""
+    return f"{length:.{places}f}" if abs(length) >= 1 or length == 0 else f"{length:.2g}"
+
+
 def in_unit(text: str, metadata: Mapping[str, Any]) -> str:
     """Replace mm in a text by the unit of a surface or map; remove it if the unit is unknown."""
     unit = metadata.get("unit", "mm")

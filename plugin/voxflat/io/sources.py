@@ -45,7 +45,10 @@ def taken(
             log.warning(told, Path(str(volume.path)).name, volume.unit)
         check_memory(_BYTES_PER_VOXEL * volume.data.size, memory_limit, "crop or downsample the volume")
         return volume
-    if unit is not None or mesh.path is not None or mesh.unit_remark is None:  # for files, the reader reports it
+    if unit is not None:  # given, so it is not assumed to be mm, as the reader of a file reports
+        assumed = mesh.unit_remark or "\n"
+        return replace(mesh, remarks=tuple(one for one in mesh.remarks if not one.endswith(assumed)))
+    if mesh.path is not None or mesh.unit_remark is None:  # for files, the reader reports it
         return mesh
     return replace(mesh, remarks=(*mesh.remarks, f"the surface {mesh.unit_remark}"))
 

@@ -18,7 +18,7 @@ from voxflat.distortion.distortion import Distortion
 from voxflat.errors import InputError
 from voxflat.io.files import SAVED_ENDINGS, require
 from voxflat.io.formats import gifti
-from voxflat.io.grid import in_unit, warn_of_unit
+from voxflat.io.grid import in_unit, rounded, warn_of_unit
 from voxflat.io.meshes import Mesh, write_mesh
 from voxflat.io.notebook import page
 from voxflat.io.patches import FLAT_PATCH_ENDINGS, PATCH_ENDING, Patch, write_patch
@@ -131,7 +131,7 @@ class FlatMap(Planar):
     def __repr__(self) -> str:
         width, height = np.ptp(self.uv, axis=0)
         error = 100 * self.distortion.raw.relative_error
-        size = in_unit(f"{width:.0f} x {height:.0f} mm", self.metadata)
+        size = in_unit(f"{rounded(width)} x {rounded(height)} mm", self.metadata)
         return f"<FlatMap: {len(self)} points, {size}, relative error {error:.1f} %>"
 
     @property

@@ -8,6 +8,7 @@ import numpy as np
 from voxflat.arguments import is_number, shown
 from voxflat.atlases.glued import Seams, measured
 from voxflat.errors import InputError
+from voxflat.io.grid import in_unit, rounded
 from voxflat.maps.flat_map import FlatMap
 from voxflat.methods.common import map_over_triangles
 from voxflat.methods.method import How, OverTriangles
@@ -91,5 +92,6 @@ class Saucan2006(OverTriangles):
             "before": {"certified_c": result["certified"], "c": result["before"]},
             "measured": measured(result["stretch"], part.points[part.faces]),
         }
-        doubts = [f"{seams.cuts:.0f} mm of the seams between patches remain cut"] if seams.cuts > 0 else []
+        length = in_unit(f"{rounded(seams.cuts)} mm", cut.metadata)
+        doubts = [f"{length} of the seams between patches remain cut"] if seams.cuts > 0 else []
         return map_over_triangles(self.name, cut, how, result, need, None, metadata, doubts)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from voxflat.arguments import Progress, checked_path, is_whole, shown
 from voxflat.errors import InputError
 from voxflat.io.files import atomic_path
-from voxflat.io.grid import in_unit
+from voxflat.io.grid import in_unit, rounded
 from voxflat.io.notebook import page
 from voxflat.io.provenance import Record, as_text, saving, telling
 from voxflat.maps.flat_map import FlatMap
@@ -190,7 +190,7 @@ class CutSurface(ReadOnly, Generic[_Surface]):
 
     def _repr_html_(self) -> str:
         """Return a picture of the surface with its cuts and a table of their lengths, for Jupyter."""
-        lengths = ["" if one.length is None else f"{one.length:.0f} mm" for one in self.cuts]
+        lengths = ["" if one.length is None else f"{rounded(one.length)} mm" for one in self.cuts]
         names = [self.title(n) for n in range(len(self.cuts))]
         drawing = importlib.import_module("voxflat.figures.cut_surfaces")  # a higher layer than the pipeline
         figure = drawing.cut_surface_views(self.surface)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from voxflat.arguments import Progress, checked_number, is_whole, shown
 from voxflat.errors import InputError
-from voxflat.io.grid import in_unit
+from voxflat.io.grid import in_unit, rounded
 from voxflat.surfaces.cutting import Cutout, Tube, cut_out_as, opened_to_disk
 from voxflat.surfaces.manifold import Manifold
 from voxflat.surfaces.parts import largest_piece, vertex_at
@@ -84,7 +84,7 @@ def charted(
     if count == 1:
         seam = _opposite(graph, frame.longitudes, ends)
         length = float(np.linalg.norm(np.diff(part.points[seam], axis=0), axis=1).sum())
-        told.append(f"the surface is {kind}, so it was cut along a seam from end to end ({length:.0f} mm)")
+        told.append(f"the surface is {kind}, so it was cut along a seam from end to end ({rounded(length)} mm)")
         made = [(part, [seam])]
     else:
         told.append(f"the surface is {kind}, so it was divided into {count} charts that reach from end to end")

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from voxflat.arguments import Progress, is_whole, shown, unmasked
 from voxflat.errors import InputError
 from voxflat.io.files import check_format, contents, from_json
-from voxflat.io.grid import in_unit
+from voxflat.io.grid import in_unit, rounded
 from voxflat.surfaces.manifold import Manifold
 from voxflat.unique_rows import distinct
 
@@ -197,7 +197,7 @@ def opened(
         paths, total = _counted(cuts, "path")
         remarks.append(
             f"the surface is not a disk ({topology['handles']} handles, {topology['loops']} boundary loops), so it was "
-            f"cut open along {paths} ({total:.0f} mm in total). Pass cuts, or flatten a smaller patch, for less "
+            f"cut open along {paths} ({rounded(total)} mm in total). Pass cuts, or flatten a smaller patch, for less "
             "distortion"
         )
         _name(part, cuts)
@@ -214,7 +214,7 @@ def opened(
         paths, total = _counted(further, "relaxation cut")
         before, after = (100 * error for error in errors)
         remarks.append(
-            f"added {paths} ({total:.0f} mm in total), which reduce the estimated distance error from "
+            f"added {paths} ({rounded(total)} mm in total), which reduce the estimated distance error from "
             f"{before:.1f} % to {after:.1f} %. Use relax=False to disable them"
         )
     _name(part, further)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from voxflat.arguments import Progress
 from voxflat.errors import InputError
-from voxflat.io.grid import in_unit
+from voxflat.io.grid import in_unit, rounded
 from voxflat.surfaces.cuts import check_relax, close_holes, cut_along, opened, read_cuts
 from voxflat.surfaces.manifold import Manifold, Step
 from voxflat.surfaces.parts import dropped, largest_piece
@@ -242,7 +242,7 @@ def _standard_remark(cut: Cutout, error: float) -> str:
     what = "standard cuts" if cut.metadata["cuts_by"] == STANDARD else f"the cuts of {cut.metadata['cuts_by']}"
     estimate = "" if np.isnan(error) else f" The estimated distance error is {100 * error:.1f} %."
     told = (
-        f"cut along {what} ({names}; {length:.0f} mm), located with {by}, so that maps of different brains "
+        f"cut along {what} ({names}; {rounded(length)} mm), located with {by}, so that maps of different brains "
         f"can be compared.{estimate} For less distortion, choose automatic cuts. `voxflat check` compares the two"
     )
     return in_unit(told, cut.metadata)
@@ -254,7 +254,7 @@ def cut_handles(whole: Manifold, threads: int | None, progress: Progress | None)
     if not handles:
         return whole
     lengths = [handle["length"] for handle in handles]
-    remark = f"cut {len(handles)} handle(s) open along loops of {min(lengths):.1f} to {max(lengths):.1f} mm"
-    remark = in_unit(remark, whole.metadata)
+    least, most = rounded(min(lengths), 1), rounded(max(lengths), 1)
+    remark = in_unit(f"cut {len(handles)} handle(s) open along loops of {least} to {most} mm", whole.metadata)
     metadata = {**whole.metadata, "handles_cut": handles}
     return replace(whole, core=core, metadata=metadata, remarks=(*whole.remarks, remark))

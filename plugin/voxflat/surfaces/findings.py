@@ -8,7 +8,7 @@ import numpy as np
 
 from voxflat.arguments import Progress
 from voxflat.errors import InputError
-from voxflat.io.grid import in_unit
+from voxflat.io.grid import in_unit, rounded
 from voxflat.io.spaces import Space
 from voxflat.surfaces.cutting import Cutout, Where, cut_open, opened_to_disk, sketch_error
 from voxflat.surfaces.manifold import Manifold
@@ -193,20 +193,21 @@ class Check:
             ("components", f"{len(self.components)}: {_shortened(self.components)}"),
             ("used", f"{self.used} vertices"),
             ("Euler characteristic", f"{self.euler_characteristic} (disk: 1, closed sphere: 2)"),
-            ("boundary loops", f"{len(self.boundary)}: {_shortened([f'{mm:.0f} mm' for mm in self.boundary])}"),
+            ("boundary loops", f"{len(self.boundary)}: {_shortened([f'{rounded(mm)} mm' for mm in self.boundary])}"),
             ("handles", f"{len(self.handles)}: {_shortened([_place(handle) for handle in self.handles])}"),
         ]
         if self.thin is not None and self.thin["points"]:
-            rows.append(("thin regions", f"{self.thin['points']} vertices below {self.thin['thickness']:.2f} mm"))
+            thickness = rounded(self.thin["thickness"], 2)
+            rows.append(("thin regions", f"{self.thin['points']} vertices below {thickness} mm"))
         if self.named_cuts:
-            cuts = ", ".join(f"{cut['name']} {cut['length']:.0f} mm" for cut in self.named_cuts)
+            cuts = ", ".join(f"{cut['name']} {rounded(cut['length'])} mm" for cut in self.named_cuts)
             rows.append(("cuts", f"{self.cuts_by}: {cuts}"))
-        return [(name, value.removesuffix(": ")) for name, value in rows]
+        return [(name, in_unit(value.removesuffix(": "), self.contents)) for name, value in rows]
 
 
 def _place(handle: dict[str, Any]) -> str:
     x, y, z = handle["centre"]
-    return f"{handle['length']:.1f} mm around ({x:.0f}, {y:.0f}, {z:.0f})"
+    return f"{rounded(handle['length'], 1)} mm around ({x:.0f}, {y:.0f}, {z:.0f})"
 
 
 def _shortened(items: Sequence[Any], most: int = _SHOWN) -> str:
@@ -242,7 +243,8 @@ def check_surface(
     handles = tuple(cut.part.core.handles(threads, progress)) if shape["handles"] else ()
     if handles:
         total = sum(handle["length"] for handle in handles)
-        advice.append(f"repair='cuts' would cut {len(handles)} handle(s) open along {total:.0f} mm and keep all voxels")
+        length = in_unit(f"{rounded(total)} mm", part.metadata)
+        advice.append(f"repair='cuts' would cut {len(handles)} handle(s) open along {length} and keep all voxels")
     try:
         to_open = cut
         if shape["handles"] and repaired is not None:

@@ -24,7 +24,7 @@ from voxflat.arguments import (
     shown,
 )
 from voxflat.errors import InputError
-from voxflat.io.grid import in_unit, voxel_size, warn_of_unit
+from voxflat.io.grid import in_unit, rounded, voxel_size, warn_of_unit
 from voxflat.io.meshes import Mesh, in_tkras, write_mesh
 from voxflat.io.notebook import page
 from voxflat.io.patches import FLAT_PATCH_ENDINGS, PATCH_ENDING, Patch, in_patch, patch_border, write_patch
@@ -333,7 +333,8 @@ class Manifold(ReadOnly):
         if not self.is_voxels:
             return f"; the vertices of the mesh are numbered from 0 to {self.metadata['vertices'] - 1}"
         vertex, distance = self.nearest(key)
-        return f"; the nearest surface voxel is {self.ids[vertex].tolist()}, {distance:.1f} mm away"
+        away = in_unit(f"{rounded(distance, 1)} mm", self.metadata)
+        return f"; the nearest surface voxel is {self.ids[vertex].tolist()}, {away} away"
 
     def nearest(self, place: Sequence[int]) -> tuple[int, float]:
         """Find the vertex nearest to a voxel.

@@ -14,6 +14,7 @@ from voxflat import _core
 from voxflat.arguments import Progress, array_of, checked_number, shown
 from voxflat.errors import InputError
 from voxflat.io.files import naming
+from voxflat.io.grid import in_unit
 from voxflat.io.meshes import holds_mesh
 from voxflat.io.objects import values_of_object
 from voxflat.io.overlays import as_mask, read_region, region_of
@@ -217,7 +218,8 @@ def vertex_at(part: Manifold, point: Sequence[int] | int, name: str) -> tuple[in
         return int(part.find(place[None], f"the {name}")[0]), []
     wanted = seed_voxel(point, part.metadata["shape"], name)
     vertex, distance = part.nearest(wanted)
-    return vertex, found_seed(wanted, part.ids[vertex].tolist(), distance, part._largest_spacing, name)
+    remarks = found_seed(wanted, part.ids[vertex].tolist(), distance, part._largest_spacing, name)
+    return vertex, [in_unit(remark, part.metadata) for remark in remarks]
 
 
 def is_medial_wall(region: object) -> bool:

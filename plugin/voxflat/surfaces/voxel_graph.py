@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from voxflat import _core
 from voxflat.arguments import Progress, array_of, voxel_indices
 from voxflat.errors import InputError
-from voxflat.io.grid import voxel_size
+from voxflat.io.grid import in_unit, rounded, voxel_size
 from voxflat.surfaces.manifold import Manifold
 
 LINK_LENGTHS = "chain-code"  # default measure of links: the paper's unbiased estimator
@@ -76,7 +76,7 @@ def voxel_graph(of: Manifold, link_lengths: str = LINK_LENGTHS, progress: Progre
             seed, radius = seed_voxel(step.seed_point, of.metadata["shape"]), step.radius
             vertex, distance = whole.nearest(seed)
             found = [int(index) for index in whole.voxels[vertex]]
-            remarks += found_seed(seed, found, distance, size)
+            remarks += [in_unit(remark, of.metadata) for remark in found_seed(seed, found, distance, size)]
             part, kept = part.cut_out(kept, seed, radius, progress), None
         elif step.mask is not None:
             kept = step.mask if kept is None else kept & step.mask
@@ -121,5 +121,5 @@ def found_seed(
     """Return a remark if the surface voxel nearest to a seed point is more than two voxels away."""
     if distance <= _FAR * voxel_size:
         return []
-    at = f"the {name} {seed_point} is {distance:.1f} mm away from the surface"
+    at = f"the {name} {seed_point} is {rounded(distance, 1)} mm away from the surface"
     return [f"{at}; the nearest surface voxel {voxel} is used instead"]

@@ -33,6 +33,7 @@ from voxflat._napari.layers.world import data_to_world, from_ras, in_units_of, m
 from voxflat._napari.map_viewer.viewer_parts import canvas_widget, fill, is_click
 from voxflat._napari.viewer_state import DrawnCuts, ViewerState
 from voxflat.errors import VoxflatError
+from voxflat.io.grid import rounded
 from voxflat.pipeline.cut_surface import Cut, CutSurface
 
 _UNDO, _REDO = KeyMod.CtrlCmd | KeyCode.KeyZ, KeyMod.CtrlCmd | KeyMod.Shift | KeyCode.KeyZ
@@ -298,7 +299,7 @@ class DrawCuts(TaskDock):
         """Return the length of cuts in total, with its unit."""
         assert self.drawing is not None
         unit = "mm" if self._layer is None else unit_of(self._layer)
-        return f"{sum(map(self.drawing.length, cuts)):.0f} {unit}"
+        return f"{rounded(sum(map(self.drawing.length, cuts)))} {unit}"
 
     def _enable(self) -> None:
         drawing = self.drawing

@@ -16,6 +16,7 @@ from voxflat._napari.results.flat_layers import LayerData, units
 from voxflat._napari.results.layer_list import insert
 from voxflat._napari.results.outputs import is_unchanged, remember
 from voxflat.errors import InputError
+from voxflat.io.grid import rounded
 from voxflat.io.volumes import Volume
 from voxflat.maps.flat_map import FlatMap
 from voxflat.pipeline.surface import surface
@@ -115,7 +116,7 @@ def way(prepared: PreparedMap, a: Place, b: Place, moment: Sequence[float] = ())
     found = surface((flat_map.points[rows], merged[faces])).path(start, end, geodesic="exact")
     flat = float(np.hypot(a[0] - b[0], a[1] - b[1]))
     unit = prepared.unit
-    message = f"{found.length:.1f} {unit} along the surface, {flat:.1f} {unit} on the map"
+    message = f"{rounded(found.length, 1)} {unit} along the surface, {rounded(flat, 1)} {unit} on the map"
     message += "" if prepared.frame is None else f", in frame {prepared.frame}"
     line = _at(moment, _world(prepared, flat_map.space.to_scanner(found.points)))
     look = {"shape_type": "path", "edge_color": _COLOUR, "edge_width": 0.7 * prepared.thickness}

@@ -10,6 +10,7 @@ from voxflat.atlases.atlas import Atlas
 from voxflat.atlases.certified import FlatAtlas
 from voxflat.atlases.glued import GluedAtlas
 from voxflat.distortion.figures import TriangleFigures
+from voxflat.io.grid import rounded
 from voxflat.maps.flat_map import FlatMap
 
 Row: TypeAlias = tuple[str, str]  # the name of a measure, and its value
@@ -55,11 +56,11 @@ def _in_mm(flat_map: FlatMap | Atlas) -> list[Row]:
         ("mean relative distance error", f"{100 * raw.relative_error:.1f} %"),
         ("   within 10 mm", f"{100 * raw.relative_error_10mm:.1f} %"),
         ("   within 30 mm", f"{100 * raw.relative_error_30mm:.1f} %"),
-        ("mean absolute distance error", f"{raw.absolute_error:.2f} mm"),
+        ("mean absolute distance error", f"{rounded(raw.absolute_error, 2)} mm"),
         ("stress-1", f"{raw.stress_1:.4f}"),
         ("correlation", f"{flat_map.distortion.pearson_r:.4f}"),
         *([] if triangles is None else _of_triangles(triangles)),
-        ("size of the map", f"{width:.0f} × {height:.0f} mm"),
+        ("size of the map", f"{rounded(width)} × {rounded(height)} mm"),
         *_of_topology(flat_map),
     ]
 
@@ -89,7 +90,7 @@ def _of_glued(atlas: GluedAtlas) -> list[Row]:
         ("glued pieces", f"{len(atlas):,}"),
         ("   area of the largest piece", f"{100 * found['largest_area_share']:.1f} %"),
         ("seams closed", f"{100 * seams.closed_share:.1f} %"),
-        ("   still open", f"{seams.cuts:,.0f} mm"),
+        ("   still open", f"{rounded(seams.cuts)} mm"),
         ("C, lengths: bound", f"≤ {atlas.bound:g}"),
         ("   largest", f"{measured['c']:.4f}"),
         ("   mean", f"{measured['mean_c']:.4f}"),
@@ -100,7 +101,7 @@ def _of_glued(atlas: GluedAtlas) -> list[Row]:
 
 def _page(atlas: FlatAtlas | GluedAtlas) -> Row:
     width, height = atlas.layout().max(axis=0)
-    return "page", f"{width:.0f} × {height:.0f} mm"
+    return "page", f"{rounded(width)} × {rounded(height)} mm"
 
 
 def _of_triangles(triangles: TriangleFigures) -> list[Row]:
@@ -117,7 +118,7 @@ def _of_topology(flat_map: FlatMap) -> list[Row]:
     """Return the automatic cuts, the torn part of a map of the 26-neighbour graph, and the Euler characteristic."""
     rows = []
     if cuts := flat_map.metadata.get("automatic_cuts"):
-        rows.append(("automatic cuts", f"{len(cuts)}, {sum(cut['length'] for cut in cuts):.0f} mm"))
+        rows.append(("automatic cuts", f"{len(cuts)}, {rounded(sum(cut['length'] for cut in cuts))} mm"))
     if "torn_faces" in flat_map.metadata:
         rows.append(("torn faces", f"{100 * flat_map.metadata['torn_faces']:.1f} %"))
     if "topology" in flat_map.metadata:

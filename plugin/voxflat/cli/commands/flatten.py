@@ -15,7 +15,7 @@ from voxflat.cli.output import check_output, report
 from voxflat.cli.parameter_options import option_of
 from voxflat.errors import InputError
 from voxflat.io.files import SAVED_ENDINGS
-from voxflat.io.grid import in_unit
+from voxflat.io.grid import in_unit, rounded
 from voxflat.io.patches import PATCH_ENDING
 from voxflat.maps.flat_map import MAP_ENDINGS, FlatMap
 from voxflat.pipeline.flat_series import FlatSeries
@@ -69,7 +69,7 @@ def cut_command(input_: Path, output: Path, template: Path | None, writing: dict
     content = {"output": str(output), "vertices": len(made.surface), "cuts": cuts, "warnings": list(made.remarks)}
     lines = []
     for number, one in enumerate(made.cuts):
-        length = "" if one.length is None else in_unit(f", {one.length:.1f} mm", made.surface.metadata)
+        length = "" if one.length is None else in_unit(f", {rounded(one.length, 1)} mm", made.surface.metadata)
         lines.append(f"{made.title(number)}: {one.reason}, {len(one.ids)} vertices{length}")
     lines.append(f"{len(made.surface)} vertices, {len(made.surface.faces)} triangles")
     lines.append(f"saved as {output}" + ("" if template is None else f", template as {template}"))
@@ -210,9 +210,9 @@ def _series_summary(series: FlatSeries, output: Path, frames: tuple[Path, ...]) 
     flat_map, gaps, folded = series.flat_map, series.gaps, series.folded
     width, height = np.ptp(flat_map.uv, axis=0)
     rows = {"frames": f"{len(series)}, flattened: {series.reference} ({frames[series.reference].name})"}
-    rows["map"] = f"{width:.1f} x {height:.1f} mm, {len(flat_map)} points"
+    rows["map"] = f"{rounded(width, 1)} x {rounded(height, 1)} mm, {len(flat_map)} points"
     if flat_map.period is not None:
-        rows["period"] = f"{flat_map.period:.1f} mm"
+        rows["period"] = f"{rounded(flat_map.period, 1)} mm"
     rows["largest gap"] = f"{gaps.max():.2g} mm (95th percentile in frame {gaps.argmax()})"
     rows["folded triangles"] = f"{folded.max()}" + (f" in frame {folded.argmax()}" if folded.any() else "")
     lines = [f"{name:22}{value}" for name, value in rows.items()]
@@ -229,10 +229,10 @@ def _summary(flat_map: FlatMap, output: Path) -> str:
     if cut_names:
         rows["cuts"] = f"{metadata['cuts_by']}: {cut_names}"
     if flat_map.period is not None:
-        rows["period"] = f"{flat_map.period:.1f} mm"
+        rows["period"] = f"{rounded(flat_map.period, 1)} mm"
     if "sources" in metadata:
         rows["sources"] = metadata["sources"]
-    rows["map"] = f"{width:.1f} x {height:.1f} mm{torn}"
+    rows["map"] = f"{rounded(width, 1)} x {rounded(height, 1)} mm{torn}"
     rows["memory, at most"] = f"{metadata['memory_need_bytes'] / 2**20:.0f} MiB"
     lines = [f"{name:22}{value}" for name, value in rows.items()]
     return in_unit("\n".join([*lines, "", flat_map.distortion.table(), ""]), metadata) + f"\nsaved as {output}"
