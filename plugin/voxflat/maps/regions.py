@@ -3,6 +3,7 @@
 import math
 import os
 import re
+import textwrap
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -93,7 +94,7 @@ class Regions(ReadOnly, Recorded):
         return len(self.names)
 
     def __repr__(self) -> str:
-        return f"<Regions: {', '.join(self.names)}>"
+        return f"<Regions: {textwrap.shorten(', '.join(self.names), 250, placeholder=' ...')}>"
 
     @property
     def _surface(self) -> Sampler:
