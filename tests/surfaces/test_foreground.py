@@ -5,6 +5,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as nps
 from refusals import refused
 
+import voxflat
 from voxflat.surfaces.foreground import foreground, labels_in
 
 INTEGERS = st.sampled_from(["bool", "int8", "uint8", "int16", "uint16", "int32", "uint32", "int64", "uint64"])
@@ -44,3 +45,38 @@ def test_whole_floats_are_labels_and_others_are_not():
 
 def test_nothing_of_half_precision_is_above_what_it_cannot_hold():
     refused("no voxel is above the threshold 100000", foreground, np.ones((2, 2, 2), np.float16), threshold=1e5)
+
+
+def near(points, shape=(80, 50, 50)):
+    """Return the voxels within a distance of points (x, y, z, distance)."""
+    places = np.indices(shape)
+    return (
+        sum(np.linalg.norm(places - np.reshape(point, (3, 1, 1, 1)), axis=0) < radius for *point, radius in points) > 0
+    )
+
+
+def bent(x, y, z):
+    return (x / 38) ** 2 + ((y + 8 * np.cos(x / 20)) / 12) ** 2 + (z / 10) ** 2 < 1
+
+
+SOLIDS = {
+    "touching": (near([(20, 25, 25, 15), (44, 25, 25, 12)]), "two parts (66 and 34 % of its voxels)"),
+    "by one voxel": (near([(16, 25, 25, 10.5), (36, 25, 25, 10.5)]), "two parts (50 and 50 % of its voxels)"),
+    "apart": (near([(16, 25, 25, 10), (46, 25, 25, 10)]), None),
+    "ball": (near([(25, 25, 25, 20)]), None),
+    "wide contact": (near([(24, 25, 25, 14), (36, 25, 25, 14)]), None),
+    "small beside large": (near([(24, 25, 25, 20), (50, 25, 25, 7)]), None),
+    "bean": (bent(*(np.indices((80, 40, 40)) - np.array([40, 20, 20])[:, None, None, None])), None),
+    "sheet": (np.abs(np.indices((80, 40, 40))[2] - 20 - 4 * np.sin(np.indices((80, 40, 40))[0] / 9)) < 3, None),
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", SOLIDS)
+@pytest.mark.parametrize("spacing", [(1, 1, 1), (1, 1, 3)])
+def test_two_objects_that_touch_are_pointed_out(name, spacing):
+    mask, told = SOLIDS[name]
+    advice = "\n".join(voxflat.check(np.pad(mask, 1)[:, :, :: spacing[2]], spacing=spacing).advice)
+    assert ("If two objects touch there" in advice) == (told is not None)
+    if spacing == (1, 1, 1):
+        assert (told or "") in advice

@@ -12,6 +12,7 @@ from voxflat.io.grid import in_unit, rounded
 from voxflat.io.spaces import Space
 from voxflat.surfaces.cutting import Cutout, Where, cut_open, opened_to_disk, sketch_error
 from voxflat.surfaces.manifold import Manifold
+from voxflat.surfaces.necks import parts_at_a_neck
 from voxflat.surfaces.standard.choice import AUTOMATIC
 
 _SHOWN = 5  # maximum number of handles, holes and loops in a table
@@ -257,6 +258,13 @@ def check_surface(
         advice += [remark for remark in opened.remarks if remark not in advice]
         if len(opened.part) < 3:
             advice.append(f"the patch has only {len(opened.part)} vertices. Choose a larger label or patch")
+    is_solid = part.whole is None and part.foreground is not None and not whole.metadata["sheet"]
+    if is_solid and part.foreground and (shares := parts_at_a_neck(part.foreground)):
+        first, second = (f"{100 * share:.0f}" for share in shares)
+        advice.append(
+            f"the foreground narrows between two parts ({first} and {second} % of its voxels). If two objects touch "
+            "there, give each its own label"
+        )
     errors = {} if opened is None or not opened.is_standard else _sketch_errors(opened, part, threads, progress)
     if len(errors) == 2:
         (by, named), (_, automatic) = errors.items()
