@@ -73,7 +73,7 @@ CALLS = {
     "stops": (lambda s: s.path(0, (0, 0, 2)), r"the stops are \(0, \(0, 0, 2\)\). Give rows of equal length"),
     "sampling": (lambda s: s.geodesic(9, sampling=1e19), r"the sampling is 1e\+19. Give a string"),
     "no sampling": (lambda s: s.geodesic(9, sampling=None), 'sampling is "". Give'),
-    "no sources": (lambda s: s.geodesic(None), "sources is None. Pass the number of sources, or points"),
+    "no sources": (lambda s: s.geodesic(None), "no sources are given. Pass the number of sources, or points"),
     "seeds": (lambda s: s.patches(5, seeds=ARRAY), "seeds is array.*. Give 'curvature', 'flattest' or"),
     "side": (lambda s: s.register(side=ARRAY), "side is array.*. Give 'left' or 'right'"),
     "mirror": (lambda s: voxflat.flatten(s, mirror=ARRAY), "mirror is array.*. Give True or False"),

@@ -111,7 +111,7 @@ def checked_threads(threads: int | None) -> int | None:
     """Return a number of threads that can be started; None means one thread per core."""
     most = max(_MOST_THREADS, os.cpu_count() or 1)
     if threads is not None and not (is_whole(threads) and 1 <= threads <= most):
-        raise InputError(f"threads is {shown(threads)}. Give a number from 1 to {most}, or None for one per core")
+        raise InputError(f"threads is {shown(threads)}. Give a number from 1 to {most}, or omit it for one per core")
     return threads
 
 

@@ -474,8 +474,16 @@ def test_messages_name_options_in_place_of_keyword_arguments():
         ("Pass sources, bound or max_area", "Pass --sources, --bound or --max-area"),
         ("the label is given by a radius or by seed_point", "the label is given by a radius or by --seed-point"),
         ("Pass repair='cuts' or a label", "Pass --repair cuts or a label"),
-        ("the relax=3 of lh.max_area_7.gii", "the relax=3 of lh.max_area_7.gii"),
+        ("the x=3 of lh.max_area_7.gii", "the x=3 of lh.max_area_7.gii"),
+        ("label=2 is the left and label=[3, 41] the right", "--label 2 is the left and --label 3,41 the right"),
+        ("start does not contain 3 triangles", "--start does not contain 3 triangles"),
+        ("radius is (5, 1). Give a number", "--radius is 5, 1. Give a number"),
+        ("Extract one hemisphere with voxflat.hemisphere", "Extract one hemisphere with --hemisphere"),
+        (
+            "Flatten the white surface with pial=, or pass depth= in mm",
+            "Flatten the white surface with --pial, or pass --depth in mm",
+        ),
         ("cannot read /data/seed_point/wm.nii", "cannot read /data/seed_point/wm.nii"),
     ):
-        assert in_options(text, flatten) == shown
+        assert in_options(text, flatten, cli.main) == shown
         assert in_options(text, None) == text

@@ -126,7 +126,7 @@ def test_images_of_all_frames(folder, tmp_path):
         (
             "figure movie.npz -o a.png",
             1,
-            "movie.npz holds maps of several frames. Use voxflat image, or select a frame",
+            "movie.npz holds maps of several frames. Use `voxflat image`",
         ),
         ("worst movie.npz", 1, "movie.npz holds maps of several frames"),
         ("movie-map seg_00.tif --threshold 0.5 -o a.npz", 1, "is a single frame. Pass two or more frames"),

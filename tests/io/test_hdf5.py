@@ -53,7 +53,7 @@ def test_axes_of_ilastik(tmp_path, axes, storage):
         np.testing.assert_array_equal(volume.data, BOTH[n].T)
         assert not volume.is_placed
     np.testing.assert_array_equal(read_volume(path, "c1").data, BOTH[1].T)
-    refused("p.h5: has 2 channels or time points .c0, c1.. Choose one with --channel or", voxflat.surface, path)
+    refused("p.h5: has 2 channels or time points .c0, c1.. Choose one, as in", voxflat.surface, path)
     refused(r"has no channel 2. Pass a number from 0 to 1 \(c0, c1\)", read_volume, path, 2)
     refused("has no channel 'dna'. Choose one of c0, c1", read_volume, path, "dna")
 

@@ -88,7 +88,7 @@ def test_gifti_says_what_it_holds(tmp_path, mesh, geometry, topology):
 def test_what_cannot_be_written(tmp_path):
     stl = "ending '.stl'. Use one of .surf.gii, .vtp, .ply, .obj, or a FreeSurfer name"
     told = {"s.stl": stl, "s.vtk": "unknown", "s.gii": "unknown", "lh.white.stl": "unknown"}
-    for name, message in {**told, "lh.cortex.patch.flat": "Use write_patch"}.items():
+    for name, message in {**told, "lh.cortex.patch.flat": "has the name of a patch"}.items():
         refused(message, write_mesh, tmp_path / name, sphere())
     with pytest.raises(FileNotFoundError, match=r"s\.ply"):
         write_mesh(tmp_path / "missing" / "s.ply", sphere())

@@ -69,7 +69,7 @@ def test_bad_spacing(spacing):
 
 
 def test_a_place_is_given_once(tmp_path):
-    refused("both spacing= and affine=", as_volume, values(), spacing=(1, 1, 1), affine=np.eye(4))
+    refused("spacing and affine are both given", as_volume, values(), spacing=(1, 1, 1), affine=np.eye(4))
     path = save(tmp_path / "v.nii", values())
     for obj in (path, str(path), nib.load(path), itk_image(values()), Volume(values(), oblique())):
         for extra in ({"spacing": (1, 1, 1)}, {"affine": np.eye(4)}):

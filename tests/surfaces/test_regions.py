@@ -90,9 +90,9 @@ def test_annotations(tmp_path):
     np.testing.assert_array_equal(read_overlay(path, 6), labels)
     np.testing.assert_array_equal(read_region(path, 6, name="bankssts"), labels == 1)
     np.testing.assert_array_equal(read_region(path, 6, name="Größe"), labels == 2)
-    message = "name='wall' is not one of its labels. Choose one of unknown, bankssts, Größe"
+    message = "'wall' is not one of its labels. Choose one of unknown, bankssts, Größe"
     refused(message, read_region, path, 6, name="wall")
-    refuses(path, "name=None is not one of its labels", read_region, 6)
+    refuses(path, "contains the labels unknown, bankssts, Größe. Pass the name of one", read_region, 6)
     refuses(path, "has 6 values, but the surface has 7 points", read_overlay, 7)
     whole = path.read_bytes()
     stray = bytearray(whole)
@@ -116,7 +116,7 @@ def test_gifti_labels(tmp_path):
     np.testing.assert_array_equal(read_region(path, 4), keys != 0)
     np.testing.assert_array_equal(read_region(path, 4, name="Medial_wall"), keys == 7)
     np.testing.assert_array_equal(read_overlay(path, 4), keys)
-    message = r"name='V2' is not one of its labels. Choose one of \?\?\?, Medial_wall, V1"
+    message = r"'V2' is not one of its labels. Choose one of \?\?\?, Medial_wall, V1"
     refused(message, read_region, path, 4, name="V2")
 
 

@@ -66,7 +66,7 @@ class Program(cloup.Group):
         except Exception as error:
             if "--debug" in arguments:
                 _print(traceback.format_exc().rstrip())
-            text = in_options(user_message(error), self.commands.get(next(iter(arguments), "")))
+            text = in_options(user_message(error), self.commands.get(next(iter(arguments), "")), self)
             _print(f"voxflat: error: {text}")
             status = _failed(arguments, text, 1)
         return status if isinstance(status, int) else 0
@@ -80,6 +80,11 @@ class Program(cloup.Group):
         command.context_settings = {**self.context_settings, **command.context_settings}  # accept -h in all parsers
         self.commands[cmd_name] = command
         return command
+
+    def flags(self) -> dict[str, str]:
+        """Return the options of all commands, which are imported for this, by their names in Python."""
+        commands = [self.get_command(click.Context(self), name) for name in list(self.commands)]
+        return {name: flag for command in commands if command for name, flag in _flags(command).items()}
 
     def invoke(self, ctx: click.Context) -> Any:
         """Run a command."""
@@ -227,43 +232,73 @@ class Bars:
         self._bar.clear()
 
 
-_GIVEN = r"(?: (?:is|are both) given| cannot be combined| do(?:es)? not apply)\b"  # follows the names of arguments
+_GIVEN = r" (?:is|are|cannot|do|does|has|have|must|requires?)\b"  # follows the names of arguments
 _ALSO = r"(?:,? and |,? or |, | without | is given without )"  # between the names of arguments
+_COMMANDS = {  # instead of functions of Python
+    r"voxflat\.worst_places": "`voxflat worst`",
+    r"voxflat\.compare": "`voxflat measure`",
+    r"(?:use|with) voxflat\.rim": "give --rim",
+    r"with voxflat\.hemisphere": "with --hemisphere",
+    r", as in voxflat\.io\.read_volume\(path, channel=0\)": " with --channel",
+    r"Read it with voxflat\.load\b(?!_)": "Give maps of several frames, made by `voxflat movie-map`",
+    r", or read them with voxflat\.load_series": "",
+}
 
 
-def in_options(text: str, command: click.Command | None) -> str:
+def _flags(command: click.Command) -> dict[str, str]:
+    """Return the options of a command by their names in Python and by their own."""
+    options = [one for one in command.params if isinstance(one, click.Option)]
+    long = [(one.name, flag) for one in options for flag in one.opts[::-1] if flag.startswith("--")]
+    return {name: flag for own, flag in long for name in (str(own), flag[2:].replace("-", "_"))}
+
+
+def in_options(text: str, command: click.Command | None, program: Program | None = None) -> str:
     """Return a message with Python arguments, such as relax=False, replaced by command options, such as --no-relax.
 
-    A name without an underscore may be an ordinary word. It is replaced if it stands beside another option, or if the
-    message says that it is given, cannot be combined or does not apply, or asks to pass or omit it.
+    A name with a value, also of another command of the program, or with an underscore is an argument. Another name may
+    be an ordinary word. It is replaced if it stands beside another option, if a sentence begins with it and a verb, or
+    if the message asks to pass or omit it.
     """
-    names = {str(one.name) for one in command.params if isinstance(one, click.Option)} if command else set()
+    if command is None:
+        return text
+    flags = _flags(command)
 
     def option(found: re.Match[str]) -> str:
         name, value = found["name"], found["value"]
-        if name not in names or not (value or "_" in name):
+        if value is None:
+            return flags[name] if name in flags and "_" in name else found[0]
+        flag = flags.get(name) or (program.flags().get(name) if program else None)
+        if flag is None:
             return found[0]
-        flag = name.replace("_", "-")
         if value in ("False", "True"):
-            return f"--{'no-' if value == 'False' else ''}{flag}"
-        return f"--{flag} {value.strip(chr(39))}" if value else f"--{flag}"
+            return flag.replace("--", "--no-", 1) if value == "False" else flag
+        return f"{flag} {_as_words(value)}".rstrip()
 
-    text = re.sub(r"(?<![\w/.-])(?P<name>[a-z]+(_[a-z]+)*)(=(?P<value>False|True|'[^']*'))?(?![\w/=(])", option, text)
-    words = "|".join(sorted(name for name in names if "_" not in name))
+    for function, instead in _COMMANDS.items():
+        text = re.sub(function, instead, text)
+    value = r"'[^']*'|\[[^]]*\]|\([^)]*\)|\.\.\.|[\w.+-]*\w|"
+    text = re.sub(rf"(?<![\w/.-])(?P<name>[a-z]+(_[a-z]+)*)(=(?P<value>{value}))?(?![\w/=(])", option, text)
+    words = "|".join(sorted(name for name, flag in flags.items() if flag == f"--{name}" and "_" not in name))
     word = rf"(?:--[\w-]+|(?:{words})\b(?![/=(-]))"
 
     def listed(found: re.Match[str]) -> str:
         before, after = found.string[: found.start()], found.string[found.end() :]
         is_list = "--" in found[0] and re.match(r"[,.;:]|$| (?:is|are|requires?|cannot|do|does)\b", after)
         is_given = re.search(r"(?:^|[.:;] )$", before) and re.match(_GIVEN, after)
-        is_named = re.search(r"\b(?:[Pp]ass|[Oo]mit) $", before) and re.match(r"\.|$", after)
+        is_named = re.search(r"\b(?:[Pp]ass|[Oo]mit) $", before) and re.match(r"[.,]|$", after)
         if not (is_list or is_given or is_named) or re.search(
             r"--[\w-]+ $", before
         ):  # this one: the value of an option
             return found[0]
         return re.sub(rf"(?<![\w-])(?:{words})(?![\w-])", r"--\g<0>", found[0])
 
-    return re.sub(rf"(?<![\w'=./-]){word}(?:{_ALSO}{word})*", listed, text) if words else text
+    text = re.sub(rf"(?<![\w'=./-]){word}(?:{_ALSO}{word})*", listed, text) if words else text
+    return re.sub(r"(?<= is )\((-?[\d.]+(?:, -?[\d.]+)*)\)", r"\1", text)  # limits, places and sizes
+
+
+def _as_words(value: str) -> str:
+    """Return a value of Python as it is written on the command line."""
+    return value.strip("'[]().").replace(", ", ",")
 
 
 class _Notes(logging.Handler):
@@ -274,7 +309,9 @@ class _Notes(logging.Handler):
 
         kind = "warning: " if record.levelno >= logging.WARNING else ""
         context = click.get_current_context(silent=True)
-        text = in_options(record.getMessage(), context.command if context else None)
+        program = context.find_root().command if context else None
+        known = program if isinstance(program, Program) else None
+        text = in_options(record.getMessage(), context.command if context else None, known)
         tqdm.write(f"voxflat: {kind}{text}", file=_STDERR)
 
 

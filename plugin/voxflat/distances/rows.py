@@ -241,7 +241,7 @@ def open_rows(path: str | os.PathLike[str]) -> DistanceRows:
     """
     path = checked_path(path)
     if not path.exists():
-        raise InputError(f"{path}: store not found. Create a store with Surface.geodesic(store=) or `voxflat rows`")
+        raise InputError(f"{path}: store not found. Create a store first, for example with `voxflat rows`")
     description = read_description(path)
     arrays = {name: _array(path / f"{name}.npy", description[f"{name}_sha256"]) for name in ARRAYS}
     shape = (len(arrays["sources"]), len(arrays["points"]))

@@ -49,7 +49,7 @@ def source_choice(
             raise InputError(f"{sources} sources exceed the number of points. Pass at most {len(part)}")
         return SourceChoice(part, min(int(sources), len(part)), None, sampling, seed, sampling)
     if sources is None:
-        raise InputError("sources is None. Pass the number of sources, or points of the surface")
+        raise InputError("no sources are given. Pass the number of sources, or points of the surface")
     found = part.find(sources, "sources")
     unique, counts = np.unique(found, return_counts=True)
     if (counts > 1).any():

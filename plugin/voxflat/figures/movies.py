@@ -242,7 +242,7 @@ def movie(
 
 def _check_series(stack: FlatStack) -> None:
     if len(stack) < 2:
-        raise InputError(f"{stack.name} has only one frame. Draw it with `voxflat figure` or figures.flat_map")
+        raise InputError(f"{stack.name} has only one frame. Draw it as a figure instead of a movie")
     if stack[0].is_colour:
         raise InputError(f"{stack.name} contains colours, not values. Pass a series of values")
     if stack.timing is None and not any(stack.names):

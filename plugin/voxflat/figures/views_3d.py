@@ -283,8 +283,8 @@ def _patch_of_mesh(pyvista: Any, flat_map: FlatMap, whole: object | None) -> lis
     apart = np.abs(place[flat_map.ids] - flat_map.points).max()
     if not apart <= _SAME_PLACE:
         raise InputError(
-            f"the mesh is up to {apart:.3g} mm away from the points of the map. Pass the mesh that was flattened or, "
-            "if it had a pial surface, voxflat.surface(white, pial=...)"
+            f"the mesh is up to {apart:.3g} mm away from the points of the map. Pass the mesh that was flattened, "
+            "together with its pial surface if it had one"
         )
     is_around = ~are_triangles(mesh.ids[mesh.faces], flat_map.ids[faces])
     if not is_around.any():

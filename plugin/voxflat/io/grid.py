@@ -63,7 +63,7 @@ def given_affine(spacing: Sequence[float] | None, affine: ArrayLike | None) -> A
     if spacing is None:
         return None if affine is None else check_affine(affine)
     if affine is not None:
-        raise InputError("both spacing= and affine= are given. Omit spacing=, which the affine includes")
+        raise InputError("spacing and affine are both given. Omit spacing, which the affine includes")
     wrong = f"spacing is {shown(spacing)}. Pass 3 positive, finite numbers in mm"
     try:
         sizes = np.asarray(spacing, dtype=np.float64)

@@ -316,7 +316,7 @@ def check_mesh_name(path: Path) -> _Write:
     others = (*formats.ENDINGS, *_WRITERS, ".label", ".annot", ".mgh", ".mgz", ".npy", ".npz")
     with naming(path, _CHECK):
         if ".patch." in name:
-            raise InputError("has the name of a patch. Use write_patch to write a patch")
+            raise InputError("has the name of a patch, which is a part of a surface. Choose the name of a surface")
         if (not path.suffix or name.startswith(("lh.", "rh."))) and not name.endswith(others):
             return _write_freesurfer
         return by_ending(path, _WRITERS, ", or a FreeSurfer name such as lh.white")

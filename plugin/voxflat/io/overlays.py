@@ -163,7 +163,7 @@ def read_region(
         if image is not None and name is not None:
             return _named(_fitting(gifti.values(image), points), gifti.label_names(image), name)
         if name is not None:
-            raise InputError(f"contains no named labels. Omit name={name!r}")
+            raise InputError(f"contains no named labels. Omit the name {name!r}")
         if kind == formats.PATCH:
             return _mask(patches.parse_patch(path, data).vertex_ids, points)
         if kind == "FreeSurfer label" or path.name.lower().endswith(".label"):
@@ -239,7 +239,9 @@ def _named(labels: NDArray[Any], names: dict[int, str], name: str | None) -> NDA
     keys = [key for key, label in names.items() if label == name]
     if not keys:
         known = textwrap.shorten(", ".join(names.values()), 300, placeholder=" ...")
-        raise InputError(f"name={name!r} is not one of its labels. Choose one of {known}")
+        if name is None:
+            raise InputError(f"contains the labels {known}. Pass the name of one of them, or a file with one region")
+        raise InputError(f"{name!r} is not one of its labels. Choose one of {known}")
     if labels.ndim > 1:
         raise InputError(f"has {labels.shape[1]} maps. Pass a file with one map")
     return np.isin(labels, keys)

@@ -219,7 +219,7 @@ def check_beside(path: Path, beside: Path, *, overwrite: bool = False) -> None:
             if b"voxflat" in file.read(_MARKED):
                 return
     reason = f"{beside} exists and was not written by voxflat"
-    raise InputError(f"cannot write {path}: {reason}. Choose another name, or pass overwrite=True (--overwrite)")
+    raise InputError(f"cannot write {path}: {reason}. Choose another name, or pass overwrite=True")
 
 
 def sidecar_of(path: str | os.PathLike[str]) -> Path:

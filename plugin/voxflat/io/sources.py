@@ -101,7 +101,7 @@ def as_volume(obj: object, *, spacing: Sequence[float] | None = None, affine: Ar
         if given is None:
             return volume
         if volume.is_placed:
-            raise InputError("has its own affine. Omit spacing= and affine=, or pass only the array")
+            raise InputError("has its own affine. Omit spacing, or pass only the array")
         return replace(volume, affine=given, is_placed=True)
 
 

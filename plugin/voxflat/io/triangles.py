@@ -12,7 +12,7 @@ from voxflat.errors import InputError
 Points: TypeAlias = NDArray[np.float64]  # (N, 3), or (N, 2) for texture coordinates
 Faces: TypeAlias = NDArray[np.int64]  # (F, 3)
 
-TRIANGULATE = "Triangulate it first, for example with PyVista's mesh.triangulate()"
+TRIANGULATE = "Triangulate it first, for example with PyVista or MeshLab"
 
 SEAMS = "has points on texture seams"  # begins the remark on them
 _MOST_CORNERS = 1000  # largest number of corners of a polygon to split

@@ -214,7 +214,7 @@ def volume_of_file(path: str | os.PathLike[str], channel: int | str | None = Non
         channels, affine, unit = found
         if channel is None and len(channels) > 1:
             several = f"has {len(channels)} channels or time points ({channels.listed()})"
-            raise InputError(f"{several}. Choose one with --channel or voxflat.io.read_volume(path, channel)")
+            raise InputError(f"{several}. Choose one, as in voxflat.io.read_volume(path, channel=0)")
         data: Any = channels.read(channels.find(channel))
         return Volume._placed(data.whole() if isinstance(data, Chunked) else data, affine, unit, Path(path))
     if channel not in (None, 0, "0"):

@@ -56,8 +56,8 @@ def read_map(path: str | os.PathLike[str], *, series: bool = False) -> dict[str,
         metadata = files.from_json(str(arrays.pop("metadata")))
         form = metadata.pop("format")
         if isinstance(form, str) != series:
-            one = f'Use voxflat image, or select a frame in Python: voxflat.load_series("{path}")[0]'
-            told = "a single map. Use voxflat.load" if series else f"maps of several frames. {one}"
+            one = "Use `voxflat image`, or read them with voxflat.load_series"
+            told = "a single map. Read it with voxflat.load" if series else f"maps of several frames. {one}"
             raise InputError(f"{path} holds {told}")
         files.check_format(path, form, _SERIES_FORMAT if series else _FORMAT, "Flatten the surface again")
         note(path)

@@ -152,7 +152,7 @@ def check_relax(relax: float | bool | None, adapt: float | None = None) -> None:
         if relax is False:
             raise InputError("adapt adds relaxation cuts, but relax=False disables them. Pass only one of them")
     if relax is not None and not (isinstance(relax, Real) and relax >= 0 and math.isfinite(relax)):
-        raise InputError(f"relax is {shown(relax)}. Pass True, False, or the total length of the cuts in mm")
+        raise InputError(f"relax is {shown(relax)}. Pass the total length of the cuts in mm, at least 0")
 
 
 def close_holes(part: Manifold, progress: Progress | None) -> tuple[Manifold, NDArray[np.uint32], list[str]]:

@@ -181,7 +181,7 @@ def _only_label(data: NDArray[Any]) -> int:
     labels = labels_in(data)
     if labels is None or len(labels) > 1:
         is_rim = labels is not None and set(labels) == {1, 2, 3}
-        hint = ". For a rim (borders and grey matter), use voxflat.rim, or --rim on the command line" if is_rim else ""
+        hint = ". For a rim (borders and grey matter), use voxflat.rim" if is_rim else ""
         raise InputError(f"pass a label or a threshold; {_present(data)}{hint}")
     if not labels:
         raise InputError("the volume is empty: every voxel is 0")

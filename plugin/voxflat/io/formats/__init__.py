@@ -10,8 +10,9 @@ OFF, ASC, GLB = "OFF", "FreeSurfer ASCII surface", "GLB"
 PATCH, MORPH = "FreeSurfer patch", "FreeSurfer file of values"
 ENDINGS = {".gii": GIFTI, ".gii.gz": GIFTI, ".vtk": VTK, ".vtp": VTP, ".ply": PLY, ".stl": STL, ".obj": OBJ}
 ENDINGS |= {".off": OFF, ".asc": ASC, ".glb": GLB}
-HINTS = {PATCH: "Use read_patch", MORPH: "Use read_overlay", "FreeSurfer label": "Use read_region"}
-"""Remedies that name the function that reads a file other than a surface."""
+HINTS = {PATCH: "Pass the patch as a flat map, or as a region to keep", MORPH: "Pass the values as an overlay"}
+HINTS |= {"FreeSurfer label": "Pass the label as a region"}
+"""What a file other than a surface is for."""
 
 
 def by_name(path: Path) -> str | None:

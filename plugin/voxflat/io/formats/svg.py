@@ -38,7 +38,7 @@ class Outline:
 def read_outlines(path: str | os.PathLike[str], layer: str) -> list[Outline]:
     """Read the paths of a layer, lowest first, named by ``inkscape:label``, or else by their group, title or id."""
     path = checked_path(path)
-    with naming(path, "check that it is an SVG figure written by voxflat.figures"):
+    with naming(path, "check that it is an SVG figure that voxflat wrote"):
         check_regular(path)
         path.open("rb").close()
         svg = require("svgelements")

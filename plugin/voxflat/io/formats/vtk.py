@@ -98,7 +98,7 @@ def _as_numpy(array: Any) -> NDArray[Any]:
 def polydata_triangles(mesh: Any) -> tuple[NDArray[np.int64], tuple[str, ...]]:
     """Return the triangles of a vtkPolyData, polygons before strips, and remarks on polygons that were split."""
     if mesh.GetNumberOfLines():
-        raise InputError(f"has lines ({mesh.GetNumberOfLines()}) in addition to its faces. Call mesh.SetLines(None)")
+        raise InputError(f"has lines ({mesh.GetNumberOfLines()}) in addition to its faces. Remove the lines")
     if not mesh.GetNumberOfPoints():
         raise InputError("has no points. Pass a surface mesh")
     arrays = [(of.GetOffsetsArray(), of.GetConnectivityArray()) for of in (mesh.GetPolys(), mesh.GetStrips())]

@@ -152,8 +152,8 @@ def _one_piece(whole: Manifold) -> tuple[Manifold, tuple[str, ...]]:
     if topology["handles"]:
         remedy = "Repair the mesh in the program that created it"
         if whole.is_voxels:
-            remedy = "Extract one hemisphere with voxflat.hemisphere (--hemisphere left), or repair the surface with "
-            remedy += "repair='voxels' (--repair voxels)"
+            remedy = "Extract one hemisphere with voxflat.hemisphere, or repair the surface with "
+            remedy += "repair='voxels'"
         raise InputError(f"the surface has {topology['handles']} handle(s), but a sphere has none. {remedy}")
     others = len(topology["components"]) - 1
     if not others:
