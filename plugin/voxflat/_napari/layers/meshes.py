@@ -11,9 +11,7 @@ from numpy.typing import NDArray
 
 from voxflat._napari.layers.world import LayerPlace, moved
 from voxflat.errors import InputError
-from voxflat.io.files import naming
 from voxflat.io.meshes import Mesh, named_structure
-from voxflat.io.overlays import as_mask
 from voxflat.io.spaces import UNKNOWN, Space
 
 _ELSEWHERE = frozenset({"inflated", "veryinflated", "sphere", "flat"})
@@ -60,11 +58,10 @@ class LayerMesh:
 
     def kept(self) -> NDArray[np.bool_]:
         """Return a mask of the vertices whose values are neither 0 nor NaN; raises InputError if there are none."""
-        with naming(f"Layer '{self.origin['layer']}'", ""):
-            kept = as_mask(self.values)
+        kept = np.nan_to_num(self.values) != 0
         if not kept.any():
             raise InputError(f"All values of layer '{self.origin['layer']}' are 0 or NaN. Choose another part")
-        return kept
+        return np.asarray(kept)
 
 
 def vary(values: NDArray[Any]) -> bool:
