@@ -31,6 +31,9 @@ from voxflat.io.overlays import holds_volume, read_overlay, read_region
 from voxflat.io.patches import read_patch
 from voxflat.io.reading import reading
 from voxflat.io.volumes import read_volume
+from voxflat.lab.freshness import state
+from voxflat.lab.group import _reason
+from voxflat.lab.results import Results
 from voxflat.maps.colours import all_whole
 from voxflat.maps.parcels import parcels_of
 from voxflat.maps.textures.pictures import as_picture, values_at
@@ -448,6 +451,37 @@ def test_colour_tables_of_no_size(tmp_path, greatest):
     patch(path, {44: struct.pack(">i", greatest)})
     for read in (own_table, lambda path: read_overlay(path, 4)):
         refuses(path, "its header is damaged: it specifies .* colours", read)
+
+
+@pytest.mark.parametrize("is_old", [False, True])
+def test_truncated_colour_tables_are_refused(tmp_path, is_old):
+    """nibabel would take the red of the last colour for green and blue, too, and its points would lose their label."""
+    path, names = tmp_path / "lh.annot", ["none", "V1"]
+    colours = np.array([[1, 2, 3, 0, 0], [40, 50, 60, 0, 0]])
+    nib.freesurfer.write_annot(path, np.array([0, 1, 1, 0]), colours, names, fill_ctab=True)
+    if is_old:
+        entries = [
+            struct.pack(">i4s4i", 4, name.encode().ljust(4, b"\0"), *map(int, row[:4]))
+            for name, row in zip(names, colours, strict=True)
+        ]
+        path.write_bytes(path.read_bytes()[:40] + struct.pack(">2i2s", 2, 2, b"x\0") + b"".join(entries))
+    whole = path.read_bytes()
+    assert read_overlay(path, 4).tolist() == [0, 1, 1, 0]
+    for size in range(44, len(whole)):
+        path.write_bytes(whole[:size])
+        for read in (own_table, lambda path: read_overlay(path, 4)):
+            refuses(path, "", read)
+
+
+@pytest.mark.parametrize(
+    "text", ["[" * 100_000, '{"format": ' + "[" * 100_000, "[]", "null", "{}", '{"format": 2}', '"a"']
+)
+def test_damaged_records_of_a_study_are_refused(tmp_path, text):
+    results = Results.in_bids(tmp_path, "sub-01", "L")
+    results.record.write_text(text)
+    assert state(results, {}) == ("stale", f"{results.record.name} is damaged")
+    results.failure.write_text(text)
+    assert _reason(results).startswith(f"{results.failure.name} is damaged")
 
 
 def test_headers_of_arrays_that_end_in_a_string(tmp_path):

@@ -30,10 +30,11 @@ from voxflat.io.label_tables import own_table, read_table
 from voxflat.io.meshes import Mesh, holds_mesh, is_mesh_name, read_mesh, write_mesh
 from voxflat.io.overlays import holds_volume, read_channels, read_overlay, read_region
 from voxflat.io.patches import Patch, is_patch, read_patch, write_patch
+from voxflat.io.reading import hash_of
 from voxflat.io.tables import read_points
 from voxflat.io.volumes import read_volume, write_volume
 from voxflat.lab.freshness import state
-from voxflat.lab.results import Results
+from voxflat.lab.results import FORMAT, Results, sealed
 from voxflat.maps.textures.pictures import as_picture
 from voxflat.surfaces.standard.template import is_template, read_template, standard_template
 
@@ -334,12 +335,13 @@ def _write_scene(path):
 def _write_record(path):
     """Write the record of a participant's results, and one of its files."""
     inputs = {"white": {"path": "lh.white", "sha256": "0" * 64}}
-    wanted = {"voxflat": voxflat.__version__, "format": 1, "parameters": {"cuts": "five"}, "inputs": inputs}
+    wanted = {"voxflat": voxflat.__version__, "format": FORMAT, "parameters": {"cuts": "five"}, "inputs": inputs}
     _MADE["request"] = wanted
     output = path.with_name("sub-01_hemi-L_desc-voxflat_area.shape.gii")
     output.write_bytes(bytes(100))
-    content = {**wanted, "outputs": {output.name: 100}, "figures": {"angle": 1.5}, "overlays": ["area"]}
-    path.write_text(json.dumps(content))
+    outputs = {output.name: hash_of(output)}
+    content = {**wanted, "outputs": outputs, "figures": {"angle": 1.5}, "overlays": ["area"]}
+    path.write_text(json.dumps(sealed(content)))
 
 
 def _write_nhdr(path):

@@ -1,7 +1,6 @@
 """Group level of a study: a table of all measures, outliers, and means over maps with standard cuts."""
 
 import io
-import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -11,6 +10,7 @@ import numpy as np
 
 from voxflat._core import __version__
 from voxflat.errors import InputError, user_message
+from voxflat.io.files import from_json
 from voxflat.io.reading import hash_of
 from voxflat.lab.comparison import Mean, Row, Sums, outliers, outliers_by_chance
 from voxflat.lab.freshness import page_key, write_json, write_text
@@ -131,7 +131,7 @@ def _rows(source: Path, out: Path, labels: Sequence[str]) -> Iterator[Row]:
 
 def _reason(results: Results) -> str:
     try:
-        return str(json.loads(results.failure.read_text(encoding="utf-8"))["reason"])
+        return str(from_json(results.failure.read_text(encoding="utf-8"))["reason"])
     except (ValueError, TypeError, KeyError, OSError):
         return f"{results.failure.name} is damaged. {_AGAIN}"
 

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from voxflat.errors import InputError
-from voxflat.io.files import REMEDY, naming
+from voxflat.io.files import REMEDY, from_json, naming
 from voxflat.io.overlays import read_overlay
 from voxflat.io.reading import hash_of
 from voxflat.maps.flat_map import FlatMap, load
@@ -87,7 +87,7 @@ def sealed(content: Mapping[str, Any]) -> dict[str, Any]:
 def read_record(path: Path) -> dict[str, Any]:
     """Read a record, without its checksum; a damaged record or one of another format raises an InputError."""
     with suppress(ValueError, TypeError, KeyError):
-        record: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+        record: dict[str, Any] = from_json(path.read_text(encoding="utf-8"))
         if record["format"] != FORMAT:
             raise InputError(f"made by voxflat {record['voxflat']} (format {record['format']})")
         if record.pop("sha256") == digest_of(record):

@@ -129,12 +129,32 @@ def annot_table(path: Path, data: bytes) -> tuple[NDArray[Any], list[str]]:
     entries, greatest = (int(n) for n in np.frombuffer(data[max(start, 0) :][:8].ljust(8, b"\0"), ">i4"))
     if not 0 <= (entries if entries > 0 else greatest) <= _MOST_COLOURS:  # nibabel would allocate this number
         raise InputError(f"its header is damaged: it specifies {max(entries, greatest)} colours. {_REMEDY}")
+    if len(data) > start:
+        _check_table(data, start)
     with np.errstate(all="ignore"):
         try:
             _, table, names = require("nibabel").freesurfer.read_annot(path, orig_ids=True)
         except MemoryError:
             raise InputError(f"contains a name that is longer than the available memory. {_REMEDY}") from None
     return table, [name.decode("utf-8", "replace") for name in names]
+
+
+def _check_table(data: bytes, at: int) -> None:
+    """Raise an error if the file ends within its colour table, because nibabel repeats the numbers that are left."""
+
+    def number(at: int) -> int:
+        return int.from_bytes(data[at : at + 4], "big", signed=True)
+
+    rest, is_new = number(at), number(at) <= 0
+    at += 8 if is_new else 4
+    at += 4 + max(number(at), 0)  # name of the table
+    if is_new:
+        rest, at = number(at), at + 4
+    while rest > 0 and at <= len(data):
+        at += 4 if is_new else 0  # number of the label
+        at += 20 + max(number(at), 0)  # name and colour
+        rest -= 1
+    check_size(data, at, "more colours or longer names")
 
 
 _MOST_COLOURS = 1 << 20  # FreeSurfer's own tables have up to 14,175
