@@ -3,6 +3,7 @@
 import logging
 import math
 import os
+import re
 from collections.abc import Callable, Iterable
 from numbers import Integral, Real
 from pathlib import Path
@@ -18,6 +19,7 @@ Progress = Callable[[str, int, int], bool | None]  # called as ``progress(stage,
 _PIXELS = (16, 16384)  # limits of a picture's side length; graphics cards do not draw larger pictures
 _MOST_THREADS = 256  # starting many more threads takes minutes, and they would wait for the cores
 _LINE = 80  # characters of a value in a message
+_UNPRINTABLE = re.compile("[\0-\x1f\x7f-\x9f\u2028\u2029\ud800-\udfff\ufffe\uffff]")  # neither text nor XML
 
 log = logging.getLogger("voxflat")  # reports the memory that a computation needs, and warnings about maps
 
@@ -81,6 +83,11 @@ def checked_text(value: object, name: str) -> str:
     if value is not None and not isinstance(value, str):
         raise InputError(f"the {name} is {shown(value)}. Give a string")
     return value or ""
+
+
+def printable(text: str) -> str:
+    """Return a text on one line, in which whitespace and characters that files cannot hold are replaced."""
+    return _UNPRINTABLE.sub(lambda found: " " if found[0].isspace() else "\N{REPLACEMENT CHARACTER}", text)
 
 
 def is_number(value: object) -> TypeGuard[float]:

@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from napari.utils.notifications import show_error
-from qtpy.QtCore import QEvent, QObject
+from qtpy.QtCore import QEvent, QObject, Qt
 from qtpy.QtWidgets import (
     QAbstractButton,
     QApplication,
@@ -12,6 +12,7 @@ from qtpy.QtWidgets import (
     QDockWidget,
     QDoubleSpinBox,
     QGridLayout,
+    QLabel,
     QLayout,
     QMainWindow,
     QPushButton,
@@ -65,6 +66,13 @@ class Tab(QObject):
             if before is not None and layout is not None and not (window.isMaximized() or window.isFullScreen()):
                 layout.activate()  # a small window grew while one dock was below the other
                 window.resize(before)
+
+
+def plain_label(text: str = "") -> QLabel:
+    """Return a label whose text, which may contain names of layers and files, is never taken as HTML."""
+    label = QLabel(text)
+    label.setTextFormat(Qt.TextFormat.PlainText)
+    return label
 
 
 def arrange(layout: Any, *parts: Any) -> None:

@@ -1,7 +1,6 @@
 """Python scripts that repeat a run without a window."""
 
 import hashlib
-import re
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
@@ -18,7 +17,7 @@ from voxflat._napari.layers.volumes import LayerVolume
 from voxflat._napari.results.flat_layers import FlatLayers
 from voxflat.arguments import Progress
 from voxflat.errors import InputError
-from voxflat.io.files import atomic_path
+from voxflat.io.files import atomic_path, file_name
 from voxflat.io.meshes import Mesh, read_mesh
 from voxflat.io.overlays import read_overlay
 from voxflat.io.volumes import Volume, read_volume
@@ -149,7 +148,7 @@ class _Script:
         self._result("atlas", job.shown, job.pixel_size)
 
     def _result(self, name: str, shown: Shown | None, pixel_size: float | None) -> None:
-        self._lines.append(f"{name}.save({_file_name(self._title) + '.voxflat'!r})")
+        self._lines.append(f"{name}.save({file_name(self._title) + '.voxflat'!r})")
         if shown is None:
             return
         if isinstance(shown, Sampled):
@@ -159,7 +158,7 @@ class _Script:
         else:
             what, how = self._overlay(shown), {}
         self._call("image", f"{name}.image", what, {"pixel_size": pixel_size, **how})
-        self._lines.append(f"image.save({_file_name(shown.name) + '_flattened.png'!r})")
+        self._lines.append(f"image.save({file_name(shown.name) + '_flattened.png'!r})")
 
     def _call(self, result: str, function: str, first: str, given: dict[str, Any]) -> None:
         keywords = [f"{key}={self._value(key, value)}" for key, value in given.items() if value is not None]
@@ -245,7 +244,7 @@ class _Script:
 
     def _map(self, flat_map: FlatMap) -> str:
         self.unsaved.append("the map to start from")
-        file = Path(f"{_file_name(self._title)}_start.voxflat")
+        file = Path(f"{file_name(self._title)}_start.voxflat")
         if self._folder is not None:
             file = self._folder.resolve() / file
             flat_map.save(file, overwrite=True)
@@ -256,7 +255,7 @@ class _Script:
         """Save arrays, and add code that loads them."""
         self._imports.add(_NUMPY)
         self.unsaved.append(name)
-        file = Path(f"{_file_name(name)}_{len(self.unsaved)}.npz")
+        file = Path(f"{file_name(name)}_{len(self.unsaved)}.npz")
         if self._folder is not None:
             file = self._folder.resolve() / file
             with atomic_path(file) as temporary, temporary.open("wb") as opened:
@@ -294,10 +293,6 @@ def _holds(path: Path, values: NDArray[Any]) -> bool:
 
 def _same(a: NDArray[Any], b: NDArray[Any]) -> bool:
     return a.dtype == b.dtype and np.array_equal(a, b, equal_nan=a.dtype.kind == "f")
-
-
-def _file_name(name: str) -> str:
-    return re.sub(r"[^\w.-]+", "_", name)
 
 
 def _fingerprints(job: Job | PatchesJob) -> list[str]:

@@ -11,7 +11,6 @@ from qtpy.QtCore import QEvent, QSize, Qt, QTimer
 from qtpy.QtWidgets import (
     QFrame,
     QHBoxLayout,
-    QLabel,
     QProgressBar,
     QPushButton,
     QScrollArea,
@@ -20,7 +19,7 @@ from qtpy.QtWidgets import (
     QWidget,
 )
 
-from voxflat._napari.docks import TaskDock, arrange
+from voxflat._napari.docks import TaskDock, arrange, plain_label
 from voxflat._napari.forms.patches_form import PatchesForm
 from voxflat._napari.forms.surface_form import SurfaceForm
 from voxflat._napari.map_viewer.dock import open_flat_map
@@ -54,7 +53,7 @@ class FlattenWidget(TaskDock):
         self.start, self.stop = QPushButton(action), QPushButton("Cancel")
         self.start.clicked.connect(self.flatten)
         self.stop.clicked.connect(self.cancel)
-        self.bar, self.status = QProgressBar(), QLabel()
+        self.bar, self.status = QProgressBar(), plain_label()
         self.status.setWordWrap(True)
         inside = QWidget()
         column = QVBoxLayout(inside)

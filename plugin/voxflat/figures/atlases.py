@@ -10,6 +10,7 @@ from voxflat.arguments import checked_kind
 from voxflat.atlases.atlas import Atlas
 from voxflat.atlases.glued import GluedAtlas
 from voxflat.figures.colours import ERRORS, patch_colours
+from voxflat.figures.names import plain
 from voxflat.io.grid import in_unit
 
 
@@ -52,7 +53,7 @@ def atlas_page(atlas: Atlas, *, packing: str = "boxes") -> Figure:
     axes.autoscale()
     if isinstance(atlas, GluedAtlas):  # the colours of patches do not show the outlines of pieces
         axes.add_collection(LineCollection(list(places[atlas.outline]), colors="black", linewidth=0.5, rasterized=True))
-    axes.set_title(atlas.title)
+    axes.set_title(plain(atlas.title, 80))
     return figure
 
 
@@ -95,7 +96,7 @@ def atlas_heat_map(atlas: Atlas, pixel_size: float | None = None, *, of: str = "
     low = min(least, 1.0) if of == "areal" else 1.0
     look: dict[str, Any] = {"cmap": ERRORS, "vmin": low, "vmax": max(most, low + 1e-6), "interpolation": "nearest"}
     shown = axes.imshow(image.data, extent=image.extent, **look)
-    figure.colorbar(shown, ax=axes, label=image.name, extend="both" if of == "areal" else "max", shrink=0.8)
+    figure.colorbar(shown, ax=axes, label=plain(image.name, 80), extend="both" if of == "areal" else "max", shrink=0.8)
     return figure
 
 

@@ -14,6 +14,7 @@ from voxflat.arguments import checked_kind
 from voxflat.errors import InputError
 from voxflat.evaluation.measure import Comparison
 from voxflat.figures.colours import AREA_LABEL, AREAS, ERROR_LABEL, ERRORS, top, top_error
+from voxflat.figures.names import plain
 from voxflat.io.grid import in_unit
 from voxflat.maps.flat_map import FlatMap
 from voxflat.maps.raster import FlatImage
@@ -152,7 +153,7 @@ def heat_maps(comparison: Comparison) -> Figure:
         colour_bar = ScalarMappable(Normalize(low, high), colours)
         figure.colorbar(colour_bar, ax=row.tolist(), label=label, extend=extend)
     for axes, name in zip(grid[0], maps, strict=True):
-        axes.set_title(name.replace(", chart ", "\nchart "))
+        axes.set_title(plain(name.replace(", chart ", "\nchart "), 80))
     return figure
 
 

@@ -11,9 +11,12 @@ from matplotlib.textpath import TextPath
 from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 
+from voxflat.arguments import printable
+
 _SIZES = (7.0, 6.0, 5.0, 4.5)  # points, largest first
 _LINE = 1.25  # line height, in multiples of the font size
 _POINT = 25.4 / 72  # mm
+_LONGEST = 4000  # letters of a line that may fit on a page
 _MARGIN = 0.3  # around a name, mm
 
 
@@ -29,6 +32,12 @@ class PlacedName:
     width: int
     size: float  # font size, points
     is_upright: bool = False  # rotated by 90°, read from bottom to top
+
+
+def plain(text: str, most: int | None = None) -> str:
+    """Return a text that Matplotlib draws as it is, at most `most` letters long: "$" does not start a formula."""
+    text = text if most is None or len(text) <= most else f"{text[: most // 2]}…{text[len(text) - most // 2 :]}"
+    return "\n".join(printable(line) for line in text.split("\n")).replace("$", r"\$")
 
 
 def place_names(labels: NDArray[np.int64], names: dict[int, str], pixel: float) -> tuple[list[PlacedName], list[str]]:
@@ -95,5 +104,7 @@ def _broken(name: str, lines: int) -> str:
 @lru_cache(maxsize=4096)
 def _width(line: str) -> float:
     """Return the width of a line in multiples of the font size."""
-    path: Any = TextPath((0, 0), line or " ", size=100)
+    if len(line) > _LONGEST:
+        return float(len(line))
+    path: Any = TextPath((0, 0), plain(line) or " ", size=100)
     return float(path.get_extents().width) / 100 + 0.1

@@ -17,7 +17,7 @@ from voxflat.arguments import checked_kind, checked_number, checked_text, log, s
 from voxflat.errors import InputError
 from voxflat.figures.layers import MAP
 from voxflat.figures.marks import cut_names, directions, round_length, side
-from voxflat.figures.names import place_names, text_size
+from voxflat.figures.names import place_names, plain, text_size
 from voxflat.figures.overlays import OverlayColours
 from voxflat.io.grid import in_unit
 from voxflat.maps.flat_map import FlatMap
@@ -147,13 +147,14 @@ class Page:
             page.panels.append(Panel(drawn, flat_map, corner, scale))
             left += across * scale + _GAP
         if title:
+            title = _shortened(title, width - 2 * _EDGE, _LETTER)
             page.text(width / 2, height - _EDGE, title, "marks", va="top", size=_LETTER)
         return page
 
     def text(self, x: float, y: float, text: str, layer: str, **how: Any) -> None:
         """Write a text at a position on paper, in mm."""
         style = {"ha": "center", "va": "center", "size": _FONT, "linespacing": 1.05, "gid": layer, **how}
-        self.paper.text(x, y, text, **style)
+        self.paper.text(x, y, plain(text), **style)
 
     def names(
         self, panel: Panel, parcels: Parcels, labels: NDArray[np.int64], raster: Raster, look: NDArray[np.float64]
@@ -180,8 +181,9 @@ class Page:
         if left_out:
             count = f"{len(left_out)} of {len(left_out) + len(placed)}"
             told = "%s names do not fit into their parcels and are omitted: %s. Increase the width to show more names"
+            shown_names = [plain(name, 80) for name in left_out[:_LISTED]]
             rest = [f"and {len(left_out) - _LISTED} more"] if len(left_out) > _LISTED else []
-            log.warning(told, count, ", ".join([*left_out[:_LISTED], *rest]))
+            log.warning(told, count, ", ".join([*shown_names, *rest]))
 
     def bar(self, colours: OverlayColours, label: str) -> None:
         """Draw the colour bar; values excluded by the thresholds are grey."""
@@ -205,7 +207,7 @@ class Page:
             spine.set_linewidth(0.4)
         label = _shortened(label, max(wide, x - _MARKS))
         is_narrow = text_size(label, _FONT)[0] <= wide
-        axes.set_title(label, fontsize=_FONT, pad=_TITLE_PAD, loc="center" if is_narrow else "right")
+        axes.set_title(plain(label), fontsize=_FONT, pad=_TITLE_PAD, loc="center" if is_narrow else "right")
 
     def wheel(self, colours: OverlayColours, label: str, zero: str) -> None:
         """Draw the colour wheel of a cyclic colour map, with the phases at its quarters."""
@@ -244,7 +246,8 @@ class Page:
                 self.paper.plot([x, end], [3.2, 3.2], color="black", linewidth=1.6, solid_capstyle="butt", gid="marks")
                 self.text((x + end) / 2, 5.4, in_unit(f"{length:g} mm", panel.flat_map.metadata), "marks")
                 x = end
-            for name, places in cut_names(panel.flat_map):
+            for whole_name, places in cut_names(panel.flat_map):
+                name = _shortened(whole_name, self.width / 2)
                 at = self._free(name, [panel.at(u, v) for u, v in places.tolist()])
                 self.text(*at, name, "marks", style="italic", color="0.15", bbox=_BEHIND)
 
@@ -292,8 +295,9 @@ class Page:
         chart = flat_map.metadata.get("chart", {"count": 1})
         if chart["count"] != 1:
             x += 1.5 if found else 0.0  # beside the letter of an arrow
-            self.text(x - 3.0, middle, chart["name"], "marks", ha="left", va="center_baseline", weight="bold")
-            return x + text_size(chart["name"], _FONT)[0]
+            name = _shortened(str(chart["name"]), _MARKS)
+            self.text(x - 3.0, middle, name, "marks", ha="left", va="center_baseline", weight="bold")
+            return x + text_size(name, _FONT)[0]
         return x + 1.0
 
 
@@ -330,12 +334,12 @@ def _ticks(low: float, high: float, marked: Sequence[float], wide: float) -> tup
     return list(ticks), list(ticks.values())
 
 
-def _shortened(label: str, room: float) -> str:
+def _shortened(label: str, room: float, size: float = _FONT) -> str:
     """Return a label; if it is wider than the room in mm, an ellipsis replaces a part near its start."""
 
     def cut(kept: int) -> str:
         return label[: kept // 3].rstrip() + "…" + label[len(label) - kept + kept // 3 :].lstrip()
 
-    if text_size(label, _FONT)[0] <= room:
+    if text_size(label, size)[0] <= room:
         return label
-    return cut(max(0, bisect(range(len(label)), room, key=lambda kept: text_size(cut(kept), _FONT)[0]) - 1))
+    return cut(max(0, bisect(range(len(label)), room, key=lambda kept: text_size(cut(kept), size)[0]) - 1))

@@ -7,6 +7,7 @@ from matplotlib.figure import Figure
 
 from voxflat.arguments import checked_kind, checked_text
 from voxflat.errors import InputError
+from voxflat.figures.names import plain
 from voxflat.laminar.profile import Profile
 
 _MOST_LINES = 20
@@ -61,9 +62,11 @@ def profile(profile: Profile, *, label: str | None = None, ax: Axes | None = Non
         names = [profile.names[region]] if regions > 1 or not profile.channels else []
         names += [f"channel {profile.channels[channel]}"] if profile.channels else []
         middle, spread = mean[region, :, channel], np.nan_to_num(sd[region, :, channel])
-        ax.plot(profile.depths, middle, color=colour, marker="o", markersize=3, linewidth=1.4, label=", ".join(names))
+        label_of = plain(", ".join(names), 80)
+        label_of = f" {label_of}" if label_of.startswith("_") else label_of  # which hides a line from the legend
+        ax.plot(profile.depths, middle, color=colour, marker="o", markersize=3, linewidth=1.4, label=label_of)
         ax.fill_between(profile.depths, middle - spread, middle + spread, color=colour, alpha=0.18, linewidth=0)
-    ax.set(xlim=(0, 1), xlabel=f"{profile.layering} depth", ylabel=label)
+    ax.set(xlim=(0, 1), xlabel=f"{profile.layering} depth", ylabel=plain(label, 80))
     ax.set_xticks([0, 0.25, 0.5, 0.75, 1], ["0\nwhite matter", "0.25", "0.5", "0.75", "1\nCSF"])
     ax.legend(title="mean ± sd", frameon=False, loc="upper left", bbox_to_anchor=(1, 1))
     figure = ax.get_figure()

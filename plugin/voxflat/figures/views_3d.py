@@ -21,6 +21,7 @@ from voxflat.arguments import checked_kind, checked_pixels, numbers_of, shown
 from voxflat.atlases.pieces import FlatPieces
 from voxflat.errors import InputError
 from voxflat.figures.colours import ERROR_LABEL, ERRORS, patch_colours, top_error
+from voxflat.figures.names import plain
 from voxflat.figures.page import pixels_of
 from voxflat.io.files import installing
 from voxflat.io.sources import as_volume
@@ -182,7 +183,7 @@ def drawn_from_both_sides(
     axes.set_axis_off()
     for x, y, name in written.values():
         above = -0.03 * height if y > 0.1 * height else 0.03 * height
-        text = axes.text(x, y + above, name, ha="center", va="center", size=9, weight="bold")
+        text = axes.text(x, y + above, plain(name, 80), ha="center", va="center", size=9, weight="bold")
         text.set_path_effects([withStroke(linewidth=2.5, foreground="white")])
     return pixels_of(figure)[..., :3]
 

@@ -41,6 +41,8 @@ AGAIN = "Copy or download the file again"  # remedy for a truncated file
 
 _BLOCK = 1 << 20
 _WAITS = (0.1, 0.2, 0.4, 0.8) if os.name == "nt" else ()  # seconds between attempts to replace a file
+_LONGEST_GIVEN = 100  # bytes of a file name that is made from another name
+_RESERVED = {"CON", "PRN", "AUX", "NUL", *(f"{port}{n}" for port in ("COM", "LPT") for n in range(1, 10))}  # Windows
 _LONGEST_NAME = 255  # bytes, on all common file systems
 _LONGEST_ERROR = 2000  # characters
 _OF_PYTHON = (LookupError, TypeError, AttributeError, ArithmeticError, RecursionError, AssertionError, struct.error)
@@ -418,6 +420,12 @@ def save_array(path: Path, array: NDArray[Any]) -> None:
     """Write a .npy file like `numpy.save`, but with a Python file object, which reports incomplete writes."""
     with path.open("wb") as file:
         np.lib.format.write_array(SimpleNamespace(write=file.write), np.asanyarray(array), allow_pickle=False)
+
+
+def file_name(name: str) -> str:
+    """Return a file name, without an ending, for a name from elsewhere, which may be a path or reserved on Windows."""
+    kept = re.sub(r"[^\w.-]+", "_", name).lstrip(".").encode()[:_LONGEST_GIVEN].decode(errors="ignore")
+    return f"_{kept}" if not kept or kept.split(".")[0].upper() in _RESERVED else kept
 
 
 def beside(path: Path, ending: str) -> Path:

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from voxflat.arguments import checked_path
+from voxflat.arguments import checked_path, printable
 from voxflat.errors import InputError
 from voxflat.io.files import atomic_path, contents, naming
 
@@ -44,13 +44,15 @@ def write_table(path: str | os.PathLike[str], rows: Iterable[Sequence[str]]) -> 
     path = checked_path(path)
     text = io.StringIO()
     delimiter = {".csv": ",", ".tsv": "\t"}.get(path.suffix.lower(), " ")
-    csv.writer(text, delimiter=delimiter, lineterminator="\n").writerows(rows)
+    cells = ([printable(cell) for cell in row] for row in rows)
+    csv.writer(text, delimiter=delimiter, lineterminator="\n").writerows(cells)
     with atomic_path(path) as temporary:
         temporary.write_text(text.getvalue(), encoding="utf-8", newline="\n")
 
 
 def aligned(rows: Sequence[Sequence[str]], left: Sequence[int] = (0,)) -> str:
     """Return rows as text in columns, which are right-aligned except for those numbered in `left`."""
+    rows = [[printable(cell) for cell in row] for row in rows]
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     line = "  ".join(f"{{:{'<' if column in left else '>'}{width}}}" for column, width in enumerate(widths))
     return "\n".join(line.format(*row).rstrip() for row in rows)
@@ -63,7 +65,7 @@ def read_points(path: str | os.PathLike[str]) -> PointTable:
         ending = path.suffix.lower()
         if ending not in TABLE_ENDINGS:
             raise InputError(f"unknown file name ending {path.suffix!r}. Use one of {', '.join(TABLE_ENDINGS)}")
-        lines = contents(path).decode("utf-8-sig").splitlines()
+        lines = io.StringIO(contents(path).decode("utf-8-sig"), newline="")
         if ending == ".txt":
             rows = [line.split() for line in lines if line.strip() and not line.lstrip().startswith("#")]
         else:

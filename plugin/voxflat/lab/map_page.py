@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from voxflat._core import __version__
-from voxflat.arguments import checked_kind, checked_path
+from voxflat.arguments import checked_kind, checked_path, printable
 from voxflat.distortion.triangles import measure_arrays
 from voxflat.errors import InputError
 from voxflat.figures.colours import LOOKS
@@ -145,7 +145,7 @@ def page_of(
     view = float(around), float(np.arcsin(np.clip(z, -1.0, 1.0)))
     content = scene(flat, layers, {}, places, view=view, unit=unit)
     more = {"points": f"{len(flat.uv):,}", "version": __version__}
-    return MapPage(filled("map.html", key="map", title=title, layers=shown, scene=content, **more))
+    return MapPage(filled("map.html", key="map", title=printable(title), layers=shown, scene=content, **more))
 
 
 def _layer(name: str, values: NDArray[Any], faces: NDArray[Any]) -> Layer:

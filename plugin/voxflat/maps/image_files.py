@@ -14,7 +14,7 @@ from xml.etree import ElementTree
 import numpy as np
 from numpy.typing import NDArray
 
-from voxflat.arguments import Progress, checked_path
+from voxflat.arguments import Progress, checked_path, printable
 from voxflat.errors import Cancelled, InputError
 from voxflat.io.channels import Timing
 from voxflat.io.files import atomic_directory, atomic_path, require, save_array
@@ -208,11 +208,11 @@ def _ome(pages: Pages, first: _Image, record: Record) -> str:
     if pages.timing is not None:
         pixels |= {"TimeIncrement": f"{pages.timing.step:.9g}", "TimeIncrementUnit": "s"}
     root = ElementTree.Element("OME", {"xmlns": _OME})
-    image = ElementTree.SubElement(root, "Image", {"ID": "Image:0", "Name": pages.title})
-    ElementTree.SubElement(image, "Description").text = _described(first, pages.title, record)
+    image = ElementTree.SubElement(root, "Image", {"ID": "Image:0", "Name": printable(pages.title)})
+    ElementTree.SubElement(image, "Description").text = _described(first, printable(pages.title), record)
     body = ElementTree.SubElement(image, "Pixels", pixels)
     for n, name in enumerate(pages.channels):
-        named = {"Name": name} if name else {}
+        named = {"Name": printable(name)} if name else {}
         ElementTree.SubElement(body, "Channel", {"ID": f"Channel:0:{n}", **named, "SamplesPerPixel": "1"})
     ElementTree.SubElement(body, "TiffData")
     text: bytes = ElementTree.tostring(root, encoding="us-ascii")  # TIFF text is ASCII

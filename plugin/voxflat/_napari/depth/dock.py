@@ -11,11 +11,11 @@ from napari.layers import Layer
 from napari.utils.colormaps import DirectLabelColormap
 from napari.utils.notifications import show_info
 from numpy.typing import NDArray
-from qtpy.QtWidgets import QFileDialog, QLabel, QPushButton, QSizePolicy, QVBoxLayout, QWidget
+from qtpy.QtWidgets import QFileDialog, QPushButton, QSizePolicy, QVBoxLayout, QWidget
 
 from voxflat._napari.depth import tasks
 from voxflat._napari.depth.form import DepthForm
-from voxflat._napari.docks import TaskDock, arrange, grid
+from voxflat._napari.docks import TaskDock, arrange, grid, plain_label
 from voxflat._napari.layers.world import MADE_FROM, WORLD, data_to_world
 from voxflat._napari.map_viewer.flat_window import FlatWindow
 from voxflat._napari.results.flat_layers import LayerData
@@ -49,7 +49,7 @@ class CorticalDepth(TaskDock):
         self.stop = self._button("Cancel", "Stop the running computation", self._on_stop)
         self.save = self._button("Save table…", "Save the values of the profile as a .tsv or .csv file", self._on_save)
         self.save.hide()
-        self.status = QLabel("Choose a rim, such as a Labels layer with the labels 1, 2 and 3.")
+        self.status = plain_label("Choose a rim, such as a Labels layer with the labels 1, 2 and 3.")
         self.status.setWordWrap(True)
         self._actions = (self.layers, self.columns, self.flatten, self.measure)
         self._column = QVBoxLayout(self)

@@ -15,14 +15,13 @@ from qtpy.QtWidgets import (
     QAbstractItemView,
     QFileDialog,
     QHeaderView,
-    QLabel,
     QPushButton,
     QTableWidget,
     QTableWidgetItem,
     QVBoxLayout,
 )
 
-from voxflat._napari.docks import TaskDock, arrange, grid
+from voxflat._napari.docks import TaskDock, arrange, grid, plain_label
 from voxflat._napari.editing.cut_layers import CutLayers
 from voxflat._napari.editing.cut_tasks import Found, cuts_of_map, evaluate_cuts, find_cuts, make_surface, save_template
 from voxflat._napari.editing.cuts_form import CutsForm
@@ -90,7 +89,7 @@ class DrawCuts(TaskDock):
         assert rows is not None
         header.setSectionResizeMode(0, QHeaderView.ResizeMode.Stretch)
         rows.hide()
-        self.status = QLabel("Choose a surface, then press Begin.")
+        self.status = plain_label("Choose a surface, then press Begin.")
         self.status.setWordWrap(True)
         above = (self.draw, self.end_cut, self.undo, self.redo, self.standard, self.automatic, self.from_map, self.load)
         below = (self.remove, self.evaluate, self.save, self.template, self.use, self.again)

@@ -24,7 +24,7 @@ from qtpy.QtWidgets import (
 from superqt import QLabeledDoubleSlider
 from superqt.utils import signals_blocked
 
-from voxflat._napari.docks import TaskDock, arrange
+from voxflat._napari.docks import TaskDock, arrange, plain_label
 from voxflat._napari.keys import Keys, key_text
 from voxflat._napari.layers.sampled import shown
 from voxflat._napari.layers.volumes import check_time, shown_step
@@ -47,6 +47,7 @@ from voxflat._napari.timers import single_shot
 from voxflat._napari.viewer_state import ViewerState
 from voxflat._napari.worker import LatestTask
 from voxflat.errors import VoxflatError
+from voxflat.io.files import file_name
 from voxflat.maps.flat_map import FlatMap
 
 _DEEPEST, _HIGHEST = -3.0, 5.0  # mm outside the surface
@@ -153,13 +154,13 @@ class FlatMapDock(TaskDock):
         self.segmentations = Segmentations(self._viewer, self.movies)
         self.canvas = MapCanvas()
         self.legend = Legend()
-        self.text = QLabel(NOTHING)
+        self.text = plain_label(NOTHING)
         self.text.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Fixed)
         self.text.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
-        self.excluded = QLabel()
+        self.excluded = plain_label()
         self.excluded.setWordWrap(True)
         self.excluded.hide()
-        self.frame_hint = QLabel()
+        self.frame_hint = plain_label()
         self.frame_hint.setWordWrap(True)
         self.frame_hint.hide()
         self._limit_depth()
@@ -490,7 +491,7 @@ class FlatMapDock(TaskDock):
         if layer is None or prepared is None:
             return
         kinds = "Tab-separated (*.tsv);;Comma-separated (*.csv)"
-        path, _ = QFileDialog.getSaveFileName(self, "Save the table", f"{layer.name}.tsv", kinds)
+        path, _ = QFileDialog.getSaveFileName(self, "Save the table", f"{file_name(layer.name)}.tsv", kinds)
         if not path:
             return
         try:

@@ -7,7 +7,7 @@ from napari.utils.notifications import show_error, show_info
 from qtpy.QtCore import Qt
 from qtpy.QtWidgets import QApplication, QFileDialog, QGridLayout, QLabel, QPushButton, QVBoxLayout, QWidget
 
-from voxflat._napari.docks import arrange
+from voxflat._napari.docks import arrange, plain_label
 from voxflat._napari.results.flat_layers import Run
 from voxflat._napari.results.maps import HEAT_MEANING
 from voxflat._napari.results.report import MEANINGS, figures, table, warnings
@@ -71,12 +71,12 @@ class MapPanel(QWidget):
             if widget := item.widget():
                 widget.deleteLater()
         for row, (name, value) in enumerate(figures(flat_map)):
-            label, number = QLabel(name), QLabel(value)
+            label, number = plain_label(name), plain_label(value)
             number.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
             label.setToolTip(MEANINGS.get(name, ""))
             self._figures.addWidget(label, row, 0)
             self._figures.addWidget(number, row, 1, Qt.AlignmentFlag.AlignRight)
-        self.setToolTip(f"<pre>{table(flat_map)}</pre>")
+        self.setToolTip(f"<pre>{escape(table(flat_map))}</pre>")
 
     def _show_warnings(self, found: list[str]) -> None:
         self.warnings.setText("".join(f"<p>⚠ {escape(warning)}</p>" for warning in found))

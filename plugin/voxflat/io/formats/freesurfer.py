@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from voxflat.arguments import checked_path
+from voxflat.arguments import checked_path, printable
 from voxflat.errors import InputError
 from voxflat.io.files import AGAIN, check_size, contents, naming, require
 from voxflat.io.spaces import Space, VolumeGeometry
@@ -197,16 +197,15 @@ def write_annot(
         table[n, :3] = code & 255, code >> 8 & 255, code >> 16
     index = np.searchsorted(np.array([0, *sorted(keys)]), labels)
     order = [0, *(1 + n for n in np.argsort(keys))]
-    named = [["unknown", *names][n] for n in order]
+    named = [printable(["unknown", *names][n]) for n in order]
     values, colour_table = index.astype(np.int32), table[order].astype(np.int32)
     require("nibabel").freesurfer.write_annot(path, values, colour_table, named, fill_ctab=True)
 
 
 def write_label(path: Path, vertices: NDArray[np.int64], points: Points, name: str) -> None:
     """Write a label: point numbers and their positions in tkRAS."""
-    shown = "".join(letter if letter.isprintable() else "_" for letter in name)
     rows = [f"{v}  {x:.3f}  {y:.3f}  {z:.3f} 0.0000000000\n" for v, (x, y, z) in zip(vertices, points, strict=True)]
-    text = f"#!ascii label {shown}, from voxflat vox2ras=TkReg\n{len(vertices)}\n" + "".join(rows)
+    text = f"#!ascii label {printable(name)}, from voxflat vox2ras=TkReg\n{len(vertices)}\n" + "".join(rows)
     path.write_text(text, encoding="utf-8", newline="\n")
 
 

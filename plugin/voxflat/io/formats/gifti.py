@@ -14,6 +14,7 @@ from xml.parsers.expat import ParserCreate
 import numpy as np
 from numpy.typing import NDArray
 
+from voxflat.arguments import printable
 from voxflat.errors import InputError
 from voxflat.io.files import AGAIN, require
 from voxflat.io.provenance import Record, as_text
@@ -262,7 +263,7 @@ def label_bytes(
     shares = [(*(channel / 255 for channel in colour), 1.0) for colour in colours.tolist()]
     for key, name, (red, green, blue, alpha) in [*rows, *zip(keys, names, shares, strict=True)]:
         label = gifti.GiftiLabel(key=int(key), red=red, green=green, blue=blue, alpha=alpha)
-        label.label = name
+        label.label = printable(name)
         table.labels.append(label)
     array = _array(labels.astype(np.int32), "NIFTI_INTENT_LABEL", {"Name": "regions"})
     return _file([array], _named(structure), record, labeltable=table)
@@ -270,7 +271,8 @@ def label_bytes(
 
 def value_bytes(values: Mapping[str, NDArray[Any]], structure: str | None, record: Record | None = None) -> bytes:
     """Return values at points in the Workbench convention, with one map per name and NaN for missing values."""
-    arrays = [_array(one.astype(np.float32), "NIFTI_INTENT_NONE", {"Name": name}) for name, one in values.items()]
+    named = ((printable(name), one.astype(np.float32)) for name, one in values.items())
+    arrays = [_array(one, "NIFTI_INTENT_NONE", {"Name": name}) for name, one in named]
     return _file(arrays, _named(structure), record)
 
 
