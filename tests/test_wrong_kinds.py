@@ -78,7 +78,7 @@ CALLS = {
     "side": (lambda s: s.register(side=ARRAY), "side is array.*. Give 'left' or 'right'"),
     "mirror": (lambda s: voxflat.flatten(s, mirror=ARRAY), "mirror is array.*. Give True or False"),
     "unit": (lambda s: voxflat.surface(VOLUME, unit={1, 2}), r"unit is \{1, 2\}. Pass one of mm, cm"),
-    "cuts of a volume": (lambda s: voxflat.surface(VOLUME).cut(cuts=ARRAY), "cut 0 must be voxel indices"),
+    "cuts of a volume": (lambda s: voxflat.surface(VOLUME).cut(cuts=ARRAY), "cut 1: the path must be voxel indices"),
     "label": (lambda s: io.read_region("lh.annot", 9, name=ARRAY), "name of a label is array.*. Give a string"),
     "rows": (lambda s: voxflat.flatten(s, rows=ARRAY), "rows is array.*. Give True or False"),
     "maps": (lambda s: voxflat.compare(s, [1, [2, 3]]), r"maps is \[1, \[2, 3\]\]. Give a dict of maps, keyed by name"),

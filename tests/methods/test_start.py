@@ -110,7 +110,7 @@ def test_a_start_of_another_surface_is_refused_by_name(known):
     other = known.uv.copy()
     other[7] = np.nan
     told = r"does not contain 3 of the 3200 triangles to be flattened \(for example, the triangle of vertices \[\d"
-    refused(told, begun, other, relax=False)
+    refused(told, begun, other, keep=np.ones(len(other), dtype=bool))
 
 
 def test_a_start_says_what_is_flattened_and_where_it_is_cut(tmp_path):
@@ -140,6 +140,11 @@ def test_a_start_may_be_of_a_part(known):
     again = voxflat.flatten(SURFACE, method=Voxflat(sources=60, start=part))
     assert np.array_equal(again.ids, part.ids)
     assert energy(again) == pytest.approx(energy(part), rel=1e-3)
+    path = [COLUMNS * 18 + n for n in range(12)]  # one more cut, from the border
+    further = voxflat.flatten(SURFACE, method=Voxflat(sources=60, start=part), cuts={"further": path})
+    assert np.array_equal(np.unique(further.ids), np.unique(part.ids))
+    assert further.metadata["cut_names"] == ["further"]
+    assert len(further) == len(part) + 11
     smaller = voxflat.surface(SURFACE).keep(kept).flatten(Voxflat(sources=60, start=known), relax=False)
     assert energy(smaller) == pytest.approx(energy(part), rel=1e-3)
 

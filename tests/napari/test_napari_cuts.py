@@ -57,7 +57,7 @@ def test_a_cut_is_the_shortest_path_between_points():
     way = voxflat.surface(WHOLE).path(12, 312, 318, geodesic="edges")
     (cut,) = drawing.cuts
     assert drawing.length(cut) == pytest.approx(way.length)
-    assert_array_equal(drawing.paths()[0], way.ids)
+    assert_array_equal(drawing.paths()["drawn 1"], way.ids)
     drawing.add_stop(318)  # clicked twice
     assert drawing.cuts == (cut,)
     two = voxflat.surface((np.concatenate([POINTS, POINTS + 100]), np.concatenate([FACES, FACES + len(POINTS)])))
@@ -105,7 +105,7 @@ def test_cuts_are_clicked_evaluated_saved_loaded_and_used(open_widget, qtbot, tm
     stops = dock.drawing.cuts[0].stops
     assert np.linalg.norm(points[list(stops)] - points[clicked], axis=1).max() < 7  # an edge is 5 mm long
     assert dock.cuts.rowCount() == 1
-    assert len(viewer.layers["cuts"].data) == len(dock.drawing.paths()[0]) - 1
+    assert len(viewer.layers["cuts"].data) == len(dock.drawing.paths()["drawn 1"]) - 1
     control, shift = Qt.KeyboardModifier.ControlModifier, Qt.KeyboardModifier.ShiftModifier
     for where in (canvas, dock.cuts):  # keys work in both
         qtbot.keyClick(where, Qt.Key.Key_Z, control)
@@ -119,7 +119,8 @@ def test_cuts_are_clicked_evaluated_saved_loaded_and_used(open_widget, qtbot, tm
     path = tmp_path / "cuts.json"
     monkeypatch.setattr(QFileDialog, "getSaveFileName", lambda *_: (str(path), ""))
     dock.save.click()
-    assert [len(cut) for cut in json.loads(path.read_text())["cuts"]] == [len(dock.drawing.paths()[0])]
+    saved = json.loads(path.read_text())
+    assert dict(zip(saved["names"], saved["cuts"], strict=True)) == {"drawn 1": dock.drawing.paths()["drawn 1"].tolist()}
 
     dock.use.click()
     assert "along the drawn lines" in widget.form.plan.text()
@@ -134,13 +135,13 @@ def test_cuts_are_clicked_evaluated_saved_loaded_and_used(open_widget, qtbot, tm
     assert dock.cuts.rowCount() == 0
     press(dock, qtbot, "automatic")
     found = voxflat.surface((points, faces)).cut(cuts="automatic")
-    assert [len(path) for path in dock.drawing.paths()] == [len(cut.ids) for cut in found.cuts]
+    assert [len(path) for path in dock.drawing.paths().values()] == [len(cut.ids) for cut in found.cuts]
     titles = [dock.cuts.item(row, 0).text() for row in range(dock.cuts.rowCount())]
     assert titles == [found.title(number) for number in range(len(found.cuts))]  # as the command line's
     assert titles[0].startswith("cut 1, ")
     monkeypatch.setattr(QFileDialog, "getOpenFileName", lambda *_: (str(path), ""))
     press(dock, qtbot, "load")
-    assert dock.drawing.cuts[0].name == "cut 1"
+    assert dock.drawing.cuts[0].name == "drawn 1"
 
     viewer.window.remove_dock_widget(dock)
     assert [layer.name for layer in viewer.layers if layer.name in ("cuts", "stops of cuts")] == []
@@ -185,8 +186,9 @@ def test_standard_cuts_show_the_excluded_part_and_make_a_template(make_napari_vi
     dock.use.click()
     asked = widget.form.options.options("voxflat")
     assert_array_equal(asked["drop"], left_out)
-    for one, other in zip(expected.cuts, asked["cuts"], strict=True):
-        assert_array_equal(one.ids, other)
+    assert {name: path.tolist() for name, path in asked["cuts"].items()} == {
+        cut.name: cut.ids.tolist() for cut in expected.cuts
+    }
 
 
 def test_using_cuts_opens_the_form(make_napari_viewer, qtbot):
@@ -199,6 +201,69 @@ def test_using_cuts_opens_the_form(make_napari_viewer, qtbot):
     _, widget = viewer.window.add_plugin_dock_widget("voxflat", "Flatten surface")
     assert widget.form.surface.layer.name == "ball"
     assert "along the drawn lines" in widget.form.plan.text()
+
+
+def test_the_table_makes_the_standard_map_and_one_drawn_cut_more(make_napari_viewer, qtbot, tmp_path, monkeypatch):
+    lab.write(tmp_path)
+    ball = lab.fsaverage5("sphere_left")[0][: lab.VERTICES]
+    nib.freesurfer.write_geometry(tmp_path / "lh.sphere.reg", ball, lab.hemisphere()[2])
+    viewer = make_napari_viewer()
+    viewer.open(str(tmp_path / "lh.white"), plugin="voxflat")
+    _, widget = viewer.window.add_plugin_dock_widget("voxflat", "Flatten surface")
+    run(widget, qtbot)
+    state = ViewerState.of(viewer)
+    first = state.current.flat_map
+    assert first.metadata["frame"] == "standard"
+    names = first.metadata["cut_names"]
+    _, dock = viewer.window.add_plugin_dock_widget("voxflat", "Draw cuts")
+    press(dock, qtbot, "begin")
+    assert [cut.name for cut in dock.drawing.cuts] == names
+    dock.use.click()
+    run(widget, qtbot)
+    second = state.current.flat_map
+    assert second is not first
+    assert (second.metadata["frame"], second.metadata["cut_names"]) == ("standard", names)
+    assert_array_equal(second.ids, first.ids)
+    assert np.abs(second.uv - first.uv).max() < 1e-9
+
+    on_a_cut = int(first.metadata["cuts"][0][len(first.metadata["cuts"][0]) // 2])
+    inner = np.setdiff1d(first.ids, np.concatenate(first.metadata["cuts"]))
+    places = dock.drawing.surface.points
+    apart = np.linalg.norm(places[inner] - places[on_a_cut], axis=1)
+    draw(dock, on_a_cut, int(inner[np.abs(apart - 15).argmin()]))
+    dock.again.click()
+    qtbot.waitUntil(lambda: state.current.flat_map is not second and state.is_settled, timeout=PATIENCE)
+    qtbot.waitUntil(widget.start.isEnabled, timeout=PATIENCE)
+    third = state.current.flat_map
+    assert third.metadata["cut_names"] == [*names, "drawn 1"]
+    assert third.metadata["frame"] == "standard"
+    assert_array_equal(np.unique(third.ids), np.unique(first.ids))
+
+    monkeypatch.setattr(QFileDialog, "getExistingDirectory", lambda *_: str(tmp_path))
+    widget.results.copy.click()
+    script = QApplication.clipboard().text()
+    exec(compile(script.replace("lh.white.voxflat", str(tmp_path / "again.voxflat")), "script", "exec"), {})
+    assert_array_equal(voxflat.load(tmp_path / "again.voxflat").uv, third.uv)
+
+
+def test_a_closed_line_is_named_by_its_name_in_the_table(open_widget, qtbot):
+    viewer, widget = open_widget(Surface(sphere(200), name="ball"))
+    _, dock = viewer.window.add_plugin_dock_widget("voxflat", "Draw cuts")
+    press(dock, qtbot, "begin")
+    draw(dock, 60, 64)
+    dock.end_cut.click()
+    points = dock.drawing.surface.points
+    corners = [int(np.linalg.norm(points - corner, axis=1).argmin()) for corner in 20 * np.eye(3)]
+    draw(dock, *corners, corners[0])
+    dock.use.click()
+    messages = []
+    press(dock, qtbot, "evaluate")
+    messages.append(dock.status.text())
+    run(widget, qtbot)
+    messages.append(widget.status.text())
+    for message in messages:
+        assert message.startswith("cut 'drawn 2' separates"), message
+        assert "Shorten or remove this cut" in message
 
 
 @pytest.mark.slow
@@ -242,10 +307,11 @@ def test_one_more_cut_continues_from_the_displayed_map(open_widget, qtbot, tmp_p
     first = state.current.flat_map
     assert widget.form.continues.isVisibleTo(widget)
     _, dock = viewer.window.add_plugin_dock_widget("voxflat", "Draw cuts")
-    press(dock, qtbot, "begin", "from_map")
+    press(dock, qtbot, "begin")  # begins with the cuts of the map, as From map does
+    assert "the cuts of the displayed map" in dock.status.text()
     told = first.metadata
     own = [*told["cuts"], *(cut["ids"] for cut in told["automatic_cuts"])]
-    assert [path.tolist() for path in dock.drawing.paths()] == own
+    assert [path.tolist() for path in dock.drawing.paths().values()] == own
     assert len(dock.drawing.left_out) == 0
     assert [cut.name for cut in dock.drawing.cuts] == [f"cut {n}" for n in range(1, len(own) + 1)]
 
@@ -262,9 +328,11 @@ def test_one_more_cut_continues_from_the_displayed_map(open_widget, qtbot, tmp_p
     qtbot.waitUntil(lambda: state.current.flat_map is not first and state.is_settled, timeout=PATIENCE)
     qtbot.waitUntil(widget.start.isEnabled, timeout=PATIENCE)  # its thread may end after the map is there
     second = state.current.flat_map
-    paths = [np.asarray(path) for path in [*own, dock.drawing.paths()[-1]]]
+    paths = {f"cut {n}": np.asarray(path) for n, path in enumerate(own, 1)}
+    paths["drawn 1"] = dock.drawing.paths()["drawn 1"]
     expected = voxflat.flatten((points, faces), method=voxflat.methods.Voxflat(start=first), cuts=paths)
     assert_array_equal(second.uv, expected.uv)
+    assert second.metadata["cut_names"] == [*paths]
     assert second.metadata["start"] is True
     assert len(second) > len(first)  # both sides of the new cut
     assert widget.form.continues.isChecked()

@@ -1,6 +1,7 @@
 """Relaxation cuts, cuts files, and the medial wall."""
 
 import json
+import re
 
 import numpy as np
 import pytest
@@ -97,6 +98,53 @@ def test_a_file_may_name_few_vertices_of_a_cut(tmp_path):
     (tmp_path / "cuts.json").write_text(json.dumps({"cuts": [[len(POINTS) - 1, 0]]}))
     cut = WHOLE.cut(cuts=tmp_path / "cuts.json", relax=False)
     np.testing.assert_array_equal(cut.cuts[0].ids, WHOLE.path(len(POINTS) - 1, 0, geodesic="edges").ids)
+
+
+def at_every_door(tmp_path, cuts, told):
+    """Check that cuts are refused with the same text, after the name or number of the cut."""
+    (tmp_path / "cuts.json").write_text(json.dumps({"cuts": [*cuts.values()], "names": [*cuts]}))
+    last = len(cuts)
+    names = {f"cut {last}": [*cuts.values()], f"cut '{[*cuts][-1]}'": cuts}
+    names |= {f"{tmp_path / 'cuts.json'}: cut '{[*cuts][-1]}'": tmp_path / "cuts.json"}
+    for name, given in names.items():
+        for act in (WHOLE.cut, WHOLE.flatten):
+            refused(f"^{re.escape(name)} {told}", act, cuts=given)
+
+
+def test_a_cut_that_separates_a_piece_is_named_at_every_door(tmp_path):
+    loop = [*range(72, 96), 72]  # a parallel
+    half, rim = len(loop) // 2, CAP.vertices[CAP.core.topology()["loops"][0]["vertices"]]
+    line = WHOLE.path(len(POINTS) - 1, 200, geodesic="edges").ids.tolist()
+    told = r"separates [\d.]+ % of the area from the rest of the surface, because it forms a closed line"
+    for cuts in ({"ring": loop}, {"line": line, "ring": loop}, {"one": loop[: half + 1], "two": loop[half:]}):
+        at_every_door(tmp_path, cuts, told)
+    ends = rim[POINTS[rim, 0].argmin()], rim[POINTS[rim, 0].argmax()]
+    across = CAP.path(ends[0], len(POINTS) - 1, ends[1], geodesic="edges").ids  # from border to border
+    refused("^cut 'across' separates", CAP.cut, {"across": across})
+
+
+def test_a_cut_that_is_not_a_path_is_named_at_every_door(tmp_path):
+    at_every_door(tmp_path, {"dot": [3]}, "has only one vertex")
+    refused("^cut 'jump': the vertices 3 and 200 of the path are not connected", WHOLE.cut, {"jump": [3, 200]})
+    refused("^cut 1: vertex 20000 is not on the surface", WHOLE.cut, [[3, 20000]])
+    refused("the name of a cut is 7", WHOLE.cut, {7: [3, 4]})
+    (tmp_path / "cuts.json").write_text(json.dumps({"cuts": [[0, 8]], "names": ["a", "b"]}))
+    refused("'names' does not match the 1 cuts", WHOLE.cut, tmp_path / "cuts.json")
+
+
+def test_names_of_cuts_are_kept_in_maps_files_and_titles(tmp_path):
+    lines = {"north": WHOLE.path(len(POINTS) - 2, 100, geodesic="edges").ids, "south": [len(POINTS) - 1, 245, 221]}
+    opened = WHOLE.cut(lines, relax=False)
+    assert [cut.name for cut in opened.cuts][:2] == ["north", "south"]
+    assert opened.title(0).startswith("north, ")
+    opened.save(tmp_path / "cuts.json")
+    again = WHOLE.cut(tmp_path / "cuts.json", relax=False)
+    assert [(cut.name, cut.ids.tolist()) for cut in again.cuts] == [(cut.name, cut.ids.tolist()) for cut in opened.cuts]
+    flat = opened.flatten(Voxflat(sources=40))
+    assert flat.metadata["cut_names"] == ["north", "south"]
+    unnamed = WHOLE.cut([*lines.values()], relax=False).flatten(Voxflat(sources=40))
+    np.testing.assert_array_equal(unnamed.uv, flat.uv)
+    assert unnamed.metadata["cut_names"] == [None, None]
 
 
 @pytest.mark.parametrize("content", ["", "[]", '{"cuts": 3}', '{"cuts": [["a"]]}', '{"cuts": [[[1, 2, 3]]]}'])

@@ -158,6 +158,14 @@ def test_without_a_sphere_standard_cuts_lie_where_they_do_with_it(hemispheres, s
         assert distances.min(axis=1).mean() < 5
 
 
+def test_a_registration_is_a_sphere(hemispheres, left):
+    whole = voxflat.surface(hemispheres["left"][:2])
+    plain, given = (whole.cut("standard", sphere=sphere, relax=False) for sphere in (None, left))
+    assert [cut.ids.tolist() for cut in given.cuts] == [cut.ids.tolist() for cut in plain.cuts]
+    assert given.sphere.name == plain.sphere.name
+    refused("the surface is the right hemisphere, but the files specify the left one", voxflat.surface(hemispheres["right"][:2]).cut, sphere=left)
+
+
 @pytest.mark.slow
 def test_a_volume_gets_standard_cuts_too():
     """A hemisphere from voxels is cut, and the separate piece beside it is excluded."""

@@ -17,12 +17,14 @@ from textures import areas
 import voxflat
 from voxflat import _core
 from voxflat.io.overlays import read_region
+from voxflat.methods import Voxflat
 from voxflat.surfaces.standard.pattern import icosphere
 from voxflat.surfaces.standard.sphere import _FS_LR, in_triangles, sphere_of
 from voxflat.surfaces.standard.template import read_template, standard_template
 
 NAMES = ["calcarine", "medial 1", "medial 2", "medial 3", "temporal"]
 FEW = {"sources": 60, "threads": 1}
+_FRAME = ("frame", "frame_points", "cut_names", "sphere")
 FEWER = 162  # vertices, of which the first are those of fewer
 
 
@@ -57,6 +59,16 @@ def standard(subject):
 @pytest.fixture(scope="module")
 def flat(subject):
     return composed.flatten(subject / "lh.white", **FEW)
+
+
+@pytest.mark.slow
+def test_the_same_cuts_give_the_same_map_however_they_are_passed(subject, standard, flat, sphere):
+    lines, whole = {cut.name: cut.ids for cut in standard.cuts}, voxflat.surface(subject / "lh.white")
+    given = whole.drop(standard.left_out).flatten(Voxflat(sources=FEW["sources"]), cuts=lines, sphere=subject / "lh.sphere.reg")
+    assert {key: given.metadata[key] for key in _FRAME} == {key: flat.metadata[key] for key in _FRAME}
+    assert flat.metadata["frame"] == "standard"
+    np.testing.assert_allclose(given.uv, flat.uv, rtol=0, atol=1e-9)
+    assert "given cuts" in voxflat.cite(given).text
 
 
 def is_disk(cut):

@@ -21,6 +21,7 @@ from voxflat.errors import Cancelled, InputError
 from voxflat.maps.flat_map import FlatMap
 from voxflat.methods import METHODS, Method
 from voxflat.pipeline.series import flatten_series
+from voxflat.surfaces.standard.sphere import OWN_REGISTRATION
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,11 +69,13 @@ class Job:
         pial = None if self.pial is None else self.pial.read()
         foreground: dict[str, Any] = {"label": self.label, "threshold": self.threshold, "rim": self.rim, "pial": pial}
         part = surface_of(self.surface, progress, **foreground)
+        method, drop, how = self.split()
+        if how.get("sphere") == OWN_REGISTRATION:
+            how["sphere"] = part.register(progress=progress)
         corners = None
         if self.polygon is not None:
             _, nearest = scipy.spatial.cKDTree(part.points).query(self.polygon)
             corners = part.ids[nearest]
-        method, drop, how = self.split()
         if self.keep is not None:
             part = part.keep(self.keep.read() if isinstance(self.keep, LayerVolume) else self.keep)
         if drop is not None:
@@ -107,6 +110,9 @@ class Job:
         how = {name: value for name, value in self.options.items() if name not in own}
         if self.start is not None:
             own["start"] = self.start
+        is_aligned = self.start is None or self.start.metadata.get("frame") == "standard"
+        if self.frames is not None or not is_aligned:  # movies have no sphere; the position of a start is kept
+            how.pop("sphere", None)
         return kind(**own), how.pop("drop", None), how
 
 

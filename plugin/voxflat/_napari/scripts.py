@@ -23,6 +23,7 @@ from voxflat.io.overlays import read_overlay
 from voxflat.io.volumes import Volume, read_volume
 from voxflat.maps.flat_map import FlatMap
 from voxflat.methods import Method
+from voxflat.surfaces.standard.sphere import OWN_REGISTRATION
 
 _WIDTH = 100  # preferred line length of a script
 _PATH, _NUMPY, _TREE = "from pathlib import Path", "import numpy as np", "from scipy.spatial import cKDTree"
@@ -81,12 +82,15 @@ class _Script:
             return
         pial = None if job.pial is None else _Code(self._surface(job.pial, "pial"))
         self._whole(job, pial=pial)
+        method, drop, how = job.split()
+        if how.get("sphere") == OWN_REGISTRATION:
+            self._lines.append("sphere = surface.register()")
+            how["sphere"] = _Code("sphere")
         if job.polygon is not None:
             self._imports.add(_TREE)
             corners = self._array(job.polygon, "polygon")
             self._lines.append(f"_, nearest = cKDTree(surface.points).query({corners})")
             self._lines.append("corners = surface.ids[nearest]")
-        method, drop, how = job.split()
         if job.keep is not None:
             keep = job.keep
             region = self._surface(keep, "mask") if isinstance(keep, LayerVolume) else self._array(keep, "keep")
@@ -175,6 +179,8 @@ class _Script:
             return self._array(value, name)
         if isinstance(value, np.generic):
             return repr(value.item())
+        if isinstance(value, dict):
+            return "{" + ", ".join(f"{key!r}: {self._value(str(key), part)}" for key, part in value.items()) + "}"
         if isinstance(value, list | tuple):
             inside = ", ".join(self._value(f"{name} {n}", part) for n, part in enumerate(value))
             return f"[{inside}]" if isinstance(value, list) else f"({inside}{',' * (len(value) == 1)})"

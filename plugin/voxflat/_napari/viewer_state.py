@@ -22,8 +22,9 @@ from voxflat.maps.flat_map import FlatMap
 class DrawnCuts:
     """Drawn cuts, as vertex ids of the input."""
 
-    paths: list[NDArray[np.int64]]
+    paths: dict[str, NDArray[np.int64]]  # by name
     left_out: NDArray[np.int64]  # excluded vertices, as `drop`; may be empty
+    sphere: str | None = None  # aligns the map with maps that have standard cuts: a file, or `OWN_REGISTRATION`
 
 
 class ViewerState:

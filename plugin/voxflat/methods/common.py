@@ -130,7 +130,7 @@ def _framed(uv: NDArray[np.float64], cut: Cutout, how: How) -> tuple[NDArray[np.
         if cut.tube is None:  # the axes of a periodic map are those of its period
             uv, _ = _core.turn_onto(uv, uv[known], onto[known])
         uv, found["frame"] = uv - uv.mean(axis=0), "axis"
-    if cut.is_standard and cut.sphere is not None:
+    if cut.sphere is not None and cut.given_length is not None:  # cuts of a template, or cuts passed with a sphere
         uv, points, residual = _in_standard_frame(uv, cut.part, cut.faces, cut.sphere)
         if points:
             found |= {"frame": "standard", "frame_points": points, "frame_residual": residual}

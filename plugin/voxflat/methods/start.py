@@ -1,6 +1,7 @@
 """Start from a known flat map: the part that it covers, its cuts, and the positions of its vertices."""
 
 from collections import defaultdict
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,16 +10,22 @@ from voxflat.arguments import Progress
 from voxflat.errors import InputError
 from voxflat.maps.matching import Matched
 from voxflat.surfaces.cutting import Cutout, cut_out_as, opened_to_disk
-from voxflat.surfaces.manifold import Manifold
+from voxflat.surfaces.manifold import Manifold, Step
 from voxflat.unique_rows import numbered
 
 
-def cut_as(whole: Manifold, start: Matched, threads: int | None, progress: Progress | None) -> Cutout:
-    """Cut out the part that a map covers, along the map's own cuts."""
+def covered(whole: Manifold, start: Matched) -> Manifold:
+    """Return the part of a surface that a map covers."""
     kept = whole._has_triangles(start.vertices[start.core.faces])
     if kept is None:
         raise InputError("start has triangles that the surface does not have. Pass a map of this surface")
     part = whole._with_core(whole.core.part_of_faces(kept))
+    return part if kept.all() else replace(part, whole=whole, steps=(Step("keep"),))
+
+
+def cut_as(whole: Manifold, start: Matched, threads: int | None, progress: Progress | None) -> Cutout:
+    """Cut out the part that a map covers, along the map's own cuts."""
+    part = covered(whole, start)
     places, _ = _at_corners(part.vertices, part.faces, start)
     cut = cut_out_as(whole, part, _chains(_seams(part.faces, places)), "start")
     return opened_to_disk(cut, False, threads, progress)

@@ -18,7 +18,7 @@ from voxflat.maps.worst_places import area_changes
 from voxflat.maps.worst_search import worst_places
 from voxflat.methods.common import MUCH, error_of_distances, map_over_triangles
 from voxflat.methods.method import How, OverTriangles
-from voxflat.methods.start import cut_as, places_of
+from voxflat.methods.start import covered, cut_as, places_of
 from voxflat.surfaces.cutting import Cutout, Tube, Where
 from voxflat.surfaces.manifold import Manifold
 
@@ -84,9 +84,9 @@ class Voxflat(OverTriangles):
     start : map, optional
         A flat map of the surface to start from, of any kind that `voxflat.measure` accepts. It may have any position,
         scale and orientation. The result is the map with the least energy near it, in the same orientation, but never
-        mirrored. Unless a part or cuts are chosen, the result covers the same part as the start, with the same cuts.
-        Otherwise the start must contain every triangle, but it may lack cuts. A few flipped triangles are repaired; a
-        start that cannot be repaired raises an error.
+        mirrored. Unless a part is chosen, the result covers the same part as the start; a chosen part must be within
+        this part. Unless cuts are chosen, the result has the cuts of the start; chosen cuts must include them. A few
+        flipped triangles are repaired; a start that cannot be repaired raises an error.
 
     See Also
     --------
@@ -134,10 +134,13 @@ class Voxflat(OverTriangles):
             raise InputError(f"max_area is {shown(self.max_area)}. Pass a factor greater than 1, such as 2")
 
     def _cut(self, surface: Manifold, where: Where, how: How) -> Cutout:
-        """Cut a surface open to a disk, along the cuts of the start unless others are given."""
-        if self.start is None or where.is_given or surface.steps:
+        """Cut a surface open to a disk: the part that the start covers, and along its cuts, unless others are given."""
+        if self.start is None or surface.steps:
             return super()._cut(surface, where, how)
-        return cut_as(surface, match(surface, self.start), how.threads, how.progress)
+        start = match(surface, self.start)
+        if where.is_given:
+            return super()._cut(covered(surface, start), where, how)
+        return cut_as(surface, start, how.threads, how.progress)
 
     def _map(self, cut: Cutout, how: How) -> FlatMap:
         """Flatten a disk of triangles, from a coarse surface or from a given map."""

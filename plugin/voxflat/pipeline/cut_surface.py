@@ -41,7 +41,7 @@ class Cut(ReadOnly):
     reason : {"given", "template", "handle", "boundaries joined", "closed sphere", "relaxation"}
         The reason for the cut.
     name : str or None
-        Name of the cut if it comes from a template, such as ``"calcarine"``.
+        Name of the cut if it comes from a template, such as ``"calcarine"``, or was passed with a name.
 
     See Also
     --------
@@ -249,9 +249,10 @@ class CutSurface(ReadOnly, Generic[_Surface]):
         Parameters
         ----------
         path : path
-            If the name ends in ``.json``, the cuts are saved: ``{"format": 1, "cuts": [[vertex, ...], ...], "drop":
-            [vertex, ...], "provenance": {...}}``. Otherwise the cut surface is saved as with `Surface.save`, for
-            example as the FreeSurfer patch ``lh.cortex.patch.3d``.
+            If the name ends in ``.json``, the cuts are saved: ``{"format": 1, "cuts": [[vertex, ...], ...],
+            "names": [name, ...], "drop": [vertex, ...], "provenance": {...}}``, without ``names`` if no cut has one.
+            Otherwise the cut surface is saved as with `Surface.save`, for example as the FreeSurfer patch
+            ``lh.cortex.patch.3d``.
         sidecar, overwrite : bool
             As in `Surface.save`.
 
@@ -274,8 +275,10 @@ class CutSurface(ReadOnly, Generic[_Surface]):
         if not os.fspath(checked_path(path)).lower().endswith(".json"):
             self.surface.save(path, sidecar=sidecar, overwrite=overwrite)
             return
-        cuts = [cut.ids.tolist() for cut in self.cuts]
-        content = {"format": CUTS_FORMAT, "cuts": cuts, "drop": self.left_out.tolist(), "provenance": self.provenance}
+        content: dict[str, Any] = {"format": CUTS_FORMAT, "cuts": [cut.ids.tolist() for cut in self.cuts]}
+        if any(cut.name for cut in self.cuts):
+            content["names"] = [cut.name for cut in self.cuts]
+        content |= {"drop": self.left_out.tolist(), "provenance": self.provenance}
         with saving(path, self.provenance, sidecar=sidecar, overwrite=overwrite), atomic_path(path) as beside:
             beside.write_text(as_text(content) + "\n", encoding="utf-8", newline="\n")
 

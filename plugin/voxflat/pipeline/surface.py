@@ -296,22 +296,23 @@ class Surface(Manifold):
 
         Parameters
         ----------
-        cuts : "standard", "automatic", list of paths, or path of a file, optional
+        cuts : "standard", "automatic", list of paths, dict of paths by name, or path of a file, optional
             Where to cut. "standard" cuts along the same lines in every brain: the medial wall, the calcarine sulcus,
             three medial lines and a temporal line, which are traced on the registered `sphere`. "automatic" cuts open
-            any surface that is not a disk, and adds the relaxation cuts that suit this surface best. A list holds paths
-            of neighbouring vertices (voxel indices (k, 3) or vertex numbers (k,)), for example from `Surface.path`. A
-            file holds cuts from `CutSurface.save`, or a template from `CutSurface.save_template`. If the surface is
-            still not a disk, it is cut open automatically and a warning reports it; pass ``[]`` to prevent this. The
+            any surface that is not a disk, and adds the relaxation cuts that suit this surface best. A list or dict
+            holds paths of neighbouring vertices (voxel indices (k, 3) or vertex numbers (k,)), for example from
+            `Surface.path`; the keys of a dict are names of the cuts. A file holds cuts from `CutSurface.save`, or a
+            template from `CutSurface.save_template`. If the surface is still not a disk, it is cut open automatically
+            and a warning reports it; pass ``[]`` to prevent this. A cut must not separate a piece of the surface. The
             default is "standard" for a closed surface whose sphere is given, or is stored next to its file as in
             FreeSurfer (``lh.sphere.reg`` next to ``lh.white``), unless a part was chosen other than by `drop`;
             otherwise it is "automatic".
-        sphere : path, Mesh, (points, faces) or array_like of shape (V, 3), optional
+        sphere : path, Mesh, (points, faces), array_like of shape (V, 3) or Registration, optional
             The registered sphere of a mesh, on which standard cuts are traced, with one position for each vertex of the
             whole mesh; it is centred at the origin and may have any radius. It is in fsaverage space, or in fs_LR space
             if the file name indicates it. By default FreeSurfer's sphere is used if it is stored next to the surface
-            file and standard cuts are made. Maps cut by a template are aligned with the flat map of fsaverage5
-            (``metadata["frame"]`` is "standard").
+            file and standard cuts are made. Maps cut by a template, or along your own cuts with a `sphere`, are aligned
+            with the flat map of fsaverage5 (``metadata["frame"]`` is "standard").
         relax : bool or float, optional
             Add relaxation cuts, from the boundary inwards, where they reduce distortion most. True adds cuts as long as
             they pay off, a number limits their total length in mm (including your `cuts`), and False adds none. By

@@ -2,6 +2,8 @@
 
 import math
 import os
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from numbers import Real
 from pathlib import Path
@@ -12,7 +14,7 @@ from numpy.typing import NDArray
 
 from voxflat.arguments import Progress, is_whole, shown, unmasked
 from voxflat.errors import InputError
-from voxflat.io.files import check_format, contents, from_json
+from voxflat.io.files import check_format, contents, from_json, naming
 from voxflat.io.grid import in_unit, rounded
 from voxflat.surfaces.manifold import Manifold
 from voxflat.unique_rows import distinct
@@ -20,6 +22,7 @@ from voxflat.unique_rows import distinct
 CUTS_FORMAT = 1
 """The version of cuts files; a file without a version is of this one."""
 
+_REMEDY = "Pass at least two neighbouring vertices"
 _SMALL_HOLE = 15.0  # mm, largest circumference of a hole that is closed to measure distances
 _SMALL_HOLE_VOXELS = 12.0  # the same in voxels, or in edges if the unit is unknown
 _SMALL_HOLE_SHARE = 0.3  # upper limit for unknown units, relative to the surface's extent
@@ -31,13 +34,28 @@ _BEARABLE = 0.15  # distance error below which a given disk stays as it is
 # ----------------------------------------------------------------------------------------- cuts that are given
 
 
-def read_cuts(whole: Manifold, cuts: object | None) -> tuple[list[Any] | None, NDArray[np.int64] | None]:
+@dataclass(frozen=True)
+class Given:
+    """A cut that the user passed."""
+
+    path: Any  # its vertices, by input ids
+    title: str  # its name or number in messages
+    name: str | None = None
+
+
+def read_cuts(whole: Manifold, cuts: object | None) -> tuple[list[Given] | None, NDArray[np.int64] | None]:
     """Return given cuts as paths of neighbouring vertices, and the vertices that a cuts file excludes, by input ids."""
     if cuts is None:
         return None, None
     if isinstance(cuts, str | os.PathLike):
-        paths, left_out = _from_file(Path(cuts), 3 if whole.is_voxels else None)
-        return [_filled(whole, path, number) for number, path in enumerate(paths)], left_out
+        read, left_out = _from_file(Path(cuts), 3 if whole.is_voxels else None)
+        return [_filled(whole, cut) for cut in read], left_out
+    if isinstance(cuts, Mapping):
+        for name in cuts:
+            if not isinstance(name, str) or not name:
+                raise InputError(f"the name of a cut is {shown(name)}. Pass names as text")
+        unmasked(list(cuts.values()), "vertices of the cuts")
+        return [Given(path, f"cut {name!r}", name) for name, path in cuts.items()], None
     unmasked(cuts, "vertices of the cuts")
     if isinstance(cuts, np.ndarray) and cuts.ndim:
         cuts = list(cuts)
@@ -48,11 +66,11 @@ def read_cuts(whole: Manifold, cuts: object | None) -> tuple[list[Any] | None, N
             f"cuts has type {type(cuts).__name__}. Pass a list of paths (each a list of neighbouring vertices), or the "
             "path to a cuts file"
         )
-    return list(cuts), None
+    return [Given(path, f"cut {number}") for number, path in enumerate(cuts, 1)], None
 
 
-def _from_file(path: Path, indices: int | None) -> tuple[list[NDArray[np.int64]], NDArray[np.int64] | None]:
-    """Read a cuts file: lists of vertices, and the excluded vertices."""
+def _from_file(path: Path, indices: int | None) -> tuple[list[Given], NDArray[np.int64] | None]:
+    """Read a cuts file: lists of vertices with their names, and the excluded vertices."""
     try:
         content = from_json(contents(path))
     except OSError as error:
@@ -65,7 +83,13 @@ def _from_file(path: Path, indices: int | None) -> tuple[list[NDArray[np.int64]]
     check_format(path, content.get("format", CUTS_FORMAT), CUTS_FORMAT, "Save the cuts again")
     lists = [_vertices(path, values, indices) for values in content["cuts"]]
     left_out = _vertices(path, content.get("drop", []), indices)
-    return [cut for cut in lists if len(cut)], left_out if len(left_out) else None
+    names = content.get("names") or [None] * len(lists)
+    is_text = isinstance(names, list) and all(name is None or (isinstance(name, str) and name) for name in names)
+    if not is_text or len(names) != len(lists):
+        raise InputError(f"{path}: 'names' does not match the {len(lists)} cuts. Provide one name or null for each cut")
+    titles = [f"{path}: cut {number if name is None else repr(name)}" for number, name in enumerate(names, 1)]
+    cuts = [Given(*cut) for cut in zip(lists, titles, names, strict=True) if len(cut[0])]
+    return cuts, left_out if len(left_out) else None
 
 
 def _vertices(path: Path, values: object, indices: int | None) -> NDArray[np.int64]:
@@ -81,25 +105,27 @@ def _vertices(path: Path, values: object, indices: int | None) -> NDArray[np.int
     return array.astype(np.int64)
 
 
-def _filled(whole: Manifold, path: NDArray[np.int64], number: int) -> NDArray[np.int64]:
+def _filled(whole: Manifold, cut: Given) -> Given:
     """Connect vertices that are not neighbours by shortest paths along edges."""
-    vertices = _vertices_along(whole, path, f"cut {number}").tolist()
+    vertices = _vertices_along(whole, cut).tolist()
     passed = vertices[:1]
     if _are_linked(whole, np.asarray(vertices)):
-        return path
+        return cut
     for a, b in pairwise(vertices):
         try:
             steps, _ = whole.core.edge_path(a, b)
         except InputError:
             ends = [whole.ids[end].tolist() for end in (a, b)]
-            raise InputError(f"cut {number}: the surface has no path from {ends[0]} to {ends[1]}") from None
+            remedy = "Pass a cut on one component"
+            raise InputError(f"{cut.title}: the surface has no path from {ends[0]} to {ends[1]}. {remedy}") from None
         passed += steps[1:].tolist()
-    return np.asarray(whole.ids[passed])
+    return replace(cut, path=np.asarray(whole.ids[passed]))
 
 
-def _vertices_along(part: Manifold, path: Any, name: str) -> NDArray[np.uint32]:
+def _vertices_along(part: Manifold, cut: Given) -> NDArray[np.uint32]:
     """Find the vertices of a path; if a voxel has several, choose those that are consecutive neighbours."""
-    found = part.find(path, name)
+    with naming(cut.title, _REMEDY):
+        found = part.find(cut.path, "the path")
     if not part.is_voxels or len(found) < 2 or _are_linked(part, found):
         return found
     voxel = distinct(part.ids).which
@@ -132,13 +158,39 @@ def _links(part: Manifold, vertices: NDArray[Any]) -> set[tuple[int, int]]:
     return {(a, b) for a, b in np.concatenate([ends, ends[:, ::-1]]).tolist()}
 
 
-def cut_along(part: Manifold, paths: list[Any] | None) -> tuple[Manifold, list[Any], float]:
-    """Cut along paths of neighbours, given by input ids; also return the paths as lists, and their length in mm."""
-    found = [_vertices_along(part, path, f"cut {number}") for number, path in enumerate(paths or [])]
+def cut_along(part: Manifold, cuts: list[Given] | None) -> tuple[Manifold, list[Any], float]:
+    """Cut along paths of neighbours; also return the paths as lists of input ids, and their length in mm."""
+    cuts = cuts or []
+    found = [_vertices_along(part, cut) for cut in cuts]
     length = sum(float(np.linalg.norm(np.diff(part.points[path], axis=0), axis=1).sum()) for path in found)
-    if found:
-        part = part._with_core(part.core.cut(found))
-    return part, [np.asarray(path).tolist() for path in paths or []], length
+    lists = [np.asarray(cut.path).tolist() for cut in cuts]
+    if not found:
+        return part, lists, length
+    try:
+        core = part.core.cut(found)
+        is_fine = min(map(len, found)) > 1 and len(core.topology()["components"]) == 1
+    except InputError:
+        is_fine = False
+    if not is_fine:
+        _refuse(part, cuts, found)
+    return part._with_core(core), lists, length
+
+
+def _refuse(part: Manifold, cuts: list[Given], found: list[NDArray[np.uint32]]) -> None:
+    """Raise an error for the first cut that is not a path of neighbours, or that separates a piece of the surface."""
+    for number, (cut, path) in enumerate(zip(cuts, found, strict=True), 1):
+        if len(path) < 2:
+            raise InputError(f"{cut.title} has only one vertex. {_REMEDY}, or omit this cut")
+        with naming(cut.title, _REMEDY):
+            part.core.cut([path])
+        pieces = [piece["area"] for piece in part.core.cut(found[:number]).topology()["components"]]
+        if len(pieces) > 1:
+            share = 100 * (1 - max(pieces) / sum(pieces))
+            raise InputError(
+                f"{cut.title} separates {share:.2g} % of the area from the rest of the surface, because it forms a "
+                "closed line, alone or with other cuts or the boundary. Shorten or remove this cut. To exclude the "
+                "enclosed region, choose the part to flatten instead"
+            )
 
 
 # ------------------------------------------------------------------------------------------- holes and automatic cuts

@@ -93,7 +93,7 @@ def cut_open(
     choice = chosen(whole, cuts, where.sphere, is_free=is_free, threads=threads, progress=progress)
     remarks = list(choice.remarks)
     is_named = choice.template is not None or (isinstance(cuts, str) and cuts == AUTOMATIC)
-    paths, left_out = (None, None) if is_named else read_cuts(whole, cuts)
+    own, left_out = (None, None) if is_named else read_cuts(whole, cuts)
     if left_out is not None:
         part = dropped(part, left_out)
     if choice.template is not None:
@@ -104,16 +104,16 @@ def cut_open(
     named: list[TracedCut] = []
     uncut = part
     if choice.template is None:
-        part, cut_paths, length = cut_along(part, paths)
+        part, cut_paths, length = cut_along(part, own)
     else:
         part, named, told = _cut_by(choice, part, progress)
         cut_paths, length = [uncut.ids[cut.vertices].tolist() for cut in named], sum(cut.length for cut in named)
         remarks += told
-    by = choice.template.name if choice.template else AUTOMATIC if paths is None else "given"
-    names = [cut.name for cut in named] if named else [None] * len(cut_paths)
+    by = choice.template.name if choice.template else AUTOMATIC if own is None else "given"
+    names = [cut.name for cut in (named if choice.template is not None else own or [])]
     metadata = _metadata(whole, part, cut_paths, names, by, choice.sphere)
     is_standard = choice.template is not None
-    given = length if is_standard or paths is not None else None
+    given = length if is_standard or own is not None else None
     is_cut = given is not None or any(step.by_triangles for step in part.steps)
     is_whole = not any(step.verb != "outlines" for step in part.steps)
     more: dict[str, Any] = {"sphere": choice.sphere, "traced": tuple(named), "is_standard": is_standard}

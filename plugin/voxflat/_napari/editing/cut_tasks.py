@@ -1,9 +1,7 @@
 """The tasks of *Draw cuts* that run in another thread: extract the surface, find cuts, and evaluate them."""
 
-from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,13 +13,19 @@ from voxflat.arguments import Progress
 from voxflat.maps.flat_map import FlatMap
 from voxflat.pipeline.surface import Surface
 from voxflat.surfaces.cutting import Where, cut_open, sketch_error
-from voxflat.surfaces.standard.sphere import sphere_beside
+from voxflat.surfaces.standard.sphere import OWN_REGISTRATION, sphere_beside
 from voxflat.unique_rows import in_rows
 
-Paths: TypeAlias = Sequence[NDArray[np.int64]]  # cuts, as the parameter `cuts` of `Surface.cut` takes them
+Paths: TypeAlias = dict[str, NDArray[np.int64]]  # cuts by name, as the parameter `cuts` of `Surface.cut` takes them
 
-# cuts by the ids of their vertices in the input, their names, and the excluded vertices
-Found: TypeAlias = tuple[list[NDArray[np.int64]], list[str], NDArray[np.int64]]
+
+class Found(NamedTuple):
+    """Cuts that were found or read."""
+
+    paths: list[NDArray[np.int64]]  # ids of their vertices in the input
+    names: list[str | None]
+    left_out: NDArray[np.int64]  # the excluded vertices
+    sphere: str | None = None  # on which standard cuts were found: a file, or `OWN_REGISTRATION`
 
 
 def make_surface(
@@ -35,29 +39,26 @@ def make_surface(
 def find_cuts(whole: Surface, by: str, progress: Progress) -> Found:
     """Return "standard" or "automatic" cuts, or the cuts in a file."""
     found = whole.cut(by, progress=progress)
-    names = [one.name or f"cut {number}" for number, one in enumerate(found.cuts, 1)]
-    return [one.ids for one in found.cuts], names, found.left_out
+    sphere = None if found.sphere is None else found.sphere.name
+    return Found([one.ids for one in found.cuts], [one.name for one in found.cuts], found.left_out, sphere)
 
 
-def cuts_of_map(whole: Surface, flat_map: FlatMap, _: Progress) -> Found:
+def cuts_of_map(whole: Surface, flat_map: FlatMap) -> Found:
     """Return the cuts of a map, and the vertices of the surface that the map excludes."""
     about = flat_map.metadata
     given, further = about.get("cuts") or [], [cut["ids"] for cut in about.get("automatic_cuts") or []]
     paths = [np.asarray(path, dtype=np.int64) for path in [*given, *further]]
-    given_names = [*(about.get("cut_names") or [None] * len(given)), *[None] * len(further)]
-    names = [name or f"cut {number}" for number, name in enumerate(given_names, 1)]
+    names = [*(about.get("cut_names") or [None] * len(given)), *[None] * len(further)]
     shown = flat_map.ids[np.unique(flat_map.faces)]
-    return paths, names, whole.ids[~in_rows(whole.ids, shown)]
+    sphere = OWN_REGISTRATION if about.get("frame") == "standard" and sphere_beside(whole) is None else None
+    return Found(paths, names, whole.ids[~in_rows(whole.ids, shown)], sphere)
 
 
-def save_template(
-    whole: Surface, paths: Paths, names: Sequence[str], left_out: NDArray[np.int64], file: Path, progress: Progress
-) -> Path:
+def save_template(whole: Surface, paths: Paths, left_out: NDArray[np.int64], file: Path, progress: Progress) -> Path:
     """Save cuts as a template for all brains, located by the sphere or by the folds of the surface."""
     sphere = sphere_beside(whole) or whole.register(progress=progress)
-    found = _without(whole, left_out).cut(list(paths), sphere=sphere, relax=False, progress=progress)
-    named = [replace(one, name=name) for one, name in zip(found.cuts, names, strict=False)]
-    replace(found, cuts=(*named, *found.cuts[len(named) :])).save_template(file, overwrite=True)
+    found = _without(whole, left_out).cut(paths, sphere=sphere, relax=False, progress=progress)
+    found.save_template(file, overwrite=True)
     return file
 
 
@@ -68,11 +69,11 @@ def evaluate_cuts(
     part = _without(whole, left_out)
 
     def error(cuts: Paths) -> float:
-        opened = cut_open(part, Where(list(cuts) or "automatic", relax=False), progress=progress)
+        opened = cut_open(part, Where(cuts or "automatic", relax=False), progress=progress)
         return sketch_error(opened.part, None, progress)
 
     with_all = error(paths)
-    return with_all, [error([path for path in paths if path is not without]) - with_all for without in paths]
+    return with_all, [error({name: paths[name] for name in paths if name != without}) - with_all for without in paths]
 
 
 def _without(whole: Surface, left_out: NDArray[np.int64]) -> Surface:

@@ -1,6 +1,7 @@
 """The widget of *Layers → Transform → Draw cuts*."""
 
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -31,8 +32,9 @@ from voxflat._napari.layers.seed import first_vertex
 from voxflat._napari.layers.world import data_to_world, from_ras, in_units_of, moved, unit_of, unit_ratio
 from voxflat._napari.map_viewer.viewer_parts import canvas_widget, fill, is_click
 from voxflat._napari.viewer_state import DrawnCuts, ViewerState
-from voxflat.errors import VoxflatError
+from voxflat.errors import InputError, VoxflatError
 from voxflat.io.grid import rounded
+from voxflat.maps.flat_map import FlatMap
 from voxflat.pipeline.cut_surface import Cut, CutSurface
 
 _UNDO, _REDO = KeyMod.CtrlCmd | KeyCode.KeyZ, KeyMod.CtrlCmd | KeyMod.Shift | KeyCode.KeyZ
@@ -51,6 +53,7 @@ class DrawCuts(TaskDock):
         self.drawing: Drawing | None = None
         self._layers: CutLayers | None = None
         self._evaluated: tuple[Drawn, ...] = ()
+        self._known = ""  # where the first cuts come from
         self.form = CutsForm(napari_viewer)
         self.begin = self._button("Begin", "Show the surface in 3D, to draw cuts on it", self._on_begin)
         tip = "Click on the surface. The clicked points are connected by shortest paths, along which the surface is cut"
@@ -126,6 +129,11 @@ class DrawCuts(TaskDock):
             self.status.setText("The layer was removed. Choose another layer, then press Begin.")
             return
         drawing = Drawing.on(self._layer, surface)
+        self._known = "The cuts that you drew earlier on this surface are back. " if drawing.cuts else ""
+        if not (drawing.can_undo or drawing.can_redo) and (flat_map := self._map()) is not None:
+            with suppress(InputError):  # the map is of another surface
+                drawing.set_cuts(*cuts_of_map(surface, flat_map))
+                self._known = "These are the cuts of the displayed map. "
         world = self.form.world.currentData()
         shown_on = self.form.shown_on.layer
         if shown_on is None:
@@ -148,9 +156,7 @@ class DrawCuts(TaskDock):
             size = canvas.width(), canvas.height()
             fill(self._viewer, ratio * self._layers.places, size, self.form.world.currentData())
         self.draw.setChecked(True)
-        has_cuts = self.drawing is not None and bool(self.drawing.cuts)
-        earlier = "The cuts that you drew earlier on this surface are back. " if has_cuts else ""
-        self._update(f"{earlier}Click on the surface where a cut begins, then where it continues.")
+        self._update(f"{self._known}Click on the surface where a cut begins, then where it continues.")
 
     # ------------------------------------------------------------------------------------------ drawing
 
@@ -200,10 +206,12 @@ class DrawCuts(TaskDock):
         if self.drawing is not None:
             self._work(partial(find_cuts, self.drawing.surface, by), "finding cuts", self._on_found)
 
+    def _map(self) -> FlatMap | None:
+        return ViewerState.of(self._viewer).map_of(self._layer)
+
     def _from_map(self) -> None:
-        flat_map = ViewerState.of(self._viewer).map_of(self._layer)
-        if self.drawing is not None and flat_map is not None:
-            self._work(partial(cuts_of_map, self.drawing.surface, flat_map), "finding cuts", self._on_found)
+        if self.drawing is not None and (flat_map := self._map()) is not None:
+            self._on_found(cuts_of_map(self.drawing.surface, flat_map))
 
     def _on_found(self, found: Found) -> None:
         self._do(lambda drawing: drawing.set_cuts(*found))
@@ -237,7 +245,7 @@ class DrawCuts(TaskDock):
         path, drawing = self._asked_file("Save the cuts", "cuts.json"), self.drawing
         if path is None or drawing is None:
             return
-        cuts = tuple(Cut(ids, None, "given") for ids in drawing.paths())
+        cuts = tuple(Cut(ids, None, "given", name) for name, ids in drawing.paths().items())
         opened = CutSurface(drawing.surface, cuts, drawing.left_out, provenance=drawing.surface.provenance)
         try:
             opened.save(path, overwrite=True)
@@ -249,8 +257,7 @@ class DrawCuts(TaskDock):
         path, drawing = self._asked_file("Save a template of the cuts", "template.json"), self.drawing
         if path is None or drawing is None:
             return
-        names = [cut.name for cut in drawing.cuts if cut.is_complete]
-        work = partial(save_template, drawing.surface, drawing.paths(), names, drawing.left_out, path)
+        work = partial(save_template, drawing.surface, drawing.paths(), drawing.left_out, path)
         self._work(work, "computing the template", self._on_template)
 
     def _on_template(self, path: Path) -> None:
@@ -265,7 +272,8 @@ class DrawCuts(TaskDock):
             self._viewer.window.add_plugin_dock_widget(
                 "voxflat", "Flatten surface", tabify=True
             )  # opens it if necessary
-            ViewerState.of(self._viewer).set_cuts(self._layer, DrawnCuts(self.drawing.paths(), self.drawing.left_out))
+            drawn = DrawnCuts(self.drawing.paths(), self.drawing.left_out, self.drawing.sphere)
+            ViewerState.of(self._viewer).set_cuts(self._layer, drawn)
             self.status.setText(f"Flatten surface will use these cuts for '{self._layer.name}'.")
 
     def _on_again(self) -> None:
@@ -306,7 +314,7 @@ class DrawCuts(TaskDock):
         self.begin.setEnabled(idle)
         idle = idle and drawing is not None
         has_cuts = drawing is not None and bool(drawing.cuts)
-        is_mapped = ViewerState.of(self._viewer).map_of(self._layer) is not None
+        is_mapped = self._map() is not None
         for button in (self.draw, self.standard, self.automatic, self.load):
             button.setEnabled(idle)
         for button in (self.remove, self.evaluate, self.save, self.template, self.use):

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from itertools import count, pairwise
+from itertools import chain, count, pairwise
 from typing import Any, ClassVar, TypeAlias
 from weakref import WeakKeyDictionary
 
@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from voxflat.pipeline.cut_surface import whereabouts
 from voxflat.pipeline.surface import Surface
+from voxflat.surfaces.standard.sphere import sphere_beside
 
 Stops: TypeAlias = tuple[int, ...]  # the clicked vertices of a cut, which shortest paths along edges connect
 
@@ -33,6 +34,7 @@ class _State:
     cuts: tuple[Drawn, ...] = ()
     is_open: bool = False  # whether the next point continues the last cut
     left_out: Stops = ()
+    sphere: str | None = None  # the registered sphere on which standard cuts were found, if known
 
 
 @dataclass(eq=False)
@@ -107,11 +109,18 @@ class Drawing:
         kept = (*now.cuts[:number], *now.cuts[number + 1 :])
         self._do(replace(now, cuts=kept, is_open=now.is_open and not is_last))
 
-    def set_cuts(self, paths: Sequence[NDArray[Any]], names: Sequence[str], left_out: NDArray[np.int64]) -> None:
-        """Replace all cuts; raises InputError if a vertex id is not on the surface."""
-        named = zip(paths, names, strict=True)
+    def set_cuts(
+        self,
+        paths: Sequence[NDArray[Any]],
+        names: Sequence[str | None],
+        left_out: NDArray[np.int64],
+        sphere: str | None = None,
+    ) -> None:
+        """Replace all cuts, and number those without a name; raises InputError if a vertex id is not on the surface."""
+        named = zip(paths, _distinct(names), strict=True)
         cuts = tuple(Drawn(tuple(self.surface.find(path, name).tolist()), name) for path, name in named)
-        self._do(_State(cuts, left_out=tuple(self.surface.find(left_out, "the excluded part").tolist())))
+        left = tuple(self.surface.find(left_out, "the excluded part").tolist())
+        self._do(_State(cuts, left_out=left, sphere=sphere))
 
     def undo(self) -> None:
         if self.can_undo:
@@ -136,9 +145,16 @@ class Drawing:
             self._titles[cut] = f"{cut.name}, {whereabouts(self.points[self.vertices(cut)], self.points)}"
         return self._titles[cut]
 
-    def paths(self) -> list[NDArray[np.int64]]:
-        """Return the complete cuts, in the form of the parameter `cuts` of `voxflat.flatten`."""
-        return [self.surface.ids[self.vertices(cut)] for cut in self.cuts if cut.is_complete]
+    def paths(self) -> dict[str, NDArray[np.int64]]:
+        """Return the complete cuts by name, in the form of the parameter `cuts` of `voxflat.flatten`."""
+        return {cut.name: self.surface.ids[self.vertices(cut)] for cut in self.cuts if cut.is_complete}
+
+    @property
+    def sphere(self) -> str | None:
+        """The registered sphere of the surface, if known: a file, or `OWN_REGISTRATION`."""
+        beside = sphere_beside(self.surface)
+        found = self._done[-1].sphere
+        return found if found is not None or beside is None else str(beside)
 
     @cached_property
     def points(self) -> NDArray[np.float64]:
@@ -152,3 +168,12 @@ class Drawing:
     def _do(self, state: _State) -> None:
         self._done.append(state)
         self._undone.clear()
+
+
+def _distinct(names: Sequence[str | None]) -> list[str]:
+    """Return names of cuts, with numbers for cuts that have no name, or the name of an earlier cut."""
+    found: list[str] = []
+    for number, name in enumerate(names, 1):
+        wanted = chain([name] if name else [], (f"{name or 'cut'} {n}" for n in count(2 if name else number)))
+        found.append(next(one for one in wanted if one not in found and (one == name or one not in names)))
+    return found

@@ -134,10 +134,12 @@ class OptionsForm(QWidget):
             of_method["cuts"] = self._drawn.paths
             if len(self._drawn.left_out):
                 of_method["drop"] = self._drawn.left_out
+            if self._drawn.sphere is not None:
+                of_method["sphere"] = self._drawn.sphere
         changed = {
             name: value
             for name, value in of_method.items()
-            if isinstance(value, list | np.ndarray) or value != usual(name, method)
+            if isinstance(value, dict | np.ndarray) or value != usual(name, method)
         }
         return changed | ({"seed": self.seed.value()} if self.seed.value() else {})
 

@@ -71,7 +71,7 @@ def sphere_of(whole: Manifold, sphere: object) -> tuple[Sphere, list[str]]:
     """
     mesh = _as_points(sphere)
     points, path = (mesh, None) if isinstance(mesh, np.ndarray) else (mesh.points, mesh.path)
-    name = str(path or "the sphere")
+    name = str(path or (OWN_REGISTRATION if isinstance(sphere, Registration) else "the sphere"))
     if len(points) != whole.count:
         raise InputError(
             f"{name} has {len(points)} vertices, but the surface has {whole.count}. Pass the sphere of this surface, "
@@ -113,6 +113,9 @@ def _as_points(sphere: object) -> Mesh | NDArray[np.float64]:
         if not Path(sphere).is_file():
             raise InputError(f"{os.fspath(sphere)}: the file does not exist. Check the path of the sphere")
         return read_mesh(sphere)
+    if isinstance(sphere, Registration):
+        of, structure = sphere.surface, SIDES[sphere.side]
+        return Mesh(np.nan_to_num(sphere.sphere), of.vertices[of.faces], structure=structure)
     mesh = as_mesh(sphere)
     if mesh is not None:
         return mesh
