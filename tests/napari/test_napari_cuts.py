@@ -120,7 +120,9 @@ def test_cuts_are_clicked_evaluated_saved_loaded_and_used(open_widget, qtbot, tm
     monkeypatch.setattr(QFileDialog, "getSaveFileName", lambda *_: (str(path), ""))
     dock.save.click()
     saved = json.loads(path.read_text())
-    assert dict(zip(saved["names"], saved["cuts"], strict=True)) == {"drawn 1": dock.drawing.paths()["drawn 1"].tolist()}
+    assert dict(zip(saved["names"], saved["cuts"], strict=True)) == {
+        "drawn 1": dock.drawing.paths()["drawn 1"].tolist()
+    }
 
     dock.use.click()
     assert "along the drawn lines" in widget.form.plan.text()

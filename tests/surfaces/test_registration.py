@@ -163,7 +163,11 @@ def test_a_registration_is_a_sphere(hemispheres, left):
     plain, given = (whole.cut("standard", sphere=sphere, relax=False) for sphere in (None, left))
     assert [cut.ids.tolist() for cut in given.cuts] == [cut.ids.tolist() for cut in plain.cuts]
     assert given.sphere.name == plain.sphere.name
-    refused("the surface is the right hemisphere, but the files specify the left one", voxflat.surface(hemispheres["right"][:2]).cut, sphere=left)
+    refused(
+        "the surface is the right hemisphere, but the files specify the left one",
+        voxflat.surface(hemispheres["right"][:2]).cut,
+        sphere=left,
+    )
 
 
 @pytest.mark.slow

@@ -64,7 +64,9 @@ def flat(subject):
 @pytest.mark.slow
 def test_the_same_cuts_give_the_same_map_however_they_are_passed(subject, standard, flat, sphere):
     lines, whole = {cut.name: cut.ids for cut in standard.cuts}, voxflat.surface(subject / "lh.white")
-    given = whole.drop(standard.left_out).flatten(Voxflat(sources=FEW["sources"]), cuts=lines, sphere=subject / "lh.sphere.reg")
+    given = whole.drop(standard.left_out).flatten(
+        Voxflat(sources=FEW["sources"]), cuts=lines, sphere=subject / "lh.sphere.reg"
+    )
     assert {key: given.metadata[key] for key in _FRAME} == {key: flat.metadata[key] for key in _FRAME}
     assert flat.metadata["frame"] == "standard"
     np.testing.assert_allclose(given.uv, flat.uv, rtol=0, atol=1e-9)
