@@ -5,6 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from command_line import succeed
 from hypothesis import given
 from hypothesis import strategies as st
 from refusals import refused
@@ -152,3 +153,42 @@ class TestParcels:
         x = flat_map.points[:, 0]
         clear = np.abs(x - 9.5) > 0.01
         assert (found.labels[clear] == np.where(x < 9.5, 3, 8)[clear]).all()
+
+
+def test_label_files_are_parcels_with_the_names_of_the_files(tmp_path):
+    flat = voxflat.samples.hill().flatten()
+    regions = {"lh.V1.label": [3, 4, 5], "lh.V2.label": [40, 41]}
+    for name, vertices in regions.items():
+        rows = "".join(f"{vertex} 0 0 0 0\n" for vertex in vertices)
+        (tmp_path / name).write_text(f"#!ascii label\n{len(vertices)}\n{rows}", "utf-8")
+    paths = [tmp_path / name for name in regions]
+    found = parcels_of(flat, paths)
+    assert found.names == {1: "V1", 2: "V2"}
+    for number, vertices in enumerate(regions.values(), 1):
+        assert sorted(flat.ids[found.labels == number]) == vertices
+    assert parcels_of(flat, paths[1]).names == {1: "V2"}
+    refused("lh.V1.label: shares points with lh.V1.label", parcels_of, flat, [paths[0], paths[0]])
+    refused("a table does not apply", parcels_of, flat, paths, table=LabelTable({1: "a"}))
+    voxflat.figures.flat_map(flat, parcels=paths)
+
+
+def test_label_files_are_drawn_by_the_command_line(tmp_path):
+    voxflat.samples.hill().flatten().save(tmp_path / "map.npz")
+    for name, vertex in (("lh.V1.label", 100), ("lh.V2.label", 200)):
+        (tmp_path / name).write_text(f"#!ascii label\n1\n{vertex} 0 0 0 0\n", "utf-8")
+    parcels = [part for name in ("lh.V1.label", "lh.V2.label") for part in ("--parcels", tmp_path / name)]
+    succeed("figure", tmp_path / "map.npz", *parcels, "-o", tmp_path / "figure.png")
+    assert (tmp_path / "figure.png").exists()
+
+
+def test_a_label_file_is_an_overlay_and_one_of_the_other_hemisphere_is_refused(tmp_path):
+    hill = voxflat.samples.hill()
+    flat = voxflat.flatten(voxflat.io.Mesh(hill.points, hill.faces, structure="CortexLeft"))
+    for name in ("lh.V1.label", "rh.V1.label"):
+        (tmp_path / name).write_text("#!ascii label\n2\n100 0 0 0 0\n101 0 0 0 0\n", "utf-8")
+    expected = np.isin(np.arange(441), [100, 101])
+    np.testing.assert_array_equal(voxflat.io.read_overlay(tmp_path / "lh.V1.label", 441), expected)
+    image = flat.image(tmp_path / "lh.V1.label", 1.0)
+    np.testing.assert_array_equal(image.data, flat.image(expected.astype(np.uint8), 1.0).data)
+    refused("belongs to the right hemisphere", flat.image, tmp_path / "rh.V1.label")
+    refused("belongs to the right hemisphere", parcels_of, flat, [tmp_path / "lh.V1.label", tmp_path / "rh.V1.label"])

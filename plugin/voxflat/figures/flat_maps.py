@@ -13,6 +13,7 @@ from voxflat.arguments import checked_choice, checked_kind, checked_number, chec
 from voxflat.errors import InputError
 from voxflat.figures.overlays import Overlay, OverlayColours
 from voxflat.figures.page import DARK, LIGHT, STRIP, WHEEL_STRIP, Page
+from voxflat.io.label_tables import are_label_files
 from voxflat.maps.colours import WINDOW
 from voxflat.maps.depth import ON_SURFACE, Depths
 from voxflat.maps.flat_map import FlatMap
@@ -70,7 +71,7 @@ def flat_map(
         default is 0.75.
     parcels : path, ndarray, image object, Volume or Parcels, optional
         Labels whose borders and names are drawn. Without an overlay, the parcels are filled with the colours of the
-        file. For two maps, pass one or two inputs, as for `overlay`.
+        file. For two maps, pass one or two inputs, as for `overlay`. One map also accepts a list of ``.label`` files.
     table : path, optional
         Names and colours of the parcels, if their file does not contain any: a table such as FreeSurferColorLUT.txt or
         a BIDS dseg.tsv.
@@ -219,7 +220,7 @@ class _Side:
         return values[self._number] if is_each else values
 
     def _depths_of(self, values: object) -> Depths:
-        is_volume = not self._sampler.is_overlay(values)
+        is_volume = not are_label_files(values) and not self._sampler.is_overlay(values)
         self.has_volume |= is_volume
         return self._depths if is_volume else ON_SURFACE
 

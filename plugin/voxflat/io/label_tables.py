@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from voxflat.arguments import checked_path
 from voxflat.errors import InputError
@@ -16,7 +17,7 @@ from voxflat.io import formats
 from voxflat.io.channels import is_cifti, opened
 from voxflat.io.files import REMEDY, contents, naming
 from voxflat.io.formats import gifti
-from voxflat.io.formats.freesurfer import annot_table
+from voxflat.io.formats.freesurfer import annot_table, read_label
 from voxflat.io.objects import is_gifti
 
 _NO_NAMES = {"", "???", "unknown", "none", "background", "clear label"}
@@ -43,6 +44,35 @@ def read_table(path: str | os.PathLike[str]) -> LabelTable:
         if not found.names:
             raise InputError("contains no labels. Pass a table with one label per line")
         return found
+
+
+def are_label_files(given: object) -> bool:
+    """Return whether the input consists of one or several names of FreeSurfer ``.label`` files."""
+    several = given if isinstance(given, list | tuple) else [given]
+    names = [os.fspath(of) for of in several if isinstance(of, str | os.PathLike)]
+    return 0 < len(names) == len(several) and all(str(name).lower().endswith(".label") for name in names)
+
+
+def label_files(given: Sequence[str | os.PathLike[str]], points: int) -> tuple[NDArray[np.int64], LabelTable]:
+    """Read FreeSurfer ``.label`` files as labels from 1 with the names of the files.
+
+    Regions with common points are refused, because a point has one label.
+    """
+    paths = [checked_path(of) for of in given]
+    labels = np.zeros(points, dtype=np.int64)
+    for number, path in enumerate(paths, 1):
+        with naming(path, REMEDY):
+            region = read_label(contents(path), points)
+            common = np.unique(labels[region & (labels != 0)])
+            if len(common):
+                raise InputError(f"shares points with {paths[common[0] - 1].name}. Draw them in separate figures")
+        labels[region] = number
+    return labels, LabelTable({number: _label_name(path.name) for number, path in enumerate(paths, 1)})
+
+
+def _label_name(name: str) -> str:
+    """Return the name of a label file without its ending and hemisphere."""
+    return re.sub(r"^[lr]h\.|\.label$", "", name, flags=re.IGNORECASE)
 
 
 def own_table(labels: object, channel: int = 0) -> LabelTable | None:

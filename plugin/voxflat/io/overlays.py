@@ -34,8 +34,8 @@ def read_overlay(path: str | os.PathLike[str], points: int, *, structure: str | 
     path : path
         GIFTI (``.func.gii``, ``.shape.gii``, ``.label.gii``), CIFTI (``.dscalar.nii``, ``.dtseries.nii``,
         ``.dlabel.nii``), FreeSurfer (``lh.curv``, ``lh.sulc``, ``lh.thickness``, ...; ``.annot``, whose labels are
-        numbers from 0, or −1 for unlabelled points; ``.mgh``, ``.mgz``), NIfTI of shape (N, 1, 1) or (N, 1, 1, K),
-        ``.npy``, or ``.txt`` with one line per point.
+        numbers from 0, or −1 for unlabelled points; ``.label``, 1 in the region and 0 elsewhere; ``.mgh``, ``.mgz``),
+        NIfTI of shape (N, 1, 1) or (N, 1, 1, K), ``.npy``, or ``.txt`` with one line per point.
     points : int
         Number of points of the surface.
     structure : str, optional
@@ -207,6 +207,8 @@ def _values(path: Path, data: bytes, points: int) -> tuple[NDArray[Any], tuple[s
         return _fitting(freesurfer.read_mgh(data), points), None
     if name.endswith(".annot"):
         return _fitting(freesurfer.read_annot(path, data)[0], points), None
+    if kind == "FreeSurfer label" or name.endswith(".label"):
+        return freesurfer.read_label(data, points).astype(np.uint8), None
     if kind == formats.GIFTI:
         image = gifti.load(data)
         return _fitting(gifti.values(image), points), gifti.map_names(image)

@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from voxflat.errors import InputError
-from voxflat.io.label_tables import LabelTable, own_table, read_table
+from voxflat.io.label_tables import LabelTable, are_label_files, label_files, own_table, read_table
+from voxflat.io.partners import check_partner
 from voxflat.maps.colours import all_whole, label_colour
 from voxflat.maps.depth import ON_SURFACE, Depths
 from voxflat.maps.flat_map import FlatMap
@@ -62,12 +63,19 @@ class Parcels:
 def parcels_of(flat_map: FlatMap, labels: object, *, table: object = None, depths: Depths = ON_SURFACE) -> Parcels:
     """Return labels on a map; raise an `InputError` if none is on the map.
 
-    Labels are given for the vertices of the mesh (``.annot``, ``.label.gii``, ``.dlabel.nii``, or an array of whole
-    numbers of shape (V,)), or as a volume. With a volume, each point takes the label of the nearest voxel or, at
-    several depths, the most frequent label among the surrounding voxels. `table` provides names and colours that the
-    file does not contain.
+    Labels are given for the vertices of the mesh (``.annot``, ``.label.gii``, ``.dlabel.nii``, one or several
+    FreeSurfer ``.label`` files, or an array of whole numbers of shape (V,)), or as a volume. With a volume, each point
+    takes the label of the nearest voxel or, at several depths, the most frequent label among the surrounding voxels.
+    `table` provides names and colours that the file does not contain.
     """
     sampler, way = flat_map._triangles.on_surface, "nearest" if len(depths) == 1 else "majority"
+    if are_label_files(labels) and not sampler.is_voxels:
+        paths: Any = labels if isinstance(labels, list | tuple) else [labels]
+        for path in paths:
+            check_partner(path, sampler.metadata)
+        if table is not None:
+            raise InputError("label files have their own names, so a table does not apply. Omit the table")
+        labels, table = label_files(paths, sampler.metadata["vertices"])
     stack = sampler.images(at_points(len(flat_map)), labels, depths=depths, projection="mean", interpolation=way)
     number = stack.channels.find(None)  # a file with several channels fails here
     values: NDArray[Any] = stack[number].data

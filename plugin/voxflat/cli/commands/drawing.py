@@ -12,6 +12,7 @@ from voxflat.cli.options import FILE
 from voxflat.cli.output import FIGURE_ENDINGS, check_output, report
 from voxflat.cli.overlay_options import colour_section, data_section, one_or_all, overlay_of, page_section
 from voxflat.io.files import require
+from voxflat.io.label_tables import are_label_files
 from voxflat.io.provenance import described, record_of, saving
 from voxflat.io.reading import reading
 from voxflat.maps.flat_map import load
@@ -68,8 +69,8 @@ _maps = cloup.argument("maps", metavar="MAP [MAP]", type=FILE, nargs=-1, require
     "Parcels",
     options.reads(
         "--parcels",
-        "Draw the borders and names of these parcels (.annot, .label.gii, .dlabel.nii or a volume), and fill them with "
-        "their colours if there is no overlay.",
+        "Draw the borders and names of these parcels (.annot, .label.gii, .dlabel.nii, a volume, or one or several "
+        ".label files), and fill them with their colours if there is no overlay.",
         multiple=True,
     ),
     options.reads(
@@ -100,6 +101,9 @@ def figure_command(maps: tuple[Path, ...], output: Path, writing: dict[str, Any]
     if len(maps) > 2:
         raise click.UsageError(f"{len(maps)} maps are given. Give one map, or two, such as both hemispheres.")
     for name in ("overlay", "strength", "parcels", "alpha"):
+        if name == "parcels" and len(maps) == 1 and are_label_files(look[name]):
+            look[name] = list(look[name])
+            continue
         if len(look[name]) > len(maps):
             count = f"{len(look[name])} times for {len(maps)} map{'s' * (len(maps) > 1)}"
             raise click.UsageError(f"--{name} is given {count}. Give it once per map.")
