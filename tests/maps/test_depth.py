@@ -10,14 +10,14 @@ import pytest
 import pyvista as pv
 from brain_spaces import at_vertices
 from command_line import run, succeed
-from mesh_files import icosphere, needs_workbench, workbench
+from mesh_files import grid, icosphere, needs_workbench, workbench
 from numpy.testing import assert_allclose, assert_array_equal
 from refusals import refused
 
 import voxflat
 from voxflat.io import Volume, write_volume
 from voxflat.io.meshes import Mesh, write_mesh
-from voxflat.maps.depth import Depths, equivolume, vertex_areas
+from voxflat.maps.depth import Depths, equivolume, smooth_areas, vertex_areas
 from voxflat.methods import Voxflat
 
 INNER, OUTER = 10.0, 13.0
@@ -68,6 +68,21 @@ class TestFractions:
         assert crowns + fundi == pytest.approx(1)
         points, faces = icosphere(INNER)
         assert vertex_areas(points, faces).sum() == pytest.approx(pv.PolyData.from_regular_faces(points, faces).area)
+
+    @pytest.mark.parametrize("edge", [1.0, 0.5])
+    def test_areas_are_smoothed_over_half_the_thickness_for_any_triangles(self, edge):
+        """The area of a sheet trebles at x = 0. The step is blurred as by the random walk of the averages."""
+        sheet = grid(int(40 / edge) + 1, step=edge, columns=int(28 / edge) + 1)
+        points = sheet.points - [20.0, 0, 0]
+        wide = points * np.where(points[:, :1] > 0, [3.0, 1, 1], [1.0, 1, 1])
+        (areas,) = smooth_areas([wide], points, sheet.faces, thickness=6.0)
+        middle = np.isclose(points[:, 1], 14.0)
+        slope, x = np.diff(areas[middle]) / (2 * edge**2), points[middle][:-1, 0] + edge / 2
+        near = np.abs(x) < 12
+        steps = (3.0 / edge) ** 2 + 1  # of a vertex and its six neighbours, four of which are one edge away along x
+        assert slope[near].sum() == pytest.approx(1, rel=0.01)
+        spread = np.sqrt((slope * x**2)[near].sum())
+        assert spread == pytest.approx(edge * np.sqrt(steps * 4 / 7 + 0.25), rel=0.02)  # 1/4: areas are of vertices
 
     def test_lips_of_a_cut_have_one_depth(self):
         whole = voxflat.surface(icosphere(INNER, 2), pial=icosphere(OUTER, 2))

@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 
 import voxflat
 from voxflat.io.volumes import Volume
+from voxflat.maps.sampling import sample
 
 grossmann2002 = partial(composed.flatten, method="grossmann2002")
 
@@ -128,6 +129,17 @@ class TestImage:
         image = sheet_map.image(Volume(np.ones((42, 32, 3)), affine))
         assert 0.3 < np.isnan(image.data[sheet_map.raster().inside]).mean() < 0.7
 
+    @pytest.mark.parametrize("spacing", [1.0, 0.1])
+    def test_a_volume_ends_at_the_outer_faces_of_its_voxels(self, spacing):
+        affine = np.diag([spacing] * 3 + [1.0])
+        affine[:3, 3] = 0.7
+        volume = Volume(np.ones((4, 3, 1)), affine)
+        middle = np.array([1.5, 1.0, 0.0])
+        for axis, half in enumerate((2.0, 1.5, 0.5)):  # in voxels, from the middle to the faces
+            for way in (-half, half):
+                indices = np.array([middle + np.eye(3)[axis] * way * by for by in (1, 1.001)])
+                assert np.isnan(sample(volume, affine[:3, 3] + spacing * indices)).tolist() == [False, True]
+
     def test_depth_goes_outward(self, ball, ball_map):
         radius = np.linalg.norm(np.indices(ball.shape) - (ball.shape[0] - 1) / 2, axis=0)
         means = [np.nanmean(ball_map.image(radius, depth=depth).data) for depth in (-3, 0, 2)]
@@ -157,6 +169,7 @@ class TestImage:
         np.testing.assert_allclose(place[:2], [image.origin[0] + 3.5, image.origin[1] - 1.5])
         left, right, bottom, top = image.extent
         np.testing.assert_allclose([right - left, top - bottom], np.array(image.data.shape)[::-1] * 0.5)
+        np.testing.assert_allclose([left, top], (image.affine @ [-0.5, -0.5, 0, 1])[:2])  # the corner of pixel (0, 0)
 
 
 class TestTexture:

@@ -233,6 +233,13 @@ def test_layers_above_and_below_bumps_do_not_cross(height, depth):
     np.testing.assert_allclose(np.linalg.norm(directions, axis=1), 1)
 
 
+def test_triangles_that_shrink_to_a_point_cross():
+    points = np.concatenate([np.eye(3), -np.eye(3)])  # an octahedron of radius 1, and its normals
+    faces = np.array([[0, 1, 2], [1, 3, 2], [3, 4, 2], [4, 0, 2], [1, 0, 5], [3, 1, 5], [4, 3, 5], [0, 4, 5]])
+    for depth, share in [(-1.0, 1.0), (-0.999, 0.0)]:
+        assert uncrossed(points, points, faces, depth, 0.0)[1] == share
+
+
 def test_normals_are_kept_where_layers_do_not_cross():
     points, faces = bumpy(0)
     normals, _ = normals_of(points, faces)

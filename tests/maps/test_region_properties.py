@@ -13,6 +13,7 @@ from mesh_files import grid, icosphere
 from refusals import refused
 
 import voxflat
+from voxflat.maps.region_properties import _along_outline
 from voxflat.methods import Voxflat
 
 RADIUS = 20.0
@@ -164,6 +165,19 @@ def test_the_border_of_the_surface_counts_as_perimeter(tube):
     found = tube.regions(box).properties()
     assert found["area"] == pytest.approx(60 * 94, rel=0.01)
     assert found["perimeter"] == pytest.approx(2 * (60 + 94), rel=0.01)
+
+
+def test_a_region_that_ends_on_the_border_of_the_surface_is_measured_without_bias():
+    """Of the border of a square of 20 x 20, regions x < c contain 20 + 2 c, on average over places between samples."""
+    sheet = voxflat.surface(grid(3, step=10.0)).flatten(Voxflat(sources=9))
+    there, *_ = np.linalg.lstsq(np.column_stack([sheet.uv, np.ones(9)]), sheet.points[:, 0])
+    ends = np.arange(4.0, 16.0, 0.1) + 0.05
+    found = [
+        _along_outline(sheet, np.array([1]), lambda uv, c=c: (uv @ there[:2] + there[2] < c).astype(np.int64), 2.0)[0]
+        for c in ends
+    ]
+    np.testing.assert_allclose(found, 20 + 2 * ends, atol=1.01)  # samples are 1 mm apart
+    assert np.mean(np.array(found) - 20 - 2 * ends) == pytest.approx(0, abs=0.05)
 
 
 AXES, SPACING = np.array([20.0, 12.0, 10.0]), np.array([0.4, 0.4, 1.0])  # µm, of an ellipsoid and its voxels

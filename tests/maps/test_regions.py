@@ -6,6 +6,7 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import lab
+import mesh_files
 import nibabel as nib
 import numpy as np
 import pytest
@@ -124,6 +125,28 @@ class TestVoxels:
         refused(r"has no pial surface. Pass depth", regions.volume, grid)
         refused(r"depth is 2 to 1. Pass two finite numbers, the smaller one", regions.volume, grid, depth=(2, 1))
         refused("the depth is None. Give a number", regions.volume, grid, depth=(None, 1.0))
+
+    def test_a_voxel_within_reach_of_several_places_belongs_to_the_nearest(self):
+        """Near the axis of a tube with a radius of 3 mm, depths from -4 to 1 mm reach the opposite wall as well."""
+        turn, along = np.meshgrid(np.radians(np.arange(10, 351, 5)), np.arange(9.0), indexing="ij")
+        points = np.stack([3 * np.cos(turn), 3 * np.sin(turn), along], axis=-1).reshape(-1, 3)
+        tube = voxflat.surface((points, mesh_files.grid(len(turn), columns=9).faces)).flatten(Voxflat(sources=30))
+        labels = tube.image(np.where(tube.points[:, 1] > 0, 1, 2).astype(np.int32), 0.25)
+        affine = nib.affines.from_matvec(np.eye(3) * 0.25, [-1.125, -1.125, 4.0])
+        found = tube.regions(labels).volume(Volume(np.zeros((10, 10, 1)), affine), depth=(-4.0, 1.0)).data[..., 0]
+        x, y = 0.25 * np.indices((10, 10)) - 1.125
+        clear = (np.hypot(x, y) < 0.95) & (np.abs(y) > 0.3) & (x < 0)
+        np.testing.assert_array_equal(found[clear], np.where(y > 0, 1, 2)[clear])
+
+    def test_means_over_a_range_of_depths_are_over_steps_of_a_pixel(self, tmp_path):
+        sheet = voxflat.surface(mesh_files.grid(13, step=1.0)).flatten(Voxflat(sources=30))
+        heights = np.arange(-5.0, 6.0)
+        affine = nib.affines.from_matvec(np.eye(3), [-1, -1, -5])
+        volume = Volume(np.broadcast_to(heights**2, (15, 15, 11)).copy(), affine)
+        regions = sheet.regions(sheet.raster(1.0).inside.astype(np.int32), pixel_size=1.0)
+        regions.save(tmp_path / "r.tsv", volume=volume, depth=(-3.0, 3.0))
+        header, row = ((tmp_path / "r.tsv").read_text().splitlines()[n].split("\t") for n in (0, 1))
+        assert float(row[header.index("mean")]) == pytest.approx(np.mean([9, 4, 1, 0, 1, 4, 9]))
 
     def test_the_flattened_volume_is_the_default(self, tmp_path):
         i, j, k = np.indices((24, 24, 24)) - 11.5
