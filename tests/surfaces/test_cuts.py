@@ -197,6 +197,15 @@ def test_a_path_over_voxels_that_have_two_vertices_stays_on_its_side(side):
     assert len(done.surface) == len(whole) + len(steps) - 2  # all but its ends are doubled
 
 
+def test_sides_of_a_hemisphere_are_lateral_and_medial():
+    for structure, sides in (("CortexLeft", "lm"), ("CortexRight", "ml"), (None, "lr")):
+        found = [whereabouts(POINTS[POINTS[:, 0] * sign > 20], POINTS, structure)[0] for sign in (-1, 1)]
+        assert "".join(found) == sides
+    hemisphere = voxflat.surface(voxflat.io.Mesh(*BALL, structure="CortexLeft"))
+    middle = int(POINTS[:, 0].argmax())
+    assert hemisphere.cut({"rim": [middle, middle + 24]}, relax=False).title(0) == "rim, medial"
+
+
 def test_a_cut_is_told_by_its_name_or_number_and_where_it_lies():
     points, faces = ball(16)
     whole = voxflat.surface((points, faces))

@@ -66,15 +66,20 @@ class Cut(ReadOnly):
 
 
 _SIDES = (("left", "right"), ("posterior", "anterior"), ("inferior", "superior"))
+_HEMISPHERES = {"CortexLeft": ("lateral", "medial"), "CortexRight": ("medial", "lateral")}
 _ASIDE = 1 / 3  # share of the distance from a surface's centre to its end; points farther out are on that side
 
 
-def whereabouts(points: NDArray[np.float64], whole: NDArray[np.float64]) -> str:
-    """Return the sides of a surface on which a cut lies, clearest first ("posterior, inferior"), or "middle"."""
+def whereabouts(points: NDArray[np.float64], whole: NDArray[np.float64], structure: str | None = None) -> str:
+    """Return the sides of a surface on which a cut lies, clearest first ("posterior, inferior"), or "middle".
+
+    The left and right side of a hemisphere, whose GIFTI structure is given, are its lateral and medial side.
+    """
+    sides = _HEMISPHERES.get(structure or "", _SIDES[0]), *_SIDES[1:]
     low, high = whole.min(axis=0), whole.max(axis=0)
     aside = 2 * (points.mean(axis=0) - (low + high) / 2) / np.maximum(high - low, 1e-9)
     order = np.argsort(-np.abs(aside), kind="stable")[:2]
-    return ", ".join(_SIDES[axis][int(aside[axis] > 0)] for axis in order if abs(aside[axis]) > _ASIDE) or "middle"
+    return ", ".join(sides[axis][int(aside[axis] > 0)] for axis in order if abs(aside[axis]) > _ASIDE) or "middle"
 
 
 _Surface = TypeVar("_Surface", bound=Manifold)
@@ -235,7 +240,7 @@ class CutSurface(ReadOnly, Generic[_Surface]):
         if of is None or not len(cut.ids):
             return name
         points = of.space.to_scanner(of.points)
-        return f"{name}, {whereabouts(points[of.find(cut.ids)], points)}"
+        return f"{name}, {whereabouts(points[of.find(cut.ids)], points, of.metadata.get('structure'))}"
 
     def _with_provenance(self, record: Record) -> "CutSurface[_Surface]":
         """Return a copy with a record of how it was made."""

@@ -142,7 +142,9 @@ class Drawing:
     def title(self, cut: Drawn) -> str:
         """Return the name of a cut and its location, as `voxflat cut` prints them."""
         if cut not in self._titles:
-            self._titles[cut] = f"{cut.name}, {whereabouts(self.points[self.vertices(cut)], self.points)}"
+            structure = self.surface.metadata.get("structure")
+            place = whereabouts(self.points[self.vertices(cut)], self.points, structure)
+            self._titles[cut] = f"{cut.name}, {place}"
         return self._titles[cut]
 
     def paths(self) -> dict[str, NDArray[np.int64]]:
