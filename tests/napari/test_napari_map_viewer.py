@@ -34,6 +34,7 @@ from voxflat._napari.map_viewer.drawings import put, regions
 from voxflat._napari.map_viewer.viewer_parts import camera, canvas_widget, projected
 from voxflat._napari.results.flat_layers import Run
 from voxflat._napari.results.maps import map_layers
+from voxflat._napari.results.sketch import Sketch
 from voxflat._napari.viewer_state import ViewerState
 
 SCALE, CORNER = np.array([2.0, 0.5, 3.0]), np.array([5.0, -40.0, 7.0])  # world's axes are y, x, z of LPS in "SPL" …
@@ -456,3 +457,86 @@ def test_the_dock_without_a_run_and_closed_again(open_widget, qtbot):
     gc.collect()
     assert len(viewer.mouse_move_callbacks) == 0
     viewer.add_image(np.ones((3, 3, 3)))  # nobody listens
+
+
+def square(u, v, side=5):
+    return [(u + x, v + y) for x, y in ((-side, -side), (side, -side), (side, side), (-side, side))]
+
+
+def draw_region(dock, qtbot, u, v):
+    dock.click.setCurrentText("draws a region")
+    click(dock, qtbot, *square(u, v))
+    qtbot.mouseDClick(dock.canvas.viewport(), Qt.MouseButton.LeftButton, pos=dock.canvas.position(u, v))
+    wait_for_picture(dock, qtbot)
+
+
+def test_what_is_drawn_on_a_map_is_undone_and_outlives_the_dock_and_the_next_map(flattened, qtbot):
+    points, faces, values = bumps()
+    viewer, widget, dock = flattened(Surface((points, faces, values), name="bumps"))
+    state = ViewerState.of(viewer)
+    first = state.current
+    u, v = first.flat_map.uv.mean(axis=0)
+    control, shift = Qt.KeyboardModifier.ControlModifier, Qt.KeyboardModifier.ShiftModifier
+
+    def undo(times=1, key=control):
+        QApplication.setActiveWindow(viewer.window._qt_window)
+        dock.canvas.setFocus()
+        for _ in range(times):
+            qtbot.keyClick(dock.canvas, Qt.Key.Key_Z, key)
+        wait_for_picture(dock, qtbot)
+
+    assert not dock.undo.isEnabled()
+    draw_region(dock, qtbot, u - 6, v)
+    draw_region(dock, qtbot, u + 6, v)
+    both = viewer.layers["map regions"].vertex_values
+    undo()
+    assert len(first.sketches.now.corners) == 4  # of the second region
+    assert viewer.layers["map regions"].vertex_values.max() == 1
+    undo(4)
+    assert first.sketches.now.corners == ()
+    undo(5, control | shift)
+    assert not dock.redo.isEnabled()
+    assert_array_equal(viewer.layers["map regions"].vertex_values, both)
+
+    dock.click.setCurrentText("marks a point")
+    own = viewer.add_points([[1.0, 2, 3]], name="map points", features={"vertex": ["a"], "surface": ["mine"]})
+    click(dock, qtbot, (u, v), (u + 3, v))
+    wait_for_picture(dock, qtbot)
+    marked = own.data.copy()
+    assert len(marked) == 3
+    undo()
+    assert_array_equal(own.data, marked[:2])
+    undo(1, control | shift)
+    assert_allclose(own.data, marked)
+    own.data = own.data[[0, 2]]  # a point that the user has deleted is not missed
+    undo(2)
+    assert_array_equal(own.data, marked[:1])
+
+    viewer.window.remove_dock_widget(dock)
+    del dock
+    dock = map_dock(viewer, qtbot)
+    draw_region(dock, qtbot, u, v + 8)
+    assert viewer.layers["map regions"].vertex_values.max() == 3
+    assert [layer.name for layer in viewer.layers].count("map regions") == 1
+
+    run(widget, qtbot, dock)  # the next map replaces maps on which nothing is drawn
+    assert [one is first for one in state.runs] == [True, False]
+    assert not dock.undo.isEnabled()
+    dock.runs.setCurrentIndex(0)
+    dock.runs.activated.emit(0)
+    wait_for_picture(dock, qtbot)
+    undo(5 + 5 + 5)
+    assert "map regions" not in viewer.layers
+    undo(5, control | shift)
+    assert viewer.layers["map regions"].vertex_values.max() == 1
+
+
+def test_a_region_that_cannot_be_drawn_does_not_spoil_the_next_one(flattened, qtbot):
+    viewer, _, dock = flattened(Surface(bumps()[:2], name="bumps"))
+    u, v = dock.prepared.run.flat_map.uv.mean(axis=0)
+    dock._draw_on(Sketch(regions=((None, ((u, v), (u + 1, v))),)))  # two corners only
+    wait_for_picture(dock, qtbot)
+    assert "region 1" in dock.text.text()
+    assert not dock.undo.isEnabled()
+    draw_region(dock, qtbot, u, v)
+    assert viewer.layers["map regions"].vertex_values.max() == 1

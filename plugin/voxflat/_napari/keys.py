@@ -18,14 +18,20 @@ def key_text(key: int) -> str:
 class Keys:
     """Binds keys in the dock and on napari's canvas, and keeps existing key bindings of the viewer."""
 
-    def __init__(self, viewer: Viewer, dock: QWidget, actions: Mapping[int, Callable[[], object]]) -> None:
+    def __init__(
+        self,
+        viewer: Viewer,
+        dock: QWidget,
+        actions: Mapping[int, Callable[[], object]],
+        of_dock: Mapping[int, Callable[[], object]] | None = None,  # bound only in the dock
+    ) -> None:
         self._viewer = viewer
         self._bound: list[int] = []
-        for key, act in actions.items():
+        for key, act in {**actions, **(of_dock or {})}.items():
             shortcut = QShortcut(QKeyBindingSequence(KeyBinding.from_int(key)), dock)
             shortcut.setContext(Qt.ShortcutContext.WidgetWithChildrenShortcut)
             shortcut.activated.connect(act)
-            if KeyBinding.from_int(key) not in viewer.keymap:
+            if key in actions and KeyBinding.from_int(key) not in viewer.keymap:
                 viewer.bind_key(key, _for_viewer(act))
                 self._bound.append(key)
 

@@ -70,13 +70,16 @@ class ViewerState:
         return all(listed.is_settled for listed in self._runs.values())
 
     def add(self, run: Run) -> None:
-        """Make a run the current one, and add its layers; other runs are removed unless `keeps_earlier` is set."""
+        """Make a run the current one, and add its layers.
+
+        Other runs are removed unless `keeps_earlier` is set or the user has drawn on their maps.
+        """
         viewer = self._viewer()
         assert viewer is not None
         free: list[Layer] = []
         if not self.keeps_earlier:
-            free = [layer for listed in self._runs.values() for layer in listed.hand_over()]
-            self._runs.clear()
+            dropped = [earlier for earlier in self._runs if earlier.sketches.is_empty]
+            free = [layer for earlier in dropped for layer in self._runs.pop(earlier).hand_over()]
         self._runs[run] = ListedLayers(viewer, free)
         self._current = run
         self.changed.emit()

@@ -63,7 +63,7 @@ def _chosen(points: Points, layer: Layer) -> NDArray[np.float64] | None:
     """Return the selected or last point, in world coordinates and the units of the layer."""
     if len(points.data) == 0 or points.ndim < 3:
         return None
-    selected = sorted(points.selected_data)
+    selected = sorted(n for n in points.selected_data if n < len(points.data))  # while points are removed
     number = selected[0] if len(selected) == 1 else len(points.data) - 1
     return in_units_of(layer, points.data_to_world(points.data[number]), points.units)
 

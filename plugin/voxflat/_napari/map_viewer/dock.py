@@ -1,5 +1,7 @@
 """The dock *Flat map*, which shows the map of the current run, linked to its volume or surface."""
 
+from collections.abc import Callable, Iterable
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -7,7 +9,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from app_model.types import KeyCode, KeyMod
 from napari import Viewer
-from napari.layers import Image, Labels, Points
+from napari.layers import Image, Labels
 from numpy.typing import NDArray
 from qtpy.QtCore import Qt
 from qtpy.QtWidgets import (
@@ -43,6 +45,7 @@ from voxflat._napari.map_viewer.segmentations import Segmentation, Segmentations
 from voxflat._napari.map_viewer.viewer_link import ViewerLink
 from voxflat._napari.map_viewer.viewer_parts import theme_colours
 from voxflat._napari.results.flat_layers import LayerData, Run, unit_of_map
+from voxflat._napari.results.sketch import Place, Sketch, Sketches
 from voxflat._napari.timers import single_shot
 from voxflat._napari.viewer_state import ViewerState
 from voxflat._napari.worker import LatestTask
@@ -61,6 +64,7 @@ _Drawn: TypeAlias = tuple[PreparedMap, Picture | None, NDArray[np.uint8] | None,
 # the actions of a click on the map
 GO, MARK, REGION, MEASURE = _CLICKS = ("goes there", "marks a point", "draws a region", "measures a distance")
 
+_UNDO, _REDO = KeyMod.CtrlCmd | KeyCode.KeyZ, KeyMod.CtrlCmd | KeyMod.Shift | KeyCode.KeyZ
 _NEXT, _PREVIOUS, _IN_3D, _OUTLINE, _WHOLE = (
     KeyMod.Shift | key for key in (KeyCode.KeyN, KeyCode.KeyB, KeyCode.KeyC, KeyCode.KeyO, KeyCode.KeyW)
 )
@@ -93,11 +97,10 @@ class FlatMapDock(TaskDock):
         self._location: tuple[Spot | None, tuple[float, float] | None] | None = None
         self.prepared: PreparedMap | None = None  # the map of the run, for display and lookups; None until it is drawn
         self.picture: Picture | None = None  # the picture over the folds
-        self._corners: list[drawings.Place] = []
-        self._points: list[drawings.Place] = []  # marked points that have not been added to the volume
-        self._regions: list[list[drawings.Place]] = []
+        self._ends: list[Place] = []  # of the distance that is being measured
         self._annotations: list[Annotation] = []
         self._projector = LatestTask(self, self._on_projected, self._on_projection_failed)
+        self._measurer = LatestTask(self, self._on_measured, self._on_measurement_failed)
         self._annotator = LatestTask(self, self._on_annotated, self._on_annotation_failed)
         self._painter = LatestTask(self, self._on_drawn, self._on_failed)
         self._redraw = single_shot(self, 0, self._draw)  # draws once after several changes
@@ -141,6 +144,9 @@ class FlatMapDock(TaskDock):
         self.click.addItems([*_CLICKS])
         actions = (f"{what} ({key_text(key)})" for key, what in zip(_OF_CLICKS, _CLICKS, strict=True))
         self.click.setToolTip(f"The action of a click on the map: {', '.join(actions)}")
+        self.undo, self.redo = QPushButton("Undo"), QPushButton("Redo")
+        self.undo.setToolTip(f"Undo the last point, corner or region ({key_text(_UNDO)})")
+        self.redo.setToolTip(f"Redo the last step that was undone ({key_text(_REDO)})")
         self.whole = QPushButton("Whole map")
         tip = f"Fit the map to the dock ({key_text(_WHOLE)}, or double-click)"
         self.whole.setToolTip(f"{tip}. Scroll to zoom in and out, and drag to move the map")
@@ -183,9 +189,16 @@ class FlatMapDock(TaskDock):
             self.movie,
             self.keep,
         )
-        arrange(second, QLabel("Click"), self.click, QLabel("Opacity"), (self.opacity, 1), (self._depth_row, 2))
+        arrange(
+            second,
+            QLabel("Click"),
+            self.click,
+            QLabel("Opacity"),
+            (self.opacity, 1),
+            (self._depth_row, 2),
+        )
         message = QHBoxLayout()
-        arrange(message, (self.text, 1), self.stop)
+        arrange(message, (self.text, 1), self.undo, self.redo, self.stop)
         layout = QVBoxLayout(self)
         layout.setContentsMargins(6, 6, 6, 6)
         layout.setSpacing(4)
@@ -225,6 +238,8 @@ class FlatMapDock(TaskDock):
         self.canvas.clicked.connect(self._on_map_clicked)
         self.canvas.double_clicked.connect(self._on_double_click)
         self.click.currentIndexChanged.connect(self._forget_corners)
+        self.undo.clicked.connect(partial(self._sketch, Sketches.undo))
+        self.redo.clicked.connect(partial(self._sketch, Sketches.redo))
         self.canvas.left.connect(self._on_map_left)
         self.canvas.zoomed.connect(self._on_zoomed)
         self.link.pointed.connect(self._on_viewer_pointed)
@@ -236,7 +251,8 @@ class FlatMapDock(TaskDock):
         keys: dict[int, Any] = {_NEXT: partial(self.contents.step, 1), _PREVIOUS: partial(self.contents.step, -1)}
         keys |= {_IN_3D: self.on_surface.click, _OUTLINE: self.outlined.click, _WHOLE: self.whole.click}
         keys |= {key: partial(self.click.setCurrentText, what) for key, what in zip(_OF_CLICKS, _CLICKS, strict=True)}
-        self._keys = Keys(self._viewer, self, keys)
+        of_dock: dict[int, Any] = {_UNDO: self.undo.click, _REDO: self.redo.click}  # cuts are undone in the viewer
+        self._keys = Keys(self._viewer, self, keys, of_dock)
 
     # -------------------------------------------------------------------------------------------- runs
 
@@ -261,9 +277,9 @@ class FlatMapDock(TaskDock):
         self.segmentations.offer(run is not None and isinstance(run.flat_map, FlatMap))
         self.movies.close()
         self._location = None
-        self._points, self._regions, self._annotations = [], [], []
+        self._ends, self._annotations = [], []
         self._show_excluded("")
-        self._forget_corners()
+        self._show_sketch()
         self.link.mark(None)
         self.canvas.place_ring(None)
         self.text.setText(NOTHING if run is None else "Drawing the map…")
@@ -287,7 +303,8 @@ class FlatMapDock(TaskDock):
     @property
     def is_drawn(self) -> bool:
         """Whether the canvas and the viewer are up to date."""
-        threads = (self._painter, self._projector, self._annotator, self.annotations, self.outline)
+        tasks = (self._painter, self._projector, self._measurer, self._annotator)
+        threads = (*tasks, self.annotations, self.outline)
         return not (self._redraw.isActive() or self.painted.is_coming or any(one.is_busy for one in threads))
 
     def _on_content(self) -> None:
@@ -417,6 +434,7 @@ class FlatMapDock(TaskDock):
             self.prepared = prepared
             self._annotations = []
             self._annotate()
+            self._update_sketch()
             self.painted.take_up(prepared)
             self.outline.take_up(prepared)
             self._on_outlined(self.outlined.isChecked())
@@ -572,50 +590,104 @@ class FlatMapDock(TaskDock):
         if wanted == GO:
             self.link.centre(spot.point)
             return
-        own = self._points if wanted == MARK else self._corners
-        own.append((u, v))
-        self._show_drawn([np.array(own)] if wanted == REGION else [])
+        frame, now = self.prepared.frame, self.prepared.run.sketches.now
         if wanted == MARK:
-            self._projector.ask(partial(drawings.points, self.prepared, [*own], self._moment))
-        elif wanted == MEASURE and len(own) == 2:
-            self._projector.ask(partial(drawings.way, self.prepared, own[0], own[1], self._moment))
-            self._corners = []
+            self._draw_on(replace(now, marks=(*now.marks, (frame, (u, v)))))
+        elif wanted == REGION:
+            self._draw_on(replace(now, corners=(*now.corners, (u, v))))
+        else:
+            self._ends.append((u, v))
+            self._show_sketch()
+            if len(self._ends) == 2:
+                moment = self._moments([frame])[frame]
+                self._measurer.ask(partial(drawings.way, self.prepared, self._ends[0], self._ends[1], moment))
+                self._ends = []
 
     def _on_double_click(self) -> None:
         """Close the region that is being drawn, or show the whole map."""
         if self.click.currentText() != REGION:
             self.canvas.fit()
-        elif self.prepared is not None and len(self._corners) > 2:
-            self._regions.append(self._corners)
-            self._corners = []
-            self._projector.ask(partial(drawings.regions, self.prepared, [*self._regions]))
+        elif self.prepared is not None and len((now := self.prepared.run.sketches.now).corners) > 2:
+            regions = (*now.regions, (self.prepared.frame, now.corners))
+            self._draw_on(replace(now, regions=regions, corners=()))
 
-    @property
-    def _moment(self) -> tuple[float, ...]:
-        """The position of the map's frame along the axes before space; empty for a single map."""
-        movie, frame = (None, None) if self.prepared is None else (self.prepared.run.layers.movie, self.prepared.frame)
-        return () if movie is None or frame is None else movie.time.leading(self._viewer, frame)
+    def _draw_on(self, sketch: Sketch) -> None:
+        self._sketch(lambda sketches: sketches.do(sketch))
 
-    def _on_projected(self, drawn: drawings.Drawn) -> None:
-        layer = drawings.put(self._viewer, drawn.layer, *filter(None, [self._run]))
-        if isinstance(layer, Points):
-            self._points = []
-        self._show_drawn([])
-        if drawn.message:
-            self.text.setText(drawn.message)
+    def _sketch(self, step: Callable[[Sketches], None]) -> None:
+        """Draw on the map, or undo or redo a step."""
+        if self._run is None:
+            return
+        step(self._run.sketches)
+        if self._run.sketches.now.corners:
+            with signals_blocked(self.click):
+                self.click.setCurrentText(REGION)
+        self._update_sketch()
+
+    def _update_sketch(self) -> None:
+        """Show the sketch on the map and, projected in a thread, in the viewer."""
+        self._show_sketch()
+        if self.prepared is None or (sketches := self.prepared.run.sketches).is_shown:
+            return
+        shown, now = sketches.shown, sketches.now
+        moments = self._moments(frame for frame, _ in now.marks)
+        self._projector.ask(partial(_changed, self.prepared, shown, now, moments))
+
+    def _moments(self, frames: Iterable[int | None]) -> dict[int | None, tuple[float, ...]]:
+        """Return the positions of frames along the axes before space, which are empty for a single map."""
+        movie = None if self._run is None else self._run.layers.movie
+        return {of: () if movie is None or of is None else movie.time.leading(self._viewer, of) for of in frames}
+
+    def _on_projected(self, result: tuple[Run, drawings.Changes]) -> None:
+        run, found = result
+        sketches = run.sketches
+        for mark in sketches.placed[found.kept :]:
+            drawings.take_back(self._viewer, mark)
+        del sketches.placed[found.kept :]
+        for name in found.empty:
+            drawings.remove_empty(self._viewer, name, run)
+        for drawn in found.made:
+            drawings.put(self._viewer, drawn.layer, run)
+            if drawn.layer[2] == "points":
+                sketches.placed += [*drawn.layer[0]]
+            if drawn.message:
+                self.text.setText(drawn.message)
+        sketches.shown = found.sketch
+        self._update_sketch()  # which may have changed meanwhile
 
     def _on_projection_failed(self, error: Exception) -> None:
+        if self._run is not None:
+            sketches = self._run.sketches
+            while sketches.can_undo and not sketches.is_shown:
+                sketches.cancel()
+        self._on_measurement_failed(error)
+
+    def _on_measured(self, drawn: drawings.Drawn) -> None:
+        drawings.put(self._viewer, drawn.layer, *filter(None, [self._run]))
+        self._show_sketch()
+        self.text.setText(drawn.message)
+
+    def _on_measurement_failed(self, error: Exception) -> None:
         self._forget_corners()
         self.text.setText(" ".join(str(error).split()))
 
     def _forget_corners(self) -> None:
-        self._corners = []
-        self._show_drawn([])
+        self._ends = []
+        sketches = None if self._run is None else self._run.sketches
+        if sketches is not None and sketches.now.corners:
+            sketches.do(replace(sketches.now, corners=()))
+        self._show_sketch()
 
-    def _show_drawn(self, lines: list[NDArray[np.float64]]) -> None:
-        """Show the current drawing and the previously drawn regions."""
-        earlier = [np.array([*corners, corners[0]]) for corners in self._regions]
-        self.canvas.show_lines([*earlier, *lines], [*self._points, *self._corners])
+    def _show_sketch(self) -> None:
+        """Show the regions of the displayed frame, the corners of the next one, and marks that are not yet points."""
+        sketches, frame = Sketches() if self._run is None else self._run.sketches, self._frame
+        now = sketches.now
+        lines = [np.array([*corners, corners[0]]) for corners in now.regions_in(frame)]
+        lines += [np.array(now.corners)] if now.corners else []
+        marks = [place for of, place in now.marks[len(sketches.placed) :] if of == frame]
+        self.canvas.show_lines(lines, [*marks, *now.corners, *self._ends])
+        self.undo.setEnabled(sketches.can_undo)
+        self.redo.setEnabled(sketches.can_redo)
 
     def _on_viewer_pointed(self, place: tuple[float, float] | None) -> None:
         self.canvas.place_ring(place)
@@ -655,7 +727,7 @@ class FlatMapDock(TaskDock):
 
     def _release(self) -> None:
         super()._release()
-        for running in (self._redraw, self._painter, self._projector, self._annotator):
+        for running in (self._redraw, self._painter, self._projector, self._measurer, self._annotator):
             running.stop()
         self.movies.close()
         for linked in (self.segmentations, self._keys, self.annotations, self.link, self.outline, self.contents):
@@ -681,6 +753,10 @@ def _drawn(run: Run, prepared: PreparedMap | None, frame: int | None, draw: Any,
     except VoxflatError as error:
         problem = " ".join(str(error).split())
     return ready, picture, None if opacity is None else ready.colours(picture, opacity), problem
+
+
+def _changed(prepared: PreparedMap, *changed: Any) -> tuple[Run, drawings.Changes]:
+    return prepared.run, drawings.changes(prepared, *changed)
 
 
 def _refuse(error: VoxflatError, _: PreparedMap) -> Picture:

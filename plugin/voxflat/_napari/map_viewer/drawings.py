@@ -1,9 +1,10 @@
 """Drawings on a map, projected onto the surface: points, regions, and the shortest path between two points."""
 
 import re
-from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any, TypeAlias
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import takewhile
+from typing import Any
 
 import numpy as np
 from napari import Viewer
@@ -15,16 +16,18 @@ from voxflat._napari.map_viewer.prepared_map import PreparedMap
 from voxflat._napari.results.flat_layers import LayerData, units
 from voxflat._napari.results.layer_list import insert
 from voxflat._napari.results.outputs import is_unchanged, remember
+from voxflat._napari.results.sketch import Place, Polygon, Sketch
 from voxflat.errors import InputError
 from voxflat.io.grid import rounded
 from voxflat.io.volumes import Volume
 from voxflat.maps.flat_map import FlatMap
 from voxflat.pipeline.surface import surface
 
-Place: TypeAlias = tuple[float, float]  # (u, v), mm
-
 REGIONS = "map regions"
 """Name of the layer with the regions that the user draws."""
+
+_MARKS = "map points"
+"""Name of the layer with the points that the user marks."""
 
 OF_MESH = "voxflat_regions"
 """Key of the metadata of regions on a mesh: the `Regions`, which can be saved with all vertices of the mesh."""
@@ -41,27 +44,57 @@ class Drawn:
     message: str = ""
 
 
+@dataclass(frozen=True, eq=False)
+class Changes:
+    """What the layers of the viewer need in order to show another state of a sketch."""
+
+    sketch: Sketch
+    kept: int  # marks that stay
+    made: list[Drawn] = field(default_factory=list)
+    empty: list[str] = field(default_factory=list)  # names of layers that no longer have regions
+
+
+def changes(
+    prepared: PreparedMap, shown: Sketch, now: Sketch, moments: Mapping[int | None, Sequence[float]]
+) -> Changes:
+    """Project what differs between two states of a sketch; `moments` are the positions of frames, as in `points`.
+
+    Raises InputError as `regions` does.
+    """
+    same = (one == other for one, other in zip(shown.marks, now.marks, strict=False))
+    found = Changes(now, sum(takewhile(bool, same)))
+    for frame, place in now.marks[found.kept :]:
+        found.made.append(points(prepared.at(frame), [place], moments[frame]))
+    for frame in dict(shown.regions + now.regions):
+        polygons = now.regions_in(frame)
+        if not polygons:
+            found.empty.append(_regions_name(frame))
+        elif polygons != shown.regions_in(frame):
+            found.made.append(regions(prepared.at(frame), polygons))
+    return found
+
+
 def points(prepared: PreparedMap, places: Sequence[Place], moment: Sequence[float] = ()) -> Drawn:
     """Project points (u, v) on the map onto the surface; `moment` is the position along the axes before space."""
     spots = [spot for spot in (prepared.spot(*place) for place in places) if spot is not None]
     features = {"vertex": [str(spot.vertex) for spot in spots], "surface": [prepared.run.name] * len(spots)}
     look = {"face_color": _COLOUR, "size": 2 * prepared.thickness, "features": features}
-    keywords = {"name": "map points", **look, "units": units_in_time(prepared)}
+    keywords = {"name": _MARKS, **look, "units": units_in_time(prepared)}
     world = _world(prepared, np.array([spot.point for spot in spots]))
     return Drawn((_at(moment, world), keywords, "points"))
 
 
-def regions(prepared: PreparedMap, polygons: Sequence[Sequence[Place]]) -> Drawn:
+def regions(prepared: PreparedMap, polygons: Sequence[Polygon]) -> Drawn:
     """Convert polygons on a map to voxels or vertices, at the displayed frame of a movie.
 
     Raises InputError for an empty region or a page of patches.
     """
     flat_map = _map(prepared)
     drawn = flat_map.regions({f"region {n}": np.array(corners) for n, corners in enumerate(polygons, 1)})
-    of_frame = "" if prepared.frame is None else f" of frame {prepared.frame}"
-    message = f"Drew {len(polygons)} region{'s' * (len(polygons) > 1)}{of_frame and ' in' + of_frame[3:]}"
+    of_frame = "" if prepared.frame is None else f" in frame {prepared.frame}"
+    message = f"The map has {len(polygons)} region{'s' * (len(polygons) > 1)}{of_frame}"
     keywords: dict[str, Any] = {
-        "name": f"{REGIONS}{of_frame}",
+        "name": _regions_name(prepared.frame),
         "units": units_in_time(prepared),
         "metadata": {MADE_FROM: prepared.run.name, WORLD: prepared.origin.get("world_axes", "RAS")},
     }
@@ -131,8 +164,7 @@ def put(viewer: Viewer, data: LayerData, *sources: Any) -> Layer:
     values, keywords, kind = data
     features = keywords.get("features", {})
     made = Layer.create(values, keywords, kind)
-    named = re.compile(rf"{re.escape(keywords['name'])}( \[\d+\])?")  # as napari numbers equal names
-    alike = [one for one in viewer.layers if type(one) is type(made) and named.fullmatch(one.name)]
+    alike = [one for one in viewer.layers if type(one) is type(made) and _is_named(one, keywords["name"])]
     alike = [one for one in alike if one.ndim == made.ndim]
     if kind != "points":
         alike = [one for one in alike if _corners(one) == _corners(made) and is_unchanged(one, *sources)]
@@ -156,6 +188,31 @@ def put(viewer: Viewer, data: LayerData, *sources: Any) -> Layer:
         insert(viewer, earlier)
     remember(earlier, *sources)
     return earlier
+
+
+def take_back(viewer: Viewer, mark: NDArray[np.float64]) -> None:
+    """Remove the last point that lies at these world coordinates from the layers of marked points."""
+    for layer in viewer.layers:
+        if isinstance(layer, Points) and _is_named(layer, _MARKS) and layer.ndim == len(mark):
+            at = [number for number, place in enumerate(layer.data) if np.allclose(layer.data_to_world(place), mark)]
+            if at:
+                layer.selected_data = {at[-1]}
+                layer.remove_selected()
+                return
+
+
+def remove_empty(viewer: Viewer, name: str, *sources: Any) -> None:
+    """Remove a layer of regions that was made from these sources, unless the user has edited it."""
+    for layer in [one for one in viewer.layers if _is_named(one, name) and is_unchanged(one, *sources)]:
+        viewer.layers.remove(layer)
+
+
+def _is_named(layer: Layer, name: str) -> bool:
+    return re.fullmatch(rf"{re.escape(name)}( \[\d+\])?", layer.name) is not None  # as napari numbers equal names
+
+
+def _regions_name(frame: int | None) -> str:
+    return REGIONS if frame is None else f"{REGIONS} of frame {frame}"
 
 
 def units_in_time(prepared: PreparedMap) -> tuple[Any, ...] | None:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from voxflat._napari.layers.sampled import Shown
 from voxflat._napari.layers.volumes import TimeAxis
+from voxflat._napari.results.sketch import Sketches
 from voxflat.atlases.atlas import Atlas
 from voxflat.maps.flat_map import FlatMap
 from voxflat.maps.raster import FlatImage
@@ -127,6 +128,7 @@ class Run:
     layers: FlatLayers
     name: str
     script: Script | None = None
+    sketches: Sketches = field(default_factory=Sketches)
 
     @property
     def flat_map(self) -> FlatMap | Atlas:

@@ -1,0 +1,41 @@
+"""The points and regions that the user draws on a map."""
+
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from voxflat._napari.history import History
+
+Place: TypeAlias = tuple[float, float]  # (u, v), mm
+Polygon: TypeAlias = tuple[Place, ...]
+
+
+@dataclass(frozen=True)
+class Sketch:
+    """Points and regions on a map, each with the frame of a movie to which it belongs, or None."""
+
+    marks: tuple[tuple[int | None, Place], ...] = ()
+    regions: tuple[tuple[int | None, Polygon], ...] = ()
+    corners: Polygon = ()  # of the region that is being drawn
+
+    def regions_in(self, frame: int | None) -> list[Polygon]:
+        return [corners for of, corners in self.regions if of == frame]
+
+
+class Sketches(History[Sketch]):
+    """The drawing on one map, which exists as long as the map, and its state that the layers of the viewer show."""
+
+    def __init__(self, first: Sketch | None = None) -> None:
+        super().__init__(first or Sketch())
+        self.shown = Sketch()
+        self.placed: list[NDArray[np.float64]] = []  # world coordinates of the marks of `shown`
+
+    @property
+    def is_empty(self) -> bool:
+        return self.now == Sketch() and not (self.can_undo or self.can_redo)
+
+    @property
+    def is_shown(self) -> bool:
+        return (self.now.marks, self.now.regions) == (self.shown.marks, self.shown.regions)
