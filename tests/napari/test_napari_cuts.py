@@ -9,13 +9,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from napari.layers import Surface
-from napari_window import PATIENCE, bumps, click_middle, run, sphere, wait_until_drawn
-from numpy.testing import assert_array_equal
+from napari_window import PATIENCE, bumps, click_middle, map_dock, run, sphere, wait_for_picture, wait_until_drawn
+from numpy.testing import assert_allclose, assert_array_equal
 from qtpy.QtCore import Qt
 from qtpy.QtWidgets import QApplication, QFileDialog
 
 import voxflat
 from voxflat._napari.editing.drawing import Drawing
+from voxflat._napari.results.sketch import Sketch
 from voxflat._napari.viewer_state import ViewerState
 from voxflat.errors import InputError
 from voxflat.surfaces.standard.template import read_template
@@ -405,3 +406,51 @@ def test_a_template_needs_a_sphere_or_a_brain(open_widget, qtbot, tmp_path, monk
     for one in (dock, flat):
         viewer.window.remove_dock_widget(one)
     assert [*viewer.keymap.values()] == [print]
+
+
+def test_drawings_and_cuts_come_back_with_the_saved_map(flattened, make_napari_viewer, qtbot, tmp_path, monkeypatch):
+    points, faces, _ = bumps()
+    viewer, widget, dock = flattened(Surface((points, faces), name="bumps"))
+    _, cuts = viewer.window.add_plugin_dock_widget("voxflat", "Draw cuts")
+    press(cuts, qtbot, "begin")
+    draw(cuts, 30, 300)
+    cuts.end_cut.click()
+    draw(cuts, 400, 500)
+    drawn = cuts.drawing.cuts
+    viewer.layers.remove("bumps")  # and opened again
+    viewer.add_surface((points, faces), name="again")
+    press(cuts, qtbot, "begin")
+    assert cuts.drawing.cuts == drawn
+
+    u, v = dock.prepared.run.flat_map.uv.mean(axis=0)
+    dock._draw_on(Sketch(((None, (u, v)),), ((None, ((u - 5, v), (u + 5, v), (u, v + 5))),)))
+    wait_for_picture(dock, qtbot)
+    path = tmp_path / "map.voxflat"
+    monkeypatch.setattr(QFileDialog, "getSaveFileName", lambda *_: (str(path), ""))
+    widget.results.save.click()
+    region, marked = viewer.layers["map regions"].vertex_values, viewer.layers["map points"].data
+    by_layer = tmp_path / "layer.npz"
+    viewer.layers.selection = {viewer.layers["bumps distortion"]}
+    viewer.layers.save(str(by_layer), selected=True, plugin="voxflat")
+    assert voxflat.load(by_layer).metadata == voxflat.load(path).metadata
+    viewer.close()
+
+    viewer = make_napari_viewer(show=True)
+    viewer.open(str(path), plugin="voxflat")
+    dock = map_dock(viewer, qtbot)
+    wait_for_picture(dock, qtbot)
+    assert_array_equal(viewer.layers["map regions"].vertex_values, region)
+    assert_allclose(viewer.layers["map points"].data, marked)
+    assert not dock.undo.isEnabled()
+    viewer.add_surface((points[:, ::-1], faces), name="another")
+    _, cuts = viewer.window.add_plugin_dock_widget("voxflat", "Draw cuts")
+    press(cuts, qtbot, "begin")
+    assert cuts.drawing.cuts == ()
+    viewer.add_surface((points, faces), name="bumps")
+    cuts.form.surface.choose(viewer.layers["bumps"])
+    press(cuts, qtbot, "begin")
+    assert cuts.drawing.cuts == drawn
+    assert "are back" in cuts.status.text()
+    session = ViewerState.of(viewer).with_session(dock.prepared.run.flat_map).metadata["napari"]
+    told = voxflat.load(path).metadata["napari"]
+    assert json.loads(json.dumps(session)) == told

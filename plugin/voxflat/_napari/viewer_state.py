@@ -1,13 +1,14 @@
 """The state of a viewer that persists when docks are closed: its runs and drawn cuts."""
 
 import weakref
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, ClassVar
 
 import numpy as np
 from napari import Viewer
-from napari.layers import Layer, Surface
+from napari.layers import Layer
+from napari.layers import Surface as SurfaceLayer
 from numpy.typing import NDArray
 from psygnal import Signal
 from qtpy.QtCore import QTimer
@@ -15,7 +16,9 @@ from qtpy.QtCore import QTimer
 from voxflat._napari.gl_context import keep_canvas_current
 from voxflat._napari.results.flat_layers import FlatLayers, Run
 from voxflat._napari.results.layer_list import ListedLayers
+from voxflat._napari.results.sketch import Sketch, Sketches
 from voxflat.maps.flat_map import FlatMap
+from voxflat.pipeline.surface import Surface
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,6 +28,9 @@ class DrawnCuts:
     paths: dict[str, NDArray[np.int64]]  # by name
     left_out: NDArray[np.int64]  # excluded vertices, as `drop`; may be empty
     sphere: str | None = None  # aligns the map with maps that have standard cuts: a file, or `OWN_REGISTRATION`
+
+
+_SESSION = ("marks", "regions", "drawn_cuts")
 
 
 class ViewerState:
@@ -42,6 +48,7 @@ class ViewerState:
         self._current: Run | None = None
         self._opened: weakref.WeakSet[Run] = weakref.WeakSet()  # runs whose layers napari adds one at a time
         self._cuts: weakref.WeakKeyDictionary[Layer, DrawnCuts] = weakref.WeakKeyDictionary()
+        self._cut_records: dict[str, dict[str, Any]] = {}
         self.keeps_earlier = False  # whether earlier runs are kept when a new one is added
 
     @classmethod
@@ -107,7 +114,9 @@ class ViewerState:
         assert viewer is not None
         run = next((run for run in self._runs if run.flat_map is flat_map), None)
         if run is None:
-            run = Run(FlatLayers(flat_map, []), flat_map.metadata["napari"]["layer"])
+            session = flat_map.metadata["napari"]
+            sketches = Sketches(Sketch.of(session))
+            run = Run(FlatLayers(flat_map, []), session["layer"], sketches=sketches)
             self._opened.add(run)
             self._runs[run] = ListedLayers(viewer)
             self._current = run
@@ -121,10 +130,33 @@ class ViewerState:
     def map_of(self, layer: Layer | None) -> FlatMap | None:
         """Return the displayed map if it fits a layer: both are voxels, or both have the same number of vertices."""
         flat_map = None if self._current is None else self._current.flat_map
-        if layer is None or not isinstance(flat_map, FlatMap) or flat_map.is_voxels == isinstance(layer, Surface):
+        if layer is None or not isinstance(flat_map, FlatMap) or flat_map.is_voxels == isinstance(layer, SurfaceLayer):
             return None
         fits = flat_map.is_voxels or flat_map.metadata.get("vertices") == len(layer.vertices)
         return flat_map if fits else None
+
+    def keep_record(self, surface: Surface, record: dict[str, Any]) -> None:
+        """Keep the cuts in the table of *Draw cuts*, so that neither layers nor docks that are closed lose them."""
+        self._cut_records[surface.metadata["input_sha256"]] = record
+
+    def record_of(self, surface: Surface | FlatMap) -> dict[str, Any]:
+        """Return the cuts that were drawn on a surface in this session, or before one of the open maps was saved."""
+        key = surface.metadata["input_sha256"]
+        of_maps = {
+            run.flat_map.metadata["input_sha256"]: run.flat_map.metadata.get("napari", {}).get("drawn_cuts", {})
+            for run in self._runs
+        }
+        return self._cut_records.get(key) or of_maps.get(key, {})
+
+    def with_session(self, flat_map: FlatMap) -> FlatMap:
+        """Return a map whose description contains what was drawn on it, and the cuts drawn on its surface."""
+        sketch = next((run.sketches.now for run in self._runs if run.flat_map is flat_map), Sketch())
+        record = self.record_of(flat_map)
+        session = {**sketch.record(), **({"drawn_cuts": record} if record.get("cuts") else {})}
+        before = {name: value for name, value in flat_map.metadata.get("napari", {}).items() if name not in _SESSION}
+        if not before:
+            return flat_map
+        return replace(flat_map, metadata={**flat_map.metadata, "napari": {**before, **session}})
 
     def set_cuts(self, layer: Layer, cuts: DrawnCuts) -> None:
         self._cuts[layer] = cuts

@@ -129,6 +129,7 @@ class DrawCuts(TaskDock):
             self.status.setText("The layer was removed. Choose another layer, then press Begin.")
             return
         drawing = Drawing.on(self._layer, surface)
+        drawing.restore(ViewerState.of(self._viewer).record_of(surface))
         self._known = "The cuts that you drew earlier on this surface are back. " if drawing.cuts else ""
         if not (drawing.can_undo or drawing.can_redo) and (flat_map := self._map()) is not None:
             with suppress(InputError):  # the map is of another surface
@@ -298,6 +299,7 @@ class DrawCuts(TaskDock):
         if self._layers is not None and self._layers.is_there:
             self._layers.update()
         if self.drawing is not None:
+            ViewerState.of(self._viewer).keep_record(self.drawing.surface, self.drawing.record())
             total = self._length(*cuts)
             self.status.setText(status or f"{len(cuts)} cut{'s' * (len(cuts) != 1)}, {total} in total.")
         self._enable()

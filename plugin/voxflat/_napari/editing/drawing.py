@@ -1,6 +1,6 @@
 """The drawn cuts, with undo and redo."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import chain, count, pairwise
@@ -121,6 +121,20 @@ class Drawing:
         cuts = tuple(Drawn(tuple(self.surface.find(path, name).tolist()), name) for path, name in named)
         left = tuple(self.surface.find(left_out, "the excluded part").tolist())
         self._do(_State(cuts, left_out=left, sphere=sphere))
+
+    def record(self) -> dict[str, Any]:
+        """Return the cuts for the description of a saved map."""
+        now = self._done[-1]
+        cuts = [[cut.name, list(cut.stops)] for cut in now.cuts]
+        return {"cuts": cuts, "left_out": list(now.left_out), "sphere": now.sphere}
+
+    def restore(self, record: Mapping[str, Any]) -> None:
+        """Bring the cuts of a record back, unless cuts were drawn or the record is that of another surface."""
+        cuts = tuple(Drawn(tuple(stops), name) for name, stops in record.get("cuts", ()))
+        left_out = tuple(record.get("left_out", ()))
+        vertices = [*left_out, *(stop for cut in cuts for stop in cut.stops)]
+        if cuts and not (self.can_undo or self.can_redo) and max(vertices) < len(self.surface.points):
+            self._do(_State(cuts, left_out=left_out, sphere=record.get("sphere")))
 
     def undo(self) -> None:
         if self.can_undo:

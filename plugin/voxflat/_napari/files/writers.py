@@ -6,6 +6,7 @@ from dataclasses import replace
 from typing import Any, TypeAlias
 
 import numpy as np
+from napari import current_viewer
 from napari.layers import Layer
 from numpy.typing import NDArray
 
@@ -13,6 +14,7 @@ from voxflat._napari.layers.volumes import LayerVolume
 from voxflat._napari.layers.world import WORLD
 from voxflat._napari.map_viewer.drawings import OF_MESH
 from voxflat._napari.results.flat_layers import MOVIE, STACK, LayerData
+from voxflat._napari.viewer_state import ViewerState
 from voxflat.atlases.atlas import Atlas
 from voxflat.errors import InputError, VoxflatError
 from voxflat.io.channels import Channels
@@ -35,7 +37,10 @@ def write_flat_map(path: str | None = None, layers: Sequence[LayerData] = ()) ->
     if path is None:
         return _ask("Save a flat map", MAP_ENDINGS)
     with _reporting_errors():
-        _map_of(layers).save(path)
+        found, viewer = _map_of(layers), current_viewer()
+        if isinstance(found, FlatMap) and viewer is not None:
+            found = ViewerState.of(viewer).with_session(found)
+        found.save(path)
     return [path]
 
 
@@ -80,7 +85,6 @@ def _save_volume(path: str, layers: Sequence[LayerData]) -> None:
 
 
 def _ask(title: str, endings: Sequence[str]) -> list[str]:
-    from napari import current_viewer
     from qtpy.QtWidgets import QFileDialog
 
     viewer = current_viewer()

@@ -1,5 +1,6 @@
 """The panel with the results: the measures of the flat map, warnings, and buttons to save it."""
 
+from collections.abc import Callable
 from html import escape
 from pathlib import Path
 
@@ -25,6 +26,7 @@ class MapPanel(QWidget):
         super().__init__()
         self._what, self.shows_maps = what, what == "map"
         self.flat_map: FlatMap | Atlas | None = None
+        self.with_session: Callable[[FlatMap], FlatMap] = lambda flat_map: flat_map  # adds what was drawn
         self._saved: FlatMap | Atlas | FlatSeries | None = None
         self._figures = QGridLayout()
         self._figures.setColumnStretch(0, 1)
@@ -89,7 +91,8 @@ class MapPanel(QWidget):
         if path and self._saved is not None:
             try:
                 path = path if path.endswith(SAVED_ENDINGS) else f"{path}{own}"
-                self._saved.save(path)
+                saved = self._saved
+                (self.with_session(saved) if isinstance(saved, FlatMap) else saved).save(path)
                 show_info(f"Saved {path}")
             except (VoxflatError, OSError) as error:
                 show_error(str(error))

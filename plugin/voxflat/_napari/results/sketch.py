@@ -1,7 +1,8 @@
 """The points and regions that the user draws on a map."""
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,8 +21,24 @@ class Sketch:
     regions: tuple[tuple[int | None, Polygon], ...] = ()
     corners: Polygon = ()  # of the region that is being drawn
 
+    @classmethod
+    def of(cls, record: Mapping[str, Any]) -> "Sketch":
+        """Read a sketch from the description of a saved map."""
+        marks = tuple((frame, _place(place)) for frame, place in record.get("marks", ()))
+        regions = tuple((frame, tuple(map(_place, corners))) for frame, corners in record.get("regions", ()))
+        return cls(marks, regions)
+
+    def record(self) -> dict[str, Any]:
+        """Return the points and complete regions for the description of a saved map."""
+        return {name: found for name in ("marks", "regions") if (found := getattr(self, name))}
+
     def regions_in(self, frame: int | None) -> list[Polygon]:
         return [corners for of, corners in self.regions if of == frame]
+
+
+def _place(place: Sequence[float]) -> Place:
+    u, v = place
+    return float(u), float(v)
 
 
 class Sketches(History[Sketch]):
