@@ -4,9 +4,11 @@ import inspect
 
 import numpy as np
 from hard_shapes import sheet
+from matplotlib.figure import Figure
 
 import voxflat
 from voxflat import io
+from voxflat.io.notebook import page
 from voxflat.pipeline.cut_surface import Cut
 from voxflat.surfaces.standard.registration import Registration
 
@@ -46,3 +48,10 @@ def test_the_repr_of_each_public_class_is_a_line(tmp_path):
         assert "\n" not in text
         assert len(text) <= 300
         assert "array(" not in text
+
+
+def test_the_picture_of_a_repr_is_not_kept():
+    figure = Figure()
+    figure.add_subplot().imshow(np.zeros((9, 9)))
+    assert "data:image/png" in page(3, figure=figure)
+    assert figure.axes == []

@@ -311,3 +311,12 @@ def test_the_same_call_writes_the_same_bytes(folder):
     for name in ("a", "b"):
         voxflat.load("a.npz").heat_map().save(f"{name}.png")
     assert sha256("a.png") == sha256("b.png")
+
+
+def test_points_of_which_none_is_on_the_map_are_an_error(tmp_path):
+    flat_map = voxflat.samples.hill().flatten()
+    flat_map.save(tmp_path / "map.npz")
+    np.savetxt(tmp_path / "points.csv", 1000 * flat_map.points[:3], delimiter=",")
+    words = ("points", tmp_path / "map.npz", tmp_path / "points.csv", "-o", tmp_path / "uv.csv")
+    assert "in µm" in fail(1, "0 of 3 points are within", *words).stderr
+    assert not (tmp_path / "uv.csv").exists()

@@ -167,3 +167,11 @@ def test_reserved_and_empty_file_names_are_changed():
 def test_a_table_of_points_keeps_its_rows(tmp_path):
     (tmp_path / "points.tsv").write_text("name\tx\ty\tz\na\x0bb\t1\t2\t3\n", encoding="utf-8")
     assert len(read_points(tmp_path / "points.tsv").rows) == 1
+
+
+@pytest.mark.parametrize("folder", ["/home/ann/secret/", "C:\\Users\\ann\\", "~/"])
+def test_a_path_that_names_a_map_is_no_label_of_a_colour_bar(flat, folder, tmp_path):
+    values = {f"{folder}zstat1.nii.gz": flat.curvature, "other": flat.curvature}
+    (tmp_path / "values.func.gii").write_bytes(value_bytes(values, None))
+    figure = figures.flat_map(flat, figures.Overlay(tmp_path / "values.func.gii", channel=0))
+    assert "values.func.gii, zstat1.nii.gz" in texts(figure)

@@ -95,3 +95,15 @@ def test_refusals(cap):
     refused("the vectors are 'a'. Give numbers", cap.vectors_to_map, three, "a")
     refused("limit is -1", cap.vectors_to_map, three, three, -1)
     refused("space is 'MNI'", cap.vectors_to_map, three, three, space="MNI")
+
+
+def test_vectors_far_from_the_surface_cause_the_same_warning_as_points(caplog):
+    flat_map = voxflat.samples.hill().flatten()
+    far = 1000 * (flat_map.points[:20])
+    for call in (flat_map.points_to_map, lambda points: flat_map.vectors_to_map(points, np.ones_like(points))):
+        caplog.clear()
+        with caplog.at_level("WARNING", logger="voxflat"):
+            call(far)
+        assert len(caplog.messages) == 1
+        assert "of 20 points are within" in caplog.messages[0]
+        assert "in µm" in caplog.messages[0]

@@ -44,7 +44,8 @@ class DistanceRows(ReadOnly):
     Parameters
     ----------
     rows : ndarray of float32, shape (m, N)
-        Distances in mm; for a store, a `Table` that is read on demand.
+        Distances in mm; for a store, a `Table` that is read on demand. Column n belongs to the point ``points[n]``,
+        whose vertex number in the mesh is ``ids[n]``: a part of a surface has fewer columns than the mesh has vertices.
     ids : ndarray of int64, shape (N, 3) or (N,)
         Voxel indices or vertex numbers of the points.
     points : ndarray of float64, shape (N, 3)

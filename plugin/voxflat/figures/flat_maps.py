@@ -1,5 +1,6 @@
 """Figures of flat maps for publication: folds, data over them, parcels, names and annotations."""
 
+import re
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
@@ -152,7 +153,7 @@ def flat_map(
     if of is not None and colours is not None:
         label = of.label if of.label is not None else _named(sides[0], *of.thresholds)
         if full is not None and sides[0].opacity is not None:
-            label += f", opacity: {sides[0].opacity.name} from 0 to {full:.3g}"
+            label += f", opacity: {_without_folder(sides[0].opacity.name)} from 0 to {full:.3g}"
         if colours.is_cyclic:
             page.wheel(colours, label, of.zero)
         elif colours.colour_map is not None:
@@ -274,11 +275,16 @@ def folds(flat_map: FlatMap, raster: Raster, underlay: str = "curvature") -> NDA
 def _named(side: _Side, above: float | None, below: float | None) -> str:
     """Return the default label of the colour bar: the name of the overlay, and the threshold on its strength."""
     assert side.image is not None
-    name = "" if side.image.name == "volume" else side.image.name
+    name = "" if side.image.name == "volume" else _without_folder(side.image.name)
     if side.strength is None:
         return name
     ends = " or ".join(f"{sign} {end:g}" for sign, end in ((">", above), ("<", below)) if end is not None)
-    return f"{name}, {side.strength.name} {ends}"
+    return f"{name}, {_without_folder(side.strength.name)} {ends}"
+
+
+def _without_folder(name: str) -> str:
+    """Return a name without directories: programs such as Workbench use paths as names of maps."""
+    return re.sub(r"(^|, )(?:[/~]|[A-Za-z]:)[^,]*[/\\]", r"\1", name)
 
 
 def _over(pixels: NDArray[np.uint8], grey: NDArray[np.floating[Any]]) -> NDArray[np.float64]:

@@ -14,6 +14,7 @@ def page(value: object, text: str = "", figure: Any = None, about: str = "") -> 
     if figure is not None:
         drawn = io.BytesIO()
         figure.savefig(drawn, dpi=_DPI, format="png")
+        figure.clear()  # its layout keeps the pixels in cycles
         data = base64.b64encode(drawn.getvalue()).decode()
         parts.append(f'<img alt="{html.escape(about)}" src="data:image/png;base64,{data}">')
     if text:

@@ -300,24 +300,22 @@ class Planar(ReadOnly, ABC):
         """
         wanted = self._checked_points(points, space)
         uv, _, distance = self._to_map(wanted.reshape(-1, 3), limit)
-        placed = int(np.count_nonzero(np.isfinite(distance)))
-        if 10 * placed < len(distance):
-            self._doubt_unit(wanted.reshape(-1, 3), limit, placed)
+        if doubt := self._doubt(wanted.reshape(-1, 3), limit, distance):
+            log.warning("%s", doubt)
         return uv.reshape(*wanted.shape[:-1], 2), distance.reshape(wanted.shape[:-1])
 
-    def _doubt_unit(self, points: NDArray[np.float64], limit: float, placed: int) -> None:
-        """Warn that few points lie near the surface if most of them would in another unit, or that none does."""
+    def _doubt(self, points: NDArray[np.float64], limit: float, distance: NDArray[np.float64]) -> str:
+        """Describe that few points lie near the surface: most of them would in another unit, or none does."""
+        placed = int(np.count_nonzero(np.isfinite(distance)))
+        if 10 * placed >= len(distance):
+            return ""
         unit = self._triangles.on_surface.unit
         told = f"{placed:,} of {len(points):,} points are within {limit:g} {unit} of the surface. "
         for other, factor in _FACTORS.get(unit, {}).items():
             _, _, distance = self._nearest(points * factor, limit)
             if 2 * np.count_nonzero(np.isfinite(distance)) > len(points):
-                log.warning(
-                    "%sMost would be if they are in %s. Convert them to %s, the unit of the map", told, other, unit
-                )
-                return
-        if not placed:
-            log.warning("%sCheck their coordinate space and their unit; the map is in %s", told, unit)
+                return f"{told}Most would be if they are in {other}. Convert them to {unit}, the unit of the map"
+        return "" if placed else f"{told}Check their coordinate space and their unit; the map is in {unit}"
 
     def _checked_points(self, points: ArrayLike, space: str) -> NDArray[np.float64]:
         """Return points in the space of the surface."""
@@ -388,7 +386,9 @@ class Planar(ReadOnly, ABC):
         if space == "scanner":
             own = self._triangles.on_surface.space
             along = own.from_scanner(along) - own.from_scanner(np.zeros(3))
-        uv, face_ids, _ = self._to_map(wanted.reshape(-1, 3), limit)
+        uv, face_ids, distance = self._to_map(wanted.reshape(-1, 3), limit)
+        if doubt := self._doubt(wanted.reshape(-1, 3), limit, distance):
+            log.warning("%s", doubt)
         flat = np.einsum("pab,pb->pa", self._metric.to_map[face_ids], along.reshape(-1, 3))
         flat[face_ids < 0] = np.nan
         return uv.reshape(*wanted.shape[:-1], 2), flat.reshape(*wanted.shape[:-1], 2)

@@ -12,6 +12,7 @@ from voxflat.cli import options
 from voxflat.cli.options import FILE
 from voxflat.cli.output import check_output, report
 from voxflat.cli.parameter_options import option_of
+from voxflat.errors import InputError
 from voxflat.io.grid import in_unit
 from voxflat.io.provenance import record_of, saving
 from voxflat.io.reading import reading
@@ -52,6 +53,9 @@ def points_command(map_: Path, points: Path, output: Path, limit: float, space: 
     with reading() as files:
         flat_map, table = load(map_), read_points(points)
     uv, distance = flat_map.points_to_map(table.points, limit, space=space)
+    if not np.isfinite(distance).any():
+        doubt = flat_map._doubt(flat_map._checked_points(table.points, space), limit, distance)
+        raise InputError(f"{points}: {doubt or 'there are no points'}")
     parameters = {"of": flat_map.provenance, "limit": limit, "space": space}
     record = record_of("points_to_map", parameters, dict(sorted(files.items())))
     with saving(output, record, **writing):
