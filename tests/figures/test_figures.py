@@ -14,7 +14,10 @@ from textures import grid
 
 import voxflat
 from voxflat import InputError, figures
+from voxflat.figures.colours import LOOKS, top
+from voxflat.figures.marks import round_length
 from voxflat.figures.views_3d import load_pyvista
+from voxflat.maps.colours import are_labels, levels
 from voxflat.methods import Voxflat
 
 SHAPE = (22, 26, 12)
@@ -225,3 +228,22 @@ def test_save_picture_keeps_every_pixel(tmp_path):
 def test_figures_need_neither_pyplot_nor_pyvista():
     code = "import sys, voxflat.figures; print(*({'matplotlib.pyplot', 'pyvista', 'vtkmodules'} & set(sys.modules)))"
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split() == []
+
+
+def test_colours_end_at_the_99th_percentile_and_those_of_areas_are_symmetric():
+    values = np.append(np.arange(101.0), np.nan)
+    assert top(values) == 99
+    assert LOOKS["areal"].limits(-values) == (-99, 99)
+    assert levels(values, None)[1] == (1, 99)
+
+
+@pytest.mark.parametrize(("room", "length"), [(2.9, 2), (4.9, 2), (5.0, 5), (9.9, 5), (10, 10), (0.3, 0.2)])
+def test_scale_bars_are_1_2_or_5_times_a_power_of_ten(room, length):
+    assert round_length(room) == pytest.approx(length)
+
+
+@pytest.mark.parametrize(("rows", "labels"), [(24, False), (40, True)])
+def test_images_are_labels_if_most_pixels_equal_those_beside_them(rows, labels):
+    data = np.arange(3600.0).reshape(60, 60)
+    data[:rows] = 7  # 38 or 65 % of the pairs
+    assert are_labels(data) == labels

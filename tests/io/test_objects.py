@@ -17,6 +17,7 @@ from PIL import Image
 from refusals import refused
 
 import voxflat
+from voxflat.io.formats.polygons import of_scene
 from voxflat.io.label_tables import own_table
 
 HILL = voxflat.samples.hill()
@@ -210,3 +211,14 @@ def test_a_trimesh_scene_is_placed_and_a_known_unit_is_kept():
     scene = trimesh.Scene()
     scene.add_geometry(ball, transform=trimesh.transformations.translation_matrix([7, 0, 0]))
     np.testing.assert_allclose(voxflat.surface(scene).points.mean(axis=0), [7, 0, 0], atol=1e-9)
+
+
+def test_mirrored_parts_of_a_scene_keep_their_outside():
+    ball = trimesh.creation.icosphere(subdivisions=1)
+    scene = trimesh.Scene()
+    scene.add_geometry(ball)
+    scene.add_geometry(ball, transform=np.diag([-1.0, 1, 1, 1]) + np.array([[0, 0, 0, 5.0], *np.zeros((3, 4))]))
+    read = of_scene(scene)
+    a, b, c = (read["points"][read["faces"][:, corner]] for corner in range(3))
+    volumes = np.einsum("fx,fx->f", a - [[5.0, 0, 0]] * (a[:, :1] > 2.5), np.cross(b - a, c - a)) / 6
+    np.testing.assert_allclose(volumes.reshape(2, -1).sum(axis=1), ball.volume)

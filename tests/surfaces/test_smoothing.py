@@ -106,3 +106,28 @@ def test_what_cannot_be_smoothed_is_refused():
     refused("lies between a white and a pial surface", pair.smooth, 5.0)
     with pytest.raises(voxflat.Cancelled):
         sheet.smooth(9.0, progress=lambda *_: False)
+
+
+def test_the_report_gives_mean_and_95th_percentile_of_the_distances_moved():
+    sheet = wave(10)
+    smooth = sheet.smooth(20.0)
+    moved = np.abs(smooth.points - sheet.points)[:, 2]  # the sheet is nearly level
+    told = smooth.metadata["smoothed"]
+    assert told["mean"] == pytest.approx(moved.mean(), rel=0.01)
+    assert told["p95"] == pytest.approx(np.sort(moved)[int(0.95 * len(moved))], rel=0.01)
+
+
+@pytest.mark.parametrize("turned", [False, True])
+def test_squares_of_a_range_image_are_split_along_the_shorter_diagonal(turned):
+    heights = np.array([[0.0, 1.0], [5.0, 0.0]])
+    shared = {0, 3}  # pixels of equal depth
+    if turned:
+        heights, shared = heights[:, ::-1], {1, 2}
+    faces = voxflat.range_image(heights, 1.0).faces.tolist()
+    assert len(faces) == 2
+    assert all(shared < set(face) for face in faces)
+
+
+def test_range_images_are_cut_at_steps_of_more_than_eight_pixels():
+    assert len(voxflat.range_image([[0.0, 0.0], [15.9, 15.9]], 2.0).faces) == 2
+    refused("more than 16 mm", voxflat.range_image, [[0.0, 0.0], [16.1, 16.1]], 2.0)
