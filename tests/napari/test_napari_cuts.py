@@ -355,7 +355,8 @@ def test_one_more_cut_continues_from_the_displayed_map(open_widget, qtbot, tmp_p
     dock.remove.click()
     dock.again.click()
     qtbot.waitUntil(lambda: widget.start.isEnabled(), timeout=PATIENCE)
-    assert "start" in widget.status.text()
+    assert widget.status.text().startswith("the displayed map is cut at vertex"), widget.status.text()
+    assert "Press From map in Draw cuts" in widget.status.text()
     assert state.current.flat_map is second
     viewer.layers.remove("ball")
     assert not widget.form.continues.isChecked()

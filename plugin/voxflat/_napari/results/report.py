@@ -6,6 +6,7 @@ from typing import TypeAlias
 import numpy as np
 
 from voxflat._napari.results.flat_layers import FlatLayers, unit_of_map
+from voxflat._napari.wording import in_window
 from voxflat.atlases.atlas import Atlas
 from voxflat.atlases.certified import FlatAtlas
 from voxflat.atlases.glued import GluedAtlas
@@ -130,7 +131,7 @@ def warnings(layers: FlatLayers) -> list[str]:
     """Return the warnings about a map or an atlas, and about frames of a movie."""
     of_frames = [] if layers.movie is None else [*layers.movie.series.remarks]
     found = [*of_frames, *layers.flat_map.metadata["warnings"]]
-    return [sentence(_REMEDY.sub("", warning)) for warning in dict.fromkeys(found)]
+    return [sentence(in_window(_REMEDY.sub("", warning))) for warning in dict.fromkeys(found)]
 
 
 def sentence(message: str) -> str:
