@@ -27,7 +27,8 @@ from voxflat.distances.sources import SourceChoice
 from voxflat.distances.store import Store, append, array_hash, complete, prepare_store, read_journal, store_path
 from voxflat.distances.table import Table
 from voxflat.errors import InputError
-from voxflat.io.files import atomic_path, naming_file, save_array, temporary_beside
+from voxflat.io.files import atomic_path, naming_file, save_array
+from voxflat.io.temporary import temporary_beside
 from voxflat.surfaces.manifold import Manifold
 
 try:

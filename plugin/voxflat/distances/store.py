@@ -18,16 +18,9 @@ from voxflat import _core
 from voxflat.arguments import Progress, amount, checked_path, log
 from voxflat.distances.table import FINISH, Table
 from voxflat.errors import InputError
-from voxflat.io.files import (
-    atomic_path,
-    check_format,
-    check_regular_within,
-    from_json,
-    naming_file,
-    save_array,
-    temporary_beside,
-)
+from voxflat.io.files import atomic_path, check_format, check_regular_within, from_json, naming_file, save_array
 from voxflat.io.provenance import Record, as_text
+from voxflat.io.temporary import temporary_beside
 
 FORMAT = "voxflat rows 2"
 ARRAYS = ("points", "ids", "sources")

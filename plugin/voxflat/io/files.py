@@ -14,7 +14,6 @@ import struct
 import textwrap
 import threading
 import time
-import uuid
 import warnings
 import zlib
 from collections.abc import Callable, Iterator, Mapping
@@ -31,6 +30,7 @@ from voxflat.arguments import amount, checked_path, log
 from voxflat.errors import InputError
 from voxflat.io.grid import FARTHEST
 from voxflat.io.reading import allowed_memory, note
+from voxflat.io.temporary import temporary_beside
 
 REMEDY = "Check that the file is complete and that its ending matches its format"
 
@@ -43,7 +43,6 @@ _BLOCK = 1 << 20
 _WAITS = (0.1, 0.2, 0.4, 0.8) if os.name == "nt" else ()  # seconds between attempts to replace a file
 _LONGEST_GIVEN = 100  # bytes of a file name that is made from another name
 _RESERVED = {"CON", "PRN", "AUX", "NUL", *(f"{port}{n}" for port in ("COM", "LPT") for n in range(1, 10))}  # Windows
-_LONGEST_NAME = 255  # bytes, on all common file systems
 _LONGEST_ERROR = 2000  # characters
 _OF_PYTHON = (LookupError, TypeError, AttributeError, ArithmeticError, RecursionError, AssertionError, struct.error)
 _WORDS_OF_PYTHON = re.compile(
@@ -325,19 +324,12 @@ def check_size(data: bytes, need: int, what: str, *, is_exact: bool = False) -> 
         raise InputError(f"its header specifies {what}, but the file has {len(data) - need} extra bytes. {AGAIN}")
 
 
-def temporary_beside(path: Path) -> Path:
-    """Return a new name in the same directory, with the same ending and no longer than file systems allow."""
-    name = path.name
-    while len(os.fsencode(name)) > _LONGEST_NAME - 10:
-        name = name[1:]
-    return path.with_name(f".{uuid.uuid4().hex[:8]}.{name}")
-
-
 @contextmanager
 def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
     """Write a file completely or not at all.
 
-    The file is written under a temporary name in the same directory, and renamed when it is complete.
+    The file is written under a temporary name in the same directory, and renamed when it is complete. Temporary files
+    that killed processes left in that directory are deleted.
 
     Parameters
     ----------
