@@ -2,7 +2,9 @@
 
 import hashlib
 import json
+import logging
 import re
+import warnings
 
 import click
 import numpy as np
@@ -184,3 +186,29 @@ def test_messages_have_no_words_of_python():
             found[one.place] = text
     assert found == {}
     assert len(messages()) > 1000
+
+
+def test_all_warnings_have_one_form_and_are_told_once(tmp_path, monkeypatch):
+    """Warnings of the package, of other libraries and of Python, in a command without a progress bar."""
+    voxflat.samples.hill().flatten().save(tmp_path / "hill.npz")
+
+    def warning(*_, **__):
+        for _ in range(2):
+            logging.getLogger("voxflat").warning("pass relax=False")
+            logging.getLogger("tifffile").warning("page 1 is odd")
+            warnings.warn("old", DeprecationWarning, stacklevel=1)
+            warnings.warn_explicit("strange values", UserWarning, np.__file__, 7)
+
+    monkeypatch.setattr("voxflat.figures.save", warning)
+    before = logging.getLogger().handlers[:], logging.getLogger("voxflat").handlers[:]
+    with warnings.catch_warnings():
+        warnings.simplefilter("default")
+        result = succeed("figure", tmp_path / "hill.npz", "-o", tmp_path / "hill.png")
+    told = [line for line in result.stderr.splitlines() if "warning:" in line and "old" not in line]
+    expected = ["pass --no-relax", "tifffile: page 1 is odd", "numpy: strange values"]
+    assert told == [f"voxflat: warning: {one}" for one in expected]
+    assert all(line.startswith("voxflat: ") for line in result.stderr.splitlines())
+    assert (logging.getLogger().handlers, logging.getLogger("voxflat").handlers) == before
+    ball = tmp_path / "ball.npy"
+    np.save(ball, voxflat.samples.ball())
+    assert "relax=" not in run("check", ball).stdout

@@ -135,7 +135,7 @@ def test_what_writes_mp4_is_named_where_it_is_missing(film, tmp_path, monkeypatc
 @pytest.mark.parametrize(
     ("wrong", "said"),
     [
-        ({"overlay": np.ones(COUNT)}, "has only one frame. Draw it with `voxflat figure`"),
+        ({"overlay": np.ones(COUNT)}, "has only one frame. Draw it as a figure"),
         ({"overlay": np.ones((3, 2))}, "3 values"),
         ({"overlay": np.full((COUNT, 2), np.nan)}, "has no values on the map"),
         ({"rate": 0}, "rate is 0. Pass"),

@@ -15,6 +15,7 @@ import signal
 import sys
 import threading
 import traceback
+import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING, Any, TextIO
@@ -105,6 +106,11 @@ class Command(cloup.Command):
                 if isinstance(one, click.Option) and not one.multiple and one in given[:number]:
                     raise click.UsageError(f"{one.opts[-1]} is given twice. Give it once.", ctx)
         return super().parse_args(ctx, args)
+
+    def invoke(self, ctx: click.Context) -> Any:
+        """Run the command, and print its notes and warnings."""
+        with _notes(bool(ctx.params.get("quiet"))):
+            return super().invoke(ctx)
 
 
 def _ignore_interrupts() -> None:
@@ -301,32 +307,85 @@ def _as_words(value: str) -> str:
     return value.strip("'[]().").replace(", ", ",")
 
 
+def translated(text: str) -> str:
+    """Return a message with the options of the command that is running."""
+    context = click.get_current_context(silent=True)
+    if context is None:
+        return text
+    program = context.find_root().command
+    return in_options(text, context.command, program if isinstance(program, Program) else None)
+
+
 class _Notes(logging.Handler):
-    """Print the package's log notes and warnings on stderr, above the progress bars."""
+    """Print notes and warnings on stderr, above the progress bars, each of them once."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._told: set[str] = set()
 
     def emit(self, record: logging.LogRecord) -> None:
+        kind = "warning: " if record.levelno >= logging.WARNING else ""
+        of = "" if record.name.split(".")[0] == "voxflat" else f"{record.name.split('.')[0]}: "
+        self.tell(f"voxflat: {kind}{of}{translated(record.getMessage())}")
+
+    def warn(self, message: Warning | str, _category: object, file: str, *_: object) -> None:
+        """Print a warning of Python, which names the package that issued it instead of its line."""
+        package = next((name for name, module in list(sys.modules.items()) if _file_of(module) == file), "")
+        of = f"{package.split('.')[0]}: " if package.split(".")[0] not in ("", "voxflat", "__main__") else ""
+        self.tell(f"voxflat: warning: {of}{translated(' '.join(str(message).split()))}")
+
+    def tell(self, text: str) -> None:
         from tqdm import tqdm
 
-        kind = "warning: " if record.levelno >= logging.WARNING else ""
-        context = click.get_current_context(silent=True)
-        program = context.find_root().command if context else None
-        known = program if isinstance(program, Program) else None
-        text = in_options(record.getMessage(), context.command if context else None, known)
-        tqdm.write(f"voxflat: {kind}{text}", file=_STDERR)
+        if text not in self._told:
+            self._told.add(text)
+            tqdm.write(text, file=_STDERR)
+
+
+def _file_of(module: object) -> str | None:
+    return getattr(module, "__file__", None)
+
+
+@contextmanager
+def _notes(quiet: bool) -> Iterator[None]:
+    """Print what the package and other libraries log and warn of while a command runs, unless `quiet`."""
+    notes, foreign = _Notes(), _Notes()
+    foreign.addFilter(lambda record: record.name.split(".")[0] != "voxflat")
+    log = logging.getLogger("voxflat")
+    level = log.level
+    handlers = {log: logging.NullHandler() if quiet else notes}
+    handlers[logging.getLogger()] = logging.NullHandler() if quiet else foreign
+    for one, handler in handlers.items():
+        one.addHandler(handler)
+    log.setLevel(logging.INFO)
+    try:
+        with warnings.catch_warnings():
+            warnings.showwarning = _ignore if quiet else notes.warn  # type: ignore[assignment]
+            yield
+    finally:
+        log.setLevel(level)
+        for one, handler in handlers.items():
+            one.removeHandler(handler)
+
+
+def _ignore(*_: object) -> None:
+    pass
 
 
 @contextmanager
 def bars(quiet: bool = False, *, notes: bool = True) -> Iterator[Bars]:
-    """Show progress, and the notes and warnings that the package logs, while a command runs."""
+    """Show progress while a command runs; without `notes`, what the package logs is not printed meanwhile."""
     log = logging.getLogger("voxflat")
     shown = Bars(hidden=quiet or not sys.stderr.isatty())
-    handler = _Notes() if notes and not quiet else logging.NullHandler()
-    level = log.level
-    log.addHandler(handler)
-    log.setLevel(logging.INFO)
+    silenced = [] if notes else [one for one in log.handlers if isinstance(one, _Notes)]
+    nothing = logging.NullHandler()
+    log.addHandler(nothing)  # or Python would print warnings itself
+    for one in silenced:
+        log.removeHandler(one)
     try:
         yield shown
     finally:
-        log.removeHandler(handler)
-        log.setLevel(level)
+        for one in silenced:
+            log.addHandler(one)
+        log.removeHandler(nothing)
         shown.close()

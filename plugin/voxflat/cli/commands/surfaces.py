@@ -8,7 +8,7 @@ import click
 
 from voxflat.arguments import log
 from voxflat.cli import options
-from voxflat.cli.console import bars
+from voxflat.cli.console import bars, translated
 from voxflat.cli.input import part_of, surface_of
 from voxflat.cli.output import check_output, report
 from voxflat.cli.parameter_options import option_of
@@ -49,7 +49,7 @@ def check_command(input_: Path, **given: Any) -> None:
         else:
             given = {name: value for name, value in given.items() if name not in making}
         findings = check(source, part=part, progress=shown.progress, **given)
-    report(json_ready(asdict(findings)), findings.table())
+    report(json_ready(asdict(findings)), translated(findings.table()))
     if not findings.can_flatten:
         raise click.exceptions.Exit(1)
 
