@@ -43,7 +43,7 @@ def state(results: Results, wanted: Request) -> tuple[str, str]:
         return "stale", f"made by voxflat {record['voxflat']}"
     earlier = record["parameters"]
     pairs = [(key, earlier.get(key), value) for key, value in wanted["parameters"].items()]
-    changed = [f"{key}: {before!r} before, now {value!r}" for key, before, value in pairs if before != value]
+    changed = [f"{key}: {_words(new)} instead of {_words(old)}" for key, old, new in pairs if old != new]
     if changed:
         return "stale", "; ".join(changed)
     before, now = ({name: file["sha256"] for name, file in of["inputs"].items()} for of in (record, wanted))
@@ -55,6 +55,15 @@ def state(results: Results, wanted: Request) -> tuple[str, str]:
     except InputError as error:
         return "stale", str(error)
     return "done", ""
+
+
+def _words(value: object) -> str:
+    """Return the value of a parameter in words."""
+    if isinstance(value, list | tuple):
+        return ", ".join(map(str, value)) or "none"
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    return "the default" if value is None else str(value)
 
 
 def page_key(records: Sequence[Mapping[str, Any]], failures: Mapping[str, str]) -> str:

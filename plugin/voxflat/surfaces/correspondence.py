@@ -63,9 +63,10 @@ def _check_pial(core: _core.Surface, mesh: Mesh, pial: Mesh, places: NDArray[np.
         return ["the pial surface equals the given surface: distances are measured on it, not halfway between the two"]
     normals = np.nan_to_num(_core.vertex_normals(core.points, core.faces))[there]
     outward = float((normals * way).sum() / lengths.sum())
+    way_there = f"{100 * abs(outward):.0f} % of the way there leads {'inwards' if outward < 0 else 'outwards'}"
     apart = (
-        f"the median distance to the pial surface is {np.median(lengths):.3g} mm, and {100 * outward:.0f} % of the "
-        "displacement points outwards (more than 90 % is usual)"
+        f"the median distance to the pial surface is {np.median(lengths):.3g} mm, and on balance {way_there} "
+        "(more than 90 % outwards is usual)"
     )
     is_closed = not core.topology()["loops"]
     if outward < -_OUTWARD[1] and is_closed:

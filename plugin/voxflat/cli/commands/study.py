@@ -155,7 +155,7 @@ def bids_command(
         for name, reason in found["missing"].items():
             click.echo(f"voxflat: {name}: error: {reason}", err=True)
         marked = sum(map(len, found["outliers"].values()))
-        counts = f"{found['maps']} maps, {len(found['missing'])} missing"
+        counts = f"hemispheres: {found['maps']} with a map, {len(found['missing'])} without"
         counts += f", {marked} outliers (about {found['outliers_by_chance']:.2g} expected by chance)"
         report({"output": str(out), **found}, f"{counts}\n{state}", quiet=quiet)
         return min(len(found["failed"]), _MAX_STATUS)
