@@ -104,3 +104,24 @@ impl<'a> Sum<&'a Self> for Sums {
         parts.fold(Self::default(), Self::plus)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_upper_end_of_a_band_belongs_to_it() {
+        let mut sums = Sums::default();
+        for (delta, d) in [(5.0, 6.0), (10.0, 14.0), (15.0, 24.0), (30.0, 54.0), (30.5, 30.5)] {
+            sums.add(delta, d); // relative errors 0.2, 0.4, 0.6, 0.8 and 0
+        }
+        let figures = sums.figures(1.0);
+        let near = |value: f64, expected: f64| assert!((value - expected).abs() < 1e-12, "{value} is not {expected}");
+        near(figures.relative_error_0_5mm, 0.2);
+        near(figures.relative_error_10mm, 0.3);
+        near(figures.relative_error_5_15mm, 0.5);
+        near(figures.relative_error_15_30mm, 0.8);
+        near(figures.relative_error_30mm, 0.5);
+        near(figures.relative_error, 0.4);
+    }
+}

@@ -134,5 +134,9 @@ mod tests {
             assert_eq!(h < -0.1, expected || (p.x == 4.0 && h < 0.0), "{p} {h}");
             assert!(h <= 0.0);
         }
+        // eight edges of length 1 turn by a right angle, and the integral is ½ β · length of each
+        let areas = masses(furrow.points(), furrow.faces());
+        let total: f64 = mean_curvature(&furrow, 0).iter().zip(areas).map(|(h, area)| h * area).sum();
+        assert!((total + 2.0 * std::f64::consts::PI).abs() < 1e-9, "{total}");
     }
 }
