@@ -133,7 +133,7 @@ def made_of(folder):
     held = {name: content for name, content in held.items() if "/." not in name}  # left by killed workers
     for name, content in held.items():
         if name.endswith("_flat.json"):
-            held[name] = {key: value for key, value in json.loads(content).items() if key != "seconds"}
+            held[name] = {key: value for key, value in json.loads(content).items() if key not in ("seconds", "sha256")}
     return held
 
 

@@ -560,7 +560,10 @@ def test_names_of_cuts_stay_on_the_page_and_beside_the_names_of_parcels(flat_map
 def test_the_name_of_a_chart_is_beside_the_arrows_and_on_the_page(flat_map, name):
     charts = [{"count": 2, "name": one} for one in ("front", name)]
     both = [
-        dataclasses.replace(flat_map, metadata={**flat_map.metadata, "structure": None, "chart": one}) for one in charts
+        dataclasses.replace(
+            flat_map, uv=flat_map.uv + n, metadata={**flat_map.metadata, "structure": None, "chart": one}
+        )
+        for n, one in enumerate(charts)
     ]
     both = [dataclasses.replace(one, metadata={**one.metadata, "space": None, "kind": "voxels"}) for one in both]
     drawn = figures.flat_map(both)

@@ -265,7 +265,7 @@ def test_a_rim(window, pictures, look, tmp_path, qtbot):
             last = flat.canvas.position(*(centre + size * shift))
             hand.click(canvas, last)
         qtbot.mouseDClick(canvas, Qt.MouseButton.LeftButton, pos=last)
-        hand.wait(lambda number=number: f"Drew {number} region" in flat.text.text())
+        hand.wait(lambda number=number: f"The map has {number} region" in flat.text.text())
     hand.picture(tmp_path / "rim_map.png")
 
     hand.menu("Layers", "Measure", "Cortical depth (voxflat)")

@@ -85,11 +85,11 @@ def test_files_of_maps_and_series_are_told_apart(series, tmp_path):
     series.save(tmp_path / "movie.npz")
     series.flat_map.save(tmp_path / "map.npz")
     refused(
-        "movie.npz holds maps of several frames. Use voxflat image, or select a frame in Python",
+        "movie.npz holds maps of several frames. Use `voxflat image`, or read them with voxflat.load_series",
         voxflat.load,
         tmp_path / "movie.npz",
     )
-    refused("map.npz holds a single map. Use voxflat.load", voxflat.load_series, tmp_path / "map.npz")
+    refused("map.npz holds a single map. Read it with voxflat.load", voxflat.load_series, tmp_path / "map.npz")
     refused("cannot save a series as movie.ply. Use a name that ends in .npz", series.save, tmp_path / "movie.ply")
     with pytest.raises(FileNotFoundError):
         voxflat.load_series(tmp_path / "none.npz")

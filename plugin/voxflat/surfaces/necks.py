@@ -1,7 +1,7 @@
 """Find out whether the foreground of a volume may be two objects that touch."""
 
 import numpy as np
-import scipy.ndimage
+import scipy
 
 from voxflat.surfaces.foreground import PackedMask
 
