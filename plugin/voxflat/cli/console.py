@@ -348,7 +348,7 @@ def _file_of(module: object) -> str | None:
 
 @contextmanager
 def _notes(quiet: bool) -> Iterator[None]:
-    """Print what the package and other libraries log and warn of while a command runs, unless `quiet`."""
+    """Print the messages and warnings of the package and other libraries while a command runs, unless `quiet`."""
     notes, foreign = _Notes(), _Notes()
     foreign.addFilter(lambda record: record.name.split(".")[0] != "voxflat")
     log = logging.getLogger("voxflat")
@@ -374,7 +374,7 @@ def _ignore(*_: object) -> None:
 
 @contextmanager
 def bars(quiet: bool = False, *, notes: bool = True) -> Iterator[Bars]:
-    """Show progress while a command runs; without `notes`, what the package logs is not printed meanwhile."""
+    """Show progress while a command runs; without `notes`, messages of the package are not printed meanwhile."""
     log = logging.getLogger("voxflat")
     shown = Bars(hidden=quiet or not sys.stderr.isatty())
     silenced = [] if notes else [one for one in log.handlers if isinstance(one, _Notes)]

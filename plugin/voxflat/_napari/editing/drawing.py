@@ -1,7 +1,7 @@
 """The drawn cuts, with undo and redo."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import chain, count, pairwise
 from typing import Any, ClassVar, TypeAlias
@@ -11,6 +11,7 @@ import numpy as np
 from napari.layers import Layer
 from numpy.typing import NDArray
 
+from voxflat._napari.history import History
 from voxflat.pipeline.cut_surface import whereabouts
 from voxflat.pipeline.surface import Surface
 from voxflat.surfaces.standard.sphere import sphere_beside
@@ -37,17 +38,16 @@ class _State:
     sphere: str | None = None  # the registered sphere on which standard cuts were found, if known
 
 
-@dataclass(eq=False)
-class Drawing:
+class Drawing(History[_State]):
     """Cuts on a complete surface, with a history of their states."""
 
-    surface: Surface
-    _done: list[_State] = field(default_factory=lambda: [_State()])
-    _undone: list[_State] = field(default_factory=list)
-    _ways: dict[tuple[int, int], NDArray[np.uint32]] = field(default_factory=dict)
-    _titles: dict[Drawn, str] = field(default_factory=dict)  # cached, because a title needs all points
-
     _of: ClassVar["WeakKeyDictionary[Layer, list[Drawing]]"] = WeakKeyDictionary()
+
+    def __init__(self, surface: Surface) -> None:
+        super().__init__(_State())
+        self.surface = surface
+        self._ways: dict[tuple[int, int], NDArray[np.uint32]] = {}
+        self._titles: dict[Drawn, str] = {}  # cached, because a title needs all points
 
     @classmethod
     def on(cls, layer: Layer, surface: Surface) -> "Drawing":
@@ -64,50 +64,42 @@ class Drawing:
 
     @property
     def cuts(self) -> tuple[Drawn, ...]:
-        return self._done[-1].cuts
+        return self.now.cuts
 
     @property
     def is_open(self) -> bool:
         """Whether the next point continues the last cut."""
-        return self._done[-1].is_open
+        return self.now.is_open
 
     @property
     def left_out(self) -> NDArray[np.int64]:
         """The excluded vertices, such as the medial wall, as vertex ids of the input."""
-        return np.asarray(self.surface.ids[np.array(self._done[-1].left_out, dtype=np.int64)])
-
-    @property
-    def can_undo(self) -> bool:
-        return len(self._done) > 1
-
-    @property
-    def can_redo(self) -> bool:
-        return bool(self._undone)
+        return np.asarray(self.surface.ids[np.array(self.now.left_out, dtype=np.int64)])
 
     def add_stop(self, vertex: int) -> None:
         """Continue the current cut, or begin a new one; raises InputError if no path leads to the vertex."""
-        now = self._done[-1]
+        now = self.now
         if not now.is_open:
             names = (f"drawn {number}" for number in count(1))
             cut = Drawn((vertex,), next(name for name in names if name not in {cut.name for cut in now.cuts}))
-            self._do(replace(now, cuts=(*now.cuts, cut), is_open=True))
+            self.do(replace(now, cuts=(*now.cuts, cut), is_open=True))
             return
         last = now.cuts[-1]
         if vertex != last.stops[-1]:
             self._way(last.stops[-1], vertex)  # raises InputError if the vertices are in different components
-            self._do(replace(now, cuts=(*now.cuts[:-1], replace(last, stops=(*last.stops, vertex)))))
+            self.do(replace(now, cuts=(*now.cuts[:-1], replace(last, stops=(*last.stops, vertex)))))
 
     def end_cut(self) -> None:
         """End the current cut, so that the next point begins a new one."""
         if self.is_open:
-            self._do(replace(self._done[-1], is_open=False))
+            self.do(replace(self.now, is_open=False))
 
     def remove(self, number: int) -> None:
         """Remove the cut with this index in `cuts`."""
-        now = self._done[-1]
+        now = self.now
         is_last = number == len(now.cuts) - 1
         kept = (*now.cuts[:number], *now.cuts[number + 1 :])
-        self._do(replace(now, cuts=kept, is_open=now.is_open and not is_last))
+        self.do(replace(now, cuts=kept, is_open=now.is_open and not is_last))
 
     def set_cuts(
         self,
@@ -120,11 +112,11 @@ class Drawing:
         named = zip(paths, _distinct(names), strict=True)
         cuts = tuple(Drawn(tuple(self.surface.find(path, name).tolist()), name) for path, name in named)
         left = tuple(self.surface.find(left_out, "the excluded part").tolist())
-        self._do(_State(cuts, left_out=left, sphere=sphere))
+        self.do(_State(cuts, left_out=left, sphere=sphere))
 
     def record(self) -> dict[str, Any]:
         """Return the cuts for the description of a saved map."""
-        now = self._done[-1]
+        now = self.now
         cuts = [[cut.name, list(cut.stops)] for cut in now.cuts]
         return {"cuts": cuts, "left_out": list(now.left_out), "sphere": now.sphere}
 
@@ -134,15 +126,7 @@ class Drawing:
         left_out = tuple(record.get("left_out", ()))
         vertices = [*left_out, *(stop for cut in cuts for stop in cut.stops)]
         if cuts and not (self.can_undo or self.can_redo) and max(vertices) < len(self.surface.points):
-            self._do(_State(cuts, left_out=left_out, sphere=record.get("sphere")))
-
-    def undo(self) -> None:
-        if self.can_undo:
-            self._undone.append(self._done.pop())
-
-    def redo(self) -> None:
-        if self._undone:
-            self._done.append(self._undone.pop())
+            self.do(_State(cuts, left_out=left_out, sphere=record.get("sphere")))
 
     def vertices(self, cut: Drawn) -> NDArray[np.uint32]:
         """Return the vertices along a cut; each vertex is a neighbour of the next one."""
@@ -169,7 +153,7 @@ class Drawing:
     def sphere(self) -> str | None:
         """The registered sphere of the surface, if known: a file, or `OWN_REGISTRATION`."""
         beside = sphere_beside(self.surface)
-        found = self._done[-1].sphere
+        found = self.now.sphere
         return found if found is not None or beside is None else str(beside)
 
     @cached_property
@@ -180,10 +164,6 @@ class Drawing:
         if (a, b) not in self._ways:
             self._ways[a, b] = self.surface.core.edge_path(a, b)[0]
         return self._ways[a, b]
-
-    def _do(self, state: _State) -> None:
-        self._done.append(state)
-        self._undone.clear()
 
 
 def _distinct(names: Sequence[str | None]) -> list[str]:

@@ -12,7 +12,7 @@ ENDINGS = {".gii": GIFTI, ".gii.gz": GIFTI, ".vtk": VTK, ".vtp": VTP, ".ply": PL
 ENDINGS |= {".off": OFF, ".asc": ASC, ".glb": GLB}
 HINTS = {PATCH: "Pass the patch as a flat map, or as a region to keep", MORPH: "Pass the values as an overlay"}
 HINTS |= {"FreeSurfer label": "Pass the label as a region"}
-"""What a file other than a surface is for."""
+"""Remedies for files that do not contain a surface."""
 
 
 def by_name(path: Path) -> str | None:
