@@ -132,7 +132,9 @@ def test_the_largest_component_is_that_of_the_largest_area_and_so_it_is_told():
         both = np.vstack([first[0], second[0]]), np.vstack([first[1], second[1] + len(first[0])])
         flat = voxflat.flatten(both, Voxflat(sources=9))
         assert len(flat) == len(coarse[0])
-        warning = "the surface has 2 components; only the largest is used (80.0 % of the area). "
+        warning = (
+            "the surface has 2 components; only the largest is used (3.8 % of the triangles, 80.0 % of the area). "
+        )
         warning += "To use another one, select its label or keep a part"
         assert flat.metadata["warnings"][0] == warning
         found = voxflat.check(both)
@@ -140,6 +142,20 @@ def test_the_largest_component_is_that_of_the_largest_area_and_so_it_is_told():
         # what is chosen may have little beside it
         with pytest.raises(voxflat.InputError, match=r"2 separate pieces \(with areas of 1600, 400 mm²\)"):
             voxflat.surface(both).keep(np.ones(len(both[0]), bool)).flatten()
+
+
+def test_a_stray_triangle_with_a_corner_far_away_does_not_replace_the_surface():
+    points, faces = square(20)
+    stray = np.array([[0.0, 0.0, 9.0], [1.0, 0.0, 9.0], [1e6, 1e6, 9.0]])
+    both = np.vstack([points, stray]), np.vstack([faces, len(points) + np.arange(3)])
+    surface = voxflat.surface(both)
+    flat = voxflat.flatten(surface, Voxflat(sources=9))
+    np.testing.assert_array_equal(np.sort(flat.ids), np.arange(len(points)))
+    assert flat.uv.tobytes() == voxflat.flatten((points, faces), Voxflat(sources=9)).uv.tobytes()
+    (warning,) = (one for one in flat.metadata["warnings"] if "2 components" in one)
+    assert "(99.9 % of the triangles, 0.1 % of the area). A component with a larger area was ignored" in warning
+    assert voxflat.check(both).components == (len(points), 3)
+    assert surface.geodesic(5).shape == (5, len(points))
 
 
 @pytest.mark.parametrize("bad", [True, False, np.True_])

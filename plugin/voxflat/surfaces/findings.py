@@ -47,7 +47,7 @@ class Check:
     split_vertices : int or None
         Number of vertices that were added because a voxel belongs to several layers.
     components : tuple of int
-        Number of vertices of each component of the surface, starting with the component with the largest area.
+        Number of vertices of each component of the surface, starting with the largest component.
     used : int or None
         Number of vertices of the part that would be flattened.
     euler_characteristic : int or None

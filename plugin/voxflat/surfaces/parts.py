@@ -81,8 +81,12 @@ def polygon(of: _Part, corners: ArrayLike, progress: Progress | None) -> _Part:
 
 
 def largest_piece(part: _Part) -> _Part:
-    """Return the piece with the largest area and add a remark; raise an error if the choice is not clear."""
-    areas = [piece["area"] for piece in part.core.topology()["components"]]
+    """Return the largest piece and add a remark; raise an error if the choice is not clear.
+
+    It has the largest area of all pieces with at least 1 % as many triangles as the piece with the most triangles.
+    """
+    pieces = part.core.topology()["components"]
+    areas = [piece["area"] for piece in pieces]
     if len(areas) == 1:
         return part
     share = areas[0] / sum(areas)
@@ -93,7 +97,11 @@ def largest_piece(part: _Part) -> _Part:
             "a seed point and a radius"
         )
     what = "the patch" if part.steps else "the surface"
-    remark = f"{what} has {len(areas)} components; only the largest is used ({100 * share:.1f} % of the area)"
+    of_triangles = 100 * pieces[0]["faces"] / sum(piece["faces"] for piece in pieces)
+    used = f"{of_triangles:.1f} % of the triangles, {100 * share:.1f} % of the area"
+    remark = f"{what} has {len(areas)} components; only the largest is used ({used})"
+    if max(areas) > areas[0]:
+        remark += ". A component with a larger area was ignored, because it has less than 1 % as many triangles"
     if 1 - share > STRAY_SHARE:
         remark += ". To use another one, select its label or keep a part"
     return replace(part, core=part.core.largest_piece(), remarks=(*part.remarks, remark))
@@ -240,7 +248,7 @@ def medial_wall_of(whole: Manifold) -> NDArray[np.bool_]:
     places = whole.core.part_of_faces(corners)
     areas = [place["area"] for place in places.topology()["components"]]
     share = areas[0] / sum(piece["area"] for piece in whole.core.topology()["components"])
-    if not _SHARES[0] <= share <= _SHARES[1] or (len(areas) > 1 and areas[1] * _CLEAR > areas[0]):
+    if not _SHARES[0] <= share <= _SHARES[1] or max(areas[1:], default=0.0) * _CLEAR > areas[0]:
         raise InputError(
             f"the white and pial surfaces touch in {len(areas)} places, the largest of which covers "
             f"{100 * share:.1f} % of the surface, so the medial wall is ambiguous. {advice}"

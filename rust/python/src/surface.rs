@@ -176,7 +176,7 @@ impl Surface {
         Ok((part.into(), path.into_pyarray(py)))
     }
 
-    /// Return the component with the largest area.
+    /// Return the largest component, the first of `topology`.
     fn largest_piece(&self, py: Python<'_>) -> PyResult<Self> {
         self.run(py, Some(1), &None, move |inner, _| Ok(patch::largest_piece(&inner.surface).into()))
     }

@@ -10,7 +10,7 @@ pub use voxels::{Disk, Selection, cut_out};
 
 use crate::surface::{Surface, topology::Topology};
 
-/// Returns the component with the largest area, the first of [`Topology::components`].
+/// Returns the largest component, the first of [`Topology::components`].
 pub fn largest_piece(surface: &Surface) -> Surface {
     let largest = Topology::of(surface).components.first().map_or(0, |component| component.label);
     let is_in_largest = surface.components().labels.iter().map(|&label| label == largest).collect::<Vec<_>>();

@@ -14,7 +14,7 @@ use crate::work::{Progress, Threads};
 
 #[pymethods]
 impl Surface {
-    /// Return the components (largest area first), the boundary loops and the counts of the surface.
+    /// Return the components (largest first), the boundary loops and the counts of the surface.
     fn topology<'py>(&self, py: Python<'py>) -> PyResult<Dict<'py>> {
         let (topology, boundary) = self.run(py, Some(1), &None, move |inner, _| {
             let topology = Topology::of(&inner.surface);

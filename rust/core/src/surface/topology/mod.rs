@@ -22,7 +22,7 @@ pub struct Topology {
     pub euler: i64,
     /// The number of handles, summed over the components.
     pub genus: usize,
-    /// The connected components by decreasing area.
+    /// The connected components: first the largest one, see [`Topology::of`].
     pub components: Vec<Component>,
     /// The boundary loops by decreasing length.
     pub loops: Vec<Loop>,
@@ -67,8 +67,13 @@ impl Loop {
     }
 }
 
+/// The least number of faces of a component that counts as large, relative to the component with the most faces. A
+/// stray triangle with a corner far away may have a larger area than the rest of the surface.
+const LEAST_FACES: f64 = 0.01;
+
 impl Topology {
-    /// Computes the topology of a surface.
+    /// Computes the topology of a surface. Its components are sorted by decreasing area; those with less than 1 % as
+    /// many faces as another component come last.
     pub fn of(surface: &Surface) -> Self {
         let pieces = surface.components();
         let label = &pieces.labels;
@@ -88,7 +93,10 @@ impl Topology {
             component.euler = (component.vertices + component.faces) as i64 - component.edges as i64;
             component.genus = (2 - component.euler - component.loops as i64).max(0) as usize / 2;
         }
-        components.sort_by(|a, b| b.area.total_cmp(&a.area)); // stable: of equal ones, the one with the first face
+        let least = LEAST_FACES * components.iter().map(|component| component.faces).max().unwrap_or(0) as f64;
+        let is_stray = |component: &Component| (component.faces as f64) < least;
+        // stable: of equal ones, the one with the first face
+        components.sort_by(|a, b| is_stray(a).cmp(&is_stray(b)).then(b.area.total_cmp(&a.area)));
         loops.sort_by(|a, b| b.length.total_cmp(&a.length));
         Self {
             vertices: surface.len(),
@@ -161,6 +169,19 @@ mod tests {
         assert_eq!(loops, [(1, 28.0, 28), (1, 8.0, 8), (0, 4.0, 4)]);
         assert!(!topology.is_disk());
         assert_eq!(topology.loops[1].vertices(&part).len(), 8);
+    }
+
+    #[test]
+    fn a_component_of_few_faces_comes_last_however_large_its_area() {
+        // 198 faces of a sheet, and one or two triangles with a corner far away
+        for (count, first) in [(1, 198), (2, 2)] {
+            let (mut points, mut faces) = shapes::sheet(11, 9);
+            let start = points.len() as i64;
+            points.extend(&[[0.0, 0.0, 9.0], [1.0, 0.0, 9.0], [1e6, 1e6, 9.0], [1e6, -1e6, 9.0]][..count + 2]);
+            faces.extend(&[[0, 1, 2], [0, 3, 1]].map(|face| face.map(|corner| start + corner))[..count]);
+            let components = Topology::of(&shapes::surface((points, faces))).components;
+            assert_eq!(components.iter().map(|one| one.faces).collect::<Vec<_>>(), [first, 198 + count - first]);
+        }
     }
 
     #[test]
