@@ -28,7 +28,7 @@ MM = re.compile(r"(?<![A-Za-z])mm(?![A-Za-z])")
 
 def test_units_have_their_usual_names():
     assert {named_unit(given) for given in ("µm", "um", "micron", "micrometer", "Micrometre")} == {"µm"}
-    for given in ("", "furlong", 3, None):
+    for given in ("", "?", "unknown", "ms", "furlong", 3, None):
         refused("Pass one of mm, cm, m, µm, nm, inch", named_unit, given)
 
 

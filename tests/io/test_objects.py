@@ -206,11 +206,50 @@ def test_a_trimesh_scene_is_placed_and_a_known_unit_is_kept():
     ball = trimesh.creation.icosphere()
     ball.units = "mm"
     assert "unit" not in voxflat.surface(ball).metadata
-    ball.units = "meters"
-    assert any("meters" in remark for remark in voxflat.surface(ball).remarks)
+    ball.units = "feet"
+    assert any("feet" in remark for remark in voxflat.surface(ball).remarks)
     scene = trimesh.Scene()
     scene.add_geometry(ball, transform=trimesh.transformations.translation_matrix([7, 0, 0]))
     np.testing.assert_allclose(voxflat.surface(scene).points.mean(axis=0), [7, 0, 0], atol=1e-9)
+
+
+OWN_UNITS = {"mm": 1 / 25.4, "µm": 1e-3 / 25.4, "nm": 1e-6 / 25.4, "cm": 10 / 25.4, "m": 1000 / 25.4, "inch": 1.0}
+
+
+@pytest.mark.parametrize("units", sorted(trimesh.units.keys() | {"um", "micrometers", "nm"}))
+def test_every_unit_of_trimesh_is_kept_or_counts_as_unknown_with_a_remark(units):
+    inches = {"nm": 1e-6 / 25.4, "um": 1e-3 / 25.4, "micrometers": 1e-3 / 25.4}.get(units) or trimesh.units.to_inch(
+        units
+    )
+    known = [unit for unit, size in OWN_UNITS.items() if np.isclose(inches, size, rtol=1e-9)]
+    ball = trimesh.creation.icosphere(subdivisions=1)
+    ball.units = units
+    for given in (ball, trimesh.Scene(ball)):
+        if given is not ball:
+            given.units = units
+        surface = voxflat.surface(given)
+        assert surface.metadata.get("unit", "mm") == (known[0] if known else "unknown")
+        assert [units in remark for remark in surface.remarks] == [True] * (not known)
+        assert voxflat.surface(given, unit=known[0] if known else "nm").remarks == ()
+        if known and known != ["mm"]:
+            refused(f"mesh defines its coordinates in {known[0]}", voxflat.surface, given, unit="mm")
+
+
+@pytest.mark.parametrize("unit", OWN_UNITS)
+def test_units_return_from_trimesh(unit):
+    flat = voxflat.surface((POINTS, FACES), unit=unit).flatten(relax=False)
+    made = flat.to_trimesh()
+    np.testing.assert_allclose(trimesh.units.to_inch(made.units), OWN_UNITS[unit], rtol=1e-9)
+    assert voxflat.surface(made).metadata.get("unit", "mm") == unit
+
+
+def test_partners_in_another_unit_are_refused():
+    white, pial = (trimesh.Trimesh(POINTS + np.array([0, 0, lift]), FACES, process=False) for lift in (0, 1))
+    white.units, pial.units = "mm", "um"
+    refused("the pial surface is in µm, but the surface is in mm", voxflat.surface, white, pial=pial)
+    flat = voxflat.surface(white).flatten(relax=False).to_trimesh()
+    assert voxflat.measure(white, flat).raw.relative_error < 0.1
+    refused("the map is in mm, but the surface is in µm", voxflat.measure, pial, flat)
 
 
 def test_mirrored_parts_of_a_scene_keep_their_outside():

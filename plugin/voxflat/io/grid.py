@@ -96,26 +96,25 @@ LONG_NAMES = {"mm": "millimeter", "µm": "micrometer", "nm": "nanometer", "cm": 
 LONG_NAMES |= {"inch": "inch"}  # of OME-Zarr and napari
 _MILLIMETRES = {"mm": 1.0, "cm": 10.0, "m": 1e3, "µm": 1e-3, "nm": 1e-6, "inch": 25.4}
 UNITS = tuple(_MILLIMETRES)
-_UNITS = {
-    "mm": ("", "?", "???", "unknown", "millimeter", "millimetre", "millimeters", "mm"),
-    "cm": ("cm", "centimeter"),
-}
-_UNITS |= {"m": ("m", "meter", "metre"), "nm": ("nm", "nanometer"), "inch": ("inch", "in")}
-_UNITS |= {"µm": ("micron", "microns", "um", "µm", "μm", "micrometer", "micrometre")}
+_UNDEFINED = ("", "?", "???", "unknown")  # in headers of volumes, which are then in mm
+_METRES = {"mm": "milli", "µm": "micro", "nm": "nano", "cm": "centi", "m": ""}
+_ENDS = ("meter", "metre", "meters", "metres")
+_UNITS = {unit: unit for unit in UNITS} | {f"{of}{end}": unit for unit, of in _METRES.items() for end in _ENDS}
+_UNITS |= dict.fromkeys(("um", "μm", "micron", "microns"), "µm") | dict.fromkeys(("in", "inches", '"'), "inch")
 
 
-def _unit(text: str) -> str | None:
-    return next((name for name, called in _UNITS.items() if text.strip().lower() in called), None)
+NOT_KNOWN = "counts as unknown unless it is passed as unit"
+"""The end of a remark on a unit."""
 
 
-def is_unit(text: object, unit: str) -> bool:
-    """Return whether a text is a name of a unit of length."""
-    return isinstance(text, str) and bool(text.strip()) and _unit(text) == unit
+def unit_of(text: object) -> str | None:
+    """Return the standard name of a unit of length, or None for other texts and objects."""
+    return _UNITS.get(text.strip().lower()) if isinstance(text, str) else None
 
 
 def named_unit(unit: object) -> str:
     """Return the standard name of a unit of length that a user passed."""
-    found = _unit(unit) if isinstance(unit, str) and unit.strip() else None
+    found = unit_of(unit)
     if found is None:
         raise InputError(f"unit is {shown(unit)}. Pass one of {', '.join(_MILLIMETRES)}")
     return found
@@ -147,7 +146,7 @@ def warn_of_unit(path: object, metadata: Mapping[str, Any]) -> None:
 
 def millimetres(unit: str) -> float:
     """Return the length of a unit in mm. The default unit is mm, and an unknown unit raises an `InputError`."""
-    found = _unit(unit)
+    found = "mm" if unit.strip().lower() in _UNDEFINED else unit_of(unit)
     if found is None:
         raise InputError(f"its unit of length, {unit!r}, is unknown. Save it in mm, or pass an array and an affine")
     return _MILLIMETRES[found]

@@ -56,8 +56,9 @@ class Mesh:
         Remarks on properties that the reader noticed or changed.
     space : Space
         Coordinate space of the points: scanner RAS, FreeSurfer tkRAS, or unknown.
-    has_unit : bool
-        Whether the source defines the unit of the coordinates.
+    declared_unit : str or None
+        Unit of the coordinates that the source declares, or "unknown". None stands for mm, as in GIFTI and FreeSurfer
+        files, or for a file format that does not define a unit.
 
     See Also
     --------
@@ -80,13 +81,14 @@ class Mesh:
     face_data: Mapping[str, NDArray[Any]] = field(default_factory=dict)
     remarks: tuple[str, ...] = ()
     space: Space = UNKNOWN
-    has_unit: bool = True
+    declared_unit: str | None = None
 
     @property
     def has_unknown_unit(self) -> bool:
         """Whether the unit of the coordinates is unknown.
 
-        Only GIFTI and FreeSurfer files define the unit. It is also considered unknown if the mesh is smaller than 1 mm.
+        Only GIFTI and FreeSurfer files and trimesh objects define the unit. It is also considered unknown if the mesh
+        is smaller than 1 mm.
 
         See Also
         --------
@@ -97,14 +99,13 @@ class Mesh:
         >>> voxflat.io.Mesh(np.eye(3), [[0, 1, 2]]).has_unknown_unit
         False
         """
-        by_name = None if self.path is None else formats.by_name(self.path)
-        return not self.has_unit or by_name in _WITHOUT_UNIT or self.unit_remark is not None
+        return self.unit == "unknown"
 
     @property
     def unit(self) -> str:
         """Unit of the coordinates.
 
-        It is ``"mm"`` or ``"unknown"``.
+        It is the declared unit, ``"mm"`` or ``"unknown"``.
 
         See Also
         --------
@@ -115,13 +116,14 @@ class Mesh:
         >>> voxflat.io.Mesh(np.eye(3), [[0, 1, 2]]).unit
         'mm'
         """
-        return "unknown" if self.has_unknown_unit else "mm"
+        is_unknown = self.path is not None and formats.by_name(self.path) in _WITHOUT_UNIT
+        return "unknown" if is_unknown or self.unit_remark is not None else self.declared_unit or "mm"
 
     @property
     def unit_remark(self) -> str | None:
         """Remark that the mesh is probably not in mm, or None.
 
-        A mesh is suspicious if the longest side of its bounding box is less than 1.
+        A mesh is suspicious if the longest side of its bounding box is less than 1, unless it declares another unit.
 
         See Also
         --------
@@ -134,7 +136,7 @@ class Mesh:
         """
         there = self.points[np.isfinite(self.points).all(axis=1)]
         across = float(np.ptp(there, axis=0).max()) if len(there) else 1.0
-        if across >= 1:
+        if across >= 1 or self.declared_unit not in (None, "mm", "unknown"):
             return None
         text = f"is {across:.2g} units across; coordinates are assumed to be in mm. If they are in metres, multiply"
         return f"{text} them by 1000"

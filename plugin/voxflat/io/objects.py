@@ -14,7 +14,7 @@ from voxflat.io.files import naming
 from voxflat.io.formats import gifti
 from voxflat.io.formats.polygons import of_scene
 from voxflat.io.formats.vtk import grid_triangles, polydata_points, polydata_texture, polydata_triangles
-from voxflat.io.grid import is_unit
+from voxflat.io.grid import NOT_KNOWN, unit_of
 from voxflat.io.meshes import Mesh, read_mesh
 from voxflat.io.partners import check_side
 from voxflat.io.triangles import triangulated
@@ -104,18 +104,18 @@ def _of_meshio(mesh: Any) -> Mesh:
     corners = np.concatenate([block.ravel() for block in polygons])
     lengths = np.concatenate([np.full(len(block), block.shape[1]) for block in polygons])
     places, remarks = triangulated(points, corners, lengths)
-    return Mesh(points, corners[places], remarks=remarks, has_unit=False)
+    return Mesh(points, corners[places], remarks=remarks, declared_unit="unknown")
 
 
 def _of_polydata(mesh: Any) -> Mesh:
     faces, remarks = polydata_triangles(mesh)
     texture = polydata_texture(mesh)
-    return Mesh(polydata_points(mesh), faces, remarks=remarks, has_unit=False, texture_coordinates=texture)
+    return Mesh(polydata_points(mesh), faces, remarks=remarks, declared_unit="unknown", texture_coordinates=texture)
 
 
 def _of_grid(grid: Any) -> Mesh:
     faces, remarks = grid_triangles(grid)
-    return Mesh(polydata_points(grid), faces, remarks=remarks, has_unit=False)
+    return Mesh(polydata_points(grid), faces, remarks=remarks, declared_unit="unknown")
 
 
 def _of_blocks(blocks: Any) -> Mesh:
@@ -127,7 +127,7 @@ def _of_blocks(blocks: Any) -> Mesh:
     starts = np.cumsum([0, *(len(mesh.points) for mesh in meshes)])
     faces = np.concatenate([mesh.faces + start for mesh, start in zip(meshes, starts, strict=False)])
     remarks = tuple(dict.fromkeys(remark for mesh in meshes for remark in mesh.remarks))
-    return Mesh(np.concatenate([mesh.points for mesh in meshes]), faces, remarks=remarks, has_unit=False)
+    return Mesh(np.concatenate([mesh.points for mesh in meshes]), faces, remarks=remarks, declared_unit="unknown")
 
 
 def _refuse_image(image: Any) -> Mesh:
@@ -137,13 +137,14 @@ def _refuse_image(image: Any) -> Mesh:
 
 def _of_trimesh(mesh: Any) -> Mesh:
     units = getattr(mesh, "units", None)
-    is_mm = units is not None and is_unit(units, "mm")
-    told = f"the trimesh object is in {units!r}, but its unit counts as unknown unless it is passed as unit"
-    remark = () if units is None or is_mm else (told,)
+    units = None if units in ("", "none", "unknown") else units  # trimesh turns None into text
+    unit = unit_of(units) or "unknown"
+    unknown = f"the trimesh object is in {units!r}, which voxflat does not know, so the unit {NOT_KNOWN}"
+    remark = () if unit != "unknown" or units is None else (unknown,)
     if hasattr(mesh, "graph"):
-        return replace(Mesh(**of_scene(mesh)), has_unit=is_mm, remarks=remark)
+        return replace(Mesh(**of_scene(mesh)), declared_unit=unit, remarks=remark)
     texture = getattr(mesh.visual, "uv", None)  # one pair for each vertex
-    placed = Mesh(np.asarray(mesh.vertices), np.asarray(mesh.faces), has_unit=is_mm, remarks=remark)
+    placed = Mesh(np.asarray(mesh.vertices), np.asarray(mesh.faces), declared_unit=unit, remarks=remark)
     return placed if texture is None else replace(placed, texture_coordinates=np.asarray(texture)[:, :2])
 
 

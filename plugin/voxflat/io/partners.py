@@ -11,7 +11,7 @@ from voxflat.errors import InputError
 from voxflat.io import formats
 from voxflat.io.files import REMEDY, contents, naming
 from voxflat.io.formats import gifti
-from voxflat.io.meshes import LEFT, RIGHT, named_structure
+from voxflat.io.meshes import LEFT, RIGHT, Mesh, named_structure
 
 _SIDES = {LEFT: "left", RIGHT: "right"}
 _AS_ARRAY = "Pass a file for that hemisphere, or pass the values as an array to use them anyway"
@@ -44,6 +44,13 @@ def check_partner(path: str | os.PathLike[str], metadata: Mapping[str, Any]) -> 
     """
     check_file_side(path, metadata.get("structure"))
     check_participant(path, metadata)
+
+
+def check_unit(name: str, mesh: Mesh, unit: str) -> None:
+    """Raise an error if a mesh declares another unit than that of the surface to which it belongs."""
+    declared = mesh.declared_unit or "unknown"
+    if "unknown" not in (declared, unit) and declared != unit:
+        raise InputError(f"{name} is in {declared}, but the surface is in {unit}. Convert one of them")
 
 
 def check_participant(path: object, metadata: Mapping[str, Any]) -> None:

@@ -13,7 +13,7 @@ from voxflat.arguments import array_of, check_memory, log
 from voxflat.errors import InputError
 from voxflat.io.chunks import is_stack_path
 from voxflat.io.files import REMEDY, naming
-from voxflat.io.grid import given_affine
+from voxflat.io.grid import NOT_KNOWN, given_affine
 from voxflat.io.meshes import Mesh, is_mesh_name, read_mesh
 from voxflat.io.objects import SUPPORTED, is_values, mesh_of_object
 from voxflat.io.readers import as_array, from_itk, from_nibabel
@@ -45,8 +45,11 @@ def taken(
             log.warning(told, Path(str(volume.path)).name, volume.unit)
         check_memory(_BYTES_PER_VOXEL * volume.data.size, memory_limit, "crop or downsample the volume")
         return volume
-    if unit is not None:  # given, so it is not assumed to be mm, as the reader of a file reports
-        assumed = mesh.unit_remark or "\n"
+    if unit is not None:
+        declared = mesh.declared_unit or "unknown"
+        if unit != declared != "unknown":
+            raise InputError(f"unit is {unit!r}, but this mesh defines its coordinates in {declared}. Omit unit")
+        assumed = (mesh.unit_remark or NOT_KNOWN, NOT_KNOWN)  # it is given, so it is not assumed to be mm
         return replace(mesh, remarks=tuple(one for one in mesh.remarks if not one.endswith(assumed)))
     if mesh.path is not None or mesh.unit_remark is None:  # for files, the reader reports it
         return mesh

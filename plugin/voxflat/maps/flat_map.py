@@ -667,7 +667,7 @@ class FlatMap(Planar):
         Returns
         -------
         trimesh.Trimesh
-            Coordinates (u, v, 0), in mm.
+            Coordinates (u, v, 0), in mm (or the unit of the surface), and their ``units`` if they are known.
 
         See Also
         --------
@@ -679,7 +679,10 @@ class FlatMap(Planar):
         441
         """
         mesh = self._flat_mesh()
-        return require("trimesh").Trimesh(mesh.points, mesh.faces, process=False)
+        made = require("trimesh").Trimesh(mesh.points, mesh.faces, process=False)
+        if (unit := self.metadata.get("unit", "mm")) != "unknown":
+            made.units = {"µm": "microns", "nm": "nanometers"}.get(unit, unit)
+        return made
 
     def to_pyvista(self) -> Any:
         """Convert the map to a ``pyvista.PolyData`` object in the plane.

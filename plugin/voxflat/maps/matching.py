@@ -15,7 +15,7 @@ from voxflat.io.files import REMEDY, SAVED_ENDINGS, contents, naming
 from voxflat.io.formats.obj import read_obj_texture
 from voxflat.io.formats.ply import read_ply_texture
 from voxflat.io.meshes import Mesh
-from voxflat.io.partners import check_participant, check_partner, check_side
+from voxflat.io.partners import check_participant, check_partner, check_side, check_unit
 from voxflat.io.patches import is_patch, read_patch
 from voxflat.io.sources import as_mesh
 from voxflat.maps.flat_map import FlatMap, load
@@ -102,6 +102,7 @@ def match(whole: Manifold, flat: object) -> Matched:
         if places.ndim != 2 or places.shape[1] not in (2, 3) or places.dtype.kind not in "iuf":
             raise InputError(f"the map is {_kind(places)}. Pass positions as an array of shape (V, 2), or a file")
         return _of_places(whole, places.astype(np.float64), None)
+    check_unit("the map", mesh, whole.metadata.get("unit", "mm"))
     if mesh.texture_coordinates is None or _is_flat(mesh.points):
         return _of_places(whole, mesh.points, mesh)
     corners = _texture_of_corners(mesh)

@@ -10,7 +10,7 @@ from voxflat import _core
 from voxflat.errors import InputError
 from voxflat.io.formats.freesurfer import read_label_points
 from voxflat.io.meshes import Mesh
-from voxflat.io.partners import check_participant, check_side
+from voxflat.io.partners import check_participant, check_side, check_unit
 from voxflat.io.sources import as_mesh
 from voxflat.io.spaces import Space
 from voxflat.surfaces.manifold import Manifold
@@ -38,6 +38,7 @@ def pial_of(core: _core.Surface, mesh: Mesh, pial: object) -> tuple[NDArray[np.f
             f"the pial surface has {len(other.points)} vertices, but the given surface has {len(mesh.points)}. "
             "Pass two surfaces of the same subject whose vertices correspond one to one"
         )
+    check_unit("the pial surface", other, mesh.unit)
     places = _in_space_of(mesh, other)
     return places, _check_pial(core, mesh, other, places)
 

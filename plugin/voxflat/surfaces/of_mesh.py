@@ -53,8 +53,8 @@ def of_mesh(mesh: Mesh, pial: object | None = None, *, mend: bool = True) -> Man
     if mended:
         metadata["mended"] = mended
         mesh_faces = core.ids.astype(np.int64)[core.faces]
-    if mesh.has_unknown_unit:
-        metadata["unit"] = "unknown"
+    if mesh.unit != "mm":
+        metadata["unit"] = mesh.unit
     return Manifold(core, None, metadata, tuple(remarks), white, places, mesh_faces, merged)
 
 
