@@ -143,6 +143,11 @@ class TestFormats:
         assert len(figures.heat_maps(found).axes) == 8
         assert voxflat.measure(BUMPS, (scaled, faces), sources=everywhere).figures() == whole.figures()
 
+    def test_raw_figures_of_charts_are_those_of_the_map_as_it_is(self):
+        two = np.vstack([FACES[part.all(axis=1)] for part in (FACES < 65, FACES >= 91)])  # rectangles
+        raw = voxflat.measure(PLANE, (3 * PLANE[0][:, :2], two), sources=20).raw
+        assert raw.relative_error == pytest.approx(3 * raw.scale - 1, rel=1e-6)  # all distances are 3 times as long
+
     def test_every_chart_has_sources(self):
         """Sources are in proportion to the vertices, but at least six."""
         faces = np.vstack([FACES[(FACES < 20).all(axis=1)], APART[1][1]])
@@ -338,6 +343,13 @@ class TestGeometry:
         assert not caplog.records
         expected = voxflat.measure(BUMPS, flat, sources=20).raw.relative_error
         assert found.raw.relative_error == pytest.approx(expected, rel=1e-4)
+
+    @pytest.mark.parametrize(("grown", "warnings"), [(1.0, 0), (1.005, 1)])
+    def test_single_precision_is_no_other_geometry_but_half_a_percent_is(self, caplog, grown, warnings):
+        flat = voxflat.flatten((POINTS + 500, FACES), method=Voxflat(sources=20))
+        caplog.clear()
+        voxflat.measure(((grown * POINTS + 500).astype(np.float32), FACES), flat, sources=5)
+        assert len(caplog.records) == warnings
 
     @pytest.mark.usefixtures("flat")
     def test_the_command(self, tmp_path):

@@ -1,6 +1,7 @@
 import dataclasses
 import subprocess
 import sys
+from types import SimpleNamespace
 
 import matplotlib as mpl
 import numpy as np
@@ -14,8 +15,9 @@ from textures import grid
 
 import voxflat
 from voxflat import InputError, figures
+from voxflat.figures import worst
 from voxflat.figures.colours import LOOKS, top
-from voxflat.figures.marks import round_length
+from voxflat.figures.marks import directions, round_length
 from voxflat.figures.views_3d import load_pyvista
 from voxflat.maps.colours import are_labels, levels
 from voxflat.methods import Voxflat
@@ -240,6 +242,29 @@ def test_colours_end_at_the_99th_percentile_and_those_of_areas_are_symmetric():
 @pytest.mark.parametrize(("room", "length"), [(2.9, 2), (4.9, 2), (5.0, 5), (9.9, 5), (10, 10), (0.3, 0.2)])
 def test_scale_bars_are_1_2_or_5_times_a_power_of_ten(room, length):
     assert round_length(room) == pytest.approx(length)
+
+
+@pytest.mark.parametrize("beyond", [1.5, 2.0])
+def test_the_colours_of_the_worst_places_end_at_twice_their_factor(beyond):
+    norm = worst._norm(SimpleNamespace(beyond=beyond))
+    assert (2**norm.vmin, 2**norm.vmax) == pytest.approx((0.5 / beyond, 2 * beyond))
+
+
+@pytest.mark.parametrize(("explained", "letters"), [(0.9, "AR"), (0.4, "AR"), (0.2, "R")])
+def test_directions_are_those_of_which_the_plane_explains_enough(explained, letters):
+    side = 25
+    points, faces = grid(side, side)
+    uv = points[:, :2] - points[:, :2].mean(axis=0)
+    up = np.indices((side, side)).sum(axis=0).ravel() % 2 * 2.0 - 1  # explained by no plane
+    near = np.linalg.norm(uv, axis=1) <= 0.35 * np.sqrt(np.prod(np.ptp(uv, axis=0)) / np.pi)
+    up *= np.sqrt(1 / explained - 1) * uv[near, 1].std() / up[near].std()
+    space = SimpleNamespace(name="scanner", to_scanner=lambda points: points)
+    places = np.column_stack([uv[:, 0], uv[:, 1] + up, np.zeros(len(uv))])
+    found = directions(SimpleNamespace(space=space, points=places, uv=uv, faces=faces, torn=np.zeros(len(faces), bool)))
+    assert "".join(sorted(one.letter for one in found)) == letters
+    assert [(one.u, one.v) for one in found if one.letter == "R"] == [pytest.approx((1, 0), abs=1e-9)]
+    for one in found:
+        assert one.share == pytest.approx(1.0 if one.letter == "R" else explained, abs=0.05)
 
 
 @pytest.mark.parametrize(("rows", "labels"), [(24, False), (40, True)])

@@ -13,11 +13,10 @@ import studies
 from command_line import fail, run, succeed
 from lab_runs import FEW, everything
 from matplotlib.tri import LinearTriInterpolator, Triangulation
-from numpy.testing import assert_allclose, assert_array_equal
+from numpy.testing import assert_allclose
 from refusals import refused
 
 import voxflat
-from voxflat.lab.comparison import Sums, outliers, outliers_by_chance
 from voxflat.lab.inputs import Parameters, found_in, participants
 from voxflat.lab.results import sealed
 
@@ -281,11 +280,6 @@ def test_means_are_those_of_the_maps_pixel_by_pixel(root, compared):
 
 
 def test_a_broken_map_stands_out_in_table_and_page(root, compared, tmp_path):
-    usual = np.array([1.0, 1.1, 0.9, 1.05, 0.95, np.nan])
-    assert not outliers(usual).any()
-    assert_array_equal(outliers(np.append(usual, 3.0)), [False] * 6 + [True])
-    assert not outliers(np.array([1.0, 1.0, 9.0])).any()  # three values are too few
-    assert not outliers(np.ones(9)).any()
     shutil.copytree(root / "out", tmp_path / "out")
     path = tmp_path / "out" / "sub-02" / "anat" / "sub-02_hemi-L_desc-voxflat_flat.json"
     record = json.loads(path.read_text())
@@ -319,13 +313,6 @@ def test_the_table_of_the_page_begins_with_the_largest_distance_error(root, comp
     first = f'<td class="n">{100 * error[ranked[0]]:.1f}<span class="quiet"> ± {100 * spread:.1f}</span></td>'
     assert first in page.replace("n bad", "n")
     assert "at the scale of each map that minimises the distance error" in page
-
-
-def test_outliers_by_chance_are_those_of_a_normal_distribution():
-    draws = np.random.default_rng(5).standard_normal((1000, 20))
-    assert outliers_by_chance(20) == pytest.approx(np.mean([outliers(of).sum() for of in draws]), rel=0.25)
-    assert outliers_by_chance(4) == 0
-    assert outliers_by_chance(2000) == pytest.approx(2000 * 0.000465, rel=0.2)  # P(|z| > 3.5)
 
 
 def read(path):
@@ -409,17 +396,6 @@ def test_a_study_that_is_up_to_date_is_left_alone(root, compared):
     again = run("bids", root / "bids", root / "out", "group")
     assert (again.exit_code, again.stdout.splitlines()[-1]) == (3, "up to date")
     assert everything(root / "out") == before
-
-
-def test_sums_forget_no_map_where_another_has_no_value():
-    flat = voxflat.flatten(np.ones((12, 9, 1), int), method=voxflat.methods.Voxflat(sources=20))
-    sums = Sums(tuple(flat.uv.min(axis=0)), tuple(flat.uv.max(axis=0)))
-    for one in (flat.uv[:, 0], np.where(flat.uv[:, 1] > 0, np.nan, 3.0), flat.uv[:, 0] + 6):
-        sums.add(flat, one)
-    found = sums.result("u", "L")
-    at = np.isfinite(found.mean.data) & (found.count.data == 2)
-    assert_allclose(found.mean.data[at], sums.places[..., 0][at] + 3, atol=1e-9)
-    assert_allclose(found.deviation.data[at], np.sqrt(18), atol=1e-9)
 
 
 def test_the_page_of_the_study(root, compared):

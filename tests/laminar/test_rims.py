@@ -2,6 +2,7 @@
 
 import re
 
+import mesh_files
 import nibabel
 import numpy as np
 import pytest
@@ -11,7 +12,9 @@ from layers import bent_layers
 from refusals import refused
 
 import voxflat
+from voxflat import _core
 from voxflat.io import Volume
+from voxflat.laminar.rim import _is_fragment
 from voxflat.maps.depth import LAYERINGS
 
 SHAPES = ("sphere", "cylinder", "fold")
@@ -157,6 +160,15 @@ def test_almost_whole_labels_are_rounded(rims, caplog):
     np.testing.assert_array_equal(found.values.depth, rim.values.depth)
 
 
+def test_fragments_are_small_and_less_than_a_hundredth_of_the_largest_component():
+    meshes = [mesh_files.grid(2, step=side) for side in (10.0, 1.5, 0.9)]  # 100, 2.25 and 0.81 mm²
+    points = np.concatenate([mesh.points + np.array([20.0 * n, 0, 0]) for n, mesh in enumerate(meshes)])
+    faces = np.concatenate([mesh.faces + 4 * n for n, mesh in enumerate(meshes)])
+    core, _ = _core.Surface.from_triangles(points, faces)
+    assert _is_fragment(core, 50.0).tolist() == [False] * 4 + [True] * 2
+    assert not _is_fragment(core, 0.8).any()
+
+
 def sulcus(gap, spacing=0.5, thickness=2.5):
     """Return the rim of a sulcus whose banks are some mm apart, and its depth within the sulcus."""
     x, y, _ = np.meshgrid(np.arange(-9, 9, spacing), np.arange(-6, 16, spacing), np.arange(8), indexing="ij")
@@ -278,7 +290,8 @@ def test_volumes_with_one_time_point(rims):
         (lambda v: v * (v != 1), r"no voxel with the label 1 \(outer border\)"),
         (lambda v: v * (v != 2), r"no voxel with the label 2 \(inner border\)"),
         (lambda v: v * 0, "its labels are none"),
-        (lambda v: v + 0.4, "contains the value .*, which is not a label. Resample the rim with nearest-neighbour"),
+        (lambda v: v + 0.4, "contains the value .*, which is not a label"),
+        (lambda v: np.where(v == 3, 2.95, v), "contains the value 2.95, .* Resample the rim with nearest-neighbour"),
         (lambda v: np.where(v == 3, np.nan, v), "NaN or infinite"),
         (lambda v: np.stack([v] * 2, -1), "Select one 3-D volume"),
         (lambda v: v[..., 0], "Select one 3-D volume"),

@@ -169,7 +169,7 @@ class TestCifti:
         inside = nearest >= 0
         assert_array_equal(image.data[inside], np.where(nearest < 100, labels[nearest], 0)[inside])
 
-    @pytest.mark.parametrize("wrong", [np.nan, np.inf, 1.5, 1e19, -1e30])
+    @pytest.mark.parametrize("wrong", [np.nan, np.inf, 1.5, 2.99, 1e19, -1e30])
     def test_labels_that_are_no_whole_numbers(self, flat, tmp_path, wrong):
         axis = nib.cifti2.LabelAxis(["areas"], [{0: ("???", (0, 0, 0, 0)), 1: ("V1", (1, 0, 0, 1))}])
         labels = np.ones(100, np.float32)

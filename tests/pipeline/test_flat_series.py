@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import pyvista as pv
 from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
@@ -271,6 +272,23 @@ def test_frames_that_do_not_fit_are_named(caplog):
         "there, or split the movie",
     )
     assert replace(far, gaps=np.full(4, 0.01)).remarks == ()
+    many = replace(far, gaps=np.array([0, 0.08, 0.11, 0.03]))  # the median is 0.055
+    assert many.remarks == ()
+    assert "does not fit frame 2 (" in replace(many, gaps=many.gaps * [1, 1, 2, 1]).remarks[0]  # 0.22 > 3 x 0.055
+
+
+def test_gaps_are_95th_percentiles_of_the_distances_to_the_moved_surface():
+    def rough(x, y):
+        return np.column_stack([x, y, 0.15 * np.random.default_rng(0).standard_normal(len(x)) ** 3])
+
+    frames = [sheet(lambda x, y: np.column_stack([x, y, 0 * x]), 9), sheet(rough, 21)]
+    series = voxflat.flatten_series(frames, relax=False)
+    assert len(series.flat_map) == 81  # the moved surface is that of the map, because nothing was cut
+    moved = pv.PolyData.from_regular_faces(series.points[1], series.flat_map.faces.astype(int))
+    _, nearest = moved.find_closest_cell(frames[1][0], return_closest_point=True)
+    distances = np.linalg.norm(nearest - frames[1][0], axis=1)
+    assert np.median(distances) < 0.5 * np.percentile(distances, 95)
+    assert series.gaps == pytest.approx([0, np.percentile(distances, 95)], rel=1e-4)
 
 
 def test_landmarks_below_the_surface_do_not_pull_it_inwards():

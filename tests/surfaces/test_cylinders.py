@@ -12,16 +12,25 @@ import voxflat
 AROUND, ALONG = 30, 18
 
 
-def tube(radius):
-    """Return a tube along x, 40 long, with the radius at each position; rings are turned against each other."""
+def tube(radius, twist=0.5):
+    """Return a tube along x, 40 long, with the radius at each position; rings are turned by a twist."""
     x = np.linspace(0, 40, ALONG + 1)
-    angles = 2 * np.pi * (np.arange(AROUND) + 0.5 * np.arange(ALONG + 1)[:, None]) / AROUND
+    angles = 2 * np.pi * (np.arange(AROUND) + twist * np.arange(ALONG + 1)[:, None]) / AROUND
     wide = np.array([radius(at) for at in x])[:, None]
     points = np.stack([np.broadcast_to(x[:, None], angles.shape), wide * np.cos(angles), wide * np.sin(angles)], -1)
     a = np.arange(ALONG * AROUND).reshape(ALONG, AROUND)
     b, c = np.roll(a, -1, axis=1), a + AROUND
     faces = np.concatenate([np.stack([a, b, c], -1), np.stack([b, np.roll(c, -1, axis=1), c], -1)])
     return points.reshape(-1, 3), faces.reshape(-1, 3)
+
+
+def test_a_tube_is_placed_on_the_cylinder_of_its_length_and_area():
+    points, faces = tube(lambda x: 8.0, twist=0)
+    (chart,) = voxflat.surface((points, faces)).charts("cylinder")
+    along, around = chart.cutout.onto.T
+    np.testing.assert_allclose(along, points[:, 0] - 20, atol=1e-9)
+    known = np.unique(around[np.isfinite(around)].round(6))
+    np.testing.assert_allclose(np.diff(known), 2 * 8 * np.sin(np.pi / AROUND), atol=1e-4)  # side of the polygon
 
 
 def distances_around(surface, flat_map, count=60):

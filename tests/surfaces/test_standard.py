@@ -1,6 +1,7 @@
 """Standard cuts by the registered sphere, templates, and the standard frame."""
 
 import json
+from types import SimpleNamespace
 
 import anatomy
 import composed
@@ -10,6 +11,7 @@ import numpy as np
 import pytest
 from command_line import run, succeed
 from refusals import refused
+from scipy.optimize import minimize
 from scipy.spatial import KDTree
 from scipy.spatial.transform import Rotation
 from textures import areas
@@ -18,8 +20,9 @@ import voxflat
 from voxflat import _core
 from voxflat.io.overlays import read_region
 from voxflat.methods import Voxflat
+from voxflat.methods.common import _in_standard_frame
 from voxflat.surfaces.standard.pattern import icosphere
-from voxflat.surfaces.standard.sphere import _FS_LR, in_triangles, sphere_of
+from voxflat.surfaces.standard.sphere import _FS_LR, Sphere, _apart, in_triangles, sphere_of
 from voxflat.surfaces.standard.template import read_template, standard_template
 
 NAMES = ["calcarine", "medial 1", "medial 2", "medial 3", "temporal"]
@@ -403,6 +406,36 @@ def test_other_maps_stay_as_they_were(subject):
     assert patch.metadata["frame"] is None
     assert patch.metadata["sphere"] is None
     assert patch.metadata["cut_names"] == []
+
+
+def test_sets_of_points_are_compared_after_the_best_similarity_transform():
+    points = np.random.default_rng(3).normal(size=(30, 3))
+    turn = Rotation.from_euler("xyz", [20, -130, 70], degrees=True).as_matrix()
+    moved = 2.5 * points @ turn.T + [10, -4, 3]
+    assert _apart(points, moved) == pytest.approx(0, abs=1e-9)
+    onto = moved + np.random.default_rng(4).normal(size=(30, 3))
+    best = minimize(
+        lambda of: ((onto - of[0] * points @ Rotation.from_rotvec(of[1:4]).as_matrix().T - of[4:]) ** 2).sum(),
+        [2.4, *Rotation.from_matrix(turn).as_rotvec(), *moved.mean(axis=0)],
+        tol=1e-14,
+    ).x
+    fitted = best[0] * points @ Rotation.from_rotvec(best[1:4]).as_matrix().T + best[4:]
+    assert _apart(points, onto) == pytest.approx(np.median(np.linalg.norm(onto - fitted, axis=1)), rel=1e-4)
+    assert _apart(points, moved * [-1, 1, 1]) > 0.5  # a reflection is none
+
+
+def test_the_residual_in_the_standard_frame_is_a_root_mean_square():
+    places, faces = icosphere(2)
+    uv = np.random.default_rng(0).normal(size=(len(places), 2)) * [40, 90]
+    sphere = Sphere(places, "fsaverage", "left", "", 0, 0.0)
+    _, count, residual = _in_standard_frame(uv, SimpleNamespace(vertices=np.arange(len(places))), faces, sphere)
+    anchors = standard_template("fsaverage", "left").anchors
+    corners, weights, _ = in_triangles(places, faces, anchors.sphere)
+    a, b = (of - of.mean(axis=0) for of in (np.einsum("ij,ijk->ik", weights, uv[corners]), anchors.flat))
+    both = (a.T @ b).astype(complex)  # the best rotation makes the trace as large as this (Kabsch 1976)
+    most = abs(both[0, 0] + both[1, 1] + 1j * (both[0, 1] - both[1, 0]))
+    assert count == len(a)
+    assert residual == pytest.approx(np.sqrt(((a**2).sum() + (b**2).sum() - 2 * most) / count), rel=1e-6)
 
 
 def test_a_turn_onto_places_is_rigid_and_the_best():
