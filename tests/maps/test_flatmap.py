@@ -242,7 +242,7 @@ class TestWarnings:
         assert logged == [components, holes]
 
     def test_a_seed_point_off_the_surface_is_told(self, ball):
-        near = grossmann2002(ball, seed_point=(30, 16, 16), radius=12.0, sources=50)
+        near = grossmann2002(ball, seed_point=(31, 16, 16), radius=12.0, sources=50)  # two voxels away
         assert near.metadata["warnings"] == []
         assert near.metadata["seed_found"] == [29, 16, 16]
         far = grossmann2002(ball, seed_point=(32, 16, 16), radius=12.0, sources=50)

@@ -2,6 +2,7 @@ import json
 import shlex
 from dataclasses import replace
 from itertools import pairwise
+from types import SimpleNamespace
 
 import how_to
 import numpy as np
@@ -14,6 +15,7 @@ from triangle_meshes import square
 import voxflat
 from voxflat import figures, io
 from voxflat.maps.worst_places import area_changes
+from voxflat.maps.worst_search import _place, _Ways
 from voxflat.methods import Grossmann2002, Voxflat
 
 
@@ -34,9 +36,6 @@ def swollen(size=30, middles=((8, 8, 0.4), (21, 20, -0.4)), radius=4.0):
     return points, faces, uv
 
 
-pytestmark = pytest.mark.slow  # maps are made
-
-
 @pytest.fixture(scope="module")
 def both():
     return laid(*swollen())
@@ -50,6 +49,7 @@ def pit():
     return points, faces, voxflat.flatten((points, faces), relax=False)
 
 
+@pytest.mark.slow
 def test_both_signs_are_found_where_they_are(both):
     worst = voxflat.worst_places(both, beyond=1.25)
     places = {place.kind: place for place in worst.places[:2]}
@@ -67,6 +67,7 @@ def test_both_signs_are_found_where_they_are(both):
         assert np.array_equal(both.uv[row], place.uv)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("beyond", [1.25, 1.5, 2])
 def test_all_places_together_are_the_share_that_the_figures_have(both, beyond):
     worst = voxflat.worst_places(both, 10_000, beyond=beyond, cuts=False)
@@ -84,6 +85,7 @@ def test_all_places_together_are_the_share_that_the_figures_have(both, beyond):
         assert place.excess == pytest.approx((areas[place.triangles] * np.abs(change)).sum())
 
 
+@pytest.mark.slow
 def test_the_worst_comes_first_and_places_do_not_touch(both):
     worst = voxflat.worst_places(both, 10_000, beyond=1.1, cuts=False)
     assert worst.found > 2
@@ -97,6 +99,7 @@ def test_the_worst_comes_first_and_places_do_not_touch(both):
     assert [place.excess for place in fewer.places] == [place.excess for place in worst.places[:2]]
 
 
+@pytest.mark.slow
 def test_where_nothing_changes_nothing_is_found():
     points, faces = square(8)
     worst = voxflat.worst_places(laid(points, faces, 3 * points[:, :2]))
@@ -105,6 +108,7 @@ def test_where_nothing_changes_nothing_is_found():
     assert not worst.numbers.any()
 
 
+@pytest.mark.slow
 def test_a_triangle_without_area_on_the_map_does_not_outweigh_all():
     points, faces, uv = swollen()
     uv[faces[0, 0]] = uv[faces[0, 1]]
@@ -113,6 +117,7 @@ def test_a_triangle_without_area_on_the_map_does_not_outweigh_all():
     assert np.linalg.norm(worst.places[0].point[:2] - points[faces[0, 0], :2]) > 3
 
 
+@pytest.mark.slow
 def test_neither_rotation_nor_the_order_of_vertices_matters(both):
     points, faces, uv = swollen()
     rng = np.random.default_rng(0)
@@ -128,6 +133,7 @@ def test_neither_rotation_nor_the_order_of_vertices_matters(both):
         assert order[b.id] == a.id
 
 
+@pytest.mark.slow
 def test_a_pit_is_shrunk_and_its_cut_relieves_it(pit, tmp_path):
     points, faces, flat_map = pit
     worst = voxflat.worst_places(flat_map)
@@ -151,6 +157,7 @@ def test_a_pit_is_shrunk_and_its_cut_relieves_it(pit, tmp_path):
         assert relieved.distortion.triangles.area_beyond_1_5 < flat_map.distortion.triangles.area_beyond_1_5 / 2
 
 
+@pytest.mark.slow
 def test_the_gain_is_that_of_the_sketch_without_and_with_the_cut(pit):
     from voxflat.surfaces.cutting import sketch_error
 
@@ -162,6 +169,7 @@ def test_the_gain_is_that_of_the_sketch_without_and_with_the_cut(pit):
     assert worst.places[0].cut.gain == pytest.approx(worst.sketch_error - sketch_error(with_cut, None, None))
 
 
+@pytest.mark.slow
 def test_what_touches_the_border_is_cut_on_inwards():
     flat_map = laid(*swollen(middles=((0, 15, -0.5),)))
     (place, *_) = voxflat.worst_places(flat_map, 1).places
@@ -171,6 +179,7 @@ def test_what_touches_the_border_is_cut_on_inwards():
     assert place.cut.points[-1, 0] == 0
 
 
+@pytest.mark.slow
 def test_a_map_with_cuts_hands_them_on(tmp_path):
     points, faces = square(20)
     cut = np.flatnonzero((points[:, 0] == 10) & (points[:, 1] < 8))
@@ -184,6 +193,7 @@ def test_a_map_with_cuts_hands_them_on(tmp_path):
     assert np.array_equal(again.ids, flat_map.ids)
 
 
+@pytest.mark.slow
 def test_parcels_name_the_places(both):
     labels = np.where(both.points[:, 0] < 15, 3, 7)
     worst = voxflat.worst_places(both, 2, beyond=1.25, cuts=False, parcels=labels)
@@ -191,6 +201,7 @@ def test_parcels_name_the_places(both):
     assert "parcel" in worst.table().splitlines()[1]
 
 
+@pytest.mark.slow
 def test_files(both, tmp_path):
     worst = voxflat.worst_places(both, 2, beyond=1.25)
     worst.save(tmp_path / "worst.json")
@@ -208,6 +219,7 @@ def test_files(both, tmp_path):
     refused(r"ends in \.json or \.tsv", worst.save, tmp_path / "worst.xml")
 
 
+@pytest.mark.slow
 def test_what_cannot_be_meant_is_refused(both):
     refused("beyond is 1. Pass a factor greater than 1", voxflat.worst_places, both, beyond=1)
     refused("beyond is nan. Pass a factor", voxflat.worst_places, both, beyond=np.nan)
@@ -218,6 +230,7 @@ def test_what_cannot_be_meant_is_refused(both):
     refused("no triangles on which to measure areas", voxflat.worst_places, flat_map)
 
 
+@pytest.mark.slow
 def test_figures_show_them(both, tmp_path):
     worst = voxflat.worst_places(both, 2, beyond=1.25)
     drawn = figures.worst_places(worst)
@@ -230,6 +243,7 @@ def test_figures_show_them(both, tmp_path):
     assert (picture != without).any(axis=2).sum() > 200  # outlines, cuts and numbers
 
 
+@pytest.mark.slow
 def test_the_commands_of_the_how_to_run(pit, tmp_path, monkeypatch):
     points, faces, flat_map = pit
     monkeypatch.chdir(tmp_path)
@@ -244,3 +258,23 @@ def test_the_commands_of_the_how_to_run(pit, tmp_path, monkeypatch):
     relieved = voxflat.load("relieved.npz").distortion.triangles
     assert relieved.area_beyond_1_5 < flat_map.distortion.triangles.area_beyond_1_5 / 2
     assert (tmp_path / "worst.tsv").read_text().startswith("number\tkind\tarea_mm2")
+
+
+def test_the_median_of_a_place_counts_every_part_of_its_area_alike():
+    points, faces = square(4)
+    across = np.array([0, 4.0, 7, 9, 10])[points[:, 0].astype(int)]  # columns 4, 3, 2 and 1 wide, and 2.5 on the map
+    flat_map = laid(np.column_stack([across, points[:, 1:]]), faces, points[:, :2] * [2.5, 1])
+    areas, logs = area_changes(flat_map)
+    place = _place(flat_map, 1, np.arange(len(faces)), areas, logs, areas.sum(), None)
+    assert (place.median_ratio, place.worst_ratio) == pytest.approx((2.5 / 3, 2.5))
+
+
+def test_a_cut_from_the_border_is_three_times_as_deep_as_the_place():
+    points, faces = square(20)
+    ways = _Ways(laid(points, faces, points[:, :2].copy()), 1, None)
+    middles = points[faces].mean(axis=1)
+    for depth, reach in ((2, 6), (3, 9)):  # rectangles at the left border, with their corners' depth
+        inside = np.flatnonzero((middles[:, 0] < depth) & (np.abs(middles[:, 1] - 10) < 0.5 * depth))
+        path = points[ways._through(np.unique(faces[inside]), SimpleNamespace(area=float(depth**2)))]
+        assert path[-1, 0] == 0
+        assert path[0, 0] == reach

@@ -16,8 +16,7 @@ from scipy.spatial.transform import Rotation
 import voxflat
 from voxflat.demo import demo_cortex
 from voxflat.io import Volume
-
-pytestmark = pytest.mark.slow  # a whole brain
+from voxflat.surfaces import hemispheres
 
 SIDES = ("left", "right")
 
@@ -66,6 +65,7 @@ CASES = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", CASES)
 def test_each_side_is_found_wherever_the_brain_lies(brain, case):
     truth = parted(brain.data > 0.5, brain.affine)
@@ -82,6 +82,7 @@ def test_each_side_is_found_wherever_the_brain_lies(brain, case):
         assert 0.05 < (found & ~white).sum() / wanted.sum() < 0.2  # ventricles and deep nuclei
 
 
+@pytest.mark.slow
 def test_axes_may_run_either_way(brain):
     half = voxflat.hemisphere(brain, "left", threshold=0.5)
     flip = np.diag([-1.0, 1, -1, 1])
@@ -91,6 +92,7 @@ def test_axes_may_run_either_way(brain):
     assert (other != half.data).mean() < 1e-3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("side", SIDES)
 def test_a_hemisphere_becomes_a_sphere_and_a_standard_map(brain, side):
     whole = voxflat.surface(voxflat.hemisphere(brain, side, threshold=0.5), repair="voxels")
@@ -107,6 +109,7 @@ def test_a_hemisphere_becomes_a_sphere_and_a_standard_map(brain, side):
     assert "sphere" not in text
 
 
+@pytest.mark.slow
 def test_the_command_takes_a_file_as_it_is(brain, tmp_path):
     data, grid = moved(brain.data, brain.affine, np.eye(4), 1.5, (150, 170, 150), 1)
     nib.save(nib.Nifti1Image((255 * np.clip(data, 0, 1)).astype(np.uint8), grid), tmp_path / "wm.nii.gz")
@@ -121,6 +124,7 @@ def test_the_command_takes_a_file_as_it_is(brain, tmp_path):
     assert "--label and --hemisphere cannot be combined" in run(*command, "--label", 1).output
 
 
+@pytest.mark.slow
 def test_labels_of_freesurfer_and_synthseg_say_it(brain):
     labels = parted(brain.data > 0.5, brain.affine)
     segmentation = np.choose(labels, [0, 2, 41, 16]).astype(np.int16)
@@ -135,6 +139,7 @@ def test_labels_of_freesurfer_and_synthseg_say_it(brain):
     assert not (left & right).any()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("given", "said"),
     [
@@ -147,6 +152,7 @@ def test_what_is_no_brain_is_refused(given, said):
     refused(said, voxflat.hemisphere, Volume(given, np.diag([2.0, 2, 2, 1])), "left")
 
 
+@pytest.mark.slow
 def test_the_command_maps_both_sides(brain, tmp_path):
     data, grid = moved(brain.data, brain.affine, np.eye(4), 2.0, (110, 130, 110), 1)
     nib.save(nib.Nifti1Image(data.astype(np.float32), grid), tmp_path / "wm.nii.gz")
@@ -161,6 +167,7 @@ def test_the_command_maps_both_sides(brain, tmp_path):
     assert len(remarks) == 2  # one a side
 
 
+@pytest.mark.slow
 def test_what_failed_is_shown(tmp_path):
     ball = np.linalg.norm(np.indices((60, 60, 60)) - 30, axis=0) < 25
     nib.save(nib.Nifti1Image(ball.astype(np.uint8), np.diag([2.0, 2, 2, 1])), tmp_path / "ball.nii.gz")
@@ -183,6 +190,7 @@ def test_what_failed_is_shown(tmp_path):
     assert again.template.any()
 
 
+@pytest.mark.slow
 def test_both_sides_share_one_alignment(brain):
     coarse = Volume(np.ascontiguousarray(brain.data[::2, ::2, ::2]), brain.affine @ np.diag([2.0, 2, 2, 1]))
     stages = set()
@@ -192,6 +200,7 @@ def test_both_sides_share_one_alignment(brain):
     assert "aligning the brain, right" not in stages
 
 
+@pytest.mark.slow
 def test_it_can_be_stopped(brain):
     coarse = Volume(np.ascontiguousarray(brain.data[::3, ::3, ::3] > 0.5), brain.affine @ np.diag([3.0, 3, 3, 1]))
     for number in (1, 3):
@@ -204,6 +213,43 @@ def test_it_can_be_stopped(brain):
     assert stages == {"aligning the brain, left", "extracting the hemisphere, left"}
 
 
+@pytest.mark.slow
 def test_one_hemisphere_alone_is_not_split(brain):
     half = voxflat.hemisphere(brain, "left", threshold=0.5)
     refused(r"does not match|contains no white matter of the right", voxflat.hemisphere, half, "right")
+
+
+def test_otsus_threshold_has_the_least_variance_within_both_classes():
+    rng = np.random.default_rng(2)
+    values = np.clip(np.concatenate([rng.normal(60, 25, 3000), rng.normal(150, 30, 1000)]).round(), 0, 255)
+    values[:2] = 0, 255  # a bin for each whole number
+    within = [len(part) * part.var() for at in range(1, 255) for part in (values[values <= at], values[values > at])]
+    best = 1 + np.add(within[::2], within[1::2]).argmin()
+    assert best < hemispheres._otsu(values) < best + 1
+
+
+def test_coarse_voxels_have_the_mean_and_the_centre_of_their_voxels():
+    white = np.random.default_rng(0).random((7, 12, 5)) < 0.4
+    affine = np.array([[0, -0.5, 0, 9.0], [0.7, 0, 0, -3], [0, 0.1, 2.0, 5], [0, 0, 0, 1]])
+    shares, coarse = hemispheres._coarse(white, affine)
+    steps = 3, 4, 1  # of 2 mm
+    padded = np.zeros((9, 12, 5))
+    padded[:7] = white
+    assert shares.shape == (3, 3, 5)
+    for at in np.ndindex(shares.shape):
+        block = np.array([np.add(np.multiply(at, steps), more) for more in np.ndindex(steps)])
+        assert shares[at] == pytest.approx(padded[tuple(block.T)].mean(), abs=1e-6)
+        np.testing.assert_allclose(coarse @ [*at, 1], affine @ [*block.mean(axis=0), 1], atol=1e-12)
+
+
+def test_the_slope_of_the_alignment_is_that_of_the_image_per_mm():
+    grid = np.array([[0, -1.5, 0, 9.0], [2.0, 0, 0, -3], [0, 0.2, 2.5, 5], [0, 0, 0, 1]])
+    index = np.indices((9, 9, 9)).reshape(3, -1)
+    slope = [0.02, -0.03, 0.01]
+    values = (slope @ (grid[:3, :3] @ index + grid[:3, 3:])).reshape(9, 9, 9)
+    points = (grid[:3, :3] @ [[3, 5.5, 4], [4, 3.2, 2], [5, 4, 6]] + grid[:3, 3:]).T
+    pair = hemispheres._Pair(values.astype(np.float32), np.linalg.inv(grid), points, np.full(3, 0.5))
+    error, residual, found = pair._compared(np.eye(4))
+    np.testing.assert_allclose(found, [slope] * 3, atol=1e-6)
+    np.testing.assert_allclose(residual, points @ slope - 0.5, atol=1e-6)
+    assert error == pytest.approx((residual**2).mean())

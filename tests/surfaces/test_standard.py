@@ -413,15 +413,15 @@ def test_sets_of_points_are_compared_after_the_best_similarity_transform():
     turn = Rotation.from_euler("xyz", [20, -130, 70], degrees=True).as_matrix()
     moved = 2.5 * points @ turn.T + [10, -4, 3]
     assert _apart(points, moved) == pytest.approx(0, abs=1e-9)
-    onto = moved + np.random.default_rng(4).normal(size=(30, 3))
-    best = minimize(
-        lambda of: ((onto - of[0] * points @ Rotation.from_rotvec(of[1:4]).as_matrix().T - of[4:]) ** 2).sum(),
-        [2.4, *Rotation.from_matrix(turn).as_rotvec(), *moved.mean(axis=0)],
-        tol=1e-14,
-    ).x
-    fitted = best[0] * points @ Rotation.from_rotvec(best[1:4]).as_matrix().T + best[4:]
-    assert _apart(points, onto) == pytest.approx(np.median(np.linalg.norm(onto - fitted, axis=1)), rel=1e-4)
-    assert _apart(points, moved * [-1, 1, 1]) > 0.5  # a reflection is none
+    for onto in (moved + np.random.default_rng(4).normal(size=(30, 3)), moved * [-1, 1, 1]):  # a reflection is none
+
+        def apart(of, onto=onto):
+            return onto - np.exp(of[0]) * points @ Rotation.from_rotvec(of[1:4]).as_matrix().T - of[4:]
+
+        starts = [[0, *axis, *onto.mean(axis=0)] for axis in Rotation.create_group("O").as_rotvec()]
+        found = [minimize(lambda of: (apart(of) ** 2).sum(), start) for start in starts]
+        best = apart(min(found, key=lambda one: one.fun).x)
+        assert _apart(points, onto) == pytest.approx(np.median(np.linalg.norm(best, axis=1)), rel=1e-4)
 
 
 def test_the_residual_in_the_standard_frame_is_a_root_mean_square():

@@ -64,9 +64,9 @@ def _indices(volume: Volume, points: _Floats) -> tuple[_Floats, NDArray[np.bool_
 
 
 def voxels_of(volume: Volume, points: _Floats) -> NDArray[np.int32]:
-    """Return the indices (P, 3) of the voxels around positions, or of the nearest ones for positions outside."""
+    """Return the indices (P, 3) of voxels beside positions, or of the nearest ones for positions outside."""
     where, _ = _indices(volume, points)
-    return _lowest(np.rint(where), volume.data)
+    return _lowest(where, volume.data)
 
 
 def are_centres(volume: Volume, points: _Floats) -> bool:
