@@ -6,7 +6,10 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.stats import norm
 
 import voxflat
-from voxflat.lab.comparison import Sums, outliers, outliers_by_chance
+from voxflat.distortion.distortion import _DISTANCES, _TRIANGLES
+from voxflat.lab.comparison import Row, Sums, outliers, outliers_by_chance
+from voxflat.lab.group import _with_outliers
+from voxflat.lab.results import FIGURES
 
 
 def test_outliers_by_chance_are_those_of_a_normal_distribution():
@@ -22,6 +25,24 @@ def test_outliers_are_3_5_standard_deviations_of_a_normal_distribution_away():
         values = 7 + np.array([0, -1, 1, -1, 1, np.nan, -1, 1, -x, x])
         assert_array_equal(outliers(values), [False] * 8 + [is_outlier] * 2)
     assert not outliers(np.ones(9)).any()
+
+
+def test_outliers_of_a_study_are_high_or_low_among_the_hemispheres_of_their_side():
+    def row(number, letter, error, flipped=0):
+        record = {"figures": {"best_scale": {"relative_error": error}, "triangles": {"flipped": flipped}}}
+        return Row(f"sub-{number}", "", letter, "", record)
+
+    errors = (0.050, 0.051, 0.052, 0.053, 0.054, 0.1, 5.0, 0.001)  # the mean is larger than 0.1
+    left = [row(n, "L", error, flipped=n == 2) for n, error in enumerate(errors)]
+    right = [row(n, "R", error) for n, error in enumerate((0.1, 0.1, 0.11, 0.12, 0.09))]
+    found = [row.outliers.get("best_scale.relative_error") for row in _with_outliers(left + right)]
+    assert found == [None] * 5 + ["high", "high", "low"] + [None] * 5
+    assert [n for n, row in enumerate(_with_outliers(left)) if "triangles.flipped" in row.outliers] == [2]
+
+
+def test_percentages_of_studies_are_those_of_the_tables_of_maps():
+    factors = {key: factor for _, key, factor, _ in (*_DISTANCES, *_TRIANGLES)}
+    assert {key: of[1] for key, of in FIGURES.items()} == {key: factors[key.split(".")[1]] for key in FIGURES}
 
 
 @pytest.mark.parametrize(("values", "number"), [((0, 1, 2, 90), 0), ((0, 1, 2, 3, 90), 1), ((0, 1, 2, np.nan, 90), 0)])

@@ -136,5 +136,5 @@ def _crossings(uv: _Floats, faces: NDArray[Any], labels: _Ints) -> tuple[_Ints, 
         np.add.at(sums, pairs[:, 0], places[pairs[:, 1]])
         np.add.at(sums, pairs[:, 1], places[pairs[:, 0]])
         wanted = ((sums / 2 - start) * along).sum(axis=1) / length
-        share = np.where(is_free, np.clip((share + wanted) / 2, _NEAREST, 1 - _NEAREST), share)
+        share = np.where(is_free, np.clip(wanted, _NEAREST, 1 - _NEAREST), share)
     return edges, share, links, uv[faces[many == 3].astype(np.int64)].mean(axis=1)
