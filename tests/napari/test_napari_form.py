@@ -2,12 +2,13 @@
 
 import subprocess
 import sys
+from functools import partial
 
 import numpy as np
 import pytest
 import shapes
 from napari.layers import Image, Labels, Surface
-from napari_window import PATIENCE, bumps, choose, run, sphere
+from napari_window import PATIENCE, bumps, cap, choose, open_file, run, sphere
 from numpy.testing import assert_array_equal
 from scipy import ndimage
 
@@ -130,6 +131,7 @@ def test_the_surface_follows_the_selection_until_the_user_chooses(open_widget, q
 
 CLOSED_MEANWHILE = """
 import sys
+from functools import partial
 import napari, numpy as np
 from qtpy.QtCore import QTimer
 i, j, k = np.indices((60, 60, 60)) - 29.5
@@ -169,3 +171,100 @@ def test_defaults(open_widget):
     form.sample_depth.editingFinished.emit()  # as the user does
     form.surface.choose(viewer.layers["embryo"])
     assert form.sample_depth.value() == 1.25
+
+
+def boxes(form):
+    """Return what the form shows, by the names of its fields."""
+    options = form.options.options(form.method.currentData())
+    part = form.patch.currentData(), form.radius.value(), form.seed.point
+    return form.surface.layer.name, form.label.currentData(), part, form.world.currentData(), options
+
+
+@pytest.mark.parametrize("first", ["map", "layer"])
+def test_the_settings_come_back_with_the_saved_map(open_widget, make_napari_viewer, qtbot, tmp_path, first):
+    labels = cap()
+    labels[labels > 0] = 5
+    labels[0, 0, 0] = 3
+    viewer, widget = open_widget(Labels(labels, name="sheet"))
+    form = widget.form
+    qtbot.waitUntil(lambda: form.label.count() == 2, timeout=PATIENCE)
+    form.label.choose(5)
+    choose(form.world, "LPS")
+    choose(form.patch, "disk")
+    form.radius.setValue(7.5)
+    seed = tuple(int(n) for n in np.argwhere(labels == 5)[200])
+    form.seed.set_point(seed)
+    options = form.options
+    options.mirror.setChecked(True)
+    options.sources.setValue(25)
+    options.weighting.setValue(0.3)
+    options.seed.setValue(4)
+    choose(options.fields["relax"], False)
+    choose(options.fields["scale"], "areas")
+    choose(form.sampled, None)
+    form.pixel_size.setValue(0.7)
+    run(widget, qtbot)
+    expected, uv = boxes(form), ViewerState.of(viewer).current.flat_map.uv
+    path = tmp_path / "map.voxflat"
+    viewer.layers.selection = {viewer.layers["sheet distortion"]}
+    viewer.layers.save(str(path), selected=True, plugin="voxflat")
+
+    # the settings of a dock that was closed
+    viewer.window.remove_dock_widget(widget)
+    _, widget = viewer.window.add_plugin_dock_widget("voxflat", "Flatten surface")
+    qtbot.waitUntil(lambda: boxes(widget.form) == expected, timeout=PATIENCE)
+    viewer.close()
+
+    viewer = make_napari_viewer()
+    _, widget = viewer.window.add_plugin_dock_widget("voxflat", "Flatten surface")
+    form = widget.form
+    form.radius.setValue(12.0)  # which an undo brings back
+    viewer.add_labels(np.pad(labels, 1), name="another")
+    open_layer = partial(viewer.add_labels, labels, name="sheet")
+    for step in (open_layer, partial(open_file, viewer, qtbot, path))[:: 1 if first == "layer" else -1]:
+        step()
+    assert first == "layer" or "Restored" in widget.status.text() or "Open 'sheet'" in widget.status.text()
+    qtbot.waitUntil(lambda: form.label.count() == 2 and boxes(form) == expected, timeout=PATIENCE)
+    assert form.pixel_size.value() == 0.7
+    assert form.sampled.layer is None
+    assert widget.status.text() == "Restored the settings."
+    widget.results.settings.click()
+    assert (form.radius.value(), form.patch.currentData(), form.options.sources.value()) == (12.0, "whole", 0)
+    widget.results.settings.click()
+    qtbot.waitUntil(lambda: boxes(form) == expected, timeout=PATIENCE)
+    run(widget, qtbot)
+    assert_array_equal(ViewerState.of(viewer).current.flat_map.uv, uv)
+
+
+def test_settings_that_do_not_exist_are_told(open_widget, make_napari_viewer, qtbot, tmp_path):
+    labels = cap()
+    viewer, widget = open_widget(Labels(labels, name="sheet"), Labels(labels, name="mask"))
+    form = widget.form
+    form.surface.choose(viewer.layers["sheet"])
+    qtbot.waitUntil(lambda: form.label.label == 3, timeout=PATIENCE)
+    choose(form.patch, "mask")
+    form.masked_by.choose(viewer.layers["mask"])
+    run(widget, qtbot)
+    path = tmp_path / "map.voxflat"
+    flat_map = ViewerState.of(viewer).current.flat_map
+    record = flat_map.metadata["napari"]["form"]
+    record |= {"method": "unheard of", "radius": "wide", "options": {**record["options"], "sources": -3}}
+    flat_map.save(path)
+    viewer.close()
+
+    viewer = make_napari_viewer()
+    _, widget = viewer.window.add_plugin_dock_widget("voxflat", "Flatten surface")
+    open_file(viewer, qtbot, path)
+    assert widget.status.text() == "Open 'sheet' to restore the settings."
+    viewer.add_labels(np.pad(labels, 1), name="sheet")
+    viewer.layers[-1].name = "wider"
+    viewer.add_labels(np.where(labels, 8, 0), name="sheet")
+    qtbot.waitUntil(lambda: "does not contain label 3" in widget.status.text(), timeout=PATIENCE)
+    told = widget.status.text()
+    for part in ("Label: 'sheet' does", "Mask: layer 'mask' is not open", "Method: 'unheard of'", "Radius: 'wide'"):
+        assert part in told
+    assert "sources -3 is not between 0 and 100000" in told
+    assert widget.form.label.label == 8
+    viewer.add_labels(labels, name="mask")
+    assert widget.form.masked_by.layer is viewer.layers["mask"]
+    assert "Mask" not in widget.status.text()

@@ -54,16 +54,21 @@ class Job:
     start: FlatMap | None = None  # the map to start from
     frames: Frames | None = None  # to flatten all frames of a movie
     frame: SingleFrame | None = None  # to flatten one of them
+    form: Mapping[str, Any] | None = None  # the settings of the form, for the description of the map
 
     def run(self, progress: Progress) -> FlatLayers:
         _tell(progress, "reading the layer")
         if self.frames is not None:
             return self._flatten_all(self.frames, progress)
         flat_map = self._flatten(progress)
-        flat_map = replace(flat_map, metadata={**flat_map.metadata, "napari": self.surface.origin})
+        flat_map = replace(flat_map, metadata={**flat_map.metadata, "napari": self._origin})
         _draw(progress, "map")
         layers = map_layers(flat_map, self.surface.origin["layer"], self.shown, self.values, self.pixel_size)
         return replace(layers, frame=self.frame)
+
+    @property
+    def _origin(self) -> dict[str, Any]:
+        return {**self.surface.origin, **({} if self.form is None else {"form": self.form})}
 
     def _flatten(self, progress: Progress) -> FlatMap:
         pial = None if self.pial is None else self.pial.read()
@@ -97,7 +102,7 @@ class Job:
         method, _, how = self.split()
         series = flatten_series(surfaces, method, reference=frames.reference, **how, progress=progress)
         flat_map = series.flat_map
-        flat_map = replace(flat_map, metadata={**flat_map.metadata, "napari": self.surface.origin})
+        flat_map = replace(flat_map, metadata={**flat_map.metadata, "napari": self._origin})
         _draw(progress, "map")
         layers = map_layers(flat_map, self.surface.origin["layer"], pixel_size=self.pixel_size)
         movie = MovieMaps(replace(series, flat_map=flat_map), frames.time)

@@ -1,6 +1,7 @@
 """The state of a viewer that persists when docks are closed: its runs and drawn cuts."""
 
 import weakref
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, ClassVar
@@ -29,6 +30,16 @@ class DrawnCuts:
     left_out: NDArray[np.int64]  # excluded vertices, as `drop`; may be empty
     sphere: str | None = None  # aligns the map with maps that have standard cuts: a file, or `OWN_REGISTRATION`
 
+    @classmethod
+    def of(cls, record: Mapping[str, Any]) -> "DrawnCuts":
+        """Read cuts from the description of a saved map."""
+        paths = {name: np.array(path, dtype=np.int64) for name, path in record["paths"].items()}
+        return cls(paths, np.array(record["left_out"], dtype=np.int64), record["sphere"])
+
+    def record(self) -> dict[str, Any]:
+        paths = {name: path.tolist() for name, path in self.paths.items()}
+        return {"paths": paths, "left_out": self.left_out.tolist(), "sphere": self.sphere}
+
 
 _SESSION = ("marks", "regions", "drawn_cuts")
 
@@ -49,6 +60,8 @@ class ViewerState:
         self._opened: weakref.WeakSet[Run] = weakref.WeakSet()  # runs whose layers napari adds one at a time
         self._cuts: weakref.WeakKeyDictionary[Layer, DrawnCuts] = weakref.WeakKeyDictionary()
         self._cut_records: dict[str, dict[str, Any]] = {}
+        self.settings: dict[str, Mapping[str, Any]] = {}  # of the forms in docks that were closed
+        self.opened: Run | None = None  # the run of the last opened map, until its settings are restored
         self.keeps_earlier = False  # whether earlier runs are kept when a new one is added
 
     @classmethod
@@ -118,6 +131,7 @@ class ViewerState:
             sketches = Sketches(Sketch.of(session))
             run = Run(FlatLayers(flat_map, []), session["layer"], sketches=sketches)
             self._opened.add(run)
+            self.opened = run
             self._runs[run] = ListedLayers(viewer)
             self._current = run
         if run in self._opened:

@@ -34,6 +34,8 @@ from voxflat._napari.worker import POLL_INTERVAL
 from voxflat.errors import Cancelled, VoxflatError
 from voxflat.maps.flat_map import FlatMap
 
+_RESTORE = "Set the form as it was when this map was computed"
+
 
 class FlattenWidget(TaskDock):
     """Runs the job that a form describes in another thread, and shows the result."""
@@ -68,6 +70,9 @@ class FlattenWidget(TaskDock):
         arrange(QVBoxLayout(self), (self.scrolled, 1), actions, self.bar, self.status)
         self._show_work(None)
         self._follow_edits(form)
+        self._swapped: tuple[Run, bool, Mapping[str, Any]] | None = None  # restored or undone, and the other settings
+        results.settings.clicked.connect(self._swap_settings)
+        form.restored.connect(self._show_message)
         ViewerState.of(viewer).changed.connect(self._show_current)
         self._show_current()
 
@@ -140,6 +145,34 @@ class FlattenWidget(TaskDock):
         run = ViewerState.of(self._viewer).current
         if run is not None and isinstance(run.flat_map, FlatMap) == self.results.shows_maps:
             self.results.show_run(run)
+            self._offer_settings(run)
+            if run is ViewerState.of(self._viewer).opened:
+                ViewerState.of(self._viewer).opened = None
+                if self._settings_of(run) is not None:
+                    self._swap_settings()
+
+    def _settings_of(self, run: Run) -> Mapping[str, Any] | None:
+        found = run.flat_map.metadata["napari"].get("form")
+        return found if isinstance(found, Mapping) else None
+
+    def _offer_settings(self, run: Run) -> None:
+        """Offer to restore the settings of a run, or to undo this."""
+        is_swapped = self._swapped is not None and self._swapped[0] is run and self._swapped[1]
+        self.results.settings.setText("Undo restored settings" if is_swapped else "Restore settings")
+        tip = "Set the form as it was before the settings were restored" if is_swapped else _RESTORE
+        self.results.settings.setToolTip(tip)
+        self.results.settings.setVisible(self._settings_of(run) is not None)
+
+    def _swap_settings(self) -> None:
+        """Restore the settings of the current run, or those before."""
+        run = ViewerState.of(self._viewer).current
+        assert run is not None
+        is_restored, wanted = False, self._settings_of(run) or {}
+        if self._swapped is not None and self._swapped[0] is run:
+            _, is_restored, wanted = self._swapped
+        self._swapped = run, not is_restored, self.form.record()
+        self._offer_settings(run)
+        self.form.restore(wanted)
 
     def _on_errored(self, error: Exception) -> None:
         self._timer.stop()  # otherwise the stage would overwrite the error

@@ -22,6 +22,8 @@ _LAYERINGS = {"equivolume": "equal volumes (equivolume)", "equidistant": "equal 
 class DepthForm(LayerForm):
     """Lets the user choose a rim, layers, a volume and a region."""
 
+    _settings = (*LayerForm._settings, "count", "layering", "area", "regions")
+
     def __init__(self, viewer: Viewer) -> None:
         super().__init__(viewer)
         tip = "Number of layers, from the inner border (white matter) to the outer border"

@@ -10,6 +10,8 @@ from voxflat.errors import InputError
 
 
 class CutsForm(LayerForm):
+    _settings = (*LayerForm._settings, "shown_on")
+
     def __init__(self, viewer: Viewer) -> None:
         super().__init__(viewer)
         self.shown_on = LayerChoice(viewer, self._shown_rank, none="the surface itself")

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from typing import Any
 
-from qtpy.QtWidgets import QComboBox, QFormLayout, QSizePolicy, QWidget
+from qtpy.QtWidgets import QCheckBox, QComboBox, QFormLayout, QSizePolicy, QWidget
 
 _BESIDE = 32  # pixels that a list needs in addition to its texts
 
@@ -47,6 +47,32 @@ def offer(box: QComboBox, texts: Mapping[str, str], key: str, offered: bool) -> 
         if box.currentIndex() == index:
             box.setCurrentIndex(0)
         box.removeItem(index)
+
+
+def recorded(field: Any) -> Any:
+    """Return the value of a field for the description of a saved map."""
+    if hasattr(field, "record"):
+        return field.record()
+    if isinstance(field, QComboBox):
+        return field.currentData()
+    return field.isChecked() if isinstance(field, QCheckBox) else field.value()
+
+
+def restore(field: Any, value: Any) -> str:
+    """Set a field to a recorded value; return a message if this is impossible, and otherwise an empty text."""
+    if hasattr(field, "restore"):
+        return str(field.restore(value))
+    if isinstance(field, QComboBox):
+        if field.findData(value) < 0:
+            return f"{value!r} is not offered"
+        field.setCurrentIndex(field.findData(value))
+    elif isinstance(field, QCheckBox):
+        field.setChecked(bool(value))
+    elif field.minimum() <= value <= field.maximum():
+        field.setValue(value)
+    else:
+        return f"{value} is not between {field.minimum():g} and {field.maximum():g}"
+    return ""
 
 
 def show_row(rows: QFormLayout, field: QWidget, visible: bool) -> None:

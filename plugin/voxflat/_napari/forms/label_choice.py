@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 from napari.layers import Labels
+from qtpy.QtCore import Signal  # type: ignore[attr-defined]  # qtpy makes it of pyqtSignal
 from qtpy.QtWidgets import QComboBox, QSizePolicy
 
 from voxflat._napari.forms.fields import show_all
@@ -25,11 +26,14 @@ class LabelChoice(QComboBox):
     If the labels can be those of a rim, the rim is offered, too. It is the default if the name of the layer says so.
     """
 
+    settled = Signal(str)  # emitted when it is known whether the layer has a restored label, with a message if not
+
     def __init__(self) -> None:
         super().__init__()
         self.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Fixed)
         self._layer: Labels | None = None
         self._labels: dict[int, int] | None = None  # number of voxels of each label, once known
+        self._restored: int | str | None = None  # chosen before the labels are known
         self._timer = single_shot(self, _PAUSE, self.scan)
 
     @property
@@ -46,6 +50,28 @@ class LabelChoice(QComboBox):
     def choose(self, label: int | str) -> None:
         self.setCurrentIndex(self.findData(label))
 
+    def record(self) -> int | str | None:
+        return self.currentData()  # type: ignore[no-any-return]  # Qt's type is Any
+
+    def restore(self, label: int | str | None) -> str:
+        """Choose a label or a kind of rim; if the labels are not yet known, `settled` follows."""
+        if label is None:
+            return ""
+        if self._layer is None:
+            return "the layer is not a Labels layer"
+        if self._labels is None:
+            self._restored = label
+            self._offer(None)
+        elif self.findData(label) < 0:
+            return self._missing(label)
+        else:
+            self.choose(label)
+        return ""
+
+    def _missing(self, label: int | str) -> str:
+        assert self._layer is not None
+        return f"'{self._layer.name}' does not contain {f'label {label}' if isinstance(label, int) else 'a rim'}"
+
     def follow(self, layer: Labels | None) -> None:
         """Offer the labels of a layer, and follow its changes."""
         if self._layer is not None:
@@ -53,6 +79,7 @@ class LabelChoice(QComboBox):
             for event in (self._layer.events.data, self._layer.events.labels_update):
                 event.disconnect(self._rescan)
         self._layer = layer
+        self._labels = self._restored = None
         self.clear()
         if layer is None:
             self._timer.stop()
@@ -83,6 +110,7 @@ class LabelChoice(QComboBox):
         if self._layer is None or self.rim is not None:
             return
         if self._labels is None:
+            self._restored = None
             self._offer(None)
         elif self._layer.selected_label in self._labels:
             self.choose(self._layer.selected_label)
@@ -91,11 +119,12 @@ class LabelChoice(QComboBox):
         """Offer these labels and rims, or only the selected label if they are unknown."""
         assert self._layer is not None
         selected = self._layer.selected_label
-        before = None if self._labels is None else self.currentData()
+        before = self._restored if self._labels is None else self.currentData()
         self._labels = labels
         self.clear()
         if labels is None:
-            self.addItem(str(selected), selected)
+            only = selected if before is None else before
+            self.addItem(RIMS[only].text if isinstance(only, str) else str(only), only)
             return
         rims = rims_in(labels)
         for kind in rims:
@@ -107,3 +136,6 @@ class LabelChoice(QComboBox):
         found = [one for one in (before, usual, selected, *labels) if one in rims or one in labels]
         if found:
             self.choose(found[0])
+        if self._restored is not None:
+            restored, self._restored = self._restored, None
+            self.settled.emit("" if restored in found else self._missing(restored))

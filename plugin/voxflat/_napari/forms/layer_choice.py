@@ -21,6 +21,7 @@ class LayerChoice(QComboBox):
     """
 
     chosen = Signal()  # emitted when another layer is chosen
+    settled = Signal(str)  # emitted with an empty text when a layer for which the box waits is there, or not needed
 
     def __init__(
         self,
@@ -36,6 +37,7 @@ class LayerChoice(QComboBox):
         self._layers: list[Layer | None] = []
         self._last: Layer | None = None
         self._by_user = False
+        self._awaited: str | None = None  # the name of a layer that is chosen when it is opened
         self.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Fixed)  # long names must not widen the window
         self._selected: Layer | None = None
         self._has_new = False
@@ -61,12 +63,26 @@ class LayerChoice(QComboBox):
         self._by_user = True
         self.setCurrentIndex(self._layers.index(layer))
 
+    def record(self) -> str | None:
+        return None if self.layer is None else self.layer.name
+
+    def restore(self, name: str | None) -> str:
+        """Choose a layer by its name; if it is not open, choose it when it is opened."""
+        self._awaited = name
+        self.refresh()
+        if name is None and self._none is not None:
+            self.choose(None)
+        return "" if self._awaited is None else f"layer '{name}' is not open"
+
     def refresh(self) -> None:
         """Update the offered layers, and select the best one unless the user has chosen."""
         before = self.layer
         offered = [layer for layer in self._viewer.layers if self._rank(layer) is not None]
         if before is not None and before not in offered:
             self._by_user = False  # the chosen layer was removed
+        awaited = next((layer for layer in offered if layer.name == self._awaited), None)
+        if awaited is not None:
+            before, self._by_user, self._awaited = awaited, True, None
         wanted = before if self._by_user else self._best(offered)
         with signals_blocked(self):
             self.clear()
@@ -74,6 +90,8 @@ class LayerChoice(QComboBox):
             self.addItems([self._none or "" if layer is None else layer.name for layer in self._layers])
             self.setCurrentIndex(self._layers.index(wanted) if wanted in self._layers else -1)
         self._tell()
+        if awaited is not None:
+            self.settled.emit("")
 
     def keep(self) -> None:
         """Keep the current layer as if the user had chosen it."""
@@ -101,6 +119,9 @@ class LayerChoice(QComboBox):
 
     def _on_activated(self) -> None:
         self._by_user = True
+        if self._awaited is not None:
+            self._awaited = None
+            self.settled.emit("")
 
     def _tell(self) -> None:
         if self.layer is not self._last:

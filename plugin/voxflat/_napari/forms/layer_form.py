@@ -1,14 +1,16 @@
 """The fields that all forms share: the surface, the axes of the viewer, and the values that the map shows."""
 
+from collections.abc import Mapping
 from functools import partial
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from napari import Viewer
 from napari.layers import Image, Labels, Layer, Surface
+from qtpy.QtCore import Signal  # type: ignore[attr-defined]  # qtpy makes it of pyqtSignal
 from qtpy.QtWidgets import QDoubleSpinBox, QFormLayout, QWidget
 
-from voxflat._napari.forms.fields import choice, show_row, spin
+from voxflat._napari.forms.fields import choice, recorded, restore, show_row, spin
 from voxflat._napari.forms.label_choice import LabelChoice
 from voxflat._napari.forms.layer_choice import LayerChoice
 from voxflat._napari.forms.threshold_choice import ThresholdChoice
@@ -16,11 +18,22 @@ from voxflat._napari.layers.meshes import LayerMesh, is_elsewhere, surface_name,
 from voxflat._napari.layers.sampled import Shown, shown, usual_depth
 from voxflat._napari.layers.volumes import LayerVolume, check_time, finest, shown_step, time_axis
 from voxflat._napari.layers.world import MADE_FROM, WORLDS, same_kind_of_unit, unit_of
+from voxflat._napari.map_viewer.viewer_parts import list_events
+from voxflat._napari.timers import single_shot
+from voxflat._napari.viewer_state import ViewerState
 from voxflat.errors import InputError
+
+_RESTORED = "Restored the settings."
 
 
 class LayerForm(QWidget):
-    """Base class of the forms, with the surface and the values on its map; subclasses add the flattening options."""
+    """Base class of the forms, with the surface and the values on its map; subclasses add the flattening options.
+
+    `record` returns the settings, which `restore` brings back once the layer to flatten is open.
+    """
+
+    restored = Signal(str)  # emitted with a message when settings were restored, or could not be
+    _settings: ClassVar[tuple[str, ...]] = ("label", "threshold", "world", "sampled", "sample_depth")
 
     def __init__(self, viewer: Viewer) -> None:
         super().__init__()
@@ -45,6 +58,13 @@ class LayerForm(QWidget):
         self._depth_by_user = False
         self._usual_world = "RAS"
         self.sample_depth.editingFinished.connect(self._on_depth)
+        self._waiting: Mapping[str, Any] | None = ViewerState.of(viewer).settings.get(type(self).__name__)
+        self._problems: dict[str, str] = {}  # of the settings that were not restored
+        self._soon = single_shot(self, 0, self._restore)  # after the choices of layers are up to date
+        self._list_events = list_events(viewer.layers)
+        for event in self._list_events:
+            event.connect(self._soon_restore)
+        self._soon.start()
         self._rows = QFormLayout(self)
         self._rows.setContentsMargins(0, 0, 0, 0)
         self._rows.setFieldGrowthPolicy(QFormLayout.FieldGrowthPolicy.AllNonFixedFieldsGrow)
@@ -54,10 +74,80 @@ class LayerForm(QWidget):
         surface = (("Surface", self.surface), ("Label", self.label), ("Threshold", self.threshold))
         for text, field in (*surface, *rows):
             self._rows.addRow(text, field)
+        for name in self._settings:
+            if hasattr(getattr(self, name), "settled"):
+                getattr(self, name).settled.connect(partial(self._on_settled, name))
         self.surface.chosen.connect(self._on_surface)
         self.label.currentIndexChanged.connect(self._set_depth)
         if self._rows.labelForField(self.sample_depth) is not None:  # the form shows a map
             self.sampled.chosen.connect(self._on_sampled)
+
+    def record(self) -> dict[str, Any]:
+        """Return the settings for the description of a saved map."""
+        layer = self.surface.layer
+        surface = None if layer is None else [layer.name, *_size(layer)]
+        return {"surface": surface, **{name: recorded(getattr(self, name)) for name in self._settings}}
+
+    def restore(self, record: Mapping[str, Any]) -> None:
+        """Restore settings, now or when the layer to flatten is opened."""
+        self._waiting = record
+        self._restore()
+        if self._waiting is not None:
+            self._tell_restored()
+
+    def _soon_restore(self) -> None:
+        self._soon.start()
+
+    def _restore(self) -> None:
+        """Restore the settings that wait, if their layer is open."""
+        if self._waiting is None:
+            return
+        record = self._waiting
+        if record.get("surface") is not None:
+            alike = (layer for layer in self._viewer.layers if _surface_rank(self._viewer, layer) is not None)
+            found = next((layer for layer in alike if [layer.name, *_size(layer)] == list(record["surface"])), None)
+            if found is None:
+                return
+            self.surface.choose(found)
+        self._waiting, self._problems = None, {}
+        self._depth_by_user = True
+        self._apply(record)
+        self._tell_restored()
+
+    def _apply(self, record: Mapping[str, Any]) -> None:
+        """Set the fields to recorded values."""
+        for name in self._settings:
+            if name in record:
+                try:
+                    self._note(name, restore(getattr(self, name), record[name]))
+                except (TypeError, ValueError, AttributeError):  # the record is damaged
+                    self._note(name, f"{record[name]!r} is not a setting")
+
+    def _note(self, name: str, problem: str) -> None:
+        """Note why a setting was not restored, or, with an empty text, that it was."""
+        self._problems.pop(name, None)
+        if problem:
+            self._problems[name] = problem
+
+    def _on_settled(self, name: str, problem: str) -> None:
+        if self._waiting is None:
+            self._note(name, problem)
+            self._tell_restored()
+
+    def _tell_restored(self) -> None:
+        if self._waiting is not None:
+            name = self._waiting["surface"][0]
+            is_open = any(layer.name == name for layer in self._viewer.layers)
+            other = f"The settings were not restored, because layer '{name}' has another size than the flattened layer."
+            self.restored.emit(other if is_open else f"Open '{name}' to restore the settings.")
+            return
+        problems = "".join(f" {self._text(name)}: {problem}." for name, problem in self._problems.items())
+        self.restored.emit(f"Restored the settings, except for the following.{problems}" if problems else _RESTORED)
+
+    def _text(self, name: str) -> str:
+        """Return the text beside a field."""
+        label = self._rows.labelForField(getattr(self, name))
+        return name.capitalize() if label is None else str(label.text())  # type: ignore[attr-defined]  # of a QLabel
 
     def _on_surface(self) -> None:
         layer = self.surface.layer
@@ -139,10 +229,19 @@ class LayerForm(QWidget):
 
     def release(self) -> None:
         """Stop following the viewer."""
+        ViewerState.of(self._viewer).settings[type(self).__name__] = self._waiting or self.record()
+        self._soon.stop()
+        for event in self._list_events:
+            event.disconnect(self._soon_restore)
         self.label.follow(None)
         self.threshold.follow(None)
         self.surface.release()
         self.sampled.release()
+
+
+def _size(layer: Layer) -> list[int]:
+    """Return the shape of a volume, or the numbers of vertices and faces of a mesh."""
+    return [len(layer.vertices), len(layer.faces)] if isinstance(layer, Surface) else list(finest(layer).shape)
 
 
 def _surface_rank(viewer: Viewer, layer: Layer) -> int | None:

@@ -6,7 +6,7 @@ import numpy as np
 from qtpy.QtCore import Signal  # type: ignore[attr-defined]  # qtpy makes it of pyqtSignal
 from qtpy.QtWidgets import QCheckBox, QComboBox, QDoubleSpinBox, QFormLayout, QSpinBox, QWidget
 
-from voxflat._napari.forms.fields import choice, offer, show_row, spin
+from voxflat._napari.forms.fields import choice, offer, recorded, restore, show_row, spin
 from voxflat._napari.viewer_state import DrawnCuts
 from voxflat.methods import METHODS
 from voxflat.methods.method import OverTriangles
@@ -116,6 +116,14 @@ class OptionsForm(QWidget):
             self._cuts.setItemText(index, f"drawn ({len(drawn.paths)})")
             if chosen:
                 self._cuts.setCurrentIndex(index)
+
+    def record(self) -> dict[str, Any]:
+        return {**{name: recorded(field) for name, field in self.fields.items()}, "seed": self.seed.value()}
+
+    def restore(self, record: dict[str, Any]) -> str:
+        fields = {**self.fields, "seed": self.seed}
+        problems = {name: restore(fields[name], value) for name, value in record.items() if name in fields}
+        return ", ".join(f"{name} {problem}" for name, problem in problems.items() if problem)
 
     def set_method(self, method: str) -> None:
         for name, field in self.fields.items():

@@ -15,6 +15,8 @@ _LIMITS = {"max_angle": "by angle", "bound": "by length change", "count": "by nu
 class PatchesForm(LayerForm):
     """Lets the user choose a surface to flatten in patches and the options; `job` returns these choices."""
 
+    _settings = (*LayerForm._settings, "pixel_size", "limit", "max_angle", "bound", "count", "glue")
+
     def __init__(self, viewer: Viewer) -> None:
         super().__init__(viewer)
         self.limit = choice(_LIMITS, "How the size of the patches is limited")

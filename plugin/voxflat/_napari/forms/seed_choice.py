@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterator
 from typing import Any
 
+import numpy as np
 from napari import Viewer
 from napari.layers import Layer, Points, Surface
 from napari.utils.notifications import show_warning
@@ -12,6 +13,7 @@ from qtpy.QtWidgets import QGridLayout, QLabel, QPushButton, QWidget
 
 from voxflat._napari.forms.layer_choice import LayerChoice
 from voxflat._napari.layers.seed import MARKER, Seed, data_place, describe, first_vertex, first_voxel, seed_at, seed_of
+from voxflat._napari.layers.volumes import finest
 from voxflat._napari.layers.world import data_to_world, in_units_of
 from voxflat._napari.map_viewer.viewer_parts import is_click
 
@@ -71,6 +73,20 @@ class SeedChoice(QWidget):
             self._layers.choose(self._viewer.add_points([point], **MARKER, affine=affine, units=surface.units))
             self._viewer.layers.selection = before
         self._on_changed()
+
+    def record(self) -> list[int] | int | None:
+        return list(self.point) if isinstance(self.point, tuple) else self.point
+
+    def restore(self, seed: list[int] | int | None) -> str:
+        """Mark a recorded voxel or vertex of the surface, unless it is marked already."""
+        if seed is None or seed == self.record() or self._surface is None:
+            return ""
+        surface, wanted = self._surface, np.atleast_1d(seed)
+        size = [len(surface.vertices)] if isinstance(surface, Surface) else list(finest(surface).shape)
+        if len(wanted) != len(size) or not np.all((wanted >= 0) & (wanted < size)):
+            return f"{seed} is outside '{surface.name}'"
+        self.set_point(seed if isinstance(seed, int) else (seed[0], seed[1], seed[2]))
+        return ""
 
     def release(self) -> None:
         self.pick.setChecked(False)

@@ -1,5 +1,7 @@
 """The form of *Flatten surface*: the surface to flatten, and the options."""
 
+import zlib
+from collections.abc import Mapping
 from typing import Any
 
 from napari import Viewer
@@ -23,7 +25,7 @@ from voxflat._napari.layers.seed import corners
 from voxflat._napari.layers.volumes import LayerVolume, finest, frames_of, nearest_step, time_axis
 from voxflat._napari.layers.world import unit_of
 from voxflat._napari.results.flat_layers import SingleFrame
-from voxflat._napari.viewer_state import ViewerState
+from voxflat._napari.viewer_state import DrawnCuts, ViewerState
 from voxflat.errors import InputError
 from voxflat.maps.flat_map import FlatMap
 from voxflat.methods import METHODS
@@ -33,10 +35,13 @@ _METHODS = {name: name for name in METHODS}  # the summaries, which are wider th
 _FRAMES = {"all": "all, on one map", "one": "displayed frame"}
 _PARTS = {"whole": "whole surface", "disk": "disk around a point", "polygon": "within a polygon"}
 _PARTS |= {"mask": "within a mask", "values": "nonzero values"}
+_SETTINGS = ("pixel_size", "frames", "pial", "patch", "radius", "seed", "polygon", "masked_by", "method", "options")
 
 
 class SurfaceForm(LayerForm):
     """Lets the user choose a surface to flatten and the options; `job` returns these choices."""
+
+    _settings = (*LayerForm._settings, *_SETTINGS)
 
     def __init__(self, viewer: Viewer) -> None:
         super().__init__(viewer)
@@ -176,6 +181,30 @@ class SurfaceForm(LayerForm):
         self.options.offer_drawn(self._state.cuts_of(layer), chosen=True)
         self.continues.setChecked(True)
 
+    def record(self) -> dict[str, Any]:
+        found, layer = super().record(), self.surface.layer
+        if self.patch.currentData() != "disk":
+            found["seed"] = None
+        if self.continues.isChecked():
+            found["start"] = _checksum(self._map_to_go_on_from())
+        if _is_movie(layer):
+            found["frame"] = nearest_step(layer, self._viewer)[0]
+        if (drawn := self._state.cuts_of(layer)) is not None:
+            found["drawn"] = drawn.record()
+        return found
+
+    def _apply(self, record: Mapping[str, Any]) -> None:
+        layer = self.surface.layer
+        if layer is not None and _is_movie(layer) and "frame" in record:
+            time_axis(layer).go_to(self._viewer, record["frame"])
+        if layer is not None and "drawn" in record:
+            self._state.set_cuts(layer, DrawnCuts.of(record["drawn"]))
+        super()._apply(record)
+        start = record.get("start")
+        is_shown = start is not None and start == _checksum(self._map_to_go_on_from())
+        self.continues.setChecked(is_shown)
+        self._note("continues", "" if start is None or is_shown else "the map from which it started is not displayed")
+
     def _update_plan(self) -> None:
         layer = self.surface.layer
         is_mesh = isinstance(layer, Surface)
@@ -229,7 +258,9 @@ class SurfaceForm(LayerForm):
             of_mesh["values"] = overlay(layer, surface) if vary(surface.values) else None
             of_mesh["pial"] = None if self.pial.layer is None else LayerMesh.of(self.pial.layer, world, unit_of(layer))
         self.threshold.preview.setChecked(False)
+        self._waiting = None  # the user has chosen other settings
         return Job(
+            form=self.record(),
             surface=surface,
             method=method,
             pixel_size=self.pixel_size.value() or None,
@@ -289,6 +320,10 @@ class SurfaceForm(LayerForm):
         self.plan.follow(None)
         for followed in (self.seed, self.pial, self.polygon, self.masked_by):
             followed.release()
+
+
+def _checksum(flat_map: FlatMap | None) -> int | None:
+    return None if flat_map is None else zlib.crc32(flat_map.uv.tobytes())
 
 
 def _is_movie(layer: Layer | None) -> bool:

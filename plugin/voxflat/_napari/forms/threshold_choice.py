@@ -10,7 +10,7 @@ from qtpy.QtCore import Qt
 from qtpy.QtWidgets import QDoubleSpinBox, QGridLayout, QPushButton, QSlider, QWidget
 from superqt.utils import signals_blocked
 
-from voxflat._napari.forms.fields import spin
+from voxflat._napari.forms.fields import restore, spin
 
 _STEPS = 1000  # number of slider steps
 _EDGE = 1e-4  # fraction of the range over which the preview goes from transparent to opaque
@@ -49,6 +49,12 @@ class ThresholdChoice(QWidget):
 
     def setValue(self, value: float) -> None:  # noqa: N802 - as in Qt's number boxes
         self.box.setValue(value)
+
+    def record(self) -> float:
+        return self.value()
+
+    def restore(self, value: float) -> str:
+        return restore(self.box, value)
 
     def follow(self, layer: Image | None) -> None:
         """Offer thresholds between the contrast limits of a layer; with None, stop following the layer."""

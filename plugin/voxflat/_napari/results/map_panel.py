@@ -43,10 +43,11 @@ class MapPanel(QWidget):
         }[what]
         self.save.setToolTip(f"Save the {what} with all its data. Open the file in napari or with {loads}")
         self.save.clicked.connect(self._on_save)
+        self.settings = QPushButton()
         self.copy = CopyAsPython()
         layout = QVBoxLayout(self)
         layout.setContentsMargins(0, 0, 0, 0)
-        arrange(layout, self.title, self.warnings, self._figures, colours, self.save, self.copy)
+        arrange(layout, self.title, self.warnings, self._figures, colours, self.save, self.settings, self.copy)
         self.hide()
 
     def show_run(self, run: Run) -> None:
