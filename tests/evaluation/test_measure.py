@@ -2,7 +2,9 @@
 
 import json
 import logging
-from dataclasses import fields
+import re
+from dataclasses import fields, replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -17,6 +19,7 @@ from voxflat import figures
 from voxflat.distortion.figures import Figures
 from voxflat.evaluation.measure import _usual_sources
 from voxflat.io.meshes import Mesh, write_mesh
+from voxflat.maps.matching import _check_share
 from voxflat.methods import Voxflat
 
 DISTANCE_FIGURES = {one.name for one in fields(Figures)} - {"scale"}
@@ -367,3 +370,41 @@ def test_by_default_as_many_sources_are_taken_as_half_a_minute_allows():
     assert found == [300, 300, 69, 6, 6]
     assert _usual_sources([32_000, 32_000], "exact") == 34  # their distances are measured one after the other
     assert _usual_sources([1_000_000], "graph") == 300
+
+
+def test_the_table_has_each_figure_in_its_unit():
+    found = voxflat.measure(PLANE, PLANE[0][:, :2], sources=5)
+    errors = {one.name: 0.01 * (n + 2) for n, one in enumerate(fields(Figures))}
+    areas = {"area_beyond_1_25": 0.31, "area_beyond_1_5": 0.22, "area_beyond_2": 0.13, "edge": 0.04, "angle": 5.5}
+    made = replace(found, raw=Figures(**errors), triangles=replace(found.triangles, **areas))
+    cells = {}
+    for line in made.table().splitlines():
+        name, *values = re.split(r"  +", line.strip())
+        cells.setdefault(name, values[0].split(" ")[0] if values else "")  # the first of two is RAW
+    percent = {"pairs up to 5 mm": "0_5mm", "5 to 15 mm": "5_15mm", "15 to 30 mm": "15_30mm"}
+    percent |= {"up to 10 mm": "10mm", "up to 30 mm": "30mm"}
+    for name, key in percent.items():
+        assert float(cells[name]) == pytest.approx(100 * errors[f"relative_error_{key}"])
+    assert float(cells["relative error, %"]) == pytest.approx(100 * errors["relative_error"])
+    others = {"absolute error, mm": "absolute_error", "stress-1": "stress_1", "Sammon stress": "sammon_stress"}
+    assert {name: float(cells[name]) for name in others} == pytest.approx(
+        {name: errors[others[name]] for name in others}
+    )
+    names = ("% beyond 1.25 times", "% beyond 1.5 times", "% beyond twice", "edges, %", "angles, degrees")
+    assert [float(cells[name]) for name in names] == [31, 22, 13, 4, 5.5]
+
+
+@pytest.mark.parametrize(("own", "told"), [(6, None), (4, "only 4 of the map's 10 triangles are triangles")])
+def test_half_of_the_triangles_of_a_map_must_be_those_of_the_surface(own, told):
+    faces = FACES[:10].copy()
+    faces[own:, 2] += 2  # other triangles
+    whole = SimpleNamespace(vertices=np.arange(len(POINTS)), faces=FACES)
+    cut = SimpleNamespace(vertices=whole.vertices, core=SimpleNamespace(faces=faces))
+    if told:
+        refused(told, _check_share, whole, cut)
+    else:
+        _check_share(whole, cut)
+
+
+def test_a_map_that_is_bent_by_one_percent_is_not_flat():
+    refused("not flat", voxflat.measure, PLANE, PLANE[0] + 0.36 * (PLANE[0][:, :1] > 18) * [0, 0, 1], sources=5)

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from brain_spaces import C_RAS, CONFORMED, ball, footer, header, oblique, to_scanner, write_freesurfer, write_gifti
 from mesh_files import patch
+from refusals import refused
 
 import voxflat
 from voxflat.io.meshes import Mesh, named_structure, read_mesh, write_mesh
@@ -202,3 +203,9 @@ def test_sides_by_names():
     right = "rh.aparc.annot 100307.R.sulc.32k_fs_LR.shape.gii sub-01_ses-1_hemi-R_space-fsLR_den-91k_sulc.shape.gii"
     for structure, names in (("CortexLeft", left), ("CortexRight", right), (None, "lh.from.rh.label Left.txt hemi-Lx")):
         assert {named_structure(f"/rh.data/{name}") for name in names.split()} == {structure}
+
+
+def test_axes_are_orthonormal_within_single_precision():
+    axes = np.linalg.qr(np.random.default_rng(0).normal(size=(3, 3)))[0].astype(np.float32)
+    VolumeGeometry(axes, C_RAS)
+    refused("are not orthonormal", VolumeGeometry, axes + 0.01, C_RAS)

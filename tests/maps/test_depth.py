@@ -267,3 +267,10 @@ def test_ribbon_constrained_mapping_of_workbench_has_that_mean_too(tmp_path):
     arguments = ["v.nii.gz", "mid.surf.gii", "out.shape.gii", "-ribbon-constrained", "white.surf.gii", "pial.surf.gii"]
     workbench("-volume-to-surface-mapping", *arguments, "-thin-columns", folder=tmp_path)
     assert nib.load(tmp_path / "out.shape.gii").darrays[0].data.mean() == pytest.approx(MEAN_RADIUS, abs=0.04)
+
+
+def test_fractions_of_the_depth_are_heights_in_median_thicknesses(shells):
+    thick = shells.points[:, 0] > np.percentile(shells.points[:, 0], 70)
+    pial = shells.white_points + (shells.pial_points - shells.white_points) * np.where(thick, 4, 1)[:, None]
+    stack = replace(shells, pial_points=pial).images(volume_of(lambda x, y, z: x), depths=2, layering="equidistant")
+    assert_allclose(stack.heights, [0.25 * (OUTER - INNER), 0.75 * (OUTER - INNER)], rtol=1e-3)

@@ -8,6 +8,7 @@ from textures import chessboard, cylinder
 
 import voxflat
 from voxflat.io.meshes import Mesh, write_mesh
+from voxflat.maps.textures.surface_texture import _reduced
 from voxflat.methods import Voxflat
 
 
@@ -242,3 +243,10 @@ class TestRefusals:
         plain = flat_map.image(save_obj(tmp_path, mesh, chessboard()))
         path = save_obj(tmp_path, mesh, chessboard(), map_kd="map_Kd -clamp on picture.png")
         np.testing.assert_array_equal(flat_map.image(path).data, plain.data)
+
+
+def test_a_picture_is_averaged_over_the_texels_of_a_pixel():
+    picture = np.random.default_rng(0).integers(0, 256, (12, 18, 3), dtype=np.uint8)
+    u, v = np.meshgrid(np.arange(6) * 3 / 18, np.arange(4) * 3 / 12)  # pixels are 3 texels apart
+    reduced = _reduced(picture, np.stack([u, v], axis=-1))
+    np.testing.assert_allclose(reduced, picture.reshape(4, 3, 6, 3, 3).mean(axis=(1, 3)), atol=1)  # rounded twice

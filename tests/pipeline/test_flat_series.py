@@ -14,6 +14,8 @@ from scipy.spatial.transform import Rotation
 import voxflat
 from voxflat.errors import InputError
 from voxflat.pipeline import following
+from voxflat.pipeline.landmarks import checked_landmarks
+from voxflat.pipeline.series import _largest
 from voxflat.pipeline.shapes import Shape, boundary_edges
 
 TURN = Rotation.from_euler("xyz", [5, -4, 6], degrees=True).as_matrix()
@@ -430,3 +432,26 @@ def test_the_strain_of_a_small_movement_is_that_of_linear_elasticity():
         symmetric = (np.array(gradient) + np.transpose(gradient)) / 2
         np.testing.assert_allclose(misfit, 0, atol=1e-12)
         assert weights @ changed**2 == pytest.approx(4.0 * (symmetric**2).sum(), abs=1e-12)  # the area is 4
+
+
+@pytest.mark.parametrize(("side", "told"), [(2.2, None), (2.4, "frame 3 has 2 components with areas of 100, 5.76 mm²")])
+def test_at_most_5_percent_of_a_frame_are_left_out(side, told):
+    square, faces = sheet(lambda x, y: np.column_stack([x / 2, y / 2, 0 * x]), 2)
+    points = np.concatenate([10 * square, side * square + np.array([20, 0, 0])])
+    both = voxflat.surface((points, np.concatenate([faces, faces + 4])))
+    if told:
+        with pytest.raises(InputError, match=told):
+            _largest(both, "frame 3")
+    else:
+        assert len(_largest(both, "frame 3").faces) == 2
+
+
+@pytest.mark.parametrize(("radius", "far"), [(1.18, False), (1.25, True)])
+def test_landmarks_are_within_a_fifth_of_the_radius(radius, far):
+    frames = [voxflat.surface(sphere(600, seed)) for seed in (0, 1)]
+    places = np.array([[[1.0, 0, 0]], [[0, radius, 0]]])
+    if far:
+        with pytest.raises(InputError, match=r"landmark 0 is 0\.25\d? mm away from the surface of frame 1"):
+            checked_landmarks(places, frames, 0)
+    else:
+        assert checked_landmarks(places, frames, 0)[1, 0] == pytest.approx([0, 1, 0], abs=0.02)

@@ -7,11 +7,13 @@ import numpy as np
 import pytest
 from command_line import succeed
 from hard_shapes import quads
+from mesh_files import icosphere
 from refusals import refused
 
 import voxflat
 from voxflat.methods import Voxflat
 from voxflat.pipeline.cut_surface import Cut, CutSurface, whereabouts
+from voxflat.surfaces.parts import medial_wall_of
 
 
 def ball(n=12):
@@ -214,3 +216,23 @@ def test_a_cut_is_told_by_its_name_or_number_and_where_it_lies():
     made = CutSurface(whole, cuts, np.empty(0, np.int64), whole=whole)
     assert [made.title(n) for n in range(3)] == ["cut 1, superior", "cut 2, inferior", "calcarine, right, anterior"]
     assert whereabouts(points, points) == "middle"
+
+
+@pytest.mark.parametrize(
+    ("share", "apart", "told"),
+    [
+        (0.1, 0.2, None),
+        (0.1, 0.5, "do not touch"),
+        (0.25, 0.0, r"covers 2\d.\d % of the surface"),
+        (0.003, 0.0, "0.. %"),
+    ],
+)
+def test_a_medial_wall_is_1_to_20_percent_of_a_hemisphere_where_the_cortex_is_thinner_than_0_3_mm(share, apart, told):
+    points, faces = icosphere(50.0)
+    wall = points[:, 2] > 50 - 100 * share  # Archimedes
+    pial = points * (1 + np.where(wall, apart, 3.0) / 50)[:, None]
+    surface = voxflat.surface((points, faces), pial=(pial, faces))
+    if told:
+        refused(told, medial_wall_of, surface)
+    else:
+        assert medial_wall_of(surface).mean() == pytest.approx(share, rel=0.15)

@@ -1,5 +1,7 @@
 """Registration to fsaverage's sphere."""
 
+from types import SimpleNamespace
+
 import anatomy
 import lab
 import numpy as np
@@ -9,6 +11,7 @@ from studies import before_subdivision
 
 import voxflat
 from voxflat.surfaces.standard.pattern import icosphere
+from voxflat.surfaces.standard.registration import _validated
 
 
 def folds(points, faces):
@@ -180,3 +183,14 @@ def test_a_volume_gets_standard_cuts_too():
     assert len(found.cuts) == 5
     topology = found.surface.core.topology()
     assert (topology["euler"], len(topology["loops"])) == (1, 1)
+
+
+@pytest.mark.parametrize(("better", "worse", "confidence"), [(1.4, 0.46, 0.62), (1.24, 0.1, 0.73), (1.3, 0.32, None)])
+def test_the_evidence_is_the_agreement_plus_its_margin(better, worse, confidence):
+    alignments = [{"score": score, "rigid": None, "correlations": None} for score in (worse, better)]
+    found = {"template": 1, "alignments": alignments, "correlations": None, "affine": None, "points": None}
+    whole = SimpleNamespace(metadata={})
+    if confidence is None:  # 2.28 is less than 2.3
+        refused(r"not a cortical hemisphere \(confidence 0\.44\)", _validated, whole, found, None, ())
+    else:
+        assert _validated(whole, found, None, ()).confidence == pytest.approx(confidence, abs=0.005)
