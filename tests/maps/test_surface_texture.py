@@ -186,13 +186,15 @@ def test_what_textured_writes_shows_the_picture_again(flat_map, mesh, tmp_path):
         assert np.ptp(image.data[seen][:, channel] / 2 - axis) <= 0.51 + 0.02
 
 
-def test_a_picture_goes_on_beyond_its_borders(mesh, flat_map, tmp_path):
+@pytest.mark.parametrize("reach", [3, 1.19])
+def test_a_picture_goes_on_beyond_its_borders(mesh, flat_map, tmp_path, reach):
     points, faces, coordinates = mesh
     picture = np.random.default_rng(3).integers(0, 256, (16, 16, 3), dtype=np.uint8)
     (tmp_path / "tiled").mkdir()
-    repeated = flat_map.image(save_obj(tmp_path, (points, faces, 3 * coordinates), picture), 0.1)
-    tiled = flat_map.image(save_obj(tmp_path / "tiled", mesh, np.tile(picture, (3, 3, 1))), 0.1)
-    np.testing.assert_allclose(repeated.data.astype(int)[6:-6, 6:-6], tiled.data[6:-6, 6:-6], atol=1)
+    repeated = flat_map.image(save_obj(tmp_path, (points, faces, reach * coordinates), picture), 0.1)
+    of_tiles = (points, faces, reach / 3 * coordinates)
+    tiled = flat_map.image(save_obj(tmp_path / "tiled", of_tiles, np.tile(picture, (3, 3, 1))), 0.1)
+    np.testing.assert_allclose(repeated.data.astype(int)[12:-12, 12:-12], tiled.data[12:-12, 12:-12], atol=1)
 
 
 def test_the_command_writes_it(mesh, flat_map, tmp_path):

@@ -223,8 +223,8 @@ def test_a_cut_is_told_by_its_name_or_number_and_where_it_lies():
     [
         (0.1, 0.2, None),
         (0.1, 0.5, "do not touch"),
-        (0.25, 0.0, r"covers 2\d.\d % of the surface"),
-        (0.003, 0.0, "0.. %"),
+        (0.25, 0.0, r"covers 2\d"),
+        (0.003, 0.0, r"covers 0\.\d"),
     ],
 )
 def test_a_medial_wall_is_1_to_20_percent_of_a_hemisphere_where_the_cortex_is_thinner_than_0_3_mm(share, apart, told):
