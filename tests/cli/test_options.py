@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import tifffile
 from command_line import fail, run, succeed
-from messages import messages
+from messages import NAMES_IN_FILES, OF_PYTHON, PYTHON, messages
 
 import voxflat
 from voxflat import cli
@@ -156,19 +156,6 @@ def test_the_texture_of_patches_is_a_channel_of_their_volume(tmp_path):
         pictures.append((tmp_path / "a.png").read_bytes())
     assert pictures[0] != pictures[1]
     fail(2, "--volume-channel requires --volume", *words[:2], "--volume-channel", 1, *words[4:])
-
-
-# texts that no command can cause, because they are about objects and arguments of Python
-OF_PYTHON = re.compile(
-    r"Give True or False|\.filled\(0\)|copy=False|as returned by|as read_patch returns|\.(?:mesh|data)?\.?parts\b"
-    r"|Pass \.\w+|image\.|3-tuples|cosines and c_ras|Regions\.volume|object from voxflat\.methods|voxflat\.range_image"
-    r"|Pass True where|missing \(None\)|import sys"
-)
-NAMES_IN_FILES = ("c_ras", "mris_convert", "mris_flatten", "end_header", "vertex_indices")
-PYTHON = re.compile(
-    r"\b[a-z_]+=(?!=)|\w\(\)|voxflat\.[a-z]|\b(?:True|False|None)\b"
-    r"|(?<![-\w./{'])[a-z]+(?:_[a-z]+)+(?![\w}.'])|\buse \w+_\w+"
-)
 
 
 def test_messages_have_no_words_of_python():

@@ -15,6 +15,17 @@ FRONT_ENDS = ("cli", "_napari", "_pyvista", "vtk.py")  # their own texts may use
 _CALLS = re.compile(r".*(Error|Parameter|Exit)|log\.(warning|info)|warnings\.warn|show_(error|warning|info)")
 _WORDS = re.compile(r"(?:[A-Za-z']+[,.:;]? ){3}[A-Za-z']+")  # a sentence, and not a key, a format or a style
 _MOST = 64  # combinations of the alternatives of one text
+# texts that are about objects and arguments of Python, so no command and no window can cause them
+OF_PYTHON = re.compile(
+    r"Give True or False|\.filled\(0\)|copy=False|as returned by|as read_patch returns|\.(?:mesh|data)?\.?parts\b"
+    r"|Pass \.\w+|image\.|3-tuples|cosines and c_ras|Regions\.volume|object from voxflat\.methods|voxflat\.range_image"
+    r"|Pass True where|missing \(None\)|import sys"
+)
+NAMES_IN_FILES = ("c_ras", "mris_convert", "mris_flatten", "end_header", "vertex_indices")
+PYTHON = re.compile(
+    r"\b[a-z_]+=(?!=)|\w\(\)|voxflat\.[a-z]|\b(?:True|False|None)\b"
+    r"|(?<![-\w./{'])[a-z]+(?:_[a-z]+)+(?![\w}.'])|\buse \w+_\w+"
+)
 _Scope = dict[str, list[ast.expr]]
 
 

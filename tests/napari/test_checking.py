@@ -6,6 +6,7 @@ from napari_window import FLIP, PATIENCE, bumps, cap, open_file, run_whole
 from numpy.testing import assert_allclose
 
 import voxflat
+from voxflat._napari.wording import in_window
 from voxflat.io import Mesh, Patch, patch_border, write_mesh, write_patch
 
 
@@ -25,7 +26,7 @@ def test_check_marks_the_handle(open_widget, qtbot):
     for name, value in found.rows()[1:]:
         assert name in told
         assert value in told
-    assert all(advice[1:] in told for advice in found.advice)
+    assert all(in_window(advice)[1:] in told for advice in found.advice)
     assert len(found.handles) == 1
     places = viewer.layers["defects of ring"]
     assert_allclose(places.data[0], found.handles[0]["centre"])

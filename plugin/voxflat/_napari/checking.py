@@ -17,6 +17,7 @@ from voxflat._napari.layers.volumes import LayerVolume
 from voxflat._napari.layers.world import from_ras
 from voxflat._napari.results.report import sentence, table
 from voxflat._napari.viewer_state import ViewerState
+from voxflat._napari.wording import in_window
 from voxflat.arguments import Progress
 from voxflat.distortion.distortion import Distortion
 from voxflat.errors import VoxflatError
@@ -92,7 +93,7 @@ class CheckSurface(Findings):
             f"<td style='padding:2px 0'><b>{escape(value)}</b></td></tr>"
             for name, value in [("input", self._origin["layer"]), *found.rows()[1:]]
         )
-        items = "".join(f"<li>{escape(sentence(line))}</li>" for line in found.advice)
+        items = "".join(f"<li>{escape(sentence(in_window(line)))}</li>" for line in found.advice)
         self.table.setHtml(f"<table>{cells}</table><ul style='margin-left:-24px'>{items}</ul>")  # wraps in the dock
         name = f"defects of {self._origin['layer']}"
         if name in self._viewer.layers:

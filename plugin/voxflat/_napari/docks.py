@@ -21,7 +21,7 @@ from qtpy.QtWidgets import (
 )
 
 from voxflat._napari.timers import single_shot
-from voxflat._napari.wording import in_window
+from voxflat._napari.wording import error_text
 from voxflat._napari.worker import JobWorker
 from voxflat.arguments import Progress
 from voxflat.errors import Cancelled
@@ -157,7 +157,7 @@ class TaskDock(Dock):
         self._show_work(None)
 
     def _fail(self, error: Exception) -> None:
-        message = in_window(" ".join((str(error) or type(error).__name__).split()))
+        message = error_text(error)
         self._show_message(message)
         self._has_failed = True
         show_error(message)

@@ -141,6 +141,7 @@ def _add_when_read(viewer: Viewer) -> None:
     from voxflat._napari.map_viewer.viewer_parts import show_sagittal
     from voxflat._napari.results.layer_list import drop_controls, insert, make_controls
     from voxflat._napari.timers import PAUSE
+    from voxflat._napari.wording import error_text
     from voxflat._napari.worker import JobWorker
 
     there, earlier = weakref.ref(viewer), weakref.WeakSet(viewer.layers)
@@ -169,7 +170,7 @@ def _add_when_read(viewer: Viewer) -> None:
     def read(_: Viewer) -> None:
         worker = JobWorker(_cortex, "Demo cortex")
         worker.returned.connect(add)
-        worker.errored.connect(lambda error: None if isinstance(error, Cancelled) else show_error(str(error)))
+        worker.errored.connect(lambda error: None if isinstance(error, Cancelled) else show_error(error_text(error)))
         worker.start()
 
     def add(found: list[LayerData]) -> None:

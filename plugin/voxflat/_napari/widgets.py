@@ -30,6 +30,7 @@ from voxflat._napari.results.maps import C_MEANING
 from voxflat._napari.scripts import Recipe
 from voxflat._napari.timers import PAUSE, single_shot
 from voxflat._napari.viewer_state import ViewerState
+from voxflat._napari.wording import error_text
 from voxflat._napari.worker import POLL_INTERVAL
 from voxflat.errors import Cancelled, VoxflatError
 from voxflat.maps.flat_map import FlatMap
@@ -182,7 +183,7 @@ class FlattenWidget(TaskDock):
         if isinstance(error, VoxflatError | MemoryError | OSError):
             self._fail(error)
         else:  # show the traceback of a bug
-            self.status.setText(f"{type(error).__name__}: {error}")
+            self.status.setText(error_text(error))
             notification_manager.receive_error(type(error), error, error.__traceback__)
 
     def _on_finished(self) -> None:

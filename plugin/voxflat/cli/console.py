@@ -24,6 +24,7 @@ import click
 import cloup
 
 from voxflat.errors import Cancelled, user_message
+from voxflat.wording import in_words
 
 if TYPE_CHECKING:
     from voxflat.arguments import Progress
@@ -269,21 +270,17 @@ def in_options(text: str, command: click.Command | None, program: Program | None
         return text
     flags = _flags(command)
 
-    def option(found: re.Match[str]) -> str:
-        name, value = found["name"], found["value"]
+    def option(name: str, value: str | None, found: str) -> str:
         if value is None:
-            return flags[name] if name in flags and "_" in name else found[0]
+            return flags[name] if name in flags and "_" in name else found
         flag = flags.get(name) or (program.flags().get(name) if program else None)
         if flag is None:
-            return found[0]
+            return found
         if value in ("False", "True"):
             return flag.replace("--", "--no-", 1) if value == "False" else flag
         return f"{flag} {_as_words(value)}".rstrip()
 
-    for function, instead in _COMMANDS.items():
-        text = re.sub(function, instead, text)
-    value = r"'[^']*'|\[[^]]*\]|\([^)]*\)|\.\.\.|[\w.+-]*\w|"
-    text = re.sub(rf"(?<![\w/.-])(?P<name>[a-z]+(_[a-z]+)*)(=(?P<value>{value}))?(?![\w/=(])", option, text)
+    text = in_words(text, _COMMANDS, option)
     words = "|".join(sorted(name for name, flag in flags.items() if flag == f"--{name}" and "_" not in name))
     word = rf"(?:--[\w-]+|(?:{words})\b(?![/=(-]))"
 
@@ -298,8 +295,7 @@ def in_options(text: str, command: click.Command | None, program: Program | None
             return found[0]
         return re.sub(rf"(?<![\w-])(?:{words})(?![\w-])", r"--\g<0>", found[0])
 
-    text = re.sub(rf"(?<![\w'=./-]){word}(?:{_ALSO}{word})*", listed, text) if words else text
-    return re.sub(r"(?<= is )\((-?[\d.]+(?:, -?[\d.]+)*)\)", r"\1", text)  # limits, places and sizes
+    return re.sub(rf"(?<![\w'=./-]){word}(?:{_ALSO}{word})*", listed, text) if words else text
 
 
 def _as_words(value: str) -> str:

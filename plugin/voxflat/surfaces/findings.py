@@ -245,7 +245,7 @@ def check_surface(
     if handles:
         total = sum(handle["length"] for handle in handles)
         length = in_unit(f"{rounded(total)} mm", part.metadata)
-        advice.append(f"repair='cuts' would cut {len(handles)} handle(s) open along {length} and keep all voxels")
+        advice.append(f"cutting {len(handles)} handle(s) open along {length} would keep all voxels (repair='cuts')")
     try:
         to_open = cut
         if shape["handles"] and repaired is not None:

@@ -74,7 +74,7 @@ class DrawCuts(TaskDock):
         self.from_map = self._button("From map", "Start with the cuts of the displayed map", self._from_map)
         tip = "Estimate how much larger the distance error would be without each cut. Takes a few seconds per cut"
         self.evaluate = self._button("Evaluate", tip, self._on_evaluate)
-        tip = "Save the cuts in a file for cuts= in Python or --cuts on the command line"
+        tip = "Save the cuts in a file, which can also be used in Python and on the command line"
         self.save = self._button("Save…", tip, self._on_save)
         self.load = self._button("Load…", "Load a cuts file or a template", self._on_load)
         self.template = self._button("Save template…", "Save these cuts for use on every brain", self._on_save_template)

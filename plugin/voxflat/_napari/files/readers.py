@@ -9,6 +9,7 @@ import numpy as np
 from napari import Viewer
 
 from voxflat._napari.results.flat_layers import LayerData
+from voxflat._napari.wording import error_text
 from voxflat.errors import InputError, VoxflatError
 from voxflat.io import formats
 from voxflat.io.files import SAVED_ENDINGS, check_regular
@@ -115,7 +116,7 @@ def _reporting_errors(read: _Read) -> Callable[[str], list[LayerData]]:
         except (VoxflatError, OSError, MemoryError) as error:
             if viewer is None:
                 raise
-            show_error(" ".join(str(error).split()) or type(error).__name__)
+            show_error(error_text(error))
             return _NOTHING
         if viewer is not None:
             _make_ready(viewer, layers)

@@ -15,6 +15,7 @@ from voxflat._napari.layers.world import WORLD
 from voxflat._napari.map_viewer.drawings import OF_MESH
 from voxflat._napari.results.flat_layers import MOVIE, STACK, LayerData
 from voxflat._napari.viewer_state import ViewerState
+from voxflat._napari.wording import error_text
 from voxflat.atlases.atlas import Atlas
 from voxflat.errors import InputError, VoxflatError
 from voxflat.io.channels import Channels
@@ -94,11 +95,11 @@ def _ask(title: str, endings: Sequence[str]) -> list[str]:
 
 @contextmanager
 def _reporting_errors() -> Iterator[None]:
-    """Convert InputError, because it is a ValueError, which napari would take for a missing writer and not report."""
+    """Raise errors in the words of the window, as VoxflatError: napari does not report InputError, a ValueError."""
     try:
         yield
-    except InputError as error:
-        raise VoxflatError(str(error)) from error
+    except (VoxflatError, OSError) as error:
+        raise VoxflatError(error_text(error)) from error
 
 
 def _map_of(layers: Sequence[LayerData]) -> FlatMap | Atlas:

@@ -8,42 +8,9 @@ from qtpy.QtWidgets import QCheckBox, QComboBox, QDoubleSpinBox, QFormLayout, QS
 
 from voxflat._napari.forms.fields import choice, offer, recorded, restore, show_row, spin
 from voxflat._napari.viewer_state import DrawnCuts
+from voxflat._napari.wording import CHOICES
 from voxflat.methods import METHODS
 from voxflat.methods.method import OverTriangles
-
-_CHOICES: dict[str, tuple[str, dict[Any, str], str]] = {
-    "cuts": (
-        "Cuts",
-        {None: "default", "standard": "standard", "automatic": "automatic"},
-        "Standard cuts are the same for every brain; automatic cuts minimise the distortion of this surface. By "
-        "default, standard cuts are used if the sphere of the surface is known, and automatic cuts otherwise",
-    ),
-    "relax": (
-        "Relaxation cuts",
-        {None: "default", True: "enabled", False: "disabled"},
-        "Additional cuts from the border inwards, where they reduce the distortion most",
-    ),
-    "geodesic": (
-        "Distances",
-        {None: "default", "graph": "graph of links", "marching": "fast marching", "exact": "exact"},
-        "How the distances that the map preserves are computed",
-    ),
-    "scale": (
-        "Scale",
-        {None: "fit distances", "areas": "fit areas"},
-        "Whether the scale of the map fits the distances or the total area of the surface",
-    ),
-    "sampling": (
-        "Sampling",
-        {None: "default", "farthest": "even", "curvature": "denser at folds", "random": "random"},
-        "How the sources are distributed. Distances are computed from these points",
-    ),
-    "link_lengths": (
-        "Links",
-        {None: "chain code", "euclidean": "1, √2, √3 voxels"},
-        "Lengths assigned to the links between neighbouring voxels",
-    ),
-}
 
 _DRAWN = "drawn"
 
@@ -152,7 +119,7 @@ class OptionsForm(QWidget):
         return changed | ({"seed": self.seed.value()} if self.seed.value() else {})
 
     def _add_choice(self, name: str) -> QComboBox:
-        text, entries, tip = _CHOICES[name]
+        text, entries, tip = CHOICES[name]
         box = choice(entries, tip)
         self._add(name, text, box)
         return box

@@ -48,6 +48,7 @@ from voxflat._napari.results.flat_layers import LayerData, Run, unit_of_map
 from voxflat._napari.results.sketch import Place, Sketch, Sketches
 from voxflat._napari.timers import single_shot
 from voxflat._napari.viewer_state import ViewerState
+from voxflat._napari.wording import error_text
 from voxflat._napari.worker import LatestTask
 from voxflat.errors import VoxflatError
 from voxflat.io.files import file_name
@@ -462,7 +463,7 @@ class FlatMapDock(TaskDock):
             self.outline.remove()
         self.canvas.show_picture(None)
         self.legend.show_colours(None)
-        self.text.setText(" ".join(str(error).split()))
+        self.text.setText(error_text(error))
 
     # ------------------------------------------------------------------------------------------- movies
 
@@ -475,7 +476,7 @@ class FlatMapDock(TaskDock):
         try:
             frames, look = shown_frames(content, world, run.layers.movie, self._viewer, **self._depth())
         except VoxflatError as error:
-            self._show_message(" ".join(str(error).split()))
+            self._show_message(error_text(error))
             return
         task = partial(flat_movie, run.layers.movie, frames, look)
         missing = [str(number) for number, frame in enumerate(frames) if frame is None]
@@ -494,7 +495,7 @@ class FlatMapDock(TaskDock):
         try:
             drawn = Segmentation.of(layer)
         except VoxflatError as error:
-            self._show_message(str(error))
+            self._show_message(error_text(error))
             return
         task = partial(to_volume, prepared, drawn, self._depth().get("depth", 0.0))
         self._work(task, "Transferring labels", partial(self._on_sent, prepared.run, layer))
@@ -515,7 +516,7 @@ class FlatMapDock(TaskDock):
         try:
             drawn = Segmentation.of(layer)
         except VoxflatError as error:
-            self._show_message(str(error))
+            self._show_message(error_text(error))
             return
         file = Path(path if path.lower().endswith((".tsv", ".csv")) else f"{path}.tsv")
         self._work(partial(save_table, prepared, drawn, self._frame, file), "Measuring the labels", self._show_message)
@@ -564,7 +565,7 @@ class FlatMapDock(TaskDock):
     def _on_annotation_failed(self, error: Exception) -> None:
         self._annotations = []
         self.canvas.show_annotations(None)
-        self._show_excluded(" ".join(str(error).split()))
+        self._show_excluded(error_text(error))
 
     def _show_excluded(self, what: str) -> None:
         self.excluded.setText(what[:1].upper() + what[1:])
@@ -669,7 +670,7 @@ class FlatMapDock(TaskDock):
 
     def _on_measurement_failed(self, error: Exception) -> None:
         self._forget_corners()
-        self.text.setText(" ".join(str(error).split()))
+        self.text.setText(error_text(error))
 
     def _forget_corners(self) -> None:
         self._ends = []
@@ -751,7 +752,7 @@ def _drawn(run: Run, prepared: PreparedMap | None, frame: int | None, draw: Any,
     try:
         picture = None if draw is None else draw(ready)
     except VoxflatError as error:
-        problem = " ".join(str(error).split())
+        problem = error_text(error)
     return ready, picture, None if opacity is None else ready.colours(picture, opacity), problem
 
 

@@ -12,6 +12,7 @@ from voxflat._napari.docks import arrange, plain_label
 from voxflat._napari.results.flat_layers import Run
 from voxflat._napari.results.maps import HEAT_MEANING
 from voxflat._napari.results.report import MEANINGS, figures, table, warnings
+from voxflat._napari.wording import error_text
 from voxflat.atlases.atlas import Atlas
 from voxflat.errors import VoxflatError
 from voxflat.io.files import SAVED_ENDINGS
@@ -37,11 +38,7 @@ class MapPanel(QWidget):
             text.setWordWrap(True)
             text.setTextFormat(Qt.TextFormat.RichText)
         self.save = QPushButton(f"Save {what}…")
-        loads = {
-            "map": "voxflat.load(), or the maps of a movie with voxflat.load_series()",
-            "atlas": "voxflat.load_atlas()",
-        }[what]
-        self.save.setToolTip(f"Save the {what} with all its data. Open the file in napari or with {loads}")
+        self.save.setToolTip(f"Save the {what} with all its data. The file can be opened in napari and in Python")
         self.save.clicked.connect(self._on_save)
         self.settings = QPushButton()
         self.copy = CopyAsPython()
@@ -96,7 +93,7 @@ class MapPanel(QWidget):
                 (self.with_session(saved) if isinstance(saved, FlatMap) else saved).save(path)
                 show_info(f"Saved {path}")
             except (VoxflatError, OSError) as error:
-                show_error(str(error))
+                show_error(error_text(error))
 
 
 class CopyAsPython(QPushButton):
@@ -129,7 +126,7 @@ class CopyAsPython(QPushButton):
                 folder = Path(chosen)
             script = recipe.script(folder)
         except (VoxflatError, OSError) as error:
-            show_error(" ".join(str(error).split()))
+            show_error(error_text(error))
             return
         clipboard = QApplication.clipboard()
         assert clipboard is not None

@@ -23,8 +23,6 @@ MEANINGS = {
     "median area change (factor)": "The areas of half of the vertices grow or shrink by less than this factor",
 }  # explanations of the measures
 
-_REMEDY = re.compile(r"(?<=[.;]) Use \w+=.*")  # applies only to Python
-
 
 def summary(flat_map: FlatMap | Atlas) -> str:
     if isinstance(flat_map, GluedAtlas):
@@ -131,7 +129,7 @@ def warnings(layers: FlatLayers) -> list[str]:
     """Return the warnings about a map or an atlas, and about frames of a movie."""
     of_frames = [] if layers.movie is None else [*layers.movie.series.remarks]
     found = [*of_frames, *layers.flat_map.metadata["warnings"]]
-    return [sentence(in_window(_REMEDY.sub("", warning))) for warning in dict.fromkeys(found)]
+    return [sentence(in_window(warning)) for warning in dict.fromkeys(found)]
 
 
 def sentence(message: str) -> str:
