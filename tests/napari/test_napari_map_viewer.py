@@ -8,6 +8,7 @@ import nibabel as nib
 import numpy as np
 import pytest
 from napari.layers import Image, Labels, Surface
+from napari.utils.colormaps import DirectLabelColormap
 from napari_clicks import move
 from napari_window import (
     PATIENCE,
@@ -26,7 +27,8 @@ from napari_window import (
 )
 from numpy.testing import assert_allclose, assert_array_equal
 from qtpy.QtCore import QPoint, Qt
-from qtpy.QtWidgets import QApplication, QWidget
+from qtpy.QtWidgets import QApplication, QFileDialog, QWidget
+from scipy.ndimage import maximum_filter, minimum_filter
 
 import voxflat
 from voxflat._napari.layers.world import WORLD
@@ -384,6 +386,41 @@ def test_regions_on_a_mesh_are_saved_at_its_vertices(flattened, qtbot, tmp_path)
     with pytest.raises(voxflat.VoxflatError, match="were changed"):
         viewer.layers.save(str(tmp_path / "changed.annot"), selected=True, plugin="voxflat")
     assert not (tmp_path / "changed.annot").exists()
+
+
+def test_labels_painted_on_the_map_of_a_mesh_are_saved_at_its_vertices(flattened, qtbot, tmp_path, monkeypatch):
+    points, faces, values = bumps()
+    viewer, _, dock = flattened(Surface((points, faces, values), name="bumps"))
+    flat_map, flat = dock.prepared.run.flat_map, viewer.layers["bumps distortion"]
+    columns = np.indices(flat.data.shape)[1]
+    painted = np.where(columns < flat.data.shape[1] // 2, 2, 7)
+    painted[: flat.data.shape[0] // 3] = 0
+    names = {"index": [0, 2, 7], "name": ["", "V1", "MT"]}
+    colours = DirectLabelColormap(color_dict={None: "black", 2: "#102030", 7: "#ff8000"})
+    place = {"scale": flat.scale, "translate": flat.translate, "units": flat.units}
+    viewer.add_labels(painted, name="painted", features=names, colormap=colours, **place)
+    u, v = flat_map.uv.T
+    pixels = np.round([flat.world_to_data((-b, a)) for a, b in zip(u, v, strict=True)]).astype(int)
+    is_even = maximum_filter(painted, 3) == minimum_filter(painted, 3)
+    clear = np.zeros(len(points), dtype=bool)  # at which no other label is near
+    clear[flat_map.ids] = is_even[tuple(pixels.T)]
+    assert clear.mean() > 0.9
+    expected = np.zeros(len(points), dtype=int)
+    expected[flat_map.ids] = painted[tuple(pixels.T)]
+    for kind, name in (("(*.annot)", "lh.painted"), ("", "painted"), ("(*.tsv)", "painted"), ("", "one.label")):
+        monkeypatch.setattr(QFileDialog, "getSaveFileName", lambda *_, at=(str(tmp_path / name), kind): at)
+        dock.segmentations.save.click()
+        qtbot.waitUntil(dock.segmentations.save.isEnabled, timeout=PATIENCE)
+    assert "only one region, not 2" in dock.text.text()
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["lh.painted.annot", "painted.label.gii", "painted.tsv"]
+    gifti = nib.load(tmp_path / "painted.label.gii")
+    assert_array_equal(gifti.darrays[0].data[clear], expected[clear])
+    table = {label.key: (label.label, *np.round(255 * np.array(label.rgba[:3]))) for label in gifti.labeltable.labels}
+    assert (table[2], table[7]) == (("V1", 16, 32, 48), ("MT", 255, 128, 0))
+    read, colours, names = nib.freesurfer.read_annot(tmp_path / "lh.painted.annot")
+    for label, name, colour in ((2, b"V1", (16, 32, 48)), (7, b"MT", (255, 128, 0))):
+        assert_array_equal((np.array([*names, b"none"])[read] == name)[clear], (expected == label)[clear])
+        assert tuple(colours[names.index(name), :3]) == colour
 
 
 def test_drawings_on_a_map_of_voxels(flattened, qtbot, tmp_path):

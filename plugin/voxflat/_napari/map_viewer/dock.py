@@ -41,7 +41,7 @@ from voxflat._napari.map_viewer.on_surface import PaintedSurface
 from voxflat._napari.map_viewer.patch_outline import PatchOutline
 from voxflat._napari.map_viewer.pictures import Picture
 from voxflat._napari.map_viewer.prepared_map import PreparedMap, Spot
-from voxflat._napari.map_viewer.segmentations import Segmentation, Segmentations, save_table, to_volume
+from voxflat._napari.map_viewer.segmentations import Segmentation, Segmentations, save_labels, to_volume
 from voxflat._napari.map_viewer.viewer_link import ViewerLink
 from voxflat._napari.map_viewer.viewer_parts import theme_colours
 from voxflat._napari.results.flat_layers import LayerData, Run, unit_of_map
@@ -53,6 +53,7 @@ from voxflat._napari.worker import LatestTask
 from voxflat.errors import VoxflatError
 from voxflat.io.files import file_name
 from voxflat.maps.flat_map import FlatMap
+from voxflat.maps.regions import VERTEX_ENDINGS
 
 _DEEPEST, _HIGHEST = -3.0, 5.0  # mm outside the surface
 _REACH = 10  # depths in other units, on both sides of the surface, as a multiple of the spacing of its points
@@ -233,7 +234,7 @@ class FlatMapDock(TaskDock):
         self.movie.clicked.connect(self._on_movie)
         self.stop.clicked.connect(self._on_stop)
         self.segmentations.to_volume.connect(self._on_send)
-        self.segmentations.to_table.connect(self._on_save_table)
+        self.segmentations.to_file.connect(self._on_save_labels)
         self.movies.pointed.connect(self._on_map_pointed)
         self.canvas.pointed.connect(self._on_map_pointed)
         self.canvas.clicked.connect(self._on_map_clicked)
@@ -505,12 +506,17 @@ class FlatMapDock(TaskDock):
             added = drawings.put(self._viewer, result[0], run, layer)
             self._show_message(". ".join(filter(None, [f"Added '{added.name}'", result[1]])))
 
-    def _on_save_table(self) -> None:
+    def _on_save_labels(self) -> None:
         layer, prepared = self.segmentations.layer, self.prepared
         if layer is None or prepared is None:
             return
-        kinds = "Tab-separated (*.tsv);;Comma-separated (*.csv)"
-        path, _ = QFileDialog.getSaveFileName(self, "Save the table", f"{file_name(layer.name)}.tsv", kinds)
+        is_mesh = isinstance(prepared.planar, FlatMap) and not prepared.planar.is_voxels
+        kinds = "Tab-separated table (*.tsv);;Comma-separated table (*.csv)"
+        if is_mesh:
+            kinds = f"GIFTI labels (*.label.gii);;FreeSurfer annotation (*.annot);;FreeSurfer label (*.label);;{kinds}"
+        endings = (".tsv", ".csv", *(VERTEX_ENDINGS if is_mesh else ()))
+        usual = ".label.gii" if is_mesh else ".tsv"
+        path, kind = QFileDialog.getSaveFileName(self, "Save the labels", f"{file_name(layer.name)}{usual}", kinds)
         if not path:
             return
         try:
@@ -518,8 +524,9 @@ class FlatMapDock(TaskDock):
         except VoxflatError as error:
             self._show_message(error_text(error))
             return
-        file = Path(path if path.lower().endswith((".tsv", ".csv")) else f"{path}.tsv")
-        self._work(partial(save_table, prepared, drawn, self._frame, file), "Measuring the labels", self._show_message)
+        ending = kind.partition("*")[2].rstrip(")") or usual
+        file = Path(path if path.lower().endswith(endings) else f"{path}{ending}")
+        self._work(partial(save_labels, prepared, drawn, self._frame, file), "Measuring the labels", self._show_message)
 
     def _on_stop(self) -> None:
         if self._worker is not None:

@@ -1,6 +1,6 @@
 """Segmentations drawn on the map, which become labels in the volume or a table of cells."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -29,7 +29,7 @@ class Segmentations(QWidget):
     """A row that offers Labels layers over the map, from the viewer (2-D) and from the window of movies."""
 
     to_volume = Signal()
-    to_table = Signal()
+    to_file = Signal()
 
     def __init__(self, viewer: Viewer, movies: MovieWindow) -> None:
         super().__init__()
@@ -38,14 +38,17 @@ class Segmentations(QWidget):
         self.box = QComboBox()
         self.box.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Fixed)
         self.box.setToolTip("A Labels layer over the flattened image, such as cells that you painted or segmented")
-        self.send, self.save = QPushButton("To volume"), QPushButton("Save table…")
+        self.send, self.save = QPushButton("To volume"), QPushButton("Save…")
         self.send.setToolTip("Add a Labels layer with the same labels in the volume, around the displayed depth")
-        self.save.setToolTip("Save the area, perimeter and elongation of each label as on the surface")
+        self.save.setToolTip(
+            "Save the area, perimeter and elongation of each label as on the surface, or, for the map of a mesh, the "
+            "label of each vertex, with names and colours"
+        )
         row = QHBoxLayout(self)
         row.setContentsMargins(0, 0, 0, 0)
         arrange(row, QLabel("Segmentation"), (self.box, 1), self.send, self.save)
         self.send.clicked.connect(self.to_volume)
-        self.save.clicked.connect(self.to_table)
+        self.save.clicked.connect(self.to_file)
         self._events = list_events(viewer.layers)
         for event in self._events:
             event.connect(self.refresh)
@@ -90,6 +93,8 @@ class Segmentation:
     data: NDArray[Any]  # (H, W), or (T, H, W) for the frames of a movie
     corner: NDArray[np.float64]  # (−v, u) of the first pixel
     pixel_size: float
+    names: dict[int, str]
+    colours: dict[int, tuple[int, int, int]]
 
     @classmethod
     def of(cls, layer: Labels) -> "Segmentation":
@@ -100,7 +105,14 @@ class Segmentation:
         size = float(right[1] - corner[1])
         if not np.allclose([down - corner, right - corner], size * np.eye(2), atol=1e-6 * abs(size)) or size <= 0:
             raise InputError(f"The pixels of '{layer.name}' are not those of the map. {_REMEDY}")
-        return cls(layer.name, flat_labels(layer), corner, size)
+        data = flat_labels(layer)
+        keys = np.unique(data[data != 0])
+        colours = np.round(255 * np.array([layer.get_color(key) for key in keys])).astype(int)
+        features, names = layer.features, {}
+        if {"index", "name"} <= set(features):
+            names = {int(key): str(name) for key, name in zip(features["index"], features["name"], strict=True) if name}
+        found = {int(key): (int(r), int(g), int(b)) for key, (r, g, b, _) in zip(keys, colours, strict=True)}
+        return cls(layer.name, data, corner, size, names, found)
 
     def at(self, frame: int | None) -> NDArray[Any]:
         """Return the labels of a frame; labels without frames are the same in all frames."""
@@ -118,7 +130,9 @@ class Segmentation:
     def regions(self, flat_map: FlatMap, frame: int | None) -> Regions:
         """Return the regions on the map of a frame; raises InputError unless the labels lie on its pixels."""
         self.check(flat_map)
-        return flat_map.regions(self.at(frame), pixel_size=self.pixel_size)
+        found = flat_map.regions(self.at(frame), pixel_size=self.pixel_size)
+        names = tuple(self.names.get(key, name) for key, name in zip(found.keys, found.names, strict=True))
+        return replace(found, names=names, colours=np.array([self.colours[key] for key in found.keys], dtype=np.uint8))
 
 
 _MOST = 3  # labels that are named
@@ -173,8 +187,8 @@ def _listed(lost: list[str]) -> str:
     return ", ".join(lost[:_MOST]) + (f" and {len(lost) - _MOST} more" if len(lost) > _MOST else "")
 
 
-def save_table(prepared: PreparedMap, drawn: Segmentation, frame: int | None, path: Path, progress: Progress) -> str:
-    """Save the properties of the labels in one frame; return a message. Called in a thread."""
+def save_labels(prepared: PreparedMap, drawn: Segmentation, frame: int | None, path: Path, progress: Progress) -> str:
+    """Save the properties of the labels in one frame, or their vertices; return a message. Called in a thread."""
     flat_map = prepared.planar
     if not isinstance(flat_map, FlatMap):
         raise InputError("Segmentations need a flat map, not a page of patches. Use Flatten surface instead")
