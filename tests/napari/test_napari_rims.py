@@ -138,6 +138,19 @@ def test_layers_flat_volume_and_profile(open_widget, qtbot, sample, monkeypatch,
     wait_for_threads(qtbot)
 
 
+def test_by_default_there_is_one_layer_per_voxel_of_the_thickness(open_widget, qtbot, sample):
+    rim, activity = sample
+    viewer, dock = open_widget(*layers_of_sample(), name="Cortical depth")
+    assert rim_of(dock.form, qtbot) == "rim"
+    assert dock.form.count.text() == "automatic"
+    thickness = 2.5 / 0.4  # mm, of the demo rim, whose radii are 4.5 and 7 mm
+    assert press(dock, dock.layers, qtbot) == "Divided 'rim' into 6 layers."
+    assert abs(thickness - 6) < 0.5
+    assert_array_equal(viewer.layers["rim in layers"].data, rim.layers(6).data)
+    assert "in 6 layers" in press(dock, dock.measure, qtbot)
+    assert_array_equal(dock.profile.mean, rim.profile(activity, count=6).mean)
+
+
 def test_other_docks_take_a_rim(open_widget, qtbot, sample):
     viewer, check = open_widget(layers_of_sample()[1], name="Check surface")
     assert rim_of(check.form, qtbot) == "rim"
@@ -191,6 +204,8 @@ def test_a_flat_volume_between_white_and_pial(open_widget, qtbot):
     run(widget, qtbot)
     _, dock = viewer.window.add_plugin_dock_widget("voxflat", "Cortical depth")
     dock.form.sampled.choose(viewer.layers["height"])
+    press(dock, dock.flatten, qtbot)
+    assert len(dock.flat_window.viewer.layers[0].data) == 3  # the fewest, because the cortex is 2 voxels thick
     dock.form.count.setValue(4)
     press(dock, dock.flatten, qtbot)
     (layer,) = dock.flat_window.viewer.layers

@@ -103,7 +103,8 @@ class CorticalDepth(TaskDock):
     def _on_flattened(self, layer: LayerData) -> None:
         self.flat_window.show(layer)
         name = layer[1]["name"]
-        self._show_message(f"The window shows '{name}'. Its slider is the depth, from the white matter outwards.")
+        steps = f"{len(layer[0])} layers, from the white matter outwards"
+        self._show_message(f"The window shows '{name}'. Its slider is the depth: {steps}.")
 
     def _on_measure(self) -> None:
         shown, region = self.form.volume(), self.form.region()
@@ -123,7 +124,8 @@ class CorticalDepth(TaskDock):
         self.plot = plot
         self._column.insertWidget(self._column.indexOf(self.save), plot, 100)
         self.save.show()
-        self._show_message("The line is the mean, and the band is the standard deviation between voxels.")
+        what = "The line is the mean, and the band is the standard deviation between voxels"
+        self._show_message(f"{what}, in {self.profile.mean.shape[-1]} layers.")
 
     def _on_stop(self) -> None:
         if self._worker is not None:

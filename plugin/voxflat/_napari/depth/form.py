@@ -14,7 +14,6 @@ from voxflat._napari.layers.volumes import LayerVolume, shown_step
 from voxflat._napari.map_viewer.drawings import REGIONS
 from voxflat.errors import InputError
 
-_LAYERS = 20
 _AREA = 1.0  # mm²
 _LAYERINGS = {"equivolume": "equal volumes (equivolume)", "equidistant": "equal thickness (equidistant)"}
 
@@ -26,9 +25,11 @@ class DepthForm(LayerForm):
 
     def __init__(self, viewer: Viewer) -> None:
         super().__init__(viewer)
-        tip = "Number of layers, from the inner border (white matter) to the outer border"
-        self.count = spin(QSpinBox(), 1, 1000, tip)
-        self.count.setValue(_LAYERS)
+        tip = (
+            "Number of layers, from the inner border (white matter) to the outer border. The default is one layer per "
+            "voxel of the median thickness, but at least 3 and at most 20"
+        )
+        self.count = spin(QSpinBox(), 0, 1000, tip, special="automatic")
         tip = "Mean area of a column on the surface halfway between the borders"
         self.area = spin(QDoubleSpinBox(), 0.01, 10_000, tip, " mm²", step=0.5)
         self.area.setValue(_AREA)
@@ -86,8 +87,8 @@ class DepthForm(LayerForm):
         return None if layer is None else LayerVolume.of(layer, self.world.currentData())
 
     def layers(self) -> dict[str, Any]:
-        """Return the number of layers and the layering, as in `Rim.layers`."""
-        return {"count": self.count.value(), "layering": self.layering.currentData()}
+        """Return the number of layers (None if it is automatic) and the layering, as in `Rim.layers`."""
+        return {"count": self.count.value() or None, "layering": self.layering.currentData()}
 
     def release(self) -> None:
         super().release()

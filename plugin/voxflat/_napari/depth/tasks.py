@@ -15,10 +15,24 @@ from voxflat.errors import Cancelled, InputError
 from voxflat.laminar.profile import Profile
 from voxflat.maps.flat_map import FlatMap
 
+_FEWEST, _MOST = 3, 20  # automatic layers
+
+
+def _counted(
+    layers: dict[str, Any], thickness: NDArray[np.floating], of: LayerVolume, unit: str = ""
+) -> dict[str, Any]:
+    """Return the layers with their number: by default, one per voxel of the median thickness, within limits."""
+    if layers["count"] is not None:
+        return layers
+    volume = of.lazily()
+    voxels = np.nanmedian(thickness) / np.mean(volume.in_unit(unit or volume.unit).spacing)
+    return {**layers, "count": int(np.clip(np.round(voxels), _FEWEST, _MOST))}
+
 
 def divide_into_layers(rim: tuple[LayerVolume, str], layers: dict[str, Any], progress: Progress) -> NDArray[np.integer]:
     """Return the layer of each voxel."""
-    return np.asarray(rim_of(*rim, progress).layers(**layers).data)
+    found = rim_of(*rim, progress)
+    return np.asarray(found.layers(**_counted(layers, found.values.thickness, rim[0])).data)
 
 
 def divide_into_columns(rim: tuple[LayerVolume, str], area: float, progress: Progress) -> NDArray[np.integer]:
@@ -28,6 +42,10 @@ def divide_into_columns(rim: tuple[LayerVolume, str], area: float, progress: Pro
 
 def flat_volume(flat_map: FlatMap, shown: Sampled, layers: dict[str, Any], progress: Progress) -> LayerData:
     """Return a layer (depth, row, column) with a volume in the middle of each layer of a map."""
+    assert flat_map.white_points is not None
+    assert flat_map.pial_points is not None
+    thickness = np.linalg.norm(flat_map.pial_points - flat_map.white_points, axis=1)
+    layers = _counted(layers, thickness, shown.volume, unit_of_map(flat_map))
     count = layers["count"]
     how = {"interpolation": "nearest" if shown.kind == "labels" else "linear", "layering": layers["layering"]}
     stack = flat_map.images(shown.volume.lazily(), depths=count, **how)
@@ -61,7 +79,9 @@ def profile(
     from matplotlib.figure import Figure
 
     regions = None if region is None else region.read()
-    found = rim_of(*rim, progress).profile(shown.volume.lazily(), regions=regions, **layers)
+    of = rim_of(*rim, progress)
+    layers = _counted(layers, of.values.thickness, rim[0])
+    found = of.profile(shown.volume.lazily(), regions=regions, **layers)
     figure = Figure(layout="constrained")
     if region is not None:
         found = replace(found, names=tuple(f"region {name}" for name in found.names))
