@@ -9,7 +9,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from napari.layers import Surface
-from napari_window import PATIENCE, bumps, click_middle, map_dock, run, sphere, wait_for_picture, wait_until_drawn
+from napari_window import (
+    PATIENCE,
+    bumps,
+    click_middle,
+    map_dock,
+    open_file,
+    run,
+    sphere,
+    wait_for_picture,
+    wait_until_drawn,
+)
 from numpy.testing import assert_allclose, assert_array_equal
 from qtpy.QtCore import Qt
 from qtpy.QtWidgets import QApplication, QFileDialog
@@ -455,3 +465,46 @@ def test_drawings_and_cuts_come_back_with_the_saved_map(flattened, make_napari_v
     session = ViewerState.of(viewer).with_session(dock.prepared.run.flat_map).metadata["napari"]
     told = voxflat.load(path).metadata["napari"]
     assert json.loads(json.dumps(session)) == told
+
+
+def test_drawn_cuts_are_chosen_again_for_a_saved_map_and_keep_their_names(
+    open_widget, make_napari_viewer, qtbot, tmp_path
+):
+    points, faces = sphere(200)
+    viewer, widget = open_widget(Surface((points, faces), name="ball"))
+    _, dock = viewer.window.add_plugin_dock_widget("voxflat", "Draw cuts")
+    press(dock, qtbot, "begin")
+    draw(dock, 3, 50, 90)
+    paths = dock.drawing.paths()
+    dock.use.click()
+    run(widget, qtbot)
+    first = ViewerState.of(viewer).current.flat_map
+    path = tmp_path / "map.voxflat"
+    ViewerState.of(viewer).with_session(first).save(path)
+    viewer.close()
+
+    viewer = make_napari_viewer()
+    open_file(viewer, qtbot, path)
+    viewer.add_surface((points, faces), name="ball")
+    _, widget = viewer.window.add_plugin_dock_widget("voxflat", "Flatten surface")
+    qtbot.waitUntil(lambda: widget.form.options.cuts == "drawn", timeout=PATIENCE)
+    assert_array_equal(widget.form.options.options("voxflat")["cuts"]["drawn 1"], paths["drawn 1"])
+    assert "along the drawn lines" in widget.form.plan.text()
+    run(widget, qtbot)
+    state = ViewerState.of(viewer)
+    assert_array_equal(state.current.flat_map.uv, first.uv)
+
+    _, dock = viewer.window.add_plugin_dock_widget("voxflat", "Draw cuts")
+    press(dock, qtbot, "begin")
+    assert [cut.name for cut in dock.drawing.cuts] == ["drawn 1"]
+    second = state.current.flat_map
+    dock.again.click()
+    qtbot.waitUntil(lambda: state.current.flat_map is not second and state.is_settled, timeout=PATIENCE)
+    qtbot.waitUntil(widget.start.isEnabled, timeout=PATIENCE)
+    assert state.current.flat_map.metadata["cut_names"] == ["drawn 1"]
+    widget.form.options._cuts.setCurrentIndex(0)
+    assert widget.form.continues.isChecked()
+    third = state.current.flat_map
+    run(widget, qtbot)
+    assert state.current.flat_map is not third
+    assert state.current.flat_map.metadata["cut_names"] == ["drawn 1"]

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from voxflat.arguments import Progress
 from voxflat.errors import InputError
-from voxflat.maps.matching import Matched
+from voxflat.maps.matching import Matched, loaded
 from voxflat.surfaces.cutting import Cutout, cut_out_as, opened_to_disk
 from voxflat.surfaces.manifold import Manifold, Step
 from voxflat.unique_rows import numbered
@@ -29,6 +29,20 @@ def cut_as(whole: Manifold, start: Matched, threads: int | None, progress: Progr
     places, _ = _at_corners(part.vertices, part.faces, start)
     cut = cut_out_as(whole, part, _chains(_seams(part.faces, places)), "start")
     return opened_to_disk(cut, False, threads, progress)
+
+
+def named_as(cut: Cutout, start: object) -> Cutout:
+    """Give cuts the names of the cuts of a map on which they lie, if it is a `FlatMap` or its file."""
+    about = getattr(loaded(start), "metadata", {})
+    cuts = zip(about.get("cut_names") or [], about.get("cuts") or [], strict=False)  # old files have no names
+    known = {name: _set(path) for name, path in cuts if name}
+    paths = map(_set, cut.metadata["cuts"])
+    names = [next((name for name, whole in known.items() if path <= whole), None) for path in paths]
+    return replace(cut, metadata={**cut.metadata, "cut_names": names})
+
+
+def _set(path: list[int | list[int]]) -> set[tuple[int, ...]]:
+    return {tuple(np.atleast_1d(vertex).tolist()) for vertex in path}
 
 
 def places_of(cut: Cutout, start: Matched) -> NDArray[np.float64]:

@@ -18,7 +18,7 @@ from voxflat.maps.worst_places import area_changes
 from voxflat.maps.worst_search import worst_places
 from voxflat.methods.common import MUCH, error_of_distances, map_over_triangles
 from voxflat.methods.method import How, OverTriangles
-from voxflat.methods.start import covered, cut_as, places_of
+from voxflat.methods.start import covered, cut_as, named_as, places_of
 from voxflat.surfaces.cutting import Cutout, Tube, Where
 from voxflat.surfaces.manifold import Manifold
 
@@ -140,7 +140,7 @@ class Voxflat(OverTriangles):
         start = match(surface, self.start)
         if where.is_given:
             return super()._cut(covered(surface, start), where, how)
-        return cut_as(surface, start, how.threads, how.progress)
+        return named_as(cut_as(surface, start, how.threads, how.progress), self.start)
 
     def _map(self, cut: Cutout, how: How) -> FlatMap:
         """Flatten a disk of triangles, from a coarse surface or from a given map."""
