@@ -1,7 +1,9 @@
 """Convert surfaces and values from and to nilearn, nibabel, trimesh, meshio, PyVista and VTK."""
 
 import base64
+import hashlib
 import io
+import struct
 
 import meshio
 import nibabel
@@ -19,6 +21,7 @@ from refusals import refused
 import voxflat
 from voxflat.io.formats.polygons import of_scene
 from voxflat.io.label_tables import own_table
+from voxflat.io.provenance import described
 
 HILL = voxflat.samples.hill()
 POINTS, FACES = HILL.points, HILL.faces.astype(np.int64)
@@ -261,3 +264,16 @@ def test_mirrored_parts_of_a_scene_keep_their_outside():
     a, b, c = (read["points"][read["faces"][:, corner]] for corner in range(3))
     volumes = np.einsum("fx,fx->f", a - [[5.0, 0, 0]] * (a[:, :1] > 2.5), np.cross(b - a, c - a)) / 6
     np.testing.assert_allclose(volumes.reshape(2, -1).sum(axis=1), ball.volume)
+
+
+def test_records_hold_the_values_of_an_affine_and_the_hash_of_long_arrays():
+    affine, many = np.diag([2.0, 2, 3, 1]), np.arange(64, dtype=">f4").reshape(2, 32)
+    assert described({"affine": affine, "seeds": tuple(range(20))}) == {
+        "affine": affine.tolist(),
+        "seeds": [*range(20)],
+    }
+    little = hashlib.sha256(struct.pack("<64f", *range(64))).hexdigest()
+    assert described(many) == {"dtype": "float32", "shape": [2, 32], "sha256": little}
+    for array in (many.astype("<f4"), np.asfortranarray(many)):
+        assert described(array) == described(many)
+    assert described(many + 1) != described(many) != described(many.reshape(32, 2))
