@@ -166,7 +166,6 @@ HOSTILE = {
     "lh.big": (b"\xff\xff\xfecreated by me\n\n" + struct.pack(">2i", 2**31 - 1, 9), "but the file ends after"),
     "grid.vtk": (HEAD + b"STRUCTURED_GRID\n", "has dataset type STRUCTURED_GRID"),
     "huge.vtk": (HEAD + b"POLYDATA\nPOINTS 99999999999999 float\n0 0 0\n", "Unable to allocate|ended while it read"),
-    "strip.vtk": (STRIP, r"has lines \(1\) in addition to its faces. Remove"),
     "quads.vtk": (VTK + b"POLYGONS 2 9\n3 0 1 2\n4 0 1 2 9\n", "face 1 refers to point 9|VTK reports"),
     "bomb.vtp": (b'<!DOCTYPE a [<!ENTITY a "a">]><VTKFile type="PolyData"/>', "defines the XML entity 'a'"),
     "grid.vtp": (b'<VTKFile type="UnstructuredGrid"><UnstructuredGrid/></VTKFile>', "VTK reports|no points"),

@@ -278,7 +278,7 @@ def test_numbers_are_those_of_the_datasets_points():
     with pytest.raises(InputError, match=f"seed_point: point {inside} is not on the surface of the RectilinearGrid"):
         solid.voxflat(seed_point=inside, radius=2.0)
     refused("Extract its surface first", pv.ImageData(dimensions=(3, 3, 3)).voxflat.geodesic, 0)
-    refused("UnstructuredGrid with 0 cells has no faces to flatten", pv.UnstructuredGrid().voxflat)
+    refused("UnstructuredGrid: has no points", pv.UnstructuredGrid().voxflat)
 
 
 def test_distances_and_paths_along_a_grid():
@@ -305,7 +305,7 @@ def test_blocks_are_flattened_one_by_one(capsys):
     assert flat["nothing"] is None
     assert flat["more"]["bumps"].n_points == bumpy().n_points
     assert "100%" in capsys.readouterr().err
-    with pytest.raises(InputError, match="block 'points': the PolyData with 4 cells has no faces"):
+    with pytest.raises(InputError, match="block 'points': PolyData: has no faces, only 4 cells"):
         pv.MultiBlock({"points": pv.PolyData(np.eye(4, 3))}).voxflat()
 
 
@@ -357,7 +357,7 @@ def test_a_wrong_name_lists_the_arrays():
     refused("no array 'middle'.*The image has the arrays left, right", image.voxflat, "middle")
     refused("The image has no arrays", pv.ImageData(dimensions=(3, 3, 3)).voxflat)
     image.set_active_scalars(None)
-    refused(r"scalars is not given.*The image has the arrays left, right", image.voxflat)
+    refused(r"no array of the image is active.*The image has the arrays left, right", image.voxflat)
 
 
 def test_what_of_an_image_is_no_volume_to_be_flattened_is_refused(image):

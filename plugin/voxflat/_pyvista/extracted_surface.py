@@ -2,67 +2,33 @@
 
 import warnings
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import pyvista as pv
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
-from vtkmodules.vtkFiltersGeometry import vtkDataSetSurfaceFilter
 
 from voxflat.arguments import log
 from voxflat.errors import InputError
+from voxflat.io.files import naming
+from voxflat.io.meshes import Mesh
+from voxflat.io.objects import mesh_of_dataset
 from voxflat.unique_rows import numbered
-
-_POINT, _CELL = "voxflat_point", "voxflat_cell"
 
 
 @dataclass(frozen=True, eq=False)
 class ExtractedSurface:
-    """The triangles of the surface of a dataset."""
+    """The triangles of the surface of a dataset, with the points of the dataset."""
 
     dataset: pv.DataSet
-    mesh: pv.PolyData  # triangles only
-    point_ids: NDArray[np.int64]  # the point of the dataset for each point of the mesh
+    mesh: Mesh
     cell_ids: NDArray[np.int64]  # the cell of the dataset for each triangle
 
     @classmethod
     def of(cls, dataset: pv.DataSet) -> "ExtractedSurface":
-        """Extract the outer surface of a dataset, and triangulate its polygons and strips."""
-        polygons = dataset.GetNumberOfPolys() if isinstance(dataset, pv.PolyData) else 0
-        if isinstance(dataset, pv.PolyData) and polygons == dataset.n_cells > 0 and dataset.is_all_triangles:
-            return cls(dataset, dataset, np.arange(dataset.n_points), np.arange(dataset.n_cells))
-        numbered = dataset.copy(deep=False)
-        numbered.clear_data()
-        numbered.point_data[_POINT] = np.arange(dataset.n_points)
-        numbered.cell_data[_CELL] = np.arange(dataset.n_cells)
-        if isinstance(numbered, pv.PolyData) and (other := numbered.n_verts + numbered.n_lines):
-            faces: Any = np.arange(other, numbered.n_cells)  # vertices and lines precede the polygons
-            numbered = numbered.extract_cells(faces)
-        if isinstance(numbered, pv.ExplicitStructuredGrid):  # VTK's filter does not set its cell data
-            numbered = numbered.cast_to_unstructured_grid()
-        if not isinstance(numbered, pv.PolyData):
-            outside = vtkDataSetSurfaceFilter()  # the arguments of extract_surface depend on PyVista's version
-            outside.SetInputData(numbered)
-            outside.Update()
-            numbered = pv.wrap(outside.GetOutput())
-        triangles = numbered.triangulate()
-        if not triangles.n_cells:
-            raise InputError(
-                f"the {type(dataset).__name__} with {dataset.n_cells} cells has no faces to flatten. "
-                "Pass a dataset with a surface"
-            )
-        # VTK duplicates the points at the edges of a grid, once for each adjacent side
-        point_ids, first, row = np.unique(triangles.point_data[_POINT], return_index=True, return_inverse=True)
-        faces = row.reshape(-1)[triangles.regular_faces]
-        mesh = pv.PolyData.from_regular_faces(np.asarray(triangles.points)[first], faces)
-        cell_ids = np.asarray(triangles.cell_data[_CELL], dtype=np.int64)
-        return cls(dataset, mesh, point_ids.astype(np.int64), cell_ids)
-
-    @property
-    def is_dataset(self) -> bool:
-        """Whether the surface is the dataset itself."""
-        return self.mesh is self.dataset
+        """Extract the outer surface of a dataset, as `voxflat.surface` does."""
+        with naming(dataset, "pass a dataset with a surface"):
+            return cls(dataset, *mesh_of_dataset(dataset))
 
     def point(self, seed: object, name: str) -> int:
         """Return the surface point for a single seed point."""
@@ -83,19 +49,16 @@ class ExtractedSurface:
             return self._nearest(wanted, name)
         if wanted.dtype.kind not in "iu":
             raise InputError(f"{name} has data type {wanted.dtype}. Pass point numbers, positions (x, y, z) or cells")
-        on_surface = np.full(self.dataset.n_points, -1, dtype=np.int64)
-        on_surface[self.point_ids] = np.arange(len(self.point_ids))
-        inside = (wanted >= 0) & (wanted < len(on_surface))
-        found = np.where(inside, on_surface[np.where(inside, wanted, 0)], -1)
-        if (found < 0).any():
-            missing, kind = int(wanted[found < 0].flat[0]), type(self.dataset).__name__
+        is_there = np.isin(wanted, self._used)
+        if not is_there.all():
+            missing, kind = int(wanted[~is_there].flat[0]), type(self.dataset).__name__
             raise InputError(f"{name}: point {missing} is not on the surface of the {kind}. Choose another point")
-        return found
+        return wanted.astype(np.int64)
 
     def _of_cell(self, cell: pv.Cell, name: str) -> NDArray[np.int64]:
         """Return the corner of a cell that lies on the surface and is nearest to the centre of the cell."""
         numbers = np.asarray(cell.point_ids)
-        is_there = (numbers < self.dataset.n_points) & np.isin(numbers, self.point_ids[self._used])
+        is_there = (numbers < self.dataset.n_points) & np.isin(numbers, self._used)
         same = self.dataset.points[numbers.clip(max=self.dataset.n_points - 1)]
         if not is_there.any() or not np.allclose(cell.points, same):
             kind = type(self.dataset).__name__
@@ -109,8 +72,8 @@ class ExtractedSurface:
             of = f"shape {positions.shape} and data type {positions.dtype}"
             raise InputError(f"{name} has {of}. Pass finite positions (x, y, z)")
         used = self._used
-        apart, found = KDTree(np.asarray(self.mesh.points)[used]).query(positions)
-        corners = np.asarray(self.mesh.points, dtype=np.float64)[self.mesh.regular_faces]
+        apart, found = KDTree(self.mesh.points[used]).query(positions)
+        corners = self.mesh.points[self.mesh.faces]
         longest = float(np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max())
         if np.any(apart > longest):
             far = np.asarray(positions).reshape(-1, 3)[np.argmax(apart)].tolist()
@@ -119,16 +82,15 @@ class ExtractedSurface:
 
     @property
     def _used(self) -> NDArray[np.int64]:
-        """Return the points of the mesh that are corners of triangles."""
-        return np.unique(np.asarray(self.mesh.regular_faces, dtype=np.int64))
+        """Return the points that are corners of triangles."""
+        return np.unique(self.mesh.faces)
 
     def carry(self, flat: pv.PolyData, ids: NDArray[np.int64]) -> None:
         """Copy the arrays of the dataset to a flat mesh; arrays whose names are taken get the prefix ``mesh_``."""
-        of_points = self.point_ids[ids]
         texture = self.dataset.GetPointData().GetTCoords()
         for name in self.dataset.point_data:
             free = _free(name, flat)
-            flat.point_data[free] = self.dataset.point_data[name][of_points]
+            flat.point_data[free] = self.dataset.point_data[name][ids]
             if texture is not None and name == texture.GetName():  # the picture of the mesh stays on the map
                 flat.GetPointData().SetActiveTCoords(free)
         for name in self.dataset.field_data:
@@ -145,7 +107,7 @@ class ExtractedSurface:
 
     def _cells(self, faces: NDArray[np.int64]) -> NDArray[np.int64] | None:
         """Return the cell of each triangle, found by its corners; None if any triangle is not part of the surface."""
-        own = np.sort(np.asarray(self.mesh.regular_faces, dtype=np.int64), axis=1)
+        own = np.sort(self.mesh.faces, axis=1)
         known, wanted = numbered(own, np.sort(faces, axis=1))
         triangle = np.full(len(own) + len(faces), -1, dtype=np.int64)
         triangle[known] = np.arange(len(own))

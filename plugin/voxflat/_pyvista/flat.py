@@ -143,19 +143,17 @@ def to_measured_polydata(
     return mesh.copy()  # PyVista shares memory, but the arrays of the map must not change with the mesh
 
 
-def to_cut_polydata(done: CutSurface[Surface], point_ids: NDArray[np.int64] | None = None) -> pv.PolyData:
+def to_cut_polydata(done: CutSurface[Surface]) -> pv.PolyData:
     """Return a cut surface as a 3D mesh, in RAS+ mm."""
     whole = done.surface
     mesh = triangles(whole.points, whole.faces)
-    named = np.asarray if point_ids is None else point_ids.__getitem__
     number = np.full(len(whole), -1, dtype=np.int64)
     for which, cut in enumerate(done.cuts):
         number[in_rows(whole.ids, cut.ids)] = which
     mesh.point_data["cut"] = number
-    mesh.point_data["voxel_ids" if whole.is_voxels else "vertex_ids"] = named(whole.ids)
+    mesh.point_data["voxel_ids" if whole.is_voxels else "vertex_ids"] = whole.ids
     cuts = [
-        {"ids": named(cut.ids).tolist(), "length": cut.length, "reason": cut.reason, "name": cut.name}
-        for cut in done.cuts
+        {"ids": cut.ids.tolist(), "length": cut.length, "reason": cut.reason, "name": cut.name} for cut in done.cuts
     ]
     mesh.field_data["voxflat"] = [json.dumps({"cuts": cuts, "remarks": list(done.remarks)})]
     mesh.set_active_scalars("cut", preference="point")

@@ -13,6 +13,7 @@ from voxflat._pyvista.extracted_surface import ExtractedSurface
 from voxflat.arguments import Progress, is_number
 from voxflat.errors import InputError
 from voxflat.io.grid import named_unit
+from voxflat.io.objects import image_volume
 from voxflat.io.volumes import Volume
 from voxflat.methods import Method, method_of
 from voxflat.pipeline.surface import Surface, surface
@@ -58,7 +59,7 @@ class Inputs:
         >>> image.voxflat.volume()
         <Volume: 8 x 8 x 8 of uint8, voxels of 1 x 1 x 1 mm, RAS>
         """
-        volume = _volume_of(self._mesh, scalars)
+        volume = image_volume(self._mesh, scalars)
         return volume if unit is None else replace(volume, unit=named_unit(unit))
 
     def voxel_at(self, point: ArrayLike, scalars: str | None = None) -> tuple[int, int, int]:
@@ -169,15 +170,13 @@ class Inputs:
 
     def _mask_of(self, extracted: ExtractedSurface, region: object, name: str) -> object:
         """Convert a region of dataset points to a region of surface points."""
-        if extracted.is_dataset or not isinstance(region, np.ndarray):
-            return region
-        is_mask = region.dtype == bool and region.shape == (self._mesh.n_points,)
-        return region[extracted.point_ids] if is_mask else extracted.points(region, name)
+        is_mask = not isinstance(region, np.ndarray) or region.shape == (self._mesh.n_points,)
+        return region if is_mask else extracted.points(region, name)
 
     def _region(self, region: object) -> object:
         """Convert a region to a form that `Surface.keep` accepts."""
         if isinstance(region, pv.DataSet):
-            return _volume_of(region)
+            return image_volume(region)
         if not isinstance(region, str):
             return region
         names = self._mesh.array_names if self._is_image else self._mesh.point_data.keys()
@@ -190,44 +189,3 @@ class Inputs:
             there = ", ".join(names) or "none"
             raise InputError(f"{region!r} is neither a point array nor a file. Available arrays: {there}")
         return region
-
-
-def _volume_of(image: pv.DataSet, scalars: str | None = None) -> Volume:
-    """Return an array of an image as a volume with its affine, without a copy."""
-    if not isinstance(image, pv.ImageData):
-        resample = "Resample the mesh onto an image with pyvista.ImageData(...).sample(mesh)"
-        raise InputError(f"the {type(image).__name__} is not a volume. {resample}")
-    values, in_cells = _array(image, scalars)
-    shape, affine = _grid(image, in_cells)
-    colours = values.ndim == 2 and values.shape[1] in (3, 4) and values.dtype == np.uint8
-    if values.ndim > 1 and not colours:
-        name = scalars or image.active_scalars_name
-        raise InputError(f"array {name!r} has {values.shape[1]} components. Give an array with one value per voxel")
-    return Volume(values.reshape(*shape, *values.shape[1:], order="F"), affine)
-
-
-def _array(image: pv.ImageData, name: str | None) -> tuple[NDArray[Any], bool]:
-    """Return an array of an image, and whether its values belong to cells instead of points."""
-    points, cells = image.point_data, image.cell_data
-    names = [*points.keys(), *cells.keys()]
-    if name is None:
-        name = image.active_scalars_name or (names[0] if len(names) == 1 else None)
-    if name is None or name not in names:
-        there = f"The image has the arrays {', '.join(names)}" if names else "The image has no arrays"
-        wrong = "scalars is not given" if name is None else f"the image has no array {name!r}"
-        raise InputError(f"{wrong}. Pass the name of an array as scalars. {there}")
-    if names.count(name) > 1:
-        raise InputError(f"the points and the cells both have an array {name!r}. Rename or remove one of them")
-    return np.asarray((points if name in points else cells)[name]), name not in points
-
-
-def _grid(image: pv.ImageData, in_cells: bool) -> tuple[tuple[int, ...], NDArray[np.float64]]:
-    """Return the number of voxels along each axis, and the affine from voxel indices to image coordinates."""
-    size = np.asarray(image.dimensions)
-    first = np.asarray(image.extent[::2], dtype=np.float64)  # VTK's indices need not start at 0
-    if in_cells:
-        first += np.where(size > 1, 0.5, 0.0)  # the centre of a cell lies half a cell from its corner
-        size = np.maximum(size - 1, 1)
-    affine = np.array(image.index_to_physical_matrix, dtype=np.float64)
-    affine[:3, 3] += affine[:3, :3] @ first
-    return tuple(size.tolist()), affine

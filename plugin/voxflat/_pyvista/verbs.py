@@ -56,7 +56,7 @@ class Verbs(Inputs):
         if self._is_image:
             return flat
         extracted = self._extracted(scalars)
-        flat.point_data["vertex_ids"] = extracted.point_ids[flat_map.ids]
+        flat.point_data["vertex_ids"] = flat_map.ids
         told = {**flat_map.description(), "vertices": self._mesh.n_points}  # the numbering used by vertex_ids
         flat.field_data["voxflat"] = [json.dumps(told)]
         extracted.carry(flat, flat_map.ids)
@@ -68,19 +68,18 @@ class Verbs(Inputs):
         if "keep" in options:
             raise InputError("components='all' and keep cannot be combined. Omit one of them")
         extracted = self._extracted(scalars)
-        corners = np.asarray(extracted.mesh.regular_faces, dtype=np.int64)
+        points, corners = extracted.mesh.points, extracted.mesh.faces
         ends = corners[:, [0, 1]].ravel(), corners[:, [1, 2]].ravel()
-        links = scipy.sparse.coo_array((np.ones(2 * len(corners)), ends), shape=(extracted.mesh.n_points,) * 2)
+        links = scipy.sparse.coo_array((np.ones(2 * len(corners)), ends), shape=(len(points),) * 2)
         _, of_points = scipy.sparse.csgraph.connected_components(links, directed=False)
-        areas = extracted.mesh.compute_cell_sizes(length=False, volume=False).cell_data["Area"]
+        a, b, c = np.moveaxis(points[corners], 1, 0)
+        areas = np.linalg.norm(np.cross(b - a, c - a), axis=1)
         total = np.bincount(of_points[corners[:, 0]], areas)
         found = pv.MultiBlock()
         for number, component in enumerate(np.argsort(-total)[: np.count_nonzero(total)].tolist(), 1):
-            mask = np.zeros(self._mesh.n_points, dtype=np.bool_)
-            mask[extracted.point_ids[of_points == component]] = True
             name = f"component {number}"
             try:
-                given: FlattenOptions = {**options, "keep": mask}
+                given: FlattenOptions = {**options, "keep": of_points == component}
                 found[name] = self(scalars, progress_bar=progress_bar, **given)
             except InputError as error:
                 log.warning("%s is omitted: %s", name, error)
@@ -173,7 +172,7 @@ class Verbs(Inputs):
         if extracted is None:
             mesh.point_data["voxel_ids"] = whole.ids
         else:
-            mesh.point_data["vertex_ids"] = extracted.point_ids[whole.ids]
+            mesh.point_data["vertex_ids"] = whole.ids
         return mesh
 
     def check(self, scalars: str | None = None, **options: Unpack[PlaceOptions]) -> Check:
@@ -251,8 +250,8 @@ class Verbs(Inputs):
         nearest = np.min([rows[number] for number in range(len(numbers))], axis=0)
         measured = self._mesh.copy(deep=False)
         distances = np.full(self._mesh.n_points, np.nan)
-        distances[extracted.point_ids[rows.ids]] = np.where(np.isfinite(nearest), nearest, np.nan)
-        merged, one = extracted.point_ids[whole.merged].T
+        distances[rows.ids] = np.where(np.isfinite(nearest), nearest, np.nan)
+        merged, one = whole.merged.T
         distances[merged] = distances[one]
         measured.point_data["geodesic_distance"] = distances
         measured.set_active_scalars("geodesic_distance", preference="point")
@@ -292,7 +291,7 @@ class Verbs(Inputs):
         found = surface(extracted.mesh).path(*stops, geodesic=method)
         count = len(found.points)
         line = pv.PolyData(np.array(found.points), lines=[count, *range(count)] if count > 1 else None)
-        line.point_data["vertex_ids"] = np.where(found.ids >= 0, extracted.point_ids[found.ids], -1)
+        line.point_data["vertex_ids"] = found.ids
         line.field_data["length"] = [found.length]
         return line
 
@@ -362,7 +361,6 @@ class Verbs(Inputs):
         page = meshes.to_page_polydata(glued, packing=packing)
         if extracted is not None:
             ids = np.asarray(page.point_data["vertex_ids"], dtype=np.int64)
-            page.point_data["vertex_ids"] = extracted.point_ids[ids]
             extracted.carry(page, ids)
             page.set_active_scalars("patch", preference="cell")
         return page
@@ -406,7 +404,7 @@ class Verbs(Inputs):
         given: dict[str, Any] = {**options}
         with shown(progress_bar, given.pop("progress", None)) as progress:
             done = self._part(scalars, given, progress).cut(progress=progress, **given)
-        mesh = meshes.to_cut_polydata(done, None if extracted is None else extracted.point_ids)
+        mesh = meshes.to_cut_polydata(done)
         if extracted is not None:
             extracted.carry(mesh, done.surface.ids)
             mesh.set_active_scalars("cut", preference="point")
@@ -468,7 +466,7 @@ class Verbs(Inputs):
         with shown(progress_bar, given.pop("progress", None)) as progress:
             whole = surface(source, progress=progress, **given)
             how: dict[str, Any] = {"sources": sources, "reference": reference, "seed": seed, "progress": progress}
-            of = {"": rows_of(flat, whole, extracted)}
+            of = {"": rows_of(flat, extracted)}
             measured = compare(whole, of, threads=given.get("threads"), **how).maps[""]
         at = np.empty(whole.count, dtype=np.int64)
         at[whole.vertices] = np.arange(len(whole))
@@ -476,7 +474,7 @@ class Verbs(Inputs):
         points = whole.points[at[measured.vertex_ids]]
         if extracted is None:
             return meshes.to_measured_polydata(measured, points, ids, in_voxels=True)
-        mesh = meshes.to_measured_polydata(measured, points, extracted.point_ids[ids])
+        mesh = meshes.to_measured_polydata(measured, points, ids)
         extracted.carry(mesh, ids)
         mesh.set_active_scalars("distance_error", preference="point")
         return mesh

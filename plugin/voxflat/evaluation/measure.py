@@ -27,6 +27,8 @@ from voxflat.evaluation.charts import charts_of, total
 from voxflat.io.provenance import Record, Recorded, telling
 from voxflat.maps.flat_map import FlatMap
 from voxflat.maps.matching import Matched, loaded, match, vertices_of
+from voxflat.pipeline.cut_surface import CutSurface
+from voxflat.pipeline.surface import Surface
 from voxflat.pipeline.surface import surface as _surface
 from voxflat.read_only import ReadOnly
 from voxflat.surfaces.manifold import Manifold
@@ -182,7 +184,7 @@ def measure(
 
     Parameters
     ----------
-    surface : Surface, or any input of `voxflat.surface`
+    surface : Surface, CutSurface, or any input of `voxflat.surface`
         The surface.
     flat : path, FlatMap, Mesh, (places, faces), (places, faces, vertices), or array_like of shape (V, 2) or (V, 3)
         The map: a FreeSurfer patch (``lh.cortex.patch.flat``); GIFTI or another mesh file with the surface's vertices
@@ -254,7 +256,7 @@ def compare(
 
     Parameters
     ----------
-    surface : Surface, or any input of `voxflat.surface`
+    surface : Surface, CutSurface, or any input of `voxflat.surface`
         The surface. All maps are measured on the same geometry.
     maps : dict of str to map
         The maps, keyed by name; each as in `measure`.
@@ -293,6 +295,8 @@ def compare(
     checked_kind(maps, "collection of maps", "items", "a dict of maps, keyed by name")
     if not maps:
         raise InputError("maps is empty. Pass at least one map to measure")
+    if isinstance(surface, CutSurface):  # distances are measured along the cuts of the map
+        surface = Surface._of(surface.whole or surface.surface)
     whole = _surface(surface, threads=threads, memory_limit=memory_limit, progress=progress)
     reference = reference or ("graph" if whole.is_voxels else "exact")
     maps = {name: loaded(flat) for name, flat in maps.items()}

@@ -13,11 +13,12 @@ from voxflat.io.channels import Channels, points_of_nibabel
 from voxflat.io.files import naming
 from voxflat.io.formats import gifti
 from voxflat.io.formats.polygons import of_scene
-from voxflat.io.formats.vtk import grid_triangles, polydata_points, polydata_texture, polydata_triangles
+from voxflat.io.formats.vtk import as_numpy, dataset_parts
 from voxflat.io.grid import NOT_KNOWN, unit_of
 from voxflat.io.meshes import Mesh, read_mesh
 from voxflat.io.partners import check_side
 from voxflat.io.triangles import triangulated
+from voxflat.io.volumes import Volume
 
 _IMAGES = "a nibabel (NIfTI, GIFTI, CIFTI) or ITK image, a nilearn SurfaceImage"
 _PACKAGES = "nilearn, trimesh, meshio, PyVista or VTK"
@@ -69,6 +70,15 @@ def _has(*names: str) -> Callable[[object], bool]:
     return lambda given: all(hasattr(given, name) for name in names)
 
 
+def _is_dataset(given: object) -> bool:
+    return _has("GetCellType", "GetPoints", "GetNumberOfCells")(given) and not is_image(given)
+
+
+def is_image(given: object) -> bool:
+    """Return whether an object is VTK's or PyVista's image data."""
+    return _has("GetCellType", "GetScalarPointer")(given)
+
+
 def _has_parts(given: object) -> bool:
     parts = getattr(given, "parts", None)
     return isinstance(parts, Mapping) and all(hasattr(part, "coordinates") for part in parts.values())
@@ -107,15 +117,10 @@ def _of_meshio(mesh: Any) -> Mesh:
     return Mesh(points, corners[places], remarks=remarks, declared_unit="unknown")
 
 
-def _of_polydata(mesh: Any) -> Mesh:
-    faces, remarks = polydata_triangles(mesh)
-    texture = polydata_texture(mesh)
-    return Mesh(polydata_points(mesh), faces, remarks=remarks, declared_unit="unknown", texture_coordinates=texture)
-
-
-def _of_grid(grid: Any) -> Mesh:
-    faces, remarks = grid_triangles(grid)
-    return Mesh(polydata_points(grid), faces, remarks=remarks, declared_unit="unknown")
+def mesh_of_dataset(dataset: Any) -> tuple[Mesh, NDArray[np.int64]]:
+    """Return the outer surface of a VTK dataset with the dataset's own points, and the cell of each triangle."""
+    parts, cells = dataset_parts(dataset)
+    return Mesh(**parts, declared_unit="unknown"), cells
 
 
 def _of_blocks(blocks: Any) -> Mesh:
@@ -128,11 +133,6 @@ def _of_blocks(blocks: Any) -> Mesh:
     faces = np.concatenate([mesh.faces + start for mesh, start in zip(meshes, starts, strict=False)])
     remarks = tuple(dict.fromkeys(remark for mesh in meshes for remark in mesh.remarks))
     return Mesh(np.concatenate([mesh.points for mesh in meshes]), faces, remarks=remarks, declared_unit="unknown")
-
-
-def _refuse_image(image: Any) -> Mesh:
-    remedy = "Pass image.voxflat.volume(), or the surface that image.contour() or image.extract_surface() returns"
-    raise InputError(f"is an image of {' x '.join(map(str, image.GetDimensions()))} points, not a surface. {remedy}")
 
 
 def _of_trimesh(mesh: Any) -> Mesh:
@@ -148,12 +148,49 @@ def _of_trimesh(mesh: Any) -> Mesh:
     return placed if texture is None else replace(placed, texture_coordinates=np.asarray(texture)[:, :2])
 
 
+def image_volume(image: Any, name: str | None = None) -> Volume:
+    """Return an array of VTK's image data as a volume with its affine, without a copy; by default the active array."""
+    if not is_image(image):
+        resample = "Resample the mesh onto an image with pyvista.ImageData(...).sample(mesh)"
+        raise InputError(f"the {type(image).__name__} is not a volume. {resample}")
+    sides = (image.GetPointData(), image.GetCellData())
+    names = [[side.GetArrayName(number) for number in range(side.GetNumberOfArrays())] for side in sides]
+    known = [*names[0], *names[1]]
+    if name is None:
+        active = [side.GetScalars().GetName() for side in sides if side.GetScalars() is not None]
+        preferred = getattr(image, "active_scalars_name", None)  # of PyVista
+        name = preferred or next(iter(active), known[0] if len(known) == 1 else None)
+    if name is None or name not in known:
+        there = f"The image has the arrays {', '.join(known)}" if known else "The image has no arrays"
+        wrong = "no array of the image is active" if name is None else f"the image has no array {name!r}"
+        raise InputError(f"{wrong}. Pass the name of an array as scalars, or to image.voxflat.volume(). {there}")
+    if known.count(name) > 1:
+        raise InputError(f"the points and the cells both have an array {name!r}. Rename or remove one of them")
+    in_cells = name in names[1]
+    values = as_numpy(sides[in_cells].GetArray(name))
+    if values.ndim > 1 and not (values.shape[1] in (3, 4) and values.dtype == np.uint8):  # colours
+        raise InputError(f"array {name!r} has {values.shape[1]} components. Give an array with one value per voxel")
+    shape, affine = _image_grid(image, in_cells)
+    return Volume(values.reshape(*shape, *values.shape[1:], order="F"), affine)
+
+
+def _image_grid(image: Any, in_cells: bool) -> tuple[tuple[int, ...], NDArray[np.float64]]:
+    """Return the number of voxels along each axis, and the affine from voxel indices to image coordinates."""
+    size = np.asarray(image.GetDimensions())
+    first = np.asarray(image.GetExtent()[::2], dtype=np.float64)  # VTK's indices need not start at 0
+    if in_cells:
+        first += np.where(size > 1, 0.5, 0.0)  # the centre of a cell lies half a cell from its corner
+        size = np.maximum(size - 1, 1)
+    matrix = image.GetIndexToPhysicalMatrix()
+    affine = np.array([[matrix.GetElement(row, column) for column in range(4)] for row in range(4)])
+    affine[:3, 3] += affine[:3, :3] @ first
+    return tuple(size.tolist()), affine
+
+
 _Reader: TypeAlias = tuple[Callable[[object], bool], Callable[[Any], Mesh]]
 
 _MESHES: tuple[_Reader, ...] = (
-    (_has("GetPolys", "GetStrips", "GetPoints"), _of_polydata),  # VTK, and PyVista's PolyData
-    (_has("GetCellType", "GetScalarPointer"), _refuse_image),  # VTK's image data
-    (_has("GetCellType", "GetPoints", "GetNumberOfCells"), _of_grid),  # VTK's other datasets
+    (_is_dataset, lambda dataset: mesh_of_dataset(dataset)[0]),  # of VTK and PyVista
     (_has("GetNumberOfBlocks", "GetBlock"), _of_blocks),
     (_has("coordinates", "faces", "n_vertices"), _of_nilearn),  # InMemoryMesh, FileMesh
     (lambda given: _has_parts(getattr(given, "mesh", None)), _of_surface_image),

@@ -15,7 +15,7 @@ from voxflat.io.chunks import is_stack_path
 from voxflat.io.files import REMEDY, naming
 from voxflat.io.grid import NOT_KNOWN, given_affine
 from voxflat.io.meshes import Mesh, is_mesh_name, read_mesh
-from voxflat.io.objects import SUPPORTED, is_values, mesh_of_object
+from voxflat.io.objects import SUPPORTED, image_volume, is_image, is_values, mesh_of_object
 from voxflat.io.readers import as_array, from_itk, from_nibabel
 from voxflat.io.volumes import Volume, volume_of_file
 
@@ -153,5 +153,6 @@ _VOLUMES: _Kinds[Volume] = (
         lambda given: hasattr(given, "GetBufferedRegion") and hasattr(given, "TransformIndexToPhysicalPoint"),
         lambda image: Volume._placed(*from_itk(image)),
     ),
+    (is_image, image_volume),
     (lambda _: True, _of_array),
 )

@@ -25,6 +25,7 @@ from voxflat.unique_rows import distinct
 _OTHER = "Pass the surface on which the map was made"
 _PARTS = {"vertices": "vertices", "shape": "voxels"}
 _COMMON = 0.5  # least share of a map's triangles that are triangles of its surface
+_SAME_POINT = 1e-4  # relative to the median edge length, because mesh coordinates may be float32
 _SAME_PLACE = 2e-6  # tolerance for positions in single precision, relative to the size of the surface
 
 
@@ -103,12 +104,30 @@ def match(whole: Manifold, flat: object) -> Matched:
             raise InputError(f"the map is {_kind(places)}. Pass positions as an array of shape (V, 2), or a file")
         return _of_places(whole, places.astype(np.float64), None)
     check_unit("the map", mesh, whole.metadata.get("unit", "mm"))
+    if "surface_points" in mesh.point_data and _is_flat(mesh.points):
+        return _of_ours(whole, mesh)
     if mesh.texture_coordinates is None or _is_flat(mesh.points):
         return _of_places(whole, mesh.points, mesh)
     corners = _texture_of_corners(mesh)
     if corners is None and len(mesh.points) == whole.count:
         return _of_places(whole, mesh.texture_coordinates, mesh)
     return _of_texture(whole, mesh, *(corners or (mesh.faces, mesh.texture_coordinates[mesh.faces])))
+
+
+def _of_ours(whole: Manifold, mesh: Mesh) -> Matched:
+    """Use a map of `FlatMap.to_pyvista` or ``mesh.voxflat()``, which holds the place of each point on the surface."""
+    data = mesh.point_data
+    is_torn = np.asarray(mesh.face_data.get("torn", np.zeros(len(mesh.faces))), dtype=np.bool_)
+    if "vertex_ids" in data and not whole.is_voxels:
+        vertices = np.asarray(data["vertex_ids"])
+    else:
+        apart, found = scipy.spatial.cKDTree(whole.points).query(np.asarray(data["surface_points"], dtype=np.float64))
+        if not (apart <= _SAME_POINT * whole.usual_edge).all():
+            raise InputError(f"the map's surface_points are up to {apart.max():.3g} away from the surface. {_OTHER}")
+        vertices = whole.vertices[found]
+    cut = _of_rows(whole, mesh.points, mesh.faces[~is_torn], vertices)
+    _check_share(whole, cut)
+    return cut
 
 
 def _kind(array: NDArray[Any]) -> str:

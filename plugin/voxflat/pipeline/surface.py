@@ -793,7 +793,7 @@ def surface(
 
     Parameters
     ----------
-    source : ndarray, path, image object, Volume, (points, faces), Mesh, pyvista.PolyData, Surface or Rim
+    source : ndarray, path, image object, Volume, (points, faces), Mesh, PyVista dataset, Surface or Rim
         A label or intensity volume (I, J, K), or a triangle mesh in RAS+ mm. The space of a mesh (`Surface.space`) is
         the one that its file defines: scanner RAS, FreeSurfer's tkRAS, or unknown. For a `Rim`, its middle surface.
     label : int or sequence of int, optional
@@ -873,7 +873,9 @@ def surface(
 
 def middle_of_rim(source: object) -> object:
     """Return the middle surface of a `Rim`, whose class is defined further up; any other source as it is."""
-    middle = None if isinstance(source, CutSurface) else getattr(source, "surface", None)
+    if isinstance(source, CutSurface):
+        raise InputError("a CutSurface is cut open already. Call its methods, or pass its `whole`, the surface before")
+    middle = getattr(source, "surface", None)
     return middle if isinstance(middle, Surface) else source
 
 

@@ -81,64 +81,101 @@ def _read_polydata(path: Path, module: str, reader: str) -> tuple[Any, ...]:
         raise InputError(f"VTK reports: {said}. {AGAIN}")
     mesh = source.GetOutput()
     cells = [(of.GetNumberOfCells(), of.GetNumberOfConnectivityIds()) for of in (mesh.GetPolys(), mesh.GetStrips())]
-    triangles, remarks = polydata_triangles(mesh)
-    data, texture = mesh.GetPointData(), mesh.GetPointData().GetTCoords()
-    arrays = [data.GetArray(number) for number in range(data.GetNumberOfArrays())]  # None for text arrays
-    parts = {"points": _as_numpy(mesh.GetPoints().GetData()), "faces": triangles, "remarks": remarks}
-    parts["point_data"] = {array.GetName(): _as_numpy(array) for array in arrays if array and array is not texture}
-    parts["texture_coordinates"] = None if texture is None else _as_numpy(texture)
+    parts, _ = dataset_parts(mesh)
     return mesh.GetNumberOfPoints(), *cells[0], *cells[1], parts
 
 
-def _as_numpy(array: Any) -> NDArray[Any]:
+def as_numpy(array: Any) -> NDArray[Any]:
     """Return a numeric VTK array as a NumPy array."""
     return np.asarray(importlib.import_module("vtkmodules.util.numpy_support").vtk_to_numpy(array))
 
 
-def polydata_triangles(mesh: Any) -> tuple[NDArray[np.int64], tuple[str, ...]]:
-    """Return the triangles of a vtkPolyData, polygons before strips, and remarks on polygons that were split."""
-    if mesh.GetNumberOfLines():
-        raise InputError(f"has lines ({mesh.GetNumberOfLines()}) in addition to its faces. Remove the lines")
-    if not mesh.GetNumberOfPoints():
-        raise InputError("has no points. Pass a surface mesh")
-    arrays = [(of.GetOffsetsArray(), of.GetConnectivityArray()) for of in (mesh.GetPolys(), mesh.GetStrips())]
-    (offsets, corners), (starts, strip_corners) = [[_as_numpy(one).astype(np.int64) for one in of] for of in arrays]
-    places, remarks = triangulated(polydata_points(mesh), corners, np.diff(offsets))
-    if not len(strip_corners):
-        return corners[places], remarks
-    strips = np.split(strip_corners, starts[1:-1])
-    of_all = of_strips(strips)
-    remarks = (*remarks, f"{len(strips)} strips were split into {len(of_all)} triangles")
-    return np.concatenate([corners[places], of_all]), remarks
+_POINT, _CELL = "voxflat_point", "voxflat_cell"
 
 
-def grid_triangles(grid: Any) -> tuple[NDArray[np.int64], tuple[str, ...]]:
-    """Return the triangles of the outer surface of a vtkPointSet, as numbers of its own points, and remarks."""
-    if not grid.GetNumberOfPoints():
+def dataset_parts(dataset: Any) -> tuple[dict[str, Any], NDArray[np.int64]]:
+    """Return the outer surface of a vtkDataSet, with its own points and data, as parts of a `Mesh`.
+
+    Also return the cell of each triangle. Lines and points without faces are left out.
+    """
+    if not dataset.GetNumberOfPoints():
         raise InputError("has no points. Pass a surface mesh")
-    outside = importlib.import_module("vtkmodules.vtkFiltersGeometry").vtkDataSetSurfaceFilter()
-    outside.PassThroughPointIdsOn()
-    outside.SetInputData(grid)
-    outside.Update()
-    surface = outside.GetOutput()
-    if not surface.GetNumberOfPolys() + surface.GetNumberOfStrips():
+    points = as_numpy(dataset.GetPoints().GetData()).astype(np.float64, copy=False)
+    if hasattr(dataset, "GetStrips"):
+        faces, cells, remarks = _polydata_triangles(dataset, points)
+    else:
+        surface = _outside(dataset)
+        places = as_numpy(surface.GetPoints().GetData()) if surface.GetNumberOfPolys() else points[:0]
+        faces, cells, remarks = _polydata_triangles(surface, places)
+    if not len(faces):
         raise InputError(
-            f"has no faces, only {grid.GetNumberOfCells()} cells without area. Pass a dataset with a surface"
+            f"has no faces, only {dataset.GetNumberOfCells()} cells without area. Pass a dataset with a surface"
         )
-    faces, remarks = polydata_triangles(surface)
-    numbers = _as_numpy(surface.GetPointData().GetArray(outside.GetOriginalPointIdsName()))
-    return numbers.astype(np.int64)[faces], remarks
+    if not hasattr(dataset, "GetStrips"):
+        faces = as_numpy(surface.GetPointData().GetArray(_POINT)).astype(np.int64)[faces]
+        cells = as_numpy(surface.GetCellData().GetArray(_CELL)).astype(np.int64)[cells]
+    texture = dataset.GetPointData().GetTCoords()
+    parts: dict[str, Any] = {"points": points, "faces": faces, "remarks": remarks}
+    parts["point_data"] = _arrays(dataset.GetPointData(), texture)
+    parts["face_data"] = {name: array[cells] for name, array in _arrays(dataset.GetCellData()).items()}
+    parts["texture_coordinates"] = None if texture is None else as_numpy(texture)[:, :2].astype(np.float64)
+    return parts, cells
 
 
-def polydata_points(mesh: Any) -> NDArray[np.float64]:
-    """Return the points of a vtkPolyData or another vtkPointSet."""
-    return _as_numpy(mesh.GetPoints().GetData()).astype(np.float64, copy=False)
+def _arrays(data: Any, texture: Any = None) -> dict[str, NDArray[Any]]:
+    """Return the numeric arrays of the points or cells of a dataset that have names."""
+    arrays = [data.GetArray(number) for number in range(data.GetNumberOfArrays())]  # None for text arrays
+    return {one.GetName(): as_numpy(one) for one in arrays if one and one is not texture and one.GetName()}
 
 
-def polydata_texture(mesh: Any) -> NDArray[np.float64] | None:
-    """Return the texture coordinates of the points of a vtkPolyData, or None if there are none."""
-    texture = mesh.GetPointData().GetTCoords()
-    return None if texture is None else _as_numpy(texture)[:, :2].astype(np.float64)
+def _outside(dataset: Any) -> Any:
+    """Return the outer surface of a dataset, whose arrays hold the numbers of the points and cells of the dataset."""
+    support = importlib.import_module("vtkmodules.util.numpy_support")
+    numbered = dataset.NewInstance()
+    numbered.CopyStructure(dataset)
+    of_points, of_cells = (numbered.GetPointData(), _POINT), (numbered.GetCellData(), _CELL)
+    counts = dataset.GetNumberOfPoints(), dataset.GetNumberOfCells()
+    for (data, name), count in zip((of_points, of_cells), counts, strict=True):
+        array = support.numpy_to_vtk(np.arange(count), deep=True)
+        array.SetName(name)
+        data.AddArray(array)
+    if numbered.GetClassName() == "vtkExplicitStructuredGrid":  # the filter below does not set its cell data
+        filters = importlib.import_module("vtkmodules.vtkFiltersCore")
+        as_cells = filters.vtkExplicitStructuredGridToUnstructuredGrid()
+        as_cells.SetInputData(numbered)
+        as_cells.Update()
+        numbered = as_cells.GetOutput()
+    outside = importlib.import_module("vtkmodules.vtkFiltersGeometry").vtkDataSetSurfaceFilter()
+    outside.SetInputData(numbered)
+    outside.Update()
+    return outside.GetOutput()
+
+
+def _polydata_triangles(mesh: Any, points: Points) -> tuple[Faces, NDArray[np.int64], tuple[str, ...]]:
+    """Return the triangles of a vtkPolyData, polygons before strips, the cell of each, and remarks."""
+    others = mesh.GetNumberOfVerts() + mesh.GetNumberOfLines()  # these cells come first
+    polygons, strips = mesh.GetPolys(), mesh.GetStrips()
+    none = np.empty((0, 3), dtype=np.int64)
+    faces, cells, remarks = [none], [none[:, 0]], list[str]()
+    if polygons.GetNumberOfCells():
+        offsets, corners = (
+            as_numpy(one).astype(np.int64) for one in (polygons.GetOffsetsArray(), polygons.GetConnectivityArray())
+        )
+        places, told = triangulated(points, corners, np.diff(offsets))
+        faces.append(corners[places])
+        cells.append(np.searchsorted(offsets, places[:, 0], side="right") - 1 + others)
+        remarks += told
+    if strips.GetNumberOfCells():
+        offsets, corners = (
+            as_numpy(one).astype(np.int64) for one in (strips.GetOffsetsArray(), strips.GetConnectivityArray())
+        )
+        faces.append(of_strips(np.split(corners, offsets[1:-1])))
+        first = others + polygons.GetNumberOfCells()
+        cells.append(np.repeat(first + np.arange(len(offsets) - 1), np.maximum(np.diff(offsets) - 2, 0)))
+        remarks.append(f"{len(offsets) - 1} strips were split into {len(faces[-1])} triangles")
+    if others and len(cells) > 1:
+        remarks.append(f"{others} lines and points beside its faces were left out")
+    return np.concatenate(faces), np.concatenate(cells), tuple(remarks)
 
 
 def write_vtp(
