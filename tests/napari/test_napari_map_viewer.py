@@ -549,6 +549,17 @@ def test_what_is_drawn_on_a_map_is_undone_and_outlives_the_dock_and_the_next_map
     undo(2)
     assert_array_equal(own.data, marked[:1])
 
+    dock.click.setCurrentText("measures a distance")
+    click(dock, qtbot, (u - 5, v), (u + 5, v), (u, v - 4), (u, v + 4))
+    wait_for_picture(dock, qtbot)
+    path, measured = viewer.layers["shortest path"], []
+    for times, key in ((0, control), *[(1, control)] * 4, (4, control | shift)):
+        undo(times, key)
+        measured.append((dock.text.text(), len(path.data), path.visible))
+    assert measured[0] == measured[5] != measured[1] == measured[2]
+    assert measured[3] == measured[4] == ("", 0, False)
+    assert viewer.layers["shortest path"] is path
+
     viewer.window.remove_dock_widget(dock)
     del dock
     dock = map_dock(viewer, qtbot)

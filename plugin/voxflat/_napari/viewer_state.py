@@ -41,7 +41,7 @@ class DrawnCuts:
         return {"paths": paths, "left_out": self.left_out.tolist(), "sphere": self.sphere}
 
 
-_SESSION = ("marks", "regions", "drawn_cuts")
+_SESSION = ("marks", "regions", "distance", "drawn_cuts")
 
 
 class ViewerState:

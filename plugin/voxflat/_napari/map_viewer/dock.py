@@ -45,7 +45,7 @@ from voxflat._napari.map_viewer.segmentations import Segmentation, Segmentations
 from voxflat._napari.map_viewer.viewer_link import ViewerLink
 from voxflat._napari.map_viewer.viewer_parts import theme_colours
 from voxflat._napari.results.flat_layers import LayerData, Run, unit_of_map
-from voxflat._napari.results.sketch import Place, Sketch, Sketches
+from voxflat._napari.results.sketch import Sketch, Sketches
 from voxflat._napari.timers import single_shot
 from voxflat._napari.viewer_state import ViewerState
 from voxflat._napari.wording import error_text
@@ -99,10 +99,8 @@ class FlatMapDock(TaskDock):
         self._location: tuple[Spot | None, tuple[float, float] | None] | None = None
         self.prepared: PreparedMap | None = None  # the map of the run, for display and lookups; None until it is drawn
         self.picture: Picture | None = None  # the picture over the folds
-        self._ends: list[Place] = []  # of the distance that is being measured
         self._annotations: list[Annotation] = []
         self._projector = LatestTask(self, self._on_projected, self._on_projection_failed)
-        self._measurer = LatestTask(self, self._on_measured, self._on_measurement_failed)
         self._annotator = LatestTask(self, self._on_annotated, self._on_annotation_failed)
         self._painter = LatestTask(self, self._on_drawn, self._on_failed)
         self._redraw = single_shot(self, 0, self._draw)  # draws once after several changes
@@ -147,7 +145,7 @@ class FlatMapDock(TaskDock):
         actions = (f"{what} ({key_text(key)})" for key, what in zip(_OF_CLICKS, _CLICKS, strict=True))
         self.click.setToolTip(f"The action of a click on the map: {', '.join(actions)}")
         self.undo, self.redo = QPushButton("Undo"), QPushButton("Redo")
-        self.undo.setToolTip(f"Undo the last point, corner or region ({key_text(_UNDO)})")
+        self.undo.setToolTip(f"Undo the last point, corner, region or distance ({key_text(_UNDO)})")
         self.redo.setToolTip(f"Redo the last step that was undone ({key_text(_REDO)})")
         self.whole = QPushButton("Whole map")
         tip = f"Fit the map to the dock ({key_text(_WHOLE)}, or double-click)"
@@ -239,7 +237,7 @@ class FlatMapDock(TaskDock):
         self.canvas.pointed.connect(self._on_map_pointed)
         self.canvas.clicked.connect(self._on_map_clicked)
         self.canvas.double_clicked.connect(self._on_double_click)
-        self.click.currentIndexChanged.connect(self._forget_corners)
+        self.click.currentIndexChanged.connect(self._forget_unfinished)
         self.undo.clicked.connect(partial(self._sketch, Sketches.undo))
         self.redo.clicked.connect(partial(self._sketch, Sketches.redo))
         self.canvas.left.connect(self._on_map_left)
@@ -279,7 +277,7 @@ class FlatMapDock(TaskDock):
         self.segmentations.offer(run is not None and isinstance(run.flat_map, FlatMap))
         self.movies.close()
         self._location = None
-        self._ends, self._annotations = [], []
+        self._annotations = []
         self._show_excluded("")
         self._show_sketch()
         self.link.mark(None)
@@ -305,7 +303,7 @@ class FlatMapDock(TaskDock):
     @property
     def is_drawn(self) -> bool:
         """Whether the canvas and the viewer are up to date."""
-        tasks = (self._painter, self._projector, self._measurer, self._annotator)
+        tasks = (self._painter, self._projector, self._annotator)
         threads = (*tasks, self.annotations, self.outline)
         return not (self._redraw.isActive() or self.painted.is_coming or any(one.is_busy for one in threads))
 
@@ -604,12 +602,9 @@ class FlatMapDock(TaskDock):
         elif wanted == REGION:
             self._draw_on(replace(now, corners=(*now.corners, (u, v))))
         else:
-            self._ends.append((u, v))
-            self._show_sketch()
-            if len(self._ends) == 2:
-                moment = self._moments([frame])[frame]
-                self._measurer.ask(partial(drawings.way, self.prepared, self._ends[0], self._ends[1], moment))
-                self._ends = []
+            ends = (*now.ends, (u, v))
+            is_measured = len(ends) == 2
+            self._draw_on(replace(now, distance=(frame, ends), ends=()) if is_measured else replace(now, ends=ends))
 
     def _on_double_click(self) -> None:
         """Close the region that is being drawn, or show the whole map."""
@@ -627,9 +622,10 @@ class FlatMapDock(TaskDock):
         if self._run is None:
             return
         step(self._run.sketches)
-        if self._run.sketches.now.corners:
+        now = self._run.sketches.now
+        if now.corners or now.ends:
             with signals_blocked(self.click):
-                self.click.setCurrentText(REGION)
+                self.click.setCurrentText(REGION if now.corners else MEASURE)
         self._update_sketch()
 
     def _update_sketch(self) -> None:
@@ -638,7 +634,7 @@ class FlatMapDock(TaskDock):
         if self.prepared is None or (sketches := self.prepared.run.sketches).is_shown:
             return
         shown, now = sketches.shown, sketches.now
-        moments = self._moments(frame for frame, _ in now.marks)
+        moments = self._moments(frame for frame, _ in [*now.marks, *filter(None, [now.distance])])
         self._projector.ask(partial(_changed, self.prepared, shown, now, moments))
 
     def _moments(self, frames: Iterable[int | None]) -> dict[int | None, tuple[float, ...]]:
@@ -654,6 +650,7 @@ class FlatMapDock(TaskDock):
         del sketches.placed[found.kept :]
         for name in found.empty:
             drawings.remove_empty(self._viewer, name, run)
+            self.text.setText("")  # which told about it
         for drawn in found.made:
             drawings.put(self._viewer, drawn.layer, run)
             if drawn.layer[2] == "points":
@@ -668,22 +665,13 @@ class FlatMapDock(TaskDock):
             sketches = self._run.sketches
             while sketches.can_undo and not sketches.is_shown:
                 sketches.cancel()
-        self._on_measurement_failed(error)
-
-    def _on_measured(self, drawn: drawings.Drawn) -> None:
-        drawings.put(self._viewer, drawn.layer, *filter(None, [self._run]))
-        self._show_sketch()
-        self.text.setText(drawn.message)
-
-    def _on_measurement_failed(self, error: Exception) -> None:
-        self._forget_corners()
+        self._forget_unfinished()
         self.text.setText(error_text(error))
 
-    def _forget_corners(self) -> None:
-        self._ends = []
+    def _forget_unfinished(self) -> None:
         sketches = None if self._run is None else self._run.sketches
-        if sketches is not None and sketches.now.corners:
-            sketches.do(replace(sketches.now, corners=()))
+        if sketches is not None and (sketches.now.corners or sketches.now.ends):
+            sketches.do(sketches.now.without_unfinished())
         self._show_sketch()
 
     def _show_sketch(self) -> None:
@@ -693,7 +681,7 @@ class FlatMapDock(TaskDock):
         lines = [np.array([*corners, corners[0]]) for corners in now.regions_in(frame)]
         lines += [np.array(now.corners)] if now.corners else []
         marks = [place for of, place in now.marks[len(sketches.placed) :] if of == frame]
-        self.canvas.show_lines(lines, [*marks, *now.corners, *self._ends])
+        self.canvas.show_lines(lines, [*marks, *now.corners, *now.ends])
         self.undo.setEnabled(sketches.can_undo)
         self.redo.setEnabled(sketches.can_redo)
 
@@ -735,7 +723,7 @@ class FlatMapDock(TaskDock):
 
     def _release(self) -> None:
         super()._release()
-        for running in (self._redraw, self._painter, self._projector, self._measurer, self._annotator):
+        for running in (self._redraw, self._painter, self._projector, self._annotator):
             running.stop()
         self.movies.close()
         for linked in (self.segmentations, self._keys, self.annotations, self.link, self.outline, self.contents):

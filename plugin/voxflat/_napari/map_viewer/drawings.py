@@ -29,6 +29,9 @@ REGIONS = "map regions"
 _MARKS = "map points"
 """Name of the layer with the points that the user marks."""
 
+_PATH = "shortest path"
+"""Name of the layer with the shortest path of the measured distance."""
+
 OF_MESH = "voxflat_regions"
 """Key of the metadata of regions on a mesh: the `Regions`, which can be saved with all vertices of the mesh."""
 
@@ -51,7 +54,7 @@ class Changes:
     sketch: Sketch
     kept: int  # marks that stay
     made: list[Drawn] = field(default_factory=list)
-    empty: list[str] = field(default_factory=list)  # names of layers that no longer have regions
+    empty: list[str] = field(default_factory=list)  # names of layers that no longer have regions or a path
 
 
 def changes(
@@ -71,6 +74,11 @@ def changes(
             found.empty.append(_regions_name(frame))
         elif polygons != shown.regions_in(frame):
             found.made.append(regions(prepared.at(frame), polygons))
+    if now.distance is None and shown.distance is not None:
+        found.empty.append(_PATH)
+    elif now.distance is not None and now.distance != shown.distance:
+        frame, (a, b) = now.distance
+        found.made.append(way(prepared.at(frame), a, b, moments[frame]))
     return found
 
 
@@ -153,7 +161,7 @@ def way(prepared: PreparedMap, a: Place, b: Place, moment: Sequence[float] = ())
     message += "" if prepared.frame is None else f", in frame {prepared.frame}"
     line = _at(moment, _world(prepared, flat_map.space.to_scanner(found.points)))
     look = {"shape_type": "path", "edge_color": _COLOUR, "edge_width": 0.7 * prepared.thickness}
-    return Drawn(([line], {"name": "shortest path", **look, "units": units_in_time(prepared)}, "shapes"), message)
+    return Drawn(([line], {"name": _PATH, **look, "units": units_in_time(prepared)}, "shapes"), message)
 
 
 def put(viewer: Viewer, data: LayerData, *sources: Any) -> Layer:
@@ -202,9 +210,13 @@ def take_back(viewer: Viewer, mark: NDArray[np.float64]) -> None:
 
 
 def remove_empty(viewer: Viewer, name: str, *sources: Any) -> None:
-    """Remove a layer of regions that was made from these sources, unless the user has edited it."""
+    """Remove a layer of regions that was made from these sources, or empty one of paths, unless the user edited it."""
     for layer in [one for one in viewer.layers if _is_named(one, name) and is_unchanged(one, *sources)]:
-        viewer.layers.remove(layer)
+        if isinstance(layer, Shapes):
+            layer.data, layer.visible = [], False  # kept, because a new Shapes layer may crash OpenGL
+            remember(layer, *sources)
+        else:
+            viewer.layers.remove(layer)
 
 
 def _is_named(layer: Layer, name: str) -> bool:

@@ -1,7 +1,7 @@
-"""The points and regions that the user draws on a map."""
+"""The points, regions and distance that the user draws on a map."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -15,22 +15,28 @@ Polygon: TypeAlias = tuple[Place, ...]
 
 @dataclass(frozen=True)
 class Sketch:
-    """Points and regions on a map, each with the frame of a movie to which it belongs, or None."""
+    """Points, regions and a measured distance, each with the frame of a movie to which it belongs, or None."""
 
     marks: tuple[tuple[int | None, Place], ...] = ()
     regions: tuple[tuple[int | None, Polygon], ...] = ()
+    distance: tuple[int | None, Polygon] | None = None  # the last one, from a place to another
     corners: Polygon = ()  # of the region that is being drawn
+    ends: Polygon = ()  # of the distance that is being measured
 
     @classmethod
     def of(cls, record: Mapping[str, Any]) -> "Sketch":
         """Read a sketch from the description of a saved map."""
         marks = tuple((frame, _place(place)) for frame, place in record.get("marks", ()))
         regions = tuple((frame, tuple(map(_place, corners))) for frame, corners in record.get("regions", ()))
-        return cls(marks, regions)
+        distance = record.get("distance")
+        return cls(marks, regions, distance and (distance[0], tuple(map(_place, distance[1]))))
 
     def record(self) -> dict[str, Any]:
-        """Return the points and complete regions for the description of a saved map."""
-        return {name: found for name in ("marks", "regions") if (found := getattr(self, name))}
+        """Return what is complete for the description of a saved map."""
+        return {name: found for name in ("marks", "regions", "distance") if (found := getattr(self, name))}
+
+    def without_unfinished(self) -> "Sketch":
+        return replace(self, corners=(), ends=())
 
     def regions_in(self, frame: int | None) -> list[Polygon]:
         return [corners for of, corners in self.regions if of == frame]
@@ -55,4 +61,4 @@ class Sketches(History[Sketch]):
 
     @property
     def is_shown(self) -> bool:
-        return (self.now.marks, self.now.regions) == (self.shown.marks, self.shown.regions)
+        return self.now.without_unfinished() == self.shown.without_unfinished()
