@@ -203,6 +203,7 @@ mod tests {
         let halfway = [0.0, 1.0, 9.0, 20.0, 21.0, 22.0].map(|x| [x, 0.0, 0.0]);
         let control = Control::default();
         assert_eq!(connect(&voxels, &columns, &halfway, &control).unwrap(), [1, 1, 2, 3, 3, 3]);
+        assert_eq!(connect(&voxels[..3], &[1, 2, 1], &halfway[..3], &control).unwrap(), [1, 2, 2]); // of two, the first
         let apart = [[0, 0, 0], [0, 0, 1], [0, 0, 5]]; // unreachable
         assert_eq!(connect(&apart, &[7, 7, 7], &halfway[..3], &control).unwrap(), [7, 7, 0]);
         assert_eq!(connect(&[], &[], &[], &control).unwrap(), []);

@@ -213,4 +213,22 @@ mod tests {
         let (bottom, graph) = side(RAS, |v| v[2] == 2);
         check(&bottom, &graph, -Vector3::x(), Vector3::y());
     }
+
+    #[test]
+    fn superior_is_up_if_the_map_explains_a_twentieth_of_it() {
+        let grid: Vec<[f64; 2]> = (0..400).map(|n| [f64::from(n % 20) - 9.5, f64::from(n / 20) - 9.5]).collect();
+        let variance = 399.0 / 12.0; // of 20 steps of 1
+        for (share, is_superior) in [(0.9f64, true), (0.06, true), (0.04, false), (0.0, false)] {
+            let checker = |n: usize| if (n % 20 + n / 20) % 2 == 0 { 1.0 } else { -1.0 }; // not correlated with u and v
+            let point = |(n, [u, v]): (usize, &[f64; 2])| {
+                Vector3::new(0.0, -u, share.sqrt() * v + ((1.0 - share) * variance).sqrt() * checker(n))
+            };
+            let points: Vec<Vector3<f64>> = grid.iter().enumerate().map(point).collect();
+            let mut uv = grid.clone();
+            orient(&points, 1.0, &mut uv);
+            let expected = grid.iter().map(|&[u, v]| if is_superior { [u, v] } else { [v, -u] });
+            let off = uv.iter().zip(expected).map(|(a, b)| (a[0] - b[0]).hypot(a[1] - b[1])).fold(0.0, f64::max);
+            assert!(off < 1e-9, "{share} {off}");
+        }
+    }
 }

@@ -286,4 +286,26 @@ mod tests {
             assert!((b[0] - a[0]) * (c[1] - a[1]) - (c[0] - a[0]) * (b[1] - a[1]) > 0.0, "counterclockwise");
         }
     }
+
+    #[test]
+    fn the_usual_step_is_the_median() {
+        let (_, graph) = chained(&Mask::from_fn([6, 1, 1], |_| true).unwrap(), [1.0; 3]);
+        let uv = [0.0, 1.0, 3.0, 6.0, 10.0, 20.0].map(|u| [u, 0.0]);
+        assert_eq!(usual_step(&uv, &graph), 3.0);
+    }
+
+    #[test]
+    fn faces_bridge_gaps_up_to_three_usual_steps() {
+        let (surface, graph) = chained(&Mask::from_fn([20, 3, 1], |_| true).unwrap(), [1.0; 3]);
+        for gap in [1.0, 2.8, 2.9, 5.0] {
+            let moved = |x: f64| if x < 10.0 { x } else { x + gap - 1.0 };
+            let uv: Vec<[f64; 2]> = surface.voxels().iter().map(|v| [moved(v[0].into()), v[1].into()]).collect();
+            assert_eq!(usual_step(&uv, &graph), 1.0);
+            let faces = map_faces(&uv, &graph, &Control::default()).unwrap();
+            let is_left = |&vertex: &u32| uv[vertex as usize][0] < 10.0;
+            let across =
+                faces.corners.iter().filter(|face| face.iter().any(is_left) && !face.iter().all(is_left)).count();
+            assert_eq!(across, if gap.hypot(1.0) <= 3.0 { 4 } else { 0 }, "{gap}"); // the diagonal is the longest side
+        }
+    }
 }

@@ -157,9 +157,11 @@ mod tests {
         let [inner, outer] =
             [[0.0, 9.0], [6.0, 2.0]].map(|heights| heights.map(|z| triangle.map(|[x, y]| [x, y, z])).concat());
         let (faces, numbers) = ([[0, 1, 2], [3, 5, 4]], [0, 1, 2, 3, 4, 5]);
-        let found = voxels(&inner, &outer, &faces, &numbers, [1, 1, 10], 0.0, &Control::default()).unwrap();
-        let owners: Vec<u32> = found.iter().map(|of| of.triangle).collect();
-        assert_eq!(owners, [0, 0, 0, 0, 0, 1, 1, 1, 1, 1]); // 4 lies at 4/6 in one column and at 5/7 in the other
+        // 2 lies at 2/6 in one column and at 7/7 in the other, 4 at 4/6 and 5/7, 5 at 5/6 and 4/7
+        for (middle, expected) in [(0.0, [0, 0, 0, 0, 0, 1, 1, 1, 1, 1]), (1.0, [0, 0, 1, 1, 1, 0, 0, 1, 1, 1])] {
+            let found = voxels(&inner, &outer, &faces, &numbers, [1, 1, 10], middle, &Control::default()).unwrap();
+            assert_eq!(found.iter().map(|of| of.triangle).collect::<Vec<u32>>(), expected);
+        }
     }
 
     #[test]

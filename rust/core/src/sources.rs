@@ -284,4 +284,14 @@ mod tests {
         assert_eq!(choose(Sources::Given(vec![points])), Error::NoSuchPoint { vertex: points, points });
         assert_eq!(choose(Sources::Given(vec![4, 2, 4])), Error::DuplicateSource { vertex: 4 });
     }
+
+    #[test]
+    fn weights_follow_the_curvature_of_a_sphere_up_to_four() {
+        let sphere = shapes::surface(shapes::sphere(4));
+        for count in [1, 4, 20, 1000] {
+            let spacing = (4.0 * std::f64::consts::PI / count as f64).sqrt();
+            let expected = (1.0 + spacing).min(4.0) as f32;
+            assert!(by_curvature(&sphere, count).iter().all(|weight| (weight - expected).abs() < 0.1), "{count}");
+        }
+    }
 }

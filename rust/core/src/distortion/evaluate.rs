@@ -80,4 +80,14 @@ mod tests {
         let same = evaluate_all(&exact, &[&uv], None, &reference_sources(35, 3, 3), 0, 3, &control).unwrap();
         assert_eq!(format!("{alone:?}"), format!("{:?}", same[0]));
     }
+
+    #[test]
+    fn reference_sources_are_others_than_the_sources_of_a_map_with_the_same_seed() {
+        for seed in [0, 1, 17, u64::MAX] {
+            let (of_map, reference) = (sources::random(1000, 100, seed), reference_sources(1000, 100, seed));
+            let both = reference.iter().filter(|source| of_map.contains(source)).count();
+            assert!(reference.len() == 100 && both < 30, "{both}"); // ten if they are independent
+        }
+        assert_eq!(reference_sources(5, 100, 0), [0, 1, 2, 3, 4]);
+    }
 }

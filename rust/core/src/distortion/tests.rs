@@ -213,17 +213,19 @@ fn blocks_threads_and_other_maps_change_no_bit() {
 fn standard_errors_are_those_of_theory() {
     // all sources have equally many pairs: the relative error is the mean of the sources' means
     let uv = scattered(200);
-    let sources: Vec<u32> = (0..100).map(|n| 2 * n).collect();
-    let rows = rows_of(&sources, &uv, uneven);
-    let found = evaluated(&uv, &rows);
-    let of_source = |n: u32| mean(pairs(&uv, &rows)[199 * n as usize..][..199].iter().map(|(x, d)| (d - x).abs() / x));
-    let means: Vec<f64> = (0..100).map(of_source).collect();
-    let all = mean(means.iter().copied());
-    let variance = means.iter().map(|x| (x - all).powi(2)).sum::<f64>() / 99.0;
-    let theory = (variance / 100.0 * (1.0 - 100.0 / 200.0)).sqrt();
-    assert!((found.standard_error.raw.relative_error / theory - 1.0).abs() < 0.08);
-    let again = evaluated(&uv, &rows).standard_error.raw;
-    assert_eq!(again.stress_1.to_bits(), found.standard_error.raw.stress_1.to_bits());
+    for count in [4, 100] {
+        let sources: Vec<u32> = (0..count).map(|n| 2 * n).collect();
+        let rows = rows_of(&sources, &uv, uneven);
+        let found = evaluated(&uv, &rows);
+        let errors: Vec<f64> = pairs(&uv, &rows).iter().map(|(x, d)| (d - x).abs() / x).collect();
+        let means: Vec<f64> = errors.chunks(199).map(|of_source| mean(of_source.iter().copied())).collect();
+        let (all, n) = (mean(means.iter().copied()), f64::from(count));
+        let variance = means.iter().map(|x| (x - all).powi(2)).sum::<f64>() / (n - 1.0);
+        let theory = (variance / n * (1.0 - n / 200.0)).sqrt();
+        assert!((found.standard_error.raw.relative_error / theory - 1.0).abs() < 0.08);
+        let again = evaluated(&uv, &rows).standard_error.raw;
+        assert_eq!(again.stress_1.to_bits(), found.standard_error.raw.stress_1.to_bits());
+    }
 }
 
 #[test]

@@ -397,3 +397,40 @@ fn rotation(n: usize, count: usize) -> Rotation3<f64> {
     let quaternion = nalgebra::Quaternion::new(r * alpha.sin(), r * alpha.cos(), q * beta.sin(), q * beta.cos());
     UnitQuaternion::from_quaternion(quaternion).to_rotation_matrix()
 }
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::DMatrix;
+
+    use super::*;
+    use crate::surface::mesh::shapes;
+
+    #[test]
+    fn the_share_that_an_affine_map_explains_is_that_of_linear_regression() {
+        let control = Control::default();
+        let sphere = shapes::surface(shapes::sphere(3));
+        let egg =
+            sphere.moved(sphere.points().iter().map(|p| [2.0 * p.x, p.y + 0.4 * p.x * p.x, p.z].into()).collect());
+        let egg = egg.unwrap();
+        let subject = Subject::new(&egg, sphere.points().to_vec(), &control).unwrap();
+        for noise in [0.0, 8.0, 60.0] {
+            let shake = |n: usize| Vector3::new((7.1 * n as f64).sin(), (3.3 * n as f64).cos(), (1.7 * n as f64).sin());
+            let shift = Vector3::new(30.0, -90.0, 15.0);
+            let own = &subject.pattern.places;
+            let places: Vec<Vector3<f64>> =
+                (0..own.len()).map(|n| 0.7 * own[n].yzx() + shift + shake(n) * noise).collect();
+            let depths = vec![vec![0.0; own.len()]; SCALES.len()];
+            let template = Template::new(sphere.clone(), depths, places.clone(), vec![1.0; own.len()]);
+            let share = subject.affine(&template, &template.locator(), sphere.points()).1;
+            let areas = &subject.pattern.areas;
+            let design = DMatrix::from_fn(own.len(), 4, |n, k| areas[n].sqrt() * if k < 3 { own[n][k] } else { 1.0 });
+            let targets = DMatrix::from_fn(own.len(), 3, |n, k| areas[n].sqrt() * places[n][k]);
+            let rest = &targets - &design * design.clone().svd(true, true).solve(&targets, 1e-12).unwrap();
+            let mean: Vector3<f64> = places.iter().zip(areas).map(|(p, area)| p * *area).sum();
+            let spread: f64 = places.iter().zip(areas).map(|(p, area)| (p - mean).norm_squared() * area).sum();
+            let expected = 1.0 - rest.norm_squared() / spread;
+            assert!((share - expected).abs() < 1e-6, "{noise} {share} {expected}");
+            assert!(noise > 0.0 || (share - 1.0).abs() < 1e-6);
+        }
+    }
+}

@@ -89,6 +89,8 @@ fn means(values: &[Vector3<f64>], mass: &[f64], of: &[u32], count: usize) -> Vec
 
 #[cfg(test)]
 mod tests {
+    use nalgebra::{DMatrix, DVector};
+
     use super::*;
     use crate::surface::mesh::shapes;
     use crate::tests::{both, moved};
@@ -121,7 +123,7 @@ mod tests {
 
     #[test]
     fn shallow_waves_have_their_height_whatever_the_triangles() {
-        // their length is 20 mm on the equator: exp(−(2π/20)² · 70) = 0.001 of them is left
+        // their wavenumber on the equator is 16 / 50 per mm: exp(−(16 / 50)² · 70) = 0.001 of them is left
         for times in [5, 6] {
             let surface = waved(times, 1.0);
             for (p, d) in surface.points().iter().zip(depth(&surface)) {
@@ -130,6 +132,65 @@ mod tests {
                     assert!((d + height).abs() < 0.15, "{p} {d} {height}");
                 }
             }
+        }
+    }
+
+    #[test]
+    fn a_short_flow_leaves_the_share_of_waves_that_the_equation_says() {
+        let surface = waved(6, 1.0);
+        for flow in [3.0, 10.0] {
+            let depth = sulcal_depth(&surface, flow, &Control::default()).unwrap();
+            let at_equator = surface.points().iter().zip(depth).filter(|(p, _)| p.z.abs() < 3.0);
+            let sums = at_equator
+                .map(|(p, d)| (p.norm() - 50.0, d))
+                .fold((0.0, 0.0), |(squares, products), (h, d)| (squares + h * h, products - h * d));
+            let share = 1.0 - (1.0 + (16.0f64 / 50.0).powi(2) * flow / 8.0).powi(-8); // eight backward Euler steps
+            assert!((sums.1 / sums.0 - share).abs() < 0.03, "{flow} {} {share}", sums.1 / sums.0);
+        }
+    }
+
+    /// Returns the depths by dense matrices, with cotangents from the angles of triangles.
+    fn dense_depth(surface: &Surface, flow: f64) -> Vec<f64> {
+        let (n, faces) = (surface.len(), surface.faces());
+        let mut weights = DMatrix::zeros(n, n);
+        for face in faces {
+            for k in 0..3 {
+                let [tip, a, b] = [0, 1, 2].map(|side| face[(k + side) % 3] as usize);
+                let angle =
+                    (surface.points()[a] - surface.points()[tip]).angle(&(surface.points()[b] - surface.points()[tip]));
+                weights[(a, b)] += 0.5 / angle.tan();
+                weights[(b, a)] += 0.5 / angle.tan();
+            }
+        }
+        let weights = weights.map(|weight: f64| weight.max(0.0));
+        let stiffness = DMatrix::from_diagonal(&weights.column_sum()) - weights;
+        let first = masses(surface.points(), faces);
+        let mut x = surface.points().to_vec();
+        let mut depth = vec![0.0; n];
+        for _ in 0..8 {
+            let mass =
+                masses(&x, faces).iter().zip(&first).map(|(now, first)| now.max(first / 3.0)).collect::<Vec<_>>();
+            let mass = DMatrix::from_diagonal(&DVector::from_vec(mass));
+            let before = DMatrix::from_fn(n, 3, |v, axis| x[v][axis]);
+            let after = (&mass + &stiffness * (flow / 8.0)).lu().solve(&(&mass * before)).unwrap();
+            let normals = vertex_normals(&x, faces);
+            for v in 0..n {
+                let y = Vector3::new(after[(v, 0)], after[(v, 1)], after[(v, 2)]);
+                depth[v] += normals[v].dot(&(y - x[v]));
+                x[v] = y;
+            }
+        }
+        let mean = depth.iter().zip(&first).map(|(d, area)| d * area).sum::<f64>() / first.iter().sum::<f64>();
+        depth.iter().map(|d| d - mean).collect()
+    }
+
+    #[test]
+    fn parts_that_shrink_flow_as_if_they_kept_a_third_of_their_area() {
+        let sphere = shapes::surface(shapes::sphere(3));
+        let stretched = |p: &Vector3<f64>| Vector3::new(10.0 * p.x, 8.0 * p.y, 25.0 * p.z);
+        let surface = sphere.moved(sphere.points().iter().map(stretched).collect()).unwrap();
+        for (found, expected) in depth(&surface).iter().zip(dense_depth(&surface, 70.0)) {
+            assert!((found - expected).abs() < 0.02, "{found} {expected}");
         }
     }
 

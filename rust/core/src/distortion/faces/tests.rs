@@ -296,3 +296,17 @@ proptest! {
         }
     }
 }
+
+#[test]
+fn of_equally_many_triangles_the_smaller_are_flipped_and_of_equal_ones_the_clockwise() {
+    let faces = [[0, 1, 2], [2, 1, 3]];
+    for (corner, mirror, flipped) in
+        [(1.0, 1.0, [false, true]), (1.0, -1.0, [true, false]), (3.0, -1.0, [true, false]), (0.4, -1.0, [false, true])]
+    {
+        // the second triangle is folded onto the first; it is larger, smaller, or as large
+        let points = in_space(&[[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [corner, corner]], |_, _| 0.0);
+        let uv = [[0.0, 0.0], [mirror, 0.0], [0.0, 1.0], [0.1 * mirror, 0.1]];
+        let found = measured(&points, &faces, &uv).flipped;
+        assert_eq!((&found.per_face[..], found.count), (&flipped[..], 1), "{corner} {mirror}");
+    }
+}

@@ -2,7 +2,11 @@ use super::levels::Levels;
 use super::*;
 use crate::Error;
 use crate::distortion::overlap::overlaps;
-use crate::rows::DistanceRows;
+use crate::embed::classical::classical_scaling;
+use crate::geodesic::graph::GeodesicGraph;
+use crate::orient::map_area;
+use crate::rows::{DistanceRows, Rows};
+use crate::sources::Sources;
 use crate::surface::{Surface, mesh::shapes};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -136,8 +140,9 @@ fn plain_stress(rows: &DistanceRows, bands: &Bands, uv: &[Vector2<f64>]) -> f64 
 #[test]
 fn the_stress_is_what_its_definition_says() {
     let surface = shapes::surface(shapes::sheet(45, 9)); // with all three bands
-    for count in [5, 16, 33] {
-        let rows = straight(&surface, (0..count).map(|n| n * surface.len() as u32 / count), 1.1);
+    // without stretch, pairs at exactly 10 and 30 mm belong to their bands
+    for (count, times) in [(5, 1.1), (16, 1.1), (33, 1.1), (33, 1.0)] {
+        let rows = straight(&surface, (0..count).map(|n| n * surface.len() as u32 / count), times);
         let all: Vec<u32> = (0..surface.len() as u32).collect();
         let control = Control::default();
         let pairs = Pairs::new(&rows, &all, &control).unwrap();
@@ -373,4 +378,41 @@ fn vertices_are_held_as_their_pairs_bend_upwards() {
         sum += held[vertex];
     }
     assert!((held[source] - sum).abs() < 1e-9 * sum);
+}
+
+#[test]
+fn distances_to_landmarks_give_the_places_of_a_plane() {
+    let surface = shapes::surface(shapes::sheet(9, 6));
+    let rows = straight(&surface, [3u32, 20, 41, 66].into_iter(), 1.0);
+    let all: Vec<u32> = (0..surface.len() as u32).collect();
+    let pairs = Pairs::new(&rows, &all, &Control::default()).unwrap();
+    let places: Vec<[f64; 2]> = rows.sources().iter().map(|&v| plan(&surface)[v as usize].into()).collect();
+    let found = pairs.landmark_places(&places, surface.len());
+    assert!(found.iter().zip(plan(&surface)).all(|(found, place)| (found - place).norm() < 1e-5));
+}
+
+#[test]
+fn a_bound_on_areas_is_kept_by_every_triangle() {
+    let sphere = shapes::surface(shapes::sphere(4));
+    let cap = sphere.part_of_vertices(&sphere.points().iter().map(|p| p.z > -0.2).collect::<Vec<_>>());
+    let cap = cap.moved(cap.points().iter().map(|p| p * 20.0).collect()).unwrap();
+    let control = Control::default();
+    let graph = GeodesicGraph::new(&cap, &control).unwrap();
+    let sources = Sources::Farthest { count: 30, seed: 0 }.choose(&graph, &control).unwrap();
+    let mut levels = Levels::new(&cap, &sources, &control).unwrap();
+    let rows = levels.measure(&graph, &control).unwrap();
+    let places = classical_scaling(&rows.among(&control).unwrap()).unwrap().places;
+    let (free, _) = levels::flatten(&mut levels, &rows, &places, 0.5, &control).unwrap();
+    let change = |uv: &[[f64; 2]]| {
+        let area = |face: &[u32; 3], uv: &[[f64; 2]]| map_area(&[*face], uv);
+        let areas: Vec<[f64; 2]> = cap.faces().iter().zip(cap.areas()).map(|(f, own)| [area(f, uv), own]).collect();
+        let total = areas.iter().fold([0.0, 0.0], |sum, of| [sum[0] + of[0], sum[1] + of[1]]);
+        let logs = areas.iter().map(|[flat, own]| (flat / own / (total[0] / total[1])).ln().abs());
+        logs.fold(0.0, f64::max).exp()
+    };
+    for bound in [1.4, 1.2] {
+        let (uv, found) = area_bound::bounded(&levels, &rows, &free, 0.5, bound, &control).unwrap();
+        assert!(found.converged && change(&free) > bound, "{bound} {}", change(&free));
+        assert!(change(&uv) <= bound * (1.0 + 1e-9), "{bound} {}", change(&uv));
+    }
 }

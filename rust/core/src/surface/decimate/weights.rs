@@ -65,6 +65,7 @@ fn beside(spokes: &[Vector3<f64>]) -> Vec<[f64; 2]> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use nalgebra::{DMatrix, DVector};
     use proptest::prelude::*;
 
     fn made(weights: &[[f64; 2]], places: &[Complex<f64>]) -> Complex<f64> {
@@ -121,5 +122,21 @@ mod tests {
         for is_closed in [true, false] {
             assert_eq!(weights(one, &[one; 4], is_closed), [[0.25, 0.0]; 4]);
         }
+    }
+
+    #[test]
+    fn a_fan_gives_the_similarity_that_fits_best_by_squared_nearness() {
+        let places = ring(&[0.4, 0.9, 0.6, 0.7], &[0.5, 3.0, 1.0, 2.0], 1.0);
+        let found = weights(Vector3::zeros(), &in_space(&places), false);
+        let images = [(1.0, 0.3), (-2.0, 1.5), (0.2, -0.7), (4.0, 2.0)].map(|(re, im)| Complex::new(re, im));
+        // a p + b, of which b is the image of the apex, with errors relative to the distance from the apex
+        let design = DMatrix::from_fn(8, 4, |row, column| {
+            let place = places[row / 2];
+            let terms = [[place.re, -place.im, 1.0, 0.0], [place.im, place.re, 0.0, 1.0]];
+            terms[row % 2][column] / place.norm()
+        });
+        let target = |row: usize| [images[row / 2].re, images[row / 2].im][row % 2] / places[row / 2].norm();
+        let fit = design.svd(true, true).solve(&DVector::from_fn(8, |row, _| target(row)), 1e-12).unwrap();
+        assert!((made(&found, &images) - Complex::new(fit[2], fit[3])).norm() < 1e-9, "{fit}");
     }
 }

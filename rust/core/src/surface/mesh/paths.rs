@@ -337,4 +337,20 @@ mod tests {
             prop_assert!(ac >= (a - c).norm() - 1e-9);
         }
     }
+
+    #[test]
+    fn costs_are_lengths_times_the_mean_of_the_factors() {
+        let sheet = shapes::surface(shapes::sheet(4, 4));
+        let (first, last) = (0, sheet.len() as u32 - 1);
+        let cost = |network: &Network| {
+            let mut search = EdgeSearch::new(sheet.len());
+            search.seed(first);
+            search.explore(network, &Control::default()).unwrap();
+            search.distance(last)
+        };
+        assert!((cost(&Network::of(&sheet)) - 4.0 * 2f64.sqrt()).abs() < 1e-12);
+        // the cheapest way is the diagonal, whose edges have the factors 1.5, 2.5, 3.5 and 4.5
+        let factors: Vec<f64> = sheet.points().iter().map(|p| 1.0 + p.x + 9.0 * (p.x - p.y).abs()).collect();
+        assert!((cost(&factored(&sheet, &factors).unwrap()) - 12.0 * 2f64.sqrt()).abs() < 1e-12);
+    }
 }

@@ -139,6 +139,7 @@ pub(crate) fn shrunk(surface: &Surface) -> Vec<u32> {
 mod tests {
     use super::*;
     use crate::surface::mesh::shapes;
+    use crate::tests::{both, moved};
     use proptest::prelude::*;
 
     #[test]
@@ -205,5 +206,13 @@ mod tests {
             prop_assert_eq!(topology.edges, part.edges().count());
             prop_assert_eq!(topology.loops.len(), topology.components.iter().map(|c| c.loops).sum::<usize>());
         }
+    }
+
+    #[test]
+    fn loops_come_by_length_and_not_by_the_number_of_edges() {
+        let large = moved(&shapes::sheet(2, 2), |p| p.map(|x| 10.0 * x - 90.0));
+        let topology = Topology::of(&shapes::surface(both(&shapes::sheet(5, 5), &large)));
+        let loops: Vec<_> = topology.loops.iter().map(|l| (l.length, l.half_edges.len())).collect();
+        assert_eq!(loops, [(80.0, 8), (20.0, 20)]);
     }
 }

@@ -75,3 +75,24 @@ impl Level {
         (0..values.len() - 1).filter_map(crossing).min_by(|a, b| a.abs().total_cmp(&b.abs()))
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_level_of_a_linear_image_is_where_the_function_has_it() {
+        let function = |p: Vector3<f64>| 2.0 * p.x - 1.0 * p.y + 0.5 * p.z;
+        let value = |n: usize| function(Vector3::new((n / 20) as f64, (n / 5 % 4) as f64, (n % 5) as f64)) as f32;
+        let image = Level::new([3, 4, 5], (0..60).map(value).collect(), 0.6).unwrap();
+        let near = |found: Option<f64>, expected: f64| assert!((found.unwrap() - expected).abs() < 1e-6, "{found:?}");
+        near(image.between([0, 0, 0], [1, 0, 0]), 0.3);
+        near(image.between([1, 0, 0], [0, 0, 0]), 0.7);
+        near(image.between([1, 2, 1], [1, 1, 1]), 0.1);
+        assert_eq!(image.between([1, 0, 0], [2, 0, 0]), None);
+        assert_eq!(image.between([0, 0, 0], [-1, 0, 0]), None);
+        let (place, direction) = (Vector3::new(0.9, 1.2, 2.3), Vector3::new(-0.4, 0.7, 0.2));
+        near(image.along(place, direction), (0.6 - function(place)) / function(direction));
+        assert_eq!(image.along(place, direction * 0.1), None);
+    }
+}

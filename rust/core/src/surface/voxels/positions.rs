@@ -269,3 +269,34 @@ impl Fit {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn nodes_stay_within_half_a_voxel() {
+        let base = vec![Vector3::new(5.0, 5.0, 5.0); 3];
+        let by = [Vector3::new(2.0, 0.4, -0.8), Vector3::new(0.1, -6.0, 3.0), Vector3::new(0.4, 0.9, -1.4)];
+        let points = base.iter().zip(by).map(|(base, by)| base + by).collect();
+        let mut places = Places { points, normals: vec![Vector3::z(); 3] };
+        places.within_half_a_voxel(&base, [1.0, 2.0, 3.0]);
+        let expected = [Vector3::new(0.5, 0.1, -0.2), Vector3::new(1.0 / 60.0, -1.0, 0.5), by[2]];
+        for ((point, base), expected) in places.points.iter().zip(&base).zip(expected) {
+            assert!((point - base - expected).norm() < 1e-12, "{point}");
+        }
+    }
+
+    #[test]
+    fn a_ridge_is_sharpened_by_its_share_and_at_most_a_quarter_of_a_voxel() {
+        let neighbours = Neighbours::from_pairs(4, vec![[0, 1], [0, 2], [0, 3]]);
+        for (below, share, expected) in [(0.8, 0.25, 0.2), (0.8, 0.5, 0.4), (0.8, 1.0, 0.5), (-3.0, 1.0, -0.5)] {
+            let points =
+                vec![Vector3::zeros(), Vector3::new(1.0, 0.0, -below), Vector3::new(-1.0, 0.0, -below), Vector3::y()];
+            let normals = vec![Vector3::z(), Vector3::z(), Vector3::z(), -Vector3::z()]; // the last is on another bank
+            let mut places = Places { points, normals };
+            places.sharpen(share, &neighbours, [1.0, 1.0, 2.0]);
+            assert!((places.points[0] - Vector3::z() * expected).norm() < 1e-12, "{}", places.points[0]);
+        }
+    }
+}
