@@ -167,4 +167,29 @@ mod tests {
             assert_eq!(thin(&blade, nothing), ThinPlaces::default());
         }
     }
+
+    #[test]
+    fn opposite_vertices_are_thin_if_the_way_around_is_three_times_as_long() {
+        // a plate of height 2 around whose rim at x = 12 the way is 2 (12 − x) + 2
+        let strip = moved(&shapes::sheet(26, 4), |&[s, y, _]| match s {
+            s if s <= 12.0 => [s, y, 2.0],
+            s if s < 14.0 => [12.0, y, 14.0 - s],
+            s => [26.0 - s, y, 0.0],
+        });
+        let strip = shapes::surface(strip);
+        let expected: Vec<u32> = (0..strip.len() as u32).filter(|&v| strip.points()[v as usize].x < 10.0).collect();
+        assert_eq!(thin(&strip, 2.001).vertices, expected);
+    }
+
+    #[test]
+    fn opposite_normals_differ_by_more_than_120_degrees() {
+        for (tilt, is_thin) in [(29f64, true), (31.0, false)] {
+            let slope = tilt.to_radians().tan();
+            let side =
+                |sign: f64| moved(&shapes::sheet(1, 1), |&[x, y, _]| [x - 0.5, y, sign * (0.4 - slope * (x - 0.5))]);
+            let (upper, mut lower) = (side(1.0), side(-1.0));
+            lower.1.iter_mut().for_each(|face| face.swap(1, 2));
+            assert_eq!(!thin(&shapes::surface(both(&upper, &lower)), 3.0).vertices.is_empty(), is_thin, "{tilt}");
+        }
+    }
 }

@@ -159,11 +159,13 @@ mod tests {
 
     #[test]
     fn a_pocket_in_a_sheet_does_not_close_it() {
-        // a sheet with one bump three voxels thick, whose middle voxel is enclosed
-        let topology = topology_of([40, 40, 7], |v| {
-            v[2] == 3 || ((19..22).contains(&v[0]) && (19..22).contains(&v[1]) && (2..5).contains(&v[2]))
-        });
-        assert_eq!((topology.cavities, topology.is_closed()), (1, false));
+        // a sheet with one bump three voxels thick, whose middle layer is enclosed: 34 of n² + 9 voxels line it
+        for (n, is_closed) in [(40, false), (19, false), (18, true), (7, true)] {
+            let is_bump = |v: [usize; 3]| (2..5).contains(&v[0]) && (2..5).contains(&v[1]) && (2..5).contains(&v[2]);
+            let topology = topology_of([n, n, 7], |v| v[2] == 3 || is_bump(v));
+            assert_eq!((topology.lining, topology.points, topology.cavities), (34, n * n + 9, 1));
+            assert_eq!(topology.is_closed(), is_closed, "{n}");
+        }
     }
 
     /// Returns χ by listing every cell of every cube.
