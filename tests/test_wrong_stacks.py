@@ -1,5 +1,6 @@
 """Wrong input from microscopes ends in one line: other units, missing sizes and channels, damage, touching organs."""
 
+import hashlib
 import logging
 
 import h5py
@@ -115,6 +116,11 @@ def test_channels_that_a_stack_does_not_have(files, tmp_path):
     two = np.stack([np.asarray(balls()[0], np.uint8).T] * 2)
     told = {"axes": "CZYX", "Channel": {"Name": ["wall", "nuclei"]}}
     tifffile.imwrite(tmp_path / "two.ome.tif", two, metadata=told)
+    one = voxflat.io.read_volume(tmp_path / "two.ome.tif", "nuclei")
+    told_of = voxflat.surface(one, label=int(one.data.max())).provenance["parameters"]["source"]
+    assert told_of["parameters"] == {"path": str(tmp_path / "two.ome.tif"), "channel": "nuclei"}
+    digest = hashlib.sha256((tmp_path / "two.ome.tif").read_bytes()).hexdigest()
+    assert told_of["files"] == {str(tmp_path / "two.ome.tif"): digest}
     fail(1, "has no channel 'dna'. Choose one of wall, nuclei", *words, tmp_path / "two.ome.tif", "--channel", "dna")
     fail(
         1,

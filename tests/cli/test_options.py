@@ -1,6 +1,7 @@
 """The rules that every option of every command obeys, tested on options collected from the commands themselves."""
 
 import hashlib
+import inspect
 import json
 import logging
 import re
@@ -156,6 +157,48 @@ def test_the_texture_of_patches_is_a_channel_of_their_volume(tmp_path):
         pictures.append((tmp_path / "a.png").read_bytes())
     assert pictures[0] != pictures[1]
     fail(2, "--volume-channel requires --volume", *words[:2], "--volume-channel", 1, *words[4:])
+
+
+class _Asked(float):
+    """A number that notes that a program asked whether it is true, as in ``if threshold:``, which forgets 0."""
+
+    asked: tuple[str, ...] = ()
+
+    def __bool__(self):
+        frame = inspect.currentframe().f_back
+        type(self).asked += (f"{frame.f_code.co_filename}:{frame.f_lineno}",)
+        return float(self) != 0
+
+
+NUMBERS = [
+    pytest.param(name, one, id=f"{name} {one.opts[-1]}")
+    for name, one in every_option()
+    if isinstance(one.type, click.types.FloatParamType | click.types.IntParamType)
+]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("command", "option"), NUMBERS)
+def test_zero_is_a_number_like_any_other(command, option, tmp_path, monkeypatch):
+    np.save(tmp_path / "ball.npy", voxflat.samples.ball())
+    monkeypatch.setattr(_Asked, "asked", ())
+    cast = option.type_cast_value
+
+    def noted(context, value):
+        made = cast(context, value)
+        return _Asked(made) if type(made) in (int, float) else made
+
+    monkeypatch.setattr(option, "type_cast_value", noted)
+    flags = {one.opts[-1] for name, one in every_option() if name == command}
+    for more in ([], *(["--rim"] for _ in flags & {"--rim"})):
+        run(command, tmp_path / "ball.npy", option.opts[-1], 0, *more)
+    assert _Asked.asked == ()
+
+
+@pytest.mark.parametrize("name", ["threshold", "label"])
+def test_an_option_that_rims_do_not_have_is_refused_at_0_too(name, tmp_path):
+    np.save(tmp_path / "rim.npy", voxflat.samples.ball())
+    fail(1, f"--{name} and --rim cannot be combined", "check", tmp_path / "rim.npy", "--rim", f"--{name}", 0)
 
 
 def test_messages_have_no_words_of_python():

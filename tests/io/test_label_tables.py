@@ -6,6 +6,7 @@ import pytest
 from mesh_files import gifti
 from refusals import refused
 
+from voxflat.io import read_region
 from voxflat.io.label_tables import LabelTable, own_table, read_table
 
 NAMES = ["unknown", "bankssts", "Größe"]
@@ -42,6 +43,18 @@ def test_cifti_has_a_table_for_each_map(tmp_path):
     nib.save(image, path)
     assert own_table(path).colours[3] == (255, 51, 0)
     assert own_table(path, 1).names == {3: "other"}
+
+
+def test_a_region_of_a_cifti_file_has_a_name(tmp_path):
+    axes = nib.cifti2.cifti2_axes
+    labels = axes.LabelAxis(
+        ["a"], [{0: ("???", (0, 0, 0, 0)), 3: ("V1", (1.0, 0.2, 0.0, 1.0)), 4: ("V2", (0, 0, 1, 1))}]
+    )
+    models = axes.BrainModelAxis.from_surface([0, 1, 2], 4, "CortexLeft")
+    path = tmp_path / "areas.dlabel.nii"
+    nib.save(nib.Cifti2Image(np.array([[3.0, 4, 3]]), (labels, models)), path)
+    assert read_region(path, 4, name="V1").tolist() == [True, False, True, False]
+    refused("'V3' is not one of its labels. Choose one of .*V1, V2", read_region, path, 4, name="V3")
 
 
 def test_what_has_no_table(tmp_path):

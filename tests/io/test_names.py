@@ -88,6 +88,7 @@ def test_profiles_and_heat_maps_show_names_as_text(flat, kind, tmp_path):
 
 
 def test_a_formula_takes_the_room_of_its_letters():
+    assert text_size("", 10)[0] == text_size(" ", 10)[0] < text_size("a", 10)[0]
     assert text_size("$aaaaaaaaaaaa$", 10)[0] > text_size("aaaaaaaaaaaa", 10)[0]
 
 

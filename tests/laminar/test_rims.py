@@ -379,6 +379,7 @@ def test_rims_in_stacks_of_channels_and_other_units(tmp_path):
             np.testing.assert_allclose(found.affine, expected.affine)
 
     fail(1, "has 2 channels", "layers", stack, "-n", 3, "-o", tmp_path / "s.nii.gz")
+    fail(1, "with --rim-channel", "profile", stack, "--volume", one, "-n", 4, "-o", tmp_path / "s.tsv")
     both("layers", "-n", 3, endings=("", "_depth", "_thickness"))
     both("columns", "-n", 9, endings=("",))
     voxflat.rim(one).surface.flatten().save(tmp_path / "map.npz")

@@ -281,6 +281,8 @@ def in_options(text: str, command: click.Command | None, program: Program | None
         return f"{flag} {_as_words(value)}".rstrip()
 
     text = in_words(text, _COMMANDS, option)
+    if "rim_channel" in flags:  # --channel is that of another volume, which has other messages
+        text = text.replace(" with --channel", " with --rim-channel")
     words = "|".join(sorted(name for name, flag in flags.items() if flag == f"--{name}" and "_" not in name))
     word = rf"(?:--[\w-]+|(?:{words})\b(?![/=(-]))"
 

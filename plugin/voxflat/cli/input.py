@@ -15,7 +15,7 @@ from voxflat._core import __version__
 from voxflat.arguments import Progress, log
 from voxflat.cli.output import WRITTEN
 from voxflat.errors import HemisphereError, InputError
-from voxflat.io.provenance import check_beside, record_of
+from voxflat.io.provenance import check_beside
 from voxflat.io.reading import reading
 from voxflat.io.volumes import Volume, read_volume
 from voxflat.laminar.rim import rim
@@ -38,10 +38,8 @@ def channel_of(path: Path, channel: str | None, given: dict[str, Any]) -> Path |
     """Return one channel of a file as a volume, or the path if no channel is chosen."""
     if channel is None:
         return path
-    with reading(given.get("memory_limit")) as files:
-        volume = read_volume(path, channel)
-    record = record_of("read_volume", {"path": str(path), "channel": channel}, files)
-    return volume._with_provenance(record)
+    with reading(given.get("memory_limit")):
+        return read_volume(path, channel)
 
 
 def _made(
@@ -50,7 +48,8 @@ def _made(
     """Create the surface of a file or a volume."""
     limits = {name: given[name] for name in ("memory_limit", "threads") if name in given}
     if given.pop("rim", False):
-        if refused := [name for name in ("label", "threshold", "unit", "probability", "pial", "repair") if how[name]]:
+        named = ("label", "threshold", "unit", "probability", "pial", "repair")
+        if refused := [name for name in named if how[name] is not None]:
             raise InputError(f"--{refused[0]} and --rim cannot be combined. Give only one of them.")
         return rim(input_, hemisphere=side, spacing=how["spacing"], **limits, progress=progress).surface
     if side is None:

@@ -106,5 +106,7 @@ def _width(line: str) -> float:
     """Return the width of a line in multiples of the font size."""
     if len(line) > _LONGEST:
         return float(len(line))
-    path: Any = TextPath((0, 0), plain(line) or " ", size=100)
+    if not line.strip():  # of which Matplotlib 3.11 makes no path
+        return 0.1
+    path: Any = TextPath((0, 0), plain(line), size=100)
     return float(path.get_extents().width) / 100 + 0.1

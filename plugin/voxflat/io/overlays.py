@@ -126,7 +126,7 @@ def read_region(
     points : int
         Number of points of the surface.
     name : str, optional
-        A label of an ``.annot`` or ``.label.gii`` file, such as ``"Medial_wall"``.
+        A label of an ``.annot``, ``.label.gii`` or ``.dlabel.nii`` file, such as ``"Medial_wall"``.
     structure : str, optional
         Structure of the surface, as in `read_overlay`.
 
@@ -162,6 +162,12 @@ def read_region(
             return _named(_fitting(labels, points), dict(enumerate(names)), name)
         if image is not None and name is not None:
             return _named(_fitting(gifti.values(image), points), gifti.label_names(image), name)
+        if name is not None and path.name.lower().endswith(".dlabel.nii"):
+            named: dict[int, str] = {key: one for key, (one, _) in opened(path)[0].header.get_axis(0).label[0].items()}
+            channels = _channels(path, points, structure)
+            if len(channels) > 1:
+                raise InputError(f"has {len(channels)} maps. Pass a file with one map")
+            return _named(_fitting(channels.read(0), points), named, name)
         if name is not None:
             raise InputError(f"contains no named labels. Omit the name {name!r}")
         if kind == formats.PATCH:

@@ -20,8 +20,9 @@ from voxflat.io.files import REMEDY, atomic_path, by_ending, naming, require, sa
 from voxflat.io.formats.hdf5 import HDF5_ENDINGS
 from voxflat.io.formats.tiff import TIFF_ENDINGS
 from voxflat.io.grid import Affine, check_affine, named_unit, scaled, volume_shape
-from voxflat.io.provenance import Record, Recorded, as_text
+from voxflat.io.provenance import Record, Recorded, as_text, record_of
 from voxflat.io.readers import ITK_TYPES, LPS_TO_RAS, READERS, read
+from voxflat.io.reading import reading
 
 VOLUME_ENDINGS = (*READERS, *TIFF_ENDINGS, *HDF5_ENDINGS)
 """Endings of the names of volume files."""
@@ -203,8 +204,11 @@ def read_volume(path: str | os.PathLike[str], channel: int | str | None = None) 
     <Volume labels.npz: 24 x 24 x 24 of uint8, voxels of 1 x 1 x 1 mm, RAS>
     """
     path = checked_path(path)
-    with naming(path, REMEDY):
-        return volume_of_file(path, channel)
+    with naming(path, REMEDY), reading() as files:
+        volume = volume_of_file(path, channel)
+    if channel is None:
+        return volume
+    return volume._with_provenance(record_of("read_volume", {"path": str(path), "channel": channel}, files))
 
 
 def volume_of_file(path: str | os.PathLike[str], channel: int | str | None = None) -> Volume:
