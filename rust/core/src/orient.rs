@@ -219,7 +219,7 @@ mod tests {
         let grid: Vec<[f64; 2]> = (0..400).map(|n| [f64::from(n % 20) - 9.5, f64::from(n / 20) - 9.5]).collect();
         let variance = 399.0 / 12.0; // of 20 steps of 1
         for (share, is_superior) in [(0.9f64, true), (0.06, true), (0.04, false), (0.0, false)] {
-            let checker = |n: usize| if (n % 20 + n / 20) % 2 == 0 { 1.0 } else { -1.0 }; // not correlated with u and v
+            let checker = |n: usize| if (n % 20 + n / 20).is_multiple_of(2) { 1.0 } else { -1.0 }; // not correlated with u and v
             let point = |(n, [u, v]): (usize, &[f64; 2])| {
                 Vector3::new(0.0, -u, share.sqrt() * v + ((1.0 - share) * variance).sqrt() * checker(n))
             };
