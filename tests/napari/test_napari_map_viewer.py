@@ -328,6 +328,21 @@ def test_the_surface_has_the_colours_of_the_map(flattened, qtbot):
     assert_allclose(camera(viewer).angles, (10, 20, 30))  # as the user has turned it
     assert not viewer.layers["bumps"].visible
 
+    hidden = viewer.add_image(np.ones((5, 5, 5)), name="hidden by the user", visible=False)
+    viewer.dims.ndisplay = 2
+    assert [one.visible for one in (t1, viewer.layers["bumps"])] == [True, False]
+    viewer.dims.ndisplay = 3  # after In 3D
+    assert not t1.visible
+    t1.visible = True  # the user wants to see both
+    dock.contents.setCurrentIndex(1)
+    wait_for_picture(dock, qtbot)
+    assert t1.visible
+    viewer.dims.ndisplay = 2
+    dock.on_surface.click()
+    assert [one.visible for one in (t1, hidden, viewer.layers["bumps"])] == [True, False, True]
+    dock.on_surface.click()
+    wait_for_picture(dock, qtbot)
+
     choose(widget.form.patch, "values")  # the next map, of fewer points, takes the layer over
     run(widget, qtbot, dock)
     assert len(layer.vertices) == len(dock.prepared.points) < len(points)
@@ -337,6 +352,20 @@ def test_the_surface_has_the_colours_of_the_map(flattened, qtbot):
     viewer.window.remove_dock_widget(dock)  # whose box is the way back
     assert "bumps in map colours" not in viewer.layers
     assert viewer.layers["bumps"].visible
+
+
+def test_in_3d_before_the_switch_to_3d_shows_the_surface_upright_and_uncovered(flattened, qtbot):
+    points, faces, _ = bumps()
+    t1 = Image(np.ones((5, 5, 5)), name="T1")  # as napari's own readers add it
+    viewer, _, dock = flattened(t1, Surface((points, faces), name="bumps"))
+    dock.on_surface.click()
+    wait_for_picture(dock, qtbot)
+    assert t1.visible
+    viewer.dims.ndisplay = 3
+    assert not t1.visible
+    assert_allclose(camera(viewer).up_direction, (0, 0, 1), atol=1e-6)
+    viewer.dims.ndisplay = 2
+    assert t1.visible
 
 
 def test_regions_on_a_mesh_differ_in_colour(make_napari_viewer):

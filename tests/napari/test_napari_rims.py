@@ -7,9 +7,11 @@ from napari import current_viewer
 from napari.layers import Image, Labels, Surface
 from napari_window import PATIENCE, bumps, choose, map_dock, run, wait_for_threads
 from numpy.testing import assert_allclose, assert_array_equal
+from qtpy.QtWidgets import QWidget
 
 import voxflat
 from voxflat._napari.map_viewer.dock import REGION
+from voxflat._napari.map_viewer.flat_window import FlatWindow
 from voxflat._napari.samples import demo_rim
 from voxflat._napari.viewer_state import ViewerState
 from voxflat.io import Volume
@@ -136,6 +138,20 @@ def test_layers_flat_volume_and_profile(open_widget, qtbot, sample, monkeypatch,
     viewer.window.remove_dock_widget(dock)
     assert dock.flat_window.viewer is None
     wait_for_threads(qtbot)
+
+
+def test_a_window_that_is_not_shown_yet_is_not_the_current_viewer(make_napari_viewer, qtbot):
+    viewer, owner = make_napari_viewer(show=True), QWidget()
+    qtbot.addWidget(owner)
+    window = FlatWindow(owner, "flat")
+    with pytest.raises(ValueError, match="nonsense"):
+        window.show((np.ones((2, 2)), {"name": "flat"}, "nonsense"))
+    assert window.viewer is not None
+    assert current_viewer() is viewer
+    window.show((np.ones((2, 2)), {"name": "flat"}, "image"))
+    assert current_viewer() is window.viewer
+    window.close()
+    assert current_viewer() is viewer
 
 
 def test_by_default_there_is_one_layer_per_voxel_of_the_thickness(open_widget, qtbot, sample):

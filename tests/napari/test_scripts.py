@@ -16,7 +16,8 @@ from voxflat._napari.job import Job, PatchesJob
 from voxflat._napari.layers.meshes import LayerMesh
 from voxflat._napari.layers.sampled import overlay, shown
 from voxflat._napari.layers.volumes import LayerVolume
-from voxflat._napari.scripts import Recipe
+from voxflat._napari.scripts import OpenedFile, Recipe
+from voxflat._napari.viewer_state import ViewerState
 from voxflat.io import Mesh, Space, VolumeGeometry, write_mesh, write_volume
 
 
@@ -112,4 +113,43 @@ def test_a_click_copies_the_script(open_widget, qtbot, messages, monkeypatch, tm
     assert "were changed after" in messages[-1].message
     viewer.layers["sheet distortion"].metadata["voxflat"].save(tmp_path / "map.voxflat")
     open_file(viewer, qtbot, tmp_path / "map.voxflat")
-    assert not widget.results.copy.isVisibleTo(widget)  # its script is unknown
+    widget.results.copy.click()
+    assert f"voxflat.load({str(tmp_path / 'map.voxflat')!r})" in QApplication.clipboard().text()
+
+
+def test_copied_scripts_run_as_they_are_and_give_the_map_of_the_window(make_napari_viewer, qtbot, messages, tmp_path):
+    points, faces, _ = bumps()
+    write_mesh(tmp_path / "lh.white", Mesh(points, faces, space=Space("scanner")))
+    viewer = make_napari_viewer()
+    open_file(viewer, qtbot, tmp_path / "lh.white")
+    _, widget = viewer.window.add_plugin_dock_widget("voxflat", "Flatten surface")
+    run_whole(widget, qtbot)
+
+    def copied():
+        QApplication.clipboard().clear()
+        widget.results.copy.click()
+        script = QApplication.clipboard().text()
+        script += f"\nflat_map.save({str(tmp_path / 'again.voxflat')!r}, overwrite=True)"
+        subprocess.run([sys.executable, "-c", script], cwd=tmp_path, check=True)
+        return voxflat.load(tmp_path / "again.voxflat").uv
+
+    flat_map = ViewerState.of(viewer).current.flat_map
+    assert_array_equal(copied(), flat_map.uv)
+    saved = tmp_path / "saved.voxflat"
+    flat_map.save(saved)
+    open_file(viewer, qtbot, saved)
+    assert ViewerState.of(viewer).current.flat_map is not flat_map
+    assert widget.results.copy.isVisibleTo(widget)
+    assert_array_equal(copied(), flat_map.uv)
+    voxflat.surface((2 * points, faces)).flatten().save(saved, overwrite=True)
+    widget.results.copy.click()
+    assert "saved.voxflat: contains another map than the opened one" in messages[-1].message
+
+
+def test_an_opened_atlas_is_loaded_by_its_script(tmp_path):
+    points, faces, _ = bumps()
+    path = tmp_path / "atlas.voxflat"
+    voxflat.surface((points, faces)).patches(max_angle=10.0).save(path)
+    atlas, found = voxflat.load_atlas(path), {}
+    exec(OpenedFile(str(path), atlas).script(), found)
+    assert_array_equal(found["atlas"].uv, atlas.uv)

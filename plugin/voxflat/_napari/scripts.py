@@ -16,12 +16,14 @@ from voxflat._napari.layers.sampled import Overlay, Sampled, Shown
 from voxflat._napari.layers.volumes import LayerVolume
 from voxflat._napari.results.flat_layers import FlatLayers
 from voxflat.arguments import Progress
+from voxflat.atlases.atlas import Atlas
+from voxflat.atlases.certified import load_atlas
 from voxflat.errors import InputError
 from voxflat.io.files import atomic_path, file_name
 from voxflat.io.meshes import Mesh, read_mesh
 from voxflat.io.overlays import read_overlay
 from voxflat.io.volumes import Volume, read_volume
-from voxflat.maps.flat_map import FlatMap
+from voxflat.maps.flat_map import FlatMap, load
 from voxflat.methods import Method
 from voxflat.surfaces.standard.sphere import OWN_REGISTRATION
 
@@ -51,6 +53,26 @@ class Recipe:
         if _fingerprints(self._job) != self._fingerprints:
             raise InputError("Layers of this run were changed after it finished. Flatten again, and copy the script")
         return _Script(self._job, folder).text()
+
+
+class OpenedFile:
+    """Writes a Python script that loads a map or an atlas from the file from which it was opened."""
+
+    def __init__(self, path: str, opened: FlatMap | Atlas) -> None:
+        self._path, self._opened = Path(path).resolve(), opened
+
+    def needs_folder(self) -> bool:
+        return False
+
+    def script(self, folder: Path | None = None) -> str:
+        """Return the script; raises InputError or OSError if the file does not contain this map any more."""
+        is_map = isinstance(self._opened, FlatMap)
+        found = load(self._path) if is_map else load_atlas(self._path)
+        if not _same(found.uv, self._opened.uv):
+            raise InputError(f"{self._path}: contains another map than the opened one. Open the file again")
+        name, function = ("flat_map", "load") if is_map else ("atlas", "load_atlas")
+        about = f'"""Load the {"map" if is_map else "atlas"} that was opened in napari."""'
+        return f"{about}\n\nimport voxflat\n\n{name} = voxflat.{function}({str(self._path)!r})\n"
 
 
 class _Script:

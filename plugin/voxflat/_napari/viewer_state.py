@@ -18,6 +18,7 @@ from voxflat._napari.gl_context import keep_canvas_current
 from voxflat._napari.results.flat_layers import FlatLayers, Run
 from voxflat._napari.results.layer_list import ListedLayers
 from voxflat._napari.results.sketch import Sketch, Sketches
+from voxflat._napari.scripts import OpenedFile
 from voxflat.maps.flat_map import FlatMap
 from voxflat.pipeline.surface import Surface
 
@@ -129,7 +130,8 @@ class ViewerState:
         if run is None:
             session = flat_map.metadata["napari"]
             sketches = Sketches(Sketch.of(session))
-            run = Run(FlatLayers(flat_map, []), session["layer"], sketches=sketches)
+            script = OpenedFile(event.value.source.path, flat_map)
+            run = Run(FlatLayers(flat_map, []), session["layer"], script, sketches)
             self._opened.add(run)
             self.opened = run
             self._runs[run] = ListedLayers(viewer)

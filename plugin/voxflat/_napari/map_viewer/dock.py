@@ -728,7 +728,7 @@ class FlatMapDock(TaskDock):
         self.movies.close()
         for linked in (self.segmentations, self._keys, self.annotations, self.link, self.outline, self.contents):
             linked.release()
-        self.painted.remove()
+        self.painted.release()
         for event in self._display_events:
             event.disconnect(self._on_display_changed)
         self._display_events = []

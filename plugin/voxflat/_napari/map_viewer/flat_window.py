@@ -35,6 +35,7 @@ class FlatWindow:
             window = self.viewer.window._qt_window
             window.resize(*_SIZE)
             window.installEventFilter(_Hider(window))
+            _put_last(window)  # until it is shown
         layers, name = self.viewer.layers, data[1]["name"]
         if name in layers and is_unchanged(layers[name]):
             layers.remove(name)
@@ -66,7 +67,12 @@ class _Hider(QObject):
             return False
         event.ignore()
         watched.hide()
-        opened = getattr(type(watched), "_instances", [])  # the last one is napari's current viewer
-        if watched in opened:
-            opened.insert(0, opened.pop(opened.index(watched)))
+        _put_last(watched)
         return True
+
+
+def _put_last(window: Any) -> None:
+    """Make any other window napari's current viewer instead of this hidden one."""
+    opened = getattr(type(window), "_instances", [])  # the current one is at the end
+    if window in opened:
+        opened.insert(0, opened.pop(opened.index(window)))

@@ -22,22 +22,21 @@ class PaintedSurface(ToggledLayer[Surface]):
         super().__init__(viewer, parent)
         self._prepared: PreparedMap | None = None
         self._covered: list[Layer] = []
+        viewer.dims.events.ndisplay.connect(self._on_ndisplay)
 
     def show(self, prepared: PreparedMap, colours: NDArray[np.uint8]) -> None:
         """Show the surface of a map, with one colour per point."""
         if self.there is not None:
             self.take_up(prepared)
             self.there.vertex_colors = colours / 255
-            self._set_visible(True)
-            self._cover()
+            if not self.there.visible:
+                self._set_visible(True)
+                self._cover()
             return
         self.remove()
         data, described = _of(prepared)
         self._prepared = prepared
         self._cover()
-        if self._viewer.dims.ndisplay == 3:
-            right = "Right" in (prepared.run.flat_map.metadata.get("structure") or "")
-            stand_upright(self._viewer, right=right, world=prepared.origin.get("world_axes", "RAS"))
         self._insert(Surface(data, vertex_colors=colours / 255, shading="smooth", **described))
 
     def take_up(self, prepared: PreparedMap) -> None:
@@ -64,15 +63,28 @@ class PaintedSurface(ToggledLayer[Surface]):
         self._uncover()
         self._prepared = None
 
+    def release(self) -> None:
+        """Remove the layer, and stop following the viewer."""
+        self.remove()
+        self._viewer.dims.events.ndisplay.disconnect(self._on_ndisplay)
+
+    def _on_ndisplay(self) -> None:
+        if self.there is not None and self.there.visible:
+            self._cover()
+
     def _cover(self) -> None:
-        """Hide the flattened layer and, in 3D, images, which would cover the surface."""
-        source = None if self._prepared is None else self._prepared.origin.get("layer")
-        in_3d = self._viewer.dims.ndisplay == 3
+        """Hide the flattened layer and, in 3D, images, which would cover the surface; stand the 3D view upright."""
+        assert self._prepared is not None
+        self._uncover()
+        source, in_3d = self._prepared.origin.get("layer"), self._viewer.dims.ndisplay == 3
         for layer in self._viewer.layers:
             is_over = layer.name == source or (in_3d and isinstance(layer, Image) and layer.ndim >= 3)
             if is_over and layer.visible:
                 self._covered.append(layer)
                 layer.visible = False
+        if in_3d:
+            right = "Right" in (self._prepared.run.flat_map.metadata.get("structure") or "")
+            stand_upright(self._viewer, right=right, world=self._prepared.origin.get("world_axes", "RAS"))
 
     def _uncover(self) -> None:
         for layer in self._covered:

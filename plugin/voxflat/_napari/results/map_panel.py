@@ -102,14 +102,11 @@ class CopyAsPython(QPushButton):
     def __init__(self) -> None:
         super().__init__("Copy as Python")
         self._run: Run | None = None
-        self.setToolTip("Copy a Python script that computes this map to the clipboard")
+        self.setToolTip("Copy a Python script that computes this map, or loads it if it was opened, to the clipboard")
         self.clicked.connect(self.copy)
-        self.hide()
 
     def show_run(self, run: Run) -> None:
-        """Offer the script of a run; a run that was opened from a file has no script."""
         self._run = run
-        self.setVisible(run.script is not None)
 
     def copy(self) -> None:
         """Copy the script, and ask for a folder if any data are not in a file."""
