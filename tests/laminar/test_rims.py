@@ -423,4 +423,4 @@ def test_a_rim_is_flattened_as_its_middle_surface():
     assert voxflat.check(rim).can_flatten
     assert rim.surface.flatten().provenance["parameters"]["of"]["function"] == "rim"
     refused("label does not apply when the input is a Surface", voxflat.surface, rim, label=3)
-    refused("this object is not supported", voxflat.surface, rim.surface.cut())
+    refused("a CutSurface is cut open already", voxflat.surface, rim.surface.cut())

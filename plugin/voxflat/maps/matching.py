@@ -123,7 +123,7 @@ def _of_ours(whole: Manifold, mesh: Mesh) -> Matched:
     else:
         apart, found = scipy.spatial.cKDTree(whole.points).query(np.asarray(data["surface_points"], dtype=np.float64))
         if not (apart <= _SAME_POINT * whole.usual_edge).all():
-            raise InputError(f"the map's surface_points are up to {apart.max():.3g} away from the surface. {_OTHER}")
+            raise InputError(f"some points of the map are up to {apart.max():.3g} away from the surface. {_OTHER}")
         vertices = whole.vertices[found]
     cut = _of_rows(whole, mesh.points, mesh.faces[~is_torn], vertices)
     _check_share(whole, cut)
