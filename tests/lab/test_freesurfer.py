@@ -48,7 +48,7 @@ def test_what_is_written(flattened):
     wanted = {f"{h}.voxflat.flat.{end}" for h in ("lh", "rh") for end in ("patch.3d", "surf.gii", "npz", "json")}
     wanted |= {f"{h}.voxflat.{name}.shape.gii" for h in ("lh", "rh") for name in ALL}
     assert {path.name for path in (made / "surf").glob("*voxflat*")} == wanted
-    assert re.search(r"sub-01 lh: \d+ points, relative distance error \d+\.\d %", result.stdout)
+    assert re.search(r"sub-01 L: \d+ points, relative distance error \d+\.\d %", result.stdout)
     assert f"report: {made}/voxflat.html" in result.stdout
 
 
@@ -228,9 +228,9 @@ def test_cuts_of_a_file(subject):
 
 
 def test_a_missing_file_is_named_and_the_other_hemisphere_made(subject):
-    told = f"sub-02 rh: error: {subject}/surf/rh.white: the file does not exist. Check that recon-all"
+    told = f"sub-02 R: error: {subject}/surf/rh.white: the file does not exist. Check that recon-all"
     result = fail(1, told, "freesurfer", subject)
-    assert "sub-02 lh: " in result.stdout
+    assert "sub-02 L: " in result.stdout
     assert "The right hemisphere has no map" in (subject / "voxflat.html").read_text()
     assert json.loads((subject / "surf" / "rh.voxflat.failure.json").read_text())["reason"] in result.stderr
 

@@ -99,7 +99,7 @@ def test_a_study_is_a_workflow_of_nipype(nipypes, tmp_path, monkeypatch):
     assert (made.maps, made.pages) == (str(out), [str(out / "sub-02.html")])
     group = nipypes.VoxflatBids(**how, level="group")  # already run by the workflow
     assert group.aggregate_outputs().pages == [str(out / "group.html")]
-    with pytest.raises(SystemExit, match="sub-01 lh: error"):
+    with pytest.raises(SystemExit, match="sub-01 L: error"):
         nipypes.said(nipypes.VoxflatBids(**how, level="participant", labels=["01"]))
 
 

@@ -72,7 +72,7 @@ def test_three_fail_by_name_and_never_stop_the_others(study):
     lines = result.stderr.splitlines()
     assert len(lines) == 3
     for (label, reason), line in zip(BROKEN.items(), lines, strict=True):
-        assert re.match(rf"voxflat: sub-{label} lh: error: ", line)
+        assert re.match(rf"voxflat: sub-{label} L: error: ", line)
         assert re.search(reason, line)
         assert not list((root / "out" / f"sub-{label}").rglob("*flat*surf*"))
         (failure,) = (root / "out" / f"sub-{label}").rglob("*_failure.json")
@@ -172,7 +172,7 @@ def test_a_directory_of_another_program_is_left_alone(root, tmp_path):
 def test_who_was_asked_for_and_is_not_there_has_failed(root):
     result = participant(root, "--participant-label", "01", "99")
     assert result.exit_code == 1
-    assert "sub-99 lh: error: found neither" in result.stderr
+    assert "sub-99 L: error: found neither" in result.stderr
     shutil.rmtree(root / "out" / "sub-99")
 
 
@@ -373,7 +373,7 @@ def test_a_page_that_cannot_be_written_stops_nobody(root, tmp_path):
     (tmp_path / "out" / "sub-02.html").unlink()
     told = participant(tmp_path)
     assert "16 up to date, 4 failed" in told.stdout
-    assert "voxflat: sub-01 lh: error: " in told.stderr
+    assert "voxflat: sub-01 L: error: " in told.stderr
     assert (tmp_path / "out" / "sub-02.html").is_file()
     page.rmdir()
     assert "17 up to date, 3 failed" in participant(tmp_path).stdout
@@ -396,6 +396,24 @@ def test_a_study_that_is_up_to_date_is_left_alone(root, compared):
     again = run("bids", root / "bids", root / "out", "group")
     assert (again.exit_code, again.stdout.splitlines()[-1]) == (3, "up to date")
     assert everything(root / "out") == before
+
+
+def test_a_group_of_one_leaves_no_means_of_an_earlier_group(root, compared, tmp_path):
+    shutil.copytree(root / "out", tmp_path / "out")
+    assert list((tmp_path / "out").glob("group_hemi-L_stat-*.nii.gz"))
+    words = ["bids", root / "bids", tmp_path / "out", "group", "--participant-label", "01"]
+    assert run(*words).exit_code == 0
+    assert not list((tmp_path / "out").glob("group_hemi-*.nii.gz"))
+
+
+def test_a_group_uses_or_refuses_its_options(root, compared, tmp_path):
+    words = ["bids", root / "bids", root / "out", "group"]
+    for name, *value in (["--cuts", "automatic"], ["--overlay", "curv"], ["--geometry", "white"], ["--seed", "3"]):
+        before = everything(root / "out")
+        fail(2, f"{name} requires the level participant", *words, name, *value)
+        assert everything(root / "out") == before
+    shutil.copytree(root / "out", tmp_path / "out")
+    fail(1, "no participant has a map", "bids", root / "bids", tmp_path / "out", "group", "--hemi", "rh")
 
 
 def test_the_page_of_the_study(root, compared):

@@ -34,7 +34,7 @@ class Row:
     @property
     def hemisphere(self) -> str:
         """Its name in messages, such as sub-01_ses-02 L."""
-        return f"{self.name}{self.session} {self.letter}"
+        return f"{self.name}{self.session} {self.letter}".rstrip()
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,6 +1,7 @@
 """Group level of a study: a table of all measures, outliers, and means over maps with standard cuts."""
 
 import io
+import shlex
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -33,14 +34,16 @@ _STEM = "group_desc-voxflat"
 _AGAIN = "Run voxflat bids again at the level participant"
 
 
-def group(source: Path, out: Path, labels: Sequence[str] = ()) -> dict[str, Any]:
+def group(
+    source: Path, out: Path, labels: Sequence[str] = (), hemis: Sequence[str] = tuple(HEMISPHERES)
+) -> dict[str, Any]:
     """Compare the participants of a study, and write a table, images of the means and a page to its output directory.
 
     Return the number of ``maps``, the reasons why maps are ``missing`` and the ``outliers`` (measures, high or low),
     both keyed by participant and hemisphere, the number of ``outliers_by_chance``, and the names of the files
     ``written`` (none if all were up to date).
     """
-    rows = list(_rows(source, out, labels))
+    rows = list(_rows(source, out, labels, hemis))
     record = out / f"{_STEM}_record.json"
     written: list[str] = []
     if not _is_done(record, rows):
@@ -48,12 +51,16 @@ def group(source: Path, out: Path, labels: Sequence[str] = ()) -> dict[str, Any]
 
         rows, means, maps = _compared(out, rows, map_picture)
         if not maps:
-            raise InputError(f"{out}: no participant has a map. Run voxflat bids {source} {out} participant first")
+            again = ["voxflat", "bids", str(source), str(out), "participant"]
+            raise InputError(f"{out}: no participant has a map. Run {shlex.join(again)} first")
         for one in means:
             for statistic, image in (("mean", one.mean), ("std", one.deviation), ("count", one.count)):
                 name = f"group_hemi-{one.letter}_stat-{statistic}_desc-voxflat_{one.name}.nii.gz"
                 image.save(out / name)
                 written.append(name)
+        for path in out.glob("group_hemi-*_stat-*_desc-voxflat_*.nii.gz"):  # of an earlier group of other maps
+            if path.name not in written:
+                path.unlink()
         table, page = out / f"{_STEM}_measures.tsv", out / "group.html"
         write_text(table, _table(rows))
         write_json(table.with_suffix(".json"), _columns())
@@ -66,7 +73,7 @@ def group(source: Path, out: Path, labels: Sequence[str] = ()) -> dict[str, Any]
     return {
         "maps": sum(row.record is not None for row in rows),
         "missing": {row.hemisphere: row.reason for row in rows if row.record is None},
-        "failed": sorted({row.name + row.session for row in rows if row.record is None}),
+        "failed": sorted({row.name for row in rows if row.record is None}),
         "outliers": {row.hemisphere: row.outliers for row in rows if row.outliers},
         "outliers_by_chance": expected_outliers(rows),
         "written": written,
@@ -106,14 +113,15 @@ def _compared(
     return _compared(out, rest, picture)
 
 
-def _rows(source: Path, out: Path, labels: Sequence[str]) -> Iterator[Row]:
+def _rows(source: Path, out: Path, labels: Sequence[str], hemis: Sequence[str]) -> Iterator[Row]:
     """Yield the hemispheres of all participants that have results or a failure."""
     for one in participants(source, labels):
         session = f"_ses-{one.session}" if one.session else ""
         about = (f"sub-{one.label}", session)
         job = Job.of(one, out)
         page, found = job.page.name, False
-        for hemi, (letter, _) in HEMISPHERES.items():
+        for hemi in hemis:
+            letter = HEMISPHERES[hemi][0]
             results = job.results(hemi)
             found = found or results.failure.is_file() or results.record.is_file()
             if results.failure.is_file():
@@ -126,7 +134,7 @@ def _rows(source: Path, out: Path, labels: Sequence[str]) -> Iterator[Row]:
                 except (InputError, OSError) as error:
                     yield Row(*about, letter, page, None, f"{user_message(error)}. {_AGAIN}")
         if not found:
-            yield Row(*about, "n/a", page, None, NO_FILES if one.folder is None else "not flattened yet")
+            yield Row(*about, "", page, None, NO_FILES if one.folder is None else "not flattened yet")
 
 
 def _reason(results: Results) -> str:
@@ -180,7 +188,7 @@ def _table(rows: Sequence[Row]) -> str:
     text = io.StringIO()
     print("\t".join(head + places), file=text)
     for row in rows:
-        cells: list[Any] = [row.name, row.session.removeprefix("_") or None, row.letter]
+        cells: list[Any] = [row.name, row.session.removeprefix("_") or None, row.letter or None]
         cells += [
             "missing" if row.record is None else "done",
             row.reason or None,

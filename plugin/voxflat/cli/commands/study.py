@@ -17,6 +17,8 @@ from voxflat.lab.study import Outcome, freesurfer, plan, study
 
 _MAX_STATUS = 100  # greater exit statuses have other meanings in shells
 _RECORDED = ("outputs", "figures", "warnings")  # parts of a record that --json prints
+# options that only the level participant uses
+_OF_PARTICIPANTS = {"cuts", "geometry", "volume", "overlays", "dry_run", "dask", "seed", "threads", "memory_limit"}
 _HEMIS = {"left": ("lh",), "right": ("rh",), "both": ("lh", "rh")}
 _HEMISPHERE = options.value(
     "--hemisphere",
@@ -139,18 +141,18 @@ def bids_command(
     The exit status is the number of participants that failed or, at the "group" level, that lack a map (at most 100).
     If no participant could be processed, the exit status is 1 or 2, as for the other commands.
     """
+    if level == "group":
+        _refuse_at_group()
+    if dask and dry_run:
+        raise click.UsageError("--dask cannot be combined with --dry-run.")
     parameters = _parameters(given)
-    if dask and (dry_run or level == "group"):
-        raise click.UsageError("--dask requires the level participant and cannot be combined with --dry-run.")
     chosen = _chosen(hemis)
     if dry_run:
-        if level == "group":
-            raise click.UsageError("--dry-run requires the level participant.")
         for one in plan(source, out, chosen, parameters, labels):
             click.echo(json.dumps(_listed(one)))
         return 0
     if level == "group":
-        found = group(source, out, labels)
+        found = group(source, out, labels, chosen)
         state = f"written: {', '.join(found['written'])}" if found["written"] else "up to date"
         for name, reason in found["missing"].items():
             click.echo(f"voxflat: {name}: error: {reason}", err=True)
@@ -162,12 +164,13 @@ def bids_command(
     with bars(quiet, notes=False) as shown:  # the warnings about each map are in its report
         how: dict[str, Any] = {"labels": labels, "tell": _outcome_printer(shown, verbose=not (is_json() or quiet))}
         outcomes = study(source, out, chosen, parameters, **how, dask=dask, progress=shown.progress, **given)
-    everybody = {one.name for one in outcomes}
-    failed = {one.name for one in outcomes if one.state == "failed"}
-    made = len({one.name for one in outcomes if one.state == "made"} - failed)
+    everybody = {_participant(one) for one in outcomes}
+    failed = {_participant(one) for one in outcomes if one.state == "failed"}
+    made = len({_participant(one) for one in outcomes if one.state == "made"} - failed)
     states = f"{made} made, {len(everybody) - made - len(failed)} up to date, {len(failed)} failed"
     content = {"output": str(out), "failed": sorted(failed), "hemispheres": [_listed(one) for one in outcomes]}
-    report(content, f"{len(everybody)} participants: {states}", quiet=quiet)
+    people = f"{len(everybody)} participant{'s' * (len(everybody) != 1)}"
+    report(content, f"{people}: {states}", quiet=quiet)
     return min(len(failed), _MAX_STATUS)
 
 
@@ -206,6 +209,20 @@ def freesurfer_command(subject: Path, hemis: tuple[str, ...], quiet: bool, **giv
     return 1 if failed else 0
 
 
+def _refuse_at_group() -> None:
+    """Raise an error if an option is given that only the level participant uses."""
+    ctx = click.get_current_context()
+    for one in ctx.command.params:
+        given = ctx.get_parameter_source(one.name or "") is click.core.ParameterSource.COMMANDLINE
+        if given and one.name in _OF_PARTICIPANTS:
+            raise click.UsageError(f"{one.opts[0]} requires the level participant.")
+
+
+def _participant(one: Outcome) -> str:
+    """Return the name of a participant without the session."""
+    return one.name.partition("_ses-")[0]
+
+
 def _chosen(sides: tuple[str, ...]) -> list[str]:
     """Return lh, rh or both, in the order in which they were given."""
     return list(dict.fromkeys(hemi for side in sides for hemi in _HEMIS[side]))
@@ -222,7 +239,7 @@ def _outcome_printer(shown: Bars, *, verbose: bool) -> Callable[[Outcome], None]
     """Return a function that prints the outcome of a hemisphere; failures are always printed on stderr."""
 
     def tell(one: Outcome) -> None:
-        begin = f"{one.name} {one.hemi}"
+        begin = f"{one.name} {HEMISPHERES[one.hemi][0]}"
         if one.state == "failed":
             shown.hide()
             click.echo(f"voxflat: {begin}: error: {one.reason}", err=True)
