@@ -58,6 +58,13 @@ def test_parts_are_those_of_the_library(open_widget, qtbot):
     assert_array_equal(newest_map(viewer).uv, same.uv)
 
 
+@pytest.mark.parametrize("unit", ["pixel", "micrometer"])
+def test_the_plan_tells_that_a_layer_has_no_unit_of_length(open_widget, qtbot, unit):
+    _, widget = open_widget(Labels(cap(), name="cap", units=unit))
+    qtbot.waitUntil(lambda: "points" in widget.form.plan.text(), timeout=PATIENCE)
+    assert ("assumed to be in mm" in widget.form.plan.text()) == (unit == "pixel")
+
+
 def test_mask_threshold_and_plan_of_a_volume(open_widget, qtbot):
     ball = shapes.ball(10)
     smooth = np.linalg.norm(np.indices(ball.shape) - np.array(ball.shape)[:, None, None, None] // 2, axis=0)

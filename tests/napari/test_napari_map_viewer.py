@@ -297,6 +297,33 @@ def test_docks_open_as_tabs_and_stay_where_they_are_moved(make_napari_viewer, qt
     assert moved not in window.tabifiedDockWidgets(docks[0])
 
 
+def test_all_controls_of_the_map_fit_into_a_narrow_window(flattened, qtbot):
+    viewer, _, dock = flattened(Labels(cap(), name="cap"))
+    dock._depth_row.show()
+    for shown, hidden in [(dock.depth_unit, dock.movie), (dock.movie, dock.depth_unit)]:  # pial surfaces, movies
+        hidden.hide()
+        shown.show()
+        QApplication.processEvents()
+        assert viewer.window._qt_window.width() == 1000  # the width that the fixture sets
+        for control in (dock.contents, dock.click, dock.whole, dock.keep, dock.on_surface, shown):
+            assert control.width() >= 0.9 * control.minimumSizeHint().width()
+        for slider in (dock.opacity, dock.depths):
+            assert slider._slider.width() >= 25
+
+
+def test_the_line_below_the_map_explains_the_chosen_click_and_fits(flattened, qtbot):
+    _, _, dock = flattened(Labels(cap(), name="cap"))
+    hints = {"draws a region": "double-click", "measures a distance": "two ends", "marks a point": "mark"}
+    for action, words in hints.items():
+        dock.click.setCurrentText(action)
+        assert words in dock.text.text()
+    dock._show_location(dock.prepared.spot(0.0, 0.0), (0.0, 0.0))
+    text, wrap = dock.text.text(), Qt.TextFlag.TextWordWrap
+    needed = dock.text.fontMetrics().boundingRect(0, 0, dock.text.width(), 0, wrap, text)
+    assert "distance error" in dock.text.text()
+    assert needed.height() <= dock.text.height()
+
+
 def test_the_surface_has_the_colours_of_the_map(flattened, qtbot):
     points, faces, values = bumps()
     viewer, widget, dock = flattened(Surface((points, faces, values), name="bumps", colormap="viridis", scale=SCALE))

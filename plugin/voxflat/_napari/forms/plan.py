@@ -93,7 +93,7 @@ class Plan(QLabel):
 
     def _write(self) -> None:
         if self._asked is not None:
-            self.setText(" ".join([*_steps(self._asked), *_expected(self._asked, self._count)]))
+            self.setText(" ".join([*_steps(self._asked), *_expected(self._asked, self._count), *_unit(self._asked)]))
             self._fit()
 
     def resizeEvent(self, event: Any) -> None:  # noqa: N802 - Qt's name
@@ -156,6 +156,12 @@ def _expected(asked: _Asked, count: int | None) -> list[str]:
     seconds, gigabytes = count * _SECONDS, count * _BYTES / 1e9
     need = f"{_about(seconds)}\u00a0s and {_about(gigabytes)}\u00a0GB of memory"
     return [f"The surface has about {points}. Flattening takes about {need}."]
+
+
+def _unit(asked: _Asked) -> list[str]:
+    pixels = all(str(unit) == "pixel" for unit in asked.layer.units[-3:])
+    assumed = f"The layer does not have a unit of length; its coordinates are assumed to be in {unit_of(asked.layer)}."
+    return [assumed] if pixels else []
 
 
 def _about(value: float) -> str:

@@ -59,6 +59,7 @@ _DEEPEST, _HIGHEST = -3.0, 5.0  # mm outside the surface
 _REACH = 10  # depths in other units, on both sides of the surface, as a multiple of the spacing of its points
 _LENGTH, _CORTEX = range(2)  # entries of the box with the unit of the depth
 _SHARE = 0.43  # initial width of the dock, as a fraction of the window; the viewer keeps the same width
+_SLIDER = 64  # minimum width of a slider with its number, in pixels
 _OPACITY = 0.85  # initial opacity of the colours, so that the folds remain visible
 
 _Drawn: TypeAlias = tuple[PreparedMap, Picture | None, NDArray[np.uint8] | None, str]
@@ -73,7 +74,12 @@ _NEXT, _PREVIOUS, _IN_3D, _OUTLINE, _WHOLE = (
 _OF_CLICKS = [KeyMod.Shift | key for key in (KeyCode.KeyG, KeyCode.KeyM, KeyCode.KeyR, KeyCode.KeyD)]
 
 NOTHING = "Flatten a surface to see its map here."
-_HINT = "Point at the map or the volume to see the same location in both. Click to go there."
+_HINTS = {  # shown while nothing is pointed at
+    GO: "Point at the map or the volume to see the same location in both. Click to go there.",
+    MARK: "Click on the map to mark a point.",
+    REGION: "Click on the corners of a region, and double-click to close it.",
+    MEASURE: "Click on the two ends of the distance.",
+}
 
 
 def open_flat_map(viewer: Viewer) -> "FlatMapDock":
@@ -162,6 +168,7 @@ class FlatMapDock(TaskDock):
         self.legend = Legend()
         self.text = plain_label(NOTHING)
         self.text.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Fixed)
+        self.text.setWordWrap(True)
         self.text.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
         self.excluded = plain_label()
         self.excluded.setWordWrap(True)
@@ -178,25 +185,12 @@ class FlatMapDock(TaskDock):
             row.setContentsMargins(0, 0, 0, 0)
         arrange(runs, (self.runs, 1))
         arrange(depth, QLabel("Depth"), (self.depths, 1), self.depth_unit)
-        first, second = QHBoxLayout(), QHBoxLayout()
-        arrange(
-            first,
-            QLabel("Shows"),
-            (self.contents, 1),
-            self.on_surface,
-            self.outlined,
-            self.whole,
-            self.movie,
-            self.keep,
-        )
-        arrange(
-            second,
-            QLabel("Click"),
-            self.click,
-            QLabel("Opacity"),
-            (self.opacity, 1),
-            (self._depth_row, 2),
-        )
+        first, second, third = (QHBoxLayout() for _ in range(3))  # three rows fit into a window of 1000 pixels
+        arrange(first, QLabel("Shows"), (self.contents, 1), self.whole, self.keep)
+        arrange(second, QLabel("Click"), (self.click, 1), self.on_surface, self.outlined)
+        arrange(third, QLabel("Opacity"), (self.opacity, 1), (self._depth_row, 2), self.movie)
+        for slider in (self.opacity, self.depths):
+            slider.setMinimumWidth(_SLIDER)
         message = QHBoxLayout()
         arrange(message, (self.text, 1), self.undo, self.redo, self.stop)
         layout = QVBoxLayout(self)
@@ -207,6 +201,7 @@ class FlatMapDock(TaskDock):
             self._run_row,
             first,
             second,
+            third,
             (self.canvas, 1),
             self.legend,
             self.segmentations,
@@ -237,7 +232,7 @@ class FlatMapDock(TaskDock):
         self.canvas.pointed.connect(self._on_map_pointed)
         self.canvas.clicked.connect(self._on_map_clicked)
         self.canvas.double_clicked.connect(self._on_double_click)
-        self.click.currentIndexChanged.connect(self._forget_unfinished)
+        self.click.currentIndexChanged.connect(self._on_click)
         self.undo.clicked.connect(partial(self._sketch, Sketches.undo))
         self.redo.clicked.connect(partial(self._sketch, Sketches.redo))
         self.canvas.left.connect(self._on_map_left)
@@ -427,7 +422,9 @@ class FlatMapDock(TaskDock):
         if self.prepared is None:
             self.canvas.show_map(prepared.folds, prepared.outline)
             self.legend.show_marks(prepared.directions, prepared.side)
-            self.text.setText(_HINT)
+            lines = self.text.fontMetrics().size(0, "\n")  # two, so that the map keeps its size while the text changes
+            self.text.setFixedHeight(lines.height() + 2)
+            self.text.setText(_HINTS[self.click.currentText()])
             self._on_zoomed()
         self.link.prepared = prepared
         if prepared is not self.prepared:
@@ -668,6 +665,10 @@ class FlatMapDock(TaskDock):
         self._forget_unfinished()
         self.text.setText(error_text(error))
 
+    def _on_click(self) -> None:
+        self._forget_unfinished()
+        self._show_location(None, None)
+
     def _forget_unfinished(self) -> None:
         sketches = None if self._run is None else self._run.sketches
         if sketches is not None and (sketches.now.corners or sketches.now.ends):
@@ -698,7 +699,7 @@ class FlatMapDock(TaskDock):
     def _show_location(self, spot: Spot | None, place: tuple[float, float] | None) -> None:
         self._location = (spot, place)
         if spot is None or place is None:
-            self.text.setText(_HINT if self.prepared is not None else self.text.text())
+            self.text.setText(self.text.text() if self.prepared is None else _HINTS[self.click.currentText()])
             return
         x, y, z = spot.point
         number = f"vertex {spot.vertex}" if isinstance(spot.vertex, int) else f"voxel {str(spot.vertex)[1:-1]}"
