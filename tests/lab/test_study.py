@@ -416,6 +416,34 @@ def test_a_group_uses_or_refuses_its_options(root, compared, tmp_path):
     fail(1, "no participant has a map", "bids", root / "bids", tmp_path / "out", "group", "--hemi", "rh")
 
 
+@pytest.mark.parametrize(
+    ("key", "value", "told", "averaged"),
+    [
+        ("geometry", "white", "--geometry is white for sub-02 L; midthickness for the other 16 hemispheres", []),
+        ("cuts", "/d/own.json", "--cuts is /d/own.json for sub-02 L; standard for the other 16 hemispheres", []),
+        ("overlays", ["b/thickness.mgh"], "the overlay thickness is b/thickness.mgh for sub-02 L", ["curvature"]),
+        ("overlays", ["thickness"], "", ["curvature", "thickness"]),  # as by default
+    ],
+)
+def test_maps_that_were_made_in_different_ways_are_not_averaged(root, compared, tmp_path, key, value, told, averaged):
+    shutil.copytree(root / "out", tmp_path / "out")
+    path = tmp_path / "out" / "sub-02" / "anat" / "sub-02_hemi-L_desc-voxflat_flat.json"
+    record = json.loads(path.read_text())
+    del record["sha256"]
+    record["parameters"][key] = value
+    path.write_text(json.dumps(sealed(record)))
+    for _ in range(2):  # also if everything is up to date
+        group = run("bids", root / "bids", tmp_path / "out", "group", "--json")
+        assert "".join(json.loads(group.stdout)["warnings"]).count(told or "not averaged") == (told != "")
+        assert group.stderr.count("voxflat: warning: the maps of this group differ") == (told != "")
+        assert told in group.stderr
+    names = {path.name for path in (tmp_path / "out").glob("group_hemi-L_stat-mean_*.nii.gz")}
+    assert names == {f"group_hemi-L_stat-mean_desc-voxflat_{one}.nii.gz" for one in averaged}
+    with (tmp_path / "out" / "group_desc-voxflat_measures.tsv").open() as file:
+        assert sum(row["status"] == "done" for row in csv.DictReader(file, delimiter="\t")) == 17
+    assert told in (tmp_path / "out" / "group.html").read_text()
+
+
 def test_the_page_of_the_study(root, compared):
     page = (root / "out" / "group.html").read_text()
     assert len(page) < 5e6

@@ -43,7 +43,7 @@ def state(results: Results, wanted: Request) -> tuple[str, str]:
         return "stale", f"made by voxflat {record['voxflat']}"
     earlier = record["parameters"]
     pairs = [(key, earlier.get(key), value) for key, value in wanted["parameters"].items()]
-    changed = [f"{key}: {_words(new)} instead of {_words(old)}" for key, old, new in pairs if old != new]
+    changed = [f"{key}: {worded(new)} instead of {worded(old)}" for key, old, new in pairs if old != new]
     if changed:
         return "stale", "; ".join(changed)
     before, now = ({name: file["sha256"] for name, file in of["inputs"].items()} for of in (record, wanted))
@@ -57,7 +57,7 @@ def state(results: Results, wanted: Request) -> tuple[str, str]:
     return "done", ""
 
 
-def _words(value: object) -> str:
+def worded(value: object) -> str:
     """Return the value of a parameter in words."""
     if isinstance(value, list | tuple):
         return ", ".join(map(str, value)) or "none"

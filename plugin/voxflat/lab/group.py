@@ -10,10 +10,12 @@ from typing import Any
 import numpy as np
 
 from voxflat._core import __version__
+from voxflat.arguments import log
 from voxflat.errors import InputError, user_message
 from voxflat.io.files import from_json
 from voxflat.io.reading import hash_of
 from voxflat.lab.comparison import Mean, Row, Sums, outliers, outliers_by_chance
+from voxflat.lab.differences import differences
 from voxflat.lab.freshness import page_key, write_json, write_text
 from voxflat.lab.inputs import HEMISPHERES, participants
 from voxflat.lab.results import (
@@ -40,8 +42,8 @@ def group(
     """Compare the participants of a study, and write a table, images of the means and a page to its output directory.
 
     Return the number of ``maps``, the reasons why maps are ``missing`` and the ``outliers`` (measures, high or low),
-    both keyed by participant and hemisphere, the number of ``outliers_by_chance``, and the names of the files
-    ``written`` (none if all were up to date).
+    both keyed by participant and hemisphere, the number of ``outliers_by_chance``, ``warnings``, and the names of the
+    files ``written`` (none if all were up to date).
     """
     rows = list(_rows(source, out, labels, hemis))
     record = out / f"{_STEM}_record.json"
@@ -51,8 +53,7 @@ def group(
 
         rows, means, maps = _compared(out, rows, map_picture)
         if not maps:
-            again = ["voxflat", "bids", str(source), str(out), "participant"]
-            raise InputError(f"{out}: no participant has a map. Run {shlex.join(again)} first")
+            raise InputError(f"{out}: no participant has a map. Run {_command(source, out)} first")
         for one in means:
             for statistic, image in (("mean", one.mean), ("std", one.deviation), ("count", one.count)):
                 name = f"group_hemi-{one.letter}_stat-{statistic}_desc-voxflat_{one.name}.nii.gz"
@@ -64,13 +65,18 @@ def group(
         table, page = out / f"{_STEM}_measures.tsv", out / "group.html"
         write_text(table, _table(rows))
         write_json(table.with_suffix(".json"), _columns())
-        write_text(page, study_page(rows, means, maps, _key(rows), expected_outliers(rows)))
+        write_text(
+            page, study_page(rows, means, maps, _key(rows), expected_outliers(rows), _warnings(source, out, rows))
+        )
         written += [table.name, table.with_suffix(".json").name, page.name]
         outputs = {name: hash_of(out / name) for name in written}
         write_json(record, sealed({"voxflat": __version__, "format": FORMAT, "key": _key(rows), "outputs": outputs}))
         written.append(record.name)
     rows = _with_outliers(rows)
+    for warning in (warnings := _warnings(source, out, rows)):
+        log.warning("%s", warning)
     return {
+        "warnings": warnings,
         "maps": sum(row.record is not None for row in rows),
         "missing": {row.hemisphere: row.reason for row in rows if row.record is None},
         "failed": sorted({row.name for row in rows if row.record is None}),
@@ -78,6 +84,25 @@ def group(
         "outliers_by_chance": expected_outliers(rows),
         "written": written,
     }
+
+
+def _command(source: Path, out: Path) -> str:
+    """Return the command that makes the maps."""
+    return shlex.join(["voxflat", "bids", str(source), str(out), "participant"])
+
+
+def _warnings(source: Path, out: Path, rows: Sequence[Row]) -> list[str]:
+    """Return the warning that maps were made in different ways, if they were."""
+    if not (found := differences(rows)):
+        return []
+    what = "they are" if _are_mixed(found) else "these overlays are"
+    command = f"{_command(source, out)} for all participants, with the same options"
+    return [f"the maps of this group differ, so {what} not averaged: {'. '.join(found.values())}. Run {command}"]
+
+
+def _are_mixed(different: Mapping[str, str]) -> bool:
+    """Return whether a parameter of the maps differs, and not only overlays, which are keyed by name."""
+    return not all(map(str.isalnum, different))
 
 
 def _key(rows: Sequence[Row]) -> str:
@@ -232,6 +257,7 @@ def _means(out: Path, rows: Sequence[Row], show: Callable[[Row, FlatMap], None])
 
     One map is in memory at a time.
     """
+    different = differences(rows)
     sums: dict[tuple[str, str], Sums] = {}
     unreadable: dict[str, str] = {}
     for row in rows:
@@ -242,10 +268,10 @@ def _means(out: Path, rows: Sequence[Row], show: Callable[[Row, FlatMap], None])
             unreadable[row.hemisphere] = user_message(error)
             continue
         show(row, shown.flat_map)
-        if shown.record["map"]["frame"] != "standard":
+        if _are_mixed(different) or shown.record["map"]["frame"] != "standard":
             continue
         for name in (*shown.record["overlays"], "curvature"):
-            if name in shown.values:
+            if name in shown.values and name not in different:
                 if (key := (name, row.letter)) not in sums:
                     sums[key] = Sums(*_ends(rows, row.letter))
                 sums[key].add(shown.flat_map, shown.values[name])

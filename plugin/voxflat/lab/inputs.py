@@ -81,7 +81,7 @@ def found_in(folder: Path, hemi: str, parameters: Parameters) -> Hemisphere:
     if usual is not None:
         overlays[_USUAL_OVERLAY] = usual
     for text in parameters.overlays:
-        name = _name_of(text)
+        name = overlay_name(text)
         if name.lower() in map(str.lower, overlays):  # result files are named after it
             raise InputError(f"two overlays have the name {name}. Rename one of the files ({text})")
         overlays[name] = find.one(text) or _given(find, text, "the overlay")
@@ -98,7 +98,7 @@ def _given(find: "_FreeSurfer | _Bids", text: str, what: str) -> Path:
     raise InputError(f"{what} {text} does not exist: found neither {find.folder / named} nor {named}. Check the name")
 
 
-def _name_of(overlay: str) -> str:
+def overlay_name(overlay: str) -> str:
     """Return the name of an overlay, such as thickness for ``sub-01_hemi-L_thickness.shape.gii``."""
     name = Path(overlay).name.replace("{hemi}", "lh").replace("{subject}", "sub")
     name = re.sub(r"^[lr]h\.", "", name).split("_")[-1]

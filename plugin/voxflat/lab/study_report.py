@@ -20,7 +20,12 @@ _RANKED_BY = "best_scale.relative_error"  # the table begins with the map in whi
 
 
 def study_page(
-    rows: Sequence[Row], means: Sequence[Mean], maps: Sequence[Mapping[str, Any]], key: str, by_chance: float
+    rows: Sequence[Row],
+    means: Sequence[Mean],
+    maps: Sequence[Mapping[str, Any]],
+    key: str,
+    by_chance: float,
+    warnings: Sequence[str],
 ) -> str:
     """Return the page of a study as HTML, with a table, maps, means, and links to the reports on subjects."""
     there = [row for row in rows if row.record is not None]
@@ -28,10 +33,6 @@ def study_page(
     ranked = sorted(there, key=lambda row: figure_of(row.record or {}, _RANKED_BY) or 0.0, reverse=True)
     table = [{"row": row, "cells": [_cell(row, place) for place in FIGURES]} for row in ranked]
     table += [{"row": row, "cells": []} for row in missing]
-    records = [row.record for row in there if row.record is not None]
-    chosen = [[item for item in of["parameters"].items() if item[0] not in ("hemi", "seed")] for of in records]
-    parameters = {", ".join(f"{name} {value}" for name, value in of if value) for of in chosen}
-    versions = {record["voxflat"] for record in records}
     return filled(
         "study.html",
         key=key,
@@ -42,8 +43,7 @@ def study_page(
         pictures=[[of for of in maps if of["row"].letter == letter] for letter in ("L", "R")],
         means=[_mean(one) for one in means],
         dots=[_dots(there, place) for place in FIGURES],
-        parameters=sorted(parameters),
-        versions=sorted(versions),
+        warnings=warnings,
         maps=len(there),
         marked=sum(len(row.outliers.keys() - set(COUNTS)) for row in there),
         by_chance=f"{by_chance:.2g}",
