@@ -381,18 +381,39 @@ def test_the_surface_has_the_colours_of_the_map(flattened, qtbot):
     assert viewer.layers["bumps"].visible
 
 
-def test_in_3d_before_the_switch_to_3d_shows_the_surface_upright_and_uncovered(flattened, qtbot):
-    points, faces, _ = bumps()
-    t1 = Image(np.ones((5, 5, 5)), name="T1")  # as napari's own readers add it
-    viewer, _, dock = flattened(t1, Surface((points, faces), name="bumps"))
+@pytest.mark.parametrize("layer", [lambda: Surface(bumps()[:2]), lambda: Labels(cap())], ids=["mesh", "voxels"])
+def test_in_3d_before_the_switch_to_3d_shows_the_surface_upright_and_uncovered(flattened, qtbot, layer):
+    t1 = Image(np.ones((24, 24, 24)), name="T1")  # as napari's own readers add it
+    viewer, _, dock = flattened(t1, layer())
     dock.on_surface.click()
     wait_for_picture(dock, qtbot)
     assert t1.visible
     viewer.dims.ndisplay = 3
     assert not t1.visible
     assert_allclose(camera(viewer).up_direction, (0, 0, 1), atol=1e-6)
+    assert_allclose(camera(viewer).view_direction, (-1, 0, 0), atol=1e-6)  # laterally, because x is positive
     viewer.dims.ndisplay = 2
     assert t1.visible
+
+
+@pytest.mark.parametrize("name", ["Flatten surface", "Check surface"])
+@pytest.mark.parametrize(("x", "structure"), [(-80, None), (80, None), (80, "CortexLeft")])
+def test_meshes_of_other_readers_are_seen_upright_from_their_side(open_widget, name, x, structure):
+    points, faces, _ = bumps()
+    mesh = Surface((points, faces), translate=(x, 0, 0), metadata={} if structure is None else {"structure": structure})
+    viewer, widget = open_widget(mesh, name=name)
+    if name == "Flatten surface":
+        choose(widget.form.patch, "disk")
+        widget.form.seed.pick.click()  # which switches to 3D
+    else:
+        viewer.dims.ndisplay = 3
+    towards = -1 if x > 0 and structure is None else 1
+    assert_allclose(camera(viewer).view_direction, (towards, 0, 0), atol=1e-6)
+    assert_allclose(camera(viewer).up_direction, (0, 0, 1), atol=1e-6)
+    camera(viewer).angles = (10, 20, 30)  # as the user has turned it
+    viewer.dims.ndisplay = 2
+    viewer.dims.ndisplay = 3
+    assert_allclose(camera(viewer).angles, (10, 20, 30))
 
 
 def test_regions_on_a_mesh_differ_in_colour(make_napari_viewer):

@@ -37,6 +37,16 @@ def rim_of(form, qtbot):
     return form.label.rim
 
 
+def scale_bar_of(viewer):
+    """Return the text of the scale bar that the window shows."""
+    canvas = viewer.window._qt_viewer.canvas._scene_canvas
+    nodes = [canvas.central_widget]
+    for node in nodes:
+        nodes += node.children
+    (bar,) = (node for node in nodes if type(node).__name__ == "ScaleBar" and node.visible)
+    return bar.text.text
+
+
 def press(dock, button, qtbot):
     """Press a button, and wait until its work is done."""
     button.click()
@@ -131,6 +141,7 @@ def test_layers_flat_volume_and_profile(open_widget, qtbot, sample, monkeypatch,
         assert_array_equal(written.affine, same.affine)
         assert flat.window._qt_window.isVisible()
         assert [str(one) for one in layer.units] == ["pixel", "millimeter", "millimeter"]
+        assert scale_bar_of(flat).endswith(" mm")
         flat.window._qt_window.close()
         assert not flat.window._qt_window.isVisible()
         assert current_viewer() is getattr(viewer, "__wrapped__", viewer)  # not the hidden one

@@ -4,7 +4,7 @@ import time
 
 import numpy as np
 import pytest
-from napari.layers import Image, Labels, Surface
+from napari.layers import Image, Labels, Points, Shapes, Surface
 from napari_window import (
     PATIENCE,
     bumps,
@@ -18,6 +18,7 @@ from napari_window import (
     wait_until_drawn,
 )
 from qtpy.QtCore import QPoint, QTimer
+from qtpy.QtWidgets import QPushButton
 
 import voxflat
 from voxflat._napari.job import Job
@@ -118,10 +119,56 @@ def test_missing_choices_are_named(open_widget, messages):
         assert missing in messages[-1].message
         assert missing in widget.status.text()
     choose_whole(widget)
-    assert widget.status.text() == ""  # the error no longer applies
+    assert widget.status.text() == ""
     viewer.add_image(np.ones((24, 24, 24)), units="mm")
     widget.start.click()
     assert "units" in messages[-1].message
+
+
+@pytest.mark.parametrize("name", ["Flatten surface", "Flatten in patches", "Draw cuts", "Check surface"])
+def test_an_error_goes_away_once_the_input_is_mended(open_widget, qtbot, name):
+    viewer, dock = open_widget(name=name)
+    begin = next(button for button in dock.findChildren(QPushButton) if button.text() in (name, "Begin", "Check"))
+    shown = (lambda: dock.table.toPlainText()) if name == "Check surface" else dock.status.text
+    begin.click()
+    assert "no surface to flatten" in shown()
+    layer = viewer.add_surface((POINTS, FACES))
+    assert shown() == ""
+    several = np.ones((2, len(POINTS)))
+    for attribute, bad, error, good in (
+        ("data", (POINTS, FACES, several), "have 2 axes", (POINTS, FACES)),
+        ("units", "s", "units", "mm"),
+    ):
+        setattr(layer, attribute, bad)
+        begin.click()
+        qtbot.waitUntil(lambda error=error: error in shown(), timeout=PATIENCE)
+        setattr(layer, attribute, good)
+        assert shown() == ""
+
+
+def test_errors_about_the_part_go_away_once_it_is_drawn(open_widget):
+    viewer, widget = open_widget(Labels(cap()))
+    drawn = np.array([[8.0, 8, 20], [8, 16, 20], [16, 16, 20]])
+    line = Shapes([drawn[:2]], shape_type="path")
+    for part, layer in (("disk", Points(drawn)), ("polygon", line), ("mask", Labels(cap()))):
+        choose(widget.form.patch, part)
+        widget.start.click()
+        assert "There is no" in widget.status.text()
+        viewer.add_layer(layer)
+        assert widget.status.text() == ""
+    choose(widget.form.patch, "polygon")
+    widget.start.click()
+    assert "has 2 corners" in widget.status.text()
+    line.data = [drawn]
+    assert widget.status.text() == ""
+
+
+def test_measures_are_those_of_the_map_that_is_there(open_widget, qtbot):
+    viewer, widget = open_widget(Surface((POINTS, FACES), name="it"))
+    _, measure = viewer.window.add_plugin_dock_widget("voxflat", "Measure map")
+    assert "There is no flat map" in measure.table.toPlainText()
+    run(widget, qtbot)
+    assert measure.table.toPlainText().startswith("it\n")
 
 
 def test_a_bug_comes_with_its_traceback(open_widget, qtbot, messages, monkeypatch):

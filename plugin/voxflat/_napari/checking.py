@@ -69,6 +69,7 @@ class CheckSurface(Findings):
         self.form._add_rows(("World axes", self.form.world))
         self.form._on_surface()
         super().__init__("Check", self.form)
+        self._follow_edits(self.form)
         self._viewer = napari_viewer
         ViewerState.of(napari_viewer)  # prevents crashes when layers are removed
         self._origin: dict[str, str] = {}
@@ -124,6 +125,7 @@ class MeasureMap(Findings):
     def __init__(self, napari_viewer: Viewer) -> None:
         super().__init__("Measure")
         self._viewer = napari_viewer
+        ViewerState.of(napari_viewer).changed.connect(self.look)
         self.look()
 
     def look(self) -> None:
@@ -141,3 +143,7 @@ class MeasureMap(Findings):
 
     def _show(self, found: Distortion) -> None:
         self._show_message(found.table())
+
+    def _release(self) -> None:
+        super()._release()
+        ViewerState.of(self._viewer).changed.disconnect(self.look, missing_ok=True)

@@ -6,17 +6,13 @@ from typing import Any
 from napari.utils.notifications import show_error
 from qtpy.QtCore import QEvent, QObject, Qt
 from qtpy.QtWidgets import (
-    QAbstractButton,
     QApplication,
-    QComboBox,
     QDockWidget,
-    QDoubleSpinBox,
     QGridLayout,
     QLabel,
     QLayout,
     QMainWindow,
     QPushButton,
-    QSpinBox,
     QWidget,
 )
 
@@ -27,6 +23,7 @@ from voxflat.arguments import Progress
 from voxflat.errors import Cancelled
 
 _LATE = 2000  # ms; the sizes of the windows are discarded after this time
+_EDITS = ("chosen", "edited", "currentIndexChanged", "stateChanged", "valueChanged")  # signals of fields in forms
 
 
 class Tab(QObject):
@@ -117,11 +114,11 @@ class TaskDock(Dock):
         self._has_failed = False  # and the dock shows the error
 
     def _follow_edits(self, form: QWidget) -> None:
-        """Clear the message of an error when a field of a form changes, because it may no longer apply."""
-        signals = {QComboBox: "currentIndexChanged", QAbstractButton: "toggled", QSpinBox: "valueChanged"}
-        for kind, signal in {**signals, QDoubleSpinBox: "valueChanged"}.items():
-            for field in form.findChildren(kind):
-                getattr(field, signal).connect(self._forget_error)
+        """Clear the message of an error when a field of a form or its layer changes, because it may no longer apply."""
+        for field in form.findChildren(QWidget):
+            for signal in _EDITS:
+                if hasattr(field, signal):
+                    getattr(field, signal).connect(self._forget_error)
 
     def _forget_error(self) -> None:
         if self._has_failed:

@@ -143,6 +143,7 @@ class FlattenWidget(TaskDock):
 
     def _show_current(self) -> None:
         """Show the current run if this widget shows runs of its kind."""
+        self._forget_error()
         run = ViewerState.of(self._viewer).current
         if run is not None and isinstance(run.flat_map, FlatMap) == self.results.shows_maps:
             self.results.show_run(run)
@@ -184,6 +185,7 @@ class FlattenWidget(TaskDock):
             self._fail(error)
         else:  # show the traceback of a bug
             self.status.setText(error_text(error))
+            self._has_failed = True
             notification_manager.receive_error(type(error), error, error.__traceback__)
 
     def _on_finished(self) -> None:

@@ -57,6 +57,7 @@ class CorticalDepth(TaskDock):
         self._column.addStretch(1)
         self._show_work(None)
         self._follow_edits(self.form)
+        self._state.changed.connect(self._forget_error)
 
     def _button(self, text: str, tip: str, pressed: Callable[[], None]) -> QPushButton:
         button = QPushButton(text)
@@ -157,6 +158,7 @@ class CorticalDepth(TaskDock):
 
     def _release(self) -> None:
         super()._release()
+        self._state.changed.disconnect(self._forget_error, missing_ok=True)
         self.form.release()
         self.flat_window.close()
 

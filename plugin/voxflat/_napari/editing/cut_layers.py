@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from qtpy.QtCore import QObject, QTimer, Signal  # type: ignore[attr-defined]  # qtpy makes it of pyqtSignal
 
 from voxflat._napari.editing.drawing import Drawing
-from voxflat._napari.map_viewer.viewer_parts import look_from_side
+from voxflat._napari.map_viewer.viewer_parts import is_right, look_from_side
 from voxflat._napari.results.layer_list import drop_controls, insert, make_controls
 from voxflat._napari.timers import PAUSE
 
@@ -82,7 +82,8 @@ class CutLayers(QObject):
     def _look(self) -> None:
         if self.is_there:
             self._viewer.layers.selection = {self.surface}
-        look_from_side(self._viewer, right=self._drawing.points[:, 0].mean() > 0, world=self._world)
+        right = is_right(self._drawing.points, self._drawing.surface.metadata.get("structure"))
+        look_from_side(self._viewer, right=right, world=self._world)
         self.update()
 
     @property

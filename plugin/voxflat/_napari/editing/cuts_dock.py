@@ -100,6 +100,7 @@ class DrawCuts(TaskDock):
         arrange(QVBoxLayout(self), *parts)
         buttons = {_UNDO: self.undo, _REDO: self.redo, _END_CUT: self.end_cut}
         ViewerState.of(napari_viewer).changed.connect(self._enable)
+        self._follow_edits(self.form)
         self._keys = Keys(napari_viewer, self, {key: button.click for key, button in buttons.items()})
         self._update()
 
@@ -290,6 +291,7 @@ class DrawCuts(TaskDock):
         self.status.setText(message)
 
     def _update(self, status: str | None = None) -> None:
+        self._has_failed = False  # the status is no longer an error
         cuts = () if self.drawing is None else self.drawing.cuts
         self.cuts.setRowCount(len(cuts))
         for row, cut in enumerate(cuts):

@@ -158,7 +158,7 @@ def _show_surfaces(viewer: Viewer, layers: list[LayerData]) -> None:
     from qtpy.QtCore import QTimer
 
     from voxflat._napari.layers.meshes import is_elsewhere
-    from voxflat._napari.map_viewer.viewer_parts import look_from_side
+    from voxflat._napari.map_viewer.viewer_parts import is_right, look_from_side
 
     elsewhere = [keywords for _, keywords, _ in layers if is_elsewhere(keywords.get("name", ""))]
     if any(layer.visible and not is_elsewhere(layer.name) for layer in viewer.layers):
@@ -170,9 +170,8 @@ def _show_surfaces(viewer: Viewer, layers: list[LayerData]) -> None:
     for layer in viewer.layers:
         layer.visible = layer.visible and not is_elsewhere(layer.name)
     data, keywords, _ = layers[0]
-    structure = keywords.get("metadata", {}).get("structure")
-    right = np.mean(data[0][:, 0]) > 0 if structure is None else "Right" in structure
-    QTimer.singleShot(0, partial(look_from_side, viewer, right=bool(right)))  # after the layer is added
+    right = is_right(data[0], keywords.get("metadata", {}).get("structure"))
+    QTimer.singleShot(0, partial(look_from_side, viewer, right=right))  # after the layer is added
 
 
 def _file(path: Paths, title: str, kinds: str) -> Path | None:

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from functools import partial
+from typing import Any
 
 from napari import Viewer
 from napari.layers import Layer
@@ -10,6 +11,8 @@ from qtpy.QtWidgets import QComboBox, QSizePolicy
 from superqt.utils import signals_blocked
 
 from voxflat._napari.map_viewer.viewer_parts import list_events
+
+_EDITED = ("data", "paint", "units", "scale", "translate", "rotate", "shear", "affine")  # events of layers
 
 
 class LayerChoice(QComboBox):
@@ -21,6 +24,7 @@ class LayerChoice(QComboBox):
     """
 
     chosen = Signal()  # emitted when another layer is chosen
+    edited = Signal()  # emitted when the data or the place of the chosen layer change
     settled = Signal(str)  # emitted with an empty text when a layer for which the box waits is there, or not needed
 
     def __init__(
@@ -36,6 +40,7 @@ class LayerChoice(QComboBox):
         self._none = none
         self._layers: list[Layer | None] = []
         self._last: Layer | None = None
+        self._edits: list[Any] = []
         self._by_user = False
         self._awaited: str | None = None  # the name of a layer that is chosen when it is opened
         self.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Fixed)  # long names must not widen the window
@@ -98,6 +103,7 @@ class LayerChoice(QComboBox):
         self._by_user = self.layer is not None
 
     def release(self) -> None:
+        self._follow(None)
         for event in self._events:
             event.disconnect(self.refresh)
         if self._follows_selection:
@@ -126,4 +132,16 @@ class LayerChoice(QComboBox):
     def _tell(self) -> None:
         if self.layer is not self._last:
             self._last = self.layer
+            self._follow(self.layer)
             self.chosen.emit()
+
+    def _follow(self, layer: Layer | None) -> None:
+        for event in self._edits:
+            event.disconnect(self._on_edited)
+        events = {} if layer is None else layer.events.emitters
+        self._edits = [events[name] for name in _EDITED if name in events]
+        for event in self._edits:
+            event.connect(self._on_edited)
+
+    def _on_edited(self) -> None:
+        self.edited.emit()

@@ -1,6 +1,7 @@
 """The fields that all forms share: the surface, the axes of the viewer, and the values that the map shows."""
 
 from collections.abc import Mapping
+from contextlib import suppress
 from functools import partial
 from typing import Any, ClassVar
 
@@ -18,7 +19,7 @@ from voxflat._napari.layers.meshes import LayerMesh, is_elsewhere, surface_name,
 from voxflat._napari.layers.sampled import Shown, shown, usual_depth
 from voxflat._napari.layers.volumes import LayerVolume, check_time, finest, shown_step, time_axis
 from voxflat._napari.layers.world import MADE_FROM, WORLDS, same_kind_of_unit, unit_of
-from voxflat._napari.map_viewer.viewer_parts import list_events
+from voxflat._napari.map_viewer.viewer_parts import is_right, list_events, stand_upright
 from voxflat._napari.timers import single_shot
 from voxflat._napari.viewer_state import ViewerState
 from voxflat.errors import InputError
@@ -65,6 +66,7 @@ class LayerForm(QWidget):
         for event in self._list_events:
             event.connect(self._soon_restore)
         self._soon.start()
+        viewer.dims.events.ndisplay.connect(self._on_ndisplay)
         self._rows = QFormLayout(self)
         self._rows.setContentsMargins(0, 0, 0, 0)
         self._rows.setFieldGrowthPolicy(QFormLayout.FieldGrowthPolicy.AllNonFixedFieldsGrow)
@@ -177,6 +179,14 @@ class LayerForm(QWidget):
     def _on_depth(self) -> None:
         self._depth_by_user = True
 
+    def _on_ndisplay(self) -> None:
+        """Stand the 3D view of a mesh upright, because napari shows meshes in RAS lying on their side."""
+        layer, world = self.surface.layer, self.world.currentData()
+        if self._viewer.dims.ndisplay == 3 and isinstance(layer, Surface) and layer.ndim == 3:
+            with suppress(InputError):  # which is reported when the layer is flattened
+                mesh = LayerMesh.of(layer, world).read()
+                stand_upright(self._viewer, right=is_right(mesh.points, mesh.structure), world=world)
+
     def _on_sampled(self) -> None:
         show_row(self._rows, self.sample_depth, isinstance(self.sampled.layer, Image | Labels))
 
@@ -231,6 +241,7 @@ class LayerForm(QWidget):
         """Stop following the viewer."""
         ViewerState.of(self._viewer).settings[type(self).__name__] = self._waiting or self.record()
         self._soon.stop()
+        self._viewer.dims.events.ndisplay.disconnect(self._on_ndisplay)
         for event in self._list_events:
             event.disconnect(self._soon_restore)
         self.label.follow(None)

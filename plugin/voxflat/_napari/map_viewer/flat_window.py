@@ -9,6 +9,7 @@ from qtpy.QtCore import QEvent, QObject, QTimer
 from qtpy.QtWidgets import QWidget
 
 from voxflat._napari.gl_context import keep_canvas_current
+from voxflat._napari.map_viewer.viewer_parts import show_scale_bar
 from voxflat._napari.results.flat_layers import LayerData
 from voxflat._napari.results.outputs import is_unchanged, remember
 from voxflat._napari.timers import PAUSE
@@ -32,6 +33,7 @@ class FlatWindow:
         if self.viewer is None:
             self.viewer = Viewer(title=self._title, show=False)
             keep_canvas_current(self.viewer)
+            show_scale_bar(self.viewer)
             window = self.viewer.window._qt_window
             window.resize(*_SIZE)
             window.installEventFilter(_Hider(window))

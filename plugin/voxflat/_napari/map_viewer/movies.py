@@ -14,7 +14,7 @@ from qtpy.QtWidgets import QWidget
 from voxflat._napari.layers.sampled import Shown, shown
 from voxflat._napari.layers.volumes import OutsideError, check_time, finest, shown_step
 from voxflat._napari.map_viewer.flat_window import FlatWindow
-from voxflat._napari.map_viewer.viewer_parts import list_events, show_scale_bar, world_units
+from voxflat._napari.map_viewer.viewer_parts import list_events, world_units
 from voxflat._napari.results.flat_layers import MOVIE, LayerData, MovieMaps, limits
 from voxflat._napari.results.layer_list import insert
 from voxflat._napari.results.outputs import is_unchanged
@@ -88,7 +88,6 @@ class MovieWindow(QObject):
             flat.mouse_move_callbacks.append(self._on_move)
             for event in list_events(flat.layers):
                 event.connect(self._on_layers)
-            show_scale_bar(flat)
             self.layers_changed.emit()
             self._take_back(movie)
         self.go_to(movie.time.frame(self._viewer, len(movie.series)))

@@ -11,7 +11,7 @@ from qtpy.QtCore import QObject
 from voxflat._napari.layers.world import from_ras
 from voxflat._napari.map_viewer.prepared_map import PreparedMap
 from voxflat._napari.map_viewer.toggled_layer import ToggledLayer
-from voxflat._napari.map_viewer.viewer_parts import stand_upright
+from voxflat._napari.map_viewer.viewer_parts import is_right, stand_upright
 from voxflat._napari.results.flat_layers import units
 
 
@@ -83,7 +83,7 @@ class PaintedSurface(ToggledLayer[Surface]):
                 self._covered.append(layer)
                 layer.visible = False
         if in_3d:
-            right = "Right" in (self._prepared.run.flat_map.metadata.get("structure") or "")
+            right = is_right(self._prepared.points, self._prepared.run.flat_map.metadata.get("structure"))
             stand_upright(self._viewer, right=right, world=self._prepared.origin.get("world_axes", "RAS"))
 
     def _uncover(self) -> None:

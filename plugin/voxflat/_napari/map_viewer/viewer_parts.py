@@ -40,6 +40,12 @@ def look_from_side(viewer: Viewer, *, right: bool, world: str = "RAS") -> None:
     camera(viewer).set_view_direction(inwards, up)
 
 
+def is_right(points: NDArray[np.floating], structure: str | None) -> bool:
+    """Return whether points in RAS belong to a right hemisphere, by its name or else by its position."""
+    name = (structure or "").lower()
+    return "right" in name if "right" in name or "left" in name else bool(np.mean(points[:, 0]) > 0)
+
+
 def stand_upright(viewer: Viewer, *, right: bool = False, world: str = "RAS") -> None:
     """Turn the 3D view to an upright lateral view, unless the user has turned it before."""
     if any(np.allclose(camera(viewer).angles, angles) for angles in _UNTURNED):
