@@ -665,3 +665,47 @@ def test_a_region_that_cannot_be_drawn_does_not_spoil_the_next_one(flattened, qt
     assert not dock.undo.isEnabled()
     draw_region(dock, qtbot, u, v)
     assert viewer.layers["map regions"].vertex_values.max() == 1
+
+
+def test_a_map_on_which_the_user_has_painted_is_not_replaced(flattened, qtbot):
+    sheet = cap()
+    areas = np.where(np.indices(sheet.shape)[0] > 12, 4, 1).astype(np.uint8)
+    viewer, widget, dock = flattened(Labels(sheet, name="sheet"))
+    state, form = ViewerState.of(viewer), widget.form
+    viewer.add_labels(areas, name="areas")
+    form.surface.choose(viewer.layers["sheet"])
+    form.sampled.choose(viewer.layers["areas"])
+    qtbot.waitUntil(lambda: form.label.label == 3, timeout=PATIENCE)
+    run(widget, qtbot, dock)
+    run(widget, qtbot, dock)
+    assert len(state.runs) == 1  # nothing is painted
+
+    flat = viewer.layers["areas flattened"]
+    flat.visible = True
+    flat.data_setitem((np.array([10, 10]), np.array([10, 11])), 9)
+    painted, run_of_paint = flat.data.copy(), state.current
+    run(widget, qtbot, dock)
+    assert run_of_paint in state.runs
+    assert_array_equal(flat.data, painted)
+    flat.undo()
+    run(widget, qtbot, dock)
+    assert len(state.runs) == 1
+
+    place = {name: getattr(viewer.layers["sheet distortion"], name) for name in ("scale", "translate", "units")}
+    own = viewer.add_labels(np.zeros(viewer.layers["sheet distortion"].data.shape, dtype=int), name="own", **place)
+    run(widget, qtbot, dock)
+    assert len(state.runs) == 1  # the empty layer lies on the new map
+    own.data_setitem((np.array([10, 10]), np.array([10, 11])), 2)
+    first = state.current
+    form.options.sources.setValue(20)
+    for _ in range(3):
+        run(widget, qtbot, dock)
+        assert [one is first for one in state.runs] == [True, False]  # maps do not accumulate
+    spot = viewer.add_points([[0.0, 0.0]], name="spot", ndim=2)
+    second = state.current
+    viewer.layers.remove(own)
+    run(widget, qtbot, dock)
+    assert [one is second for one in state.runs] == [True, False]
+    viewer.layers.remove(spot)
+    run(widget, qtbot, dock)
+    assert len(state.runs) == 1

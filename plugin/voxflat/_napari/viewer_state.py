@@ -17,6 +17,7 @@ from qtpy.QtCore import QTimer
 from voxflat._napari.gl_context import keep_canvas_current
 from voxflat._napari.results.flat_layers import FlatLayers, Run
 from voxflat._napari.results.layer_list import ListedLayers
+from voxflat._napari.results.outputs import is_drawn
 from voxflat._napari.results.sketch import Sketch, Sketches
 from voxflat._napari.scripts import OpenedFile
 from voxflat.maps.flat_map import FlatMap
@@ -60,6 +61,7 @@ class ViewerState:
         self._current: Run | None = None
         self._opened: weakref.WeakSet[Run] = weakref.WeakSet()  # runs whose layers napari adds one at a time
         self._cuts: weakref.WeakKeyDictionary[Layer, DrawnCuts] = weakref.WeakKeyDictionary()
+        self._over: weakref.WeakKeyDictionary[Layer, Run] = weakref.WeakKeyDictionary()  # layers that the user added
         self._cut_records: dict[str, dict[str, Any]] = {}
         self.settings: dict[str, Mapping[str, Any]] = {}  # of the forms in docks that were closed
         self.opened: Run | None = None  # the run of the last opened map, until its settings are restored
@@ -93,14 +95,17 @@ class ViewerState:
     def add(self, run: Run) -> None:
         """Make a run the current one, and add its layers.
 
-        Other runs are removed unless `keeps_earlier` is set or the user has drawn on their maps.
+        Other runs are removed unless `keeps_earlier` is set or the user has drawn or painted on their maps.
         """
         viewer = self._viewer()
         assert viewer is not None
         free: list[Layer] = []
         if not self.keeps_earlier:
-            dropped = [earlier for earlier in self._runs if earlier.sketches.is_empty]
+            drawn = {self._over[layer] for layer in viewer.layers if layer in self._over and is_drawn(layer)}
+            dropped = [one for one, of in self._runs.items() if one.sketches.is_empty and not of.is_painted]
+            dropped = [one for one in dropped if one not in drawn]
             free = [layer for earlier in dropped for layer in self._runs.pop(earlier).hand_over()]
+            self._over.update({layer: run for layer, earlier in self._over.items() if earlier in dropped})
         self._runs[run] = ListedLayers(viewer, free)
         self._current = run
         self.changed.emit()
@@ -120,8 +125,10 @@ class ViewerState:
         self.changed.emit()
 
     def _adopt(self, event: Any) -> None:
-        """Add the map of a layer that was opened from a file as a run."""
+        """Add the map of a layer that was opened from a file as a run; a layer of the user lies on the current map."""
         flat_map = event.value.metadata.get("voxflat")
+        if flat_map is None and event.value.ndim == 2 and self._current is not None:
+            self._over[event.value] = self._current
         if flat_map is None or event.value.source.path is None:
             return
         viewer = self._viewer()

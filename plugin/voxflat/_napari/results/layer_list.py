@@ -8,12 +8,13 @@ from functools import partial
 from typing import Any
 
 from napari import Viewer
-from napari.layers import Layer
+from napari.layers import Labels, Layer
 from napari.utils.events import Event
 from qtpy.QtCore import QTimer
 
 from voxflat._napari.garbage_collection import defer_collections
 from voxflat._napari.results.flat_layers import FlatLayers, LayerData, hidden
+from voxflat._napari.results.outputs import is_painted, remember
 from voxflat._napari.timers import PAUSE
 
 _PLACE = ("name", "metadata", "units", "scale", "translate")
@@ -42,6 +43,11 @@ class ListedLayers:
         """Whether all layers have been added and removed."""
         return not self._steps
 
+    @property
+    def is_painted(self) -> bool:
+        """Whether the user has painted on the labels of the map."""
+        return any(map(is_painted, self.layers))
+
     def show(self, result: FlatLayers) -> None:
         defer_collections()
         earlier = self.layers
@@ -56,6 +62,7 @@ class ListedLayers:
     def take(self, layer: Layer) -> None:
         """Include a layer of the run that is already in the list, such as one from a file."""
         self._layers.append(layer)
+        _remember(layer)
 
     def remove(self) -> None:
         self._stop()
@@ -89,9 +96,10 @@ class ListedLayers:
     def _put(self, viewer: Viewer, data: LayerData, taken: Layer | None) -> None:
         if taken is not None and taken in viewer.layers:
             _fill(taken, data)
+            _remember(taken)
             return
         layer = Layer.create(*hidden(data))
-        self._layers.append(layer)
+        self.take(layer)
         ahead = (make_controls, make_room, _insert_hidden)
         self._steps.extendleft(partial(step, layer=layer) for step in reversed(ahead))
 
@@ -148,6 +156,12 @@ def insert(viewer: Viewer, layer: Layer, index: int | None = None) -> None:
         layers._activate_on_insert = True
     if set(layers.selection) != before:  # in versions without `_activate_on_insert`
         layers.selection = before
+
+
+def _remember(layer: Layer) -> None:
+    """Remember labels, on which the user may paint."""
+    if isinstance(layer, Labels) and layer.ndim == 2:
+        remember(layer)
 
 
 def _is_like(layer: Layer, data: LayerData) -> bool:

@@ -5,7 +5,7 @@ import zlib
 from typing import Any
 
 import numpy as np
-from napari.layers import Layer
+from napari.layers import Labels, Layer, Points, Shapes
 
 _written: "weakref.WeakKeyDictionary[Layer, tuple[str, int, tuple[Any, ...]]]" = weakref.WeakKeyDictionary()
 
@@ -22,6 +22,18 @@ def is_unchanged(layer: Layer, *sources: Any) -> bool:
     name, checksum, made_from = _written[layer]
     same = made_from == tuple(map(weakref.ref, sources)) and name == layer.name
     return same and checksum == _checksum(layer)
+
+
+def is_painted(layer: Layer) -> bool:
+    """Return whether the content of a remembered layer has changed since."""
+    return layer in _written and _written[layer][1] != _checksum(layer)
+
+
+def is_drawn(layer: Layer) -> bool:
+    """Return whether a layer contains labels, points or shapes."""
+    if isinstance(layer, Labels):
+        return bool(np.any(layer.data[0] if layer.multiscale else layer.data))
+    return isinstance(layer, Points | Shapes) and len(layer.data) > 0
 
 
 def _checksum(layer: Layer) -> int:
