@@ -397,3 +397,30 @@ def test_a_glb_has_the_size_of_the_surface_and_stands_upright(tmp_path, unit, me
         expected = hill.points if unit is None else metres * hill.points[:, [0, 2, 1]] * [1, 1, -1]
         assert_allclose(np.ptp(read.vertices, axis=0), np.ptp(expected, axis=0), rtol=1e-6)
         assert_allclose(read.bounds, [expected.min(axis=0), expected.max(axis=0)], rtol=1e-6, atol=1e-9 * metres)
+
+
+@pytest.mark.parametrize(("name", "unit"), [("hill.glb", "m"), ("hill.obj", "mm"), ("scene", None), ("dataset", "µm")])
+def test_a_unit_scales_a_glb_but_does_not_turn_meshes_whose_axes_are_not_defined(tmp_path, name, unit):
+    hill = voxflat.samples.hill()
+    made = trimesh.Trimesh(hill.points, hill.faces, process=False)
+    for ending in (".glb", ".obj"):
+        made.export(tmp_path / f"hill{ending}")
+    objects = {"scene": trimesh.load_scene(tmp_path / "hill.glb", process=False), "dataset": pv.wrap(made)}
+    surface = voxflat.surface(objects.get(name, tmp_path / name), unit=unit)
+    flat = surface.flatten(voxflat.methods.Voxflat(sources=9))
+    flat.textured(np.full((8, 8, 3), 255, np.uint8)).save(tmp_path / "saved.glb")
+    read = trimesh.load(tmp_path / "saved.glb", force="mesh", process=False)
+    metres = {"m": 1.0, "mm": 1e-3, "µm": 1e-6, None: 1.0}[unit]  # trimesh says that a GLB is in metres
+    assert_allclose(read.bounds, metres * made.bounds, rtol=1e-6, atol=1e-9 * metres)
+
+
+@pytest.mark.parametrize(("name", "unit"), [("arrays", "µm"), ("arrays", "m"), ("ball.obj", "cm")])
+def test_a_glb_with_seams_belongs_to_its_surface_in_any_unit(tmp_path, name, unit):
+    ball = icosphere(20.0, 3)
+    trimesh.Trimesh(*ball, process=False).export(tmp_path / "ball.obj")
+    surface = voxflat.surface(ball if name == "arrays" else tmp_path / name, unit=unit)
+    flat = surface.flatten(Voxflat(sources=30))
+    flat.textured(chessboard()).save(tmp_path / "saved.glb")
+    saved = voxflat.measure(surface, tmp_path / "saved.glb", sources=10**6).best_scale.relative_error
+    own = voxflat.measure(surface, flat, sources=10**6).best_scale.relative_error
+    assert saved == pytest.approx(own, rel=1e-4)

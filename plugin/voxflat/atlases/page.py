@@ -309,8 +309,8 @@ class FlatPage(Planar):
         picture = _spread(shown.colours(colour_map, limits))
         of = self.atlas
         points = of.space.to_scanner(of.points)
-        unit = of.metadata.get("unit", "mm")
-        return TexturedSurface(points, of.faces, coordinates, picture, texture_faces=of.uv_faces, unit=unit)
+        known = {"unit": of.metadata.get("unit", "mm"), "is_ras": "axes" not in of.metadata}
+        return TexturedSurface(points, of.faces, coordinates, picture, texture_faces=of.uv_faces, **known)
 
 
 def _spread(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:

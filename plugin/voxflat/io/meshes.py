@@ -116,8 +116,14 @@ class Mesh:
         >>> voxflat.io.Mesh(np.eye(3), [[0, 1, 2]]).unit
         'mm'
         """
-        is_unknown = self.path is not None and formats.by_name(self.path) in _WITHOUT_UNIT
+        is_unknown = self._has_unknown_axes and self.declared_unit is None
         return "unknown" if is_unknown or self.unit_remark is not None else self.declared_unit or "mm"
+
+    @property
+    def _has_unknown_axes(self) -> bool:
+        """Whether the source does not define RAS+, unlike GIFTI and FreeSurfer files and arrays."""
+        is_plain = self.path is not None and formats.by_name(self.path) in _WITHOUT_UNIT
+        return is_plain or self.declared_unit is not None
 
     @property
     def unit_remark(self) -> str | None:

@@ -366,12 +366,13 @@ class FlatMap(Planar):
         if not checked_switch(repeat, "repeat") and texel_size is not None:
             check_cover(coordinates, colours.shape, texel_size)
         faces = self.faces[~self.torn].astype(np.int64)
-        points, unit = self.space.to_scanner(self.points), self.metadata.get("unit", "mm")
+        points = self.space.to_scanner(self.points)
+        known = {"unit": self.metadata.get("unit", "mm"), "is_ras": "axes" not in self.metadata}
         if (one := distinct(points)).which.max() + 1 == len(points):
-            return TexturedSurface(points, faces, coordinates, colours, repeat, source, unit=unit)
+            return TexturedSurface(points, faces, coordinates, colours, repeat, source, **known)
         order = np.argsort(np.argsort(one.first))  # the two sides of a cut are one point with two coordinates
         closed = order[one.which][faces]
-        return TexturedSurface(points[np.sort(one.first)], closed, coordinates, colours, repeat, source, faces, unit)
+        return TexturedSurface(points[np.sort(one.first)], closed, coordinates, colours, repeat, source, faces, **known)
 
     def paint(self, values: ArrayLike, background: float = 0) -> NDArray[Any]:
         """Write values of the points into a volume with the shape of the flattened volume.

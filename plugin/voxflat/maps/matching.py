@@ -14,6 +14,7 @@ from voxflat.errors import InputError
 from voxflat.io.files import REMEDY, SAVED_ENDINGS, contents, naming
 from voxflat.io.formats.obj import read_obj_texture
 from voxflat.io.formats.ply import read_ply_texture
+from voxflat.io.grid import millimetres
 from voxflat.io.meshes import Mesh
 from voxflat.io.partners import check_participant, check_partner, check_side, check_unit
 from voxflat.io.patches import is_patch, read_patch
@@ -176,8 +177,10 @@ def _same_places(whole: Manifold, points: NDArray[np.float64], faces: NDArray[np
     tree, extent = scipy.spatial.cKDTree(whole.points), np.ptp(whole.points, axis=0).max()
     at = points[used]
     upright = at[:, [0, 2, 1]] * [1, -1, 1]  # glTF has the y axis up, and metres
+    unit = whole.metadata.get("unit", "mm")
+    metre = 1.0 if unit == "unknown" else millimetres("m") / millimetres(unit)
     near = _SAME_PLACE * (extent + np.abs(whole.points).max())
-    for places in (at, whole.space.from_scanner(at), upright, 1000 * upright):
+    for places in (at, whole.space.from_scanner(at), upright, metre * at, metre * upright):
         away, nearest = tree.query(places)
         if away.max(initial=0.0) <= near:
             break

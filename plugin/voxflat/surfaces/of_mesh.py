@@ -55,6 +55,8 @@ def of_mesh(mesh: Mesh, pial: object | None = None, *, mend: bool = True) -> Man
         mesh_faces = core.ids.astype(np.int64)[core.faces]
     if mesh.unit != "mm":
         metadata["unit"] = mesh.unit
+    if mesh._has_unknown_axes:
+        metadata["axes"] = "unknown"
     return Manifold(core, None, metadata, tuple(remarks), white, places, mesh_faces, merged)
 
 

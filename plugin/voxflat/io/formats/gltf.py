@@ -34,13 +34,14 @@ def write_glb(
     picture: bytes,
     *,
     unit: str,
+    is_ras: bool,
     repeat: bool,
     transparent: bool,
 ) -> None:
     """Write a binary glTF file; the picture is a PNG, and the texture coordinate t is 0 at its bottom edge.
 
     glTF is in metres with y upwards. Points of an unknown unit, such as those of OBJ and GLB files, keep their
-    coordinates; those of a known unit are scaled, and RAS+ is turned so that its z axis points upwards.
+    coordinates; those of a known unit are scaled, and RAS+ is turned so that its z axis points upwards. Other axes stay.
     """
     single = as_float32(points)
     coordinates = texture * [1, -1] + [0, 1]  # t runs downwards in glTF
@@ -60,7 +61,7 @@ def write_glb(
         "asset": {"version": "2.0", "generator": "voxflat"},
         "scene": 0,
         "scenes": [{"nodes": [0]}],
-        "nodes": [{"mesh": 0, "matrix": _to_metres(unit)}],
+        "nodes": [{"mesh": 0, "matrix": _to_metres(unit, is_ras)}],
         "meshes": [{"primitives": [{"attributes": {"POSITION": 0, "TEXCOORD_0": 1}, "indices": 2, "material": 0}]}],
         "materials": [{"pbrMetallicRoughness": look, "doubleSided": True, "alphaMode": alpha}],
         "textures": [{"source": 0, "sampler": 0}],
@@ -79,12 +80,12 @@ def write_glb(
     path.write_bytes(struct.pack("<4sII", b"glTF", 2, 12 + len(chunks)) + chunks)
 
 
-def _to_metres(unit: str) -> list[float]:
+def _to_metres(unit: str, is_ras: bool) -> list[float]:
     """Return the transformation to metres with y upwards, column by column."""
-    if unit == "unknown":
-        return [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1]
-    scale = millimetres(unit) / millimetres("m")
-    return [scale, 0, 0, 0, 0, 0, -scale, 0, 0, scale, 0, 0, 0, 0, 0, 1]
+    scale = 1.0 if unit == "unknown" else millimetres(unit) / millimetres("m")
+    if is_ras and unit != "unknown":
+        return [scale, 0, 0, 0, 0, 0, -scale, 0, 0, scale, 0, 0, 0, 0, 0, 1]
+    return [scale, 0, 0, 0, 0, scale, 0, 0, 0, 0, scale, 0, 0, 0, 0, 1]
 
 
 def _padded(block: bytes, filler: bytes) -> bytes:

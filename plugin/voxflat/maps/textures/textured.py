@@ -47,6 +47,9 @@ class TexturedSurface(ReadOnly, Recorded):
         coordinates; otherwise None.
     unit : str
         Unit of the points, or "unknown". ``.glb`` files are in metres; points of an unknown unit are written unchanged.
+    is_ras : bool
+        Whether the axes point to the right, anterior and superior, as in volumes, GIFTI and FreeSurfer files and
+        arrays. ``.glb`` files have the y axis upwards, so these points are turned, and others keep their axes.
     provenance : dict
         Record of how the textured surface was made.
 
@@ -69,6 +72,7 @@ class TexturedSurface(ReadOnly, Recorded):
     source: Path | None = None
     texture_faces: NDArray[np.int64] | None = None
     unit: str = "mm"
+    is_ras: bool = True
     provenance: Record = field(default_factory=dict)
 
     def __repr__(self) -> str:
@@ -167,7 +171,7 @@ class TexturedSurface(ReadOnly, Recorded):
         ----------
         path : path
             An ``.obj`` file is accompanied by an ``.mtl`` and a ``.png`` file, and a ``.vtp`` file by a ``.png`` file.
-            ``.glb`` is a single glTF 2.0 file in metres with y up, as the format requires. ``.ply`` files have
+            ``.glb`` is a single glTF 2.0 file in metres; points in RAS+ are turned so that y is up, as the format requires. ``.ply`` files have
             colours and texture coordinates at the points, but no picture; see `subdivided`. At seams, OBJ keeps the
             points of the surface, and the other formats duplicate them. The ``.png`` file includes `provenance`.
         sidecar, overwrite : bool
@@ -246,7 +250,7 @@ def _png(surface: TexturedSurface) -> bytes:
 def _write_glb(files: _Files, surface: TexturedSurface, names: list[str]) -> None:
     arrays = (surface.points, surface.faces, surface.texture_coordinates)
     how = {"repeat": surface.repeat, "transparent": surface.picture.shape[2] == 4}
-    gltf.write_glb(files[0], *arrays, _png(surface), unit=surface.unit, **how)
+    gltf.write_glb(files[0], *arrays, _png(surface), unit=surface.unit, is_ras=surface.is_ras, **how)
 
 
 _WRITERS: dict[str, Callable[[_Files, TexturedSurface, list[str]], None]] = {
