@@ -105,6 +105,28 @@ def test_pyvista_takes_a_unit(caplog):
     assert "µm in total" in caplog.text
 
 
+@pytest.mark.parametrize("name", ["hill.surf.gii", "lh.white", "hill.patch.3d", "map.surf.gii", "map.flat.patch.3d"])
+def test_a_warning_says_when_lengths_that_are_not_known_to_be_in_mm_become_mm(tmp_path, name, caplog):
+    voxflat.samples.hill().save(tmp_path / "hill.obj")
+    for unit, told in ((None, "is unknown, but this format is in mm"), ("m", "are in m, but"), ("mm", None)):
+        surface = voxflat.surface(tmp_path / "hill.obj", unit=unit)
+        made = surface.flatten(voxflat.methods.Voxflat(sources=9)) if name.startswith("map") else surface
+        caplog.clear()
+        made.save(tmp_path / name)
+        assert [told in text for text in caplog.messages] == [True] * (told is not None)
+        if unit is None:
+            made.save(tmp_path / "plain.obj")
+            assert len(caplog.messages) == 1
+
+
+def test_a_warning_says_when_a_mesh_of_unknown_unit_is_written_in_mm(tmp_path, caplog):
+    voxflat.samples.hill().save(tmp_path / "hill.ply")
+    for name in ("hill.surf.gii", "lh.white", "hill.vtp"):
+        voxflat.io.write_mesh(tmp_path / name, voxflat.io.read_mesh(tmp_path / "hill.ply"))
+    told = "the unit of the coordinates is unknown, but this format is in mm. Pass unit when reading the mesh"
+    assert caplog.messages == [f"{tmp_path / name}: {told}" for name in ("hill.surf.gii", "lh.white")]
+
+
 @pytest.fixture(scope="module")
 def maps():
     """Maps of a ball in µm and of a surface with an unknown unit."""

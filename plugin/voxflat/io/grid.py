@@ -137,10 +137,12 @@ def in_unit(text: str, metadata: Mapping[str, Any]) -> str:
     return re.sub(r" \(mm²?\)|,? ?(?<![A-Za-z])mm²?(?![A-Za-z])", "", text)
 
 
-def warn_of_unit(path: object, metadata: Mapping[str, Any]) -> None:
-    """Warn if coordinates in another unit are written in a format that other programs read in mm."""
-    unit = metadata.get("unit", "mm")
-    if unit not in ("mm", "unknown"):
+def warn_of_unit(path: object, unit: str) -> None:
+    """Warn if coordinates are not known to be in mm, but are written in a format that other programs read in mm."""
+    if unit == "unknown":
+        told = "%s: the unit of the coordinates is unknown, but this format is in mm. Pass unit when reading the mesh"
+        log.warning(told, path)
+    elif unit != "mm":
         log.warning("%s: coordinates are in %s, but other programs assume mm in this format", path, unit)
 
 

@@ -15,7 +15,7 @@ from voxflat.errors import InputError
 from voxflat.io import formats
 from voxflat.io.files import REMEDY, atomic_path, by_ending, contents, naming
 from voxflat.io.formats import freesurfer, gifti, gltf, obj, ply, polygons, vtk
-from voxflat.io.grid import FARTHEST
+from voxflat.io.grid import FARTHEST, warn_of_unit
 from voxflat.io.provenance import Record
 from voxflat.io.spaces import UNKNOWN, Space, VolumeGeometry
 from voxflat.io.triangles import as_float32, check_faces
@@ -312,6 +312,8 @@ def write_mesh(path: str | os.PathLike[str], mesh: Mesh, record: Record | None =
     write = check_mesh_name(path)
     with atomic_path(path) as temporary, naming(path, _CHECK):
         write(temporary, mesh, record)
+    if write in (_write_gifti, _write_freesurfer) and mesh._has_unknown_axes:
+        warn_of_unit(path, mesh.unit)
 
 
 _Write: TypeAlias = Callable[[Path, Mesh, Record | None], None]

@@ -552,10 +552,10 @@ class FlatMap(Planar):
             if name.endswith(SAVED_ENDINGS):
                 self._save_all(path)
             elif name.endswith(FLAT_PATCH_ENDINGS):
-                warn_of_unit(path, self.metadata)
+                warn_of_unit(path, self.metadata.get("unit", "mm"))
                 write_patch(path, self._patch())
             elif name.endswith(".surf.gii"):
-                warn_of_unit(path, self.metadata)
+                warn_of_unit(path, self.metadata.get("unit", "mm"))
                 write_mesh(path, self._flat_mesh(), self.provenance)
             elif name.endswith(".vtp"):
                 write_mesh(path, self._mesh(with_torn=True))

@@ -590,14 +590,14 @@ class Manifold(ReadOnly):
             space = Space("scanner", VolumeGeometry.of_volume(affine, shape, file or ""))
         if space.doubt:
             log.warning("%s may be misaligned with volumes: %s", path, space.doubt)
-        if path.suffix.lower() not in (".vtp", ".ply", ".obj"):
-            warn_of_unit(path, self.metadata)
         with saving(path, self.provenance, sidecar=sidecar, overwrite=overwrite):
             if path.name.lower().endswith((*FLAT_PATCH_ENDINGS, PATCH_ENDING)):
                 self._save_patch(path, space)
             else:
                 mesh = Mesh(self.points, self.faces.astype(np.int64), structure=structure, space=space)
                 write_mesh(path, mesh, self.provenance)
+        if path.suffix.lower() not in (".vtp", ".ply", ".obj"):
+            warn_of_unit(path, self.metadata.get("unit", "mm"))
 
     def _save_patch(self, path: str | os.PathLike[str], space: Space) -> None:
         if os.fspath(path).lower().endswith(FLAT_PATCH_ENDINGS):
