@@ -1,23 +1,28 @@
 """Formats of other programs: TIFF stacks, Analyze, OFF, GLB and FreeSurfer's ASCII; and lengths that are not in mm."""
 
+import re
+from pathlib import Path
+
 import nibabel as nib
 import numpy as np
 import pytest
 import tifffile
 import trimesh
-from command_line import succeed
+from command_line import run, succeed
 from mesh_files import glb
 from PIL import Image
 from refusals import refused
 
 import voxflat
 from voxflat.errors import InputError
-from voxflat.io import read_mesh, read_volume
+from voxflat.io import VOLUME_ENDINGS, formats, read_mesh, read_volume
+from voxflat.io.meshes import READERS
 
 HILL = voxflat.samples.hill()
 POINTS, FACES = HILL.points, HILL.faces.astype(np.int64)
 STACK = np.random.default_rng(0).integers(0, 900, (5, 6, 7)).astype(np.uint16)  # z, y, x
 SIZES = ("PhysicalSizeX", "PhysicalSizeY", "PhysicalSizeZ")
+DOCS = Path(__file__).parents[2] / "docs"
 NAMES = ["hill.asc", "hill.off", "hill.glb"]
 
 
@@ -294,3 +299,20 @@ def test_lines_of_an_obj_are_ignored(tmp_path):
     mesh = read_mesh(tmp_path / "lines.obj")
     assert len(mesh.faces) == 1
     assert mesh.remarks == ("has lines (1) in addition to its faces, which are ignored",)
+
+
+def test_an_unknown_ending_lists_all_endings_that_are_read(tmp_path, monkeypatch):
+    """A mesh or a volume where both fit, and the same endings in the reference."""
+    monkeypatch.chdir(tmp_path)
+    Path("a.foo").write_bytes(b"neither")
+    rows = re.findall(r"^\| (volume|mesh) \| (.*?) \|", (DOCS / "reference/formats.md").read_text(), re.MULTILINE)
+    of_volumes, of_meshes = (set(re.findall(r"`(\.[a-z0-9.]+)`", row)) for _, row in rows)
+    assert of_volumes == {*VOLUME_ENDINGS, ".zarr"} and of_meshes == set(formats.ENDINGS)
+    assert {*formats.ENDINGS.values(), formats.FREESURFER} == set(READERS)
+    calls = {read_volume: of_volumes, read_mesh: of_meshes}
+    calls |= dict.fromkeys((voxflat.surface, voxflat.check), of_volumes | of_meshes)
+    for call, endings in calls.items():
+        with pytest.raises(InputError) as caught:
+            call("a.foo")
+        assert set(re.findall(r"(?<=[ ])\.[a-z0-9.]+", str(caught.value))) | {".zarr"} == endings | {".zarr"}, call
+    assert ".glb" in run("flatten", "a.foo", "-o", "a.npz").output

@@ -18,6 +18,8 @@ from numpy.typing import NDArray
 
 from voxflat.errors import InputError
 from voxflat.io.files import AGAIN, by_ending, check_regular, companion, nibabel_image, require
+from voxflat.io.formats.hdf5 import HDF5_ENDINGS
+from voxflat.io.formats.tiff import TIFF_ENDINGS
 from voxflat.io.grid import Affine, check_affine, in_millimetres, millimetres, volume_shape
 from voxflat.io.reading import check_room, note
 from voxflat.io.subprocess_reader import read_in_subprocess
@@ -42,7 +44,8 @@ def read(path: Path) -> Read:
         raise InputError("is a directory. Pass a volume file. Convert a DICOM series to NIfTI first")
     check_regular(path)  # the system's own error for a missing file is more helpful
     path.open("rb").close()
-    read: Callable[[Path], Read] = by_ending(path, READERS)
+    others = f", {', '.join((*TIFF_ENDINGS, *HDF5_ENDINGS))}, or a Zarr directory"
+    read: Callable[[Path], Read] = by_ending(path, READERS, others)
     found = read(path)
     note(path)
     return found

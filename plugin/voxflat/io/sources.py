@@ -13,11 +13,12 @@ from voxflat.arguments import array_of, check_memory, log
 from voxflat.errors import InputError
 from voxflat.io.chunks import is_stack_path
 from voxflat.io.files import REMEDY, naming
+from voxflat.io.formats import ENDINGS
 from voxflat.io.grid import NOT_KNOWN, given_affine
 from voxflat.io.meshes import Mesh, is_mesh_name, read_mesh
 from voxflat.io.objects import SUPPORTED, image_volume, is_image, is_values, mesh_of_object
 from voxflat.io.readers import as_array, from_itk, from_nibabel
-from voxflat.io.volumes import Volume, volume_of_file
+from voxflat.io.volumes import VOLUME_ENDINGS, Volume, volume_of_file
 
 _BYTES_PER_VOXEL = 12  # bytes per voxel for a surface: mask, its copy, grids of vertices and cavities
 
@@ -33,6 +34,7 @@ def taken(
     """Return a mesh as a `Mesh`, or anything else as a `Volume` whose surface fits into memory."""
     mesh = as_mesh(source)
     if mesh is None:
+        check_ending(source)
         volume = as_volume(source, spacing=spacing, affine=affine)
         if unit is not None and unit != volume.unit:
             if spacing is None and affine is None and volume.is_placed:
@@ -62,6 +64,14 @@ def as_mesh(source: object) -> Mesh | None:
         if is_one(source):
             return of(source)
     return mesh_of_object(source)
+
+
+def check_ending(source: object) -> None:
+    """Raise an error for a file whose ending is neither that of a mesh nor that of a volume."""
+    path = Path(source) if isinstance(source, str | os.PathLike) else None
+    if path is not None and path.is_file() and not path.name.lower().endswith(VOLUME_ENDINGS):
+        told = f"{path}: unknown file name ending {path.suffix!r}. Use one of {', '.join((*VOLUME_ENDINGS, *ENDINGS))}"
+        raise InputError(f"{told}, a Zarr directory or a FreeSurfer surface")
 
 
 def as_volume(obj: object, *, spacing: Sequence[float] | None = None, affine: ArrayLike | None = None) -> Volume:

@@ -12,7 +12,7 @@ from voxflat.errors import InputError
 from voxflat.io.chunks import is_stack_path
 from voxflat.io.meshes import Mesh
 from voxflat.io.reading import reading
-from voxflat.io.sources import as_mesh, as_volume
+from voxflat.io.sources import as_mesh, as_volume, check_ending
 from voxflat.io.volumes import Volume
 from voxflat.pipeline.surface import Surface, middle_of_rim
 from voxflat.pipeline.surface import surface as _surface
@@ -89,6 +89,7 @@ def check(
             except InputError as error:
                 return replace(found, advice=(*mesh.remarks, str(error)))
             return _of_part(whole, part, found, where, making)
+        check_ending(source)
         volume = as_volume(source, spacing=spacing, affine=affine)
         check_scalar(volume.data)
         found = Check(None if volume.path is None else str(volume.path), "volume", _volume_contents(volume))
