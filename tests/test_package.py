@@ -52,6 +52,13 @@ def test_each_public_name_is_that_of_its_module():
         voxflat.flaten  # noqa: B018
 
 
+@pytest.mark.parametrize("name", ["figures", "io", "methods", "samples", "vtk"])
+def test_completion_in_a_module_lists_its_public_names_alone(name):
+    module = getattr(voxflat, name)
+    assert dir(module) == sorted(module.__all__)
+    assert all(hasattr(module, one) for one in module.__all__)
+
+
 def test_inside_the_package_what_users_call_comes_from_its_own_module():
     # the import linter ignores imports from `voxflat` itself, because it does not know compiled modules
     package = Path(voxflat.__file__).parent

@@ -14,6 +14,11 @@ from voxflat.read_only import ReadOnly
 
 __all__ = ["Embryo", "ball", "embryo", "hill", "rim"]
 
+
+def __dir__() -> list[str]:
+    return sorted(__all__)
+
+
 _NUCLEI = 300
 _VOXEL = np.array([2.5, 2.5, 5.0])  # µm
 _GRID = (100, 50, 20)  # voxels

@@ -37,6 +37,11 @@ from voxflat.read_only import read_only
 
 __all__ = ["FlattenSurface", "SurfaceGeodesic", "SurfacePatches"]
 
+
+def __dir__() -> list[str]:
+    return sorted(__all__)
+
+
 _Value = TypeVar("_Value")
 
 

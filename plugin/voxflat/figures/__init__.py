@@ -36,3 +36,7 @@ __all__ = [
     "worst_places",
     "worst_places_3d",
 ]
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

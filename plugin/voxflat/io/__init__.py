@@ -32,3 +32,7 @@ __all__ = [
     "write_patch",
     "write_volume",
 ]
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

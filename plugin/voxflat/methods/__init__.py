@@ -17,6 +17,11 @@ from voxflat.surfaces.manifold import Manifold
 
 __all__ = ["METHODS", "Grossmann2002", "Method", "Saucan2006", "Schwartz1989", "Voxflat", "Zigelman2002", "method_of"]
 
+
+def __dir__() -> list[str]:
+    return sorted(__all__)
+
+
 _METHODS: tuple[type[Method], ...] = (Voxflat, Grossmann2002, Zigelman2002, Schwartz1989, Saucan2006)
 METHODS = {method.name: method for method in _METHODS}  # the default first
 

@@ -41,7 +41,8 @@ def write_glb(
     """Write a binary glTF file; the picture is a PNG, and the texture coordinate t is 0 at its bottom edge.
 
     glTF is in metres with y upwards. Points of an unknown unit, such as those of OBJ and GLB files, keep their
-    coordinates; those of a known unit are scaled, and RAS+ is turned so that its z axis points upwards. Other axes stay.
+    coordinates; those of a known unit are scaled, and RAS+ is turned so that its z axis points upwards. Other axes
+    stay.
     """
     single = as_float32(points)
     coordinates = texture * [1, -1] + [0, 1]  # t runs downwards in glTF

@@ -171,9 +171,10 @@ class TexturedSurface(ReadOnly, Recorded):
         ----------
         path : path
             An ``.obj`` file is accompanied by an ``.mtl`` and a ``.png`` file, and a ``.vtp`` file by a ``.png`` file.
-            ``.glb`` is a single glTF 2.0 file in metres; points in RAS+ are turned so that y is up, as the format requires. ``.ply`` files have
-            colours and texture coordinates at the points, but no picture; see `subdivided`. At seams, OBJ keeps the
-            points of the surface, and the other formats duplicate them. The ``.png`` file includes `provenance`.
+            ``.glb`` is a single glTF 2.0 file in metres; points in RAS+ are turned so that y is up, as the format
+            requires. ``.ply`` files have colours and texture coordinates at the points, but no picture; see
+            `subdivided`. At seams, OBJ keeps the points of the surface, and the other formats duplicate them. The
+            ``.png`` file includes `provenance`.
         sidecar, overwrite : bool
             As in `FlatMap.save`.
 
