@@ -307,7 +307,8 @@ def test_an_unknown_ending_lists_all_endings_that_are_read(tmp_path, monkeypatch
     Path("a.foo").write_bytes(b"neither")
     rows = re.findall(r"^\| (volume|mesh) \| (.*?) \|", (DOCS / "reference/formats.md").read_text(), re.MULTILINE)
     of_volumes, of_meshes = (set(re.findall(r"`(\.[a-z0-9.]+)`", row)) for _, row in rows)
-    assert of_volumes == {*VOLUME_ENDINGS, ".zarr"} and of_meshes == set(formats.ENDINGS)
+    assert of_volumes == {*VOLUME_ENDINGS, ".zarr"}
+    assert of_meshes == set(formats.ENDINGS)
     assert {*formats.ENDINGS.values(), formats.FREESURFER} == set(READERS)
     calls = {read_volume: of_volumes, read_mesh: of_meshes}
     calls |= dict.fromkeys((voxflat.surface, voxflat.check), of_volumes | of_meshes)
