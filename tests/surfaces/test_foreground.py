@@ -80,3 +80,42 @@ def test_two_objects_that_touch_are_pointed_out(name, spacing):
     assert ("If two objects touch there" in advice) == (told is not None)
     if spacing == (1, 1, 1):
         assert (told or "") in advice
+
+
+def organs(apart=(0, 0, 0), sizes=(6, 5), dtype=np.uint8):
+    """Return two blocks with the labels 4 and 9; the second begins at the far corner of the first, moved by `apart`."""
+    labels = np.zeros((20, 20, 20), dtype=dtype)
+    labels[2 : 2 + sizes[0], 2:8, 2:8] = 4
+    x, y, z = np.add(apart, (2 + sizes[0], 3, 3))
+    labels[x : x + sizes[1], y : y + 5, z : z + 5] = 9
+    return labels
+
+
+@pytest.mark.parametrize("dtype", [np.uint8, np.int16, np.float32])
+@pytest.mark.parametrize("options", [{"threshold": 0.5}, {"label": [4, 9]}, {"label": [9, 4]}])
+def test_labels_that_touch_and_form_one_surface_are_named(options, dtype):
+    told = "labels 4 and 9 touch, so they form one surface. If they are different objects, choose one label"
+    surface = voxflat.surface(organs(dtype=dtype), **options)
+    assert surface.remarks == (told,)
+    advice = surface.check().advice
+    assert told in advice
+    assert not any("If two objects touch there" in one for one in advice)
+    three = organs(dtype=dtype)
+    three[2:8, 8:13, 2:8] = 6
+    remarks = voxflat.surface(three, threshold=0.5).remarks
+    assert "labels 4, 6 and 9 touch, so they form one surface" in remarks[0]
+
+
+@pytest.mark.parametrize(
+    ("labels", "options"),
+    [
+        (organs(), {"label": 4}),
+        (organs((1, 0, 0)), {"threshold": 0.5}),
+        (organs(sizes=(12, 1)), {"threshold": 0.5}),  # 25 of 457 voxels: a part of the same object
+        (np.where(organs(), 1.0 + np.indices((20, 20, 20))[0] / 30, 0), {"threshold": 0.5}),
+        (np.pad(np.indices((18, 18, 18)).sum(axis=0), 1), {"threshold": 9}),
+    ],
+)
+def test_one_label_labels_apart_small_labels_and_intensities_are_no_joined_labels(labels, options):
+    told = " ".join(voxflat.surface(labels, **options).remarks)
+    assert "so they form one surface" not in told

@@ -259,6 +259,7 @@ def check_surface(
         if len(opened.part) < 3:
             advice.append(f"the patch has only {len(opened.part)} vertices. Choose a larger label or patch")
     is_solid = part.whole is None and part.foreground is not None and not whole.metadata["sheet"]
+    is_solid = is_solid and "touching_labels" not in whole.metadata  # which a remark names
     if is_solid and part.foreground and (shares := parts_at_a_neck(part.foreground)):
         first, second = (f"{100 * share:.0f}" for share in shares)
         advice.append(

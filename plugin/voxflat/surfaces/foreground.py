@@ -21,6 +21,7 @@ Labels = int | Sequence[int]  # a label, or several that form one foreground
 
 _SHOWN = 20  # maximum number of labels in a message
 _MOST_LISTED = 100  # labels without gaps, as in intensities
+_LEAST_SHARE = 0.2  # of the foreground, of a label that is an object of its own
 _WIDEST = 2**16  # largest range of integers for bincount
 
 
@@ -130,6 +131,23 @@ def labels_in(data: NDArray[Any]) -> dict[int, int] | None:
     if len(values) > 3000:
         return None  # intensities stored as integers
     return {int(value): int(count) for value, count in zip(values, counts, strict=True) if value != 0}
+
+
+def touching_labels(data: NDArray[Any], mask: NDArray[np.bool_]) -> list[int]:
+    """Return the labels of a foreground, each at least a fifth of it, that share a face with another such label."""
+    counts = labels_in(np.where(mask, data, 0)) or {}
+    large = [label for label, count in counts.items() if count >= _LEAST_SHARE * sum(counts.values())]
+    if len(large) < 2:
+        return []
+    numbers = np.zeros(data.shape, dtype=np.uint8)
+    for number, label in enumerate(large, 1):
+        numbers[data == label] = number
+    touching: set[int] = set()
+    for axis in range(3):
+        low, high = np.moveaxis(numbers, axis, 0)[:-1], np.moveaxis(numbers, axis, 0)[1:]
+        is_between = (low != high) & (low > 0) & (high > 0)
+        touching |= {*np.unique(low[is_between]).tolist(), *np.unique(high[is_between]).tolist()}
+    return [large[number - 1] for number in sorted(touching)]
 
 
 def _counted(data: NDArray[Any]) -> tuple[NDArray[Any], NDArray[np.int64]]:

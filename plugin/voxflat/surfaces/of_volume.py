@@ -11,7 +11,7 @@ from voxflat.errors import InputError
 from voxflat.io.reading import check_room
 from voxflat.io.sources import as_volume
 from voxflat.io.volumes import Volume
-from voxflat.surfaces.foreground import Foreground, PackedMask
+from voxflat.surfaces.foreground import Foreground, PackedMask, touching_labels
 from voxflat.surfaces.manifold import Manifold
 
 _MOST_REPAIRED = 0.01  # largest share of foreground voxels changed by default
@@ -55,6 +55,12 @@ def of_volume(
         )
     if not metadata["sheet"] and (touched := _touched_sides(mask)):
         remarks.append(f"the foreground touches the border of the volume ({touched}); the surface is closed there")
+    if touching := touching_labels(volume.data, given.mask):
+        metadata["touching_labels"] = touching
+        named = f"{', '.join(map(str, touching[:-1]))} and {touching[-1]}"
+        remarks.append(
+            f"labels {named} touch, so they form one surface. If they are different objects, choose one label"
+        )
     packed = PackedMask(np.packbits(mask if repair == "voxels" else given.mask), given.metadata)
     return Manifold(core, voxels.astype(np.int64), metadata, tuple(remarks), foreground=packed)
 
