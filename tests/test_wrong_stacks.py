@@ -15,6 +15,7 @@ from mesh_files import grid, icosphere
 from refusals import refused
 
 import voxflat
+from voxflat.figures import Overlay
 from voxflat.io import Mesh, write_mesh
 from voxflat.methods import Voxflat
 
@@ -106,6 +107,46 @@ def test_a_stack_without_a_size_is_reported(files, tmp_path):
         "plain.tif does not define the size of its voxels, which is assumed to be 1 mm. Pass --spacing" in result.stderr
     )
     fail(1, "defines its voxel size in µm. Omit --unit", "check", files / "ball.tif", "--unit", "mm")
+
+
+@pytest.fixture(scope="module")
+def probabilities(tmp_path_factory):
+    """Write the probability of a ball as the second channel of a stack, and alone."""
+    folder = tmp_path_factory.mktemp("probabilities")
+    away = np.linalg.norm(np.moveaxis(np.indices((24, 24, 24)), 0, -1) - 12, axis=-1)
+    inside = (1 / (1 + np.exp(away - 8.2))).astype(np.float32)
+    about = {"metadata": {"axes": "CZYX", "Channel": {"Name": ["background", "cell"]}}, "ome": True}
+    tifffile.imwrite(folder / "two.ome.tif", np.stack([1 - inside, inside]), **about)
+    np.save(folder / "one.npy", inside.T)
+    np.save(folder / "ball.npy", (inside.T > 0.5).astype(np.uint8))
+    return folder
+
+
+def test_a_channel_of_a_probability_map_is_chosen(probabilities, tmp_path, monkeypatch):
+    monkeypatch.chdir(probabilities)
+    words = ("surface", "ball.npy", "-o", tmp_path / "s.vtp", "--probability")
+    fail(1, "(background, cell). Choose one with --probability-channel", *words, "two.ome.tif")
+    fail(1, "--probability-channel is '1', but only TIFF", *words, "one.npy", "--probability-channel", 1)
+    fail(1, "has no channel 'dna'. Choose one of background", *words, "two.ome.tif", "--probability-channel", "dna")
+    fail(2, "--probability-channel requires --probability", *words[:-1], "--probability-channel", 1)
+    succeed(*words, "two.ome.tif", "--probability-channel", "cell")
+    made = voxflat.surface("ball.npy", probability="one.npy")
+    np.testing.assert_array_equal(voxflat.surface(tmp_path / "s.vtp").points, made.points)
+    assert not np.array_equal(made.points, voxflat.surface("ball.npy").points)
+    fail(1, "Choose one with --probability-channel", "check", *words[1:2], "--probability", "two.ome.tif")
+
+
+def test_a_map_is_plotted_with_the_options_of_an_overlay(probabilities):
+    flat = voxflat.surface(probabilities / "ball.npy").flatten(Voxflat(sources=9))
+    stack, options = probabilities / "two.ome.tif", {"channel": "cell", "depth": -1.0, "limits": (0, 1)}
+    figures = flat.plot(stack, **options), flat.plot(Overlay(stack, "cell", limits=(0, 1)), depth=-1.0)
+    shown, expected = ([np.asarray(image.get_array()) for image in figure.axes[0].images] for figure in figures)
+    assert len(shown) == len(expected) > 1  # the folds, and the overlay
+    for one, other in zip(shown, expected, strict=True):
+        np.testing.assert_array_equal(one, other)
+    refused(r"has 2 channels .*Choose one by its name or number \(channel\)", flat.plot, stack)
+    refused("channel and an Overlay are given. Pass it to the Overlay", flat.plot, Overlay(stack), channel="cell")
+    refused("the overlay has no values. Pass data, or omit the overlay options", flat.plot, channel="cell")
 
 
 def test_channels_that_a_stack_does_not_have(files, tmp_path):

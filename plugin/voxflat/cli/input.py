@@ -29,6 +29,7 @@ _MAKING = ("label", "threshold", "spacing", "unit", "probability", "pial", "repa
 def surface_of(input_: Path, given: dict[str, Any], progress: Progress | None) -> Surface:
     """Create the surface of an input, and remove the surface options from the command's options."""
     how, side = {name: given.pop(name, None) for name in _MAKING}, given.pop("hemisphere", None)
+    how["probability"] = _probability(how["probability"], given.pop("probability_channel", None), given)
     smooth, source = given.pop("smooth"), channel_of(input_, given.pop("channel"), given)
     made = _made(source, given, how, side, progress)
     return made if smooth is None else made.smooth(smooth, progress=progress)
@@ -40,6 +41,20 @@ def channel_of(path: Path, channel: str | None, given: dict[str, Any]) -> Path |
         return path
     with reading(given.get("memory_limit")):
         return read_volume(path, channel)
+
+
+def _probability(path: Path | None, channel: str | None, given: dict[str, Any]) -> Volume | None:
+    """Return the image that --probability names, or one of its channels."""
+    if path is None:
+        if channel is not None:
+            raise click.UsageError("--probability-channel requires --probability.")
+        return None
+    try:
+        with reading(given.get("memory_limit")):
+            return read_volume(path, channel)
+    except InputError as error:
+        told = re.sub(r", as in voxflat\.io\.read_volume\(.*\)", " with --probability-channel", str(error))
+        raise InputError(re.sub(r"\bchannel(?= is\b)|(?<=Omit )channel\b", "--probability-channel", told)) from error
 
 
 def _made(

@@ -330,6 +330,7 @@ _surface_options = section(
     flag("--rim", "Treat INPUT as a rim, as for voxflat layers, and use the surface halfway between its borders."),
     *_of_grids,
     option_of(surface, "probability", type=FILE, metavar="FILE"),
+    value("--probability-channel", "NAME|N", "Channel of --probability: its name, or its number from 0."),
     option_of(surface, "pial", type=FILE, metavar="FILE", sentences=2),
     *_of_surfaces,
 )

@@ -3,7 +3,7 @@
 import importlib
 import math
 import os
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -710,7 +710,7 @@ class FlatMap(Planar):
     def plot(self, overlay: object | None = None, *, ax: Any = None, **options: Any) -> Any:
         """Draw the map with matplotlib.
 
-        It accepts the options of `voxflat.figures.flat_map` and of the ``voxflat figure`` command.
+        It accepts the options of `voxflat.figures.flat_map` and of `voxflat.figures.Overlay`.
 
         Parameters
         ----------
@@ -719,7 +719,7 @@ class FlatMap(Planar):
         ax : matplotlib.axes.Axes, optional
             Axes to draw in; by default, a new figure is created.
         **options
-            As in `voxflat.figures.flat_map`.
+            As in `voxflat.figures.flat_map`, and as in `voxflat.figures.Overlay`, such as `channel` or `threshold`.
 
         Returns
         -------
@@ -743,7 +743,11 @@ class FlatMap(Planar):
         >>> flat_map.plot(flat_map.points[:, 2], ax=ax) is ax
         True
         """
-        figure = _drawing("figures").flat_map(self, overlay, ax=ax, **options)
+        figures = _drawing("figures")
+        own = {one.name: options.pop(one.name) for one in fields(figures.Overlay) if one.name in options}
+        if own and isinstance(overlay, figures.Overlay):
+            raise InputError(f"{next(iter(own))} and an Overlay are given. Pass it to the Overlay")
+        figure = figures.flat_map(self, figures.Overlay(overlay, **own) if own else overlay, ax=ax, **options)
         return figure if ax is None else ax
 
     def _repr_html_(self) -> str:

@@ -43,7 +43,17 @@ def check_command(input_: Path, **given: Any) -> None:
     with bars() as shown:
         part = part_of(given, shown.progress)
         source: Path | Surface = input_
-        making = ("pial", "probability", "repair", "hemisphere", "unit", "rim", "channel", "smooth")
+        making = (
+            "pial",
+            "probability",
+            "probability_channel",
+            "repair",
+            "hemisphere",
+            "unit",
+            "rim",
+            "channel",
+            "smooth",
+        )
         if any(given[name] is not None and given[name] is not False for name in making):
             source = surface_of(input_, given, shown.progress)
         else:
