@@ -249,9 +249,9 @@ def test_an_earlier_report_does_not_outlive_a_failure(subject):
 @pytest.mark.parametrize(
     ("arguments", "told"),
     [
-        (["--overlay", "zstat"], r"the overlay zstat does not exist: found neither \S+sub-02/zstat nor zstat"),
+        (["--overlay", "zstat"], r"zstat does not exist.* \S+sub-02/surf/lh.zstat, \S+sub-02/zstat, /\S+/zstat\n"),
         (["--overlay", "surf/{hemi}.curv", "curv"], "two overlays have the name curv"),
-        (["--cuts", "{hemi}.mine.json"], r"the cuts file \{hemi\}\.mine\.json does not exist: .*/lh\.mine\.json"),
+        (["--cuts", "{hemi}.mine.json"], r"the cuts file \{hemi\}\.mine\.json does not exist\. .*/lh\.mine\.json"),
         (["--volume"], r"mri/filled\.mgz: the file does not exist"),
         (["--overlay", "label/{hemi}.cortex.label"], "contains labels. Draw them with voxflat figure MAP"),
     ],

@@ -169,11 +169,49 @@ def test_a_directory_of_another_program_is_left_alone(root, tmp_path):
         assert everything(out) == before
 
 
-def test_who_was_asked_for_and_is_not_there_has_failed(root):
-    result = participant(root, "--participant-label", "01", "99")
-    assert result.exit_code == 1
-    assert "sub-99 L: error: found neither" in result.stderr
-    shutil.rmtree(root / "out" / "sub-99")
+@pytest.mark.parametrize(
+    ("label", "told"),
+    [
+        ("../evil", "the participant label is '../evil'. Give letters and digits"),
+        ("", "the participant label is ''"),
+        ("01 02", "the participant label is '01 02'"),
+        ("sub-", "the participant label is 'sub-'"),
+        ("99", "no participant has the label 99. Give labels that exist: 01, 02, 03,"),
+        ("sub-sub-01", "the participant label is 'sub-sub-01'"),
+    ],
+)
+def test_an_impossible_or_unknown_label_is_refused_before_anything_is_written(root, label, told):
+    before = everything(root)
+    for level in (["participant"], ["participant", "--dry-run"], ["group"]):
+        fail(1, told, "bids", root / "bids", root / "out", *level, "--participant-label", "01", label)
+    fail(1, told, "bids", root / "bids", root / "nothing", "participant", "--participant-label", label)
+    assert everything(root) == before
+    assert not (root / "nothing").exists()
+
+
+@pytest.mark.parametrize(
+    ("options", "told"),
+    [
+        (["--threads", "0"], "--threads is 0. Give a number from 1"),
+        (["--seed", "-1"], "the seed is -1"),
+        (["--memory-limit", "0"], "'0' is less than one byte"),
+        (["--cuts", "automatc"], '\'automatc\' is not a kind of cuts. Give "standard", "automatic" or'),
+    ],
+)
+def test_invalid_options_are_refused_once_before_any_work(root, options, told):
+    before = everything(root)
+    subject = next((root / "bids").rglob("sub-01"))
+    for words in (["bids", root / "bids", root / "out", "participant"], ["freesurfer", subject]):
+        assert fail(2, told, *words, *options).stderr.count("rror:") == 1
+    assert everything(root) == before
+
+
+def test_files_instead_of_directories_are_named(root, tmp_path):
+    file = tmp_path / "file"
+    file.write_text("")
+    fail(1, f"{file} is a file. Pass the directory of a study", "bids", file, tmp_path / "out", "participant")
+    fail(1, f"{file} is a file. Pass a directory for the output", "bids", root / "bids", file, "participant")
+    assert [path.name for path in tmp_path.iterdir()] == ["file"]
 
 
 def test_participants_are_found_where_programs_leave_them(tmp_path):
@@ -193,13 +231,32 @@ def test_participants_are_found_where_programs_leave_them(tmp_path):
         file(f"raw/{name}/anat/{name}_T1w.nii.gz")
     file("raw/derivatives/fmriprep/sub-1/ses-b/anat/sub-1_ses-b_hemi-R_white.surf.gii")
     file("raw/derivatives/freesurfer/sub-2/surf/lh.white")
-    assert named("raw") == [("sub-1_ses-b", "anat"), ("sub-2", None)]
+    (tmp_path / "raw" / "sub-3").mkdir()
+    assert named("raw") == [("sub-1_ses-b", "anat"), ("sub-2", "sub-2"), ("sub-3", None)]
     assert named("raw", ["sub-1"]) == [("sub-1_ses-b", "anat")]
     for name in ("sub-1", "1"):
         file(f"clash/{name}/surf/lh.white")
     refused("are both sub-1. Rename one", participants, tmp_path / "clash")
     (tmp_path / "empty").mkdir()
     refused("no participant has", participants, tmp_path / "empty")
+
+
+def test_a_second_derivative_hides_nobody_and_the_directories_are_told(tmp_path):
+    of = studies.hemisphere("lh", FEW)
+    below = tmp_path / "bids" / "derivatives"
+    studies.write_derivatives(below / "fmriprep" / "sub-1" / "anat", "sub-1", "lh", of)
+    (below / "fmriprep" / "sub-2" / "anat").mkdir(parents=True)  # unfinished
+    for n in (1, 2, 3):
+        studies.write_freesurfer(below / "freesurfer" / f"sub-{n}", "lh", of)
+    told = participant(tmp_path)
+    assert "3 participants: 3 made" in told.stdout
+    first, second = below / "fmriprep", below / "freesurfer"
+    assert f"voxflat: 1 participant is read from {first}, not from {second}\n" in told.stderr
+    assert f"voxflat: 2 participants are read from {second}\n" in told.stderr
+    records = {path.name[:5]: json.loads(path.read_text()) for path in (tmp_path / "out").rglob("*_flat.json")}
+    taken = {name: Path(record["inputs"]["white"]["path"]).parents[2] for name, record in records.items()}
+    assert taken == {"sub-1": first, "sub-2": second, "sub-3": second}
+    assert "read from" not in participant(tmp_path, "--participant-label", "3").stderr
 
 
 def test_white_matter_in_voxels_and_cuts_that_suit_it(tmp_path):

@@ -63,7 +63,9 @@ def _bytes(ctx: click.Context, param: click.Parameter, value: str | None) -> int
         raise click.BadParameter(
             f"{value!r} is not an amount of memory. Give a number of bytes, or a number with a unit (for example, 4G)."
         )
-    return int(float(match[1]) * 1024 ** " KMGT".index(match[2].upper() or " "))
+    if (size := int(float(match[1]) * 1024 ** " KMGT".index(match[2].upper() or " "))) == 0:
+        raise click.BadParameter(f"{value!r} is less than one byte. Give a larger amount, such as 4G.")
+    return size
 
 
 def _labels(ctx: click.Context, param: click.Parameter, value: tuple[str, ...]) -> int | list[int] | None:

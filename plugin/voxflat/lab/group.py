@@ -17,7 +17,7 @@ from voxflat.io.reading import hash_of
 from voxflat.lab.comparison import Mean, Row, Sums, outliers, outliers_by_chance
 from voxflat.lab.differences import differences
 from voxflat.lab.freshness import page_key, write_json, write_text
-from voxflat.lab.inputs import HEMISPHERES, participants
+from voxflat.lab.inputs import HEMISPHERES, Participant
 from voxflat.lab.results import (
     COUNTS,
     FIGURES,
@@ -36,16 +36,14 @@ _STEM = "group_desc-voxflat"
 _AGAIN = "Run voxflat bids again at the level participant"
 
 
-def group(
-    source: Path, out: Path, labels: Sequence[str] = (), hemis: Sequence[str] = tuple(HEMISPHERES)
-) -> dict[str, Any]:
-    """Compare the participants of a study, and write a table, images of the means and a page to its output directory.
+def group(everybody: Sequence[Participant], source: Path, out: Path, hemis: Sequence[str]) -> dict[str, Any]:
+    """Compare participants of a study, and write a table, images of the means and a page to its output directory.
 
     Return the number of ``maps``, the reasons why maps are ``missing`` and the ``outliers`` (measures, high or low),
     both keyed by participant and hemisphere, the number of ``outliers_by_chance``, ``warnings``, and the names of the
     files ``written`` (none if all were up to date).
     """
-    rows = list(_rows(source, out, labels, hemis))
+    rows = list(_rows(everybody, out, hemis))
     record = out / f"{_STEM}_record.json"
     written: list[str] = []
     if not _is_done(record, rows):
@@ -138,9 +136,9 @@ def _compared(
     return _compared(out, rest, picture)
 
 
-def _rows(source: Path, out: Path, labels: Sequence[str], hemis: Sequence[str]) -> Iterator[Row]:
+def _rows(everybody: Sequence[Participant], out: Path, hemis: Sequence[str]) -> Iterator[Row]:
     """Yield the hemispheres of all participants that have results or a failure."""
-    for one in participants(source, labels):
+    for one in everybody:
         session = f"_ses-{one.session}" if one.session else ""
         about = (f"sub-{one.label}", session)
         job = Job.of(one, out)

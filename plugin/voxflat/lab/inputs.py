@@ -1,11 +1,13 @@
 """Find the input files of hemispheres in FreeSurfer directories, sMRIPrep derivatives or segmentations."""
 
 import re
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import ClassVar
 
+from voxflat.arguments import log, shown
 from voxflat.errors import InputError
 
 HEMISPHERES = {"lh": ("L", "left"), "rh": ("R", "right")}
@@ -18,6 +20,7 @@ _NEEDED = {"midthickness": ("white", "pial"), "white": ("white",), "pial": ("pia
 _USUAL_OVERLAY = "thickness"
 _VOLUME_ENDINGS = (".nii.gz", ".nii", ".mgz", ".mgh")
 _FILLED = {"lh": 255, "rh": 127}  # labels of mri/filled.mgz, the white matter of each hemisphere
+_LISTED = 20  # most labels that a message lists
 _NOBODY = re.compile(r"fsaverage|[lr]h\.EC_average|.*\.(long|base)\b")  # directories of recon-all that are not subjects
 
 
@@ -84,18 +87,19 @@ def found_in(folder: Path, hemi: str, parameters: Parameters) -> Hemisphere:
         name = overlay_name(text)
         if name.lower() in map(str.lower, overlays):  # result files are named after it
             raise InputError(f"two overlays have the name {name}. Rename one of the files ({text})")
-        overlays[name] = find.one(text) or _given(find, text, "the overlay")
+        overlays[name] = find.one(text) or _given(find, text, "the overlay", find.place(text))
     label = _FILLED[hemi] if isinstance(find, _FreeSurfer) and parameters.volume else None
     return Hemisphere(hemi, {name: path for name, path in files.items() if path is not None}, overlays, label)
 
 
-def _given(find: "_FreeSurfer | _Bids", text: str, what: str) -> Path:
-    """Return the path to a file given by the user, with the placeholders filled in."""
+def _given(find: "_FreeSurfer | _Bids", text: str, what: str, *places: str) -> Path:
+    """Return the path to a file given by the user, with the placeholders filled in; `places` were searched before."""
     named = find.filled(text)
     for path in (find.folder / named, Path(named)):
         if path.is_file():
             return path
-    raise InputError(f"{what} {text} does not exist: found neither {find.folder / named} nor {named}. Check the name")
+    searched = [*(places if "/" not in text else ()), str(find.folder / named), str(Path(named).absolute())]
+    raise InputError(f"{what} {text} does not exist. Check the name; voxflat searched for {', '.join(searched)}")
 
 
 def overlay_name(overlay: str) -> str:
@@ -124,15 +128,20 @@ class _FreeSurfer:
     def filled(self, text: str) -> str:
         return text.replace("{hemi}", self.hemi).replace("{subject}", self.folder.name)
 
+    def place(self, name: str) -> str:
+        """Return the path of a file by its name, such as thickness."""
+        return str(self.folder / self.filled(self._PLACES.get(name, f"surf/{{hemi}}.{name}")))
+
     def one(self, name: str) -> Path | None:
-        path = self.folder / self.filled(self._PLACES.get(name, f"surf/{{hemi}}.{name}"))
+        path = Path(self.place(name))
         return path if path.is_file() else None
 
     def needed(self, name: str) -> Path:
         if (found := self.one(name)) is not None:
             return found
-        place = self.folder / self.filled(self._PLACES[name])
-        raise InputError(f"{place}: the file does not exist. Check that recon-all finished for {self.folder.name}")
+        raise InputError(
+            f"{self.place(name)}: the file does not exist. Check that recon-all finished for {self.folder.name}"
+        )
 
 
 class _Bids:
@@ -162,6 +171,10 @@ class _Bids:
     def filled(self, text: str) -> str:
         return text.replace("{hemi}", self.letter).replace("{subject}", self.subject)
 
+    def place(self, name: str) -> str:
+        """Return the path of a file of values by its name, such as thickness."""
+        return str(self.folder / f"*_hemi-{self.letter}_{name}.shape.gii (or .func.gii)")
+
     def one(self, name: str) -> Path | None:
         usual = (rf"_{re.escape(name)}\.(shape|func)\.gii",)
         start = rf"sub-[A-Za-z0-9]+(_(ses|acq|rec|run)-[A-Za-z0-9]+)*_hemi-{self.letter}"
@@ -186,27 +199,81 @@ def participants(folder: Path, labels: Sequence[str] = ()) -> list[Participant]:
     """Find the participants of a study, or those with the given labels (with or without ``sub-``), sorted by name.
 
     `folder` is a FreeSurfer subjects directory, derivatives, or a BIDS dataset with either of them in ``derivatives``
-    or ``sourcedata/freesurfer``. Participants without files have no folder.
+    or ``sourcedata/freesurfer``. Participants without files have no folder. Labels that are not in the study raise an
+    InputError.
     """
     if not folder.is_dir():
-        raise InputError(f"{folder}: the directory does not exist. Check the path")
-    own = [path for path in sorted(folder.glob("sub-*")) if path.is_dir() and not _NOBODY.match(path.name)]
-    found = next(filter(None, (list(_in(place)) for place in _places(folder))), None)
-    if found is None:
+        problem = "is a file" if folder.exists() else "does not exist"
+        raise InputError(f"{folder} {problem}. Pass the directory of a study or of FreeSurfer subjects")
+    wanted = [checked_label(label) for label in labels]
+    found, origins = _by_label(folder)
+    for path in sorted(folder.glob("sub-*")):
+        named = _label(path.name) if path.is_dir() and not _NOBODY.match(path.name) else None
+        if named is not None:
+            found.setdefault(named[0], [Participant(named[0], None, None)])
+    if unknown := [label for label in wanted if label not in found]:
+        known = ", ".join(sorted(found)[:_LISTED]) + (" …" if len(found) > _LISTED else "")
+        raise InputError(
+            f"{folder}: no participant has the label {', '.join(unknown)}. Give labels that exist: {known}"
+        )
+    chosen = dict.fromkeys(wanted or found)
+    _tell_origins([origins[label] for label in chosen if label in origins])
+    return sorted((one for label in chosen for one in found[label]), key=lambda one: one.name)
+
+
+def checked_label(label: str) -> str:
+    """Return the label of a participant without the prefix sub-, after checking that it can be part of a file name."""
+    bare = label.removeprefix("sub-")
+    if not re.fullmatch(r"[A-Za-z0-9]+", bare):
+        remedy = "Give letters and digits, such as 01; separate several labels with spaces, without quotation marks"
+        raise InputError(f"the participant label is {shown(label)}. {remedy}")
+    return bare
+
+
+def _by_label(folder: Path) -> tuple[dict[str, list[Participant]], dict[str, tuple[Path, ...]]]:
+    """Return the participants (one per session), and the directories that contain their files, keyed by label.
+
+    The first directory that contains files of a participant is used.
+    """
+    found: dict[str, list[Participant]] = {}
+    origins: dict[str, tuple[Path, ...]] = {}
+    for place in _places(folder):
+        own: dict[str, list[Participant]] = {}
+        for one in _in(place):
+            for other in own.setdefault(one.label, []):
+                if other.name == one.name:
+                    raise InputError(f"{other.folder} and {one.folder} are both {one.name}. Rename one of them")
+            own[one.label].append(one)
+        for label, sessions in own.items():
+            has_files = any(one.folder is not None and _has_files(one.folder) for one in sessions)
+            if label not in found or (has_files and label not in origins):
+                found[label] = sessions
+            if has_files:
+                origins[label] = (*origins.get(label, ()), place)
+    if not origins:
         places = "in this directory, in derivatives/ or in sourcedata/freesurfer/"
         files = "no participant has a FreeSurfer surf/ directory, anat/*.surf.gii files or a white-matter mask"
         raise InputError(f"{folder}: {files} {places}. Pass the directory that contains these files")
-    by_name: dict[str, Participant] = {}
-    for one in found:
-        if one.name in by_name:
-            raise InputError(f"{by_name[one.name].folder} and {one.folder} are both {one.name}. Rename one of them")
-        by_name[one.name] = one
-    known = {one.label for one in found}
-    wanted = [label.removeprefix("sub-") for label in labels]
-    for label in wanted or [named[0] for path in own if (named := _label(path.name)) is not None]:
-        if label not in known:
-            by_name[f"sub-{label}"] = Participant(label, None, None)
-    return [one for _, one in sorted(by_name.items()) if not wanted or one.label in wanted]
+    return found, origins
+
+
+def _tell_origins(origins: Sequence[tuple[Path, ...]]) -> None:
+    """Print a note if several directories contain files of the participants."""
+    counts = Counter(origins)
+    for (first, *others), count in counts.items():
+        if len(counts) > 1 or others:
+            who = f"{count} participants are" if count > 1 else "1 participant is"
+            instead = f", not from {' or '.join(map(str, others))}" if others else ""
+            log.info("%s", f"{who} read from {first}{instead}")
+
+
+def _has_files(folder: Path) -> bool:
+    """Return whether a FreeSurfer directory, or a directory of derivatives, contains files that can be flattened."""
+    return any((folder / name).is_dir() for name in ("surf", "mri")) or _has_input(folder)
+
+
+def _has_input(anat: Path) -> bool:
+    return anat.is_dir() and any(_is_input(file.name) for file in anat.iterdir())
 
 
 def _places(folder: Path) -> Iterator[Path]:
@@ -230,10 +297,10 @@ def _in(place: Path) -> Iterator[Participant]:
         return
     subjects = [path for path in folders if path.name.startswith("sub-")]
     anatomies = [anat for path in subjects for anat in (*path.glob("anat"), *path.glob("ses-*/anat"))]
-    if any(_is_input(file.name) for anat in anatomies for file in anat.iterdir()):
+    if any(map(_has_input, anatomies)):
         for path in subjects:
             label, anats = path.name.removeprefix("sub-"), sorted(path.glob("ses-*/anat"))
-            anats = [anat for anat in anats if any(_is_input(file.name) for file in anat.iterdir())]
+            anats = list(filter(_has_input, anats))
             for anat in anats:
                 yield Participant(label, anat.parent.name.removeprefix("ses-"), anat)
             if not anats:

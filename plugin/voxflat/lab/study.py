@@ -11,13 +11,15 @@ from voxflat._core import __version__
 from voxflat.distances.cluster import connected
 from voxflat.errors import Cancelled, InputError, user_message
 from voxflat.lab.freshness import Request, is_page_of, page_key, request, state, write_json, write_page, write_text
-from voxflat.lab.inputs import HEMISPHERES, Hemisphere, Parameters, Participant, found_in, participants
+from voxflat.lab.inputs import HEMISPHERES, Hemisphere, Parameters, Participant, found_in
 from voxflat.lab.results import LoadedResults, Results, read_record
 from voxflat.lab.subject import make
 
 BIDS_VERSION = "1.10.0"
 
-NO_FILES = "found neither a FreeSurfer directory nor a surface for this participant. Check the label and the inputs"
+NO_FILES = (
+    "found neither a FreeSurfer directory nor a surface for this participant. Check that recon-all or sMRIPrep finished"
+)
 
 _IGNORED = """\
 # BIDS defines neither flat surfaces (*_flat.surf.gii), nor measures of maps at vertices, nor pages of a study
@@ -89,22 +91,23 @@ def freesurfer(
 
 
 def study(
+    everybody: Sequence[Participant],
     source: Path,
     out: Path,
     hemis: Sequence[str],
     parameters: Parameters,
     *,
-    labels: Sequence[str] = (),
     tell: Report = _nothing,
     dask: str | None = None,
     **how: Any,
 ) -> list[Outcome]:
     """Flatten the hemispheres of participants, and write BIDS derivatives; `tell` and `how` are as in `freesurfer`.
 
+    `everybody` contains participants of the study in the directory `source`.
+
     On a `dask` cluster (see `connected`), each worker processes one participant at a time, and must have access to the
     same files. By default, this process does all the work.
     """
-    everybody = participants(source, labels)
     describe(source, out)
     outcomes: list[Outcome] = []
     if dask is None:
@@ -132,10 +135,10 @@ def _participant(one: Participant, out: Path, hemis: Sequence[str], parameters: 
 
 
 def plan(
-    source: Path, out: Path, hemis: Sequence[str], parameters: Parameters, labels: Sequence[str] = ()
+    everybody: Sequence[Participant], out: Path, hemis: Sequence[str], parameters: Parameters
 ) -> Iterator[Outcome]:
     """Yield what `study` would do, without writing anything; the state is "failed" if input files are missing."""
-    for one in participants(source, labels):
+    for one in everybody:
         job = Job.of(one, out)
         planned = [_planned(job, hemi, parameters) for hemi in hemis]
         is_due = all(of.state in ("done", "failed") for of in planned) and _is_page_due(job, planned)
@@ -156,6 +159,8 @@ def describe(source: Path, out: Path) -> None:
     path = out / "dataset_description.json"
     if path.is_file() and '"voxflat"' not in path.read_text(encoding="utf-8", errors="replace"):
         raise InputError(f"{out} contains derivatives of another program ({path}). Pass another output directory")
+    if out.exists() and not out.is_dir():
+        raise InputError(f"{out} is a file. Pass a directory for the output")
     if out.resolve() == source.resolve():
         raise InputError(f"{out} is the input. Pass another directory, such as {out / 'derivatives' / 'voxflat'}")
     content = {

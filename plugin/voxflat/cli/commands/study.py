@@ -1,6 +1,7 @@
 """The commands `voxflat bids` and `voxflat freesurfer`, which flatten the hemispheres of participants."""
 
 import json
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -8,12 +9,16 @@ from typing import Any
 import click
 import cloup
 
+from voxflat.arguments import checked_seed, checked_threads
 from voxflat.cli import options
-from voxflat.cli.console import Bars, Command, bars
+from voxflat.cli.console import Bars, Command, bars, translated
 from voxflat.cli.output import is_json, report
+from voxflat.errors import InputError
 from voxflat.lab.group import group
-from voxflat.lab.inputs import GEOMETRIES, HEMISPHERES, Parameters
+from voxflat.lab.inputs import GEOMETRIES, HEMISPHERES, Parameters, participants
 from voxflat.lab.study import Outcome, freesurfer, plan, study
+from voxflat.surfaces.standard.choice import AUTOMATIC
+from voxflat.surfaces.standard.template import STANDARD
 
 _MAX_STATUS = 100  # greater exit statuses have other meanings in shells
 _RECORDED = ("outputs", "figures", "warnings")  # parts of a record that --json prints
@@ -147,12 +152,13 @@ def bids_command(
         raise click.UsageError("--dask cannot be combined with --dry-run.")
     parameters = _parameters(given)
     chosen = _chosen(hemis)
+    everybody = participants(source, labels)
     if dry_run:
-        for one in plan(source, out, chosen, parameters, labels):
+        for one in plan(everybody, out, chosen, parameters):
             click.echo(json.dumps(_listed(one)))
         return 0
     if level == "group":
-        found = group(source, out, labels, chosen)
+        found = group(everybody, source, out, chosen)
         state = f"written: {', '.join(found['written'])}" if found["written"] else "up to date"
         for name, reason in found["missing"].items():
             click.echo(f"voxflat: {name}: error: {reason}", err=True)
@@ -162,15 +168,15 @@ def bids_command(
         report({"output": str(out), **found}, f"{counts}\n{state}", quiet=quiet)
         return min(len(found["failed"]), _MAX_STATUS)
     with bars(quiet, notes=False) as shown:  # the warnings about each map are in its report
-        how: dict[str, Any] = {"labels": labels, "tell": _outcome_printer(shown, verbose=not (is_json() or quiet))}
-        outcomes = study(source, out, chosen, parameters, **how, dask=dask, progress=shown.progress, **given)
-    everybody = {_participant(one) for one in outcomes}
+        tell = _outcome_printer(shown, verbose=not (is_json() or quiet))
+        how: dict[str, Any] = {"tell": tell, "dask": dask, "progress": shown.progress}
+        outcomes = study(everybody, source, out, chosen, parameters, **how, **given)
+    people = {_participant(one) for one in outcomes}
     failed = {_participant(one) for one in outcomes if one.state == "failed"}
     made = len({_participant(one) for one in outcomes if one.state == "made"} - failed)
-    states = f"{made} made, {len(everybody) - made - len(failed)} up to date, {len(failed)} failed"
+    states = f"{made} made, {len(people) - made - len(failed)} up to date, {len(failed)} failed"
     content = {"output": str(out), "failed": sorted(failed), "hemispheres": [_listed(one) for one in outcomes]}
-    people = f"{len(everybody)} participant{'s' * (len(everybody) != 1)}"
-    report(content, f"{people}: {states}", quiet=quiet)
+    report(content, f"{len(people)} participant{'s' * (len(people) != 1)}: {states}", quiet=quiet)
     return min(len(failed), _MAX_STATUS)
 
 
@@ -229,7 +235,19 @@ def _chosen(sides: tuple[str, ...]) -> list[str]:
 
 
 def _parameters(given: dict[str, Any]) -> Parameters:
-    """Remove the map options from the command's options, and return them as parameters."""
+    """Remove the map options from the command's options, and return them as parameters.
+
+    Values that would make every hemisphere fail are refused.
+    """
+    try:
+        checked_seed(given["seed"])
+        checked_threads(given["threads"])
+    except InputError as error:
+        raise click.UsageError(translated(str(error))) from None
+    is_word = re.fullmatch(r"\w+", given["cuts"]) and given["cuts"] not in (STANDARD, AUTOMATIC)
+    if is_word and not Path(given["cuts"]).exists():
+        remedy = f'Give "{STANDARD}", "{AUTOMATIC}" or the name of a file'
+        raise click.BadParameter(f"{given['cuts']!r} is not a kind of cuts. {remedy}.", param_hint="--cuts")
     cuts, overlays = given.pop("cuts"), tuple(given.pop("overlays"))
     own = {name: given.pop(name) for name in ("geometry", "volume", "seed")}
     return Parameters(cuts=cuts, overlays=overlays, **own)
