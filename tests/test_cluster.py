@@ -191,9 +191,9 @@ def test_the_commands_of_the_page_run(workers, ready, study, tmp_path, monkeypat
     commands = [*steps, *how_to.commands(PAGE)]
     dry, made, group, local, file, rows = (succeed(*shlex.split(command)).stdout for command in commands)
     assert [json.loads(line)["state"] for line in dry.splitlines()] == ["missing"] * 2
-    assert "1 participants: 1 made" in made
+    assert "1 participant: 1 made" in made
     assert "hemispheres: 2 with a map, 0 without" in group
-    assert "1 participants: 0 made, 1 up to date" in local
+    assert "1 participant: 0 made, 1 up to date" in local
     assert local == file
     assert here.call_args_list[0].kwargs["n_workers"] == 1
     assert f"100 x {FEW} distances" in rows
@@ -315,5 +315,6 @@ def test_what_workers_cannot_do_is_told(ready, tmp_path, monkeypatch):
 
 
 def test_dask_is_for_participants(study):
-    for more in (["group"], ["participant", "--dry-run"]):
-        fail(2, "--dask requires the level part", "bids", study / "bids", study / "alone", *more, "--dask", "local")
+    words = ["bids", study / "bids", study / "alone"]
+    fail(2, "--dask requires the level participant", *words, "group", "--dask", "local")
+    fail(2, "--dask cannot be combined with --dry-run", *words, "participant", "--dry-run", "--dask", "local")
