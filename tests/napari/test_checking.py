@@ -31,6 +31,11 @@ def test_check_marks_the_handle(open_widget, qtbot):
     places = viewer.layers["defects of ring"]
     assert_allclose(places.data[0], found.handles[0]["centre"])
     assert places.features["finding"][0].startswith("handle")
+    places.data = places.data + 1  # edited by the user
+    edited = places.data.copy()
+    widget.start.click()
+    qtbot.waitUntil(lambda: "defects of ring [1]" in viewer.layers, timeout=PATIENCE)
+    assert_allclose(viewer.layers["defects of ring"].data, edited)
 
 
 def test_measures_of_a_run_and_of_a_patch_of_another_tool(open_widget, qtbot, tmp_path):

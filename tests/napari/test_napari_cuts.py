@@ -299,6 +299,10 @@ def test_cuts_outlive_begin_another_layer_and_the_dock(make_napari_viewer, qtbot
     begin(dock, "ball")
     assert [cut.stops for cut in dock.drawing.cuts] == stops
     assert "are back" in dock.status.text()
+    dock.form.surface.choose(viewer.layers["bumps"])  # the drawing stays until Begin
+    draw(dock, 100)
+    stops = [cut.stops for cut in dock.drawing.cuts]
+    assert stops[1] == (70, 90, 100)
     begin(dock, "bumps")
     assert dock.drawing.cuts == ()
     begin(dock, "ball")
@@ -308,7 +312,7 @@ def test_cuts_outlive_begin_another_layer_and_the_dock(make_napari_viewer, qtbot
     assert [cut.stops for cut in dock.drawing.cuts] == stops
     assert dock.cuts.rowCount() == 2
     dock.undo.click()  # with its history
-    assert [cut.stops for cut in dock.drawing.cuts] == [stops[0], stops[1][:1]]
+    assert [cut.stops for cut in dock.drawing.cuts] == [stops[0], stops[1][:2]]
 
 
 def test_one_more_cut_continues_from_the_displayed_map(open_widget, qtbot, tmp_path, monkeypatch, messages):

@@ -15,6 +15,7 @@ from voxflat._napari.layers.foreground import surface_of
 from voxflat._napari.layers.meshes import LayerMesh
 from voxflat._napari.layers.volumes import LayerVolume
 from voxflat._napari.layers.world import from_ras
+from voxflat._napari.results.outputs import remember, remove_unchanged
 from voxflat._napari.results.report import sentence, table
 from voxflat._napari.viewer_state import ViewerState
 from voxflat._napari.wording import in_window
@@ -97,8 +98,7 @@ class CheckSurface(Findings):
         items = "".join(f"<li>{escape(sentence(in_window(line)))}</li>" for line in found.advice)
         self.table.setHtml(f"<table>{cells}</table><ul style='margin-left:-24px'>{items}</ul>")  # wraps in the dock
         name = f"defects of {self._origin['layer']}"
-        if name in self._viewer.layers:
-            self._viewer.layers.remove(name)
+        remove_unchanged(self._viewer, name)
         places = [handle["centre"] for handle in found.handles]  # RAS+
         texts = [f"handle (loop of {handle['length']:.1f} {self._unit})" for handle in found.handles]
         if found.thin is not None and found.thin["place"] is not None:
@@ -108,7 +108,7 @@ class CheckSurface(Findings):
             return
         units = None if self._origin["unit"].startswith("pixel") else (self._unit,) * 3
         points = from_ras(np.array(places), self._origin["world_axes"])
-        self._viewer.add_points(points, name=name, units=units, features={"finding": texts}, **_PLACES)
+        remember(self._viewer.add_points(points, name=name, units=units, features={"finding": texts}, **_PLACES))
 
 
 def _checked(source: LayerVolume | LayerMesh, foreground: dict[str, Any], progress: Progress) -> Check:

@@ -15,10 +15,10 @@ from psygnal import Signal
 from qtpy.QtCore import QTimer
 
 from voxflat._napari.gl_context import keep_canvas_current
-from voxflat._napari.results.flat_layers import FlatLayers, Run
+from voxflat._napari.results.flat_layers import KEPT, FlatLayers, Run
 from voxflat._napari.results.layer_list import ListedLayers
 from voxflat._napari.results.outputs import is_drawn
-from voxflat._napari.results.sketch import Sketch, Sketches
+from voxflat._napari.results.sketch import SKETCH, Sketch, Sketches
 from voxflat._napari.scripts import OpenedFile
 from voxflat.maps.flat_map import FlatMap
 from voxflat.pipeline.surface import Surface
@@ -43,13 +43,14 @@ class DrawnCuts:
         return {"paths": paths, "left_out": self.left_out.tolist(), "sphere": self.sphere}
 
 
-_SESSION = ("marks", "regions", "distance", "drawn_cuts")
+_SESSION = (*SKETCH, "drawn_cuts")
 
 
 class ViewerState:
     """The runs of one viewer, which do not depend on open docks; the signal `changed` notifies the docks."""
 
     changed = Signal()  # emitted when runs are added or removed, or the current run changes
+    adding = Signal()  # emitted before a run is added
     cuts_drawn = Signal(object)  # emitted when cuts were drawn for a layer
     flatten_requested = Signal(object, object)  # emitted with a layer to flatten along drawn cuts, and its foreground
 
@@ -63,6 +64,7 @@ class ViewerState:
         self._cuts: weakref.WeakKeyDictionary[Layer, DrawnCuts] = weakref.WeakKeyDictionary()
         self._over: weakref.WeakKeyDictionary[Layer, Run] = weakref.WeakKeyDictionary()  # layers that the user added
         self._cut_records: dict[str, dict[str, Any]] = {}
+        self.flat_drawings: list[Layer] = []  # of the window Flat volume, until it is opened again
         self.settings: dict[str, Mapping[str, Any]] = {}  # of the forms in docks that were closed
         self.opened: Run | None = None  # the run of the last opened map, until its settings are restored
         self.keeps_earlier = False  # whether earlier runs are kept when a new one is added
@@ -99,17 +101,23 @@ class ViewerState:
         """
         viewer = self._viewer()
         assert viewer is not None
+        self.adding.emit()
         free: list[Layer] = []
         if not self.keeps_earlier:
-            drawn = {self._over[layer] for layer in viewer.layers if layer in self._over and is_drawn(layer)}
-            dropped = [one for one, of in self._runs.items() if one.sketches.is_empty and not of.is_painted]
-            dropped = [one for one in dropped if one not in drawn]
+            dropped = [one for one in self._runs if not self._is_drawn_on(one)]
             free = [layer for earlier in dropped for layer in self._runs.pop(earlier).hand_over()]
             self._over.update({layer: run for layer, earlier in self._over.items() if earlier in dropped})
         self._runs[run] = ListedLayers(viewer, free)
         self._current = run
         self.changed.emit()
         self._runs[run].show(run.layers)
+
+    def _is_drawn_on(self, run: Run) -> bool:
+        """Return whether the user has drawn on a map, or painted on its labels or in layers over it."""
+        viewer, movie = self._viewer(), run.layers.movie
+        over = [layer for layer in ([] if viewer is None else viewer.layers) if self._over.get(layer) is run]
+        is_empty = run.sketches.is_empty and not (movie is not None and movie.drawn)
+        return not is_empty or self._runs[run].is_painted or any(map(is_drawn, over))
 
     def choose(self, run: Run) -> None:
         if run in self._runs and run is not self._current:
@@ -127,8 +135,11 @@ class ViewerState:
     def _adopt(self, event: Any) -> None:
         """Add the map of a layer that was opened from a file as a run; a layer of the user lies on the current map."""
         flat_map = event.value.metadata.get("voxflat")
-        if flat_map is None and event.value.ndim == 2 and self._current is not None:
-            self._over[event.value] = self._current
+        under = self._current if event.value.ndim == 2 else None
+        if KEPT in event.value.metadata:
+            under = next((run for run in self._runs if run.layers.movie is event.value.metadata[KEPT]()), None)
+        if flat_map is None and under is not None:
+            self._over[event.value] = under
         if flat_map is None or event.value.source.path is None:
             return
         viewer = self._viewer()

@@ -19,6 +19,7 @@ from voxflat._napari.docks import TaskDock, arrange, grid, plain_label
 from voxflat._napari.layers.world import MADE_FROM, WORLD, data_to_world
 from voxflat._napari.map_viewer.flat_window import FlatWindow
 from voxflat._napari.results.flat_layers import LayerData
+from voxflat._napari.results.outputs import remember, remove_unchanged
 from voxflat._napari.viewer_state import ViewerState
 from voxflat.errors import InputError, VoxflatError
 from voxflat.laminar.profile import PROFILE_ENDINGS, Profile
@@ -83,12 +84,11 @@ class CorticalDepth(TaskDock):
 
     def _on_divided(self, layer: Layer, parts: str, data: NDArray[np.integer]) -> None:
         name = f"{layer.name} in {parts}"
-        if name in self._viewer.layers:
-            self._viewer.layers.remove(name)
+        remove_unchanged(self._viewer, name)
         about = {MADE_FROM: layer.name, WORLD: self.form.world.currentData()}
         place = {"affine": data_to_world(layer), "units": layer.units, "metadata": about}
         colours = {"colormap": _in_order(int(data.max()))} if parts == "layers" else {}
-        self._viewer.add_labels(data, name=name, **place, **colours)
+        remember(self._viewer.add_labels(data, name=name, **place, **colours))
         self._show_message(f"Divided '{layer.name}' into {data.max():,} {parts}.")
 
     def _on_flatten(self) -> None:
@@ -103,6 +103,7 @@ class CorticalDepth(TaskDock):
 
     def _on_flattened(self, layer: LayerData) -> None:
         self.flat_window.show(layer)
+        self.flat_window.take_back(self._state.flat_drawings)
         name = layer[1]["name"]
         steps = f"{len(layer[0])} layers, from the white matter outwards"
         self._show_message(f"The window shows '{name}'. Its slider is the depth: {steps}.")
@@ -160,6 +161,10 @@ class CorticalDepth(TaskDock):
         super()._release()
         self._state.changed.disconnect(self._forget_error, missing_ok=True)
         self.form.release()
+        if drawn := self.flat_window.drawn:
+            self.flat_window.keep(drawn, self._state.flat_drawings)
+            names = ", ".join(f"'{layer.name}'" for layer in drawn)
+            show_info(f"Press Flat volume in Cortical depth to see the layers of its window again: {names}")
         self.flat_window.close()
 
 

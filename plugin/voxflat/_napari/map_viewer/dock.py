@@ -212,6 +212,7 @@ class FlatMapDock(TaskDock):
 
     def _connect(self) -> None:
         self._state.changed.connect(self._on_runs)
+        self._state.adding.connect(self.movies.close)  # so that drawings in its window keep their map
         self._viewer.events.theme.connect(self._on_theme)
         self._viewer.dims.events.current_step.connect(self._on_step)
         self.runs.activated.connect(self._on_run_chosen)
@@ -619,10 +620,6 @@ class FlatMapDock(TaskDock):
         if self._run is None:
             return
         step(self._run.sketches)
-        now = self._run.sketches.now
-        if now.corners or now.ends:
-            with signals_blocked(self.click):
-                self.click.setCurrentText(REGION if now.corners else MEASURE)
         self._update_sketch()
 
     def _update_sketch(self) -> None:
@@ -676,9 +673,15 @@ class FlatMapDock(TaskDock):
         self._show_sketch()
 
     def _show_sketch(self) -> None:
-        """Show the regions of the displayed frame, the corners of the next one, and marks that are not yet points."""
+        """Show the regions of the displayed frame, the corners of the next one, and marks that are not yet points.
+
+        An unfinished region or distance is continued by the next click.
+        """
         sketches, frame = Sketches() if self._run is None else self._run.sketches, self._frame
         now = sketches.now
+        if now.corners or now.ends:
+            with signals_blocked(self.click):
+                self.click.setCurrentText(REGION if now.corners else MEASURE)
         lines = [np.array([*corners, corners[0]]) for corners in now.regions_in(frame)]
         lines += [np.array(now.corners)] if now.corners else []
         marks = [place for of, place in now.marks[len(sketches.placed) :] if of == frame]
@@ -734,6 +737,7 @@ class FlatMapDock(TaskDock):
             event.disconnect(self._on_display_changed)
         self._display_events = []
         self._state.changed.disconnect(self._on_runs, missing_ok=True)
+        self._state.adding.disconnect(self.movies.close, missing_ok=True)
         self._viewer.events.theme.disconnect(self._on_theme)
         self._viewer.dims.events.current_step.disconnect(self._on_step)
 

@@ -1,6 +1,5 @@
 """Drawings on a map, projected onto the surface: points, regions, and the shortest path between two points."""
 
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import takewhile
@@ -15,7 +14,7 @@ from voxflat._napari.layers.world import MADE_FROM, WORLD, from_ras
 from voxflat._napari.map_viewer.prepared_map import PreparedMap
 from voxflat._napari.results.flat_layers import LayerData, units
 from voxflat._napari.results.layer_list import insert
-from voxflat._napari.results.outputs import is_unchanged, remember
+from voxflat._napari.results.outputs import is_named, is_unchanged, remember
 from voxflat._napari.results.sketch import Place, Polygon, Sketch
 from voxflat.errors import InputError
 from voxflat.io.grid import rounded
@@ -172,7 +171,7 @@ def put(viewer: Viewer, data: LayerData, *sources: Any) -> Layer:
     values, keywords, kind = data
     features = keywords.get("features", {})
     made = Layer.create(values, keywords, kind)
-    alike = [one for one in viewer.layers if type(one) is type(made) and _is_named(one, keywords["name"])]
+    alike = [one for one in viewer.layers if type(one) is type(made) and is_named(one, keywords["name"])]
     alike = [one for one in alike if one.ndim == made.ndim]
     if kind != "points":
         alike = [one for one in alike if _corners(one) == _corners(made) and is_unchanged(one, *sources)]
@@ -201,7 +200,7 @@ def put(viewer: Viewer, data: LayerData, *sources: Any) -> Layer:
 def take_back(viewer: Viewer, mark: NDArray[np.float64]) -> None:
     """Remove the last point that lies at these world coordinates from the layers of marked points."""
     for layer in viewer.layers:
-        if isinstance(layer, Points) and _is_named(layer, _MARKS) and layer.ndim == len(mark):
+        if isinstance(layer, Points) and is_named(layer, _MARKS) and layer.ndim == len(mark):
             at = [number for number, place in enumerate(layer.data) if np.allclose(layer.data_to_world(place), mark)]
             if at:
                 layer.selected_data = {at[-1]}
@@ -211,16 +210,12 @@ def take_back(viewer: Viewer, mark: NDArray[np.float64]) -> None:
 
 def remove_empty(viewer: Viewer, name: str, *sources: Any) -> None:
     """Remove a layer of regions that was made from these sources, or empty one of paths, unless the user edited it."""
-    for layer in [one for one in viewer.layers if _is_named(one, name) and is_unchanged(one, *sources)]:
+    for layer in [one for one in viewer.layers if is_named(one, name) and is_unchanged(one, *sources)]:
         if isinstance(layer, Shapes):
             layer.data, layer.visible = [], False  # kept, because a new Shapes layer may crash OpenGL
             remember(layer, *sources)
         else:
             viewer.layers.remove(layer)
-
-
-def _is_named(layer: Layer, name: str) -> bool:
-    return re.fullmatch(rf"{re.escape(name)}( \[\d+\])?", layer.name) is not None  # as napari numbers equal names
 
 
 def _regions_name(frame: int | None) -> str:

@@ -11,7 +11,7 @@ from qtpy.QtWidgets import QWidget
 from voxflat._napari.gl_context import keep_canvas_current
 from voxflat._napari.map_viewer.viewer_parts import show_scale_bar
 from voxflat._napari.results.flat_layers import LayerData
-from voxflat._napari.results.outputs import is_unchanged, remember
+from voxflat._napari.results.outputs import is_drawn, is_unchanged, remember, remove_unchanged
 from voxflat._napari.timers import PAUSE
 
 _SIZE = (1000, 650)  # pixels
@@ -39,14 +39,29 @@ class FlatWindow:
             window.installEventFilter(_Hider(window))
             _put_last(window)  # until it is shown
         layers, name = self.viewer.layers, data[1]["name"]
-        if name in layers and is_unchanged(layers[name]):
-            layers.remove(name)
+        remove_unchanged(self.viewer, name)
         layer = Layer.create(*data)
         layers.append(layer)
         remember(layer)
         self.viewer.window.show()
         self.viewer.window.activate()
         QTimer.singleShot(PAUSE, self._fit)  # once the size of the canvas is known
+
+    @property
+    def drawn(self) -> list[Layer]:
+        """The layers that the user has drawn or edited."""
+        layers: Any = [] if self.viewer is None else self.viewer.layers
+        return [layer for layer in layers if is_drawn(layer) and not is_unchanged(layer)]
+
+    def keep(self, drawn: list[Layer], kept: list[Layer]) -> None:
+        """Keep copies of layers that the user has drawn, because the window is about to close."""
+        kept += [Layer.create(*layer.as_layer_data_tuple()) for layer in drawn]
+
+    def take_back(self, kept: list[Layer]) -> None:
+        """Show the layers that an earlier window kept."""
+        assert self.viewer is not None
+        while kept:
+            self.viewer.add_layer(kept.pop(0))
 
     def _fit(self) -> None:
         if self.viewer is not None:

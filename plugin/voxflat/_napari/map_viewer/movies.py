@@ -15,16 +15,12 @@ from voxflat._napari.layers.sampled import Shown, shown
 from voxflat._napari.layers.volumes import OutsideError, check_time, finest, shown_step
 from voxflat._napari.map_viewer.flat_window import FlatWindow
 from voxflat._napari.map_viewer.viewer_parts import list_events, world_units
-from voxflat._napari.results.flat_layers import MOVIE, LayerData, MovieMaps, limits
+from voxflat._napari.results.flat_layers import KEPT, MOVIE, LayerData, MovieMaps, limits
 from voxflat._napari.results.layer_list import insert
-from voxflat._napari.results.outputs import is_unchanged
 from voxflat.arguments import Progress
 from voxflat.errors import Cancelled, InputError
 from voxflat.io.channels import Channels
 from voxflat.maps.raster import FlatImage, FlatStack
-
-KEPT = "voxflat_kept"
-"""Key of the metadata of labels from the window, which are kept in the viewer: a weak reference to the `MovieMaps`."""
 
 
 def is_kept(layer: Layer) -> bool:
@@ -99,10 +95,14 @@ class MovieWindow(QObject):
             flat.dims.set_current_step(0, frame)
 
     def close(self) -> None:
-        """Close the window; labels that the user has drawn in it become hidden layers of the viewer."""
+        """Close the window; labels that the user has drawn in it become hidden layers of the viewer.
+
+        Points and shapes come back when the window of this movie is opened again.
+        """
         if self._movie is not None:
-            drawn = [layer for layer in self.layers if isinstance(layer, Labels) and not is_unchanged(layer)]
-            kept = [_in_space(layer, self._movie, self._viewer) for layer in drawn if np.any(finest(layer))]
+            drawn = self.window.drawn
+            self.window.keep([layer for layer in drawn if not isinstance(layer, Labels)], self._movie.drawn)
+            kept = [_in_space(layer, self._movie, self._viewer) for layer in drawn if isinstance(layer, Labels)]
             for layer in kept:
                 insert(self._viewer, layer)
             if kept:
@@ -112,7 +112,8 @@ class MovieWindow(QObject):
         self._linked = self._movie = None
 
     def _take_back(self, movie: MovieMaps) -> None:
-        """Move labels that were drawn on the maps of a movie from the viewer to the window."""
+        """Move labels that were drawn on the maps of a movie from the viewer to the window, and show points again."""
+        self.window.take_back(movie.drawn)
         flat = self.window.viewer
         assert flat is not None
         for layer in [layer for layer in self._viewer.layers if is_kept(layer) and layer.metadata[KEPT]() is movie]:

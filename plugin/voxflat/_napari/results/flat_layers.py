@@ -6,6 +6,7 @@ from typing import Any, Protocol, TypeAlias
 
 import numpy as np
 from napari import Viewer
+from napari.layers import Layer
 from numpy.typing import NDArray
 
 from voxflat._napari.layers.sampled import Shown
@@ -26,12 +27,18 @@ MOVIE = "voxflat_movie"
 """Key of the metadata of flat movies: a `FlatStack` with the pixels of one frame, and the times of the frames."""
 
 
+KEPT = "voxflat_kept"
+"""Key of the metadata of labels from the window of a movie, which are kept in the viewer: a weak reference to its
+`MovieMaps`."""
+
+
 @dataclass(frozen=True, eq=False)
 class MovieMaps:
     """The maps of all frames of a movie."""
 
     series: FlatSeries
     time: TimeAxis
+    drawn: list[Layer] = field(default_factory=list)  # points and shapes of its window, until it is opened again
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,10 +1,12 @@
 """The layers that voxflat writes and may overwrite, unless the user has edited them."""
 
+import re
 import weakref
 import zlib
 from typing import Any
 
 import numpy as np
+from napari import Viewer
 from napari.layers import Labels, Layer, Points, Shapes
 
 _written: "weakref.WeakKeyDictionary[Layer, tuple[str, int, tuple[Any, ...]]]" = weakref.WeakKeyDictionary()
@@ -12,6 +14,7 @@ _written: "weakref.WeakKeyDictionary[Layer, tuple[str, int, tuple[Any, ...]]]" =
 
 def remember(layer: Layer, *sources: Any) -> None:
     """Remember the content of a layer, and the objects from which it was made."""
+    layer = getattr(layer, "__wrapped__", layer)  # of the proxy that napari passes to widgets, which does not last
     _written[layer] = layer.name, _checksum(layer), tuple(map(weakref.ref, sources))
 
 
@@ -22,6 +25,16 @@ def is_unchanged(layer: Layer, *sources: Any) -> bool:
     name, checksum, made_from = _written[layer]
     same = made_from == tuple(map(weakref.ref, sources)) and name == layer.name
     return same and checksum == _checksum(layer)
+
+
+def is_named(layer: Layer, name: str) -> bool:
+    return re.fullmatch(rf"{re.escape(name)}( \[\d+\])?", layer.name) is not None  # as napari numbers equal names
+
+
+def remove_unchanged(viewer: Viewer, name: str) -> None:
+    """Remove the layers with a name that voxflat made and the user has not edited."""
+    for layer in [layer for layer in viewer.layers if is_named(layer, name) and is_unchanged(layer)]:
+        viewer.layers.remove(layer)
 
 
 def is_painted(layer: Layer) -> bool:

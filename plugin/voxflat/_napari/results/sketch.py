@@ -12,6 +12,9 @@ from voxflat._napari.history import History
 Place: TypeAlias = tuple[float, float]  # (u, v), mm
 Polygon: TypeAlias = tuple[Place, ...]
 
+SKETCH = ("marks", "regions", "distance", "corners", "ends")
+"""The fields of a sketch, which the description of a saved map contains."""
+
 
 @dataclass(frozen=True)
 class Sketch:
@@ -29,11 +32,12 @@ class Sketch:
         marks = tuple((frame, _place(place)) for frame, place in record.get("marks", ()))
         regions = tuple((frame, tuple(map(_place, corners))) for frame, corners in record.get("regions", ()))
         distance = record.get("distance")
-        return cls(marks, regions, distance and (distance[0], tuple(map(_place, distance[1]))))
+        corners, ends = (tuple(map(_place, record.get(name, ()))) for name in ("corners", "ends"))
+        return cls(marks, regions, distance and (distance[0], tuple(map(_place, distance[1]))), corners, ends)
 
     def record(self) -> dict[str, Any]:
-        """Return what is complete for the description of a saved map."""
-        return {name: found for name in ("marks", "regions", "distance") if (found := getattr(self, name))}
+        """Return what is drawn for the description of a saved map."""
+        return {name: found for name in SKETCH if (found := getattr(self, name))}
 
     def without_unfinished(self) -> "Sketch":
         return replace(self, corners=(), ends=())

@@ -1,0 +1,177 @@
+"""Work that a user has done outlives docks, windows, layers and further maps, in any order of actions."""
+
+import numpy as np
+from napari.layers import Labels, Layer, Surface
+from napari_window import PATIENCE, bumps, map_dock, open_file, run, wait_for_picture, wait_for_threads
+from numpy.testing import assert_array_equal
+from qtpy.QtWidgets import QDialog
+
+from voxflat import samples
+from voxflat._napari.map_viewer.dock import GO, MEASURE, REGION
+from voxflat._napari.samples import demo_embryo, demo_rim
+from voxflat._napari.viewer_state import ViewerState
+
+
+def press(dock, button, qtbot):
+    button.click()
+    qtbot.waitUntil(lambda: dock._worker is None, timeout=PATIENCE)
+
+
+def layers_of(sample):
+    return [Layer.create(*data) for data in sample]
+
+
+def test_unfinished_drawings_are_continued_after_the_dock_the_layer_and_the_window_were_closed(
+    flattened, make_napari_viewer, qtbot, tmp_path
+):
+    viewer, _, dock = flattened(Surface(bumps()[:2], name="bumps"))
+    u, v = dock.prepared.run.flat_map.uv.mean(axis=0)
+
+    def click(dock, *places):
+        for du, dv in places:
+            dock.canvas.clicked.emit(u + du, v + dv)
+        wait_for_picture(dock, qtbot)
+
+    dock.click.setCurrentText(MEASURE)
+    click(dock, (-5, 0), (5, 0))
+    dock.undo.click()
+    dock.redo.click()
+    dock.click.setCurrentText(REGION)
+    click(dock, (-5, -5), (5, -5))
+    viewer.window.remove_dock_widget(dock)
+    viewer.layers.remove("bumps")
+    dock = map_dock(viewer, qtbot)
+    assert dock.click.currentText() == REGION
+    click(dock, (0, 5))
+    drawn = dock.prepared.run.sketches.now
+    assert len(drawn.corners) == 3
+    dock.click.setCurrentText(GO)  # the corners are discarded, and brought back
+    assert dock.prepared.run.sketches.now.corners == ()
+    dock.undo.click()
+    assert (dock.prepared.run.sketches.now, dock.click.currentText()) == (drawn, REGION)
+    path = tmp_path / "map.voxflat"
+    viewer.layers.selection = {viewer.layers["bumps distortion"]}
+    viewer.layers.save(str(path), selected=True, plugin="voxflat")
+    length = viewer.layers["shortest path"].data[0]
+    viewer.close()
+
+    viewer = make_napari_viewer()
+    open_file(viewer, qtbot, path)
+    dock = map_dock(viewer, qtbot)
+    assert dock.prepared.run.sketches.now == drawn
+    assert_array_equal(viewer.layers["shortest path"].data[0], length)
+    assert dock.click.currentText() == REGION
+    dock.canvas.double_clicked.emit()
+    wait_for_picture(dock, qtbot)
+    assert viewer.layers["map regions"].vertex_values.max() == 1
+    wait_for_threads(qtbot)
+
+
+def test_napari_asks_before_it_closes_a_window_with_maps(flattened, qtbot, monkeypatch):
+    from napari._qt import qt_main_window
+
+    viewer, _, dock = flattened(Surface(bumps(13)[:2], name="bumps"))
+    u, v = dock.prepared.run.flat_map.uv.mean(axis=0)
+    dock.click.setCurrentText(REGION)
+    dock.canvas.clicked.emit(u, v)
+    viewer.layers.remove("bumps")  # the layers of the map remain
+    asked = []
+
+    class Declined:
+        def __init__(self, *given, **how):
+            asked.append("asked")
+
+        def exec_(self):
+            return QDialog.DialogCode.Rejected
+
+    class ByUser:
+        def spontaneous(self):
+            return True
+
+        def ignore(self):
+            asked.append("ignored")
+
+    monkeypatch.setattr(qt_main_window, "ConfirmCloseDialog", Declined)
+    monkeypatch.setattr(qt_main_window.get_settings().application, "confirm_close_window", True)  # napari's default
+    viewer.window._qt_window.closeEvent(ByUser())
+    assert asked == ["asked", "ignored"]
+    assert ViewerState.of(viewer).current.sketches.now.corners == ((u, v),)
+
+
+def test_the_layers_that_a_dock_made_are_not_replaced_once_they_are_edited(open_widget, qtbot):
+    viewer, dock = open_widget(Labels(samples.rim().data, name="rim"), name="Cortical depth")
+    qtbot.waitUntil(lambda: dock.form.label.rim == "rim", timeout=PATIENCE)
+    dock.form.count.setValue(3)
+    press(dock, dock.layers, qtbot)
+    dock.form.count.setValue(4)
+    press(dock, dock.layers, qtbot)
+    made = viewer.layers["rim in layers"]
+    assert made.data.max() == 4
+    made.data[0, 0, 0] = 9
+    for count in (5, 6):
+        dock.form.count.setValue(count)
+        press(dock, dock.layers, qtbot)
+    assert made in viewer.layers
+    assert made.data.max() == 9
+    assert [(layer.name, layer.data.max()) for layer in viewer.layers[2:]] == [("rim in layers [1]", 6)]
+    wait_for_threads(qtbot)
+
+
+def test_labels_in_the_window_of_a_flat_volume_come_back(open_widget, qtbot, messages):
+    viewer, widget = open_widget(*layers_of(demo_rim()))
+    qtbot.waitUntil(lambda: widget.form.label.rim == "rim", timeout=PATIENCE)
+    run(widget, qtbot)
+    _, dock = viewer.window.add_plugin_dock_widget("voxflat", "Cortical depth")
+    qtbot.waitUntil(lambda: dock.form.label.rim == "rim", timeout=PATIENCE)
+    dock.form.count.setValue(3)
+    press(dock, dock.flatten, qtbot)
+    flat = dock.flat_window.viewer
+    image = flat.layers[0]
+    place = {name: getattr(image, name) for name in ("scale", "translate", "units")}
+    painted = flat.add_labels((image.data > 0).astype(int), name="active", **place).data.copy()
+    flat.add_labels(np.zeros(image.data.shape, dtype=int), name="empty", **place)
+    flat.add_points([[0.5, 1, 2]], name="peaks")
+    del flat, image, place
+    viewer.window.remove_dock_widget(dock)
+    assert any("'active', 'peaks'" in one.message for one in messages)
+    _, dock = viewer.window.add_plugin_dock_widget("voxflat", "Cortical depth")
+    qtbot.waitUntil(lambda: dock.form.label.rim == "rim", timeout=PATIENCE)
+    press(dock, dock.flatten, qtbot)
+    layers = dock.flat_window.viewer.layers
+    assert [layer.name for layer in layers][1:] == ["active", "peaks"]
+    assert_array_equal(layers["active"].data, painted)
+    assert_array_equal(layers["peaks"].data, [[0.5, 1, 2]])
+    del layers
+    viewer.window.remove_dock_widget(dock)
+    wait_for_threads(qtbot)
+
+
+def test_drawings_in_the_window_of_a_movie_keep_their_maps(open_widget, qtbot, monkeypatch):
+    found = samples.embryo(2)
+    monkeypatch.setattr(samples, "embryo", lambda: found)
+    viewer, widget = open_widget(*layers_of(demo_embryo()), show=True)
+    state = ViewerState.of(viewer)
+    qtbot.waitUntil(lambda: "voxels" in widget.form.label.currentText(), timeout=PATIENCE)
+    run(widget, qtbot)
+    dock = map_dock(viewer, qtbot)
+    first = state.current
+    press(dock, dock.movie, qtbot)
+    flat = dock.movies.window.viewer
+    flat._new_labels()
+    flat.layers[-1].data[0, 70:75, 80:85] = 3
+    painted, name = flat.layers[-1].data.copy(), flat.layers[-1].name
+    flat.add_points([[0, 1, 2]], name="cells")
+    del flat
+    run(widget, qtbot, dock)
+    assert [one is first for one in state.runs] == [True, False]
+    run(widget, qtbot, dock)
+    assert [one is first for one in state.runs] == [True, False]
+    state.choose(first)
+    wait_for_picture(dock, qtbot)
+    press(dock, dock.movie, qtbot)
+    layers = dock.movies.layers
+    assert {layer.name for layer in layers[1:]} == {name, "cells"}
+    assert_array_equal(next(layer for layer in layers if layer.name == name).data, painted)
+    del layers
+    viewer.window.remove_dock_widget(dock)
+    wait_for_threads(qtbot)
