@@ -498,6 +498,16 @@ def test_labels_painted_on_the_map_of_a_mesh_are_saved_at_its_vertices(flattened
     for label, name, colour in ((2, b"V1", (16, 32, 48)), (7, b"MT", (255, 128, 0))):
         assert_array_equal((np.array([*names, b"none"])[read] == name)[clear], (expected == label)[clear])
         assert tuple(colours[names.index(name), :3]) == colour
+    for name in ("painted.label.gii", "lh.painted.annot"):  # by napari's own command
+        viewer.layers.selection = {viewer.layers["painted"]}
+        viewer.layers.save(str(tmp_path / f"by.{name}"), selected=True, plugin="voxflat")
+        assert (tmp_path / f"by.{name}").read_bytes() == (tmp_path / name).read_bytes()
+    viewer.layers["painted"].data = painted[1:]
+    with pytest.raises(voxflat.VoxflatError, match="not those of the map"):
+        viewer.layers.save(str(tmp_path / "other.label.gii"), selected=True, plugin="voxflat")
+    viewer.layers.selection = {viewer.layers["bumps"]}
+    with pytest.raises(voxflat.VoxflatError, match="contains no regions"):
+        viewer.layers.save(str(tmp_path / "other.label.gii"), selected=True, plugin="voxflat")
 
 
 def test_drawings_on_a_map_of_voxels(flattened, qtbot, tmp_path):

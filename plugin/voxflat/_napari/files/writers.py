@@ -7,12 +7,13 @@ from typing import Any, TypeAlias
 
 import numpy as np
 from napari import current_viewer
-from napari.layers import Layer
+from napari.layers import Labels, Layer
 from numpy.typing import NDArray
 
 from voxflat._napari.layers.volumes import LayerVolume
 from voxflat._napari.layers.world import WORLD
 from voxflat._napari.map_viewer.drawings import OF_MESH
+from voxflat._napari.map_viewer.segmentations import Segmentation
 from voxflat._napari.results.flat_layers import MOVIE, STACK, LayerData
 from voxflat._napari.viewer_state import ViewerState
 from voxflat._napari.wording import error_text
@@ -23,7 +24,7 @@ from voxflat.io.volumes import write_volume
 from voxflat.maps.flat_map import MAP_ENDINGS, FlatMap
 from voxflat.maps.image_files import IMAGE_ENDINGS
 from voxflat.maps.raster import FlatImage, FlatStack
-from voxflat.maps.regions import VERTEX_ENDINGS
+from voxflat.maps.regions import VERTEX_ENDINGS, Regions
 from voxflat.pipeline.flat_movie import FlatMovie
 
 Written: TypeAlias = Any  # list[str], which napari's commands cannot compare with classes on Python 3.10
@@ -61,17 +62,32 @@ def write_flat_image(path: str | None = None, layers: Sequence[LayerData] = ()) 
 
 
 def write_regions(path: str | None = None, layers: Sequence[LayerData] = ()) -> Written:
-    """Save the regions that were drawn on the map of a mesh, in the same way as `write_flat_map`."""
+    """Save the regions or labels that were drawn on the map of a mesh, in the same way as `write_flat_map`."""
     if path is None:
         return _ask("Save regions", VERTEX_ENDINGS)
     with _reporting_errors():
-        found = [keywords["metadata"].get(OF_MESH) for _, keywords, _ in layers]
-        if len(found) != 1 or found[0] is None:
+        if len(layers) != 1:
             raise InputError("Regions on a mesh are saved one layer at a time. Select one layer with regions of a map")
-        if not np.array_equal(layers[0][0][2], found[0].labels):
-            raise InputError(f"The values of '{layers[0][1]['name']}' were changed. Draw the regions on the map again")
-        found[0].save(path, overwrite=True)
+        _regions_of(layers[0]).save(path, overwrite=True)
     return [path]
+
+
+def _regions_of(data: LayerData) -> Regions:
+    """Return the regions of a layer on a mesh, or of labels that the user has painted over the displayed map."""
+    values, keywords, kind = data
+    if kind == "labels":
+        viewer = current_viewer()
+        run = None if viewer is None else ViewerState.of(viewer).current
+        if run is None or not isinstance(run.flat_map, FlatMap) or run.flat_map.is_voxels or values.ndim != 2:
+            name = keywords["name"]
+            raise InputError(f"Labels '{name}' do not lie on the displayed map of a mesh. Show this map in Flat map")
+        return Segmentation.of(Labels(values, **keywords)).regions(run.flat_map, None)
+    found = keywords["metadata"].get(OF_MESH)
+    if found is None:
+        raise InputError(f"Layer '{keywords['name']}' contains no regions. Select a layer with regions of a map")
+    if not np.array_equal(values[2], found.labels):
+        raise InputError(f"The values of '{keywords['name']}' were changed. Draw the regions on the map again")
+    return found  # type: ignore[no-any-return]  # metadata are Any
 
 
 def _save_volume(path: str, layers: Sequence[LayerData]) -> None:
