@@ -5,6 +5,7 @@ import json
 
 import numpy as np
 import pytest
+import tifffile
 from command_line import fail, succeed
 from layers import bent_layers
 from nibabel import Nifti1Image
@@ -141,6 +142,33 @@ def test_channels(gyrus, tmp_path):
     with (tmp_path / "profile.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
     assert [(row["layer"], row["channel"]) for row in rows[:4]] == [("1", "0"), ("1", "1"), ("1", "2"), ("2", "0")]
+
+
+def test_channels_of_the_same_name_are_called_by_number(tmp_path):
+    """In profiles, in tables of regions, and in the message that lists them, as they are chosen."""
+    sample = voxflat.samples.rim()
+    about = {"axes": "ZCYX", "Channel": {"Name": ["rim", "gfp", "gfp"]}}
+    about |= {f"PhysicalSize{axis}": 0.5 for axis in "XYZ"} | {f"PhysicalSize{axis}Unit": "mm" for axis in "XYZ"}
+    stack = tmp_path / "stack.ome.tif"
+    tifffile.imwrite(
+        stack, np.stack([sample.data, sample.data + 1, 5 * sample.data]).transpose(3, 0, 2, 1), metadata=about
+    )
+    rim = voxflat.rim(voxflat.io.read_volume(stack, "rim"))
+    profile = rim.profile(stack, count=2)
+    assert profile.channels == ("rim", "1", "2")
+    np.testing.assert_array_equal(profile.mean[..., 2], rim.profile(stack, count=2, channel=2).mean)
+    flat_map = rim.surface.flatten()
+    refused(r"has 3 channels \(rim, 1: gfp, 2: gfp\)", flat_map.image, stack)
+    refused(r"has 3 channels .* \(rim, 1: gfp, 2: gfp\)", voxflat.io.read_volume, stack)
+    refused(
+        r"has 2 channels named 'gfp' \(numbers \[1, 2\]\). Choose one by its number",
+        flat_map.image,
+        stack,
+        channel="gfp",
+    )
+    (low, _), (high, _) = np.sort(flat_map.uv, axis=0)[[0, -1]] / 4
+    square = {"square": [(low, low), (high, low), (high, high), (low, high)]}
+    assert {"mean_rim", "mean_1", "mean_2"} <= set(flat_map.regions(square).properties(flat_map.images(stack)))
 
 
 def test_integers_are_not_mixed(gyrus):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 import textwrap
+from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -24,6 +25,12 @@ _NIFTI_OR_MGH = (".nii", ".nii.gz", ".mgh", ".mgz")
 _BLOCK = 64  # frames read at once if a file stores them point by point
 _LARGEST_LABEL = 2**31 - 1
 _SECONDS = {"sec": 1.0, "msec": 1e-3, "usec": 1e-6}
+
+
+def distinct_names(names: Sequence[str]) -> tuple[str, ...]:
+    """Return the names of channels; those without a name, or with that of another channel, are called by number."""
+    counts = Counter(names)
+    return tuple(name if name and counts[name] == 1 else str(n) for n, name in enumerate(names))
 
 
 @dataclass(frozen=True)
@@ -60,7 +67,9 @@ class Channels:
         """Return the names, shortened for use in messages."""
         if not any(self.names):
             return f"0 to {len(self) - 1}"
-        return textwrap.shorten(", ".join(name or str(n) for n, name in enumerate(self.names)), 300, placeholder=" ...")
+        named = zip(self.names, distinct_names(self.names), strict=True)
+        listed = (own if own == name or not name else f"{own}: {name}" for name, own in named)
+        return textwrap.shorten(", ".join(listed), 300, placeholder=" ...")
 
     def find(self, channel: int | str | None) -> int:
         """Find a channel by its name or number (from 0, or negative from the end); None selects the only channel."""

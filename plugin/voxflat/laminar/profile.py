@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from voxflat.arguments import checked_choice, checked_path
 from voxflat.errors import InputError
+from voxflat.io.channels import distinct_names
 from voxflat.io.files import REMEDY, naming
 from voxflat.io.notebook import page
 from voxflat.io.provenance import Record, Recorded, saving
@@ -314,7 +315,7 @@ def profile_of(
     mean, sd, counts, missing = (np.stack(part, axis=-1) for part in zip(*parts, strict=True))
     if not counts.any():
         raise InputError("the volume has no finite values in the grey matter of the regions. Check its affine")
-    names = tuple(channels.names[number] or str(number) for number in numbers) if len(parts) > 1 else ()
+    names = distinct_names(channels.names) if len(parts) > 1 else ()
     if not names:
         mean, sd, counts, missing = mean[..., 0], sd[..., 0], counts[..., 0], missing[..., 0]
     depths = (np.arange(layers.count) + 0.5) / layers.count

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from voxflat import _core
 from voxflat.arguments import checked_number, checked_path, numbers_of, shown
 from voxflat.errors import InputError
+from voxflat.io.channels import distinct_names
 from voxflat.io.chunks import is_stack_path
 from voxflat.io.files import atomic_path
 from voxflat.io.formats.freesurfer import write_annot, write_label
@@ -451,9 +452,9 @@ def _named(
 ) -> Iterator[tuple[str, FlatImage | NDArray[np.float64]]]:
     """Return the names of the columns of means, and the images, each of which is sampled on demand."""
     if isinstance(image, FlatStack) and len(image) > 1:
-        names = [re.sub(r"\s+", "_", name) for name in image.names]
+        names = distinct_names([re.sub(r"\s+", "_", name) for name in image.names])
         for n, name in enumerate(names):
-            yield f"mean_{name if name and names.count(name) == 1 else n}", image[n]
+            yield f"mean_{name}", image[n]
     elif image is not None:
         yield "mean", image[0] if isinstance(image, FlatStack) else image
 
