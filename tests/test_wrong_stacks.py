@@ -2,6 +2,7 @@
 
 import hashlib
 import logging
+import re
 
 import h5py
 import nibabel as nib
@@ -108,6 +109,30 @@ def test_a_stack_without_a_size_is_reported(files, tmp_path):
         "plain.tif does not define the size of its voxels, which is assumed to be 1 mm. Pass --spacing" in result.stderr
     )
     fail(1, "defines its voxel size in µm. Omit --unit", "check", files / "ball.tif", "--unit", "mm")
+
+
+@pytest.mark.parametrize("ending", [".tif", ".h5", ".ome.zarr"])
+def test_check_names_no_anatomical_directions_of_a_stack(ending, tmp_path):
+    ball, path = (voxflat.samples.ball() > 0).astype(np.uint8), tmp_path / f"ball{ending}"
+    if ending == ".tif":
+        imagej(path, ball)
+    elif ending == ".h5":
+        with h5py.File(path, "w") as file:
+            file["data"] = ball.T
+    else:
+        group, axes = zarr.open_group(path, mode="w", zarr_format=2), ("z", "y", "x")
+        group.create_array("0", data=ball.T)
+        scale = [{"type": "scale", "scale": [SIZE] * 3}]
+        axes = [{"name": axis, "type": "space", "unit": "micrometer"} for axis in axes]
+        described = {"version": "0.4", "axes": axes, "datasets": [{"path": "0", "coordinateTransformations": scale}]}
+        group.attrs["multiscales"] = [described]
+    surface = voxflat.surface(path)
+    found = [voxflat.check(path), surface.check(), surface.disk((4, 12, 12), 2.5).check()]
+    texts = [one.table() for one in found] + [succeed("check", path, *more).output for more in ((), ("--smooth", 2))]
+    for text in texts:
+        assert not re.search("RAS|orientation|anterior|superior", text)
+        assert "µm" in text or ending == ".h5"  # which has no unit
+    assert sum("x, y and z of the volume, without anatomical directions" in text for text in texts) == 3
 
 
 @pytest.fixture(scope="module")

@@ -102,3 +102,24 @@ class TestCommandLine:
         succeed("rows", mesh, "--sources", 5, "--geodesic", solver, *where)
         rows = voxflat.open_rows(tmp_path / "store")
         np.testing.assert_array_equal(rows, voxflat.surface(mesh).geodesic(5, geodesic=solver))
+
+
+def test_distances_in_a_part_are_shown_at_their_vertices_and_never_at_others():
+    """The columns are the points of the part, so that a row is not one value for each vertex of the mesh."""
+    hill = voxflat.samples.hill()
+    part = hill.keep(np.arange(100, 300))
+    rows = part.geodesic(4)
+    vertices = np.array([299, 100, 231])
+    np.testing.assert_array_equal(rows.ids[part.find(vertices)], vertices)
+    np.testing.assert_allclose(rows.points[part.find(vertices)], hill.points[vertices], rtol=1e-6)
+    flat = part.flatten(voxflat.methods.Voxflat(sources=9))
+    told = (
+        "the overlay has 200 values, one for each point of the map, but the mesh has 441 vertices. Assign them to the"
+    )
+    refused(told, flat.image, rows[0])
+    refused("the overlay has 200 values, but the mesh has 441 vertices. Pass one", hill.flatten().image, rows[0])
+    refused("DistanceRows: has shape", flat.image, rows)
+    everywhere = np.full(hill.count, np.nan)
+    everywhere[flat.ids] = rows[0]
+    shown = flat.image(everywhere).data
+    np.testing.assert_allclose([np.nanmin(shown), np.nanmax(shown)], [rows[0].min(), rows[0].max()], atol=1.0)

@@ -45,7 +45,8 @@ class DistanceRows(ReadOnly):
     ----------
     rows : ndarray of float32, shape (m, N)
         Distances in mm; for a store, a `Table` that is read on demand. Column n belongs to the point ``points[n]``,
-        whose vertex number in the mesh is ``ids[n]``: a part of a surface has fewer columns than the mesh has vertices.
+        whose vertex number in the mesh is ``ids[n]``: a part of a surface has fewer columns than the mesh has vertices,
+        and its `Surface.find` returns the columns of vertex numbers.
     ids : ndarray of int64, shape (N, 3) or (N,)
         Voxel indices or vertex numbers of the points.
     points : ndarray of float64, shape (N, 3)

@@ -351,8 +351,11 @@ class Sampler:
         is_array = is_array and not hasattr(volume, "dataobj")
         if is_array and (values := array_of(volume, "overlay's values", as_nan=True)).ndim in (1, 2):
             if len(values) != count:
+                is_of_points = len(values) == len(self.points)  # such as distances in a part of the mesh
+                each = ", one for each point of the map," if is_of_points else ","
+                remedy = "Assign them to the map's ids first" if is_of_points else "Pass one value for each"
                 raise InputError(
-                    f"the overlay has {len(values)} values, but the mesh has {count} vertices. Pass one value for each"
+                    f"the overlay has {len(values)} values{each} but the mesh has {count} vertices. {remedy}"
                 )
             return Channels.of_array(values)
         return values_of_object(volume, count, structure)
