@@ -57,6 +57,20 @@ def test_every_option_for_a_hemisphere_accepts_all_its_names(command, option, na
         option.type.convert("middle", option, None)
 
 
+@pytest.mark.parametrize(
+    ("command", "option", "told"),
+    [
+        ("bids", "--subject", "Did you mean --participant-label?"),
+        ("bids", "--participants", "Did you mean --participant-label?"),
+        ("bids", "--qiet", "Did you mean --quiet?"),
+        ("flatten", "--subject", 'See "voxflat flatten --help".'),
+        ("flatten", "--treads", "Did you mean --threads"),
+    ],
+)
+def test_an_unknown_option_is_refused_with_options_that_are_similar(command, option, told):
+    assert fail(2, f"No such option: {option}. {told}", command, option, "1").stderr.count("--quiet") <= ("q" in option)
+
+
 def test_python_accepts_all_names_of_a_hemisphere():
     from voxflat.arguments import named_side
 

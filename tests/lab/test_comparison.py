@@ -40,6 +40,16 @@ def test_outliers_of_a_study_are_high_or_low_among_the_hemispheres_of_their_side
     assert [n for n, row in enumerate(_with_outliers(left)) if "triangles.flipped" in row.outliers] == [2]
 
 
+def test_only_measures_of_the_page_and_errors_of_maps_are_outliers():
+    def row(number):
+        triangles = {"flipped": 9 - number, "collapsed": 99 * (number == 0), "edge": 0.1 + (number == 0)}
+        return Row(f"sub-{number}", "", "L", "", {"figures": {"triangles": triangles}})
+
+    marked = [row.outliers for row in _with_outliers([row(n) for n in range(10)])]
+    assert marked[0] == {"triangles.edge": "high", "triangles.flipped": "high"}
+    assert marked[1:] == [{"triangles.flipped": "high"}] * 8 + [{}]  # more than 0, even below the median
+
+
 def test_percentages_of_studies_are_those_of_the_tables_of_maps():
     factors = {key: factor for _, key, factor, _ in (*_DISTANCES, *_TRIANGLES)}
     assert {key: of[1] for key, of in FIGURES.items()} == {key: factors[key.split(".")[1]] for key in FIGURES}

@@ -288,7 +288,10 @@ def test_the_report_holds_everything_and_needs_no_network(made):
     record = record_of(made)
     assert f"{100 * record['figures']['best_scale']['relative_error']:.2f}" in page
     citation = voxflat.cite(flat_of(made), flat_of(made, "rh"))
-    for text in (*record["warnings"], *record["notes"], record["versions"]["numpy"], citation.text, citation.bibtex):
+    for text in (*record["warnings"], *record["notes"]):
+        assert "<code>".join((text[0].upper() + text[1:]).split("`", 1)).replace("`", "</code>") + ".</p>" in page
+    assert "<code>voxflat check</code>" in page
+    for text in (record["versions"]["numpy"], citation.text, citation.bibtex):
         assert text.replace("'", "&#39;") in page
     assert page.count('<script type="application/json">') == 2
     assert page.count("<img ") == 2 * 5  # folds, two overlays, errors, areas

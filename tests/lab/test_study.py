@@ -69,6 +69,8 @@ def test_three_fail_by_name_and_never_stop_the_others(study):
     record = json.loads(next((root / "out").rglob("*_flat.json")).read_text())
     assert "standard cuts" in record["warnings"][0]
     assert "not written to the file" in record["notes"][0]  # not on the terminal
+    assert f"\nreports: 17 pages, such as {root / 'out' / 'sub-01.html'}\n" in result.stdout
+    assert result.stdout.splitlines()[-1] == f"next: voxflat bids {root / 'bids'} {root / 'out'} group"
     lines = result.stderr.splitlines()
     assert len(lines) == 3
     for (label, reason), line in zip(BROKEN.items(), lines, strict=True):
@@ -310,6 +312,11 @@ def test_the_table_has_everybody_and_every_figure(root, compared):
                 cell = row[f"{of}.{name}"]
                 assert cell == "n/a" if value is None else float(cell) == pytest.approx(value, rel=1e-5)
         assert (row["reason"], row["cuts"]) == ("n/a", "standard")
+    described = json.loads((root / "out" / "group_desc-voxflat_measures.json").read_text())
+    assert list(described) == list(rows[0])
+    assert all(of["Description"] for of in described.values())
+    lengths = {"width", "height", "mean_geodesic", "voxel_size", "raw.absolute_error", "best_scale.absolute_error"}
+    assert {name for name, of in described.items() if of.get("Units") == "mm"} == lengths
     assert set(json.loads(compared.stdout)["missing"]) == {f"sub-{label} L" for label in BROKEN}
 
 
@@ -348,7 +355,14 @@ def test_a_broken_map_stands_out_in_table_and_page(root, compared, tmp_path):
     told = json.loads(run("bids", root / "bids", tmp_path / "out", "group", "--json").stdout)
     assert told["outliers"]["sub-02 L"]["best_scale.relative_error"] == "high"
     assert {"triangles.flipped", "best_scale.relative_error"} <= set(told["outliers"]["sub-02 L"])
+    words = run("bids", root / "bids", tmp_path / "out", "group").stdout
+    marked = [of.keys() - {"triangles.flipped"} for of in told["outliers"].values()]
+    values, hemispheres = sum(map(len, marked)), sum(map(bool, marked))
+    assert re.search(rf"^outliers: {values} values of {hemispheres} hemispheres \(about 0\.\d+ values are", words, re.M)
+    assert "\nerrors: 1 map has flipped or covering triangles" in words
+    assert f"\nreport: {tmp_path / 'out' / 'group.html'}\n" in words
     page = (tmp_path / "out" / "group.html").read_text()
+    assert f"{values} values are outliers" in page
     assert '<td class="n bad">31.0<span class="quiet"> ±' in page
     assert '<td class="n bad">4</td>' in page
     assert _ranked(page)[0] == "sub-02"
@@ -459,7 +473,7 @@ def test_a_group_of_one_leaves_no_means_of_an_earlier_group(root, compared, tmp_
     shutil.copytree(root / "out", tmp_path / "out")
     assert list((tmp_path / "out").glob("group_hemi-L_stat-*.nii.gz"))
     words = ["bids", root / "bids", tmp_path / "out", "group", "--participant-label", "01"]
-    assert run(*words).exit_code == 0
+    assert "outliers: not determined; they require 5 maps of one side" in succeed(*words).stdout
     assert not list((tmp_path / "out").glob("group_hemi-*.nii.gz"))
 
 

@@ -18,7 +18,8 @@ import traceback
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
-from typing import TYPE_CHECKING, Any, TextIO
+from difflib import get_close_matches
+from typing import TYPE_CHECKING, Any, ClassVar, TextIO
 
 import click
 import cloup
@@ -99,14 +100,28 @@ class Program(cloup.Group):
 class Command(cloup.Command):
     """Command that refuses an option that is given twice, unless all its values are used."""
 
+    synonyms: ClassVar[dict[str, str]] = {}  # names of options, by words that users may try instead
+
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         """Parse the arguments; click itself would use the last value of a repeated option, without a word."""
-        if not ctx.resilient_parsing:
-            _, _, given = self.make_parser(ctx).parse_args(args=list(args))
-            for number, one in enumerate(given):
-                if isinstance(one, click.Option) and not one.multiple and one in given[:number]:
-                    raise click.UsageError(f"{one.opts[-1]} is given twice. Give it once.", ctx)
-        return super().parse_args(ctx, args)
+        try:
+            if not ctx.resilient_parsing:
+                _, _, given = self.make_parser(ctx).parse_args(args=list(args))
+                for number, one in enumerate(given):
+                    if isinstance(one, click.Option) and not one.multiple and one in given[:number]:
+                        raise click.UsageError(f"{one.opts[-1]} is given twice. Give it once.", ctx)
+            return super().parse_args(ctx, args)
+        except click.NoSuchOption as error:
+            raise self._no_such(error.option_name, ctx) from None
+
+    def _no_such(self, name: str, ctx: click.Context) -> click.UsageError:
+        """Return the error that an option does not exist, with similar ones; dashes do not make names similar."""
+        bare = name.lstrip("-")
+        flags = {flag.lstrip("-"): one.opts[0] for one in self.params for flag in one.opts if flag.startswith("--")}
+        names = [self.synonyms[bare]] if bare in self.synonyms else get_close_matches(bare, flags)
+        near = dict.fromkeys(flags[like] for like in names if like in flags)
+        hint = f"Did you mean {' or '.join(near)}?" if near else f'See "{ctx.command_path} --help".'
+        return click.UsageError(f"No such option: {name}. {hint}", ctx)
 
     def invoke(self, ctx: click.Context) -> Any:
         """Run the command, and print its notes and warnings."""

@@ -13,7 +13,7 @@ from voxflat.maps.flat_map import FlatMap
 from voxflat.maps.raster import FlatImage
 
 _PIXEL = 1.0  # mm
-_LEAST = 5  # smallest number of maps for which outliers are reported
+LEAST = 5  # smallest number of maps for which outliers are reported
 _FAR = 3.5  # threshold on modified z scores (Iglewicz, Hoaglin 1993)
 _DRAWS = 2000  # number of simulated groups
 _NORMAL = 0.6745  # median absolute deviation of a normal distribution with standard deviation 1
@@ -93,7 +93,7 @@ class Sums:
 def outliers(values: NDArray[np.float64]) -> NDArray[np.bool_]:
     """Return a mask of outliers (modified z score above 3.5), without NaN and values in groups of fewer than five."""
     defined = values[np.isfinite(values)]
-    if len(defined) < _LEAST:
+    if len(defined) < LEAST:
         return np.zeros(len(values), dtype=np.bool_)
     apart = np.abs(values - np.median(defined))
     usual = float(np.median(apart[np.isfinite(apart)]))

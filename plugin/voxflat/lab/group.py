@@ -1,7 +1,6 @@
 """Group level of a study: a table of all measures, outliers, and means over maps with standard cuts."""
 
 import io
-import shlex
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -14,6 +13,7 @@ from voxflat.arguments import log
 from voxflat.errors import InputError, user_message
 from voxflat.io.files import from_json
 from voxflat.io.reading import hash_of
+from voxflat.lab.columns import DESCRIPTIONS, MEASURE_COLUMNS
 from voxflat.lab.comparison import Mean, Row, Sums, outliers, outliers_by_chance
 from voxflat.lab.differences import differences
 from voxflat.lab.freshness import page_key, write_json, write_text
@@ -29,7 +29,7 @@ from voxflat.lab.results import (
     read_record,
     sealed,
 )
-from voxflat.lab.study import NO_FILES, Job
+from voxflat.lab.study import NO_FILES, Job, command
 from voxflat.maps.flat_map import FlatMap
 
 _STEM = "group_desc-voxflat"
@@ -51,7 +51,7 @@ def group(everybody: Sequence[Participant], source: Path, out: Path, hemis: Sequ
 
         rows, means, maps = _compared(out, rows, map_picture)
         if not maps:
-            raise InputError(f"{out}: no participant has a map. Run {_command(source, out)} first")
+            raise InputError(f"{out}: no participant has a map. Run {command(source, out, 'participant')} first")
         for one in means:
             for statistic, image in (("mean", one.mean), ("std", one.deviation), ("count", one.count)):
                 name = f"group_hemi-{one.letter}_stat-{statistic}_desc-voxflat_{one.name}.nii.gz"
@@ -62,7 +62,7 @@ def group(everybody: Sequence[Participant], source: Path, out: Path, hemis: Sequ
                 path.unlink()
         table, page = out / f"{_STEM}_measures.tsv", out / "group.html"
         write_text(table, _table(rows))
-        write_json(table.with_suffix(".json"), _columns())
+        write_json(table.with_suffix(".json"), DESCRIPTIONS)
         write_text(
             page, study_page(rows, means, maps, _key(rows), expected_outliers(rows), _warnings(source, out, rows))
         )
@@ -84,18 +84,13 @@ def group(everybody: Sequence[Participant], source: Path, out: Path, hemis: Sequ
     }
 
 
-def _command(source: Path, out: Path) -> str:
-    """Return the command that makes the maps."""
-    return shlex.join(["voxflat", "bids", str(source), str(out), "participant"])
-
-
 def _warnings(source: Path, out: Path, rows: Sequence[Row]) -> list[str]:
     """Return the warning that maps were made in different ways, if they were."""
     if not (found := differences(rows)):
         return []
     what = "they are" if _are_mixed(found) else "these overlays are"
-    command = f"{_command(source, out)} for all participants, with the same options"
-    return [f"the maps of this group differ, so {what} not averaged: {'. '.join(found.values())}. Run {command}"]
+    again = f"{command(source, out, 'participant')} for all participants, with the same options"
+    return [f"the maps of this group differ, so {what} not averaged: {'. '.join(found.values())}. Run {again}"]
 
 
 def _are_mixed(different: Mapping[str, str]) -> bool:
@@ -171,11 +166,11 @@ def _with_outliers(rows: list[Row]) -> list[Row]:
     """Mark outliers among the hemispheres of the same side."""
     marks: dict[int, dict[str, str]] = {}
     for own in _sides(rows):
-        for place in _places([rows[n].record or {} for n in own]):
+        for place in dict.fromkeys((*FIGURES, *COUNTS)):
             values = np.array([figure_of(rows[n].record or {}, place) for n in own], dtype=np.float64)  # None is NaN
-            far = values > 0 if place in COUNTS else outliers(values) if place in FIGURES else np.zeros(len(own), bool)
+            far = values > 0 if place in COUNTS else outliers(values)
             for n, value in zip(np.array(own, dtype=int)[far].tolist(), values[far].tolist(), strict=True):
-                marks.setdefault(n, {})[place] = "low" if value < np.nanmedian(values) else "high"
+                marks.setdefault(n, {})[place] = "high" if place in COUNTS or value > np.nanmedian(values) else "low"
     return [replace(row, outliers=marks.get(n, {})) for n, row in enumerate(rows)]
 
 
@@ -190,26 +185,10 @@ def expected_outliers(rows: Sequence[Row]) -> float:
     return round(measures * sum(outliers_by_chance(len(own)) for own in _sides(rows)), 2)
 
 
-def _places(records: Sequence[Mapping[str, Any]]) -> list[str]:
-    """Return the names of all measures in the records, except standard errors."""
-
-    def leaves(of: Mapping[str, Any], before: str = "") -> Iterator[str]:
-        for key, value in of.items():
-            if isinstance(value, dict):
-                yield from leaves(value, f"{before}{key}.")
-            elif isinstance(value, int | float) or value is None:
-                yield f"{before}{key}"
-
-    found = dict.fromkeys(place for record in records for place in leaves(record["figures"]))
-    return [place for place in found if not place.startswith("standard_error.")]
-
-
 def _table(rows: Sequence[Row]) -> str:
     """Return the table of all measures as a BIDS table, with n/a for missing values."""
-    places = _places([row.record for row in rows if row.record is not None])
-    head = ["participant_id", "session_id", "hemi", "status", "reason", "outliers", "cuts", "points", "width", "height"]
     text = io.StringIO()
-    print("\t".join(head + places), file=text)
+    print("\t".join(DESCRIPTIONS), file=text)
     for row in rows:
         cells: list[Any] = [row.name, row.session.removeprefix("_") or None, row.letter or None]
         cells += [
@@ -218,36 +197,16 @@ def _table(rows: Sequence[Row]) -> str:
             ", ".join(map(" ".join, row.outliers.items())) or None,
         ]
         if row.record is None:
-            cells += [None] * (4 + len(places))
+            cells += [None] * (len(DESCRIPTIONS) - len(cells))
         else:
             cells += [row.record["map"][key] for key in ("cuts_by", "points", "width", "height")]
-            cells += [figure_of(row.record, place) for place in places]
+            cells += [figure_of(row.record, place) for place in MEASURE_COLUMNS]
         print("\t".join("n/a" if cell is None else _cell(cell) for cell in cells), file=text)
     return text.getvalue()
 
 
 def _cell(value: Any) -> str:
     return f"{value:.6g}" if isinstance(value, float) else " ".join(str(value).split())
-
-
-def _columns() -> dict[str, Any]:
-    """Return the description of the columns."""
-    scale = "at the scale that preserves the total area"
-    described = {
-        "status": "done, or missing if there is no map",
-        "reason": "reason why there is no map",
-        "outliers": "columns in which the hemisphere is high or low among the hemispheres of its side (modified z "
-        "score above 3.5), and columns with a nonzero count of flipped or covering triangles or boundary crossings",
-        "cuts": "source of the cuts: standard, automatic, given, or the name of a template",
-        "points": "number of vertices on the map",
-        "width": {"Description": "width of the map", "Units": "mm"},
-        "height": {"Description": "height of the map", "Units": "mm"},
-        "raw.relative_error": "mean of |d - δ|/δ over pairs of points, for distances d on the map and δ on the surface",
-        "best_scale.relative_error": "raw.relative_error at the scale of the map that minimises it",
-        "triangles.equal_area_p95": f"95th percentile of |log2(map area / surface area)|, {scale}",
-        "triangles.area_beyond_1_5": f"share of the surface whose area changes by more than a factor of 1.5, {scale}",
-    }
-    return {name: {"Description": of} if isinstance(of, str) else of for name, of in described.items()}
 
 
 def _means(out: Path, rows: Sequence[Row], show: Callable[[Row, FlatMap], None]) -> tuple[list[Mean], dict[str, str]]:

@@ -3,6 +3,7 @@
 import base64
 import io
 import json
+import re
 import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -11,6 +12,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup, escape
 from matplotlib import colormaps
 from numpy.typing import NDArray
 from PIL import Image
@@ -294,4 +296,14 @@ def filled(template: str, **content: Any) -> str:
 @lru_cache
 def _environment() -> Environment:
     how: dict[str, Any] = {"autoescape": True, "trim_blocks": True, "lstrip_blocks": True, "undefined": StrictUndefined}
-    return Environment(loader=PackageLoader("voxflat.lab", "templates"), **how)
+    environment = Environment(loader=PackageLoader("voxflat.lab", "templates"), **how)
+    environment.filters["message"] = _message
+    return environment
+
+
+def _message(text: str) -> Markup:
+    """Return a message as a sentence of a page, in which `commands` between backticks are set as code."""
+    if re.match(r"[a-z]+ ", text):  # no name of a file or an option
+        text = text[0].upper() + text[1:]
+    end = "" if text.endswith((".", "!", "?")) else "."
+    return Markup(re.sub("`([^`]+)`", r"<code>\1</code>", str(escape(text + end))))

@@ -1,5 +1,6 @@
 """Process the participants of a study: make missing or outdated results, and continue after failures."""
 
+import shlex
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -152,6 +153,11 @@ def _planned(job: Job, hemi: str, parameters: Parameters) -> Outcome:
         return Outcome(job.name, hemi, *state(job.results(hemi), job.request(hemi, parameters)[1]))
     except Exception as error:  # one participant never stops the others
         return Outcome(job.name, hemi, "failed", user_message(error))
+
+
+def command(source: Path, out: Path, level: str) -> str:
+    """Return the command that processes a study at a level, participant or group."""
+    return shlex.join(["voxflat", "bids", str(source), str(out), level])
 
 
 def describe(source: Path, out: Path) -> None:

@@ -2,9 +2,9 @@
 
 import json
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import click
 import cloup
@@ -14,9 +14,11 @@ from voxflat.cli import options
 from voxflat.cli.console import Bars, Command, bars, translated
 from voxflat.cli.output import is_json, report
 from voxflat.errors import InputError
+from voxflat.lab.comparison import LEAST
 from voxflat.lab.group import group
 from voxflat.lab.inputs import GEOMETRIES, HEMISPHERES, Parameters, participants
-from voxflat.lab.study import Outcome, freesurfer, plan, study
+from voxflat.lab.results import COUNTS
+from voxflat.lab.study import Outcome, command, freesurfer, plan, study
 from voxflat.surfaces.standard.choice import AUTOMATIC
 from voxflat.surfaces.standard.template import STANDARD
 
@@ -73,6 +75,8 @@ _MAPS = options.section(
 
 class _MultipleValuesCommand(Command):
     """Command whose repeatable options also accept several values after one flag, as in BIDS Apps."""
+
+    synonyms: ClassVar[dict[str, str]] = dict.fromkeys(("sub", "subject", "label"), "participant-label")
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         """Repeat the option's name before each additional value, as long as the value is one of its choices."""
@@ -159,13 +163,12 @@ def bids_command(
         return 0
     if level == "group":
         found = group(everybody, source, out, chosen)
-        state = f"written: {', '.join(found['written'])}" if found["written"] else "up to date"
+        state = f"written: {len(found['written'])} files in {out}" if found["written"] else "up to date"
         for name, reason in found["missing"].items():
             click.echo(f"voxflat: {name}: error: {reason}", err=True)
-        marked = sum(map(len, found["outliers"].values()))
         counts = f"hemispheres: {found['maps']} with a map, {len(found['missing'])} without"
-        counts += f", {marked} outliers (about {found['outliers_by_chance']:.2g} expected by chance)"
-        report({"output": str(out), **found}, f"{counts}\n{state}", quiet=quiet)
+        lines = [counts, *_outlier_lines(found), f"report: {out / 'group.html'}", state]
+        report({"output": str(out), **found}, "\n".join(lines), quiet=quiet)
         return min(len(found["failed"]), _MAX_STATUS)
     with bars(quiet, notes=False) as shown:  # the warnings about each map are in its report
         tell = _outcome_printer(shown, verbose=not (is_json() or quiet))
@@ -176,7 +179,8 @@ def bids_command(
     made = len({_participant(one) for one in outcomes if one.state == "made"} - failed)
     states = f"{made} made, {len(people) - made - len(failed)} up to date, {len(failed)} failed"
     content = {"output": str(out), "failed": sorted(failed), "hemispheres": [_listed(one) for one in outcomes]}
-    report(content, f"{len(people)} participant{'s' * (len(people) != 1)}: {states}", quiet=quiet)
+    summary = f"{len(people)} participant{'s' * (len(people) != 1)}: {states}"
+    report(content, "\n".join([summary, *_report_lines(source, out, outcomes)]), quiet=quiet)
     return min(len(failed), _MAX_STATUS)
 
 
@@ -222,6 +226,26 @@ def _refuse_at_group() -> None:
         given = ctx.get_parameter_source(one.name or "") is click.core.ParameterSource.COMMANDLINE
         if given and one.name in _OF_PARTICIPANTS:
             raise click.UsageError(f"{one.opts[0]} requires the level participant.")
+
+
+def _outlier_lines(found: Mapping[str, Any]) -> list[str]:
+    """Return lines that count the outlying values of a group, and its maps with errors."""
+    values = [place for of in found["outliers"].values() for place in of if place not in COUNTS]
+    people = sum(bool(of.keys() - set(COUNTS)) for of in found["outliers"].values())
+    wrong = sum(bool(of.keys() & set(COUNTS)) for of in found["outliers"].values())
+    chance, which = found["outliers_by_chance"], "flipped or covering triangles or boundary crossings"
+    counted = f"{len(values)} values of {people} hemispheres (about {chance:.2g} values are expected by chance)"
+    lines = [f"outliers: {counted if chance else f'not determined; they require {LEAST} maps of one side'}"]
+    return lines + ([f"errors: {wrong} {'map has' if wrong == 1 else 'maps have'} {which}"] if wrong else [])
+
+
+def _report_lines(source: Path, out: Path, outcomes: Sequence[Outcome]) -> list[str]:
+    """Return lines that name the reports of participants and the next command."""
+    pages = [page for name in sorted({one.name for one in outcomes}) if (page := out / f"{name}.html").is_file()]
+    if not pages:
+        return []
+    named = f"report: {pages[0]}" if len(pages) == 1 else f"reports: {len(pages)} pages, such as {pages[0]}"
+    return [named, f"next: {command(source, out, 'group')}"]
 
 
 def _participant(one: Outcome) -> str:

@@ -1,0 +1,82 @@
+"""The columns of the table of a study, and their descriptions for its JSON file."""
+
+_FIRST: dict[str, tuple[str, str]] = {
+    "participant_id": ("participant", ""),
+    "session_id": ("session", ""),
+    "hemi": ("hemisphere: L or R", ""),
+    "status": ("done, or missing if there is no map", ""),
+    "reason": ("reason why there is no map", ""),
+    "outliers": (
+        "measures of group.html in which the hemisphere is high or low among the hemispheres of its side (modified z "
+        "score above 3.5 among at least five), and nonzero numbers of flipped or covering triangles or of boundary "
+        "crossings",
+        "",
+    ),
+    "cuts": ("source of the cuts: standard, automatic, given, or the name of a template", ""),
+    "points": ("number of points on the map; a vertex at a cut has two or more", ""),
+    "width": ("width of the map", "mm"),
+    "height": ("height of the map", "mm"),
+}
+_DISTANCES = {  # d are distances on the map, and δ geodesic distances on the surface
+    "scale": ("factor by which distances on the map are multiplied", ""),
+    "relative_error": (
+        "mean of |d − δ|/δ over pairs of points with the distance d on the map and δ on the surface, as a fraction",
+        "",
+    ),
+    "relative_error_0_5mm": ("relative_error of pairs with δ up to 5 mm, as a fraction", ""),
+    "relative_error_5_15mm": ("relative_error of pairs with δ above 5 and up to 15 mm, as a fraction", ""),
+    "relative_error_15_30mm": ("relative_error of pairs with δ above 15 and up to 30 mm, as a fraction", ""),
+    "relative_error_10mm": ("relative_error of pairs with δ up to 10 mm, as a fraction", ""),
+    "relative_error_30mm": ("relative_error of pairs with δ up to 30 mm, as a fraction", ""),
+    "absolute_error": ("mean of |d − δ|", "mm"),
+    "stress_1": ("Kruskal's stress-1, sqrt(Σ(d − δ)² / Σδ²)", ""),
+    "sammon_stress": ("Sammon's stress, (1/Σδ) Σ (d − δ)²/δ", ""),
+}
+_SCALES = {"raw": "the unscaled map", "best_scale": "the map at the scale with the smallest relative_error"}
+_OTHERS = {
+    "pearson_r": ("correlation of d and δ", ""),
+    "mean_geodesic": ("mean of δ", "mm"),
+    "sources": ("number of random reference sources", ""),
+    "pairs": ("number of pairs of a source and a point", ""),
+}
+_AREAS = "share of the surface whose area changes by more than a factor of {}, at equal_area_scale"
+_TRIANGLES = {
+    "areal_median": ("median of |log2(map area / surface area)| over the vertices", ""),
+    "areal_p95": ("95th percentile of |log2(map area / surface area)| over the vertices", ""),
+    "equal_area_scale": ("factor that gives the map the area of the surface", ""),
+    "equal_area_median": ("areal_median at equal_area_scale", ""),
+    "equal_area_p95": ("areal_p95 at equal_area_scale", ""),
+    "edge": ("mean of |length on the map / length on the surface − 1| over the edges, as a fraction", ""),
+    "angle": ("mean change of the corner angles, weighted by the areas of the triangles", "degrees"),
+    "quasi_conformal": ("median of σ1/σ2, where σ1 ≥ σ2 are the stretches of a triangle; 1 if angles are kept", ""),
+    "isometric": ("median of max(σ1, 1/σ2); 1 if lengths are kept", ""),
+    "symmetric_dirichlet": ("median of (σ1² + σ2² + σ1⁻² + σ2⁻²)/2; 2 if lengths are kept", ""),
+    "flipped": ("number of flipped triangles; 0 in a correct map", ""),
+    "flipped_share": ("share of the surface in flipped triangles", ""),
+    "collapsed": ("number of triangles without area on the map", ""),
+    "crossings": ("number of pairs of boundary edges that cross; 0 in a correct map", ""),
+    "covering": ("number of triangles that cover another triangle; 0 in a correct map", ""),
+    "area_beyond_1_25": (_AREAS.format("1.25"), ""),
+    "area_beyond_1_5": (_AREAS.format("1.5"), ""),
+    "area_beyond_2": (_AREAS.format("2"), ""),
+}
+_VOXELS = {"voxel_size": ("geometric mean of the voxel spacings; n/a for meshes", "mm")}
+_MEASURES = {
+    **{
+        f"{scale}.{name}": (f"{about}, for {of}", unit)
+        for scale, of in _SCALES.items()
+        for name, (about, unit) in _DISTANCES.items()
+    },
+    **_OTHERS,
+    **{f"triangles.{name}": of for name, of in _TRIANGLES.items()},
+    **_VOXELS,
+}
+
+MEASURE_COLUMNS = tuple(_MEASURES)
+"""The names of the columns of measures, which are paths in ``record["figures"]``, as in `figure_of`."""
+
+DESCRIPTIONS = {
+    name: {"Description": about} | ({"Units": unit} if unit else {})
+    for name, (about, unit) in {**_FIRST, **_MEASURES}.items()
+}
+"""The description of each column, as BIDS defines it for tables."""
