@@ -204,7 +204,7 @@ def corpus(folder, endings=("",)):
     of_mesh = voxflat.flatten((grid().points, grid().faces), method=voxflat.methods.Voxflat(sources=9))
     entry("map.voxflat", "map", of_mesh.save)
     texture = _png_bytes()
-    own = {"unit": "mm", "repeat": False, "transparent": False}
+    own = {"unit": "mm", "is_ras": True, "repeat": False, "transparent": False}
     arrays = grid().points, grid().faces, of_mesh.uv[:N] / 100, texture
     entry("textured.glb", "mesh", lambda path: write_glb(path, *arrays, **own))
     series = voxflat.flatten_series([(scale * grid().points, grid().faces) for scale in (1, 1.1)])
