@@ -98,14 +98,16 @@ def test_a_closed_surface_is_refused_by_grossmann2002(open_widget, qtbot, messag
     assert "closed" in messages[-1].message
     choose(widget.form.method, "voxflat")
     run(widget, qtbot)
-    shown = widget.results.warnings
+    shown, flat = widget.results.warnings, viewer.window.dock_widgets["Flat map (voxflat)"]
+    assert shown.visibleRegion().isEmpty()  # the map is in front
+    assert flat.warned.visibleRegion().boundingRect() == flat.warned.rect()
+    assert flat.warned.text() == f"⚠ {shown.text().count('⚠')} warnings"
+    assert "cut open" in flat.warned.toolTip()
+    flat.warned.click()
+    qtbot.waitUntil(lambda: shown.visibleRegion().contains(QPoint(5, 5)), timeout=PATIENCE)  # below the form
     assert "cut open" in shown.text()
-
-    def is_seen():
-        top = shown.mapTo(widget.scrolled.widget(), QPoint(0, 0)).y() - widget.scrolled.verticalScrollBar().value()
-        return 0 <= top < widget.scrolled.viewport().height()
-
-    qtbot.waitUntil(is_seen, timeout=PATIENCE)
+    viewer.window._qt_window.resize(1000, 1000)
+    qtbot.waitUntil(lambda: shown.visibleRegion().boundingRect() == shown.rect(), timeout=PATIENCE)
 
 
 def test_missing_choices_are_named(open_widget, messages):

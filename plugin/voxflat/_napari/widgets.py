@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Mapping
+from functools import partial
 from typing import Any
 
 from napari import Viewer
@@ -135,11 +136,12 @@ class FlattenWidget(TaskDock):
             self.status.setText(summary)
             self._viewer.status = summary
             if not self.results.warnings.isHidden():
-                QTimer.singleShot(PAUSE, self._show_warnings)  # once the results have their size
+                self.show_warnings()
         self._end()
 
-    def _show_warnings(self) -> None:
-        self.scrolled.ensureWidgetVisible(self.results.warnings, 0, 0)
+    def show_warnings(self) -> None:
+        """Scroll to the warnings once the results have their size."""
+        QTimer.singleShot(PAUSE, partial(self.scrolled.ensureWidgetVisible, self.results.warnings, 0, 0))
 
     def _show_current(self) -> None:
         """Show the current run if this widget shows runs of its kind."""

@@ -45,6 +45,7 @@ from voxflat._napari.map_viewer.segmentations import Segmentation, Segmentations
 from voxflat._napari.map_viewer.viewer_link import ViewerLink
 from voxflat._napari.map_viewer.viewer_parts import theme_colours
 from voxflat._napari.results.flat_layers import LayerData, Run, unit_of_map
+from voxflat._napari.results.report import as_html, warnings
 from voxflat._napari.results.sketch import Sketch, Sketches
 from voxflat._napari.timers import single_shot
 from voxflat._napari.viewer_state import ViewerState
@@ -150,6 +151,7 @@ class FlatMapDock(TaskDock):
         self.click.addItems([*_CLICKS])
         actions = (f"{what} ({key_text(key)})" for key, what in zip(_OF_CLICKS, _CLICKS, strict=True))
         self.click.setToolTip(f"The action of a click on the map: {', '.join(actions)}")
+        self.warned = QPushButton()
         self.undo, self.redo = QPushButton("Undo"), QPushButton("Redo")
         self.undo.setToolTip(f"Undo the last point, corner, region or distance ({key_text(_UNDO)})")
         self.redo.setToolTip(f"Redo the last step that was undone ({key_text(_REDO)})")
@@ -192,7 +194,7 @@ class FlatMapDock(TaskDock):
         for slider in (self.opacity, self.depths):
             slider.setMinimumWidth(_SLIDER)
         message = QHBoxLayout()
-        arrange(message, (self.text, 1), self.undo, self.redo, self.stop)
+        arrange(message, (self.text, 1), self.warned, self.undo, self.redo, self.stop)
         layout = QVBoxLayout(self)
         layout.setContentsMargins(6, 6, 6, 6)
         layout.setSpacing(4)
@@ -225,6 +227,7 @@ class FlatMapDock(TaskDock):
         self.on_surface.toggled.connect(self._on_surface)
         self.outlined.toggled.connect(self._on_outlined)
         self.whole.clicked.connect(self.canvas.fit)
+        self.warned.clicked.connect(self._on_warned)
         self.movie.clicked.connect(self._on_movie)
         self.stop.clicked.connect(self._on_stop)
         self.segmentations.to_volume.connect(self._on_send)
@@ -275,6 +278,7 @@ class FlatMapDock(TaskDock):
         self._location = None
         self._annotations = []
         self._show_excluded("")
+        self._show_warned()
         self._show_sketch()
         self.link.mark(None)
         self.canvas.place_ring(None)
@@ -293,6 +297,20 @@ class FlatMapDock(TaskDock):
             self.legend.show_colours(None)
             self.painted.remove()
             self.outline.remove()
+
+    def _show_warned(self) -> None:
+        """Show the number of warnings, because the map opens in front of the form that lists them."""
+        found = [] if self._run is None else warnings(self._run.layers)
+        self.warned.setText(f"⚠ {len(found)} warning{'s' * (len(found) != 1)}")
+        self.warned.setToolTip(as_html(found))
+        self.warned.setVisible(bool(found))
+
+    def _on_warned(self) -> None:
+        assert self._run is not None
+        name = "Flatten surface" if isinstance(self._run.flat_map, FlatMap) else "Flatten in patches"
+        dock, widget = self._viewer.window.add_plugin_dock_widget("voxflat", name, tabify=True)
+        dock.raise_()
+        widget.show_warnings()
 
     # ----------------------------------------------------------------------------------------- drawing
 

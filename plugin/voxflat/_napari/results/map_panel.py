@@ -11,7 +11,7 @@ from qtpy.QtWidgets import QApplication, QFileDialog, QGridLayout, QLabel, QPush
 from voxflat._napari.docks import arrange, plain_label
 from voxflat._napari.results.flat_layers import Run
 from voxflat._napari.results.maps import HEAT_MEANING
-from voxflat._napari.results.report import MEANINGS, figures, table, warnings
+from voxflat._napari.results.report import MEANINGS, as_html, figures, table, warnings
 from voxflat._napari.wording import error_text
 from voxflat.atlases.atlas import Atlas
 from voxflat.errors import VoxflatError
@@ -79,7 +79,7 @@ class MapPanel(QWidget):
         self.setToolTip(f"<pre>{escape(table(flat_map))}</pre>")
 
     def _show_warnings(self, found: list[str]) -> None:
-        self.warnings.setText("".join(f"<p>⚠ {escape(warning)}</p>" for warning in found))
+        self.warnings.setText(as_html(found))
         self.warnings.setVisible(bool(found))
 
     def _on_save(self) -> None:

@@ -1,6 +1,7 @@
 """The measures of a flat map or an atlas, and its warnings, as text."""
 
 import re
+from html import escape
 from typing import TypeAlias
 
 import numpy as np
@@ -130,6 +131,11 @@ def warnings(layers: FlatLayers) -> list[str]:
     of_frames = [] if layers.movie is None else [*layers.movie.series.remarks]
     found = [*of_frames, *layers.flat_map.metadata["warnings"]]
     return [sentence(in_window(warning)) for warning in dict.fromkeys(found)]
+
+
+def as_html(found: list[str]) -> str:
+    """Return warnings as rich text."""
+    return "".join(f"<p>⚠ {escape(warning)}</p>" for warning in found)
 
 
 def sentence(message: str) -> str:
