@@ -26,7 +26,8 @@ from napari_window import (
     wait_until_drawn,
 )
 from numpy.testing import assert_allclose, assert_array_equal
-from qtpy.QtCore import QPoint, Qt
+from qtpy.QtCore import QPoint, QRect, Qt
+from qtpy.QtGui import QColor
 from qtpy.QtWidgets import QApplication, QFileDialog, QWidget
 from scipy.ndimage import maximum_filter, minimum_filter
 
@@ -38,6 +39,7 @@ from voxflat._napari.results.flat_layers import Run
 from voxflat._napari.results.maps import map_layers
 from voxflat._napari.results.sketch import Sketch
 from voxflat._napari.viewer_state import ViewerState
+from voxflat.maps.colours import label_colour
 
 SCALE, CORNER = np.array([2.0, 0.5, 3.0]), np.array([5.0, -40.0, 7.0])  # world's axes are y, x, z of LPS in "SPL" …
 
@@ -416,7 +418,7 @@ def test_meshes_of_other_readers_are_seen_upright_from_their_side(open_widget, n
     assert_allclose(camera(viewer).angles, (10, 20, 30))
 
 
-def test_regions_on_a_mesh_differ_in_colour(make_napari_viewer):
+def test_each_region_on_a_mesh_keeps_its_own_colour(make_napari_viewer):
     points, faces, _ = bumps(15)
     prepared, viewer = prepared_map_of(points, faces), make_napari_viewer()
     uv = prepared.run.flat_map.uv
@@ -425,10 +427,11 @@ def test_regions_on_a_mesh_differ_in_colour(make_napari_viewer):
     parts = [[(a, low), (b, low), (b, high), (a, high)] for a, b in ((left, middle), (middle, right))]
     for count in (1, 2):
         layer = put(viewer, regions(prepared, parts[:count]).layer, prepared)
+        for number in range(count + 1):
+            shown = layer.vertex_colors[layer.vertex_values == number][:, :3]
+            assert_allclose(shown, np.broadcast_to(np.divide(label_colour(number), 255), shown.shape), atol=1e-6)
     assert len(viewer.layers) == 1
-    assert layer.contrast_limits == [0, 2]
-    colours = layer.colormap.map(np.array([0, 1, 2]) / layer.contrast_limits[1])
-    assert np.abs(np.diff(colours, axis=0)).max(axis=1).min() > 0.3
+    assert np.abs(np.diff([label_colour(number) for number in range(3)], axis=0)).max(axis=1).min() > 70
 
 
 def click(dock, qtbot, *places):
@@ -457,6 +460,12 @@ def test_regions_on_a_mesh_are_saved_at_its_vertices(flattened, qtbot, tmp_path)
     gifti = nib.load(tmp_path / "regions.label.gii")
     assert_array_equal(gifti.darrays[0].data, expected)
     assert [gifti.labeltable.get_labels_as_dict()[key] for key in (1, 2)] == ["region 1", "region 2"]
+    for number in (1, 2):  # the same colour in the file, in the viewer and on the map
+        assert_allclose(gifti.labeltable.labels[number].rgba[:3], np.divide(label_colour(number), 255), atol=0.01)
+        middle = dock.canvas.position(u + (-6, 6)[number - 1], v + 5)
+        around = dock.canvas.viewport().grab(QRect(middle - QPoint(0, 3), middle + QPoint(0, 3))).toImage()
+        colours = [QColor(around.pixel(0, row)).getRgb()[:3] for row in range(around.height())]
+        assert label_colour(number) in colours
     read, _, names = nib.freesurfer.read_annot(tmp_path / "lh.regions.annot")
     assert_array_equal(np.array([*names, b"none"])[read] == b"region 2", expected == 2)
     regions.vertex_values = regions.vertex_values * 0
@@ -530,6 +539,7 @@ def test_drawings_on_a_map_of_voxels(flattened, qtbot, tmp_path):
     assert regions.data[tuple(flat_map.ids[inside].T)].all()
     assert regions.data[tuple(flat_map.ids[outside].T)].mean() < 0.1
     assert_allclose(regions.data_to_world((3, 4, 5)), (6, 8, 10))
+    assert_allclose(regions.get_color(1)[:3], np.divide(label_colour(1), 255), atol=1e-6)  # as on the map
     viewer.layers.selection = {regions}
     file = tmp_path / "regions.nii.gz"
     assert viewer.layers.save(str(file), selected=True, plugin="voxflat") == [str(file)]

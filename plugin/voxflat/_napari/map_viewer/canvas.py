@@ -13,12 +13,15 @@ from voxflat._napari.map_viewer.annotation_item import AnnotationItem, cosmetic_
 from voxflat._napari.map_viewer.annotations import OnMap
 from voxflat._napari.map_viewer.cursor import RingItem
 from voxflat._napari.map_viewer.pictures import Picture
+from voxflat._napari.results.sketch import Place, Polygon
+from voxflat.maps.colours import label_colour
 
 _MARGIN = 0.03  # margin around the map, as a fraction of the map size
 _CLICK = 4  # pixels; a longer movement is not a click
 _STEP = 1.2  # zoom factor per notch of the wheel
 _CLOSEST = 80.0  # pixels per mm
-_RIM, _LINE, _HALO = QColor(64, 64, 64), QColor("#ffd23f"), QColor(0, 0, 0, 190)
+_RIM = QColor(64, 64, 64)
+_DRAWN = (255, 210, 63)  # the colour of corners and of the lines between them
 
 
 class MapCanvas(QGraphicsView):
@@ -36,11 +39,12 @@ class MapCanvas(QGraphicsView):
         self.setScene(self._scene)
         self.folds = self._pixmap(0)
         self.picture = self._pixmap(1)
-        self._rim = self._path_item(_RIM, 1.2, 2)
-        self._halo, self.lines = self._path_item(_HALO, 4.5, 3), self._path_item(_LINE, 2.0, 3)
-        self.annotations, self.ring = AnnotationItem(), RingItem()
-        self._scene.addItem(self.annotations)
-        self._scene.addItem(self.ring)
+        self._rim = QGraphicsPathItem()
+        self._rim.setPen(cosmetic_pen(_RIM, 1.2))
+        self._rim.setZValue(2)
+        self.drawn, self.annotations, self.ring = AnnotationItem(), AnnotationItem(), RingItem()
+        for item in (self._rim, self.drawn, self.annotations, self.ring):
+            self._scene.addItem(item)
         self._is_fitted = True
         self._pressed: Any = None
         self.setFrameShape(QFrame.Shape.NoFrame)
@@ -53,13 +57,6 @@ class MapCanvas(QGraphicsView):
         self.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Expanding)
         self.setMinimumSize(160, 120)
         self.setMouseTracking(True)
-
-    def _path_item(self, colour: QColor, width: float, z: int) -> QGraphicsPathItem:
-        item = QGraphicsPathItem()
-        item.setPen(cosmetic_pen(colour, width))
-        item.setZValue(z)
-        self._scene.addItem(item)
-        return item
 
     def _pixmap(self, z: int) -> QGraphicsPixmapItem:
         item = QGraphicsPixmapItem()
@@ -92,13 +89,13 @@ class MapCanvas(QGraphicsView):
         if picture is not None:
             self._put(self.picture, picture)
 
-    def show_lines(self, lines: list[NDArray[np.float64]], dots: Sequence[tuple[float, float]] = ()) -> None:
-        """Show lines and dots that are being drawn, in mm."""
-        path, radius = _path(lines), 3 / self.scale_factor
-        for u, v in dots:
-            path.addEllipse(QPointF(u, -v), radius, radius)
-        for item in (self._halo, self.lines):
-            item.setPath(path)
+    def show_drawn(self, regions: Sequence[Polygon], corners: Polygon, dots: Sequence[Place]) -> None:
+        """Show regions, each in the colour of its number, the corners of the next one, and dots; all in mm."""
+        lines = [np.array([*region, region[0]]) for region in regions] + ([np.array(corners)] if corners else [])
+        colours = np.array([*map(label_colour, range(1, len(regions) + 1)), _DRAWN], dtype=np.uint8)
+        of_dots = np.tile(colours[-1:], (len(dots), 1))
+        found = OnMap(np.array(dots).reshape(-1, 2), of_dots, lines, colours[: len(lines)], "")
+        self.drawn.show_annotations(found, self._scene.sceneRect())
 
     def show_annotations(self, found: OnMap | None) -> None:
         self.annotations.show_annotations(found, self._map_rect())

@@ -700,10 +700,8 @@ class FlatMapDock(TaskDock):
         if now.corners or now.ends:
             with signals_blocked(self.click):
                 self.click.setCurrentText(REGION if now.corners else MEASURE)
-        lines = [np.array([*corners, corners[0]]) for corners in now.regions_in(frame)]
-        lines += [np.array(now.corners)] if now.corners else []
         marks = [place for of, place in now.marks[len(sketches.placed) :] if of == frame]
-        self.canvas.show_lines(lines, [*marks, *now.corners, *now.ends])
+        self.canvas.show_drawn(now.regions_in(frame), now.corners, [*marks, *now.corners, *now.ends])
         self.undo.setEnabled(sketches.can_undo)
         self.redo.setEnabled(sketches.can_redo)
 

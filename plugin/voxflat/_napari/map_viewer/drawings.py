@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from napari import Viewer
 from napari.layers import Labels, Layer, Points, Shapes, Surface
+from napari.utils.colormaps import CyclicLabelColormap
 from numpy.typing import NDArray
 
 from voxflat._napari.layers.world import MADE_FROM, WORLD, from_ras
@@ -19,6 +20,7 @@ from voxflat._napari.results.sketch import Place, Polygon, Sketch
 from voxflat.errors import InputError
 from voxflat.io.grid import rounded
 from voxflat.io.volumes import Volume
+from voxflat.maps.colours import label_colour
 from voxflat.maps.flat_map import FlatMap
 from voxflat.pipeline.surface import surface
 
@@ -35,6 +37,7 @@ OF_MESH = "voxflat_regions"
 """Key of the metadata of regions on a mesh: the `Regions`, which can be saved with all vertices of the mesh."""
 
 _COLOUR = "#ffd23f"
+_COLOURS = np.array([label_colour(number) for number in range(256)]) / 255  # of regions, as on the map and in files
 _CORTEX = (-0.5, 3.0)  # mm outside the surface; the depths of a region if the pial surface is unknown
 
 
@@ -108,8 +111,9 @@ def regions(prepared: PreparedMap, polygons: Sequence[Polygon]) -> Drawn:
     if not flat_map.is_voxels:
         surface = (_world(prepared, prepared.points), flat_map.faces[~flat_map.torn], drawn.labels.astype(np.float32))
         keywords["metadata"][OF_MESH] = drawn
-        look = {"colormap": "turbo", "contrast_limits": (0.0, float(len(polygons)))}
+        look = {"vertex_colors": _COLOURS[drawn.labels % len(_COLOURS)], "contrast_limits": (0, len(polygons))}
         return Drawn((surface, {**keywords, **look}, "surface"), message)
+    keywords["colormap"] = CyclicLabelColormap(colors=_COLOURS)
     is_own = flat_map is prepared.own  # the points of other frames are not voxels
     labels = flat_map.paint(drawn.labels.astype(np.int32)) if is_own else np.zeros(flat_map.volume_shape, np.int32)
     if not np.isnan(flat_map.normals).all():  # the surface has an outer side, where the cortex lies
@@ -184,8 +188,8 @@ def put(viewer: Viewer, data: LayerData, *sources: Any) -> Layer:
         return earlier
     if isinstance(earlier, Labels | Surface):
         earlier.data = values
-        if "contrast_limits" in keywords:  # of all regions, which would otherwise have the colour of the last one
-            earlier.contrast_limits = keywords["contrast_limits"]
+        if isinstance(earlier, Surface):
+            earlier.vertex_colors = keywords["vertex_colors"]
         earlier.metadata = made.metadata
     elif isinstance(earlier, Shapes):
         earlier.data = [(line, keywords["shape_type"]) for line in values]  # a new Shapes layer may crash OpenGL
