@@ -162,6 +162,15 @@ def test_cuts_are_clicked_evaluated_saved_loaded_and_used(open_widget, qtbot, tm
     assert len(ViewerState.of(viewer).cuts_of(viewer.layers["ball"]).paths) == 1  # closing the dock loses nothing
 
 
+def test_a_cut_of_a_left_hemisphere_is_medial_instead_of_right(open_widget, qtbot):
+    points, faces = sphere(200)
+    _, dock = open_widget(Surface((points, faces), metadata={"structure": "CortexLeft"}), name="Draw cuts")
+    press(dock, qtbot, "begin")
+    qtbot.waitUntil(dock.draw.isEnabled, timeout=PATIENCE)
+    draw(dock, *np.argsort(points[:, 0])[-2:])
+    assert dock.cuts.item(0, 0).text() == "drawn 1, medial"
+
+
 def test_standard_cuts_show_the_excluded_part_and_make_a_template(make_napari_viewer, qtbot, tmp_path, monkeypatch):
     lab.write(tmp_path)
     ball = lab.fsaverage5("sphere_left")[0][: lab.VERTICES]
