@@ -119,6 +119,16 @@ def test_a_warning_says_when_lengths_that_are_not_known_to_be_in_mm_become_mm(tm
             assert len(caplog.messages) == 1
 
 
+def test_a_warning_says_when_a_map_in_another_unit_becomes_a_gifti_image(tmp_path, caplog):
+    voxflat.samples.hill().save(tmp_path / "hill.obj")
+    for unit, told in ((None, "is unknown, but this format is in mm"), ("µm", "are in µm, but"), ("mm", None)):
+        flat = voxflat.surface(tmp_path / "hill.obj", unit=unit).flatten(voxflat.methods.Voxflat(sources=9))
+        for convert in (flat.to_gifti, lambda flat=flat: flat.to_pyvista().save(tmp_path / "flat.surf.gii")):
+            caplog.clear()
+            convert()
+            assert [told in text for text in caplog.messages] == [True] * (told is not None)
+
+
 def test_a_warning_says_when_a_mesh_of_unknown_unit_is_written_in_mm(tmp_path, caplog):
     voxflat.samples.hill().save(tmp_path / "hill.ply")
     for name in ("hill.surf.gii", "lh.white", "hill.vtp"):

@@ -75,6 +75,11 @@ class CheckSurface(Findings):
         ViewerState.of(napari_viewer)  # prevents crashes when layers are removed
         self._origin: dict[str, str] = {}
         self._unit = "mm"
+        self.form.restored.connect(self._on_restored)
+
+    def _on_restored(self, message: str) -> None:
+        if not self._origin:  # the table shows no results yet
+            self._show_message(message)
 
     def look(self) -> None:
         try:

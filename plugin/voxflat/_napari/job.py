@@ -61,14 +61,10 @@ class Job:
         if self.frames is not None:
             return self._flatten_all(self.frames, progress)
         flat_map = self._flatten(progress)
-        flat_map = replace(flat_map, metadata={**flat_map.metadata, "napari": self._origin})
+        flat_map = replace(flat_map, metadata={**flat_map.metadata, "napari": _origin(self.surface, self.form)})
         _draw(progress, "map")
         layers = map_layers(flat_map, self.surface.origin["layer"], self.shown, self.values, self.pixel_size)
         return replace(layers, frame=self.frame)
-
-    @property
-    def _origin(self) -> dict[str, Any]:
-        return {**self.surface.origin, **({} if self.form is None else {"form": self.form})}
 
     def _flatten(self, progress: Progress) -> FlatMap:
         pial = None if self.pial is None else self.pial.read()
@@ -102,7 +98,7 @@ class Job:
         method, _, how = self.split()
         series = flatten_series(surfaces, method, reference=frames.reference, **how, progress=progress)
         flat_map = series.flat_map
-        flat_map = replace(flat_map, metadata={**flat_map.metadata, "napari": self._origin})
+        flat_map = replace(flat_map, metadata={**flat_map.metadata, "napari": _origin(self.surface, self.form)})
         _draw(progress, "map")
         layers = map_layers(flat_map, self.surface.origin["layer"], pixel_size=self.pixel_size)
         movie = MovieMaps(replace(series, flat_map=flat_map), frames.time)
@@ -133,16 +129,22 @@ class PatchesJob:
     glue: float | None = None  # the bound on C; None if patches are not glued
     pixel_size: float | None = None  # mm
     shown: Shown | None = None
+    form: Mapping[str, Any] | None = None  # the settings of the form, as in `Job`
 
     def run(self, progress: Progress) -> FlatLayers:
         _tell(progress, "reading the layer")
         foreground: dict[str, Any] = {"label": self.label, "threshold": self.threshold, "rim": self.rim}
         whole = surface_of(self.surface, progress, **foreground)
         atlas = whole.patches(**self.limit, progress=progress)
-        atlas.metadata["napari"] = self.surface.origin
+        atlas.metadata["napari"] = _origin(self.surface, self.form)
         glued = None if self.glue is None else atlas.glue(self.glue, progress=progress)
         _draw(progress, "page")
         return page_layers(atlas if glued is None else glued, self.shown, self.pixel_size)
+
+
+def _origin(surface: LayerVolume | LayerMesh, form: Mapping[str, Any] | None) -> dict[str, Any]:
+    """Return the flattened layer and the settings of the form, for the description of a map or an atlas."""
+    return {**surface.origin, **({} if form is None else {"form": form})}
 
 
 def _draw(progress: Progress, what: str) -> None:

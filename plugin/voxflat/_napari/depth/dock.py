@@ -58,6 +58,7 @@ class CorticalDepth(TaskDock):
         self._column.addStretch(1)
         self._show_work(None)
         self._follow_edits(self.form)
+        self.form.restored.connect(self._show_message)
         self._state.changed.connect(self._forget_error)
 
     def _button(self, text: str, tip: str, pressed: Callable[[], None]) -> QPushButton:

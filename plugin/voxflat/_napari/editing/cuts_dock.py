@@ -102,6 +102,7 @@ class DrawCuts(TaskDock):
         ViewerState.of(napari_viewer).changed.connect(self._enable)
         self._follow_edits(self.form)
         self._keys = Keys(napari_viewer, self, {key: button.click for key, button in buttons.items()})
+        self.form.restored.connect(self._show_message)
         self._update()
 
     def _button(self, text: str, tip: str, pressed: Callable[[], None] | None = None) -> QPushButton:

@@ -18,7 +18,7 @@ def map_layers_of(path: Path) -> list[LayerData]:
 def atlas_layers_of(path: Path) -> list[LayerData]:
     """Read a saved atlas as layers: its surface, and images of its page; raises InputError if the file is damaged."""
     atlas = load_atlas(path)
-    atlas.metadata["napari"] = _origin(path)
+    atlas.metadata.setdefault("napari", _origin(path))
     drawn = page_layers(atlas)
     return [hidden(layer) for layer in [*drawn.in_space, *drawn.layers]]
 

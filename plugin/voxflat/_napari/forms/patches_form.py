@@ -53,4 +53,6 @@ class PatchesForm(LayerForm):
         glue = self.glue.value() if self.glue.value() > self.glue.minimum() else None
         shown = self._shown(self._chosen(), self.world.currentData())
         limit = {name: self._values[name].value()}
-        return PatchesJob(surface, limit, glue=glue, pixel_size=pixel_size, shown=shown, **foreground)
+        self._waiting = None  # the user has chosen other settings
+        how: dict[str, Any] = {"glue": glue, "pixel_size": pixel_size, "form": self.record()}
+        return PatchesJob(surface, limit, shown=shown, **how, **foreground)
