@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from command_line import fail, run, succeed
 from refusals import refused
+from scipy.spatial import Delaunay
 
 import voxflat
 
@@ -32,6 +33,18 @@ def test_distances_on_a_sphere(rows, solver, worst):
         far = truth > 1
         assert row[n][source] == 0
         assert np.abs(row[n][far] / truth[far] - 1).max() < worst
+
+
+def test_links_in_a_plane_are_nearly_straight():
+    places = np.random.default_rng(0).uniform(0, 40, (3000, 2))
+    places = np.vstack([places, [[0, 0], [40, 0], [0, 40], [40, 40]]])
+    surface = voxflat.surface((np.c_[places, np.zeros(len(places))], Delaunay(places).simplices), unit="mm")
+    sources = list(range(0, 300, 10))
+    straight = np.linalg.norm(places[sources][:, None] - places, axis=2)
+    rows = np.array(list(surface.geodesic(sources)))
+    longer = rows[straight > 0] / straight[straight > 0] - 1
+    assert longer.min() > -1e-6
+    assert longer.mean() < 7e-4  # half a thousandth, as a link crosses up to eleven edges
 
 
 def test_an_unknown_solver_is_named(ball):

@@ -191,6 +191,23 @@ mod tests {
     }
 
     #[test]
+    fn a_thin_dome_has_no_outside_and_a_thick_one_has_two() {
+        let centre = Vector3::repeat(15.5);
+        for (half, is_thin) in [(0.5, true), (0.9, true), (1.5, false)] {
+            let off = |v: [usize; 3]| (Vector3::from(v.map(|x| x as f64)) - centre).norm() - 12.0;
+            let mask = Mask::from_fn([32, 32, 32], |v| off(v).abs() < half && v[2] > 18).unwrap();
+            let (surface, graph) = chained(&mask, [1.0; 3]);
+            for (point, normal) in surface.points().iter().zip(outward_normals(&surface, &graph)) {
+                let height = (point - centre).norm() - 12.0;
+                assert_eq!(normal.x.is_nan(), is_thin, "{half}");
+                // away from the rim, on the upper and on the lower side
+                let is_inner = !is_thin && point.z > 21.0 && height.abs() > 0.5;
+                assert!(!is_inner || normal.dot(&(point - centre)) * height > 0.0, "{point} {normal}");
+            }
+        }
+    }
+
+    #[test]
     fn a_side_is_seen_from_outside_with_superior_up() {
         let (x, y, z) = (Vector3::x(), Vector3::y(), Vector3::z());
         // seen from the right, anterior is to the right

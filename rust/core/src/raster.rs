@@ -308,4 +308,31 @@ mod tests {
             assert_eq!(across, if gap.hypot(1.0) <= 3.0 { 4 } else { 0 }, "{gap}"); // the diagonal is the longest side
         }
     }
+
+    #[test]
+    fn faces_are_torn_if_two_corners_are_more_than_two_links_apart() {
+        for (hole, is_torn) in [(1, false), (2, true)] {
+            let is_hole = |i: usize, j: usize| (5..5 + hole).contains(&i) && j == 4;
+            let mask = Mask::from_fn([12, 9, 1], |[i, j, _]| !is_hole(i, j));
+            let (surface, graph) = chained(&mask.unwrap(), [1.0; 3]);
+            let uv: Vec<[f64; 2]> = surface.voxels().iter().map(|v| [v[0].into(), v[1].into()]).collect();
+            let faces = map_faces(&uv, &graph, &Control::default()).unwrap();
+            let apart = |a: u32, b: u32| {
+                let near = |x: u32| graph.arcs(x).map(|arc| arc.to).collect::<Vec<_>>();
+                near(a).contains(&b) || near(a).into_iter().any(|c| near(c).contains(&b))
+            };
+            for (face, &torn) in faces.corners.iter().zip(&faces.torn) {
+                let [a, b, c] = *face;
+                assert_eq!(torn, !(apart(a, b) && apart(b, c) && apart(c, a)));
+            }
+            let spans_two = |&[a, b, c]: &[u32; 3]| {
+                [(a, b), (b, c), (c, a)].iter().any(|&(a, b)| {
+                    let ([u, v], [x, y]) = (uv[a as usize], uv[b as usize]);
+                    (u - x).abs().max((v - y).abs()) >= 2.0
+                })
+            };
+            assert!(faces.corners.iter().any(spans_two), "{hole}");
+            assert_eq!(faces.torn.contains(&true), is_torn, "{hole}"); // along the diagonal of two squares
+        }
+    }
 }

@@ -110,6 +110,9 @@ mod tests {
             let whole = saucan2006(&pipe, bound, 0, &Control::default()).unwrap();
             assert!(whole.patches > 1 && whole.before > 1.0 && whole.before <= bound, "{bound} {}", whole.before);
             assert!(whole.before <= whole.certified);
+            let angle = 10f64.min((0.999 / bound).acos().to_degrees());
+            let certified = 1.0 + angle.to_radians().tan();
+            assert!(bound < 1.1 || (whole.certified - certified).abs() < 1e-12, "{} {certified}", whole.certified);
             assert!(whole.stretch.iter().all(|[most, least]| most.max(least.recip()) <= bound + 1e-9));
         }
     }

@@ -65,7 +65,7 @@ mod tests {
     use super::*;
     use crate::geodesic::graph::GeodesicGraph;
     use crate::surface::{mesh::shapes, topology::Topology};
-    use crate::tests::{both, moved};
+    use crate::tests::{both, moved, row};
     use nalgebra::Vector3;
 
     fn disk_of(surface: &Surface, seed: u32, radius: f64) -> Result<(Surface, usize)> {
@@ -128,5 +128,50 @@ mod tests {
         assert!(matches!(disk_of(&sheet, 7, f64::NAN), Err(Error::RadiusNotPositive { .. })));
         assert!(matches!(disk_of(&sheet, 7, 0.1), Err(Error::EmptyDisk { vertex: 7, .. })));
         assert!(matches!(disk_of(&sheet, 25, 1.0), Err(Error::NoSuchPoint { vertex: 25, points: 25 })));
+    }
+
+    #[test]
+    fn up_to_a_tenth_of_a_disk_is_taken_in() {
+        let [mut taken, mut refused] = [0; 2];
+        for height in 6..12 {
+            let surface = bumpy(f64::from(height));
+            let foot = Vector3::new(2.0, 0.0, 9.8);
+            let far = |v: &u32| (surface.points()[*v as usize] - foot).norm();
+            let seed = (0..surface.len() as u32).min_by(|a, b| far(a).total_cmp(&far(b))).unwrap();
+            let reached = row(&GeodesicGraph::new(&surface, &Control::default()).unwrap(), seed);
+            match disk_of(&surface, seed, 7.0) {
+                Ok((part, filled)) => {
+                    let is_own =
+                        |face: &[u32; 3]| face.iter().all(|&v| reached[part.ids()[v as usize] as usize] <= 7.0);
+                    let sizes = part.faces().iter().zip(part.areas());
+                    let (own, other) =
+                        sizes.fold(
+                            (0.0, 0.0),
+                            |(own, other), (face, area)| {
+                                if is_own(face) { (own + area, other) } else { (own, other + area) }
+                            },
+                        );
+                    assert!(other <= 0.1 * own && (filled > 0) == (other > 0.0), "{height} {other} {own}");
+                    taken += usize::from(filled > 0);
+                }
+                Err(Error::DiskEncloses { area, own, .. }) => {
+                    assert!(area > 0.1 * own, "{height} {area} {own}");
+                    refused += usize::from(area < 0.5 * own);
+                }
+                Err(other) => panic!("{other}"),
+            }
+        }
+        assert!(taken > 0 && refused > 0, "{taken} {refused}");
+    }
+
+    #[test]
+    fn the_radius_itself_is_within_the_disk() {
+        let sheet = shapes::surface(shapes::sheet(20, 20));
+        let distances = row(&GeodesicGraph::new(&sheet, &Control::default()).unwrap(), 220);
+        let expected = |radius: f32| distances.iter().filter(|&&d| d <= radius).count();
+        for radius in [3.0, 5.0] {
+            // no vertex is left over that belongs to no face within
+            assert_eq!(disk_of(&sheet, 220, f64::from(radius)).unwrap().0.len(), expected(radius), "{radius}");
+        }
     }
 }

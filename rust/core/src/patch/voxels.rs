@@ -88,3 +88,23 @@ pub fn cut_out(
     }
     Ok((part, graph))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::tests::{row, voxels};
+
+    #[test]
+    fn the_radius_itself_is_within_the_disk() {
+        let plate = voxels(&Mask::from_fn([15, 15, 1], |_| true).unwrap(), [1.0; 3]);
+        let control = Control::default();
+        let whole = chain_graph(&plate, LinkLengths::ChainCode, &control).unwrap();
+        let (seed, _) = plate.nearest([7, 7, 0]);
+        let distances = row(&whole, seed as u32);
+        for radius in distances.iter().copied().filter(|d| (1.0..4.0).contains(d)) {
+            let disk = Some(Disk { seed_point: [7, 7, 0], radius: f64::from(radius) });
+            let (part, _) = cut_out(&plate, &Selection { disk, keep: None }, LinkLengths::ChainCode, &control).unwrap();
+            assert_eq!(part.len(), distances.iter().filter(|&&d| d <= radius).count(), "{radius}");
+        }
+    }
+}

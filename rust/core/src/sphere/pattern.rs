@@ -140,3 +140,78 @@ impl Smoothing {
         Ok(now)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::surface::mesh::shapes;
+
+    /// Returns a Legendre polynomial.
+    fn legendre(degree: usize, x: f64) -> f64 {
+        let next = |[before, here]: [f64; 2], n: usize| {
+            [here, ((2 * n + 1) as f64 * x * here - n as f64 * before) / (n + 1) as f64]
+        };
+        (0..degree).fold([0.0, 1.0], next)[1]
+    }
+
+    /// Returns how much of a Legendre polynomial of z is in values on the unit sphere.
+    fn amplitude(sphere: &Surface, areas: &[f64], values: &[f64], degree: usize) -> f64 {
+        let (mut product, mut square) = (0.0, 0.0);
+        for ((p, area), value) in sphere.points().iter().zip(areas).zip(values) {
+            product += area * value * legendre(degree, p.z);
+            square += area * legendre(degree, p.z).powi(2);
+        }
+        product / square
+    }
+
+    /// Returns the share of a wave that diffusion to this variance leaves on the unit sphere.
+    fn left(degree: f64, variance: f64) -> f64 {
+        (-0.5 * degree * (degree + 1.0) * variance).exp()
+    }
+
+    #[test]
+    fn smoothing_leaves_the_share_of_waves_that_diffusion_does() {
+        let sphere = shapes::surface(shapes::sphere(5));
+        let smoothing = Smoothing::new(sphere.points(), sphere.faces());
+        for (degree, scale) in [(3, 0.4f64), (6, 0.2), (6, 0.3)] {
+            let wave: Vec<Vector3<f64>> =
+                sphere.points().iter().map(|p| Vector3::new(legendre(degree, p.z), 0.0, 0.0)).collect();
+            let smooth = smoothing.smoothed(&wave, scale, smoothing.step, &Control::default()).unwrap();
+            let smooth: Vec<f64> = smooth.iter().map(|value| value.x).collect();
+            let found = amplitude(&sphere, &smoothing.areas, &smooth, degree);
+            let expected = left(degree as f64, scale * scale);
+            assert!((found.ln() / expected.ln() - 1.0).abs() < 0.3, "{degree} {scale} {found} {expected}");
+        }
+    }
+
+    #[test]
+    fn depths_hold_waves_between_the_scale_and_its_half() {
+        // a wave of the radius has vectors of the degrees below and above it
+        let depth = |degree: usize, scale: f64| {
+            let (l, variance) = (degree as f64, (scale / RADIUS).powi(2));
+            let smooth = ((l + 1.0) * left(l + 1.0, variance) + l * left(l - 1.0, variance)) / (2.0 * l + 1.0);
+            (1.0 - smooth) * left(l, variance / 4.0)
+        };
+        let sphere = shapes::surface(shapes::sphere(5));
+        for (n, [low, high]) in [[3, 5], [5, 9], [9, 17]].into_iter().enumerate() {
+            let depths = |by: f64| {
+                let wavy = |p: &Vector3<f64>| p * (1.0 + by * (legendre(low, p.z) + legendre(high, p.z)));
+                let surface = sphere.moved(sphere.points().iter().map(wavy).collect()).unwrap();
+                pattern(&surface, &Control::default()).unwrap().depths.swap_remove(n)
+            };
+            // without what comes from the sphere and its uneven triangles, which has even degrees only
+            let found: Vec<f64> = depths(0.003).iter().zip(depths(-0.003)).map(|(a, b)| a - b).collect();
+            let areas = Smoothing::new(sphere.points(), sphere.faces()).areas;
+            let [a, b] = [low, high].map(|degree| amplitude(&sphere, &areas, &found, degree));
+            let expected = depth(low, SCALES[n]) / depth(high, SCALES[n]);
+            assert!((a / b / expected).ln().abs() < 0.5, "{n} {} {expected}", a / b);
+        }
+    }
+
+    #[test]
+    fn far_values_are_drawn_in() {
+        let found = standard(&[-1.0, 1.0, 6.0], &[4.0, 4.0, 2.0]);
+        let expected = [-0.899_554_567, -0.019_795_669, 1.838_700_472]; // by hand
+        assert!(found.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-8), "{found:?}");
+    }
+}

@@ -433,4 +433,29 @@ mod tests {
             assert!(noise > 0.0 || (share - 1.0).abs() < 1e-6);
         }
     }
+
+    #[test]
+    fn a_rigid_motion_turns_and_does_not_mirror() {
+        let control = Control::default();
+        let sphere = shapes::surface(shapes::sphere(4));
+        let stretched = sphere.points().iter().map(|p| [3.0 * p.x, 2.0 * p.y, p.z].into()).collect();
+        let egg = sphere.moved(stretched).unwrap();
+        let subject = Subject::new(&egg, sphere.points().to_vec(), &control).unwrap();
+        let all: Vec<u32> = (0..egg.len() as u32).collect();
+        let fit = |to: &dyn Fn(&Vector3<f64>) -> Vector3<f64>| {
+            let places = subject.pattern.places.iter().map(to).collect();
+            let template = Template::new(sphere.clone(), vec![vec![0.0; egg.len()]; 3], places, vec![1.0; egg.len()]);
+            let locator = template.locator();
+            let at: Vec<Located> = sphere.points().iter().map(|place| locator.locate(place)).collect();
+            subject.rigid_fit(&template, &all, &at)
+        };
+        let turn = Rotation3::from_euler_angles(0.4, 2.0, -1.3);
+        assert!((fit(&|p| turn * p * 7.0) - 1.0).abs() < 1e-9);
+        // the best rotation of a copy that is mirrored along any axis gives up the smallest moment
+        let moments =
+            subject.pattern.places.iter().zip(&subject.pattern.areas).map(|(p, area)| p.component_mul(p) * *area);
+        let [x, y, z]: [f64; 3] = moments.sum::<Vector3<f64>>().into();
+        let mirrored = fit(&|p| turn * Vector3::new(-p.x, p.y, p.z));
+        assert!((mirrored - (x + y - z) / (x + y + z)).abs() < 1e-6, "{mirrored}");
+    }
 }

@@ -121,3 +121,38 @@ pub fn descend(objective: &impl Objective, uv: &mut Vec<Place>, until: Until, co
     }
     Ok(Descended { converged: energy <= until.enough, energies })
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::embed::stress::springs::Springs;
+
+    /// Half the sum of the squared distances from the origin, and springs that are too soft by a factor.
+    struct Bowl(f64);
+
+    impl Objective for Bowl {
+        fn evaluate(&self, uv: &[Place], _: &Control) -> Result<(f64, Vec<Place>)> {
+            Ok((0.5 * dot(uv, uv), uv.to_vec()))
+        }
+
+        fn factor(&self, uv: &[Place]) -> Result<Factor> {
+            let springs = Springs::new(vec![[0, 1, 2]], uv.len(), &Control::default())?;
+            springs.factor(&[[0.0; 3]], &vec![self.0.recip(); uv.len()])
+        }
+
+        fn farthest_step(&self, _: &[Place], _: &[Place]) -> f64 {
+            f64::INFINITY
+        }
+    }
+
+    #[test]
+    fn every_step_decreases_the_energy_however_soft_the_springs() {
+        for soft in [1.0, 2.5, 3.0, 50.0] {
+            let mut uv = vec![Place::new(1.0, 0.0), Place::new(0.0, -2.0), Place::new(3.0, 1.0)];
+            let until = Until { steps: 100, gain: 1e-9, enough: 1e-12 };
+            let found = descend(&Bowl(soft), &mut uv, until, &Control::default()).unwrap();
+            assert!(found.energies.windows(2).all(|pair| pair[1] < pair[0]), "{soft} {:?}", found.energies);
+            assert!(found.converged && found.energies[found.energies.len() - 1] < 1e-9, "{soft}");
+        }
+    }
+}

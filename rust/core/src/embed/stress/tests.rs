@@ -416,3 +416,16 @@ fn a_bound_on_areas_is_kept_by_every_triangle() {
         assert!(change(&uv) <= bound * (1.0 + 1e-9), "{bound} {}", change(&uv));
     }
 }
+
+#[test]
+fn the_weighting_multiplies_near_distances_and_shapes_by_10_to_a_tenth() {
+    for (weighting, factor) in [(0.0, 10.0), (0.25, 10f64.sqrt()), (0.5, 1.0), (1.0, 0.1)] {
+        let (found, usual) = (levels::weighted(weighting), levels::FINAL);
+        let near = |(a, b): (f64, f64)| assert!((a / b / factor - 1.0).abs() < 1e-12, "{weighting} {a} {b}");
+        let [all, thirty, ten] = found.bands.weights;
+        near((thirty, usual.bands.weights[1]));
+        near((ten, usual.bands.weights[2]));
+        near((found.stiffness, usual.stiffness));
+        assert_eq!((all, found.bands.outliers, found.shape), (1.0, usual.bands.outliers, usual.shape));
+    }
+}

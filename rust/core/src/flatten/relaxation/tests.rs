@@ -43,6 +43,16 @@ fn cuts_relieve_a_cap_and_keep_to_their_length() {
 }
 
 #[test]
+fn a_path_is_as_long_as_allowed() {
+    let sheet = shapes::surface(shapes::sheet(9, 1));
+    let along: Vec<u32> = sheet.boundary()[0].iter().copied().take(6).collect();
+    for (longest, count) in [(0.0, 0), (2.999, 2), (3.0, 3), (99.0, 6)] {
+        let (path, length) = shortened(&sheet, along.clone(), longest);
+        assert_eq!((&path[..], length), (&along[..count], count as f64), "{longest}");
+    }
+}
+
+#[test]
 fn a_cut_cap_has_a_better_map() {
     let cap = cap(0.5);
     let error = |surface: &Surface| {

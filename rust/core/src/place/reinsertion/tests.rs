@@ -92,3 +92,11 @@ fn a_coarse_map_that_folds_is_told() {
     let (uv, turned) = carried(&found, surface.len(), fold, false);
     assert!(turned > 0 && uv.iter().flatten().all(|x| x.is_finite()));
 }
+
+#[test]
+fn what_lies_outside_is_placed_half_way_between_the_middle_and_the_border() {
+    let square = [[0.0, 0.0], [2.0, 0.0], [2.0, 2.0], [0.0, 2.0]].map(Place::from);
+    for (outside, expected) in [([5.0, 1.0], [1.5, 1.0]), ([1.0, -7.0], [1.0, 0.5]), ([3.0, 3.0], [1.5, 1.5])] {
+        assert!((inside(&square, outside.into()) - Place::from(expected)).norm() < 1e-12, "{outside:?}");
+    }
+}

@@ -1,3 +1,4 @@
+use nalgebra::Vector3;
 use proptest::prelude::*;
 
 use super::*;
@@ -85,6 +86,26 @@ fn a_ball_with_a_small_handle_gets_a_seam_too() {
     assert_opened(&solid, &open);
     assert_eq!(count(&open, Reason::Handle), 1);
     assert!((1..3).contains(&count(&open, Reason::Sphere)), "{:?}", open.cuts);
+}
+
+#[test]
+fn a_sphere_with_two_small_holes_gets_a_seam_if_they_are_near() {
+    // the boundary, with both sides of the cut between the holes, compared with the side of a square of the same area
+    let sphere = shapes::surface(shapes::sphere(5));
+    for (apart, is_near) in [(1.3f64, true), (1.5, true), (2.1, false), (3.1, false)] {
+        let holes = [Vector3::x(), Vector3::new(apart.cos(), apart.sin(), 0.0)].map(|at| {
+            let middle =
+                |f: usize| sphere.faces()[f].iter().map(|&v| sphere.points()[v as usize]).sum::<Vector3<f64>>();
+            (0..sphere.faces().len()).max_by(|&f, &g| middle(f).dot(&at).total_cmp(&middle(g).dot(&at))).unwrap()
+        });
+        let part = sphere.part(&(0..sphere.faces().len()).map(|f| !holes.contains(&f)).collect::<Vec<_>>());
+        let open = opened(&part);
+        assert_opened(&part, &open);
+        let mut joined = open.cuts.iter().filter(|cut| cut.reason == Reason::JoinBoundaries);
+        let is_right = |cut: &Cut| (apart - 0.1..1.2 * apart).contains(&cut.length);
+        assert!(is_near || joined.all(is_right), "{apart}");
+        assert_eq!(count(&open, Reason::Sphere) > 0, is_near, "{apart}");
+    }
 }
 
 #[test]

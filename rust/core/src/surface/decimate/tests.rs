@@ -1,5 +1,6 @@
 use super::*;
 use crate::adjacency::marked;
+use crate::surface::mesh::BORDER;
 use crate::surface::mesh::shapes::{self, assert_sound};
 use crate::surface::topology::Topology;
 use proptest::prelude::*;
@@ -114,6 +115,52 @@ fn no_edge_becomes_too_long() {
     let found = decimate(&surface, &[], &options, &Control::default()).unwrap();
     assert!(found.surface.edges().all(|h| found.surface.length(h) <= 4.0));
     assert!((60..400).contains(&found.survivors.len()), "{}", found.survivors.len());
+}
+
+#[test]
+fn the_error_of_a_position_is_its_distance_from_planes_by_area_and_from_borders() {
+    let heights: Vec<f64> = (0..36).map(|n| (1.7 * f64::from(n)).sin()).collect();
+    let surface = relief(5, &heights);
+    let quadrics = quadric::of_vertices(&surface, surface.points());
+    let place = Vector3::new(1.3, -0.4, 2.1);
+    let mut expected = vec![0.0; surface.len()];
+    for (f, face) in (0u32..).zip(surface.faces()) {
+        let corners = face.map(|v| surface.points()[v as usize]);
+        let normal = surface.face_normals()[f as usize];
+        let off = (place - corners[0]).dot(&normal).powi(2) * surface.areas()[f as usize] / 3.0;
+        face.iter().for_each(|&v| expected[v as usize] += off);
+        for k in (0..3).filter(|k| surface.twins()[3 * f as usize + k] == BORDER) {
+            let [a, b] = [corners[k], corners[(k + 1) % 3]];
+            let off = (place - a).dot(&(b - a).cross(&normal)).powi(2); // of the distance times the length
+            [face[k], face[(k + 1) % 3]].iter().for_each(|&v| expected[v as usize] += 2.0 * off);
+        }
+    }
+    for (quadric, expected) in quadrics.iter().zip(expected) {
+        assert!((quadric.at(place) / expected - 1.0).abs() < 1e-9, "{} {expected}", quadric.at(place));
+    }
+}
+
+#[test]
+fn no_face_turns_by_more_than_78_degrees_or_becomes_a_sliver() {
+    // the apex (½, ½√3) above a side of length 1 moves to this place
+    let is_sound = |start: [f64; 3], to: [f64; 3]| {
+        let points = vec![start, [0.0; 3], [1.0, 0.0, 0.0], to];
+        let surface = shapes::surface((points, vec![[0, 1, 2], [0, 2, 3]]));
+        let options = Options::default();
+        let work = Work::new(&surface, &[], &options);
+        let mut ring = Ring::default();
+        work.left.ring(0, &mut ring);
+        assert_eq!(ring.vertices, [1, 2, 3]);
+        work.stays_sound(0, [0, 1], 2, &ring)
+    };
+    let equilateral = [0.5, 0.75f64.sqrt(), 0.0];
+    for (angle, expected) in [(0.0f64, true), (78.0, true), (79.0, false), (179.0, false)] {
+        let (sin, cos) = angle.to_radians().sin_cos();
+        assert_eq!(is_sound(equilateral, [0.6, 0.8 * cos, 0.8 * sin]), expected, "{angle}");
+    }
+    // 4 √3 · area / the sum of the squared sides is 0.15 if the height is 0.0653; a sliver may stay one
+    assert!(is_sound(equilateral, [0.5, 0.066, 0.0]) && !is_sound(equilateral, [0.5, 0.064, 0.0]));
+    assert!(is_sound([0.5, 0.02, 0.0], [0.5, 0.021, 0.0]) && !is_sound([0.5, 0.02, 0.0], [0.5, 0.019, 0.0]));
 }
 
 #[test]

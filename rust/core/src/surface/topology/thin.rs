@@ -192,4 +192,20 @@ mod tests {
             assert_eq!(!thin(&shapes::surface(both(&upper, &lower)), 3.0).vertices.is_empty(), is_thin, "{tilt}");
         }
     }
+
+    #[test]
+    fn the_way_to_the_other_side_leads_nearly_along_both_normals() {
+        // the cosine of the angle between the way and the normal of either side, or of the upper one only
+        for (cosine, both_tilted, is_thin) in [(0.72f64, true, true), (0.68, true, false), (0.68, false, false)] {
+            let aside = cosine.acos().tan();
+            let slope = if both_tilted { 0.0 } else { aside };
+            let tiny = |z: f64, x: f64, slope: f64| {
+                moved(&shapes::sheet(1, 1), |p| [x + 1e-3 * p[0], 1e-3 * p[1], z + slope * 1e-3 * p[0]])
+            };
+            let (upper, mut lower) = (tiny(1.0, 0.0, 0.0), tiny(0.0, aside, slope));
+            lower.1.iter_mut().for_each(|face| face.swap(1, 2));
+            let found = thin(&shapes::surface(both(&upper, &lower)), 3.0);
+            assert_eq!(!found.vertices.is_empty(), is_thin, "{cosine} {both_tilted}");
+        }
+    }
 }

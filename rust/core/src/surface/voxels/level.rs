@@ -95,4 +95,14 @@ mod tests {
         near(image.along(place, direction), (0.6 - function(place)) / function(direction));
         assert_eq!(image.along(place, direction * 0.1), None);
     }
+
+    #[test]
+    fn the_nearest_of_several_crossings_counts() {
+        // the image has the level at x = 1.5 and at x = 2.5
+        let image = Level::new([5, 1, 1], vec![1.0, 1.0, -1.0, 1.0, 1.0], 0.0).unwrap();
+        for (x, expected) in [(1.8, -0.3), (2.1, 0.4), (2.4, 0.1), (1.6, -0.1), (1.2, 0.3), (2.7, -0.2)] {
+            let found = image.along(Vector3::new(x, 0.0, 0.0), Vector3::x()).unwrap();
+            assert!((found - expected).abs() < 1e-6, "{x} {found}");
+        }
+    }
 }

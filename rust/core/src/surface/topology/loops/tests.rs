@@ -59,6 +59,18 @@ fn the_loop_of_a_torus_goes_around_its_tube() {
 }
 
 #[test]
+fn a_loop_does_not_save_length_through_a_hole() {
+    // without a toll, the way through the hole in the tube would seem shorter
+    let (m, n) = (60, 20);
+    let torus = shapes::surface(shapes::torus(m, n));
+    let is_hole = |i: usize, j: usize| (20..26).contains(&i) && (6..12).contains(&j);
+    let holed = torus.part(&(0..2 * m * n).map(|f| !is_hole(f / 2 / n, f / 2 % n)).collect::<Vec<_>>());
+    let handle = assert_cut(&holed).remove(0);
+    let round = n as f64 * 2.0 * (std::f64::consts::PI / n as f64).sin();
+    assert!((handle.length - round).abs() < 1e-9, "{} {round}", handle.length);
+}
+
+#[test]
 fn handles_are_where_the_bridges_are() {
     // two slabs, joined by rods of two by two voxels: each after the first makes a handle
     let rods = [[3, 3], [3, 24], [13, 14], [24, 3], [24, 24]];
