@@ -465,7 +465,7 @@ def test_info_works_in_a_checkout_that_is_not_installed(monkeypatch):
 def test_messages_name_options_in_place_of_keyword_arguments():
     flatten = cli.main.get_command(None, "flatten")
     for text, shown in (
-        ("Use relax=False to disable them", "Use --no-relax to disable them"),
+        ("Use relax=False to omit them", "Use --no-relax to omit them"),
         ("Pass cuts='automatic' or repair='cuts'", "Pass --cuts automatic or --repair cuts"),
         ("seed_point is given without radius", "--seed-point is given without --radius"),
         ("max_area and scale are both given", "--max-area and --scale are both given"),

@@ -267,7 +267,7 @@ def opened(
         before, after = (100 * error for error in errors)
         remarks.append(
             f"added {paths} ({rounded(total)} mm in total), which reduce the estimated distance error from "
-            f"{before:.1f} % to {after:.1f} %. Use relax=False to disable them"
+            f"{before:.1f} % to {after:.1f} %. Use relax=False to omit them"
         )
     _name(part, further)
     return part._with_core(core), cuts + further, [in_unit(remark, part.metadata) for remark in remarks]
