@@ -5,6 +5,7 @@ import json
 import re
 import shutil
 from pathlib import Path
+from unittest.mock import Mock
 
 import nibabel as nib
 import numpy as np
@@ -167,7 +168,8 @@ def test_a_directory_of_another_program_is_left_alone(root, tmp_path):
     (tmp_path / "dataset_description.json").write_text('{"GeneratedBy": [{"Name": "fMRIPrep"}]}')
     for out, told in ((tmp_path, "derivatives of another program"), (root / "bids", "is the input")):
         before = everything(out)
-        fail(1, told, "bids", root / "bids", out, "participant")
+        for level in (["participant"], ["participant", "--dry-run"], ["group"]):
+            fail(1, told, "bids", root / "bids", out, *level)
         assert everything(out) == before
 
 
@@ -212,7 +214,8 @@ def test_files_instead_of_directories_are_named(root, tmp_path):
     file = tmp_path / "file"
     file.write_text("")
     fail(1, f"{file} is a file. Pass the directory of a study", "bids", file, tmp_path / "out", "participant")
-    fail(1, f"{file} is a file. Pass a directory for the output", "bids", root / "bids", file, "participant")
+    for level in ("participant", "group"):
+        fail(1, f"{file} is a file. Pass a directory for the output", "bids", root / "bids", file, level)
     assert [path.name for path in tmp_path.iterdir()] == ["file"]
 
 
@@ -349,6 +352,7 @@ def test_a_broken_map_stands_out_in_table_and_page(root, compared, tmp_path):
     record = json.loads(path.read_text())
     record["figures"]["triangles"]["flipped"] = 4
     record["figures"]["best_scale"]["relative_error"] = 0.31
+    record["figures"]["triangles"]["edge"] = 0.01
     record["inputs"]["white"]["sha256"] = "0" * 64
     del record["sha256"]
     path.write_text(json.dumps(sealed(record)))
@@ -358,12 +362,18 @@ def test_a_broken_map_stands_out_in_table_and_page(root, compared, tmp_path):
     words = run("bids", root / "bids", tmp_path / "out", "group").stdout
     marked = [of.keys() - {"triangles.flipped"} for of in told["outliers"].values()]
     values, hemispheres = sum(map(len, marked)), sum(map(bool, marked))
-    assert re.search(rf"^outliers: {values} values of {hemispheres} hemispheres \(about 0\.\d+ values are", words, re.M)
+    assert re.search(rf"^outliers: {values} values? of {hemispheres} hemispheres? \(about 0\.\d+ exp", words, re.M)
     assert "\nerrors: 1 map has flipped or covering triangles" in words
     assert f"\nreport: {tmp_path / 'out' / 'group.html'}\n" in words
     page = (tmp_path / "out" / "group.html").read_text()
     assert f"{values} values are outliers" in page
     assert '<td class="n bad">31.0<span class="quiet"> ±' in page
+    assert re.search(
+        r'<td class="n bad">31\.0<span class="quiet"> ± [\d.]+</span> <span title="high">↑</span></td>', page
+    )
+    assert (
+        '<td class="n bad">1.0 <span title="low">↓</span></td>' in page
+    )  # an error of triangles has no standard error
     assert '<td class="n bad">4</td>' in page
     assert _ranked(page)[0] == "sub-02"
 
@@ -433,6 +443,13 @@ def test_damaged_outputs_are_made_again_and_stop_nobody(root, compared, tmp_path
         assert read(path) == read(root / path.relative_to(tmp_path))
     again = json.loads(run("bids", tmp_path / "bids", tmp_path / "out", "group", "--json").stdout)
     assert (again["maps"], len(again["missing"])) == (17, 3)
+
+
+def test_ctrl_c_tells_how_to_continue(root, tmp_path, monkeypatch):
+    monkeypatch.setattr("voxflat.lab.study.make", Mock(side_effect=KeyboardInterrupt))
+    stopped = run("bids", root / "bids", tmp_path / "out", "participant", "--hemi", "L")
+    told = "voxflat: finished maps are kept. Repeat the command to make the others\nvoxflat: cancelled\n"
+    assert (stopped.exit_code, told in stopped.stderr) == (130, True)
 
 
 def test_a_page_that_cannot_be_written_stops_nobody(root, tmp_path):
@@ -507,6 +524,7 @@ def test_maps_that_were_made_in_different_ways_are_not_averaged(root, compared, 
         group = run("bids", root / "bids", tmp_path / "out", "group", "--json")
         assert "".join(json.loads(group.stdout)["warnings"]).count(told or "not averaged") == (told != "")
         assert group.stderr.count("voxflat: warning: the maps of this group differ") == (told != "")
+        assert ("they are not averaged, and may be outliers" in group.stderr) == (key != "overlays")
         assert told in group.stderr
     names = {path.name for path in (tmp_path / "out").glob("group_hemi-L_stat-mean_*.nii.gz")}
     assert names == {f"group_hemi-L_stat-mean_desc-voxflat_{one}.nii.gz" for one in averaged}

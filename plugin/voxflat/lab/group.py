@@ -88,9 +88,9 @@ def _warnings(source: Path, out: Path, rows: Sequence[Row]) -> list[str]:
     """Return the warning that maps were made in different ways, if they were."""
     if not (found := differences(rows)):
         return []
-    what = "they are" if _are_mixed(found) else "these overlays are"
+    what = "they are not averaged, and may be outliers" if _are_mixed(found) else "these overlays are not averaged"
     again = f"{command(source, out, 'participant')} for all participants, with the same options"
-    return [f"the maps of this group differ, so {what} not averaged: {'. '.join(found.values())}. Run {again}"]
+    return [f"the maps of this group differ, so {what}: {'. '.join(found.values())}. Run {again}"]
 
 
 def _are_mixed(different: Mapping[str, str]) -> bool:

@@ -160,15 +160,19 @@ def command(source: Path, out: Path, level: str) -> str:
     return shlex.join(["voxflat", "bids", str(source), str(out), level])
 
 
-def describe(source: Path, out: Path) -> None:
-    """Write the dataset description of BIDS derivatives; raise an InputError if another program owns the directory."""
+def check_output(source: Path, out: Path) -> None:
+    """Raise an InputError if `out` is a file, the input, or a directory of another program."""
     path = out / "dataset_description.json"
-    if path.is_file() and '"voxflat"' not in path.read_text(encoding="utf-8", errors="replace"):
-        raise InputError(f"{out} contains derivatives of another program ({path}). Pass another output directory")
     if out.exists() and not out.is_dir():
         raise InputError(f"{out} is a file. Pass a directory for the output")
+    if path.is_file() and '"voxflat"' not in path.read_text(encoding="utf-8", errors="replace"):
+        raise InputError(f"{out} contains derivatives of another program ({path}). Pass another output directory")
     if out.resolve() == source.resolve():
         raise InputError(f"{out} is the input. Pass another directory, such as {out / 'derivatives' / 'voxflat'}")
+
+
+def describe(source: Path, out: Path) -> None:
+    """Write the dataset description of BIDS derivatives."""
     content = {
         "Name": "voxflat: flat maps of the cortex",
         "BIDSVersion": BIDS_VERSION,
@@ -176,7 +180,7 @@ def describe(source: Path, out: Path) -> None:
         "GeneratedBy": [{"Name": "voxflat", "Version": __version__}],
         "SourceDatasets": [{"URL": source.resolve().as_uri()}],
     }
-    write_json(path, content)
+    write_json(out / "dataset_description.json", content)
     write_text(out / ".bidsignore", _IGNORED)
 
 

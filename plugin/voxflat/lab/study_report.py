@@ -63,7 +63,8 @@ def _cell(row: Row, place: str) -> dict[str, Any]:
     value, error = (figure_of(row.record or {}, name) for name in (place, f"standard_error.{place}"))
     digits = 0 if place.endswith(("flipped", "covering")) else 1 if unit else 3
     text, after = ("–" if one is None else f"{factor * one:.{digits}f}" for one in (value, error))
-    return {"text": text, "error": "" if error is None else f" ± {after}", "outlier": row.outliers.get(place, "")}
+    shown = "" if error is None else f" ± {after}"
+    return {"text": text, "error": shown, "outlier": row.outliers.get(place, ""), "is_count": place in COUNTS}
 
 
 def _mean(one: Mean) -> dict[str, Any]:

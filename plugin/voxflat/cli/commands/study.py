@@ -13,12 +13,12 @@ from voxflat.arguments import checked_seed, checked_threads
 from voxflat.cli import options
 from voxflat.cli.console import Bars, Command, bars, translated
 from voxflat.cli.output import is_json, report
-from voxflat.errors import InputError
+from voxflat.errors import Cancelled, InputError
 from voxflat.lab.comparison import LEAST
 from voxflat.lab.group import group
 from voxflat.lab.inputs import GEOMETRIES, HEMISPHERES, Parameters, participants
 from voxflat.lab.results import COUNTS
-from voxflat.lab.study import Outcome, command, freesurfer, plan, study
+from voxflat.lab.study import Outcome, check_output, command, freesurfer, plan, study
 from voxflat.surfaces.standard.choice import AUTOMATIC
 from voxflat.surfaces.standard.template import STANDARD
 
@@ -157,6 +157,7 @@ def bids_command(
     parameters = _parameters(given)
     chosen = _chosen(hemis)
     everybody = participants(source, labels)
+    check_output(source, out)
     if dry_run:
         for one in plan(everybody, out, chosen, parameters):
             click.echo(json.dumps(_listed(one)))
@@ -173,13 +174,18 @@ def bids_command(
     with bars(quiet, notes=False) as shown:  # the warnings about each map are in its report
         tell = _outcome_printer(shown, verbose=not (is_json() or quiet))
         how: dict[str, Any] = {"tell": tell, "dask": dask, "progress": shown.progress}
-        outcomes = study(everybody, source, out, chosen, parameters, **how, **given)
+        try:
+            outcomes = study(everybody, source, out, chosen, parameters, **how, **given)
+        except (Cancelled, KeyboardInterrupt):
+            shown.hide()
+            click.echo("voxflat: finished maps are kept. Repeat the command to make the others", err=True)
+            raise
     people = {_participant(one) for one in outcomes}
     failed = {_participant(one) for one in outcomes if one.state == "failed"}
     made = len({_participant(one) for one in outcomes if one.state == "made"} - failed)
     states = f"{made} made, {len(people) - made - len(failed)} up to date, {len(failed)} failed"
     content = {"output": str(out), "failed": sorted(failed), "hemispheres": [_listed(one) for one in outcomes]}
-    summary = f"{len(people)} participant{'s' * (len(people) != 1)}: {states}"
+    summary = f"{_many(len(people), 'participant')}: {states}"
     report(content, "\n".join([summary, *_report_lines(source, out, outcomes)]), quiet=quiet)
     return min(len(failed), _MAX_STATUS)
 
@@ -234,7 +240,7 @@ def _outlier_lines(found: Mapping[str, Any]) -> list[str]:
     people = sum(bool(of.keys() - set(COUNTS)) for of in found["outliers"].values())
     wrong = sum(bool(of.keys() & set(COUNTS)) for of in found["outliers"].values())
     chance, which = found["outliers_by_chance"], "flipped or covering triangles or boundary crossings"
-    counted = f"{len(values)} values of {people} hemispheres (about {chance:.2g} values are expected by chance)"
+    counted = f"{_many(len(values), 'value')} of {_many(people, 'hemisphere')} (about {chance:.2g} expected by chance)"
     lines = [f"outliers: {counted if chance else f'not determined; they require {LEAST} maps of one side'}"]
     return lines + ([f"errors: {wrong} {'map has' if wrong == 1 else 'maps have'} {which}"] if wrong else [])
 
@@ -246,6 +252,10 @@ def _report_lines(source: Path, out: Path, outcomes: Sequence[Outcome]) -> list[
         return []
     named = f"report: {pages[0]}" if len(pages) == 1 else f"reports: {len(pages)} pages, such as {pages[0]}"
     return [named, f"next: {command(source, out, 'group')}"]
+
+
+def _many(count: int, what: str) -> str:
+    return f"{count} {what}{'s' * (count != 1)}"
 
 
 def _participant(one: Outcome) -> str:
