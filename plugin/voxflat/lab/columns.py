@@ -23,29 +23,34 @@ _DISTANCES = {  # d are distances on the map, and δ geodesic distances on the s
         "mean of |d − δ|/δ over pairs of points with the distance d on the map and δ on the surface, as a fraction",
         "",
     ),
-    "relative_error_0_5mm": ("relative_error of pairs with δ up to 5 mm, as a fraction", ""),
-    "relative_error_5_15mm": ("relative_error of pairs with δ above 5 and up to 15 mm, as a fraction", ""),
-    "relative_error_15_30mm": ("relative_error of pairs with δ above 15 and up to 30 mm, as a fraction", ""),
-    "relative_error_10mm": ("relative_error of pairs with δ up to 10 mm, as a fraction", ""),
-    "relative_error_30mm": ("relative_error of pairs with δ up to 30 mm, as a fraction", ""),
+    "relative_error_0_5mm": ("mean of |d − δ|/δ over pairs with δ up to 5 mm, as a fraction", ""),
+    "relative_error_5_15mm": ("mean of |d − δ|/δ over pairs with δ above 5 and up to 15 mm, as a fraction", ""),
+    "relative_error_15_30mm": ("mean of |d − δ|/δ over pairs with δ above 15 and up to 30 mm, as a fraction", ""),
+    "relative_error_10mm": ("mean of |d − δ|/δ over pairs with δ up to 10 mm, as a fraction", ""),
+    "relative_error_30mm": ("mean of |d − δ|/δ over pairs with δ up to 30 mm, as a fraction", ""),
     "absolute_error": ("mean of |d − δ|", "mm"),
     "stress_1": ("Kruskal's stress-1, sqrt(Σ(d − δ)² / Σδ²)", ""),
     "sammon_stress": ("Sammon's stress, (1/Σδ) Σ (d − δ)²/δ", ""),
 }
-_SCALES = {"raw": "the unscaled map", "best_scale": "the map at the scale with the smallest relative_error"}
+_SCALES = {"raw": "the unscaled map", "best_scale": "the map at the scale with the smallest mean relative error"}
 _OTHERS = {
     "pearson_r": ("correlation of d and δ", ""),
     "mean_geodesic": ("mean of δ", "mm"),
     "sources": ("number of random reference sources", ""),
     "pairs": ("number of pairs of a source and a point", ""),
 }
-_AREAS = "share of the surface whose area changes by more than a factor of {}, at equal_area_scale"
+_AREAS = (
+    "share of the surface whose area changes by more than a factor of {}, at the scale that preserves the total area"
+)
 _TRIANGLES = {
     "areal_median": ("median of |log2(map area / surface area)| over the vertices", ""),
     "areal_p95": ("95th percentile of |log2(map area / surface area)| over the vertices", ""),
     "equal_area_scale": ("factor that gives the map the area of the surface", ""),
-    "equal_area_median": ("areal_median at equal_area_scale", ""),
-    "equal_area_p95": ("areal_p95 at equal_area_scale", ""),
+    "equal_area_median": ("median of |log2(map area / surface area)| at the scale that preserves the total area", ""),
+    "equal_area_p95": (
+        "95th percentile of |log2(map area / surface area)| at the scale that preserves the total area",
+        "",
+    ),
     "edge": ("mean of |length on the map / length on the surface − 1| over the edges, as a fraction", ""),
     "angle": ("mean change of the corner angles, weighted by the areas of the triangles", "degrees"),
     "quasi_conformal": ("median of σ1/σ2, where σ1 ≥ σ2 are the stretches of a triangle; 1 if angles are kept", ""),
