@@ -224,3 +224,24 @@ fn meeting(at: [Place; 3], way: [Place; 3]) -> f64 {
     let times = roots(b1.perp(&p1), b0.perp(&p1) + b1.perp(&p0), b0.perp(&p0));
     times.into_iter().filter(|&time| meets(time)).fold(f64::INFINITY, f64::min)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::surface::mesh::shapes;
+
+    #[test]
+    fn gaps_are_half_the_least_height_of_the_triangles_there() {
+        let sheet = shapes::surface(shapes::sheet(3, 3));
+        let thin =
+            sheet.moved(sheet.points().iter().map(|p| [p.x, if p.y < 1.0 { 0.9 } else { p.y }, 0.0].into()).collect());
+        let thin = thin.unwrap();
+        assert!(Outline::new(&sheet).gaps.iter().all(|gap| (gap - 0.5 * 0.5f64.sqrt()).abs() < 1e-12));
+        let least = 0.1 / 1.01f64.sqrt(); // of the triangles with sides of 1, 0.1 and their diagonal
+        let outline = Outline::new(&thin);
+        for (edge, gap) in outline.edges.iter().zip(&outline.gaps) {
+            let is_thin = edge.iter().any(|&vertex| thin.points()[vertex as usize].y <= 1.0);
+            assert!((gap - 0.5 * if is_thin { least } else { 0.5f64.sqrt() }).abs() < 1e-12, "{edge:?} {gap}");
+        }
+    }
+}

@@ -429,3 +429,38 @@ fn the_weighting_multiplies_near_distances_and_shapes_by_10_to_a_tenth() {
         assert_eq!((all, found.bands.outliers, found.shape), (1.0, usual.bands.outliers, usual.shape));
     }
 }
+
+#[test]
+fn more_steps_would_hardly_lower_the_energy() {
+    let sphere = shapes::surface(shapes::sphere(4));
+    let cap = sphere.part_of_vertices(&sphere.points().iter().map(|p| p.z > -0.85).collect::<Vec<_>>());
+    let cap = cap.moved(cap.points().iter().map(|p| p * 20.0).collect()).unwrap();
+    let control = Control::default();
+    let graph = GeodesicGraph::new(&cap, &control).unwrap();
+    let sources = Sources::Farthest { count: 30, seed: 0 }.choose(&graph, &control).unwrap();
+    let last = |patience: u32| {
+        let mut levels = Levels::new(&cap, &sources, &control).unwrap();
+        let rows = levels.measure(&graph, &control).unwrap();
+        let places = classical_scaling(&rows.among(&control).unwrap()).unwrap().places;
+        let dials = levels::Dials { patience, ..levels::FINAL };
+        let (_, found) = levels::unfold(&mut levels, &rows, &places, dials, &control).unwrap();
+        found.energies[found.energies.len() - 1]
+    };
+    let [usual, patient] = [1, 20].map(last);
+    assert!(patient <= usual && usual < 1.001 * patient, "{usual} {patient}");
+}
+
+#[test]
+fn few_thin_triangles_are_enlarged_to_a_height_of_12_percent() {
+    let area = |place: fn(f64) -> f64| {
+        let sheet = shapes::surface(shapes::sheet(10, 10));
+        let sheet = sheet.moved(sheet.points().iter().map(|p| [p.x, place(p.y), 0.0].into()).collect()).unwrap();
+        TriangleEnergy::new(&sheet).area
+    };
+    // one of ten rows is thin; its longest sides are the diagonals
+    let one = area(|y| if y < 1.0 { 0.99 } else { y });
+    assert!((one - 90.0 - 20.0 * 0.5 * 0.12 * (1.0 + 1e-4)).abs() < 1e-9, "{one}");
+    // if many are thin, they stay as they are
+    let all = area(|y| 0.05 * y);
+    assert!((all - 5.0).abs() < 1e-9, "{all}");
+}

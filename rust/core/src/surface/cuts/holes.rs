@@ -229,4 +229,12 @@ mod tests {
             prop_assert!(filled.left.is_empty() || Topology::of(&part).components.len() > 1);
         }
     }
+
+    #[test]
+    fn a_triangle_costs_its_area_and_a_hundredth_of_its_squared_sides() {
+        let cost = |x: f64| triangle_cost([[0.0; 3], [3.0, 0.0, 0.0], [x, 4.0, 0.0]].map(Vector3::from));
+        assert!((cost(0.0) - (6.0 + 0.01 * (9.0 + 16.0 + 25.0))).abs() < 1e-12);
+        assert!((cost(9.0) - (6.0 + 0.01 * (9.0 + 81.0 + 16.0 + 36.0 + 16.0))).abs() < 1e-12);
+        assert_eq!(triangle_cost([0.0, 1.0, 2.0].map(Vector3::repeat)), f64::INFINITY);
+    }
 }
