@@ -318,6 +318,9 @@ def test_an_opened_map_is_the_current_run(viewer, last_of, tmp_path):
         assert [keywords["name"] for _, keywords, _ in run.layers.layers] == names
         assert_array_equal(run.flat_map.uv, flat_map.uv)
         assert run.flat_map.distortion.figures() == flat_map.distortion.figures()
+    write_mesh(tmp_path / "bumps.surf.gii", Mesh(*bumps()[:2]))
+    last_of(tmp_path / "bumps.surf.gii")  # as when work goes on
+    assert viewer.dims.ndisplay == 3  # a slice shows nothing of it
 
 
 def test_a_map_is_saved_and_read_by_others(viewer, last_of, tmp_path):

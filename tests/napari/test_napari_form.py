@@ -7,12 +7,14 @@ from functools import partial
 import numpy as np
 import pytest
 import shapes
+import tifffile
 from napari.layers import Image, Labels, Surface
 from napari_window import PATIENCE, bumps, cap, choose, open_file, run, sphere
 from numpy.testing import assert_array_equal
 from scipy import ndimage
 
 import voxflat
+from voxflat._napari.layers.world import MADE_FROM
 from voxflat._napari.viewer_state import ViewerState
 from voxflat.demo import DEPTH
 
@@ -56,6 +58,55 @@ def test_parts_are_those_of_the_library(open_widget, qtbot):
     run(widget, qtbot)
     same = voxflat.flatten((points, faces), method=voxflat.methods.Zigelman2002(sources=49), mirror=True, seed=3)
     assert_array_equal(newest_map(viewer).uv, same.uv)
+
+
+def test_drawings_on_the_map_and_later_layers_do_not_change_the_part_to_flatten(open_widget, qtbot):
+    points, faces, _ = bumps(25)
+    viewer, widget = open_widget(Surface((points, faces), name="bumps"))
+    form, corners = widget.form, points[[130, 143, 468, 455]]
+    seed = viewer.add_points(points[[300]], name="seed")
+    viewer.add_points(points[[10]], name="map points", metadata={MADE_FROM: "bumps"})  # as on the map
+    choose(form.patch, "disk")
+    form.radius.setValue(8)
+    run(widget, qtbot)
+    assert form.seed.point == 300
+    viewer.add_points(points[[20]], name="later")
+    assert form.seed.point == 300
+    viewer.layers.remove(seed)
+    assert form.seed.point == 20
+    drawn = viewer.add_shapes([corners], shape_type="polygon", ndim=3, name="drawn")
+    viewer.add_shapes([corners[:2]], shape_type="path", ndim=3, name="shortest path", metadata={MADE_FROM: "bumps"})
+    choose(form.patch, "polygon")
+    assert form.polygon.layer is drawn
+    run(widget, qtbot)
+    viewer.add_shapes([corners[1:]], shape_type="polygon", ndim=3, name="later shapes")
+    assert form.polygon.layer is drawn
+
+
+def test_stacks_without_a_unit_have_the_axes_of_a_microscope(open_widget, qtbot, tmp_path):
+    """The library reads a TIFF file as z, y, x; other axes would mirror the map."""
+    file = tmp_path / "stack.tif"
+    ball = 3 * shapes.ball(6).astype(np.uint8)
+    tifffile.imwrite(file, ball)
+    viewer, widget = open_widget(Labels(cap(), name="cap", units="mm"))
+    assert widget.form.world.currentData() == "RAS"
+    viewer.open(str(file), plugin="napari", layer_type="image")
+    viewer.add_labels(ball, name="painted")
+    for name in ("painted", "stack"):
+        widget.form.surface.choose(viewer.layers[name])
+        assert widget.form.world.currentData() == "SAR"
+    widget.form.surface.choose(viewer.layers["cap"])
+    assert widget.form.sampled.layer is None  # the unit of the stack does not match
+    widget.form.surface.choose(viewer.layers["stack"])
+    assert widget.form.threshold.value() == 1.5  # napari shows bytes from 0 to 255
+    run(widget, qtbot)
+    expected = voxflat.surface(file, threshold=1.5, spacing=(1, 1, 1), unit="mm").flatten()
+    shown = {tuple(voxel): uv for voxel, uv in zip(newest_map(viewer).ids[:, ::-1], newest_map(viewer).uv, strict=True)}
+    uv = np.array([shown[tuple(voxel)] for voxel in expected.ids])
+    areas = [
+        np.linalg.det(places[expected.faces[:, 1:]] - places[expected.faces[:, :1]]) for places in (uv, expected.uv)
+    ]
+    assert np.median(areas[0]) * np.median(areas[1]) > 0  # not mirrored
 
 
 @pytest.mark.parametrize("unit", ["pixel", "micrometer"])

@@ -6,6 +6,7 @@ import re
 import dask.array as da
 import nibabel as nib
 import numpy as np
+import pandas
 import pytest
 from napari.layers import Image, Labels, Surface
 from napari.utils.colormaps import DirectLabelColormap
@@ -299,6 +300,41 @@ def test_docks_open_as_tabs_and_stay_where_they_are_moved(make_napari_viewer, qt
     assert moved not in window.tabifiedDockWidgets(docks[0])
 
 
+def test_menu_entries_bring_docks_behind_other_tabs_to_the_front(make_napari_viewer, qtbot):
+    viewer = make_napari_viewer(show=True)
+    docks = {}
+    for name in ("Flatten surface", "Measure map"):
+        docks[name], widget = viewer.window.add_plugin_dock_widget("voxflat", name)
+        qtbot.waitUntil(lambda widget=widget: not widget.visibleRegion().isEmpty())
+    form, measures = docks.values()
+
+    def choose_entry(name):  # as napari does
+        dock = docks[name]
+        dock.setVisible(not dock.isVisible())
+
+    def is_in_front(dock):
+        return dock.isVisible() and not dock.visibleRegion().isEmpty()
+
+    choose_entry("Flatten surface")
+    qtbot.waitUntil(lambda: is_in_front(form) and not is_in_front(measures))
+    choose_entry("Flatten surface")  # which is in front
+    qtbot.waitUntil(lambda: is_in_front(measures) and form.isHidden())
+    choose_entry("Flatten surface")
+    qtbot.waitUntil(lambda: is_in_front(form) and not is_in_front(measures))
+    measures.setFloating(True)
+    qtbot.waitUntil(lambda: is_in_front(measures))
+    choose_entry("Measure map")
+    choose_entry("Measure map")
+    qtbot.waitUntil(lambda: is_in_front(measures))
+    measures.setFloating(False)
+    form.raise_()
+    qtbot.waitUntil(lambda: is_in_front(form) and not is_in_front(measures))
+    viewer.window.remove_dock_widget(measures)  # from behind
+    QApplication.processEvents()
+    assert measures.isHidden()
+    assert is_in_front(form)
+
+
 def test_all_controls_of_the_map_fit_into_a_narrow_window(flattened, qtbot):
     viewer, _, dock = flattened(Labels(cap(), name="cap"))
     dock._depth_row.show()
@@ -468,6 +504,18 @@ def test_regions_on_a_mesh_are_saved_at_its_vertices(flattened, qtbot, tmp_path)
         assert label_colour(number) in colours
     read, _, names = nib.freesurfer.read_annot(tmp_path / "lh.regions.annot")
     assert_array_equal(np.array([*names, b"none"])[read] == b"region 2", expected == 2)
+    viewer.open(str(tmp_path / "regions.label.gii"), plugin="voxflat")  # shown in its colours, with its names
+    dock.contents.setCurrentText("regions.label.gii")
+    wait_for_picture(dock, qtbot)
+    at = np.abs(flat_map.uv - (u + 6, v)).sum(axis=1).argmin()
+    move(qtbot, dock.canvas.viewport(), dock.canvas.position(*flat_map.uv[at]))
+    assert "regions.label.gii region 2" in dock.text.text()
+    colour = gifti.labeltable.labels[2].rgba
+    row, column = np.argwhere(dock.picture.data == 2)[0]
+    assert_array_equal(dock.picture.pixels[row, column], np.round(255 * np.array(colour)))
+    viewer.layers.selection = {regions}
+    viewer.layers.save(str(tmp_path / "regions.tsv"), selected=True, plugin="voxflat")
+    assert len(pandas.read_csv(tmp_path / "regions.tsv", sep="\t")) == 2
     regions.vertex_values = regions.vertex_values * 0
     with pytest.raises(voxflat.VoxflatError, match="were changed"):
         viewer.layers.save(str(tmp_path / "changed.annot"), selected=True, plugin="voxflat")
@@ -550,6 +598,27 @@ def test_drawings_on_a_map_of_voxels(flattened, qtbot, tmp_path):
     assert_allclose(nib.load(file).affine, np.diag([-2.0, -2, 2, 1]))
     with pytest.raises(voxflat.VoxflatError, match=r"Save it as \.nii\.gz"):  # which has no position in space
         viewer.layers.save(str(tmp_path / "regions.tif"), selected=True, plugin="voxflat")
+    viewer.layers.save(str(tmp_path / "regions.csv"), selected=True, plugin="voxflat")
+    table = pandas.read_csv(tmp_path / "regions.csv")
+    assert_allclose(table["map_area_mm2"], [256], rtol=0.05)
+    assert_allclose(table[["u_mm", "v_mm"]], [(u, v)], atol=1)
+    with pytest.raises(voxflat.VoxflatError, match="no mesh vertices"):
+        viewer.layers.save(str(tmp_path / "regions.label.gii"), selected=True, plugin="voxflat")
+    regions.data[0, 0, 0] = 1
+    with pytest.raises(voxflat.VoxflatError, match="were changed"):
+        viewer.layers.save(str(tmp_path / "changed.csv"), selected=True, plugin="voxflat")
+
+    flat = viewer.layers["sheet distortion"]
+    place = {"scale": flat.scale, "translate": flat.translate, "units": flat.units}
+    viewer.add_labels(np.isfinite(flat.data).astype(int), name="painted", **place)
+    dock.segmentations.send.click()
+    qtbot.waitUntil(lambda: "painted in the volume" in viewer.layers, timeout=PATIENCE)
+    painted = viewer.layers["painted in the volume"]
+    viewer.layers.selection = {painted}
+    viewer.layers.save(str(file), selected=True, plugin="voxflat")
+    assert_array_equal(nib.load(file).get_fdata(), painted.data)
+    assert_allclose(nib.load(file).affine, np.diag([2.0, 2, 2, 1]))
+    wait_for_threads(qtbot)
 
     dock.click.setCurrentText("measures a distance")
     for reach in (5, 9):  # the second takes the place of the first

@@ -27,7 +27,10 @@ _EDITS = ("chosen", "edited", "currentIndexChanged", "stateChanged", "valueChang
 
 
 class Tab(QObject):
-    """Opens the dock of a widget as a tab beside the open voxflat docks; the user can move it afterwards."""
+    """Opens the dock of a widget as a tab beside the open voxflat docks; the user can move it afterwards.
+
+    An entry of the menu that opens a dock hides it when it is open. Behind another tab, it is brought to the front.
+    """
 
     def __init__(self, widget: QWidget) -> None:
         super().__init__(widget)
@@ -35,15 +38,36 @@ class Tab(QObject):
         windows = [one for one in QApplication.topLevelWidgets() if isinstance(one, QMainWindow)]
         self._sizes = {id(window): window.size() for window in windows}
         self._soon = single_shot(self, 0, self._join)  # after napari has placed the dock
+        self._dock: QDockWidget | None = None
+        self._is_behind = False
+        self._to_front = single_shot(self, 0, self._raise)  # after Qt has shown or hidden the dock
         widget.installEventFilter(self)
         single_shot(self, _LATE, self._sizes.clear).start()  # before a user can have resized them
 
     def eventFilter(self, watched: Any, event: Any) -> bool:  # noqa: N802 - Qt's name
-        """Join the other tabs when the widget is shown for the first time."""
-        if event.type() == QEvent.Type.Show:
+        """Join the other tabs when the widget is shown for the first time; bring its dock to the front."""
+        if watched is self._widget and event.type() == QEvent.Type.Show:
             self._widget.removeEventFilter(self)
             self._soon.start()
+        if isinstance(watched, QDockWidget):
+            is_hidden = event.type() == QEvent.Type.Hide and watched.isHidden()  # not with its window
+            if event.type() == QEvent.Type.ShowToParent or (is_hidden and self._is_behind):
+                self._to_front.start()
         return False
+
+    def _raise(self) -> None:
+        window = None if self._dock is None else self._dock.parentWidget()
+        if self._dock is None or not isinstance(window, QMainWindow):
+            return
+        if window.dockWidgetArea(self._dock) == Qt.DockWidgetArea.NoDockWidgetArea:
+            return  # it was removed
+        self._dock.removeEventFilter(self)  # which would answer to this, too
+        self._dock.show()
+        self._dock.raise_()
+        self._dock.installEventFilter(self)
+
+    def _on_visibility(self, is_in_front: bool) -> None:
+        self._is_behind = not is_in_front
 
     def _join(self) -> None:
         dock: QWidget | None = self._widget
@@ -54,6 +78,9 @@ class Tab(QObject):
         window = dock.window()
         if not isinstance(window, QMainWindow):
             return
+        self._dock = dock
+        dock.visibilityChanged.connect(self._on_visibility)
+        dock.installEventFilter(self)
         others = [other for other in window.findChildren(QDockWidget) if other is not dock and other.findChild(Tab)]
         docked = [other for other in others if not (other.isHidden() or other.isFloating())]
         ours = [other for other in docked if window.dockWidgetArea(other) == window.dockWidgetArea(dock)]

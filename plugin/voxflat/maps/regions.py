@@ -35,9 +35,9 @@ from voxflat.read_only import ReadOnly
 from voxflat.unique_rows import distinct
 
 VERTEX_ENDINGS = (".annot", ".label.gii", ".label")
-_TABLE_ENDINGS = (".tsv", ".csv")
+TABLE_ENDINGS = (".tsv", ".csv")
 _VOLUME_ENDINGS = (".nii", ".nii.gz", ".mgh", ".mgz", ".nrrd")
-REGION_ENDINGS = (*VERTEX_ENDINGS, *_TABLE_ENDINGS, *_VOLUME_ENDINGS)  # of the files of `Regions.save`
+REGION_ENDINGS = (*VERTEX_ENDINGS, *TABLE_ENDINGS, *_VOLUME_ENDINGS)  # of the files of `Regions.save`
 
 
 class _Places(Protocol):
@@ -378,7 +378,7 @@ class Regions(ReadOnly, Recorded):
         if not name.endswith(REGION_ENDINGS):
             raise InputError(f"cannot save regions as {path.name}. Use a name that ends in {', '.join(REGION_ENDINGS)}")
         holds_voxels = name.endswith(_VOLUME_ENDINGS)
-        is_table = name.endswith(_TABLE_ENDINGS)
+        is_table = name.endswith(TABLE_ENDINGS)
         if not (holds_voxels or is_table) and (volume is not None or depth is not None):
             raise InputError(f"{path.name} does not store voxels, so volume and depth do not apply. Omit them")
         if is_table and volume is None and depth is not None:

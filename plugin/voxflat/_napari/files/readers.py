@@ -8,6 +8,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from napari import Viewer
 
+from voxflat._napari.layers.world import MADE_FROM
 from voxflat._napari.results.flat_layers import LayerData
 from voxflat._napari.wording import error_text
 from voxflat.errors import InputError, VoxflatError
@@ -140,9 +141,15 @@ def _make_ready(viewer: Viewer, layers: list[LayerData]) -> None:
     if are_volumes and not viewer.layers:
         QTimer.singleShot(0, partial(_show_slices, viewer))  # after the layer is added
     in_space = all(kind == "surface" and np.shape(data[0])[-1] == 3 for data, _, kind in layers)
-    if in_space and all(isinstance(layer, Surface) for layer in viewer.layers):
+    others = [layer for layer in viewer.layers if not _is_of_map(layer)]
+    if in_space and all(isinstance(layer, Surface) for layer in others):
         viewer.dims.ndisplay = 3
         _show_surfaces(viewer, layers)
+
+
+def _is_of_map(layer: Any) -> bool:
+    """Return whether a layer shows a map, or was drawn on one."""
+    return not {"voxflat", MADE_FROM}.isdisjoint(layer.metadata)
 
 
 def _show_slices(viewer: Viewer) -> None:
@@ -161,7 +168,7 @@ def _show_surfaces(viewer: Viewer, layers: list[LayerData]) -> None:
     from voxflat._napari.map_viewer.viewer_parts import is_right, look_from_side
 
     elsewhere = [keywords for _, keywords, _ in layers if is_elsewhere(keywords.get("name", ""))]
-    if any(layer.visible and not is_elsewhere(layer.name) for layer in viewer.layers):
+    if any(layer.visible and not is_elsewhere(layer.name) and not _is_of_map(layer) for layer in viewer.layers):
         for keywords in elsewhere:
             keywords["visible"] = False
         return

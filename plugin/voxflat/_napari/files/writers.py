@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 
 from voxflat._napari.layers.volumes import LayerVolume
 from voxflat._napari.layers.world import WORLD
-from voxflat._napari.map_viewer.drawings import OF_MESH
+from voxflat._napari.map_viewer.drawings import OF_MAP
 from voxflat._napari.map_viewer.segmentations import Segmentation
 from voxflat._napari.results.flat_layers import MOVIE, STACK, LayerData
+from voxflat._napari.results.outputs import is_painted
 from voxflat._napari.viewer_state import ViewerState
 from voxflat._napari.wording import error_text
 from voxflat.atlases.atlas import Atlas
@@ -24,7 +25,7 @@ from voxflat.io.volumes import write_volume
 from voxflat.maps.flat_map import MAP_ENDINGS, FlatMap
 from voxflat.maps.image_files import IMAGE_ENDINGS
 from voxflat.maps.raster import FlatImage, FlatStack
-from voxflat.maps.regions import VERTEX_ENDINGS, Regions
+from voxflat.maps.regions import TABLE_ENDINGS, VERTEX_ENDINGS, Regions
 from voxflat.pipeline.flat_movie import FlatMovie
 
 Written: TypeAlias = Any  # list[str], which napari's commands cannot compare with classes on Python 3.10
@@ -62,30 +63,29 @@ def write_flat_image(path: str | None = None, layers: Sequence[LayerData] = ()) 
 
 
 def write_regions(path: str | None = None, layers: Sequence[LayerData] = ()) -> Written:
-    """Save the regions or labels that were drawn on the map of a mesh, in the same way as `write_flat_map`."""
+    """Save regions or labels drawn on a map as a table, or for a mesh at its vertices, like `write_flat_map`."""
     if path is None:
-        return _ask("Save regions", VERTEX_ENDINGS)
+        return _ask("Save regions", (*VERTEX_ENDINGS, *TABLE_ENDINGS))
     with _reporting_errors():
         if len(layers) != 1:
-            raise InputError("Regions on a mesh are saved one layer at a time. Select one layer with regions of a map")
+            raise InputError("Regions are saved one layer at a time. Select one layer with regions of a map")
         _regions_of(layers[0]).save(path, overwrite=True)
     return [path]
 
 
 def _regions_of(data: LayerData) -> Regions:
-    """Return the regions of a layer on a mesh, or of labels that the user has painted over the displayed map."""
+    """Return the regions that were drawn, or of labels that were painted over the displayed map of a mesh."""
     values, keywords, kind = data
-    if kind == "labels":
-        viewer = current_viewer()
+    viewer, found = current_viewer(), keywords["metadata"].get(OF_MAP)
+    if found is None and kind == "labels":
         run = None if viewer is None else ViewerState.of(viewer).current
         if run is None or not isinstance(run.flat_map, FlatMap) or run.flat_map.is_voxels or values.ndim != 2:
             name = keywords["name"]
             raise InputError(f"Labels '{name}' do not lie on the displayed map of a mesh. Show this map in Flat map")
         return Segmentation.of(Labels(values, **keywords)).regions(run.flat_map, None)
-    found = keywords["metadata"].get(OF_MESH)
     if found is None:
         raise InputError(f"Layer '{keywords['name']}' contains no regions. Select a layer with regions of a map")
-    if not np.array_equal(values[2], found.labels):
+    if viewer is not None and is_painted(viewer.layers[keywords["name"]]):
         raise InputError(f"The values of '{keywords['name']}' were changed. Draw the regions on the map again")
     return found  # type: ignore[no-any-return]  # metadata are Any
 

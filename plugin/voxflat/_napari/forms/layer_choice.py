@@ -100,7 +100,7 @@ class LayerChoice(QComboBox):
 
     def keep(self) -> None:
         """Keep the current layer as if the user had chosen it."""
-        self._by_user = self.layer is not None
+        self._by_user |= self.layer is not None
 
     def release(self) -> None:
         self._follow(None)

@@ -161,7 +161,7 @@ class LayerForm(QWidget):
         self._set_depth()
         unit = "mm" if layer is None else unit_of(layer)
         self._set_unit(unit)
-        is_tissue = unit != "mm" or (layer is not None and layer.ndim > 3)
+        is_tissue = unit != "mm" or (layer is not None and (layer.ndim > 3 or _is_stack(self._viewer, layer)))
         usual = "SAR" if is_tissue else "RAS"  # layers of microscopes have the axes z, y, x
         if usual != self._usual_world:
             self._usual_world = usual
@@ -197,6 +197,8 @@ class LayerForm(QWidget):
         if isinstance(layer, Image | Labels):
             own = self.surface.layer
             suits = isinstance(layer, Image) and layer.ndim == max(3, 3 if own is None else own.ndim)
+            if suits and own is not None and own.ndim == 3:  # otherwise, flattening would be refused
+                suits = same_kind_of_unit(own, layer)
             return int(suits) + (suits and layer != self.surface.layer)  # an image is constant on its own isosurface
         mesh = self.surface.layer
         if not (isinstance(layer, Surface) and isinstance(mesh, Surface) and len(layer.vertices) == len(mesh.vertices)):
@@ -266,6 +268,14 @@ def _surface_rank(viewer: Viewer, layer: Layer) -> int | None:
     if isinstance(layer, Surface):
         return 3 if _is_partner(layer) else 4
     return 5 if isinstance(layer, Labels) else 2
+
+
+def _is_stack(viewer: Viewer, layer: Layer) -> bool:
+    """Return whether a volume without a unit of length is read from a TIFF file, or lies on one, as its labels do."""
+    if isinstance(layer, Surface) or str(layer.units[-1]) != "pixel":
+        return False
+    alike = [one for one in viewer.layers if isinstance(one, Image | Labels) and _size(one) == _size(layer)]
+    return any(str(one.source.path).lower().endswith((".tif", ".tiff")) for one in alike)
 
 
 def _is_partner(layer: Surface) -> bool:

@@ -14,7 +14,7 @@ from qtpy.QtWidgets import QGridLayout, QLabel, QPushButton, QWidget
 from voxflat._napari.forms.layer_choice import LayerChoice
 from voxflat._napari.layers.seed import MARKER, Seed, data_place, describe, first_vertex, first_voxel, seed_at, seed_of
 from voxflat._napari.layers.volumes import finest
-from voxflat._napari.layers.world import data_to_world, in_units_of
+from voxflat._napari.layers.world import MADE_FROM, data_to_world, in_units_of
 from voxflat._napari.map_viewer.viewer_parts import is_click
 
 
@@ -73,6 +73,10 @@ class SeedChoice(QWidget):
             self._layers.choose(self._viewer.add_points([point], **MARKER, affine=affine, units=surface.units))
             self._viewer.layers.selection = before
         self._on_changed()
+
+    def keep(self) -> None:
+        """Keep the current layer as if the user had chosen it."""
+        self._layers.keep()
 
     def record(self) -> list[int] | int | None:
         return list(self.point) if isinstance(self.point, tuple) else self.point
@@ -153,4 +157,4 @@ class SeedChoice(QWidget):
 
 
 def _rank(layer: Layer) -> int | None:
-    return int(layer.ndim >= 3) if isinstance(layer, Points) else None
+    return int(layer.ndim >= 3 and MADE_FROM not in layer.metadata) if isinstance(layer, Points) else None

@@ -23,7 +23,7 @@ from voxflat._napari.layers.meshes import LayerMesh, surface_name, vary
 from voxflat._napari.layers.sampled import overlay
 from voxflat._napari.layers.seed import corners
 from voxflat._napari.layers.volumes import LayerVolume, finest, frames_of, nearest_step, time_axis
-from voxflat._napari.layers.world import unit_of
+from voxflat._napari.layers.world import MADE_FROM, unit_of
 from voxflat._napari.results.flat_layers import SingleFrame
 from voxflat._napari.viewer_state import DrawnCuts, ViewerState
 from voxflat.errors import InputError
@@ -298,6 +298,8 @@ class SurfaceForm(LayerForm):
     def _part(self, layer: Layer, world: str) -> dict[str, Any]:
         """Return the arguments that select the part to flatten."""
         part = self.patch.currentData()
+        for chosen in (self.pial, self.seed, self.polygon, self.masked_by):
+            chosen.keep()  # not replaced by layers that are added later
         if part == "disk":
             if self.seed.point is None:
                 raise InputError("There is no seed point. Click Pick, then click the surface, or choose another part")
@@ -334,4 +336,4 @@ def _is_movie(layer: Layer | None) -> bool:
 def _polygon_rank(layer: Layer) -> int | None:
     if not isinstance(layer, Shapes | Points) or layer.ndim != 3 or "voxflat" in layer.metadata:
         return None
-    return 1 if isinstance(layer, Shapes) else 0
+    return 1 if isinstance(layer, Shapes) and MADE_FROM not in layer.metadata else 0

@@ -11,6 +11,7 @@ from qtpy.QtWidgets import QDoubleSpinBox, QGridLayout, QPushButton, QSlider, QW
 from superqt.utils import signals_blocked
 
 from voxflat._napari.forms.fields import restore, spin
+from voxflat._napari.layers.volumes import finest
 
 _STEPS = 1000  # number of slider steps
 _EDGE = 1e-4  # fraction of the range over which the preview goes from transparent to opaque
@@ -57,7 +58,10 @@ class ThresholdChoice(QWidget):
         return restore(self.box, value)
 
     def follow(self, layer: Image | None) -> None:
-        """Offer thresholds between the contrast limits of a layer; with None, stop following the layer."""
+        """Offer thresholds between the contrast limits of a layer; with None, stop following the layer.
+
+        napari shows bytes from 0 to 255. If no value is above the middle, as in masks, use the range of the values.
+        """
         if layer is self._layer:
             return
         self.preview.setChecked(False)
@@ -65,6 +69,9 @@ class ThresholdChoice(QWidget):
         if layer is None:
             return
         low, high = (float(limit) for limit in layer.contrast_limits)
+        values = finest(layer)
+        if isinstance(values, np.ndarray) and values.dtype == np.uint8 and values.max() <= (low + high) / 2:
+            low, high = float(values.min()), float(values.max())
         digits = 3 - np.floor(np.log10(high - low)) if high > low else 3
         self._limits = (low, high if high > low else low + 1)
         self.box.setDecimals(int(np.clip(digits, 0, 12)))

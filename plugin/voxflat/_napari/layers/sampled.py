@@ -7,6 +7,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 from napari.layers import Labels, Layer, Surface
+from napari.utils.colormaps import DirectLabelColormap
 from numpy.typing import NDArray
 
 from voxflat._napari.layers.meshes import LayerMesh
@@ -60,7 +61,7 @@ class Overlay:
     display: Mapping[str, Any] = field(default_factory=dict)  # as in `Sampled`
     path: Path | None = None
     structure: str | None = None
-    kind = "image"
+    kind: str = "image"  # or "labels", as in a `.label.gii` file
 
     @property
     def meaning(self) -> str:
@@ -101,8 +102,13 @@ def usual_depth(layer: Layer | None) -> float:
 
 def overlay(layer: Surface, mesh: LayerMesh) -> Overlay:
     """Read the values of a Surface layer with the given mesh, and their display."""
-    path = layer.source.path
-    return Overlay(layer.name, mesh.values, _display(layer), Path(path) if path else None, mesh.structure)
+    path = Path(layer.source.path) if layer.source.path else None
+    if "labels" in layer.metadata and layer.vertex_colors is not None:
+        keys, first = np.unique(np.asarray(mesh.values).astype(np.int64), return_index=True)
+        colours = dict(zip(keys.tolist(), np.asarray(layer.vertex_colors)[first], strict=True))
+        display = {"colormap": DirectLabelColormap(color_dict={None: "transparent", **colours})}
+        return Overlay(layer.name, mesh.values, display, path, mesh.structure, "labels")
+    return Overlay(layer.name, mesh.values, _display(layer), path, mesh.structure)
 
 
 def _display(layer: Layer) -> dict[str, Any]:

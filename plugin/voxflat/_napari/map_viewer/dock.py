@@ -9,7 +9,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from app_model.types import KeyCode, KeyMod
 from napari import Viewer
-from napari.layers import Image, Labels
+from napari.layers import Image, Labels, Surface
 from numpy.typing import NDArray
 from qtpy.QtCore import Qt
 from qtpy.QtWidgets import (
@@ -728,6 +728,8 @@ class FlatMapDock(TaskDock):
         unit = content.unit if isinstance(content, Measure) else ""
         if value is not None and content is not None and not (unit and content.name == DISTANCES):
             shown = f"{100 * (2**value - 1):+.1f} %" if unit == "log2" else f"{value:.4g}{unit and ' '}{unit}"
+            if isinstance(content, Surface) and "labels" in content.metadata:
+                shown = content.metadata["labels"].get(round(value)) or shown
             parts.append(f"{content.name} {shown}")
         self.text.setText(" · ".join(filter(None, [*parts, spot.distortion])).replace("-", "−"))
 

@@ -33,8 +33,8 @@ _MARKS = "map points"
 _PATH = "shortest path"
 """Name of the layer with the shortest path of the measured distance."""
 
-OF_MESH = "voxflat_regions"
-"""Key of the metadata of regions on a mesh: the `Regions`, which can be saved with all vertices of the mesh."""
+OF_MAP = "voxflat_regions"
+"""Key of the metadata of drawn regions: the `Regions`, which can be saved as a table, or at the vertices of a mesh."""
 
 _COLOUR = "#ffd23f"
 _COLOURS = np.array([label_colour(number) for number in range(256)]) / 255  # of regions, as on the map and in files
@@ -89,7 +89,7 @@ def points(prepared: PreparedMap, places: Sequence[Place], moment: Sequence[floa
     spots = [spot for spot in (prepared.spot(*place) for place in places) if spot is not None]
     features = {"vertex": [str(spot.vertex) for spot in spots], "surface": [prepared.run.name] * len(spots)}
     look = {"face_color": _COLOUR, "size": 2 * prepared.thickness, "features": features}
-    keywords = {"name": _MARKS, **look, "units": units_in_time(prepared)}
+    keywords = {"name": _MARKS, **look, "units": units_in_time(prepared), "metadata": drawing_metadata(prepared)}
     world = _world(prepared, np.array([spot.point for spot in spots]))
     return Drawn((_at(moment, world), keywords, "points"))
 
@@ -106,11 +106,10 @@ def regions(prepared: PreparedMap, polygons: Sequence[Polygon]) -> Drawn:
     keywords: dict[str, Any] = {
         "name": _regions_name(prepared.frame),
         "units": units_in_time(prepared),
-        "metadata": {MADE_FROM: prepared.run.name, WORLD: prepared.origin.get("world_axes", "RAS")},
+        "metadata": {**drawing_metadata(prepared), OF_MAP: drawn},
     }
     if not flat_map.is_voxels:
         surface = (_world(prepared, prepared.points), flat_map.faces[~flat_map.torn], drawn.labels.astype(np.float32))
-        keywords["metadata"][OF_MESH] = drawn
         look = {"vertex_colors": _COLOURS[drawn.labels % len(_COLOURS)], "contrast_limits": (0, len(polygons))}
         return Drawn((surface, {**keywords, **look}, "surface"), message)
     keywords["colormap"] = CyclicLabelColormap(colors=_COLOURS)
@@ -124,6 +123,11 @@ def regions(prepared: PreparedMap, polygons: Sequence[Polygon]) -> Drawn:
     if movie is not None and prepared.frame is not None:
         affine = movie.time.placed(affine, prepared.frame)
     return Drawn((labels[(None,) * (len(affine) - 4)], {**keywords, "affine": affine}, "labels"), message)
+
+
+def drawing_metadata(prepared: PreparedMap) -> dict[str, Any]:
+    """Return the metadata of layers that are drawn on a map: the flattened layer, and the world axes chosen for it."""
+    return {MADE_FROM: prepared.run.name, WORLD: prepared.origin.get("world_axes", "RAS")}
 
 
 def affine_in_world(prepared: PreparedMap) -> NDArray[np.float64]:
@@ -164,7 +168,8 @@ def way(prepared: PreparedMap, a: Place, b: Place, moment: Sequence[float] = ())
     message += "" if prepared.frame is None else f", in frame {prepared.frame}"
     line = _at(moment, _world(prepared, flat_map.space.to_scanner(found.points)))
     look = {"shape_type": "path", "edge_color": _COLOUR, "edge_width": 0.7 * prepared.thickness}
-    return Drawn(([line], {"name": _PATH, **look, "units": units_in_time(prepared)}, "shapes"), message)
+    keywords = {"name": _PATH, **look, "units": units_in_time(prepared), "metadata": drawing_metadata(prepared)}
+    return Drawn(([line], keywords, "shapes"), message)
 
 
 def put(viewer: Viewer, data: LayerData, *sources: Any) -> Layer:

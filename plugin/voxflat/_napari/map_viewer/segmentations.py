@@ -13,7 +13,7 @@ from qtpy.QtWidgets import QComboBox, QHBoxLayout, QLabel, QPushButton, QSizePol
 from superqt.utils import signals_blocked
 
 from voxflat._napari.docks import arrange
-from voxflat._napari.map_viewer.drawings import affine_in_world, depth_range, units_in_time
+from voxflat._napari.map_viewer.drawings import affine_in_world, depth_range, drawing_metadata, units_in_time
 from voxflat._napari.map_viewer.movies import MovieWindow, flat_labels, is_kept
 from voxflat._napari.map_viewer.prepared_map import PreparedMap
 from voxflat._napari.map_viewer.viewer_parts import list_events
@@ -177,7 +177,7 @@ def to_volume(prepared: PreparedMap, drawn: Segmentation, depth: float, progress
     if movie is not None:
         affine = movie.time.placed(affine)
         data = np.stack(volumes).reshape(len(volumes), *[1] * (len(affine) - 5), *data.shape)
-    about = {"name": f"{drawn.name} in the volume", "opacity": 0.6}
+    about = {"name": f"{drawn.name} in the volume", "opacity": 0.6, "metadata": drawing_metadata(prepared)}
     told = f"Left out, because they contain no voxel centre of the map: label {_listed(lost)}" if lost else ""
     return (data, {**about, "affine": affine, "units": units_in_time(prepared)}, "labels"), told
 
