@@ -466,6 +466,7 @@ def test_messages_name_options_in_place_of_keyword_arguments():
     flatten = cli.main.get_command(None, "flatten")
     for text, shown in (
         ("Use relax=False to omit them", "Use --no-relax to omit them"),
+        ("Pass a file, or pass the values as an array to use them anyway", "Pass a file"),
         ("Pass cuts='automatic' or repair='cuts'", "Pass --cuts automatic or --repair cuts"),
         ("seed_point is given without radius", "--seed-point is given without --radius"),
         ("max_area and scale are both given", "--max-area and --scale are both given"),

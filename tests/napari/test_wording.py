@@ -34,6 +34,7 @@ def test_no_message_in_the_window_has_words_of_python():
         ("12 %. Use relax=False to omit them", "12 %. Set Relaxation cuts to disabled to omit them"),
         ("7 mm. Pass cuts, or flatten a smaller patch", "7 mm. Draw cuts, or flatten a smaller patch"),
         ("automatic cuts. `voxflat check` compares the two", "automatic cuts. Check surface compares the two"),
+        ("right. Pass a file, or pass the values as an array to use them anyway", "right. Pass a file"),
         ("3 handles. Pass cuts='automatic' or repair='cuts'", "3 handles. Set Cuts to automatic"),
         ("repaired 2 handle(s). Use repair='none' to keep them", "repaired 2 handle(s)."),
         ("handles. Make it with repair='voxels', or remove the handles", "handles. Remove the handles"),

@@ -69,6 +69,7 @@ _PHRASES = {
     r"Choose one, as in voxflat\.io\.read_volume\(path, channel=0\)": "Save one of them as a file, and open that file",
     r"Pass cuts, or flatten": "Draw cuts, or flatten",
     r"`voxflat check` compares": "Check surface compares",
+    r", or pass the values as an array to use them anyway": "",
     r" with the output of --debug": "",
 }
 _NO_FIELDS = "colour_map|max_area|on_surface|texel_size|time_step|voxel_size"  # arguments that no form has

@@ -264,6 +264,7 @@ _COMMANDS = {  # instead of functions of Python
     r", as in voxflat\.io\.read_volume\(path, channel=0\)": " with --channel",
     r"Read it with voxflat\.load\b(?!_)": "Give maps of several frames, made by `voxflat movie-map`",
     r", or read them with voxflat\.load_series": "",
+    r", or pass the values as an array to use them anyway": "",
 }
 
 

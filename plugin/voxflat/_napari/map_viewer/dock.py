@@ -731,7 +731,8 @@ class FlatMapDock(TaskDock):
             if isinstance(content, Surface) and "labels" in content.metadata:
                 shown = content.metadata["labels"].get(round(value)) or shown
             parts.append(f"{content.name} {shown}")
-        self.text.setText(" · ".join(filter(None, [*parts, spot.distortion])).replace("-", "−"))
+        text = " · ".join(filter(None, [*parts, spot.distortion]))
+        self.text.setText(text.replace("-", "−").replace(" %", "\u00a0%"))
 
     def _on_zoomed(self) -> None:
         self.legend.show_length(self.canvas.scale_factor, self._unit)
