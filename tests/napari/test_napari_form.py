@@ -1,5 +1,6 @@
 """The form of *Flatten surface*: its defaults, its choices, and its plan."""
 
+import json
 import subprocess
 import sys
 from functools import partial
@@ -326,3 +327,91 @@ def test_settings_that_do_not_exist_are_told(open_widget, make_napari_viewer, qt
     viewer.add_labels(labels, name="mask")
     assert widget.form.masked_by.layer is viewer.layers["mask"]
     assert "Mask" not in widget.status.text()
+
+
+def restored(form, record, qtbot):
+    """Restore settings as they are in a file, and return the settings of the form."""
+    form.restore(json.loads(json.dumps(record)))
+    qtbot.waitUntil(lambda: not form.label.isVisibleTo(form) or form.label._labels is not None, timeout=PATIENCE)
+    return json.loads(json.dumps(form.record()))
+
+
+def test_the_threshold_of_an_image_and_the_frame_of_a_movie_are_restored(open_widget, make_napari_viewer, qtbot):
+    level = ndimage.gaussian_filter(cap().astype(float), 1)
+    frames = np.stack([cap(), cap()])
+    for layer in (Image(level, name="level"), Labels(frames, name="frames")):
+        viewer, widget = open_widget(layer)
+        form = widget.form
+        if isinstance(layer, Image):
+            form.threshold.setValue(0.6)
+        else:
+            qtbot.waitUntil(lambda form=form: form.label.label == 3, timeout=PATIENCE)
+            choose(form.frames, "one")
+            viewer.dims.set_current_step(0, 1)
+        record = json.loads(json.dumps(form.record()))
+        viewer.close()
+        viewer, widget = open_widget(type(layer)(layer.data, name=layer.name))
+        assert json.loads(json.dumps(widget.form.record())) != record
+        assert restored(widget.form, record, qtbot) == record
+        job = widget.form.job()
+        assert (job.threshold, job.frames) == (0.6 if isinstance(layer, Image) else None, None)
+        if isinstance(layer, Labels):
+            assert (job.frame.number, viewer.dims.current_step[0]) == (1, 1)
+
+
+def test_the_pial_surface_is_restored_also_if_it_was_not_used(open_widget, qtbot):
+    points, faces, _ = bumps()
+    names = ("lh.white", "lh.middle", "lh.pial")
+    viewer, widget = open_widget(
+        *(Surface((points + np.array([0, 0, z]), faces), name=name) for z, name in enumerate(names))
+    )
+    form = widget.form
+    form.surface.choose(viewer.layers["lh.white"])
+    for name in ("lh.pial", None, "lh.middle"):
+        form.pial.choose(None if name is None else viewer.layers[name])
+        record = form.record()
+        form.pial.choose(viewer.layers["lh.pial" if name != "lh.pial" else "lh.middle"])
+        assert restored(form, record, qtbot) == json.loads(json.dumps(record))
+        assert (form.pial.layer and form.pial.layer.name) == name
+
+
+def test_continue_is_restored_if_its_map_is_displayed(open_widget, make_napari_viewer, qtbot, tmp_path):
+    mesh = bumps(15)[:2]
+    viewer, widget = open_widget(Surface(mesh, name="bumps"))
+    run(widget, qtbot)
+    newest_map(viewer).save(tmp_path / "first.voxflat")
+    widget.form.continues.setChecked(True)
+    record = widget.form.record()
+    viewer.close()
+
+    viewer = make_napari_viewer()
+    viewer.add_surface(mesh, name="bumps")
+    _, widget = viewer.window.add_plugin_dock_widget("voxflat", "Flatten surface")
+    restored(widget.form, record, qtbot)
+    assert not widget.form.continues.isChecked()
+    assert "Continue: the map from which it started is not displayed" in widget.status.text()
+    open_file(viewer, qtbot, tmp_path / "first.voxflat")
+    restored(widget.form, record, qtbot)
+    assert widget.form.continues.isChecked()
+    assert widget.status.text() == "Restored the settings."
+
+
+@pytest.mark.parametrize("name", ["Draw cuts", "Cortical depth", "Check surface", "Flatten in patches"])
+def test_every_dock_restores_its_settings_and_tells_so(open_widget, qtbot, name):
+    labels = np.where(cap() > 0, 5, 0)
+    labels[0, 0, 0] = 3
+    viewer, dock = open_widget(Labels(labels, name="sheet"), Labels(np.pad(labels, 1), name="other"), name=name)
+    form = dock.form
+    form.surface.choose(viewer.layers["sheet"])
+    qtbot.waitUntil(lambda: form.label.count() == 2, timeout=PATIENCE)
+    form.label.choose(3)
+    choose(form.world, "LPS")
+    for field, value in (("count", 7), ("area", 2.5), ("bound", 1.5), ("glue", 2.0)):
+        if hasattr(form, field):
+            getattr(form, field).setValue(value)
+    expected = form.record()
+    viewer.window.remove_dock_widget(dock)
+    _, dock = viewer.window.add_plugin_dock_widget("voxflat", name)
+    qtbot.waitUntil(lambda: dock.form.record() == expected, timeout=PATIENCE)
+    told = dock.table.toPlainText if name == "Check surface" else dock.status.text
+    qtbot.waitUntil(lambda: told() == "Restored the settings.", timeout=PATIENCE)

@@ -58,6 +58,12 @@ def test_result_is_that_of_the_library(open_widget, qtbot, tmp_path, monkeypatch
     monkeypatch.setattr("voxflat._napari.results.map_panel.QFileDialog.getSaveFileName", lambda *args: (path, ""))
     widget.results.save.click()
     assert_array_equal(voxflat.FlatAtlas.load(path).uv, expected.uv)
+    widget.form.max_angle.setValue(40)
+    viewer.layers.clear()
+    open_file(viewer, qtbot, path)
+    viewer.add_surface((points, faces, values), name="ball")
+    qtbot.waitUntil(lambda: widget.form.max_angle.value() == 25, timeout=PATIENCE)
+    assert widget.status.text() == "Restored the settings."
 
 
 def test_colours_of_patches_are_the_same_on_page_and_surface(open_widget, qtbot):

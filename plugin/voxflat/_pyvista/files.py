@@ -2,6 +2,7 @@
 
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyvista as pv
@@ -9,6 +10,7 @@ import pyvista as pv
 from voxflat._pyvista.flat import is_map, to_polydata, triangles
 from voxflat.errors import InputError
 from voxflat.io.files import SAVED_ENDINGS, naming
+from voxflat.io.grid import warn_of_unit
 from voxflat.io.meshes import Mesh, read_mesh, write_mesh
 from voxflat.io.patches import is_patch, read_patch
 from voxflat.maps.flat_map import load
@@ -40,13 +42,16 @@ def write(dataset: pv.DataSet, path: str) -> None:
                 f"cannot save the {type(dataset).__name__}. Convert it to triangles: "
                 "mesh.extract_surface().triangulate()"
             )
-        whole = Mesh(np.asarray(dataset.points), np.asarray(dataset.regular_faces))
-        write_mesh(path, _of_map(dataset) if is_map(dataset) else whole)
+        if not is_map(dataset):
+            write_mesh(path, Mesh(np.asarray(dataset.points), np.asarray(dataset.regular_faces)))
+            return
+        told = json.loads(str(dataset.field_data["voxflat"][0]))
+        write_mesh(path, _of_map(dataset, told))
+        warn_of_unit(path, told.get("unit", "mm"))
 
 
-def _of_map(flat: pv.PolyData) -> Mesh:
+def _of_map(flat: pv.PolyData, told: dict[str, Any]) -> Mesh:
     """Return a flat map; if a mesh was flattened, the map has the vertex numbers of the mesh."""
-    told = json.loads(str(flat.field_data["voxflat"][0]))
     faces = np.asarray(flat.regular_faces)
     if "torn" in flat.cell_data:
         faces = faces[~np.asarray(flat.cell_data["torn"], dtype=np.bool_)]

@@ -658,6 +658,7 @@ class FlatMap(Planar):
         (441, 3)
         """
         mesh = self._flat_mesh()
+        warn_of_unit("GIFTI image", self.metadata.get("unit", "mm"))
         return gifti.load(gifti.surface_bytes(mesh.points, mesh.faces, mesh.structure))
 
     def to_trimesh(self) -> Any:
