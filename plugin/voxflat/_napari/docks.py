@@ -40,7 +40,6 @@ class Tab(QObject):
         self._soon = single_shot(self, 0, self._join)  # after napari has placed the dock
         self._dock: QDockWidget | None = None
         self._is_behind = False
-        self._to_front = single_shot(self, 0, self._raise)  # after Qt has shown or hidden the dock
         widget.installEventFilter(self)
         single_shot(self, _LATE, self._sizes.clear).start()  # before a user can have resized them
 
@@ -79,6 +78,7 @@ class Tab(QObject):
         if not isinstance(window, QMainWindow):
             return
         self._dock = dock
+        self._to_front = single_shot(dock, 0, self._raise)  # after Qt has shown or hidden the dock; deleted with it
         dock.visibilityChanged.connect(self._on_visibility)
         dock.installEventFilter(self)
         others = [other for other in window.findChildren(QDockWidget) if other is not dock and other.findChild(Tab)]
