@@ -201,7 +201,7 @@ def test_contents_of_the_map(flattened, qtbot):
     qtbot.waitUntil(lambda: "voxel" in told(), timeout=PATIENCE)  # docks are laid out in turns of Qt's own
     assert "distance error" in dock.text.text()
     shown("Areas")
-    qtbot.waitUntil(lambda: bool(re.search(r" · Areas [+−]\d+\.\d % · ", told())), timeout=PATIENCE)
+    qtbot.waitUntil(lambda: bool(re.search(r" · Areas [+−]\d+\.\d\s% · ", told())), timeout=PATIENCE)
     viewer.theme = "light"
     assert dock.canvas.backgroundBrush().color().lightness() > 200
 

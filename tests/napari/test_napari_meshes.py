@@ -12,6 +12,7 @@ import voxflat
 from voxflat._napari.layers.volumes import LayerVolume
 from voxflat._napari.results.report import figures
 from voxflat._napari.viewer_state import ViewerState
+from voxflat._napari.wording import in_window
 from voxflat.io import Mesh, Space, read_mesh
 
 
@@ -92,7 +93,7 @@ def test_closed_surface_is_cut_open_with_a_warning(open_widget, qtbot):
     expected = voxflat.flatten(sphere(100))
     same_map(viewer.layers["ball distortion"], expected)
     (warning,) = (text for text in expected.metadata["warnings"] if "cut open" in text)
-    assert warning[1:] in widget.results.warnings.text()
+    assert in_window(warning[1:]) in widget.results.warnings.text()
     assert widget.results.warnings.isVisibleTo(widget.results)
     shown = dict(figures(expected))
     assert shown["automatic cuts"].startswith(f"{len(expected.metadata['automatic_cuts'])}, ")
