@@ -323,6 +323,21 @@ def test_an_opened_map_is_the_current_run(viewer, last_of, tmp_path):
     assert viewer.dims.ndisplay == 3  # a slice shows nothing of it
 
 
+def test_slices_are_upright_if_the_map_is_opened_before_its_volume(viewer, last_of, tmp_path, qtbot):
+    voxflat.flatten(bumps()[:2]).save(tmp_path / "a.voxflat")
+    nib.save(nib.Nifti1Image(ramp((5, 6, 7)).astype(np.float32), np.eye(4)), tmp_path / "t1.nii")
+    last_of(tmp_path / "a.voxflat")
+    last_of(tmp_path / "t1.nii")
+    qtbot.waitUntil(lambda: viewer.dims.order == (0, 2, 1))
+
+
+@pytest.mark.parametrize("ending", [".ply", ".vtp", ".surf.gii"])
+def test_a_surface_is_shown_in_3d(viewer, last_of, tmp_path, ending):
+    write_mesh(tmp_path / f"bumps{ending}", Mesh(*bumps()[:2]))
+    last_of(tmp_path / f"bumps{ending}")
+    assert viewer.dims.ndisplay == 3  # a slice shows nothing of it
+
+
 def test_a_map_is_saved_and_read_by_others(viewer, last_of, tmp_path):
     flat_map = voxflat.surface(bumps()[:2]).disk(312, 15).flatten()
     flat_map.save(tmp_path / "map.voxflat")
