@@ -58,6 +58,15 @@ class TestFromVoxels:
         assert off["fit"] < 0.16
         assert off["level"] < 0.05
 
+    @pytest.mark.parametrize("radius", [6.3, 7.3, 9.3])
+    def test_a_ball_is_neither_shrunk_by_the_fits_nor_swollen_by_sharpening(self, radius):
+        centre = np.random.default_rng(0).uniform(11, 12, 3)
+        ball = np.linalg.norm(np.indices((24, 24, 24)) - centre[:, None, None, None], axis=0) < radius
+        surface = voxflat.surface(ball, label=1)
+        corners = surface.points[surface.faces] - centre
+        volume = np.einsum("fi,fi->f", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])).sum() / 6
+        assert volume == pytest.approx(ball.sum(), rel=0.008)
+
     def test_how_points_were_placed_is_recorded(self):
         ball = shapes.ball(6)
         distance = np.linalg.norm(np.indices(ball.shape) - 8.0, axis=0)

@@ -63,6 +63,8 @@ fn pairwise_sum(values: &[f64]) -> f64 {
 
 #[cfg(test)]
 mod tests {
+    use std::sync::atomic::{AtomicUsize, Ordering};
+
     use super::*;
     use crate::adjacency::Links;
     use crate::geodesic::graph::GeodesicGraph;
@@ -109,6 +111,22 @@ mod tests {
         assert_eq!(error(144, 120.0), 0.0);
         assert!((error(144, 56.0) - 0.88).abs() < 0.02); // with twice their distance, it reaches all
         assert!(error(139, 120.0) > 0.2); // 19,600 vertices: all of them are compared
+    }
+
+    #[test]
+    fn a_large_surface_is_compared_from_eight_sources_and_others_from_two() {
+        let control = Control::default();
+        for (side, sources) in [(139, 2), (144, 8)] {
+            let surface = shapes::surface(shapes::sheet(side, side));
+            let marching = Marching::new(&surface, Wave::Circle, &control).unwrap();
+            let rows = AtomicUsize::new(0);
+            let counted = Altered(&marching, |_: &mut [f32]| {
+                rows.fetch_add(1, Ordering::Relaxed);
+                Ok(())
+            });
+            assert!(error_of_distances(&surface, &counted, 0, &control).unwrap() < 1e-2);
+            assert_eq!(rows.into_inner(), sources, "{side}");
+        }
     }
 
     #[test]
