@@ -323,6 +323,16 @@ def test_the_table_has_everybody_and_every_figure(root, compared):
     assert set(json.loads(compared.stdout)["missing"]) == {f"sub-{label} L" for label in BROKEN}
 
 
+def test_a_vertex_at_a_cut_is_counted_once(root, compared):
+    table = list(csv.DictReader((root / "out" / "group_desc-voxflat_measures.tsv").open(), delimiter="\t"))
+    counts = {f"{row['participant_id']}_hemi-{row['hemi']}": row["points"] for row in table}
+    saved = list((root / "out").rglob("*_flat.npz"))
+    assert len(saved) > 1
+    for path in saved:
+        ids = voxflat.load(path).ids
+        assert int(counts[path.name.removesuffix("_desc-voxflat_flat.npz")]) == len(set(ids.tolist())) < len(ids)
+
+
 def test_means_are_those_of_the_maps_pixel_by_pixel(root, compared):
     out = root / "out"
     mean, spread = (nib.load(out / f"group_hemi-L_stat-{of}_desc-voxflat_thickness.nii.gz") for of in ("mean", "std"))

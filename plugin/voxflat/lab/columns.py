@@ -13,7 +13,7 @@ _FIRST: dict[str, tuple[str, str]] = {
         "",
     ),
     "cuts": ("source of the cuts: standard, automatic, given, or the name of a template", ""),
-    "points": ("number of points on the map; a vertex at a cut has two or more", ""),
+    "points": ("number of vertices on the map; a vertex at a cut is counted once", ""),
     "width": ("width of the map", "mm"),
     "height": ("height of the map", "mm"),
 }

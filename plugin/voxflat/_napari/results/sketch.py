@@ -36,7 +36,7 @@ class Sketch:
         return cls(marks, regions, distance and (distance[0], tuple(map(_place, distance[1]))), corners, ends)
 
     def record(self) -> dict[str, Any]:
-        """Return what is drawn for the description of a saved map."""
+        """Return the drawings for the description of a saved map."""
         return {name: found for name in SKETCH if (found := getattr(self, name))}
 
     def without_unfinished(self) -> "Sketch":
