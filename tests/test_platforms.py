@@ -19,7 +19,7 @@ import voxflat
 from voxflat import cli
 from voxflat.cli import output
 from voxflat.io import files, subprocess_reader
-from voxflat.lab.inputs import Parameters, found_in
+from voxflat.lab.inputs import Parameters
 from voxflat.methods import Voxflat
 
 PACKAGE = Path(voxflat.__file__).parent
@@ -118,12 +118,8 @@ def test_names_that_differ_in_case_are_one_file_where_the_system_says_so(tmp_pat
     fail(1, "twice. Choose another name", *words)
 
 
-def test_overlays_whose_names_differ_in_case_are_refused(tmp_path):
-    (tmp_path / "surf").mkdir()
-    for name in ("lh.white", "lh.pial", "lh.sphere.reg", "lh.area", "lh.Area"):
-        (tmp_path / "surf" / name).touch()
-    parameters = Parameters(overlays=("surf/{hemi}.area", "surf/{hemi}.Area"))
-    refused("two overlays have the name Area", found_in, tmp_path, "lh", parameters)
+def test_overlays_whose_names_differ_in_case_are_refused():
+    refused("two overlays have the name Area", Parameters, overlays=("surf/{hemi}.area", "surf/{hemi}.Area"))
 
 
 @pytest.mark.slow

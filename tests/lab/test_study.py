@@ -7,6 +7,7 @@ import shutil
 from pathlib import Path
 from unittest.mock import Mock
 
+import click
 import nibabel as nib
 import numpy as np
 import pytest
@@ -18,6 +19,7 @@ from numpy.testing import assert_allclose
 from refusals import refused
 
 import voxflat
+from voxflat.cli.commands.study import bids_command
 from voxflat.lab.inputs import Parameters, found_in, participants
 from voxflat.lab.results import sealed
 
@@ -137,7 +139,10 @@ def test_a_dry_run_says_what_would_be_done_and_a_change_of_one_redoes_one(root, 
 
 def test_a_failure_of_other_parameters_is_forgotten(root):
     first = ["--participant-label", "01"]
-    assert participant(root, *first, "--overlay", "zstat").exit_code == 1
+    short = next((root / "bids").rglob("sub-01_hemi-L_thickness.shape.gii")).with_name("short.txt")
+    short.write_text("1\n2\n")
+    assert participant(root, *first, "--overlay", "short.txt").exit_code == 1
+    short.unlink()
     (failure,) = (root / "out" / "sub-01").rglob("*_failure.json")
     assert participant(root, *first).exit_code == 0
     assert not failure.exists()
@@ -148,6 +153,65 @@ def test_another_parameter_makes_all_stale(root):
     plan = [json.loads(line) for line in told.splitlines()]
     assert {one["state"] for one in plan if one["participant"] not in ("sub-05",)} == {"stale", "missing"}
     assert next(one["reason"] for one in plan if one["state"] == "stale").endswith(" instead of midthickness")
+
+
+def test_results_of_other_options_are_not_replaced_without_a_warning(root, tmp_path, monkeypatch):
+    shutil.copytree(root / "out", tmp_path / "out")
+    shutil.copytree(root / "bids", tmp_path / "bids")
+    assert participant(tmp_path, "--participant-label", "01,02", "--cuts", "automatic").exit_code == 0
+    participant(tmp_path, "--participant-label", "03", "--geometry", "white", "--overlay", "thickness")
+    (reason,) = {
+        json.loads(line)["reason"] for line in participant(tmp_path, "--dry-run").stdout.splitlines() if "cuts:" in line
+    }
+    monkeypatch.setattr("voxflat.lab.study.make", Mock(side_effect=KeyboardInterrupt))
+    told = participant(tmp_path).stderr
+    first = "voxflat: warning: the maps of sub-01, sub-02 will be replaced, because other options are given"
+    remedy = "To keep them, press Ctrl-C now, and repeat the command with --cuts automatic\n"
+    assert f"{first} ({reason}). {remedy}" in told
+    assert reason == "cuts: standard instead of automatic"
+    assert "the maps of sub-03 " in told
+    assert "geometry: midthickness instead of white" in told
+    assert re.search(r"the command with --geometry white, with --overlay thickness\n", told)
+    told = participant(tmp_path, "--volume", "--participant-label", "04").stderr
+    assert "will be replaced" not in told  # there is no volume
+    told = participant(tmp_path, "--seed", "3", "--cuts", "automatic", "--participant-label", "01").stderr
+    assert "(seed: 3 instead of 0). To keep them, press Ctrl-C now, and repeat the command without --seed\n" in told
+    told = participant(tmp_path, "--cuts", "automatic", "--participant-label", "01").stderr
+    assert "will be replaced" not in told
+
+
+def test_files_that_exist_for_nobody_are_refused_before_anything_changes(root):
+    before = everything(root)
+    for more in ([], ["--participant-label", "01"], ["--dry-run"]):
+        told = "the overlay thicknes does not exist. Did you mean thickness? voxflat searched for "
+        fail(1, told, "bids", root / "bids", root / "out", "participant", *more, "--overlay", "thicknes")
+        told = "the cuts file own.cuts.json does not exist. Check the name; voxflat searched for "
+        fail(1, told, "bids", root / "bids", root / "out", "participant", *more, "--cuts", "own.cuts.json")
+    told = "the overlay lh.thickness does not exist. Did you mean thickness?"
+    fail(1, told, "bids", root / "bids", root / "out", "participant", "--overlay", "lh.thickness")
+    assert everything(root) == before
+
+
+def test_an_overlay_that_only_one_participant_lacks_is_a_failure_of_that_one(root, tmp_path):
+    shutil.copytree(root / "bids", tmp_path / "bids")
+    next((tmp_path / "bids").rglob("sub-01_hemi-L_thickness.shape.gii")).unlink()
+    alone = participant(tmp_path, "--participant-label", "01", "--overlay", "thickness")
+    assert (alone.exit_code, "sub-01 L: error: the overlay thickness does not exist" in alone.stderr) == (1, True)
+    assert list((tmp_path / "out").rglob("sub-01*_failure.json"))
+
+
+def test_swapped_directories_are_suspected(root, tmp_path):
+    before = everything(root)
+    for out in (root / "out", tmp_path / "nothing"):
+        for level in ("participant", "group"):
+            told = f"{root / 'bids'} contains files of participants, but {out} "
+            fail(1, told, "bids", out, root / "bids", level)
+    assert everything(root) == before
+
+
+def test_arguments_after_an_option_of_several_values_are_missed_with_a_remedy(root):
+    told = "--participant-label uses all words that follow it. Write the arguments before it: voxflat bids BIDS_DIR OUT"
+    fail(2, told, "bids", "--participant-label", "01", "02", root / "bids", root / "out", "participant")
 
 
 def test_names_are_those_of_bids_as_far_as_its_schema_goes(root, compared):
@@ -506,10 +570,14 @@ def test_a_group_of_one_leaves_no_means_of_an_earlier_group(root, compared, tmp_
 
 def test_a_group_uses_or_refuses_its_options(root, compared, tmp_path):
     words = ["bids", root / "bids", root / "out", "group"]
-    for name, *value in (["--cuts", "automatic"], ["--overlay", "curv"], ["--geometry", "white"], ["--seed", "3"]):
-        before = everything(root / "out")
-        fail(2, f"{name} requires the level participant", *words, name, *value)
-        assert everything(root / "out") == before
+    used = {"labels", "hemis", "as_json", "quiet", "debug"}
+    options = [one for one in bids_command.params if one.name not in used and isinstance(one, click.Option)]
+    assert len(options) == 9
+    before = everything(root / "out")
+    for one in options:  # also those that will be added
+        value = [] if one.is_flag else [one.type.choices[0] if isinstance(one.type, click.Choice) else "3"]
+        fail(2, f"{one.opts[0]} requires the level participant", *words, one.opts[0], *value)
+    assert everything(root / "out") == before
     shutil.copytree(root / "out", tmp_path / "out")
     fail(1, "no participant has a map", "bids", root / "bids", tmp_path / "out", "group", "--hemi", "rh")
 

@@ -21,7 +21,7 @@ def differences(rows: Sequence[Row]) -> dict[str, str]:
                 by_value.setdefault(how[what], []).append(hemisphere)
         if len(by_value) > 1:
             most, *others = sorted(by_value.items(), key=lambda one: -len(one[1]))
-            rest = "; ".join(f"{value} for {_listed(of)}" for value, of in others)
+            rest = "; ".join(f"{value} for {listed(of)}" for value, of in others)
             name = f"the overlay {what}" if what.isalnum() else what
             found[what] = f"{name} is {rest}; {most[0]} for {_others(len(most[1]))}"
     return found
@@ -31,7 +31,8 @@ def _others(count: int) -> str:
     return f"the other {count} hemispheres" if count > 1 else "the other hemisphere"
 
 
-def _listed(hemispheres: Sequence[str]) -> str:
+def listed(hemispheres: Sequence[str]) -> str:
+    """Return the first hemispheres or participants of a list, and the number of the others."""
     more = len(hemispheres) - _LISTED
     return ", ".join(hemispheres[:_LISTED]) + (f" and {more} more" if more > 0 else "")
 

@@ -27,8 +27,13 @@ def request(hemisphere: Hemisphere, parameters: Parameters) -> Request:
     """Return everything that determines the results; they are up to date as long as it does not change."""
     files = {**hemisphere.files, **{f"overlay {name}": path for name, path in hemisphere.overlays.items()}}
     inputs = {name: {"path": os.fspath(path), "sha256": hash_of(path)} for name, path in files.items()}
-    options = {**asdict(parameters), "overlays": list(parameters.overlays), "hemi": hemisphere.letter}
+    options = {**as_recorded(parameters), "hemi": hemisphere.letter}
     return {"voxflat": __version__, "format": FORMAT, "parameters": options, "inputs": inputs}
+
+
+def as_recorded(parameters: Parameters) -> dict[str, Any]:
+    """Return parameters as a record contains them."""
+    return {**asdict(parameters), "overlays": list(parameters.overlays)}
 
 
 def state(results: Results, wanted: Request) -> tuple[str, str]:
@@ -41,11 +46,8 @@ def state(results: Results, wanted: Request) -> tuple[str, str]:
         return "stale", str(error)
     if record["voxflat"] != wanted["voxflat"]:
         return "stale", f"made by voxflat {record['voxflat']}"
-    earlier = record["parameters"]
-    pairs = [(key, earlier.get(key), value) for key, value in wanted["parameters"].items()]
-    changed = [f"{key}: {worded(new)} instead of {worded(old)}" for key, old, new in pairs if old != new]
-    if changed:
-        return "stale", "; ".join(changed)
+    if told := changes(record["parameters"], wanted["parameters"]):
+        return "stale", "; ".join(told.values())
     before, now = ({name: file["sha256"] for name, file in of["inputs"].items()} for of in (record, wanted))
     changed = sorted(name for name in before.keys() | now.keys() if before.get(name) != now.get(name))
     if changed:
@@ -57,10 +59,16 @@ def state(results: Results, wanted: Request) -> tuple[str, str]:
     return "done", ""
 
 
+def changes(earlier: Mapping[str, Any], wanted: Mapping[str, Any]) -> dict[str, str]:
+    """Return how each parameter that differs from that of earlier results is described, keyed by its name."""
+    pairs = [(key, earlier.get(key), value) for key, value in wanted.items()]
+    return {key: f"{key}: {worded(new)} instead of {worded(old)}" for key, old, new in pairs if old != new}
+
+
 def worded(value: object) -> str:
     """Return the value of a parameter in words."""
     if isinstance(value, list | tuple):
-        return ", ".join(map(str, value)) or "none"
+        return ", ".join(map(str, value)) or "the default"
     if isinstance(value, bool):
         return "yes" if value else "no"
     return "the default" if value is None else str(value)

@@ -2,13 +2,17 @@
 
 import re
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
+from difflib import get_close_matches
+from functools import partial
+from itertools import product
 from pathlib import Path
 from typing import ClassVar
 
 from voxflat.arguments import log, shown
 from voxflat.errors import InputError
+from voxflat.lab.results import MEASURES
 
 HEMISPHERES = {"lh": ("L", "left"), "rh": ("R", "right")}
 """The BIDS letter and the side of each hemisphere, by its FreeSurfer name."""
@@ -18,6 +22,9 @@ GEOMETRIES = ("midthickness", "white", "pial")
 
 _NEEDED = {"midthickness": ("white", "pial"), "white": ("white",), "pial": ("pial",)}
 _USUAL_OVERLAY = "thickness"
+_KINDS_OF_CUTS = ("standard", "automatic")  # instead of a file
+_CUTS_FILE = "the cuts file"
+_LABELS = (".annot", ".label", ".label.gii", ".dlabel.nii")  # endings
 _VOLUME_ENDINGS = (".nii.gz", ".nii", ".mgz", ".mgh")
 _FILLED = {"lh": 255, "rh": 127}  # labels of mri/filled.mgz, the white matter of each hemisphere
 _LISTED = 20  # most labels that a message lists
@@ -33,6 +40,19 @@ class Parameters:
     volume: bool = False  # whether to start from a white-matter volume instead of surfaces
     overlays: tuple[str, ...] = ()  # names, or files with {hemi} and {subject}; thickness by default
     seed: int = 0
+
+    def __post_init__(self) -> None:
+        """Raise an InputError if overlays cannot be shown together, or at all; result files have their names."""
+        names: set[str] = set()
+        for text in self.overlays:
+            name = overlay_name(text)
+            if name.lower() in names:
+                raise InputError(f"two overlays have the name {name}. Rename one of the files ({text})")
+            if name in MEASURES:
+                raise InputError(f"the overlay {text} has the name of a measure, {name}. Rename the file")
+            if text.lower().endswith(_LABELS):
+                raise InputError(f"the overlay {text} contains labels. Draw them with voxflat figure MAP --parcels")
+            names.add(name.lower())
 
 
 @dataclass(frozen=True)
@@ -68,7 +88,7 @@ def found_in(folder: Path, hemi: str, parameters: Parameters) -> Hemisphere:
     """Find the files of a hemisphere in a FreeSurfer directory, or in derivatives such as ``sub-01/anat``."""
     if not folder.is_dir():
         raise InputError(f"{folder}: the directory does not exist. Pass an output directory of recon-all or sMRIPrep")
-    find = _FreeSurfer(folder, hemi) if (folder / "surf").is_dir() or (folder / "mri").is_dir() else _Bids(folder, hemi)
+    find = _finder(folder, hemi)
     files: dict[str, Path | None] = {}
     if parameters.volume:
         files["volume"] = find.needed("volume")
@@ -77,19 +97,59 @@ def found_in(folder: Path, hemi: str, parameters: Parameters) -> Hemisphere:
         files |= {"sphere": find.one("sphere"), "cortex": find.one("cortex")}
         if files["cortex"] is None:
             files["areas"] = find.one("areas")
-    if parameters.cuts not in ("standard", "automatic"):
-        files["cuts"] = _given(find, parameters.cuts, "the cuts file")
+    if parameters.cuts not in _KINDS_OF_CUTS:
+        files["cuts"] = _given(find, parameters.cuts, _CUTS_FILE)
     overlays: dict[str, Path] = {}
     usual = find.one(_USUAL_OVERLAY) if not parameters.overlays and not parameters.volume else None
     if usual is not None:
         overlays[_USUAL_OVERLAY] = usual
-    for text in parameters.overlays:
-        name = overlay_name(text)
-        if name.lower() in map(str.lower, overlays):  # result files are named after it
-            raise InputError(f"two overlays have the name {name}. Rename one of the files ({text})")
-        overlays[name] = find.one(text) or _given(find, text, "the overlay", find.place(text))
+    overlays |= {overlay_name(text): _overlay(find, text) for text in parameters.overlays}
     label = _FILLED[hemi] if isinstance(find, _FreeSurfer) and parameters.volume else None
     return Hemisphere(hemi, {name: path for name, path in files.items() if path is not None}, overlays, label)
+
+
+def check_given(
+    everybody: Sequence[Participant], hemis: Sequence[str], parameters: Parameters, source: Path | None = None
+) -> None:
+    """Raise an InputError if an overlay or the cuts file exists for nobody in the study in the directory `source`.
+
+    If it is missing for some participants only, these fail, and the others are processed.
+    """
+    missing = _missing(everybody, hemis, parameters)
+    if missing and source is not None:
+        others = [one for sessions in _by_label(source)[0].values() for one in sessions]
+        missing = {text: error for text, error in missing.items() if text in _missing(others, hemis, parameters)}
+    for error in missing.values():
+        raise error
+
+
+def _missing(everybody: Sequence[Participant], hemis: Sequence[str], parameters: Parameters) -> dict[str, InputError]:
+    """Return the overlays and the cuts file that exist for none of the participants, with the error for the first."""
+    searches: dict[str, Callable[[_FreeSurfer | _Bids], Path]]
+    searches = {text: partial(_overlay, text=text) for text in parameters.overlays}
+    if parameters.cuts not in _KINDS_OF_CUTS:
+        searches[parameters.cuts] = partial(_given, text=parameters.cuts, what=_CUTS_FILE)
+    found: set[str] = set()
+    errors: dict[str, InputError] = {}
+    for folder, hemi in product((one.folder for one in everybody if one.folder and one.folder.is_dir()), hemis):
+        for text in [one for one in searches if one not in found]:
+            try:
+                searches[text](_finder(folder, hemi))
+                found.add(text)
+            except InputError as error:
+                errors.setdefault(text, error)
+    return {text: error for text, error in errors.items() if text not in found}
+
+
+def _finder(folder: Path, hemi: str) -> "_FreeSurfer | _Bids":
+    """Return the object that finds the files of a hemisphere in a directory."""
+    is_freesurfer = (folder / "surf").is_dir() or (folder / "mri").is_dir()
+    return _FreeSurfer(folder, hemi) if is_freesurfer else _Bids(folder, hemi)
+
+
+def _overlay(find: "_FreeSurfer | _Bids", text: str) -> Path:
+    """Return the path to an overlay, given its name, such as thickness, or a file."""
+    return find.one(text) or _given(find, text, "the overlay", find.place(text))
 
 
 def _given(find: "_FreeSurfer | _Bids", text: str, what: str, *places: str) -> Path:
@@ -99,7 +159,9 @@ def _given(find: "_FreeSurfer | _Bids", text: str, what: str, *places: str) -> P
         if path.is_file():
             return path
     searched = [*(places if "/" not in text else ()), str(find.folder / named), str(Path(named).absolute())]
-    raise InputError(f"{what} {text} does not exist. Check the name; voxflat searched for {', '.join(searched)}")
+    near = get_close_matches(re.sub(r"^[lr]h\.", "", text), find.measures()) if places else []
+    hint = f"Did you mean {' or '.join(near)}? voxflat" if near else "Check the name; voxflat"
+    raise InputError(f"{what} {text} does not exist. {hint} searched for {', '.join(searched)}")
 
 
 def overlay_name(overlay: str) -> str:
@@ -131,6 +193,11 @@ class _FreeSurfer:
     def place(self, name: str) -> str:
         """Return the path of a file by its name, such as thickness."""
         return str(self.folder / self.filled(self._PLACES.get(name, f"surf/{{hemi}}.{name}")))
+
+    def measures(self) -> list[str]:
+        """Return the names of the files in surf/ of this hemisphere, such as thickness."""
+        start = f"{self.hemi}."
+        return [path.name.removeprefix(start) for path in sorted(self.folder.glob(f"surf/{start}*"))]
 
     def one(self, name: str) -> Path | None:
         path = Path(self.place(name))
@@ -174,6 +241,11 @@ class _Bids:
     def place(self, name: str) -> str:
         """Return the path of a file of values by its name, such as thickness."""
         return str(self.folder / f"*_hemi-{self.letter}_{name}.shape.gii (or .func.gii)")
+
+    def measures(self) -> list[str]:
+        """Return the names of the files of values of this hemisphere, such as thickness."""
+        usual = rf".*_hemi-{self.letter}_([A-Za-z0-9]+)\.(shape|func)\.gii"
+        return [match[1] for name in self.names if (match := re.fullmatch(usual, name))]
 
     def one(self, name: str) -> Path | None:
         usual = (rf"_{re.escape(name)}\.(shape|func)\.gii",)
@@ -219,6 +291,24 @@ def participants(folder: Path, labels: Sequence[str] = ()) -> list[Participant]:
     chosen = dict.fromkeys(wanted or found)
     _tell_origins([origins[label] for label in chosen if label in origins])
     return sorted((one for label in chosen for one in found[label]), key=lambda one: one.name)
+
+
+def check_order(source: Path, out: Path) -> None:
+    """Raise an InputError if the output directory contains participants that can be processed, and the input does not.
+
+    Then the two are probably swapped.
+    """
+    if not _has_participants(source) and _has_participants(out):
+        problem = "contains no such files" if source.is_dir() else "does not exist"
+        remedy = "Pass the directory that contains them first, and the output directory second"
+        raise InputError(f"{out} contains files of participants, but {source} {problem}. {remedy}")
+
+
+def _has_participants(folder: Path) -> bool:
+    try:
+        return folder.is_dir() and bool(_by_label(folder)[0])
+    except InputError:
+        return False
 
 
 def checked_label(label: str) -> str:

@@ -5,14 +5,28 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import product
 from pathlib import Path
 from typing import Any
 
 from voxflat._core import __version__
+from voxflat.arguments import log
 from voxflat.distances.cluster import connected
 from voxflat.errors import Cancelled, InputError, user_message
-from voxflat.lab.freshness import Request, is_page_of, page_key, request, state, write_json, write_page, write_text
-from voxflat.lab.inputs import HEMISPHERES, Hemisphere, Parameters, Participant, found_in
+from voxflat.lab.differences import listed
+from voxflat.lab.freshness import (
+    Request,
+    as_recorded,
+    changes,
+    is_page_of,
+    page_key,
+    request,
+    state,
+    write_json,
+    write_page,
+    write_text,
+)
+from voxflat.lab.inputs import HEMISPHERES, Hemisphere, Parameters, Participant, check_given, found_in
 from voxflat.lab.results import LoadedResults, Results, read_record
 from voxflat.lab.subject import make
 
@@ -68,10 +82,14 @@ class Job:
 
     def request(self, hemi: str, parameters: Parameters) -> tuple[Hemisphere, Request]:
         """Return the input files of a hemisphere and everything that determines its results."""
+        hemisphere = self.found(hemi, parameters)
+        return hemisphere, request(hemisphere, parameters)
+
+    def found(self, hemi: str, parameters: Parameters) -> Hemisphere:
+        """Return the input files of a hemisphere."""
         if self.folder is None:
             raise InputError(NO_FILES)
-        hemisphere = found_in(self.folder, hemi, parameters)
-        return hemisphere, request(hemisphere, parameters)
+        return found_in(self.folder, hemi, parameters)
 
 
 def _nothing(_: Outcome) -> None:
@@ -88,7 +106,10 @@ def freesurfer(
     if not (folder / "surf").is_dir() and not (folder / "mri").is_dir():
         raise InputError(f"{folder} has no directory surf/. Pass a subject directory created by recon-all")
     results = partial(Results.in_freesurfer, folder)
-    return _flatten(Job(folder.resolve().name, folder, results, folder / "voxflat.html"), hemis, parameters, tell, how)
+    job = Job(folder.resolve().name, folder, results, folder / "voxflat.html")
+    check_given([Participant(job.name, None, folder)], hemis, parameters)
+    warn_of_changes([job], hemis, parameters)
+    return _flatten(job, hemis, parameters, tell, how)
 
 
 def study(
@@ -146,6 +167,40 @@ def plan(
         reason = f"{job.page.name} is missing, outdated or damaged"
         for of in planned:
             yield replace(of, state="stale", reason=reason) if is_due and of.state == "done" else of
+
+
+def warn_of_changes(jobs: Sequence[Job], hemis: Sequence[str], parameters: Parameters) -> None:
+    """Warn of results that will be replaced because they were made with other parameters.
+
+    The warning describes the differences as a plan does, and lists the participants and the options that keep the
+    results.
+    """
+    wanted = as_recorded(parameters)
+    people: dict[tuple[str, str], list[str]] = {}
+    for job, hemi in product(jobs, hemis):
+        with suppress(InputError, OSError):  # there are no results, or they will not be replaced
+            earlier = read_record(job.results(hemi).record)["parameters"]
+            job.found(hemi, parameters)
+            if told := changes(earlier, wanted):
+                keep = ", ".join(_option(key, earlier.get(key)) for key in told)
+                people.setdefault(("; ".join(told.values()), keep), []).append(job.name)
+    for (described, keep), names in people.items():
+        log.warning(
+            "%s will be replaced, because other options are given (%s). To keep them, press Ctrl-C now, and repeat the "
+            "command %s",
+            f"the maps of {listed(list(dict.fromkeys(names)))}",
+            described,
+            keep,
+        )
+
+
+def _option(key: str, value: Any) -> str:
+    """Return how to give a parameter on the command line, such as "with --cuts automatic"."""
+    flag = "--overlay" if key == "overlays" else f"--{key}"
+    if value == as_recorded(Parameters()).get(key):
+        return f"without {flag}"
+    several = value if isinstance(value, list) else [] if value is True else [value]
+    return f"with {shlex.join([flag, *map(str, several)])}"
 
 
 def _planned(job: Job, hemi: str, parameters: Parameters) -> Outcome:

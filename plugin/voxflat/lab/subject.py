@@ -24,14 +24,13 @@ from voxflat.io.provenance import portable
 from voxflat.io.reading import hash_of
 from voxflat.lab.freshness import request, write_json
 from voxflat.lab.inputs import Hemisphere, Parameters
-from voxflat.lab.results import MEASURES, Results, read_record, sealed
+from voxflat.lab.results import Results, read_record, sealed
 from voxflat.maps.depth import ON_SURFACE, Depths
 from voxflat.maps.flat_map import FlatMap
 from voxflat.maps.sampling import sample
 from voxflat.pipeline.surface import Surface, surface
 from voxflat.surfaces.cut_sides import one_point_a_vertex
 
-_LABELS = (".annot", ".label", ".label.gii", ".dlabel.nii")
 _ONE = "Pass a file with one map, or draw the series with voxflat image or voxflat movie"
 _PROBABLE = 0.5  # threshold on the probability of white matter
 _NO_CORTEX = ("unknown", "corpuscallosum", "medial_wall", "???", "medialwall")  # labels of aparc.annot
@@ -139,10 +138,6 @@ def _overlays(flat_map: FlatMap, hemisphere: Hemisphere) -> dict[str, NDArray[np
     depths = Depths.of(0.0, 0.5, "equivolume") if in_cortex else ON_SURFACE
     found = {}
     for name, path in hemisphere.overlays.items():
-        if name in MEASURES:
-            raise InputError(f"the overlay {path} has the name of a measure, {name}. Rename the file")
-        if path.name.lower().endswith(_LABELS):
-            raise InputError(f"the overlay {path} contains labels. Draw them with voxflat figure MAP --parcels")
         if sampler.is_overlay(path):
             values = read_overlay(path, sampler.metadata["vertices"], structure=sampler.metadata.get("structure"))
             if values.ndim > 1:

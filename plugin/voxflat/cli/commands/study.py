@@ -2,7 +2,7 @@
 
 import json
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -16,16 +16,14 @@ from voxflat.cli.output import is_json, report
 from voxflat.errors import Cancelled, InputError
 from voxflat.lab.comparison import LEAST
 from voxflat.lab.group import group
-from voxflat.lab.inputs import GEOMETRIES, HEMISPHERES, Parameters, participants
+from voxflat.lab.inputs import GEOMETRIES, HEMISPHERES, Parameters, check_given, check_order, participants
 from voxflat.lab.results import COUNTS
-from voxflat.lab.study import Outcome, check_output, command, freesurfer, plan, study
+from voxflat.lab.study import Job, Outcome, check_output, command, freesurfer, plan, study, warn_of_changes
 from voxflat.surfaces.standard.choice import AUTOMATIC
 from voxflat.surfaces.standard.template import STANDARD
 
 _MAX_STATUS = 100  # greater exit statuses have other meanings in shells
 _RECORDED = ("outputs", "figures", "warnings")  # parts of a record that --json prints
-# options that only the level participant uses
-_OF_PARTICIPANTS = {"cuts", "geometry", "volume", "overlays", "dry_run", "dask", "seed", "threads", "memory_limit"}
 _HEMIS = {"left": ("lh",), "right": ("rh",), "both": ("lh", "rh")}
 _HEMISPHERE = options.value(
     "--hemisphere",
@@ -95,7 +93,16 @@ class _MultipleValuesCommand(Command):
                 except click.BadParameter:  # an argument of the command
                     option = ""
             words.append(word)
-        return super().parse_args(ctx, words)
+        greedy = [name for name in several if words.count(name) > args.count(name)]
+        try:
+            return super().parse_args(ctx, words)
+        except click.MissingParameter as error:
+            if greedy and isinstance(error.param, click.Argument):
+                order = [str(one.metavar) for one in self.params if isinstance(one, click.Argument)]
+                remedy = f"Write the arguments before it: {' '.join([ctx.command_path, *order, greedy[0]])} ..."
+                what = f"Missing argument {error.param.metavar}: {greedy[0]} uses all words that follow it. {remedy}"
+                raise click.UsageError(what, ctx) from None
+            raise
 
 
 @options.command(
@@ -151,13 +158,19 @@ def bids_command(
     If no participant could be processed, the exit status is 1 or 2, as for the other commands.
     """
     if level == "group":
-        _refuse_at_group()
+        _refuse_at_group({"dry_run", "dask", *given})
     if dask and dry_run:
         raise click.UsageError("--dask cannot be combined with --dry-run.")
     parameters = _parameters(given)
     chosen = _chosen(hemis)
-    everybody = participants(source, labels)
-    check_output(source, out)
+    try:
+        everybody = participants(source, [label for text in labels for label in text.split(",")])
+        check_output(source, out)
+    except InputError:
+        check_order(source, out)
+        raise
+    if level == "participant":
+        check_given(everybody, chosen, parameters, source)
     if dry_run:
         for one in plan(everybody, out, chosen, parameters):
             click.echo(json.dumps(_listed(one)))
@@ -171,6 +184,7 @@ def bids_command(
         lines = [counts, *_outlier_lines(found), f"report: {out / 'group.html'}", state]
         report({"output": str(out), **found}, "\n".join(lines), quiet=quiet)
         return min(len(found["failed"]), _MAX_STATUS)
+    warn_of_changes([Job.of(one, out) for one in everybody], chosen, parameters)
     with bars(quiet, notes=False) as shown:  # the warnings about each map are in its report
         tell = _outcome_printer(shown, verbose=not (is_json() or quiet))
         how: dict[str, Any] = {"tell": tell, "dask": dask, "progress": shown.progress}
@@ -225,12 +239,12 @@ def freesurfer_command(subject: Path, hemis: tuple[str, ...], quiet: bool, **giv
     return 1 if failed else 0
 
 
-def _refuse_at_group() -> None:
-    """Raise an error if an option is given that only the level participant uses."""
+def _refuse_at_group(names: Collection[str]) -> None:
+    """Raise an error if one of these options, which only the level participant uses, is given."""
     ctx = click.get_current_context()
     for one in ctx.command.params:
         given = ctx.get_parameter_source(one.name or "") is click.core.ParameterSource.COMMANDLINE
-        if given and one.name in _OF_PARTICIPANTS:
+        if given and one.name in names:
             raise click.UsageError(f"{one.opts[0]} requires the level participant.")
 
 
