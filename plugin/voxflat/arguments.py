@@ -24,6 +24,12 @@ _UNPRINTABLE = re.compile("[\0-\x1f\x7f-\x9f\u2028\u2029\ud800-\udfff\ufffe\ufff
 log = logging.getLogger("voxflat")  # reports the memory that a computation needs, and warnings about maps
 
 
+class Note(str):
+    """A remark that describes a usual step, such as cutting; all other remarks are reasons to check the result."""
+
+    __slots__ = ()
+
+
 def shown(value: object) -> str:
     """Return a short one-line representation of a value for a message."""
     try:

@@ -70,8 +70,9 @@ def test_three_fail_by_name_and_never_stop_the_others(study):
     assert len(list((root / "out").glob("sub-*/anat/*_flat.surf.gii"))) == 17
     assert len(list((root / "out").glob("sub-*.html"))) == 17
     record = json.loads(next((root / "out").rglob("*_flat.json")).read_text())
-    assert "standard cuts" in record["warnings"][0]
-    assert "not written to the file" in record["notes"][0]  # not on the terminal
+    assert record["warnings"] == []
+    assert "standard cuts" in record["notes"][0]  # not on the terminal
+    assert "not written to the file" in record["notes"][1]
     assert f"\nreports: 17 pages, such as {root / 'out' / 'sub-01.html'}\n" in result.stdout
     assert result.stdout.splitlines()[-1] == f"next: voxflat bids {root / 'bids'} {root / 'out'} group"
     lines = result.stderr.splitlines()
@@ -587,7 +588,7 @@ def test_a_group_uses_or_refuses_its_options(root, compared, tmp_path):
     [
         ("geometry", "white", "--geometry is white for sub-02 L; midthickness for the other 16 hemispheres", []),
         ("cuts", "/d/own.json", "--cuts is /d/own.json for sub-02 L; standard for the other 16 hemispheres", []),
-        ("overlays", ["b/thickness.mgh"], "the overlay thickness is b/thickness.mgh for sub-02 L", ["curvature"]),
+        ("overlays", ["b/thickness.mgh"], "The overlay thickness is b/thickness.mgh for sub-02 L", ["curvature"]),
         ("overlays", ["thickness"], "", ["curvature", "thickness"]),  # as by default
     ],
 )
@@ -598,8 +599,12 @@ def test_maps_that_were_made_in_different_ways_are_not_averaged(root, compared, 
     del record["sha256"]
     record["parameters"][key] = value
     path.write_text(json.dumps(sealed(record)))
+    shutil.copytree(root / "bids", tmp_path / "bids")
+    anat = tmp_path / "bids" / "derivatives" / "smriprep" / "sub-02" / "anat"
+    (anat / "b").mkdir()
+    shutil.copy(anat / "sub-02_hemi-L_thickness.shape.gii", anat / "b" / "thickness.mgh")
     for _ in range(2):  # also if everything is up to date
-        group = run("bids", root / "bids", tmp_path / "out", "group", "--json")
+        group = run("bids", tmp_path / "bids", tmp_path / "out", "group", "--json")
         assert "".join(json.loads(group.stdout)["warnings"]).count(told or "not averaged") == (told != "")
         assert group.stderr.count("voxflat: warning: the maps of this group differ") == (told != "")
         assert ("they are not averaged, and may be outliers" in group.stderr) == (key != "overlays")
@@ -630,3 +635,141 @@ def test_nobody_has_a_map(root, tmp_path):
     words = ["bids", root / "bids", tmp_path / "out", "group"]
     fail(1, "no participant has a map. Run voxflat bids", *words)
     assert run(*words, "--dry-run").exit_code == 2
+
+
+@pytest.fixture(scope="module")
+def doubtful(tmp_path_factory):
+    """Return the directory of four FreeSurfer subjects, two of them with a doubtful hemisphere, and the result."""
+    root = tmp_path_factory.mktemp("doubtful")
+    for n in range(1, 5):
+        for hemi in ("lh", "rh"):
+            studies.write_freesurfer(root / "bids" / f"sub-{n}", hemi, studies.warped(studies.hemisphere(hemi, FEW), n))
+    (root / "bids" / "sub-2" / "label" / "lh.cortex.label").unlink()
+    shutil.copy(root / "bids" / "sub-3" / "surf" / "rh.white", root / "bids" / "sub-3" / "surf" / "rh.pial")
+    return root, run("bids", root / "bids", root / "out", "participant")
+
+
+NO_LABEL = "found no cortex label (?h.cortex.label or *_desc-cortex_mask.label.gii), so the cortex is defined by the"
+DOUBTS = {"sub-2 L": NO_LABEL, "sub-3 R": "the pial surface equals the given surface: distances are measured on it"}
+
+
+def grouped(folder, *more):
+    """Return what the level group prints as JSON and on stderr."""
+    result = run("bids", folder / "bids", folder / "out", "group", "--json", *more)
+    return json.loads(result.stdout), result.stderr
+
+
+def averaged(folder):
+    """Return the sides and the names of all means."""
+    names = (path.name for path in (folder / "out").glob("group_hemi-*_stat-mean_*"))
+    return {tuple(re.fullmatch(r"group_hemi-(.)_stat-mean_desc-voxflat_(\w+)\.nii\.gz", of).groups()) for of in names}
+
+
+def copied(doubtful, folder):
+    """Copy a study without its doubtful participants, and return the directory."""
+    for name in ("bids", "out"):
+        shutil.copytree(doubtful[0] / name, folder / name, ignore=shutil.ignore_patterns("sub-2*", "sub-3*"))
+    return folder
+
+
+BOTH = {(letter, name) for letter in "LR" for name in ("curvature", "thickness")}
+
+
+def test_doubts_are_printed_with_the_hemisphere_and_notes_are_not(doubtful):
+    root, result = doubtful
+    assert result.exit_code == 0
+    again = run("bids", root / "bids", root / "out", "participant")
+    assert "4 participants: 0 made, 4 up to date" in again.stdout
+    for lines in (result.stderr.splitlines(), again.stderr.splitlines()):
+        assert len(lines) == 2
+        for line, (who, told) in zip(lines, DOUBTS.items(), strict=True):
+            assert line.startswith(f"voxflat: warning: {who}: {told}")
+    assert run("bids", root / "bids", root / "out", "participant", "--quiet").stderr == ""
+    for path in (root / "out").rglob("*_flat.json"):
+        record = json.loads(path.read_text())
+        who = f"{path.name[:5]} {path.name[11]}"
+        assert [told for told in record["warnings"] if who not in DOUBTS or DOUBTS[who] not in told] == []
+        assert "cut along standard cuts" in record["notes"][0]
+    single = run("freesurfer", root / "bids" / "sub-2")
+    assert [line for line in single.stderr.splitlines() if "warning" in line] == result.stderr.splitlines()[:1]
+    assert "voxflat: sub-2 R: cut along standard cuts" in single.stderr
+
+
+def test_a_group_repeats_the_doubts_on_the_terminal_in_the_table_and_on_the_page(doubtful):
+    root, _ = doubtful
+    told, printed = grouped(root)
+    table = list(csv.DictReader((root / "out" / "group_desc-voxflat_measures.tsv").open(), delimiter="\t"))
+    of_row = {f"{row['participant_id']} {row['hemi']}": row["warnings"] for row in table if row["warnings"] != "n/a"}
+    assert of_row.keys() == DOUBTS.keys()
+    for who, text in DOUBTS.items():
+        assert of_row[who].startswith(text)
+        assert f"\nvoxflat: warning: {who}: {text}" in printed
+        assert any(one.startswith(f"{who}: {text}") for one in told["warnings"])
+        assert f"{who}: {text}" in (root / "out" / "group.html").read_text()
+
+
+def test_maps_with_another_definition_of_the_cortex_or_measured_on_another_surface_are_not_averaged(doubtful):
+    root, _ = doubtful
+    differ = grouped(root)[0]["warnings"][0]
+    assert "so they are not averaged, and may be outliers. The definition of the cortex is the medial wall of" in differ
+    assert "the template for sub-2 L; the cortex label for the other 7 hemispheres. The surface of the dist" in differ
+    assert "ances is the given surface for sub-3 R; midthickness: halfway to the pial surface for the other 7" in differ
+    assert averaged(root) == set()
+    table = list(csv.DictReader((root / "out" / "group_desc-voxflat_measures.tsv").open(), delimiter="\t"))
+    assert {row["cortex"] for row in table if row["participant_id"] != "sub-2"} == {"the cortex label"}
+
+
+def test_a_difference_on_one_side_leaves_the_means_of_the_other(doubtful, tmp_path):
+    root, _ = doubtful
+    for name in ("bids", "out"):
+        shutil.copytree(root / name, tmp_path / name, ignore=shutil.ignore_patterns("sub-3*"))
+    differ = grouped(tmp_path)[0]["warnings"][0]
+    assert "so the left maps are not averaged, and may be outliers. The definition" in differ
+    assert averaged(tmp_path) == {("R", "curvature"), ("R", "thickness")}
+
+
+def test_maps_of_changed_inputs_are_named_and_not_averaged(doubtful, tmp_path):
+    folder = copied(doubtful, tmp_path)
+    surf = folder / "bids" / "sub-4" / "surf"
+    assert grouped(folder)[0]["warnings"] == []
+    assert averaged(folder) == BOTH
+    thickness = nib.freesurfer.read_morph_data(surf / "lh.thickness")
+    nib.freesurfer.write_morph_data(surf / "lh.thickness", thickness + 1)
+    content, printed = grouped(folder)
+    (told,) = content["warnings"]
+    assert told.startswith(
+        "inputs changed after these maps were made, so thickness of the left maps is not averaged: "
+        f"sub-4 L (overlay thickness). Run voxflat bids {folder / 'bids'} {folder / 'out'} participant with the same"
+    )
+    assert f"voxflat: warning: {told}" in printed
+    assert "sub-4 L (overlay thickness)" in (folder / "out" / "group.html").read_text()
+    assert averaged(folder) == BOTH - {("L", "thickness")}
+    points, faces = nib.freesurfer.read_geometry(surf / "rh.white")
+    nib.freesurfer.write_geometry(surf / "rh.white", points + 0.01, faces)
+    (surf / "lh.pial").unlink()
+    (told,) = grouped(folder)[0]["warnings"]
+    assert re.search(
+        r"so they are not averaged: sub-4 L \(\S+lh\.pial: the file does not .*, sub-4 R \(white\)\.", told
+    )
+    assert averaged(folder) == set()
+
+
+def test_maps_of_participants_who_left_the_study_are_reported(doubtful, tmp_path):
+    folder = copied(doubtful, tmp_path)
+    grouped(folder)
+    shutil.rmtree(folder / "bids" / "sub-4")
+    for _ in range(2):  # also if everything is up to date
+        told, printed = grouped(folder)
+        assert told["warnings"][0].startswith(f"the maps of sub-4 are omitted, because {folder / 'bids'} does not")
+        assert f"voxflat: warning: {told['warnings'][0]}" in printed
+    assert "The maps of sub-4 are omitted" in (folder / "out" / "group.html").read_text()
+    assert grouped(folder, "--participant-label", "1")[0]["warnings"] == []
+
+
+def test_images_that_a_group_deletes_are_named(doubtful, tmp_path):
+    folder = copied(doubtful, tmp_path)
+    assert grouped(folder)[0]["deleted"] == []
+    told, printed = grouped(folder, "--hemi", "L")
+    kinds = [(of, name) for of in ("count", "mean", "std") for name in ("curvature", "thickness")]
+    assert told["deleted"] == [f"group_hemi-R_stat-{of}_desc-voxflat_{name}.nii.gz" for of, name in kinds]
+    assert f"voxflat: deleted images of an earlier group that this one does not have: {told['deleted'][0]}, " in printed

@@ -78,8 +78,10 @@ class TestPial:
         assert "may not match the given surface" in remark
 
     def test_itself(self, brain):
-        (remark,) = voxflat.surface(brain / "lh.white", pial=brain / "lh.white").remarks
-        assert "the pial surface equals the given surface" in remark
+        same = voxflat.surface(brain / "lh.white", pial=brain / "lh.white")
+        (remark,) = same.remarks
+        assert "the pial surface equals the given surface: distances are measured on it" in remark
+        assert same.metadata["measured_on"] == "the given surface"
 
     def test_a_patch_that_faces_inwards_is_no_error(self, brain):
         """The outside of a surface with a boundary is not known."""

@@ -244,10 +244,10 @@ class Bars:
             self._bar.reset(total)
         self._bar.update(done - self._bar.n)
 
-    def tell(self, text: str) -> None:
-        """Hide the bar and print a line."""
+    def tell(self, text: str, *, err: bool = False) -> None:
+        """Hide the bar and print a line on stdout or stderr."""
         self.hide()
-        click.echo(text)
+        click.echo(text, err=err)
 
     def hide(self) -> None:
         """Hide the bar until its next update."""

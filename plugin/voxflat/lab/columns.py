@@ -12,6 +12,8 @@ _FIRST: dict[str, tuple[str, str]] = {
         "crossings",
         "",
     ),
+    "warnings": ("reasons to check the map", ""),
+    "cortex": ("what defines the cortex, such as the cortex label", ""),
     "cuts": ("source of the cuts: standard, automatic, given, or the name of a template", ""),
     "points": ("number of vertices on the map; a vertex at a cut is counted once", ""),
     "width": ("width of the map", "mm"),

@@ -29,6 +29,7 @@ class Row:
     page: str  # file of the report
     record: dict[str, Any] | None  # record of its results; None if there are none
     reason: str = ""  # reason why there are no results
+    changed: tuple[str, ...] = ()  # inputs that changed since the results were made
     outliers: Mapping[str, str] = field(default_factory=dict)  # measures in which it is an outlier: high or low
 
     @property

@@ -1,13 +1,62 @@
-"""Find out whether the maps of a group were made in the same way; if not, they cannot be averaged."""
+"""Find reasons to check a group: maps that were made in different ways, which cannot be averaged, and warnings."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from typing import Any
 
 from voxflat.lab.comparison import Row
 from voxflat.lab.freshness import worded
-from voxflat.lab.inputs import overlay_name
+from voxflat.lab.inputs import HEMISPHERES, overlay_name
 
 _LISTED = 5  # most hemispheres that a sentence lists
+_SIDES = dict(HEMISPHERES.values())  # left and right, by letter
+
+
+def warnings_about(rows: Sequence[Row], again: str) -> list[str]:
+    """Return the warnings about the maps of a group; `again` is the command that makes them."""
+    rows = [row for row in rows if row.record is not None]
+    letters = {row.letter for row in rows}
+    found = []
+    if different := differences(rows):
+        places = _places(rows, differences)
+        so = f", so {_clause(places, letters, ', and may be outliers')}" if places else " between left and right"
+        told = ". ".join(clause[0].upper() + clause[1:] for clause in different.values())
+        remedy = f"Run {again} for all participants, with the same kinds of input and the same options"
+        found.append(f"the maps of this group differ{so}. {told}. {remedy}")
+    if changed := [f"{row.hemisphere} ({', '.join(row.changed)})" for row in rows if row.changed]:
+        so = _clause(_places(rows, _changed), letters)
+        told = f"inputs changed after these maps were made, so {so}: {', '.join(changed)}"
+        found.append(f"{told}. Run {again} with the same options as before")
+    of_text: dict[str, list[str]] = {}
+    for row in rows:
+        for text in (row.record or {})["warnings"]:
+            of_text.setdefault(text, []).append(row.hemisphere)
+    return found + [f"{listed(of)}: {text}" for text, of in of_text.items()]
+
+
+def not_averaged(rows: Sequence[Row]) -> set[tuple[str, str]]:
+    """Return the sides, L or R, and overlays ("" for all values) whose maps differ or are outdated."""
+    return _places(rows, differences) | _places(rows, _changed)
+
+
+def _places(rows: Sequence[Row], find: Callable[[Sequence[Row]], Iterable[str]]) -> set[tuple[str, str]]:
+    """Return the sides and overlays of the faults that a function finds among the maps of one side."""
+    sides = {letter: [row for row in rows if row.letter == letter] for letter in _SIDES}
+    return {(letter, name if name.isalnum() else "") for letter, own in sides.items() for name in find(own)}
+
+
+def _changed(rows: Sequence[Row]) -> Iterable[str]:
+    """Return the changed overlays by name, and "" for other changed inputs."""
+    names = (name.partition("overlay ") for row in rows for name in row.changed)
+    return (name if not before else "" for before, _, name in names)
+
+
+def _clause(places: set[tuple[str, str]], letters: Collection[str], more: str = "") -> str:
+    """Return a clause about values that are not averaged, in a group with the sides `letters`."""
+    whole = sorted(letter for letter, name in places if not name)
+    who = "they" if set(whole) == letters else f"the {' and '.join(_SIDES[letter] for letter in whole)} maps"
+    clauses = [f"{who} are not averaged{more}"] if whole else []
+    names = sorted((name, _SIDES[letter]) for letter, name in places if name and letter not in whole)
+    return ", and ".join(clauses + [f"{name} of the {side} maps is not averaged" for name, side in names])
 
 
 def differences(rows: Sequence[Row]) -> dict[str, str]:
@@ -42,6 +91,11 @@ def _how(record: Mapping[str, Any]) -> dict[str, str]:
     parameters, inputs = record["parameters"], record["inputs"]
     how = {f"--{key}": worded(parameters[key]) for key in ("cuts", "geometry", "volume", "seed")}
     how["the version of voxflat"] = record["voxflat"]
+    how["the definition of the cortex"] = record["surface"]["cortex"]
+    if parameters["geometry"] == "midthickness":
+        how["the surface of the distances"] = record["surface"]["measured_on"]
+    if record["map"]["frame"] == "standard":
+        how["the registration"] = record["map"]["registration"]
     if "cuts" in inputs:
         how[f"the content of {inputs['cuts']['path']}"] = f"SHA-256 {inputs['cuts']['sha256'][:12]}"
     given = {overlay_name(text): text for text in parameters["overlays"]}

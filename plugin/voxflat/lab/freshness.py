@@ -48,9 +48,7 @@ def state(results: Results, wanted: Request) -> tuple[str, str]:
         return "stale", f"made by voxflat {record['voxflat']}"
     if told := changes(record["parameters"], wanted["parameters"]):
         return "stale", "; ".join(told.values())
-    before, now = ({name: file["sha256"] for name, file in of["inputs"].items()} for of in (record, wanted))
-    changed = sorted(name for name in before.keys() | now.keys() if before.get(name) != now.get(name))
-    if changed:
+    if changed := changed_inputs(record, wanted):
         return "stale", f"changed inputs: {', '.join(changed)}"
     try:
         check_outputs(results.folder, record["outputs"])
@@ -63,6 +61,12 @@ def changes(earlier: Mapping[str, Any], wanted: Mapping[str, Any]) -> dict[str, 
     """Return how each parameter that differs from that of earlier results is described, keyed by its name."""
     pairs = [(key, earlier.get(key), value) for key, value in wanted.items()]
     return {key: f"{key}: {worded(new)} instead of {worded(old)}" for key, old, new in pairs if old != new}
+
+
+def changed_inputs(record: Mapping[str, Any], wanted: Request) -> list[str]:
+    """Return the names of the inputs that were added, removed or modified since results were made."""
+    before, now = ({name: file["sha256"] for name, file in of["inputs"].items()} for of in (record, wanted))
+    return sorted(name for name in before.keys() | now.keys() if before.get(name) != now.get(name))
 
 
 def worded(value: object) -> str:

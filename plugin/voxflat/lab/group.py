@@ -1,7 +1,7 @@
 """Group level of a study: a table of all measures, outliers, and means over maps with standard cuts."""
 
 import io
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -15,7 +15,7 @@ from voxflat.io.files import from_json
 from voxflat.io.reading import hash_of
 from voxflat.lab.columns import DESCRIPTIONS, MEASURE_COLUMNS
 from voxflat.lab.comparison import Mean, Row, Sums, outliers, outliers_by_chance
-from voxflat.lab.differences import differences
+from voxflat.lab.differences import not_averaged, warnings_about
 from voxflat.lab.freshness import page_key, write_json, write_text
 from voxflat.lab.inputs import HEMISPHERES, Participant
 from voxflat.lab.results import (
@@ -36,22 +36,29 @@ _STEM = "group_desc-voxflat"
 _AGAIN = "Run voxflat bids again at the level participant"
 
 
-def group(everybody: Sequence[Participant], source: Path, out: Path, hemis: Sequence[str]) -> dict[str, Any]:
+def group(
+    everybody: Sequence[Participant], source: Path, out: Path, hemis: Sequence[str], *, is_study: bool = False
+) -> dict[str, Any]:
     """Compare participants of a study, and write a table, images of the means and a page to its output directory.
+
+    If `is_study`, `everybody` contains all participants of the study, so that maps of others are reported.
 
     Return the number of ``maps``, the reasons why maps are ``missing`` and the ``outliers`` (measures, high or low),
     both keyed by participant and hemisphere, the number of ``outliers_by_chance``, ``warnings``, and the names of the
-    files ``written`` (none if all were up to date).
+    files ``written`` (none if all were up to date) and ``deleted``.
     """
     rows = list(_rows(everybody, out, hemis))
+    gone = _gone(everybody, out) if is_study else []
+    again = command(source, out, "participant")
     record = out / f"{_STEM}_record.json"
     written: list[str] = []
-    if not _is_done(record, rows):
+    deleted: list[str] = []
+    if not _is_done(record, _key(rows, gone)):
         from voxflat.lab.study_report import map_picture, study_page  # imports Matplotlib
 
         rows, means, maps = _compared(out, rows, map_picture)
         if not maps:
-            raise InputError(f"{out}: no participant has a map. Run {command(source, out, 'participant')} first")
+            raise InputError(f"{out}: no participant has a map. Run {again} first")
         for one in means:
             for statistic, image in (("mean", one.mean), ("std", one.deviation), ("count", one.count)):
                 name = f"group_hemi-{one.letter}_stat-{statistic}_desc-voxflat_{one.name}.nii.gz"
@@ -60,19 +67,21 @@ def group(everybody: Sequence[Participant], source: Path, out: Path, hemis: Sequ
         for path in out.glob("group_hemi-*_stat-*_desc-voxflat_*.nii.gz"):  # of an earlier group of other maps
             if path.name not in written:
                 path.unlink()
+                deleted.append(path.name)
         table, page = out / f"{_STEM}_measures.tsv", out / "group.html"
         write_text(table, _table(rows))
         write_json(table.with_suffix(".json"), DESCRIPTIONS)
-        write_text(
-            page, study_page(rows, means, maps, _key(rows), expected_outliers(rows), _warnings(source, out, rows))
-        )
+        key, doubts = _key(rows, gone), _warnings(rows, gone, source, again)
+        write_text(page, study_page(rows, means, maps, key, expected_outliers(rows), doubts))
         written += [table.name, table.with_suffix(".json").name, page.name]
         outputs = {name: hash_of(out / name) for name in written}
-        write_json(record, sealed({"voxflat": __version__, "format": FORMAT, "key": _key(rows), "outputs": outputs}))
+        write_json(record, sealed({"voxflat": __version__, "format": FORMAT, "key": key, "outputs": outputs}))
         written.append(record.name)
     rows = _with_outliers(rows)
-    for warning in (warnings := _warnings(source, out, rows)):
+    for warning in (warnings := _warnings(rows, gone, source, again)):
         log.warning("%s", warning)
+    if deleted:
+        log.info("%s", f"deleted images of an earlier group that this one does not have: {', '.join(sorted(deleted))}")
     return {
         "warnings": warnings,
         "maps": sum(row.record is not None for row in rows),
@@ -81,37 +90,38 @@ def group(everybody: Sequence[Participant], source: Path, out: Path, hemis: Sequ
         "outliers": {row.hemisphere: row.outliers for row in rows if row.outliers},
         "outliers_by_chance": expected_outliers(rows),
         "written": written,
+        "deleted": sorted(deleted),
     }
 
 
-def _warnings(source: Path, out: Path, rows: Sequence[Row]) -> list[str]:
-    """Return the warning that maps were made in different ways, if they were."""
-    if not (found := differences(rows)):
-        return []
-    what = "they are not averaged, and may be outliers" if _are_mixed(found) else "these overlays are not averaged"
-    again = f"{command(source, out, 'participant')} for all participants, with the same options"
-    return [f"the maps of this group differ, so {what}: {'. '.join(found.values())}. Run {again}"]
+def _gone(everybody: Sequence[Participant], out: Path) -> list[str]:
+    """Return the names of those who have maps but are not participants of the study."""
+    found = out.glob("sub-*/**/anat/sub-*_hemi-*_desc-voxflat_flat.json")
+    return sorted({path.name.partition("_hemi-")[0] for path in found} - {one.name for one in everybody})
 
 
-def _are_mixed(different: Mapping[str, str]) -> bool:
-    """Return whether a parameter of the maps differs, and not only overlays, which are keyed by name."""
-    return not all(map(str.isalnum, different))
+def _warnings(rows: Sequence[Row], gone: Sequence[str], source: Path, again: str) -> list[str]:
+    """Return the warnings about a group; the command `again` makes its maps."""
+    if not gone:
+        return warnings_about(rows, again)
+    told = f"the maps of {', '.join(gone)} are omitted, because {source} does not contain these participants"
+    return [f"{told}. Restore their files, or delete their maps", *warnings_about(rows, again)]
 
 
-def _key(rows: Sequence[Row]) -> str:
+def _key(rows: Sequence[Row], gone: Sequence[str]) -> str:
     """Return the SHA-256 of everything that determines the files of the group."""
-    missing = {row.hemisphere: row.reason for row in rows if row.record is None}
-    return page_key([row.record for row in rows if row.record is not None], missing)
+    faults = {row.hemisphere: row.reason or ", ".join(row.changed) for row in rows if row.record is None or row.changed}
+    return page_key([row.record for row in rows if row.record is not None], {**faults, "gone": ", ".join(gone)})
 
 
-def _is_done(record: Path, rows: Sequence[Row]) -> bool:
+def _is_done(record: Path, key: str) -> bool:
     """Return whether all files of the group are up to date and undamaged."""
     try:
         earlier = read_record(record)
         check_outputs(record.parent, earlier["outputs"])
     except (InputError, OSError):
         return False
-    return bool(earlier["key"] == _key(rows))
+    return bool(earlier["key"] == key)
 
 
 def _compared(
@@ -148,7 +158,7 @@ def _rows(everybody: Sequence[Participant], out: Path, hemis: Sequence[str]) -> 
                 try:
                     record = read_record(results.record)
                     check_outputs(results.folder, record["outputs"])
-                    yield Row(*about, letter, page, record)
+                    yield Row(*about, letter, page, record, changed=job.changed(hemi, record))
                 except (InputError, OSError) as error:
                     yield Row(*about, letter, page, None, f"{user_message(error)}. {_AGAIN}")
         if not found:
@@ -195,10 +205,12 @@ def _table(rows: Sequence[Row]) -> str:
             "missing" if row.record is None else "done",
             row.reason or None,
             ", ".join(map(" ".join, row.outliers.items())) or None,
+            "; ".join((row.record or {}).get("warnings", ())) or None,
         ]
         if row.record is None:
             cells += [None] * (len(DESCRIPTIONS) - len(cells))
         else:
+            cells += [row.record["surface"]["cortex"]]
             cells += [row.record["map"][key] for key in ("cuts_by", "points", "width", "height")]
             cells += [figure_of(row.record, place) for place in MEASURE_COLUMNS]
         print("\t".join("n/a" if cell is None else _cell(cell) for cell in cells), file=text)
@@ -214,7 +226,7 @@ def _means(out: Path, rows: Sequence[Row], show: Callable[[Row, FlatMap], None])
 
     One map is in memory at a time.
     """
-    different = differences(rows)
+    excluded = not_averaged(rows)
     sums: dict[tuple[str, str], Sums] = {}
     unreadable: dict[str, str] = {}
     for row in rows:
@@ -225,10 +237,10 @@ def _means(out: Path, rows: Sequence[Row], show: Callable[[Row, FlatMap], None])
             unreadable[row.hemisphere] = user_message(error)
             continue
         show(row, shown.flat_map)
-        if _are_mixed(different) or shown.record["map"]["frame"] != "standard":
+        if (row.letter, "") in excluded or shown.record["map"]["frame"] != "standard":
             continue
         for name in (*shown.record["overlays"], "curvature"):
-            if name in shown.values and name not in different:
+            if name in shown.values and (row.letter, name) not in excluded:
                 if (key := (name, row.letter)) not in sums:
                     sums[key] = Sums(*_ends(rows, row.letter))
                 sums[key].add(shown.flat_map, shown.values[name])

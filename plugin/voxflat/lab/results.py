@@ -17,7 +17,7 @@ from voxflat.io.overlays import read_overlay
 from voxflat.io.reading import hash_of
 from voxflat.maps.flat_map import FlatMap, load
 
-FORMAT = 2  # version of the output; increase it to make all results again at the next run
+FORMAT = 3  # version of the output; increase it to make all results again at the next run
 
 MEASURES = {
     "distanceerror": "mean relative error of the distances from each point, as a fraction",

@@ -1,7 +1,7 @@
 """Process the participants of a study: make missing or outdated results, and continue after failures."""
 
 import shlex
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
@@ -17,6 +17,7 @@ from voxflat.lab.differences import listed
 from voxflat.lab.freshness import (
     Request,
     as_recorded,
+    changed_inputs,
     changes,
     is_page_of,
     page_key,
@@ -58,7 +59,7 @@ class Outcome:
     hemi: str  # lh or rh
     state: str  # made, done (up to date) or failed; in a plan also missing or stale (has to be made)
     reason: str = ""  # reason why it failed or has to be made
-    record: dict[str, Any] | None = None  # record of the results that were made
+    record: dict[str, Any] | None = None  # record of the results, unless in a plan
 
 
 @dataclass(frozen=True)
@@ -90,6 +91,15 @@ class Job:
         if self.folder is None:
             raise InputError(NO_FILES)
         return found_in(self.folder, hemi, parameters)
+
+    def changed(self, hemi: str, record: Mapping[str, Any]) -> tuple[str, ...]:
+        """Return the inputs that changed since a hemisphere was flattened, or why they cannot be read."""
+        made = {key: value for key, value in record["parameters"].items() if key != "hemi"}
+        try:
+            _, now = self.request(hemi, Parameters(**{**made, "overlays": tuple(made["overlays"])}))
+        except (InputError, OSError) as error:
+            return (user_message(error),)
+        return tuple(changed_inputs(record, now))
 
 
 def _nothing(_: Outcome) -> None:
@@ -288,7 +298,7 @@ def _one(job: Job, hemi: str, parameters: Parameters, how: dict[str, Any]) -> Ou
         hemisphere, wanted = job.request(hemi, parameters)
         if state(results, wanted)[0] == "done":
             results.failure.unlink(missing_ok=True)  # from a call with other parameters
-            return Outcome(job.name, hemi, "done")
+            return Outcome(job.name, hemi, "done", record=read_record(results.record))
         return Outcome(job.name, hemi, "made", record=make(hemisphere, parameters, results, **how))
     except Cancelled:
         raise

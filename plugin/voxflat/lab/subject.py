@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from voxflat.arguments import log
+from voxflat.arguments import Note, log
 from voxflat.errors import InputError
 from voxflat.io.channels import series_of
 from voxflat.io.files import REMEDY, atomic_path, contents, naming
@@ -30,6 +30,7 @@ from voxflat.maps.flat_map import FlatMap
 from voxflat.maps.sampling import sample
 from voxflat.pipeline.surface import Surface, surface
 from voxflat.surfaces.cut_sides import one_point_a_vertex
+from voxflat.surfaces.standard.sphere import OWN_REGISTRATION
 
 _ONE = "Pass a file with one map, or draw the series with voxflat image or voxflat movie"
 _PROBABLE = 0.5  # threshold on the probability of white matter
@@ -39,24 +40,28 @@ _NO_CORTEX = ("unknown", "corpuscallosum", "medial_wall", "???", "medialwall")  
 def make(hemisphere: Hemisphere, parameters: Parameters, results: Results, **common: Any) -> dict[str, Any]:
     """Flatten a hemisphere, write the results, and return the record; `common`: threads, memory_limit, progress."""
     seconds: dict[str, float] = {}
-    with _timed(seconds, "reading and checksums"):
-        wanted = request(hemisphere, parameters)
-        whole = _surface(hemisphere, parameters, common)
-        part = _part(hemisphere, parameters, whole)
-    with _timed(seconds, "flattening and measuring"):
-        cuts = str(hemisphere.files.get("cuts", parameters.cuts))
-        flat_map = part.flatten(cuts=cuts, sphere=hemisphere.files.get("sphere"), seed=parameters.seed, **common)
-    with _timed(seconds, "overlays"), _noting() as doubts:
-        values = {**_measures(flat_map), **_overlays(flat_map, hemisphere)}
-    with _timed(seconds, "writing"), _noting() as notes:
+    with _noting() as doubts:
+        with _timed(seconds, "reading and checksums"):
+            wanted = request(hemisphere, parameters)
+            whole = _surface(hemisphere, parameters, common)
+            part, cortex = _part(hemisphere, parameters, whole)
+        with _timed(seconds, "flattening and measuring"):
+            cuts = str(hemisphere.files.get("cuts", parameters.cuts))
+            flat_map = part.flatten(cuts=cuts, sphere=hemisphere.files.get("sphere"), seed=parameters.seed, **common)
+        with _timed(seconds, "overlays"):
+            values = {**_measures(flat_map), **_overlays(flat_map, hemisphere)}
+    with _timed(seconds, "writing"), _noting() as of_files:
         written = _write(flat_map, values, results)
+    remarks = flat_map.metadata["warnings"]
+    notes = [str(remark) for remark in remarks if isinstance(remark, Note)]
     record = {
         **wanted,
         "hemi": hemisphere.letter,
         "overlays": list(hemisphere.overlays),
         "outputs": {path.name: hash_of(path) for path in written},
-        **_description(whole, flat_map, doubts),
-        "notes": notes,
+        **_description(whole, flat_map, cortex),
+        "warnings": [one for one in dict.fromkeys((*remarks, *doubts)) if one not in notes],
+        "notes": [*notes, *of_files],
         "seconds": seconds,
     }
     write_json(results.record, sealed(record))
@@ -73,15 +78,20 @@ def _timed(seconds: dict[str, float], step: str) -> Iterator[None]:
 
 @contextmanager
 def _noting() -> Iterator[list[str]]:
-    """Collect warnings about files, such as omitted triangles at cuts, for the record."""
-    notes: list[str] = []
-    handler = logging.Handler(logging.WARNING)
-    handler.emit = lambda record: notes.append(record.getMessage())  # type: ignore[method-assign]
-    log.addHandler(handler)
+    """Collect warnings instead of logging them; they are printed from the record, with the name of the hemisphere."""
+    found: list[str] = []
+
+    def take(record: logging.LogRecord) -> bool:
+        is_warning = record.levelno >= logging.WARNING
+        if is_warning:
+            found.append(record.getMessage())
+        return not is_warning
+
+    log.addFilter(take)
     try:
-        yield notes
+        yield found
     finally:
-        log.removeHandler(handler)
+        log.removeFilter(take)
 
 
 def _surface(hemisphere: Hemisphere, parameters: Parameters, common: dict[str, Any]) -> Surface:
@@ -99,14 +109,22 @@ def _surface(hemisphere: Hemisphere, parameters: Parameters, common: dict[str, A
     return surface(files[parameters.geometry], **common)
 
 
-def _part(hemisphere: Hemisphere, parameters: Parameters, whole: Surface) -> Surface:
-    """Return the part to flatten: the cortex, if a file defines it."""
+def _part(hemisphere: Hemisphere, parameters: Parameters, whole: Surface) -> tuple[Surface, str]:
+    """Return the part to flatten, the cortex, and what defines it; warn if this is not the cortex label."""
+    part, by = whole, "the complete surface" if parameters.cuts == "automatic" else "the cuts file"
     if "cortex" in hemisphere.files:
-        return whole.keep(hemisphere.files["cortex"])
+        return whole.keep(hemisphere.files["cortex"]), "the cortex label"
     if "areas" in hemisphere.files:
-        return whole.drop(_beside_cortex(hemisphere.files["areas"], whole.count))
-    is_known = whole.thickness is not None and parameters.cuts == "automatic"  # templates exclude the medial wall
-    return whole.drop("medial wall") if is_known else whole
+        part, by = whole.drop(_beside_cortex(hemisphere.files["areas"], whole.count)), "the parcellation (aparc.annot)"
+    elif parameters.cuts == "standard":
+        by = "the medial wall of the template"
+    elif whole.thickness is not None and parameters.cuts == "automatic":
+        part, by = whole.drop("medial wall"), "the thickness of the cortex"
+    if not parameters.volume:
+        files = "?h.cortex.label or *_desc-cortex_mask.label.gii"
+        remedy = "Add the label, or check that this definition is accurate enough"
+        log.warning("%s", f"found no cortex label ({files}), so the cortex is defined by {by}. {remedy}")
+    return part, by
 
 
 def _beside_cortex(annotation: Path, count: int) -> NDArray[np.bool_]:
@@ -191,8 +209,8 @@ def _written_before(results: Results) -> set[Path]:
     return {results.folder / name for name in names if Path(name).name == name and name.startswith(results.prefix)}
 
 
-def _description(whole: Surface, flat_map: FlatMap, doubts: list[str]) -> dict[str, Any]:
-    """Return the description of the surface and the map for the record."""
+def _description(whole: Surface, flat_map: FlatMap, cortex: str) -> dict[str, Any]:
+    """Return the description of the surface and the map for the record; `cortex` is its definition."""
     topology, metadata = whole.core.topology(), flat_map.metadata
     first = topology["components"][0]
     width, height = np.ptp(flat_map.uv, axis=0).tolist()
@@ -209,6 +227,7 @@ def _description(whole: Surface, flat_map: FlatMap, doubts: list[str]) -> dict[s
             "mended": repaired,
             "measured_on": metadata.get("measured_on", "the surface itself"),
             "space": metadata["space"]["name"],
+            "cortex": cortex,
         },
         "map": {
             "points": metadata["points"],
@@ -217,12 +236,19 @@ def _description(whole: Surface, flat_map: FlatMap, doubts: list[str]) -> dict[s
             "low": flat_map.uv.min(axis=0).tolist(),
             "high": flat_map.uv.max(axis=0).tolist(),
             "frame": metadata.get("frame"),
+            "registration": _registration(metadata["sphere"]),
             "cuts_by": os.path.basename(str(metadata["cuts_by"])),
             "cut_names": [name for name in metadata["cut_names"] if name],
             "automatic_cuts": len(metadata["automatic_cuts"]),
         },
         "figures": flat_map.distortion.figures(),
-        "warnings": [*metadata["warnings"], *doubts],
         "versions": {**metadata["versions"], "system": platform.system()},
         "provenance": portable(flat_map.provenance),
     }
+
+
+def _registration(sphere: dict[str, Any] | None) -> str | None:
+    """Return what aligns a hemisphere with the template."""
+    if sphere is None:
+        return None
+    return "by its folds" if sphere["input"] == OWN_REGISTRATION else f"by a sphere in {sphere['space']} space"

@@ -18,6 +18,7 @@ from voxflat.surfaces.manifold import Manifold
 _OUTWARD = (0.4, 0.7)  # outward share of the way to the pial surface: 0.94 on fsaverage; -0.3 to 0.3 for wrong surfaces
 _BESIDE = 10.0  # mm from a label's points to the vertices; the pial surface is 3 mm from the white one
 _SIDE = 5.0  # mm from the midline for a reliable side
+SAME = "the pial surface equals the given surface: distances are measured on it, not halfway between the two"
 
 
 def pial_of(core: _core.Surface, mesh: Mesh, pial: object) -> tuple[NDArray[np.float64], list[str]]:
@@ -61,7 +62,7 @@ def _check_pial(core: _core.Surface, mesh: Mesh, pial: Mesh, places: NDArray[np.
     way = way[there]
     lengths = np.linalg.norm(way, axis=1)
     if not lengths.any():
-        return ["the pial surface equals the given surface: distances are measured on it, not halfway between the two"]
+        return [SAME]
     normals = np.nan_to_num(_core.vertex_normals(core.points, core.faces))[there]
     outward = float((normals * way).sum() / lengths.sum())
     way_there = f"{100 * abs(outward):.0f} % of the way there leads {'inwards' if outward < 0 else 'outwards'}"

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from voxflat.arguments import Progress, is_whole, shown, unmasked
+from voxflat.arguments import Note, Progress, is_whole, shown, unmasked
 from voxflat.errors import InputError
 from voxflat.io.files import check_format, contents, from_json, naming
 from voxflat.io.grid import in_unit, rounded
@@ -219,7 +219,7 @@ def close_holes(part: Manifold, progress: Progress | None) -> tuple[Manifold, ND
     if not filled:
         return part, part.faces, []
     remark = f"closed {filled} hole(s) with a circumference of up to {longest:g} mm, so that distances can cross them"
-    return part._with_core(core), part.faces, [in_unit(remark, part.metadata)]
+    return part._with_core(core), part.faces, [Note(in_unit(remark, part.metadata))]
 
 
 def opened(
@@ -255,8 +255,9 @@ def opened(
         _name(part, cuts)
         part = part._with_core(core)
     was_closed = any(cut["reason"] == "closed sphere" for cut in cuts)
+    kind = str if topology["handles"] else Note
     if relax is False or (relax is None and is_cut and not was_closed and adapt is None):
-        return part, cuts, [in_unit(remark, part.metadata) for remark in remarks]
+        return part, cuts, [kind(in_unit(remark, part.metadata)) for remark in remarks]
     length = None if relax is None or relax is True else max(0.0, float(relax) - given)
     least_relief, bearable = 0.0, 0.0
     if relax is None and not was_closed and adapt is None:
@@ -270,7 +271,7 @@ def opened(
             f"{before:.1f} % to {after:.1f} %. Use relax=False to omit them"
         )
     _name(part, further)
-    return part._with_core(core), cuts + further, [in_unit(remark, part.metadata) for remark in remarks]
+    return part._with_core(core), cuts + further, [kind(in_unit(remark, part.metadata)) for remark in remarks]
 
 
 def _counted(cuts: list[dict[str, Any]], name: str) -> tuple[str, float]:

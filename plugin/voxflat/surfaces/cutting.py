@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from voxflat.arguments import Progress
+from voxflat.arguments import Note, Progress
 from voxflat.errors import InputError
 from voxflat.io.grid import in_unit, rounded
 from voxflat.surfaces.cuts import check_relax, close_holes, cut_along, opened, read_cuts
@@ -245,7 +245,7 @@ def _standard_remark(cut: Cutout, error: float) -> str:
         f"cut along {what} ({names}; {rounded(length)} mm), located with {by}, so that maps of different brains "
         f"can be compared.{estimate} For less distortion, choose automatic cuts. `voxflat check` compares the two"
     )
-    return in_unit(told, cut.metadata)
+    return Note(in_unit(told, cut.metadata))
 
 
 def cut_handles(whole: Manifold, threads: int | None, progress: Progress | None) -> Manifold:

@@ -9,7 +9,7 @@ from voxflat import _core
 from voxflat.io.meshes import Mesh
 from voxflat.io.reading import check_room
 from voxflat.io.triangles import SEAMS
-from voxflat.surfaces.correspondence import pial_of
+from voxflat.surfaces.correspondence import SAME, pial_of
 from voxflat.surfaces.manifold import Manifold
 
 _MENDED = ("incomplete", "missing", "dropped", "flipped", "duplicates", "crowded_edges", "split")
@@ -32,7 +32,8 @@ def of_mesh(mesh: Mesh, pial: object | None = None, *, mend: bool = True) -> Man
             core, told = _core.Surface.from_triangles(midway, mesh.faces, mend)
         else:
             core = core.moved(midway[core.ids])
-        measured_on = "midthickness: halfway to the pial surface"
+        if SAME not in of_pial:
+            measured_on = "midthickness: halfway to the pial surface"
     told_by_file = [one for one in mesh.remarks if not one.startswith(SEAMS)]  # a surface has no texture
     remarks = [*told_by_file, *_remarks(told, len(mesh.faces), len(mesh.points)), *of_pial]
     digest = hashlib.sha256(np.ascontiguousarray(core.points).tobytes() + mesh.faces.tobytes())

@@ -11,7 +11,7 @@ import scipy
 from numpy.typing import ArrayLike, NDArray
 
 from voxflat import _core
-from voxflat.arguments import Progress, array_of, checked_number, shown
+from voxflat.arguments import Note, Progress, array_of, checked_number, shown
 from voxflat.errors import InputError
 from voxflat.io.files import naming
 from voxflat.io.grid import in_unit
@@ -104,6 +104,8 @@ def largest_piece(part: _Part) -> _Part:
         remark += ". A component with a larger area was ignored, because it has less than 1 % as many triangles"
     if 1 - share > STRAY_SHARE:
         remark += ". To use another one, select its label or keep a part"
+    elif max(areas) == areas[0]:
+        remark = Note(remark)
     return replace(part, core=part.core.largest_piece(), remarks=(*part.remarks, remark))
 
 

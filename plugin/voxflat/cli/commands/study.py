@@ -23,7 +23,7 @@ from voxflat.surfaces.standard.choice import AUTOMATIC
 from voxflat.surfaces.standard.template import STANDARD
 
 _MAX_STATUS = 100  # greater exit statuses have other meanings in shells
-_RECORDED = ("outputs", "figures", "warnings")  # parts of a record that --json prints
+_RECORDED = ("outputs", "figures", "warnings", "notes")  # parts of a record that --json prints
 _HEMIS = {"left": ("lh",), "right": ("rh",), "both": ("lh", "rh")}
 _HEMISPHERE = options.value(
     "--hemisphere",
@@ -176,7 +176,7 @@ def bids_command(
             click.echo(json.dumps(_listed(one)))
         return 0
     if level == "group":
-        found = group(everybody, source, out, chosen)
+        found = group(everybody, source, out, chosen, is_study=not labels)
         state = f"written: {len(found['written'])} files in {out}" if found["written"] else "up to date"
         for name, reason in found["missing"].items():
             click.echo(f"voxflat: {name}: error: {reason}", err=True)
@@ -185,8 +185,8 @@ def bids_command(
         report({"output": str(out), **found}, "\n".join(lines), quiet=quiet)
         return min(len(found["failed"]), _MAX_STATUS)
     warn_of_changes([Job.of(one, out) for one in everybody], chosen, parameters)
-    with bars(quiet, notes=False) as shown:  # the warnings about each map are in its report
-        tell = _outcome_printer(shown, verbose=not (is_json() or quiet))
+    with bars(quiet, notes=False) as shown:  # outcomes contain the warnings; the report also shows the notes
+        tell = _outcome_printer(shown, quiet=quiet)
         how: dict[str, Any] = {"tell": tell, "dask": dask, "progress": shown.progress}
         try:
             outcomes = study(everybody, source, out, chosen, parameters, **how, **given)
@@ -230,7 +230,7 @@ def freesurfer_command(subject: Path, hemis: tuple[str, ...], quiet: bool, **giv
     """
     parameters = _parameters(given)
     with bars(quiet) as shown:
-        tell = _outcome_printer(shown, verbose=not (is_json() or quiet))
+        tell = _outcome_printer(shown, quiet=quiet, notes=True)
         outcomes = freesurfer(subject, _chosen(hemis), parameters, tell=tell, progress=shown.progress, **given)
     page = str(subject / "voxflat.html")
     failed = [one for one in outcomes if one.state == "failed"]
@@ -301,18 +301,28 @@ def _parameters(given: dict[str, Any]) -> Parameters:
     return Parameters(cuts=cuts, overlays=overlays, **own)
 
 
-def _outcome_printer(shown: Bars, *, verbose: bool) -> Callable[[Outcome], None]:
-    """Return a function that prints the outcome of a hemisphere; failures are always printed on stderr."""
+def _outcome_printer(shown: Bars, *, quiet: bool, notes: bool = False) -> Callable[[Outcome], None]:
+    """Return a function that prints the outcome of a hemisphere; its warnings and failures are printed on stderr.
+
+    With `notes`, the notes on maps that were made are printed, too. Failures are printed even if `quiet`.
+    """
 
     def tell(one: Outcome) -> None:
         begin = f"{one.name} {HEMISPHERES[one.hemi][0]}"
+        record: Any = one.record or {"notes": [], "warnings": []}
         if one.state == "failed":
-            shown.hide()
-            click.echo(f"voxflat: {begin}: error: {one.reason}", err=True)
-        elif verbose and one.record is None:
+            shown.tell(f"voxflat: {begin}: error: {one.reason}", err=True)
+        if quiet or one.state == "failed":
+            return
+        for note in record["notes"] if notes and one.state == "made" else ():
+            shown.tell(f"voxflat: {begin}: {translated(note)}", err=True)
+        for warning in record["warnings"]:
+            shown.tell(f"voxflat: warning: {begin}: {translated(warning)}", err=True)
+        if is_json():
+            return
+        if one.state == "done":
             shown.tell(f"{begin}: up to date")
-        elif verbose:
-            record: Any = one.record
+        else:
             error, seconds = record["figures"]["best_scale"]["relative_error"], sum(record["seconds"].values())
             points = record["map"]["points"]
             shown.tell(f"{begin}: {points} points, relative distance error {100 * error:.1f} %, {seconds:.1f} s")
