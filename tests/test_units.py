@@ -3,6 +3,7 @@
 import logging
 import re
 from dataclasses import replace
+from xml.etree import ElementTree
 
 import nibabel as nib
 import numpy as np
@@ -165,6 +166,28 @@ def test_images_in_files_have_the_size_of_the_cell_or_no_unit(maps, tmp_path):
         with tifffile.TiffFile(tmp_path / "stack.tif") as file:
             assert ('PhysicalSizeX="0.325" PhysicalSizeXUnit="&#181;m"' in file.ome_metadata) == bool(size)
             assert ("PhysicalSizeXUnit" in file.ome_metadata) == bool(size)
+
+
+@pytest.mark.parametrize("name", ["map.tif", "map.ome.tif"])
+def test_a_single_image_is_an_ome_tiff_with_its_name_and_pixel_size(maps, tmp_path, name):
+    for flat_map, size in zip(maps, (SIZE, None), strict=True):
+        image = replace(flat_map.heat_map(None if size else 0.5), name="α & <β>")
+        colours = np.random.default_rng(0).integers(0, 255, (*image.data.shape, 4)).astype(np.uint8)
+        for data, axes in ((image.data.astype(np.float32), "YX"), (colours[..., :3], "YXS"), (colours, "YXS")):
+            replace(image, data=data).save(tmp_path / name, overwrite=True)
+            with tifffile.TiffFile(tmp_path / name) as file:
+                assert (file.is_ome, len(file.series), len(file.pages)) == (True, 1, 1)
+                assert file.series[0].axes == axes
+                np.testing.assert_array_equal(file.series[0].asarray(), data)
+                root = ElementTree.fromstring(file.ome_metadata)
+            pixels, channel = root.find(".//{*}Pixels"), root.find(".//{*}Channel")
+            assert (root.find("{*}Image").get("Name"), channel.get("Name")) == ("α & <β>",) * 2
+            assert pixels.get("Type") == data.dtype.name.removesuffix("32")
+            assert pixels.get("SizeC") == channel.get("SamplesPerPixel") == str((*data.shape, 1)[2])
+            known = [pixels.get(f"PhysicalSize{axis}{end}") for axis in "XY" for end in ("", "Unit")]
+            assert known == (["0.325", "µm"] * 2 if size else [None] * 4)
+            with Image.open(tmp_path / name) as opened:
+                np.testing.assert_array_equal(np.asarray(opened), data)
 
 
 def test_a_channel_of_ome_zarr_becomes_a_surface_in_its_unit(tmp_path):

@@ -316,7 +316,37 @@ def test_sizes_of_voxels_that_ome_xml_leaves_out_or_that_are_negative(tmp_path):
         changed = {key: change.get(key[-1], value) for key, value in sizes.items()}
         metadata = {"axes": "ZYX", **{key: value for key, value in changed.items() if value is not None}}
         tifffile.imwrite(tmp_path / "odd.ome.tif", np.ones((3, 4, 5), np.uint8), metadata=metadata)
-        refused(told, voxflat.io.read_volume, tmp_path / "odd.ome.tif")
+        refused(told, voxflat.io.as_volume, tmp_path / "odd.ome.tif")
+
+
+def test_a_size_that_a_stack_leaves_out_is_given_as_spacing(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    inside = np.sum((np.indices((9, 11, 11)) - np.array([4, 5, 5]).reshape(3, 1, 1, 1)) ** 2, axis=0) < 12
+    two, labels = np.stack([inside, ~inside], 1).astype(np.uint8), inside.astype(np.uint8)
+    sizes = {"PhysicalSizeX": 0.2, "PhysicalSizeY": 0.2}  # µm
+    tifffile.imwrite("one.ome.tif", labels, metadata={"axes": "ZYX", **sizes})
+    tifffile.imwrite("whole.ome.tif", labels, metadata={"axes": "ZYX", **sizes, "PhysicalSizeZ": 0.6})
+    tifffile.imwrite("two.ome.tif", two, metadata={"axes": "ZCYX", **sizes})
+    tifffile.imwrite("imagej.tif", labels, imagej=True, resolution=(5, 5), metadata={"axes": "ZYX", "unit": "um"})
+    whole = voxflat.surface("whole.ome.tif")
+    for source in ("one.ome.tif", voxflat.io.read_volume("two.ome.tif", 0), "imagej.tif"):
+        for unit in (None, "µm"):
+            made = voxflat.surface(source, spacing=(0.2, 0.2, 0.6), unit=unit)
+            assert (made.metadata["unit"], made.points.tolist()) == ("µm", whole.points.tolist())
+        for spacing in ((0.4, 0.2, 0.6), (2e-4, 2e-4, 6e-4)):
+            refused("in µm, but spacing is", voxflat.surface, source, spacing=spacing)
+        told = "unit is 'mm', but this volume defines its voxel size in µm"
+        refused(told, voxflat.surface, source, spacing=(0.2, 0.2, 0.6), unit="mm")
+        for door in (voxflat.surface, voxflat.io.as_volume, voxflat.hemisphere, voxflat.check, voxflat.rim):
+            side = ["left"] if door is voxflat.hemisphere else []
+            refused("size of its voxels along Z. Pass spacing, in µm as the other sizes", door, source, *side)
+    refused("has its own affine. Omit spacing", voxflat.surface, "whole.ome.tif", spacing=(0.2, 0.2, 0.6))
+    succeed("flatten", "two.ome.tif", "--channel", "0", "--spacing", "0.2,0.2,0.6", "-o", "map.npz")
+    fail(1, "Pass --spacing, in µm", "surface", "one.ome.tif", "-o", "s.vtp")
+    flat_map = voxflat.load("map.npz")
+    assert flat_map.metadata["unit"] == "µm"
+    image, other = (flat_map.image(name) for name in ("one.ome.tif", "whole.ome.tif"))  # on the grid of the map
+    np.testing.assert_array_equal(image.data, other.data)
 
 
 def test_damaged_stacks_of_other_formats(files, tmp_path):

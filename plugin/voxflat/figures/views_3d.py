@@ -24,7 +24,7 @@ from voxflat.figures.colours import ERROR_LABEL, ERRORS, patch_colours, top_erro
 from voxflat.figures.names import plain
 from voxflat.figures.page import pixels_of
 from voxflat.io.files import installing
-from voxflat.io.sources import as_volume
+from voxflat.io.sources import volume_of
 from voxflat.maps.flat_map import FlatMap
 from voxflat.pipeline.surface import surface
 from voxflat.surfaces.foreground import foreground
@@ -252,7 +252,7 @@ def _patch_alone(flat_map: FlatMap) -> pyvista.PolyData:
 
 def _patch_in_place(flat_map: FlatMap, volume: object) -> list[pyvista.PolyData]:
     """Return the patch and the surface around it, both made from the boundary between foreground and background."""
-    data = as_volume(volume).data
+    data = volume_of(volume).data
     if data.shape != flat_map.volume_shape:
         made_from = f"the map was made from a volume of shape {flat_map.volume_shape}"
         raise InputError(f"the volume has shape {data.shape}, but {made_from}. Pass the volume that was flattened")

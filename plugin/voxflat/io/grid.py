@@ -58,6 +58,9 @@ def check_affine(affine: ArrayLike) -> Affine:
     return matrix
 
 
+_SAME_SIZE = 1e-3  # relative difference of a given voxel size and that of a file, which may be rounded
+
+
 def given_affine(spacing: Sequence[float] | None, affine: ArrayLike | None) -> Affine | None:
     """Return the affine that the caller passed, either directly or as a spacing."""
     if spacing is None:
@@ -73,6 +76,28 @@ def given_affine(spacing: Sequence[float] | None, affine: ArrayLike | None) -> A
     if is_bool or sizes.shape != (3,) or not (np.isfinite(sizes) & (sizes > 0)).all():
         raise InputError(wrong)
     return check_affine(np.diag([*sizes, 1.0]))
+
+
+def is_incomplete(affine: Affine) -> bool:
+    """Return whether a file defines the size of its voxels along some axes only, which is NaN along the others."""
+    return affine.shape == (4, 4) and bool(np.isnan(np.diag(affine)).any())
+
+
+def completed(affine: Affine, unit: str, spacing: Sequence[float] | None) -> Affine:
+    """Return an incomplete affine with the spacing that the caller passed, which must agree with the known sizes."""
+    sizes = np.diag(affine)[:3]
+    known = np.isfinite(sizes)
+    named = "XYZ"
+    missing = " and ".join(axis for axis, is_known in zip(named, known, strict=True) if not is_known)
+    given = given_affine(spacing, None)
+    if given is None:
+        remedy = f"Pass spacing, in {unit} as the other sizes, or save the file with that size"
+        raise InputError(f"does not define the size of its voxels along {missing}. {remedy}")
+    if not np.allclose(np.diag(given)[:3][known], sizes[known], rtol=_SAME_SIZE, atol=0):
+        told = " and ".join(f"{size:g} along {axis}" for axis, size in zip(named, sizes, strict=True) if size == size)
+        remedy = f"Pass the sizes of the file and that along {missing}, in {unit}"
+        raise InputError(f"has voxel sizes of {told} in {unit}, but spacing is {shown(spacing)}. {remedy}")
+    return given
 
 
 def volume_shape(shape: tuple[int, ...], dtype: np.dtype[Any]) -> tuple[int, ...]:

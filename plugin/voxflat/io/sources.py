@@ -2,6 +2,7 @@
 
 import os
 from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, TypeAlias, TypeVar
@@ -14,7 +15,7 @@ from voxflat.errors import InputError
 from voxflat.io.chunks import is_stack_path
 from voxflat.io.files import REMEDY, naming
 from voxflat.io.formats import ENDINGS
-from voxflat.io.grid import NOT_KNOWN, given_affine
+from voxflat.io.grid import NOT_KNOWN, completed, given_affine, is_incomplete
 from voxflat.io.meshes import Mesh, is_mesh_name, read_mesh
 from voxflat.io.objects import SUPPORTED, image_volume, is_image, is_values, mesh_of_object
 from voxflat.io.readers import as_array, from_itk, from_nibabel
@@ -35,9 +36,9 @@ def taken(
     mesh = as_mesh(source)
     if mesh is None:
         check_ending(source)
-        volume = as_volume(source, spacing=spacing, affine=affine)
+        volume, has_unit = _volume_and_unit(source, spacing, affine)
         if unit is not None and unit != volume.unit:
-            if spacing is None and affine is None and volume.is_placed:
+            if has_unit:
                 raise InputError(
                     f"unit is {unit!r}, but this volume defines its voxel size in {volume.unit}. Omit unit"
                 )
@@ -84,7 +85,8 @@ def as_volume(obj: object, *, spacing: Sequence[float] | None = None, affine: Ar
     obj : Volume, path, ndarray, nibabel image, itk image, or object with ``__array__``
         The voxels; arrays are indexed as (i, j, k).
     spacing : sequence of 3 floats, optional
-        Voxel size along i, j, k in mm; the centre of voxel (0, 0, 0) is the origin.
+        Voxel size along i, j, k in mm; the centre of voxel (0, 0, 0) is the origin. If a TIFF stack defines it along
+        some axes only, these must agree, and the size is in the unit of the file.
     affine : array_like, shape (4, 4), optional
         Affine from voxel indices to RAS+ mm; the identity by default. Omit it and `spacing` for an object that has its
         own affine.
@@ -108,14 +110,35 @@ def as_volume(obj: object, *, spacing: Sequence[float] | None = None, affine: Ar
     >>> voxflat.io.as_volume(voxflat.samples.ball(), spacing=(0.5, 0.5, 1.0))
     <Volume: 24 x 24 x 24 of uint8, voxels of 0.5 x 0.5 x 1 mm, RAS>
     """
-    given, is_file = given_affine(spacing, affine), isinstance(obj, str | os.PathLike)
-    with naming(obj, REMEDY if is_file else "pass an array, a path or an image"):
-        volume = next(of(obj) for is_one, of in _VOLUMES if is_one(obj))
+    return _volume_and_unit(obj, spacing, affine)[0]
+
+
+def _volume_and_unit(obj: object, spacing: Sequence[float] | None, affine: ArrayLike | None) -> tuple[Volume, bool]:
+    """Return an object as a volume with the affine that the caller passed, and whether it defines its own unit."""
+    given = given_affine(spacing, affine)
+    with _naming(obj):
+        volume = volume_of(obj)
+        if is_incomplete(volume.affine):
+            affine = completed(volume.affine, volume.unit, spacing)
+            return replace(volume, affine=affine, is_placed=True), True
         if given is None:
-            return volume
+            return volume, volume.is_placed
         if volume.is_placed:
             raise InputError("has its own affine. Omit spacing, or pass only the array")
-        return replace(volume, affine=given, is_placed=True)
+        return replace(volume, affine=given, is_placed=True), False
+
+
+def volume_of(obj: object) -> Volume:
+    """Return anything that contains voxels as a volume, whose affine may be incomplete; see `as_volume`."""
+    with _naming(obj):
+        return next(of(obj) for is_one, of in _VOLUMES if is_one(obj))
+
+
+def _naming(obj: object) -> AbstractContextManager[None]:
+    """Let errors name the file or the type of an object."""
+    is_file = isinstance(obj, str | os.PathLike)
+    obj = obj.path or obj if isinstance(obj, Volume) else obj
+    return naming(obj, REMEDY if is_file else "pass an array, a path or an image")
 
 
 def _is_path(given: object) -> bool:

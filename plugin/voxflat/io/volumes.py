@@ -19,7 +19,7 @@ from voxflat.io.chunks import Chunked, chunked_of, is_chunked, is_stack_path
 from voxflat.io.files import REMEDY, atomic_path, by_ending, naming, require, save_array
 from voxflat.io.formats.hdf5 import HDF5_ENDINGS
 from voxflat.io.formats.tiff import TIFF_ENDINGS
-from voxflat.io.grid import Affine, check_affine, named_unit, scaled, volume_shape
+from voxflat.io.grid import Affine, check_affine, is_incomplete, named_unit, scaled, volume_shape
 from voxflat.io.provenance import Record, Recorded, as_text, record_of
 from voxflat.io.readers import ITK_TYPES, LPS_TO_RAS, READERS, read
 from voxflat.io.reading import reading
@@ -45,7 +45,8 @@ class Volume(Recorded):
     path : Path or None
         The file that the volume was read from.
     is_placed : bool
-        Whether an affine was given; if not, the affine is the identity.
+        Whether an affine was given; if not, the affine is the identity, or has NaN for a voxel size that the file does
+        not define.
     provenance : dict or None
         Record of how voxflat created the volume; None if it did not.
     unit : {"mm", "µm", "nm", "cm", "m", "inch"}
@@ -80,7 +81,8 @@ class Volume(Recorded):
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "data", _check_data(self.data, self.is_vectors))
-        object.__setattr__(self, "affine", check_affine(self.affine))
+        if self.is_placed or not is_incomplete(self.affine):
+            object.__setattr__(self, "affine", check_affine(self.affine))
         object.__setattr__(self, "unit", named_unit(self.unit))
 
     @classmethod
@@ -88,7 +90,8 @@ class Volume(Recorded):
         cls, data: NDArray[Any], affine: NDArray[Any] | None, unit: str = "mm", path: Path | None = None
     ) -> "Volume":
         """Return voxels with their affine, or with the identity if there is none."""
-        return cls(data, np.eye(4) if affine is None else affine, path, is_placed=affine is not None, unit=unit)
+        is_placed = affine is not None and not is_incomplete(affine)
+        return cls(data, np.eye(4) if affine is None else affine, path, is_placed=is_placed, unit=unit)
 
     def in_unit(self, unit: str) -> "Volume":
         """Return the same voxels with their affine in another unit of length.

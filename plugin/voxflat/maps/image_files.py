@@ -30,7 +30,7 @@ _OME = "http://www.openmicroscopy.org/Schemas/OME/2016-06"
 
 
 _T = TypeVar("_T")
-_Values = Iterator[NDArray[np.float32]]
+_Values = Iterator[NDArray[Any]]  # float32, or uint8 colours of a single image
 
 
 class _Image(Protocol):
@@ -114,13 +114,10 @@ def _write_png(path: Path, image: _Image, record: Record) -> None:
 
 
 def _write_tiff(path: Path, image: _Image, record: Record) -> None:
-    from PIL import Image, TiffImagePlugin
-
-    tags = TiffImagePlugin.ImageFileDirectory_v2()
-    tags[_TIFF_DESCRIPTION] = _described(image, image.name, record)
-    pixels = Image.fromarray(_measured(image.data))
+    names = (image.name,)
+    pages = Pages([image], names, channels=names, layers=(), heights=(), frames=None, timing=None, title=image.name)
     with atomic_path(path) as temporary:
-        pixels.save(temporary, format="TIFF", tiffinfo=tags, **_resolution(image))
+        _write_tiff_pages(temporary, pages, image, iter([_measured(image.data)]), record)
 
 
 def _write_nifti(path: Path, image: _Image, record: Record) -> None:
@@ -196,9 +193,11 @@ def _write_tiff_pages(path: Path, pages: Pages, first: _Image, values: _Values, 
 
 def _ome(pages: Pages, first: _Image, record: Record) -> str:
     """Return the OME-XML description, from which Bio-Formats, Fiji and tifffile read the axes and units."""
-    height, width = first.data.shape
-    pixels = {"ID": "Pixels:0", "DimensionOrder": "XYZCT", "Type": "float", "SizeX": str(width), "SizeY": str(height)}
-    pixels |= {"SizeC": str(len(pages.channels)), "SizeZ": str(max(1, len(pages.layers)))}
+    height, width, *samples = first.data.shape
+    count = samples[0] if samples else 1  # of a colour, whose samples are one channel
+    pixels = {"ID": "Pixels:0", "DimensionOrder": "XYZCT", "SizeX": str(width), "SizeY": str(height)}
+    pixels |= {"Type": "uint8" if samples else "float"}
+    pixels |= {"SizeC": str(count * len(pages.channels)), "SizeZ": str(max(1, len(pages.layers)))}
     pixels |= {"SizeT": str(pages.frames or 1)}
     step = _depth_step(pages)
     sizes = dict.fromkeys("XY", float(first.affine[2, 2])) | ({} if step is None else {"Z": step})
@@ -213,7 +212,7 @@ def _ome(pages: Pages, first: _Image, record: Record) -> str:
     body = ElementTree.SubElement(image, "Pixels", pixels)
     for n, name in enumerate(pages.channels):
         named = {"Name": printable(name)} if name else {}
-        ElementTree.SubElement(body, "Channel", {"ID": f"Channel:0:{n}", **named, "SamplesPerPixel": "1"})
+        ElementTree.SubElement(body, "Channel", {"ID": f"Channel:0:{n}", **named, "SamplesPerPixel": str(count)})
     ElementTree.SubElement(body, "TiffData")
     text: bytes = ElementTree.tostring(root, encoding="us-ascii")  # TIFF text is ASCII
     return text.decode("ascii")

@@ -17,12 +17,12 @@ from voxflat.errors import InputError
 from voxflat.io.channels import Channels, Timing, series_of
 from voxflat.io.chunks import Chunked, chunked_of, is_chunked, is_stack_path, is_zarr_path
 from voxflat.io.files import AGAIN, REMEDY, naming
-from voxflat.io.grid import scaled, voxel_size
+from voxflat.io.grid import is_incomplete, scaled, voxel_size
 from voxflat.io.objects import values_of_object
 from voxflat.io.overlays import holds_volume, read_channels
 from voxflat.io.partners import check_participant, check_partner
 from voxflat.io.readers import has_place
-from voxflat.io.sources import as_volume
+from voxflat.io.sources import volume_of
 from voxflat.io.spaces import Space
 from voxflat.io.volumes import Volume
 from voxflat.maps.depth import ON_SURFACE, Depths, equivolume, smooth_areas, uncrossed, vertex_areas
@@ -302,7 +302,9 @@ class Sampler:
             chunks = chunked_of(volume.data if isinstance(volume, Volume) else volume)
         if chunks is not None:
             at, unit = (volume.affine, volume.unit) if isinstance(volume, Volume) else chunks[1:3]
-            place = self._own_place(chunks[0].read(0).shape) if at is None else self._here(at, unit)
+            is_unknown = not volume.is_placed if isinstance(volume, Volume) else at is None or is_incomplete(at)
+            shape = chunks[0].read(0).shape if is_unknown else ()
+            place = self._own_place(shape) if at is None or is_unknown else self._here(at, unit)
             path = volume.path if isinstance(volume, Volume) else path
             return chunks[0], lambda voxels: Volume(voxels, place, path), path
         with naming(path or type(volume).__name__, REMEDY):
@@ -498,7 +500,7 @@ class Sampler:
 
     def placed(self, volume: object) -> Volume:
         """Return a volume with its affine or, if it has none, with the affine of the points' volume."""
-        given = as_volume(volume)
+        given = volume_of(volume)
         if not given.is_placed:
             return replace(given, affine=self._own_place(given.data.shape), unit=self.unit, is_placed=True)
         return given if self.unit == "unknown" else given.in_unit(self.unit)

@@ -802,7 +802,8 @@ def surface(
     threshold : float, optional
         Value above which the voxels of a volume are foreground, in the units of the input.
     spacing : sequence of 3 floats, optional
-        Voxel size in mm or `unit`, for volumes that do not define it (.npy files and arrays); by default 1.
+        Voxel size in mm or `unit`, for volumes that do not define it (.npy files and arrays); by default 1. If a TIFF
+        stack defines it along some axes only, these must agree, and the size is in the unit of the file.
     affine : array_like, shape (4, 4), optional
         Matrix from voxel indices to RAS+ mm, for volumes that do not define it.
     unit : {"mm", "µm", "nm", "cm", "m", "inch"}, optional

@@ -13,7 +13,7 @@ from voxflat.errors import InputError
 from voxflat.io.chunks import is_stack_path
 from voxflat.io.files import naming
 from voxflat.io.overlays import as_mask
-from voxflat.io.sources import as_volume
+from voxflat.io.sources import volume_of
 from voxflat.io.spaces import UNKNOWN, Space
 from voxflat.io.volumes import Volume
 
@@ -78,7 +78,7 @@ def check_scalar(data: NDArray[Any]) -> None:
 
 def keep_mask(keep: object, volume: Volume, name: str = "mask to keep") -> NDArray[np.bool_]:
     """Return a mask of selected voxels, on the grid of a volume."""
-    mask = as_volume(keep).in_unit(volume.unit)
+    mask = volume_of(keep).in_unit(volume.unit)
     if mask.data.shape != volume.data.shape:
         raise InputError(
             f"the {name} has shape {mask.data.shape}, but the volume has {volume.data.shape}. Resample the mask"

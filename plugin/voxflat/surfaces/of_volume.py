@@ -9,7 +9,7 @@ from voxflat import _core
 from voxflat.arguments import Progress, checked_switch
 from voxflat.errors import InputError
 from voxflat.io.reading import check_room
-from voxflat.io.sources import as_volume
+from voxflat.io.sources import volume_of
 from voxflat.io.volumes import Volume
 from voxflat.surfaces.foreground import Foreground, PackedMask, touching_labels
 from voxflat.surfaces.manifold import Manifold
@@ -94,7 +94,7 @@ def _level(
 ) -> tuple[tuple[NDArray[np.float32], float] | None, str]:
     """Return the image with its value on the surface, or None, and a description of how vertices are placed."""
     if probability is not None:
-        image = as_volume(probability).in_unit(volume.unit)
+        image = volume_of(probability).in_unit(volume.unit)
         if image.data.shape != mask.shape:
             shapes = f"shape {image.data.shape}, but the volume has shape {mask.shape}"
             raise InputError(f"the probability image has {shapes}. Resample the image")

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from voxflat._napari.results.flat_layers import LayerData
 from voxflat.io.channels import series_of
 from voxflat.io.files import REMEDY, naming
-from voxflat.io.volumes import read_volume
+from voxflat.io.sources import as_volume
 
 _LABELS = {"aseg", "aparc", "dseg", "label", "labels", "mask", "parc", "ribbon", "seg", "segmentation"}
 _FEW = 64  # distinct values; a volume with more of them is an image, unless its name indicates labels
@@ -39,7 +39,7 @@ def volume_layers(path: Path) -> list[LayerData]:
         in_time[1:, 1:] = affine[:, [*order, 3]]
         about: dict[str, Any] = {"affine": in_time, "units": ("pixel", *_SPACE)}
         return [(data, {"name": _name(path), **about}, "image")]
-    volume = read_volume(path).in_unit("mm")
+    volume = as_volume(path).in_unit("mm")
     order = _order(volume.affine)
     voxels = np.transpose(volume.data, [*order, *range(3, volume.data.ndim)])
     about = {"name": _name(path), "affine": volume.affine[:, [*order, 3]], "units": _SPACE}

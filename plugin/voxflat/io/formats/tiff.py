@@ -83,7 +83,7 @@ class TiffStack:
     axes: tuple[tuple[str, int], ...]  # tifffile's name of each axis, and its length
     depth: str  # the axis of the pages of a volume, or "" for a single page
     names: tuple[str, ...]  # of the volumes
-    affine: Affine | None
+    affine: Affine | None  # voxel sizes that the file does not define are NaN
     unit: str  # of the affine
 
     @property
@@ -182,12 +182,9 @@ def _ome_place(text: str | None, is_deep: bool) -> tuple[Affine, str] | None:
         return None
     if not is_deep:
         found.setdefault("Z", found.get("X", ("", "µm")))
-    if missing := [axis for axis in "XYZ" if axis not in found]:
-        raise InputError(f"does not define the size of its voxels along {missing[0]}. Pass an array and a spacing")
-    sizes = [found[axis] for axis in "XYZ"]
-    if negative := [size for size, _ in sizes if size.strip().startswith("-")]:
+    if negative := [size for size, _ in found.values() if size.strip().startswith("-")]:
         raise InputError(f"has an invalid voxel size ({negative[0]}). Pass an array and a spacing")
-    return _place(sizes)
+    return _place([found.get(axis) for axis in "XYZ"])
 
 
 def _imagej_place(file: Any, is_deep: bool) -> tuple[Affine, str] | None:
@@ -202,16 +199,20 @@ def _imagej_place(file: Any, is_deep: bool) -> tuple[Affine, str] | None:
             return None
         number, whole = tags[name].value
         across.append(str(whole / number))
-    if is_deep and not told.get("spacing"):
-        raise InputError("defines its pixel size, but not the distance between slices. Pass an array and a spacing")
-    return _place([(size, unit) for size in (*across, str(told.get("spacing", across[0])))])
+    along = told.get("spacing") or (None if is_deep else across[0])
+    return _place([None if size is None else (str(size), unit) for size in (*across, along)])
 
 
-def _place(sizes: list[tuple[str, str]]) -> tuple[Affine, str]:
-    """Return the affine of voxels with the given sizes, in the unit of the first."""
-    unit = named_unit(sizes[0][1]) if sizes[0][1].strip() else "mm"
+def _place(sizes: list[tuple[str, str] | None]) -> tuple[Affine, str]:
+    """Return the affine of voxels with the given sizes, in the unit of the first; unknown sizes become NaN."""
+    unit = next(own for _, own in filter(None, sizes))
+    unit = named_unit(unit) if unit.strip() else "mm"
     lengths = []
-    for text, own in sizes:
+    for size in sizes:
+        if size is None:
+            lengths.append(math.nan)
+            continue
+        text, own = size
         factor = millimetres(own) / millimetres(unit)
         try:
             length = abs(float(text)) * factor
