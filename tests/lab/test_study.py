@@ -4,6 +4,8 @@ import csv
 import json
 import re
 import shutil
+import subprocess
+import sys
 from pathlib import Path
 from unittest.mock import Mock
 
@@ -518,6 +520,21 @@ def test_damaged_outputs_are_made_again_and_stop_nobody(root, compared, tmp_path
         assert read(path) == read(root / path.relative_to(tmp_path))
     again = json.loads(run("bids", tmp_path / "bids", tmp_path / "out", "group", "--json").stdout)
     assert (again["maps"], len(again["missing"])) == (17, 3)
+
+
+def test_two_runs_at_once_make_each_map_once(root, tmp_path):
+    words = [sys.executable, "-m", "voxflat.cli", "bids", root / "bids", tmp_path, "participant"]
+    words += ["--hemi", "L", "--participant-label", "01", "02"]
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+    runs = [subprocess.Popen([*map(str, words)], **pipes) for _ in range(3)]
+    told = [one.communicate() for one in runs]
+    assert [one.returncode for one in runs] == [0, 0, 0], told
+    for name in ("sub-01", "sub-02"):
+        outcomes = [line for out, _ in told for line in out.splitlines() if line.startswith(f"{name} L: ")]
+        assert outcomes.count(f"{name} L: up to date") == len(outcomes) - 1 == 2
+    waiting = "voxflat: another voxflat process is making the maps of sub-01. Waiting for it\n"
+    assert sum(waiting in error for _, error in told) >= 1
+    assert not list(tmp_path.rglob("*.lock"))
 
 
 def test_ctrl_c_tells_how_to_continue(root, tmp_path, monkeypatch):

@@ -13,6 +13,7 @@ from voxflat._core import __version__
 from voxflat.arguments import log
 from voxflat.distances.cluster import connected
 from voxflat.errors import Cancelled, InputError, user_message
+from voxflat.io.locks import locked
 from voxflat.lab.differences import listed
 from voxflat.lab.freshness import (
     Request,
@@ -48,7 +49,10 @@ _IGNORED = """\
 group_*
 """
 
+_WAITING = "another voxflat process is making the maps of {}. Waiting for it"
+
 Report = Callable[["Outcome"], None]
+Waits = Callable[[str], None]
 
 
 @dataclass(frozen=True)
@@ -130,12 +134,14 @@ def study(
     parameters: Parameters,
     *,
     tell: Report = _nothing,
+    waits: Waits = log.info,
     dask: str | None = None,
     **how: Any,
 ) -> list[Outcome]:
     """Flatten the hemispheres of participants, and write BIDS derivatives; `tell` and `how` are as in `freesurfer`.
 
-    `everybody` contains participants of the study in the directory `source`.
+    `everybody` contains participants of the study in the directory `source`. `waits` is called with a message if
+    another process is making results of a participant, which this process then waits for.
 
     On a `dask` cluster (see `connected`), each worker processes one participant at a time, and must have access to the
     same files. By default, this process does all the work.
@@ -144,7 +150,7 @@ def study(
     outcomes: list[Outcome] = []
     if dask is None:
         for one in everybody:
-            outcomes += _flatten(Job.of(one, out), hemis, parameters, tell, how)
+            outcomes += _flatten(Job.of(one, out), hemis, parameters, tell, how, waits)
         return outcomes
     limit = how.pop("memory_limit", None)
     work = partial(_participant, out=out, hemis=hemis, parameters=parameters, memory_limit=limit)
@@ -250,16 +256,17 @@ def describe(source: Path, out: Path) -> None:
 
 
 def _flatten(
-    job: Job, hemis: Sequence[str], parameters: Parameters, tell: Report, how: dict[str, Any]
+    job: Job, hemis: Sequence[str], parameters: Parameters, tell: Report, how: dict[str, Any], waits: Waits = log.info
 ) -> list[Outcome]:
-    """Make the missing or outdated results of a participant, and the report."""
+    """Make the missing or outdated results of a participant, and the report, unless another process is doing this."""
     outcomes = []
-    for hemi in hemis:
-        outcomes.append(_one(job, hemi, parameters, how))
-        tell(outcomes[-1])
-    for failure in _shown(job, outcomes):
-        outcomes.append(failure)
-        tell(failure)
+    with locked(job.page.with_name(f".{job.page.name}.lock"), partial(waits, _WAITING.format(job.name))):
+        for hemi in hemis:
+            outcomes.append(_one(job, hemi, parameters, how))
+            tell(outcomes[-1])
+        for failure in _shown(job, outcomes):
+            outcomes.append(failure)
+            tell(failure)
     return outcomes
 
 

@@ -3,6 +3,7 @@
 import json
 import re
 from collections.abc import Callable, Collection, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -187,7 +188,8 @@ def bids_command(
     warn_of_changes([Job.of(one, out) for one in everybody], chosen, parameters)
     with bars(quiet, notes=False) as shown:  # outcomes contain the warnings; the report also shows the notes
         tell = _outcome_printer(shown, quiet=quiet)
-        how: dict[str, Any] = {"tell": tell, "dask": dask, "progress": shown.progress}
+        waits = partial(_say, shown, quiet)
+        how: dict[str, Any] = {"tell": tell, "waits": waits, "dask": dask, "progress": shown.progress}
         try:
             outcomes = study(everybody, source, out, chosen, parameters, **how, **given)
         except (Cancelled, KeyboardInterrupt):
@@ -299,6 +301,13 @@ def _parameters(given: dict[str, Any]) -> Parameters:
     cuts, overlays = given.pop("cuts"), tuple(given.pop("overlays"))
     own = {name: given.pop(name) for name in ("geometry", "volume", "seed")}
     return Parameters(cuts=cuts, overlays=overlays, **own)
+
+
+def _say(shown: Bars, quiet: bool, message: str) -> None:
+    """Print a message on stderr above the progress bar."""
+    shown.hide()
+    if not quiet:
+        click.echo(f"voxflat: {message}", err=True)
 
 
 def _outcome_printer(shown: Bars, *, quiet: bool, notes: bool = False) -> Callable[[Outcome], None]:
