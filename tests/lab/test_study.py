@@ -712,6 +712,38 @@ def test_doubts_are_printed_with_the_hemisphere_and_notes_are_not(doubtful):
     assert "voxflat: sub-2 R: cut along standard cuts" in single.stderr
 
 
+def test_a_map_whose_pial_surface_is_the_white_one_is_described_as_measured_on_it(doubtful):
+    root, _ = doubtful
+    page = (root / "out" / "sub-3.html").read_text()
+    assert len(re.findall("Distances were measured on the given mesh", page)) == 1
+    assert len(re.findall("Distances were measured on the midthickness surface", page)) == 1
+    shown = re.findall(r"Distances measured on</th><td[^>]*>([^<]*)<", page)
+    assert shown == ["midthickness: halfway to the pial surface", "the given surface"]
+
+
+def test_a_failure_does_not_hide_the_doubts_before_it(doubtful, tmp_path):
+    shutil.copytree(doubtful[0] / "bids" / "sub-3", tmp_path / "sub-3")
+    values = nib.freesurfer.read_morph_data(tmp_path / "sub-3" / "surf" / "rh.curv")
+    nib.freesurfer.write_morph_data(tmp_path / "sub-3" / "surf" / "rh.nothing", np.full_like(values, np.nan))
+    failed = fail(
+        1, "nothing has no values on the map", "freesurfer", tmp_path / "sub-3", "--hemi", "R", "--overlay", "nothing"
+    )
+    assert f"voxflat: warning: {DOUBTS['sub-3 R']}" in failed.stderr
+
+
+def test_a_hemisphere_or_an_overlay_that_only_some_participants_have_is_reported(doubtful, tmp_path):
+    folder = copied(doubtful, tmp_path)
+    (folder / "bids" / "sub-4" / "surf" / "lh.thickness").unlink()
+    assert run("bids", folder / "bids", folder / "out", "participant").exit_code == 0
+    for path in (folder / "out" / "sub-4" / "anat").glob("*_hemi-R_*"):
+        path.unlink()
+    told, printed = grouped(folder)
+    assert told["warnings"] == ["sub-4 L: the overlay thickness, which other maps have, is missing"]
+    assert "voxflat: sub-4 R: error: not flattened yet. Run voxflat bids at the level participant\n" in printed
+    assert told["missing"].keys() == {"sub-4 R"}
+    assert grouped(folder, "--participant-label", "4")[0]["missing"] == {}  # nobody has a right map
+
+
 def test_a_group_repeats_the_doubts_on_the_terminal_in_the_table_and_on_the_page(doubtful):
     root, _ = doubtful
     told, printed = grouped(root)

@@ -27,8 +27,11 @@ def warnings_about(rows: Sequence[Row], again: str) -> list[str]:
         told = f"inputs changed after these maps were made, so {so}: {', '.join(changed)}"
         found.append(f"{told}. Run {again} with the same options as before")
     of_text: dict[str, list[str]] = {}
+    overlays = {letter: _overlays(row for row in rows if row.letter == letter) for letter in letters}
     for row in rows:
-        for text in (row.record or {})["warnings"]:
+        lacking = [name for name in overlays[row.letter] if name not in _overlays([row])]
+        lacks = [f"the overlay {name}, which other maps have, is missing" for name in lacking]
+        for text in (*(row.record or {})["warnings"], *lacks):
             of_text.setdefault(text, []).append(row.hemisphere)
     return found + [f"{listed(of)}: {text}" for text, of in of_text.items()]
 
@@ -36,6 +39,11 @@ def warnings_about(rows: Sequence[Row], again: str) -> list[str]:
 def not_averaged(rows: Sequence[Row]) -> set[tuple[str, str]]:
     """Return the sides, L or R, and overlays ("" for all values) whose maps differ or are outdated."""
     return _places(rows, differences) | _places(rows, _changed)
+
+
+def _overlays(rows: Iterable[Row]) -> list[str]:
+    """Return the names of all overlays of maps."""
+    return list(dict.fromkeys(name for row in rows if row.record is not None for name in row.record["overlays"]))
 
 
 def _places(rows: Sequence[Row], find: Callable[[Sequence[Row]], Iterable[str]]) -> set[tuple[str, str]]:

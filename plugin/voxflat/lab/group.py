@@ -1,7 +1,7 @@
 """Group level of a study: a table of all measures, outliers, and means over maps with standard cuts."""
 
 import io
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -34,6 +34,7 @@ from voxflat.maps.flat_map import FlatMap
 
 _STEM = "group_desc-voxflat"
 _AGAIN = "Run voxflat bids again at the level participant"
+_NOT_YET = "not flattened yet. Run voxflat bids at the level participant"
 
 
 def group(
@@ -47,7 +48,7 @@ def group(
     both keyed by participant and hemisphere, the number of ``outliers_by_chance``, ``warnings``, and the names of the
     files ``written`` (none if all were up to date) and ``deleted``.
     """
-    rows = list(_rows(everybody, out, hemis))
+    rows = _rows(everybody, out, hemis)
     gone = _gone(everybody, out) if is_study else []
     again = command(source, out, "participant")
     record = out / f"{_STEM}_record.json"
@@ -141,28 +142,33 @@ def _compared(
     return _compared(out, rest, picture)
 
 
-def _rows(everybody: Sequence[Participant], out: Path, hemis: Sequence[str]) -> Iterator[Row]:
-    """Yield the hemispheres of all participants that have results or a failure."""
+def _rows(everybody: Sequence[Participant], out: Path, hemis: Sequence[str]) -> list[Row]:
+    """Return the hemispheres of all participants, except a side that nobody has."""
+    rows: list[Row] = []
     for one in everybody:
-        session = f"_ses-{one.session}" if one.session else ""
-        about = (f"sub-{one.label}", session)
         job = Job.of(one, out)
-        page, found = job.page.name, False
-        for hemi in hemis:
-            letter = HEMISPHERES[hemi][0]
-            results = job.results(hemi)
-            found = found or results.failure.is_file() or results.record.is_file()
-            if results.failure.is_file():
-                yield Row(*about, letter, page, None, _reason(results))
-            elif results.record.is_file():
-                try:
-                    record = read_record(results.record)
-                    check_outputs(results.folder, record["outputs"])
-                    yield Row(*about, letter, page, record, changed=job.changed(hemi, record))
-                except (InputError, OSError) as error:
-                    yield Row(*about, letter, page, None, f"{user_message(error)}. {_AGAIN}")
-        if not found:
-            yield Row(*about, "", page, None, NO_FILES if one.folder is None else "not flattened yet")
+        own = [_row(one, job, hemi) for hemi in hemis]
+        if all(row.reason == _NOT_YET for row in own):
+            own = [replace(own[0], letter="", reason=NO_FILES if one.folder is None else _NOT_YET)]
+        rows += own
+    there = {row.letter for row in rows if row.reason != _NOT_YET} | {""}
+    return [row for row in rows if row.letter in there]
+
+
+def _row(one: Participant, job: Job, hemi: str) -> Row:
+    """Return a hemisphere with its results, or the reason why it has none."""
+    about = (f"sub-{one.label}", f"_ses-{one.session}" if one.session else "", HEMISPHERES[hemi][0], job.page.name)
+    results = job.results(hemi)
+    if results.failure.is_file():
+        return Row(*about, None, _reason(results))
+    if not results.record.is_file():
+        return Row(*about, None, _NOT_YET)
+    try:
+        record = read_record(results.record)
+        check_outputs(results.folder, record["outputs"])
+    except (InputError, OSError) as error:
+        return Row(*about, None, f"{user_message(error)}. {_AGAIN}")
+    return Row(*about, record, changed=job.changed(hemi, record))
 
 
 def _reason(results: Results) -> str:

@@ -90,6 +90,11 @@ def _noting() -> Iterator[list[str]]:
     log.addFilter(take)
     try:
         yield found
+    except Exception:
+        log.removeFilter(take)
+        for warning in found:  # there will be no record
+            log.warning("%s", warning)
+        raise
     finally:
         log.removeFilter(take)
 
