@@ -241,7 +241,7 @@ def test_result_is_that_of_the_library(open_widget, qtbot):
         run(widget, qtbot)
         expected = composed.flatten(labels, method=method, affine=FLIP, label=3, sources=200)
         picture = expected.image(t1, 1.25)
-        flattened, distortion = viewer.layers["T1 flattened"], viewer.layers["sheet distortion"]
+        flattened, distortion = viewer.layers["sheet T1 flattened"], viewer.layers["sheet distortion"]
         assert_array_equal(flattened.data, picture.data)
         assert_array_equal(distortion.data, expected.heat_map(1.25).data)
         for layer in (flattened, distortion):
@@ -272,10 +272,10 @@ def test_an_atlas_and_colours_on_the_map(open_widget, qtbot):
     stain = Image(colours, rgb=True, name="stain")
     viewer, widget = open_widget(Labels(atlas, name="atlas"), stain, Labels(cap(), name="sheet"))
     run_whole(widget, qtbot)
-    assert viewer.layers["stain flattened"].rgb
+    assert viewer.layers["sheet stain flattened"].rgb
     widget.form.sampled.choose(viewer.layers["atlas"])
     run_whole(widget, qtbot)
-    layer = viewer.layers["atlas flattened"]
+    layer = viewer.layers["sheet atlas flattened"]
     assert isinstance(layer, Labels)
     assert set(np.unique(layer.data)) == {0, 1001, 2035}
 

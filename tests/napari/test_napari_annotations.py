@@ -179,7 +179,7 @@ def test_the_map_follows_what_is_drawn_in_the_volume(flattened, qtbot):
     dock.click.setCurrentText("marks a point")
     dock._on_map_clicked(*expected(points[100]))
     wait_for_picture(dock, qtbot)
-    marked = viewer.layers["map points"]
+    marked = viewer.layers["ball points"]
     marked.selected_data = {0}
     marked.remove_selected()
     dock._on_map_clicked(*expected(points[90]))
@@ -218,7 +218,7 @@ def test_the_part_is_outlined_in_the_volume(flattened, qtbot):
     chosen, ranges = set(viewer.layers.selection), viewer.dims.range
     dock.outlined.click()
     wait_for_picture(dock, qtbot)
-    layer = viewer.layers["ball map outline"]
+    layer = viewer.layers["ball outline"]
     assert set(viewer.layers.selection) == chosen
     assert viewer.dims.range == ranges  # the sliders' steps are what they were
 
@@ -265,10 +265,11 @@ def test_the_part_is_outlined_in_the_volume(flattened, qtbot):
         qtbot.keyClick(canvas, key, Qt.KeyboardModifier.ShiftModifier)
         assert dock.click.currentText() != before
     wait_for_picture(dock, qtbot)
-    viewer.layers.remove("ball map outline")
+    viewer.layers.remove("ball outline")
     viewer.dims.ndisplay = 2  # the user removed it: it stays away
     wait_for_picture(dock, qtbot)
-    assert "ball map outline" not in viewer.layers
+    assert "ball outline" not in viewer.layers
+    assert not dock.outlined.isChecked()
     viewer.window.remove_dock_widget(dock)
 
 

@@ -452,7 +452,7 @@ def test_drawings_and_cuts_come_back_with_the_saved_map(flattened, make_napari_v
     path = tmp_path / "map.voxflat"
     monkeypatch.setattr(QFileDialog, "getSaveFileName", lambda *_: (str(path), ""))
     widget.results.save.click()
-    region, marked = viewer.layers["map regions"].vertex_values, viewer.layers["map points"].data
+    region, marked = viewer.layers["bumps regions"].vertex_values, viewer.layers["bumps points"].data
     by_layer = tmp_path / "layer.npz"
     viewer.layers.selection = {viewer.layers["bumps distortion"]}
     viewer.layers.save(str(by_layer), selected=True, plugin="voxflat")

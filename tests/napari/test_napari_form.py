@@ -15,7 +15,7 @@ from numpy.testing import assert_array_equal
 from scipy import ndimage
 
 import voxflat
-from voxflat._napari.layers.world import MADE_FROM
+from voxflat._napari.layers.world import MADE_FROM, WORLD
 from voxflat._napari.viewer_state import ViewerState
 from voxflat.demo import DEPTH
 
@@ -66,7 +66,7 @@ def test_drawings_on_the_map_and_later_layers_do_not_change_the_part_to_flatten(
     viewer, widget = open_widget(Surface((points, faces), name="bumps"))
     form, corners = widget.form, points[[130, 143, 468, 455]]
     seed = viewer.add_points(points[[300]], name="seed")
-    viewer.add_points(points[[10]], name="map points", metadata={MADE_FROM: "bumps"})  # as on the map
+    viewer.add_points(points[[10]], name="bumps points", metadata={MADE_FROM: "bumps"})  # as on the map
     choose(form.patch, "disk")
     form.radius.setValue(8)
     run(widget, qtbot)
@@ -76,7 +76,8 @@ def test_drawings_on_the_map_and_later_layers_do_not_change_the_part_to_flatten(
     viewer.layers.remove(seed)
     assert form.seed.point == 20
     drawn = viewer.add_shapes([corners], shape_type="polygon", ndim=3, name="drawn")
-    viewer.add_shapes([corners[:2]], shape_type="path", ndim=3, name="shortest path", metadata={MADE_FROM: "bumps"})
+    made = {"name": "bumps shortest path", "metadata": {MADE_FROM: "bumps"}}
+    viewer.add_shapes([corners[:2]], shape_type="path", ndim=3, **made)
     choose(form.patch, "polygon")
     assert form.polygon.layer is drawn
     run(widget, qtbot)
@@ -108,6 +109,30 @@ def test_stacks_without_a_unit_have_the_axes_of_a_microscope(open_widget, qtbot,
         np.linalg.det(places[expected.faces[:, 1:]] - places[expected.faces[:, :1]]) for places in (uv, expected.uv)
     ]
     assert np.median(areas[0]) * np.median(areas[1]) > 0  # not mirrored
+
+
+def test_each_layer_has_its_own_world_axes(open_widget, qtbot):
+    """Axes that were chosen for one layer would mirror the map of another one."""
+    made = Labels(cap(), name="made", units="mm", metadata={MADE_FROM: "first", WORLD: "LPS"})
+    viewer, widget = open_widget(*(Labels(cap(), name=name, units="mm") for name in ("first", "second")), made)
+    _, check = viewer.window.add_plugin_dock_widget("voxflat", "Check surface")
+
+    def shown(name):
+        for form in (widget.form, check.form):
+            form.surface.choose(viewer.layers[name])
+        return [form.world.currentData() for form in (widget.form, check.form)]
+
+    assert shown("first") == ["RAS", "RAS"]
+    choose(widget.form.world, "SPL")
+    assert check.form.world.currentData() == "SPL"  # of the same layer
+    assert shown("second") == ["RAS", "RAS"]
+    assert shown("made") == ["LPS", "LPS"]
+    choose(check.form.world, "SAR")
+    assert [*shown("first"), *shown("made")] == ["SPL", "SPL", "SAR", "SAR"]
+    widget.form.surface.choose(viewer.layers["second"])
+    qtbot.waitUntil(lambda: widget.form.label.label == 3, timeout=PATIENCE)
+    run(widget, qtbot)
+    assert newest_map(viewer).metadata["napari"]["world_axes"] == "RAS"
 
 
 @pytest.mark.parametrize("unit", ["pixel", "micrometer"])

@@ -140,7 +140,7 @@ def test_drawings_lie_on_the_displayed_frame(movie, qtbot, frame):
         dock.canvas.clicked.emit(*(uv[middle] + corner))
     dock.canvas.double_clicked.emit()
     wait_for_picture(dock, qtbot)
-    region = viewer.layers[f"map regions of frame {frame}"]
+    region = viewer.layers[f"embryo regions of frame {frame}"]
     inside = np.array([region.data_to_world(voxel) for voxel in np.argwhere(region.data)])
     assert_array_equal(inside[:, 0], frame)
     assert_allclose(inside[:, 1:].mean(axis=0), series.points[frame][middle][::-1], atol=5)

@@ -140,7 +140,7 @@ def test_the_view_does_not_change_and_layers_are_added_hidden(open_widget, qtbot
     dock = map_dock(viewer, qtbot)
     assert state() == before
     assert set(viewer.layers.selection) == {viewer.layers["T1"]}
-    assert [layer.name for layer in viewer.layers] == ["sheet", "T1", "T1 flattened", "sheet distortion"]
+    assert [layer.name for layer in viewer.layers] == ["sheet", "T1", "sheet T1 flattened", "sheet distortion"]
     assert dock.contents.content is viewer.layers["T1"]
     wait_for_threads(qtbot)
 
@@ -485,8 +485,8 @@ def test_regions_on_a_mesh_are_saved_at_its_vertices(flattened, qtbot, tmp_path)
         click(dock, qtbot, *[(middle + x, v + y) for x, y in ((-5, -5), (5, -5), (5, 5), (-5, 5))])
         qtbot.mouseDClick(dock.canvas.viewport(), Qt.MouseButton.LeftButton, pos=dock.canvas.position(middle, v))
         wait_for_picture(dock, qtbot)
-        assert viewer.layers["map regions"].vertex_values.max() == label
-    regions = viewer.layers["map regions"]
+        assert viewer.layers["bumps regions"].vertex_values.max() == label
+    regions = viewer.layers["bumps regions"]
     viewer.layers.selection = {regions}
     expected = np.zeros(len(points), dtype=int)
     expected[flat_map.ids] = regions.vertex_values
@@ -575,13 +575,13 @@ def test_drawings_on_a_map_of_voxels(flattened, qtbot, tmp_path):
     click(dock, qtbot, (u, v), (u + 6, v))
     wait_for_picture(dock, qtbot)
     expected = flat_map.look_up([(u, v), (u + 6, v)]).points
-    assert_allclose(viewer.layers["map points"].data, expected, atol=3 / dock.canvas.scale_factor)
+    assert_allclose(viewer.layers["sheet points"].data, expected, atol=3 / dock.canvas.scale_factor)
 
     dock.click.setCurrentText("draws a region")
     click(dock, qtbot, *[(u - 8, v - 8), (u + 8, v - 8), (u + 8, v + 8), (u - 8, v + 8)])
     qtbot.mouseDClick(dock.canvas.viewport(), Qt.MouseButton.LeftButton, pos=dock.canvas.position(u, v))
     wait_for_picture(dock, qtbot)
-    regions = viewer.layers["map regions"]
+    regions = viewer.layers["sheet regions"]
     inside = np.abs(flat_map.uv - (u, v)).max(axis=1) < 7.5
     outside = np.abs(flat_map.uv - (u, v)).max(axis=1) > 8.5
     assert regions.data[tuple(flat_map.ids[inside].T)].all()
@@ -625,10 +625,10 @@ def test_drawings_on_a_map_of_voxels(flattened, qtbot, tmp_path):
         click(dock, qtbot, (u - reach, v), (u + reach, v))
         wait_for_picture(dock, qtbot)
     over = float(dock.text.text().split()[0])
-    assert viewer.layers["shortest path"].shape_type == ["path"]
+    assert viewer.layers["sheet shortest path"].shape_type == ["path"]
     assert len(dock.canvas.annotations.lines) == 1
     assert abs(over - 18) < 2
-    way = viewer.layers["shortest path"].data[0]
+    way = viewer.layers["sheet shortest path"].data[0]
     assert_allclose(np.linalg.norm(np.diff(way, axis=0), axis=1).sum(), over, atol=0.1)
 
 
@@ -691,47 +691,49 @@ def test_what_is_drawn_on_a_map_is_undone_and_outlives_the_dock_and_the_next_map
     assert not dock.undo.isEnabled()
     draw_region(dock, qtbot, u - 6, v)
     draw_region(dock, qtbot, u + 6, v)
-    both = viewer.layers["map regions"].vertex_values
+    both = viewer.layers["bumps regions"].vertex_values
     undo()
     assert len(first.sketches.now.corners) == 4  # of the second region
-    assert viewer.layers["map regions"].vertex_values.max() == 1
+    assert viewer.layers["bumps regions"].vertex_values.max() == 1
     undo(4)
     assert first.sketches.now.corners == ()
     undo(5, control | shift)
     assert not dock.redo.isEnabled()
-    assert_array_equal(viewer.layers["map regions"].vertex_values, both)
+    assert_array_equal(viewer.layers["bumps regions"].vertex_values, both)
 
     dock.click.setCurrentText("marks a point")
-    own = viewer.add_points([[1.0, 2, 3]], name="map points", features={"vertex": ["a"], "surface": ["mine"]})
+    own = viewer.add_points([[1.0, 2, 3]], name="bumps points", features={"vertex": ["a"], "surface": ["mine"]})
     click(dock, qtbot, (u, v), (u + 3, v))
     wait_for_picture(dock, qtbot)
-    marked = own.data.copy()
-    assert len(marked) == 3
+    assert_array_equal(own.data, [[1.0, 2, 3]])  # a layer of the user
+    marks = viewer.layers["bumps points [1]"]
+    marked = marks.data.copy()
+    assert len(marked) == 2
     undo()
-    assert_array_equal(own.data, marked[:2])
+    assert_array_equal(marks.data, marked[:1])
     undo(1, control | shift)
-    assert_allclose(own.data, marked)
-    own.data = own.data[[0, 2]]  # a point that the user has deleted is not missed
+    assert_allclose(marks.data, marked)
+    marks.data = marks.data[[1]]  # a point that the user has deleted is not missed
     undo(2)
-    assert_array_equal(own.data, marked[:1])
+    assert len(marks.data) == 0
 
     dock.click.setCurrentText("measures a distance")
     click(dock, qtbot, (u - 5, v), (u + 5, v), (u, v - 4), (u, v + 4))
     wait_for_picture(dock, qtbot)
-    path, measured = viewer.layers["shortest path"], []
+    path, measured = viewer.layers["bumps shortest path"], []
     for times, key in ((0, control), *[(1, control)] * 4, (4, control | shift)):
         undo(times, key)
         measured.append((dock.text.text(), len(path.data), path.visible))
     assert measured[0] == measured[5] != measured[1] == measured[2]
     assert measured[3] == measured[4] == ("", 0, False)
-    assert viewer.layers["shortest path"] is path
+    assert viewer.layers["bumps shortest path"] is path
 
     viewer.window.remove_dock_widget(dock)
     del dock
     dock = map_dock(viewer, qtbot)
     draw_region(dock, qtbot, u, v + 8)
-    assert viewer.layers["map regions"].vertex_values.max() == 3
-    assert [layer.name for layer in viewer.layers].count("map regions") == 1
+    assert viewer.layers["bumps regions"].vertex_values.max() == 3
+    assert [layer.name for layer in viewer.layers].count("bumps regions") == 1
 
     run(widget, qtbot, dock)  # the next map replaces maps on which nothing is drawn
     assert [one is first for one in state.runs] == [True, False]
@@ -740,9 +742,9 @@ def test_what_is_drawn_on_a_map_is_undone_and_outlives_the_dock_and_the_next_map
     dock.runs.activated.emit(0)
     wait_for_picture(dock, qtbot)
     undo(5 + 5 + 5)
-    assert "map regions" not in viewer.layers
+    assert "bumps regions" not in viewer.layers
     undo(5, control | shift)
-    assert viewer.layers["map regions"].vertex_values.max() == 1
+    assert viewer.layers["bumps regions"].vertex_values.max() == 1
 
 
 def test_a_region_that_cannot_be_drawn_does_not_spoil_the_next_one(flattened, qtbot):
@@ -753,7 +755,7 @@ def test_a_region_that_cannot_be_drawn_does_not_spoil_the_next_one(flattened, qt
     assert "region 1" in dock.text.text()
     assert not dock.undo.isEnabled()
     draw_region(dock, qtbot, u, v)
-    assert viewer.layers["map regions"].vertex_values.max() == 1
+    assert viewer.layers["bumps regions"].vertex_values.max() == 1
 
 
 def test_a_map_on_which_the_user_has_painted_is_not_replaced(flattened, qtbot):
@@ -769,7 +771,7 @@ def test_a_map_on_which_the_user_has_painted_is_not_replaced(flattened, qtbot):
     run(widget, qtbot, dock)
     assert len(state.runs) == 1  # nothing is painted
 
-    flat = viewer.layers["areas flattened"]
+    flat = viewer.layers["sheet areas flattened"]
     flat.visible = True
     flat.data_setitem((np.array([10, 10]), np.array([10, 11])), 9)
     painted, run_of_paint = flat.data.copy(), state.current

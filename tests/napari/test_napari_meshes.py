@@ -113,12 +113,12 @@ def test_a_mesh_shows_a_volume_or_another_layer_of_its_vertices(open_widget, qtb
     run(widget, qtbot)
     expected = voxflat.flatten((points, faces))
     x = expected.raster().interpolate(points[expected.ids, :1])[..., 0]
-    assert_allclose(viewer.layers["i flattened"].data, x + 2, atol=1e-4)
+    assert_allclose(viewer.layers["bumps i flattened"].data, x + 2, atol=1e-4)
     widget.form.sample_depth.setValue(1.5)
     run(widget, qtbot)
     volume = LayerVolume.of(viewer.layers["i"]).read()
-    assert_array_equal(viewer.layers["i flattened"].data, expected.image(volume, depth=1.5).data)
+    assert_array_equal(viewer.layers["bumps i flattened"].data, expected.image(volume, depth=1.5).data)
     widget.form.sampled.choose(others)
     run(widget, qtbot)
     nearest = expected.locate()[0]
-    assert_array_equal(viewer.layers["others flattened"].data, np.where(nearest < 0, np.nan, nearest))
+    assert_array_equal(viewer.layers["bumps others flattened"].data, np.where(nearest < 0, np.nan, nearest))

@@ -263,7 +263,7 @@ def test_flat_labels_of_a_single_map_come_back(open_widget, qtbot, embryo):
     run(widget, qtbot)
     dock = map_dock(viewer, qtbot)
     assert dock.movie.isHidden()
-    flat = viewer.layers["nuclei flattened"]
+    flat = viewer.layers["tissue nuclei flattened"]
     rows, columns = np.indices(flat.data.shape)
     cells = np.where(np.isfinite(flat.data), 1 + rows // 30 + 10 * (columns // 30), 0)
     viewer.add_labels(cells, name="cells", scale=flat.scale, translate=flat.translate, units=flat.units)

@@ -100,7 +100,7 @@ def test_a_label_and_a_volume(open_widget, qtbot, world):
     found = np.argwhere(ball) * scale  # in the viewer's world, whatever its axes are
     for end in (np.min, np.max):
         assert_allclose(end(surface.vertices, axis=0), end(found, axis=0), atol=0.7)
-    image = viewer.layers["i flattened"].data
+    image = viewer.layers["ball i flattened"].data
     ids = atlas.page().locate()[0]
     inside = ids[..., 0] >= 0
     assert np.nanmax(np.abs(image[inside] - ids[inside][:, 0])) < 2.5

@@ -91,11 +91,11 @@ def test_layers_flat_volume_and_profile(open_widget, qtbot, sample, monkeypatch,
     for place in corners:
         drawn.canvas.clicked.emit(*place)
     drawn.canvas.double_clicked.emit()
-    qtbot.waitUntil(lambda: "map regions" in viewer.layers, timeout=PATIENCE)
+    qtbot.waitUntil(lambda: "rim regions" in viewer.layers, timeout=PATIENCE)
 
     _, dock = viewer.window.add_plugin_dock_widget("voxflat", "Cortical depth")
     assert rim_of(dock.form, qtbot) == "rim"
-    assert [box.currentText() for box in (dock.form.regions, dock.form.sampled)] == ["map regions", "activity"]
+    assert [box.currentText() for box in (dock.form.regions, dock.form.sampled)] == ["rim regions", "activity"]
     dock.form.count.setValue(COUNT)
     choose(dock.form.layering, "equidistant")
     assert "standard deviation" in press(dock, dock.measure, qtbot)

@@ -1,13 +1,18 @@
 """Work that a user has done outlives docks, windows, layers and further maps, in any order of actions."""
 
+from dataclasses import replace
+
 import numpy as np
+import pytest
 from napari.layers import Labels, Layer, Surface
 from napari_window import PATIENCE, bumps, map_dock, open_file, run, wait_for_picture, wait_for_threads
 from numpy.testing import assert_array_equal
 from qtpy.QtWidgets import QDialog
 
+import voxflat
 from voxflat import samples
 from voxflat._napari.map_viewer.dock import GO, MEASURE, REGION
+from voxflat._napari.results.sketch import Sketch
 from voxflat._napari.samples import demo_embryo, demo_rim
 from voxflat._napari.viewer_state import ViewerState
 
@@ -19,6 +24,19 @@ def press(dock, button, qtbot):
 
 def layers_of(sample):
     return [Layer.create(*data) for data in sample]
+
+
+def everything(flat_map):
+    """A point, a region and a distance on a map."""
+    u, v = flat_map.uv.mean(axis=0)
+    region = ((u - 5, v), (u + 5, v), (u, v + 5))
+    return Sketch(((None, (u, v)),), ((None, region),), (None, ((u - 5, v), (u + 5, v))))
+
+
+def saved_drawings(state, run, folder):
+    """Return the drawings of a map that is saved now."""
+    state.with_session(run.flat_map).save(folder / "now.voxflat", overwrite=True)
+    return Sketch.of(voxflat.load(folder / "now.voxflat").metadata["napari"])
 
 
 def test_unfinished_drawings_are_continued_after_the_dock_the_layer_and_the_window_were_closed(
@@ -48,22 +66,103 @@ def test_unfinished_drawings_are_continued_after_the_dock_the_layer_and_the_wind
     dock.click.setCurrentText(GO)  # the corners are discarded, and brought back
     assert dock.prepared.run.sketches.now.corners == ()
     dock.undo.click()
-    assert (dock.prepared.run.sketches.now, dock.click.currentText()) == (drawn, REGION)
+    assert (dock.prepared.run.sketches.now, dock.click.currentText()) == (drawn, GO)  # undo keeps the action of a click
+    dock.click.setCurrentText(REGION)  # which continues with these corners
+    assert dock.prepared.run.sketches.now == drawn
     path = tmp_path / "map.voxflat"
     viewer.layers.selection = {viewer.layers["bumps distortion"]}
     viewer.layers.save(str(path), selected=True, plugin="voxflat")
-    length = viewer.layers["shortest path"].data[0]
+    length = viewer.layers["bumps shortest path"].data[0]
     viewer.close()
 
     viewer = make_napari_viewer()
     open_file(viewer, qtbot, path)
     dock = map_dock(viewer, qtbot)
     assert dock.prepared.run.sketches.now == drawn
-    assert_array_equal(viewer.layers["shortest path"].data[0], length)
+    assert_array_equal(viewer.layers["map shortest path"].data[0], length)
     assert dock.click.currentText() == REGION
     dock.canvas.double_clicked.emit()
     wait_for_picture(dock, qtbot)
     assert viewer.layers["map regions"].vertex_values.max() == 1
+    wait_for_threads(qtbot)
+
+
+def test_the_layers_of_two_maps_of_one_surface_begin_with_the_names_of_their_maps(flattened, qtbot, tmp_path):
+    viewer, widget, dock = flattened(Surface(bumps(13), name="bumps"))
+    state, titles = ViewerState.of(viewer), ("bumps", "bumps (2)", "saved", "saved (2)")
+    dock.keep.setChecked(True)
+    run(widget, qtbot, dock)
+    state.current.flat_map.save(tmp_path / "saved.voxflat")
+    for _ in range(2):
+        open_file(viewer, qtbot, tmp_path / "saved.voxflat")
+    dock.on_surface.click()
+    dock.outlined.click()
+    for number in range(4):
+        state.choose(state.runs[number])
+        wait_for_picture(dock, qtbot)
+        dock._draw_on(everything(dock.prepared.run.flat_map))
+        wait_for_picture(dock, qtbot)
+    assert [dock.runs.itemText(number) for number in range(4)] == [f"{n}: {t}" for n, t in enumerate(titles, 1)]
+    parts = ["distortion", "points", "regions", "shortest path"]
+    expected = [f"{title} {part}" for title in titles for part in parts]
+    expected += ["bumps flattened", "bumps (2) flattened", "saved (2) in map colours", "saved (2) outline", "bumps"]
+    assert sorted(layer.name for layer in viewer.layers) == sorted(expected)
+    wait_for_threads(qtbot)
+
+
+@pytest.mark.parametrize("what", ["points", "regions", "shortest path"])
+def test_a_layer_with_drawings_that_the_user_removes_is_removed_from_its_map(flattened, qtbot, tmp_path, what):
+    viewer, _, dock = flattened(Surface(bumps()[:2], name="bumps"))
+    run, state = dock.prepared.run, ViewerState.of(viewer)
+    drawn = everything(run.flat_map)
+    dock._draw_on(drawn)
+    wait_for_picture(dock, qtbot)
+    shown = {part: viewer.layers[f"bumps {part}"].data[-1] for part in run.sketches.layers}
+    left = {"points": replace(drawn, marks=()), "regions": replace(drawn, regions=())}
+    left["shortest path"] = replace(drawn, distance=None)
+
+    def parts():
+        wait_for_picture(dock, qtbot)
+        there = [part for part in shown if f"bumps {part}" in viewer.layers]
+        return {part for part in there if len(viewer.layers[f"bumps {part}"].data)}
+
+    viewer.layers.remove(f"bumps {what}")
+    assert parts() == {*shown} - {what}
+    assert f"What 'bumps {what}' showed was removed from the map" in dock.text.text()
+    assert run.sketches.now == left[what]
+    assert len(dock.canvas.drawn.lines) == (what != "regions")
+    assert saved_drawings(state, run, tmp_path) == left[what]
+    dock.undo.click()
+    assert parts() == {*shown}
+    assert run.sketches.now == drawn
+    for part, places in shown.items():
+        assert_array_equal(viewer.layers[f"bumps {part}"].data[-1], places)
+    dock.redo.click()
+    assert parts() == {*shown} - {what}
+    dock.undo.click()
+    wait_for_picture(dock, qtbot)
+
+    viewer.window.remove_dock_widget(dock)  # the map knows about it without its dock
+    viewer.layers.remove(f"bumps {what}")
+    assert saved_drawings(state, run, tmp_path) == left[what]
+    dock = map_dock(viewer, qtbot)
+    assert parts() == {*shown} - {what}
+    dock.undo.click()
+    assert parts() == {*shown}
+    wait_for_threads(qtbot)
+
+
+@pytest.mark.parametrize("what", ["in map colours", "outline"])
+def test_a_layer_that_a_box_shows_can_be_removed_and_shown_again(flattened, qtbot, what):
+    viewer, _, dock = flattened(Surface(bumps(13)[:2], name="bumps"))
+    box = {"in map colours": dock.on_surface, "outline": dock.outlined}[what]
+    for _ in range(2):
+        box.click()
+        wait_for_picture(dock, qtbot)
+        viewer.layers.remove(f"bumps {what}")
+        wait_for_picture(dock, qtbot)
+        assert not box.isChecked()
+        assert viewer.layers["bumps"].visible
     wait_for_threads(qtbot)
 
 

@@ -14,6 +14,7 @@ from napari_window import (
     open_file,
     run,
     run_whole,
+    wait_for_picture,
     wait_for_threads,
     wait_until_drawn,
 )
@@ -22,6 +23,7 @@ from qtpy.QtWidgets import QPushButton
 
 import voxflat
 from voxflat._napari.job import Job
+from voxflat._napari.viewer_state import ViewerState
 
 
 def dome(size):
@@ -302,6 +304,34 @@ def test_results_name_their_map(open_widget, qtbot):
     run(widget, qtbot)
     assert "every voxel is 0" in widget.status.text()
     assert widget.results.title.text() == "Previous result: Map of <b>sheet</b>"
+
+
+def test_texts_belong_to_the_map_and_the_action_that_is_shown(flattened, qtbot, messages):
+    sheet = Labels(cap(), name="sheet", units="mm")
+    seconds = Image(np.ones((24, 24, 24), np.float32), name="seconds", units="s")
+    viewer, widget, dock = flattened(sheet, seconds)
+    state = ViewerState.of(viewer)
+    assert "mean distance error" in widget.status.text()
+    dock.keep.setChecked(True)
+    widget.form.options.sources.setValue(20)
+    run(widget, qtbot, dock)
+    assert "mean distance error" in widget.status.text()
+    state.choose(state.runs[0])  # the figures are those of the other map
+    assert widget.status.text() == ""
+    state.choose(state.runs[1])
+
+    def show(name):
+        dock.contents.setCurrentText(name)
+        wait_for_picture(dock, qtbot)
+
+    show("seconds")
+    assert "'seconds' are second" in dock.text.text()
+    choose(widget.form.patch, "disk")
+    widget.start.click()
+    assert "There is no seed point" in widget.status.text()
+    show("Areas")
+    assert dock.text.text().startswith("Point at the map")
+    assert widget.status.text() == ""
 
 
 def test_two_docks_fit_a_small_screen(open_widget, qtbot):

@@ -271,7 +271,7 @@ def test_a_rim(window, pictures, look, tmp_path, qtbot):
     hand.menu("Layers", "Measure", "Cortical depth (voxflat)")
     depth = dock(viewer, "Cortical depth")
     hand.wait(lambda: depth.form.label.rim == "rim")
-    assert [box.currentText() for box in (depth.form.sampled, depth.form.regions)] == ["activity", "map regions"]
+    assert [box.currentText() for box in (depth.form.sampled, depth.form.regions)] == ["activity", "rim regions"]
     for button in (depth.layers, depth.measure):
         hand.press(button)
         hand.wait(button.isEnabled)

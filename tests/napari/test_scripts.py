@@ -2,16 +2,19 @@
 
 import subprocess
 import sys
+from functools import partial
 
 import nibabel as nib
 import numpy as np
-from napari.layers import Image, Labels, Surface
+import tifffile
+from napari.layers import Image, Labels, Layer, Surface
 from napari.layers._source import layer_source
 from napari_window import FLIP, bumps, cap, open_file, run_whole
 from numpy.testing import assert_array_equal
 from qtpy.QtWidgets import QApplication
 
 import voxflat
+from voxflat._napari.files.volumes import volume_layers
 from voxflat._napari.job import Job, PatchesJob
 from voxflat._napari.layers.meshes import LayerMesh
 from voxflat._napari.layers.sampled import overlay, shown
@@ -94,6 +97,31 @@ def test_values_of_a_file_are_read_from_it(tmp_path, monkeypatch):
         exec(script, found)
         assert_array_equal(found["image"].data, result.flat_map.image(thick.vertex_values).data)
         thick.vertex_values = 2 * thick.vertex_values  # which no file holds
+
+
+def test_voxels_of_a_file_are_read_from_it_in_the_order_of_the_layer(tmp_path, monkeypatch):
+    """Readers of napari turn the axes of files, TIFF files have no affine, and users set the spacing of layers."""
+    monkeypatch.chdir(tmp_path)
+    sheet = cap()[:, :23, :22]
+    tifffile.imwrite("stack.tif", sheet)
+    write_volume("mirrored.nii.gz", sheet.transpose(2, 0, 1), FLIP[:, [2, 0, 1, 3]])
+    turned, affine = (data for data, _, _ in volume_layers(tmp_path / "mirrored.nii.gz")), FLIP
+    layers = {
+        "stack.tif": (Labels(sheet, scale=(0.3, 0.2, 0.2), units="µm", name="stack"), "SAR"),
+        "mirrored.nii.gz": (Labels(*turned, affine=affine, units="mm", name="turned"), "RAS"),
+    }
+    for name, (layer, world) in layers.items():
+        layer = from_file(partial(Layer.create, *layer.as_layer_data_tuple()), tmp_path / name)
+        recipe = Recipe(Job(LayerVolume.of(layer, world), label=3))
+        result = recipe.run(lambda *_: True)
+        assert not recipe.needs_folder()
+        found = {}
+        exec(recipe.script(), found)
+        assert_array_equal(found["flat_map"].uv, result.flat_map.uv)
+        assert {path.name for path in tmp_path.iterdir()} == {*layers, f"{layer.name}.voxflat"}
+        (tmp_path / f"{layer.name}.voxflat").unlink()
+        layer.data[0, 0, 0] = 9  # which the file does not contain
+        assert Recipe(Job(LayerVolume.of(layer, world), label=3)).needs_folder()
 
 
 def test_a_click_copies_the_script(open_widget, qtbot, messages, monkeypatch, tmp_path):

@@ -1,6 +1,7 @@
 """Python scripts that repeat a run without a window."""
 
 import hashlib
+import itertools
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
@@ -224,14 +225,23 @@ class _Script:
         return variable
 
     def _volume(self, volume: Volume, name: str, variable: str) -> None:
-        if _is_in_file(volume):
+        unit = "" if volume.unit == "mm" else f", unit={volume.unit!r}"
+        held = _voxels_in_file(volume)
+        if held is None:
+            saved = self._load(name, data=volume.data, affine=volume.affine)
+            voxels, affine = f'{saved}["data"]', f'{saved}["affine"]'
+        else:
+            file, order = held
             self._readers.add("read_volume")
             self._lines.append(f"{variable} = read_volume({str(volume.path)!r})")
-            return
+            in_order = order == tuple(range(len(order)))
+            if in_order and file.is_placed and _same(file.affine, volume.affine) and file.unit == volume.unit:
+                return
+            self._imports.add(_NUMPY)
+            voxels = f"{variable}.data" if in_order else f"{variable}.data.transpose{order}"
+            affine = f"np.array({volume.affine.tolist()!r})"
         self._readers.add("Volume")
-        saved = self._load(name, data=volume.data, affine=volume.affine)
-        unit = "" if volume.unit == "mm" else f", unit={volume.unit!r}"
-        self._lines.append(f'{variable} = Volume({saved}["data"], {saved}["affine"]{unit})')
+        self._lines.append(f"{variable} = Volume({voxels}, {affine}{unit})")
 
     def _mesh(self, mesh: Mesh, name: str, variable: str) -> None:
         self._readers.add("Mesh")
@@ -297,15 +307,23 @@ class _Code(str):
     """A Python expression, as opposed to a string literal."""
 
 
-def _is_in_file(source: Volume | Mesh) -> bool:
+def _voxels_in_file(volume: Volume) -> tuple[Volume, tuple[int, ...]] | None:
+    """Return what the file of a layer contains, and the order of its axes in the layer, if the voxels are the same."""
+    if volume.path is None or not volume.path.is_file():
+        return None
+    try:
+        file = read_volume(volume.path)
+    except (InputError, OSError):
+        return None
+    orders = [(*order, *range(3, file.data.ndim)) for order in itertools.permutations(range(3))]
+    return next(((file, order) for order in orders if _same(file.data.transpose(order), volume.data)), None)
+
+
+def _is_in_file(source: Mesh) -> bool:
     """Return whether the file of a layer contains the same data as the layer, which may have been edited."""
     if source.path is None or not source.path.is_file():
         return False
     try:
-        if isinstance(source, Volume):
-            volume = read_volume(source.path)
-            is_same = _same(volume.data, source.data) and _same(volume.affine, source.affine)
-            return is_same and volume.unit == source.unit
         mesh = read_mesh(source.path)
     except (InputError, OSError):
         return False

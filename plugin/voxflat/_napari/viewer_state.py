@@ -1,9 +1,11 @@
 """The state of a viewer that persists when docks are closed: its runs and drawn cuts."""
 
+import itertools
 import weakref
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import partial
+from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
@@ -51,6 +53,9 @@ class ViewerState:
 
     changed = Signal()  # emitted when runs are added or removed, or the current run changes
     adding = Signal()  # emitted before a run is added
+    content_shown = Signal()  # emitted when the map shows values that the user chose
+    drawing_removed = Signal(object, str)  # emitted with a run, after the user removed a layer with drawings on its map
+    world_chosen = Signal()  # emitted when the world axes of a layer were chosen
     cuts_drawn = Signal(object)  # emitted when cuts were drawn for a layer
     flatten_requested = Signal(object, object)  # emitted with a layer to flatten along drawn cuts, and its foreground
 
@@ -62,6 +67,7 @@ class ViewerState:
         self._current: Run | None = None
         self._opened: weakref.WeakSet[Run] = weakref.WeakSet()  # runs whose layers napari adds one at a time
         self._cuts: weakref.WeakKeyDictionary[Layer, DrawnCuts] = weakref.WeakKeyDictionary()
+        self._worlds: weakref.WeakKeyDictionary[Layer, str] = weakref.WeakKeyDictionary()
         self._over: weakref.WeakKeyDictionary[Layer, Run] = weakref.WeakKeyDictionary()  # layers that the user added
         self._cut_records: dict[str, dict[str, Any]] = {}
         self.flat_drawings: list[Layer] = []  # of the window Flat volume, until it is opened again
@@ -77,6 +83,7 @@ class ViewerState:
         if key not in cls._of:
             state = cls._of[key] = cls(viewer)
             viewer.layers.events.inserted.connect(state._adopt)
+            viewer.layers.events.removed.connect(state._on_removed)
             keep_canvas_current(viewer)
             weakref.finalize(viewer, cls._of.pop, key, None)
         return cls._of[key]
@@ -107,10 +114,17 @@ class ViewerState:
             dropped = [one for one in self._runs if not self._is_drawn_on(one)]
             free = [layer for earlier in dropped for layer in self._runs.pop(earlier).hand_over()]
             self._over.update({layer: run for layer, earlier in self._over.items() if earlier in dropped})
+        run.title = self._free_title(run.title)
         self._runs[run] = ListedLayers(viewer, free)
         self._current = run
         self.changed.emit()
-        self._runs[run].show(run.layers)
+        self._runs[run].show(run.layers, run.title)
+
+    def _free_title(self, wanted: str) -> str:
+        """Return a title that no other run has, such as `sheet (2)`."""
+        taken = {run.title for run in self._runs}
+        numbered = (f"{wanted} ({number})" for number in itertools.count(2))
+        return next(title for title in itertools.chain([wanted], numbered) if title not in taken)
 
     def _is_drawn_on(self, run: Run) -> bool:
         """Return whether the user has drawn on a map, or painted on its labels or in layers over it."""
@@ -149,7 +163,8 @@ class ViewerState:
             session = flat_map.metadata["napari"]
             sketches = Sketches(Sketch.of(session))
             script = OpenedFile(event.value.source.path, flat_map)
-            run = Run(FlatLayers(flat_map, []), session["layer"], script, sketches)
+            title = self._free_title(Path(event.value.source.path).stem)
+            run = Run(FlatLayers(flat_map, []), session["layer"], script, sketches, title)
             self._opened.add(run)
             self.opened = run
             self._runs[run] = ListedLayers(viewer)
@@ -157,9 +172,17 @@ class ViewerState:
         if run in self._opened:
             layer = event.value.as_layer_data_tuple()
             (run.layers.layers if event.value.ndim == 2 else run.layers.in_space).append(layer)
-            self._runs[run].take(event.value)
+            self._runs[run].take(event.value, run.title)
             QTimer.singleShot(0, partial(setattr, event.value, "visible", False))  # RGB layers are added visible
             self.changed.emit()
+
+    def _on_removed(self, event: Any) -> None:
+        """Remove from a map what a layer showed that the user removed; this can be undone."""
+        for run in self._runs:
+            part = next((part for part, layer in run.sketches.layers.items() if layer is event.value), None)
+            if part is not None:
+                run.sketches.remove(part)
+                self.drawing_removed.emit(run, event.value.name)
 
     def map_of(self, layer: Layer | None) -> FlatMap | None:
         """Return the displayed map if it fits a layer: both are voxels, or both have the same number of vertices."""
@@ -191,6 +214,14 @@ class ViewerState:
         if not before:
             return flat_map
         return replace(flat_map, metadata={**flat_map.metadata, "napari": {**before, **session}})
+
+    def choose_world(self, layer: Layer, world: str) -> None:
+        """Keep the world axes that the user chose for a layer, which all forms show."""
+        self._worlds[layer] = world
+        self.world_chosen.emit()
+
+    def world_of(self, layer: Layer) -> str | None:
+        return self._worlds.get(layer)
 
     def set_cuts(self, layer: Layer, cuts: DrawnCuts) -> None:
         self._cuts[layer] = cuts

@@ -47,6 +47,7 @@ class FlattenWidget(TaskDock):
         self._viewer = viewer
         self._started = 0.0
         self._has_finished = True
+        self._shown: Run | None = None
         self._arriving: tuple[Run, str] | None = None
         self._coming = single_shot(self, PAUSE, self._arrive)
         self._timer = QTimer(self)
@@ -76,6 +77,7 @@ class FlattenWidget(TaskDock):
         results.settings.clicked.connect(self._swap_settings)
         form.restored.connect(self._show_message)
         ViewerState.of(viewer).changed.connect(self._show_current)
+        ViewerState.of(viewer).content_shown.connect(self._forget_error)
         self._show_current()
 
     def flatten(self) -> None:
@@ -144,9 +146,13 @@ class FlattenWidget(TaskDock):
         QTimer.singleShot(PAUSE, partial(self.scrolled.ensureWidgetVisible, self.results.warnings, 0, 0))
 
     def _show_current(self) -> None:
-        """Show the current run if this widget shows runs of its kind."""
+        """Show the current run if this widget shows runs of its kind; the status does not outlive its run."""
         self._forget_error()
         run = ViewerState.of(self._viewer).current
+        if run is not self._shown and (run is None or isinstance(run.flat_map, FlatMap) == self.results.shows_maps):
+            self._shown = run
+            if self._worker is None:
+                self.status.setText("")
         if run is not None and isinstance(run.flat_map, FlatMap) == self.results.shows_maps:
             self.results.show_run(run)
             self._offer_settings(run)
@@ -210,6 +216,7 @@ class FlattenWidget(TaskDock):
         self.cancel()
         self.form.release()
         ViewerState.of(self._viewer).changed.disconnect(self._show_current, missing_ok=True)
+        ViewerState.of(self._viewer).content_shown.disconnect(self._forget_error, missing_ok=True)
 
 
 class FlattenSurface(FlattenWidget):

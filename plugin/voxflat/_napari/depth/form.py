@@ -11,7 +11,7 @@ from voxflat._napari.forms.layer_choice import LayerChoice
 from voxflat._napari.forms.layer_form import LayerForm
 from voxflat._napari.layers.sampled import Sampled, shown
 from voxflat._napari.layers.volumes import LayerVolume, shown_step
-from voxflat._napari.map_viewer.drawings import REGIONS
+from voxflat._napari.map_viewer.drawings import OF_MAP
 from voxflat.errors import InputError
 
 _AREA = 1.0  # mm²
@@ -60,7 +60,7 @@ class DepthForm(LayerForm):
     def _region_rank(self, layer: Layer) -> int | None:
         if not isinstance(layer, Labels) or layer.ndim != 3 or "voxflat" in layer.metadata:
             return None
-        return None if layer is self.surface.layer else int(layer.name.startswith(REGIONS))
+        return None if layer is self.surface.layer else int(OF_MAP in layer.metadata)
 
     def rim(self) -> tuple[LayerVolume, str]:
         """Return the rim and its kind; raises InputError if the label of the form is not a rim."""

@@ -10,6 +10,7 @@ from napari import Viewer
 from napari.layers import Image, Labels, Layer, Surface
 from qtpy.QtCore import Signal  # type: ignore[attr-defined]  # qtpy makes it of pyqtSignal
 from qtpy.QtWidgets import QDoubleSpinBox, QFormLayout, QWidget
+from superqt.utils import signals_blocked
 
 from voxflat._napari.forms.fields import choice, recorded, restore, show_row, spin
 from voxflat._napari.forms.label_choice import LabelChoice
@@ -18,7 +19,7 @@ from voxflat._napari.forms.threshold_choice import ThresholdChoice
 from voxflat._napari.layers.meshes import LayerMesh, is_elsewhere, surface_name, vary
 from voxflat._napari.layers.sampled import Shown, shown, usual_depth
 from voxflat._napari.layers.volumes import LayerVolume, check_time, finest, shown_step, time_axis
-from voxflat._napari.layers.world import MADE_FROM, WORLDS, same_kind_of_unit, unit_of
+from voxflat._napari.layers.world import MADE_FROM, WORLD, WORLDS, same_kind_of_unit, unit_of
 from voxflat._napari.map_viewer.viewer_parts import is_right, list_events, stand_upright
 from voxflat._napari.timers import single_shot
 from voxflat._napari.viewer_state import ViewerState
@@ -39,6 +40,7 @@ class LayerForm(QWidget):
     def __init__(self, viewer: Viewer) -> None:
         super().__init__()
         self._viewer = viewer
+        self._state = ViewerState.of(viewer)
         self.surface = LayerChoice(viewer, partial(_surface_rank, viewer), follows_selection=True)
         self.surface.setPlaceholderText("open a Labels, Image or Surface layer")
         self.surface.setToolTip("The layer to flatten: Labels, an Image with a threshold, or a Surface")
@@ -57,9 +59,8 @@ class LayerForm(QWidget):
         tip = "Pixel size of the map. The default is half the size of a voxel, or half the length of a mesh edge"
         self.pixel_size = spin(QDoubleSpinBox(), 0, 100, tip, " mm", step=0.1, special="automatic")
         self._depth_by_user = False
-        self._usual_world = "RAS"
         self.sample_depth.editingFinished.connect(self._on_depth)
-        self._waiting: Mapping[str, Any] | None = ViewerState.of(viewer).settings.get(type(self).__name__)
+        self._waiting: Mapping[str, Any] | None = self._state.settings.get(type(self).__name__)
         self._problems: dict[str, str] = {}  # of the settings that were not restored
         self._soon = single_shot(self, 0, self._restore)  # after the choices of layers are up to date
         self._list_events = list_events(viewer.layers)
@@ -80,6 +81,8 @@ class LayerForm(QWidget):
             if hasattr(getattr(self, name), "settled"):
                 getattr(self, name).settled.connect(partial(self._on_settled, name))
         self.surface.chosen.connect(self._on_surface)
+        self.world.currentIndexChanged.connect(self._on_world)
+        self._state.world_chosen.connect(self._show_world)
         self.label.currentIndexChanged.connect(self._set_depth)
         if self._rows.labelForField(self.sample_depth) is not None:  # the form shows a map
             self.sampled.chosen.connect(self._on_sampled)
@@ -159,13 +162,23 @@ class LayerForm(QWidget):
         self.threshold.follow(layer if isinstance(layer, Image) and not layer.rgb else None)
         self.sampled.refresh()
         self._set_depth()
-        unit = "mm" if layer is None else unit_of(layer)
-        self._set_unit(unit)
-        is_tissue = unit != "mm" or (layer is not None and (layer.ndim > 3 or _is_stack(self._viewer, layer)))
-        usual = "SAR" if is_tissue else "RAS"  # layers of microscopes have the axes z, y, x
-        if usual != self._usual_world:
-            self._usual_world = usual
-            self.world.setCurrentIndex(self.world.findData(usual))
+        self._set_unit("mm" if layer is None else unit_of(layer))
+        self._show_world()
+
+    def _show_world(self) -> None:
+        """Show the world axes of the surface: those that were chosen for this layer, or else the usual ones."""
+        if (layer := self.surface.layer) is not None:
+            with signals_blocked(self.world):
+                self.world.setCurrentIndex(self.world.findData(self._state.world_of(layer) or self._usual_world(layer)))
+
+    def _usual_world(self, layer: Layer) -> str:
+        """Return the world axes of the layer from which voxflat made a layer; microscopes have the axes z, y, x."""
+        is_tissue = unit_of(layer) != "mm" or layer.ndim > 3 or _is_stack(self._viewer, layer)
+        return str(layer.metadata.get(WORLD, "SAR" if is_tissue else "RAS"))
+
+    def _on_world(self) -> None:
+        if self.surface.layer is not None:
+            self._state.choose_world(self.surface.layer, self.world.currentData())
 
     def _set_unit(self, unit: str) -> None:
         """Show the unit of the surface."""
@@ -241,8 +254,9 @@ class LayerForm(QWidget):
 
     def release(self) -> None:
         """Stop following the viewer."""
-        ViewerState.of(self._viewer).settings[type(self).__name__] = self._waiting or self.record()
+        self._state.settings[type(self).__name__] = self._waiting or self.record()
         self._soon.stop()
+        self._state.world_chosen.disconnect(self._show_world, missing_ok=True)
         self._viewer.dims.events.ndisplay.disconnect(self._on_ndisplay)
         for event in self._list_events:
             event.disconnect(self._soon_restore)

@@ -25,7 +25,7 @@ from voxflat._napari.layers.seed import corners
 from voxflat._napari.layers.volumes import LayerVolume, finest, frames_of, nearest_step, time_axis
 from voxflat._napari.layers.world import MADE_FROM, unit_of
 from voxflat._napari.results.flat_layers import SingleFrame
-from voxflat._napari.viewer_state import DrawnCuts, ViewerState
+from voxflat._napari.viewer_state import DrawnCuts
 from voxflat.errors import InputError
 from voxflat.maps.flat_map import FlatMap
 from voxflat.methods import METHODS
@@ -45,7 +45,6 @@ class SurfaceForm(LayerForm):
 
     def __init__(self, viewer: Viewer) -> None:
         super().__init__(viewer)
-        self._state = ViewerState.of(viewer)
         self._make_fields(viewer)
         disk = (("Seed point", self.seed), ("Radius", self.radius))
         part = (("Part", self.patch), *disk, ("Polygon", self.polygon), ("Mask", self.masked_by))

@@ -45,8 +45,9 @@ from voxflat._napari.map_viewer.segmentations import Segmentation, Segmentations
 from voxflat._napari.map_viewer.viewer_link import ViewerLink
 from voxflat._napari.map_viewer.viewer_parts import theme_colours
 from voxflat._napari.results.flat_layers import LayerData, Run, unit_of_map
+from voxflat._napari.results.outputs import made_from
 from voxflat._napari.results.report import as_html, warnings
-from voxflat._napari.results.sketch import Sketch, Sketches
+from voxflat._napari.results.sketch import POINTS, Sketch, Sketches
 from voxflat._napari.timers import single_shot
 from voxflat._napari.viewer_state import ViewerState
 from voxflat._napari.wording import error_text
@@ -103,7 +104,8 @@ class FlatMapDock(TaskDock):
         self._run: Run | None = None
         self._frame: int | None = None  # the displayed frame of a movie
         self._display_events: list[Any] = []
-        self._location: tuple[Spot | None, tuple[float, float] | None] | None = None
+        self._location: tuple[Spot | None, tuple[float, float] | None] = None, None
+        self._is_chosen = False  # whether the user chose the values that are being drawn
         self.prepared: PreparedMap | None = None  # the map of the run, for display and lookups; None until it is drawn
         self.picture: Picture | None = None  # the picture over the folds
         self._annotations: list[Annotation] = []
@@ -214,6 +216,7 @@ class FlatMapDock(TaskDock):
 
     def _connect(self) -> None:
         self._state.changed.connect(self._on_runs)
+        self._state.drawing_removed.connect(self._on_drawing_removed)
         self._state.adding.connect(self.movies.close)  # so that drawings in its window keep their map
         self._viewer.events.theme.connect(self._on_theme)
         self._viewer.dims.events.current_step.connect(self._on_step)
@@ -259,7 +262,7 @@ class FlatMapDock(TaskDock):
         runs, current = self._state.runs, self._state.current
         with signals_blocked(self.runs):
             self.runs.clear()
-            self.runs.addItems([f"{number}: {run.name}" for number, run in enumerate(runs, 1)])
+            self.runs.addItems([f"{number}: {run.title}" for number, run in enumerate(runs, 1)])
             self.runs.setCurrentIndex(runs.index(current) if current in runs else -1)
         self._run_row.setVisible(len(runs) > 1)
         if current is not self._run or current is None:
@@ -275,11 +278,14 @@ class FlatMapDock(TaskDock):
         self.movie.setVisible(self._frame is not None)
         self.segmentations.offer(run is not None and isinstance(run.flat_map, FlatMap))
         self.movies.close()
-        self._location = None
+        self._location = None, None
         self._annotations = []
         self._show_excluded("")
         self._show_warned()
         self._show_sketch()
+        now = Sketch() if run is None else run.sketches.now
+        if now.corners or now.ends:  # the next click continues the unfinished region or distance
+            self.click.setCurrentText(REGION if now.corners else MEASURE)
         self.link.mark(None)
         self.canvas.place_ring(None)
         self.text.setText(NOTHING if run is None else "Drawing the map…")
@@ -322,6 +328,7 @@ class FlatMapDock(TaskDock):
         return not (self._redraw.isActive() or self.painted.is_coming or any(one.is_busy for one in threads))
 
     def _on_content(self) -> None:
+        self._is_chosen = True
         for event in self._display_events:
             event.disconnect(self._on_display_changed)
         content = self.contents.content
@@ -457,12 +464,14 @@ class FlatMapDock(TaskDock):
         self.picture = picture
         self.canvas.show_picture(picture)
         self.legend.show_colours(None if picture is None else picture.scale)
-        if self._location is not None:
-            self._show_again(*self._location)
+        self._show_again(*self._location)  # instead of an earlier message
         if colours is not None and self.on_surface.isChecked():
             self.painted.show(prepared, colours)
         if problem:
             self.text.setText(problem)
+        elif self._is_chosen:
+            self._is_chosen = False
+            self._state.content_shown.emit()
 
     def _show_again(self, spot: Spot | None, place: tuple[float, float] | None) -> None:
         """Show a location again, which moves with the surface from frame to frame."""
@@ -517,7 +526,7 @@ class FlatMapDock(TaskDock):
 
     def _on_sent(self, run: Run, layer: Labels, result: tuple[LayerData, str]) -> None:
         if run is self._run:
-            added = drawings.put(self._viewer, result[0], run, layer)
+            added = drawings.put(self._viewer, result[0], made_from(self._viewer, run, layer), run, layer)
             self._show_message(". ".join(filter(None, [f"Added '{added.name}'", result[1]])))
 
     def _on_save_labels(self) -> None:
@@ -658,19 +667,24 @@ class FlatMapDock(TaskDock):
         run, found = result
         sketches = run.sketches
         for mark in sketches.placed[found.kept :]:
-            drawings.take_back(self._viewer, mark)
+            drawings.take_back(sketches.layers.get(POINTS), mark)
         del sketches.placed[found.kept :]
-        for name in found.empty:
-            drawings.remove_empty(self._viewer, name, run)
+        for part in found.empty:
+            drawings.remove_empty(self._viewer, sketches.layers, part, run)
             self.text.setText("")  # which told about it
         for drawn in found.made:
-            drawings.put(self._viewer, drawn.layer, run)
-            if drawn.layer[2] == "points":
+            sketches.layers[drawn.part] = drawings.put(self._viewer, drawn.layer, sketches.layers.get(drawn.part), run)
+            if drawn.part == POINTS:
                 sketches.placed += [*drawn.layer[0]]
             if drawn.message:
                 self.text.setText(drawn.message)
         sketches.shown = found.sketch
         self._update_sketch()  # which may have changed meanwhile
+
+    def _on_drawing_removed(self, run: Run, name: str) -> None:
+        if run is self._run:
+            self._show_sketch()
+            self.text.setText(f"What '{name}' showed was removed from the map. Undo brings it back.")
 
     def _on_projection_failed(self, error: Exception) -> None:
         if self._run is not None:
@@ -681,7 +695,10 @@ class FlatMapDock(TaskDock):
         self.text.setText(error_text(error))
 
     def _on_click(self) -> None:
-        self._forget_unfinished()
+        """Discard the corners of a region, or the end of a distance, that the chosen action does not continue."""
+        click, now = self.click.currentText(), Sketch() if self._run is None else self._run.sketches.now
+        if (now.corners and click != REGION) or (now.ends and click != MEASURE):
+            self._forget_unfinished()
         self._show_location(None, None)
 
     def _forget_unfinished(self) -> None:
@@ -691,15 +708,9 @@ class FlatMapDock(TaskDock):
         self._show_sketch()
 
     def _show_sketch(self) -> None:
-        """Show the regions of the displayed frame, the corners of the next one, and marks that are not yet points.
-
-        An unfinished region or distance is continued by the next click.
-        """
+        """Show the regions of the displayed frame, the corners of the next one, and marks that are not yet points."""
         sketches, frame = Sketches() if self._run is None else self._run.sketches, self._frame
         now = sketches.now
-        if now.corners or now.ends:
-            with signals_blocked(self.click):
-                self.click.setCurrentText(REGION if now.corners else MEASURE)
         marks = [place for of, place in now.marks[len(sketches.placed) :] if of == frame]
         self.canvas.show_drawn(now.regions_in(frame), now.corners, [*marks, *now.corners, *now.ends])
         self.undo.setEnabled(sketches.can_undo)
@@ -756,6 +767,7 @@ class FlatMapDock(TaskDock):
             event.disconnect(self._on_display_changed)
         self._display_events = []
         self._state.changed.disconnect(self._on_runs, missing_ok=True)
+        self._state.drawing_removed.disconnect(self._on_drawing_removed, missing_ok=True)
         self._state.adding.disconnect(self.movies.close, missing_ok=True)
         self._viewer.events.theme.disconnect(self._on_theme)
         self._viewer.dims.events.current_step.disconnect(self._on_step)

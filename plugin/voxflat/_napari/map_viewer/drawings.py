@@ -13,25 +13,16 @@ from numpy.typing import NDArray
 
 from voxflat._napari.layers.world import MADE_FROM, WORLD, from_ras
 from voxflat._napari.map_viewer.prepared_map import PreparedMap
-from voxflat._napari.results.flat_layers import LayerData, units
+from voxflat._napari.results.flat_layers import LayerData, layer_name, units
 from voxflat._napari.results.layer_list import insert
-from voxflat._napari.results.outputs import is_named, is_unchanged, remember
-from voxflat._napari.results.sketch import Place, Polygon, Sketch
+from voxflat._napari.results.outputs import is_unchanged, remember
+from voxflat._napari.results.sketch import PATH, POINTS, Place, Polygon, Sketch, regions_part
 from voxflat.errors import InputError
 from voxflat.io.grid import rounded
 from voxflat.io.volumes import Volume
 from voxflat.maps.colours import label_colour
 from voxflat.maps.flat_map import FlatMap
 from voxflat.pipeline.surface import surface
-
-REGIONS = "map regions"
-"""Name of the layer with the regions that the user draws."""
-
-_MARKS = "map points"
-"""Name of the layer with the points that the user marks."""
-
-_PATH = "shortest path"
-"""Name of the layer with the shortest path of the measured distance."""
 
 OF_MAP = "voxflat_regions"
 """Key of the metadata of drawn regions: the `Regions`, which can be saved as a table, or at the vertices of a mesh."""
@@ -45,6 +36,7 @@ _CORTEX = (-0.5, 3.0)  # mm outside the surface; the depths of a region if the p
 class Drawn:
     """A drawing as a layer of the viewer, and a message about it."""
 
+    part: str  # of the map, for the name of the layer
     layer: LayerData
     message: str = ""
 
@@ -56,7 +48,7 @@ class Changes:
     sketch: Sketch
     kept: int  # marks that stay
     made: list[Drawn] = field(default_factory=list)
-    empty: list[str] = field(default_factory=list)  # names of layers that no longer have regions or a path
+    empty: list[str] = field(default_factory=list)  # parts of the map that no longer have regions or a path
 
 
 def changes(
@@ -73,11 +65,11 @@ def changes(
     for frame in dict(shown.regions + now.regions):
         polygons = now.regions_in(frame)
         if not polygons:
-            found.empty.append(_regions_name(frame))
+            found.empty.append(regions_part(frame))
         elif polygons != shown.regions_in(frame):
             found.made.append(regions(prepared.at(frame), polygons))
     if now.distance is None and shown.distance is not None:
-        found.empty.append(_PATH)
+        found.empty.append(PATH)
     elif now.distance is not None and now.distance != shown.distance:
         frame, (a, b) = now.distance
         found.made.append(way(prepared.at(frame), a, b, moments[frame]))
@@ -89,9 +81,9 @@ def points(prepared: PreparedMap, places: Sequence[Place], moment: Sequence[floa
     spots = [spot for spot in (prepared.spot(*place) for place in places) if spot is not None]
     features = {"vertex": [str(spot.vertex) for spot in spots], "surface": [prepared.run.name] * len(spots)}
     look = {"face_color": _COLOUR, "size": 2 * prepared.thickness, "features": features}
-    keywords = {"name": _MARKS, **look, "units": units_in_time(prepared), "metadata": drawing_metadata(prepared)}
+    keywords = {**_described(prepared, POINTS), **look}
     world = _world(prepared, np.array([spot.point for spot in spots]))
-    return Drawn((_at(moment, world), keywords, "points"))
+    return Drawn(POINTS, (_at(moment, world), keywords, "points"))
 
 
 def regions(prepared: PreparedMap, polygons: Sequence[Polygon]) -> Drawn:
@@ -103,15 +95,13 @@ def regions(prepared: PreparedMap, polygons: Sequence[Polygon]) -> Drawn:
     drawn = flat_map.regions({f"region {n}": np.array(corners) for n, corners in enumerate(polygons, 1)})
     of_frame = "" if prepared.frame is None else f" in frame {prepared.frame}"
     message = f"The map has {len(polygons)} region{'s' * (len(polygons) > 1)}{of_frame}"
-    keywords: dict[str, Any] = {
-        "name": _regions_name(prepared.frame),
-        "units": units_in_time(prepared),
-        "metadata": {**drawing_metadata(prepared), OF_MAP: drawn},
-    }
+    part = regions_part(prepared.frame)
+    keywords = _described(prepared, part)
+    keywords["metadata"][OF_MAP] = drawn
     if not flat_map.is_voxels:
         surface = (_world(prepared, prepared.points), flat_map.faces[~flat_map.torn], drawn.labels.astype(np.float32))
         look = {"vertex_colors": _COLOURS[drawn.labels % len(_COLOURS)], "contrast_limits": (0, len(polygons))}
-        return Drawn((surface, {**keywords, **look}, "surface"), message)
+        return Drawn(part, (surface, {**keywords, **look}, "surface"), message)
     keywords["colormap"] = CyclicLabelColormap(colors=_COLOURS)
     is_own = flat_map is prepared.own  # the points of other frames are not voxels
     labels = flat_map.paint(drawn.labels.astype(np.int32)) if is_own else np.zeros(flat_map.volume_shape, np.int32)
@@ -122,7 +112,12 @@ def regions(prepared: PreparedMap, polygons: Sequence[Polygon]) -> Drawn:
     affine, movie = affine_in_world(prepared), prepared.run.layers.movie
     if movie is not None and prepared.frame is not None:
         affine = movie.time.placed(affine, prepared.frame)
-    return Drawn((labels[(None,) * (len(affine) - 4)], {**keywords, "affine": affine}, "labels"), message)
+    return Drawn(part, (labels[(None,) * (len(affine) - 4)], {**keywords, "affine": affine}, "labels"), message)
+
+
+def _described(prepared: PreparedMap, part: str) -> dict[str, Any]:
+    name = layer_name(prepared.run.title, part)
+    return {"name": name, "units": units_in_time(prepared), "metadata": drawing_metadata(prepared)}
 
 
 def drawing_metadata(prepared: PreparedMap) -> dict[str, Any]:
@@ -168,67 +163,58 @@ def way(prepared: PreparedMap, a: Place, b: Place, moment: Sequence[float] = ())
     message += "" if prepared.frame is None else f", in frame {prepared.frame}"
     line = _at(moment, _world(prepared, flat_map.space.to_scanner(found.points)))
     look = {"shape_type": "path", "edge_color": _COLOUR, "edge_width": 0.7 * prepared.thickness}
-    keywords = {"name": _PATH, **look, "units": units_in_time(prepared), "metadata": drawing_metadata(prepared)}
-    return Drawn(([line], keywords, "shapes"), message)
+    return Drawn(PATH, ([line], {**_described(prepared, PATH), **look}, "shapes"), message)
 
 
-def put(viewer: Viewer, data: LayerData, *sources: Any) -> Layer:
-    """Add a layer to the viewer; points are added to the existing points.
+def put(viewer: Viewer, data: LayerData, earlier: Layer | None, *sources: Any) -> Layer:
+    """Add a layer to the viewer, or change an earlier one that was made from the same sources.
 
-    A layer that was made from the same sources is replaced, unless the user has edited it.
+    Points are added to the earlier ones. Other layers are not changed if the user has edited them.
     """
     values, keywords, kind = data
     features = keywords.get("features", {})
     made = Layer.create(values, keywords, kind)
-    alike = [one for one in viewer.layers if type(one) is type(made) and is_named(one, keywords["name"])]
-    alike = [one for one in alike if one.ndim == made.ndim]
-    if kind != "points":
-        alike = [one for one in alike if _corners(one) == _corners(made) and is_unchanged(one, *sources)]
-    earlier = alike[-1] if alike else None
+    is_own = isinstance(earlier, Points) or (earlier is not None and is_unchanged(earlier, *sources))
+    if earlier not in viewer.layers or not is_own or (kind != "points" and _corners(earlier) != _corners(made)):
+        insert(viewer, made)
+        remember(made, *sources)
+        return made
     if isinstance(earlier, Points):
         merged = {name: [*earlier.features.get(name, [""] * len(earlier.data)), *new] for name, new in features.items()}
         earlier.data = np.concatenate([earlier.data, [earlier.world_to_data(place) for place in values]])
         earlier.features = merged
         earlier.visible = True
         return earlier
-    if isinstance(earlier, Labels | Surface):
+    if isinstance(earlier, Shapes):
+        earlier.data = [(line, keywords["shape_type"]) for line in values]  # a new Shapes layer may crash OpenGL
+        earlier.visible = True
+    elif isinstance(earlier, Labels | Surface):
         earlier.data = values
         if isinstance(earlier, Surface):
             earlier.vertex_colors = keywords["vertex_colors"]
         earlier.metadata = made.metadata
-    elif isinstance(earlier, Shapes):
-        earlier.data = [(line, keywords["shape_type"]) for line in values]  # a new Shapes layer may crash OpenGL
-        earlier.visible = True
-    else:
-        earlier = made
-        insert(viewer, earlier)
+    assert earlier is not None
     remember(earlier, *sources)
     return earlier
 
 
-def take_back(viewer: Viewer, mark: NDArray[np.float64]) -> None:
-    """Remove the last point that lies at these world coordinates from the layers of marked points."""
-    for layer in viewer.layers:
-        if isinstance(layer, Points) and is_named(layer, _MARKS) and layer.ndim == len(mark):
-            at = [number for number, place in enumerate(layer.data) if np.allclose(layer.data_to_world(place), mark)]
-            if at:
-                layer.selected_data = {at[-1]}
-                layer.remove_selected()
-                return
+def take_back(layer: Layer | None, mark: NDArray[np.float64]) -> None:
+    """Remove the last point that lies at these world coordinates from the layer of marked points."""
+    if isinstance(layer, Points):
+        at = [number for number, place in enumerate(layer.data) if np.allclose(layer.data_to_world(place), mark)]
+        if at:
+            layer.selected_data = {at[-1]}
+            layer.remove_selected()
 
 
-def remove_empty(viewer: Viewer, name: str, *sources: Any) -> None:
-    """Remove a layer of regions that was made from these sources, or empty one of paths, unless the user edited it."""
-    for layer in [one for one in viewer.layers if is_named(one, name) and is_unchanged(one, *sources)]:
-        if isinstance(layer, Shapes):
-            layer.data, layer.visible = [], False  # kept, because a new Shapes layer may crash OpenGL
-            remember(layer, *sources)
-        else:
-            viewer.layers.remove(layer)
-
-
-def _regions_name(frame: int | None) -> str:
-    return REGIONS if frame is None else f"{REGIONS} of frame {frame}"
+def remove_empty(viewer: Viewer, layers: dict[str, Layer], part: str, *sources: Any) -> None:
+    """Remove the layer of regions of a map, or empty that of its path, unless the user has edited it."""
+    layer = layers.get(part)
+    if isinstance(layer, Shapes) and is_unchanged(layer, *sources):
+        layer.data, layer.visible = [], False  # kept, because a new Shapes layer may crash OpenGL
+        remember(layer, *sources)
+    elif layers.pop(part, None) in viewer.layers and is_unchanged(layer, *sources):
+        viewer.layers.remove(layer)
 
 
 def units_in_time(prepared: PreparedMap) -> tuple[Any, ...] | None:

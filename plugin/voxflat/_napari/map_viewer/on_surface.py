@@ -12,7 +12,7 @@ from voxflat._napari.layers.world import from_ras
 from voxflat._napari.map_viewer.prepared_map import PreparedMap
 from voxflat._napari.map_viewer.toggled_layer import ToggledLayer
 from voxflat._napari.map_viewer.viewer_parts import is_right, stand_upright
-from voxflat._napari.results.flat_layers import units
+from voxflat._napari.results.flat_layers import layer_name, units
 
 
 class PaintedSurface(ToggledLayer[Surface]):
@@ -65,7 +65,7 @@ class PaintedSurface(ToggledLayer[Surface]):
 
     def release(self) -> None:
         """Remove the layer, and stop following the viewer."""
-        self.remove()
+        super().release()
         self._viewer.dims.events.ndisplay.disconnect(self._on_ndisplay)
 
     def _on_ndisplay(self) -> None:
@@ -97,6 +97,6 @@ def _of(prepared: PreparedMap) -> tuple[Any, dict[str, Any]]:
     """Return the data of the surface layer of a map, and its properties."""
     of, flat_map = prepared.planar._triangles, prepared.run.flat_map
     points = from_ras(prepared.points, prepared.origin.get("world_axes", "RAS"))
-    name = f"{prepared.run.name} in map colours"
+    name = layer_name(prepared.run.title, "in map colours")
     described = {"name": name, "units": units(flat_map, 3), "metadata": {"voxflat": flat_map}}
     return (points, of.faces[~of.torn]), described

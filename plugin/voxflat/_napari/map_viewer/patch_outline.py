@@ -14,7 +14,7 @@ from voxflat._napari.layers.world import from_ras, to_ras
 from voxflat._napari.map_viewer.prepared_map import PreparedMap
 from voxflat._napari.map_viewer.toggled_layer import ToggledLayer
 from voxflat._napari.map_viewer.viewer_parts import world_units
-from voxflat._napari.results.flat_layers import units
+from voxflat._napari.results.flat_layers import layer_name, units
 from voxflat._napari.worker import LatestTask
 from voxflat.unique_rows import distinct
 
@@ -114,8 +114,6 @@ class PatchOutline(ToggledLayer[Vectors]):
     def show(self, prepared: PreparedMap) -> None:
         """Show the outline of the part of the surface that a map shows."""
         self.take_up(prepared)
-        if self.there is None:
-            self.layer = None
         self._is_wanted, self._view = True, "none yet"
         self._on_view()
 
@@ -142,11 +140,11 @@ class PatchOutline(ToggledLayer[Vectors]):
         self._finder.stop()
         for event in self._events:
             event.disconnect(self._on_view)
-        self.remove()
+        super().release()
 
     def _on_view(self) -> None:
         """Compute the outline if the displayed slice has changed."""
-        if self._prepared is None or not self._is_wanted or self._was_taken_out:
+        if self._prepared is None or not self._is_wanted:
             return
         dims = self._viewer.dims
         view: _View = None
@@ -167,7 +165,7 @@ class PatchOutline(ToggledLayer[Vectors]):
         if prepared is not self._prepared:
             return
         self._known = known
-        if not self._is_wanted or self._was_taken_out:
+        if not self._is_wanted:
             return
         colours = np.where(np.arange(len(segments))[:, None] < parts, _PART, _CUT)
         layer = self.there
@@ -190,12 +188,7 @@ class PatchOutline(ToggledLayer[Vectors]):
     def _describe(self, layer: Vectors) -> None:
         assert self._prepared is not None
         layer.metadata = {"voxflat": self._prepared.run.flat_map}
-        layer.name = f"{self._prepared.run.name} map outline"
-
-    @property
-    def _was_taken_out(self) -> bool:
-        """Whether the user removed the layer; it is added again only when the outline is switched on."""
-        return self.layer is not None and self.there is None
+        layer.name = layer_name(self._prepared.run.title, "outline")
 
     def _step(self) -> float:
         """Return the largest slice spacing; a layer with a finer grid would refine the steps of the sliders."""

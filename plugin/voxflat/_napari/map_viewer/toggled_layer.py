@@ -1,6 +1,6 @@
 """A layer that is shown and hidden by a check box of the dock, or by the eye in the layer list."""
 
-from typing import Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
 from napari import Viewer
 from napari.layers import Layer
@@ -15,13 +15,14 @@ LayerType = TypeVar("LayerType", bound=Layer)  # the type of the layer
 class ToggledLayer(QObject, Generic[LayerType]):
     """A layer that is hidden instead of removed, because napari needs 0.25 s to remove a layer and 0.1 s to add one."""
 
-    toggled = Signal(bool)  # emitted with the visibility when the user changes it in the layer list
+    toggled = Signal(bool)  # emitted with the visibility when the user changes it, or removes the layer from the list
 
     def __init__(self, viewer: Viewer, parent: QObject) -> None:
         super().__init__(parent)
         self._viewer = viewer
         self.layer: LayerType | None = None
         self._coming = single_shot(self, PAUSE, self._arrive)
+        viewer.layers.events.removed.connect(self._on_removed)
 
     @property
     def there(self) -> LayerType | None:
@@ -39,13 +40,22 @@ class ToggledLayer(QObject, Generic[LayerType]):
 
     def remove(self) -> None:
         """Remove the layer from the viewer, or cancel its addition."""
-        if self.is_coming:
-            assert self.layer is not None
+        is_coming, layer, self.layer = self.is_coming, self.there, None
+        if layer is not None and is_coming:
             self._coming.stop()
-            drop_controls(self._viewer, self.layer)
-        elif self.there is not None:
-            self._viewer.layers.remove(self.layer)
-        self.layer = None
+            drop_controls(self._viewer, layer)
+        elif layer is not None:
+            self._viewer.layers.remove(layer)
+
+    def release(self) -> None:
+        """Remove the layer, and stop following the viewer."""
+        self.remove()
+        self._viewer.layers.events.removed.disconnect(self._on_removed)
+
+    def _on_removed(self, event: Any) -> None:
+        if event.value is self.layer:
+            self.layer = None
+            self.toggled.emit(False)
 
     def _insert(self, layer: LayerType) -> None:
         """Create the controls of the layer, and add it to the list after the window has processed events."""

@@ -32,6 +32,10 @@ KEPT = "voxflat_kept"
 `MovieMaps`."""
 
 
+PART = "voxflat_part"
+"""Key of the metadata of layers of a map: the part of the map that the layer shows, for `layer_name`."""
+
+
 @dataclass(frozen=True, eq=False)
 class MovieMaps:
     """The maps of all frames of a movie."""
@@ -68,11 +72,17 @@ class FlatLayers:
     frame: "SingleFrame | None" = None  # if only one frame of a movie was flattened
 
 
-def shown_image(flat_map: FlatMap | Atlas, shown: Shown, pixel_size: float | None) -> LayerData:
+def layer_name(owner: str, part: str) -> str:
+    """Return the name of a layer that shows a part of a map: all names begin with that of the map."""
+    return f"{owner} {part}"
+
+
+def shown_image(flat_map: FlatMap | Atlas, name: str, shown: Shown, pixel_size: float | None) -> LayerData:
     """Return a layer with the values that a map or page shows."""
     image = shown.image(flat_map, pixel_size)
+    part = "flattened" if shown.name == name else f"{shown.name} flattened"
     data: NDArray[Any] = image.data
-    keywords = {**shown.display, **described(flat_map, f"{shown.name} flattened", shown.meaning, image)}
+    keywords = {**shown.display, **described(flat_map, name, part, shown.meaning, image)}
     if shown.kind == "labels":
         data = np.nan_to_num(data).astype(np.int64)  # label 0 is transparent, like NaN in an image
     elif image.is_colour:
@@ -94,16 +104,18 @@ def unit_of_map(flat_map: FlatMap | Atlas) -> str:
     return "mm" if unit == "unknown" else unit
 
 
-def described(flat_map: FlatMap | Atlas, name: str, meaning: str, image: FlatImage | None = None) -> dict[str, Any]:
+def described(
+    flat_map: FlatMap | Atlas, owner: str, part: str, meaning: str, image: FlatImage | None = None
+) -> dict[str, Any]:
     """Return the name, metadata and position of a layer; rows increase downwards in napari, but v increases upwards."""
     figures = (flat_map.distortion if isinstance(flat_map, FlatMap) else flat_map).figures()
     about: dict[str, Any] = {"voxflat": flat_map, "parameters": flat_map.metadata, "distortion": figures}
-    about |= {"colours": meaning, "axes": f"rows: −v, columns: u, {unit_of_map(flat_map)}"}
+    about |= {PART: part, "colours": meaning, "axes": f"rows: −v, columns: u, {unit_of_map(flat_map)}"}
     if image is None:
-        return {"name": name, "metadata": about}
+        return {"name": layer_name(owner, part), "metadata": about}
     u, v = image.origin
     place = {"scale": (image.pixel_size,) * 2, "translate": (-v, u), "units": units(flat_map, 2)}
-    return {"name": name, "metadata": about, **place}
+    return {"name": layer_name(owner, part), "metadata": about, **place}
 
 
 def hidden(data: LayerData) -> LayerData:
@@ -128,14 +140,21 @@ class Script(Protocol):
     def script(self, folder: Path | None = None) -> str: ...
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class Run:
-    """A map or an atlas with its layers, the name of the flattened layer, and, if voxflat computed it, a script."""
+    """A map or an atlas with its layers, the name of the flattened layer, and, if voxflat computed it, a script.
+
+    The names of its layers begin with its title. A viewer makes the titles of its runs unique.
+    """
 
     layers: FlatLayers
     name: str
     script: Script | None = None
     sketches: Sketches = field(default_factory=Sketches)
+    title: str = ""
+
+    def __post_init__(self) -> None:
+        self.title = self.title or self.name
 
     @property
     def flat_map(self) -> FlatMap | Atlas:

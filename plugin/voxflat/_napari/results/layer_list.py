@@ -13,7 +13,7 @@ from napari.utils.events import Event
 from qtpy.QtCore import QTimer
 
 from voxflat._napari.garbage_collection import defer_collections
-from voxflat._napari.results.flat_layers import FlatLayers, LayerData, hidden
+from voxflat._napari.results.flat_layers import PART, FlatLayers, LayerData, hidden, layer_name
 from voxflat._napari.results.outputs import is_painted, remember
 from voxflat._napari.timers import PAUSE
 
@@ -48,19 +48,25 @@ class ListedLayers:
         """Whether the user has painted on the labels of the map."""
         return any(map(is_painted, self.layers))
 
-    def show(self, result: FlatLayers) -> None:
+    def show(self, result: FlatLayers, owner: str) -> None:
+        """Add the layers of the map with this title."""
         defer_collections()
         earlier = self.layers
         for data in [*result.in_space, *result.layers]:
             taken = next((layer for layer in earlier if _is_like(layer, data)), None)
             if taken is not None:
                 earlier.remove(taken)
-            self._steps.append(partial(self._put, data=data, taken=taken))
+            about = {**data[1], "name": layer_name(owner, data[1]["metadata"][PART])}
+            self._steps.append(partial(self._put, data=(data[0], about, data[2]), taken=taken))
         self._steps.extend(partial(self._take_out, layer=layer) for layer in earlier)
         QTimer.singleShot(0, self._go_on)
 
-    def take(self, layer: Layer) -> None:
-        """Include a layer of the run that is already in the list, such as one from a file."""
+    def take(self, layer: Layer, owner: str) -> None:
+        """Include a layer of the map with this title that is already in the list, because it is from a file."""
+        layer.name = layer_name(owner, layer.metadata[PART])
+        self._include(layer)
+
+    def _include(self, layer: Layer) -> None:
         self._layers.append(layer)
         _remember(layer)
 
@@ -99,7 +105,7 @@ class ListedLayers:
             _remember(taken)
             return
         layer = Layer.create(*hidden(data))
-        self.take(layer)
+        self._include(layer)
         ahead = (make_controls, make_room, _insert_hidden)
         self._steps.extendleft(partial(step, layer=layer) for step in reversed(ahead))
 

@@ -25,7 +25,7 @@ def map_layers(
 ) -> FlatLayers:
     """Draw a flat map and the values that it shows (by default, the mesh values); raises InputError on a mismatch."""
     image = flat_map.heat_map(pixel_size)
-    heat = described(flat_map, f"{name} distortion", HEAT_MEANING, image)
+    heat = described(flat_map, name, "distortion", HEAT_MEANING, image)
     errors = flat_map.distortion.per_point
     most = np.nanpercentile(errors, 99) if np.isfinite(errors).any() else 1.0
     limit = next((limit for limit in _HEAT_LIMITS if most <= limit), _HEAT_LIMITS[-1])
@@ -33,7 +33,7 @@ def map_layers(
     layers: list[LayerData] = [(image.data, heat, "image")]
     shown = values if shown is None else shown
     if shown is not None:
-        layers.insert(0, shown_image(flat_map, shown, pixel_size))
+        layers.insert(0, shown_image(flat_map, name, shown, pixel_size))
     return FlatLayers(flat_map, layers, shown=shown)
 
 
@@ -41,14 +41,14 @@ def page_layers(atlas: Atlas, shown: Shown | None = None, pixel_size: float | No
     """Draw an atlas: its page (patches, values and C), and the surface in the colours of the patches."""
     name = atlas.metadata["napari"]["layer"]
     image = atlas.page().label_image(pixel_size)
-    patches = described(atlas, f"{name} patches", "one colour for each patch, as on the surface", image)
+    patches = described(atlas, name, "patches", "one colour for each patch, as on the surface", image)
     layers: list[LayerData] = [(image.colours(), {**patches, "rgb": True}, "image")]
     if shown is not None:
-        layers.append(shown_image(atlas, shown, pixel_size))
+        layers.append(shown_image(atlas, name, shown, pixel_size))
     image = atlas.heat_map(pixel_size)
     most = max(float(np.nanpercentile(atlas.isometric, 99)), 1.0 + 1e-4)
     heat = {"colormap": "inferno", "contrast_limits": (1.0, most)}
-    layers.append((image.data, {**described(atlas, f"{name} C", C_MEANING, image), **heat}, "image"))
+    layers.append((image.data, {**described(atlas, name, "C", C_MEANING, image), **heat}, "image"))
     return FlatLayers(atlas, layers, [_surface(atlas, name)], shown)
 
 
@@ -60,5 +60,5 @@ def _surface(atlas: Atlas, name: str) -> LayerData:
     colours = label_colours(owner[:, None] + 1.0)[:, 0] / 255
     vertices = from_ras(atlas.space.to_scanner(atlas.points), atlas.metadata["napari"]["world_axes"])[rows]
     look = {"vertex_colors": colours, "shading": "smooth", "features": {"patch": owner}, "units": units(atlas, 3)}
-    keywords = {**described(atlas, f"{name} in patches", "one colour for each patch, as on the page"), **look}
+    keywords = {**described(atlas, name, "in patches", "one colour for each patch, as on the page"), **look}
     return (vertices, found.which.reshape(-1, 3)), keywords, "surface"

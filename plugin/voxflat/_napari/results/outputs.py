@@ -27,6 +27,11 @@ def is_unchanged(layer: Layer, *sources: Any) -> bool:
     return same and checksum == _checksum(layer)
 
 
+def made_from(viewer: Viewer, *sources: Any) -> Layer | None:
+    """Return the last layer that was made from these objects, unless the user has edited it."""
+    return next((layer for layer in reversed(viewer.layers) if is_unchanged(layer, *sources)), None)
+
+
 def is_named(layer: Layer, name: str) -> bool:
     return re.fullmatch(rf"{re.escape(name)}( \[\d+\])?", layer.name) is not None  # as napari numbers equal names
 

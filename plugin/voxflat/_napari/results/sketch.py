@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 from typing import Any, TypeAlias
 
 import numpy as np
+from napari.layers import Layer
 from numpy.typing import NDArray
 
 from voxflat._napari.history import History
@@ -14,6 +15,15 @@ Polygon: TypeAlias = tuple[Place, ...]
 
 SKETCH = ("marks", "regions", "distance", "corners", "ends")
 """The fields of a sketch, which the description of a saved map contains."""
+
+
+POINTS, PATH = "points", "shortest path"
+"""The parts of a map that layers show: the marked points, and the path of the measured distance."""
+
+
+def regions_part(frame: int | None) -> str:
+    """Return the part of a map that the layer with its regions shows, at a frame of a movie."""
+    return "regions" if frame is None else f"regions of frame {frame}"
 
 
 @dataclass(frozen=True)
@@ -42,6 +52,14 @@ class Sketch:
     def without_unfinished(self) -> "Sketch":
         return replace(self, corners=(), ends=())
 
+    def without(self, part: str) -> "Sketch":
+        """Return the sketch without the drawings that one layer shows."""
+        if part == POINTS:
+            return replace(self, marks=())
+        if part == PATH:
+            return replace(self, distance=None)
+        return replace(self, regions=tuple(one for one in self.regions if regions_part(one[0]) != part))
+
     def regions_in(self, frame: int | None) -> list[Polygon]:
         return [corners for of, corners in self.regions if of == frame]
 
@@ -58,6 +76,16 @@ class Sketches(History[Sketch]):
         super().__init__(first or Sketch())
         self.shown = Sketch()
         self.placed: list[NDArray[np.float64]] = []  # world coordinates of the marks of `shown`
+        self.layers: dict[str, Layer] = {}  # of the viewer, by the part of the map that they show
+
+    def remove(self, part: str) -> None:
+        """Remove the drawings of a layer that the user has removed from the viewer."""
+        del self.layers[part]
+        if part == POINTS:
+            self.placed = []
+        self.shown = self.shown.without(part)
+        if self.now != (left := self.now.without(part)):
+            self.do(left)
 
     @property
     def is_empty(self) -> bool:
