@@ -179,7 +179,7 @@ def test_the_map_follows_what_is_drawn_in_the_volume(flattened, qtbot):
     dock.click.setCurrentText("marks a point")
     dock._on_map_clicked(*expected(points[100]))
     wait_for_picture(dock, qtbot)
-    marked = viewer.layers["ball points"]
+    marked = viewer.layers["bumps points"]
     marked.selected_data = {0}
     marked.remove_selected()
     dock._on_map_clicked(*expected(points[90]))
@@ -191,8 +191,9 @@ def test_the_map_follows_what_is_drawn_in_the_volume(flattened, qtbot):
     same(dots(dock, qtbot), points[[90]])
     dock._on_map_clicked(*expected(points[30]))
     wait_for_picture(dock, qtbot)
-    assert [*marked.features["surface"]] == ["bumps", "bumps"]
-    assert [*marked.features["vertex"]] == ["90", "30"]
+    layers = marked, viewer.layers["bumps (2) points"]
+    assert [[*layer.features["surface"]] for layer in layers] == [["bumps"], ["bumps"]]
+    assert [[*layer.features["vertex"]] for layer in layers] == [["90"], ["30"]]
     same(dots(dock, qtbot), points[[90, 30]])
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import shapes
 import tifffile
-from napari.layers import Image, Labels, Surface
+from napari.layers import Image, Labels, Layer, Surface
 from napari_window import PATIENCE, bumps, cap, choose, open_file, run, sphere
 from numpy.testing import assert_array_equal
 from scipy import ndimage
@@ -361,27 +361,51 @@ def restored(form, record, qtbot):
     return json.loads(json.dumps(form.record()))
 
 
-def test_the_threshold_of_an_image_and_the_frame_of_a_movie_are_restored(open_widget, make_napari_viewer, qtbot):
-    level = ndimage.gaussian_filter(cap().astype(float), 1)
-    frames = np.stack([cap(), cap()])
-    for layer in (Image(level, name="level"), Labels(frames, name="frames")):
-        viewer, widget = open_widget(layer)
-        form = widget.form
-        if isinstance(layer, Image):
-            form.threshold.setValue(0.6)
-        else:
-            qtbot.waitUntil(lambda form=form: form.label.label == 3, timeout=PATIENCE)
-            choose(form.frames, "one")
-            viewer.dims.set_current_step(0, 1)
-        record = json.loads(json.dumps(form.record()))
-        viewer.close()
-        viewer, widget = open_widget(type(layer)(layer.data, name=layer.name))
-        assert json.loads(json.dumps(widget.form.record())) != record
-        assert restored(widget.form, record, qtbot) == record
-        job = widget.form.job()
-        assert (job.threshold, job.frames) == (0.6 if isinstance(layer, Image) else None, None)
-        if isinstance(layer, Labels):
-            assert (job.frame.number, viewer.dims.current_step[0]) == (1, 1)
+def _with_threshold(viewer, form, qtbot):
+    form.threshold.setValue(0.6)
+
+
+def _with_frame(viewer, form, qtbot):
+    qtbot.waitUntil(lambda: form.label.label == 3, timeout=PATIENCE)
+    choose(form.frames, "one")
+    viewer.dims.set_current_step(0, 1)
+
+
+def _with_pial(viewer, form, qtbot):
+    form.surface.choose(viewer.layers["lh.white"])
+    form.pial.choose(viewer.layers["lh.middle"])
+
+
+@pytest.mark.parametrize("chosen", [_with_threshold, _with_frame, _with_pial])
+def test_threshold_frame_and_pial_surface_come_back_with_the_saved_map(
+    open_widget, make_napari_viewer, qtbot, tmp_path, chosen
+):
+    (points, faces, _), names = bumps(15), ("lh.white", "lh.middle", "lh.pial")
+    layers = {
+        _with_threshold: [(ndimage.gaussian_filter(cap().astype(float), 1), {"name": "level"}, "image")],
+        _with_frame: [(np.stack([cap(), cap()]), {"name": "frames"}, "labels")],
+        _with_pial: [
+            ((points + np.array([0, 0, z]), faces), {"name": name}, "surface") for z, name in enumerate(names)
+        ],
+    }[chosen]
+    viewer, widget = open_widget(*(Layer.create(*data) for data in layers))
+    chosen(viewer, widget.form, qtbot)
+    run(widget, qtbot)
+    newest_map(viewer).save(tmp_path / "saved.voxflat")
+    expected = json.loads(json.dumps(widget.form.record()))
+    uv = newest_map(viewer).uv
+    viewer.close()
+
+    viewer = make_napari_viewer()
+    _, widget = viewer.window.add_plugin_dock_widget("voxflat", "Flatten surface")
+    open_file(viewer, qtbot, tmp_path / "saved.voxflat")
+    assert json.loads(json.dumps(widget.form.record())) != expected
+    for data in layers:
+        viewer.add_layer(Layer.create(*data))
+    qtbot.waitUntil(lambda: json.loads(json.dumps(widget.form.record())) == expected, timeout=PATIENCE)
+    assert widget.status.text() == "Restored the settings."
+    run(widget, qtbot)
+    assert_array_equal(newest_map(viewer).uv, uv)
 
 
 def test_the_pial_surface_is_restored_also_if_it_was_not_used(open_widget, qtbot):
@@ -407,12 +431,15 @@ def test_continue_is_restored_if_its_map_is_displayed(open_widget, make_napari_v
     newest_map(viewer).save(tmp_path / "first.voxflat")
     widget.form.continues.setChecked(True)
     record = widget.form.record()
+    run(widget, qtbot)
+    newest_map(viewer).save(tmp_path / "second.voxflat")
     viewer.close()
 
     viewer = make_napari_viewer()
     viewer.add_surface(mesh, name="bumps")
     _, widget = viewer.window.add_plugin_dock_widget("voxflat", "Flatten surface")
-    restored(widget.form, record, qtbot)
+    open_file(viewer, qtbot, tmp_path / "second.voxflat")
+    qtbot.waitUntil(lambda: bool(widget.status.text()), timeout=PATIENCE)
     assert not widget.form.continues.isChecked()
     assert "Continue: the map from which it started is not displayed" in widget.status.text()
     open_file(viewer, qtbot, tmp_path / "first.voxflat")

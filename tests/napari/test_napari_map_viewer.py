@@ -35,7 +35,7 @@ from scipy.ndimage import maximum_filter, minimum_filter
 import voxflat
 from voxflat._napari.layers.world import WORLD
 from voxflat._napari.map_viewer.drawings import put, regions
-from voxflat._napari.map_viewer.viewer_parts import camera, canvas_widget, projected
+from voxflat._napari.map_viewer.viewer_parts import camera, canvas_widget, projected, show_sagittal
 from voxflat._napari.results.flat_layers import Run
 from voxflat._napari.results.maps import map_layers
 from voxflat._napari.results.sketch import Sketch
@@ -145,6 +145,35 @@ def test_the_view_does_not_change_and_layers_are_added_hidden(open_widget, qtbot
     wait_for_threads(qtbot)
 
 
+def test_an_image_of_the_map_has_the_same_top_as_in_the_dock(flattened, qtbot):
+    viewer, _, _ = flattened(Labels(cap(), name="sheet", units="mm"))
+    show_sagittal(viewer)
+    viewer.reset_view()
+    flat = viewer.layers["sheet distortion"]
+    height, width = flat.data.shape
+    upper_left = np.zeros((height, width), dtype=np.float32)
+    upper_left[: height // 2, : width // 2] = 1  # high v, low u
+
+    def seen():
+        of = camera(viewer)
+        return viewer.dims.order, of.orientation2d, of.center, of.zoom
+
+    before = seen()
+    viewer.layers["sheet"].visible = False
+    flat.data, flat.colormap, flat.contrast_limits = upper_left, "gray", (0, 1)
+    flat.visible = True
+    picture = viewer.screenshot(canvas_only=True, flash=False)[..., :3].mean(axis=2)
+    middle = np.array(picture.shape) / 2
+    where = np.argwhere(picture > 200).mean(axis=0)
+    assert (where < middle).all()  # rows increase downwards, columns to the right
+    flat.visible = False
+    assert seen() == before
+    flat.visible = True
+    assert viewer.dims.order == (0, 1, 2)
+    viewer.layers.remove(flat)
+    assert seen() == before
+
+
 def test_contents_of_the_map(flattened, qtbot):
     """Measures, layers that are added and change their display, depths, and time points of large series."""
     along = np.indices((24, 24, 24))[2].astype(np.float32)
@@ -241,7 +270,7 @@ def test_a_run_replaces_the_earlier_one_or_both_are_kept(flattened, qtbot):
     dock.keep.click()
     run(widget, qtbot, dock)
     names = [layer.name for layer in viewer.layers]
-    assert names == ["bumps", *(f"bumps {kind}{of}" for of in ("", " [1]") for kind in ("flattened", "distortion"))]
+    assert names == ["bumps", *(f"bumps{of} {kind}" for of in ("", " (2)") for kind in ("flattened", "distortion"))]
     assert dock.runs.isVisible()
     assert dock.runs.count() == 2
     dock.runs.setCurrentIndex(0)
@@ -461,8 +490,9 @@ def test_each_region_on_a_mesh_keeps_its_own_colour(make_napari_viewer):
     (left, low), (right, high) = np.quantile(uv, (0.1, 0.9), axis=0)
     middle = (left + right) / 2
     parts = [[(a, low), (b, low), (b, high), (a, high)] for a, b in ((left, middle), (middle, right))]
+    layer = None
     for count in (1, 2):
-        layer = put(viewer, regions(prepared, parts[:count]).layer, prepared)
+        layer = put(viewer, regions(prepared, parts[:count]).layer, layer, prepared)
         for number in range(count + 1):
             shown = layer.vertex_colors[layer.vertex_values == number][:, :3]
             assert_allclose(shown, np.broadcast_to(np.divide(label_colour(number), 255), shown.shape), atol=1e-6)

@@ -53,6 +53,7 @@ class ViewerState:
 
     changed = Signal()  # emitted when runs are added or removed, or the current run changes
     adding = Signal()  # emitted before a run is added
+    visibility_changed = Signal()  # emitted when layers of maps were shown, hidden or removed
     content_shown = Signal()  # emitted when the map shows values that the user chose
     drawing_removed = Signal(object, str)  # emitted with a run, after the user removed a layer with drawings on its map
     world_chosen = Signal()  # emitted when the world axes of a layer were chosen
@@ -115,7 +116,7 @@ class ViewerState:
             free = [layer for earlier in dropped for layer in self._runs.pop(earlier).hand_over()]
             self._over.update({layer: run for layer, earlier in self._over.items() if earlier in dropped})
         run.title = self._free_title(run.title)
-        self._runs[run] = ListedLayers(viewer, free)
+        self._runs[run] = ListedLayers(viewer, self._on_visible, free)
         self._current = run
         self.changed.emit()
         self._runs[run].show(run.layers, run.title)
@@ -167,7 +168,7 @@ class ViewerState:
             run = Run(FlatLayers(flat_map, []), session["layer"], script, sketches, title)
             self._opened.add(run)
             self.opened = run
-            self._runs[run] = ListedLayers(viewer)
+            self._runs[run] = ListedLayers(viewer, self._on_visible)
             self._current = run
         if run in self._opened:
             layer = event.value.as_layer_data_tuple()
@@ -176,8 +177,12 @@ class ViewerState:
             QTimer.singleShot(0, partial(setattr, event.value, "visible", False))  # RGB layers are added visible
             self.changed.emit()
 
+    def _on_visible(self) -> None:
+        self.visibility_changed.emit()
+
     def _on_removed(self, event: Any) -> None:
         """Remove from a map what a layer showed that the user removed; this can be undone."""
+        self.visibility_changed.emit()
         for run in self._runs:
             part = next((part for part, layer in run.sketches.layers.items() if layer is event.value), None)
             if part is not None:

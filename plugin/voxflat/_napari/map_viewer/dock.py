@@ -43,7 +43,7 @@ from voxflat._napari.map_viewer.pictures import Picture
 from voxflat._napari.map_viewer.prepared_map import PreparedMap, Spot
 from voxflat._napari.map_viewer.segmentations import Segmentation, Segmentations, save_labels, to_volume
 from voxflat._napari.map_viewer.viewer_link import ViewerLink
-from voxflat._napari.map_viewer.viewer_parts import theme_colours
+from voxflat._napari.map_viewer.viewer_parts import UprightMaps, theme_colours
 from voxflat._napari.results.flat_layers import LayerData, Run, unit_of_map
 from voxflat._napari.results.outputs import made_from
 from voxflat._napari.results.report import as_html, warnings
@@ -118,6 +118,7 @@ class FlatMapDock(TaskDock):
         self.link = ViewerLink(napari_viewer, self)
         self.painted = PaintedSurface(napari_viewer, self)
         self.outline = PatchOutline(napari_viewer, self)
+        self.upright = UprightMaps(napari_viewer)
         self.annotations = VolumeAnnotations(napari_viewer, self)
         self._lay_out()
         self._connect()
@@ -216,6 +217,7 @@ class FlatMapDock(TaskDock):
 
     def _connect(self) -> None:
         self._state.changed.connect(self._on_runs)
+        self._state.visibility_changed.connect(self.upright.update)
         self._state.drawing_removed.connect(self._on_drawing_removed)
         self._state.adding.connect(self.movies.close)  # so that drawings in its window keep their map
         self._viewer.events.theme.connect(self._on_theme)
@@ -767,6 +769,7 @@ class FlatMapDock(TaskDock):
             event.disconnect(self._on_display_changed)
         self._display_events = []
         self._state.changed.disconnect(self._on_runs, missing_ok=True)
+        self._state.visibility_changed.disconnect(self.upright.update, missing_ok=True)
         self._state.drawing_removed.disconnect(self._on_drawing_removed, missing_ok=True)
         self._state.adding.disconnect(self.movies.close, missing_ok=True)
         self._viewer.events.theme.disconnect(self._on_theme)

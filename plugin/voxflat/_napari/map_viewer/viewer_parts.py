@@ -86,6 +86,34 @@ def show_sagittal(viewer: Viewer) -> None:
     viewer.layers.events.removed.connect(forget)
 
 
+class UprightMaps:
+    """Turns the 2D view so that images of maps have the top that they have in the dock *Flat map*.
+
+    Once these images are hidden, the slices are shown as before.
+    """
+
+    def __init__(self, viewer: Viewer) -> None:
+        self._viewer = viewer
+        self._before: tuple[tuple[int, ...], dict[str, Any]] | None = None  # the axis order, and the camera
+
+    def update(self) -> None:
+        viewer = self._viewer
+        if viewer.dims.ndisplay == 3:
+            return
+        is_shown = any(one.visible and one.ndim == 2 and one.metadata.get("voxflat") for one in viewer.layers)
+        of, order = camera(viewer), viewer.dims.order
+        if is_shown and self._before is None and order != tuple(range(viewer.dims.ndim)):
+            self._before = order, {name: getattr(of, name) for name in ("orientation2d", "center", "zoom")}
+            _in_their_order(viewer)
+            viewer.reset_view()
+        elif not is_shown and self._before is not None:
+            (order, look), self._before = self._before, None
+            if len(order) == viewer.dims.ndim:
+                viewer.dims.order = order
+                for name, value in look.items():
+                    setattr(of, name, value)
+
+
 def fill(viewer: Viewer, places: NDArray[np.float64], size: tuple[int, int], world: str = "RAS") -> None:
     """Zoom until points of shape (N, 3), seen in 3D after `look_from_side`, fill a canvas of a given size in pixels."""
     across, up = np.ptp(places @ from_ras(np.array([[0.0, 1, 0], [0, 0, 1]]), world).T, axis=0)

@@ -28,8 +28,9 @@ class ListedLayers:
     therefore reuses its layers. Layers are added and removed in steps, between which the window processes events.
     """
 
-    def __init__(self, viewer: Viewer, layers: Iterable[Layer] = ()) -> None:
+    def __init__(self, viewer: Viewer, visibility_changed: Callable[[], None], layers: Iterable[Layer] = ()) -> None:
         self._viewer = weakref.ref(viewer)
+        self._visibility_changed = visibility_changed
         self._layers: list[Layer] = [*layers]
         self._steps: deque[Callable[[Viewer], None]] = deque()
 
@@ -68,6 +69,7 @@ class ListedLayers:
 
     def _include(self, layer: Layer) -> None:
         self._layers.append(layer)
+        layer.events.visible.connect(self._visibility_changed)
         _remember(layer)
 
     def remove(self) -> None:
