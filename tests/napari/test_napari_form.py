@@ -383,9 +383,9 @@ def test_threshold_frame_and_pial_surface_come_back_with_the_saved_map(
     (points, faces, _), names = bumps(15), ("lh.white", "lh.middle", "lh.pial")
     layers = {
         _with_threshold: [(ndimage.gaussian_filter(cap().astype(float), 1), {"name": "level"}, "image")],
-        _with_frame: [(np.stack([cap(), cap()]), {"name": "frames"}, "labels")],
+        _with_frame: [(np.stack([cap(), cap()[::-1, :, ::-1]]), {"name": "frames"}, "labels")],
         _with_pial: [
-            ((points + np.array([0, 0, z]), faces), {"name": name}, "surface") for z, name in enumerate(names)
+            (((1 + 0.1 * z) * points, faces), {"name": name}, "surface") for z, name in enumerate(names)
         ],
     }[chosen]
     viewer, widget = open_widget(*(Layer.create(*data) for data in layers))
@@ -412,7 +412,7 @@ def test_the_pial_surface_is_restored_also_if_it_was_not_used(open_widget, qtbot
     points, faces, _ = bumps()
     names = ("lh.white", "lh.middle", "lh.pial")
     viewer, widget = open_widget(
-        *(Surface((points + np.array([0, 0, z]), faces), name=name) for z, name in enumerate(names))
+        *(Surface(((1 + 0.1 * z) * points, faces), name=name) for z, name in enumerate(names))
     )
     form = widget.form
     form.surface.choose(viewer.layers["lh.white"])
