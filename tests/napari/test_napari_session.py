@@ -128,7 +128,7 @@ def test_a_layer_with_drawings_that_the_user_removes_is_removed_from_its_map(fla
 
     viewer.layers.remove(f"bumps {what}")
     assert parts() == {*shown} - {what}
-    assert f"What 'bumps {what}' showed was removed from the map" in dock.text.text()
+    assert f"What you deleted from 'bumps {what}' was removed from the map" in dock.text.text()
     assert run.sketches.now == left[what]
     assert len(dock.canvas.drawn.lines) == (what != "regions")
     assert saved_drawings(state, run, tmp_path) == left[what]
@@ -149,6 +149,36 @@ def test_a_layer_with_drawings_that_the_user_removes_is_removed_from_its_map(fla
     assert parts() == {*shown} - {what}
     dock.undo.click()
     assert parts() == {*shown}
+    wait_for_threads(qtbot)
+
+
+def test_points_that_the_user_deletes_are_removed_from_their_map(flattened, qtbot, tmp_path):
+    viewer, _, dock = flattened(Surface(bumps()[:2], name="bumps"))
+    run, state = dock.prepared.run, ViewerState.of(viewer)
+    u, v = run.flat_map.uv.mean(axis=0)
+    marks = tuple((None, (u + du, v)) for du in (-5, 0, 0, 5))
+    for count in range(1, 5):
+        dock._draw_on(Sketch(marks[:count]))
+    wait_for_picture(dock, qtbot)
+    layer = viewer.layers["bumps points"]
+    places = layer.data.copy()
+    own = layer.add([[1.0, 2.0, 3.0]])  # which is no mark of the map
+    assert own is None
+    layer.selected_data = {0, 1}
+    layer.remove_selected()
+    assert run.sketches.now.marks == marks[2:] == saved_drawings(state, run, tmp_path).marks
+    assert "was removed from the map" in dock.text.text()
+    dock.undo.click()
+    wait_for_picture(dock, qtbot)
+    assert run.sketches.now.marks == marks
+    assert_array_equal(layer.data[1:], places)
+    dock.undo.click()
+    wait_for_picture(dock, qtbot)
+    assert run.sketches.now.marks == marks[:3]
+    assert_array_equal(layer.data[1:], places[:3])
+    layer.selected_data = {0}
+    layer.remove_selected()
+    assert run.sketches.now.marks == marks[:3]
     wait_for_threads(qtbot)
 
 

@@ -12,6 +12,7 @@ import numpy as np
 from napari import Viewer
 from napari.layers import Layer
 from napari.layers import Surface as SurfaceLayer
+from napari.layers.base import ActionType
 from numpy.typing import NDArray
 from psygnal import Signal
 from qtpy.QtCore import QTimer
@@ -176,6 +177,18 @@ class ViewerState:
             self._runs[run].take(event.value, run.title)
             QTimer.singleShot(0, partial(setattr, event.value, "visible", False))  # RGB layers are added visible
             self.changed.emit()
+
+    def follow_points(self, run: Run, layer: Layer) -> None:
+        """Remove marks from a map when the user deletes their points; this can be undone."""
+        layer.events.data.connect(partial(self._on_points, run, layer))
+
+    def _on_points(self, run: Run, layer: Any, event: Any) -> None:
+        if event.action != ActionType.REMOVING or layer not in run.sketches.layers.values():
+            return
+        before = run.sketches.now
+        run.sketches.remove_points(layer.data_to_world(layer.data[number]) for number in event.data_indices)
+        if run.sketches.now is not before:
+            self.drawing_removed.emit(run, layer.name)
 
     def _on_visible(self) -> None:
         self.visibility_changed.emit()

@@ -668,8 +668,10 @@ class FlatMapDock(TaskDock):
     def _on_projected(self, result: tuple[Run, drawings.Changes]) -> None:
         run, found = result
         sketches = run.sketches
-        for mark in sketches.placed[found.kept :]:
-            drawings.take_back(sketches.layers.get(POINTS), mark)
+        if (marked := sketches.layers.pop(POINTS, None)) is not None:
+            for mark in sketches.placed[found.kept :]:
+                drawings.take_back(marked, mark)
+            sketches.layers[POINTS] = marked  # only now, so that these points are not deleted by the user
         del sketches.placed[found.kept :]
         for part in found.empty:
             drawings.remove_empty(self._viewer, sketches.layers, part, run)
@@ -677,6 +679,9 @@ class FlatMapDock(TaskDock):
         for drawn in found.made:
             sketches.layers[drawn.part] = drawings.put(self._viewer, drawn.layer, sketches.layers.get(drawn.part), run)
             if drawn.part == POINTS:
+                if sketches.layers[POINTS] is not marked:
+                    marked = sketches.layers[POINTS]
+                    self._state.follow_points(run, marked)
                 sketches.placed += [*drawn.layer[0]]
             if drawn.message:
                 self.text.setText(drawn.message)
@@ -686,7 +691,7 @@ class FlatMapDock(TaskDock):
     def _on_drawing_removed(self, run: Run, name: str) -> None:
         if run is self._run:
             self._show_sketch()
-            self.text.setText(f"What '{name}' showed was removed from the map. Undo brings it back.")
+            self.text.setText(f"What you deleted from '{name}' was removed from the map. Undo brings it back.")
 
     def _on_projection_failed(self, error: Exception) -> None:
         if self._run is not None:

@@ -198,7 +198,7 @@ def put(viewer: Viewer, data: LayerData, earlier: Layer | None, *sources: Any) -
     return earlier
 
 
-def take_back(layer: Layer | None, mark: NDArray[np.float64]) -> None:
+def take_back(layer: Layer, mark: NDArray[np.float64]) -> None:
     """Remove the last point that lies at these world coordinates from the layer of marked points."""
     if isinstance(layer, Points):
         at = [number for number, place in enumerate(layer.data) if np.allclose(layer.data_to_world(place), mark)]

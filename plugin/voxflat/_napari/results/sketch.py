@@ -1,6 +1,6 @@
 """The points, regions and distance that the user draws on a map."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, TypeAlias
 
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from voxflat._napari.history import History
 
 Place: TypeAlias = tuple[float, float]  # (u, v), mm
+Mark: TypeAlias = tuple[int | None, Place]  # with the frame of a movie
 Polygon: TypeAlias = tuple[Place, ...]
 
 SKETCH = ("marks", "regions", "distance", "corners", "ends")
@@ -30,7 +31,7 @@ def regions_part(frame: int | None) -> str:
 class Sketch:
     """Points, regions and a measured distance, each with the frame of a movie to which it belongs, or None."""
 
-    marks: tuple[tuple[int | None, Place], ...] = ()
+    marks: tuple[Mark, ...] = ()
     regions: tuple[tuple[int | None, Polygon], ...] = ()
     distance: tuple[int | None, Polygon] | None = None  # the last one, from a place to another
     corners: Polygon = ()  # of the region that is being drawn
@@ -69,6 +70,14 @@ def _place(place: Sequence[float]) -> Place:
     return float(u), float(v)
 
 
+def _without(marks: tuple[Mark, ...], lost: list[Mark]) -> tuple[Mark, ...]:
+    left = [*marks]
+    for mark in lost:
+        if mark in left:
+            left.remove(mark)
+    return tuple(left)
+
+
 class Sketches(History[Sketch]):
     """The drawing on one map, which exists as long as the map, and its state that the layers of the viewer show."""
 
@@ -86,6 +95,18 @@ class Sketches(History[Sketch]):
         self.shown = self.shown.without(part)
         if self.now != (left := self.now.without(part)):
             self.do(left)
+
+    def remove_points(self, places: Iterable[NDArray[np.float64]]) -> None:
+        """Remove the marks at world coordinates, because the user has deleted their points."""
+        gone: list[int] = []
+        for place in places:
+            near = (n for n, placed in enumerate(self.placed) if n not in gone and np.allclose(placed, place))
+            gone += [n for n in [next(near, None)] if n is not None]
+        lost = [self.shown.marks[n] for n in gone]
+        if lost:
+            self.placed = [placed for n, placed in enumerate(self.placed) if n not in gone]
+            self.shown = replace(self.shown, marks=_without(self.shown.marks, lost))
+            self.do(replace(self.now, marks=_without(self.now.marks, lost)))
 
     @property
     def is_empty(self) -> bool:
