@@ -316,8 +316,9 @@ def test_texts_belong_to_the_map_and_the_action_that_is_shown(flattened, qtbot, 
     widget.form.options.sources.setValue(20)
     run(widget, qtbot, dock)
     assert "mean distance error" in widget.status.text()
+    assert viewer.status == widget.status.text()
     state.choose(state.runs[0])  # the figures are those of the other map
-    assert widget.status.text() == ""
+    assert viewer.status == widget.status.text() == ""
     state.choose(state.runs[1])
 
     def show(name):

@@ -48,6 +48,7 @@ class FlattenWidget(TaskDock):
         self._started = 0.0
         self._has_finished = True
         self._shown: Run | None = None
+        self._summary = ""  # of the last map, which the status bar of napari also shows
         self._arriving: tuple[Run, str] | None = None
         self._coming = single_shot(self, PAUSE, self._arrive)
         self._timer = QTimer(self)
@@ -136,7 +137,7 @@ class FlattenWidget(TaskDock):
         if self._worker is not None and not self._worker.abort_requested:
             ViewerState.of(self._viewer).add(run)
             self.status.setText(summary)
-            self._viewer.status = summary
+            self._viewer.status = self._summary = summary
             if not self.results.warnings.isHidden():
                 self.show_warnings()
         self._end()
@@ -151,6 +152,8 @@ class FlattenWidget(TaskDock):
         run = ViewerState.of(self._viewer).current
         if run is not self._shown and (run is None or isinstance(run.flat_map, FlatMap) == self.results.shows_maps):
             self._shown = run
+            if self._viewer.status == self._summary:
+                self._viewer.status = ""
             if self._worker is None:
                 self.status.setText("")
         if run is not None and isinstance(run.flat_map, FlatMap) == self.results.shows_maps:
