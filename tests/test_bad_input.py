@@ -320,7 +320,7 @@ def test_bad_outputs(name, flat_map, tmp_path, monkeypatch):
 # ------------------------------------------------------------------------------------------ interruption
 
 
-@pytest.mark.parametrize("stage", ["finding the surface", "choosing sources", "measuring distortion"])
+@pytest.mark.parametrize("stage", ["placing the vertices", "choosing sources", "measuring distortion"])
 def test_progress_that_says_no_cancels(stage):
     with pytest.raises(voxflat.Cancelled):
         voxflat.flatten(sheet(), method=Voxflat(sources=20), progress=lambda now, done, total: now != stage)
@@ -330,7 +330,7 @@ def test_an_error_in_progress_comes_through():
     def progress(stage, done, total):
         raise ZeroDivisionError(stage)
 
-    with pytest.raises(ZeroDivisionError, match="finding the surface"):
+    with pytest.raises(ZeroDivisionError, match="placing the vertices"):
         voxflat.flatten(sheet(), progress=progress)
 
 

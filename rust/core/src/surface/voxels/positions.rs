@@ -56,6 +56,14 @@ const FOR_HEIGHTS: Fit = Fit { sigma: 1.0, reach: 3.0, same_side: 0.0, ridge: 0.
 /// The distance below which neighbours count as coincident, in units of the smallest spacing.
 const CLOSEST: f64 = 0.01;
 
+/// The number of nodes in a step of the progress.
+const CHUNK: u32 = 1024;
+
+/// The number of steps of one fit, which are counted as done.
+pub fn steps(nodes: usize) -> u64 {
+    2 * nodes.div_ceil(CHUNK as usize) as u64
+}
+
 /// The number of times that normals are averaged with their neighbours' before the first fit.
 const AVERAGED: usize = 4;
 
@@ -82,8 +90,9 @@ pub fn fit(
             .map_init(
                 || Around::new(base.len()),
                 |around, node| {
-                    if node % 1024 == 0 {
+                    if node.is_multiple_of(CHUNK) {
                         control.check()?;
+                        control.advance();
                     }
                     around.collect(node, &scaled, neighbours, fit.reach, unit / finest);
                     Ok(fit.height(node, &around.nodes, &scaled, &normals))

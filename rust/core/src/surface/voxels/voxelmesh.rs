@@ -173,6 +173,7 @@ impl Fitting {
 
     /// Fits the surface through the nodes' bases, and then repeatedly through the previous fit, `times` fits in total.
     fn fit(&self, base: Vec<Vector3<f64>>, times: usize, control: &Control) -> Result<Places> {
+        control.begin("placing the vertices", times as u64 * positions::steps(base.len()));
         let mut places = Places { points: base, normals: Vec::new() };
         for _ in 0..times {
             places = positions::fit(&places.points, self.outward.clone(), &self.neighbours, self.spacing, control)?;
