@@ -125,7 +125,7 @@ API = {
         {"seed_point": (1, 1, 90), "radius": 5},
         r"\[1, 1, 90\] is 88.0 mm away .* voxel \[1, 1, 2\]\), which is farther than the patch radius of 5 mm. Choose",
     ),
-    "seed point afar": (sheet(), {"seed_point": (2**63 - 1, -(2**63), 0), "radius": 5}, r"Choose a seed point on"),
+    "seed point afar": (sheet(), {"seed_point": (2**63 - 1, -(2**63), 0), "radius": 5}, r"Choose the seed point on"),
     "seed point of two": (sheet(), {"seed_point": (1, 1), "radius": 5}, r"seed point must be .*\(2,\)"),
     "seed point fractional": (sheet(), {"seed_point": (1.5, 1, 2), "radius": 5}, r"seed point must be .*whole"),
     "closed": (

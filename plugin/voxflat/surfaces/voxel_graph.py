@@ -111,7 +111,7 @@ def seed_voxel(seed_point: object, shape: Sequence[int], name: str = "seed point
     indices = [int(index) for index in place]
     if any(not 0 <= index < length for index, length in zip(indices, shape, strict=True)):
         told = f"the {name} {indices} is outside the volume of {' x '.join(map(str, shape))} voxels"
-        raise InputError(f"{told}. Choose a {name} on the surface, with indices in the order x, y, z")
+        raise InputError(f"{told}. Choose the {name} on the surface, with indices in the order x, y, z")
     return indices
 
 
