@@ -159,8 +159,7 @@ def image_command(
         picture = flat_map.heat_map(pixel_size) if stack is None else stack[0]
     picture = picture._with_provenance({**picture.provenance, "files": files})
     if stack is not None and not (picture.data[..., 3] > 0 if picture.is_colour else ~np.isnan(picture.data)).any():
-        reason = "does not overlap the map, so the image would be empty"
-        raise InputError(f"{volume} {reason}. Compare the affines with voxflat check.")
+        raise _empty(volume, how)
     count, step = 1, None
     if stack is not None and len(stack) > 1:
         count = len(stack)
@@ -205,8 +204,7 @@ def _movie(
             movie = load_series(map_).images(volumes, pixel_size, **how)
             first = movie[0][0]
         if not (~np.isnan(first.data)).any():
-            reason = "does not overlap the map, so the image would be empty"
-            raise InputError(f"{volumes[0] if volumes else map_} {reason}. Compare the affines with voxflat check.")
+            raise _empty(volumes[0] if volumes else map_, how)
         movie = movie._with_provenance({**movie.provenance, "files": files})
         movie.save(output, **writing, progress=shown.progress)
     height, width = first.data.shape[:2]
@@ -217,6 +215,14 @@ def _movie(
     text = f"{told} of {pixels}{'' if step is None else f', {step:g} s apart'}\nsaved as {output}"
     content = {"output": str(output), **size, "width": width, "height": height, "pixel_size": movie.pixel_size}
     report({**content, "time_step": step, "provenance": movie.provenance}, text, quiet=quiet)
+
+
+def _empty(path: object, how: dict[str, Any]) -> InputError:
+    """Return the error that a volume has no value on the map at the depth that was given, if any."""
+    depth = "" if how.get("depth") in (None, 0.0) else " at this depth"
+    remedy = "Give a smaller --depth, or compare" if depth else "Compare"
+    told = f"{path} does not overlap the map{depth}, so the image would be empty"
+    return InputError(f"{told}. {remedy} the affines with voxflat check.")
 
 
 @options.command(
