@@ -251,7 +251,7 @@ def test_a_volume_that_lies_elsewhere_is_no_empty_picture(shared, tmp_path):
     far[0, 3] += 500
     write_volume(tmp_path / "far.nii.gz", np.ones((5, 5, 5), np.float32), far)
     words = ["image", shared / "map.npz", "--volume", tmp_path / "far.nii.gz", "-o", tmp_path / "far.png"]
-    fail(1, "does not overlap the map, so the image would be empty. Compare the affines", *words)
+    fail(1, "does not overlap the map, so the image would be empty. Compare their positions", *words)
     told = "does not overlap the map at this depth, so the image would be empty. Give a smaller --depth, or compare"
     fail(1, told, *words, "--depth", "500")
     assert not (tmp_path / "far.png").exists()
