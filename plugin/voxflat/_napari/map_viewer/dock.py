@@ -466,14 +466,15 @@ class FlatMapDock(TaskDock):
         self.picture = picture
         self.canvas.show_picture(picture)
         self.legend.show_colours(None if picture is None else picture.scale)
-        self._show_again(*self._location)  # instead of an earlier message
+        if self._is_chosen or self._location[1] is not None:
+            self._show_again(*self._location)  # instead of an earlier message
         if colours is not None and self.on_surface.isChecked():
             self.painted.show(prepared, colours)
         if problem:
             self.text.setText(problem)
         elif self._is_chosen:
-            self._is_chosen = False
             self._state.content_shown.emit()
+        self._is_chosen = bool(problem)  # the next picture replaces this message
 
     def _show_again(self, spot: Spot | None, place: tuple[float, float] | None) -> None:
         """Show a location again, which moves with the surface from frame to frame."""
