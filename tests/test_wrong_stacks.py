@@ -92,6 +92,19 @@ def test_volumes_in_other_units_or_without_a_size(files, tmp_path, flat_map, vol
         voxflat.load(files / flat_map).image(files / volume)
 
 
+def test_a_volume_with_transposed_axes_is_named_as_such(tmp_path):
+    labels = np.pad(voxflat.samples.ball(), ((0, 0), (0, 6), (40, 0)))
+    flat_map = voxflat.surface(voxflat.io.Volume(labels, np.eye(4))).disk((4, 12, 52), 6).flatten()
+    shape = "has 64 x 30 x 24 voxels along x, y and z, but the flattened volume has 24 x 30 x 64. Save it with the axes"
+    with pytest.raises(voxflat.InputError, match=f"does not overlap the map.* It {shape} of the flattened volume"):
+        flat_map.image(voxflat.io.Volume(labels.T, np.eye(4)))
+    assert np.isfinite(flat_map.image(voxflat.io.Volume(labels.T, np.eye(4)[[2, 1, 0, 3]])).data).any()
+    away = np.diag([1.0, 1, 1, 1])
+    away[0, 3] = 100
+    with pytest.raises(voxflat.InputError, match=r"would be empty\. Compare their positions and units"):
+        flat_map.image(voxflat.io.Volume(labels, away))
+
+
 def test_the_same_volume_in_the_same_unit_is_sampled(files):
     for flat_map, volume in (
         ("um.npz", "ball.tif"),

@@ -4,7 +4,9 @@ import logging
 import math
 import os
 import re
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
 from numbers import Integral, Real
 from pathlib import Path
 from typing import Any, TypeGuard
@@ -67,6 +69,31 @@ def checked_choice(value: object, name: str, choices: Iterable[str]) -> str:
 
 
 _SIDES = {"l": "left", "lh": "left", "left": "left", "r": "right", "rh": "right", "right": "right"}
+
+
+@contextmanager
+def noting() -> Iterator[list[str]]:
+    """Collect the warnings that this thread logs, instead of logging them."""
+    notes: list[str] = []
+    token = _notes.set(notes)
+    try:
+        yield notes
+    finally:
+        _notes.reset(token)
+
+
+_notes: ContextVar[list[str] | None] = ContextVar("voxflat_notes", default=None)
+
+
+def _is_logged(record: logging.LogRecord) -> bool:
+    notes = _notes.get()
+    if notes is None or record.levelno < logging.WARNING:
+        return True
+    notes.append(record.getMessage())
+    return False
+
+
+log.addFilter(_is_logged)
 
 
 def named_side(value: object, name: str) -> str:

@@ -13,6 +13,7 @@ from voxflat.io.volumes import Volume, read_volume, write_volume
 
 itk = pytest.importorskip("itk")
 nib = pytest.importorskip("nibabel")
+tifffile = pytest.importorskip("tifffile")
 
 
 @pytest.mark.parametrize("ending", [*NIFTI, ".nrrd", ".mha", ".mgh", ".mgz", ".npz"])
@@ -56,6 +57,22 @@ def test_written_files_say_the_same_to_itk(tmp_path):
         np.testing.assert_allclose(physical(image, (3, 2, 1)), (oblique() @ [3, 2, 1, 1])[:3], atol=1e-4)
 
 
+@pytest.mark.parametrize("order", [(0, 1, 2), (2, 1, 0), (1, 2, 0)])
+@pytest.mark.parametrize("spacing", [(0.4e-3, 0.4e-3, 1.1e-3), (1.0, 1.0, 1.0), (2.0, 3.0, 0.7)])
+def test_tiff_stacks_keep_values_and_sizes_of_voxels(tmp_path, order, spacing):
+    """Axes in any order become z, y, x, as Fiji, tifffile and napari have them."""
+    for dtype in ("u1", "u2", "i4", "f4", "?"):
+        data = values(dtype) % 2 if dtype == "?" else (values(dtype) if dtype[0] == "f" else values(dtype) % 250)
+        affine = np.diag([*spacing, 1.0])[:, [*order, 3]]
+        write_volume(tmp_path / "v.tif", data.transpose(order), affine)
+        np.testing.assert_array_equal(tifffile.imread(tmp_path / "v.tif"), data.T)
+        volume = read_volume(tmp_path / "v.tif")
+        np.testing.assert_array_equal(volume.data, data)
+        np.testing.assert_allclose(volume.in_unit("mm").affine, np.diag([*spacing, 1.0]), rtol=1e-6)
+    write_volume(tmp_path / "plain.tif", values("u1"), np.eye(4), has_unit=False)
+    assert not read_volume(tmp_path / "plain.tif").is_placed
+
+
 def test_what_a_format_cannot_hold_is_refused(tmp_path):
     for name, data, reason in [
         ("v.npy", values(), "cannot hold an affine"),
@@ -66,11 +83,21 @@ def test_what_a_format_cannot_hold_is_refused(tmp_path):
         ("v.mhd", values(), "two files"),
         ("v.nhdr", values(), "two files"),
         ("v.xyz", values(), "ending '.xyz'"),
+        ("v.tif", values(), "origin and the directions of the voxels. Use .nii.gz"),
         ("v.nii", values(shape=(4, 5)), r"\(4, 5\)"),
         ("v.nii", values(shape=(40000, 1, 1)), "v.nii: "),
     ]:
         refused(reason, write_volume, tmp_path / name, data, oblique())
     refused("sheared", write_volume, tmp_path / "v.nii", values(), change(0, 1, 1))
+    assert os.listdir(tmp_path) == []
+    for data, reason in (
+        (values("f8"), "cannot hold the type float64"),
+        (values("i4") * 0 + 65536, "from 0 to 65535, not from 65536 to 65536"),
+        (values("i4") * 0 - 1, "not from -1 to -1"),
+        (values("u1", (*SHAPE, 3)), "neither colours"),
+    ):
+        refused(f"v.tif: a TIFF.*{reason}", write_volume, tmp_path / "v.tif", data, np.eye(4))
+    refused("origin and the directions", write_volume, tmp_path / "v.tif", values(), np.diag([-1.0, 1, 1, 1]))
     assert os.listdir(tmp_path) == []
     write_volume(tmp_path / "v.npy", values(), np.eye(4))
 

@@ -1,6 +1,7 @@
 """Progress and cancelling of background tasks, and the deferral of garbage collection while they run."""
 
 import gc
+import threading
 import time
 import weakref
 
@@ -12,7 +13,8 @@ from qtpy.QtGui import QCursor
 from qtpy.QtWidgets import QLabel
 
 from voxflat._napari.garbage_collection import _Deferral, defer_collections
-from voxflat._napari.worker import JobWorker
+from voxflat._napari.worker import BackgroundTask, JobWorker, LatestTask
+from voxflat.arguments import log, noting
 from voxflat.errors import Cancelled
 
 
@@ -164,3 +166,48 @@ def test_cancelling_immediately_shows_no_bar(make_napari_viewer, qtbot):
     assert isinstance(errors[0], Cancelled)
     assert not progress._all_instances
     wait_for_threads(qtbot)
+
+
+@pytest.mark.parametrize("kind", [BackgroundTask, JobWorker])
+def test_warnings_of_tasks_are_shown_once(qapp, qtbot, messages, kind):
+    def work(*_):
+        log.warning("layers cross. Pass depth=1")
+        log.warning("layers cross. Pass depth=1")
+        log.info("not shown")
+
+    kind(work).start()
+    qtbot.waitUntil(lambda: bool(messages))
+    wait_for_threads(qtbot)
+    assert [(one.severity.value, one.message) for one in messages] == [("warning", "Layers cross. Set Depth to 1.")]
+    messages.clear()
+    cancelled = kind(work)
+    with qtbot.waitSignal(cancelled.finished):
+        cancelled.start()
+        cancelled.quit()
+    wait_for_threads(qtbot)
+    assert not messages
+
+
+def test_a_repeated_task_shows_a_warning_once(qapp, qtbot, messages):
+    shown = []
+    task = LatestTask(None, shown.append, shown.append)
+    for number in (1, 1, 2):
+        task.ask(lambda number=number: log.warning("depth %d", number))
+        qtbot.waitUntil(lambda: not task.is_busy)
+    assert [one.message for one in messages] == ["Depth 1.", "Depth 2."]
+    wait_for_threads(qtbot)
+
+
+def test_warnings_of_other_threads_are_not_mixed():
+    def inside():
+        with noting() as own:
+            log.warning("inner")
+            assert own == ["inner"]
+
+    with noting() as notes:
+        thread = threading.Thread(target=inside)
+        thread.start()
+        thread.join()
+        log.warning("outer")
+        inside()
+    assert notes == ["outer"]

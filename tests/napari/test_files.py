@@ -12,20 +12,25 @@ import numpy as np
 import PIL.Image
 import pytest
 import pyvista
+import tifffile
+import trimesh
 from fuzz_files import corpus, damaged
 from mesh_files import fsaverage5
 from napari.layers import Image, Labels, Layer
-from napari_window import bumps, cap, open_file, wait_for_threads
+from napari_window import bumps, cap, map_dock, open_file, run_whole, wait_for_picture, wait_for_threads
 from npe2 import PluginManager, PluginManifest, io_utils
 from numpy.testing import assert_allclose, assert_array_equal
 
 import voxflat
+from voxflat._napari.files import volumes
 from voxflat._napari.files.readers import map_reader, surface_reader
 from voxflat._napari.layers.volumes import LayerVolume
+from voxflat._napari.map_viewer.dock import REGION
 from voxflat._napari.map_viewer.viewer_parts import camera, look_from_side
 from voxflat._napari.results.maps import map_layers
 from voxflat._napari.viewer_state import ViewerState
-from voxflat.io import Mesh, Patch, Space, VolumeGeometry, patch_border, write_mesh, write_patch
+from voxflat.io import Mesh, Patch, Space, VolumeGeometry, formats, patch_border, write_mesh, write_patch
+from voxflat.methods import Voxflat
 
 CENTRE = np.array([3.0, -20.0, 15.0])  # of the volume, scanner RAS
 
@@ -188,6 +193,80 @@ def test_volumes_open_where_they_lie(viewer, last_of, qtbot, messages, tmp_path,
     assert not messages
 
 
+TURNED = np.linalg.qr(np.random.default_rng(3).normal(size=(3, 3)) + 2 * np.eye(3))[0]
+OBLIQUE = np.block([[TURNED * [0.8, 0.8, 1.5], np.array([[-12.0], [30], [7]])], [np.zeros((1, 3)), 1.0]])
+
+
+@pytest.mark.parametrize(
+    ("name", "affine", "saved"),
+    [
+        ("stack.tif", None, "regions.nii.gz"),
+        ("stack.tif", None, "regions.tif"),
+        ("cube.tif", None, "regions.nii.gz"),
+        ("µm.tif", None, "regions.nii.gz"),
+        ("µm.tif", None, "regions.tif"),
+        ("oblique.nii.gz", OBLIQUE, "regions.nii.gz"),
+        ("conformed.nii.gz", CONFORMED, "regions.nii.gz"),
+    ],
+)
+def test_regions_in_a_volume_are_opened_on_its_voxels(open_widget, qtbot, tmp_path, messages, name, affine, saved):
+    """In napari, and in Python and on the command line, where stacks have the axes x, y, z instead of z, y, x."""
+    data = cap()[:, :, (0 if name == "cube.tif" else 4) :]
+    viewer, widget = open_widget(show=True)
+    path, regions = tmp_path / name, tmp_path / saved
+    if affine is not None:
+        nib.save(nib.Nifti1Image(data, affine), path)
+        (layer,) = open_file(viewer, qtbot, path)
+    else:
+        sizes = {f"PhysicalSize{axis}": length for axis, length in zip("XYZ", (0.4, 0.4, 0.9), strict=True)}
+        about = {"ome": True, "metadata": {"axes": "ZYX", **sizes}} if name == "µm.tif" else {}
+        tifffile.imwrite(path, data, photometric="minisblack", **about)
+        (layer,) = viewer.open(str(path), layer_type="labels")
+        if name == "µm.tif":  # which napari's reader leaves out
+            layer.scale, layer.units = (0.9, 0.4, 0.4), ("µm",) * 3
+    run_whole(widget, qtbot)
+    dock = map_dock(viewer, qtbot)
+    made = dock.prepared.run.flat_map.metadata["napari"]
+    assumed = "The layer does not have a unit of length; its coordinates are assumed to be in mm."
+    assert (assumed in widget.results.warnings.text()) == (str(layer.units[0]) == "pixel")
+    middle, size = dock.prepared.run.flat_map.uv.mean(axis=0), dock.prepared.spacing
+    dock.click.setCurrentText(REGION)
+    for corner in ((-5, -4), (4, -3), (1, 5)):
+        dock.canvas.clicked.emit(*(middle + size * np.array(corner)))
+    dock.canvas.double_clicked.emit()
+    wait_for_picture(dock, qtbot)
+    drawn = viewer.layers["map regions"]
+    viewer.layers.selection = {drawn}
+    viewer.layers.save(str(regions), selected=True, plugin="voxflat")
+    messages.clear()
+    if saved == "regions.tif":
+        (opened,) = viewer.open(str(regions), layer_type="labels")
+        if name == "µm.tif":
+            opened.scale, opened.units = layer.scale, layer.units
+    else:
+        (opened,) = open_file(viewer, qtbot, regions)
+        told = [f"{saved} has the voxels of '{layer.name}', and was opened with its axes (SAR)"]
+        assert [one.message for one in messages] == (told if affine is None else [])
+    assert_array_equal(opened.data, drawn.data)
+    assert opened.units == drawn.units == layer.units
+    for voxel in (np.zeros(3), np.array(opened.data.shape) - 1):
+        assert_allclose(opened.data_to_world(voxel), layer.data_to_world(voxel), rtol=1e-5, atol=1e-5)
+    own, found = (voxflat.io.read_volume(one).in_unit("mm") for one in (path, regions))
+    voxels = np.column_stack([np.argwhere(found.data), np.ones(np.count_nonzero(found.data))])
+    at = (voxels @ (np.linalg.inv(own.affine) @ found.affine).T)[:, :3]
+    assert_allclose(at, np.round(at), atol=1e-3)
+    inside = np.zeros(own.data.shape, dtype=bool)
+    inside[tuple(np.round(at).astype(int).T)] = True
+    order = [2, 1, 0] if affine is None else list(volumes._order(affine))
+    assert_array_equal(inside.transpose(order), drawn.data != 0)
+    if saved == "regions.nii.gz":  # a map of Python or the command line has the same axes beside the layer
+        flat_map = voxflat.surface(path, label=3).flatten(Voxflat(sources=20))
+        flat_map.save(tmp_path / "map.voxflat")
+        origin = open_file(viewer, qtbot, tmp_path / "map.voxflat")[0].metadata["voxflat"].metadata["napari"]
+        assert [origin[name] for name in ("world_axes", "unit")] == [made[name] for name in ("world_axes", "unit")]
+    wait_for_threads(qtbot)
+
+
 def test_a_series_is_read_frame_by_frame(viewer, last_of, tmp_path, monkeypatch):
     data = np.random.default_rng(0).random((5, 6, 7, 4)).astype(np.float32)
     nib.save(nib.Nifti1Image(data, CONFORMED), tmp_path / "bold.nii")
@@ -212,6 +291,48 @@ def test_values_without_their_surface_say_what_to_open(subject, viewer, last_of,
     assert "has 625 values, but the surface has 624 points" in messages[-1].message
     viewer.add_surface((points, faces), name="mesh", translate=(1, 2, 3))
     assert_allclose(last_of(tmp_path / "lh.thickness").vertices, points + np.array([1, 2, 3]))
+
+
+def test_values_are_shown_on_the_open_surface_that_fits(subject, viewer, last_of, messages):
+    """Even beside their own surface; where several fit, a message names the chosen one and the others."""
+    surf, (points, faces, _) = subject / "surf", bumps()
+    shifts = {"first": 1, "last": 2}
+    smaller = (points[:-1], faces[(faces < len(points) - 1).all(axis=1)])
+    for name, shift in shifts.items():
+        viewer.add_surface((points, faces), name=name, translate=(shift, 0, 0), units=["mm"] * 3)
+    viewer.add_surface(smaller, name="smaller", units=["mm"] * 3)
+    viewer.add_surface((points, faces), name="right", metadata={"structure": "CortexRight"}, units=["mm"] * 3)
+    assert_allclose(last_of(surf / "lh.thickness").vertices, points + np.array([2, 0, 0]))
+    assert [one.message for one in messages] == [
+        "lh.thickness is shown on 'last', the last one opened. It also fits 'first'"
+    ]
+    viewer.layers.clear()
+    messages.clear()
+    for name in ("lh.pial", "lh.white"):
+        last_of(surf / name)
+    for name, kind in (("lh.area.pial", "pial"), ("lh.thickness", "white")):
+        assert_allclose(last_of(surf / name).vertices, viewer.layers[f"lh.{kind}"].vertices)
+    near = "whose file is near it and has the most similar name"
+    assert [one.message for one in messages] == [
+        f"lh.area.pial is shown on 'lh.pial', {near}. It also fits 'lh.white'",
+        f"lh.thickness is shown on 'lh.white', {near}. It also fits 'lh.pial'",
+    ]
+    viewer.layers.clear()
+    messages.clear()
+    viewer.add_surface(smaller, name="smaller", units=["mm"] * 3)
+    assert_allclose(last_of(surf / "lh.thickness").vertices, points + CENTRE, atol=1e-5)
+    last_of(subject / "label" / "lh.parts.annot")
+    told = f"lh.thickness is shown on {surf / 'lh.white'}, a surface from a file near it, instead of 'smaller'"
+    assert [one.message for one in messages] == [told]
+
+
+def test_a_label_is_shown_on_its_own_surface(subject, viewer, last_of, messages):
+    """Because it does not tell how many vertices its surface has."""
+    points, faces, _ = bumps(30)
+    viewer.add_surface((points, faces), name="larger", units=["mm"] * 3)
+    (subject / "label" / "lh.V1.label").write_text("#!ascii label\n1\n7 0 0 0 0\n")
+    assert len(last_of(subject / "label" / "lh.V1.label").vertices) == len(bumps()[0])
+    assert "V1.label is shown on" in messages[-1].message
 
 
 def test_damaged_files_give_one_line_messages(subject, viewer, messages, tmp_path):
@@ -258,10 +379,24 @@ def write_as(path, values, points, faces):
         pyvista.make_tri_mesh(points, faces).save(path)
     elif name.endswith((".curv", ".avg_curv", ".sulc", ".thickness", ".area", ".volume")):
         nib.freesurfer.write_morph_data(path, values.astype(np.float32))
-    elif name.endswith((".ply", ".vtp")):
+    elif name.endswith(".txt"):
+        np.savetxt(path, values)
+    elif name.endswith(".off"):
+        path.write_text(mesh_text(f"OFF\n{len(points)} {len(faces)} 0\n", points, faces, "3 ", ""))
+    elif name.endswith(".asc"):
+        path.write_text(mesh_text(f"#!ascii version\n{len(points)} {len(faces)}\n", points, faces, "", " 0"))
+    elif name.endswith((".vtk", ".glb")):
+        mesh = trimesh.Trimesh(points, faces, process=False)
+        pyvista.wrap(mesh).save(path) if name.endswith(".vtk") else mesh.export(path)
+    elif name.endswith((".ply", ".vtp", ".obj")):
         write_mesh(path, Mesh(points, faces))
     else:
         nib.freesurfer.write_geometry(path, points, faces)
+
+
+def mesh_text(start, points, faces, before, after):
+    rows = [" ".join(map(str, point)) + after for point in points]
+    return start + "\n".join([*rows, *(before + " ".join(map(str, face)) + after for face in faces)]) + "\n"
 
 
 @pytest.fixture
@@ -298,7 +433,7 @@ def test_each_ending_in_the_manifest_is_written(contributions, tmp_path):
 def test_other_files_are_declined(tmp_path):
     np.savez(tmp_path / "a.npz", data=np.ones(3))
     nib.save(nib.MGHImage(np.ones((4, 5, 6), np.float32), np.eye(4)), tmp_path / "voxels.mgh")
-    for name in ("x.area", "x.orig", "x.volume"):
+    for name in ("x.area", "x.orig", "x.volume", "x.txt"):
         (tmp_path / name).write_text("something else")
         assert surface_reader(str(tmp_path / name)) is None
     assert map_reader(str(tmp_path / "a.npz")) is None
@@ -331,11 +466,30 @@ def test_slices_are_upright_if_the_map_is_opened_before_its_volume(viewer, last_
     qtbot.waitUntil(lambda: viewer.dims.order == (0, 2, 1))
 
 
-@pytest.mark.parametrize("ending", [".ply", ".vtp", ".surf.gii"])
-def test_a_surface_is_shown_in_3d(viewer, last_of, tmp_path, ending):
-    write_mesh(tmp_path / f"bumps{ending}", Mesh(*bumps()[:2]))
-    last_of(tmp_path / f"bumps{ending}")
+@pytest.mark.parametrize("ending", formats.ENDINGS)
+def test_a_surface_is_offered_to_napari_and_shown_in_3d(viewer, last_of, contributions, tmp_path, ending):
+    """In every format that `voxflat.surface` reads; napari asks where its own reader takes the name as well."""
+    points, faces, values = bumps()
+    path = tmp_path / f"lh.bumps{ending}"
+    write_as(path, values, points, faces)
+    readers = {one.command for one in PluginManager.instance().iter_compatible_readers([str(path)])}
+    own = {".obj": {"napari.get_obj_reader"}, ".vtk": {"napari.get_reader"}}
+    assert readers == {"voxflat.read_surface", *own.get(ending, ())}
+    layer = last_of(path)
+    assert layer.data[0].shape == voxflat.surface(path).points.shape == points.shape
     assert viewer.dims.ndisplay == 3  # a slice shows nothing of it
+
+
+@pytest.mark.parametrize("ending", [".obj", ".surf.gii"])
+def test_remarks_of_the_reader_of_a_mesh_are_shown_with_its_map(open_widget, qtbot, tmp_path, ending):
+    """Such as on a unit that was assumed."""
+    points, faces, _ = bumps()
+    write_mesh(tmp_path / f"tiny{ending}", Mesh(points / 100, faces))
+    viewer, widget = open_widget(show=True)
+    open_file(viewer, qtbot, tmp_path / f"tiny{ending}")
+    run_whole(widget, qtbot)
+    assert "coordinates are assumed to be in mm" in widget.results.warnings.text()
+    wait_for_threads(qtbot)
 
 
 def test_a_map_is_saved_and_read_by_others(viewer, last_of, tmp_path):

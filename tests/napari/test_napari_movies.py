@@ -250,7 +250,7 @@ def test_labels_on_other_pixels_are_refused(movie, qtbot):
     assert len(viewer.layers) == before
 
 
-def test_flat_labels_of_a_single_map_come_back(open_widget, qtbot, embryo):
+def test_flat_labels_of_a_single_map_come_back(open_widget, qtbot, embryo, messages, monkeypatch, tmp_path):
     """Such as a segmentation that a plugin made of the flattened image."""
     nuclei, tissue = (Volume(one[0].data, one[0].affine, unit="µm") for one in (embryo.images, embryo.labels))
     place = {"affine": tissue.affine, "units": ["µm"] * 3}
@@ -266,6 +266,7 @@ def test_flat_labels_of_a_single_map_come_back(open_widget, qtbot, embryo):
     flat = viewer.layers["tissue nuclei flattened"]
     rows, columns = np.indices(flat.data.shape)
     cells = np.where(np.isfinite(flat.data), 1 + rows // 30 + 10 * (columns // 30), 0)
+    messages.clear()
     viewer.add_labels(cells, name="cells", scale=flat.scale, translate=flat.translate, units=flat.units)
     dock.segmentations.send.click()
     assert "Added" in done(dock, qtbot)
@@ -274,6 +275,25 @@ def test_flat_labels_of_a_single_map_come_back(open_widget, qtbot, embryo):
     assert_array_equal(np.unique(found.data), np.unique(cells))
     back = flat_map.image(Volume(found.data, tissue.affine, unit="µm"), flat.scale[0], interpolation="nearest").data
     assert (back == cells)[cells > 0].mean() > 0.9
+    assert not [one for one in messages if "cross at" in one.message]
+    dock.contents.setCurrentText("nuclei")
+    dock.depths.setValue(dock.depths.minimum())
+    dock.segmentations.send.click()
+    assert "Added" in done(dock, qtbot)
+    assert [one for one in messages if "cross at" in one.message and "Use smaller depths" in one.message]
+
+    viewer.layers.selection = {viewer.layers["cells"]}
+    viewer.layers.save(str(tmp_path / "menu.tsv"), selected=True, plugin="voxflat")
+    monkeypatch.setattr("qtpy.QtWidgets.QFileDialog.getSaveFileName", lambda *_: (str(tmp_path / "dock.tsv"), ""))
+    dock.segmentations.save.click()
+    assert "Saved" in done(dock, qtbot)
+    assert (tmp_path / "menu.tsv").read_text() == (tmp_path / "dock.tsv").read_text()
+    with pytest.raises(voxflat.VoxflatError, match=r"has no mesh vertices. Save a label volume \(for example, .nii.gz"):
+        viewer.layers.save(str(tmp_path / "cells.label.gii"), selected=True, plugin="voxflat")
+    viewer.layers.selection = {found}
+    with pytest.raises(voxflat.VoxflatError, match="'cells in the volume' do not lie on the displayed map"):
+        viewer.layers.save(str(tmp_path / "found.tsv"), selected=True, plugin="voxflat")
+    wait_for_threads(qtbot)
 
 
 def test_the_displayed_frame_alone(open_widget, qtbot, embryo):

@@ -16,9 +16,9 @@ from voxflat._napari.layers.meshes import LayerMesh
 from voxflat._napari.layers.volumes import LayerVolume
 from voxflat._napari.layers.world import from_ras
 from voxflat._napari.results.outputs import remember, remove_unchanged
-from voxflat._napari.results.report import sentence, table
+from voxflat._napari.results.report import table
 from voxflat._napari.viewer_state import ViewerState
-from voxflat._napari.wording import in_window
+from voxflat._napari.wording import in_window, sentence
 from voxflat.arguments import Progress
 from voxflat.distortion.distortion import Distortion
 from voxflat.errors import VoxflatError

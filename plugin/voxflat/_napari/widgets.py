@@ -1,7 +1,8 @@
 """The widgets of *Layers → Transform* that flatten, each with a form, buttons, a progress bar and results."""
 
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -33,6 +34,7 @@ from voxflat._napari.timers import PAUSE, single_shot
 from voxflat._napari.viewer_state import ViewerState
 from voxflat._napari.wording import error_text
 from voxflat._napari.worker import POLL_INTERVAL
+from voxflat.arguments import Progress, noting
 from voxflat.errors import Cancelled, VoxflatError
 from voxflat.maps.flat_map import FlatMap
 
@@ -93,7 +95,7 @@ class FlattenWidget(TaskDock):
             return
         self._has_finished = False
         self._started = time.perf_counter()
-        self._work(self._recipe.run, self.start.text(), self._on_returned)
+        self._work(partial(_noted, self._recipe.run), self.start.text(), self._on_returned)
 
     def cancel(self) -> None:
         if self._worker is not None:
@@ -220,6 +222,13 @@ class FlattenWidget(TaskDock):
         self.form.release()
         ViewerState.of(self._viewer).changed.disconnect(self._show_current, missing_ok=True)
         ViewerState.of(self._viewer).content_shown.disconnect(self._forget_error, missing_ok=True)
+
+
+def _noted(run: Callable[[Progress], FlatLayers], progress: Progress) -> FlatLayers:
+    """Return the layers of a job with its warnings, which are listed with those of the map."""
+    with noting() as notes:
+        layers = run(progress)
+    return replace(layers, notes=tuple(notes))
 
 
 class FlattenSurface(FlattenWidget):

@@ -101,6 +101,11 @@ def in_window(text: str) -> str:
     return " ".join([first, *filter(None, map(_remedy, others))])
 
 
+def sentence(message: str) -> str:
+    """Return a message with a capital first letter and a full stop."""
+    return f"{message[:1].upper()}{message[1:]}{'' if message.endswith('.') else '.'}"
+
+
 def _field(name: str, value: str | None, found: str) -> str:
     if name not in _FIELDS or (value is None and "_" not in name):
         return found

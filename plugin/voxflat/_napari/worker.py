@@ -5,19 +5,24 @@ from collections.abc import Callable
 from functools import cache
 from typing import Any, ClassVar
 
-from napari.qt.threading import WorkerBase
+from napari.qt.threading import WorkerBase, WorkerBaseSignals
 from napari.utils import cancelable_progress
 from qtpy.QtCore import QObject, QTimer, Signal  # type: ignore[attr-defined]  # qtpy makes it of pyqtSignal
 from qtpy.QtWidgets import QApplication, QLabel, QMainWindow
 
 from voxflat._napari.garbage_collection import defer_collections
+from voxflat._napari.notes import show_notes
 from voxflat._napari.timers import PAUSE
-from voxflat.arguments import Progress
+from voxflat.arguments import Progress, noting
 
 POLL_INTERVAL = 250  # interval between two updates of the progress, ms; every change redraws the complete window
 
 _CANCEL_INTERVAL = 50  # ms between checks of whether a task has been cancelled
 _SPINNER_SPEED = 12  # per cent; four frames per second
+
+
+class _Signals(WorkerBaseSignals):  # type: ignore[misc]  # napari's type is Any
+    noted = Signal(object)  # emitted with the warnings that were logged
 
 
 class BackgroundTask(WorkerBase):  # type: ignore[misc]  # napari's type is Any
@@ -27,13 +32,20 @@ class BackgroundTask(WorkerBase):  # type: ignore[misc]  # napari's type is Any
     it exits. The signals of such a thread are deleted, and an exception from `run` would end the process.
     """
 
-    def __init__(self, function: Callable[[], Any]) -> None:
-        super().__init__()
+    def __init__(self, function: Callable[[], Any], noted: Callable[[list[str]], None] = show_notes) -> None:
+        """Create a task; `noted` is called with the warnings that it logs, in the GUI thread."""
+        super().__init__(SignalsClass=_Signals)
         self._function = function
+        self.signals.noted.connect(noted)
         _wait_at_exit()
 
     def work(self) -> Any:
-        return self._function()
+        with noting() as notes:
+            try:
+                return self._function()
+            finally:
+                if notes and not self.abort_requested:
+                    self.signals.noted.emit(notes)
 
     def run(self) -> None:
         """Do the work and emit the signals in the thread."""
@@ -65,6 +77,7 @@ class LatestTask(QObject):
         self.failed.connect(failed)
         self._worker: BackgroundTask | None = None
         self._next: Callable[[], Any] | None = None
+        self._noted: set[str] = set()  # because the same task is often repeated
 
     @property
     def is_busy(self) -> bool:
@@ -75,7 +88,7 @@ class LatestTask(QObject):
         if self._worker is not None:
             self._next = work
             return
-        self._worker = worker = BackgroundTask(work)
+        self._worker = worker = BackgroundTask(work, self._on_noted)
         worker.returned.connect(self._on_returned)
         worker.errored.connect(self._on_errored)
         worker.finished.connect(self._on_finished)
@@ -90,6 +103,10 @@ class LatestTask(QObject):
             self._worker.finished.disconnect(self._on_finished)
             self._worker.quit()
             self._worker = None
+
+    def _on_noted(self, notes: list[str]) -> None:
+        show_notes(note for note in notes if note not in self._noted)
+        self._noted.update(notes)
 
     def _on_returned(self, result: Any) -> None:
         if self._next is None:

@@ -8,7 +8,7 @@ import os
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -24,8 +24,12 @@ from voxflat.io.provenance import Record, Recorded, as_text, record_of
 from voxflat.io.readers import ITK_TYPES, LPS_TO_RAS, READERS, read
 from voxflat.io.reading import reading
 
+_Write: TypeAlias = Callable[[Path, "Volume", Record | None, str], None]  # the last one is the unit: mm or unknown
+
 VOLUME_ENDINGS = (*READERS, *TIFF_ENDINGS, *HDF5_ENDINGS)
 """Endings of the names of volume files."""
+
+_TIFF_LIMIT = 2**32 - 2**20  # bytes of values
 
 _CHECK = "check that this format can hold it"
 
@@ -246,7 +250,8 @@ def write_volume(
     ----------
     path : path
         ``.nii``, ``.nii.gz``, ``.nrrd``, ``.mha``, ``.mgh``, ``.mgz``, ``.npz``, or ``.npy``, which cannot hold an
-        affine other than the identity.
+        affine other than the identity, or ``.tif`` or ``.tiff``, which hold the size of the voxels, but neither their
+        origin nor their directions.
     data : array_like, shape (I, J, K), or (I, J, K, 3|4) uint8 for colours, or (I, J, K, 3) for vectors
         Values; the type is kept, except that bool becomes uint8 in image formats.
     affine : array_like, shape (4, 4)
@@ -254,7 +259,8 @@ def write_volume(
     record : dict, optional
         Provenance record, stored in a NIfTI header as an extension with code 6 (comment). Other formats cannot hold it.
     has_unit : bool
-        Whether the affine maps to mm; if it does not, a NIfTI header marks the unit as unknown.
+        Whether the affine maps to mm; if it does not, a NIfTI header marks the unit as unknown, and a TIFF file has no
+        unit.
     is_vectors : bool
         Whether the values are vectors.
 
@@ -275,13 +281,10 @@ def write_volume(
     write = check_volume_name(path)
     with atomic_path(path) as temporary, naming(path, _CHECK):
         volume = Volume(array_of(data, "values"), check_affine(affine), is_vectors=is_vectors)
-        if has_unit or write is not _write_nifti:
-            write(temporary, volume, record)
-        else:
-            _write_nifti(temporary, volume, record, "unknown")
+        write(temporary, volume, record, "mm" if has_unit else "unknown")
 
 
-def check_volume_name(path: Path) -> Callable[[Path, Volume, Record | None], None]:
+def check_volume_name(path: Path) -> _Write:
     """Return the writer for a file name; raise an error if no volume format matches."""
     with naming(path, _CHECK):
         return by_ending(path, _WRITERS, ". The formats .mhd and .nhdr consist of two files and cannot be written")
@@ -301,13 +304,13 @@ def _check_data(data: NDArray[Any], is_vectors: bool) -> NDArray[Any]:
     return data.astype(data.dtype.newbyteorder("="), copy=False)
 
 
-def _write_npy(path: Path, volume: Volume, _: Record | None) -> None:
+def _write_npy(path: Path, volume: Volume, *_: object) -> None:
     if not np.array_equal(volume.affine, np.eye(4)):
         raise InputError("a .npy file cannot hold an affine. Use .npz or an image format")
     save_array(path, volume.data)
 
 
-def _write_mgh(path: Path, volume: Volume, _: Record | None) -> None:
+def _write_mgh(path: Path, volume: Volume, *_: object) -> None:
     nibabel = require("nibabel")
     data = _storable(volume.data)
     if data.ndim != 3 and not volume.is_vectors:
@@ -315,7 +318,7 @@ def _write_mgh(path: Path, volume: Volume, _: Record | None) -> None:
     nibabel.save(nibabel.MGHImage(data, volume.affine), path)
 
 
-def _write_nifti(path: Path, volume: Volume, record: Record | None, unit: str = "mm") -> None:
+def _write_nifti(path: Path, volume: Volume, record: Record | None, unit: str) -> None:
     nibabel = require("nibabel")
     data = _storable(volume.data)
     if data.ndim == 4 and not volume.is_vectors:
@@ -332,7 +335,7 @@ def _write_nifti(path: Path, volume: Volume, record: Record | None, unit: str = 
     nibabel.save(image, path)
 
 
-def _write_itk(path: Path, volume: Volume, _: Record | None) -> None:
+def _write_itk(path: Path, volume: Volume, *_: object) -> None:
     itk = require("itk")
     data = _storable(volume.data)
     is_colour = data.ndim == 4 and not volume.is_vectors
@@ -350,16 +353,40 @@ def _write_itk(path: Path, volume: Volume, _: Record | None) -> None:
     itk.imwrite(image, str(path), compression=True)
 
 
+def _write_tiff(path: Path, volume: Volume, _: Record | None, unit: str) -> None:
+    """Write a stack with the axes z, y, x, as `read_volume`, Fiji and napari read it."""
+    order = np.abs(volume.affine[:3, :3]).argmax(axis=1).tolist()
+    place, spacing = volume.affine[:, [*order, 3]], volume.spacing[order]
+    if not np.allclose(place, np.diag([*spacing, 1.0]), rtol=0, atol=1e-6 * spacing.min()):
+        raise InputError("a TIFF file cannot hold the origin and the directions of the voxels. Use .nii.gz")
+    data = _storable(volume.data)
+    if data.ndim != 3 or data.nbytes > _TIFF_LIMIT:
+        raise InputError("a TIFF file can hold neither colours, nor vectors, nor more than 4 GiB. Use .nii.gz")
+    if data.dtype.kind in "iu":
+        low, high = int(data.min()), int(data.max())
+        if not 0 <= low <= high <= np.iinfo(np.uint16).max:
+            raise InputError(f"a TIFF stack holds integers from 0 to 65535, not from {low} to {high}. Use .nii.gz")
+        data = data if data.dtype == np.uint8 else data.astype(np.uint16)
+    elif data.dtype != np.float32:
+        raise InputError(f"a TIFF stack cannot hold the type {data.dtype}. Convert the values to float32")
+    x, y, z = spacing.tolist()
+    has_size = unit == "mm" or (x, y, z) != (1, 1, 1)  # other sizes without a unit are in mm
+    size: dict[str, Any] = {"unit": "mm", "spacing": z} if has_size else {}
+    about: dict[str, Any] = {"metadata": {"axes": "ZYX", **size}, **({"resolution": (1 / x, 1 / y)} if size else {})}
+    require("tifffile").imwrite(path, np.ascontiguousarray(data.transpose(order).T), imagej=True, **about)
+
+
 def _storable(data: NDArray[Any]) -> NDArray[Any]:
     """Convert types that image formats do not support to the next type that preserves their values."""
     wider = {"bool": np.uint8, "float16": np.float32}.get(data.dtype.name)
     return data if wider is None else data.astype(wider)
 
 
-_WRITERS: dict[str, Callable[[Path, Volume, Record | None], None]] = {
+_WRITERS: dict[str, _Write] = {
     **dict.fromkeys((".nii", ".nii.gz"), _write_nifti),
     **dict.fromkeys((".nrrd", ".mha"), _write_itk),
     **dict.fromkeys((".mgh", ".mgz"), _write_mgh),
+    **dict.fromkeys(TIFF_ENDINGS, _write_tiff),
     ".npy": _write_npy,
-    ".npz": lambda path, volume, _: np.savez_compressed(path, data=volume.data, affine=volume.affine),
+    ".npz": lambda path, volume, *_: np.savez_compressed(path, data=volume.data, affine=volume.affine),
 }

@@ -410,6 +410,11 @@ class Sampler:
         else:
             return
         unit = "an unknown unit" if self.unit == "unknown" else self.unit
+        found = _along_axes(volume.data.shape, volume.affine)
+        own = _along_axes(self.volume_shape, self.affine) if self.is_voxels else found
+        if own != found and sorted(own) == sorted(found):
+            told += ". It has {} x {} x {} voxels along x, y and z, but the flattened volume has {} x {} x {}"
+            raise InputError(f"{title} {told.format(*found, *own)}. Save it with the axes of the flattened volume")
         raise InputError(f"{title} {told}. Compare their positions and units; the map is in {unit}")
 
     def _doubt_space(self) -> None:
@@ -520,6 +525,11 @@ class Sampler:
                 "Pass a volume of that shape, or one with an affine"
             )
         return self.affine
+
+
+def _along_axes(shape: Sequence[int], affine: NDArray[np.float64]) -> list[int]:
+    """Return the numbers of voxels along the axes that are closest to x, y and z."""
+    return [shape[axis] for axis in np.abs(affine[:3, :3]).argmax(axis=1)]
 
 
 def _thickness(inner: NDArray[np.float64], outer: NDArray[np.float64]) -> float:

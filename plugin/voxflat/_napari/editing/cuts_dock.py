@@ -31,6 +31,7 @@ from voxflat._napari.keys import Keys, key_text
 from voxflat._napari.layers.seed import first_vertex
 from voxflat._napari.layers.world import data_to_world, from_ras, in_units_of, moved, unit_of, unit_ratio
 from voxflat._napari.map_viewer.viewer_parts import canvas_widget, fill, is_click
+from voxflat._napari.notes import showing_notes
 from voxflat._napari.viewer_state import DrawnCuts, ViewerState
 from voxflat.errors import InputError, VoxflatError
 from voxflat.io.grid import rounded
@@ -251,7 +252,8 @@ class DrawCuts(TaskDock):
         cuts = tuple(Cut(ids, None, "given", name) for name, ids in drawing.paths().items())
         opened = CutSurface(drawing.surface, cuts, drawing.left_out, provenance=drawing.surface.provenance)
         try:
-            opened.save(path, overwrite=True)
+            with showing_notes():
+                opened.save(path, overwrite=True)
             show_info(f"Saved {path}")
         except (VoxflatError, OSError) as error:
             self._fail(error)

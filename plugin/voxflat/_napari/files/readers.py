@@ -1,6 +1,8 @@
 """Choose the function that reads a file that is opened in napari, if voxflat can read the file."""
 
+import re
 from collections.abc import Callable
+from contextlib import nullcontext
 from functools import partial
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -9,6 +11,7 @@ import numpy as np
 from napari import Viewer
 
 from voxflat._napari.layers.world import MADE_FROM
+from voxflat._napari.notes import showing_notes
 from voxflat._napari.results.flat_layers import LayerData
 from voxflat._napari.wording import error_text
 from voxflat.errors import InputError, VoxflatError
@@ -90,6 +93,8 @@ def _reader_of(path: Path) -> _Read | None:
         return values.value_layers
     if start.startswith(b"\xff\xff\xff\xff"):
         return values.patch_layers
+    if name.endswith(".txt"):
+        return values.value_layers if re.match(rb"\s*[-+]?(\d|\.\d|nan|inf)", start, re.IGNORECASE) else None
     if formats.by_name(path) is not None:
         return values.gifti_layers if ".gii" in name else surfaces.surface_layers
     if not values.VALUES.isdisjoint(name.split(".")):
@@ -113,7 +118,8 @@ def _reporting_errors(read: _Read) -> Callable[[str], list[LayerData]]:
 
         viewer = current_viewer()
         try:
-            layers = read(Path(path))
+            with showing_notes() if viewer is not None else nullcontext():
+                layers = read(Path(path))
         except (VoxflatError, OSError, MemoryError) as error:
             if viewer is None:
                 raise

@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -29,17 +29,22 @@ class Geometry:
     structure: str | None  # the hemisphere, as in GIFTI
     path: Path | None
     space: Space = UNKNOWN  # the space of the coordinates in the file
+    layer_name: str | None = None  # of an open surface
+    remarks: tuple[str, ...] = ()  # of the reader, which belong to the warnings about a map
 
     @classmethod
     def read(cls, path: Path) -> "Geometry":
         mesh = read_mesh(path)
-        return cls(mesh.space.to_scanner(mesh.points), mesh.faces, mesh.structure, path, mesh.space)
+        made = cls(mesh.space.to_scanner(mesh.points), mesh.faces, mesh.structure, path, mesh.space)
+        return replace(made, remarks=mesh.remarks)
 
     def layer(self, path: Path, values: NDArray[Any] | None = None, **keywords: Any) -> LayerData:
         """Return a layer for a file on this surface; the values have shape (V,) or (K, V)."""
         about = {"structure": self.structure, "coordinates": str(self.space), **keywords.pop("metadata", {})}
         if self.path is not None:
             about["surface_file"] = str(self.path)
+        if self.remarks:
+            about["remarks"] = self.remarks
         data = (self.vertices, self.faces, *([] if values is None else [values]))
         given = {"name": path.name, "shading": "smooth", "units": ("mm",) * 3, **keywords}
         return data, {**given, "metadata": about}, "surface"
@@ -50,24 +55,49 @@ def surface_layers(path: Path) -> list[LayerData]:
     return [Geometry.read(path).layer(path)]
 
 
-def geometries_for(path: Path) -> Iterator[Geometry]:
-    """Yield surfaces for a values file: open ones from nearby files, then other nearby files, then other open ones.
+def geometries_for(path: Path, *, has_size: bool) -> Iterator[Geometry]:
+    """Yield surfaces for a values file: open ones, then nearby files.
 
-    Hidden surfaces come last, so that the values are not put on a surface that the user has hidden.
+    Open ones from nearby files come first, and hidden ones last, so that values are not put on a surface that the user
+    has hidden. Other open ones come after nearby files if the values file does not have the size of its surface.
     """
-    files = _beside(path)
-    opened, hidden = (
-        [one for one in _open(visible=visible) if _agree(_side(path), one.structure or _side(one.path))]
-        for visible in (True, False)
-    )
-    yield from (one for one in opened if one.path in files)
+    files, opened = _beside(path), _fitting(path, visible=True)
+    near = sorted((one for one in opened if one.path in files), key=lambda one: files.index(one.path or path))
+    others = [one for one in reversed(opened) if one.path not in files]
+    yield from (*near, *others) if has_size else near
     for file in files[:_TRIED]:
         try:
             yield Geometry.read(file)
         except (InputError, OSError):  # the file may not be a surface despite its name
             continue
-    yield from (one for one in reversed(opened) if one.path not in files)
-    yield from reversed(hidden)
+    yield from () if has_size else others
+    yield from reversed(_fitting(path, visible=False))
+
+
+def tell_choice(path: Path, chosen: Geometry) -> None:
+    """Tell on which surface the values of a file are shown, if a visible surface could have been meant instead."""
+    from napari.utils.notifications import show_info
+
+    others: list[Geometry] = []
+    for one in _fitting(path, visible=True):
+        is_fitting = chosen.layer_name is None or len(one.vertices) == len(chosen.vertices)
+        if is_fitting and not any(np.array_equal(one.vertices, other.vertices) for other in [chosen, *others]):
+            others.append(one)
+    if not others:
+        return
+    listed = ", ".join(f"'{one.layer_name}'" for one in others)
+    if chosen.layer_name is None:
+        show_info(f"{path.name} is shown on {chosen.path}, a surface from a file near it, instead of {listed}")
+        return
+    why = (
+        "whose file is near it and has the most similar name" if chosen.path in _beside(path) else "the last one opened"
+    )
+    show_info(f"{path.name} is shown on '{chosen.layer_name}', {why}. It also fits {listed}")
+
+
+def _fitting(path: Path, *, visible: bool) -> list[Geometry]:
+    """Return the open surfaces that are not of the other hemisphere."""
+    return [one for one in _open(visible=visible) if _agree(_side(path), one.structure or _side(one.path))]
 
 
 def _beside(path: Path) -> list[Path]:
@@ -119,5 +149,6 @@ def _open(*, visible: bool) -> list[Geometry]:
             path = about.get("surface_file") or layer.source.path
             vertices = moved(np.asarray(layer.vertices), data_to_world(layer))
             file = Path(path) if path else None
-            found.append(Geometry(vertices, np.asarray(layer.faces), about.get("structure"), file))
+            given = about.get("structure"), file, UNKNOWN, layer.name, tuple(about.get("remarks", ()))
+            found.append(Geometry(vertices, np.asarray(layer.faces), *given))
     return found

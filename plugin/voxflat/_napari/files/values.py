@@ -7,7 +7,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from voxflat._napari.files.surfaces import Geometry, geometries_for, surface_layers
+from voxflat._napari.files.surfaces import Geometry, geometries_for, surface_layers, tell_choice
 from voxflat._napari.results.flat_layers import LayerData, limits
 from voxflat.errors import InputError
 from voxflat.io.label_tables import own_table
@@ -37,7 +37,7 @@ def value_layers(path: Path) -> list[LayerData]:
     def on(geometry: Geometry) -> NDArray[Any]:
         return read(path, len(geometry.vertices), structure=geometry.structure)
 
-    geometry, values = _on_surface(path, on)
+    geometry, values = _on_surface(path, on, has_size=not is_region)
     table = None if is_region else own_table(path)
     if table is None or values.ndim > 1:
         return [geometry.layer(path, values.T.astype(np.float64), **_display(path, values))]
@@ -47,7 +47,11 @@ def value_layers(path: Path) -> list[LayerData]:
 def patch_layers(path: Path) -> list[LayerData]:
     """Read a FreeSurfer patch; flat patches are shown in the plane, with v upwards. Raises InputError on failure."""
     patch = read_patch(path)
-    geometry, faces = _on_surface(path, lambda of: patch_faces(of.faces, patch.vertex_ids, len(of.vertices)))
+
+    def faces_of(geometry: Geometry) -> NDArray[np.int64]:
+        return patch_faces(geometry.faces, patch.vertex_ids, len(geometry.vertices))
+
+    geometry, faces = _on_surface(path, faces_of, has_size=False)
     features = {"vertex": patch.vertex_ids, "border": patch.border}
     if patch.points[:, 2].any():
         part = Geometry(geometry.space.to_scanner(patch.points), faces, geometry.structure, geometry.path)
@@ -57,14 +61,17 @@ def patch_layers(path: Path) -> list[LayerData]:
     return [plane.layer(path, features=features, units=("mm",) * 2, shading="none", metadata=about)]
 
 
-def _on_surface(path: Path, read: Callable[[Geometry], _Read]) -> tuple[Geometry, _Read]:
-    """Find the surface to which a file belongs."""
+def _on_surface(path: Path, read: Callable[[Geometry], _Read], *, has_size: bool) -> tuple[Geometry, _Read]:
+    """Find the surface to which a file belongs, which may tell the number of its vertices."""
     wrong: InputError | None = None
-    for geometry in geometries_for(path):
+    for geometry in geometries_for(path, has_size=has_size):
         try:
-            return geometry, read(geometry)
+            values = read(geometry)
         except InputError as error:
             wrong = wrong or error
+        else:
+            tell_choice(path, geometry)
+            return geometry, values
     if wrong is not None:
         raise InputError(f"{wrong}. Open the surface to which the file belongs, then open the file again") from wrong
     raise InputError(f"{path}: the surface for this file was not found. Open it first (for example, lh.white)")

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from voxflat._napari.stacks import stack_of
 from voxflat._napari.results.flat_layers import LayerData
 from voxflat.io.channels import series_of
 from voxflat.io.files import REMEDY, naming
@@ -21,8 +22,8 @@ def volume_layers(path: Path) -> list[LayerData]:
     """Read a volume or a series of volumes as labels or an image, in scanner RAS and mm.
 
     The first axis of a series is time, and its frames are read when they are displayed. The axes of the file are
-    permuted to the order x, y, z, because napari does not show slices in other orders. Raises InputError if the file
-    is damaged or is not a volume.
+    permuted to the order x, y, z, because napari does not show slices in other orders. A volume with the voxels of an
+    open stack gets the axes and the unit of the stack. Raises InputError if the file is damaged or is not a volume.
     """
     with naming(path, REMEDY):
         found = series_of(path)
@@ -30,27 +31,43 @@ def volume_layers(path: Path) -> list[LayerData]:
         from dask.array import from_delayed, stack
         from dask.delayed import delayed
 
-        frames, affine = found
-        order = _order(affine)
+        frames, to_ras = found
+        order, affine, space = _place(path, frames.read(0).shape, to_ras)
         first = np.transpose(frames.read(0), order)
         read = delayed(lambda n: np.transpose(frames.read(n), order).astype(first.dtype, copy=False))
         data = stack([from_delayed(read(n), first.shape, first.dtype) for n in range(len(frames))])  # type: ignore[no-untyped-call]
         in_time = np.eye(5)
-        in_time[1:, 1:] = affine[:, [*order, 3]]
-        about: dict[str, Any] = {"affine": in_time, "units": ("pixel", *_SPACE)}
+        in_time[1:, 1:] = affine
+        about: dict[str, Any] = {"affine": in_time, "units": ("pixel", *space)}
         return [(data, {"name": _name(path), **about}, "image")]
     volume = as_volume(path).in_unit("mm")
-    order = _order(volume.affine)
+    order, affine, space = _place(path, volume.data.shape, volume.affine)
     voxels = np.transpose(volume.data, [*order, *range(3, volume.data.ndim)])
-    about = {"name": _name(path), "affine": volume.affine[:, [*order, 3]], "units": _SPACE}
+    about = {"name": _name(path), "affine": affine, "units": space}
     is_named = not _LABELS.isdisjoint(re.split(r"[^a-z]+", path.name.lower()))
     if voxels.ndim > 3 or voxels.dtype.kind not in "iub" or not (is_named or len(np.unique(voxels)) <= _FEW):
         return [(voxels, {**about, "rgb": voxels.ndim > 3}, "image")]
     return [(voxels.astype(np.int32) if voxels.dtype.kind == "b" else voxels, about, "labels")]
 
 
+def _place(
+    path: Path, shape: tuple[int, ...], to_ras: NDArray[np.float64]
+) -> tuple[list[int], NDArray[np.float64], tuple[Any, ...]]:
+    """Return the order of the axes in a layer, and its affine and units: those of an open stack with these voxels."""
+    from napari import current_viewer
+    from napari.utils.notifications import show_info
+
+    stack = stack_of(current_viewer(), shape, to_ras)
+    affine = to_ras if stack is None else stack.affine(to_ras, "mm")
+    order = _order(affine)
+    if stack is None:
+        return order, affine[:, [*order, 3]], _SPACE
+    show_info(f"{path.name} has the voxels of '{stack.layer.name}', and was opened with its axes ({stack.world})")
+    return order, affine[:, [*order, 3]], tuple(stack.layer.units[-3:])
+
+
 def _order(affine: NDArray[np.float64]) -> list[int]:
-    """Return the voxel axes that are closest to x, y and z."""
+    """Return the voxel axes that are closest to the three axes of the viewer."""
     along = np.abs(affine[:3, :3]) / np.linalg.norm(affine[:3, :3], axis=0)
     order = [-1, -1, -1]
     for row, column in sorted(np.ndindex(3, 3), key=lambda at: -along[at]):

@@ -14,6 +14,7 @@ from voxflat._napari.layers.volumes import LayerVolume
 from voxflat._napari.layers.world import WORLD
 from voxflat._napari.map_viewer.drawings import OF_MAP
 from voxflat._napari.map_viewer.segmentations import Segmentation
+from voxflat._napari.notes import showing_notes
 from voxflat._napari.results.flat_layers import MOVIE, STACK, LayerData
 from voxflat._napari.results.outputs import is_painted
 from voxflat._napari.viewer_state import ViewerState
@@ -74,14 +75,13 @@ def write_regions(path: str | None = None, layers: Sequence[LayerData] = ()) -> 
 
 
 def _regions_of(data: LayerData) -> Regions:
-    """Return the regions that were drawn, or of labels that were painted over the displayed map of a mesh."""
+    """Return the regions that were drawn, or of labels that were painted over the displayed map."""
     values, keywords, kind = data
     viewer, found = current_viewer(), keywords["metadata"].get(OF_MAP)
     if found is None and kind == "labels":
         run = None if viewer is None else ViewerState.of(viewer).current
-        if run is None or not isinstance(run.flat_map, FlatMap) or run.flat_map.is_voxels or values.ndim != 2:
-            name = keywords["name"]
-            raise InputError(f"Labels '{name}' do not lie on the displayed map of a mesh. Show this map in Flat map")
+        if run is None or not isinstance(run.flat_map, FlatMap) or values.ndim != 2:
+            raise InputError(f"Labels '{keywords['name']}' do not lie on the displayed map. Show this map in Flat map")
         return Segmentation.of(Labels(values, **keywords)).regions(run.flat_map, None)
     if found is None:
         raise InputError(f"Layer '{keywords['name']}' contains no regions. Select a layer with regions of a map")
@@ -95,7 +95,7 @@ def _save_volume(path: str, layers: Sequence[LayerData]) -> None:
     if len(layers) != 1:
         raise InputError(f"{len(layers)} layers are selected. Select exactly one layer with labels of the volume")
     layer = Layer.create(*layers[0])
-    if not path.lower().endswith((".nii", ".nii.gz")):
+    if path.lower().endswith(".png"):
         raise InputError(f"Layer '{layer.name}' contains voxels with a position in space. Save it as .nii.gz")
     volume = LayerVolume.of(layer, layer.metadata[WORLD]).read()
     write_volume(path, volume.data, volume.in_unit("mm").affine, has_unit=str(layer.units[-1]) != "pixel")
@@ -113,7 +113,8 @@ def _ask(title: str, endings: Sequence[str]) -> list[str]:
 def _reporting_errors() -> Iterator[None]:
     """Raise errors in the words of the window, as VoxflatError: napari does not report InputError, a ValueError."""
     try:
-        yield
+        with showing_notes():
+            yield
     except (VoxflatError, OSError) as error:
         raise VoxflatError(error_text(error)) from error
 

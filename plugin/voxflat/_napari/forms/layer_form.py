@@ -19,8 +19,9 @@ from voxflat._napari.forms.threshold_choice import ThresholdChoice
 from voxflat._napari.layers.meshes import LayerMesh, is_elsewhere, surface_name, vary
 from voxflat._napari.layers.sampled import Shown, shown, usual_depth
 from voxflat._napari.layers.volumes import LayerVolume, check_time, finest, shown_step, time_axis
-from voxflat._napari.layers.world import MADE_FROM, WORLD, WORLDS, same_kind_of_unit, unit_of
+from voxflat._napari.layers.world import MADE_FROM, WORLDS, same_kind_of_unit, unit_of
 from voxflat._napari.map_viewer.viewer_parts import is_right, list_events, stand_upright
+from voxflat._napari.stacks import world_of
 from voxflat._napari.timers import single_shot
 from voxflat._napari.viewer_state import ViewerState
 from voxflat.errors import InputError
@@ -169,12 +170,7 @@ class LayerForm(QWidget):
         """Show the world axes of the surface: those that were chosen for this layer, or else the usual ones."""
         if (layer := self.surface.layer) is not None:
             with signals_blocked(self.world):
-                self.world.setCurrentIndex(self.world.findData(self._state.world_of(layer) or self._usual_world(layer)))
-
-    def _usual_world(self, layer: Layer) -> str:
-        """Return the world axes of the layer from which voxflat made a layer; microscopes have the axes z, y, x."""
-        is_tissue = unit_of(layer) != "mm" or layer.ndim > 3 or _is_stack(self._viewer, layer)
-        return str(layer.metadata.get(WORLD, "SAR" if is_tissue else "RAS"))
+                self.world.setCurrentIndex(self.world.findData(world_of(self._viewer, layer)))
 
     def _on_world(self) -> None:
         if self.surface.layer is not None:
@@ -282,14 +278,6 @@ def _surface_rank(viewer: Viewer, layer: Layer) -> int | None:
     if isinstance(layer, Surface):
         return 3 if _is_partner(layer) else 4
     return 5 if isinstance(layer, Labels) else 2
-
-
-def _is_stack(viewer: Viewer, layer: Layer) -> bool:
-    """Return whether a volume without a unit of length is read from a TIFF file, or lies on one, as its labels do."""
-    if isinstance(layer, Surface) or str(layer.units[-1]) != "pixel":
-        return False
-    alike = [one for one in viewer.layers if isinstance(one, Image | Labels) and _size(one) == _size(layer)]
-    return any(str(one.source.path).lower().endswith((".tif", ".tiff")) for one in alike)
 
 
 def _is_partner(layer: Surface) -> bool:

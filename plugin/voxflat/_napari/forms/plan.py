@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from qtpy.QtWidgets import QLabel
 
 from voxflat._napari.layers.volumes import finest
-from voxflat._napari.layers.world import unit_of
+from voxflat._napari.layers.world import ASSUMED_UNIT, unit_of
 from voxflat._napari.timers import single_shot
 from voxflat._napari.worker import BackgroundTask
 from voxflat.surfaces.standard.sphere import sphere_at
@@ -160,8 +160,7 @@ def _expected(asked: _Asked, count: int | None) -> list[str]:
 
 def _unit(asked: _Asked) -> list[str]:
     pixels = all(str(unit) == "pixel" for unit in asked.layer.units[-3:])
-    assumed = f"The layer does not have a unit of length; its coordinates are assumed to be in {unit_of(asked.layer)}."
-    return [assumed] if pixels else []
+    return [ASSUMED_UNIT.format(unit_of(asked.layer))] if pixels else []
 
 
 def _about(value: float) -> str:

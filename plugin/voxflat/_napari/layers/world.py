@@ -20,6 +20,8 @@ WORLDS = {
 }
 """The possible axes of the world, which a layer does not record: their directions, and the readers that use them."""
 
+ASSUMED_UNIT = "The layer does not have a unit of length; its coordinates are assumed to be in {}."
+
 MADE_FROM = "voxflat_made_from"
 """Key of the metadata of layers that the user rarely flattens, because voxflat made them from another layer."""
 

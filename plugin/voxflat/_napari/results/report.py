@@ -6,8 +6,9 @@ from typing import TypeAlias
 
 import numpy as np
 
+from voxflat._napari.layers.world import ASSUMED_UNIT
 from voxflat._napari.results.flat_layers import FlatLayers, unit_of_map
-from voxflat._napari.wording import in_window
+from voxflat._napari.wording import in_window, sentence
 from voxflat.atlases.atlas import Atlas
 from voxflat.atlases.certified import FlatAtlas
 from voxflat.atlases.glued import GluedAtlas
@@ -129,15 +130,12 @@ def _of_topology(flat_map: FlatMap) -> list[Row]:
 def warnings(layers: FlatLayers) -> list[str]:
     """Return the warnings about a map or an atlas, and about frames of a movie."""
     of_frames = [] if layers.movie is None else [*layers.movie.series.remarks]
-    found = [*of_frames, *layers.flat_map.metadata["warnings"]]
+    found = [*of_frames, *layers.flat_map.metadata["warnings"], *layers.notes]
+    if layers.flat_map.metadata.get("napari", {}).get("unit", "").startswith("pixel"):
+        found.append(ASSUMED_UNIT.format(unit_of_map(layers.flat_map)))
     return [sentence(in_window(warning)) for warning in dict.fromkeys(found)]
 
 
 def as_html(found: list[str]) -> str:
     """Return warnings as rich text."""
     return "".join(f"<p>⚠ {escape(warning)}</p>" for warning in found)
-
-
-def sentence(message: str) -> str:
-    """Return a message with a capital first letter and a full stop."""
-    return f"{message[:1].upper()}{message[1:]}{'' if message.endswith('.') else '.'}"
