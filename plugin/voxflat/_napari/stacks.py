@@ -19,7 +19,7 @@ _NEAR = 0.01  # voxels
 
 
 def world_of(viewer: Viewer, layer: Layer) -> str:
-    """Return the world axes of a layer: the chosen ones, those of its source, or the usual ones (z, y, x for tissue)."""
+    """Return the world axes of a layer: those that were chosen, or those of its source; microscopes have z, y, x."""
     is_tissue = unit_of(layer) != "mm" or layer.ndim > 3 or _is_stack(viewer, layer)
     usual = str(layer.metadata.get(WORLD, "SAR" if is_tissue else "RAS"))
     return ViewerState.of(viewer).world_of(layer) or usual

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from voxflat.arguments import Note, noting
+from voxflat.arguments import Note, log, noting
 from voxflat.errors import InputError
 from voxflat.io.channels import series_of
 from voxflat.io.files import REMEDY, atomic_path, contents, naming

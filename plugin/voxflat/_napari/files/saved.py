@@ -5,9 +5,9 @@ from typing import Any
 
 import numpy as np
 
-from voxflat._napari.stacks import stack_of
 from voxflat._napari.results.flat_layers import LayerData, hidden
 from voxflat._napari.results.maps import map_layers, page_layers
+from voxflat._napari.stacks import stack_of
 from voxflat.atlases.certified import load_atlas
 from voxflat.maps.flat_map import load
 

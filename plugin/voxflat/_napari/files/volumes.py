@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from voxflat._napari.stacks import stack_of
 from voxflat._napari.results.flat_layers import LayerData
+from voxflat._napari.stacks import stack_of
 from voxflat.io.channels import series_of
 from voxflat.io.files import REMEDY, naming
 from voxflat.io.sources import as_volume
