@@ -26,6 +26,7 @@ from voxflat._napari.files import volumes
 from voxflat._napari.files.readers import map_reader, surface_reader
 from voxflat._napari.layers.volumes import LayerVolume
 from voxflat._napari.map_viewer.dock import REGION
+from voxflat._napari.map_viewer.drawings import OF_MAP
 from voxflat._napari.map_viewer.viewer_parts import camera, look_from_side
 from voxflat._napari.results.maps import map_layers
 from voxflat._napari.viewer_state import ViewerState
@@ -235,7 +236,7 @@ def test_regions_in_a_volume_are_opened_on_its_voxels(open_widget, qtbot, tmp_pa
         dock.canvas.clicked.emit(*(middle + size * np.array(corner)))
     dock.canvas.double_clicked.emit()
     wait_for_picture(dock, qtbot)
-    drawn = viewer.layers["map regions"]
+    (drawn,) = [one for one in viewer.layers if OF_MAP in one.metadata]
     viewer.layers.selection = {drawn}
     viewer.layers.save(str(regions), selected=True, plugin="voxflat")
     messages.clear()

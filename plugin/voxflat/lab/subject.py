@@ -1,5 +1,6 @@
 """Make the flat map, the measures and the record of one hemisphere."""
 
+import logging
 import os
 import platform
 import time
@@ -11,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from voxflat.arguments import Note, log, noting
+from voxflat.arguments import Note, log
 from voxflat.errors import InputError
 from voxflat.io.channels import series_of
 from voxflat.io.files import REMEDY, atomic_path, contents, naming
@@ -79,13 +80,23 @@ def _timed(seconds: dict[str, float], step: str) -> Iterator[None]:
 def _noting() -> Iterator[list[str]]:
     """Collect warnings instead of logging them; they are printed from the record, with the name of the hemisphere."""
     found: list[str] = []
+
+    def take(record: logging.LogRecord) -> bool:
+        is_warning = record.levelno >= logging.WARNING
+        if is_warning:
+            found.append(record.getMessage())
+        return not is_warning
+
+    log.addFilter(take)
     try:
-        with noting() as found:
-            yield found
+        yield found
     except Exception:
+        log.removeFilter(take)
         for warning in found:  # there will be no record
             log.warning("%s", warning)
         raise
+    finally:
+        log.removeFilter(take)
 
 
 def _surface(hemisphere: Hemisphere, parameters: Parameters, common: dict[str, Any]) -> Surface:
