@@ -421,3 +421,43 @@ def test_surfaces_that_are_not_closed_have_no_charts():
     x, y, z = np.indices((24, 24, 10)) - np.array([12, 12, 5])[:, None, None, None]
     torus = (np.hypot(np.hypot(x, y) - 8, z) < 3).astype(np.uint8)
     refused(r"the surface has 1 handle\(s\), but charts require", voxflat.surface(torus, repair="none").charts, 2)
+
+
+@pytest.fixture(scope="module")
+def of_stack(tmp_path_factory):
+    """Return the labels of a ball, and their map, made from a stack without a position."""
+    folder = tmp_path_factory.mktemp("extents")
+    labels = balls()[0][:30].astype(np.uint8)
+    ome(folder / "labels.ome.tif", labels)
+    return labels, voxflat.surface(folder / "labels.ome.tif").flatten()
+
+
+def ome(path, data, spacing=(SIZE, SIZE, SIZE), unit="µm"):
+    sizes = {f"PhysicalSize{axis}": size for axis, size in zip("XYZ", spacing, strict=True)}
+    units = {f"PhysicalSize{axis}Unit": unit for axis in "XYZ"}
+    tifffile.imwrite(path, data.T, metadata={"axes": "ZYX", **sizes, **units})
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        ({"slices": 10}, "measures 15 x 15 x 20 µm along x, y and z, but the flattened volume 15 x 15 x 15 µm"),
+        ({"crop": 4}, "measures 13 x 15 x 15 µm"),
+        ({"spacing": (0.5, 0.5, 0.6)}, "measures 15 x 15 x 18 µm"),
+        ({"slices": 1}, None),
+        ({"fine": 2}, None),
+    ],
+)
+def test_a_stack_of_another_extent_may_lie_elsewhere(of_stack, tmp_path, caplog, change, told):
+    """TIFF has no positions, so the extents are the only sign that a stack is not on the grid of the flattened one."""
+    labels, flat_map = of_stack
+    image = np.pad(100 * labels, [(0, 0), (0, 0), (0, change.get("slices", 0))])[change.get("crop", 0) :]
+    fine = change.get("fine", 1)
+    image = image.repeat(fine, 0).repeat(fine, 1).repeat(fine, 2)
+    ome(tmp_path / "other.ome.tif", image, change.get("spacing", (SIZE / fine,) * 3))
+    regions = flat_map.regions({"all": [[-99, -99], [99, -99], [99, 99], [-99, 99]]})
+    for use in (flat_map.image, lambda path: regions.volume(path, depth=(-2, 2))):
+        caplog.clear()
+        use(tmp_path / "other.ome.tif")
+        assert ("Neither defines its position" in caplog.text) == (told is not None)
+        assert (told or "") in caplog.text

@@ -252,6 +252,7 @@ def _labels(regions: object, voxels: Sampler) -> NDArray[np.int64]:
     if len(channels) > 1:
         raise InputError(f"the regions consist of {len(channels)} volumes. Pass a single volume of labels")
     volume = placed(channels.read(0))
+    voxels.doubt_extent(volume)
     if volume.data.ndim != 3:
         raise InputError(f"the regions have shape {volume.data.shape}, as for colours. Pass a volume of labels")
     found = np.nan_to_num(sample(volume, voxels.points, "nearest"), nan=0.0)
@@ -306,6 +307,7 @@ def profile_of(
     for number in numbers:
         frame = placed(channels.read(number))
         if sampled is None:
+            voxels.doubt_extent(frame)
             way = "nearest" if are_centres(frame, points) else interpolation  # ignores NaN in the voxels around
             sampled = series_sampling([points], "mean", Coverage())
         values = sampled(frame, way)

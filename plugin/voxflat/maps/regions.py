@@ -322,6 +322,7 @@ class Regions(ReadOnly, Recorded):
         """Return the keys of the voxels, which may all be 0."""
         is_stack = isinstance(like, str | os.PathLike) and is_stack_path(like)
         grid = self._surface.placed(read_volume(like, 0) if is_stack else like)  # type: ignore[arg-type]
+        self._surface.doubt_extent(grid)
         shape = grid.data.shape[:3]
         voxels, places = _columns(self.of, grid.affine, (shape[0], shape[1], shape[2]), depth)
         found = np.zeros(math.prod(shape), dtype=np.int32)

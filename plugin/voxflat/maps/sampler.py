@@ -408,6 +408,7 @@ class Sampler:
         elif (high - low).max() < 1:
             told = "has voxels that are larger than the map"
         else:
+            self.doubt_extent(volume)
             return
         unit = "an unknown unit" if self.unit == "unknown" else self.unit
         found = _along_axes(volume.data.shape, volume.affine)
@@ -416,6 +417,25 @@ class Sampler:
             told += ". It has {} x {} x {} voxels along x, y and z, but the flattened volume has {} x {} x {}"
             raise InputError(f"{title} {told.format(*found, *own)}. Save it with the axes of the flattened volume")
         raise InputError(f"{title} {told}. Compare their positions and units; the map is in {unit}")
+
+    def doubt_extent(self, volume: Volume) -> None:
+        """Warn if a stack differs in extent from the flattened volume, and neither has a position."""
+        if not (self.is_voxels and volume.path is not None and is_stack_path(volume.path)):
+            return
+        voxels = [(volume.affine, volume.data.shape[:3]), (self.affine, self.volume_shape)]
+        if any(np.count_nonzero(affine - np.diag(affine.diagonal())) for affine, _ in voxels):
+            return
+        spacings = np.array([affine.diagonal()[:3] for affine, _ in voxels])
+        extents = spacings * [shape for _, shape in voxels]
+        if (np.abs(extents[0] - extents[1]) > spacings.max(axis=0) * (1 + 1e-6)).any():
+            unit = "" if self.unit == "unknown" else f" {self.unit}"
+            found, own = (" x ".join(f"{length:.6g}" for length in extent) + unit for extent in extents)
+            told = (
+                "%s measures %s along x, y and z, but the flattened volume %s. Neither defines its position, so both "
+                "are assumed to start at the same corner. If they do not, crop, pad or resample the stack to the grid "
+                "of the flattened volume"
+            )
+            log.warning(told, volume.path.name, found, own)
 
     def _doubt_space(self) -> None:
         """Warn if the space of the surface is not certain."""
