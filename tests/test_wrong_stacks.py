@@ -353,7 +353,10 @@ def test_a_size_that_a_stack_leaves_out_is_given_as_spacing(tmp_path, monkeypatc
         for door in (voxflat.surface, voxflat.io.as_volume, voxflat.hemisphere, voxflat.check, voxflat.rim):
             side = ["left"] if door is voxflat.hemisphere else []
             refused("size of its voxels along Z. Pass spacing, in µm as the other sizes", door, source, *side)
-    refused("has its own affine. Omit spacing", voxflat.surface, "whole.ome.tif", spacing=(0.2, 0.2, 0.6))
+    told = (
+        "defines the size of its voxels (0.2 x 0.2 x 0.6 µm). Omit --spacing, or correct the file, for example in Fiji"
+    )
+    fail(1, told, "surface", "whole.ome.tif", "--spacing", "0.2,0.2,0.5", "-o", "s.vtp")
     succeed("flatten", "two.ome.tif", "--channel", "0", "--spacing", "0.2,0.2,0.6", "-o", "map.npz")
     fail(1, "Pass --spacing, in µm", "surface", "one.ome.tif", "-o", "s.vtp")
     flat_map = voxflat.load("map.npz")
@@ -461,3 +464,21 @@ def test_a_stack_of_another_extent_may_lie_elsewhere(of_stack, tmp_path, caplog,
         use(tmp_path / "other.ome.tif")
         assert ("Neither defines its position" in caplog.text) == (told is not None)
         assert (told or "") in caplog.text
+
+
+@pytest.mark.parametrize("unit", ["pixel", "reference frame"])
+def test_sizes_in_pixels_are_not_lengths(of_stack, tmp_path, unit):
+    ome(tmp_path / "pixel.ome.tif", of_stack[0], (1, 1, 1), unit)
+    volume = voxflat.io.read_volume(tmp_path / "pixel.ome.tif")
+    assert not volume.is_placed
+    assert "is assumed to be 1 mm" in succeed("check", tmp_path / "pixel.ome.tif").stderr
+    succeed("flatten", tmp_path / "pixel.ome.tif", "--spacing", "2,2,5", "--unit", "µm", "-o", tmp_path / "map.npz")
+    metadata = voxflat.load(tmp_path / "map.npz").metadata
+    assert metadata["unit"] == "µm"
+    assert np.diag(metadata["affine"]).tolist() == [2, 2, 5, 1]
+
+
+def test_a_unit_that_is_not_a_length_is_that_of_the_file(of_stack, tmp_path):
+    ome(tmp_path / "odd.ome.tif", of_stack[0], unit="pt")
+    told = "odd.ome.tif: its unit of length, 'pt', is unknown. Save it in mm"
+    fail(1, told, "check", tmp_path / "odd.ome.tif")

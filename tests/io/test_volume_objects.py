@@ -1,6 +1,7 @@
 """Read arrays, nibabel and ITK images, .npy and .npz files as volumes; check affines."""
 
 import gc
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -26,7 +27,7 @@ def test_npy_and_npz(tmp_path):
         np.testing.assert_array_equal(volume.data, data)
         np.testing.assert_array_equal(volume.affine, expected)
         if name == "placed.npz":
-            refused("has its own affine", as_volume, tmp_path / name, affine=affine)
+            refused("defines the size of its voxels. Omit affine", as_volume, tmp_path / name, affine=affine)
         else:
             np.testing.assert_array_equal(as_volume(tmp_path / name, affine=affine).affine, affine)
     refused(r"many\.npz: .*'uv', 'ids'", read_volume, tmp_path / "many.npz")
@@ -72,8 +73,9 @@ def test_a_place_is_given_once(tmp_path):
     refused("spacing and affine are both given", as_volume, values(), spacing=(1, 1, 1), affine=np.eye(4))
     path = save(tmp_path / "v.nii", values())
     for obj in (path, str(path), nib.load(path), itk_image(values()), Volume(values(), oblique())):
-        for extra in ({"spacing": (1, 1, 1)}, {"affine": np.eye(4)}):
-            refused("has its own affine. Omit", as_volume, obj, **extra)
+        remedy = "correct the file, for example with nibabel" if isinstance(obj, str | Path) else "pass only the array"
+        refused(rf"voxels \(.* mm\)\. Omit spacing, or {remedy}", as_volume, obj, spacing=(1, 1, 1))
+        refused(f"voxels. Omit affine, or {remedy}", as_volume, obj, affine=np.eye(4))
 
 
 def test_nibabel_images():

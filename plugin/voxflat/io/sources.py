@@ -124,7 +124,11 @@ def _volume_and_unit(obj: object, spacing: Sequence[float] | None, affine: Array
         if given is None:
             return volume, volume.is_placed
         if volume.is_placed:
-            raise InputError("has its own affine. Omit spacing, or pass only the array")
+            sizes = " x ".join(f"{size:.6g}" for size in volume.spacing)
+            name, told = ("affine", "") if spacing is None else ("spacing", f" ({sizes} {volume.unit})")
+            program = "in Fiji (Image → Properties)" if is_stack_path(volume.path) else "with nibabel"
+            remedy = f"correct the file, for example {program}" if _is_path(obj) else "pass only the array"
+            raise InputError(f"defines the size of its voxels{told}. Omit {name}, or {remedy}")
         return replace(volume, affine=given, is_placed=True), False
 
 

@@ -18,10 +18,11 @@ from voxflat.arguments import log
 from voxflat.errors import InputError
 from voxflat.io.files import AGAIN, require, retelling
 from voxflat.io.formats.tiff_pages import check_companions, check_pages, check_series
-from voxflat.io.grid import Affine, millimetres, named_unit
+from voxflat.io.grid import Affine, millimetres, unit_of
 
 TIFF_ENDINGS = (".tif", ".tiff")
 
+_NOT_LENGTHS = ("pixel", "pixels", "reference frame")  # units of sizes in OME and ImageJ that are not known
 _PAGES = "ZQI"  # tifffile's axes of pages: depth, or unspecified
 
 
@@ -176,8 +177,9 @@ def _ome_place(text: str | None, is_deep: bool) -> tuple[Affine, str] | None:
     for axis in "XYZ" if text else "":
         size = re.search(rf'\bPhysicalSize{axis}="([^"]*)"', text or "")
         unit = re.search(rf'\bPhysicalSize{axis}Unit="([^"]+)"', text or "")
-        if size is not None:
-            found[axis] = (size[1], unescape(unit[1]) if unit else "µm")
+        named = unescape(unit[1]) if unit else "µm"
+        if size is not None and named not in _NOT_LENGTHS:
+            found[axis] = (size[1], named)
     if not found:
         return None
     if not is_deep:
@@ -190,7 +192,7 @@ def _ome_place(text: str | None, is_deep: bool) -> tuple[Affine, str] | None:
 def _imagej_place(file: Any, is_deep: bool) -> tuple[Affine, str] | None:
     """Return the affine and its unit from ImageJ tags, if they define the size of voxels."""
     told = file.imagej_metadata
-    if not told or not told.get("unit") or told["unit"] in ("pixel", "pixels"):
+    if not told or not told.get("unit") or told["unit"] in _NOT_LENGTHS:
         return None
     tags, unit = file.pages[0].tags, str(told["unit"]).encode().decode("unicode_escape")
     across = []
@@ -206,7 +208,8 @@ def _imagej_place(file: Any, is_deep: bool) -> tuple[Affine, str] | None:
 def _place(sizes: list[tuple[str, str] | None]) -> tuple[Affine, str]:
     """Return the affine of voxels with the given sizes, in the unit of the first; unknown sizes become NaN."""
     unit = next(own for _, own in filter(None, sizes))
-    unit = named_unit(unit) if unit.strip() else "mm"
+    millimetres(unit)  # raises an error that names the file's unit
+    unit = unit_of(unit) or "mm"
     lengths = []
     for size in sizes:
         if size is None:
