@@ -535,7 +535,7 @@ def test_commands_of_the_palette_ask_for_a_file(subject, viewer, last_of, qtbot,
         get_app_model().commands.execute_command(f"voxflat.{command}").result()
         qtbot.waitUntil(lambda: ViewerState.of(viewer).is_settled)
     assert all(path.is_file() for path in paths)
-    assert [layer.name for layer in viewer.layers[1:]] == ["lh.white", "ones", "map distortion [1]"]
+    assert [layer.name for layer in viewer.layers[1:]] == ["lh.white", "ones", "map (2) distortion"]
     assert not answers
 
 

@@ -384,7 +384,10 @@ def test_threshold_frame_and_pial_surface_come_back_with_the_saved_map(
     layers = {
         _with_threshold: [(ndimage.gaussian_filter(cap().astype(float), 1), {"name": "level"}, "image")],
         _with_frame: [(np.stack([cap(), cap()[::-1, :, ::-1]]), {"name": "frames"}, "labels")],
-        _with_pial: [(((1 + 0.1 * z) * points, faces), {"name": name}, "surface") for z, name in enumerate(names)],
+        _with_pial: [
+            ((points + np.array([0, 0, (1 + 0.2 * z) * z]), faces), {"name": name}, "surface")
+            for z, name in enumerate(names)
+        ],
     }[chosen]
     viewer, widget = open_widget(*(Layer.create(*data) for data in layers))
     chosen(viewer, widget.form, qtbot)
@@ -409,7 +412,9 @@ def test_threshold_frame_and_pial_surface_come_back_with_the_saved_map(
 def test_the_pial_surface_is_restored_also_if_it_was_not_used(open_widget, qtbot):
     points, faces, _ = bumps()
     names = ("lh.white", "lh.middle", "lh.pial")
-    viewer, widget = open_widget(*(Surface(((1 + 0.1 * z) * points, faces), name=name) for z, name in enumerate(names)))
+    viewer, widget = open_widget(
+        *(Surface((points + np.array([0, 0, z]), faces), name=name) for z, name in enumerate(names))
+    )
     form = widget.form
     form.surface.choose(viewer.layers["lh.white"])
     for name in ("lh.pial", None, "lh.middle"):

@@ -626,7 +626,7 @@ def test_drawings_on_a_map_of_voxels(flattened, qtbot, tmp_path):
     regions.metadata = {**regions.metadata, WORLD: "LPS"}  # as chosen in the form
     viewer.layers.save(str(file), selected=True, plugin="voxflat")
     assert_allclose(nib.load(file).affine, np.diag([-2.0, -2, 2, 1]))
-    with pytest.raises(voxflat.VoxflatError, match=r"Save it as \.nii\.gz"):  # which has no position in space
+    with pytest.raises(voxflat.VoxflatError, match=r"Use \.nii\.gz"):  # which has no position in space
         viewer.layers.save(str(tmp_path / "regions.tif"), selected=True, plugin="voxflat")
     viewer.layers.save(str(tmp_path / "regions.csv"), selected=True, plugin="voxflat")
     table = pandas.read_csv(tmp_path / "regions.csv")

@@ -158,7 +158,7 @@ def test_a_freesurfer_directory(window, subject, pictures, look, tmp_path):
     chosen = widget.form.surface, widget.form.pial, widget.form.sampled
     assert [choice.currentText() for choice in chosen] == ["lh.white", "lh.pial", "lh.thickness"]
     assert "standard cuts, located by lh.sphere.reg" in widget.form.plan.text()
-    widget.form.surface.choose(viewer.layers["lh.thickness"])
+    widget.form.surface.choose(viewer.layers["lh.pial"])
     assert widget.form.pial.layer is None  # it lies there itself
     assert "midway" not in widget.form.plan.text()
     widget.form.surface.choose(viewer.layers["lh.white"])

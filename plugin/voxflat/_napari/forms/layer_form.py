@@ -276,7 +276,7 @@ def _surface_rank(viewer: Viewer, layer: Layer) -> int | None:
     if layer.ndim != 3 or MADE_FROM in layer.metadata or any(_is_of(layer, other) for other in viewer.layers):
         return 0
     if isinstance(layer, Surface):
-        return 3 if _is_partner(layer) else 4
+        return 3 if _is_partner(layer) or _is_of_values(layer) else 4
     return 5 if isinstance(layer, Labels) else 2
 
 
@@ -284,6 +284,12 @@ def _is_partner(layer: Surface) -> bool:
     """Return whether a surface is pial, inflated or spherical, and is therefore rarely flattened itself."""
     name = surface_name(layer)
     return "pial" in name or is_elsewhere(name)
+
+
+def _is_of_values(layer: Surface) -> bool:
+    """Return whether a layer was opened from a file of values, and shows them on the surface of another file."""
+    file = layer.metadata.get("surface_file")
+    return file is not None and str(layer.source.path) != file
 
 
 def _is_of(layer: Layer | None, other: Layer) -> bool:

@@ -450,7 +450,8 @@ class FlatMapDock(TaskDock):
         if self.prepared is None:
             self.canvas.show_map(prepared.folds, prepared.outline)
             self.legend.show_marks(prepared.directions, prepared.side)
-            lines = self.text.fontMetrics().size(0, "\n")  # two, so that the map keeps its size while the text changes
+            text = "\n" if self.warned.isHidden() else "\n\n"  # beside the button, lines are shorter
+            lines = self.text.fontMetrics().size(0, text)  # fixed, so that the map keeps its size
             self.text.setFixedHeight(lines.height() + 2)
             self.text.setText(_HINTS[self.click.currentText()])
             self._on_zoomed()
