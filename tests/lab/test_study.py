@@ -79,6 +79,7 @@ def test_three_fail_by_name_and_never_stop_the_others(study):
     assert result.stdout.splitlines()[-1] == f"next: voxflat bids {root / 'bids'} {root / 'out'} group"
     lines = result.stderr.splitlines()
     assert len(lines) == 3
+    assert "earlier run" not in result.stderr
     for (label, reason), line in zip(BROKEN.items(), lines, strict=True):
         assert re.match(rf"voxflat: sub-{label} L: error: ", line)
         assert re.search(reason, line)
@@ -144,9 +145,12 @@ def test_a_failure_of_other_parameters_is_forgotten(root):
     first = ["--participant-label", "01"]
     short = next((root / "bids").rglob("sub-01_hemi-L_thickness.shape.gii")).with_name("short.txt")
     short.write_text("1\n2\n")
-    assert participant(root, *first, "--overlay", "short.txt").exit_code == 1
+    failed = participant(root, *first, "--overlay", "short.txt")
+    assert failed.exit_code == 1
+    assert f". The maps of an earlier run remain in {root / 'out' / 'sub-01' / 'anat'}\n" in failed.stderr
     short.unlink()
     (failure,) = (root / "out" / "sub-01").rglob("*_failure.json")
+    assert "The maps of an earlier run remain" in json.loads(failure.read_text())["reason"]
     assert participant(root, *first).exit_code == 0
     assert not failure.exists()
 
@@ -801,6 +805,28 @@ def test_maps_of_changed_inputs_are_named_and_not_averaged(doubtful, tmp_path):
         r"so they are not averaged: sub-4 L \(\S+lh\.pial: the file does not .*, sub-4 R \(white\)\.", told
     )
     assert averaged(folder) == set()
+
+
+def test_participants_with_the_files_of_another_one_are_named(doubtful, tmp_path):
+    folder = copied(doubtful, tmp_path)
+    shutil.copytree(folder / "bids" / "sub-1", folder / "bids" / "sub-9")
+    shutil.rmtree(folder / "out" / "sub-4")
+    assert run("bids", folder / "bids", folder / "out", "participant", "--participant-label", "9").exit_code == 0
+    told, printed = grouped(folder)
+    assert told["warnings"] == [
+        "sub-1, sub-9 have identical input files, so the same data are counted 2 times. Correct the files, or remove "
+        "the copies"
+    ]
+    assert f"voxflat: warning: {told['warnings'][0]}" in printed
+    assert told["warnings"][0][1:] in (folder / "out" / "group.html").read_text()
+
+
+def test_a_single_subject_is_not_a_study(tmp_path):
+    subject = tmp_path / "freesurfer" / "sub-01"
+    (subject / "surf").mkdir(parents=True)
+    told = f"{subject} is a single subject, not a study. Pass its parent directory, {subject.parent}, or use voxflat"
+    fail(1, f"{told} freesurfer {subject}", "bids", subject, tmp_path / "out", "participant")
+    assert not (tmp_path / "out").exists()
 
 
 def test_maps_of_participants_who_left_the_study_are_reported(doubtful, tmp_path):

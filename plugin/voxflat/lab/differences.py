@@ -8,6 +8,7 @@ from voxflat.lab.freshness import worded
 from voxflat.lab.inputs import HEMISPHERES, overlay_name
 
 _LISTED = 5  # most hemispheres that a sentence lists
+_SURFACES = ("white", "pial", "volume")  # inputs that differ between persons
 _SIDES = dict(HEMISPHERES.values())  # left and right, by letter
 
 
@@ -26,6 +27,7 @@ def warnings_about(rows: Sequence[Row], again: str) -> list[str]:
         so = _clause(_places(rows, _changed), letters)
         told = f"inputs changed after these maps were made, so {so}: {', '.join(changed)}"
         found.append(f"{told}. Run {again} with the same options as before")
+    found += _repeated(rows)
     of_text: dict[str, list[str]] = {}
     overlays = {letter: _overlays(row for row in rows if row.letter == letter) for letter in letters}
     for row in rows:
@@ -34,6 +36,18 @@ def warnings_about(rows: Sequence[Row], again: str) -> list[str]:
         for text in (*(row.record or {})["warnings"], *lacks):
             of_text.setdefault(text, []).append(row.hemisphere)
     return found + [f"{listed(of)}: {text}" for text, of in of_text.items()]
+
+
+def _repeated(rows: Sequence[Row]) -> list[str]:
+    """Return warnings about participants with identical surfaces or volumes, who are probably the same person."""
+    by_files: dict[tuple[str, str], list[str]] = {}
+    for row in rows:
+        files = (row.record or {})["inputs"]
+        own = next(files[name]["sha256"] for name in _SURFACES if name in files)
+        by_files.setdefault((row.letter, own), []).append(row.name + row.session)
+    same = dict.fromkeys(tuple(names) for names in by_files.values() if len(names) > 1)
+    told = "have identical input files, so the same data are counted {} times. Correct the files, or remove the copies"
+    return [f"{listed(names)} {told.format(len(names))}" for names in same]
 
 
 def not_averaged(rows: Sequence[Row]) -> set[tuple[str, str]]:

@@ -340,6 +340,9 @@ def _by_label(folder: Path) -> tuple[dict[str, list[Participant]], dict[str, tup
                 found[label] = sessions
             if has_files:
                 origins[label] = (*origins.get(label, ()), place)
+    if not origins and any((folder / name).is_dir() for name in ("surf", "mri")):
+        remedy = f"Pass its parent directory, {folder.resolve().parent}, or use voxflat freesurfer {folder}"
+        raise InputError(f"{folder} is a single subject, not a study. {remedy}")
     if not origins:
         places = "in this directory, in derivatives/ or in sourcedata/freesurfer/"
         files = "no participant has a FreeSurfer surf/ directory, anat/*.surf.gii files or a white-matter mask"

@@ -315,8 +315,10 @@ def _one(job: Job, hemi: str, parameters: Parameters, how: dict[str, Any]) -> Ou
 
 def _failed(job: Job, hemi: str, error: Exception) -> Outcome:
     """Write the reason for a failure, and return the outcome."""
-    reason = user_message(error)
+    reason, results = user_message(error), job.results(hemi)
+    if results.record.is_file():
+        reason += f". The maps of an earlier run remain in {results.folder}"
     with suppress(OSError):  # the outcome has the reason even if the file cannot be written
         content = {"voxflat": __version__, "hemi": HEMISPHERES[hemi][0], "reason": reason}
-        write_json(job.results(hemi).failure, content)
+        write_json(results.failure, content)
     return Outcome(job.name, hemi, "failed", reason)
