@@ -17,9 +17,19 @@ import trimesh
 from fuzz_files import corpus, damaged
 from mesh_files import fsaverage5
 from napari.layers import Image, Labels, Layer
-from napari_window import bumps, cap, map_dock, open_file, run_whole, wait_for_picture, wait_for_threads
+from napari_window import (
+    bumps,
+    cap,
+    map_dock,
+    open_file,
+    prepared_map_of,
+    run_whole,
+    wait_for_picture,
+    wait_for_threads,
+)
 from npe2 import PluginManager, PluginManifest, io_utils
 from numpy.testing import assert_allclose, assert_array_equal
+from qtpy.QtWidgets import QWidget
 
 import voxflat
 from voxflat._napari.files import volumes
@@ -27,6 +37,8 @@ from voxflat._napari.files.readers import map_reader, surface_reader
 from voxflat._napari.layers.volumes import LayerVolume
 from voxflat._napari.map_viewer.dock import REGION
 from voxflat._napari.map_viewer.drawings import OF_MAP
+from voxflat._napari.map_viewer.movies import MovieWindow
+from voxflat._napari.map_viewer.segmentations import Segmentations
 from voxflat._napari.map_viewer.viewer_parts import camera, look_from_side
 from voxflat._napari.results.maps import map_layers
 from voxflat._napari.viewer_state import ViewerState
@@ -574,3 +586,35 @@ def test_a_session_from_files_to_files(make_napari_viewer, qtbot, tmp_path, mess
     assert len(open_file(viewer, qtbot, whole.folder / whole.main)[0].data[0]) == 64
     wait_for_threads(qtbot)
     messages.clear()
+
+
+def test_flat_labels_are_saved_by_the_map_with_their_pixels(viewer, qtbot, tmp_path):
+    """Not by the displayed map, whose pixels have almost the same size."""
+    points, faces, _ = bumps()
+    state, maps = ViewerState.of(viewer), {}
+    for name, of in (("first", points), ("second", 0.999 * points)):
+        maps[name] = prepared_map_of(of, faces).run
+        maps[name].title = name
+        state.keeps_earlier = True
+        state.add(maps[name])
+    flat = maps["first"].layers.layers[-1]
+    values = np.ones(flat[0].shape, dtype=int)
+    values[:, : flat[0].shape[1] // 2] = 2
+    place = {"scale": flat[1]["scale"], "translate": flat[1]["translate"]}
+    assert state.current is maps["second"]
+    labels = viewer.add_labels(values, name="painted", **place)
+    assert flat[0].shape == maps["second"].layers.layers[-1][0].shape
+    viewer.layers.selection = {labels}
+    viewer.layers.save(str(tmp_path / "a.tsv"), selected=True, plugin="voxflat")
+    maps["first"].flat_map.regions(values, pixel_size=flat[1]["scale"][0]).save(tmp_path / "expected.tsv")
+    assert (tmp_path / "a.tsv").read_text() == (tmp_path / "expected.tsv").read_text()
+    owner = QWidget()
+    qtbot.addWidget(owner)
+    offered = Segmentations(viewer, MovieWindow(viewer, owner))
+    for name, count in (("second", 0), ("first", 1)):
+        offered.offer(maps[name])
+        assert offered.box.count() == count
+    labels.scale = np.array(labels.scale) * 1.00003
+    with pytest.raises(voxflat.VoxflatError, match=r"not those of an open map \('first', 'second'\)"):
+        viewer.layers.save(str(tmp_path / "b.tsv"), selected=True, plugin="voxflat")
+    offered.release()

@@ -590,7 +590,7 @@ def test_labels_painted_on_the_map_of_a_mesh_are_saved_at_its_vertices(flattened
         viewer.layers.save(str(tmp_path / f"by.{name}"), selected=True, plugin="voxflat")
         assert (tmp_path / f"by.{name}").read_bytes() == (tmp_path / name).read_bytes()
     viewer.layers["painted"].data = painted[1:]
-    with pytest.raises(voxflat.VoxflatError, match="not those of the map"):
+    with pytest.raises(voxflat.VoxflatError, match=r"not those of an open map \('bumps'\)"):
         viewer.layers.save(str(tmp_path / "other.label.gii"), selected=True, plugin="voxflat")
     viewer.layers.selection = {viewer.layers["bumps"]}
     with pytest.raises(voxflat.VoxflatError, match="contains no regions"):

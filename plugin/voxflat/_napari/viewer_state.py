@@ -210,6 +210,12 @@ class ViewerState:
         fits = flat_map.is_voxels or flat_map.metadata.get("vertices") == len(layer.vertices)
         return flat_map if fits else None
 
+    def run_under(self, layer: Layer) -> Run | None:
+        """Return the run whose map has the pixels of a flat layer: that over which it was added, or the current one."""
+        order = (self._over.get(layer), self._current, *self._runs)
+        runs = (run for run in order if run in self._runs and isinstance(run.flat_map, FlatMap))
+        return next((run for run in runs if run.has_pixels_of(layer)), None)
+
     def keep_record(self, surface: Surface, record: dict[str, Any]) -> None:
         """Keep the cuts in the table of *Draw cuts*, so that neither layers nor docks that are closed lose them."""
         self._cut_records[surface.metadata["input_sha256"]] = record

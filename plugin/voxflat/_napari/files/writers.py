@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from voxflat._napari.layers.volumes import LayerVolume
 from voxflat._napari.layers.world import WORLD
 from voxflat._napari.map_viewer.drawings import OF_MAP
-from voxflat._napari.map_viewer.segmentations import Segmentation
+from voxflat._napari.map_viewer.segmentations import REMEDY, Segmentation
 from voxflat._napari.notes import showing_notes
 from voxflat._napari.results.flat_layers import MOVIE, STACK, LayerData
 from voxflat._napari.results.outputs import is_painted
@@ -75,13 +75,19 @@ def write_regions(path: str | None = None, layers: Sequence[LayerData] = ()) -> 
 
 
 def _regions_of(data: LayerData) -> Regions:
-    """Return the regions that were drawn, or of labels that were painted over the displayed map."""
+    """Return the regions that were drawn, or of labels that were painted over a map."""
     values, keywords, kind = data
     viewer, found = current_viewer(), keywords["metadata"].get(OF_MAP)
     if found is None and kind == "labels":
-        run = None if viewer is None else ViewerState.of(viewer).current
-        if run is None or not isinstance(run.flat_map, FlatMap) or values.ndim != 2:
-            raise InputError(f"Labels '{keywords['name']}' do not lie on the displayed map. Show this map in Flat map")
+        if viewer is None or values.ndim != 2:
+            raise InputError(
+                f"Labels '{keywords['name']}' do not lie on a flat map. Select labels on a flattened image"
+            )
+        state = ViewerState.of(viewer)
+        run = state.run_under(viewer.layers[keywords["name"]])
+        if run is None or not isinstance(run.flat_map, FlatMap):
+            maps = ", ".join(f"'{one.title}'" for one in state.runs) or "none"
+            raise InputError(f"The pixels of '{keywords['name']}' are not those of an open map ({maps}). {REMEDY}")
         return Segmentation.of(Labels(values, **keywords)).regions(run.flat_map, None)
     if found is None:
         raise InputError(f"Layer '{keywords['name']}' contains no regions. Select a layer with regions of a map")

@@ -278,7 +278,7 @@ class FlatMapDock(TaskDock):
         self._frame = self._shown_frame()
         self._show_hint()
         self.movie.setVisible(self._frame is not None)
-        self.segmentations.offer(run is not None and isinstance(run.flat_map, FlatMap))
+        self.segmentations.offer(run)
         self.movies.close()
         self._location = None, None
         self._annotations = []

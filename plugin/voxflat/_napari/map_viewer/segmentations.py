@@ -17,7 +17,8 @@ from voxflat._napari.map_viewer.drawings import affine_in_world, depth_range, dr
 from voxflat._napari.map_viewer.movies import MovieWindow, flat_labels, is_kept
 from voxflat._napari.map_viewer.prepared_map import PreparedMap
 from voxflat._napari.map_viewer.viewer_parts import list_events
-from voxflat._napari.results.flat_layers import LayerData
+from voxflat._napari.results.flat_layers import LayerData, Run
+from voxflat._napari.viewer_state import ViewerState
 from voxflat.arguments import Progress
 from voxflat.errors import Cancelled, InputError
 from voxflat.maps.flat_map import FlatMap
@@ -53,7 +54,7 @@ class Segmentations(QWidget):
         for event in self._events:
             event.connect(self.refresh)
         movies.layers_changed.connect(self.refresh)
-        self._is_offered = False
+        self._run: Run | None = None
         self.refresh()
 
     @property
@@ -61,9 +62,9 @@ class Segmentations(QWidget):
         index = self.box.currentIndex()
         return self._layers[index] if 0 <= index < len(self._layers) else None
 
-    def offer(self, offered: bool) -> None:
-        """Offer layers if there is a map on which they can lie."""
-        self._is_offered = offered
+    def offer(self, run: Run | None) -> None:
+        """Offer the layers that lie on the map of a run."""
+        self._run = run
         self.refresh()
 
     def refresh(self) -> None:
@@ -71,6 +72,8 @@ class Segmentations(QWidget):
         before = self.layer
         found = [layer for layer in self._viewer.layers if isinstance(layer, Labels) and layer.ndim == 2]
         found = [layer for layer in found if "voxflat" not in layer.metadata]
+        state = ViewerState.of(self._viewer)
+        found = [layer for layer in found if self._run is not None and state.run_under(layer) is self._run]
         found += [layer for layer in self._viewer.layers if is_kept(layer)]
         self._layers = [*found, *(layer for layer in self._movies.layers if isinstance(layer, Labels))]
         with signals_blocked(self.box):
@@ -78,7 +81,7 @@ class Segmentations(QWidget):
             self.box.addItems([layer.name for layer in self._layers])
             chosen = self._layers.index(before) if before in self._layers else len(self._layers) - 1
             self.box.setCurrentIndex(chosen)
-        self.setVisible(self._is_offered and bool(self._layers))
+        self.setVisible(self._run is not None and bool(self._layers))
 
     def release(self) -> None:
         for event in self._events:
@@ -104,7 +107,7 @@ class Segmentation:
         corner, down, right = (np.asarray(layer.data_to_world(end))[-2:] for end in ends)
         size = float(right[1] - corner[1])
         if not np.allclose([down - corner, right - corner], size * np.eye(2), atol=1e-6 * abs(size)) or size <= 0:
-            raise InputError(f"The pixels of '{layer.name}' are not those of the map. {_REMEDY}")
+            raise InputError(f"The pixels of '{layer.name}' are not those of the map. {REMEDY}")
         data = flat_labels(layer)
         keys = np.unique(data[data != 0])
         colours = np.round(255 * np.array([layer.get_color(key) for key in keys])).astype(int)
@@ -122,9 +125,9 @@ class Segmentation:
         """Return the pixels of a map; raises InputError unless the labels lie on them."""
         raster = flat_map.raster(self.pixel_size)
         u, v = raster.origin
-        near = np.allclose(self.corner, (-v, u), atol=0.1 * self.pixel_size)
+        near = np.allclose(self.corner, (-v, u), rtol=0, atol=1e-3 * self.pixel_size)
         if self.data.shape[-2:] != raster.shape or not near:
-            raise InputError(f"The pixels of '{self.name}' are not those of the map. {_REMEDY}")
+            raise InputError(f"The pixels of '{self.name}' are not those of the map. {REMEDY}")
         return raster
 
     def regions(self, flat_map: FlatMap, frame: int | None) -> Regions:
@@ -136,7 +139,7 @@ class Segmentation:
 
 
 _MOST = 3  # labels that are named
-_REMEDY = "Give the layer the scale and translation of a flattened image of this map, and the same shape"
+REMEDY = "Give the layer the scale and translation of a flattened image of this map, and the same shape"
 
 
 def to_volume(prepared: PreparedMap, drawn: Segmentation, depth: float, progress: Progress) -> tuple[LayerData, str]:
@@ -153,7 +156,7 @@ def to_volume(prepared: PreparedMap, drawn: Segmentation, depth: float, progress
         raise InputError(f"Layer '{drawn.name}' has no labels. Paint on it, or segment the flattened image")
     if movie is not None and drawn.data.ndim == 3 and len(drawn.data) != len(movie.series):
         count = len(movie.series)
-        raise InputError(f"Layer '{drawn.name}' has {len(drawn.data)} frames, but the movie has {count}. {_REMEDY}")
+        raise InputError(f"Layer '{drawn.name}' has {len(drawn.data)} frames, but the movie has {count}. {REMEDY}")
     wanted = None if flat_map.pial_points is not None else depth_range(prepared, depth)
     frames = [None] if movie is None else list(range(len(movie.series)))
     inside = drawn.check(flat_map).inside

@@ -10,7 +10,7 @@ from napari.layers import Layer
 from numpy.typing import NDArray
 
 from voxflat._napari.layers.sampled import Shown
-from voxflat._napari.layers.volumes import TimeAxis
+from voxflat._napari.layers.volumes import TimeAxis, finest
 from voxflat._napari.results.sketch import Sketches
 from voxflat.atlases.atlas import Atlas
 from voxflat.maps.flat_map import FlatMap
@@ -34,6 +34,8 @@ KEPT = "voxflat_kept"
 
 PART = "voxflat_part"
 """Key of the metadata of layers of a map: the part of the map that the layer shows, for `layer_name`."""
+
+_SAME = 1e-3  # pixels, at both ends of an image: other maps have pixels of nearly the same size
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,3 +162,22 @@ class Run:
     @property
     def flat_map(self) -> FlatMap | Atlas:
         return self.layers.flat_map
+
+    def has_pixels_of(self, layer: Layer) -> bool:
+        """Return whether the last two axes of a layer have exactly the pixels of an image of this map."""
+        shape = finest(layer).shape[-2:]
+        ends = np.zeros((2, layer.ndim))
+        ends[1, -2:] = np.array(shape) - 1
+        places = np.array([np.asarray(layer.data_to_world(end))[-2:] for end in ends])
+        grids = [
+            (np.shape(data)[:2], np.array(keywords["scale"]), np.array(keywords["translate"]))
+            for data, keywords, _ in self.layers.layers
+        ]
+        if self.layers.movie is not None and isinstance(self.flat_map, FlatMap):  # its images have the usual pixels
+            raster = self.flat_map.raster()
+            u, v = raster.origin
+            grids.append((raster.shape, np.full(2, raster.pixel_size), np.array([-v, u])))
+        return any(
+            shape == own and bool(np.abs((places - [at, at + scale * (np.array(own) - 1)]) / scale).max() < _SAME)
+            for own, scale, at in grids
+        )
