@@ -611,6 +611,7 @@ def test_drawings_on_a_map_of_voxels(flattened, qtbot, tmp_path):
     click(dock, qtbot, *[(u - 8, v - 8), (u + 8, v - 8), (u + 8, v + 8), (u - 8, v + 8)])
     qtbot.mouseDClick(dock.canvas.viewport(), Qt.MouseButton.LeftButton, pos=dock.canvas.position(u, v))
     wait_for_picture(dock, qtbot)
+    assert dock.text.text() == "The map has 1 region, in the volume from -0.5 to 3 mm"
     regions = viewer.layers["sheet regions"]
     inside = np.abs(flat_map.uv - (u, v)).max(axis=1) < 7.5
     outside = np.abs(flat_map.uv - (u, v)).max(axis=1) > 8.5
@@ -784,6 +785,11 @@ def test_a_region_that_cannot_be_drawn_does_not_spoil_the_next_one(flattened, qt
     wait_for_picture(dock, qtbot)
     assert "region 1" in dock.text.text()
     assert not dock.undo.isEnabled()
+    dock.click.setCurrentText("draws a region")
+    dock.canvas.double_clicked.emit()
+    assert "at least 3 corners" in dock.text.text()
+    dock.canvas.clicked.emit(u + 1000, v)
+    assert "outside the map" in dock.text.text()
     draw_region(dock, qtbot, u, v)
     assert viewer.layers["bumps regions"].vertex_values.max() == 1
 

@@ -128,7 +128,8 @@ def _reporting_errors() -> Iterator[None]:
 def _map_of(layers: Sequence[LayerData]) -> FlatMap | Atlas:
     maps = {id(flat_map): flat_map for _, keywords, _ in layers if (flat_map := keywords["metadata"].get("voxflat"))}
     if not maps:
-        raise InputError("The selected layers do not belong to a flat map. Select a layer of a flat map")
+        remedy = "Select a layer of a flat map. Save labels that you painted on a map as 'voxflat regions'"
+        raise InputError(f"The selected layers do not belong to a flat map. {remedy}")
     if len(maps) > 1:
         raise InputError(f"The selected layers belong to {len(maps)} flat maps. Select layers of one map")
     return next(iter(maps.values()))  # type: ignore[no-any-return]  # metadata are Any

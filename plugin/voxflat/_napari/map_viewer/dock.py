@@ -620,6 +620,8 @@ class FlatMapDock(TaskDock):
     def _on_map_clicked(self, u: float, v: float) -> None:
         spot = None if self.prepared is None else self.prepared.spot(u, v)
         if self.prepared is None or spot is None:
+            if self.prepared is not None and self.click.currentText() != GO:
+                self._show_message("This place is outside the map. Click on the map")
             return
         wanted = self.click.currentText()
         if wanted == GO:
@@ -642,6 +644,8 @@ class FlatMapDock(TaskDock):
         elif self.prepared is not None and len((now := self.prepared.run.sketches.now).corners) > 2:
             regions = (*now.regions, (self.prepared.frame, now.corners))
             self._draw_on(replace(now, regions=regions, corners=()))
+        elif self.prepared is not None:
+            self._show_message("A region needs at least 3 corners. Click on more corners, then double-click")
 
     def _draw_on(self, sketch: Sketch) -> None:
         self._sketch(lambda sketches: sketches.do(sketch))

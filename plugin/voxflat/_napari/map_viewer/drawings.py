@@ -107,7 +107,12 @@ def regions(prepared: PreparedMap, polygons: Sequence[Polygon]) -> Drawn:
     labels = flat_map.paint(drawn.labels.astype(np.int32)) if is_own else np.zeros(flat_map.volume_shape, np.int32)
     if not np.isnan(flat_map.normals).all():  # the surface has an outer side, where the cortex lies
         grid = Volume(labels, flat_map.affine, unit=prepared.unit)
-        cortex = drawn.volume(grid, depth=depth_range(prepared) if flat_map.pial_points is None else None)
+        wanted = depth_range(prepared) if flat_map.pial_points is None else None
+        cortex = drawn.volume(grid, depth=wanted)
+        reach = (
+            "between both surfaces" if wanted is None else f"from {wanted[0]:.3g} to {wanted[1]:.3g} {prepared.unit}"
+        )
+        message += f", in the volume {reach}"
         labels = np.where(labels == 0, cortex.data, labels)
     affine, movie = affine_in_world(prepared), prepared.run.layers.movie
     if movie is not None and prepared.frame is not None:
