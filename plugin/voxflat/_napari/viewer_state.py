@@ -207,7 +207,7 @@ class ViewerState:
         flat_map = None if self._current is None else self._current.flat_map
         if layer is None or not isinstance(flat_map, FlatMap) or flat_map.is_voxels == isinstance(layer, SurfaceLayer):
             return None
-        fits = flat_map.is_voxels or flat_map.metadata.get("vertices") == len(layer.vertices)
+        fits = flat_map.is_voxels or flat_map.origin.mesh.vertices == len(layer.vertices)
         return flat_map if fits else None
 
     def run_under(self, layer: Layer) -> Run | None:
@@ -218,13 +218,13 @@ class ViewerState:
 
     def keep_record(self, surface: Surface, record: dict[str, Any]) -> None:
         """Keep the cuts in the table of *Draw cuts*, so that neither layers nor docks that are closed lose them."""
-        self._cut_records[surface.metadata["input_sha256"]] = record
+        self._cut_records[surface.origin.input_sha256] = record
 
     def record_of(self, surface: Surface | FlatMap) -> dict[str, Any]:
         """Return the cuts that were drawn on a surface in this session, or before one of the open maps was saved."""
-        key = surface.metadata["input_sha256"]
+        key = surface.origin.input_sha256
         of_maps = {
-            run.flat_map.metadata["input_sha256"]: run.flat_map.metadata.get("napari", {}).get("drawn_cuts", {})
+            run.flat_map.origin.input_sha256: run.flat_map.metadata.get("napari", {}).get("drawn_cuts", {})
             for run in self._runs
         }
         return self._cut_records.get(key) or of_maps.get(key, {})

@@ -121,7 +121,7 @@ def to_page_polydata(atlas: Atlas, *, packing: str = "boxes") -> pv.PolyData:
         mesh.cell_data[name] = getattr(atlas, name)
     with np.errstate(divide="ignore"):
         mesh.cell_data["areal"] = np.log2(atlas.areal)  # as in flat maps
-    is_voxels = atlas.metadata["kind"] == "voxels"
+    is_voxels = atlas.origin.is_voxels
     mesh.point_data["voxel_ids" if is_voxels else "vertex_ids"] = atlas.ids[atlas.vertex_ids]
     mesh.point_data["surface_points"] = atlas.points[atlas.vertex_ids]
     mesh.active_texture_coordinates = page.texture_coordinates()

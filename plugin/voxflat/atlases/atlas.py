@@ -19,11 +19,11 @@ from voxflat.errors import InputError
 from voxflat.io import files
 from voxflat.io.grid import FARTHEST, in_unit
 from voxflat.io.notebook import page
+from voxflat.io.origin import origin_of
 from voxflat.io.provenance import Record, as_text, saving
 from voxflat.io.readers import read_arrays
 from voxflat.io.reading import note
 from voxflat.maps.raster import FlatImage, FlatStack
-from voxflat.maps.sampler import check_origin
 
 _SHOWN = 12  # pieces in a table
 _ARRAYS = ("points", "faces", "ids", "piece_ids", "stretch", "starts", "vertex_ids", "uv", "uv_faces", "measured")
@@ -368,7 +368,9 @@ class Atlas(FlatPieces, ABC):
 
     def _largest(self, columns: dict[str, str], measured: NDArray[np.float64]) -> list[str]:
         """Return a table of the largest pieces (number, triangles, measures); columns have a title and a format."""
-        titles = (in_unit(name, self.metadata).rjust(int(form[1:].split(".")[0])) for name, form in columns.items())
+        titles = (
+            in_unit(name, self.origin.named_unit).rjust(int(form[1:].split(".")[0])) for name, form in columns.items()
+        )
         rows = ((n, self._sizes[n], *values) for n, values in enumerate(measured[:_SHOWN].tolist()))
         more = [f"{'...':>6}{len(self) - _SHOWN:>6} more"] if len(self) > _SHOWN else []
         return ["".join(titles), *("".join(map(format, row, columns.values())) for row in rows), *more]
@@ -497,7 +499,7 @@ def figures_of(told: Mapping[str, Any]) -> dict[str, Any]:
     return {name: float(one) for name, one in told.items()}
 
 
-def _checked(arrays: dict[str, NDArray[Any]], metadata: dict[str, Any]) -> dict[str, NDArray[Any]]:
+def _checked(arrays: dict[str, NDArray[Any]], metadata: dict[str, Any]) -> dict[str, Any]:
     """Return the arrays of a file, checked against each other and against the input."""
     layout = {**_LAYOUT, "ids": ("i8", "points 3" if metadata.get("kind") == "voxels" else "points")}
     files.check_shapes(arrays, layout)
@@ -514,5 +516,4 @@ def _checked(arrays: dict[str, NDArray[Any]], metadata: dict[str, Any]) -> dict[
     if not (areas >= 0).all() or not 0 < areas.max() <= FARTHEST**2:
         raise InputError(f"the areas of its pieces are not valid: {shown(areas)} mm². {files.AGAIN}")
     files.check_places({name: arrays[name] for name in ("uv", "points", "planes") if name in arrays})
-    check_origin(metadata, arrays["ids"])
-    return files.in_types(arrays, layout)
+    return {**files.in_types(arrays, layout), "origin": origin_of(metadata, arrays["ids"])}

@@ -11,7 +11,6 @@ from voxflat.surfaces.manifold import Manifold
 
 MAX_ANGLE = 10.0  # default greatest angle between a triangle and the plane of its patch, degrees
 SEEDS = ("curvature", "flattest", "random")  # ways to start patches
-_SURFACE = ("kind", "input", "input_sha256", "affine", "shape", "sheet", "vertices", "structure", "space", "unit")
 _MEASURED = ("tilt", "area", "isometric", "quasi_conformal")
 
 
@@ -49,9 +48,10 @@ def patches(
         uv_faces=np.searchsorted(keys, labels[:, None] * count + faces),
         planes=np.stack([part["plane"] for part in parts]),
         measured=np.array([[part[name] for name in _MEASURED] for part in parts]),
+        origin=whole.origin,
         metadata={
             "method": "saucan2006",
-            **{name: whole.metadata[name] for name in _SURFACE if name in whole.metadata},
+            **whole.origin.described(),
             "limit": {limit: value},
             "seeds": seeds,
             "seed": seed,

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 import scipy
@@ -119,7 +120,7 @@ class FlatPage(Planar):
         >>> voxflat.samples.hill().patches(max_angle=20).page().pixel_size < 1
         True
         """
-        half = usual_spacing(self.atlas.metadata, self.uv, self.atlas.uv_faces) / 2
+        half = usual_spacing(self.atlas.origin, self.uv, self.atlas.uv_faces) / 2
         return min(half, self.gap / 2) if self.gap > 0 else half
 
     @cached_property
@@ -128,7 +129,7 @@ class FlatPage(Planar):
         of, count = self.atlas, len(self.atlas.faces)
         rows = of.faces.ravel()
         faces = np.arange(3 * count, dtype=np.uint32).reshape(-1, 3)
-        on_surface = Sampler(of.points[rows], of.normals[rows], of.ids[rows], of.metadata, faces)
+        on_surface = Sampler(of.points[rows], of.normals[rows], of.ids[rows], of.origin, faces)
         torn = np.zeros(count, dtype=np.bool_)
         return FlatTriangles(self.corners.reshape(-1, 2), faces, torn, on_surface, of.piece_ids)
 
@@ -309,7 +310,7 @@ class FlatPage(Planar):
         picture = _spread(shown.colours(colour_map, limits))
         of = self.atlas
         points = of.space.to_scanner(of.points)
-        known = {"unit": of.metadata.get("unit", "mm"), "is_ras": "axes" not in of.metadata}
+        known: dict[str, Any] = {"unit": of.origin.unit, "is_ras": of.origin.has_known_axes}
         return TexturedSurface(points, of.faces, coordinates, picture, texture_faces=of.uv_faces, **known)
 
 

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from voxflat import _core
 from voxflat.distortion.triangles import isometric, quasi_conformal
+from voxflat.io.origin import Origin
 from voxflat.io.provenance import Record
 from voxflat.io.spaces import Space
 from voxflat.read_only import ReadOnly
@@ -55,6 +56,7 @@ class FlatPieces(ReadOnly):
     vertex_ids: NDArray[np.int64]
     uv: NDArray[np.float64]
     uv_faces: NDArray[np.int64]
+    origin: Origin
     metadata: dict[str, Any] = field(default_factory=dict)
 
     def __len__(self) -> int:
@@ -76,7 +78,7 @@ class FlatPieces(ReadOnly):
         >>> voxflat.samples.hill().patches(max_angle=20).space.name
         'unknown'
         """
-        return Space._of(self.metadata)
+        return self.origin.space
 
     @property
     def provenance(self) -> Record:
@@ -102,7 +104,7 @@ class FlatPieces(ReadOnly):
         >>> voxflat.samples.hill().patches(max_angle=20).normals.shape
         (441, 3)
         """
-        if self.metadata.get("sheet"):
+        if self.origin.is_voxels and self.origin.voxels.is_sheet:
             return np.full(self.points.shape, np.nan)
         return _core.vertex_normals(self.points, self.faces.astype(np.uint32))
 

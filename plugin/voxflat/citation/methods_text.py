@@ -110,10 +110,12 @@ def facts_of(flat_map: FlatMap) -> Facts:
     given = {name: "given" if isinstance(value, dict | list) else value for name, value in used.items()}
     automatic, triangles = metadata.get("automatic_cuts", []), figures["triangles"] or {}
     how = {
-        **{name: metadata.get(name) for name in ("method", "kind", "measured_on", "cuts_by", "cut_names")},
+        **{name: metadata.get(name) for name in ("method", "cuts_by", "cut_names")},
+        "kind": "voxels" if flat_map.is_voxels else "mesh",
+        "measured_on": flat_map.origin.measured_on,
         "version": record.get("voxflat", __version__),
         "options": ", ".join(f"{name}={value}" for name, value in given.items() if value is not None),
-        "is_range_image": "range_image" in metadata,
+        "is_range_image": not flat_map.is_voxels and flat_map.origin.mesh.grid is not None,
         "cuts": len(metadata.get("cuts", [])),
         "space": (metadata.get("sphere") or {}).get("space"),
         "by_folds": (metadata.get("sphere") or {}).get("input") == OWN_REGISTRATION,
@@ -122,7 +124,7 @@ def facts_of(flat_map: FlatMap) -> Facts:
     return {
         "how": how,
         "paths": len(automatic),
-        "length": in_unit(f"{rounded(sum(cut['length'] for cut in automatic))} mm", metadata),
+        "length": in_unit(f"{rounded(sum(cut['length'] for cut in automatic))} mm", flat_map.origin.named_unit),
         "points": metadata["points"],
         "sources": figures["sources"],
         "scale": f"{figures['best_scale']['scale'] or float('nan'):.3f}",

@@ -65,7 +65,7 @@ def path(surface: Manifold, stops: Sequence[Sequence[int] | int], geodesic: str,
         graph = voxel_graph(surface, link_lengths or LINK_LENGTHS)
         core: Any = graph.whole
         vertices = core.find(voxel_indices(stops, "the stops"))
-        ids, find, space = core.voxels, core.path, Space._of(graph.metadata)
+        ids, find, space = core.voxels, core.path, graph.origin.space
     else:
         if link_lengths is not None:
             raise InputError(f"link_lengths does not apply to geodesic={geodesic!r}. Omit it")

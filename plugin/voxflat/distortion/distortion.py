@@ -265,6 +265,6 @@ def _aligned(of: Sequence[Distortion], rows: list[list[str]]) -> str:
     references = "; ".join(sorted({_REFERENCES[one.reference] for one in of}))
     about = f"from {sources} random sources, ± standard error; {references}"
     units = {one.unit for one in of}
-    unit = {"unit": units.pop() if len(units) == 1 else "unknown"}
+    unit = units.pop() if len(units) == 1 else "unknown"
     lines = [in_unit(row[0], unit).ljust(_FIRST) + "".join(cell.rjust(width) for cell in row[1:]) for row in rows]
     return "\n".join([about, *(line.rstrip() for line in lines)])

@@ -330,7 +330,7 @@ def compare(
         of_charts = []
         for number, (one, _) in enumerate(parts, 1):
             topology = _topology(one)
-            more = {"topology": topology, "voxel_size": whole.voxel_size, "unit": whole.metadata.get("unit", "mm")}
+            more = {"topology": topology, "voxel_size": whole.voxel_size, "unit": whole.origin.unit}
             triangles = one.core.measure(one.uv, progress)
             closed, at = joined[id(one)]
             of_distances = distances[id(closed)] | {"per_point": distances[id(closed)]["per_point"][at]}
@@ -459,8 +459,8 @@ def _agree(flat: FlatMap, one: NDArray[np.float64], other: NDArray[np.float64]) 
 
 
 def _made_on(flat: FlatMap) -> str:
-    of = flat.metadata.get("input")
-    return f"{flat.metadata.get('measured_on', 'another surface')}" + (f", {of}" if of else "")
+    of = flat.origin.input
+    return (flat.origin.measured_on or "another surface") + (f", {of}" if of else "")
 
 
 def _called(name: str) -> str:

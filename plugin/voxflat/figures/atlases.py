@@ -101,5 +101,5 @@ def atlas_heat_map(atlas: Atlas, pixel_size: float | None = None, *, of: str = "
 
 
 def _labels(atlas: Atlas) -> dict[str, Any]:
-    unit = in_unit("mm", atlas.metadata)
+    unit = in_unit("mm", atlas.origin.named_unit)
     return {"xlabel": unit, "ylabel": unit}

@@ -54,7 +54,7 @@ def scatter(flat_map: FlatMap) -> Figure:
     geodesic, flat = distortion.scatter.T
     end = 1.03 * float(distortion.scatter.max())
     figure = Figure(figsize=(7.0, 5.6), layout="constrained")
-    x, y = (in_unit(name, flat_map.metadata) for name in ("geodesic distance δ (mm)", "flat distance d (mm)"))
+    x, y = (in_unit(name, flat_map.origin.named_unit) for name in ("geodesic distance δ (mm)", "flat distance d (mm)"))
     axes = figure.add_subplot(xlabel=x, ylabel=y, aspect="equal")
     axes.plot([0, end], [0, end], color="black", linewidth=0.8, zorder=3, label="d = δ")
     how: Any = {"gridsize": 90, "bins": "log", "mincnt": 1, "cmap": "viridis", "linewidths": 0.1}
@@ -65,7 +65,7 @@ def scatter(flat_map: FlatMap) -> Figure:
     absolute, relative = distortion.raw.absolute_error, 100 * distortion.raw.relative_error
     errors = rf"$\bar\varepsilon$ = {absolute:.2f} mm,  $\bar\varepsilon_r$ = {relative:.1f} %"
     title = rf"{errors},  $\bar\delta$ = {distortion.mean_geodesic:.1f} mm"
-    axes.set_title(in_unit(title, flat_map.metadata))
+    axes.set_title(in_unit(title, flat_map.origin.named_unit))
     return figure
 
 
@@ -99,7 +99,7 @@ def heat_map(flat_map: FlatMap, pixel_size: float | None = None) -> Figure:
     """
     checked_kind(flat_map, "flat map", "heat_map", "a FlatMap")
     image = flat_map.heat_map(pixel_size)
-    figure, axes = _map_axes(image, flat_map.metadata)
+    figure, axes = _map_axes(image, flat_map.origin.named_unit)
     place: dict[str, Any] = {"extent": image.extent, "origin": "upper", "interpolation": "none", "aspect": "equal"}
     shown = axes.imshow(100 * image.data, cmap=ERRORS, vmin=0, vmax=top_error(flat_map), **place)
     _add_colour_bar(axes, shown, ERROR_LABEL, extend="max")
@@ -148,7 +148,7 @@ def heat_maps(comparison: Comparison) -> Figure:
             defined = one.faces[np.isfinite(value)[one.faces].all(axis=1)]
             if len(defined):
                 axes.tripcolor(*one.uv.T, np.nan_to_num(value), triangles=defined, **look)
-            u, v = (in_unit(f"{axis} (mm)", {"unit": one.distortion.unit}) for axis in "uv")
+            u, v = (in_unit(f"{axis} (mm)", one.distortion.unit) for axis in "uv")
             axes.set(aspect="equal", xlabel=u, ylabel=v)
         colour_bar = ScalarMappable(Normalize(low, high), colours)
         figure.colorbar(colour_bar, ax=row.tolist(), label=label, extend=extend)
@@ -198,7 +198,7 @@ def spectrum(flat_map: FlatMap) -> Figure:
     colours = np.where(values < 0, _NEGATIVE, _POSITIVE)
     colours[used] = _USED
     figure = Figure(figsize=(6.4, 4.2), layout="constrained")
-    magnitude = in_unit("|λ| (mm²)", flat_map.metadata)
+    magnitude = in_unit("|λ| (mm²)", flat_map.origin.named_unit)
     axes = figure.add_subplot(xlabel="eigenvalue, in descending order of magnitude", ylabel=magnitude)
     rank = np.arange(1, len(values) + 1)
     axes.bar(rank, np.abs(values), color=colours.tolist(), edgecolor="black", linewidth=0.6)
@@ -211,13 +211,13 @@ def spectrum(flat_map: FlatMap) -> Figure:
     return figure
 
 
-def _map_axes(image: FlatImage, metadata: dict[str, Any]) -> tuple[Figure, Axes]:
+def _map_axes(image: FlatImage, unit: str) -> tuple[Figure, Axes]:
     """Return a figure and its axes, in mm, with the outline of an image."""
     left, right, bottom, upper = image.extent
     height = float(np.clip(5.0 * (upper - bottom) / (right - left), 2.0, 8.0))
     margin = 0.03 * max(right - left, upper - bottom)
     figure = Figure(figsize=(6.8, height + 0.9), layout="compressed")
-    u, v = (in_unit(f"{axis} (mm)", metadata) for axis in "uv")
+    u, v = (in_unit(f"{axis} (mm)", unit) for axis in "uv")
     axes = figure.add_subplot(xlabel=u, ylabel=v, aspect="equal")
     axes.set(xlim=(left - margin, right + margin), ylim=(bottom - margin, upper + margin), autoscale_on=False)
     step = image.pixel_size  # one more pixel on each side, so that the outline closes

@@ -28,8 +28,8 @@ def directions(flat_map: FlatMap) -> list[Direction]:
 
     Each coordinate of the points around the middle is fitted linearly in (u, v); the gradient is its direction.
     """
-    is_unknown = flat_map.space.name == "unknown" and flat_map.metadata.get("structure") not in _SIDES
-    if is_unknown and flat_map.metadata.get("kind") != "voxels":
+    is_unknown = flat_map.space.name == "unknown" and flat_map.origin.structure not in _SIDES
+    if is_unknown and not flat_map.is_voxels:
         return []
     points = flat_map.space.to_scanner(flat_map.points)
     corners = flat_map.uv[flat_map.faces[~flat_map.torn]]
@@ -54,7 +54,7 @@ def directions(flat_map: FlatMap) -> list[Direction]:
 
 def side(flat_map: FlatMap) -> str | None:
     """Return "L" or "R" if the file or the registered sphere of a map identifies its hemisphere, and None otherwise."""
-    known = (flat_map.metadata.get("structure"), (flat_map.metadata.get("sphere") or {}).get("side"))
+    known = (flat_map.origin.structure, (flat_map.metadata.get("sphere") or {}).get("side"))
     return next((_SIDES[one] for one in known if one in _SIDES), None)
 
 

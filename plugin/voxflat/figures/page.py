@@ -244,7 +244,7 @@ class Page:
                 length = round_length(0.22 * self.width / self.scale / len(self.panels))
                 end = x + length * self.scale
                 self.paper.plot([x, end], [3.2, 3.2], color="black", linewidth=1.6, solid_capstyle="butt", gid="marks")
-                self.text((x + end) / 2, 5.4, in_unit(f"{length:g} mm", panel.flat_map.metadata), "marks")
+                self.text((x + end) / 2, 5.4, in_unit(f"{length:g} mm", panel.flat_map.origin.named_unit), "marks")
                 x = end
             for whole_name, places in cut_names(panel.flat_map):
                 name = _shortened(whole_name, self.width / 2)

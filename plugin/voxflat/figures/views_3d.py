@@ -256,7 +256,8 @@ def _patch_in_place(flat_map: FlatMap, volume: object) -> list[pyvista.PolyData]
     if data.shape != flat_map.volume_shape:
         made_from = f"the map was made from a volume of shape {flat_map.volume_shape}"
         raise InputError(f"the volume has shape {data.shape}, but {made_from}. Pass the volume that was flattened")
-    mask = foreground(data, label=flat_map.metadata["label"], threshold=flat_map.metadata["threshold"])
+    of = flat_map.origin.voxels
+    mask = foreground(data, label=of.label, threshold=of.threshold)
     if not mask[tuple(flat_map.ids.T)].all():
         raise InputError(
             "some points of the map are not in the foreground of this volume. Pass the volume that was flattened"
@@ -275,8 +276,8 @@ def _patch_of_mesh(pyvista: Any, flat_map: FlatMap, whole: object | None) -> lis
     if whole is None:
         return [patch]
     mesh = surface(whole)
-    if mesh.is_voxels or mesh.count != flat_map.metadata["vertices"]:
-        made_from = f"the map was made from a mesh with {flat_map.metadata['vertices']} vertices"
+    if mesh.is_voxels or mesh.count != flat_map.origin.mesh.vertices:
+        made_from = f"the map was made from a mesh with {flat_map.origin.mesh.vertices} vertices"
         raise InputError(f"the mesh has {mesh.count} vertices, but {made_from}. Pass the mesh that was flattened")
     place = np.full((mesh.count, 3), np.nan)
     place[mesh.ids] = mesh.points

@@ -54,7 +54,7 @@ def worst_places(worst: WorstPlaces) -> Figure:
     flat_map = worst.flat_map
     wide, high = np.ptp(flat_map.uv, axis=0).tolist()
     figure = Figure(figsize=(7.6, float(np.clip(6.4 * high / wide, 2.4, 8.0)) + 0.6), layout="compressed")
-    u, v = (in_unit(f"{axis} (mm)", flat_map.metadata) for axis in "uv")
+    u, v = (in_unit(f"{axis} (mm)", flat_map.origin.named_unit) for axis in "uv")
     axes = figure.add_subplot(xlabel=u, ylabel=v, aspect="equal")
     look: dict[str, Any] = {"cmap": AREAS, "norm": _norm(worst), "rasterized": True}
     axes.tripcolor(*flat_map.uv.T, triangles=flat_map.faces, facecolors=worst.logs, **look)

@@ -1,7 +1,7 @@
 """Define voxel grids, which have a shape and an affine without shear from indices to RAS+ mm."""
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -150,11 +150,8 @@ def rounded(length: float, places: int = 0) -> str:
     return f"{length:.{places}f}" if abs(length) >= 1 or length == 0 else f"{length:.2g}"
 
 
-def in_unit(text: str, metadata: Mapping[str, Any]) -> str:
+def in_unit(text: str, unit: str) -> str:
     """Replace mm in a text by the unit of a surface or map; remove it if the unit is unknown."""
-    unit = metadata.get("unit", "mm")
-    if metadata.get("napari", {}).get("unit", "").startswith("pixel"):
-        unit = "unknown"
     if unit == "mm":
         return text
     if unit != "unknown":

@@ -2,9 +2,7 @@
 
 import os
 import re
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 from voxflat.arguments import log
 from voxflat.errors import InputError
@@ -12,6 +10,7 @@ from voxflat.io import formats
 from voxflat.io.files import REMEDY, contents, naming
 from voxflat.io.formats import gifti
 from voxflat.io.meshes import LEFT, RIGHT, Mesh, named_structure
+from voxflat.io.origin import Origin
 
 _SIDES = {LEFT: "left", RIGHT: "right"}
 _AS_ARRAY = "Pass a file for that hemisphere, or pass the values as an array to use them anyway"
@@ -37,13 +36,13 @@ def check_file_side(path: str | os.PathLike[str], structure: str | None) -> None
     check_side(path, own, structure, _AS_ARRAY)
 
 
-def check_partner(path: str | os.PathLike[str], metadata: Mapping[str, Any]) -> None:
-    """Compare a file with the metadata of a surface or a map.
+def check_partner(path: str | os.PathLike[str], origin: Origin) -> None:
+    """Compare a file with the origin of a surface or a map.
 
     Raise an error if it belongs to the other hemisphere, and warn if the names of both contain different participants.
     """
-    check_file_side(path, metadata.get("structure"))
-    check_participant(path, metadata)
+    check_file_side(path, origin.structure)
+    check_participant(path, origin.input)
 
 
 def check_unit(name: str, mesh: Mesh, unit: str) -> None:
@@ -53,9 +52,9 @@ def check_unit(name: str, mesh: Mesh, unit: str) -> None:
         raise InputError(f"{name} is in {declared}, but the surface is in {unit}. Convert one of them")
 
 
-def check_participant(path: object, metadata: Mapping[str, Any]) -> None:
-    """Warn if a file's name and that of the surface contain different participants."""
-    own, other = (re.findall(r"sub-[A-Za-z0-9]+", str(of)) for of in (path, metadata.get("input") or ""))
+def check_participant(path: object, of: object) -> None:
+    """Warn if a file's name and that of the surface's file contain different participants."""
+    own, other = (re.findall(r"sub-[A-Za-z0-9]+", str(one or "")) for one in (path, of))
     if own and other and own[-1] != other[-1]:
         name = os.path.basename(str(path))
         log.warning("%s belongs to %s, but the surface belongs to %s. Check the file", name, own[-1], other[-1])

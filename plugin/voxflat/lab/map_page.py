@@ -119,7 +119,7 @@ def map_page(flat_map: FlatMap, title: str = "Flat map") -> MapPage:
     of_points, of_triangles = measure_arrays(flat_map.distortion, flat_map.points, flat_map.faces, flat_map.uv)
     anatomy = {"curvature": flat_map.curvature, "sulcaldepth": flat_map.sulcal_depth}
     of_points |= {name: values for name, values in anatomy.items() if values is not None}
-    return page_of(flat_map, of_points, of_triangles, title, unit=in_unit("mm", flat_map.metadata))
+    return page_of(flat_map, of_points, of_triangles, title, unit=in_unit("mm", flat_map.origin.named_unit))
 
 
 def page_of(

@@ -119,12 +119,12 @@ class LoadedResults:
         """Read results; damaged or missing files raise an InputError or an OSError."""
         record, flat_map = read_record(results.record), load(results.map)
         names = [name for name in (*record["overlays"], *MEASURES) if results.values(name).name in record["outputs"]]
-        structure = flat_map.metadata.get("structure")
+        structure = flat_map.origin.structure
         values = {}
         for name in names:
             path = results.values(name)
             with naming(path, REMEDY):
-                count = len(flat_map) if flat_map.is_voxels else flat_map.metadata["vertices"]
+                count = len(flat_map) if flat_map.is_voxels else flat_map.origin.mesh.vertices
                 found = read_overlay(path, count, structure=structure).astype(np.float64)
             values[name] = found if flat_map.is_voxels else found[flat_map.ids]
         return cls(results, record, flat_map, values)

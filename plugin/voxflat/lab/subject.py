@@ -162,7 +162,7 @@ def _overlays(flat_map: FlatMap, hemisphere: Hemisphere) -> dict[str, NDArray[np
     found = {}
     for name, path in hemisphere.overlays.items():
         if sampler.is_overlay(path):
-            values = read_overlay(path, sampler.metadata["vertices"], structure=sampler.metadata.get("structure"))
+            values = read_overlay(path, sampler.origin.mesh.vertices, structure=sampler.origin.structure)
             if values.ndim > 1:
                 raise InputError(f"the overlay {path} has {values.shape[1]} maps. {_ONE}")
             found[name] = values[flat_map.ids].astype(np.float64)
@@ -190,12 +190,12 @@ def _write(flat_map: FlatMap, values: dict[str, NDArray[np.float64]], results: R
         written.append(results.patch)
     for path in written:
         flat_map.save(path)
-    structure = flat_map.metadata.get("structure")
+    structure = flat_map.origin.structure
     rows = None if flat_map.is_voxels else one_point_a_vertex(flat_map.ids, flat_map.faces)
     for name, at_points in values.items():
         at_vertices = at_points
         if rows is not None:  # one value per vertex, as in the flat surface
-            at_vertices = np.full(flat_map.metadata["vertices"], np.nan)
+            at_vertices = np.full(flat_map.origin.mesh.vertices, np.nan)
             at_vertices[flat_map.ids[rows]] = at_points[rows]
         with atomic_path(results.values(name)) as temporary:
             temporary.write_bytes(value_bytes({name: at_vertices}, structure, flat_map.provenance))
@@ -230,8 +230,8 @@ def _description(whole: Surface, flat_map: FlatMap, cortex: str) -> dict[str, An
             "handles_cut": len(metadata.get("handles_cut", [])),
             "voxels_changed": int(np.count_nonzero(whole.changed_voxels())) if whole.is_voxels else 0,
             "mended": repaired,
-            "measured_on": metadata.get("measured_on", "the surface itself"),
-            "space": metadata["space"]["name"],
+            "measured_on": flat_map.origin.measured_on or "the surface itself",
+            "space": flat_map.space.name,
             "cortex": cortex,
         },
         "map": {

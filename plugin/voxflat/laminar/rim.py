@@ -335,7 +335,7 @@ class Rim(ReadOnly, Recorded):
             points=self.labels.places(self.labels.grey),
             normals=np.empty((0, 3)),
             ids=self.labels.grey + self.labels.first,
-            metadata=self.surface.metadata,
+            origin=self.surface.origin,
             faces=np.empty((0, 3), dtype=np.uint32),
             of="rim",
         )
@@ -544,14 +544,12 @@ def _middle_surface(labels: Layered, values: Field) -> Surface:
     volume = labels.volume
     grey = np.zeros(volume.data.shape, dtype=np.uint8)
     grey[tuple((labels.grey + labels.first).T)] = 1
-    metadata: dict[str, Any] = {
-        **foreground_of(replace(volume, data=grey), label=1).metadata,
-        "sheet": False,
-        "placed_by": "half of the equidistant depth",
-        "measured_on": "midthickness: halfway between the borders of the grey matter",
-    }
+    made_of = foreground_of(replace(volume, data=grey), label=1).origin
+    halfway = "midthickness: halfway between the borders of the grey matter"
+    origin = replace(made_of, is_sheet=False, measured_on=halfway)
+    metadata = {**origin.described(), "placed_by": "half of the equidistant depth"}
     voxels = labels.voxels(points) + labels.first  # vertices at an end of the volume may lie just outside it
     voxels = voxels.clip(0, np.array(volume.data.shape) - 1)
     return Surface._of(
-        Manifold(core, voxels, metadata, white_points=values.inner[kept], pial_points=values.outer[kept])
+        Manifold(core, voxels, origin, metadata, white_points=values.inner[kept], pial_points=values.outer[kept])
     )

@@ -66,7 +66,7 @@ class Depths:
     def names(self, unit: str = "mm") -> tuple[str, ...]:
         """Return the name of each depth, given the unit of distances from the surface."""
         if self.layering is None:
-            return tuple(in_unit(f"{value:g} mm", {"unit": unit}) for value in self.values)
+            return tuple(in_unit(f"{value:g} mm", unit) for value in self.values)
         return tuple(f"{self.layering} {value:g}" for value in self.values)
 
 

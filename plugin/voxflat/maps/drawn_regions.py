@@ -201,11 +201,11 @@ def _pixels(of: Planar, data: Any, pixel_size: float | None) -> Regions:
         told = f"the label image has shape {values.shape} and data type {values.dtype}"
         raise InputError(f"{told}. Pass an array of whole numbers with shape (H, W)")
     raster = of.raster(pixel_size)
-    period = of._triangles.on_surface.metadata.get("period")
+    period = of._triangles.period
     if period is not None and values.shape == (rows_in(period, raster.pixel_size), raster.shape[1]):
         values = values[rows_of_period(raster, len(values))]  # from `FlatImage.one_period`
     if raster.shape != values.shape:
-        size = in_unit(f"{raster.pixel_size:g} mm", {"unit": raster.unit})
+        size = in_unit(f"{raster.pixel_size:g} mm", raster.unit)
         raise InputError(
             f"the label image has {values.shape[1]} x {values.shape[0]} pixels, but the map has {raster.shape[1]} x "
             f"{raster.shape[0]} at {size} per pixel. Pass the pixel size of the label image"

@@ -21,6 +21,7 @@ from voxflat.io.formats import gifti
 from voxflat.io.grid import in_unit, rounded, warn_of_unit
 from voxflat.io.meshes import Mesh, write_mesh
 from voxflat.io.notebook import page
+from voxflat.io.origin import Origin
 from voxflat.io.patches import FLAT_PATCH_ENDINGS, PATCH_ENDING, Patch, write_patch
 from voxflat.io.provenance import Record, resolved, saving, telling
 from voxflat.io.spaces import Space
@@ -73,8 +74,10 @@ class FlatMap(Planar):
         Eigenvalues of classical scaling with the largest magnitudes, in mm². Two dominant values mean low distortion.
     distortion : Distortion
         Errors of distances, and changes of areas and angles.
+    origin : Origin
+        The flattened volume or mesh.
     metadata : dict
-        Parameters, affine, versions, topology, and the checksum of the input.
+        The origin, and how the map was made, for people and files.
     rows : ndarray of float32, shape (m, N), or Table, or None
         Geodesic distances from the sources, in mm, if requested. Distance rows in a store (``metadata["store"]``) stay
         there: `save` does not include them, and merged vertices have no column.
@@ -111,6 +114,7 @@ class FlatMap(Planar):
     sources: NDArray[np.int64]
     eigenvalues: NDArray[np.float64]
     distortion: Distortion
+    origin: Origin
     metadata: dict[str, Any]
     rows: NDArray[np.float32] | Table | None = None
     bridges: NDArray[np.int64] = field(default_factory=lambda: np.zeros((0, 3), dtype=np.int64))
@@ -121,7 +125,7 @@ class FlatMap(Planar):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        unit = self.metadata.get("unit", "mm")
+        unit = self.origin.unit
         object.__setattr__(self, "distortion", replace(self.distortion, unit=unit))
 
     def __len__(self) -> int:
@@ -131,7 +135,7 @@ class FlatMap(Planar):
     def __repr__(self) -> str:
         width, height = np.ptp(self.uv, axis=0)
         error = 100 * self.distortion.raw.relative_error
-        size = in_unit(f"{rounded(width)} x {rounded(height)} mm", self.metadata)
+        size = in_unit(f"{rounded(width)} x {rounded(height)} mm", self.origin.named_unit)
         return f"<FlatMap: {len(self)} points, {size}, relative error {error:.1f} %>"
 
     @property
@@ -149,13 +153,13 @@ class FlatMap(Planar):
         >>> voxflat.samples.hill().flatten().is_voxels
         False
         """
-        return bool(self.metadata["kind"] == "voxels")
+        return self.origin.is_voxels
 
     @cached_property
     def _triangles(self) -> FlatTriangles:
         cortex = (self.white_points, self.pial_points)
-        on_surface = Sampler(self.points, self.normals, self.ids, self.metadata, self.faces, *cortex)
-        return FlatTriangles(self.uv, self.faces, self.torn, on_surface)
+        on_surface = Sampler(self.points, self.normals, self.ids, self.origin, self.faces, *cortex)
+        return FlatTriangles(self.uv, self.faces, self.torn, on_surface, period=self.period)
 
     @property
     def space(self) -> Space:
@@ -172,7 +176,7 @@ class FlatMap(Planar):
         >>> voxflat.samples.hill().flatten().space.name
         'unknown'
         """
-        return Space._of(self.metadata)
+        return self.origin.space
 
     @property
     def affine(self) -> NDArray[np.float64]:
@@ -242,7 +246,7 @@ class FlatMap(Planar):
         >>> round(voxflat.samples.hill().flatten().spacing, 1)
         2.1
         """
-        return usual_spacing(self.metadata, self.uv, self.faces)
+        return usual_spacing(self.origin, self.uv, self.faces)
 
     @property
     def pixel_size(self) -> float:
@@ -367,7 +371,7 @@ class FlatMap(Planar):
             check_cover(coordinates, colours.shape, texel_size)
         faces = self.faces[~self.torn].astype(np.int64)
         points = self.space.to_scanner(self.points)
-        known = {"unit": self.metadata.get("unit", "mm"), "is_ras": "axes" not in self.metadata}
+        known: dict[str, Any] = {"unit": self.origin.unit, "is_ras": self.origin.has_known_axes}
         if (one := distinct(points)).which.max() + 1 == len(points):
             return TexturedSurface(points, faces, coordinates, colours, repeat, source, **known)
         order = np.argsort(np.argsort(one.first))  # the two sides of a cut are one point with two coordinates
@@ -411,7 +415,7 @@ class FlatMap(Planar):
         if values.ndim not in (1, 2) or len(values) != len(self):
             raise InputError(f"values has shape {values.shape}. Pass one value for each of the {len(self)} points")
         self._triangles.on_surface.need_volume("has no voxels to paint", "Flatten a volume instead")
-        if "series_frame" in self.metadata:
+        if self.origin.frame is not None:
             raise InputError("the points of another frame are not voxels of the flattened volume. Use Regions.volume")
         volume = np.full((*self.volume_shape, *values.shape[1:]), background, dtype=values.dtype)
         volume[tuple(self.ids.T)] = values
@@ -552,10 +556,10 @@ class FlatMap(Planar):
             if name.endswith(SAVED_ENDINGS):
                 self._save_all(path)
             elif name.endswith(FLAT_PATCH_ENDINGS):
-                warn_of_unit(path, self.metadata.get("unit", "mm"))
+                warn_of_unit(path, self.origin.unit)
                 write_patch(path, self._patch())
             elif name.endswith(".surf.gii"):
-                warn_of_unit(path, self.metadata.get("unit", "mm"))
+                warn_of_unit(path, self.origin.unit)
                 write_mesh(path, self._flat_mesh(), self.provenance)
             elif name.endswith(".vtp"):
                 write_mesh(path, self._mesh(with_torn=True))
@@ -596,14 +600,14 @@ class FlatMap(Planar):
                 "the file. Save as .vtp to keep them, marked as torn"
             )
             log.warning(told, len(self.torn) - len(faces), len(self.torn))
-        structure, point_data = self.metadata.get("structure"), {"distance_error": self.distortion.per_point}
+        structure, point_data = self.origin.structure, {"distance_error": self.distortion.per_point}
         return Mesh(self._places, faces, structure=structure, point_data=point_data, face_data=face_data)
 
     def _flat_mesh(self) -> Mesh:
         """Return the map as a mesh in the plane; maps of meshes keep the vertex numbers of the mesh."""
         if self.is_voxels:
             return self._mesh()
-        count, structure = self.metadata["vertices"], self.metadata.get("structure")
+        count, structure = self.origin.mesh.vertices, self.origin.structure
         return mesh_of_vertices(self._places, self.ids, self.faces, count, structure)
 
     def _patch(self) -> Patch:
@@ -611,7 +615,7 @@ class FlatMap(Planar):
         if self.is_voxels:
             raise InputError("patch files hold vertex numbers of a mesh, but this map has voxels. Save as .surf.gii")
         merged = np.asarray(self.metadata.get("mended", {}).get("merged", []), dtype=np.int64).reshape(-1, 2)
-        return patch_of(self._places, self.ids, self.faces, self.bridges, self.metadata["vertices"], merged)
+        return patch_of(self._places, self.ids, self.faces, self.bridges, self.origin.mesh.vertices, merged)
 
     # ------------------------------------------------------------------- as objects of other packages
 
@@ -658,7 +662,7 @@ class FlatMap(Planar):
         (441, 3)
         """
         mesh = self._flat_mesh()
-        warn_of_unit("GIFTI image", self.metadata.get("unit", "mm"))
+        warn_of_unit("GIFTI image", self.origin.unit)
         return gifti.load(gifti.surface_bytes(mesh.points, mesh.faces, mesh.structure))
 
     def to_trimesh(self) -> Any:
@@ -682,7 +686,7 @@ class FlatMap(Planar):
         """
         mesh = self._flat_mesh()
         made = require("trimesh").Trimesh(mesh.points, mesh.faces, process=False)
-        if (unit := self.metadata.get("unit", "mm")) != "unknown":
+        if (unit := self.origin.unit) != "unknown":
             made.units = {"µm": "microns", "nm": "nanometers"}.get(unit, unit)
         return made
 

@@ -13,11 +13,10 @@ from voxflat.distortion.figures import undefined_as_nan
 from voxflat.errors import InputError
 from voxflat.io import files
 from voxflat.io.meshes import Mesh
+from voxflat.io.origin import origin_of
 from voxflat.io.provenance import Record, as_text
 from voxflat.io.readers import read_arrays
 from voxflat.io.reading import note
-from voxflat.io.spaces import Space
-from voxflat.maps.sampler import check_origin
 from voxflat.surfaces.cut_sides import one_point_a_vertex, triangles_of
 
 _FORMAT, _SERIES_FORMAT = 5, "series 1"
@@ -67,7 +66,7 @@ def read_map(path: str | os.PathLike[str], *, series: bool = False) -> dict[str,
             files.check_shapes(arrays, layout)
             files.check_range(arrays, {"faces": len(uv), "sources": len(uv)})
             files.check_places({"uv": uv, "points": points})
-            check_origin(metadata, ids)
+            origin = origin_of(metadata, ids)
             arrays = files.in_types(arrays, layout)
         distortion = metadata.pop("distortion")
         more = {name: distortion.pop(name) for name in ("triangles", "reference", "topology", "voxel_size")}
@@ -77,10 +76,14 @@ def read_map(path: str | os.PathLike[str], *, series: bool = False) -> dict[str,
             triangles |= {name: arrays.pop(f"distortion_{name}") for name in ("areal", "is_flipped")}
         distances = undefined_as_nan(distortion)
         distances |= {name: arrays.pop(f"distortion_{name}") for name in ("per_point", "scatter")}
-        Space._of(metadata)  # a damaged file fails here
         if series:
             _check_series(arrays, metadata)
-        return {"distortion": Distortion._of(distances, triangles, **more), "metadata": metadata, **arrays}
+        return {
+            "distortion": Distortion._of(distances, triangles, **more),
+            "origin": origin,
+            "metadata": metadata,
+            **arrays,
+        }
 
 
 def _check_series(arrays: dict[str, Any], metadata: dict[str, Any]) -> None:

@@ -24,7 +24,6 @@ from voxflat.surfaces.manifold import Manifold, are_triangles
 from voxflat.unique_rows import distinct
 
 _OTHER = "Pass the surface on which the map was made"
-_PARTS = {"vertices": "vertices", "shape": "voxels"}
 _COMMON = 0.5  # least share of a map's triangles that are triangles of its surface
 _SAME_POINT = 1e-4  # relative to the median edge length, because mesh coordinates may be float32
 _SAME_PLACE = 2e-6  # tolerance for positions in single precision, relative to the size of the surface
@@ -84,7 +83,7 @@ def match(whole: Manifold, flat: object) -> Matched:
     """Match a map, as accepted by `voxflat.measure`, with its surface."""
     flat = loaded(flat)
     if isinstance(flat, str | os.PathLike):
-        check_partner(flat, whole.metadata)
+        check_partner(flat, whole.origin)
     if isinstance(flat, str | os.PathLike) and is_patch(flat):
         patch = read_patch(flat)
         places = np.full((whole.count, 3), np.nan)
@@ -104,7 +103,7 @@ def match(whole: Manifold, flat: object) -> Matched:
         if places.ndim != 2 or places.shape[1] not in (2, 3) or places.dtype.kind not in "iuf":
             raise InputError(f"the map is {_kind(places)}. Pass positions as an array of shape (V, 2), or a file")
         return _of_places(whole, places.astype(np.float64), None)
-    check_unit("the map", mesh, whole.metadata.get("unit", "mm"))
+    check_unit("the map", mesh, whole.origin.unit)
     if "surface_points" in mesh.point_data and _is_flat(mesh.points):
         return _of_ours(whole, mesh)
     if mesh.texture_coordinates is None or _is_flat(mesh.points):
@@ -177,7 +176,7 @@ def _same_places(whole: Manifold, points: NDArray[np.float64], faces: NDArray[np
     tree, extent = scipy.spatial.cKDTree(whole.points), np.ptp(whole.points, axis=0).max()
     at = points[used]
     upright = at[:, [0, 2, 1]] * [1, -1, 1]  # glTF has the y axis up, and metres
-    unit = whole.metadata.get("unit", "mm")
+    unit = whole.origin.unit
     metre = 1.0 if unit == "unknown" else millimetres("m") / millimetres(unit)
     near = _SAME_PLACE * (extent + np.abs(whole.points).max())
     for places in (at, whole.space.from_scanner(at), upright, metre * at, metre * upright):
@@ -236,13 +235,13 @@ def _cut_as_it_is(
 
 def vertices_of(whole: Manifold, flat: FlatMap) -> NDArray[np.int64]:
     """Find the vertices of a map's points; if a voxel has two, one for each side of the surface, use the nearer one."""
-    check_side("the map", flat.metadata.get("structure"), whole.metadata.get("structure"), _OTHER)
-    for name in ("vertices", "shape"):
-        own, other = flat.metadata.get(name), whole.metadata.get(name)
-        if own is not None and other is not None and not np.array_equal(own, other):
-            sizes = f"{shown(own)} {_PARTS[name]}, but the given surface has {shown(other)}"
-            raise InputError(f"the map was made on a surface with {sizes}. {_OTHER}")
-    check_participant(flat.metadata.get("input"), whole.metadata)
+    check_side("the map", flat.origin.structure, whole.origin.structure, _OTHER)
+    own, other = flat.origin.size, whole.origin.size
+    if flat.is_voxels == whole.is_voxels and own != other:
+        what = "voxels" if flat.is_voxels else "vertices"
+        told = f"{shown(own)} {what}, but the given surface has {shown(other)}"
+        raise InputError(f"the map was made on a surface with {told}. {_OTHER}")
+    check_participant(flat.origin.input, whole.origin.input)
     found = whole.find(flat.ids, "the map's points").astype(np.int64)
     _, _, kind, counts = distinct(whole.ids)
     order, ends = np.argsort(kind, kind="stable"), np.cumsum(counts)

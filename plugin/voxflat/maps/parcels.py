@@ -72,10 +72,10 @@ def parcels_of(flat_map: FlatMap, labels: object, *, table: object = None, depth
     if are_label_files(labels) and not sampler.is_voxels:
         paths: Any = labels if isinstance(labels, list | tuple) else [labels]
         for path in paths:
-            check_partner(path, sampler.metadata)
+            check_partner(path, sampler.origin)
         if table is not None:
             raise InputError("label files have their own names, so a table does not apply. Omit the table")
-        labels, table = label_files(paths, sampler.metadata["vertices"])
+        labels, table = label_files(paths, sampler.origin.mesh.vertices)
     stack = sampler.images(at_points(len(flat_map)), labels, depths=depths, projection="mean", interpolation=way)
     number = stack.channels.find(None)  # a file with several channels fails here
     values: NDArray[Any] = stack[number].data

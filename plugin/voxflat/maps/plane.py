@@ -95,6 +95,7 @@ class FlatTriangles(ReadOnly):
     torn: NDArray[np.bool_]
     on_surface: Sampler
     piece_ids: NDArray[np.int64] | None = None
+    period: float | None = None
 
 
 class Planar(ReadOnly, ABC):
@@ -152,7 +153,7 @@ class Planar(ReadOnly, ABC):
         if size not in self._rasters:
             of = self._triangles
             corners, weights, (u, v) = _core.draw(of.uv, of.faces, of.torn, size)
-            unit = of.on_surface.metadata.get("unit", "mm")
+            unit = of.on_surface.origin.unit
             self._rasters[size] = Raster(corners, weights, (u, v), size, unit)
         return self._rasters[size]
 

@@ -166,7 +166,7 @@ class Regions(ReadOnly, Recorded):
         """
         if self._surface.is_voxels:
             raise InputError("a map of a volume has no mesh vertices. Save a label volume (for example, .nii.gz)")
-        found = np.zeros(self._surface.metadata["vertices"], dtype=np.int64)
+        found = np.zeros(self._surface.origin.mesh.vertices, dtype=np.int64)
         is_in = self.labels != 0
         found[self._surface.ids[is_in][::-1]] = self.labels[is_in][::-1]
         return found
@@ -436,13 +436,13 @@ class Regions(ReadOnly, Recorded):
         if name.endswith(".annot"):
             write_annot(path, labels, self.keys, self.names, self.colours)
         elif name.endswith(".label.gii"):
-            structure = self._surface.metadata.get("structure")
+            structure = self._surface.origin.structure
             path.write_bytes(label_bytes(labels, self.keys, self.names, self.colours, structure, record))
         else:
             if len(self) != 1:
                 raise InputError(f"a .label file can store only one region, not {len(self)}. Use .annot or .label.gii")
             vertices = np.flatnonzero(labels)
-            rows = np.zeros(self._surface.metadata["vertices"], dtype=np.int64)
+            rows = np.zeros(self._surface.origin.mesh.vertices, dtype=np.int64)
             rows[self._surface.ids[::-1]] = np.arange(len(self._surface.ids))[::-1]
             points = self._surface.points if self._surface.white_points is None else self._surface.white_points
             write_label(path, vertices, self._surface.space.to_tkras(points[rows[vertices]]), self.names[0])
@@ -484,7 +484,10 @@ def _columns(
     else:
         if depth is None:
             raise InputError(
-                in_unit("this map has no pial surface. Pass depth, a range in mm such as (0, 2.5)", surface.metadata)
+                in_unit(
+                    "this map has no pial surface. Pass depth, a range in mm such as (0, 2.5)",
+                    surface.origin.named_unit,
+                )
             )
         low, high = _range(depth)
         inner, outer = surface.at(Depths((low, high)))

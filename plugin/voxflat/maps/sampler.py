@@ -3,7 +3,7 @@
 import math
 import os
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -12,13 +12,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from voxflat.arguments import array_of, checked_choice, checked_number, checked_text, is_whole, log
+from voxflat.arguments import array_of, checked_choice, checked_number, checked_text, log
 from voxflat.errors import InputError
 from voxflat.io.channels import Channels, Timing, series_of
 from voxflat.io.chunks import Chunked, chunked_of, is_chunked, is_stack_path, is_zarr_path
-from voxflat.io.files import AGAIN, REMEDY, naming
+from voxflat.io.files import REMEDY, naming
 from voxflat.io.grid import is_incomplete, scaled, voxel_size
 from voxflat.io.objects import values_of_object
+from voxflat.io.origin import Origin
 from voxflat.io.overlays import holds_volume, read_channels
 from voxflat.io.partners import check_participant, check_partner
 from voxflat.io.readers import has_place
@@ -46,39 +47,12 @@ _LONGEST_STEP = 100.0  # s; a warning reports longer time steps, which may be in
 _CURVED = 0.15  # correlation with the mean curvature: on fsaverage5 curv has 0.9, sulc 0.65, the other hemisphere 0.05
 
 
-def usual_spacing(metadata: dict[str, Any], uv: NDArray[np.float64], faces: NDArray[Any]) -> float:
+def usual_spacing(origin: Origin, uv: NDArray[np.float64], faces: NDArray[Any]) -> float:
     """Return the typical distance between neighbours, in mm: the voxel spacing, or the median edge in the plane."""
-    if metadata["kind"] == "voxels":
-        return voxel_size(metadata["affine"])
+    if origin.is_voxels:
+        return voxel_size(origin.voxels.affine)
     sides = uv[faces] - uv[np.roll(faces, 1, axis=1)]
     return float(np.median(np.linalg.norm(sides, axis=2)))
-
-
-def check_origin(metadata: Mapping[str, Any], ids: NDArray[np.int64]) -> None:
-    """Check a file's description of the input of a map, as in the metadata of `Sampler`."""
-    if not isinstance(metadata.get("provenance", {}), dict):
-        raise InputError(f"its provenance is not a record: {metadata['provenance']!r:.80}. {AGAIN}")
-    kind = metadata.get("kind")
-    if kind == "voxels":
-        shape, affine = metadata.get("shape"), metadata.get("affine")
-        if not (isinstance(shape, list) and len(shape) == 3 and all(is_whole(n) and 0 < n < 2**31 for n in shape)):
-            raise InputError(f"the shape of its volume is not valid: {shape!r:.80}. {AGAIN}")
-        try:
-            matrix = np.asarray(affine, dtype=np.float64)
-        except (TypeError, ValueError, OverflowError):
-            matrix = np.empty(0)
-        if matrix.shape != (4, 4) or not np.isfinite(matrix).all():
-            raise InputError(f"the affine of its volume is not valid: {affine!r:.80}. {AGAIN}")
-        most, width = np.array(shape), 3
-    elif kind == "mesh":
-        vertices = metadata.get("vertices")
-        if not (is_whole(vertices) and 0 < vertices < 2**31):
-            raise InputError(f"its number of vertices is not valid: {vertices!r:.80}. {AGAIN}")
-        most, width = np.array(vertices), 1
-    else:
-        raise InputError(f"its kind is {kind!r:.80} instead of 'voxels' or 'mesh'. {AGAIN}")
-    if ids.size != width * len(ids) or (ids < 0).any() or (ids >= most).any():
-        raise InputError(f"its ids are outside the range from 0 to {(most - 1).tolist()}. {AGAIN}")
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,7 +62,7 @@ class Sampler:
     points: NDArray[np.float64]  # (N, 3), RAS+ mm in `space`
     normals: NDArray[np.float64]  # outward unit vectors; NaN for a one-voxel-thick surface
     ids: NDArray[np.int64]  # voxel indices (N, 3), or vertex numbers in the mesh (N,)
-    metadata: dict[str, Any]  # ``kind``; ``affine`` and ``shape`` of voxels, ``vertices`` of a mesh; ``space``
+    origin: Origin
     faces: NDArray[Any]
     white_points: NDArray[np.float64] | None = None  # (N, 3), on the white and pial surfaces, if both are known
     pial_points: NDArray[np.float64] | None = None
@@ -98,30 +72,29 @@ class Sampler:
     @property
     def is_voxels(self) -> bool:
         """Whether the surface was made from a volume."""
-        return bool(self.metadata["kind"] == "voxels")
+        return self.origin.is_voxels
 
     @property
     def unit(self) -> str:
         """The unit of length of the points."""
-        return str(self.metadata.get("unit", "mm"))
+        return self.origin.unit
 
     @property
     def space(self) -> Space:
         """The space of the points."""
-        return Space._of(self.metadata)
+        return self.origin.space
 
     @cached_property
     def affine(self) -> NDArray[np.float64]:
         """The affine of the flattened volume, from voxel indices to RAS+ mm, shape (4, 4)."""
         self.need_volume("has no affine")
-        return np.asarray(self.metadata["affine"], dtype=np.float64)
+        return self.origin.voxels.affine
 
     @property
     def volume_shape(self) -> tuple[int, int, int]:
         """The shape of the flattened volume."""
         self.need_volume("has no volume shape")
-        i, j, k = self.metadata["shape"]
-        return (i, j, k)
+        return self.origin.voxels.shape
 
     def need_volume(self, what: str, remedy: str = "Pass a volume with an affine, or values at its vertices") -> None:
         """Raise an error unless the map was made from a volume."""
@@ -160,7 +133,7 @@ class Sampler:
             names = channels = Channels(("",), lambda _: colours)
         elif overlay is not None:
             if isinstance(volume, str | os.PathLike):
-                check_partner(volume, self.metadata)
+                check_partner(volume, self.origin)
                 self._doubt(Path(volume), overlay.read(0))
             if depths != ON_SURFACE:
                 raise InputError("an overlay has values only on the surface. Omit depth and fraction")
@@ -171,7 +144,7 @@ class Sampler:
         else:
             volumes, placed, path = self.volumes(volume)
             names = volumes
-            check_participant(path or "", self.metadata)
+            check_participant(path, self.origin.input)
             title = name or (path.name if path else "volume")
             projection = "mean" if len(depths) == 1 else projection
             sampled = self._sampling(raster, depths, projection, title, several=several and len(volumes) > 1)
@@ -327,12 +300,12 @@ class Sampler:
 
     def _surface_texture(self, volume: object) -> SurfaceTexture | NDArray[np.uint8] | None:
         """Return the texture of the mesh, or colours at its vertices; None if the input is neither."""
-        count = self.metadata["vertices"]
+        count = self.origin.mesh.vertices
         if isinstance(volume, str | os.PathLike):
             path = Path(volume)
             if not path.name.lower().endswith(TEXTURE_ENDINGS):
                 return None
-            check_partner(path, self.metadata)
+            check_partner(path, self.origin)
             return read_texture(path, count)
         return array_of(volume, "colours") if are_colours(volume, count) else None
 
@@ -342,7 +315,7 @@ class Sampler:
 
     def _overlay(self, volume: object) -> Channels | None:
         """Return values at the mesh's vertices; None if the input is something else."""
-        count, structure = self.metadata["vertices"], self.metadata.get("structure")
+        count, structure = self.origin.mesh.vertices, self.origin.structure
         if is_chunked(volume):
             return None
         if isinstance(volume, str | os.PathLike):

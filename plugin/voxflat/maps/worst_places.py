@@ -317,7 +317,7 @@ class WorstPlaces(ReadOnly, Recorded):
         """
         content: dict[str, Any] = {"cuts": self.cuts(*numbers), "drop": []}
         if not self.flat_map.is_voxels:
-            content["drop"] = np.setdiff1d(np.arange(self.flat_map.metadata["vertices"]), self.flat_map.ids).tolist()
+            content["drop"] = np.setdiff1d(np.arange(self.flat_map.origin.mesh.vertices), self.flat_map.ids).tolist()
         content["provenance"] = self.provenance
         with saving(path, self.provenance, sidecar=sidecar, overwrite=overwrite), atomic_path(path) as beside:
             beside.write_text(as_text(content) + "\n", encoding="utf-8", newline="\n")
@@ -372,7 +372,7 @@ class WorstPlaces(ReadOnly, Recorded):
         if not self.places:
             return self._about
         names = ["", "area, mm²", "share, %", "worst ratio", "median", "x, y, z, mm", "u, v, mm", "cut, mm", "gain"]
-        rows = [[in_unit(name, self.flat_map.metadata) for name in names]]
+        rows = [[in_unit(name, self.flat_map.origin.named_unit) for name in names]]
         for place in self.places:
             cut = ["–", "–"]
             if place.cut is not None:
@@ -419,7 +419,7 @@ class WorstPlaces(ReadOnly, Recorded):
             text = as_text({**self.figures(), "provenance": self.provenance})
         else:
             rows = [place.figures() for place in self.places]
-            unit = self.flat_map.metadata.get("unit", "mm")
+            unit = self.flat_map.origin.unit
             columns = list(rows[0] if rows else replace(_NO_PLACE, unit=unit).figures())
             cells = [["n/a" if row[name] is None else _cell(row[name]) for name in columns] for row in rows]
             text = "\n".join("\t".join(row) for row in [columns, *cells])

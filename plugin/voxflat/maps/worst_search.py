@@ -147,7 +147,7 @@ def _place(
     total, excess = float(area.sum()), float(weights.sum())
     ratios = float(2.0 ** log[np.argmax(np.abs(log))]), float(2.0**median)
     at = flat_map.points[centre], flat_map.uv[centre], flat_map.ids[centre]
-    unit = flat_map.metadata.get("unit", "mm")
+    unit = flat_map.origin.unit
     return WorstPlace(number, kind, total, total / whole, excess, *ratios, *at, group, parcel, unit=unit)
 
 
@@ -158,7 +158,8 @@ class _Ways:
         self.flat_map, self.threads, self.progress = flat_map, threads, progress
         core, _ = _core.Surface.from_triangles(flat_map.points, flat_map.faces.astype(np.int64))
         voxels = flat_map.ids if flat_map.is_voxels else None
-        part = Manifold(core, voxels, {**flat_map.metadata, "vertices": len(flat_map)})
+        origin = flat_map.origin if flat_map.is_voxels else replace(flat_map.origin.mesh, vertices=len(flat_map))
+        part = Manifold(core, voxels, origin)
         self.part, faces, _ = close_holes(part, progress)
         self.rows = self.part.vertices  # row of the map for each vertex
         count = len(self.rows)

@@ -106,6 +106,7 @@ def map_over_triangles(
         sources=chosen.astype(np.int64),
         eigenvalues=result["eigenvalues"],
         distortion=distortion,
+        origin=cut.whole.origin,
         metadata={
             "method": method,
             **cut.metadata,

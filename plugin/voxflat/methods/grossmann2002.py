@@ -140,6 +140,7 @@ class Grossmann2002(Method):
             sources=chosen.astype(np.int64),
             eigenvalues=result["eigenvalues"],
             distortion=Distortion._of(result["distortion"], None, "chain", voxel_size=graph.voxel_size),
+            origin=graph.origin,
             metadata=metadata,
             rows=rows,
         )

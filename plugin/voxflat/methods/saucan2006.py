@@ -92,6 +92,6 @@ class Saucan2006(OverTriangles):
             "before": {"certified_c": result["certified"], "c": result["before"]},
             "measured": measured(result["stretch"], part.points[part.faces]),
         }
-        length = in_unit(f"{rounded(seams.cuts)} mm", cut.metadata)
+        length = in_unit(f"{rounded(seams.cuts)} mm", cut.whole.origin.named_unit)
         doubts = [f"{length} of the seams between patches remain cut"] if seams.cuts > 0 else []
         return map_over_triangles(self.name, cut, how, result, need, None, metadata, doubts)

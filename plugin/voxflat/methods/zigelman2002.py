@@ -95,7 +95,7 @@ class Zigelman2002(OverTriangles):
 
 def pixels_of(part: Manifold) -> tuple[NDArray[np.uint32], list[float]]:
     """Return the pixel (row, column) of each vertex of a range image, and the pixel spacing in mm."""
-    grid = part.metadata.get("range_image")
+    grid = None if part.is_voxels else part.origin.mesh.grid
     if grid is None:
         raise InputError(
             "sampling is 'grid', but the surface is not a range image. Create one with voxflat.range_image, or pass "
@@ -104,9 +104,9 @@ def pixels_of(part: Manifold) -> tuple[NDArray[np.uint32], list[float]]:
     ids = part.ids
     unique, counts = np.unique(ids, return_counts=True)
     if len(unique) < len(ids):
-        row, column = (int(i) for i in np.unravel_index(unique[counts > 1][0], grid["shape"]))
+        row, column = (int(i) for i in np.unravel_index(unique[counts > 1][0], grid.shape))
         raise InputError(
             f"sampling is 'grid', but the surface is cut: pixel ({row}, {column}) lies on both sides of a cut. Pass "
             "sampling='decimation'"
         )
-    return np.stack(np.unravel_index(ids, grid["shape"]), axis=1).astype(np.uint32), list(grid["spacing"])
+    return np.stack(np.unravel_index(ids, grid.shape), axis=1).astype(np.uint32), list(grid.spacing)

@@ -201,7 +201,7 @@ class CutSurface(ReadOnly, Generic[_Surface]):
         figure = drawing.cut_surface_views(self.surface)
         table = "\n".join(f"{name:40}{length:>8}" for name, length in zip(names, lengths, strict=True))
         caption = "The surface seen from its two broad sides, with the cuts in red"
-        return page(self, in_unit(table, self.surface.metadata), figure, caption)
+        return page(self, in_unit(table, self.surface.origin.named_unit), figure, caption)
 
     def title(self, number: int) -> str:
         """Return the title of a cut: its name or number, and its location.
@@ -240,7 +240,7 @@ class CutSurface(ReadOnly, Generic[_Surface]):
         if of is None or not len(cut.ids):
             return name
         points = of.space.to_scanner(of.points)
-        return f"{name}, {whereabouts(points[of.find(cut.ids)], points, of.metadata.get('structure'))}"
+        return f"{name}, {whereabouts(points[of.find(cut.ids)], points, of.origin.structure)}"
 
     def _with_provenance(self, record: Record) -> "CutSurface[_Surface]":
         """Return a copy with a record of how it was made."""

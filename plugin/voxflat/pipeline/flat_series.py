@@ -130,7 +130,7 @@ class FlatSeries(Sequence[FlatMap], ReadOnly, Recorded):
             text = (
                 f"the moved surface does not fit {listed(np.flatnonzero(is_far))} (95th percentile of the gap: {worst})"
             )
-            found.append(f"{in_unit(text, self.flat_map.metadata)}. {advice}")
+            found.append(f"{in_unit(text, self.flat_map.origin.named_unit)}. {advice}")
         if self.folded.any():
             worst = f"{self.folded.max()} triangles in frame {self.folded.argmax()}"
             found.append(
@@ -154,8 +154,9 @@ class FlatSeries(Sequence[FlatMap], ReadOnly, Recorded):
             return self.flat_map
         own: dict[str, Any] = {"points": self.points[frame], "normals": self.normals[frame]}
         own["distortion"] = _unmeasured(self.flat_map.distortion)
+        own["origin"] = replace(self.flat_map.origin, frame=frame)
         own |= dict.fromkeys(("rows", "curvature", "sulcal_depth", "white_points", "pial_points"))
-        metadata = {**self.flat_map.metadata, "series_frame": frame}
+        metadata = {**self.flat_map.metadata, **own["origin"].described()}
         if self.provenance:
             parameters = {**self.provenance["parameters"], "frame": frame}
             metadata["provenance"] = {**self.provenance, "parameters": parameters}

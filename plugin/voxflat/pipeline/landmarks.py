@@ -44,6 +44,8 @@ def checked_landmarks(landmarks: object, frames: list[Surface], reference: int) 
         worst = int(far.argmax())
         if far[worst] > _AWAY * shape.size:
             text = f"landmark {worst} is {far[worst]:.3g} mm away from the surface of frame {frame}"
-            raise InputError(f"{in_unit(text, own.metadata)}. Correct it, or pass NaN if its position is not known")
+            raise InputError(
+                f"{in_unit(text, own.origin.named_unit)}. Correct it, or pass NaN if its position is not known"
+            )
         places[frame][known[frame]] = shape.mixed(shape.points, corners, weights)
     return places

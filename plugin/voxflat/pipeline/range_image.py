@@ -11,6 +11,7 @@ from voxflat import _core
 from voxflat.arguments import array_of, as_float, is_number, shown
 from voxflat.errors import InputError
 from voxflat.io.grid import FARTHEST, SMALLEST
+from voxflat.io.origin import MeshOrigin, PixelGrid
 from voxflat.io.provenance import telling
 from voxflat.pipeline.surface import Surface
 
@@ -88,13 +89,15 @@ def range_image(
     points = _points(np.where(is_there, heights, 0.0), steps)
     core, _ = _core.Surface.from_triangles(points, faces)
     digest = hashlib.sha256(np.ascontiguousarray(heights).tobytes() + repr((heights.shape, steps, limit)).encode())
+    rows, columns = heights.shape
+    origin = MeshOrigin(
+        input_sha256=digest.hexdigest(),
+        vertices=heights.size,
+        measured_on="the given range image",
+        grid=PixelGrid((rows, columns), steps),
+    )
     metadata: dict[str, Any] = {
-        "kind": "mesh",
-        "input": None,
-        "input_sha256": digest.hexdigest(),
-        "vertices": heights.size,
-        "structure": None,
-        "measured_on": "the given range image",
+        **origin.described(),
         "range_image": {
             "shape": list(heights.shape),
             "spacing": list(steps),
@@ -102,7 +105,7 @@ def range_image(
             "cut": cut,
         },
     }
-    return Surface(core.part_of_faces(kept), None, metadata, tuple(remarks))
+    return Surface(core.part_of_faces(kept), None, origin, metadata, tuple(remarks))
 
 
 def _heights(depth: ArrayLike, mask: ArrayLike | None) -> NDArray[np.float64]:

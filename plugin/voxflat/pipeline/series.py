@@ -183,7 +183,7 @@ def _frames(surfaces: Sequence[object], limits: dict[str, Any]) -> list[Surface]
             raise InputError(
                 f"{named} has {kind}, but frame 0 has {known}. Correct its surface, or split the movie there"
             )
-        units = [one.metadata.get("unit", "mm") for one in (frames[0], own)]
+        units = [one.origin.unit for one in (frames[0], own)]
         if units[0] != units[1]:
             raise InputError(f"{named} is in {units[1]}, but frame 0 is in {units[0]}. Pass unit when reading them")
     return frames
@@ -194,7 +194,7 @@ def _largest(of: Surface, named: str) -> Surface:
     areas = [piece["area"] for piece in of.core.topology()["components"]]
     if 1 - areas[0] / sum(areas) > STRAY_SHARE:
         sizes = ", ".join(f"{area:.4g}" for area in areas[:5]) + (", ..." if len(areas) > 5 else "")
-        told = in_unit(f"{named} has {len(areas)} components with areas of {sizes} mm²", of.metadata)
+        told = in_unit(f"{named} has {len(areas)} components with areas of {sizes} mm²", of.origin.named_unit)
         raise InputError(f"{told}. Select the label of one, or separate them in the segmentation")
     return largest_piece(of)
 
@@ -213,7 +213,7 @@ def _tell(frames: list[Surface], reference: int) -> None:
 
 def _file(of: Surface) -> str:
     """Return the name of the file of a surface in parentheses, if it is known."""
-    name = of.metadata.get("input")
+    name = of.origin.input
     return f" ({os.path.basename(name)})" if name else ""
 
 

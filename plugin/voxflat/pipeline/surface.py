@@ -53,8 +53,10 @@ class Surface(Manifold):
         The surface in the compiled core.
     voxels : ndarray of int64, shape (V, 3), or None
         The voxel of each vertex of the whole surface, if the input was a volume.
+    origin : Origin
+        The input: a volume, or a mesh.
     metadata : dict
-        The origin of the surface, and how it was made.
+        How the surface was made, for people and files.
     remarks : tuple of str
         Warnings about the surface.
     white_points, pial_points : ndarray of float64, shape (V, 3), or None
@@ -713,9 +715,9 @@ class Surface(Manifold):
         """
         with reading(memory_limit):
             of = self if self.whole is None else self.whole
-            structure, unit = of.metadata.get("structure"), of.metadata.get("unit", "mm")
+            structure, unit = of.origin.structure, of.origin.unit
             contents = size_and_space(of.points, len(of.faces), structure, of.space, unit)
-            found = Check(self.metadata["input"], "mesh", contents)
+            found = Check(self.origin.input, "mesh", contents)
             return check_surface(self, found, Where(cuts, sphere), checked_threads(threads), progress)
 
     @telling()
@@ -862,13 +864,11 @@ def surface(
         _refuse_options("a mesh", **voxels)
         if repair == "voxels":
             raise InputError("repair is 'voxels', but a mesh has no voxels. Pass 'cuts' or 'none', or omit it")
-        made = of_mesh(given, pial, mend=repair != "none")
+        made = of_mesh(given, pial, mend=repair != "none", unit=unit)
     else:
         _refuse_options("a volume", pial=pial)
-        inside = foreground_of(given, label=label, threshold=threshold)
+        inside = foreground_of(given, label=label, threshold=threshold, unit=unit)
         made = of_volume(inside, probability=probability, repair=repair, threads=threads, progress=progress)
-    if unit is not None:
-        made = replace(made, metadata={**made.metadata, "unit": unit})
     return Surface._of(cut_handles(made, threads, progress) if repair == "cuts" else made)
 
 

@@ -106,7 +106,7 @@ def _chart(
 ) -> Cutout:
     """Return a chart with its description, its remarks, and where it belongs."""
     cut = cut_out_as(whole, part, cuts, "charts")
-    remarks = (*cut.remarks, *(in_unit(remark, part.metadata) for remark in told))
+    remarks = (*cut.remarks, *(in_unit(remark, part.origin.named_unit) for remark in told))
     return replace(cut, metadata={**cut.metadata, "chart": described}, remarks=remarks, onto=onto)
 
 

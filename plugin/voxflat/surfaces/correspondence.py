@@ -56,7 +56,7 @@ def _check_pial(core: _core.Surface, mesh: Mesh, pial: Mesh, places: NDArray[np.
     """Check that a pial surface lies outside a white one, whose triangles face outwards."""
     name = "the pial surface" if pial.path is None else pial.path
     check_side(name, pial.structure, mesh.structure, "Pass the pial surface of the same hemisphere")
-    check_participant(pial.path, {"input": mesh.path})
+    check_participant(pial.path, mesh.path)
     way = (places - mesh.points)[core.ids]
     there = np.isfinite(way).all(axis=1)
     way = way[there]

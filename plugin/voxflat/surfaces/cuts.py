@@ -212,14 +212,14 @@ def close_holes(part: Manifold, progress: Progress | None) -> tuple[Manifold, ND
     longest = _SMALL_HOLE
     if part.is_voxels:
         longest = _SMALL_HOLE_VOXELS * part._largest_spacing
-    elif part.metadata.get("unit", "mm") != "mm":
+    elif part.origin.unit != "mm":
         across = float(np.ptp(part.points, axis=0).max())
         longest = min(_SMALL_HOLE_VOXELS * part.usual_edge, _SMALL_HOLE_SHARE * across)
     core, filled, _ = part.core.fill_holes(longest, progress)
     if not filled:
         return part, part.faces, []
     remark = f"closed {filled} hole(s) with a circumference of up to {longest:g} mm, so that distances can cross them"
-    return part._with_core(core), part.faces, [Note(in_unit(remark, part.metadata))]
+    return part._with_core(core), part.faces, [Note(in_unit(remark, part.origin.named_unit))]
 
 
 def opened(
@@ -257,7 +257,7 @@ def opened(
     was_closed = any(cut["reason"] == "closed sphere" for cut in cuts)
     kind = str if topology["handles"] else Note
     if relax is False or (relax is None and is_cut and not was_closed and adapt is None):
-        return part, cuts, [kind(in_unit(remark, part.metadata)) for remark in remarks]
+        return part, cuts, [kind(in_unit(remark, part.origin.named_unit)) for remark in remarks]
     length = None if relax is None or relax is True else max(0.0, float(relax) - given)
     least_relief, bearable = 0.0, 0.0
     if relax is None and not was_closed and adapt is None:
@@ -271,7 +271,7 @@ def opened(
             f"{before:.1f} % to {after:.1f} %. Use relax=False to omit them"
         )
     _name(part, further)
-    return part._with_core(core), cuts + further, [kind(in_unit(remark, part.metadata)) for remark in remarks]
+    return part._with_core(core), cuts + further, [kind(in_unit(remark, part.origin.named_unit)) for remark in remarks]
 
 
 def _counted(cuts: list[dict[str, Any]], name: str) -> tuple[str, float]:

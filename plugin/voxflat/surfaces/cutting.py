@@ -245,7 +245,7 @@ def _standard_remark(cut: Cutout, error: float) -> str:
         f"cut along {what} ({names}; {rounded(length)} mm), located with {by}, so that maps of different brains "
         f"can be compared.{estimate} For less distortion, choose automatic cuts. `voxflat check` compares the two"
     )
-    return Note(in_unit(told, cut.metadata))
+    return Note(in_unit(told, cut.whole.origin.named_unit))
 
 
 def cut_handles(whole: Manifold, threads: int | None, progress: Progress | None) -> Manifold:
@@ -255,6 +255,6 @@ def cut_handles(whole: Manifold, threads: int | None, progress: Progress | None)
         return whole
     lengths = [handle["length"] for handle in handles]
     least, most = rounded(min(lengths), 1), rounded(max(lengths), 1)
-    remark = in_unit(f"cut {len(handles)} handle(s) open along loops of {least} to {most} mm", whole.metadata)
+    remark = in_unit(f"cut {len(handles)} handle(s) open along loops of {least} to {most} mm", whole.origin.named_unit)
     metadata = {**whole.metadata, "handles_cut": handles}
     return replace(whole, core=core, metadata=metadata, remarks=(*whole.remarks, remark))

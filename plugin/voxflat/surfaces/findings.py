@@ -170,7 +170,7 @@ class Check:
             space = Space._of(of)
             is_stack = self.foreground is not None and space.name == "unknown"
             told = "x, y and z of the volume, without anatomical directions" if is_stack else str(space)
-            rows += [("size", in_unit(f"{size} mm", of)), ("coordinates", told)]
+            rows += [("size", in_unit(f"{size} mm", of["unit"])), ("coordinates", told)]
             return rows + ([("structure", of["structure"])] if of["structure"] else [])
         labels = of["labels"]
         return [
@@ -203,7 +203,7 @@ class Check:
         if self.named_cuts:
             cuts = ", ".join(f"{cut['name']} {rounded(cut['length'])} mm" for cut in self.named_cuts)
             rows.append(("cuts", f"{self.cuts_by}: {cuts}"))
-        return [(name, in_unit(value.removesuffix(": "), self.contents)) for name, value in rows]
+        return [(name, in_unit(value.removesuffix(": "), self.contents["unit"])) for name, value in rows]
 
 
 def _place(handle: dict[str, Any]) -> str:
@@ -229,9 +229,9 @@ def check_surface(
     topology = whole.core.topology()
     found = replace(
         found,
-        foreground=whole.metadata.get("foreground"),
+        foreground=whole.origin.voxels.foreground if whole.is_voxels else None,
         surface_points=len(whole),
-        sheet=whole.metadata.get("sheet"),
+        sheet=whole.origin.voxels.is_sheet if whole.is_voxels else None,
         split_vertices=whole.metadata.get("split_vertices"),
         components=tuple(component["vertices"] for component in topology["components"]),
     )
@@ -244,7 +244,7 @@ def check_surface(
     handles = tuple(cut.part.core.handles(threads, progress)) if shape["handles"] else ()
     if handles:
         total = sum(handle["length"] for handle in handles)
-        length = in_unit(f"{rounded(total)} mm", part.metadata)
+        length = in_unit(f"{rounded(total)} mm", part.origin.named_unit)
         advice.append(f"cutting {len(handles)} handle(s) open along {length} would keep all voxels (repair='cuts')")
     try:
         to_open = cut
@@ -258,7 +258,7 @@ def check_surface(
         advice += [remark for remark in opened.remarks if remark not in advice]
         if len(opened.part) < 3:
             advice.append(f"the patch has only {len(opened.part)} vertices. Choose a larger label or patch")
-    is_solid = part.whole is None and part.foreground is not None and not whole.metadata["sheet"]
+    is_solid = part.whole is None and part.foreground is not None and not whole.origin.voxels.is_sheet
     is_solid = is_solid and "touching_labels" not in whole.metadata  # which a remark names
     if is_solid and part.foreground and (shares := parts_at_a_neck(part.foreground)):
         first, second = (f"{100 * share:.0f}" for share in shares)

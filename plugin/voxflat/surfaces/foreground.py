@@ -12,6 +12,7 @@ from voxflat.arguments import is_whole, log, optional_number, shown
 from voxflat.errors import InputError
 from voxflat.io.chunks import is_stack_path
 from voxflat.io.files import naming
+from voxflat.io.origin import VoxelOrigin
 from voxflat.io.overlays import as_mask
 from voxflat.io.sources import volume_of
 from voxflat.io.spaces import UNKNOWN, Space
@@ -31,7 +32,7 @@ class Foreground:
 
     volume: Volume
     mask: NDArray[np.bool_]
-    metadata: dict[str, Any]  # input and choice of the foreground
+    origin: VoxelOrigin
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,33 +40,35 @@ class PackedMask:
     """The foreground of a volume with one bit per voxel (`numpy.packbits`), as stored in surfaces."""
 
     bits: NDArray[np.uint8]
-    metadata: dict[str, Any]  # as in `Foreground`
+    origin: VoxelOrigin
 
     def mask(self) -> NDArray[np.bool_]:
         """Return a mask of the foreground, shape (I, J, K)."""
-        shape = self.metadata["shape"]
+        shape = self.origin.shape
         return np.asarray(np.unpackbits(self.bits, count=int(np.prod(shape))).reshape(shape).view(np.bool_))
 
 
-def foreground_of(volume: Volume, *, label: Labels | None = None, threshold: float | None = None) -> Foreground:
+def foreground_of(
+    volume: Volume, *, label: Labels | None = None, threshold: float | None = None, unit: str | None = None
+) -> Foreground:
     """Select the foreground of a volume."""
     threshold = optional_number(threshold, "threshold")
     mask = foreground(volume.data, label=label, threshold=threshold)
     labels = None if label is None else [int(one) for one in _several(label)]
     is_anatomical = volume.is_placed and not is_stack_path(volume.path)  # microscopes do not know right and left
-    metadata = {
-        "kind": "voxels",
-        "input": None if volume.path is None else str(volume.path),
-        "input_sha256": hashlib.sha256(np.packbits(mask).tobytes() + str(mask.shape).encode()).hexdigest(),
-        "shape": [int(n) for n in volume.data.shape],
-        "affine": volume.affine.tolist(),
-        "space": (Space("scanner") if is_anatomical else UNKNOWN)._described(),
-        "label": labels[0] if labels is not None and len(labels) == 1 else labels,
-        "threshold": threshold,
-        "foreground": int(np.count_nonzero(mask)),
-        **({} if volume.unit == "mm" else {"unit": volume.unit}),
-    }
-    return Foreground(volume, mask, metadata)
+    i, j, k = volume.data.shape
+    origin = VoxelOrigin(
+        input=None if volume.path is None else str(volume.path),
+        input_sha256=hashlib.sha256(np.packbits(mask).tobytes() + str(mask.shape).encode()).hexdigest(),
+        shape=(i, j, k),
+        affine=volume.affine,
+        space=Space("scanner") if is_anatomical else UNKNOWN,
+        unit=volume.unit if unit is None else unit,
+        label=labels[0] if labels is not None and len(labels) == 1 else labels,
+        threshold=threshold,
+        foreground=int(np.count_nonzero(mask)),
+    )
+    return Foreground(volume, mask, origin)
 
 
 def check_scalar(data: NDArray[Any]) -> None:

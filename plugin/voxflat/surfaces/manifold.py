@@ -27,6 +27,7 @@ from voxflat.errors import InputError
 from voxflat.io.grid import in_unit, rounded, voxel_size, warn_of_unit
 from voxflat.io.meshes import Mesh, in_tkras, write_mesh
 from voxflat.io.notebook import page
+from voxflat.io.origin import Origin
 from voxflat.io.patches import FLAT_PATCH_ENDINGS, PATCH_ENDING, Patch, in_patch, patch_border, write_patch
 from voxflat.io.provenance import Record, resolved, saving
 from voxflat.io.spaces import Space, VolumeGeometry
@@ -62,6 +63,7 @@ class Manifold(ReadOnly):
 
     core: _core.Surface
     voxels: NDArray[np.int64] | None
+    origin: Origin
     metadata: dict[str, Any] = field(default_factory=dict)
     remarks: tuple[str, ...] = ()
     white_points: NDArray[np.float64] | None = None
@@ -82,10 +84,10 @@ class Manifold(ReadOnly):
 
     def _repr_html_(self) -> str:
         """Return a description of the surface and its position, for Jupyter."""
-        facts = {"space": self.space.name, "structure": self.metadata.get("structure"), "file": self.metadata["input"]}
+        facts = {"space": self.space.name, "structure": self.origin.structure, "file": self.origin.input}
         low, high = self.points.min(axis=0), self.points.max(axis=0)
         ranges = (f"{a:.4g} to {b:.4g}" for a, b in zip(low, high, strict=True))
-        facts[in_unit("extent, mm", self.metadata)] = ", ".join(ranges)
+        facts[in_unit("extent, mm", self.origin.named_unit)] = ", ".join(ranges)
         return page(self, "\n".join(f"{name:12}{value}" for name, value in facts.items() if value))
 
     @property
@@ -120,12 +122,12 @@ class Manifold(ReadOnly):
         >>> voxflat.surface(voxflat.samples.ball()).voxel_size
         1.0
         """
-        return voxel_size(self.metadata["affine"]) if self.is_voxels else None
+        return voxel_size(self.origin.voxels.affine) if self.is_voxels else None
 
     @property
     def _largest_spacing(self) -> float:
         """The largest of the three voxel spacings, in mm; the surface must come from a volume."""
-        return float(np.linalg.norm(np.asarray(self.metadata["affine"])[:3, :3], axis=0).max())
+        return float(np.linalg.norm(self.origin.voxels.affine[:3, :3], axis=0).max())
 
     @property
     def points(self) -> NDArray[np.float64]:
@@ -159,7 +161,7 @@ class Manifold(ReadOnly):
         >>> voxflat.samples.hill().space.name
         'unknown'
         """
-        return Space._of(self.metadata)
+        return self.origin.space
 
     @property
     def faces(self) -> NDArray[np.uint32]:
@@ -230,7 +232,7 @@ class Manifold(ReadOnly):
         >>> voxflat.samples.hill().count
         441
         """
-        return len(self.voxels) if self.voxels is not None else int(self.metadata["vertices"])
+        return len(self.voxels) if self.voxels is not None else self.origin.mesh.vertices
 
     @property
     def vertices(self) -> NDArray[np.int64]:
@@ -331,9 +333,9 @@ class Manifold(ReadOnly):
 
     def _nearest(self, key: Any) -> str:
         if not self.is_voxels:
-            return f"; the vertices of the mesh are numbered from 0 to {self.metadata['vertices'] - 1}"
+            return f"; the vertices of the mesh are numbered from 0 to {self.origin.mesh.vertices - 1}"
         vertex, distance = self.nearest(key)
-        away = in_unit(f"{rounded(distance, 1)} mm", self.metadata)
+        away = in_unit(f"{rounded(distance, 1)} mm", self.origin.named_unit)
         return f"; the nearest surface voxel is {self.ids[vertex].tolist()}, {away} away"
 
     def nearest(self, place: Sequence[int]) -> tuple[int, float]:
@@ -369,7 +371,7 @@ class Manifold(ReadOnly):
         wanted = numbers_of(place, "voxel")
         if wanted.shape != (3,):
             raise InputError(f"the voxel is {shown(place)}. Pass three voxel indices")
-        linear = np.asarray(self.metadata["affine"])[:3, :3]
+        linear = self.origin.voxels.affine[:3, :3]
         apart = np.linalg.norm((self.ids - wanted) @ linear.T, axis=1)
         vertex = int(apart.argmin())
         return vertex, float(apart[vertex])
@@ -517,7 +519,7 @@ class Manifold(ReadOnly):
         """
         if not self.is_voxels:
             raise InputError("the surface came from a mesh, so no voxels were changed. Pass a surface from a volume")
-        labels = np.zeros(self.metadata["shape"], dtype=np.uint8)
+        labels = np.zeros(self.origin.voxels.shape, dtype=np.uint8)
         report = self.metadata.get("repair", {})
         for value, names in ((1, ("cut", "dropped")), (2, ("filled", "cavities"))):
             for name in names:
@@ -584,10 +586,10 @@ class Manifold(ReadOnly):
         >>> surface.save("hill.ply")
         """
         path = checked_path(path)
-        space, structure = self.space, self.metadata.get("structure")
+        space, structure = self.space, self.origin.structure
         if space.name == "scanner" and self.is_voxels:
-            affine, shape, file = (self.metadata[name] for name in ("affine", "shape", "input"))
-            space = Space("scanner", VolumeGeometry.of_volume(affine, shape, file or ""))
+            of = self.origin.voxels
+            space = Space("scanner", VolumeGeometry.of_volume(of.affine, of.shape, of.input or ""))
         if space.doubt:
             log.warning("%s may be misaligned with volumes: %s", path, space.doubt)
         with saving(path, self.provenance, sidecar=sidecar, overwrite=overwrite):
@@ -597,7 +599,7 @@ class Manifold(ReadOnly):
                 mesh = Mesh(self.points, self.faces.astype(np.int64), structure=structure, space=space)
                 write_mesh(path, mesh, self.provenance)
         if path.suffix.lower() not in (".vtp", ".ply", ".obj"):
-            warn_of_unit(path, self.metadata.get("unit", "mm"))
+            warn_of_unit(path, self.origin.unit)
 
     def _save_patch(self, path: str | os.PathLike[str], space: Space) -> None:
         if os.fspath(path).lower().endswith(FLAT_PATCH_ENDINGS):

@@ -15,7 +15,7 @@ def parts_at_a_neck(foreground: PackedMask) -> tuple[float, float] | None:
 
     The parts are the cores that remain where the depth below the surface is large, with the voxels closest to each.
     """
-    spacing = np.linalg.norm(np.array(foreground.metadata["affine"])[:3, :3], axis=0)
+    spacing = np.linalg.norm(foreground.origin.affine[:3, :3], axis=0)
     components, _ = scipy.ndimage.label(foreground.mask())
     largest = int(np.bincount(components.ravel())[1:].argmax()) + 1
     component = np.pad(components[scipy.ndimage.find_objects(components, largest)[largest - 1]] == largest, 1)

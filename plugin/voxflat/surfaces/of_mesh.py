@@ -7,6 +7,7 @@ import numpy as np
 
 from voxflat import _core
 from voxflat.io.meshes import Mesh
+from voxflat.io.origin import MeshOrigin
 from voxflat.io.reading import check_room
 from voxflat.io.triangles import SEAMS
 from voxflat.surfaces.correspondence import SAME, pial_of
@@ -17,7 +18,7 @@ _SHOWN = 10  # maximum number of vertices or edges in a remark
 _A_TRIANGLE, _A_POINT = 200, 100  # bytes to create a surface; measured: 160 to 190 per triangle and half a point
 
 
-def of_mesh(mesh: Mesh, pial: object | None = None, *, mend: bool = True) -> Manifold:
+def of_mesh(mesh: Mesh, pial: object | None = None, *, mend: bool = True, unit: str | None = None) -> Manifold:
     """Create a surface from a mesh; `mend` repairs defects as `voxflat.surface` describes."""
     measured_on = "the given surface"
     white, places, of_pial = None, None, list[str]()
@@ -37,15 +38,17 @@ def of_mesh(mesh: Mesh, pial: object | None = None, *, mend: bool = True) -> Man
     told_by_file = [one for one in mesh.remarks if not one.startswith(SEAMS)]  # a surface has no texture
     remarks = [*told_by_file, *_remarks(told, len(mesh.faces), len(mesh.points)), *of_pial]
     digest = hashlib.sha256(np.ascontiguousarray(core.points).tobytes() + mesh.faces.tobytes())
-    metadata: dict[str, Any] = {
-        "kind": "mesh",
-        "input": None if mesh.path is None else str(mesh.path),
-        "input_sha256": digest.hexdigest(),
-        "vertices": len(mesh.points),
-        "structure": mesh.structure,
-        "space": mesh.space._described(),
-        "measured_on": measured_on,
-    }
+    origin = MeshOrigin(
+        input=None if mesh.path is None else str(mesh.path),
+        input_sha256=digest.hexdigest(),
+        vertices=len(mesh.points),
+        structure=mesh.structure,
+        space=mesh.space,
+        unit=mesh.unit if unit is None else unit,
+        measured_on=measured_on,
+        has_known_axes=not mesh._has_unknown_axes,
+    )
+    metadata = origin.described()
     merged = told["merged"].astype(np.int64)
     mesh_faces = mesh.faces
     mended: dict[str, Any] = {name: told[name] for name in _MENDED if told[name]}
@@ -54,11 +57,7 @@ def of_mesh(mesh: Mesh, pial: object | None = None, *, mend: bool = True) -> Man
     if mended:
         metadata["mended"] = mended
         mesh_faces = core.ids.astype(np.int64)[core.faces]
-    if mesh.unit != "mm":
-        metadata["unit"] = mesh.unit
-    if mesh._has_unknown_axes:
-        metadata["axes"] = "unknown"
-    return Manifold(core, None, metadata, tuple(remarks), white, places, mesh_faces, merged)
+    return Manifold(core, None, origin, metadata, tuple(remarks), white, places, mesh_faces, merged)
 
 
 def _remarks(told: dict[str, Any], faces: int, points: int) -> list[str]:

@@ -1,5 +1,6 @@
 """Create a surface from a volume: repaired on request, with vertex positions finer than the grid."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -37,26 +38,30 @@ def of_volume(
     check_room(_A_SURFEL * _surfels(mask))
     if sheet is not False:
         _check_width(mask)
-    metadata = dict(given.metadata)
-    level, placed_by = _level(volume, mask, metadata["threshold"], probability)
+    repairs: dict[str, Any] = {}
+    level, placed_by = _level(volume, mask, given.origin.threshold, probability)
     remarks: list[str] = []
     _doubt_parts(mask)
     if repair == "voxels":
-        mask, metadata["repair"], remarks = _repaired(mask, volume, level, progress)
+        mask, repairs["repair"], remarks = _repaired(mask, volume, level, progress)
     elif repair is None and not (_core.is_sheet(mask) if sheet is None else sheet):
         mask, report, remarks = _without_handles(mask, volume, level, progress)
         if report is not None:
-            metadata["repair"] = report
+            repairs["repair"] = report
     core, voxels, made = _core.Surface.from_mask(mask, volume.affine.tolist(), level, sheet, threads, progress)
-    metadata |= {**made, "placed_by": placed_by if made["kind"] == "solid" else "a fit to the middle of the sheet"}
-    metadata["sheet"] = metadata.pop("kind") == "sheet"
-    metadata["kind"] = "voxels"
-    if metadata["conflicts"]:
+    origin = replace(given.origin, is_sheet=made.pop("kind") == "sheet")
+    metadata = {
+        **origin.described(),
+        **repairs,
+        **made,
+        "placed_by": "a fit to the middle of the sheet" if origin.is_sheet else placed_by,
+    }
+    if made["conflicts"]:
         remarks.append(
-            f"the sides of the voxel sheet conflict at {metadata['conflicts']} pairs of voxels: the sheet touches "
+            f"the sides of the voxel sheet conflict at {made['conflicts']} pairs of voxels: the sheet touches "
             "itself there, or has only one side, like a Möbius strip"
         )
-    if not metadata["sheet"] and (touched := _touched_sides(mask)):
+    if not origin.is_sheet and (touched := _touched_sides(mask)):
         remarks.append(f"the foreground touches the border of the volume ({touched}); the surface is closed there")
     if touching := touching_labels(volume.data, given.mask):
         metadata["touching_labels"] = touching
@@ -64,8 +69,8 @@ def of_volume(
         remarks.append(
             f"labels {named} touch, so they form one surface. If they are different objects, choose one label"
         )
-    packed = PackedMask(np.packbits(mask if repair == "voxels" else given.mask), given.metadata)
-    return Manifold(core, voxels.astype(np.int64), metadata, tuple(remarks), foreground=packed)
+    packed = PackedMask(np.packbits(mask if repair == "voxels" else given.mask), given.origin)
+    return Manifold(core, voxels.astype(np.int64), origin, metadata, tuple(remarks), foreground=packed)
 
 
 def _doubt_parts(mask: NDArray[np.bool_]) -> None:

@@ -140,7 +140,7 @@ def _is_file(region: object) -> TypeGuard[str | os.PathLike[str]]:
 
 def _check_file(of: Manifold, region: object) -> None:
     if _is_file(region) and not of.is_voxels:
-        check_partner(region, of.metadata)
+        check_partner(region, of.origin)
 
 
 def _all_corners(chosen: NDArray[np.bool_], faces: NDArray[np.uint32]) -> NDArray[np.bool_]:
@@ -158,13 +158,13 @@ def _triangles(whole: Manifold, keep: object) -> NDArray[np.bool_] | None:
             return None
     if isinstance(keep, Patch):
         return whole._in_patch(keep)
-    is_values = values_of_object(keep, whole.count, whole.metadata.get("structure")) is not None
+    is_values = values_of_object(keep, whole.count, whole.origin.structure) is not None
     mesh = None if is_values else as_mesh(keep)
     if mesh is None:
         return None
-    if len(mesh.points) != whole.metadata["vertices"]:
+    if len(mesh.points) != whole.origin.mesh.vertices:
         raise InputError(
-            f"the surface to keep has {len(mesh.points)} vertices, but the surface has {whole.metadata['vertices']}. "
+            f"the surface to keep has {len(mesh.points)} vertices, but the surface has {whole.origin.mesh.vertices}. "
             "Pass a surface whose vertices correspond one to one"
         )
     found = whole._has_triangles(mesh.faces)
@@ -179,22 +179,20 @@ def _vertices(whole: Manifold, region: object, verb: str) -> tuple[NDArray[np.bo
     if isinstance(region, str | os.PathLike) and not os.path.exists(region):
         raise InputError(f"{name}: the file {os.fspath(region)} does not exist. Check the path")
     if whole.is_voxels:
-        shape = tuple(whole.metadata["shape"])
+        shape = whole.origin.voxels.shape
         if isinstance(region, np.ndarray | list) and array_of(region, "region's entries").ndim == 2:  # voxel indices
             found = whole.find(array_of(region, name), name)
             mask = np.zeros(shape, dtype=np.bool_)
             mask[tuple(whole.ids[found].T)] = True
         else:
-            place = Volume(
-                np.empty(shape, dtype=np.bool_), whole.metadata["affine"], unit=whole.metadata.get("unit", "mm")
-            )
+            place = Volume(np.empty(shape, dtype=np.bool_), whole.origin.voxels.affine, unit=whole.origin.unit)
             mask = keep_mask(region, place, f"mask to {verb}")
         return mask[tuple(whole.ids.T)], mask
-    count = whole.metadata["vertices"]
+    count = whole.origin.mesh.vertices
     if isinstance(region, str | os.PathLike):
-        chosen = read_region(region, count, structure=whole.metadata.get("structure"))
+        chosen = read_region(region, count, structure=whole.origin.structure)
     else:
-        values = values_of_object(region, count, whole.metadata.get("structure"))
+        values = values_of_object(region, count, whole.origin.structure)
         chosen = _as_mask(array_of(region, name), count, name) if values is None else region_of(values, count)
     chosen = chosen.copy()
     np.logical_or.at(chosen, whole.merged[:, 1], chosen[whole.merged[:, 0]])
@@ -226,10 +224,10 @@ def vertex_at(part: Manifold, point: Sequence[int] | int, name: str) -> tuple[in
         if place.ndim != 0 or place.dtype.kind not in "ui":
             raise InputError(f"the {name} is {shown(point)}. Pass a vertex number of the mesh")
         return int(part.find(place[None], f"the {name}")[0]), []
-    wanted = seed_voxel(point, part.metadata["shape"], name)
+    wanted = seed_voxel(point, part.origin.voxels.shape, name)
     vertex, distance = part.nearest(wanted)
     remarks = found_seed(wanted, part.ids[vertex].tolist(), distance, part._largest_spacing, name)
-    return vertex, [in_unit(remark, part.metadata) for remark in remarks]
+    return vertex, [in_unit(remark, part.origin.named_unit) for remark in remarks]
 
 
 def is_medial_wall(region: object) -> bool:

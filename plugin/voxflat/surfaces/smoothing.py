@@ -31,7 +31,9 @@ def smoothed(surface: Manifold, length: float, progress: Progress | None) -> Man
     points, faces = surface.points, surface.faces.astype(np.int64)
     extent = float(np.linalg.norm(np.ptp(points, axis=0)))
     if length > extent:
-        wrong = in_unit(f"length is {length:g} mm, but the surface is only {extent:.3g} mm long", surface.metadata)
+        wrong = in_unit(
+            f"length is {length:g} mm, but the surface is only {extent:.3g} mm long", surface.origin.named_unit
+        )
         raise InputError(f"{wrong}. Pass a smaller length")
     moves = _moves(points, faces, length, progress)
     made = surface.core.moved(points + moves)
@@ -42,7 +44,7 @@ def smoothed(surface: Manifold, length: float, progress: Progress | None) -> Man
     if len(surface.core.topology()["loops"]) == 0:
         told["volume_change"] = _volume(points + moves, faces) / _volume(points, faces) - 1
         text += f" and changed its volume by {100 * told['volume_change']:.2g} %"
-    remarks = [in_unit(text, surface.metadata)]
+    remarks = [in_unit(text, surface.origin.named_unit)]
     if after > before:
         remarks.append(f"smoothing folded {after - before} of {len(faces)} triangles. Use a smaller length")
     metadata = {**surface.metadata, "smoothed": told}

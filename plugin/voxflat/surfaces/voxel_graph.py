@@ -1,7 +1,7 @@
 """Link the surface voxels of a volume into a graph of 26-neighbours, for `grossmann2002` and chain codes."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -12,6 +12,7 @@ from voxflat import _core
 from voxflat.arguments import Progress, array_of, voxel_indices
 from voxflat.errors import InputError
 from voxflat.io.grid import in_unit, rounded, voxel_size
+from voxflat.io.origin import VoxelOrigin
 from voxflat.surfaces.manifold import Manifold
 
 LINK_LENGTHS = "chain-code"  # default measure of links: the paper's unbiased estimator
@@ -25,6 +26,7 @@ class VoxelGraph:
 
     core: _core.VoxelSurface  # part in use
     whole: _core.VoxelSurface  # complete surface
+    origin: VoxelOrigin
     metadata: dict[str, Any]
     remarks: tuple[str, ...]
 
@@ -45,7 +47,7 @@ class VoxelGraph:
     @property
     def voxel_size(self) -> float:
         """Geometric mean of the three voxel spacings, in mm."""
-        return voxel_size(self.metadata["affine"])
+        return voxel_size(self.origin.affine)
 
     def find(self, ids: ArrayLike, name: str = "the ids") -> NDArray[np.uint32]:
         """Return the numbers of the given voxels in the part."""
@@ -66,17 +68,17 @@ def voxel_graph(of: Manifold, link_lengths: str = LINK_LENGTHS, progress: Progre
     """Link the surface voxels of a volume, which is repaired only on request, and select the part of the surface."""
     if of.foreground is None:
         raise InputError("chain codes require surface voxels, but this surface has none. Pass a surface from a volume")
-    affine = np.asarray(of.foreground.metadata["affine"])
+    affine = of.foreground.origin.affine
     size = float(np.linalg.norm(affine[:3, :3], axis=0).max())
     whole = _core.VoxelSurface.from_mask(of.foreground.mask(), affine.tolist(), link_lengths, progress)
     part, kept, remarks = whole, None, []
     seed, found, radius = None, None, None
     for step in of.steps:
         if step.verb == "disk":
-            seed, radius = seed_voxel(step.seed_point, of.metadata["shape"]), step.radius
+            seed, radius = seed_voxel(step.seed_point, of.origin.voxels.shape), step.radius
             vertex, distance = whole.nearest(seed)
             found = [int(index) for index in whole.voxels[vertex]]
-            remarks += [in_unit(remark, of.metadata) for remark in found_seed(seed, found, distance, size)]
+            remarks += [in_unit(remark, of.origin.named_unit) for remark in found_seed(seed, found, distance, size)]
             part, kept = part.cut_out(kept, seed, radius, progress), None
         elif step.mask is not None:
             kept = step.mask if kept is None else kept & step.mask
@@ -85,8 +87,9 @@ def voxel_graph(of: Manifold, link_lengths: str = LINK_LENGTHS, progress: Progre
     if kept is not None or seed is None:
         part = part.cut_out(kept, None, None, progress)
     components = whole.component_sizes()
+    origin = replace(of.foreground.origin, unit=of.origin.unit)
     metadata = {
-        **of.foreground.metadata,
+        **origin.described(),
         "seed_point": seed,
         "seed_found": found,
         "radius": radius,
@@ -97,7 +100,7 @@ def voxel_graph(of: Manifold, link_lengths: str = LINK_LENGTHS, progress: Progre
         "largest_components": components[:10],
         "points": len(part),
     }
-    return VoxelGraph(part, whole, metadata, tuple(remarks))
+    return VoxelGraph(part, whole, origin, metadata, tuple(remarks))
 
 
 def seed_voxel(seed_point: object, shape: Sequence[int], name: str = "seed point") -> list[int]:

@@ -82,7 +82,7 @@ class CutLayers(QObject):
     def _look(self) -> None:
         if self.is_there:
             self._viewer.layers.selection = {self.surface}
-        right = is_right(self._drawing.points, self._drawing.surface.metadata.get("structure"))
+        right = is_right(self._drawing.points, self._drawing.surface.origin.structure)
         look_from_side(self._viewer, right=right, world=self._world)
         self.update()
 

@@ -140,7 +140,7 @@ class Drawing(History[_State]):
     def title(self, cut: Drawn) -> str:
         """Return the name of a cut and its location, as `voxflat cut` prints them."""
         if cut not in self._titles:
-            structure = self.surface.metadata.get("structure")
+            structure = self.surface.origin.structure
             place = whereabouts(self.points[self.vertices(cut)], self.points, structure)
             self._titles[cut] = f"{cut.name}, {place}"
         return self._titles[cut]

@@ -70,7 +70,7 @@ class Overlay:
     def image(self, flat_map: Planar | Atlas, pixel_size: float | None) -> FlatImage:
         """Draw the values on a map, as `FlatMap.image` does."""
         of_map = flat_map if isinstance(flat_map, Atlas) else flat_map._triangles.on_surface
-        check_side(f"Layer '{self.name}'", self.structure, of_map.metadata.get("structure"), _OTHER, "the map")
+        check_side(f"Layer '{self.name}'", self.structure, of_map.origin.structure, _OTHER, "the map")
         return flat_map.image(self.values, pixel_size)
 
 

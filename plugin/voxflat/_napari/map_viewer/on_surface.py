@@ -83,7 +83,7 @@ class PaintedSurface(ToggledLayer[Surface]):
                 self._covered.append(layer)
                 layer.visible = False
         if in_3d:
-            right = is_right(self._prepared.points, self._prepared.run.flat_map.metadata.get("structure"))
+            right = is_right(self._prepared.points, self._prepared.run.flat_map.origin.structure)
             stand_upright(self._viewer, right=right, world=self._prepared.origin.get("world_axes", "RAS"))
 
     def _uncover(self) -> None:

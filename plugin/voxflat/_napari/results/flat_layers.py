@@ -97,14 +97,12 @@ def shown_image(flat_map: FlatMap | Atlas, name: str, shown: Shown, pixel_size: 
 
 def units(flat_map: FlatMap | Atlas, axes: int) -> tuple[str, ...] | None:
     """Return the unit of each axis, or None if the flattened layer is in pixels, because napari cannot mix them."""
-    in_pixels = flat_map.metadata.get("napari", {}).get("unit", "").startswith("pixel")
-    return None if in_pixels else (unit_of_map(flat_map),) * axes
+    return None if flat_map.origin.in_pixels else (unit_of_map(flat_map),) * axes
 
 
 def unit_of_map(flat_map: FlatMap | Atlas) -> str:
     """Return the unit of a map; an unknown unit is taken as mm."""
-    unit: str = flat_map.metadata.get("unit", "mm")
-    return "mm" if unit == "unknown" else unit
+    return "mm" if flat_map.origin.unit == "unknown" else flat_map.origin.unit
 
 
 def described(

@@ -57,7 +57,7 @@ def path_command(input_: Path, stops: list[Any], output: Path | None, writing: d
         with saving(output, found.provenance, **writing), atomic_path(output) as beside:
             beside.write_text("".join(f"{one}\n" for one in found.ids), encoding="utf-8", newline="\n")
     content: dict[str, Any] = {"length": found.length, "ids": found.ids.tolist(), "points": found.points.tolist()}
-    length = in_unit(f"{found.length:.3f} mm", whole.metadata)
+    length = in_unit(f"{found.length:.3f} mm", whole.origin.named_unit)
     saved = "" if output is None else f"\nsaved as {output}"
     content |= {"space": found.space._described(), "provenance": found.provenance}
     report(content, f"{length} through {len(found.ids)} points{saved}")

@@ -69,7 +69,7 @@ def cut_command(input_: Path, output: Path, template: Path | None, writing: dict
     content = {"output": str(output), "vertices": len(made.surface), "cuts": cuts, "warnings": list(made.remarks)}
     lines = []
     for number, one in enumerate(made.cuts):
-        length = "" if one.length is None else in_unit(f", {rounded(one.length, 1)} mm", made.surface.metadata)
+        length = "" if one.length is None else in_unit(f", {rounded(one.length, 1)} mm", made.surface.origin.named_unit)
         lines.append(f"{made.title(number)}: {one.reason}, {len(one.ids)} vertices{length}")
     lines.append(f"{len(made.surface)} vertices, {len(made.surface.faces)} triangles")
     lines.append(f"saved as {output}" + ("" if template is None else f", template as {template}"))
@@ -217,7 +217,7 @@ def _series_summary(series: FlatSeries, output: Path, frames: tuple[Path, ...]) 
     rows["folded triangles"] = f"{folded.max()}" + (f" in frame {folded.argmax()}" if folded.any() else "")
     lines = [f"{name:22}{value}" for name, value in rows.items()]
     lines += ["", f"distortion of frame {series.reference}", flat_map.distortion.table(), ""]
-    return in_unit("\n".join(lines), flat_map.description()) + f"\nsaved as {output}"
+    return in_unit("\n".join(lines), flat_map.origin.named_unit) + f"\nsaved as {output}"
 
 
 def _summary(flat_map: FlatMap, output: Path) -> str:
@@ -235,16 +235,19 @@ def _summary(flat_map: FlatMap, output: Path) -> str:
     rows["map"] = f"{rounded(width, 1)} x {rounded(height, 1)} mm{torn}"
     rows["memory, at most"] = f"{metadata['memory_need_bytes'] / 2**20:.0f} MiB"
     lines = [f"{name:22}{value}" for name, value in rows.items()]
-    return in_unit("\n".join([*lines, "", flat_map.distortion.table(), ""]), metadata) + f"\nsaved as {output}"
+    return (
+        in_unit("\n".join([*lines, "", flat_map.distortion.table(), ""]), flat_map.origin.named_unit)
+        + f"\nsaved as {output}"
+    )
 
 
 def _part(metadata: dict[str, Any]) -> str:
     """Describe the part of the surface that was flattened."""
-    what = "voxel" if metadata["kind"] == "voxels" else "vertex"
     if metadata.get("chart", {}).get("count", 1) != 1:
         return f"the chart {metadata['chart']['name']!r}"
     parts = ["inside the mask"] if metadata["keep"] or metadata.get("drop") else []
     if metadata["seed_point"] is not None:
+        what = "voxel" if metadata["kind"] == "voxels" else "vertex"
         parts.append(f"within {metadata['radius']} mm of {what} {metadata['seed_point']}")
     if parts:
         return " ".join(parts)

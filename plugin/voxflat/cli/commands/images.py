@@ -182,7 +182,7 @@ def image_command(
     size = {"images": count, "width": width, "height": height, "pixel_size": picture.pixel_size}
     images = "" if count == 1 else f"{count} images of "
     apart = "" if step is None else f", {step:g} s apart"
-    text = f"{images}{width} x {height} pixels of {in_unit(f'{picture.pixel_size:g} mm', flat_map.metadata)}"
+    text = f"{images}{width} x {height} pixels of {in_unit(f'{picture.pixel_size:g} mm', flat_map.origin.named_unit)}"
     text += f"{apart}\nsaved as {output}"
     content = {"output": str(output), **size, "time_step": step, "provenance": picture.provenance}
     report(content, text, quiet=quiet)

@@ -61,7 +61,7 @@ def points_command(map_: Path, points: Path, output: Path, limit: float, space: 
     with saving(output, record, **writing):
         table.save(output, {"u": uv[:, 0], "v": uv[:, 1], "distance": distance})
     shown = int(np.isfinite(distance).sum())
-    within = in_unit(f"{limit:g} mm", flat_map.metadata)
+    within = in_unit(f"{limit:g} mm", flat_map.origin.named_unit)
     text = f"{shown} of {len(distance)} points are within {within} of the surface\nsaved as {output}"
     report({"output": str(output), "points": len(distance), "on_map": shown, "provenance": record}, text)
 

@@ -131,7 +131,7 @@ def surface_command(input_: Path, output: Path, repaired: Path | None, writing: 
         for remark in made.remarks:
             log.warning(remark)
     if repaired is not None:
-        affine = scaled(made.metadata["affine"], made.metadata.get("unit", "mm"), "mm")
+        affine = scaled(made.origin.voxels.affine, made.origin.unit, "mm")
         write_volume(repaired, made.changed_voxels(), affine, made.provenance)
     made.save(output, **writing)
     size = {"vertices": len(made), "triangles": len(made.faces)}

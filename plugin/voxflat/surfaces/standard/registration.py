@@ -192,7 +192,7 @@ def _validated(whole: Manifold, found: dict[str, Any], named: str | None, remark
             f"{scores[other]:.2f} instead of {scores[side]:.2f}). Pass side={other!r}, or check whether the surface is "
             "mirrored"
         )
-    told = _STRUCTURES.get(str(whole.metadata.get("structure")))
+    told = _STRUCTURES.get(str(whole.origin.structure))
     if told not in (None, side):
         remarks = (*remarks, f"the file specifies the {told} side, but the folds match the {side} side")
     return Registration(whole, found["points"], side, confidence, figures, remarks)

@@ -51,7 +51,7 @@ class Sphere:
 
 def sphere_beside(whole: Manifold) -> Path | None:
     """Find the registered sphere that FreeSurfer writes next to a surface: ``lh.sphere.reg`` for ``lh.white``."""
-    given = whole.metadata.get("input")
+    given = whole.origin.input
     return sphere_at(given) if given and not whole.is_voxels else None
 
 
@@ -146,7 +146,7 @@ def _folded(whole: Manifold, places: NDArray[np.float64], name: str) -> int:
 def _named_side(whole: Manifold, mesh: Mesh | NDArray[np.float64], name: str) -> str | None:
     """Return the hemisphere that the surface and its sphere specify, if they do."""
     named = {structure: side for side, structure in SIDES.items()}
-    of_surface, of_sphere = whole.metadata.get("structure"), mesh.structure if isinstance(mesh, Mesh) else None
+    of_surface, of_sphere = whole.origin.structure, mesh.structure if isinstance(mesh, Mesh) else None
     check_side(name, of_sphere, of_surface, "Pass its sphere")
     return named.get(of_surface or "") or named.get(of_sphere or "")
 
