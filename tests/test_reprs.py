@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 import voxflat
 from voxflat import io
 from voxflat.io.notebook import page
-from voxflat.pipeline.cut_surface import Cut
+from voxflat.surfaces.cuts import Cut
 from voxflat.surfaces.standard.registration import Registration
 
 

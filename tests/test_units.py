@@ -44,9 +44,9 @@ def test_units_have_their_usual_names():
     ],
 )
 def test_a_text_is_put_into_a_unit(text, in_micrometres, without):
-    assert in_unit(text, {}) == in_unit(text, {"unit": "mm"}) == text
-    assert in_unit(text, {"unit": "µm"}) == in_micrometres
-    assert in_unit(text, {"unit": "unknown"}) == without
+    assert in_unit(text, "mm") == text
+    assert in_unit(text, "µm") == in_micrometres
+    assert in_unit(text, "unknown") == without
 
 
 def told_of(surface, tmp_path, caplog):

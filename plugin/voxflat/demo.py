@@ -91,7 +91,7 @@ def _summary(flat_map: FlatMap, seconds: float) -> str:
         [
             "Left hemisphere of the MNI152 template (white-matter probability > 0.5)",
             f"{repair['handles']} handles repaired: {len(repair['cut'])} voxels removed, {len(repair['filled'])} added",
-            f"medial wall excluded; standard cuts: {', '.join(metadata['cut_names'])}",
+            f"medial wall excluded; standard cuts: {', '.join(cut.name for cut in flat_map.cuts if cut.name)}",
             f"{len(flat_map)} vertices flattened in {seconds:.0f} s using {metadata['sources']} sources, "
             f"{width:.0f} x {height:.0f} mm",
             f"{triangles.flipped} of {len(flat_map.faces)} triangles are flipped, "

@@ -217,7 +217,10 @@ class TestComparison:
         rank = np.argsort(order)
         shuffled = voxflat.FlatMap(
             **{name: getattr(flat, name)[order] for name in ("uv", "points", "normals", "ids")},
-            **{name: getattr(flat, name) for name in ("torn", "sources", "eigenvalues", "distortion", "metadata")},
+            **{
+                name: getattr(flat, name)
+                for name in ("torn", "sources", "eigenvalues", "distortion", "origin", "metadata")
+            },
             faces=rank[flat.faces].astype(np.uint32),
         )
         compared = voxflat.compare(BUMPS, {"a": flat, "b": UV, "c": shuffled}, sources=40)

@@ -26,9 +26,12 @@ from voxflat.figures.marks import cut_names, directions, round_length, side
 from voxflat.figures.names import place_names, text_size
 from voxflat.figures.overlays import painted
 from voxflat.io.label_tables import LabelTable
+from voxflat.io.origin import VoxelOrigin
+from voxflat.io.spaces import Space
 from voxflat.io.volumes import Volume
 from voxflat.maps.parcels import parcels_of
 from voxflat.methods import Voxflat
+from voxflat.surfaces.cuts import Cut
 
 pytestmark = pytest.mark.slow  # figures have at least 850 pixels
 
@@ -39,13 +42,17 @@ AWAY = Volume(np.ones((4, 4, 4), np.float32), np.eye(4) + np.eye(4, k=3) * 900)
 FROM_CIFTI = "sub-01_task-language_space-fsLR_den-91k_stat-z_statmap.dscalar.nii, MATH-STORY"
 
 
+def in_structure(flat_map, structure):
+    return dataclasses.replace(flat_map, origin=dataclasses.replace(flat_map.origin, structure=structure))
+
+
 @pytest.fixture(scope="module")
 def flat_map():
     """Return the map of a surface in a sagittal plane with vertical furrows, seen from the left."""
     ends = (LONG - 1, HIGH - 1)
     points, faces = sheet(lambda y, z: (-0.3 * np.cos(2 * np.pi * y / 10) - 30, y, z), ends, (LONG, HIGH))
     flat = voxflat.flatten((points, faces[:, ::-1]), Voxflat(sources=40), relax=False)  # −x is outside
-    return dataclasses.replace(flat, metadata={**flat.metadata, "structure": "CortexLeft"})
+    return in_structure(flat, "CortexLeft")
 
 
 @pytest.fixture(scope="module")
@@ -53,8 +60,8 @@ def cut_map(flat_map):
     """Return a map whose points 20 and 300 are points 5 and 200 on the other side of two named cuts."""
     ids = flat_map.ids.copy()
     ids[[20, 300]] = ids[[5, 200]]
-    cuts = {"cuts": [[int(ids[5])], [int(ids[200])]], "cut_names": ["calcarine", "temporal"]}
-    return dataclasses.replace(flat_map, ids=ids, metadata={**flat_map.metadata, **cuts})
+    cuts = tuple(Cut(ids[[n]], None, "template", name) for n, name in ((5, "calcarine"), (200, "temporal")))
+    return dataclasses.replace(flat_map, ids=ids, cuts=cuts)
 
 
 @pytest.fixture(autouse=True)
@@ -208,8 +215,7 @@ def test_a_threshold_is_symmetric_and_a_second_map_is_the_opacity(flat_map):
 
 
 def test_both_hemispheres_share_one_scale_of_lengths_and_colours(flat_map):
-    told = {**flat_map.metadata, "structure": "CortexRight"}
-    right = dataclasses.replace(flat_map, uv=flat_map.uv * (-0.5, 0.5), metadata=told)
+    right = dataclasses.replace(in_structure(flat_map, "CortexRight"), uv=flat_map.uv * (-0.5, 0.5))
     low, high = np.linspace(0, 1, COUNT), np.linspace(2, 6, COUNT)
     figure = figures.flat_map([flat_map, right], figures.Overlay((low, high), label="effect"))
     paper, first, second, bar = figure.axes
@@ -358,13 +364,12 @@ def test_directions_of_a_stack_are_its_axes(tmp_path):
 
 def test_an_unknown_space_has_no_directions_and_no_side(flat_map, caplog):
     caplog.set_level(logging.INFO, logger="voxflat")
-    metadata = {**flat_map.metadata, "structure": None}
-    bare = dataclasses.replace(flat_map, metadata=metadata)
+    bare = in_structure(flat_map, None)
     assert (directions(bare), side(bare)) == ([], None)
     marks = {text.get_text() for text in texts(figures.flat_map(bare), "marks")}
     assert len(marks) == 1  # the scale bar
     assert "space of the surface is unknown" in caplog.text
-    assert side(dataclasses.replace(bare, metadata={**metadata, "sphere": {"side": "right"}})) == "R"
+    assert side(dataclasses.replace(bare, metadata={**bare.metadata, "sphere": {"side": "right"}})) == "R"
 
 
 def test_the_scale_bar_is_as_long_as_it_says(flat_map):
@@ -381,7 +386,7 @@ def test_the_scale_bar_is_as_long_as_it_says(flat_map):
 
 
 def test_cuts_have_their_names_between_their_lips(cut_map):
-    cut = dataclasses.replace(cut_map, metadata={**cut_map.metadata, "cut_names": ["calcarine", None]})
+    cut = dataclasses.replace(cut_map, cuts=(cut_map.cuts[0], dataclasses.replace(cut_map.cuts[1], name=None)))
     ((name, places),) = cut_names(cut)
     assert name == "calcarine"
     assert_allclose(places[0], cut.uv[[5, 20]].mean(axis=0))
@@ -535,8 +540,7 @@ def test_names_of_cuts_stay_on_the_page_and_beside_the_names_of_parcels(flat_map
     parcels = np.ones(COUNT, dtype=int)
 
     def boxes(cuts):
-        named = {"cuts": cuts, "cut_names": ["calcarine"] * len(cuts)}
-        cut = dataclasses.replace(flat_map, metadata={**flat_map.metadata, **named})
+        cut = dataclasses.replace(flat_map, cuts=[Cut(np.array(ids), None, "template", "calcarine") for ids in cuts])
         figure = figures.flat_map(cut, parcels=parcels, table=table)
         figure.draw_without_rendering()
         found = {name: [] for name in ("calcarine", "precuneus")}
@@ -559,13 +563,11 @@ def test_names_of_cuts_stay_on_the_page_and_beside_the_names_of_parcels(flat_map
 @pytest.mark.parametrize("name", ["back", "posterior"])
 def test_the_name_of_a_chart_is_beside_the_arrows_and_on_the_page(flat_map, name):
     charts = [{"count": 2, "name": one} for one in ("front", name)]
+    origin = VoxelOrigin(affine=np.eye(4), shape=(9, 9, 9), space=Space("scanner"))
     both = [
-        dataclasses.replace(
-            flat_map, uv=flat_map.uv + n, metadata={**flat_map.metadata, "structure": None, "chart": one}
-        )
+        dataclasses.replace(flat_map, uv=flat_map.uv + n, origin=origin, metadata={**flat_map.metadata, "chart": one})
         for n, one in enumerate(charts)
     ]
-    both = [dataclasses.replace(one, metadata={**one.metadata, "space": None, "kind": "voxels"}) for one in both]
     drawn = figures.flat_map(both)
     canvas = FigureCanvasAgg(drawn)
     boxes = [text.get_window_extent(canvas.get_renderer()) for text in texts(drawn, "marks")]

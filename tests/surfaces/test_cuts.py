@@ -12,7 +12,8 @@ from refusals import refused
 
 import voxflat
 from voxflat.methods import Voxflat
-from voxflat.pipeline.cut_surface import Cut, CutSurface, whereabouts
+from voxflat.pipeline.cut_surface import CutSurface, whereabouts
+from voxflat.surfaces.cuts import Cut
 from voxflat.surfaces.parts import medial_wall_of
 
 

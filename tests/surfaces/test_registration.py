@@ -189,7 +189,7 @@ def test_a_volume_gets_standard_cuts_too():
 def test_the_evidence_is_the_agreement_plus_its_margin(better, worse, confidence):
     alignments = [{"score": score, "rigid": None, "correlations": None} for score in (worse, better)]
     found = {"template": 1, "alignments": alignments, "correlations": None, "affine": None, "points": None}
-    whole = SimpleNamespace(metadata={})
+    whole = SimpleNamespace(origin=SimpleNamespace(structure=None))
     if confidence is None:  # 2.28 is less than 2.3
         refused(r"not a cortical hemisphere \(confidence 0\.44\)", _validated, whole, found, None, ())
     else:

@@ -108,15 +108,17 @@ def facts_of(flat_map: FlatMap) -> Facts:
     used |= {"relax": parameters.get("relax"), "adapt": parameters.get("adapt"), "seed": metadata["seed"]}
     used |= {"sources": metadata["sources"]} if "sources" in metadata else {}  # fewer than requested on small surfaces
     given = {name: "given" if isinstance(value, dict | list) else value for name, value in used.items()}
-    automatic, triangles = metadata.get("automatic_cuts", []), figures["triangles"] or {}
+    automatic, triangles = [cut for cut in flat_map.cuts if cut.is_automatic], figures["triangles"] or {}
     how = {
-        **{name: metadata.get(name) for name in ("method", "cuts_by", "cut_names")},
+        "method": metadata["method"],
+        "cuts_by": flat_map.cuts_by,
+        "cut_names": [cut.name for cut in flat_map.cuts if not cut.is_automatic],
         "kind": "voxels" if flat_map.is_voxels else "mesh",
         "measured_on": flat_map.origin.measured_on,
         "version": record.get("voxflat", __version__),
         "options": ", ".join(f"{name}={value}" for name, value in given.items() if value is not None),
         "is_range_image": not flat_map.is_voxels and flat_map.origin.mesh.grid is not None,
-        "cuts": len(metadata.get("cuts", [])),
+        "cuts": len(flat_map.cuts) - len(automatic),
         "space": (metadata.get("sphere") or {}).get("space"),
         "by_folds": (metadata.get("sphere") or {}).get("input") == OWN_REGISTRATION,
         "reference": figures["reference"],
@@ -124,7 +126,7 @@ def facts_of(flat_map: FlatMap) -> Facts:
     return {
         "how": how,
         "paths": len(automatic),
-        "length": in_unit(f"{rounded(sum(cut['length'] for cut in automatic))} mm", flat_map.origin.named_unit),
+        "length": in_unit(f"{rounded(sum(cut.length or 0.0 for cut in automatic))} mm", flat_map.origin.named_unit),
         "points": metadata["points"],
         "sources": figures["sources"],
         "scale": f"{figures['best_scale']['scale'] or float('nan'):.3f}",

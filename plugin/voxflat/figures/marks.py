@@ -60,18 +60,17 @@ def side(flat_map: FlatMap) -> str | None:
 
 def cut_names(flat_map: FlatMap) -> list[tuple[str, NDArray[np.float64]]]:
     """Return the names of cuts, and positions (k, 2) in mm between the sides of each cut, the best one first."""
-    names = flat_map.metadata.get("cut_names") or []
-    paths = flat_map.metadata.get("cuts") or []
+    named = [cut for cut in flat_map.cuts if cut.name]
     rows: dict[object, list[int]] = {}
-    used = np.unique(flat_map.faces) if any(names) else np.empty(0, dtype=np.int64)
+    used = np.unique(flat_map.faces) if named else np.empty(0, dtype=np.int64)
     for row, key in zip(used.tolist(), flat_map.ids[used].tolist(), strict=True):
         rows.setdefault(tuple(key) if isinstance(key, list) else key, []).append(row)
     found = []
-    for name, path in zip(names, paths, strict=False):
-        both_sides = [rows.get(tuple(key) if isinstance(key, list) else key, []) for key in path]
+    for cut in named:
+        both_sides = [rows.get(tuple(key) if isinstance(key, list) else key, []) for key in cut.ids.tolist()]
         places = [flat_map.uv[points] for points in both_sides if points]
-        if name and places:
-            found.append((str(name), _between(places)))
+        if places:
+            found.append((str(cut.name), _between(places)))
     return found
 
 

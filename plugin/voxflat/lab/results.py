@@ -132,12 +132,12 @@ class LoadedResults:
     @property
     def cuts(self) -> dict[str, NDArray[np.int64]]:
         """The points of the map along each cut, keyed by the name of the cut."""
-        metadata = self.flat_map.metadata
         rows = {_key(of): row for row, of in enumerate(self.flat_map.ids.tolist())}
-        given = zip(metadata["cut_names"], metadata["cuts"], strict=True)
-        named = [(name or f"cut {n}", line) for n, (name, line) in enumerate(given, 1)]
-        named += [(f"automatic {n}", cut["ids"]) for n, cut in enumerate(metadata["automatic_cuts"], 1)]
-        found = {name: [rows[_key(of)] for of in line if _key(of) in rows] for name, line in named}
+        given = [cut for cut in self.flat_map.cuts if not cut.is_automatic]
+        made = [cut for cut in self.flat_map.cuts if cut.is_automatic]
+        named = [(cut.name or f"cut {n}", cut) for n, cut in enumerate(given, 1)]
+        named += [(f"automatic {n}", cut) for n, cut in enumerate(made, 1)]
+        found = {name: [rows[_key(of)] for of in cut.ids.tolist() if _key(of) in rows] for name, cut in named}
         return {name: np.array(points, dtype=np.int64) for name, points in found.items() if len(points) > 1}
 
 

@@ -33,6 +33,7 @@ from voxflat.maps.regions import Regions
 from voxflat.maps.sampler import Sampler, usual_spacing
 from voxflat.maps.textures.pictures import as_picture, check_cover, check_values, place, values_at
 from voxflat.maps.textures.textured import TexturedSurface
+from voxflat.surfaces.cuts import Cut
 from voxflat.surfaces.manifold import patch_of
 from voxflat.unique_rows import distinct
 
@@ -90,6 +91,10 @@ class FlatMap(Planar):
         Depth of the points in folds, in mm, positive in sulci, from `Surface.sulcal_depth` of the same surface.
     white_points, pial_points : ndarray of float64, shape (N, 3), or None
         Positions of the points on the white and pial surfaces, in `space`, if both are known.
+    cuts : tuple of Cut
+        The cuts along which the surface was opened: given cuts or those of a template, then automatic ones.
+    cuts_by : str or None
+        Who chose the cuts: "given", "automatic", "standard" or the name of a template, "start" or "charts".
 
     See Also
     --------
@@ -122,6 +127,8 @@ class FlatMap(Planar):
     sulcal_depth: NDArray[np.float64] | None = None
     white_points: NDArray[np.float64] | None = None
     pial_points: NDArray[np.float64] | None = None
+    cuts: tuple[Cut, ...] = ()
+    cuts_by: str | None = None
 
     def __post_init__(self) -> None:
         super().__post_init__()

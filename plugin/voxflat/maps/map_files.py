@@ -18,6 +18,7 @@ from voxflat.io.provenance import Record, as_text
 from voxflat.io.readers import read_arrays
 from voxflat.io.reading import note
 from voxflat.surfaces.cut_sides import one_point_a_vertex, triangles_of
+from voxflat.surfaces.cuts import cuts_of
 
 _FORMAT, _SERIES_FORMAT = 5, "series 1"
 _REQUIRED = ("uv", "ids", "points", "normals", "faces", "torn", "sources", "eigenvalues")
@@ -81,6 +82,8 @@ def read_map(path: str | os.PathLike[str], *, series: bool = False) -> dict[str,
         return {
             "distortion": Distortion._of(distances, triangles, **more),
             "origin": origin,
+            "cuts": cuts_of(metadata),
+            "cuts_by": metadata.get("cuts_by"),
             "metadata": metadata,
             **arrays,
         }

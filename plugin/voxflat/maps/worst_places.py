@@ -280,10 +280,8 @@ class WorstPlaces(ReadOnly, Recorded):
         for number in numbers:
             if not is_whole(number) or not 1 <= number <= len(self.places):
                 raise InputError(f"there is no region {number!r}. Pass a number from 1 to {len(self.places)}")
-        metadata = self.flat_map.metadata
-        known = [*(metadata.get("cuts") or []), *(cut["ids"] for cut in metadata.get("automatic_cuts", []))]
         chosen = (place.cut for place in self.places if not numbers or place.number in numbers)
-        return [list(path) for path in known] + [cut.ids.tolist() for cut in chosen if cut is not None]
+        return [cut.ids.tolist() for cut in (*self.flat_map.cuts, *chosen) if cut is not None]
 
     def save_cuts(
         self, path: str | os.PathLike[str], *numbers: int, sidecar: bool = False, overwrite: bool = False

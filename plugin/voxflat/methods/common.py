@@ -107,6 +107,8 @@ def map_over_triangles(
         eigenvalues=result["eigenvalues"],
         distortion=distortion,
         origin=cut.whole.origin,
+        cuts=cut.cuts,
+        cuts_by=cut.by,
         metadata={
             "method": method,
             **cut.metadata,

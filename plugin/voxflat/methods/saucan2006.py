@@ -3,8 +3,6 @@
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
-import numpy as np
-
 from voxflat.arguments import is_number, shown
 from voxflat.atlases.glued import Seams, measured
 from voxflat.errors import InputError
@@ -84,7 +82,7 @@ class Saucan2006(OverTriangles):
         result = cut.part.core.saucan2006(bound, how.seed, how.threads, how.progress)
         part, seams = cut.part._with_core(result["surface"]), Seams(**result["seams"])
         faces = part.faces[: len(cut.faces)]  # triangles that close holes come last
-        cut = replace(cut, part=part, faces=faces, metadata={**cut.metadata, "points": len(np.unique(part.vertices))})
+        cut = replace(cut, part=part, faces=faces)
         metadata = {
             "bound": bound,
             "patches": result["patches"],

@@ -8,7 +8,9 @@ from numpy.typing import NDArray
 
 from voxflat.arguments import Progress
 from voxflat.errors import InputError
+from voxflat.maps.flat_map import FlatMap
 from voxflat.maps.matching import Matched, loaded
+from voxflat.surfaces.cuts import Cut
 from voxflat.surfaces.cutting import Cutout, cut_out_as, opened_to_disk
 from voxflat.surfaces.manifold import Manifold, Step
 from voxflat.unique_rows import numbered
@@ -33,16 +35,14 @@ def cut_as(whole: Manifold, start: Matched, threads: int | None, progress: Progr
 
 def named_as(cut: Cutout, start: object) -> Cutout:
     """Give cuts the names of the cuts of a map on which they lie, if it is a `FlatMap` or its file."""
-    about = getattr(loaded(start), "metadata", {})
-    cuts = zip(about.get("cut_names") or [], about.get("cuts") or [], strict=False)  # old files have no names
-    known = {name: _set(path) for name, path in cuts if name}
-    paths = map(_set, cut.metadata["cuts"])
-    names = [next((name for name, whole in known.items() if path <= whole), None) for path in paths]
-    return replace(cut, metadata={**cut.metadata, "cut_names": names})
+    flat_map = loaded(start)
+    known = [one for one in flat_map.cuts if one.name] if isinstance(flat_map, FlatMap) else []
+    named = [replace(cut, name=next((one.name for one in known if _set(cut) <= _set(one)), None)) for cut in cut.cuts]
+    return replace(cut, cuts=tuple(named))
 
 
-def _set(path: list[int | list[int]]) -> set[tuple[int, ...]]:
-    return {tuple(np.atleast_1d(vertex).tolist()) for vertex in path}
+def _set(cut: Cut) -> set[tuple[int, ...]]:
+    return {tuple(np.atleast_1d(vertex).tolist()) for vertex in cut.ids}
 
 
 def places_of(cut: Cutout, start: Matched) -> NDArray[np.float64]:

@@ -19,51 +19,11 @@ from voxflat.maps.flat_map import FlatMap
 from voxflat.methods import Method, flattened, method_of
 from voxflat.methods.method import How, Rows
 from voxflat.read_only import ReadOnly
-from voxflat.surfaces.cuts import CUTS_FORMAT
+from voxflat.surfaces.cuts import CUTS_FORMAT, Cut
 from voxflat.surfaces.cutting import Cutout, Where
 from voxflat.surfaces.manifold import Manifold
 from voxflat.surfaces.standard.sphere import Sphere
 from voxflat.surfaces.standard.tracing import template_of
-
-
-@dataclass(frozen=True, eq=False)
-class Cut(ReadOnly):
-    """One cut of a surface.
-
-    A `CutSurface` lists its cuts in the order in which they were made.
-
-    Parameters
-    ----------
-    ids : ndarray of int64, shape (k,) or (k, 3)
-        Vertices along the cut, or their voxels.
-    length : float or None
-        Length in mm; None for cuts that were passed by the user.
-    reason : {"given", "template", "handle", "boundaries joined", "closed sphere", "relaxation"}
-        The reason for the cut.
-    name : str or None
-        Name of the cut if it comes from a template, such as ``"calcarine"``, or was passed with a name.
-
-    See Also
-    --------
-    Surface.cut : Cut a surface open.
-
-    Examples
-    --------
-    >>> cut_open = voxflat.surface(voxflat.samples.ball()).cut()
-    >>> cut_open.cuts[0]
-    <Cut along 21 vertices, length 26.3, closed sphere>
-    """
-
-    ids: NDArray[np.int64]
-    length: float | None
-    reason: str
-    name: str | None = None
-
-    def __repr__(self) -> str:
-        length = "" if self.length is None else f"length {self.length:.1f}, "
-        name = "" if self.name is None else f"{self.name!r}, "
-        return f"<Cut {name}along {len(self.ids)} vertices, {length}{self.reason}>"
-
 
 _SIDES = (("left", "right"), ("posterior", "anterior"), ("inferior", "superior"))
 _HEMISPHERES = {"CortexLeft": ("lateral", "medial"), "CortexRight": ("medial", "lateral")}
@@ -132,15 +92,10 @@ class CutSurface(ReadOnly, Generic[_Surface]):
     @classmethod
     def _of(cls, cutout: Cutout, surface: _Surface) -> "CutSurface[_Surface]":
         """Return a cut surface with a list of its cuts."""
-        told, whole = cutout.metadata, cutout.whole
-        reason = "template" if cutout.is_standard else "given"
-        lengths = [one.length for one in cutout.traced] if cutout.is_standard else [None] * len(told["cuts"])
-        entries = zip(told["cuts"], lengths, told["cut_names"], strict=True)
-        given = [Cut(np.asarray(path), length, reason, name) for path, length, name in entries]
-        made = [Cut(np.asarray(one["ids"]), one["length"], one["reason"]) for one in told["automatic_cuts"]]
+        whole = cutout.whole
         left_out = whole.ids[~np.isin(whole.vertices, cutout.part.vertices)]
         more: dict[str, Any] = {"whole": whole, "sphere": cutout.sphere, "cutout": cutout}
-        return cls(surface, (*given, *made), left_out, cutout.remarks, **more)
+        return cls(surface, cutout.cuts, left_out, cutout.remarks, **more)
 
     @telling(method=method_of)
     def flatten(

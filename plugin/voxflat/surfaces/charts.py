@@ -107,7 +107,7 @@ def _chart(
     """Return a chart with its description, its remarks, and where it belongs."""
     cut = cut_out_as(whole, part, cuts, "charts")
     remarks = (*cut.remarks, *(in_unit(remark, part.origin.named_unit) for remark in told))
-    return replace(cut, metadata={**cut.metadata, "chart": described}, remarks=remarks, onto=onto)
+    return replace(cut, chart=described, remarks=remarks, onto=onto)
 
 
 def names_of(count: int | str) -> tuple[str, ...]:

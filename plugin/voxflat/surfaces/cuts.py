@@ -2,7 +2,7 @@
 
 import math
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from numbers import Real
@@ -16,12 +16,14 @@ from voxflat.arguments import Note, Progress, is_whole, shown, unmasked
 from voxflat.errors import InputError
 from voxflat.io.files import check_format, contents, from_json, naming
 from voxflat.io.grid import in_unit, rounded
+from voxflat.read_only import ReadOnly
 from voxflat.surfaces.manifold import Manifold
 from voxflat.unique_rows import distinct
 
 CUTS_FORMAT = 1
 """The version of cuts files; a file without a version is of this one."""
 
+_BY_USER = ("given", "automatic", "start", "charts", None)  # who chose cuts that are not of a template
 _REMEDY = "Pass at least two neighbouring vertices"
 _SMALL_HOLE = 15.0  # mm, largest circumference of a hole that is closed to measure distances
 _SMALL_HOLE_VOXELS = 12.0  # the same in voxels, or in edges if the unit is unknown
@@ -32,6 +34,74 @@ _BEARABLE = 0.15  # distance error below which a given disk stays as it is
 
 
 # ----------------------------------------------------------------------------------------- cuts that are given
+
+
+@dataclass(frozen=True, eq=False)
+class Cut(ReadOnly):
+    """One cut of a surface.
+
+    A `CutSurface` lists its cuts in the order in which they were made.
+
+    Parameters
+    ----------
+    ids : ndarray of int64, shape (k,) or (k, 3)
+        Vertices along the cut, or their voxels.
+    length : float or None
+        Length in mm; None for cuts that were passed by the user.
+    reason : {"given", "template", "handle", "boundaries joined", "closed sphere", "relaxation"}
+        The reason for the cut.
+    name : str or None
+        Name of the cut if it comes from a template, such as ``"calcarine"``, or was passed with a name.
+
+    See Also
+    --------
+    Surface.cut : Cut a surface open.
+
+    Examples
+    --------
+    >>> cut_open = voxflat.surface(voxflat.samples.ball()).cut()
+    >>> cut_open.cuts[0]
+    <Cut along 21 vertices, length 26.3, closed sphere>
+    """
+
+    ids: NDArray[np.int64]
+    length: float | None
+    reason: str
+    name: str | None = None
+
+    @property
+    def is_automatic(self) -> bool:
+        """Whether the cut was neither passed by the user nor part of a template."""
+        return self.reason not in ("given", "template")
+
+    def described(self) -> dict[str, Any]:
+        """Return the cut as metadata, ready for JSON."""
+        return {"ids": self.ids.tolist(), "length": self.length, "reason": self.reason}
+
+    def __repr__(self) -> str:
+        length = "" if self.length is None else f"length {self.length:.1f}, "
+        name = "" if self.name is None else f"{self.name!r}, "
+        return f"<Cut {name}along {len(self.ids)} vertices, {length}{self.reason}>"
+
+
+def described_cuts(cuts: Sequence[Cut]) -> dict[str, Any]:
+    """Return cuts as metadata, ready for JSON; `cuts_of` is the inverse."""
+    given = [cut for cut in cuts if not cut.is_automatic]
+    return {
+        "cuts": [cut.ids.tolist() for cut in given],
+        "cut_names": [cut.name for cut in given],
+        "automatic_cuts": [cut.described() for cut in cuts if cut.is_automatic],
+    }
+
+
+def cuts_of(metadata: Mapping[str, Any]) -> tuple[Cut, ...]:
+    """Return the cuts that the metadata of a file describe; lengths of given cuts are not known."""
+    paths = metadata.get("cuts") or []
+    names = metadata.get("cut_names") or [None] * len(paths)  # old files have no names
+    reason = "given" if metadata.get("cuts_by") in _BY_USER else "template"
+    given = [Cut(np.asarray(path, np.int64), None, reason, name) for path, name in zip(paths, names, strict=True)]
+    made = metadata.get("automatic_cuts") or []
+    return (*given, *(Cut(np.asarray(one["ids"], np.int64), one["length"], one["reason"]) for one in made))
 
 
 @dataclass(frozen=True)
@@ -158,14 +228,14 @@ def _links(part: Manifold, vertices: NDArray[Any]) -> set[tuple[int, int]]:
     return {(a, b) for a, b in np.concatenate([ends, ends[:, ::-1]]).tolist()}
 
 
-def cut_along(part: Manifold, cuts: list[Given] | None) -> tuple[Manifold, list[Any], float]:
-    """Cut along paths of neighbours; also return the paths as lists of input ids, and their length in mm."""
+def cut_along(part: Manifold, cuts: list[Given] | None) -> tuple[Manifold, list[Cut], float]:
+    """Cut along paths of neighbours; also return the cuts, and their length in mm."""
     cuts = cuts or []
     found = [_vertices_along(part, cut) for cut in cuts]
     length = sum(float(np.linalg.norm(np.diff(part.points[path], axis=0), axis=1).sum()) for path in found)
-    lists = [np.asarray(cut.path).tolist() for cut in cuts]
+    made = [Cut(np.asarray(cut.path), None, "given", cut.name) for cut in cuts]
     if not found:
-        return part, lists, length
+        return part, made, length
     try:
         core = part.core.cut(found)
         is_fine = min(map(len, found)) > 1 and len(core.topology()["components"]) == 1
@@ -173,7 +243,7 @@ def cut_along(part: Manifold, cuts: list[Given] | None) -> tuple[Manifold, list[
         is_fine = False
     if not is_fine:
         _refuse(part, cuts, found)
-    return part._with_core(core), lists, length
+    return part._with_core(core), made, length
 
 
 def _refuse(part: Manifold, cuts: list[Given], found: list[NDArray[np.uint32]]) -> None:
@@ -233,8 +303,8 @@ def opened(
     is_cut: bool = False,
     is_given: bool = False,
     adapt: float | None = None,
-) -> tuple[Manifold, list[dict[str, Any]], list[str]]:
-    """Cut a surface open to a disk, and add relaxation cuts; return ``ids``, ``length`` and ``reason`` of each cut.
+) -> tuple[Manifold, list[Cut], list[str]]:
+    """Cut a surface open to a disk, and add relaxation cuts.
 
     `given` is the total length of the given cuts in mm, which counts towards `relax`. If `is_fixed`, a surface that is
     not a disk stays as it is. A surface that the user has cut gets relaxation cuts only on request; a disk that the
@@ -242,19 +312,19 @@ def opened(
     of existing cuts.
     """
     topology = part.core.topology()["components"][0]
-    cuts: list[dict[str, Any]] = []
+    cuts: list[Cut] = []
     remarks = []
     if topology["euler"] != 1 and not is_fixed:
-        core, cuts = part.core.open_to_disk(threads, progress)
+        core, made = part.core.open_to_disk(threads, progress)
+        cuts = _named(part, made)
         paths, total = _counted(cuts, "path")
         remarks.append(
             f"the surface is not a disk ({topology['handles']} handles, {topology['loops']} boundary loops), so it was "
             f"cut open along {paths} ({rounded(total)} mm in total). Pass cuts, or flatten a smaller patch, for less "
             "distortion"
         )
-        _name(part, cuts)
         part = part._with_core(core)
-    was_closed = any(cut["reason"] == "closed sphere" for cut in cuts)
+    was_closed = any(cut.reason == "closed sphere" for cut in cuts)
     kind = str if topology["handles"] else Note
     if relax is False or (relax is None and is_cut and not was_closed and adapt is None):
         return part, cuts, [kind(in_unit(remark, part.origin.named_unit)) for remark in remarks]
@@ -262,7 +332,8 @@ def opened(
     least_relief, bearable = 0.0, 0.0
     if relax is None and not was_closed and adapt is None:
         least_relief, bearable = _LEAST_RELIEF, _BEARABLE if is_given and topology["euler"] == 1 else _FINE
-    core, further, errors = part.core.relax(length, least_relief, bearable, adapt, threads, progress)
+    core, made, errors = part.core.relax(length, least_relief, bearable, adapt, threads, progress)
+    further = _named(part, made)
     if further:
         paths, total = _counted(further, "relaxation cut")
         before, after = (100 * error for error in errors)
@@ -270,14 +341,13 @@ def opened(
             f"added {paths} ({rounded(total)} mm in total), which reduce the estimated distance error from "
             f"{before:.1f} % to {after:.1f} %. Use relax=False to omit them"
         )
-    _name(part, further)
     return part._with_core(core), cuts + further, [kind(in_unit(remark, part.origin.named_unit)) for remark in remarks]
 
 
-def _counted(cuts: list[dict[str, Any]], name: str) -> tuple[str, float]:
-    return f"{len(cuts)} {name}" + ("" if len(cuts) == 1 else "s"), sum(cut["length"] for cut in cuts)
+def _counted(cuts: list[Cut], name: str) -> tuple[str, float]:
+    return f"{len(cuts)} {name}" + ("" if len(cuts) == 1 else "s"), sum(cut.length or 0.0 for cut in cuts)
 
 
-def _name(part: Manifold, cuts: list[dict[str, Any]]) -> None:
-    for cut in cuts:
-        cut["ids"] = part.ids[cut.pop("vertices")].tolist()
+def _named(part: Manifold, made: list[dict[str, Any]]) -> list[Cut]:
+    """Return the cuts of the core, with the ids of their vertices."""
+    return [Cut(part.ids[one["vertices"]], one["length"], one["reason"]) for one in made]

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from voxflat.arguments import Note, Progress
 from voxflat.errors import InputError
 from voxflat.io.grid import in_unit, rounded
-from voxflat.surfaces.cuts import check_relax, close_holes, cut_along, opened, read_cuts
+from voxflat.surfaces.cuts import Cut, check_relax, close_holes, cut_along, described_cuts, opened, read_cuts
 from voxflat.surfaces.manifold import Manifold, Step
 from voxflat.surfaces.parts import dropped, largest_piece
 from voxflat.surfaces.standard.choice import AUTOMATIC, Choice, chosen
@@ -44,17 +44,41 @@ class Cutout:
     whole: Manifold
     part: Manifold
     faces: NDArray[np.uint32]
-    metadata: dict[str, Any]
+    cuts: tuple[Cut, ...]  # given cuts or those of a template, then automatic ones
+    by: str  # who chose the cuts: "given", "automatic", the name of a template, "start" or "charts"
     remarks: tuple[str, ...]
     given_length: float | None  # length of the given cuts, mm; None if no cuts were given
     is_cut: bool  # whether the user defined cuts, directly or by a patch's triangles
     is_whole: bool  # whether nothing of the input was excluded
     sphere: Sphere | None = None  # sphere of the complete surface, if known
-    traced: tuple[TracedCut, ...] = ()  # cuts of a template, as in the metadata
     is_standard: bool = False  # whether a template's cuts were chosen
     is_told: bool = False  # whether its remarks were logged
     onto: NDArray[np.float64] | None = None  # where the vertices of the complete surface belong on the map, or NaN
     tube: Tube | None = None  # the tube before it was cut open, if the map is to be periodic
+    chart: dict[str, Any] | None = None  # number, name, axis and overlap of the chart
+    sketch_error: float | None = None  # distance error of a coarse preview, for cuts of a template
+
+    @property
+    def metadata(self) -> dict[str, Any]:
+        """How the part was selected and cut, for people and files."""
+        verbs = {step.verb: step for step in self.part.steps}
+        disk, corners = verbs.get("disk"), verbs.get("polygon")
+        own = {"chart": self.chart, "sketch_error": self.sketch_error}
+        return {
+            **self.whole.metadata,
+            "keep": "keep" in verbs,
+            "drop": "drop" in verbs,
+            "seed_point": None if disk is None else disk.seed_point,
+            "seed_found": None if disk is None else disk.seed_found,
+            "radius": None if disk is None else disk.radius,
+            "polygon": None if corners is None else corners.corners,
+            **described_cuts(self.cuts),
+            "cuts_by": self.by,
+            "sphere": None if self.sphere is None else self.sphere._described(),
+            "surface_points": len(self.whole),
+            "points": len(np.unique(self.part.vertices)),
+            **{name: value for name, value in own.items() if value is not None},
+        }
 
     def anatomy(self, threads: int | None = None, progress: Progress | None = None) -> dict[str, NDArray[np.float64]]:
         """Return curvature and sulcal depth of the part's vertices, computed on the complete surface."""
@@ -101,62 +125,35 @@ def cut_open(
         remarks += told
     part = largest_piece(part)
     remarks = [*part.remarks, *remarks]
-    named: list[TracedCut] = []
     uncut = part
     if choice.template is None:
-        part, cut_paths, length = cut_along(part, own)
+        part, cuts, length = cut_along(part, own)
     else:
         part, named, told = _cut_by(choice, part, progress)
-        cut_paths, length = [uncut.ids[cut.vertices].tolist() for cut in named], sum(cut.length for cut in named)
+        cuts = [Cut(uncut.ids[cut.vertices], cut.length, "template", cut.name) for cut in named]
+        length = sum(cut.length for cut in named)
         remarks += told
     by = choice.template.name if choice.template else AUTOMATIC if own is None else "given"
-    names = [cut.name for cut in (named if choice.template is not None else own or [])]
-    metadata = _metadata(whole, part, cut_paths, names, by, choice.sphere)
     is_standard = choice.template is not None
     given = length if is_standard or own is not None else None
     is_cut = given is not None or any(step.by_triangles for step in part.steps)
     is_whole = not any(step.verb != "outlines" for step in part.steps)
-    more: dict[str, Any] = {"sphere": choice.sphere, "traced": tuple(named), "is_standard": is_standard}
-    cut = Cutout(whole, part, part.faces, metadata, tuple(remarks), given, is_cut, is_whole, **more)
+    more: dict[str, Any] = {"sphere": choice.sphere, "is_standard": is_standard}
+    cut = Cutout(whole, part, part.faces, tuple(cuts), by, tuple(remarks), given, is_cut, is_whole, **more)
     if adapt is not None and not is_standard:
         raise InputError("adapt requires a template. Pass cuts='standard' or a template file, or omit adapt")
     return opened_to_disk(cut, relax, threads, progress, adapt) if to_disk else cut
 
 
-def _metadata(
-    whole: Manifold, part: Manifold, cuts: list[Any], names: list[Any], by: str, sphere: Sphere | None = None
-) -> dict[str, Any]:
-    """Return metadata that describes how a part was selected and cut, before automatic cuts are made."""
-    verbs = {step.verb: step for step in part.steps}
-    disk, corners = verbs.get("disk"), verbs.get("polygon")
-    return {
-        **whole.metadata,
-        "keep": "keep" in verbs,
-        "drop": "drop" in verbs,
-        "seed_point": None if disk is None else disk.seed_point,
-        "seed_found": None if disk is None else disk.seed_found,
-        "radius": None if disk is None else disk.radius,
-        "polygon": None if corners is None else corners.corners,
-        "cuts": cuts,
-        "cut_names": names,
-        "cuts_by": by,
-        "sphere": None if sphere is None else sphere._described(),
-        "automatic_cuts": [],
-        "surface_points": len(whole),
-        "points": len(np.unique(part.vertices)),
-    }
-
-
 def cut_out_as(whole: Manifold, part: Manifold, cuts: Sequence[NDArray[np.int64]], by: str) -> Cutout:
     """Cut a part along known cuts, paths of its vertices; like `cut_open` without `to_disk`."""
     is_all = len(part.faces) == len(whole.faces)
-    named = [part.ids[path].tolist() for path in cuts]
+    made = tuple(Cut(part.ids[path], None, "given") for path in cuts)
     length = sum(float(np.linalg.norm(np.diff(part.points[path], axis=0), axis=1).sum()) for path in cuts)
     if cuts:
         part = part._with_core(part.core.cut([path.astype(np.uint32) for path in cuts]))
     part = largest_piece(part if is_all else replace(part, steps=(Step("keep"),)))
-    metadata = _metadata(whole, part, named, [None] * len(named), by)
-    return Cutout(whole, part, part.faces, metadata, part.remarks, length, True, is_all)
+    return Cutout(whole, part, part.faces, made, by, part.remarks, length, True, is_all)
 
 
 def opened_to_disk(
@@ -165,20 +162,20 @@ def opened_to_disk(
     """Close small holes, and cut the surface open to a disk."""
     part, faces, told = close_holes(cut.part, progress)
     remarks = [*cut.remarks, *told]
-    automatic: list[dict[str, Any]] = []
-    is_fixed = cut.given_length is not None and not cut.metadata["cuts"] and not cut.is_standard
+    automatic: list[Cut] = []
+    is_fixed = cut.given_length is not None and not cut.cuts and not cut.is_standard
     if relax or not is_fixed:
         given = cut.given_length or 0.0
         known = {"is_fixed": is_fixed, "is_cut": cut.is_cut, "is_given": cut.is_whole}
         part, automatic, told = opened(part, relax, given, threads, progress, **known, adapt=adapt)
         faces = part.faces[: len(faces)]
         remarks += told
-    metadata = {**cut.metadata, "automatic_cuts": automatic, "points": len(np.unique(part.vertices))}
+    error = None
     if cut.is_standard:
         error = sketch_error(part, threads, progress)
-        metadata["sketch_error"] = error
         remarks.append(_standard_remark(cut, error))
-    return replace(cut, part=part, faces=faces, metadata=metadata, remarks=tuple(remarks))
+    cuts = (*cut.cuts, *automatic)
+    return replace(cut, part=part, faces=faces, cuts=cuts, sketch_error=error, remarks=tuple(remarks))
 
 
 def sketch_error(part: Manifold, threads: int | None, progress: Progress | None) -> float:
@@ -234,12 +231,13 @@ def _cut_by(choice: Choice, part: Manifold, progress: Progress | None) -> tuple[
 
 def _standard_remark(cut: Cutout, error: float) -> str:
     """Return a remark on the cuts of a template, their reason, and the alternative."""
-    names = ", ".join(cut.metadata["cut_names"])
+    names = ", ".join(one.name or "" for one in cut.cuts)
     if not names:
-        return f"no cut of {cut.metadata['cuts_by']} lies in the flattened region"
-    length = sum(one.length for one in cut.traced)
-    by = os.path.basename(cut.metadata["sphere"]["input"])
-    what = "standard cuts" if cut.metadata["cuts_by"] == STANDARD else f"the cuts of {cut.metadata['cuts_by']}"
+        return f"no cut of {cut.by} lies in the flattened region"
+    assert cut.sphere is not None
+    length = sum(one.length or 0.0 for one in cut.cuts)
+    by = os.path.basename(cut.sphere.name)
+    what = "standard cuts" if cut.by == STANDARD else f"the cuts of {cut.by}"
     estimate = "" if np.isnan(error) else f" The estimated distance error is {100 * error:.1f} %."
     told = (
         f"cut along {what} ({names}; {rounded(length)} mm), located with {by}, so that maps of different brains "

@@ -282,12 +282,13 @@ def check_surface(
         handles=tuple({"length": handle["length"], "centre": tuple(handle["centre"])} for handle in handles),
         thin=_thin(cut.part, threads, progress),
         named_cuts=tuple(
-            {"name": one.name, "length": one.length, "ids": ids}
-            for one, ids in zip(cut.traced, cut.metadata["cuts"], strict=cut.is_standard)
+            {"name": one.name, "length": one.length, "ids": one.ids.tolist()}
+            for one in cut.cuts
+            if one.reason == "template"
         ),
-        cuts_by=cut.metadata["cuts_by"],
+        cuts_by=cut.by,
         sketch_errors=errors,
-        automatic_cuts=() if opened is None else tuple(opened.metadata["automatic_cuts"]),
+        automatic_cuts=() if opened is None else tuple(one.described() for one in opened.cuts if one.is_automatic),
         can_flatten=opened is not None and len(opened.part) >= 3,
         advice=tuple(advice),
     )
@@ -295,7 +296,8 @@ def check_surface(
 
 def _sketch_errors(opened: Cutout, part: Manifold, threads: int | None, progress: Progress | None) -> dict[str, float]:
     """Return the estimated distance error with a template's cuts, and with automatic cuts."""
-    found = {opened.metadata["cuts_by"]: opened.metadata["sketch_error"]}
+    assert opened.sketch_error is not None
+    found = {opened.by: opened.sketch_error}
     try:
         other = cut_open(part, Where(AUTOMATIC), threads, progress)
         found[AUTOMATIC] = sketch_error(other.part, threads, progress)

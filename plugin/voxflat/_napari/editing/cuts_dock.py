@@ -36,7 +36,8 @@ from voxflat._napari.viewer_state import DrawnCuts, ViewerState
 from voxflat.errors import InputError, VoxflatError
 from voxflat.io.grid import rounded
 from voxflat.maps.flat_map import FlatMap
-from voxflat.pipeline.cut_surface import Cut, CutSurface
+from voxflat.pipeline.cut_surface import CutSurface
+from voxflat.surfaces.cuts import Cut
 
 _UNDO, _REDO = KeyMod.CtrlCmd | KeyCode.KeyZ, KeyMod.CtrlCmd | KeyMod.Shift | KeyCode.KeyZ
 _END_CUT = KeyMod.Shift | KeyCode.KeyX

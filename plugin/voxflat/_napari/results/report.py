@@ -118,8 +118,8 @@ def _of_triangles(triangles: TriangleFigures) -> list[Row]:
 def _of_topology(flat_map: FlatMap) -> list[Row]:
     """Return the automatic cuts, the torn part of a map of the 26-neighbour graph, and the Euler characteristic."""
     rows = []
-    if cuts := flat_map.metadata.get("automatic_cuts"):
-        rows.append(("automatic cuts", f"{len(cuts)}, {rounded(sum(cut['length'] for cut in cuts))} mm"))
+    if cuts := [cut for cut in flat_map.cuts if cut.is_automatic]:
+        rows.append(("automatic cuts", f"{len(cuts)}, {rounded(sum(cut.length or 0.0 for cut in cuts))} mm"))
     if "torn_faces" in flat_map.metadata:
         rows.append(("torn faces", f"{100 * flat_map.metadata['torn_faces']:.1f} %"))
     if "topology" in flat_map.metadata:

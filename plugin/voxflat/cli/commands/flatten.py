@@ -224,10 +224,10 @@ def _summary(flat_map: FlatMap, output: Path) -> str:
     metadata = flat_map.metadata
     width, height = np.ptp(flat_map.uv, axis=0)
     torn = f", {100 * metadata['torn_faces']:.1f} % of it torn" if "torn_faces" in metadata else ""
-    cut_names = ", ".join(name for name in metadata.get("cut_names", []) if name)
+    cut_names = ", ".join(cut.name for cut in flat_map.cuts if cut.name)
     rows = {"flattened": f"{metadata['points']} of {metadata['surface_points']} points, {_part(metadata)}"}
     if cut_names:
-        rows["cuts"] = f"{metadata['cuts_by']}: {cut_names}"
+        rows["cuts"] = f"{flat_map.cuts_by}: {cut_names}"
     if flat_map.period is not None:
         rows["period"] = f"{rounded(flat_map.period, 1)} mm"
     if "sources" in metadata:
