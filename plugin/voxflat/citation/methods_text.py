@@ -105,12 +105,12 @@ def facts_of(flat_map: FlatMap) -> Facts:
     metadata, record = flat_map.metadata, flat_map.provenance
     figures, parameters = record["figures"], record.get("parameters", {})
     used = {**parameters.get("method", {}), "method": None}
-    used |= {"relax": parameters.get("relax"), "adapt": parameters.get("adapt"), "seed": metadata["seed"]}
+    used |= {"relax": parameters.get("relax"), "adapt": parameters.get("adapt"), "seed": flat_map.seed}
     used |= {"sources": metadata["sources"]} if "sources" in metadata else {}  # fewer than requested on small surfaces
     given = {name: "given" if isinstance(value, dict | list) else value for name, value in used.items()}
     automatic, triangles = [cut for cut in flat_map.cuts if cut.is_automatic], figures["triangles"] or {}
     how = {
-        "method": metadata["method"],
+        "method": flat_map.method,
         "cuts_by": flat_map.cuts_by,
         "cut_names": [cut.name for cut in flat_map.cuts if not cut.is_automatic],
         "kind": "voxels" if flat_map.is_voxels else "mesh",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -130,6 +130,10 @@ class VoxelOrigin(Origin):
         return super().described() | own | ({} if self.is_sheet is None else {"sheet": self.is_sheet})
 
 
+def _no_pairs() -> NDArray[np.int64]:
+    return np.empty((0, 2), dtype=np.int64)
+
+
 @dataclass(frozen=True)
 class PixelGrid:
     """The pixels of a range image: rows and columns, and the distances between them."""
@@ -146,11 +150,14 @@ class MeshOrigin(Origin):
     ----------
     vertices : int
         The number of vertices of the mesh, including those without a triangle.
+    merged : ndarray of int64, shape (M, 2)
+        Pairs of vertices: a vertex, and the vertex at the same position that replaces it.
     grid : PixelGrid or None
         The pixels of a range image, which are the vertices.
     """
 
     vertices: int
+    merged: NDArray[np.int64] = field(default_factory=_no_pairs)
     grid: PixelGrid | None = None
 
     @property
@@ -196,6 +203,7 @@ def origin_of(metadata: Mapping[str, Any], ids: NDArray[np.int64]) -> Origin:
         made = MeshOrigin(
             **common,
             vertices=int(vertices),
+            merged=np.asarray(metadata.get("mended", {}).get("merged", []), dtype=np.int64).reshape(-1, 2),
             grid=None if grid is None else PixelGrid(tuple(grid["shape"]), tuple(grid["spacing"])),
         )
         most, width = np.array(vertices), 1

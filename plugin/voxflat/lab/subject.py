@@ -240,7 +240,7 @@ def _description(whole: Surface, flat_map: FlatMap, cortex: str) -> dict[str, An
             "height": height,
             "low": flat_map.uv.min(axis=0).tolist(),
             "high": flat_map.uv.max(axis=0).tolist(),
-            "frame": metadata.get("frame"),
+            "frame": flat_map.frame,
             "registration": _registration(metadata["sphere"]),
             "cuts_by": os.path.basename(str(flat_map.cuts_by)),
             "cut_names": [cut.name for cut in flat_map.cuts if cut.name],

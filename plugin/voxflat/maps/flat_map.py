@@ -80,8 +80,8 @@ class FlatMap(Planar):
     metadata : dict
         The origin, and how the map was made, for people and files.
     rows : ndarray of float32, shape (m, N), or Table, or None
-        Geodesic distances from the sources, in mm, if requested. Distance rows in a store (``metadata["store"]``) stay
-        there: `save` does not include them, and merged vertices have no column.
+        Geodesic distances from the sources, in mm, if requested. Distance rows in a `store` stay there: `save` does not
+        include them, and merged vertices have no column.
     bridges : ndarray of int64, shape (B, 3)
         Mesh triangles that are not part of the map although all their corners are. A patch file must exclude them.
     curvature : ndarray of float64, shape (N,), or None
@@ -95,6 +95,20 @@ class FlatMap(Planar):
         The cuts along which the surface was opened: given cuts or those of a template, then automatic ones.
     cuts_by : str or None
         Who chose the cuts: "given", "automatic", "standard" or the name of a template, "start" or "charts".
+    method : str
+        Name of the method.
+    seed : int
+        Seed of all random choices.
+    warnings : tuple of str
+        Reasons to check the map, which were also logged.
+    frame : str or None
+        What the axes are aligned with: "standard" for the flat map of fsaverage5, "axis" for that of a chart.
+    period : float or None
+        The period of a map of a tube, in mm. The map of the chart "cylinder" of `Surface.charts` repeats in v with this
+        period: it continues beyond its upper side at its lower side. Its distortion compares distances around the tube
+        with distances to the nearest copy.
+    store : Path or None
+        The directory of stored distance rows.
 
     See Also
     --------
@@ -129,6 +143,12 @@ class FlatMap(Planar):
     pial_points: NDArray[np.float64] | None = None
     cuts: tuple[Cut, ...] = ()
     cuts_by: str | None = None
+    method: str = "voxflat"
+    seed: int = 0
+    warnings: tuple[str, ...] = ()
+    frame: str | None = None
+    period: float | None = None
+    store: Path | None = None
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -218,25 +238,6 @@ class FlatMap(Planar):
         (24, 24, 24)
         """
         return self._triangles.on_surface.volume_shape
-
-    @property
-    def period(self) -> float | None:
-        """The period of a map of a tube, in mm, or None.
-
-        The map of the chart "cylinder" of `Surface.charts` repeats in v with this period: it continues beyond its upper
-        side at its lower side. Its distortion compares distances around the tube with distances to the nearest copy.
-
-        See Also
-        --------
-        Surface.charts : Divide a surface into charts.
-
-        Examples
-        --------
-        >>> voxflat.samples.hill().flatten().period is None
-        True
-        """
-        period = self.metadata.get("period")
-        return None if period is None else float(period)
 
     @cached_property
     def spacing(self) -> float:
@@ -515,8 +516,8 @@ class FlatMap(Planar):
     def _with_provenance(self, record: Record) -> "FlatMap":
         """Return the map with a provenance record, which is also written to its store of distance rows."""
         full = resolved(record, self.metadata)
-        if "store" in self.metadata:
-            write_provenance(self.metadata["store"], full)
+        if self.store is not None:
+            write_provenance(self.store, full)
         return replace(self, metadata={**self.metadata, "provenance": full})
 
     def save(self, path: str | os.PathLike[str], *, sidecar: bool = False, overwrite: bool = False) -> None:
@@ -586,7 +587,7 @@ class FlatMap(Planar):
         arrays |= {f"distortion_{name}": getattr(self.distortion, name) for name in ("per_point", "scatter")}
         if (triangles := self.distortion.triangles) is not None:
             arrays |= {f"distortion_{name}": getattr(triangles, name) for name in ("areal", "is_flipped")}
-        if self.rows is not None and "store" not in self.metadata:
+        if self.rows is not None and self.store is None:
             arrays["rows"] = np.asarray(self.rows)
         return arrays
 
@@ -621,8 +622,8 @@ class FlatMap(Planar):
         """Return the map as a FreeSurfer patch."""
         if self.is_voxels:
             raise InputError("patch files hold vertex numbers of a mesh, but this map has voxels. Save as .surf.gii")
-        merged = np.asarray(self.metadata.get("mended", {}).get("merged", []), dtype=np.int64).reshape(-1, 2)
-        return patch_of(self._places, self.ids, self.faces, self.bridges, self.origin.mesh.vertices, merged)
+        of = self.origin.mesh
+        return patch_of(self._places, self.ids, self.faces, self.bridges, of.vertices, of.merged)
 
     # ------------------------------------------------------------------- as objects of other packages
 

@@ -3,6 +3,7 @@
 import platform
 from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -57,6 +58,7 @@ def map_over_triangles(
     more: dict[str, Any],
     doubts: Sequence[str] = (),
     *,
+    store: Path | None = None,
     sampling: str | None = None,
     links_error: float | None = None,
 ) -> FlatMap:
@@ -109,6 +111,12 @@ def map_over_triangles(
         origin=cut.whole.origin,
         cuts=cut.cuts,
         cuts_by=cut.by,
+        method=method,
+        seed=how.seed,
+        warnings=tuple(warnings),
+        frame=framed["frame"],
+        period=result.get("period"),
+        store=store,
         metadata={
             "method": method,
             **cut.metadata,

@@ -141,6 +141,10 @@ class Grossmann2002(Method):
             eigenvalues=result["eigenvalues"],
             distortion=Distortion._of(result["distortion"], None, "chain", voxel_size=graph.voxel_size),
             origin=graph.origin,
+            method=self.name,
+            seed=how.seed,
+            warnings=tuple(metadata["warnings"]),
+            store=None if store is None else store.path,
             metadata=metadata,
             rows=rows,
         )

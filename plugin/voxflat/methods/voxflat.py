@@ -167,12 +167,11 @@ class Voxflat(OverTriangles):
         metadata |= {"weighting": weighting, "scale": self.scale}
         if self.start is not None:
             metadata["start"] = True
-        rows = result["rows"]
+        rows, more = result["rows"], dict[str, Any](sampling=choice.rule, links_error=links_error)
         if store is not None:
-            metadata["store"], rows = str(store.path), open_rows(store.path).rows
+            metadata["store"], more["store"], rows = str(store.path), store.path, open_rows(store.path).rows
         energies, converged = result["convergence"]
         metadata["descent"] = {"converged": converged, "energies": energies}
-        more: dict[str, Any] = {"sampling": choice.rule, "links_error": links_error}
         flat = map_over_triangles(self.name, cut, how, result, need, rows, metadata, doubts, **more)
         return flat if max_area is None else _within(flat, max_area, how)
 

@@ -269,11 +269,10 @@ class FlatSeries(Sequence[FlatMap], ReadOnly, Recorded):
         """
         of = self.flat_map
         frame = range(len(self))[self._number(frame)]
-        known, seed, threads = of.distortion, of.metadata["seed"], checked_threads(threads)
+        known, seed, threads = of.distortion, of.seed, checked_threads(threads)
         if known.triangles is None:
-            method = of.metadata["method"]
             raise InputError(
-                f"a map of the method {method} has no triangles on the surface. Flatten with another method"
+                f"a map of the method {of.method} has no triangles on the surface. Flatten with another method"
             )
         core, _ = _core.Surface.from_triangles(self.points[frame], of.faces[~of.torn].astype(np.int64))
         uv = np.ascontiguousarray(of.uv[core.ids])

@@ -63,8 +63,6 @@ class Surface(Manifold):
         The white and the pial position of each vertex of the whole surface, in RAS+ mm in `space`, if both are known.
     mesh_faces : ndarray of int64, shape (G, 3), or None
         The triangles of the whole mesh as given or repaired, as vertex numbers; None if the input was not a mesh.
-    merged : ndarray of int64, shape (M, 2)
-        Pairs of vertices of the whole surface: a vertex, and the vertex at the same position that replaces it.
     foreground : PackedMask or None
         The voxels from which the surface was made.
     whole : Manifold or None

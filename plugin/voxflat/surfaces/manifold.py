@@ -69,7 +69,6 @@ class Manifold(ReadOnly):
     white_points: NDArray[np.float64] | None = None
     pial_points: NDArray[np.float64] | None = None
     mesh_faces: NDArray[np.int64] | None = None
-    merged: NDArray[np.int64] = field(default_factory=lambda: np.empty((0, 2), dtype=np.int64))
     foreground: PackedMask | None = None
     whole: Manifold | None = None
     steps: tuple[Step, ...] = ()
@@ -198,6 +197,23 @@ class Manifold(ReadOnly):
         if self.white_points is None or self.pial_points is None:
             return None
         return np.asarray(np.linalg.norm(self.pial_points - self.white_points, axis=1))
+
+    @property
+    def merged(self) -> NDArray[np.int64]:
+        """Pairs of vertices of the whole mesh, shape (M, 2).
+
+        They are a vertex, and the vertex at the same position that replaces it.
+
+        See Also
+        --------
+        Surface.ids : The vertices in the input.
+
+        Examples
+        --------
+        >>> voxflat.samples.hill().merged.shape
+        (0, 2)
+        """
+        return np.empty((0, 2), dtype=np.int64) if self.is_voxels else self.origin.mesh.merged
 
     @property
     def usual_edge(self) -> float:

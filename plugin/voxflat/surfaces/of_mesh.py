@@ -38,10 +38,12 @@ def of_mesh(mesh: Mesh, pial: object | None = None, *, mend: bool = True, unit: 
     told_by_file = [one for one in mesh.remarks if not one.startswith(SEAMS)]  # a surface has no texture
     remarks = [*told_by_file, *_remarks(told, len(mesh.faces), len(mesh.points)), *of_pial]
     digest = hashlib.sha256(np.ascontiguousarray(core.points).tobytes() + mesh.faces.tobytes())
+    merged = told["merged"].astype(np.int64)
     origin = MeshOrigin(
         input=None if mesh.path is None else str(mesh.path),
         input_sha256=digest.hexdigest(),
         vertices=len(mesh.points),
+        merged=merged,
         structure=mesh.structure,
         space=mesh.space,
         unit=mesh.unit if unit is None else unit,
@@ -49,7 +51,6 @@ def of_mesh(mesh: Mesh, pial: object | None = None, *, mend: bool = True, unit: 
         has_known_axes=not mesh._has_unknown_axes,
     )
     metadata = origin.described()
-    merged = told["merged"].astype(np.int64)
     mesh_faces = mesh.faces
     mended: dict[str, Any] = {name: told[name] for name in _MENDED if told[name]}
     if len(merged):
@@ -57,7 +58,7 @@ def of_mesh(mesh: Mesh, pial: object | None = None, *, mend: bool = True, unit: 
     if mended:
         metadata["mended"] = mended
         mesh_faces = core.ids.astype(np.int64)[core.faces]
-    return Manifold(core, None, origin, metadata, tuple(remarks), white, places, mesh_faces, merged)
+    return Manifold(core, None, origin, metadata, tuple(remarks), white, places, mesh_faces)
 
 
 def _remarks(told: dict[str, Any], faces: int, points: int) -> list[str]:
