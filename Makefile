@@ -143,8 +143,14 @@ $(TEMPLATES):
 template: setup $(TEMPLATES) ## derive the standard cuts from the flat maps of fsaverage5
 	$(RUN) python docs/templates/standard_cuts.py $(TEMPLATES)
 
-fingerprints: setup ## compare 31 cases bit by bit with recorded results (a few minutes; machines may differ)
-	PYTHONPATH=tests/helpers $(RUN) python tests/fingerprints.py --against tests/fingerprints.json
+BASE ?= main
+
+fingerprints: setup ## compare 31 cases bit by bit with those of the merge base with BASE (main), built beside (10 minutes)
+	tree=$$(mktemp -d); trap "git worktree remove --force $$tree/base; rm -r $$tree" EXIT; \
+	git worktree add --quiet --detach $$tree/base $$(git merge-base $(BASE) HEAD); \
+	export PYTHONPATH=tests/helpers; \
+	(cd $$tree/base && $(RUN) python tests/fingerprints.py -o ../base.json); \
+	$(RUN) python tests/fingerprints.py --against $$tree/base.json
 
 platforms: setup ## compile the core and its bindings for Windows and macOS
 	rustup target add x86_64-pc-windows-msvc aarch64-apple-darwin

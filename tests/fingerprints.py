@@ -1,14 +1,16 @@
 """Record or compare all numeric results of voxflat, which a restructuring must not change.
 
-    python tests/fingerprints.py -o tests/fingerprints.json          # before, on one machine
-    python tests/fingerprints.py --against tests/fingerprints.json   # after, on the same machine
+    make fingerprints              # beside the merge base with main
+    make fingerprints BASE=v0.1.0  # beside another commit
+
+Both versions run on the same machine, because machines may round differently in NumPy, SciPy and the mathematical
+library.
 
 The cases use the public names, the command line, PyVista's accessor, and napari's jobs without a window. An array is
 recorded as the first 16 digits of a SHA-256 of its shape and bytes (integers as int64), and a number as Python prints
 it, which is exact. Text and None are not recorded.
 
-A quantity with a new name and the same value is reported, but does not count as a difference. Other machines may round
-differently in NumPy, SciPy and the mathematical library; "made with" names the machine of a record.
+A quantity with a new name and the same value is reported, but does not count as a difference.
 """
 
 import argparse
@@ -19,8 +21,6 @@ import json
 import logging
 import os
 import pkgutil
-import platform
-import re
 import sys
 import tempfile
 import time
@@ -36,7 +36,6 @@ import composed
 import nibabel
 import numpy as np
 import pyvista
-import scipy
 from command_line import succeed
 from hard_shapes import sheet
 from mesh_files import fsaverage5
@@ -80,11 +79,11 @@ def main():
             print(f"{time.perf_counter() - start:7.1f} s  {len(found[name]):4}  {name}", file=sys.stderr)
     print(f"{sum(map(len, found.values()))} quantities of {len(found)} cases", file=sys.stderr)
     if options.output is not None or options.against is None:
-        text = json.dumps({"made with": made_with(), **found}, indent=1, sort_keys=True, ensure_ascii=False) + "\n"
+        text = json.dumps(found, indent=1, sort_keys=True, ensure_ascii=False) + "\n"
         sys.stdout.write(text) if options.output is None else options.output.write_text(text, encoding="utf-8")
     if options.against is not None:
         before = json.loads(options.against.read_text(encoding="utf-8"))
-        print(f"compared with a record made with {before.pop('made with')}", file=sys.stderr)
+        before.pop("made with", None)  # in records of older versions
         sys.exit(compare({name: of for name, of in before.items() if options.only in name}, found))
 
 
@@ -94,15 +93,6 @@ def fingerprints(function, threads, place):
         return dict(sorted(flat(function(threads, place)).items()))
     except Exception as error:
         return {"error": f"{type(error).__name__}: {error}".replace(str(place), "...")}
-
-
-def made_with():
-    """Return the machine and the versions."""
-    cpus = Path("/proc/cpuinfo")
-    names = re.findall(r"^model name\s*: (.*)$", cpus.read_text() if cpus.exists() else "", re.MULTILINE)
-    where = {"processor": [*names, platform.processor()][0], "system": f"{platform.system()} {platform.machine()}"}
-    versions = {"python": platform.python_version(), "numpy": np.__version__, "scipy": scipy.__version__}
-    return where | versions | {"voxflat": voxflat.__version__}
 
 
 def compare(before, after):
