@@ -33,21 +33,33 @@ __all__ = [
     "AreaBoundError",
     "Atlas",
     "Cancelled",
+    "Check",
     "Citation",
     "Columns",
+    "Comparison",
+    "Cut",
     "CutSurface",
     "DistanceRows",
     "Distortion",
     "FlatAtlas",
+    "FlatImage",
     "FlatMap",
     "FlatMovie",
     "FlatSeries",
+    "FlatStack",
+    "GluedAtlas",
     "HemisphereError",
     "InputError",
+    "Path",
+    "Places",
     "Profile",
+    "Raster",
+    "Regions",
+    "Registration",
     "Rim",
     "Surface",
     "VoxflatError",
+    "WorstPlaces",
     "__version__",
     "check",
     "cite",
@@ -76,16 +88,22 @@ if TYPE_CHECKING:
     from voxflat import vtk as vtk
     from voxflat.atlases.atlas import Atlas
     from voxflat.atlases.certified import FlatAtlas, load_atlas
+    from voxflat.atlases.glued import GluedAtlas
     from voxflat.citation.methods_text import Citation, cite
+    from voxflat.distances.path import Path
     from voxflat.distances.rows import DistanceRows, open_rows
     from voxflat.distortion.distortion import Distortion
     from voxflat.errors import AreaBoundError, Cancelled, HemisphereError, InputError, VoxflatError
-    from voxflat.evaluation.measure import compare, measure
+    from voxflat.evaluation.measure import Comparison, compare, measure
     from voxflat.lab.map_page import map_page
     from voxflat.laminar.columns import Columns
     from voxflat.laminar.profile import Profile
     from voxflat.laminar.rim import Rim, rim
     from voxflat.maps.flat_map import FlatMap, load
+    from voxflat.maps.plane import Places
+    from voxflat.maps.raster import FlatImage, FlatStack, Raster
+    from voxflat.maps.regions import Regions
+    from voxflat.maps.worst_places import WorstPlaces
     from voxflat.maps.worst_search import worst_places
     from voxflat.pipeline.check import check
     from voxflat.pipeline.cut_surface import CutSurface
@@ -95,21 +113,30 @@ if TYPE_CHECKING:
     from voxflat.pipeline.range_image import range_image
     from voxflat.pipeline.series import flatten_series
     from voxflat.pipeline.surface import Surface, surface
+    from voxflat.surfaces.cuts import Cut
+    from voxflat.surfaces.findings import Check
     from voxflat.surfaces.hemispheres import hemisphere
+    from voxflat.surfaces.standard.registration import Registration
 else:
     _MODULES = {  # of the public names
         "atlases.atlas": ("Atlas",),
         "atlases.certified": ("FlatAtlas", "load_atlas"),
+        "atlases.glued": ("GluedAtlas",),
         "citation.methods_text": ("Citation", "cite"),
+        "distances.path": ("Path",),
         "distances.rows": ("DistanceRows", "open_rows"),
         "distortion.distortion": ("Distortion",),
         "errors": ("AreaBoundError", "Cancelled", "HemisphereError", "InputError", "VoxflatError"),
-        "evaluation.measure": ("compare", "measure"),
+        "evaluation.measure": ("Comparison", "compare", "measure"),
         "lab.map_page": ("map_page",),
         "laminar.columns": ("Columns",),
         "laminar.profile": ("Profile",),
         "laminar.rim": ("Rim", "rim"),
         "maps.flat_map": ("FlatMap", "load"),
+        "maps.plane": ("Places",),
+        "maps.raster": ("FlatImage", "FlatStack", "Raster"),
+        "maps.regions": ("Regions",),
+        "maps.worst_places": ("WorstPlaces",),
         "maps.worst_search": ("worst_places",),
         "pipeline.check": ("check",),
         "pipeline.cut_surface": ("CutSurface",),
@@ -119,7 +146,10 @@ else:
         "pipeline.range_image": ("range_image",),
         "pipeline.series": ("flatten_series",),
         "pipeline.surface": ("Surface", "surface"),
+        "surfaces.cuts": ("Cut",),
+        "surfaces.findings": ("Check",),
         "surfaces.hemispheres": ("hemisphere",),
+        "surfaces.standard.registration": ("Registration",),
     }
     _module_of = {name: module for module, names in _MODULES.items() for name in names}
 

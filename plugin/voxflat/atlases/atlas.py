@@ -72,9 +72,10 @@ class Atlas(FlatPieces, ABC):
         Positions in the plane, in mm. Each piece has its own plane.
     uv_faces : ndarray of int64, shape (F, 3)
         Corners of each triangle, counterclockwise, as rows of `uv`; triangles are in the order of `faces`.
+    origin : Origin
+        The volume or the mesh of the surface.
     metadata : dict
-        Parameters and input of the atlas: ``kind`` ("voxels" or "mesh"); ``affine`` and ``shape`` for voxels, or the
-        number of ``vertices`` for meshes; and the ``space`` of the points.
+        The origin, and how the atlas was made, for people and files.
     measured : ndarray, shape (pieces, K)
         Measures of each piece, one per column; the last three are area, isometric and quasi_conformal.
 

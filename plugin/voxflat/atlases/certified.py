@@ -137,6 +137,8 @@ class FlatAtlas(Atlas, Sequence[FlatPatch]):
     ----------
     points, faces, ids, piece_ids, patch_ids, stretch, starts, vertex_ids, uv, uv_faces : ndarray
         As in `Atlas`; each piece is a patch.
+    origin : Origin
+        The volume or the mesh of the surface.
     metadata : dict
         As in `Atlas`.
     measured : ndarray, shape (patches, 4)

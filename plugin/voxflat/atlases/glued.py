@@ -147,6 +147,8 @@ class GluedAtlas(Atlas, Sequence[GluedPiece]):
     ----------
     points, faces, ids, piece_ids, patch_ids, stretch, starts, vertex_ids, uv, uv_faces : ndarray
         As in `Atlas`; `patch_ids` holds the original patch of each triangle.
+    origin : Origin
+        The volume or the mesh of the surface.
     metadata : dict
         As in `Atlas`.
     measured : ndarray, shape (pieces, 3)

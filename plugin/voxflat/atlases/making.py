@@ -51,7 +51,7 @@ def patches(
         origin=whole.origin,
         metadata={
             "method": "saucan2006",
-            **whole.origin.described(),
+            **whole.origin._described(),
             "limit": {limit: value},
             "seeds": seeds,
             "seed": seed,

@@ -54,21 +54,30 @@ class Origin(ABC):
 
     @property
     def voxels(self) -> VoxelOrigin:
-        """The same origin, if it is a volume."""
+        """The same origin, if it is a volume.
+
+        A mesh raises an `InputError`.
+        """
         if not isinstance(self, VoxelOrigin):
             raise InputError("a mesh has no voxels. Pass a surface or a map that was made from a volume")
         return self
 
     @property
     def mesh(self) -> MeshOrigin:
-        """The same origin, if it is a mesh."""
+        """The same origin, if it is a mesh.
+
+        A volume raises an `InputError`.
+        """
         if not isinstance(self, MeshOrigin):
             raise InputError("a volume has no vertices. Pass a surface or a map that was made from a mesh")
         return self
 
     @property
     def is_voxels(self) -> bool:
-        """Whether the origin is a volume."""
+        """Whether the origin is a volume.
+
+        Otherwise it is a mesh.
+        """
         return isinstance(self, VoxelOrigin)
 
     @property
@@ -81,7 +90,7 @@ class Origin(ABC):
         """The unit for texts: "unknown" for pixels, whose lengths have none."""
         return "unknown" if self.in_pixels else self.unit
 
-    def described(self) -> dict[str, Any]:
+    def _described(self) -> dict[str, Any]:
         """Return the origin as metadata, ready for JSON; `origin_of` is the inverse."""
         told: dict[str, Any] = {"input": self.input, "input_sha256": self.input_sha256}
         told["space"] = self.space._described()
@@ -93,7 +102,9 @@ class Origin(ABC):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class VoxelOrigin(Origin):
-    """The voxels of a volume.
+    """The voxels of a volume, from which a surface was made.
+
+    Surfaces, maps and atlases hold it as ``origin``.
 
     Parameters
     ----------
@@ -109,6 +120,15 @@ class VoxelOrigin(Origin):
         The number of selected voxels.
     is_sheet : bool or None
         Whether the surface is the middle of a one-voxel-thick sheet; None if it is not known yet.
+
+    See Also
+    --------
+    MeshOrigin : The vertices of a mesh.
+
+    Examples
+    --------
+    >>> voxflat.surface(voxflat.samples.ball(), label=3).origin.label
+    3
     """
 
     affine: NDArray[np.float64]
@@ -123,11 +143,11 @@ class VoxelOrigin(Origin):
         """The shape of the volume."""
         return self.shape
 
-    def described(self) -> dict[str, Any]:
+    def _described(self) -> dict[str, Any]:
         """Return the origin as metadata, ready for JSON."""
         own: dict[str, Any] = {"kind": "voxels", "shape": list(self.shape), "affine": self.affine.tolist()}
         own |= {"label": self.label, "threshold": self.threshold, "foreground": self.foreground}
-        return super().described() | own | ({} if self.is_sheet is None else {"sheet": self.is_sheet})
+        return super()._described() | own | ({} if self.is_sheet is None else {"sheet": self.is_sheet})
 
 
 def _no_pairs() -> NDArray[np.int64]:
@@ -144,7 +164,9 @@ class PixelGrid:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class MeshOrigin(Origin):
-    """The vertices of a mesh.
+    """The vertices of a mesh, from which a surface was made.
+
+    Surfaces, maps and atlases hold it as ``origin``.
 
     Parameters
     ----------
@@ -154,6 +176,15 @@ class MeshOrigin(Origin):
         Pairs of vertices: a vertex, and the vertex at the same position that replaces it.
     grid : PixelGrid or None
         The pixels of a range image, which are the vertices.
+
+    See Also
+    --------
+    VoxelOrigin : The voxels of a volume.
+
+    Examples
+    --------
+    >>> voxflat.samples.hill().origin.vertices
+    441
     """
 
     vertices: int
@@ -165,10 +196,10 @@ class MeshOrigin(Origin):
         """The number of vertices of the mesh."""
         return self.vertices
 
-    def described(self) -> dict[str, Any]:
+    def _described(self) -> dict[str, Any]:
         """Return the origin as metadata, ready for JSON."""
         own = {"kind": "mesh", "vertices": self.vertices, "structure": self.structure}
-        return super().described() | own
+        return super()._described() | own
 
 
 def origin_of(metadata: Mapping[str, Any], ids: NDArray[np.int64]) -> Origin:

@@ -79,6 +79,8 @@ class FlatTriangles(ReadOnly):
         The same N points on the surface.
     piece_ids : ndarray of int64, shape (F,), or None
         The piece of each triangle, if there are several pieces.
+    period : float or None
+        The length after which the map repeats in v, in mm.
 
     See Also
     --------

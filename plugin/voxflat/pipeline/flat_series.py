@@ -156,7 +156,7 @@ class FlatSeries(Sequence[FlatMap], ReadOnly, Recorded):
         own["distortion"] = _unmeasured(self.flat_map.distortion)
         own["origin"] = replace(self.flat_map.origin, frame=frame)
         own |= dict.fromkeys(("rows", "curvature", "sulcal_depth", "white_points", "pial_points"))
-        metadata = {**self.flat_map.metadata, **own["origin"].described()}
+        metadata = {**self.flat_map.metadata, **own["origin"]._described()}
         if self.provenance:
             parameters = {**self.provenance["parameters"], "frame": frame}
             metadata["provenance"] = {**self.provenance, "parameters": parameters}

@@ -97,7 +97,7 @@ def range_image(
         grid=PixelGrid((rows, columns), steps),
     )
     metadata: dict[str, Any] = {
-        **origin.described(),
+        **origin._described(),
         "range_image": {
             "shape": list(heights.shape),
             "spacing": list(steps),

@@ -74,7 +74,7 @@ class Cut(ReadOnly):
         """Whether the cut was neither passed by the user nor part of a template."""
         return self.reason not in ("given", "template")
 
-    def described(self) -> dict[str, Any]:
+    def _described(self) -> dict[str, Any]:
         """Return the cut as metadata, ready for JSON."""
         return {"ids": self.ids.tolist(), "length": self.length, "reason": self.reason}
 
@@ -90,7 +90,7 @@ def described_cuts(cuts: Sequence[Cut]) -> dict[str, Any]:
     return {
         "cuts": [cut.ids.tolist() for cut in given],
         "cut_names": [cut.name for cut in given],
-        "automatic_cuts": [cut.described() for cut in cuts if cut.is_automatic],
+        "automatic_cuts": [cut._described() for cut in cuts if cut.is_automatic],
     }
 
 

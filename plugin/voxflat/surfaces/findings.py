@@ -10,6 +10,7 @@ from voxflat.arguments import Progress
 from voxflat.errors import InputError
 from voxflat.io.grid import in_unit, rounded
 from voxflat.io.spaces import Space
+from voxflat.read_only import ReadOnly
 from voxflat.surfaces.cutting import Cutout, Where, cut_open, opened_to_disk, sketch_error
 from voxflat.surfaces.manifold import Manifold
 from voxflat.surfaces.necks import parts_at_a_neck
@@ -19,7 +20,7 @@ _SHOWN = 5  # maximum number of handles, holes and loops in a table
 
 
 @dataclass(frozen=True)
-class Check:
+class Check(ReadOnly):
     """Findings about an input and its surface.
 
     `voxflat.check` and `Surface.check` return it.
@@ -288,7 +289,7 @@ def check_surface(
         ),
         cuts_by=cut.by,
         sketch_errors=errors,
-        automatic_cuts=() if opened is None else tuple(one.described() for one in opened.cuts if one.is_automatic),
+        automatic_cuts=() if opened is None else tuple(one._described() for one in opened.cuts if one.is_automatic),
         can_flatten=opened is not None and len(opened.part) >= 3,
         advice=tuple(advice),
     )

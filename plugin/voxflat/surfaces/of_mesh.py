@@ -50,7 +50,7 @@ def of_mesh(mesh: Mesh, pial: object | None = None, *, mend: bool = True, unit: 
         measured_on=measured_on,
         has_known_axes=not mesh._has_unknown_axes,
     )
-    metadata = origin.described()
+    metadata = origin._described()
     mesh_faces = mesh.faces
     mended: dict[str, Any] = {name: told[name] for name in _MENDED if told[name]}
     if len(merged):

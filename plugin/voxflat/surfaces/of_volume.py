@@ -51,7 +51,7 @@ def of_volume(
     core, voxels, made = _core.Surface.from_mask(mask, volume.affine.tolist(), level, sheet, threads, progress)
     origin = replace(given.origin, is_sheet=made.pop("kind") == "sheet")
     metadata = {
-        **origin.described(),
+        **origin._described(),
         **repairs,
         **made,
         "placed_by": "a fit to the middle of the sheet" if origin.is_sheet else placed_by,

@@ -89,7 +89,7 @@ def voxel_graph(of: Manifold, link_lengths: str = LINK_LENGTHS, progress: Progre
     components = whole.component_sizes()
     origin = replace(of.foreground.origin, unit=of.origin.unit)
     metadata = {
-        **origin.described(),
+        **origin._described(),
         "seed_point": seed,
         "seed_found": found,
         "radius": radius,
