@@ -40,7 +40,16 @@ def results():
         ),
         *(atlas, atlas[0], atlas[0].plane, atlas.page(), glued, glued[0], glued.seams, cut, cut.cuts[0], cut.surface),
         *(worst, worst.places[0], worst.places[0].cut, rim, rim.profile(rim.thickness()), rim.columns(9)),
-        *(series, compared, compared.maps["a"], hill.geodesic(5), hill.path(0, 440), voxflat.samples.embryo(1)),
+        *(
+            series,
+            compared,
+            compared.maps["a"],
+            hill.geodesic(5),
+            hill.path(0, 440),
+            hill.check(),
+            voxflat.samples.embryo(1),
+        ),
+        hill.check(),
         flat_map.regions({"a": flat_map.uv[[0, 20, 440]]}),
     ]
 
@@ -74,7 +83,10 @@ def test_each_public_class_with_arrays_is_read_only(results):
     public = {getattr(voxflat, name) for name in voxflat.__all__}
     classes = {one for one in public if inspect.isclass(one) and not issubclass(one, Exception | voxflat.Citation)}
     assert {one for one in classes if not issubclass(one, ReadOnly)} == set()
-    assert {one for one in classes if not any(isinstance(result, one) for result in results)} == {voxflat.FlatMovie}
+    assert {one for one in classes if not any(isinstance(result, one) for result in results)} == {
+        voxflat.FlatMovie,
+        voxflat.Registration,
+    }
 
 
 def test_a_map_from_another_process_is_read_only(results):

@@ -27,7 +27,7 @@ NAMES = {
     "voxflat.atlases.glued": ["GluedPiece", "Seams"],
     "voxflat.atlases.page": ["FlatPage"],
     "voxflat.distortion.figures": ["Figures", "StandardErrors", "TriangleFigures"],
-    "voxflat.io.origin": ["MeshOrigin", "VoxelOrigin"],
+    "voxflat.io.origin": ["Origin"],
     "voxflat.evaluation.measure": ["MeasuredMap"],
     "voxflat.lab.map_page": ["MapPage"],
     "voxflat.maps.plane": ["FlatTriangles"],

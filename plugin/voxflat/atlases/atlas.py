@@ -99,15 +99,6 @@ class Atlas(FlatPieces, ABC):
         """A one-line description of the atlas, for pictures.
 
         It states the number of patches or pieces, and the bounds.
-
-        See Also
-        --------
-        Atlas.table : All measures as text.
-
-        Examples
-        --------
-        >>> voxflat.samples.hill().patches(max_angle=20).title
-        '8 patches, 800 triangles, C ≤ 1.3640, K ≤ 1.5930'
         """
         return self._title()
 
@@ -383,15 +374,6 @@ class Atlas(FlatPieces, ABC):
         """The record of how the atlas was made.
 
         It lists the version, function, parameters, input files, warnings and measures.
-
-        See Also
-        --------
-        Atlas.save : Save the atlas with this record.
-
-        Examples
-        --------
-        >>> voxflat.samples.hill().patches(max_angle=20).provenance["function"]
-        'patches'
         """
         told: Record = {name: self.metadata[name] for name in ("space", "warnings") if name in self.metadata}
         return {**super().provenance, **told, "figures": self.figures()}

@@ -178,15 +178,6 @@ class FlatAtlas(Atlas, Sequence[FlatPatch]):
         """The patches, from the largest to the smallest.
 
         The atlas itself is also a sequence of these patches.
-
-        See Also
-        --------
-        FlatPatch : A part of a surface in its plane.
-
-        Examples
-        --------
-        >>> len(voxflat.samples.hill().patches(max_angle=20).patches)
-        8
         """
         return list(self)
 
@@ -211,15 +202,6 @@ class FlatAtlas(Atlas, Sequence[FlatPatch]):
         """Whether the measured distortion of each triangle exceeds the certificate, shape (F,).
 
         Only rounding errors in very thin triangles can cause this.
-
-        See Also
-        --------
-        Certificate : The bounds that are proven.
-
-        Examples
-        --------
-        >>> voxflat.samples.hill().patches(max_angle=20).broken.any()
-        np.False_
         """
         held = (self.isometric <= self.certificate.c) & (self.quasi_conformal <= self.certificate.k)
         return np.asarray(~held)

@@ -62,15 +62,6 @@ class Seams(ReadOnly):
         """The length of the remaining cuts, in mm.
 
         It is the sum of `holonomy`, `bound` and `overlap`.
-
-        See Also
-        --------
-        Seams.closed_share : Fraction of the seam length that is closed.
-
-        Examples
-        --------
-        >>> voxflat.samples.hill().patches(max_angle=20).glue().seams.cuts
-        0.0
         """
         return self.holonomy + self.bound + self.overlap
 
@@ -79,15 +70,6 @@ class Seams(ReadOnly):
         """The fraction of the total seam length that is closed.
 
         It is 1 if there are no seams.
-
-        See Also
-        --------
-        Seams.cuts : Length of the remaining cuts.
-
-        Examples
-        --------
-        >>> round(voxflat.samples.hill().patches(max_angle=20).glue().seams.closed_share, 2)
-        1.0
         """
         return self.closed / self.length if self.length > 0 else 1.0
 
@@ -197,15 +179,6 @@ class GluedAtlas(Atlas, Sequence[GluedPiece]):
         """The boundary edges of all pieces, including both sides of cuts, shape (edges, 2).
 
         Each edge is a pair of rows of `uv`.
-
-        See Also
-        --------
-        GluedAtlas.cuts : Edges of the surface that are cut.
-
-        Examples
-        --------
-        >>> voxflat.samples.hill().patches(max_angle=20).glue().outline.shape[1]
-        2
         """
         edges, _, counts = edges_of(self.uv_faces, len(self.uv))
         return np.asarray(edges[counts == 1])
@@ -215,15 +188,6 @@ class GluedAtlas(Atlas, Sequence[GluedPiece]):
         """The edges of the surface that remain cut, shape (cuts, 2).
 
         Each edge is a pair of rows of `points`.
-
-        See Also
-        --------
-        GluedAtlas.outline : Boundary edges of the pieces in the plane.
-
-        Examples
-        --------
-        >>> voxflat.samples.hill().patches(max_angle=20).glue().cuts.shape[1]
-        2
         """
         edges, sides = _edges(self.faces, self.uv_faces)
         paired = (edges[1:] == edges[:-1]).all(axis=1)

@@ -58,15 +58,6 @@ class FlatPage(Planar):
         """The record of how the atlas was made.
 
         It equals the record of `atlas`.
-
-        See Also
-        --------
-        Atlas.provenance : The same record.
-
-        Examples
-        --------
-        >>> voxflat.samples.hill().patches(max_angle=20).page().provenance["function"]
-        'patches'
         """
         return self.atlas.provenance
 
@@ -75,15 +66,6 @@ class FlatPage(Planar):
         """The positions of the corners of each triangle, in mm, shape (F, 3, 2).
 
         Triangles are in the order of the atlas's `faces`.
-
-        See Also
-        --------
-        FlatPage.face_ids : The triangle at each pixel.
-
-        Examples
-        --------
-        >>> voxflat.samples.hill().patches(max_angle=20).page().corners.shape
-        (800, 3, 2)
         """
         return np.asarray(self.uv[self.atlas.uv_faces])
 
@@ -92,15 +74,6 @@ class FlatPage(Planar):
         """The fraction of the page that the pieces cover.
 
         The packing "shapes" increases this fraction if pieces are large.
-
-        See Also
-        --------
-        Atlas.page : Choose the packing.
-
-        Examples
-        --------
-        >>> round(voxflat.samples.hill().patches(max_angle=20).page().used_share, 2)
-        0.44
         """
         a, b = (self.corners[:, k] - self.corners[:, 0] for k in (1, 2))
         return float(0.5 * (a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]).sum() / self.uv.max(axis=0).prod())
@@ -110,15 +83,6 @@ class FlatPage(Planar):
         """The default side length of a pixel, in mm.
 
         It is half of the typical edge or voxel size, and at most half of the gap.
-
-        See Also
-        --------
-        FlatPage.raster : Return the pixels of the page.
-
-        Examples
-        --------
-        >>> voxflat.samples.hill().patches(max_angle=20).page().pixel_size < 1
-        True
         """
         half = usual_spacing(self.atlas.origin, self.uv, self.atlas.uv_faces) / 2
         return min(half, self.gap / 2) if self.gap > 0 else half

@@ -68,15 +68,6 @@ class FlatPieces(ReadOnly):
         """The coordinate space of the points, as in `Surface.space`.
 
         `Space.to_scanner` converts points to the scanner space in which volumes lie.
-
-        See Also
-        --------
-        Surface.space : The space of a surface.
-
-        Examples
-        --------
-        >>> voxflat.samples.hill().patches(max_angle=20).space.name
-        'unknown'
         """
         return self.origin.space
 
@@ -94,15 +85,6 @@ class FlatPieces(ReadOnly):
         """The outward unit normals of the vertices, shape (N, 3).
 
         Each normal is the area-weighted mean over the adjacent triangles; NaN for a one-voxel-thick surface.
-
-        See Also
-        --------
-        FlatMap : A flattened surface, with normals.
-
-        Examples
-        --------
-        >>> voxflat.samples.hill().patches(max_angle=20).normals.shape
-        (441, 3)
         """
         if self.origin.is_voxels and self.origin.voxels.is_sheet:
             return np.full(self.points.shape, np.nan)
@@ -113,15 +95,6 @@ class FlatPieces(ReadOnly):
         """The measure C = max(σ1, 1/σ2) of each triangle, shape (F,).
 
         It is the largest factor by which lengths change.
-
-        See Also
-        --------
-        Atlas.heat_map : Show measures on the page.
-
-        Examples
-        --------
-        >>> voxflat.samples.hill().patches(max_angle=20).isometric.shape
-        (800,)
         """
         return isometric(self.stretch)
 
@@ -130,15 +103,6 @@ class FlatPieces(ReadOnly):
         """The measure K = σ1/σ2 of each triangle, shape (F,).
 
         It is 1 if angles do not change.
-
-        See Also
-        --------
-        Atlas.heat_map : Show measures on the page.
-
-        Examples
-        --------
-        >>> voxflat.samples.hill().patches(max_angle=20).quasi_conformal.shape
-        (800,)
         """
         return quasi_conformal(self.stretch)
 
@@ -147,14 +111,5 @@ class FlatPieces(ReadOnly):
         """The change in area of each triangle, σ1 σ2, shape (F,).
 
         It is the area in the plane divided by the area on the surface.
-
-        See Also
-        --------
-        Atlas.heat_map : Show measures on the page.
-
-        Examples
-        --------
-        >>> voxflat.samples.hill().patches(max_angle=20).areal.shape
-        (800,)
         """
         return np.asarray(self.stretch.prod(axis=1))

@@ -92,15 +92,6 @@ class DistanceRows(ReadOnly):
         """The number of sources and the number of points.
 
         These are the lengths of the axes of the array.
-
-        See Also
-        --------
-        DistanceRows.chunks : Shape of the blocks to read at once.
-
-        Examples
-        --------
-        >>> voxflat.samples.hill().geodesic(5).shape
-        (5, 441)
         """
         return (self.rows.shape[0], self.rows.shape[1])
 
@@ -109,15 +100,6 @@ class DistanceRows(ReadOnly):
         """The type of the distances.
 
         It is always float32.
-
-        See Also
-        --------
-        DistanceRows.nbytes : Size of all distances.
-
-        Examples
-        --------
-        >>> voxflat.samples.hill().geodesic(5).dtype
-        dtype('float32')
         """
         return self.rows.dtype
 
@@ -126,15 +108,6 @@ class DistanceRows(ReadOnly):
         """The number of axes.
 
         It is always 2.
-
-        See Also
-        --------
-        DistanceRows.shape : Lengths of the axes.
-
-        Examples
-        --------
-        >>> voxflat.samples.hill().geodesic(5).ndim
-        2
         """
         return 2
 
@@ -143,15 +116,6 @@ class DistanceRows(ReadOnly):
         """The size of all distances in bytes.
 
         Rows in a store need this much memory only if they are converted to an array.
-
-        See Also
-        --------
-        DistanceRows.chunks : Shape of the blocks to read at once.
-
-        Examples
-        --------
-        >>> voxflat.samples.hill().geodesic(5).nbytes
-        8820
         """
         return int(self.rows.nbytes)
 
@@ -160,15 +124,6 @@ class DistanceRows(ReadOnly):
         """The shape of the blocks to read at once; each block consists of complete rows.
 
         Dask uses this shape as a hint.
-
-        See Also
-        --------
-        DistanceRows.nbytes : Size of all distances.
-
-        Examples
-        --------
-        >>> voxflat.samples.hill().geodesic(5).chunks
-        (5, 441)
         """
         height = self.shape[0] if self.store is None else _CHUNK // max(1, 4 * self.shape[1])
         return (max(1, min(height, self.shape[0])), self.shape[1])

@@ -84,16 +84,6 @@ class Movie(Sequence[NDArray[np.uint8]]):
         """Height and width of each frame in pixels.
 
         Both are even, as H.264 requires.
-
-        See Also
-        --------
-        movie : Its parameter `size` sets the width.
-
-        Examples
-        --------
-        >>> flat_map = voxflat.samples.hill().flatten()
-        >>> voxflat.figures.movie(flat_map, np.ones((441, 3)), size=320).size
-        (358, 320)
         """
         return (self._below.height, self._below.width)
 

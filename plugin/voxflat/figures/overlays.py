@@ -96,15 +96,6 @@ class Overlay:
         """The values above which, and below which, data are shown.
 
         None means that the side has no threshold.
-
-        See Also
-        --------
-        Overlay : Its parameter `threshold` sets both.
-
-        Examples
-        --------
-        >>> voxflat.figures.Overlay([1.0, 4.0], threshold=2.3).thresholds
-        (2.3, -2.3)
         """
         if self.threshold is None:
             return None, None
@@ -130,15 +121,6 @@ class Overlay:
         """The values and options, for records.
 
         Long arrays are recorded as their SHA-256 checksum.
-
-        See Also
-        --------
-        save : Stores records in files.
-
-        Examples
-        --------
-        >>> voxflat.figures.Overlay([1.0, 4.0], threshold=2.3).provenance["threshold"]
-        2.3
         """
         return {one.name: described(getattr(self, one.name)) for one in fields(self)}
 

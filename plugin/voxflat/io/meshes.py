@@ -89,15 +89,6 @@ class Mesh:
 
         Only GIFTI and FreeSurfer files and trimesh objects define the unit. It is also considered unknown if the mesh
         is smaller than 1 mm.
-
-        See Also
-        --------
-        Mesh.unit : The unit as text.
-
-        Examples
-        --------
-        >>> voxflat.io.Mesh(np.eye(3), [[0, 1, 2]]).has_unknown_unit
-        False
         """
         return self.unit == "unknown"
 
@@ -106,15 +97,6 @@ class Mesh:
         """Unit of the coordinates.
 
         It is the declared unit, ``"mm"`` or ``"unknown"``.
-
-        See Also
-        --------
-        Mesh.has_unknown_unit : Whether the unit is unknown.
-
-        Examples
-        --------
-        >>> voxflat.io.Mesh(np.eye(3), [[0, 1, 2]]).unit
-        'mm'
         """
         is_unknown = self._has_unknown_axes and self.declared_unit is None
         return "unknown" if is_unknown or self.unit_remark is not None else self.declared_unit or "mm"
@@ -130,15 +112,6 @@ class Mesh:
         """Remark that the mesh is probably not in mm, or None.
 
         A mesh is suspicious if the longest side of its bounding box is less than 1, unless it declares another unit.
-
-        See Also
-        --------
-        Mesh.unit : The unit as text.
-
-        Examples
-        --------
-        >>> voxflat.io.Mesh(np.eye(3) / 1000, [[0, 1, 2]]).unit_remark.split(";")[0]
-        'is 0.001 units across'
         """
         there = self.points[np.isfinite(self.points).all(axis=1)]
         across = float(np.ptp(there, axis=0).max()) if len(there) else 1.0

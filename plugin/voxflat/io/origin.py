@@ -18,7 +18,10 @@ from voxflat.io.spaces import UNKNOWN, Space
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Origin(ABC):
-    """Where the points of a surface or a map come from: a `VoxelOrigin` or a `MeshOrigin`.
+    """Where the points of a surface, a map or an atlas come from: a ``VoxelOrigin`` or a ``MeshOrigin``.
+
+    Those made from a volume also hold ``affine``, ``shape``, ``label``, ``threshold``, ``foreground`` (the number of
+    voxels) and ``is_sheet``; those made from a mesh hold ``vertices`` (their number), ``merged`` and ``grid``.
 
     Parameters
     ----------
@@ -40,6 +43,17 @@ class Origin(ABC):
         Whether the user knows lengths as pixels, because the volume has no unit.
     frame : int or None
         The frame of a series to which the points belong, if it is not the flattened one.
+
+    See Also
+    --------
+    voxflat.surface : Make a surface from any input.
+
+    Examples
+    --------
+    >>> voxflat.samples.hill().origin.unit
+    'mm'
+    >>> voxflat.surface(voxflat.samples.ball(), label=3).origin.voxels.shape
+    (24, 24, 24)
     """
 
     input: str | None = None
@@ -120,15 +134,6 @@ class VoxelOrigin(Origin):
         The number of selected voxels.
     is_sheet : bool or None
         Whether the surface is the middle of a one-voxel-thick sheet; None if it is not known yet.
-
-    See Also
-    --------
-    MeshOrigin : The vertices of a mesh.
-
-    Examples
-    --------
-    >>> voxflat.surface(voxflat.samples.ball(), label=3).origin.label
-    3
     """
 
     affine: NDArray[np.float64]
@@ -176,15 +181,6 @@ class MeshOrigin(Origin):
         Pairs of vertices: a vertex, and the vertex at the same position that replaces it.
     grid : PixelGrid or None
         The pixels of a range image, which are the vertices.
-
-    See Also
-    --------
-    VoxelOrigin : The voxels of a volume.
-
-    Examples
-    --------
-    >>> voxflat.samples.hill().origin.vertices
-    441
     """
 
     vertices: int

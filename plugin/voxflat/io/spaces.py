@@ -158,15 +158,6 @@ class VolumeGeometry(ReadOnly):
         """Matrix from tkRAS to scanner RAS, of shape (4, 4).
 
         It is a rotation by the direction cosines, followed by a translation by c_ras.
-
-        See Also
-        --------
-        Space.to_scanner : Transform points to scanner RAS.
-
-        Examples
-        --------
-        >>> voxflat.io.VolumeGeometry.conformed().matrix.shape
-        (4, 4)
         """
         whole = np.eye(4)
         whole[:3, :3] = self.cosines @ _CONFORMED.T
@@ -241,15 +232,6 @@ class Space:
         """Whether the transformation to scanner RAS is known.
 
         For tkRAS, it is known if the volume geometry is known.
-
-        See Also
-        --------
-        Space.to_scanner : Transform points to scanner RAS.
-
-        Examples
-        --------
-        >>> voxflat.io.Space("tkRAS").is_known
-        False
         """
         return self._matrix is not None
 

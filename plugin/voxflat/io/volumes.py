@@ -136,15 +136,6 @@ class Volume(Recorded):
         """Distance between the centres of neighbouring voxels along i, j, k, in the unit of the volume.
 
         The array has shape (3,).
-
-        See Also
-        --------
-        Volume.orientation : The directions of the axes.
-
-        Examples
-        --------
-        >>> voxflat.io.Volume(voxflat.samples.ball(), np.eye(4)).spacing
-        array([1., 1., 1.])
         """
         return np.asarray(np.linalg.norm(self.affine[:3, :3], axis=0))
 
@@ -153,15 +144,6 @@ class Volume(Recorded):
         """Directions of the axes, such as ``'RAS'``.
 
         Each axis has one letter from R/L, A/P or S/I: the direction in which its index increases.
-
-        See Also
-        --------
-        Volume.spacing : The size of the voxels.
-
-        Examples
-        --------
-        >>> voxflat.io.Volume(voxflat.samples.ball(), np.eye(4)).orientation
-        'RAS'
         """
         cosines = self.affine[:3, :3] / self.spacing
         codes = [""] * 3

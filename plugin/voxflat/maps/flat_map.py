@@ -170,15 +170,6 @@ class FlatMap(Planar):
         """Whether a volume, rather than a mesh, was flattened.
 
         If so, the points of the map are surface voxels.
-
-        See Also
-        --------
-        FlatMap.volume_shape : Shape of the volume.
-
-        Examples
-        --------
-        >>> voxflat.samples.hill().flatten().is_voxels
-        False
         """
         return self.origin.is_voxels
 
@@ -193,15 +184,6 @@ class FlatMap(Planar):
         """The coordinate space of the points, as in `Surface.space`.
 
         `Space.to_scanner` converts points to the scanner space in which volumes lie.
-
-        See Also
-        --------
-        FlatMap.points_to_map : Find points in space on the map.
-
-        Examples
-        --------
-        >>> voxflat.samples.hill().flatten().space.name
-        'unknown'
         """
         return self.origin.space
 
@@ -210,15 +192,6 @@ class FlatMap(Planar):
         """The affine of the flattened volume from voxel indices to RAS+ mm, of shape (4, 4).
 
         It is not available for maps of meshes.
-
-        See Also
-        --------
-        FlatMap.volume_shape : Shape of the volume.
-
-        Examples
-        --------
-        >>> voxflat.surface(voxflat.samples.ball()).disk((4, 12, 12), 6).flatten().affine.shape
-        (4, 4)
         """
         return self._triangles.on_surface.affine
 
@@ -227,15 +200,6 @@ class FlatMap(Planar):
         """The shape of the flattened volume.
 
         It is not available for maps of meshes.
-
-        See Also
-        --------
-        FlatMap.paint : Write values into a volume of this shape.
-
-        Examples
-        --------
-        >>> voxflat.surface(voxflat.samples.ball()).disk((4, 12, 12), 6).flatten().volume_shape
-        (24, 24, 24)
         """
         return self._triangles.on_surface.volume_shape
 
@@ -244,15 +208,6 @@ class FlatMap(Planar):
         """The typical distance between neighbouring points, in mm.
 
         For voxels, it is the geometric mean of the three spacings.
-
-        See Also
-        --------
-        FlatMap.pixel_size : Default size of a pixel.
-
-        Examples
-        --------
-        >>> round(voxflat.samples.hill().flatten().spacing, 1)
-        2.1
         """
         return usual_spacing(self.origin, self.uv, self.faces)
 
@@ -261,16 +216,6 @@ class FlatMap(Planar):
         """The default side length of a pixel, in mm.
 
         It is half of `spacing`, or about half if the map has a `period`, of which it is a whole fraction.
-
-        See Also
-        --------
-        FlatMap.raster : Return the pixels of the map.
-
-        Examples
-        --------
-        >>> flat_map = voxflat.samples.hill().flatten()
-        >>> flat_map.pixel_size == flat_map.spacing / 2
-        True
         """
         half = self.spacing / 2
         return half if self.period is None else self.period / max(1, round(self.period / half))
@@ -500,15 +445,6 @@ class FlatMap(Planar):
         """The record of how the map was made.
 
         It lists the version, function, parameters, input files, warnings and distortion measures.
-
-        See Also
-        --------
-        FlatMap.save : Save the map with this record.
-
-        Examples
-        --------
-        >>> voxflat.samples.hill().flatten().provenance["function"]
-        'flatten'
         """
         told = {name: self.metadata[name] for name in ("space", "warnings") if name in self.metadata}
         return {**self.metadata.get("provenance", {}), **told, "figures": self.distortion.figures()}

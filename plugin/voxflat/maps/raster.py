@@ -67,15 +67,6 @@ class Raster(ReadOnly):
         """The number of rows and columns.
 
         All images of the map with this pixel size have this shape.
-
-        See Also
-        --------
-        Raster.inside : Mask of the pixels that lie on the map.
-
-        Examples
-        --------
-        >>> voxflat.samples.hill().flatten().raster(pixel_size=1.0).shape
-        (43, 43)
         """
         return (self.corners.shape[0], self.corners.shape[1])
 
@@ -84,15 +75,6 @@ class Raster(ReadOnly):
         """Mask of the pixels that lie on the map, shape (H, W).
 
         A pixel lies on the map if a triangle covers its centre.
-
-        See Also
-        --------
-        Raster.nearest : The nearest point of each pixel.
-
-        Examples
-        --------
-        >>> voxflat.samples.hill().flatten().raster(pixel_size=1.0).inside.shape
-        (43, 43)
         """
         return np.asarray(self.corners[..., 0] != _OUTSIDE)
 
@@ -101,15 +83,6 @@ class Raster(ReadOnly):
         """The nearest of the map's points for each pixel, shape (H, W).
 
         Pixels outside the map have the value −1.
-
-        See Also
-        --------
-        Raster.interpolate : Interpolate values at the pixels.
-
-        Examples
-        --------
-        >>> voxflat.samples.hill().flatten().raster(pixel_size=1.0).nearest.shape
-        (43, 43)
         """
         best = np.nan_to_num(self.weights, nan=-1.0).argmax(axis=2)
         nearest = np.take_along_axis(self.corners, best[..., None], axis=2)[..., 0].astype(np.int64)
@@ -206,16 +179,6 @@ class FlatImage(ReadOnly, Recorded):
         """Whether the data are colours.
 
         Colours are red, green, blue and opacity.
-
-        See Also
-        --------
-        FlatImage.is_labels : Whether the values are labels.
-
-        Examples
-        --------
-        >>> flat_map = voxflat.samples.hill().flatten()
-        >>> flat_map.image(flat_map.points[:, 2]).is_colour
-        False
         """
         return self.data.ndim == 3
 
@@ -224,16 +187,6 @@ class FlatImage(ReadOnly, Recorded):
         """Whether the values are labels.
 
         If `labels` is None, whole numbers that form areas count as labels.
-
-        See Also
-        --------
-        FlatImage.is_colour : Whether the data are colours.
-
-        Examples
-        --------
-        >>> flat_map = voxflat.samples.hill().flatten()
-        >>> flat_map.image(flat_map.points[:, 2]).is_labels
-        False
         """
         return are_labels(self.data) if self.labels is None else self.labels
 
@@ -276,15 +229,6 @@ class FlatImage(ReadOnly, Recorded):
         """The affine from (row, column, 0, 1) to (u, v, 0, 1) in mm, shape (4, 4).
 
         NIfTI files of the image contain it.
-
-        See Also
-        --------
-        FlatImage.extent : Edges of the image.
-
-        Examples
-        --------
-        >>> voxflat.samples.hill().flatten().heat_map().affine.shape
-        (4, 4)
         """
         step = self.pixel_size
         u, v = self.origin
@@ -295,16 +239,6 @@ class FlatImage(ReadOnly, Recorded):
         """The left, right, bottom and top edges in mm.
 
         They are in the order that matplotlib's imshow expects.
-
-        See Also
-        --------
-        FlatImage.affine : Transform from pixels to positions on the map.
-
-        Examples
-        --------
-        >>> left, right, bottom, top = voxflat.samples.hill().flatten().heat_map().extent
-        >>> left < right and bottom < top
-        True
         """
         height, width = self.data.shape[:2]
         left, top = self.origin[0] - self.pixel_size / 2, self.origin[1] + self.pixel_size / 2
@@ -465,15 +399,6 @@ class FlatStack(Sequence[FlatImage], ReadOnly, Recorded):
         """The name of each channel; empty if the channel has none.
 
         Images can be selected by name.
-
-        See Also
-        --------
-        FlatStack.of_channel : Return the images of one channel.
-
-        Examples
-        --------
-        >>> voxflat.samples.hill().flatten().images(np.ones((441, 2)), pixel_size=1.0).names
-        ('', '')
         """
         return self.channels.names
 
@@ -482,15 +407,6 @@ class FlatStack(Sequence[FlatImage], ReadOnly, Recorded):
         """The name of each channel, without its depths.
 
         The names are empty if the channels have none.
-
-        See Also
-        --------
-        FlatStack.names : Names of the images.
-
-        Examples
-        --------
-        >>> voxflat.samples.hill().flatten().images(np.ones((441, 2)), pixel_size=1.0).channel_names
-        ('', '')
         """
         if not self.layers:
             return self.names
@@ -502,15 +418,6 @@ class FlatStack(Sequence[FlatImage], ReadOnly, Recorded):
         """The timing of the frames of a series.
 
         None if it is unknown, or if the images are not a series.
-
-        See Also
-        --------
-        FlatStack.times : Times of the frames.
-
-        Examples
-        --------
-        >>> voxflat.samples.hill().flatten().images(np.ones((441, 2)), time_step=2.0).timing.step
-        2.0
         """
         return self.channels.timing
 
@@ -519,15 +426,6 @@ class FlatStack(Sequence[FlatImage], ReadOnly, Recorded):
         """The time of each frame of a series, in seconds.
 
         None if it is unknown, or if the images are not a series.
-
-        See Also
-        --------
-        FlatStack.timing : Start and step of the frames.
-
-        Examples
-        --------
-        >>> voxflat.samples.hill().flatten().images(np.ones((441, 3)), time_step=2.0).times
-        array([0., 2., 4.])
         """
         timing = self.timing
         if timing is None:
@@ -541,15 +439,6 @@ class FlatStack(Sequence[FlatImage], ReadOnly, Recorded):
 
         The axes are (depth, row, column), (channel, row, column) or (channel, depth, row, column). Colours have an
         additional last axis.
-
-        See Also
-        --------
-        FlatImage.data : The array of one image.
-
-        Examples
-        --------
-        >>> voxflat.samples.hill().flatten().images(np.ones((441, 3)), pixel_size=1.0).data.shape
-        (3, 43, 43)
         """
         images = np.stack([self.channels.read(n) for n in range(len(self))])
         several = 0 < len(self.layers) < len(self)

@@ -136,15 +136,6 @@ class Regions(ReadOnly, Recorded):
         """The key of the region at each point of the map, shape (N,).
 
         Points outside all regions have the key 0.
-
-        See Also
-        --------
-        Regions.vertex_labels : The region at each vertex of the mesh.
-
-        Examples
-        --------
-        >>> voxflat.samples.hill().flatten().regions({"V1": [[-5, -5], [5, -5], [0, 5]]}).labels.shape
-        (441,)
         """
         return self.at(self.of._triangles.uv)
 
@@ -154,15 +145,6 @@ class Regions(ReadOnly, Recorded):
 
         Vertices outside all regions or outside the map have the key 0. A vertex on a cut has two positions on the map;
         it is in a region if either position is.
-
-        See Also
-        --------
-        Regions.labels : The region at each point of the map.
-
-        Examples
-        --------
-        >>> voxflat.samples.hill().flatten().regions({"V1": [[-5, -5], [5, -5], [0, 5]]}).vertex_labels.shape
-        (441,)
         """
         if self._surface.is_voxels:
             raise InputError("a map of a volume has no mesh vertices. Save a label volume (for example, .nii.gz)")

@@ -215,15 +215,6 @@ class WorstPlaces(ReadOnly, Recorded):
         """The number of the region that contains each map triangle, shape (F,).
 
         Triangles outside all regions have 0.
-
-        See Also
-        --------
-        WorstPlaces.logs : Change in area of each triangle.
-
-        Examples
-        --------
-        >>> voxflat.worst_places(voxflat.samples.hill().flatten(), 1, beyond=1.01).numbers.shape
-        (800,)
         """
         numbers = np.zeros(len(self.flat_map.faces), dtype=np.int64)
         for place in self.places:
@@ -236,15 +227,6 @@ class WorstPlaces(ReadOnly, Recorded):
 
         It is relative to the scale that preserves the total area. Values are limited to ±10, because triangles may have
         no area on the map, and are NaN for triangles without area on the surface.
-
-        See Also
-        --------
-        WorstPlaces.numbers : Region of each triangle.
-
-        Examples
-        --------
-        >>> voxflat.worst_places(voxflat.samples.hill().flatten(), 1, beyond=1.01).logs.shape
-        (800,)
         """
         return area_changes(self.flat_map)[1]
 

@@ -103,15 +103,6 @@ class Method:
         """Return the name of the method and its options.
 
         Maps keep this record, so that they can be reproduced.
-
-        See Also
-        --------
-        FlatMap.provenance : The record of a map.
-
-        Examples
-        --------
-        >>> voxflat.methods.Saucan2006(bound=1.3).provenance
-        {'method': 'saucan2006', 'bound': 1.3}
         """
         return {"method": self.name, **{one.name: described(getattr(self, one.name)) for one in fields(self)}}
 

@@ -102,17 +102,6 @@ class FlatMovie(Sequence[FlatStack], ReadOnly, Recorded):
         """All images as one array.
 
         The axes are (frame, channel, depth, row, column), without those for channels or depths if there is only one.
-
-        See Also
-        --------
-        FlatStack.data : The images of a single frame.
-
-        Examples
-        --------
-        >>> hill = voxflat.samples.hill()
-        >>> series = voxflat.flatten_series([hill, (1.1 * hill.points, hill.faces)])
-        >>> series.images(metric=True, pixel_size=1.0).data.shape
-        (2, 3, 43, 43)
         """
         images = np.stack([stack.channels.read(n) for stack in self for n in range(len(stack))])
         return images.reshape(*self._pages.shape, *images.shape[1:])

@@ -110,16 +110,6 @@ class FlatSeries(Sequence[FlatMap], ReadOnly, Recorded):
         """Warnings about frames that the moved surface does not fit.
 
         They are derived from `gaps` and `folded`. The tuple is empty if the surface fits all frames.
-
-        See Also
-        --------
-        FlatSeries.measure : Measure the distortion of the map for a frame.
-
-        Examples
-        --------
-        >>> hill = voxflat.samples.hill()
-        >>> voxflat.flatten_series([hill, (1.1 * hill.points, hill.faces)]).remarks
-        ()
         """
         found = []
         advice = "Check the surfaces there, or split the movie"

@@ -94,15 +94,6 @@ class Manifold(ReadOnly):
         """Whether the surface came from a volume.
 
         A surface from a mesh has no voxels.
-
-        See Also
-        --------
-        Surface.voxel_size : The size of the voxels.
-
-        Examples
-        --------
-        >>> voxflat.samples.hill().is_voxels
-        False
         """
         return self.voxels is not None
 
@@ -111,15 +102,6 @@ class Manifold(ReadOnly):
         """Geometric mean of the three voxel spacings, in mm.
 
         It is None for a surface from a mesh.
-
-        See Also
-        --------
-        Surface.is_voxels : Whether the surface came from a volume.
-
-        Examples
-        --------
-        >>> voxflat.surface(voxflat.samples.ball()).voxel_size
-        1.0
         """
         return voxel_size(self.origin.voxels.affine) if self.is_voxels else None
 
@@ -133,15 +115,6 @@ class Manifold(ReadOnly):
         """Coordinates of the vertices, in RAS+ mm in `space`, shape (N, 3).
 
         The two sides of a cut have separate vertices.
-
-        See Also
-        --------
-        Surface.ids : The vertices in the input.
-
-        Examples
-        --------
-        >>> voxflat.samples.hill().points.shape
-        (441, 3)
         """
         return self.core.points
 
@@ -150,15 +123,6 @@ class Manifold(ReadOnly):
         """Coordinate space of the points.
 
         It is the space of the volume, or the space that the file of the mesh defines.
-
-        See Also
-        --------
-        voxflat.io.Space : The spaces of coordinates.
-
-        Examples
-        --------
-        >>> voxflat.samples.hill().space.name
-        'unknown'
         """
         return self.origin.space
 
@@ -167,15 +131,6 @@ class Manifold(ReadOnly):
         """Triangles as vertex numbers, shape (F, 3).
 
         Corners are listed counterclockwise as seen from outside.
-
-        See Also
-        --------
-        Surface.points : Coordinates of the vertices.
-
-        Examples
-        --------
-        >>> voxflat.samples.hill().faces.shape
-        (800, 3)
         """
         return self.core.faces
 
@@ -184,15 +139,6 @@ class Manifold(ReadOnly):
         """Distance from the white to the pial surface at each vertex of the complete surface, in mm, shape (V,).
 
         It is None if the white or the pial surface is not known.
-
-        See Also
-        --------
-        Surface.count : Number of vertices of the complete surface.
-
-        Examples
-        --------
-        >>> voxflat.samples.hill().thickness is None
-        True
         """
         if self.white_points is None or self.pial_points is None:
             return None
@@ -203,15 +149,6 @@ class Manifold(ReadOnly):
         """Pairs of vertices of the whole mesh, shape (M, 2).
 
         They are a vertex, and the vertex at the same position that replaces it.
-
-        See Also
-        --------
-        Surface.ids : The vertices in the input.
-
-        Examples
-        --------
-        >>> voxflat.samples.hill().merged.shape
-        (0, 2)
         """
         return np.empty((0, 2), dtype=np.int64) if self.is_voxels else self.origin.mesh.merged
 
@@ -220,15 +157,6 @@ class Manifold(ReadOnly):
         """Median length of the triangle edges, in mm.
 
         It is a measure of the resolution of the surface.
-
-        See Also
-        --------
-        Surface.voxel_size : The size of the voxels.
-
-        Examples
-        --------
-        >>> voxflat.samples.hill().usual_edge > 0
-        True
         """
         corners = self.points[self.faces]
         return float(np.median(np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)))
@@ -238,15 +166,6 @@ class Manifold(ReadOnly):
         """Number of vertices of the complete surface.
 
         It includes vertices without a triangle.
-
-        See Also
-        --------
-        Surface.vertices : The vertices in the complete surface.
-
-        Examples
-        --------
-        >>> voxflat.samples.hill().count
-        441
         """
         return len(self.voxels) if self.voxels is not None else self.origin.mesh.vertices
 
@@ -255,15 +174,6 @@ class Manifold(ReadOnly):
         """Number of each vertex in the complete surface, shape (N,).
 
         The two sides of a cut share a number.
-
-        See Also
-        --------
-        Surface.ids : The vertices in the input.
-
-        Examples
-        --------
-        >>> voxflat.samples.hill().vertices.shape
-        (441,)
         """
         return self.core.ids.astype(np.int64)
 
@@ -272,15 +182,6 @@ class Manifold(ReadOnly):
         """The voxel or vertex of the input that corresponds to each vertex.
 
         These are voxel indices of shape (N, 3), or vertex numbers of shape (N,) if the input was a mesh.
-
-        See Also
-        --------
-        Surface.find : Find vertices by their ids.
-
-        Examples
-        --------
-        >>> voxflat.samples.hill().ids.shape
-        (441,)
         """
         return self.vertices if self.voxels is None else self.voxels[self.core.ids]
 
@@ -551,15 +452,6 @@ class Manifold(ReadOnly):
         """Record of how the surface was made.
 
         It holds the version, the function, its parameters, and the files that were read.
-
-        See Also
-        --------
-        Surface.save : Write the surface to a file.
-
-        Examples
-        --------
-        >>> voxflat.surface(voxflat.samples.ball()).provenance["function"]
-        'surface'
         """
         return dict(self.metadata.get("provenance", {}))
 

@@ -84,15 +84,6 @@ class TexturedSurface(ReadOnly, Recorded):
         """The colour of the picture at each texture coordinate, shape (N, 3) or (N, 4).
 
         Interpolation is linear between texels.
-
-        See Also
-        --------
-        TexturedSurface.subdivided : Split triangles that are too coarse for colours at their corners.
-
-        Examples
-        --------
-        >>> voxflat.samples.hill().flatten().textured(np.full((8, 8, 3), 255, np.uint8)).colours.shape
-        (441, 3)
         """
         return np.round(values_at(self.picture, self.texture_coordinates, self.repeat)).astype(np.uint8)
 

@@ -78,17 +78,6 @@ class Registration(ReadOnly, Recorded):
         """Position of each vertex of the complete mesh on the unit sphere, shape (V, 3).
 
         Vertices without a triangle are NaN.
-
-        See Also
-        --------
-        Registration.save : Write the sphere to a file.
-
-        Examples
-        --------
-        >>> from nilearn.datasets import fetch_surf_fsaverage
-        >>> white = fetch_surf_fsaverage().white_left  # of fsaverage5, which comes with nilearn
-        >>> voxflat.surface(white).register().sphere.shape
-        (10242, 3)
         """
         places = np.full((self.surface.count, 3), np.nan)
         places[self.surface.vertices] = self.points
