@@ -3,7 +3,7 @@
 import importlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 import scipy
@@ -16,8 +16,8 @@ from voxflat._napari.layers.seed import Seed
 from voxflat._napari.layers.volumes import LayerVolume, TimeAxis
 from voxflat._napari.results.flat_layers import FlatLayers, MovieMaps, SingleFrame
 from voxflat._napari.results.maps import map_layers, page_layers
+from voxflat._napari.results.session import Session
 from voxflat.arguments import Progress
-from voxflat.atlases.certified import FlatAtlas
 from voxflat.errors import Cancelled, InputError
 from voxflat.maps.flat_map import FlatMap
 from voxflat.methods import METHODS, Method
@@ -62,7 +62,7 @@ class Job:
         if self.frames is not None:
             return self._flatten_all(self.frames, progress)
         flat_map = self._flatten(progress)
-        flat_map = _of_layer(flat_map, self.surface, self.form)
+        flat_map = Session.made_from(self.surface.origin, self.form).put(flat_map)
         _draw(progress, "map")
         layers = map_layers(flat_map, self.surface.origin["layer"], self.shown, self.values, self.pixel_size)
         return replace(layers, frame=self.frame)
@@ -99,7 +99,7 @@ class Job:
         method, _, how = self.split()
         series = flatten_series(surfaces, method, reference=frames.reference, **how, progress=progress)
         flat_map = series.flat_map
-        flat_map = _of_layer(flat_map, self.surface, self.form)
+        flat_map = Session.made_from(self.surface.origin, self.form).put(flat_map)
         _draw(progress, "map")
         layers = map_layers(flat_map, self.surface.origin["layer"], pixel_size=self.pixel_size)
         movie = MovieMaps(replace(series, flat_map=flat_map), frames.time)
@@ -112,7 +112,7 @@ class Job:
         how = {name: value for name, value in self.options.items() if name not in own}
         if self.start is not None:
             own["start"] = self.start
-        is_aligned = self.start is None or self.start.metadata.get("frame") == "standard"
+        is_aligned = self.start is None or self.start.frame == "standard"
         if self.frames is not None or not is_aligned:  # movies have no sphere; the position of a start is kept
             how.pop("sphere", None)
         return kind(**own), how.pop("drop", None), how
@@ -136,24 +136,10 @@ class PatchesJob:
         _tell(progress, "reading the layer")
         foreground: dict[str, Any] = {"label": self.label, "threshold": self.threshold, "rim": self.rim}
         whole = surface_of(self.surface, progress, **foreground)
-        atlas = _of_layer(whole.patches(**self.limit, progress=progress), self.surface, self.form)
+        atlas = Session.made_from(self.surface.origin, self.form).put(whole.patches(**self.limit, progress=progress))
         glued = None if self.glue is None else atlas.glue(self.glue, progress=progress)
         _draw(progress, "page")
         return page_layers(atlas if glued is None else glued, self.shown, self.pixel_size)
-
-
-_Result = TypeVar("_Result", FlatMap, FlatAtlas)
-
-
-def _of_layer(made: _Result, surface: LayerVolume | LayerMesh, form: Mapping[str, Any] | None) -> _Result:
-    """Return a result that tells from which layer and form it was made."""
-    origin = replace(made.origin, in_pixels=surface.origin["unit"].startswith("pixel"))
-    return replace(made, origin=origin, metadata={**made.metadata, "napari": _origin(surface, form)})
-
-
-def _origin(surface: LayerVolume | LayerMesh, form: Mapping[str, Any] | None) -> dict[str, Any]:
-    """Return the flattened layer and the settings of the form, for the description of a map or an atlas."""
-    return {**surface.origin, **({} if form is None else {"form": form})}
 
 
 def _draw(progress: Progress, what: str) -> None:

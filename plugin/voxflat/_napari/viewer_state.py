@@ -21,7 +21,8 @@ from voxflat._napari.gl_context import keep_canvas_current
 from voxflat._napari.results.flat_layers import KEPT, FlatLayers, Run
 from voxflat._napari.results.layer_list import ListedLayers
 from voxflat._napari.results.outputs import is_drawn
-from voxflat._napari.results.sketch import SKETCH, Sketch, Sketches
+from voxflat._napari.results.session import Session, session_of
+from voxflat._napari.results.sketch import Sketch, Sketches
 from voxflat._napari.scripts import OpenedFile
 from voxflat.maps.flat_map import FlatMap
 from voxflat.pipeline.surface import Surface
@@ -44,9 +45,6 @@ class DrawnCuts:
     def record(self) -> dict[str, Any]:
         paths = {name: path.tolist() for name, path in self.paths.items()}
         return {"paths": paths, "left_out": self.left_out.tolist(), "sphere": self.sphere}
-
-
-_SESSION = (*SKETCH, "drawn_cuts")
 
 
 class ViewerState:
@@ -162,11 +160,11 @@ class ViewerState:
         assert viewer is not None
         run = next((run for run in self._runs if run.flat_map is flat_map), None)
         if run is None:
-            session = flat_map.metadata["napari"]
-            sketches = Sketches(Sketch.of(session))
+            session = session_of(flat_map)
+            sketches = Sketches(Sketch.of(session.drawn))
             script = OpenedFile(event.value.source.path, flat_map)
             title = self._free_title(Path(event.value.source.path).stem)
-            run = Run(FlatLayers(flat_map, []), session["layer"], script, sketches, title)
+            run = Run(FlatLayers(flat_map, []), session.layer, script, sketches, title)
             self._opened.add(run)
             self.opened = run
             self._runs[run] = ListedLayers(viewer, self._on_visible)
@@ -224,8 +222,7 @@ class ViewerState:
         """Return the cuts that were drawn on a surface in this session, or before one of the open maps was saved."""
         key = surface.origin.input_sha256
         of_maps = {
-            run.flat_map.origin.input_sha256: run.flat_map.metadata.get("napari", {}).get("drawn_cuts", {})
-            for run in self._runs
+            run.flat_map.origin.input_sha256: session_of(run.flat_map).drawn.get("drawn_cuts", {}) for run in self._runs
         }
         return self._cut_records.get(key) or of_maps.get(key, {})
 
@@ -233,11 +230,9 @@ class ViewerState:
         """Return a map whose description contains what was drawn on it, and the cuts drawn on its surface."""
         sketch = next((run.sketches.now for run in self._runs if run.flat_map is flat_map), Sketch())
         record = self.record_of(flat_map)
-        session = {**sketch.record(), **({"drawn_cuts": record} if record.get("cuts") else {})}
-        before = {name: value for name, value in flat_map.metadata.get("napari", {}).items() if name not in _SESSION}
-        if not before:
-            return flat_map
-        return replace(flat_map, metadata={**flat_map.metadata, "napari": {**before, **session}})
+        drawn = {**sketch.record(), **({"drawn_cuts": record} if record.get("cuts") else {})}
+        session = Session.of(flat_map)
+        return flat_map if session is None else replace(session, drawn=drawn).put(flat_map)
 
     def choose_world(self, layer: Layer, world: str) -> None:
         """Keep the world axes that the user chose for a layer, which all forms show."""

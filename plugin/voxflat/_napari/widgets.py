@@ -29,6 +29,7 @@ from voxflat._napari.results import report
 from voxflat._napari.results.flat_layers import FlatLayers, Run
 from voxflat._napari.results.map_panel import MapPanel
 from voxflat._napari.results.maps import C_MEANING
+from voxflat._napari.results.session import session_of
 from voxflat._napari.scripts import Recipe
 from voxflat._napari.timers import PAUSE, single_shot
 from voxflat._napari.viewer_state import ViewerState
@@ -126,7 +127,7 @@ class FlattenWidget(TaskDock):
             return  # the task was cancelled just as it finished
         seconds = time.perf_counter() - self._started
         self._timer.stop()
-        run = Run(result, result.flat_map.metadata["napari"]["layer"], self._recipe)
+        run = Run(result, session_of(result.flat_map).layer, self._recipe)
         self._arriving = run, f"{report.summary(result.flat_map)} ({seconds:.1f} s)"
         if not ViewerState.of(self._viewer).runs:
             open_flat_map(self._viewer)
@@ -167,7 +168,7 @@ class FlattenWidget(TaskDock):
                     self._swap_settings()
 
     def _settings_of(self, run: Run) -> Mapping[str, Any] | None:
-        found = run.flat_map.metadata["napari"].get("form")
+        found = session_of(run.flat_map).form
         return found if isinstance(found, Mapping) else None
 
     def _offer_settings(self, run: Run) -> None:

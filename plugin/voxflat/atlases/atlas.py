@@ -74,6 +74,8 @@ class Atlas(FlatPieces, ABC):
         Corners of each triangle, counterclockwise, as rows of `uv`; triangles are in the order of `faces`.
     origin : Origin
         The volume or the mesh of the surface.
+    warnings : tuple of str
+        Reasons to check the atlas, which were also logged.
     metadata : dict
         The origin, and how the atlas was made, for people and files.
     measured : ndarray, shape (pieces, K)
@@ -499,4 +501,8 @@ def _checked(arrays: dict[str, NDArray[Any]], metadata: dict[str, Any]) -> dict[
     if not (areas >= 0).all() or not 0 < areas.max() <= FARTHEST**2:
         raise InputError(f"the areas of its pieces are not valid: {shown(areas)} mm². {files.AGAIN}")
     files.check_places({name: arrays[name] for name in ("uv", "points", "planes") if name in arrays})
-    return {**files.in_types(arrays, layout), "origin": origin_of(metadata, arrays["ids"])}
+    return {
+        **files.in_types(arrays, layout),
+        "origin": origin_of(metadata, arrays["ids"]),
+        "warnings": tuple(metadata["warnings"]),
+    }

@@ -139,6 +139,8 @@ class FlatAtlas(Atlas, Sequence[FlatPatch]):
         As in `Atlas`; each piece is a patch.
     origin : Origin
         The volume or the mesh of the surface.
+    warnings : tuple of str
+        Reasons to check the atlas, which were also logged.
     metadata : dict
         As in `Atlas`.
     measured : ndarray, shape (patches, 4)

@@ -131,6 +131,8 @@ class GluedAtlas(Atlas, Sequence[GluedPiece]):
         As in `Atlas`; `patch_ids` holds the original patch of each triangle.
     origin : Origin
         The volume or the mesh of the surface.
+    warnings : tuple of str
+        Reasons to check the atlas, which were also logged.
     metadata : dict
         As in `Atlas`.
     measured : ndarray, shape (pieces, 3)
@@ -286,6 +288,7 @@ def glue(atlas: Atlas, certified: float, bound: float, threads: int | None, prog
         uv=found["uv"],
         uv_faces=found["corners"].astype(np.int64),
         origin=atlas.origin,
+        warnings=atlas.warnings,
         metadata={**atlas.metadata, "glue": {"bound": float(bound)}},
         patch_ids=atlas.piece_ids,
         measured=found["measured"],

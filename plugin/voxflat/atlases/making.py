@@ -1,5 +1,6 @@
 """Make an atlas of certified patches from a surface of any topology."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -55,15 +56,15 @@ def patches(
             "limit": {limit: value},
             "seeds": seeds,
             "seed": seed,
-            "warnings": list(whole.remarks),
         },
     )
+    warnings = list(whole.remarks)
     if broken := int(atlas.broken.sum()):
         told = f"{broken} very thin triangles exceed the certificate because of rounding errors. Remesh the surface"
-        atlas.metadata["warnings"].append(told)
-    for remark in atlas.metadata["warnings"]:
-        log.warning(remark)
-    return atlas
+        warnings.append(told)
+    for warning in warnings:
+        log.warning(warning)
+    return replace(atlas, warnings=tuple(warnings), metadata={**atlas.metadata, "warnings": warnings})
 
 
 def _limit(limits: dict[str, Any]) -> tuple[str, float]:

@@ -57,6 +57,7 @@ class FlatPieces(ReadOnly):
     uv: NDArray[np.float64]
     uv_faces: NDArray[np.int64]
     origin: Origin
+    warnings: tuple[str, ...] = ()
     metadata: dict[str, Any] = field(default_factory=dict)
 
     def __len__(self) -> int:

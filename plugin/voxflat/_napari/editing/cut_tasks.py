@@ -46,7 +46,7 @@ def find_cuts(whole: Surface, by: str, progress: Progress) -> Found:
 def cuts_of_map(whole: Surface, flat_map: FlatMap) -> Found:
     """Return the cuts of a map, and the vertices of the surface that the map excludes."""
     shown = flat_map.ids[np.unique(flat_map.faces)]
-    sphere = OWN_REGISTRATION if flat_map.metadata.get("frame") == "standard" and sphere_beside(whole) is None else None
+    sphere = OWN_REGISTRATION if flat_map.frame == "standard" and sphere_beside(whole) is None else None
     paths, names = [cut.ids for cut in flat_map.cuts], [cut.name for cut in flat_map.cuts]
     return Found(paths, names, whole.ids[~in_rows(whole.ids, shown)], sphere)
 

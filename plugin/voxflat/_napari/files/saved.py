@@ -1,39 +1,43 @@
 """Readers of saved flat maps and atlases."""
 
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
-
-import numpy as np
+from typing import TypeVar
 
 from voxflat._napari.results.flat_layers import LayerData, hidden
 from voxflat._napari.results.maps import map_layers, page_layers
+from voxflat._napari.results.session import Session
 from voxflat._napari.stacks import stack_of
+from voxflat.atlases.atlas import Atlas
 from voxflat.atlases.certified import load_atlas
-from voxflat.maps.flat_map import load
+from voxflat.maps.flat_map import FlatMap, load
+
+_Made = TypeVar("_Made", bound=FlatMap | Atlas)
 
 
 def map_layers_of(path: Path) -> list[LayerData]:
     """Read a saved flat map; raises InputError if the file is damaged."""
     flat_map = load(path)
-    flat_map.metadata.setdefault("napari", _origin(path, flat_map.metadata))
+    flat_map = _in_session(flat_map, path)
     return [hidden(layer) for layer in map_layers(flat_map, path.stem).layers]
 
 
 def atlas_layers_of(path: Path) -> list[LayerData]:
     """Read a saved atlas as layers: its surface, and images of its page; raises InputError if the file is damaged."""
     atlas = load_atlas(path)
-    atlas.metadata.setdefault("napari", _origin(path, atlas.metadata))
+    atlas = _in_session(atlas, path)
     drawn = page_layers(atlas)
     return [hidden(layer) for layer in [*drawn.in_space, *drawn.layers]]
 
 
-def _origin(path: Path, metadata: dict[str, Any]) -> dict[str, str]:
-    """Return the origin metadata of a map that was not made in napari, with the axes of the stack, if it is open."""
+def _in_session(made: _Made, path: Path) -> _Made:
+    """Return a map with the session in its file; one from elsewhere gets the axes of its stack, if this is open."""
     from napari import current_viewer
 
-    stack = None
-    if metadata["kind"] == "voxels":
-        affine = np.asarray(metadata["affine"], dtype=np.float64)
-        stack = stack_of(current_viewer(), tuple(metadata["shape"]), affine, metadata.get("unit", "mm"))
-    usual = {"world_axes": "RAS", "unit": "millimeter"} if stack is None else stack.place.origin
-    return {**usual, "layer": path.stem}
+    if Session.of(made) is not None:
+        return made
+    of, stack = made.origin, None
+    if of.is_voxels:
+        stack = stack_of(current_viewer(), of.voxels.shape, of.voxels.affine, of.unit)
+    session = Session() if stack is None else Session.made_from(stack.place.origin)
+    return replace(session, layer=path.stem).put(made)

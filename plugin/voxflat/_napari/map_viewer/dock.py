@@ -47,6 +47,7 @@ from voxflat._napari.map_viewer.viewer_parts import UprightMaps, theme_colours
 from voxflat._napari.results.flat_layers import LayerData, Run, unit_of_map
 from voxflat._napari.results.outputs import made_from
 from voxflat._napari.results.report import as_html, warnings
+from voxflat._napari.results.session import session_of
 from voxflat._napari.results.sketch import POINTS, Sketch, Sketches
 from voxflat._napari.timers import single_shot
 from voxflat._napari.viewer_state import ViewerState
@@ -413,7 +414,7 @@ class FlatMapDock(TaskDock):
         if isinstance(content, Measure):
             return content.draw
         assert self._run is not None
-        world = self._run.flat_map.metadata.get("napari", {}).get("world_axes", "RAS")
+        world = session_of(self._run.flat_map).world_axes
         how: dict[str, Any] = {}
         if isinstance(content, Image | Labels):
             movie, single = self._run.layers.movie, self._run.layers.frame
@@ -500,7 +501,7 @@ class FlatMapDock(TaskDock):
         run, content = self._run, self.contents.content
         if run is None or run.layers.movie is None:
             return
-        world = run.flat_map.metadata.get("napari", {}).get("world_axes", "RAS")
+        world = session_of(run.flat_map).world_axes
         try:
             frames, look = shown_frames(content, world, run.layers.movie, self._viewer, **self._depth())
         except VoxflatError as error:
@@ -582,7 +583,7 @@ class FlatMapDock(TaskDock):
         if self.prepared is None:
             return
         try:
-            found = self.annotations.taken(self.prepared.origin.get("world_axes", "RAS"), self.prepared.unit)
+            found = self.annotations.taken(self.prepared.session.world_axes, self.prepared.unit)
         except VoxflatError as error:
             self._on_annotation_failed(error)
             return

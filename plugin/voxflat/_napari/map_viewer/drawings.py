@@ -127,7 +127,7 @@ def _described(prepared: PreparedMap, part: str) -> dict[str, Any]:
 
 def drawing_metadata(prepared: PreparedMap) -> dict[str, Any]:
     """Return the metadata of layers that are drawn on a map: the flattened layer, and the world axes chosen for it."""
-    return {MADE_FROM: prepared.run.name, WORLD: prepared.origin.get("world_axes", "RAS")}
+    return {MADE_FROM: prepared.run.name, WORLD: prepared.session.world_axes}
 
 
 def affine_in_world(prepared: PreparedMap) -> NDArray[np.float64]:
@@ -247,4 +247,4 @@ def _map(prepared: PreparedMap) -> FlatMap:
 
 def _world(prepared: PreparedMap, of: NDArray[np.float64]) -> NDArray[np.float64]:
     """Convert points from RAS+ to positions along the world axes."""
-    return from_ras(of.reshape(-1, 3), prepared.origin.get("world_axes", "RAS"))
+    return from_ras(of.reshape(-1, 3), prepared.session.world_axes)

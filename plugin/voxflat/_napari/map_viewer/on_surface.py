@@ -76,7 +76,7 @@ class PaintedSurface(ToggledLayer[Surface]):
         """Hide the flattened layer and, in 3D, images, which would cover the surface; stand the 3D view upright."""
         assert self._prepared is not None
         self._uncover()
-        source, in_3d = self._prepared.origin.get("layer"), self._viewer.dims.ndisplay == 3
+        source, in_3d = self._prepared.session.layer, self._viewer.dims.ndisplay == 3
         for layer in self._viewer.layers:
             is_over = layer.name == source or (in_3d and isinstance(layer, Image) and layer.ndim >= 3)
             if is_over and layer.visible:
@@ -84,7 +84,7 @@ class PaintedSurface(ToggledLayer[Surface]):
                 layer.visible = False
         if in_3d:
             right = is_right(self._prepared.points, self._prepared.run.flat_map.origin.structure)
-            stand_upright(self._viewer, right=right, world=self._prepared.origin.get("world_axes", "RAS"))
+            stand_upright(self._viewer, right=right, world=self._prepared.session.world_axes)
 
     def _uncover(self) -> None:
         for layer in self._covered:
@@ -96,7 +96,7 @@ class PaintedSurface(ToggledLayer[Surface]):
 def _of(prepared: PreparedMap) -> tuple[Any, dict[str, Any]]:
     """Return the data of the surface layer of a map, and its properties."""
     of, flat_map = prepared.planar._triangles, prepared.run.flat_map
-    points = from_ras(prepared.points, prepared.origin.get("world_axes", "RAS"))
+    points = from_ras(prepared.points, prepared.session.world_axes)
     name = layer_name(prepared.run.title, "in map colours")
     described = {"name": name, "units": units(flat_map, 3), "metadata": {"voxflat": flat_map}}
     return (points, of.faces[~of.torn]), described

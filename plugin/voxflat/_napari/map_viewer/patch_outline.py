@@ -87,7 +87,7 @@ def _drawn(
     """Compute the displayed segments; called in a thread."""
     found = edges(prepared) if known is None else known
     part, marks = (lifted(prepared, one) for one in found) if view is None else in_slice(prepared, found[1], *view)
-    segments = from_ras(np.concatenate([part, marks]), prepared.origin.get("world_axes", "RAS"))
+    segments = from_ras(np.concatenate([part, marks]), prepared.session.world_axes)
     return prepared, found, segments.reshape(-1, 2, 3), len(part)
 
 
@@ -152,7 +152,7 @@ class PatchOutline(ToggledLayer[Vectors]):
             across = [axis - dims.ndim + 3 for axis in dims.not_displayed if axis >= dims.ndim - 3]
             if len(across) != 1:  # for example, a slice along time
                 return
-            world = self._prepared.origin.get("world_axes", "RAS")
+            world = self._prepared.session.world_axes
             point = np.asarray(dims.point, dtype=np.float64)[-3:] * world_units(self._viewer, self._prepared.unit)
             axis = int(np.abs(to_ras(np.eye(3)[across], world)[0]).argmax())
             view = axis, float(to_ras(point[None], world)[0, axis])

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from voxflat._napari.map_viewer.pictures import Picture
 from voxflat._napari.results.flat_layers import Run, unit_of_map
+from voxflat._napari.results.session import Session, session_of
 from voxflat.io.triangles import Points
 from voxflat.maps.flat_map import FlatMap
 from voxflat.maps.lines import rim
@@ -100,10 +101,9 @@ class PreparedMap:
         self.met(self.points[0], np.ones(3))
 
     @property
-    def origin(self) -> dict[str, str]:
+    def session(self) -> Session:
         """The name of the flattened layer, the world axes and the unit."""
-        origin: dict[str, str] = self.run.flat_map.metadata.get("napari", {})
-        return origin
+        return session_of(self.run.flat_map)
 
     @property
     def outline(self) -> list[NDArray[np.float64]]:

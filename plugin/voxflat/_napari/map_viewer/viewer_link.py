@@ -14,6 +14,7 @@ from voxflat._napari.layers.world import from_ras, to_ras
 from voxflat._napari.map_viewer.cursor import RingWidget
 from voxflat._napari.map_viewer.prepared_map import PreparedMap
 from voxflat._napari.map_viewer.viewer_parts import camera, canvas_widget, in_grid, is_click, projected, world_units
+from voxflat._napari.results.session import Session
 from voxflat._napari.timers import single_shot
 
 _CLICK = 4  # pixels; a longer movement is not a click
@@ -54,7 +55,11 @@ class ViewerLink(QObject):
 
     @property
     def _is_linked(self) -> bool:
-        return self.prepared is not None and bool(self.prepared.origin) and self._viewer.dims.ndim >= 3
+        return (
+            self.prepared is not None
+            and Session.of(self.prepared.run.flat_map) is not None
+            and self._viewer.dims.ndim >= 3
+        )
 
     @property
     def _units(self) -> NDArray[np.float64]:
@@ -66,13 +71,13 @@ class ViewerLink(QObject):
         """Convert a point from RAS+ to the world of the viewer; other axes, such as time, keep their position."""
         assert self.prepared is not None
         world = np.asarray(self._viewer.dims.point, dtype=np.float64)
-        world[-3:] = from_ras(point[None], self.prepared.origin["world_axes"])[0] / self._units
+        world[-3:] = from_ras(point[None], self.prepared.session.world_axes)[0] / self._units
         return world
 
     def _to_ras(self, world: Any) -> NDArray[np.float64]:
         assert self.prepared is not None
         mm = np.asarray(world, dtype=np.float64)[-3:] * self._units
-        return np.asarray(to_ras(mm[None], self.prepared.origin["world_axes"])[0])
+        return np.asarray(to_ras(mm[None], self.prepared.session.world_axes)[0])
 
     def _place(self, event: Any) -> tuple[float, float] | None:
         """Return the map location under the mouse, in a slice or on the surface."""

@@ -13,6 +13,7 @@ from voxflat._napari.notes import showing_notes
 from voxflat._napari.results.flat_layers import Run
 from voxflat._napari.results.maps import HEAT_MEANING
 from voxflat._napari.results.report import MEANINGS, as_html, figures, table, warnings
+from voxflat._napari.results.session import session_of
 from voxflat._napari.wording import error_text
 from voxflat.atlases.atlas import Atlas
 from voxflat.errors import VoxflatError
@@ -64,7 +65,7 @@ class MapPanel(QWidget):
 
     def _name_result(self, before: str) -> None:
         assert self.flat_map is not None
-        of = self.flat_map.metadata["napari"]["layer"]
+        of = session_of(self.flat_map).layer
         self.title.setText(f"{before}{self._what.capitalize()} of <b>{escape(of)}</b>")
 
     def _show_figures(self, flat_map: FlatMap | Atlas) -> None:

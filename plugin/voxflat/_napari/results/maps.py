@@ -5,6 +5,7 @@ import numpy as np
 from voxflat._napari.layers.sampled import Overlay, Shown
 from voxflat._napari.layers.world import from_ras
 from voxflat._napari.results.flat_layers import FlatLayers, LayerData, described, shown_image, units
+from voxflat._napari.results.session import session_of
 from voxflat.atlases.atlas import Atlas
 from voxflat.maps.colours import label_colours
 from voxflat.maps.flat_map import FlatMap
@@ -39,7 +40,7 @@ def map_layers(
 
 def page_layers(atlas: Atlas, shown: Shown | None = None, pixel_size: float | None = None) -> FlatLayers:
     """Draw an atlas: its page (patches, values and C), and the surface in the colours of the patches."""
-    name = atlas.metadata["napari"]["layer"]
+    name = session_of(atlas).layer
     image = atlas.page().label_image(pixel_size)
     patches = described(atlas, name, "patches", "one colour for each patch, as on the surface", image)
     layers: list[LayerData] = [(image.colours(), {**patches, "rgb": True}, "image")]
@@ -58,7 +59,7 @@ def _surface(atlas: Atlas, name: str) -> LayerData:
     found = distinct(ends)
     owner, rows = found.rows.T
     colours = label_colours(owner[:, None] + 1.0)[:, 0] / 255
-    vertices = from_ras(atlas.space.to_scanner(atlas.points), atlas.metadata["napari"]["world_axes"])[rows]
+    vertices = from_ras(atlas.space.to_scanner(atlas.points), session_of(atlas).world_axes)[rows]
     look = {"vertex_colors": colours, "shading": "smooth", "features": {"patch": owner}, "units": units(atlas, 3)}
     keywords = {**described(atlas, name, "in patches", "one colour for each patch, as on the page"), **look}
     return (vertices, found.which.reshape(-1, 3)), keywords, "surface"
