@@ -17,6 +17,7 @@ from voxflat._napari.layers.volumes import LayerVolume
 from voxflat._napari.layers.world import from_ras
 from voxflat._napari.results.outputs import remember, remove_unchanged
 from voxflat._napari.results.report import table
+from voxflat._napari.results.session import session_of
 from voxflat._napari.viewer_state import ViewerState
 from voxflat._napari.wording import in_window, sentence
 from voxflat.arguments import Progress
@@ -142,7 +143,7 @@ class MeasureMap(Findings):
             files = about["surface_file"], about["patch_file"]
             self._work(lambda progress: measure(*files, progress=progress), self._action, self._show)
         elif flat_map is not None:
-            self._show_message(f"{flat_map.metadata['napari']['layer']}\n\n{table(flat_map)}")
+            self._show_message(f"{session_of(flat_map).layer}\n\n{table(flat_map)}")
         else:
             self._show_message("There is no flat map. Flatten a surface, open a flat map, or select a flat patch.")
 

@@ -55,7 +55,7 @@ def geodesic(
     if geodesic == "chain":
         refuse(geodesic, dask=dask)
         part = voxel_graph(surface, link_lengths or LINK_LENGTHS, progress)
-        what["link_lengths"] = part.metadata["link_lengths"]
+        what["link_lengths"] = part.link_lengths
     else:
         refuse(geodesic, link_lengths=link_lengths)
         of_all = sources is None or is_whole(sources)

@@ -52,7 +52,7 @@ def make(hemisphere: Hemisphere, parameters: Parameters, results: Results, **com
             values = {**_measures(flat_map), **_overlays(flat_map, hemisphere)}
     with _timed(seconds, "writing"), _noting() as of_files:
         written = _write(flat_map, values, results)
-    remarks = flat_map.metadata["warnings"]
+    remarks = flat_map.warnings
     notes = [str(remark) for remark in remarks if isinstance(remark, Note)]
     record = {
         **wanted,

@@ -115,7 +115,7 @@ class Grossmann2002(Method):
         chosen = choice.made(how.progress)
         store = None
         if how.store is not None:
-            kind = {"geodesic": "chain", "link_lengths": graph.metadata["link_lengths"]}
+            kind = {"geodesic": "chain", "link_lengths": graph.link_lengths}
             store = prepare_store(how.store, part, graph.ids, chosen, **kind, progress=how.progress)
         result = part.grossmann2002(chosen, how.seed, how.keep_rows and store is None, how.threads, how.progress)
         topology = part.topology(how.progress)
@@ -154,7 +154,7 @@ def _warnings(graph: VoxelGraph, topology: dict[str, Any], torn: float) -> list[
     """Return the warnings about a map over the 26-neighbour graph."""
     sizes = graph.whole.component_sizes()
     warnings = list(graph.remarks)
-    if len(sizes) > 1 and not (graph.metadata["keep"] or graph.metadata["seed_point"] is not None):
+    if len(sizes) > 1 and not graph.is_chosen:
         warnings.append(f"only the largest of {len(sizes)} components is used ({len(graph)} of {sum(sizes)} voxels)")
     if topology["euler_characteristic"] != 1:
         warnings.append(

@@ -27,6 +27,8 @@ class VoxelGraph:
     core: _core.VoxelSurface  # part in use
     whole: _core.VoxelSurface  # complete surface
     origin: VoxelOrigin
+    link_lengths: str
+    is_chosen: bool  # whether the user chose the part
     metadata: dict[str, Any]
     remarks: tuple[str, ...]
 
@@ -88,19 +90,20 @@ def voxel_graph(of: Manifold, link_lengths: str = LINK_LENGTHS, progress: Progre
         part = part.cut_out(kept, None, None, progress)
     components = whole.component_sizes()
     origin = replace(of.foreground.origin, unit=of.origin.unit)
+    is_masked = any(step.mask is not None for step in of.steps)
     metadata = {
         **origin._described(),
         "seed_point": seed,
         "seed_found": found,
         "radius": radius,
-        "keep": any(step.mask is not None for step in of.steps),
+        "keep": is_masked,
         "link_lengths": link_lengths,
         "surface_points": len(whole),
         "components": len(components),
         "largest_components": components[:10],
         "points": len(part),
     }
-    return VoxelGraph(part, whole, origin, metadata, tuple(remarks))
+    return VoxelGraph(part, whole, origin, link_lengths, is_masked or seed is not None, metadata, tuple(remarks))
 
 
 def seed_voxel(seed_point: object, shape: Sequence[int], name: str = "seed point") -> list[int]:
