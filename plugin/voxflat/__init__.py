@@ -25,9 +25,11 @@ True
 """
 
 import importlib
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from voxflat._core import __version__
+from voxflat.display import provide
 
 __all__ = [
     "AreaBoundError",
@@ -152,6 +154,19 @@ else:
         "surfaces.standard.registration": ("Registration",),
     }
     _module_of = {name: module for module, names in _MODULES.items() for name in names}
+
+    def _later(module: str, name: str) -> Callable[[], Callable[..., object]]:
+        return lambda: getattr(importlib.import_module(f"voxflat.{module}"), name)
+
+    provide(
+        atlas_page=_later("figures", "atlas_page"),
+        cut_surface_views=_later("figures.cut_surfaces", "cut_surface_views"),
+        map_to_pyvista=_later("_pyvista.flat", "to_polydata"),
+        map_with_overlay=_later("figures.flat_maps", "map_with_overlay"),
+        profile=_later("figures", "profile"),
+        rim_to_pyvista=_later("_pyvista.rims", "to_multiblock"),
+        sections=_later("figures.sections", "sections"),
+    )
 
     def __getattr__(name: str) -> object:
         """Import a public name on first use."""

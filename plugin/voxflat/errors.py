@@ -1,7 +1,8 @@
 """Define the exceptions that voxflat raises deliberately."""
 
-import importlib
 from typing import Any
+
+from voxflat.display import shown_by
 
 
 class VoxflatError(Exception):
@@ -138,8 +139,7 @@ class HemisphereError(InputError):
         >>> len(error.figure().axes)
         3
         """
-        figures = importlib.import_module("voxflat.figures.sections")  # a higher layer
-        return figures.sections(self.white, self.affine, self.template)
+        return shown_by("sections", self.white, self.affine, self.template)
 
 
 class Cancelled(VoxflatError):  # noqa: N818  (it is not an error: the user asked for it)

@@ -1,6 +1,5 @@
 """The base class of atlases: a sequence of pieces with a page, figures and files."""
 
-import importlib
 import os
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
@@ -15,6 +14,7 @@ from voxflat.arguments import checked_choice, checked_number, checked_path, is_n
 from voxflat.atlases.layout import PACKINGS, lay_out, usual_gap
 from voxflat.atlases.page import FlatPage
 from voxflat.atlases.pieces import FlatPieces
+from voxflat.display import shown_by
 from voxflat.errors import InputError
 from voxflat.io import files
 from voxflat.io.grid import FARTHEST, in_unit
@@ -321,7 +321,7 @@ class Atlas(FlatPieces, ABC):
 
     def _repr_html_(self) -> str:
         """Return a picture of the page and a table of the pieces, for Jupyter."""
-        figure = importlib.import_module("voxflat.figures").atlas_page(self)  # a higher layer
+        figure = shown_by("atlas_page", self)
         return page(self, self.table(), figure, "The pieces side by side, one colour per patch")
 
     def table(self) -> str:

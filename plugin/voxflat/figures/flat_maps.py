@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import fields, replace
 from typing import Any
 
 import numpy as np
@@ -291,3 +291,11 @@ def _over(pixels: NDArray[np.uint8], grey: NDArray[np.floating[Any]]) -> NDArray
     """Return the lightness of pixels over a grey background."""
     share = pixels[..., 3] / 255
     return np.asarray(share * (pixels[..., :3] @ np.array([0.3, 0.59, 0.11])) + (1 - share) * grey)
+
+
+def map_with_overlay(flat_map_: FlatMap, overlay: object | None = None, *, ax: Any = None, **options: Any) -> Figure:
+    """Draw one map; `options` are those of `flat_map` and of `Overlay`."""
+    own = {one.name: options.pop(one.name) for one in fields(Overlay) if one.name in options}
+    if own and isinstance(overlay, Overlay):
+        raise InputError(f"{next(iter(own))} and an Overlay are given. Pass it to the Overlay")
+    return flat_map(flat_map_, Overlay(overlay, **own) if own else overlay, ax=ax, **options)

@@ -1,6 +1,5 @@
 """Compute profiles: the mean and standard deviation of a volume along cortical depth, within regions."""
 
-import importlib
 import os
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -11,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from voxflat.arguments import checked_choice, checked_path
+from voxflat.display import shown_by
 from voxflat.errors import InputError
 from voxflat.io.channels import distinct_names
 from voxflat.io.files import REMEDY, naming
@@ -209,8 +209,7 @@ class Profile(ReadOnly, Recorded):
         >>> rim.profile(rim.thickness()).plot(label="thickness (mm)", ax=ax) is ax
         True
         """
-        figures: Any = importlib.import_module("voxflat.figures")  # depends on this module, and needs matplotlib
-        figure = figures.profile(self, label=label, ax=ax)
+        figure = shown_by("profile", self, label=label, ax=ax)
         return figure if ax is None else ax
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -13,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from voxflat import _core
 from voxflat.arguments import Progress, checked_choice, checked_threads, log
+from voxflat.display import shown_by
 from voxflat.errors import InputError
 from voxflat.io.files import require
 from voxflat.io.provenance import Record, Recorded, telling
@@ -424,7 +424,7 @@ class Rim(ReadOnly, Recorded):
                 f"the columns have {len(columns.vertex_columns)} vertices, but the middle surface has "
                 f"{len(self.surface)}. Pass columns of this rim"
             )
-        return importlib.import_module("voxflat._pyvista.rims").to_multiblock(self, columns)  # a higher layer
+        return shown_by("rim_to_pyvista", self, columns)
 
 
 @telling()

@@ -1,9 +1,8 @@
 """Flat maps: the class `FlatMap`, which `voxflat.flatten` returns, and `load`."""
 
-import importlib
 import math
 import os
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -12,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from voxflat.arguments import array_of, checked_path, checked_switch, is_number, log, shown
+from voxflat.display import shown_by
 from voxflat.distances.store import write_provenance
 from voxflat.distances.table import Table
 from voxflat.distortion.distortion import Distortion
@@ -654,7 +654,7 @@ class FlatMap(Planar):
         441
         """
         require("pyvista")
-        return _drawing("_pyvista.flat").to_polydata(self)
+        return shown_by("map_to_pyvista", self)
 
     def plot(self, overlay: object | None = None, *, ax: Any = None, **options: Any) -> Any:
         """Draw the map with matplotlib.
@@ -692,22 +692,13 @@ class FlatMap(Planar):
         >>> flat_map.plot(flat_map.points[:, 2], ax=ax) is ax
         True
         """
-        figures = _drawing("figures")
-        own = {one.name: options.pop(one.name) for one in fields(figures.Overlay) if one.name in options}
-        if own and isinstance(overlay, figures.Overlay):
-            raise InputError(f"{next(iter(own))} and an Overlay are given. Pass it to the Overlay")
-        figure = figures.flat_map(self, figures.Overlay(overlay, **own) if own else overlay, ax=ax, **options)
+        figure = shown_by("map_with_overlay", self, overlay, ax=ax, **options)
         return figure if ax is None else ax
 
     def _repr_html_(self) -> str:
         """Return a picture of the map and a table of its distortion measures, for Jupyter."""
-        figure = _drawing("figures").flat_map(self)
+        figure = shown_by("map_with_overlay", self)
         return page(self, self.distortion.table(), figure, "The flat map, shaded by its folds")
-
-
-def _drawing(module: str) -> Any:
-    """Import a drawing module, which depends on maps and needs optional packages."""
-    return importlib.import_module(f"voxflat.{module}")
 
 
 def check_background(background: object, dtype: np.dtype[Any]) -> None:
