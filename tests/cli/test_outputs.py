@@ -7,6 +7,7 @@ import shutil
 import subprocess
 import sys
 from pathlib import Path
+from xml.etree import ElementTree
 
 import nibabel as nib
 import numpy as np
@@ -198,7 +199,8 @@ def test_a_record_is_in_every_kind_of_file(folder):
         if name == "image.png":
             assert json.loads(Image.open(name).text["Provenance"]) == told
         if name == "image.tif":
-            assert Image.open(name).tag_v2[270].endswith("Provenance: " + json.dumps(told))
+            (image,) = ElementTree.fromstring(Image.open(name).tag_v2[270]).findall("{*}Image")
+            assert image.findtext("{*}Description").endswith("Provenance: " + json.dumps(told))
         if name == "image.nii.gz":
             (extension,) = nib.load(name).header.extensions
             assert (extension.get_code(), json.loads(extension.get_content())) == (6, told)
