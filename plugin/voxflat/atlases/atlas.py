@@ -504,5 +504,5 @@ def _checked(arrays: dict[str, NDArray[Any]], metadata: dict[str, Any]) -> dict[
     return {
         **files.in_types(arrays, layout),
         "origin": origin_of(metadata, arrays["ids"]),
-        "warnings": tuple(metadata["warnings"]),
+        "warnings": tuple(metadata.get("warnings", ())),
     }
