@@ -169,6 +169,9 @@ def test_what_is_up_to_date_is_left_alone(made):
     again = run("freesurfer", made, "--overlay", "mri/z.mgz", "--overlay", "thickness")
     assert (again.exit_code, again.stdout.count("up to date")) == (0, 2)
     assert everything(made) == before
+    left = run("freesurfer", made, "--hemi", "lh", "--overlay", "mri/z.mgz", "--overlay", "thickness")
+    assert (left.exit_code, left.stdout.count("up to date")) == (0, 1)
+    assert everything(made) == before  # the report shows the other hemisphere, too
 
 
 def test_another_parameter_makes_it_anew_and_the_first_one_as_it_was(subject):

@@ -276,7 +276,7 @@ def _shown(job: Job, outcomes: Sequence[Outcome]) -> list[Outcome]:
         if _is_page_due(job, outcomes):
             from voxflat.lab.report import subject_page  # imports Matplotlib
 
-            shown = {one.hemi: LoadedResults.read(job.results(one.hemi)) for one in outcomes if one.state != "failed"}
+            shown = {hemi: LoadedResults.read(job.results(hemi)) for hemi in _with_map(job, outcomes)}
             write_page(job.page, subject_page(job.name, shown, _failures(outcomes)))
     except Cancelled:
         raise
@@ -287,11 +287,19 @@ def _shown(job: Job, outcomes: Sequence[Outcome]) -> list[Outcome]:
 
 def _is_page_due(job: Job, outcomes: Sequence[Outcome]) -> bool:
     """Return whether the report has to be written."""
-    there = [job.results(one.hemi).record for one in outcomes if one.state != "failed"]
+    there = [job.results(hemi).record for hemi in _with_map(job, outcomes)]
     if not there and not job.page.is_file():  # an existing report must mention the failure
         return False
     key = page_key([read_record(record) for record in there], _failures(outcomes))
     return any(one.state == "made" for one in outcomes) or not is_page_of(job.page, key)
+
+
+def _with_map(job: Job, outcomes: Sequence[Outcome]) -> list[str]:
+    """Return the hemispheres with a map, those of earlier runs included if only the other one was asked for."""
+    states = {one.hemi: one.state for one in outcomes}
+    known = {hemi: job.results(hemi) for hemi in HEMISPHERES}
+    earlier = {hemi for hemi, one in known.items() if one.record.is_file() and not one.failure.is_file()}
+    return [hemi for hemi in HEMISPHERES if (states[hemi] != "failed" if hemi in states else hemi in earlier)]
 
 
 def _failures(outcomes: Sequence[Outcome]) -> dict[str, str]:
