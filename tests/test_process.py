@@ -69,7 +69,8 @@ def state():
     names = [None, *sorted(logging.root.manager.loggerDict)]
     for log in map(logging.getLogger, names):
         handlers = [one for one in log.handlers if not isinstance(one, logging.NullHandler)]
-        plain = (log.level, handlers, log.filters, log.disabled, log.propagate)
+        filters = [] if log.name == "voxflat" else log.filters  # our own logger passes warnings on to their task
+        plain = (log.level, handlers, filters, log.disabled, log.propagate)
         if plain != (0, [], [], False, True):
             found[f"log {log.name}"] = plain
     return {name: repr(value) for name, value in found.items()}

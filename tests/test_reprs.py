@@ -35,7 +35,7 @@ def test_the_repr_of_each_public_class_is_a_line(tmp_path):
         *(voxflat.surface(mesh).path(0, 1599), voxflat.open_rows(tmp_path / "store"), cut, patch),
         *(Cut(np.arange(1600), 1.5, "given"), voxflat.cite(flat_map)),
         *(rim, rim.profile(rim.thickness()), rim.columns(9), registration, worst, worst.places[0], worst.places[0].cut),
-        *(series, series.images(metric=True), voxflat.samples.embryo(1)),
+        *(series, series.images(metric=True), flat_map.images(points), voxflat.samples.embryo(1)),
         flat_map.regions({f"region {n}": [[0, 0], [9, 0], [0, 9]] for n in range(99)}),
         *(mesh.space, io.VolumeGeometry(np.eye(3), np.array([3.0, -17.0, 22.0]), filename="x" * 40)),
         io.Volume(np.zeros((30, 40, 50), dtype=np.float32), np.diag([0.7, 0.7, 1.25, 1.0])),

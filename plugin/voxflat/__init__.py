@@ -25,7 +25,6 @@ True
 """
 
 import importlib
-from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from voxflat._core import __version__
@@ -155,7 +154,7 @@ else:
     }
     _module_of = {name: module for module, names in _MODULES.items() for name in names}
 
-    def _later(module: str, name: str) -> Callable[[], Callable[..., object]]:
+    def _later(module: str, name: str) -> object:
         return lambda: getattr(importlib.import_module(f"voxflat.{module}"), name)
 
     provide(
