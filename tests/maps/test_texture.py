@@ -424,3 +424,13 @@ def test_a_glb_with_seams_belongs_to_its_surface_in_any_unit(tmp_path, name, uni
     saved = voxflat.measure(surface, tmp_path / "saved.glb", sources=10**6).best_scale.relative_error
     own = voxflat.measure(surface, flat, sources=10**6).best_scale.relative_error
     assert saved == pytest.approx(own, rel=1e-4)
+
+
+def test_maps_and_pages_of_a_mesh_with_unknown_axes_are_not_turned(tmp_path):
+    voxflat.samples.hill().save(tmp_path / "hill.obj")
+    surface = voxflat.surface(tmp_path / "hill.obj")
+    pages = surface.patches(max_angle=20).page().textured()
+    for textured in (surface.flatten().textured(np.full((8, 8, 3), 255, np.uint8)), pages):
+        textured.save(tmp_path / "hill.glb")
+        (read,) = [block for block in pv.read(tmp_path / "hill.glb").recursive_iterator() if block is not None]
+        assert np.argmin(np.ptp(read.points, axis=0)) == 2  # the height, as in the file
