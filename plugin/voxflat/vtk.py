@@ -111,10 +111,6 @@ class _Filter(VTKPythonAlgorithmBase):
         list of str
             The names in alphabetical order.
 
-        See Also
-        --------
-        SetInputData : Set the input.
-
         Examples
         --------
         >>> "method" in voxflat.vtk.FlattenSurface.options()
@@ -132,10 +128,6 @@ class _Filter(VTKPythonAlgorithmBase):
         data : vtkDataSet
             The dataset.
 
-        See Also
-        --------
-        GetOutput : Return the output.
-
         Examples
         --------
         >>> flatten = voxflat.vtk.FlattenSurface()
@@ -152,10 +144,6 @@ class _Filter(VTKPythonAlgorithmBase):
         -------
         vtkDataSet
             The output, which is empty before ``Update``.
-
-        See Also
-        --------
-        SetInputData : Set the input.
 
         Examples
         --------

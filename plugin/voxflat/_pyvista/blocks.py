@@ -83,10 +83,6 @@ class BlocksAccessor:
         InputError
             If two blocks have the same name.
 
-        See Also
-        --------
-        VoxflatAccessor.flatten : The equivalent method for a single dataset.
-
         Examples
         --------
         >>> both = pv.MultiBlock({"left": pv.Plane(), "right": pv.Plane(center=(2, 0, 0))})
@@ -111,10 +107,6 @@ class BlocksAccessor:
         -------
         pyvista.MultiBlock
             The surfaces, with the names of their blocks.
-
-        See Also
-        --------
-        VoxflatAccessor.surface : The equivalent method for a single dataset.
 
         Examples
         --------
@@ -146,10 +138,6 @@ class BlocksAccessor:
         InputError
             If two blocks have the same name.
 
-        See Also
-        --------
-        VoxflatAccessor.check : The equivalent method for a single dataset.
-
         Examples
         --------
         >>> both = pv.MultiBlock({"left": pv.Plane(), "right": pv.Plane(center=(2, 0, 0))})
@@ -174,10 +162,6 @@ class BlocksAccessor:
         -------
         pyvista.MultiBlock
             The page of patches for each block.
-
-        See Also
-        --------
-        VoxflatAccessor.patches : The equivalent method for a single dataset.
 
         Examples
         --------
@@ -207,10 +191,6 @@ class BlocksAccessor:
         -------
         pyvista.MultiBlock
             The cut surfaces, with the names of their blocks.
-
-        See Also
-        --------
-        VoxflatAccessor.cut : The equivalent method for a single dataset.
 
         Examples
         --------
@@ -243,10 +223,6 @@ class BlocksAccessor:
         ------
         InputError
             If the numbers of maps and blocks differ.
-
-        See Also
-        --------
-        VoxflatAccessor.measure : The equivalent method for a single dataset.
 
         Examples
         --------

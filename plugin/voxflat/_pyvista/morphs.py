@@ -83,10 +83,6 @@ class Morph(Sequence[pv.PolyData]):
         pyvista.PolyData
             The mesh at this position.
 
-        See Also
-        --------
-        plot : Show the morph with a slider.
-
         Examples
         --------
         >>> morph = pv.Plane().voxflat.morph(5)
@@ -140,10 +136,6 @@ class Morph(Sequence[pv.PolyData]):
         ------
         InputError
             If the map does not have the array.
-
-        See Also
-        --------
-        save : Write the morph as a movie.
 
         Examples
         --------

@@ -157,10 +157,6 @@ class Verbs(Inputs):
         pyvista.PolyData
             Triangles, with the point data ``vertex_ids`` (point numbers of the dataset) or ``voxel_ids`` (i, j, k).
 
-        See Also
-        --------
-        check : Report whether the surface can be flattened.
-
         Examples
         --------
         >>> pv.Icosphere(nsub=2).voxflat.surface().n_points
@@ -191,10 +187,6 @@ class Verbs(Inputs):
         -------
         Check
             Components, holes, handles, and the effect of each remedy.
-
-        See Also
-        --------
-        voxflat.check : Check arrays and files.
 
         Examples
         --------
@@ -231,10 +223,6 @@ class Verbs(Inputs):
         pyvista.DataSet
             A copy of the mesh with the active point data ``geodesic_distance``, in the unit of the mesh. The distance
             is NaN at points that cannot be reached or are not on the surface.
-
-        See Also
-        --------
-        path : Find the shortest path between points.
 
         Examples
         --------
@@ -276,10 +264,6 @@ class Verbs(Inputs):
         pyvista.PolyData
             A line with the point data ``vertex_ids`` (-1 where the path crosses an edge) and the field data ``length``,
             in the unit of the mesh.
-
-        See Also
-        --------
-        geodesic : Measure the distances from given points to all other points.
 
         Examples
         --------
@@ -342,10 +326,6 @@ class Verbs(Inputs):
             The page of all patches, as in `to_page_polydata`. The arrays of a mesh are copied, as in a call to the
             accessor. ``page.points = page["surface_points"]`` moves the points of the page back onto the surface.
 
-        See Also
-        --------
-        voxflat.Surface.patches : Return the patches as a `FlatAtlas`.
-
         Examples
         --------
         >>> pv.Icosphere(nsub=2).voxflat.patches(max_angle=20).n_cells
@@ -389,10 +369,6 @@ class Verbs(Inputs):
             ``cut`` contain the number (from 0) of the cut on which a point lies, or -1. ``vertex_ids`` or ``voxel_ids``
             identify the points. The field data ``voxflat`` contain the ``cuts``, each with ``ids``, ``length`` (mm),
             ``reason`` and ``name``, and the ``remarks``.
-
-        See Also
-        --------
-        flatten : Cut the surface and flatten it.
 
         Examples
         --------
@@ -448,10 +424,6 @@ class Verbs(Inputs):
         pyvista.PolyData
             The map in the plane z = 0, with its measures as in `to_polydata` and all arrays of a mesh. The field data
             ``voxflat`` contain the measures of ``distortion``.
-
-        See Also
-        --------
-        voxflat.measure : Measure maps of arrays and files.
 
         Examples
         --------

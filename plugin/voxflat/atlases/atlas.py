@@ -162,10 +162,6 @@ class Atlas(FlatPieces, ABC):
         InputError
             If the gap or the packing is invalid, or xatlas is not installed.
 
-        See Also
-        --------
-        Atlas.layout : Return only the positions.
-
         Examples
         --------
         >>> voxflat.samples.hill().patches(max_angle=20).page()
@@ -194,10 +190,6 @@ class Atlas(FlatPieces, ABC):
         ndarray, shape (P, 2)
             Position on the page for each row of `uv`, in mm.
 
-        See Also
-        --------
-        Atlas.page : Return the page.
-
         Examples
         --------
         >>> voxflat.samples.hill().patches(max_angle=20).layout().shape
@@ -223,10 +215,6 @@ class Atlas(FlatPieces, ABC):
         -------
         FlatImage
             The image, with NaN (for colours, alpha 0) outside the pieces and where the volume has no value.
-
-        See Also
-        --------
-        Atlas.images : Show several depths, maps or frames.
 
         Examples
         --------
@@ -254,10 +242,6 @@ class Atlas(FlatPieces, ABC):
         FlatStack
             A sequence of images.
 
-        See Also
-        --------
-        Atlas.image : Show a single image.
-
         Examples
         --------
         >>> len(voxflat.samples.hill().patches(max_angle=20).images(np.ones((441, 3))))
@@ -282,10 +266,6 @@ class Atlas(FlatPieces, ABC):
         FlatImage
             The image, with NaN outside the pieces.
 
-        See Also
-        --------
-        FlatPage.heat_map : The same for a page with its own gap and packing.
-
         Examples
         --------
         >>> voxflat.samples.hill().patches(max_angle=20).heat_map(pixel_size=1.0)
@@ -304,10 +284,6 @@ class Atlas(FlatPieces, ABC):
         -------
         dict
             The figures by name.
-
-        See Also
-        --------
-        Atlas.table : The measures as text.
 
         Examples
         --------
@@ -333,10 +309,6 @@ class Atlas(FlatPieces, ABC):
         -------
         str
             The table.
-
-        See Also
-        --------
-        Atlas.figures : The measures for JSON.
 
         Examples
         --------
@@ -400,10 +372,6 @@ class Atlas(FlatPieces, ABC):
             If the extension is not supported, or the path is an input file of the atlas.
         OSError
             If the file cannot be written.
-
-        See Also
-        --------
-        load_atlas : Load an atlas.
 
         Examples
         --------

@@ -112,10 +112,6 @@ class FlatPage(Planar):
         ndarray of int64, shape (H, W)
             Rows of the atlas's `faces`; −1 outside the pieces.
 
-        See Also
-        --------
-        FlatPage.look_up : Look up single points.
-
         Examples
         --------
         >>> voxflat.samples.hill().patches(max_angle=20).page().face_ids(pixel_size=1.0).ndim
@@ -147,10 +143,6 @@ class FlatPage(Planar):
         InputError
             If the measure is unknown.
 
-        See Also
-        --------
-        FlatPage.label_image : Return the patch at each pixel.
-
         Examples
         --------
         >>> voxflat.samples.hill().patches(max_angle=20).page().heat_map(pixel_size=1.0)
@@ -174,10 +166,6 @@ class FlatPage(Planar):
         -------
         FlatImage
             The image, with NaN outside the pieces.
-
-        See Also
-        --------
-        FlatPage.heat_map : Return the distortion at each pixel.
 
         Examples
         --------
@@ -212,10 +200,6 @@ class FlatPage(Planar):
         ------
         InputError
             If the image does not contain the whole page.
-
-        See Also
-        --------
-        FlatPage.textured : Return the surface with an image on it.
 
         Examples
         --------
@@ -258,10 +242,6 @@ class FlatPage(Planar):
         ------
         InputError
             If the image does not belong to this page or shows nothing, or if the colour map does not exist.
-
-        See Also
-        --------
-        TexturedSurface.save : Save the surface with its texture.
 
         Examples
         --------

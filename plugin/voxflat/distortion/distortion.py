@@ -106,10 +106,6 @@ class Distortion(ReadOnly):
         dict
             The measures, keyed by field name; ``standard_error`` has the same keys.
 
-        See Also
-        --------
-        Distortion.table : The measures as text.
-
         Examples
         --------
         >>> figures = voxflat.samples.hill().flatten().distortion.figures()
@@ -131,10 +127,6 @@ class Distortion(ReadOnly):
         -------
         str
             The table.
-
-        See Also
-        --------
-        Distortion.figures : The measures for JSON.
 
         Examples
         --------

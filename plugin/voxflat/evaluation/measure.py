@@ -126,10 +126,6 @@ class Comparison(ReadOnly, Recorded):
         dict
             The results of `Distortion.figures`, keyed by map name.
 
-        See Also
-        --------
-        Comparison.table : The measures as text.
-
         Examples
         --------
         >>> surface = voxflat.samples.hill()
@@ -148,10 +144,6 @@ class Comparison(ReadOnly, Recorded):
         -------
         str
             The table.
-
-        See Also
-        --------
-        Comparison.figures : The measures for JSON.
 
         Examples
         --------

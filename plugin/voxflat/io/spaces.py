@@ -99,10 +99,6 @@ class VolumeGeometry(ReadOnly):
         VolumeGeometry
             Geometry of the conformed volume.
 
-        See Also
-        --------
-        VolumeGeometry.of_volume : Return the geometry of any volume.
-
         Examples
         --------
         >>> voxflat.io.VolumeGeometry.conformed().shape
@@ -129,10 +125,6 @@ class VolumeGeometry(ReadOnly):
         -------
         VolumeGeometry
             Geometry of the volume itself if its axes point left, inferior and anterior, else of the conformed volume.
-
-        See Also
-        --------
-        VolumeGeometry.conformed : Return the geometry of a conformed volume.
 
         Examples
         --------
@@ -250,10 +242,6 @@ class Space:
         ndarray of float64, shape (..., 3)
             Points in scanner RAS, in mm.
 
-        See Also
-        --------
-        Space.from_scanner : Transform points from scanner RAS.
-
         Examples
         --------
         >>> space = voxflat.io.Space("tkRAS", voxflat.io.VolumeGeometry.of_volume(np.eye(4), (256, 256, 256)))
@@ -276,10 +264,6 @@ class Space:
         -------
         ndarray of float64, shape (..., 3)
             Points in this space, in mm.
-
-        See Also
-        --------
-        Space.to_scanner : Transform points to scanner RAS.
 
         Examples
         --------
@@ -304,10 +288,6 @@ class Space:
         -------
         ndarray of float64, shape (..., 3)
             Points in tkRAS, mm.
-
-        See Also
-        --------
-        Space.to_scanner : Transform points to scanner RAS.
 
         Examples
         --------

@@ -70,10 +70,6 @@ class MapPage:
         InputError
             The name does not end in ``.html`` or ``.htm``.
 
-        See Also
-        --------
-        map_page : Make a page of a flat map.
-
         Examples
         --------
         >>> voxflat.map_page(voxflat.samples.hill().flatten()).save("hill.html")

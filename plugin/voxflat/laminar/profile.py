@@ -119,10 +119,6 @@ class Profile(ReadOnly, Recorded):
         str
             The table.
 
-        See Also
-        --------
-        Profile.save : Save the values to a file.
-
         Examples
         --------
         >>> rim = voxflat.rim(voxflat.samples.rim())
@@ -154,10 +150,6 @@ class Profile(ReadOnly, Recorded):
         ------
         InputError
             If the file extension is not supported, or the path is an input file.
-
-        See Also
-        --------
-        Profile.plot : Draw the profile.
 
         Examples
         --------
@@ -196,10 +188,6 @@ class Profile(ReadOnly, Recorded):
         ------
         InputError
             As in `voxflat.figures.profile`.
-
-        See Also
-        --------
-        Profile.table : The values as text.
 
         Examples
         --------

@@ -236,10 +236,6 @@ class FlatMap(Planar):
         FlatImage
             Mean relative error of the distances from each position; NaN outside the map.
 
-        See Also
-        --------
-        FlatMap.image : Show data on the map.
-
         Examples
         --------
         >>> voxflat.samples.hill().flatten().heat_map(pixel_size=1.0)
@@ -265,10 +261,6 @@ class FlatMap(Planar):
         -------
         ndarray, shape (N,) or (N, C)
             Value of the picture at each point, with the type of the picture.
-
-        See Also
-        --------
-        FlatMap.textured : Return the surface with a picture on it.
 
         Examples
         --------
@@ -309,10 +301,6 @@ class FlatMap(Planar):
         FileNotFoundError, PermissionError
             If the file cannot be opened.
 
-        See Also
-        --------
-        FlatMap.texture : Return the value of the picture at each point.
-
         Examples
         --------
         >>> voxflat.samples.hill().flatten().textured(np.full((8, 8, 3), 255, np.uint8))
@@ -352,10 +340,6 @@ class FlatMap(Planar):
         ------
         InputError
             If the numbers of values and points differ, or if the type of the values cannot hold the background.
-
-        See Also
-        --------
-        FlatMap.regions : Transfer regions to voxels.
 
         Examples
         --------
@@ -405,10 +389,6 @@ class FlatMap(Planar):
             If the regions cannot be read, are empty, or lie outside the map.
         FileNotFoundError, PermissionError
             If a file cannot be opened.
-
-        See Also
-        --------
-        FlatMap.paint : Write values into a volume.
 
         Examples
         --------
@@ -483,10 +463,6 @@ class FlatMap(Planar):
             If the file extension is not supported, or the path is an input file of the map.
         OSError
             If the file cannot be written.
-
-        See Also
-        --------
-        load : Load a saved map.
 
         Examples
         --------
@@ -574,10 +550,6 @@ class FlatMap(Planar):
         nilearn.surface.InMemoryMesh
             Coordinates (u, v, 0), in mm.
 
-        See Also
-        --------
-        FlatMap.to_gifti : Convert the map to a nibabel GiftiImage.
-
         Examples
         --------
         >>> voxflat.samples.hill().flatten().to_nilearn().n_vertices
@@ -595,10 +567,6 @@ class FlatMap(Planar):
         -------
         nibabel.gifti.GiftiImage
             The flat surface, with the vertices of the flattened mesh.
-
-        See Also
-        --------
-        FlatMap.to_nilearn : Convert the map to a nilearn InMemoryMesh.
 
         Examples
         --------
@@ -618,10 +586,6 @@ class FlatMap(Planar):
         -------
         trimesh.Trimesh
             Coordinates (u, v, 0), in mm (or the unit of the surface), and their ``units`` if they are known.
-
-        See Also
-        --------
-        FlatMap.to_pyvista : Convert the map to a pyvista.PolyData object.
 
         Examples
         --------
@@ -643,10 +607,6 @@ class FlatMap(Planar):
         -------
         pyvista.PolyData
             A mesh with one point for each point of the map.
-
-        See Also
-        --------
-        FlatMap.to_trimesh : Convert the map to a trimesh.Trimesh object.
 
         Examples
         --------
@@ -679,10 +639,6 @@ class FlatMap(Planar):
         ------
         InputError
             As in `voxflat.figures.flat_map`.
-
-        See Also
-        --------
-        FlatMap.image : Return the data shown on the map as an array.
 
         Examples
         --------

@@ -103,10 +103,6 @@ class Raster(ReadOnly):
         ndarray of float64, shape (H, W) or (H, W, C)
             Values at the pixels; NaN outside the map.
 
-        See Also
-        --------
-        FlatMap.image : Show data on the map.
-
         Examples
         --------
         >>> flat_map = voxflat.samples.hill().flatten()
@@ -212,10 +208,6 @@ class FlatImage(ReadOnly, Recorded):
         InputError
             If the colour map does not exist.
 
-        See Also
-        --------
-        FlatImage.save : Save the image.
-
         Examples
         --------
         >>> flat_map = voxflat.samples.hill().flatten()
@@ -265,10 +257,6 @@ class FlatImage(ReadOnly, Recorded):
         InputError
             If the map is not periodic, or the period is not a whole number of pixels.
 
-        See Also
-        --------
-        FlatMap.period : The period of a map.
-
         Examples
         --------
         >>> tube = voxflat.surface(voxflat.samples.ball()).charts("cylinder")[0].flatten()
@@ -311,10 +299,6 @@ class FlatImage(ReadOnly, Recorded):
             If the file extension is not supported, the format cannot hold the values, or the path is an input file.
         OSError
             If the file cannot be written.
-
-        See Also
-        --------
-        FlatStack.save : Save several images to one file.
 
         Examples
         --------
@@ -459,10 +443,6 @@ class FlatStack(Sequence[FlatImage], ReadOnly, Recorded):
         FlatStack
             The images of the channel.
 
-        See Also
-        --------
-        FlatStack.names : Names of the channels.
-
         Examples
         --------
         >>> flat_map = voxflat.samples.hill().flatten()
@@ -497,10 +477,6 @@ class FlatStack(Sequence[FlatImage], ReadOnly, Recorded):
             If the images are colours.
         Cancelled
             If `progress` returned False.
-
-        See Also
-        --------
-        FlatStack.times : Times of the frames.
 
         Examples
         --------
@@ -577,10 +553,6 @@ class FlatStack(Sequence[FlatImage], ReadOnly, Recorded):
             If `progress` returned False.
         OSError
             If the file cannot be written.
-
-        See Also
-        --------
-        FlatImage.save : Save one image.
 
         Examples
         --------

@@ -140,10 +140,6 @@ class WorstPlace(ReadOnly):
         dict
             The figures by name.
 
-        See Also
-        --------
-        WorstPlaces.figures : Measures of all regions.
-
         Examples
         --------
         >>> worst = voxflat.worst_places(voxflat.samples.hill().flatten(), 1, beyond=1.01)
@@ -250,10 +246,6 @@ class WorstPlaces(ReadOnly, Recorded):
         InputError
             If there is no region with that number.
 
-        See Also
-        --------
-        WorstPlaces.save_cuts : Save the cuts to a file.
-
         Examples
         --------
         >>> len(voxflat.worst_places(voxflat.samples.hill().flatten(), 1, beyond=1.01).cuts())
@@ -286,10 +278,6 @@ class WorstPlaces(ReadOnly, Recorded):
         InputError
             If there is no region with that number, or the path is an input file.
 
-        See Also
-        --------
-        WorstPlaces.cuts : Return the cuts.
-
         Examples
         --------
         >>> worst = voxflat.worst_places(voxflat.samples.hill().flatten(), 1, beyond=1.01)
@@ -311,10 +299,6 @@ class WorstPlaces(ReadOnly, Recorded):
         -------
         dict
             The measures by name; ``places`` lists the measures of each region.
-
-        See Also
-        --------
-        WorstPlaces.table : The measures as text.
 
         Examples
         --------
@@ -338,10 +322,6 @@ class WorstPlaces(ReadOnly, Recorded):
         -------
         str
             The table.
-
-        See Also
-        --------
-        WorstPlaces.figures : The measures for JSON.
 
         Examples
         --------
@@ -382,10 +362,6 @@ class WorstPlaces(ReadOnly, Recorded):
         ------
         InputError
             If the file extension is not supported, or the path is an input file.
-
-        See Also
-        --------
-        WorstPlaces.save_cuts : Save the cuts.
 
         Examples
         --------

@@ -177,10 +177,6 @@ class CutSurface(ReadOnly, Generic[_Surface]):
         InputError
             If no cut has this number.
 
-        See Also
-        --------
-        Cut : One cut of a surface.
-
         Examples
         --------
         >>> cut_open = voxflat.surface(voxflat.samples.ball()).cut()
@@ -261,10 +257,6 @@ class CutSurface(ReadOnly, Generic[_Surface]):
             If no sphere was passed to `Surface.cut`, or a cut starts neither at a border nor at another cut.
         OSError
             If the file cannot be written.
-
-        See Also
-        --------
-        CutSurface.save : Save the cuts for the same surface.
 
         Examples
         --------

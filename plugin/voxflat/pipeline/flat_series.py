@@ -194,10 +194,6 @@ class FlatSeries(Sequence[FlatMap], ReadOnly, Recorded):
             If the number of volumes is not the number of frames, if the volumes differ in shape or number of channels,
             or as in `FlatMap.images`.
 
-        See Also
-        --------
-        FlatMap.images : Show the channels and depths of one frame.
-
         Examples
         --------
         >>> ball = voxflat.samples.ball()
@@ -298,10 +294,6 @@ class FlatSeries(Sequence[FlatMap], ReadOnly, Recorded):
         OSError
             If the file cannot be written.
 
-        See Also
-        --------
-        load_series : Load a saved series.
-
         Examples
         --------
         >>> hill = voxflat.samples.hill()
@@ -339,10 +331,6 @@ class FlatSeries(Sequence[FlatMap], ReadOnly, Recorded):
         ------
         InputError, IndexError
             If a frame is not a whole number, or does not exist.
-
-        See Also
-        --------
-        FlatMap.distortion : Changes of areas and angles of the reference frame.
 
         Examples
         --------

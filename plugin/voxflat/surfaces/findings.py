@@ -123,10 +123,6 @@ class Check(ReadOnly):
         list of tuple of str
             Pairs of a name and the finding as text.
 
-        See Also
-        --------
-        Check.table : Return the findings as a table.
-
         Examples
         --------
         >>> voxflat.samples.hill().check().rows()[0]
@@ -148,10 +144,6 @@ class Check(ReadOnly):
         -------
         str
             The table as text.
-
-        See Also
-        --------
-        Check.rows : Return the findings as pairs.
 
         Examples
         --------

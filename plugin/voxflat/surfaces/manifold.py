@@ -207,10 +207,6 @@ class Manifold(ReadOnly):
         InputError
             If one of the ids is not on this surface.
 
-        See Also
-        --------
-        Surface.nearest : Find the vertex nearest to a voxel.
-
         Examples
         --------
         >>> surface = voxflat.samples.hill()
@@ -272,10 +268,6 @@ class Manifold(ReadOnly):
         distance : float
             Distance from the centre of the voxel to the centre of the vertex's voxel, in mm.
 
-        See Also
-        --------
-        Surface.find : Find vertices by their ids.
-
         Examples
         --------
         >>> surface = voxflat.surface(voxflat.samples.ball())
@@ -318,10 +310,6 @@ class Manifold(ReadOnly):
         InputError, Cancelled
             If the smoothing is negative or not finite, or `progress` returned False.
 
-        See Also
-        --------
-        Surface.sulcal_depth : Return the depth of each vertex in a sulcus.
-
         Examples
         --------
         >>> surface = voxflat.samples.hill()
@@ -357,10 +345,6 @@ class Manifold(ReadOnly):
         ------
         InputError, Cancelled
             If `flow` is not positive, or `progress` returned False.
-
-        See Also
-        --------
-        Surface.mean_curvature : Return the mean curvature at each vertex.
 
         Examples
         --------
@@ -424,10 +408,6 @@ class Manifold(ReadOnly):
         InputError
             If the surface came from a mesh.
 
-        See Also
-        --------
-        voxflat.surface : Create a surface.
-
         Examples
         --------
         >>> surface = voxflat.surface(voxflat.samples.ball(), repair="voxels")
@@ -483,10 +463,6 @@ class Manifold(ReadOnly):
             If the file extension is not supported, or the surface was made from that file.
         OSError
             If the file cannot be written.
-
-        See Also
-        --------
-        voxflat.io.write_mesh : Write a mesh to a file.
 
         Examples
         --------

@@ -137,10 +137,6 @@ class TexturedSurface(ReadOnly, Recorded):
         InputError
             If the tolerance is not positive, or the picture is so fine that there would be too many triangles.
 
-        See Also
-        --------
-        TexturedSurface.colours : Colours at the points.
-
         Examples
         --------
         >>> textured = voxflat.samples.hill().flatten().textured(np.full((8, 8, 3), 255, np.uint8))
@@ -176,10 +172,6 @@ class TexturedSurface(ReadOnly, Recorded):
             write.
         OSError
             If a file cannot be written.
-
-        See Also
-        --------
-        TexturedSurface.subdivided : Split triangles before saving as ``.ply``.
 
         Examples
         --------

@@ -105,10 +105,6 @@ class Registration(ReadOnly, Recorded):
         OSError
             If the file cannot be written.
 
-        See Also
-        --------
-        voxflat.Surface.save : Write a surface to a file.
-
         Examples
         --------
         >>> from nilearn.datasets import fetch_surf_fsaverage
