@@ -110,11 +110,6 @@ class _Filter(VTKPythonAlgorithmBase):
         -------
         list of str
             The names in alphabetical order.
-
-        Examples
-        --------
-        >>> "method" in voxflat.vtk.FlattenSurface.options()
-        True
         """
         return [name for name in dir(cls) if isinstance(getattr(cls, name), _Option)]
 
@@ -127,11 +122,6 @@ class _Filter(VTKPythonAlgorithmBase):
         ----------
         data : vtkDataSet
             The dataset.
-
-        Examples
-        --------
-        >>> flatten = voxflat.vtk.FlattenSurface()
-        >>> flatten.SetInputData(pv.Plane())
         """
         self.SetInputDataObject(0, data)
 

@@ -266,9 +266,5 @@ class VoxflatAccessor(Verbs):
             If the file name has another extension.
         OSError
             If the file cannot be written.
-
-        Examples
-        --------
-        >>> pv.Plane().voxflat.export_html("plane.html")
         """
         self.show(title, progress_bar=progress_bar, **options).save(path)

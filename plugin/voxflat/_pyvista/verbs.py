@@ -126,11 +126,6 @@ class Verbs(Inputs):
         --------
         voxflat.flatten : Flatten arrays and files.
         surface : Return the surface that is flattened.
-
-        Examples
-        --------
-        >>> pv.Plane(i_size=20, j_size=20).voxflat.flatten()
-        <FlatMap: 121 points, 20 x 20, relative error 0.0 %>
         """
         given: dict[str, Any] = {**options}
         with shown(progress_bar, given.pop("progress", None)) as progress:
@@ -156,11 +151,6 @@ class Verbs(Inputs):
         -------
         pyvista.PolyData
             Triangles, with the point data ``vertex_ids`` (point numbers of the dataset) or ``voxel_ids`` (i, j, k).
-
-        Examples
-        --------
-        >>> pv.Icosphere(nsub=2).voxflat.surface().n_points
-        162
         """
         extracted, source = self._source(scalars, options.get("unit"))
         whole = surface(source, **options)
@@ -187,11 +177,6 @@ class Verbs(Inputs):
         -------
         Check
             Components, holes, handles, and the effect of each remedy.
-
-        Examples
-        --------
-        >>> pv.Plane().voxflat.check().can_flatten
-        True
         """
         return check(self._source(scalars)[1], **options)
 
@@ -264,11 +249,6 @@ class Verbs(Inputs):
         pyvista.PolyData
             A line with the point data ``vertex_ids`` (-1 where the path crosses an edge) and the field data ``length``,
             in the unit of the mesh.
-
-        Examples
-        --------
-        >>> pv.Icosphere(nsub=2).voxflat.path(0, 11).n_points > 1
-        True
         """
         extracted = self._extracted(None)
         stops = [extracted.point(stop, "stops") for stop in (a, b, *further)]
@@ -325,11 +305,6 @@ class Verbs(Inputs):
         pyvista.PolyData
             The page of all patches, as in `to_page_polydata`. The arrays of a mesh are copied, as in a call to the
             accessor. ``page.points = page["surface_points"]`` moves the points of the page back onto the surface.
-
-        Examples
-        --------
-        >>> pv.Icosphere(nsub=2).voxflat.patches(max_angle=20).n_cells
-        320
         """
         extracted, source = self._source(scalars)
         given: dict[str, Any] = {**options}

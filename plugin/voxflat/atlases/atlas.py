@@ -161,11 +161,6 @@ class Atlas(FlatPieces, ABC):
         ------
         InputError
             If the gap or the packing is invalid, or xatlas is not installed.
-
-        Examples
-        --------
-        >>> voxflat.samples.hill().patches(max_angle=20).page()
-        <FlatPage: 8 pieces, 55 x 71, 44 % used>
         """
         chosen = usual_gap(self.uv, self.starts) if gap is None else checked_number(gap, "gap")
         key = (chosen, checked_choice(packing, "packing", PACKINGS))
@@ -189,11 +184,6 @@ class Atlas(FlatPieces, ABC):
         -------
         ndarray, shape (P, 2)
             Position on the page for each row of `uv`, in mm.
-
-        Examples
-        --------
-        >>> voxflat.samples.hill().patches(max_angle=20).layout().shape
-        (559, 2)
         """
         return self.page(gap, packing=packing).uv
 
@@ -215,11 +205,6 @@ class Atlas(FlatPieces, ABC):
         -------
         FlatImage
             The image, with NaN (for colours, alpha 0) outside the pieces and where the volume has no value.
-
-        Examples
-        --------
-        >>> voxflat.samples.hill().patches(max_angle=20).image(np.arange(441.0))
-        <FlatImage: overlay, 116 x 151 pixels of 0.477758>
         """
         return self.page().image(volume, pixel_size, **options)
 
@@ -241,11 +226,6 @@ class Atlas(FlatPieces, ABC):
         -------
         FlatStack
             A sequence of images.
-
-        Examples
-        --------
-        >>> len(voxflat.samples.hill().patches(max_angle=20).images(np.ones((441, 3))))
-        3
         """
         return self.page().images(volume, pixel_size, **options)
 
@@ -265,11 +245,6 @@ class Atlas(FlatPieces, ABC):
         -------
         FlatImage
             The image, with NaN outside the pieces.
-
-        Examples
-        --------
-        >>> voxflat.samples.hill().patches(max_angle=20).heat_map(pixel_size=1.0)
-        <FlatImage: C: greatest factor by which lengths change, 56 x 73 pixels of 1>
         """
         return self.page().heat_map(pixel_size, of=of)
 
@@ -284,11 +259,6 @@ class Atlas(FlatPieces, ABC):
         -------
         dict
             The figures by name.
-
-        Examples
-        --------
-        >>> sorted(voxflat.samples.hill().patches(max_angle=20).figures())[:3]
-        ['area', 'broken', 'certificate']
         """
         return self._figures()
 
@@ -309,11 +279,6 @@ class Atlas(FlatPieces, ABC):
         -------
         str
             The table.
-
-        Examples
-        --------
-        >>> print(voxflat.samples.hill().patches(max_angle=20).table().splitlines()[0])
-        patches                            8
         """
         return "\n".join(self._lines())
 
@@ -426,12 +391,6 @@ class Atlas(FlatPieces, ABC):
         See Also
         --------
         load_atlas : Load an atlas of either kind.
-
-        Examples
-        --------
-        >>> voxflat.samples.hill().patches(max_angle=20).save("hill_patches.npz")
-        >>> voxflat.FlatAtlas.load("hill_patches.npz")
-        <FlatAtlas of 8 patches: 800 triangles, C ≤ 1.3640, K ≤ 1.5930>
         """
         with files.naming(path, files.AGAIN):
             files.check_regular(checked_path(path))

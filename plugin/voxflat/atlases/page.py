@@ -111,11 +111,6 @@ class FlatPage(Planar):
         -------
         ndarray of int64, shape (H, W)
             Rows of the atlas's `faces`; −1 outside the pieces.
-
-        Examples
-        --------
-        >>> voxflat.samples.hill().patches(max_angle=20).page().face_ids(pixel_size=1.0).ndim
-        2
         """
         raster = self.raster(pixel_size)
         return np.where(raster.inside, raster.corners[..., 0].astype(np.int64) // 3, -1)
@@ -142,11 +137,6 @@ class FlatPage(Planar):
         ------
         InputError
             If the measure is unknown.
-
-        Examples
-        --------
-        >>> voxflat.samples.hill().patches(max_angle=20).page().heat_map(pixel_size=1.0)
-        <FlatImage: C: greatest factor by which lengths change, 56 x 73 pixels of 1>
         """
         checked_choice(of, "of", FIGURES)
         return self._carried(getattr(self.atlas, of), FIGURES[of], pixel_size)
@@ -166,11 +156,6 @@ class FlatPage(Planar):
         -------
         FlatImage
             The image, with NaN outside the pieces.
-
-        Examples
-        --------
-        >>> voxflat.samples.hill().patches(max_angle=20).page().label_image(pixel_size=1.0)
-        <FlatImage: number of the patch, 56 x 73 pixels of 1>
         """
         numbers = self.atlas.patch_ids + 1  # 0 would be grey, as for unlabelled pixels
         return replace(self._carried(numbers, "number of the patch", pixel_size), labels=True)
@@ -200,11 +185,6 @@ class FlatPage(Planar):
         ------
         InputError
             If the image does not contain the whole page.
-
-        Examples
-        --------
-        >>> voxflat.samples.hill().patches(max_angle=20).page().texture_coordinates().shape
-        (559, 2)
         """
         if image is None:
             raster = self.raster()

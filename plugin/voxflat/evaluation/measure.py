@@ -125,13 +125,6 @@ class Comparison(ReadOnly, Recorded):
         -------
         dict
             The results of `Distortion.figures`, keyed by map name.
-
-        Examples
-        --------
-        >>> surface = voxflat.samples.hill()
-        >>> comparison = voxflat.compare(surface, {"seen from above": surface.points[:, :2]})
-        >>> list(comparison.figures())[:2]
-        ['seen from above']
         """
         return {name: measured.distortion.figures() for name, measured in self.maps.items()}
 
@@ -144,13 +137,6 @@ class Comparison(ReadOnly, Recorded):
         -------
         str
             The table.
-
-        Examples
-        --------
-        >>> surface = voxflat.samples.hill()
-        >>> comparison = voxflat.compare(surface, {"seen from above": surface.points[:, :2]})
-        >>> print(comparison.table().splitlines()[0])
-        from 300 random sources, ± standard error; exact distances over the triangles
         """
         return table_of_several({name: measured.distortion for name, measured in self.maps.items()})
 

@@ -69,10 +69,6 @@ class MapPage:
         ------
         InputError
             The name does not end in ``.html`` or ``.htm``.
-
-        Examples
-        --------
-        >>> voxflat.map_page(voxflat.samples.hill().flatten()).save("hill.html")
         """
         path = checked_path(path)
         if path.suffix.lower() not in (".html", ".htm"):

@@ -150,11 +150,6 @@ class Profile(ReadOnly, Recorded):
         ------
         InputError
             If the file extension is not supported, or the path is an input file.
-
-        Examples
-        --------
-        >>> rim = voxflat.rim(voxflat.samples.rim())
-        >>> rim.profile(rim.thickness()).save("profile.tsv")
         """
         path = checked_path(path)
         if path.suffix.lower() not in PROFILE_ENDINGS:
@@ -188,14 +183,6 @@ class Profile(ReadOnly, Recorded):
         ------
         InputError
             As in `voxflat.figures.profile`.
-
-        Examples
-        --------
-        >>> import matplotlib.pyplot as plt
-        >>> rim = voxflat.rim(voxflat.samples.rim())
-        >>> figure, ax = plt.subplots()
-        >>> rim.profile(rim.thickness()).plot(label="thickness (mm)", ax=ax) is ax
-        True
         """
         figure = shown_by("profile", self, label=label, ax=ax)
         return figure if ax is None else ax

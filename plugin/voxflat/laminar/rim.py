@@ -248,12 +248,6 @@ class Rim(ReadOnly, Recorded):
         -------
         Volume
             Thickness in mm as float32; NaN outside the grey matter.
-
-        Examples
-        --------
-        >>> rim = voxflat.rim(voxflat.samples.rim())
-        >>> round(float(np.nanmedian(rim.thickness().data)), 1)
-        2.4
         """
         return self.labels.in_volume(self.values.thickness.astype(np.float32), np.nan)
 
@@ -380,11 +374,6 @@ class Rim(ReadOnly, Recorded):
         ------
         InputError
             The columns are not those of this rim.
-
-        Examples
-        --------
-        >>> voxflat.rim(voxflat.samples.rim()).to_pyvista().keys()
-        ['inner', 'middle', 'outer']
         """
         require("pyvista")
         if columns is not None and len(columns.vertex_columns) != len(self.surface):

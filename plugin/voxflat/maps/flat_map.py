@@ -235,11 +235,6 @@ class FlatMap(Planar):
         -------
         FlatImage
             Mean relative error of the distances from each position; NaN outside the map.
-
-        Examples
-        --------
-        >>> voxflat.samples.hill().flatten().heat_map(pixel_size=1.0)
-        <FlatImage: distortion: mean relative error of distances, 43 x 43 pixels of 1>
         """
         raster = self.raster(pixel_size)
         data = raster.interpolate(self.distortion.per_point)
@@ -261,11 +256,6 @@ class FlatMap(Planar):
         -------
         ndarray, shape (N,) or (N, C)
             Value of the picture at each point, with the type of the picture.
-
-        Examples
-        --------
-        >>> voxflat.samples.hill().flatten().texture(np.zeros((64, 64))).shape
-        (441,)
         """
         values = check_values(picture)
         found = values_at(values, place(self.uv, values.shape))
@@ -300,11 +290,6 @@ class FlatMap(Planar):
             If `picture` is not a picture, or if it does not cover the map and `repeat` is False.
         FileNotFoundError, PermissionError
             If the file cannot be opened.
-
-        Examples
-        --------
-        >>> voxflat.samples.hill().flatten().textured(np.full((8, 8, 3), 255, np.uint8))
-        <TexturedSurface: 441 points, 800 triangles, 8 x 8 texels>
         """
         colours, source = as_picture(picture)
         coordinates = place(self.uv, colours.shape, texel_size)
@@ -412,11 +397,6 @@ class FlatMap(Planar):
         See Also
         --------
         FlatMap.provenance : Record of how the map was made.
-
-        Examples
-        --------
-        >>> voxflat.samples.hill().flatten().description()["method"]
-        'voxflat'
         """
         return {**self.metadata, "distortion": self.distortion.figures()}
 
@@ -549,11 +529,6 @@ class FlatMap(Planar):
         -------
         nilearn.surface.InMemoryMesh
             Coordinates (u, v, 0), in mm.
-
-        Examples
-        --------
-        >>> voxflat.samples.hill().flatten().to_nilearn().n_vertices
-        441
         """
         mesh = self._flat_mesh()
         return require("nilearn.surface").InMemoryMesh(mesh.points, mesh.faces)
@@ -567,11 +542,6 @@ class FlatMap(Planar):
         -------
         nibabel.gifti.GiftiImage
             The flat surface, with the vertices of the flattened mesh.
-
-        Examples
-        --------
-        >>> voxflat.samples.hill().flatten().to_gifti().agg_data("pointset").shape
-        (441, 3)
         """
         mesh = self._flat_mesh()
         warn_of_unit("GIFTI image", self.origin.unit)
@@ -586,11 +556,6 @@ class FlatMap(Planar):
         -------
         trimesh.Trimesh
             Coordinates (u, v, 0), in mm (or the unit of the surface), and their ``units`` if they are known.
-
-        Examples
-        --------
-        >>> len(voxflat.samples.hill().flatten().to_trimesh().vertices)
-        441
         """
         mesh = self._flat_mesh()
         made = require("trimesh").Trimesh(mesh.points, mesh.faces, process=False)
@@ -607,11 +572,6 @@ class FlatMap(Planar):
         -------
         pyvista.PolyData
             A mesh with one point for each point of the map.
-
-        Examples
-        --------
-        >>> voxflat.samples.hill().flatten().to_pyvista().n_points
-        441
         """
         require("pyvista")
         return shown_by("map_to_pyvista", self)

@@ -141,11 +141,6 @@ class Planar(ReadOnly, ABC):
         ------
         InputError
             If the pixel size is not positive, or so small that the image would be too large.
-
-        Examples
-        --------
-        >>> voxflat.samples.hill().flatten().raster(pixel_size=1.0).shape
-        (43, 43)
         """
         size = self.pixel_size if pixel_size is None else checked_number(pixel_size, "pixel size")
         if size not in self._rasters:

@@ -102,12 +102,6 @@ class Raster(ReadOnly):
         -------
         ndarray of float64, shape (H, W) or (H, W, C)
             Values at the pixels; NaN outside the map.
-
-        Examples
-        --------
-        >>> flat_map = voxflat.samples.hill().flatten()
-        >>> flat_map.raster(pixel_size=1.0).interpolate(flat_map.points[:, 2]).shape
-        (43, 43)
         """
         values = numbers_of(values, "values", as_nan=True)
         image = np.zeros((*self.shape, *values.shape[1:]))
@@ -207,12 +201,6 @@ class FlatImage(ReadOnly, Recorded):
         ------
         InputError
             If the colour map does not exist.
-
-        Examples
-        --------
-        >>> flat_map = voxflat.samples.hill().flatten()
-        >>> flat_map.image(flat_map.points[:, 2], pixel_size=1.0).colours().dtype
-        dtype('uint8')
         """
         return coloured(self.data, colour_map, limits, labels=self.is_labels)
 
@@ -442,12 +430,6 @@ class FlatStack(Sequence[FlatImage], ReadOnly, Recorded):
         -------
         FlatStack
             The images of the channel.
-
-        Examples
-        --------
-        >>> flat_map = voxflat.samples.hill().flatten()
-        >>> flat_map.images(np.arange(1764.0).reshape(441, 4), pixel_size=1.0).of_channel(2)
-        <FlatStack: overlay, 1 image (0 to 0)>
         """
         if not is_whole(channel) or not 0 <= channel < len(self.channels) // max(1, len(self.layers)):
             raise InputError(f"channel is {shown(channel)}. Pass the number of a channel, counted from 0")

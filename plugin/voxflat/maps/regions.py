@@ -163,12 +163,6 @@ class Regions(ReadOnly, Recorded):
         -------
         FlatImage
             Keys; 0 outside all regions, NaN outside the map.
-
-        Examples
-        --------
-        >>> regions = voxflat.samples.hill().flatten().regions({"V1": [[-5, -5], [5, -5], [0, 5]]})
-        >>> regions.image(pixel_size=1.0)
-        <FlatImage: regions, 43 x 43 pixels of 1>
         """
         raster = self.of.raster(pixel_size)
         rows, columns = np.indices(raster.shape)

@@ -139,12 +139,6 @@ class WorstPlace(ReadOnly):
         -------
         dict
             The figures by name.
-
-        Examples
-        --------
-        >>> worst = voxflat.worst_places(voxflat.samples.hill().flatten(), 1, beyond=1.01)
-        >>> sorted(worst.places[0].figures())[:2]
-        ['area_mm2', 'cut_gain']
         """
         told: dict[str, Any] = {"number": self.number, "kind": self.kind, "area_mm2": self.area, "share": self.share}
         told |= {"excess_mm2": self.excess, "worst_ratio": self.worst_ratio, "median_ratio": self.median_ratio}
@@ -245,11 +239,6 @@ class WorstPlaces(ReadOnly, Recorded):
         ------
         InputError
             If there is no region with that number.
-
-        Examples
-        --------
-        >>> len(voxflat.worst_places(voxflat.samples.hill().flatten(), 1, beyond=1.01).cuts())
-        1
         """
         for number in numbers:
             if not is_whole(number) or not 1 <= number <= len(self.places):
@@ -299,11 +288,6 @@ class WorstPlaces(ReadOnly, Recorded):
         -------
         dict
             The measures by name; ``places`` lists the measures of each region.
-
-        Examples
-        --------
-        >>> sorted(voxflat.worst_places(voxflat.samples.hill().flatten(), 1, beyond=1.01).figures())[:2]
-        ['beyond', 'found']
         """
         return {
             "beyond": self.beyond,
@@ -322,12 +306,6 @@ class WorstPlaces(ReadOnly, Recorded):
         -------
         str
             The table.
-
-        Examples
-        --------
-        >>> worst = voxflat.worst_places(voxflat.samples.hill().flatten(), 1, beyond=1.01)
-        >>> print(worst.table().splitlines()[0])
-        2 regions where areas change by more than a factor of 1.01 (87.69 % of the surface)
         """
         if not self.places:
             return self._about
@@ -362,11 +340,6 @@ class WorstPlaces(ReadOnly, Recorded):
         ------
         InputError
             If the file extension is not supported, or the path is an input file.
-
-        Examples
-        --------
-        >>> worst = voxflat.worst_places(voxflat.samples.hill().flatten(), 1, beyond=1.01)
-        >>> worst.save("worst.tsv")
         """
         name = checked_path(path).name.lower()
         if not name.endswith(WORST_ENDINGS):

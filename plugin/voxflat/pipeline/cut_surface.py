@@ -133,12 +133,6 @@ class CutSurface(ReadOnly, Generic[_Surface]):
         See Also
         --------
         Surface.flatten : Cut and flatten a surface.
-
-        Examples
-        --------
-        >>> opened = voxflat.surface(voxflat.samples.ball()).cut(relax=False)
-        >>> len(opened.flatten()) == len(opened.surface)
-        True
         """
         if self.cutout is None:
             raise InputError("this CutSurface does not record how it was cut. Pass one that Surface.cut returned")
@@ -176,12 +170,6 @@ class CutSurface(ReadOnly, Generic[_Surface]):
         ------
         InputError
             If no cut has this number.
-
-        Examples
-        --------
-        >>> cut_open = voxflat.surface(voxflat.samples.ball()).cut()
-        >>> cut_open.title(0)
-        'cut 1, posterior, right'
         """
         if not is_whole(number) or not 0 <= number < len(self.cuts):
             raise InputError(f"the cut number is {shown(number)}, but there are {len(self.cuts)} cuts, numbered from 0")

@@ -111,12 +111,6 @@ class Surface(Manifold):
         ------
         InputError
             If the region does not match the surface, or contains no triangle.
-
-        Examples
-        --------
-        >>> sheet = voxflat.range_image(np.zeros((6, 6)), 1.0)
-        >>> len(sheet.keep(np.arange(18)))
-        18
         """
         return kept(self, region)
 
@@ -140,12 +134,6 @@ class Surface(Manifold):
         ------
         InputError
             If the region does not match the surface, or nothing remains.
-
-        Examples
-        --------
-        >>> sheet = voxflat.range_image(np.zeros((6, 6)), 1.0)
-        >>> len(sheet.drop([14, 15]))
-        34
         """
         return dropped(self, region)
 
@@ -673,11 +661,6 @@ class Surface(Manifold):
         ------
         Cancelled
             If `progress` returned False.
-
-        Examples
-        --------
-        >>> voxflat.range_image(np.zeros((6, 6)), 1.0).check().can_flatten
-        True
         """
         with reading(memory_limit):
             of = self if self.whole is None else self.whole

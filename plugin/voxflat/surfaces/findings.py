@@ -122,11 +122,6 @@ class Check(ReadOnly):
         -------
         list of tuple of str
             Pairs of a name and the finding as text.
-
-        Examples
-        --------
-        >>> voxflat.samples.hill().check().rows()[0]
-        ('input', 'array')
         """
         rows = [("input", self.path or "array"), *self._contents()]
         rows += [(name, f"{len(places)}: {_shortened(places)}") for name, places in self.defects.items() if places]
@@ -144,11 +139,6 @@ class Check(ReadOnly):
         -------
         str
             The table as text.
-
-        Examples
-        --------
-        >>> print(voxflat.samples.hill().check().table().splitlines()[0])
-        input                 array
         """
         rows = self.rows()
         width = max(len(name) for name, _ in rows) + 2

@@ -309,12 +309,6 @@ class Manifold(ReadOnly):
         ------
         InputError, Cancelled
             If the smoothing is negative or not finite, or `progress` returned False.
-
-        Examples
-        --------
-        >>> surface = voxflat.samples.hill()
-        >>> surface.mean_curvature().shape
-        (441,)
         """
         if not (is_number(smoothing) and 0 <= smoothing < np.inf):
             raise InputError(f"smoothing is {shown(smoothing)}. Pass a length in mm, or 0 for no smoothing")
@@ -345,12 +339,6 @@ class Manifold(ReadOnly):
         ------
         InputError, Cancelled
             If `flow` is not positive, or `progress` returned False.
-
-        Examples
-        --------
-        >>> surface = voxflat.surface(voxflat.samples.ball())
-        >>> surface.sulcal_depth().shape
-        (632,)
         """
         if not (is_number(flow) and 0 < flow < np.inf):
             raise InputError(f"flow is {shown(flow)}. Pass a positive number of mm²")
@@ -407,12 +395,6 @@ class Manifold(ReadOnly):
         ------
         InputError
             If the surface came from a mesh.
-
-        Examples
-        --------
-        >>> surface = voxflat.surface(voxflat.samples.ball(), repair="voxels")
-        >>> int(surface.changed_voxels().sum())
-        0
         """
         if not self.is_voxels:
             raise InputError("the surface came from a mesh, so no voxels were changed. Pass a surface from a volume")
@@ -463,11 +445,6 @@ class Manifold(ReadOnly):
             If the file extension is not supported, or the surface was made from that file.
         OSError
             If the file cannot be written.
-
-        Examples
-        --------
-        >>> surface = voxflat.samples.hill()
-        >>> surface.save("hill.ply")
         """
         path = checked_path(path)
         space, structure = self.space, self.origin.structure
