@@ -9,7 +9,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from voxflat.arguments import checked_choice, checked_kind
+from voxflat.arguments import checked_choice, checked_instance
 from voxflat.atlases.pieces import FIGURES, FlatPieces
 from voxflat.errors import InputError
 from voxflat.io.provenance import Record, telling
@@ -189,7 +189,7 @@ class FlatPage(Planar):
         if image is None:
             raster = self.raster()
             image = FlatImage(np.empty((*raster.shape, 0)), raster.pixel_size, raster.origin, "")
-        checked_kind(image, "image", "extent", "a FlatImage of this page")
+        checked_instance(image, FlatImage, "image", "a FlatImage of this page")
         left, right, bottom, top = image.extent
         coordinates = (self.uv - [left, bottom]) / [right - left, top - bottom]
         if (coordinates < 0).any() or (coordinates > 1).any():

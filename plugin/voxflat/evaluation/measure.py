@@ -12,7 +12,7 @@ from voxflat import _core
 from voxflat.arguments import (
     Progress,
     checked_choice,
-    checked_kind,
+    checked_instance,
     checked_seed,
     checked_switch,
     checked_threads,
@@ -270,7 +270,7 @@ def compare(
         raise InputError(f"sources is {shown(sources)}. Pass a whole number, at least 1")
     if reference is not None:
         checked_choice(reference, "reference", ("exact", "graph"))
-    checked_kind(maps, "collection of maps", "items", "a dict of maps, keyed by name")
+    checked_instance(maps, Mapping, "collection of maps", "a dict of maps, keyed by name")
     if not maps:
         raise InputError("maps is empty. Pass at least one map to measure")
     if isinstance(surface, CutSurface):  # distances are measured along the cuts of the map

@@ -14,7 +14,7 @@ from voxflat import _core
 from voxflat.arguments import (
     Progress,
     array_of,
-    checked_kind,
+    checked_instance,
     checked_path,
     checked_text,
     checked_threads,
@@ -368,7 +368,7 @@ class Manifold(ReadOnly):
 
     def _in_patch(self, patch: Patch) -> NDArray[np.bool_]:
         """Find the triangles of a FreeSurfer patch: like other programs, take those whose corners are all listed."""
-        checked_kind(patch, "patch", "vertex_ids", "a Patch, as read_patch returns it")
+        checked_instance(patch, Patch, "patch", "a Patch, as read_patch returns it")
         is_listed = np.isin(self.merged[:, 0], patch.vertex_ids)
         listed = np.concatenate([patch.vertex_ids, self.merged[is_listed, 1]])
         return in_patch(self.vertices[self.faces], np.unique(listed), self.count)
