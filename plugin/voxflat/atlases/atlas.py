@@ -5,6 +5,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from pathlib import Path
 from typing import Any, ClassVar, TypeVar
 
 import numpy as np
@@ -20,9 +21,10 @@ from voxflat.io import files
 from voxflat.io.grid import FARTHEST, in_unit
 from voxflat.io.notebook import page
 from voxflat.io.origin import origin_of
-from voxflat.io.provenance import Record, as_text, saving
+from voxflat.io.provenance import Record, as_text
 from voxflat.io.readers import read_arrays
 from voxflat.io.reading import note
+from voxflat.io.saved import Saved
 from voxflat.maps.raster import FlatImage, FlatStack
 
 _SHOWN = 12  # pieces in a table
@@ -44,7 +46,7 @@ Own = TypeVar("Own", bound="Atlas")
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Atlas(FlatPieces, ABC):
+class Atlas(FlatPieces, Saved, ABC):
     """A surface divided into a sequence of flat pieces, from the largest to the smallest.
 
     It is either a `FlatAtlas` of certified patches, or a `GluedAtlas`.
@@ -89,6 +91,12 @@ class Atlas(FlatPieces, ABC):
     --------
     >>> voxflat.samples.hill().patches(max_angle=20)
     <FlatAtlas of 8 patches: 800 triangles, C ≤ 1.3640, K ≤ 1.5930>
+    """
+
+    _kind = "an atlas"
+    _endings = files.SAVED_ENDINGS
+    _formats = """
+    ``.npz`` and ``.voxflat`` hold the complete atlas with `provenance`, for `load_atlas`.
     """
 
     measured: NDArray[np.float64]
@@ -317,43 +325,10 @@ class Atlas(FlatPieces, ABC):
         told: Record = {name: self.metadata[name] for name in ("space", "warnings") if name in self.metadata}
         return {**super().provenance, **told, "figures": self.figures()}
 
-    def save(self, path: str | os.PathLike[str], *, sidecar: bool = False, overwrite: bool = False) -> None:
-        """Save the atlas to a file.
-
-        The file includes `provenance`. It is written either completely or not at all.
-
-        Parameters
-        ----------
-        path : path
-            A file name that ends in .npz or .voxflat.
-        sidecar : bool
-            Also write `provenance` to ``<path>.json``.
-        overwrite : bool
-            Replace an existing file that voxflat did not write.
-
-        Raises
-        ------
-        InputError
-            If the extension is not supported, or the path is an input file of the atlas.
-        OSError
-            If the file cannot be written.
-
-        Examples
-        --------
-        >>> voxflat.samples.hill().patches(max_angle=20).save("hill_atlas.npz")
-        >>> voxflat.load_atlas("hill_atlas.npz")
-        <FlatAtlas of 8 patches: 800 triangles, C ≤ 1.3640, K ≤ 1.5930>
-        """
-        path = checked_path(path)
-        if path.suffix.lower() not in files.SAVED_ENDINGS:
-            raise InputError(f"cannot save an atlas as {path.name}. Use a name that ends in .npz or .voxflat")
+    def _write(self, path: Path) -> None:
         text = {"format": self._format, "metadata": self.metadata, **self._text()}
         arrays: dict[str, Any] = {name: getattr(self, name) for name in self._arrays}
-        with (
-            saving(path, self.provenance, sidecar=sidecar, overwrite=overwrite),
-            files.atomic_path(path) as temporary,
-            temporary.open("wb") as file,
-        ):
+        with files.atomic_path(path) as temporary, temporary.open("wb") as file:
             np.savez_compressed(file, text=np.array(as_text(text)), **arrays)
 
     @abstractmethod

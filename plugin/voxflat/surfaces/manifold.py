@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -15,7 +16,6 @@ from voxflat.arguments import (
     Progress,
     array_of,
     checked_instance,
-    checked_path,
     checked_text,
     checked_threads,
     is_number,
@@ -29,7 +29,8 @@ from voxflat.io.meshes import Mesh, in_tkras, write_mesh
 from voxflat.io.notebook import page
 from voxflat.io.origin import Origin
 from voxflat.io.patches import FLAT_PATCH_ENDINGS, PATCH_ENDING, Patch, in_patch, patch_border, write_patch
-from voxflat.io.provenance import Record, resolved, saving
+from voxflat.io.provenance import Record, resolved
+from voxflat.io.saved import Saved
 from voxflat.io.spaces import Space, VolumeGeometry
 from voxflat.io.triangles import check_faces
 from voxflat.read_only import ReadOnly
@@ -55,10 +56,19 @@ class Step:
 
 
 @dataclass(frozen=True, eq=False)
-class Manifold(ReadOnly):
+class Manifold(ReadOnly, Saved):
     """A surface of triangles: an oriented manifold with or without a boundary.
 
     `voxflat.Surface` describes the fields. Arrays with V rows refer to the vertices of the complete surface.
+    """
+
+    _kind = "the surface"
+    _formats = """
+    File name that ends in .surf.gii, .vtp, .ply or .obj, or a FreeSurfer name such as lh.white. FreeSurfer files are
+    in tkRAS; other files are in scanner RAS, as in `io.write_mesh`. A name that ends in .patch.3d writes a FreeSurfer
+    patch of the original mesh, for ``mris_flatten``. A patch uses the vertex numbers of the mesh and has one position
+    per vertex, so it excludes vertices at the sides of cuts; a warning reports how many. GIFTI files contain
+    `provenance`.
     """
 
     core: _core.Surface
@@ -421,44 +431,19 @@ class Manifold(ReadOnly):
         """Return the same surface with a provenance record."""
         return replace(self, metadata={**self.metadata, "provenance": resolved(record, self.metadata)})
 
-    def save(self, path: str | os.PathLike[str], *, sidecar: bool = False, overwrite: bool = False) -> None:
-        """Write the surface to a file.
-
-        The file is written completely or not at all. FreeSurfer files are in tkRAS; other files are in scanner RAS, as
-        in `io.write_mesh`.
-
-        Parameters
-        ----------
-        path : path
-            File name that ends in .surf.gii, .vtp, .ply or .obj, or a FreeSurfer name such as lh.white. A name that
-            ends in .patch.3d writes a FreeSurfer patch of the original mesh, for ``mris_flatten``. A patch uses the
-            vertex numbers of the mesh and has one position per vertex, so it excludes vertices at the sides of cuts; a
-            warning reports how many. GIFTI files contain `provenance`.
-        sidecar : bool
-            Whether to also write `provenance` to ``<path>.json``.
-        overwrite : bool
-            Whether to replace an existing file that voxflat did not write.
-
-        Raises
-        ------
-        InputError
-            If the file extension is not supported, or the surface was made from that file.
-        OSError
-            If the file cannot be written.
-        """
-        path = checked_path(path)
+    def _write(self, path: Path) -> None:
         space, structure = self.space, self.origin.structure
         if space.name == "scanner" and self.is_voxels:
             of = self.origin.voxels
             space = Space("scanner", VolumeGeometry.of_volume(of.affine, of.shape, of.input or ""))
         if space.doubt:
             log.warning("%s may be misaligned with volumes: %s", path, space.doubt)
-        with saving(path, self.provenance, sidecar=sidecar, overwrite=overwrite):
-            if path.name.lower().endswith((*FLAT_PATCH_ENDINGS, PATCH_ENDING)):
-                self._save_patch(path, space)
-            else:
-                mesh = Mesh(self.points, self.faces.astype(np.int64), structure=structure, space=space)
-                write_mesh(path, mesh, self.provenance)
+        if path.name.lower().endswith((*FLAT_PATCH_ENDINGS, PATCH_ENDING)):
+            self._save_patch(path, space)
+        else:
+            write_mesh(
+                path, Mesh(self.points, self.faces.astype(np.int64), structure=structure, space=space), self.provenance
+            )
         if path.suffix.lower() not in (".vtp", ".ply", ".obj"):
             warn_of_unit(path, self.origin.unit)
 
