@@ -32,7 +32,6 @@ from numpy.testing import assert_allclose, assert_array_equal
 from qtpy.QtWidgets import QWidget
 
 import voxflat
-from voxflat._napari.files import volumes
 from voxflat._napari.files.readers import map_reader, surface_reader
 from voxflat._napari.layers.volumes import LayerVolume
 from voxflat._napari.map_viewer.dock import REGION
@@ -41,6 +40,7 @@ from voxflat._napari.map_viewer.movies import MovieWindow
 from voxflat._napari.map_viewer.segmentations import Segmentations
 from voxflat._napari.map_viewer.viewer_parts import camera, look_from_side
 from voxflat._napari.results.maps import map_layers
+from voxflat._napari.stacks import viewer_order, world_of
 from voxflat._napari.viewer_state import ViewerState
 from voxflat.io import Mesh, Patch, Space, VolumeGeometry, formats, patch_border, write_mesh, write_patch
 from voxflat.methods import Voxflat
@@ -270,13 +270,46 @@ def test_regions_in_a_volume_are_opened_on_its_voxels(open_widget, qtbot, tmp_pa
     assert_allclose(at, np.round(at), atol=1e-3)
     inside = np.zeros(own.data.shape, dtype=bool)
     inside[tuple(np.round(at).astype(int).T)] = True
-    order = [2, 1, 0] if affine is None else list(volumes._order(affine))
+    order = [2, 1, 0] if affine is None else list(viewer_order(affine))
     assert_array_equal(inside.transpose(order), drawn.data != 0)
     if saved == "regions.nii.gz":  # a map of Python or the command line has the same axes beside the layer
         flat_map = voxflat.surface(path, label=3).flatten(Voxflat(sources=20))
         flat_map.save(tmp_path / "map.voxflat")
         origin = open_file(viewer, qtbot, tmp_path / "map.voxflat")[0].metadata["voxflat"].metadata["napari"]
         assert [origin[name] for name in ("world_axes", "unit")] == [made[name] for name in ("world_axes", "unit")]
+    wait_for_threads(qtbot)
+
+
+@pytest.mark.parametrize("unit", ["pixel", "µm"])
+def test_labels_opened_before_their_stack_get_its_axes(viewer, qtbot, tmp_path, messages, unit):
+    """As soon as the stack gets voxel sizes, which napari's reader of TIFF files leaves out."""
+    data = cap()[:, :, 4:]
+    sizes = {f"PhysicalSize{axis}": length for axis, length in zip("XYZ", (0.4, 0.4, 0.9), strict=True)}
+    path, labels = tmp_path / "stack.ome.tif", tmp_path / "cells.nii.gz"
+    tifffile.imwrite(path, data, photometric="minisblack", metadata={"axes": "ZYX", **(sizes if unit == "µm" else {})})
+    own = voxflat.io.read_volume(path).in_unit("mm")  # as Python and the command line read it
+    nib.save(nib.Nifti1Image((own.data * 2).astype(np.uint8), own.affine), labels)
+    flat_map = voxflat.surface(path, label=3).flatten(Voxflat(sources=20))
+    flat_map.save(tmp_path / "map.voxflat")
+    open_file(viewer, qtbot, tmp_path / "map.voxflat")
+    viewer.window._qt_window.show()
+    open_file(viewer, qtbot, labels)  # as do dialogs, which open one file after the other
+    viewer.open(str(path))
+    cells, stack = viewer.layers["cells"], viewer.layers["stack.ome"]
+    if unit == "µm":
+        assert cells.data.shape != data.shape
+        stack.scale, stack.units = (0.9, 0.4, 0.4), ("µm",) * 3
+    assert_array_equal(cells.data, 2 * data)
+    assert cells.units == stack.units
+    for voxel in (np.zeros(3), np.array(data.shape) - 1):
+        assert_allclose(cells.data_to_world(voxel), stack.data_to_world(voxel), rtol=1e-5, atol=1e-5)
+    told = [one.message for one in messages]
+    assert "'cells' has the voxels of 'stack.ome', and now has its axes (SAR)" in told
+    assert any(text.startswith("The map 'map' is older than the stack 'stack.ome'") for text in told)
+    count = len(told)
+    stack.translate, cells.translate = (1, 0, 0), (1, 0, 0)
+    assert len(messages) == count  # told once
+    assert_array_equal(LayerVolume.of(cells, world_of(viewer, cells)).read().data, 2 * data)
     wait_for_threads(qtbot)
 
 

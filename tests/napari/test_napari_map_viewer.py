@@ -31,6 +31,7 @@ from qtpy.QtCore import QPoint, QRect, Qt
 from qtpy.QtGui import QColor
 from qtpy.QtWidgets import QApplication, QFileDialog, QWidget
 from scipy.ndimage import maximum_filter, minimum_filter
+from scipy.spatial import cKDTree
 
 import voxflat
 from voxflat._napari.layers.world import WORLD
@@ -38,6 +39,7 @@ from voxflat._napari.map_viewer.drawings import put, regions
 from voxflat._napari.map_viewer.viewer_parts import camera, canvas_widget, projected, show_sagittal
 from voxflat._napari.results.flat_layers import Run
 from voxflat._napari.results.maps import map_layers
+from voxflat._napari.results.report import figures
 from voxflat._napari.results.sketch import Sketch
 from voxflat._napari.viewer_state import ViewerState
 from voxflat.maps.colours import label_colour
@@ -704,6 +706,27 @@ def draw_region(dock, qtbot, u, v):
     wait_for_picture(dock, qtbot)
 
 
+def test_lengths_without_a_unit_are_not_in_mm_and_regions_then_reach_a_voxel_to_each_side(flattened, qtbot):
+    """A layer without a unit may show any tissue, in which the depths of the cortex have no meaning."""
+    viewer, _, dock = flattened(Labels(cap(), name="sheet"))
+    flat_map = dock.prepared.run.flat_map
+    u, v = flat_map.uv.mean(axis=0)
+    draw_region(dock, qtbot, u, v)
+    told = dock.text.text()
+    assert told == f"The map has 1 region, in the volume from {-flat_map.spacing:.3g} to {flat_map.spacing:.3g}"
+    labelled = np.argwhere(viewer.layers["sheet regions"].data)
+    assert 0.9 < cKDTree(flat_map.points).query(labelled)[0].max() < 1.8  # voxels
+    dock.click.setCurrentText("measures a distance")
+    click(dock, qtbot, (u, v), (u + 6, v))
+    wait_for_picture(dock, qtbot)
+    measured = dock.text.text()
+    to_map(dock, qtbot, u, v)
+    texts = [told, measured, dock.text.text(), dock.legend._unit, dock.depth_unit.itemText(0)]
+    texts += [text for row in figures(flat_map) for text in row]
+    assert not [text for text in texts if "mm" in text]
+    assert "along the surface" in measured
+
+
 def test_what_is_drawn_on_a_map_is_undone_and_outlives_the_dock_and_the_next_map(flattened, qtbot):
     points, faces, values = bumps()
     viewer, widget, dock = flattened(Surface((points, faces, values), name="bumps"))
@@ -786,12 +809,22 @@ def test_a_region_that_cannot_be_drawn_does_not_spoil_the_next_one(flattened, qt
     assert "region 1" in dock.text.text()
     assert not dock.undo.isEnabled()
     dock.click.setCurrentText("draws a region")
-    dock.canvas.double_clicked.emit()
+    sketches, viewport = dock.prepared.run.sketches, dock.canvas.viewport()
+    click(dock, qtbot, (u - 6, v - 6))
+    assert "Undo" in dock.text.text()  # tells how to remove a corner
+    click(dock, qtbot, (u + 6, v))  # the first half of the double click is a corner as well
+    qtbot.mouseDClick(viewport, Qt.MouseButton.LeftButton, pos=dock.canvas.position(u + 6, v))
     assert "at least 3 corners" in dock.text.text()
+    assert sketches.now.corners == ()
+    dock.undo.click()
+    assert len(sketches.now.corners) == 2  # both of them
+    dock.redo.click()
     dock.canvas.clicked.emit(u + 1000, v)
     assert "outside the map" in dock.text.text()
     draw_region(dock, qtbot, u, v)
     assert viewer.layers["bumps regions"].vertex_values.max() == 1
+    ((_, corners),) = sketches.now.regions
+    assert len(corners) == 4
 
 
 def test_a_map_on_which_the_user_has_painted_is_not_replaced(flattened, qtbot):

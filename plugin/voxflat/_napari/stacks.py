@@ -74,6 +74,16 @@ def stack_of(
     return None
 
 
+def viewer_order(affine: NDArray[np.float64]) -> list[int]:
+    """Return the voxel axes that are closest to the three axes of the viewer."""
+    along = np.abs(affine[:3, :3]) / np.linalg.norm(affine[:3, :3], axis=0)
+    order = [-1, -1, -1]
+    for row, column in sorted(np.ndindex(3, 3), key=lambda at: -along[at]):
+        if order[row] < 0 and column not in order:
+            order[row] = column
+    return order
+
+
 def _is_same(
     own: tuple[int, ...], to_ras: NDArray[np.float64], shape: tuple[int, ...], affine: NDArray[np.float64]
 ) -> bool:

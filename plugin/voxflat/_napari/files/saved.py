@@ -4,6 +4,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TypeVar
 
+from voxflat._napari.files.late_stacks import follow_stacks
 from voxflat._napari.results.flat_layers import LayerData, hidden
 from voxflat._napari.results.maps import map_layers, page_layers
 from voxflat._napari.results.session import Session
@@ -39,5 +40,6 @@ def _in_session(made: _Made, path: Path) -> _Made:
     of, stack = made.origin, None
     if of.is_voxels:
         stack = stack_of(current_viewer(), of.voxels.shape, of.voxels.affine, of.unit)
+        follow_stacks()
     session = Session() if stack is None else Session.made_from(stack.place.origin)
     return replace(session, layer=path.stem).put(made)

@@ -7,8 +7,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from voxflat._napari.files.late_stacks import follow_stacks
+from voxflat._napari.layers.world import WORLD
 from voxflat._napari.results.flat_layers import LayerData
-from voxflat._napari.stacks import stack_of
+from voxflat._napari.stacks import stack_of, viewer_order
 from voxflat.io.channels import series_of
 from voxflat.io.files import REMEDY, naming
 from voxflat.io.sources import as_volume
@@ -32,18 +34,18 @@ def volume_layers(path: Path) -> list[LayerData]:
         from dask.delayed import delayed
 
         frames, to_ras = found
-        order, affine, space = _place(path, frames.read(0).shape, to_ras)
+        order, affine, place = _place(path, frames.read(0).shape, to_ras)
         first = np.transpose(frames.read(0), order)
         read = delayed(lambda n: np.transpose(frames.read(n), order).astype(first.dtype, copy=False))
         data = stack([from_delayed(read(n), first.shape, first.dtype) for n in range(len(frames))])  # type: ignore[no-untyped-call]
         in_time = np.eye(5)
         in_time[1:, 1:] = affine
-        about: dict[str, Any] = {"affine": in_time, "units": ("pixel", *space)}
+        about = {"affine": in_time, **place, "units": ("pixel", *place["units"])}
         return [(data, {"name": _name(path), **about}, "image")]
     volume = as_volume(path).in_unit("mm")
-    order, affine, space = _place(path, volume.data.shape, volume.affine)
+    order, affine, place = _place(path, volume.data.shape, volume.affine)
     voxels = np.transpose(volume.data, [*order, *range(3, volume.data.ndim)])
-    about = {"name": _name(path), "affine": affine, "units": space}
+    about = {"name": _name(path), "affine": affine, **place}
     is_named = not _LABELS.isdisjoint(re.split(r"[^a-z]+", path.name.lower()))
     if voxels.ndim > 3 or voxels.dtype.kind not in "iub" or not (is_named or len(np.unique(voxels)) <= _FEW):
         return [(voxels, {**about, "rgb": voxels.ndim > 3}, "image")]
@@ -52,28 +54,20 @@ def volume_layers(path: Path) -> list[LayerData]:
 
 def _place(
     path: Path, shape: tuple[int, ...], to_ras: NDArray[np.float64]
-) -> tuple[list[int], NDArray[np.float64], tuple[Any, ...]]:
-    """Return the order of the axes in a layer, and its affine and units: those of an open stack with these voxels."""
+) -> tuple[list[int], NDArray[np.float64], dict[str, Any]]:
+    """Return the order of the axes in a layer, its affine, and its units and world axes: those of its open stack."""
     from napari import current_viewer
     from napari.utils.notifications import show_info
 
     stack = stack_of(current_viewer(), shape, to_ras)
     affine = to_ras if stack is None else stack.affine(to_ras, "mm")
-    order = _order(affine)
+    order = viewer_order(affine)
     if stack is None:
-        return order, affine[:, [*order, 3]], _SPACE
+        follow_stacks()
+        return order, affine[:, [*order, 3]], {"units": _SPACE, "metadata": {WORLD: "RAS"}}
     show_info(f"{path.name} has the voxels of '{stack.layer.name}', and was opened with its axes ({stack.world})")
-    return order, affine[:, [*order, 3]], tuple(stack.layer.units[-3:])
-
-
-def _order(affine: NDArray[np.float64]) -> list[int]:
-    """Return the voxel axes that are closest to the three axes of the viewer."""
-    along = np.abs(affine[:3, :3]) / np.linalg.norm(affine[:3, :3], axis=0)
-    order = [-1, -1, -1]
-    for row, column in sorted(np.ndindex(3, 3), key=lambda at: -along[at]):
-        if order[row] < 0 and column not in order:
-            order[row] = column
-    return order
+    place = {"units": tuple(stack.layer.units[-3:]), "metadata": {WORLD: stack.world}}
+    return order, affine[:, [*order, 3]], place
 
 
 def _name(path: Path) -> str:

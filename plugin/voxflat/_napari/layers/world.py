@@ -26,7 +26,7 @@ MADE_FROM = "voxflat_made_from"
 """Key of the metadata of layers that the user rarely flattens, because voxflat made them from another layer."""
 
 WORLD = "voxflat_world_axes"
-"""Key of the metadata of labels that voxflat made from another layer: the world axes that the user chose for it."""
+"""Key of the metadata of volumes that voxflat read or made: their world axes, such as those chosen for their source."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,6 +13,7 @@ from qtpy.QtCore import QObject, Signal  # type: ignore[attr-defined]  # qtpy ma
 
 from voxflat._napari.layers.world import LayerPlace, in_units_of, moved
 from voxflat._napari.map_viewer.prepared_map import PreparedMap
+from voxflat._napari.results.flat_layers import in_unit_of
 from voxflat._napari.timers import single_shot
 from voxflat.maps.lines import ellipse
 
@@ -88,7 +89,7 @@ def on_map(prepared: PreparedMap, annotations: Sequence[Annotation]) -> OnMap:
     beyond = int((~known).sum())
     counts = [f"{beyond} of {len(points)} point{'s' * (len(points) > 1)}"] if beyond else []
     counts += [f"all or parts of {far} of {shapes} shape{'s' * (shapes > 1)}"] if far else []
-    limit = f"more than {prepared.far:.3g} {prepared.unit} from the surface"
+    limit = in_unit_of(prepared.run.flat_map, f"more than {prepared.far:.3g} mm from the surface")
     excluded = f"Not shown ({limit}): {', '.join(counts)}" if counts else ""
     all_colours = np.array(line_colours, dtype=np.uint8).reshape(-1, 4)
     return OnMap(dots[known], colours[known], lines, all_colours, excluded)

@@ -44,7 +44,7 @@ from voxflat._napari.map_viewer.prepared_map import PreparedMap, Spot
 from voxflat._napari.map_viewer.segmentations import Segmentation, Segmentations, save_labels, to_volume
 from voxflat._napari.map_viewer.viewer_link import ViewerLink
 from voxflat._napari.map_viewer.viewer_parts import UprightMaps, theme_colours
-from voxflat._napari.results.flat_layers import LayerData, Run, unit_of_map
+from voxflat._napari.results.flat_layers import LayerData, Run, in_unit_of
 from voxflat._napari.results.outputs import made_from
 from voxflat._napari.results.report import as_html, warnings
 from voxflat._napari.results.session import session_of
@@ -62,7 +62,7 @@ _DEEPEST, _HIGHEST = -3.0, 5.0  # mm outside the surface
 _REACH = 10  # depths in other units, on both sides of the surface, as a multiple of the spacing of its points
 _LENGTH, _CORTEX = range(2)  # entries of the box with the unit of the depth
 _SHARE = 0.43  # initial width of the dock, as a fraction of the window; the viewer keeps the same width
-_SLIDER = 64  # minimum width of a slider with its number, in pixels
+_SLIDER = 72  # minimum width of a slider with its number, in pixels
 _OPACITY = 0.85  # initial opacity of the colours, so that the folds remain visible
 
 _Drawn: TypeAlias = tuple[PreparedMap, Picture | None, NDArray[np.uint8] | None, str]
@@ -83,6 +83,8 @@ _HINTS = {  # shown while nothing is pointed at
     REGION: "Click on the corners of a region, and double-click to close it.",
     MEASURE: "Click on the two ends of the distance.",
 }
+
+_OF_CORNERS = "Corner {} of the region. Double-click to close it, or press Undo to remove the last corner."
 
 
 def open_flat_map(viewer: Viewer) -> "FlatMapDock":
@@ -295,7 +297,7 @@ class FlatMapDock(TaskDock):
         known = run is not None and getattr(run.flat_map, "pial_points", None) is not None
         with signals_blocked(self.depth_unit):
             self.depth_unit.setCurrentIndex(_LENGTH)
-            self.depth_unit.setItemText(_LENGTH, f"{self._unit} outside")
+            self.depth_unit.setItemText(_LENGTH, self._in_unit("mm outside").strip())
         self.depth_unit.setVisible(known)  # to choose fractions of the cortical thickness
         self._limit_depth()
         self.depths.setValue(getattr(None if run is None else run.layers.shown, "depth", 0.0))  # chosen in the form
@@ -379,15 +381,15 @@ class FlatMapDock(TaskDock):
         if self.on_surface.isChecked():
             self._redraw.start()
 
-    @property
-    def _unit(self) -> str:
-        return "mm" if self._run is None else unit_of_map(self._run.flat_map)
+    def _in_unit(self, text: str) -> str:
+        """Return a text about lengths in mm in the unit of the map, or without a unit if it has none."""
+        return text if self._run is None else in_unit_of(self._run.flat_map, text)
 
     def _limit_depth(self) -> None:
         is_length = self.depth_unit.currentIndex() == _LENGTH
         lowest, highest = (_DEEPEST, _HIGHEST) if is_length else (0.0, 1.0)
         flat_map = None if self._run is None else self._run.flat_map
-        if is_length and self._unit != "mm" and isinstance(flat_map, FlatMap):
+        if is_length and isinstance(flat_map, FlatMap) and flat_map.origin.named_unit != "mm":
             highest = float(np.ceil(_REACH * flat_map.spacing))
             lowest = -highest
         with signals_blocked(self.depths):
@@ -633,20 +635,22 @@ class FlatMapDock(TaskDock):
             self._draw_on(replace(now, marks=(*now.marks, (frame, (u, v)))))
         elif wanted == REGION:
             self._draw_on(replace(now, corners=(*now.corners, (u, v))))
+            self._show_message(_OF_CORNERS.format(len(now.corners) + 1))
         else:
             ends = (*now.ends, (u, v))
             is_measured = len(ends) == 2
             self._draw_on(replace(now, distance=(frame, ends), ends=()) if is_measured else replace(now, ends=ends))
 
     def _on_double_click(self) -> None:
-        """Close the region that is being drawn, or show the whole map."""
+        """Close the region that is being drawn, or discard it if it has too few corners; or show the whole map."""
         if self.click.currentText() != REGION:
             self.canvas.fit()
         elif self.prepared is not None and len((now := self.prepared.run.sketches.now).corners) > 2:
             regions = (*now.regions, (self.prepared.frame, now.corners))
             self._draw_on(replace(now, regions=regions, corners=()))
         elif self.prepared is not None:
-            self._show_message("A region needs at least 3 corners. Click on more corners, then double-click")
+            self._forget_unfinished()
+            self._show_message("A region needs at least 3 corners. Click on all its corners again, then double-click")
 
     def _draw_on(self, sketch: Sketch) -> None:
         self._sketch(lambda sketches: sketches.do(sketch))
@@ -747,7 +751,7 @@ class FlatMapDock(TaskDock):
             return
         x, y, z = spot.point
         number = f"vertex {spot.vertex}" if isinstance(spot.vertex, int) else f"voxel {str(spot.vertex)[1:-1]}"
-        parts = [f"{x:.1f}, {y:.1f}, {z:.1f} {self._unit}", number]
+        parts = [self._in_unit(f"{x:.1f}, {y:.1f}, {z:.1f} mm"), number]
         value = None if self.picture is None else self.picture.value(*place)
         content = self.contents.content
         unit = content.unit if isinstance(content, Measure) else ""
@@ -760,7 +764,7 @@ class FlatMapDock(TaskDock):
         self.text.setText(text.replace("-", "−").replace(" %", "\u00a0%"))
 
     def _on_zoomed(self) -> None:
-        self.legend.show_length(self.canvas.scale_factor, self._unit)
+        self.legend.show_length(self.canvas.scale_factor, self._in_unit("mm"))
 
     def _on_theme(self) -> None:
         background, ink = theme_colours(self._viewer)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from voxflat._napari.layers.world import MADE_FROM, WORLD, from_ras
 from voxflat._napari.map_viewer.prepared_map import PreparedMap
-from voxflat._napari.results.flat_layers import LayerData, layer_name, units
+from voxflat._napari.results.flat_layers import LayerData, in_unit_of, layer_name, units
 from voxflat._napari.results.layer_list import insert
 from voxflat._napari.results.outputs import is_unchanged, remember
 from voxflat._napari.results.sketch import PATH, POINTS, Place, Polygon, Sketch, regions_part
@@ -109,10 +109,8 @@ def regions(prepared: PreparedMap, polygons: Sequence[Polygon]) -> Drawn:
         grid = Volume(labels, flat_map.affine, unit=prepared.unit)
         wanted = depth_range(prepared) if flat_map.pial_points is None else None
         cortex = drawn.volume(grid, depth=wanted)
-        reach = (
-            "between both surfaces" if wanted is None else f"from {wanted[0]:.3g} to {wanted[1]:.3g} {prepared.unit}"
-        )
-        message += f", in the volume {reach}"
+        reach = "between both surfaces" if wanted is None else f"from {wanted[0]:.3g} to {wanted[1]:.3g} mm"
+        message += f", in the volume {in_unit_of(flat_map, reach)}"
         labels = np.where(labels == 0, cortex.data, labels)
     affine, movie = affine_in_world(prepared), prepared.run.layers.movie
     if movie is not None and prepared.frame is not None:
@@ -141,8 +139,8 @@ def affine_in_world(prepared: PreparedMap) -> NDArray[np.float64]:
 
 
 def depth_range(prepared: PreparedMap, depth: float = 0.0) -> tuple[float, float]:
-    """Return the depths of regions: of the cortex or, in a tissue, a voxel on both sides, up to a depth."""
-    is_cortex = prepared.unit == "mm" and prepared.run.layers.movie is None
+    """Return the depths of regions: of the cortex or, if the surface may be of a tissue, a voxel on both sides."""
+    is_cortex = prepared.run.flat_map.origin.named_unit == "mm" and prepared.run.layers.movie is None
     low, high = _CORTEX if is_cortex else (-prepared.spacing, prepared.spacing)
     return min(low, low + depth), max(high, high + depth)
 
@@ -163,8 +161,8 @@ def way(prepared: PreparedMap, a: Place, b: Place, moment: Sequence[float] = ())
     start, end = (int(merged[spot.row]) for spot in ends if spot is not None)
     found = surface((flat_map.points[rows], merged[faces])).path(start, end, geodesic="exact")
     flat = float(np.hypot(a[0] - b[0], a[1] - b[1]))
-    unit = prepared.unit
-    message = f"{rounded(found.length, 1)} {unit} along the surface, {rounded(flat, 1)} {unit} on the map"
+    lengths = f"{rounded(found.length, 1)} mm along the surface, {rounded(flat, 1)} mm on the map"
+    message = in_unit_of(flat_map, lengths)
     message += "" if prepared.frame is None else f", in frame {prepared.frame}"
     line = _at(moment, _world(prepared, flat_map.space.to_scanner(found.points)))
     look = {"shape_type": "path", "edge_color": _COLOUR, "edge_width": 0.7 * prepared.thickness}

@@ -106,7 +106,7 @@ class Legend(QWidget):
         painter.drawLine(QPointF(x, 33), QPointF(x + wide, 33))
         painter.restore()
         painter.setFont(self._font(9))
-        text = f"{length:g} {self._unit}"
+        text = f"{length:g} {self._unit}".rstrip()
         room = max(wide, float(painter.fontMetrics().horizontalAdvance(text)) + 2)
         painter.drawText(QRectF(x, 12, room, 18), Qt.AlignmentFlag.AlignCenter, text)
         return x + room

@@ -13,6 +13,7 @@ from voxflat._napari.layers.sampled import Shown
 from voxflat._napari.layers.volumes import TimeAxis, finest
 from voxflat._napari.results.sketch import Sketches
 from voxflat.atlases.atlas import Atlas
+from voxflat.io.grid import in_unit
 from voxflat.maps.flat_map import FlatMap
 from voxflat.maps.raster import FlatImage
 from voxflat.pipeline.flat_series import FlatSeries
@@ -105,13 +106,18 @@ def unit_of_map(flat_map: FlatMap | Atlas) -> str:
     return "mm" if flat_map.origin.unit == "unknown" else flat_map.origin.unit
 
 
+def in_unit_of(flat_map: FlatMap | Atlas, text: str) -> str:
+    """Return a text about lengths in mm in the unit of a map, or without a unit if the flattened layer has none."""
+    return in_unit(text, flat_map.origin.named_unit)
+
+
 def described(
     flat_map: FlatMap | Atlas, owner: str, part: str, meaning: str, image: FlatImage | None = None
 ) -> dict[str, Any]:
     """Return the name, metadata and position of a layer; rows increase downwards in napari, but v increases upwards."""
     figures = (flat_map.distortion if isinstance(flat_map, FlatMap) else flat_map).figures()
     about: dict[str, Any] = {"voxflat": flat_map, "parameters": flat_map.metadata, "distortion": figures}
-    about |= {PART: part, "colours": meaning, "axes": f"rows: −v, columns: u, {unit_of_map(flat_map)}"}
+    about |= {PART: part, "colours": meaning, "axes": in_unit_of(flat_map, "rows: −v, columns: u, mm")}
     if image is None:
         return {"name": layer_name(owner, part), "metadata": about}
     u, v = image.origin

@@ -1,13 +1,12 @@
 """The measures of a flat map or an atlas, and its warnings, as text."""
 
-import re
 from html import escape
 from typing import TypeAlias
 
 import numpy as np
 
 from voxflat._napari.layers.world import ASSUMED_UNIT
-from voxflat._napari.results.flat_layers import FlatLayers, unit_of_map
+from voxflat._napari.results.flat_layers import FlatLayers, in_unit_of, unit_of_map
 from voxflat._napari.wording import in_window, sentence
 from voxflat.atlases.atlas import Atlas
 from voxflat.atlases.certified import FlatAtlas
@@ -40,9 +39,8 @@ def table(flat_map: FlatMap | Atlas) -> str:
 
 
 def figures(flat_map: FlatMap | Atlas) -> list[Row]:
-    """Return the most important measures of a flat map or an atlas, with lengths in its unit."""
-    unit = unit_of_map(flat_map)
-    return [(re.sub(r"\bmm\b", unit, name), re.sub(r"\bmm\b", unit, value)) for name, value in _in_mm(flat_map)]
+    """Return the most important measures of a flat map or an atlas, with lengths in its unit, if any."""
+    return [(in_unit_of(flat_map, name), in_unit_of(flat_map, value)) for name, value in _in_mm(flat_map)]
 
 
 def _in_mm(flat_map: FlatMap | Atlas) -> list[Row]:
