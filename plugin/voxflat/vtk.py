@@ -104,8 +104,6 @@ class _Filter(VTKPythonAlgorithmBase):
     def options(cls) -> list[str]:
         """Return the names of the options.
 
-        Each name is an attribute of the filter.
-
         Returns
         -------
         list of str

@@ -92,8 +92,6 @@ class Verbs(Inputs):
     ) -> FlatMap:
         """Return the flat map of the mesh, or of the surface of the image.
 
-        The options choose the foreground of an image, a part of the surface, its cuts and the method.
-
         Parameters
         ----------
         scalars : str, optional
@@ -260,8 +258,6 @@ class Verbs(Inputs):
     def path(self, a: Seed, b: Seed, *further: Seed, method: str = "exact") -> pv.PolyData:
         """Find the shortest path along the surface of a mesh.
 
-        The path may pass through more than two points, in the given order.
-
         Parameters
         ----------
         a, b : int, position or pyvista.Cell
@@ -374,10 +370,8 @@ class Verbs(Inputs):
 
         Parameters
         ----------
-        scalars : str, optional
-            Name of the image array to use. By default, the active array or the only array.
-        progress_bar : bool
-            Show a progress bar.
+        scalars, progress_bar : optional
+            As in `flatten`.
         **options : dict
             Options such as ``cuts``, ``relax``, ``keep``, ``seed_point`` and ``radius``, as in `Surface.cut`. Seed
             points are specified as in `flatten`.
@@ -422,8 +416,6 @@ class Verbs(Inputs):
         **options: Unpack[PlaceOptions],
     ) -> pv.PolyData:
         """Measure the distortion of a flat map of the surface.
-
-        The map may come from any tool.
 
         Parameters
         ----------

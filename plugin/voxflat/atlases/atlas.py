@@ -98,10 +98,7 @@ class Atlas(FlatPieces, ABC):
 
     @property
     def title(self) -> str:
-        """A one-line description of the atlas, for pictures.
-
-        It states the number of patches or pieces, and the bounds.
-        """
+        """A one-line description of the atlas, for pictures."""
         return self._title()
 
     @abstractmethod

@@ -177,10 +177,7 @@ class FlatAtlas(Atlas, Sequence[FlatPatch]):
 
     @property
     def patches(self) -> list[FlatPatch]:
-        """The patches, from the largest to the smallest.
-
-        The atlas itself is also a sequence of these patches.
-        """
+        """The patches, from the largest to the smallest. The atlas itself is also a sequence of these patches."""
         return list(self)
 
     def _figures(self) -> dict[str, Any]:

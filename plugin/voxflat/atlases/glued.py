@@ -59,24 +59,16 @@ class Seams(ReadOnly):
 
     @property
     def cuts(self) -> float:
-        """The length of the remaining cuts, in mm.
-
-        It is the sum of `holonomy`, `bound` and `overlap`.
-        """
+        """The length of the remaining cuts, in mm. It is the sum of `holonomy`, `bound` and `overlap`."""
         return self.holonomy + self.bound + self.overlap
 
     @property
     def closed_share(self) -> float:
-        """The fraction of the total seam length that is closed.
-
-        It is 1 if there are no seams.
-        """
+        """The fraction of the total seam length that is closed. It is 1 if there are no seams."""
         return self.closed / self.length if self.length > 0 else 1.0
 
     def figures(self) -> dict[str, float]:
         """Return the lengths, in mm, and the closed share.
-
-        The result can be written as JSON.
 
         Returns
         -------
@@ -187,10 +179,7 @@ class GluedAtlas(Atlas, Sequence[GluedPiece]):
 
     @cached_property
     def cuts(self) -> NDArray[np.int64]:
-        """The edges of the surface that remain cut, shape (cuts, 2).
-
-        Each edge is a pair of rows of `points`.
-        """
+        """The edges of the surface that remain cut, shape (cuts, 2). Each edge is a pair of rows of `points`."""
         edges, sides = _edges(self.faces, self.uv_faces)
         paired = (edges[1:] == edges[:-1]).all(axis=1)
         apart = paired & (sides[1:] != sides[:-1]).any(axis=1)

@@ -55,10 +55,7 @@ class FlatPage(Planar):
 
     @property
     def provenance(self) -> Record:
-        """The record of how the atlas was made.
-
-        It equals the record of `atlas`.
-        """
+        """The record of how the atlas was made."""
         return self.atlas.provenance
 
     @property

@@ -101,10 +101,7 @@ class FlatPieces(ReadOnly):
 
     @property
     def quasi_conformal(self) -> NDArray[np.float64]:
-        """The measure K = σ1/σ2 of each triangle, shape (F,).
-
-        It is 1 if angles do not change.
-        """
+        """The measure K = σ1/σ2 of each triangle, shape (F,). It is 1 if angles do not change."""
         return quasi_conformal(self.stretch)
 
     @property

@@ -89,26 +89,17 @@ class DistanceRows(ReadOnly):
 
     @property
     def shape(self) -> tuple[int, int]:
-        """The number of sources and the number of points.
-
-        These are the lengths of the axes of the array.
-        """
+        """The number of sources and the number of points."""
         return (self.rows.shape[0], self.rows.shape[1])
 
     @property
     def dtype(self) -> np.dtype[np.float32]:
-        """The type of the distances.
-
-        It is always float32.
-        """
+        """The type of the distances. It is always float32."""
         return self.rows.dtype
 
     @property
     def ndim(self) -> int:
-        """The number of axes.
-
-        It is always 2.
-        """
+        """The number of axes. It is always 2."""
         return 2
 
     @property

@@ -81,10 +81,7 @@ class Movie(Sequence[NDArray[np.uint8]]):
 
     @property
     def size(self) -> tuple[int, int]:
-        """Height and width of each frame in pixels.
-
-        Both are even, as H.264 requires.
-        """
+        """Height and width of each frame in pixels. Both are even, as H.264 requires."""
         return (self._below.height, self._below.width)
 
     def _caption(self, n: int) -> str:

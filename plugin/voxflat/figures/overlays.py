@@ -93,10 +93,7 @@ class Overlay:
 
     @property
     def thresholds(self) -> tuple[float | None, float | None]:
-        """The values above which, and below which, data are shown.
-
-        None means that the side has no threshold.
-        """
+        """The values above which, and below which, data are shown. None means that the side has no threshold."""
         if self.threshold is None:
             return None, None
         if is_number(self.threshold):
@@ -118,10 +115,7 @@ class Overlay:
 
     @property
     def provenance(self) -> dict[str, Any]:
-        """The values and options, for records.
-
-        Long arrays are recorded as their SHA-256 checksum.
-        """
+        """The values and options, for records. Long arrays are recorded as their SHA-256 checksum."""
         return {one.name: described(getattr(self, one.name)) for one in fields(self)}
 
 

@@ -84,20 +84,8 @@ class Mesh:
     declared_unit: str | None = None
 
     @property
-    def has_unknown_unit(self) -> bool:
-        """Whether the unit of the coordinates is unknown.
-
-        Only GIFTI and FreeSurfer files and trimesh objects define the unit. It is also considered unknown if the mesh
-        is smaller than 1 mm.
-        """
-        return self.unit == "unknown"
-
-    @property
     def unit(self) -> str:
-        """Unit of the coordinates.
-
-        It is the declared unit, ``"mm"`` or ``"unknown"``.
-        """
+        """Unit of the coordinates. It is the declared unit, ``"mm"`` or ``"unknown"``."""
         is_unknown = self._has_unknown_axes and self.declared_unit is None
         return "unknown" if is_unknown or self.unit_remark is not None else self.declared_unit or "mm"
 

@@ -68,30 +68,21 @@ class Origin(ABC):
 
     @property
     def voxels(self) -> VoxelOrigin:
-        """The same origin, if it is a volume.
-
-        A mesh raises an `InputError`.
-        """
+        """The same origin, if it is a volume. A mesh raises an `InputError`."""
         if not isinstance(self, VoxelOrigin):
             raise InputError("a mesh has no voxels. Pass a surface or a map that was made from a volume")
         return self
 
     @property
     def mesh(self) -> MeshOrigin:
-        """The same origin, if it is a mesh.
-
-        A volume raises an `InputError`.
-        """
+        """The same origin, if it is a mesh. A volume raises an `InputError`."""
         if not isinstance(self, MeshOrigin):
             raise InputError("a volume has no vertices. Pass a surface or a map that was made from a mesh")
         return self
 
     @property
     def is_voxels(self) -> bool:
-        """Whether the origin is a volume.
-
-        Otherwise it is a mesh.
-        """
+        """Whether the origin is a volume."""
         return isinstance(self, VoxelOrigin)
 
     @property

@@ -167,10 +167,7 @@ class FlatMap(Planar):
 
     @property
     def is_voxels(self) -> bool:
-        """Whether a volume, rather than a mesh, was flattened.
-
-        If so, the points of the map are surface voxels.
-        """
+        """Whether a volume, rather than a mesh, was flattened."""
         return self.origin.is_voxels
 
     @cached_property
@@ -197,10 +194,7 @@ class FlatMap(Planar):
 
     @property
     def volume_shape(self) -> tuple[int, int, int]:
-        """The shape of the flattened volume.
-
-        It is not available for maps of meshes.
-        """
+        """The shape of the flattened volume. It is not available for maps of meshes."""
         return self._triangles.on_surface.volume_shape
 
     @cached_property
@@ -252,8 +246,6 @@ class FlatMap(Planar):
 
     def texture(self, picture: ArrayLike) -> NDArray[Any]:
         """Transfer a picture from the map to the surface.
-
-        See also Grossmann et al. 2002, figures 11 to 13.
 
         Parameters
         ----------
@@ -377,8 +369,6 @@ class FlatMap(Planar):
     @telling()
     def regions(self, rois: object, *, layer: str = "rois", pixel_size: float | None = None) -> Regions:
         """Read regions of interest that were drawn on the map.
-
-        The result transfers them to vertices and voxels.
 
         Parameters
         ----------

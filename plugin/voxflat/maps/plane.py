@@ -162,8 +162,6 @@ class Planar(ReadOnly, ABC):
     def locate(self, pixel_size: float | None = None) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
         """Find the position of each pixel on the surface.
 
-        This is the inverse of the map, for all pixels at once.
-
         Parameters
         ----------
         pixel_size : float, optional

@@ -64,10 +64,7 @@ class Raster(ReadOnly):
 
     @property
     def shape(self) -> tuple[int, int]:
-        """The number of rows and columns.
-
-        All images of the map with this pixel size have this shape.
-        """
+        """The number of rows and columns."""
         return (self.corners.shape[0], self.corners.shape[1])
 
     @property
@@ -80,10 +77,7 @@ class Raster(ReadOnly):
 
     @property
     def nearest(self) -> NDArray[np.int64]:
-        """The nearest of the map's points for each pixel, shape (H, W).
-
-        Pixels outside the map have the value −1.
-        """
+        """The nearest of the map's points for each pixel, shape (H, W). Pixels outside the map have the value −1."""
         best = np.nan_to_num(self.weights, nan=-1.0).argmax(axis=2)
         nearest = np.take_along_axis(self.corners, best[..., None], axis=2)[..., 0].astype(np.int64)
         return np.where(self.inside, nearest, -1)
@@ -176,18 +170,12 @@ class FlatImage(ReadOnly, Recorded):
 
     @property
     def is_colour(self) -> bool:
-        """Whether the data are colours.
-
-        Colours are red, green, blue and opacity.
-        """
+        """Whether the data are colours. Colours are red, green, blue and opacity."""
         return self.data.ndim == 3
 
     @property
     def is_labels(self) -> bool:
-        """Whether the values are labels.
-
-        If `labels` is None, whole numbers that form areas count as labels.
-        """
+        """Whether the values are labels. If `labels` is None, whole numbers that form areas count as labels."""
         return are_labels(self.data) if self.labels is None else self.labels
 
     def colours(self, colour_map: str | None = None, limits: Sequence[float] | None = None) -> NDArray[np.uint8]:
@@ -236,10 +224,7 @@ class FlatImage(ReadOnly, Recorded):
 
     @property
     def extent(self) -> tuple[float, float, float, float]:
-        """The left, right, bottom and top edges in mm.
-
-        They are in the order that matplotlib's imshow expects.
-        """
+        """The left, right, bottom and top edges in mm. They are in the order that matplotlib's imshow expects."""
         height, width = self.data.shape[:2]
         left, top = self.origin[0] - self.pixel_size / 2, self.origin[1] + self.pixel_size / 2
         return (left, left + width * self.pixel_size, top - height * self.pixel_size, top)
@@ -396,18 +381,12 @@ class FlatStack(Sequence[FlatImage], ReadOnly, Recorded):
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The name of each channel; empty if the channel has none.
-
-        Images can be selected by name.
-        """
+        """The name of each channel; empty if the channel has none. Images can be selected by name."""
         return self.channels.names
 
     @property
     def channel_names(self) -> tuple[str, ...]:
-        """The name of each channel, without its depths.
-
-        The names are empty if the channels have none.
-        """
+        """The name of each channel, without its depths. The names are empty if the channels have none."""
         if not self.layers:
             return self.names
         first = self.layers[0]
@@ -415,18 +394,12 @@ class FlatStack(Sequence[FlatImage], ReadOnly, Recorded):
 
     @property
     def timing(self) -> Timing | None:
-        """The timing of the frames of a series.
-
-        None if it is unknown, or if the images are not a series.
-        """
+        """The timing of the frames of a series. None if it is unknown, or if the images are not a series."""
         return self.channels.timing
 
     @property
     def times(self) -> NDArray[np.float64] | None:
-        """The time of each frame of a series, in seconds.
-
-        None if it is unknown, or if the images are not a series.
-        """
+        """The time of each frame of a series, in seconds. None if it is unknown, or if the images are not a series."""
         timing = self.timing
         if timing is None:
             return None
@@ -446,8 +419,6 @@ class FlatStack(Sequence[FlatImage], ReadOnly, Recorded):
 
     def of_channel(self, channel: int) -> "FlatStack":
         """Return the images of one channel.
-
-        There is one image for each depth.
 
         Parameters
         ----------

@@ -133,10 +133,7 @@ class Regions(ReadOnly, Recorded):
 
     @cached_property
     def labels(self) -> NDArray[np.int64]:
-        """The key of the region at each point of the map, shape (N,).
-
-        Points outside all regions have the key 0.
-        """
+        """The key of the region at each point of the map, shape (N,). Points outside all regions have the key 0."""
         return self.at(self.of._triangles.uv)
 
     @property

@@ -100,10 +100,7 @@ class Method:
 
     @property
     def provenance(self) -> dict[str, Any]:
-        """Return the name of the method and its options.
-
-        Maps keep this record, so that they can be reproduced.
-        """
+        """Return the name of the method and its options. Maps keep this record, so that they can be reproduced."""
         return {"method": self.name, **{one.name: described(getattr(self, one.name)) for one in fields(self)}}
 
     def _check(self, how: How) -> None:

@@ -111,8 +111,6 @@ class CutSurface(ReadOnly, Generic[_Surface]):
     ) -> FlatMap:
         """Flatten the surface along its cuts.
 
-        No further cuts are made.
-
         Parameters
         ----------
         method : str or Method

@@ -93,8 +93,6 @@ class Surface(Manifold):
     def keep(self, region: object) -> Surface:
         """Return the part of the surface inside a region.
 
-        The result is a new surface.
-
         Parameters
         ----------
         region : mask, path or vertex numbers
@@ -127,8 +125,6 @@ class Surface(Manifold):
     @telling()
     def drop(self, region: object) -> Surface:
         """Return the part of the surface outside a region, such as the medial wall.
-
-        The result is a new surface.
 
         Parameters
         ----------
@@ -167,8 +163,6 @@ class Surface(Manifold):
         progress: Progress | None = None,
     ) -> Surface:
         """Return the geodesic disk around a point.
-
-        Distances are measured along the surface.
 
         Parameters
         ----------
@@ -634,8 +628,6 @@ class Surface(Manifold):
     def path(self, *stops: Sequence[int] | int, geodesic: str = "graph", link_lengths: str | None = None) -> Path:
         """Find the shortest path through points.
 
-        Grossmann et al. (2002, figure 3) show such a path.
-
         Parameters
         ----------
         *stops : sequence of 3 ints, or int
@@ -684,8 +676,6 @@ class Surface(Manifold):
         progress: Progress | None = None,
     ) -> Check:
         """Check whether the surface can be flattened, and the effect of each remedy.
-
-        The surface is not changed.
 
         Parameters
         ----------

@@ -91,18 +91,12 @@ class Manifold(ReadOnly):
 
     @property
     def is_voxels(self) -> bool:
-        """Whether the surface came from a volume.
-
-        A surface from a mesh has no voxels.
-        """
+        """Whether the surface came from a volume."""
         return self.voxels is not None
 
     @property
     def voxel_size(self) -> float | None:
-        """Geometric mean of the three voxel spacings, in mm.
-
-        It is None for a surface from a mesh.
-        """
+        """Geometric mean of the three voxel spacings, in mm. It is None for a surface from a mesh."""
         return voxel_size(self.origin.voxels.affine) if self.is_voxels else None
 
     @property
@@ -128,10 +122,7 @@ class Manifold(ReadOnly):
 
     @property
     def faces(self) -> NDArray[np.uint32]:
-        """Triangles as vertex numbers, shape (F, 3).
-
-        Corners are listed counterclockwise as seen from outside.
-        """
+        """Triangles as vertex numbers, shape (F, 3). Corners are listed counterclockwise as seen from outside."""
         return self.core.faces
 
     @property
@@ -154,27 +145,18 @@ class Manifold(ReadOnly):
 
     @property
     def usual_edge(self) -> float:
-        """Median length of the triangle edges, in mm.
-
-        It is a measure of the resolution of the surface.
-        """
+        """Median length of the triangle edges, in mm. It is a measure of the resolution of the surface."""
         corners = self.points[self.faces]
         return float(np.median(np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)))
 
     @property
     def count(self) -> int:
-        """Number of vertices of the complete surface.
-
-        It includes vertices without a triangle.
-        """
+        """Number of vertices of the complete surface. It includes vertices without a triangle."""
         return len(self.voxels) if self.voxels is not None else self.origin.mesh.vertices
 
     @property
     def vertices(self) -> NDArray[np.int64]:
-        """Number of each vertex in the complete surface, shape (N,).
-
-        The two sides of a cut share a number.
-        """
+        """Number of each vertex in the complete surface, shape (N,). The two sides of a cut share a number."""
         return self.core.ids.astype(np.int64)
 
     @property

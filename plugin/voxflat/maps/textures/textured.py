@@ -90,8 +90,6 @@ class TexturedSurface(ReadOnly, Recorded):
     def opened(self) -> "TexturedSurface":
         """Return the surface cut open along the seams of the texture.
 
-        The result has one point for each texture coordinate.
-
         Returns
         -------
         TexturedSurface
