@@ -9,7 +9,7 @@ from refusals import refused, warnings_as_errors
 
 import voxflat
 from voxflat import figures, io
-from voxflat.arguments import checked_kind, checked_limit, checked_number, checked_path, shown
+from voxflat.arguments import checked_instance, checked_limit, checked_number, checked_path, shown
 from voxflat.methods import Voxflat
 
 VOLUME = np.pad(np.ones((8, 8, 1), np.uint8), [(0, 0), (0, 0), (2, 2)])
@@ -45,8 +45,8 @@ def test_values_are_shown_on_one_short_line():
     assert "\n" not in shown(np.ones((99, 99)))
     assert shown("x" * 999) == "'" + 75 * "x" + " ..."
     assert shown(10**9999) == "a number of the type int"
-    checked_kind([], "list", "append", "a list")
-    refused(r"^the list is 3. Give a list$", checked_kind, 3, "list", "append", "a list")
+    checked_instance([], list, "list", "a list")
+    refused(r"^the list is 3. Give a list$", checked_instance, 3, list, "list", "a list")
 
 
 @pytest.fixture(scope="module")
@@ -116,6 +116,7 @@ CALLS = {
 }
 
 ON_MAPS = {
+    "atlas as a map": (lambda m, a: figures.heat_map(a), "flat map is <.*. Give a FlatMap"),
     "packing": (lambda m, a: a.page(packing=ARRAY), "packing is array.*. Give 'boxes' or 'shapes'"),
     "figure": (lambda m, a: a.heat_map(of=["a"]), r"of is \['a'\]. Give 'isometric', "),
     "name": (lambda m, a: m.image(VALUES, name=ARRAY), "the name is array.*. Give a string"),

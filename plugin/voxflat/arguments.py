@@ -53,9 +53,9 @@ def checked_path(path: str | os.PathLike[str], name: str = "path") -> Path:
     return Path(path)
 
 
-def checked_kind(value: object, name: str, attribute: str, kind: str) -> None:
-    """Raise an error if a value does not have the attribute that identifies its type."""
-    if not hasattr(value, attribute):
+def checked_instance(value: object, cls: type, name: str, kind: str) -> None:
+    """Raise an error if a value is not an object of this class."""
+    if not isinstance(value, cls):
         raise InputError(f"the {name} is {shown(value)}. Give {kind}")
 
 

@@ -128,16 +128,6 @@ class HemisphereError(InputError):
         -------
         matplotlib.figure.Figure
             Sagittal, coronal and axial sections through the middle of the white matter.
-
-        See Also
-        --------
-        voxflat.hemisphere : Extract a hemisphere from a brain volume.
-
-        Examples
-        --------
-        >>> error = voxflat.HemisphereError("too small", np.ones((4, 4, 4), bool), np.eye(4))
-        >>> len(error.figure().axes)
-        3
         """
         return shown_by("sections", self.white, self.affine, self.template)
 

@@ -108,15 +108,6 @@ class _Filter(VTKPythonAlgorithmBase):
         -------
         list of str
             The names in alphabetical order.
-
-        See Also
-        --------
-        SetInputData : Set the input.
-
-        Examples
-        --------
-        >>> "method" in voxflat.vtk.FlattenSurface.options()
-        True
         """
         return [name for name in dir(cls) if isinstance(getattr(cls, name), _Option)]
 
@@ -129,15 +120,6 @@ class _Filter(VTKPythonAlgorithmBase):
         ----------
         data : vtkDataSet
             The dataset.
-
-        See Also
-        --------
-        GetOutput : Return the output.
-
-        Examples
-        --------
-        >>> flatten = voxflat.vtk.FlattenSurface()
-        >>> flatten.SetInputData(pv.Plane())
         """
         self.SetInputDataObject(0, data)
 
@@ -150,10 +132,6 @@ class _Filter(VTKPythonAlgorithmBase):
         -------
         vtkDataSet
             The output, which is empty before ``Update``.
-
-        See Also
-        --------
-        SetInputData : Set the input.
 
         Examples
         --------

@@ -35,6 +35,9 @@ NAMES = {
     "voxflat.maps.worst_places": ["RelievingCut", "WorstPlace"],
 }
 
+OF_CLASSES = {"ES01", "EX01", "SA01"}
+"""Checks for an extended summary, examples and See Also: of classes and functions only."""
+
 
 def public():
     """Return all public classes, functions and methods by the names of their definitions."""
@@ -57,7 +60,8 @@ PUBLIC = public()
 
 @pytest.mark.parametrize("name", PUBLIC)
 def test_the_docstring_passes_all_checks_of_numpydoc(name):
-    assert validate(name)["errors"] == []
+    is_method = "." in PUBLIC[name].__qualname__  # its class says more, and leads on
+    assert [error for error in validate(name)["errors"] if not (is_method and error[0] in OF_CLASSES)] == []
 
 
 def test_the_reference_lists_every_public_name():

@@ -2,11 +2,14 @@
 
 import logging
 import re
+from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy import ndimage
 
 import voxflat
+from voxflat.surfaces.noise import noise_in_surface
 
 pytestmark = pytest.mark.slow
 
@@ -39,3 +42,40 @@ def test_noise_is_told_before_the_surface_is_sought(caplog, threshold, told):
 def test_an_object_above_the_noise_is_not_doubted(caplog):
     voxflat.surface(volume(), threshold=5.0)
     assert "noise" not in caplog.text
+
+
+@pytest.mark.parametrize("smoothing", [0.0, 1.0])
+@pytest.mark.parametrize("threshold", [-1.0, 0.0, 1.0, 2.0])
+def test_check_says_that_noise_may_be_noise(smoothing, threshold):
+    noise = ndimage.gaussian_filter(np.random.default_rng(0).normal(0, 1, (36, 36, 36)), smoothing)
+    found = voxflat.check(noise / noise.std(), threshold=threshold)
+    assert re.search("may contain noise.*Check the label or threshold", found.noise)
+    assert found.noise == found.advice[0]
+    assert dict(found.rows())["can be flattened"] == "yes, but it may be noise"
+
+
+REAL = [  # components, vertices used, handles and loops of real volumes: LayNii's rims and the MNI152 template
+    ([22274, 51787 - 2483, *[1] * 2483], 22274, 1, 106),
+    ([10432, *[40] * 876], 10432, 0, 14),
+    ([38515, 20000, 2578], 38515, 0, 42),
+    ([61045, 6, 6], 61045, 111, 0),
+    ([171723, *[8] * 122], 171723, 138, 0),
+    ([299963, *[14] * 412], 299963, 331, 0),
+    ([231844, *[9] * 768], 231844, 248, 0),
+]
+
+
+@pytest.mark.parametrize("figures", REAL)
+def test_real_volumes_are_not_doubted(figures):
+    assert noise_in_surface(*figures) is None
+
+
+def test_real_sheets_and_small_handles_are_not_doubted(caplog):
+    torus = np.indices((21, 21, 9)) - np.reshape([10, 10, 4], (3, 1, 1, 1))
+    solid = (np.hypot(torus[0], torus[1]) - 6) ** 2 + torus[2] ** 2 < 6
+    for found in (
+        voxflat.check(solid.astype(np.uint8)),
+        voxflat.check(Path(__file__).parents[1] / "data" / "laynii" / "occipital_midGM.nii.gz", label=1),
+    ):
+        assert found.noise is None
+        assert dict(found.rows())["can be flattened"] == "yes"

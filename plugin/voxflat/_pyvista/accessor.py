@@ -161,11 +161,6 @@ class VoxflatAccessor(Verbs):
         pyvista.Plotter
             The plotter, which is closed if the plot has been shown.
 
-        See Also
-        --------
-        show : Show an interactive view in a notebook.
-        morph : Animate the transition from the surface to the map.
-
         Examples
         --------
         >>> flat = pv.ParametricEnneper(u_res=12, v_res=12).voxflat()
@@ -199,10 +194,6 @@ class VoxflatAccessor(Verbs):
         Morph
             A sequence of meshes from the surface to the map. `Morph.save` writes a movie; `Morph.plot` shows a slider.
 
-        See Also
-        --------
-        plot : Show the surface and the map side by side.
-
         Examples
         --------
         >>> morph = pv.ParametricEnneper(u_res=12, v_res=12).voxflat.morph(10)
@@ -234,11 +225,6 @@ class VoxflatAccessor(Verbs):
         -------
         MapPage
             An HTML page that Jupyter displays. `MapPage.save` writes it to a file.
-
-        See Also
-        --------
-        export_html : Write the page to a file.
-        plot : Show both views in a PyVista window.
 
         Examples
         --------
@@ -280,13 +266,5 @@ class VoxflatAccessor(Verbs):
             If the file name has another extension.
         OSError
             If the file cannot be written.
-
-        See Also
-        --------
-        show : Show the page in a notebook.
-
-        Examples
-        --------
-        >>> pv.Plane().voxflat.export_html("plane.html")
         """
         self.show(title, progress_bar=progress_bar, **options).save(path)

@@ -2,20 +2,67 @@
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Concatenate, ParamSpec, TypeVar
 
 import pyvista as pv
 
 from voxflat._pyvista.accessor import VoxflatAccessor
 from voxflat.errors import InputError
-from voxflat.maps.flat_map import FlatMap
-from voxflat.surfaces.findings import Check
 
 if TYPE_CHECKING:
     from typing_extensions import Unpack
 
-    from voxflat._pyvista.options import CutOptions, FlattenOptions, PlaceOptions
+    from voxflat._pyvista.options import FlattenOptions
+
+Given = ParamSpec("Given")
+Result = TypeVar("Result")
+
+
+def _of_each(verb: Callable[Concatenate[Any, Given], object]) -> Callable[Concatenate[Any, Given], pv.MultiBlock]:
+    """Return a method that applies an operation to each block, with the signature and parameters of the operation."""
+
+    def of_blocks(self: BlocksAccessor, /, *args: Given.args, **options: Given.kwargs) -> pv.MultiBlock:
+        return self._made(lambda of, _: getattr(of, verb.__name__)(*args, **options))
+
+    _describe(of_blocks, verb, "pv.MultiBlock", _BLOCKS)
+    return of_blocks
+
+
+def _by_name(verb: Callable[Concatenate[Any, Given], Result]) -> Callable[Concatenate[Any, Given], dict[str, Result]]:
+    """Return a method that applies an operation to each block and returns a dictionary; see `_of_each`."""
+
+    def of_blocks(self: BlocksAccessor, /, *args: Given.args, **options: Given.kwargs) -> dict[str, Result]:
+        return self._named(lambda of: getattr(of, verb.__name__)(*args, **options))
+
+    _describe(of_blocks, verb, f"dict[str, {inspect.signature(verb).return_annotation}]", _DICTIONARY)
+    return of_blocks
+
+
+_BLOCKS = """Returns
+-------
+pyvista.MultiBlock
+    The results, with the names of their blocks. Empty blocks stay empty.
+"""
+_DICTIONARY = """Returns
+-------
+dict
+    The results, keyed by block name. The key of a nested block is a path such as ``"brain/left"``.
+
+Raises
+------
+InputError
+    If two blocks have the same name.
+"""
+
+
+def _describe(method: Any, verb: Callable[..., object], kind: str, returned: str) -> None:
+    text = inspect.getdoc(verb) or ""
+    parameters = text[text.index("Parameters\n") : text.index("Returns\n")]
+    method.__doc__ = f"Apply `VoxflatAccessor.{verb.__name__}` to each block.\n\n{parameters}{returned}"
+    method.__signature__ = inspect.signature(verb).replace(return_annotation=kind)
+    method.__name__, method.__qualname__ = verb.__name__, f"BlocksAccessor.{verb.__name__}"
 
 
 class BlocksAccessor:
@@ -57,168 +104,11 @@ class BlocksAccessor:
         """
         return self._made(lambda of, _: of(scalars, progress_bar=progress_bar, **options))
 
-    def flatten(
-        self, scalars: str | None = None, *, progress_bar: bool = False, **options: Unpack[FlattenOptions]
-    ) -> dict[str, FlatMap]:
-        """Return a flat map of each block.
-
-        Empty blocks are skipped.
-
-        Parameters
-        ----------
-        scalars : str, optional
-            Name of the image array to use. By default, the active array or the only array of each block.
-        progress_bar : bool
-            Show a progress bar.
-        **options : dict
-            As in `VoxflatAccessor.flatten`.
-
-        Returns
-        -------
-        dict of str to FlatMap
-            The maps, keyed by block name. The key of a nested block is a path such as ``"brain/left"``.
-
-        Raises
-        ------
-        InputError
-            If two blocks have the same name.
-
-        See Also
-        --------
-        VoxflatAccessor.flatten : The equivalent method for a single dataset.
-
-        Examples
-        --------
-        >>> both = pv.MultiBlock({"left": pv.Plane(), "right": pv.Plane(center=(2, 0, 0))})
-        >>> both.voxflat.flatten()["left"]
-        <FlatMap: 121 points, 1 x 1, relative error 0.0 %>
-        """
-        return self._named(lambda of: of.flatten(scalars, progress_bar=progress_bar, **options))
-
-    def surface(self, scalars: str | None = None, **options: Unpack[PlaceOptions]) -> pv.MultiBlock:
-        """Return the surface of each block.
-
-        Empty blocks stay empty.
-
-        Parameters
-        ----------
-        scalars : str, optional
-            Name of the image array to use. By default, the active array or the only array of each block.
-        **options : dict
-            As in `VoxflatAccessor.surface`.
-
-        Returns
-        -------
-        pyvista.MultiBlock
-            The surfaces, with the names of their blocks.
-
-        See Also
-        --------
-        VoxflatAccessor.surface : The equivalent method for a single dataset.
-
-        Examples
-        --------
-        >>> both = pv.MultiBlock({"left": pv.Plane(), "right": pv.Plane(center=(2, 0, 0))})
-        >>> both.voxflat.surface().n_blocks
-        2
-        """
-        return self._made(lambda of, _: of.surface(scalars, **options))
-
-    def check(self, scalars: str | None = None, **options: Unpack[PlaceOptions]) -> dict[str, Check]:
-        """Report whether each block can be flattened.
-
-        Empty blocks are skipped.
-
-        Parameters
-        ----------
-        scalars : str, optional
-            Name of the image array to use. By default, the active array or the only array of each block.
-        **options : dict
-            As in `VoxflatAccessor.check`.
-
-        Returns
-        -------
-        dict of str to Check
-            The reports, keyed by block name as in `flatten`.
-
-        Raises
-        ------
-        InputError
-            If two blocks have the same name.
-
-        See Also
-        --------
-        VoxflatAccessor.check : The equivalent method for a single dataset.
-
-        Examples
-        --------
-        >>> both = pv.MultiBlock({"left": pv.Plane(), "right": pv.Plane(center=(2, 0, 0))})
-        >>> both.voxflat.check()["right"].can_flatten
-        True
-        """
-        return self._named(lambda of: of.check(scalars, **options))
-
-    def patches(self, max_angle: float | None = None, **options: Any) -> pv.MultiBlock:
-        """Flatten each block in certified patches.
-
-        Empty blocks stay empty.
-
-        Parameters
-        ----------
-        max_angle : float, optional
-            Largest angle between a triangle and the plane of its patch, in degrees. The default is 10.
-        **options : dict
-            As in `VoxflatAccessor.patches`.
-
-        Returns
-        -------
-        pyvista.MultiBlock
-            The page of patches for each block.
-
-        See Also
-        --------
-        VoxflatAccessor.patches : The equivalent method for a single dataset.
-
-        Examples
-        --------
-        >>> both = pv.MultiBlock({"left": pv.Plane(), "right": pv.Plane(center=(2, 0, 0))})
-        >>> both.voxflat.patches(max_angle=20).n_blocks
-        2
-        """
-        return self._made(lambda of, _: of.patches(max_angle, **options))
-
-    def cut(
-        self, scalars: str | None = None, *, progress_bar: bool = False, **options: Unpack[CutOptions]
-    ) -> pv.MultiBlock:
-        """Cut open the surface of each block.
-
-        Empty blocks stay empty.
-
-        Parameters
-        ----------
-        scalars : str, optional
-            Name of the image array to use. By default, the active array or the only array of each block.
-        progress_bar : bool
-            Show a progress bar.
-        **options : dict
-            As in `VoxflatAccessor.cut`.
-
-        Returns
-        -------
-        pyvista.MultiBlock
-            The cut surfaces, with the names of their blocks.
-
-        See Also
-        --------
-        VoxflatAccessor.cut : The equivalent method for a single dataset.
-
-        Examples
-        --------
-        >>> both = pv.MultiBlock({"left": pv.Plane(), "right": pv.Plane(center=(2, 0, 0))})
-        >>> both.voxflat.cut().n_blocks
-        2
-        """
-        return self._made(lambda of, _: of.cut(scalars, progress_bar=progress_bar, **options))
+    flatten = _by_name(VoxflatAccessor.flatten)
+    check = _by_name(VoxflatAccessor.check)
+    surface = _of_each(VoxflatAccessor.surface)
+    patches = _of_each(VoxflatAccessor.patches)
+    cut = _of_each(VoxflatAccessor.cut)
 
     def measure(self, flat: pv.MultiBlock, scalars: str | None = None, **options: Any) -> pv.MultiBlock:
         """Measure the distortion of a map of each block.
@@ -243,10 +133,6 @@ class BlocksAccessor:
         ------
         InputError
             If the numbers of maps and blocks differ.
-
-        See Also
-        --------
-        VoxflatAccessor.measure : The equivalent method for a single dataset.
 
         Examples
         --------

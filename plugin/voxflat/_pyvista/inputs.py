@@ -48,10 +48,6 @@ class Inputs:
         InputError
             If the dataset is not an ``ImageData``, or the array is missing or has several components.
 
-        See Also
-        --------
-        voxel_at : Return the voxel at a position.
-
         Examples
         --------
         >>> image = pv.ImageData(dimensions=(8, 8, 8))
@@ -83,10 +79,6 @@ class Inputs:
         ------
         InputError
             If the position lies outside the image.
-
-        See Also
-        --------
-        volume : Return the image as a volume.
 
         Examples
         --------

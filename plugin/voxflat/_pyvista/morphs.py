@@ -82,16 +82,6 @@ class Morph(Sequence[pv.PolyData]):
         -------
         pyvista.PolyData
             The mesh at this position.
-
-        See Also
-        --------
-        plot : Show the morph with a slider.
-
-        Examples
-        --------
-        >>> morph = pv.Plane().voxflat.morph(5)
-        >>> morph.at(0.5).n_points
-        121
         """
         if not is_number(share) or not 0 <= share <= 1:
             raise InputError(f"share is {share!r}. Pass a number from 0 (the surface) to 1 (the map)")
@@ -140,15 +130,6 @@ class Morph(Sequence[pv.PolyData]):
         ------
         InputError
             If the map does not have the array.
-
-        See Also
-        --------
-        save : Write the morph as a movie.
-
-        Examples
-        --------
-        >>> pv.OFF_SCREEN = True  # or a window opens
-        >>> plotter = pv.Plane().voxflat.morph(5).plot()
         """
         view, moved = self._view(scalars, cmap, clim, window_size=window_size, off_screen=off_screen)
         plotter: Any = view

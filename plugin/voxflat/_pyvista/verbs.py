@@ -124,11 +124,6 @@ class Verbs(Inputs):
         --------
         voxflat.flatten : Flatten arrays and files.
         surface : Return the surface that is flattened.
-
-        Examples
-        --------
-        >>> pv.Plane(i_size=20, j_size=20).voxflat.flatten()
-        <FlatMap: 121 points, 20 x 20, relative error 0.0 %>
         """
         given: dict[str, Any] = {**options}
         with shown(progress_bar, given.pop("progress", None)) as progress:
@@ -154,15 +149,6 @@ class Verbs(Inputs):
         -------
         pyvista.PolyData
             Triangles, with the point data ``vertex_ids`` (point numbers of the dataset) or ``voxel_ids`` (i, j, k).
-
-        See Also
-        --------
-        check : Report whether the surface can be flattened.
-
-        Examples
-        --------
-        >>> pv.Icosphere(nsub=2).voxflat.surface().n_points
-        162
         """
         extracted, source = self._source(scalars, options.get("unit"))
         whole = surface(source, **options)
@@ -189,15 +175,6 @@ class Verbs(Inputs):
         -------
         Check
             Components, holes, handles, and the effect of each remedy.
-
-        See Also
-        --------
-        voxflat.check : Check arrays and files.
-
-        Examples
-        --------
-        >>> pv.Plane().voxflat.check().can_flatten
-        True
         """
         return check(self._source(scalars)[1], **options)
 
@@ -229,10 +206,6 @@ class Verbs(Inputs):
         pyvista.DataSet
             A copy of the mesh with the active point data ``geodesic_distance``, in the unit of the mesh. The distance
             is NaN at points that cannot be reached or are not on the surface.
-
-        See Also
-        --------
-        path : Find the shortest path between points.
 
         Examples
         --------
@@ -272,15 +245,6 @@ class Verbs(Inputs):
         pyvista.PolyData
             A line with the point data ``vertex_ids`` (-1 where the path crosses an edge) and the field data ``length``,
             in the unit of the mesh.
-
-        See Also
-        --------
-        geodesic : Measure the distances from given points to all other points.
-
-        Examples
-        --------
-        >>> pv.Icosphere(nsub=2).voxflat.path(0, 11).n_points > 1
-        True
         """
         extracted = self._extracted(None)
         stops = [extracted.point(stop, "stops") for stop in (a, b, *further)]
@@ -337,15 +301,6 @@ class Verbs(Inputs):
         pyvista.PolyData
             The page of all patches, as in `to_page_polydata`. The arrays of a mesh are copied, as in a call to the
             accessor. ``page.points = page["surface_points"]`` moves the points of the page back onto the surface.
-
-        See Also
-        --------
-        voxflat.Surface.patches : Return the patches as a `FlatAtlas`.
-
-        Examples
-        --------
-        >>> pv.Icosphere(nsub=2).voxflat.patches(max_angle=20).n_cells
-        320
         """
         extracted, source = self._source(scalars)
         given: dict[str, Any] = {**options}
@@ -383,10 +338,6 @@ class Verbs(Inputs):
             ``cut`` contain the number (from 0) of the cut on which a point lies, or -1. ``vertex_ids`` or ``voxel_ids``
             identify the points. The field data ``voxflat`` contain the ``cuts``, each with ``ids``, ``length`` (mm),
             ``reason`` and ``name``, and the ``remarks``.
-
-        See Also
-        --------
-        flatten : Cut the surface and flatten it.
 
         Examples
         --------
@@ -440,10 +391,6 @@ class Verbs(Inputs):
         pyvista.PolyData
             The map in the plane z = 0, with its measures as in `to_polydata` and all arrays of a mesh. The field data
             ``voxflat`` contain the measures of ``distortion``.
-
-        See Also
-        --------
-        voxflat.measure : Measure maps of arrays and files.
 
         Examples
         --------

@@ -5,6 +5,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from pathlib import Path
 from typing import Any, ClassVar, TypeVar
 
 import numpy as np
@@ -20,9 +21,10 @@ from voxflat.io import files
 from voxflat.io.grid import FARTHEST, in_unit
 from voxflat.io.notebook import page
 from voxflat.io.origin import origin_of
-from voxflat.io.provenance import Record, as_text, saving
+from voxflat.io.provenance import Record, as_text
 from voxflat.io.readers import read_arrays
 from voxflat.io.reading import note
+from voxflat.io.saved import Saved
 from voxflat.maps.raster import FlatImage, FlatStack
 
 _SHOWN = 12  # pieces in a table
@@ -44,7 +46,7 @@ Own = TypeVar("Own", bound="Atlas")
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Atlas(FlatPieces, ABC):
+class Atlas(FlatPieces, Saved, ABC):
     """A surface divided into a sequence of flat pieces, from the largest to the smallest.
 
     It is either a `FlatAtlas` of certified patches, or a `GluedAtlas`.
@@ -89,6 +91,12 @@ class Atlas(FlatPieces, ABC):
     --------
     >>> voxflat.samples.hill().patches(max_angle=20)
     <FlatAtlas of 8 patches: 800 triangles, C ≤ 1.3640, K ≤ 1.5930>
+    """
+
+    _kind = "an atlas"
+    _endings = files.SAVED_ENDINGS
+    _formats = """
+    ``.npz`` and ``.voxflat`` hold the complete atlas with `provenance`, for `load_atlas`.
     """
 
     measured: NDArray[np.float64]
@@ -158,15 +166,6 @@ class Atlas(FlatPieces, ABC):
         ------
         InputError
             If the gap or the packing is invalid, or xatlas is not installed.
-
-        See Also
-        --------
-        Atlas.layout : Return only the positions.
-
-        Examples
-        --------
-        >>> voxflat.samples.hill().patches(max_angle=20).page()
-        <FlatPage: 8 pieces, 55 x 71, 44 % used>
         """
         chosen = usual_gap(self.uv, self.starts) if gap is None else checked_number(gap, "gap")
         key = (chosen, checked_choice(packing, "packing", PACKINGS))
@@ -190,15 +189,6 @@ class Atlas(FlatPieces, ABC):
         -------
         ndarray, shape (P, 2)
             Position on the page for each row of `uv`, in mm.
-
-        See Also
-        --------
-        Atlas.page : Return the page.
-
-        Examples
-        --------
-        >>> voxflat.samples.hill().patches(max_angle=20).layout().shape
-        (559, 2)
         """
         return self.page(gap, packing=packing).uv
 
@@ -220,15 +210,6 @@ class Atlas(FlatPieces, ABC):
         -------
         FlatImage
             The image, with NaN (for colours, alpha 0) outside the pieces and where the volume has no value.
-
-        See Also
-        --------
-        Atlas.images : Show several depths, maps or frames.
-
-        Examples
-        --------
-        >>> voxflat.samples.hill().patches(max_angle=20).image(np.arange(441.0))
-        <FlatImage: overlay, 116 x 151 pixels of 0.477758>
         """
         return self.page().image(volume, pixel_size, **options)
 
@@ -250,15 +231,6 @@ class Atlas(FlatPieces, ABC):
         -------
         FlatStack
             A sequence of images.
-
-        See Also
-        --------
-        Atlas.image : Show a single image.
-
-        Examples
-        --------
-        >>> len(voxflat.samples.hill().patches(max_angle=20).images(np.ones((441, 3))))
-        3
         """
         return self.page().images(volume, pixel_size, **options)
 
@@ -278,15 +250,6 @@ class Atlas(FlatPieces, ABC):
         -------
         FlatImage
             The image, with NaN outside the pieces.
-
-        See Also
-        --------
-        FlatPage.heat_map : The same for a page with its own gap and packing.
-
-        Examples
-        --------
-        >>> voxflat.samples.hill().patches(max_angle=20).heat_map(pixel_size=1.0)
-        <FlatImage: C: greatest factor by which lengths change, 56 x 73 pixels of 1>
         """
         return self.page().heat_map(pixel_size, of=of)
 
@@ -301,15 +264,6 @@ class Atlas(FlatPieces, ABC):
         -------
         dict
             The figures by name.
-
-        See Also
-        --------
-        Atlas.table : The measures as text.
-
-        Examples
-        --------
-        >>> sorted(voxflat.samples.hill().patches(max_angle=20).figures())[:3]
-        ['area', 'broken', 'certificate']
         """
         return self._figures()
 
@@ -330,15 +284,6 @@ class Atlas(FlatPieces, ABC):
         -------
         str
             The table.
-
-        See Also
-        --------
-        Atlas.figures : The measures for JSON.
-
-        Examples
-        --------
-        >>> print(voxflat.samples.hill().patches(max_angle=20).table().splitlines()[0])
-        patches                            8
         """
         return "\n".join(self._lines())
 
@@ -377,47 +322,10 @@ class Atlas(FlatPieces, ABC):
         told: Record = {name: self.metadata[name] for name in ("space", "warnings") if name in self.metadata}
         return {**super().provenance, **told, "figures": self.figures()}
 
-    def save(self, path: str | os.PathLike[str], *, sidecar: bool = False, overwrite: bool = False) -> None:
-        """Save the atlas to a file.
-
-        The file includes `provenance`. It is written either completely or not at all.
-
-        Parameters
-        ----------
-        path : path
-            A file name that ends in .npz or .voxflat.
-        sidecar : bool
-            Also write `provenance` to ``<path>.json``.
-        overwrite : bool
-            Replace an existing file that voxflat did not write.
-
-        Raises
-        ------
-        InputError
-            If the extension is not supported, or the path is an input file of the atlas.
-        OSError
-            If the file cannot be written.
-
-        See Also
-        --------
-        load_atlas : Load an atlas.
-
-        Examples
-        --------
-        >>> voxflat.samples.hill().patches(max_angle=20).save("hill_atlas.npz")
-        >>> voxflat.load_atlas("hill_atlas.npz")
-        <FlatAtlas of 8 patches: 800 triangles, C ≤ 1.3640, K ≤ 1.5930>
-        """
-        path = checked_path(path)
-        if path.suffix.lower() not in files.SAVED_ENDINGS:
-            raise InputError(f"cannot save an atlas as {path.name}. Use a name that ends in .npz or .voxflat")
+    def _write(self, path: Path) -> None:
         text = {"format": self._format, "metadata": self.metadata, **self._text()}
         arrays: dict[str, Any] = {name: getattr(self, name) for name in self._arrays}
-        with (
-            saving(path, self.provenance, sidecar=sidecar, overwrite=overwrite),
-            files.atomic_path(path) as temporary,
-            temporary.open("wb") as file,
-        ):
+        with files.atomic_path(path) as temporary, temporary.open("wb") as file:
             np.savez_compressed(file, text=np.array(as_text(text)), **arrays)
 
     @abstractmethod
@@ -455,12 +363,6 @@ class Atlas(FlatPieces, ABC):
         See Also
         --------
         load_atlas : Load an atlas of either kind.
-
-        Examples
-        --------
-        >>> voxflat.samples.hill().patches(max_angle=20).save("hill_patches.npz")
-        >>> voxflat.FlatAtlas.load("hill_patches.npz")
-        <FlatAtlas of 8 patches: 800 triangles, C ≤ 1.3640, K ≤ 1.5930>
         """
         with files.naming(path, files.AGAIN):
             files.check_regular(checked_path(path))

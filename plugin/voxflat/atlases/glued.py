@@ -74,15 +74,6 @@ class Seams(ReadOnly):
         -------
         dict
             The figures by name.
-
-        See Also
-        --------
-        GluedAtlas.figures : Measures of the atlas.
-
-        Examples
-        --------
-        >>> sorted(voxflat.samples.hill().patches(max_angle=20).glue(bound=1.5).seams.figures())[:2]
-        ['bound', 'closed']
         """
         return {**asdict(self), "cuts": self.cuts, "closed_share": self.closed_share}
 

@@ -9,7 +9,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from voxflat.arguments import checked_choice, checked_kind
+from voxflat.arguments import checked_choice, checked_instance
 from voxflat.atlases.pieces import FIGURES, FlatPieces
 from voxflat.errors import InputError
 from voxflat.io.provenance import Record, telling
@@ -108,15 +108,6 @@ class FlatPage(Planar):
         -------
         ndarray of int64, shape (H, W)
             Rows of the atlas's `faces`; −1 outside the pieces.
-
-        See Also
-        --------
-        FlatPage.look_up : Look up single points.
-
-        Examples
-        --------
-        >>> voxflat.samples.hill().patches(max_angle=20).page().face_ids(pixel_size=1.0).ndim
-        2
         """
         raster = self.raster(pixel_size)
         return np.where(raster.inside, raster.corners[..., 0].astype(np.int64) // 3, -1)
@@ -143,15 +134,6 @@ class FlatPage(Planar):
         ------
         InputError
             If the measure is unknown.
-
-        See Also
-        --------
-        FlatPage.label_image : Return the patch at each pixel.
-
-        Examples
-        --------
-        >>> voxflat.samples.hill().patches(max_angle=20).page().heat_map(pixel_size=1.0)
-        <FlatImage: C: greatest factor by which lengths change, 56 x 73 pixels of 1>
         """
         checked_choice(of, "of", FIGURES)
         return self._carried(getattr(self.atlas, of), FIGURES[of], pixel_size)
@@ -171,15 +153,6 @@ class FlatPage(Planar):
         -------
         FlatImage
             The image, with NaN outside the pieces.
-
-        See Also
-        --------
-        FlatPage.heat_map : Return the distortion at each pixel.
-
-        Examples
-        --------
-        >>> voxflat.samples.hill().patches(max_angle=20).page().label_image(pixel_size=1.0)
-        <FlatImage: number of the patch, 56 x 73 pixels of 1>
         """
         numbers = self.atlas.patch_ids + 1  # 0 would be grey, as for unlabelled pixels
         return replace(self._carried(numbers, "number of the patch", pixel_size), labels=True)
@@ -209,20 +182,11 @@ class FlatPage(Planar):
         ------
         InputError
             If the image does not contain the whole page.
-
-        See Also
-        --------
-        FlatPage.textured : Return the surface with an image on it.
-
-        Examples
-        --------
-        >>> voxflat.samples.hill().patches(max_angle=20).page().texture_coordinates().shape
-        (559, 2)
         """
         if image is None:
             raster = self.raster()
             image = FlatImage(np.empty((*raster.shape, 0)), raster.pixel_size, raster.origin, "")
-        checked_kind(image, "image", "extent", "a FlatImage of this page")
+        checked_instance(image, FlatImage, "image", "a FlatImage of this page")
         left, right, bottom, top = image.extent
         coordinates = (self.uv - [left, bottom]) / [right - left, top - bottom]
         if (coordinates < 0).any() or (coordinates > 1).any():
@@ -255,10 +219,6 @@ class FlatPage(Planar):
         ------
         InputError
             If the image does not belong to this page or shows nothing, or if the colour map does not exist.
-
-        See Also
-        --------
-        TexturedSurface.save : Save the surface with its texture.
 
         Examples
         --------

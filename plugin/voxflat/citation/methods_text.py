@@ -9,7 +9,7 @@ from importlib.resources import files
 from typing import Any
 
 from voxflat._core import __version__
-from voxflat.arguments import checked_kind
+from voxflat.arguments import checked_instance
 from voxflat.io.grid import in_unit, rounded
 from voxflat.maps.flat_map import FlatMap
 from voxflat.surfaces.standard.sphere import OWN_REGISTRATION
@@ -96,7 +96,7 @@ def cite(*maps: FlatMap) -> Citation:
     @software{voxflat,
     """
     for one in maps:
-        checked_kind(one, "flat map", "eigenvalues", "a FlatMap")
+        checked_instance(one, FlatMap, "flat map", "a FlatMap")
     return citation_of([facts_of(one) for one in maps])
 
 

@@ -138,15 +138,6 @@ class DistanceRows(ReadOnly):
         ------
         InputError
             If rows do not match their checksums; the message lists these rows.
-
-        See Also
-        --------
-        open_rows : Open the rows of a store.
-
-        Examples
-        --------
-        >>> rows = voxflat.samples.hill().geodesic(5, store="hill.rows")
-        >>> rows.verify()  # reads every row and compares its checksum
         """
         if self.store is None:
             return

@@ -105,16 +105,6 @@ class Distortion(ReadOnly):
         -------
         dict
             The measures, keyed by field name; ``standard_error`` has the same keys.
-
-        See Also
-        --------
-        Distortion.table : The measures as text.
-
-        Examples
-        --------
-        >>> figures = voxflat.samples.hill().flatten().distortion.figures()
-        >>> sorted(figures)[:2]
-        ['best_scale', 'mean_geodesic']
         """
         return dict(json_ready(_without_arrays(asdict(self))))
 
@@ -131,15 +121,6 @@ class Distortion(ReadOnly):
         -------
         str
             The table.
-
-        See Also
-        --------
-        Distortion.figures : The measures for JSON.
-
-        Examples
-        --------
-        >>> print(voxflat.samples.hill().flatten().distortion.table().splitlines()[0])
-        from 200 random sources, ± standard error; distances by straight links over the triangles
         """
         errors = self.standard_error
         rows = [

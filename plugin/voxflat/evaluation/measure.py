@@ -12,7 +12,7 @@ from voxflat import _core
 from voxflat.arguments import (
     Progress,
     checked_choice,
-    checked_kind,
+    checked_instance,
     checked_seed,
     checked_switch,
     checked_threads,
@@ -125,17 +125,6 @@ class Comparison(ReadOnly, Recorded):
         -------
         dict
             The results of `Distortion.figures`, keyed by map name.
-
-        See Also
-        --------
-        Comparison.table : The measures as text.
-
-        Examples
-        --------
-        >>> surface = voxflat.samples.hill()
-        >>> comparison = voxflat.compare(surface, {"seen from above": surface.points[:, :2]})
-        >>> list(comparison.figures())[:2]
-        ['seen from above']
         """
         return {name: measured.distortion.figures() for name, measured in self.maps.items()}
 
@@ -148,17 +137,6 @@ class Comparison(ReadOnly, Recorded):
         -------
         str
             The table.
-
-        See Also
-        --------
-        Comparison.figures : The measures for JSON.
-
-        Examples
-        --------
-        >>> surface = voxflat.samples.hill()
-        >>> comparison = voxflat.compare(surface, {"seen from above": surface.points[:, :2]})
-        >>> print(comparison.table().splitlines()[0])
-        from 300 random sources, ± standard error; exact distances over the triangles
         """
         return table_of_several({name: measured.distortion for name, measured in self.maps.items()})
 
@@ -292,7 +270,7 @@ def compare(
         raise InputError(f"sources is {shown(sources)}. Pass a whole number, at least 1")
     if reference is not None:
         checked_choice(reference, "reference", ("exact", "graph"))
-    checked_kind(maps, "collection of maps", "items", "a dict of maps, keyed by name")
+    checked_instance(maps, Mapping, "collection of maps", "a dict of maps, keyed by name")
     if not maps:
         raise InputError("maps is empty. Pass at least one map to measure")
     if isinstance(surface, CutSurface):  # distances are measured along the cuts of the map

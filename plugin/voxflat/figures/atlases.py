@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.figure import Figure
 
-from voxflat.arguments import checked_kind
+from voxflat.arguments import checked_instance
 from voxflat.atlases.atlas import Atlas
 from voxflat.atlases.glued import GluedAtlas
 from voxflat.figures.colours import ERRORS, patch_colours
@@ -42,7 +42,7 @@ def atlas_page(atlas: Atlas, *, packing: str = "boxes") -> Figure:
     >>> figure = voxflat.figures.atlas_page(atlas)
     >>> voxflat.figures.save(figure, "atlas_page.svg")
     """
-    checked_kind(atlas, "atlas", "layout", "an atlas")
+    checked_instance(atlas, Atlas, "atlas", "an atlas")
     places = atlas.layout(packing=packing)
     corners: Any = places[atlas.uv_faces]
     colours = patch_colours(atlas) / 255
@@ -87,7 +87,7 @@ def atlas_heat_map(atlas: Atlas, pixel_size: float | None = None, *, of: str = "
     >>> figure = voxflat.figures.atlas_heat_map(atlas)
     >>> voxflat.figures.save(figure, "atlas_heat_map.png")
     """
-    checked_kind(atlas, "atlas", "heat_map", "an atlas")
+    checked_instance(atlas, Atlas, "atlas", "an atlas")
     image = atlas.heat_map(pixel_size, of=of)
     values = getattr(atlas, of)
     least, most = np.nanpercentile(values[np.isfinite(values)], (1, 99))

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from matplotlib.ticker import LogLocator
 
-from voxflat.arguments import checked_kind
+from voxflat.arguments import checked_instance
 from voxflat.errors import InputError
 from voxflat.evaluation.measure import Comparison
 from voxflat.figures.colours import AREA_LABEL, AREAS, ERROR_LABEL, ERRORS, top, top_error
@@ -49,7 +49,7 @@ def scatter(flat_map: FlatMap) -> Figure:
     >>> figure = voxflat.figures.scatter(flat_map)
     >>> voxflat.figures.save(figure, "scatter.png")
     """
-    checked_kind(flat_map, "flat map", "distortion", "a FlatMap")
+    checked_instance(flat_map, FlatMap, "flat map", "a FlatMap")
     distortion = flat_map.distortion
     geodesic, flat = distortion.scatter.T
     end = 1.03 * float(distortion.scatter.max())
@@ -97,7 +97,7 @@ def heat_map(flat_map: FlatMap, pixel_size: float | None = None) -> Figure:
     >>> figure = voxflat.figures.heat_map(flat_map)
     >>> voxflat.figures.save(figure, "heat_map.png")
     """
-    checked_kind(flat_map, "flat map", "heat_map", "a FlatMap")
+    checked_instance(flat_map, FlatMap, "flat map", "a FlatMap")
     image = flat_map.heat_map(pixel_size)
     figure, axes = _map_axes(image, flat_map.origin.named_unit)
     place: dict[str, Any] = {"extent": image.extent, "origin": "upper", "interpolation": "none", "aspect": "equal"}
@@ -133,7 +133,7 @@ def heat_maps(comparison: Comparison) -> Figure:
     >>> comparison = voxflat.compare(surface, {"seen from above": surface.points[:, :2]})
     >>> figure = voxflat.figures.heat_maps(comparison)
     """
-    checked_kind(comparison, "comparison", "maps", "a Comparison, as returned by voxflat.compare")
+    checked_instance(comparison, Comparison, "comparison", "a Comparison, as returned by voxflat.compare")
     maps = comparison.maps
     errors = [100 * one.distortion.per_point for one in maps.values()]
     areas = [one.distortion.triangles.areal for one in maps.values() if one.distortion.triangles is not None]
@@ -187,7 +187,7 @@ def spectrum(flat_map: FlatMap) -> Figure:
     >>> flat_map = voxflat.samples.hill().flatten("zigelman2002")
     >>> figure = voxflat.figures.spectrum(flat_map)
     """
-    checked_kind(flat_map, "flat map", "eigenvalues", "a FlatMap")
+    checked_instance(flat_map, FlatMap, "flat map", "a FlatMap")
     values = flat_map.eigenvalues
     if flat_map.period is not None:
         raise InputError("a periodic map has no eigenvalues, because distances around a tube are not those in a plane")

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from PIL import Image, PngImagePlugin
 
-from voxflat.arguments import Progress, array_of, checked_kind, checked_path
+from voxflat.arguments import Progress, array_of, checked_instance, checked_path
 from voxflat.errors import InputError
 from voxflat.figures.layers import name_layers
 from voxflat.io.files import atomic_path, one_line, require
@@ -61,7 +61,7 @@ def save(figure: Figure, path: str | os.PathLike[str], record: Record | None = N
     >>> voxflat.figures.save(voxflat.figures.scatter(flat_map), "scatter.pdf")
     """
     path = checked_path(path)
-    checked_kind(figure, "figure", "canvas", "a Matplotlib figure")
+    checked_instance(figure, Figure, "figure", "a Matplotlib figure")
     kind = path.suffix[1:].lower()
     if kind not in figure.canvas.get_supported_filetypes():
         raise InputError(f"cannot write {path.name}: unknown format. Use a name that ends in .png, .pdf or .svg")

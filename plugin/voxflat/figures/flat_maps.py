@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from voxflat.arguments import checked_choice, checked_kind, checked_number, checked_text, log, shown
+from voxflat.arguments import checked_choice, checked_instance, checked_number, checked_text, log, shown
 from voxflat.errors import InputError
 from voxflat.figures.overlays import Overlay, OverlayColours
 from voxflat.figures.page import DARK, LIGHT, STRIP, WHEEL_STRIP, Page
@@ -169,7 +169,7 @@ def maps_of(given: object) -> list[FlatMap]:
     if not 1 <= len(maps) <= 2:
         raise InputError(f"got {len(maps)} maps. Pass one map, or two, such as both hemispheres")
     for one in maps:
-        checked_kind(one, "flat map", "eigenvalues", "a FlatMap")
+        checked_instance(one, FlatMap, "flat map", "a FlatMap")
     return maps
 
 

@@ -13,7 +13,7 @@ from matplotlib.patches import FancyArrowPatch
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
-from voxflat.arguments import checked_kind, checked_number, checked_text, log, shown
+from voxflat.arguments import checked_instance, checked_number, checked_text, log, shown
 from voxflat.errors import InputError
 from voxflat.figures.layers import MAP
 from voxflat.figures.marks import cut_names, directions, round_length, side
@@ -123,7 +123,7 @@ class Page:
         """Place maps side by side on a page; lengths are in mm, `head` adds space above, `pixels` is the page width."""
         tallest = _TALLEST * checked_number(width, "width")
         if axes is not None:
-            checked_kind(axes, "ax", "get_window_extent", "Matplotlib axes")
+            checked_instance(axes, Axes, "ax", "Matplotlib axes")
             box = axes.get_window_extent()
             width, tallest = (side / axes.figure.dpi * _INCH for side in (box.width, box.height))
         elif not 30 <= width <= 1000:

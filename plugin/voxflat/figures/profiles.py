@@ -5,7 +5,7 @@ from matplotlib import colormaps
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from voxflat.arguments import checked_kind, checked_text
+from voxflat.arguments import checked_instance, checked_text
 from voxflat.errors import InputError
 from voxflat.figures.names import plain
 from voxflat.laminar.profile import Profile
@@ -47,7 +47,7 @@ def profile(profile: Profile, *, label: str | None = None, ax: Axes | None = Non
     >>> figure = voxflat.figures.profile(rim.profile(rim.thickness()), label="thickness (mm)")
     >>> voxflat.figures.save(figure, "profile.pdf")
     """
-    checked_kind(profile, "profile", "layering", "a Profile, as returned by Rim.profile")
+    checked_instance(profile, Profile, "profile", "a Profile, as returned by Rim.profile")
     label = checked_text(label, "label") or profile.name or "mean"
     regions, layers = profile.mean.shape[:2]
     mean, sd = (values.reshape(regions, layers, -1) for values in (profile.mean, profile.sd))

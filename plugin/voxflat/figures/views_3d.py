@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 from scipy.spatial import cKDTree
 
-from voxflat.arguments import checked_kind, checked_pixels, numbers_of, shown
+from voxflat.arguments import checked_instance, checked_pixels, numbers_of, shown
 from voxflat.atlases.pieces import FlatPieces
 from voxflat.errors import InputError
 from voxflat.figures.colours import ERROR_LABEL, ERRORS, patch_colours, top_error
@@ -76,7 +76,7 @@ def patch_3d(
     >>> voxflat.figures.patch_3d(flat_map, size=(200, 150)).shape
     (150, 200, 3)
     """
-    checked_kind(flat_map, "flat map", "is_voxels", "a FlatMap")
+    checked_instance(flat_map, FlatMap, "flat map", "a FlatMap")
     if not isinstance(size, Sequence) or isinstance(size, str) or len(size) != 2:
         raise InputError(f"size is {shown(size)}. Pass the width and height in pixels")
     width, height = (checked_pixels(side, "size") for side in size)
@@ -128,7 +128,7 @@ def atlas_3d(atlas: FlatPieces, *, towards: Any = (0.6, -1.0, 0.5), size: int = 
     >>> voxflat.figures.atlas_3d(atlas, size=200).shape
     (200, 200, 3)
     """
-    checked_kind(atlas, "atlas", "patch_ids", "an atlas")
+    checked_instance(atlas, FlatPieces, "atlas", "an atlas")
     checked_pixels(size, "size")
     direction = numbers_of(towards, "coordinates of towards")
     if direction.shape != (3,) or not np.isfinite(direction).all() or not direction.any():

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.patheffects import withStroke
 from numpy.typing import NDArray
 
-from voxflat.arguments import checked_kind
+from voxflat.arguments import checked_instance
 from voxflat.figures.colours import AREAS
 from voxflat.figures.views_3d import drawn_from_both_sides, load_pyvista
 from voxflat.io.grid import in_unit
@@ -50,7 +50,7 @@ def worst_places(worst: WorstPlaces) -> Figure:
     >>> worst = voxflat.worst_places(voxflat.samples.hill().flatten(), 1, beyond=1.01)
     >>> figure = voxflat.figures.worst_places(worst)
     """
-    checked_kind(worst, "worst", "places", "WorstPlaces, as returned by voxflat.worst_places")
+    checked_instance(worst, WorstPlaces, "worst", "WorstPlaces, as returned by voxflat.worst_places")
     flat_map = worst.flat_map
     wide, high = np.ptp(flat_map.uv, axis=0).tolist()
     figure = Figure(figsize=(7.6, float(np.clip(6.4 * high / wide, 2.4, 8.0)) + 0.6), layout="compressed")
@@ -110,7 +110,7 @@ def worst_places_3d(worst: WorstPlaces, *, size: tuple[int, int] = (1800, 800)) 
     >>> voxflat.figures.worst_places_3d(worst, size=(200, 100)).shape
     (100, 200, 3)
     """
-    checked_kind(worst, "worst", "places", "WorstPlaces, as returned by voxflat.worst_places")
+    checked_instance(worst, WorstPlaces, "worst", "WorstPlaces, as returned by voxflat.worst_places")
     pyvista = load_pyvista()
     flat_map, norm = worst.flat_map, _norm(worst)
     patch = pyvista.PolyData.from_regular_faces(flat_map.points, flat_map.faces.astype(np.int64))

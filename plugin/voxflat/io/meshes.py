@@ -10,7 +10,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from voxflat.arguments import array_of, checked_kind, checked_path, numbers_of
+from voxflat.arguments import array_of, checked_instance, checked_path, numbers_of
 from voxflat.errors import InputError
 from voxflat.io import formats
 from voxflat.io.files import REMEDY, atomic_path, by_ending, contents, naming
@@ -130,7 +130,7 @@ class Mesh:
             if texture.shape != (len(points), 2):
                 raise InputError(f"texture coordinates have shape {texture.shape} instead of ({len(points)}, 2)")
         for kind, data, count in (("point", self.point_data, len(points)), ("face", self.face_data, len(self.faces))):
-            checked_kind(data, f"{kind} data", "items", "arrays by name")
+            checked_instance(data, Mapping, f"{kind} data", "arrays by name")
             for name, array in data.items():
                 own = len(array) if np.ndim(array) else 0
                 if own != count:

@@ -98,15 +98,6 @@ class VolumeGeometry(ReadOnly):
         -------
         VolumeGeometry
             Geometry of the conformed volume.
-
-        See Also
-        --------
-        VolumeGeometry.of_volume : Return the geometry of any volume.
-
-        Examples
-        --------
-        >>> voxflat.io.VolumeGeometry.conformed().shape
-        (256, 256, 256)
         """
         return cls(_CONFORMED, numbers_of(c_ras, "coordinates of the centre"), filename=filename)
 
@@ -129,16 +120,6 @@ class VolumeGeometry(ReadOnly):
         -------
         VolumeGeometry
             Geometry of the volume itself if its axes point left, inferior and anterior, else of the conformed volume.
-
-        See Also
-        --------
-        VolumeGeometry.conformed : Return the geometry of a conformed volume.
-
-        Examples
-        --------
-        >>> geometry = voxflat.io.VolumeGeometry.of_volume(np.diag([1.0, 1.0, 1.0, 1.0]), (256, 256, 256))
-        >>> geometry.shape
-        (256, 256, 256)
         """
         matrix, counts = numbers_of(affine, "affine"), array_of(shape, "numbers of voxels")
         sizes = np.linalg.norm(matrix[:3, :3], axis=0)
@@ -250,10 +231,6 @@ class Space:
         ndarray of float64, shape (..., 3)
             Points in scanner RAS, in mm.
 
-        See Also
-        --------
-        Space.from_scanner : Transform points from scanner RAS.
-
         Examples
         --------
         >>> space = voxflat.io.Space("tkRAS", voxflat.io.VolumeGeometry.of_volume(np.eye(4), (256, 256, 256)))
@@ -276,16 +253,6 @@ class Space:
         -------
         ndarray of float64, shape (..., 3)
             Points in this space, in mm.
-
-        See Also
-        --------
-        Space.to_scanner : Transform points to scanner RAS.
-
-        Examples
-        --------
-        >>> space = voxflat.io.Space("tkRAS", voxflat.io.VolumeGeometry.of_volume(np.eye(4), (256, 256, 256)))
-        >>> space.from_scanner(np.zeros((1, 3)))
-        array([[-128., -128., -128.]])
         """
         matrix = self._matrix
         return _carried(points, None if matrix is None else np.asarray(np.linalg.inv(matrix), dtype=np.float64))
@@ -304,16 +271,6 @@ class Space:
         -------
         ndarray of float64, shape (..., 3)
             Points in tkRAS, mm.
-
-        See Also
-        --------
-        Space.to_scanner : Transform points to scanner RAS.
-
-        Examples
-        --------
-        >>> space = voxflat.io.Space("tkRAS", voxflat.io.VolumeGeometry.of_volume(np.eye(4), (256, 256, 256)))
-        >>> space.to_tkras(np.zeros((1, 3)))
-        array([[0., 0., 0.]])
         """
         if self.name != "scanner" or self.volume is None:
             return _carried(points, None)

@@ -117,10 +117,6 @@ class Volume(Recorded):
         InputError
             The unit is unknown.
 
-        See Also
-        --------
-        Volume.spacing : The size of the voxels.
-
         Examples
         --------
         >>> voxflat.io.Volume(voxflat.samples.ball(), np.diag([0.5, 0.5, 0.5, 1])).in_unit("µm")

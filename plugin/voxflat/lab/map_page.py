@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from voxflat._core import __version__
-from voxflat.arguments import checked_kind, checked_path, printable
+from voxflat.arguments import checked_instance, checked_path, printable
 from voxflat.distortion.triangles import measure_arrays
 from voxflat.errors import InputError
 from voxflat.figures.colours import LOOKS
@@ -69,14 +69,6 @@ class MapPage:
         ------
         InputError
             The name does not end in ``.html`` or ``.htm``.
-
-        See Also
-        --------
-        map_page : Make a page of a flat map.
-
-        Examples
-        --------
-        >>> voxflat.map_page(voxflat.samples.hill().flatten()).save("hill.html")
         """
         path = checked_path(path)
         if path.suffix.lower() not in (".html", ".htm"):
@@ -115,7 +107,7 @@ def map_page(flat_map: FlatMap, title: str = "Flat map") -> MapPage:
     >>> page = voxflat.map_page(flat_map, "A flat sheet")
     >>> page.save("sheet.html")  # doctest: +SKIP
     """
-    checked_kind(flat_map, "flat map", "distortion", "a FlatMap")
+    checked_instance(flat_map, FlatMap, "flat map", "a FlatMap")
     of_points, of_triangles = measure_arrays(flat_map.distortion, flat_map.points, flat_map.faces, flat_map.uv)
     anatomy = {"curvature": flat_map.curvature, "sulcaldepth": flat_map.sulcal_depth}
     of_points |= {name: values for name, values in anatomy.items() if values is not None}

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from voxflat.arguments import checked_kind, shown
+from voxflat.arguments import checked_instance, shown
 from voxflat.errors import InputError
 from voxflat.io.sources import as_volume
 from voxflat.io.spaces import Space
@@ -23,7 +23,7 @@ def flat_volume(
     values: object, flat_map: FlatMap, pixel_size: float | None, layering: str
 ) -> tuple[NDArray[Any], Raster]:
     """Return a flat volume of shape (depth, row, column) and its pixels."""
-    checked_kind(flat_map, "map", "points_to_map", "a FlatMap, as returned by flatten")
+    checked_instance(flat_map, FlatMap, "map", "a FlatMap, as returned by flatten")
     origin: NDArray[np.float64] | None = None
     names: tuple[str, ...] = ()
     if isinstance(values, FlatStack):

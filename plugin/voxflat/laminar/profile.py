@@ -1,6 +1,5 @@
 """Compute profiles: the mean and standard deviation of a volume along cortical depth, within regions."""
 
-import os
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -9,13 +8,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from voxflat.arguments import checked_choice, checked_path
+from voxflat.arguments import checked_choice
 from voxflat.display import shown_by
 from voxflat.errors import InputError
 from voxflat.io.channels import distinct_names
 from voxflat.io.files import REMEDY, naming
 from voxflat.io.notebook import page
-from voxflat.io.provenance import Record, Recorded, saving
+from voxflat.io.provenance import Record
+from voxflat.io.saved import Saved
 from voxflat.io.tables import aligned, cell_of, write_table
 from voxflat.laminar.painting import on_map
 from voxflat.maps.colours import all_whole
@@ -32,7 +32,7 @@ _LARGEST_LABEL = 2**31 - 1
 
 
 @dataclass(frozen=True, eq=False)
-class Profile(ReadOnly, Recorded):
+class Profile(ReadOnly, Saved):
     """Mean and standard deviation of a volume in layers of grey matter, for one or several regions.
 
     `Rim.profile` returns it. Arrays have shape (R, L) for R regions and L layers, or (R, L, C) if the volume has
@@ -73,6 +73,13 @@ class Profile(ReadOnly, Recorded):
     >>> rim = voxflat.rim(voxflat.samples.rim())
     >>> rim.profile(rim.thickness(), count=10)
     <Profile: 10 equivolume layers, region grey matter, 5680 voxels>
+    """
+
+    _kind = "a profile"
+    _endings = PROFILE_ENDINGS
+    _formats = """
+    ``.tsv`` and ``.csv`` are tables with the columns region, layer (from 1 at the inner border), depth, mean, sd,
+    voxels and, if there are several, channel. Undefined values are written as ``n/a``.
     """
 
     keys: tuple[int, ...]
@@ -119,10 +126,6 @@ class Profile(ReadOnly, Recorded):
         str
             The table.
 
-        See Also
-        --------
-        Profile.save : Save the values to a file.
-
         Examples
         --------
         >>> rim = voxflat.rim(voxflat.samples.rim())
@@ -137,43 +140,13 @@ class Profile(ReadOnly, Recorded):
             rows.append([region, str(layer), f"{depth:.4g}", *numbers, str(voxels), *([channel] if channel else [])])
         return aligned([self._columns, *rows])
 
-    def save(self, path: str | os.PathLike[str], *, sidecar: bool = False, overwrite: bool = False) -> None:
-        """Save the values as a table.
-
-        The columns are region, layer (from 1 at the inner border), depth, mean, sd, voxels and, if there are several,
-        channel. Undefined values are written as ``n/a``.
-
-        Parameters
-        ----------
-        path : path
-            ``.tsv`` or ``.csv``.
-        sidecar, overwrite : bool
-            As in `FlatMap.save`.
-
-        Raises
-        ------
-        InputError
-            If the file extension is not supported, or the path is an input file.
-
-        See Also
-        --------
-        Profile.plot : Draw the profile.
-
-        Examples
-        --------
-        >>> rim = voxflat.rim(voxflat.samples.rim())
-        >>> rim.profile(rim.thickness()).save("profile.tsv")
-        """
-        path = checked_path(path)
-        if path.suffix.lower() not in PROFILE_ENDINGS:
-            raise InputError(f"cannot save a profile as {path.name}. Use a name that ends in .tsv or .csv")
+    def _write(self, path: Path) -> None:
         rows = (
             [region, str(layer), f"{depth:.6g}", *(cell_of(value, ".8g") for value in (mean, sd)), str(voxels)]
             + ([channel] if channel else [])
             for region, layer, depth, mean, sd, voxels, channel in self._rows()
         )
-        with saving(path, self.provenance, sidecar=sidecar, overwrite=overwrite):
-            write_table(path, [self._columns, *rows])
+        write_table(path, [self._columns, *rows])
 
     def plot(self, *, label: str | None = None, ax: Any = None) -> Any:
         """Draw the profile with matplotlib.
@@ -196,18 +169,6 @@ class Profile(ReadOnly, Recorded):
         ------
         InputError
             As in `voxflat.figures.profile`.
-
-        See Also
-        --------
-        Profile.table : The values as text.
-
-        Examples
-        --------
-        >>> import matplotlib.pyplot as plt
-        >>> rim = voxflat.rim(voxflat.samples.rim())
-        >>> figure, ax = plt.subplots()
-        >>> rim.profile(rim.thickness()).plot(label="thickness (mm)", ax=ax) is ax
-        True
         """
         figure = shown_by("profile", self, label=label, ax=ax)
         return figure if ax is None else ax

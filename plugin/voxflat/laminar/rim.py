@@ -113,10 +113,6 @@ class Rim(ReadOnly, Recorded):
         InputError
             The layering is unknown.
 
-        See Also
-        --------
-        Rim.layers : Divide the grey matter into layers.
-
         Examples
         --------
         >>> rim = voxflat.rim(voxflat.samples.rim())
@@ -148,10 +144,6 @@ class Rim(ReadOnly, Recorded):
         ------
         InputError
             The number of layers is not between 1 and 1000, or the layering is unknown.
-
-        See Also
-        --------
-        Rim.depth : Return the depth of each voxel.
 
         Examples
         --------
@@ -202,10 +194,6 @@ class Rim(ReadOnly, Recorded):
             The flat volume does not fit the map or the layering, no column lies on the map, or the type of the values
             cannot hold the background.
 
-        See Also
-        --------
-        FlatMap.images : Make a flat volume.
-
         Examples
         --------
         >>> rim = voxflat.rim(voxflat.samples.rim())
@@ -241,10 +229,6 @@ class Rim(ReadOnly, Recorded):
         Volume
             Unit vectors (right, anterior, superior) of shape (I, J, K, 3) as float32; NaN outside the grey matter.
 
-        See Also
-        --------
-        Rim.depth : Return the depth of each voxel.
-
         Examples
         --------
         >>> rim = voxflat.rim(voxflat.samples.rim())
@@ -264,16 +248,6 @@ class Rim(ReadOnly, Recorded):
         -------
         Volume
             Thickness in mm as float32; NaN outside the grey matter.
-
-        See Also
-        --------
-        Rim.depth : Return the depth of each voxel.
-
-        Examples
-        --------
-        >>> rim = voxflat.rim(voxflat.samples.rim())
-        >>> round(float(np.nanmedian(rim.thickness().data)), 1)
-        2.4
         """
         return self.labels.in_volume(self.values.thickness.astype(np.float32), np.nan)
 
@@ -320,10 +294,6 @@ class Rim(ReadOnly, Recorded):
         ------
         InputError
             A parameter is not valid, the volume has no values in the grey matter, or a region contains no voxel.
-
-        See Also
-        --------
-        Rim.layers : Divide the grey matter into layers.
 
         Examples
         --------
@@ -375,10 +345,6 @@ class Rim(ReadOnly, Recorded):
         Cancelled
             `progress` returned False.
 
-        See Also
-        --------
-        Rim.layers : Divide the grey matter into layers.
-
         Examples
         --------
         >>> columns = voxflat.rim(voxflat.samples.rim()).columns(area=10.0)
@@ -408,15 +374,6 @@ class Rim(ReadOnly, Recorded):
         ------
         InputError
             The columns are not those of this rim.
-
-        See Also
-        --------
-        FlatMap.to_pyvista : Convert a flat map to a PyVista mesh.
-
-        Examples
-        --------
-        >>> voxflat.rim(voxflat.samples.rim()).to_pyvista().keys()
-        ['inner', 'middle', 'outer']
         """
         require("pyvista")
         if columns is not None and len(columns.vertex_columns) != len(self.surface):

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from voxflat.arguments import array_of, checked_path, checked_switch, is_number, log, shown
+from voxflat.arguments import array_of, checked_switch, is_number, log, shown
 from voxflat.display import shown_by
 from voxflat.distances.store import write_provenance
 from voxflat.distances.table import Table
@@ -23,7 +23,8 @@ from voxflat.io.meshes import Mesh, write_mesh
 from voxflat.io.notebook import page
 from voxflat.io.origin import Origin
 from voxflat.io.patches import FLAT_PATCH_ENDINGS, PATCH_ENDING, Patch, write_patch
-from voxflat.io.provenance import Record, resolved, saving, telling
+from voxflat.io.provenance import Record, resolved, telling
+from voxflat.io.saved import Saved
 from voxflat.io.spaces import Space
 from voxflat.maps.drawn_regions import regions_of
 from voxflat.maps.map_files import mesh_of_vertices, read_map, write_map
@@ -45,7 +46,7 @@ _ARRAYS = (  # fields that are saved as arrays, if they are known
 
 
 @dataclass(frozen=True, eq=False)
-class FlatMap(Planar):
+class FlatMap(Planar, Saved):
     """A flattened surface.
 
     It holds the position of each point in the plane and on the surface. Its methods draw data on the map, transfer
@@ -122,6 +123,18 @@ class FlatMap(Planar):
     <FlatMap: 441 points, 42 x 42 mm, relative error 3.6 %>
     >>> flat_map.uv.shape
     (441, 2)
+    """
+
+    _kind = "a map"
+    _endings = MAP_ENDINGS
+    _formats = """
+    ``.npz`` and ``.voxflat`` hold the complete map, for `load`. ``.vtp``, ``.ply`` and ``.obj`` hold the triangles in
+    the plane. ``.surf.gii`` is a flat surface for Connectome Workbench. ``.patch.flat`` and ``.flat.patch.3d`` are
+    FreeSurfer patches, which pycortex also reads. Surfaces and patches have the mesh's own vertex numbers and one
+    position per vertex. Surfaces place vertices beside the map at the origin, where no triangle uses them. Where a cut
+    duplicates vertices, only one side is kept; patches exclude vertices on both sides of cuts, so that no triangle
+    spans a cut. A warning reports how many triangles are lost in this way, or because they are torn; a ``.vtp`` keeps
+    torn triangles, marked in the cell data ``torn``. ``.npz``, ``.voxflat`` and GIFTI include `provenance`.
     """
 
     uv: NDArray[np.float64]
@@ -229,15 +242,6 @@ class FlatMap(Planar):
         -------
         FlatImage
             Mean relative error of the distances from each position; NaN outside the map.
-
-        See Also
-        --------
-        FlatMap.image : Show data on the map.
-
-        Examples
-        --------
-        >>> voxflat.samples.hill().flatten().heat_map(pixel_size=1.0)
-        <FlatImage: distortion: mean relative error of distances, 43 x 43 pixels of 1>
         """
         raster = self.raster(pixel_size)
         data = raster.interpolate(self.distortion.per_point)
@@ -257,15 +261,6 @@ class FlatMap(Planar):
         -------
         ndarray, shape (N,) or (N, C)
             Value of the picture at each point, with the type of the picture.
-
-        See Also
-        --------
-        FlatMap.textured : Return the surface with a picture on it.
-
-        Examples
-        --------
-        >>> voxflat.samples.hill().flatten().texture(np.zeros((64, 64))).shape
-        (441,)
         """
         values = check_values(picture)
         found = values_at(values, place(self.uv, values.shape))
@@ -300,15 +295,6 @@ class FlatMap(Planar):
             If `picture` is not a picture, or if it does not cover the map and `repeat` is False.
         FileNotFoundError, PermissionError
             If the file cannot be opened.
-
-        See Also
-        --------
-        FlatMap.texture : Return the value of the picture at each point.
-
-        Examples
-        --------
-        >>> voxflat.samples.hill().flatten().textured(np.full((8, 8, 3), 255, np.uint8))
-        <TexturedSurface: 441 points, 800 triangles, 8 x 8 texels>
         """
         colours, source = as_picture(picture)
         coordinates = place(self.uv, colours.shape, texel_size)
@@ -344,10 +330,6 @@ class FlatMap(Planar):
         ------
         InputError
             If the numbers of values and points differ, or if the type of the values cannot hold the background.
-
-        See Also
-        --------
-        FlatMap.regions : Transfer regions to voxels.
 
         Examples
         --------
@@ -396,10 +378,6 @@ class FlatMap(Planar):
         FileNotFoundError, PermissionError
             If a file cannot be opened.
 
-        See Also
-        --------
-        FlatMap.paint : Write values into a volume.
-
         Examples
         --------
         >>> flat_map = voxflat.samples.hill().flatten()
@@ -422,11 +400,6 @@ class FlatMap(Planar):
         See Also
         --------
         FlatMap.provenance : Record of how the map was made.
-
-        Examples
-        --------
-        >>> voxflat.samples.hill().flatten().description()["method"]
-        'voxflat'
         """
         return {**self.metadata, "distortion": self.distortion.figures()}
 
@@ -446,66 +419,21 @@ class FlatMap(Planar):
             write_provenance(self.store, full)
         return replace(self, metadata={**self.metadata, "provenance": full})
 
-    def save(self, path: str | os.PathLike[str], *, sidecar: bool = False, overwrite: bool = False) -> None:
-        """Save the map to a file.
+    def _why_not(self, path: Path) -> str:
+        return f": {PATCH_ENDING} alone means a patch in 3-D space" if path.name.lower().endswith(PATCH_ENDING) else ""
 
-        The file extension determines the format. The file is written either completely or not at all.
-
-        Parameters
-        ----------
-        path : path
-            ``.npz`` and ``.voxflat`` hold the complete map, for `load`. ``.vtp``, ``.ply`` and ``.obj`` hold the
-            triangles in the plane. ``.surf.gii`` is a flat surface for Connectome Workbench. ``.patch.flat`` and
-            ``.flat.patch.3d`` are FreeSurfer patches, which pycortex also reads. Surfaces and patches have the mesh's
-            own vertex numbers and one position per vertex. Surfaces place vertices beside the map at the origin, where
-            no triangle uses them. Where a cut duplicates vertices, only one side is kept; patches exclude vertices on
-            both sides of cuts, so that no triangle spans a cut. A warning reports how many triangles are lost in this
-            way, or because they are torn; a ``.vtp`` keeps torn triangles, marked in the cell data ``torn``. ``.npz``,
-            ``.voxflat`` and GIFTI include `provenance`.
-        sidecar : bool
-            Also write `provenance` to ``<path>.json``.
-        overwrite : bool
-            Replace an existing file that voxflat did not write.
-
-        Raises
-        ------
-        InputError
-            If the file extension is not supported, or the path is an input file of the map.
-        OSError
-            If the file cannot be written.
-
-        See Also
-        --------
-        load : Load a saved map.
-
-        Examples
-        --------
-        >>> flat_map = voxflat.samples.hill().flatten()
-        >>> flat_map.save("hill.npz")  # everything, for voxflat.load
-        >>> flat_map.save("hill.surf.gii")  # a flat surface for other tools
-        """
-        path = checked_path(path)
+    def _write(self, path: Path) -> None:
         name = path.name.lower()
-        with saving(path, self.provenance, sidecar=sidecar, overwrite=overwrite):
-            if name.endswith(SAVED_ENDINGS):
-                self._save_all(path)
-            elif name.endswith(FLAT_PATCH_ENDINGS):
-                warn_of_unit(path, self.origin.unit)
-                write_patch(path, self._patch())
-            elif name.endswith(".surf.gii"):
-                warn_of_unit(path, self.origin.unit)
-                write_mesh(path, self._flat_mesh(), self.provenance)
-            elif name.endswith(".vtp"):
-                write_mesh(path, self._mesh(with_torn=True))
-            elif name.endswith((".ply", ".obj")):
-                write_mesh(path, self._mesh())
-            else:
-                why = f": {PATCH_ENDING} alone means a patch in 3-D space" if name.endswith(PATCH_ENDING) else ""
-                remedy = f"Use a name that ends in {', '.join(MAP_ENDINGS)}"
-                raise InputError(f"cannot save a map as {path.name}{why}. {remedy}")
-
-    def _save_all(self, path: Path) -> None:
-        write_map(path, self._arrays(), self.description())
+        if name.endswith(SAVED_ENDINGS):
+            write_map(path, self._arrays(), self.description())
+        elif name.endswith(FLAT_PATCH_ENDINGS):
+            warn_of_unit(path, self.origin.unit)
+            write_patch(path, self._patch())
+        elif name.endswith(".surf.gii"):
+            warn_of_unit(path, self.origin.unit)
+            write_mesh(path, self._flat_mesh(), self.provenance)
+        else:
+            write_mesh(path, self._mesh(with_torn=name.endswith(".vtp")))
 
     def _arrays(self) -> dict[str, Any]:
         """Return the arrays that the complete map consists of, as files name them."""
@@ -563,15 +491,6 @@ class FlatMap(Planar):
         -------
         nilearn.surface.InMemoryMesh
             Coordinates (u, v, 0), in mm.
-
-        See Also
-        --------
-        FlatMap.to_gifti : Convert the map to a nibabel GiftiImage.
-
-        Examples
-        --------
-        >>> voxflat.samples.hill().flatten().to_nilearn().n_vertices
-        441
         """
         mesh = self._flat_mesh()
         return require("nilearn.surface").InMemoryMesh(mesh.points, mesh.faces)
@@ -585,15 +504,6 @@ class FlatMap(Planar):
         -------
         nibabel.gifti.GiftiImage
             The flat surface, with the vertices of the flattened mesh.
-
-        See Also
-        --------
-        FlatMap.to_nilearn : Convert the map to a nilearn InMemoryMesh.
-
-        Examples
-        --------
-        >>> voxflat.samples.hill().flatten().to_gifti().agg_data("pointset").shape
-        (441, 3)
         """
         mesh = self._flat_mesh()
         warn_of_unit("GIFTI image", self.origin.unit)
@@ -608,15 +518,6 @@ class FlatMap(Planar):
         -------
         trimesh.Trimesh
             Coordinates (u, v, 0), in mm (or the unit of the surface), and their ``units`` if they are known.
-
-        See Also
-        --------
-        FlatMap.to_pyvista : Convert the map to a pyvista.PolyData object.
-
-        Examples
-        --------
-        >>> len(voxflat.samples.hill().flatten().to_trimesh().vertices)
-        441
         """
         mesh = self._flat_mesh()
         made = require("trimesh").Trimesh(mesh.points, mesh.faces, process=False)
@@ -633,15 +534,6 @@ class FlatMap(Planar):
         -------
         pyvista.PolyData
             A mesh with one point for each point of the map.
-
-        See Also
-        --------
-        FlatMap.to_trimesh : Convert the map to a trimesh.Trimesh object.
-
-        Examples
-        --------
-        >>> voxflat.samples.hill().flatten().to_pyvista().n_points
-        441
         """
         require("pyvista")
         return shown_by("map_to_pyvista", self)
@@ -669,10 +561,6 @@ class FlatMap(Planar):
         ------
         InputError
             As in `voxflat.figures.flat_map`.
-
-        See Also
-        --------
-        FlatMap.image : Return the data shown on the map as an array.
 
         Examples
         --------

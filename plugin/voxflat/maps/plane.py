@@ -141,15 +141,6 @@ class Planar(ReadOnly, ABC):
         ------
         InputError
             If the pixel size is not positive, or so small that the image would be too large.
-
-        See Also
-        --------
-        FlatMap.locate : Find the position of each pixel on the surface.
-
-        Examples
-        --------
-        >>> voxflat.samples.hill().flatten().raster(pixel_size=1.0).shape
-        (43, 43)
         """
         size = self.pixel_size if pixel_size is None else checked_number(pixel_size, "pixel size")
         if size not in self._rasters:
@@ -173,10 +164,6 @@ class Planar(ReadOnly, ABC):
             The nearest surface voxel or vertex; −1 outside the map.
         points : ndarray of float64, shape (H, W, 3)
             Positions, in RAS+ mm in the surface's `space`, interpolated linearly between vertices; NaN outside the map.
-
-        See Also
-        --------
-        FlatMap.look_up : Look up single points.
 
         Examples
         --------
@@ -209,10 +196,6 @@ class Planar(ReadOnly, ABC):
         ------
         InputError
             If `places` has the wrong shape.
-
-        See Also
-        --------
-        FlatMap.points_to_map : Find points in space on the map.
 
         Examples
         --------
@@ -288,10 +271,6 @@ class Planar(ReadOnly, ABC):
         ------
         InputError
             If `points` has the wrong shape, or the limit or the space is not valid.
-
-        See Also
-        --------
-        FlatMap.look_up : Find map positions on the surface.
 
         Examples
         --------
@@ -371,10 +350,6 @@ class Planar(ReadOnly, ABC):
         InputError
             If the points or the vectors have the wrong shape, or the limit or the space is not valid.
 
-        See Also
-        --------
-        FlatMap.vectors_to_surface : Transfer vectors from the map to the surface.
-
         Examples
         --------
         >>> flat_map = voxflat.samples.hill().flatten()
@@ -420,10 +395,6 @@ class Planar(ReadOnly, ABC):
         ------
         InputError
             If `places` or `vectors` has the wrong shape.
-
-        See Also
-        --------
-        FlatMap.vectors_to_map : Transfer vectors from the surface to the map.
 
         Examples
         --------
@@ -512,10 +483,6 @@ class Planar(ReadOnly, ABC):
             If the volume does not fit, cannot be read, or has several channels and none is selected. Also raised for a
             mean of labels, and for fractions without a pial surface.
 
-        See Also
-        --------
-        FlatMap.images : Show several depths, maps or frames.
-
         Examples
         --------
         >>> flat_map = voxflat.samples.hill().flatten()
@@ -587,10 +554,6 @@ class Planar(ReadOnly, ABC):
         ------
         InputError
             As in `image`.
-
-        See Also
-        --------
-        FlatMap.image : Show a single image.
 
         Examples
         --------

@@ -4,6 +4,7 @@ import math
 import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Any, overload
 
 import numpy as np
@@ -14,8 +15,9 @@ from voxflat.arguments import Progress, checked_choice, checked_number, is_whole
 from voxflat.errors import Cancelled, InputError
 from voxflat.io.channels import Channels, Timing
 from voxflat.io.provenance import Record, Recorded, saving
+from voxflat.io.saved import Saved
 from voxflat.maps.colours import are_labels, coloured
-from voxflat.maps.image_files import Pages, write_image, write_stack
+from voxflat.maps.image_files import IMAGE_ENDINGS, Pages, write_image, write_stack
 from voxflat.maps.sampling import INTERPOLATIONS, Mixing, majority
 from voxflat.read_only import ReadOnly
 
@@ -96,16 +98,6 @@ class Raster(ReadOnly):
         -------
         ndarray of float64, shape (H, W) or (H, W, C)
             Values at the pixels; NaN outside the map.
-
-        See Also
-        --------
-        FlatMap.image : Show data on the map.
-
-        Examples
-        --------
-        >>> flat_map = voxflat.samples.hill().flatten()
-        >>> flat_map.raster(pixel_size=1.0).interpolate(flat_map.points[:, 2]).shape
-        (43, 43)
         """
         values = numbers_of(values, "values", as_nan=True)
         image = np.zeros((*self.shape, *values.shape[1:]))
@@ -117,7 +109,7 @@ class Raster(ReadOnly):
 
 
 @dataclass(frozen=True, eq=False)
-class FlatImage(ReadOnly, Recorded):
+class FlatImage(ReadOnly, Saved):
     """An image on the flat map.
 
     `affine` and `extent` give its position on the map.
@@ -152,6 +144,15 @@ class FlatImage(ReadOnly, Recorded):
     <FlatImage: overlay, 43 x 43 pixels of 1>
     >>> image.data.shape
     (43, 43)
+    """
+
+    _kind = "an image"
+    _endings = IMAGE_ENDINGS
+    _formats = """
+    ``.png`` is for viewing. It shows scalars in grey levels from the 1st to the 99th percentile, each label in its own
+    colour, and colours unchanged; pixels outside the map are transparent. ``.tif``, ``.tiff``, ``.nii`` and
+    ``.nii.gz`` are for measurements. They hold float32 values, with NaN outside the map, and the pixel size in mm.
+    ``.npy`` holds the array. All formats except ``.npy`` include `provenance`.
     """
 
     data: NDArray[Any]
@@ -199,16 +200,6 @@ class FlatImage(ReadOnly, Recorded):
         ------
         InputError
             If the colour map does not exist.
-
-        See Also
-        --------
-        FlatImage.save : Save the image.
-
-        Examples
-        --------
-        >>> flat_map = voxflat.samples.hill().flatten()
-        >>> flat_map.image(flat_map.points[:, 2], pixel_size=1.0).colours().dtype
-        dtype('uint8')
         """
         return coloured(self.data, colour_map, limits, labels=self.is_labels)
 
@@ -250,10 +241,6 @@ class FlatImage(ReadOnly, Recorded):
         InputError
             If the map is not periodic, or the period is not a whole number of pixels.
 
-        See Also
-        --------
-        FlatMap.period : The period of a map.
-
         Examples
         --------
         >>> tube = voxflat.surface(voxflat.samples.ball()).charts("cylinder")[0].flatten()
@@ -275,39 +262,8 @@ class FlatImage(ReadOnly, Recorded):
             whole[row][inside] = pixels[inside]
         return replace(self, data=whole, origin=(self.origin[0], rows // 2 * self.pixel_size))
 
-    def save(self, path: str | os.PathLike[str], *, sidecar: bool = False, overwrite: bool = False) -> None:
-        """Save the image to a file.
-
-        The file extension determines the format. The file is written either completely or not at all.
-
-        Parameters
-        ----------
-        path : path
-            ``.png`` is for viewing. It shows scalars in grey levels from the 1st to the 99th percentile, each label in
-            its own colour, and colours unchanged; pixels outside the map are transparent. ``.tif``, ``.tiff``, ``.nii``
-            and ``.nii.gz`` are for measurements. They hold float32 values, with NaN outside the map, and the pixel size
-            in mm. ``.npy`` holds the array. All formats except ``.npy`` include `provenance`.
-        sidecar, overwrite : bool
-            As in `FlatMap.save`.
-
-        Raises
-        ------
-        InputError
-            If the file extension is not supported, the format cannot hold the values, or the path is an input file.
-        OSError
-            If the file cannot be written.
-
-        See Also
-        --------
-        FlatStack.save : Save several images to one file.
-
-        Examples
-        --------
-        >>> flat_map = voxflat.samples.hill().flatten()
-        >>> flat_map.image(flat_map.points[:, 2], pixel_size=1.0).save("heights.tif")
-        """
-        with saving(path, self.provenance, sidecar=sidecar, overwrite=overwrite):
-            write_image(path, self, self.provenance)
+    def _write(self, path: Path) -> None:
+        write_image(path, self, self.provenance)
 
 
 def rows_in(period: float, pixel_size: float) -> int:
@@ -429,16 +385,6 @@ class FlatStack(Sequence[FlatImage], ReadOnly, Recorded):
         -------
         FlatStack
             The images of the channel.
-
-        See Also
-        --------
-        FlatStack.names : Names of the channels.
-
-        Examples
-        --------
-        >>> flat_map = voxflat.samples.hill().flatten()
-        >>> flat_map.images(np.arange(1764.0).reshape(441, 4), pixel_size=1.0).of_channel(2)
-        <FlatStack: overlay, 1 image (0 to 0)>
         """
         if not is_whole(channel) or not 0 <= channel < len(self.channels) // max(1, len(self.layers)):
             raise InputError(f"channel is {shown(channel)}. Pass the number of a channel, counted from 0")
@@ -468,10 +414,6 @@ class FlatStack(Sequence[FlatImage], ReadOnly, Recorded):
             If the images are colours.
         Cancelled
             If `progress` returned False.
-
-        See Also
-        --------
-        FlatStack.times : Times of the frames.
 
         Examples
         --------
@@ -548,10 +490,6 @@ class FlatStack(Sequence[FlatImage], ReadOnly, Recorded):
             If `progress` returned False.
         OSError
             If the file cannot be written.
-
-        See Also
-        --------
-        FlatImage.save : Save one image.
 
         Examples
         --------

@@ -116,10 +116,6 @@ class Regions(ReadOnly, Recorded):
         ndarray of int64, shape (...)
             Keys of the regions; 0 outside all regions.
 
-        See Also
-        --------
-        Regions.labels : The region at each point of the map.
-
         Examples
         --------
         >>> regions = voxflat.samples.hill().flatten().regions({"V1": [[-5, -5], [5, -5], [0, 5]]})
@@ -164,16 +160,6 @@ class Regions(ReadOnly, Recorded):
         -------
         FlatImage
             Keys; 0 outside all regions, NaN outside the map.
-
-        See Also
-        --------
-        Regions.volume : Transfer the regions to voxels.
-
-        Examples
-        --------
-        >>> regions = voxflat.samples.hill().flatten().regions({"V1": [[-5, -5], [5, -5], [0, 5]]})
-        >>> regions.image(pixel_size=1.0)
-        <FlatImage: regions, 43 x 43 pixels of 1>
         """
         raster = self.of.raster(pixel_size)
         rows, columns = np.indices(raster.shape)
@@ -223,11 +209,6 @@ class Regions(ReadOnly, Recorded):
         ------
         InputError
             If the image has other pixels.
-
-        See Also
-        --------
-        Regions.save : Save this table as ``.tsv`` or ``.csv``.
-        FlatMap.vectors_to_surface : Transfer vectors from the map to the surface.
 
         Examples
         --------
@@ -280,10 +261,6 @@ class Regions(ReadOnly, Recorded):
         ------
         InputError
             If the volume or the depths do not fit, or if no voxel centre lies in a region.
-
-        See Also
-        --------
-        Regions.save : Save the regions.
 
         Examples
         --------
@@ -343,10 +320,6 @@ class Regions(ReadOnly, Recorded):
             If the file extension is not supported, the format cannot hold the regions, or the path is an input file.
         OSError
             If the file cannot be written.
-
-        See Also
-        --------
-        Regions.volume : Transfer the regions to voxels.
 
         Examples
         --------

@@ -4,16 +4,18 @@ import os
 import re
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from voxflat.arguments import checked_path, is_whole
+from voxflat.arguments import is_whole
 from voxflat.errors import InputError
 from voxflat.io.files import atomic_path
 from voxflat.io.grid import in_unit
-from voxflat.io.provenance import Record, Recorded, as_text, saving
+from voxflat.io.provenance import Record, as_text, saving
+from voxflat.io.saved import Saved
 from voxflat.io.tables import aligned
 from voxflat.maps.flat_map import FlatMap
 from voxflat.read_only import ReadOnly
@@ -139,16 +141,6 @@ class WorstPlace(ReadOnly):
         -------
         dict
             The figures by name.
-
-        See Also
-        --------
-        WorstPlaces.figures : Measures of all regions.
-
-        Examples
-        --------
-        >>> worst = voxflat.worst_places(voxflat.samples.hill().flatten(), 1, beyond=1.01)
-        >>> sorted(worst.places[0].figures())[:2]
-        ['area_mm2', 'cut_gain']
         """
         told: dict[str, Any] = {"number": self.number, "kind": self.kind, "area_mm2": self.area, "share": self.share}
         told |= {"excess_mm2": self.excess, "worst_ratio": self.worst_ratio, "median_ratio": self.median_ratio}
@@ -161,7 +153,7 @@ class WorstPlace(ReadOnly):
 
 
 @dataclass(frozen=True, eq=False)
-class WorstPlaces(ReadOnly, Recorded):
+class WorstPlaces(ReadOnly, Saved):
     """The regions of highest distortion of a map, worst first.
 
     `voxflat.worst_places` returns them.
@@ -192,6 +184,12 @@ class WorstPlaces(ReadOnly, Recorded):
     --------
     >>> voxflat.worst_places(voxflat.samples.hill().flatten(), 1, beyond=1.01)
     <WorstPlaces: 1 of 2 regions where areas change by more than a factor of 1.01 (87.69 % of the surface)>
+    """
+
+    _kind = "regions"
+    _endings = WORST_ENDINGS
+    _formats = """
+    ``.json`` holds the result of `figures` and `provenance`; ``.tsv`` has one row per region.
     """
 
     flat_map: FlatMap
@@ -249,15 +247,6 @@ class WorstPlaces(ReadOnly, Recorded):
         ------
         InputError
             If there is no region with that number.
-
-        See Also
-        --------
-        WorstPlaces.save_cuts : Save the cuts to a file.
-
-        Examples
-        --------
-        >>> len(voxflat.worst_places(voxflat.samples.hill().flatten(), 1, beyond=1.01).cuts())
-        1
         """
         for number in numbers:
             if not is_whole(number) or not 1 <= number <= len(self.places):
@@ -286,10 +275,6 @@ class WorstPlaces(ReadOnly, Recorded):
         InputError
             If there is no region with that number, or the path is an input file.
 
-        See Also
-        --------
-        WorstPlaces.cuts : Return the cuts.
-
         Examples
         --------
         >>> worst = voxflat.worst_places(voxflat.samples.hill().flatten(), 1, beyond=1.01)
@@ -311,15 +296,6 @@ class WorstPlaces(ReadOnly, Recorded):
         -------
         dict
             The measures by name; ``places`` lists the measures of each region.
-
-        See Also
-        --------
-        WorstPlaces.table : The measures as text.
-
-        Examples
-        --------
-        >>> sorted(voxflat.worst_places(voxflat.samples.hill().flatten(), 1, beyond=1.01).figures())[:2]
-        ['beyond', 'found']
         """
         return {
             "beyond": self.beyond,
@@ -338,16 +314,6 @@ class WorstPlaces(ReadOnly, Recorded):
         -------
         str
             The table.
-
-        See Also
-        --------
-        WorstPlaces.figures : The measures for JSON.
-
-        Examples
-        --------
-        >>> worst = voxflat.worst_places(voxflat.samples.hill().flatten(), 1, beyond=1.01)
-        >>> print(worst.table().splitlines()[0])
-        2 regions where areas change by more than a factor of 1.01 (87.69 % of the surface)
         """
         if not self.places:
             return self._about
@@ -366,36 +332,8 @@ class WorstPlaces(ReadOnly, Recorded):
         told = [] if np.isnan(self.sketch_error) else [_GAIN.format(100 * self.sketch_error)]
         return "\n".join([self._about, aligned(rows, left=(0, 9)), *told])
 
-    def save(self, path: str | os.PathLike[str], *, sidecar: bool = False, overwrite: bool = False) -> None:
-        """Save the regions to a file.
-
-        The file extension determines the format.
-
-        Parameters
-        ----------
-        path : path
-            ``.json`` holds the result of `figures` and `provenance`; ``.tsv`` has one row per region.
-        sidecar, overwrite : bool
-            As in `FlatMap.save`.
-
-        Raises
-        ------
-        InputError
-            If the file extension is not supported, or the path is an input file.
-
-        See Also
-        --------
-        WorstPlaces.save_cuts : Save the cuts.
-
-        Examples
-        --------
-        >>> worst = voxflat.worst_places(voxflat.samples.hill().flatten(), 1, beyond=1.01)
-        >>> worst.save("worst.tsv")
-        """
-        name = checked_path(path).name.lower()
-        if not name.endswith(WORST_ENDINGS):
-            raise InputError(f"cannot save regions as {checked_path(path).name}. Use a name that ends in .json or .tsv")
-        if name.endswith(".json"):
+    def _write(self, path: Path) -> None:
+        if path.suffix.lower() == ".json":
             text = as_text({**self.figures(), "provenance": self.provenance})
         else:
             rows = [place.figures() for place in self.places]
@@ -403,7 +341,7 @@ class WorstPlaces(ReadOnly, Recorded):
             columns = list(rows[0] if rows else replace(_NO_PLACE, unit=unit).figures())
             cells = [["n/a" if row[name] is None else _cell(row[name]) for name in columns] for row in rows]
             text = "\n".join("\t".join(row) for row in [columns, *cells])
-        with saving(path, self.provenance, sidecar=sidecar, overwrite=overwrite), atomic_path(path) as beside:
+        with atomic_path(path) as beside:
             beside.write_text(text + "\n", encoding="utf-8", newline="\n")
 
 

@@ -8,7 +8,15 @@ import scipy  # its modules are imported on first use
 from numpy.typing import NDArray
 
 from voxflat import _core
-from voxflat.arguments import Progress, checked_kind, checked_switch, checked_threads, is_whole, optional_number, shown
+from voxflat.arguments import (
+    Progress,
+    checked_instance,
+    checked_switch,
+    checked_threads,
+    is_whole,
+    optional_number,
+    shown,
+)
 from voxflat.errors import InputError
 from voxflat.io.provenance import telling
 from voxflat.maps.flat_map import FlatMap
@@ -84,7 +92,7 @@ def worst_places(
     >>> voxflat.worst_places(voxflat.samples.hill().flatten(), beyond=1.01)
     <WorstPlaces: 2 of 2 regions where areas change by more than a factor of 1.01 (87.69 % of the surface)>
     """
-    checked_kind(flat_map, "flat map", "distortion", "a FlatMap")
+    checked_instance(flat_map, FlatMap, "flat map", "a FlatMap")
     if not is_whole(count) or count < 0:
         raise InputError(f"count is {shown(count)}. Pass the maximum number of regions as a whole number")
     factor = optional_number(beyond, "beyond")

@@ -131,12 +131,6 @@ class CutSurface(ReadOnly, Generic[_Surface]):
         See Also
         --------
         Surface.flatten : Cut and flatten a surface.
-
-        Examples
-        --------
-        >>> opened = voxflat.surface(voxflat.samples.ball()).cut(relax=False)
-        >>> len(opened.flatten()) == len(opened.surface)
-        True
         """
         if self.cutout is None:
             raise InputError("this CutSurface does not record how it was cut. Pass one that Surface.cut returned")
@@ -174,16 +168,6 @@ class CutSurface(ReadOnly, Generic[_Surface]):
         ------
         InputError
             If no cut has this number.
-
-        See Also
-        --------
-        Cut : One cut of a surface.
-
-        Examples
-        --------
-        >>> cut_open = voxflat.surface(voxflat.samples.ball()).cut()
-        >>> cut_open.title(0)
-        'cut 1, posterior, right'
         """
         if not is_whole(number) or not 0 <= number < len(self.cuts):
             raise InputError(f"the cut number is {shown(number)}, but there are {len(self.cuts)} cuts, numbered from 0")
@@ -259,10 +243,6 @@ class CutSurface(ReadOnly, Generic[_Surface]):
             If no sphere was passed to `Surface.cut`, or a cut starts neither at a border nor at another cut.
         OSError
             If the file cannot be written.
-
-        See Also
-        --------
-        CutSurface.save : Save the cuts for the same surface.
 
         Examples
         --------

@@ -147,10 +147,6 @@ class FlatMovie(Sequence[FlatStack], ReadOnly, Recorded):
         OSError
             If the file cannot be written.
 
-        See Also
-        --------
-        FlatStack.save : Save the images of a single frame.
-
         Examples
         --------
         >>> hill = voxflat.samples.hill()

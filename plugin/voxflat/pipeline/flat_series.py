@@ -14,13 +14,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from voxflat import _core
-from voxflat.arguments import Progress, checked_path, checked_switch, checked_threads, is_whole, shown
+from voxflat.arguments import Progress, checked_switch, checked_threads, is_whole, shown
 from voxflat.distortion.distortion import Distortion
 from voxflat.errors import InputError
 from voxflat.io.channels import Channels
 from voxflat.io.files import SAVED_ENDINGS
 from voxflat.io.grid import in_unit
-from voxflat.io.provenance import Record, Recorded, saving, telling
+from voxflat.io.provenance import Record, telling
+from voxflat.io.saved import Saved
 from voxflat.maps.depth import Depths, vertex_areas
 from voxflat.maps.flat_map import FlatMap
 from voxflat.maps.map_files import read_map, write_map
@@ -59,7 +60,7 @@ def _unmeasured(figures: Any) -> Any:
 
 
 @dataclass(frozen=True, eq=False)
-class FlatSeries(Sequence[FlatMap], ReadOnly, Recorded):
+class FlatSeries(Sequence[FlatMap], ReadOnly, Saved):
     """One flat map for all frames of a movie.
 
     ``series[t]`` is the map with the positions of frame t. All frames have the same positions in the plane, and
@@ -95,6 +96,12 @@ class FlatSeries(Sequence[FlatMap], ReadOnly, Recorded):
     <FlatSeries: 2 frames, 441 points>
     >>> series.points.shape
     (2, 441, 3)
+    """
+
+    _kind = "a series"
+    _endings = SAVED_ENDINGS
+    _formats = """
+    ``.npz`` and ``.voxflat`` hold the map, the positions in all frames and `provenance`, for `load_series`.
     """
 
     flat_map: FlatMap
@@ -194,10 +201,6 @@ class FlatSeries(Sequence[FlatMap], ReadOnly, Recorded):
             If the number of volumes is not the number of frames, if the volumes differ in shape or number of channels,
             or as in `FlatMap.images`.
 
-        See Also
-        --------
-        FlatMap.images : Show the channels and depths of one frame.
-
         Examples
         --------
         >>> ball = voxflat.samples.ball()
@@ -279,42 +282,10 @@ class FlatSeries(Sequence[FlatMap], ReadOnly, Recorded):
         more = {"topology": known.topology, "voxel_size": known.voxel_size, "unit": known.unit}
         return Distortion._of(found, triangles, known.reference, **more)
 
-    def save(self, path: str | os.PathLike[str], *, sidecar: bool = False, overwrite: bool = False) -> None:
-        """Save the series to a file, for `load_series`.
-
-        The file is written either completely or not at all.
-
-        Parameters
-        ----------
-        path : path
-            An ``.npz`` or ``.voxflat`` file, which holds the map, the positions in all frames and `provenance`.
-        sidecar, overwrite : bool
-            As in `FlatMap.save`.
-
-        Raises
-        ------
-        InputError
-            If the file extension is not supported, or the path is an input file of the series.
-        OSError
-            If the file cannot be written.
-
-        See Also
-        --------
-        load_series : Load a saved series.
-
-        Examples
-        --------
-        >>> hill = voxflat.samples.hill()
-        >>> voxflat.flatten_series([hill, (1.1 * hill.points, hill.faces)]).save("growth.npz")
-        """
-        path = checked_path(path)
-        if not path.name.lower().endswith(SAVED_ENDINGS):
-            endings = ", ".join(SAVED_ENDINGS)
-            raise InputError(f"cannot save a series as {path.name}. Use a name that ends in {endings}")
+    def _write(self, path: Path) -> None:
         arrays = {**self.flat_map._arrays(), **{f"series_{name}": getattr(self, name) for name in _ARRAYS}}
         told = {"series": {"reference": self.reference, "provenance": self.provenance}}
-        with saving(path, self.provenance, sidecar=sidecar, overwrite=overwrite):
-            write_map(path, arrays, {**self.flat_map.description(), **told})
+        write_map(path, arrays, {**self.flat_map.description(), **told})
 
     def stretches(self, frame: int, since: int | None = None) -> NDArray[np.float64]:
         """Return the two principal stretches at each point: of the map to a frame, or from one frame to another.
@@ -339,10 +310,6 @@ class FlatSeries(Sequence[FlatMap], ReadOnly, Recorded):
         ------
         InputError, IndexError
             If a frame is not a whole number, or does not exist.
-
-        See Also
-        --------
-        FlatMap.distortion : Changes of areas and angles of the reference frame.
 
         Examples
         --------

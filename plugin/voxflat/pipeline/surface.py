@@ -109,16 +109,6 @@ class Surface(Manifold):
         ------
         InputError
             If the region does not match the surface, or contains no triangle.
-
-        See Also
-        --------
-        Surface.drop : Return the part outside a region.
-
-        Examples
-        --------
-        >>> sheet = voxflat.range_image(np.zeros((6, 6)), 1.0)
-        >>> len(sheet.keep(np.arange(18)))
-        18
         """
         return kept(self, region)
 
@@ -140,16 +130,6 @@ class Surface(Manifold):
         ------
         InputError
             If the region does not match the surface, or nothing remains.
-
-        See Also
-        --------
-        Surface.keep : Return the part inside a region.
-
-        Examples
-        --------
-        >>> sheet = voxflat.range_image(np.zeros((6, 6)), 1.0)
-        >>> len(sheet.drop([14, 15]))
-        34
         """
         return dropped(self, region)
 
@@ -184,10 +164,6 @@ class Surface(Manifold):
         InputError
             If the point is not on the surface, or the disk would cover most of it.
 
-        See Also
-        --------
-        Surface.polygon : Return a region enclosed by shortest paths.
-
         Examples
         --------
         >>> sheet = voxflat.range_image(np.zeros((9, 9)), 1.0)
@@ -219,10 +195,6 @@ class Surface(Manifold):
         ------
         InputError
             If a corner is not on the surface, or the path crosses itself.
-
-        See Also
-        --------
-        Surface.disk : Return the geodesic disk around a point.
 
         Examples
         --------
@@ -257,10 +229,6 @@ class Surface(Manifold):
         ------
         InputError
             If the length is not valid, or the surface is a part of another one or lies between two given surfaces.
-
-        See Also
-        --------
-        voxflat.surface : Make a surface from a segmentation.
 
         Examples
         --------
@@ -329,10 +297,6 @@ class Surface(Manifold):
         ------
         InputError, Cancelled
             As in `flatten`.
-
-        See Also
-        --------
-        Surface.path : Find paths along which to cut.
 
         Examples
         --------
@@ -650,10 +614,6 @@ class Surface(Manifold):
         InputError
             If a stop is not on the surface, or stops lie in different components.
 
-        See Also
-        --------
-        Surface.geodesic : Measure distances from sources to all points.
-
         Examples
         --------
         >>> sheet = voxflat.range_image(np.zeros((6, 6)), 1.0)
@@ -691,15 +651,6 @@ class Surface(Manifold):
         ------
         Cancelled
             If `progress` returned False.
-
-        See Also
-        --------
-        voxflat.check : Check any input.
-
-        Examples
-        --------
-        >>> voxflat.range_image(np.zeros((6, 6)), 1.0).check().can_flatten
-        True
         """
         with reading(memory_limit):
             of = self if self.whole is None else self.whole

@@ -14,6 +14,7 @@ from voxflat.read_only import ReadOnly
 from voxflat.surfaces.cutting import Cutout, Where, cut_open, opened_to_disk, sketch_error
 from voxflat.surfaces.manifold import Manifold
 from voxflat.surfaces.necks import parts_at_a_neck
+from voxflat.surfaces.noise import noise_in_parts, noise_in_surface
 from voxflat.surfaces.standard.choice import AUTOMATIC
 
 _SHOWN = 5  # maximum number of handles, holes and loops in a table
@@ -71,6 +72,8 @@ class Check(ReadOnly):
     sketch_errors : dict of str to float
         If a template defines the cuts: estimated mean relative distance error with the cuts of `cuts_by` and with
         "automatic" cuts.
+    noise : str or None
+        Why the surface may be that of noise, such as thousands of components or handles; `advice` repeats it.
     can_flatten : bool
         Whether the surface can be flattened.
     advice : tuple of str
@@ -105,6 +108,7 @@ class Check(ReadOnly):
     named_cuts: tuple[dict[str, Any], ...] = ()
     cuts_by: str | None = None
     sketch_errors: dict[str, float] = field(default_factory=dict)
+    noise: str | None = None
     can_flatten: bool = False
     advice: tuple[str, ...] = ()
 
@@ -122,21 +126,13 @@ class Check(ReadOnly):
         -------
         list of tuple of str
             Pairs of a name and the finding as text.
-
-        See Also
-        --------
-        Check.table : Return the findings as a table.
-
-        Examples
-        --------
-        >>> voxflat.samples.hill().check().rows()[0]
-        ('input', 'array')
         """
         rows = [("input", self.path or "array"), *self._contents()]
         rows += [(name, f"{len(places)}: {_shortened(places)}") for name, places in self.defects.items() if places]
         if self.surface_points is not None:
             rows += self._surface()
-        rows.append(("can be flattened", "yes" if self.can_flatten else "no"))
+        doubt = ", but it may be noise" if self.noise else ""
+        rows.append(("can be flattened", f"yes{doubt}" if self.can_flatten else "no"))
         return rows
 
     def table(self) -> str:
@@ -148,15 +144,6 @@ class Check(ReadOnly):
         -------
         str
             The table as text.
-
-        See Also
-        --------
-        Check.rows : Return the findings as pairs.
-
-        Examples
-        --------
-        >>> print(voxflat.samples.hill().check().table().splitlines()[0])
-        input                 array
         """
         rows = self.rows()
         width = max(len(name) for name, _ in rows) + 2
@@ -241,7 +228,8 @@ def check_surface(
     except InputError as error:
         return replace(found, advice=(*part.remarks, str(error)))
     shape = cut.part.core.topology()
-    advice = list(cut.remarks)
+    noise = _noise(part, found.components, len(cut.part), shape)
+    advice = [*([noise] if noise else []), *cut.remarks]
     handles = tuple(cut.part.core.handles(threads, progress)) if shape["handles"] else ()
     if handles:
         total = sum(handle["length"] for handle in handles)
@@ -290,9 +278,21 @@ def check_surface(
         cuts_by=cut.by,
         sketch_errors=errors,
         automatic_cuts=() if opened is None else tuple(one._described() for one in opened.cuts if one.is_automatic),
+        noise=noise,
         can_flatten=opened is not None and len(opened.part) >= 3,
         advice=tuple(advice),
     )
+
+
+def _noise(part: Manifold, components: Sequence[int], used: int, shape: dict[str, Any]) -> str | None:
+    """Return why the foreground of a volume or its surface looks like noise; a chosen part is examined by itself."""
+    if not part.is_voxels:
+        return None
+    if part.whole is not None:
+        components = ()
+    elif part.foreground is not None and (found := noise_in_parts(part.foreground.mask())):
+        return found
+    return noise_in_surface(components, used, shape["handles"], len(shape["loops"]))
 
 
 def _sketch_errors(opened: Cutout, part: Manifold, threads: int | None, progress: Progress | None) -> dict[str, float]:

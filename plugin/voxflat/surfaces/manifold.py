@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -14,8 +15,7 @@ from voxflat import _core
 from voxflat.arguments import (
     Progress,
     array_of,
-    checked_kind,
-    checked_path,
+    checked_instance,
     checked_text,
     checked_threads,
     is_number,
@@ -29,7 +29,8 @@ from voxflat.io.meshes import Mesh, in_tkras, write_mesh
 from voxflat.io.notebook import page
 from voxflat.io.origin import Origin
 from voxflat.io.patches import FLAT_PATCH_ENDINGS, PATCH_ENDING, Patch, in_patch, patch_border, write_patch
-from voxflat.io.provenance import Record, resolved, saving
+from voxflat.io.provenance import Record, resolved
+from voxflat.io.saved import Saved
 from voxflat.io.spaces import Space, VolumeGeometry
 from voxflat.io.triangles import check_faces
 from voxflat.read_only import ReadOnly
@@ -55,10 +56,19 @@ class Step:
 
 
 @dataclass(frozen=True, eq=False)
-class Manifold(ReadOnly):
+class Manifold(ReadOnly, Saved):
     """A surface of triangles: an oriented manifold with or without a boundary.
 
     `voxflat.Surface` describes the fields. Arrays with V rows refer to the vertices of the complete surface.
+    """
+
+    _kind = "the surface"
+    _formats = """
+    File name that ends in .surf.gii, .vtp, .ply or .obj, or a FreeSurfer name such as lh.white. FreeSurfer files are
+    in tkRAS; other files are in scanner RAS, as in `io.write_mesh`. A name that ends in .patch.3d writes a FreeSurfer
+    patch of the original mesh, for ``mris_flatten``. A patch uses the vertex numbers of the mesh and has one position
+    per vertex, so it excludes vertices at the sides of cuts; a warning reports how many. GIFTI files contain
+    `provenance`.
     """
 
     core: _core.Surface
@@ -189,10 +199,6 @@ class Manifold(ReadOnly):
         InputError
             If one of the ids is not on this surface.
 
-        See Also
-        --------
-        Surface.nearest : Find the vertex nearest to a voxel.
-
         Examples
         --------
         >>> surface = voxflat.samples.hill()
@@ -254,10 +260,6 @@ class Manifold(ReadOnly):
         distance : float
             Distance from the centre of the voxel to the centre of the vertex's voxel, in mm.
 
-        See Also
-        --------
-        Surface.find : Find vertices by their ids.
-
         Examples
         --------
         >>> surface = voxflat.surface(voxflat.samples.ball())
@@ -299,16 +301,6 @@ class Manifold(ReadOnly):
         ------
         InputError, Cancelled
             If the smoothing is negative or not finite, or `progress` returned False.
-
-        See Also
-        --------
-        Surface.sulcal_depth : Return the depth of each vertex in a sulcus.
-
-        Examples
-        --------
-        >>> surface = voxflat.samples.hill()
-        >>> surface.mean_curvature().shape
-        (441,)
         """
         if not (is_number(smoothing) and 0 <= smoothing < np.inf):
             raise InputError(f"smoothing is {shown(smoothing)}. Pass a length in mm, or 0 for no smoothing")
@@ -339,16 +331,6 @@ class Manifold(ReadOnly):
         ------
         InputError, Cancelled
             If `flow` is not positive, or `progress` returned False.
-
-        See Also
-        --------
-        Surface.mean_curvature : Return the mean curvature at each vertex.
-
-        Examples
-        --------
-        >>> surface = voxflat.surface(voxflat.samples.ball())
-        >>> surface.sulcal_depth().shape
-        (632,)
         """
         if not (is_number(flow) and 0 < flow < np.inf):
             raise InputError(f"flow is {shown(flow)}. Pass a positive number of mm²")
@@ -378,7 +360,7 @@ class Manifold(ReadOnly):
 
     def _in_patch(self, patch: Patch) -> NDArray[np.bool_]:
         """Find the triangles of a FreeSurfer patch: like other programs, take those whose corners are all listed."""
-        checked_kind(patch, "patch", "vertex_ids", "a Patch, as read_patch returns it")
+        checked_instance(patch, Patch, "patch", "a Patch, as read_patch returns it")
         is_listed = np.isin(self.merged[:, 0], patch.vertex_ids)
         listed = np.concatenate([patch.vertex_ids, self.merged[is_listed, 1]])
         return in_patch(self.vertices[self.faces], np.unique(listed), self.count)
@@ -405,16 +387,6 @@ class Manifold(ReadOnly):
         ------
         InputError
             If the surface came from a mesh.
-
-        See Also
-        --------
-        voxflat.surface : Create a surface.
-
-        Examples
-        --------
-        >>> surface = voxflat.surface(voxflat.samples.ball(), repair="voxels")
-        >>> int(surface.changed_voxels().sum())
-        0
         """
         if not self.is_voxels:
             raise InputError("the surface came from a mesh, so no voxels were changed. Pass a surface from a volume")
@@ -441,53 +413,19 @@ class Manifold(ReadOnly):
         """Return the same surface with a provenance record."""
         return replace(self, metadata={**self.metadata, "provenance": resolved(record, self.metadata)})
 
-    def save(self, path: str | os.PathLike[str], *, sidecar: bool = False, overwrite: bool = False) -> None:
-        """Write the surface to a file.
-
-        The file is written completely or not at all. FreeSurfer files are in tkRAS; other files are in scanner RAS, as
-        in `io.write_mesh`.
-
-        Parameters
-        ----------
-        path : path
-            File name that ends in .surf.gii, .vtp, .ply or .obj, or a FreeSurfer name such as lh.white. A name that
-            ends in .patch.3d writes a FreeSurfer patch of the original mesh, for ``mris_flatten``. A patch uses the
-            vertex numbers of the mesh and has one position per vertex, so it excludes vertices at the sides of cuts; a
-            warning reports how many. GIFTI files contain `provenance`.
-        sidecar : bool
-            Whether to also write `provenance` to ``<path>.json``.
-        overwrite : bool
-            Whether to replace an existing file that voxflat did not write.
-
-        Raises
-        ------
-        InputError
-            If the file extension is not supported, or the surface was made from that file.
-        OSError
-            If the file cannot be written.
-
-        See Also
-        --------
-        voxflat.io.write_mesh : Write a mesh to a file.
-
-        Examples
-        --------
-        >>> surface = voxflat.samples.hill()
-        >>> surface.save("hill.ply")
-        """
-        path = checked_path(path)
+    def _write(self, path: Path) -> None:
         space, structure = self.space, self.origin.structure
         if space.name == "scanner" and self.is_voxels:
             of = self.origin.voxels
             space = Space("scanner", VolumeGeometry.of_volume(of.affine, of.shape, of.input or ""))
         if space.doubt:
             log.warning("%s may be misaligned with volumes: %s", path, space.doubt)
-        with saving(path, self.provenance, sidecar=sidecar, overwrite=overwrite):
-            if path.name.lower().endswith((*FLAT_PATCH_ENDINGS, PATCH_ENDING)):
-                self._save_patch(path, space)
-            else:
-                mesh = Mesh(self.points, self.faces.astype(np.int64), structure=structure, space=space)
-                write_mesh(path, mesh, self.provenance)
+        if path.name.lower().endswith((*FLAT_PATCH_ENDINGS, PATCH_ENDING)):
+            self._save_patch(path, space)
+        else:
+            write_mesh(
+                path, Mesh(self.points, self.faces.astype(np.int64), structure=structure, space=space), self.provenance
+            )
         if path.suffix.lower() not in (".vtp", ".ply", ".obj"):
             warn_of_unit(path, self.origin.unit)
 

@@ -14,10 +14,9 @@ from voxflat.io.sources import volume_of
 from voxflat.io.volumes import Volume
 from voxflat.surfaces.foreground import Foreground, PackedMask, touching_labels
 from voxflat.surfaces.manifold import Manifold
+from voxflat.surfaces.noise import noise_in_handles, noise_in_parts
 
 _MOST_REPAIRED = 0.01  # largest share of foreground voxels changed by default
-_MANY_PARTS, _MAIN_SHARE = 1000, 0.9  # of a foreground that is probably noise, and of its largest part
-_MANY_HANDLES = 5000  # of the largest component, if it is probably noise; whole brains have up to 1,022
 _SHARE_BETWEEN = 0.5  # least share of border voxels with intermediate values
 
 _A_SURFEL = 600  # bytes per face between foreground and background to create a surface; measured: 250 to 520
@@ -41,7 +40,7 @@ def of_volume(
     repairs: dict[str, Any] = {}
     level, placed_by = _level(volume, mask, given.origin.threshold, probability)
     remarks: list[str] = []
-    _doubt_parts(mask)
+    _warn(noise_in_parts(mask))
     if repair == "voxels":
         mask, repairs["repair"], remarks = _repaired(mask, volume, level, progress)
     elif repair is None and not (_core.is_sheet(mask) if sheet is None else sheet):
@@ -73,25 +72,10 @@ def of_volume(
     return Manifold(core, voxels.astype(np.int64), origin, metadata, tuple(remarks), foreground=packed)
 
 
-def _doubt_parts(mask: NDArray[np.bool_]) -> None:
-    """Warn before the long work if the foreground has so many parts that it looks like noise."""
-    from scipy import ndimage
-
-    counts = np.bincount(ndimage.label(mask)[0].ravel())[1:]
-    share = counts.max() / counts.sum()
-    if len(counts) >= _MANY_PARTS and share < _MAIN_SHARE:
-        _warn_of_noise(f"{len(counts)} parts, of which the largest has {100 * share:.0f} % of the voxels")
-
-
-def _doubt_handles(count: int) -> None:
-    """Warn before the long work if the foreground has so many handles that it looks like noise."""
-    if count >= _MANY_HANDLES:
-        _warn_of_noise(f"{count} handles")
-
-
-def _warn_of_noise(found: str) -> None:
-    told = "the foreground has %s, so it may contain noise, whose surface takes long. Check the label or threshold, or"
-    log.warning(f"{told} smooth the volume", found)
+def _warn(doubt: str | None) -> None:
+    """Warn before the long work if the foreground looks like noise."""
+    if doubt:
+        log.warning("%s", doubt)
 
 
 def _check_width(mask: NDArray[np.bool_]) -> None:
@@ -162,7 +146,7 @@ def _repaired(
 ) -> tuple[NDArray[np.bool_], dict[str, Any], list[str]]:
     """Change the foreground so that its surface is a sphere; also return a report and remarks."""
     repaired, report = _core.repair(mask, volume.spacing.tolist(), _likely(level), progress)
-    _doubt_handles(report["handles"])
+    _warn(noise_in_handles(report["handles"]))
     told = {key: value.tolist() if isinstance(value, np.ndarray) else value for key, value in report.items()}
     removed, added, others = len(report["cut"]), len(report["filled"]), len(report["dropped"]) + len(report["cavities"])
     remarks: list[str] = []
@@ -183,7 +167,7 @@ def _without_handles(
 ) -> tuple[NDArray[np.bool_], dict[str, Any] | None, list[str]]:
     """Close or open the handles of the largest component if that changes few voxels; leave the rest unchanged."""
     _, report = _core.repair(mask, volume.spacing.tolist(), _likely(level), progress)
-    _doubt_handles(report["handles"])
+    _warn(noise_in_handles(report["handles"]))
     if not report["handles"]:
         return mask, None, []
     removed, added = len(report["cut"]), len(report["filled"])

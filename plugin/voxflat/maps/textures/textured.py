@@ -98,12 +98,6 @@ class TexturedSurface(ReadOnly, Recorded):
         See Also
         --------
         FlatPage.textured : Return a surface whose texture has seams.
-
-        Examples
-        --------
-        >>> textured = voxflat.samples.hill().flatten().textured(np.full((8, 8, 3), 255, np.uint8))
-        >>> textured.opened()
-        <TexturedSurface: 441 points, 800 triangles, 8 x 8 texels>
         """
         if self.texture_faces is None:
             return self
@@ -134,16 +128,6 @@ class TexturedSurface(ReadOnly, Recorded):
         ------
         InputError
             If the tolerance is not positive, or the picture is so fine that there would be too many triangles.
-
-        See Also
-        --------
-        TexturedSurface.colours : Colours at the points.
-
-        Examples
-        --------
-        >>> textured = voxflat.samples.hill().flatten().textured(np.full((8, 8, 3), 255, np.uint8))
-        >>> textured.subdivided()
-        <TexturedSurface: 441 points, 800 triangles, 8 x 8 texels>
         """
         whole = self.opened()
         points, faces, coordinates = subdivide(
@@ -174,10 +158,6 @@ class TexturedSurface(ReadOnly, Recorded):
             write.
         OSError
             If a file cannot be written.
-
-        See Also
-        --------
-        TexturedSurface.subdivided : Split triangles before saving as ``.ply``.
 
         Examples
         --------

@@ -1,7 +1,7 @@
 """Register a surface to fsaverage's sphere by the pattern of its folds."""
 
-import os
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from voxflat.arguments import Progress, checked_threads, named_side
 from voxflat.errors import InputError
 from voxflat.io.meshes import Mesh, write_mesh
-from voxflat.io.provenance import Record, Recorded, saving
+from voxflat.io.provenance import Record
+from voxflat.io.saved import Saved
 from voxflat.read_only import ReadOnly
 from voxflat.surfaces.manifold import Manifold
 from voxflat.surfaces.standard.pattern import SIDES, icosphere, pattern
@@ -21,7 +22,7 @@ _STRUCTURES = {"CortexLeft": "left", "CortexRight": "right"}
 
 
 @dataclass(frozen=True, eq=False)
-class Registration(ReadOnly, Recorded):
+class Registration(ReadOnly, Saved):
     """A surface that is registered to the unit sphere, in fsaverage space.
 
     `Surface.register` returns it.
@@ -60,6 +61,13 @@ class Registration(ReadOnly, Recorded):
     <Registration: 10242 vertices, left, confidence 1.00>
     """
 
+    _kind = "a registration"
+    _formats = """
+    File name that ends in .surf.gii, .vtp, .ply or .obj, or a FreeSurfer name such as lh.sphere.reg. The file holds
+    the sphere with a radius of 100, like FreeSurfer's ``?h.sphere.reg``, and the vertices and triangles of the mesh.
+    For a surface from a volume, the vertices are those of `Surface.save`.
+    """
+
     surface: Manifold
     points: NDArray[np.float64]
     side: str
@@ -85,43 +93,12 @@ class Registration(ReadOnly, Recorded):
         places[merged[:, 0]] = places[merged[:, 1]]
         return places
 
-    def save(self, path: str | os.PathLike[str], *, sidecar: bool = False, overwrite: bool = False) -> None:
-        """Write the sphere to a file, like FreeSurfer's ``?h.sphere.reg``.
-
-        The sphere has a radius of 100, and the vertices and triangles of the mesh.
-
-        Parameters
-        ----------
-        path : path
-            File name that ends in .surf.gii, .vtp, .ply or .obj, or a FreeSurfer name such as lh.sphere.reg. For a
-            surface from a volume, the vertices are those of `Surface.save`.
-        sidecar, overwrite : bool
-            As in `Surface.save`.
-
-        Raises
-        ------
-        InputError
-            If the path has another ending, or the surface was made from that file.
-        OSError
-            If the file cannot be written.
-
-        See Also
-        --------
-        voxflat.Surface.save : Write a surface to a file.
-
-        Examples
-        --------
-        >>> from nilearn.datasets import fetch_surf_fsaverage
-        >>> white = fetch_surf_fsaverage().white_left  # of fsaverage5, which comes with nilearn
-        >>> registration = voxflat.surface(white).register()
-        >>> registration.save("lh.sphere.reg.surf.gii")
-        """
+    def _write(self, path: Path) -> None:
         of = self.surface
         faces = of.faces.astype(np.int64) if of.is_voxels or of.mesh_faces is None else of.mesh_faces
         places = np.nan_to_num(self.sphere) * _RADIUS  # vertices without a triangle lie at the centre
         structure = "CortexLeft" if self.side == "left" else "CortexRight"
-        with saving(path, self.provenance, sidecar=sidecar, overwrite=overwrite):
-            write_mesh(path, Mesh(places, faces, structure=structure), self.provenance)
+        write_mesh(path, Mesh(places, faces, structure=structure), self.provenance)
 
 
 def register(whole: Manifold, side: str | None, threads: int | None, progress: Progress | None) -> Registration:
