@@ -17,6 +17,7 @@ from messages import NAMES_IN_FILES, OF_PYTHON, PYTHON, messages
 import voxflat
 from voxflat import cli
 from voxflat.cli.console import in_options
+from voxflat.cli.options import numbers
 
 
 def every_option():
@@ -256,3 +257,36 @@ def test_all_warnings_have_one_form_and_are_told_once(tmp_path, monkeypatch):
     ball = tmp_path / "ball.npy"
     np.save(ball, voxflat.samples.ball())
     assert "relax=" not in run("check", ball).stdout
+
+
+REALS = [one for one in NUMBERS if isinstance(one.values[1].type, click.types.FloatParamType)]
+
+
+@pytest.mark.parametrize(("command", "option"), REALS)
+def test_every_number_is_finite(command, option):
+    for text in ("nan", "inf", "-inf", "1e400"):
+        with pytest.raises(click.BadParameter, match=rf"^'{text}' is not a finite number\.$"):
+            option.type.convert(text, option, None)
+    with pytest.raises(click.BadParameter, match=r"^'x' is not a valid number\.$"):
+        option.type.convert("x", option, None)
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("5:-5:1", "the step of the range '5:-5:1' leads away from its last number. Give 5:-5:-1."),
+        ("-5:5:-0.5", "the step of the range '-5:5:-0.5' leads away from its last number. Give -5:5:0.5."),
+        ("-5:5:0", "the step of the range '-5:5:0' is 0. Give first:last:step, such as -10:10:1."),
+        ("0:1:1e-9", "the range '0:1:1e-9' has more than 1,000,000 numbers. Give a larger step."),
+        ("0,nan", "'nan' is not finite. Give finite numbers."),
+        ("0:inf:1", "'0:inf:1' is not finite. Give finite numbers."),
+        ("1:2", "'1:2' is not a number, a list of numbers such as 0.25,0.5 or a range such as -10:10:1"),
+        ("0,", "'' is not a number, a list of numbers"),
+    ],
+)
+def test_a_list_of_numbers_that_is_wrong_is_told_how(text, told):
+    for name, option in every_option():
+        if option.callback is numbers:
+            with pytest.raises(click.BadParameter) as raised:
+                option.callback(click.Context(cli.main), option, text)
+            assert raised.value.message.startswith(told), name

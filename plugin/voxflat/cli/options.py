@@ -29,7 +29,6 @@ from voxflat.surfaces.standard.choice import AUTOMATIC
 from voxflat.surfaces.standard.template import STANDARD
 
 _Command = TypeVar("_Command", bound=Callable[..., Any])
-POSITIVE = click.FloatRange(min=0, min_open=True)
 _SIDECAR = "Also save the provenance of OUT (inputs, options, version) in OUT.json, for formats that cannot store it."
 _OVERWRITE = "Replace existing companion files of OUT, such as OUT.json, even if voxflat did not write them."
 _RELAX_LENGTH = "Maximum total length of relaxation cuts in mm, including any cuts passed to --cuts."
@@ -37,6 +36,26 @@ _PERIOD = "Treat the values as phases with this period, such as 360, so that ave
 _TIME_STEP = "Time between frames of a series, in seconds.  [default: from the file]"
 _MOST_NUMBERS = 1e6  # in a range
 _PER_LINE = "Write one vertex number, or three voxel indices, on each line."
+
+
+class _Number(click.types.FloatParamType):
+    """A number that is neither NaN nor infinite."""
+
+    name = "number"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
+        number = float(super().convert(value, param, ctx))
+        if not math.isfinite(number):
+            self.fail(f"{value!r} is not a finite number.", param, ctx)
+        return number
+
+
+class _Range(click.FloatRange, _Number):
+    name = "number"
+
+
+NUMBER, POSITIVE, NOT_NEGATIVE, SHARE = _Number(), _Range(min=0, min_open=True), _Range(min=0), _Range(0, 1)
+"""Types of options whose value is a finite number."""
 
 
 def three(kind: type[int] | type[float], example: str) -> Callable[..., Any]:
@@ -135,22 +154,31 @@ def paths(ctx: click.Context, param: click.Parameter, value: tuple[Path, ...]) -
 
 def numbers(ctx: click.Context, param: click.Parameter, value: str | None) -> tuple[float, ...] | None:
     """Convert an option's text to numbers: one number, a list such as 0,2, or a range such as -10:10:1."""
-    try:
-        return None if value is None else tuple(number for part in value.split(",") for number in _numbers(part))
-    except ValueError:
-        wanted = "a number, a list of numbers such as 0.25,0.5 or a range such as -10:10:1 (first:last:step)"
-        raise click.BadParameter(f"{value!r} is not {wanted}.") from None
+    return None if value is None else tuple(number for part in value.split(",") for number in _numbers(part))
 
 
 def _numbers(text: str) -> list[float]:
     """Return a number, or all numbers of a range, which includes both ends."""
-    parts = [float(part) for part in text.split(":")]
+    try:
+        parts = [float(part) for part in text.split(":")]
+    except ValueError:
+        parts = []
+    if len(parts) not in (1, 3):
+        wanted = "a number, a list of numbers such as 0.25,0.5 or a range such as -10:10:1 (first:last:step)"
+        raise click.BadParameter(f"{text!r} is not {wanted}.")
+    if not all(map(math.isfinite, parts)):
+        raise click.BadParameter(f"{text!r} is not finite. Give finite numbers.")
     if len(parts) == 1:
         return parts
     first, last, step = parts
-    steps = (last - first) / step if step else math.inf
-    if not 0 <= steps < _MOST_NUMBERS:
-        raise ValueError(text)
+    if step == 0:
+        raise click.BadParameter(f"the step of the range {text!r} is 0. Give first:last:step, such as -10:10:1.")
+    steps = (last - first) / step
+    if steps < 0:
+        remedy = f"Give {first:g}:{last:g}:{-step:g}."
+        raise click.BadParameter(f"the step of the range {text!r} leads away from its last number. {remedy}")
+    if steps >= _MOST_NUMBERS:
+        raise click.BadParameter(f"the range {text!r} has more than {_MOST_NUMBERS:,.0f} numbers. Give a larger step.")
     return [float(f"{first + step * n:.12g}") for n in range(math.floor(steps + 1e-9) + 1)]
 
 
@@ -300,7 +328,7 @@ channel = option_of(read_volume, "channel", metavar="NAME|N")
 _of_volumes = (
     channel,
     option_of(surface, "label", metavar="N[,N...]", sentences=2, multiple=True, callback=_labels, default=None),
-    option_of(surface, "threshold", type=float),
+    option_of(surface, "threshold", type=NUMBER),
 )
 _of_grids = (
     option_of(surface, "spacing", metavar="X,Y,Z", callback=three(float, "0.5,0.5,0.5")),
@@ -313,7 +341,7 @@ _of_surfaces = (
         "LENGTH",
         "Remove waves that are shorter than this from the surface, such as the noise and the steps of a segmentation. "
         "A few voxels are usual.",
-        type=float,
+        type=NUMBER,
     ),
 )
 frame_options = section("Input", *_of_volumes, *_of_grids, *_of_surfaces)  # of the surface of each frame
@@ -359,7 +387,7 @@ region = section(
         "counted from 0. Requires --radius.",
         callback=_place,
     ),
-    option_of(Surface.disk, "radius", type=float, metavar="MM"),
+    option_of(Surface.disk, "radius", type=NUMBER, metavar="MM"),
     reads(
         "--polygon",
         "Restrict the surface to the region enclosed by shortest paths between the corners listed in FILE (one corner "
@@ -398,7 +426,7 @@ relaxation = (
         help="Add relaxation cuts where they reduce the distortion of the map enough to be worthwhile.  "
         "[default: --relax, unless --cuts or a patch file specifies the cuts]",
     ),
-    value("--relax-length", "MM", _RELAX_LENGTH, type=click.FloatRange(min=0), is_eager=True),
+    value("--relax-length", "MM", _RELAX_LENGTH, type=NOT_NEGATIVE, is_eager=True),
 )
 further_cuts = (*relaxation, option_of(Surface.cut, "adapt", type=POSITIVE, metavar="MM"))
 cuts = section("Cuts", *where_cut, *further_cuts)
@@ -435,7 +463,7 @@ charts = section(
         sentences=2,
     ),
     option_of(Surface.charts, "front", metavar="I,J,K|V", callback=_place, sentences=2),
-    option_of(Surface.charts, "overlap", type=float, metavar="MM"),
+    option_of(Surface.charts, "overlap", type=NUMBER, metavar="MM"),
 )
 
 
@@ -479,9 +507,9 @@ _METHOD_SECTIONS = (
     section(
         "Method voxflat",
         option_of(Voxflat, "geodesic", type=click.Choice(SOLVERS), sentences=4, like=Surface.geodesic, default=_SOLVER),
-        option_of(Voxflat, "weighting", type=click.FloatRange(0, 1), metavar="W", sentences=2),
+        option_of(Voxflat, "weighting", type=SHARE, metavar="W", sentences=2),
         option_of(Voxflat, "scale", type=click.Choice(SCALES), sentences=2),
-        option_of(Voxflat, "max_area", type=float, metavar="FACTOR"),
+        option_of(Voxflat, "max_area", type=NUMBER, metavar="FACTOR"),
         option_of(Voxflat, "start", type=FILE, metavar="MAP", help=_START),
     ),
     section("Method grossmann2002", link_lengths(Grossmann2002)),
@@ -490,7 +518,7 @@ _METHOD_SECTIONS = (
         option_of(Schwartz1989, "neighbourhood", metavar="N|all", callback=_rings, default="a tenth of the points"),
         option_of(Schwartz1989, "starts", type=int, metavar="N"),
     ),
-    section("Method saucan2006", option_of(Saucan2006, "bound", type=float, metavar="C")),
+    section("Method saucan2006", option_of(Saucan2006, "bound", type=NUMBER, metavar="C")),
 )
 
 

@@ -60,14 +60,14 @@ def colour_section(*further: Any) -> Callable[[_Command], _Command]:
     """Return the section of options for thresholds and colours."""
     return options.section(
         "Colours",
-        options.value("--threshold", "X", "Show only values above X or below -X.", type=click.FloatRange(min=0)),
-        options.value("--above", "X", "Show only values greater than X.", type=float),
+        options.value("--threshold", "X", "Show only values above X or below -X.", type=options.NOT_NEGATIVE),
+        options.value("--above", "X", "Show only values greater than X.", type=options.NUMBER),
         options.value(
             "--below",
             "X",
             "Show only values less than X. If both --above and --below are given, values outside the two limits are "
             "shown if --below is smaller than --above, and values between them otherwise.",
-            type=float,
+            type=options.NUMBER,
         ),
         options.value(
             "--range",

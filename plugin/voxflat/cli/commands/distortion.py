@@ -87,7 +87,7 @@ def measure_command(surface_: Path, flat: tuple[Path, ...], heat_maps: Path | No
 @options.section(
     "Regions",
     option_of(worst_places, "count", type=click.IntRange(min=0), metavar="N"),
-    option_of(worst_places, "beyond", type=float, metavar="FACTOR", help=_BEYOND),
+    option_of(worst_places, "beyond", type=options.NUMBER, metavar="FACTOR", help=_BEYOND),
     options.reads("--parcels", "Name the regions after these parcels (.annot, .label.gii, .dlabel.nii or a volume)."),
     options.reads("--table", "Names of the parcels, in the format of FreeSurferColorLUT.txt or a BIDS dseg.tsv."),
 )

@@ -56,7 +56,7 @@ _maps = cloup.argument("maps", metavar="MAP [MAP]", type=FILE, nargs=-1, require
         "--strength-channel", "NAME|N", "Map to use from the --strength file: its name or number, as for --channel."
     ),
     options.choice("--zero", ["right", "top"], _ZERO, default="right"),
-    options.value("--opacity", "X", _OPACITY, type=click.FloatRange(0, 1)),
+    options.value("--opacity", "X", _OPACITY, type=options.SHARE),
     options.reads(
         "--alpha",
         "File of values that set the opacity of the data: transparent where a value is 0, and opaque where its "
@@ -82,7 +82,7 @@ _maps = cloup.argument("maps", metavar="MAP [MAP]", type=FILE, nargs=-1, require
         "--width",
         "MM",
         "Width of the printed figure, in mm.  [default: 85 (one column), or 170 for two maps]",
-        type=float,
+        type=options.NUMBER,
     )
 )
 @options.output("Output file: .png, .pdf, or .svg (with layers).")
@@ -151,11 +151,11 @@ def figure_command(maps: tuple[Path, ...], output: Path, writing: dict[str, Any]
     options.time_step,
     interpolation="linear",
 )
-@colour_section(options.value("--opacity", "X", "Opacity of the data.", type=click.FloatRange(0, 1), default=1.0))
+@colour_section(options.value("--opacity", "X", "Opacity of the data.", type=options.SHARE, default=1.0))
 @page_section()
 @options.output(
     "Output file: .mp4 (requires pip install 'voxflat[lab]'), or .gif for short movies.",
-    options.value("--rate", "N", "Frames per second.", type=float, default=10.0),
+    options.value("--rate", "N", "Frames per second.", type=options.NUMBER, default=10.0),
     options.value("--size", "PIXELS", "Width of the movie, in pixels.", type=int, default=1280),
 )
 @options.run(options.quiet)

@@ -102,7 +102,7 @@ _VOLUME = (
         "MM",
         "Side length of a pixel, in the unit of the map.  [default: half the voxel size or edge length; for an atlas, "
         "at most half the gap between patches]",
-        type=float,
+        type=options.NUMBER,
     ),
 )
 @options.run(options.quiet)
@@ -234,7 +234,7 @@ def _empty(path: object, how: dict[str, Any]) -> InputError:
 @cloup.argument("picture", metavar="PICTURE", type=FILE)
 @options.section(
     "Picture",
-    option_of(FlatMap.textured, "texel_size", type=float, metavar="MM"),
+    option_of(FlatMap.textured, "texel_size", type=options.NUMBER, metavar="MM"),
     option_of(FlatMap.textured, "repeat", is_flag=True, help="Repeat the picture beyond its borders."),
 )
 @options.output(

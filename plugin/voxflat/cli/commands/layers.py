@@ -110,7 +110,7 @@ def layers_command(
 @options.section(
     "Columns",
     options.value("--count", "N", "Number of columns. Either --count or --area is required.", "-n", type=int),
-    option_of(Rim.columns, "area", metavar="MM2", type=float),
+    option_of(Rim.columns, "area", metavar="MM2", type=options.NUMBER),
     options.value("--seed", "N", "Seed of the first centre.", type=int, default=0),
 )
 @options.output("Output volume for the columns, numbered from 1; 0 outside the grey matter.")
@@ -257,8 +257,10 @@ def profile_command(
         required=True,
     ),
     option_of(Rim.paint, "layering", type=click.Choice(LAYERINGS)),
-    option_of(Rim.paint, "pixel_size", type=float, metavar="MM", default="from the file, or as for voxflat image"),
-    option_of(Rim.paint, "background", type=float),
+    option_of(
+        Rim.paint, "pixel_size", type=options.NUMBER, metavar="MM", default="from the file, or as for voxflat image"
+    ),
+    option_of(Rim.paint, "background", type=options.NUMBER),
 )
 @options.output("Output volume with the grid of INPUT.")
 @options.run(options.threads, options.memory_limit)

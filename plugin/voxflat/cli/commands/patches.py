@@ -33,12 +33,15 @@ from voxflat.pipeline.surface import Surface
 @options.surface_options
 @options.section(
     "Patches",
-    option_of(Surface.patches, "max_angle", type=float, metavar="DEGREES"),
-    option_of(Surface.patches, "bound", type=float, metavar="C"),
+    option_of(Surface.patches, "max_angle", type=options.NUMBER, metavar="DEGREES"),
+    option_of(Surface.patches, "bound", type=options.NUMBER, metavar="C"),
     option_of(Surface.patches, "count", type=int, metavar="N"),
     option_of(Surface.patches, "seeds", type=click.Choice(SEEDS), sentences=3),
     options.value(
-        "--glue", "C", "Close seams between patches as long as no length changes by more than this factor.", type=float
+        "--glue",
+        "C",
+        "Close seams between patches as long as no length changes by more than this factor.",
+        type=options.NUMBER,
     ),
 )
 @options.section(
@@ -51,13 +54,13 @@ from voxflat.pipeline.surface import Surface
         "--depth",
         "MM",
         "Distance outside the surface at which the volume is sampled, in the unit of the map.  [default: 0]",
-        type=float,
+        type=options.NUMBER,
     ),
     options.value(
         "--pixel-size",
         "MM",
         "Side length of a pixel, in the unit of the map.  [default: as for voxflat image]",
-        type=float,
+        type=options.NUMBER,
     ),
 )
 @options.output(

@@ -37,7 +37,7 @@ _PIXEL_SIZE = (
 @cloup.argument("points", metavar="XYZ", type=FILE)
 @options.section(
     "Points",
-    option_of(FlatMap.points_to_map, "limit", type=float, metavar="MM"),
+    option_of(FlatMap.points_to_map, "limit", type=options.NUMBER, metavar="MM"),
     option_of(FlatMap.points_to_map, "space", type=click.Choice(["surface", "scanner"]), help=_SPACE),
 )
 @options.output("Output table (.csv, .tsv or .txt): all columns of XYZ, plus u, v and distance in the unit of the map.")
@@ -85,7 +85,7 @@ def points_command(map_: Path, points: Path, output: Path, limit: float, space: 
         'File (.json) of polygons in the unit of the map, keyed by region name, such as {"V1": [[u, v], ...]}.',
     ),
     options.reads("--image", "Label image on the pixel grid of the map (.npy, .png, .tif, .nii or .nii.gz)."),
-    options.value("--pixel-size", "MM", _PIXEL_SIZE, type=float),
+    options.value("--pixel-size", "MM", _PIXEL_SIZE, type=options.NUMBER),
 )
 @options.output(
     "Output file: .annot, .label.gii or .label (one region) for vertex labels; .nii, .nii.gz, .mgh, .mgz or .nrrd for "
