@@ -192,7 +192,7 @@ def test_the_commands_of_the_page_run(workers, ready, study, tmp_path, monkeypat
     dry, made, group, local, file, rows = (succeed(*shlex.split(command)).stdout for command in commands)
     assert [json.loads(line)["state"] for line in dry.splitlines()] == ["missing"] * 2
     assert "1 participant: 1 made" in made
-    assert "hemispheres: 2 with a map, 0 without" in group
+    assert "maps: 1 left and 1 right hemispheres of 1 participant" in group
     assert "1 participant: 0 made, 1 up to date" in local
     assert local == file
     assert here.call_args_list[0].kwargs["n_workers"] == 1

@@ -260,6 +260,7 @@ def test_all_warnings_have_one_form_and_are_told_once(tmp_path, monkeypatch):
 
 
 REALS = [one for one in NUMBERS if isinstance(one.values[1].type, click.types.FloatParamType)]
+REALS = [one for one in REALS if one.values[1].name != "background"]  # which may be NaN
 
 
 @pytest.mark.parametrize(("command", "option"), REALS)

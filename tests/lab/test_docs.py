@@ -38,7 +38,7 @@ def test_the_commands_run(lab):
     assert len(said) == 7
     assert "2 participants: 2 made" in said["bids study maps participant"]
     assert "2 participants: 0 made, 2 up to date" in said["bids study maps participant --participant-label 01 02"]
-    assert "hemispheres: 4 with a map, 0 without" in said["bids study maps group"]
+    assert "maps: 2 left and 2 right hemispheres of 2 participants" in said["bids study maps group"]
 
 
 def test_the_files_that_the_page_names_are_there(lab):

@@ -68,7 +68,8 @@ def compared(root):
 def test_three_fail_by_name_and_never_stop_the_others(study):
     root, result = study
     assert result.exit_code == 3
-    assert "20 participants: 17 made, 0 up to date, 3 failed" in result.stdout
+    only = "(only left hemispheres, because of --hemisphere)"
+    assert f"20 participants: 17 made, 0 up to date, 3 failed {only}" in result.stdout
     assert len(list((root / "out").glob("sub-*/anat/*_flat.surf.gii"))) == 17
     assert len(list((root / "out").glob("sub-*.html"))) == 17
     record = json.loads(next((root / "out").rglob("*_flat.json")).read_text())
@@ -582,6 +583,18 @@ def test_a_study_that_is_up_to_date_is_left_alone(root, compared):
     assert everything(root / "out") == before
 
 
+def test_a_group_counts_its_maps_by_side_and_those_without(root, compared, tmp_path):
+    counts = "17 left and no right hemispheres of 17 participants; without a map: 3 hemispheres"
+    assert json.loads(compared.stdout)["counted"] == counts
+    assert f"Maps: {counts}." in (root / "out" / "group.html").read_text()
+    assert f"maps: {counts}\n" in run("bids", root / "bids", root / "out", "group").stdout
+    shutil.copytree(root / "out", tmp_path / "out")
+    shutil.rmtree(tmp_path / "out" / "sub-05")
+    rest = run("bids", root / "bids", tmp_path / "out", "group", "--participant-label", "05", "06", "08").stdout
+    one = "maps: 1 left and no right hemispheres of 1 participant"
+    assert rest.startswith(f"{one}; without a map: 1 hemisphere and 1 participant\n")
+
+
 def test_a_group_of_one_leaves_no_means_of_an_earlier_group(root, compared, tmp_path):
     shutil.copytree(root / "out", tmp_path / "out")
     assert list((tmp_path / "out").glob("group_hemi-L_stat-*.nii.gz"))
@@ -601,7 +614,8 @@ def test_a_group_uses_or_refuses_its_options(root, compared, tmp_path):
         fail(2, f"{one.opts[0]} requires the level participant", *words, one.opts[0], *value)
     assert everything(root / "out") == before
     shutil.copytree(root / "out", tmp_path / "out")
-    fail(1, "no participant has a map", "bids", root / "bids", tmp_path / "out", "group", "--hemi", "rh")
+    told = "no participant has a map of the right hemisphere"
+    fail(1, told, "bids", root / "bids", tmp_path / "out", "group", "--hemi", "rh")
 
 
 @pytest.mark.parametrize(

@@ -38,6 +38,22 @@ class Row:
         return f"{self.name}{self.session} {self.letter}".rstrip()
 
 
+def counted(rows: Sequence[Row]) -> str:
+    """Return the numbers of maps and of hemispheres or participants without one, as text."""
+    there = [row for row in rows if row.record is not None]
+    people = many(len({row.name for row in there}), "participant")
+    left, right = (sum(row.letter == letter for row in there) or "no" for letter in ("L", "R"))
+    text = f"{left} left and {right} right hemispheres of {people}"
+    kinds = [("hemisphere" if row.letter else "participant") for row in rows if row.record is None]
+    lacking = " and ".join(many(kinds.count(kind), kind) for kind in dict.fromkeys(sorted(kinds)))
+    return text + (f"; without a map: {lacking}" if lacking else "")
+
+
+def many(count: int, what: str) -> str:
+    """Return a number of things, such as "1 map" or "2 maps"."""
+    return f"{count} {what}{'s' * (count != 1)}"
+
+
 @dataclass(frozen=True, eq=False)
 class Mean:
     """Mean and standard deviation (N - 1) of standard maps; NaN where fewer than half, or than two, have a value."""

@@ -14,7 +14,7 @@ from voxflat.errors import InputError, user_message
 from voxflat.io.files import from_json
 from voxflat.io.reading import hash_of
 from voxflat.lab.columns import DESCRIPTIONS, MEASURE_COLUMNS
-from voxflat.lab.comparison import Mean, Row, Sums, outliers, outliers_by_chance
+from voxflat.lab.comparison import Mean, Row, Sums, counted, outliers, outliers_by_chance
 from voxflat.lab.differences import not_averaged, warnings_about
 from voxflat.lab.freshness import page_key, write_json, write_text
 from voxflat.lab.inputs import HEMISPHERES, Participant
@@ -44,9 +44,10 @@ def group(
 
     If `is_study`, `everybody` contains all participants of the study, so that maps of others are reported.
 
-    Return the number of ``maps``, the reasons why maps are ``missing`` and the ``outliers`` (measures, high or low),
-    both keyed by participant and hemisphere, the number of ``outliers_by_chance``, ``warnings``, and the names of the
-    files ``written`` (none if all were up to date) and ``deleted``.
+    Return the number of ``maps``, the same ``counted`` by side as text, the reasons why maps are ``missing`` and the
+    ``outliers`` (measures, high or low), both keyed by participant and hemisphere, the number of
+    ``outliers_by_chance``, ``warnings``, and the names of the files ``written`` (none if all were up to date) and
+    ``deleted``.
     """
     rows = _rows(everybody, out, hemis)
     gone = _gone(everybody, out) if is_study else []
@@ -59,7 +60,8 @@ def group(
 
         rows, means, maps = _compared(out, rows, map_picture)
         if not maps:
-            raise InputError(f"{out}: no participant has a map. Run {again} first")
+            sides = f" of the {HEMISPHERES[hemis[0]][1]} hemisphere" if len(hemis) == 1 else ""
+            raise InputError(f"{out}: no participant has a map{sides}. Run {again} first")
         for one in means:
             for statistic, image in (("mean", one.mean), ("std", one.deviation), ("count", one.count)):
                 name = f"group_hemi-{one.letter}_stat-{statistic}_desc-voxflat_{one.name}.nii.gz"
@@ -86,6 +88,7 @@ def group(
     return {
         "warnings": warnings,
         "maps": sum(row.record is not None for row in rows),
+        "counted": counted(rows),
         "missing": {row.hemisphere: row.reason for row in rows if row.record is None},
         "failed": sorted({row.name for row in rows if row.record is None}),
         "outliers": {row.hemisphere: row.outliers for row in rows if row.outliers},

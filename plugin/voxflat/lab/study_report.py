@@ -8,7 +8,7 @@ import numpy as np
 from voxflat._core import __version__
 from voxflat.citation.methods_text import citation_of, facts_of
 from voxflat.figures.overlays import painted
-from voxflat.lab.comparison import Mean, Row
+from voxflat.lab.comparison import Mean, Row, counted
 from voxflat.lab.pages import Layer, colour_bar, filled, layers_of, pictures, png
 from voxflat.lab.results import COUNTS, FIGURES, figure_of
 from voxflat.maps.flat_map import FlatMap
@@ -44,11 +44,10 @@ def study_page(
         means=[_mean(one) for one in means],
         dots=[_dots(there, place) for place in FIGURES],
         warnings=warnings,
-        maps=len(there),
         marked=sum(len(row.outliers.keys() - set(COUNTS)) for row in there),
         by_chance=f"{by_chance:.2g}",
         citation=citation_of([of["facts"] for of in maps]),
-        participants=len({row.name + row.session for row in rows}),
+        counted=counted(rows),
     )
 
 

@@ -260,7 +260,7 @@ def profile_command(
     option_of(
         Rim.paint, "pixel_size", type=options.NUMBER, metavar="MM", default="from the file, or as for voxflat image"
     ),
-    option_of(Rim.paint, "background", type=options.NUMBER),
+    option_of(Rim.paint, "background", type=float),
 )
 @options.output("Output volume with the grid of INPUT.")
 @options.run(options.threads, options.memory_limit)

@@ -15,7 +15,7 @@ from voxflat.cli import options
 from voxflat.cli.console import Bars, Command, bars, translated
 from voxflat.cli.output import is_json, report
 from voxflat.errors import Cancelled, InputError
-from voxflat.lab.comparison import LEAST
+from voxflat.lab.comparison import LEAST, many
 from voxflat.lab.group import group
 from voxflat.lab.inputs import GEOMETRIES, HEMISPHERES, Parameters, check_given, check_order, participants
 from voxflat.lab.results import COUNTS
@@ -181,8 +181,7 @@ def bids_command(
         state = f"written: {len(found['written'])} files in {out}" if found["written"] else "up to date"
         for name, reason in found["missing"].items():
             click.echo(f"voxflat: {name}: error: {reason}", err=True)
-        counts = f"hemispheres: {found['maps']} with a map, {len(found['missing'])} without"
-        lines = [counts, *_outlier_lines(found), f"report: {out / 'group.html'}", state]
+        lines = [f"maps: {found['counted']}", *_outlier_lines(found), f"report: {out / 'group.html'}", state]
         report({"output": str(out), **found}, "\n".join(lines), quiet=quiet)
         return min(len(found["failed"]), _MAX_STATUS)
     warn_of_changes([Job.of(one, out) for one in everybody], chosen, parameters)
@@ -201,7 +200,8 @@ def bids_command(
     made = len({_participant(one) for one in outcomes if one.state == "made"} - failed)
     states = f"{made} made, {len(people) - made - len(failed)} up to date, {len(failed)} failed"
     content = {"output": str(out), "failed": sorted(failed), "hemispheres": [_listed(one) for one in outcomes]}
-    summary = f"{_many(len(people), 'participant')}: {states}"
+    only = "" if len(chosen) > 1 else f" (only {HEMISPHERES[chosen[0]][1]} hemispheres, because of --hemisphere)"
+    summary = f"{many(len(people), 'participant')}: {states}{only}"
     report(content, "\n".join([summary, *_report_lines(source, out, outcomes)]), quiet=quiet)
     return min(len(failed), _MAX_STATUS)
 
@@ -256,7 +256,7 @@ def _outlier_lines(found: Mapping[str, Any]) -> list[str]:
     people = sum(bool(of.keys() - set(COUNTS)) for of in found["outliers"].values())
     wrong = sum(bool(of.keys() & set(COUNTS)) for of in found["outliers"].values())
     chance, which = found["outliers_by_chance"], "flipped or covering triangles or boundary crossings"
-    counted = f"{_many(len(values), 'value')} of {_many(people, 'hemisphere')} (about {chance:.2g} expected by chance)"
+    counted = f"{many(len(values), 'value')} of {many(people, 'hemisphere')} (about {chance:.2g} expected by chance)"
     lines = [f"outliers: {counted if chance else f'not determined; they require {LEAST} maps of one side'}"]
     return lines + ([f"errors: {wrong} {'map has' if wrong == 1 else 'maps have'} {which}"] if wrong else [])
 
@@ -268,10 +268,6 @@ def _report_lines(source: Path, out: Path, outcomes: Sequence[Outcome]) -> list[
         return []
     named = f"report: {pages[0]}" if len(pages) == 1 else f"reports: {len(pages)} pages, such as {pages[0]}"
     return [named, f"next: {command(source, out, 'group')}"]
-
-
-def _many(count: int, what: str) -> str:
-    return f"{count} {what}{'s' * (count != 1)}"
 
 
 def _participant(one: Outcome) -> str:
