@@ -11,6 +11,7 @@ pub type Result<T> = std::result::Result<T, Error>;
 /// The reason why an input is refused or a computation stopped.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[allow(missing_docs)] // the message of each variant is its description
+#[non_exhaustive]
 pub enum Error {
     #[error(
         "the graph needs {links} links between {vertices} vertices, more than a 32-bit index allows. Flatten a smaller \

@@ -30,29 +30,17 @@
 //! | [`flatten`] | | complete methods, composed of the stages |
 //!
 //! # Examples
-//! Flatten the label of a half pipe that is one voxel thick:
+//! From voxels to a map (`examples/voxels_to_map.rs`):
 //! ```
-//! use voxflat::embed::stress::levels::Levels;
-//! use voxflat::flatten::voxflat::Options;
-//! use voxflat::geodesic::graph::GeodesicGraph;
-//! use voxflat::sources::Sources;
-//! use voxflat::surface::voxels::voxelmesh::VoxelMesh;
-//! use voxflat::volume::{Affine, Mask};
-//! use voxflat::{Control, flatten, patch};
-//!
-//! let control = Control::default();
-//! let radius = |j: usize, k: usize| (j as f64 - 11.5).hypot(k as f64);
-//! let mask = Mask::from_fn([20, 24, 13], |[_, j, k]| (radius(j, k) - 10.0).abs() < 0.6)?;
-//! let mesh = VoxelMesh::of(&mask, &Affine::from_spacing([1.0; 3])?, None, None, &control)?;
-//! let surface = patch::largest_piece(&mesh.surface);
-//! let graph = GeodesicGraph::new(&surface, &control)?;
-//! let sources = Sources::Farthest { count: 50, seed: 0 }.choose(&graph, &control)?;
-//! let levels = Levels::new(&surface, &sources, &control)?;
-//! let rows = levels.measure(&graph, &control)?;
-//! let map = flatten::voxflat(levels, rows, &Options::default(), &graph, 0, &control)?;
-//! assert_eq!(map.uv.len(), surface.len());
-//! assert!(map.distortion.raw.relative_error < 0.05); // a pipe can be unrolled
-//! # Ok::<(), voxflat::Error>(())
+#![doc = include_str!("../examples/voxels_to_map.rs")]
+//! ```
+//! From a mesh to distances (`examples/mesh_to_distances.rs`):
+//! ```
+#![doc = include_str!("../examples/mesh_to_distances.rs")]
+//! ```
+//! Patches with a bound on their distortion (`examples/patches.rs`):
+//! ```
+#![doc = include_str!("../examples/patches.rs")]
 //! ```
 //!
 //! # Conventions

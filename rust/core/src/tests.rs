@@ -2,11 +2,13 @@
 
 use std::ops::Range;
 
+use nalgebra::Vector3;
 use proptest::prelude::*;
 
 use crate::geodesic::Solver;
 use crate::geodesic::chain::{LinkLengths, chain_graph};
 use crate::orient::map_area;
+use crate::surface::mesh::{BORDER, shapes};
 use crate::surface::voxels::{graph::VoxelGraph, voxelmesh::VoxelMesh};
 use crate::surface::{Surface, VoxelSurface};
 use crate::volume::{Affine, Mask};
@@ -89,4 +91,33 @@ pub(crate) fn chained(mask: &Mask, spacing: [f64; 3]) -> (VoxelSurface, VoxelGra
 
 pub(crate) fn with_threads<T: Send>(threads: usize, work: impl FnOnce() -> T + Send) -> T {
     rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap().install(work)
+}
+
+/// Returns a plane grid of `m` × `n` squares of side 1, rolled up to three quarters of a cylinder.
+pub(crate) fn curled(m: usize, n: usize) -> Surface {
+    let sheet = shapes::surface(shapes::sheet(m, n));
+    let radius = n as f64 / (1.5 * std::f64::consts::PI);
+    let place = |p: &Vector3<f64>| Vector3::new(p.x, radius * (p.y / radius).sin(), radius * (p.y / radius).cos());
+    sheet.moved(sheet.points().iter().map(place).collect()).unwrap()
+}
+
+/// Returns such a plane grid, cut open where y is `y` and x is at most `x`.
+pub(crate) fn slit(m: usize, n: usize, x: f64, y: f64) -> Surface {
+    let sheet = shapes::surface(shapes::sheet(m, n));
+    let is_cut = |h: &u32| {
+        let [a, b] = [sheet.origin(*h), sheet.target(*h)].map(|v| sheet.points()[v as usize]);
+        a.y == y && b.y == y && a.x.max(b.x) <= x
+    };
+    sheet.cut_open(sheet.edges().filter(is_cut))
+}
+
+/// Asserts that half-edges of the same edge run in opposite directions, and that every vertex has one fan.
+pub(crate) fn assert_sound(surface: &Surface) {
+    for (h, &twin) in (0..).zip(surface.twins()) {
+        if twin != BORDER {
+            assert_eq!(surface.twins()[twin as usize], h);
+            assert_eq!((surface.origin(h), surface.target(h)), (surface.target(twin), surface.origin(twin)));
+        }
+    }
+    assert_eq!(Surface::fans_of(surface.faces(), surface.twins(), surface.len()), vec![1; surface.len()]);
 }

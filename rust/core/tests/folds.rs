@@ -17,11 +17,14 @@ use voxflat::patch::largest_piece;
 use voxflat::sources::Sources;
 use voxflat::surface::Surface;
 use voxflat::surface::cuts::open_to_disk;
-use voxflat::surface::mesh::shapes;
 use voxflat::surface::voxels::repair::to_genus_zero;
 use voxflat::surface::voxels::voxelmesh::VoxelMesh;
 use voxflat::volume::{Affine, Mask};
 use voxflat::{Control, Error, Result};
+
+#[allow(dead_code)] // not all shapes are used here
+#[path = "../src/surface/mesh/shapes.rs"]
+mod shapes;
 
 type Triangles = (Vec<[f64; 3]>, Vec<[i64; 3]>);
 

@@ -15,12 +15,14 @@ use voxflat::rows::DistanceRows;
 use voxflat::scales::{FARTHEST, SMALLEST};
 use voxflat::sources::Sources;
 use voxflat::surface::cuts::open_to_disk;
-use voxflat::surface::mesh::shapes;
 use voxflat::surface::voxels::repair::to_genus_zero;
 use voxflat::surface::voxels::voxelmesh::VoxelMesh;
 use voxflat::surface::{Surface, VoxelSurface};
 use voxflat::volume::{Affine, Mask};
 use voxflat::{Control, Error, Result};
+
+#[path = "../src/surface/mesh/shapes.rs"]
+mod shapes;
 
 fn cases(usual: u32) -> ProptestConfig {
     let cases = std::env::var("VOXFLAT_CASES").ok().and_then(|text| text.parse().ok()).unwrap_or(usual);

@@ -15,7 +15,6 @@ use voxflat::rows::DistanceRows;
 use voxflat::sources::Sources;
 use voxflat::sphere::{map::spherical_map, pattern::pattern};
 use voxflat::surface::mesh::curvature::smooth_mean_curvature;
-use voxflat::surface::mesh::shapes;
 use voxflat::surface::sulcal_depth::sulcal_depth;
 use voxflat::surface::topology::loops;
 use voxflat::surface::topology::thin::thin_places;
@@ -24,6 +23,10 @@ use voxflat::surface::voxels::voxelmesh::VoxelMesh;
 use voxflat::surface::{Surface, VoxelSurface, cuts, decimate};
 use voxflat::volume::{Affine, Mask};
 use voxflat::{Control, Error, Result, atlas, patch};
+
+#[allow(dead_code)] // not all shapes are used here
+#[path = "../src/surface/mesh/shapes.rs"]
+mod shapes;
 
 type Job<'a> = Box<dyn Fn(&Control) -> Result<String> + Sync + 'a>;
 

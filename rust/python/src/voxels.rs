@@ -81,12 +81,6 @@ impl VoxelSurface {
         self.0.surface.len()
     }
 
-    /// The number of links of the graph, counted from both ends.
-    #[getter]
-    fn links(&self) -> usize {
-        self.0.graph.links()
-    }
-
     /// Voxel indices (N, 3).
     #[getter]
     fn voxels<'py>(&self, py: Python<'py>) -> PyResult<Table<'py, u32>> {

@@ -101,11 +101,10 @@ pub fn memory_need(points: usize, threads: usize) -> u64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::surface::mesh::shapes;
 
     #[test]
     fn patches_satisfy_the_bound_before_they_are_glued() {
-        let pipe = shapes::curled(12, 60);
+        let pipe = crate::tests::curled(12, 60);
         for bound in [1.004, 1.01, 1.2] {
             let whole = saucan2006(&pipe, bound, 0, &Control::default()).unwrap();
             assert!(whole.patches > 1 && whole.before > 1.0 && whole.before <= bound, "{bound} {}", whole.before);

@@ -193,7 +193,7 @@ mod tests {
 
     #[test]
     fn nothing_crosses_a_cut() {
-        let graph = GeodesicGraph::new(&shapes::slit(4, 8, 4.0, 4.0), &Control::default()).unwrap();
+        let graph = GeodesicGraph::new(&crate::tests::slit(4, 8, 4.0, 4.0), &Control::default()).unwrap();
         assert_eq!(graph.components().sizes.len(), 2);
     }
 }

@@ -370,7 +370,7 @@ mod tests {
 
     #[test]
     fn nothing_crosses_a_cut_and_other_components_are_not_reached() {
-        let row = row(&shapes::slit(4, 8, 4.0, 4.0), Wave::Circle, 0);
+        let row = row(&crate::tests::slit(4, 8, 4.0, 4.0), Wave::Circle, 0);
         assert_eq!(row.iter().filter(|d| d.is_finite()).count(), 25);
     }
 }

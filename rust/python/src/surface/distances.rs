@@ -79,12 +79,6 @@ impl Surface {
         })
     }
 
-    /// Return the number of links of the graph, counted from both ends.
-    #[pyo3(signature = (progress=None))]
-    fn links(&self, py: Python<'_>, progress: Progress<'_>) -> PyResult<usize> {
-        self.run(py, None, &progress, move |inner, control| Ok(inner.graph(control)?.links()))
-    }
-
     /// Choose sources: "farthest", "curvature" or "random".
     #[pyo3(signature = (sampling, count, seed, progress=None))]
     fn choose_sources<'py>(

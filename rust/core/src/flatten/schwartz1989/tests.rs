@@ -4,7 +4,7 @@ use crate::surface::mesh::shapes;
 use crate::tests::flipped as turned_over;
 
 fn cylinder() -> Surface {
-    shapes::curled(16, 24)
+    crate::tests::curled(16, 24)
 }
 
 fn flattened(surface: &Surface, rings: Option<u32>, sources: &[u32], starts: u32, seed: u64) -> Result<Mapped> {

@@ -4,7 +4,7 @@ use crate::surface::mesh::shapes;
 const SIDES: [usize; 2] = [40, 60];
 
 fn cylinder() -> Surface {
-    shapes::curled(SIDES[0], SIDES[1])
+    crate::tests::curled(SIDES[0], SIDES[1])
 }
 
 fn pixels() -> Vec<[u32; 2]> {

@@ -130,7 +130,7 @@ fn slivers_do_not_matter() {
 
 #[test]
 fn paths_bend_at_the_end_of_a_slit() {
-    let slit = shapes::slit(8, 8, 5.0, 4.0);
+    let slit = crate::tests::slit(8, 8, 5.0, 4.0);
     assert_eq!(slit.len(), 81 + 5);
     let end = Vector3::new(5.0, 4.0, 0.0);
     assert_all(&slit, 1e-12, |a, b| {

@@ -1,8 +1,9 @@
 use super::*;
 use crate::adjacency::marked;
 use crate::surface::mesh::BORDER;
-use crate::surface::mesh::shapes::{self, assert_sound};
+use crate::surface::mesh::shapes;
 use crate::surface::topology::Topology;
+use crate::tests::assert_sound;
 use proptest::prelude::*;
 
 fn decimated(surface: &Surface, vertices: usize) -> Decimation {

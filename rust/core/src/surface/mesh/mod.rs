@@ -8,7 +8,8 @@ pub mod curvature;
 pub(crate) mod diffusion;
 pub mod paths;
 mod repair;
-pub mod shapes;
+#[cfg(test)]
+pub(crate) mod shapes;
 pub mod triangles;
 
 use nalgebra::Vector3;
@@ -342,10 +343,10 @@ fn finite(mut points: impl Iterator<Item = [f64; 3]>) -> Result<()> {
 
 #[cfg(test)]
 mod tests {
-    use super::shapes::assert_sound;
     use super::*;
     use crate::Error;
     use crate::surface::topology::Topology;
+    use crate::tests::assert_sound;
     use proptest::prelude::*;
 
     #[test]

@@ -1,4 +1,5 @@
-//! Surfaces of known shape for examples and tests: points in mm and triangles, or a [`Surface`].
+//! Surfaces of known shape for unit tests and the tests in `rust/core/tests`: points in mm and triangles, or a
+//! [`Surface`].
 
 use nalgebra::Vector3;
 
@@ -8,24 +9,6 @@ use super::Surface;
 pub fn sheet(m: usize, n: usize) -> (Vec<[f64; 3]>, Vec<[i64; 3]>) {
     let points = (0..=m).flat_map(|i| (0..=n).map(move |j| [i as f64, j as f64, 0.0])).collect();
     (points, grid_faces(m, n, |i, j| i * (n + 1) + j))
-}
-
-/// Returns such a grid, rolled up to three quarters of a cylinder.
-pub fn curled(m: usize, n: usize) -> Surface {
-    let sheet = surface(sheet(m, n));
-    let radius = n as f64 / (1.5 * std::f64::consts::PI);
-    let place = |p: &Vector3<f64>| Vector3::new(p.x, radius * (p.y / radius).sin(), radius * (p.y / radius).cos());
-    sheet.moved(sheet.points().iter().map(place).collect()).unwrap()
-}
-
-/// Returns such a grid, cut open where y is `y` and x is at most `x`.
-pub fn slit(m: usize, n: usize, x: f64, y: f64) -> Surface {
-    let sheet = surface(sheet(m, n));
-    let is_cut = |h: &u32| {
-        let [a, b] = [sheet.origin(*h), sheet.target(*h)].map(|v| sheet.points()[v as usize]);
-        a.y == y && b.y == y && a.x.max(b.x) <= x
-    };
-    sheet.cut_open(sheet.edges().filter(is_cut))
 }
 
 /// Returns a torus of radii 3 and 1 with `m` × `n` squares, oriented outwards.
@@ -77,7 +60,7 @@ pub fn surface((points, faces): (Vec<[f64; 3]>, Vec<[i64; 3]>)) -> Surface {
     surface
 }
 
-pub(crate) fn grid_faces(m: usize, n: usize, vertex: impl Fn(usize, usize) -> usize) -> Vec<[i64; 3]> {
+pub fn grid_faces(m: usize, n: usize, vertex: impl Fn(usize, usize) -> usize) -> Vec<[i64; 3]> {
     let squares = (0..m).flat_map(|i| (0..n).map(move |j| (i, j)));
     squares
         .flat_map(|(i, j)| {
@@ -86,18 +69,4 @@ pub(crate) fn grid_faces(m: usize, n: usize, vertex: impl Fn(usize, usize) -> us
             [[a, b, c], [a, c, d]]
         })
         .collect()
-}
-
-#[cfg(test)]
-/// Asserts that half-edges of the same edge run in opposite directions, and that every vertex has one fan.
-pub(crate) fn assert_sound(surface: &Surface) {
-    for (h, &twin) in (0..).zip(surface.twins()) {
-        if twin != super::BORDER {
-            assert_eq!(surface.twins()[twin as usize], h);
-            assert_eq!((surface.origin(h), surface.target(h)), (surface.target(twin), surface.origin(twin)));
-        }
-    }
-    let fans = super::fans(surface.faces(), surface.twins());
-    let count = (0..fans.len()).filter(|&c| fans[c] == c as u32).count();
-    assert_eq!(count, surface.len());
 }

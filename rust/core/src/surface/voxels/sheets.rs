@@ -189,7 +189,8 @@ mod tests {
     use crate::geodesic::graph::GeodesicGraph;
     use crate::patch::largest_piece;
     use crate::surface::voxels::voxelmesh::{Kind, VoxelMesh};
-    use crate::surface::{Surface, mesh::shapes::assert_sound, topology::Topology};
+    use crate::surface::{Surface, topology::Topology};
+    use crate::tests::assert_sound;
     use crate::tests::{masks, row};
     use crate::volume::Affine;
     use nalgebra::Rotation3;

@@ -211,7 +211,7 @@ mod tests {
 
     /// Checks that a mesh is a closed manifold with the surfels' χ, whose vertices are the surface voxels.
     fn assert_sound(mask: &Mask, mesh: &VoxelMesh) {
-        crate::surface::mesh::shapes::assert_sound(&mesh.surface);
+        crate::tests::assert_sound(&mesh.surface);
         let half_edges = 0..3 * mesh.surface.faces().len() as u32;
         let edges = distinct(half_edges.clone().map(|h| [mesh.surface.origin(h), mesh.surface.target(h)]));
         assert_eq!(edges.len(), half_edges.len(), "a simplicial complex");

@@ -101,7 +101,7 @@ fn paths_bend_round_the_corner_of_a_hole() {
 
 #[test]
 fn paths_go_round_the_end_of_a_cut() {
-    let slit = shapes::slit(12, 10, 9.0, 5.0);
+    let slit = crate::tests::slit(12, 10, 9.0, 5.0);
     assert_eq!(slit.len(), 13 * 11 + 9);
     let excess = excess(&slit, Wave::Circle, 3);
     assert!(mean(&excess) < 1e-3 && greatest(&excess) < 0.015 && least(&excess) > -1e-12, "{excess:?}");
@@ -109,7 +109,7 @@ fn paths_go_round_the_end_of_a_cut() {
 
 #[test]
 fn where_no_front_comes_is_unreachable_and_work_is_cancelled() {
-    let apart = shapes::slit(4, 8, 4.0, 4.0);
+    let apart = crate::tests::slit(4, 8, 4.0, 4.0);
     let control = Control::default();
     let marching = Marching::new(&apart, Wave::Circle, &control).unwrap();
     let marched = marching.march(0, &control).unwrap();

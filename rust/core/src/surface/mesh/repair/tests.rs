@@ -1,8 +1,9 @@
 use proptest::prelude::*;
 
 use crate::Error;
-use crate::surface::mesh::shapes::{self, assert_sound};
+use crate::surface::mesh::shapes;
 use crate::surface::{Surface, mesh::triangles::Repairs};
+use crate::tests::assert_sound;
 
 type Mesh = (Vec<[f64; 3]>, Vec<[i64; 3]>);
 
