@@ -202,6 +202,7 @@ fn nearest_weights(corners: &[Vector3<f64>; 3], point: &Vector3<f64>) -> [f64; 3
     let [a, b, c] = corners.map(|corner| corner - point);
     let normal = (b - a).cross(&(c - a));
     let square = normal.norm_squared();
+    // barycentric coordinates of the projection: signed areas of the parts over the area, along the normal
     let inside = [b.cross(&c), c.cross(&a), a.cross(&b)].map(|part| part.dot(&normal) / square);
     if inside.iter().all(|&weight| weight >= 0.0) {
         return inside; // not taken if NaN, in a triangle without area

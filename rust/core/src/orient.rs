@@ -85,6 +85,7 @@ pub fn turn_onto(places: &[[f64; 2]], onto: &[[f64; 2]], uv: &mut [[f64; 2]]) ->
     let pairs = || places.iter().zip(onto).map(|(&p, &q)| (Vector2::from(p) - from, Vector2::from(q) - to));
     let along: f64 = pairs().map(|(p, q)| p.dot(&q)).sum();
     let across: f64 = pairs().map(|(p, q)| p.perp(&q)).sum();
+    // Σ q·(R p) is largest at tan θ = Σ p × q / Σ p·q (Procrustes in the plane)
     let turn = if along.hypot(across) > 0.0 { across.atan2(along) } else { 0.0 };
     let (sin, cos) = turn.sin_cos();
     for place in uv {
@@ -105,6 +106,7 @@ pub fn handedness(surface: &VoxelSurface, graph: &VoxelGraph, uv: &[[f64; 2]]) -
             du += step * (uv[arc.to as usize][0] - uv[v][0]);
             dv += step * (uv[arc.to as usize][1] - uv[v][1]);
         }
+        // du × dv = (area of the map per area of the surface) · normal, up to a positive factor, for any ring of steps
         du.cross(&dv).dot(&surface.outward(v))
     };
     (0..points.len()).map(at_point).sum()
@@ -127,6 +129,7 @@ fn up_direction(points: &[Vector3<f64>], uv: &[[f64; 2]], mean: Vector2<f64>) ->
     let inverse = covariance.try_inverse()?;
     [2, 1, 0].into_iter().find_map(|axis| {
         let moment: Vector2<f64> = centred().zip(points).map(|(p, x)| p * (x[axis] - centre[axis])).sum();
+        // regression of the coordinate on the map; its explained share of the variance is R²
         let slope = inverse * moment;
         let total: f64 = points.iter().map(|x| (x[axis] - centre[axis]).powi(2)).sum();
         let explained = slope.dot(&moment) / total;

@@ -23,6 +23,7 @@ pub(super) fn narrowest(directions: &[Vector3<f64>]) -> Vector3<f64> {
             cone = Cone::through((a + b).normalize(), a);
             for c in &directions[..j] {
                 if !cone.holds(c) {
+                    // the axis at equal angles to three directions is normal to the plane of their tips
                     let axis = (b - a).cross(&(c - a)).try_normalize(0.0).unwrap_or(cone.axis);
                     cone = Cone::through(axis * axis.dot(a).signum(), a);
                 }

@@ -81,7 +81,9 @@ impl Certificate {
         if !(least..=most).contains(&angle) {
             return Err(Error::AngleOutOfRange { angle, least, most });
         }
+        // C ≤ cot α + 1, α from the normal, so cot α = tan θ (Appleboim, Saucan & Zeevi 2006, theorem 1)
         let c = 1.0 + angle.to_radians().tan();
+        // K ≤ (cot α + 1)^3/2 (theorem 1)
         Ok(Self { angle, c, k: c.powf(1.5) })
     }
 
@@ -91,6 +93,7 @@ impl Certificate {
         if !(least..=most).contains(&bound) {
             return Err(Error::BoundOutOfRange { bound, least, most });
         }
+        // σ₂ = cos θ and σ₁ = 1, so 1/σ₂ and σ₁/σ₂ are both 1/cos θ
         Ok(Self { angle: bound.recip().acos().to_degrees(), c: bound, k: bound })
     }
 }
@@ -248,6 +251,7 @@ fn measured(facets: &Facets<'_>, plane: Plane, of: &[u32], area: f64, stretch: &
 
 /// Returns the angle between unit vectors in degrees.
 fn inclination(a: &Vector3<f64>, b: &Vector3<f64>) -> f64 {
+    // acos would lose half of the digits of small angles
     a.cross(b).norm().atan2(a.dot(b)).to_degrees()
 }
 

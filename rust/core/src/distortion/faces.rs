@@ -244,6 +244,7 @@ pub(crate) fn doubled_area(corners: &[Vector3<f64>; 3]) -> Vector3<f64> {
 
 fn corner(corners: &[Vector3<f64>; 3], k: usize) -> f64 {
     let (a, b) = (corners[(k + 1) % 3] - corners[k], corners[(k + 2) % 3] - corners[k]);
+    // atan2 is accurate at all angles; acos loses half of the digits near 0° and 180°
     a.cross(&b).norm().atan2(a.dot(&b)).to_degrees()
 }
 
@@ -258,6 +259,7 @@ fn stretch(points: &[Vector3<f64>; 3], places: &[Vector3<f64>; 3], surface: f64,
     let height = 2.0 * surface / length;
     // columns of the Jacobian: the images of unit vectors along the base and perpendicular to it
     let x = flat_base / length;
+    // the part of the other side along the base is subtracted, and the rest divided by the height
     let y = (flat_other - flat_base * (base.dot(&other) / (length * length))) / height;
     // σ1 ± σ2 are the norms of its rotating and of its reflecting part
     let turning = (x.x + y.y).hypot(x.y - y.x);

@@ -147,6 +147,7 @@ impl Plane<'_> {
     #[inline]
     fn apart(&self, one: usize, other: usize) -> f64 {
         let ([x, y], [u, v]) = (self.uv[one], self.uv[other]);
+        // the nearest copy: the remainder is at most half a period
         let along = self.period.map_or(v - y, |period| v - y - period * ((v - y) / period).round());
         ((u - x) * (u - x) + along * along).sqrt()
     }

@@ -68,6 +68,7 @@ pub(crate) fn counterclockwise([a, b, c]: Triangle) -> Option<Triangle> {
 /// Returns whether segments cross at a point that is not an end of either.
 fn cross([a, b]: Segment, [c, d]: Segment) -> bool {
     let opposite = |left: f64, right: f64| (left > 0.0 && right < 0.0) || (left < 0.0 && right > 0.0);
+    // each segment has its ends strictly on both sides of the other's line
     opposite(orient2d(a, b, c), orient2d(a, b, d)) && opposite(orient2d(c, d, a), orient2d(c, d, b))
 }
 

@@ -45,6 +45,7 @@ impl Ratios {
     pub fn around_median(pairs: impl Iterator<Item = (f64, f64)>) -> Self {
         let mut ratios: Vec<f64> = pairs.filter(|&(_, d)| d > 0.0).map(|(delta, d)| delta / d).collect();
         ratios.sort_unstable_by(f64::total_cmp);
+        // |s d − δ|/δ = (d/δ) |s − δ/d|: minimal at the median of δ/d with weights d/δ
         let half = 0.5 * ratios.iter().map(|ratio| ratio.recip()).sum::<f64>();
         let mut below = 0.0;
         let median = ratios.iter().find(|ratio| {
@@ -68,6 +69,7 @@ impl Ratios {
             let ratio = delta / d;
             let bin = (ratio - self.low()) / self.width();
             let at = if bin < 0.0 { &self.below } else { self.bins.get(bin as usize).unwrap_or(&self.above) };
+            // d/δ in fixed point: sums of integers do not depend on their order
             let weight = (UNIT * self.middle / ratio).round().min(MOST);
             at.fetch_add(weight as u64, Ordering::Relaxed);
         }

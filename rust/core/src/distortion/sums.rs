@@ -34,6 +34,7 @@ impl Sums {
         self.product += d * delta;
         self.error += error;
         self.squared_error += error * error;
+        // (d − δ)²/δ (Schwartz, Shaw & Wolfson 1989, eq. 1.0)
         self.sammon += error * relative;
         let band = &mut self.bands[BANDS_MM.iter().filter(|&&end| delta > end).count()];
         *band = (band.0 + relative, band.1 + 1.0);
@@ -80,6 +81,7 @@ impl Sums {
             relative_error_10mm: relative(0..2),
             relative_error_30mm: relative(0..4),
             absolute_error: self.error / self.over(0..all).1,
+            // Kruskal's stress-1, but relative to Σ δ² instead of Σ d²
             stress_1: (self.squared_error / self.delta_squared).sqrt(),
             sammon_stress: self.sammon / self.delta,
         }

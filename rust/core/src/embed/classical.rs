@@ -42,6 +42,7 @@ pub fn classical_scaling(distances: &DistanceRows) -> Result<Scaling> {
     order.sort_by(|&p, &q| values[q].abs().total_cmp(&values[p].abs()));
     order.truncate(SPECTRUM);
 
+    // ‖B‖² = Σ λ² over all eigenvalues, of which only some are known
     let total = (0..m).map(|j| b.col(j).squared_norm_l2()).sum::<f64>();
     let noise = total.sqrt() * ROUNDING;
     let mut positive: Vec<usize> = order.iter().copied().filter(|&k| values[k] > noise).collect();
@@ -55,6 +56,7 @@ pub fn classical_scaling(distances: &DistanceRows) -> Result<Scaling> {
     };
     let ((x, sx), (y, sy)) = (axis(first), axis(second));
     Ok(Scaling {
+        // X = Q Λ^½ (Zigelman, Kimmel & Kiryati 2002, eq. 6)
         places: (0..m).map(|i| [sx * x[i], sy * y[i]]).collect(),
         eigenvalues: order.iter().map(|&k| values[k]).collect(),
         planarity: (values[first].powi(2) + values[second].powi(2)) / total,
@@ -69,6 +71,7 @@ fn double_centred(distances: &DistanceRows) -> Mat<f64> {
         mean * mean
     };
     let mut b = Mat::from_fn(m, m, squared);
+    // J A J subtracts row and column means and adds the total mean (Zigelman, Kimmel & Kiryati 2002, eq. 3 and 5)
     let means: Vec<f64> = (0..m).map(|j| b.col(j).iter().sum::<f64>() / m as f64).collect();
     let mean = means.iter().sum::<f64>() / m as f64;
     for j in 0..m {
@@ -89,6 +92,7 @@ fn all_eigenpairs(b: &Mat<f64>) -> Result<(Vec<f64>, Mat<f64>)> {
 fn leading_eigenpairs(b: &Mat<f64>) -> Result<(Vec<f64>, Mat<f64>)> {
     let m = b.nrows();
     let scale = b.norm_l2();
+    // an irregular start on every machine alike, which is unlikely to be orthogonal to an eigenvector
     let start = Col::from_fn(m, |i| 1.0 + (i as f64 * 0.618_033_988_749_895).fract());
     let start = &start * faer::Scale(1.0 / start.norm_l2());
     let mut values = vec![0.0; SPECTRUM];

@@ -57,9 +57,11 @@ impl Pull {
             let flat = square.sqrt().max(NEAREST * delta);
             let (weight, error) = (delta.recip(), flat - delta);
             pull.stress += weight * error * error;
+            // ½ ∂/∂x (d − δ)²/δ = (d − δ)/(δ d) Δx
             let along = weight * error / flat;
             pull.gradient[0] += along * dx;
             pull.gradient[1] += along * dy;
+            // ½ ∂²/∂x² (d − δ)²/δ = 1/δ − Δy²/d³, which is negative for pairs that are too close, mostly across them
             let across = (flat * flat * flat).recip();
             pull.curvature[0] += weight - dy * dy * across;
             pull.curvature[1] += weight - dx * dx * across;
@@ -71,6 +73,7 @@ impl Pull {
     fn step(&self, place: [f64; 2]) -> [f64; 2] {
         let least = LEAST_CURVATURE * self.stiffness;
         std::array::from_fn(|axis| {
+            // the magnitude, so that a step leads downhill where the curvature is negative
             let curvature = self.curvature[axis].abs().max(least);
             let moved = place[axis] - FACTOR * self.gradient[axis] / curvature;
             if moved.is_finite() { moved } else { place[axis] } // a point without pairs does not move
@@ -92,6 +95,7 @@ fn step(pairs: &Neighbourhoods, uv: &[[f64; 2]], control: &Control) -> Result<(f
         Ok(sum)
     };
     let sums: Vec<f64> = moved.par_chunks_mut(BATCH).enumerate().map(of_batch).collect::<Result<_>>()?;
+    // every pair counts from both of its ends, in the stress as in Σ δ (Schwartz, Shaw & Wolfson 1989, eq. 1.0)
     Ok((sums.iter().sum::<f64>() / pairs.total(), moved))
 }
 
@@ -114,6 +118,7 @@ pub fn descend(pairs: &Neighbourhoods, start: Vec<[f64; 2]>, control: &Control) 
     let mut uv = start;
     while found.stresses.len() <= MOST_STEPS && !found.converged {
         let (stress, moved) = step(pairs, &uv, control)?;
+        // steps can increase the stress, so the best map on the way is kept
         found.stresses.push(stress);
         if stress < found.least || found.uv.is_empty() {
             found.least = stress;

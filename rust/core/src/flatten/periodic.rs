@@ -9,26 +9,36 @@ use crate::embed::stress::periodic::{Tube, flatten_tube};
 use crate::geodesic::{Solver, graph::GeodesicGraph};
 use crate::rows::DistanceRows;
 use crate::sources::check_enough;
-use crate::surface::Surface;
 use crate::{Control, Result};
+
+/// Options of a periodic map, as those of the [default method](super::voxflat::Options).
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Options {
+    /// From 0, which favours near distances and shapes, to 1, which favours far distances.
+    pub weighting: f64,
+    /// The scale of the map.
+    pub scale: Scale,
+}
 
 /// Flattens a tube that is cut open along a seam from its first end to its second; distances are measured on the closed
 /// tube from sources among its vertices. Returns the map of the opened tube and its period: positions of the two sides
 /// of the seam differ by exactly one period in the second direction. No triangle is flipped. The distances of the map's
 /// distortion are those around the closed tube, and to the nearest copy in the plane.
-/// Errors: those of [`Tube::new`], [`check_enough`] and [`flatten_tube`].
-#[expect(clippy::too_many_arguments)]
+///
+/// # Errors
+/// [`Error::TooFewSources`](crate::Error::TooFewSources), [`Error::Folded`](crate::Error::Folded) or
+/// [`Error::Uneven`](crate::Error::Uneven) if triangles are too thin or too uneven for a map, and errors of the solver.
 pub fn periodic<S: Solver>(
-    closed: &Surface, opened: &Surface, seam: &[u32], sources: &[u32], solver: &S, weighting: f64, scale: Scale,
-    graph: &GeodesicGraph, seed: u64, control: &Control,
+    tube: &Tube, sources: &[u32], solver: &S, &Options { weighting, scale }: &Options, graph: &GeodesicGraph,
+    seed: u64, control: &Control,
 ) -> Result<(FlatMap, f64)> {
     check_enough(sources.len())?;
-    let tube = Tube::new(closed, opened, seam)?;
+    let (closed, opened) = (tube.closed, tube.opened);
     let evaluated = tube.evaluated(sources, MOST_EVALUATED);
     let number = |vertex: &u32| evaluated.partition_point(|other| other < vertex) as u32;
     let rows = DistanceRows::compute_to(solver, sources, &evaluated, control)?;
     let rows = DistanceRows::new(sources.iter().map(number).collect(), evaluated.len(), rows.into_data());
-    let (mut uv, mut period, convergence) = flatten_tube(&tube, &rows, &evaluated, weighting, control)?;
+    let (mut uv, mut period, convergence) = flatten_tube(tube, &rows, &evaluated, weighting, control)?;
     let first = tube.first_copies();
     let of_closed = |uv: &[[f64; 2]]| first.iter().map(|&copy| uv[copy as usize]).collect::<Vec<_>>();
     let factor = match scale {

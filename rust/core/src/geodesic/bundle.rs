@@ -175,6 +175,7 @@ pub(super) fn bundles(graph: &impl Links, sources: &[u32], threads: usize, contr
     let mut left: Vec<u32> = numbers.collect();
     left.sort_by(|&a, &b| at(&row, a).total_cmp(&at(&row, b)));
     let farthest = left.iter().rev().map(|&number| at(&row, number)).find(|from| from.is_finite()).unwrap_or(0.0);
+    // a disk with this share of the sources has about this share of the area, which grows as its radius squared
     let mut radius = farthest * (most as f32 / sources.len() as f32).sqrt();
     let mut bundles = Vec::with_capacity(sources.len().div_ceil(most));
     while let Some(&outermost) = left.last() {
@@ -229,6 +230,7 @@ impl<G: Links> WithSimd for Visits<'_, G> {
         let (mut first, mut end) = (0, self.farthest + 1);
         while first < end {
             let mut places = first..end;
+            // Bellman–Ford with sweeps to and fro (Yen 1970), within a window of positions that fits into the cache
             let mut is_forward = true;
             while !places.is_empty() {
                 let left = if is_forward { self.forward(places)? } else { self.backward(places)? };
@@ -306,6 +308,7 @@ impl<G: Links> Visits<'_, G> {
             for lane in 0..MOST_SOURCES {
                 let through = reached[lane] + arc.length;
                 nearer[lane] = if through < known[lane] { through } else { known[lane] };
+                // a comparison of bits needs no branch, so all lanes are processed together
                 changed |= nearer[lane].to_bits() ^ known[lane].to_bits();
             }
             if changed != 0 {

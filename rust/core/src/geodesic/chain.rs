@@ -30,6 +30,7 @@ use crate::surface::{VoxelSurface, voxels::graph::VoxelGraph};
 use crate::{Control, Error, Result};
 
 /// The weights of Kiryati and Kübler in voxels: direct, minor diagonal, major diagonal link.
+// Grossmann, Kiryati & Kimmel 2002, eq. 2
 pub const KIRYATI_KUBLER: [f64; 3] = [0.9016, 1.289, 1.615];
 
 /// The largest ratio of spacings for which links are measured. Far above, most steps along the long axis coincide with
@@ -88,6 +89,7 @@ fn is_cubic(spacing: [f64; 3]) -> bool {
 
 /// Returns the least-squares unbiased weights for a grid, as derived above.
 fn unbiased(spacing: [f64; 3]) -> ChainWeights {
+    // |u| alone enters the counts, so one octant has the means of the whole sphere
     let mut gram = SMatrix::<f64, 7, 7>::zeros();
     let mut mean = SVector::<f64, 7>::zeros();
     for direction in octant_directions() {
@@ -98,6 +100,7 @@ fn unbiased(spacing: [f64; 3]) -> ChainWeights {
     let count = OCTANT_POINTS as f64;
     let (gram, mean) = (gram / count, mean / count);
     // G is positive definite for any spacing: no kind of link depends linearly on the others over the sphere
+    // Lagrange: G ψ = (1 + μ) g, so ψ is G⁻¹g, scaled such that ψ·g = 1
     let solution = gram.cholesky().map_or(mean, |factor| factor.solve(&mean));
     let weights = solution / mean.dot(&solution);
     ChainWeights(std::array::from_fn(|kind| if kind == 0 { 0.0 } else { weights[kind - 1] }))
@@ -124,6 +127,7 @@ const OCTANT_POINTS: usize = 100_000;
 fn octant_directions() -> impl Iterator<Item = [f64; 3]> {
     let golden = (5f64.sqrt() - 1.0) / 2.0;
     (0..OCTANT_POINTS).map(move |n| {
+        // zones of equal height have equal areas (Archimedes), and golden angles spread evenly within them
         let z = (n as f64 + 0.5) / OCTANT_POINTS as f64;
         let angle = std::f64::consts::FRAC_PI_2 * (n as f64 * golden).fract();
         let radius = (1.0 - z * z).sqrt();

@@ -75,6 +75,7 @@ impl<'a> Marching<'a> {
             for [(a, at_a), (b, at_b)] in acute(surface, corner) {
                 let side = (at_b - at_a).norm();
                 for (from, at_from, other, at_other) in [(a, at_a, b, at_b), (b, at_b, a, at_a)] {
+                    // the apex in the frame of the side: the projection on it, and twice the area over its length
                     let along = -at_from.dot(&(at_other - at_from)) / side;
                     let away = at_from.perp(&at_other).abs() / side;
                     let apex_at = [along as f32, away as f32];
@@ -119,6 +120,7 @@ impl<'a> Marching<'a> {
         }
         let mut count = 0usize;
         while let Some(Reverse((_, vertex))) = heap.pop() {
+            // the nearest vertex is final: fronts across acute corners only lead farther (Kimmel & Sethian 1998)
             if std::mem::replace(&mut is_final[vertex as usize], true) {
                 continue;
             }
@@ -133,6 +135,7 @@ impl<'a> Marching<'a> {
                     continue;
                 }
                 let [x, y] = front.apex.map(f64::from);
+                // along the edge, as in Dijkstra's algorithm, unless a front across the triangle arrives earlier
                 let mut reached = here + x.hypot(y);
                 if is_final[front.other as usize] {
                     let there = distance[front.other as usize];
@@ -205,28 +208,33 @@ impl Wave {
             Self::Plane => plane(here, there, side, x, y),
             Self::Circle => circle(here, there, side, x, y),
         };
+        // a front that crosses the line beyond the side comes through another triangle
         crossing.filter(|crossing| (0.0..=side).contains(&crossing.at))
     }
 }
 
 /// Solves the quadratic equation of Kimmel and Sethian for the direction of a straight front.
 fn plane(here: f64, there: f64, side: f64, x: f64, y: f64) -> Option<Crossing> {
+    // the gradient of a plane through the three values has length 1 (Zigelman, Kimmel & Kiryati 2002, fig. 2)
     let along = (there - here) / side;
     if along.abs() >= 1.0 {
         return None;
     }
+    // the positive root is the larger of the two solutions (section II)
     let across = (1.0 - along * along).sqrt();
     Some(Crossing { reached: here + along * x + across * y, at: x - y * along / across })
 }
 
 /// Propagates a circular front around the point below the side that has the two distances.
 fn circle(here: f64, there: f64, side: f64, x: f64, y: f64) -> Option<Crossing> {
+    // here² = c² + depth² and there² = (side − c)² + depth²; their difference is linear in c
     let centre = (here * here - there * there + side * side) / (2.0 * side);
     let depth = here * here - centre * centre;
     if depth < 0.0 {
         return None; // except for rounding, one distance comes along the side from the other
     }
     let depth = depth.sqrt();
+    // the line from the centre (c, −depth) to (x, y) meets the side where its height is 0
     Some(Crossing { reached: (x - centre).hypot(y + depth), at: (centre * y + x * depth) / (y + depth) })
 }
 
@@ -241,6 +249,7 @@ fn acute(surface: &Surface, corner: u32) -> impl Iterator<Item = [Placed; 2]> {
     let length = to_a.norm();
     let right = (a, Vector2::new(length, 0.0));
     let left = (b, Vector2::new(to_a.dot(&to_b), to_a.cross(&to_b).norm()) / length);
+    // a front can reach an obtuse corner before both others (Kimmel & Sethian 1998, section 3)
     let split = if to_a.dot(&to_b) < 0.0 { splitting(surface, corner, right, left) } else { None };
     let [first, second] = match split {
         Some(middle) => [Some([right, middle]), Some([middle, left])],
@@ -264,6 +273,7 @@ fn splitting(surface: &Surface, corner: u32, right: Placed, left: Placed) -> Opt
         if beyond == surface.origin(corner) {
             return None;
         }
+        // at acute angles to both sides of the corner, which is at the origin
         let (is_left_of_first, is_right_of_last) = (place.dot(&first) > 0.0, place.dot(&last) > 0.0);
         if is_left_of_first && is_right_of_last {
             return Some((beyond, place));

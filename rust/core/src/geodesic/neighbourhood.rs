@@ -100,6 +100,7 @@ impl Neighbourhoods {
             for near in row {
                 let back = self.of_vertex(near.vertex as usize);
                 if let Ok(at) = back.binary_search_by_key(&(vertex as u32), |near| near.vertex) {
+                    // both are lengths of paths, so the smaller one is closer to the shortest path
                     near.distance = near.distance.min(back[at].distance);
                 }
             }
@@ -162,6 +163,7 @@ pub fn sizes_of_rings(surface: &Surface, most: Option<u32>, control: &Control) -
     let sizes_around = |n: usize| {
         control.check()?;
         let mut is_reached = vec![false; surface.len()];
+        // evenly spread over the numbers of the vertices
         let mut front = vec![(n * surface.len() / counted) as u32];
         is_reached[front[0] as usize] = true;
         let (mut size, mut sizes) = (1, Vec::new());

@@ -42,7 +42,9 @@ impl Search {
     /// Creates a search whose buckets fit the links of `graph`.
     pub fn new(graph: &impl Links) -> Self {
         let [shortest, longest] = graph.extremes();
+        // as wide as the shortest link if possible: what is passed on then lands in a later bucket (Denardo & Fox 1979)
         let width = shortest.max(longest / MOST_BUCKETS).max(f32::MIN_POSITIVE);
+        // a power of two, so that the position in the ring is a mask instead of a division
         let ring = ((longest / width) as usize + 2).next_power_of_two();
         let lowered = if is_sparse(graph) { vec![(0, 0.0); AHEAD * graph.most_links() + 1] } else { Vec::new() };
         Self { per_mm: width.recip(), buckets: vec![Vec::new(); ring], current: Vec::new(), lowered }

@@ -54,6 +54,7 @@ pub(crate) struct Fingerprint(u64);
 
 impl Fingerprint {
     pub fn mix(&mut self, word: u64) {
+        // multiplication by 2⁶⁴ over the golden ratio spreads every bit upwards (Knuth), and the shift brings it back
         self.0 = (self.0 ^ word).wrapping_mul(0x9e37_79b9_7f4a_7c15); // odd, so nothing is lost
         self.0 ^= self.0 >> 32;
     }

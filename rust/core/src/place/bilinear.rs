@@ -29,6 +29,7 @@ impl<'a> Lattice<'a> {
     pub fn new(pixels: &'a [[u32; 2]], spacing: [f64; 2], count: usize) -> Result<Self> {
         let [rows, columns] = [0, 1].map(|axis| extent(pixels, axis));
         let sides = [(rows, spacing[0]), (columns, spacing[1])].map(|((low, high), step)| f64::from(high - low) * step);
+        // rows · columns = count, and rows/columns = height/width
         let along = (count as f64 * sides[0] / sides[1]).sqrt().round().clamp(2.0, (count as f64 / 2.0).max(2.0));
         let rows = lines(rows, along as usize);
         let columns = lines(columns, (count as f64 / along).round() as usize);

@@ -36,6 +36,7 @@ impl RadialFunctions {
         let polynomial = |i: usize, k: usize| {
             if k == 0 { 1.0 } else { axes[k - 1].dot(&(points[i] - centre)) }
         };
+        // [A E; Eᵀ 0] [b; a] = [ξ; 0] (Grossmann, Kiryati & Kimmel 2002, section 4)
         let system = Mat::from_fn(size, size, |r, c| match (r < m, c < m) {
             (true, true) => (points[r] - points[c]).norm(),
             (true, false) => polynomial(r, c - m),
@@ -43,10 +44,12 @@ impl RadialFunctions {
             (false, false) => 0.0,
         });
         let right = Mat::from_fn(size, 2, |r, k| if r < m { values[r][k] } else { 0.0 });
+        // symmetric but indefinite because of the zero block: Bunch–Kaufman instead of Cholesky
         let solution = system.lblt(Side::Lower).solve(&right);
         let column = |k: usize| solution.col(k).iter().copied().collect::<Vec<f64>>();
         let [first, second] = [column(0), column(1)];
         let residual = &system * &solution - &right;
+        // the factor of a singular matrix need not fail, but its solution does not satisfy the equations
         let tolerance = 1e-6 * right.norm_max();
         if residual.col_iter().flat_map(|column| column.iter()).any(|r| !r.is_finite() || r.abs() > tolerance) {
             return Err(Error::RadialSingular { sources: m });

@@ -87,6 +87,7 @@ fn sides(ring: &[Place], is_closed: bool) -> impl Iterator<Item = [Place; 2]> + 
 }
 
 fn area(at: Place, [a, b]: [Place; 2]) -> f64 {
+    // twice the area, positive if the side is seen counterclockwise
     (a - at).perp(&(b - at))
 }
 
@@ -159,6 +160,7 @@ fn inside(polygon: &[Place], outside: Place) -> Place {
     for side in sides(polygon, true) {
         let (here, there) = (area(middle, side), area(outside, side));
         if there < 0.0 {
+            // where the way out crosses the side, by linear interpolation of areas
             share = share.min(here / (here - there));
         }
     }

@@ -47,6 +47,7 @@ impl<'a> Locator<'a> {
     /// Creates a locator from the points of a triangulation, triangles that run counterclockwise as seen from outside
     /// and cover the sphere once, and the twin of each half-edge.
     pub fn new(points: &'a [Vector3<f64>], faces: &'a [[u32; 3]], twins: &'a [u32]) -> Self {
+        // about half as many cells on the six sides of the cube as triangles
         let side = ((faces.len() as f64 / 12.0).sqrt().ceil() as usize).clamp(1, MOST_CELLS);
         let mut found = Self { points, faces, twins, cells: Vec::new(), side };
         let mut from = 0;
@@ -110,6 +111,7 @@ fn cell_of(place: &Vector3<f64>, side: usize) -> usize {
     let axis = place.iamax();
     let (major, u, v) = (place[axis].abs().max(f64::MIN_POSITIVE), place[(axis + 1) % 3], place[(axis + 2) % 3]);
     let face = 2 * axis + usize::from(place[axis] < 0.0);
+    // gnomonic coordinates from −1 to 1 on the cube's face
     let index = |x: f64| (((x / major + 1.0) / 2.0 * side as f64) as usize).min(side - 1);
     face * side * side + index(u) * side + index(v)
 }

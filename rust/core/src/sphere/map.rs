@@ -239,6 +239,7 @@ pub(crate) fn kernel_centre(ring: &[Vector3<f64>]) -> Option<Vector3<f64>> {
     let sides: Vec<Vector3<f64>> =
         (0..ring.len()).map(|k| ring[k].cross(&(ring[(k + 1) % ring.len()] - ring[k]))).collect();
     let middle = ring.iter().sum::<Vector3<f64>>().try_normalize(0.0);
+    // gnomonic projection: lines are great circles only on the half of the sphere that the plane faces
     let (up, size) = match middle.filter(|middle| ring.iter().all(|p| p.dot(middle) > 0.2)) {
         // as large as the polygon, so that no digits are lost
         Some(middle) => (middle, 6.0 * ring.iter().map(|p| (p - middle).norm()).fold(0.0, f64::max)),
@@ -253,6 +254,7 @@ pub(crate) fn kernel_centre(ring: &[Vector3<f64>]) -> Option<Vector3<f64>> {
         [[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]].map(|c| Vector2::from(c) * size).into();
     let mut cut = Vec::new();
     for side in sides {
+        // side · (up + x east + y north) ≥ 0 is a half-plane in (x, y)
         let line = Vector2::new(side.dot(&east), side.dot(&north));
         let height = |p: &Vector2<f64>| line.dot(p) + side.dot(&up);
         cut.clear();
@@ -320,6 +322,7 @@ impl Metric {
             let longest = squares.iter().copied().fold(least, f64::max);
             let double = (b - a).cross(&(c - a)).norm().max(THINNEST * 3f64.sqrt() / 2.0 * longest);
             let [x, y, z] = squares;
+            // cot α = (b² + c² − a²)/(4 A)
             cotangents.push([y + z - x, z + x - y, x + y - z].map(|w| w / (2.0 * double)));
             doubles.push(double * scale);
         }
@@ -401,6 +404,7 @@ impl Metric {
             along += term.g.dot(&at) * slopes.g + term.m.dot(&at) * slopes.m;
             hessian += (g * m.transpose() + m * g.transpose()) * slopes.gm + m * m.transpose() * slopes.mm;
         }
+        // the sphere bends away from its tangent: x(t) ≈ x + t v − ½ t² |v|² x, so the slope along x counts too
         hessian -= Matrix2::identity() * along;
         let step = downhill(&hessian, &gradient);
         let mut size = 1.0;
@@ -435,6 +439,7 @@ struct Slopes {
 
 impl Term {
     fn new(b: Vector3<f64>, c: Vector3<f64>, [x, y, z]: [f64; 3], double: f64) -> Self {
+        // |c − x|² = 2 − 2 c·x on the unit sphere, so that ½ Σ cot |e|² is linear in x
         Self { k: 0.5 * x * (c - b).norm_squared() + y + z, g: c * y + b * z, m: b.cross(&(c - b)), s: double * double }
     }
 
@@ -444,6 +449,7 @@ impl Term {
 
     fn slopes(&self, x: &Vector3<f64>) -> Slopes {
         let (f, d) = (self.k - x.dot(&self.g), x.dot(&self.m));
+        // product rule on (k − x·g)(1 + s/d²), d = x·m
         let part = self.s / (d * d);
         Slopes { g: -(1.0 + part), m: -2.0 * f * part / d, gm: 2.0 * part / d, mm: 6.0 * f * part / (d * d) }
     }
@@ -458,6 +464,7 @@ fn downhill(hessian: &Matrix2<f64>, gradient: &Vector2<f64>) -> Vector2<f64> {
     }
     let q = eigen.eigenvectors;
     let components = q.transpose() * gradient;
+    // magnitudes of eigenvalues, at least a millionth of the largest: a descent direction at saddles too
     let scaled = Vector2::from_fn(|n, _| -components[n] / eigen.eigenvalues[n].abs().max(1e-6 * largest));
     q * scaled
 }

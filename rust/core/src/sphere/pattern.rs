@@ -62,6 +62,7 @@ pub(crate) fn standard(values: &[f64], areas: &[f64]) -> Vec<f64> {
         let deviation = variance.sqrt().max(f64::MIN_POSITIVE);
         for x in &mut values {
             let z = (*x - mean) / deviation;
+            // tanh limits to ±2 and hardly changes small values; standardised again afterwards
             *x = if draw_in { 2.0 * (z / 2.0).tanh() } else { z };
         }
     }
@@ -102,6 +103,7 @@ impl Smoothing {
             let sum: f64 = entries.iter().map(|entry| entry.1).sum::<f64>().max(f64::MIN_POSITIVE);
             for (w, weight) in entries {
                 neighbours.push((w, weight / sum));
+                // mean square of a step weighted by area: a triangle's area counts for nine pairs of corners
                 step += (points[w as usize] - points[v]).norm_squared() * weight / total / 9.0;
             }
             areas.push(sum / total / 9.0);
@@ -109,6 +111,7 @@ impl Smoothing {
         }
         let whole: f64 = areas.iter().sum::<f64>().max(f64::MIN_POSITIVE);
         areas.iter_mut().for_each(|area| *area /= whole);
+        // half of the mean square distance in the surface is along each of its two axes
         Self { starts, neighbours, areas, step: step / whole / 2.0 }
     }
 
@@ -124,6 +127,7 @@ impl Smoothing {
     pub(crate) fn smoothed(
         &self, values: &[Vector3<f64>], scale: f64, step: f64, control: &Control,
     ) -> Result<Vec<Vector3<f64>>> {
+        // variances of successive averages add up
         let averages = (scale * scale / step.max(1e-9)).round().clamp(1.0, 4000.0) as usize;
         self.times(values, averages, control)
     }

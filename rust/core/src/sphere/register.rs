@@ -99,6 +99,7 @@ fn slopes(sphere: &Surface, values: &[f64]) -> Vec<Vector3<f64>> {
         let [x, y, z] = face.map(|v| values[v as usize]);
         let normal = (b - a).cross(&(c - a));
         let double = normal.norm();
+        // Σ value · (n × opposite side)/(2 A): gradients of hat functions
         let slope = normal.cross(&((c - b) * x + (a - c) * y + (b - a) * z)) / (double * double);
         for &v in face {
             sums[v as usize] += slope * double;
@@ -246,6 +247,7 @@ impl<'a> Subject<'a> {
             squares[0] += p.norm_squared() * area;
             squares[1] += q.norm_squared() * area;
         }
+        // the best rotation attains σ₁ + σ₂ ± σ₃, with the sign that excludes reflections (Kabsch 1976)
         let mut values = cross.singular_values();
         values.as_mut_slice().sort_by(|a, b| b.total_cmp(a));
         (values[0] + values[1] + values[2] * cross.determinant().signum()) / (squares[0] * squares[1]).sqrt()
@@ -313,6 +315,7 @@ impl<'a> Subject<'a> {
             mean += q * area;
             square += q.norm_squared() * area;
         }
+        // normal equations: the affine map A = (Σ q pᵀ)(Σ p pᵀ)⁻¹ in homogeneous coordinates
         let affine = normal.try_inverse().map_or_else(Matrix3x4::zeros, |inverse| right * inverse);
         let explained = (affine * normal * affine.transpose()).trace() - mean.norm_squared();
         (affine, explained / (square - mean.norm_squared()))
@@ -336,6 +339,7 @@ impl<'a> Subject<'a> {
                 let at: Vec<Located> = places.par_iter().map(|place| locator.locate(place)).collect();
                 let force = |v: usize| {
                     let at = &at[v];
+                    // Levenberg: (λ I + Σ w g gᵀ) step = Σ w g · difference
                     let (mut matrix, mut right) = (Matrix3::identity() * DAMPING, Vector3::zeros());
                     let mut add = |difference: f64, slope: Vector3<f64>, weight: f64| {
                         let slope = slope - places[v] * slope.dot(&places[v]);
@@ -382,6 +386,7 @@ fn correlation(pairs: impl Iterator<Item = [f64; 2]>, weights: &[f64]) -> f64 {
         }
     }
     let [n, x, y, xx, yy, xy] = sums;
+    // Pearson's correlation, from weighted sums
     let spread = (n * xx - x * x) * (n * yy - y * y);
     if spread > 0.0 { (n * xy - x * y) / spread.sqrt() } else { 0.0 }
 }

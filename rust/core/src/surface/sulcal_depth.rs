@@ -65,6 +65,7 @@ fn by_all(surface: &Surface, flow: f64, control: &Control) -> Result<Vec<f64>> {
         let normals = vertex_normals(&x, surface.faces());
         let b: Vec<Vector3<f64>> = x.iter().zip(&mass).map(|(x, m)| x * *m).collect();
         let mut y = x.clone();
+        // backward Euler: (M + t L) y = M x is stable for steps of any size
         stiffness.solve(&mass, flow / STEPS as f64, &b, &mut y, control)?;
         for (v, normal) in normals.iter().enumerate() {
             depth[v] += normal.dot(&(y[v] - x[v]));

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use pyo3::prelude::*;
-use voxflat::embed::stress::{levels::Levels, start::Start};
+use voxflat::embed::stress::{levels::Levels, periodic::Tube, start::Start};
 use voxflat::flatten::saucan2006::{self, Whole};
 use voxflat::flatten::schwartz1989::{Mapped, Options};
 use voxflat::flatten::voxflat::{AfterPlacing, Options as MapOptions, Scale};
@@ -87,9 +87,10 @@ impl Surface {
         let (seam, sources) = (self.vertices(&seam)?, self.vertices(&sources)?);
         let opened = Arc::clone(&opened.0);
         let (map, period) = self.run(py, threads, &progress, move |inner, control| {
-            let (closed, opened, graph) = (&inner.surface, &opened.surface, &*inner.graph(control)?);
+            let (tube, graph) = (Tube::new(&inner.surface, &opened.surface, &seam)?, &*inner.graph(control)?);
+            let options = flatten::periodic::Options { weighting, scale };
             with_solver!(geodesic, inner, control, |solver| {
-                flatten::periodic(closed, opened, &seam, &sources, solver, weighting, scale, graph, seed, control)
+                flatten::periodic(&tube, &sources, solver, &options, graph, seed, control)
             })
         })?;
         let dict = convert::map_dict(py, map)?;

@@ -287,6 +287,7 @@ impl<'a> Layout<'a> {
             dot += (b - from).dot(&(a - to));
             cross += (b - from).perp(&(a - to));
         }
+        // the rotation with the largest Σ a·(R b) (Procrustes in the plane)
         let turn = Rotation2::new(cross.atan2(dot));
         let shift = to - turn * from;
         (turn, shift)

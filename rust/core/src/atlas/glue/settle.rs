@@ -157,6 +157,7 @@ fn is_sound(layout: &Layout<'_>, facets: &[u32], places: &[u32], bound: f64) -> 
     };
     let lies_once = |&place: &u32| {
         let turn: f64 = layout.around(place).iter().map(angle).sum();
+        // upright triangles go around an inner place a whole number of times: once is below one and a half
         turn < if layout.is_inner(place) { TAU + PI } else { TAU - SLIT }
     };
     are_within(layout, facets, bound) && places.iter().all(lies_once)

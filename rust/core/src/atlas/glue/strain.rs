@@ -58,15 +58,18 @@ impl Price {
                     return [f64::INFINITY, 0.0, 1.0];
                 }
                 let inverse = sigma.recip();
+                // ½ (σ − 1/σ)² has slope (σ − 1/σ)(1 + 1/σ²) and curvature 1 + 3/σ⁴
                 let change = sigma - inverse;
                 let mut price =
                     [0.5 * change * change, change * (1.0 + inverse * inverse), 1.0 + 3.0 * inverse.powi(4)];
                 let into = log.abs() - FREE * most;
                 if into > 0.0 {
                     let left = most - log.abs();
+                    // rise = (|log σ| − f m)/(m − |log σ|), whose derivative by log σ is ±(1 − f) m/(m − |log σ|)²
                     let (rise, slope) = (into / left, (1.0 - FREE) * most / (left * left) * log.signum() * inverse);
                     price[0] += BARRIER * rise * rise;
                     price[1] += 2.0 * BARRIER * rise * slope;
+                    // Gauss–Newton: without the term of the second derivative, so that it stays positive
                     price[2] += 2.0 * BARRIER * slope * slope;
                 }
                 price
@@ -97,6 +100,7 @@ impl Parts {
     /// Returns the gradient with respect to the matrix, given the slopes with respect to σ1 and σ2.
     fn gradient(&self, slopes: [f64; 2]) -> Matrix2<f64> {
         let along = |part: Vector2<f64>, slope: f64| part.try_normalize(0.0).unwrap_or_default() * slope;
+        // σ = a ± b, so the slope by a is p'(σ₁) + p'(σ₂), and by b their difference; halves from the definition
         let turn = along(self.turn, 0.5 * (slopes[0] + slopes[1]));
         let mirrored = along(self.mirrored, 0.5 * (slopes[0] - slopes[1]));
         Matrix2::new(turn.x + mirrored.x, mirrored.y - turn.y, turn.y + mirrored.y, turn.x - mirrored.x)
@@ -165,6 +169,7 @@ impl Objective for Strain<'_> {
         };
         let entries: Vec<[f64; 3]> = self.region.rests.iter().map(of_triangle).collect();
         let total: f64 = entries.iter().flatten().map(|entry| entry.abs()).sum();
+        // without it, a region with nothing fixed could move freely, and the matrix would be singular
         self.region.springs.factor(&entries, &vec![AFLOAT * total / uv.len() as f64; uv.len()])
     }
 

@@ -39,7 +39,8 @@ pub fn bounded(
         level.triangles.bound = Some(AreaBound { mean, most: most * WITHIN, weight });
         let apart = Some((&level.outline, APART)).filter(|_| is_apart);
         let stage = "limiting changes of area";
-        energies.extend(level.rounds(&level.pairs, &mut uv, weighted(weighting), 2, apart, stage, control)?.energies);
+        let (energy, patience) = (level.energy(&level.pairs, weighted(weighting), apart), weighted(weighting).patience);
+        energies.extend(energy.descend(&mut uv, patience, 2, stage, control)?.energies);
         [mean, worst] = level.triangles.area_change(&uv);
         if worst < best.0 {
             best = (worst, uv.clone());

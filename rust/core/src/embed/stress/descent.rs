@@ -73,6 +73,7 @@ pub fn descend(objective: &impl Objective, uv: &mut Vec<Place>, until: Until, co
         control.check()?;
         let mut along = history.direction(&gradient, &factor);
         let mut slope = dot(&gradient, &along);
+        // rounding can spoil the history; the factored springs alone are positive definite and lead downhill
         if slope >= 0.0 {
             history.clear();
             along = history.direction(&gradient, &factor);
@@ -102,6 +103,7 @@ pub fn descend(objective: &impl Objective, uv: &mut Vec<Place>, until: Until, co
         let moved: Vec<_> = next.iter().zip(uv.iter()).map(|(to, from)| to - from).collect();
         let bent: Vec<_> = next_gradient.iter().zip(&gradient).map(|(to, from)| to - from).collect();
         let curvature = dot(&moved, &bent);
+        // yᵀs > 0, or the inverse Hessian would not be positive definite (Nocedal 1980)
         if curvature > 1e-12 * (dot(&moved, &moved) * dot(&bent, &bent)).sqrt() {
             history.push(&moved, &bent);
         }

@@ -62,14 +62,17 @@ impl History {
         let steps = self.moved.len();
         let mut shares = products(&self.moved, gradient);
         for n in (0..steps).rev() {
+            // first loop: α_n = s_nᵀ(g − Σ α y)/(y_nᵀs_n) over later steps, from the newest
             let later: f64 = (n + 1..steps).map(|later| shares[later] * self.products[later][n]).sum();
             shares[n] = (shares[n] - later) / self.products[n][n];
         }
         let mut turned = gradient.to_vec();
         add(&mut turned, &self.bent, &shares.iter().map(|share| -share).collect::<Vec<_>>());
+        // H₀ is the inverse of the springs, not a multiple of the identity
         let mut turned = factor.solve(&turned);
         let mut times = products(&self.bent, &turned);
         for n in 0..steps {
+            // second loop: r += s_n (α_n − y_nᵀr/(y_nᵀs_n)), from the oldest
             let earlier: f64 = (0..n).map(|earlier| times[earlier] * self.products[n][earlier]).sum();
             times[n] = shares[n] - (times[n] + earlier) / self.products[n][n];
         }

@@ -312,7 +312,7 @@ impl Level {
         ease(&self.triangles, dials.shape, &self.outline.inside(uv.len()), uv, control)?;
         let is_apart = self.outline.crossings(uv, control)? == 0;
         let apart = Some((&self.outline, APART)).filter(|_| is_apart);
-        self.rounds(&self.pairs, uv, dials, MOST_ROUNDS, apart, stage, control)
+        self.energy(&self.pairs, dials, apart).descend(uv, dials.patience, MOST_ROUNDS, stage, control)
     }
 
     /// Enlarges the triangles that have hardly any area. No triangle counts as an outlier, because outliers would not
@@ -343,18 +343,18 @@ impl Level {
     ) -> Result<Convergence> {
         ease(&self.triangles, FIRST.shape, may_move, uv, control)?;
         let few = self.pairs.of_first(FIRST_LANDMARKS);
-        self.rounds(&few, uv, FIRST, FIRST_ROUNDS, outline, stage, control)?;
-        self.rounds(&self.pairs, uv, dials, MOST_ROUNDS, outline, stage, control)
+        self.energy(&few, FIRST, outline).descend(uv, FIRST.patience, FIRST_ROUNDS, stage, control)?;
+        self.energy(&self.pairs, dials, outline).descend(uv, dials.patience, MOST_ROUNDS, stage, control)
     }
+}
 
-    #[expect(clippy::too_many_arguments)]
-    pub(super) fn rounds(
-        &self, pairs: &Pairs, uv: &mut Vec<Place>, dials: Dials, rounds: usize, outline: Option<(&Outline, f64)>,
-        stage: &'static str, control: &Control,
+impl MapEnergy<'_> {
+    /// Minimises the energy in rounds, as long as the outline does not cross itself.
+    pub(super) fn descend(
+        &self, uv: &mut Vec<Place>, patience: u32, rounds: usize, stage: &'static str, control: &Control,
     ) -> Result<Convergence> {
-        let energy = self.energy(pairs, dials, outline);
-        let crossings = |uv: &[Place]| outline.map_or(Ok(0), |(outline, _)| outline.crossings(uv, control));
-        descend_in_rounds(&energy, crossings, uv, dials.patience, rounds, stage, control)
+        let crossings = |uv: &[Place]| self.outline.map_or(Ok(0), |(outline, _)| outline.crossings(uv, control));
+        descend_in_rounds(self, crossings, uv, patience, rounds, stage, control)
     }
 }
 

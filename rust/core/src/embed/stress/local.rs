@@ -79,6 +79,7 @@ impl Local {
         let cross = by_half * by_area.transpose();
         self.energy += rest.area * price.value;
         self.slope += rest.area * (half * by_half + area * by_area);
+        // chain rule for ψ(h, D): h is quadratic and D linear in x, so only h adds a curvature of its own
         self.bend += rest.area
             * (Matrix2::identity() * (half * hat.norm_squared())
                 + half_half * by_half * by_half.transpose()

@@ -48,6 +48,7 @@ impl Contact {
     fn push(&self) -> [f64; 3] {
         let distance = self.apart.norm();
         let near = self.gap / distance;
+        // d/dd (g/d − 1)² with near = g/d, whose derivative is −near/d
         let slope = -2.0 * (near - 1.0) * near / distance;
         [(near - 1.0).powi(2), slope, 2.0 * near * (3.0 * near - 2.0) / distance.powi(2)]
     }
@@ -221,6 +222,7 @@ fn meeting(at: [Place; 3], way: [Place; 3]) -> f64 {
         let along = p.dot(&b) / b.norm_squared();
         time > 0.0 && (-BESIDE..=1.0 + BESIDE).contains(&along)
     };
+    // the point is on the line of the segment where p × b = 0, quadratic in time
     let times = roots(b1.perp(&p1), b0.perp(&p1) + b1.perp(&p0), b0.perp(&p0));
     times.into_iter().filter(|&time| meets(time)).fold(f64::INFINITY, f64::min)
 }

@@ -274,17 +274,21 @@ impl<const REPEATS: bool> WithSimd for Stress<'_, REPEATS> {
                     let delta = row[n];
                     let dx = place.x - x[n];
                     let (turns, dy) = nearest_copy::<REPEATS>(place.y - y[n], period);
+                    // `apart` keeps the pull of coincident points finite
                     let flat = (dx * dx + dy * dy + apart).sqrt();
                     let inverse = if delta > nearest { delta.recip() } else { 0.0 };
                     let counts = if delta > nearest { weight(steps, delta) } else { 0.0 };
                     let error = flat * inverse - 1.0;
                     let bent = error * if delta > BANDS[1] { far } else { near };
                     let root = (1.0 + bent * bent).sqrt();
+                    // ρ = 2 r²/(1 + √(1 + r²/κ²)), without cancellation for small r
                     total[0][n] += counts * 2.0 * error * error / (root + 1.0);
+                    // ∂ρ/∂d · ∂d/∂x = 2 r/(√(1 + r²/κ²) δ) · Δx/d
                     let pull = 2.0 * counts * error * inverse / (root * flat);
                     total[1][n] += pull * dx;
                     total[2][n] += pull * dy;
                     if REPEATS {
+                        // Δy = difference − turns · period
                         total[3][n] -= turns * pull * dy;
                     }
                     sum_x[n] += pull * dx;
@@ -333,6 +337,7 @@ impl<const REPEATS: bool> WithSimd for Curvature<'_, REPEATS> {
                     let error = flat / distance - 1.0;
                     let bent = error * if distance > BANDS[1] { far } else { near };
                     let root = (1.0 + bent * bent).sqrt();
+                    // ½ ρ'' and ½ ρ' δ/d; the latter is negative for pairs that are too close, which no spring can be
                     let (along, across) = ((root * root * root).recip(), (error / root * distance / flat).max(0.0));
                     let bend = 2.0 * weight(steps, distance) * (along + across) / (distance * distance);
                     bends[n] = if distance > nearest { bend } else { 0.0 };

@@ -32,8 +32,8 @@ const BESIDE: [i32; 2] = [-1, 1];
 /// A tube, closed and cut open along a seam.
 #[derive(Debug)]
 pub struct Tube<'a> {
-    closed: &'a Surface,
-    opened: &'a Surface,
+    pub(crate) closed: &'a Surface,
+    pub(crate) opened: &'a Surface,
     copies: Copies,
     /// The half-edges of the opened tube's boundary at the first and the second end, in its order.
     ends: [Vec<u32>; 2],
@@ -59,6 +59,7 @@ impl Copies {
         let mut sums = vec![Vector2::zeros(); places];
         for ((&of, turns), by) in self.of.iter().zip(&self.turns).zip(gradient) {
             sums[of as usize] += by;
+            // a copy lies at y + turns · period
             sums[places - 1].y += turns * by.y;
         }
         sums
@@ -68,7 +69,9 @@ impl Copies {
 impl<'a> Tube<'a> {
     /// Creates a tube from the closed surface, and the same triangles cut open along a seam: a path of the closed
     /// surface's vertices from the first end to the second.
-    /// Errors: [`Error::NotATube`] if the surface has not two boundary loops, or the seam does not open it to a disk.
+    ///
+    /// # Errors
+    /// [`Error::NotATube`] if the surface does not have two boundary loops, or the seam does not open it to a disk.
     pub fn new(closed: &'a Surface, opened: &'a Surface, seam: &[u32]) -> Result<Self> {
         let mut of = vec![0; opened.len()];
         let corners = opened.faces().as_flattened().iter().zip(closed.faces().as_flattened());
@@ -144,6 +147,7 @@ impl<'a> Tube<'a> {
         &self, length: f64, triangles: &TriangleEnergy, springs: &Springs, control: &Control,
     ) -> Result<Vec<Place>> {
         let count = self.closed.len();
+        // the circumference of a cylinder with this area and length
         let period = triangles.area / length;
         let mut ground = vec![0.0; count];
         let mut forces = vec![Vector2::zeros(); count];

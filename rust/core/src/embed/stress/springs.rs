@@ -123,6 +123,7 @@ impl Springs {
         let (forces, own) = self.of_period(stiffness, turns);
         let pulls: Vec<Place> = forces.iter().map(|&force| Vector2::new(0.0, force)).collect();
         let follow: Vec<f64> = factor.solve(&pulls).iter().map(|place| place.y).collect();
+        // the Schur complement of the vertices, own − fᵀA⁻¹f, is positive in exact arithmetic
         let stiffness = own - follow.iter().zip(&forces).map(|(follow, force)| follow * force).sum::<f64>();
         if stiffness > 0.0 {
             Ok(Factor { period: Some(OfPeriod { follow, stiffness }), ..factor })
@@ -141,6 +142,7 @@ impl Factor {
         self.own.solve_in_place_with_conj(Conj::No, both.as_mut());
         let mut moved: Vec<Place> = (0..vertices).map(|row| Vector2::new(both[(row, 0)], both[(row, 1)])).collect();
         if let Some(OfPeriod { follow, stiffness }) = &self.period {
+            // block elimination: the period from its Schur complement, then the vertices that follow it
             let carried: f64 = follow.iter().zip(forces).map(|(follow, force)| follow * force.y).sum();
             let grown = (forces[vertices].y - carried) / stiffness;
             moved.iter_mut().zip(follow).for_each(|(moved, follow)| moved.y -= grown * follow);

@@ -99,7 +99,7 @@ impl Level {
         let apart = Some((&self.outline, APART));
         self.scale(uv, dials, apart, control)?;
         self.ease_tiny(uv, dials.shape, control)?;
-        self.rounds(&self.pairs, uv, dials, MOST_ROUNDS, apart, stage, control)
+        self.energy(&self.pairs, dials, apart).descend(uv, dials.patience, MOST_ROUNDS, stage, control)
     }
 
     /// Scales a map to the smallest energy, by golden-section search.
@@ -110,6 +110,7 @@ impl Level {
             let scaled: Vec<_> = uv.iter().map(|place| place * log.exp()).collect();
             Ok(energy.evaluate(&scaled, control)?.0)
         };
+        // each narrowing keeps 0.618 of the range and one of its two inner values; the logarithm makes it symmetric
         let golden = 0.5 * (5f64.sqrt() - 1.0);
         let (mut low, mut high) = (-WIDEST_SCALE.ln(), WIDEST_SCALE.ln());
         let inner = |low: f64, high: f64| [high - golden * (high - low), low + golden * (high - low)];

@@ -58,6 +58,7 @@ impl Rest {
         let along = other.dot(&base) / length;
         let own = base.cross(&other).norm() / length;
         let height = own.max(thinnest * length);
+        // the inverse of the two sides as columns, with the base on the first axis
         let inverse = Matrix2::new(length.recip(), -along / (length * height), 0.0, height.recip());
         Self { corners, inverse, area: 0.5 * length * height, trim: (height / own).ln() }
     }
@@ -124,10 +125,12 @@ impl Price {
     pub(super) fn curvatures(&self, jacobian: &Matrix2<f64>) -> [f64; 4] {
         let (half, area) = (0.5 * jacobian.norm_squared(), jacobian.determinant());
         let ([by_half, by_area], [half_half, half_area, area_area]) = (self.slopes, self.bends);
+        // in the basis of σ₁ and σ₂: mean and half difference of the diagonal, ½ (σ₁² − σ₂²) = √(h² − D²); off-diagonal
         let mean = by_half + half * (half_half + area_area) + 2.0 * area * half_area;
         let apart = (half_half - area_area) * (half * half - area * area).max(0.0).sqrt();
         let across = by_area + area * (half_half + area_area) + 2.0 * half * half_area;
         let radius = apart.hypot(across);
+        // rotation and reflection change no σ to first order: (ψ₁ ± ψ₂)/(σ₁ ± σ₂) (Smith, de Goes & Kim 2019)
         [mean + radius, mean - radius, by_half + by_area, by_half - by_area]
     }
 
@@ -135,9 +138,11 @@ impl Price {
     #[inline(always)]
     fn pseudo_huber<const OUTLIERS: bool>(self, sharp: f64) -> Self {
         let root = if OUTLIERS { (1.0 + self.value.max(0.0) * sharp).sqrt() } else { 1.0 };
+        // dψ/dφ and d²ψ/dφ²
         let (slope, bend) = (root.recip(), -0.5 * sharp * root.powi(-3));
         let ([by_half, by_area], [half_half, half_area, area_area]) = (self.slopes, self.bends);
         Self {
+            // 2κ² (root − 1), without cancellation for small φ
             value: 2.0 * self.value / (1.0 + root),
             slopes: [slope * by_half, slope * by_area],
             bends: [
@@ -169,6 +174,7 @@ impl AreaBound {
             return price;
         }
         let ([by_half, by_area], [half_half, half_area, area_area]) = (price.slopes, price.bends);
+        // with the excess e of log D: d/dD e² = 2 e/D and d²/dD² e² = 2 (1 − e)/D²
         let rise = 2.0 * self.weight / area;
         Price {
             value: price.value + self.weight * beyond * beyond,
@@ -194,8 +200,10 @@ impl Shape {
         let inverse = area.powi(2).recip();
         let sum = (2.0 * (half + area)).sqrt(); // of the singular values
         let (rigid, barrier, growth) = (4.0 * (1.0 - self.barrier), self.barrier, self.area);
+        // d²/dh² of −√(2 (h + D)) = (2 (h + D))^−3/2, and the same with respect to D
         let bend = rigid / sum.powi(3);
         let distortion = Price {
+            // (σ₁ − 1)² + (σ₂ − 1)² = 2 (h − (σ₁ + σ₂) + 1)
             value: rigid * (half - sum + 1.0) + barrier * (half * (1.0 + inverse) - 2.0) + growth * log * log,
             slopes: [
                 rigid * (1.0 - sum.recip()) + barrier * (1.0 + inverse),
@@ -299,6 +307,7 @@ impl TriangleEnergy {
         let of_triangle = |rest: &Rest| {
             let jacobian = rest.jacobian(uv);
             let price = self.price(rest, &jacobian, shape);
+            // negative curvatures are left out, or the matrix would not be positive definite (Teran et al. 2005)
             let upward: f64 = price.curvatures(&jacobian).iter().map(|bend| bend.max(0.0)).sum();
             rest.springs(weight / self.area * rest.area * (upward / MODES).clamp(SOFTEST, STIFFEST))
         };
@@ -364,6 +373,7 @@ pub(super) fn signed_area([a, b, c]: [u32; 3], uv: &[Place]) -> f64 {
 #[inline(always)]
 pub(super) fn roots(a: f64, b: f64, c: f64) -> [f64; 2] {
     let discriminant = b * b - 4.0 * a * c;
+    // the sum without cancellation; the other root follows from the product c/a (Vieta)
     let q = -0.5 * (b + discriminant.sqrt().copysign(b)); // NaN without real roots
     [q / a, c / q]
 }

@@ -46,6 +46,7 @@ pub fn spread(
         let lengths: Vec<f64> = boundary.iter().map(|&half_edge| surface.length(half_edge)).collect();
         let outline: Vec<Place> = vertices.iter().map(|&vertex| places[vertex]).collect();
         for (&vertex, place) in vertices.iter().zip(on_ellipse(&outline, &lengths)) {
+            // a penalty instead of a constraint: the matrix keeps its pattern, and its factor the symbolic part
             ground[vertex] = FIRM;
             forces[vertex] = FIRM * place;
         }
@@ -69,6 +70,7 @@ pub(super) fn softened(
         if rounds == ROUNDS || growths.iter().all(|&growth| growth > SMALL) {
             return Ok(uv);
         }
+        // √growth is the factor by which lengths shrank
         let softer = |growth: f64| growth.max(0.0).sqrt().clamp(SOFTER, SOFTER.recip());
         stiffness.iter_mut().zip(growths).for_each(|(stiffness, growth)| *stiffness *= softer(growth));
     }
@@ -86,6 +88,7 @@ fn on_ellipse(outline: &[Place], lengths: &[f64]) -> Vec<Place> {
     let spread: Matrix2<f64> =
         centred.iter().zip(lengths).map(|(place, length)| place * place.transpose() * (length / round)).sum();
     let axes = spread.symmetric_eigen();
+    // a circle of radius r has a variance of r²/2 along each axis
     let extents = axes.eigenvalues.map(|square| (2.0 * square.max(0.0)).sqrt());
     let extents = extents.map(|extent| extent.max(NARROWEST * extents.max()).max(f64::MIN_POSITIVE));
     let turn = if axes.eigenvectors.determinant() < 0.0 {

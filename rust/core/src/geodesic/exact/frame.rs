@@ -43,6 +43,7 @@ pub(super) struct Fan {
 impl Fan {
     pub fn bends(&self) -> bool {
         let straight = if self.is_open { std::f64::consts::PI } else { std::f64::consts::TAU };
+        // shortest paths bend at no other vertices (Mitchell, Mount & Papadimitriou 1987)
         self.angle > straight + LEAST_EXCESS
     }
 }
@@ -60,6 +61,7 @@ impl Frames {
         let mut first = vec![BORDER; surface.len()];
         for half_edge in 0..frames.len() as u32 {
             let known = &mut first[surface.origin(half_edge) as usize];
+            // at a boundary, counting begins at the half-edge without a face on its right
             if *known == BORDER || surface.twins()[half_edge as usize] == BORDER {
                 *known = half_edge;
             }

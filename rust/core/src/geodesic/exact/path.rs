@@ -83,6 +83,7 @@ impl Exact<'_> {
         let reached = wave.distance[vertex as usize];
         let corner = self.frames.of(line.half_edge);
         let walked = length(corner.x - line.at, corner.y); // to the first crossing
+        // the length of the leg up to its root, from which the way back to each crossing follows
         let whole = walked + length(line.at - line.x, line.y);
         let mut crossings = Vec::new();
         let mut nearest: Option<(f64, u32, usize)> = None; // vertex to bend around, should rounding mislead the line
@@ -130,6 +131,7 @@ impl Exact<'_> {
         if self.surface.origin(previous(entered)) == root && length(apart, up) <= 1e-7 * size {
             return Onward::Root;
         }
+        // on which side of the line the opposite corner lies decides through which edge the line leaves
         let is_corner_left = (x - at) * frame.y - y * (frame.x - at) > 0.0;
         let line = if is_corner_left {
             // the line leaves on the right: lengths from the entered half-edge's target

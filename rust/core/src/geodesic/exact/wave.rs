@@ -160,6 +160,7 @@ impl Step<'_> {
         let (surface, frames) = (self.surface, self.frames);
         envelopes.sweep(|edge| {
             let half_edge = frames.edges()[edge as usize];
+            // a point t along an edge is within min(d₀ + t, d₁ + length − t) ≤ (d₀ + d₁ + length)/2
             let ends = distance[surface.origin(half_edge) as usize] + distance[surface.target(half_edge) as usize];
             0.5 * (ends + frames.of(half_edge).length) < reached
         });
@@ -218,6 +219,7 @@ impl Step<'_> {
                     self.shine(vertex, reached, [f64::NEG_INFINITY, from - PI]);
                     [from + PI, f64::INFINITY]
                 } else {
+                    // a shortest path leaves at least a half turn on both of its sides
                     let shadow = [from + PI, from + fan.angle - PI];
                     self.shine(vertex, reached, shadow.map(|angle| angle - fan.angle));
                     shadow
@@ -239,6 +241,7 @@ impl Step<'_> {
             Way::Across { half_edge, at, .. } => {
                 let frame = self.frames.of(half_edge);
                 let (x, y) = (at - frame.x, -frame.y);
+                // the angle at the corner, from the edge to the half-edge's origin to the line of arrival
                 let turn = (-frame.x * y + frame.y * x).atan2(-frame.x * x - frame.y * y);
                 self.frames.direction(previous(half_edge)) + turn
             }
@@ -262,6 +265,7 @@ impl Step<'_> {
             }
             let place = |turn: f64| {
                 let (sin, cos) = turn.sin_cos();
+                // law of sines in the triangle of the vertex, the opposite edge's origin, and the point that is hit
                 edge.length * edge.length * sin / (sin * frame.x + cos * frame.y)
             };
             let from = if low <= 0.0 { 0.0 } else { place(low) };
@@ -337,9 +341,11 @@ impl Step<'_> {
         let length = self.frames.of(left).length;
         let Window { x, y, .. } = *window;
         // lengths from the entered half-edge's origin
+        // the line from (x, −y) through (at, 0) meets the line from the origin to the corner
         let hit = |at: f64| (length * at * y / (y * frame.x - (at - x) * frame.y)).clamp(0.0, length);
         let from = if to_corner { 0.0 } else { length - hit(window.to) };
         let to = length - hit(window.from);
+        // the same origin in the frame of the left half-edge, which begins at the corner
         let along = ((frame.x - x) * frame.x + (frame.y + y) * frame.y) / length;
         let away = (frame.x * y + frame.y * x) / length;
         self.see(left, Window { from, to, x: along, y: away, ..*window });

@@ -94,9 +94,11 @@ impl Window {
     fn ties(&self, old: &Self) -> [f64; 2] {
         let delta = self.sigma - old.sigma;
         let d = old.x - self.x;
+        // squared once more: e x² − d b x + (b² − 4 δ² y²)/4 = 0; differences of squares are products, to keep digits
         let e = (d - delta) * (d + delta);
         let b = e + (old.y - self.y) * (old.y + self.y);
         let root = delta.abs() * (b * b + 4.0 * e * self.y * self.y).max(0.0).sqrt();
+        // the root without cancellation; the other one follows from the product of both (Vieta)
         let sum = d * b + root.copysign(d * b);
         let constant = 0.5 * (b - 2.0 * delta * self.y) * (b + 2.0 * delta * self.y);
         [self.x + 0.5 * sum / e, self.x + constant / sum]
@@ -131,8 +133,10 @@ fn nearer_beyond(x: f64, y: f64, ahead: f64) -> f64 {
     if ahead == f64::INFINITY {
         f64::NEG_INFINITY
     } else if ahead <= -x {
+        // at p ≥ 0, the distance is at least p − x, which is no less than p + ahead
         f64::INFINITY
     } else {
+        // (p − x)² + y² = (p + ahead)² is linear in p
         0.5 * (x * x + y * y - ahead * ahead) / (x + ahead)
     }
 }

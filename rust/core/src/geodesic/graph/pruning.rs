@@ -256,6 +256,7 @@ impl Needed {
     /// replaced by two that are kept: one after the other, shorter ones first. Most verdicts do not depend on links of
     /// nearly the same length, and are found by all threads.
     fn evaluate(&self, layer: &Layer, control: &Control) -> Result<Vec<bool>> {
+        // a greedy spanner (Althöfer et al. 1993), except that only paths of two links are compared
         let known: Vec<AtomicU8> = layer.arcs.iter().map(|_| AtomicU8::new(OPEN)).collect();
         let of_batch = |beside: &mut Beside, batch: Range<usize>| {
             control.check()?;
@@ -274,6 +275,7 @@ impl Needed {
             pairs.extend(of_some);
         }
         // in the order of their lower ends, where they are equally long
+        // positive floats sort as their bits
         open.par_sort_unstable_by_key(|link| (link.length.to_bits(), link.places));
         let instead = |link: &Open| &pairs[link.first..link.first + link.count as usize];
         for next in open.chunks(AT_ONCE) {

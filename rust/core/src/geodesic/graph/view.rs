@@ -109,6 +109,7 @@ pub(in crate::geodesic) fn unfold(
             }
         }
         let right = Vector2::new(to_a.norm(), 0.0);
+        // the face in the plane, with `a` on the first axis: b = (a·b, |a × b|) / |a|
         let left = Vector2::new(to_a.dot(&to_b), to_a.cross(&to_b).norm()) / to_a.norm();
         waiting.push(Window { half_edge: next(half_edge), right, left, from: right, to: left, crossed: 0 });
         while let Some(mut window) = waiting.pop() {
@@ -120,6 +121,7 @@ pub(in crate::geodesic) fn unfold(
                     break;
                 }
                 let place = beyond.unfolded(window.right, window.left);
+                // the cone of sight: a positive cross product is a turn to the left
                 let is_right_of_left_end = window.to.perp(&place) < 0.0;
                 let is_left_of_right_end = window.from.perp(&place) > 0.0;
                 if is_right_of_left_end {
@@ -167,12 +169,14 @@ impl Beyond {
         let [p, q, r] = vertices.map(|v| surface.points()[v as usize]);
         let edge = q - p;
         let square = edge.norm_squared();
+        // both as shares of the edge: the projection on it, and twice the area over its square
         Self { twin, corner, along: (r - p).dot(&edge) / square, away: edge.cross(&(r - p)).norm() / square }
     }
 
     /// Returns the position of the corner in the plane, if the ends of the edge lie at `right` and `left`.
     fn unfolded(self, right: Vector2<f64>, left: Vector2<f64>) -> Vector2<f64> {
         let edge = left - right;
+        // (y, −x) is the edge turned clockwise, away from the viewer
         right + edge * self.along + Vector2::new(edge.y, -edge.x) * self.away
     }
 }

@@ -134,6 +134,7 @@ impl Marched<'_> {
         let [here, there] = [right.0, left.0].map(|v| self.distance[v as usize]);
         let side = (left.1 - right.1).norm();
         let direction = (left.1 - right.1) / side;
+        // the viewer, which is the origin, in the frame of the side: along it from its right end, and away from it
         let (x, y) = (-right.1.dot(&direction), right.1.perp(&direction).abs());
         let Some(crossing) = self.wave.across(here, there, side, x, y) else { return };
         let place = right.1 + direction * crossing.at;

@@ -31,6 +31,7 @@ impl View {
         let (edge, away) = (surface.points()[b as usize] - origin, here - origin);
         let length = edge.norm();
         let (x, y) = (away.dot(&edge) / length, edge.cross(&away).norm() / length);
+        // turned by half a turn around the viewer, so that the right end of the side is on the right
         let (right, left) = (Vector2::new(x, y), Vector2::new(x - length, y));
         Self { side: Side { half_edge, right: (a, right), left: (b, left) }, from: right, to: left, crossed: 0 }
     }
@@ -88,6 +89,7 @@ impl First {
 
 /// Returns where the line of sight to a point crosses a side.
 fn crossing(side: &Side, place: Vector2<f64>) -> Site {
+    // cross products with the line of sight are proportional to the distances of both ends from it
     let (right, left) = (side.right.1.perp(&place), place.perp(&side.left.1));
     let whole = right + left;
     let along = if whole > 0.0 { (right / whole).clamp(0.0, 1.0) } else { 0.5 };

@@ -19,6 +19,7 @@ impl Quadric {
     /// Creates the quadric of a plane from its unit normal and a point on it.
     fn plane(normal: Vector3<f64>, point: Vector3<f64>, weight: f64) -> Self {
         let offset = -normal.dot(&point);
+        // (n·p + offset)² = pᵀ n nᵀ p + 2 offset n·p + offset²
         Self { a: normal * normal.transpose() * weight, b: normal * (offset * weight), c: offset * offset * weight }
     }
 

@@ -36,6 +36,7 @@ fn within(spokes: &[Vector3<f64>]) -> Vec<[f64; 2]> {
     let angles: Vec<f64> = (0..count).map(|k| angle(&spokes[k], &spokes[(k + 1) % count])).collect();
     let scale = TAU / angles.iter().sum::<f64>();
     let tangents: Vec<f64> = angles.iter().map(|a| (0.5 * (scale * a).min(WIDEST)).tan()).collect();
+    // (tan α_(k−1)/2 + tan α_k/2)/|spoke| (Floater 2003)
     let raw = |k: usize| (tangents[(k + count - 1) % count] + tangents[k]) / spokes[k].norm();
     let sum: f64 = (0..count).map(raw).sum();
     (0..count).map(|k| [raw(k) / sum, 0.0]).collect()
@@ -56,6 +57,7 @@ fn beside(spokes: &[Vector3<f64>]) -> Vec<[f64; 2]> {
     let mean = places.iter().zip(&near).map(|(place, n)| place * (n / total)).sum::<Complex<f64>>();
     let spread: f64 = places.iter().zip(&near).map(|(place, n)| n * (place - mean).norm_sqr()).sum();
     let weight = |(place, n): (&Complex<f64>, &f64)| {
+        // least squares of z ↦ a + b z: at the apex, z = 0, it is the mean of the targets minus b times that of z
         let weight = Complex::new(n / total, 0.0) - mean * (place - mean).conj() * (n / spread);
         [weight.re, weight.im]
     };

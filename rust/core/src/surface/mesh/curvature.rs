@@ -55,6 +55,7 @@ fn bends(surface: &Surface) -> Vec<f64> {
         let [left, right] = [h, surface.twins()[h as usize]].map(|side| normals[side as usize / 3]);
         let length = along.norm();
         let turn = right.cross(&left).dot(&along); // sine of the angle · length
+        // the signed exterior angle from its sine and cosine, accurate for flat and for sharp edges
         let angle = if length > 0.0 { (turn / length).atan2(left.dot(&right)) } else { 0.0 };
         [a, b].iter().for_each(|&v| bend[v as usize] -= angle * length / 4.0);
     }

@@ -79,6 +79,7 @@ impl Stiffness {
             }
             control.check()?;
             let ap = applied(&p);
+            // α = rᵀz/pᵀAp, then β = r′ᵀz′/rᵀz (Hestenes & Stiefel 1952), column by column
             let alpha = over(rz, dot(&p, &ap));
             let before = rz;
             let batches = y.par_chunks_mut(BATCH).zip(r.par_chunks_mut(BATCH)).enumerate();
@@ -113,6 +114,7 @@ pub(crate) fn masses(points: &[Vector3<f64>], faces: &[[u32; 3]]) -> Vec<f64> {
     let mut mass = vec![0.0; points.len()];
     for face in faces {
         let [a, b, c] = face.map(|v| points[v as usize]);
+        // a third of half the cross product (lumped mass matrix)
         let third = (b - a).cross(&(c - a)).norm() / 6.0;
         face.iter().for_each(|&v| mass[v as usize] += third);
     }

@@ -44,6 +44,7 @@ impl Level {
     /// Returns the position of the level between a voxel (0) and its neighbour (1), if it lies there.
     pub fn between(&self, voxel: [i64; 3], neighbour: [i64; 3]) -> Option<f64> {
         let (a, b) = (self.at(voxel), self.at(neighbour));
+        // linear interpolation: the zero of a + t (b − a)
         (a * b < 0.0).then(|| a / (a - b))
     }
 
@@ -55,6 +56,7 @@ impl Level {
         for corner in 0..8 {
             let step = [corner & 1, corner >> 1 & 1, corner >> 2];
             let weight: f64 = (0..3).map(|a| if step[a] == 1 { part[a] } else { 1.0 - part[a] }).product();
+            // corners without weight may lie outside the image, where values are NaN
             if weight > 0.0 {
                 sum += weight * self.at(std::array::from_fn(|a| low[a] as i64 + step[a]));
             }
@@ -70,6 +72,7 @@ impl Level {
         let crossing = |n: usize| {
             let (a, b) = (values[n], values[n + 1]);
             let start = f64::from(n as i32 - STEPS);
+            // one step of regula falsi between two samples
             (a * b <= 0.0 && a != b).then(|| REACH * (start + a / (a - b)) / f64::from(STEPS))
         };
         (0..values.len() - 1).filter_map(crossing).min_by(|a, b| a.abs().total_cmp(&b.abs()))

@@ -248,6 +248,7 @@ impl Fit {
             count += 1;
             let apart = points[other as usize] - origin;
             let (u, v, height) = (apart.dot(&first), apart.dot(&second), apart.dot(&normal));
+            // moving least squares with a Gaussian weight (Levin 1998)
             let weight = (-0.5 * apart.norm_squared() / (self.sigma * self.sigma)).exp();
             let (uu, uv, vv) = (u * u, u * v, v * v);
             let powers =
@@ -259,12 +260,15 @@ impl Fit {
         }
         let moment = |[a, b]: [usize; 2], [c, d]: [usize; 2]| {
             let degree = a + b + c + d;
+            // powers of one degree follow those of lower degrees: d (d + 1)/2 come before
             moments[degree * (degree + 1) / 2 + b + d]
         };
         let mut matrix = Matrix6::from_fn(|i, j| moment(POWERS[i], POWERS[j]));
         for k in 0..6 {
+            // a ridge on curvature; one on height and slope only makes the matrix definite
             matrix[(k, k)] += if k < 3 { 1e-6 } else { self.ridge };
         }
+        // six unknowns need more than six nodes
         if count < 7 {
             return (0.0, normal);
         }
@@ -272,6 +276,7 @@ impl Fit {
             Some(factor) => {
                 let found = factor.solve(&right);
                 let [b, c] = [found[1], found[2]].map(|slope| slope.clamp(-STEEPEST, STEEPEST));
+                // (−b, −c, 1) in the frame of the tangent plane is normal to the fit at the node
                 (found[0], (normal - first * b - second * c).normalize())
             }
             None => (0.0, normal),

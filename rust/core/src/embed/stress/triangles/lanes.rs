@@ -55,6 +55,7 @@ impl<const OUTLIERS: bool> WithSimd for Energies<'_, OUTLIERS> {
                 halves[n] = 0.5 * jacobian.norm_squared();
                 growths[n] = jacobian.determinant();
             }
+            // apart from the loops around it, because a call of ln would keep them out of vector registers
             let logs = growths.map(f64::ln);
             let mut found = [0.0; LANES];
             let mut by_corners = [[0.0; LANES]; 6];
@@ -103,6 +104,7 @@ impl WithSimd for Farthest<'_> {
             for n in 0..LANES {
                 let (b0, c0) = (Vector2::new(at[0][n], at[1][n]), Vector2::new(at[2][n], at[3][n]));
                 let (b1, c1) = (Vector2::new(way[0][n], way[1][n]), Vector2::new(way[2][n], way[3][n]));
+                // (b₀ + t b₁) × (c₀ + t c₁) = 0: the area, quadratic in the step, vanishes (Smith & Schaefer 2015)
                 let [first, second] = roots(b1.perp(&c1), b0.perp(&c1) + b1.perp(&c0), b0.perp(&c0));
                 let least = if first > 0.0 && first < farthest[n] { first } else { farthest[n] };
                 farthest[n] = if second > 0.0 && second < least { second } else { least };
