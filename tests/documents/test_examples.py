@@ -12,6 +12,7 @@ import pytest
 from numpydoc.validate import validate
 
 import voxflat
+from voxflat.io.saved import Saved
 
 pv = pytest.importorskip("pyvista")
 pytest.importorskip("nilearn")
@@ -62,6 +63,15 @@ PUBLIC = public()
 def test_the_docstring_passes_all_checks_of_numpydoc(name):
     is_method = "." in PUBLIC[name].__qualname__  # its class says more, and leads on
     assert [error for error in validate(name)["errors"] if not (is_method and error[0] in OF_CLASSES)] == []
+
+
+def test_the_documentation_of_save_names_every_ending_that_it_writes():
+    things = [getattr(importlib.import_module(module), name) for module, names in NAMES.items() for name in names]
+    saved = [thing for thing in things if isinstance(thing, type) and issubclass(thing, Saved) and thing._endings]
+    assert len(saved) >= 7
+    for kind in saved:
+        assert [ending for ending in kind._endings if f"``{ending}``" not in kind.save.__doc__] == []
+        assert inspect.signature(kind.save) == inspect.signature(voxflat.FlatMap.save)
 
 
 def test_the_reference_lists_every_public_name():

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from voxflat.arguments import Progress, checked_path, printable
 from voxflat.errors import Cancelled, InputError
 from voxflat.io.channels import Timing
-from voxflat.io.files import atomic_directory, atomic_path, require, save_array
+from voxflat.io.files import atomic_directory, atomic_path, by_ending, require, save_array
 from voxflat.io.grid import LONG_NAMES, millimetres
 from voxflat.io.provenance import Record, as_text, portable
 from voxflat.io.volumes import write_volume
@@ -78,13 +78,9 @@ class Pages:
         return (*several, *([len(self.layers)] if self.layers else []))
 
 
-def write_image(path: str | os.PathLike[str], image: _Image, record: Record) -> None:
+def write_image(path: Path, image: _Image, record: Record) -> None:
     """Write a flat image to a file (completely or not at all); see `FlatImage.save`."""
-    path = checked_path(path)
-    write = next((write for ending, write in _WRITERS.items() if path.name.lower().endswith(ending)), None)
-    if write is None:
-        raise InputError(f"cannot save an image as {path.name}. Use a name that ends in {', '.join(IMAGE_ENDINGS)}")
-    write(path, image, record)
+    by_ending(path, _WRITERS)(path, image, record)
 
 
 def _placed(image: _Image) -> tuple[NDArray[np.float64], bool]:
