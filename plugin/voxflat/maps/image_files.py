@@ -4,6 +4,7 @@ import gzip
 import json
 import os
 import textwrap
+from abc import abstractmethod
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import chain
@@ -19,7 +20,7 @@ from voxflat.errors import Cancelled, InputError
 from voxflat.io.channels import Timing
 from voxflat.io.files import atomic_directory, atomic_path, by_ending, require, save_array
 from voxflat.io.grid import LONG_NAMES, millimetres
-from voxflat.io.provenance import Record, as_text, portable
+from voxflat.io.provenance import Record, Recorded, as_text, portable, saving
 from voxflat.io.volumes import write_volume
 from voxflat.maps.colours import WINDOW, all_whole, label_colours, levels
 
@@ -154,6 +155,63 @@ def write_stack(path: str | os.PathLike[str], pages: Pages, record: Record, prog
     values = (_measured(image.data).astype("<f4", copy=False) for image in images)
     with atomic_directory(path) if write is _write_zarr else atomic_path(path) as temporary:
         write(temporary, pages, first, reporting(values, pages.count, path.name, progress), record)
+
+
+class SavedPages(Recorded):
+    """Base class of images that are saved to one file."""
+
+    def save(
+        self,
+        path: str | os.PathLike[str],
+        *,
+        sidecar: bool = False,
+        overwrite: bool = False,
+        progress: Progress | None = None,
+    ) -> None:
+        """Save all images to one file.
+
+        Images are sampled and written one by one, after the volumes of all frames have been checked. The file is
+        written either completely or not at all.
+
+        Parameters
+        ----------
+        path : path
+            ``.tif`` and ``.tiff`` are OME-TIFF files with one page per image; depths are slices (Z), and the axes of a
+            movie are TCZYX. ``.nii`` and ``.nii.gz`` files have shape (H, W, D) for D depths or (H, W, D, K) for K
+            channels, or K frames of a single channel, with the names in a header extension (JSON). ``.zarr`` is a new
+            OME-Zarr 0.4 directory with one chunk per image, y = −v and x = u. These formats store the pixel size and
+            the distance between evenly spaced depths and, for series, the time between frames in seconds. ``.npy`` has
+            shape (K, H, W), (D, H, W) or (K, D, H, W), or that of `FlatMovie.data`, and no names. Values are float32,
+            with NaN outside the map. All formats except ``.npy`` include `provenance`.
+        sidecar, overwrite : bool
+            As in `FlatImage.save`; directories are never replaced.
+        progress : callable, optional
+            Called as ``progress(stage, done, total)`` after each image. If it returns False, nothing is written.
+
+        Raises
+        ------
+        InputError
+            If the file extension is not supported (``.png`` holds one image), the format cannot hold the values, the
+            path is an input file, or the volumes of the frames differ in shape or number of channels.
+        Cancelled
+            If `progress` returned False.
+        OSError
+            If the file cannot be written.
+        """
+        record = self._checked(progress)
+        with saving(path, record, sidecar=sidecar, overwrite=overwrite):
+            write_stack(path, self._pages, record, progress)
+
+    def _checked(self, progress: Progress | None) -> Record:
+        """Check the images before the file is written; return the record that it stores."""
+        own: Any = self
+        record: Record = own.provenance
+        return record
+
+    @property
+    @abstractmethod
+    def _pages(self) -> Pages:
+        """The images and their axes, as files describe them."""
 
 
 def reporting(images: Iterator[_T], count: int, name: str, progress: Progress | None) -> Iterator[_T]:

@@ -1,7 +1,6 @@
 """Flat maps as images: pixels in mm, their values, and their positions on the surface."""
 
 import math
-import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -14,10 +13,10 @@ from numpy.typing import NDArray
 from voxflat.arguments import Progress, checked_choice, checked_number, is_whole, numbers_of, shown
 from voxflat.errors import Cancelled, InputError
 from voxflat.io.channels import Channels, Timing
-from voxflat.io.provenance import Record, Recorded, saving
+from voxflat.io.provenance import Record
 from voxflat.io.saved import Saved
 from voxflat.maps.colours import are_labels, coloured
-from voxflat.maps.image_files import IMAGE_ENDINGS, Pages, write_image, write_stack
+from voxflat.maps.image_files import IMAGE_ENDINGS, Pages, SavedPages, write_image
 from voxflat.maps.sampling import INTERPOLATIONS, Mixing, majority
 from voxflat.read_only import ReadOnly
 
@@ -280,7 +279,7 @@ def rows_of_period(image: FlatImage | Raster, rows: int) -> NDArray[np.int64]:
 
 
 @dataclass(frozen=True, eq=False)
-class FlatStack(Sequence[FlatImage], ReadOnly, Recorded):
+class FlatStack(Sequence[FlatImage], ReadOnly, SavedPages):
     """Images with the same pixels on a flat map, one for each channel or frame.
 
     Each image is sampled on demand.
@@ -454,51 +453,6 @@ class FlatStack(Sequence[FlatImage], ReadOnly, Recorded):
             own = {"channel": of} if layer is None else {"channel": of, "layer": self.layers[layer]}
             record = {**record, "parameters": {**record["parameters"], **own}}
         return FlatImage(self.channels.read(n), self.pixel_size, self.origin, name, provenance=record, unit=self.unit)
-
-    def save(
-        self,
-        path: str | os.PathLike[str],
-        *,
-        sidecar: bool = False,
-        overwrite: bool = False,
-        progress: Progress | None = None,
-    ) -> None:
-        """Save all images to one file.
-
-        Images are sampled and written one by one. The file is written either completely or not at all.
-
-        Parameters
-        ----------
-        path : path
-            ``.tif`` and ``.tiff`` are OME-TIFF files with one page per image; depths are slices (Z). ``.nii`` and
-            ``.nii.gz`` files have shape (H, W, D) for D depths or (H, W, D, K) for K channels, with the names in a
-            header extension (JSON). ``.zarr`` is a new OME-Zarr 0.4 directory with one chunk per image, y = −v and x =
-            u. These formats store the pixel size and the distance between evenly spaced depths and, for series, the
-            time between frames in seconds. ``.npy`` has shape (K, H, W), (D, H, W) or (K, D, H, W), and no names.
-            Values are float32, with NaN outside the map. All formats except ``.npy`` include `provenance`.
-        sidecar, overwrite : bool
-            As in `FlatImage.save`; directories are never replaced.
-        progress : callable, optional
-            Called as ``progress(stage, done, total)`` after each image. If it returns False, nothing is written.
-
-        Raises
-        ------
-        InputError
-            If the file extension is not supported (``.png`` holds one image), the format cannot hold the values, or the
-            path is an input file.
-        Cancelled
-            If `progress` returned False.
-        OSError
-            If the file cannot be written.
-
-        Examples
-        --------
-        >>> flat_map = voxflat.samples.hill().flatten()
-        >>> frames = flat_map.images(np.arange(1764.0).reshape(441, 4), pixel_size=1.0)
-        >>> frames.save("frames.nii.gz")
-        """
-        with saving(path, self.provenance, sidecar=sidecar, overwrite=overwrite):
-            write_stack(path, self._pages, self.provenance, progress)
 
     @property
     def _pages(self) -> Pages:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, overload
@@ -13,15 +12,15 @@ from numpy.typing import NDArray
 from voxflat.arguments import Progress
 from voxflat.errors import Cancelled
 from voxflat.io.channels import Timing
-from voxflat.io.provenance import Record, Recorded, saving
+from voxflat.io.provenance import Record
 from voxflat.io.reading import reading
-from voxflat.maps.image_files import Pages, write_stack
+from voxflat.maps.image_files import Pages, SavedPages
 from voxflat.maps.raster import FlatImage, FlatStack
 from voxflat.read_only import ReadOnly
 
 
 @dataclass(frozen=True, eq=False)
-class FlatMovie(Sequence[FlatStack], ReadOnly, Recorded):
+class FlatMovie(Sequence[FlatStack], ReadOnly, SavedPages):
     """Images of all frames of a series, with the same pixels.
 
     ``movie[t]`` holds the channels and depths of frame t. Frames are read and sampled on demand.
@@ -115,52 +114,14 @@ class FlatMovie(Sequence[FlatStack], ReadOnly, Recorded):
         axes = (self.channel_names, self.layers, self.heights, self.frames)
         return Pages(_Images(self, len(own)), names, *axes, self.timing, self.name)
 
-    def save(
-        self,
-        path: str | os.PathLike[str],
-        *,
-        sidecar: bool = False,
-        overwrite: bool = False,
-        progress: Progress | None = None,
-    ) -> None:
-        """Save all images to one file.
-
-        All volumes are checked first. Images are then sampled and written frame by frame, so that memory holds a single
-        frame. The file is written either completely or not at all.
-
-        Parameters
-        ----------
-        path : path
-            Files as in `FlatStack.save`. ``.tif`` and ``.tiff`` are OME-TIFF files with the axes TCZYX. ``.zarr`` and
-            ``.npy`` have the axes of `data`. ``.nii`` and ``.nii.gz`` hold a single channel.
-        sidecar, overwrite : bool
-            As in `FlatImage.save`; directories are never replaced.
-        progress : callable, optional
-            Called as ``progress(stage, done, total)`` after each image. If it returns False, nothing is written.
-
-        Raises
-        ------
-        InputError
-            If the volumes differ in shape or number of channels, or as in `FlatStack.save`.
-        Cancelled
-            If `progress` returned False.
-        OSError
-            If the file cannot be written.
-
-        Examples
-        --------
-        >>> hill = voxflat.samples.hill()
-        >>> series = voxflat.flatten_series([hill, (1.1 * hill.points, hill.faces)])
-        >>> series.images(metric=True).save("stretches.ome.tif")
-        """
+    def _checked(self, progress: Progress | None) -> Record:
+        """Check the volumes of all frames; return the record with the files that were read."""
         with reading() as files:
             for frame in range(len(self)):
                 self.check(frame)
                 if progress is not None and progress("checking the volumes", frame + 1, len(self)) is False:
                     raise Cancelled("cancelled while checking the volumes")
-        record = {**self.provenance, "files": {**self.provenance.get("files", {}), **files}}
-        with saving(path, record, sidecar=sidecar, overwrite=overwrite):
-            write_stack(path, self._pages, record, progress)
+        return {**self.provenance, "files": {**self.provenance.get("files", {}), **files}}
 
 
 @dataclass(frozen=True)
