@@ -6,6 +6,8 @@ import pyvista as pv
 
 from voxflat.maps.depth import Depths
 from voxflat.maps.raster import at_points
+from voxflat.maps.sampling import Sampling
+from voxflat.maps.sources import source_of
 
 C_RAS = (3.0, -17.0, 22.0)
 CONFORMED = ((-1.0, 0.0, 0.0), (0.0, 0.0, -1.0), (0.0, 1.0, 0.0))  # xras, yras, zras
@@ -41,7 +43,8 @@ def to_scanner(points, of):
 
 def at_vertices(m, volume, **how):
     """Sample as `FlatMap.image` does, by pixels that lie at the vertices."""
-    return m._triangles.on_surface.image(at_points(len(m)), volume, depths=Depths.of(**how)).data[:, 0]
+    source = source_of(m._triangles.on_surface, volume)
+    return source.image(at_points(len(m)), Sampling(Depths.of(**how), "mean")).data[:, 0]
 
 
 def footer(of, valid="1  # volume info valid"):

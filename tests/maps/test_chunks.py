@@ -87,7 +87,7 @@ def test_only_chunks_that_the_surface_touches_are_read(m, values):
     """By an oracle of its own: the chunks of the eight voxels around every place."""
     counting = Counting(values, CHUNKS)
     m.image(Volume(counting, GRID), 0.4, fraction=0.5)
-    (places,) = m._triangles.on_surface._in_world(m.raster(0.4), voxflat.maps.depth.Depths.of(fraction=0.5))
+    (places,) = m._triangles.on_surface.in_scanner(m.raster(0.4), voxflat.maps.depth.Depths.of(fraction=0.5))
     at = np.floor(nib.affines.apply_affine(np.linalg.inv(GRID), places[m.raster(0.4).inside])).astype(int)
     touched = {tuple(corner // CHUNKS) for offset in np.ndindex(2, 2, 2) for corner in at + offset}
     assert set(counting.read) == touched

@@ -13,7 +13,7 @@ from refusals import refused
 
 import voxflat
 from voxflat.io import chunks
-from voxflat.maps import sampler
+from voxflat.maps import sources
 from voxflat.maps.depth import uncrossed
 
 RADIUS, SIZES, SHAPE = 12.0, (0.5, 0.5, 1.0), (70, 72, 36)  # µm; x, y, z
@@ -81,7 +81,7 @@ def test_a_large_stack_is_sampled_in_parts_with_the_same_result(stacks, flat, na
     how = {"pixel_size": 0.5, "depth": DEPTHS}
     whole, largest = flat.images(stacks / name, **how).data, flat.images(stacks / name, projection="max", **how).data
     monkeypatch.setattr(chunks, "_WHOLE", 0)
-    monkeypatch.setattr(sampler, "_BATCH", 1000)
+    monkeypatch.setattr(sources, "_BATCH", 1000)
     channels, _, _ = chunks.chunked_of(stacks / name)
     assert isinstance(channels.read(1), chunks.Chunked)
     np.testing.assert_allclose(flat.images(stacks / name, **how).data, whole, rtol=1e-12)

@@ -15,7 +15,7 @@ from voxflat.errors import InputError
 from voxflat.io.provenance import Record, telling
 from voxflat.maps.plane import FlatTriangles, Planar
 from voxflat.maps.raster import FlatImage
-from voxflat.maps.sampler import Sampler, usual_spacing
+from voxflat.maps.surface_points import SurfacePoints
 from voxflat.maps.textures.textured import TexturedSurface
 
 
@@ -81,7 +81,7 @@ class FlatPage(Planar):
 
         It is half of the typical edge or voxel size, and at most half of the gap.
         """
-        half = usual_spacing(self.atlas.origin, self.uv, self.atlas.uv_faces) / 2
+        half = self._triangles.spacing / 2
         return min(half, self.gap / 2) if self.gap > 0 else half
 
     @cached_property
@@ -90,7 +90,7 @@ class FlatPage(Planar):
         of, count = self.atlas, len(self.atlas.faces)
         rows = of.faces.ravel()
         faces = np.arange(3 * count, dtype=np.uint32).reshape(-1, 3)
-        on_surface = Sampler(of.points[rows], of.normals[rows], of.ids[rows], of.origin, faces)
+        on_surface = SurfacePoints(of.points[rows], of.normals[rows], of.ids[rows], of.origin, faces)
         torn = np.zeros(count, dtype=np.bool_)
         return FlatTriangles(self.corners.reshape(-1, 2), faces, torn, on_surface, of.piece_ids)
 

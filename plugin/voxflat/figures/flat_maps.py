@@ -21,6 +21,8 @@ from voxflat.maps.flat_map import FlatMap
 from voxflat.maps.lines import outline
 from voxflat.maps.parcels import Parcels, parcels_of
 from voxflat.maps.raster import FlatImage, Raster
+from voxflat.maps.sampling import Sampling
+from voxflat.maps.sources import source_of, vertex_channels
 
 UNDERLAYS = ("curvature", "sulcal depth", "none")  # measures that can show the folds
 
@@ -204,7 +206,7 @@ class _Side:
         self.raster = self.flat_map.raster(page.pixel_size)
         self.has_volume = False
         self._number, self._count, self._depths = number, count, depths
-        self._sampler = self.flat_map._triangles.on_surface
+        self._surface = self.flat_map._triangles.on_surface
         self.image = None if overlay is None else self._sampled(overlay, interpolation=overlay.interpolation)
         strength = None if overlay is None else overlay.strength
         self.strength = None if strength is None else self._sampled(Overlay._of(strength, count))
@@ -221,14 +223,14 @@ class _Side:
         return values[self._number] if is_each else values
 
     def _depths_of(self, values: object) -> Depths:
-        is_volume = not are_label_files(values) and not self._sampler.is_overlay(values)
+        is_volume = not are_label_files(values) and vertex_channels(self._surface, values) is None
         self.has_volume |= is_volume
         return self._depths if is_volume else ON_SURFACE
 
     def _sampled(self, overlay: Overlay, interpolation: str | None = None) -> FlatImage:
         values = self._own(overlay.values)
-        how: dict[str, Any] = {"interpolation": interpolation, "period": overlay.period}
-        return self._sampler.image(self.raster, values, channel=overlay.channel, depths=self._depths_of(values), **how)
+        sampling = Sampling(self._depths_of(values), "mean", interpolation, overlay.period)
+        return source_of(self._surface, values).image(self.raster, sampling, channel=overlay.channel)
 
 
 def _full(sides: list[_Side], opacity: Any) -> float | None:

@@ -1,7 +1,7 @@
 """Movies of a series on the flat map: folds, data over them, a fixed colour scale, and the time."""
 
 from collections.abc import Sequence
-from typing import Any, overload
+from typing import overload
 
 import numpy as np
 from matplotlib.font_manager import findfont
@@ -17,6 +17,8 @@ from voxflat.maps.depth import Depths
 from voxflat.maps.flat_map import FlatMap
 from voxflat.maps.lines import outline
 from voxflat.maps.raster import FlatImage, FlatStack
+from voxflat.maps.sampling import Sampling
+from voxflat.maps.sources import source_of
 
 _WIDTH = 120.0  # width of a frame on paper, mm: fonts of 6.5 points are 24 pixels high in a frame of 1,280 pixels
 _SIZES = (320, 3840)
@@ -199,16 +201,13 @@ def movie(
         raise InputError(f"opacity is {shown(opacity)}. Pass a number from 0 to 1")
     page = Page.of(maps, _WIDTH, title, head=True, pixels=int(size))
     depths = Depths.of(depth, fraction, layering)
-    how: dict[str, Any] = {
-        "interpolation": of.interpolation or "linear",
-        "time_step": of.time_step,
-        "projection": "mean",
-    }
+    sampling = Sampling(depths, "mean", of.interpolation or "linear")
     values = of.values if len(maps) > 1 and isinstance(of.values, list | tuple) else [of.values] * len(maps)
     stacks = []
     for own, panel in zip(values, page.panels, strict=True):
         raster = panel.flat_map.raster(page.pixel_size)
-        stack = panel.flat_map._triangles.on_surface.images(raster, own, depths=depths, **how)
+        source = source_of(panel.flat_map._triangles.on_surface, own)
+        stack = source.stack(raster, sampling, time_step=of.time_step)
         _check_series(stack)
         panel.image(folds(panel.flat_map, raster, underlay), raster, "curvature")
         stacks.append(stack.percent_change(progress) if change else stack)

@@ -9,7 +9,7 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +25,24 @@ _NIFTI_OR_MGH = (".nii", ".nii.gz", ".mgh", ".mgz")
 _BLOCK = 64  # frames read at once if a file stores them point by point
 _LARGEST_LABEL = 2**31 - 1
 _SECONDS = {"sec": 1.0, "msec": 1e-3, "usec": 1e-6}
+
+_Key = TypeVar("_Key")
+_Result = TypeVar("_Result")
+
+
+class LastKept(Generic[_Key, _Result]):
+    """A function that keeps its last result, so that memory holds a single one."""
+
+    def __init__(self, function: Callable[[_Key], _Result]) -> None:
+        self._function = function
+        self._kept: dict[_Key, _Result] = {}
+
+    def __call__(self, key: _Key) -> _Result:
+        """Return the result for a key."""
+        if key not in self._kept:
+            self._kept.clear()
+            self._kept[key] = self._function(key)
+        return self._kept[key]
 
 
 def distinct_names(names: Sequence[str]) -> tuple[str, ...]:
@@ -250,15 +268,11 @@ def _cifti(image: Any, points: int, structure: str | None) -> Channels:
         names = tuple(f"{maps.start + n * maps.step:g} {maps.unit.lower()}" for n in range(maps.size))
         timing = Timing.told(maps.step, maps.start) if maps.unit == "SECOND" else None
     start, stop = part.start or 0, part.stop or image.shape[1]
-    held: dict[int, NDArray[Any]] = {}
     stored = _kept_open(image)
+    block: LastKept[int, NDArray[Any]] = LastKept(lambda first: np.asarray(stored[first : first + _BLOCK, start:stop]))
 
     def read(n: int) -> NDArray[Any]:
-        first = n - n % _BLOCK
-        if first not in held:
-            held.clear()
-            held[first] = np.asarray(stored[first : first + _BLOCK, start:stop])
-        values = held[first][n - first]
+        values = block(n - n % _BLOCK)[n % _BLOCK]
         if kind == "LabelAxis":
             labels = np.zeros(points, dtype=np.int64)
             labels[model.vertex] = _whole(values)

@@ -19,7 +19,6 @@ from voxflat.io.files import REMEDY, atomic_path, contents, naming
 from voxflat.io.formats.freesurfer import read_annot
 from voxflat.io.formats.gifti import value_bytes
 from voxflat.io.meshes import is_mesh_name
-from voxflat.io.overlays import read_overlay
 from voxflat.io.provenance import portable
 from voxflat.io.reading import hash_of
 from voxflat.lab.freshness import request, write_json
@@ -28,6 +27,8 @@ from voxflat.lab.results import Results, read_record, sealed
 from voxflat.maps.depth import ON_SURFACE, Depths
 from voxflat.maps.flat_map import FlatMap
 from voxflat.maps.sampling import sample
+from voxflat.maps.sources import vertex_channels
+from voxflat.maps.volume_place import placed
 from voxflat.pipeline.surface import Surface, surface
 from voxflat.surfaces.cut_sides import one_point_a_vertex
 from voxflat.surfaces.standard.sphere import OWN_REGISTRATION
@@ -156,23 +157,23 @@ def _measures(flat_map: FlatMap) -> dict[str, NDArray[np.float64]]:
 
 def _overlays(flat_map: FlatMap, hemisphere: Hemisphere) -> dict[str, NDArray[np.float64]]:
     """Return the overlays at every point of the map; volumes are sampled in the middle of the cortex if it is known."""
-    sampler = flat_map._triangles.on_surface
+    surface = flat_map._triangles.on_surface
     in_cortex = flat_map.white_points is not None and flat_map.pial_points is not None
     depths = Depths.of(0.0, 0.5, "equivolume") if in_cortex else ON_SURFACE
     found = {}
     for name, path in hemisphere.overlays.items():
-        if sampler.is_overlay(path):
-            values = read_overlay(path, sampler.origin.mesh.vertices, structure=sampler.origin.structure)
-            if values.ndim > 1:
-                raise InputError(f"the overlay {path} has {values.shape[1]} maps. {_ONE}")
-            found[name] = values[flat_map.ids].astype(np.float64)
+        channels = vertex_channels(surface, path)
+        if channels is not None:
+            if len(channels) > 1:
+                raise InputError(f"the overlay {path} has {len(channels)} maps. {_ONE}")
+            found[name] = channels.read(0)[flat_map.ids].astype(np.float64)
         else:
             with naming(path, REMEDY):
                 series = series_of(path)
             if series is not None:
                 raise InputError(f"the overlay {path} has {len(series[0])} frames. {_ONE}")
-            (points,) = sampler.at(depths)
-            found[name] = sample(sampler.placed(path), flat_map.space.to_scanner(points))
+            (points,) = surface.at(depths)
+            found[name] = sample(placed(surface, path), flat_map.space.to_scanner(points))
             if found[name].ndim > 1:
                 raise InputError(f"the overlay {path} has colours or several volumes. Pass one volume of values")
         if not np.isfinite(found[name]).any():

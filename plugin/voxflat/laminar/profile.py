@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,7 +11,6 @@ from voxflat.arguments import checked_choice
 from voxflat.display import shown_by
 from voxflat.errors import InputError
 from voxflat.io.channels import distinct_names
-from voxflat.io.files import REMEDY, naming
 from voxflat.io.notebook import page
 from voxflat.io.provenance import Record
 from voxflat.io.saved import Saved
@@ -20,8 +18,10 @@ from voxflat.io.tables import aligned, cell_of, write_table
 from voxflat.laminar.painting import on_map
 from voxflat.maps.colours import all_whole
 from voxflat.maps.regions import Regions
-from voxflat.maps.sampler import Sampler
-from voxflat.maps.sampling import Coverage, are_centres, sample, series_sampling
+from voxflat.maps.sampling import Coverage, Sampling, SharedWeights, are_centres, sample
+from voxflat.maps.sources import VolumeSource
+from voxflat.maps.surface_points import SurfacePoints
+from voxflat.maps.volume_place import warn_of_extent
 from voxflat.read_only import ReadOnly
 
 PROFILE_ENDINGS = (".tsv", ".csv")  # of the files of `Profile.save`
@@ -192,7 +192,7 @@ class Groups:
     of: NDArray[np.int64]  # (G,), numbers from 0; -1 outside all regions
 
 
-def groups_of(regions: object, voxels: Sampler, halfway: NDArray[np.float64]) -> Groups:
+def groups_of(regions: object, voxels: SurfacePoints, halfway: NDArray[np.float64]) -> Groups:
     """Return the regions of voxels of grey matter; `halfway` are points of the middle surface on their columns."""
     if regions is None:
         return Groups((1,), (_GREY,), np.zeros(len(voxels.points), dtype=np.int64))
@@ -206,13 +206,13 @@ def groups_of(regions: object, voxels: Sampler, halfway: NDArray[np.float64]) ->
     return Groups(tuple(keys.tolist()), tuple(map(str, keys.tolist())), of)
 
 
-def _labels(regions: object, voxels: Sampler) -> NDArray[np.int64]:
+def _labels(regions: object, voxels: SurfacePoints) -> NDArray[np.int64]:
     """Return the labels of voxels in a mask or a volume of labels, shape (G,)."""
-    channels, placed, _ = voxels.volumes(regions)
-    if len(channels) > 1:
-        raise InputError(f"the regions consist of {len(channels)} volumes. Pass a single volume of labels")
-    volume = placed(channels.read(0))
-    voxels.doubt_extent(volume)
+    source = VolumeSource.of(voxels, regions)
+    if len(source.channels) > 1:
+        raise InputError(f"the regions consist of {len(source.channels)} volumes. Pass a single volume of labels")
+    volume = source.volume(0)
+    warn_of_extent(voxels, volume)
     if volume.data.ndim != 3:
         raise InputError(f"the regions have shape {volume.data.shape}, as for colours. Pass a volume of labels")
     found = np.nan_to_num(sample(volume, voxels.points, "nearest"), nan=0.0)
@@ -225,9 +225,9 @@ def _labels(regions: object, voxels: Sampler) -> NDArray[np.int64]:
     return np.asarray(found.astype(np.int64))
 
 
-def _drawn(regions: Regions, voxels: Sampler, halfway: NDArray[np.float64]) -> Groups:
+def _drawn(regions: Regions, voxels: SurfacePoints, halfway: NDArray[np.float64]) -> Groups:
     """Return the regions on a map that contain the columns of voxels."""
-    uv, is_on = on_map(regions.of, halfway, voxels.affine, voxels.space)
+    uv, is_on = on_map(regions.of, halfway, voxels.affine, voxels.origin.space)
     if not is_on.any():
         raise InputError(
             "no column of grey matter lies on the map of the regions. Draw regions on a map of rim.surface"
@@ -245,7 +245,7 @@ def _drawn(regions: Regions, voxels: Sampler, halfway: NDArray[np.float64]) -> G
 
 def profile_of(
     volume: object,
-    voxels: Sampler,
+    voxels: SurfacePoints,
     groups: Groups,
     layers: Layers,
     channel: int | str | None,
@@ -256,32 +256,28 @@ def profile_of(
         checked_choice(interpolation, "interpolation", _INTERPOLATIONS)
     inside = groups.of >= 0
     group, bins = groups.of[inside], groups.of[inside] * layers.count + layers.of[inside]
-    channels, placed, path = voxels.volumes(volume)
-    points = voxels.points[inside]
-    sampled = way = None
-    numbers = range(len(channels))
-    if channel is not None:
-        with naming(path or type(volume).__name__, REMEDY):
-            numbers = range(found := channels.find(channel), found + 1)
+    source, points = VolumeSource.of(voxels, volume), voxels.points[inside]
+    weights, sampling = SharedWeights([points]), None
+    numbers = range(len(source.channels)) if channel is None else [source.number(channel)]
     parts = []
     for number in numbers:
-        frame = placed(channels.read(number))
-        if sampled is None:
-            voxels.doubt_extent(frame)
-            way = "nearest" if are_centres(frame, points) else interpolation  # ignores NaN in the voxels around
-            sampled = series_sampling([points], "mean", Coverage())
-        values = sampled(frame, way)
+        frame = source.volume(number)
+        if sampling is None:
+            warn_of_extent(voxels, frame)
+            # the nearest voxel ignores NaN in the voxels around
+            sampling = Sampling(interpolation="nearest" if are_centres(frame, points) else interpolation)
+        values = weights.sample(frame, sampling, Coverage())
         if values.ndim != 1:
             raise InputError("the volume contains colours, which have no mean. Pass a volume with one value per voxel")
         parts.append(_statistics(values, bins, group, (len(groups.keys), layers.count)))
     mean, sd, counts, missing = (np.stack(part, axis=-1) for part in zip(*parts, strict=True))
     if not counts.any():
         raise InputError("the volume has no finite values in the grey matter of the regions. Check its affine")
-    names = distinct_names(channels.names) if len(parts) > 1 else ()
+    names = distinct_names(source.channels.names) if len(parts) > 1 else ()
     if not names:
         mean, sd, counts, missing = mean[..., 0], sd[..., 0], counts[..., 0], missing[..., 0]
     depths = (np.arange(layers.count) + 0.5) / layers.count
-    title = "" if path is None else Path(path).name
+    title = "" if source.path is None else source.path.name
     return Profile(groups.keys, groups.names, depths, mean, sd, counts, missing, layers.layering, names, title)
 
 

@@ -26,7 +26,7 @@ from voxflat.laminar.profile import Layers, Profile, groups_of, profile_of
 from voxflat.maps.colours import all_whole
 from voxflat.maps.depth import LAYERINGS, checked_layers, vertex_areas
 from voxflat.maps.flat_map import FlatMap, check_background
-from voxflat.maps.sampler import Sampler
+from voxflat.maps.surface_points import SurfacePoints
 from voxflat.pipeline.surface import Surface
 from voxflat.read_only import ReadOnly
 from voxflat.surfaces.foreground import foreground_of
@@ -301,13 +301,13 @@ class Rim(ReadOnly, Recorded):
         >>> rim.profile(rim.depth(), count=4).mean.round(1)
         array([[0.1, 0.4, 0.6, 0.9]])
         """
-        at = Sampler(
+        at = SurfacePoints(
             points=self.labels.places(self.labels.grey),
             normals=np.empty((0, 3)),
             ids=self.labels.grey + self.labels.first,
             origin=self.surface.origin,
             faces=np.empty((0, 3), dtype=np.uint32),
-            of="rim",
+            called="rim",
         )
         layers = Layers(self._layer(count, layering), count, layering)
         return profile_of(volume, at, groups_of(regions, at, self.values.halfway), layers, channel, interpolation)

@@ -113,7 +113,7 @@ def regions_of(of: Planar, rois: object, *, layer: str, pixel_size: float | None
             return _drawn(of, _read_polygons(path))
         if name.endswith(_IMAGES):
             with naming(path, REMEDY):
-                data, size = _read_image(path, of._triangles.on_surface.unit)
+                data, size = _read_image(path, of._triangles.on_surface.origin.unit)
                 return _pixels(of, data, pixel_size or size)
         raise InputError(f"{path}: unsupported file type. Pass regions as .svg, .json, {', '.join(_IMAGES)}")
     if isinstance(rois, FlatImage):

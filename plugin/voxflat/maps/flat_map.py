@@ -31,7 +31,7 @@ from voxflat.maps.map_files import mesh_of_vertices, read_map, write_map
 from voxflat.maps.plane import FlatTriangles, Planar
 from voxflat.maps.raster import FlatImage
 from voxflat.maps.regions import Regions
-from voxflat.maps.sampler import Sampler, usual_spacing
+from voxflat.maps.surface_points import SurfacePoints
 from voxflat.maps.textures.pictures import as_picture, check_cover, check_values, place, values_at
 from voxflat.maps.textures.textured import TexturedSurface
 from voxflat.surfaces.cuts import Cut
@@ -186,7 +186,7 @@ class FlatMap(Planar, Saved):
     @cached_property
     def _triangles(self) -> FlatTriangles:
         cortex = (self.white_points, self.pial_points)
-        on_surface = Sampler(self.points, self.normals, self.ids, self.origin, self.faces, *cortex)
+        on_surface = SurfacePoints(self.points, self.normals, self.ids, self.origin, self.faces, *cortex)
         return FlatTriangles(self.uv, self.faces, self.torn, on_surface, period=self.period)
 
     @property
@@ -210,13 +210,13 @@ class FlatMap(Planar, Saved):
         """The shape of the flattened volume. It is not available for maps of meshes."""
         return self._triangles.on_surface.volume_shape
 
-    @cached_property
+    @property
     def spacing(self) -> float:
         """The typical distance between neighbouring points, in mm.
 
         For voxels, it is the geometric mean of the three spacings.
         """
-        return usual_spacing(self.origin, self.uv, self.faces)
+        return self._triangles.spacing
 
     @property
     def pixel_size(self) -> float:

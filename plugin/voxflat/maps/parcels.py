@@ -16,6 +16,8 @@ from voxflat.maps.depth import ON_SURFACE, Depths
 from voxflat.maps.flat_map import FlatMap
 from voxflat.maps.lines import borders, region_corners
 from voxflat.maps.raster import Raster, at_points
+from voxflat.maps.sampling import Sampling
+from voxflat.maps.sources import source_of
 
 _NONE = -1
 
@@ -68,15 +70,15 @@ def parcels_of(flat_map: FlatMap, labels: object, *, table: object = None, depth
     takes the label of the nearest voxel or, at several depths, the most frequent label among the surrounding voxels.
     `table` provides names and colours that the file does not contain.
     """
-    sampler, way = flat_map._triangles.on_surface, "nearest" if len(depths) == 1 else "majority"
-    if are_label_files(labels) and not sampler.is_voxels:
+    surface, way = flat_map._triangles.on_surface, "nearest" if len(depths) == 1 else "majority"
+    if are_label_files(labels) and not surface.origin.is_voxels:
         paths: Any = labels if isinstance(labels, list | tuple) else [labels]
         for path in paths:
-            check_partner(path, sampler.origin)
+            check_partner(path, surface.origin)
         if table is not None:
             raise InputError("label files have their own names, so a table does not apply. Omit the table")
-        labels, table = label_files(paths, sampler.origin.mesh.vertices)
-    stack = sampler.images(at_points(len(flat_map)), labels, depths=depths, projection="mean", interpolation=way)
+        labels, table = label_files(paths, surface.origin.mesh.vertices)
+    stack = source_of(surface, labels).stack(at_points(len(flat_map)), Sampling(depths, "mean", way))
     number = stack.channels.find(None)  # a file with several channels fails here
     values: NDArray[Any] = stack[number].data
     file = f"{labels}: " if isinstance(labels, str | os.PathLike) else ""

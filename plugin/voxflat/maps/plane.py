@@ -1,10 +1,9 @@
 """Features shared by maps and atlas pages: pixels, the data that they show, and lookups on the surface."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,11 +11,14 @@ from numpy.typing import ArrayLike, NDArray
 from voxflat import _core
 from voxflat.arguments import checked_number, log, numbers_of, shown
 from voxflat.errors import InputError
+from voxflat.io.grid import voxel_size
 from voxflat.io.provenance import Record, telling
 from voxflat.maps.depth import Depths
 from voxflat.maps.metric import Metric
 from voxflat.maps.raster import FlatImage, FlatStack, Raster
-from voxflat.maps.sampler import Sampler
+from voxflat.maps.sampling import Sampling
+from voxflat.maps.sources import source_of
+from voxflat.maps.surface_points import SurfacePoints
 from voxflat.read_only import ReadOnly
 
 _FACTORS = {"mm": {"µm": 1e-3, "m": 1e3}, "µm": {"mm": 1e3, "nm": 1e-3}, "m": {"mm": 1e-3}}  # likely wrong units
@@ -75,7 +77,7 @@ class FlatTriangles(ReadOnly):
         The triangles.
     torn : ndarray of bool, shape (F,)
         Mask of the triangles whose corners are not connected on the surface; they show the nearest corner.
-    on_surface : Sampler
+    on_surface : SurfacePoints
         The same N points on the surface.
     piece_ids : ndarray of int64, shape (F,), or None
         The piece of each triangle, if there are several pieces.
@@ -95,13 +97,23 @@ class FlatTriangles(ReadOnly):
     uv: NDArray[np.float64]
     faces: NDArray[np.uint32]
     torn: NDArray[np.bool_]
-    on_surface: Sampler
+    on_surface: SurfacePoints
     piece_ids: NDArray[np.int64] | None = None
     period: float | None = None
+
+    @cached_property
+    def spacing(self) -> float:
+        """The typical distance between neighbours, in mm: the voxel spacing, or the median edge in the plane."""
+        if self.on_surface.origin.is_voxels:
+            return voxel_size(self.on_surface.affine)
+        sides = self.uv[self.faces] - self.uv[np.roll(self.faces, 1, axis=1)]
+        return float(np.median(np.linalg.norm(sides, axis=2)))
 
 
 class Planar(ReadOnly, ABC):
     """Base class of maps and pages: triangles in the plane with known positions on the surface."""
+
+    _default_interpolation: Callable[[int], str | None] | None = None  # of each channel, in a series
 
     @property
     @abstractmethod
@@ -173,7 +185,7 @@ class Planar(ReadOnly, ABC):
         """
         of, raster = self._triangles.on_surface, self.raster(pixel_size)
         nearest = raster.nearest
-        inside = (nearest >= 0)[..., None] if of.is_voxels else nearest >= 0
+        inside = (nearest >= 0)[..., None] if of.origin.is_voxels else nearest >= 0
         return np.where(inside, of.ids[nearest], -1), raster.interpolate(of.points)
 
     def look_up(self, places: ArrayLike) -> Places:
@@ -289,7 +301,7 @@ class Planar(ReadOnly, ABC):
         placed = int(np.count_nonzero(np.isfinite(distance)))
         if 10 * placed >= len(distance):
             return ""
-        unit = self._triangles.on_surface.unit
+        unit = self._triangles.on_surface.origin.unit
         told = f"{placed:,} of {len(points):,} points are within {limit:g} {unit} of the surface. "
         for other, factor in _FACTORS.get(unit, {}).items():
             _, _, distance = self._nearest(points * factor, limit)
@@ -304,7 +316,7 @@ class Planar(ReadOnly, ABC):
             raise InputError(f"points has shape {wanted.shape}. Pass RAS+ points in mm as an array of shape (..., 3)")
         if not isinstance(space, str) or space not in ("surface", "scanner"):
             raise InputError(f"space is {shown(space)}. Pass 'surface' or 'scanner'")
-        own = self._triangles.on_surface.space
+        own = self._triangles.on_surface.origin.space
         if space == "scanner":
             if own.doubt:
                 log.warning("points may not lie on the surface: %s", own.doubt)
@@ -360,7 +372,7 @@ class Planar(ReadOnly, ABC):
         wanted = self._checked_points(points, space)
         along = _checked_vectors(vectors, wanted.shape, "points")
         if space == "scanner":
-            own = self._triangles.on_surface.space
+            own = self._triangles.on_surface.origin.space
             along = own.from_scanner(along) - own.from_scanner(np.zeros(3))
         uv, face_ids, distance = self._to_map(wanted.reshape(-1, 3), limit)
         if doubt := self._doubt(wanted.reshape(-1, 3), limit, distance):
@@ -489,10 +501,9 @@ class Planar(ReadOnly, ABC):
         >>> flat_map.image(flat_map.points[:, 2], pixel_size=1.0)  # heights, one value per vertex
         <FlatImage: overlay, 43 x 43 pixels of 1>
         """
-        depths = Depths.of(depth, fraction, layering)
-        how: dict[str, Any] = {"depths": depths, "interpolation": interpolation, "period": period, "name": name}
-        how["projection"] = projection
-        return self._triangles.on_surface.image(self.raster(pixel_size), volume, channel=channel, **how)
+        sampling = Sampling(Depths.of(depth, fraction, layering), projection, interpolation, period)
+        source = source_of(self._triangles.on_surface, volume)
+        return source.image(self.raster(pixel_size), sampling, channel=channel, name=name)
 
     @telling()
     def images(
@@ -560,10 +571,10 @@ class Planar(ReadOnly, ABC):
         >>> len(voxflat.samples.hill().flatten().images(np.ones((441, 4)), pixel_size=1.0))  # four frames
         4
         """
-        where = Depths.of(depth, fraction, layering, depths)
-        how: dict[str, Any] = {"depths": where, "projection": projection, "interpolation": interpolation, "name": name}
-        how |= {"period": period, "time_step": time_step}
-        return self._triangles.on_surface.images(self.raster(pixel_size), volume, channel=channel, **how)
+        default, where = self._default_interpolation, Depths.of(depth, fraction, layering, depths)
+        sampling = Sampling(where, projection, interpolation, period, default)
+        source = source_of(self._triangles.on_surface, volume)
+        return source.stack(self.raster(pixel_size), sampling, channel=channel, name=name, time_step=time_step)
 
 
 def _checked_vectors(vectors: ArrayLike, shape: tuple[int, ...], starts: str) -> NDArray[np.float64]:

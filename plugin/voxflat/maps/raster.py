@@ -1,7 +1,7 @@
 """Flat maps as images: pixels in mm, their values, and their positions on the surface."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, overload
@@ -10,14 +10,13 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from voxflat.arguments import Progress, checked_choice, checked_number, is_whole, numbers_of, shown
+from voxflat.arguments import Progress, checked_number, is_whole, numbers_of, shown
 from voxflat.errors import Cancelled, InputError
 from voxflat.io.channels import Channels, Timing
 from voxflat.io.provenance import Record
 from voxflat.io.saved import Saved
 from voxflat.maps.colours import are_labels, coloured
 from voxflat.maps.image_files import IMAGE_ENDINGS, Pages, SavedPages, write_image
-from voxflat.maps.sampling import INTERPOLATIONS, Mixing, majority
 from voxflat.read_only import ReadOnly
 
 _OUTSIDE = np.uint32(2**32 - 1)
@@ -460,49 +459,6 @@ class FlatStack(Sequence[FlatImage], ReadOnly, SavedPages):
         is_series = self.timing is not None
         channels, frames = (("",), len(self) // max(1, len(self.layers))) if is_series else (self.channel_names, None)
         return Pages(self, self.names, channels, self.layers, self.heights, frames, self.timing, self.name)
-
-
-def show(raster: Raster, values: NDArray[Any], interpolation: str | None) -> NDArray[np.float64]:
-    """Return an overlay's values at the pixels; integers, which may be labels, default to the nearest point."""
-    way = _way(values, interpolation)
-    if way == "linear":
-        return raster.interpolate(values)
-    if way == "majority":
-        inside, found = raster.inside, np.full(raster.shape, np.nan)
-        found[inside] = majority(values[raster.corners[inside]], raster.weights[inside])
-        return found
-    nearest = raster.nearest
-    return np.where(nearest >= 0, values[nearest], np.nan)
-
-
-def series_showing(
-    raster: Raster, ids: NDArray[np.int64], interpolation: str | None
-) -> Callable[[NDArray[Any]], NDArray[np.float64]]:
-    """Return a `show` function for a series of overlays, with weights computed once; `ids` are the points' vertices."""
-    held: dict[str, Mixing] = {}
-
-    def shown(values: NDArray[Any]) -> NDArray[np.float64]:
-        way = _way(values, interpolation)
-        if way == "majority":
-            return show(raster, values[ids], way)
-        if way not in held:
-            inside = raster.inside
-            if way == "linear":
-                numbers, weights = ids[raster.corners[inside]], raster.weights[inside].astype(np.float64)
-            else:
-                numbers = ids[raster.nearest[inside]][:, None]
-                weights = np.ones(numbers.shape)
-            held[way] = Mixing.of(inside, len(values), weights.shape[1], lambda part: (numbers[part], weights[part]))
-        return held[way](values)
-
-    return shown
-
-
-def _way(values: NDArray[Any], interpolation: str | None) -> str:
-    """Return the interpolation of values from points to pixels."""
-    if interpolation is None:
-        return "nearest" if values.dtype.kind in "biu" else "linear"
-    return checked_choice(interpolation, "interpolation", INTERPOLATIONS)
 
 
 def nearest_inside(raster: Raster) -> tuple[NDArray[np.float64], NDArray[np.int64]]:

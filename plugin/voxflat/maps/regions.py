@@ -30,7 +30,8 @@ from voxflat.maps.depth import Depths
 from voxflat.maps.plane import Planar
 from voxflat.maps.raster import FlatImage, FlatStack
 from voxflat.maps.region_properties import AREAS, LENGTHS, properties_of
-from voxflat.maps.sampler import Sampler
+from voxflat.maps.surface_points import SurfacePoints
+from voxflat.maps.volume_place import placed, warn_of_extent
 from voxflat.read_only import ReadOnly
 from voxflat.unique_rows import distinct
 
@@ -98,7 +99,7 @@ class Regions(ReadOnly, Recorded):
         return f"<Regions: {textwrap.shorten(', '.join(self.names), 250, placeholder=' ...')}>"
 
     @property
-    def _surface(self) -> Sampler:
+    def _surface(self) -> SurfacePoints:
         return self.of._triangles.on_surface
 
     def at(self, places: NDArray[np.float64]) -> NDArray[np.int64]:
@@ -139,7 +140,7 @@ class Regions(ReadOnly, Recorded):
         Vertices outside all regions or outside the map have the key 0. A vertex on a cut has two positions on the map;
         it is in a region if either position is.
         """
-        if self._surface.is_voxels:
+        if self._surface.origin.is_voxels:
             raise InputError("a map of a volume has no mesh vertices. Save a label volume (for example, .nii.gz)")
         found = np.zeros(self._surface.origin.mesh.vertices, dtype=np.int64)
         is_in = self.labels != 0
@@ -277,8 +278,8 @@ class Regions(ReadOnly, Recorded):
     def _voxels(self, like: object, depth: tuple[float, float] | None) -> Volume:
         """Return the keys of the voxels, which may all be 0."""
         is_stack = isinstance(like, str | os.PathLike) and is_stack_path(like)
-        grid = self._surface.placed(read_volume(like, 0) if is_stack else like)  # type: ignore[arg-type]
-        self._surface.doubt_extent(grid)
+        grid = placed(self._surface, read_volume(like, 0) if is_stack else like)  # type: ignore[arg-type]
+        warn_of_extent(self._surface, grid)
         shape = grid.data.shape[:3]
         voxels, places = _columns(self.of, grid.affine, (shape[0], shape[1], shape[2]), depth)
         found = np.zeros(math.prod(shape), dtype=np.int32)
@@ -356,10 +357,10 @@ class Regions(ReadOnly, Recorded):
 
     def _grid(self) -> Volume:
         """Return the grid of the flattened volume, without its values."""
-        if not self._surface.is_voxels:
+        if not self._surface.origin.is_voxels:
             raise InputError("a map of a mesh has no voxels. Pass volume to define the grid of the labels")
         empty = np.broadcast_to(np.uint8(0), self._surface.volume_shape)
-        return Volume(empty, self._surface.affine, unit=self._surface.unit)
+        return Volume(empty, self._surface.affine, unit=self._surface.origin.unit)
 
     def _sampled(self, volume: object, depth: tuple[float, float] | None) -> FlatStack:
         """Return the channels of a volume on the pixels of the regions, averaged over a range of depths."""
@@ -371,7 +372,7 @@ class Regions(ReadOnly, Recorded):
 
     def _rows(self, stack: FlatStack | None) -> list[list[str]]:
         """Return the properties as cells, under a header with units."""
-        unit = "" if self._surface.unit == "unknown" else "_" + self._surface.unit.replace("µ", "u")
+        unit = "" if self._surface.origin.unit == "unknown" else "_" + self._surface.origin.unit.replace("µ", "u")
         units = {**dict.fromkeys(LENGTHS, unit), **dict.fromkeys(AREAS, unit and f"{unit}2")}
         units |= {"map_direction": "_degrees", "curvature": unit and f"_per{unit}"}
         found = self.properties(stack)
@@ -397,7 +398,7 @@ class Regions(ReadOnly, Recorded):
             rows = np.zeros(self._surface.origin.mesh.vertices, dtype=np.int64)
             rows[self._surface.ids[::-1]] = np.arange(len(self._surface.ids))[::-1]
             points = self._surface.points if self._surface.white_points is None else self._surface.white_points
-            write_label(path, vertices, self._surface.space.to_tkras(points[rows[vertices]]), self.names[0])
+            write_label(path, vertices, self._surface.origin.space.to_tkras(points[rows[vertices]]), self.names[0])
 
 
 def _named(
@@ -445,7 +446,7 @@ def _columns(
         inner, outer = surface.at(Depths((low, high)))
         middle = min(max(-low / (high - low), 0.0), 1.0)
     inverse = np.linalg.inv(affine)
-    ends = [surface.space.to_scanner(points) @ inverse[:3, :3].T + inverse[:3, 3] for points in (inner, outer)]
+    ends = [surface.origin.space.to_scanner(points) @ inverse[:3, :3].T + inverse[:3, 3] for points in (inner, outer)]
     faces = np.ascontiguousarray(flat.faces[~flat.torn])
     corners = [points[faces] for points in ends]
     areas = [np.linalg.norm(np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0]), axis=1) for p in corners]

@@ -1,5 +1,6 @@
 """Sample a volume at positions in space: in memory, or in chunks, each of which is read once."""
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -8,11 +9,12 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from voxflat.arguments import checked_choice
+from voxflat.arguments import checked_choice, checked_number
 from voxflat.errors import InputError
 from voxflat.io.chunks import PLACE_BYTES, Chunked, voxels_at
 from voxflat.io.reading import check_room
 from voxflat.io.volumes import Volume
+from voxflat.maps.depth import ON_SURFACE, Depths
 
 _Floats = NDArray[np.float64]
 
@@ -25,34 +27,57 @@ _ROUNDING = 1e-3  # voxels, by which affines in single precision may misplace ce
 _CANCELLED = 1e-6  # a mean of unit vectors shorter than this has no direction
 
 
+@dataclass(frozen=True)
+class Sampling:
+    """How values are sampled: options of `FlatMap.images`, which are checked here."""
+
+    depths: Depths = ON_SURFACE
+    projection: str | None = None  # one of `PROJECTIONS`; None for one image per depth
+    interpolation: str | None = None  # one of `INTERPOLATIONS`; None for the default of each channel
+    period: float | None = None  # of phases
+    default: Callable[[int], str | None] | None = None  # interpolation of a channel, if a series determines it
+
+    def __post_init__(self) -> None:
+        for name, choices in (("projection", PROJECTIONS), ("interpolation", INTERPOLATIONS)):
+            if getattr(self, name) is not None:
+                checked_choice(getattr(self, name), name, choices)
+        if self.period is not None:
+            if not (math.isfinite(checked_number(self.period, "period")) and self.period > 0):
+                raise InputError(f"period is {self.period:g}. Pass a positive number, such as 360 for degrees")
+            if self.projection not in (None, "mean"):
+                what = f"projection is {self.projection!r}, but phases have only a mean over depths"
+                raise InputError(f"{what}. Pass 'mean'")
+            if self.interpolation == "majority":
+                raise InputError("interpolation is 'majority', which is for labels, not for phases. Pass 'linear'")
+            object.__setattr__(self, "interpolation", self.interpolation or "linear")
+        if len(self.depths) == 1:
+            object.__setattr__(self, "projection", "mean")
+
+
 def sample(volume: Volume, points: _Floats, interpolation: str | None = None) -> NDArray[Any]:
     """Sample a volume at positions (..., 3) in RAS+ mm; NaN (for colours, alpha 0) outside it. See `FlatMap.image`."""
-    data = volume.data
-    colour = data.ndim == 4
-    interpolation = _way(volume, interpolation)
-    where, inside = _indices(volume, points)
-    at = where[inside]
-    image = np.full(points.shape[:-1], np.nan)
-    if isinstance(data, Chunked) or interpolation == "majority":
-        image[inside] = _by_voxels(data, at, interpolation)
+    data, way = volume.data, way_of(volume.data, interpolation)
+    order = int(way == "linear")
+    index, inside = _indices(volume, points)
+    index = index[inside]
+    if data.ndim == 3:
+        image = np.full(inside.shape, np.nan)
+        by_voxels = isinstance(data, Chunked) or way == "majority"
+        image[inside] = _by_voxels(data, index, way) if by_voxels else interpolated(data, index.T, order)
         return image
-    order = 1 if interpolation == "linear" else 0
-
-    def channel(values: NDArray[Any]) -> _Floats:
-        found: _Floats = image.copy()
-        if values.dtype.kind == "f" and values.dtype.itemsize not in (4, 8):  # SciPy does not support other types
-            values = values.astype(np.float64)
-        found[inside] = scipy.ndimage.map_coordinates(values, at.T, output=np.float64, order=order, mode="nearest")
-        return found
-
-    if not colour:
-        return channel(data)
-    rgba = np.zeros((*points.shape[:-1], 4), dtype=np.uint8)
+    rgba = np.zeros((*inside.shape, 4), dtype=np.uint8)
+    rgba[inside, 3] = 255
     for c in range(data.shape[3]):
-        rgba[..., c] = np.round(np.nan_to_num(channel(data[..., c])))
-    if data.shape[3] == 3:
-        rgba[inside, 3] = 255
+        rgba[inside, c] = np.round(np.nan_to_num(interpolated(data[..., c], index.T, order)))
     return rgba
+
+
+def interpolated(values: NDArray[Any], index: Any, order: int = 1, mode: str = "nearest") -> _Floats:
+    """Interpolate an array at indices, shape (axes, ...): linearly (order 1) or at the nearest element (order 0)."""
+    if values.dtype.kind == "f" and values.dtype.itemsize not in (4, 8):  # SciPy does not support other types
+        values = values.astype(np.float64)
+    found: _Floats = scipy.ndimage.map_coordinates(values, index, output=np.float64, order=order, mode=mode)
+    return found
 
 
 def _indices(volume: Volume, points: _Floats) -> tuple[_Floats, NDArray[np.bool_]]:
@@ -157,15 +182,6 @@ def _check_labels(values: NDArray[Any]) -> None:
         raise InputError("interpolation is 'majority', but the values are not labels (whole numbers). Pass 'linear'")
 
 
-def sample_layers(volume: Volume, places: Sequence[_Floats], interpolation: str | None = None) -> NDArray[Any]:
-    """Sample a volume at several depths, as `sample` does; the first axis is the depth."""
-    if isinstance(volume.data, Chunked):  # sampled all at once, so that each chunk is read once
-        together = np.stack(places)
-        check_room(PLACE_BYTES * together[..., 0].size)
-        return sample(volume, together, interpolation)
-    return np.stack([sample(volume, points, interpolation) for points in places])
-
-
 @dataclass
 class Coverage:
     """Count the positions with values at any depth, and those with values at only some of the depths."""
@@ -180,40 +196,49 @@ class Coverage:
         self.some += int(np.count_nonzero(is_any & ~has_value.all(axis=0)))
 
 
-def sample_projection(
-    volume: Volume, places: Sequence[_Floats], interpolation: str | None, projection: str, coverage: Coverage
-) -> NDArray[Any]:
-    """Return one of `PROJECTIONS` (of labels, the majority) over the depths at which there are values.
+def sample_depths(volume: Volume, places: Sequence[_Floats], sampling: Sampling, coverage: Coverage) -> NDArray[Any]:
+    """Sample a volume at several depths, as `sample` does; return each depth (first axis), or their projection.
 
-    Positions without a value at any depth are NaN (or have alpha 0). A sum is NaN if any depth has no value.
+    The mean of labels is the majority. Positions without a value at any depth are NaN (or have alpha 0). A sum is NaN
+    if any depth has no value.
     """
-    way = _way(volume, interpolation)
-    if len(places) > 1 and way == "nearest":
-        raise InputError(
-            f"values of type {volume.data.dtype} may be labels, which have no {projection} over depths. Pass a single "
-            "depth, interpolation='majority' for labels or 'linear' for other values, or use images for one image per "
-            "depth"
-        )
-    if projection != "mean" and (way == "majority" or (len(places) > 1 and volume.data.ndim == 4)):
-        what = "labels" if way == "majority" else "colours"
-        raise InputError(f"projection is {projection!r}, but {what} have only a mean over depths. Pass 'mean'")
-    if way == "majority":
-        where, inside = _indices(volume, np.stack(places))
+    data, projection, way = volume.data, sampling.projection, way_of(volume.data, sampling.interpolation)
+    if projection is not None:
+        _check_projection(data, way, projection, len(places))
+    if projection is not None and way == "majority":
+        index, inside = _indices(volume, np.stack(places))
         coverage.add(inside)
         somewhere = inside.any(axis=0)
         inside = inside[:, somewhere].T  # (P, depths)
-        at = np.where(inside[..., None], where[:, somewhere].swapaxes(0, 1), 0.0)
+        at = np.where(inside[..., None], index[:, somewhere].swapaxes(0, 1), 0.0)
         image = np.full(somewhere.shape, np.nan)
-        image[somewhere] = _majority_at(volume.data, at, inside)
+        image[somewhere] = _majority_at(data, at, inside)
         return image
-    layers = sample_layers(volume, places, interpolation)
-    if len(layers) == 1:
-        return np.asarray(layers[0])
-    return _projected(layers, projection, coverage)
+    if isinstance(data, Chunked):  # sampled all at once, so that each chunk is read once
+        check_room(PLACE_BYTES * sum(points[..., 0].size for points in places))
+        layers = sample(volume, np.stack(places), way)
+    else:
+        layers = np.stack([sample(volume, points, way) for points in places])
+    if projection is None:
+        return layers
+    return np.asarray(layers[0]) if len(layers) == 1 else _projected(layers, projection, coverage)
+
+
+def _check_projection(data: Any, way: str, projection: str, depths: int) -> None:
+    """Raise an error for a projection over depths that labels or colours do not have."""
+    if depths > 1 and way == "nearest":
+        raise InputError(
+            f"values of type {data.dtype} may be labels, which have no {projection} over depths. Pass a single "
+            "depth, interpolation='majority' for labels or 'linear' for other values, or use images for one image per "
+            "depth"
+        )
+    if projection != "mean" and (way == "majority" or (depths > 1 and data.ndim == 4)):
+        what = "labels" if way == "majority" else "colours"
+        raise InputError(f"projection is {projection!r}, but {what} have only a mean over depths. Pass 'mean'")
 
 
 def _projected(layers: NDArray[Any], projection: str, coverage: Coverage) -> NDArray[Any]:
-    """Return a projection of values (depths, ...), or the mean of colours (depths, ..., 4), as `sample_projection`."""
+    """Return a projection of values (depths, ...), or the mean of colours (depths, ..., 4), as `sample_depths`."""
     is_colour = layers.dtype == np.uint8
     has_value = layers[..., 3] > 0 if is_colour else ~np.isnan(layers)
     coverage.add(has_value)
@@ -226,15 +251,6 @@ def _projected(layers: NDArray[Any], projection: str, coverage: Coverage) -> NDA
     if is_colour:
         return np.asarray(np.round(sums / np.maximum(count, 1)[..., None]).astype(np.uint8))
     return np.asarray(np.divide(sums, count, out=np.full(sums.shape, np.nan), where=count > 0))
-
-
-def sampled_at(
-    volume: Volume, places: Sequence[_Floats], interpolation: str | None, projection: str | None, coverage: Coverage
-) -> NDArray[Any]:
-    """Return each depth (`sample_layers`), or their projection (`sample_projection`)."""
-    if projection is None:
-        return sample_layers(volume, places, interpolation)
-    return sample_projection(volume, places, interpolation, projection, coverage)
 
 
 @dataclass(frozen=True, eq=False)
@@ -280,29 +296,33 @@ class Mixing:
         return found
 
 
-def series_sampling(
-    places: Sequence[_Floats], projection: str | None, coverage: Coverage
-) -> Callable[[Volume, str | None], NDArray[Any]]:
-    """Return a function that samples a series of volumes, with weights that are computed once per grid.
+class SharedWeights:
+    """Sample volumes at the same places, at one or several depths, with weights that are computed once per grid.
 
-    Its results equal those of `sampled_at`: exactly for nearest voxels, and up to rounding errors otherwise. Colours,
+    The values equal those of `sample_depths`: exactly for nearest voxels, and up to rounding errors otherwise. Colours,
     chunked volumes and majorities are sampled with that function.
     """
-    held: dict[tuple[object, ...], list[Mixing]] = {}
 
-    def sampled(volume: Volume, interpolation: str | None) -> NDArray[Any]:
-        way, is_several = _way(volume, interpolation), len(places) > 1
+    def __init__(self, places: Sequence[_Floats]) -> None:
+        self._places = places
+        self._grid: tuple[object, ...] = ()
+        self._mixings: list[Mixing] = []
+
+    def sample(self, volume: Volume, sampling: Sampling, coverage: Coverage) -> NDArray[Any]:
+        """Return each depth, or their projection, as `sample_depths` does."""
+        places, projection, way = self._places, sampling.projection, way_of(volume.data, sampling.interpolation)
+        is_several = len(places) > 1
         is_plain = volume.data.ndim == 3 and not isinstance(volume.data, Chunked)
         if not is_plain or way == "majority" or (projection is not None and is_several and way == "nearest"):
-            return sampled_at(volume, places, interpolation, projection, coverage)
+            return sample_depths(volume, places, sampling, coverage)
         is_mean = projection == "mean" and is_several
         grid = (way, volume.data.shape, volume.affine.tobytes())
-        if grid not in held:
-            held.clear()
-            sets = [places] if is_mean else [[one] for one in places]
-            held[grid] = [_mixing(volume, each, way) for each in sets]
+        if grid != self._grid:
+            self._grid, self._mixings = (), []  # so that memory holds the weights of one grid
+            self._mixings = [_mixing(volume, each, way) for each in ([places] if is_mean else [[p] for p in places])]
+            self._grid = grid
         values = volume.data.ravel(order="F")
-        images = [mixing(values) for mixing in held[grid]]
+        images = [mixing(values) for mixing in self._mixings]
         if projection is None:
             return np.stack(images)
         if is_several and not is_mean:
@@ -310,40 +330,32 @@ def series_sampling(
         if is_mean:
             missing = np.isnan(images[0])
             coverage.add(~missing[None])
-            partly = [points[missing] for points in places]
-            images[0][missing] = sample_projection(volume, partly, interpolation, "mean", coverage)
+            images[0][missing] = sample_depths(volume, [points[missing] for points in places], sampling, coverage)
         return images[0]
 
-    return sampled
 
-
-def phases(
-    sampled: Callable[[Any], NDArray[Any]], period: float, interpolation: str | None
-) -> Callable[[Any], _Floats]:
-    """Return a function that samples phases and computes circular means.
+def sample_phases(sample: Callable[[Any], NDArray[Any]], phases: Any, sampling: Sampling) -> _Floats:
+    """Sample phases with circular means, given a function that samples values.
 
     The mean is the direction of the mean of unit vectors, from 0 to the period; NaN where they cancel out. Chunked
     volumes are read twice.
     """
+    period = float(sampling.period or np.nan)
 
-    def turned(values: Any, part: np.ufunc) -> Any:
-        def made_of(phase: NDArray[Any]) -> NDArray[Any]:
-            made: NDArray[Any] = part(phase * (2 * np.pi / period))
-            return made
+    def component(part: np.ufunc) -> NDArray[Any]:
+        def of_phases(values: NDArray[Any]) -> Any:
+            return part(values * (2 * np.pi / period))
 
-        return replace(values, made_of=made_of) if isinstance(values, Chunked) else made_of(values)
+        return sample(replace(phases, made_of=of_phases) if isinstance(phases, Chunked) else of_phases(phases))
 
-    def mixed(values: Any) -> _Floats:
-        if interpolation == "nearest":
-            found = np.asarray(sampled(values) % period)
-        else:
-            x, y = sampled(turned(values, np.cos)), sampled(turned(values, np.sin))
-            found = np.arctan2(y, x) * (period / (2 * np.pi)) % period
-            found[np.hypot(x, y) < _CANCELLED] = np.nan
-        found[found >= period] = 0.0  # rounded remainders
-        return found
-
-    return mixed
+    if sampling.interpolation == "nearest":
+        found = np.asarray(sample(phases) % period)
+    else:
+        x, y = component(np.cos), component(np.sin)
+        found = np.arctan2(y, x) * (period / (2 * np.pi)) % period
+        found[np.hypot(x, y) < _CANCELLED] = np.nan
+    found[found >= period] = 0.0  # rounded remainders
+    return found
 
 
 def _mixing(volume: Volume, places: Sequence[_Floats], way: str) -> Mixing:
@@ -367,11 +379,11 @@ def _mixing(volume: Volume, places: Sequence[_Floats], way: str) -> Mixing:
     return Mixing.of(inside, volume.data.size, len(at) * len(corners), block)
 
 
-def _way(volume: Volume, interpolation: str | None) -> str:
-    """Return the interpolation for a volume."""
+def way_of(values: Any, interpolation: str | None) -> str:
+    """Return the interpolation of values: by default nearest for integers, which may be labels."""
+    is_colour = values.ndim == 4
     if interpolation is None:
-        return "linear" if volume.data.ndim == 4 or volume.data.dtype.kind == "f" else "nearest"
-    checked_choice(interpolation, "interpolation", INTERPOLATIONS)
-    if interpolation == "majority" and volume.data.ndim == 4:
+        return "nearest" if values.dtype.kind in "biu" and not is_colour else "linear"
+    if interpolation == "majority" and is_colour:
         raise InputError("interpolation is 'majority', which is for labels, but the volume has colours. Pass 'linear'")
     return interpolation

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from voxflat.arguments import Progress
 from voxflat.errors import Cancelled
-from voxflat.io.channels import Timing
+from voxflat.io.channels import LastKept, Timing
 from voxflat.io.provenance import Record
 from voxflat.io.reading import reading
 from voxflat.maps.image_files import Pages, SavedPages
@@ -112,7 +112,7 @@ class FlatMovie(Sequence[FlatStack], ReadOnly, SavedPages):
         parts = [(f"frame {frame}", *parts) for frame in range(len(self)) for parts in own]
         names = tuple(", ".join(part for part in of if part) for of in parts)
         axes = (self.channel_names, self.layers, self.heights, self.frames)
-        return Pages(_Images(self, len(own)), names, *axes, self.timing, self.name)
+        return Pages(_Images(len(self), len(own), LastKept(self.read)), names, *axes, self.timing, self.name)
 
     def _checked(self, progress: Progress | None) -> Record:
         """Check the volumes of all frames; return the record with the files that were read."""
@@ -126,21 +126,18 @@ class FlatMovie(Sequence[FlatStack], ReadOnly, SavedPages):
 
 @dataclass(frozen=True)
 class _Images(Sequence[FlatImage]):
-    """All images of a movie in the order of files; the last frame is kept."""
+    """All images of a movie in the order of files."""
 
-    movie: FlatMovie
+    frames: int
     each: int  # images of a frame
-    held: dict[int, FlatStack] = field(default_factory=dict)
+    read: Callable[[int], FlatStack]
 
     def __len__(self) -> int:
-        return len(self.movie) * self.each
+        return self.frames * self.each
 
     def __getitem__(self, number: Any) -> Any:
         frame, n = divmod(number, self.each)
-        if frame not in self.held:
-            self.held.clear()
-            self.held[frame] = self.movie.read(frame)
-        return self.held[frame][n]
+        return self.read(frame)[n]
 
 
 def joined(stack: FlatStack, further: FlatStack) -> FlatStack:

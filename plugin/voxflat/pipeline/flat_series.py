@@ -28,7 +28,7 @@ from voxflat.maps.map_files import read_map, write_map
 from voxflat.maps.matching import Matched
 from voxflat.maps.plane import FlatTriangles
 from voxflat.maps.raster import FlatStack, Raster
-from voxflat.maps.sampler import timing_of
+from voxflat.maps.sources import VolumeSource, source_of, timing_of
 from voxflat.pipeline.flat_movie import FlatMovie, joined
 from voxflat.read_only import ReadOnly
 from voxflat.unique_rows import distinct
@@ -396,10 +396,9 @@ class _Frames:
     def _sampled(self, frame: int, volume: object) -> FlatStack:
         """Return the images of a volume on the surface of a frame."""
         own = replace(self.series[frame])
-        if frame not in self.shared:
-            sampler = replace(own._triangles.on_surface, usual=self._interpolation)
-            self.shared[frame] = replace(own._triangles, on_surface=sampler)
-        vars(own).update(_rasters=self.series.flat_map._rasters, _triangles=self.shared[frame])
+        triangles = self.shared.setdefault(frame, own._triangles)
+        vars(own).update(_rasters=self.series.flat_map._rasters, _triangles=triangles)
+        vars(own).update(_default_interpolation=self._interpolation)
         with _naming(frame):
             stack: FlatStack = own.images(volume, self.raster.pixel_size, **self.options)
             return stack
@@ -407,10 +406,10 @@ class _Frames:
     def _interpolation(self, channel: int) -> str | None:
         """Return the default for all frames, so that integers are labels in all of them or in none."""
         if channel not in self._usual and self.volumes is not None:
-            given, of = self.options, self.shared[0].on_surface
+            given, source = self.options, VolumeSource.of(self.shared[0].on_surface, self.volumes[0])
             where = (given.get("depth", 0.0), given.get("fraction"), given.get("layering", "equivolume"))
             depths = Depths.of(*where, given.get("depths"))
-            self._usual[channel] = of.default(self.raster, depths, self.volumes[0], channel)
+            self._usual[channel] = source.default_interpolation(self.raster, depths, source.volume(channel))
         return self._usual[channel]
 
     @cached_property
@@ -422,7 +421,8 @@ class _Frames:
         if self.volumes is None:
             return (), 0
         with _naming(frame):
-            return self.series.flat_map._triangles.on_surface.form(self.volumes[frame])
+            channels = source_of(self.series.flat_map._triangles.on_surface, self.volumes[frame]).channels
+            return tuple(channels.read(0).shape[:3]), len(channels)
 
     @cached_property
     def _first_form(self) -> tuple[tuple[int, ...], int]:

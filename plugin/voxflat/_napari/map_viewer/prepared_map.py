@@ -77,7 +77,7 @@ class PreparedMap:
         marks: tuple[list[Direction], str | None] = ([], None)
         if isinstance(flat_map, FlatMap) and unit_of_map(flat_map) == "mm":  # tissues have no anatomical axes
             marks = directions(flat_map), side(flat_map)
-        points = of.on_surface.space.to_scanner(of.on_surface.points)
+        points = of.on_surface.origin.space.to_scanner(of.on_surface.points)
         found = cls(run, planar, pixel_size, Picture(grey, raster.origin, pixel_size), lines, *marks, points)
         found._build()
         return found
@@ -118,7 +118,7 @@ class PreparedMap:
             return None
         of = self.planar._triangles
         row = int(of.faces[face][int(found.weights.argmax())])
-        point = of.on_surface.space.to_scanner(found.points)
+        point = of.on_surface.origin.space.to_scanner(found.points)
         vertex = (of.on_surface.ids[row] if self.planar is self.own else self._voxel(point)).tolist()
         return Spot(point, row, tuple(vertex) if isinstance(vertex, list) else vertex, self._distortion(row, face))
 
@@ -148,7 +148,7 @@ class PreparedMap:
 
     def places(self, points: NDArray[Any]) -> NDArray[np.float64]:
         """Return (u, v) of the surface points nearest to points (RAS+ mm), shape (..., 3); NaN beyond `far`."""
-        at = self.planar._triangles.on_surface.space.from_scanner(points)
+        at = self.planar._triangles.on_surface.origin.space.from_scanner(points)
         return self.planar._to_map(at.reshape(-1, 3), self.far)[0].reshape(*at.shape[:-1], 2)
 
     def met(self, start: NDArray[Any], along: NDArray[Any]) -> NDArray[np.float64] | None:

@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
 from voxflat.arguments import array_of, is_number, shown
@@ -20,6 +19,7 @@ from voxflat.errors import InputError
 from voxflat.io.files import REMEDY, check_regular, naming, retelling
 from voxflat.io.reading import check_room, note
 from voxflat.io.subprocess_reader import read_in_subprocess
+from voxflat.maps.sampling import interpolated
 
 PICTURES = ("PNG", "JPEG", "TIFF", "BMP")
 """Formats that Pillow may open. By default it also opens PostScript, for which it runs a program."""
@@ -55,12 +55,10 @@ def values_at(picture: NDArray[Any], coordinates: NDArray[np.float64], repeat: b
     height, width = picture.shape[:2]
     at = [(1 - coordinates[..., 1]) * height - 0.5, coordinates[..., 0] * width - 0.5]
     values = picture.view(np.uint8) if picture.dtype.kind == "b" else picture
-    if values.dtype.kind == "f" and values.dtype.itemsize not in (4, 8):  # SciPy does not support other types
-        values = values.astype(np.float64)
-    channels = [values] if values.ndim == 2 else np.moveaxis(values, 2, 0)
     mode = "grid-wrap" if repeat else "nearest"
-    found = [scipy.ndimage.map_coordinates(one, at, output=np.float64, order=1, mode=mode) for one in channels]
-    return np.asarray(found[0] if picture.ndim == 2 else np.stack(found, axis=-1))
+    if values.ndim == 2:
+        return interpolated(values, at, mode=mode)
+    return np.stack([interpolated(channel, at, mode=mode) for channel in np.moveaxis(values, 2, 0)], axis=-1)
 
 
 def check_values(picture: object) -> NDArray[Any]:
