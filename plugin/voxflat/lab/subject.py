@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from voxflat.arguments import Note, log
 from voxflat.errors import InputError
-from voxflat.io.channels import series_of
 from voxflat.io.files import REMEDY, atomic_path, contents, naming
 from voxflat.io.formats.freesurfer import read_annot
 from voxflat.io.formats.gifti import value_bytes
@@ -26,9 +25,9 @@ from voxflat.lab.inputs import Hemisphere, Parameters
 from voxflat.lab.results import Results, read_record, sealed
 from voxflat.maps.depth import ON_SURFACE, Depths
 from voxflat.maps.flat_map import FlatMap
-from voxflat.maps.sampling import sample
-from voxflat.maps.sources import vertex_channels
-from voxflat.maps.volume_place import placed
+from voxflat.maps.raster import at_points
+from voxflat.maps.sampling import Sampling
+from voxflat.maps.sources import VolumeSource, source_of
 from voxflat.pipeline.surface import Surface, surface
 from voxflat.surfaces.cut_sides import one_point_a_vertex
 from voxflat.surfaces.standard.sphere import OWN_REGISTRATION
@@ -162,20 +161,14 @@ def _overlays(flat_map: FlatMap, hemisphere: Hemisphere) -> dict[str, NDArray[np
     depths = Depths.of(0.0, 0.5, "equivolume") if in_cortex else ON_SURFACE
     found = {}
     for name, path in hemisphere.overlays.items():
-        channels = vertex_channels(surface, path)
-        if channels is not None:
-            if len(channels) > 1:
-                raise InputError(f"the overlay {path} has {len(channels)} maps. {_ONE}")
-            found[name] = channels.read(0)[flat_map.ids].astype(np.float64)
-        else:
-            with naming(path, REMEDY):
-                series = series_of(path)
-            if series is not None:
-                raise InputError(f"the overlay {path} has {len(series[0])} frames. {_ONE}")
-            (points,) = surface.at(depths)
-            found[name] = sample(placed(surface, path), flat_map.space.to_scanner(points))
-            if found[name].ndim > 1:
-                raise InputError(f"the overlay {path} has colours or several volumes. Pass one volume of values")
+        source = source_of(surface, path)
+        is_volume = isinstance(source, VolumeSource)
+        if (count := len(source.channels)) > 1:
+            raise InputError(f"the overlay {path} has {count} {'frames' if is_volume else 'maps'}. {_ONE}")
+        values = source.image(at_points(len(flat_map)), Sampling(depths if is_volume else ON_SURFACE)).data
+        if values.ndim > 2:
+            raise InputError(f"the overlay {path} has colours or several volumes. Pass one volume of values")
+        found[name] = values[:, 0]
         if not np.isfinite(found[name]).any():
             raise InputError(f"the overlay {path} has no values on the map. Check that it belongs to this subject")
     return found
@@ -193,11 +186,11 @@ def _write(flat_map: FlatMap, values: dict[str, NDArray[np.float64]], results: R
         flat_map.save(path)
     structure = flat_map.origin.structure
     rows = None if flat_map.is_voxels else one_point_a_vertex(flat_map.ids, flat_map.faces)
-    for name, at_points in values.items():
-        at_vertices = at_points
+    for name, of_points in values.items():
+        at_vertices = of_points
         if rows is not None:  # one value per vertex, as in the flat surface
             at_vertices = np.full(flat_map.origin.mesh.vertices, np.nan)
-            at_vertices[flat_map.ids[rows]] = at_points[rows]
+            at_vertices[flat_map.ids[rows]] = of_points[rows]
         with atomic_path(results.values(name)) as temporary:
             temporary.write_bytes(value_bytes({name: at_vertices}, structure, flat_map.provenance))
         written.append(results.values(name))
