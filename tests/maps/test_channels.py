@@ -234,6 +234,10 @@ class TestSeries:
         stack = flat.images(np.stack([np.full(ball.shape, k, np.float32) for k in range(3)], axis=-1))
         assert [np.nanmax(image.data) for image in stack] == pytest.approx([0, 1, 2])
 
+    def test_a_volume_of_vectors_is_not_shown_as_colours(self, flat):
+        vectors = voxflat.io.Volume(np.ones((9, 9, 9, 3)), np.eye(4), is_vectors=True)
+        refused("holds vectors, which have no image", flat.image, vectors)
+
     def test_a_series_cut_short(self, flat, tmp_path):
         path = series(tmp_path, name="bold.nii")
         path.write_bytes(path.read_bytes()[:-100])

@@ -98,7 +98,7 @@ def _numbers(given: float | Sequence[float], name: str) -> tuple[float, ...]:
             raise InputError(f"{name} is {shown(value)}. Pass a number")
         if not math.isfinite(value):
             raise InputError(f"{name} is {value}. Pass a finite number")
-    return tuple(float(value) for value in values)
+    return tuple(map(float, values))
 
 
 def vertex_areas(points: NDArray[np.float64], faces: NDArray[np.integer]) -> NDArray[np.float64]:
@@ -115,17 +115,22 @@ def smooth_areas(
     thickness: float,
 ) -> list[NDArray[np.float64]]:
     """Return the areas around each vertex on several surfaces, smoothed along one of them over half the thickness."""
-    starts, ends = faces.ravel(), np.roll(faces, 1, axis=1).ravel()
-    edge = float(np.median(np.linalg.norm(along[starts] - along[ends], axis=1)))
-    pairs = (np.concatenate([starts, ends]), np.concatenate([ends, starts]))
-    near = scipy.sparse.csr_matrix((np.ones(len(pairs[0])), pairs), shape=(len(along), len(along)))
-    near.data[:] = 1.0
-    near += scipy.sparse.identity(len(along))
-    average = scipy.sparse.diags(1 / np.asarray(near.sum(axis=1)).ravel()) @ near
+    edge = float(np.median(np.linalg.norm(along[faces] - along[np.roll(faces, 1, axis=1)], axis=2)))
+    near = _neighbourhoods(faces, len(along))
+    average = scipy.sparse.diags_array(1 / near.sum(axis=1)) @ near
     areas = np.stack([vertex_areas(points, faces) for points in surfaces], axis=1)
     for _ in range(min(100, round((_SMOOTHED * thickness / edge) ** 2) + 1)):
         areas = average @ areas
     return list(areas.T)
+
+
+def _neighbourhoods(faces: NDArray[np.integer], count: int) -> Any:
+    """Return a sparse matrix with ones for each vertex and its neighbours."""
+    starts, ends = faces.ravel(), np.roll(faces, 1, axis=1).ravel()
+    pairs = (np.concatenate([starts, ends]), np.concatenate([ends, starts]))
+    near = scipy.sparse.csr_array((np.ones(len(pairs[0])), pairs), shape=(count, count))
+    near.data[:] = 1.0
+    return (near + scipy.sparse.eye_array(count)).tocsr()
 
 
 def equivolume(fraction: float, inner: ArrayLike, outer: ArrayLike) -> NDArray[np.float64]:
@@ -153,11 +158,7 @@ def uncrossed(
     merged = distinct(points)  # both sides of a cut move together
     corners = merged.which[faces]
     places, directions = points[merged.first], normals[merged.first].copy()
-    starts, ends = corners.ravel(), np.roll(corners, 1, axis=1).ravel()
-    pairs = (np.concatenate([starts, ends]), np.concatenate([ends, starts]))
-    near = scipy.sparse.csr_array((np.ones(len(pairs[0])), pairs), shape=(len(places),) * 2)
-    near.data[:] = 1.0
-    near = (near + scipy.sparse.eye_array(len(places))).tocsr()
+    near = _neighbourhoods(corners, len(places))
     is_known = np.isfinite(directions).all(axis=1)
     is_turned = _turned(places, directions, corners, low, high)
     fewest, since = len(corners) + 1, 0

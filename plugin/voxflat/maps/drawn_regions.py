@@ -25,7 +25,7 @@ from voxflat.maps.lines import ellipse
 from voxflat.maps.plane import Planar
 from voxflat.maps.raster import FlatImage, Raster, nearest_inside, rows_in, rows_of_period
 from voxflat.maps.regions import Regions
-from voxflat.maps.sampling import majority
+from voxflat.maps.sampling import majority_at
 from voxflat.maps.textures.pictures import decoded, header
 
 _IMAGES = (".png", ".tif", ".tiff", ".npy", ".nii", ".nii.gz")
@@ -90,15 +90,8 @@ class _Pixels:
         size, (height, width) = self.raster.pixel_size, self.raster.shape
         at = np.column_stack([(v - places[:, 1]) / size, (places[:, 0] - u) / size])
         is_on = (at > -0.5 - _BESIDE).all(axis=1) & (at < np.array([height, width]) - 0.5 + _BESIDE).all(axis=1)
-        last = np.array([height - 1, width - 1])
-        on = np.clip(at[is_on], 0, last)
-        low = np.minimum(np.floor(on).astype(np.int64), np.maximum(last - 1, 0))
-        rows, columns = low.T
-        values = [self._continued[rows + i * (height > 1), columns + j * (width > 1)] for i in (0, 1) for j in (0, 1)]
-        down, right = (on - low).T
-        weights = [(1 - down) * (1 - right), (1 - down) * right, down * (1 - right), down * right]
         found = np.zeros(len(places), dtype=np.int64)
-        found[is_on] = majority(np.stack(values, axis=1), np.stack(weights, axis=1)).astype(np.int64)
+        found[is_on] = majority_at(self._continued[..., None], np.insert(at[is_on, None], 2, 0.0, axis=2))
         return found
 
 

@@ -119,7 +119,7 @@ def _by_voxels(data: Any, at: _Floats, interpolation: str) -> _Floats:
         near = np.maximum(np.floor(at + 0.5), 0).astype(np.int32)
         return voxels_at(data, near, _CORNERS[:1])[:, 0].astype(np.float64)
     if interpolation == "majority":
-        return _majority_at(data, at[:, None])
+        return majority_at(data, at[:, None])
     values, low = _around(data, at)
     found = np.empty(len(at))
     for first in range(0, len(at), _BLOCK):
@@ -128,7 +128,7 @@ def _by_voxels(data: Any, at: _Floats, interpolation: str) -> _Floats:
     return found
 
 
-def _majority_at(data: Any, at: _Floats, inside: NDArray[np.bool_] | None = None) -> _Floats:
+def majority_at(data: Any, at: _Floats, inside: NDArray[np.bool_] | None = None) -> _Floats:
     """Return the label with the greatest total weight around each set of K positions (P, K, 3) that are inside."""
     count = at.shape[1]
     values, low = _around(data, at.reshape(-1, 3))
@@ -212,7 +212,7 @@ def sample_depths(volume: Volume, places: Sequence[_Floats], sampling: Sampling,
         inside = inside[:, somewhere].T  # (P, depths)
         at = np.where(inside[..., None], index[:, somewhere].swapaxes(0, 1), 0.0)
         image = np.full(somewhere.shape, np.nan)
-        image[somewhere] = _majority_at(data, at, inside)
+        image[somewhere] = majority_at(data, at, inside)
         return image
     if isinstance(data, Chunked):  # sampled all at once, so that each chunk is read once
         check_room(PLACE_BYTES * sum(points[..., 0].size for points in places))

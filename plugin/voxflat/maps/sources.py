@@ -219,6 +219,8 @@ class VolumeSource(Source):
             channels = Channels(("",) * data.shape[3], lambda n: data[..., n])
         else:
             whole = single = placed(surface, data)
+            if whole.is_vectors:
+                raise InputError("the volume holds vectors, which have no image. Pass one of their components")
             channels, path = Channels(("",), lambda _: whole.data), whole.path
             warn_of_position(surface, whole.affine, path)
         return cls(surface, channels, path, called, affine, single)
@@ -324,8 +326,14 @@ def source_of(surface: SurfacePoints, data: object) -> Source:
     """Return a file, an array or an object as a source of values for a map."""
     path, called = _named(data)
     if not surface.origin.is_voxels:
-        if (texture := _texture_of(surface, data)) is not None:
-            colours = texture.picture if isinstance(texture, SurfaceTexture) else texture
+        count, texture = surface.origin.mesh.vertices, None
+        if path is not None and path.name.lower().endswith(TEXTURE_ENDINGS):
+            check_partner(path, surface.origin)
+            texture = read_texture(path, count)
+        elif are_colours(data, count):
+            texture = array_of(data, "colours")
+        if texture is not None:
+            colours = texture if isinstance(texture, np.ndarray) else texture.picture
             return Texture(surface, Channels(("",), lambda _: colours), path, called, texture)
         if (channels := vertex_channels(surface, data)) is not None:
             return VertexValues(surface, channels, path, called)
@@ -336,18 +344,6 @@ def _named(data: object) -> tuple[Path | None, str | Path]:
     """Return the path of a file, and what messages call the data."""
     path = Path(data) if isinstance(data, str | os.PathLike) else None
     return path, path or type(data).__name__
-
-
-def _texture_of(surface: SurfacePoints, data: object) -> SurfaceTexture | NDArray[np.uint8] | None:
-    """Return the texture of the mesh, or colours at its vertices; None if the data are neither."""
-    count = surface.origin.mesh.vertices
-    if isinstance(data, str | os.PathLike):
-        path = Path(data)
-        if not path.name.lower().endswith(TEXTURE_ENDINGS):
-            return None
-        check_partner(path, surface.origin)
-        return read_texture(path, count)
-    return array_of(data, "colours") if are_colours(data, count) else None
 
 
 def vertex_channels(surface: SurfacePoints, data: object) -> Channels | None:
