@@ -6,11 +6,12 @@ SHELL := /bin/bash
 # uv from the PATH, or in a separate virtual environment
 UV := $(shell command -v uv || echo $(CURDIR)/.tools/bin/uv)
 RUN := $(UV) run --locked --all-extras
+unexport PYTHONDONTWRITEBYTECODE # otherwise all modules are compiled again in each process
 PYTEST := $(RUN) pytest -q -n logical --maxprocesses 4 --dist worksteal --durations 10
 # Xvfb if there is no display
 SCREEN = $(if $(DISPLAY),,xvfb-run -a -s "-screen 0 1600x1000x24")
 
-.PHONY: help setup demo demo-lab test check lint advisories test-rust test-python bench bench-distances bench-flatten \
+.PHONY: help setup core demo demo-lab test check lint advisories test-rust test-quick test-python bench bench-distances bench-flatten \
 bench-surfaces bench-published bench-series bench-standard bench-napari soak \
 gallery platforms wheel wheel-check paper-grossmann paper-zigelman paper-mapmaker paper-saucan pictures template fingerprints docs drawings format clean
 
@@ -18,18 +19,24 @@ help: ## list the targets
 	@grep -E '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## /\1\t/' | expand -t 18
 
 setup: ## install everything that the other targets need
-	@.ci/setup $(UV)
+	@.ci/setup $(UV) development
 	@$(UV) sync --locked --all-extras --inexact --quiet
 
-demo: setup ## flatten a hemisphere of human cortex into demo/
-	$(RUN) voxflat demo -o demo
+core: ## rebuild only the extension, after a change in rust/ (tests: .venv/bin/pytest)
+	@$(UV) run --no-sync maturin develop --uv --profile dev --skip-install --quiet
+
+demo: ## flatten a hemisphere of human cortex into demo/
+	@.ci/setup $(UV) demo
+	$(UV) run --locked --no-default-groups --group demo voxflat demo -o demo
 
 demo-lab: setup ## flatten a subject and a study made from fsaverage5 into demo-lab/ (3 minutes)
 	$(RUN) python docs/benchmarks/study.py demo-lab
 
 test: lint test-rust test-python ## run all checks and tests
 
-check: lint ## run the checks and the quick tests without windows
+check: test-quick lint ## run the quick tests without windows, and the checks
+
+test-quick: setup
 	$(PYTEST) -m "not slow" --ignore tests/napari
 
 lint: setup ## check formatting, lint, types, stubs, import order, docs of the core, licences
@@ -40,7 +47,8 @@ lint: setup ## check formatting, lint, types, stubs, import order, docs of the c
 	$(RUN) ruff check
 	$(RUN) ruff format --check
 	$(RUN) mypy
-	$(RUN) stubtest voxflat._core
+	@[[ .tools/stubs -nt plugin/voxflat/_core.pyi && .tools/stubs -nt plugin/voxflat/_core.abi3.so ]] || \
+	{ echo stubtest; $(RUN) stubtest voxflat._core; mkdir -p .tools; touch .tools/stubs; }
 	$(RUN) lint-imports --no-cache
 	$(RUN) npe2 validate plugin/voxflat/napari.yaml
 	$(RUN) zizmor --offline --quiet .github
@@ -52,6 +60,7 @@ test-rust: setup ## run the tests of the core
 	cargo test --release --quiet --workspace
 
 test-python: setup ## run the tests of the Python package, including the napari window and Debian's VTK
+	@.ci/setup $(UV) tests
 	@.ci/debian-vtk $(UV)
 	$(PYTEST)
 
