@@ -6,7 +6,6 @@ import re
 
 import h5py
 import nibabel as nib
-import numcodecs
 import numpy as np
 import pytest
 import tifffile
@@ -363,23 +362,6 @@ def test_a_size_that_a_stack_leaves_out_is_given_as_spacing(tmp_path, monkeypatc
     assert flat_map.metadata["unit"] == "µm"
     image, other = (flat_map.image(name) for name in ("one.ome.tif", "whole.ome.tif"))  # on the grid of the map
     np.testing.assert_array_equal(image.data, other.data)
-
-
-def test_damaged_stacks_of_other_formats(files, tmp_path):
-    data = np.random.default_rng(0).integers(1, 200, SHAPE[::-1]).astype(np.uint8)
-    with h5py.File(tmp_path / "stack.h5", "w") as file:
-        file.create_dataset("exported_data", data=data, chunks=(10, 10, 10), compression="gzip")
-    group = zarr.open_group(str(tmp_path / "stack.zarr"), mode="w", zarr_format=2)
-    how = {"chunks": (30, 30, 50), "dtype": np.uint8, "compressors": numcodecs.Zlib()}
-    group.create_array("0", shape=data.shape, **how)[:] = data
-    axes = [{"name": axis, "type": "space", "unit": "micrometer"} for axis in "zyx"]
-    steps = [{"type": "scale", "scale": [SIZE] * 3}]
-    group.attrs["multiscales"] = [{"axes": axes, "datasets": [{"path": "0", "coordinateTransformations": steps}]}]
-    words = ("image", files / "um.npz", "-o", tmp_path / "image.tif", "--volume")
-    for name, damaged in (("stack.h5", "stack.h5"), ("stack.zarr", "stack.zarr/0/0.0.0")):
-        succeed(*words, tmp_path / name, "--overwrite")
-        cut_off(tmp_path / damaged, 0.5)
-        assert fail(1, f"{name}: ", *words, tmp_path / name, "--overwrite").stderr.count("\n") == 1
 
 
 def test_an_empty_stack(files):
