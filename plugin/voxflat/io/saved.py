@@ -6,7 +6,6 @@ import textwrap
 from pathlib import Path
 from typing import Any, ClassVar
 
-from voxflat.arguments import checked_path
 from voxflat.errors import InputError
 from voxflat.io.provenance import Recorded, saving
 
@@ -60,13 +59,12 @@ class Saved(Recorded):
         OSError
             If the file cannot be written.
         """
-        path = checked_path(path)
-        if self._endings and not path.name.lower().endswith(self._endings):
-            remedy = f"Use a name that ends in {', '.join(self._endings)}"
-            raise InputError(f"cannot save {self._kind} as {path.name}{self._why_not(path)}. {remedy}")
         own: Any = self
-        with saving(path, own.provenance, sidecar=sidecar, overwrite=overwrite):
-            self._write(path)
+        with saving(path, own.provenance, sidecar=sidecar, overwrite=overwrite) as checked:
+            if self._endings and not checked.name.lower().endswith(self._endings):
+                remedy = f"Use a name that ends in {', '.join(self._endings)}"
+                raise InputError(f"cannot save {self._kind} as {checked.name}{self._why_not(checked)}. {remedy}")
+            self._write(checked)
 
     def _why_not(self, path: Path) -> str:
         """Return why a name cannot be used, for the message."""
