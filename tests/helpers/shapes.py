@@ -24,7 +24,7 @@ def sheet(size=(40, 40)):
 def two_sided(volume, repair=None):
     """Return the surface of a one-voxel-thick sheet, treated as a thin solid."""
     foreground = foreground_of(taken(volume), label=None, threshold=None)
-    return Surface._of(of_volume(foreground, sheet=False, repair=repair))
+    return of_volume(foreground, Surface, sheet=False, repair=repair)
 
 
 def ball(radius=10):

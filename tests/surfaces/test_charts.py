@@ -98,7 +98,7 @@ def test_neighbouring_charts_share_a_band_of_the_given_width(egg):
     assert shared[middle][to_border < 4 - 1.5].all()  # paths along edges are longer
     assert not shared[middle][to_border > 4 + 2.5].any()
     assert [one.surface.core.topology()["euler"] for one in both] == [1, 1]
-    assert [one.cutout.metadata["chart"]["name"] for one in both] == ["front", "back"]
+    assert [one.metadata["chart"]["name"] for one in both] == ["front", "back"]
 
 
 def test_a_bent_organ_is_charted_from_tip_to_tip():
@@ -108,7 +108,7 @@ def test_a_bent_organ_is_charted_from_tip_to_tip():
     bent = np.stack([radius * np.sin(angle), radius * np.cos(angle), points[:, 2]], axis=1)
     organ = voxflat.surface((bent, faces), unit="µm")
     chart = organ.charts()[0]
-    ends = points[chart.cutout.metadata["chart"]["axis"], 0]
+    ends = points[chart.metadata["chart"]["axis"], 0]
     assert ends[0] < -55
     assert ends[1] > 55
     seam = points[chart.cuts[0].ids]
@@ -166,7 +166,7 @@ def test_the_command_line_writes_a_map_for_each_chart(tmp_path):
     for name, chart, one in zip(("front", "back"), charts, told["charts"], strict=True):
         saved = voxflat.load(tmp_path / f"{name}.b.npz")
         np.testing.assert_array_equal(saved.uv, chart.flatten().uv)
-        assert saved.metadata["chart"] == chart.cutout.metadata["chart"]
+        assert saved.metadata["chart"] == chart.metadata["chart"]
         assert saved.metadata["chart"]["name"] == name
         assert one["output"] == str(tmp_path / f"{name}.b.npz")
     assert not (tmp_path / "b.npz").exists()

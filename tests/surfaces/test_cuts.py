@@ -2,6 +2,7 @@
 
 import json
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ from refusals import refused
 
 import voxflat
 from voxflat.methods import Voxflat
-from voxflat.pipeline.cut_surface import CutSurface, whereabouts
+from voxflat.pipeline.cut_surface import whereabouts
 from voxflat.surfaces.cuts import Cut
 from voxflat.surfaces.parts import medial_wall_of
 
@@ -214,7 +215,7 @@ def test_a_cut_is_told_by_its_name_or_number_and_where_it_lies():
     whole = voxflat.surface((points, faces))
     ways = [whole.path(*ends, geodesic="edges").ids for ends in ((480, 0), (481, 448), (224, 232))]
     cuts = (Cut(ways[0], None, "relaxation"), Cut(ways[1], None, "given"), Cut(ways[2], None, "template", "calcarine"))
-    made = CutSurface(whole, cuts, np.empty(0, np.int64), whole=whole)
+    made = replace(whole.cut(relax=False), cuts=cuts)
     assert [made.title(n) for n in range(3)] == ["cut 1, superior", "cut 2, inferior", "calcarine, right, anterior"]
     assert whereabouts(points, points) == "middle"
 

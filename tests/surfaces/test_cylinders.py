@@ -27,7 +27,7 @@ def tube(radius, twist=0.5):
 def test_a_tube_is_placed_on_the_cylinder_of_its_length_and_area():
     points, faces = tube(lambda x: 8.0, twist=0)
     (chart,) = voxflat.surface((points, faces)).charts("cylinder")
-    along, around = chart.cutout.onto.T
+    along, around = chart.chart.onto.T
     np.testing.assert_allclose(along, points[:, 0] - 20, atol=1e-9)
     known = np.unique(around[np.isfinite(around)].round(6))
     np.testing.assert_allclose(np.diff(known), 2 * 8 * np.sin(np.pi / AROUND), atol=1e-4)  # side of the polygon
@@ -63,7 +63,7 @@ def test_a_cylinder_is_unrolled_exactly():
     assert flat_map.distortion.triangles.areal_p95 < 5e-3
     along, _ = slopes(flat_map)
     np.testing.assert_allclose(along, [1, 0, 0], atol=5e-3)
-    assert chart.cutout.metadata["chart"]["name"] == "cylinder"
+    assert chart.metadata["chart"]["name"] == "cylinder"
     assert len(flat_map.faces) == len(faces)
 
 
@@ -206,7 +206,7 @@ def test_the_ends_of_a_closed_organ_become_caps():
     egg = voxflat.surface((points, faces), unit="µm")
     front = nearest(points, [0, 0, 12])
     charts = egg.charts("cylinder", front=front)
-    assert [one.cutout.metadata["chart"]["name"] for one in charts] == ["cylinder", "anterior", "posterior"]
+    assert [one.metadata["chart"]["name"] for one in charts] == ["cylinder", "anterior", "posterior"]
     of = triangles(charts)
     assert sum(map(len, of)) == len(set.union(*of)) == len(faces)
     maps = [one.flatten() for one in charts]

@@ -28,7 +28,6 @@ from voxflat.io.provenance import Record, Recorded, telling
 from voxflat.maps.flat_map import FlatMap
 from voxflat.maps.matching import Matched, loaded, match, vertices_of
 from voxflat.pipeline.cut_surface import CutSurface
-from voxflat.pipeline.surface import Surface
 from voxflat.pipeline.surface import surface as _surface
 from voxflat.read_only import ReadOnly
 from voxflat.surfaces.manifold import Manifold
@@ -274,7 +273,7 @@ def compare(
     if not maps:
         raise InputError("maps is empty. Pass at least one map to measure")
     if isinstance(surface, CutSurface):  # distances are measured along the cuts of the map
-        surface = Surface._of(surface.whole or surface.surface)
+        surface = surface.whole
     whole = _surface(surface, threads=threads, memory_limit=memory_limit, progress=progress)
     reference = reference or ("graph" if whole.is_voxels else "exact")
     maps = {name: loaded(flat) for name, flat in maps.items()}

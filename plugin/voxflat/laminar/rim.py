@@ -30,7 +30,6 @@ from voxflat.maps.surface_points import SurfacePoints
 from voxflat.pipeline.surface import Surface
 from voxflat.read_only import ReadOnly
 from voxflat.surfaces.foreground import foreground_of
-from voxflat.surfaces.manifold import Manifold
 
 _THICK = 2.5  # thickness, relative to the median, from which two banks may touch
 _FRAGMENT = 0.01  # area of a component of the middle surface, relative to the largest one, below which it is dropped
@@ -507,6 +506,4 @@ def _middle_surface(labels: Layered, values: Field) -> Surface:
     metadata = {**origin._described(), "placed_by": "half of the equidistant depth"}
     voxels = labels.voxels(points) + labels.first  # vertices at an end of the volume may lie just outside it
     voxels = voxels.clip(0, np.array(volume.data.shape) - 1)
-    return Surface._of(
-        Manifold(core, voxels, origin, metadata, white_points=values.inner[kept], pial_points=values.outer[kept])
-    )
+    return Surface(core, voxels, origin, metadata, white_points=values.inner[kept], pial_points=values.outer[kept])

@@ -7,12 +7,12 @@ from voxflat.arguments import shown
 from voxflat.errors import InputError
 from voxflat.maps.flat_map import FlatMap
 from voxflat.methods.grossmann2002 import Grossmann2002
-from voxflat.methods.method import How, Method
+from voxflat.methods.method import FlattenSettings, Method
 from voxflat.methods.saucan2006 import Saucan2006
 from voxflat.methods.schwartz1989 import Schwartz1989
 from voxflat.methods.voxflat import Voxflat
 from voxflat.methods.zigelman2002 import Zigelman2002
-from voxflat.surfaces.cutting import Cutout, Where
+from voxflat.surfaces.cutting import CutManifold
 from voxflat.surfaces.manifold import Manifold
 
 __all__ = ["METHODS", "Grossmann2002", "Method", "Saucan2006", "Schwartz1989", "Voxflat", "Zigelman2002", "method_of"]
@@ -63,10 +63,11 @@ def method_of(method: str | Method) -> Method:
     return METHODS[method]()
 
 
-def flattened(surface: Manifold | Cutout, method: str | Method, where: Where, how: How) -> FlatMap:
+def flattened(surface: Manifold | CutManifold[Manifold], method: str | Method, settings: FlattenSettings) -> FlatMap:
     """Flatten a surface, which may already be cut; see `voxflat.Surface.flatten`."""
     chosen = method_of(method)
-    chosen._check(how)
-    if isinstance(surface, Cutout) and surface.tube is not None and not chosen.takes_tubes:
+    chosen._check(settings)
+    chart = surface.chart if isinstance(surface, CutManifold) else None
+    if chart is not None and chart.tube is not None and not chosen._takes_tubes:
         raise InputError(f"the method {chosen.name!r} cannot make a periodic map. Use the method 'voxflat'")
-    return chosen._flatten(surface, where, how)
+    return chosen._flatten(surface, settings)

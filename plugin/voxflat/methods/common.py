@@ -14,8 +14,8 @@ from voxflat.arguments import log
 from voxflat.distances.table import Table
 from voxflat.distortion.distortion import Distortion
 from voxflat.maps.flat_map import FlatMap
-from voxflat.methods.method import How
-from voxflat.surfaces.cutting import Cutout
+from voxflat.methods.method import FlattenSettings
+from voxflat.surfaces.cutting import CutManifold
 from voxflat.surfaces.manifold import Manifold
 from voxflat.surfaces.standard.sphere import Sphere, in_triangles
 from voxflat.surfaces.standard.template import standard_template
@@ -27,31 +27,34 @@ _FEWEST = 3  # corresponding points needed for a rotation
 _FEW = 40  # exact reference sources if graph distances are too inaccurate: one minute for 80,000 vertices
 
 
-def error_of_distances(part: Manifold, geodesic: str, how: How) -> float:
+def error_of_distances(part: Manifold, geodesic: str, settings: FlattenSettings) -> float:
     """Return the mean relative error of a solver's distances, compared with exact distances."""
-    return part.core.error_of_distances(how.seed, geodesic, how.threads, how.progress)
+    return part.core.error_of_distances(settings.seed, geodesic, settings.threads, settings.progress)
 
 
-def _measured(cut: Cutout, result: dict[str, Any], geodesic: str, links_error: float, how: How) -> Distortion:
+def _measured(
+    cut: CutManifold[Manifold], result: dict[str, Any], geodesic: str, links_error: float, settings: FlattenSettings
+) -> Distortion:
     """Measure the distortion against graph distances, or against exact distances if graph distances are inaccurate."""
-    part, reference, distances = cut.part, "graph", result["distortion"]
+    part, reference, distances = cut.surface, "graph", result["distortion"]
     if geodesic == "exact" or links_error > MUCH:
-        joined, rows = (part, np.arange(len(part))) if cut.tube is None else (cut.tube.part, cut.tube.rows(part))
+        tube = None if cut.chart is None else cut.chart.tube
+        joined, rows = (part, np.arange(len(part))) if tube is None else (tube.part, tube.rows(part))
         uv = np.empty((len(joined), 2))
         uv[rows] = result["uv"]
         count = _core.REFERENCE_SOURCES if geodesic == "exact" else _FEW
-        sources = _core.reference_sources(len(joined), count, how.seed)
-        kept, period = (_core.KEPT_BYTES, how.seed, how.threads, how.progress), result.get("period")
+        sources = _core.reference_sources(len(joined), count, settings.seed)
+        kept, period = (_core.KEPT_BYTES, settings.seed, settings.threads, settings.progress), result.get("period")
         reference, distances = "exact", joined.core.judge([uv], sources, "exact", *kept, period=period)[0]
         distances["per_point"] = distances["per_point"][rows]
-    of_triangles = part.core.measure(result["uv"], how.progress)
+    of_triangles = part.core.measure(result["uv"], settings.progress)
     return Distortion._of(distances, of_triangles, reference, voxel_size=part.voxel_size)
 
 
 def map_over_triangles(
     method: str,
-    cut: Cutout,
-    how: How,
+    cut: CutManifold[Manifold],
+    settings: FlattenSettings,
     result: dict[str, Any],
     need: int,
     rows: NDArray[np.float32] | Table | None,
@@ -63,11 +66,11 @@ def map_over_triangles(
     links_error: float | None = None,
 ) -> FlatMap:
     """Return the map of a triangle surface, with its distortion, metadata and warnings."""
-    part, chosen = cut.part, result["sources"]
+    part, chosen = cut.surface, result["sources"]
     warnings = [*cut.remarks, *doubts]
     if links_error is None:
-        links_error = error_of_distances(part, "graph", how)
-    distortion = _measured(cut, result, more.get("geodesic", "graph"), links_error, how)
+        links_error = error_of_distances(part, "graph", settings)
+    distortion = _measured(cut, result, more.get("geodesic", "graph"), links_error, settings)
     if not more.get("descent", {"converged": True})["converged"]:
         steps = len(more["descent"]["energies"])
         warnings.append(f"the optimisation stopped after {steps} steps before it converged. A better map may exist")
@@ -85,8 +88,8 @@ def map_over_triangles(
         warnings.append(f"the map overlaps itself: {triangles.covering} triangles cover another one")
     if triangles.flipped:
         warnings.append(f"the map folds over: {triangles.flipped} of {len(part.faces)} triangles are flipped")
-    anatomy = cut.anatomy(how.threads, how.progress)
-    uv, framed = _framed(result["uv"], cut, how)
+    anatomy = cut._anatomy(settings.threads, settings.progress)
+    uv, framed = _framed(result["uv"], cut, settings)
     merged, places = part._also_merged()
     rows_of: Any = slice(None)
     ids, vertices = part.ids, part.vertices
@@ -94,7 +97,7 @@ def map_over_triangles(
         rows_of = np.concatenate([np.arange(len(part)), places])
         ids = vertices = np.concatenate([ids, merged])
         distortion = replace(distortion, per_point=distortion.per_point[rows_of])
-        rows = rows if rows is None or how.store is not None else rows[:, rows_of]
+        rows = rows if rows is None or settings.store is not None else rows[:, rows_of]
     # triangles that close holes come last, and are not part of the map
     of_map = {"areal": triangles.areal[rows_of], "is_flipped": triangles.is_flipped[: len(cut.faces)]}
     distortion = replace(distortion, triangles=replace(triangles, **of_map))
@@ -110,9 +113,9 @@ def map_over_triangles(
         distortion=distortion,
         origin=cut.whole.origin,
         cuts=cut.cuts,
-        cuts_by=cut.by,
+        cuts_by=cut.cuts_by,
         method=method,
-        seed=how.seed,
+        seed=settings.seed,
         warnings=tuple(warnings),
         frame=framed["frame"],
         period=result.get("period"),
@@ -121,7 +124,9 @@ def map_over_triangles(
             "method": method,
             **cut.metadata,
             **framed,
-            **making_metadata(how, chosen, result, need, warnings, sampling, known=cut.remarks if cut.is_told else ()),
+            **making_metadata(
+                settings, chosen, result, need, warnings, sampling, known=cut.remarks if cut.has_logged else ()
+            ),
             **more,
         },
         rows=rows,
@@ -132,20 +137,22 @@ def map_over_triangles(
     )
 
 
-def _framed(uv: NDArray[np.float64], cut: Cutout, how: How) -> tuple[NDArray[np.float64], dict[str, Any]]:
+def _framed(
+    uv: NDArray[np.float64], cut: CutManifold[Manifold], settings: FlattenSettings
+) -> tuple[NDArray[np.float64], dict[str, Any]]:
     """Align a map with the standard frame or with the axis of its chart, and mirror it on request."""
-    found: dict[str, Any] = {"frame": None, "mirrored": how.mirror}
-    if cut.onto is not None:
-        onto = cut.onto[cut.part.vertices]
+    found: dict[str, Any] = {"frame": None, "mirrored": settings.mirror}
+    if cut.chart is not None:
+        onto = cut.chart.onto[cut.surface.vertices]
         known = np.isfinite(onto).all(axis=1)
-        if cut.tube is None:  # the axes of a periodic map are those of its period
+        if cut.chart.tube is None:  # the axes of a periodic map are those of its period
             uv, _ = _core.turn_onto(uv, uv[known], onto[known])
         uv, found["frame"] = uv - uv.mean(axis=0), "axis"
     if cut.sphere is not None and cut.given_length is not None:  # cuts of a template, or cuts passed with a sphere
-        uv, points, residual = _in_standard_frame(uv, cut.part, cut.faces, cut.sphere)
+        uv, points, residual = _in_standard_frame(uv, cut.surface, cut.faces, cut.sphere)
         if points:
             found |= {"frame": "standard", "frame_points": points, "frame_residual": residual}
-    return uv * [-1.0, 1.0] if how.mirror else uv, found
+    return uv * [-1.0, 1.0] if settings.mirror else uv, found
 
 
 def _in_standard_frame(
@@ -170,7 +177,7 @@ def _in_standard_frame(
 
 
 def making_metadata(
-    how: How,
+    settings: FlattenSettings,
     chosen: NDArray[Any],
     result: dict[str, Any],
     need: int,
@@ -186,7 +193,7 @@ def making_metadata(
     if sampling is not None:  # the method has sources
         of_sources = {"sources": len(chosen), "sampling": sampling, "planarity": result["planarity"]}
     return {
-        "seed": how.seed,
+        "seed": settings.seed,
         **of_sources,
         "warnings": warnings,
         "memory_need_bytes": need,

@@ -14,8 +14,8 @@ from voxflat.distortion.distortion import Distortion
 from voxflat.errors import InputError
 from voxflat.maps.flat_map import FlatMap
 from voxflat.methods.common import making_metadata
-from voxflat.methods.method import How, Method
-from voxflat.surfaces.cutting import Cutout, Where
+from voxflat.methods.method import FlattenSettings, Method
+from voxflat.surfaces.cutting import CutManifold
 from voxflat.surfaces.manifold import Manifold
 from voxflat.surfaces.voxel_graph import LINK_LENGTHS, VoxelGraph, voxel_graph
 
@@ -84,7 +84,7 @@ class Grossmann2002(Method):
 
     name: ClassVar[str] = "grossmann2002"
     summary: ClassVar[str] = "uses chain codes on the surface voxels of a volume"
-    takes_store: ClassVar[bool] = True
+    _takes_store: ClassVar[bool] = True
 
     sources: int | ArrayLike = 1000
     sampling: str = "farthest"
@@ -95,41 +95,48 @@ class Grossmann2002(Method):
         checked_choice(self.sampling, "sampling", [one for one in SAMPLINGS if one != "curvature"])
         checked_choice(self.link_lengths, "link_lengths", ("chain-code", "euclidean"))
 
-    def _flatten(self, surface: Manifold | Cutout, where: Where, how: How) -> FlatMap:
+    def _flatten(self, surface: Manifold | CutManifold[Manifold], settings: FlattenSettings) -> FlatMap:
         """Flatten the surface voxels from which a surface was made."""
-        if isinstance(surface, Cutout) or where.is_given:
+        if isinstance(surface, CutManifold) or settings.defines_cuts:
             raise InputError(
                 "the method 'grossmann2002' does not cut surfaces. Flatten a part of the surface (Surface.disk, "
                 "Surface.keep), and omit cuts, sphere, relax and adapt"
             )
-        if how.mirror:
+        if settings.mirror:
             raise InputError("the method 'grossmann2002' does not support mirror. Omit it")
-        return self._map(voxel_graph(surface, self.link_lengths, how.progress), how)
+        return self._map(voxel_graph(surface, self.link_lengths, settings.progress), settings)
 
-    def _map(self, graph: VoxelGraph, how: How) -> FlatMap:
+    def _map(self, graph: VoxelGraph, settings: FlattenSettings) -> FlatMap:
         part = graph.core
-        part.check_flattenable(how.progress)  # report this error before others
-        choice = source_choice(graph, self.sources, self.sampling, how.seed, fewest=3, at_most_all=True)
-        need = part.memory_need(choice.count, how.workers) + how.rows_memory_need(choice.count, len(part))
-        need = how.check_memory(need)
-        chosen = choice.made(how.progress)
+        part.check_flattenable(settings.progress)  # report this error before others
+        choice = source_choice(graph, self.sources, self.sampling, settings.seed, fewest=3, at_most_all=True)
+        need = part.memory_need(choice.count, settings.workers) + settings.rows_memory_need(choice.count, len(part))
+        need = settings.check_memory(need)
+        chosen = choice.made(settings.progress)
         store = None
-        if how.store is not None:
+        if settings.store is not None:
             kind = {"geodesic": "chain", "link_lengths": graph.link_lengths}
-            store = prepare_store(how.store, part, graph.ids, chosen, **kind, progress=how.progress)
-        result = part.grossmann2002(chosen, how.seed, how.keep_rows and store is None, how.threads, how.progress)
-        topology = part.topology(how.progress)
-        faces, torn = part.map_faces(result["uv"], how.progress)
+            store = prepare_store(settings.store, part, graph.ids, chosen, **kind, progress=settings.progress)
+        result = part.grossmann2002(
+            chosen, settings.seed, settings.keep_rows and store is None, settings.threads, settings.progress
+        )
+        topology = part.topology(settings.progress)
+        faces, torn = part.map_faces(result["uv"], settings.progress)
         metadata = {
             "method": "grossmann2002",
             **graph.metadata,
-            **making_metadata(how, chosen, result, need, _warnings(graph, topology, float(torn.mean())), choice.rule),
+            **making_metadata(
+                settings, chosen, result, need, _warnings(graph, topology, float(torn.mean())), choice.rule
+            ),
             "topology": topology,
             "torn_faces": float(torn.mean()),
         }
         rows = result["rows"]
         if store is not None:
-            metadata["store"], rows = str(store.path), stored_rows(store, part, chosen, how.threads, how.progress).rows
+            metadata["store"], rows = (
+                str(store.path),
+                stored_rows(store, part, chosen, settings.threads, settings.progress).rows,
+            )
         return FlatMap(
             uv=result["uv"],
             points=part.points,
@@ -142,7 +149,7 @@ class Grossmann2002(Method):
             distortion=Distortion._of(result["distortion"], None, "chain", voxel_size=graph.voxel_size),
             origin=graph.origin,
             method=self.name,
-            seed=how.seed,
+            seed=settings.seed,
             warnings=tuple(metadata["warnings"]),
             store=None if store is None else store.path,
             metadata=metadata,

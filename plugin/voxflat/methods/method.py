@@ -8,12 +8,10 @@ import numpy as np
 
 from voxflat import _core
 from voxflat.arguments import (
-    Progress,
     amount,
     check_memory,
     checked_seed,
     checked_switch,
-    checked_threads,
     log,
     shown,
     workers,
@@ -21,30 +19,28 @@ from voxflat.arguments import (
 from voxflat.errors import InputError
 from voxflat.io.provenance import described
 from voxflat.maps.flat_map import FlatMap
-from voxflat.surfaces.cutting import Cutout, Where, cut_open
+from voxflat.surfaces.cutting import CutManifold, CutSettings, cut_open
 from voxflat.surfaces.manifold import Manifold
 
 Rows = bool | str | os.PathLike[str]  # whether to keep distances in memory, or the directory of a store
 
 
-@dataclass(frozen=True)
-class How:
-    """The options of `Surface.flatten` that do not depend on the method."""
+@dataclass(frozen=True, kw_only=True)
+class FlattenSettings(CutSettings):
+    """The arguments of `voxflat.Surface.flatten`, other than the method."""
 
     mirror: bool = False
     rows: Rows = False
     seed: int = 0
-    threads: int | None = None
     memory_limit: int | None = None
-    progress: Progress | None = None
 
     def __post_init__(self) -> None:
-        """Check the options."""
+        """Check the settings."""
+        super().__post_init__()
         if not isinstance(self.rows, str | os.PathLike):
             object.__setattr__(self, "rows", checked_switch(self.rows, "rows"))
         object.__setattr__(self, "mirror", checked_switch(self.mirror, "mirror"))
         object.__setattr__(self, "seed", checked_seed(self.seed))
-        checked_threads(self.threads)
 
     @property
     def keep_rows(self) -> bool:
@@ -94,23 +90,23 @@ class Method:
 
     name: ClassVar[str]
     summary: ClassVar[str]
-    takes_rows: ClassVar[bool] = True
-    takes_store: ClassVar[bool] = False
-    takes_tubes: ClassVar[bool] = False
+    _takes_rows: ClassVar[bool] = True
+    _takes_store: ClassVar[bool] = False
+    _takes_tubes: ClassVar[bool] = False
 
     @property
     def provenance(self) -> dict[str, Any]:
         """Return the name of the method and its options. Maps keep this record, so that they can be reproduced."""
         return {"method": self.name, **{one.name: described(getattr(self, one.name)) for one in fields(self)}}
 
-    def _check(self, how: How) -> None:
+    def _check(self, settings: FlattenSettings) -> None:
         """Raise an error if the method does not support the requested rows."""
-        if how.rows is not False and not self.takes_rows:
+        if settings.rows is not False and not self._takes_rows:
             raise InputError(f"the method {self.name!r} does not measure distances. Omit rows")
-        if how.store is not None and not self.takes_store:
+        if settings.store is not None and not self._takes_store:
             raise InputError(f"the method {self.name!r} cannot write a store. Pass rows=True to keep rows in memory")
 
-    def _flatten(self, surface: Manifold | Cutout, where: Where, how: How) -> FlatMap:
+    def _flatten(self, surface: Manifold | CutManifold[Manifold], settings: FlattenSettings) -> FlatMap:
         """Flatten a surface."""
         raise NotImplementedError
 
@@ -119,19 +115,19 @@ class Method:
 class OverTriangles(Method):
     """A method that flattens a disk of triangles."""
 
-    def _flatten(self, surface: Manifold | Cutout, where: Where, how: How) -> FlatMap:
+    def _flatten(self, surface: Manifold | CutManifold[Manifold], settings: FlattenSettings) -> FlatMap:
         """Cut the surface open and flatten it."""
-        if isinstance(surface, Cutout):
-            if where.is_given:
+        if isinstance(surface, CutManifold):
+            if settings.defines_cuts:
                 raise InputError("the surface is already cut. Omit cuts, sphere, relax and adapt")
-            return self._map(surface, how)
-        return self._map(self._cut(surface, where, how), how)
+            return self._map(surface, settings)
+        return self._map(self._cut(surface, settings), settings)
 
-    def _cut(self, surface: Manifold, where: Where, how: How) -> Cutout:
+    def _cut(self, surface: Manifold, settings: FlattenSettings) -> CutManifold[Manifold]:
         """Cut a surface open to a disk."""
-        return cut_open(surface, where, how.threads, how.progress)
+        return cut_open(surface, settings)
 
-    def _map(self, cut: Cutout, how: How) -> FlatMap:
+    def _map(self, cut: CutManifold[Manifold], settings: FlattenSettings) -> FlatMap:
         """Flatten a disk."""
         raise NotImplementedError
 

@@ -9,8 +9,8 @@ from voxflat.errors import InputError
 from voxflat.io.grid import in_unit, rounded
 from voxflat.maps.flat_map import FlatMap
 from voxflat.methods.common import map_over_triangles
-from voxflat.methods.method import How, OverTriangles
-from voxflat.surfaces.cutting import Cutout, Where, cut_open
+from voxflat.methods.method import FlattenSettings, OverTriangles
+from voxflat.surfaces.cutting import CutManifold, cut_open
 from voxflat.surfaces.manifold import Manifold
 
 
@@ -59,7 +59,7 @@ class Saucan2006(OverTriangles):
 
     name: ClassVar[str] = "saucan2006"
     summary: ClassVar[str] = "glues certified patches"
-    takes_rows: ClassVar[bool] = False
+    _takes_rows: ClassVar[bool] = False
 
     bound: float = 1.5
 
@@ -70,19 +70,21 @@ class Saucan2006(OverTriangles):
                 f"bound is {shown(self.bound)}. Pass the largest factor by which lengths may change, from above 1 to 10"
             )
 
-    def _cut(self, surface: Manifold, where: Where, how: How) -> Cutout:
+    def _cut(self, surface: Manifold, settings: FlattenSettings) -> CutManifold[Manifold]:
         """Cut a surface open to a disk; add relaxation cuts only on request, because gluing cuts where needed."""
-        where = replace(where, relax=False) if where.relax is None else where
-        return cut_open(surface, where, how.threads, how.progress)
+        settings = replace(settings, relax=False) if settings.relax is None else settings
+        return cut_open(surface, settings)
 
-    def _map(self, cut: Cutout, how: How) -> FlatMap:
+    def _map(self, cut: CutManifold[Manifold], settings: FlattenSettings) -> FlatMap:
         """Flatten a disk in patches glued into one piece, and cut it open along the remaining seams."""
-        need = how.check_memory(cut.part.core.saucan2006_memory_need(how.workers), "flatten a smaller patch")
+        need = settings.check_memory(
+            cut.surface.core.saucan2006_memory_need(settings.workers), "flatten a smaller patch"
+        )
         bound = float(self.bound)
-        result = cut.part.core.saucan2006(bound, how.seed, how.threads, how.progress)
-        part, seams = cut.part._with_core(result["surface"]), Seams(**result["seams"])
+        result = cut.surface.core.saucan2006(bound, settings.seed, settings.threads, settings.progress)
+        part, seams = cut.surface._with_core(result["surface"]), Seams(**result["seams"])
         faces = part.faces[: len(cut.faces)]  # triangles that close holes come last
-        cut = replace(cut, part=part, faces=faces)
+        cut = replace(cut, surface=part, faces=faces)
         metadata = {
             "bound": bound,
             "patches": result["patches"],
@@ -92,4 +94,4 @@ class Saucan2006(OverTriangles):
         }
         length = in_unit(f"{rounded(seams.cuts)} mm", cut.whole.origin.named_unit)
         doubts = [f"{length} of the seams between patches remain cut"] if seams.cuts > 0 else []
-        return map_over_triangles(self.name, cut, how, result, need, None, metadata, doubts)
+        return map_over_triangles(self.name, cut, settings, result, need, None, metadata, doubts)

@@ -12,8 +12,9 @@ from voxflat.distances.sources import SAMPLINGS, SourceChoice, source_choice
 from voxflat.errors import InputError
 from voxflat.maps.flat_map import FlatMap
 from voxflat.methods.common import map_over_triangles
-from voxflat.methods.method import How, OverTriangles, checked_count
-from voxflat.surfaces.cutting import Cutout
+from voxflat.methods.method import FlattenSettings, OverTriangles, checked_count
+from voxflat.surfaces.cutting import CutManifold
+from voxflat.surfaces.manifold import Manifold
 
 _SAME_STRESS = 1.01  # starts that end in the same map differ by less than this factor
 _NO_STRESS = 1e-9  # or by less than this value: distances have an error of 0.003 %
@@ -89,25 +90,27 @@ class Schwartz1989(OverTriangles):
             checked_count(self.neighbourhood, "neighbourhood", "a number of rings, at least 1, or 'all'")
         checked_count(self.starts, "starts", "a number of random starts, at least 1")
 
-    def _map(self, cut: Cutout, how: How) -> FlatMap:
+    def _map(self, cut: CutManifold[Manifold], settings: FlattenSettings) -> FlatMap:
         """Flatten a disk of triangles."""
-        part = cut.part
+        part = cut.surface
         if is_whole(self.sources) and self.sources == 0:
-            if how.keep_rows:
+            if settings.keep_rows:
                 raise InputError("sources is 0, so there are no rows to keep. Use more sources, or omit rows")
-            choice = SourceChoice(part, 0, np.empty(0, dtype=np.uint32), self.sampling, how.seed, "given")
+            choice = SourceChoice(part, 0, np.empty(0, dtype=np.uint32), self.sampling, settings.seed, "given")
         else:
-            choice = source_choice(part, self.sources, self.sampling, how.seed, fewest=3, at_most_all=True)
+            choice = source_choice(part, self.sources, self.sampling, settings.seed, fewest=3, at_most_all=True)
         rings: int | None = None  # all pairs
         if not isinstance(self.neighbourhood, str):
-            rings = self.neighbourhood or part.core.schwartz1989_rings(how.progress)
-        need = part.core.schwartz1989_memory_need(rings, choice.count, how.workers, how.progress)
+            rings = self.neighbourhood or part.core.schwartz1989_rings(settings.progress)
+        need = part.core.schwartz1989_memory_need(rings, choice.count, settings.workers, settings.progress)
         kept = "between all pairs" if rings is None else f"within {rings} rings of each"
         remedy = "Use a smaller neighbourhood or patch, or the method 'voxflat'"
-        need += how.rows_memory_need(choice.count, len(part))
-        need = how.check_memory(need, f"distances {kept} of {len(part)} points are stored. {remedy}")
-        chosen = choice.made(how.progress)
-        result = part.core.schwartz1989(rings, chosen, self.starts, how.seed, how.keep_rows, how.threads, how.progress)
+        need += settings.rows_memory_need(choice.count, len(part))
+        need = settings.check_memory(need, f"distances {kept} of {len(part)} points are stored. {remedy}")
+        chosen = choice.made(settings.progress)
+        result = part.core.schwartz1989(
+            rings, chosen, self.starts, settings.seed, settings.keep_rows, settings.threads, settings.progress
+        )
         if np.isnan(result["planarity"]):
             result["planarity"] = None  # without sources
         energies, converged = result["convergence"]
@@ -118,7 +121,7 @@ class Schwartz1989(OverTriangles):
             "descent": {"converged": converged, "energies": energies},
         }
         doubts, rows = _doubts(result["stresses"]), result["rows"]
-        return map_over_triangles(self.name, cut, how, result, need, rows, metadata, doubts, sampling=choice.rule)
+        return map_over_triangles(self.name, cut, settings, result, need, rows, metadata, doubts, sampling=choice.rule)
 
 
 def _doubts(stresses: Sequence[float]) -> list[str]:

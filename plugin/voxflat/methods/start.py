@@ -11,7 +11,7 @@ from voxflat.errors import InputError
 from voxflat.maps.flat_map import FlatMap
 from voxflat.maps.matching import Matched, loaded
 from voxflat.surfaces.cuts import Cut
-from voxflat.surfaces.cutting import Cutout, cut_out_as, opened_to_disk
+from voxflat.surfaces.cutting import CutManifold, cut_out_as, opened_to_disk
 from voxflat.surfaces.manifold import Manifold, Step
 from voxflat.unique_rows import numbered
 
@@ -25,7 +25,7 @@ def covered(whole: Manifold, start: Matched) -> Manifold:
     return part if kept.all() else replace(part, whole=whole, steps=(Step("keep"),))
 
 
-def cut_as(whole: Manifold, start: Matched, threads: int | None, progress: Progress | None) -> Cutout:
+def cut_as(whole: Manifold, start: Matched, threads: int | None, progress: Progress | None) -> CutManifold[Manifold]:
     """Cut out the part that a map covers, along the map's own cuts."""
     part = covered(whole, start)
     places, _ = _at_corners(part.vertices, part.faces, start)
@@ -33,7 +33,7 @@ def cut_as(whole: Manifold, start: Matched, threads: int | None, progress: Progr
     return opened_to_disk(cut, False, threads, progress)
 
 
-def named_as(cut: Cutout, start: object) -> Cutout:
+def named_as(cut: CutManifold[Manifold], start: object) -> CutManifold[Manifold]:
     """Give cuts the names of the cuts of a map on which they lie, if it is a `FlatMap` or its file."""
     flat_map = loaded(start)
     known = [one for one in flat_map.cuts if one.name] if isinstance(flat_map, FlatMap) else []
@@ -45,9 +45,9 @@ def _set(cut: Cut) -> set[tuple[int, ...]]:
     return {tuple(np.atleast_1d(vertex).tolist()) for vertex in cut.ids}
 
 
-def places_of(cut: Cutout, start: Matched) -> NDArray[np.float64]:
+def places_of(cut: CutManifold[Manifold], start: Matched) -> NDArray[np.float64]:
     """Return the start's position for every vertex; both sides of a cut that the start lacks share a position."""
-    vertices = cut.part.vertices
+    vertices = cut.surface.vertices
     found, is_there = _at_corners(vertices, cut.faces, start)
     if not is_there.all():
         lacking = vertices[cut.faces[np.flatnonzero(~is_there)[0]]].tolist()

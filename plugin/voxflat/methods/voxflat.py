@@ -17,9 +17,9 @@ from voxflat.maps.matching import match
 from voxflat.maps.worst_places import area_changes
 from voxflat.maps.worst_search import worst_places
 from voxflat.methods.common import MUCH, error_of_distances, map_over_triangles
-from voxflat.methods.method import How, OverTriangles
+from voxflat.methods.method import FlattenSettings, OverTriangles
 from voxflat.methods.start import covered, cut_as, named_as, places_of
-from voxflat.surfaces.cutting import Cutout, Tube, Where
+from voxflat.surfaces.cutting import CutManifold, Tube
 from voxflat.surfaces.manifold import Manifold
 
 SCALES = ("distances", "areas")  # quantities that the scale of a map may preserve
@@ -111,8 +111,8 @@ class Voxflat(OverTriangles):
 
     name: ClassVar[str] = "voxflat"
     summary: ClassVar[str] = "minimises the distortion of distances and triangles"
-    takes_store: ClassVar[bool] = True
-    takes_tubes: ClassVar[bool] = True
+    _takes_store: ClassVar[bool] = True
+    _takes_tubes: ClassVar[bool] = True
 
     sources: int | ArrayLike = 400
     sampling: str = "farthest"
@@ -133,32 +133,43 @@ class Voxflat(OverTriangles):
         if self.max_area is not None and not (is_number(self.max_area) and 1 < self.max_area < np.inf):
             raise InputError(f"max_area is {shown(self.max_area)}. Pass a factor greater than 1, such as 2")
 
-    def _cut(self, surface: Manifold, where: Where, how: How) -> Cutout:
+    def _cut(self, surface: Manifold, settings: FlattenSettings) -> CutManifold[Manifold]:
         """Cut a surface open to a disk: the part that the start covers, and along its cuts, unless others are given."""
         if self.start is None or surface.steps:
-            return super()._cut(surface, where, how)
+            return super()._cut(surface, settings)
         start = match(surface, self.start)
-        if where.is_given:
-            return super()._cut(covered(surface, start), where, how)
-        return named_as(cut_as(surface, start, how.threads, how.progress), self.start)
+        if settings.defines_cuts:
+            return super()._cut(covered(surface, start), settings)
+        return named_as(cut_as(surface, start, settings.threads, settings.progress), self.start)
 
-    def _map(self, cut: Cutout, how: How) -> FlatMap:
+    def _map(self, cut: CutManifold[Manifold], settings: FlattenSettings) -> FlatMap:
         """Flatten a disk of triangles, from a coarse surface or from a given map."""
-        if cut.tube is not None:
-            return self._periodic_map(cut, cut.tube, how)
-        part, weighting = cut.part, float(self.weighting)
+        if cut.chart is not None and cut.chart.tube is not None:
+            return self._periodic_map(cut, cut.chart.tube, settings)
+        part, weighting = cut.surface, float(self.weighting)
         max_area = None if self.max_area is None else float(self.max_area)
         places = None if self.start is None else places_of(cut, match(cut.whole, self.start))
-        choice = source_choice(part, self.sources, self.sampling, how.seed, fewest=3, at_most_all=True)
-        kept = "stored" if how.store is not None else "kept" if how.keep_rows else "dropped"
-        need = how.check_memory(part.core.memory_need(choice.count, how.workers, kept))
-        chosen = choice.made(how.progress)
-        links_error = error_of_distances(part, "graph", how)
-        solver, error, doubts = _solver(part, self.geodesic, links_error, how)
+        choice = source_choice(part, self.sources, self.sampling, settings.seed, fewest=3, at_most_all=True)
+        kept = "stored" if settings.store is not None else "kept" if settings.keep_rows else "dropped"
+        need = settings.check_memory(part.core.memory_need(choice.count, settings.workers, kept))
+        chosen = choice.made(settings.progress)
+        links_error = error_of_distances(part, "graph", settings)
+        solver, error, doubts = _solver(part, self.geodesic, links_error, settings)
         store = None
-        if how.store is not None:
-            store = prepare_store(how.store, part.core, part.ids, chosen, geodesic=solver, progress=how.progress)
-        wanted = (chosen, how.seed, solver, weighting, self.scale, how.keep_rows, how.threads, how.progress)
+        if settings.store is not None:
+            store = prepare_store(
+                settings.store, part.core, part.ids, chosen, geodesic=solver, progress=settings.progress
+            )
+        wanted = (
+            chosen,
+            settings.seed,
+            solver,
+            weighting,
+            self.scale,
+            settings.keep_rows,
+            settings.threads,
+            settings.progress,
+        )
         bound, key = None if max_area is None else max_area**_WITHIN, None if store is None else store.key
         result = part.core.voxflat(*wanted, key, places, max_area=bound)
         if store is not None:
@@ -172,30 +183,30 @@ class Voxflat(OverTriangles):
             metadata["store"], more["store"], rows = str(store.path), store.path, open_rows(store.path).rows
         energies, converged = result["convergence"]
         metadata["descent"] = {"converged": converged, "energies": energies}
-        flat = map_over_triangles(self.name, cut, how, result, need, rows, metadata, doubts, **more)
-        return flat if max_area is None else _within(flat, max_area, how)
+        flat = map_over_triangles(self.name, cut, settings, result, need, rows, metadata, doubts, **more)
+        return flat if max_area is None else _within(flat, max_area, settings)
 
-    def _periodic_map(self, cut: Cutout, tube: Tube, how: How) -> FlatMap:
+    def _periodic_map(self, cut: CutManifold[Manifold], tube: Tube, settings: FlattenSettings) -> FlatMap:
         """Flatten a tube such that the two sides of its seam differ by one period."""
-        given = {"max_area": self.max_area, "start": self.start, "rows": how.rows or None}
+        given = {"max_area": self.max_area, "start": self.start, "rows": settings.rows or None}
         for name in (name for name, value in given.items() if value is not None):
             raise InputError(f"{name} does not apply to the chart 'cylinder'. Omit it, or use a single chart")
         part = tube.part
-        choice = source_choice(part, self.sources, self.sampling, how.seed, fewest=3, at_most_all=True)
-        need = how.check_memory(cut.part.core.memory_need(choice.count, how.workers, "dropped"))
-        links_error = error_of_distances(part, "graph", how)
-        solver, error, doubts = _solver(part, self.geodesic, links_error, how)
-        of_seam = (cut.part.core, tube.seam.astype(np.uint32), choice.made(how.progress), how.seed, solver)
-        result = part.core.periodic(*of_seam, float(self.weighting), self.scale, how.threads, how.progress)
+        choice = source_choice(part, self.sources, self.sampling, settings.seed, fewest=3, at_most_all=True)
+        need = settings.check_memory(cut.surface.core.memory_need(choice.count, settings.workers, "dropped"))
+        links_error = error_of_distances(part, "graph", settings)
+        solver, error, doubts = _solver(part, self.geodesic, links_error, settings)
+        of_seam = (cut.surface.core, tube.seam.astype(np.uint32), choice.made(settings.progress), settings.seed, solver)
+        result = part.core.periodic(*of_seam, float(self.weighting), self.scale, settings.threads, settings.progress)
         energies, converged = result["convergence"]
         metadata = {"geodesic": solver, "distance_error": error, "weighting": self.weighting, "scale": self.scale}
         metadata |= {"descent": {"converged": converged, "energies": energies}, "period": result["period"]}
         metadata["planarity"] = None  # distances around a tube are not those in a plane
         more: dict[str, Any] = {"sampling": choice.rule, "links_error": links_error}
-        return map_over_triangles(self.name, cut, how, result, need, None, metadata, doubts, **more)
+        return map_over_triangles(self.name, cut, settings, result, need, None, metadata, doubts, **more)
 
 
-def _within(flat: FlatMap, max_area: float, how: How) -> FlatMap:
+def _within(flat: FlatMap, max_area: float, settings: FlattenSettings) -> FlatMap:
     """Return a map that satisfies the bound on area changes, or raise an error."""
     areas, logs = area_changes(flat)
     areas, logs = areas[np.isfinite(logs)], logs[np.isfinite(logs)]  # triangles with an area on the surface
@@ -205,7 +216,7 @@ def _within(flat: FlatMap, max_area: float, how: How) -> FlatMap:
         return flat
     is_beyond = np.abs(logs) > np.log2(max_area)
     share = float(areas[is_beyond].sum() / areas.sum())
-    places = worst_places(flat, 3, beyond=max_area, threads=how.threads, progress=how.progress)
+    places = worst_places(flat, 3, beyond=max_area, threads=settings.threads, progress=settings.progress)
     lengths = [f"{place.cut.length:.0f}" for place in places.places if place.cut is not None]
     cuts = f"Add the cuts that voxflat.worst_places suggests ({' + '.join(lengths)} mm), use" if lengths else "Use"
     raise AreaBoundError(
@@ -218,18 +229,20 @@ def _within(flat: FlatMap, max_area: float, how: How) -> FlatMap:
     )
 
 
-def _solver(part: Manifold, asked: str | None, links_error: float, how: How) -> tuple[str, float, list[str]]:
+def _solver(
+    part: Manifold, asked: str | None, links_error: float, settings: FlattenSettings
+) -> tuple[str, float, list[str]]:
     """Return the solver for distances, its error, and warnings about it."""
     if asked == "exact":
         return asked, 0.0, []
     solver = "graph" if asked is None else asked
-    error = links_error if solver == "graph" else error_of_distances(part, solver, how)
+    error = links_error if solver == "graph" else error_of_distances(part, solver, settings)
     if not error > MUCH:
         return solver, error, []
     doubt = f"distances by {_NAMES[solver]} have a mean error of {100 * error:.1f} %, which thin triangles can cause."
     if asked is not None:
         return solver, error, [f"{doubt} Omit geodesic, or pass 'exact'"]
-    solver, error = "marching", error_of_distances(part, "marching", how)
+    solver, error = "marching", error_of_distances(part, "marching", settings)
     if error > MUCH:
         solver, error = "exact", 0.0
         log.info("measuring exact distances, which is slower")

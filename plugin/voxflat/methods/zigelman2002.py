@@ -11,8 +11,8 @@ from voxflat.distances.sources import SAMPLINGS, source_choice
 from voxflat.errors import InputError
 from voxflat.maps.flat_map import FlatMap
 from voxflat.methods.common import map_over_triangles
-from voxflat.methods.method import How, OverTriangles
-from voxflat.surfaces.cutting import Cutout
+from voxflat.methods.method import FlattenSettings, OverTriangles
+from voxflat.surfaces.cutting import CutManifold
 from voxflat.surfaces.manifold import Manifold
 
 
@@ -73,24 +73,24 @@ class Zigelman2002(OverTriangles):
         """Check the options."""
         checked_choice(self.sampling, "sampling", ("decimation", *SAMPLINGS, "grid"))
 
-    def _map(self, cut: Cutout, how: How) -> FlatMap:
+    def _map(self, cut: CutManifold[Manifold], settings: FlattenSettings) -> FlatMap:
         """Flatten a disk of triangles, or a range image."""
-        part = cut.part
-        choice = source_choice(part, self.sources, self.sampling, how.seed, fewest=3, at_most_all=True)
+        part = cut.surface
+        choice = source_choice(part, self.sources, self.sampling, settings.seed, fewest=3, at_most_all=True)
         grid = vertices = None
         if self.sampling == "grid":
             if choice.given is not None:
                 raise InputError("sampling is 'grid', which chooses the sources itself. Pass only a number of sources")
             grid = pixels_of(part)
-        need = part.core.zigelman2002_memory_need(choice.count, how.workers)
-        need = how.check_memory(need + how.rows_memory_need(choice.count, len(part)))
+        need = part.core.zigelman2002_memory_need(choice.count, settings.workers)
+        need = settings.check_memory(need + settings.rows_memory_need(choice.count, len(part)))
         if grid is None and (choice.given is not None or self.sampling != "decimation"):
-            vertices = choice.made(how.progress)
-        chosen = (choice.count, how.seed, vertices, grid, "circle")
-        result = part.core.zigelman2002(*chosen, how.keep_rows, how.threads, how.progress)
+            vertices = choice.made(settings.progress)
+        chosen = (choice.count, settings.seed, vertices, grid, "circle")
+        result = part.core.zigelman2002(*chosen, settings.keep_rows, settings.threads, settings.progress)
         placed = {"placed_by": "re-insertion" if grid is None else "bilinear functions between a grid's pixels"}
         rows, sampling = result["rows"], choice.rule
-        return map_over_triangles(self.name, cut, how, result, need, rows, placed, sampling=sampling)
+        return map_over_triangles(self.name, cut, settings, result, need, rows, placed, sampling=sampling)
 
 
 def pixels_of(part: Manifold) -> tuple[NDArray[np.uint32], list[float]]:

@@ -16,7 +16,7 @@ from voxflat.io.sources import as_mesh, as_volume, check_ending
 from voxflat.io.volumes import Volume
 from voxflat.pipeline.surface import Surface, middle_of_rim
 from voxflat.pipeline.surface import surface as _surface
-from voxflat.surfaces.cutting import Where
+from voxflat.surfaces.cutting import CutSettings
 from voxflat.surfaces.findings import Check, check_surface
 from voxflat.surfaces.foreground import check_scalar, foreground, labels_in
 from voxflat.surfaces.manifold import size_and_space
@@ -81,14 +81,14 @@ def check(
         making: dict[str, Any] = {"threads": checked_threads(threads), "progress": progress}
         voxels: dict[str, Any] = {"label": label, "threshold": threshold}
         mesh = as_mesh(source)
-        where = Where(cuts, sphere)
+        settings = CutSettings(cuts=cuts, sphere=sphere, **making)
         if mesh is not None:
             found = _of_mesh(mesh)
             try:
                 whole = _surface(mesh, **voxels, spacing=spacing, affine=affine, **making)
             except InputError as error:
                 return replace(found, advice=(*mesh.remarks, str(error)))
-            return _of_part(whole, part, found, where, making)
+            return _of_part(whole, part, found, settings, making)
         check_ending(source)
         volume = as_volume(source, spacing=spacing, affine=affine)
         check_scalar(volume.data)
@@ -99,14 +99,14 @@ def check(
             except InputError as error:
                 return replace(found, advice=(str(error),))
         making |= {**voxels, "memory_limit": memory_limit}
-        return _of_part(_surface(volume, **making, repair="none"), part, found, where, making, volume)
+        return _of_part(_surface(volume, **making, repair="none"), part, found, settings, making, volume)
 
 
 def _of_part(
     whole: Surface,
     part: Callable[[Surface], Surface] | None,
     found: Check,
-    where: Where,
+    settings: CutSettings,
     making: dict[str, Any],
     volume: Volume | None = None,
 ) -> Check:
@@ -118,10 +118,10 @@ def _of_part(
     try:
         wanted = chosen(whole)
     except InputError as error:
-        found = check_surface(whole, found, where, making["threads"], making["progress"])
+        found = check_surface(whole, found, settings)
         return replace(found, can_flatten=False, advice=(*whole.remarks, str(error)))
     repaired = None if volume is None else lambda: chosen(_surface(volume, **making))
-    return check_surface(wanted, found, where, making["threads"], making["progress"], repaired)
+    return check_surface(wanted, found, settings, repaired)
 
 
 def _of_mesh(mesh: Mesh) -> Check:

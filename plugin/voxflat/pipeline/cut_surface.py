@@ -1,9 +1,9 @@
 """Surfaces that were cut open; `Surface.cut` returns them, and `flatten` accepts them."""
 
 import os
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import Any, Generic, TypeVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,15 +14,13 @@ from voxflat.errors import InputError
 from voxflat.io.files import atomic_path
 from voxflat.io.grid import in_unit, rounded
 from voxflat.io.notebook import page
-from voxflat.io.provenance import Record, as_text, saving, telling
+from voxflat.io.provenance import Record, saving, telling
 from voxflat.maps.flat_map import FlatMap
 from voxflat.methods import Method, flattened, method_of
-from voxflat.methods.method import How, Rows
-from voxflat.read_only import ReadOnly
-from voxflat.surfaces.cuts import CUTS_FORMAT, Cut
-from voxflat.surfaces.cutting import Cutout, Where
-from voxflat.surfaces.manifold import Manifold
-from voxflat.surfaces.standard.sphere import Sphere
+from voxflat.methods.method import FlattenSettings, Rows
+from voxflat.surfaces.cuts import Cut, save_cuts
+from voxflat.surfaces.cutting import CutManifold
+from voxflat.surfaces.manifold import SurfaceT_co
 from voxflat.surfaces.standard.tracing import template_of
 
 _SIDES = (("left", "right"), ("posterior", "anterior"), ("inferior", "superior"))
@@ -42,33 +40,40 @@ def whereabouts(points: NDArray[np.float64], whole: NDArray[np.float64], structu
     return ", ".join(sides[axis][int(aside[axis] > 0)] for axis in order if abs(aside[axis]) > _ASIDE) or "middle"
 
 
-_Surface = TypeVar("_Surface", bound=Manifold)
-
-
-@dataclass(frozen=True, eq=False)
-class CutSurface(ReadOnly, Generic[_Surface]):
+@dataclass(frozen=True, eq=False, repr=False)
+class CutSurface(CutManifold[SurfaceT_co]):
     """A surface that was cut open, as returned by `Surface.cut`.
 
     Flatten it, edit its cuts, or save them to apply them to other surfaces.
 
     Parameters
     ----------
-    surface : Manifold
+    whole : Surface
+        The surface before cutting.
+    surface : Surface
         The remaining surface, cut open. Vertices on cuts are duplicated, and both copies have the same id.
+    faces : ndarray of uint32, shape (F, 3)
+        The triangles of `surface`, without those that close small holes.
     cuts : tuple of Cut
         The cuts, in the order in which they were made.
-    left_out : ndarray of int64, shape (m,) or (m, 3)
-        Vertices of the whole surface that are excluded, or their voxels.
+    cuts_by : str
+        Who chose the cuts: "given", "automatic", "start", "charts" or the name of a template.
     remarks : tuple of str
         Warnings about the cuts.
-    provenance : dict
-        Record of how the surface was cut.
-    whole : Manifold or None
-        The surface before cutting.
+    given_length : float or None
+        Length of the given cuts or of those of a template, in mm; None if the cuts are automatic.
     sphere : Sphere or None
         The registered sphere of the whole surface, if known.
-    cutout : Cutout or None
-        Details of the cuts, which `flatten` needs.
+    is_standard : bool
+        Whether the cuts follow a template.
+    chart : Chart or None
+        The place of a chart that `Surface.charts` returned.
+    sketch_error : float or None
+        Relative distance error of a coarse preview map, for cuts of a template.
+    has_logged : bool
+        Whether the logger ``voxflat`` has reported the remarks.
+    provenance : dict
+        Record of how the surface was cut.
 
     See Also
     --------
@@ -80,22 +85,10 @@ class CutSurface(ReadOnly, Generic[_Surface]):
     >>> flat_map = opened.flatten("zigelman2002")
     """
 
-    surface: _Surface
-    cuts: tuple[Cut, ...]
-    left_out: NDArray[np.int64]
-    remarks: tuple[str, ...] = ()
-    provenance: Record = field(default_factory=dict)
-    whole: Manifold | None = None
-    sphere: Sphere | None = None
-    cutout: Cutout | None = None
-
     @classmethod
-    def _of(cls, cutout: Cutout, surface: _Surface) -> "CutSurface[_Surface]":
-        """Return a cut surface with a list of its cuts."""
-        whole = cutout.whole
-        left_out = whole.ids[~np.isin(whole.vertices, cutout.part.vertices)]
-        more: dict[str, Any] = {"whole": whole, "sphere": cutout.sphere, "cutout": cutout}
-        return cls(surface, cutout.cuts, left_out, cutout.remarks, **more)
+    def _of(cls, cut: CutManifold[SurfaceT_co]) -> "CutSurface[SurfaceT_co]":
+        """Return a cut surface whose remarks have been logged."""
+        return cls(**{one.name: getattr(cut, one.name) for one in fields(cut)} | {"has_logged": True})
 
     @telling(method=method_of)
     def flatten(
@@ -132,9 +125,8 @@ class CutSurface(ReadOnly, Generic[_Surface]):
         --------
         Surface.flatten : Cut and flatten a surface.
         """
-        if self.cutout is None:
-            raise InputError("this CutSurface does not record how it was cut. Pass one that Surface.cut returned")
-        return flattened(self.cutout, method, Where(), How(mirror, rows, seed, threads, memory_limit, progress))
+        limits: dict[str, Any] = {"threads": threads, "memory_limit": memory_limit, "progress": progress}
+        return flattened(self, method, FlattenSettings(mirror=mirror, rows=rows, seed=seed, **limits))
 
     def __repr__(self) -> str:
         counts = f"{len(self.surface)} vertices, {len(self.cuts)} cuts, {len(self.left_out)} excluded vertices"
@@ -173,12 +165,12 @@ class CutSurface(ReadOnly, Generic[_Surface]):
             raise InputError(f"the cut number is {shown(number)}, but there are {len(self.cuts)} cuts, numbered from 0")
         cut, of = self.cuts[number], self.whole
         name = cut.name or f"cut {number + 1}"
-        if of is None or not len(cut.ids):
+        if not len(cut.ids):
             return name
         points = of.space.to_scanner(of.points)
         return f"{name}, {whereabouts(points[of.find(cut.ids)], points, of.origin.structure)}"
 
-    def _with_provenance(self, record: Record) -> "CutSurface[_Surface]":
+    def _with_provenance(self, record: Record) -> "CutSurface[SurfaceT_co]":
         """Return a copy with a record of how it was made."""
         return replace(self, surface=self.surface._with_provenance(record), provenance=record)
 
@@ -216,12 +208,7 @@ class CutSurface(ReadOnly, Generic[_Surface]):
         if not os.fspath(checked_path(path)).lower().endswith(".json"):
             self.surface.save(path, sidecar=sidecar, overwrite=overwrite)
             return
-        content: dict[str, Any] = {"format": CUTS_FORMAT, "cuts": [cut.ids.tolist() for cut in self.cuts]}
-        if any(cut.name for cut in self.cuts):
-            content["names"] = [cut.name for cut in self.cuts]
-        content |= {"drop": self.left_out.tolist(), "provenance": self.provenance}
-        with saving(path, self.provenance, sidecar=sidecar, overwrite=overwrite), atomic_path(path) as beside:
-            beside.write_text(as_text(content) + "\n", encoding="utf-8", newline="\n")
+        save_cuts(path, self.cuts, self.left_out, self.provenance, sidecar=sidecar, overwrite=overwrite)
 
     def save_template(self, path: str | os.PathLike[str], *, sidecar: bool = False, overwrite: bool = False) -> None:
         """Save the cuts, and the border of the excluded region, as a template.
@@ -251,7 +238,7 @@ class CutSurface(ReadOnly, Generic[_Surface]):
         >>> cut_open = voxflat.surface(left.white_left).cut("standard", sphere=left.sphere_left)
         >>> cut_open.save_template("five_cuts.json")
         """
-        if self.sphere is None or self.whole is None:
+        if self.sphere is None:
             raise InputError("a template requires a sphere, but this surface has none. Cut it with sphere (--sphere)")
         if not self.cuts and not len(self.left_out):
             raise InputError("cannot make a template: the surface has no cuts and no excluded vertices. Cut it first")
@@ -270,5 +257,4 @@ class CutSurface(ReadOnly, Generic[_Surface]):
 
     def _vertices(self, cut: Cut) -> NDArray[np.int64]:
         """Return the vertices of the whole surface along a cut."""
-        assert self.whole is not None
         return self.whole.vertices[self.whole.find(cut.ids)] if self.whole.is_voxels else cut.ids

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass
 from typing import Any
 
 from numpy.typing import ArrayLike
@@ -24,10 +24,10 @@ from voxflat.io.reading import reading
 from voxflat.io.sources import taken
 from voxflat.maps.flat_map import FlatMap
 from voxflat.methods import Method, flattened, method_of
-from voxflat.methods.method import How, Rows
+from voxflat.methods.method import FlattenSettings, Rows
 from voxflat.pipeline.cut_surface import CutSurface
 from voxflat.surfaces.charts import charted
-from voxflat.surfaces.cutting import Where, cut_handles, cut_open
+from voxflat.surfaces.cutting import CutSettings, cut_handles, cut_open
 from voxflat.surfaces.findings import Check, check_surface
 from voxflat.surfaces.foreground import foreground_of
 from voxflat.surfaces.manifold import Manifold, size_and_space
@@ -81,11 +81,6 @@ class Surface(Manifold):
     >>> cap.flatten().uv.shape == (len(cap), 2)
     True
     """
-
-    @classmethod
-    def _of(cls, made: Manifold) -> Surface:
-        """Return any manifold as a `Surface`."""
-        return cls(**{one.name: getattr(made, one.name) for one in fields(Manifold)})
 
     # ------------------------------------------------------------------------------------------ parts
 
@@ -236,7 +231,7 @@ class Surface(Manifold):
         >>> smooth.metadata["smoothed"]["mean"] < 0.3
         True
         """
-        return Surface._of(smoothed(self, length, progress))
+        return smoothed(self, length, progress)
 
     # ------------------------------------------------------------------------------------------ cuts and maps
 
@@ -304,11 +299,11 @@ class Surface(Manifold):
         >>> opened.cuts[0].reason
         'closed sphere'
         """
-        made = cut_open(self, Where(cuts, sphere, relax, adapt), checked_threads(threads), progress)
+        where: dict[str, Any] = {"cuts": cuts, "sphere": sphere, "relax": relax, "adapt": adapt}
+        made = cut_open(self, CutSettings(**where, threads=threads, progress=progress))
         for remark in made.remarks:
             log.warning(remark)
-        made = replace(made, is_told=True)
-        return CutSurface._of(made, Surface._of(made.part))
+        return CutSurface._of(made)
 
     @telling()
     def charts(
@@ -353,7 +348,7 @@ class Surface(Manifold):
         Returns
         -------
         tuple of CutSurface
-            The charts, starting at the front. ``cutout.metadata["chart"]`` describes each one.
+            The charts, starting at the front. ``metadata["chart"]`` describes each one.
 
         Raises
         ------
@@ -375,7 +370,7 @@ class Surface(Manifold):
         found = charted(self, count, axis, front, overlap, relax, checked_threads(threads), progress)
         for remark in dict.fromkeys(remark for made in found for remark in made.remarks):
             log.warning(remark)
-        return tuple(CutSurface._of(replace(made, is_told=True), Surface._of(made.part)) for made in found)
+        return tuple(map(CutSurface._of, found))
 
     @telling(method=method_of)
     def flatten(
@@ -447,8 +442,9 @@ class Surface(Manifold):
         >>> round(flat_map.distortion.raw.relative_error, 3)
         0.036
         """
-        how = How(mirror, rows, seed, threads, memory_limit, progress)
-        return flattened(self, method, Where(cuts, sphere, relax, adapt), how)
+        where: dict[str, Any] = {"cuts": cuts, "sphere": sphere, "relax": relax, "adapt": adapt}
+        limits: dict[str, Any] = {"threads": threads, "memory_limit": memory_limit, "progress": progress}
+        return flattened(self, method, FlattenSettings(**where, mirror=mirror, rows=rows, seed=seed, **limits))
 
     @telling()
     def patches(
@@ -653,11 +649,12 @@ class Surface(Manifold):
             If `progress` returned False.
         """
         with reading(memory_limit):
-            of = self if self.whole is None else self.whole
+            of = self._complete
             structure, unit = of.origin.structure, of.origin.unit
             contents = size_and_space(of.points, len(of.faces), structure, of.space, unit)
             found = Check(self.origin.input, "mesh", contents)
-            return check_surface(self, found, Where(cuts, sphere), checked_threads(threads), progress)
+            settings = CutSettings(cuts=cuts, sphere=sphere, threads=threads, progress=progress)
+            return check_surface(self, found, settings)
 
     @telling()
     def register(
@@ -803,12 +800,12 @@ def surface(
         _refuse_options("a mesh", **voxels)
         if repair == "voxels":
             raise InputError("repair is 'voxels', but a mesh has no voxels. Pass 'cuts' or 'none', or omit it")
-        made = of_mesh(given, pial, mend=repair != "none", unit=unit)
+        made = of_mesh(given, Surface, pial, mend=repair != "none", unit=unit)
     else:
         _refuse_options("a volume", pial=pial)
         inside = foreground_of(given, label=label, threshold=threshold, unit=unit)
-        made = of_volume(inside, probability=probability, repair=repair, threads=threads, progress=progress)
-    return Surface._of(cut_handles(made, threads, progress) if repair == "cuts" else made)
+        made = of_volume(inside, Surface, probability=probability, repair=repair, threads=threads, progress=progress)
+    return cut_handles(made, threads, progress) if repair == "cuts" else made
 
 
 def middle_of_rim(source: object) -> object:

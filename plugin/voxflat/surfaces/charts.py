@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from voxflat.arguments import Progress, checked_number, is_whole, shown
 from voxflat.errors import InputError
 from voxflat.io.grid import in_unit, rounded
-from voxflat.surfaces.cutting import Cutout, Tube, cut_out_as, opened_to_disk
-from voxflat.surfaces.manifold import Manifold
+from voxflat.surfaces.cutting import Chart, CutManifold, Tube, cut_out_as, opened_to_disk
+from voxflat.surfaces.manifold import Manifold, SurfaceT
 from voxflat.surfaces.parts import largest_piece, vertex_at
 from voxflat.surfaces.smoothing import cotangents
 
@@ -43,7 +43,7 @@ class _Frame:
 
 
 def charted(
-    part: Manifold,
+    part: SurfaceT,
     count: int | str,
     axis: Sequence[Any] | None,
     front: Any,
@@ -51,7 +51,7 @@ def charted(
     relax: float | bool | None,
     threads: int | None,
     progress: Progress | None,
-) -> list[Cutout]:
+) -> list[CutManifold[SurfaceT]]:
     """Divide a surface into charts; see `voxflat.Surface.charts`."""
     is_cylinder = isinstance(count, str) and count == CYLINDER
     if not is_cylinder and not (is_whole(count) and 1 <= int(count) <= MOST_CHARTS):
@@ -78,7 +78,7 @@ def charted(
     frame = _frame(part, graph, ends, at_front, sectors)
     about = {"count": count, "overlap": overlap, "front": None if at_front is None else part.ids[at_front].tolist()}
     about["axis"] = [part.ids[end[0]].tolist() for end in ends]
-    whole = part if part.whole is None else part.whole
+    whole = part._complete
     if is_cylinder:
         return _cylinder(whole, part, frame, kind, about, told, threads, progress)
     if count == 1:
@@ -96,18 +96,16 @@ def charted(
     for number, (chart, cuts) in enumerate(made):
         described = {**about, "name": names_of(sectors)[number]}
         onto = _targets(part, frame, 2 * np.pi * number / sectors)
-        cut = _chart(whole, chart, cuts, described, told, onto)
+        cut = _chart(whole, chart, cuts, Chart(described, onto), told)
         charts.append(opened_to_disk(cut, bool(relax) and relax, threads, progress))
     return charts
 
 
-def _chart(
-    whole: Manifold, part: Manifold, cuts: list[_Ints], described: dict[str, Any], told: list[str], onto: _Floats
-) -> Cutout:
+def _chart(whole: SurfaceT, part: SurfaceT, cuts: list[_Ints], chart: Chart, told: list[str]) -> CutManifold[SurfaceT]:
     """Return a chart with its description, its remarks, and where it belongs."""
     cut = cut_out_as(whole, part, cuts, "charts")
     remarks = (*cut.remarks, *(in_unit(remark, part.origin.named_unit) for remark in told))
-    return replace(cut, chart=described, remarks=remarks, onto=onto)
+    return replace(cut, chart=chart, remarks=remarks)
 
 
 def names_of(count: int | str) -> tuple[str, ...]:
@@ -118,15 +116,15 @@ def names_of(count: int | str) -> tuple[str, ...]:
 
 
 def _cylinder(
-    whole: Manifold,
-    part: Manifold,
+    whole: SurfaceT,
+    part: SurfaceT,
     frame: _Frame,
     kind: str,
     about: dict[str, Any],
     told: list[str],
     threads: int | None,
     progress: Progress | None,
-) -> list[Cutout]:
+) -> list[CutManifold[SurfaceT]]:
     """Return a tube, cut open along a seam, and the two caps of a closed surface."""
     is_cap = np.zeros((2, len(part.faces)), dtype=np.bool_)
     if kind == "closed":
@@ -142,12 +140,13 @@ def _cylinder(
     left, right = sorted(loops, key=lambda loop: float(frame.along[rows[loop]].mean()))
     seam = _opposite(_edge_graph(tube), frame.longitudes[rows], (left, right))
     onto = _targets(part, frame, 0.0)
-    cut = _chart(whole, tube, [seam], {**about, "name": CYLINDER}, told, onto)
-    charts = [replace(cut, tube=Tube(tube, seam))]
+    chart = Chart({**about, "name": CYLINDER}, onto, Tube(tube, seam))
+    charts = [_chart(whole, tube, [seam], chart, told)]
     if kind == "closed":
         for name, faces, sign in zip(CAPS, _caps(part, frame, about["overlap"]), (1, -1), strict=True):
             cap = part._with_core(part.core.part_of_faces(faces))
-            cut = _chart(whole, cap, [], {**about, "name": name}, told, _polar_targets(part, frame, sign))
+            chart = Chart({**about, "name": name}, _polar_targets(part, frame, sign))
+            cut = _chart(whole, cap, [], chart, told)
             charts.append(opened_to_disk(cut, False, threads, progress))
     return charts
 

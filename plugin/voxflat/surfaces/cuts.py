@@ -14,10 +14,11 @@ from numpy.typing import NDArray
 
 from voxflat.arguments import Note, Progress, is_whole, shown, unmasked
 from voxflat.errors import InputError
-from voxflat.io.files import check_format, contents, from_json, naming
+from voxflat.io.files import atomic_path, check_format, contents, from_json, naming
 from voxflat.io.grid import in_unit, rounded
+from voxflat.io.provenance import Record, as_text, saving
 from voxflat.read_only import ReadOnly
-from voxflat.surfaces.manifold import Manifold
+from voxflat.surfaces.manifold import Manifold, SurfaceT
 from voxflat.unique_rows import distinct
 
 CUTS_FORMAT = 1
@@ -102,6 +103,18 @@ def cuts_of(metadata: Mapping[str, Any]) -> tuple[Cut, ...]:
     given = [Cut(np.asarray(path, np.int64), None, reason, name) for path, name in zip(paths, names, strict=True)]
     made = metadata.get("automatic_cuts") or []
     return (*given, *(Cut(np.asarray(one["ids"], np.int64), one["length"], one["reason"]) for one in made))
+
+
+def save_cuts(
+    path: str | os.PathLike[str], cuts: Sequence[Cut], left_out: NDArray[np.int64], record: Record, **how: bool
+) -> None:
+    """Write cuts and excluded vertices to a file that `read_cuts` reads; see `voxflat.CutSurface.save`."""
+    content: dict[str, Any] = {"format": CUTS_FORMAT, "cuts": [cut.ids.tolist() for cut in cuts]}
+    if any(cut.name for cut in cuts):
+        content["names"] = [cut.name for cut in cuts]
+    content |= {"drop": left_out.tolist(), "provenance": record}
+    with saving(path, record, **how), atomic_path(path) as beside:
+        beside.write_text(as_text(content) + "\n", encoding="utf-8", newline="\n")
 
 
 @dataclass(frozen=True)
@@ -228,7 +241,7 @@ def _links(part: Manifold, vertices: NDArray[Any]) -> set[tuple[int, int]]:
     return {(a, b) for a, b in np.concatenate([ends, ends[:, ::-1]]).tolist()}
 
 
-def cut_along(part: Manifold, cuts: list[Given] | None) -> tuple[Manifold, list[Cut], float]:
+def cut_along(part: SurfaceT, cuts: list[Given] | None) -> tuple[SurfaceT, list[Cut], float]:
     """Cut along paths of neighbours; also return the cuts, and their length in mm."""
     cuts = cuts or []
     found = [_vertices_along(part, cut) for cut in cuts]
@@ -277,7 +290,7 @@ def check_relax(relax: float | bool | None, adapt: float | None = None) -> None:
         raise InputError(f"relax is {shown(relax)}. Pass the total length of the cuts in mm, at least 0")
 
 
-def close_holes(part: Manifold, progress: Progress | None) -> tuple[Manifold, NDArray[np.uint32], list[str]]:
+def close_holes(part: SurfaceT, progress: Progress | None) -> tuple[SurfaceT, NDArray[np.uint32], list[str]]:
     """Close small holes, so that distances can cross them; the faces of the input come first in the result."""
     longest = _SMALL_HOLE
     if part.is_voxels:
@@ -293,7 +306,7 @@ def close_holes(part: Manifold, progress: Progress | None) -> tuple[Manifold, ND
 
 
 def opened(
-    part: Manifold,
+    part: SurfaceT,
     relax: float | bool | None,
     given: float,
     threads: int | None,
@@ -303,7 +316,7 @@ def opened(
     is_cut: bool = False,
     is_given: bool = False,
     adapt: float | None = None,
-) -> tuple[Manifold, list[Cut], list[str]]:
+) -> tuple[SurfaceT, list[Cut], list[str]]:
     """Cut a surface open to a disk, and add relaxation cuts.
 
     `given` is the total length of the given cuts in mm, which counts towards `relax`. If `is_fixed`, a surface that is

@@ -2,17 +2,19 @@
 
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import dataclass, field, replace
+from typing import Any, Generic
 
 import numpy as np
 from numpy.typing import NDArray
 
-from voxflat.arguments import Note, Progress
+from voxflat.arguments import Note, Progress, checked_threads
 from voxflat.errors import InputError
 from voxflat.io.grid import in_unit, rounded
+from voxflat.io.provenance import Record
+from voxflat.read_only import ReadOnly
 from voxflat.surfaces.cuts import Cut, check_relax, close_holes, cut_along, described_cuts, opened, read_cuts
-from voxflat.surfaces.manifold import Manifold, Step
+from voxflat.surfaces.manifold import Manifold, Step, SurfaceT, SurfaceT_co
 from voxflat.surfaces.parts import dropped, largest_piece
 from voxflat.surfaces.standard.choice import AUTOMATIC, Choice, chosen
 from voxflat.surfaces.standard.sphere import Sphere
@@ -38,32 +40,62 @@ class Tube:
 
 
 @dataclass(frozen=True)
-class Cutout:
-    """The part that is flattened, the surface that it was cut from, and a record of the steps."""
+class Chart:
+    """The place of a chart on a closed organ or a tube."""
 
-    whole: Manifold
-    part: Manifold
-    faces: NDArray[np.uint32]
-    cuts: tuple[Cut, ...]  # given cuts or those of a template, then automatic ones
-    by: str  # who chose the cuts: "given", "automatic", the name of a template, "start" or "charts"
-    remarks: tuple[str, ...]
-    given_length: float | None  # length of the given cuts, mm; None if no cuts were given
-    is_cut: bool  # whether the user defined cuts, directly or by a patch's triangles
-    is_whole: bool  # whether nothing of the input was excluded
-    sphere: Sphere | None = None  # sphere of the complete surface, if known
-    is_standard: bool = False  # whether a template's cuts were chosen
-    is_told: bool = False  # whether its remarks were logged
-    onto: NDArray[np.float64] | None = None  # where the vertices of the complete surface belong on the map, or NaN
+    description: dict[str, Any]  # its number, name, axis and overlap
+    onto: NDArray[np.float64]  # where the vertices of the complete surface belong on the map, or NaN
     tube: Tube | None = None  # the tube before it was cut open, if the map is to be periodic
-    chart: dict[str, Any] | None = None  # number, name, axis and overlap of the chart
-    sketch_error: float | None = None  # distance error of a coarse preview, for cuts of a template
+
+
+@dataclass(frozen=True, eq=False)
+class CutManifold(ReadOnly, Generic[SurfaceT_co]):
+    """The geometry of a surface that was cut open, and a record of the steps.
+
+    `voxflat.CutSurface` describes the fields and adds operations that need the modules above.
+    """
+
+    whole: SurfaceT_co
+    surface: SurfaceT_co
+    faces: NDArray[np.uint32]
+    cuts: tuple[Cut, ...]
+    cuts_by: str
+    remarks: tuple[str, ...] = ()
+    given_length: float | None = None
+    sphere: Sphere | None = None
+    is_standard: bool = False
+    chart: Chart | None = None
+    sketch_error: float | None = None
+    has_logged: bool = False
+    provenance: Record = field(default_factory=dict)
+
+    @property
+    def left_out(self) -> NDArray[np.int64]:
+        """Vertices of the whole surface that are excluded, or their voxels.
+
+        They are numbered as in the input.
+        """
+        return self.whole.ids[~np.isin(self.whole.vertices, self.surface.vertices)]
+
+    @property
+    def _is_cut(self) -> bool:
+        """Whether the user defined cuts, directly or by a patch's triangles."""
+        return self.given_length is not None or any(step.by_triangles for step in self.surface.steps)
+
+    @property
+    def _is_whole(self) -> bool:
+        """Whether the user excluded nothing of the input."""
+        return not any(step.verb != "outlines" for step in self.surface.steps)
 
     @property
     def metadata(self) -> dict[str, Any]:
-        """How the part was selected and cut, for people and files."""
-        verbs = {step.verb: step for step in self.part.steps}
+        """How the part was selected and cut, for people and files.
+
+        Maps of the surface contain it.
+        """
+        verbs = {step.verb: step for step in self.surface.steps}
         disk, corners = verbs.get("disk"), verbs.get("polygon")
-        own = {"chart": self.chart, "sketch_error": self.sketch_error}
+        own = {"chart": None if self.chart is None else self.chart.description, "sketch_error": self.sketch_error}
         return {
             **self.whole.metadata,
             "keep": "keep" in verbs,
@@ -73,48 +105,53 @@ class Cutout:
             "radius": None if disk is None else disk.radius,
             "polygon": None if corners is None else corners.corners,
             **described_cuts(self.cuts),
-            "cuts_by": self.by,
+            "cuts_by": self.cuts_by,
             "sphere": None if self.sphere is None else self.sphere._described(),
             "surface_points": len(self.whole),
-            "points": len(np.unique(self.part.vertices)),
+            "points": len(np.unique(self.surface.vertices)),
             **{name: value for name, value in own.items() if value is not None},
         }
 
-    def anatomy(self, threads: int | None = None, progress: Progress | None = None) -> dict[str, NDArray[np.float64]]:
+    def _anatomy(self, threads: int | None = None, progress: Progress | None = None) -> dict[str, NDArray[np.float64]]:
         """Return curvature and sulcal depth of the part's vertices, computed on the complete surface."""
         of_whole = {"curvature": self.whole.mean_curvature, "sulcal_depth": self.whole.sulcal_depth}
         found = {}
         for name, of in of_whole.items():
             placed = np.full(self.whole.count, np.nan)
             placed[self.whole.vertices] = of(threads=threads, progress=progress)
-            found[name] = placed[self.part.vertices]
+            found[name] = placed[self.surface.vertices]
         return found
 
 
-@dataclass(frozen=True)
-class Where:
-    """The arguments of `voxflat.Surface.cut`, which define where to cut a surface."""
+@dataclass(frozen=True, kw_only=True)
+class CutSettings:
+    """The arguments of `voxflat.Surface.cut`."""
 
     cuts: object | None = None
     sphere: object | None = None
     relax: float | bool | None = None
     adapt: float | None = None
+    threads: int | None = None
+    progress: Progress | None = None
+
+    def __post_init__(self) -> None:
+        """Check the number of threads."""
+        object.__setattr__(self, "threads", checked_threads(self.threads))
 
     @property
-    def is_given(self) -> bool:
+    def defines_cuts(self) -> bool:
         """Whether the user defined where to cut."""
         return any(value is not None for value in (self.cuts, self.sphere, self.relax, self.adapt))
 
 
-def cut_open(
-    part: Manifold, where: Where, threads: int | None = None, progress: Progress | None = None, *, to_disk: bool = True
-) -> Cutout:
+def cut_open(part: SurfaceT, settings: CutSettings, *, to_disk: bool = True) -> CutManifold[SurfaceT]:
     """Cut a surface or a part open; without `to_disk`, make only the requested cuts and keep small holes."""
-    cuts, relax, adapt = where.cuts, where.relax, where.adapt
-    whole = part if part.whole is None else part.whole
+    cuts, relax, adapt = settings.cuts, settings.relax, settings.adapt
+    threads, progress = settings.threads, settings.progress
+    whole = part._complete
     check_relax(relax, adapt)
     is_free = all(step.verb == "drop" for step in part.steps)
-    choice = chosen(whole, cuts, where.sphere, is_free=is_free, threads=threads, progress=progress)
+    choice = chosen(whole, cuts, settings.sphere, is_free=is_free, threads=threads, progress=progress)
     remarks = list(choice.remarks)
     is_named = choice.template is not None or (isinstance(cuts, str) and cuts == AUTOMATIC)
     own, left_out = (None, None) if is_named else read_cuts(whole, cuts)
@@ -136,16 +173,14 @@ def cut_open(
     by = choice.template.name if choice.template else AUTOMATIC if own is None else "given"
     is_standard = choice.template is not None
     given = length if is_standard or own is not None else None
-    is_cut = given is not None or any(step.by_triangles for step in part.steps)
-    is_whole = not any(step.verb != "outlines" for step in part.steps)
-    more: dict[str, Any] = {"sphere": choice.sphere, "is_standard": is_standard}
-    cut = Cutout(whole, part, part.faces, tuple(cuts), by, tuple(remarks), given, is_cut, is_whole, **more)
+    made = (whole, part, part.faces, tuple(cuts), by, tuple(remarks), given)
+    cut = CutManifold(*made, sphere=choice.sphere, is_standard=is_standard)
     if adapt is not None and not is_standard:
         raise InputError("adapt requires a template. Pass cuts='standard' or a template file, or omit adapt")
     return opened_to_disk(cut, relax, threads, progress, adapt) if to_disk else cut
 
 
-def cut_out_as(whole: Manifold, part: Manifold, cuts: Sequence[NDArray[np.int64]], by: str) -> Cutout:
+def cut_out_as(whole: SurfaceT, part: SurfaceT, cuts: Sequence[NDArray[np.int64]], by: str) -> CutManifold[SurfaceT]:
     """Cut a part along known cuts, paths of its vertices; like `cut_open` without `to_disk`."""
     is_all = len(part.faces) == len(whole.faces)
     made = tuple(Cut(part.ids[path], None, "given") for path in cuts)
@@ -153,20 +188,24 @@ def cut_out_as(whole: Manifold, part: Manifold, cuts: Sequence[NDArray[np.int64]
     if cuts:
         part = part._with_core(part.core.cut([path.astype(np.uint32) for path in cuts]))
     part = largest_piece(part if is_all else replace(part, steps=(Step("keep"),)))
-    return Cutout(whole, part, part.faces, made, by, part.remarks, length, True, is_all)
+    return CutManifold(whole, part, part.faces, made, by, part.remarks, length)
 
 
 def opened_to_disk(
-    cut: Cutout, relax: float | bool | None, threads: int | None, progress: Progress | None, adapt: float | None = None
-) -> Cutout:
+    cut: CutManifold[SurfaceT],
+    relax: float | bool | None,
+    threads: int | None,
+    progress: Progress | None,
+    adapt: float | None = None,
+) -> CutManifold[SurfaceT]:
     """Close small holes, and cut the surface open to a disk."""
-    part, faces, told = close_holes(cut.part, progress)
+    part, faces, told = close_holes(cut.surface, progress)
     remarks = [*cut.remarks, *told]
     automatic: list[Cut] = []
     is_fixed = cut.given_length is not None and not cut.cuts and not cut.is_standard
     if relax or not is_fixed:
         given = cut.given_length or 0.0
-        known = {"is_fixed": is_fixed, "is_cut": cut.is_cut, "is_given": cut.is_whole}
+        known = {"is_fixed": is_fixed, "is_cut": cut._is_cut, "is_given": cut._is_whole}
         part, automatic, told = opened(part, relax, given, threads, progress, **known, adapt=adapt)
         faces = part.faces[: len(faces)]
         remarks += told
@@ -175,7 +214,7 @@ def opened_to_disk(
         error = sketch_error(part, threads, progress)
         remarks.append(_standard_remark(cut, error))
     cuts = (*cut.cuts, *automatic)
-    return replace(cut, part=part, faces=faces, cuts=cuts, sketch_error=error, remarks=tuple(remarks))
+    return replace(cut, surface=part, faces=faces, cuts=cuts, sketch_error=error, remarks=tuple(remarks))
 
 
 def sketch_error(part: Manifold, threads: int | None, progress: Progress | None) -> float:
@@ -184,7 +223,7 @@ def sketch_error(part: Manifold, threads: int | None, progress: Progress | None)
     return float(error)
 
 
-def _with_outlines(whole: Manifold, choice: Choice, part: Manifold) -> tuple[Manifold, list[str]]:
+def _with_outlines(whole: SurfaceT, choice: Choice, part: SurfaceT) -> tuple[SurfaceT, list[str]]:
     """Return a part without the region that a template excludes, unless the user has excluded most of it already."""
     assert choice.template is not None
     assert choice.sphere is not None
@@ -206,7 +245,7 @@ def _with_outlines(whole: Manifold, choice: Choice, part: Manifold) -> tuple[Man
     return left, told
 
 
-def _cut_by(choice: Choice, part: Manifold, progress: Progress | None) -> tuple[Manifold, list[TracedCut], list[str]]:
+def _cut_by(choice: Choice, part: SurfaceT, progress: Progress | None) -> tuple[SurfaceT, list[TracedCut], list[str]]:
     """Cut a part along the lines of a template."""
     assert choice.template is not None
     assert choice.sphere is not None
@@ -229,15 +268,15 @@ def _cut_by(choice: Choice, part: Manifold, progress: Progress | None) -> tuple[
     return opened_part, cuts, remarks
 
 
-def _standard_remark(cut: Cutout, error: float) -> str:
+def _standard_remark(cut: CutManifold[Any], error: float) -> str:
     """Return a remark on the cuts of a template, their reason, and the alternative."""
     names = ", ".join(one.name or "" for one in cut.cuts)
     if not names:
-        return f"no cut of {cut.by} lies in the flattened region"
+        return f"no cut of {cut.cuts_by} lies in the flattened region"
     assert cut.sphere is not None
     length = sum(one.length or 0.0 for one in cut.cuts)
     by = os.path.basename(cut.sphere.name)
-    what = "standard cuts" if cut.by == STANDARD else f"the cuts of {cut.by}"
+    what = "standard cuts" if cut.cuts_by == STANDARD else f"the cuts of {cut.cuts_by}"
     estimate = "" if np.isnan(error) else f" The estimated distance error is {100 * error:.1f} %."
     told = (
         f"cut along {what} ({names}; {rounded(length)} mm), located with {by}, so that maps of different brains "
@@ -246,7 +285,7 @@ def _standard_remark(cut: Cutout, error: float) -> str:
     return Note(in_unit(told, cut.whole.origin.named_unit))
 
 
-def cut_handles(whole: Manifold, threads: int | None, progress: Progress | None) -> Manifold:
+def cut_handles(whole: SurfaceT, threads: int | None, progress: Progress | None) -> SurfaceT:
     """Cut all handles open along short loops, and add a remark."""
     core, handles = whole.core.cut_handles(threads, progress)
     if not handles:

@@ -11,7 +11,7 @@ from voxflat.errors import InputError
 from voxflat.io.grid import in_unit, rounded
 from voxflat.io.spaces import Space
 from voxflat.read_only import ReadOnly
-from voxflat.surfaces.cutting import Cutout, Where, cut_open, opened_to_disk, sketch_error
+from voxflat.surfaces.cutting import CutManifold, CutSettings, cut_open, opened_to_disk, sketch_error
 from voxflat.surfaces.manifold import Manifold
 from voxflat.surfaces.necks import parts_at_a_neck
 from voxflat.surfaces.noise import noise_in_parts, noise_in_surface
@@ -207,13 +207,12 @@ def _shortened(items: Sequence[Any], most: int = _SHOWN) -> str:
 def check_surface(
     part: Manifold,
     found: Check,
-    where: Where,
-    threads: int | None = None,
-    progress: Progress | None = None,
+    settings: CutSettings,
     repaired: Callable[[], Manifold] | None = None,
 ) -> Check:
     """Check whether a surface or a part can be flattened; `repaired` returns the same part of the repaired surface."""
-    whole = part if part.whole is None else part.whole
+    threads, progress = settings.threads, settings.progress
+    whole = part._complete
     topology = whole.core.topology()
     found = replace(
         found,
@@ -224,13 +223,13 @@ def check_surface(
         components=tuple(component["vertices"] for component in topology["components"]),
     )
     try:
-        cut = cut_open(part, where, threads, progress, to_disk=False)
+        cut = cut_open(part, settings, to_disk=False)
     except InputError as error:
         return replace(found, advice=(*part.remarks, str(error)))
-    shape = cut.part.core.topology()
-    noise = _noise(part, found.components, len(cut.part), shape)
+    shape = cut.surface.core.topology()
+    noise = _noise(part, found.components, len(cut.surface), shape)
     advice = [*([noise] if noise else []), *cut.remarks]
-    handles = tuple(cut.part.core.handles(threads, progress)) if shape["handles"] else ()
+    handles = tuple(cut.surface.core.handles(threads, progress)) if shape["handles"] else ()
     if handles:
         total = sum(handle["length"] for handle in handles)
         length = in_unit(f"{rounded(total)} mm", part.origin.named_unit)
@@ -238,15 +237,15 @@ def check_surface(
     try:
         to_open = cut
         if shape["handles"] and repaired is not None:
-            to_open = cut_open(repaired(), where, threads, progress, to_disk=False)
-        opened: Cutout | None = opened_to_disk(to_open, None, threads, progress)
+            to_open = cut_open(repaired(), settings, to_disk=False)
+        opened: CutManifold[Manifold] | None = opened_to_disk(to_open, None, threads, progress)
     except InputError as error:
         opened = None
         advice.append(str(error))
     if opened is not None:
         advice += [remark for remark in opened.remarks if remark not in advice]
-        if len(opened.part) < 3:
-            advice.append(f"the patch has only {len(opened.part)} vertices. Choose a larger label or patch")
+        if len(opened.surface) < 3:
+            advice.append(f"the patch has only {len(opened.surface)} vertices. Choose a larger label or patch")
     is_solid = part.whole is None and part.foreground is not None and not whole.origin.voxels.is_sheet
     is_solid = is_solid and "touching_labels" not in whole.metadata  # which a remark names
     if is_solid and part.foreground and (shares := parts_at_a_neck(part.foreground)):
@@ -255,7 +254,7 @@ def check_surface(
             f"the foreground narrows between two parts ({first} and {second} % of its voxels). If two objects touch "
             "there, give each its own label"
         )
-    errors = {} if opened is None or not opened.is_standard else _sketch_errors(opened, part, threads, progress)
+    errors = {} if opened is None or not opened.is_standard else _sketch_errors(opened, part, settings)
     if len(errors) == 2:
         (by, named), (_, automatic) = errors.items()
         advice.append(
@@ -264,22 +263,22 @@ def check_surface(
         )
     return replace(
         found,
-        used=len(cut.part),
+        used=len(cut.surface),
         euler_characteristic=shape["euler"],
         closed=not shape["loops"],
         boundary=tuple(sorted((loop["length"] for loop in shape["loops"]), reverse=True)),
         handles=tuple({"length": handle["length"], "centre": tuple(handle["centre"])} for handle in handles),
-        thin=_thin(cut.part, threads, progress),
+        thin=_thin(cut.surface, threads, progress),
         named_cuts=tuple(
             {"name": one.name, "length": one.length, "ids": one.ids.tolist()}
             for one in cut.cuts
             if one.reason == "template"
         ),
-        cuts_by=cut.by,
+        cuts_by=cut.cuts_by,
         sketch_errors=errors,
         automatic_cuts=() if opened is None else tuple(one._described() for one in opened.cuts if one.is_automatic),
         noise=noise,
-        can_flatten=opened is not None and len(opened.part) >= 3,
+        can_flatten=opened is not None and len(opened.surface) >= 3,
         advice=tuple(advice),
     )
 
@@ -295,13 +294,13 @@ def _noise(part: Manifold, components: Sequence[int], used: int, shape: dict[str
     return noise_in_surface(components, used, shape["handles"], len(shape["loops"]))
 
 
-def _sketch_errors(opened: Cutout, part: Manifold, threads: int | None, progress: Progress | None) -> dict[str, float]:
+def _sketch_errors(opened: CutManifold[Manifold], part: Manifold, settings: CutSettings) -> dict[str, float]:
     """Return the estimated distance error with a template's cuts, and with automatic cuts."""
     assert opened.sketch_error is not None
-    found = {opened.by: opened.sketch_error}
+    found = {opened.cuts_by: opened.sketch_error}
     try:
-        other = cut_open(part, Where(AUTOMATIC), threads, progress)
-        found[AUTOMATIC] = sketch_error(other.part, threads, progress)
+        other = cut_open(part, replace(settings, cuts=AUTOMATIC, sphere=None))
+        found[AUTOMATIC] = sketch_error(other.surface, settings.threads, settings.progress)
     except InputError:
         pass  # the advice reports the error
     return {by: error for by, error in found.items() if np.isfinite(error)}

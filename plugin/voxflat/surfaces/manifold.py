@@ -6,7 +6,7 @@ import os
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -57,9 +57,10 @@ class Step:
 
 @dataclass(frozen=True, eq=False)
 class Manifold(ReadOnly, Saved):
-    """A surface of triangles: an oriented manifold with or without a boundary.
+    """The geometry of a surface: an oriented manifold of triangles, with or without a boundary.
 
-    `voxflat.Surface` describes the fields. Arrays with V rows refer to the vertices of the complete surface.
+    `voxflat.Surface` describes the fields and adds operations that need the modules above. Arrays with V rows refer to
+    the vertices of the complete surface.
     """
 
     _kind = "the surface"
@@ -80,8 +81,13 @@ class Manifold(ReadOnly, Saved):
     pial_points: NDArray[np.float64] | None = None
     mesh_faces: NDArray[np.int64] | None = None
     foreground: PackedMask | None = None
-    whole: Manifold | None = None
+    whole: Self | None = None
     steps: tuple[Step, ...] = ()
+
+    @property
+    def _complete(self) -> Self:
+        """The surface of which this one is a part, or this one."""
+        return self if self.whole is None else self.whole
 
     def __len__(self) -> int:
         """Return the number of vertices."""
@@ -436,6 +442,13 @@ class Manifold(ReadOnly, Saved):
             raise InputError("a patch file requires a mesh, but this surface comes from voxels. Save it as .surf.gii")
         points, _ = in_tkras(self.points, space)
         write_patch(path, patch_of(points, self.vertices, self.faces, self._bridges(), self.count, self.merged))
+
+
+SurfaceT = TypeVar("SurfaceT", bound=Manifold)
+"""The class of a surface, which functions that make a part of it or cut it keep."""
+
+SurfaceT_co = TypeVar("SurfaceT_co", bound=Manifold, covariant=True)
+"""The same for classes that hold surfaces."""
 
 
 def size_and_space(

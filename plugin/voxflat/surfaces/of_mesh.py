@@ -11,14 +11,16 @@ from voxflat.io.origin import MeshOrigin
 from voxflat.io.reading import check_room
 from voxflat.io.triangles import SEAMS
 from voxflat.surfaces.correspondence import SAME, pial_of
-from voxflat.surfaces.manifold import Manifold
+from voxflat.surfaces.manifold import SurfaceT
 
 _MENDED = ("incomplete", "missing", "dropped", "flipped", "duplicates", "crowded_edges", "split")
 _SHOWN = 10  # maximum number of vertices or edges in a remark
 _A_TRIANGLE, _A_POINT = 200, 100  # bytes to create a surface; measured: 160 to 190 per triangle and half a point
 
 
-def of_mesh(mesh: Mesh, pial: object | None = None, *, mend: bool = True, unit: str | None = None) -> Manifold:
+def of_mesh(
+    mesh: Mesh, cls: type[SurfaceT], pial: object | None = None, *, mend: bool = True, unit: str | None = None
+) -> SurfaceT:
     """Create a surface from a mesh; `mend` repairs defects as `voxflat.surface` describes."""
     measured_on = "the given surface"
     white, places, of_pial = None, None, list[str]()
@@ -58,7 +60,7 @@ def of_mesh(mesh: Mesh, pial: object | None = None, *, mend: bool = True, unit: 
     if mended:
         metadata["mended"] = mended
         mesh_faces = core.ids.astype(np.int64)[core.faces]
-    return Manifold(core, None, origin, metadata, tuple(remarks), white, places, mesh_faces)
+    return cls(core, None, origin, metadata, tuple(remarks), white, places, mesh_faces)
 
 
 def _remarks(told: dict[str, Any], faces: int, points: int) -> list[str]:

@@ -13,7 +13,7 @@ from voxflat.io.reading import check_room
 from voxflat.io.sources import volume_of
 from voxflat.io.volumes import Volume
 from voxflat.surfaces.foreground import Foreground, PackedMask, touching_labels
-from voxflat.surfaces.manifold import Manifold
+from voxflat.surfaces.manifold import SurfaceT
 from voxflat.surfaces.noise import noise_in_handles, noise_in_parts
 
 _MOST_REPAIRED = 0.01  # largest share of foreground voxels changed by default
@@ -24,13 +24,14 @@ _A_SURFEL = 600  # bytes per face between foreground and background to create a 
 
 def of_volume(
     given: Foreground,
+    cls: type[SurfaceT],
     *,
     probability: object | None = None,
     sheet: bool | None = None,
     repair: str | None = None,
     threads: int | None = None,
     progress: Progress | None = None,
-) -> Manifold:
+) -> SurfaceT:
     """Create a surface from the foreground of a volume; see `voxflat.surface`."""
     sheet = None if sheet is None else checked_switch(sheet, "sheet")
     volume, mask = given.volume, given.mask
@@ -69,7 +70,7 @@ def of_volume(
             f"labels {named} touch, so they form one surface. If they are different objects, choose one label"
         )
     packed = PackedMask(np.packbits(mask if repair == "voxels" else given.mask), given.origin)
-    return Manifold(core, voxels.astype(np.int64), origin, metadata, tuple(remarks), foreground=packed)
+    return cls(core, voxels.astype(np.int64), origin, metadata, tuple(remarks), foreground=packed)
 
 
 def _warn(doubt: str | None) -> None:

@@ -4,7 +4,7 @@ import os
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, TypeGuard, TypeVar
+from typing import Any, TypeGuard
 
 import numpy as np
 import scipy
@@ -24,7 +24,7 @@ from voxflat.io.sources import as_mesh
 from voxflat.io.volumes import Volume
 from voxflat.surfaces.correspondence import check_label
 from voxflat.surfaces.foreground import keep_mask
-from voxflat.surfaces.manifold import Manifold, Step
+from voxflat.surfaces.manifold import Manifold, Step, SurfaceT
 from voxflat.surfaces.voxel_graph import found_seed, seed_voxel
 
 STRAY_SHARE = 0.05  # largest share of a part's area in stray pieces
@@ -32,10 +32,8 @@ _TOUCHING = 0.3  # mm between white and pial surface; cortex is 1 to 5 mm thick
 _SHARES = (0.01, 0.2)  # limits of the medial wall's share of a hemisphere; 7 % is usual
 _CLEAR = 10  # least size relative to the next largest such region
 
-_Part = TypeVar("_Part", bound=Manifold)
 
-
-def kept(of: _Part, region: object) -> _Part:
+def kept(of: SurfaceT, region: object) -> SurfaceT:
     """Return the part of a surface inside a region; see `voxflat.Surface.keep`."""
     _check_file(of, region)
     faces = of.faces
@@ -49,7 +47,7 @@ def kept(of: _Part, region: object) -> _Part:
     return _region(of, by_triangles, step, region)
 
 
-def dropped(of: _Part, region: object) -> _Part:
+def dropped(of: SurfaceT, region: object) -> SurfaceT:
     """Return the part of a surface outside a region; see `voxflat.Surface.drop`."""
     _check_file(of, region)
     mask = None
@@ -62,8 +60,8 @@ def dropped(of: _Part, region: object) -> _Part:
 
 
 def disk(
-    of: _Part, seed_point: Sequence[int] | int, radius: float, threads: int | None, progress: Progress | None
-) -> _Part:
+    of: SurfaceT, seed_point: Sequence[int] | int, radius: float, threads: int | None, progress: Progress | None
+) -> SurfaceT:
     """Return a geodesic disk; see `voxflat.Surface.disk`."""
     radius = checked_number(radius, "radius")
     seed, told = vertex_at(of, seed_point, "seed point")
@@ -74,13 +72,13 @@ def disk(
     return _part(of, core, Step("disk", seed_point=given, seed_found=found, radius=radius), told)
 
 
-def polygon(of: _Part, corners: ArrayLike, progress: Progress | None) -> _Part:
+def polygon(of: SurfaceT, corners: ArrayLike, progress: Progress | None) -> SurfaceT:
     """Return the part enclosed by a closed shortest path; see `voxflat.Surface.polygon`."""
     core, _ = of.core.polygon(of.find(corners, "the polygon's corners"), progress)
     return _part(of, core, Step("polygon", corners=np.asarray(corners).tolist()), [])
 
 
-def largest_piece(part: _Part) -> _Part:
+def largest_piece(part: SurfaceT) -> SurfaceT:
     """Return the largest piece and add a remark; raise an error if the choice is not clear.
 
     It has the largest area of all pieces with at least 1 % as many triangles as the piece with the most triangles.
@@ -109,7 +107,7 @@ def largest_piece(part: _Part) -> _Part:
     return replace(part, core=part.core.largest_piece(), remarks=(*part.remarks, remark))
 
 
-def piece_of(part: _Part, vertices: NDArray[np.uint32]) -> _Part:
+def piece_of(part: SurfaceT, vertices: NDArray[np.uint32]) -> SurfaceT:
     """Return the one piece that contains all given vertices."""
     a, b = part.faces[:, :2].T, part.faces[:, 1:].T
     links = scipy.sparse.coo_array((np.ones(a.size), (a.ravel(), b.ravel())), shape=(len(part), len(part)))
@@ -122,12 +120,12 @@ def piece_of(part: _Part, vertices: NDArray[np.uint32]) -> _Part:
     return replace(part, core=part.core.part_of_faces(labels[part.faces[:, 0]] == wanted[0]))
 
 
-def _part(of: _Part, core: _core.Surface, step: Step, told: list[str]) -> _Part:
-    whole = of if of.whole is None else of.whole
+def _part(of: SurfaceT, core: _core.Surface, step: Step, told: list[str]) -> SurfaceT:
+    whole = of._complete
     return replace(of, core=core, whole=whole, steps=(*of.steps, step), remarks=(*of.remarks, *told))
 
 
-def _region(of: _Part, faces: NDArray[np.bool_], step: Step, region: object) -> _Part:
+def _region(of: SurfaceT, faces: NDArray[np.bool_], step: Step, region: object) -> SurfaceT:
     if not faces.any():
         raise InputError(f"the region contains no triangle of the surface ({len(of)} vertices). Choose another region")
     told = check_label(of, Path(region)) if _is_file(region) else []

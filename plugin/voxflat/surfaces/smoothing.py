@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from voxflat.arguments import Progress, checked_number
 from voxflat.errors import Cancelled, InputError
 from voxflat.io.grid import in_unit
-from voxflat.surfaces.manifold import Manifold
+from voxflat.surfaces.manifold import SurfaceT
 
 MOVED = "smoothing moved the surface"  # start of a remark that is always made
 
@@ -19,7 +19,7 @@ _MOST_STEPS = 5000
 _STEEPEST = 1e-6  # least sine of an angle of a triangle that counts: smaller ones have cotangents beyond 1e6
 
 
-def smoothed(surface: Manifold, length: float, progress: Progress | None) -> Manifold:
+def smoothed(surface: SurfaceT, length: float, progress: Progress | None) -> SurfaceT:
     """Return a surface without waves that are shorter than a length."""
     length = checked_number(length, "length")
     if not (np.isfinite(length) and length > 0):

@@ -12,7 +12,7 @@ from voxflat._napari.layers.volumes import LayerVolume
 from voxflat.arguments import Progress
 from voxflat.maps.flat_map import FlatMap
 from voxflat.pipeline.surface import Surface
-from voxflat.surfaces.cutting import Where, cut_open, sketch_error
+from voxflat.surfaces.cutting import CutSettings, cut_open, sketch_error
 from voxflat.surfaces.standard.sphere import OWN_REGISTRATION, sphere_beside
 from voxflat.unique_rows import in_rows
 
@@ -66,8 +66,8 @@ def evaluate_cuts(
     part = _without(whole, left_out)
 
     def error(cuts: Paths) -> float:
-        opened = cut_open(part, Where(cuts or "automatic", relax=False), progress=progress)
-        return sketch_error(opened.part, None, progress)
+        opened = cut_open(part, CutSettings(cuts=cuts or "automatic", relax=False, progress=progress))
+        return sketch_error(opened.surface, None, progress)
 
     with_all = error(paths)
     return with_all, [error({name: paths[name] for name in paths if name != without}) - with_all for without in paths]

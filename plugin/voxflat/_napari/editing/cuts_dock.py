@@ -36,8 +36,7 @@ from voxflat._napari.viewer_state import DrawnCuts, ViewerState
 from voxflat.errors import InputError, VoxflatError
 from voxflat.io.grid import rounded
 from voxflat.maps.flat_map import FlatMap
-from voxflat.pipeline.cut_surface import CutSurface
-from voxflat.surfaces.cuts import Cut
+from voxflat.surfaces.cuts import Cut, save_cuts
 
 _UNDO, _REDO = KeyMod.CtrlCmd | KeyCode.KeyZ, KeyMod.CtrlCmd | KeyMod.Shift | KeyCode.KeyZ
 _END_CUT = KeyMod.Shift | KeyCode.KeyX
@@ -251,10 +250,9 @@ class DrawCuts(TaskDock):
         if path is None or drawing is None:
             return
         cuts = tuple(Cut(ids, None, "given", name) for name, ids in drawing.paths().items())
-        opened = CutSurface(drawing.surface, cuts, drawing.left_out, provenance=drawing.surface.provenance)
         try:
             with showing_notes():
-                opened.save(path, overwrite=True)
+                save_cuts(path, cuts, drawing.left_out, drawing.surface.provenance, overwrite=True)
             show_info(f"Saved {path}")
         except (VoxflatError, OSError) as error:
             self._fail(error)
