@@ -94,7 +94,7 @@ if TYPE_CHECKING:
     from voxflat.distances.path import Path
     from voxflat.distances.rows import DistanceRows, open_rows
     from voxflat.distortion.distortion import Distortion
-    from voxflat.errors import AreaBoundError, Cancelled, HemisphereError, InputError, VoxflatError
+    from voxflat.errors import Cancelled, HemisphereError, InputError, VoxflatError
     from voxflat.evaluation.measure import Comparison, compare, measure
     from voxflat.lab.map_page import map_page
     from voxflat.laminar.columns import Columns
@@ -104,7 +104,7 @@ if TYPE_CHECKING:
     from voxflat.maps.plane import Places
     from voxflat.maps.raster import FlatImage, FlatStack, Raster
     from voxflat.maps.regions import Regions
-    from voxflat.maps.worst_places import WorstPlaces
+    from voxflat.maps.worst_places import AreaBoundError, WorstPlaces
     from voxflat.maps.worst_search import worst_places
     from voxflat.pipeline.check import check
     from voxflat.pipeline.cut_surface import CutSurface
@@ -127,7 +127,7 @@ else:
         "distances.path": ("Path",),
         "distances.rows": ("DistanceRows", "open_rows"),
         "distortion.distortion": ("Distortion",),
-        "errors": ("AreaBoundError", "Cancelled", "HemisphereError", "InputError", "VoxflatError"),
+        "errors": ("Cancelled", "HemisphereError", "InputError", "VoxflatError"),
         "evaluation.measure": ("Comparison", "compare", "measure"),
         "lab.map_page": ("map_page",),
         "laminar.columns": ("Columns",),
@@ -137,7 +137,7 @@ else:
         "maps.plane": ("Places",),
         "maps.raster": ("FlatImage", "FlatStack", "Raster"),
         "maps.regions": ("Regions",),
-        "maps.worst_places": ("WorstPlaces",),
+        "maps.worst_places": ("AreaBoundError", "WorstPlaces"),
         "maps.worst_search": ("worst_places",),
         "pipeline.check": ("check",),
         "pipeline.cut_surface": ("CutSurface",),

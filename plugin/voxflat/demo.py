@@ -6,7 +6,7 @@ import importlib.util
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -83,7 +83,7 @@ def _flat_image(flat_map: FlatMap, volume: Volume, name: str) -> Figure:
 
 def _summary(flat_map: FlatMap, seconds: float) -> str:
     width, height = np.ptp(flat_map.uv, axis=0)
-    metadata = flat_map.metadata
+    metadata: dict[str, Any] = flat_map.metadata
     repair = metadata["repair"]
     triangles = flat_map.distortion.triangles
     assert triangles is not None

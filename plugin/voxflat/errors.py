@@ -1,8 +1,14 @@
 """Define the exceptions that voxflat raises deliberately."""
 
-from typing import Any
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
 
 from voxflat.display import shown_by
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 
 class VoxflatError(Exception):
@@ -45,44 +51,6 @@ class InputError(VoxflatError, ValueError):
     """
 
 
-class AreaBoundError(InputError):
-    """Exception for a map whose area changes cannot be kept within ``Voxflat(max_area=...)``.
-
-    It contains the best map that was found, and cuts that would reduce its area distortion.
-
-    Parameters
-    ----------
-    message : str
-        Description of the error and its remedy.
-    best : FlatMap
-        The best map that was found, which has the smallest maximum change of area.
-    places : WorstPlaces
-        The regions of this map that exceed the bound, with suggested cuts.
-
-    See Also
-    --------
-    voxflat.worst_places : Find the regions of a map whose areas change most.
-    voxflat.methods.Voxflat : The method that accepts the bound.
-
-    Examples
-    --------
-    >>> bounded = voxflat.methods.Voxflat(max_area=1.02)
-    >>> try:
-    ...     voxflat.surface(voxflat.samples.ball()).flatten(bounded)
-    ... except voxflat.AreaBoundError as error:
-    ...     print(error.best)
-    <FlatMap: 678 points, 24 x 49 mm, relative error 4.1 %>
-    """
-
-    def __init__(self, message: str, best: Any, places: Any) -> None:
-        super().__init__(message)
-        self.best, self.places = best, places
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        """Pickle the exception with all its arguments."""
-        return type(self), (str(self), self.best, self.places)
-
-
 class HemisphereError(InputError):
     """Exception for a volume in which no cerebral hemisphere was found.
 
@@ -111,15 +79,21 @@ class HemisphereError(InputError):
     ...     error.figure().savefig("why.png")
     """
 
-    def __init__(self, message: str, white: Any, affine: Any, template: Any = None) -> None:
+    def __init__(
+        self,
+        message: str,
+        white: NDArray[np.bool_],
+        affine: NDArray[np.float64],
+        template: NDArray[np.bool_] | None = None,
+    ) -> None:
         super().__init__(message)
         self.white, self.affine, self.template = white, affine, template
 
-    def __reduce__(self) -> tuple[Any, ...]:
+    def __reduce__(self) -> tuple[object, ...]:
         """Pickle the exception with all its arguments."""
         return type(self), (str(self), self.white, self.affine, self.template)
 
-    def figure(self) -> Any:
+    def figure(self) -> "Figure":
         """Draw three sections through the voxels that were identified as white matter.
 
         The outline of the template is drawn over the sections if an alignment was attempted.
@@ -129,7 +103,8 @@ class HemisphereError(InputError):
         matplotlib.figure.Figure
             Sagittal, coronal and axial sections through the middle of the white matter.
         """
-        return shown_by("sections", self.white, self.affine, self.template)
+        figure: Figure = shown_by("sections", self.white, self.affine, self.template)
+        return figure
 
 
 class Cancelled(VoxflatError):  # noqa: N818  (it is not an error: the user asked for it)

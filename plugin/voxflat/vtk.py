@@ -21,19 +21,28 @@ import difflib
 from abc import abstractmethod
 from collections.abc import Callable
 from copy import deepcopy
-from typing import Any, Generic, TypeVar, overload
+from typing import TYPE_CHECKING, Any, Generic, TypeVar, overload
 
 import numpy as np
 import pyvista as pv
 from vtkmodules.util.vtkAlgorithm import VTKPythonAlgorithmBase
 from vtkmodules.vtkCommonCore import vtkOutputWindow
-from vtkmodules.vtkCommonDataModel import vtkDataSet
+from vtkmodules.vtkCommonDataModel import vtkDataObject, vtkDataSet
 
 from voxflat._pyvista.accessor import VoxflatAccessor
 from voxflat._pyvista.options import Seed
 from voxflat.errors import Cancelled, InputError
 from voxflat.methods import Method
 from voxflat.read_only import read_only
+
+if TYPE_CHECKING:
+    from typing_extensions import dataclass_transform
+else:
+
+    def dataclass_transform(**_: object) -> Callable[[type], type]:
+        """Return a decorator that does nothing, because only type checkers read it."""
+        return lambda cls: cls
+
 
 __all__ = ["FlattenSurface", "SurfaceGeodesic", "SurfacePatches"]
 
@@ -73,12 +82,13 @@ class _Option(Generic[_Value]):
             instance.Modified()
 
 
+@dataclass_transform(kw_only_default=True, field_specifiers=(_Option,))
 class _Filter(VTKPythonAlgorithmBase):
     """Base class of the filters, with their options, progress reports, cancellation and VTK error events."""
 
     OUTPUT = "vtkPolyData"
 
-    def __init__(self, **options: Any) -> None:
+    def __init__(self, **options: object) -> None:
         self.given: dict[str, Any] = {}
         initialise: Any = VTKPythonAlgorithmBase.__init__
         initialise(self, nInputPorts=1, inputType="vtkDataSet", nOutputPorts=1, outputType=self.OUTPUT)
@@ -111,7 +121,7 @@ class _Filter(VTKPythonAlgorithmBase):
         """
         return [name for name in dir(cls) if isinstance(getattr(cls, name), _Option)]
 
-    def SetInputData(self, data: Any) -> None:  # noqa: N802
+    def SetInputData(self, data: vtkDataSet) -> None:  # noqa: N802
         """Set a dataset as the input.
 
         Use ``SetInputConnection`` to connect the output of another filter.
@@ -123,7 +133,7 @@ class _Filter(VTKPythonAlgorithmBase):
         """
         self.SetInputDataObject(0, data)
 
-    def GetOutput(self) -> Any:  # noqa: N802
+    def GetOutput(self) -> vtkDataObject:  # noqa: N802
         """Return the output of the filter.
 
         Call ``Update`` first.
@@ -141,7 +151,8 @@ class _Filter(VTKPythonAlgorithmBase):
         >>> flatten.GetOutput().GetNumberOfPoints()
         121
         """
-        return self.GetOutputDataObject(0)
+        output: vtkDataObject = self.GetOutputDataObject(0)
+        return output
 
     def RequestData(self, _request: object, inputs: Any, outputs: Any) -> int:  # noqa: N802
         """Compute the output; called by VTK. After an error or an abort, the output is empty.
@@ -230,18 +241,18 @@ class FlattenSurface(_Filter):
     121
     """
 
-    scalars: _Option[str | None] = _Option(None)
-    label: _Option[int | None] = _Option(None)
-    threshold: _Option[float | None] = _Option(None)
-    keep: _Option[object] = _Option(None)
-    drop: _Option[object] = _Option(None)
-    seed_point: _Option[Seed | None] = _Option(None)
-    radius: _Option[float | None] = _Option(None)
-    cuts: _Option[object] = _Option(None)
-    relax: _Option[float | bool | None] = _Option(None)
-    method: _Option[str | Method] = _Option("voxflat")
-    seed: _Option[int] = _Option(0)
-    threads: _Option[int | None] = _Option(None)
+    scalars: _Option[str | None] = _Option(default=None)
+    label: _Option[int | None] = _Option(default=None)
+    threshold: _Option[float | None] = _Option(default=None)
+    keep: _Option[object] = _Option(default=None)
+    drop: _Option[object] = _Option(default=None)
+    seed_point: _Option[Seed | None] = _Option(default=None)
+    radius: _Option[float | None] = _Option(default=None)
+    cuts: _Option[object] = _Option(default=None)
+    relax: _Option[float | bool | None] = _Option(default=None)
+    method: _Option[str | Method] = _Option(default="voxflat")
+    seed: _Option[int] = _Option(default=0)
+    threads: _Option[int | None] = _Option(default=None)
 
     def _made(self, dataset: pv.DataSet, progress: Callable[[str, int, int], bool]) -> pv.DataSet:
         return VoxflatAccessor(dataset)(progress=progress, **self.given)
@@ -280,8 +291,8 @@ class SurfaceGeodesic(_Filter):
     """
 
     OUTPUT = "vtkDataSet"
-    sources: _Option[Seed] = _Option(0)
-    method: _Option[str] = _Option("graph")
+    sources: _Option[Seed] = _Option(default=0)
+    method: _Option[str] = _Option(default="graph")
 
     def RequestDataObject(self, _request: object, inputs: Any, outputs: Any) -> int:  # noqa: N802
         """Create an output of the same type as the input; called by VTK."""
@@ -326,17 +337,17 @@ class SurfacePatches(_Filter):
     320
     """
 
-    max_angle: _Option[float | None] = _Option(None)
-    bound: _Option[float | None] = _Option(None)
-    count: _Option[int | None] = _Option(None)
-    glue: _Option[float | None] = _Option(None)
-    packing: _Option[str] = _Option("boxes")
-    seeds: _Option[str] = _Option("curvature")
-    seed: _Option[int] = _Option(0)
-    scalars: _Option[str | None] = _Option(None)
-    label: _Option[int | None] = _Option(None)
-    threshold: _Option[float | None] = _Option(None)
-    threads: _Option[int | None] = _Option(None)
+    max_angle: _Option[float | None] = _Option(default=None)
+    bound: _Option[float | None] = _Option(default=None)
+    count: _Option[int | None] = _Option(default=None)
+    glue: _Option[float | None] = _Option(default=None)
+    packing: _Option[str] = _Option(default="boxes")
+    seeds: _Option[str] = _Option(default="curvature")
+    seed: _Option[int] = _Option(default=0)
+    scalars: _Option[str | None] = _Option(default=None)
+    label: _Option[int | None] = _Option(default=None)
+    threshold: _Option[float | None] = _Option(default=None)
+    threads: _Option[int | None] = _Option(default=None)
 
     def _made(self, dataset: pv.DataSet, progress: Callable[[str, int, int], bool]) -> pv.DataSet:
         return VoxflatAccessor(dataset).patches(progress=progress, **self.given)

@@ -14,7 +14,7 @@ from voxflat.errors import InputError
 if TYPE_CHECKING:
     from typing_extensions import Unpack
 
-    from voxflat._pyvista.options import FlattenOptions
+    from voxflat._pyvista.options import FlattenOptions, MeasureOptions
 
 Given = ParamSpec("Given")
 Result = TypeVar("Result")
@@ -110,7 +110,9 @@ class BlocksAccessor:
     patches = _of_each(VoxflatAccessor.patches)
     cut = _of_each(VoxflatAccessor.cut)
 
-    def measure(self, flat: pv.MultiBlock, scalars: str | None = None, **options: Any) -> pv.MultiBlock:
+    def measure(
+        self, flat: pv.MultiBlock, scalars: str | None = None, **options: Unpack[MeasureOptions]
+    ) -> pv.MultiBlock:
         """Measure the distortion of a map of each block.
 
         Empty blocks stay empty.

@@ -58,3 +58,12 @@ class FlattenOptions(CutOptions, total=False):
     mirror: bool
     rows: Rows
     seed: int
+
+
+class MeasureOptions(PlaceOptions, total=False):
+    """Options for measuring a map, as in `VoxflatAccessor.measure`."""
+
+    sources: int | None
+    reference: str | None
+    seed: int
+    progress_bar: bool

@@ -2,11 +2,11 @@
 
 import os
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any, ClassVar, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar, TypeVar, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from voxflat.arguments import checked_choice, checked_number, checked_path, is_number, shown
 from voxflat.atlases.layout import PACKINGS, lay_out, usual_gap
 from voxflat.atlases.page import FlatPage
-from voxflat.atlases.pieces import FlatPieces
+from voxflat.atlases.pieces import FlatPieces, Piece
 from voxflat.display import shown_by
 from voxflat.errors import InputError
 from voxflat.io import files
@@ -26,6 +26,16 @@ from voxflat.io.readers import read_arrays
 from voxflat.io.reading import note
 from voxflat.io.saved import Saved
 from voxflat.maps.raster import FlatImage, FlatStack
+
+if TYPE_CHECKING:
+    import typing_extensions
+    from typing_extensions import Unpack
+
+    from voxflat.maps.option_types import ImageOptions, StackOptions
+
+    PieceT_co = typing_extensions.TypeVar("PieceT_co", bound=Piece, covariant=True, default=Piece)
+else:
+    PieceT_co = TypeVar("PieceT_co", bound=Piece, covariant=True)
 
 _SHOWN = 12  # pieces in a table
 _ARRAYS = ("points", "faces", "ids", "piece_ids", "stretch", "starts", "vertex_ids", "uv", "uv_faces", "measured")
@@ -46,7 +56,7 @@ Own = TypeVar("Own", bound="Atlas")
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Atlas(FlatPieces, Saved, ABC):
+class Atlas(FlatPieces, Saved, Sequence[PieceT_co], ABC):
     """A surface divided into a sequence of flat pieces, from the largest to the smallest.
 
     It is either a `FlatAtlas` of certified patches, or a `GluedAtlas`.
@@ -114,14 +124,20 @@ class Atlas(FlatPieces, Saved, ABC):
 
     # -------------------------------------------------------------------------------- as a sequence
 
-    def __getitem__(self, number: Any) -> Any:
+    @overload
+    def __getitem__(self, number: int) -> PieceT_co: ...
+
+    @overload
+    def __getitem__(self, number: slice) -> list[PieceT_co]: ...
+
+    def __getitem__(self, number: int | slice) -> PieceT_co | list[PieceT_co]:
         """Return a piece, or a list of pieces for a slice."""
         if isinstance(number, slice):
             return [self._piece(n) for n in range(*number.indices(len(self)))]
         return self._piece(range(len(self))[number])
 
     @abstractmethod
-    def _piece(self, n: int) -> Any:
+    def _piece(self, n: int) -> PieceT_co:
         """Return a piece."""
 
     def _parts(self, n: int) -> dict[str, Any]:
@@ -192,7 +208,7 @@ class Atlas(FlatPieces, Saved, ABC):
         """
         return self.page(gap, packing=packing).uv
 
-    def image(self, volume: object, pixel_size: float | None = None, **options: Any) -> FlatImage:
+    def image(self, volume: object, pixel_size: float | None = None, **options: "Unpack[ImageOptions]") -> FlatImage:
         """Show a volume, or values at the vertices, on the page.
 
         Shorthand for `page` followed by `FlatPage.image`.
@@ -213,7 +229,7 @@ class Atlas(FlatPieces, Saved, ABC):
         """
         return self.page().image(volume, pixel_size, **options)
 
-    def images(self, volume: object, pixel_size: float | None = None, **options: Any) -> FlatStack:
+    def images(self, volume: object, pixel_size: float | None = None, **options: "Unpack[StackOptions]") -> FlatStack:
         """Show several depths, all maps of a file, or a series of volumes on the page.
 
         Shorthand for `page` followed by `FlatPage.images`.
@@ -255,7 +271,7 @@ class Atlas(FlatPieces, Saved, ABC):
 
     # ------------------------------------------------------------------------------------- figures
 
-    def figures(self) -> dict[str, Any]:
+    def figures(self) -> dict[str, object]:
         """Return the measures of the atlas as a dictionary that can be written as JSON.
 
         They describe the patches or pieces, the bounds, the measured distortion and, if patches are glued, the seams.

@@ -1,7 +1,6 @@
 """Quasi-isometric patches with a certificate: `FlatAtlas` and `FlatPatch`."""
 
 import os
-from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import Any, Literal
 
@@ -128,7 +127,7 @@ class FlatPatch(Piece):
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class FlatAtlas(Atlas, Sequence[FlatPatch]):
+class FlatAtlas(Atlas[FlatPatch]):
     """A surface divided into certified flat patches: a sequence of `FlatPatch`, from the largest to the smallest.
 
     `Surface.patches` returns it.
@@ -206,7 +205,7 @@ class FlatAtlas(Atlas, Sequence[FlatPatch]):
         return np.asarray(~held)
 
     def _lines(self) -> list[str]:
-        of, certified = self.figures(), self.certificate
+        of, certified = self._figures(), self.certificate
         measured = of["measured"]
         return [
             f"{'patches':26}{len(self):>10}",

@@ -1,6 +1,5 @@
 """Glued patches: `FlatAtlas.glue` closes the seams between certified patches and returns a `GluedAtlas`."""
 
-from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from functools import cached_property
 from typing import Any
@@ -103,7 +102,7 @@ class GluedPiece(Piece):
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class GluedAtlas(Atlas, Sequence[GluedPiece]):
+class GluedAtlas(Atlas[GluedPiece]):
     """A surface divided into glued flat pieces: a sequence of `GluedPiece`, from the largest to the smallest.
 
     `FlatAtlas.glue` returns it.
@@ -188,7 +187,7 @@ class GluedAtlas(Atlas, Sequence[GluedPiece]):
         }
 
     def _lines(self) -> list[str]:
-        of, seams = self.figures(), self.seams
+        of, seams = self._figures(), self.seams
 
         def share(length: float) -> str:
             return f"{100 * length / seams.length if seams.length > 0 else 0.0:>8.2f} %"

@@ -58,7 +58,7 @@ class FlatPieces(ReadOnly):
     uv_faces: NDArray[np.int64]
     origin: Origin
     warnings: tuple[str, ...] = ()
-    metadata: dict[str, Any] = field(default_factory=dict)
+    metadata: dict[str, object] = field(default_factory=dict)
 
     def __len__(self) -> int:
         """Return the number of pieces."""
@@ -75,7 +75,8 @@ class FlatPieces(ReadOnly):
     @property
     def provenance(self) -> Record:
         """The record of how the atlas was made: version, function, parameters and input files."""
-        return dict(self.metadata.get("provenance", {}))
+        record: Any = self.metadata.get("provenance", {})
+        return dict(record)
 
     def _with_provenance(self: Own, record: Record) -> Own:
         """Return a copy with a record of how the atlas was made."""

@@ -102,7 +102,8 @@ def cite(*maps: FlatMap) -> Citation:
 
 def facts_of(flat_map: FlatMap) -> Facts:
     """Return the facts about a map that the methods text states."""
-    metadata, record = flat_map.metadata, flat_map.provenance
+    metadata: dict[str, Any] = flat_map.metadata
+    record: dict[str, Any] = flat_map.provenance
     figures, parameters = record["figures"], record.get("parameters", {})
     used = {**parameters.get("method", {}), "method": None}
     used |= {"relax": parameters.get("relax"), "adapt": parameters.get("adapt"), "seed": flat_map.seed}

@@ -160,7 +160,7 @@ def _collect(store: Path) -> None:
 
 def _deal(store: Path, missing: list[int], workers: int) -> list[Path]:
     """Make one part per worker, with neighbouring sources, because each worker has to prepare the graph."""
-    sources = Table.open(store / "points.npy")[Table.open(store / "sources.npy")[missing]]
+    sources = Table.open(store / "points.npy")[Table.open(store / "sources.npy")[missing].astype(np.int64)]
     along = np.linalg.svd(sources - sources.mean(axis=0), full_matrices=False)[2][0]
     order = np.array(missing)[np.argsort(sources @ along, kind="stable")]
     places = []

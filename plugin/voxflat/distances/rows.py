@@ -11,10 +11,10 @@ import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, overload
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import DTypeLike, NDArray
 
 from voxflat import _core
 from voxflat.arguments import checked_path
@@ -27,7 +27,7 @@ from voxflat.distances.store import (
     read_provenance,
     write_provenance,
 )
-from voxflat.distances.table import FINISH, Table
+from voxflat.distances.table import FINISH, Several, Table
 from voxflat.errors import InputError
 from voxflat.io.provenance import Record
 from voxflat.read_only import ReadOnly
@@ -119,8 +119,14 @@ class DistanceRows(ReadOnly):
         height = self.shape[0] if self.store is None else _CHUNK // max(1, 4 * self.shape[1])
         return (max(1, min(height, self.shape[0])), self.shape[1])
 
-    def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
+    def __array__(self, dtype: DTypeLike | None = None, copy: bool | None = None) -> NDArray[Any]:
         return np.array(self.rows, dtype=dtype) if copy else np.asarray(self.rows, dtype=dtype)
+
+    @overload
+    def __getitem__(self, index: tuple[int, int]) -> np.float32: ...
+
+    @overload
+    def __getitem__(self, index: Several) -> NDArray[np.float32]: ...
 
     def __getitem__(self, index: Any) -> Any:
         return self.rows[index]

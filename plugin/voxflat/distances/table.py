@@ -2,15 +2,20 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import IO, Any
+from types import EllipsisType
+from typing import IO, Any, TypeAlias, overload
 
 import numpy as np
 from numpy.lib import format as npy
-from numpy.typing import NDArray
+from numpy.typing import DTypeLike, NDArray
 
 from voxflat.errors import InputError
 from voxflat.io.files import one_line
 from voxflat.io.reading import check_room
+
+_Part: TypeAlias = slice | EllipsisType | list[int] | NDArray[np.integer] | NDArray[np.bool_]
+Several: TypeAlias = int | _Part | tuple[_Part, int | _Part] | tuple[int, _Part]
+"""An index that selects more than one value of a table."""
 
 FINISH = "Measure again with the same store to complete or repair it"  # remedy for a damaged or incomplete store
 
@@ -59,11 +64,17 @@ class Table:
         """Return the length of the first axis."""
         return self.shape[0]
 
-    def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
+    def __array__(self, dtype: DTypeLike | None = None, copy: bool | None = None) -> NDArray[Any]:
         if copy is False:
             raise ValueError(f"{self.path} is on disk, so its values must be copied. Do not pass copy=False")
         check_room(self.nbytes)
         return np.asarray(self._rows(np.arange(len(self)), 0, self._width), dtype=dtype).reshape(self.shape)
+
+    @overload
+    def __getitem__(self, index: tuple[int, int]) -> np.number: ...
+
+    @overload
+    def __getitem__(self, index: Several) -> NDArray[np.number]: ...
 
     def __getitem__(self, index: Any) -> Any:
         """Index like an array, and read only the rows that are selected."""

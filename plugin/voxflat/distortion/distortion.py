@@ -96,7 +96,7 @@ class Distortion(ReadOnly):
         of_triangles = None if triangles is None else TriangleFigures(**triangles)
         return cls(**distances, triangles=of_triangles, reference=reference, **more)
 
-    def figures(self) -> dict[str, Any]:
+    def figures(self) -> dict[str, object]:
         """Return the distortion measures without the arrays, ready for JSON.
 
         Undefined measures are None.

@@ -115,7 +115,7 @@ class Comparison(ReadOnly, Recorded):
         """Return the distortion of a map."""
         return self.maps[name].distortion
 
-    def figures(self) -> dict[str, Any]:
+    def figures(self) -> dict[str, object]:
         """Return the measures of each map, ready for JSON.
 
         Undefined measures are None.

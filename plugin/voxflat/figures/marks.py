@@ -1,6 +1,7 @@
 """Compute the annotations of a map: anatomical directions, hemisphere, names of cuts, and length of the scale bar."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,7 +55,8 @@ def directions(flat_map: FlatMap) -> list[Direction]:
 
 def side(flat_map: FlatMap) -> str | None:
     """Return "L" or "R" if the file or the registered sphere of a map identifies its hemisphere, and None otherwise."""
-    known = (flat_map.origin.structure, (flat_map.metadata.get("sphere") or {}).get("side"))
+    sphere: Any = flat_map.metadata.get("sphere") or {}
+    known = (flat_map.origin.structure, sphere.get("side"))
     return next((_SIDES[one] for one in known if one in _SIDES), None)
 
 

@@ -114,7 +114,7 @@ class Overlay:
         return overlay if isinstance(overlay, Overlay) else cls(overlay)
 
     @property
-    def provenance(self) -> dict[str, Any]:
+    def provenance(self) -> dict[str, object]:
         """The values and options, for records. Long arrays are recorded as their SHA-256 checksum."""
         return {one.name: described(getattr(self, one.name)) for one in fields(self)}
 

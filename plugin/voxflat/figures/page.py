@@ -267,7 +267,7 @@ class Page:
         """Return the room in mm for the annotations of the second map: its directions, and its side or chart."""
         if len(self.panels) == 1:
             return 0.0
-        chart = self.panels[-1].flat_map.metadata.get("chart")
+        chart: Any = self.panels[-1].flat_map.metadata.get("chart")
         return _SIDE if chart is None else _SIDE + max(0.0, text_size(chart["name"], _FONT)[0] - 4.0)
 
     def _directions(self, flat_map: FlatMap, x: float) -> float:
@@ -292,7 +292,7 @@ class Page:
         if which is not None:
             self.text(x, middle, which, "marks", size=9, weight="bold")
             return x + 4.5
-        chart = flat_map.metadata.get("chart", {"count": 1})
+        chart: Any = flat_map.metadata.get("chart", {"count": 1})
         if chart["count"] != 1:
             x += 1.5 if found else 0.0  # beside the letter of an arrow
             name = _shortened(str(chart["name"]), _MARKS)

@@ -13,7 +13,7 @@ from matplotlib.collections import PolyCollection
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.patheffects import withStroke
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy.ndimage import gaussian_filter
 from scipy.spatial import cKDTree
 
@@ -94,7 +94,7 @@ def patch_3d(
     return _beside_colour_bar(scene, width, highest)
 
 
-def atlas_3d(atlas: FlatPieces, *, towards: Any = (0.6, -1.0, 0.5), size: int = 1000) -> NDArray[np.uint8]:
+def atlas_3d(atlas: FlatPieces, *, towards: ArrayLike = (0.6, -1.0, 0.5), size: int = 1000) -> NDArray[np.uint8]:
     """Draw the surface of an atlas with its patches in colours.
 
     PyVista draws the image, or Matplotlib if PyVista is missing.

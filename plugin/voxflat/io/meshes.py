@@ -76,9 +76,9 @@ class Mesh:
     faces: NDArray[np.int64]
     path: Path | None = None
     structure: str | None = None
-    point_data: Mapping[str, NDArray[Any]] = field(default_factory=dict)
+    point_data: Mapping[str, NDArray[np.generic]] = field(default_factory=dict)
     texture_coordinates: NDArray[np.float64] | None = None
-    face_data: Mapping[str, NDArray[Any]] = field(default_factory=dict)
+    face_data: Mapping[str, NDArray[np.generic]] = field(default_factory=dict)
     remarks: tuple[str, ...] = ()
     space: Space = UNKNOWN
     declared_unit: str | None = None

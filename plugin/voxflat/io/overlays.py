@@ -24,7 +24,7 @@ from voxflat.io.volumes import VOLUME_ENDINGS
 _WHOLE = 1e-3  # tolerance of whole numbers in masks, which files may store scaled
 
 
-def read_overlay(path: str | os.PathLike[str], points: int, *, structure: str | None = None) -> NDArray[Any]:
+def read_overlay(path: str | os.PathLike[str], points: int, *, structure: str | None = None) -> NDArray[np.number]:
     """Read values at the points of a surface.
 
     The ending of the name determines the format. FreeSurfer files such as ``lh.curv`` do not need an ending.

@@ -29,7 +29,7 @@ from voxflat.errors import InputError
 from voxflat.io.files import atomic_path
 from voxflat.io.reading import hash_of, reading
 
-Record = dict[str, Any]
+Record = dict[str, object]
 """``voxflat`` (the version), ``function``, ``parameters``, ``files`` (SHA-256 by path), and, for maps, ``figures``."""
 
 _UNRECORDED = ("progress", "threads", "memory_limit", "dask")  # parameters that do not affect the result
@@ -87,7 +87,8 @@ def record_of(function: str, parameters: dict[str, Any], files: dict[str, str]) 
 
 def resolved(record: Record, used: dict[str, Any]) -> Record:
     """Return a record completed with the values, keyed by name, that were used for parameters that were not given."""
-    parameters: dict[str, Any] = copy.deepcopy(record["parameters"])
+    given: Any = record["parameters"]
+    parameters: dict[str, Any] = copy.deepcopy(given)
     method = parameters.get("method")
     for told in (parameters, method) if isinstance(method, dict) else (parameters,):
         for name, value in told.items():
@@ -97,6 +98,12 @@ def resolved(record: Record, used: dict[str, Any]) -> Record:
 
 
 _Own = TypeVar("_Own", bound="Recorded")
+
+
+def files_of(record: Record) -> dict[str, str]:
+    """Return the files that a record lists, with their checksums."""
+    files: Any = record.get("files", {})
+    return dict(files)
 
 
 class Recorded:

@@ -70,7 +70,7 @@ class Volume(Recorded):
     <Volume: 24 x 24 x 24 of uint8, voxels of 0.5 x 0.5 x 0.5 mm, RAS>
     """
 
-    data: NDArray[Any]
+    data: NDArray[np.number]
     affine: Affine
     path: Path | None = None
     is_placed: bool = True

@@ -154,7 +154,7 @@ def _measures(flat_map: FlatMap) -> dict[str, NDArray[np.float64]]:
     return {name: values for name, values in found.items() if values is not None}
 
 
-def _overlays(flat_map: FlatMap, hemisphere: Hemisphere) -> dict[str, NDArray[np.float64]]:
+def _overlays(flat_map: FlatMap, hemisphere: Hemisphere) -> dict[str, NDArray[np.number]]:
     """Return the overlays at every point of the map; volumes are sampled in the middle of the cortex if it is known."""
     surface = flat_map._triangles.on_surface
     in_cortex = flat_map.white_points is not None and flat_map.pial_points is not None
@@ -174,7 +174,7 @@ def _overlays(flat_map: FlatMap, hemisphere: Hemisphere) -> dict[str, NDArray[np
     return found
 
 
-def _write(flat_map: FlatMap, values: dict[str, NDArray[np.float64]], results: Results) -> list[Path]:
+def _write(flat_map: FlatMap, values: dict[str, NDArray[np.number]], results: Results) -> list[Path]:
     """Write the map and the values of its points, and return the files."""
     results.folder.mkdir(parents=True, exist_ok=True)
     before = _written_before(results)
@@ -210,7 +210,8 @@ def _written_before(results: Results) -> set[Path]:
 
 def _description(whole: Surface, flat_map: FlatMap, cortex: str) -> dict[str, Any]:
     """Return the description of the surface and the map for the record; `cortex` is its definition."""
-    topology, metadata = whole.core.topology(), flat_map.metadata
+    topology = whole.core.topology()
+    metadata: dict[str, Any] = flat_map.metadata
     first = topology["components"][0]
     width, height = np.ptp(flat_map.uv, axis=0).tolist()
     repaired = {name: len(places) for name, places in metadata.get("mended", {}).items() if np.ndim(places)}

@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +24,10 @@ from voxflat.maps.sources import VolumeSource
 from voxflat.maps.surface_points import SurfacePoints
 from voxflat.maps.volume_place import warn_of_extent
 from voxflat.read_only import ReadOnly
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 PROFILE_ENDINGS = (".tsv", ".csv")  # of the files of `Profile.save`
 
@@ -149,7 +153,13 @@ class Profile(ReadOnly, Saved):
         )
         write_table(path, [self._columns, *rows])
 
-    def plot(self, *, label: str | None = None, ax: Any = None) -> Any:
+    @overload
+    def plot(self, *, label: str | None = None, ax: None = None) -> "Figure": ...
+
+    @overload
+    def plot(self, *, label: str | None = None, ax: "Axes") -> "Axes": ...
+
+    def plot(self, *, label: str | None = None, ax: "Axes | None" = None) -> "Figure | Axes":
         """Draw the profile with matplotlib.
 
         It accepts the options of `voxflat.figures.profile`.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import scipy
@@ -30,6 +30,9 @@ from voxflat.maps.surface_points import SurfacePoints
 from voxflat.pipeline.surface import Surface
 from voxflat.read_only import ReadOnly
 from voxflat.surfaces.foreground import foreground_of
+
+if TYPE_CHECKING:
+    import pyvista
 
 _THICK = 2.5  # thickness, relative to the median, from which two banks may touch
 _FRAGMENT = 0.01  # area of a component of the middle surface, relative to the largest one, below which it is dropped
@@ -352,7 +355,7 @@ class Rim(ReadOnly, Recorded):
         """
         return columns_of(self.labels, self.values.halfway, self.surface, count, area, seed, progress)
 
-    def to_pyvista(self, columns: Columns | None = None) -> Any:
+    def to_pyvista(self, columns: Columns | None = None) -> pyvista.MultiBlock:
         """Convert the borders and the middle surface to PyVista meshes, in RAS+ mm.
 
         The same point number refers to corresponding places on the three meshes.
@@ -380,7 +383,8 @@ class Rim(ReadOnly, Recorded):
                 f"the columns have {len(columns.vertex_columns)} vertices, but the middle surface has "
                 f"{len(self.surface)}. Pass columns of this rim"
             )
-        return shown_by("rim_to_pyvista", self, columns)
+        blocks: pyvista.MultiBlock = shown_by("rim_to_pyvista", self, columns)
+        return blocks
 
 
 @telling()

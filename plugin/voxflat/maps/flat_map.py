@@ -5,7 +5,7 @@ import os
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -37,6 +37,17 @@ from voxflat.maps.textures.textured import TexturedSurface
 from voxflat.surfaces.cuts import Cut
 from voxflat.surfaces.manifold import patch_of
 from voxflat.unique_rows import distinct
+
+if TYPE_CHECKING:
+    import nibabel
+    import nilearn.surface
+    import pyvista
+    import trimesh
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+    from typing_extensions import Unpack
+
+    from voxflat.maps.option_types import FigureOptions
 
 MAP_ENDINGS = (*SAVED_ENDINGS, ".surf.gii", *FLAT_PATCH_ENDINGS, ".vtp", ".ply", ".obj")
 _ARRAYS = (  # fields that are saved as arrays, if they are known
@@ -147,7 +158,7 @@ class FlatMap(Planar, Saved):
     eigenvalues: NDArray[np.float64]
     distortion: Distortion
     origin: Origin
-    metadata: dict[str, Any]
+    metadata: dict[str, object]
     rows: NDArray[np.float32] | Table | None = None
     bridges: NDArray[np.int64] = field(default_factory=lambda: np.zeros((0, 3), dtype=np.int64))
     curvature: NDArray[np.float64] | None = None
@@ -248,7 +259,7 @@ class FlatMap(Planar, Saved):
         name = "distortion: mean relative error of distances"
         return FlatImage(data, raster.pixel_size, raster.origin, name, unit=raster.unit)
 
-    def texture(self, picture: ArrayLike) -> NDArray[Any]:
+    def texture(self, picture: ArrayLike) -> NDArray[np.number]:
         """Transfer a picture from the map to the surface.
 
         Parameters
@@ -309,7 +320,7 @@ class FlatMap(Planar, Saved):
         closed = order[one.which][faces]
         return TexturedSurface(points[np.sort(one.first)], closed, coordinates, colours, repeat, source, faces, **known)
 
-    def paint(self, values: ArrayLike, background: float = 0) -> NDArray[Any]:
+    def paint(self, values: ArrayLike, background: float = 0) -> NDArray[np.number]:
         """Write values of the points into a volume with the shape of the flattened volume.
 
         The map must have been made from a volume.
@@ -387,7 +398,7 @@ class FlatMap(Planar, Saved):
         """
         return regions_of(self, rois, layer=layer, pixel_size=pixel_size)
 
-    def description(self) -> dict[str, Any]:
+    def description(self) -> dict[str, object]:
         """Return the metadata with the distortion measures, ready for JSON.
 
         Undefined figures are None.
@@ -410,7 +421,8 @@ class FlatMap(Planar, Saved):
         It lists the version, function, parameters, input files, warnings and distortion measures.
         """
         told = {name: self.metadata[name] for name in ("space", "warnings") if name in self.metadata}
-        return {**self.metadata.get("provenance", {}), **told, "figures": self.distortion.figures()}
+        record: Any = self.metadata.get("provenance", {})
+        return {**record, **told, "figures": self.distortion.figures()}
 
     def _with_provenance(self, record: Record) -> "FlatMap":
         """Return the map with a provenance record, which is also written to its store of distance rows."""
@@ -481,7 +493,7 @@ class FlatMap(Planar, Saved):
 
     # ------------------------------------------------------------------- as objects of other packages
 
-    def to_nilearn(self) -> Any:
+    def to_nilearn(self) -> "nilearn.surface.PolyMesh":
         """Convert the map of a mesh to a nilearn ``InMemoryMesh`` for ``plot_surf`` and ``view_surf``.
 
         The result has the vertices of the flattened mesh, in the same order, so data on that mesh can be plotted on it.
@@ -495,7 +507,7 @@ class FlatMap(Planar, Saved):
         mesh = self._flat_mesh()
         return require("nilearn.surface").InMemoryMesh(mesh.points, mesh.faces)
 
-    def to_gifti(self) -> Any:
+    def to_gifti(self) -> "nibabel.GiftiImage":
         """Convert the map to a nibabel ``GiftiImage``.
 
         The result is the flat surface that ``save("map.surf.gii")`` writes.
@@ -507,9 +519,10 @@ class FlatMap(Planar, Saved):
         """
         mesh = self._flat_mesh()
         warn_of_unit("GIFTI image", self.origin.unit)
-        return gifti.load(gifti.surface_bytes(mesh.points, mesh.faces, mesh.structure))
+        image: nibabel.GiftiImage = gifti.load(gifti.surface_bytes(mesh.points, mesh.faces, mesh.structure))
+        return image
 
-    def to_trimesh(self) -> Any:
+    def to_trimesh(self) -> "trimesh.Trimesh":
         """Convert the map to a ``trimesh.Trimesh`` object in the plane.
 
         The result has the vertices of the flattened mesh.
@@ -520,12 +533,12 @@ class FlatMap(Planar, Saved):
             Coordinates (u, v, 0), in mm (or the unit of the surface), and their ``units`` if they are known.
         """
         mesh = self._flat_mesh()
-        made = require("trimesh").Trimesh(mesh.points, mesh.faces, process=False)
+        made: trimesh.Trimesh = require("trimesh").Trimesh(mesh.points, mesh.faces, process=False)
         if (unit := self.origin.unit) != "unknown":
             made.units = {"µm": "microns", "nm": "nanometers"}.get(unit, unit)
         return made
 
-    def to_pyvista(self) -> Any:
+    def to_pyvista(self) -> "pyvista.PolyData":
         """Convert the map to a ``pyvista.PolyData`` object in the plane.
 
         Distortion measures are included as point data, as in the result of ``mesh.voxflat()``.
@@ -536,9 +549,20 @@ class FlatMap(Planar, Saved):
             A mesh with one point for each point of the map.
         """
         require("pyvista")
-        return shown_by("map_to_pyvista", self)
+        mesh: pyvista.PolyData = shown_by("map_to_pyvista", self)
+        return mesh
 
-    def plot(self, overlay: object | None = None, *, ax: Any = None, **options: Any) -> Any:
+    @overload
+    def plot(
+        self, overlay: object | None = None, *, ax: None = None, **options: "Unpack[FigureOptions]"
+    ) -> "Figure": ...
+
+    @overload
+    def plot(self, overlay: object | None = None, *, ax: "Axes", **options: "Unpack[FigureOptions]") -> "Axes": ...
+
+    def plot(
+        self, overlay: object | None = None, *, ax: "Axes | None" = None, **options: "Unpack[FigureOptions]"
+    ) -> "Figure | Axes":
         """Draw the map with matplotlib.
 
         It accepts the options of `voxflat.figures.flat_map` and of `voxflat.figures.Overlay`.
@@ -570,7 +594,7 @@ class FlatMap(Planar, Saved):
         >>> flat_map.plot(flat_map.points[:, 2], ax=ax) is ax
         True
         """
-        figure = shown_by("map_with_overlay", self, overlay, ax=ax, **options)
+        figure: Figure = shown_by("map_with_overlay", self, overlay, ax=ax, **options)
         return figure if ax is None else ax
 
     def _repr_html_(self) -> str:

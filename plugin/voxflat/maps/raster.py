@@ -82,7 +82,7 @@ class Raster(ReadOnly):
         nearest = np.take_along_axis(self.corners, best[..., None], axis=2)[..., 0].astype(np.int64)
         return np.where(self.inside, nearest, -1)
 
-    def interpolate(self, values: NDArray[Any]) -> NDArray[np.float64]:
+    def interpolate(self, values: NDArray[np.number]) -> NDArray[np.float64]:
         """Interpolate the values of the points at the pixels.
 
         Interpolation is linear within triangles.
@@ -153,7 +153,7 @@ class FlatImage(ReadOnly, Saved):
     ``.npy`` holds the array. All formats except ``.npy`` include `provenance`.
     """
 
-    data: NDArray[Any]
+    data: NDArray[np.number]
     pixel_size: float
     origin: tuple[float, float]
     name: str
@@ -361,7 +361,7 @@ class FlatStack(Sequence[FlatImage], ReadOnly, SavedPages):
         return timing.start + timing.step * np.arange(count, dtype=np.float64)
 
     @property
-    def data(self) -> NDArray[Any]:
+    def data(self) -> NDArray[np.number]:
         """All images as one array.
 
         The axes are (depth, row, column), (channel, row, column) or (channel, depth, row, column). Colours have an
@@ -450,7 +450,8 @@ class FlatStack(Sequence[FlatImage], ReadOnly, SavedPages):
         if record:
             of, layer = divmod(n, len(self.layers)) if self.layers else (n, None)
             own = {"channel": of} if layer is None else {"channel": of, "layer": self.layers[layer]}
-            record = {**record, "parameters": {**record["parameters"], **own}}
+            given: Any = record["parameters"]
+            record = {**record, "parameters": {**given, **own}}
         return FlatImage(self.channels.read(n), self.pixel_size, self.origin, name, provenance=record, unit=self.unit)
 
     @property

@@ -8,7 +8,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +22,7 @@ from voxflat.io.files import atomic_path
 from voxflat.io.formats.freesurfer import write_annot, write_label
 from voxflat.io.formats.gifti import label_bytes
 from voxflat.io.grid import in_unit
-from voxflat.io.provenance import Record, Recorded, saving
+from voxflat.io.provenance import Record, Recorded, files_of, saving
 from voxflat.io.reading import check_room, reading
 from voxflat.io.tables import cell_of, write_table
 from voxflat.io.volumes import Volume, read_volume, write_volume
@@ -171,7 +171,7 @@ class Regions(ReadOnly, Recorded):
 
     def properties(
         self, image: FlatImage | FlatStack | NDArray[np.float64] | None = None, *, pixel_size: float | None = None
-    ) -> dict[str, NDArray[Any]]:
+    ) -> dict[str, NDArray[np.number]]:
         """Measure the regions as on the surface, like ``regionprops_table`` of scikit-image.
 
         The metric of the map corrects areas, lengths and directions in each pixel. A region that continues on the other
@@ -344,7 +344,7 @@ class Regions(ReadOnly, Recorded):
             elif holds_voxels:
                 made = self.volume(self._grid() if volume is None else volume, depth=depth)
         labels = dict(zip(map(str, self.keys), self.names, strict=True))
-        inputs = dict(sorted({**self.provenance.get("files", {}), **files}.items()))
+        inputs = dict(sorted({**files_of(self.provenance), **files}.items()))
         record = {**self.provenance, "labels": labels, "files": inputs}
         with saving(path, record, sidecar=sidecar, overwrite=overwrite):
             if made is not None:

@@ -132,7 +132,7 @@ class WorstPlace(ReadOnly):
     def __repr__(self) -> str:
         return f"<WorstPlace {self.number}: {self.kind}, area {self.area:.1f}, worst ratio {self.worst_ratio:.2f}>"
 
-    def figures(self) -> dict[str, Any]:
+    def figures(self) -> dict[str, object]:
         """Return the measures of the region, ready for JSON.
 
         Names include units, such as ``area_mm2``. Triangles are not included.
@@ -228,7 +228,7 @@ class WorstPlaces(ReadOnly, Saved):
         """
         return area_changes(self.flat_map)[1]
 
-    def cuts(self, *numbers: int) -> list[list[Any]]:
+    def cuts(self, *numbers: int) -> list[list[object]]:
         """Return the cuts of the map, and the cuts that reduce the distortion of regions.
 
         Pass the result to `flatten` as ``cuts``, with the same part of the surface.
@@ -287,7 +287,7 @@ class WorstPlaces(ReadOnly, Saved):
         with saving(path, self.provenance, sidecar=sidecar, overwrite=overwrite), atomic_path(path) as beside:
             beside.write_text(as_text(content) + "\n", encoding="utf-8", newline="\n")
 
-    def figures(self) -> dict[str, Any]:
+    def figures(self) -> dict[str, object]:
         """Return the measures of all regions, ready for JSON.
 
         Triangles are not included.
@@ -364,3 +364,41 @@ def area_changes(flat_map: FlatMap) -> tuple[NDArray[np.float64], NDArray[np.flo
     with np.errstate(divide="ignore", invalid="ignore"):
         logs = np.log2(flat / areas) + 2 * np.log2(flat_map.distortion.triangles.equal_area_scale)
     return areas, np.where(areas > 0, np.clip(logs, -_MOST, _MOST), np.nan)
+
+
+class AreaBoundError(InputError):
+    """Exception for a map whose area changes cannot be kept within ``Voxflat(max_area=...)``.
+
+    It contains the best map that was found, and cuts that would reduce its area distortion.
+
+    Parameters
+    ----------
+    message : str
+        Description of the error and its remedy.
+    best : FlatMap
+        The best map that was found, which has the smallest maximum change of area.
+    places : WorstPlaces
+        The regions of this map that exceed the bound, with suggested cuts.
+
+    See Also
+    --------
+    voxflat.worst_places : Find the regions of a map whose areas change most.
+    voxflat.methods.Voxflat : The method that accepts the bound.
+
+    Examples
+    --------
+    >>> bounded = voxflat.methods.Voxflat(max_area=1.02)
+    >>> try:
+    ...     voxflat.surface(voxflat.samples.ball()).flatten(bounded)
+    ... except voxflat.AreaBoundError as error:
+    ...     print(error.best)
+    <FlatMap: 678 points, 24 x 49 mm, relative error 4.1 %>
+    """
+
+    def __init__(self, message: str, best: FlatMap, places: WorstPlaces) -> None:
+        super().__init__(message)
+        self.best, self.places = best, places
+
+    def __reduce__(self) -> tuple[object, ...]:
+        """Pickle the exception with all its arguments."""
+        return type(self), (str(self), self.best, self.places)

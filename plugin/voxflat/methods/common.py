@@ -97,7 +97,7 @@ def map_over_triangles(
         rows_of = np.concatenate([np.arange(len(part)), places])
         ids = vertices = np.concatenate([ids, merged])
         distortion = replace(distortion, per_point=distortion.per_point[rows_of])
-        rows = rows if rows is None or settings.store is not None else rows[:, rows_of]
+        rows = rows[:, rows_of] if isinstance(rows, np.ndarray) else rows
     # triangles that close holes come last, and are not part of the map
     of_map = {"areal": triangles.areal[rows_of], "is_flipped": triangles.is_flipped[: len(cut.faces)]}
     distortion = replace(distortion, triangles=replace(triangles, **of_map))

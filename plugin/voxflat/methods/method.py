@@ -2,7 +2,7 @@
 
 import os
 from dataclasses import dataclass, fields
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
@@ -74,8 +74,8 @@ class FlattenSettings(CutSettings):
 class Method:
     """Base class of the methods that flatten a surface.
 
-    Each method is a dataclass whose fields are its options. Its class attribute ``name`` is the name that
-    `Surface.flatten` accepts.
+    Each method is a dataclass whose fields are its options. Its class attributes are its ``name``, which
+    `Surface.flatten` accepts, and a ``summary``.
 
     See Also
     --------
@@ -95,7 +95,7 @@ class Method:
     _takes_tubes: ClassVar[bool] = False
 
     @property
-    def provenance(self) -> dict[str, Any]:
+    def provenance(self) -> dict[str, object]:
         """Return the name of the method and its options. Maps keep this record, so that they can be reproduced."""
         return {"method": self.name, **{one.name: described(getattr(self, one.name)) for one in fields(self)}}
 

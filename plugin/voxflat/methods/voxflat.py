@@ -11,10 +11,10 @@ from voxflat.distances.geodesic import SOLVERS
 from voxflat.distances.rows import open_rows
 from voxflat.distances.sources import SAMPLINGS, source_choice
 from voxflat.distances.store import prepare_store
-from voxflat.errors import AreaBoundError, InputError
+from voxflat.errors import InputError
 from voxflat.maps.flat_map import FlatMap
 from voxflat.maps.matching import match
-from voxflat.maps.worst_places import area_changes
+from voxflat.maps.worst_places import AreaBoundError, area_changes
 from voxflat.maps.worst_search import worst_places
 from voxflat.methods.common import MUCH, error_of_distances, map_over_triangles
 from voxflat.methods.method import FlattenSettings, OverTriangles

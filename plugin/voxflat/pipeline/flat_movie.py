@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from voxflat.arguments import Progress
 from voxflat.errors import Cancelled
 from voxflat.io.channels import LastKept, Timing
-from voxflat.io.provenance import Record
+from voxflat.io.provenance import Record, files_of
 from voxflat.io.reading import reading
 from voxflat.maps.image_files import Pages, SavedPages
 from voxflat.maps.raster import FlatImage, FlatStack
@@ -97,7 +97,7 @@ class FlatMovie(Sequence[FlatStack], ReadOnly, SavedPages):
         return self.read(frame % len(self))
 
     @property
-    def data(self) -> NDArray[Any]:
+    def data(self) -> NDArray[np.number]:
         """All images as one array.
 
         The axes are (frame, channel, depth, row, column), without those for channels or depths if there is only one.
@@ -121,7 +121,7 @@ class FlatMovie(Sequence[FlatStack], ReadOnly, SavedPages):
                 self.check(frame)
                 if progress is not None and progress("checking the volumes", frame + 1, len(self)) is False:
                     raise Cancelled("cancelled while checking the volumes")
-        return {**self.provenance, "files": {**self.provenance.get("files", {}), **files}}
+        return {**self.provenance, "files": {**files_of(self.provenance), **files}}
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field, fields, is_dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,6 +32,11 @@ from voxflat.maps.sources import VolumeSource, source_of, timing_of
 from voxflat.pipeline.flat_movie import FlatMovie, joined
 from voxflat.read_only import ReadOnly
 from voxflat.unique_rows import distinct
+
+if TYPE_CHECKING:
+    from typing_extensions import Unpack
+
+    from voxflat.maps.option_types import ImagesOptions
 
 _ARRAYS = ("points", "normals", "gaps", "folded")  # fields that are saved as arrays
 _FAR = 0.02  # gap, relative to the size of the surface, that is reported
@@ -142,7 +147,13 @@ class FlatSeries(Sequence[FlatMap], ReadOnly, Saved):
     def __repr__(self) -> str:
         return f"<FlatSeries: {len(self)} frames, {len(self.flat_map)} points>"
 
-    def __getitem__(self, frame: Any) -> Any:
+    @overload
+    def __getitem__(self, frame: int) -> FlatMap: ...
+
+    @overload
+    def __getitem__(self, frame: slice) -> list[FlatMap]: ...
+
+    def __getitem__(self, frame: int | slice) -> FlatMap | list[FlatMap]:
         """Return the map of a frame; the `distortion` of other frames than the reference is NaN (see `measure`)."""
         if isinstance(frame, slice):
             return [self[number] for number in range(*frame.indices(len(self)))]
@@ -155,7 +166,8 @@ class FlatSeries(Sequence[FlatMap], ReadOnly, Saved):
         own |= dict.fromkeys(("rows", "curvature", "sulcal_depth", "white_points", "pial_points"))
         metadata = {**self.flat_map.metadata, **own["origin"]._described()}
         if self.provenance:
-            parameters = {**self.provenance["parameters"], "frame": frame}
+            given: Any = self.provenance["parameters"]
+            parameters = {**given, "frame": frame}
             metadata["provenance"] = {**self.provenance, "parameters": parameters}
         made = replace(self.flat_map, **own, metadata=metadata)
         vars(made)["_rasters"] = self.flat_map._rasters  # all frames have the same pixels
@@ -169,7 +181,7 @@ class FlatSeries(Sequence[FlatMap], ReadOnly, Saved):
         *,
         metric: bool = False,
         time_step: float | None = None,
-        **options: Any,
+        **options: Unpack[ImagesOptions],
     ) -> FlatMovie:
         """Show one volume per frame on the map, each on the surface of its frame.
 
@@ -363,7 +375,7 @@ class _Frames:
     volumes: list[object] | None
     raster: Raster
     metric: bool
-    options: dict[str, Any]  # of `FlatMap.images`
+    options: ImagesOptions
     shared: dict[int, FlatTriangles] = field(default_factory=dict)  # of each frame, with the directions of depths
 
     @property

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any, TypedDict, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -25,7 +25,41 @@ from voxflat.pipeline.surface import Surface, surface
 from voxflat.surfaces.parts import STRAY_SHARE, largest_piece
 from voxflat.surfaces.smoothing import MOVED
 
+if TYPE_CHECKING:
+    from typing_extensions import Unpack
+
 _SAME = 1e-5  # greatest distance between a surface and its own chart, relative to the size of the surface
+
+
+class _Options(TypedDict, total=False):
+    reference: int
+    relax: float | bool | None
+    mirror: bool
+    seed: int
+    threads: int | None
+    memory_limit: int | None
+    progress: Progress | None
+    landmarks: ArrayLike | None
+
+
+@overload
+def flatten_series(  # type: ignore[overload-overlap]  # a tuple of charts is also an object
+    surfaces: Sequence[object],
+    method: str | Method = "voxflat",
+    *,
+    cuts: tuple[CutSurface[Surface], ...],
+    **options: Unpack[_Options],
+) -> tuple[FlatSeries, ...]: ...
+
+
+@overload
+def flatten_series(
+    surfaces: Sequence[object],
+    method: str | Method = "voxflat",
+    *,
+    cuts: object | None = None,
+    **options: Unpack[_Options],
+) -> FlatSeries: ...
 
 
 @telling(method=method_of, surfaces=numbered)
@@ -42,7 +76,7 @@ def flatten_series(
     memory_limit: int | None = None,
     progress: Progress | None = None,
     landmarks: ArrayLike | None = None,
-) -> Any:
+) -> FlatSeries | tuple[FlatSeries, ...]:
     """Flatten the surfaces of all frames of a movie with one map, on which material points stay in place.
 
     The surface of the reference frame is flattened. Its mesh is then moved from frame to frame, as an elastic sheet

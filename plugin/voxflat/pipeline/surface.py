@@ -310,7 +310,7 @@ class Surface(Manifold):
         self,
         count: int | str = 1,
         *,
-        axis: Sequence[Any] | None = None,
+        axis: Sequence[Sequence[int] | int] | None = None,
         front: Sequence[int] | int | None = None,
         overlap: float = 0.0,
         relax: float | bool | None = None,

@@ -43,7 +43,7 @@ class Tube:
 class Chart:
     """The place of a chart on a closed organ or a tube."""
 
-    description: dict[str, Any]  # its number, name, axis and overlap
+    description: dict[str, object]  # its number, name, axis and overlap
     onto: NDArray[np.float64]  # where the vertices of the complete surface belong on the map, or NaN
     tube: Tube | None = None  # the tube before it was cut open, if the map is to be periodic
 
@@ -88,7 +88,7 @@ class CutManifold(ReadOnly, Generic[SurfaceT_co]):
         return not any(step.verb != "outlines" for step in self.surface.steps)
 
     @property
-    def metadata(self) -> dict[str, Any]:
+    def metadata(self) -> dict[str, object]:
         """How the part was selected and cut, for people and files.
 
         Maps of the surface contain it.

@@ -1,6 +1,6 @@
 """Check whether a surface can be flattened, and the effect of each remedy."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -91,8 +91,8 @@ class Check(ReadOnly):
 
     path: str | None
     kind: str
-    contents: dict[str, Any]
-    defects: dict[str, list[Any]] = field(default_factory=dict)
+    contents: dict[str, object]
+    defects: Mapping[str, Sequence[object]] = field(default_factory=dict)
     foreground: int | None = None
     surface_points: int | None = None
     sheet: bool | None = None
@@ -102,10 +102,10 @@ class Check(ReadOnly):
     euler_characteristic: int | None = None
     closed: bool | None = None
     boundary: tuple[float, ...] = ()
-    handles: tuple[dict[str, Any], ...] = ()
-    thin: dict[str, Any] | None = None
-    automatic_cuts: tuple[dict[str, Any], ...] = ()
-    named_cuts: tuple[dict[str, Any], ...] = ()
+    handles: tuple[dict[str, object], ...] = ()
+    thin: dict[str, object] | None = None
+    automatic_cuts: tuple[dict[str, object], ...] = ()
+    named_cuts: tuple[dict[str, object], ...] = ()
     cuts_by: str | None = None
     sketch_errors: dict[str, float] = field(default_factory=dict)
     noise: str | None = None
@@ -151,7 +151,7 @@ class Check(ReadOnly):
         return "\n".join(text + [f"- {advice}" for advice in self.advice])
 
     def _contents(self) -> list[tuple[str, str]]:
-        of = self.contents
+        of: dict[str, Any] = self.contents
         if self.kind == "mesh":
             size = " x ".join(f"{side:.4g}" for side in of["size"])
             rows = [("mesh", f"{of['vertices']} vertices, {of['triangles']} triangles")]
@@ -185,16 +185,18 @@ class Check(ReadOnly):
             ("boundary loops", f"{len(self.boundary)}: {_shortened([f'{rounded(mm)} mm' for mm in self.boundary])}"),
             ("handles", f"{len(self.handles)}: {_shortened([_place(handle) for handle in self.handles])}"),
         ]
-        if self.thin is not None and self.thin["points"]:
-            thickness = rounded(self.thin["thickness"], 2)
-            rows.append(("thin regions", f"{self.thin['points']} vertices below {thickness} mm"))
+        thin: Any = self.thin or {"points": 0}
+        if thin["points"]:
+            thickness = rounded(thin["thickness"], 2)
+            rows.append(("thin regions", f"{thin['points']} vertices below {thickness} mm"))
         if self.named_cuts:
-            cuts = ", ".join(f"{cut['name']} {rounded(cut['length'])} mm" for cut in self.named_cuts)
+            named: Any = self.named_cuts
+            cuts = ", ".join(f"{cut['name']} {rounded(cut['length'])} mm" for cut in named)
             rows.append(("cuts", f"{self.cuts_by}: {cuts}"))
-        return [(name, in_unit(value.removesuffix(": "), self.contents["unit"])) for name, value in rows]
+        return [(name, in_unit(value.removesuffix(": "), str(self.contents["unit"]))) for name, value in rows]
 
 
-def _place(handle: dict[str, Any]) -> str:
+def _place(handle: Mapping[str, Any]) -> str:
     x, y, z = handle["centre"]
     return f"{rounded(handle['length'], 1)} mm around ({x:.0f}, {y:.0f}, {z:.0f})"
 
@@ -214,12 +216,13 @@ def check_surface(
     threads, progress = settings.threads, settings.progress
     whole = part._complete
     topology = whole.core.topology()
+    split: Any = whole.metadata.get("split_vertices")
     found = replace(
         found,
         foreground=whole.origin.voxels.foreground if whole.is_voxels else None,
         surface_points=len(whole),
         sheet=whole.origin.voxels.is_sheet if whole.is_voxels else None,
-        split_vertices=whole.metadata.get("split_vertices"),
+        split_vertices=split,
         components=tuple(component["vertices"] for component in topology["components"]),
     )
     try:

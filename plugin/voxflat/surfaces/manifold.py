@@ -75,7 +75,7 @@ class Manifold(ReadOnly, Saved):
     core: _core.Surface
     voxels: NDArray[np.int64] | None
     origin: Origin
-    metadata: dict[str, Any] = field(default_factory=dict)
+    metadata: dict[str, object] = field(default_factory=dict)
     remarks: tuple[str, ...] = ()
     white_points: NDArray[np.float64] | None = None
     pial_points: NDArray[np.float64] | None = None
@@ -397,7 +397,7 @@ class Manifold(ReadOnly, Saved):
         if not self.is_voxels:
             raise InputError("the surface came from a mesh, so no voxels were changed. Pass a surface from a volume")
         labels = np.zeros(self.origin.voxels.shape, dtype=np.uint8)
-        report = self.metadata.get("repair", {})
+        report: Any = self.metadata.get("repair", {})
         for value, names in ((1, ("cut", "dropped")), (2, ("filled", "cavities"))):
             for name in names:
                 labels[tuple(np.asarray(report.get(name, []), dtype=np.int64).reshape(-1, 3).T)] = value
@@ -413,7 +413,8 @@ class Manifold(ReadOnly, Saved):
 
         It holds the version, the function, its parameters, and the files that were read.
         """
-        return dict(self.metadata.get("provenance", {}))
+        record: Any = self.metadata.get("provenance", {})
+        return dict(record)
 
     def _with_provenance(self, record: Record) -> Self:
         """Return the same surface with a provenance record."""

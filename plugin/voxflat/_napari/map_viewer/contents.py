@@ -39,7 +39,7 @@ def drawing(shown: Shown) -> Callable[[PreparedMap], Picture]:
     def draw(prepared: PreparedMap) -> Picture:
         image = shown.image(prepared.planar, prepared.pixel_size)
         if image.is_colour:
-            return Picture(image.data, image.origin, image.pixel_size)
+            return Picture(image.data.astype(np.uint8), image.origin, image.pixel_size)
         data, display = image.data.astype(np.float32), shown.display
         if shown.kind == "labels":
             return Picture(_label_colours(data, display["colormap"]), image.origin, image.pixel_size, data)

@@ -81,7 +81,7 @@ def _of_page(name: str, prepared: PreparedMap) -> Picture:
     if name == "areal":
         with np.errstate(divide="ignore", invalid="ignore"):
             image = replace(image, data=np.log2(image.data))
-    return Picture.of(image, _scale(name, image.data))
+    return Picture.of(image, _scale(name, image.data.astype(np.float64)))
 
 
 def _scale(name: str, values: NDArray[np.float64]) -> ColourScale:

@@ -1,6 +1,7 @@
 """Pictures of a map, consisting of pixels, values and a colour scale."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,7 +37,8 @@ class Picture:
 
     @classmethod
     def of(cls, image: FlatImage, scale: ColourScale) -> "Picture":
-        return cls(scale.paint(image.data), image.origin, image.pixel_size, image.data.astype(np.float32), scale)
+        data: Any = image.data
+        return cls(scale.paint(data), image.origin, image.pixel_size, data.astype(np.float32), scale)
 
     def value(self, u: float, v: float) -> float | None:
         """Return the value at (u, v), in mm, or None if there is no value."""

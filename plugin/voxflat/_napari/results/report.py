@@ -1,7 +1,7 @@
 """The measures of a flat map or an atlas, and its warnings, as text."""
 
 from html import escape
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -65,7 +65,7 @@ def _in_mm(flat_map: FlatMap | Atlas) -> list[Row]:
 
 
 def _of_atlas(atlas: FlatAtlas) -> list[Row]:
-    found, certified = atlas.figures(), atlas.certificate
+    found, certified = atlas._figures(), atlas.certificate
     measured = found["measured"]
     return [
         ("patches", f"{len(atlas):,}"),
@@ -82,7 +82,7 @@ def _of_atlas(atlas: FlatAtlas) -> list[Row]:
 
 
 def _of_glued(atlas: GluedAtlas) -> list[Row]:
-    found, seams = atlas.figures(), atlas.seams
+    found, seams = atlas._figures(), atlas.seams
     measured = found["measured"]
     return [
         ("patches", f"{found['patches']:,}"),
@@ -116,12 +116,13 @@ def _of_triangles(triangles: TriangleFigures) -> list[Row]:
 def _of_topology(flat_map: FlatMap) -> list[Row]:
     """Return the automatic cuts, the torn part of a map of the 26-neighbour graph, and the Euler characteristic."""
     rows = []
+    metadata: dict[str, Any] = flat_map.metadata
     if cuts := [cut for cut in flat_map.cuts if cut.is_automatic]:
         rows.append(("automatic cuts", f"{len(cuts)}, {rounded(sum(cut.length or 0.0 for cut in cuts))} mm"))
-    if "torn_faces" in flat_map.metadata:
-        rows.append(("torn faces", f"{100 * flat_map.metadata['torn_faces']:.1f} %"))
-    if "topology" in flat_map.metadata:
-        rows.append(("Euler characteristic (disk: 1)", f"{flat_map.metadata['topology']['euler_characteristic']}"))
+    if "torn_faces" in metadata:
+        rows.append(("torn faces", f"{100 * metadata['torn_faces']:.1f} %"))
+    if "topology" in metadata:
+        rows.append(("Euler characteristic (disk: 1)", f"{metadata['topology']['euler_characteristic']}"))
     return rows
 
 

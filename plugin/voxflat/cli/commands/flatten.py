@@ -184,7 +184,7 @@ def movie_map_command(
             first = surfaces[checked_reference(given["reference"], len(frames))]
             given["cuts"] = first.charts(**charts, threads=given["threads"], progress=shown.progress)
         made = flatten_series(surfaces, method, progress=shown.progress, **given)
-    written = list(zip([made] if charts is None else made, outputs, strict=False))
+    written = list(zip([made] if isinstance(made, FlatSeries) else made, outputs, strict=False))
     for series, path in written:
         series.save(path, **writing)
     told = [_series_content(series, path) for series, path in written]
@@ -221,7 +221,7 @@ def _series_summary(series: FlatSeries, output: Path, frames: tuple[Path, ...]) 
 
 
 def _summary(flat_map: FlatMap, output: Path) -> str:
-    metadata = flat_map.metadata
+    metadata: dict[str, Any] = flat_map.metadata
     width, height = np.ptp(flat_map.uv, axis=0)
     torn = f", {100 * metadata['torn_faces']:.1f} % of it torn" if "torn_faces" in metadata else ""
     cut_names = ", ".join(cut.name for cut in flat_map.cuts if cut.name)

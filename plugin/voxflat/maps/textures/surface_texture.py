@@ -65,7 +65,8 @@ def _vertex_colours(mesh: meshes.Mesh) -> NDArray[np.uint8]:
         return np.column_stack([mesh.point_data[name] for name in names])
     found = {name: values for name, values in mesh.point_data.items() if are_colours(values, len(mesh.points))}
     if len(found) == 1:
-        return next(iter(found.values()))
+        colours: NDArray[np.uint8] = np.asarray(next(iter(found.values())))
+        return colours
     if found:
         raise InputError(f"has several colour arrays at its vertices ({', '.join(found)}). Pass one as an array")
     raise InputError("has no texture (texture coordinates with a picture, or colours at vertices). Add a texture")

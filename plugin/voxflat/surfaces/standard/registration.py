@@ -72,7 +72,7 @@ class Registration(ReadOnly, Saved):
     points: NDArray[np.float64]
     side: str
     confidence: float
-    figures: dict[str, Any]
+    figures: dict[str, object]
     remarks: tuple[str, ...] = ()
     provenance: Record = field(default_factory=dict)
 
