@@ -293,7 +293,7 @@ def test_files(gyrus, tmp_path):
     np.testing.assert_allclose([float(mean), float(sd)], [profile.mean[0, 0], profile.sd[0, 0]], rtol=1e-7)
     assert lines[2] == "1\t2\t0.75\tn/a\tn/a\t0"
     assert json.loads((tmp_path / "profile.tsv.json").read_text())["parameters"]["count"] == 2
-    refused("cannot save a profile as profile.xlsx. Use a name that ends in .tsv, .csv", profile.save, "profile.xlsx")
+    refused("cannot save a profile as profile.xlsx. Use a name that ends in .tsv or .csv", profile.save, "profile.xlsx")
 
 
 def test_command(gyrus, tmp_path):

@@ -62,7 +62,8 @@ class Saved(Recorded):
         own: Any = self
         with saving(path, own.provenance, sidecar=sidecar, overwrite=overwrite) as checked:
             if self._endings and not checked.name.lower().endswith(self._endings):
-                remedy = f"Use a name that ends in {', '.join(self._endings)}"
+                *first, last = self._endings
+                remedy = f"Use a name that ends in {', '.join(first)} or {last}"
                 raise InputError(f"cannot save {self._kind} as {checked.name}{self._why_not(checked)}. {remedy}")
             self._write(checked)
 
