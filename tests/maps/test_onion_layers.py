@@ -185,7 +185,7 @@ def test_ranges_that_do_not_exist(stacks, flat, tmp_path, text):
     command = ["image", tmp_path / "map.npz", "--volume", stacks / "stack.ome.tif", "-o", tmp_path / "layers.ome.tif"]
     done = run(*command, "--depth", text)
     assert done.exit_code == 2
-    assert "(first:last:step)" in done.stderr
+    assert "Invalid value for '--depth'" in done.stderr
 
 
 def test_a_stack_that_is_cut_off_after_it_was_opened(stacks, flat, tmp_path, monkeypatch):

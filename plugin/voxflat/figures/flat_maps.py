@@ -22,7 +22,7 @@ from voxflat.maps.lines import outline
 from voxflat.maps.parcels import Parcels, parcels_of
 from voxflat.maps.raster import FlatImage, Raster
 from voxflat.maps.sampling import Sampling
-from voxflat.maps.sources import source_of, vertex_channels
+from voxflat.maps.sources import VolumeSource, source_of, vertex_channels
 
 UNDERLAYS = ("curvature", "sulcal depth", "none")  # measures that can show the folds
 
@@ -214,7 +214,8 @@ class _Side:
         self.opacity = self._sampled(Overlay._of(opacity, count)) if is_map else None
         own = self._own(parcels)
         if own is not None and not isinstance(own, Parcels):
-            own = parcels_of(self.flat_map, own, table=table, depths=self._depths_of(own))
+            is_volume = not are_label_files(own) and vertex_channels(self._surface, own) is None
+            own = parcels_of(self.flat_map, own, table=table, depths=self._depths_of(is_volume))
         self.parcels: Parcels | None = own
 
     def _own(self, values: Any) -> Any:
@@ -222,15 +223,15 @@ class _Side:
         is_each = isinstance(values, list | tuple) and len(values) == self._count > 1
         return values[self._number] if is_each else values
 
-    def _depths_of(self, values: object) -> Depths:
-        is_volume = not are_label_files(values) and vertex_channels(self._surface, values) is None
+    def _depths_of(self, is_volume: bool) -> Depths:
         self.has_volume |= is_volume
         return self._depths if is_volume else ON_SURFACE
 
     def _sampled(self, overlay: Overlay, interpolation: str | None = None) -> FlatImage:
-        values = self._own(overlay.values)
-        sampling = Sampling(self._depths_of(values), "mean", interpolation, overlay.period)
-        return source_of(self._surface, values).image(self.raster, sampling, channel=overlay.channel)
+        source = source_of(self._surface, self._own(overlay.values))
+        depths = self._depths_of(isinstance(source, VolumeSource))
+        sampling = Sampling(depths, "mean", interpolation, overlay.period)
+        return source.image(self.raster, sampling, channel=overlay.channel)
 
 
 def _full(sides: list[_Side], opacity: Any) -> float | None:

@@ -44,7 +44,8 @@ class Depths:
         if count is not None:
             if fraction is not None:
                 raise InputError("fraction and depths (a number of layers) cannot be combined. Pass only one of them")
-            fraction = layer_centres(count, "depths")
+            count = checked_layers(count, "depths")
+            fraction = tuple((layer + 0.5) / count for layer in range(count))  # at the centres of layers
         if fraction is None:
             return cls(_numbers(depth, "depth"))
         if not isinstance(depth, int | float) or depth != 0:
@@ -78,12 +79,6 @@ def checked_layers(count: object, name: str) -> int:
     if not is_whole(count) or not 1 <= count <= _MOST_LAYERS:
         raise InputError(f"{name} is {shown(count)}. Pass a whole number of layers from 1 to {_MOST_LAYERS}")
     return int(count)
-
-
-def layer_centres(count: int, name: str) -> tuple[float, ...]:
-    """Return the fractions at the centres of layers."""
-    count = checked_layers(count, name)
-    return tuple((layer + 0.5) / count for layer in range(count))
 
 
 def _numbers(given: float | Sequence[float], name: str) -> tuple[float, ...]:

@@ -365,17 +365,13 @@ def _write_zarr(path: Path, pages: Pages, first: _Image, values: _Values, record
     group.attrs["multiscales"] = [{"version": "0.4", "name": pages.title, "axes": axes, "datasets": datasets}]
     group.attrs["voxflat"] = {"affine": affine.tolist(), "names": list(pages.names), "provenance": portable(record)}
     if any(pages.channels):
-        group.attrs["omero"] = {"channels": [_rendering(name) for name in pages.channels]}
+        shown = {"color": "FFFFFF", "active": True}  # mandatory
+        group.attrs["omero"] = {"channels": [{"label": name, **shown} for name in pages.channels]}
     shape, chunks = (*lengths, *first.data.shape), (*[1] * len(lengths), *first.data.shape)
     form |= {"dtype": "<f4", "fill_value": np.nan, "dimension_separator": "/"}
     array = zarr.open_array(str(path / "0"), mode="w", shape=shape, chunks=chunks, **form)
     for n, pixels in enumerate(values):
         array[np.unravel_index(n, lengths)] = pixels
-
-
-def _rendering(name: str) -> dict[str, Any]:
-    """Return the name of a channel as OME-Zarr stores it, beside a colour, which is mandatory."""
-    return {"label": name, "color": "FFFFFF", "active": True}
 
 
 _STACK_WRITERS: dict[str, Callable[[Path, Pages, _Image, _Values, Record], None]] = {

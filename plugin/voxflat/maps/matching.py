@@ -134,14 +134,10 @@ def _kind(array: NDArray[Any]) -> str:
     return f"an array of shape {array.shape} and data type {array.dtype}"
 
 
-def _check_count(whole: Manifold, count: int) -> None:
-    if count != whole.count:
-        told = f"the map has {count} points, but the surface has {whole.count} vertices"
-        raise InputError(f"{told}. Pass one point per vertex")
-
-
 def _of_places(whole: Manifold, places: NDArray[np.float64], mesh: Mesh | None) -> Matched:
-    _check_count(whole, len(places))
+    if len(places) != whole.count:
+        what = f"the map has {len(places)} points, but the surface has {whole.count} vertices"
+        raise InputError(f"{what}. Pass one point per vertex")
     is_placed = np.asarray(np.isfinite(places).all(axis=1))
     faces = whole.vertices[whole.faces] if mesh is None else whole._merged_in(mesh.faces)
     return _matched(whole, faces[is_placed[faces].all(axis=1)], places)

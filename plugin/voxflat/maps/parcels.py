@@ -78,9 +78,7 @@ def parcels_of(flat_map: FlatMap, labels: object, *, table: object = None, depth
         if table is not None:
             raise InputError("label files have their own names, so a table does not apply. Omit the table")
         labels, table = label_files(paths, surface.origin.mesh.vertices)
-    stack = source_of(surface, labels).stack(at_points(len(flat_map)), Sampling(depths, "mean", way))
-    number = stack.channels.find(None)  # a file with several channels fails here
-    values: NDArray[Any] = stack[number].data
+    values = source_of(surface, labels).image(at_points(len(flat_map)), Sampling(depths, "mean", way)).data
     file = f"{labels}: " if isinstance(labels, str | os.PathLike) else ""
     if values.ndim != 2 or not all_whole(values):
         raise InputError(f"{file}labels must be whole numbers. Show other values as an overlay")
@@ -88,7 +86,7 @@ def parcels_of(flat_map: FlatMap, labels: object, *, table: object = None, depth
         raise InputError(f"{file}there are no labels on the map. Check that the affines match")
     known = read_table(table) if isinstance(table, str | os.PathLike) else table
     if not isinstance(known, LabelTable):
-        known = own_table(labels, number) or LabelTable()
+        known = own_table(labels) or LabelTable()
     with np.errstate(invalid="ignore"):  # values out of range are not labels
         found = np.nan_to_num(values[:, 0], nan=_NONE).astype(np.int64)
     for label in np.unique(found):

@@ -234,8 +234,7 @@ class VolumeSource(Source):
 
     def default_interpolation(self, raster: Raster, depths: Depths, volume: Volume) -> str | None:
         """Return the interpolation of a stack of integers, which may be intensities or labels; otherwise None."""
-        is_stack = volume.path is not None and is_stack_path(volume.path)
-        if not is_stack or volume.data.ndim != 3 or volume.data.dtype.kind not in "iu":
+        if not is_stack_path(volume.path) or volume.data.ndim != 3 or volume.data.dtype.kind not in "iu":
             return None
         pixels = np.flatnonzero(raster.inside)
         starts = np.linspace(0, len(pixels), _RUNS, endpoint=False, dtype=np.int64)
