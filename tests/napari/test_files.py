@@ -647,6 +647,15 @@ def test_flat_labels_are_saved_by_the_map_with_their_pixels(viewer, qtbot, tmp_p
     for name, count in (("second", 0), ("first", 1)):
         offered.offer(maps[name])
         assert offered.box.count() == count
+    other = maps["second"].flat_map.image(points[:, 2], pixel_size=0.37)  # a size of its own, as in Python
+    (u, v), size = other.origin, other.pixel_size
+    fine = viewer.add_labels(np.ones(other.data.shape, dtype=int), name="fine", scale=(size,) * 2, translate=(-v, u))
+    assert state.run_under(fine) is maps["second"]
+    viewer.layers.selection = {fine}
+    viewer.layers.save(str(tmp_path / "fine.tsv"), selected=True, plugin="voxflat")
+    maps["second"].flat_map.regions(fine.data, pixel_size=size).save(tmp_path / "expected.tsv", overwrite=True)
+    assert (tmp_path / "fine.tsv").read_text() == (tmp_path / "expected.tsv").read_text()
+    viewer.layers.selection = {labels}
     labels.scale = np.array(labels.scale) * 1.00003
     with pytest.raises(voxflat.VoxflatError, match=r"not those of an open map \('first', 'second'\)"):
         viewer.layers.save(str(tmp_path / "b.tsv"), selected=True, plugin="voxflat")

@@ -18,7 +18,7 @@ from psygnal import Signal
 from qtpy.QtCore import QTimer
 
 from voxflat._napari.gl_context import keep_canvas_current
-from voxflat._napari.results.flat_layers import KEPT, FlatLayers, Run
+from voxflat._napari.results.flat_layers import KEPT, FlatLayers, Pixels, Run
 from voxflat._napari.results.layer_list import ListedLayers
 from voxflat._napari.results.outputs import is_drawn
 from voxflat._napari.results.session import Session, session_of
@@ -209,10 +209,17 @@ class ViewerState:
         return flat_map if fits else None
 
     def run_under(self, layer: Layer) -> Run | None:
-        """Return the run whose map has the pixels of a flat layer: that over which it was added, or the current one."""
+        """Return the run whose map has the pixels of a flat layer: that over which it was added, or the current one.
+
+        Maps whose own images have these pixels come before maps that could have such an image.
+        """
         order = (self._over.get(layer), self._current, *self._runs)
-        runs = (run for run in order if run in self._runs and isinstance(run.flat_map, FlatMap))
-        return next((run for run in runs if run.has_pixels_of(layer)), None)
+        runs = [run for run in order if run in self._runs and isinstance(run.flat_map, FlatMap)]
+        pixels = Pixels.of(layer)
+        if pixels is None:
+            return None
+        tests = (Run.has_pixels, Run.can_have_pixels)
+        return next((run for fits in tests for run in runs if run is not None and fits(run, pixels)), None)
 
     def keep_record(self, surface: Surface, record: dict[str, Any]) -> None:
         """Keep the cuts in the table of *Draw cuts*, so that neither layers nor docks that are closed lose them."""

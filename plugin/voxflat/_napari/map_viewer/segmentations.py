@@ -17,7 +17,7 @@ from voxflat._napari.map_viewer.drawings import affine_in_world, depth_range, dr
 from voxflat._napari.map_viewer.movies import MovieWindow, flat_labels, is_kept
 from voxflat._napari.map_viewer.prepared_map import PreparedMap
 from voxflat._napari.map_viewer.viewer_parts import list_events
-from voxflat._napari.results.flat_layers import LayerData, Run
+from voxflat._napari.results.flat_layers import KEPT, LayerData, Pixels, Run
 from voxflat._napari.viewer_state import ViewerState
 from voxflat.arguments import Progress
 from voxflat.errors import Cancelled, InputError
@@ -74,7 +74,8 @@ class Segmentations(QWidget):
         found = [layer for layer in found if "voxflat" not in layer.metadata]
         state = ViewerState.of(self._viewer)
         found = [layer for layer in found if self._run is not None and state.run_under(layer) is self._run]
-        found += [layer for layer in self._viewer.layers if is_kept(layer)]
+        movie = None if self._run is None else self._run.layers.movie
+        found += [layer for layer in self._viewer.layers if is_kept(layer) and layer.metadata[KEPT]() is movie]
         self._layers = [*found, *(layer for layer in self._movies.layers if isinstance(layer, Labels))]
         with signals_blocked(self.box):
             self.box.clear()
@@ -94,19 +95,15 @@ class Segmentation:
 
     name: str
     data: NDArray[Any]  # (H, W), or (T, H, W) for the frames of a movie
-    corner: NDArray[np.float64]  # (−v, u) of the first pixel
-    pixel_size: float
+    pixels: Pixels
     names: dict[int, str]
     colours: dict[int, tuple[int, int, int]]
 
     @classmethod
     def of(cls, layer: Labels) -> "Segmentation":
         """Read a layer; raises InputError unless its pixels are square."""
-        ends = np.zeros((3, layer.ndim))
-        ends[1, -2] = ends[2, -1] = 1
-        corner, down, right = (np.asarray(layer.data_to_world(end))[-2:] for end in ends)
-        size = float(right[1] - corner[1])
-        if not np.allclose([down - corner, right - corner], size * np.eye(2), atol=1e-6 * abs(size)) or size <= 0:
+        pixels = Pixels.of(layer)
+        if pixels is None:
             raise InputError(f"The pixels of '{layer.name}' are not those of the map. {REMEDY}")
         data = flat_labels(layer)
         keys = np.unique(data[data != 0])
@@ -115,7 +112,7 @@ class Segmentation:
         if {"index", "name"} <= set(features):
             names = {int(key): str(name) for key, name in zip(features["index"], features["name"], strict=True) if name}
         found = {int(key): (int(r), int(g), int(b)) for key, (r, g, b, _) in zip(keys, colours, strict=True)}
-        return cls(layer.name, data, corner, size, names, found)
+        return cls(layer.name, data, pixels, names, found)
 
     def at(self, frame: int | None) -> NDArray[Any]:
         """Return the labels of a frame; labels without frames are the same in all frames."""
@@ -123,17 +120,15 @@ class Segmentation:
 
     def check(self, flat_map: FlatMap) -> Raster:
         """Return the pixels of a map; raises InputError unless the labels lie on them."""
-        raster = flat_map.raster(self.pixel_size)
-        u, v = raster.origin
-        near = np.allclose(self.corner, (-v, u), rtol=0, atol=1e-3 * self.pixel_size)
-        if self.data.shape[-2:] != raster.shape or not near:
+        raster = flat_map.raster(self.pixels.size)
+        if not Pixels.of_raster(raster).is_same(self.pixels):
             raise InputError(f"The pixels of '{self.name}' are not those of the map. {REMEDY}")
         return raster
 
     def regions(self, flat_map: FlatMap, frame: int | None) -> Regions:
         """Return the regions on the map of a frame; raises InputError unless the labels lie on its pixels."""
         self.check(flat_map)
-        found = flat_map.regions(self.at(frame), pixel_size=self.pixel_size)
+        found = flat_map.regions(self.at(frame), pixel_size=self.pixels.size)
         names = tuple(self.names.get(key, name) for key, name in zip(found.keys, found.names, strict=True))
         return replace(found, names=names, colours=np.array([self.colours[key] for key in found.keys], dtype=np.uint8))
 

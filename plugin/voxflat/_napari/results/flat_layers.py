@@ -1,5 +1,7 @@
 """The layers of flat maps and pages."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol, TypeAlias
@@ -15,7 +17,7 @@ from voxflat._napari.results.sketch import Sketches
 from voxflat.atlases.atlas import Atlas
 from voxflat.io.grid import in_unit
 from voxflat.maps.flat_map import FlatMap
-from voxflat.maps.raster import FlatImage
+from voxflat.maps.raster import FlatImage, Raster
 from voxflat.pipeline.flat_series import FlatSeries
 
 LayerData: TypeAlias = tuple[Any, dict[str, Any], str]  # as in napari: the data, the keywords and the type
@@ -37,6 +39,8 @@ PART = "voxflat_part"
 """Key of the metadata of layers of a map: the part of the map that the layer shows, for `layer_name`."""
 
 _SAME = 1e-3  # pixels, at both ends of an image: other maps have pixels of nearly the same size
+_SIMILAR = 0.01  # relative difference between the pixel sizes of similar maps
+_ROUNDED = 3  # pixels by which an image may be larger than its map
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,7 +76,7 @@ class FlatLayers:
     in_space: list[LayerData] = field(default_factory=list)  # the surface of an atlas
     shown: Shown | None = None  # the values chosen in the form
     movie: MovieMaps | None = None
-    frame: "SingleFrame | None" = None  # if only one frame of a movie was flattened
+    frame: SingleFrame | None = None  # if only one frame of a movie was flattened
     notes: tuple[str, ...] = ()  # warnings of the job, such as about the values that the map shows
 
 
@@ -140,6 +144,37 @@ def limits(values: NDArray[Any]) -> tuple[float, float]:
     return (low, high) if low < high else (low - 0.5, low + 0.5)
 
 
+@dataclass(frozen=True)
+class Pixels:
+    """Square pixels in the plane of a map."""
+
+    shape: tuple[int, ...]
+    size: float
+    corner: tuple[float, ...]  # (−v, u) of the centre of the first one
+
+    @classmethod
+    def of(cls, layer: Layer) -> Pixels | None:
+        """Return the pixels along the last two axes of a layer; None if they are not square and upright."""
+        ends = np.zeros((3, layer.ndim))
+        ends[1, -2] = ends[2, -1] = 1
+        corner, down, right = (np.asarray(layer.data_to_world(end))[-2:] for end in ends)
+        size = float(right[1] - corner[1])
+        if size <= 0 or not np.allclose([down - corner, right - corner], size * np.eye(2), rtol=0, atol=1e-6 * size):
+            return None
+        return cls(tuple(finest(layer).shape[-2:]), size, tuple(corner.tolist()))
+
+    @classmethod
+    def of_raster(cls, raster: Raster) -> Pixels:
+        u, v = raster.origin
+        return cls(raster.shape, raster.pixel_size, (-v, u))
+
+    def is_same(self, other: Pixels) -> bool:
+        """Return whether the first and the last pixel are where those of another image are."""
+        first = np.subtract(self.corner, other.corner)
+        last = first + (self.size - other.size) * (np.array(self.shape) - 1)
+        return self.shape == other.shape and bool(np.abs([first, last]).max() < _SAME * self.size)
+
+
 class Script(Protocol):
     """Writes a script, like `Recipe`."""
 
@@ -167,21 +202,30 @@ class Run:
     def flat_map(self) -> FlatMap | Atlas:
         return self.layers.flat_map
 
-    def has_pixels_of(self, layer: Layer) -> bool:
-        """Return whether the last two axes of a layer have exactly the pixels of an image of this map."""
-        shape = finest(layer).shape[-2:]
-        ends = np.zeros((2, layer.ndim))
-        ends[1, -2:] = np.array(shape) - 1
-        places = np.array([np.asarray(layer.data_to_world(end))[-2:] for end in ends])
-        grids = [
-            (np.shape(data)[:2], np.array(keywords["scale"]), np.array(keywords["translate"]))
+    @property
+    def pixels(self) -> list[Pixels]:
+        """The pixels of the images of this map."""
+        found = [
+            Pixels(np.shape(data)[:2], float(keywords["scale"][0]), tuple(keywords["translate"]))
             for data, keywords, _ in self.layers.layers
         ]
         if self.layers.movie is not None and isinstance(self.flat_map, FlatMap):  # its images have the usual pixels
-            raster = self.flat_map.raster()
-            u, v = raster.origin
-            grids.append((raster.shape, np.full(2, raster.pixel_size), np.array([-v, u])))
-        return any(
-            shape == own and bool(np.abs((places - [at, at + scale * (np.array(own) - 1)]) / scale).max() < _SAME)
-            for own, scale, at in grids
-        )
+            found.append(Pixels.of_raster(self.flat_map.raster()))
+        return found
+
+    def has_pixels(self, pixels: Pixels) -> bool:
+        """Return whether pixels are those of an image of this map."""
+        return any(own.is_same(pixels) for own in self.pixels)
+
+    def can_have_pixels(self, pixels: Pixels) -> bool:
+        """Return whether pixels are those of an image of this map with another size, such as one made in Python.
+
+        Nearly the usual size may be that of a similar map.
+        """
+        flat_map = self.flat_map
+        if not isinstance(flat_map, FlatMap) or abs(pixels.size / flat_map.pixel_size - 1) < _SIMILAR:
+            return False
+        sides = np.ptp(flat_map.uv, axis=0)[::-1] / pixels.size
+        if np.abs(sides - pixels.shape).max() > _ROUNDED:  # not drawn, because the pixels may be small
+            return False
+        return Pixels.of_raster(flat_map.raster(pixels.size)).is_same(pixels)
