@@ -4,6 +4,7 @@ import gzip
 import os
 import random
 import shutil
+import weakref
 from pathlib import Path
 
 import itk
@@ -39,6 +40,7 @@ from voxflat._napari.map_viewer.drawings import OF_MAP
 from voxflat._napari.map_viewer.movies import MovieWindow
 from voxflat._napari.map_viewer.segmentations import Segmentations
 from voxflat._napari.map_viewer.viewer_parts import camera, look_from_side
+from voxflat._napari.results.flat_layers import KEPT, MovieMaps, Run
 from voxflat._napari.results.maps import map_layers
 from voxflat._napari.stacks import viewer_order, world_of
 from voxflat._napari.viewer_state import ViewerState
@@ -647,6 +649,10 @@ def test_flat_labels_are_saved_by_the_map_with_their_pixels(viewer, qtbot, tmp_p
     for name, count in (("second", 0), ("first", 1)):
         offered.offer(maps[name])
         assert offered.box.count() == count
+    movie = MovieMaps(None, None)
+    about = {"voxflat": None, KEPT: weakref.ref(movie)}  # as labels from the window of a movie have
+    viewer.add_labels(np.ones((2, 1, 1, 4, 4), dtype=int), metadata=about)
+    assert offered.box.count() == 1
     other = maps["second"].flat_map.image(points[:, 2], pixel_size=0.37)  # a size of its own, as in Python
     (u, v), size = other.origin, other.pixel_size
     fine = viewer.add_labels(np.ones(other.data.shape, dtype=int), name="fine", scale=(size,) * 2, translate=(-v, u))
@@ -655,8 +661,13 @@ def test_flat_labels_are_saved_by_the_map_with_their_pixels(viewer, qtbot, tmp_p
     viewer.layers.save(str(tmp_path / "fine.tsv"), selected=True, plugin="voxflat")
     maps["second"].flat_map.regions(fine.data, pixel_size=size).save(tmp_path / "expected.tsv", overwrite=True)
     assert (tmp_path / "fine.tsv").read_text() == (tmp_path / "expected.tsv").read_text()
+    same = Run(map_layers(maps["second"].flat_map, "same", pixel_size=size), "same")
+    state.add(same)
+    state.choose(maps["second"])
+    state._over.clear()
+    assert state.run_under(fine) is same  # whose image has these pixels
     viewer.layers.selection = {labels}
     labels.scale = np.array(labels.scale) * 1.00003
-    with pytest.raises(voxflat.VoxflatError, match=r"not those of an open map \('first', 'second'\)"):
+    with pytest.raises(voxflat.VoxflatError, match=r"not those of an open map \('first', 'second', 'same'\)"):
         viewer.layers.save(str(tmp_path / "b.tsv"), selected=True, plugin="voxflat")
     offered.release()
