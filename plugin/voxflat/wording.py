@@ -1,4 +1,4 @@
-"""Replace Python in messages by the words of a front end: its options, or the fields of its window."""
+"""Words of messages: numbers of things, and Python replaced by the options or fields of a front end."""
 
 import re
 from collections.abc import Callable, Mapping
@@ -26,3 +26,8 @@ def in_words(text: str, phrases: Mapping[str, str], argument: Callable[[str, str
         text = re.sub(phrase, instead, text)
     text = _ARGUMENT.sub(lambda found: argument(found["name"], found["value"], found[0]), text)
     return _TUPLE.sub(r"\g<before>\g<numbers>", _SCALAR.sub(r"\1", text))
+
+
+def many(count: int, what: str) -> str:
+    """Return a number of things, such as "1 map" or "2,000 maps"."""
+    return f"{count:,} {what}{'s' * (count != 1)}"

@@ -334,7 +334,7 @@ class TestDrawings:
         ring = m.regions({"ring": [circle(u, v, 8.0), circle(u, v, 4.0)[::-1]]})
         assert ring.at([[u, v], [u + 6, v], [u + 9, v]]).tolist() == [0, 1, 0]
         both = m.regions([circle(u, v, 8.0), circle(u + 4, v, 8.0)])
-        assert "lie in several regions. They belong to the region drawn last" in caplog.text
+        assert "Points in several regions belong to the region drawn last: " in caplog.text
         assert both.at([[u - 7, v], [u, v], [u + 11, v]]).tolist() == [1, 2, 2]
         assert both.names == ("region 1", "region 2")
 

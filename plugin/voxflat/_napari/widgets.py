@@ -186,9 +186,10 @@ class FlattenWidget(TaskDock):
         is_restored, wanted = False, self._settings_of(run) or {}
         if self._swapped is not None and self._swapped[0] is run:
             _, is_restored, wanted = self._swapped
-        self._swapped = run, not is_restored, self.form.record()
-        self._offer_settings(run)
+        before = self.form.record()
         self.form.restore(wanted)
+        self._swapped = None if self.form.is_waiting else (run, not is_restored, before)
+        self._offer_settings(run)
 
     def _on_errored(self, error: Exception) -> None:
         self._timer.stop()  # otherwise the stage would overwrite the error

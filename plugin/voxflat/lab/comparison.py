@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from voxflat._core import __version__
 from voxflat.maps.flat_map import FlatMap
 from voxflat.maps.raster import FlatImage
+from voxflat.wording import many
 
 _PIXEL = 1.0  # mm
 LEAST = 5  # smallest number of maps for which outliers are reported
@@ -47,11 +48,6 @@ def counted(rows: Sequence[Row]) -> str:
     kinds = [("hemisphere" if row.letter else "participant") for row in rows if row.record is None]
     lacking = " and ".join(many(kinds.count(kind), kind) for kind in dict.fromkeys(sorted(kinds)))
     return text + (f"; without a map: {lacking}" if lacking else "")
-
-
-def many(count: int, what: str) -> str:
-    """Return a number of things, such as "1 map" or "2 maps"."""
-    return f"{count} {what}{'s' * (count != 1)}"
 
 
 @dataclass(frozen=True, eq=False)

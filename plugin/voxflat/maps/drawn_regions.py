@@ -183,7 +183,7 @@ def _drawn(of: Planar, outlines: Sequence[Outline]) -> Regions:
         own = [outline for outline in outlines if outline.name == name]
         counts += _Drawn(tuple(own), (1,) * len(own)).labels(uv)
     if (counts > 1).any():
-        log.warning("%d points lie in several regions. They belong to the region drawn last", int((counts > 1).sum()))
+        log.warning("Points in several regions belong to the region drawn last: %d", int((counts > 1).sum()))
     return Regions(of, names, tuple(keys.values()), np.array(shown, dtype=np.uint8), drawn)
 
 

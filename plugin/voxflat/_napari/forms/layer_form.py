@@ -101,6 +101,11 @@ class LayerForm(QWidget):
         if self._waiting is not None:
             self._tell_restored()
 
+    @property
+    def is_waiting(self) -> bool:
+        """Whether settings wait for the layer to flatten."""
+        return self._waiting is not None
+
     def _soon_restore(self) -> None:
         self._soon.start()
 

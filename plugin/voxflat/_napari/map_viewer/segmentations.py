@@ -24,6 +24,7 @@ from voxflat.errors import Cancelled, InputError
 from voxflat.maps.flat_map import FlatMap
 from voxflat.maps.raster import Raster
 from voxflat.maps.regions import Regions
+from voxflat.wording import many
 
 
 class Segmentations(QWidget):
@@ -193,4 +194,4 @@ def save_labels(prepared: PreparedMap, drawn: Segmentation, frame: int | None, p
     progress("measuring labels", 0, 1)
     regions = drawn.regions(flat_map, frame)
     regions.save(path, overwrite=True)  # the dialog has asked
-    return f"Saved {len(regions):,} labels" + ("" if frame is None else f" of frame {frame}") + f" in {path.name}"
+    return f"Saved {many(len(regions), 'label')}" + ("" if frame is None else f" of frame {frame}") + f" in {path.name}"

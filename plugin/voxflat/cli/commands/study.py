@@ -15,13 +15,14 @@ from voxflat.cli import options
 from voxflat.cli.console import Bars, Command, bars, translated
 from voxflat.cli.output import is_json, report
 from voxflat.errors import Cancelled, InputError
-from voxflat.lab.comparison import LEAST, many
+from voxflat.lab.comparison import LEAST
 from voxflat.lab.group import group
 from voxflat.lab.inputs import GEOMETRIES, HEMISPHERES, Parameters, check_given, check_order, participants
 from voxflat.lab.results import COUNTS
 from voxflat.lab.study import Job, Outcome, check_output, command, freesurfer, plan, study, warn_of_changes
 from voxflat.surfaces.standard.choice import AUTOMATIC
 from voxflat.surfaces.standard.template import STANDARD
+from voxflat.wording import many
 
 _MAX_STATUS = 100  # greater exit statuses have other meanings in shells
 _RECORDED = ("outputs", "figures", "warnings", "notes")  # parts of a record that --json prints
