@@ -27,8 +27,8 @@ True
 import importlib
 from typing import TYPE_CHECKING
 
+from voxflat import display, providers
 from voxflat._core import __version__
-from voxflat.display import provide
 
 __all__ = [
     "AreaBoundError",
@@ -81,6 +81,8 @@ __all__ = [
     "surface",
     "worst_places",
 ]
+
+display.views = providers
 
 if TYPE_CHECKING:
     from voxflat import figures as figures
@@ -153,19 +155,6 @@ else:
         "surfaces.standard.registration": ("Registration",),
     }
     _module_of = {name: module for module, names in _MODULES.items() for name in names}
-
-    def _later(module: str, name: str) -> object:
-        return lambda: getattr(importlib.import_module(f"voxflat.{module}"), name)
-
-    provide(
-        atlas_page=_later("figures", "atlas_page"),
-        cut_surface_views=_later("figures.cut_surfaces", "cut_surface_views"),
-        map_to_pyvista=_later("_pyvista.flat", "to_polydata"),
-        map_with_overlay=_later("figures.flat_maps", "map_with_overlay"),
-        profile=_later("figures", "profile"),
-        rim_to_pyvista=_later("_pyvista.rims", "to_multiblock"),
-        sections=_later("figures.sections", "sections"),
-    )
 
     def __getattr__(name: str) -> object:
         """Import a public name on first use."""

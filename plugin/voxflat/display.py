@@ -1,20 +1,41 @@
 """Draw results and convert them to objects of other packages.
 
-The functions that do this lie above the results. The package provides them by name when it is imported, so that no
-module imports another one above it.
+The functions that do this lie above the results. The package sets `views` to the module `voxflat.providers` when it is
+imported, so that no module imports one above it.
 """
 
-from collections.abc import Callable
-from typing import Any
+from __future__ import annotations
 
-_LOADERS: dict[str, Callable[[], Callable[..., Any]]] = {}
+from typing import TYPE_CHECKING, Any, Protocol
 
-
-def provide(**loaders: Callable[[], Callable[..., Any]]) -> None:
-    """Provide functions, each of which is imported on first use."""
-    _LOADERS.update(loaders)
+if TYPE_CHECKING:
+    import pyvista as pv
+    from matplotlib.figure import Figure
 
 
-def shown_by(name: str, *of: object, **options: object) -> Any:
-    """Call the function with this name: a figure for `plot` and Jupyter, or an object of another package."""
-    return _LOADERS[name]()(*of, **options)
+class Providers(Protocol):
+    """The functions of `voxflat.providers`."""
+
+    def atlas_page(self, atlas: Any, /) -> Figure:
+        """Draw the pieces of an atlas."""
+
+    def cut_surface_views(self, surface: Any, /) -> Figure:
+        """Draw the two broad sides of a surface with its cuts."""
+
+    def map_to_pyvista(self, flat_map: Any, /) -> pv.PolyData:
+        """Convert a map."""
+
+    def map_with_overlay(self, flat_map: Any, overlay: object = None, /, *, ax: Any = None, **options: Any) -> Figure:
+        """Draw a map with an overlay."""
+
+    def profile(self, profile: Any, /, *, label: str | None, ax: Any) -> Figure:
+        """Draw values along cortical depth."""
+
+    def rim_to_pyvista(self, rim: Any, columns: Any, /) -> pv.MultiBlock:
+        """Convert the surfaces of a rim."""
+
+    def sections(self, white: Any, affine: Any, template: Any, /) -> Figure:
+        """Draw sections through a mask and a template."""
+
+
+views: Providers

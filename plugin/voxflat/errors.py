@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from voxflat.display import shown_by
+from voxflat import display
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -103,8 +103,7 @@ class HemisphereError(InputError):
         matplotlib.figure.Figure
             Sagittal, coronal and axial sections through the middle of the white matter.
         """
-        figure: Figure = shown_by("sections", self.white, self.affine, self.template)
-        return figure
+        return display.views.sections(self.white, self.affine, self.template)
 
 
 class Cancelled(VoxflatError):  # noqa: N818  (it is not an error: the user asked for it)

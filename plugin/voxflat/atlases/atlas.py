@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING, Any, ClassVar, TypeVar, overload
 import numpy as np
 from numpy.typing import NDArray
 
+from voxflat import display
 from voxflat.arguments import checked_choice, checked_number, checked_path, is_number, shown
 from voxflat.atlases.layout import PACKINGS, lay_out, usual_gap
 from voxflat.atlases.page import FlatPage
 from voxflat.atlases.pieces import FlatPieces, Piece
-from voxflat.display import shown_by
 from voxflat.errors import InputError
 from voxflat.io import files
 from voxflat.io.grid import FARTHEST, in_unit
@@ -288,7 +288,7 @@ class Atlas(FlatPieces, Saved, Sequence[PieceT_co], ABC):
 
     def _repr_html_(self) -> str:
         """Return a picture of the page and a table of the pieces, for Jupyter."""
-        figure = shown_by("atlas_page", self)
+        figure = display.views.atlas_page(self)
         return page(self, self.table(), figure, "The pieces side by side, one colour per patch")
 
     def table(self) -> str:

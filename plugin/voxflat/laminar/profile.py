@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, overload
 import numpy as np
 from numpy.typing import NDArray
 
+from voxflat import display
 from voxflat.arguments import checked_choice
-from voxflat.display import shown_by
 from voxflat.errors import InputError
 from voxflat.io.channels import distinct_names
 from voxflat.io.notebook import page
@@ -181,7 +181,7 @@ class Profile(ReadOnly, Saved):
         InputError
             As in `voxflat.figures.profile`.
         """
-        figure = shown_by("profile", self, label=label, ax=ax)
+        figure = display.views.profile(self, label=label, ax=ax)
         return figure if ax is None else ax
 
 

@@ -10,9 +10,8 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike, NDArray
 
-from voxflat import _core
+from voxflat import _core, display
 from voxflat.arguments import Progress, checked_choice, checked_threads, log
-from voxflat.display import shown_by
 from voxflat.errors import InputError
 from voxflat.io.files import require
 from voxflat.io.provenance import Record, Recorded, telling
@@ -383,8 +382,7 @@ class Rim(ReadOnly, Recorded):
                 f"the columns have {len(columns.vertex_columns)} vertices, but the middle surface has "
                 f"{len(self.surface)}. Pass columns of this rim"
             )
-        blocks: pyvista.MultiBlock = shown_by("rim_to_pyvista", self, columns)
-        return blocks
+        return display.views.rim_to_pyvista(self, columns)
 
 
 @telling()

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any, overload
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from voxflat import display
 from voxflat.arguments import array_of, checked_switch, is_number, log, shown
-from voxflat.display import shown_by
 from voxflat.distances.store import write_provenance
 from voxflat.distances.table import Table
 from voxflat.distortion.distortion import Distortion
@@ -549,8 +549,7 @@ class FlatMap(Planar, Saved):
             A mesh with one point for each point of the map.
         """
         require("pyvista")
-        mesh: pyvista.PolyData = shown_by("map_to_pyvista", self)
-        return mesh
+        return display.views.map_to_pyvista(self)
 
     @overload
     def plot(
@@ -594,12 +593,12 @@ class FlatMap(Planar, Saved):
         >>> flat_map.plot(flat_map.points[:, 2], ax=ax) is ax
         True
         """
-        figure: Figure = shown_by("map_with_overlay", self, overlay, ax=ax, **options)
+        figure = display.views.map_with_overlay(self, overlay, ax=ax, **options)
         return figure if ax is None else ax
 
     def _repr_html_(self) -> str:
         """Return a picture of the map and a table of its distortion measures, for Jupyter."""
-        figure = shown_by("map_with_overlay", self)
+        figure = display.views.map_with_overlay(self)
         return page(self, self.distortion.table(), figure, "The flat map, shaded by its folds")
 
 

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from voxflat import display
 from voxflat.arguments import Progress, checked_path, is_whole, shown
-from voxflat.display import shown_by
 from voxflat.errors import InputError
 from voxflat.io.files import atomic_path
 from voxflat.io.grid import in_unit, rounded
@@ -136,7 +136,7 @@ class CutSurface(CutManifold[SurfaceT_co]):
         """Return a picture of the surface with its cuts and a table of their lengths, for Jupyter."""
         lengths = ["" if one.length is None else f"{rounded(one.length)} mm" for one in self.cuts]
         names = [self.title(n) for n in range(len(self.cuts))]
-        figure = shown_by("cut_surface_views", self.surface)
+        figure = display.views.cut_surface_views(self.surface)
         table = "\n".join(f"{name:40}{length:>8}" for name, length in zip(names, lengths, strict=True))
         caption = "The surface seen from its two broad sides, with the cuts in red"
         return page(self, in_unit(table, self.surface.origin.named_unit), figure, caption)
