@@ -49,14 +49,14 @@ def checked_path(path: str | os.PathLike[str], name: str = "path") -> Path:
     except UnicodeEncodeError:
         is_name = False
     if not is_name:
-        raise InputError(f"the {name} is {shown(path)}. Give a path to a file or directory")
+        raise InputError(f"the {name} is {shown(path)}. Pass a path to a file or directory")
     return Path(path)
 
 
 def checked_instance(value: object, cls: type, name: str, kind: str) -> None:
     """Raise an error if a value is not an object of this class."""
     if not isinstance(value, cls):
-        raise InputError(f"the {name} is {shown(value)}. Give {kind}")
+        raise InputError(f"the {name} is {shown(value)}. Pass {kind}")
 
 
 def checked_choice(value: object, name: str, choices: Iterable[str]) -> str:
@@ -64,7 +64,7 @@ def checked_choice(value: object, name: str, choices: Iterable[str]) -> str:
     known = tuple(choices)
     if not isinstance(value, str) or value not in known:
         *others, last = map(repr, known)
-        raise InputError(f"{name} is {shown(value)}. Give {', '.join(others)} or {last}")
+        raise InputError(f"{name} is {shown(value)}. Pass {', '.join(others)} or {last}")
     return value
 
 
@@ -100,21 +100,21 @@ def named_side(value: object, name: str) -> str:
     """Return "left" or "right" for any name of a hemisphere, such as L or lh, in upper or lower case."""
     found = _SIDES.get(value.lower()) if isinstance(value, str) else None
     if found is None:
-        raise InputError(f"{name} is {shown(value)}. Give 'left' or 'right' (or 'L', 'R', 'lh' or 'rh')")
+        raise InputError(f"{name} is {shown(value)}. Pass 'left' or 'right' (or 'L', 'R', 'lh' or 'rh')")
     return found
 
 
 def checked_switch(value: object, name: str) -> bool:
     """Return a Python or NumPy boolean as a bool."""
     if not isinstance(value, bool | np.bool_):
-        raise InputError(f"{name} is {shown(value)}. Give True or False")
+        raise InputError(f"{name} is {shown(value)}. Pass True or False")
     return bool(value)
 
 
 def checked_text(value: object, name: str) -> str:
     """Return a string; None becomes an empty string."""
     if value is not None and not isinstance(value, str):
-        raise InputError(f"the {name} is {shown(value)}. Give a string")
+        raise InputError(f"the {name} is {shown(value)}. Pass a string")
     return value or ""
 
 
@@ -136,14 +136,14 @@ def is_whole(value: object) -> TypeGuard[int]:
 def checked_seed(seed: int) -> int:
     """Return a seed after checking that the core accepts it."""
     if not is_whole(seed) or not 0 <= seed < 2**64:
-        raise InputError(f"the seed is {shown(seed)}. Give a whole number from 0 to 2**64 - 1")
+        raise InputError(f"the seed is {shown(seed)}. Pass a whole number from 0 to 2**64 - 1")
     return int(seed)
 
 
 def checked_pixels(value: object, name: str) -> int:
     """Return the number of pixels along one side of a picture."""
     if not is_whole(value) or not _PIXELS[0] <= value <= _PIXELS[1]:
-        raise InputError(f"the {name} is {shown(value)}. Give {_PIXELS[0]} to {_PIXELS[1]} pixels")
+        raise InputError(f"the {name} is {shown(value)}. Pass {_PIXELS[0]} to {_PIXELS[1]} pixels")
     return int(value)
 
 
@@ -151,7 +151,7 @@ def checked_threads(threads: int | None) -> int | None:
     """Return a number of threads that can be started; None means one thread per core."""
     most = max(_MOST_THREADS, os.cpu_count() or 1)
     if threads is not None and not (is_whole(threads) and 1 <= threads <= most):
-        raise InputError(f"threads is {shown(threads)}. Give a number from 1 to {most}, or omit it for one per core")
+        raise InputError(f"threads is {shown(threads)}. Pass a number from 1 to {most}, or omit it for one per core")
     return threads
 
 
@@ -163,7 +163,7 @@ def workers(threads: int | None) -> int:
 def checked_number(value: float, name: str) -> float:
     """Return a number as a float."""
     if not is_number(value):
-        raise InputError(f"the {name} is {shown(value)}. Give a number")
+        raise InputError(f"the {name} is {shown(value)}. Pass a number")
     return as_float(value)
 
 
@@ -201,7 +201,7 @@ def array_of(values: object, name: str, *, as_nan: bool = False) -> NDArray[Any]
     try:
         return np.asarray(values)
     except (TypeError, ValueError):  # ragged, or a type that NumPy cannot convert
-        raise InputError(f"the {name} are {shown(values)}. Give rows of equal length") from None
+        raise InputError(f"the {name} are {shown(values)}. Pass rows of equal length") from None
 
 
 def numbers_of(values: ArrayLike, name: str, *, as_nan: bool = False) -> NDArray[np.float64]:
@@ -213,7 +213,7 @@ def numbers_of(values: ArrayLike, name: str, *, as_nan: bool = False) -> NDArray
             return array.astype(np.float64, copy=False)
     except (TypeError, ValueError):  # ragged, or a type that NumPy cannot convert
         pass
-    raise InputError(f"the {name} are {shown(values)}. Give numbers")
+    raise InputError(f"the {name} are {shown(values)}. Pass numbers")
 
 
 def voxel_indices(values: ArrayLike, name: str) -> NDArray[np.int64]:
@@ -299,7 +299,7 @@ def checked_limit(limit: int | None) -> int | None:
     if limit is None:
         return None
     if not is_number(limit) or not math.isfinite(limit):
-        raise InputError(f"the memory limit is {shown(limit)}. Give a number of bytes")
+        raise InputError(f"the memory limit is {shown(limit)}. Pass a number of bytes")
     return int(limit)
 
 

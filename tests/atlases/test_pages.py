@@ -85,7 +85,7 @@ class TestPage:
         for gap in (-1, np.nan, np.inf):
             refused("gap is", atlas.page, gap)
         refused("packing is 'tight'", atlas.page, packing="tight")
-        refused("of is 'error'. Give 'isometric'", atlas.heat_map, of="error")
+        refused("of is 'error'. Pass 'isometric'", atlas.heat_map, of="error")
         monkeypatch.setitem(sys.modules, "xatlas", None)
         refused(r"voxflat\[lab\]", atlas.page, 1.234, packing="shapes")
 

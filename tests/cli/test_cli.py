@@ -252,7 +252,7 @@ def test_a_volume_that_lies_elsewhere_is_no_empty_picture(shared, tmp_path):
     write_volume(tmp_path / "far.nii.gz", np.ones((5, 5, 5), np.float32), far)
     words = ["image", shared / "map.npz", "--volume", tmp_path / "far.nii.gz", "-o", tmp_path / "far.png"]
     fail(1, "does not overlap the map, so the image would be empty. Compare their positions", *words)
-    told = "does not overlap the map at this depth, so the image would be empty. Give a smaller --depth, or compare"
+    told = "does not overlap the map at this depth, so the image would be empty. Pass a smaller --depth, or compare"
     fail(1, told, *words, "--depth", "500")
     assert not (tmp_path / "far.png").exists()
 
@@ -480,7 +480,7 @@ def test_messages_name_options_in_place_of_keyword_arguments():
         ("the x=3 of lh.max_area_7.gii", "the x=3 of lh.max_area_7.gii"),
         ("label=2 is the left and label=[3, 41] the right", "--label 2 is the left and --label 3,41 the right"),
         ("start does not contain 3 triangles", "--start does not contain 3 triangles"),
-        ("radius is (5, 1). Give a number", "--radius is 5, 1. Give a number"),
+        ("radius is (5, 1). Pass a number", "--radius is 5, 1. Pass a number"),
         ("Extract one hemisphere with voxflat.hemisphere", "Extract one hemisphere with --hemisphere"),
         (
             "Flatten the white surface with pial=, or pass depth= in mm",

@@ -114,7 +114,7 @@ def test_images_of_all_frames(folder, tmp_path):
         ("movie-map seg_00.tif two.tif --threshold 0.5 -o a.npz", 1, "frame 1 (two.tif) has 2 components with areas"),
         ("image movie.npz --volume frame_00.tif frame_01.tif seg_02.tif -o a.tif", 1, "frame 2 (seg_02.tif) has"),
         ("regions map.npz --image labels.tif -o a.nii.gz --volume frame_00.tif", 1, "a range in µm such as"),
-        ("image movie.npz --heat-map -o a.tif", 2, "--heat-map applies to single maps. Give --metric"),
+        ("image movie.npz --heat-map -o a.tif", 2, "--heat-map applies to single maps. Pass --metric"),
         ("image movie.npz --metric -o a.png", 1, "Choose a name that ends in .tif"),
         ("image movie.npz --metric --depth 2 -o a.tif", 1, "--depth does not apply without volumes"),
         (

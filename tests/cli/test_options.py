@@ -42,7 +42,7 @@ def test_an_option_that_is_given_twice_is_used_twice_or_refused_by_its_name(comm
     result = run(command, *words, *words)
     assert result.exit_code == 2, result.output
     *_, line = result.stderr.strip().splitlines()
-    assert line == f"Error: {option.opts[-1]} is given twice. Give it once."
+    assert line == f"Error: {option.opts[-1]} is given twice. Pass it once."
     second = (option.secondary_opts or option.opts)[0]  # another spelling is the same option
     assert run(command, *words, second, *values).exit_code == 2
 
@@ -79,7 +79,7 @@ def test_python_accepts_all_names_of_a_hemisphere():
     labels = np.zeros((3, 3, 12), np.uint8)
     labels[:, :, 2:6], labels[:, :, 6:9] = 41, 42
     assert len(voxflat.rim(labels, hemisphere="R").surface) == len(voxflat.rim(labels, hemisphere="right").surface)
-    with pytest.raises(voxflat.InputError, match=r"hemisphere is 'middle'\. Give 'left' or 'right'"):
+    with pytest.raises(voxflat.InputError, match=r"hemisphere is 'middle'\. Pass 'left' or 'right'"):
         voxflat.rim(labels, hemisphere="middle")
 
 
@@ -216,6 +216,10 @@ def test_an_option_that_rims_do_not_have_is_refused_at_0_too(name, tmp_path):
     fail(1, f"--{name} and --rim cannot be combined", "check", tmp_path / "rim.npy", "--rim", f"--{name}", 0)
 
 
+def test_remedies_say_pass_and_not_give():
+    assert [one.place for one in messages() if re.search(r"(?:^|[.;:] )Give\b|\bgive --", one.text)] == []
+
+
 def test_messages_have_no_words_of_python():
     """All texts of the package, with the options of all commands."""
     every = {one.name: one for name in list(cli.main.commands) for one in cli.main.get_command(None, name).params}
@@ -275,12 +279,12 @@ def test_every_number_is_finite(command, option):
 @pytest.mark.parametrize(
     ("text", "told"),
     [
-        ("5:-5:1", "the step of the range '5:-5:1' leads away from its last number. Give 5:-5:-1."),
-        ("-5:5:-0.5", "the step of the range '-5:5:-0.5' leads away from its last number. Give -5:5:0.5."),
-        ("-5:5:0", "the step of the range '-5:5:0' is 0. Give first:last:step, such as -10:10:1."),
-        ("0:1:1e-9", "the range '0:1:1e-9' has more than 1,000,000 numbers. Give a larger step."),
-        ("0,nan", "'nan' is not finite. Give finite numbers."),
-        ("0:inf:1", "'0:inf:1' is not finite. Give finite numbers."),
+        ("5:-5:1", "the step of the range '5:-5:1' leads away from its last number. Pass 5:-5:-1."),
+        ("-5:5:-0.5", "the step of the range '-5:5:-0.5' leads away from its last number. Pass -5:5:0.5."),
+        ("-5:5:0", "the step of the range '-5:5:0' is 0. Pass first:last:step, such as -10:10:1."),
+        ("0:1:1e-9", "the range '0:1:1e-9' has more than 1,000,000 numbers. Pass a larger step."),
+        ("0,nan", "'nan' is not finite. Pass finite numbers."),
+        ("0:inf:1", "'0:inf:1' is not finite. Pass finite numbers."),
         ("1:2", "'1:2' is not a number, a list of numbers such as 0.25,0.5 or a range such as -10:10:1"),
         ("0,", "'' is not a number, a list of numbers"),
     ],

@@ -150,7 +150,7 @@ def test_the_map_is_saved_whatever_becomes_of_the_terminal(folder, where):
         ("image m.npz --heat-map -o m.bmp", 1, "cannot write m.bmp"),
         ("texture m.npz -o m.obj", 2, "Missing argument 'PICTURE'"),
         ("flatten lh.white --label 3 -o m.npz", 1, "label does not apply"),
-        ("path lh.white 0", 2, "Give at least two stops."),
+        ("path lh.white 0", 2, "Pass at least two stops."),
         ("demo -o lh.white", 1, "lh.white"),
     ],
 )

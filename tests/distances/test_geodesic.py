@@ -48,8 +48,8 @@ def test_links_in_a_plane_are_nearly_straight():
 
 
 def test_an_unknown_solver_is_named(ball):
-    refused("'heat'. Give 'graph', 'marching', 'exact' or 'chain'", ball.geodesic, 5, geodesic="heat")
-    refused("'heat'. Give 'graph', 'marching', 'exact', 'edges' or 'chain'", ball.path, 0, 5, geodesic="heat")
+    refused("'heat'. Pass 'graph', 'marching', 'exact' or 'chain'", ball.geodesic, 5, geodesic="heat")
+    refused("'heat'. Pass 'graph', 'marching', 'exact', 'edges' or 'chain'", ball.path, 0, 5, geodesic="heat")
     refused("link_lengths", ball.geodesic, 5, geodesic="exact", link_lengths="euclidean")
 
 

@@ -309,7 +309,7 @@ def test_other_directories_and_files_are_refused_and_left_alone(tmp_path):
     assert names(tmp_path) == ["file", "thesis"]
     assert (tmp_path / "thesis" / "chapter.tex").read_text() == "much work"
     for store in ("", 5):
-        refused("Give a path to a file or directory", SURFACE.geodesic, SOURCES, store=store)
+        refused("Pass a path to a file or directory", SURFACE.geodesic, SOURCES, store=store)
 
 
 @pytest.mark.skipif(getattr(os, "geteuid", int)() == 0, reason="root may write everywhere")

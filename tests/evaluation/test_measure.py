@@ -241,7 +241,7 @@ class TestComparison:
         [
             ({"sources": 0}, "sources is 0"),
             ({"sources": 2.5}, "sources is 2.5"),
-            ({"reference": "chain"}, "reference is 'chain'. Give 'exact' or 'graph'"),
+            ({"reference": "chain"}, "reference is 'chain'. Pass 'exact' or 'graph'"),
             ({"maps": {}}, "maps is empty"),
             ({"maps": dict(zip("ab", APART, strict=True))}, "the maps have no vertex in common"),
         ],

@@ -168,7 +168,7 @@ def test_limits_by_percentiles_and_by_sign(flat_map):
         ({"opacity": 2.0}, "opacity"),
         ({"underlay": "sulc"}, "underlay"),
         ({"width": 5.0}, "width"),
-        ({"width": "a"}, "the width is 'a'. Give a number"),
+        ({"width": "a"}, "the width is 'a'. Pass a number"),
         ({"threshold": -1}, "threshold is -1. Pass"),
         ({"threshold": (1, 2, 3)}, "a pair"),
         ({"opacity": np.zeros(640)}, "0 everywhere"),

@@ -17,7 +17,7 @@ _WORDS = re.compile(r"(?:[A-Za-z']+[,.:;]? ){3}[A-Za-z']+")  # a sentence, and n
 _MOST = 64  # combinations of the alternatives of one text
 # texts that are about objects and arguments of Python, so no command and no window can cause them
 OF_PYTHON = re.compile(
-    r"Give True or False|\.filled\(0\)|copy=False|as returned by|as read_patch returns|\.(?:mesh|data)?\.?parts\b"
+    r"Pass True or False|\.filled\(0\)|copy=False|as returned by|as read_patch returns|\.(?:mesh|data)?\.?parts\b"
     r"|Pass \.\w+|image\.|3-tuples|cosines and c_ras|Regions\.volume|object from voxflat\.methods|voxflat\.range_image"
     r"|Pass True where|missing \(None\)|import sys"
 )

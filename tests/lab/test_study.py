@@ -248,11 +248,11 @@ def test_a_directory_of_another_program_is_left_alone(root, tmp_path):
 @pytest.mark.parametrize(
     ("label", "told"),
     [
-        ("../evil", "the participant label is '../evil'. Give letters and digits"),
+        ("../evil", "the participant label is '../evil'. Pass letters and digits"),
         ("", "the participant label is ''"),
         ("01 02", "the participant label is '01 02'"),
         ("sub-", "the participant label is 'sub-'"),
-        ("99", "no participant has the label 99. Give labels that exist: 01, 02, 03,"),
+        ("99", "no participant has the label 99. Pass labels that exist: 01, 02, 03,"),
         ("sub-sub-01", "the participant label is 'sub-sub-01'"),
     ],
 )
@@ -268,10 +268,10 @@ def test_an_impossible_or_unknown_label_is_refused_before_anything_is_written(ro
 @pytest.mark.parametrize(
     ("options", "told"),
     [
-        (["--threads", "0"], "--threads is 0. Give a number from 1"),
+        (["--threads", "0"], "--threads is 0. Pass a number from 1"),
         (["--seed", "-1"], "the seed is -1"),
         (["--memory-limit", "0"], "'0' is less than one byte"),
-        (["--cuts", "automatc"], '\'automatc\' is not a kind of cuts. Give "standard", "automatic" or'),
+        (["--cuts", "automatc"], '\'automatc\' is not a kind of cuts. Pass "standard", "automatic" or'),
     ],
 )
 def test_invalid_options_are_refused_once_before_any_work(root, options, told):

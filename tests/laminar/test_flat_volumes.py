@@ -147,7 +147,7 @@ def test_wrong_flat_volumes(fold, tmp_path):
     stack.save(tmp_path / "flat.nii")
     labels = "sampled at the depth .equivolume .* instead of .equidistant"
     for message, given, of, how in (
-        ("the map is 3. Give a FlatMap", values, 3, {}),
+        ("the map is 3. Pass a FlatMap", values, 3, {}),
         ("pixels, but the map has", values[:, 1:], flat_map, {}),
         ("pixels, but the map has", values, flat_map, {"pixel_size": 0.5}),
         ("Select one 3-D volume", values[0], flat_map, {}),
@@ -208,5 +208,5 @@ def test_the_command_line(fold, tmp_path):
     painted = fold[0].paint(np.load(array), flat_map, pixel_size=0.3)
     np.testing.assert_array_equal(voxflat.io.read_volume(out).data, painted.data)
     for wrong in (("--depths", 2, "--fraction", 0.5), ("--depths", 2, "--depth", 1), ("--layering", "equivolume")):
-        fail(2, "Give only one of them" if len(wrong) > 2 else "--fraction or --depths", *image, *wrong)
+        fail(2, "Pass only one of them" if len(wrong) > 2 else "--fraction or --depths", *image, *wrong)
     fail(1, "it is an input", "paint", rim, "--map", tmp_path / "map.npz", "--values", flat, "-o", flat)

@@ -264,7 +264,7 @@ def test_figures(gyrus):
         ({"count": 0}, "count is 0. Pass a whole number"),
         ({"count": 2.5}, "count is 2.5"),
         ({"layering": "laplace"}, "layering is 'laplace'"),
-        ({"interpolation": "majority"}, "interpolation is 'majority'. Give 'linear' or 'nearest'"),
+        ({"interpolation": "majority"}, "interpolation is 'majority'. Pass 'linear' or 'nearest'"),
     ],
 )
 def test_refusals(gyrus, given, message):

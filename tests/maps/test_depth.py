@@ -213,7 +213,7 @@ class TestRefusals:
             ({"depth": []}, r"depth is empty"),
             ({"fraction": "deep"}, r"fraction is 'deep'. Pass a number"),
             ({"depth": 1.0, "fraction": 0.5}, r"Pass only one"),
-            ({"fraction": 0.5, "layering": "laplace"}, r"layering is 'laplace'. Give 'equivolume' or 'equidistant'"),
+            ({"fraction": 0.5, "layering": "laplace"}, r"layering is 'laplace'. Pass 'equivolume' or 'equidistant'"),
             ({"depth": float("inf")}, r"depth is inf"),
         ):
             refused(message, shells.image, volume_of(lambda x, y, z: x), 1.0, **how)

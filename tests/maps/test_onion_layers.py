@@ -102,7 +102,7 @@ def test_projections_are_those_of_the_layers(stacks, flat):
 
 def test_projections_that_do_not_exist(stacks, flat):
     path, depth = stacks / "stack.ome.tif", {"depth": DEPTHS}
-    refused("projection is 'min'. Give 'mean', 'max' or 'sum'", flat.images, path, projection="min", **depth)
+    refused("projection is 'min'. Pass 'mean', 'max' or 'sum'", flat.images, path, projection="min", **depth)
     refused(
         "labels have only a mean", flat.images(path, projection="sum", interpolation="majority", **depth).save, "a.tif"
     )

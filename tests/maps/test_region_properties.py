@@ -297,7 +297,7 @@ def test_pixels_without_a_value_are_left_out_of_a_mean_and_counted(cap, caplog):
 def test_refusals(cap, tmp_path):
     regions = cap.regions(near(cap, cap.points[0], 9.0, 0.5), pixel_size=0.5)
     refused(r"the image has shape \(3, 3\), but the map has", regions.properties, np.zeros((3, 3)))
-    refused("the image are 'a'. Give numbers", regions.properties, "a")
+    refused("the image are 'a'. Pass numbers", regions.properties, "a")
     refused("pixel size", regions.properties, pixel_size=-1.0)
     refused("depth is given, but no volume to average", regions.save, tmp_path / "a.tsv", depth=(0, 1))
     for depth in (1.0, (1, 0), (0, np.inf)):

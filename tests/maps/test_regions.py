@@ -124,7 +124,7 @@ class TestVoxels:
         assert np.count_nonzero(found) * 0.125 == pytest.approx(np.pi * 100 * 1.5 * (21.25 / 20) ** 2, rel=0.03)
         refused(r"has no pial surface. Pass depth", regions.volume, grid)
         refused(r"depth is 2 to 1. Pass two finite numbers, the smaller one", regions.volume, grid, depth=(2, 1))
-        refused("the depth is None. Give a number", regions.volume, grid, depth=(None, 1.0))
+        refused("the depth is None. Pass a number", regions.volume, grid, depth=(None, 1.0))
 
     def test_a_voxel_within_reach_of_several_places_belongs_to_the_nearest(self):
         """Near the axis of a tube with a radius of 3 mm, depths from -4 to 1 mm reach the opposite wall as well."""

@@ -92,7 +92,7 @@ def test_refusals(cap):
     refused(r"points has shape \(4, 2\)", cap.vectors_to_map, two, two)
     refused(r"vectors has shape \(4, 3\), but places has \(4, 2\)", cap.vectors_to_surface, two, three)
     refused(r"places has shape \(4, 3\)", cap.vectors_to_surface, three, two)
-    refused("the vectors are 'a'. Give numbers", cap.vectors_to_map, three, "a")
+    refused("the vectors are 'a'. Pass numbers", cap.vectors_to_map, three, "a")
     refused("limit is -1", cap.vectors_to_map, three, three, -1)
     refused("space is 'MNI'", cap.vectors_to_map, three, three, space="MNI")
 

@@ -76,7 +76,7 @@ class TestBadInput:
             ({"starts": 0}, "starts is 0. Pass a number of random starts, at least 1"),
             ({"starts": "3"}, "starts is '3'. Pass"),
             ({"sources": 0, "rows": True}, "sources is 0, so there are no rows to keep"),
-            ({"sampling": "grid"}, "Give 'farthest', 'curvature' or 'random'"),
+            ({"sampling": "grid"}, "Pass 'farthest', 'curvature' or 'random'"),
             ({"rows": "directory"}, "cannot write a store"),
         ],
     )

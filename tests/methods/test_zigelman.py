@@ -35,13 +35,13 @@ class TestFlatten:
     @pytest.mark.parametrize(
         ("options", "message"),
         [
-            ({"sampling": "best"}, "is 'best'. Give 'decimation', 'farthest', 'curvature', 'random' or 'grid'"),
+            ({"sampling": "best"}, "is 'best'. Pass 'decimation', 'farthest', 'curvature', 'random' or 'grid'"),
             ({"sampling": "grid"}, "is not a range image. Create one with voxflat.range_image"),
             ({"sampling": "grid", "sources": [1, 5, 9]}, "chooses the sources itself"),
             ({"sources": 2}, "2 sources are too few. Pass at least 3"),
             ({"sources": [4, 4, 9]}, "source 4 is given 2 times"),
             ({"rows": "directory"}, "cannot write a store"),
-            ({"method": "voxflat", "sampling": "decimation"}, "Give 'farthest', 'curvature' or 'random'"),
+            ({"method": "voxflat", "sampling": "decimation"}, "Pass 'farthest', 'curvature' or 'random'"),
         ],
     )
     def test_wrong_options_are_named(self, options, message):

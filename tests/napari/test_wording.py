@@ -39,7 +39,7 @@ def test_no_message_in_the_window_has_words_of_python():
         ("repaired 2 handle(s). Use repair='none' to keep them", "repaired 2 handle(s)."),
         ("handles. Make it with repair='voxels', or remove the handles", "handles. Remove the handles"),
         ("a fold. Pass repeat=True, or a size of 7 mm.", "a fold. Pass a size of 7 mm."),
-        ("limits is (5, 1). Give the lower one first", "limits is 5, 1. Give the lower one first"),
+        ("limits is (5, 1). Pass the lower one first", "limits is 5, 1. Pass the lower one first"),
         ("link_lengths does not apply to geodesic='exact'", "Links does not apply to Distances exact"),
         ("packing='shapes' requires xatlas", "packing shapes requires xatlas"),
         ("no field max_area. Increase max_area", "no field max area."),

@@ -189,7 +189,7 @@ def test_what_cannot_be_charted_is_refused(egg):
     refused("too few triangles for 64 charts", voxflat.surface(ellipsoid(60)).charts, 64)
     for overlap in (-1.0, np.nan, np.inf):
         refused("overlap is .*. Pass the width", egg.charts, 2, overlap=overlap)
-    refused("the overlap is 'x'. Give a number", egg.charts, 2, overlap="x")
+    refused("the overlap is 'x'. Pass a number", egg.charts, 2, overlap="x")
     refused("does not apply to a single chart", egg.charts, overlap=2.0)
     refused("overlap is 60, so that a chart would cover the surface", egg.charts, 2, overlap=60.0)
     refused("are the same point. Pass two different points", egg.charts, axis=(7, 7))

@@ -124,7 +124,7 @@ def test_an_ellipsoid_is_no_hemisphere_even_with_random_folds(waves):
 
 
 def test_handles_and_sides_that_do_not_exist_are_refused(hemispheres):
-    refused("side is 'both'. Give 'left' or 'right'", voxflat.surface(hemispheres["left"][:2]).register, side="both")
+    refused("side is 'both'. Pass 'left' or 'right'", voxflat.surface(hemispheres["left"][:2]).register, side="both")
     ring = np.zeros((24, 24, 8), dtype=np.uint8)
     ring[4:20, 4:20, 2:6] = 1
     ring[9:15, 9:15] = 0

@@ -98,7 +98,7 @@ def test_what_cannot_be_smoothed_is_refused():
     sheet = wave(20)
     for length in (0, -1.0, np.nan, np.inf):
         refused("length is .*Pass the length of the shortest waves", sheet.smooth, length)
-    refused("the length is 'x'. Give a number", sheet.smooth, "x")
+    refused("the length is 'x'. Pass a number", sheet.smooth, "x")
     refused("length is 999 mm, but the surface is only 113 mm long. Pass a smaller length", sheet.smooth, 999.0)
     refused("is a part of another one", sheet.disk(3000, 9.0).smooth, 5.0)
     points, faces = sheet.points, sheet.faces

@@ -127,7 +127,7 @@ class Inputs:
         seed_point, radius = given.pop("seed_point", None), given.pop("radius", None)
         if (seed_point is None) != (radius is None):
             named, missing = ("seed_point", "radius") if radius is None else ("radius", "seed_point")
-            raise InputError(f"{named} is given without {missing}. Give both or neither")
+            raise InputError(f"{named} is given without {missing}. Pass both or neither")
         if seed_point is not None:
             seed = self._voxels(scalars, seed_point) if extracted is None else extracted.point(seed_point, "seed_point")
             part = part.disk(seed, radius, threads=given.get("threads"), progress=progress)

@@ -109,7 +109,7 @@ class Command(cloup.Command):
                 _, _, given = self.make_parser(ctx).parse_args(args=list(args))
                 for number, one in enumerate(given):
                     if isinstance(one, click.Option) and not one.multiple and one in given[:number]:
-                        raise click.UsageError(f"{one.opts[-1]} is given twice. Give it once.", ctx)
+                        raise click.UsageError(f"{one.opts[-1]} is given twice. Pass it once.", ctx)
             return super().parse_args(ctx, args)
         except click.NoSuchOption as error:
             raise self._no_such(error.option_name, ctx) from None
@@ -259,10 +259,10 @@ _ALSO = r"(?:,? and |,? or |, | without | is given without )"  # between the nam
 _COMMANDS = {  # instead of functions of Python
     r"voxflat\.worst_places": "`voxflat worst`",
     r"voxflat\.compare": "`voxflat measure`",
-    r"(?:use|with) voxflat\.rim": "give --rim",
+    r"(?:use|with) voxflat\.rim": "pass --rim",
     r"with voxflat\.hemisphere": "with --hemisphere",
     r", as in voxflat\.io\.read_volume\(path, channel=0\)": " with --channel",
-    r"Read it with voxflat\.load\b(?!_)": "Give maps of several frames, made by `voxflat movie-map`",
+    r"Read it with voxflat\.load\b(?!_)": "Pass maps of several frames, made by `voxflat movie-map`",
     r", or read them with voxflat\.load_series": "",
     r", or pass the values as an array to use them anyway": "",
 }

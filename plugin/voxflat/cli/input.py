@@ -65,13 +65,13 @@ def _made(
     if given.pop("rim", False):
         named = ("label", "threshold", "unit", "probability", "pial", "repair")
         if refused := [name for name in named if how[name] is not None]:
-            raise InputError(f"--{refused[0]} and --rim cannot be combined. Give only one of them.")
+            raise InputError(f"--{refused[0]} and --rim cannot be combined. Pass only one of them.")
         return rim(input_, hemisphere=side, spacing=how["spacing"], **limits, progress=progress).surface
     if side is None:
         return surface(input_, **how, **limits, progress=progress)
     for name in ("label", "unit", "probability", "pial"):
         if how[name] is not None:
-            raise InputError(f"--{name} and --hemisphere cannot be combined. Give only one of them.")
+            raise InputError(f"--{name} and --hemisphere cannot be combined. Pass only one of them.")
     try:
         found = hemisphere(input_, side, threshold=how["threshold"], spacing=how["spacing"], progress=progress)
     except HemisphereError as error:
@@ -123,7 +123,7 @@ def part_of(given: dict[str, Any], progress: Progress | None) -> Callable[[Surfa
     seed_point, radius = given.pop("seed_point"), given.pop("radius")
     if (seed_point is None) != (radius is None):
         named, missing = ("--seed-point", "--radius") if radius is None else ("--radius", "--seed-point")
-        raise InputError(f"{named} is given without {missing}. Give both or neither.")
+        raise InputError(f"{named} is given without {missing}. Pass both or neither.")
 
     def choose(part: Surface) -> Surface:
         if keep is not None:

@@ -67,7 +67,7 @@ def three(kind: type[int] | type[float], example: str) -> Callable[..., Any]:
         except ValueError:
             numbers = ()
         if numbers is not None and len(numbers) != 3:
-            raise click.BadParameter(f"{value!r} is not a list of three numbers. Give numbers such as {example}.")
+            raise click.BadParameter(f"{value!r} is not a list of three numbers. Pass numbers such as {example}.")
         return numbers
 
     return convert
@@ -80,10 +80,10 @@ def _bytes(ctx: click.Context, param: click.Parameter, value: str | None) -> int
     match = re.fullmatch(r"(\d+(?:\.\d+)?) *([KMGT]?)(?:iB|B)?", value, re.IGNORECASE)
     if match is None:
         raise click.BadParameter(
-            f"{value!r} is not an amount of memory. Give a number of bytes, or a number with a unit (for example, 4G)."
+            f"{value!r} is not an amount of memory. Pass a number of bytes, or a number with a unit (for example, 4G)."
         )
     if (size := int(float(match[1]) * 1024 ** " KMGT".index(match[2].upper() or " "))) == 0:
-        raise click.BadParameter(f"{value!r} is less than one byte. Give a larger amount, such as 4G.")
+        raise click.BadParameter(f"{value!r} is less than one byte. Pass a larger amount, such as 4G.")
     return size
 
 
@@ -92,7 +92,7 @@ def _labels(ctx: click.Context, param: click.Parameter, value: tuple[str, ...]) 
     try:
         labels = [int(part) for text in value for part in text.split(",")]
     except ValueError:
-        raise click.BadParameter(f"{value[-1]!r} is not a label. Give whole numbers such as 7,8.") from None
+        raise click.BadParameter(f"{value[-1]!r} is not a label. Pass whole numbers such as 7,8.") from None
     return labels[0] if len(labels) == 1 else labels or None
 
 
@@ -103,7 +103,7 @@ def _rings(ctx: click.Context, param: click.Parameter, value: str | None) -> int
     try:
         return int(value)
     except ValueError:
-        raise click.BadParameter(f"{value!r} is not a number of rings. Give an integer or 'all'.") from None
+        raise click.BadParameter(f"{value!r} is not a number of rings. Pass an integer or 'all'.") from None
 
 
 def _place(ctx: click.Context, param: click.Parameter, value: str | None) -> tuple[int, ...] | int | None:
@@ -112,7 +112,7 @@ def _place(ctx: click.Context, param: click.Parameter, value: str | None) -> tup
         try:
             return int(value)
         except ValueError:
-            raise click.BadParameter(f"{value!r} is not a point. Give I,J,K (a voxel) or a vertex number.") from None
+            raise click.BadParameter(f"{value!r} is not a point. Pass I,J,K (a voxel) or a vertex number.") from None
     indices: tuple[int, ...] | None = three(int, "136,112,127")(ctx, param, value)
     return indices
 
@@ -143,11 +143,11 @@ def paths(ctx: click.Context, param: click.Parameter, value: tuple[Path, ...]) -
     words = {str(file) for file in value} & {STANDARD, AUTOMATIC}
     if words:
         if len(value) > 1:
-            raise click.BadParameter(f"{words.pop()} cannot be combined with other cuts. Give it alone.")
+            raise click.BadParameter(f"{words.pop()} cannot be combined with other cuts. Pass it alone.")
         return words.pop()
     if any(file.suffix.lower() == ".json" for file in value):
         if len(value) > 1:
-            raise click.BadParameter("A cuts file or template cannot be combined with other cuts. Give it alone.")
+            raise click.BadParameter("A cuts file or template cannot be combined with other cuts. Pass it alone.")
         return value[0]
     return [_vertices(ctx, param, file) for file in value] or None
 
@@ -167,18 +167,18 @@ def _numbers(text: str) -> list[float]:
         wanted = "a number, a list of numbers such as 0.25,0.5 or a range such as -10:10:1 (first:last:step)"
         raise click.BadParameter(f"{text!r} is not {wanted}.")
     if not all(map(math.isfinite, parts)):
-        raise click.BadParameter(f"{text!r} is not finite. Give finite numbers.")
+        raise click.BadParameter(f"{text!r} is not finite. Pass finite numbers.")
     if len(parts) == 1:
         return parts
     first, last, step = parts
     if step == 0:
-        raise click.BadParameter(f"the step of the range {text!r} is 0. Give first:last:step, such as -10:10:1.")
+        raise click.BadParameter(f"the step of the range {text!r} is 0. Pass first:last:step, such as -10:10:1.")
     steps = (last - first) / step
     if steps < 0:
-        remedy = f"Give {first:g}:{last:g}:{-step:g}."
+        remedy = f"Pass {first:g}:{last:g}:{-step:g}."
         raise click.BadParameter(f"the step of the range {text!r} leads away from its last number. {remedy}")
     if steps >= _MOST_NUMBERS:
-        raise click.BadParameter(f"the range {text!r} has more than {_MOST_NUMBERS:,.0f} numbers. Give a larger step.")
+        raise click.BadParameter(f"the range {text!r} has more than {_MOST_NUMBERS:,.0f} numbers. Pass a larger step.")
     return [float(f"{first + step * n:.12g}") for n in range(math.floor(steps + 1e-9) + 1)]
 
 
@@ -401,7 +401,7 @@ def _relax(ctx: click.Context, param: click.Parameter, value: bool | None) -> fl
     """Return --relax-length if it is given, and --relax otherwise."""
     length = ctx.params.pop("relax_length", None)
     if length is not None and value is False:
-        raise click.BadParameter("--no-relax and --relax-length cannot be combined. Give only one of them.")
+        raise click.BadParameter("--no-relax and --relax-length cannot be combined. Pass only one of them.")
     return value if length is None else float(length)
 
 

@@ -21,7 +21,7 @@ def check_depth(given: dict[str, Any]) -> None:
     """Raise a usage error if the depth options contradict each other."""
     places = [name for name in ("depth", "fraction", "depths") if given.get(name) is not None]
     if len(places) > 1:
-        raise click.UsageError(f"--{places[0]} and --{places[1]} cannot be combined. Give only one of them.")
+        raise click.UsageError(f"--{places[0]} and --{places[1]} cannot be combined. Pass only one of them.")
     if given["layering"] is not None and places in ([], ["depth"]):
         raise click.UsageError(f"--layering requires --fraction{' or --depths' if 'depths' in given else ''}.")
 
@@ -31,7 +31,7 @@ def _limits(ctx: click.Context, param: click.Parameter, value: str | None) -> tu
         return None
     ends = tuple(part.strip() for part in value.split(","))
     if len(ends) != 2:
-        raise click.BadParameter(f"{value!r} is not a pair of limits. Give two limits, such as 0,5 or 2%,98%.")
+        raise click.BadParameter(f"{value!r} is not a pair of limits. Pass two limits, such as 0,5 or 2%,98%.")
     return ends
 
 
@@ -122,7 +122,7 @@ def overlay_of(data: Any, given: dict[str, Any]) -> Overlay | None:
     if data is None:
         unused = [f"--{names.get(name, name)}" for name in own if name != "zero"] + ["--unit"] * (unit is not None)
         if unused:
-            raise click.UsageError(f"{', '.join(unused)}: only with --overlay. Also give --overlay.")
+            raise click.UsageError(f"{', '.join(unused)}: only with --overlay. Also pass --overlay.")
         return None
     if unit is not None:
         name = data[0].name if isinstance(data, tuple) else data.name

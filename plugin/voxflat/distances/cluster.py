@@ -93,7 +93,7 @@ def _outcome(future: Any) -> tuple[Any, Exception | None]:
         return future.result(), None
     if type(error).__name__ == "KilledWorker":
         return None, InputError(
-            f"the worker died {error.allowed_failures + 1} times (most recently at {error.last_worker.address}). Give "
+            f"the worker died {error.allowed_failures + 1} times (most recently at {error.last_worker.address}). Pass "
             "the workers more memory or time"
         )
     return None, error if isinstance(error, Exception) else RuntimeError(str(error))

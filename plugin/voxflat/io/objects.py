@@ -169,7 +169,7 @@ def image_volume(image: Any, name: str | None = None) -> Volume:
     in_cells = name in names[1]
     values = as_numpy(sides[in_cells].GetArray(name))
     if values.ndim > 1 and not (values.shape[1] in (3, 4) and values.dtype == np.uint8):  # colours
-        raise InputError(f"array {name!r} has {values.shape[1]} components. Give an array with one value per voxel")
+        raise InputError(f"array {name!r} has {values.shape[1]} components. Pass an array with one value per voxel")
     shape, affine = _image_grid(image, in_cells)
     return Volume(values.reshape(*shape, *values.shape[1:], order="F"), affine)
 

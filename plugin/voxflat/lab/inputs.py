@@ -286,7 +286,7 @@ def participants(folder: Path, labels: Sequence[str] = ()) -> list[Participant]:
     if unknown := [label for label in wanted if label not in found]:
         known = ", ".join(sorted(found)[:_LISTED]) + (" …" if len(found) > _LISTED else "")
         raise InputError(
-            f"{folder}: no participant has the label {', '.join(unknown)}. Give labels that exist: {known}"
+            f"{folder}: no participant has the label {', '.join(unknown)}. Pass labels that exist: {known}"
         )
     chosen = dict.fromkeys(wanted or found)
     _tell_origins([origins[label] for label in chosen if label in origins])
@@ -315,7 +315,7 @@ def checked_label(label: str) -> str:
     """Return the label of a participant without the prefix sub-, after checking that it can be part of a file name."""
     bare = label.removeprefix("sub-")
     if not re.fullmatch(r"[A-Za-z0-9]+", bare):
-        remedy = "Give letters and digits, such as 01; separate several labels with spaces, without quotation marks"
+        remedy = "Pass letters and digits, such as 01; separate several labels with spaces, without quotation marks"
         raise InputError(f"the participant label is {shown(label)}. {remedy}")
     return bare
 

@@ -211,7 +211,7 @@ def warn_of_changes(jobs: Sequence[Job], hemis: Sequence[str], parameters: Param
 
 
 def _option(key: str, value: Any) -> str:
-    """Return how to give a parameter on the command line, such as "with --cuts automatic"."""
+    """Return how to pass a parameter on the command line, such as "with --cuts automatic"."""
     flag = "--overlay" if key == "overlays" else f"--{key}"
     if value == as_recorded(Parameters()).get(key):
         return f"without {flag}"

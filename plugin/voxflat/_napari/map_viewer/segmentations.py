@@ -135,7 +135,7 @@ class Segmentation:
 
 
 _MOST = 3  # labels that are named
-REMEDY = "Give the layer the scale and translation of a flattened image of this map, and the same shape"
+REMEDY = "Set the scale, translation and shape of the layer to those of a flattened image of this map"
 
 
 def to_volume(prepared: PreparedMap, drawn: Segmentation, depth: float, progress: Progress) -> tuple[LayerData, str]:

@@ -43,10 +43,10 @@ def path_command(input_: Path, stops: list[Any], output: Path | None, writing: d
     The command prints the length of the path. The points are voxel indices I,J,K or vertex numbers V, counted from 0.
     """
     if len(stops) < 2:
-        raise click.UsageError(f"{len(stops)} stop is given. Give at least two stops.")
+        raise click.UsageError(f"{len(stops)} stop is given. Pass at least two stops.")
     if output is not None:
         if given["geodesic"] in ("marching", "exact"):
-            raise click.UsageError("This path crosses triangles, so it cannot be a cut. Give --geodesic edges with -o.")
+            raise click.UsageError("This path crosses triangles, so it cannot be a cut. Pass --geodesic edges with -o.")
         check_output(output, **writing)
     elif writing["sidecar"]:
         raise click.UsageError("--sidecar requires -o.")

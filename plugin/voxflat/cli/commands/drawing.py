@@ -18,7 +18,7 @@ from voxflat.io.reading import reading
 from voxflat.maps.flat_map import load
 
 _MOVIE_ENDINGS = (".mp4", ".gif")
-_EACH = "For two maps, give one file that covers both, or give --overlay once per map."
+_EACH = "For two maps, pass one file that covers both, or pass --overlay once per map."
 _DATA = f"Data to draw over the folds: a volume, or values at the vertices of the mesh. {_EACH}"
 _SERIES = f"Series of volumes, or of values at the vertices of the mesh. {_EACH}"
 _ZERO = "Position of phase 0 on the colour wheel of --period: right (phases run counterclockwise) or top (clockwise)."
@@ -99,24 +99,24 @@ def figure_command(maps: tuple[Path, ...], output: Path, writing: dict[str, Any]
     separate layers. To write only the values, use voxflat image.
     """
     if len(maps) > 2:
-        raise click.UsageError(f"{len(maps)} maps are given. Give one map, or two, such as both hemispheres.")
+        raise click.UsageError(f"{len(maps)} maps are given. Pass one map, or two, such as both hemispheres.")
     for name in ("overlay", "strength", "parcels", "alpha"):
         if name == "parcels" and len(maps) == 1 and are_label_files(look[name]):
             look[name] = list(look[name])
             continue
         if len(look[name]) > len(maps):
             count = f"{len(look[name])} times for {len(maps)} map{'s' * (len(maps) > 1)}"
-            raise click.UsageError(f"--{name} is given {count}. Give it once per map.")
+            raise click.UsageError(f"--{name} is given {count}. Pass it once per map.")
         look[name] = one_or_all(look[name])
     full, alpha = look.pop("alpha_full"), look.pop("alpha")
     if alpha is not None and look["opacity"] is not None:
-        raise click.UsageError("--opacity and --alpha cannot be combined. Give only one of them.")
+        raise click.UsageError("--opacity and --alpha cannot be combined. Pass only one of them.")
     if alpha is None and full is not None:
         raise click.UsageError("--alpha-full requires --alpha.")
     if look["table"] is not None and look["parcels"] is None:
         raise click.UsageError("--table requires --parcels.")
     if look["strength"] is not None and look["threshold"] is look["above"] is look["below"] is None:
-        raise click.UsageError("--strength requires a threshold. Give --threshold, --above or --below.")
+        raise click.UsageError("--strength requires a threshold. Pass --threshold, --above or --below.")
     if alpha is not None and look["overlay"] is None:
         raise click.UsageError("--alpha requires --overlay.")
     data = overlay_of(look.pop("overlay"), look)
@@ -169,7 +169,7 @@ def movie_command(
     transparent. To write the values of all frames, use voxflat image.
     """
     if len(maps) > 2 or len(overlay) > len(maps):
-        raise click.UsageError("Give one map, or the maps of both hemispheres, and at most one --overlay per map.")
+        raise click.UsageError("Pass one map, or the maps of both hemispheres, and at most one --overlay per map.")
     data = overlay_of(one_or_all(overlay), look)
     check_output(output, _MOVIE_ENDINGS, **writing)
     if output.suffix.lower() == ".mp4":

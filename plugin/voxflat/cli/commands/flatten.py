@@ -118,7 +118,7 @@ def flatten_command(input_: Path, output: Path, writing: dict[str, Any], quiet: 
     count = 1 if charts is None else charts["count"]
     outputs = _outputs(output, count, MAP_ENDINGS, writing)
     if count != 1 and store is not None:
-        raise click.UsageError("--store holds the distances of one map. Omit it, or give --charts 1.")
+        raise click.UsageError("--store holds the distances of one map. Omit it, or pass --charts 1.")
     if charts is None and given["hemisphere"] is not None and given["cuts"] is None:
         given["cuts"] = "standard"
     kept = rows if store is None else store

@@ -126,16 +126,16 @@ def image_command(
     transparent. A heat map saved as a PNG is a figure with a colour bar. All other formats store the values, with NaN
     outside the map. A series is read, sampled and written frame by frame, so its length is not limited by memory.
 
-    If MAP was written by voxflat movie-map, give the volumes of all frames in order: --volume frame_*.tif.
+    If MAP was written by voxflat movie-map, pass the volumes of all frames in order: --volume frame_*.tif.
     """
     kind = saved_kind(map_)
     if heat_map and kind == "series":
-        raise click.UsageError("--heat-map applies to single maps. Give --metric for the map of a movie.")
+        raise click.UsageError("--heat-map applies to single maps. Pass --metric for the map of a movie.")
     if heat_map == (volume is not None or metric):
-        raise click.UsageError("Give either --volume or --heat-map (for the map of a movie, --volume or --metric).")
+        raise click.UsageError("Pass either --volume or --heat-map (for the map of a movie, --volume or --metric).")
     if heat_map and (unused := [name for name, value in given.items() if value not in (None, False)]):
         flags = ", ".join(f"--{name.replace('_', '-')}" for name in unused)
-        raise click.UsageError(f"{flags}: only with --volume. Give --volume instead of --heat-map.")
+        raise click.UsageError(f"{flags}: only with --volume. Pass --volume instead of --heat-map.")
     check_depth(given)
     how = {key: value[0] if isinstance(value, tuple) and len(value) == 1 else value for key, value in given.items()}
     how = {key: value for key, value in how.items() if value is not None}
@@ -148,12 +148,12 @@ def image_command(
         if kind is None:
             load(map_)  # raises an error if there is no such map
         wrong = f"{1 + len(further)} volumes are given" if further else "--metric is given"
-        raise InputError(f"{wrong}, but {map_} is a single map. Give one volume, or the map of voxflat movie-map.")
+        raise InputError(f"{wrong}, but {map_} is a single map. Pass one volume, or the map of voxflat movie-map.")
     with bars(quiet), reading() as files:
         flat_map: FlatMap | Atlas = load_atlas(map_) if kind == "atlas" else load(map_)
         for name in {"fraction", "depths"} & how.keys() if isinstance(flat_map, Atlas) else ():
             raise InputError(
-                f"--{name} requires a pial surface, which an atlas does not have. Give --depth in mm instead."
+                f"--{name} requires a pial surface, which an atlas does not have. Pass --depth in mm instead."
             )
         stack = None if volume is None else flat_map.images(volume, pixel_size, **how)
         picture = flat_map.heat_map(pixel_size) if stack is None else stack[0]
@@ -220,7 +220,7 @@ def _movie(
 def _empty(path: object, how: dict[str, Any]) -> InputError:
     """Return the error that a volume has no value on the map at the depth that was given, if any."""
     depth = "" if how.get("depth") in (None, 0.0) else " at this depth"
-    remedy = "Give a smaller --depth, or compare" if depth else "Compare"
+    remedy = "Pass a smaller --depth, or compare" if depth else "Compare"
     told = f"{path} does not overlap the map{depth}, so the image would be empty"
     return InputError(f"{told}. {remedy} the affines with voxflat check.")
 

@@ -134,7 +134,7 @@ def _check_texture(
         remedy = "For an .npz output, use voxflat image."
         raise click.UsageError(f"{flags} a textured output (.obj, .vtp, .glb or .ply). {remedy}")
     if volume is not None and heat_map:
-        raise click.UsageError("Give either --volume or --heat-map.")
+        raise click.UsageError("Pass either --volume or --heat-map.")
     for name, value in (("--depth", depth), ("--volume-channel", volume_channel)):
         if value is not None and volume is None:
             raise click.UsageError(f"{name} requires --volume.")

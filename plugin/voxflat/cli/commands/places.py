@@ -125,7 +125,7 @@ def regions_command(
     """
     drawn = [given for given in (svg, polygons, image) if given is not None]
     if len(drawn) != 1:
-        raise click.UsageError("Give exactly one of --svg, --polygons and --image.")
+        raise click.UsageError("Pass exactly one of --svg, --polygons and --image.")
     if layer is not None and svg is None:
         raise click.UsageError("--layer requires --svg.")
     if pixel_size is not None and image is None:

@@ -293,7 +293,7 @@ def _parameters(given: dict[str, Any]) -> Parameters:
         raise click.UsageError(translated(str(error))) from None
     is_word = re.fullmatch(r"\w+", given["cuts"]) and given["cuts"] not in (STANDARD, AUTOMATIC)
     if is_word and not Path(given["cuts"]).exists():
-        remedy = f'Give "{STANDARD}", "{AUTOMATIC}" or the name of a file'
+        remedy = f'Pass "{STANDARD}", "{AUTOMATIC}" or the name of a file'
         raise click.BadParameter(f"{given['cuts']!r} is not a kind of cuts. {remedy}.", param_hint="--cuts")
     cuts, overlays = given.pop("cuts"), tuple(given.pop("overlays"))
     own = {name: given.pop(name) for name in ("geometry", "volume", "seed")}

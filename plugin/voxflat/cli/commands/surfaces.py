@@ -123,7 +123,7 @@ def surface_command(input_: Path, output: Path, repaired: Path | None, writing: 
         check_volume_name(repaired)
         if given["repair"] in ("none", "cuts"):
             reason = f"--repair {given['repair']} does not change any voxels"
-            raise InputError(f"cannot write {repaired}: {reason}. Give --repair voxels, or omit --repaired.")
+            raise InputError(f"cannot write {repaired}: {reason}. Pass --repair voxels, or omit --repaired.")
     if not output.name.lower().endswith((*FLAT_PATCH_ENDINGS, PATCH_ENDING)):  # save() has a better message for these
         check_mesh_name(output)
     with bars() as shown:
