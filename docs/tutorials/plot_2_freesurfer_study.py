@@ -85,7 +85,7 @@ voxflat("bids", study, maps, "participant")
 # * ``*_flat.surf.gii``, the map as a flat surface, which Workbench and nilearn open;
 # * ``*_flat.npz``, the complete map, which :func:`voxflat.load` and ``voxflat figure`` open;
 # * ``*.shape.gii``, values at the vertices: thickness, curvature, sulcal depth, and how much the map distorts;
-# * ``*_flat.json``, the distortion figures, warnings, parameters, and the checksums of all input files.
+# * ``*_flat.json``, the distortion measures, warnings, parameters, and the checksums of all input files.
 #
 # ``sub-01.html`` is the report of one subject. This single file works offline.
 

@@ -1,4 +1,4 @@
-"""Distortion figures of distances and of triangles, their standard errors, and conversion for JSON."""
+"""Distortion measures of distances and of triangles, their standard errors, and conversion for JSON."""
 
 from dataclasses import dataclass
 from typing import Any
