@@ -37,7 +37,7 @@ test: lint test-rust test-python ## run all checks and tests
 check: test-quick lint ## run the quick tests without windows, and the checks
 
 test-quick: setup
-	$(PYTEST) -m "not slow" --ignore tests/napari
+	$(PYTEST) -m "not slow and not medium" --ignore tests/napari
 
 lint: setup ## check formatting, lint, types, stubs, import order, docs of the core, licences
 	cargo fmt --all --check
