@@ -62,7 +62,7 @@ class Cluster:
         finished: queue.SimpleQueue[Any] = queue.SimpleQueue()
         run = partial(_run, work, folder=Path.cwd(), of=__version__, threads=threads)
         futures = self._client.map(run, items, pure=False, retries=0)
-        of = {future.key: item for future, item in zip(futures, items, strict=True)}
+        item_of = {future.key: item for future, item in zip(futures, items, strict=True)}
         try:
             for future in futures:
                 future.add_done_callback(finished.put)
@@ -78,7 +78,7 @@ class Cluster:
                     done += 1
                     outcome = _outcome(future)
                     future.release()  # otherwise it is recomputed if the worker that holds the result dies
-                    yield of[future.key], *outcome
+                    yield item_of[future.key], *outcome
         finally:
             with suppress(Exception):  # the scheduler may be gone
                 self._client.cancel(futures)
@@ -134,14 +134,16 @@ def connected(address: str, *, most: int) -> Iterator[Cluster]:
             yield Cluster(client)
         return
     try:  # the client would wait for a file forever
-        at = json.loads(Path(address).read_text(encoding="utf-8"))["address"] if address.endswith(".json") else address
-        client = distributed.Client(at, timeout=_PATIENCE)
+        scheduler = (
+            json.loads(Path(address).read_text(encoding="utf-8"))["address"] if address.endswith(".json") else address
+        )
+        client = distributed.Client(scheduler, timeout=_PATIENCE)
     except (OSError, ValueError, KeyError, TypeError) as error:
         remedy = "Check that it is running and can be reached from this machine"
         raise InputError(f"no Dask scheduler responds at {address} ({error}). {remedy}") from error
     with client:
-        found = client.run(version, "voxflat", on_error="return")
-        for worker, own in found.items():
+        versions = client.run(version, "voxflat", on_error="return")
+        for worker, own in versions.items():
             if isinstance(own, PackageNotFoundError):
                 raise InputError(f"voxflat is not installed on the worker {worker}. Install version {__version__}")
             if isinstance(own, str):  # otherwise the worker has died
@@ -149,9 +151,11 @@ def connected(address: str, *, most: int) -> Iterator[Cluster]:
         yield Cluster(client)
 
 
-def _check_version(worker: str, own: str, wanted: str) -> None:
-    if own != wanted:
-        raise InputError(f"the worker {worker} has voxflat {own} instead of {wanted}. Install version {wanted} on it")
+def _check_version(worker: str, version: str, wanted: str) -> None:
+    if version != wanted:
+        raise InputError(
+            f"the worker {worker} has voxflat {version} instead of {wanted}. Install version {wanted} on it"
+        )
 
 
 def _run(work: Work, item: Any, folder: Path, of: str, threads: int | None) -> Any:

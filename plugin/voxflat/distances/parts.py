@@ -147,10 +147,10 @@ def _collect(store: Path) -> None:
     known = len(whole.checksums)
     for part in sorted((store / "parts").glob("*/journal.jsonl")):
         with suppress(InputError):  # the part was not started
-            own = read_journal(part.parent)
-            if own.header == whole.header:
-                damaged = damaged_rows(store, own.checksums)
-                sound = {row: of for row, of in own.checksums.items() if row not in damaged}
+            journal = read_journal(part.parent)
+            if journal.header == whole.header:
+                damaged = damaged_rows(store, journal.checksums)
+                sound = {row: checksum for row, checksum in journal.checksums.items() if row not in damaged}
                 append(store, sound)
                 known += len(sound)
     shutil.rmtree(store / "parts", ignore_errors=True)

@@ -50,9 +50,9 @@ def source_choice(
         return SourceChoice(part, min(int(sources), len(part)), None, sampling, seed, sampling)
     if sources is None:
         raise InputError("no sources are given. Pass the number of sources, or points of the surface")
-    found = part.find(sources, "sources")
-    unique, counts = np.unique(found, return_counts=True)
+    points = part.find(sources, "sources")
+    unique, counts = np.unique(points, return_counts=True)
     if (counts > 1).any():
         again = part.ids[unique[counts > 1][0]].tolist()
         raise InputError(f"source {again} is given {counts.max()} times. Pass each source once")
-    return SourceChoice(part, len(found), found, sampling, seed, "given")
+    return SourceChoice(part, len(points), points, sampling, seed, "given")

@@ -136,8 +136,8 @@ def _holds_files(path: Path) -> bool:
         raise InputError(f"the store {path} is a file. Pass a directory")
     names = sorted(entry.name for entry in path.iterdir()) if path.exists() else []
     if names and "store.json" not in names:
-        shown = ", ".join(names[:3]) + (", ..." if len(names) > 3 else "")
-        raise InputError(f"{path} is not a store, but contains files ({shown}). Pass a new, empty directory")
+        listed = ", ".join(names[:3]) + (", ..." if len(names) > 3 else "")
+        raise InputError(f"{path} is not a store, but contains files ({listed}). Pass a new, empty directory")
     return bool(names)
 
 
@@ -191,8 +191,8 @@ def _compare(path: Path, identity: dict[str, Any]) -> None:
         return
     differ = [name for name in identity if there.get(name) != identity[name]]
 
-    def counts(of: str) -> str:
-        return f" ({there[of]} {of} instead of {identity[of]})" if of in differ else ""
+    def counts(name: str) -> str:
+        return f" ({there[name]} {name} instead of {identity[name]})" if name in differ else ""
 
     differences = [
         f"its {name} is {there.get(name)!r}, not {identity[name]!r}"
@@ -205,8 +205,8 @@ def _compare(path: Path, identity: dict[str, Any]) -> None:
         differences.append("its surface has different triangles, or was processed by another version of voxflat")
     elif not differences and "sources_sha256" in differ:
         differences.append(f"its sources differ{counts('sources')}")
-    told = " and ".join(differences) or "its store.json differs"
-    raise InputError(f"the store {path} contains other distances: {told}. {OTHER}")
+    reasons = " and ".join(differences) or "its store.json differs"
+    raise InputError(f"the store {path} contains other distances: {reasons}. {OTHER}")
 
 
 def _mend(path: Path, array: NDArray[Any], expected: str) -> None:

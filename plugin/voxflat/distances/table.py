@@ -89,12 +89,12 @@ class Table:
         block = self._rows(wanted, first, end)
         if self.ndim == 1:
             return block[0, 0] if np.ndim(numbers) == 0 else block[:, 0]
-        at: Any = 0 if np.ndim(numbers) == 0 else np.arange(len(wanted))
+        place: Any = 0 if np.ndim(numbers) == 0 else np.arange(len(wanted))
         if len(parts) == 1:
-            return block[at]
+            return block[place]
         if isinstance(parts[0], slice) or isinstance(parts[1], slice):
-            return block[at][..., columns - first]
-        return block[at, columns - first]
+            return block[place][..., columns - first]
+        return block[place, columns - first]
 
     @property
     def _width(self) -> int:

@@ -57,11 +57,11 @@ def scatter(flat_map: FlatMap) -> Figure:
     x, y = (in_unit(name, flat_map.origin.named_unit) for name in ("geodesic distance δ (mm)", "flat distance d (mm)"))
     axes = figure.add_subplot(xlabel=x, ylabel=y, aspect="equal")
     axes.plot([0, end], [0, end], color="black", linewidth=0.8, zorder=3, label="d = δ")
-    how: Any = {"gridsize": 90, "bins": "log", "mincnt": 1, "cmap": "viridis", "linewidths": 0.1}
-    shown = axes.hexbin(geodesic, flat, extent=(0, end, 0, end), **how)
+    options: Any = {"gridsize": 90, "bins": "log", "mincnt": 1, "cmap": "viridis", "linewidths": 0.1}
+    bins = axes.hexbin(geodesic, flat, extent=(0, end, 0, end), **options)
     axes.set(xlim=(0, end), ylim=(0, end))
     axes.legend(loc="upper left", frameon=False)
-    _add_colour_bar(axes, shown, f"pairs per hexagon (of {len(flat)})", ticks=LogLocator(subs=(1, 2, 5)), format="%g")
+    _add_colour_bar(axes, bins, f"pairs per hexagon (of {len(flat)})", ticks=LogLocator(subs=(1, 2, 5)), format="%g")
     absolute, relative = distortion.raw.absolute_error, 100 * distortion.raw.relative_error
     errors = rf"$\bar\varepsilon$ = {absolute:.2f} mm,  $\bar\varepsilon_r$ = {relative:.1f} %"
     title = rf"{errors},  $\bar\delta$ = {distortion.mean_geodesic:.1f} mm"
@@ -101,8 +101,8 @@ def heat_map(flat_map: FlatMap, pixel_size: float | None = None) -> Figure:
     image = flat_map.heat_map(pixel_size)
     figure, axes = _map_axes(image, flat_map.origin.named_unit)
     place: dict[str, Any] = {"extent": image.extent, "origin": "upper", "interpolation": "none", "aspect": "equal"}
-    shown = axes.imshow(100 * image.data, cmap=ERRORS, vmin=0, vmax=top_error(flat_map), **place)
-    _add_colour_bar(axes, shown, ERROR_LABEL, extend="max")
+    colours = axes.imshow(100 * image.data, cmap=ERRORS, vmin=0, vmax=top_error(flat_map), **place)
+    _add_colour_bar(axes, colours, ERROR_LABEL, extend="max")
     return figure
 
 
@@ -135,20 +135,22 @@ def heat_maps(comparison: Comparison) -> Figure:
     """
     checked_instance(comparison, Comparison, "comparison", "a Comparison, as returned by voxflat.compare")
     maps = comparison.maps
-    errors = [100 * one.distortion.per_point for one in maps.values()]
-    areas = [one.distortion.triangles.areal for one in maps.values() if one.distortion.triangles is not None]
+    errors = [100 * flat_map.distortion.per_point for flat_map in maps.values()]
+    areas = [
+        flat_map.distortion.triangles.areal for flat_map in maps.values() if flat_map.distortion.triangles is not None
+    ]
     highest, most = (top(np.abs(np.concatenate(values))) for values in (errors, areas))
     figure = Figure(figsize=(1.6 + 4.2 * len(maps), 8.0), layout="constrained")
     grid = figure.subplots(2, len(maps), squeeze=False)
     looks = ((errors, ERRORS, 0.0, highest, ERROR_LABEL, "max"), (areas, AREAS, -most, most, AREA_LABEL, "both"))
     for row, (values, colours, low, high, label, extend) in zip(grid, looks, strict=True):
         for axes, name, value in zip(row, maps, values, strict=True):
-            one = maps[name]
+            flat_map = maps[name]
             look = {"cmap": colours, "norm": Normalize(low, high), "shading": "gouraud", "rasterized": True}
-            defined = one.faces[np.isfinite(value)[one.faces].all(axis=1)]
+            defined = flat_map.faces[np.isfinite(value)[flat_map.faces].all(axis=1)]
             if len(defined):
-                axes.tripcolor(*one.uv.T, np.nan_to_num(value), triangles=defined, **look)
-            u, v = (in_unit(f"{axis} (mm)", one.distortion.unit) for axis in "uv")
+                axes.tripcolor(*flat_map.uv.T, np.nan_to_num(value), triangles=defined, **look)
+            u, v = (in_unit(f"{axis} (mm)", flat_map.distortion.unit) for axis in "uv")
             axes.set(aspect="equal", xlabel=u, ylabel=v)
         colour_bar = ScalarMappable(Normalize(low, high), colours)
         figure.colorbar(colour_bar, ax=row.tolist(), label=label, extend=extend)
@@ -192,8 +194,8 @@ def spectrum(flat_map: FlatMap) -> Figure:
     if flat_map.period is not None:
         raise InputError("a periodic map has no eigenvalues, because distances around a tube are not those in a plane")
     if len(values) == 0:
-        told = "the map has no eigenvalues because it was made without sources"
-        raise InputError(f"{told}. Flatten with sources=3 or more")
+        reason = "the map has no eigenvalues because it was made without sources"
+        raise InputError(f"{reason}. Flatten with sources=3 or more")
     used = np.argsort(-values)[:2]
     colours = np.where(values < 0, _NEGATIVE, _POSITIVE)
     colours[used] = _USED
@@ -228,5 +230,5 @@ def _map_axes(image: FlatImage, unit: str) -> tuple[Figure, Axes]:
     return figure, axes
 
 
-def _add_colour_bar(axes: Axes, shown: Any, label: str, **options: Any) -> None:
-    axes.figure.colorbar(shown, ax=axes, label=label, fraction=0.045, pad=0.03, aspect=22, **options)
+def _add_colour_bar(axes: Axes, colours: Any, label: str, **options: Any) -> None:
+    axes.figure.colorbar(colours, ax=axes, label=label, fraction=0.045, pad=0.03, aspect=22, **options)

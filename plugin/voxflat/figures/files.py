@@ -110,8 +110,8 @@ def save_picture(picture: NDArray[np.uint8], path: str | os.PathLike[str], recor
     """
     path, array = checked_path(path), array_of(picture, "values of the image")
     if array.dtype != np.uint8 or array.ndim not in (2, 3) or array.shape[2:] not in ((), (3,), (4,)) or not array.size:
-        of = f"shape {array.shape} and data type {array.dtype}"
-        raise InputError(f"the image has {of}. Pass a uint8 array of shape (H, W, 3)")
+        description = f"shape {array.shape} and data type {array.dtype}"
+        raise InputError(f"the image has {description}. Pass a uint8 array of shape (H, W, 3)")
     if Image.registered_extensions().get(path.suffix.lower()) not in Image.SAVE:
         raise InputError(f"cannot write {path.name}: unknown format. Use a name that ends in .png or .tif")
     with atomic_path(path) as temporary:
@@ -219,10 +219,10 @@ def _write_mp4(path: Path, movie: _Pictures, pictures: Iterator[NDArray[np.uint8
 def _write_gif(path: Path, movie: _Pictures, pictures: Iterator[NDArray[np.uint8]], text: str) -> None:
     height, width = movie.size
     check_room(2 * len(movie) * height * width)  # Pillow keeps all frames
-    shown = [Image.fromarray(movie[n]) for n in sorted({0, len(movie) // 2, len(movie) - 1})]
-    together = Image.fromarray(np.concatenate([np.asarray(one) for one in shown]))
+    stills = [Image.fromarray(movie[n]) for n in sorted({0, len(movie) // 2, len(movie) - 1})]
+    together = Image.fromarray(np.concatenate([np.asarray(picture) for picture in stills]))
     palette = together.quantize(255, method=Image.Quantize.MAXCOVERAGE)
-    frames = (Image.fromarray(one).quantize(palette=palette, dither=Image.Dither.NONE) for one in pictures)
+    frames = (Image.fromarray(picture).quantize(palette=palette, dither=Image.Dither.NONE) for picture in pictures)
     lasts = max(2, round(100 / movie.rate)) * 10  # ms; players slow down frames of less than 20 ms
     first = next(frames)
     first.save(

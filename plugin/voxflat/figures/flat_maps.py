@@ -113,20 +113,20 @@ def flat_map(
     checked_text(title, "title")
     checked_choice(underlay, "underlay", UNDERLAYS)
     depths = Depths.of(depth, fraction, layering)
-    of = None if overlay is None else Overlay._of(overlay, len(maps))
-    check_differ(maps, parcels, opacity, *(() if of is None else (of.values, of.strength)))
+    data = None if overlay is None else Overlay._of(overlay, len(maps))
+    check_differ(maps, parcels, opacity, *(() if data is None else (data.values, data.strength)))
     shown_by = _opacity(opacity)
-    strip = STRIP if of is None or of.period is None else WHEEL_STRIP
+    strip = STRIP if data is None or data.period is None else WHEEL_STRIP
     page = Page.of(maps, _COLUMN * len(maps) if width is None else width, title, strip=strip, axes=ax)
-    sides = [_Side(page, n, of, shown_by, parcels, table, depths) for n in range(len(maps))]
+    sides = [_Side(page, n, data, shown_by, parcels, table, depths) for n in range(len(maps))]
     if depths != ON_SURFACE and not any(side.has_volume for side in sides):
         raise InputError("depth and fraction apply only to volumes, but no volume is drawn. Omit depth and fraction")
     full = _full(sides, shown_by)
     colours = None
-    if of is not None:
+    if data is not None:
         pooled = _joined([side.image for side in sides])
         assert pooled is not None
-        colours = OverlayColours.of(pooled, _joined([side.strength for side in sides]), of)
+        colours = OverlayColours.of(pooled, _joined([side.strength for side in sides]), data)
     for side in sides:
         under = folds(side.flat_map, side.raster, underlay)
         side.panel.image(under, side.raster, "curvature")
@@ -152,12 +152,12 @@ def flat_map(
             page.names(side.panel, side.parcels, labels, side.raster, look)
         rim = outline(side.flat_map.uv, side.flat_map.faces[~side.flat_map.torn])
         side.panel.lines(rim, "marks", _LINE, "0.25")
-    if of is not None and colours is not None:
-        label = of.label if of.label is not None else _named(sides[0], *of.thresholds)
+    if data is not None and colours is not None:
+        label = data.label if data.label is not None else _named(sides[0], *data.thresholds)
         if full is not None and sides[0].opacity is not None:
             label += f", opacity: {_without_folder(sides[0].opacity.name)} from 0 to {full:.3g}"
         if colours.is_cyclic:
-            page.wheel(colours, label, of.zero)
+            page.wheel(colours, label, data.zero)
         elif colours.colour_map is not None:
             page.bar(colours, label)
     page.marks()
@@ -165,22 +165,22 @@ def flat_map(
     return figure
 
 
-def maps_of(given: object) -> list[FlatMap]:
+def maps_of(maps_or_map: object) -> list[FlatMap]:
     """Return the maps to draw: one map, or two."""
-    maps: list[Any] = list(given) if isinstance(given, list | tuple) else [given]
+    maps: list[Any] = list(maps_or_map) if isinstance(maps_or_map, list | tuple) else [maps_or_map]
     if not 1 <= len(maps) <= 2:
         raise InputError(f"got {len(maps)} maps. Pass one map, or two, such as both hemispheres")
-    for one in maps:
-        checked_instance(one, FlatMap, "flat map", "a FlatMap")
+    for flat_map in maps:
+        checked_instance(flat_map, FlatMap, "flat map", "a FlatMap")
     return maps
 
 
 def check_differ(maps: list[FlatMap], *values: object) -> None:
     """Raise an error for two equal maps with the same values."""
     first, *others = maps
-    if any(isinstance(of, list | tuple) and len(of) == len(maps) for of in values):
+    if any(isinstance(value, list | tuple) and len(value) == len(maps) for value in values):
         return
-    if any(np.array_equal(first.uv, one.uv) and np.array_equal(first.points, one.points) for one in others):
+    if any(np.array_equal(first.uv, other.uv) and np.array_equal(first.points, other.points) for other in others):
         raise InputError("both maps are the same. Pass two different maps, or an overlay for each of them")
 
 
@@ -298,7 +298,7 @@ def _over(pixels: NDArray[np.uint8], grey: NDArray[np.floating[Any]]) -> NDArray
 
 def map_with_overlay(flat_map_: FlatMap, overlay: object | None = None, *, ax: Any = None, **options: Any) -> Figure:
     """Draw one map; `options` are those of `flat_map` and of `Overlay`."""
-    own = {one.name: options.pop(one.name) for one in fields(Overlay) if one.name in options}
-    if own and isinstance(overlay, Overlay):
-        raise InputError(f"{next(iter(own))} and an Overlay are given. Pass it to the Overlay")
-    return flat_map(flat_map_, Overlay(overlay, **own) if own else overlay, ax=ax, **options)
+    overlay_options = {field.name: options.pop(field.name) for field in fields(Overlay) if field.name in options}
+    if overlay_options and isinstance(overlay, Overlay):
+        raise InputError(f"{next(iter(overlay_options))} and an Overlay are given. Pass it to the Overlay")
+    return flat_map(flat_map_, Overlay(overlay, **overlay_options) if overlay_options else overlay, ax=ax, **options)

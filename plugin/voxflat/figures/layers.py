@@ -27,13 +27,13 @@ def name_layers(path: Path, drawn: Figure) -> None:
     root.set("xmlns:inkscape", _INKSCAPE)
     layers: dict[str, Any] = {}
     for name in ("background", *LAYERS):
-        told = {"id": f"layer-{name}", "inkscape:groupmode": "layer", "inkscape:label": name}
-        layers[name] = ElementTree.Element("g", told)
+        attributes = {"id": f"layer-{name}", "inkscape:groupmode": "layer", "inkscape:label": name}
+        layers[name] = ElementTree.Element("g", attributes)
     for axes in drawn.axes:
         if axes.get_label() == MAP:
             box, (width, height) = axes.get_position(), 72 * drawn.get_size_inches()  # in points, y pointing down
-            at = (box.x0 * width, (1 - box.y1) * height, box.width * width, box.height * height)
-            root.set(AXES, " ".join(f"{value:.6g}" for value in at))
+            position = (box.x0 * width, (1 - box.y1) * height, box.width * width, box.height * height)
+            root.set(AXES, " ".join(f"{value:.6g}" for value in position))
             root.set(EXTENT, " ".join(f"{value:.9g}" for value in (*axes.get_xlim(), *axes.get_ylim())))
     figure = next(child for child in root if child.get("id", "").startswith("figure"))
     _sort(figure, layers)

@@ -40,24 +40,28 @@ def directions(flat_map: FlatMap) -> list[Direction]:
     apart = np.linalg.norm(flat_map.uv - middle, axis=1)
     near = apart <= max(_MIDDLE * np.sqrt(area.sum() / np.pi), float(np.sort(apart)[min(20, len(apart) - 1)]))
     design = np.column_stack([flat_map.uv[near] - middle, np.ones(near.sum())])
-    found = []
+    candidates = []
     for letter, values in zip("xyz" if is_unknown else "RAS", points[near].T, strict=True):
         fit, *_ = np.linalg.lstsq(design, values, rcond=None)
         rest, spread = values - design @ fit, values - values.mean()
         share = 1 - float(rest @ rest) / max(float(spread @ spread), 1e-12)
         (u, v), length = fit[:2].tolist(), float(np.hypot(fit[0], fit[1]))
         if share >= _TELLING and length > 0:
-            found.append(Direction(letter, u / length, v / length, share))
-    found.sort(key=lambda one: -one.share)
-    others = [one for one in found[1:] if abs(one.u * found[0].u + one.v * found[0].v) < _APART]
-    return found[:1] + others[:1]
+            candidates.append(Direction(letter, u / length, v / length, share))
+    candidates.sort(key=lambda direction: -direction.share)
+    others = [
+        direction
+        for direction in candidates[1:]
+        if abs(direction.u * candidates[0].u + direction.v * candidates[0].v) < _APART
+    ]
+    return candidates[:1] + others[:1]
 
 
 def side(flat_map: FlatMap) -> str | None:
     """Return "L" or "R" if the file or the registered sphere of a map identifies its hemisphere, and None otherwise."""
     sphere: Any = flat_map.metadata.get("sphere") or {}
     known = (flat_map.origin.structure, sphere.get("side"))
-    return next((_SIDES[one] for one in known if one in _SIDES), None)
+    return next((_SIDES[name] for name in known if name in _SIDES), None)
 
 
 def cut_names(flat_map: FlatMap) -> list[tuple[str, NDArray[np.float64]]]:
@@ -67,13 +71,13 @@ def cut_names(flat_map: FlatMap) -> list[tuple[str, NDArray[np.float64]]]:
     used = np.unique(flat_map.faces) if named else np.empty(0, dtype=np.int64)
     for row, key in zip(used.tolist(), flat_map.ids[used].tolist(), strict=True):
         rows.setdefault(tuple(key) if isinstance(key, list) else key, []).append(row)
-    found = []
+    names = []
     for cut in named:
         both_sides = [rows.get(tuple(key) if isinstance(key, list) else key, []) for key in cut.ids.tolist()]
         places = [flat_map.uv[points] for points in both_sides if points]
         if places:
-            found.append((str(cut.name), _between(places)))
-    return found
+            names.append((str(cut.name), _between(places)))
+    return names
 
 
 def _between(places: list[NDArray[np.float64]]) -> NDArray[np.float64]:

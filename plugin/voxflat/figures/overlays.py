@@ -185,9 +185,9 @@ class OverlayColours:
     def paint(self, data: NDArray[Any], by: NDArray[Any] | None = None) -> NDArray[np.uint8]:
         """Return RGBA pixels of values (H, W) or colours; the thresholds apply to `by` if it is given."""
         if self.colour_map is not None:
-            shown = data % self.limits[1] if self.is_cyclic else data
+            values = data % self.limits[1] if self.is_cyclic else data
             thresholds: dict[str, Any] = {"above": self.above, "below": self.below, "by": by}
-            return painted(shown, self.colour_map, self.limits, **thresholds, opacity=self.opacity)
+            return painted(values, self.colour_map, self.limits, **thresholds, opacity=self.opacity)
         pixels = data.copy() if data.ndim == 3 else label_colours(data)
         pixels[..., 3] = np.round(pixels[..., 3] * self.opacity)
         return pixels

@@ -273,20 +273,20 @@ class Page:
     def _directions(self, flat_map: FlatMap, x: float) -> float:
         """Draw the anatomical directions and the hemisphere, starting at `x`, and return where they end, in mm."""
         middle = STRIP / 2
-        found = directions(flat_map)
-        if not found and flat_map.space.name == "unknown":
+        arrows = directions(flat_map)
+        if not arrows and flat_map.space.name == "unknown":
             log.info("The space of the surface is unknown, so anatomical directions are not drawn")
-        if found:
-            centre = np.array([x, middle]) - 1.0 * np.sum([(one.u, one.v) for one in found], axis=0)
-            for one in found:
-                towards = np.array([one.u, one.v])
+        if arrows:
+            centre = np.array([x, middle]) - 1.0 * np.sum([(direction.u, direction.v) for direction in arrows], axis=0)
+            for direction in arrows:
+                towards = np.array([direction.u, direction.v])
                 tip, letter = centre + 3.0 * towards, centre + 4.3 * towards
                 style = "-|>,head_length=2.2,head_width=1.1"
                 ends = ((float(x), float(y)) for x, y in (centre, tip))
                 arrow = FancyArrowPatch(*ends, arrowstyle=style, linewidth=0.7, color="black", shrinkA=0, shrinkB=0)
                 arrow.set_gid("marks")
                 self.paper.add_patch(arrow)
-                self.text(letter[0], letter[1], one.letter, "marks")
+                self.text(letter[0], letter[1], direction.letter, "marks")
             x += 6.5
         which = side(flat_map)
         if which is not None:
@@ -294,7 +294,7 @@ class Page:
             return x + 4.5
         chart: Any = flat_map.metadata.get("chart", {"count": 1})
         if chart["count"] != 1:
-            x += 1.5 if found else 0.0  # beside the letter of an arrow
+            x += 1.5 if arrows else 0.0  # beside the letter of an arrow
             name = _shortened(str(chart["name"]), _MARKS)
             self.text(x - 3.0, middle, name, "marks", ha="left", va="center_baseline", weight="bold")
             return x + text_size(name, _FONT)[0]
@@ -313,8 +313,8 @@ def _box(x: float, y: float, wide: float, high: float) -> Box:
     return x - wide / 2, y - high / 2, x + wide / 2, y + high / 2
 
 
-def _overlap(one: Box, other: Box) -> bool:
-    return one[0] < other[2] and other[0] < one[2] and one[1] < other[3] and other[1] < one[3]
+def _overlap(box: Box, other: Box) -> bool:
+    return box[0] < other[2] and other[0] < box[2] and box[1] < other[3] and other[1] < box[3]
 
 
 def _ticks(low: float, high: float, marked: Sequence[float], wide: float) -> tuple[list[float], list[str]]:

@@ -53,8 +53,8 @@ def profile(profile: Profile, *, label: str | None = None, ax: Axes | None = Non
     mean, sd = (values.reshape(regions, layers, -1) for values in (profile.mean, profile.sd))
     lines = [(region, channel) for region in range(regions) for channel in range(mean.shape[2])]
     if len(lines) > _MOST_LINES:
-        told = f"the profile has {len(lines)} lines ({regions} regions, {mean.shape[2]} channels)"
-        raise InputError(f"{told}, but a figure shows at most {_MOST_LINES}. Choose fewer regions, or one channel")
+        reason = f"the profile has {len(lines)} lines ({regions} regions, {mean.shape[2]} channels)"
+        raise InputError(f"{reason}, but a figure shows at most {_MOST_LINES}. Choose fewer regions, or one channel")
     if ax is None:
         ax = Figure(figsize=(6.6, 4.2), layout="constrained").add_subplot()
     colours = colormaps["tab10" if len(lines) <= 10 else "tab20"].colors  # type: ignore[attr-defined]

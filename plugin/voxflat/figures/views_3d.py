@@ -256,8 +256,8 @@ def _patch_in_place(flat_map: FlatMap, volume: object) -> list[pyvista.PolyData]
     if data.shape != flat_map.volume_shape:
         made_from = f"the map was made from a volume of shape {flat_map.volume_shape}"
         raise InputError(f"the volume has shape {data.shape}, but {made_from}. Pass the volume that was flattened")
-    of = flat_map.origin.voxels
-    mask = foreground(data, label=of.label, threshold=of.threshold)
+    origin = flat_map.origin.voxels
+    mask = foreground(data, label=origin.label, threshold=origin.threshold)
     if not mask[tuple(flat_map.ids.T)].all():
         raise InputError(
             "some points of the map are not in the foreground of this volume. Pass the volume that was flattened"

@@ -72,8 +72,8 @@ def worst_places(worst: WorstPlaces) -> Figure:
     bar = figure.colorbar(
         ScalarMappable(look["norm"], AREAS), ax=axes, label=_LABEL, fraction=0.045, pad=0.03, aspect=22, extend="both"
     )
-    shown = [factor for factor in _FACTORS if abs(np.log2(factor)) <= look["norm"].vmax]
-    bar.set_ticks(np.log2(shown).tolist(), labels=[f"{factor:g}" for factor in shown])
+    factors = [factor for factor in _FACTORS if abs(np.log2(factor)) <= look["norm"].vmax]
+    bar.set_ticks(np.log2(factors).tolist(), labels=[f"{factor:g}" for factor in factors])
     return figure
 
 
