@@ -345,6 +345,6 @@ def _beside_colour_bar(scene: NDArray[np.uint8], width: int, highest: float) -> 
     axes.imshow(scene, interpolation="none", aspect="auto")
     axes.set_axis_off()
     colours = ScalarMappable(Normalize(0, highest), ERRORS)
-    bar = figure.add_axes((share + 0.015, 0.1, 0.03, 0.8))
+    bar = figure.add_axes((share - 0.02, 0.1, 0.03, 0.8))  # within the margin of the scene
     figure.colorbar(colours, cax=bar, label=ERROR_LABEL, extend="max")
     return pixels_of(figure)[..., :3]
