@@ -26,6 +26,7 @@ PACKAGE = Path(voxflat.__file__).parent
 SHEET = np.ones((9, 9, 1), np.uint8)
 
 
+@pytest.mark.medium
 def test_text_files_have_the_same_bytes_on_every_system():
     """Windows would use another encoding and other line ends."""
     wanted = {"write_text": {"encoding", "newline"}, "open": {"encoding", "newline"}, "read_text": {"encoding"}}

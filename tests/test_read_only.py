@@ -66,6 +66,7 @@ def arrays_of(result):
                 yield name, value
 
 
+@pytest.mark.medium
 def test_the_arrays_of_each_result_are_read_only(results):
     found = set()
     for result in results:

@@ -38,6 +38,7 @@ def test_rows_are_found_among_others(given_rows):
     np.testing.assert_array_equal(in_rows(array, others), is_there)
 
 
+@pytest.mark.medium
 @given(rows(count=3))
 def test_the_same_rows_have_the_same_number(given_rows):
     numbers = np.concatenate(numbered(*given_rows))

@@ -66,6 +66,7 @@ def told_of(surface, tmp_path, caplog):
     return [re.sub(r'base64,[^"]*', "", text) for text in texts if "MiB" not in text], again
 
 
+@pytest.mark.medium
 def test_micrometres_are_carried_through(tmp_path, caplog):
     cells = shapes.ball(8)
     texts, flat_map = told_of(voxflat.surface(cells, spacing=(0.65,) * 3, unit="um"), tmp_path, caplog)

@@ -91,6 +91,7 @@ class TestPage:
 
 
 class TestImages:
+    @pytest.mark.medium
     def test_a_linear_volume_is_that_at_each_pixels_place(self, atlas):
         affine = np.diag([2.0, 2, 2, 1])
         affine[:3, 3] = -50
@@ -273,6 +274,7 @@ class TestCommand:
         assert (pictures[0] != pictures[1]).any()
         assert (pictures[2] == [200, 100, 50]).all()
 
+    @pytest.mark.medium
     def test_images_of_a_saved_atlas(self, mesh, overlay, tmp_path):
         atlas = tmp_path / "atlas.npz"
         succeed("patches", mesh, "--max-angle", 30, "-o", atlas)
@@ -361,6 +363,7 @@ class TestPyVista:
         assert_allclose(np.log2(ratio), page.cell_data["areal"], atol=1e-4)
         assert json.loads(page.field_data["voxflat"][0])["method"] == "saucan2006"
 
+    @pytest.mark.medium
     def test_the_page_of_glued_patches(self):
         mesh = pv.PolyData.from_regular_faces(*torus(20))
         page = mesh.voxflat.patches(max_angle=20, glue=1.6)

@@ -51,6 +51,7 @@ def check(atlas):
 
 
 class TestPatches:
+    @pytest.mark.medium
     @pytest.mark.parametrize(("angle", "c"), [(10, 1.1763), (5, 1.0875)])
     def test_certificates_are_the_papers(self, torus, angle, c):
         atlas = torus.patches(max_angle=angle)
@@ -66,6 +67,7 @@ class TestPatches:
         assert len(bounded) < len(atlas) / 3
         check(bounded)
 
+    @pytest.mark.medium
     def test_a_number_of_patches_is_not_exceeded(self, torus):
         few = torus.patches(count=30)
         assert len(few) <= 30
@@ -73,6 +75,7 @@ class TestPatches:
         check(few)
         refused("2 patches are too few", torus.patches, count=2)
 
+    @pytest.mark.medium
     @pytest.mark.parametrize("seeds", ["curvature", "flattest", "random"])
     def test_where_patches_begin(self, torus, atlas, seeds):
         other = torus.patches(seeds=seeds)

@@ -47,6 +47,7 @@ def test_each_method_cites_its_own_papers_and_states_the_facts_of_its_map(method
     assert "undefined" not in citation.text
 
 
+@pytest.mark.medium
 def test_cuts_are_those_of_the_map_and_maps_made_alike_share_a_paragraph(hill):
     ball = voxflat.surface(voxflat.samples.ball()).flatten()
     cuts = ball.metadata["automatic_cuts"]

@@ -46,6 +46,7 @@ def of(folder, name):
     return sorted(folder.glob(f"{name}_*.tif"))
 
 
+@pytest.mark.medium
 def test_the_map_is_that_of_the_function(folder):
     surfaces = [voxflat.surface(path, threshold=0.5).smooth(4) for path in of(folder, "seg")]
     expected, found = voxflat.flatten_series(surfaces), voxflat.load_series(folder / "movie.npz")
@@ -55,6 +56,7 @@ def test_the_map_is_that_of_the_function(folder):
     assert all(record.count(path.name) for path in of(folder, "seg"))
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize(("kind", "names"), [("1", [""]), ("2", ["front.", "back."]), ("cylinder", ["cylinder."])])
 def test_charts_have_one_map_each(folder, tmp_path, kind, names):
     words = [*of(folder, "seg"), "--threshold", 0.5, "--smooth", 4, "--charts", kind, "--quiet"]
@@ -78,12 +80,14 @@ def test_regions_are_written_for_a_volume_of_several_channels(folder, tmp_path):
     assert set(np.unique(found.data)) == {0, 1, 2}
 
 
+@pytest.mark.medium
 def test_units_have_several_names(folder, tmp_path):
     words = ["movie-map", *of(folder, "seg")[:2], "--threshold", 0.5, "--quiet"]
     succeed(*words, "--unit", "um", "-o", tmp_path / "movie.npz")
     fail(2, "'ell' is not one of", *words, "--unit", "ell", "-o", tmp_path / "other.npz")
 
 
+@pytest.mark.medium
 def test_images_of_all_frames(folder, tmp_path):
     words = ["image", folder / "movie.npz", "--volume", *of(folder, "frame"), "--depth", "-2:2:2", "--metric"]
     told = succeed(*words, "--time-step", 60, "-o", tmp_path / "movie.ome.tif", "--json")
@@ -150,6 +154,7 @@ def test_a_movie_can_be_cited(folder):
     assert "voxflat" in succeed("cite", folder / "movie.npz").stdout
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize(
     ("names", "told"),
     [
@@ -171,6 +176,7 @@ def test_numbers_in_file_names_are_checked(tmp_path, monkeypatch, names, told):
     assert told in stderr if told else "missing" not in stderr and "order" not in stderr
 
 
+@pytest.mark.medium
 def test_a_cancelled_command_leaves_no_file(folder, tmp_path, monkeypatch):
     monkeypatch.setattr("voxflat.pipeline.series.Follower.onto", Mock(side_effect=KeyboardInterrupt))
     fail(130, "cancelled", "movie-map", *of(folder, "seg"), "--threshold", 0.5, "-o", tmp_path / "movie.npz")

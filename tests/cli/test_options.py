@@ -149,6 +149,7 @@ def test_a_channel_of_the_input_is_what_the_file_of_that_channel_is(tmp_path):
     assert source["files"] == {str(tmp_path / "two.tif"): digest}
 
 
+@pytest.mark.medium
 def test_the_texture_of_patches_is_a_channel_of_their_volume(tmp_path):
     ball = (voxflat.samples.ball() > 0).astype(np.uint8).T
     about = {"imagej": True, "resolution": (0.5, 0.5), "metadata": {"axes": "ZYX", "spacing": 2, "unit": "um"}}
@@ -220,6 +221,7 @@ def test_remedies_say_pass_and_not_give():
     assert [one.place for one in messages() if re.search(r"(?:^|[.;:] )Give\b|\bgive --", one.text)] == []
 
 
+@pytest.mark.medium
 def test_messages_have_no_words_of_python():
     """All texts of the package, with the options of all commands."""
     every = {one.name: one for name in list(cli.main.commands) for one in cli.main.get_command(None, name).params}
@@ -237,6 +239,7 @@ def test_messages_have_no_words_of_python():
     assert len(messages()) > 1000
 
 
+@pytest.mark.medium
 def test_all_warnings_have_one_form_and_are_told_once(tmp_path, monkeypatch):
     """Warnings of the package, of other libraries and of Python, in a command without a progress bar."""
     voxflat.samples.hill().flatten().save(tmp_path / "hill.npz")

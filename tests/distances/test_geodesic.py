@@ -109,6 +109,7 @@ class TestCommandLine:
         fail(2, "--geodesic edges", *command, "-o", tmp_path / "cut.txt")
         assert not (tmp_path / "cut.txt").exists()
 
+    @pytest.mark.medium
     @pytest.mark.parametrize("solver", SOLVERS)
     def test_fills_a_store(self, mesh, tmp_path, solver):
         where = ("--store", tmp_path / "store", "--quiet")

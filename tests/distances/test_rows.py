@@ -145,6 +145,7 @@ def test_what_was_cancelled_goes_on(tmp_path, expected):
     np.testing.assert_array_equal(SURFACE.geodesic(SOURCES, store=tmp_path / "store"), expected)
 
 
+@pytest.mark.medium
 def test_a_full_disk_is_told_and_the_run_goes_on_later(tmp_path, expected):
     limited = """
 import resource, sys, numpy, voxflat

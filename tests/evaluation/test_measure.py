@@ -159,6 +159,7 @@ class TestFormats:
         assert found["whole"].sources == 20
         assert found["uv"].sources == found["uv, chart 1"].sources + 6
 
+    @pytest.mark.medium
     def test_a_closed_surface_in_two_charts(self, tmp_path):
         """As Blender writes it: a sphere with two caps by Lambert's projection, which keeps areas, and a stray line."""
         points, faces = icosphere(20.0, 3)
@@ -187,6 +188,7 @@ class TestFormats:
         flat = np.concatenate([FLAT, [[3.0, 4, 0]]]), np.array([[0, 1, 169]])
         refused("vertex 169, which is in no triangle of the surface", voxflat.measure, more, flat)
 
+    @pytest.mark.medium
     def test_voxels_are_measured_by_the_graph(self):
         surface = voxflat.surface(shapes.ball(9))
         flat = surface.disk(surface.ids[0], 12.0).flatten(Voxflat(sources=60))

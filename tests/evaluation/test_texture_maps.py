@@ -59,6 +59,7 @@ def zip_of(faces, coordinates):
     return list(zip(faces, coordinates.reshape(len(faces), -1).tolist(), strict=True))
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("name", OWN + OTHERS)
 def test_seams_are_cuts_of_the_undivided_surface(files, name):
     folder, flat_map = files

@@ -144,6 +144,7 @@ def test_patch_3d_shows_the_patch_from_outside(flat_map, scene, in_place):
     assert np.nonzero(dark)[1].mean() > 1.2 * middle
 
 
+@pytest.mark.medium
 def test_patch_3d_shows_the_surroundings_in_grey(flat_map, scene):
     assert greys(scene(figures.patch_3d(flat_map, solid(), size=(300, 200)))) > 1000
     assert greys(scene(figures.patch_3d(flat_map, size=(300, 200)))) < 100
@@ -168,6 +169,7 @@ def mesh_map():
     return (points, faces), with_errors(flat_map, np.where(flat_map.points[:, 0] > 15, 0.1, 0.0))
 
 
+@pytest.mark.medium
 def test_patch_3d_shows_the_triangles_of_a_mesh_in_the_colours_of_their_errors(mesh_map, scene):
     dome, flat_map = mesh_map
     alone, in_place = (scene(figures.patch_3d(flat_map, of, size=(300, 200))) for of in (None, dome))

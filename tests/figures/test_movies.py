@@ -104,6 +104,7 @@ def test_gif(film, tmp_path):
             assert np.abs(np.asarray(file.convert("RGB")).astype(int) - film[n]).mean() < 3
 
 
+@pytest.mark.medium
 def test_mp4(film, tmp_path):
     ffmpeg = pytest.importorskip("imageio_ffmpeg")
     figures.save_movie(film, tmp_path / "a.mp4", {"voxflat": "x"})
@@ -132,6 +133,7 @@ def test_what_writes_mp4_is_named_where_it_is_missing(film, tmp_path, monkeypatc
     refused("cannot write a.avi: .* Use a name that ends in .mp4 or .gif", figures.save_movie, film, tmp_path / "a.avi")
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize(
     ("wrong", "said"),
     [

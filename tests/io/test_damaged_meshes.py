@@ -172,6 +172,7 @@ HOSTILE = {
 }
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("name", HOSTILE)
 def test_hostile_files(tmp_path, name, capfd):
     content, message = HOSTILE[name]

@@ -48,6 +48,7 @@ def written(path, name, change):
     return path
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("name", FILES)
 def test_a_file_of_a_later_version_says_to_update(tmp_path, name):
     read = FILES[name][0]
@@ -75,6 +76,7 @@ KEPT = Path(__file__).parents[1] / "data" / "formats"
 """Files of every version since the first release. Later programs must open them: add files, never replace them."""
 
 
+@pytest.mark.medium
 def test_kept_maps_open():
     mesh, voxels = (voxflat.load(KEPT / name) for name in ("map-5.npz", "map-5.voxflat"))
     assert (len(mesh), mesh.uv[0].tolist()) == (49, [-3.2044743565226304, -3.220240423591828])

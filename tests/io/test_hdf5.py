@@ -74,6 +74,7 @@ def test_chunks_that_are_missing_are_reported(tmp_path, caplog):
     refused("contains none of its 1 chunks", read_volume, path)
 
 
+@pytest.mark.medium
 def test_a_probability_map_becomes_a_smooth_surface_in_its_unit(tmp_path, caplog):
     path = exported(tmp_path / "p.hdf5", "zyx", BOTH[0])
     surface = voxflat.surface(path, threshold=0.5, spacing=SPACING, unit="µm")
@@ -88,6 +89,7 @@ def test_a_probability_map_becomes_a_smooth_surface_in_its_unit(tmp_path, caplog
     np.testing.assert_allclose(shown[np.isfinite(shown)], 0.5, atol=0.03)
 
 
+@pytest.mark.medium
 def test_whole_numbers_are_probabilities_up_to_255(tmp_path, caplog):
     path = exported(tmp_path / "p.h5", "zyxc", (BOTH * 255).astype(np.uint8), tags=True)
     words = ("--channel", "0", "--spacing", "0.5,0.5,1", "--unit", "µm")
@@ -182,6 +184,7 @@ def test_a_missing_package_is_named(tmp_path, monkeypatch):
     refused(r"p.h5: requires h5py. Install it with pip install 'voxflat\[lab\]'", read_volume, path)
 
 
+@pytest.mark.medium
 def test_masks_of_cellpose(tmp_path):
     """Volumes are read as labels, and images as regions; files that hold Python objects are not loaded."""
     masks = np.where(distances() < RADIUS, 7, 0).astype(np.uint16)

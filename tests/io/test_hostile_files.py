@@ -555,6 +555,7 @@ def test_what_decoders_of_pictures_print_is_not_seen(tmp_path, sheet, capfd, rea
     assert capfd.readouterr() == ("", "")
 
 
+@pytest.mark.medium
 def test_what_a_picture_takes_is_known_before_it_is_decoded(tmp_path, sheet):
     path = tmp_path / "rois.png"
     Image.new("L", (12_000, 12_000)).save(path)

@@ -170,6 +170,7 @@ def test_a_table_of_points_keeps_its_rows(tmp_path):
     assert len(read_points(tmp_path / "points.tsv").rows) == 1
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("folder", ["/home/ann/secret/", "C:\\Users\\ann\\", "~/"])
 def test_a_path_that_names_a_map_is_no_label_of_a_colour_bar(flat, folder, tmp_path):
     values = {f"{folder}zstat1.nii.gz": flat.curvature, "other": flat.curvature}

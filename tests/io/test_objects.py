@@ -117,6 +117,7 @@ OVERLAYS = {
 }
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("kind", OVERLAYS)
 def test_values_of_another_package_are_those_of_this_side(left, kind):
     given = OVERLAYS[kind]()
@@ -143,6 +144,7 @@ def test_labels_of_another_package_bring_their_table():
     assert (own_table(labels).names, own_table(labels).colours) == ({1: "V1"}, {1: (255, 128, 0)})
 
 
+@pytest.mark.medium
 def test_maps_become_objects_of_other_packages(left):
     places = np.zeros((COUNT, 3))
     places[left.ids, :2] = left.uv
@@ -162,6 +164,7 @@ def picture_of(value):
     return Image.open(io.BytesIO(base64.b64decode(value._repr_html_().split("base64,")[1].split('"')[0])))
 
 
+@pytest.mark.medium
 def test_jupyter_shows_a_picture_and_figures(left):
     assert picture_of(left).size[0] > 400
     assert "relative error, %" in left._repr_html_()
@@ -260,6 +263,7 @@ def test_every_dataset_has_the_same_surface_at_every_door(kind):
     assert any("lines and points" in one for one in own.remarks) == (kind == "lines too")
 
 
+@pytest.mark.medium
 def test_a_cut_surface_and_maps_of_parts_are_measured_like_the_map_itself():
     part = HILL.disk(220, 9.0)
     for surface in (part, voxflat.surface(voxflat.samples.ball())):
@@ -302,6 +306,7 @@ def test_units_return_from_trimesh(unit):
     assert voxflat.surface(made).metadata.get("unit", "mm") == unit
 
 
+@pytest.mark.medium
 def test_partners_in_another_unit_are_refused():
     white, pial = (trimesh.Trimesh(POINTS + np.array([0, 0, lift]), FACES, process=False) for lift in (0, 1))
     white.units, pial.units = "mm", "um"

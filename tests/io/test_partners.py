@@ -46,6 +46,7 @@ def left(files):
 REGIONS = ["rh.cortex", "rh.mask.txt", "rh.V1.label", "rh.white", "rh.flat.patch.3d"]
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("name", REGIONS)
 @pytest.mark.parametrize("verb", ["keep", "drop"])
 def test_a_region_of_the_other_hemisphere_is_refused(files, name, verb):
@@ -74,6 +75,7 @@ def test_gifti_tells_the_hemisphere_where_the_name_does_not(files, left, tmp_pat
     refused("map.surf.gii: " + OTHER, voxflat.measure, whole, tmp_path / "map.surf.gii")
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("name", ["lh.npz", "lh.flat.patch.3d", "lh.flat.surf.gii"])
 def test_a_map_of_the_other_hemisphere_is_not_measured(files, name):
     other = OTHER.replace("right", "tmp").replace("left", "right").replace("tmp", "left")
@@ -91,6 +93,7 @@ def test_a_map_of_another_surface_is_not_measured(left):
     refused("of the map's 800 triangles are triangles of the surface", voxflat.measure, mixed, left)
 
 
+@pytest.mark.medium
 def test_a_figure_of_the_same_map_twice_needs_an_overlay_for_each(files, left):
     twice = [left, voxflat.load(files / "lh.npz")]
     refused("both maps are the same", figures.flat_map, twice)
@@ -101,6 +104,7 @@ def test_a_figure_of_the_same_map_twice_needs_an_overlay_for_each(files, left):
     figures.flat_map([left, voxflat.load(files / "rh.npz")], VALUES)
 
 
+@pytest.mark.medium
 def test_another_participant_causes_a_warning(files, tmp_path, caplog):
     name = "sub-01_hemi-L_white.surf.gii"
     write_mesh(tmp_path / name, Mesh(POINTS, FACES, structure="CortexLeft"))

@@ -109,6 +109,7 @@ def test_a_package_is_imported_after_the_files_of_another(tmp_path):
     assert read_volume(tmp_path / "v.nrrd").data.shape == (6, 5, 4)
 
 
+@pytest.mark.medium
 def test_values_come_back_and_prints_do_not(path, capfd):
     none, number, text, named, true = read_in_subprocess(prints, "vtkmodules", path)
     assert (none, number, text, true) == (None, 1.5, "é", True)

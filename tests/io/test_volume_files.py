@@ -37,6 +37,7 @@ def test_nifti_chooses_the_affine_as_nibabel_does(tmp_path, sform, qform, capfd)
     assert capfd.readouterr() == ("", "")
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("flip", list(np.ndindex(2, 2, 2)))
 @pytest.mark.parametrize("form", ["sform", "qform"])
 def test_nifti_flipped_and_permuted_axes(tmp_path, flip, form):
@@ -144,6 +145,7 @@ def test_any_orthogonal_affine(tmp_path_factory, turn, sizes, origin, sform):
     np.testing.assert_allclose(nib.load(path).get_qform(), affine, rtol=0, atol=rough)
 
 
+@pytest.mark.medium
 @pytest.mark.skipif(tuple(map(int, nib.__version__.split(".")[:2])) < (5, 4), reason="nibabel matched axes otherwise")
 @settings(max_examples=200)
 @given(rotations, st.permutations(range(3)), st.tuples(*[st.sampled_from([-1, 1])] * 3), st.floats(0, 1))
@@ -153,6 +155,7 @@ def test_orientation_is_nibabels(turn, order, signs, weight):
     assert Volume(np.zeros(SHAPE), affine).orientation == "".join(nib.aff2axcodes(affine))
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("ending", [".nrrd", ".mha", ".nhdr", ".mhd"])
 @pytest.mark.parametrize("compressed", [False, True])
 def test_itk_formats_against_itk_points(tmp_path, ending, compressed):

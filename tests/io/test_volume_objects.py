@@ -104,6 +104,7 @@ def test_itk_region_that_does_not_start_at_0():
     agrees_with_itk(as_volume(image), image)
 
 
+@pytest.mark.medium
 def test_itk_memory_outlives_the_image(tmp_path):
     data = values("i2", (40, 50, 60))
     itk.imwrite(itk_image(data), str(tmp_path / "v.nrrd"))

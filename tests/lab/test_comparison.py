@@ -12,6 +12,7 @@ from voxflat.lab.group import _with_outliers
 from voxflat.lab.results import FIGURES
 
 
+@pytest.mark.medium
 def test_outliers_by_chance_are_those_of_a_normal_distribution():
     draws = np.random.default_rng(5).standard_normal((1000, 20))
     assert outliers_by_chance(20) == pytest.approx(np.mean([outliers(of).sum() for of in draws]), rel=0.25)

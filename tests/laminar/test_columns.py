@@ -29,6 +29,7 @@ def assert_connected(columns):
         assert scipy.ndimage.label(columns.volume.data[box] == number, CUBE)[1] == 1
 
 
+@pytest.mark.medium
 def test_each_voxel_belongs_to_the_nearest_centre(sphere):
     rim, columns, directions, ends = sphere
     centres = columns.centres - ends - [0.13, 0.27, -0.31]
@@ -52,6 +53,7 @@ def test_columns_are_connected_and_even(sphere):
     np.testing.assert_array_equal(columns.vertex_columns[vertices], np.arange(1, 61))
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("thin", [1.5, 4.0])
 def test_no_column_crosses_a_sulcus(thin):
     # two flat banks, 4 mm and `thin` mm thick, with one voxel of fluid between them
@@ -79,6 +81,7 @@ def test_columns_depend_on_the_seed_alone():
     assert (one.centres[0] != other.centres[0]).any()
 
 
+@pytest.mark.medium
 def test_no_column_is_empty():
     labels = np.zeros((60, 14, 1), dtype=np.uint8)  # one slice
     for low, high, label in ((2, 4, 2), (4, 8, 3), (8, 10, 1)):
@@ -116,6 +119,7 @@ def test_columns_can_be_cancelled():
         rim.columns(40, progress=lambda *_: False)
 
 
+@pytest.mark.medium
 def test_fragments_get_no_column(sphere, caplog):
     labels, *_ = bent_layers("sphere", 0.5)
     data = labels.data.copy()

@@ -54,6 +54,7 @@ def on_triangles(points, corners, faces, uv):
     return found
 
 
+@pytest.mark.medium
 def test_layers_are_sampled_at_their_centres(fold, bold):
     _, flat_map = fold
     stack = flat_map.images(bold, depths=4)
@@ -87,6 +88,7 @@ def test_nifti_files_are_volumes_in_mm(fold, bold, tmp_path):
         np.testing.assert_allclose(image.affine[2], np.array([0, 0, 1, 0.5]) * image.header.get_zooms()[2], rtol=1e-6)
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("radius", [None, 5.0])
 def test_each_voxel_reads_the_pixel_of_its_column_and_layer(fold, radius):
     rim, flat_map = fold
@@ -140,6 +142,7 @@ def test_all_forms_of_a_flat_volume_give_the_same(fold, tmp_path):
         np.testing.assert_allclose(found, expected, rtol=1e-6)
 
 
+@pytest.mark.medium
 def test_wrong_flat_volumes(fold, tmp_path):
     rim, flat_map = fold
     values, disk = drawn(flat_map), rim.surface.disk(rim.surface.ids[300], 3.0).flatten()
@@ -185,6 +188,7 @@ def test_a_disk_around_a_voxel(fold):
     assert is_painted[away < 2.0].mean() > 0.9
 
 
+@pytest.mark.medium
 def test_the_command_line(fold, tmp_path):
     labels = fold[0].labels.volume
     rim, flat, out = tmp_path / "rim.nii.gz", tmp_path / "flat.nii.gz", tmp_path / "out.nii.gz"

@@ -51,6 +51,7 @@ def in_labels(labels, values):
     return Volume(data, labels.affine)
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("layering", LAYERINGS)
 def test_a_function_of_depth_is_its_own_profile(sphere, layering):
     rim, labels, *truth = sphere
@@ -109,6 +110,7 @@ def test_voxels_without_a_value_are_left_out_and_counted(sphere):
     np.testing.assert_array_equal(outside.missing, profile.missing)
 
 
+@pytest.mark.medium
 def test_layers_without_voxels(gyrus):
     rim, *_ = gyrus
     mask = rim.layers(4).data == 2
@@ -144,6 +146,7 @@ def test_channels(gyrus, tmp_path):
     assert [(row["layer"], row["channel"]) for row in rows[:4]] == [("1", "0"), ("1", "1"), ("1", "2"), ("2", "0")]
 
 
+@pytest.mark.medium
 def test_channels_of_the_same_name_are_called_by_number(tmp_path):
     """In profiles, in tables of regions, and in the message that lists them, as they are chosen."""
     sample = voxflat.samples.rim()
@@ -296,6 +299,7 @@ def test_files(gyrus, tmp_path):
     refused("cannot save a profile as profile.xlsx. Use a name that ends in .tsv or .csv", profile.save, "profile.xlsx")
 
 
+@pytest.mark.medium
 def test_command(gyrus, tmp_path):
     rim, flat_map, *_ = gyrus
     labels, volume = voxflat.samples.rim(), rim.thickness()

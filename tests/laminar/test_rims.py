@@ -35,6 +35,7 @@ def errors(rim, truth):
         yield np.abs(found - true)[~np.isnan(true)]
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("shape", SHAPES)
 def test_depth_of_known_shapes(rims, shape):
     rim, _, *truth = rims[shape]
@@ -43,6 +44,7 @@ def test_depth_of_known_shapes(rims, shape):
         assert np.quantile(error, 0.95) < 0.12
 
 
+@pytest.mark.medium
 def test_finer_voxels_give_better_depths(rims):
     labels, *truth = bent_layers("cylinder", 0.3)
     for coarse, fine in zip(
@@ -102,6 +104,7 @@ def test_a_flat_volume_holds_the_depth_at_which_it_was_sampled(rims):
         assert abs(inside - fraction).mean() < 0.02
 
 
+@pytest.mark.medium
 def test_the_affine_does_not_change_depth(rims):
     rim, labels, *_ = rims["fold"]
     turned = np.array([[0, -0.5, 0, 9], [0, 0, 0.5, -4], [-0.5, 0, 0, 2], [0, 0, 0, 1.0]])
@@ -130,6 +133,7 @@ def test_one_slice(axis):
     assert found.surface.flatten().distortion.raw.relative_error < 0.01
 
 
+@pytest.mark.medium
 def test_labels_from_elsewhere(rims):
     rim, labels, *_ = rims["fold"]
     swapped = np.choose(labels.data, [0, 8, 5, 7])
@@ -142,6 +146,7 @@ def test_labels_from_elsewhere(rims):
         np.testing.assert_array_equal(other.values.depth, rim.values.depth)
 
 
+@pytest.mark.medium
 def test_ribbons(rims):
     _, labels, *_ = rims["sphere"]
     filled = np.where(labels.data == 0, 0, np.choose(labels.data, [0, 0, 41, 42]))
@@ -179,6 +184,7 @@ def sulcus(gap, spacing=0.5, thickness=2.5):
     return labels, np.where((labels == 3) & (y < 7), 1 - distance / thickness, np.nan)
 
 
+@pytest.mark.medium
 def test_banks_that_touch_are_separated(caplog):
     mean = {}
     for gap in (0.0, 1.6):
@@ -207,6 +213,7 @@ def test_columns_stay_in_their_bank(thin):
     assert (abs(rim.surface.white_points[:, 0] - rim.surface.pial_points[:, 0]) < 13.1).all()
 
 
+@pytest.mark.medium
 def test_islands_are_no_borders(rims):
     rim, labels, *_ = rims["sphere"]
     filled = labels.data.copy()
@@ -253,6 +260,7 @@ def test_wrong_masks(rims, make, message):
     refused(message, voxflat.rim, rims["fold"][1], **make(rims["fold"][1].data))
 
 
+@pytest.mark.medium
 def test_doubtful_rims_are_reported(rims, caplog):
     labels = rims["fold"][1].data
     speck = labels.copy()
@@ -267,6 +275,7 @@ def test_doubtful_rims_are_reported(rims, caplog):
         caplog.clear()
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("spacing", [(1e6, 1e6, 1e6), (0.01, 1.0, 1.0), (0.3, 0.3, 6.0)])
 def test_unusual_voxels(rims, spacing):
     depth = voxflat.rim(rims["fold"][1].data, spacing=spacing).values.depth
@@ -331,6 +340,7 @@ def test_wrong_options(rims):
     refused("layering is", rim.depth, "laplace")
 
 
+@pytest.mark.medium
 def test_maps_of_rims_can_be_saved(rims, tmp_path):
     flat_map = voxflat.rim(voxflat.samples.rim()).surface.flatten()  # the grey matter reaches the ends of the volume
     flat_map.save(tmp_path / "map.npz")
@@ -342,6 +352,7 @@ def test_maps_of_rims_can_be_saved(rims, tmp_path):
     )
 
 
+@pytest.mark.medium
 def test_layers_on_the_command_line(rims, tmp_path):
     rim, labels, *_ = rims["fold"]
     voxflat.io.write_volume(tmp_path / "rim.nii.gz", labels.data, labels.affine)
@@ -360,6 +371,7 @@ def test_layers_on_the_command_line(rims, tmp_path):
     fail(1, "it is an input. Choose another name", "layers", *given, "-o", tmp_path / "rim.nii.gz")
 
 
+@pytest.mark.medium
 def test_rims_in_stacks_of_channels_and_other_units(tmp_path):
     """Depths, thickness and areas are in mm, whatever the unit of the file."""
     sample = voxflat.samples.rim()
@@ -390,6 +402,7 @@ def test_rims_in_stacks_of_channels_and_other_units(tmp_path):
     assert (tmp_path / "s.tsv").read_text() == (tmp_path / "o.tsv").read_text()
 
 
+@pytest.mark.medium
 def test_threads_do_not_matter(rims):
     labels = rims["fold"][1]
     one, two = (voxflat.rim(labels, threads=threads).values for threads in (1, 2))
@@ -415,6 +428,7 @@ def test_provenance_says_how_it_was_made(rims, tmp_path):
     assert str(path) in layers.provenance["parameters"]["of"]["files"] or layers.provenance["parameters"]["of"]["files"]
 
 
+@pytest.mark.medium
 def test_a_rim_is_flattened_as_its_middle_surface():
     refused(r"labels 1, 2, 3. For a rim .* use voxflat.rim", voxflat.flatten, voxflat.samples.rim())
     rim = voxflat.rim(voxflat.samples.rim())

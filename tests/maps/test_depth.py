@@ -84,6 +84,7 @@ class TestFractions:
         spread = np.sqrt((slope * x**2)[near].sum())
         assert spread == pytest.approx(edge * np.sqrt(steps * 4 / 7 + 0.25), rel=0.02)  # 1/4: areas are of vertices
 
+    @pytest.mark.medium
     def test_lips_of_a_cut_have_one_depth(self):
         whole = voxflat.surface(icosphere(INNER, 2), pial=icosphere(OUTER, 2))
         m = voxflat.flatten(whole, Voxflat(sources=30))  # cut open

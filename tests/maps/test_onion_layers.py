@@ -66,6 +66,7 @@ def spread(image):
     return image[np.isfinite(image)]
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("name", FILES)
 def test_layers_of_a_sphere_have_the_values_of_their_radius(stacks, flat, name):
     layers = flat.images(stacks / name, 0.5, depth=DEPTHS).data
@@ -76,6 +77,7 @@ def test_layers_of_a_sphere_have_the_values_of_their_radius(stacks, flat, name):
             assert np.abs(spread(of) - expected).max() < 0.06 * slope  # chords of triangles, curvature within a voxel
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("name", FILES)
 def test_a_large_stack_is_sampled_in_parts_with_the_same_result(stacks, flat, name, monkeypatch):
     how = {"pixel_size": 0.5, "depth": DEPTHS}

@@ -117,6 +117,7 @@ def flat_map():
 
 
 class TestParcels:
+    @pytest.mark.medium
     def test_pixels_lie_on_the_side_of_their_corner(self, flat_map):
         labels = np.zeros(30 * 30, np.int64)
         middle = flat_map.points[:, :2].mean(axis=0)
@@ -169,6 +170,7 @@ class TestParcels:
         assert (found.labels[clear] == np.where(x < 9.5, 3, 8)[clear]).all()
 
 
+@pytest.mark.medium
 def test_label_files_are_parcels_with_the_names_of_the_files(tmp_path):
     flat = voxflat.samples.hill().flatten()
     regions = {"lh.V1.label": [3, 4, 5], "lh.V2.label": [40, 41]}
@@ -186,6 +188,7 @@ def test_label_files_are_parcels_with_the_names_of_the_files(tmp_path):
     voxflat.figures.flat_map(flat, parcels=paths)
 
 
+@pytest.mark.medium
 def test_label_files_are_drawn_by_the_command_line(tmp_path):
     voxflat.samples.hill().flatten().save(tmp_path / "map.npz")
     for name, vertex in (("lh.V1.label", 100), ("lh.V2.label", 200)):

@@ -51,6 +51,7 @@ def measured(m, labels, pixel_size, **how):
     return m.regions(labels, pixel_size=pixel_size).properties(**how)
 
 
+@pytest.mark.medium
 def test_a_spherical_cap(cap):
     """Its area, perimeter, centroid and second moments are known."""
     angle = 0.35
@@ -69,6 +70,7 @@ def test_a_spherical_cap(cap):
         assert found["major_axis"] == pytest.approx(wide, rel=0.015)
 
 
+@pytest.mark.medium
 def test_an_ellipse_on_a_cylinder(tube):
     """An ellipse of 12 x 6 µm, 30 degrees from the axis, in the plane into which the cylinder unrolls."""
     at = tube.locate(0.2)[1]
@@ -118,6 +120,7 @@ def test_a_stretched_map_changes_no_property_of_the_surface(cap):
     assert of[0]["mean"] == pytest.approx(of[0]["x"] - cap.points[cap.ids == 0][0][0], abs=1e-9)
 
 
+@pytest.mark.medium
 def test_a_region_across_a_cut_is_measured_as_a_whole(egg):
     """A disk around a point of a cut, in several parts on the map, has its whole area and no border along the cut."""
     ids, counts = np.unique(egg.ids, return_counts=True)

@@ -58,6 +58,7 @@ def dice(a, b):
 
 
 class TestRoundTrips:
+    @pytest.mark.medium
     def test_from_the_map_through_voxels_to_the_map(self, m, grid):
         regions = m.regions(drawn(m))
         there = regions.volume(grid)

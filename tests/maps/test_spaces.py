@@ -113,6 +113,7 @@ def test_smriprep_of_old_set_the_centre_to_zero(tmp_path, volumes):
     agrees(flat(path), volumes["LAS"], to_scanner(points, of))
 
 
+@pytest.mark.medium
 def test_what_no_file_says_is_told(tmp_path, volumes, caplog):
     (points, faces), of = ball(), header()
     nib.freesurfer.write_geometry(tmp_path / "lh.white", points, faces)

@@ -361,6 +361,7 @@ def test_the_command_writes_what_python_writes(cylinder_map, tmp_path, ending, m
         assert (tmp_path / file.name).read_bytes() == file.read_bytes(), file.name
 
 
+@pytest.mark.medium
 def test_cuts_of_a_map_are_seams_of_the_texture(tmp_path):
     """OBJ keeps the closed surface, GLB divides points, and other readers find the place of each corner in both."""
     surface = voxflat.surface(icosphere(20.0, 3))
@@ -414,6 +415,7 @@ def test_a_unit_scales_a_glb_but_does_not_turn_meshes_whose_axes_are_not_defined
     assert_allclose(read.bounds, metres * made.bounds, rtol=1e-6, atol=1e-9 * metres)
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize(("name", "unit"), [("arrays", "µm"), ("arrays", "m"), ("ball.obj", "cm")])
 def test_a_glb_with_seams_belongs_to_its_surface_in_any_unit(tmp_path, name, unit):
     ball = icosphere(20.0, 3)

@@ -65,6 +65,7 @@ def test_distances_that_are_too_long_are_told():
     assert not exact.metadata["warnings"]
 
 
+@pytest.mark.medium
 def test_distances_are_judged_by_exact_ones_where_they_were_asked_for():
     flat = voxflat.flatten(HILL, method=Voxflat(sources=30, geodesic="exact"))
     judged = voxflat.measure(HILL, flat, reference="exact", sources=200, seed=0)

@@ -153,6 +153,7 @@ class TestLongWork:
         assert "measuring distances" in {stage for stage, _, _ in head[1]}
         assert all(0 <= done <= total for _, done, total in head[1])
 
+    @pytest.mark.medium
     def test_ctrl_c_stops_the_core(self):
         volume = shapes.depth_surface(shapes.head_depth())
         amid, pressed = threading.Event(), []
@@ -204,6 +205,7 @@ def test_a_patch_of_the_cortex_is_flattened_by_other_papers_too(method, radius):
     assert flat.distortion.best_scale.relative_error < 1.5 * usual.distortion.best_scale.relative_error
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("method", ["zigelman2002", "schwartz1989"])
 def test_volumes_are_flattened_by_other_papers_too(method):
     flat = composed.flatten(shapes.curled_sheet(20, 15, 0.5), method=method, sources=50)

@@ -47,6 +47,7 @@ class TestFlatten:
             assert apart(maps[0].uv, other.uv) < 0.05
             assert min(other.metadata["starts"]) == pytest.approx(min(maps[0].metadata["starts"]), rel=1e-3, abs=1e-8)
 
+    @pytest.mark.medium
     def test_short_distances_alone_fold_and_it_is_said(self):
         flat = voxflat.flatten(cylinder((41, 31))[0], method=Schwartz1989(sources=0, neighbourhood=1))
         assert flat.distortion.raw.relative_error > 0.1
@@ -56,6 +57,7 @@ class TestFlatten:
         assert len(flat.sources) == len(flat.eigenvalues) == 0
         refused("without sources", figures.spectrum, flat)
 
+    @pytest.mark.medium
     def test_a_map_is_kept_in_a_file(self, tmp_path):
         for sources in (0, 20):
             flat = voxflat.flatten(SMALL, method=Schwartz1989(sources=sources, starts=1))

@@ -44,6 +44,7 @@ def begun(start, **options):
     return composed.flatten(SURFACE, start=start, sources=60, **options)
 
 
+@pytest.mark.medium
 def test_a_map_that_is_done_ends_at_once_where_it_is(known):
     again = begun(known)
     assert energy(again) == pytest.approx(energy(known), rel=1e-4)
@@ -95,6 +96,7 @@ def test_where_the_finest_level_cannot_be_mended_a_coarser_one_is():
     assert is_good(again)
 
 
+@pytest.mark.medium
 def test_what_cannot_be_mended_is_refused(known):
     rolled = np.stack([np.cos(known.uv[:, 0]), known.uv[:, 1]], 1)
     refused(r"the start has \d+ flipped triangles that cannot be unfolded", begun, rolled)
@@ -105,6 +107,7 @@ def test_what_cannot_be_mended_is_refused(known):
     refused("the start has almost no area", begun, known.uv * [1, 0])
 
 
+@pytest.mark.medium
 def test_a_start_of_another_surface_is_refused_by_name(known):
     refused("the map has 1600 points, but the surface has 1681 vertices", begun, known.uv[:1600])
     other = known.uv.copy()
@@ -113,6 +116,7 @@ def test_a_start_of_another_surface_is_refused_by_name(known):
     refused(told, begun, other, keep=np.ones(len(other), dtype=bool))
 
 
+@pytest.mark.medium
 def test_a_start_says_what_is_flattened_and_where_it_is_cut(tmp_path):
     points, faces = hard_shapes.sheet(lambda u, v: (4 * np.cos(u), 4 * np.sin(u), v), (2 * np.pi, 30.0), (25, 31))
     surface, number = (points[: 24 * 31], faces % (24 * 31)), np.arange(24 * 31).reshape(24, 31)
@@ -169,6 +173,7 @@ def test_the_lips_of_a_new_cut_open(known):
     assert energy(begun(replace(known, uv=known.uv * 1.5), cuts=[path])) == pytest.approx(energy(cut), rel=1e-3)
 
 
+@pytest.mark.medium
 def test_the_same_start_gives_the_same_bits(known):
     shaken = known.uv + np.random.default_rng(5).uniform(-0.5, 0.5, known.uv.shape)
     one, two = (begun(shaken, threads=threads).uv for threads in (1, 3))

@@ -47,6 +47,7 @@ class TestFlatten:
     def test_wrong_options_are_named(self, options, message):
         refused(message, composed.flatten, cylinder()[0], **{"method": "zigelman2002", **options})
 
+    @pytest.mark.medium
     def test_a_map_of_a_range_image_is_kept_in_a_file(self, tmp_path):
         image = voxflat.range_image(waves(40), 1.0, jump=np.inf)
         flat = voxflat.flatten(image, Zigelman2002(sources=200), rows=True)
@@ -56,6 +57,7 @@ class TestFlatten:
         np.testing.assert_array_equal(again.rows, flat.rows)
         assert again.metadata["range_image"] == {"shape": [40, 40], "spacing": [1.0, 1.0], "jump": None, "cut": 0}
 
+    @pytest.mark.medium
     def test_a_slope_is_placed_exactly_on_a_grid(self):
         row, column = np.indices((50, 70))
         image = voxflat.range_image(0.5 * column + 0.25 * row, (2.0, 1.5))
@@ -65,6 +67,7 @@ class TestFlatten:
         assert flat.distortion.triangles.flipped == 0
         assert "grid" in flat.metadata["placed_by"]
 
+    @pytest.mark.medium
     def test_a_cut_surface_has_no_grid(self):
         row, column = np.indices((40, 40))
         ring = np.hypot(row - 20, column - 20)

@@ -47,6 +47,7 @@ def sheets():
     return voxflat.flatten_series([hill, (1.1 * hill.points, hill.faces)])
 
 
+@pytest.mark.medium
 def test_a_saved_series_is_the_same(series, tmp_path):
     for name in ("movie.npz", "movie.voxflat"):
         series.save(tmp_path / name)
@@ -63,6 +64,7 @@ def test_a_saved_series_is_the_same(series, tmp_path):
     assert sorted(path.name for path in tmp_path.iterdir()) == ["movie.npz", "movie.voxflat"]
 
 
+@pytest.mark.medium
 def test_a_series_records_all_its_files(tmp_path):
     hill = voxflat.samples.hill()
     paths = [tmp_path / f"hill_{t:02}.ply" for t in range(34)]  # more than lists are recorded value by value
@@ -123,6 +125,7 @@ def test_damaged_files_are_refused(series, tmp_path, change, told):
     refused(told, voxflat.load_series, tmp_path / "damaged.npz")
 
 
+@pytest.mark.medium
 def test_the_distortion_of_any_frame_has_the_same_definition(series, sheets):
     for one in (series, sheets):
         found, known = one.measure(one.reference), one.flat_map.distortion
@@ -265,6 +268,7 @@ def test_memory_does_not_grow_with_the_number_of_frames(sheets, tmp_path):
     assert peak(16) < 1.2 * peak(2)
 
 
+@pytest.mark.medium
 def test_integers_are_labels_in_all_frames_or_in_none(series, tmp_path, caplog):
     rng = np.random.default_rng(0)
     noise = [rng.integers(1, 200, (40, 40, 40)).astype(np.uint16) for _ in range(2)]
@@ -282,6 +286,7 @@ def test_integers_are_labels_in_all_frames_or_in_none(series, tmp_path, caplog):
         assert sum("labels" in record.message for record in caplog.records) == (order[0] == paths[2])
 
 
+@pytest.mark.medium
 def test_points_of_other_frames_are_not_painted_into_the_voxels_of_the_reference(series):
     ball = voxflat.samples.ball()
     made = voxflat.flatten_series([ball, np.roll(ball, 1, axis=0)])

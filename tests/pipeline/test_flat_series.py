@@ -65,6 +65,7 @@ def growth():
     return voxflat.flatten_series(frames, reference=1), frames
 
 
+@pytest.mark.medium
 def test_material_points_stay_in_place_on_a_growing_turning_surface(growth):
     series, _ = growth
     material = sphere(650, 1)[0][series.flat_map.ids]
@@ -106,6 +107,7 @@ def test_stretches_are_those_of_the_growth(growth):
     )
 
 
+@pytest.mark.medium
 def test_growth_is_shown_on_the_map_of_a_closed_surface():
     points, faces = sphere(800, 1)
     series = voxflat.flatten_series([(10 * points, faces), (11 * points, faces)])
@@ -139,6 +141,7 @@ def test_each_volume_is_sampled_on_the_surface_of_its_frame(growth):
         assert data[t, 0] == pytest.approx(expected, nan_ok=True)
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("kind", [2, "cylinder"])
 def test_charts_of_a_movie_agree_where_they_overlap(growth, kind):
     whole, frames = growth
@@ -160,6 +163,7 @@ def test_charts_of_a_movie_agree_where_they_overlap(growth, kind):
     assert (made[0].measure(2).best_scale.relative_error or 1) < 0.1  # uniform growth
 
 
+@pytest.mark.medium
 def test_a_wave_that_passes_carries_little_with_it():
     def narrowed(points, time):
         width = 1 - 0.3 * np.exp(-(((points[:, 0] + 0.6 - 1.2 * time) / 0.25) ** 2))
@@ -184,6 +188,7 @@ def bent(x, y, time):
     return np.column_stack([20 / turn * np.sin(turn * x / 2), 10 * y, 20 / turn * (1 - np.cos(turn * x / 2))])
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize(
     ("move", "made"),
     [

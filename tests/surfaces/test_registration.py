@@ -54,6 +54,7 @@ def test_the_icosphere_covers_the_sphere_once():
     assert len(np.unique(np.sort(faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1), axis=0)) == 1920
 
 
+@pytest.mark.medium
 def test_a_hemisphere_is_registered_to_a_few_millimetres(hemispheres, left):
     _, faces, sphere = hemispheres["left"]
     assert left.side == "left"
@@ -113,6 +114,7 @@ def ball(radii, waves=0, seed=0):
     return points * np.asarray(radii) * (1 + 0.02 * ripples)[:, None], faces
 
 
+@pytest.mark.medium
 def test_a_ball_is_no_hemisphere():
     refused("not a cortical hemisphere", voxflat.surface(ball([50, 50, 50])).register)
 
@@ -161,6 +163,7 @@ def test_without_a_sphere_standard_cuts_lie_where_they_do_with_it(hemispheres, s
         assert distances.min(axis=1).mean() < 5
 
 
+@pytest.mark.medium
 def test_a_registration_is_a_sphere(hemispheres, left):
     whole = voxflat.surface(hemispheres["left"][:2])
     plain, given = (whole.cut("standard", sphere=sphere, relax=False) for sphere in (None, left))

@@ -60,6 +60,7 @@ def errors(surface, centre, axes=(20.0, 14.0, 12.0)):
     return np.sqrt((distance**2).mean()), np.percentile(angles, 95)
 
 
+@pytest.mark.medium
 def test_noisy_labels_with_long_voxels_become_smooth(tmp_path):
     labels, centre = noisy()
     how = {"metadata": {"spacing": 1.5, "unit": "um", "axes": "CZYX"[1:]}, "resolution": (2, 2)}
@@ -80,6 +81,7 @@ def test_noisy_labels_with_long_voxels_become_smooth(tmp_path):
     assert smooth.flatten().metadata["smoothed"] == told
 
 
+@pytest.mark.medium
 def test_the_command_line_smooths_a_channel(tmp_path):
     labels, _ = noisy()
     stack = np.stack([np.zeros_like(labels.T), labels.T])

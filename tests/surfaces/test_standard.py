@@ -139,6 +139,7 @@ def test_the_wall_that_the_template_leaves_out_is_the_subjects_own(standard):
     assert np.isin(np.flatnonzero(thin), standard.left_out).mean() > 0.9
 
 
+@pytest.mark.medium
 def test_a_label_of_the_wall_stands_in_its_place_and_another_region_does_not(subject):
     own = voxflat.surface(subject / "lh.white").drop(subject / "lh.Medial_wall.label").cut()
     label = read_region(subject / "lh.Medial_wall.label", lab.VERTICES)
@@ -327,6 +328,7 @@ def test_what_makes_no_template_is_refused(subject, sphere, tmp_path):
     assert not (tmp_path / "t.json").exists()
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize(
     ("change", "reason"),
     [
@@ -357,6 +359,7 @@ def test_damaged_templates_are_refused(standard, subject, tmp_path, change, reas
     refused(reason, voxflat.surface(subject / "lh.white").cut, cuts=tmp_path / "t.json")
 
 
+@pytest.mark.medium
 def test_maps_cut_by_a_template_lie_as_fsaverage5s_flat_map_does(flat, sphere):
     assert flat.metadata["frame"] == "standard"
     assert flat.metadata["cut_names"] == NAMES
@@ -408,6 +411,7 @@ def test_other_maps_stay_as_they_were(subject):
     assert patch.metadata["cut_names"] == []
 
 
+@pytest.mark.medium
 def test_sets_of_points_are_compared_after_the_best_similarity_transform():
     points = np.random.default_rng(3).normal(size=(30, 3))
     turn = Rotation.from_euler("xyz", [20, -130, 70], degrees=True).as_matrix()

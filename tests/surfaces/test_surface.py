@@ -45,6 +45,7 @@ class TestFromVoxels:
             volume = np.einsum("fi,fi->f", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])).sum() / 6
             assert volume == pytest.approx(ball.sum() * abs(np.prod(flip)), rel=0.1)
 
+    @pytest.mark.medium
     @pytest.mark.parametrize("spacing", [(1.0, 1.0, 1.0), (0.6, 0.6, 3.0), (2.0, 0.5, 1.0)])
     def test_points_lie_near_the_surface(self, spacing):
         shape = [int(np.ceil(30 / h)) for h in spacing]

@@ -63,6 +63,7 @@ class TestDistances:
 
 
 class TestFlatten:
+    @pytest.mark.medium
     def test_a_rolled_sheet_is_unrolled(self):
         mesh, places = rolled()
         flat = voxflat.flatten(mesh, Voxflat(sources=200))
@@ -92,12 +93,14 @@ class TestFlatten:
         assert (theirs.triangles.flipped, theirs.triangles.crossings) == (0, 0)
         assert 0.1 < theirs.raw.relative_error < 0.13
 
+    @pytest.mark.medium
     def test_bits_do_not_depend_on_threads(self):
         flat, *others = (voxflat.flatten(bump(), Voxflat(sources=80), threads=n) for n in (None, 1, 2, 3))
         for other in others:
             np.testing.assert_array_equal(flat.uv, other.uv)
             np.testing.assert_array_equal(flat.distortion.per_point, other.distortion.per_point)
 
+    @pytest.mark.medium
     def test_moving_the_mesh_turns_nothing(self):
         points, faces = bump()
         flat = voxflat.flatten((points, faces), Voxflat(sources=60))
@@ -221,6 +224,7 @@ class TestMeasure:
         assert again.raw.stress_1 == pytest.approx(flat_map.distortion.raw.stress_1, rel=1e-5)
         assert again.triangles.flipped == flat_map.distortion.triangles.flipped
 
+    @pytest.mark.medium
     @needs_workbench
     def test_areal_distortion_is_that_of_workbench(self, white, shipped, tmp_path):
         places, faces = shipped
