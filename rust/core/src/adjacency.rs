@@ -40,7 +40,7 @@ pub struct Components {
 
 impl Components {
     /// The label of members that belong to no component.
-    pub const NONE: u32 = u32::MAX;
+    pub(crate) const NONE: u32 = u32::MAX;
 
     /// Finds the components among the allowed ones of `count` members by flood fills from members not yet reached.
     pub(crate) fn of<I: Iterator<Item = u32>>(
@@ -72,17 +72,17 @@ impl Components {
     }
 
     /// Returns the number of components.
-    pub fn count(&self) -> usize {
+    pub(crate) fn count(&self) -> usize {
         self.sizes.len()
     }
 
     /// Returns the component with the most members, and the first of several equally large ones.
-    pub fn largest(&self) -> Option<u32> {
+    pub(crate) fn largest(&self) -> Option<u32> {
         (0..self.sizes.len()).rev().max_by_key(|&c| self.sizes[c]).map(|c| c as u32)
     }
 
     /// Returns the sizes as text, largest first.
-    pub fn describe(&self) -> String {
+    pub(crate) fn describe(&self) -> String {
         let mut sizes = self.sizes.clone();
         sizes.sort_unstable_by(|a, b| b.cmp(a));
         let shown: Vec<String> = sizes.iter().take(5).map(usize::to_string).collect();
@@ -122,7 +122,7 @@ pub(crate) struct Groups {
 
 impl Groups {
     /// Groups members by their group number, for the groups from 0 to `count` - 1.
-    pub fn new(count: usize, of_members: impl Iterator<Item = u32> + Clone) -> Self {
+    pub(crate) fn new(count: usize, of_members: impl Iterator<Item = u32> + Clone) -> Self {
         let starts = starts_of(count, of_members.clone());
         let (mut free, mut members) = (starts.clone(), vec![0; starts[count] as usize]);
         for (member, group) in (0..).zip(of_members) {
@@ -133,7 +133,7 @@ impl Groups {
     }
 
     /// Returns the members of a group in ascending order.
-    pub fn of(&self, group: u32) -> &[u32] {
+    pub(crate) fn of(&self, group: u32) -> &[u32] {
         &self.members[self.starts[group as usize] as usize..self.starts[group as usize + 1] as usize]
     }
 }
@@ -143,11 +143,11 @@ impl Groups {
 pub(crate) struct Sets(Vec<u32>);
 
 impl Sets {
-    pub fn new(count: usize) -> Self {
+    pub(crate) fn new(count: usize) -> Self {
         Self((0..count as u32).collect())
     }
 
-    pub fn find(&mut self, mut member: u32) -> u32 {
+    pub(crate) fn find(&mut self, mut member: u32) -> u32 {
         while self.0[member as usize] != member {
             let above = self.0[self.0[member as usize] as usize];
             self.0[member as usize] = above; // path halving
@@ -157,7 +157,7 @@ impl Sets {
     }
 
     /// Joins two sets, and returns whether they were different.
-    pub fn join(&mut self, a: u32, b: u32) -> bool {
+    pub(crate) fn join(&mut self, a: u32, b: u32) -> bool {
         let (a, b) = (self.find(a), self.find(b));
         self.0[a.max(b) as usize] = a.min(b);
         a != b
@@ -171,7 +171,7 @@ pub(crate) struct Listed(pub Vec<Vec<Arc>>);
 #[cfg(test)]
 impl Listed {
     /// Creates a graph of undirected links, without links from a vertex to itself.
-    pub fn new(vertices: usize, links: &[(u32, u32, f32)]) -> Self {
+    pub(crate) fn new(vertices: usize, links: &[(u32, u32, f32)]) -> Self {
         let mut arcs = vec![Vec::new(); vertices];
         for &(a, b, length) in links.iter().filter(|link| link.0 != link.1) {
             arcs[a as usize].push(Arc { to: b, length });

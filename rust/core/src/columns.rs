@@ -1,5 +1,6 @@
 //! Columns of voxels, each of which is made connected.
 
+use crate::error::check_length;
 use crate::{Control, Result};
 
 /// The offsets to the 26 neighbours that come later in the order of the volume, in lexicographic order.
@@ -33,7 +34,13 @@ const NONE: u32 = u32::MAX;
 /// - `voxels`: The voxels, in the order of the volume.
 /// - `columns`: The column of each voxel, or 0.
 /// - `halfway`: The point of the middle surface that belongs to each voxel, in mm.
+///
+/// # Errors
+/// [`Error::WrongLength`](crate::Error::WrongLength) if there is not one column and one point per voxel, and
+/// [`Error::Cancelled`](crate::Error::Cancelled).
 pub fn connect(voxels: &[[u32; 3]], columns: &[u32], halfway: &[[f64; 3]], control: &Control) -> Result<Vec<u32>> {
+    check_length("columns", columns.len(), "voxels", voxels.len())?;
+    check_length("halfway points", halfway.len(), "voxels", voxels.len())?;
     control.begin("connecting columns", 2);
     let grid = Grid::new(voxels);
     let is_kept = largest_parts(&grid, voxels, columns, control)?;

@@ -70,6 +70,9 @@ impl Control {
     }
 
     /// Returns [`Error::Cancelled`] if cancellation was requested. Computations call it every few milliseconds.
+    ///
+    /// # Errors
+    /// [`Error::Cancelled`] after [`cancel`](Self::cancel).
     #[inline]
     pub fn check(&self) -> Result<()> {
         if self.stop.load(Ordering::Relaxed) { Err(Error::Cancelled) } else { Ok(()) }

@@ -2,15 +2,14 @@
 
 use faer::{MatRef, Side, linalg::solvers::Solve};
 
+use crate::error::check_length;
 use crate::{Error, Result};
 
 /// Solves a symmetric positive definite system. `matrix` contains the rows of the matrix one after the other.
 ///
 /// # Errors
-/// [`Error::Uneven`] if the matrix is not positive definite or not finite.
-///
-/// # Panics
-/// If the matrix is not square, or its side is not the length of `right`.
+/// [`Error::Uneven`] if the matrix is not positive definite or not finite, and [`Error::WrongLength`] if it is not
+/// square, or its side is not the length of `right`.
 ///
 /// # Examples
 /// ```
@@ -20,6 +19,7 @@ use crate::{Error, Result};
 /// ```
 pub fn solve(matrix: &[f64], right: &[f64]) -> Result<Vec<f64>> {
     let side = right.len();
+    check_length("values of the matrix", matrix.len(), "pairs of a row and a column", side * side)?;
     let factor = MatRef::from_row_major_slice(matrix, side, side).llt(Side::Lower).map_err(|_| Error::Uneven)?;
     let solution = factor.solve(MatRef::from_column_major_slice(right, side, 1));
     let found: Vec<f64> = solution.col(0).iter().copied().collect();

@@ -354,6 +354,18 @@ pub enum Error {
     #[error("row {row} of {path} does not match its checksum. Measure again with the same store to recompute the row")]
     StoreDamaged { path: String, row: usize },
 
+    #[error("there are {given} {values}, but {needed} {items}. Give one for each")]
+    WrongLength { values: &'static str, given: usize, items: &'static str, needed: usize },
+
+    #[error("there are no random starts. Give at least one")]
+    NoStarts,
+
+    #[error("the distance rows are not those of the levels. Measure them with the same levels")]
+    ForeignRows,
+
+    #[error("template {template} does not exist: there are {templates}. Give the index of one of the templates")]
+    NoSuchTemplate { template: usize, templates: usize },
+
     #[error("cancelled")]
     Cancelled,
 }
@@ -365,11 +377,19 @@ fn pairs(edges: &[[u32; 2]]) -> String {
 }
 
 /// Checks that every vertex is less than the number of points.
+///
+/// # Errors
+/// [`Error::NoSuchPoint`] for the first vertex that does not exist.
 pub fn check_points(vertices: impl IntoIterator<Item = u32>, points: usize) -> Result<()> {
     match vertices.into_iter().find(|&vertex| vertex as usize >= points) {
         Some(vertex) => Err(Error::NoSuchPoint { vertex: vertex as usize, points }),
         None => Ok(()),
     }
+}
+
+/// Checks that there is one value for each item.
+pub(crate) fn check_length(values: &'static str, given: usize, items: &'static str, needed: usize) -> Result<()> {
+    if given == needed { Ok(()) } else { Err(Error::WrongLength { values, given, items, needed }) }
 }
 
 impl Error {

@@ -95,6 +95,9 @@ impl TriangleFinder {
     }
 
     /// Calls [`find`](Self::find) for many positions in parallel.
+    ///
+    /// # Errors
+    /// [`Error::Cancelled`](crate::Error::Cancelled).
     pub fn find_all(&self, places: &[[f64; 2]], control: &Control) -> Result<Vec<Option<InTriangle>>> {
         control.each("looking up positions", places, CHUNK, |&place| self.find(place))
     }

@@ -123,6 +123,9 @@ impl NearestFinder {
     }
 
     /// Calls [`find`](Self::find) for many points in parallel. It is fastest if successive points are near each other.
+    ///
+    /// # Errors
+    /// [`Error::Cancelled`](crate::Error::Cancelled).
     pub fn find_all(&self, points: &[[f64; 3]], limit: f64, control: &Control) -> Result<Vec<Option<Nearest>>> {
         control.begin("finding the nearest points", points.len().div_ceil(CHUNK) as u64);
         let of_chunk = |few: &[[f64; 3]]| {

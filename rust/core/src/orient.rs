@@ -2,7 +2,9 @@
 
 use nalgebra::{Matrix2, Vector2, Vector3};
 
+use crate::Result;
 use crate::adjacency::{Arc, Links};
+use crate::error::check_length;
 use crate::surface::{VoxelSurface, voxels::graph::VoxelGraph};
 
 /// The minimum share of a direction's variance that the map explains if this direction is used as the map's up.
@@ -16,7 +18,7 @@ const SHORTEST_NORMAL: f64 = 0.3;
 
 /// Returns outward unit normals (RAS+ mm), which point to the background. All are NaN for a voxel sheet, most of which
 /// has background on both sides; elsewhere, thin parts take over the normals around them.
-pub fn outward_normals(surface: &VoxelSurface, graph: &VoxelGraph) -> Vec<Vector3<f64>> {
+pub(crate) fn outward_normals(surface: &VoxelSurface, graph: &VoxelGraph) -> Vec<Vector3<f64>> {
     let points = 0..surface.len();
     let mut normals: Vec<_> =
         points.clone().map(|v| surface.outward(v).try_normalize(0.0).unwrap_or_else(Vector3::zeros)).collect();
@@ -58,7 +60,7 @@ fn mean_around(graph: &VoxelGraph, normals: &[Vector3<f64>], vertex: usize) -> V
 /// - superior is up, if a direction of the map corresponds to it; otherwise anterior, otherwise right.
 ///
 /// `seen_from_outside` is positive if the map already shows the surface from outside, and negative if from inside.
-pub fn orient(points: &[Vector3<f64>], seen_from_outside: f64, uv: &mut [[f64; 2]]) {
+pub(crate) fn orient(points: &[Vector3<f64>], seen_from_outside: f64, uv: &mut [[f64; 2]]) {
     if seen_from_outside < 0.0 {
         uv.iter_mut().for_each(|[_, v]| *v = -*v);
     }
@@ -74,11 +76,14 @@ pub fn orient(points: &[Vector3<f64>], seen_from_outside: f64, uv: &mut [[f64; 2
 
 /// Rotates and translates a map rigidly such that the positions `places` on it come as close as possible to `onto`, by
 /// least squares (Procrustes; Schönemann 1966). The means coincide afterwards. Returns the angle in radians,
-/// counterclockwise; 0 if the positions do not determine it. Panics if the numbers of positions differ.
-pub fn turn_onto(places: &[[f64; 2]], onto: &[[f64; 2]], uv: &mut [[f64; 2]]) -> f64 {
-    assert_eq!(places.len(), onto.len(), "one target per position");
+/// counterclockwise; 0 if the positions do not determine it.
+///
+/// # Errors
+/// [`Error::WrongLength`](crate::Error::WrongLength) if there is not one target per position.
+pub fn turn_onto(places: &[[f64; 2]], onto: &[[f64; 2]], uv: &mut [[f64; 2]]) -> Result<f64> {
+    check_length("targets", onto.len(), "positions", places.len())?;
     if places.is_empty() {
-        return 0.0;
+        return Ok(0.0);
     }
     let mean = |of: &[[f64; 2]]| of.iter().map(|&p| Vector2::from(p)).sum::<Vector2<f64>>() / of.len() as f64;
     let (from, to) = (mean(places), mean(onto));
@@ -92,12 +97,12 @@ pub fn turn_onto(places: &[[f64; 2]], onto: &[[f64; 2]], uv: &mut [[f64; 2]]) ->
         let p = Vector2::from(*place) - from;
         *place = [to.x + p.x * cos - p.y * sin, to.y + p.x * sin + p.y * cos];
     }
-    turn
+    Ok(turn)
 }
 
 /// Returns a positive number if the map shows the surface from outside: the sum over all points of the orientation in
 /// the map of their neighbourhood, projected along the outward direction.
-pub fn handedness(surface: &VoxelSurface, graph: &VoxelGraph, uv: &[[f64; 2]]) -> f64 {
+pub(crate) fn handedness(surface: &VoxelSurface, graph: &VoxelGraph, uv: &[[f64; 2]]) -> f64 {
     let points = surface.points();
     let at_point = |v: usize| {
         let (mut du, mut dv) = (Vector3::zeros(), Vector3::zeros());
@@ -113,7 +118,7 @@ pub fn handedness(surface: &VoxelSurface, graph: &VoxelGraph, uv: &[[f64; 2]]) -
 }
 
 /// Returns the signed area of a map in mm²: positive if most of its faces have the same orientation as on the surface.
-pub fn map_area(faces: &[[u32; 3]], uv: &[[f64; 2]]) -> f64 {
+pub(crate) fn map_area(faces: &[[u32; 3]], uv: &[[f64; 2]]) -> f64 {
     let double = |face: &[u32; 3]| {
         let [[ax, ay], [bx, by], [cx, cy]] = face.map(|v| uv[v as usize]);
         (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)

@@ -9,6 +9,7 @@ use nalgebra::Vector2;
 use spade::{DelaunayTriangulation, HasPosition, Point2, Triangulation};
 
 use crate::adjacency::Links;
+use crate::error::{check_length, check_points};
 use crate::lookup::is_inside;
 use crate::surface::voxels::graph::VoxelGraph;
 use crate::{Control, Error, Result};
@@ -42,10 +43,16 @@ impl Raster {
 
     /// Draws faces in the plane. Pixels of a `torn` face show its nearest corner. The first of overlapping faces
     /// counts.
+    ///
+    /// # Errors
+    /// [`Error::PixelSizeNotPositive`], [`Error::RasterTooLarge`], [`Error::NoSuchPoint`] or [`Error::WrongLength`] of
+    /// the faces, and [`Error::Cancelled`].
     pub fn draw(uv: &[[f64; 2]], faces: &Faces, pixel_size: f64, control: &Control) -> Result<Self> {
         if !(pixel_size > 0.0 && pixel_size.is_finite()) {
             return Err(Error::PixelSizeNotPositive { pixel_size });
         }
+        check_points(faces.corners.iter().flatten().copied(), uv.len())?;
+        check_length("marks of torn faces", faces.torn.len(), "faces", faces.corners.len())?;
         let mut raster = Self::blank(uv, pixel_size)?;
         control.begin("drawing the map", faces.corners.len() as u64);
         for (&face, &torn) in faces.corners.iter().zip(&faces.torn) {
@@ -141,9 +148,13 @@ pub struct Faces {
 
 /// Joins the positions of a map into faces: the Delaunay triangles whose sides are about as short in the plane as those
 /// between neighbours on the surface. Of coincident positions, only one becomes a corner.
-/// Errors: [`Error::TooFewPoints`] if the positions do not span a triangle, [`Error::Cancelled`].
+///
+/// # Errors
+/// [`Error::WrongLength`] if there is not one position per vertex of the graph, [`Error::TooFewPoints`] if the
+/// positions do not span a triangle, and [`Error::Cancelled`].
 pub fn map_faces(uv: &[[f64; 2]], graph: &VoxelGraph, control: &Control) -> Result<Faces> {
     control.check()?;
+    check_length("positions", uv.len(), "vertices", graph.vertices())?;
     let places =
         uv.iter().enumerate().map(|(vertex, &[u, v])| Place { position: Point2::new(u, v), vertex: vertex as u32 });
     let too_few = |_| Error::TooFewPoints { points: uv.len(), needed: 3 };
@@ -171,7 +182,7 @@ pub fn map_faces(uv: &[[f64; 2]], graph: &VoxelGraph, control: &Control) -> Resu
 }
 
 /// Returns the median flat distance between neighbours in mm.
-pub fn usual_step(uv: &[[f64; 2]], graph: &VoxelGraph) -> f64 {
+pub(crate) fn usual_step(uv: &[[f64; 2]], graph: &VoxelGraph) -> f64 {
     let steps = |v: usize| {
         let [x, y] = uv[v];
         graph.arcs(v as u32).map(move |arc| (uv[arc.to as usize][0] - x).hypot(uv[arc.to as usize][1] - y))

@@ -8,6 +8,7 @@
 use nalgebra::{Matrix3, Vector3};
 use rayon::prelude::*;
 
+use crate::error::{check_length, check_points};
 use crate::{Control, Result};
 
 /// The tolerance in barycentric coordinates, so that voxels on a common side lie in at least one tetrahedron.
@@ -38,10 +39,18 @@ pub struct InColumn {
 /// - `inner`, `outer`: The vertices of both surfaces, in voxel indices.
 /// - `numbers`: The identity of each vertex; the two sides of a cut share it.
 /// - `shape`: The shape of the volume.
+///
+/// # Errors
+/// [`Error::WrongLength`](crate::Error::WrongLength) if the surfaces and numbers differ in length,
+/// [`Error::NoSuchPoint`](crate::Error::NoSuchPoint) if a corner is not the number of a vertex, and
+/// [`Error::Cancelled`](crate::Error::Cancelled).
 pub fn voxels(
     inner: &[[f64; 3]], outer: &[[f64; 3]], faces: &[[u32; 3]], numbers: &[i64], shape: [usize; 3], middle: f64,
     control: &Control,
 ) -> Result<Vec<InColumn>> {
+    check_length("outer vertices", outer.len(), "inner vertices", inner.len())?;
+    check_length("numbers", numbers.len(), "inner vertices", inner.len())?;
+    check_points(faces.iter().flatten().copied(), inner.len())?;
     control.begin("finding voxels of the ribbon", faces.len().div_ceil(CHUNK) as u64);
     let of_chunk = |(part, faces): (usize, &[[u32; 3]])| {
         control.check()?;

@@ -1,5 +1,6 @@
 //! Distance rows: the distances from many sources, computed in parallel; [`crate::store`] keeps them on disk.
 
+use crate::error::check_points;
 use crate::geodesic::Solver;
 use crate::parallel::in_turn;
 use crate::{Control, Error, Result};
@@ -13,10 +14,17 @@ pub trait Rows {
     fn columns(&self) -> usize;
 
     /// Passes all rows in the order of the sources. `visit(n, rows)` receives complete rows from the n-th on.
+    ///
+    /// # Errors
+    /// Those of `visit`, of computing the rows or of reading them, and [`Error::Cancelled`].
     fn visit(&self, control: &Control, visit: &mut dyn FnMut(usize, &[f32]) -> Result<()>) -> Result<()>;
 
-    /// Returns the columns of the given vertices. Panics if the rows do not contain all of them.
+    /// Returns the columns of the given vertices.
+    ///
+    /// # Errors
+    /// [`Error::NoSuchPoint`] if the rows do not contain a target, and the errors of [`visit`](Self::visit).
     fn to(&self, targets: &[u32], control: &Control) -> Result<DistanceRows> {
+        check_points(targets.iter().copied(), self.columns())?;
         let sources = self.sources();
         let mut data = Vec::with_capacity(sources.len() * targets.len());
         self.visit(control, &mut |_, rows| {
@@ -29,7 +37,10 @@ pub trait Rows {
         Ok(DistanceRows::new(sources.to_vec(), targets.len(), data))
     }
 
-    /// Returns the columns of the sources. Panics if the rows do not contain all of them.
+    /// Returns the columns of the sources.
+    ///
+    /// # Errors
+    /// [`Error::NoSuchPoint`] if the rows do not contain a source, and the errors of [`visit`](Self::visit).
     fn among(&self, control: &Control) -> Result<DistanceRows> {
         self.to(self.sources(), control)
     }
@@ -45,13 +56,20 @@ pub struct DistanceRows {
 
 impl DistanceRows {
     /// Computes rows from every source to every vertex.
-    /// Errors: [`Error::Unreachable`] if a vertex lies in another component, [`Error::Cancelled`].
+    ///
+    /// # Errors
+    /// [`Error::NoSuchPoint`], [`Error::Unreachable`] if a vertex lies in another component, and the errors of the
+    /// solver.
     pub fn compute<S: Solver>(solver: &S, sources: &[u32], control: &Control) -> Result<Self> {
         Self::measured(solver, sources, None, control)
     }
 
     /// Computes rows from every source to the given vertices, which become the columns. Only one bundle of complete
     /// rows exists per thread.
+    ///
+    /// # Errors
+    /// [`Error::NoSuchPoint`], [`Error::Unreachable`] if a target lies in another component, and the errors of the
+    /// solver.
     pub fn compute_to<S: Solver>(solver: &S, sources: &[u32], targets: &[u32], control: &Control) -> Result<Self> {
         Self::measured(solver, sources, Some(targets), control)
     }
@@ -78,7 +96,7 @@ impl DistanceRows {
 
     /// Creates rows from known distances, `columns` per row, one row after the other.
     /// Panics if the number of rows differs from the number of sources.
-    pub fn new(sources: Vec<u32>, columns: usize, data: Vec<f32>) -> Self {
+    pub(crate) fn new(sources: Vec<u32>, columns: usize, data: Vec<f32>) -> Self {
         assert_eq!(data.len(), sources.len() * columns, "one row per source");
         Self { sources, columns, data }
     }
@@ -94,6 +112,9 @@ impl DistanceRows {
     }
 
     /// Returns the distances from the n-th source.
+    ///
+    /// # Panics
+    /// If there are fewer sources.
     pub fn row(&self, n: usize) -> &[f32] {
         &self.data[n * self.columns..(n + 1) * self.columns]
     }
@@ -120,7 +141,7 @@ impl Rows for DistanceRows {
 
 /// Rows that are recomputed each time they are passed, so that only some of them exist at a time.
 #[derive(Debug)]
-pub struct PassingRows<'a, S> {
+pub(crate) struct PassingRows<'a, S> {
     solver: &'a S,
     sources: &'a [u32],
     at_once: usize,
@@ -128,7 +149,7 @@ pub struct PassingRows<'a, S> {
 
 impl<'a, S: Solver> PassingRows<'a, S> {
     /// Creates rows from every source to every vertex, as many at a time as fit into `bytes` of memory.
-    pub fn new(solver: &'a S, sources: &'a [u32], bytes: u64) -> Self {
+    pub(crate) fn new(solver: &'a S, sources: &'a [u32], bytes: u64) -> Self {
         let row = 4 * solver.columns().max(1) as u64;
         Self { solver, sources, at_once: usize::try_from(bytes / row).unwrap_or(usize::MAX).max(1) }
     }
@@ -160,6 +181,7 @@ impl<S: Solver> Rows for PassingRows<'_, S> {
 fn measure<S: Solver>(
     solver: &S, sources: &[u32], targets: Option<&[u32]>, data: &mut [f32], control: &Control,
 ) -> Result<()> {
+    check_points(sources.iter().chain(targets.unwrap_or_default()).copied(), solver.columns())?;
     let bundles = solver.bundles(sources, rayon::current_num_threads(), control)?;
     let columns = data.len() / sources.len().max(1);
     let mut rows: Vec<_> = data.chunks_exact_mut(columns.max(1)).collect();

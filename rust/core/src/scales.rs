@@ -9,7 +9,7 @@ pub const SMALLEST: f64 = 1e-9;
 
 /// The shortest edge of a mesh whose bounding box is scaled to 1. Fans with edges down to 1e-10 were mapped without
 /// flipped triangles; below, rounding decides the orientation of the smallest triangles.
-pub const SHORTEST_EDGE: f64 = 1e-10;
+pub(crate) const SHORTEST_EDGE: f64 = 1e-10;
 
 /// Returns whether a coordinate is finite and no farther away than [`FARTHEST`].
 pub(crate) fn is_near(coordinate: f64) -> bool {

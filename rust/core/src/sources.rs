@@ -4,15 +4,16 @@ use rand::{SeedableRng, seq::index};
 use rand_chacha::ChaCha8Rng;
 
 use crate::adjacency::Links;
+use crate::error::{check_length, check_points};
 use crate::geodesic::shortest::Search;
 use crate::surface::{Surface, mesh::curvature::mean_curvature};
 use crate::{Control, Error, Result};
 
 /// The smallest number of sources that span a plane.
-pub const FEWEST_SOURCES: usize = 3;
+pub(crate) const FEWEST_SOURCES: usize = 3;
 
 /// Checks that there are enough sources to span a plane.
-pub fn check_enough(sources: usize) -> Result<()> {
+pub(crate) fn check_enough(sources: usize) -> Result<()> {
     if sources < FEWEST_SOURCES { Err(Error::TooFewSources { sources, needed: FEWEST_SOURCES }) } else { Ok(()) }
 }
 
@@ -54,6 +55,10 @@ pub enum Sources {
 
 impl Sources {
     /// Chooses vertices of a connected graph.
+    ///
+    /// # Errors
+    /// [`Error::TooManySources`] if there are fewer vertices, [`Error::NoSuchPoint`] or [`Error::DuplicateSource`] of
+    /// given vertices, [`Error::WrongLength`] if there is not one weight per vertex, and [`Error::Cancelled`].
     pub fn choose(&self, graph: &impl Links, control: &Control) -> Result<Vec<u32>> {
         let points = graph.vertices();
         let checked = |count: usize| {
@@ -65,6 +70,7 @@ impl Sources {
                 Ok(farthest(graph, count, first, first_of_greatest, control)?.0)
             }
             Self::Weighted { count, seed, ref weights } => {
+                check_length("weights", weights.len(), "points", points)?;
                 let first = random(points, checked(count)?.min(1), seed).first().copied();
                 let next = |nearest: &[f32]| {
                     let counted: Vec<f32> = nearest.iter().zip(weights).map(|(near, weight)| near * weight).collect();
@@ -79,7 +85,7 @@ impl Sources {
 }
 
 /// Returns `count` different vertices out of `points`, in ascending order.
-pub fn random(points: usize, count: usize, seed: u64) -> Vec<u32> {
+pub(crate) fn random(points: usize, count: usize, seed: u64) -> Vec<u32> {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let mut chosen: Vec<u32> = index::sample(&mut rng, points, count).iter().map(|v| v as u32).collect();
     chosen.sort_unstable(); // rows of neighbours touch the same memory
@@ -98,10 +104,15 @@ pub fn by_curvature(surface: &Surface, count: usize) -> Vec<f32> {
 /// Divides a graph into the geodesic Voronoi cells of evenly spread sources, as [`Sources::Farthest`], which are chosen
 /// from some vertices. Returns the sources and, for each vertex, the number of the nearest source; the first of several,
 /// and `u32::MAX` if no path leads to one. All vertices on the shortest path to the source are in the same cell.
+///
+/// # Errors
+/// [`Error::NoSuchPoint`], [`Error::TooManySources`] if there are fewer vertices to choose from, and
+/// [`Error::Cancelled`].
 pub fn cells(
     graph: &impl Links, from: &[u32], count: usize, seed: u64, control: &Control,
 ) -> Result<(Vec<u32>, Vec<u32>)> {
     let points = graph.vertices();
+    check_points(from.iter().copied(), points)?;
     if count > from.len() {
         return Err(Error::TooManySources { sources: count, points: from.len() });
     }

@@ -17,6 +17,10 @@ pub struct Mask {
 
 impl Mask {
     /// Creates a mask from its values in C order.
+    ///
+    /// # Errors
+    /// [`Error::VolumeTooLarge`], [`Error::ShapeMismatch`] if there is not one value per voxel, and
+    /// [`Error::EmptyForeground`].
     pub fn new(shape: [usize; 3], inside: Vec<bool>) -> Result<Self> {
         if shape.iter().any(|&n| n > LONGEST_AXIS) {
             return Err(Error::VolumeTooLarge { shape });
@@ -33,6 +37,9 @@ impl Mask {
     }
 
     /// Creates a mask from a rule over voxel indices.
+    ///
+    /// # Errors
+    /// [`Error::VolumeTooLarge`] and [`Error::EmptyForeground`].
     pub fn from_fn(shape: [usize; 3], rule: impl Fn([usize; 3]) -> bool) -> Result<Self> {
         let mut inside = Vec::with_capacity(shape.iter().product());
         for i in 0..shape[0] {
@@ -57,14 +64,14 @@ impl Mask {
 
     /// Returns whether a voxel is foreground. Voxels outside the volume are background.
     #[inline]
-    pub fn is_inside(&self, [i, j, k]: [i64; 3]) -> bool {
+    pub(crate) fn is_inside(&self, [i, j, k]: [i64; 3]) -> bool {
         let [ni, nj, nk] = self.shape;
         let fits = |x: i64, n: usize| x >= 0 && (x as usize) < n;
         fits(i, ni) && fits(j, nj) && fits(k, nk) && self.inside[(i as usize * nj + j as usize) * nk + k as usize]
     }
 
     /// Iterates over the indices of the foreground voxels in C order.
-    pub fn foreground(&self) -> impl Iterator<Item = [i64; 3]> + '_ {
+    pub(crate) fn foreground(&self) -> impl Iterator<Item = [i64; 3]> + '_ {
         let [_, nj, nk] = self.shape.map(|n| n as i64);
         let index = move |flat: usize| {
             let flat = flat as i64;
@@ -87,6 +94,10 @@ impl Affine {
     const SHEAR: f64 = 1e-3;
 
     /// Creates the transform from a homogeneous 4 × 4 matrix.
+    ///
+    /// # Errors
+    /// [`Error::AffineNotFinite`], [`Error::AffineTooFar`], [`Error::AffineNotAffine`], [`Error::SpacingNotPositive`],
+    /// [`Error::SpacingTooSmall`], and [`Error::AffineSheared`].
     pub fn new(matrix: [[f64; 4]; 4]) -> Result<Self> {
         let entries = || (0..16).map(|n| (n / 4, n % 4, matrix[n / 4][n % 4]));
         if let Some((row, column, value)) = entries().find(|(.., value)| !value.is_finite()) {
@@ -119,6 +130,9 @@ impl Affine {
     }
 
     /// Creates an axis-aligned transform with the origin at voxel 0.
+    ///
+    /// # Errors
+    /// [`Error::SpacingNotPositive`], and the errors of [`Affine::new`].
     pub fn from_spacing(spacing: [f64; 3]) -> Result<Self> {
         if let Some(axis) = (0..3).find(|&axis| spacing[axis] <= 0.0) {
             return Err(Error::SpacingNotPositive { axis, spacing: spacing[axis] });
@@ -133,7 +147,7 @@ impl Affine {
     }
 
     /// Returns the 3 × 3 linear part.
-    pub fn linear(&self) -> &Matrix3<f64> {
+    pub(crate) fn linear(&self) -> &Matrix3<f64> {
         &self.linear
     }
 
@@ -150,7 +164,7 @@ impl Affine {
     }
 
     /// Returns the position of a voxel's centre in mm.
-    pub fn to_mm(&self, voxel: [f64; 3]) -> Vector3<f64> {
+    pub(crate) fn to_mm(self, voxel: [f64; 3]) -> Vector3<f64> {
         self.linear * Vector3::from(voxel) + self.translation
     }
 }

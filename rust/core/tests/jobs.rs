@@ -40,7 +40,7 @@ fn cap() -> Surface {
     let (points, faces) = shapes::sphere(4);
     let bumpy = |&[x, y, z]: &[f64; 3]| [x, y, z].map(|c| 20.0 * c * (1.0 + 0.1 * (9.0 * x).sin() * (7.0 * y).cos()));
     let ball = shapes::surface((points.iter().map(bumpy).collect(), faces));
-    ball.part_of_vertices(&ball.points().iter().map(|p| p.z > -2.0).collect::<Vec<_>>())
+    ball.part_of_vertices(&ball.points().iter().map(|p| p.z > -2.0).collect::<Vec<_>>()).unwrap()
 }
 
 #[test]

@@ -143,14 +143,14 @@ impl Surface {
     fn part(&self, py: Python<'_>, keep: Given<'_, bool>) -> PyResult<Self> {
         let keep = convert::values(&keep);
         self.check_length(keep.len(), "keep")?;
-        self.run(py, Some(1), &None, move |inner, _| Ok(inner.surface.part_of_vertices(&keep).into()))
+        self.run(py, Some(1), &None, move |inner, _| Ok(inner.surface.part_of_vertices(&keep)?.into()))
     }
 
     /// Return the faces that are kept (F).
     fn part_of_faces(&self, py: Python<'_>, keep: Given<'_, bool>) -> PyResult<Self> {
         let keep = convert::values(&keep);
         convert::check_length(keep.len(), self.0.surface.faces().len(), "keep", "face")?;
-        self.run(py, Some(1), &None, move |inner, _| Ok(inner.surface.part(&keep).into()))
+        self.run(py, Some(1), &None, move |inner, _| Ok(inner.surface.part_of_faces(&keep)?.into()))
     }
 
     /// Return the geodesic disk around a vertex, and the number of enclosed faces that were filled in.
@@ -216,11 +216,10 @@ pub fn vertex_normals<'py>(
 ) -> PyResult<Table<'py, f64>> {
     let points = convert::rows::<_, 3>(&points, "points")?;
     let faces = convert::rows::<_, 3>(&faces, "faces")?;
-    convert::check_vertices(faces.iter().flatten().copied(), points.len())?;
     let normals = run(py, Some(1), &None, move |_| {
         let points: Vec<_> = points.into_iter().map(Into::into).collect();
         let or_none = |normal: [f64; 3]| if normal == [0.0; 3] { [f64::NAN; 3] } else { normal };
-        Ok(convert::plain(&mesh::vertex_normals(&points, &faces)).into_iter().map(or_none).collect::<Vec<_>>())
+        Ok(convert::plain(&mesh::vertex_normals(&points, &faces)?).into_iter().map(or_none).collect::<Vec<_>>())
     })?;
     convert::array(py, &normals)
 }

@@ -26,6 +26,7 @@ use super::{ANGLES, Atlas};
 use crate::adjacency::distinct;
 use crate::distortion::{faces::stretch_of, overlap::overlaps};
 use crate::embed::stress::descent::Until;
+use crate::error::check_length;
 use crate::surface::Surface;
 use crate::{Control, Error, Result};
 use layout::Layout;
@@ -33,7 +34,7 @@ use seams::{Gluing, Obstacle};
 use settle::are_within;
 
 /// The smallest and the largest bound on C.
-pub const BOUNDS: [f64; 2] = [1.000_001, 10.0];
+pub(crate) const BOUNDS: [f64; 2] = [1.000_001, 10.0];
 
 /// The final optimisation of each piece ends when the energy hardly decreases, or no triangle is distorted.
 const LAST: Until = Until { steps: 40, gain: 1e-6, enough: 1e-16 };
@@ -107,12 +108,14 @@ impl Atlas {
 /// `flat` the positions of their corners in the plane of the patch. Seams that cannot be closed remain as cuts.
 ///
 /// The pieces do not depend on the numbering of vertices and triangles.
-/// Panics if the number of labels or of corner positions differs from the number of faces.
+///
+/// # Errors
+/// [`Error::WrongLength`] if labels or positions are missing, [`Error::GlueBoundOutOfRange`],
+/// [`Error::DegenerateFace`], [`Error::PatchesBeyondBound`] if a patch is distorted more than the bound permits, and
+/// [`Error::Cancelled`].
 pub fn glue(surface: &Surface, labels: &[u32], flat: &[[[f64; 2]; 3]], bound: f64, control: &Control) -> Result<Glued> {
-    assert!(
-        labels.len() == surface.faces().len() && flat.len() == labels.len(),
-        "one label and three positions per face"
-    );
+    check_length("labels", labels.len(), "faces", surface.faces().len())?;
+    check_length("flat triangles", flat.len(), "faces", surface.faces().len())?;
     check_bound(bound)?;
     let facets = Facets::of(surface, control)?;
     let all: Vec<u32> = (0..facets.len() as u32).collect();
@@ -142,7 +145,7 @@ pub fn glue(surface: &Surface, labels: &[u32], flat: &[[[f64; 2]; 3]], bound: f6
 }
 
 /// Checks that patches can be glued within this bound on C.
-pub fn check_bound(bound: f64) -> Result<()> {
+pub(crate) fn check_bound(bound: f64) -> Result<()> {
     let [least, most] = BOUNDS;
     if (least..=most).contains(&bound) { Ok(()) } else { Err(Error::GlueBoundOutOfRange { bound, least, most }) }
 }

@@ -35,7 +35,7 @@ pub use projection::Plane;
 use projection::{Projected, project};
 
 /// The smallest and the largest angle of a patch in degrees.
-pub const ANGLES: [f64; 2] = [0.01, 80.0];
+pub(crate) const ANGLES: [f64; 2] = [0.01, 80.0];
 
 /// The number of angles that are tried to reach a number of patches.
 const BISECTIONS: usize = 12;
@@ -76,7 +76,7 @@ pub struct Certificate {
 
 impl Certificate {
     /// Returns the certificate for an angle by the theorem of Gehring and Väisälä, as in the paper.
-    pub fn of_angle(angle: f64) -> Result<Self> {
+    pub(crate) fn of_angle(angle: f64) -> Result<Self> {
         let [least, most] = ANGLES;
         if !(least..=most).contains(&angle) {
             return Err(Error::AngleOutOfRange { angle, least, most });
@@ -88,7 +88,7 @@ impl Certificate {
     }
 
     /// Returns the certificate for the largest angle whose cosine satisfies a bound on C, and thus on K.
-    pub fn of_bound(bound: f64) -> Result<Self> {
+    pub(crate) fn of_bound(bound: f64) -> Result<Self> {
         let [least, most] = ANGLES.map(|angle| angle.to_radians().cos().recip());
         if !(least..=most).contains(&bound) {
             return Err(Error::BoundOutOfRange { bound, least, most });
@@ -135,6 +135,10 @@ pub struct Atlas {
 /// Flattens a surface of any topology in as few certified patches as are found.
 ///
 /// The patches do not depend on the numbering of vertices and triangles.
+///
+/// # Errors
+/// [`Error::AngleOutOfRange`] or [`Error::BoundOutOfRange`] of the limit, [`Error::TooFewPatches`] if no angle gives so
+/// few patches, [`Error::DegenerateFace`] for a triangle without area, and [`Error::Cancelled`].
 pub fn patches(surface: &Surface, limit: Limit, seeds: Seeds, control: &Control) -> Result<Atlas> {
     let certificate = match limit {
         Limit::Angle(angle) => Some(Certificate::of_angle(angle)?),

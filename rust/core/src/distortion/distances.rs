@@ -20,6 +20,9 @@ const COMPARED: usize = 10_000;
 /// Returns the relative error of a solver's distances: the mean of |δ/δ_exact − 1| over the vertices other than the
 /// source, from two random sources. On surfaces with more than 20,000 vertices, from eight sources over about 10,000
 /// nearest vertices each. NaN if there are none.
+///
+/// # Errors
+/// [`Error::Unreachable`](crate::Error::Unreachable) if the surface is not connected, and the errors of the solver.
 pub fn error_of_distances<S: Solver>(surface: &Surface, solver: &S, seed: u64, control: &Control) -> Result<f64> {
     let count = if is_large(surface.len()) { MORE_SOURCES } else { FEW_SOURCES };
     error_from(&reference_sources(surface.len(), count, seed), surface, solver, control)

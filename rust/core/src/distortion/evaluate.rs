@@ -13,13 +13,13 @@ pub const KEPT_BYTES: u64 = 256 << 20;
 
 /// Returns the maximum memory in bytes for evaluating a map of `points` points by [`REFERENCE_SOURCES`], and their
 /// rows.
-pub fn memory_need(points: usize) -> u64 {
+pub(crate) fn memory_need(points: usize) -> u64 {
     let (rows, of_points) = (4 * points.min(REFERENCE_SOURCES) as u64, 16);
     (rows + of_points) * points as u64 + WORK_BYTES
 }
 
 /// Evaluates a map by the distances from `count` random reference sources.
-pub fn evaluate(
+pub(crate) fn evaluate(
     solver: &impl Solver, uv: &[[f64; 2]], count: usize, seed: u64, control: &Control,
 ) -> Result<Distortion> {
     let reference = reference_sources(uv.len(), count, seed);
@@ -34,6 +34,11 @@ pub fn reference_sources(points: usize, count: usize, seed: u64) -> Vec<u32> {
 /// Evaluates several maps of the same vertices by the distances from the same sources. If the rows take more than
 /// `kept` bytes, they are computed twice instead of being kept; the figures are the same. Maps may have a period, as in
 /// [`measure`].
+///
+/// # Errors
+/// [`Error::NoSuchPoint`](crate::Error::NoSuchPoint) for a source, [`Error::WrongLength`](crate::Error::WrongLength) if
+/// a map does not have one position per vertex, [`Error::Unreachable`](crate::Error::Unreachable) if the surface is not
+/// connected, and the errors of the solver.
 pub fn evaluate_all<S: Solver>(
     solver: &S, maps: &[&[[f64; 2]]], period: Option<f64>, reference: &[u32], kept: u64, seed: u64, control: &Control,
 ) -> Result<Vec<Distortion>> {

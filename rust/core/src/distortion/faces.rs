@@ -11,14 +11,14 @@
 use nalgebra::Vector3;
 use rayon::prelude::*;
 
-use crate::error::check_points;
+use crate::error::{check_length, check_points};
 use crate::{Control, Result};
 
 /// The number of items that one worker processes between two checks for cancellation.
 const CHUNK: usize = 4096;
 
 /// Factors of area change; the share of the surface beyond each of them is reported.
-pub const AREA_FACTORS: [f64; 3] = [1.25, 1.5, 2.0];
+pub(crate) const AREA_FACTORS: [f64; 3] = [1.25, 1.5, 2.0];
 
 /// The distortion of the triangles.
 #[derive(Debug, Clone, PartialEq)]
@@ -100,11 +100,16 @@ pub struct Flipped {
 }
 
 /// Measures a flat map of triangles: `points` (mm) on the surface and `uv` (mm) in the plane are positions of the same
-/// vertices. Panics if the numbers of points and of positions differ.
+/// vertices.
+///
+/// # Errors
+/// [`Error::WrongLength`](crate::Error::WrongLength) if there is not one position per point,
+/// [`Error::NoSuchPoint`](crate::Error::NoSuchPoint) if a corner is not the number of a point, and
+/// [`Error::Cancelled`](crate::Error::Cancelled).
 pub fn measure_faces(
     points: &[Vector3<f64>], faces: &[[u32; 3]], uv: &[[f64; 2]], control: &Control,
 ) -> Result<FaceDistortion> {
-    assert_eq!(points.len(), uv.len(), "one position per vertex");
+    check_length("positions", uv.len(), "points", points.len())?;
     check_points(faces.iter().flatten().copied(), points.len())?;
     control.begin("measuring triangles", 7);
     let place = |vertex: u32| Vector3::new(uv[vertex as usize][0], uv[vertex as usize][1], 0.0);
@@ -153,7 +158,7 @@ pub fn measure_faces(
 
 /// Returns the factor by which a map must be multiplied to have the area of the surface: √(Σ A_surface / Σ A_flat). NaN
 /// if the map has no area. Panics if the numbers of points and of positions differ.
-pub fn equal_area_scale(points: &[Vector3<f64>], faces: &[[u32; 3]], uv: &[[f64; 2]]) -> f64 {
+pub(crate) fn equal_area_scale(points: &[Vector3<f64>], faces: &[[u32; 3]], uv: &[[f64; 2]]) -> f64 {
     assert_eq!(points.len(), uv.len(), "one position per vertex");
     let doubled = |[a, b, c]: [Vector3<f64>; 3]| (b - a).cross(&(c - a)).norm();
     let place = |vertex: u32| Vector3::new(uv[vertex as usize][0], uv[vertex as usize][1], 0.0);

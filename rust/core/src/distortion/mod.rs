@@ -21,6 +21,7 @@ use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 
+use crate::error::check_length;
 use crate::rows::Rows;
 use crate::{Control, Result};
 pub use figures::Figures;
@@ -37,7 +38,7 @@ const CHUNK: usize = 4096;
 
 /// The maximum memory in bytes for evaluating a map, beside the rows and the map itself. The histogram of ratios for
 /// the best scale takes 16 MiB; the rest are the sums of each source, the sums of the threads, and the scatter plot.
-pub const WORK_BYTES: u64 = 40 << 20;
+pub(crate) const WORK_BYTES: u64 = 40 << 20;
 
 /// The distortion of distances.
 #[derive(Debug, Clone, PartialEq)]
@@ -64,10 +65,11 @@ pub struct Distortion {
 
 /// Evaluates flat maps of the same vertices (positions in mm) against distance rows to all of their points. If the maps
 /// repeat in the second direction with a period, distances are measured to the nearest copy.
-pub fn measure<R: Rows>(
+pub(crate) fn measure<R: Rows>(
     maps: &[&[[f64; 2]]], period: Option<f64>, rows: &R, seed: u64, control: &Control,
 ) -> Result<Vec<Distortion>> {
-    let sources = rows.sources().len();
+    let (sources, columns) = (rows.sources().len(), rows.columns());
+    maps.iter().try_for_each(|uv| check_length("positions", uv.len(), "points", columns))?;
     let mut maps: Vec<Evaluated> = maps.iter().map(|&uv| Evaluated::new(Plane { uv, period }, sources, seed)).collect();
     control.begin("measuring distortion", 2);
     pass(&mut maps, rows, control, Evaluated::take_raw)?;
@@ -82,7 +84,7 @@ pub fn measure<R: Rows>(
 
 /// Returns the scale at which the distances of a map are closest to the rows: argmin mean |s·d − δ|/δ. The rows must
 /// reach all points of the map, which may have a period as in [`measure`]. NaN if all positions coincide.
-pub fn best_scale<R: Rows>(uv: &[[f64; 2]], period: Option<f64>, rows: &R, control: &Control) -> Result<f64> {
+pub(crate) fn best_scale<R: Rows>(uv: &[[f64; 2]], period: Option<f64>, rows: &R, control: &Control) -> Result<f64> {
     let mut map = [Evaluated::new(Plane { uv, period }, 0, 0)];
     pass(&mut map, rows, control, |map, block, control| {
         map.begin_ratios(block, control)?;

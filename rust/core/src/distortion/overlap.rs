@@ -32,6 +32,10 @@ pub struct Overlap {
 
 /// Finds where a flat map (`uv`, mm) of triangles overlaps itself. Triangles without area or with an undefined corner
 /// cover nothing. Edges with one face form the boundary.
+///
+/// # Errors
+/// [`Error::NoSuchPoint`](crate::Error::NoSuchPoint) if a corner has no position, and
+/// [`Error::Cancelled`](crate::Error::Cancelled).
 pub fn overlaps(faces: &[[u32; 3]], uv: &[[f64; 2]], control: &Control) -> Result<Overlap> {
     check_points(faces.iter().flatten().copied(), uv.len())?;
     let place = |vertex: u32| Coord { x: uv[vertex as usize][0], y: uv[vertex as usize][1] };

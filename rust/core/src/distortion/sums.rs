@@ -9,7 +9,7 @@ const BANDS_MM: [f64; 4] = [5.0, 10.0, 15.0, 30.0];
 
 /// Sums over pairs (δ, d) at some scale.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
-pub struct Sums {
+pub(crate) struct Sums {
     delta: f64,
     delta_squared: f64,
     d: f64,
@@ -24,7 +24,7 @@ pub struct Sums {
 
 impl Sums {
     /// Adds a pair.
-    pub fn add(&mut self, delta: f64, d: f64) {
+    pub(crate) fn add(&mut self, delta: f64, d: f64) {
         let error = (d - delta).abs();
         let relative = error / delta;
         self.delta += delta;
@@ -61,12 +61,12 @@ impl Sums {
     }
 
     /// Returns the number of pairs.
-    pub fn pairs(&self) -> usize {
+    pub(crate) fn pairs(&self) -> usize {
         self.over(0..self.bands.len()).1 as usize
     }
 
     /// Returns the figures of these pairs, whose d were multiplied by `scale`. Figures without pairs are NaN.
-    pub fn figures(&self, scale: f64) -> Figures {
+    pub(crate) fn figures(&self, scale: f64) -> Figures {
         let relative = |bands| {
             let (sum, count) = self.over(bands);
             sum / count // 0/0 is NaN: undefined
@@ -88,12 +88,12 @@ impl Sums {
     }
 
     /// Returns the mean of δ in mm.
-    pub fn mean_geodesic(&self) -> f64 {
+    pub(crate) fn mean_geodesic(&self) -> f64 {
         self.delta / self.over(0..self.bands.len()).1
     }
 
     /// Returns Pearson's correlation of d and δ.
-    pub fn correlation(&self) -> f64 {
+    pub(crate) fn correlation(&self) -> f64 {
         let n = self.over(0..self.bands.len()).1;
         let covariance = self.product / n - self.d / n * (self.delta / n);
         let variance = |squares: f64, sum: f64| squares / n - (sum / n).powi(2);

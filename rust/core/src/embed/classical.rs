@@ -22,7 +22,7 @@ const ROUNDING: f64 = 1e-6;
 
 /// The positions of the sources in the plane, and the planarity of their distances.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Scaling {
+pub(crate) struct Scaling {
     /// Positions in mm, centred at the origin, along the principal axes.
     pub places: Vec<[f64; 2]>,
     /// The eigenvalues of B with the largest magnitude (mm²), in decreasing order of magnitude. Two dominant ones mean
@@ -33,7 +33,7 @@ pub struct Scaling {
 }
 
 /// Computes classical scaling of the distances among sources. The distances in the two directions are averaged.
-pub fn classical_scaling(distances: &DistanceRows) -> Result<Scaling> {
+pub(crate) fn classical_scaling(distances: &DistanceRows) -> Result<Scaling> {
     let m = distances.sources().len();
     check_enough(m)?;
     let b = double_centred(distances);
@@ -120,7 +120,7 @@ fn leading_eigenpairs(b: &Mat<f64>) -> Result<(Vec<f64>, Mat<f64>)> {
 
 /// Returns the maximum memory in bytes of [`classical_scaling`], or of a system of as many radial functions: distances
 /// of four bytes between any two sources, a matrix of f64, and its factor.
-pub const fn memory_need(sources: usize) -> u64 {
+pub(crate) const fn memory_need(sources: usize) -> u64 {
     (4 + 8 + 8) * (sources as u64).pow(2)
 }
 

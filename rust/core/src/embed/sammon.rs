@@ -20,7 +20,7 @@ const FACTOR: f64 = 0.35;
 const LEAST_CURVATURE: f64 = 1e-3;
 
 /// The maximum number of steps from one start.
-pub const MOST_STEPS: usize = 1500;
+pub(crate) const MOST_STEPS: usize = 1500;
 
 /// The number of steps over which convergence is tested, and the maximum relative change of the stress at convergence.
 const EVALUATED: usize = 20;
@@ -34,7 +34,7 @@ const NEAREST: f64 = 1e-9;
 
 /// The stress of one point's pairs, Σ (d − δ)²/δ, and its derivatives with respect to the point's position.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
-pub struct Pull {
+pub(crate) struct Pull {
     /// Σ (d − δ)²/δ in mm.
     pub stress: f64,
     /// Half its gradient.
@@ -47,7 +47,7 @@ pub struct Pull {
 
 impl Pull {
     /// Computes it for a point's pairs, with all points at `uv`.
-    pub fn of(vertex: usize, near: &[Near], uv: &[[f64; 2]]) -> Self {
+    pub(crate) fn of(vertex: usize, near: &[Near], uv: &[[f64; 2]]) -> Self {
         let [x, y] = uv[vertex];
         let mut pull = Self::default();
         for &Near { vertex, distance } in near {
@@ -113,6 +113,9 @@ pub struct Descended {
 }
 
 /// Optimises a map until its stress hardly changes.
+///
+/// # Errors
+/// [`Error::Cancelled`](crate::Error::Cancelled).
 pub fn descend(pairs: &Neighbourhoods, start: Vec<[f64; 2]>, control: &Control) -> Result<Descended> {
     let mut found = Descended { uv: Vec::new(), least: f64::INFINITY, stresses: Vec::new(), converged: false };
     let mut uv = start;

@@ -5,6 +5,9 @@ use crate::surface::{Surface, VoxelSurface, voxels::cubes::CubeTopology};
 use crate::{Control, Error, Result};
 
 /// Checks that a surface can be flattened as it is.
+///
+/// # Errors
+/// [`Error::NotADisk`] with the counts that differ from those of a disk.
 pub fn check_disk(surface: &Surface) -> Result<()> {
     if surface.len() < FEWEST_SOURCES {
         return Err(Error::TooFewPoints { points: surface.len(), needed: FEWEST_SOURCES });
@@ -20,6 +23,9 @@ pub fn check_disk(surface: &Surface) -> Result<()> {
 }
 
 /// Checks that a connected voxel surface can be flattened.
+///
+/// # Errors
+/// [`Error::TooFewPoints`], [`Error::Closed`] if the voxels enclose an interior, and [`Error::Cancelled`].
 pub fn check_flattenable(surface: &VoxelSurface, control: &Control) -> Result<CubeTopology> {
     let points = surface.len();
     if points < FEWEST_SOURCES {

@@ -16,6 +16,13 @@ use crate::{Control, Result};
 
 /// Flattens a connected part of a voxel surface by the method of Grossmann, Kiryati and Kimmel (2002): chain-code
 /// geodesics, classical scaling of the sources, and radial functions for the other points. Rows are kept on request.
+///
+/// # Errors
+/// Those of [`check_flattenable`](super::check_flattenable) and of [`Sources::choose`],
+/// [`Error::Unreachable`](crate::Error::Unreachable) if the surface is not connected,
+/// [`Error::NotPlanar`](crate::Error::NotPlanar) if the distances describe a line or a point, and
+/// [`Error::EigenNotConverged`](crate::Error::EigenNotConverged) or
+/// [`Error::RadialSingular`](crate::Error::RadialSingular) if a system of equations has no solution.
 pub fn grossmann2002(
     surface: &VoxelSurface, graph: &VoxelGraph, sources: &Sources, seed: u64, keep_rows: bool, control: &Control,
 ) -> Result<FlatMap> {

@@ -88,6 +88,9 @@ pub struct Relaxed {
 }
 
 /// Cuts a disk open where this reduces the distortion of its map most. The result is deterministic.
+///
+/// # Errors
+/// [`Error::RelaxationOption`], [`Error::NotADisk`], and [`Error::Cancelled`].
 pub fn relax(surface: &Surface, relaxation: Relaxation, control: &Control) -> Result<Relaxed> {
     relaxation.validate()?;
     check_disk(surface)?;

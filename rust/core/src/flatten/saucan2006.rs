@@ -35,8 +35,10 @@ pub struct Whole {
 
 /// Flattens a surface in certified patches, glues them into one piece such that max(σ1, 1/σ2) ≤ `bound` for every
 /// triangle, and cuts the surface open along the remaining seams. Distances are only used for the evaluation: along the
-/// links of the uncut graph. Errors: [`Error::NotOnePiece`] if several pieces remain, and the errors of [`patches`],
-/// [`glue::glue`] and the stages.
+/// links of the uncut graph.
+///
+/// # Errors
+/// [`Error::NotOnePiece`] if several pieces remain, and the errors of [`patches`] and [`glue::glue`].
 pub fn saucan2006(surface: &Surface, bound: f64, seed: u64, control: &Control) -> Result<Whole> {
     glue::check_bound(bound)?;
     // C of a projection is 1/cos of the angle, and patches must satisfy the bound before they are glued

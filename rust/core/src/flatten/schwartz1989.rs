@@ -15,7 +15,7 @@ use crate::orient::{map_area, orient};
 use crate::rows::DistanceRows;
 use crate::sources::{FEWEST_SOURCES, Sources};
 use crate::surface::Surface;
-use crate::{Control, Result};
+use crate::{Control, Error, Result};
 
 /// The share of the surface in a neighbourhood: "roughly 10 percent of the surface area of the entire problem".
 const SHARE: f64 = 0.1;
@@ -51,7 +51,11 @@ pub struct Mapped {
 
 /// Flattens a disk by the method of Schwartz, Shaw and Wolfson (1989): exact distances within neighbourhoods and from a
 /// few sources, and Newton steps along each coordinate, from random starts, to the map with the smallest stress. All
-/// vertices take part. Panics if the number of starts is 0.
+/// vertices take part.
+///
+/// # Errors
+/// [`Error::NotADisk`], [`Error::NoStarts`] if there is no start, the errors of [`Sources::choose`] and
+/// [`Neighbourhoods::measure`], and [`Error::NotPlanar`] if the distances among the sources describe a line or a point.
 pub fn schwartz1989(
     surface: &Surface, graph: &GeodesicGraph, options: &Options<'_>, control: &Control,
 ) -> Result<Mapped> {
@@ -86,7 +90,7 @@ fn best_of_starts(
             best = Some(found);
         }
     }
-    Ok((best.expect("there is a start"), stresses))
+    Ok((best.ok_or(Error::NoStarts)?, stresses))
 }
 
 fn scattered(points: usize, side: f64, seed: u64, start: u32) -> Vec<[f64; 2]> {
@@ -113,6 +117,9 @@ fn spectrum(pairs: &Neighbourhoods, sources: &[u32]) -> Result<(Vec<f64>, f64)> 
 
 /// Returns the smallest number of rings with which neighbourhoods contain on average a tenth of the vertices, and at
 /// least a hundred vertices if there are so many.
+///
+/// # Errors
+/// [`Error::Cancelled`].
 pub fn usual_rings(surface: &Surface, control: &Control) -> Result<u32> {
     control.begin("counting neighbours", 1);
     let vertices = surface.len() as f64;
@@ -142,6 +149,9 @@ const VERTEX_BYTES: u64 = 1500;
 const WAVE_BYTES: u64 = 400;
 
 /// Returns the maximum memory in bytes of [`schwartz1989`] beside the surface's input. Neighbourhoods are sampled.
+///
+/// # Errors
+/// [`Error::Cancelled`].
 pub fn memory_need(
     surface: &Surface, rings: Option<u32>, sources: usize, threads: usize, control: &Control,
 ) -> Result<u64> {

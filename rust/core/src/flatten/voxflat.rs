@@ -18,7 +18,13 @@ use crate::{Control, Result, store};
 /// Flattens a disk, given its levels and the distances on them by any solver: minimises stress and the distortion of
 /// triangles, from coarse to fine. No triangle is flipped. Finally, the map is scaled and evaluated by distances along
 /// the graph; levels and rows are dropped before.
-/// Errors: Those of [`check_disk`], [`check_enough`] and the stages, including [`flatten_from`].
+///
+/// # Errors
+/// [`Error::NotADisk`](crate::Error::NotADisk), [`Error::TooFewSources`](crate::Error::TooFewSources),
+/// [`Error::ForeignRows`](crate::Error::ForeignRows); [`Error::NotPlanar`](crate::Error::NotPlanar) if the distances
+/// describe a line or a point; [`Error::Folded`](crate::Error::Folded) if triangles are too thin for their areas to
+/// differ from zero; [`Error::Uneven`](crate::Error::Uneven) if edge lengths vary too much; the errors that begin with
+/// `Start` if the given start cannot be used; and [`Error::Cancelled`](crate::Error::Cancelled).
 pub fn voxflat(
     mut levels: Levels, rows: DistanceRows, &Options { weighting, start, max_area, scale }: &Options,
     graph: &GeodesicGraph, seed: u64, control: &Control,
@@ -27,6 +33,7 @@ pub fn voxflat(
     check_disk(surface)?;
     let sources = levels.landmarks().to_vec();
     check_enough(sources.len())?;
+    levels.check_rows(&rows)?;
     control.begin("classical scaling", 1);
     let among = rows.among(control)?;
     let scaling = classical_scaling(&among)?;
@@ -56,7 +63,7 @@ pub fn voxflat(
     match start {
         Some(start) => {
             let onto: Vec<[f64; 2]> = start.counterclockwise(surface)?.into_iter().map(Into::into).collect();
-            turn_onto(&uv.clone(), &onto, &mut uv);
+            turn_onto(&uv.clone(), &onto, &mut uv)?;
         }
         None => orient(surface.points(), map_area(surface.faces(), &uv), &mut uv),
     }

@@ -6,6 +6,7 @@ use super::voxflat::{self, AfterPlacing};
 use crate::adjacency::marked;
 use crate::distortion::evaluate::{REFERENCE_SOURCES, evaluate};
 use crate::embed::classical::{self, classical_scaling};
+use crate::error::check_length;
 use crate::geodesic::graph::GeodesicGraph;
 use crate::geodesic::marching::{Marching, Wave};
 use crate::orient::{map_area, orient};
@@ -51,7 +52,12 @@ enum Rest<'a> {
 /// scaling of the sources, and placement of the other vertices between them. The evaluation uses the graph, as always.
 ///
 /// Vertices that decimation cannot remove without harm to the surface also become sources. The map optionally keeps the
-/// distance rows. Panics if the number of pixels differs from the number of vertices.
+/// distance rows.
+///
+/// # Errors
+/// [`Error::NotADisk`]; [`Error::TooFewSources`], [`Error::TooManySources`], [`Error::NoSuchPoint`] or
+/// [`Error::DuplicateSource`] of the sampling; [`Error::WrongLength`] or [`Error::NoCell`] of a grid;
+/// [`Error::NotPlanar`] if the distances describe a line or a point; and [`Error::Cancelled`].
 pub fn zigelman2002(
     surface: &Surface, graph: &GeodesicGraph, sampling: &Sampling<'_>, wave: Wave, seed: u64, keep_rows: bool,
     control: &Control,
@@ -101,7 +107,7 @@ fn sample<'a>(
             Ok((sources, Rest::Reinserted(Box::new(decimation))))
         }
         Sampling::Grid { pixels, spacing, count } => {
-            assert_eq!(pixels.len(), points, "one pixel per vertex");
+            check_length("pixels", pixels.len(), "vertices", points)?;
             let lattice = Lattice::new(pixels, spacing, checked(count)?)?;
             Ok((lattice.sources().to_vec(), Rest::Between(lattice)))
         }

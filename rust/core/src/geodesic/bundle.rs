@@ -18,7 +18,7 @@ use crate::adjacency::Links;
 use crate::{Control, Result};
 
 /// The maximum number of sources of a bundle: their distances fill a cache line.
-pub const MOST_SOURCES: usize = 16;
+pub(crate) const MOST_SOURCES: usize = 16;
 
 /// The minimum number of sources for bundling; fewer sources are too far apart.
 const FEWEST_SOURCES: usize = 96;
@@ -66,13 +66,13 @@ pub struct BundleScratch {
 
 impl BundleScratch {
     /// Returns the memory in bytes that one worker needs.
-    pub const fn memory_need(vertices: usize) -> u64 {
+    pub(crate) const fn memory_need(vertices: usize) -> u64 {
         let (lanes, order, from_midst, places, waiting) = (4 * MOST_SOURCES, 8, 4, 4, 1);
         Search::memory_need(vertices) + (lanes + order + from_midst + places + waiting) as u64 * vertices as u64
     }
 
     /// Creates the buffers for a graph.
-    pub fn new(graph: &impl Links) -> Self {
+    pub(crate) fn new(graph: &impl Links) -> Self {
         Self {
             search: Search::new(graph),
             from_midst: Vec::new(),
@@ -84,13 +84,13 @@ impl BundleScratch {
     }
 
     /// Writes the distances from one source to every vertex.
-    pub fn row(&mut self, graph: &impl Links, source: u32, row: &mut [f32], control: &Control) -> Result<()> {
+    pub(crate) fn row(&mut self, graph: &impl Links, source: u32, row: &mut [f32], control: &Control) -> Result<()> {
         search(&mut self.search, graph, source, f32::INFINITY, row, control)
     }
 
     /// Writes the distances from each source of a bundle, its centre first, to every vertex or to the targets: one row
     /// per source. Panics if there are more sources than a bundle can have.
-    pub fn rows(
+    pub(crate) fn rows(
         &mut self, graph: &impl Links, bundle: &[u32], targets: Option<&[u32]>, rows: &mut [&mut [f32]],
         control: &Control,
     ) -> Result<()> {

@@ -31,7 +31,7 @@ use crate::{Control, Error, Result};
 
 /// The weights of Kiryati and Kübler in voxels: direct, minor diagonal, major diagonal link.
 // Grossmann, Kiryati & Kimmel 2002, eq. 2
-pub const KIRYATI_KUBLER: [f64; 3] = [0.9016, 1.289, 1.615];
+pub(crate) const KIRYATI_KUBLER: [f64; 3] = [0.9016, 1.289, 1.615];
 
 /// The largest ratio of spacings for which links are measured. Far above, most steps along the long axis coincide with
 /// steps along the short ones, and weights that are right on average are meaningless for a single line.
@@ -54,6 +54,9 @@ pub struct ChainWeights([f64; 8]);
 
 impl ChainWeights {
     /// Computes the weights for voxels of this spacing (mm).
+    ///
+    /// # Errors
+    /// [`Error::TooAnisotropic`] if the longest spacing exceeds the shortest one by more than a factor of 20.
     pub fn new(spacing: [f64; 3], lengths: LinkLengths) -> Result<Self> {
         let longest = spacing.iter().fold(0.0, |a: f64, &b| a.max(b));
         let shortest = spacing.iter().fold(f64::INFINITY, |a: f64, &b| a.min(b));
@@ -136,6 +139,9 @@ fn octant_directions() -> impl Iterator<Item = [f64; 3]> {
 }
 
 /// Creates the 26-neighbour graph of a surface.
+///
+/// # Errors
+/// [`Error::TooAnisotropic`], [`Error::GraphTooLarge`], and [`Error::Cancelled`].
 pub fn chain_graph(surface: &VoxelSurface, lengths: LinkLengths, control: &Control) -> Result<VoxelGraph> {
     let weights = ChainWeights::new(surface.affine().spacing(), lengths)?;
     VoxelGraph::of(surface, weights.lengths(), control)

@@ -25,7 +25,7 @@ pub use wave::Wave;
 
 /// The range of distances to compute.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Reach {
+pub(crate) struct Reach {
     /// The maximum distance in mm.
     pub mm: f64,
     /// The number of rings of faces around the source that paths may use; faces that touch it are the first ring.
@@ -54,7 +54,7 @@ impl<'a> Exact<'a> {
 
     /// Limits the solver to distances within reach; all others are infinite.
     #[must_use]
-    pub fn within(self, reach: Reach) -> Self {
+    pub(crate) fn within(self, reach: Reach) -> Self {
         Self { reach, ..self }
     }
 }

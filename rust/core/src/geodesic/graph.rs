@@ -44,16 +44,20 @@ pub struct GeodesicGraph {
 impl GeodesicGraph {
     /// Returns the maximum memory in bytes of a graph, while its links are found: more than was measured
     /// (docs/decisions/0034).
-    pub fn memory_need(vertices: usize) -> u64 {
+    pub(crate) fn memory_need(vertices: usize) -> u64 {
         vertices as u64 * if edges_crossed(vertices) == 11 { 1800 } else { 1000 }
     }
 
     /// Returns the maximum memory in bytes of the finished graph, with about 94 links per vertex, or 50.
-    pub fn size(vertices: usize) -> u64 {
+    pub(crate) fn size(vertices: usize) -> u64 {
         vertices as u64 * if edges_crossed(vertices) == 11 { 760 } else { 410 }
     }
 
     /// Creates the graph of a surface.
+    ///
+    /// # Errors
+    /// [`Error::TooManyLinks`](crate::Error::TooManyLinks) if 32 bits cannot count the links, and
+    /// [`Error::Cancelled`](crate::Error::Cancelled).
     pub fn new(surface: &Surface, control: &Control) -> Result<Self> {
         Self::in_layers(surface, edges_crossed(surface.len()), LAYERS, control)
     }
@@ -76,11 +80,6 @@ impl GeodesicGraph {
 
     fn links_of(&self, vertex: u32) -> &[Arc] {
         &self.arcs[self.starts[vertex as usize] as usize..self.starts[vertex as usize + 1] as usize]
-    }
-
-    /// Returns the number of links, counted from both of their ends.
-    pub fn links(&self) -> usize {
-        self.arcs.len()
     }
 }
 
@@ -184,7 +183,7 @@ mod tests {
         for surface in surfaces.iter().flat_map(even_and_uneven) {
             let graph = |layers| GeodesicGraph::in_layers(&surface, 9, layers, &Control::default()).unwrap();
             let once = graph(1);
-            assert!(once.links() > 20 * surface.len());
+            assert!(once.arcs.len() > 20 * surface.len());
             for layers in [2, 3, 8, 14] {
                 assert_eq!((graph(layers).starts, graph(layers).arcs), (once.starts.clone(), once.arcs.clone()));
             }

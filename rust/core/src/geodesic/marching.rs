@@ -65,6 +65,9 @@ pub struct Marching<'a> {
 
 impl<'a> Marching<'a> {
     /// Creates the solver from the triangles of a surface, with obtuse corners split.
+    ///
+    /// # Errors
+    /// [`Error::Cancelled`](crate::Error::Cancelled).
     pub fn new(surface: &'a Surface, wave: Wave, control: &Control) -> Result<Self> {
         let mut fronts: Vec<(u32, Front)> = Vec::with_capacity(2 * surface.twins().len());
         for corner in 0..surface.twins().len() as u32 {

@@ -8,6 +8,7 @@ use rayon::prelude::*;
 use super::exact::{Exact, Reach};
 use super::solver::Solver;
 use crate::adjacency::marked;
+use crate::error::check_points;
 use crate::surface::{Surface, mesh::paths::Network};
 use crate::{Control, Error, Result};
 
@@ -16,7 +17,7 @@ const COUNTED: usize = 1024;
 
 /// A nearby vertex and its distance in mm.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Near {
+pub(crate) struct Near {
     /// The vertex.
     pub vertex: u32,
     /// Its distance along the surface.
@@ -36,9 +37,14 @@ impl Neighbourhoods {
     ///
     /// A path within the rings can be longer than the shortest one; the shorter one of both directions is used. With
     /// `keep_rows`, also returns the rows from the sources to all vertices, as measured.
+    ///
+    /// # Errors
+    /// [`Error::NoSuchPoint`] for a source, [`Error::Unreachable`] if a vertex has no neighbour or cannot be reached
+    /// from a source, and [`Error::Cancelled`].
     pub fn measure(
         surface: &Surface, rings: Option<u32>, sources: &[u32], keep_rows: bool, control: &Control,
     ) -> Result<(Self, Option<Vec<f32>>)> {
+        check_points(sources.iter().copied(), surface.len())?;
         control.begin("measuring neighbourhoods", surface.len() as u64);
         let everywhere = Exact::new(surface);
         let within = Exact::new(surface).within(Reach { rings, ..Reach::default() });
@@ -126,17 +132,17 @@ impl Neighbourhoods {
     }
 
     /// Returns the number of pairs of vertices.
-    pub fn pairs(&self) -> usize {
+    pub(crate) fn pairs(&self) -> usize {
         self.near.len() / 2
     }
 
     /// Returns the sum of the distances of all pairs, counted from both ends, in mm.
-    pub fn total(&self) -> f64 {
+    pub(crate) fn total(&self) -> f64 {
         self.total
     }
 
     /// Returns the vertices near a vertex.
-    pub fn of_vertex(&self, vertex: usize) -> &[Near] {
+    pub(crate) fn of_vertex(&self, vertex: usize) -> &[Near] {
         &self.near[self.starts[vertex]..self.starts[vertex + 1]]
     }
 }
@@ -157,6 +163,9 @@ fn merge(row: &[Near], sources: &[u32], to: &mut Vec<Near>) {
 
 /// Returns the number of vertices within 1, 2, 3 … rings around a vertex, including it, up to all vertices; the mean
 /// over a sample of vertices, or over all if they are few.
+///
+/// # Errors
+/// [`Error::Cancelled`].
 pub fn sizes_of_rings(surface: &Surface, most: Option<u32>, control: &Control) -> Result<Vec<f64>> {
     let edges = Network::of(surface);
     let counted = surface.len().min(COUNTED);

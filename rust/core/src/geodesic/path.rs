@@ -29,7 +29,7 @@ pub enum Site {
 
 impl PathPoint {
     /// Returns the point at a site.
-    pub fn at(surface: &Surface, site: Site) -> Self {
+    pub(crate) fn at(surface: &Surface, site: Site) -> Self {
         let place = |v: u32| surface.points()[v as usize];
         let point = match site {
             Site::Vertex(vertex) => place(vertex),
@@ -53,7 +53,7 @@ pub(super) mod checks {
     use crate::surface::mesh::{BORDER, shapes};
 
     /// Returns a grid with reproducibly random hills.
-    pub fn bumpy(m: usize, n: usize, seed: u64) -> Surface {
+    pub(crate) fn bumpy(m: usize, n: usize, seed: u64) -> Surface {
         use rand::{Rng, SeedableRng};
         let mut random = rand_chacha::ChaCha8Rng::seed_from_u64(seed);
         let (points, faces) = shapes::sheet(m, n);
@@ -80,7 +80,7 @@ pub(super) mod checks {
     }
 
     /// Asserts that each point is at its site, and that each segment lies within a face.
-    pub fn assert_on_surface(surface: &Surface, path: &[PathPoint]) {
+    pub(crate) fn assert_on_surface(surface: &Surface, path: &[PathPoint]) {
         for passed in path {
             assert_eq!(*passed, PathPoint::at(surface, passed.site));
             assert!(!matches!(passed.site, Site::Edge { along, .. } if !(0.0..=1.0).contains(&along)), "{passed:?}");

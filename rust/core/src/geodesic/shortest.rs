@@ -5,6 +5,7 @@
 //! that one link can span are in use at a time, so they are kept in a ring.
 
 use crate::adjacency::{Arc, Links};
+use crate::error::{check_length, check_points};
 use crate::{Control, Error, Result};
 
 /// The maximum number of buckets in the ring. If lengths of links differ more, buckets are wider than the shortest
@@ -24,7 +25,7 @@ pub(super) fn is_sparse(graph: &impl Links) -> bool {
 
 /// A reusable search through one graph.
 #[derive(Debug)]
-pub struct Search {
+pub(crate) struct Search {
     per_mm: f32,
     buckets: Vec<Vec<(u32, f32)>>,
     current: Vec<(u32, f32)>,
@@ -35,12 +36,12 @@ pub struct Search {
 impl Search {
     /// Returns the memory in bytes that one worker needs for a row: its distances, and two entries of eight bytes per
     /// vertex in the buckets, because a vertex that comes closer is entered again.
-    pub const fn memory_need(vertices: usize) -> u64 {
+    pub(crate) const fn memory_need(vertices: usize) -> u64 {
         (4 + 16) * vertices as u64
     }
 
     /// Creates a search whose buckets fit the links of `graph`.
-    pub fn new(graph: &impl Links) -> Self {
+    pub(crate) fn new(graph: &impl Links) -> Self {
         let [shortest, longest] = graph.extremes();
         // as wide as the shortest link if possible: what is passed on then lands in a later bucket (Denardo & Fox 1979)
         let width = shortest.max(longest / MOST_BUCKETS).max(f32::MIN_POSITIVE);
@@ -56,7 +57,9 @@ impl Search {
     /// If `distance` is infinite except for one seed at 0, this gives a distance row. Previous values are also limits:
     /// with a radius instead of infinity, only a disk is searched; with distances to other sources, only what is closer
     /// to a new one.
-    pub fn lower(&mut self, graph: &impl Links, seeds: &[u32], distance: &mut [f32], control: &Control) -> Result<()> {
+    pub(crate) fn lower(
+        &mut self, graph: &impl Links, seeds: &[u32], distance: &mut [f32], control: &Control,
+    ) -> Result<()> {
         let Self { per_mm, buckets, current, lowered } = self;
         let ring = buckets.len();
         let bucket_of = |distance: f32| (distance * *per_mm) as usize;
@@ -145,9 +148,14 @@ fn pass_many(graph: &impl Links, some: &[(u32, f32)], distance: &mut [f32], mut 
 }
 
 /// Returns the vertices of a shortest path from the source of `row` to `target`, including both; of equal paths, the
-/// one through the lowest vertices. (The black path in figure 3 of Grossmann et al.) Errors: [`Error::Unreachable`] if
-/// the row is infinite at `target`, or does not start at `source`; [`Error::Cancelled`].
+/// one through the lowest vertices. (The black path in figure 3 of Grossmann et al.)
+///
+/// # Errors
+/// [`Error::WrongLength`] if the row does not have one distance per vertex, [`Error::NoSuchPoint`],
+/// [`Error::Unreachable`] if the row is infinite at `target` or does not start at `source`, and [`Error::Cancelled`].
 pub fn trace_path(graph: &impl Links, row: &[f32], source: u32, target: u32, control: &Control) -> Result<Vec<u32>> {
+    check_length("distances", row.len(), "vertices", graph.vertices())?;
+    check_points([source, target], row.len())?;
     let unreachable = || Error::Unreachable { source_vertex: source as usize, vertex: target as usize };
     if row[target as usize].is_infinite() {
         return Err(unreachable());

@@ -17,16 +17,25 @@ pub trait Solver: Sync {
     fn columns(&self) -> usize;
 
     /// Writes the distances in mm from `source` to every vertex; infinity where it cannot be reached.
+    ///
+    /// # Errors
+    /// [`Error::Cancelled`](crate::Error::Cancelled), and others that a solver has.
     fn row(&self, source: u32, row: &mut [f32], scratch: &mut Self::Scratch, control: &Control) -> Result<()>;
 
     /// Groups sources that are best computed together, by number, in enough groups for all threads; rows do not depend
     /// on it.
+    ///
+    /// # Errors
+    /// [`Error::Cancelled`](crate::Error::Cancelled).
     fn bundles(&self, sources: &[u32], threads: usize, control: &Control) -> Result<Vec<Vec<u32>>> {
         let _ = (threads, control);
         Ok((0..sources.len() as u32).map(|number| vec![number]).collect())
     }
 
     /// Writes the distances in mm from the sources of a bundle to every vertex or the targets; infinity if unreachable.
+    ///
+    /// # Errors
+    /// Those of [`row`](Self::row).
     fn rows(
         &self, bundle: &[u32], targets: Option<&[u32]>, rows: &mut [&mut [f32]], scratch: &mut Self::Scratch,
         control: &Control,
@@ -45,6 +54,9 @@ pub trait Solver: Sync {
     }
 
     /// Returns a hash of everything that distances depend on, the same on every machine.
+    ///
+    /// # Errors
+    /// [`Error::Cancelled`](crate::Error::Cancelled).
     fn fingerprint(&self, control: &Control) -> Result<u64>;
 }
 
@@ -53,13 +65,13 @@ pub trait Solver: Sync {
 pub(crate) struct Fingerprint(u64);
 
 impl Fingerprint {
-    pub fn mix(&mut self, word: u64) {
+    pub(crate) fn mix(&mut self, word: u64) {
         // multiplication by 2⁶⁴ over the golden ratio spreads every bit upwards (Knuth), and the shift brings it back
         self.0 = (self.0 ^ word).wrapping_mul(0x9e37_79b9_7f4a_7c15); // odd, so nothing is lost
         self.0 ^= self.0 >> 32;
     }
 
-    pub fn finish(&self) -> u64 {
+    pub(crate) fn finish(&self) -> u64 {
         self.0
     }
 }

@@ -12,8 +12,10 @@ const MOST_FILLED: f64 = 0.1;
 
 /// Returns the geodesic disk of a surface, and the number of faces that were filled in. The disk contains the faces
 /// within `radius` mm of a vertex, and the small pieces that they enclose.
-/// Errors: [`Error::RadiusNotPositive`], [`Error::NoSuchPoint`], [`Error::EmptyDisk`] if no face lies within the
-/// radius, [`Error::DiskEncloses`] if a large piece is enclosed, [`Error::Cancelled`].
+///
+/// # Errors
+/// [`Error::RadiusNotPositive`], [`Error::NoSuchPoint`], [`Error::EmptyDisk`] if no face lies within the radius,
+/// [`Error::DiskEncloses`] if a large piece is enclosed, and [`Error::Cancelled`].
 pub fn disk(
     surface: &Surface, graph: &impl Links, seed: u32, radius: f64, control: &Control,
 ) -> Result<(Surface, usize)> {

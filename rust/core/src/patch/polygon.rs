@@ -6,8 +6,11 @@ use crate::{Control, Error, Result};
 
 /// Returns the part with the smaller area of a surface that the closed shortest path through `corners` divides, and the
 /// path, whose last vertex is its first. If the path touches itself and cuts off several pieces, the part contains all
-/// but the largest. Errors: [`Error::FewCorners`], [`Error::NoSuchPoint`], [`Error::Unreachable`],
-/// [`Error::NotEnclosing`] if the path does not divide the surface, [`Error::Cancelled`].
+/// but the largest.
+///
+/// # Errors
+/// [`Error::FewCorners`], [`Error::NoSuchPoint`], [`Error::Unreachable`], [`Error::NotEnclosing`] if the path does not
+/// divide the surface, and [`Error::Cancelled`].
 pub fn polygon(surface: &Surface, corners: &[u32], control: &Control) -> Result<(Surface, Vec<u32>)> {
     if corners.len() < 3 {
         return Err(Error::FewCorners { corners: corners.len() });

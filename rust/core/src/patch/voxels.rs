@@ -63,7 +63,9 @@ fn largest_component(surface: &VoxelSurface, graph: &VoxelGraph) -> VoxelSurface
 }
 
 /// Returns the part of a surface to flatten, with its graph: the selected patch, or else the largest component.
-/// Errors: [`Error::ShapeMismatch`] and [`Error::EmptyPatch`] for the mask, [`Error::RadiusNotPositive`] and
+///
+/// # Errors
+/// [`Error::ShapeMismatch`] and [`Error::EmptyPatch`] for the mask, [`Error::RadiusNotPositive`] and
 /// [`Error::SeedOffSurface`] for the disk; [`Error::Disconnected`] if a selected patch is not connected.
 pub fn cut_out(
     surface: &VoxelSurface, selection: &Selection<'_>, lengths: LinkLengths, control: &Control,

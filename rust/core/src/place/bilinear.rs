@@ -13,7 +13,7 @@ const BATCH: usize = 1 << 14;
 
 /// A lattice of rows and columns of an image, and the vertices of its pixels.
 #[derive(Debug, Clone)]
-pub struct Lattice<'a> {
+pub(crate) struct Lattice<'a> {
     pixels: &'a [[u32; 2]],
     rows: Vec<u32>,
     columns: Vec<u32>,
@@ -26,7 +26,7 @@ impl<'a> Lattice<'a> {
     /// Creates a lattice of about `count` nodes over the pixels (row, column) of the vertices, with cells that are as
     /// square as possible; `spacing` is the distance between rows and between columns.
     /// Errors: [`Error::NoCell`] if no cell has a vertex at all four nodes.
-    pub fn new(pixels: &'a [[u32; 2]], spacing: [f64; 2], count: usize) -> Result<Self> {
+    pub(crate) fn new(pixels: &'a [[u32; 2]], spacing: [f64; 2], count: usize) -> Result<Self> {
         let [rows, columns] = [0, 1].map(|axis| extent(pixels, axis));
         let sides = [(rows, spacing[0]), (columns, spacing[1])].map(|((low, high), step)| f64::from(high - low) * step);
         // rows · columns = count, and rows/columns = height/width
@@ -47,13 +47,13 @@ impl<'a> Lattice<'a> {
     }
 
     /// Returns the vertices on the lattice.
-    pub fn sources(&self) -> &[u32] {
+    pub(crate) fn sources(&self) -> &[u32] {
         &self.sources
     }
 
     /// Returns the positions of all vertices, given those of the sources.
     /// Panics if the number of positions differs from the number of sources.
-    pub fn place(&self, places: &[[f64; 2]], control: &Control) -> Result<Vec<[f64; 2]>> {
+    pub(crate) fn place(&self, places: &[[f64; 2]], control: &Control) -> Result<Vec<[f64; 2]>> {
         assert_eq!(places.len(), self.sources.len(), "one position per source");
         let nearest = self.nearest_complete();
         let mut uv = Vec::with_capacity(self.pixels.len());

@@ -13,7 +13,7 @@ const BATCH: usize = 1024;
 
 /// Two coordinates interpolated in space.
 #[derive(Debug, Clone)]
-pub struct RadialFunctions {
+pub(crate) struct RadialFunctions {
     centre: Vector3<f64>,
     axes: Vec<Vector3<f64>>,
     x: Vec<f64>,
@@ -28,7 +28,7 @@ impl RadialFunctions {
     ///
     /// The linear part covers only the directions in which the points extend. For points in a plane or on a line,
     /// equations 8 and 9 do not determine the other directions, which are excluded.
-    pub fn fit(points: &[Vector3<f64>], values: &[[f64; 2]]) -> Result<Self> {
+    pub(crate) fn fit(points: &[Vector3<f64>], values: &[[f64; 2]]) -> Result<Self> {
         let m = points.len();
         let centre = points.iter().sum::<Vector3<f64>>() / m.max(1) as f64;
         let axes = extended_axes(points, centre);
@@ -67,7 +67,7 @@ impl RadialFunctions {
     }
 
     /// Returns the two values at a point (mm).
-    pub fn at(&self, point: &Vector3<f64>) -> [f64; 2] {
+    pub(crate) fn at(&self, point: &Vector3<f64>) -> [f64; 2] {
         let p = point - self.centre;
         let mut sum = [self.linear[0][0], self.linear[1][0]];
         for (k, axis) in self.axes.iter().enumerate() {
@@ -104,7 +104,7 @@ impl RadialFunctions {
     }
 
     /// Returns the values at many points, computed in parallel.
-    pub fn at_all(&self, points: &[Vector3<f64>], control: &Control) -> Result<Vec<[f64; 2]>> {
+    pub(crate) fn at_all(&self, points: &[Vector3<f64>], control: &Control) -> Result<Vec<[f64; 2]>> {
         control.each("placing the remaining points", points, BATCH, |point| self.at(point))
     }
 }

@@ -7,6 +7,7 @@
 
 use nalgebra::Vector2;
 
+use crate::error::check_points;
 use crate::surface::decimate::Removals;
 use crate::{Control, Result};
 
@@ -40,8 +41,13 @@ impl Default for Placing {
 
 /// Writes the position (mm) of every removed vertex to `uv`, which holds the positions of the remaining vertices.
 /// Returns the number of vertices for which no position preserves the orientation of their triangles.
-/// Panics if `uv` is shorter than the number of vertices.
+///
+/// # Errors
+/// [`Error::NoSuchPoint`](crate::Error::NoSuchPoint) if `uv` is shorter than the number of vertices, and
+/// [`Error::Cancelled`](crate::Error::Cancelled).
 pub fn place(removals: &Removals, uv: &mut [[f64; 2]], placing: &Placing, control: &Control) -> Result<usize> {
+    let vertices = removals.iter().flat_map(|removal| removal.neighbours.iter().copied().chain([removal.vertex]));
+    check_points(vertices, uv.len())?;
     control.begin("placing the remaining points", removals.len() as u64);
     let hand = if placing.is_mirrored { -1.0 } else { 1.0 }; // the weights refer to an unmirrored map
     let mut ring: Vec<Place> = Vec::new();

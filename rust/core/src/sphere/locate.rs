@@ -2,7 +2,9 @@
 
 use nalgebra::Vector3;
 
-use super::map::determinant;
+use super::map::{check_closed, determinant};
+use crate::Result;
+use crate::surface::Surface;
 
 /// The maximum number of cells along the side of a cube's face.
 const MOST_CELLS: usize = 256;
@@ -31,22 +33,31 @@ pub struct Located {
 
 impl Located {
     /// Returns values at the vertices, interpolated at the position.
-    pub fn value(&self, faces: &[[u32; 3]], values: &[f64]) -> f64 {
+    pub(crate) fn value(&self, faces: &[[u32; 3]], values: &[f64]) -> f64 {
         let face = faces[self.face as usize];
         (0..3).map(|k| self.weights[k] * values[face[k] as usize]).sum()
     }
 
     /// Returns vectors at the vertices, interpolated at the position.
-    pub fn vector(&self, faces: &[[u32; 3]], vectors: &[Vector3<f64>]) -> Vector3<f64> {
+    pub(crate) fn vector(&self, faces: &[[u32; 3]], vectors: &[Vector3<f64>]) -> Vector3<f64> {
         let face = faces[self.face as usize];
         (0..3).map(|k| vectors[face[k] as usize] * self.weights[k]).sum()
     }
 }
 
 impl<'a> Locator<'a> {
-    /// Creates a locator from the points of a triangulation, triangles that run counterclockwise as seen from outside
-    /// and cover the sphere once, and the twin of each half-edge.
-    pub fn new(points: &'a [Vector3<f64>], faces: &'a [[u32; 3]], twins: &'a [u32]) -> Self {
+    /// Creates a locator from a triangulation whose triangles run counterclockwise as seen from outside and cover the
+    /// sphere once.
+    ///
+    /// # Errors
+    /// [`Error::NotASphere`](crate::Error::NotASphere) if it is not closed, not connected, or has handles.
+    pub fn new(sphere: &'a Surface) -> Result<Self> {
+        check_closed(sphere)?;
+        Ok(Self::over(sphere))
+    }
+
+    pub(crate) fn over(sphere: &'a Surface) -> Self {
+        let (points, faces, twins) = (sphere.points(), sphere.faces(), sphere.twins());
         // about half as many cells on the six sides of the cube as triangles
         let side = ((faces.len() as f64 / 12.0).sqrt().ceil() as usize).clamp(1, MOST_CELLS);
         let mut found = Self { points, faces, twins, cells: Vec::new(), side };
@@ -69,7 +80,7 @@ impl<'a> Locator<'a> {
     }
 
     /// Returns the triangle that contains a position, starting from a known triangle near it.
-    pub fn walk(&self, place: &Vector3<f64>, from: u32) -> Located {
+    pub(crate) fn walk(&self, place: &Vector3<f64>, from: u32) -> Located {
         let mut face = from;
         for step in 0..4 * self.faces.len() {
             let [a, b, c] = self.faces[face as usize].map(|v| self.points[v as usize]);

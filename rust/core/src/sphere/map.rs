@@ -16,6 +16,7 @@ use std::collections::{BinaryHeap, HashMap, HashSet};
 use nalgebra::{Matrix2, Vector2, Vector3};
 
 use crate::adjacency::Groups;
+use crate::error::check_points;
 use crate::surface::decimate::{self, Decimation, decimate};
 use crate::surface::mesh::{BORDER, next};
 use crate::surface::{Surface, cuts::holes::fill_holes, topology::Topology};
@@ -48,8 +49,10 @@ const LEAST_LEFT: f64 = 0.1;
 /// Returns the vertices' positions on the unit sphere: triangles run counterclockwise from outside, and cover it once.
 ///
 /// The rotation is arbitrary; the result for a surface is deterministic, bit by bit.
-/// Errors: [`Error::NotASphere`] if the surface is not closed, not connected, or has handles; [`Error::Folded`] if
-/// triangles are too thin for their areas to differ from zero; [`Error::Cancelled`].
+///
+/// # Errors
+/// [`Error::NotASphere`] if the surface is not closed, not connected, or has handles; [`Error::Folded`] if triangles
+/// are too thin for their areas to differ from zero; and [`Error::Cancelled`].
 pub fn spherical_map(surface: &Surface, control: &Control) -> Result<Vec<Vector3<f64>>> {
     let closed = closed(surface, control)?;
     let levels = levels(&closed, control)?;
@@ -75,7 +78,16 @@ pub(crate) fn map_of_level(
 }
 
 /// Returns the number of triangles that are flipped or have no area on the sphere, which is 0 if the map is one to one.
-pub fn flipped(faces: &[[u32; 3]], places: &[Vector3<f64>]) -> usize {
+///
+/// # Errors
+/// [`Error::NoSuchPoint`] if a corner has no position.
+pub fn flipped(faces: &[[u32; 3]], places: &[Vector3<f64>]) -> Result<usize> {
+    check_points(faces.iter().flatten().copied(), places.len())?;
+    Ok(turned_over(faces, places))
+}
+
+/// Returns the number of [`flipped`] triangles of valid faces.
+pub(crate) fn turned_over(faces: &[[u32; 3]], places: &[Vector3<f64>]) -> usize {
     faces.iter().filter(|face| determinant(face.map(|v| places[v as usize])) <= 0.0).count()
 }
 
@@ -164,7 +176,7 @@ fn ears(around: &[u32], surface: &Surface, edges: &mut HashSet<(u32, u32)>, face
     (0..count).filter(|&n| !is_clipped[n]).map(|n| around[n]).collect()
 }
 
-fn check_closed(surface: &Surface) -> Result<()> {
+pub(crate) fn check_closed(surface: &Surface) -> Result<()> {
     let topology = Topology::of(surface);
     let (components, loops, handles) = (topology.components.len(), topology.loops.len(), topology.genus);
     let is_sphere = components == 1 && loops == 0 && handles == 0;
@@ -197,7 +209,7 @@ pub(crate) fn levels(surface: &Surface, control: &Control) -> Result<Vec<Decimat
 fn tetrahedron(surface: &Surface) -> Vec<Vector3<f64>> {
     let corners = [[1.0, 1.0, 1.0], [1.0, -1.0, -1.0], [-1.0, 1.0, -1.0], [-1.0, -1.0, 1.0]];
     let mut places: Vec<Vector3<f64>> = corners.iter().map(|&c| Vector3::from(c).normalize()).collect();
-    if flipped(surface.faces(), &places) > 0 {
+    if turned_over(surface.faces(), &places) > 0 {
         places.swap(0, 1);
     }
     places
@@ -225,7 +237,7 @@ pub(crate) fn refined(
             centre
         };
     }
-    let triangles = flipped(finer.faces(), &found);
+    let triangles = turned_over(finer.faces(), &found);
     if triangles > 0 { Err(Error::Folded { triangles }) } else { Ok(found) }
 }
 

@@ -8,11 +8,11 @@
 
 use nalgebra::Vector3;
 
-use crate::surface::{Surface, mesh::vertex_normals};
+use crate::surface::{Surface, mesh::normals};
 use crate::{Control, Result};
 
 /// The root mean square distance from the centre, in the units of the scales.
-pub const RADIUS: f64 = 50.0;
+pub(crate) const RADIUS: f64 = 50.0;
 
 /// The standard deviations of the smoothing for the depths.
 pub const SCALES: [f64; 3] = [24.0, 12.0, 6.0];
@@ -32,6 +32,9 @@ pub struct Pattern {
 }
 
 /// Computes the pattern of a closed surface.
+///
+/// # Errors
+/// [`Error::Cancelled`](crate::Error::Cancelled).
 pub fn pattern(surface: &Surface, control: &Control) -> Result<Pattern> {
     let smoothing = Smoothing::new(surface.points(), surface.faces());
     let areas = smoothing.areas.clone();
@@ -43,7 +46,7 @@ pub fn pattern(surface: &Surface, control: &Control) -> Result<Pattern> {
     let mut depths = Vec::new();
     for scale in SCALES {
         let smooth = smoothing.smoothed(&points, scale, step, control)?;
-        let normals = vertex_normals(&smooth, surface.faces());
+        let normals = normals(&smooth, surface.faces());
         let depth: Vec<f64> = (0..points.len()).map(|v| (smooth[v] - points[v]).dot(&normals[v])).collect();
         let depth: Vec<Vector3<f64>> = depth.into_iter().map(|d| Vector3::new(d, 0.0, 0.0)).collect();
         let depth = smoothing.smoothed(&depth, scale / 2.0, step, control)?;

@@ -10,11 +10,12 @@ use nalgebra::{Matrix3, Matrix3x4, Matrix4, Rotation3, Unit, UnitQuaternion, Vec
 use rayon::prelude::*;
 
 use super::locate::{Located, Locator};
-use super::map::{Metric, closed, levels, map_of_level, refined};
+use super::map::{Metric, check_closed, closed, levels, map_of_level, refined};
 use super::pattern::{Pattern, SCALES, Smoothing, pattern};
 use crate::adjacency::marked;
+use crate::error::check_length;
 use crate::surface::Surface;
-use crate::{Control, Result};
+use crate::{Control, Error, Result};
 
 /// The maximum number of vertices of the surface on which the registration is computed.
 const MOST_VERTICES: usize = 12_000;
@@ -75,18 +76,23 @@ pub struct Registration {
 impl Template {
     /// Creates a template from a sphere, counterclockwise as seen from outside, and the [pattern](super::pattern) at
     /// its vertices: depths for each scale, positions, and the weight of each vertex.
-    /// Panics if values are missing for a vertex or a scale.
-    pub fn new(sphere: Surface, depths: Vec<Vec<f64>>, places: Vec<Vector3<f64>>, weights: Vec<f64>) -> Self {
-        assert!(depths.len() == SCALES.len() && depths.iter().all(|depth| depth.len() == sphere.len()), "every scale");
-        assert!(places.len() == sphere.len() && weights.len() == sphere.len(), "one value per vertex");
+    ///
+    /// # Errors
+    /// [`Error::NotASphere`], and [`Error::WrongLength`] if values are missing for a vertex or a scale.
+    pub fn new(sphere: Surface, depths: Vec<Vec<f64>>, places: Vec<Vector3<f64>>, weights: Vec<f64>) -> Result<Self> {
+        check_closed(&sphere)?;
+        check_length("lists of depths", depths.len(), "scales", SCALES.len())?;
+        depths.iter().try_for_each(|depth| check_length("depths", depth.len(), "vertices", sphere.len()))?;
+        check_length("places", places.len(), "vertices", sphere.len())?;
+        check_length("weights", weights.len(), "vertices", sphere.len())?;
         let of = |axis: usize| slopes(&sphere, &places.iter().map(|p| p[axis]).collect::<Vec<_>>());
         let place_slopes = [of(0), of(1), of(2)];
         let depth_slopes = depths.iter().map(|depth| slopes(&sphere, depth)).collect();
-        Self { sphere, depths, places, weights, depth_slopes, place_slopes }
+        Ok(Self { sphere, depths, places, weights, depth_slopes, place_slopes })
     }
 
     fn locator(&self) -> Locator<'_> {
-        Locator::new(self.sphere.points(), self.sphere.faces(), self.sphere.twins())
+        Locator::over(&self.sphere)
     }
 }
 
@@ -115,10 +121,18 @@ fn slopes(sphere: &Surface, values: &[f64]) -> Vec<Vector3<f64>> {
 }
 
 /// Registers a surface to the template whose pattern agrees better after a rotation, or to the `named` one.
-/// Panics if there is no template, or if the named one does not exist.
+///
+/// # Errors
+/// [`Error::NoSuchTemplate`] if the named template does not exist, or there is none; [`Error::NotASphere`] if the
+/// surface is not connected or has handles; [`Error::Folded`] if triangles are too thin for a map; and
+/// [`Error::Cancelled`].
 pub fn register(
     surface: &Surface, templates: &[Template], named: Option<usize>, control: &Control,
 ) -> Result<Registration> {
+    let count = templates.len();
+    if named.unwrap_or(0) >= count {
+        return Err(Error::NoSuchTemplate { template: named.unwrap_or(0), templates: count });
+    }
     let closed = closed(surface, control)?;
     let levels = levels(&closed, control)?;
     let level = |n: usize| if n == 0 { &closed } else { &levels[n - 1].surface };
@@ -134,7 +148,7 @@ pub fn register(
     let mut aligned: Vec<(Alignment, Vec<Vector3<f64>>)> = templates.iter().map(align).collect::<Result<_>>()?;
     let score = |n: usize| aligned[n].0.score;
     let best = (0..aligned.len()).max_by(|&a, &b| score(a).total_cmp(&score(b)).then(b.cmp(&a)));
-    let chosen = named.or(best).expect("a template");
+    let chosen = named.or(best).unwrap_or(0);
     let mut places = std::mem::take(&mut aligned[chosen].1);
     let (template, locator) = (&templates[chosen], templates[chosen].locator());
     subject.warp(template, &locator, &mut places, control)?;
@@ -425,7 +439,7 @@ mod tests {
             let places: Vec<Vector3<f64>> =
                 (0..own.len()).map(|n| 0.7 * own[n].yzx() + shift + shake(n) * noise).collect();
             let depths = vec![vec![0.0; own.len()]; SCALES.len()];
-            let template = Template::new(sphere.clone(), depths, places.clone(), vec![1.0; own.len()]);
+            let template = Template::new(sphere.clone(), depths, places.clone(), vec![1.0; own.len()]).unwrap();
             let share = subject.affine(&template, &template.locator(), sphere.points()).1;
             let areas = &subject.pattern.areas;
             let design = DMatrix::from_fn(own.len(), 4, |n, k| areas[n].sqrt() * if k < 3 { own[n][k] } else { 1.0 });
@@ -449,7 +463,8 @@ mod tests {
         let all: Vec<u32> = (0..egg.len() as u32).collect();
         let fit = |to: &dyn Fn(&Vector3<f64>) -> Vector3<f64>| {
             let places = subject.pattern.places.iter().map(to).collect();
-            let template = Template::new(sphere.clone(), vec![vec![0.0; egg.len()]; 3], places, vec![1.0; egg.len()]);
+            let template =
+                Template::new(sphere.clone(), vec![vec![0.0; egg.len()]; 3], places, vec![1.0; egg.len()]).unwrap();
             let locator = template.locator();
             let at: Vec<Located> = sphere.points().iter().map(|place| locator.locate(place)).collect();
             subject.rigid_fit(&template, &all, &at)

@@ -20,6 +20,7 @@ use std::time::{Duration, Instant};
 
 use rayon::prelude::*;
 
+use crate::error::check_points;
 use crate::geodesic::Solver;
 use crate::geodesic::bundle::{BundleScratch, MOST_SOURCES};
 use crate::parallel::in_turn;
@@ -67,12 +68,16 @@ impl Store {
     ///
     /// The directory must exist; if it is empty, a store is created. `identity` identifies the surface and the
     /// distances (a hash of letters and digits); a store with another identity is refused.
-    /// Errors: [`Error::StoreInUse`], [`Error::StoreForeign`], [`Error::StoreFailed`]; [`Error::Unreachable`] if a
-    /// vertex lies in another component; [`Error::Cancelled`]. Finished rows are kept in every case.
+    ///
+    /// # Errors
+    /// [`Error::NoSuchPoint`]; [`Error::StoreInUse`], [`Error::StoreForeign`], [`Error::StoreFailed`];
+    /// [`Error::Unreachable`] if a vertex lies in another component; and [`Error::Cancelled`]. Finished rows are kept
+    /// in every case.
     pub fn compute<S: Solver>(
         directory: &Path, identity: &str, solver: &S, sources: &[u32], control: &Control,
     ) -> Result<Self> {
         let columns = solver.columns();
+        check_points(sources.iter().copied(), columns)?;
         let Opened { lock, table, journal, found, sound } = open(directory, identity, sources.len(), columns, control)?;
         let checksums = match journal {
             None => sound,
@@ -89,6 +94,9 @@ impl Store {
     }
 
     /// Creates a store whose rows other processes compute, or opens an existing one.
+    ///
+    /// # Errors
+    /// [`Error::StoreInUse`], [`Error::StoreForeign`], [`Error::StoreFailed`], and [`Error::Cancelled`].
     pub fn create(directory: &Path, identity: &str, rows: usize, columns: usize, control: &Control) -> Result<Found> {
         Ok(open(directory, identity, rows, columns, control)?.found)
     }
@@ -96,10 +104,14 @@ impl Store {
     /// Computes some rows, given by their numbers, of a store that another process created with
     /// [`create`](Self::create). They are entered in a separate journal in the directory `part`, which must exist.
     /// Rows in that journal are not computed again.
-    /// Errors: Those of [`Store::compute`]; [`Error::StoreFailed`] if the table does not exist.
+    ///
+    /// # Errors
+    /// Those of [`Store::compute`]; [`Error::StoreFailed`] if the table does not exist.
     pub fn compute_part<S: Solver>(
         directory: &Path, part: &Path, identity: &str, solver: &S, sources: &[u32], rows: &[u32], control: &Control,
     ) -> Result<()> {
+        check_points(sources.iter().copied(), solver.columns())?;
+        check_points(rows.iter().copied(), sources.len())?;
         let _lock = lock(part, control)?;
         let header = journal::header(identity, sources.len(), solver.columns());
         let path = part.join(JOURNAL);
@@ -118,6 +130,9 @@ impl Store {
 }
 
 /// Reads rows of a store's table, and returns the numbers of those that do not match a known checksum.
+///
+/// # Errors
+/// [`Error::StoreFailed`] if the table cannot be read, and [`Error::Cancelled`].
 pub fn damaged_rows(directory: &Path, columns: usize, known: &[Option<u32>], control: &Control) -> Result<Vec<usize>> {
     let sound = verify(&NpyFile::new(directory.join(TABLE), known.len(), columns), known, control)?;
     Ok((0..known.len()).filter(|&row| sound[row] != known[row]).collect())

@@ -4,11 +4,11 @@ use nalgebra::Vector3;
 
 use crate::surface::decimate::{Options, decimate};
 use crate::surface::mesh::diffusion::{Stiffness, masses};
-use crate::surface::mesh::{Surface, vertex_normals};
+use crate::surface::mesh::{Surface, normals};
 use crate::{Control, Result};
 
 /// The most vertices without decimation: with triangles below 1 mm, the solver's steps grow faster than vertices.
-pub const FINEST: usize = 200_000;
+pub(crate) const FINEST: usize = 200_000;
 
 /// The number of steps of the flow; with more, depths change by half a mm on average on a hemisphere.
 const STEPS: usize = 8;
@@ -28,6 +28,9 @@ const LEAST_AREA: f64 = 1.0 / 3.0;
 ///
 /// A surface with more than [`FINEST`] vertices is decimated to a third; others get the weighted depth of their
 /// neighbours.
+///
+/// # Errors
+/// [`Error::Cancelled`](crate::Error::Cancelled).
 pub fn sulcal_depth(surface: &Surface, flow: f64, control: &Control) -> Result<Vec<f64>> {
     if surface.len() > FINEST { by_fewer(surface, FINEST / 3, flow, control) } else { by_all(surface, flow, control) }
 }
@@ -62,7 +65,7 @@ fn by_all(surface: &Surface, flow: f64, control: &Control) -> Result<Vec<f64>> {
     for _ in 0..STEPS {
         let areas = masses(&x, surface.faces());
         let mass: Vec<f64> = areas.iter().zip(&first_mass).map(|(area, first)| area.max(LEAST_AREA * first)).collect();
-        let normals = vertex_normals(&x, surface.faces());
+        let normals = normals(&x, surface.faces());
         let b: Vec<Vector3<f64>> = x.iter().zip(&mass).map(|(x, m)| x * *m).collect();
         let mut y = x.clone();
         // backward Euler: (M + t L) y = M x is stable for steps of any size
@@ -174,7 +177,7 @@ mod tests {
             let mass = DMatrix::from_diagonal(&DVector::from_vec(mass));
             let before = DMatrix::from_fn(n, 3, |v, axis| x[v][axis]);
             let after = (&mass + &stiffness * (flow / 8.0)).lu().solve(&(&mass * before)).unwrap();
-            let normals = vertex_normals(&x, faces);
+            let normals = normals(&x, faces);
             for v in 0..n {
                 let y = Vector3::new(after[(v, 0)], after[(v, 1)], after[(v, 2)]);
                 depth[v] += normals[v].dot(&(y - x[v]));

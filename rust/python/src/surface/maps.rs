@@ -18,7 +18,7 @@ use super::Surface;
 use super::patches::seams_dict;
 use super::solvers::{Geodesic, with_solver};
 use crate::convert::{self, Dict, Given, GivenTable, Table, ensure};
-use crate::work::{Progress, Threads};
+use crate::work::{Progress, Threads, to_python};
 
 const SCALES: [(&str, Scale); 2] = [("distances", Scale::Distances), ("areas", Scale::Areas)];
 
@@ -202,6 +202,6 @@ pub fn turn_onto<'py>(
     let (places, onto) = (convert::rows::<_, 2>(&places, "places")?, convert::rows::<_, 2>(&onto, "onto")?);
     let counts = [places.len(), onto.len()];
     ensure!(counts[0] == counts[1], "places and onto have {counts:?} rows. Give the same number of rows in both");
-    let turn = orient::turn_onto(&places, &onto, &mut uv);
+    let turn = orient::turn_onto(&places, &onto, &mut uv).map_err(to_python)?;
     Ok((convert::array(py, &uv)?, turn))
 }

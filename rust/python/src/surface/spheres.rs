@@ -2,7 +2,7 @@
 
 use numpy::IntoPyArray;
 use pyo3::prelude::*;
-use voxflat::sphere::pattern::{SCALES, pattern};
+use voxflat::sphere::pattern::pattern;
 use voxflat::sphere::register::{Alignment, Template, register};
 use voxflat::sphere::{locate::Locator, map::flipped};
 use voxflat::surface::Surface as CoreSurface;
@@ -37,17 +37,9 @@ impl Surface {
         for (depths, places, weights) in &templates {
             let depths: Vec<Vec<f64>> = depths.as_array().rows().into_iter().map(|row| row.to_vec()).collect();
             let places = convert::rows::<_, 3>(places, "places")?;
-            let weights: Vec<f64> = weights.as_array().to_vec();
-            let count = sphere.len();
-            let is_whole = depths.iter().all(|depth| depth.len() == count) && places.len() == count;
-            ensure!(
-                depths.len() == SCALES.len() && is_whole && weights.len() == count,
-                "a template is incomplete. Give {count} depths per scale, {count} places and {count} weights"
-            );
-            made.push(Template::new(sphere.clone(), depths, places.into_iter().map(Into::into).collect(), weights));
+            let (places, weights) = (places.into_iter().map(Into::into).collect(), weights.as_array().to_vec());
+            made.push(Template::new(sphere.clone(), depths, places, weights).map_err(to_python)?);
         }
-        let exists = named.map_or(!made.is_empty(), |n| n < made.len());
-        ensure!(exists, "the named template does not exist. Give the index of one of the templates");
         let found =
             self.run(py, threads, &progress, move |inner, control| register(&inner.surface, &made, named, control))?;
         let alignment_dict = |alignment: Alignment| {
@@ -57,7 +49,7 @@ impl Surface {
         let alignments: List<'py> = found.alignments.into_iter().map(alignment_dict).collect::<PyResult<_>>()?;
         Ok(dict!(
             py,
-            "turned_over" = flipped(self.0.surface.faces(), &found.points),
+            "turned_over" = flipped(self.0.surface.faces(), &found.points).map_err(to_python)?,
             "points" = convert::array(py, &convert::plain(&found.points))?,
             "template" = found.template,
             "alignments" = alignments,
@@ -75,10 +67,11 @@ pub fn locate_on_sphere<'py>(
 ) -> PyResult<Located<'py>> {
     let sphere = sphere(&points, &faces)?;
     let places = convert::rows::<_, 3>(&places, "places")?;
-    let found: Vec<_> = py.detach(|| {
-        let locator = Locator::new(sphere.points(), sphere.faces(), sphere.twins());
-        places.into_iter().map(|place| locator.locate(&place.into())).collect()
+    let found: voxflat::Result<Vec<_>> = py.detach(|| {
+        let locator = Locator::new(&sphere)?;
+        Ok(places.into_iter().map(|place| locator.locate(&place.into())).collect())
     });
+    let found = found.map_err(to_python)?;
     let weights: Vec<[f64; 3]> = found.iter().map(|one| one.weights).collect();
     Ok((found.iter().map(|one| one.face).collect::<Vec<_>>().into_pyarray(py), convert::array(py, &weights)?))
 }
@@ -87,7 +80,7 @@ fn sphere(points: &GivenTable<'_, f64>, faces: &GivenTable<'_, i64>) -> PyResult
     let points = convert::rows::<_, 3>(points, "points")?;
     let faces = convert::rows::<_, 3>(faces, "faces")?;
     let (sphere, repaired) = CoreSurface::from_triangles(&points, &faces).map_err(to_python)?;
-    let triangles = flipped(sphere.faces(), sphere.points());
+    let triangles = flipped(sphere.faces(), sphere.points()).map_err(to_python)?;
     let is_whole = repaired.turned == 0 && repaired.unused == 0 && sphere.boundary().is_empty();
     ensure!(
         is_whole && triangles == 0,

@@ -18,7 +18,7 @@ const WITHIN: f64 = 0.98;
 /// the whole map. A penalty on larger changes grows until there are none. If this fails, the map with the smallest
 /// maximum change is returned, and marked as not converged.
 /// Panics like [`flatten`](super::levels::flatten), or if the number of positions differs from the number of vertices.
-pub fn bounded(
+pub(crate) fn bounded(
     levels: &Levels, rows: &DistanceRows, uv: &[[f64; 2]], weighting: f64, max_area: f64, control: &Control,
 ) -> Result<(Vec<[f64; 2]>, Convergence)> {
     let pairs = Pairs::new(rows, levels.evaluated(), control)?;

@@ -13,6 +13,7 @@ use super::pairs::{Bands, Pairs};
 use super::springs::Springs;
 use super::triangles::{Shape, TriangleEnergy};
 use super::{MapEnergy, tutte};
+use crate::error::check_points;
 use crate::geodesic::Solver;
 use crate::place::reinsertion::{self, Placing};
 use crate::rows::{DistanceRows, Rows};
@@ -30,7 +31,7 @@ const COARSEST: usize = 1600;
 const FOR_A_LANDMARK: usize = 3;
 
 /// The maximum number of vertices at which distances are compared.
-pub const MOST_EVALUATED: usize = 15_000;
+pub(crate) const MOST_EVALUATED: usize = 15_000;
 
 /// The memory per vertex of the optimisation in bytes: twenty past steps and gradient changes take 320, two triangles
 /// 160, and the factored matrix of springs most of the rest; the coarser surfaces add half of the sum.
@@ -38,7 +39,7 @@ const VERTEX_BYTES: u64 = 1110;
 
 /// Returns the maximum memory in bytes of [`flatten`], including its levels and rows. Distances of four bytes to the
 /// vertices where they are compared exist in three copies: the rows, the pairs, and those of the current level.
-pub fn memory_need(points: usize, sources: usize) -> u64 {
+pub(crate) fn memory_need(points: usize, sources: usize) -> u64 {
     let sizes = || iter::successors(Some(points), |&size| coarser(size, sources));
     let evaluated = sizes().find(|&size| size <= MOST_EVALUATED).or_else(|| sizes().last()).unwrap_or(points);
     VERTEX_BYTES * points as u64 + 3 * 4 * (evaluated * sources) as u64
@@ -122,7 +123,7 @@ pub struct Convergence {
 /// Errors: [`Error::Folded`] if triangles are too thin for their areas to differ from zero, [`Error::Uneven`] if edge
 /// lengths vary so much that the optimisation yields no map, [`Error::TooManySprings`], [`Error::Cancelled`].
 /// Panics if the rows are not those of [`Levels::measure`] or [`Levels::take`].
-pub fn flatten(
+pub(crate) fn flatten(
     levels: &mut Levels, rows: &DistanceRows, places: &[[f64; 2]], weighting: f64, control: &Control,
 ) -> Result<(Vec<[f64; 2]>, Convergence)> {
     let (uv, convergence) = unfold(levels, rows, places, weighted(weighting), control)?;
@@ -178,7 +179,11 @@ pub(super) struct Level {
 
 impl<'a> Levels<'a> {
     /// Creates the levels of a disk.
+    ///
+    /// # Errors
+    /// [`Error::NoSuchPoint`] for a landmark, and [`Error::Cancelled`].
     pub fn new(finest: &'a Surface, landmarks: &[u32], control: &Control) -> Result<Self> {
+        check_points(landmarks.iter().copied(), finest.len())?;
         let vertices = vec![(0..finest.len() as u32).collect()];
         let mut levels = Self { finest, landmarks: landmarks.to_vec(), coarser: Vec::new(), vertices };
         let mut keep = landmarks.to_vec();
@@ -203,32 +208,47 @@ impl<'a> Levels<'a> {
     }
 
     /// Returns the vertices that every level has.
-    pub fn landmarks(&self) -> &[u32] {
+    pub(crate) fn landmarks(&self) -> &[u32] {
         &self.landmarks
     }
 
     /// Returns the surface itself.
-    pub fn finest(&self) -> &'a Surface {
+    pub(crate) fn finest(&self) -> &'a Surface {
         self.finest
     }
 
     /// Returns the vertices at which distances are compared, in ascending order: those of the finest small level. They
     /// include all landmarks.
-    pub fn evaluated(&self) -> &[u32] {
+    pub(crate) fn evaluated(&self) -> &[u32] {
         let small = self.vertices.iter().find(|vertices| vertices.len() <= MOST_EVALUATED);
         small.unwrap_or(&self.vertices[self.vertices.len() - 1])
     }
 
     /// Returns the distances from the landmarks to the compared vertices, in the numbering of the latter.
+    ///
+    /// # Errors
+    /// [`Error::Unreachable`] if the surface is not connected, and the errors of the solver.
     pub fn measure<S: Solver>(&self, solver: &S, control: &Control) -> Result<DistanceRows> {
         Ok(self.numbered(DistanceRows::compute_to(solver, &self.landmarks, self.evaluated(), control)?))
     }
 
     /// Returns the same columns of complete, known rows.
-    /// Panics if the rows are not from the landmarks, or do not reach every vertex.
+    ///
+    /// # Errors
+    /// [`Error::ForeignRows`] if the rows are not from the landmarks to all vertices, and the errors of reading them.
     pub fn take(&self, rows: &impl Rows, control: &Control) -> Result<DistanceRows> {
-        assert_eq!(rows.sources(), self.landmarks, "rows from the landmarks");
+        if rows.sources() != self.landmarks || rows.columns() != self.finest.len() {
+            return Err(Error::ForeignRows);
+        }
         Ok(self.numbered(rows.to(self.evaluated(), control)?))
+    }
+
+    /// Checks that rows are from the landmarks to the compared vertices, in the numbering of the latter.
+    pub(crate) fn check_rows(&self, rows: &DistanceRows) -> Result<()> {
+        let evaluated = self.evaluated();
+        let vertices = rows.sources().iter().map(|&number| evaluated.get(number as usize));
+        let are_own = rows.columns() == evaluated.len() && vertices.eq(self.landmarks.iter().map(Some));
+        if are_own { Ok(()) } else { Err(Error::ForeignRows) }
     }
 
     fn numbered(&self, rows: DistanceRows) -> DistanceRows {

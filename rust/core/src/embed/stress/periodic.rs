@@ -106,12 +106,12 @@ impl<'a> Tube<'a> {
     }
 
     /// Returns the vertex of the closed tube for each vertex of the opened one.
-    pub fn vertices(&self) -> &[u32] {
+    pub(crate) fn vertices(&self) -> &[u32] {
         &self.copies.of
     }
 
     /// Returns one vertex of the opened tube for each vertex of the closed one.
-    pub fn first_copies(&self) -> Vec<u32> {
+    pub(crate) fn first_copies(&self) -> Vec<u32> {
         let mut first = vec![0; self.closed.len()];
         self.copies.of.iter().enumerate().rev().for_each(|(copy, &of)| first[of as usize] = copy as u32);
         first
@@ -123,7 +123,7 @@ impl<'a> Tube<'a> {
     }
 
     /// Returns the vertices at which distances are compared: at most about `most`, with the landmarks and the ends.
-    pub fn evaluated(&self, landmarks: &[u32], most: usize) -> Vec<u32> {
+    pub(crate) fn evaluated(&self, landmarks: &[u32], most: usize) -> Vec<u32> {
         let step = self.closed.len().div_ceil(most);
         let some = (0..self.closed.len() as u32).step_by(step).chain(landmarks.iter().copied());
         distinct(some.chain(self.end(0)).chain(self.end(1)))
@@ -274,7 +274,7 @@ impl Objective for TubeEnergy<'_> {
 /// the second, and the surface is seen from outside. The numbers in `rows` refer to `evaluated`. A `weighting` as in
 /// [`flatten`](super::levels::flatten).
 /// Errors: those of [`flatten`](super::levels::flatten).
-pub fn flatten_tube(
+pub(crate) fn flatten_tube(
     tube: &Tube, rows: &DistanceRows, evaluated: &[u32], weighting: f64, control: &Control,
 ) -> Result<(Vec<[f64; 2]>, f64, Convergence)> {
     let (opened, dials) = (tube.opened.len(), weighted(weighting));

@@ -56,7 +56,7 @@ impl Start<'_> {
 /// [`Error::StartNotFinite`]; [`Error::StartFolded`], [`Error::StartCrosses`] and [`Error::StartStuck`] if the start
 /// cannot be repaired on any level, or makes no progress; and those of [`flatten`](super::levels::flatten). Panics like
 /// [`flatten`](super::levels::flatten).
-pub fn flatten_from(
+pub(crate) fn flatten_from(
     levels: &mut Levels, rows: &DistanceRows, start: Start, weighting: f64, control: &Control,
 ) -> Result<(Vec<[f64; 2]>, Convergence)> {
     let places = start.counterclockwise(levels.finest())?;

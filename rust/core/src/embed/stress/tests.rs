@@ -394,7 +394,7 @@ fn distances_to_landmarks_give_the_places_of_a_plane() {
 #[test]
 fn a_bound_on_areas_is_kept_by_every_triangle() {
     let sphere = shapes::surface(shapes::sphere(4));
-    let cap = sphere.part_of_vertices(&sphere.points().iter().map(|p| p.z > -0.2).collect::<Vec<_>>());
+    let cap = sphere.part_of_vertices(&sphere.points().iter().map(|p| p.z > -0.2).collect::<Vec<_>>()).unwrap();
     let cap = cap.moved(cap.points().iter().map(|p| p * 20.0).collect()).unwrap();
     let control = Control::default();
     let graph = GeodesicGraph::new(&cap, &control).unwrap();
@@ -433,7 +433,7 @@ fn the_weighting_multiplies_near_distances_and_shapes_by_10_to_a_tenth() {
 #[test]
 fn more_steps_would_hardly_lower_the_energy() {
     let sphere = shapes::surface(shapes::sphere(4));
-    let cap = sphere.part_of_vertices(&sphere.points().iter().map(|p| p.z > -0.85).collect::<Vec<_>>());
+    let cap = sphere.part_of_vertices(&sphere.points().iter().map(|p| p.z > -0.85).collect::<Vec<_>>()).unwrap();
     let cap = cap.moved(cap.points().iter().map(|p| p * 20.0).collect()).unwrap();
     let control = Control::default();
     let graph = GeodesicGraph::new(&cap, &control).unwrap();

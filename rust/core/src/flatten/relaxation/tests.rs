@@ -14,7 +14,7 @@ fn relaxed(surface: &Surface, length: f64, least_gain: f64) -> Relaxed {
 fn cap(height: f64) -> Surface {
     let sphere = shapes::surface(shapes::sphere(4));
     let below: Vec<bool> = sphere.points().iter().map(|p| p.z < height).collect();
-    sphere.part_of_vertices(&below)
+    sphere.part_of_vertices(&below).unwrap()
 }
 
 /// Checks that the result is the given disk, cut along the reported cuts.

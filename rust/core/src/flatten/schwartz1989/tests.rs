@@ -48,7 +48,7 @@ fn short_distances_alone_fold() {
 fn a_map_is_seen_from_outside_whatever_the_start() {
     let sphere = shapes::surface(shapes::sphere(3));
     let upper: Vec<bool> = sphere.points().iter().map(|p| p.z >= -1e-9).collect();
-    let half = sphere.part_of_vertices(&upper);
+    let half = sphere.part_of_vertices(&upper).unwrap();
     for seed in 0..6 {
         let found = flattened(&half, None, &[], 1, seed).unwrap();
         assert!(map_area(half.faces(), &found.map.uv) > 0.0);

@@ -5,6 +5,7 @@ use std::collections::HashSet;
 use super::Exact;
 use super::wave::{Wave, Way};
 use super::window::length;
+use crate::error::check_points;
 use crate::geodesic::path::{PathPoint, Site};
 use crate::surface::mesh::paths::shortest_path;
 use crate::surface::mesh::{BORDER, next, previous};
@@ -36,8 +37,11 @@ impl Exact<'_> {
     ///
     /// It always ends, because each of its legs leads to another vertex. Where edges are so short that rounding does
     /// not distinguish distances, and a leg leads back or nowhere, it continues along edges.
-    /// Errors: [`Error::Unreachable`] if that run did not reach it, [`Error::Cancelled`].
+    ///
+    /// # Errors
+    /// [`Error::NoSuchPoint`], [`Error::Unreachable`] if that run did not reach the target, and [`Error::Cancelled`].
     pub fn path(&self, wave: &Wave, target: u32, control: &Control) -> Result<Vec<PathPoint>> {
+        check_points([target], wave.distance.len())?;
         if wave.distance[target as usize] == f64::INFINITY {
             return Err(Error::Unreachable { source_vertex: wave.source as usize, vertex: target as usize });
         }

@@ -2,13 +2,20 @@
 
 use super::Exact;
 use super::wave::Wave;
+use crate::error::{check_length, check_points};
 use crate::geodesic::solver::{Fingerprint, Solver};
 use crate::{Control, Result};
 
 impl Exact<'_> {
     /// Writes the distances in mm from `source` to every vertex; infinity where it cannot be reached. `wave` then also
-    /// knows the [paths](Self::path). Panics if the number of values in `row` differs from the number of vertices.
+    /// knows the [paths](Self::path).
+    ///
+    /// # Errors
+    /// [`Error::NoSuchPoint`](crate::Error::NoSuchPoint) for the source, [`Error::WrongLength`](crate::Error::WrongLength)
+    /// if `row` does not have one value per vertex, and [`Error::Cancelled`](crate::Error::Cancelled).
     pub fn distances(&self, source: u32, row: &mut [f64], wave: &mut Wave, control: &Control) -> Result<()> {
+        check_points([source], self.surface.len())?;
+        check_length("values of the row", row.len(), "vertices", self.surface.len())?;
         wave.run(self, source, control)?;
         row.copy_from_slice(&wave.distance);
         Ok(())

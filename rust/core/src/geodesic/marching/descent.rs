@@ -17,6 +17,7 @@ use nalgebra::Vector2;
 use super::visibility::{First, Side, View};
 use super::{Marching, SEEN, Wave};
 use crate::adjacency::Groups;
+use crate::error::check_points;
 use crate::geodesic::path::{PathPoint, Site};
 use crate::geodesic::{graph::outgoing, solver::Solver};
 use crate::surface::mesh::paths::shortest_path;
@@ -40,7 +41,11 @@ pub struct Marched<'a> {
 
 impl Marching<'_> {
     /// Computes the distances from `source`, and keeps them for paths.
+    ///
+    /// # Errors
+    /// [`Error::NoSuchPoint`] and [`Error::Cancelled`].
     pub fn march(&self, source: u32, control: &Control) -> Result<Marched<'_>> {
+        check_points([source], self.columns())?;
         let mut scratch = self.scratch();
         let mut order = vec![u32::MAX; self.columns()];
         let mut count = 0;
@@ -58,8 +63,12 @@ impl Marched<'_> {
     /// Returns a path from `target` back to the source. The distance of a march is an estimate, but the path is a line
     /// over the surface. [Its length](crate::geodesic::path::length) can be more or less than this distance, but never
     /// less than the exact one. Across a triangle that is folded back onto another one, it can be some per cent more (9
-    /// were observed). Errors: [`Error::Unreachable`] if no front reached the target, [`Error::Cancelled`].
+    /// were observed).
+    ///
+    /// # Errors
+    /// [`Error::NoSuchPoint`], [`Error::Unreachable`] if no front reached the target, and [`Error::Cancelled`].
     pub fn path(&self, target: u32, control: &Control) -> Result<Vec<PathPoint>> {
+        check_points([target], self.distance.len())?;
         if self.distance[target as usize] == f64::INFINITY {
             return Err(self.unreachable(target));
         }

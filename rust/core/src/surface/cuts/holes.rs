@@ -10,7 +10,7 @@ use crate::surface::topology::{Loop, Topology};
 use crate::{Control, Result};
 
 /// The maximum number of edges of a hole to fill; the time grows with its cube.
-pub const MOST_EDGES: usize = 500;
+pub(crate) const MOST_EDGES: usize = 500;
 
 /// A triangle counts as degenerate if its area, divided by the square of its longest side, is below this.
 const FLAT: f64 = 1e-9;
@@ -43,6 +43,9 @@ pub fn small_holes(surface: &Surface, longest: f64) -> Vec<Loop> {
 /// A hole remains open if it has more than [`MOST_EDGES`] edges, if it is not a boundary loop of this surface, or if
 /// every triangulation needs a triangle without area or an existing edge. A slit between two vertices is closed without
 /// a face. Takes O(k³) time for a hole of k edges.
+///
+/// # Errors
+/// [`Error::Cancelled`](crate::Error::Cancelled).
 pub fn fill_holes(surface: &Surface, holes: &[Loop], control: &Control) -> Result<Filled> {
     let mut patch = Cover { faces: surface.faces().to_vec(), twins: surface.twins().to_vec() };
     let network = Network::of(surface);

@@ -54,6 +54,9 @@ const SHORT: f64 = 1.0;
 const RINGS: usize = 3;
 
 /// Cuts the surface open along paths of vertices. Ids are preserved.
+///
+/// # Errors
+/// [`Error::NoSuchPoint`], and [`Error::NotAnEdge`] if successive vertices of a path have no common edge.
 pub fn cut(surface: &Surface, paths: &[Vec<u32>]) -> Result<Surface> {
     let network = Network::of(surface);
     let half_edges: Vec<_> = paths.iter().map(|path| network.along(surface, path)).collect::<Result<_>>()?;
@@ -66,6 +69,10 @@ pub fn cut(surface: &Surface, paths: &[Vec<u32>]) -> Result<Surface> {
 /// at most twice as long as the shortest tree (Mehlhorn 1988). If the surface is then closed or nearly closed, it also
 /// gets a cut between two distant points, preferably along the depths of folds. A disk is left unchanged. Takes O(n log
 /// n) time beside the handles; the result is deterministic.
+///
+/// # Errors
+/// [`Error::NoFaces`] or [`Error::SeveralComponents`] if there is not exactly one component, [`Error::NotADisk`] if
+/// cuts do not open it, and [`Error::Cancelled`].
 pub fn open_to_disk(surface: &Surface, control: &Control) -> Result<Opened> {
     let topology = Topology::of(surface);
     require_connected(&topology)?;

@@ -94,7 +94,7 @@ pub struct Removals {
 
 /// A removed vertex.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Removal<'a> {
+pub(crate) struct Removal<'a> {
     /// Its number.
     pub vertex: u32,
     /// Whether its neighbours surround it. Otherwise, it was on the boundary, between the first and the last of them.
@@ -113,7 +113,7 @@ impl Removals {
     }
 
     /// Iterates in the order of removal; in reverse, all neighbours of each vertex are known.
-    pub fn iter(&self) -> impl DoubleEndedIterator<Item = Removal<'_>> + ExactSizeIterator {
+    pub(crate) fn iter(&self) -> impl DoubleEndedIterator<Item = Removal<'_>> + ExactSizeIterator {
         (0..self.len()).map(|n| {
             let ring = self.starts[n]..self.starts[n + 1];
             Removal {
@@ -135,7 +135,9 @@ impl Removals {
 }
 
 /// Removes vertices, except those to `keep`, until the desired number is left or no more can go. Deterministic.
-/// Errors: [`Error::DecimationOption`], [`Error::NoSuchPoint`] among those to keep, [`Error::Cancelled`].
+///
+/// # Errors
+/// [`Error::DecimationOption`], [`Error::NoSuchPoint`] among the vertices to keep, and [`Error::Cancelled`].
 pub fn decimate(surface: &Surface, keep: &[u32], options: &Options, control: &Control) -> Result<Decimation> {
     options.validate()?;
     let points = surface.len();

@@ -15,7 +15,7 @@ const STEPS: usize = 3;
 /// An edge with exterior angle β carries the integral ½ β · length (Cohen-Steiner, Morvan 2003); each end gets half of
 /// it. A face gives a third of its area to each corner. Both are summed over a neighbourhood of `rings` rings before
 /// they are divided, which smooths the steps of surfaces from voxels. The boundary has no angle. Takes O(n) per ring.
-pub fn mean_curvature(surface: &Surface, rings: usize) -> Vec<f64> {
+pub(crate) fn mean_curvature(surface: &Surface, rings: usize) -> Vec<f64> {
     let mut bend = bends(surface);
     let mut area = masses(surface.points(), surface.faces());
     for _ in 0..rings {
@@ -29,6 +29,9 @@ pub fn mean_curvature(surface: &Surface, rings: usize) -> Vec<f64> {
 ///
 /// With the integrals b of the edges, (M + t L)ⁿ h = b, where M are the vertices' areas, L is the stiffness matrix of
 /// linear finite elements, and n t = smoothing² / 2. Nothing flows through a boundary.
+///
+/// # Errors
+/// [`Error::Cancelled`](crate::Error::Cancelled).
 pub fn smooth_mean_curvature(surface: &Surface, smoothing: f64, control: &Control) -> Result<Vec<f64>> {
     control.begin("computing mean curvature", STEPS as u64);
     let (bend, area) = (bends(surface), masses(surface.points(), surface.faces()));

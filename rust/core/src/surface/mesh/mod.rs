@@ -15,6 +15,7 @@ pub mod triangles;
 use nalgebra::Vector3;
 
 use crate::adjacency::Components;
+use crate::error::{check_length, check_points};
 use crate::scales::{SHORTEST_EDGE, SMALLEST, is_near};
 use crate::{Error, Result};
 
@@ -35,19 +36,28 @@ pub struct Surface {
 
 /// Returns the next half-edge of the same face.
 #[inline]
-pub const fn next(half_edge: u32) -> u32 {
+pub(crate) const fn next(half_edge: u32) -> u32 {
     if half_edge % 3 == 2 { half_edge - 2 } else { half_edge + 1 }
 }
 
 /// Returns the previous half-edge of the same face.
 #[inline]
-pub const fn previous(half_edge: u32) -> u32 {
+pub(crate) const fn previous(half_edge: u32) -> u32 {
     if half_edge.is_multiple_of(3) { half_edge + 2 } else { half_edge - 1 }
 }
 
 /// Returns unit normals of the vertices, weighted by the areas of the faces, on the side from which the faces run
-/// counterclockwise; zero where undefined. Panics if a corner is not a valid point.
-pub fn vertex_normals(points: &[Vector3<f64>], faces: &[[u32; 3]]) -> Vec<Vector3<f64>> {
+/// counterclockwise; zero where undefined.
+///
+/// # Errors
+/// [`Error::NoSuchPoint`] if a corner is not the number of a point.
+pub fn vertex_normals(points: &[Vector3<f64>], faces: &[[u32; 3]]) -> Result<Vec<Vector3<f64>>> {
+    check_points(faces.iter().flatten().copied(), points.len())?;
+    Ok(normals(points, faces))
+}
+
+/// Returns [`vertex_normals`] of valid faces.
+pub(crate) fn normals(points: &[Vector3<f64>], faces: &[[u32; 3]]) -> Vec<Vector3<f64>> {
     let mut sums = vec![Vector3::zeros(); points.len()];
     for face in faces {
         let [a, b, c] = face.map(|v| points[v as usize]);
@@ -87,8 +97,7 @@ impl Surface {
     }
 
     /// Returns the faces for which `keep` is true, with their vertices.
-    /// Panics if the number of values differs from the number of faces.
-    pub fn part(&self, keep: &[bool]) -> Self {
+    pub(crate) fn part(&self, keep: &[bool]) -> Self {
         assert_eq!(keep.len(), self.faces.len(), "one value per face");
         let mut number = vec![BORDER; keep.len()];
         let kept: Vec<u32> = (0..keep.len() as u32).filter(|&f| keep[f as usize]).collect();
@@ -103,16 +112,27 @@ impl Surface {
         Self::assemble(&self.points, &self.ids, &faces, twins)
     }
 
+    /// Returns the faces for which `keep` is true, with their vertices.
+    ///
+    /// # Errors
+    /// [`Error::WrongLength`] if there is not one value per face.
+    pub fn part_of_faces(&self, keep: &[bool]) -> Result<Self> {
+        check_length("values to keep", keep.len(), "faces", self.faces.len())?;
+        Ok(self.part(keep))
+    }
+
     /// Returns the faces whose three corners are vertices for which `keep` is true.
-    /// Panics if the number of values differs from the number of vertices.
-    pub fn part_of_vertices(&self, keep: &[bool]) -> Self {
-        assert_eq!(keep.len(), self.points.len(), "one value per vertex");
+    ///
+    /// # Errors
+    /// [`Error::WrongLength`] if there is not one value per vertex.
+    pub fn part_of_vertices(&self, keep: &[bool]) -> Result<Self> {
+        check_length("values to keep", keep.len(), "vertices", self.points.len())?;
         let faces: Vec<bool> = self.faces.iter().map(|face| face.iter().all(|&v| keep[v as usize])).collect();
-        self.part(&faces)
+        Ok(self.part(&faces))
     }
 
     /// Cuts the surface open along half-edges (and their twins). Vertices along the cut are doubled and keep their ids.
-    pub fn cut_open(&self, half_edges: impl IntoIterator<Item = u32>) -> Self {
+    pub(crate) fn cut_open(&self, half_edges: impl IntoIterator<Item = u32>) -> Self {
         let mut twins = self.twins.clone();
         for half_edge in half_edges {
             let twin = std::mem::replace(&mut twins[half_edge as usize], BORDER);
@@ -124,9 +144,12 @@ impl Surface {
     }
 
     /// Returns the same surface with other vertex positions, at which distances are then measured.
-    /// Panics if the number of points differs from the number of vertices.
+    ///
+    /// # Errors
+    /// [`Error::WrongLength`] if there is not one point per vertex, [`Error::PointNotFinite`], [`Error::PointTooFar`]
+    /// or [`Error::SurfaceTooSmall`] of the points.
     pub fn moved(&self, points: Vec<Vector3<f64>>) -> Result<Self> {
-        assert_eq!(points.len(), self.points.len(), "one point per vertex");
+        check_length("points", points.len(), "vertices", self.points.len())?;
         finite(points.iter().map(|p| (*p).into()))?;
         let moved = Self { points, ..self.clone() };
         moved.check_size()?;
@@ -145,7 +168,7 @@ impl Surface {
 
     /// Returns the memory of a surface in bytes: a vertex has a point of three f64, an id, and two faces of three
     /// corners and twins.
-    pub const fn memory_need(vertices: usize) -> u64 {
+    pub(crate) const fn memory_need(vertices: usize) -> u64 {
         (24 + 4 + 2 * (12 + 12)) * vertices as u64
     }
 
@@ -204,34 +227,34 @@ impl Surface {
 
     /// Returns the vertex at which a half-edge begins.
     #[inline]
-    pub fn origin(&self, half_edge: u32) -> u32 {
+    pub(crate) fn origin(&self, half_edge: u32) -> u32 {
         self.faces.as_flattened()[half_edge as usize]
     }
 
     /// Returns the vertex at which a half-edge ends.
     #[inline]
-    pub fn target(&self, half_edge: u32) -> u32 {
+    pub(crate) fn target(&self, half_edge: u32) -> u32 {
         self.origin(next(half_edge))
     }
 
     /// Returns the length of a half-edge in mm.
-    pub fn length(&self, half_edge: u32) -> f64 {
+    pub(crate) fn length(&self, half_edge: u32) -> f64 {
         let [a, b] = [self.origin(half_edge), self.target(half_edge)].map(|v| self.points[v as usize]);
         (a - b).norm()
     }
 
     /// Iterates over one half-edge of each edge, the one with the lower number.
-    pub fn edges(&self) -> impl Iterator<Item = u32> + '_ {
+    pub(crate) fn edges(&self) -> impl Iterator<Item = u32> + '_ {
         (0..self.twins.len() as u32).filter(|&h| h < self.twins[h as usize])
     }
 
     /// Returns whether an edge has faces on both sides.
-    pub fn is_inner(&self, half_edge: u32) -> bool {
+    pub(crate) fn is_inner(&self, half_edge: u32) -> bool {
         self.twins[half_edge as usize] != BORDER
     }
 
     /// Returns unit normals of the faces; zero for faces without area.
-    pub fn face_normals(&self) -> Vec<Vector3<f64>> {
+    pub(crate) fn face_normals(&self) -> Vec<Vector3<f64>> {
         let normal = |face: &[u32; 3]| {
             let [a, b, c] = face.map(|v| self.points[v as usize]);
             (b - a).cross(&(c - a)).try_normalize(0.0).unwrap_or_default()
@@ -241,11 +264,11 @@ impl Surface {
 
     /// Returns outward unit normals of the vertices: [`vertex_normals`].
     pub fn normals(&self) -> Vec<Vector3<f64>> {
-        vertex_normals(&self.points, &self.faces)
+        normals(&self.points, &self.faces)
     }
 
     /// Returns the areas of the faces in mm².
-    pub fn areas(&self) -> Vec<f64> {
+    pub(crate) fn areas(&self) -> Vec<f64> {
         let area = |face: &[u32; 3]| {
             let [a, b, c] = face.map(|v| self.points[v as usize]);
             0.5 * (b - a).cross(&(c - a)).norm()
@@ -254,7 +277,7 @@ impl Surface {
     }
 
     /// Returns the connected components of the faces.
-    pub fn components(&self) -> Components {
+    pub(crate) fn components(&self) -> Components {
         self.pieces(|_| true)
     }
 

@@ -4,7 +4,7 @@ use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
 use crate::adjacency::starts_of;
-use crate::error::check_points;
+use crate::error::{check_length, check_points};
 use crate::surface::mesh::{BORDER, Surface};
 use crate::{Control, Error, Result};
 
@@ -38,7 +38,7 @@ pub(crate) struct Network {
 
 impl Network {
     /// Creates a network. The edges at each node are in the given order.
-    pub fn new(nodes: usize, edges: &[Edge]) -> Self {
+    pub(crate) fn new(nodes: usize, edges: &[Edge]) -> Self {
         let starts = starts_of(nodes, edges.iter().flat_map(|edge| edge.ends));
         let mut end: Vec<u32> = starts[..nodes].to_vec();
         let mut incident = vec![Incident { to: NONE, half_edge: 0, cost: 0.0 }; 2 * edges.len()];
@@ -52,7 +52,7 @@ impl Network {
     }
 
     /// Creates the network of the vertices and edges of a surface. The cost of an edge is its length in mm.
-    pub fn of(surface: &Surface) -> Self {
+    pub(crate) fn of(surface: &Surface) -> Self {
         Self::weighted(surface, |_| 1.0)
     }
 
@@ -66,7 +66,7 @@ impl Network {
     }
 
     /// Returns the half-edges along a path of vertices of the surface of this network.
-    pub fn along(&self, surface: &Surface, vertices: &[u32]) -> Result<Vec<u32>> {
+    pub(crate) fn along(&self, surface: &Surface, vertices: &[u32]) -> Result<Vec<u32>> {
         check_points(vertices.iter().copied(), surface.len())?;
         let half_edge = |pair: &[u32]| {
             let [a, b] = [pair[0], pair[1]];
@@ -78,7 +78,7 @@ impl Network {
         vertices.windows(2).map(half_edge).collect()
     }
 
-    pub fn incident(&self, node: u32) -> &[Incident] {
+    pub(crate) fn incident(&self, node: u32) -> &[Incident] {
         &self.incident[self.starts[node as usize] as usize..self.starts[node as usize + 1] as usize]
     }
 }
@@ -106,7 +106,7 @@ pub(crate) struct EdgeSearch {
 }
 
 impl EdgeSearch {
-    pub fn new(nodes: usize) -> Self {
+    pub(crate) fn new(nodes: usize) -> Self {
         Self {
             distance: vec![f64::INFINITY; nodes],
             step: vec![Step { from: NONE, half_edge: NONE }; nodes],
@@ -117,7 +117,7 @@ impl EdgeSearch {
     }
 
     /// Clears the search, in time proportional to the number of reached nodes.
-    pub fn clear(&mut self) {
+    pub(crate) fn clear(&mut self) {
         for node in self.touched.drain(..) {
             self.distance[node as usize] = f64::INFINITY;
             self.is_settled[node as usize] = false;
@@ -125,7 +125,7 @@ impl EdgeSearch {
         self.heap.clear();
     }
 
-    pub fn seed(&mut self, node: u32) {
+    pub(crate) fn seed(&mut self, node: u32) {
         self.reach(node, 0.0, Step { from: NONE, half_edge: NONE });
     }
 
@@ -142,7 +142,7 @@ impl EdgeSearch {
     }
 
     /// Settles and returns the next node, whose distance is final, and continues to neighbours that `may_enter`.
-    pub fn settle(&mut self, network: &Network, may_enter: impl Fn(u32) -> bool) -> Option<u32> {
+    pub(crate) fn settle(&mut self, network: &Network, may_enter: impl Fn(u32) -> bool) -> Option<u32> {
         loop {
             let Reverse((_, node)) = self.heap.pop()?;
             if std::mem::replace(&mut self.is_settled[node as usize], true) {
@@ -159,7 +159,7 @@ impl EdgeSearch {
     }
 
     /// Continues the search to all reachable nodes, and returns the farthest one.
-    pub fn explore(&mut self, network: &Network, control: &Control) -> Result<Option<u32>> {
+    pub(crate) fn explore(&mut self, network: &Network, control: &Control) -> Result<Option<u32>> {
         let mut last = None;
         while let Some(node) = self.settle(network, |_| true) {
             control.check()?;
@@ -169,21 +169,21 @@ impl EdgeSearch {
     }
 
     /// Returns the distance from the nearest seed, which is final for settled nodes and an upper bound for others.
-    pub fn distance(&self, node: u32) -> f64 {
+    pub(crate) fn distance(&self, node: u32) -> f64 {
         self.distance[node as usize]
     }
 
-    pub fn is_settled(&self, node: u32) -> bool {
+    pub(crate) fn is_settled(&self, node: u32) -> bool {
         self.is_settled[node as usize]
     }
 
     /// Returns the last step to a reached node; none for a seed.
-    pub fn step(&self, node: u32) -> Option<Step> {
+    pub(crate) fn step(&self, node: u32) -> Option<Step> {
         Some(self.step[node as usize]).filter(|step| step.from != NONE)
     }
 
     /// Iterates over the steps from a node back to its seed.
-    pub fn back(&self, node: u32) -> impl Iterator<Item = Step> + '_ {
+    pub(crate) fn back(&self, node: u32) -> impl Iterator<Item = Step> + '_ {
         std::iter::successors(self.step(node), |step| self.step(step.from))
     }
 
@@ -198,14 +198,18 @@ impl EdgeSearch {
 /// Returns the half-edges along a path of vertices. An edge with a single half-edge is represented by it, which can
 /// lead back. Errors: [`Error::NoSuchPoint`]; [`Error::NotAnEdge`] names the first two vertices without a common edge.
 /// [`shortest_path`] finds the vertices between them.
-pub fn along_path(surface: &Surface, vertices: &[u32]) -> Result<Vec<u32>> {
+pub(crate) fn along_path(surface: &Surface, vertices: &[u32]) -> Result<Vec<u32>> {
     Network::of(surface).along(surface, vertices)
 }
 
 /// Returns the vertices of the shortest path along edges through `stops` in their order, including the stops. With
 /// `factors` per vertex, the cost of an edge is its length times the mean of the factors of its ends.
 ///
-/// Takes O(n log n) time for each stop. Panics if the number of factors differs from the number of vertices.
+/// Takes O(n log n) time for each stop.
+///
+/// # Errors
+/// [`Error::NoSuchPoint`], [`Error::WrongLength`] or [`Error::FactorNotPositive`] of the factors,
+/// [`Error::Unreachable`] if no path leads to a stop, and [`Error::Cancelled`].
 pub fn shortest_path(surface: &Surface, stops: &[u32], factors: Option<&[f64]>, control: &Control) -> Result<Vec<u32>> {
     check_points(stops.iter().copied(), surface.len())?;
     let network = match factors {
@@ -230,12 +234,17 @@ pub fn shortest_path(surface: &Surface, stops: &[u32], factors: Option<&[f64]>, 
 
 /// Returns the vertices of the cheapest path along edges from a vertex to any vertex of `to`, including both, through
 /// vertices that `may_pass`: a simple path that meets `to` only at its end. The cost of an edge is its length times the
-/// mean of its ends' factors. Panics if the number of factors or flags differs from the number of vertices.
+/// mean of its ends' factors.
+///
+/// # Errors
+/// [`Error::NoSuchPoint`], [`Error::WrongLength`] of the flags or factors, [`Error::FactorNotPositive`],
+/// [`Error::Unreachable`] if no path leads to `to`, and [`Error::Cancelled`].
 pub fn path_to_any(
     surface: &Surface, from: u32, to: &[bool], may_pass: &[bool], factors: &[f64], control: &Control,
 ) -> Result<Vec<u32>> {
     check_points([from], surface.len())?;
-    assert!([to.len(), may_pass.len()] == [surface.len(); 2], "one flag and one factor per vertex");
+    check_length("flags of targets", to.len(), "vertices", surface.len())?;
+    check_length("flags of passages", may_pass.len(), "vertices", surface.len())?;
     let network = factored(surface, factors)?;
     let mut search = EdgeSearch::new(surface.len());
     search.seed(from);
@@ -253,7 +262,7 @@ pub fn path_to_any(
 
 /// Returns the network of a surface, where the cost of an edge is its length times the mean of the factors of its ends.
 fn factored(surface: &Surface, factors: &[f64]) -> Result<Network> {
-    assert_eq!(factors.len(), surface.len(), "one factor per vertex");
+    check_length("factors", factors.len(), "vertices", surface.len())?;
     if let Some(vertex) = factors.iter().position(|&f| !(f > 0.0 && f <= LONGEST.sqrt())) {
         return Err(Error::FactorNotPositive { vertex, factor: factors[vertex] });
     }

@@ -55,7 +55,7 @@ pub struct Defects {
 
 impl Defects {
     /// Returns an error for the first defect that prevents the triangles from being a surface.
-    pub fn refuse(&self) -> Result<()> {
+    pub(crate) fn refuse(&self) -> Result<()> {
         let count = |list: &[u32]| list.len();
         if let Some(&vertex) = self.missing.first() {
             return Err(Error::PointNotFinite { vertex: vertex as usize });
@@ -81,6 +81,11 @@ impl Defects {
 
 impl Surface {
     /// Creates a surface from points (mm) and triangles, and returns it with the repairs. Faces may only be reversed.
+    ///
+    /// # Errors
+    /// [`Error::NoFaces`], [`Error::GraphTooLarge`] or [`Error::CornerOutOfRange`] of the faces; the error of the first
+    /// of the [`defects`](Self::defects) that turning faces over does not repair; [`Error::PointTooFar`],
+    /// [`Error::SurfaceTooSmall`] or [`Error::EdgeTooShort`] of the positions.
     pub fn from_triangles(points: &[[f64; 3]], faces: &[[i64; 3]]) -> Result<(Self, Repairs)> {
         let mut faces = checked(points, faces)?;
         let mut defects = Defects::default();
@@ -96,6 +101,9 @@ impl Surface {
     /// are dropped. Every fan around a vertex gets its own vertex. Faces of vertices without a finite position are
     /// dropped. At an edge of more than two faces, the surface is split into sheets: only two faces of one sheet stay
     /// joined. For valid triangles, the surface is bit-identical to that of [`Surface::from_triangles`].
+    ///
+    /// # Errors
+    /// Those of [`Surface::from_triangles`], except for defects that were repaired.
     pub fn repaired(points: &[[f64; 3]], faces: &[[i64; 3]]) -> Result<(Self, Repairs)> {
         let given = checked(points, faces)?;
         let is_complete = |face: &[u32; 3]| face.iter().all(|&v| is_finite(&points[v as usize]));
@@ -152,6 +160,9 @@ impl Surface {
     }
 
     /// Returns all defects of a mesh.
+    ///
+    /// # Errors
+    /// [`Error::NoFaces`], [`Error::GraphTooLarge`], and [`Error::CornerOutOfRange`].
     pub fn defects(points: &[[f64; 3]], faces: &[[i64; 3]]) -> Result<Defects> {
         let mut faces = checked(points, faces)?;
         let mut defects = Defects::default();

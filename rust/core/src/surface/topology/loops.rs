@@ -46,12 +46,18 @@ pub struct Handle {
 
 /// Returns a short loop for every handle of all components, in the order in which [`cut_handles`] cuts them: none
 /// separates the surface after the cuts before it.
+///
+/// # Errors
+/// [`Error::Cancelled`](crate::Error::Cancelled).
 pub fn handles(surface: &Surface, control: &Control) -> Result<Vec<Handle>> {
     cut_handles(surface, control).map(|(_, handles)| handles)
 }
 
 /// Cuts the surface open along short loops around all its handles, which gives genus 0 without changing voxels. Each
 /// loop adds one or two boundary loops, and no component. Half-edges keep their numbers.
+///
+/// # Errors
+/// [`Error::Cancelled`](crate::Error::Cancelled).
 pub fn cut_handles(surface: &Surface, control: &Control) -> Result<(Surface, Vec<Handle>)> {
     let mut open = surface.clone();
     let mut handles = Vec::new();

@@ -110,7 +110,7 @@ impl Topology {
     }
 
     /// Returns whether the surface is a single disk, which can be flattened without a cut.
-    pub fn is_disk(&self) -> bool {
+    pub(crate) fn is_disk(&self) -> bool {
         self.components.len() == 1 && self.genus == 0 && self.loops.len() == 1
     }
 }

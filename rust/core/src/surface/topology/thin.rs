@@ -42,6 +42,9 @@ pub struct Thin {
 /// thickness is positive and finite.
 ///
 /// Takes O(n) time, multiplied by the number of vertices within that distance of each.
+///
+/// # Errors
+/// [`Error::Cancelled`](crate::Error::Cancelled).
 pub fn thin_places(surface: &Surface, thickness: f64, control: &Control) -> Result<ThinPlaces> {
     let mut places = ThinPlaces::default();
     if !(thickness > 0.0 && thickness.is_finite()) {

@@ -25,6 +25,9 @@ pub struct CubeTopology {
 
 impl CubeTopology {
     /// Computes the topology of a surface's voxels.
+    ///
+    /// # Errors
+    /// [`Error::Cancelled`](crate::Error::Cancelled).
     pub fn of(surface: &VoxelSurface, control: &Control) -> Result<Self> {
         let grid = VertexGrid::new(surface);
         let euler = euler_characteristic(surface, &grid);

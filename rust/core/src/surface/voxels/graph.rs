@@ -23,7 +23,7 @@ pub struct VoxelGraph {
 impl VoxelGraph {
     /// Creates the 26-neighbour graph of surface voxels. `lengths[kind]` is the length of a link in mm. The kind is the
     /// set of axes along which the link steps (bit 0 for the first axis, bit 1 for the second, bit 2 for the third).
-    pub fn of(surface: &VoxelSurface, lengths: [f64; 8], control: &Control) -> Result<Self> {
+    pub(crate) fn of(surface: &VoxelSurface, lengths: [f64; 8], control: &Control) -> Result<Self> {
         let most = (u32::MAX / 26).min(NEIGHBOUR) as usize;
         if surface.len() > most {
             return Err(Error::GraphTooLarge { points: surface.len(), most });
@@ -56,7 +56,7 @@ impl VoxelGraph {
     }
 
     /// Returns the memory of a graph in bytes: four per link and end, and four per vertex for the start of its links.
-    pub const fn memory_need(vertices: usize, links: usize) -> u64 {
+    pub(crate) const fn memory_need(vertices: usize, links: usize) -> u64 {
         4 * links as u64 + 4 * vertices as u64
     }
 

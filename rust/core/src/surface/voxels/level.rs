@@ -18,6 +18,9 @@ const STEPS: i32 = 8;
 
 impl Level {
     /// Creates a level from an image (C order) and a value.
+    ///
+    /// # Errors
+    /// [`Error::ShapeMismatch`] if there is not one value per voxel.
     pub fn new(shape: [usize; 3], values: Vec<f32>, level: f64) -> Result<Self> {
         let needed = shape.iter().product();
         if values.len() != needed {
@@ -27,7 +30,7 @@ impl Level {
     }
 
     /// Returns the shape of the volume.
-    pub fn shape(&self) -> [usize; 3] {
+    pub(crate) fn shape(&self) -> [usize; 3] {
         self.shape
     }
 
@@ -42,7 +45,7 @@ impl Level {
     }
 
     /// Returns the position of the level between a voxel (0) and its neighbour (1), if it lies there.
-    pub fn between(&self, voxel: [i64; 3], neighbour: [i64; 3]) -> Option<f64> {
+    pub(crate) fn between(&self, voxel: [i64; 3], neighbour: [i64; 3]) -> Option<f64> {
         let (a, b) = (self.at(voxel), self.at(neighbour));
         // linear interpolation: the zero of a + t (b − a)
         (a * b < 0.0).then(|| a / (a - b))
@@ -66,7 +69,7 @@ impl Level {
 
     /// Returns the distance along `direction` (voxels) from `place` (voxel indices) at which the image has the level,
     /// in units of its length: the nearest one within one length, if there is one.
-    pub fn along(&self, place: Vector3<f64>, direction: Vector3<f64>) -> Option<f64> {
+    pub(crate) fn along(&self, place: Vector3<f64>, direction: Vector3<f64>) -> Option<f64> {
         let value = |step: i32| self.trilinear(place + direction * (REACH * f64::from(step) / f64::from(STEPS)));
         let values: Vec<f64> = (-STEPS..=STEPS).map(value).collect();
         let crossing = |n: usize| {

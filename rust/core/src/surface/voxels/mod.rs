@@ -37,6 +37,9 @@ pub struct VoxelSurface {
 
 impl VoxelSurface {
     /// Extracts the surface of the mask's foreground, including all components.
+    ///
+    /// # Errors
+    /// [`Error::VoxelTooFar`] and [`Error::Cancelled`].
     pub fn from_mask(mask: &Mask, affine: Affine, control: &Control) -> Result<Self> {
         affine.check_reach(mask.shape())?;
         let on_surface = |v: [i64; 3]| DIRECT.iter().any(|&d| !mask.is_inside(plus(v, d)));
@@ -56,7 +59,7 @@ impl VoxelSurface {
     }
 
     /// Returns the voxels for which `keep` is true. Panics if the number of values differs from the number of voxels.
-    pub fn subset(&self, keep: &[bool]) -> Self {
+    pub(crate) fn subset(&self, keep: &[bool]) -> Self {
         assert_eq!(keep.len(), self.voxels.len(), "one value per voxel");
         let kept = || (0..keep.len()).filter(|&v| keep[v]);
         Self {
@@ -68,7 +71,7 @@ impl VoxelSurface {
     }
 
     /// Returns the memory of surface voxels in bytes: three indices and an outward direction of three bytes.
-    pub const fn memory_need(voxels: usize) -> u64 {
+    pub(crate) const fn memory_need(voxels: usize) -> u64 {
         (12 + 3) * voxels as u64
     }
 
@@ -88,7 +91,7 @@ impl VoxelSurface {
     }
 
     /// Returns the transform from voxel indices to mm.
-    pub fn affine(&self) -> &Affine {
+    pub(crate) fn affine(&self) -> &Affine {
         &self.affine
     }
 
@@ -104,14 +107,16 @@ impl VoxelSurface {
 
     /// Returns the direction from a voxel to the background around it in mm, not normalised: the sum of the offsets to
     /// its background 26-neighbours. Zero where opposite sides are background (a sheet one voxel thick).
-    pub fn outward(&self, vertex: usize) -> Vector3<f64> {
+    pub(crate) fn outward(&self, vertex: usize) -> Vector3<f64> {
         let spacing = self.affine.spacing();
         let offset = Vector3::from_fn(|axis, _| f64::from(self.outward[vertex][axis]) / spacing[axis].powi(2));
         self.affine.linear() * offset // normals transform by the inverse transpose of the affine's linear part
     }
 
     /// Returns the number of the vertex at a voxel.
-    /// Errors: [`Error::NotOnSurface`], which names the nearest surface voxel.
+    ///
+    /// # Errors
+    /// [`Error::NotOnSurface`], which names the nearest surface voxel.
     pub fn find(&self, voxel: [i64; 3]) -> Result<usize> {
         let fits = (0..3).all(|axis| voxel[axis] >= 0 && (voxel[axis] as usize) < self.shape[axis]);
         if fits {
@@ -123,11 +128,11 @@ impl VoxelSurface {
         Err(Error::NotOnSurface { voxel, nearest: self.voxels[self.nearest(voxel).0] })
     }
 
-    /// Returns the nearest surface voxel to a voxel, and its distance in mm. Panics if the surface is empty.
+    /// Returns the nearest surface voxel to a voxel, and its distance in mm; the first of several.
     pub fn nearest(&self, voxel: [i64; 3]) -> (usize, f64) {
         let place = self.affine.to_mm(voxel.map(|x| x as f64));
         let distances = self.points().into_iter().map(|point| (point - place).norm());
-        distances.enumerate().min_by(|a, b| a.1.total_cmp(&b.1)).expect("a surface has points")
+        distances.enumerate().fold((0, f64::INFINITY), |best, next| if next.1 < best.1 { next } else { best })
     }
 }
 
@@ -171,9 +176,9 @@ pub(crate) struct VertexGrid {
 }
 
 impl VertexGrid {
-    pub const NONE: u32 = u32::MAX;
+    pub(crate) const NONE: u32 = u32::MAX;
 
-    pub fn new(surface: &VoxelSurface) -> Self {
+    pub(crate) fn new(surface: &VoxelSurface) -> Self {
         let mut low = [i64::MAX; 3];
         let mut high = [i64::MIN; 3];
         for voxel in surface.voxels() {
@@ -192,27 +197,27 @@ impl VertexGrid {
         grid
     }
 
-    pub fn cells(&self) -> &[u32] {
+    pub(crate) fn cells(&self) -> &[u32] {
         &self.cells
     }
 
     /// Returns the cell of a voxel of the padded box.
-    pub fn cell(&self, voxel: [i64; 3]) -> usize {
+    pub(crate) fn cell(&self, voxel: [i64; 3]) -> usize {
         let [i, j, k]: [i64; 3] = std::array::from_fn(|axis| voxel[axis] - self.origin[axis]);
         ((i * self.shape[1] + j) * self.shape[2] + k) as usize
     }
 
     /// Returns the difference between the cells of two neighbours.
-    pub fn step(&self, offset: [i64; 3]) -> isize {
+    pub(crate) fn step(&self, offset: [i64; 3]) -> isize {
         ((offset[0] * self.shape[1] + offset[1]) * self.shape[2] + offset[2]) as isize
     }
 
-    pub fn position(&self, cell: usize) -> [i64; 3] {
+    pub(crate) fn position(&self, cell: usize) -> [i64; 3] {
         let cell = cell as i64;
         [cell / (self.shape[1] * self.shape[2]), cell / self.shape[2] % self.shape[1], cell % self.shape[2]]
     }
 
-    pub fn shape(&self) -> [i64; 3] {
+    pub(crate) fn shape(&self) -> [i64; 3] {
         self.shape
     }
 }

@@ -17,7 +17,7 @@ use crate::{Control, Error, Result};
 
 /// The assignment of surfels to nodes.
 #[derive(Debug, Clone)]
-pub struct Nodes {
+pub(crate) struct Nodes {
     /// The node of each surfel.
     pub of_surfel: Vec<u32>,
     /// The surface voxel of each node.
@@ -44,7 +44,7 @@ impl Nodes {
     /// Returns the nodes of closed surfels, split until their polygons are a manifold, and the triangles. `place`
     /// returns the positions of nodes (mm), by which diagonals are chosen. It is called for the final nodes, and before
     /// only for the centres of surfels.
-    pub fn triangulate(
+    pub(crate) fn triangulate(
         surfels: &Surfels, centres: &[Vector3<f64>], place: impl FnOnce(&Self) -> Result<Vec<Vector3<f64>>>,
         control: &Control,
     ) -> Result<(Self, Surface)> {
@@ -117,7 +117,7 @@ impl Nodes {
     }
 
     /// Returns the mean of the surfels' values in each node.
-    pub fn means(&self, values: &[Vector3<f64>]) -> Vec<Vector3<f64>> {
+    pub(crate) fn means(&self, values: &[Vector3<f64>]) -> Vec<Vector3<f64>> {
         let mut sums = vec![(Vector3::zeros(), 0.0); self.voxel.len()];
         for (&node, value) in self.of_surfel.iter().zip(values) {
             let (sum, count) = &mut sums[node as usize];

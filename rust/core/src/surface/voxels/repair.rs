@@ -64,7 +64,9 @@ pub struct Repaired {
 /// `spacing` is the distance between neighbouring voxels along each axis in mm. With a foreground `probability`, one
 /// value per voxel in C order, voxels are preferably removed where it is low and added where it is high. Values are
 /// clamped to 0 to 1; NaN counts as 0. Voxels outside the volume are background and remain so.
-/// Errors: [`Error::SpacingNotPositive`]; [`Error::ShapeMismatch`] of the probability; [`Error::VolumeTooLarge`] if the
+///
+/// # Errors
+/// [`Error::SpacingNotPositive`]; [`Error::ShapeMismatch`] of the probability; [`Error::VolumeTooLarge`] if the
 /// foreground's bounding box has more than 2³² voxels; [`Error::Cancelled`].
 pub fn to_genus_zero(
     mask: &Mask, spacing: [f64; 3], probability: Option<&[f32]>, control: &Control,

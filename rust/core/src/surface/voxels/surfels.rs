@@ -11,7 +11,7 @@ use crate::{Control, Error, Result};
 
 /// How foreground voxels that touch only along an edge are connected.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Touching {
+pub(crate) enum Touching {
     /// They are not connected, so that touching banks of a fold stay apart.
     Apart,
     /// They are connected, so that a thin slanted sheet holds together.
@@ -21,7 +21,7 @@ pub enum Touching {
 /// The surfels of a label volume. Surfel `s` has four edges `4 s + q`, which run counterclockwise as seen from outside.
 /// Corner `4 s + q` lies between the edges `q` and `q + 1`.
 #[derive(Debug, Clone)]
-pub struct Surfels {
+pub(crate) struct Surfels {
     /// The voxel of each surfel, as an index into the surface voxels.
     voxel: Vec<u32>,
     /// The direction that it faces, as an index into the six direct ones.
@@ -56,7 +56,7 @@ const fn turn(edge: u32, by: u32) -> u32 {
 
 impl Surfels {
     /// Creates the surfels of the mask's surface voxels.
-    pub fn new(mask: &Mask, surface: &VoxelSurface, touching: Touching, control: &Control) -> Result<Self> {
+    pub(crate) fn new(mask: &Mask, surface: &VoxelSurface, touching: Touching, control: &Control) -> Result<Self> {
         let most = (u32::MAX / 32) as usize;
         if surface.len() > most {
             return Err(Error::GraphTooLarge { points: surface.len(), most });
@@ -113,22 +113,22 @@ impl Surfels {
     }
 
     /// Returns the surface voxel of a surfel.
-    pub fn voxel(&self, surfel: u32) -> u32 {
+    pub(crate) fn voxel(&self, surfel: u32) -> u32 {
         self.voxel[surfel as usize]
     }
 
     /// Returns the direction that a surfel faces.
-    pub fn direction(&self, surfel: u32) -> [i64; 3] {
+    pub(crate) fn direction(&self, surfel: u32) -> [i64; 3] {
         DIRECT[usize::from(self.direction[surfel as usize])]
     }
 
     /// Returns the surfels of a surface voxel.
-    pub fn of_voxel(&self, voxel: u32) -> std::ops::Range<u32> {
+    pub(crate) fn of_voxel(&self, voxel: u32) -> std::ops::Range<u32> {
         self.first[voxel as usize]..self.first[voxel as usize + 1]
     }
 
     /// Returns the neighbour across each of a surfel's edges; `None` at the boundary.
-    pub fn neighbours(&self, surfel: u32) -> [Option<u32>; 4] {
+    pub(crate) fn neighbours(&self, surfel: u32) -> [Option<u32>; 4] {
         std::array::from_fn(|q| match self.glue[4 * surfel as usize + q] {
             BORDER => None,
             edge => Some(edge / 4),
@@ -137,7 +137,7 @@ impl Surfels {
 
     /// Returns the surfels for which `keep` is true; the surface ends where they do.
     /// Panics if the number of values differs from the number of surfels.
-    pub fn restricted(&self, keep: &[bool]) -> Self {
+    pub(crate) fn restricted(&self, keep: &[bool]) -> Self {
         assert_eq!(keep.len(), self.len(), "one value per surfel");
         let kept: Vec<u32> = (0..keep.len() as u32).filter(|&s| keep[s as usize]).collect();
         let mut number = vec![BORDER; keep.len()];
@@ -164,7 +164,7 @@ impl Surfels {
     }
 
     /// Calls `visit` with the surfels around each inner point of the surface, counterclockwise.
-    pub fn around_points(&self, mut visit: impl FnMut(&[u32])) {
+    pub(crate) fn around_points(&self, mut visit: impl FnMut(&[u32])) {
         let mut seen = vec![false; self.glue.len()];
         let mut ring = Vec::new();
         for start in 0..self.glue.len() as u32 {
@@ -190,7 +190,7 @@ impl Surfels {
     }
 
     /// Returns the Euler characteristic of the glued surface, if it is closed.
-    pub fn euler(&self) -> i64 {
+    pub(crate) fn euler(&self) -> i64 {
         let mut corners = 0;
         self.around_points(|_| corners += 1);
         corners - self.len() as i64

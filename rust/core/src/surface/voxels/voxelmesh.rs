@@ -49,6 +49,10 @@ pub struct VoxelMesh {
 
 impl VoxelMesh {
     /// Extracts the surface of a label of the given kind, or of the kind that is detected.
+    ///
+    /// # Errors
+    /// [`Error::ShapeMismatch`] of the level, [`Error::VoxelTooFar`], [`Error::GraphTooLarge`], [`Error::NoFaces`] if
+    /// no triangle remains, and [`Error::Cancelled`].
     pub fn of(
         mask: &Mask, affine: &Affine, kind: Option<Kind>, level: Option<&Level>, control: &Control,
     ) -> Result<Self> {
@@ -61,7 +65,7 @@ impl VoxelMesh {
     /// Extracts one surface with a boundary through the middle of a sheet, including all components. In a sheet thicker
     /// than a voxel, the voxels that are visible only from the other side are not vertices. Errors: [`Error::NoFaces`]
     /// if the sheet is nowhere wide enough for a face, [`Error::GraphTooLarge`], [`Error::Cancelled`].
-    pub fn of_sheet(mask: &Mask, affine: &Affine, control: &Control) -> Result<Self> {
+    pub(crate) fn of_sheet(mask: &Mask, affine: &Affine, control: &Control) -> Result<Self> {
         let voxels = VoxelSurface::from_mask(mask, *affine, control)?;
         let both = Surfels::new(mask, &voxels, Touching::Joined, control)?;
         let side = sheets::side(&voxels, &both, control)?;
@@ -100,7 +104,7 @@ impl VoxelMesh {
 
     /// Extracts the boundary of a solid, including all components. With a level, its points lie where the image has
     /// that value, if it has it near the mask's border.
-    pub fn of_solid(mask: &Mask, affine: &Affine, level: Option<&Level>, control: &Control) -> Result<Self> {
+    pub(crate) fn of_solid(mask: &Mask, affine: &Affine, level: Option<&Level>, control: &Control) -> Result<Self> {
         if let Some(level) = level.filter(|level| level.shape() != mask.shape()) {
             let [given, needed] = [level.shape(), mask.shape()].map(|shape| shape.iter().product());
             return Err(Error::ShapeMismatch { shape: mask.shape(), given, needed });
