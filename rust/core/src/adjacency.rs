@@ -40,7 +40,7 @@ pub struct Components {
 
 impl Components {
     /// The label of members that belong to no component.
-    pub(crate) const NONE: u32 = u32::MAX;
+    pub const NONE: u32 = u32::MAX;
 
     /// Finds the components among the allowed ones of `count` members by flood fills from members not yet reached.
     pub(crate) fn of<I: Iterator<Item = u32>>(

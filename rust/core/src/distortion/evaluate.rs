@@ -32,8 +32,8 @@ pub fn reference_sources(points: usize, count: usize, seed: u64) -> Vec<u32> {
 }
 
 /// Evaluates several maps of the same vertices by the distances from the same sources. If the rows take more than
-/// `kept` bytes, they are computed twice instead of being kept; the figures are the same. Maps may have a period, as in
-/// [`measure`].
+/// `kept` bytes, they are computed twice instead of being kept; the figures are the same. Maps may repeat in the second
+/// direction with a period; distances are then those to the nearest copy.
 ///
 /// # Errors
 /// [`Error::NoSuchPoint`](crate::Error::NoSuchPoint) for a source, [`Error::WrongLength`](crate::Error::WrongLength) if

@@ -18,7 +18,7 @@ use crate::{Control, Result};
 const CHUNK: usize = 4096;
 
 /// Factors of area change; the share of the surface beyond each of them is reported.
-pub(crate) const AREA_FACTORS: [f64; 3] = [1.25, 1.5, 2.0];
+pub const AREA_FACTORS: [f64; 3] = [1.25, 1.5, 2.0];
 
 /// The distortion of the triangles.
 #[derive(Debug, Clone, PartialEq)]

@@ -5,7 +5,7 @@
 //! the best scale of the map, s* = argmin mean |s·d − δ|/δ. Pairs at distance δ = 0, such as a point with itself, are
 //! excluded, because they have no relative error. Undefined figures are NaN.
 //!
-//! Rows are passed twice, once for each scale, and are never needed all at once. Only [sums](sums::Sums) are kept of
+//! Rows are passed twice, once for each scale, and are never needed all at once. Only sums (`sums`) are kept of
 //! each source. The figures and their standard errors, by the bootstrap over sources, follow from them.
 
 pub mod bootstrap;

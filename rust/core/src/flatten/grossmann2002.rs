@@ -18,7 +18,7 @@ use crate::{Control, Result};
 /// geodesics, classical scaling of the sources, and radial functions for the other points. Rows are kept on request.
 ///
 /// # Errors
-/// Those of [`check_flattenable`](super::check_flattenable) and of [`Sources::choose`],
+/// Those of [`check_flattenable`] and of [`Sources::choose`],
 /// [`Error::Unreachable`](crate::Error::Unreachable) if the surface is not connected,
 /// [`Error::NotPlanar`](crate::Error::NotPlanar) if the distances describe a line or a point, and
 /// [`Error::EigenNotConverged`](crate::Error::EigenNotConverged) or

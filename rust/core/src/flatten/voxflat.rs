@@ -80,7 +80,7 @@ pub struct Options<'a> {
     /// A known map from which the optimisation starts; the result is rotated to match it.
     pub start: Option<Start<'a>>,
     /// The maximum factor by which the area of a triangle may change relative to the whole map; the bound is approached
-    /// as closely as possible, see [`bounded`]. Greater than 1.
+    /// as closely as possible. Greater than 1.
     pub max_area: Option<f64>,
     /// The scale of the map.
     pub scale: Scale,

@@ -12,7 +12,7 @@ use crate::surface::{Surface, mesh::normals};
 use crate::{Control, Result};
 
 /// The root mean square distance from the centre, in the units of the scales.
-pub(crate) const RADIUS: f64 = 50.0;
+pub const RADIUS: f64 = 50.0;
 
 /// The standard deviations of the smoothing for the depths.
 pub const SCALES: [f64; 3] = [24.0, 12.0, 6.0];

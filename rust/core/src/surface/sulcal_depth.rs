@@ -8,7 +8,7 @@ use crate::surface::mesh::{Surface, normals};
 use crate::{Control, Result};
 
 /// The most vertices without decimation: with triangles below 1 mm, the solver's steps grow faster than vertices.
-pub(crate) const FINEST: usize = 200_000;
+pub const FINEST: usize = 200_000;
 
 /// The number of steps of the flow; with more, depths change by half a mm on average on a hemisphere.
 const STEPS: usize = 8;

@@ -10,7 +10,7 @@ use crate::surface::topology::{Loop, Topology};
 use crate::{Control, Result};
 
 /// The maximum number of edges of a hole to fill; the time grows with its cube.
-pub(crate) const MOST_EDGES: usize = 500;
+pub const MOST_EDGES: usize = 500;
 
 /// A triangle counts as degenerate if its area, divided by the square of its longest side, is below this.
 const FLAT: f64 = 1e-9;

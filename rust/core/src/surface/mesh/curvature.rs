@@ -15,7 +15,7 @@ const STEPS: usize = 3;
 /// An edge with exterior angle β carries the integral ½ β · length (Cohen-Steiner, Morvan 2003); each end gets half of
 /// it. A face gives a third of its area to each corner. Both are summed over a neighbourhood of `rings` rings before
 /// they are divided, which smooths the steps of surfaces from voxels. The boundary has no angle. Takes O(n) per ring.
-pub(crate) fn mean_curvature(surface: &Surface, rings: usize) -> Vec<f64> {
+pub fn mean_curvature(surface: &Surface, rings: usize) -> Vec<f64> {
     let mut bend = bends(surface);
     let mut area = masses(surface.points(), surface.faces());
     for _ in 0..rings {

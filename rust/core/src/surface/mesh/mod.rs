@@ -277,7 +277,7 @@ impl Surface {
     }
 
     /// Returns the connected components of the faces.
-    pub(crate) fn components(&self) -> Components {
+    pub fn components(&self) -> Components {
         self.pieces(|_| true)
     }
 

@@ -1,7 +1,7 @@
 //! Surface voxels as the vertices of a manifold, without an iso-surface.
 //!
 //! A *node* is a surface voxel seen from one side: a connected set of its surfels. The nodes around each point where
-//! surfels meet ([`Surfels::around_points`]) form a polygon, which is a face. The mesh is thus the dual of the surfel
+//! surfels meet (`Surfels::around_points`) form a polygon, which is a face. The mesh is thus the dual of the surfel
 //! surface, with the surfels of each node contracted to one vertex. This preserves the topology if the surfels of each
 //! node form a disk and the polygons form a simplicial complex. A voxel that carries several layers violates this; its
 //! node is split into its surfels, for which it always holds.

@@ -4,7 +4,7 @@
 //! rim. One of them is used, and moved to the middle of the sheet.
 //!
 //! 1. Surfels are glued so that voxels that touch along an edge are connected
-//!    ([`Touching::Joined`](super::surfels::Touching::Joined)), because a thin slanted sheet often consists of such
+//!    (`Touching::Joined`), because a thin slanted sheet often consists of such
 //!    voxels.
 //! 2. The normal of each voxel is the direction in which the surrounding voxels, reached over the sheet, vary least.
 //!    Normals are oriented consistently along a spanning tree that prefers similar neighbours.

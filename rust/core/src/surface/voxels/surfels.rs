@@ -1,7 +1,7 @@
 //! Surfels: the faces between foreground and background voxels, glued along their edges into closed surfaces.
 //!
 //! Four surfels meet at a voxel edge where the two foreground voxels around it touch only along that edge. How they are
-//! paired determines the surface there ([`Touching`]). Corners are only united across glued edges, so the result is
+//! paired determines the surface there (`Touching`). Corners are only united across glued edges, so the result is
 //! always a closed, oriented, abstract surface: χ = corners − surfels.
 
 use crate::surface::mesh::BORDER;
