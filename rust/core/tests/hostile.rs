@@ -6,15 +6,22 @@ use std::sync::mpsc::{RecvTimeoutError, channel};
 use std::time::Duration;
 
 use proptest::prelude::*;
+use voxflat::atlas::glue::glue;
+use voxflat::distortion::{evaluate::evaluate_all, faces::measure_faces};
 use voxflat::embed::stress::levels::Levels;
 use voxflat::flatten::{self, FlatMap, grossmann2002, saucan2006, schwartz1989, voxflat::Options, zigelman2002};
 use voxflat::geodesic::marching::{Marching, Wave};
-use voxflat::geodesic::{chain::LinkLengths, exact::Exact, graph::GeodesicGraph};
+use voxflat::geodesic::neighbourhood::Neighbourhoods;
+use voxflat::geodesic::{Solver, chain::LinkLengths, exact::Exact, graph::GeodesicGraph, shortest::trace_path};
+use voxflat::orient::turn_onto;
 use voxflat::patch::{self, Selection, cut_out};
 use voxflat::rows::DistanceRows;
 use voxflat::scales::{FARTHEST, SMALLEST};
-use voxflat::sources::Sources;
+use voxflat::sources::{Sources, cells};
+use voxflat::sphere::{map::flipped, register::Template, register::register};
 use voxflat::surface::cuts::open_to_disk;
+use voxflat::surface::mesh::paths::{path_to_any, shortest_path};
+use voxflat::surface::mesh::vertex_normals;
 use voxflat::surface::voxels::repair::to_genus_zero;
 use voxflat::surface::voxels::voxelmesh::VoxelMesh;
 use voxflat::surface::{Surface, VoxelSurface};
@@ -251,4 +258,50 @@ fn sizes_beyond_the_scales_are_refused() {
     }
     let far: Vec<[f64; 3]> = points.iter().map(|&[x, y, z]| [x, y, z + 1.1e11]).collect();
     assert!(matches!(Surface::from_triangles(&far, &faces), Err(Error::PointTooFar { vertex: 0, .. })));
+}
+
+#[test]
+fn vertices_that_do_not_exist_and_values_of_wrong_lengths_are_errors() {
+    let (surface, control) = (shapes::surface(shapes::sheet(4, 4)), Control::default());
+    let (graph, none) = (GeodesicGraph::new(&surface, &control).unwrap(), surface.len() as u32);
+    let (marching, exact) = (Marching::new(&surface, Wave::Circle, &control).unwrap(), Exact::new(&surface));
+    let mut row = vec![0.0; surface.len()];
+    let missing = [
+        DistanceRows::compute(&graph, &[none], &control).err(),
+        DistanceRows::compute_to(&exact, &[0], &[none], &control).err(),
+        exact.distances(none, &mut row, &mut exact.scratch(), &control).err(),
+        marching.march(none, &control).err(),
+        marching.march(0, &control).unwrap().path(none, &control).err(),
+        trace_path(&graph, DistanceRows::compute(&graph, &[0], &control).unwrap().row(0), 0, none, &control).err(),
+        Levels::new(&surface, &[none], &control).err(),
+        Neighbourhoods::measure(&surface, Some(1), &[none], false, &control).err(),
+        cells(&graph, &[0, none], 1, 0, &control).err(),
+        vertex_normals(surface.points(), &[[0, 1, none]]).err(),
+        flipped(&[[0, 1, none]], surface.points()).err(),
+    ];
+    for (n, error) in missing.into_iter().enumerate() {
+        assert_eq!(error, Some(Error::NoSuchPoint { vertex: surface.len(), points: surface.len() }), "case {n}");
+    }
+    let uv = vec![[0.0; 2]; surface.len() - 1];
+    let ones = vec![1.0; surface.len() - 1];
+    let wrong = [
+        surface.part_of_faces(&[true]).err(),
+        surface.part_of_vertices(&[true]).err(),
+        surface.moved(Vec::new()).err(),
+        exact.distances(0, &mut row[1..], &mut exact.scratch(), &control).err(),
+        shortest_path(&surface, &[0, 1], Some(&ones), &control).err(),
+        path_to_any(&surface, 0, &[true], &[true], &ones, &control).err(),
+        measure_faces(surface.points(), surface.faces(), &uv, &control).err(),
+        evaluate_all(&graph, &[&uv], None, &[0], 0, 0, &control).err(),
+        glue(&surface, &[0], &[[[0.0; 2]; 3]], 1.5, &control).err(),
+        turn_onto(&[[0.0; 2]], &[], &mut []).err(),
+        Template::new(shapes::surface(shapes::sphere(1)), Vec::new(), Vec::new(), Vec::new()).err(),
+    ];
+    for (n, error) in wrong.into_iter().enumerate() {
+        assert!(matches!(error, Some(Error::WrongLength { .. })), "case {n}: {error:?}");
+    }
+    let options = schwartz1989::Options { rings: Some(2), sources: &[0], starts: 0, seed: 0, keep_rows: false };
+    assert_eq!(schwartz1989(&surface, &graph, &options, &control).err(), Some(Error::NoStarts));
+    let none = register(&surface, &[], None, &control).err();
+    assert_eq!(none, Some(Error::NoSuchTemplate { template: 0, templates: 0 }));
 }
