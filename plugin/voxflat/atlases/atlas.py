@@ -335,8 +335,8 @@ class Atlas(FlatPieces, Saved, Sequence[PieceT_co], ABC):
 
         It lists the version, function, parameters, input files, warnings and measures.
         """
-        told: Record = {name: self.metadata[name] for name in ("space", "warnings") if name in self.metadata}
-        return {**super().provenance, **told, "figures": self.figures()}
+        description: Record = {name: self.metadata[name] for name in ("space", "warnings") if name in self.metadata}
+        return {**super().provenance, **description, "figures": self.figures()}
 
     def _write(self, path: Path) -> None:
         text = {"format": self._format, "metadata": self.metadata, **self._text()}
@@ -392,11 +392,11 @@ class Atlas(FlatPieces, Saved, Sequence[PieceT_co], ABC):
             return cls._of_file(text, arrays)
 
 
-def figures_of(told: Mapping[str, Any]) -> dict[str, Any]:
+def figures_of(measures: Mapping[str, Any]) -> dict[str, Any]:
     """Return numbers stored in a file as floats; raise ValueError if one is not a number."""
-    if not all(is_number(one) for one in told.values()):
-        raise ValueError(f"{dict(told)} are not numbers")
-    return {name: float(one) for name, one in told.items()}
+    if not all(is_number(value) for value in measures.values()):
+        raise ValueError(f"{dict(measures)} are not numbers")
+    return {name: float(value) for name, value in measures.items()}
 
 
 def _checked(arrays: dict[str, NDArray[Any]], metadata: dict[str, Any]) -> dict[str, Any]:

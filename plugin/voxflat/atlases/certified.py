@@ -192,8 +192,8 @@ class FlatAtlas(Atlas[FlatPatch]):
         }
 
     def _title(self) -> str:
-        of = self.certificate
-        return f"{len(self)} patches, {len(self.faces)} triangles, C ≤ {of.c:.4f}, K ≤ {of.k:.4f}"
+        certificate = self.certificate
+        return f"{len(self)} patches, {len(self.faces)} triangles, C ≤ {certificate.c:.4f}, K ≤ {certificate.k:.4f}"
 
     @property
     def broken(self) -> NDArray[np.bool_]:
@@ -205,13 +205,13 @@ class FlatAtlas(Atlas[FlatPatch]):
         return np.asarray(~held)
 
     def _lines(self) -> list[str]:
-        of, certified = self._figures(), self.certificate
-        measured = of["measured"]
+        measures, certified = self._figures(), self.certificate
+        measured = measures["measured"]
         return [
             f"{'patches':26}{len(self):>10}",
             f"{'triangles':26}{len(self.faces):>10}",
-            f"{'patches of one triangle':26}{of['single_triangles']:>10}",
-            f"{'patches with half the area':26}{of['half_of_the_area']:>10}",
+            f"{'patches of one triangle':26}{measures['single_triangles']:>10}",
+            f"{'patches with half the area':26}{measures['half_of_the_area']:>10}",
             "",
             f"{'':26}{'certified':>10}{'measured':>10}",
             f"{'inclination, degrees':26}{certified.angle:>10.2f}{measured['angle']:>10.2f}",

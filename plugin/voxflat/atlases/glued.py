@@ -187,17 +187,17 @@ class GluedAtlas(Atlas[GluedPiece]):
         }
 
     def _lines(self) -> list[str]:
-        of, seams = self._figures(), self.seams
+        measures, seams = self._figures(), self.seams
 
         def share(length: float) -> str:
             return f"{100 * length / seams.length if seams.length > 0 else 0.0:>8.2f} %"
 
-        measured, before = of["measured"], of["before"]
+        measured, before = measures["measured"], measures["before"]
         return [
-            f"{'patches':34}{of['patches']:>10}",
+            f"{'patches':34}{measures['patches']:>10}",
             f"{'pieces':34}{len(self):>10}",
             f"{'triangles':34}{len(self.faces):>10}",
-            f"{'area of the largest piece':34}{100 * of['largest_area_share']:>8.2f} %",
+            f"{'area of the largest piece':34}{100 * measures['largest_area_share']:>8.2f} %",
             "",
             f"{'seams':34}{in_unit('mm', self.origin.named_unit):>10}",
             f"{'all':34}{seams.length:>10.1f}",
@@ -230,10 +230,10 @@ def _pieces(count: int) -> str:
 def measured(stretch: NDArray[np.float64], corners: NDArray[np.float64]) -> dict[str, float]:
     """Return the maxima and area-weighted means of C and K, given σ1, σ2 and the 3D corners of the triangles."""
     area = 0.5 * np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
-    found: dict[str, float] = {}
+    measures: dict[str, float] = {}
     for name, values in (("c", isometric(stretch)), ("k", quasi_conformal(stretch))):
-        found |= {name: float(values.max()), f"mean_{name}": float(values @ area / area.sum())}
-    return found
+        measures |= {name: float(values.max()), f"mean_{name}": float(values @ area / area.sum())}
+    return measures
 
 
 def _edges(faces: NDArray[np.int64], corners: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
@@ -255,26 +255,26 @@ def glue(atlas: Atlas, certified: float, bound: float, threads: int | None, prog
     if told["turned"] or told["unused"] or not np.array_equal(core.faces, atlas.faces):
         raise InputError("the triangles of the atlas do not form a surface. Create the atlas again")
     flat = np.ascontiguousarray(atlas.uv[atlas.uv_faces].reshape(-1, 6))
-    found = core.glue(atlas.piece_ids.astype(np.uint32), flat, float(bound), threads, progress)
+    result = core.glue(atlas.piece_ids.astype(np.uint32), flat, float(bound), threads, progress)
     glued = GluedAtlas(
         points=atlas.points,
         faces=atlas.faces,
         ids=atlas.ids,
-        piece_ids=found["labels"].astype(np.int64),
-        stretch=found["stretch"],
-        starts=found["starts"].astype(np.int64),
-        vertex_ids=found["vertices"].astype(np.int64),
-        uv=found["uv"],
-        uv_faces=found["corners"].astype(np.int64),
+        piece_ids=result["labels"].astype(np.int64),
+        stretch=result["stretch"],
+        starts=result["starts"].astype(np.int64),
+        vertex_ids=result["vertices"].astype(np.int64),
+        uv=result["uv"],
+        uv_faces=result["corners"].astype(np.int64),
         origin=atlas.origin,
         warnings=atlas.warnings,
         metadata={**atlas.metadata, "glue": {"bound": float(bound)}},
         patch_ids=atlas.piece_ids,
-        measured=found["measured"],
+        measured=result["measured"],
         bound=float(bound),
         certified_before=certified,
-        measured_before=found["before"],
-        seams=Seams(**found["seams"]),
+        measured_before=result["before"],
+        seams=Seams(**result["seams"]),
     )
     log.info("%d patches were glued into %s", len(atlas), _pieces(len(glued)))
     return glued

@@ -28,9 +28,9 @@ def patches(
     checked_choice(seeds, "seeds", SEEDS)
     seed = checked_seed(seed)
     threads = checked_threads(threads)
-    found = whole.core.patches(limit, value, seeds, seed, threads, progress)
-    parts = found["patches"]
-    faces, labels = whole.faces.astype(np.int64), found["labels"].astype(np.int64)
+    result = whole.core.patches(limit, value, seeds, seed, threads, progress)
+    parts = result["patches"]
+    faces, labels = whole.faces.astype(np.int64), result["labels"].astype(np.int64)
     starts = np.cumsum([0, *(len(part["vertices"]) for part in parts)])
     vertices = np.concatenate([part["vertices"] for part in parts]).astype(np.int64)
     count = int(vertices.max()) + 1  # vertices, and so keys, are sorted within each patch
@@ -41,8 +41,8 @@ def patches(
         ids=whole.ids,
         piece_ids=labels,
         patch_ids=labels,
-        stretch=found["stretch"],
-        certificate=Certificate(*found["certificate"]),
+        stretch=result["stretch"],
+        certificate=Certificate(*result["certificate"]),
         starts=starts,
         vertex_ids=vertices,
         uv=np.concatenate([part["uv"] for part in parts]),
@@ -69,12 +69,12 @@ def patches(
 
 def _limit(limits: dict[str, Any]) -> tuple[str, float]:
     """Return the name (as in the core) and the value of the limit on patches."""
-    given = {name: value for name, value in limits.items() if value is not None}
-    if len(given) > 1:
-        raise InputError(f"{' and '.join(given)} cannot be combined. Pass only one of max_angle, bound and count")
-    if not given:
+    limit = {name: value for name, value in limits.items() if value is not None}
+    if len(limit) > 1:
+        raise InputError(f"{' and '.join(limit)} cannot be combined. Pass only one of max_angle, bound and count")
+    if not limit:
         return "angle", MAX_ANGLE
-    name, value = next(iter(given.items()))
+    name, value = next(iter(limit.items()))
     fits, what = (is_whole, "a whole number") if name == "count" else (is_number, "a number")
     if not fits(value):
         raise InputError(f"{name} is {shown(value)}. Pass {what}")

@@ -87,12 +87,12 @@ class FlatPage(Planar):
     @cached_property
     def _triangles(self) -> FlatTriangles:
         """The triangles without shared corners, so that a corner of the raster identifies its triangle."""
-        of, count = self.atlas, len(self.atlas.faces)
-        rows = of.faces.ravel()
+        atlas, count = self.atlas, len(self.atlas.faces)
+        rows = atlas.faces.ravel()
         faces = np.arange(3 * count, dtype=np.uint32).reshape(-1, 3)
-        on_surface = SurfacePoints(of.points[rows], of.normals[rows], of.ids[rows], of.origin, faces)
+        on_surface = SurfacePoints(atlas.points[rows], atlas.normals[rows], atlas.ids[rows], atlas.origin, faces)
         torn = np.zeros(count, dtype=np.bool_)
-        return FlatTriangles(self.corners.reshape(-1, 2), faces, torn, on_surface, of.piece_ids)
+        return FlatTriangles(self.corners.reshape(-1, 2), faces, torn, on_surface, atlas.piece_ids)
 
     def face_ids(self, pixel_size: float | None = None) -> NDArray[np.int64]:
         """Return the triangle at each pixel.
@@ -159,8 +159,8 @@ class FlatPage(Planar):
 
     def _carried(self, values: NDArray[np.generic], name: str, pixel_size: float | None) -> FlatImage:
         """Return an image of the values of the triangles."""
-        raster, shown = self.raster(pixel_size), self.face_ids(pixel_size)
-        data = np.where(shown < 0, np.nan, values.astype(np.float64)[shown])
+        raster, pieces = self.raster(pixel_size), self.face_ids(pixel_size)
+        data = np.where(pieces < 0, np.nan, values.astype(np.float64)[pieces])
         return FlatImage(data, raster.pixel_size, raster.origin, name, unit=raster.unit)
 
     def texture_coordinates(self, image: FlatImage | None = None) -> NDArray[np.float64]:
@@ -229,10 +229,10 @@ class FlatPage(Planar):
         shown = self.label_image() if image is None else image
         coordinates = self.texture_coordinates(shown)
         picture = _spread(shown.colours(colour_map, limits))
-        of = self.atlas
-        points = of.space.to_scanner(of.points)
-        known: dict[str, Any] = {"unit": of.origin.unit, "is_ras": of.origin.has_known_axes}
-        return TexturedSurface(points, of.faces, coordinates, picture, texture_faces=of.uv_faces, **known)
+        atlas = self.atlas
+        points = atlas.space.to_scanner(atlas.points)
+        known: dict[str, Any] = {"unit": atlas.origin.unit, "is_ras": atlas.origin.has_known_axes}
+        return TexturedSurface(points, atlas.faces, coordinates, picture, texture_faces=atlas.uv_faces, **known)
 
 
 def _spread(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:

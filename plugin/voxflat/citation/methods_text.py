@@ -95,9 +95,9 @@ def cite(*maps: FlatMap) -> Citation:
     >>> print(citation.bibtex.splitlines()[0])
     @software{voxflat,
     """
-    for one in maps:
-        checked_instance(one, FlatMap, "flat map", "a FlatMap")
-    return citation_of([facts_of(one) for one in maps])
+    for flat_map in maps:
+        checked_instance(flat_map, FlatMap, "flat map", "a FlatMap")
+    return citation_of([facts_of(flat_map) for flat_map in maps])
 
 
 def facts_of(flat_map: FlatMap) -> Facts:
@@ -142,10 +142,10 @@ def citation_of(facts: Sequence[Facts]) -> Citation:
     from jinja2 import Environment, StrictUndefined  # slow to import
 
     alike: dict[str, list[Facts]] = {}
-    for one in facts:
-        alike.setdefault(json.dumps(one["how"]), []).append(one)
+    for fact in facts:
+        alike.setdefault(json.dumps(fact["how"]), []).append(fact)
     entries, cited = bibliography(), dict.fromkeys(["voxflat"])
-    versions = dict.fromkeys(one["how"]["version"] for one in facts) or [__version__]
+    versions = dict.fromkeys(fact["how"]["version"] for fact in facts) or [__version__]
     entries["voxflat"]["version"] = ", ".join(versions)
 
     def cite(key: str) -> str:
@@ -163,8 +163,8 @@ def citation_of(facts: Sequence[Facts]) -> Citation:
 
 def _span(maps: Sequence[Facts], name: str) -> str:
     """Return the smallest and the greatest of several numbers; some are strings that begin with a number."""
-    found = {float(str(one[name]).split()[0]): f"{one[name]:,}" if name == "points" else str(one[name]) for one in maps}
-    return found[min(found)] if len(found) == 1 else f"{found[min(found)]} to {found[max(found)]}"
+    spans = {float(str(one[name]).split()[0]): f"{one[name]:,}" if name == "points" else str(one[name]) for one in maps}
+    return spans[min(spans)] if len(spans) == 1 else f"{spans[min(spans)]} to {spans[max(spans)]}"
 
 
 def _errors(maps: Sequence[Facts], scale: str) -> str:
@@ -173,7 +173,7 @@ def _errors(maps: Sequence[Facts], scale: str) -> str:
         pairs = (map(_percent, one[scale]) for one in maps)
         *others, last = (f"{value} (standard error {error})" for value, error in pairs)
         return f"{', '.join(others)} and {last}" if others else last
-    values, errors = ([one[scale][of] for one in maps if one[scale][of] is not None] for of in (0, 1))
+    values, errors = ([one[scale][part] for one in maps if one[scale][part] is not None] for part in (0, 1))
     ends = _percent(min(values, default=None)), _percent(max(values, default=None))
     return f"{' to '.join(ends)} (standard error at most {_percent(max(errors, default=None))})"
 

@@ -172,7 +172,7 @@ class StandardErrors:
     mean_geodesic: float
 
     def __repr__(self) -> str:
-        raw, best = (100 * of.relative_error for of in (self.raw, self.best_scale))
+        raw, best = (100 * figures.relative_error for figures in (self.raw, self.best_scale))
         return f"<StandardErrors: relative error {raw:.2f} %, at the best scale {best:.2f} %>"
 
 

@@ -16,23 +16,23 @@ from voxflat.maps.matching import Matched
 _COMBINED = ("relative_error", "absolute_error")  # means over pairs; others have no value for all charts together
 
 
-def charts_of(one: Matched) -> list[tuple[Matched, NDArray[np.int64]]]:
+def charts_of(flat: Matched) -> list[tuple[Matched, NDArray[np.int64]]]:
     """Return the charts of a map, largest first, and their rows in the map; only the map itself if it is connected."""
-    faces, count = one.core.faces.astype(np.int64), len(one.uv)
+    faces, count = flat.core.faces.astype(np.int64), len(flat.uv)
     links = scipy.sparse.coo_array((np.ones(2 * len(faces)), (faces[:, [0, 1]].ravel(), faces[:, [1, 2]].ravel())))
     links.resize((count, count))
     number, label = scipy.sparse.csgraph.connected_components(links, directed=False)
     if number == 1:
-        return [(one, np.arange(count))]
-    points = one.core.points
+        return [(flat, np.arange(count))]
+    points = flat.core.points
     corners = points[faces]
     areas = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
-    found = []
+    charts = []
     for chart in np.argsort(-np.bincount(label[faces[:, 0]], areas, number), kind="stable"):
         core, _ = _core.Surface.from_triangles(points, faces[label[faces[:, 0]] == chart])
         rows = core.ids.astype(np.int64)
-        found.append((Matched(core, one.vertices[rows], one.uv[rows]), rows))
-    return found
+        charts.append((Matched(core, flat.vertices[rows], flat.uv[rows]), rows))
+    return charts
 
 
 def total(charts: Sequence[Distortion], rows: Sequence[NDArray[np.int64]], triangles: Mapping[str, Any]) -> Distortion:

@@ -208,9 +208,9 @@ def measure(
     >>> round(voxflat.measure(surface, flat_map).raw.relative_error, 3)
     0.036
     """
-    how: dict[str, Any] = {"sources": sources, "reference": reference, "on_surface": on_surface, "seed": seed}
+    options: dict[str, Any] = {"sources": sources, "reference": reference, "on_surface": on_surface, "seed": seed}
     limits: dict[str, Any] = {"threads": threads, "memory_limit": memory_limit, "progress": progress}
-    return compare(surface, {"": flat}, **how, **limits)[""]
+    return compare(surface, {"": flat}, **options, **limits)[""]
 
 
 @telling()
@@ -343,10 +343,10 @@ def _sources(
     Charts of a map, which have no vertices in common, have their own sources, in proportion to their vertices.
     """
     firsts = [group[0][0] for group in groups]
-    own = [max(_FEWEST_SOURCES, round(count * shares[id(first)])) for first in firsts]
+    numbers = [max(_FEWEST_SOURCES, round(count * shares[id(first)])) for first in firsts]
     found = [
         _core.reference_sources(len(first.uv), min(number, count), seed)
-        for first, number in zip(firsts, own, strict=True)
+        for first, number in zip(firsts, numbers, strict=True)
     ]
     whole = [n for n, first in enumerate(firsts) if shares[id(first)] == 1]
     if len(whole) > 1:
@@ -369,11 +369,11 @@ def _usual_sources(points: list[int], reference: str) -> int:
     return min(_USUAL_SOURCES, max(_FEWEST_SOURCES, int(_USUAL_WORK / sum(count**1.5 for count in points))))
 
 
-def _topology(one: Matched) -> dict[str, int]:
+def _topology(flat: Matched) -> dict[str, int]:
     """Return the topology of the surface as cut by the map; the surface is known to be a manifold."""
-    found = one.core.topology()
-    counts = {"components": len(found["components"]), **{key: found[key] for key in ("euler", "handles")}}
-    return counts | {"loops": len(found["loops"])}
+    topology = flat.core.topology()
+    counts = {"components": len(topology["components"]), **{key: topology[key] for key in ("euler", "handles")}}
+    return counts | {"loops": len(topology["loops"])}
 
 
 @dataclass(frozen=True, eq=False)
@@ -407,18 +407,18 @@ def geometry_of(whole: Manifold, maps: Mapping[str, object]) -> Geometry:
     first = moved[0]
     points, known = whole.points.copy(), np.zeros(whole.count, dtype=np.bool_)
     for name in [first, *(name for name in ours if name != first)]:
-        flat, at = ours[name], places[name]
+        flat, other = ours[name], places[name]
         if name != first:
-            both = known[whole.vertices[at]]
-            expected = np.where(both[:, None], points[at], flat.points)
+            both = known[whole.vertices[other]]
+            expected = np.where(both[:, None], points[other], flat.points)
             if name not in moved or not _agree(flat, flat.points, expected):
                 raise InputError(
                     f"{_called(first)} was made on {_made_on(ours[first])}, but {_called(name)} was made on "
                     f"{_made_on(flat)}, whose geometry differs. Measure the maps one by one, or pass on_surface to use "
                     "the given surface for both"
                 )
-        points[at] = flat.points
-        known[whole.vertices[at]] = True
+        points[other] = flat.points
+        known[whole.vertices[other]] = True
     log.warning(
         "%s was made on a geometry (%s) other than that of the given surface. All measures refer to the geometry of "
         "the map. Pass on_surface to use the given surface",
@@ -428,16 +428,16 @@ def geometry_of(whole: Manifold, maps: Mapping[str, object]) -> Geometry:
     return Geometry(whole._with_core(whole.core.moved(points)), known, first)
 
 
-def _agree(flat: FlatMap, one: NDArray[np.float64], other: NDArray[np.float64]) -> bool:
+def _agree(flat: FlatMap, places: NDArray[np.float64], other: NDArray[np.float64]) -> bool:
     """Return whether a map's triangles have the same edge lengths for both sets of positions."""
     ends = flat.faces, np.roll(flat.faces, 1, axis=1)
-    lengths = [np.linalg.norm(points[ends[0]] - points[ends[1]], axis=2) for points in (one, other)]
+    lengths = [np.linalg.norm(points[ends[0]] - points[ends[1]], axis=2) for points in (places, other)]
     return bool(np.abs(lengths[0] - lengths[1]).max() <= _SAME * np.median(lengths[0]))
 
 
 def _made_on(flat: FlatMap) -> str:
-    of = flat.origin.input
-    return (flat.origin.measured_on or "another surface") + (f", {of}" if of else "")
+    path = flat.origin.input
+    return (flat.origin.measured_on or "another surface") + (f", {path}" if path else "")
 
 
 def _called(name: str) -> str:

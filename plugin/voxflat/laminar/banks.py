@@ -22,13 +22,13 @@ def crosses(
     """Return the places whose straight way to `feet` passes a label; `others` are the nearest points of this label."""
     way, other = feet - places, others - places
     length = np.linalg.norm(way, axis=1)
-    found = np.flatnonzero(((way * other).sum(axis=1) > 0) & (np.linalg.norm(other, axis=1) < length))
-    steps = int(np.ceil(2 * length[found].max(initial=0) / rim.volume.spacing.min()))
-    is_passed = np.zeros(len(found), dtype=np.bool_)
+    crossing = np.flatnonzero(((way * other).sum(axis=1) > 0) & (np.linalg.norm(other, axis=1) < length))
+    steps = int(np.ceil(2 * length[crossing].max(initial=0) / rim.volume.spacing.min()))
+    is_passed = np.zeros(len(crossing), dtype=np.bool_)
     for step in range(1, steps):
-        passed = rim.voxels(places[found] + step / steps * way[found])
+        passed = rim.voxels(places[crossing] + step / steps * way[crossing])
         is_passed |= rim.extended[tuple(passed.T)] == label
-    return found[is_passed]
+    return crossing[is_passed]
 
 
 def keep_to_bank(

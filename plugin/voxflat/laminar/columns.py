@@ -82,12 +82,14 @@ def columns_of(
     if not is_whole(seed) or not 0 <= seed < 2**63:
         raise InputError(f"seed is {shown(seed)}. Pass a whole number from 0 to 2**63 - 1")
     sources, cells = surface.core.cells(reached.astype(np.uint32), count, int(seed), progress)
-    found = _core.connect_columns(labels.grey.astype(np.uint32), cells[corners], halfway, progress)
-    loose = int((found == 0).sum())
+    connected = _core.connect_columns(labels.grey.astype(np.uint32), cells[corners], halfway, progress)
+    loose = int((connected == 0).sum())
     if loose:
-        log.warning("%d of %d voxels of grey matter belong to no column, because none touches them", loose, len(found))
+        log.warning(
+            "%d of %d voxels of grey matter belong to no column, because none touches them", loose, len(connected)
+        )
     return Columns(
-        labels.in_volume(found.astype(np.int32), 0),
+        labels.in_volume(connected.astype(np.int32), 0),
         cells.astype(np.int32),
         surface.points[sources],
         np.asarray(np.bincount(cells, areas, count + 1)[1:], dtype=np.float64),
@@ -107,13 +109,13 @@ def check_number(count: object, area: object) -> None:
 def _count(count: Any, area: Any, points: int, total: float) -> int:
     """Return the number of columns for a number or an area."""
     check_number(count, area)
-    given = f"{count} columns"
+    text = f"{count} columns"
     if count is None:
         count = max(1, round(min(total / area, 1e9)))
-        given = f"an area of {area:g} mm² gives {count} columns. They"
+        text = f"an area of {area:g} mm² gives {count} columns. They"
     if count > points:
         raise InputError(
-            f"{given} exceed the {points} points of the middle surface that belong to voxels. Pass fewer or larger "
+            f"{text} exceed the {points} points of the middle surface that belong to voxels. Pass fewer or larger "
             "columns"
         )
     return int(count)

@@ -60,10 +60,10 @@ def field_of(rim: Layered, threads: int | None = None, progress: Progress | None
     middle = _surface_in(image > 0, affine, (image, 0.0), threads, progress)
     points, faces = middle.points, middle.faces
     feet = [border.find(points, steps)[1] for border in borders]
-    for side, (label, own) in enumerate(((OUTER, inner), (INNER, outer))):
+    for side, (label, label_of_side) in enumerate(((OUTER, inner), (INNER, outer))):
         beyond = crosses(rim, label, points, feet[side], feet[1 - side])
         if len(beyond):  # on the other bank; the nearest voxel stays on its own
-            feet[side][beyond] = own[scipy.spatial.cKDTree(places).query(points[beyond])[1]]
+            feet[side][beyond] = label_of_side[scipy.spatial.cKDTree(places).query(points[beyond])[1]]
     is_grey = rim.labels[tuple(band.T)] == GREY
     depth, thickness = depth[is_grey].clip(0, 1), thickness[is_grey]
     areas = smooth_areas((feet[0], points, feet[1]), points, faces, float(np.median(thickness)))

@@ -46,8 +46,8 @@ class Layered:
     def voxels(self, points: NDArray[np.float64]) -> NDArray[np.int64]:
         """Return the voxels of the box that contain points."""
         back = np.linalg.inv(self.affine)
-        found = np.rint(points @ back[:3, :3].T + back[:3, 3]).astype(np.int64)
-        return np.asarray(found.clip(0, np.array(self.labels.shape) - 1))
+        indices = np.rint(points @ back[:3, :3].T + back[:3, 3]).astype(np.int64)
+        return np.asarray(indices.clip(0, np.array(self.labels.shape) - 1))
 
     def in_volume(self, values: NDArray[Any], outside: float) -> Volume:
         """Return a volume with a value, or a vector, for each voxel of grey matter."""
@@ -81,10 +81,10 @@ def layered(volume: Volume, parts: dict[str, object], hemisphere: str | None) ->
     )
     affine = volume.affine.copy()
     affine[:3, 3] += affine[:3, :3] @ low
-    found = Layered(near, _joined(near[tuple(nearest)]), low, affine, volume)
-    _check_borders(found, codes)
-    _report_loose(found)
-    return found
+    layers = Layered(near, _joined(near[tuple(nearest)]), low, affine, volume)
+    _check_borders(layers, codes)
+    _report_loose(layers)
+    return layers
 
 
 def _joined(labels: NDArray[np.uint8]) -> NDArray[np.uint8]:
@@ -100,13 +100,13 @@ def _joined(labels: NDArray[np.uint8]) -> NDArray[np.uint8]:
     return joined
 
 
-def _report_loose(found: Layered) -> None:
+def _report_loose(layers: Layered) -> None:
     """Warn of parts of the grey matter that do not touch both borders."""
-    parts, count = scipy.ndimage.label(found.labels == GREY, _CUBE)
+    parts, count = scipy.ndimage.label(layers.labels == GREY, _CUBE)
     is_tied = np.ones(count + 1, dtype=np.bool_)
     for label in (INNER, OUTER):
         beside = np.zeros(count + 1, dtype=np.bool_)
-        beside[parts[scipy.ndimage.binary_dilation(found.labels == label, _CUBE)]] = True
+        beside[parts[scipy.ndimage.binary_dilation(layers.labels == label, _CUBE)]] = True
         is_tied &= beside
     loose = np.bincount(parts.ravel(), minlength=count + 1)[1:][~is_tied[1:]]
     if len(loose):
@@ -213,17 +213,17 @@ def _told(code: object) -> str:
 _NAMES = {"inner": "inner border", "outer": "outer border", "grey": "grey matter"}
 
 
-def _check_borders(found: Layered, codes: dict[str, object]) -> None:
+def _check_borders(layers: Layered, codes: dict[str, object]) -> None:
     """Check that the grey matter touches both borders, and that the inner border does not enclose the outer one."""
-    near = scipy.ndimage.binary_dilation(found.labels == GREY, _CUBE)
+    near = scipy.ndimage.binary_dilation(layers.labels == GREY, _CUBE)
     for name, label in (("inner", INNER), ("outer", OUTER)):
-        if not (near & (found.labels == label)).any():
+        if not (near & (layers.labels == label)).any():
             raise InputError(
                 f"no voxel of the grey matter touches the {_NAMES[name]}{_told(codes[name])}. Check the labels"
             )
-    ends = np.ones(found.labels.shape, dtype=np.bool_)
+    ends = np.ones(layers.labels.shape, dtype=np.bool_)
     ends[1:-1, 1:-1, 1:-1] = False
-    outermost = set(np.unique(found.extended[ends]).tolist())
+    outermost = set(np.unique(layers.extended[ends]).tolist())
     if INNER in outermost and OUTER not in outermost:
         raise InputError(
             "the inner border encloses the outer border. Swap the labels that are passed as inner and outer"

@@ -49,21 +49,21 @@ def flat_volume(
     if origin is not None and np.abs(origin - raster.origin).max() > max(_SAME, raster.pixel_size * _SAME):
         raise InputError("the flat volume has another origin than the map. Pass the map with which it was made")
     expected = Depths.of(layering=layering, count=len(data)).names()
-    for name, one in zip(names, expected, strict=False):
-        if name and not name.endswith(one):
+    for name, name_of_layer in zip(names, expected, strict=False):
+        if name and not name.endswith(name_of_layer):
             raise InputError(
-                f"the flat volume was sampled at the depth {shown(name)} instead of {one!r}. Make it with "
+                f"the flat volume was sampled at the depth {shown(name)} instead of {name_of_layer!r}. Make it with "
                 f"depths={len(data)}, and pass the same layering"
             )
     return data, raster
 
 
 def on_map(
-    of: Planar, halfway: NDArray[np.float64], affine: NDArray[np.float64], space: Space
+    planar: Planar, halfway: NDArray[np.float64], affine: NDArray[np.float64], space: Space
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
     """Return the positions (u, v) of the columns that lie on a map, and which ones do."""
     size = float(np.linalg.norm(affine[:3, :3], axis=0).max())
-    uv, _ = of.points_to_map(halfway, _OFF_MAP * size, space="scanner" if space.is_known else "surface")
+    uv, _ = planar.points_to_map(halfway, _OFF_MAP * size, space="scanner" if space.is_known else "surface")
     is_on = np.isfinite(uv[:, 0])
     return uv[is_on], is_on
 
@@ -71,7 +71,7 @@ def on_map(
 def pixels_of(uv: NDArray[np.float64], raster: Raster) -> NDArray[np.int64]:
     """Return the row and the column of the pixel at positions on the map, shape (2, P)."""
     u, v = raster.origin
-    at = np.stack([v - uv[:, 1], uv[:, 0] - u]) / raster.pixel_size
-    rows, columns = np.rint(at).astype(np.int64).clip(0, np.array(raster.shape)[:, None] - 1)
+    positions = np.stack([v - uv[:, 1], uv[:, 0] - u]) / raster.pixel_size
+    rows, columns = np.rint(positions).astype(np.int64).clip(0, np.array(raster.shape)[:, None] - 1)
     _, inside = nearest_inside(raster)
     return inside[:, rows, columns]

@@ -213,8 +213,8 @@ def groups_of(regions: object, voxels: SurfacePoints, halfway: NDArray[np.float6
     keys = np.unique(labels[labels != 0])
     if len(keys) == 0:
         raise InputError("the regions contain no voxel of grey matter. Check that the affines match")
-    of = np.where(labels != 0, np.searchsorted(keys, labels), -1)
-    return Groups(tuple(keys.tolist()), tuple(map(str, keys.tolist())), of)
+    group = np.where(labels != 0, np.searchsorted(keys, labels), -1)
+    return Groups(tuple(keys.tolist()), tuple(map(str, keys.tolist())), group)
 
 
 def _labels(regions: object, voxels: SurfacePoints) -> NDArray[np.int64]:
@@ -226,14 +226,14 @@ def _labels(regions: object, voxels: SurfacePoints) -> NDArray[np.int64]:
     warn_of_extent(voxels, volume)
     if volume.data.ndim != 3:
         raise InputError(f"the regions have shape {volume.data.shape}, as for colours. Pass a volume of labels")
-    found = np.nan_to_num(sample(volume, voxels.points, "nearest"), nan=0.0)
-    if not all_whole(found):
-        value = found[found != np.round(found)][0]
+    labels = np.nan_to_num(sample(volume, voxels.points, "nearest"), nan=0.0)
+    if not all_whole(labels):
+        value = labels[labels != np.round(labels)][0]
         raise InputError(f"the regions contain the value {value:g}, which is not a label. Pass a mask or whole numbers")
-    if found.min() < 0 or found.max() > _LARGEST_LABEL:
-        told = f"the labels of regions range from {found.min():g} to {found.max():g}"
-        raise InputError(f"{told}. Use numbers from 1 to {_LARGEST_LABEL}")
-    return np.asarray(found.astype(np.int64))
+    if labels.min() < 0 or labels.max() > _LARGEST_LABEL:
+        reason = f"the labels of regions range from {labels.min():g} to {labels.max():g}"
+        raise InputError(f"{reason}. Use numbers from 1 to {_LARGEST_LABEL}")
+    return np.asarray(labels.astype(np.int64))
 
 
 def _drawn(regions: Regions, voxels: SurfacePoints, halfway: NDArray[np.float64]) -> Groups:
@@ -243,15 +243,15 @@ def _drawn(regions: Regions, voxels: SurfacePoints, halfway: NDArray[np.float64]
         raise InputError(
             "no column of grey matter lies on the map of the regions. Draw regions on a map of rim.surface"
         )
-    of = np.full(len(halfway), -1)
+    region = np.full(len(halfway), -1)
     keys = regions.at(uv)
     order = np.argsort(regions.keys)
     found = np.searchsorted(regions.keys, keys, sorter=order)
-    of[is_on] = np.where(keys == 0, -1, order[found % len(order)])
-    for name, count in zip(regions.names, np.bincount(of[of >= 0], minlength=len(regions)), strict=True):
+    region[is_on] = np.where(keys == 0, -1, order[found % len(order)])
+    for name, count in zip(regions.names, np.bincount(region[region >= 0], minlength=len(regions)), strict=True):
         if count == 0:
             raise InputError(f"the region {name} contains no voxel of grey matter. Draw a larger region")
-    return Groups(regions.keys, regions.names, of)
+    return Groups(regions.keys, regions.names, region)
 
 
 def profile_of(
@@ -297,11 +297,11 @@ def _statistics(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int64], NDArray[np.int64]]:
     """Return mean, standard deviation and number of voxels of each layer, and the number of voxels left out."""
     has_value = np.isfinite(values)
-    own, values = bins[has_value], values[has_value]
+    bins_of_values, values = bins[has_value], values[has_value]
     size = shape[0] * shape[1]
-    counts = np.bincount(own, minlength=size)
-    mean = np.bincount(own, values, size) / np.where(counts > 0, counts, np.nan)
-    squares = np.bincount(own, (values - mean[own]) ** 2, size)
+    counts = np.bincount(bins_of_values, minlength=size)
+    mean = np.bincount(bins_of_values, values, size) / np.where(counts > 0, counts, np.nan)
+    squares = np.bincount(bins_of_values, (values - mean[bins_of_values]) ** 2, size)
     sd = np.sqrt(squares / np.where(counts > 1, counts - 1, np.nan))
     missing = np.bincount(group[~has_value], minlength=shape[0])
     return mean.reshape(shape), sd.reshape(shape), counts.reshape(shape), missing

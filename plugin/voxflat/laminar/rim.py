@@ -210,13 +210,13 @@ class Rim(ReadOnly, Recorded):
         if not is_on.any():
             raise InputError("no column of the rim lies on the map. Pass a map of the surface of this rim")
         rows, columns = pixels_of(uv, raster)
-        found = np.full(len(layer), background, dtype=data.dtype)
-        found[is_on] = data[layer[is_on], rows, columns]
-        if found.dtype.kind == "f":
-            found[np.isnan(found)] = background
-            if all_whole(found) and np.abs(found).max() <= np.iinfo(np.int32).max:
-                found = found.astype(np.int32)
-        return self.labels.in_volume(found, background)
+        painted = np.full(len(layer), background, dtype=data.dtype)
+        painted[is_on] = data[layer[is_on], rows, columns]
+        if painted.dtype.kind == "f":
+            painted[np.isnan(painted)] = background
+            if all_whole(painted) and np.abs(painted).max() <= np.iinfo(np.int32).max:
+                painted = painted.astype(np.int32)
+        return self.labels.in_volume(painted, background)
 
     @telling()
     def streamlines(self) -> Volume:
@@ -302,7 +302,7 @@ class Rim(ReadOnly, Recorded):
         >>> rim.profile(rim.depth(), count=4).mean.round(1)
         array([[0.1, 0.4, 0.6, 0.9]])
         """
-        at = SurfacePoints(
+        places = SurfacePoints(
             points=self.labels.places(self.labels.grey),
             normals=np.empty((0, 3)),
             ids=self.labels.grey + self.labels.first,
@@ -311,7 +311,9 @@ class Rim(ReadOnly, Recorded):
             called="rim",
         )
         layers = Layers(self._layer(count, layering), count, layering)
-        return profile_of(volume, at, groups_of(regions, at, self.values.halfway), layers, channel, interpolation)
+        return profile_of(
+            volume, places, groups_of(regions, places, self.values.halfway), layers, channel, interpolation
+        )
 
     @telling()
     def columns(
@@ -492,8 +494,8 @@ def _middle_surface(labels: Layered, values: Field) -> Surface:
     step = 0.5 * labels.volume.spacing.min()
     outward = values.outer - values.inner
     outward *= step / np.maximum(np.linalg.norm(outward, axis=1, keepdims=True), 1e-9)
-    at = (labels.voxels(values.points + side * outward) for side in (-1, 0, 1))
-    is_grey = np.any([labels.labels[tuple(voxels.T)] == GREY for voxels in at], axis=0)
+    sides = (labels.voxels(values.points + side * outward) for side in (-1, 0, 1))
+    is_grey = np.any([labels.labels[tuple(voxels.T)] == GREY for voxels in sides], axis=0)
     faces = values.faces[is_grey[values.faces].any(axis=1)]
     kept, corners = np.unique(faces, return_inverse=True)
     points = values.points[kept]

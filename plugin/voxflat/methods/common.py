@@ -141,18 +141,18 @@ def _framed(
     uv: NDArray[np.float64], cut: CutManifold[Manifold], settings: FlattenSettings
 ) -> tuple[NDArray[np.float64], dict[str, Any]]:
     """Align a map with the standard frame or with the axis of its chart, and mirror it on request."""
-    found: dict[str, Any] = {"frame": None, "mirrored": settings.mirror}
+    frame: dict[str, Any] = {"frame": None, "mirrored": settings.mirror}
     if cut.chart is not None:
         onto = cut.chart.onto[cut.surface.vertices]
         known = np.isfinite(onto).all(axis=1)
         if cut.chart.tube is None:  # the axes of a periodic map are those of its period
             uv, _ = _core.turn_onto(uv, uv[known], onto[known])
-        uv, found["frame"] = uv - uv.mean(axis=0), "axis"
+        uv, frame["frame"] = uv - uv.mean(axis=0), "axis"
     if cut.sphere is not None and cut.given_length is not None:  # cuts of a template, or cuts passed with a sphere
         uv, points, residual = _in_standard_frame(uv, cut.surface, cut.faces, cut.sphere)
         if points:
-            found |= {"frame": "standard", "frame_points": points, "frame_residual": residual}
-    return uv * [-1.0, 1.0] if settings.mirror else uv, found
+            frame |= {"frame": "standard", "frame_points": points, "frame_residual": residual}
+    return uv * [-1.0, 1.0] if settings.mirror else uv, frame
 
 
 def _in_standard_frame(
