@@ -93,7 +93,7 @@ API = {
     "sources off the surface": (
         sheet(),
         {"sources": [[0, 0, 2], [5, 9, 0], [20, 9, 2]]},
-        r"voxel \[5, 9, 0\] is not on the surface. Give a surface voxel; the nearest one is \[5, 9, 2\]",
+        r"voxel \[5, 9, 0\] is not on the surface. Pass a surface voxel; the nearest one is \[5, 9, 2\]",
     ),
     "sources outside": (sheet(), {"sources": [[0, 0, 2], [-1, 9, 2], [9, 9, 2]]}, r"\[-1, 9, 2\].*\[0, 9, 2\]"),
     "sources elsewhere": (
@@ -110,11 +110,11 @@ API = {
     "mask empty": (sheet(), {"keep": kept()}, r"mask to keep is empty: every voxel is 0"),
     "mask beside": (sheet(), {"keep": kept(np.s_[:, :, 0])}, r"contains no triangle of the surface \(1600 vertices"),
     "mask of NaN": (sheet(), {"keep": kept() + np.float32(NAN)}, r"mask to keep contains NaN. Set"),
-    "radius zero": (sheet(), {"seed_point": (1, 1, 2), "radius": 0}, r"radius is 0 mm. Give a positive"),
-    "radius NaN": (sheet(), {"seed_point": (1, 1, 2), "radius": NAN}, r"radius is NaN mm. Give a positive"),
-    "radius infinite": (sheet(), {"seed_point": (1, 1, 2), "radius": INF}, r"radius is inf mm. Give a .* finite"),
+    "radius zero": (sheet(), {"seed_point": (1, 1, 2), "radius": 0}, r"radius is 0 mm. Pass a positive"),
+    "radius NaN": (sheet(), {"seed_point": (1, 1, 2), "radius": NAN}, r"radius is NaN mm. Pass a positive"),
+    "radius infinite": (sheet(), {"seed_point": (1, 1, 2), "radius": INF}, r"radius is inf mm. Pass a .* finite"),
     "radius text": (sheet(), {"seed_point": (1, 1, 2), "radius": "5 mm"}, r"radius is '5 mm'. Pass a number"),
-    "radius below a voxel": (sheet(), {"seed_point": (1, 1, 2), "radius": 0.5}, r"0.5 mm of it. Give a larger radius"),
+    "radius below a voxel": (sheet(), {"seed_point": (1, 1, 2), "radius": 0.5}, r"0.5 mm of it. Pass a larger radius"),
     "seed point outside": (
         sheet(),
         {"seed_point": (1, 1, 90), "radius": 5},
@@ -131,7 +131,7 @@ API = {
     "closed": (
         shapes.ball(8),
         {},
-        r"the surface is closed.*Flatten a patch: give a seed point and a radius .* or a mask",
+        r"the surface is closed.*Flatten a patch: pass a seed point and a radius .* or a mask",
     ),
     "memory": (sheet(), {"memory_limit": 10**6}, r"MiB of memory is needed, but the limit is 976.6 KiB. Crop"),
     "memory for the volume": (sheet(), {"memory_limit": 50_000}, r"KiB\. Crop or downsample the volume"),
@@ -386,9 +386,9 @@ BAD_IMAGES = {
     "directory": (["--heat-map", "-o", "missing/a.png"], r"a\.png: No such file or directory"),
     "volume missing": (["--volume", "t1.nii", "-o", "a.png"], r"t1\.nii: No such file"),
     "volume of another shape": (["--volume", "small.npy", "-o", "a.png"], r"shape \(8, 8, 8\).*Pass a volume of that"),
-    "pixel size negative": (["--heat-map", "--pixel-size", "-1", "-o", "a.png"], r"pixel size is -1 mm. Give a pos"),
-    "pixel size NaN": (["--heat-map", "--pixel-size", "nan", "-o", "a.png"], r"pixel size is NaN mm. Give a positive"),
-    "tiny pixels": (["--heat-map", "--pixel-size", "1e-9", "-o", "a.png"], r". Give a pixel size above 0\.000000001"),
+    "pixel size negative": (["--heat-map", "--pixel-size", "-1", "-o", "a.png"], r"pixel size is -1 mm. Pass a pos"),
+    "pixel size NaN": (["--heat-map", "--pixel-size", "nan", "-o", "a.png"], r"pixel size is NaN mm. Pass a positive"),
+    "tiny pixels": (["--heat-map", "--pixel-size", "1e-9", "-o", "a.png"], r". Pass a pixel size above 0\.000000001"),
 }
 
 

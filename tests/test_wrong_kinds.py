@@ -72,7 +72,7 @@ CALLS = {
     "way": (lambda s: s.path(0, 9, geodesic=ARRAY), "geodesic is array.*'edges' or 'chain'"),
     "stops": (lambda s: s.path(0, (0, 0, 2)), r"the stops are \(0, \(0, 0, 2\)\). Pass rows of equal length"),
     "sampling": (lambda s: s.geodesic(9, sampling=1e19), r"the sampling is 1e\+19. Pass a string"),
-    "no sampling": (lambda s: s.geodesic(9, sampling=None), 'sampling is "". Give'),
+    "no sampling": (lambda s: s.geodesic(9, sampling=None), 'sampling is "". Pass'),
     "no sources": (lambda s: s.geodesic(None), "no sources are given. Pass the number of sources, or points"),
     "seeds": (lambda s: s.patches(5, seeds=ARRAY), "seeds is array.*. Pass 'curvature', 'flattest' or"),
     "side": (lambda s: s.register(side=ARRAY), "side is array.*. Pass 'left' or 'right'"),

@@ -64,7 +64,7 @@ class TestGlue:
         assert wide.seams.closed_share >= glued.seams.closed_share
 
     def test_wrong_bounds_are_named(self, atlas):
-        refused(r"a bound of 1 on C. Give a bound from 1\.000001 to 10", atlas.glue, 1)
+        refused(r"a bound of 1 on C. Pass a bound from 1\.000001 to 10", atlas.glue, 1)
         refused("a bound of NaN", atlas.glue, float("nan"))
         refused(r"change lengths by a factor of up to 1\.01.* greater bound", atlas.glue, 1.0001)
         refused("bound is 'tight'. Pass the largest factor", atlas.glue, "tight")

@@ -37,25 +37,25 @@ pub enum Error {
     )]
     NotATube { loops: usize },
 
-    #[error("the start has {places} positions, but the surface has {points} vertices. Give one position per vertex")]
+    #[error("the start has {places} positions, but the surface has {points} vertices. Pass one position per vertex")]
     StartMismatch { places: usize, points: usize },
 
-    #[error("vertex {vertex} of the start has no finite position. Give a finite position for every vertex")]
+    #[error("vertex {vertex} of the start has no finite position. Pass a finite position for every vertex")]
     StartNotFinite { vertex: usize },
 
-    #[error("the start has {triangles} flipped triangles that cannot be unfolded. Give another map, or omit the start")]
+    #[error("the start has {triangles} flipped triangles that cannot be unfolded. Pass another map, or omit the start")]
     StartFolded { triangles: usize },
 
     #[error(
-        "the boundary of the start crosses or touches itself {crossings} times. Give a map that does not overlap \
+        "the boundary of the start crosses or touches itself {crossings} times. Pass a map that does not overlap \
          itself, or omit the start"
     )]
     StartCrosses { crossings: usize },
 
-    #[error("the start has almost no area, so it cannot be improved. Give another map, or omit the start")]
+    #[error("the start has almost no area, so it cannot be improved. Pass another map, or omit the start")]
     StartStuck,
 
-    #[error("the volume has {given} values, but its shape {shape:?} requires {needed}. Give one value per voxel")]
+    #[error("the volume has {given} values, but its shape {shape:?} requires {needed}. Pass one value per voxel")]
     ShapeMismatch { shape: [usize; 3], given: usize, needed: usize },
 
     #[error(
@@ -73,29 +73,29 @@ pub enum Error {
     #[error("the volume (shape {shape:?}) has no foreground voxels. Choose another label or threshold")]
     EmptyForeground { shape: [usize; 3] },
 
-    #[error("the affine contains {value} at row {row}, column {column}. Give a finite affine or spacing")]
+    #[error("the affine contains {value} at row {row}, column {column}. Pass a finite affine or spacing")]
     AffineNotFinite { row: usize, column: usize, value: f64 },
 
-    #[error("the last row of the affine is {row:?}, not [0, 0, 0, 1]. Give an affine that maps voxel indices to mm")]
+    #[error("the last row of the affine is {row:?}, not [0, 0, 0, 1]. Pass an affine that maps voxel indices to mm")]
     AffineNotAffine { row: [f64; 4] },
 
-    #[error("the spacing of axis {axis} is {spacing} mm. Give a positive spacing")]
+    #[error("the spacing of axis {axis} is {spacing} mm. Pass a positive spacing")]
     SpacingNotPositive { axis: usize, spacing: f64 },
 
     #[error(
-        "the affine contains {value} at row {row}, column {column}, which exceeds {FARTHEST:e} mm. Give the affine in \
+        "the affine contains {value} at row {row}, column {column}, which exceeds {FARTHEST:e} mm. Pass the affine in \
          mm, or repair the header"
     )]
     AffineTooFar { row: usize, column: usize, value: f64 },
 
     #[error(
-        "the spacing of axis {axis} is {spacing:e} mm, which is less than {SMALLEST:e} mm. Repair the header, or give \
+        "the spacing of axis {axis} is {spacing:e} mm, which is less than {SMALLEST:e} mm. Repair the header, or pass \
          the spacing in mm"
     )]
     SpacingTooSmall { axis: usize, spacing: f64 },
 
     #[error(
-        "voxel {voxel:?} of the volume is at {at:?} mm, more than {FARTHEST:e} mm from the origin. Give the affine in \
+        "voxel {voxel:?} of the volume is at {at:?} mm, more than {FARTHEST:e} mm from the origin. Pass the affine in \
          mm, or crop the volume"
     )]
     VoxelTooFar { voxel: [usize; 3], at: [f64; 3] },
@@ -112,21 +112,21 @@ pub enum Error {
     )]
     TooFewPoints { points: usize, needed: usize },
 
-    #[error("{sources} sources are too few. Give at least {needed}")]
+    #[error("{sources} sources are too few. Pass at least {needed}")]
     TooFewSources { sources: usize, needed: usize },
 
-    #[error("{sources} sources are given, but the surface has only {points} points. Give at most {points} sources")]
+    #[error("{sources} sources are given, but the surface has only {points} points. Pass at most {points} sources")]
     TooManySources { sources: usize, points: usize },
 
-    #[error("voxel {voxel:?} is not on the surface. Give a surface voxel; the nearest one is {nearest:?}")]
+    #[error("voxel {voxel:?} is not on the surface. Pass a surface voxel; the nearest one is {nearest:?}")]
     NotOnSurface { voxel: [i64; 3], nearest: [u32; 3] },
 
     #[error(
-        "point {vertex} does not exist: the surface has {points} points, counted from 0. Give the number of a point"
+        "point {vertex} does not exist: the surface has {points} points, counted from 0. Pass the number of a point"
     )]
     NoSuchPoint { vertex: usize, points: usize },
 
-    #[error("point {vertex} appears more than once among the sources. Give each source once")]
+    #[error("point {vertex} appears more than once among the sources. Pass each source once")]
     DuplicateSource { vertex: usize },
 
     #[error(
@@ -135,7 +135,7 @@ pub enum Error {
     )]
     SeedOffSurface { voxel: [i64; 3], nearest: [u32; 3], distance: f64, radius: f64 },
 
-    #[error("the patch radius is {radius} mm. Give a positive, finite radius")]
+    #[error("the patch radius is {radius} mm. Pass a positive, finite radius")]
     RadiusNotPositive { radius: f64 },
 
     #[error(
@@ -151,13 +151,13 @@ pub enum Error {
     Unreachable { source_vertex: usize, vertex: usize },
 
     #[error(
-        "the patch has {count} separate pieces ({sizes} voxels). Keep one piece, or give a seed point and a radius"
+        "the patch has {count} separate pieces ({sizes} voxels). Keep one piece, or pass a seed point and a radius"
     )]
     Disconnected { count: usize, sizes: String },
 
     #[error(
         "the surface is closed: {touching} of its {points} surface voxels enclose an interior (Euler characteristic \
-         {euler}), so it cannot be flattened without a cut. Flatten a patch: give a seed point and a radius in mm, or \
+         {euler}), so it cannot be flattened without a cut. Flatten a patch: pass a seed point and a radius in mm, or \
          a mask of the region to keep"
     )]
     Closed { points: usize, touching: usize, euler: i64 },
@@ -174,10 +174,10 @@ pub enum Error {
     #[error("the radial functions of {sources} sources are singular. Try another number of sources, or another seed")]
     RadialSingular { sources: usize },
 
-    #[error("the pixel size is {pixel_size} mm. Give a positive, finite size")]
+    #[error("the pixel size is {pixel_size} mm. Pass a positive, finite size")]
     PixelSizeNotPositive { pixel_size: f64 },
 
-    #[error("the flat image would have {width} x {height} pixels. Give a pixel size above {pixel_size} mm")]
+    #[error("the flat image would have {width} x {height} pixels. Pass a pixel size above {pixel_size} mm")]
     RasterTooLarge { width: f64, height: f64, pixel_size: f64 },
 
     #[error("a surface with {points} points is too large for this graph (at most {most}). Flatten a smaller patch")]
@@ -196,7 +196,7 @@ pub enum Error {
     )]
     NotASphere { components: usize, loops: usize, handles: usize },
 
-    #[error("no triangle around vertex {vertex} lies within {radius} mm of it. Give a larger radius")]
+    #[error("no triangle around vertex {vertex} lies within {radius} mm of it. Pass a larger radius")]
     EmptyDisk { vertex: usize, radius: f64 },
 
     #[error(
@@ -207,46 +207,46 @@ pub enum Error {
     )]
     DiskEncloses { radius: f64, area: f64, own: f64, at: [f64; 3] },
 
-    #[error("the decimation option {name} is {value}. Give a positive number (evenness may be 0)")]
+    #[error("the decimation option {name} is {value}. Pass a positive number (evenness may be 0)")]
     DecimationOption { name: &'static str, value: f64 },
 
     #[error(
-        "no grid cell has a point at each of its four corners ({sources} sources lie on the grid). Give more sources, \
+        "no grid cell has a point at each of its four corners ({sources} sources lie on the grid). Pass more sources, \
          or let decimation choose them"
     )]
     NoCell { sources: usize },
 
-    #[error("the angle is {angle}°. Give an angle from {least}° to {most}°")]
+    #[error("the angle is {angle}°. Pass an angle from {least}° to {most}°")]
     AngleOutOfRange { angle: f64, least: f64, most: f64 },
 
     #[error(
-        "the bound C is {bound}. Give a bound from {least} (an angle of 0.01°) to {most} (80°); a bound of 1 means an \
+        "the bound C is {bound}. Pass a bound from {least} (an angle of 0.01°) to {most} (80°); a bound of 1 means an \
          isometry"
     )]
     BoundOutOfRange { bound: f64, least: f64, most: f64 },
 
-    #[error("patches cannot be glued within a bound of {bound} on C. Give a bound from {least} to {most}, such as 1.5")]
+    #[error("patches cannot be glued within a bound of {bound} on C. Pass a bound from {least} to {most}, such as 1.5")]
     GlueBoundOutOfRange { bound: f64, least: f64, most: f64 },
 
     #[error(
         "the patches already change lengths by a factor of up to {before:.6}, so they cannot be glued within a bound \
-         of {bound}. Give a greater bound, or make the patches with an angle of at most {angle:.4}°"
+         of {bound}. Pass a greater bound, or make the patches with an angle of at most {angle:.4}°"
     )]
     PatchesBeyondBound { bound: f64, before: f64, angle: f64 },
 
     #[error(
-        "the patches cannot be glued into one piece within C ≤ {bound}: {pieces} pieces remain. Give a greater bound, \
+        "the patches cannot be glued into one piece within C ≤ {bound}: {pieces} pieces remain. Pass a greater bound, \
          flatten a smaller patch, or keep the pieces with Surface.patches(...).glue(...)"
     )]
     NotOnePiece { bound: f64, pieces: usize },
 
     #[error(
-        "{count} patches are too few for this surface: even at an angle of {most}°, {least} patches are needed. Give \
+        "{count} patches are too few for this surface: even at an angle of {most}°, {least} patches are needed. Pass \
          at least {least} patches"
     )]
     TooFewPatches { count: usize, least: usize, most: f64 },
 
-    #[error("the polygon has {corners} corners, but at least 3 are needed. Give more corners")]
+    #[error("the polygon has {corners} corners, but at least 3 are needed. Pass more corners")]
     FewCorners { corners: usize },
 
     #[error(
@@ -255,7 +255,7 @@ pub enum Error {
     )]
     NotEnclosing { corners: usize },
 
-    #[error("the mesh has {points} points but no triangles. Give triangles of three vertex indices each")]
+    #[error("the mesh has {points} points but no triangles. Pass triangles of three vertex indices each")]
     NoFaces { points: usize },
 
     #[error(
@@ -266,13 +266,13 @@ pub enum Error {
 
     #[error(
         "point {vertex} of the mesh is at {at:?} mm, more than {FARTHEST:e} mm from the origin. Check the coordinates, \
-         and give them in mm"
+         and pass them in mm"
     )]
     PointTooFar { vertex: usize, at: [f64; 3] },
 
     #[error(
         "the surface is {size:e} mm across, which is less than the minimum of {SMALLEST:e} mm. Scale its coordinates, \
-         or give them in mm"
+         or pass them in mm"
     )]
     SurfaceTooSmall { size: f64 },
 
@@ -295,7 +295,7 @@ pub enum Error {
     )]
     DegenerateFace { face: usize, count: usize },
 
-    #[error("triangle {face} has the same corners as another one ({count} such triangles). Give each triangle once")]
+    #[error("triangle {face} has the same corners as another one ({count} such triangles). Pass each triangle once")]
     DuplicateFace { face: usize, count: usize },
 
     #[error(
@@ -324,11 +324,11 @@ pub enum Error {
     NotAnEdge { a: usize, b: usize },
 
     #[error(
-        "the factor of vertex {vertex} is {factor}. Give a positive, finite factor of at most 1e100 for each vertex"
+        "the factor of vertex {vertex} is {factor}. Pass a positive, finite factor of at most 1e100 for each vertex"
     )]
     FactorNotPositive { vertex: usize, factor: f64 },
 
-    #[error("the relaxation option {name} is {value}. Give a non-negative number")]
+    #[error("the relaxation option {name} is {value}. Pass a non-negative number")]
     RelaxationOption { name: &'static str, value: f64 },
 
     #[error(
@@ -354,16 +354,16 @@ pub enum Error {
     #[error("row {row} of {path} does not match its checksum. Measure again with the same store to recompute the row")]
     StoreDamaged { path: String, row: usize },
 
-    #[error("there are {given} {values}, but {needed} {items}. Give one for each")]
+    #[error("there are {given} {values}, but {needed} {items}. Pass one for each")]
     WrongLength { values: &'static str, given: usize, items: &'static str, needed: usize },
 
-    #[error("there are no random starts. Give at least one")]
+    #[error("there are no random starts. Pass at least one")]
     NoStarts,
 
     #[error("the distance rows are not those of the levels. Measure them with the same levels")]
     ForeignRows,
 
-    #[error("template {template} does not exist: there are {templates}. Give the index of one of the templates")]
+    #[error("template {template} does not exist: there are {templates}. Pass the index of one of the templates")]
     NoSuchTemplate { template: usize, templates: usize },
 
     #[error("cancelled")]

@@ -63,14 +63,14 @@ pub fn values<T: numpy::Element + Copy>(array: &Given<'_, T>) -> Vec<T> {
 /// Returns rows of a fixed width from a two-dimensional array.
 pub fn rows<T: numpy::Element + Copy, const W: usize>(array: &GivenTable<'_, T>, name: &str) -> PyResult<Vec<[T; W]>> {
     let view = array.as_array();
-    ensure!(view.ncols() == W, "{name} has shape {:?}. Give an array with {W} columns", view.shape());
+    ensure!(view.ncols() == W, "{name} has shape {:?}. Pass an array with {W} columns", view.shape());
     Ok(view.rows().into_iter().map(|row| std::array::from_fn(|column| row[column])).collect())
 }
 
 /// Returns triangles in the plane from an array of their corners.
 pub fn triangles(array: &GivenImage<'_, f64>, name: &str) -> PyResult<Vec<[[f64; 2]; 3]>> {
     let view = array.as_array();
-    ensure!(view.shape()[1..] == [3, 2], "{name} has shape {:?}. Give an array of shape (F, 3, 2)", view.shape());
+    ensure!(view.shape()[1..] == [3, 2], "{name} has shape {:?}. Pass an array of shape (F, 3, 2)", view.shape());
     Ok(view.outer_iter().map(|of| std::array::from_fn(|k| std::array::from_fn(|axis| of[[k, axis]]))).collect())
 }
 
@@ -102,7 +102,7 @@ pub fn check_vertices(vertices: impl IntoIterator<Item = u32>, points: usize) ->
 pub fn check_length(given: usize, items: usize, name: &str, item: &str) -> PyResult<()> {
     ensure!(
         given == items,
-        "{name} has length {given}, but the surface has {items} {item}s. Give one entry per {item}"
+        "{name} has length {given}, but the surface has {items} {item}s. Pass one entry per {item}"
     );
     Ok(())
 }
@@ -127,7 +127,7 @@ pub fn sources(sampling: &str, count: usize, seed: u64, choices: &str) -> PyResu
     match sampling {
         "farthest" => Ok(Sources::Farthest { count, seed }),
         "random" => Ok(Sources::Random { count, seed }),
-        _ => Err(InputError::new_err(format!("sampling is {sampling:?}. Give {choices}"))),
+        _ => Err(InputError::new_err(format!("sampling is {sampling:?}. Pass {choices}"))),
     }
 }
 
@@ -138,7 +138,7 @@ pub fn one_of<T: Copy>(argument: &str, given: &str, choices: &[(&str, T)]) -> Py
     }
     let names: Vec<String> = choices.iter().map(|(name, _)| format!("'{name}'")).collect();
     let (last, others) = names.split_last().expect("there are some");
-    Err(InputError::new_err(format!("{argument} is {given:?}. Give {} or {last}", others.join(", "))))
+    Err(InputError::new_err(format!("{argument} is {given:?}. Pass {} or {last}", others.join(", "))))
 }
 
 /// Returns the figures of distances by their names.

@@ -42,7 +42,7 @@ fn solve<'py>(
     let right = convert::values(&right);
     convert::ensure!(
         shape == [right.len(); 2],
-        "the matrix has shape {shape:?}, but the right-hand side has length {}. Give a square matrix",
+        "the matrix has shape {shape:?}, but the right-hand side has length {}. Pass a square matrix",
         right.len()
     );
     let matrix: Vec<f64> = matrix.iter().copied().collect();

@@ -63,7 +63,7 @@ pub fn ribbon_voxels<'py>(
     let counts = [inner.len(), outer.len(), numbers.len()];
     ensure!(
         counts == [inner.len(); 3],
-        "inner, outer and numbers have {counts:?} rows. Give the same number of rows in each, one per vertex"
+        "inner, outer and numbers have {counts:?} rows. Pass the same number of rows in each, one per vertex"
     );
     convert::check_vertices(faces.iter().flatten().copied(), inner.len())?;
     let found = run(py, None, &progress, move |control| {
@@ -92,7 +92,7 @@ pub fn connect_columns<'py>(
     let counts = [voxels.len(), given.len(), halfway.len()];
     ensure!(
         counts == [voxels.len(); 3],
-        "voxels, columns and halfway have {counts:?} rows. Give the same number of rows in each, one per voxel"
+        "voxels, columns and halfway have {counts:?} rows. Pass the same number of rows in each, one per voxel"
     );
     let joined = run(py, Some(1), &progress, move |control| columns::connect(&voxels, &given, &halfway, control))?;
     Ok(joined.into_pyarray(py))

@@ -42,7 +42,7 @@ impl Surface {
         keep_rows: bool, threads: Threads, progress: Progress<'py>, store: Option<(PathBuf, String)>,
         start: Option<GivenTable<'py, f64>>, patience: u32, max_area: Option<f64>,
     ) -> PyResult<Dict<'py>> {
-        ensure!(patience > 0, "patience is 0. Give at least 1");
+        ensure!(patience > 0, "patience is 0. Pass at least 1");
         let start = start.map(|places| convert::rows::<_, 2>(&places, "start")).transpose()?;
         let geodesic = Geodesic::named(geodesic)?;
         let scale = convert::one_of("scale", scale, &SCALES)?;
@@ -138,7 +138,7 @@ impl Surface {
         &self, py: Python<'py>, rings: Option<u32>, sources: Given<'py, u32>, starts: u32, seed: u64, keep_rows: bool,
         threads: Threads, progress: Progress<'py>,
     ) -> PyResult<Dict<'py>> {
-        ensure!(starts > 0, "starts is 0. Give at least 1");
+        ensure!(starts > 0, "starts is 0. Pass at least 1");
         let sources = convert::values(&sources);
         let Mapped { map, stresses, pairs } = self.run(py, threads, &progress, move |inner, control| {
             let options = Options { rings, sources: &sources, starts, seed, keep_rows };
@@ -201,7 +201,7 @@ pub fn turn_onto<'py>(
     let mut uv = convert::rows::<_, 2>(&uv, "uv")?;
     let (places, onto) = (convert::rows::<_, 2>(&places, "places")?, convert::rows::<_, 2>(&onto, "onto")?);
     let counts = [places.len(), onto.len()];
-    ensure!(counts[0] == counts[1], "places and onto have {counts:?} rows. Give the same number of rows in both");
+    ensure!(counts[0] == counts[1], "places and onto have {counts:?} rows. Pass the same number of rows in both");
     let turn = orient::turn_onto(&places, &onto, &mut uv).map_err(to_python)?;
     Ok((convert::array(py, &uv)?, turn))
 }

@@ -20,7 +20,7 @@ impl Geodesic {
             "marching" => Ok(Self::Marching(Wave::Circle)),
             "marching-plane" => Ok(Self::Marching(Wave::Plane)),
             "exact" => Ok(Self::Exact),
-            _ => Err(InputError::new_err(format!("geodesic is {name:?}. Give 'graph', 'marching' or 'exact'"))),
+            _ => Err(InputError::new_err(format!("geodesic is {name:?}. Pass 'graph', 'marching' or 'exact'"))),
         }
     }
 }

@@ -84,7 +84,7 @@ fn sphere(points: &GivenTable<'_, f64>, faces: &GivenTable<'_, i64>) -> PyResult
     let is_whole = repaired.turned == 0 && repaired.unused == 0 && sphere.boundary().is_empty();
     ensure!(
         is_whole && triangles == 0,
-        "the sphere has holes or {triangles} flipped triangles. Give triangles that cover the sphere once"
+        "the sphere has holes or {triangles} flipped triangles. Pass triangles that cover the sphere once"
     );
     Ok(sphere)
 }
