@@ -128,7 +128,7 @@ def facts_of(flat_map: FlatMap) -> Facts:
         "how": how,
         "paths": len(automatic),
         "length": in_unit(f"{rounded(sum(cut.length or 0.0 for cut in automatic))} mm", flat_map.origin.named_unit),
-        "points": metadata["points"],
+        "points": metadata.get("points", len(flat_map)),
         "sources": figures["sources"],
         "scale": f"{figures['best_scale']['scale'] or float('nan'):.3f}",
         "flipped": triangles.get("flipped"),

@@ -209,8 +209,9 @@ def spectrum(flat_map: FlatMap) -> Figure:
     kinds = {_USED: "used for the map", _POSITIVE: "other, positive", _NEGATIVE: "other, negative"}
     handles = [Patch(facecolor=colour, edgecolor="black", linewidth=0.6, label=kind) for colour, kind in kinds.items()]
     axes.legend(handles=handles, frameon=False)
-    planarity: Any = flat_map.metadata["planarity"]
-    axes.set_title(f"{100 * planarity:.1f} % of Σλ² lies in the plane")
+    planarity: Any = flat_map.metadata.get("planarity")
+    if planarity is not None:
+        axes.set_title(f"{100 * planarity:.1f} % of Σλ² lies in the plane")
     return figure
 
 

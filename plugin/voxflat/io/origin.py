@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from voxflat.arguments import is_whole
 from voxflat.errors import InputError
+from voxflat.io.descriptions import check_description
 from voxflat.io.files import AGAIN
 from voxflat.io.spaces import UNKNOWN, Space
 
@@ -191,8 +192,7 @@ class MeshOrigin(Origin):
 
 def origin_of(metadata: Mapping[str, Any], ids: NDArray[np.int64]) -> Origin:
     """Return the origin that the metadata of a file describe, checked against the ids of the points."""
-    if not isinstance(metadata.get("provenance", {}), dict):
-        raise InputError(f"its provenance is not a record: {metadata['provenance']!r:.80}. {AGAIN}")
+    check_description(metadata)
     kind = metadata.get("kind")
     common: dict[str, Any] = {
         "input": metadata.get("input"),

@@ -12,6 +12,7 @@ from voxflat.distortion.distortion import Distortion
 from voxflat.distortion.figures import undefined_as_nan
 from voxflat.errors import InputError
 from voxflat.io import files
+from voxflat.io.descriptions import check_distortion
 from voxflat.io.meshes import Mesh
 from voxflat.io.origin import origin_of
 from voxflat.io.provenance import Record, as_text
@@ -68,6 +69,9 @@ def read_map(path: str | os.PathLike[str], *, series: bool = False) -> dict[str,
             files.check_range(arrays, {"faces": len(uv), "sources": len(uv)})
             files.check_places({"uv": uv, "points": points})
             origin = origin_of(metadata, ids)
+            check_distortion(metadata["distortion"])
+            if metadata["distortion"]["triangles"] is None and "distortion_areal" in arrays:
+                raise InputError(f"its key 'triangles' is None, but it has the array distortion_areal. {files.AGAIN}")
             arrays = files.in_types(arrays, layout)
         distortion = metadata.pop("distortion")
         more = {name: distortion.pop(name) for name in ("triangles", "reference", "topology", "voxel_size")}
