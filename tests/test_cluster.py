@@ -196,7 +196,7 @@ def test_the_commands_of_the_page_run(workers, ready, study, tmp_path, monkeypat
     assert "1 participant: 0 made, 1 up to date" in local
     assert local == file
     assert here.call_args_list[0].kwargs["n_workers"] == 1
-    assert f"100 x {FEW} distances" in rows
+    assert f"100 x {FEW} distances in mm" in rows
 
 
 # ------------------------------------------------------------------------------------------------- rows

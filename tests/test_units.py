@@ -311,6 +311,28 @@ def test_tables_and_json_have_the_unit_in_their_names(maps):
     assert "600 nm" in voxflat.surface(mesh, unit="nm").check().table()
 
 
+@pytest.mark.parametrize(("unit", "name"), [("nm", "10nm"), ("µm", "10um"), ("mm", "10mm"), (None, "10")])
+def test_distances_have_the_unit_of_their_surface(tmp_path, unit, name):
+    """Both in the figures of a map, of which a file is independent, and in a store of distances."""
+    plane = pv.Plane(i_resolution=8, j_resolution=8, i_size=40, j_size=40).triangulate()
+    voxflat.surface((plane.points, plane.regular_faces)).save(tmp_path / "plane.ply")
+    surface = voxflat.surface(tmp_path / "plane.ply", unit=unit)
+    flat_map = surface.flatten()
+    flat_map.save(tmp_path / "map.npz")
+    measured = [flat_map.distortion, voxflat.load(tmp_path / "map.npz").distortion, voxflat.measure(surface, flat_map)]
+    for made in measured:
+        told = made.figures()
+        for part in (told["raw"], told["best_scale"], told["standard_error"]["raw"]):
+            assert {key for key in part if "_10" in key} == {f"relative_error_{name}"}
+        assert told["raw"][f"relative_error_{name}"] == made.raw.relative_error_10mm
+    rows = surface.geodesic(3, store=tmp_path / "rows")
+    assert rows.unit == voxflat.open_rows(tmp_path / "rows").unit == (unit or "unknown")
+    assert rows.provenance["unit"] == voxflat.open_rows(tmp_path / "rows").provenance["unit"]
+    words = ["rows", tmp_path / "plane.ply", *([] if unit is None else ["--unit", unit]), "--sources", 3]
+    text = succeed(*words, "--store", tmp_path / "again").stdout
+    assert text.startswith(f"3 x 81 distances {f'in {unit}' if unit else 'without a unit'}, ")
+
+
 def test_texts_give_lengths_in_the_unit_of_the_surface(tmp_path, caplog):
     """A closed surface of 30 mm, declared in metres: no length is rounded to 0, and nothing is said to be in mm."""
     ball = trimesh.creation.icosphere(3, radius=0.015)

@@ -359,7 +359,7 @@ def test_the_command_measures_and_goes_on(tmp_path):
     where = ("--spacing", "1,1,2", "--store", tmp_path / "store")
     command = ["rows", tmp_path / "sheet.npy", "--sources", SOURCES, *where]
     result = succeed(*command)
-    assert result.stdout == f"40 x 600 distances, 0 MiB\nsaved in {tmp_path / 'store'}\n"
+    assert result.stdout == f"40 x 600 distances in mm, 0 MiB\nsaved in {tmp_path / 'store'}\n"
     assert f"voxflat: up to 93.75 KiB of disk space will be used in {tmp_path / 'store'}" in result.stderr
     expected = voxflat.surface(tmp_path / "sheet.npy", spacing=(1, 1, 2)).geodesic(SOURCES)
     np.testing.assert_array_equal(voxflat.open_rows(tmp_path / "store"), expected)

@@ -29,6 +29,7 @@ from voxflat.distances.store import (
 )
 from voxflat.distances.table import FINISH, Several, Table
 from voxflat.errors import InputError
+from voxflat.io.grid import UNITS
 from voxflat.io.provenance import Record
 from voxflat.read_only import ReadOnly
 
@@ -44,19 +45,21 @@ class DistanceRows(ReadOnly):
     Parameters
     ----------
     rows : ndarray of float32, shape (m, N)
-        Distances in mm; for a store, a `Table` that is read on demand. Column n belongs to the point ``points[n]``,
+        Distances in `unit`; for a store, a `Table` that is read on demand. Column n belongs to the point ``points[n]``,
         whose vertex number in the mesh is ``ids[n]``: a part of a surface has fewer columns than the mesh has vertices,
         and its `Surface.find` returns the columns of vertex numbers.
     ids : ndarray of int64, shape (N, 3) or (N,)
         Voxel indices or vertex numbers of the points.
     points : ndarray of float64, shape (N, 3)
-        Positions of the points in RAS+ mm, in the space of the surface.
+        Positions of the points, in RAS+ in `unit` and in the space of the surface.
     sources : ndarray of int64, shape (m,)
         The sources, as row numbers of the points.
     store : Path, optional
         Directory of the store.
     provenance : dict
         Record of how the distances were computed; a store also contains this record.
+    unit : str
+        The unit of length of the distances and points; "unknown" if the surface has none, or the store does not tell.
 
     See Also
     --------
@@ -76,9 +79,11 @@ class DistanceRows(ReadOnly):
     sources: NDArray[np.int64]
     store: Path | None = None
     provenance: Record = field(default_factory=dict)
+    unit: str = "unknown"
 
     def _with_provenance(self, record: Record) -> DistanceRows:
-        """Return the same rows with a provenance record, which is also written to their store."""
+        """Return the same rows with a provenance record and their unit, which are also written to their store."""
+        record = {**record, "unit": self.unit}
         if self.store is not None:
             write_provenance(self.store, record)
         return replace(self, provenance=record)
@@ -197,7 +202,9 @@ def open_rows(path: str | os.PathLike[str]) -> DistanceRows:
             f"{path / 'rows.npy'} has data type {rows.dtype} and shape {rows.shape} instead of float32 and {shape}. "
             f"{FINISH}"
         )
-    return DistanceRows(rows, arrays["ids"], arrays["points"], arrays["sources"], path, read_provenance(path))
+    record = read_provenance(path)
+    unit = record.get("unit") if record.get("unit") in UNITS else "unknown"
+    return DistanceRows(rows, arrays["ids"], arrays["points"], arrays["sources"], path, record, str(unit))
 
 
 def _array(path: Path, expected: str) -> NDArray[Any]:

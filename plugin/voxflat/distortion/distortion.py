@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from voxflat.distortion.figures import Figures, StandardErrors, TriangleFigures, json_ready
-from voxflat.io.grid import in_unit
+from voxflat.io.grid import in_unit, key_in_unit
 from voxflat.io.notebook import page
 from voxflat.read_only import ReadOnly
 
@@ -99,13 +99,17 @@ class Distortion(ReadOnly):
     def figures(self) -> dict[str, object]:
         """Return the distortion measures without the arrays, ready for JSON.
 
-        Undefined measures are None.
+        Undefined measures are None. Names include the unit of the surface, such as ``relative_error_10nm``.
 
         Returns
         -------
         dict
-            The measures, keyed by field name; ``standard_error`` has the same keys.
+            The measures by name; ``standard_error`` has the same keys.
         """
+        return dict(_in_unit(self._described(), self.unit))
+
+    def _described(self) -> dict[str, Any]:
+        """Return the measures for a file, keyed by field name, in which mm stands for the unit of the surface."""
         return dict(json_ready(_without_arrays(asdict(self))))
 
     def _repr_html_(self) -> str:
@@ -129,6 +133,13 @@ class Distortion(ReadOnly):
             *_other_rows([self]),
         ]
         return _aligned([self], rows)
+
+
+def _in_unit(told: Any, unit: str) -> Any:
+    """Return figures with the unit in their names."""
+    if not isinstance(told, dict):
+        return told
+    return {key_in_unit(name, unit): _in_unit(of, unit) for name, of in told.items()}
 
 
 def _without_arrays(values: dict[str, Any]) -> dict[str, Any]:

@@ -150,6 +150,12 @@ def rounded(length: float, places: int = 0) -> str:
     return f"{length:.{places}f}" if abs(length) >= 1 or length == 0 else f"{length:.2g}"
 
 
+def key_in_unit(name: str, unit: str) -> str:
+    """Return the name of a figure, such as ``area_mm2`` or ``error_10mm``, with the unit instead of mm."""
+    short = "" if unit == "unknown" else unit.replace("µ", "u")
+    return re.sub("(_?)mm(2?)$", lambda found: f"{found[1]}{short}{found[2]}" if short else "", name)
+
+
 def in_unit(text: str, unit: str) -> str:
     """Replace mm in a text by the unit of a surface or map; remove it if the unit is unknown."""
     if unit == "mm":

@@ -414,6 +414,10 @@ class FlatMap(Planar, Saved):
         """
         return {**self.metadata, "distortion": self.distortion.figures()}
 
+    def _described(self) -> Record:
+        """Return the description as files hold it: the names of figures do not depend on the unit."""
+        return {**self.metadata, "distortion": self.distortion._described()}
+
     @property
     def provenance(self) -> Record:
         """The record of how the map was made.
@@ -437,7 +441,7 @@ class FlatMap(Planar, Saved):
     def _write(self, path: Path) -> None:
         name = path.name.lower()
         if name.endswith(SAVED_ENDINGS):
-            write_map(path, self._arrays(), self.description())
+            write_map(path, self._arrays(), self._described())
         elif name.endswith(FLAT_PATCH_ENDINGS):
             warn_of_unit(path, self.origin.unit)
             write_patch(path, self._patch())

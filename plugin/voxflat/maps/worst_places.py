@@ -1,7 +1,6 @@
 """The regions of highest distortion of a map, and the cuts that reduce it: results, tables and files."""
 
 import os
-import re
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -13,7 +12,7 @@ from numpy.typing import NDArray
 from voxflat.arguments import is_whole
 from voxflat.errors import InputError
 from voxflat.io.files import atomic_path
-from voxflat.io.grid import in_unit
+from voxflat.io.grid import in_unit, key_in_unit
 from voxflat.io.provenance import Record, as_text, saving
 from voxflat.io.saved import Saved
 from voxflat.io.tables import aligned
@@ -148,8 +147,7 @@ class WorstPlace(ReadOnly):
         gain = None if self.cut is None or np.isnan(self.cut.gain) else self.cut.gain
         told |= {"id": self.id.tolist(), "parcel": self.parcel}
         told |= {"cut_length_mm": None if self.cut is None else self.cut.length, "cut_gain": gain}
-        suffix = "" if self.unit == "unknown" else "_" + self.unit.replace("µ", "u")
-        return {re.sub("_mm(2?)$", rf"{suffix}\1" if suffix else "", name): value for name, value in told.items()}
+        return {key_in_unit(name, self.unit): value for name, value in told.items()}
 
 
 @dataclass(frozen=True, eq=False)

@@ -297,7 +297,7 @@ class FlatSeries(Sequence[FlatMap], ReadOnly, Saved):
     def _write(self, path: Path) -> None:
         arrays = {**self.flat_map._arrays(), **{f"series_{name}": getattr(self, name) for name in _ARRAYS}}
         told = {"series": {"reference": self.reference, "provenance": self.provenance}}
-        write_map(path, arrays, {**self.flat_map.description(), **told})
+        write_map(path, arrays, {**self.flat_map._described(), **told})
 
     def stretches(self, frame: int, since: int | None = None) -> NDArray[np.float64]:
         """Return the two principal stretches at each point: of the map to a frame, or from one frame to another.

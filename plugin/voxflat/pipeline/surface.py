@@ -582,7 +582,8 @@ class Surface(Manifold):
         """
         what: dict[str, Any] = {"geodesic": geodesic, "sampling": sampling, "link_lengths": link_lengths, "seed": seed}
         limits: dict[str, Any] = {"threads": threads, "memory_limit": memory_limit, "progress": progress}
-        return _geodesic(self, sources, **what, store=store, dask=dask, **limits)
+        rows = _geodesic(self, sources, **what, store=store, dask=dask, **limits)
+        return replace(rows, unit=self.origin.named_unit)
 
     @telling()
     def path(self, *stops: Sequence[int] | int, geodesic: str = "graph", link_lengths: str | None = None) -> Path:

@@ -87,9 +87,10 @@ def path_command(input_: Path, stops: list[Any], output: Path | None, writing: d
 def rows_command(input_: Path, sources: int, quiet: bool, **given: Any) -> None:
     """Measure geodesic distances and store them on disk.
 
-    The geodesic distances from N sources to all points of a surface are written to DIR/rows.npy (float32, in mm). To
-    read them in Python, pass DIR to voxflat.open_rows, or memory-map the file with NumPy. Only a small part of the
-    distances is held in memory at any time. To resume an interrupted computation, run the same command again.
+    The geodesic distances from N sources to all points of a surface are written to DIR/rows.npy (float32, in the unit
+    of INPUT). To read them in Python, pass DIR to voxflat.open_rows, or memory-map the file with NumPy. Only a small
+    part of the distances is held in memory at any time. To resume an interrupted computation, run the same command
+    again.
     """
     with bars(quiet) as shown:
         cuts, choose = given.pop("cuts"), part_of(given, shown.progress)
@@ -98,6 +99,7 @@ def rows_command(input_: Path, sources: int, quiet: bool, **given: Any) -> None:
             part = part.cut(cuts, relax=False, threads=given["threads"], progress=shown.progress).surface
         measured = part.geodesic(sources, progress=shown.progress, **given)
     size = {"shape": list(measured.shape), "bytes": measured.nbytes}
-    text = f"{measured.shape[0]} x {measured.shape[1]} distances, {measured.nbytes / 2**20:.0f} MiB"
-    content = {"store": str(measured.store), **size, "provenance": measured.provenance}
+    named = "without a unit" if measured.unit == "unknown" else f"in {measured.unit}"
+    text = f"{measured.shape[0]} x {measured.shape[1]} distances {named}, {measured.nbytes / 2**20:.0f} MiB"
+    content = {"store": str(measured.store), **size, "unit": measured.unit, "provenance": measured.provenance}
     report(content, f"{text}\nsaved in {measured.store}", quiet=quiet)
