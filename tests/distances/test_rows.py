@@ -366,7 +366,7 @@ def test_the_command_measures_and_goes_on(tmp_path):
     again = run(*command, "--json")
     told = json.loads(again.stdout)
     assert portable(told.pop("provenance")) == voxflat.open_rows(tmp_path / "store").provenance
-    assert told == {"store": str(tmp_path / "store"), "shape": [40, 600], "bytes": 96000}
+    assert told == {"store": str(tmp_path / "store"), "shape": [40, 600], "bytes": 96000, "unit": "mm"}
     assert "40 rows were already in the store" in again.stderr
     assert run(*command, "--quiet").output == ""
     fail(1, "contains other distances", *command, "--radius", 9, "--seed-point", "9,9,1")
@@ -375,4 +375,5 @@ def test_the_command_measures_and_goes_on(tmp_path):
 def test_flatten_keeps_its_rows(tmp_path):
     np.save(tmp_path / "sheet.npy", SHEET)
     succeed("flatten", tmp_path / "sheet.npy", "-o", tmp_path / "map.npz", "--sources", 20, "--store", tmp_path / "s")
-    assert voxflat.open_rows(tmp_path / "s").shape == (20, 600)
+    rows = voxflat.open_rows(tmp_path / "s")
+    assert (rows.shape, rows.unit) == ((20, 600), "mm")

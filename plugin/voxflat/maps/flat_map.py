@@ -432,7 +432,7 @@ class FlatMap(Planar, Saved):
         """Return the map with a provenance record, which is also written to its store of distance rows."""
         full = resolved(record, self.metadata)
         if self.store is not None:
-            write_provenance(self.store, full)
+            write_provenance(self.store, {**full, "unit": self.origin.named_unit})
         return replace(self, metadata={**self.metadata, "provenance": full})
 
     def _why_not(self, path: Path) -> str:
