@@ -15,6 +15,8 @@ _Floats = NDArray[np.float64]
 _BLUR = 0.8  # pixels; after this Gaussian blur, the total variation of a region is its perimeter within about 1 %
 _REACH = 4  # pixels to which the blur reaches
 _STEP = 0.5  # pixels between samples along the outline of the map
+# 16 positions in a pixel, of which each sixteenth of its width and of its height has one (the Hammersley set)
+_SPLIT = (np.column_stack([np.arange(16), [0, 8, 4, 12, 2, 10, 6, 14, 1, 9, 5, 13, 3, 11, 7, 15]]) + 0.5) / 16 - 0.5
 
 AREAS = ("area", "map_area")
 LENGTHS = ("perimeter", "x", "y", "z", "u", "v", "major_axis", "minor_axis")
@@ -28,18 +30,38 @@ def properties_of(
     at: Callable[[_Floats], NDArray[np.int64]],
     curvature: _Floats | None,
     images: Iterable[tuple[str, _Floats]],
+    *,
+    are_outlines: bool,
 ) -> dict[str, _Floats]:
-    """Return the properties of regions, one value for each key, as `Regions.properties` documents them."""
+    """Return the properties of regions, one value for each key, as `Regions.properties` documents them.
+
+    Pixels on the borders of outlines are divided, because whole pixels would move a border by up to half a pixel.
+    """
     size, (left, top) = raster.pixel_size, raster.origin
     rows, columns = np.nonzero(raster.inside & scipy.ndimage.binary_dilation(labels != 0, iterations=_REACH))
-    places = of.look_up(np.column_stack([left + columns * size, top - rows * size]))
+    centres = np.column_stack([left + columns * size, top - rows * size])
+    places = of.look_up(centres)
     metric, sorted_keys = of._metric, np.sort(keys)
-    area = size**2 * np.where(places.face_ids < 0, 0.0, np.nan_to_num(metric.area[places.face_ids]))
     faces = np.full(raster.shape, -1, dtype=np.int64)
     faces[rows, columns] = places.face_ids
-    own = labels[rows, columns]
+    own, pixel, share = labels[rows, columns], np.arange(len(rows)), np.ones(len(rows))
+    face, weights, points = places.face_ids, places.weights, places.points
+    if are_outlines:
+        is_split = _on_borders(labels)[rows, columns]
+        split = np.repeat(pixel[is_split], len(_SPLIT))
+        beside = centres[split] + np.tile(size * _SPLIT, (len(split) // len(_SPLIT), 1))
+        finer = of.look_up(beside)
+        is_on = finer.face_ids >= 0  # samples beside the map stand for the part of their pixel that is on it
+        share = np.concatenate([share[~is_split], np.full(len(split), 1 / len(_SPLIT))])
+        own = np.concatenate([own[~is_split], at(beside)])
+        face = np.concatenate([face[~is_split], np.where(is_on, finer.face_ids, face[split])])
+        weights = np.concatenate([weights[~is_split], np.where(is_on[:, None], finer.weights, weights[split])])
+        points = np.concatenate([points[~is_split], np.where(is_on[:, None], finer.points, points[split])])
+        pixel = np.concatenate([pixel[~is_split], split])
+    share = size**2 * share
+    area = share * np.where(face < 0, 0.0, np.nan_to_num(metric.area[face]))
     kept = (own != 0) & (area > 0)
-    which, area_of, face = np.searchsorted(sorted_keys, own[kept]), area[kept], places.face_ids[kept]
+    which, area_of, face = np.searchsorted(sorted_keys, own[kept]), area[kept], face[kept]
 
     def total(*values: _Floats) -> _Floats:
         return np.stack([np.bincount(which, area_of * each, len(keys)) for each in values], axis=-1)
@@ -55,29 +77,36 @@ def properties_of(
 
     areas = total(np.ones(len(which)))[:, 0]
     with np.errstate(invalid="ignore", divide="ignore"):
-        centres = total(*places.points[kept].T) / areas[:, None]
-        apart = (places.points[kept] - centres[which]).T
+        centres = total(*points[kept].T) / areas[:, None]
+        apart = (points[kept] - centres[which]).T
         between = total(*(a * b for a in apart for b in apart)).reshape(-1, 3, 3)
         within = totals(metric.to_surface @ metric.to_surface.swapaxes(1, 2)) * size**2 / 12
         spread = (between + within) / areas[:, None, None]
         normals = totals(metric.normals)
         normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     found = {"area": areas, "perimeter": _perimeters(of, labels, raster, sorted_keys, at, faces)}
-    found |= {"map_area": size**2 * np.bincount(which, minlength=len(keys)).astype(np.float64)}
+    found |= {"map_area": np.bincount(which, share[kept], minlength=len(keys)).astype(np.float64)}
     found |= dict(zip("xyz", centres.T, strict=True))
     found |= _shapes(of, centres, spread, normals)
     if curvature is not None:
         corners = of._triangles.faces[face]
-        found["curvature"] = mean(np.einsum("pc,pc->p", places.weights[kept], curvature[corners]))
+        found["curvature"] = mean(np.einsum("pc,pc->p", weights[kept], curvature[corners]))
     for name, values in images:
-        of_pixels = values[rows, columns][kept]
-        without = np.count_nonzero(~np.isfinite(of_pixels))
+        of_pixels = values[rows, columns][pixel[kept]]
+        seen = np.unique(pixel[kept])
+        without = np.count_nonzero(~np.isfinite(values[rows, columns][seen]))
         if without:
             told = "%s: %s of %s pixels of the regions have no value, and are left out"
-            log.warning(told, name, f"{without:,}", f"{len(of_pixels):,}")
+            log.warning(told, name, f"{without:,}", f"{len(seen):,}")
         found[name] = mean(of_pixels)
     order = np.searchsorted(sorted_keys, keys)
     return {"label": np.array(keys), **{name: values[order] for name, values in found.items()}}
+
+
+def _on_borders(labels: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """Return the pixels with a neighbour, also along the diagonal, of another label."""
+    around = {"size": 3, "mode": "nearest"}
+    return np.asarray(scipy.ndimage.maximum_filter(labels, **around) != scipy.ndimage.minimum_filter(labels, **around))
 
 
 def _shapes(of: Planar, centres: _Floats, spread: _Floats, normals: _Floats) -> dict[str, _Floats]:

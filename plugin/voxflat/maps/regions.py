@@ -216,7 +216,7 @@ class Regions(ReadOnly, Recorded):
         >>> flat_map = voxflat.samples.hill().flatten()
         >>> cells = flat_map.regions({"V1": [[-5, -5], [5, -5], [0, 5]]}).properties(pixel_size=0.25)
         >>> cells["area"].round(), cells["map_area"].round()
-        (array([59.]), array([51.]))
+        (array([58.]), array([50.]))
         """
         raster = self.of.raster(pixel_size or getattr(image, "pixel_size", None) or self._pixel_size)
 
@@ -230,7 +230,10 @@ class Regions(ReadOnly, Recorded):
 
         labels = np.nan_to_num(self.image(raster.pixel_size).data).astype(np.int64)
         curvature = getattr(self.of, "curvature", None)  # which pages do not have
-        found = properties_of(self.of, labels, raster, self.keys, self.at, curvature, values())
+        are_outlines = self.places.pixel_size is None
+        found = properties_of(
+            self.of, labels, raster, self.keys, self.at, curvature, values(), are_outlines=are_outlines
+        )
         return {"label": found.pop("label"), "name": np.array(self.names), **found}
 
     @property
