@@ -588,7 +588,7 @@ def test_commands_of_the_palette_ask_for_a_file(subject, viewer, last_of, qtbot,
 
 def test_layers_without_a_map_are_not_saved_as_one(viewer, tmp_path):
     viewer.add_layer(Labels(cap(), name="sheet"))
-    with pytest.raises(voxflat.VoxflatError, match=r"not belong to a flat map.* as 'voxflat regions'"):
+    with pytest.raises(voxflat.VoxflatError, match=r"not belong to a flat map.* as 'voxflat flat image'"):
         viewer.layers.save(str(tmp_path / "a.voxflat"), plugin="voxflat")
     assert not list(tmp_path.iterdir())
 

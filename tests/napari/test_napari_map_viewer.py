@@ -7,7 +7,9 @@ import dask.array as da
 import nibabel as nib
 import numpy as np
 import pandas
+import PIL.Image
 import pytest
+import tifffile
 from napari.layers import Image, Labels, Surface
 from napari.utils.colormaps import DirectLabelColormap
 from napari_clicks import move
@@ -34,6 +36,7 @@ from scipy.ndimage import maximum_filter, minimum_filter
 from scipy.spatial import cKDTree
 
 import voxflat
+from voxflat._napari.files.writers import write_regions
 from voxflat._napari.layers.world import WORLD
 from voxflat._napari.map_viewer.drawings import put, regions
 from voxflat._napari.map_viewer.viewer_parts import camera, canvas_widget, projected, show_sagittal
@@ -869,3 +872,133 @@ def test_a_map_on_which_the_user_has_painted_is_not_replaced(flattened, qtbot):
     viewer.layers.remove(spot)
     run(widget, qtbot, dock)
     assert len(state.runs) == 1
+
+
+@pytest.fixture
+def tissue(flattened, qtbot):
+    """A stack in µm, its segmentation, and the map of the segmentation, with the layer flattened onto it."""
+    place = {"scale": (0.9, 0.4, 0.4), "translate": (30.0, -20.0, 10.0), "units": "µm"}
+    values = np.random.default_rng(0).random((24, 24, 24)).astype(np.float32)
+    viewer, _, dock = flattened(Image(values, name="nuclei", **place), Labels(cap(), name="cells", **place))
+    wait_for_picture(dock, qtbot)
+    return viewer, dock, viewer.layers["cells nuclei flattened"]
+
+
+def paint_over(viewer, flat):
+    """Paint two labels on the flattened image, in a Labels layer as napari makes it beside it."""
+    columns = np.indices(flat.data.shape)[1]
+    painted = np.where(np.isfinite(flat.data), 1 + (columns > flat.data.shape[1] // 2), 0)
+    place = {"scale": flat.scale, "translate": flat.translate, "units": flat.units}
+    return viewer.add_labels(painted, name="painted", **place)
+
+
+def save_layer(viewer, layer, path):
+    viewer.layers.selection = {layer}
+    viewer.layers.save(str(path), selected=True, plugin="voxflat")
+
+
+@pytest.mark.parametrize("ending", [".tif", ".nii.gz"])
+def test_images_of_a_map_in_micrometres_are_saved_like_those_of_python(tissue, tmp_path, ending):
+    viewer, dock, flat = tissue
+    flat_map = dock.prepared.run.flat_map
+    expected = flat_map.heat_map(flat.scale[0])
+    expected.save(tmp_path / f"python{ending}")
+    for layer in (flat, paint_over(viewer, flat)):
+        save_layer(viewer, layer, tmp_path / f"napari{ending}")
+        if ending == ".tif":
+            found, wanted = (tifffile.TiffFile(tmp_path / f"{one}.tif").ome_metadata for one in ("napari", "python"))
+            sizes = re.findall(r"PhysicalSize\S+", wanted)
+            assert f'"{flat.scale[0]:.9g}"' in sizes[0]
+            assert 'Unit="&#181;m"' in sizes[1]
+            assert re.findall(r"PhysicalSize\S+", found) == sizes
+        else:
+            found, wanted = (nib.load(tmp_path / f"{one}.nii.gz") for one in ("napari", "python"))
+            assert_allclose(np.linalg.norm(found.affine[:3, 0]), flat.scale[0] / 1000, rtol=1e-6)
+            assert_allclose(found.affine, wanted.affine)
+            assert found.header.get_xyzt_units() == wanted.header.get_xyzt_units()
+            data = np.where(np.isnan(flat.data), np.nan, layer.data)
+            assert_allclose(found.get_fdata()[..., 0], data.astype(np.float32))
+    flat.scale = np.array(flat.scale) * (1, 2)
+    with pytest.raises(voxflat.VoxflatError, match=r"not square \(\S+ x \S+ µm\)"):
+        save_layer(viewer, flat, tmp_path / f"other{ending}")
+
+
+def test_labels_painted_on_the_map_of_a_volume_are_saved_in_the_plane_and_in_the_volume(
+    tissue, qtbot, tmp_path, messages
+):
+    viewer, dock, flat = tissue
+    painted, flat_map = paint_over(viewer, flat), dock.prepared.run.flat_map
+    save_layer(viewer, painted, tmp_path / "painted.png")
+    assert PIL.Image.open(tmp_path / "painted.png").size == flat.data.shape[::-1]
+    assert write_regions(str(tmp_path / "a.nii.gz"), [painted.as_layer_data_tuple()])
+    low, high = -flat_map.spacing, flat_map.spacing
+    regions = flat_map.regions(painted.data, pixel_size=flat.scale[0])
+    regions.save(tmp_path / "b.nii.gz", depth=(low, high))
+    found, expected = (nib.load(tmp_path / name) for name in ("a.nii.gz", "b.nii.gz"))
+    assert_array_equal(found.get_fdata(), expected.get_fdata())
+    assert_allclose(found.affine, expected.affine)
+    assert set(np.unique(found.get_fdata())) == {0, 1, 2}
+    told = f"Saved the regions in the volume from {low:.3g} to {high:.3g} µm"
+    assert [one.message for one in messages if "Saved" in one.message] == [told]
+    dock.segmentations.send.click()
+    qtbot.waitUntil(lambda: "Added" in dock.text.text(), timeout=PATIENCE)
+    assert dock.text.text() == f"Added 'painted in the volume' from {low:.3g} to {high:.3g} µm"
+
+
+def test_a_segmentation_that_was_opened_is_saved_where_it_lies(tissue, tmp_path):
+    viewer, dock, _ = tissue
+    save_layer(viewer, viewer.layers["cells"], tmp_path / "cells.nii.gz")
+    saved, flat_map = voxflat.io.read_volume(tmp_path / "cells.nii.gz"), dock.prepared.run.flat_map
+    assert_allclose(saved.in_unit("µm").affine, flat_map.affine, atol=1e-4)
+    assert_array_equal(saved.data, cap())
+
+
+def test_pointing_at_an_image_of_the_map_means_a_place_on_the_map(tissue, qtbot):
+    """Not the place in the slice that has the same coordinates."""
+    viewer, dock, flat = tissue
+    flat_map, canvas = dock.prepared.run.flat_map, canvas_widget(dock)
+    for layer in viewer.layers:
+        layer.visible = layer is flat
+    flat.translate = np.add(flat.translate, (3, 5))  # moved aside by the user
+    row, column = np.array(flat.data.shape) // 2
+    u, v = flat_map.raster(flat.scale[0]).origin + flat.scale[0] * np.array([column, -row])
+
+    def look_at(row, column):
+        camera(viewer).center = (0, *flat.data_to_world((row, column)))
+        wait_until_drawn(viewer, qtbot)
+        move(qtbot, canvas, QPoint(canvas.width() // 2, canvas.height() // 2))
+
+    look_at(row, column)
+    pixel = flat.scale[0]
+    assert dock.canvas.ring.isVisible()
+    assert_allclose((dock.canvas.ring.pos().x(), -dock.canvas.ring.pos().y()), (u, v), atol=pixel)
+    shown = [float(number) for number in dock.text.text().replace("−", "-").split(" µm")[0].split(", ")]
+    assert_allclose(shown, flat_map.look_up([u, v]).points, atol=2 * pixel)
+    click_middle(canvas, qtbot)
+    seen, viewport = dock.canvas.position(u, v), dock.canvas.viewport()
+    assert_allclose((seen.x(), seen.y()), (viewport.width() / 2, viewport.height() / 2), atol=4)
+
+    to_map(dock, qtbot, u, v)  # the viewer does not show this place, but the image of the map
+    assert dock.link.ring.isHidden()
+
+    painted = paint_over(viewer, flat)  # over the place of the map, not of the moved image
+    painted.translate = np.array(flat.translate) - (3, 5)
+    flat.visible = False
+    viewer.layers.selection.active = painted
+    painted.mode = "paint"
+    moved = []
+    dock.link.clicked.connect(moved.append)
+    camera(viewer).center = (0, -v, u)
+    wait_until_drawn(viewer, qtbot)
+    move(qtbot, canvas, QPoint(canvas.width() // 2, canvas.height() // 2))
+    assert_allclose((dock.canvas.ring.pos().x(), -dock.canvas.ring.pos().y()), (u, v), atol=pixel)
+    click_middle(canvas, qtbot)
+    assert not moved
+    painted.mode = "pan_zoom"
+    click_middle(canvas, qtbot)
+    assert_allclose(moved, [(u, v)], atol=pixel)
+
+    painted.visible, flat.visible = False, True
+    look_at(0, 0)  # outside the map
+    assert np.isnan(flat.data[0, 0])
+    assert not dock.canvas.ring.isVisible()

@@ -291,7 +291,7 @@ def test_flat_labels_of_a_single_map_come_back(open_widget, qtbot, embryo, messa
     with pytest.raises(voxflat.VoxflatError, match=r"has no mesh vertices. Save a label volume \(for example, .nii.gz"):
         viewer.layers.save(str(tmp_path / "cells.label.gii"), selected=True, plugin="voxflat")
     viewer.layers.selection = {found}
-    with pytest.raises(voxflat.VoxflatError, match="'cells in the volume' do not lie on a flat map"):
+    with pytest.raises(voxflat.VoxflatError, match="'cells in the volume' does not lie on a flat map"):
         viewer.layers.save(str(tmp_path / "found.tsv"), selected=True, plugin="voxflat")
     wait_for_threads(qtbot)
 

@@ -208,6 +208,13 @@ class ViewerState:
         fits = flat_map.is_voxels or flat_map.origin.mesh.vertices == len(layer.vertices)
         return flat_map if fits else None
 
+    def run_of(self, layer: Layer) -> Run | None:
+        """Return the run of whose map a flat layer is an image, or on whose pixels the user painted it."""
+        flat_map = layer.metadata.get("voxflat")
+        if flat_map is None:
+            return self.run_under(layer)
+        return next((run for run in self._runs if run.flat_map is flat_map), None)
+
     def run_under(self, layer: Layer) -> Run | None:
         """Return the run whose map has the pixels of a flat layer: that over which it was added, or the current one.
 

@@ -8,15 +8,17 @@ from typing import Any, TypeAlias
 import numpy as np
 from napari import current_viewer
 from napari.layers import Labels, Layer
+from napari.utils.notifications import show_info
 from numpy.typing import NDArray
 
 from voxflat._napari.layers.volumes import LayerVolume
-from voxflat._napari.layers.world import WORLD
-from voxflat._napari.map_viewer.drawings import OF_MAP
+from voxflat._napari.layers.world import WORLD, unit_ratio
+from voxflat._napari.map_viewer.drawings import OF_MAP, depths_of_regions, reach
 from voxflat._napari.map_viewer.segmentations import REMEDY, Segmentation
 from voxflat._napari.notes import showing_notes
-from voxflat._napari.results.flat_layers import MOVIE, STACK, LayerData
+from voxflat._napari.results.flat_layers import IMAGE, KEPT, MOVIE, STACK, LayerData, in_unit_of, unit_of_map
 from voxflat._napari.results.outputs import is_painted
+from voxflat._napari.stacks import world_of
 from voxflat._napari.viewer_state import ViewerState
 from voxflat._napari.wording import error_text
 from voxflat.atlases.atlas import Atlas
@@ -28,6 +30,8 @@ from voxflat.maps.image_files import IMAGE_ENDINGS
 from voxflat.maps.raster import FlatImage, FlatStack
 from voxflat.maps.regions import TABLE_ENDINGS, VERTEX_ENDINGS, Regions
 from voxflat.pipeline.flat_movie import FlatMovie
+
+_VOXEL_ENDINGS = (".nii", ".nii.gz")
 
 Written: TypeAlias = Any  # list[str], which napari's commands cannot compare with classes on Python 3.10
 
@@ -49,14 +53,14 @@ def write_flat_map(path: str | None = None, layers: Sequence[LayerData] = ()) ->
 
 
 def write_flat_image(path: str | None = None, layers: Sequence[LayerData] = ()) -> Written:
-    """Save the image of one layer of a map or page, in the same way as `write_flat_map`.
+    """Save the image of one layer of a map or page, or labels painted on it, in the same way as `write_flat_map`.
 
-    Regions and layers of depth are saved with the position of their voxels.
+    Volumes, such as regions and layers of depth, are saved with the position of their voxels.
     """
     if path is None:
         return _ask("Save a flat image", IMAGE_ENDINGS)
     with _reporting_errors():
-        if any(WORLD in keywords["metadata"] for _, keywords, _ in layers):
+        if any(map(_is_volume, layers)):
             _save_volume(path, layers)
         else:
             _image_of(layers).save(path)
@@ -64,14 +68,34 @@ def write_flat_image(path: str | None = None, layers: Sequence[LayerData] = ()) 
 
 
 def write_regions(path: str | None = None, layers: Sequence[LayerData] = ()) -> Written:
-    """Save regions or labels drawn on a map as a table, or for a mesh at its vertices, like `write_flat_map`."""
+    """Save regions or labels drawn on a map: a table, vertices of a mesh, or voxels through the cortex."""
     if path is None:
-        return _ask("Save regions", (*VERTEX_ENDINGS, *TABLE_ENDINGS))
+        return _ask("Save regions", (*VERTEX_ENDINGS, *_VOXEL_ENDINGS, *TABLE_ENDINGS))
     with _reporting_errors():
         if len(layers) != 1:
             raise InputError("Regions are saved one layer at a time. Select one layer with regions of a map")
-        _regions_of(layers[0]).save(path, overwrite=True)
+        is_voxels = path.lower().endswith(_VOXEL_ENDINGS)
+        if is_voxels and OF_MAP in layers[0][1]["metadata"] and _is_volume(layers[0]):
+            _save_volume(path, layers)
+            return [path]
+        regions = _regions_of(layers[0])
+        if is_voxels:
+            _save_voxels(path, regions)
+        else:
+            regions.save(path, overwrite=True)
     return [path]
+
+
+def _save_voxels(path: str, regions: Regions) -> None:
+    """Save regions in the volume that was flattened, and tell their depths."""
+    flat_map, viewer = regions.of, current_viewer()
+    if not isinstance(flat_map, FlatMap) or not flat_map.is_voxels:
+        raise InputError(f"The map of a mesh has no voxels. Save its regions as {', '.join(VERTEX_ENDINGS)}")
+    runs = () if viewer is None else ViewerState.of(viewer).runs
+    is_movie = any(run.flat_map is flat_map and run.layers.movie is not None for run in runs)
+    depths = depths_of_regions(flat_map, movie=is_movie)
+    regions.save(path, depth=depths, overwrite=True)
+    show_info(f"Saved the regions in the volume {reach(flat_map, depths)}")
 
 
 def _regions_of(data: LayerData) -> Regions:
@@ -79,16 +103,10 @@ def _regions_of(data: LayerData) -> Regions:
     values, keywords, kind = data
     viewer, found = current_viewer(), keywords["metadata"].get(OF_MAP)
     if found is None and kind == "labels":
-        if viewer is None or values.ndim != 2:
-            raise InputError(
-                f"Labels '{keywords['name']}' do not lie on a flat map. Select labels on a flattened image"
-            )
-        state = ViewerState.of(viewer)
-        run = state.run_under(viewer.layers[keywords["name"]])
-        if run is None or not isinstance(run.flat_map, FlatMap):
-            maps = ", ".join(f"'{one.title}'" for one in state.runs) or "none"
-            raise InputError(f"The pixels of '{keywords['name']}' are not those of an open map ({maps}). {REMEDY}")
-        return Segmentation.of(Labels(values, **keywords)).regions(run.flat_map, None)
+        flat_map = _map_under(data)
+        if not isinstance(flat_map, FlatMap):
+            raise InputError("Regions need a flat map, not a page of patches. Use Flatten surface instead")
+        return Segmentation.of(Labels(values, **keywords)).regions(flat_map, None)
     if found is None:
         raise InputError(f"Layer '{keywords['name']}' contains no regions. Select a layer with regions of a map")
     if viewer is not None and is_painted(viewer.layers[keywords["name"]]):
@@ -96,14 +114,41 @@ def _regions_of(data: LayerData) -> Regions:
     return found  # type: ignore[no-any-return]  # metadata are Any
 
 
+def _map_under(data: LayerData) -> FlatMap | Atlas:
+    """Return the map that a flat layer shows, or on whose pixels a layer of the user lies."""
+    values, keywords, _ = data
+    found: FlatMap | Atlas | None = keywords["metadata"].get("voxflat")
+    if found is not None:
+        return found
+    viewer, name = current_viewer(), keywords["name"]
+    if viewer is None or np.ndim(values) != 2:
+        raise InputError(f"Layer '{name}' does not lie on a flat map. Select a layer on a flattened image")
+    state = ViewerState.of(viewer)
+    run = state.run_under(viewer.layers[name])
+    if run is None:
+        maps = ", ".join(f"'{one.title}'" for one in state.runs) or "none"
+        raise InputError(f"The pixels of '{name}' are not those of an open map ({maps}). {REMEDY}")
+    return run.flat_map
+
+
+def _is_volume(data: LayerData) -> bool:
+    """Return whether a layer is a volume, neither an image of a map nor labels from the window of a movie."""
+    _, keywords, kind = data
+    is_own = not {"voxflat", KEPT}.isdisjoint(keywords["metadata"])
+    return kind in ("image", "labels") and not is_own and Layer.create(*data).ndim > 2
+
+
 def _save_volume(path: str, layers: Sequence[LayerData]) -> None:
-    """Save labels that voxflat made in the volume, in RAS+ mm."""
+    """Save labels or an image in space, in RAS+ mm."""
     if len(layers) != 1:
-        raise InputError(f"{len(layers)} layers are selected. Select exactly one layer with labels of the volume")
-    layer = Layer.create(*layers[0])
+        raise InputError(f"{len(layers)} layers are selected. Select exactly one volume")
+    layer, viewer = Layer.create(*layers[0]), current_viewer()
     if path.lower().endswith(".png"):
         raise InputError(f"Layer '{layer.name}' contains voxels with a position in space. Save it as .nii.gz")
-    volume = LayerVolume.of(layer, layer.metadata[WORLD]).read()
+    world = layer.metadata.get(WORLD)
+    if world is None:
+        world = "RAS" if viewer is None else world_of(viewer, viewer.layers[layer.name])
+    volume = LayerVolume.of(layer, world).read()
     write_volume(path, volume.data, volume.in_unit("mm").affine, has_unit=str(layer.units[-1]) != "pixel")
 
 
@@ -128,7 +173,7 @@ def _reporting_errors() -> Iterator[None]:
 def _map_of(layers: Sequence[LayerData]) -> FlatMap | Atlas:
     maps = {id(flat_map): flat_map for _, keywords, _ in layers if (flat_map := keywords["metadata"].get("voxflat"))}
     if not maps:
-        remedy = "Select a layer of a flat map. Save labels that you painted on a map as 'voxflat regions'"
+        remedy = "Select a layer of a flat map. Save labels and volumes as 'voxflat flat image' or 'voxflat regions'"
         raise InputError(f"The selected layers do not belong to a flat map. {remedy}")
     if len(maps) > 1:
         raise InputError(f"The selected layers belong to {len(maps)} flat maps. Select layers of one map")
@@ -137,11 +182,11 @@ def _map_of(layers: Sequence[LayerData]) -> FlatMap | Atlas:
 
 def _image_of(layers: Sequence[LayerData]) -> FlatImage | FlatStack | FlatMovie:
     """Return the image, flat volume or flat movie of a layer, with its position on the map."""
-    flat_map = _map_of(layers)
     images = [layer for layer in layers if layer[2] in ("image", "labels")]
     if len(images) != 1:
         raise InputError(f"{len(images)} flat images are selected. Select exactly one")
     data, keywords, kind = images[0]
+    flat_map = _map_under(images[0])
     stack: FlatStack | None = keywords["metadata"].get(STACK)
     if stack is not None:
         values = np.asarray(data, dtype=np.float32)
@@ -149,18 +194,21 @@ def _image_of(layers: Sequence[LayerData]) -> FlatImage | FlatStack | FlatMovie:
         return replace(stack, channels=Channels(stack.channels.names, values.__getitem__))
     if (frame := keywords["metadata"].get(MOVIE)) is not None:
         return _movie_of(np.asarray(data), frame, kind == "labels")
-    height, width = keywords["scale"]
-    if height != width:
-        size = f"{height:g} x {width:g} mm"
-        raise InputError(f"The pixels of '{keywords['name']}' are not square ({size}). Set equal scales for both axes")
-    down, u = keywords["translate"]
+    layer = Layer.create(*images[0])
+    ratio = unit_ratio(layer.units, (unit_of_map(flat_map),) * 2)
+    height, width = (layer.scale * ratio).tolist()
+    if not np.isclose(height, width, rtol=1e-6, atol=0):
+        size = in_unit_of(flat_map, f"{height:g} x {width:g} mm")
+        raise InputError(f"The pixels of '{layer.name}' are not square ({size}). Set equal scales for both axes")
+    down, u = (layer.translate * ratio).tolist()
     is_labels, pixels = kind == "labels", np.asarray(data)
     if keywords.get("rgb"):
         pixels = _with_opacity(pixels)
     elif is_labels:
         pixels = np.where(pixels == 0, np.nan, pixels.astype(np.float64))  # 0 means no label, or outside the map
-    named = {"name": keywords["name"], "labels": is_labels, "provenance": flat_map.provenance}
-    return FlatImage(pixels, float(width), (float(u), float(-down)), **named)
+    made: FlatImage | None = keywords["metadata"].get(IMAGE)
+    record = flat_map.provenance if made is None else made.provenance
+    return FlatImage(pixels, width, (u, -down), layer.name, is_labels, record, flat_map.origin.named_unit)
 
 
 def _movie_of(data: NDArray[Any], frame: FlatStack, is_labels: bool) -> FlatMovie:

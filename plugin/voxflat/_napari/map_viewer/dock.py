@@ -534,7 +534,7 @@ class FlatMapDock(TaskDock):
     def _on_sent(self, run: Run, layer: Labels, result: tuple[LayerData, str]) -> None:
         if run is self._run:
             added = drawings.put(self._viewer, result[0], made_from(self._viewer, run, layer), run, layer)
-            self._show_message(". ".join(filter(None, [f"Added '{added.name}'", result[1]])))
+            self._show_message(f"Added '{added.name}'{result[1]}")
 
     def _on_save_labels(self) -> None:
         layer, prepared = self.segmentations.layer, self.prepared

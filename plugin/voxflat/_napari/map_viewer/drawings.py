@@ -107,10 +107,9 @@ def regions(prepared: PreparedMap, polygons: Sequence[Polygon]) -> Drawn:
     labels = flat_map.paint(drawn.labels.astype(np.int32)) if is_own else np.zeros(flat_map.volume_shape, np.int32)
     if not np.isnan(flat_map.normals).all():  # the surface has an outer side, where the cortex lies
         grid = Volume(labels, flat_map.affine, unit=prepared.unit)
-        wanted = depth_range(prepared) if flat_map.pial_points is None else None
+        wanted = depths_of_regions(flat_map, movie=prepared.run.layers.movie is not None)
         cortex = drawn.volume(grid, depth=wanted)
-        reach = "between both surfaces" if wanted is None else f"from {wanted[0]:.3g} to {wanted[1]:.3g} mm"
-        message += f", in the volume {in_unit_of(flat_map, reach)}"
+        message += f", in the volume {reach(flat_map, wanted)}"
         labels = np.where(labels == 0, cortex.data, labels)
     affine, movie = affine_in_world(prepared), prepared.run.layers.movie
     if movie is not None and prepared.frame is not None:
@@ -138,11 +137,22 @@ def affine_in_world(prepared: PreparedMap) -> NDArray[np.float64]:
     return affine
 
 
-def depth_range(prepared: PreparedMap, depth: float = 0.0) -> tuple[float, float]:
-    """Return the depths of regions: of the cortex or, if the surface may be of a tissue, a voxel on both sides."""
-    is_cortex = prepared.run.flat_map.origin.named_unit == "mm" and prepared.run.layers.movie is None
-    low, high = _CORTEX if is_cortex else (-prepared.spacing, prepared.spacing)
-    return min(low, low + depth), max(high, high + depth)
+def depths_of_regions(flat_map: FlatMap, depth: float = 0.0, *, movie: bool = False) -> tuple[float, float] | None:
+    """Return the depths of regions: of the cortex or, if the surface may be of a tissue, a voxel on both sides.
+
+    A displayed depth beyond them is included. If the pial surface is known, regions lie between both surfaces.
+    """
+    if flat_map.pial_points is not None:
+        return None
+    step = flat_map.spacing
+    low, high = _CORTEX if flat_map.origin.named_unit == "mm" and not movie else (-step, step)
+    return (low, high) if low <= depth <= high else (min(low, depth - step), max(high, depth + step))
+
+
+def reach(flat_map: FlatMap, depths: tuple[float, float] | None) -> str:
+    """Return a text with the depths of regions."""
+    found = "between both surfaces" if depths is None else f"from {depths[0]:.3g} to {depths[1]:.3g} mm"
+    return in_unit_of(flat_map, found)
 
 
 def way(prepared: PreparedMap, a: Place, b: Place, moment: Sequence[float] = ()) -> Drawn:

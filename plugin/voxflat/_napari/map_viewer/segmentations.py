@@ -13,7 +13,13 @@ from qtpy.QtWidgets import QComboBox, QHBoxLayout, QLabel, QPushButton, QSizePol
 from superqt.utils import signals_blocked
 
 from voxflat._napari.docks import arrange
-from voxflat._napari.map_viewer.drawings import affine_in_world, depth_range, drawing_metadata, units_in_time
+from voxflat._napari.map_viewer.drawings import (
+    affine_in_world,
+    depths_of_regions,
+    drawing_metadata,
+    reach,
+    units_in_time,
+)
 from voxflat._napari.map_viewer.movies import MovieWindow, flat_labels, is_kept
 from voxflat._napari.map_viewer.prepared_map import PreparedMap
 from voxflat._napari.map_viewer.viewer_parts import list_events
@@ -41,7 +47,7 @@ class Segmentations(QWidget):
         self.box.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Fixed)
         self.box.setToolTip("A Labels layer over the flattened image, such as cells that you painted or segmented")
         self.send, self.save = QPushButton("To volume"), QPushButton("Save…")
-        self.send.setToolTip("Add a Labels layer with the same labels in the volume, around the displayed depth")
+        self.send.setToolTip("Add a Labels layer with the same labels in the volume, at the depths of regions")
         self.save.setToolTip(
             "Save the area, perimeter and elongation of each label as on the surface, or, for the map of a mesh, the "
             "label of each vertex, with names and colours"
@@ -141,7 +147,7 @@ REMEDY = "Set the scale, translation and shape of the layer to those of a flatte
 def to_volume(prepared: PreparedMap, drawn: Segmentation, depth: float, progress: Progress) -> tuple[LayerData, str]:
     """Return a Labels layer with the labels in the volume, for all frames of a movie; called in a thread.
 
-    Also return a message that names the labels without voxels; it is empty if there are none.
+    Also return the end of a message, with their depths and the labels without voxels.
     """
     flat_map, movie = prepared.run.flat_map, prepared.run.layers.movie
     if not isinstance(flat_map, FlatMap):
@@ -153,7 +159,7 @@ def to_volume(prepared: PreparedMap, drawn: Segmentation, depth: float, progress
     if movie is not None and drawn.data.ndim == 3 and len(drawn.data) != len(movie.series):
         count = len(movie.series)
         raise InputError(f"Layer '{drawn.name}' has {len(drawn.data)} frames, but the movie has {count}. {REMEDY}")
-    wanted = None if flat_map.pial_points is not None else depth_range(prepared, depth)
+    wanted = depths_of_regions(flat_map, depth, movie=movie is not None)
     frames = [None] if movie is None else list(range(len(movie.series)))
     inside = drawn.check(flat_map).inside
     volumes, lost = [], []
@@ -177,7 +183,8 @@ def to_volume(prepared: PreparedMap, drawn: Segmentation, depth: float, progress
         affine = movie.time.placed(affine)
         data = np.stack(volumes).reshape(len(volumes), *[1] * (len(affine) - 5), *data.shape)
     about = {"name": f"{drawn.name} in the volume", "opacity": 0.6, "metadata": drawing_metadata(prepared)}
-    told = f"Left out, because they contain no voxel centre of the map: label {_listed(lost)}" if lost else ""
+    told = f" {reach(flat_map, wanted)}"
+    told += f". Left out, because they contain no voxel centre of the map: label {_listed(lost)}" if lost else ""
     return (data, {**about, "affine": affine, "units": units_in_time(prepared)}, "labels"), told
 
 

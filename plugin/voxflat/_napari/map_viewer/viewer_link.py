@@ -6,16 +6,19 @@ from typing import Any
 
 import numpy as np
 from napari import Viewer
+from napari.layers import Image, Labels
 from numpy.typing import NDArray
 from qtpy.QtCore import QObject, Signal  # type: ignore[attr-defined]  # qtpy makes it of pyqtSignal
 from qtpy.QtWidgets import QWidget
 
-from voxflat._napari.layers.world import from_ras, to_ras
+from voxflat._napari.layers.world import from_ras, in_units_of, to_ras
 from voxflat._napari.map_viewer.cursor import RingWidget
 from voxflat._napari.map_viewer.prepared_map import PreparedMap
 from voxflat._napari.map_viewer.viewer_parts import camera, canvas_widget, in_grid, is_click, projected, world_units
+from voxflat._napari.results.flat_layers import is_opaque, is_within, place_of
 from voxflat._napari.results.session import Session
 from voxflat._napari.timers import single_shot
+from voxflat._napari.viewer_state import ViewerState
 
 _CLICK = 4  # pixels; a longer movement is not a click
 
@@ -62,6 +65,12 @@ class ViewerLink(QObject):
         )
 
     @property
+    def _is_painting(self) -> bool:
+        """Whether clicks paint on a flat layer."""
+        layer = self._viewer.layers.selection.active
+        return isinstance(layer, Labels) and layer.ndim == 2 and str(layer.mode) not in ("pan_zoom", "transform")
+
+    @property
     def _units(self) -> NDArray[np.float64]:
         """The units of the world axes in the unit of the map."""
         assert self.prepared is not None
@@ -80,14 +89,36 @@ class ViewerLink(QObject):
         return np.asarray(to_ras(mm[None], self.prepared.session.world_axes)[0])
 
     def _place(self, event: Any) -> tuple[float, float] | None:
-        """Return the map location under the mouse, in a slice or on the surface."""
+        """Return the map location under the mouse, in a slice, on the surface, or on an image of the map."""
         if not self._is_linked:
             return None
         assert self.prepared is not None
+        flat, place = self._on_flat_layer(event.position)
+        if flat:
+            return place
         point: NDArray[np.float64] | None = self._to_ras(event.position)
         if self._viewer.dims.ndisplay == 3:
             point = self.prepared.met(self._to_ras(event.position), self._to_ras(event.view_direction))
         return None if point is None else self.prepared.place(point)
+
+    def _on_flat_layer(self, position: Any) -> tuple[bool, tuple[float, float] | None]:
+        """Return whether a flat layer is shown at a world position, and the place if the layer is of this map."""
+        if self._viewer.dims.ndisplay == 3:
+            return False, None
+        assert self.prepared is not None
+        state = ViewerState.of(self._viewer)
+        is_beside = False  # on the transparent pixels of a flat layer
+        for layer in reversed(self._viewer.layers):
+            if not (layer.visible and isinstance(layer, Image | Labels)):
+                continue
+            world = in_units_of(layer, position, self._viewer.layers.units)
+            run = state.run_of(layer) if layer.ndim == 2 else None
+            is_flat = run is not None or (layer.ndim == 2 and "voxflat" in layer.metadata)
+            if is_opaque(layer, world):
+                own = is_flat and run is self.prepared.run
+                return is_flat, place_of(layer, world) if own else None
+            is_beside |= is_flat and is_within(layer, world)
+        return is_beside, None
 
     def _on_move(self, viewer: Viewer, event: Any) -> None:
         if self._is_linked:
@@ -97,7 +128,7 @@ class ViewerLink(QObject):
         if not (yield from is_click(event, _CLICK)):
             return
         place = self._place(event)
-        if place is not None:
+        if place is not None and not self._is_painting:
             self.clicked.emit(place)
 
     def mark(self, point: NDArray[np.float64] | None) -> None:
@@ -131,7 +162,8 @@ class ViewerLink(QObject):
         at, prepared = None, self.prepared
         if self._marked is not None and prepared is not None and self._is_linked and not in_grid(self._viewer):
             world = self.to_world(self._marked)
-            at = projected(self._viewer, world, (canvas.width(), canvas.height()))
+            if not self._on_flat_layer(world)[0]:
+                at = projected(self._viewer, world, (canvas.width(), canvas.height()))
         if at is None or prepared is None or not canvas.rect().contains(round(at[0]), round(at[1])):
             self.ring.hide()
         else:

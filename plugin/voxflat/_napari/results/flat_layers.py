@@ -8,7 +8,7 @@ from typing import Any, Protocol, TypeAlias
 
 import numpy as np
 from napari import Viewer
-from napari.layers import Layer
+from napari.layers import Labels, Layer
 from numpy.typing import NDArray
 
 from voxflat._napari.layers.sampled import Shown
@@ -21,6 +21,10 @@ from voxflat.maps.raster import FlatImage, Raster
 from voxflat.pipeline.flat_series import FlatSeries
 
 LayerData: TypeAlias = tuple[Any, dict[str, Any], str]  # as in napari: the data, the keywords and the type
+
+IMAGE = "voxflat_image"
+"""Key of the metadata of images of a map: the `FlatImage` that the layer shows."""
+
 
 STACK = "voxflat_stack"
 """Key of the metadata of flat volumes: the `FlatStack` from which they were made."""
@@ -124,6 +128,7 @@ def described(
     about |= {PART: part, "colours": meaning, "axes": in_unit_of(flat_map, "rows: −v, columns: u, mm")}
     if image is None:
         return {"name": layer_name(owner, part), "metadata": about}
+    about[IMAGE] = image
     u, v = image.origin
     place = {"scale": (image.pixel_size,) * 2, "translate": (-v, u), "units": units(flat_map, 2)}
     return {"name": layer_name(owner, part), "metadata": about, **place}
@@ -173,6 +178,32 @@ class Pixels:
         first = np.subtract(self.corner, other.corner)
         last = first + (self.size - other.size) * (np.array(self.shape) - 1)
         return self.shape == other.shape and bool(np.abs([first, last]).max() < _SAME * self.size)
+
+
+def is_within(layer: Layer, world: NDArray[np.float64]) -> bool:
+    """Return whether a position in the units of a layer lies within its pixels."""
+    at = np.round(layer.world_to_data(world))
+    return bool((at >= 0).all() and (at < finest(layer).shape[: layer.ndim]).all())
+
+
+def is_opaque(layer: Layer, world: NDArray[np.float64]) -> bool:
+    """Return whether a layer shows a value or a label at a position in its units."""
+    value = layer.get_value(world, world=True)
+    value = value[1] if layer.multiscale and value is not None else value  # after the level
+    if value is None or isinstance(layer, Labels):
+        return bool(value)
+    pixel = np.asarray(value)
+    return bool(pixel[3] > 0) if pixel.shape == (4,) else not np.isnan(pixel).any()
+
+
+def place_of(layer: Layer, world: NDArray[np.float64]) -> tuple[float, float]:
+    """Return the place (u, v) on its map of a position in the units of a flat layer, which the user may have moved."""
+    image: FlatImage | None = layer.metadata.get(IMAGE)
+    if image is None:
+        return float(world[-1]), float(-world[-2])
+    row, column = np.asarray(layer.world_to_data(world)).tolist()
+    u, v = image.affine[:2] @ [row, column, 0, 1]
+    return float(u), float(v)
 
 
 class Script(Protocol):
