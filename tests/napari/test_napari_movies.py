@@ -219,7 +219,7 @@ def test_labels_on_the_map_come_back_in_the_volume(movie, series, qtbot, monkeyp
     viewer.dims.set_current_step(0, 0)
     monkeypatch.setattr("qtpy.QtWidgets.QFileDialog.getSaveFileName", lambda *_: (str(tmp_path / "cells"), ""))
     dock.segmentations.save.click()
-    assert "Saved 1 labels of frame 0" in done(dock, qtbot)
+    assert "Saved 1 label of frame 0" in done(dock, qtbot)
     header, row = (tmp_path / "cells.tsv").read_text().splitlines()
     named = dict(zip(header.split("\t"), row.split("\t"), strict=True))
     assert named["label"] == "7"
