@@ -11,7 +11,7 @@ import shapes
 import tifffile
 from napari.layers import Image, Labels, Layer, Surface
 from napari_window import PATIENCE, bumps, cap, choose, open_file, run, sphere
-from numpy.testing import assert_array_equal
+from numpy.testing import assert_allclose, assert_array_equal
 from scipy import ndimage
 
 import voxflat
@@ -140,6 +140,24 @@ def test_the_plan_tells_that_a_layer_has_no_unit_of_length(open_widget, qtbot, u
     _, widget = open_widget(Labels(cap(), name="cap", units=unit))
     qtbot.waitUntil(lambda: "points" in widget.form.plan.text(), timeout=PATIENCE)
     assert ("assumed to be in mm" in widget.form.plan.text()) == (unit == "pixel")
+
+
+def test_the_voxel_size_in_a_tiff_file_is_offered_and_used_for_all_layers_with_its_voxels(open_widget, qtbot, tmp_path):
+    """napari's own reader leaves out the size, and the segmentation drawn on the stack has none either."""
+    path, drawn = tmp_path / "stack & co.tif", cap()
+    about = {"axes": "ZYX", "spacing": 1.0, "unit": "um"}
+    tifffile.imwrite(path, drawn.astype(np.uint16), imagej=True, resolution=(2, 2), metadata=about)
+    viewer, widget = open_widget(Labels(drawn, name="segmentation"))
+    (stack,) = viewer.open(str(path), plugin="napari")
+    widget.form.surface.choose(viewer.layers["segmentation"])
+    told = "stack &amp; co.tif has voxels of 1 x 0.5 x 0.5 µm (z, y, x)"
+    qtbot.waitUntil(lambda: told in widget.form.plan.text(), timeout=PATIENCE)
+    widget.form.plan.linkActivated.emit("size")
+    for layer in (stack, viewer.layers["segmentation"]):
+        assert_allclose(layer.scale, [1, 0.5, 0.5])
+        assert set(map(str, layer.units)) == {"micrometer"}
+    assert "µm" in widget.form.radius.suffix()
+    assert told not in widget.form.plan.text()
 
 
 def test_mask_threshold_and_plan_of_a_volume(open_widget, qtbot):

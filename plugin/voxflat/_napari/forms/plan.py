@@ -2,14 +2,17 @@
 
 from dataclasses import dataclass
 from functools import partial
+from html import escape
 from typing import Any
 
 import numpy as np
 import scipy
+from napari import Viewer
 from napari.layers import Layer, Surface
 from numpy.typing import NDArray
 from qtpy.QtWidgets import QLabel
 
+from voxflat._napari.layers.declared_size import declared_size
 from voxflat._napari.layers.volumes import finest
 from voxflat._napari.layers.world import ASSUMED_UNIT, unit_of
 from voxflat._napari.timers import single_shot
@@ -49,8 +52,9 @@ class _Asked:
 class Plan(QLabel):
     """Shows the steps of *Flatten surface*, the number of points, and the approximate run time."""
 
-    def __init__(self) -> None:
+    def __init__(self, viewer: Viewer) -> None:
         super().__init__()
+        self._viewer = viewer
         self.setWordWrap(True)
         self.setToolTip("What Flatten surface will do with the current settings")
         self._asked: _Asked | None = None
@@ -93,8 +97,21 @@ class Plan(QLabel):
 
     def _write(self) -> None:
         if self._asked is not None:
-            self.setText(" ".join([*_steps(self._asked), *_expected(self._asked, self._count), *_unit(self._asked)]))
+            told = [*_steps(self._asked), *_expected(self._asked, self._count)]
+            self.setText(" ".join([*map(escape, told), *self._unit(self._asked.layer)]))
             self._fit()
+
+    def _unit(self, layer: Layer) -> list[str]:
+        """Return the unit that is assumed, or a link to the voxel size in a file."""
+        if any(str(unit) != "pixel" for unit in layer.units[-3:]):
+            return []
+        declared = declared_size(self._viewer, layer)
+        assumed = escape(ASSUMED_UNIT.format(unit_of(layer)))
+        if declared is None:
+            return [assumed]
+        size = " x ".join(f"{length:g}" for length in declared.size)
+        told = f"But {declared.path.name} has voxels of {size} {declared.unit} (z, y, x), which napari did not read:"
+        return [assumed, f'<b>{escape(told)} <a href="size">use this size</a></b>']
 
     def resizeEvent(self, event: Any) -> None:  # noqa: N802 - Qt's name
         """Keep all lines visible, because a form layout reserves the height that the label needed at another width."""
@@ -156,11 +173,6 @@ def _expected(asked: _Asked, count: int | None) -> list[str]:
     seconds, gigabytes = count * _SECONDS, count * _BYTES / 1e9
     need = f"{_about(seconds)}\u00a0s and {_about(gigabytes)}\u00a0GB of memory"
     return [f"The surface has about {points}. Flattening takes about {need}."]
-
-
-def _unit(asked: _Asked) -> list[str]:
-    pixels = all(str(unit) == "pixel" for unit in asked.layer.units[-3:])
-    return [ASSUMED_UNIT.format(unit_of(asked.layer))] if pixels else []
 
 
 def _about(value: float) -> str:

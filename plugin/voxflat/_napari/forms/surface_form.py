@@ -18,6 +18,7 @@ from voxflat._napari.forms.options_form import OptionsForm, takes
 from voxflat._napari.forms.plan import Plan
 from voxflat._napari.forms.seed_choice import SeedChoice
 from voxflat._napari.job import Frames, Job
+from voxflat._napari.layers.declared_size import declared_size, use_declared_size
 from voxflat._napari.layers.foreground import inside
 from voxflat._napari.layers.meshes import LayerMesh, surface_name, vary
 from voxflat._napari.layers.sampled import overlay
@@ -99,7 +100,8 @@ class SurfaceForm(LayerForm):
         )
         self.options = OptionsForm()
         self.options.rows.addRow("Pixel size", self.pixel_size)
-        self.plan = Plan()
+        self.plan = Plan(self._viewer)
+        self.plan.linkActivated.connect(self._use_declared_size)
 
     def _on_surface(self) -> None:
         super()._on_surface()
@@ -121,6 +123,14 @@ class SurfaceForm(LayerForm):
         self.options.offer_drawn(self._state.cuts_of(layer))
         self._offer_to_go_on()
         self._update_plan()
+
+    def _use_declared_size(self) -> None:
+        """Give the layer the voxel size in its file."""
+        layer = self.surface.layer
+        declared = None if layer is None else declared_size(self._viewer, layer)
+        if declared is not None:
+            use_declared_size(self._viewer, layer, declared)
+            self._on_surface()
 
     def _on_cuts_drawn(self, layer: Layer) -> None:
         self.surface.choose(layer)
