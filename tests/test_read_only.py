@@ -80,6 +80,7 @@ def test_the_arrays_of_each_result_are_read_only(results):
     assert len(found) > 70
 
 
+@pytest.mark.medium
 def test_each_public_class_with_arrays_is_read_only(results):
     public = {getattr(voxflat, name) for name in voxflat.__all__}
     classes = {one for one in public if inspect.isclass(one) and not issubclass(one, Exception | voxflat.Citation)}

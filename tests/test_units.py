@@ -76,6 +76,7 @@ def test_micrometres_are_carried_through(tmp_path, caplog):
     np.testing.assert_array_equal(flat_map.uv, other.uv)  # lengths do not change
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("mesh", [pv.Sphere(radius=30), pv.Sphere(radius=3e6)])
 def test_nothing_says_mm_of_an_unknown_unit(mesh, tmp_path, caplog):
     texts, _ = told_of(voxflat.surface(mesh), tmp_path, caplog)
@@ -84,6 +85,7 @@ def test_nothing_says_mm_of_an_unknown_unit(mesh, tmp_path, caplog):
     assert sum(bool(MM.search(text)) for text in told) > 10
 
 
+@pytest.mark.medium
 def test_the_command_line_takes_a_unit(tmp_path):
     pv.Sphere(radius=300.0, theta_resolution=20, phi_resolution=20).save(tmp_path / "cell.ply")
     given = ["flatten", tmp_path / "cell.ply", "-o", tmp_path / "map.npz"]
@@ -101,6 +103,7 @@ def test_a_volume_that_tells_its_size_has_its_unit(tmp_path):
     assert run("flatten", tmp_path / "ball.nii", "--unit", "µm", "-o", tmp_path / "m.npz").exit_code == 1
 
 
+@pytest.mark.medium
 def test_pyvista_takes_a_unit(caplog):
     with caplog.at_level(logging.INFO):
         pv.Sphere(radius=300.0).voxflat(unit="µm")
@@ -121,6 +124,7 @@ def test_a_warning_says_when_lengths_that_are_not_known_to_be_in_mm_become_mm(tm
             assert len(caplog.messages) == 1
 
 
+@pytest.mark.medium
 def test_a_warning_says_when_a_map_in_another_unit_becomes_a_gifti_image(tmp_path, caplog):
     voxflat.samples.hill().save(tmp_path / "hill.obj")
     for unit, told in ((None, "is unknown, but this format is in mm"), ("µm", "are in µm, but"), ("mm", None)):
@@ -146,6 +150,7 @@ def maps():
     return cell, voxflat.flatten(pv.Sphere(radius=5))
 
 
+@pytest.mark.medium
 def test_images_in_files_have_the_size_of_the_cell_or_no_unit(maps, tmp_path):
     for flat_map, size in zip(maps, (SIZE, None), strict=True):
         shape = flat_map.volume_shape if flat_map.is_voxels else (flat_map.metadata["vertices"],)
@@ -191,6 +196,7 @@ def test_a_single_image_is_an_ome_tiff_with_its_name_and_pixel_size(maps, tmp_pa
                 np.testing.assert_array_equal(np.asarray(opened), data)
 
 
+@pytest.mark.medium
 def test_a_channel_of_ome_zarr_becomes_a_surface_in_its_unit(tmp_path):
     cell = shapes.ball(8).astype(np.uint8)
     group = zarr.open_group(str(tmp_path / "cell.zarr"), mode="w", zarr_format=2)
@@ -266,6 +272,7 @@ def test_labels_drawn_on_an_image_find_their_place_on_the_map(maps, tmp_path, na
     assert len(maps[0].regions(tmp_path / name)) == 1
 
 
+@pytest.mark.medium
 def test_a_stack_in_micrometres_is_sampled_where_it_lies(tmp_path):
     cell = shapes.ball(8).astype(np.uint8)
     how = {"metadata": {"spacing": 2.0, "unit": "um", "axes": "ZYX"}, "resolution": (1 / 0.65, 1 / 0.65)}
@@ -299,6 +306,7 @@ def test_a_format_that_means_mm_is_doubted(maps, tmp_path, caplog, name, warned)
         assert ("coordinates are in µm, but" in caplog.text) == (warned and value is not maps[1])
 
 
+@pytest.mark.medium
 def test_tables_and_json_have_the_unit_in_their_names(maps):
     for flat_map, name in zip(maps, ("area_um2", "area"), strict=True):
         (place, *_) = voxflat.worst_places(flat_map, 1, beyond=1.01).places
@@ -333,6 +341,7 @@ def test_distances_have_the_unit_of_their_surface(tmp_path, unit, name):
     assert text.startswith(f"3 x 81 distances {f'in {unit}' if unit else 'without a unit'}, ")
 
 
+@pytest.mark.medium
 def test_texts_give_lengths_in_the_unit_of_the_surface(tmp_path, caplog):
     """A closed surface of 30 mm, declared in metres: no length is rounded to 0, and nothing is said to be in mm."""
     ball = trimesh.creation.icosphere(3, radius=0.015)

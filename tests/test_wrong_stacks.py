@@ -58,6 +58,7 @@ def files(tmp_path_factory):
     return folder
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize(
     ("flat_map", "volume", "told"),
     [
@@ -123,6 +124,7 @@ def test_a_stack_without_a_size_is_reported(files, tmp_path):
     fail(1, "defines its voxel size in µm. Omit --unit", "check", files / "ball.tif", "--unit", "mm")
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("ending", [".tif", ".h5", ".ome.zarr"])
 def test_check_names_no_anatomical_directions_of_a_stack(ending, tmp_path):
     ball, path = (voxflat.samples.ball() > 0).astype(np.uint8), tmp_path / f"ball{ending}"

@@ -108,6 +108,7 @@ class TestImages:
             outward = tube / np.linalg.norm(tube, axis=1, keepdims=True)
             assert_allclose(image.data[inside], expected + depth / 2 * outward @ [1, 2, -1], atol=1e-4 + 0.1 * depth)
 
+    @pytest.mark.medium
     def test_overlays_and_colours_are_those_of_the_vertices(self, atlas):
         heights = atlas.points[:, 2]
         image = atlas.image(heights, 0.8)

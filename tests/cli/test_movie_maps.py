@@ -72,6 +72,7 @@ def test_charts_have_one_map_each(folder, tmp_path, kind, names):
     fail(2, told, "movie-map", *words, "--cuts", "automatic", "-o", tmp_path / "other.npz")
 
 
+@pytest.mark.medium
 def test_regions_are_written_for_a_volume_of_several_channels(folder, tmp_path):
     words = ["regions", folder / "map.npz", "--image", folder / "labels.tif", "--depth", "-2,2"]
     succeed(*words, "--volume", folder / "frame_00.tif", "-o", tmp_path / "cells.nii.gz")
@@ -107,6 +108,7 @@ def test_images_of_all_frames(folder, tmp_path):
     assert np.load(tmp_path / "one.npy")[2] == pytest.approx(surface[..., 2] - 14.5, abs=1e-3, nan_ok=True)
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize(
     ("words", "status", "told"),
     [

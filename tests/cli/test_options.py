@@ -217,6 +217,7 @@ def test_an_option_that_rims_do_not_have_is_refused_at_0_too(name, tmp_path):
     fail(1, f"--{name} and --rim cannot be combined", "check", tmp_path / "rim.npy", "--rim", f"--{name}", 0)
 
 
+@pytest.mark.medium
 def test_remedies_say_pass_and_not_give():
     assert [one.place for one in messages() if re.search(r"(?:^|[.;:] )Give\b|\bgive --", one.text)] == []
 

@@ -237,6 +237,7 @@ def test_a_journal_of_other_rows_or_without_a_checksum_is_refused_by_readers(sto
     refused(message, voxflat.open_rows, stored.store)
 
 
+@pytest.mark.medium
 def test_rows_that_the_table_lacks_are_not_taken_for_sound(stored):
     refused("has 40 rows, but the journal lists row 40. Measure again", damaged_rows, stored.store, {0: 0, SOURCES: 0})
     assert damaged_rows(stored.store, {0: 0}) == [0]

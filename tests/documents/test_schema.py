@@ -60,6 +60,7 @@ MAPS = {
 }
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("name", MAPS)
 def test_the_metadata_of_a_map_follow_the_schema(tmp_path, name):
     MAPS[name]().save(tmp_path / "map.npz", sidecar=True)

@@ -70,6 +70,7 @@ def test_seams_are_cuts_of_the_undivided_surface(files, name):
     assert len(found.per_point) == len(flat_map.uv)
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("name", ["own.glb", "meshlab.ply", "pyvista.vtp"])
 def test_a_map_with_seams_is_a_start(files, name):
     folder, flat_map = files

@@ -180,6 +180,7 @@ def test_jupyter_shows_a_picture_and_figures(left):
     assert 20 < (red > green + 100).sum() < 0.05 * red.size  # its cuts
 
 
+@pytest.mark.medium
 def test_plot_draws_on_given_axes(left):
     ax = Figure().add_subplot()
     assert left.plot(VALUES, ax=ax, title="effect") is ax

@@ -55,6 +55,7 @@ def test_a_region_of_the_other_hemisphere_is_refused(files, name, verb):
     fail(1, OTHER, "flatten", files / "lh.white", f"--{verb}", files / name, "-o", files / "none.npz")
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("name", ["rh.thickness", "rh.mask.txt", "rh.V1.label"])
 def test_values_of_the_other_hemisphere_are_refused(files, left, name):
     read = read_region if name.endswith("label") else read_overlay

@@ -122,6 +122,7 @@ def test_values_come_back_and_prints_do_not(path, capfd):
         read_in_subprocess(fails, "vtkmodules", path, "OS")
 
 
+@pytest.mark.medium
 def test_threads_and_forks_share_no_answer(path):
     with ThreadPoolExecutor(4) as pool:
         assert list(pool.map(size, [path] * 4)) == [1770] * 4

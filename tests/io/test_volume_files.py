@@ -52,6 +52,7 @@ def test_a_missing_package_is_named(tmp_path, monkeypatch):
     refuses(tmp_path / "v.mha", r"pip install 'voxflat\[lab\]'$", read_volume)
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize(("slope", "inter"), [(2.5, -3), (1, 5), (0, 5), (np.nan, 0), (-1, 0), (1, 0)])
 @pytest.mark.parametrize("dtype", ["u1", "i2", "i4", "f4"])
 def test_nifti_scaling(tmp_path, slope, inter, dtype):
@@ -179,6 +180,7 @@ def test_a_known_lps_header(tmp_path):
     refuses(path, "has the spacings 1 nan 2", read_volume)
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("name", ["v.mha", "v.nrrd"])
 def test_itk_formats_refuse_shear_and_convert_units(tmp_path, name):
     path, unit = tmp_path / name, b'space units: "um" "um" "um"\nendian'

@@ -43,6 +43,7 @@ def test_each_voxel_belongs_to_the_nearest_centre(sphere):
     assert np.rad2deg(behind.max()) < 5
 
 
+@pytest.mark.medium
 def test_columns_are_connected_and_even(sphere):
     rim, columns, *_ = sphere
     assert_connected(columns)

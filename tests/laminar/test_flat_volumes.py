@@ -65,6 +65,7 @@ def test_layers_are_sampled_at_their_centres(fold, bold):
         np.testing.assert_allclose(mean.data, np.nanmean(stack.data, axis=1), atol=1e-9)
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("layering", LAYERINGS)
 def test_they_are_the_layers_of_the_rim(fold, layering):
     rim, flat_map = fold

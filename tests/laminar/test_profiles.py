@@ -64,6 +64,7 @@ def test_a_function_of_depth_is_its_own_profile(sphere, layering):
     assert not profile.missing.any()
 
 
+@pytest.mark.medium
 def test_values_by_hand(sphere):
     rim, labels, *_ = sphere
     data = np.random.default_rng(0).normal(1000, 3, labels.data.shape)
@@ -123,6 +124,7 @@ def test_layers_without_voxels(gyrus):
     assert profile.table().count("–") == 5
 
 
+@pytest.mark.medium
 def test_channels(gyrus, tmp_path):
     rim, *_ = gyrus
     labels = voxflat.samples.rim()

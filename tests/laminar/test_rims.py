@@ -53,6 +53,7 @@ def test_finer_voxels_give_better_depths(rims):
         assert fine.mean() < 0.8 * coarse.mean()
 
 
+@pytest.mark.medium
 def test_equivolume_differs_from_equidistant_as_volume_does(rims):
     rim, _, volume, height = rims["cylinder"]
     found = rim.depth("equivolume").data - rim.depth("equidistant").data

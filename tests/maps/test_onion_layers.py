@@ -92,6 +92,7 @@ def test_a_large_stack_is_sampled_in_parts_with_the_same_result(stacks, flat, na
     np.testing.assert_array_equal(read.data, tifffile.imread(stacks / "stack.ome.tif")[1].T)
 
 
+@pytest.mark.medium
 def test_projections_are_those_of_the_layers(stacks, flat):
     layers = flat.images(stacks / "stack.ome.tif", depth=DEPTHS).data
     for name in ("mean", "max", "sum"):

@@ -113,6 +113,7 @@ def test_a_region_of_few_pixels_has_the_moments_of_its_squares():
         assert found["minor_axis"] == pytest.approx(4 * high / np.sqrt(12), rel=1e-6)
 
 
+@pytest.mark.medium
 def test_a_stretched_map_changes_no_property_of_the_surface(cap):
     """A patch drawn on a map that is stretched by 1.69 and 0.66 along its axes has the same properties."""
     other = replace(cap, uv=cap.uv @ STRETCHED)
@@ -149,6 +150,7 @@ def test_a_region_across_a_cut_is_measured_as_a_whole(egg):
     np.testing.assert_allclose([found[axis][0] for axis in "xyz"], true, atol=0.05)
 
 
+@pytest.mark.medium
 def test_cells_of_a_closed_surface_cover_it(egg):
     """The areas of all cells sum to the area of the ellipsoid, by Knud Thomsen's formula within 1 %."""
     seeds = egg.points[:: len(egg) // 30]
@@ -171,6 +173,7 @@ def test_curvature_is_that_of_the_surface(cap, egg):
     np.testing.assert_allclose(found["curvature"], found["mean"], rtol=0.06)
 
 
+@pytest.mark.medium
 def test_the_border_of_the_surface_counts_as_perimeter(tube):
     """The whole sheet of 60 x 94 µm ends at its own border."""
     low, high = tube.uv.min(axis=0) - 1, tube.uv.max(axis=0) + 1

@@ -68,6 +68,7 @@ class TestRoundTrips:
             shown = m.image(there, 0.5, fraction=value, interpolation="majority").data
             assert dice(np.nan_to_num(shown), np.nan_to_num(back)) > 0.98
 
+    @pytest.mark.medium
     def test_from_voxels_through_the_map_to_voxels(self, m, grid):
         """Cones from the middle of the spheres are columns: what of them lies in the cortex of the disk comes back."""
         xyz = nib.affines.apply_affine(grid.affine, np.moveaxis(np.indices(grid.data.shape), 0, -1))

@@ -71,6 +71,7 @@ def test_a_start_may_lie_anywhere_at_any_scale_and_mirrored(known, moved, hand):
     np.testing.assert_array_equal(begun(moved(known.uv), mirror=True).uv, again.uv * [-1, 1])
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize(("shift", "folds"), [(0.2, 0), (0.9, 100)])
 def test_a_shaken_map_comes_back_and_its_folds_are_mended(known, shift, folds):
     inside = np.pad(np.ones((COLUMNS - 2, COLUMNS - 2)), 1).reshape(-1, 1)

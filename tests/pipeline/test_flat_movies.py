@@ -83,6 +83,7 @@ def test_a_series_records_all_its_files(tmp_path):
     refused("it is an input", made.save, tmp_path / "hill.npz")
 
 
+@pytest.mark.medium
 def test_files_of_maps_and_series_are_told_apart(series, tmp_path):
     series.save(tmp_path / "movie.npz")
     series.flat_map.save(tmp_path / "map.npz")
@@ -252,6 +253,7 @@ def test_frames_are_read_on_demand_and_one_at_a_time(series, tmp_path):
     assert not (tmp_path / "other.npy").exists()
 
 
+@pytest.mark.medium
 def test_memory_does_not_grow_with_the_number_of_frames(sheets, tmp_path):
     def peak(count):
         many = voxflat.FlatSeries(

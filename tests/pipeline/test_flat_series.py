@@ -76,6 +76,7 @@ def test_material_points_stay_in_place_on_a_growing_turning_surface(growth):
     assert not series.folded.any()
 
 
+@pytest.mark.medium
 def test_all_frames_share_the_map_of_the_reference_frame(growth):
     series, frames = growth
     assert series[1] is series.flat_map
@@ -217,6 +218,7 @@ def test_open_surfaces_keep_their_material_boundary_and_orientation(move, made):
         assert np.linalg.norm(on - own[rim], axis=1).max() < 0.01
 
 
+@pytest.mark.medium
 def test_a_surface_does_not_turn_where_its_shape_does_not_show_it():
     balls = [sphere(600 + 9 * t, t) for t in range(3)]
     series = voxflat.flatten_series(balls)
@@ -234,6 +236,7 @@ def turned_balls(count):
     return frames, turns, np.array([places @ turn.T for turn in turns])
 
 
+@pytest.mark.medium
 def test_landmarks_show_how_a_sphere_turns():
     frames, turns, landmarks = turned_balls(4)
     landmarks[2, 1] = np.nan
@@ -249,6 +252,7 @@ def test_landmarks_show_how_a_sphere_turns():
     assert max(errors[1]) < 0.06
 
 
+@pytest.mark.medium
 def test_warnings_about_the_surfaces_of_all_frames_are_told(caplog):
     balls = [voxflat.io.Volume(np.roll(voxflat.samples.ball(), n, axis=0), np.eye(4)) for n in (0, 0, 4, 4)]
     stray = balls[1].data.copy()
@@ -263,6 +267,7 @@ def test_warnings_about_the_surfaces_of_all_frames_are_told(caplog):
     assert told[1].endswith("(and similarly in frame 3)")
 
 
+@pytest.mark.medium
 def test_frames_that_do_not_fit_are_named(caplog):
     points, faces = sphere(600, 0)
     spiked = points * (1 + 1.5 * np.exp(-200 * ((points - points[0]) ** 2).sum(axis=1)))[:, None]
@@ -298,6 +303,7 @@ def test_gaps_are_95th_percentiles_of_the_distances_to_the_moved_surface():
     assert series.gaps == pytest.approx([0, np.percentile(distances, 95)], rel=1e-4)
 
 
+@pytest.mark.medium
 def test_landmarks_below_the_surface_do_not_pull_it_inwards():
     frames, turns, landmarks = turned_balls(3)
     below = 0.9 * landmarks
@@ -380,6 +386,7 @@ def test_wrong_frames_and_volumes_are_refused(growth):
         series.images([np.zeros((4, 4, 4))] * 2)
 
 
+@pytest.mark.medium
 def test_it_can_be_cancelled():
     def progress(stage, done, total):
         return stage != "following the surface"

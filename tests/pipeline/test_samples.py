@@ -18,6 +18,7 @@ def embryo():
     return samples.embryo(frames=3)
 
 
+@pytest.mark.medium
 def test_the_nuclei_of_each_frame_are_on_its_surface(embryo):
     for labels, points in zip(embryo.labels, embryo.points, strict=True):
         apart = distances(voxflat.surface(labels), points)

@@ -120,6 +120,7 @@ def test_a_single_slice_of_voxels(in_cells):
     assert set(flat_map.points[:, 2]) == {5.0}
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize(
     ("method", "volume"), [("grossmann2002", sheet()), ("voxflat", solid()), ("schwartz1989", solid())]
 )
@@ -309,6 +310,7 @@ def test_blocks_are_flattened_one_by_one(capsys):
         pv.MultiBlock({"points": pv.PolyData(np.eye(4, 3))}).voxflat()
 
 
+@pytest.mark.medium
 def test_results_of_blocks_within_blocks_are_named_by_their_path():
     blocks = pv.MultiBlock({"tube": open_cylinder(), "more": pv.MultiBlock({"bumps": bumpy(), "none": None})})
     flat = blocks.voxflat(method=Voxflat(sources=10))
@@ -399,6 +401,7 @@ def test_description_survives_a_file(flat_map, tmp_path):
         assert mesh.active_texture_coordinates.shape == (len(flat_map), 2)
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("name", ["TextureCoordinates", "Texture Coordinates"])
 def test_a_textured_globe_shows_the_same_world_on_its_map(name):
     globe = pv.Icosphere(nsub=3)

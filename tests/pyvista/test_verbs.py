@@ -129,6 +129,7 @@ def test_merged_points_have_the_distance_of_the_one_that_they_are():
     assert_allclose(mesh.voxflat.geodesic(mesh.n_points - 1)["geodesic_distance"][60], 0)
 
 
+@pytest.mark.medium
 def test_a_surface_is_cut_open_with_its_data(ball):
     ball = ball.copy()
     ball.point_data["number"] = np.arange(ball.n_points)

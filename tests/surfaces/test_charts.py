@@ -60,6 +60,7 @@ def test_the_seam_of_a_single_chart_is_opposite_the_front(egg):
         assert triangles([chart])[0] == triangles(egg.charts(2))[0] | triangles(egg.charts(2))[1]
 
 
+@pytest.mark.medium
 def test_maps_are_aligned_with_the_anterior_end_on_the_left(egg):
     ends = [nearest(egg.points, [x, 0, 0]) for x in (-30, 30)]
     front = nearest(egg.points, [0, 0, 10])
@@ -101,6 +102,7 @@ def test_neighbouring_charts_share_a_band_of_the_given_width(egg):
     assert [one.metadata["chart"]["name"] for one in both] == ["front", "back"]
 
 
+@pytest.mark.medium
 def test_a_bent_organ_is_charted_from_tip_to_tip():
     points, faces = ellipsoid(2500)
     points *= [2, 1, 1]
@@ -121,6 +123,7 @@ def test_a_bent_organ_is_charted_from_tip_to_tip():
     assert max(errors[1:]) < errors[0] / 2
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("front", [0.0, 1.5, np.pi, 4.0])
 def test_the_seam_of_a_tube_is_opposite_the_front_in_the_conformal_angle(front):
     points, faces, angles = bent_tube()
@@ -149,6 +152,7 @@ def test_the_largest_component_is_charted(egg, caplog):
     assert sum("2 components; only the largest is used" in record.message for record in caplog.records) == 1
 
 
+@pytest.mark.medium
 def test_relaxation_cuts_are_added_on_request(egg):
     plain, relaxed = (egg.charts(relax=relax)[0] for relax in (None, True))
     assert {cut.reason for cut in plain.cuts} == {"given"}
@@ -157,6 +161,7 @@ def test_relaxation_cuts_are_added_on_request(egg):
     assert errors[1] < errors[0]
 
 
+@pytest.mark.medium
 def test_the_command_line_writes_a_map_for_each_chart(tmp_path):
     np.save(tmp_path / "ball.npy", voxflat.samples.ball())
     given = ["flatten", tmp_path / "ball.npy", "--front", "12,12,19", "--axis", "4,12,12", "19,12,12"]

@@ -143,6 +143,7 @@ class TestOverlays:
     def flat(self, brain):
         return voxflat.surface(brain / "lh.white").disk(2000, 60.0).flatten(Voxflat(sources=30))
 
+    @pytest.mark.medium
     @pytest.mark.parametrize("name", ["curv", "sulc", "thickness"])
     def test_its_own(self, flat, brain, caplog, name):
         with caplog.at_level(logging.WARNING, logger="voxflat"):
@@ -180,6 +181,7 @@ class TestOverlays:
         page.image(brain / f"lh.{name}")
         assert caplog.messages == []
 
+    @pytest.mark.medium
     def test_another_subjects_by_its_name(self, brain, tmp_path, caplog):
         (tmp_path / "sub-01").mkdir()
         points, faces = mesh(brain, "lh.white")

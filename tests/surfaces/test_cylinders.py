@@ -90,6 +90,7 @@ def test_the_sides_of_the_seam_differ_by_the_period_and_no_triangle_is_flipped(s
     assert low < flat_map.period < high
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("shape", ["cone", "bent"])
 def test_the_distortion_is_that_of_distances_around_the_tube(shape):
     points, faces = tube(lambda x: 5 + x / 10) if shape == "cone" else bent_tube(rings=30, around=24)[:2]
@@ -109,6 +110,7 @@ def test_the_distortion_is_that_of_distances_around_the_tube(shape):
     assert abs(strip.raw.relative_error - raw) > 0.05 * raw
 
 
+@pytest.mark.medium
 def test_hardly_any_period_and_scale_of_a_straight_map_are_better():
     points, faces = tube(lambda x: 5 + x / 10)
     surface = voxflat.surface((points, faces))
@@ -122,6 +124,7 @@ def test_hardly_any_period_and_scale_of_a_straight_map_are_better():
     assert error(exact, flat)[1] < min(straight) * 1.05  # which also keeps areas and angles
 
 
+@pytest.mark.medium
 def test_maps_are_measured_with_their_period_by_any_solver():
     points, faces, _ = bent_tube(rings=30, around=24)
     surface = voxflat.surface((points, faces))
@@ -135,6 +138,7 @@ def test_maps_are_measured_with_their_period_by_any_solver():
     assert abs(one.best_scale.relative_error - other.best_scale.relative_error) < 0.05 * errors[0]
 
 
+@pytest.mark.medium
 def test_the_period_is_saved_and_scaled(tmp_path):
     points, faces, _ = bent_tube(rings=30, around=24)
     (chart,) = voxflat.surface((points, faces)).charts("cylinder")
@@ -200,6 +204,7 @@ def test_one_period_of_an_image_has_no_seam():
     refused("the period is", image.one_period, np.nan)
 
 
+@pytest.mark.medium
 def test_the_ends_of_a_closed_organ_become_caps():
     points, faces = ellipsoid(2500)
     points *= [1, 1.2, 1.2]  # 5 : 2 : 2
@@ -226,6 +231,7 @@ def test_the_ends_of_a_closed_organ_become_caps():
     assert all(more > plain for more, plain in zip(triangles(shared)[1:], of[1:], strict=True))
 
 
+@pytest.mark.medium
 def test_the_command_line_writes_the_cylinder_and_its_caps(tmp_path):
     points, faces = ellipsoid(800)
     voxflat.io.write_mesh(tmp_path / "egg.ply", voxflat.io.Mesh(points, faces))
