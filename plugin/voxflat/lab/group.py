@@ -176,9 +176,10 @@ def _row(one: Participant, job: Job, hemi: str) -> Row:
 
 def _reason(results: Results) -> str:
     try:
-        return str(from_json(results.failure.read_text(encoding="utf-8"))["reason"])
+        reason = str(from_json(results.failure.read_text(encoding="utf-8"))["reason"])
     except (ValueError, TypeError, KeyError, OSError):
         return f"{results.failure.name} is damaged. {_AGAIN}"
+    return f"its last run failed: {reason}"
 
 
 def _with_outliers(rows: list[Row]) -> list[Row]:

@@ -132,7 +132,7 @@ def figure_command(maps: tuple[Path, ...], output: Path, writing: dict[str, Any]
     record = record_of("flat_map", described({"flat_map": shown, "overlay": data, **look}), files)
     with saving(output, record, **writing):
         figures.save(drawn, output, record)
-    width, height = (round(side * drawn.dpi) for side in drawn.get_size_inches())
+    width, height = drawn.canvas.get_width_height()
     size = f", {width} x {height} pixels" if output.suffix.lower() == ".png" else ""
     report({"output": str(output), "width": width, "height": height, "provenance": record}, f"saved as {output}{size}")
 
