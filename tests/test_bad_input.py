@@ -151,6 +151,7 @@ OPTIONS |= dict.fromkeys(("spacing", "seed_point"), lambda value: ",".join(map(s
 """Options of the API that also exist on the command line."""
 WRONG_USAGE = {"spacing of two", "seed point of two", "seed point fractional", "threshold text", "radius text"}
 WRONG_USAGE |= {"seed fractional", "no seed", "threads fractional", "sampling", "link lengths"}
+WRONG_USAGE |= {"threshold NaN", "radius NaN", "radius infinite"}
 
 
 def on_the_command_line(name):
@@ -387,7 +388,6 @@ BAD_IMAGES = {
     "volume missing": (["--volume", "t1.nii", "-o", "a.png"], r"t1\.nii: No such file"),
     "volume of another shape": (["--volume", "small.npy", "-o", "a.png"], r"shape \(8, 8, 8\).*Pass a volume of that"),
     "pixel size negative": (["--heat-map", "--pixel-size", "-1", "-o", "a.png"], r"pixel size is -1 mm. Pass a pos"),
-    "pixel size NaN": (["--heat-map", "--pixel-size", "nan", "-o", "a.png"], r"pixel size is NaN mm. Pass a positive"),
     "tiny pixels": (["--heat-map", "--pixel-size", "1e-9", "-o", "a.png"], r". Pass a pixel size above 0\.000000001"),
 }
 

@@ -68,6 +68,8 @@ def _within(node: ast.AST, path: str, scope: _Scope) -> Iterator[Message]:
     """Yield the messages in a node; `scope` contains the assignments that its names refer to."""
     if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant):  # a docstring
         return
+    if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "_formats":  # a part of one
+        return
     if isinstance(node, ast.FunctionDef):
         scope = scope | _assigned(ast.walk(node))
     children = list(ast.iter_child_nodes(node))

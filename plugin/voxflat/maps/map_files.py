@@ -71,7 +71,7 @@ def read_map(path: str | os.PathLike[str], *, series: bool = False) -> dict[str,
             origin = origin_of(metadata, ids)
             check_distortion(metadata["distortion"])
             if metadata["distortion"]["triangles"] is None and "distortion_areal" in arrays:
-                raise InputError(f"its key 'triangles' is None, but it has the array distortion_areal. {files.AGAIN}")
+                raise InputError(f"its key 'triangles' is null, but it has the array distortion_areal. {files.AGAIN}")
             arrays = files.in_types(arrays, layout)
         distortion = metadata.pop("distortion")
         more = {name: distortion.pop(name) for name in ("triangles", "reference", "topology", "voxel_size")}
