@@ -1,6 +1,7 @@
 """The dock *Flat map* in a real window: its contents, and its link with the viewer."""
 
 import gc
+import json
 import re
 
 import dask.array as da
@@ -20,6 +21,7 @@ from napari_window import (
     choose,
     click_middle,
     map_dock,
+    open_file,
     prepared_map_of,
     run,
     run_whole,
@@ -1002,3 +1004,47 @@ def test_pointing_at_an_image_of_the_map_means_a_place_on_the_map(tissue, qtbot)
     look_at(0, 0)  # outside the map
     assert np.isnan(flat.data[0, 0])
     assert not dock.canvas.ring.isVisible()
+
+
+def test_saved_images_of_a_map_are_opened_on_it(tissue, qtbot, tmp_path, messages):
+    """Those of napari and of Python, whose files are in mm, as flat layers of the kind that was saved."""
+    viewer, dock, flat = tissue
+    flat_map, painted = dock.prepared.run.flat_map, paint_over(viewer, flat)
+    save_layer(viewer, flat, tmp_path / "values.nii.gz")
+    save_layer(viewer, painted, tmp_path / "labels.nii.gz")
+    flat_map.heat_map(flat.scale[0]).save(tmp_path / "python.nii")
+    assert not messages
+    for name, data in (
+        ("values", flat.data),
+        ("labels", painted.data),
+        ("python", viewer.layers["cells distortion"].data),
+    ):
+        path = next(tmp_path.glob(f"{name}.*"))
+        (opened,) = open_file(viewer, qtbot, path)
+        assert isinstance(opened, Labels if name == "labels" else Image)
+        assert_allclose(opened.data, data, rtol=1e-6)
+        assert opened.units == flat.units
+        for corner in ((0, 0), np.array(data.shape) - 1):
+            assert_allclose(opened.data_to_world(corner), flat.data_to_world(corner), rtol=1e-5, atol=1e-5)
+        assert ViewerState.of(viewer).run_under(opened) is dock.prepared.run
+    other = nib.load(tmp_path / "python.nii")  # a slice of another program
+    nib.save(nib.Nifti1Image(other.get_fdata(), other.affine), tmp_path / "slice.nii")
+    assert open_file(viewer, qtbot, tmp_path / "slice.nii")[0].ndim == 3
+    save_layer(viewer, painted, tmp_path / "labels.tif")
+    assert ["labels.tif as an image in pixels" in one.message for one in messages] == [True]
+
+
+def test_layers_with_values_of_a_depth_tell_it(open_widget, qtbot, tmp_path):
+    place = {"scale": (0.9, 0.4, 0.4), "units": "µm"}
+    values = np.random.default_rng(0).random((24, 24, 24)).astype(np.float32)
+    viewer, widget = open_widget(Image(values, name="nuclei", **place), Labels(cap(), name="cells", **place))
+    qtbot.waitUntil(lambda: widget.form.label.label == 3, timeout=PATIENCE)
+    choose(widget.form.patch, "whole")
+    widget.form.sample_depth.setValue(-0.5)
+    run(widget, qtbot)
+    flat = viewer.layers["cells nuclei flattened, 0.5 µm inside"]
+    assert "0.5 µm inside the surface" in flat.metadata["colours"]
+    save_layer(viewer, flat, tmp_path / "flat.nii.gz")
+    (extension,) = nib.load(tmp_path / "flat.nii.gz").header.extensions
+    told = json.loads(extension.get_content())
+    assert (told["function"], told["parameters"]["depth"]) == ("image", -0.5)

@@ -117,7 +117,7 @@ def test_a_mesh_shows_a_volume_or_another_layer_of_its_vertices(open_widget, qtb
     widget.form.sample_depth.setValue(1.5)
     run(widget, qtbot)
     volume = LayerVolume.of(viewer.layers["i"]).read()
-    assert_array_equal(viewer.layers["bumps i flattened"].data, expected.image(volume, depth=1.5).data)
+    assert_array_equal(viewer.layers["bumps i flattened, 1.5 outside"].data, expected.image(volume, depth=1.5).data)
     widget.form.sampled.choose(others)
     run(widget, qtbot)
     nearest = expected.locate()[0]

@@ -9,11 +9,14 @@ from numpy.typing import NDArray
 
 from voxflat._napari.files.late_stacks import follow_stacks
 from voxflat._napari.layers.world import WORLD
-from voxflat._napari.results.flat_layers import LayerData
+from voxflat._napari.results.flat_layers import LayerData, Pixels, limits, unit_of_map, units
 from voxflat._napari.stacks import stack_of, viewer_order
 from voxflat.io.channels import series_of
-from voxflat.io.files import REMEDY, naming
+from voxflat.io.files import REMEDY, naming, require
+from voxflat.io.grid import millimetres
 from voxflat.io.sources import as_volume
+from voxflat.io.volumes import Volume
+from voxflat.maps.raster import FlatImage
 
 _LABELS = {"aseg", "aparc", "dseg", "label", "labels", "mask", "parc", "ribbon", "seg", "segmentation"}
 _FEW = 64  # distinct values; a volume with more of them is an image, unless its name indicates labels
@@ -43,6 +46,8 @@ def volume_layers(path: Path) -> list[LayerData]:
         about = {"affine": in_time, **place, "units": ("pixel", *place["units"])}
         return [(data, {"name": _name(path), **about}, "image")]
     volume = as_volume(path).in_unit("mm")
+    if _is_flat_image(path, volume):
+        return [_flat_layer(path, volume)]
     order, affine, place = _place(path, volume.data.shape, volume.affine)
     voxels = np.transpose(volume.data, [*order, *range(3, volume.data.ndim)])
     about = {"name": _name(path), "affine": affine, **place}
@@ -50,6 +55,38 @@ def volume_layers(path: Path) -> list[LayerData]:
     if voxels.ndim > 3 or voxels.dtype.kind not in "iub" or not (is_named or len(np.unique(voxels)) <= _FEW):
         return [(voxels, {**about, "rgb": voxels.ndim > 3}, "image")]
     return [(voxels.astype(np.int32) if voxels.dtype.kind == "b" else voxels, about, "labels")]
+
+
+def _is_flat_image(path: Path, volume: Volume) -> bool:
+    """Return whether a NIfTI file is a flat image of voxflat: a slice with its affine, and a record in the header."""
+    size, (u, v) = float(volume.affine[2, 2]), volume.affine[:2, 3].tolist()
+    own = FlatImage(np.zeros((0, 0)), size, (u, v), "").affine
+    is_slice = volume.data.ndim == 3 and volume.data.shape[2] == 1 and path.name.lower().endswith((".nii", ".nii.gz"))
+    if not is_slice or not np.allclose(volume.affine, own, rtol=0, atol=1e-6 * size):
+        return False
+    return any(b'"voxflat"' in one.get_content() for one in require("nibabel").load(path).header.extensions)
+
+
+def _flat_layer(path: Path, volume: Volume) -> LayerData:
+    """Return the layer of a flat image, where the images of its map lie if it is open."""
+    from napari import current_viewer
+
+    from voxflat._napari.viewer_state import ViewerState
+
+    viewer = current_viewer()
+    runs = () if viewer is None else ViewerState.of(viewer).runs
+    data = volume.data[..., 0]
+    size, (u, v) = float(volume.affine[2, 2]), volume.affine[:2, 3].tolist()
+    in_mm = Pixels(data.shape, size, (-v, u))
+    found = (run for run in runs if run.has_pixels(in_mm.scaled(1 / millimetres(unit_of_map(run.flat_map)))))
+    run = next(found, None)
+    unit = "mm" if run is None else unit_of_map(run.flat_map)
+    own = in_mm.scaled(1 / millimetres(unit))
+    place: dict[str, Any] = {"scale": (own.size,) * 2, "translate": own.corner}
+    place["units"] = (unit,) * 2 if run is None else units(run.flat_map, 2)
+    if FlatImage(data, size, (u, v), "").is_labels:
+        return np.nan_to_num(data).astype(np.int64), {"name": _name(path), **place}, "labels"
+    return data, {"name": _name(path), **place, "contrast_limits": limits(data)}, "image"
 
 
 def _place(

@@ -3,6 +3,7 @@
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
+from pathlib import Path
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -64,6 +65,8 @@ def write_flat_image(path: str | None = None, layers: Sequence[LayerData] = ()) 
             _save_volume(path, layers)
         else:
             _image_of(layers).save(path)
+    if path.lower().endswith((".tif", ".tiff")):
+        show_info(f"napari opens {Path(path).name} as an image in pixels, without its position. Use .nii.gz to keep it")
     return [path]
 
 

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any, ClassVar, TypeAlias
 
 import numpy as np
 from napari.layers import Labels, Layer, Surface
@@ -40,10 +40,17 @@ class Sampled:
         return self.volume.origin["layer"]
 
     @property
-    def meaning(self) -> str:
+    def where(self) -> str:
+        """The depth, such as "1.5 mm outside"; empty at the surface."""
+        if self.fraction is not None:
+            return f"at {self.fraction:g} of the cortex"
         side, unit = "outside" if self.depth > 0 else "inside", self.volume.place.unit
-        place = f"{abs(self.depth):g} {unit} {side}" if self.depth else "at"
-        return f"the values of '{self.name}', sampled {place} the surface"
+        return f"{abs(self.depth):g} {unit} {side}" if self.depth else ""
+
+    @property
+    def meaning(self) -> str:
+        place = self.where if self.fraction is not None else f"{self.where or 'at'} the surface"
+        return f"the values of '{self.name}', sampled {place}"
 
     def image(self, flat_map: Planar | Atlas, pixel_size: float | None) -> FlatImage:
         """Draw the values on a map, as `FlatMap.image` does."""
@@ -62,6 +69,7 @@ class Overlay:
     path: Path | None = None
     structure: str | None = None
     kind: str = "image"  # or "labels", as in a `.label.gii` file
+    where: ClassVar[str] = ""  # as in `Sampled`
 
     @property
     def meaning(self) -> str:

@@ -15,7 +15,7 @@ from voxflat._napari.layers.sampled import Shown, shown
 from voxflat._napari.layers.volumes import OutsideError, check_time, finest, shown_step
 from voxflat._napari.map_viewer.flat_window import FlatWindow
 from voxflat._napari.map_viewer.viewer_parts import list_events, world_units
-from voxflat._napari.results.flat_layers import KEPT, MOVIE, LayerData, MovieMaps, limits
+from voxflat._napari.results.flat_layers import KEPT, MOVIE, LayerData, MovieMaps, flattened_name, limits
 from voxflat._napari.results.layer_list import insert
 from voxflat.arguments import Progress
 from voxflat.errors import Cancelled, InputError
@@ -176,7 +176,8 @@ def flat_movie(movie: MovieMaps, frames: list[Shown | None], look: dict[str, Any
     (u, v), size = image.origin, image.pixel_size
     units = (movie.time.units[0], image.unit, image.unit) if image.unit != "unknown" else None
     place = {"scale": (movie.time.step, size, size), "translate": (movie.time.start, -v, u), "units": units}
-    keywords = {**one.display, **look, "name": f"{one.name} flattened", "axis_labels": ("time", "−v", "u"), **place}
+    name = flattened_name(one, movie.series.flat_map, f"{one.name} ")
+    keywords = {**one.display, **look, "name": name, "axis_labels": ("time", "−v", "u"), **place}
     found: NDArray[Any] = np.nan_to_num(data).astype(np.int64) if one.kind == "labels" else data.astype(np.float32)
     channels = Channels(("",), found.__getitem__, movie.time.timing)
     frame = FlatStack(channels, size, image.origin, keywords["name"], image.provenance, unit=image.unit)

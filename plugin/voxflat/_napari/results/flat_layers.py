@@ -89,10 +89,15 @@ def layer_name(owner: str, part: str) -> str:
     return f"{owner} {part}"
 
 
+def flattened_name(shown: Shown, flat_map: FlatMap | Atlas, of: str) -> str:
+    """Return the name of values on a map, with their depth unless they lie at the surface."""
+    return f"{of}flattened" + (f", {in_unit_of(flat_map, shown.where)}" if shown.where else "")
+
+
 def shown_image(flat_map: FlatMap | Atlas, name: str, shown: Shown, pixel_size: float | None) -> LayerData:
     """Return a layer with the values that a map or page shows."""
     image = shown.image(flat_map, pixel_size)
-    part = "flattened" if shown.name == name else f"{shown.name} flattened"
+    part = flattened_name(shown, flat_map, "" if shown.name == name else f"{shown.name} ")
     data: NDArray[Any] = image.data
     keywords = {**shown.display, **described(flat_map, name, part, shown.meaning, image)}
     if shown.kind == "labels":
@@ -172,6 +177,11 @@ class Pixels:
     def of_raster(cls, raster: Raster) -> Pixels:
         u, v = raster.origin
         return cls(raster.shape, raster.pixel_size, (-v, u))
+
+    def scaled(self, factor: float) -> Pixels:
+        """Return the same pixels in another unit of length."""
+        first, second = self.corner
+        return Pixels(self.shape, factor * self.size, (factor * first, factor * second))
 
     def is_same(self, other: Pixels) -> bool:
         """Return whether the first and the last pixel are where those of another image are."""
