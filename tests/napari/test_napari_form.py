@@ -10,7 +10,7 @@ import pytest
 import shapes
 import tifffile
 from napari.layers import Image, Labels, Layer, Surface
-from napari_window import PATIENCE, bumps, cap, choose, open_file, run, sphere
+from napari_window import PATIENCE, bumps, cap, choose, open_file, run, sphere, wait_for_threads
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy import ndimage
 
@@ -486,3 +486,29 @@ def test_every_dock_restores_its_settings_and_tells_so(open_widget, qtbot, name)
     qtbot.waitUntil(lambda: dock.form.record() == expected, timeout=PATIENCE)
     told = dock.table.toPlainText if name == "Check surface" else dock.status.text
     qtbot.waitUntil(lambda: told() == "Restored the settings.", timeout=PATIENCE)
+
+
+def test_a_form_that_was_closed_without_layers_suits_the_next_ones(open_widget, qtbot):
+    viewer, widget = open_widget(Labels(cap(), name="sheet"), Image(cap().astype(float), name="T1"))
+    choose(widget.form.method, "schwartz1989")
+    viewer.layers.clear()
+    viewer.window.remove_dock_widget(widget)
+    viewer.add_image(cap().astype(float) + 1, name="other")
+    viewer.add_labels(cap(), name="cells")
+    _, widget = viewer.window.add_plugin_dock_widget("voxflat", "Flatten surface")
+    qtbot.waitUntil(lambda: widget.status.text() == "Restored the settings.", timeout=PATIENCE)
+    assert widget.form.method.currentData() == "schwartz1989"
+    assert widget.form.surface.layer is viewer.layers["cells"]
+    assert widget.form.sampled.layer is viewer.layers["other"]
+
+
+def test_closing_the_form_tells_that_its_run_was_cancelled(open_widget, qtbot, messages):
+    viewer, widget = open_widget(Labels(cap(), name="sheet"))
+    qtbot.waitUntil(lambda: widget.form.label.label == 3, timeout=PATIENCE)
+    widget.start.click()
+    assert not widget.start.isEnabled()
+    viewer.window.remove_dock_widget(widget)
+    told = "Flatten surface: cancelled, because its dock was closed. Open the dock and start it again"
+    assert [one.message for one in messages] == [told]
+    wait_for_threads(qtbot)
+    assert ViewerState.of(viewer).current is None

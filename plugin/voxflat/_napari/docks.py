@@ -3,7 +3,7 @@
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from napari.utils.notifications import show_error
+from napari.utils.notifications import show_error, show_info
 from qtpy.QtCore import QEvent, QObject, Qt
 from qtpy.QtWidgets import (
     QApplication,
@@ -187,5 +187,6 @@ class TaskDock(Dock):
         show_error(message)
 
     def _release(self) -> None:
-        if self._worker is not None:
+        if self._worker is not None and not self._worker.abort_requested:
             self._worker.quit()
+            show_info(f"{self._worker.title}: cancelled, because its dock was closed. Open the dock and start it again")

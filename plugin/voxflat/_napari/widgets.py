@@ -220,7 +220,7 @@ class FlattenWidget(TaskDock):
         self.status.setText(message)
 
     def _release(self) -> None:
-        self.cancel()
+        super()._release()
         self.form.release()
         ViewerState.of(self._viewer).changed.disconnect(self._show_current, missing_ok=True)
         ViewerState.of(self._viewer).content_shown.disconnect(self._forget_error, missing_ok=True)

@@ -91,7 +91,10 @@ class LayerForm(QWidget):
     def record(self) -> dict[str, Any]:
         """Return the settings for the description of a saved map."""
         layer = self.surface.layer
-        surface = None if layer is None else [layer.name, *_size(layer)]
+        if layer is None:  # settings of layers would be empty, but the next layers have their own
+            free = (name for name in self._settings if name not in LayerForm._settings)
+            return {"surface": None, **{name: recorded(getattr(self, name)) for name in free}}
+        surface = [layer.name, *_size(layer)]
         return {"surface": surface, **{name: recorded(getattr(self, name)) for name in self._settings}}
 
     def restore(self, record: Mapping[str, Any]) -> None:
