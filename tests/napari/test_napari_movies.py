@@ -245,7 +245,7 @@ def test_labels_on_other_pixels_are_refused(movie, qtbot):
         dock.segmentations.box.setCurrentIndex(dock.segmentations.box.count() - 1)
         dock.segmentations.send.click()
         message = done(dock, qtbot)
-        assert "the same shape" in message
+        assert "scale, translation and shape" in message
         assert "\n" not in message
     assert len(viewer.layers) == before
 
