@@ -2,13 +2,12 @@
 
 from typing import TYPE_CHECKING
 
-import numpy as np
-from numpy.typing import NDArray
-
 from voxflat import display
 
 if TYPE_CHECKING:
+    import numpy as np
     from matplotlib.figure import Figure
+    from numpy.typing import NDArray
 
 
 class VoxflatError(Exception):
@@ -82,9 +81,9 @@ class HemisphereError(InputError):
     def __init__(
         self,
         message: str,
-        white: NDArray[np.bool_],
-        affine: NDArray[np.float64],
-        template: NDArray[np.bool_] | None = None,
+        white: "NDArray[np.bool_]",
+        affine: "NDArray[np.float64]",
+        template: "NDArray[np.bool_] | None" = None,
     ) -> None:
         super().__init__(message)
         self.white, self.affine, self.template = white, affine, template
