@@ -152,7 +152,10 @@ def test_the_voxel_size_in_a_tiff_file_is_offered_and_used_for_all_layers_with_i
     widget.form.surface.choose(viewer.layers["segmentation"])
     told = "stack &amp; co.tif has voxels of 1 x 0.5 x 0.5 µm (z, y, x)"
     qtbot.waitUntil(lambda: told in widget.form.plan.text(), timeout=PATIENCE)
+    viewer.dims.set_current_step(0, 12)
     widget.form.plan.linkActivated.emit("size")
+    assert viewer.dims.current_step[0] == 12
+    assert stack.thumbnail[..., :3].any()  # napari showed nothing after units changed
     for layer in (stack, viewer.layers["segmentation"]):
         assert_allclose(layer.scale, [1, 0.5, 0.5])
         assert set(map(str, layer.units)) == {"micrometer"}

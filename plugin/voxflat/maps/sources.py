@@ -232,8 +232,9 @@ class VolumeSource(Source):
         voxels = self.channels.read(n)
         return placed(self.surface, voxels) if self.affine is None else Volume(voxels, self.affine, self.path)
 
-    def default_interpolation(self, raster: Raster, depths: Depths, volume: Volume) -> str | None:
-        """Return the interpolation of a stack of integers, which may be intensities or labels; otherwise None."""
+    def default_interpolation(self, raster: Raster, depths: Depths, n: int) -> str | None:
+        """Return the interpolation of a channel of integers, which may be intensities or labels; otherwise None."""
+        volume = self.volume(n)
         if not is_stack_path(volume.path) or volume.data.ndim != 3 or volume.data.dtype.kind not in "iu":
             return None
         pixels = np.flatnonzero(raster.inside)
@@ -243,10 +244,11 @@ class VolumeSource(Source):
         places = np.concatenate(self.surface.in_scanner(some_pixels(raster, part), depths)).reshape(-1, 3)
         if are_intensities(volume, places):
             return "linear"
-        if volume.path not in self.surface.label_stacks:
-            self.surface.label_stacks.add(volume.path)
-            message = "%s: the integers form areas, so they are sampled as labels. Use interpolation 'linear' otherwise"
-            log.warning(message, Path(str(volume.path)).name)
+        channel = f" of channel {name}" if (name := self.channels.names[n]) else ""
+        if (volume.path, channel) not in self.surface.label_channels:
+            self.surface.label_channels.add((volume.path, channel))
+            told = f"{Path(str(volume.path)).name}: the integers{channel} form areas, so they are sampled as labels"
+            log.warning("%s. Use interpolation 'linear' otherwise", told)
         return "nearest"
 
     def _sampler(self, raster: Raster, sampling: Sampling, title: str, *, is_series: bool) -> _Sampler:
@@ -277,7 +279,7 @@ class _VolumeSampler:
             check_overlap(self.source.surface, volume, sampling.depths, self.title)
             self.is_checked = True
         if sampling.interpolation is None:
-            default = sampling.default or (lambda _: self.source.default_interpolation(raster, sampling.depths, volume))
+            default = sampling.default or (lambda n: self.source.default_interpolation(raster, sampling.depths, n))
             sampling = replace(sampling, interpolation=default(n))
         if sampling.period is None:
             return self._sampled(volume, sampling)

@@ -119,7 +119,7 @@ class SurfacePoints:
         return [self.white_points + equivolume(value, inner, outer)[:, None] * way for value in depths.values]
 
     @cached_property
-    def label_stacks(self) -> set[Path | None]:
+    def label_channels(self) -> set[tuple[Path | None, str]]:
         """Stacks that were taken for labels, each of which is reported once."""
         return set()
 

@@ -421,7 +421,7 @@ class _Frames:
             given, source = self.options, VolumeSource.of(self.shared[0].on_surface, self.volumes[0])
             where = (given.get("depth", 0.0), given.get("fraction"), given.get("layering", "equivolume"))
             depths = Depths.of(*where, given.get("depths"))
-            self._usual[channel] = source.default_interpolation(self.raster, depths, source.volume(channel))
+            self._usual[channel] = source.default_interpolation(self.raster, depths, channel)
         return self._usual[channel]
 
     @cached_property

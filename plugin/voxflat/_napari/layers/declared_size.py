@@ -34,11 +34,15 @@ def declared_size(viewer: Viewer, layer: Layer) -> DeclaredSize | None:
 
 
 def use_declared_size(viewer: Viewer, layer: Layer, declared: DeclaredSize) -> None:
-    """Give the size to a layer, and to all others with its voxels that have no size."""
+    """Give the size to a layer, and to all others with its voxels that have no size; the slice stays, and fits."""
+    step = viewer.dims.current_step
     for each in _alike(viewer, layer):
         leading = each.ndim - 3
         each.scale = (*each.scale[:leading], *declared.size)
         each.units = (*each.units[:leading], *[declared.unit] * 3)
+    viewer.dims.current_step = tuple(int(number == 0) for number in step)  # otherwise napari shows an empty slice
+    viewer.dims.current_step = step
+    viewer.reset_view()
 
 
 def _alike(viewer: Viewer, layer: Layer) -> list[Layer]:
