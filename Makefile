@@ -11,7 +11,7 @@ PYTEST := $(RUN) pytest -q -n logical --maxprocesses 4 --dist worksteal --durati
 # Xvfb if there is no display
 SCREEN = $(if $(DISPLAY),,xvfb-run -a -s "-screen 0 1600x1000x24")
 
-.PHONY: help setup core demo demo-lab test check lint advisories test-rust test-quick test-python bench bench-distances bench-flatten \
+.PHONY: help setup demo demo-lab test check lint advisories test-rust test-quick test-python bench bench-distances bench-flatten \
 bench-surfaces bench-published bench-series bench-standard bench-napari soak \
 gallery platforms wheel wheel-check paper-grossmann paper-zigelman paper-mapmaker paper-saucan pictures template fingerprints docs drawings format clean
 
@@ -21,9 +21,6 @@ help: ## list the targets
 setup: ## install everything that the other targets need
 	@.ci/setup $(UV) development
 	@$(UV) sync --locked --all-extras --inexact --quiet
-
-core: ## rebuild only the extension, after a change in rust/ (tests: .venv/bin/pytest)
-	@$(UV) run --no-sync maturin develop --uv --profile dev --skip-install --quiet
 
 demo: ## flatten a hemisphere of human cortex into demo/
 	@.ci/setup $(UV) demo
