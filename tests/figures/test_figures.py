@@ -127,7 +127,7 @@ def scene():
         load_pyvista()
     except InputError as error:
         pytest.skip(str(error))
-    return lambda picture: picture[:, : int(0.86 * picture.shape[1])].astype(int)
+    return lambda picture: picture[:, : int(0.83 * picture.shape[1])].astype(int)
 
 
 @pytest.mark.parametrize("in_place", [False, True])

@@ -250,7 +250,7 @@ def test_labels_without_voxels_are_named(movie, qtbot):
     assert outside.max() < 60
     cells = painted(flat, (5, 0, 75, 80, 12), (9, 1, *outside, 0.5))
     message = sent(viewer, dock, cells, qtbot)
-    assert message.startswith("Added 'cells in the volume'. Left out")
+    assert message.startswith("Added 'cells in the volume' from -3.15 to 3.15 µm. Left out")
     assert message.endswith("label 9 in frame 1")
     found = viewer.layers["cells in the volume"]
     assert [np.unique(frame).tolist() for frame in found.data] == [[0, 5], [0], [0]]

@@ -79,7 +79,7 @@ class FlattenWidget(TaskDock):
         self._follow_edits(form)
         self._swapped: tuple[Run, bool, Mapping[str, Any]] | None = None  # restored or undone, and the other settings
         results.settings.clicked.connect(self._swap_settings)
-        form.restored.connect(self._show_message)
+        form.restored.connect(self._on_restored)
         ViewerState.of(viewer).changed.connect(self._show_current)
         ViewerState.of(viewer).content_shown.connect(self._forget_error)
         self._show_current()
@@ -172,12 +172,17 @@ class FlattenWidget(TaskDock):
         return found if isinstance(found, Mapping) else None
 
     def _offer_settings(self, run: Run) -> None:
-        """Offer to restore the settings of a run, or to undo this."""
+        """Offer to restore the settings of a run, or to undo this, unless they wait for a layer."""
         is_swapped = self._swapped is not None and self._swapped[0] is run and self._swapped[1]
         self.results.settings.setText("Undo restored settings" if is_swapped else "Restore settings")
         tip = "Set the form as it was before the settings were restored" if is_swapped else _RESTORE
         self.results.settings.setToolTip(tip)
-        self.results.settings.setVisible(self._settings_of(run) is not None)
+        self.results.settings.setVisible(self._settings_of(run) is not None and not self.form.is_waiting)
+
+    def _on_restored(self, message: str) -> None:
+        self._show_message(message)
+        if self._swapped is not None and self._swapped[0] is ViewerState.of(self._viewer).current:
+            self._offer_settings(self._swapped[0])
 
     def _swap_settings(self) -> None:
         """Restore the settings of the current run, or those before."""
@@ -186,9 +191,8 @@ class FlattenWidget(TaskDock):
         is_restored, wanted = False, self._settings_of(run) or {}
         if self._swapped is not None and self._swapped[0] is run:
             _, is_restored, wanted = self._swapped
-        before = self.form.record()
+        self._swapped = run, not is_restored, self.form.record()
         self.form.restore(wanted)
-        self._swapped = None if self.form.is_waiting else (run, not is_restored, before)
         self._offer_settings(run)
 
     def _on_errored(self, error: Exception) -> None:
