@@ -180,10 +180,12 @@ def test_warnings_of_tasks_are_shown_once(qapp, qtbot, messages, kind):
     wait_for_threads(qtbot)
     assert [(one.severity.value, one.message) for one in messages] == [("warning", "Layers cross. Set Depth to 1.")]
     messages.clear()
-    cancelled = kind(work)
+    is_cancelled = threading.Event()
+    cancelled = kind(lambda *_: is_cancelled.wait(PATIENCE / 1000) and work())
     with qtbot.waitSignal(cancelled.finished):
         cancelled.start()
         cancelled.quit()
+        is_cancelled.set()
     wait_for_threads(qtbot)
     assert not messages
 
