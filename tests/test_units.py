@@ -299,7 +299,7 @@ def test_a_stack_in_micrometres_is_sampled_where_it_lies(tmp_path):
 
 
 @pytest.mark.parametrize(("name", "warned"), [("map.surf.gii", True), ("map.ply", False)])
-def test_a_format_that_means_mm_is_doubted(maps, tmp_path, caplog, name, warned):
+def test_a_format_that_means_mm_causes_a_warning(maps, tmp_path, caplog, name, warned):
     for value in (maps[0], voxflat.surface(shapes.ball(8), unit="µm"), maps[1]):
         caplog.clear()
         value.save(tmp_path / name, overwrite=True)

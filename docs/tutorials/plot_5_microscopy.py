@@ -62,7 +62,7 @@ for ax, title in zip(axes, ("a page of the stack", "a section across the pages")
 
 surface = voxflat.surface(path, threshold=35).smooth(40)
 print(surface)
-print(surface.remarks[-1])
+print(surface.warnings[-1])
 
 # %%
 # Choose a cut

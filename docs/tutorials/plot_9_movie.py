@@ -44,7 +44,7 @@ for time, ax in enumerate(axes.flat):
 # shorter than 20 µm.
 
 surfaces = [voxflat.surface(labels).smooth(20) for labels in embryo.labels]
-print(surfaces[0], surfaces[0].remarks[-1])
+print(surfaces[0], surfaces[0].warnings[-1])
 
 # %%
 # One map for all frames

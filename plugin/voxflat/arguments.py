@@ -27,7 +27,7 @@ log = logging.getLogger("voxflat")  # reports the memory that a computation need
 
 
 class Note(str):
-    """A remark that describes a usual step, such as cutting; all other remarks are reasons to check the result."""
+    """A warning that describes a usual step, such as cutting; all other warnings are reasons to check the result."""
 
     __slots__ = ()
 
@@ -72,24 +72,24 @@ _SIDES = {"l": "left", "lh": "left", "left": "left", "r": "right", "rh": "right"
 
 
 @contextmanager
-def noting() -> Iterator[list[str]]:
+def collecting_warnings() -> Iterator[list[str]]:
     """Collect the warnings that this thread logs, instead of logging them."""
-    notes: list[str] = []
-    token = _notes.set(notes)
+    warnings: list[str] = []
+    token = _collected.set(warnings)
     try:
-        yield notes
+        yield warnings
     finally:
-        _notes.reset(token)
+        _collected.reset(token)
 
 
-_notes: ContextVar[list[str] | None] = ContextVar("voxflat_notes", default=None)
+_collected: ContextVar[list[str] | None] = ContextVar("voxflat_warnings", default=None)
 
 
 def _is_logged(record: logging.LogRecord) -> bool:
-    notes = _notes.get()
-    if notes is None or record.levelno < logging.WARNING:
+    warnings = _collected.get()
+    if warnings is None or record.levelno < logging.WARNING:
         return True
-    notes.append(record.getMessage())
+    warnings.append(record.getMessage())
     return False
 
 

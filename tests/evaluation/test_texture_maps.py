@@ -124,7 +124,7 @@ def test_texture_coordinates_of_the_faces_of_a_ply(tmp_path):
     assert len(read.faces) == 4
     nan = (np.nan, np.nan)
     np.testing.assert_array_equal(read.texture_coordinates, [(0, 0), (1, 0), (1, 1), (0, 1), (6, 0), nan])
-    assert "has points on texture seams (2); each keeps only its first texture coordinate" in read.remarks
+    assert "has points on texture seams (2); each keeps only its first texture coordinate" in read.warnings
     of_meshlab(tmp_path / "b.ply", points, [square, (triangle[0], [1.0, 2.0])])
     np.testing.assert_array_equal(read_mesh(tmp_path / "b.ply").texture_coordinates[4], nan)
     of_meshlab(tmp_path / "c.ply", points, [([0, 1, 2], []), ([1, 4, 2], [])])

@@ -1,4 +1,4 @@
-"""Collect the text of every message of the package from its source: errors, warnings, notes and remarks."""
+"""Collect the text of every message of the package from its source: errors, warnings and notes."""
 
 import ast
 import itertools
@@ -34,7 +34,7 @@ class Message:
     """Text of a message with {holes} for the expressions in it, and the place in the source that defines it.
 
     `of` is the call that the text is passed to, such as "InputError" or "log.warning", or "" for texts that are stored
-    or returned first, such as remarks on a surface.
+    or returned first, such as warnings on a surface.
     """
 
     text: str

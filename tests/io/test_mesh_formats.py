@@ -22,7 +22,7 @@ def test_files_of_vtk(tmp_path, ending, binary):
     ball.save(path, binary=binary)
     read = read_mesh(path)
     if ending == ".stl":
-        assert read.remarks == ("STL does not store shared points: 240 corners were merged into 42 points",)
+        assert read.warnings == ("STL does not store shared points: 240 corners were merged into 42 points",)
         np.testing.assert_allclose(read.points[read.faces], ball.points[ball.regular_faces], rtol=1e-5)
         return
     same(read, sphere(), 1e-5)
@@ -99,10 +99,10 @@ def test_obj_keeps_the_numbers_of_points(tmp_path):
     same(read, Mesh(np.array(points), [(2, 1, 3), (1, 4, 3)]))
     nan = [np.nan, np.nan]
     np.testing.assert_array_equal(read.texture_coordinates, [nan, (1, 0), (0, 0), (0, 1), (1, 0), nan])
-    assert read.remarks == ("has points on texture seams (1); each keeps only its first texture coordinate",)
+    assert read.warnings == ("has points on texture seams (1); each keeps only its first texture coordinate",)
     (tmp_path / "s.obj").write_text("v 0 0 0\nv 0 90 0\nv 90 0 0\nf 1// 2//1 3")
-    (remark,) = read_mesh(tmp_path / "s.obj").remarks
-    assert remark == "does not end with a complete line. Check that the file is complete"
+    (warning,) = read_mesh(tmp_path / "s.obj").warnings
+    assert warning == "does not end with a complete line. Check that the file is complete"
 
 
 def quads(new):
@@ -118,7 +118,7 @@ def test_freesurfer_quadrangles(tmp_path, new):
     read = read_mesh(tmp_path / "lh.orig")
     np.testing.assert_array_equal(read.points, grid().points)
     assert len(read.faces) == 4
-    assert read.remarks == ("2 quadrangles were split into triangles",)
+    assert read.warnings == ("2 quadrangles were split into triangles",)
     (tmp_path / "lh.orig").write_bytes(quads(new)[:-1])
     refuses(tmp_path / "lh.orig", "its header specifies 16 points and 2 quadrangles, but the file ends after")
 
@@ -150,8 +150,10 @@ def test_gifti_transforms_to_a_template_are_not_applied(tmp_path):
 
     read = read_mesh(gifti(tmp_path / "s.gii", change=change))
     same(read, sphere(), 1e-6)
-    (remark,) = read.remarks
-    assert remark.startswith("has a transformation to NIFTI_XFORM_TALAIRACH (shift 1, 2.5, -3 mm), but its coordinates")
+    (warning,) = read.warnings
+    assert warning.startswith(
+        "has a transformation to NIFTI_XFORM_TALAIRACH (shift 1, 2.5, -3 mm), but its coordinates"
+    )
     assert read.space.name == "unknown"
 
 

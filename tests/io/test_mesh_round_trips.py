@@ -116,11 +116,11 @@ def test_bad_arrays():
 
 
 def test_suspicious_units(tmp_path):
-    assert Mesh(sphere().points, sphere().faces).unit_remark is None
-    remark = "is 0.17 units across; coordinates are assumed to be in mm. If they are in metres, multiply them by 1000"
-    assert Mesh(sphere().points * 0.0017, sphere().faces).unit_remark == remark
+    assert Mesh(sphere().points, sphere().faces).unit_warning is None
+    warning = "is 0.17 units across; coordinates are assumed to be in mm. If they are in metres, multiply them by 1000"
+    assert Mesh(sphere().points * 0.0017, sphere().faces).unit_warning == warning
     write_mesh(tmp_path / "s.ply", Mesh(sphere().points * 0.0017, sphere().faces))
-    assert read_mesh(tmp_path / "s.ply").remarks == (remark,)
+    assert read_mesh(tmp_path / "s.ply").warnings == (warning,)
 
 
 def test_missing_packages_are_named(tmp_path, monkeypatch):
@@ -138,7 +138,7 @@ def test_fsaverage5():
     np.testing.assert_array_equal(white.points, points)
     np.testing.assert_array_equal(white.faces, faces)
     assert (white.structure, pial.structure, flat.structure) == ("CortexLeft",) * 3
-    assert white.remarks == ()
+    assert white.warnings == ()
     assert read_overlay(fsaverage5("sulc_left"), len(points)).shape == (10242,)
     assert [holds_mesh(fsaverage5(name)) for name in ("white_left", "sulc_left")] == [True, False]
     # the flat map excludes the medial wall, but its file contains all points

@@ -298,7 +298,7 @@ def test_lines_of_an_obj_are_ignored(tmp_path):
     (tmp_path / "lines.obj").write_text("v 0 0 0\nv 9 0 0\nv 0 9 0\nl 1 2\nf 1 2 3\n")
     mesh = read_mesh(tmp_path / "lines.obj")
     assert len(mesh.faces) == 1
-    assert mesh.remarks == ("has lines (1) in addition to its faces, which are ignored",)
+    assert mesh.warnings == ("has lines (1) in addition to its faces, which are ignored",)
 
 
 def test_an_unknown_ending_lists_all_endings_that_are_read(tmp_path, monkeypatch):

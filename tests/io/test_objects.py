@@ -210,7 +210,7 @@ def test_a_trimesh_scene_is_placed_and_a_known_unit_is_kept():
     ball.units = "mm"
     assert "unit" not in voxflat.surface(ball).metadata
     ball.units = "feet"
-    assert any("feet" in remark for remark in voxflat.surface(ball).remarks)
+    assert any("feet" in warning for warning in voxflat.surface(ball).warnings)
     scene = trimesh.Scene()
     scene.add_geometry(ball, transform=trimesh.transformations.translation_matrix([7, 0, 0]))
     np.testing.assert_allclose(voxflat.surface(scene).points.mean(axis=0), [7, 0, 0], atol=1e-9)
@@ -261,7 +261,7 @@ def test_every_dataset_has_the_same_surface_at_every_door(kind):
     if kind != "image":
         joined = voxflat.surface(pv.MultiBlock([given]))
         np.testing.assert_array_equal(joined.points[joined.faces], triangles)
-    assert any("lines and points" in one for one in own.remarks) == (kind == "lines too")
+    assert any("lines and points" in one for one in own.warnings) == (kind == "lines too")
 
 
 @pytest.mark.medium
@@ -281,7 +281,7 @@ OWN_UNITS = {"mm": 1 / 25.4, "µm": 1e-3 / 25.4, "nm": 1e-6 / 25.4, "cm": 10 / 2
 
 
 @pytest.mark.parametrize("units", sorted(trimesh.units.keys() | {"um", "micrometers", "nm"}))
-def test_every_unit_of_trimesh_is_kept_or_counts_as_unknown_with_a_remark(units):
+def test_every_unit_of_trimesh_is_kept_or_counts_as_unknown_with_a_warning(units):
     inches = {"nm": 1e-6 / 25.4, "um": 1e-3 / 25.4, "micrometers": 1e-3 / 25.4}.get(units) or trimesh.units.to_inch(
         units
     )
@@ -293,8 +293,8 @@ def test_every_unit_of_trimesh_is_kept_or_counts_as_unknown_with_a_remark(units)
             given.units = units
         surface = voxflat.surface(given)
         assert surface.metadata.get("unit", "mm") == (known[0] if known else "unknown")
-        assert [units in remark for remark in surface.remarks] == [True] * (not known)
-        assert voxflat.surface(given, unit=known[0] if known else "nm").remarks == ()
+        assert [units in warning for warning in surface.warnings] == [True] * (not known)
+        assert voxflat.surface(given, unit=known[0] if known else "nm").warnings == ()
         if known and known != ["mm"]:
             refused(f"mesh defines its coordinates in {known[0]}", voxflat.surface, given, unit="mm")
 

@@ -30,9 +30,9 @@ def test_no_triangle_lies_outside_its_polygon(name):
             tilt = np.linalg.qr(np.random.default_rng(turn).normal(size=(3, 3)))[0]
             tilt *= np.sign(np.linalg.det(tilt))
             points = np.column_stack([flat, np.zeros(len(flat))]) @ tilt.T
-            triangles, remarks = triangulated(points, np.arange(len(points)), np.array([len(points)]))
+            triangles, warnings = triangulated(points, np.arange(len(points)), np.array([len(points)]))
             assert len(triangles) == len(points) - 2
-            assert remarks == (f"polygons were split into triangles (1 with {len(points)} corners)",)
+            assert warnings == (f"polygons were split into triangles (1 with {len(points)} corners)",)
             a, b, c = np.moveaxis(points[triangles], 1, 0)
             signed = 0.5 * np.cross(b - a, c - a) @ tilt[:, 2] * way
             assert (signed > -1e-12).all()
@@ -66,7 +66,7 @@ def test_files_of_polygons(ending, tmp_path):
     read = read_mesh(path)
     np.testing.assert_allclose(read.points, solid.points, atol=1e-6)
     assert len(read.faces) == sum(len(face) - 2 for face in faces)
-    assert read.remarks == ("polygons were split into triangles (6 with 4 corners, 2 with 6 corners)",)
+    assert read.warnings == ("polygons were split into triangles (6 with 4 corners, 2 with 6 corners)",)
     # VTK's own triangles have the same area and volume
     ours, theirs = pv.PolyData.from_regular_faces(read.points, read.faces), solid.triangulate()
     assert (ours.area, ours.volume) == pytest.approx((theirs.area, theirs.volume))
@@ -91,7 +91,7 @@ def test_files_of_strips(ending, tmp_path):
     triangles = strips.triangulate()
     ours = pv.PolyData.from_regular_faces(read.points, read.faces)
     assert len(read.faces) == triangles.n_cells
-    assert f"were split into {len(read.faces)} triangles" in read.remarks[-1]
+    assert f"were split into {len(read.faces)} triangles" in read.warnings[-1]
     assert ours.volume == pytest.approx(triangles.volume)
     assert ours.n_open_edges == triangles.n_open_edges == 0
 

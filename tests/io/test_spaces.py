@@ -25,7 +25,7 @@ def test_each_programs_space_is_known(tmp_path, name, axes):
     mesh = read_mesh(brain_spaces.WAYS[name](tmp_path / name, points, faces, of))
     start, other = name.split(".")[0], "unknown" if name.startswith("smriprep") else "scanner"
     expected = "tkRAS" if start in ("lh", "mris_convert", "mris_convert_old") else other
-    assert (mesh.space.name, mesh.space.doubt, mesh.remarks) == (expected, "", ())
+    assert (mesh.space.name, mesh.space.warning, mesh.warnings) == (expected, "", ())
     np.testing.assert_allclose(mesh.space.to_scanner(mesh.points), to_scanner(points, of), atol=1e-4)
     np.testing.assert_allclose(mesh.space.from_scanner(mesh.space.to_scanner(mesh.points)), mesh.points, atol=1e-9)
     assert Space._of({"space": mesh.space._described()})._described() == mesh.space._described()
@@ -127,14 +127,14 @@ def test_a_footer_that_says_nothing(tmp_path, caplog):
     nib.freesurfer.write_geometry(path, points, faces, "me", footer(of, "0  # volume info invalid"))
     space = read_mesh(path).space
     assert (space.name, space.is_known) == ("tkRAS", False)
-    assert "does not define the centre of the volume (c_ras)" in space.doubt
+    assert "does not define the centre of the volume (c_ras)" in space.warning
     voxflat.surface(path).save(tmp_path / "s.surf.gii")
     assert re.search(r"s\.surf\.gii may be misaligned with volumes: .*c_ras", caplog.text)
     assert read_mesh(tmp_path / "s.surf.gii").space.name == "unknown"
     bad = {"xras": (np.nan, "are not orthonormal"), "cras": (np.inf, "c_ras, [inf, 0.0, 0.0], is")}
     for key, (value, told) in bad.items():
         nib.freesurfer.write_geometry(path, points, faces, "me", footer(of) | {key: np.array([value, 0, 0])})
-        assert told in read_mesh(path).space.doubt
+        assert told in read_mesh(path).space.warning
 
 
 def test_the_middle_must_be_near_one_of_both_readings(tmp_path):
@@ -147,10 +147,10 @@ def test_the_middle_must_be_near_one_of_both_readings(tmp_path):
         return read_mesh(write_gifti(path, points + moved * np.array(C_RAS), faces, meta | changes)).space
 
     for moved, name in ((0, "tkRAS"), (1, "scanner"), (0.5, "tkRAS")):
-        assert (space(moved).name, bool(space(moved).doubt)) == (name, moved == 0.5)
+        assert (space(moved).name, bool(space(moved).warning)) == (name, moved == 0.5)
     for bad in ("x", "nan", "inf"):
-        assert space(SurfaceCenterX=bad).doubt
-        assert "damaged" in space(VolGeomC_R=bad).doubt
+        assert space(SurfaceCenterX=bad).warning
+        assert "damaged" in space(VolGeomC_R=bad).warning
 
 
 def test_a_matrix_without_a_volume_is_enough(tmp_path):
@@ -160,7 +160,7 @@ def test_a_matrix_without_a_volume_is_enough(tmp_path):
     np.testing.assert_allclose(mesh.space.to_scanner(mesh.points), to_scanner(points, of), atol=1e-4)
     bad = read_mesh(write_gifti(tmp_path / "s.surf.gii", points, faces, {}, (0, 1), np.diag([2.0, 1, 1, 1])))
     assert (bad.space.name, bad.space.is_known) == ("unknown", False)
-    assert "orthonormal" in bad.space.doubt
+    assert "orthonormal" in bad.space.warning
 
 
 def test_a_pial_surface_of_another_space_is_brought_to_the_white_ones(tmp_path):

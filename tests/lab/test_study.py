@@ -685,7 +685,7 @@ def doubtful(tmp_path_factory):
 
 
 NO_LABEL = "found no cortex label (?h.cortex.label or *_desc-cortex_mask.label.gii), so the cortex is defined by the"
-DOUBTS = {"sub-2 L": NO_LABEL, "sub-3 R": "the pial surface equals the given surface: distances are measured on it"}
+WARNINGS = {"sub-2 L": NO_LABEL, "sub-3 R": "the pial surface equals the given surface: distances are measured on it"}
 
 
 def grouped(folder, *more):
@@ -710,20 +710,20 @@ def copied(doubtful, folder):
 BOTH = {(letter, name) for letter in "LR" for name in ("curvature", "thickness")}
 
 
-def test_doubts_are_printed_with_the_hemisphere_and_notes_are_not(doubtful):
+def test_warnings_are_printed_with_the_hemisphere_and_notes_are_not(doubtful):
     root, result = doubtful
     assert result.exit_code == 0
     again = run("bids", root / "bids", root / "out", "participant")
     assert "4 participants: 0 made, 4 up to date" in again.stdout
     for lines in (result.stderr.splitlines(), again.stderr.splitlines()):
         assert len(lines) == 2
-        for line, (who, told) in zip(lines, DOUBTS.items(), strict=True):
+        for line, (who, told) in zip(lines, WARNINGS.items(), strict=True):
             assert line.startswith(f"voxflat: warning: {who}: {told}")
     assert run("bids", root / "bids", root / "out", "participant", "--quiet").stderr == ""
     for path in (root / "out").rglob("*_flat.json"):
         record = json.loads(path.read_text())
         who = f"{path.name[:5]} {path.name[11]}"
-        assert [told for told in record["warnings"] if who not in DOUBTS or DOUBTS[who] not in told] == []
+        assert [told for told in record["warnings"] if who not in WARNINGS or WARNINGS[who] not in told] == []
         assert "cut along standard cuts" in record["notes"][0]
     single = run("freesurfer", root / "bids" / "sub-2")
     assert [line for line in single.stderr.splitlines() if "warning" in line] == result.stderr.splitlines()[:1]
@@ -739,14 +739,14 @@ def test_a_map_whose_pial_surface_is_the_white_one_is_described_as_measured_on_i
     assert shown == ["midthickness: halfway to the pial surface", "the given surface"]
 
 
-def test_a_failure_does_not_hide_the_doubts_before_it(doubtful, tmp_path):
+def test_a_failure_does_not_hide_the_warnings_before_it(doubtful, tmp_path):
     shutil.copytree(doubtful[0] / "bids" / "sub-3", tmp_path / "sub-3")
     values = nib.freesurfer.read_morph_data(tmp_path / "sub-3" / "surf" / "rh.curv")
     nib.freesurfer.write_morph_data(tmp_path / "sub-3" / "surf" / "rh.nothing", np.full_like(values, np.nan))
     failed = fail(
         1, "nothing has no values on the map", "freesurfer", tmp_path / "sub-3", "--hemi", "R", "--overlay", "nothing"
     )
-    assert f"voxflat: warning: {DOUBTS['sub-3 R']}" in failed.stderr
+    assert f"voxflat: warning: {WARNINGS['sub-3 R']}" in failed.stderr
 
 
 def test_a_hemisphere_or_an_overlay_that_only_some_participants_have_is_reported(doubtful, tmp_path):
@@ -762,13 +762,13 @@ def test_a_hemisphere_or_an_overlay_that_only_some_participants_have_is_reported
     assert grouped(folder, "--participant-label", "4")[0]["missing"] == {}  # nobody has a right map
 
 
-def test_a_group_repeats_the_doubts_on_the_terminal_in_the_table_and_on_the_page(doubtful):
+def test_a_group_repeats_the_warnings_on_the_terminal_in_the_table_and_on_the_page(doubtful):
     root, _ = doubtful
     told, printed = grouped(root)
     table = list(csv.DictReader((root / "out" / "group_desc-voxflat_measures.tsv").open(), delimiter="\t"))
     of_row = {f"{row['participant_id']} {row['hemi']}": row["warnings"] for row in table if row["warnings"] != "n/a"}
-    assert of_row.keys() == DOUBTS.keys()
-    for who, text in DOUBTS.items():
+    assert of_row.keys() == WARNINGS.keys()
+    for who, text in WARNINGS.items():
         assert of_row[who].startswith(text)
         assert f"\nvoxflat: warning: {who}: {text}" in printed
         assert any(one.startswith(f"{who}: {text}") for one in told["warnings"])

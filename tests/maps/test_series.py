@@ -166,7 +166,7 @@ def test_other_lengths_than_mm_are_converted(shells, tmp_path, caplog):
         assert "converted to mm" in caplog.text
 
 
-def test_milliseconds_that_are_called_seconds_are_doubted(shells, tmp_path, caplog):
+def test_milliseconds_that_are_called_seconds_cause_a_warning(shells, tmp_path, caplog):
     flat, data, affine = shells
     path = nifti(tmp_path / "bold.nii", data, affine, 2000.0)
     flat.images(path)

@@ -93,7 +93,7 @@ def test_seams_of_the_texture_are_kept(mesh, flat_map, tmp_path, save):
     corners = (np.column_stack([column, side - 1 - row])[:, None] + corner) / side
     shuffled = rng.permutation(len(faces))
     path = save(tmp_path, (points, faces[shuffled], None), picture, corners[shuffled])
-    assert not any("seam" in remark for remark in voxflat.surface(path).remarks)
+    assert not any("seam" in warning for warning in voxflat.surface(path).warnings)
     image = flat_map.image(path, 0.25)
     at = faces_at(flat_map, image)
     assert (at >= 0).sum() > 1000

@@ -105,12 +105,12 @@ class TestRangeImage:
         depth[:, 20:] = 50
         image = voxflat.range_image(depth, 1.0)
         assert image.metadata["range_image"]["cut"] == 2 * 29
-        assert any("58 of 2262 triangles, which span more than 8 mm" in remark for remark in image.remarks)
+        assert any("58 of 2262 triangles, which span more than 8 mm" in warning for warning in image.warnings)
         assert len(voxflat.check(image).components) == 2
         whole = voxflat.range_image(depth, 1.0, jump=np.inf)
         assert whole.metadata["range_image"]["cut"] == 0
         assert len(voxflat.check(whole).components) == 1
-        assert whole.remarks == ()
+        assert whole.warnings == ()
 
     def test_pieces_that_touch_in_a_pixel_are_apart(self):
         depth = np.full((5, 5), np.nan)

@@ -14,7 +14,7 @@ from qtpy.QtWidgets import QLabel
 
 from voxflat._napari.garbage_collection import _Deferral, defer_collections
 from voxflat._napari.worker import BackgroundTask, JobWorker, LatestTask
-from voxflat.arguments import log, noting
+from voxflat.arguments import collecting_warnings, log
 from voxflat.errors import Cancelled
 
 
@@ -202,14 +202,14 @@ def test_a_repeated_task_shows_a_warning_once(qapp, qtbot, messages):
 
 def test_warnings_of_other_threads_are_not_mixed():
     def inside():
-        with noting() as own:
+        with collecting_warnings() as own:
             log.warning("inner")
             assert own == ["inner"]
 
-    with noting() as notes:
+    with collecting_warnings() as warnings:
         thread = threading.Thread(target=inside)
         thread.start()
         thread.join()
         log.warning("outer")
         inside()
-    assert notes == ["outer"]
+    assert warnings == ["outer"]

@@ -529,7 +529,7 @@ def test_a_surface_is_offered_to_napari_and_shown_in_3d(viewer, last_of, contrib
 
 
 @pytest.mark.parametrize("ending", [".obj", ".surf.gii"])
-def test_remarks_of_the_reader_of_a_mesh_are_shown_with_its_map(open_widget, qtbot, tmp_path, ending):
+def test_warnings_of_the_reader_of_a_mesh_are_shown_with_its_map(open_widget, qtbot, tmp_path, ending):
     """Such as on a unit that was assumed."""
     points, faces, _ = bumps()
     write_mesh(tmp_path / f"tiny{ending}", Mesh(points / 100, faces))

@@ -373,8 +373,8 @@ def test_frames_that_do_not_fit_are_in_the_panel(open_widget, data, flattened_la
     layers = flattened_layers(labels)
     widget.results.show_run(Run(layers, "embryo"))
     assert "frame 2" not in widget.results.warnings.text()
-    remark = "the moved surface does not fit frame 2. Check the surfaces there"
-    monkeypatch.setattr(type(layers.movie.series), "remarks", (remark,))
+    warning = "the moved surface does not fit frame 2. Check the surfaces there"
+    monkeypatch.setattr(type(layers.movie.series), "warnings", (warning,))
     widget.results.show_run(Run(layers, "embryo"))
     assert "The moved surface does not fit frame 2" in widget.results.warnings.text()
     assert not widget.results.warnings.isHidden()

@@ -275,18 +275,18 @@ def test_frames_that_do_not_fit_are_named(caplog):
     series = voxflat.flatten_series(frames)
     assert series.folded[:2].tolist() == [0, 0]
     assert series.folded[2] > 0
-    (remark,) = [one for one in series.remarks if "folded" in one]
-    assert "is folded in frame" in remark
-    assert remark in caplog.text
+    (warning,) = [one for one in series.warnings if "folded" in one]
+    assert "is folded in frame" in warning
+    assert warning in caplog.text
     far = replace(series, gaps=np.array([0, 0.01, 0.5, 0.01]), folded=0 * series.folded)
-    assert far.remarks == (
+    assert far.warnings == (
         "the moved surface does not fit frame 2 (95th percentile of the gap: 0.5 µm in frame 2). Check the surfaces "
         "there, or split the movie",
     )
-    assert replace(far, gaps=np.full(4, 0.01)).remarks == ()
+    assert replace(far, gaps=np.full(4, 0.01)).warnings == ()
     many = replace(far, gaps=np.array([0, 0.08, 0.11, 0.03]))  # the median is 0.055
-    assert many.remarks == ()
-    assert "does not fit frame 2 (" in replace(many, gaps=many.gaps * [1, 1, 2, 1]).remarks[0]  # 0.22 > 3 x 0.055
+    assert many.warnings == ()
+    assert "does not fit frame 2 (" in replace(many, gaps=many.gaps * [1, 1, 2, 1]).warnings[0]  # 0.22 > 3 x 0.055
 
 
 def test_gaps_are_95th_percentiles_of_the_distances_to_the_moved_surface():

@@ -207,8 +207,8 @@ def test_flipped_and_unused_are_mended_and_told():
     points, faces = square()
     faces[3] = faces[3][[1, 0, 2]]
     surface = voxflat.surface((np.vstack([points, [[9.0, 9.0, 9.0]]]), faces))
-    assert surface.remarks[0] == "1 of 72 triangles were reversed, so that all of them face outwards"
-    assert surface.remarks[1] == "1 of 50 vertices belong to no triangle and are excluded"
+    assert surface.warnings[0] == "1 of 72 triangles were reversed, so that all of them face outwards"
+    assert surface.warnings[1] == "1 of 50 vertices belong to no triangle and are excluded"
 
 
 def test_a_single_voxel_and_a_checkerboard_are_surfaces():
@@ -224,9 +224,9 @@ def test_a_single_voxel_and_a_checkerboard_are_surfaces():
 def test_a_label_at_the_border_is_told():
     volume = np.zeros((12, 12, 12), np.uint8)
     volume[:8, 2:10, 2:10] = 1
-    (remark,) = voxflat.surface(volume).remarks
+    (warning,) = voxflat.surface(volume).warnings
     touches = "the foreground touches the border of the volume (first layer of axis 0)"
-    assert remark == f"{touches}; the surface is closed there"
+    assert warning == f"{touches}; the surface is closed there"
 
 
 @pytest.mark.parametrize(

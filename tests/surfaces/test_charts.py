@@ -55,7 +55,7 @@ def test_the_seam_of_a_single_chart_is_opposite_the_front(egg):
         length = np.linalg.norm(np.diff(seam, axis=0), axis=1).sum()
         assert 0.98 < length / (2 * 30 * scipy.special.ellipe(1 - 1 / 9)) < 1.25  # edges zigzag
         assert (
-            chart.remarks[-1] == f"the surface is closed, so it was cut along a seam from end to end ({length:.0f} µm)"
+            chart.warnings[-1] == f"the surface is closed, so it was cut along a seam from end to end ({length:.0f} µm)"
         )
         assert triangles([chart])[0] == triangles(egg.charts(2))[0] | triangles(egg.charts(2))[1]
 
@@ -139,7 +139,7 @@ def test_the_seam_of_a_tube_is_opposite_the_front_in_the_conformal_angle(front):
     flat_map = chart.flatten()
     assert flat_map.metadata["cuts_by"] == "charts"
     assert abs(flat_map.uv[flat_map.ids == start]).max() < 2.5  # the front is in the centre
-    assert "a tube" in chart.remarks[-1]
+    assert "a tube" in chart.warnings[-1]
     right = tube.charts(front=start, axis=(len(points) - 1, 0))[0].flatten()
     assert slopes(right)[0] @ slopes(flat_map)[0] < 0
 

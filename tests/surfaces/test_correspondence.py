@@ -41,7 +41,7 @@ class TestPial:
     def test_the_right_one(self, brain, h):
         for of in (brain.joinpath, lambda name: mesh(brain, name)):
             made = voxflat.surface(of(f"{h}.white"), pial=of(f"{h}.pial"))
-            assert made.remarks == ()
+            assert made.warnings == ()
             thickness = nib.freesurfer.read_morph_data(brain / f"{h}.thickness")  # FreeSurfer's own
             assert np.corrcoef(made.thickness, thickness)[0, 1] > 0.9
             assert abs(np.median(made.thickness) - np.median(thickness)) < 0.25  # FreeSurfer's is to the nearest point
@@ -66,7 +66,7 @@ class TestPial:
     def test_whatever_the_unit(self, brain, unit):
         (white, faces), (pial, _), (other, _) = (mesh(brain, name) for name in ("lh.white", "lh.pial", "rh.pial"))
         surface = voxflat.surface((unit * white, faces), pial=(unit * pial, faces))
-        assert not any("pial" in remark for remark in surface.remarks)
+        assert not any("pial" in warning for warning in surface.warnings)
         refused("does not match", voxflat.surface, (unit * white, faces), pial=(unit * other, faces))
 
     def test_shifted(self, brain):
@@ -74,21 +74,21 @@ class TestPial:
         (white, faces), (pial, _) = (mesh(brain, name) for name in ("lh.white", "lh.pial"))
         shifted = pial + np.array([3, -17, 22]), faces
         refused("same hemisphere, subject and space", voxflat.surface, (white, faces), pial=shifted)
-        (remark,) = voxflat.surface((white, faces), pial=(pial + np.array([1, -2, 1]), faces)).remarks
-        assert "may not match the given surface" in remark
+        (warning,) = voxflat.surface((white, faces), pial=(pial + np.array([1, -2, 1]), faces)).warnings
+        assert "may not match the given surface" in warning
 
     def test_itself(self, brain):
         same = voxflat.surface(brain / "lh.white", pial=brain / "lh.white")
-        (remark,) = same.remarks
-        assert "the pial surface equals the given surface: distances are measured on it" in remark
+        (warning,) = same.warnings
+        assert "the pial surface equals the given surface: distances are measured on it" in warning
         assert same.metadata["measured_on"] == "the given surface"
 
     def test_a_patch_that_faces_inwards_is_no_error(self, brain):
         """The outside of a surface with a boundary is not known."""
         (white, faces), (pial, _) = (mesh(brain, name) for name in ("lh.white", "lh.pial"))
         part = faces[(white[faces][:, :, 2] > 40).all(axis=1)][:, ::-1]
-        (remark,) = [told for told in voxflat.surface((white, part), pial=(pial, part)).remarks if "pial" in told]
-        assert "may not match" in remark
+        (warning,) = [told for told in voxflat.surface((white, part), pial=(pial, part)).warnings if "pial" in told]
+        assert "may not match" in warning
 
 
 class TestLabels:
@@ -107,7 +107,7 @@ class TestLabels:
         write_label(path := tmp_path / "lh.V1.label", vertices, points)
         if drawn_on == "no columns":
             path.write_text("\n".join(["#!ascii label", str(len(vertices)), *map(str, vertices)]))
-        assert not any("label" in remark for remark in self.cut(brain, path).remarks)
+        assert not any("label" in warning for warning in self.cut(brain, path).warnings)
 
     def test_the_other_sides(self, brain, tmp_path):
         vertices, white = self.chosen(brain, "rh.white")
@@ -125,17 +125,17 @@ class TestLabels:
         """A label of another surface only causes a warning, because the surface may be inflated."""
         vertices, white = self.chosen(brain, "lh.white")
         write_label(path := tmp_path / "V1.label", vertices, white[::-1])
-        remarks = [remark for remark in self.cut(brain, path).remarks if "V1.label" in remark]
-        assert len(remarks) == 1
-        assert "mm (median) away from the vertices to which it refers" in remarks[0]
+        warnings = [warning for warning in self.cut(brain, path).warnings if "V1.label" in warning]
+        assert len(warnings) == 1
+        assert "mm (median) away from the vertices to which it refers" in warnings[0]
 
     def test_on_a_surface_in_scanner_ras(self, brain, tmp_path):
         """The points of the label are in tkRAS although the surface is not, and c_ras is unknown."""
         vertices, white = self.chosen(brain, "lh.white")
         write_label(path := tmp_path / "V1.label", vertices, white)
         points, faces = mesh(brain, "lh.white")
-        remarks = self.cut(brain, path, (points + np.array([3, -17, 22]), faces)).remarks
-        assert not any("label" in remark for remark in remarks)
+        warnings = self.cut(brain, path, (points + np.array([3, -17, 22]), faces)).warnings
+        assert not any("label" in warning for warning in warnings)
 
 
 class TestOverlays:
@@ -187,8 +187,8 @@ class TestOverlays:
         points, faces = mesh(brain, "lh.white")
         write_mesh(tmp_path / "sub-01" / "lh.white", Mesh(points, faces))
         flat = voxflat.surface(tmp_path / "sub-01" / "lh.white").disk(2000, 20.0).flatten(Voxflat(sources=20))
-        doubt = "sub-02_thickness.txt belongs to sub-02, but the surface belongs to sub-01. Check the file"
-        for name, told in (("sub-01_thickness.txt", []), ("thickness.txt", []), ("sub-02_thickness.txt", [doubt])):
+        warning = "sub-02_thickness.txt belongs to sub-02, but the surface belongs to sub-01. Check the file"
+        for name, told in (("sub-01_thickness.txt", []), ("thickness.txt", []), ("sub-02_thickness.txt", [warning])):
             np.savetxt(tmp_path / name, np.zeros(len(points)))
             flat.image(tmp_path / name)
             assert caplog.messages == told

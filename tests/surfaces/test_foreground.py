@@ -96,14 +96,14 @@ def organs(apart=(0, 0, 0), sizes=(6, 5), dtype=np.uint8):
 def test_labels_that_touch_and_form_one_surface_are_named(options, dtype):
     told = "labels 4 and 9 touch, so they form one surface. If they are different objects, choose one label"
     surface = voxflat.surface(organs(dtype=dtype), **options)
-    assert surface.remarks == (told,)
+    assert surface.warnings == (told,)
     advice = surface.check().advice
     assert told in advice
     assert not any("If two objects touch there" in one for one in advice)
     three = organs(dtype=dtype)
     three[2:8, 8:13, 2:8] = 6
-    remarks = voxflat.surface(three, threshold=0.5).remarks
-    assert "labels 4, 6 and 9 touch, so they form one surface" in remarks[0]
+    warnings = voxflat.surface(three, threshold=0.5).warnings
+    assert "labels 4, 6 and 9 touch, so they form one surface" in warnings[0]
 
 
 @pytest.mark.parametrize(
@@ -117,5 +117,5 @@ def test_labels_that_touch_and_form_one_surface_are_named(options, dtype):
     ],
 )
 def test_one_label_labels_apart_small_labels_and_intensities_are_no_joined_labels(labels, options):
-    told = " ".join(voxflat.surface(labels, **options).remarks)
+    told = " ".join(voxflat.surface(labels, **options).warnings)
     assert "so they form one surface" not in told

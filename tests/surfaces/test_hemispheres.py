@@ -163,8 +163,8 @@ def test_the_command_maps_both_sides(brain, tmp_path):
     left, right = (voxflat.load(tmp_path / name).points[:, 0].mean() for name in names)
     assert left < -20 < 20 < right
     assert [json.loads(line)["output"] for line in done.stdout.splitlines()] == [str(tmp_path / n) for n in names]
-    remarks = [line for line in done.stderr.splitlines() if "repaired " in line and "handle(s)" in line]
-    assert len(remarks) == 2  # one a side
+    warnings = [line for line in done.stderr.splitlines() if "repaired " in line and "handle(s)" in line]
+    assert len(warnings) == 2  # one a side
 
 
 @pytest.mark.slow

@@ -56,7 +56,7 @@ def test_the_surface_is_the_one_without_defects_and_all_is_told():
     assert as_sets[0] == as_sets[1]
     assert dict(surface.merged.tolist()) == twins
     assert surface.find(list(twins)).tolist() == surface.find(list(twins.values())).tolist()
-    assert surface.remarks == (
+    assert surface.warnings == (
         f"3 of {len(mesh[0])} vertices belong to no triangle and are excluded",
         f"1 of {len(mesh[1])} triangles duplicate others and were removed",
         f"12 of {len(mesh[1])} triangles have no area and were removed",
@@ -66,7 +66,7 @@ def test_the_surface_is_the_one_without_defects_and_all_is_told():
     json.dumps(surface.metadata)
     found = voxflat.check(mesh)
     assert found.can_flatten
-    assert set(surface.remarks) <= set(found.advice)
+    assert set(surface.warnings) <= set(found.advice)
     named = ("triangles without area", "triangles given twice", "vertices at the same place as another")
     assert [len(found.defects[name]) for name in named] == [12, 1, 5]
 
@@ -147,7 +147,7 @@ def test_lips_of_a_cut_stay_apart():
     cut = whole.cut(cuts=[_edges(whole, [8, 144])], relax=False).surface
     again = voxflat.surface((cut.points, cut.faces.astype(np.int64)))
     assert len(again) == len(cut) > len(whole)
-    assert again.remarks == ()
+    assert again.warnings == ()
     assert len(voxflat.check((cut.points, cut.faces.astype(np.int64))).defects["vertices at the same place as another"])
 
 
@@ -163,7 +163,7 @@ def test_holes_are_small_beside_the_mesh_where_its_unit_is_unknown(tmp_path):
             for holed in (faces, small):
                 write_mesh(tmp_path / name, Mesh(points * scale, holed))
                 cut = voxflat.surface(tmp_path / name).cut(relax=False)
-                closed.setdefault(name, []).append(any("so that distances can cross" in one for one in cut.remarks))
+                closed.setdefault(name, []).append(any("so that distances can cross" in one for one in cut.warnings))
         around = np.array([12 + 8**0.5, 4 + 8**0.5]) * scale
         assert closed["s.ply"] == closed["s.obj"] == closed["s.vtp"] == [False, True], scale
         assert closed["s.surf.gii"] == ([False, True] if scale < 0.01 else (around <= 15).tolist()), scale
@@ -180,7 +180,7 @@ def test_vertices_without_a_position_are_left_out_and_the_others_keep_their_numb
     for source in ((gaps, faces), tmp_path / "gaps.ply"):
         surface = voxflat.surface(source)
         assert {frozenset(f) for f in surface.ids[surface.faces].tolist()} == {frozenset(f) for f in left.tolist()}
-        (told,) = [remark for remark in surface.remarks if "finite" in remark]
+        (told,) = [warning for warning in surface.warnings if "finite" in warning]
         gone = len(faces) - len(left)
         assert told == (
             f"2 of {len(gaps)} vertices have no finite position (40, 77); "
@@ -193,14 +193,14 @@ def test_vertices_without_a_position_are_left_out_and_the_others_keep_their_numb
     assert flat.image(np.arange(len(gaps), dtype=float)).data.shape
     unused = gaps.copy()
     unused[missing] = points[missing]
-    assert not voxflat.surface((unused, faces), repair="none").remarks
+    assert not voxflat.surface((unused, faces), repair="none").warnings
 
 
 def test_triangles_with_a_masked_corner_are_left_out():
     points, faces = bump(16)
     surface = voxflat.surface((points, np.vstack([faces, [[0, 1, -1], [-1, -1, -1]]])))
     assert len(surface.faces) == len(faces)
-    assert surface.remarks == (f"2 of {len(faces) + 2} triangles have a corner of -1 and were left out",)
+    assert surface.warnings == (f"2 of {len(faces) + 2} triangles have a corner of -1 and were left out",)
 
 
 def test_midway_is_missing_where_the_pial_vertex_is():
@@ -209,7 +209,7 @@ def test_midway_is_missing_where_the_pial_vertex_is():
     pial[40] = np.nan
     surface = voxflat.surface((points, faces), pial=(pial, faces))
     assert 40 not in surface.ids
-    assert any("1 of" in remark and "(40)" in remark for remark in surface.remarks)
+    assert any("1 of" in warning and "(40)" in warning for warning in surface.warnings)
 
 
 def test_a_stray_fin_is_split_off_and_told():
@@ -218,7 +218,7 @@ def test_a_stray_fin_is_split_off_and_told():
     fin = np.vstack([points, points[a] + np.array([0, 0, 5.0])]), np.vstack([faces, [[a, b, len(points)]]])
     surface, clean = voxflat.surface(fin), voxflat.surface((points, faces))
     low, high = sorted((a, b))
-    assert f"more than two triangles meet at an edge, between the vertices {low} and {high}" in surface.remarks[0]
+    assert f"more than two triangles meet at an edge, between the vertices {low} and {high}" in surface.warnings[0]
     assert surface.metadata["mended"]["crowded_edges"] == [[low, high]]
     flat, expected = surface.flatten(Voxflat(sources=9)), clean.flatten(Voxflat(sources=9))
     np.testing.assert_array_equal(flat.uv, expected.uv)

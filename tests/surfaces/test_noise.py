@@ -39,7 +39,7 @@ def test_noise_is_told_before_the_surface_is_sought(caplog, threshold, told):
     assert 0 <= placed[0] < placed[-1] < 1  # several steps, until it was cancelled
 
 
-def test_an_object_above_the_noise_is_not_doubted(caplog):
+def test_an_object_above_the_noise_causes_no_warning(caplog):
     voxflat.surface(volume(), threshold=5.0)
     assert "noise" not in caplog.text
 
@@ -66,11 +66,11 @@ REAL = [  # components, vertices used, handles and loops of real volumes: LayNii
 
 
 @pytest.mark.parametrize("figures", REAL)
-def test_real_volumes_are_not_doubted(figures):
+def test_real_volumes_cause_no_warning(figures):
     assert noise_in_surface(*figures) is None
 
 
-def test_real_sheets_and_small_handles_are_not_doubted(caplog):
+def test_real_sheets_and_small_handles_cause_no_warning(caplog):
     torus = np.indices((21, 21, 9)) - np.reshape([10, 10, 4], (3, 1, 1, 1))
     solid = (np.hypot(torus[0], torus[1]) - 6) ** 2 + torus[2] ** 2 < 6
     for found in (

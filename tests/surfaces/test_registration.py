@@ -157,7 +157,7 @@ def test_without_a_sphere_standard_cuts_lie_where_they_do_with_it(hemispheres, s
     assert [cut.name for cut in found.cuts] == ["calcarine", "medial 1", "medial 2", "medial 3", "temporal"]
     topology = found.surface.core.topology()
     assert (topology["euler"], len(topology["loops"])) == (1, 1)
-    assert any("registered by its folds" in remark for remark in found.remarks)
+    assert any("registered by its folds" in warning for warning in found.warnings)
     for ours, theirs in zip(found.cuts, known.cuts, strict=True):
         distances = np.linalg.norm(points[ours.ids][:, None] - points[theirs.ids], axis=2)
         assert distances.min(axis=1).mean() < 5

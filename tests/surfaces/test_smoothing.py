@@ -67,8 +67,8 @@ def test_noisy_labels_with_long_voxels_become_smooth(tmp_path):
     tifffile.imwrite(tmp_path / "labels.tif", labels.T, imagej=True, **how)
     rough = voxflat.surface(tmp_path / "labels.tif", repair="voxels")
     smooth = rough.smooth(6.0)
-    assert "µm on average (95 %: " in smooth.remarks[-1]
-    assert " mm" not in smooth.remarks[-1]
+    assert "µm on average (95 %: " in smooth.warnings[-1]
+    assert " mm" not in smooth.warnings[-1]
     (before, rough_angle), (after, angle) = errors(rough, centre), errors(smooth, centre)
     assert after < 0.8 * before
     assert angle < 0.5 * rough_angle

@@ -112,7 +112,7 @@ def test_a_subject_with_its_sphere_gets_the_five_standard_cuts(standard):
     assert [cut.name for cut in standard.cuts] == NAMES
     assert {cut.reason for cut in standard.cuts} == {"template"}
     assert is_disk(standard)
-    assert any("standard cuts (calcarine, medial 1" in remark for remark in standard.remarks)
+    assert any("standard cuts (calcarine, medial 1" in warning for warning in standard.warnings)
 
 
 def test_cuts_are_simple_paths_from_the_wall_that_touch_nothing_else(standard, sphere):
@@ -148,7 +148,7 @@ def test_a_label_of_the_wall_stands_in_its_place_and_another_region_does_not(sub
     assert [cut.name for cut in own.cuts] == NAMES
     assert is_disk(own)
     other = voxflat.surface(subject / "lh.white").drop([1000]).cut()
-    assert any("0 % of the region that the template excludes" in remark for remark in other.remarks)
+    assert any("0 % of the region that the template excludes" in warning for warning in other.warnings)
     assert 1000 in other.left_out
     assert len(other.left_out) > 100
 
@@ -186,7 +186,7 @@ def test_a_sphere_beside_that_does_not_fit_is_told_and_cuts_are_automatic(subjec
     nib.freesurfer.write_geometry(tmp_path / "lh.sphere.reg", sphere[:642], anatomy.outward_hull(sphere[:642]))
     cut = voxflat.surface(tmp_path / "lh.white").cut(relax=False)
     assert [cut.reason for cut in cut.cuts] == ["closed sphere"]
-    assert any("642 vertices" in remark for remark in cut.remarks)
+    assert any("642 vertices" in warning for warning in cut.warnings)
     refused("642 vertices", voxflat.surface(tmp_path / "lh.white").cut, cuts="standard")
 
 
@@ -270,17 +270,17 @@ def test_the_side_is_what_the_surface_looks_like_and_the_space_what_the_file_say
     anchors = [standard_template(space, "left").anchors for space in ("fsaverage", "fs_LR")]
     coarse = voxflat.surface((anchors[0].white, anatomy.outward_hull(anchors[0].sphere)))
     for space, of in zip(("fsaverage", "fs_LR"), anchors, strict=True):
-        found, remarks = sphere_of(coarse, of.sphere)
+        found, warnings = sphere_of(coarse, of.sphere)
         assert found.space == space
-        assert any("assumed to be in fs_LR" in remark for remark in remarks) == (space == "fs_LR")
+        assert any("assumed to be in fs_LR" in warning for warning in warnings) == (space == "fs_LR")
 
 
 def test_few_triangles_turned_over_are_told(subject, sphere):
     folded = sphere.copy()
     folded[[2000, 2001]] = folded[[2001, 2000]]
-    found, remarks = sphere_of(voxflat.surface(subject / "lh.white"), folded)
+    found, warnings = sphere_of(voxflat.surface(subject / "lh.white"), folded)
     assert 0 < found.folded < 26
-    assert f"{found.folded} of 5120 triangles are flipped" in remarks[-1]
+    assert f"{found.folded} of 5120 triangles are flipped" in warnings[-1]
 
 
 def test_a_template_of_the_whole_gives_the_same_cuts_again(standard, subject, tmp_path):

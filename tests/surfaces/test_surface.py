@@ -92,7 +92,7 @@ class TestFromVoxels:
         assert (torus[changed == 2] == 0).all()
         mended = np.where(changed == 1, 0, np.where(changed == 2, 1, torus))
         np.testing.assert_array_equal(voxflat.surface(mended).ids, repaired.ids)
-        assert repaired.remarks[0].startswith("repaired 1 handle(s): ")
+        assert repaired.warnings[0].startswith("repaired 1 handle(s): ")
         cut = voxflat.surface(torus, repair="cuts")
         assert cut.core.topology()["handles"] == 0
         assert len(cut.metadata["handles_cut"]) == 1

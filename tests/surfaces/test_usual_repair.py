@@ -33,7 +33,7 @@ def test_handles_of_a_mask_are_repaired_and_it_is_said(label):
     assert handles(voxflat.surface(image, label=label, repair="none")) == 3
     assert handles(made) == 0
     assert made.metadata["repair"]["handles"] == 3
-    assert any("repaired 3 handle(s)" in remark and "repair='none'" in remark for remark in made.remarks)
+    assert any("repaired 3 handle(s)" in warning and "repair='none'" in warning for warning in made.warnings)
     changed = made.changed_voxels()
     assert 0 < np.count_nonzero(changed) <= 0.01 * volume.sum()
     assert volume[changed == 1].all()
@@ -77,7 +77,7 @@ def test_what_is_a_ring_stays_one_and_it_is_said():
     ring = (np.hypot(np.hypot(i, j) - 10, k) < 4.5).astype(np.uint8)
     made = voxflat.surface(ring)
     assert handles(made) == 1
-    assert any("Use repair='voxels' to remove" in remark for remark in made.remarks)
+    assert any("Use repair='voxels' to remove" in warning for warning in made.warnings)
     assert handles(voxflat.surface(ring, repair="voxels")) == 0
 
 

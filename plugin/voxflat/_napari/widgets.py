@@ -35,7 +35,7 @@ from voxflat._napari.timers import PAUSE, single_shot
 from voxflat._napari.viewer_state import ViewerState
 from voxflat._napari.wording import error_text
 from voxflat._napari.worker import POLL_INTERVAL
-from voxflat.arguments import Progress, noting
+from voxflat.arguments import Progress, collecting_warnings
 from voxflat.errors import Cancelled, VoxflatError
 from voxflat.maps.flat_map import FlatMap
 
@@ -96,7 +96,7 @@ class FlattenWidget(TaskDock):
             return
         self._has_finished = False
         self._started = time.perf_counter()
-        self._work(partial(_noted, self._recipe.run), self.start.text(), self._on_returned)
+        self._work(partial(_with_warnings, self._recipe.run), self.start.text(), self._on_returned)
 
     def cancel(self) -> None:
         if self._worker is not None:
@@ -230,11 +230,11 @@ class FlattenWidget(TaskDock):
         ViewerState.of(self._viewer).content_shown.disconnect(self._forget_error, missing_ok=True)
 
 
-def _noted(run: Callable[[Progress], FlatLayers], progress: Progress) -> FlatLayers:
+def _with_warnings(run: Callable[[Progress], FlatLayers], progress: Progress) -> FlatLayers:
     """Return the layers of a job with its warnings, which are listed with those of the map."""
-    with noting() as notes:
+    with collecting_warnings() as warnings:
         layers = run(progress)
-    return replace(layers, notes=tuple(notes))
+    return replace(layers, warnings=tuple(warnings))
 
 
 class FlattenSurface(FlattenWidget):

@@ -11,9 +11,9 @@ from qtpy.QtCore import QObject, QTimer, Signal  # type: ignore[attr-defined]  #
 from qtpy.QtWidgets import QApplication, QLabel, QMainWindow
 
 from voxflat._napari.garbage_collection import defer_collections
-from voxflat._napari.notes import show_notes
+from voxflat._napari.notifications import show_warnings
 from voxflat._napari.timers import PAUSE
-from voxflat.arguments import Progress, noting
+from voxflat.arguments import Progress, collecting_warnings
 
 POLL_INTERVAL = 250  # interval between two updates of the progress, ms; every change redraws the complete window
 
@@ -22,7 +22,7 @@ _SPINNER_SPEED = 12  # per cent; four frames per second
 
 
 class _Signals(WorkerBaseSignals):  # type: ignore[misc]  # napari's type is Any
-    noted = Signal(object)  # emitted with the warnings that were logged
+    warned = Signal(object)  # emitted with the warnings that were logged
 
 
 class BackgroundTask(WorkerBase):  # type: ignore[misc]  # napari's type is Any
@@ -32,20 +32,20 @@ class BackgroundTask(WorkerBase):  # type: ignore[misc]  # napari's type is Any
     it exits. The signals of such a thread are deleted, and an exception from `run` would end the process.
     """
 
-    def __init__(self, function: Callable[[], Any], noted: Callable[[list[str]], None] = show_notes) -> None:
-        """Create a task; `noted` is called with the warnings that it logs, in the GUI thread."""
+    def __init__(self, function: Callable[[], Any], warned: Callable[[list[str]], None] = show_warnings) -> None:
+        """Create a task; `warned` is called with the warnings that it logs, in the GUI thread."""
         super().__init__(SignalsClass=_Signals)
         self._function = function
-        self.signals.noted.connect(noted)
+        self.signals.warned.connect(warned)
         _wait_at_exit()
 
     def work(self) -> Any:
-        with noting() as notes:
+        with collecting_warnings() as warnings:
             try:
                 return self._function()
             finally:
-                if notes and not self.abort_requested:
-                    self.signals.noted.emit(notes)
+                if warnings and not self.abort_requested:
+                    self.signals.warned.emit(warnings)
 
     def run(self) -> None:
         """Do the work and emit the signals in the thread."""
@@ -77,7 +77,7 @@ class LatestTask(QObject):
         self.failed.connect(failed)
         self._worker: BackgroundTask | None = None
         self._next: Callable[[], Any] | None = None
-        self._noted: set[str] = set()  # because the same task is often repeated
+        self._reported: set[str] = set()  # because the same task is often repeated
 
     @property
     def is_busy(self) -> bool:
@@ -88,7 +88,7 @@ class LatestTask(QObject):
         if self._worker is not None:
             self._next = work
             return
-        self._worker = worker = BackgroundTask(work, self._on_noted)
+        self._worker = worker = BackgroundTask(work, self._on_warned)
         worker.returned.connect(self._on_returned)
         worker.errored.connect(self._on_errored)
         worker.finished.connect(self._on_finished)
@@ -104,9 +104,9 @@ class LatestTask(QObject):
             self._worker.quit()
             self._worker = None
 
-    def _on_noted(self, notes: list[str]) -> None:
-        show_notes(note for note in notes if note not in self._noted)
-        self._noted.update(notes)
+    def _on_warned(self, warnings: list[str]) -> None:
+        show_warnings(warning for warning in warnings if warning not in self._reported)
+        self._reported.update(warnings)
 
     def _on_returned(self, result: Any) -> None:
         if self._next is None:

@@ -155,7 +155,7 @@ def to_cut_polydata(done: CutSurface[Surface]) -> pv.PolyData:
     cuts = [
         {"ids": cut.ids.tolist(), "length": cut.length, "reason": cut.reason, "name": cut.name} for cut in done.cuts
     ]
-    mesh.field_data["voxflat"] = [json.dumps({"cuts": cuts, "remarks": list(done.remarks)})]
+    mesh.field_data["voxflat"] = [json.dumps({"cuts": cuts, "warnings": list(done.warnings)})]
     mesh.set_active_scalars("cut", preference="point")
     return mesh.copy()  # PyVista shares memory, but the arrays of the map must not change with the mesh
 

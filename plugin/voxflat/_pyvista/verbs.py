@@ -337,7 +337,7 @@ class Verbs(Inputs):
             The surface in 3D, with two points wherever it is cut, and all arrays of a mesh. The active point data
             ``cut`` contain the number (from 0) of the cut on which a point lies, or -1. ``vertex_ids`` or ``voxel_ids``
             identify the points. The field data ``voxflat`` contain the ``cuts``, each with ``ids``, ``length`` (mm),
-            ``reason`` and ``name``, and the ``remarks``.
+            ``reason`` and ``name``, and the ``warnings``.
 
         Examples
         --------

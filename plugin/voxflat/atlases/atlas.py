@@ -23,7 +23,7 @@ from voxflat.io.notebook import page
 from voxflat.io.origin import origin_of
 from voxflat.io.provenance import Record, as_text
 from voxflat.io.readers import read_arrays
-from voxflat.io.reading import note
+from voxflat.io.reading import record_file
 from voxflat.io.saved import Saved
 from voxflat.maps.raster import FlatImage, FlatStack
 
@@ -386,7 +386,7 @@ class Atlas(FlatPieces, Saved, Sequence[PieceT_co], ABC):
             text = files.from_json(str(read_arrays(path, ["text"])["text"]))
             files.check_format(path, text.pop("format"), cls._format, "Create the atlas again")
             arrays = read_arrays(path, cls._arrays)
-            note(path)
+            record_file(path)
             with files.naming(path, files.AGAIN):
                 arrays = _checked(arrays, text["metadata"])
             return cls._of_file(text, arrays)

@@ -13,7 +13,7 @@ from voxflat.atlases.glued import GluedAtlas
 from voxflat.atlases.glued import glue as _glue
 from voxflat.atlases.pieces import Piece
 from voxflat.io.files import REMEDY, check_regular, from_json, holding, naming
-from voxflat.io.provenance import telling
+from voxflat.io.provenance import recording
 from voxflat.io.readers import read_arrays
 from voxflat.read_only import ReadOnly
 
@@ -221,7 +221,7 @@ class FlatAtlas(Atlas[FlatPatch]):
             *self._largest(_COLUMNS, self.measured[:, [1, 0, 2, 3]]),
         ]
 
-    @telling()
+    @recording()
     def glue(self, bound: float = 1.5, *, threads: int | None = None, progress: Progress | None = None) -> GluedAtlas:
         """Close the seams between the patches as far as a bound on C allows.
 

@@ -58,10 +58,10 @@ def patches(
             "seed": seed,
         },
     )
-    warnings = list(whole.remarks)
+    warnings = list(whole.warnings)
     if broken := int(atlas.broken.sum()):
-        told = f"{broken} very thin triangles exceed the certificate because of rounding errors. Remesh the surface"
-        warnings.append(told)
+        text = f"{broken} very thin triangles exceed the certificate because of rounding errors. Remesh the surface"
+        warnings.append(text)
     for warning in warnings:
         log.warning(warning)
     return replace(atlas, warnings=tuple(warnings), metadata={**atlas.metadata, "warnings": warnings})

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from voxflat.arguments import checked_choice, checked_instance
 from voxflat.atlases.pieces import FIGURES, FlatPieces
 from voxflat.errors import InputError
-from voxflat.io.provenance import Record, telling
+from voxflat.io.provenance import Record, recording
 from voxflat.maps.plane import FlatTriangles, Planar
 from voxflat.maps.raster import FlatImage
 from voxflat.maps.surface_points import SurfacePoints
@@ -112,7 +112,7 @@ class FlatPage(Planar):
         raster = self.raster(pixel_size)
         return np.where(raster.inside, raster.corners[..., 0].astype(np.int64) // 3, -1)
 
-    @telling()
+    @recording()
     def heat_map(self, pixel_size: float | None = None, *, of: str = "isometric") -> FlatImage:
         """Return an image of the distortion of each triangle.
 
@@ -138,7 +138,7 @@ class FlatPage(Planar):
         checked_choice(of, "of", FIGURES)
         return self._carried(getattr(self.atlas, of), FIGURES[of], pixel_size)
 
-    @telling()
+    @recording()
     def label_image(self, pixel_size: float | None = None) -> FlatImage:
         """Return an image of the patch numbers, starting from 1.
 
@@ -193,7 +193,7 @@ class FlatPage(Planar):
             raise InputError("the image does not belong to this page. Pass an image that this page returned")
         return np.asarray(coordinates)
 
-    @telling()
+    @recording()
     def textured(
         self, image: FlatImage | None = None, *, colour_map: str | None = None, limits: Sequence[float] | None = None
     ) -> TexturedSurface:

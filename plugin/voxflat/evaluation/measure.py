@@ -24,7 +24,7 @@ from voxflat.arguments import (
 from voxflat.distortion.distortion import Distortion, table_of_several
 from voxflat.errors import InputError
 from voxflat.evaluation.charts import charts_of, total
-from voxflat.io.provenance import Record, Recorded, telling
+from voxflat.io.provenance import Record, Recorded, recording
 from voxflat.maps.flat_map import FlatMap
 from voxflat.maps.matching import Matched, loaded, match, vertices_of
 from voxflat.pipeline.cut_surface import CutSurface
@@ -213,7 +213,7 @@ def measure(
     return compare(surface, {"": flat}, **options, **limits)[""]
 
 
-@telling()
+@recording()
 def compare(
     surface: object,
     maps: Mapping[str, object],

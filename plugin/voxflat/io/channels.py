@@ -19,7 +19,7 @@ from voxflat.errors import InputError
 from voxflat.io.files import OF_DAMAGE, REMEDY, naming, nibabel_image
 from voxflat.io.grid import Affine, check_affine, in_millimetres
 from voxflat.io.readers import check_length
-from voxflat.io.reading import check_room, note
+from voxflat.io.reading import check_room, record_file
 
 _NIFTI_OR_MGH = (".nii", ".nii.gz", ".mgh", ".mgz")
 _BLOCK = 64  # frames read at once if a file stores them point by point
@@ -245,7 +245,7 @@ def _check_complete(path: Path | None, image: Any, values: int) -> None:
     if path is not None and hasattr(proxy, "offset"):
         check_length(path, proxy.offset + math.prod(_shape(proxy)) * proxy.dtype.itemsize)
         check_room(8 * values)
-        note(path)
+        record_file(path)
 
 
 def _cifti(image: Any, points: int, structure: str | None) -> Channels:

@@ -20,7 +20,7 @@ from voxflat.io.files import AGAIN, REMEDY, check_regular, naming, require, with
 from voxflat.io.formats.hdf5 import HDF5_ENDINGS, hdf5_block, open_hdf5
 from voxflat.io.formats.tiff import TIFF_ENDINGS, open_tiff
 from voxflat.io.grid import LONG_NAMES, Affine, check_axes, millimetres
-from voxflat.io.reading import check_room, note
+from voxflat.io.reading import check_room, record_file
 from voxflat.io.subprocess_reader import read_in_subprocess
 
 PLACE_BYTES = 360
@@ -248,7 +248,7 @@ def _tiff(path: Path) -> tuple[Channels, Affine | None, str]:
     """Open a TIFF stack; volumes that are small are read completely, and others in chunks of one page."""
     check_regular(path)
     stack = open_tiff(path)
-    note(path)
+    record_file(path)
     voxels = math.prod(length for n, (_, length) in enumerate(stack.axes) if n not in dict(stack.at(0)[1]))
     size = voxels * stack.array.dtype.itemsize
     is_large = size > _WHOLE and len(stack.at(0)[0]) == 3 and not stack.is_colour
@@ -269,7 +269,7 @@ def _hdf5(path: Path) -> tuple[Channels, None, str]:
     """Open the stack in an HDF5 file, which does not define the size of voxels."""
     check_regular(path)
     found = open_hdf5(path)
-    note(path)
+    record_file(path)
     how: dict[str, Any] = {"package": "h5py", "read": hdf5_block, "name": (found.name,)}
     array = _StoredArray(path, found.shape, found.dtype, found.chunks, **how)
     _check(array, array.chunks)
@@ -310,7 +310,7 @@ def _ome_zarr(path: Path) -> tuple[Channels, Affine, str]:
         wanted = path.name
     if told is None or about is None:
         raise InputError("has no multiscales metadata, which define its position. Pass an array and an affine")
-    note(about)
+    record_file(about)
     sets = told.get("datasets") or []
     found = next((one for one in sets if wanted is None or one.get("path") == wanted), None)
     if found is None:

@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 from voxflat.arguments import amount, checked_path, log
 from voxflat.errors import InputError
 from voxflat.io.grid import FARTHEST
-from voxflat.io.reading import allowed_memory, note
+from voxflat.io.reading import allowed_memory, record_file
 from voxflat.io.temporary import temporary_beside
 
 REMEDY = "Check that the file is complete and that its ending matches its format"
@@ -310,7 +310,7 @@ def contents(path: Path) -> bytes:
             raise InputError(f"its gzip data are damaged ({error}). {AGAIN}") from error
     if size == 0:
         raise InputError("is empty (0 bytes). Copy or download it again")
-    note(path)
+    record_file(path)
     return b"".join(blocks)
 
 

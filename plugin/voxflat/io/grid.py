@@ -129,7 +129,7 @@ _UNITS |= dict.fromkeys(("um", "μm", "micron", "microns"), "µm") | dict.fromke
 
 
 NOT_KNOWN = "counts as unknown unless it is passed as unit"
-"""The end of a remark on a unit."""
+"""The end of a warning on a unit."""
 
 
 def unit_of(text: object) -> str | None:

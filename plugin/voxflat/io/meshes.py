@@ -52,8 +52,8 @@ class Mesh:
         Position of each point in a picture; NaN for points without a position.
     face_data : dict of str to ndarray, shape (F,)
         Values of the triangles, keyed by name.
-    remarks : tuple of str
-        Remarks on properties that the reader noticed or changed.
+    warnings : tuple of str
+        Warnings on properties that the reader noticed or changed.
     space : Space
         Coordinate space of the points: scanner RAS, FreeSurfer tkRAS, or unknown.
     declared_unit : str or None
@@ -79,7 +79,7 @@ class Mesh:
     point_data: Mapping[str, NDArray[np.generic]] = field(default_factory=dict)
     texture_coordinates: NDArray[np.float64] | None = None
     face_data: Mapping[str, NDArray[np.generic]] = field(default_factory=dict)
-    remarks: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
     space: Space = UNKNOWN
     declared_unit: str | None = None
 
@@ -87,7 +87,7 @@ class Mesh:
     def unit(self) -> str:
         """Unit of the coordinates. It is the declared unit, ``"mm"`` or ``"unknown"``."""
         is_unknown = self._has_unknown_axes and self.declared_unit is None
-        return "unknown" if is_unknown or self.unit_remark is not None else self.declared_unit or "mm"
+        return "unknown" if is_unknown or self.unit_warning is not None else self.declared_unit or "mm"
 
     @property
     def _has_unknown_axes(self) -> bool:
@@ -96,8 +96,8 @@ class Mesh:
         return is_plain or self.declared_unit is not None
 
     @property
-    def unit_remark(self) -> str | None:
-        """Remark that the mesh is probably not in mm, or None.
+    def unit_warning(self) -> str | None:
+        """Warning that the mesh is probably not in mm, or None.
 
         A mesh is suspicious if the longest side of its bounding box is less than 1, unless it declares another unit.
         """
@@ -210,11 +210,11 @@ def _format(path: Path, data: bytes) -> str:
 
 
 def parsed(path: Path, data: bytes) -> Mesh:
-    """Return the surface in a file, with the structure from its name and a remark if its unit is doubtful."""
+    """Return the surface in a file, with the structure from its name and a warning if its unit is doubtful."""
     with np.errstate(all="ignore"):
         mesh = Mesh(path=path, **READERS[_format(path, data)](path, data))
-    remarks = mesh.remarks + ((mesh.unit_remark,) if mesh.unit_remark else ())
-    return replace(mesh, structure=mesh.structure or named_structure(path), remarks=remarks)
+    warnings = mesh.warnings + ((mesh.unit_warning,) if mesh.unit_warning else ())
+    return replace(mesh, structure=mesh.structure or named_structure(path), warnings=warnings)
 
 
 def named_structure(path: str | os.PathLike[str]) -> str | None:

@@ -113,8 +113,8 @@ def _of_meshio(mesh: Any) -> Mesh:
         raise InputError(f"contains no triangles, quadrilaterals or polygons ({kinds}). Extract its surface first")
     corners = np.concatenate([block.ravel() for block in polygons])
     lengths = np.concatenate([np.full(len(block), block.shape[1]) for block in polygons])
-    places, remarks = triangulated(points, corners, lengths)
-    return Mesh(points, corners[places], remarks=remarks, declared_unit="unknown")
+    places, warnings = triangulated(points, corners, lengths)
+    return Mesh(points, corners[places], warnings=warnings, declared_unit="unknown")
 
 
 def mesh_of_dataset(dataset: Any) -> tuple[Mesh, NDArray[np.int64]]:
@@ -131,8 +131,8 @@ def _of_blocks(blocks: Any) -> Mesh:
         raise InputError(f"has {len(all_blocks)} blocks, {len(meshes)} of which are surfaces. Pass only the surfaces")
     starts = np.cumsum([0, *(len(mesh.points) for mesh in meshes)])
     faces = np.concatenate([mesh.faces + start for mesh, start in zip(meshes, starts, strict=False)])
-    remarks = tuple(dict.fromkeys(remark for mesh in meshes for remark in mesh.remarks))
-    return Mesh(np.concatenate([mesh.points for mesh in meshes]), faces, remarks=remarks, declared_unit="unknown")
+    warnings = tuple(dict.fromkeys(warning for mesh in meshes for warning in mesh.warnings))
+    return Mesh(np.concatenate([mesh.points for mesh in meshes]), faces, warnings=warnings, declared_unit="unknown")
 
 
 def _of_trimesh(mesh: Any) -> Mesh:
@@ -140,11 +140,11 @@ def _of_trimesh(mesh: Any) -> Mesh:
     units = None if units in ("", "none", "unknown") else units  # trimesh turns None into text
     unit = unit_of(units) or "unknown"
     unknown = f"the trimesh object is in {units!r}, which voxflat does not know, so the unit {NOT_KNOWN}"
-    remark = () if unit != "unknown" or units is None else (unknown,)
+    warning = () if unit != "unknown" or units is None else (unknown,)
     if hasattr(mesh, "graph"):
-        return replace(Mesh(**of_scene(mesh)), declared_unit=unit, remarks=remark)
+        return replace(Mesh(**of_scene(mesh)), declared_unit=unit, warnings=warning)
     texture = getattr(mesh.visual, "uv", None)  # one pair for each vertex
-    placed = Mesh(np.asarray(mesh.vertices), np.asarray(mesh.faces), declared_unit=unit, remarks=remark)
+    placed = Mesh(np.asarray(mesh.vertices), np.asarray(mesh.faces), declared_unit=unit, warnings=warning)
     return placed if texture is None else replace(placed, texture_coordinates=np.asarray(texture)[:, :2])
 
 

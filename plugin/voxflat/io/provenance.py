@@ -40,7 +40,7 @@ _SHOWN = 32  # longest array that is recorded value by value
 _Function = TypeVar("_Function", bound=Callable[..., Any])
 
 
-def telling(**told_as: Callable[[Any], Any]) -> Callable[[_Function], _Function]:
+def recording(**told_as: Callable[[Any], Any]) -> Callable[[_Function], _Function]:
     """Add a provenance record to a function's result, and apply its ``memory_limit`` to the files that it reads."""
 
     def decorate(function: _Function) -> _Function:
@@ -75,7 +75,7 @@ def telling(**told_as: Callable[[Any], Any]) -> Callable[[_Function], _Function]
 _chosen: ContextVar[dict[str, Any]] = ContextVar("voxflat_chosen", default={})  # noqa: B039  (set before each use)
 
 
-def note_default(**values: Any) -> None:
+def record_default(**values: Any) -> None:
     """Record the values that the function uses for parameters that were not given."""
     _chosen.set({**_chosen.get(), **values})
 

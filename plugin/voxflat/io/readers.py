@@ -21,7 +21,7 @@ from voxflat.io.files import AGAIN, by_ending, check_regular, companion, nibabel
 from voxflat.io.formats.hdf5 import HDF5_ENDINGS
 from voxflat.io.formats.tiff import TIFF_ENDINGS
 from voxflat.io.grid import Affine, check_affine, in_millimetres, millimetres, volume_shape
-from voxflat.io.reading import check_room, note
+from voxflat.io.reading import check_room, record_file
 from voxflat.io.subprocess_reader import read_in_subprocess
 
 Read: TypeAlias = tuple[NDArray[Any], NDArray[Any] | None]  # voxels, and the affine to mm or None
@@ -47,7 +47,7 @@ def read(path: Path) -> Read:
     others = f", {', '.join((*TIFF_ENDINGS, *HDF5_ENDINGS))}, or a Zarr directory"
     read: Callable[[Path], Read] = by_ending(path, READERS, others)
     found = read(path)
-    note(path)
+    record_file(path)
     return found
 
 
@@ -127,7 +127,7 @@ def _read_pair(path: Path) -> Read:
     if not voxels.is_file():
         raise InputError(f"has no companion file {voxels.name}. Copy both files, .hdr and .img")
     found = _read_by_nibabel(path, voxels)
-    note(voxels)
+    record_file(voxels)
     return found
 
 
@@ -346,7 +346,7 @@ def from_itk(image: Any) -> Read:
 def _by_itk(path: Path, *separate: Path, unit: str, packed_from: int | None = None) -> Read:
     """Read an image whose voxels may be in another file, and may be compressed from a given offset onwards."""
     for file in separate:
-        note(file)
+        record_file(file)
     size = sum(file.stat().st_size for file in (path, *separate))
     packed = str((*separate, path)[0].absolute())
     voxels, affine = read_in_subprocess(_read_itk, "itk", path, packed, packed_from, size=size)

@@ -39,7 +39,7 @@ def reading(memory_limit: int | None = None) -> Iterator[dict[str, str]]:
             around.files.update(now.files)
 
 
-def note(path: str | os.PathLike[str]) -> None:
+def record_file(path: str | os.PathLike[str]) -> None:
     """Record that a file is read, if a call tracks its files."""
     if (now := _now.get()) is not None:
         now.files[os.fspath(path)] = hash_of(path)

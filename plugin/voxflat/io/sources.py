@@ -52,11 +52,11 @@ def taken(
         declared = mesh.declared_unit or "unknown"
         if unit != declared != "unknown":
             raise InputError(f"unit is {unit!r}, but this mesh defines its coordinates in {declared}. Omit unit")
-        assumed = (mesh.unit_remark or NOT_KNOWN, NOT_KNOWN)  # it is given, so it is not assumed to be mm
-        return replace(mesh, remarks=tuple(one for one in mesh.remarks if not one.endswith(assumed)))
-    if mesh.path is not None or mesh.unit_remark is None:  # for files, the reader reports it
+        assumed = (mesh.unit_warning or NOT_KNOWN, NOT_KNOWN)  # it is given, so it is not assumed to be mm
+        return replace(mesh, warnings=tuple(one for one in mesh.warnings if not one.endswith(assumed)))
+    if mesh.path is not None or mesh.unit_warning is None:  # for files, the reader reports it
         return mesh
-    return replace(mesh, remarks=(*mesh.remarks, f"the surface {mesh.unit_remark}"))
+    return replace(mesh, warnings=(*mesh.warnings, f"the surface {mesh.unit_warning}"))
 
 
 def as_mesh(source: object) -> Mesh | None:
@@ -155,8 +155,8 @@ def _of_pair(pair: tuple[Any, Any]) -> Mesh:
     is_left_out = (faces == -1).any(axis=1) if faces.ndim == 2 and faces.dtype.kind == "i" else np.zeros(0, dtype=bool)
     if not is_left_out.any() or is_left_out.all():
         return Mesh(points, faces)
-    remark = f"{is_left_out.sum()} of {len(faces)} triangles have a corner of -1 and were left out"
-    return Mesh(points, faces[~is_left_out], remarks=(remark,))
+    warning = f"{is_left_out.sum()} of {len(faces)} triangles have a corner of -1 and were left out"
+    return Mesh(points, faces[~is_left_out], warnings=(warning,))
 
 
 def _of_array(given: object) -> Volume:

@@ -166,8 +166,8 @@ class Space:
         "scanner" is scanner RAS, the world space of volumes and templates. "tkRAS" is the surface space of FreeSurfer.
     volume : VolumeGeometry or None
         The volume that links scanner RAS and tkRAS; None if it is not known.
-    doubt : str
-        Reason why this space is doubtful, for use in messages; empty if there is none.
+    warning : str
+        Reason why this space is uncertain, for use in messages; empty if there is none.
 
     See Also
     --------
@@ -182,7 +182,7 @@ class Space:
 
     name: str = "unknown"
     volume: VolumeGeometry | None = None
-    doubt: str = ""
+    warning: str = ""
 
     @classmethod
     def _of(cls, metadata: Mapping[str, Any]) -> Space:
@@ -200,7 +200,7 @@ class Space:
         """Return the space as metadata, ready for JSON."""
         to_scanner = None if self._matrix is None else self._matrix.tolist()
         volume = None if self.volume is None else self.volume._described()
-        return {"name": self.name, "to_scanner": to_scanner, "volume": volume, "doubt": self.doubt}
+        return {"name": self.name, "to_scanner": to_scanner, "volume": volume, "doubt": self.warning}
 
     @property
     def _matrix(self) -> NDArray[np.float64] | None:

@@ -14,7 +14,7 @@ Faces: TypeAlias = NDArray[np.int64]  # (F, 3)
 
 TRIANGULATE = "Triangulate it first, for example with PyVista or MeshLab"
 
-SEAMS = "has points on texture seams"  # begins the remark on them
+SEAMS = "has points on texture seams"  # begins the warning on them
 _MOST_CORNERS = 1000  # largest number of corners of a polygon to split
 
 
@@ -24,7 +24,7 @@ def triangulated(
     """Split polygons, given by all corners and the number of corners of each, into triangles with the same orientation.
 
     Quadrilaterals are split along the shorter interior diagonal, other polygons by ear clipping, which cuts along the
-    shortest diagonal first. Return positions (T, 3) in `corners`, and remarks.
+    shortest diagonal first. Return positions (T, 3) in `corners`, and warnings.
     """
     odd = np.flatnonzero((counts < 3) | (counts > _MOST_CORNERS))
     if len(odd):
@@ -127,7 +127,7 @@ def check_faces(faces: ArrayLike, n: int) -> NDArray[np.int64]:
 
 
 def first_coordinates(coordinates: Points, faces: Faces, n: int) -> tuple[Points, tuple[str, ...]]:
-    """Return the first texture coordinate of each of n points, and a remark if any has several.
+    """Return the first texture coordinate of each of n points, and a warning if any has several.
 
     The coordinates of the corners of the faces have shape (F, 3, 2), and are NaN where there are none.
     """

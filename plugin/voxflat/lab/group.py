@@ -74,8 +74,8 @@ def group(
         table, page = out / f"{_STEM}_measures.tsv", out / "group.html"
         write_text(table, _table(rows))
         write_json(table.with_suffix(".json"), DESCRIPTIONS)
-        key, doubts = _key(rows, gone), _warnings(rows, gone, source, again)
-        write_text(page, study_page(rows, means, maps, key, expected_outliers(rows), doubts))
+        key, warnings = _key(rows, gone), _warnings(rows, gone, source, again)
+        write_text(page, study_page(rows, means, maps, key, expected_outliers(rows), warnings))
         written += [table.name, table.with_suffix(".json").name, page.name]
         outputs = {name: hash_of(out / name) for name in written}
         write_json(record, sealed({"voxflat": __version__, "format": FORMAT, "key": key, "outputs": outputs}))

@@ -40,7 +40,7 @@ _NO_CORTEX = ("unknown", "corpuscallosum", "medial_wall", "???", "medialwall")  
 def make(hemisphere: Hemisphere, parameters: Parameters, results: Results, **common: Any) -> dict[str, Any]:
     """Flatten a hemisphere, write the results, and return the record; `common`: threads, memory_limit, progress."""
     seconds: dict[str, float] = {}
-    with _noting() as doubts:
+    with _collecting_warnings() as logged:
         with _timed(seconds, "reading and checksums"):
             wanted = request(hemisphere, parameters)
             whole = _surface(hemisphere, parameters, common)
@@ -50,17 +50,17 @@ def make(hemisphere: Hemisphere, parameters: Parameters, results: Results, **com
             flat_map = part.flatten(cuts=cuts, sphere=hemisphere.files.get("sphere"), seed=parameters.seed, **common)
         with _timed(seconds, "overlays"):
             values = {**_measures(flat_map), **_overlays(flat_map, hemisphere)}
-    with _timed(seconds, "writing"), _noting() as of_files:
+    with _timed(seconds, "writing"), _collecting_warnings() as of_files:
         written = _write(flat_map, values, results)
-    remarks = flat_map.warnings
-    notes = [str(remark) for remark in remarks if isinstance(remark, Note)]
+    warnings = flat_map.warnings
+    notes = [str(warning) for warning in warnings if isinstance(warning, Note)]
     record = {
         **wanted,
         "hemi": hemisphere.letter,
         "overlays": list(hemisphere.overlays),
         "outputs": {path.name: hash_of(path) for path in written},
         **_description(whole, flat_map, cortex),
-        "warnings": [one for one in dict.fromkeys((*remarks, *doubts)) if one not in notes],
+        "warnings": [one for one in dict.fromkeys((*warnings, *logged)) if one not in notes],
         "notes": [*notes, *of_files],
         "seconds": seconds,
     }
@@ -77,7 +77,7 @@ def _timed(seconds: dict[str, float], step: str) -> Iterator[None]:
 
 
 @contextmanager
-def _noting() -> Iterator[list[str]]:
+def _collecting_warnings() -> Iterator[list[str]]:
     """Collect warnings instead of logging them; they are printed from the record, with the name of the hemisphere."""
     found: list[str] = []
 

@@ -14,7 +14,7 @@ from voxflat import _core, display
 from voxflat.arguments import Progress, checked_choice, checked_threads, log
 from voxflat.errors import InputError
 from voxflat.io.files import require
-from voxflat.io.provenance import Record, Recorded, telling
+from voxflat.io.provenance import Record, Recorded, recording
 from voxflat.io.sources import as_volume
 from voxflat.io.volumes import Volume
 from voxflat.laminar.columns import Columns, columns_of
@@ -91,7 +91,7 @@ class Rim(ReadOnly, Recorded):
         count = checked_layers(count, "count")
         return np.minimum(np.floor(depth * count), count - 1).astype(np.int16)
 
-    @telling()
+    @recording()
     def depth(self, layering: str = "equivolume") -> Volume:
         """Return the depth of each voxel of grey matter.
 
@@ -123,7 +123,7 @@ class Rim(ReadOnly, Recorded):
         """
         return self.labels.in_volume(self._depth(layering).astype(np.float32), np.nan)
 
-    @telling()
+    @recording()
     def layers(self, count: int, layering: str = "equivolume") -> Volume:
         """Divide the grey matter into layers.
 
@@ -154,7 +154,7 @@ class Rim(ReadOnly, Recorded):
         """
         return self.labels.in_volume(self._layer(count, layering) + np.int16(1), 0)
 
-    @telling()
+    @recording()
     def paint(
         self,
         values: object,
@@ -218,7 +218,7 @@ class Rim(ReadOnly, Recorded):
                 painted = painted.astype(np.int32)
         return self.labels.in_volume(painted, background)
 
-    @telling()
+    @recording()
     def streamlines(self) -> Volume:
         """Return the direction of the column of each voxel of grey matter, from the inner to the outer border.
 
@@ -239,7 +239,7 @@ class Rim(ReadOnly, Recorded):
         """
         return self.labels.in_volume(self.values.columns.astype(np.float32), np.nan)
 
-    @telling()
+    @recording()
     def thickness(self) -> Volume:
         """Return the thickness of the grey matter at each of its voxels.
 
@@ -252,7 +252,7 @@ class Rim(ReadOnly, Recorded):
         """
         return self.labels.in_volume(self.values.thickness.astype(np.float32), np.nan)
 
-    @telling()
+    @recording()
     def profile(
         self,
         volume: object,
@@ -315,7 +315,7 @@ class Rim(ReadOnly, Recorded):
             volume, places, groups_of(regions, places, self.values.halfway), layers, channel, interpolation
         )
 
-    @telling()
+    @recording()
     def columns(
         self, count: int | None = None, *, area: float | None = None, seed: int = 0, progress: Progress | None = None
     ) -> Columns:
@@ -387,7 +387,7 @@ class Rim(ReadOnly, Recorded):
         return display.views.rim_to_pyvista(self, columns)
 
 
-@telling()
+@recording()
 def rim(
     source: object,
     *,

@@ -17,7 +17,7 @@ from voxflat.io.files import REMEDY, check_regular, contents, from_json, naming
 from voxflat.io.formats.svg import Outline, read_outlines
 from voxflat.io.grid import in_unit, millimetres
 from voxflat.io.readers import read_array
-from voxflat.io.reading import note
+from voxflat.io.reading import record_file
 from voxflat.io.sources import as_volume
 from voxflat.io.volumes import VOLUME_ENDINGS
 from voxflat.maps.colours import all_whole, label_colour
@@ -246,7 +246,7 @@ def _read_image(path: Path, unit: str) -> tuple[NDArray[Any], float | None]:
     check_regular(path)
     if name.endswith(".npy"):
         data = read_array(path)
-        note(path)
+        record_file(path)
         return data, None
     if name.endswith(VOLUME_ENDINGS) and not name.endswith((".tif", ".tiff")):  # here TIFFs are pictures
         volume = as_volume(path)

@@ -23,7 +23,7 @@ from voxflat.io.meshes import Mesh, write_mesh
 from voxflat.io.notebook import page
 from voxflat.io.origin import Origin
 from voxflat.io.patches import FLAT_PATCH_ENDINGS, PATCH_ENDING, Patch, write_patch
-from voxflat.io.provenance import Record, resolved, telling
+from voxflat.io.provenance import Record, recording, resolved
 from voxflat.io.saved import Saved
 from voxflat.io.spaces import Space
 from voxflat.maps.drawn_regions import regions_of
@@ -238,7 +238,7 @@ class FlatMap(Planar, Saved):
         half = self.spacing / 2
         return half if self.period is None else self.period / max(1, round(self.period / half))
 
-    @telling()
+    @recording()
     def heat_map(self, pixel_size: float | None = None) -> FlatImage:
         """Return the distance error at each point as an image.
 
@@ -277,7 +277,7 @@ class FlatMap(Planar, Saved):
         found = values_at(values, place(self.uv, values.shape))
         return (np.round(found) if values.dtype.kind in "bui" else found).astype(values.dtype)
 
-    @telling()
+    @recording()
     def textured(self, picture: object, texel_size: float | None = None, *, repeat: bool = False) -> TexturedSurface:
         """Return the surface with a picture on it (Zigelman et al. 2002, section V).
 
@@ -359,7 +359,7 @@ class FlatMap(Planar, Saved):
         volume[tuple(self.ids.T)] = values
         return volume
 
-    @telling()
+    @recording()
     def regions(self, rois: object, *, layer: str = "rois", pixel_size: float | None = None) -> Regions:
         """Read regions of interest that were drawn on the map.
 

@@ -17,7 +17,7 @@ from voxflat.io.meshes import Mesh
 from voxflat.io.origin import origin_of
 from voxflat.io.provenance import Record, as_text
 from voxflat.io.readers import read_arrays
-from voxflat.io.reading import note
+from voxflat.io.reading import record_file
 from voxflat.surfaces.cut_sides import one_point_a_vertex, triangles_of
 from voxflat.surfaces.cuts import cuts_of
 
@@ -61,7 +61,7 @@ def read_map(path: str | os.PathLike[str], *, series: bool = False) -> dict[str,
             told = "a single map. Read it with voxflat.load" if series else f"maps of several frames. {one}"
             raise InputError(f"{path} holds {told}")
         files.check_format(path, form, _SERIES_FORMAT if series else _FORMAT, "Flatten the surface again")
-        note(path)
+        record_file(path)
         uv, ids, points, *_ = (arrays[name] for name in _REQUIRED)  # a file without these fields fails here
         layout = {**_LAYOUT, "ids": ("i8", "points 3" if metadata.get("kind") == "voxels" else "points")}
         with files.naming(path, files.AGAIN):

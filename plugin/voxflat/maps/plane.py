@@ -12,7 +12,7 @@ from voxflat import _core
 from voxflat.arguments import checked_number, log, numbers_of, shown
 from voxflat.errors import InputError
 from voxflat.io.grid import voxel_size
-from voxflat.io.provenance import Record, telling
+from voxflat.io.provenance import Record, recording
 from voxflat.maps.depth import Depths
 from voxflat.maps.metric import Metric
 from voxflat.maps.raster import FlatImage, FlatStack, Raster
@@ -292,11 +292,11 @@ class Planar(ReadOnly, ABC):
         """
         wanted = self._checked_points(points, space)
         uv, _, distance = self._to_map(wanted.reshape(-1, 3), limit)
-        if doubt := self._doubt(wanted.reshape(-1, 3), limit, distance):
-            log.warning("%s", doubt)
+        if warning := self._distance_warning(wanted.reshape(-1, 3), limit, distance):
+            log.warning("%s", warning)
         return uv.reshape(*wanted.shape[:-1], 2), distance.reshape(wanted.shape[:-1])
 
-    def _doubt(self, points: NDArray[np.float64], limit: float, distance: NDArray[np.float64]) -> str:
+    def _distance_warning(self, points: NDArray[np.float64], limit: float, distance: NDArray[np.float64]) -> str:
         """Describe that few points lie near the surface: most of them would in another unit, or none does."""
         placed = int(np.count_nonzero(np.isfinite(distance)))
         if 10 * placed >= len(distance):
@@ -318,8 +318,8 @@ class Planar(ReadOnly, ABC):
             raise InputError(f"space is {shown(space)}. Pass 'surface' or 'scanner'")
         own = self._triangles.on_surface.origin.space
         if space == "scanner":
-            if own.doubt:
-                log.warning("points may not lie on the surface: %s", own.doubt)
+            if own.warning:
+                log.warning("points may not lie on the surface: %s", own.warning)
             wanted = own.from_scanner(wanted)
         return wanted
 
@@ -375,8 +375,8 @@ class Planar(ReadOnly, ABC):
             own = self._triangles.on_surface.origin.space
             along = own.from_scanner(along) - own.from_scanner(np.zeros(3))
         uv, face_ids, distance = self._to_map(wanted.reshape(-1, 3), limit)
-        if doubt := self._doubt(wanted.reshape(-1, 3), limit, distance):
-            log.warning("%s", doubt)
+        if warning := self._distance_warning(wanted.reshape(-1, 3), limit, distance):
+            log.warning("%s", warning)
         flat = np.einsum("pab,pb->pa", self._metric.to_map[face_ids], along.reshape(-1, 3))
         flat[face_ids < 0] = np.nan
         return uv.reshape(*wanted.shape[:-1], 2), flat.reshape(*wanted.shape[:-1], 2)
@@ -424,7 +424,7 @@ class Planar(ReadOnly, ABC):
     def provenance(self) -> Record:
         """The record of how the map or page was made."""
 
-    @telling()
+    @recording()
     def image(
         self,
         volume: object,
@@ -505,7 +505,7 @@ class Planar(ReadOnly, ABC):
         source = source_of(self._triangles.on_surface, volume)
         return source.image(self.raster(pixel_size), sampling, channel=channel, name=name)
 
-    @telling()
+    @recording()
     def images(
         self,
         volume: object,

@@ -57,12 +57,12 @@ def warn_of_position(surface: SurfacePoints, affine: Affine, path: Path | None) 
 
 def warn_of_space(surface: SurfacePoints) -> None:
     """Warn if the space of the surface is not certain."""
-    if doubt := surface.origin.space.doubt:
+    if warning := surface.origin.space.warning:
         log.warning(
             "the volume may be sampled at the wrong positions: %s. Use a surface file that defines its space (for "
             "example, a FreeSurfer lh.white with its footer), or the output of mris_convert --to-scanner (version "
             "7.4 or later)",
-            doubt,
+            warning,
         )
 
 

@@ -18,7 +18,7 @@ from voxflat.arguments import (
     shown,
 )
 from voxflat.errors import InputError
-from voxflat.io.provenance import telling
+from voxflat.io.provenance import recording
 from voxflat.maps.flat_map import FlatMap
 from voxflat.maps.lines import rim
 from voxflat.maps.parcels import Parcels, parcels_of
@@ -34,7 +34,7 @@ _Ints = NDArray[np.int64]
 _ON = 3.0  # depth of the cut for a region at the border, in multiples of the region's depth
 
 
-@telling()
+@recording()
 def worst_places(
     flat_map: FlatMap,
     count: int = 5,

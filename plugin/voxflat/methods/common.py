@@ -59,7 +59,7 @@ def map_over_triangles(
     need: int,
     rows: NDArray[np.float32] | Table | None,
     more: dict[str, Any],
-    doubts: Sequence[str] = (),
+    method_warnings: Sequence[str] = (),
     *,
     store: Path | None = None,
     sampling: str | None = None,
@@ -67,7 +67,7 @@ def map_over_triangles(
 ) -> FlatMap:
     """Return the map of a triangle surface, with its distortion, metadata and warnings."""
     part, chosen = cut.surface, result["sources"]
-    warnings = [*cut.remarks, *doubts]
+    warnings = [*cut.warnings, *method_warnings]
     if links_error is None:
         links_error = error_of_distances(part, "graph", settings)
     distortion = _measured(cut, result, more.get("geodesic", "graph"), links_error, settings)
@@ -125,7 +125,7 @@ def map_over_triangles(
             **cut.metadata,
             **framed,
             **making_metadata(
-                settings, chosen, result, need, warnings, sampling, known=cut.remarks if cut.has_logged else ()
+                settings, chosen, result, need, warnings, sampling, known=cut.warnings if cut.has_logged else ()
             ),
             **more,
         },

@@ -160,7 +160,7 @@ class Grossmann2002(Method):
 def _warnings(graph: VoxelGraph, topology: dict[str, Any], torn: float) -> list[str]:
     """Return the warnings about a map over the 26-neighbour graph."""
     sizes = graph.whole.component_sizes()
-    warnings = list(graph.remarks)
+    warnings = list(graph.warnings)
     if len(sizes) > 1 and not graph.is_chosen:
         warnings.append(f"only the largest of {len(sizes)} components is used ({len(graph)} of {sum(sizes)} voxels)")
     if topology["euler_characteristic"] != 1:

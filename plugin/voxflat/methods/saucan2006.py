@@ -93,5 +93,5 @@ class Saucan2006(OverTriangles):
             "measured": measured(result["stretch"], part.points[part.faces]),
         }
         length = in_unit(f"{rounded(seams.cuts)} mm", cut.whole.origin.named_unit)
-        doubts = [f"{length} of the seams between patches remain cut"] if seams.cuts > 0 else []
-        return map_over_triangles(self.name, cut, settings, result, need, None, metadata, doubts)
+        warnings = [f"{length} of the seams between patches remain cut"] if seams.cuts > 0 else []
+        return map_over_triangles(self.name, cut, settings, result, need, None, metadata, warnings)

@@ -120,11 +120,11 @@ class Schwartz1989(OverTriangles):
             "starts": result["stresses"],
             "descent": {"converged": converged, "energies": energies},
         }
-        doubts, rows = _doubts(result["stresses"]), result["rows"]
-        return map_over_triangles(self.name, cut, settings, result, need, rows, metadata, doubts, sampling=choice.rule)
+        more = result["rows"], metadata, _warnings(result["stresses"])
+        return map_over_triangles(self.name, cut, settings, result, need, *more, sampling=choice.rule)
 
 
-def _doubts(stresses: Sequence[float]) -> list[str]:
+def _warnings(stresses: Sequence[float]) -> list[str]:
     """Return a warning if only one of the random starts reached the least stress."""
     least, *others = sorted(stresses)
     if not others or others[0] <= _SAME_STRESS * least + _NO_STRESS:

@@ -154,7 +154,7 @@ class Voxflat(OverTriangles):
         need = settings.check_memory(part.core.memory_need(choice.count, settings.workers, kept))
         chosen = choice.made(settings.progress)
         links_error = error_of_distances(part, "graph", settings)
-        solver, error, doubts = _solver(part, self.geodesic, links_error, settings)
+        solver, error, warnings = _solver(part, self.geodesic, links_error, settings)
         store = None
         if settings.store is not None:
             store = prepare_store(
@@ -183,7 +183,7 @@ class Voxflat(OverTriangles):
             metadata["store"], more["store"], rows = str(store.path), store.path, open_rows(store.path).rows
         energies, converged = result["convergence"]
         metadata["descent"] = {"converged": converged, "energies": energies}
-        flat = map_over_triangles(self.name, cut, settings, result, need, rows, metadata, doubts, **more)
+        flat = map_over_triangles(self.name, cut, settings, result, need, rows, metadata, warnings, **more)
         return flat if max_area is None else _within(flat, max_area, settings)
 
     def _periodic_map(self, cut: CutManifold[Manifold], tube: Tube, settings: FlattenSettings) -> FlatMap:
@@ -195,7 +195,7 @@ class Voxflat(OverTriangles):
         choice = source_choice(part, self.sources, self.sampling, settings.seed, fewest=3, at_most_all=True)
         need = settings.check_memory(cut.surface.core.memory_need(choice.count, settings.workers, "dropped"))
         links_error = error_of_distances(part, "graph", settings)
-        solver, error, doubts = _solver(part, self.geodesic, links_error, settings)
+        solver, error, warnings = _solver(part, self.geodesic, links_error, settings)
         of_seam = (cut.surface.core, tube.seam.astype(np.uint32), choice.made(settings.progress), settings.seed, solver)
         result = part.core.periodic(*of_seam, float(self.weighting), self.scale, settings.threads, settings.progress)
         energies, converged = result["convergence"]
@@ -203,7 +203,7 @@ class Voxflat(OverTriangles):
         metadata |= {"descent": {"converged": converged, "energies": energies}, "period": result["period"]}
         metadata["planarity"] = None  # distances around a tube are not those in a plane
         more: dict[str, Any] = {"sampling": choice.rule, "links_error": links_error}
-        return map_over_triangles(self.name, cut, settings, result, need, None, metadata, doubts, **more)
+        return map_over_triangles(self.name, cut, settings, result, need, None, metadata, warnings, **more)
 
 
 def _within(flat: FlatMap, max_area: float, settings: FlattenSettings) -> FlatMap:
@@ -239,14 +239,14 @@ def _solver(
     error = links_error if solver == "graph" else error_of_distances(part, solver, settings)
     if not error > MUCH:
         return solver, error, []
-    doubt = f"distances by {_NAMES[solver]} have a mean error of {100 * error:.1f} %, which thin triangles can cause."
+    warning = f"distances by {_NAMES[solver]} have a mean error of {100 * error:.1f} %, which thin triangles can cause."
     if asked is not None:
-        return solver, error, [f"{doubt} Omit geodesic, or pass 'exact'"]
+        return solver, error, [f"{warning} Omit geodesic, or pass 'exact'"]
     solver, error = "marching", error_of_distances(part, "marching", settings)
     if error > MUCH:
         solver, error = "exact", 0.0
         log.info("measuring exact distances, which is slower")
-    return solver, error, [f"{doubt} Distances are measured by {_NAMES[solver]} instead"]
+    return solver, error, [f"{warning} Distances are measured by {_NAMES[solver]} instead"]
 
 
 _NAMES = {"graph": "graph paths", "marching": "fast marching", "exact": "exact geodesics"}

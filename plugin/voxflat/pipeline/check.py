@@ -87,7 +87,7 @@ def check(
             try:
                 whole = _surface(mesh, **voxels, spacing=spacing, affine=affine, **making)
             except InputError as error:
-                return replace(found, advice=(*mesh.remarks, str(error)))
+                return replace(found, advice=(*mesh.warnings, str(error)))
             return _of_part(whole, part, found, settings, making)
         check_ending(source)
         volume = as_volume(source, spacing=spacing, affine=affine)
@@ -119,7 +119,7 @@ def _of_part(
         wanted = chosen(whole)
     except InputError as error:
         found = check_surface(whole, found, settings)
-        return replace(found, can_flatten=False, advice=(*whole.remarks, str(error)))
+        return replace(found, can_flatten=False, advice=(*whole.warnings, str(error)))
     repaired = None if volume is None else lambda: chosen(_surface(volume, **making))
     return check_surface(wanted, found, settings, repaired)
 

@@ -14,7 +14,7 @@ from voxflat.errors import InputError
 from voxflat.io.files import atomic_path
 from voxflat.io.grid import in_unit, rounded
 from voxflat.io.notebook import page
-from voxflat.io.provenance import Record, saving, telling
+from voxflat.io.provenance import Record, recording, saving
 from voxflat.maps.flat_map import FlatMap
 from voxflat.methods import Method, flattened, method_of
 from voxflat.methods.method import FlattenSettings, Rows
@@ -58,7 +58,7 @@ class CutSurface(CutManifold[SurfaceT_co]):
         The cuts, in the order in which they were made.
     cuts_by : str
         Who chose the cuts: "given", "automatic", "start", "charts" or the name of a template.
-    remarks : tuple of str
+    warnings : tuple of str
         Warnings about the cuts.
     given_length : float or None
         Length of the given cuts or of those of a template, in mm; None if the cuts are automatic.
@@ -71,7 +71,7 @@ class CutSurface(CutManifold[SurfaceT_co]):
     sketch_error : float or None
         Relative distance error of a coarse preview map, for cuts of a template.
     has_logged : bool
-        Whether the logger ``voxflat`` has reported the remarks.
+        Whether the logger ``voxflat`` has reported the warnings.
     provenance : dict
         Record of how the surface was cut.
 
@@ -87,10 +87,10 @@ class CutSurface(CutManifold[SurfaceT_co]):
 
     @classmethod
     def _of(cls, cut: CutManifold[SurfaceT_co]) -> "CutSurface[SurfaceT_co]":
-        """Return a cut surface whose remarks have been logged."""
+        """Return a cut surface whose warnings have been logged."""
         return cls(**{one.name: getattr(cut, one.name) for one in fields(cut)} | {"has_logged": True})
 
-    @telling(method=method_of)
+    @recording(method=method_of)
     def flatten(
         self,
         method: str | Method = "voxflat",

@@ -20,7 +20,7 @@ from voxflat.errors import InputError
 from voxflat.io.channels import Channels
 from voxflat.io.files import SAVED_ENDINGS
 from voxflat.io.grid import in_unit
-from voxflat.io.provenance import Record, telling
+from voxflat.io.provenance import Record, recording
 from voxflat.io.saved import Saved
 from voxflat.maps.depth import Depths, vertex_areas
 from voxflat.maps.flat_map import FlatMap
@@ -118,7 +118,7 @@ class FlatSeries(Sequence[FlatMap], ReadOnly, Saved):
     provenance: Record = field(default_factory=dict)
 
     @property
-    def remarks(self) -> tuple[str, ...]:
+    def warnings(self) -> tuple[str, ...]:
         """Warnings about frames that the moved surface does not fit.
 
         They are derived from `gaps` and `folded`. The tuple is empty if the surface fits all frames.
@@ -173,7 +173,7 @@ class FlatSeries(Sequence[FlatMap], ReadOnly, Saved):
         vars(made)["_rasters"] = self.flat_map._rasters  # all frames have the same pixels
         return made
 
-    @telling(volumes=numbered)
+    @recording(volumes=numbered)
     def images(
         self,
         volumes: Sequence[object] | None = None,

@@ -12,13 +12,13 @@ from voxflat.arguments import array_of, as_float, is_number, shown
 from voxflat.errors import InputError
 from voxflat.io.grid import FARTHEST, SMALLEST
 from voxflat.io.origin import MeshOrigin, PixelGrid
-from voxflat.io.provenance import telling
+from voxflat.io.provenance import recording
 from voxflat.pipeline.surface import Surface
 
 _JUMP = 8.0  # pixels: a slope of 83 degrees
 
 
-@telling()
+@recording()
 def range_image(
     depth: ArrayLike, spacing: float | Sequence[float], mask: ArrayLike | None = None, *, jump: float | None = None
 ) -> Surface:
@@ -80,9 +80,9 @@ def range_image(
     cut = int(inside.sum() - kept.sum())
     if not kept.any():
         raise InputError(f"every triangle spans more than {limit:g} mm of depth. Increase jump, or check the units")
-    remarks = []
+    warnings = []
     if cut:
-        remarks.append(
+        warnings.append(
             f"the surface was cut at {cut} of {int(inside.sum())} triangles, which span more than {limit:g} mm of "
             "depth. Set jump to change this limit"
         )
@@ -105,7 +105,7 @@ def range_image(
             "cut": cut,
         },
     }
-    return Surface(core.part_of_faces(kept), None, origin, metadata, tuple(remarks))
+    return Surface(core.part_of_faces(kept), None, origin, metadata, tuple(warnings))
 
 
 def _heights(depth: ArrayLike, mask: ArrayLike | None) -> NDArray[np.float64]:

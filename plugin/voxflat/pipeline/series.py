@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from voxflat.arguments import Progress, checked_threads, is_whole, log, shown
 from voxflat.errors import Cancelled, InputError
 from voxflat.io.grid import in_unit
-from voxflat.io.provenance import telling
+from voxflat.io.provenance import recording
 from voxflat.maps.flat_map import FlatMap
 from voxflat.methods import Method, method_of
 from voxflat.pipeline.cut_surface import CutSurface
@@ -62,7 +62,7 @@ def flatten_series(
 ) -> FlatSeries: ...
 
 
-@telling(method=method_of, surfaces=numbered)
+@recording(method=method_of, surfaces=numbered)
 def flatten_series(
     surfaces: Sequence[object],
     method: str | Method = "voxflat",
@@ -135,7 +135,7 @@ def flatten_series(
     limits: dict[str, Any] = {"threads": checked_threads(threads), "memory_limit": memory_limit, "progress": progress}
     frames = _frames(surfaces, limits)
     reference = checked_reference(reference, len(frames))
-    _tell(frames, reference)
+    _warn(frames, reference)
     marks = checked_landmarks(landmarks, frames, reference)
     first = frames[reference]
     how: dict[str, Any] = {"mirror": mirror, "seed": seed, **limits}
@@ -167,8 +167,8 @@ def flatten_series(
             folded[frame] = follower.folded(places, target).sum()
             done += 1
     made = tuple(FlatSeries(one, *_places(one, moved, reference), reference, gaps, folded) for one in maps)
-    for remark in made[0].remarks:
-        log.warning("%s", remark)
+    for warning in made[0].warnings:
+        log.warning("%s", warning)
     return made[0] if charts is None or isinstance(cuts, CutSurface) else made
 
 
@@ -233,16 +233,16 @@ def _largest(of: Surface, named: str) -> Surface:
     return largest_piece(of)
 
 
-def _tell(frames: list[Surface], reference: int) -> None:
+def _warn(frames: list[Surface], reference: int) -> None:
     """Log the warnings about the surfaces of all frames but the reference, which is flattened with its own."""
     found: dict[str, list[tuple[int, str]]] = {}
     for number, own in enumerate(frames):
-        for remark in own.remarks if number != reference else ():
-            if not remark.startswith(MOVED):
-                found.setdefault(re.sub(r"[0-9][0-9.]*", "", remark), []).append((number, remark))
-    for (number, remark), *further in found.values():
+        for warning in own.warnings if number != reference else ():
+            if not warning.startswith(MOVED):
+                found.setdefault(re.sub(r"[0-9][0-9.]*", "", warning), []).append((number, warning))
+    for (number, warning), *further in found.values():
         others = f" (and similarly in {listed([one for one, _ in further])})" if further else ""
-        log.warning("frame %d%s: %s%s", number, _file(frames[number]), remark, others)
+        log.warning("frame %d%s: %s%s", number, _file(frames[number]), warning, others)
 
 
 def _file(of: Surface) -> str:

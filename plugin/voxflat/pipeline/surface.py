@@ -19,7 +19,7 @@ from voxflat.distances.rows import DistanceRows
 from voxflat.errors import InputError
 from voxflat.io.grid import named_unit
 from voxflat.io.meshes import Mesh
-from voxflat.io.provenance import telling
+from voxflat.io.provenance import recording
 from voxflat.io.reading import reading
 from voxflat.io.sources import taken
 from voxflat.maps.flat_map import FlatMap
@@ -57,7 +57,7 @@ class Surface(Manifold):
         The input: a volume, or a mesh.
     metadata : dict
         How the surface was made, for people and files.
-    remarks : tuple of str
+    warnings : tuple of str
         Warnings about the surface.
     white_points, pial_points : ndarray of float64, shape (V, 3), or None
         The white and the pial position of each vertex of the whole surface, in RAS+ mm in `space`, if both are known.
@@ -84,7 +84,7 @@ class Surface(Manifold):
 
     # ------------------------------------------------------------------------------------------ parts
 
-    @telling()
+    @recording()
     def keep(self, region: object) -> Surface:
         """Return the part of the surface inside a region.
 
@@ -107,7 +107,7 @@ class Surface(Manifold):
         """
         return kept(self, region)
 
-    @telling()
+    @recording()
     def drop(self, region: object) -> Surface:
         """Return the part of the surface outside a region, such as the medial wall.
 
@@ -128,7 +128,7 @@ class Surface(Manifold):
         """
         return dropped(self, region)
 
-    @telling()
+    @recording()
     def disk(
         self,
         seed_point: Sequence[int] | int,
@@ -167,7 +167,7 @@ class Surface(Manifold):
         """
         return disk(self, seed_point, radius, checked_threads(threads), progress)
 
-    @telling()
+    @recording()
     def polygon(self, corners: ArrayLike, *, progress: Progress | None = None) -> Surface:
         """Return the region enclosed by shortest paths between corners.
 
@@ -199,12 +199,12 @@ class Surface(Manifold):
         """
         return polygon(self, corners, progress)
 
-    @telling()
+    @recording()
     def smooth(self, length: float, *, progress: Progress | None = None) -> Surface:
         """Return the surface without short waves, such as the noise and the steps of a segmentation.
 
         Waves of the given length become half as high, waves of half the length become 17 times lower, and waves of
-        twice the length keep 94 % of their height. The surface does not shrink as a whole. The last of its `remarks`
+        twice the length keep 94 % of their height. The surface does not shrink as a whole. The last of its `warnings`
         reports how far it moved; `flatten` repeats it as a warning.
 
         Parameters
@@ -235,7 +235,7 @@ class Surface(Manifold):
 
     # ------------------------------------------------------------------------------------------ cuts and maps
 
-    @telling()
+    @recording()
     def cut(
         self,
         cuts: object | None = None,
@@ -301,11 +301,11 @@ class Surface(Manifold):
         """
         where: dict[str, Any] = {"cuts": cuts, "sphere": sphere, "relax": relax, "adapt": adapt}
         made = cut_open(self, CutSettings(**where, threads=threads, progress=progress))
-        for remark in made.remarks:
-            log.warning(remark)
+        for warning in made.warnings:
+            log.warning(warning)
         return CutSurface._of(made)
 
-    @telling()
+    @recording()
     def charts(
         self,
         count: int | str = 1,
@@ -368,11 +368,11 @@ class Surface(Manifold):
         <FlatMap: 388 points, 24 x 25 mm, relative error 8.7 %>
         """
         found = charted(self, count, axis, front, overlap, relax, checked_threads(threads), progress)
-        for remark in dict.fromkeys(remark for made in found for remark in made.remarks):
-            log.warning(remark)
+        for warning in dict.fromkeys(warning for made in found for warning in made.warnings):
+            log.warning(warning)
         return tuple(map(CutSurface._of, found))
 
-    @telling(method=method_of)
+    @recording(method=method_of)
     def flatten(
         self,
         method: str | Method = "voxflat",
@@ -446,7 +446,7 @@ class Surface(Manifold):
         limits: dict[str, Any] = {"threads": threads, "memory_limit": memory_limit, "progress": progress}
         return flattened(self, method, FlattenSettings(**where, mirror=mirror, rows=rows, seed=seed, **limits))
 
-    @telling()
+    @recording()
     def patches(
         self,
         max_angle: float | None = None,
@@ -510,7 +510,7 @@ class Surface(Manifold):
 
     # ------------------------------------------------------------------------------------------ distances
 
-    @telling()
+    @recording()
     def geodesic(
         self,
         sources: int | ArrayLike,
@@ -585,7 +585,7 @@ class Surface(Manifold):
         rows = _geodesic(self, sources, **what, store=store, dask=dask, **limits)
         return replace(rows, unit=self.origin.named_unit)
 
-    @telling()
+    @recording()
     def path(self, *stops: Sequence[int] | int, geodesic: str = "graph", link_lengths: str | None = None) -> Path:
         """Find the shortest path through points.
 
@@ -657,7 +657,7 @@ class Surface(Manifold):
             settings = CutSettings(cuts=cuts, sphere=sphere, threads=threads, progress=progress)
             return check_surface(self, found, settings)
 
-    @telling()
+    @recording()
     def register(
         self, side: str | None = None, *, threads: int | None = None, progress: Progress | None = None
     ) -> Registration:
@@ -703,12 +703,12 @@ class Surface(Manifold):
         >>> found.save("lh.sphere.reg")  # doctest: +SKIP
         """
         found = register(self, side, threads, progress)
-        for remark in found.remarks:
-            log.warning(remark)
+        for warning in found.warnings:
+            log.warning(warning)
         return found
 
 
-@telling()
+@recording()
 def surface(
     source: object,
     *,

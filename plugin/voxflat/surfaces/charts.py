@@ -69,25 +69,25 @@ def charted(
     if overlap and is_cylinder and kind != "closed":
         raise InputError("overlap does not apply to a tube, which becomes a single cylinder. Omit it")
     graph = _edge_graph(part)
-    told: list[str] = []
-    ends = _ends(part, graph, axis, told)
+    warnings: list[str] = []
+    ends = _ends(part, graph, axis, warnings)
     at_front = None
     if front is not None:
-        at_front, remarks = vertex_at(part, front, "front")
-        told += remarks
+        at_front, of_front = vertex_at(part, front, "front")
+        warnings += of_front
     frame = _frame(part, graph, ends, at_front, sectors)
     about = {"count": count, "overlap": overlap, "front": None if at_front is None else part.ids[at_front].tolist()}
     about["axis"] = [part.ids[end[0]].tolist() for end in ends]
     whole = part._complete
     if is_cylinder:
-        return _cylinder(whole, part, frame, kind, about, told, threads, progress)
+        return _cylinder(whole, part, frame, kind, about, warnings, threads, progress)
     if count == 1:
         seam = _opposite(graph, frame.longitudes, ends)
         length = float(np.linalg.norm(np.diff(part.points[seam], axis=0), axis=1).sum())
-        told.append(f"the surface is {kind}, so it was cut along a seam from end to end ({rounded(length)} mm)")
+        warnings.append(f"the surface is {kind}, so it was cut along a seam from end to end ({rounded(length)} mm)")
         made = [(part, [seam])]
     else:
-        told.append(f"the surface is {kind}, so it was divided into {count} charts that reach from end to end")
+        warnings.append(f"the surface is {kind}, so it was divided into {count} charts that reach from end to end")
         made = [
             (part._with_core(part.core.part_of_faces(faces)), [])
             for faces in _sectors(part, graph, frame, sectors, overlap)
@@ -96,16 +96,16 @@ def charted(
     for number, (chart, cuts) in enumerate(made):
         described = {**about, "name": names_of(sectors)[number]}
         onto = _targets(part, frame, 2 * np.pi * number / sectors)
-        cut = _chart(whole, chart, cuts, Chart(described, onto), told)
+        cut = _chart(whole, chart, cuts, Chart(described, onto), warnings)
         charts.append(opened_to_disk(cut, bool(relax) and relax, threads, progress))
     return charts
 
 
-def _chart(whole: SurfaceT, part: SurfaceT, cuts: list[_Ints], chart: Chart, told: list[str]) -> CutManifold[SurfaceT]:
-    """Return a chart with its description, its remarks, and where it belongs."""
+def _chart(whole: SurfaceT, part: SurfaceT, cuts: list[_Ints], chart: Chart, texts: list[str]) -> CutManifold[SurfaceT]:
+    """Return a chart with its description, its warnings, and where it belongs."""
     cut = cut_out_as(whole, part, cuts, "charts")
-    remarks = (*cut.remarks, *(in_unit(remark, part.origin.named_unit) for remark in told))
-    return replace(cut, chart=chart, remarks=remarks)
+    warnings = (*cut.warnings, *(in_unit(text, part.origin.named_unit) for text in texts))
+    return replace(cut, chart=chart, warnings=warnings)
 
 
 def names_of(count: int | str) -> tuple[str, ...]:
@@ -121,7 +121,7 @@ def _cylinder(
     frame: _Frame,
     kind: str,
     about: dict[str, Any],
-    told: list[str],
+    warnings: list[str],
     threads: int | None,
     progress: Progress | None,
 ) -> list[CutManifold[SurfaceT]]:
@@ -129,7 +129,7 @@ def _cylinder(
     is_cap = np.zeros((2, len(part.faces)), dtype=np.bool_)
     if kind == "closed":
         is_cap = _caps(part, frame, 0.0)
-        told = [*told, "the surface is closed, so its ends were cut off as separate charts"]
+        warnings = [*warnings, "the surface is closed, so its ends were cut off as separate charts"]
     tube = part._with_core(part.core.part_of_faces(~(is_cap[0] | is_cap[1])))
     loops = [np.array(loop["vertices"]) for loop in tube.core.topology()["loops"]]
     if len(loops) != 2:
@@ -141,12 +141,12 @@ def _cylinder(
     seam = _opposite(_edge_graph(tube), frame.longitudes[rows], (left, right))
     onto = _targets(part, frame, 0.0)
     chart = Chart({**about, "name": CYLINDER}, onto, Tube(tube, seam))
-    charts = [_chart(whole, tube, [seam], chart, told)]
+    charts = [_chart(whole, tube, [seam], chart, warnings)]
     if kind == "closed":
         for name, faces, sign in zip(CAPS, _caps(part, frame, about["overlap"]), (1, -1), strict=True):
             cap = part._with_core(part.core.part_of_faces(faces))
             chart = Chart({**about, "name": name}, _polar_targets(part, frame, sign))
-            cut = _chart(whole, cap, [], chart, told)
+            cut = _chart(whole, cap, [], chart, warnings)
             charts.append(opened_to_disk(cut, False, threads, progress))
     return charts
 
@@ -199,7 +199,7 @@ def _path(graph: Any, sources: _Ints, targets: _Ints) -> _Ints:
     return np.array(path[::-1])
 
 
-def _ends(part: Manifold, graph: Any, axis: Sequence[Any] | None, told: list[str]) -> tuple[_Ints, _Ints]:
+def _ends(part: Manifold, graph: Any, axis: Sequence[Any] | None, warnings: list[str]) -> tuple[_Ints, _Ints]:
     """Return the anterior and the posterior end: a vertex each, or the boundary loops of a tube."""
     given = None
     if axis is not None:
@@ -210,7 +210,7 @@ def _ends(part: Manifold, graph: Any, axis: Sequence[Any] | None, told: list[str
             for end, point in zip(("anterior", "posterior"), axis, strict=True)
         ]
         given = [vertex for vertex, _ in found]
-        told += [remark for _, remarks in found for remark in remarks]
+        warnings += [text for _, texts in found for text in texts]
         if given[0] == given[1]:
             raise InputError("the two ends of the axis are the same point. Pass two different points")
     loops = [np.array(loop["vertices"]) for loop in part.core.topology()["loops"]]

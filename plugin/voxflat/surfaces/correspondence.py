@@ -22,7 +22,7 @@ SAME = "the pial surface equals the given surface: distances are measured on it,
 
 
 def pial_of(core: _core.Surface, mesh: Mesh, pial: object) -> tuple[NDArray[np.float64], list[str]]:
-    """Return the points of a pial surface in the space of the white one, shape (N, 3), and remarks.
+    """Return the points of a pial surface in the space of the white one, shape (N, 3), and warnings.
 
     The pial surface must lie outside the white one. The test uses the outward share of the displacements from vertex to
     vertex: the sum of the components along the normals, divided by the sum of the lengths. It does not depend on units
@@ -84,7 +84,7 @@ def _check_pial(core: _core.Surface, mesh: Mesh, pial: Mesh, places: NDArray[np.
 
 
 def check_label(whole: Manifold, path: Path) -> list[str]:
-    """Compare the points of a label file, unless all are 0, with its vertices; return a remark if they lie elsewhere.
+    """Compare the points of a label file, unless all are 0, with its vertices; return a warning if they lie elsewhere.
 
     Many labels lie on the white surface.
     """

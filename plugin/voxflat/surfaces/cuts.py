@@ -301,8 +301,8 @@ def close_holes(part: SurfaceT, progress: Progress | None) -> tuple[SurfaceT, ND
     core, filled, _ = part.core.fill_holes(longest, progress)
     if not filled:
         return part, part.faces, []
-    remark = f"closed {filled} hole(s) with a circumference of up to {longest:g} mm, so that distances can cross them"
-    return part._with_core(core), part.faces, [Note(in_unit(remark, part.origin.named_unit))]
+    text = f"closed {filled} hole(s) with a circumference of up to {longest:g} mm, so that distances can cross them"
+    return part._with_core(core), part.faces, [Note(in_unit(text, part.origin.named_unit))]
 
 
 def opened(
@@ -326,12 +326,12 @@ def opened(
     """
     topology = part.core.topology()["components"][0]
     cuts: list[Cut] = []
-    remarks = []
+    warnings = []
     if topology["euler"] != 1 and not is_fixed:
         core, made = part.core.open_to_disk(threads, progress)
         cuts = _named(part, made)
         paths, total = _counted(cuts, "path")
-        remarks.append(
+        warnings.append(
             f"the surface is not a disk ({topology['handles']} handles, {topology['loops']} boundary loops), so it was "
             f"cut open along {paths} ({rounded(total)} mm in total). Pass cuts, or flatten a smaller patch, for less "
             "distortion"
@@ -340,7 +340,7 @@ def opened(
     was_closed = any(cut.reason == "closed sphere" for cut in cuts)
     kind = str if topology["handles"] else Note
     if relax is False or (relax is None and is_cut and not was_closed and adapt is None):
-        return part, cuts, [kind(in_unit(remark, part.origin.named_unit)) for remark in remarks]
+        return part, cuts, [kind(in_unit(text, part.origin.named_unit)) for text in warnings]
     length = None if relax is None or relax is True else max(0.0, float(relax) - given)
     least_relief, bearable = 0.0, 0.0
     if relax is None and not was_closed and adapt is None:
@@ -350,11 +350,11 @@ def opened(
     if further:
         paths, total = _counted(further, "relaxation cut")
         before, after = (100 * error for error in errors)
-        remarks.append(
+        warnings.append(
             f"added {paths} ({rounded(total)} mm in total), which reduce the estimated distance error from "
             f"{before:.1f} % to {after:.1f} %. Use relax=False to omit them"
         )
-    return part._with_core(core), cuts + further, [kind(in_unit(remark, part.origin.named_unit)) for remark in remarks]
+    return part._with_core(core), cuts + further, [kind(in_unit(text, part.origin.named_unit)) for text in warnings]
 
 
 def _counted(cuts: list[Cut], name: str) -> tuple[str, float]:

@@ -1,4 +1,4 @@
-"""Turn a surface, or a part of it, into the disk that is flattened: cuts, holes, and remarks on both."""
+"""Turn a surface, or a part of it, into the disk that is flattened: cuts, holes, and warnings on both."""
 
 import os
 from collections.abc import Sequence
@@ -60,7 +60,7 @@ class CutManifold(ReadOnly, Generic[SurfaceT_co]):
     faces: NDArray[np.uint32]
     cuts: tuple[Cut, ...]
     cuts_by: str
-    remarks: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
     given_length: float | None = None
     sphere: Sphere | None = None
     is_standard: bool = False
@@ -152,28 +152,28 @@ def cut_open(part: SurfaceT, settings: CutSettings, *, to_disk: bool = True) -> 
     check_relax(relax, adapt)
     is_free = all(step.verb == "drop" for step in part.steps)
     choice = chosen(whole, cuts, settings.sphere, is_free=is_free, threads=threads, progress=progress)
-    remarks = list(choice.remarks)
+    warnings = list(choice.warnings)
     is_named = choice.template is not None or (isinstance(cuts, str) and cuts == AUTOMATIC)
     own, left_out = (None, None) if is_named else read_cuts(whole, cuts)
     if left_out is not None:
         part = dropped(part, left_out)
     if choice.template is not None:
-        part, told = _with_outlines(whole, choice, part)
-        remarks += told
+        part, of_outlines = _with_outlines(whole, choice, part)
+        warnings += of_outlines
     part = largest_piece(part)
-    remarks = [*part.remarks, *remarks]
+    warnings = [*part.warnings, *warnings]
     uncut = part
     if choice.template is None:
         part, cuts, length = cut_along(part, own)
     else:
-        part, named, told = _cut_by(choice, part, progress)
+        part, named, of_cuts = _cut_by(choice, part, progress)
         cuts = [Cut(uncut.ids[cut.vertices], cut.length, "template", cut.name) for cut in named]
         length = sum(cut.length for cut in named)
-        remarks += told
+        warnings += of_cuts
     by = choice.template.name if choice.template else AUTOMATIC if own is None else "given"
     is_standard = choice.template is not None
     given = length if is_standard or own is not None else None
-    made = (whole, part, part.faces, tuple(cuts), by, tuple(remarks), given)
+    made = (whole, part, part.faces, tuple(cuts), by, tuple(warnings), given)
     cut = CutManifold(*made, sphere=choice.sphere, is_standard=is_standard)
     if adapt is not None and not is_standard:
         raise InputError("adapt requires a template. Pass cuts='standard' or a template file, or omit adapt")
@@ -188,7 +188,7 @@ def cut_out_as(whole: SurfaceT, part: SurfaceT, cuts: Sequence[NDArray[np.int64]
     if cuts:
         part = part._with_core(part.core.cut([path.astype(np.uint32) for path in cuts]))
     part = largest_piece(part if is_all else replace(part, steps=(Step("keep"),)))
-    return CutManifold(whole, part, part.faces, made, by, part.remarks, length)
+    return CutManifold(whole, part, part.faces, made, by, part.warnings, length)
 
 
 def opened_to_disk(
@@ -199,22 +199,22 @@ def opened_to_disk(
     adapt: float | None = None,
 ) -> CutManifold[SurfaceT]:
     """Close small holes, and cut the surface open to a disk."""
-    part, faces, told = close_holes(cut.surface, progress)
-    remarks = [*cut.remarks, *told]
+    part, faces, of_holes = close_holes(cut.surface, progress)
+    warnings = [*cut.warnings, *of_holes]
     automatic: list[Cut] = []
     is_fixed = cut.given_length is not None and not cut.cuts and not cut.is_standard
     if relax or not is_fixed:
         given = cut.given_length or 0.0
         known = {"is_fixed": is_fixed, "is_cut": cut._is_cut, "is_given": cut._is_whole}
-        part, automatic, told = opened(part, relax, given, threads, progress, **known, adapt=adapt)
+        part, automatic, of_cuts = opened(part, relax, given, threads, progress, **known, adapt=adapt)
         faces = part.faces[: len(faces)]
-        remarks += told
+        warnings += of_cuts
     error = None
     if cut.is_standard:
         error = sketch_error(part, threads, progress)
-        remarks.append(_standard_remark(cut, error))
+        warnings.append(_standard_warning(cut, error))
     cuts = (*cut.cuts, *automatic)
-    return replace(cut, surface=part, faces=faces, cuts=cuts, sketch_error=error, remarks=tuple(remarks))
+    return replace(cut, surface=part, faces=faces, cuts=cuts, sketch_error=error, warnings=tuple(warnings))
 
 
 def sketch_error(part: Manifold, threads: int | None, progress: Progress | None) -> float:
@@ -228,7 +228,7 @@ def _with_outlines(whole: SurfaceT, choice: Choice, part: SurfaceT) -> tuple[Sur
     assert choice.template is not None
     assert choice.sphere is not None
     kept = kept_by(choice.template, whole, choice.sphere)
-    told: list[str] = []
+    warnings: list[str] = []
     if part.steps:
         region = whole._has_triangles(part.vertices[part.faces])
         assert region is not None
@@ -236,13 +236,13 @@ def _with_outlines(whole: SurfaceT, choice: Choice, part: SurfaceT) -> tuple[Sur
         if covered >= _COVERED:
             return part, []
         names = ", ".join(line.name for line in choice.template.outlines)
-        told = [
+        warnings = [
             f"the excluded region covers only {100 * covered:.0f} % of the region that the template excludes "
             f"({names}), so the template's region is also excluded"
         ]
         kept &= region
     left = replace(part, core=whole.core.part_of_faces(kept), steps=(*part.steps, Step("outlines")), whole=whole)
-    return left, told
+    return left, warnings
 
 
 def _cut_by(choice: Choice, part: SurfaceT, progress: Progress | None) -> tuple[SurfaceT, list[TracedCut], list[str]]:
@@ -255,9 +255,9 @@ def _cut_by(choice: Choice, part: SurfaceT, progress: Progress | None) -> tuple[
             f"the surface has {topology['handles']} handles, but a template requires a surface without handles. "
             "Pass cuts='automatic' or repair='cuts'"
         )
-    cuts, remarks = traced(choice.template, part, choice.sphere, progress)
+    cuts, warnings = traced(choice.template, part, choice.sphere, progress)
     if not cuts:
-        return part, cuts, remarks
+        return part, cuts, warnings
     opened_part = part._with_core(part.core.cut([cut.vertices.astype(np.uint32) for cut in cuts]))
     after = opened_part.core.topology()
     if (after["euler"], len(after["loops"])) != (min(topology["euler"], 1), max(len(topology["loops"]), 1)):
@@ -265,11 +265,11 @@ def _cut_by(choice: Choice, part: SurfaceT, progress: Progress | None) -> tuple[
             "the lines of the template do not open the surface to a disk: after cutting, its Euler characteristic is "
             f"{after['euler']}, and it has {len(after['loops'])} boundary loops. Pass cuts='automatic'"
         )
-    return opened_part, cuts, remarks
+    return opened_part, cuts, warnings
 
 
-def _standard_remark(cut: CutManifold[Any], error: float) -> str:
-    """Return a remark on the cuts of a template, their reason, and the alternative."""
+def _standard_warning(cut: CutManifold[Any], error: float) -> str:
+    """Return a warning on the cuts of a template, their reason, and the alternative."""
     names = ", ".join(one.name or "" for one in cut.cuts)
     if not names:
         return f"no cut of {cut.cuts_by} lies in the flattened region"
@@ -286,12 +286,12 @@ def _standard_remark(cut: CutManifold[Any], error: float) -> str:
 
 
 def cut_handles(whole: SurfaceT, threads: int | None, progress: Progress | None) -> SurfaceT:
-    """Cut all handles open along short loops, and add a remark."""
+    """Cut all handles open along short loops, and add a warning."""
     core, handles = whole.core.cut_handles(threads, progress)
     if not handles:
         return whole
     lengths = [handle["length"] for handle in handles]
     least, most = rounded(min(lengths), 1), rounded(max(lengths), 1)
-    remark = in_unit(f"cut {len(handles)} handle(s) open along loops of {least} to {most} mm", whole.origin.named_unit)
+    warning = in_unit(f"cut {len(handles)} handle(s) open along loops of {least} to {most} mm", whole.origin.named_unit)
     metadata = {**whole.metadata, "handles_cut": handles}
-    return replace(whole, core=core, metadata=metadata, remarks=(*whole.remarks, remark))
+    return replace(whole, core=core, metadata=metadata, warnings=(*whole.warnings, warning))

@@ -77,7 +77,7 @@ class Check(ReadOnly):
     can_flatten : bool
         Whether the surface can be flattened.
     advice : tuple of str
-        Remarks and remedies.
+        Warnings and remedies.
 
     See Also
     --------
@@ -131,8 +131,8 @@ class Check(ReadOnly):
         rows += [(name, f"{len(places)}: {_shortened(places)}") for name, places in self.defects.items() if places]
         if self.surface_points is not None:
             rows += self._surface()
-        doubt = ", but it may be noise" if self.noise else ""
-        rows.append(("can be flattened", f"yes{doubt}" if self.can_flatten else "no"))
+        reservation = ", but it may be noise" if self.noise else ""
+        rows.append(("can be flattened", f"yes{reservation}" if self.can_flatten else "no"))
         return rows
 
     def table(self) -> str:
@@ -228,10 +228,10 @@ def check_surface(
     try:
         cut = cut_open(part, settings, to_disk=False)
     except InputError as error:
-        return replace(found, advice=(*part.remarks, str(error)))
+        return replace(found, advice=(*part.warnings, str(error)))
     shape = cut.surface.core.topology()
     noise = _noise(part, found.components, len(cut.surface), shape)
-    advice = [*([noise] if noise else []), *cut.remarks]
+    advice = [*([noise] if noise else []), *cut.warnings]
     handles = tuple(cut.surface.core.handles(threads, progress)) if shape["handles"] else ()
     if handles:
         total = sum(handle["length"] for handle in handles)
@@ -246,11 +246,11 @@ def check_surface(
         opened = None
         advice.append(str(error))
     if opened is not None:
-        advice += [remark for remark in opened.remarks if remark not in advice]
+        advice += [warning for warning in opened.warnings if warning not in advice]
         if len(opened.surface) < 3:
             advice.append(f"the patch has only {len(opened.surface)} vertices. Choose a larger label or patch")
     is_solid = part.whole is None and part.foreground is not None and not whole.origin.voxels.is_sheet
-    is_solid = is_solid and "touching_labels" not in whole.metadata  # which a remark names
+    is_solid = is_solid and "touching_labels" not in whole.metadata  # which a warning names
     if is_solid and part.foreground and (shares := parts_at_a_neck(part.foreground)):
         first, second = (f"{100 * share:.0f}" for share in shares)
         advice.append(

@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from voxflat.arguments import Progress, log, named_side, optional_number
 from voxflat.errors import Cancelled, HemisphereError, InputError
 from voxflat.io.grid import Affine, voxel_size
-from voxflat.io.provenance import note_default, telling
+from voxflat.io.provenance import record_default, recording
 from voxflat.io.sources import as_volume
 from voxflat.io.volumes import Volume
 
@@ -47,7 +47,7 @@ _ASEG = {"left": (2, 4, 10, 11, 12, 13, 26, 28, 30, 31, 78), "right": (41, 43, 4
 _ASEG_BOTH = (77, 80, 251, 252, 253, 254, 255)  # hypointensities and corpus callosum belong to the side where they lie
 
 
-@telling()
+@recording()
 def hemisphere(
     source: object,
     side: str,
@@ -140,7 +140,7 @@ def _white_matter(volume: Volume, threshold: float | None) -> NDArray[np.bool_]:
         threshold = 0.5 * float(values.max()) if len(values) <= 2 else _otsu(data)
         if len(values) > 2:
             log.warning("white matter is defined as values above %.4g. Check this threshold, or set another", threshold)
-        note_default(threshold=threshold)
+        record_default(threshold=threshold)
     white = np.asarray(data > threshold)
     if not white.any():
         said = f"no voxel is above the threshold {threshold:g}; the largest value is {data.max():g}"

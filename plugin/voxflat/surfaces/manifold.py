@@ -76,7 +76,7 @@ class Manifold(ReadOnly, Saved):
     voxels: NDArray[np.int64] | None
     origin: Origin
     metadata: dict[str, object] = field(default_factory=dict)
-    remarks: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
     white_points: NDArray[np.float64] | None = None
     pial_points: NDArray[np.float64] | None = None
     mesh_faces: NDArray[np.int64] | None = None
@@ -425,8 +425,8 @@ class Manifold(ReadOnly, Saved):
         if space.name == "scanner" and self.is_voxels:
             of = self.origin.voxels
             space = Space("scanner", VolumeGeometry.of_volume(of.affine, of.shape, of.input or ""))
-        if space.doubt:
-            log.warning("%s may be misaligned with volumes: %s", path, space.doubt)
+        if space.warning:
+            log.warning("%s may be misaligned with volumes: %s", path, space.warning)
         if path.name.lower().endswith((*FLAT_PATCH_ENDINGS, PATCH_ENDING)):
             self._save_patch(path, space)
         else:

@@ -14,7 +14,7 @@ from voxflat.surfaces.correspondence import SAME, pial_of
 from voxflat.surfaces.manifold import SurfaceT
 
 _MENDED = ("incomplete", "missing", "dropped", "flipped", "duplicates", "crowded_edges", "split")
-_SHOWN = 10  # maximum number of vertices or edges in a remark
+_SHOWN = 10  # maximum number of vertices or edges in a warning
 _A_TRIANGLE, _A_POINT = 200, 100  # bytes to create a surface; measured: 160 to 190 per triangle and half a point
 
 
@@ -37,8 +37,8 @@ def of_mesh(
             core = core.moved(midway[core.ids])
         if SAME not in of_pial:
             measured_on = "midthickness: halfway to the pial surface"
-    told_by_file = [one for one in mesh.remarks if not one.startswith(SEAMS)]  # a surface has no texture
-    remarks = [*told_by_file, *_remarks(told, len(mesh.faces), len(mesh.points)), *of_pial]
+    of_file = [text for text in mesh.warnings if not text.startswith(SEAMS)]  # a surface has no texture
+    warnings = [*of_file, *_warnings(told, len(mesh.faces), len(mesh.points)), *of_pial]
     digest = hashlib.sha256(np.ascontiguousarray(core.points).tobytes() + mesh.faces.tobytes())
     merged = told["merged"].astype(np.int64)
     origin = MeshOrigin(
@@ -60,42 +60,42 @@ def of_mesh(
     if mended:
         metadata["mended"] = mended
         mesh_faces = core.ids.astype(np.int64)[core.faces]
-    return cls(core, None, origin, metadata, tuple(remarks), white, places, mesh_faces)
+    return cls(core, None, origin, metadata, tuple(warnings), white, places, mesh_faces)
 
 
-def _remarks(told: dict[str, Any], faces: int, points: int) -> list[str]:
-    """Return remarks on the changes to a mesh."""
-    remarks = []
+def _warnings(told: dict[str, Any], faces: int, points: int) -> list[str]:
+    """Return warnings on the changes to a mesh."""
+    warnings = []
     if told["missing"]:
         count, named = len(told["missing"]), _listed(told["missing"])
-        remarks.append(
+        warnings.append(
             f"{count} of {points} vertices have no finite position ({named}); "
             f"{told['incomplete']} of {faces} triangles there were removed"
         )
     if told["crowded_edges"]:
         edges = told["crowded_edges"]
         named = _listed([f"{a} and {b}" for a, b in edges])
-        remarks.append(
+        warnings.append(
             f"more than two triangles meet at {'an edge' if len(edges) == 1 else f'{len(edges)} edges'}, between the "
             f"vertices {named}; the surface was split there"
         )
     if told["turned"]:
-        remarks.append(f"{told['turned']} of {faces} triangles were reversed, so that all of them face outwards")
+        warnings.append(f"{told['turned']} of {faces} triangles were reversed, so that all of them face outwards")
     if told["unused"]:
-        remarks.append(f"{told['unused']} of {points} vertices belong to no triangle and are excluded")
+        warnings.append(f"{told['unused']} of {points} vertices belong to no triangle and are excluded")
     if told["duplicates"]:
-        remarks.append(f"{told['duplicates']} of {faces} triangles duplicate others and were removed")
+        warnings.append(f"{told['duplicates']} of {faces} triangles duplicate others and were removed")
     if told["dropped"] or told["flipped"]:
         flipped = f"; {told['flipped']} more were removed by flipping an edge" if told["flipped"] else ""
-        remarks.append(f"{told['dropped']} of {faces} triangles have no area and were removed{flipped}")
+        warnings.append(f"{told['dropped']} of {faces} triangles have no area and were removed{flipped}")
     if len(told["merged"]):
         count = len(told["merged"])
-        remarks.append(f"{count} of {points} vertices coincide with others and share their position in the map")
+        warnings.append(f"{count} of {points} vertices coincide with others and share their position in the map")
     if told["split"]:
         count, first = len(told["split"]), told["split"][0]
         where = f"vertex {first}" if count == 1 else f"{count} vertices (the first is {first})"
-        remarks.append(f"parts of the surface touch at {where}; each has its own vertex there, with the same number")
-    return remarks
+        warnings.append(f"parts of the surface touch at {where}; each has its own vertex there, with the same number")
+    return warnings
 
 
 def _listed(items: list[Any]) -> str:

@@ -40,12 +40,12 @@ def of_volume(
         _check_width(mask)
     repairs: dict[str, Any] = {}
     level, placed_by = _level(volume, mask, given.origin.threshold, probability)
-    remarks: list[str] = []
+    warnings: list[str] = []
     _warn(noise_in_parts(mask))
     if repair == "voxels":
-        mask, repairs["repair"], remarks = _repaired(mask, volume, level, progress)
+        mask, repairs["repair"], warnings = _repaired(mask, volume, level, progress)
     elif repair is None and not (_core.is_sheet(mask) if sheet is None else sheet):
-        mask, report, remarks = _without_handles(mask, volume, level, progress)
+        mask, report, warnings = _without_handles(mask, volume, level, progress)
         if report is not None:
             repairs["repair"] = report
     core, voxels, made = _core.Surface.from_mask(mask, volume.affine.tolist(), level, sheet, threads, progress)
@@ -57,26 +57,26 @@ def of_volume(
         "placed_by": "a fit to the middle of the sheet" if origin.is_sheet else placed_by,
     }
     if made["conflicts"]:
-        remarks.append(
+        warnings.append(
             f"the sides of the voxel sheet conflict at {made['conflicts']} pairs of voxels: the sheet touches "
             "itself there, or has only one side, like a Möbius strip"
         )
     if not origin.is_sheet and (touched := _touched_sides(mask)):
-        remarks.append(f"the foreground touches the border of the volume ({touched}); the surface is closed there")
+        warnings.append(f"the foreground touches the border of the volume ({touched}); the surface is closed there")
     if touching := touching_labels(volume.data, given.mask):
         metadata["touching_labels"] = touching
         named = f"{', '.join(map(str, touching[:-1]))} and {touching[-1]}"
-        remarks.append(
+        warnings.append(
             f"labels {named} touch, so they form one surface. If they are different objects, choose one label"
         )
     packed = PackedMask(np.packbits(mask if repair == "voxels" else given.mask), given.origin)
-    return cls(core, voxels.astype(np.int64), origin, metadata, tuple(remarks), foreground=packed)
+    return cls(core, voxels.astype(np.int64), origin, metadata, tuple(warnings), foreground=packed)
 
 
-def _warn(doubt: str | None) -> None:
+def _warn(warning: str | None) -> None:
     """Warn before the long work if the foreground looks like noise."""
-    if doubt:
-        log.warning("%s", doubt)
+    if warning:
+        log.warning("%s", warning)
 
 
 def _check_width(mask: NDArray[np.bool_]) -> None:
@@ -145,22 +145,22 @@ def _surfels(mask: NDArray[np.bool_]) -> int:
 def _repaired(
     mask: NDArray[np.bool_], volume: Volume, level: tuple[NDArray[np.float32], float] | None, progress: Progress | None
 ) -> tuple[NDArray[np.bool_], dict[str, Any], list[str]]:
-    """Change the foreground so that its surface is a sphere; also return a report and remarks."""
+    """Change the foreground so that its surface is a sphere; also return a report and warnings."""
     repaired, report = _core.repair(mask, volume.spacing.tolist(), _likely(level), progress)
     _warn(noise_in_handles(report["handles"]))
     told = {key: value.tolist() if isinstance(value, np.ndarray) else value for key, value in report.items()}
     removed, added, others = len(report["cut"]), len(report["filled"]), len(report["dropped"]) + len(report["cavities"])
-    remarks: list[str] = []
+    warnings: list[str] = []
     if removed or added:
         share = 100 * (removed + added) / np.count_nonzero(mask)
         changes = f"{removed} voxels removed, {added} added ({share:.2f} %)"
-        remarks.append(f"repaired {report['handles']} handle(s): {changes}")
+        warnings.append(f"repaired {report['handles']} handle(s): {changes}")
     if others:
-        remarks.append(
+        warnings.append(
             f"removed {len(report['dropped'])} voxels of smaller components and added {len(report['cavities'])} "
             "voxels of enclosed cavities"
         )
-    return repaired, told, remarks
+    return repaired, told, warnings
 
 
 def _without_handles(
@@ -175,18 +175,18 @@ def _without_handles(
     share = (removed + added) / np.count_nonzero(mask)
     changes = f"{removed} voxels removed, {added} added ({100 * share:.2g} %)"
     if share > _MOST_REPAIRED:
-        remark = (
+        warning = (
             f"{report['handles']} handle(s) remain, because removing them would change many voxels ({changes}). Use "
             "repair='voxels' to remove them"
         )
-        return mask, None, [remark]
+        return mask, None, [warning]
     repaired = mask.copy()
     repaired[tuple(report["cut"].T)] = False
     repaired[tuple(report["filled"].T)] = True
     told = {key: value.tolist() if isinstance(value, np.ndarray) else value for key, value in report.items()}
     told |= {"dropped": [], "cavities": []}
-    remark = f"repaired {report['handles']} handle(s): {changes}. Use repair='none' to keep them"
-    return repaired, told, [remark]
+    warning = f"repaired {report['handles']} handle(s): {changes}. Use repair='none' to keep them"
+    return repaired, told, [warning]
 
 
 def _likely(level: tuple[NDArray[np.float32], float] | None) -> NDArray[np.float32] | None:

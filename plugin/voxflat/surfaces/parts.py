@@ -64,12 +64,12 @@ def disk(
 ) -> SurfaceT:
     """Return a geodesic disk; see `voxflat.Surface.disk`."""
     radius = checked_number(radius, "radius")
-    seed, told = vertex_at(of, seed_point, "seed point")
+    seed, warnings = vertex_at(of, seed_point, "seed point")
     core, filled = of.core.disk(seed, radius, threads, progress)
     if filled:
-        told.append(f"the disk includes {filled} triangles that are beyond the radius, but enclosed by the disk")
+        warnings.append(f"the disk includes {filled} triangles that are beyond the radius, but enclosed by the disk")
     given, found = np.asarray(seed_point).tolist(), of.ids[seed].tolist()
-    return _part(of, core, Step("disk", seed_point=given, seed_found=found, radius=radius), told)
+    return _part(of, core, Step("disk", seed_point=given, seed_found=found, radius=radius), warnings)
 
 
 def polygon(of: SurfaceT, corners: ArrayLike, progress: Progress | None) -> SurfaceT:
@@ -79,7 +79,7 @@ def polygon(of: SurfaceT, corners: ArrayLike, progress: Progress | None) -> Surf
 
 
 def largest_piece(part: SurfaceT) -> SurfaceT:
-    """Return the largest piece and add a remark; raise an error if the choice is not clear.
+    """Return the largest piece and add a warning; raise an error if the choice is not clear.
 
     It has the largest area of all pieces with at least 1 % as many triangles as the piece with the most triangles.
     """
@@ -97,14 +97,14 @@ def largest_piece(part: SurfaceT) -> SurfaceT:
     what = "the patch" if part.steps else "the surface"
     of_triangles = 100 * pieces[0]["faces"] / sum(piece["faces"] for piece in pieces)
     used = f"{of_triangles:.1f} % of the triangles, {100 * share:.1f} % of the area"
-    remark = f"{what} has {len(areas)} components; only the largest is used ({used})"
+    warning = f"{what} has {len(areas)} components; only the largest is used ({used})"
     if max(areas) > areas[0]:
-        remark += ". A component with a larger area was ignored, because it has less than 1 % as many triangles"
+        warning += ". A component with a larger area was ignored, because it has less than 1 % as many triangles"
     if 1 - share > STRAY_SHARE:
-        remark += ". To use another one, select its label or keep a part"
+        warning += ". To use another one, select its label or keep a part"
     elif max(areas) == areas[0]:
-        remark = Note(remark)
-    return replace(part, core=part.core.largest_piece(), remarks=(*part.remarks, remark))
+        warning = Note(warning)
+    return replace(part, core=part.core.largest_piece(), warnings=(*part.warnings, warning))
 
 
 def piece_of(part: SurfaceT, vertices: NDArray[np.uint32]) -> SurfaceT:
@@ -120,16 +120,16 @@ def piece_of(part: SurfaceT, vertices: NDArray[np.uint32]) -> SurfaceT:
     return replace(part, core=part.core.part_of_faces(labels[part.faces[:, 0]] == wanted[0]))
 
 
-def _part(of: SurfaceT, core: _core.Surface, step: Step, told: list[str]) -> SurfaceT:
+def _part(of: SurfaceT, core: _core.Surface, step: Step, warnings: list[str]) -> SurfaceT:
     whole = of._complete
-    return replace(of, core=core, whole=whole, steps=(*of.steps, step), remarks=(*of.remarks, *told))
+    return replace(of, core=core, whole=whole, steps=(*of.steps, step), warnings=(*of.warnings, *warnings))
 
 
 def _region(of: SurfaceT, faces: NDArray[np.bool_], step: Step, region: object) -> SurfaceT:
     if not faces.any():
         raise InputError(f"the region contains no triangle of the surface ({len(of)} vertices). Choose another region")
-    told = check_label(of, Path(region)) if _is_file(region) else []
-    return _part(of, of.core.part_of_faces(faces), step, told)
+    warnings = check_label(of, Path(region)) if _is_file(region) else []
+    return _part(of, of.core.part_of_faces(faces), step, warnings)
 
 
 def _is_file(region: object) -> TypeGuard[str | os.PathLike[str]]:
@@ -216,7 +216,7 @@ def _as_mask(region: NDArray[Any], count: int, name: str) -> NDArray[np.bool_]:
 
 
 def vertex_at(part: Manifold, point: Sequence[int] | int, name: str) -> tuple[int, list[str]]:
-    """Return the vertex nearest to a point that the user gave, and a remark if it is far away."""
+    """Return the vertex nearest to a point that the user gave, and a warning if it is far away."""
     if not part.is_voxels:
         place = array_of(point, f"indices of the {name}")
         if place.ndim != 0 or place.dtype.kind not in "ui":
@@ -224,8 +224,8 @@ def vertex_at(part: Manifold, point: Sequence[int] | int, name: str) -> tuple[in
         return int(part.find(place[None], f"the {name}")[0]), []
     wanted = seed_voxel(point, part.origin.voxels.shape, name)
     vertex, distance = part.nearest(wanted)
-    remarks = found_seed(wanted, part.ids[vertex].tolist(), distance, part._largest_spacing, name)
-    return vertex, [in_unit(remark, part.origin.named_unit) for remark in remarks]
+    warnings = found_seed(wanted, part.ids[vertex].tolist(), distance, part._largest_spacing, name)
+    return vertex, [in_unit(warning, part.origin.named_unit) for warning in warnings]
 
 
 def is_medial_wall(region: object) -> bool:

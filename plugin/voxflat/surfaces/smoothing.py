@@ -12,7 +12,7 @@ from voxflat.errors import Cancelled, InputError
 from voxflat.io.grid import in_unit
 from voxflat.surfaces.manifold import SurfaceT
 
-MOVED = "smoothing moved the surface"  # start of a remark that is always made
+MOVED = "smoothing moved the surface"  # start of a warning that is always made
 
 _CLOSE = 1e-3  # relative residual at which the iteration stops
 _MOST_STEPS = 5000
@@ -44,11 +44,11 @@ def smoothed(surface: SurfaceT, length: float, progress: Progress | None) -> Sur
     if len(surface.core.topology()["loops"]) == 0:
         told["volume_change"] = _volume(points + moves, faces) / _volume(points, faces) - 1
         text += f" and changed its volume by {100 * told['volume_change']:.2g} %"
-    remarks = [in_unit(text, surface.origin.named_unit)]
+    warnings = [in_unit(text, surface.origin.named_unit)]
     if after > before:
-        remarks.append(f"smoothing folded {after - before} of {len(faces)} triangles. Use a smaller length")
+        warnings.append(f"smoothing folded {after - before} of {len(faces)} triangles. Use a smaller length")
     metadata = {**surface.metadata, "smoothed": told}
-    return replace(surface, core=made, metadata=metadata, remarks=(*surface.remarks, *remarks))
+    return replace(surface, core=made, metadata=metadata, warnings=(*surface.warnings, *warnings))
 
 
 def _moves(

@@ -17,7 +17,7 @@ from voxflat.surfaces.manifold import Manifold
 
 LINK_LENGTHS = "chain-code"  # default measure of links: the paper's unbiased estimator
 
-_FAR = 2.0  # most voxels between a seed point and the surface without a remark
+_FAR = 2.0  # most voxels between a seed point and the surface without a warning
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,7 +30,7 @@ class VoxelGraph:
     link_lengths: str
     is_chosen: bool  # whether the user chose the part
     metadata: dict[str, Any]
-    remarks: tuple[str, ...]
+    warnings: tuple[str, ...]
 
     def __len__(self) -> int:
         """Return the number of voxels of the part."""
@@ -73,14 +73,14 @@ def voxel_graph(of: Manifold, link_lengths: str = LINK_LENGTHS, progress: Progre
     affine = of.foreground.origin.affine
     size = float(np.linalg.norm(affine[:3, :3], axis=0).max())
     whole = _core.VoxelSurface.from_mask(of.foreground.mask(), affine.tolist(), link_lengths, progress)
-    part, kept, remarks = whole, None, []
+    part, kept, warnings = whole, None, []
     seed, found, radius = None, None, None
     for step in of.steps:
         if step.verb == "disk":
             seed, radius = seed_voxel(step.seed_point, of.origin.voxels.shape), step.radius
             vertex, distance = whole.nearest(seed)
             found = [int(index) for index in whole.voxels[vertex]]
-            remarks += [in_unit(remark, of.origin.named_unit) for remark in found_seed(seed, found, distance, size)]
+            warnings += [in_unit(warning, of.origin.named_unit) for warning in found_seed(seed, found, distance, size)]
             part, kept = part.cut_out(kept, seed, radius, progress), None
         elif step.mask is not None:
             kept = step.mask if kept is None else kept & step.mask
@@ -103,7 +103,7 @@ def voxel_graph(of: Manifold, link_lengths: str = LINK_LENGTHS, progress: Progre
         "largest_components": components[:10],
         "points": len(part),
     }
-    return VoxelGraph(part, whole, origin, link_lengths, is_masked or seed is not None, metadata, tuple(remarks))
+    return VoxelGraph(part, whole, origin, link_lengths, is_masked or seed is not None, metadata, tuple(warnings))
 
 
 def seed_voxel(seed_point: object, shape: Sequence[int], name: str = "seed point") -> list[int]:
@@ -124,7 +124,7 @@ def seed_voxel(seed_point: object, shape: Sequence[int], name: str = "seed point
 def found_seed(
     seed_point: list[int], voxel: Any, distance: float, voxel_size: float, name: str = "seed point"
 ) -> list[str]:
-    """Return a remark if the surface voxel nearest to a seed point is more than two voxels away."""
+    """Return a warning if the surface voxel nearest to a seed point is more than two voxels away."""
     if distance <= _FAR * voxel_size:
         return []
     at = f"the {name} {seed_point} is {rounded(distance, 1)} mm away from the surface"

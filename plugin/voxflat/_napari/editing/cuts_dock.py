@@ -31,7 +31,7 @@ from voxflat._napari.keys import Keys, key_text
 from voxflat._napari.layers.seed import first_vertex
 from voxflat._napari.layers.world import data_to_world, from_ras, in_units_of, moved, unit_of, unit_ratio
 from voxflat._napari.map_viewer.viewer_parts import canvas_widget, fill, is_click
-from voxflat._napari.notes import showing_notes
+from voxflat._napari.notifications import showing_warnings
 from voxflat._napari.viewer_state import DrawnCuts, ViewerState
 from voxflat.errors import InputError, VoxflatError
 from voxflat.io.grid import rounded
@@ -251,7 +251,7 @@ class DrawCuts(TaskDock):
             return
         cuts = tuple(Cut(ids, None, "given", name) for name, ids in drawing.paths().items())
         try:
-            with showing_notes():
+            with showing_warnings():
                 save_cuts(path, cuts, drawing.left_out, drawing.surface.provenance, overwrite=True)
             show_info(f"Saved {path}")
         except (VoxflatError, OSError) as error:

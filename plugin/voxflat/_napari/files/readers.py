@@ -11,7 +11,7 @@ import numpy as np
 from napari import Viewer
 
 from voxflat._napari.layers.world import MADE_FROM
-from voxflat._napari.notes import showing_notes
+from voxflat._napari.notifications import showing_warnings
 from voxflat._napari.results.flat_layers import LayerData
 from voxflat._napari.wording import error_text
 from voxflat.errors import InputError, VoxflatError
@@ -118,7 +118,7 @@ def _reporting_errors(read: _Read) -> Callable[[str], list[LayerData]]:
 
         viewer = current_viewer()
         try:
-            with showing_notes() if viewer is not None else nullcontext():
+            with showing_warnings() if viewer is not None else nullcontext():
                 layers = read(Path(path))
         except (VoxflatError, OSError, MemoryError) as error:
             if viewer is None:

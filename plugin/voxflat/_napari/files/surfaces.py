@@ -30,21 +30,21 @@ class Geometry:
     path: Path | None
     space: Space = UNKNOWN  # the space of the coordinates in the file
     layer_name: str | None = None  # of an open surface
-    remarks: tuple[str, ...] = ()  # of the reader, which belong to the warnings about a map
+    warnings: tuple[str, ...] = ()  # of the reader, which belong to the warnings about a map
 
     @classmethod
     def read(cls, path: Path) -> "Geometry":
         mesh = read_mesh(path)
         made = cls(mesh.space.to_scanner(mesh.points), mesh.faces, mesh.structure, path, mesh.space)
-        return replace(made, remarks=mesh.remarks)
+        return replace(made, warnings=mesh.warnings)
 
     def layer(self, path: Path, values: NDArray[Any] | None = None, **keywords: Any) -> LayerData:
         """Return a layer for a file on this surface; the values have shape (V,) or (K, V)."""
         about = {"structure": self.structure, "coordinates": str(self.space), **keywords.pop("metadata", {})}
         if self.path is not None:
             about["surface_file"] = str(self.path)
-        if self.remarks:
-            about["remarks"] = self.remarks
+        if self.warnings:
+            about["warnings"] = self.warnings
         data = (self.vertices, self.faces, *([] if values is None else [values]))
         given = {"name": path.name, "shading": "smooth", "units": ("mm",) * 3, **keywords}
         return data, {**given, "metadata": about}, "surface"
@@ -149,6 +149,6 @@ def _open(*, visible: bool) -> list[Geometry]:
             path = about.get("surface_file") or layer.source.path
             vertices = moved(np.asarray(layer.vertices), data_to_world(layer))
             file = Path(path) if path else None
-            given = about.get("structure"), file, UNKNOWN, layer.name, tuple(about.get("remarks", ()))
+            given = about.get("structure"), file, UNKNOWN, layer.name, tuple(about.get("warnings", ()))
             found.append(Geometry(vertices, np.asarray(layer.faces), *given))
     return found

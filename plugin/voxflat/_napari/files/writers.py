@@ -16,7 +16,7 @@ from voxflat._napari.layers.volumes import LayerVolume
 from voxflat._napari.layers.world import WORLD, unit_ratio
 from voxflat._napari.map_viewer.drawings import OF_MAP, depths_of_regions, reach
 from voxflat._napari.map_viewer.segmentations import REMEDY, Segmentation
-from voxflat._napari.notes import showing_notes
+from voxflat._napari.notifications import showing_warnings
 from voxflat._napari.results.flat_layers import IMAGE, KEPT, MOVIE, STACK, LayerData, in_unit_of, unit_of_map
 from voxflat._napari.results.outputs import is_painted
 from voxflat._napari.stacks import world_of
@@ -167,7 +167,7 @@ def _ask(title: str, endings: Sequence[str]) -> list[str]:
 def _reporting_errors() -> Iterator[None]:
     """Raise errors in the words of the window, as VoxflatError: napari does not report InputError, a ValueError."""
     try:
-        with showing_notes():
+        with showing_warnings():
             yield
     except (VoxflatError, OSError) as error:
         raise VoxflatError(error_text(error)) from error

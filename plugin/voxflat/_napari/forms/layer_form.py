@@ -133,19 +133,19 @@ class LayerForm(QWidget):
         for name in self._settings:
             if name in record:
                 try:
-                    self._note(name, restore(getattr(self, name), record[name]))
+                    self._set_problem(name, restore(getattr(self, name), record[name]))
                 except (TypeError, ValueError, AttributeError):  # the record is damaged
-                    self._note(name, f"{record[name]!r} is not a setting")
+                    self._set_problem(name, f"{record[name]!r} is not a setting")
 
-    def _note(self, name: str, problem: str) -> None:
-        """Note why a setting was not restored, or, with an empty text, that it was."""
+    def _set_problem(self, name: str, problem: str) -> None:
+        """Store why a setting was not restored, or, with an empty text, that it was."""
         self._problems.pop(name, None)
         if problem:
             self._problems[name] = problem
 
     def _on_settled(self, name: str, problem: str) -> None:
         if self._waiting is None:
-            self._note(name, problem)
+            self._set_problem(name, problem)
             self._tell_restored()
 
     def _tell_restored(self) -> None:

@@ -212,7 +212,8 @@ class SurfaceForm(LayerForm):
         start = record.get("start")
         is_shown = start is not None and start == _checksum(self._map_to_go_on_from())
         self.continues.setChecked(is_shown)
-        self._note("continues", "" if start is None or is_shown else "the map from which it started is not displayed")
+        is_missing = start is not None and not is_shown
+        self._set_problem("continues", "the map from which it started is not displayed" if is_missing else "")
 
     def _update_plan(self) -> None:
         layer = self.surface.layer

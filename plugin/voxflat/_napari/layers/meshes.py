@@ -26,7 +26,7 @@ class LayerMesh:
     values: NDArray[Any] = field(repr=False)  # (V,); all 1 in a layer without values
     place: LayerPlace
     structure: str | None = None
-    remarks: tuple[str, ...] = ()  # of the reader of the file
+    warnings: tuple[str, ...] = ()  # of the reader of the file
 
     @classmethod
     def of(cls, layer: Surface, world: str = "RAS", unit: str | None = None) -> "LayerMesh":
@@ -42,9 +42,9 @@ class LayerMesh:
         if len(values) != len(vertices):
             counts = f"{len(values)} values for {len(vertices)} vertices"
             raise InputError(f"Layer '{layer.name}' has {counts}. Set one value per vertex")
-        given, remarks = layer.metadata.get("structure"), tuple(layer.metadata.get("remarks", ()))
+        given, warnings = layer.metadata.get("structure"), tuple(layer.metadata.get("warnings", ()))
         named = None if place.path is None else named_structure(place.path)
-        return cls(vertices, faces, values, place, given if isinstance(given, str) else named, remarks)
+        return cls(vertices, faces, values, place, given if isinstance(given, str) else named, warnings)
 
     @property
     def origin(self) -> dict[str, str]:
@@ -55,7 +55,7 @@ class LayerMesh:
         affine = self.place.affine
         faces = self.faces[:, ::-1] if np.linalg.det(affine[:3, :3]) < 0 else self.faces
         space = UNKNOWN if self.origin["unit"].startswith("pixel") else Space("scanner")
-        about: dict[str, Any] = {"structure": self.structure, "space": space, "remarks": self.remarks}
+        about: dict[str, Any] = {"structure": self.structure, "space": space, "warnings": self.warnings}
         return Mesh(moved(self.vertices, affine), faces, self.place.path, **about)
 
     def kept(self) -> NDArray[np.bool_]:

@@ -81,7 +81,7 @@ class FlatLayers:
     shown: Shown | None = None  # the values chosen in the form
     movie: MovieMaps | None = None
     frame: SingleFrame | None = None  # if only one frame of a movie was flattened
-    notes: tuple[str, ...] = ()  # warnings of the job, such as about the values that the map shows
+    warnings: tuple[str, ...] = ()  # of the job, such as about the values that the map shows
 
 
 def layer_name(owner: str, part: str) -> str:

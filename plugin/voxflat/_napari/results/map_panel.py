@@ -9,7 +9,7 @@ from qtpy.QtCore import Qt
 from qtpy.QtWidgets import QApplication, QFileDialog, QGridLayout, QLabel, QPushButton, QVBoxLayout, QWidget
 
 from voxflat._napari.docks import arrange, plain_label
-from voxflat._napari.notes import showing_notes
+from voxflat._napari.notifications import showing_warnings
 from voxflat._napari.results.flat_layers import Run
 from voxflat._napari.results.maps import HEAT_MEANING
 from voxflat._napari.results.report import MEANINGS, as_html, figures, table, warnings
@@ -92,7 +92,7 @@ class MapPanel(QWidget):
             try:
                 path = path if path.endswith(SAVED_ENDINGS) else f"{path}{own}"
                 saved = self._saved
-                with showing_notes():
+                with showing_warnings():
                     (self.with_session(saved) if isinstance(saved, FlatMap) else saved).save(path)
                 show_info(f"Saved {path}")
             except (VoxflatError, OSError) as error:

@@ -128,8 +128,8 @@ def _of_topology(flat_map: FlatMap) -> list[Row]:
 
 def warnings(layers: FlatLayers) -> list[str]:
     """Return the warnings about a map or an atlas, and about frames of a movie."""
-    of_frames = [] if layers.movie is None else [*layers.movie.series.remarks]
-    found = [*of_frames, *layers.flat_map.warnings, *layers.notes]
+    of_frames = [] if layers.movie is None else [*layers.movie.series.warnings]
+    found = [*of_frames, *layers.flat_map.warnings, *layers.warnings]
     if layers.flat_map.origin.in_pixels:
         found.append(ASSUMED_UNIT.format(unit_of_map(layers.flat_map)))
     return [sentence(in_window(warning)) for warning in dict.fromkeys(found)]

@@ -66,7 +66,7 @@ def cut_command(input_: Path, output: Path, template: Path | None, writing: dict
     if template is not None:
         made.save_template(template, overwrite=writing["overwrite"])
     cuts = [{"ids": of.ids.tolist(), "length": of.length, "reason": of.reason, "name": of.name} for of in made.cuts]
-    content = {"output": str(output), "vertices": len(made.surface), "cuts": cuts, "warnings": list(made.remarks)}
+    content = {"output": str(output), "vertices": len(made.surface), "cuts": cuts, "warnings": list(made.warnings)}
     lines = []
     for number, one in enumerate(made.cuts):
         length = "" if one.length is None else in_unit(f", {rounded(one.length, 1)} mm", made.surface.origin.named_unit)

@@ -54,8 +54,8 @@ def points_command(map_: Path, points: Path, output: Path, limit: float, space: 
         flat_map, table = load(map_), read_points(points)
     uv, distance = flat_map.points_to_map(table.points, limit, space=space)
     if not np.isfinite(distance).any():
-        doubt = flat_map._doubt(flat_map._checked_points(table.points, space), limit, distance)
-        raise InputError(f"{points}: {doubt or 'there are no points'}")
+        warning = flat_map._distance_warning(flat_map._checked_points(table.points, space), limit, distance)
+        raise InputError(f"{points}: {warning or 'there are no points'}")
     parameters = {"of": flat_map.provenance, "limit": limit, "space": space}
     record = record_of("points_to_map", parameters, dict(sorted(files.items())))
     with saving(output, record, **writing):

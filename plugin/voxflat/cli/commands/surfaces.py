@@ -92,7 +92,7 @@ def register_command(input_: Path, output: Path, writing: dict[str, Any], **give
     made.save(output, **writing)
     size = {"output": str(output), "vertices": len(made.points), "side": made.side, "confidence": made.confidence}
     text = f"{made.side} hemisphere, confidence {made.confidence:.2f}\n{len(made.points)} vertices\nsaved as {output}"
-    report({**size, **made.figures, "warnings": list(made.remarks), "provenance": made.provenance}, text)
+    report({**size, **made.figures, "warnings": list(made.warnings), "provenance": made.provenance}, text)
 
 
 @options.command(
@@ -128,12 +128,12 @@ def surface_command(input_: Path, output: Path, repaired: Path | None, writing: 
         check_mesh_name(output)
     with bars() as shown:
         made = surface_of(input_, given, shown.progress)
-        for remark in made.remarks:
-            log.warning(remark)
+        for warning in made.warnings:
+            log.warning(warning)
     if repaired is not None:
         affine = scaled(made.origin.voxels.affine, made.origin.unit, "mm")
         write_volume(repaired, made.changed_voxels(), affine, made.provenance)
     made.save(output, **writing)
     size = {"vertices": len(made), "triangles": len(made.faces)}
-    content = {"output": str(output), **size, "metadata": made.metadata, "warnings": list(made.remarks)}
+    content = {"output": str(output), **size, "metadata": made.metadata, "warnings": list(made.warnings)}
     report(json_ready(content), f"{len(made)} vertices, {len(made.faces)} triangles\nsaved as {output}")

@@ -3,10 +3,10 @@
 import io
 import math
 import os
-import warnings
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
+from warnings import catch_warnings, simplefilter
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,19 +29,19 @@ def read_geometry(path: Path, data: bytes) -> dict[str, Any]:
         points, quads = (int.from_bytes(data[at : at + 3], "big") for at in (3, 6))
         need = 9 + (6 if data[2] == 0xFF else 12) * points + 12 * quads
         check_size(data, need, f"{points} points and {quads} quadrangles")
-        remarks: tuple[str, ...] = (f"{quads} quadrangles were split into triangles",)
+        warnings: tuple[str, ...] = (f"{quads} quadrangles were split into triangles",)
     else:
         start = data.index(b"\n", data.index(b"\n") + 1) + 1  # after the line with the creator, and an empty line
         points, triangles = (int(count) for count in np.frombuffer(data[start : start + 8].ljust(8, b"\xff"), ">i4"))
         need = start + 8 + 12 * points + 12 * triangles
         check_size(data, need if min(points, triangles) >= 0 else -1, f"{points} points and {triangles} faces")
-        remarks = ()
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # warnings about a missing volume geometry
+        warnings = ()
+    with catch_warnings():
+        simplefilter("ignore")  # warnings about a missing volume geometry
         coordinates, faces, footer = nibabel.freesurfer.read_geometry(path, read_metadata=True)
     is_scanner = not is_quad and data[need : need + 8] == _SCANNER_TAG
     space = Space("scanner") if is_scanner else _space(footer)
-    return {"points": coordinates, "faces": faces, "space": space, "remarks": remarks}
+    return {"points": coordinates, "faces": faces, "space": space, "warnings": warnings}
 
 
 def _space(footer: dict[str, Any]) -> Space:

@@ -133,7 +133,7 @@ def surface(image: Any) -> dict[str, Any]:
     """Return the parts of a `Mesh`."""
     points, triangles = _only(image, _POINTS, "point set"), _only(image, _TRIANGLES, "triangle set")
     structure = points.meta.get("AnatomicalStructurePrimary") or image.meta.get("AnatomicalStructurePrimary")
-    more = {"structure": structure or None, "space": _space(points), "remarks": _remarks(points)}
+    more = {"structure": structure or None, "space": _space(points), "warnings": _warnings(points)}
     return {"points": points.data, "faces": triangles.data, **more}
 
 
@@ -151,8 +151,8 @@ def _only(image: Any, intent: str, name: str) -> Any:
     return found[0]
 
 
-def _remarks(points: Any) -> tuple[str, ...]:
-    """Return a remark if there is a transformation to a template, which neither Workbench nor voxflat applies."""
+def _warnings(points: Any) -> tuple[str, ...]:
+    """Return a warning if there is a transformation to a template, which neither Workbench nor voxflat applies."""
     system, matrix = points.coordsys, _transform(points)
     if np.array_equal(matrix, np.eye(4)) or _SCANNER in (system.dataspace, system.xformspace):
         return ()
@@ -193,8 +193,8 @@ def _space(points: Any) -> Space:
         if is_led and volume is None:
             volume = VolumeGeometry._of_matrix(_transform(points))
     except (InputError, ValueError) as error:
-        doubt = f"its volume geometry (VolGeom...) is damaged: {error}"
-        return Space("scanner") if dataspace == _SCANNER else Space("unknown", None, doubt)
+        warning = f"its volume geometry (VolGeom...) is damaged: {error}"
+        return Space("scanner") if dataspace == _SCANNER else Space("unknown", None, warning)
     if dataspace == _SCANNER:
         return Space("scanner", volume)
     if is_led:
@@ -213,12 +213,12 @@ def _space(points: Any) -> Space:
     if min(from_stored, from_moved) < far / 4:
         return Space("tkRAS" if from_stored < from_moved else "scanner", volume)
     c_ras = ", ".join(f"{value:g}" for value in volume.c_ras)
-    doubt = f"its file defines FreeSurfer's c_ras ({c_ras}) mm, but not whether its coordinates include it: "
+    warning = f"its file defines FreeSurfer's c_ras ({c_ras}) mm, but not whether its coordinates include it: "
     if dataspace:
         reason = "they are assumed to include it (scanner RAS), because its coordinate system is not FreeSurfer's"
-        return Space("scanner", volume, doubt + reason)
+        return Space("scanner", volume, warning + reason)
     reason = "they are assumed not to include it (tkRAS), because mris_convert writes tkRAS without --to-scanner"
-    return Space("tkRAS", volume, doubt + reason)
+    return Space("tkRAS", volume, warning + reason)
 
 
 def _volume_geometry(meta: Any) -> VolumeGeometry | None:

@@ -61,12 +61,12 @@ def _described(path: Path) -> tuple[str, list[int], str, list[int] | None, str |
     h5py = require("h5py")
     found: dict[str, Any] = {}
 
-    def note(name: str, item: Any) -> None:
+    def add_dataset(name: str, item: Any) -> None:
         if isinstance(item, h5py.Dataset) and len(item.shape or ()) > 2 and item.dtype.kind in "biuf":
             found[name] = item
 
     with h5py.File(path, "r") as file:
-        file.visititems(note)
+        file.visititems(add_dataset)
         if not found:
             raise InputError(f"contains no dataset of numbers with at least three axes. {_OTHER}")
         if len(found) > 1 and _USUAL not in found:

@@ -17,11 +17,11 @@ def read_obj(path: Path, data: bytes) -> dict[str, Any]:
     points = _numbers(rows["v"], 3, "v")
     texture = None
     incomplete = "does not end with a complete line. Check that the file is complete"
-    remarks = cut if data.endswith(b"\n") else (incomplete, *cut)
+    warnings = cut if data.endswith(b"\n") else (incomplete, *cut)
     if (used != -1).any():
         texture, seam = first_coordinates(_coordinates(rows["vt"], used), faces, len(points))
-        remarks += seam
-    return {"points": points, "faces": faces, "texture_coordinates": texture, "remarks": remarks}
+        warnings += seam
+    return {"points": points, "faces": faces, "texture_coordinates": texture, "warnings": warnings}
 
 
 def read_obj_texture(data: bytes) -> tuple[NDArray[np.int64], NDArray[np.float64], dict[str, set[str]]]:
@@ -38,7 +38,7 @@ def read_obj_texture(data: bytes) -> tuple[NDArray[np.int64], NDArray[np.float64
 
 
 def _tables(data: bytes) -> tuple[dict[str, list[list[str]]], NDArray[np.int64], NDArray[np.int64], tuple[str, ...]]:
-    """Return a file's lines, the numbers of each triangle's corner points and texture coordinates, and remarks."""
+    """Return a file's lines, the numbers of each triangle's corner points and texture coordinates, and warnings."""
     rows: dict[str, list[list[str]]] = {"v": [], "vt": [], "f": [], "l": []}
     before = []
     for line in data.decode("utf-8", "replace").replace("\\\n", " ").splitlines():
@@ -54,10 +54,10 @@ def _tables(data: bytes) -> tuple[dict[str, list[list[str]]], NDArray[np.int64],
     # numbers count from 1 or, if negative, from the end; 0 (absent) becomes −1
     of_points, of_texture = np.where(corners < 0, corners + lines, corners - 1).T
     points = _numbers(rows["v"], 3, "v") if (counts > 3).any() else np.empty((0, 3))
-    triangles, remarks = triangulated(points, of_points, counts)
+    triangles, warnings = triangulated(points, of_points, counts)
     if rows["l"]:  # Blender writes edges without faces as lines
-        remarks = (*remarks, f"has lines ({len(rows['l'])}) in addition to its faces, which are ignored")
-    return rows, of_points[triangles], of_texture[triangles], remarks
+        warnings = (*warnings, f"has lines ({len(rows['l'])}) in addition to its faces, which are ignored")
+    return rows, of_points[triangles], of_texture[triangles], warnings
 
 
 def _corners(faces: list[list[str]]) -> NDArray[np.int64]:

@@ -64,19 +64,19 @@ def _read(data: bytes) -> tuple[dict[str, Any], NDArray[np.float64] | None]:
         split = [strip[strip >= 0] for row in rows for strip in np.split(row, np.flatnonzero(row == -1))]
         strips = [strip for strip in split if len(strip)]
         faces = of_strips(strips)
-        remarks: tuple[str, ...] = (f"{len(strips)} strips were split into {len(faces)} triangles",)
+        warnings: tuple[str, ...] = (f"{len(strips)} strips were split into {len(faces)} triangles",)
     else:
-        places, remarks = triangulated(points, corners, counts)
+        places, warnings = triangulated(points, corners, counts)
         faces = corners[places]
         stored = None if of_corners is None else of_corners[places]
     texture = next((pair for pair in _TEXTURES if set(pair) <= set(names)), ())
     coordinates = np.column_stack([vertices[key] for key in texture]) if texture else None
     if coordinates is None and stored is not None:
         coordinates, seam = first_coordinates(stored, faces, len(points))
-        remarks += seam
+        warnings += seam
     kept = [key for key in names if key not in ("x", "y", "z", *texture) and not key.endswith(" length")]
     values = {of: vertices[of].astype(vertices[of].dtype.newbyteorder("=")) for of in kept if vertices[of].ndim == 1}
-    more = {"remarks": remarks, "texture_coordinates": coordinates, "point_data": values}
+    more = {"warnings": warnings, "texture_coordinates": coordinates, "point_data": values}
     return {"points": points, "faces": faces, **more}, stored
 
 

@@ -36,8 +36,8 @@ def read_off(path: Path, data: bytes) -> dict[str, Any]:
         found = "an incomplete one" if is_cut else str(len(faces))
         raise InputError(f"its header specifies {numbers[1]} faces, but the file lists {found}. {AGAIN}")
     corners = np.array([corner for face in faces for corner in face[1 : int(face[0]) + 1]], dtype=np.int64)
-    places, remarks = triangulated(points, corners, lengths)
-    return {"points": points, "faces": corners[places], "remarks": remarks}
+    places, warnings = triangulated(points, corners, lengths)
+    return {"points": points, "faces": corners[places], "warnings": warnings}
 
 
 def read_asc(path: Path, data: bytes) -> dict[str, Any]:
@@ -105,5 +105,5 @@ def read_stl(path: Path, data: bytes) -> dict[str, Any]:
     _, first, place = np.unique(rows, return_index=True, return_inverse=True)
     rank = np.argsort(np.argsort(first))
     points, faces = corners[np.sort(first)], rank[place].reshape(-1, 3)
-    remark = f"STL does not store shared points: {len(corners)} corners were merged into {len(points)} points"
-    return {"points": points, "faces": faces, "remarks": (remark,)}
+    warning = f"STL does not store shared points: {len(corners)} corners were merged into {len(points)} points"
+    return {"points": points, "faces": faces, "warnings": (warning,)}

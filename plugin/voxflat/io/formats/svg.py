@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from voxflat.arguments import checked_path
 from voxflat.errors import InputError
 from voxflat.io.files import check_regular, naming, require
-from voxflat.io.reading import note
+from voxflat.io.reading import record_file
 
 EXTENT, AXES = "data-voxflat-extent", "data-voxflat-axes"
 _LABEL = "{http://www.inkscape.org/namespaces/inkscape}label"
@@ -43,7 +43,7 @@ def read_outlines(path: str | os.PathLike[str], layer: str) -> list[Outline]:
         path.open("rb").close()
         svg = require("svgelements")
         root = svg.SVG.parse(os.fspath(path), reify=True)
-        note(path)
+        record_file(path)
         to_mm = _placement(root, svg)
         groups = list(_groups(root, svg))
         found = next((group for group in groups if layer in (_own(group, _LABEL), group.id)), None)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from voxflat.errors import InputError
 from voxflat.io.files import AGAIN, check_regular, companion, require
-from voxflat.io.reading import note
+from voxflat.io.reading import record_file
 
 _SIZES = {1: 1, 2: 1, 3: 2, 4: 4, 5: 8, 6: 1, 7: 1, 8: 2, 9: 4, 10: 8, 11: 4, 12: 8, 13: 4, 16: 8, 17: 8, 18: 8}
 _WHOLE = {1: "u1", 3: "u2", 4: "u4", 13: "u4", 16: "u8", 18: "u8"}  # types of tags that are whole numbers
@@ -123,7 +123,7 @@ def check_companions(path: Path, text: str | None) -> int | None:
             own = None if file.ome_metadata is None else ElementTree.fromstring(file.ome_metadata).get("UUID")
         if own not in (None, identity):
             raise InputError(f"stores planes in {name!r:.80}, which belongs to another image. Copy the original file")
-        note(other)
+        record_file(other)
     return values
 
 

@@ -64,7 +64,7 @@ def _by_vtk(path: Path, module: str, reader: str, counts: list[int | None]) -> d
     for there, told, name in zip(found, counts, names, strict=True):
         if told is not None and there != told:
             raise InputError(f"has {there} {name}, but its header specifies {told}. {AGAIN}")
-    return {**parts, "remarks": tuple(parts["remarks"])}
+    return {**parts, "warnings": tuple(parts["warnings"])}
 
 
 def _read_polydata(path: Path, module: str, reader: str) -> tuple[Any, ...]:
@@ -102,11 +102,11 @@ def dataset_parts(dataset: Any) -> tuple[dict[str, Any], NDArray[np.int64]]:
         raise InputError("has no points. Pass a surface mesh")
     points = as_numpy(dataset.GetPoints().GetData()).astype(np.float64, copy=False)
     if hasattr(dataset, "GetStrips"):
-        faces, cells, remarks = _polydata_triangles(dataset, points)
+        faces, cells, warnings = _polydata_triangles(dataset, points)
     else:
         surface = _outside(dataset)
         places = as_numpy(surface.GetPoints().GetData()) if surface.GetNumberOfPolys() else points[:0]
-        faces, cells, remarks = _polydata_triangles(surface, places)
+        faces, cells, warnings = _polydata_triangles(surface, places)
     if not len(faces):
         raise InputError(
             f"has no faces, only {dataset.GetNumberOfCells()} cells without area. Pass a dataset with a surface"
@@ -115,7 +115,7 @@ def dataset_parts(dataset: Any) -> tuple[dict[str, Any], NDArray[np.int64]]:
         faces = as_numpy(surface.GetPointData().GetArray(_POINT)).astype(np.int64)[faces]
         cells = as_numpy(surface.GetCellData().GetArray(_CELL)).astype(np.int64)[cells]
     texture = dataset.GetPointData().GetTCoords()
-    parts: dict[str, Any] = {"points": points, "faces": faces, "remarks": remarks}
+    parts: dict[str, Any] = {"points": points, "faces": faces, "warnings": warnings}
     parts["point_data"] = _arrays(dataset.GetPointData(), texture)
     parts["face_data"] = {name: array[cells] for name, array in _arrays(dataset.GetCellData()).items()}
     parts["texture_coordinates"] = None if texture is None else as_numpy(texture)[:, :2].astype(np.float64)
@@ -152,19 +152,19 @@ def _outside(dataset: Any) -> Any:
 
 
 def _polydata_triangles(mesh: Any, points: Points) -> tuple[Faces, NDArray[np.int64], tuple[str, ...]]:
-    """Return the triangles of a vtkPolyData, polygons before strips, the cell of each, and remarks."""
+    """Return the triangles of a vtkPolyData, polygons before strips, the cell of each, and warnings."""
     others = mesh.GetNumberOfVerts() + mesh.GetNumberOfLines()  # these cells come first
     polygons, strips = mesh.GetPolys(), mesh.GetStrips()
     none = np.empty((0, 3), dtype=np.int64)
-    faces, cells, remarks = [none], [none[:, 0]], list[str]()
+    faces, cells, warnings = [none], [none[:, 0]], list[str]()
     if polygons.GetNumberOfCells():
         offsets, corners = (
             as_numpy(one).astype(np.int64) for one in (polygons.GetOffsetsArray(), polygons.GetConnectivityArray())
         )
-        places, told = triangulated(points, corners, np.diff(offsets))
+        places, of_polygons = triangulated(points, corners, np.diff(offsets))
         faces.append(corners[places])
         cells.append(np.searchsorted(offsets, places[:, 0], side="right") - 1 + others)
-        remarks += told
+        warnings += of_polygons
     if strips.GetNumberOfCells():
         offsets, corners = (
             as_numpy(one).astype(np.int64) for one in (strips.GetOffsetsArray(), strips.GetConnectivityArray())
@@ -172,10 +172,10 @@ def _polydata_triangles(mesh: Any, points: Points) -> tuple[Faces, NDArray[np.in
         faces.append(of_strips(np.split(corners, offsets[1:-1])))
         first = others + polygons.GetNumberOfCells()
         cells.append(np.repeat(first + np.arange(len(offsets) - 1), np.maximum(np.diff(offsets) - 2, 0)))
-        remarks.append(f"{len(offsets) - 1} strips were split into {len(faces[-1])} triangles")
+        warnings.append(f"{len(offsets) - 1} strips were split into {len(faces[-1])} triangles")
     if others and len(cells) > 1:
-        remarks.append(f"{others} lines and points beside its faces were left out")
-    return np.concatenate(faces), np.concatenate(cells), tuple(remarks)
+        warnings.append(f"{others} lines and points beside its faces were left out")
+    return np.concatenate(faces), np.concatenate(cells), tuple(warnings)
 
 
 def write_vtp(

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from voxflat.arguments import array_of, is_number, shown
 from voxflat.errors import InputError
 from voxflat.io.files import REMEDY, check_regular, naming, retelling
-from voxflat.io.reading import check_room, note
+from voxflat.io.reading import check_room, record_file
 from voxflat.io.subprocess_reader import read_in_subprocess
 from voxflat.maps.sampling import interpolated
 
@@ -90,7 +90,7 @@ def header(path: Path) -> Iterator[Any]:
     with warnings.catch_warnings(), retelling(path, "PIL.TiffImagePlugin"):
         warnings.simplefilter("ignore")  # Pillow warns about damaged tags that are not needed
         with Image.open(path, formats=PICTURES) as image:
-            note(path)
+            record_file(path)
             yield image
 
 

@@ -20,7 +20,7 @@ class Choice:
 
     template: Template | None  # template whose cuts are used
     sphere: Sphere | None  # sphere of the surface, if known
-    remarks: tuple[str, ...] = ()  # remarks for the user
+    warnings: tuple[str, ...] = ()  # warnings for the user
 
 
 def chosen(
@@ -41,25 +41,25 @@ def chosen(
         if place is None:
             own = register(whole, None, threads, progress)
             told = f"the surface was registered by its folds ({own.side}, confidence {own.confidence:.2f})"
-            remarks = [remark for remark in own.remarks if remark not in whole.remarks]
-            found, remarks = registered_sphere(own), [*remarks, f"no sphere was found, so {told}"]
+            warnings = [warning for warning in own.warnings if warning not in whole.warnings]
+            found, warnings = registered_sphere(own), [*warnings, f"no sphere was found, so {told}"]
         else:
-            found, remarks = sphere_of(whole, place)
+            found, warnings = sphere_of(whole, place)
         named = standard_template(found.space, found.side) if asked == STANDARD else read_template(asked)
         _check_fits(named, found)
-        return Choice(named, found, tuple(remarks))
+        return Choice(named, found, tuple(warnings))
     place = sphere_beside(whole) if sphere is None and cuts is None and is_free else sphere
     if place is None:
         return Choice(None, None)
     try:
-        found, remarks = sphere_of(whole, place)
+        found, warnings = sphere_of(whole, place)
     except InputError as error:
         if sphere is not None:
             raise
-        remark = f"automatic cuts are used, because the sphere next to the surface file does not match: {error}"
-        return Choice(None, None, (remark,))
+        warning = f"automatic cuts are used, because the sphere next to the surface file does not match: {error}"
+        return Choice(None, None, (warning,))
     is_standard = cuts is None and is_free and _is_closed(whole)
-    return Choice(standard_template(found.space, found.side) if is_standard else None, found, tuple(remarks))
+    return Choice(standard_template(found.space, found.side) if is_standard else None, found, tuple(warnings))
 
 
 def _check_fits(template: Template, sphere: Sphere) -> None:

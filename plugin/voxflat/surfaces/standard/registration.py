@@ -43,8 +43,8 @@ class Registration(ReadOnly, Saved):
         ``correlations``: correlation of fold depth with the template at scales of 24, 12 and 6 mm (for an adult's
         brain) after the warp; ``rotated``: the same before the warp. ``affine``: share of the template's positions that
         an affine map explains.
-    remarks : tuple of str
-        Remarks for the user.
+    warnings : tuple of str
+        Warnings for the user.
     provenance : dict
         Record of how the registration was made.
 
@@ -73,7 +73,7 @@ class Registration(ReadOnly, Saved):
     side: str
     confidence: float
     figures: dict[str, object]
-    remarks: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
     provenance: Record = field(default_factory=dict)
 
     _used = ("side",)
@@ -105,15 +105,15 @@ def register(whole: Manifold, side: str | None, threads: int | None, progress: P
     """Register a hemisphere to the fsaverage sphere; see `voxflat.Surface.register`."""
     if side is not None:
         side = named_side(side, "side")
-    whole, remarks = _one_piece(whole)
+    whole, warnings = _one_piece(whole)
     templates = [pattern(each) for each in SIDES]
     number = None if side is None else SIDES.index(side)
     found = whole.core.register(*icosphere(), templates, number, checked_threads(threads), progress)
-    return _validated(whole, found, side, remarks)
+    return _validated(whole, found, side, warnings)
 
 
 def _one_piece(whole: Manifold) -> tuple[Manifold, tuple[str, ...]]:
-    """Return the largest component, and a remark on the others."""
+    """Return the largest component, and a warning on the others."""
     topology = whole.core.topology()
     if topology["handles"]:
         remedy = "Repair the mesh in the program that created it"
@@ -123,13 +123,13 @@ def _one_piece(whole: Manifold) -> tuple[Manifold, tuple[str, ...]]:
         raise InputError(f"the surface has {topology['handles']} handle(s), but a sphere has none. {remedy}")
     others = len(topology["components"]) - 1
     if not others:
-        return whole, whole.remarks
+        return whole, whole.warnings
     core = whole.core.largest_piece()
-    remark = f"{others} smaller component(s) with {len(whole.core) - len(core)} vertices were excluded"
-    return whole._with_core(core), (*whole.remarks, remark)
+    warning = f"{others} smaller component(s) with {len(whole.core) - len(core)} vertices were excluded"
+    return whole._with_core(core), (*whole.warnings, warning)
 
 
-def _validated(whole: Manifold, found: dict[str, Any], named: str | None, remarks: tuple[str, ...]) -> Registration:
+def _validated(whole: Manifold, found: dict[str, Any], named: str | None, warnings: tuple[str, ...]) -> Registration:
     """Return the registration; raise an error if the surface is not a hemisphere."""
     side = SIDES[found["template"]]
     other = SIDES[1 - found["template"]]
@@ -160,5 +160,5 @@ def _validated(whole: Manifold, found: dict[str, Any], named: str | None, remark
         )
     told = _STRUCTURES.get(str(whole.origin.structure))
     if told not in (None, side):
-        remarks = (*remarks, f"the file specifies the {told} side, but the folds match the {side} side")
-    return Registration(whole, found["points"], side, confidence, figures, remarks)
+        warnings = (*warnings, f"the file specifies the {told} side, but the folds match the {side} side")
+    return Registration(whole, found["points"], side, confidence, figures, warnings)

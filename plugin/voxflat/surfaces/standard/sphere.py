@@ -25,7 +25,7 @@ OWN_REGISTRATION = "its own registration"  # in place of a file
 _ROUND = 0.02  # largest relative deviation from the radius
 _FOLDED = 0.01  # largest share of flipped triangles; FreeSurfer's spheres have 0 to a few hundred of 300,000
 _SHARED = 0.9  # least share of common triangles
-_FAR = (12.0, 20.0)  # mm, median distance from the template's brain: remark, error; 4 to 9 are usual
+_FAR = (12.0, 20.0)  # mm, median distance from the template's brain: warning, error; 4 to 9 are usual
 _NEAREST = 12  # nearest vertices whose triangles are tested
 
 
@@ -63,7 +63,7 @@ def sphere_at(path: str | os.PathLike[str]) -> Path | None:
 
 
 def sphere_of(whole: Manifold, sphere: object) -> tuple[Sphere, list[str]]:
-    """Return the given registered sphere of a surface, with one position per vertex of the mesh, and remarks.
+    """Return the given registered sphere of a surface, with one position per vertex of the mesh, and warnings.
 
     The sphere may have any radius around the origin. Its space is fs_LR if the file name matches `_FS_LR`, and
     otherwise fsaverage. The two spaces are rotated by 40° relative to each other, so the surface itself overrides the
@@ -95,10 +95,10 @@ def sphere_of(whole: Manifold, sphere: object) -> tuple[Sphere, list[str]]:
                 "subject and hemisphere"
             )
     folded = _folded(whole, places, name)
-    space, side, distance, remarks = _placed(whole, places, _named_side(whole, mesh, name), name)
+    space, side, distance, warnings = _placed(whole, places, _named_side(whole, mesh, name), name)
     if folded:
-        remarks.append(f"{folded} of {len(whole.faces)} triangles are flipped on {Path(name).name}")
-    return Sphere(places, space, side, name, folded, distance), remarks
+        warnings.append(f"{folded} of {len(whole.faces)} triangles are flipped on {Path(name).name}")
+    return Sphere(places, space, side, name, folded, distance), warnings
 
 
 def registered_sphere(found: Registration) -> Sphere:
@@ -186,7 +186,7 @@ def in_triangles(
 def _placed(
     whole: Manifold, places: NDArray[np.float64], named: str | None, name: str
 ) -> tuple[str, str, float, list[str]]:
-    """Return the space, the hemisphere, the distance from the template's brain at corresponding points, and remarks."""
+    """Return the space, the hemisphere, the distance from the template's brain at the same points, and warnings."""
     told_space = "fs_LR" if _FS_LR.search(Path(name).name) else "fsaverage"
     distances = _distances(whole, places)
     if any(np.isnan(distance) for distance in distances.values()):  # a patch
@@ -195,14 +195,14 @@ def _placed(
         return told_space, named, float("nan"), []
     best = min(distances, key=lambda key: distances[key])
     own = told_space, named or min(SIDES, key=lambda side: distances[told_space, side])
-    remarks = []
+    warnings = []
     if distances[own] > _FAR[0] and distances[best] < distances[own] / 2:
         if named is not None and best[1] != named:
             raise InputError(
                 f"according to {name}, the surface is the {best[1]} hemisphere, but the files specify the {named} one. "
                 "Rename the files, or pass the matching sphere"
             )
-        remarks.append(
+        warnings.append(
             f"{name} is assumed to be in {best[0]} space, where corresponding points are {distances[best]:.0f} mm "
             f"apart (in {told_space} space: {distances[own]:.0f} mm)"
         )
@@ -212,8 +212,8 @@ def _placed(
     if distance > _FAR[1]:
         raise InputError(f"{told}, so it is not registered to fsaverage or fs_LR. Pass lh.sphere.reg, not lh.sphere")
     if distance > _FAR[0]:
-        remarks.append(f"{told}; 4 to 9 mm is usual. Check that the sphere is registered")
-    return *own, distance, remarks
+        warnings.append(f"{told}; 4 to 9 mm is usual. Check that the sphere is registered")
+    return *own, distance, warnings
 
 
 def _distances(whole: Manifold, places: NDArray[np.float64]) -> dict[tuple[str, str], float]:

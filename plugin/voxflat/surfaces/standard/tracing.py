@@ -111,7 +111,7 @@ def _dense(points: NDArray[np.float64], step: float) -> NDArray[np.float64]:
 def traced(
     template: Template, part: Manifold, sphere: Sphere, progress: Progress | None
 ) -> tuple[list[TracedCut], list[str]]:
-    """Find a template's cuts on an uncut part in one piece; remarks report omitted cuts."""
+    """Find a template's cuts on an uncut part in one piece; warnings report omitted cuts."""
     places = sphere.places[part.vertices]
     topology = part.core.topology()
     loops = [np.asarray(loop["vertices"], dtype=np.int64) for loop in topology["loops"]]
@@ -124,7 +124,7 @@ def traced(
     astray = max(_ASTRAY, 4 * edge)
     is_open = ~is_border
     cuts: list[TracedCut] = []
-    remarks = []
+    warnings = []
     names = {outline.name for outline in template.outlines}
     found: dict[str, NDArray[np.int64]] = {}
     for cut in template.cuts:
@@ -132,7 +132,7 @@ def traced(
         apart = np.linalg.norm(places[tips] - cut.points[-1], axis=1)
         tip = int(tips[apart.argmin()]) if len(tips) else -1
         if tip < 0 or apart.min() > max(edge, _ASTRAY / 2):
-            remarks.append(f"the cut {cut.name!r} ends outside the flattened region and is omitted")
+            warnings.append(f"the cut {cut.name!r} ends outside the flattened region and is omitted")
             continue
         is_root = np.zeros(len(part), dtype=np.bool_)
         if cut.root is None and not loops:
@@ -142,7 +142,7 @@ def traced(
         elif cut.root in found:
             is_root[found[cut.root]] = True
         else:
-            remarks.append(f"the cut {cut.name!r} begins at {cut.root!r}, which is omitted, so it is also omitted")
+            warnings.append(f"the cut {cut.name!r} begins at {cut.root!r}, which is omitted, so it is also omitted")
             continue
         aside = _beside(cut, places, drawn_on=cut.root is not None)
         factors = np.minimum(1 + (aside / edge) ** 2, _STEEP)
@@ -164,7 +164,7 @@ def traced(
         cuts.append(TracedCut(cut.name, vertices, float(np.linalg.norm(steps, axis=1).sum())))
         found[cut.name] = vertices
         is_open[vertices] = False
-    return cuts, remarks
+    return cuts, warnings
 
 
 def _nearest_loop(loops: list[NDArray[np.int64]], places: NDArray[np.float64], cut: Line) -> NDArray[np.int64]:

@@ -6,19 +6,19 @@ from contextlib import contextmanager
 from napari.utils.notifications import show_warning
 
 from voxflat._napari.wording import in_window, sentence
-from voxflat.arguments import noting
+from voxflat.arguments import collecting_warnings
 
 
-def show_notes(notes: Iterable[str]) -> None:
-    for note in dict.fromkeys(notes):
-        show_warning(sentence(in_window(note)))
+def show_warnings(warnings: Iterable[str]) -> None:
+    for warning in dict.fromkeys(warnings):
+        show_warning(sentence(in_window(warning)))
 
 
 @contextmanager
-def showing_notes() -> Iterator[None]:
+def showing_warnings() -> Iterator[None]:
     """Show the warnings that are logged in this context, which belongs to the GUI thread."""
-    with noting() as notes:
+    with collecting_warnings() as warnings:
         try:
             yield
         finally:
-            show_notes(notes)
+            show_warnings(warnings)
