@@ -151,6 +151,7 @@ OPTIONS |= dict.fromkeys(("spacing", "seed_point"), lambda value: ",".join(map(s
 """Options of the API that also exist on the command line."""
 WRONG_USAGE = {"spacing of two", "seed point of two", "seed point fractional", "threshold text", "radius text"}
 WRONG_USAGE |= {"seed fractional", "no seed", "threads fractional", "sampling", "link lengths"}
+WRONG_USAGE |= {"seed negative", "seed too large", "no thread", "threads beyond all"}
 WRONG_USAGE |= {"threshold NaN", "radius NaN", "radius infinite"}
 
 

@@ -1,5 +1,6 @@
 """Arguments of the wrong kind cause a one-line error that names the argument and its value."""
 
+import inspect
 from pathlib import Path
 
 import numpy as np
@@ -36,8 +37,8 @@ def test_whole_numbers_that_no_float_holds_are_infinite():
     assert checked_number(2**62, "depth") == 2.0**62
 
 
-def test_a_limit_is_finite():
-    for limit in (float("nan"), float("inf"), "x", np.ones((9, 9))):
+def test_a_limit_is_positive_and_finite():
+    for limit in (float("nan"), float("inf"), "x", np.ones((9, 9)), 0, -5):
         refused(r"^the memory limit is [^\n]*. Pass a number of bytes$", checked_limit, limit)
 
 
@@ -71,8 +72,8 @@ CALLS = {
     "solver of a map": (lambda s: voxflat.flatten(s, method=Voxflat(geodesic=ARRAY)), "geodesic is array"),
     "way": (lambda s: s.path(0, 9, geodesic=ARRAY), "geodesic is array.*'edges' or 'chain'"),
     "stops": (lambda s: s.path(0, (0, 0, 2)), r"the stops are \(0, \(0, 0, 2\)\). Pass rows of equal length"),
-    "sampling": (lambda s: s.geodesic(9, sampling=1e19), r"the sampling is 1e\+19. Pass a string"),
-    "no sampling": (lambda s: s.geodesic(9, sampling=None), 'sampling is "". Pass'),
+    "sampling": (lambda s: s.geodesic(9, sampling=1e19), r"sampling is 1e\+19. Pass 'farthest', 'curvature'"),
+    "no sampling": (lambda s: s.geodesic(9, sampling=None), "sampling is None. Pass"),
     "no sources": (lambda s: s.geodesic(None), "no sources are given. Pass the number of sources, or points"),
     "seeds": (lambda s: s.patches(5, seeds=ARRAY), "seeds is array.*. Pass 'curvature', 'flattest' or"),
     "side": (lambda s: s.register(side=ARRAY), "side is array.*. Pass 'left' or 'right'"),
@@ -179,6 +180,67 @@ def test_functions_say_it_so(name, of_mesh):
 @pytest.fixture(scope="module")
 def on_mesh(of_mesh):
     return voxflat.flatten(of_mesh, method=Voxflat(sources=9)), voxflat.surface(of_mesh).patches(bound=1.2)
+
+
+def calls(of_mesh, flat_map):
+    """Return calls that take different paths, each as a function with its arguments and options."""
+    voxels, rim = voxflat.surface(VOLUME), voxflat.rim(voxflat.samples.rim(), threads=1)
+    of_rim = rim.surface.flatten(method=Voxflat(sources=9), relax=False)
+    ball, flattest = voxflat.surface(voxflat.samples.ball()), {"count": 2}
+    yield voxflat.surface, ((POINTS, FACES),), {}
+    yield voxflat.surface, (VOLUME,), {}
+    yield of_mesh.disk, (14, 12.0), {}
+    yield of_mesh.cut, (), {}
+    yield ball.charts, (2,), {}
+    yield of_mesh.flatten, (), {}
+    yield of_mesh.cut(relax=False).flatten, (), {}
+    yield of_mesh.geodesic, (9,), {}
+    yield of_mesh.geodesic, ([1, 2],), {}
+    yield voxels.geodesic, (9,), {"geodesic": "chain"}
+    yield of_mesh.path, (1, 9), {}
+    yield voxels.path, ((0, 0, 2), (7, 7, 2)), {"geodesic": "chain"}
+    yield of_mesh.mean_curvature, (), {}
+    yield of_mesh.sulcal_depth, (), {}
+    yield of_mesh.patches, (20.0,), {}
+    yield of_mesh.patches, (), flattest
+    yield voxflat.measure, (of_mesh, flat_map), {}
+    yield voxflat.worst_places, (flat_map,), {}
+    yield figures.flat_map, (flat_map,), {}
+    yield flat_map.image, (VALUES,), {}
+    yield flat_map.images, (voxflat.io.Volume(VOLUME, np.eye(4)),), {}
+    yield flat_map.regions, ({"a": SQUARE},), {}
+    yield flat_map.regions, (np.ones(flat_map.raster(2.0).shape, int),), {"pixel_size": 2.0}
+    yield flat_map.points_to_map, (POINTS,), {}
+    yield flat_map.textured, (np.eye(4),), {}
+    yield rim.columns, (3,), {}
+    yield rim.layers, (3,), {}
+    yield rim.paint, (of_rim.images(rim.layers(3), depths=3), of_rim), {}
+    yield rim.profile, (rim.layers(3),), {}
+    yield voxflat.flatten_series, ([of_mesh, (POINTS, FACES)],), {}
+
+
+def accepted(call, *arguments, **options):
+    call(*arguments, **options)
+    pytest.fail(f"{call.__name__} accepts {options}")
+
+
+@pytest.mark.slow
+def test_every_argument_is_checked_on_every_path(of_mesh, on_mesh):
+    """An argument that a path does not use is checked, too."""
+    for call, arguments, options in calls(of_mesh, on_mesh[0]):
+        signature = inspect.signature(call)
+        for name in signature.parameters.keys() - signature.bind(*arguments, **options).arguments.keys() - {"progress"}:
+            with pytest.raises(voxflat.InputError, match=f"{name.replace('_', '.')}|object"):
+                accepted(call, *arguments, **options, **{name: object()})
+
+
+def test_a_number_that_contradicts_the_pixels_of_a_file_is_refused():
+    rim = voxflat.rim(voxflat.samples.rim())
+    flat_map = rim.surface.flatten(method=Voxflat(sources=9), relax=False)
+    flat_volume = flat_map.images(rim.layers(3), 0.5, depths=3)
+    same = rim.paint(flat_volume, flat_map).data
+    assert_array_equal(rim.paint(flat_volume, flat_map, pixel_size=0.5).data, same)
+    refused("the pixel size is -7, but the flat volume has 0.5. Omit", rim.paint, flat_volume, flat_map, pixel_size=-7)
 
 
 def test_backgrounds_that_the_type_of_the_values_holds():

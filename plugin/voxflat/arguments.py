@@ -298,7 +298,7 @@ def checked_limit(limit: int | None) -> int | None:
     """Return a memory limit in bytes; None means no limit."""
     if limit is None:
         return None
-    if not is_number(limit) or not math.isfinite(limit):
+    if not is_number(limit) or not 1 <= limit < math.inf:
         raise InputError(f"the memory limit is {shown(limit)}. Pass a number of bytes")
     return int(limit)
 

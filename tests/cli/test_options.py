@@ -47,6 +47,15 @@ def test_an_option_that_is_given_twice_is_used_twice_or_refused_by_its_name(comm
     assert run(command, *words, second, *values).exit_code == 2
 
 
+@pytest.mark.parametrize(("command", "option"), [one for one in OPTIONS if one.values[1].name in ("seed", "threads")])
+def test_seeds_and_threads_are_checked_before_any_work(command, option):
+    """Some runs do not use them."""
+    for value in ("-1", str(2**64)):
+        name, remedy = option.opts[0], "Pass a (whole )?number from [01] to"
+        assert re.search(f"{name[2:]} is {value}\\. {remedy}", run(command, name, value).stderr)
+        assert run(command, name, value).exit_code == 2
+
+
 HEMISPHERES = [one for one in every_option() if {"--hemisphere", "--hemi", "--side"} & set(one[1].opts)]
 
 
@@ -173,6 +182,14 @@ def test_the_texture_of_patches_is_a_channel_of_their_volume(tmp_path):
         pictures.append((tmp_path / "a.png").read_bytes())
     assert pictures[0] != pictures[1]
     fail(2, "--volume-channel requires --volume", *words[:2], "--volume-channel", 1, *words[4:])
+
+
+def test_an_option_is_refused_without_the_one_that_uses_it(tmp_path):
+    path = tmp_path / "map.npz"
+    voxflat.samples.hill().flatten(relax=False).save(path)
+    drawn = tmp_path / "drawn.png"
+    fail(2, "--strength-channel requires --strength", "figure", path, "--strength-channel", 0, "-o", drawn)
+    fail(2, "--depths: only with --volume", "image", path, "--heat-map", "--depths", 0, "-o", drawn)
 
 
 class _Asked(float):

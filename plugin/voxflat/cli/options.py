@@ -12,8 +12,8 @@ import click
 import cloup
 import numpy as np
 
-from voxflat.arguments import named_side
-from voxflat.cli.console import Command
+from voxflat.arguments import checked_seed, checked_threads, named_side
+from voxflat.cli.console import Command, translated
 from voxflat.cli.output import JSON, READ, WRITTEN
 from voxflat.cli.parameter_options import option_of
 from voxflat.distances.geodesic import SOLVERS
@@ -27,6 +27,7 @@ from voxflat.pipeline.surface import Surface, surface
 from voxflat.surfaces.charts import CYLINDER, MOST_CHARTS
 from voxflat.surfaces.standard.choice import AUTOMATIC
 from voxflat.surfaces.standard.template import STANDARD
+from voxflat.surfaces.voxel_graph import LINK_LENGTHS
 
 _Command = TypeVar("_Command", bound=Callable[..., Any])
 _SIDECAR = "Also save the provenance of OUT (inputs, options, version) in OUT.json, for formats that cannot store it."
@@ -272,8 +273,22 @@ as_json = flag(
 )
 debug = flag("--debug", "Print the traceback if an error occurs.", expose_value=False)
 quiet = flag("--quiet", "Do not print progress, warnings or a summary.")
-seed = option_of(Surface.flatten, "seed", type=int)
-threads = option_of(Surface.flatten, "threads", type=int, metavar="N")
+
+
+def _checked(check: Callable[[Any], Any]) -> Callable[[click.Context, click.Parameter, Any], Any]:
+    """Return a callback that checks the value of an option, also where a command does not use it."""
+
+    def checked(ctx: click.Context, param: click.Parameter, value: Any) -> Any:
+        try:
+            return None if value is None else check(value)
+        except InputError as error:
+            raise click.UsageError(f"{translated(str(error))}.", ctx) from None
+
+    return checked
+
+
+seed = option_of(Surface.flatten, "seed", type=int, callback=_checked(checked_seed))
+threads = option_of(Surface.flatten, "threads", type=int, metavar="N", callback=_checked(checked_threads))
 memory_limit = option_of(Surface.flatten, "memory_limit", metavar="SIZE", callback=_bytes)
 
 
@@ -483,7 +498,7 @@ def charts_of(given: dict[str, Any]) -> dict[str, Any] | None:
 def link_lengths(of: Any) -> Callable[[_Command], _Command]:
     """Return the option for the lengths of links between neighbouring voxels."""
     note = "" if of is Grossmann2002 else "Requires --geodesic chain."
-    kinds = click.Choice(["chain-code", "euclidean"])
+    kinds = click.Choice(LINK_LENGTHS)
     return option_of(of, "link_lengths", type=kinds, like=Grossmann2002, note=note)
 
 

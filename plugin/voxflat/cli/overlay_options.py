@@ -119,6 +119,8 @@ def overlay_of(data: Any, given: dict[str, Any]) -> Overlay | None:
     unit, own = given.pop("unit"), {name: given.pop(name, None) for name in _OF_OVERLAY}
     own = {name: value for name, value in own.items() if value is not None}
     channel = given.pop("strength_channel", None)
+    if channel is not None and "strength" not in own:
+        raise click.UsageError("--strength-channel requires --strength.")
     if data is None:
         unused = [f"--{names.get(name, name)}" for name in own if name != "zero"] + ["--unit"] * (unit is not None)
         if unused:
@@ -128,7 +130,5 @@ def overlay_of(data: Any, given: dict[str, Any]) -> Overlay | None:
         name = data[0].name if isinstance(data, tuple) else data.name
         own["label"] = f"{own.get('label') or name} ({unit})"
     if channel is not None:
-        if "strength" not in own:
-            raise click.UsageError("--strength-channel requires --strength.")
         own["strength"] = Overlay(own["strength"], channel)
     return Overlay(data, **own)

@@ -21,12 +21,12 @@ from voxflat.arguments import (
 )
 from voxflat.distances.parts import rows_by_workers
 from voxflat.distances.rows import DistanceRows, open_rows
-from voxflat.distances.sources import source_choice
+from voxflat.distances.sources import SAMPLINGS, source_choice
 from voxflat.distances.store import Store, prepare_store
 from voxflat.errors import InputError
 from voxflat.surfaces.manifold import Manifold
 from voxflat.surfaces.parts import largest_piece, piece_of
-from voxflat.surfaces.voxel_graph import LINK_LENGTHS, VoxelGraph, voxel_graph
+from voxflat.surfaces.voxel_graph import VoxelGraph, voxel_graph
 
 SOLVERS = ("graph", "marching", "exact")
 
@@ -50,11 +50,12 @@ def geodesic(
         raise InputError("dask requires a store to which the workers can write. Also pass store")
     seed, threads = checked_seed(seed), checked_threads(threads)
     checked_choice(geodesic, "geodesic", (*SOLVERS, "chain"))
+    checked_choice(sampling, "sampling", SAMPLINGS)
     part: Manifold | VoxelGraph
     what = {"geodesic": geodesic}
     if geodesic == "chain":
         refuse(geodesic, dask=dask)
-        part = voxel_graph(surface, link_lengths or LINK_LENGTHS, progress)
+        part = voxel_graph(surface, link_lengths, progress)
         what["link_lengths"] = part.link_lengths
     else:
         refuse(geodesic, link_lengths=link_lengths)

@@ -14,7 +14,7 @@ from voxflat.io.provenance import Record, Recorded
 from voxflat.io.spaces import Space
 from voxflat.read_only import ReadOnly
 from voxflat.surfaces.manifold import Manifold
-from voxflat.surfaces.voxel_graph import LINK_LENGTHS, voxel_graph
+from voxflat.surfaces.voxel_graph import voxel_graph
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,7 +62,7 @@ def path(surface: Manifold, stops: Sequence[Sequence[int] | int], geodesic: str,
     """Find a shortest path; see `voxflat.Surface.path`."""
     checked_choice(geodesic, "geodesic", ("graph", "marching", "exact", "edges", "chain"))
     if geodesic == "chain":
-        graph = voxel_graph(surface, link_lengths or LINK_LENGTHS)
+        graph = voxel_graph(surface, link_lengths)
         core: Any = graph.whole
         vertices = core.find(voxel_indices(stops, "the stops"))
         ids, find, space = core.voxels, core.path, graph.origin.space

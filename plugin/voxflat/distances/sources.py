@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from voxflat.arguments import Progress, checked_text, is_whole
+from voxflat.arguments import Progress, is_whole
 from voxflat.errors import InputError
 from voxflat.surfaces.manifold import Manifold
 from voxflat.surfaces.voxel_graph import VoxelGraph
@@ -41,7 +41,6 @@ def source_choice(
     at_most_all: bool = False,
 ) -> SourceChoice:
     """Return how sources will be chosen; more sources than points raise an error unless `at_most_all` is True."""
-    sampling = checked_text(sampling, "sampling")
     if is_whole(sources):
         if sources < fewest:
             raise InputError(f"{sources} sources are too few. Pass at least {fewest}")

@@ -19,7 +19,7 @@ from voxflat.maps.colours import WINDOW
 from voxflat.maps.depth import ON_SURFACE, Depths
 from voxflat.maps.flat_map import FlatMap
 from voxflat.maps.lines import outline
-from voxflat.maps.parcels import Parcels, parcels_of
+from voxflat.maps.parcels import Parcels, check_table, parcels_of
 from voxflat.maps.raster import FlatImage, Raster
 from voxflat.maps.sampling import Sampling
 from voxflat.maps.sources import VolumeSource, source_of, vertex_channels
@@ -112,10 +112,13 @@ def flat_map(
     maps = maps_of(flat_map)
     checked_text(title, "title")
     checked_choice(underlay, "underlay", UNDERLAYS)
+    check_table(parcels, table)
     depths = Depths.of(depth, fraction, layering)
     data = None if overlay is None else Overlay._of(overlay, len(maps))
     check_differ(maps, parcels, opacity, *(() if data is None else (data.values, data.strength)))
     shown_by = _opacity(opacity)
+    if data is None and not isinstance(shown_by, float):
+        raise InputError(f"opacity is {shown(opacity)}, which requires data. Also pass overlay, or pass a number")
     strip = STRIP if data is None or data.period is None else WHEEL_STRIP
     page = Page.of(maps, _COLUMN * len(maps) if width is None else width, title, strip=strip, axes=ax)
     sides = [_Side(page, n, data, shown_by, parcels, table, depths) for n in range(len(maps))]

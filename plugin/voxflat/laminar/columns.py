@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from voxflat import _core
-from voxflat.arguments import Progress, is_number, is_whole, log, shown
+from voxflat.arguments import Progress, checked_seed, is_number, is_whole, log, shown
 from voxflat.errors import InputError
 from voxflat.io.provenance import Record, Recorded
 from voxflat.io.volumes import Volume
@@ -70,7 +70,7 @@ def columns_of(
     surface: Surface,
     count: object,
     area: object,
-    seed: object,
+    seed: int,
     progress: Progress | None,
 ) -> Columns:
     """Divide the middle surface into geodesic Voronoi cells, and assign each voxel to the cell of its column."""
@@ -79,9 +79,7 @@ def columns_of(
     corners = surface.faces[triangles, weights.argmax(axis=1)]
     reached = np.unique(corners)  # a source among these has at least one voxel
     count = _count(count, area, len(reached), float(areas.sum()))
-    if not is_whole(seed) or not 0 <= seed < 2**63:
-        raise InputError(f"seed is {shown(seed)}. Pass a whole number from 0 to 2**63 - 1")
-    sources, cells = surface.core.cells(reached.astype(np.uint32), count, int(seed), progress)
+    sources, cells = surface.core.cells(reached.astype(np.uint32), count, checked_seed(seed), progress)
     connected = _core.connect_columns(labels.grey.astype(np.uint32), cells[corners], halfway, progress)
     loose = int((connected == 0).sum())
     if loose:

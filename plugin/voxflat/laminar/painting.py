@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from voxflat.arguments import checked_instance, shown
+from voxflat.arguments import checked_instance, checked_number, shown
 from voxflat.errors import InputError
 from voxflat.io.sources import as_volume
 from voxflat.io.spaces import Space
@@ -26,20 +26,26 @@ def flat_volume(
     checked_instance(flat_map, FlatMap, "map", "a FlatMap, as returned by flatten")
     origin: NDArray[np.float64] | None = None
     names: tuple[str, ...] = ()
+    own: float | None = None
     if isinstance(values, FlatStack):
-        data, pixel_size, origin, names = values.data, values.pixel_size, np.array(values.origin), values.layers
+        data, own, origin, names = values.data, values.pixel_size, np.array(values.origin), values.layers
     else:
         volume = as_volume(values)
         data = volume.data
         if volume.is_placed:  # an image; arrays have the depth first
-            data, pixel_size, origin = np.moveaxis(data, 2, 0), float(volume.spacing[0]), volume.affine[:2, 3]
+            data, own, origin = np.moveaxis(data, 2, 0), float(volume.spacing[0]), volume.affine[:2, 3]
         if volume.path is not None:
             names = names_in(volume.path)
     if data.ndim != 3 or data.dtype.kind not in "biuf":
         raise InputError(f"the flat volume has shape {data.shape}. Pass numbers of shape (depth, row, column)")
-    if pixel_size is not None and abs(pixel_size / flat_map.pixel_size - 1) < _SAME:
-        pixel_size = flat_map.pixel_size
-    raster = flat_map.raster(pixel_size)
+    size = None if pixel_size is None else checked_number(pixel_size, "pixel size")
+    if own is not None:
+        if size is not None and not abs(size / own - 1) < _SAME:
+            raise InputError(f"the pixel size is {size:g}, but the flat volume has {own:g}. Omit the pixel size")
+        size = own
+    if size is not None and abs(size / flat_map.pixel_size - 1) < _SAME:
+        size = flat_map.pixel_size
+    raster = flat_map.raster(size)
     if raster.shape != data.shape[1:]:
         raise InputError(
             f"the flat volume has {data.shape[2]} x {data.shape[1]} pixels, but the map has {raster.shape[1]} x "

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from voxflat.arguments import array_of, log, numbers_of, unmasked
+from voxflat.arguments import array_of, checked_instance, log, numbers_of, shown, unmasked
 from voxflat.errors import InputError
 from voxflat.io.files import REMEDY, check_regular, contents, from_json, naming
 from voxflat.io.formats.svg import Outline, read_outlines
@@ -97,6 +97,14 @@ class _Pixels:
 
 def regions_of(of: Planar, rois: object, *, layer: str, pixel_size: float | None) -> Regions:
     """Return regions from any supported input, as `FlatMap.regions` does."""
+    checked_instance(layer, str, "layer", "its name")
+    drawn = _regions_of(of, rois, layer, pixel_size)
+    if pixel_size is not None and not isinstance(drawn.places, _Pixels):
+        raise InputError(f"pixel_size is {shown(pixel_size)}, but the regions are not an image. Omit pixel_size")
+    return drawn
+
+
+def _regions_of(of: Planar, rois: object, layer: str, pixel_size: float | None) -> Regions:
     if isinstance(rois, str | os.PathLike):
         path = Path(rois)
         name = path.name.lower()
@@ -107,7 +115,7 @@ def regions_of(of: Planar, rois: object, *, layer: str, pixel_size: float | None
         if name.endswith(_IMAGES):
             with naming(path, REMEDY):
                 data, size = _read_image(path, of._triangles.on_surface.origin.unit)
-                return _pixels(of, data, pixel_size or size)
+                return _pixels(of, data, size if pixel_size is None else pixel_size)
         raise InputError(f"{path}: unsupported file type. Pass regions as .svg, .json, {', '.join(_IMAGES)}")
     if isinstance(rois, FlatImage):
         return _pixels(of, rois.data, rois.pixel_size)

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from voxflat.arguments import shown
 from voxflat.errors import InputError
 from voxflat.io.label_tables import LabelTable, are_label_files, label_files, own_table, read_table
 from voxflat.io.partners import check_partner
@@ -60,6 +61,12 @@ class Parcels:
         known, which = np.unique(labels, return_inverse=True)
         rows = [(*self.colours[label], 255) if label in self.colours else (0, 0, 0, 0) for label in known.tolist()]
         return np.array(rows, dtype=np.uint8)[which.reshape(labels.shape)]
+
+
+def check_table(parcels: object, table: object) -> None:
+    """Raise an error if a table is given, but no labels to which its names apply."""
+    if table is not None and (parcels is None or isinstance(parcels, Parcels)):
+        raise InputError(f"table is {shown(table)}, but there are no labels that it names. Omit table, or pass parcels")
 
 
 def parcels_of(flat_map: FlatMap, labels: object, *, table: object = None, depths: Depths = ON_SURFACE) -> Parcels:

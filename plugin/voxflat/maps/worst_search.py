@@ -21,7 +21,7 @@ from voxflat.errors import InputError
 from voxflat.io.provenance import recording
 from voxflat.maps.flat_map import FlatMap
 from voxflat.maps.lines import rim
-from voxflat.maps.parcels import Parcels, parcels_of
+from voxflat.maps.parcels import Parcels, check_table, parcels_of
 from voxflat.maps.worst_places import RelievingCut, WorstPlace, WorstPlaces, area_changes
 from voxflat.surfaces.cuts import close_holes
 from voxflat.surfaces.cutting import sketch_error
@@ -98,6 +98,8 @@ def worst_places(
     factor = optional_number(beyond, "beyond")
     if factor is None or not 1 < factor < np.inf:
         raise InputError(f"beyond is {shown(beyond)}. Pass a factor greater than 1, such as 1.5")
+    check_table(parcels, table)
+    threads, with_cuts = checked_threads(threads), checked_switch(cuts, "cuts")
     if flat_map.distortion.triangles is None:
         raise InputError("the map has no triangles on which to measure areas. Pass a map made with another method")
     areas, logs = area_changes(flat_map)
@@ -112,8 +114,8 @@ def worst_places(
     named = parcels if parcels is None or isinstance(parcels, Parcels) else parcels_of(flat_map, parcels, table=table)
     places = [_place(flat_map, number, groups[at], areas, logs, whole, named) for number, at in enumerate(order, 1)]
     error = np.nan
-    if checked_switch(cuts, "cuts") and places:
-        ways = _Ways(flat_map, checked_threads(threads), progress)
+    if with_cuts and places:
+        ways = _Ways(flat_map, threads, progress)
         error = ways.error
         places = [replace(place, cut=ways.relieving(place)) for place in places]
     share = float(sum(areas[group].sum() for group in groups)) / whole if whole > 0 else np.nan

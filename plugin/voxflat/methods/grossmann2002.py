@@ -88,12 +88,12 @@ class Grossmann2002(Method):
 
     sources: int | ArrayLike = 1000
     sampling: str = "farthest"
-    link_lengths: str = LINK_LENGTHS
+    link_lengths: str = LINK_LENGTHS[0]
 
     def __post_init__(self) -> None:
         """Check the options."""
         checked_choice(self.sampling, "sampling", [one for one in SAMPLINGS if one != "curvature"])
-        checked_choice(self.link_lengths, "link_lengths", ("chain-code", "euclidean"))
+        checked_choice(self.link_lengths, "link_lengths", LINK_LENGTHS)
 
     def _flatten(self, surface: Manifold | CutManifold[Manifold], settings: FlattenSettings) -> FlatMap:
         """Flatten the surface voxels from which a surface was made."""

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from voxflat.arguments import Progress, checked_number, is_whole, shown
 from voxflat.errors import InputError
 from voxflat.io.grid import in_unit, rounded
+from voxflat.surfaces.cuts import check_relax
 from voxflat.surfaces.cutting import Chart, CutManifold, Tube, cut_out_as, opened_to_disk
 from voxflat.surfaces.manifold import Manifold, SurfaceT
 from voxflat.surfaces.parts import largest_piece, vertex_at
@@ -57,6 +58,7 @@ def charted(
     if not is_cylinder and not (is_whole(count) and 1 <= int(count) <= MOST_CHARTS):
         raise InputError(f"count is {shown(count)}. Pass a number of charts from 1 to {MOST_CHARTS}, or 'cylinder'")
     sectors = 1 if is_cylinder else int(count)
+    check_relax(relax)
     if is_cylinder and relax:
         raise InputError("relax does not apply to a cylinder. Omit it, or choose a number of charts")
     overlap = checked_number(overlap, "overlap")

@@ -9,13 +9,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from voxflat import _core
-from voxflat.arguments import Progress, array_of, voxel_indices
+from voxflat.arguments import Progress, array_of, checked_choice, voxel_indices
 from voxflat.errors import InputError
 from voxflat.io.grid import in_unit, rounded, voxel_size
 from voxflat.io.origin import VoxelOrigin
 from voxflat.surfaces.manifold import Manifold
 
-LINK_LENGTHS = "chain-code"  # default measure of links: the paper's unbiased estimator
+LINK_LENGTHS = ("chain-code", "euclidean")  # measures of links; the first is the paper's unbiased estimator
 
 _FAR = 2.0  # most voxels between a seed point and the surface without a warning
 
@@ -66,13 +66,14 @@ class VoxelGraph:
             ) from None
 
 
-def voxel_graph(of: Manifold, link_lengths: str = LINK_LENGTHS, progress: Progress | None = None) -> VoxelGraph:
+def voxel_graph(of: Manifold, link_lengths: str | None = None, progress: Progress | None = None) -> VoxelGraph:
     """Link the surface voxels of a volume, which is repaired only on request, and select the part of the surface."""
+    links = LINK_LENGTHS[0] if link_lengths is None else checked_choice(link_lengths, "link_lengths", LINK_LENGTHS)
     if of.foreground is None:
         raise InputError("chain codes require surface voxels, but this surface has none. Pass a surface from a volume")
     affine = of.foreground.origin.affine
     size = float(np.linalg.norm(affine[:3, :3], axis=0).max())
-    whole = _core.VoxelSurface.from_mask(of.foreground.mask(), affine.tolist(), link_lengths, progress)
+    whole = _core.VoxelSurface.from_mask(of.foreground.mask(), affine.tolist(), links, progress)
     part, kept, warnings = whole, None, []
     seed, found, radius = None, None, None
     for step in of.steps:
@@ -97,13 +98,13 @@ def voxel_graph(of: Manifold, link_lengths: str = LINK_LENGTHS, progress: Progre
         "seed_found": found,
         "radius": radius,
         "keep": is_masked,
-        "link_lengths": link_lengths,
+        "link_lengths": links,
         "surface_points": len(whole),
         "components": len(components),
         "largest_components": components[:10],
         "points": len(part),
     }
-    return VoxelGraph(part, whole, origin, link_lengths, is_masked or seed is not None, metadata, tuple(warnings))
+    return VoxelGraph(part, whole, origin, links, is_masked or seed is not None, metadata, tuple(warnings))
 
 
 def seed_voxel(seed_point: object, shape: Sequence[int], name: str = "seed point") -> list[int]:

@@ -133,7 +133,7 @@ def image_command(
         raise click.UsageError("--heat-map applies to single maps. Pass --metric for the map of a movie.")
     if heat_map == (volume is not None or metric):
         raise click.UsageError("Pass either --volume or --heat-map (for the map of a movie, --volume or --metric).")
-    if heat_map and (unused := [name for name, value in given.items() if value not in (None, False)]):
+    if heat_map and (unused := [name for name, value in given.items() if value is not None and value is not False]):
         flags = ", ".join(f"--{name.replace('_', '-')}" for name in unused)
         raise click.UsageError(f"{flags}: only with --volume. Pass --volume instead of --heat-map.")
     check_depth(given)

@@ -111,10 +111,9 @@ def layers_command(
     "Columns",
     options.value("--count", "N", "Number of columns. Either --count or --area is required.", "-n", type=int),
     option_of(Rim.columns, "area", metavar="MM2", type=options.NUMBER),
-    options.value("--seed", "N", "Seed of the first centre.", type=int, default=0),
 )
 @options.output("Output volume for the columns, numbered from 1; 0 outside the grey matter.")
-@options.run(options.threads, options.memory_limit)
+@options.run(options.seed, options.threads, options.memory_limit)
 def columns_command(
     input_: Path,
     output: Path,

@@ -10,7 +10,6 @@ from typing import Any, ClassVar
 import click
 import cloup
 
-from voxflat.arguments import checked_seed, checked_threads
 from voxflat.cli import options
 from voxflat.cli.console import Bars, Command, bars, translated
 from voxflat.cli.output import is_json, report
@@ -284,13 +283,8 @@ def _chosen(sides: tuple[str, ...]) -> list[str]:
 def _parameters(given: dict[str, Any]) -> Parameters:
     """Remove the map options from the command's options, and return them as parameters.
 
-    Values that would make every hemisphere fail are refused.
+    Cuts that would make every hemisphere fail are refused.
     """
-    try:
-        checked_seed(given["seed"])
-        checked_threads(given["threads"])
-    except InputError as error:
-        raise click.UsageError(translated(str(error))) from None
     is_word = re.fullmatch(r"\w+", given["cuts"]) and given["cuts"] not in (STANDARD, AUTOMATIC)
     if is_word and not Path(given["cuts"]).exists():
         remedy = f'Pass "{STANDARD}", "{AUTOMATIC}" or the name of a file'
