@@ -298,12 +298,30 @@ def test_every_number_is_finite(command, option):
 
 
 @pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("0:1:0.1", [0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0]),
+        ("0:2.1:0.7", [0.0, 0.7, 1.4, 2.1]),
+        ("1:-1:-0.5", [1.0, 0.5, 0.0, -0.5, -1.0]),
+        ("0:1:0.3333333333", [0.0, 0.3333333333, 0.6666666666, 1.0]),
+        ("4:4:1", [4.0]),
+    ],
+)
+def test_a_range_reaches_its_last_number_up_to_rounding(text, expected):
+    assert numbers(None, None, text) == tuple(expected)
+
+
+@pytest.mark.parametrize(
     ("text", "told"),
     [
         ("5:-5:1", "the step of the range '5:-5:1' leads away from its last number. Pass 5:-5:-1."),
         ("-5:5:-0.5", "the step of the range '-5:5:-0.5' leads away from its last number. Pass -5:5:0.5."),
         ("-5:5:0", "the step of the range '-5:5:0' is 0. Pass first:last:step, such as -10:10:1."),
         ("0:1:1e-9", "the range '0:1:1e-9' has more than 1,000,000 numbers. Pass a larger step."),
+        ("0:1:0.3", "the range '0:1:0.3' ends at 0.9, not at 1. Pass 0:0.9:0.3 or 0:1:0.25."),
+        ("-10:10:3", "the range '-10:10:3' ends at 8, not at 10. Pass -10:8:3 or -10:10:2.5."),
+        ("1:0:-0.3", "the range '1:0:-0.3' ends at 0.1, not at 0. Pass 1:0.1:-0.3 or 1:0:-0.25."),
+        ("0:1:3", "the range '0:1:3' ends at 0, not at 1. Pass 0:1:1."),
         ("0,nan", "'nan' is not finite. Pass finite numbers."),
         ("0:inf:1", "'0:inf:1' is not finite. Pass finite numbers."),
         ("1:2", "'1:2' is not a number, a list of numbers such as 0.25,0.5 or a range such as -10:10:1"),

@@ -36,6 +36,7 @@ _RELAX_LENGTH = "Maximum total length of relaxation cuts in mm, including any cu
 _PERIOD = "Treat the values as phases with this period, such as 360, so that averages and colours wrap around."
 _TIME_STEP = "Time between frames of a series, in seconds.  [default: from the file]"
 _MOST_NUMBERS = 1e6  # in a range
+_ROUNDING = 1e-6  # steps by which the last number of a range may miss its end
 _PER_LINE = "Write one vertex number, or three voxel indices, on each line."
 
 
@@ -159,7 +160,7 @@ def numbers(ctx: click.Context, param: click.Parameter, value: str | None) -> tu
 
 
 def _numbers(text: str) -> list[float]:
-    """Return a number, or all numbers of a range, which includes both ends."""
+    """Return a number, or all numbers of a range, which includes both of its ends."""
     try:
         parts = [float(part) for part in text.split(":")]
     except ValueError:
@@ -180,7 +181,15 @@ def _numbers(text: str) -> list[float]:
         raise click.BadParameter(f"the step of the range {text!r} leads away from its last number. {remedy}")
     if steps >= _MOST_NUMBERS:
         raise click.BadParameter(f"the range {text!r} has more than {_MOST_NUMBERS:,.0f} numbers. Pass a larger step.")
-    return [float(f"{first + step * n:.12g}") for n in range(math.floor(steps + 1e-9) + 1)]
+    if abs(steps - round(steps)) > _ROUNDING:
+        begin, end, reached = (f"{number:.12g}" for number in (first, last, first + step * math.floor(steps)))
+        counts = sorted(range(1, math.ceil(2 * steps) + 1), key=lambda count: abs(count - steps))
+        finer = (f"{(last - first) / count:.12g}" for count in counts)
+        remedies = [f"{begin}:{end}:{next(by for by in finer if len(by) <= len(text) or by == f'{last - first:.12g}')}"]
+        remedies = [f"{begin}:{reached}:{step:.12g}", *remedies] if steps > 1 else remedies
+        told = f"the range {text!r} ends at {reached}, not at {end}"
+        raise click.BadParameter(f"{told}. Pass {' or '.join(remedies)}.")
+    return [float(f"{first + step * n:.12g}") for n in range(round(steps))] + [last]
 
 
 class _File(click.Path):
