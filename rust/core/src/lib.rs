@@ -79,5 +79,8 @@ pub mod surface;
 mod tests;
 pub mod volume;
 
+/// Points, normals and directions are vectors of this version of nalgebra.
+pub use nalgebra;
+
 pub use control::Control;
 pub use error::{Error, Result};
