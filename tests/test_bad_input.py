@@ -300,6 +300,7 @@ def flat_map():
     return voxflat.flatten(sheet(), method=Voxflat(sources=20))
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("name", BAD_OUTPUTS)
 def test_bad_outputs(name, flat_map, tmp_path, monkeypatch):
     if name.startswith("locked") and getattr(os, "geteuid", int)() == 0:
@@ -322,6 +323,7 @@ def test_bad_outputs(name, flat_map, tmp_path, monkeypatch):
 # ------------------------------------------------------------------------------------------ interruption
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("stage", ["placing the vertices", "choosing sources", "measuring distortion"])
 def test_progress_that_says_no_cancels(stage):
     with pytest.raises(voxflat.Cancelled):

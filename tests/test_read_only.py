@@ -91,6 +91,7 @@ def test_each_public_class_with_arrays_is_read_only(results):
     }
 
 
+@pytest.mark.medium
 def test_a_map_from_another_process_is_read_only(results):
     assert results[1].look_up(results[1].uv[:1]).face_ids[0] >= 0  # prepared values are not copied
     flat_map = pickle.loads(pickle.dumps(results[1]))

@@ -3,6 +3,7 @@
 import inspect
 
 import numpy as np
+import pytest
 from hard_shapes import sheet
 from matplotlib.figure import Figure
 
@@ -13,6 +14,7 @@ from voxflat.surfaces.cuts import Cut
 from voxflat.surfaces.standard.registration import Registration
 
 
+@pytest.mark.medium
 def test_the_repr_of_each_public_class_is_a_line(tmp_path):
     points, faces = sheet(lambda u, v: (u, v, 3 * np.sin(u / 4) * np.cos(v / 4)), (39, 39), (40, 40))
     mesh = io.Mesh(points, faces)

@@ -110,6 +110,7 @@ def test_pyvista_takes_a_unit(caplog):
     assert "µm in total" in caplog.text
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("name", ["hill.surf.gii", "lh.white", "hill.patch.3d", "map.surf.gii", "map.flat.patch.3d"])
 def test_a_warning_says_when_lengths_that_are_not_known_to_be_in_mm_become_mm(tmp_path, name, caplog):
     voxflat.samples.hill().save(tmp_path / "hill.obj")
@@ -174,6 +175,7 @@ def test_images_in_files_have_the_size_of_the_cell_or_no_unit(maps, tmp_path):
             assert ("PhysicalSizeXUnit" in file.ome_metadata) == bool(size)
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("name", ["map.tif", "map.ome.tif"])
 def test_a_single_image_is_an_ome_tiff_with_its_name_and_pixel_size(maps, tmp_path, name):
     for flat_map, size in zip(maps, (SIZE, None), strict=True):
@@ -319,6 +321,7 @@ def test_tables_and_json_have_the_unit_in_their_names(maps):
     assert "600 nm" in voxflat.surface(mesh, unit="nm").check().table()
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize(("unit", "name"), [("nm", "10nm"), ("µm", "10um"), ("mm", "10mm"), (None, "10")])
 def test_distances_have_the_unit_of_their_surface(tmp_path, unit, name):
     """Both in the figures of a map, of which a file is independent, and in a store of distances."""

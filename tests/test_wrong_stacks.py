@@ -20,6 +20,8 @@ from voxflat.figures import Overlay
 from voxflat.io import Mesh, write_mesh
 from voxflat.methods import Voxflat
 
+pytestmark = pytest.mark.medium
+
 SHAPE, SIZE, RADIUS = (50, 30, 30), 0.5, 4.6  # voxels; µm
 CENTRES = np.array([[7.5, 7.5, 7.5], [16.25, 7.5, 7.5]])  # µm, of two balls that touch
 
@@ -58,7 +60,6 @@ def files(tmp_path_factory):
     return folder
 
 
-@pytest.mark.medium
 @pytest.mark.parametrize(
     ("flat_map", "volume", "told"),
     [
@@ -124,7 +125,6 @@ def test_a_stack_without_a_size_is_reported(files, tmp_path):
     fail(1, "defines its voxel size in µm. Omit --unit", "check", files / "ball.tif", "--unit", "mm")
 
 
-@pytest.mark.medium
 @pytest.mark.parametrize("ending", [".tif", ".h5", ".ome.zarr"])
 def test_check_names_no_anatomical_directions_of_a_stack(ending, tmp_path):
     ball, path = (voxflat.samples.ball() > 0).astype(np.uint8), tmp_path / f"ball{ending}"

@@ -118,6 +118,7 @@ class TestImages:
         assert painted.data.shape == (*image.data.shape, 4)
         assert (painted.data[np.isfinite(image.data)] == [10, 200, 30, 255]).all()
 
+    @pytest.mark.medium
     def test_voxels_are_located_and_sampled(self, of_voxels):
         volume = np.indices(shapes.ball(9).shape)[0].astype(float)
         ids, points = of_voxels.page().locate()
@@ -227,6 +228,7 @@ class TestTextures:
         assert (warm[..., 0] != warm[..., 2]).any()
         refused("does not belong to this page", atlas.page(30.0).textured, image)
 
+    @pytest.mark.medium
     @pytest.mark.parametrize("bound", [None, 1.5])
     def test_a_patch_has_one_colour_wherever_it_is_shown(self, atlas, bound, tmp_path, monkeypatch):
         shown = atlas if bound is None else atlas.glue(bound)

@@ -152,6 +152,7 @@ def test_wrong_use_is_refused_in_one_line(folder, monkeypatch, words, status, to
     assert sorted(folder.iterdir()) == before
 
 
+@pytest.mark.medium
 def test_a_movie_can_be_cited(folder):
     assert "voxflat" in succeed("cite", folder / "movie.npz").stdout
 

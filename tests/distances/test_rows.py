@@ -321,6 +321,7 @@ def test_a_directory_that_is_not_writable_is_refused(tmp_path):
         SURFACE.geodesic(SOURCES, store=tmp_path / "store")
 
 
+@pytest.mark.medium
 def test_a_store_in_use_is_refused(stored):
     with (stored.store / "lock").open() as file:
         fcntl.flock(file, fcntl.LOCK_EX)

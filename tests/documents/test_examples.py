@@ -24,6 +24,7 @@ OF_CLASSES = {"ES01", "EX01", "SA01"}
 PUBLIC = public()
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("name", PUBLIC)
 def test_the_docstring_passes_all_checks_of_numpydoc(name):
     is_method = "." in PUBLIC[name].__qualname__  # its class says more, and leads on

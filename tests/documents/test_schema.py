@@ -80,6 +80,7 @@ FILES = {
 }
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("kind", FILES)
 def test_the_metadata_of_other_files_follow_the_schema(tmp_path, kind):
     write, read = FILES[kind]

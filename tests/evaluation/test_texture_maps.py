@@ -80,6 +80,7 @@ def test_a_map_with_seams_is_a_start(files, name):
     assert found.distortion.raw.relative_error == pytest.approx(flat_map.distortion.raw.relative_error, rel=0.05)
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("name", OWN + OTHERS)
 def test_other_programs_read_the_same_texture_coordinates(files, name):
     read = read_mesh(files[0] / name)

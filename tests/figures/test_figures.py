@@ -130,6 +130,7 @@ def scene():
     return lambda picture: picture[:, : int(0.83 * picture.shape[1])].astype(int)
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("in_place", [False, True])
 def test_patch_3d_shows_the_patch_from_outside(flat_map, scene, in_place):
     # the errors are at +y, which is on the left when the front is seen along +x with z up

@@ -71,6 +71,7 @@ def most_memory():
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1 if sys.platform == "darwin" else 1024)
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("name", BIG)
 def test_headers_tell_what_would_be_too_much(tmp_path, name):
     if name.endswith((".mha", ".nrrd")):

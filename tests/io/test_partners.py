@@ -65,6 +65,7 @@ def test_values_of_the_other_hemisphere_are_refused(files, left, name):
         refused(f"{name}: {OTHER}", figures.flat_map, left, np.ones(COUNT), opacity=files / name)
 
 
+@pytest.mark.medium
 def test_gifti_tells_the_hemisphere_where_the_name_does_not(files, left, tmp_path):
     right = {"AnatomicalStructurePrimary": "CortexRight"}
     path = gifti(tmp_path / "values.func.gii", [(MASK, "none")], lambda image: image.meta.update(right))

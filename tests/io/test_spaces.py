@@ -56,6 +56,7 @@ def test_freesurfers_files_get_tkras_and_a_footer(tmp_path, name, axes):
         np.testing.assert_array_equal(written, points)
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("name", IN_SCANNER)
 def test_all_others_are_in_scanner_ras(tmp_path, name):
     """This is how tools combine them with volumes; no metadata would make another tool move them again."""

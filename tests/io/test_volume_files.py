@@ -165,6 +165,7 @@ def test_itk_formats_against_itk_points(tmp_path, ending, compressed):
     agrees_with_itk(read_volume(path), image)
 
 
+@pytest.mark.medium
 def test_a_known_lps_header(tmp_path):
     path, data = tmp_path / "v.nrrd", np.arange(24, dtype="<i2").tobytes()
     head, end = "NRRD0004\ntype: short\ndimension: 3\nsizes: 2 3 4\n{}\n", "endian: little\nencoding: raw\n\n"
@@ -193,6 +194,7 @@ def test_itk_formats_refuse_shear_and_convert_units(tmp_path, name):
     np.testing.assert_allclose(read_volume(path).affine, np.diag([1e-3, 1e-3, 1e-3, 1]) @ affine)
 
 
+@pytest.mark.medium
 def test_a_type_that_itk_does_not_wrap(tmp_path):
     path = tmp_path / "v.mha"
     itk.imwrite(itk_image(values()), str(path))

@@ -74,6 +74,7 @@ def test_they_are_the_layers_of_the_rim(fold, layering):
         assert np.nanmean(np.abs(image - (layer + 0.5) / 5)) < 0.02
 
 
+@pytest.mark.medium
 def test_nifti_files_are_volumes_in_mm(fold, bold, tmp_path):
     rim, flat_map = fold
     raster, thickness = flat_map.raster(0.4), np.median(rim.surface.thickness)

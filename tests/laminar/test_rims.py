@@ -62,6 +62,7 @@ def test_equivolume_differs_from_equidistant_as_volume_does(rims):
     assert 0.8 < slope < 1.1
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("shape", SHAPES)
 def test_thickness(rims, shape):
     rim, labels, *_ = rims[shape]

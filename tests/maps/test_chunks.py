@@ -164,6 +164,7 @@ SCALED = [{"path": "0", "coordinateTransformations": 2 * [{"type": "scale", "sca
 
 
 class TestOmeZarr:
+    @pytest.mark.medium
     @pytest.mark.parametrize("version", [0.4, 0.5])
     def test_by_its_path(self, m, values, tmp_path, version):
         path = ome(tmp_path / "v.ome.zarr", values, version)

@@ -162,6 +162,7 @@ def test_cells_of_a_closed_surface_cover_it(egg):
     assert (found["perimeter"] > np.sqrt(4 * np.pi * found["area"]) * 0.97).all()  # the isoperimetric inequality
 
 
+@pytest.mark.medium
 def test_curvature_is_that_of_the_surface(cap, egg):
     whole = measured(cap, near(cap, cap.points[cap.ids == 0][0], 9.0, 0.25), 0.25)
     assert whole["curvature"] == pytest.approx(1 / RADIUS, rel=0.01)
@@ -271,6 +272,7 @@ def test_means_of_channels_over_a_range_of_depths(organ, monkeypatch):
     fail(1, "missing.tif", *command[:5], "missing.tif", "-o", "no.tsv")
 
 
+@pytest.mark.medium
 def test_the_table_has_names_units_and_one_row_per_region(tube, tmp_path):
     middle = tube.uv.mean(axis=0)
     corners = {"two": [[0, 0], [9, 0], [9, 6], [0, 6]], "one": [[0, 0], [-6, 0], [-6, -6], [0, -6]]}

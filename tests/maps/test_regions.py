@@ -85,6 +85,7 @@ class TestRoundTrips:
             assert set(np.unique(again)) == {0, 7}
             assert dice(again * inside, labels * inside) > 0.985
 
+    @pytest.mark.medium
     def test_from_vertices_through_the_map_to_vertices(self, m):
         labels = np.zeros(m.metadata["vertices"], np.int64)
         points = m.points - m.points.mean(axis=0)

@@ -55,6 +55,7 @@ def nifti(path, data, affine, step=2.0, unit="sec", start=0.0):
     return path
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("kind", AFFINES)
 @pytest.mark.parametrize("name", ["bold.nii", "bold.mgz"])
 def test_each_frame_lies_where_the_surface_is(tk_map, tmp_path, kind, name):

@@ -79,6 +79,7 @@ def test_each_pixel_shows_what_its_place_on_the_surface_shows(mesh, flat_map, tm
     assert (image.data[raster.inside][:, 2] == 7).all()
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("save", [save_obj, save_ply])
 def test_seams_of_the_texture_are_kept(mesh, flat_map, tmp_path, save):
     """Every triangle has a patch of its own in the picture, its corners in any order: each pixel has its colour."""
@@ -103,6 +104,7 @@ def test_seams_of_the_texture_are_kept(mesh, flat_map, tmp_path, save):
     assert (image.data[at == -1][:, 3] == 0).all()
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("is_there", [True, False])
 def test_triangles_without_texture_are_transparent(mesh, flat_map, tmp_path, is_there):
     path = save_obj(tmp_path, mesh, chessboard())

@@ -30,6 +30,7 @@ def test_maps_are_finite_without_folds_and_it_is_told_if_they_did_not_converge(s
     assert told == (not made.metadata["descent"]["converged"])
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("shape", [hard_shapes.long_strip, hard_shapes.densities, hard_shapes.slivers])
 def test_sheets_that_unroll_do(shape):
     flat = usual_map(shape).distortion

@@ -41,6 +41,7 @@ def test_kept_rows_are_those_of_geodesic_and_the_map_is_the_same(name, tmp_path)
         np.testing.assert_array_equal(voxflat.open_rows(stored.metadata["store"]).sources, stored.sources)
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("sources", [60, 149, 400])
 def test_whatever_way_distances_are_measured(sources):
     volume = shapes.sheet((60, 50))  # for judging there are 200 more: of 60 and 149 sources alone they go another way

@@ -26,6 +26,7 @@ def changes(flat):
     return np.maximum(ratio, 1 / ratio)
 
 
+@pytest.mark.medium
 def test_no_triangle_is_beyond_the_bound():
     surface = cap(115)
     usual = voxflat.flatten(surface, method=Voxflat(sources=60), relax=False)

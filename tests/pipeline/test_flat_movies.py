@@ -98,6 +98,7 @@ def test_files_of_maps_and_series_are_told_apart(series, tmp_path):
         voxflat.load_series(tmp_path / "none.npz")
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize(
     ("change", "told"),
     [

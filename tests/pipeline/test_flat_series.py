@@ -90,6 +90,7 @@ def test_all_frames_share_the_map_of_the_reference_frame(growth):
         assert ((own.points - own.points.mean(axis=0)) * normals).sum(axis=1).min() > 0
 
 
+@pytest.mark.medium
 def test_points_lie_on_their_frame_which_is_covered(growth):
     series, frames = growth
     for own, (points, faces) in zip(series, frames, strict=True):
@@ -289,6 +290,7 @@ def test_frames_that_do_not_fit_are_named(caplog):
     assert "does not fit frame 2 (" in replace(many, gaps=many.gaps * [1, 1, 2, 1]).warnings[0]  # 0.22 > 3 x 0.055
 
 
+@pytest.mark.medium
 def test_gaps_are_95th_percentiles_of_the_distances_to_the_moved_surface():
     def rough(x, y):
         return np.column_stack([x, y, 0.15 * np.random.default_rng(0).standard_normal(len(x)) ** 3])

@@ -82,6 +82,7 @@ def flat_map(request, image):
     return flat_map
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("in_cells", [False, True], ids=["points", "cells"])
 @pytest.mark.parametrize("place", PLACES.values(), ids=PLACES)
 def test_points_lie_where_vtk_has_them(place, in_cells):
@@ -264,6 +265,7 @@ def open_cylinder():
     return pv.StructuredGrid(10 * np.cos(angle), 10 * np.sin(angle), height)
 
 
+@pytest.mark.medium
 def test_numbers_are_those_of_the_datasets_points():
     grid = open_cylinder()
     seed = 24 * 6 + 12
@@ -299,6 +301,7 @@ def test_distances_and_paths_along_a_grid():
     assert line["vertex_ids"][[0, -1]].tolist() == [0, grid.n_points - 1]
 
 
+@pytest.mark.medium
 def test_blocks_are_flattened_one_by_one(capsys):
     blocks = pv.MultiBlock({"tube": open_cylinder(), "nothing": None, "more": pv.MultiBlock({"bumps": bumpy()})})
     flat = blocks.voxflat(method=Voxflat(sources=10), progress_bar=True)

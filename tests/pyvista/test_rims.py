@@ -1,6 +1,7 @@
 """The borders of a rim as PyVista meshes, on a cylinder whose radii are known."""
 
 import numpy as np
+import pytest
 import pyvista as pv
 from numpy.testing import assert_array_equal
 from refusals import refused
@@ -8,6 +9,7 @@ from refusals import refused
 import voxflat
 
 
+@pytest.mark.medium
 def test_the_borders_of_a_rim_correspond():
     rim = voxflat.rim(voxflat.samples.rim())  # a cylinder along z: grey matter between the radii 4.5 and 7 mm
     blocks = rim.to_pyvista()
@@ -27,6 +29,7 @@ def test_the_borders_of_a_rim_correspond():
     assert (outwards > 0).all()  # triangles are counterclockwise seen from outside
 
 
+@pytest.mark.medium
 def test_columns_are_numbers_of_points():
     rim = voxflat.rim(voxflat.samples.rim())
     columns = rim.columns(20)

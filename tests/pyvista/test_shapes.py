@@ -180,6 +180,7 @@ REFUSED = {
 }
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("name", FLAT)
 def test_shapes_are_flattened(name, caplog):
     mesh = FLAT[name]()

@@ -54,6 +54,7 @@ def test_every_measure_is_an_array(flat):
     assert flat["flipped"].dtype == bool
 
 
+@pytest.mark.medium
 def test_a_place_is_a_point_a_position_or_a_cell():
     grid = saddle()
     number = 40

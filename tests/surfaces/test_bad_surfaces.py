@@ -78,6 +78,7 @@ def test_check_lists_all_defects():
     assert "edges of more than two triangles" in found.table()
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize(
     ("options", "message"),
     [
@@ -144,6 +145,7 @@ def test_the_largest_component_is_that_of_the_largest_area_and_so_it_is_told():
             voxflat.surface(both).keep(np.ones(len(both[0]), bool)).flatten()
 
 
+@pytest.mark.medium
 def test_a_stray_triangle_with_a_corner_far_away_does_not_replace_the_surface():
     points, faces = square(20)
     stray = np.array([[0.0, 0.0, 9.0], [1.0, 0.0, 9.0], [1e6, 1e6, 9.0]])

@@ -28,6 +28,7 @@ def egg():
     return voxflat.surface(ellipsoid(), unit="µm")
 
 
+@pytest.mark.medium
 def test_charts_are_equal_sectors_that_cover_each_triangle_once(egg):
     front = nearest(egg.points, [0, 0, 10])
     middle = longitudes(egg.points[front][None])
@@ -43,6 +44,7 @@ def test_charts_are_equal_sectors_that_cover_each_triangle_once(egg):
             assert chart.surface.core.topology()["euler"] == 1
 
 
+@pytest.mark.medium
 def test_the_seam_of_a_single_chart_is_opposite_the_front(egg):
     for angle in (0.0, 2.0, -1.2):
         front = nearest(egg.points, [0, 10 * np.sin(angle), 10 * np.cos(angle)])

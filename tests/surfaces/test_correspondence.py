@@ -151,6 +151,7 @@ class TestOverlays:
         assert caplog.messages == []
         assert np.isfinite(image.data).any()
 
+    @pytest.mark.medium
     @pytest.mark.parametrize("name", ["curv", "sulc", "thickness"])
     def test_the_other_sides(self, flat, brain, name):
         message = rf"rh\.{name}: {OTHER}. Pass .* array"

@@ -64,6 +64,7 @@ class TestSulcalDepth:
         depth = sign * surface.sulcal_depth()
         assert np.abs((depth - depth[inner].mean() + height - height[inner].mean())[inner]).max() < 0.1
 
+    @pytest.mark.medium
     def test_it_asks_not_for_the_triangles(self):
         white, _, faces = lab.hemisphere()
         fine = voxflat.surface(lab.fsaverage5("white_left"))

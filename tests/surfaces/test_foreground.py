@@ -91,6 +91,7 @@ def organs(apart=(0, 0, 0), sizes=(6, 5), dtype=np.uint8):
     return labels
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("dtype", [np.uint8, np.int16, np.float32])
 @pytest.mark.parametrize("options", [{"threshold": 0.5}, {"label": [4, 9]}, {"label": [9, 4]}])
 def test_labels_that_touch_and_form_one_surface_are_named(options, dtype):

@@ -71,6 +71,7 @@ def test_the_surface_is_the_one_without_defects_and_all_is_told():
     assert [len(found.defects[name]) for name in named] == [12, 1, 5]
 
 
+@pytest.mark.medium
 def test_the_map_has_every_vertex_number(tmp_path):
     mesh, twins, clean = defective()
     flat, expected = (voxflat.flatten(one, Voxflat(sources=30), rows=True) for one in (mesh, clean))
@@ -151,6 +152,7 @@ def test_lips_of_a_cut_stay_apart():
     assert len(voxflat.check((cut.points, cut.faces.astype(np.int64))).defects["vertices at the same place as another"])
 
 
+@pytest.mark.medium
 def test_holes_are_small_beside_the_mesh_where_its_unit_is_unknown(tmp_path):
     """The limit is a circumference of 15 mm in files with a unit, and twelve edges in other files."""
     points, faces = square(30)

@@ -125,6 +125,7 @@ def test_an_ellipsoid_is_no_hemisphere_even_with_random_folds(waves):
     refused("not a cortical hemisphere", voxflat.surface(ball([40, 85, 60], waves)).register)
 
 
+@pytest.mark.medium
 def test_handles_and_sides_that_do_not_exist_are_refused(hemispheres):
     refused("side is 'both'. Pass 'left' or 'right'", voxflat.surface(hemispheres["left"][:2]).register, side="both")
     ring = np.zeros((24, 24, 8), dtype=np.uint8)
@@ -138,6 +139,7 @@ def test_it_can_be_cancelled(hemispheres):
         voxflat.surface(hemispheres["left"][:2]).register(progress=lambda stage, done, total: False)
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("name", ["lh.sphere.reg.surf.gii", "lh.sphere.reg"])
 def test_the_file_is_a_sphere_of_radius_100_of_the_same_vertices(hemispheres, left, tmp_path, name):
     left.save(tmp_path / name)

@@ -22,6 +22,7 @@ def height(surface):
     return np.ptp(z[(abs(x) < 21) & (abs(y) < 21)]) / 2
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize(("of", "kept"), [(10, 1 / 17), (20, 1 / 2), (40, 16 / 17)])
 def test_waves_shorter_than_the_length_are_removed(of, kept):
     sheet = wave(of)

@@ -108,6 +108,7 @@ def turn_between(one, other, places, others):
     return np.degrees(_core.turn_onto(found[0], found[0], found[1])[1])
 
 
+@pytest.mark.medium
 def test_a_subject_with_its_sphere_gets_the_five_standard_cuts(standard):
     assert [cut.name for cut in standard.cuts] == NAMES
     assert {cut.reason for cut in standard.cuts} == {"template"}

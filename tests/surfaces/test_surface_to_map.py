@@ -42,6 +42,7 @@ class TestDistances:
         np.testing.assert_allclose(among, among.T, rtol=1e-6)
         assert (among[:, None] <= among[:, :, None] + among[None] + 1e-4).all()
 
+    @pytest.mark.medium
     def test_a_rolled_sheet_has_its_flat_distances(self):
         mesh, places = rolled()
         rows = voxflat.surface(mesh).geodesic([0, 800, 1680])

@@ -58,6 +58,7 @@ def test_only_handles_change():
     assert made.metadata["repair"]["dropped"] == []
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("seed", range(6))
 def test_no_handle_is_left_whatever_else_stays(seed):
     """Cavities and specks stay, and none of them becomes a handle by the repair next to it."""
