@@ -15,8 +15,9 @@ _Floats = NDArray[np.float64]
 _BLUR = 0.8  # pixels; after this Gaussian blur, the total variation of a region is its perimeter within about 1 %
 _REACH = 4  # pixels to which the blur reaches
 _STEP = 0.5  # pixels between samples along the outline of the map
-# 16 positions in a pixel, of which each sixteenth of its width and of its height has one (the Hammersley set)
-_SPLIT = (np.column_stack([np.arange(16), [0, 8, 4, 12, 2, 10, 6, 14, 1, 9, 5, 13, 3, 11, 7, 15]]) + 0.5) / 16 - 0.5
+# 16 positions in a pixel, of which each sixteenth of its width and of its height has one (a rotated 4 x 4 grid); as
+# squares with a side of 1/16, they have the second moments of the pixel
+_SPLIT = (np.array([(4 * i + j, 4 * j + 3 - i) for i in range(4) for j in range(4)]) + 0.5) / 16 - 0.5
 
 AREAS = ("area", "map_area")
 LENGTHS = ("perimeter", "x", "y", "z", "u", "v", "major_axis", "minor_axis")
@@ -58,7 +59,7 @@ def properties_of(
         weights = np.concatenate([weights[~is_split], np.where(is_on[:, None], finer.weights, weights[split])])
         points = np.concatenate([points[~is_split], np.where(is_on[:, None], finer.points, points[split])])
         pixel = np.concatenate([pixel[~is_split], split])
-    share = size**2 * share
+    side, share = size * share, size**2 * share
     area = share * np.where(face < 0, 0.0, np.nan_to_num(metric.area[face]))
     kept = (own != 0) & (area > 0)
     which, area_of, face = np.searchsorted(sorted_keys, own[kept]), area[kept], face[kept]
@@ -66,8 +67,9 @@ def properties_of(
     def total(*values: _Floats) -> _Floats:
         return np.stack([np.bincount(which, area_of * each, len(keys)) for each in values], axis=-1)
 
-    def totals(of_faces: _Floats) -> _Floats:
-        return total(*(each[face] for each in of_faces.reshape(len(of_faces), -1).T)).reshape(-1, *of_faces.shape[1:])
+    def totals(of_faces: _Floats, times: _Floats | float = 1.0) -> _Floats:
+        values = of_faces.reshape(len(of_faces), -1).T
+        return total(*(times * each[face] for each in values)).reshape(-1, *of_faces.shape[1:])
 
     def mean(values: _Floats) -> _Floats:
         known = np.isfinite(values)
@@ -80,7 +82,7 @@ def properties_of(
         centres = total(*points[kept].T) / areas[:, None]
         apart = (points[kept] - centres[which]).T
         between = total(*(a * b for a in apart for b in apart)).reshape(-1, 3, 3)
-        within = totals(metric.to_surface @ metric.to_surface.swapaxes(1, 2)) * size**2 / 12
+        within = totals(metric.to_surface @ metric.to_surface.swapaxes(1, 2), side[kept] ** 2 / 12)
         spread = (between + within) / areas[:, None, None]
         normals = totals(metric.normals)
         normals /= np.linalg.norm(normals, axis=1, keepdims=True)

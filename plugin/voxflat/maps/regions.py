@@ -218,7 +218,8 @@ class Regions(ReadOnly, Recorded):
         >>> cells["area"].round(), cells["map_area"].round()
         (array([58.]), array([50.]))
         """
-        raster = self.of.raster(pixel_size or getattr(image, "pixel_size", None) or self._pixel_size)
+        size = getattr(image, "pixel_size", self._pixel_size) if pixel_size is None else pixel_size
+        raster = self.of.raster(size)
 
         def values() -> Iterator[tuple[str, NDArray[np.float64]]]:
             for name, one in _named(image):
