@@ -70,12 +70,12 @@ _TRIANGLES = {
 _VOXELS = {"voxel_size": ("geometric mean of the voxel spacings; n/a for meshes", "mm")}
 _MEASURES = {
     **{
-        f"{scale}.{name}": (f"{about}, for {of}", unit)
-        for scale, of in _SCALES.items()
+        f"{scale}.{name}": (f"{about}, for {kind}", unit)
+        for scale, kind in _SCALES.items()
         for name, (about, unit) in _DISTANCES.items()
     },
     **_OTHERS,
-    **{f"triangles.{name}": of for name, of in _TRIANGLES.items()},
+    **{f"triangles.{name}": row for name, row in _TRIANGLES.items()},
     **_VOXELS,
 }
 

@@ -77,17 +77,17 @@ class Sums:
 
     def add(self, flat_map: FlatMap, values: NDArray[np.float64]) -> None:
         """Add the values of a map at its points, of shape (N,)."""
-        at = flat_map.look_up(self.places)
-        found = np.full(at.face_ids.shape, np.nan)
-        inside = at.face_ids >= 0
-        corners = values[flat_map.faces[at.face_ids[inside]]]
-        found[inside] = np.einsum("pc,pc->p", at.weights[inside], corners)
-        is_there = np.isfinite(found)
+        places = flat_map.look_up(self.places)
+        sampled = np.full(places.face_ids.shape, np.nan)
+        inside = places.face_ids >= 0
+        corners = values[flat_map.faces[places.face_ids[inside]]]
+        sampled[inside] = np.einsum("pc,pc->p", places.weights[inside], corners)
+        is_there = np.isfinite(sampled)
         self.maps += 1
         self.count += is_there
-        step = np.where(is_there, found - self.mean, 0.0)
+        step = np.where(is_there, sampled - self.mean, 0.0)
         self.mean += step / np.maximum(self.count, 1)
-        self.squares += step * np.where(is_there, found - self.mean, 0.0)
+        self.squares += step * np.where(is_there, sampled - self.mean, 0.0)
 
     def result(self, name: str, letter: str) -> Mean:
         """Return the mean and the standard deviation."""
@@ -96,10 +96,10 @@ class Sums:
         deviation = np.where(enough, np.sqrt(self.squares / np.maximum(self.count - 1, 1)), np.nan)
         origin = (float(self.places[0, 0, 0]), float(self.places[0, 0, 1]))
         record = {"voxflat": __version__, "function": "group", "parameters": {"of": name, "maps": self.maps}}
-        how: dict[str, Any] = {"labels": False, "provenance": record}
-        of_mean = FlatImage(mean, _PIXEL, origin, f"mean of {name}", **how)
-        of_deviation = FlatImage(deviation, _PIXEL, origin, f"standard deviation of {name}", **how)
-        of_count = FlatImage(self.count, _PIXEL, origin, f"number of maps with a value of {name}", **how)
+        options: dict[str, Any] = {"labels": False, "provenance": record}
+        of_mean = FlatImage(mean, _PIXEL, origin, f"mean of {name}", **options)
+        of_deviation = FlatImage(deviation, _PIXEL, origin, f"standard deviation of {name}", **options)
+        of_count = FlatImage(self.count, _PIXEL, origin, f"number of maps with a value of {name}", **options)
         return Mean(name, letter, of_mean, of_deviation, of_count)
 
 

@@ -16,18 +16,18 @@ def warnings_about(rows: Sequence[Row], again: str) -> list[str]:
     """Return the warnings about the maps of a group; `again` is the command that makes them."""
     rows = [row for row in rows if row.record is not None]
     letters = {row.letter for row in rows}
-    found = []
+    warnings = []
     if different := differences(rows):
         places = _places(rows, differences)
         so = f", so {_clause(places, letters, ', and may be outliers')}" if places else " between left and right"
-        told = ". ".join(clause[0].upper() + clause[1:] for clause in different.values())
+        details = ". ".join(clause[0].upper() + clause[1:] for clause in different.values())
         remedy = f"Run {again} for all participants, with the same kinds of input and the same options"
-        found.append(f"the maps of this group differ{so}. {told}. {remedy}")
+        warnings.append(f"the maps of this group differ{so}. {details}. {remedy}")
     if changed := [f"{row.hemisphere} ({', '.join(row.changed)})" for row in rows if row.changed]:
         so = _clause(_places(rows, _changed), letters)
-        told = f"inputs changed after these maps were made, so {so}: {', '.join(changed)}"
-        found.append(f"{told}. Run {again} with the same options as before")
-    found += _repeated(rows)
+        details = f"inputs changed after these maps were made, so {so}: {', '.join(changed)}"
+        warnings.append(f"{details}. Run {again} with the same options as before")
+    warnings += _repeated(rows)
     of_text: dict[str, list[str]] = {}
     overlays = {letter: _overlays(row for row in rows if row.letter == letter) for letter in letters}
     for row in rows:
@@ -35,7 +35,7 @@ def warnings_about(rows: Sequence[Row], again: str) -> list[str]:
         lacks = [f"the overlay {name}, which other maps have, is missing" for name in lacking]
         for text in (*(row.record or {})["warnings"], *lacks):
             of_text.setdefault(text, []).append(row.hemisphere)
-    return found + [f"{listed(of)}: {text}" for text, of in of_text.items()]
+    return warnings + [f"{listed(names)}: {text}" for text, names in of_text.items()]
 
 
 def _repeated(rows: Sequence[Row]) -> list[str]:
@@ -43,11 +43,11 @@ def _repeated(rows: Sequence[Row]) -> list[str]:
     by_files: dict[tuple[str, str], list[str]] = {}
     for row in rows:
         files = (row.record or {})["inputs"]
-        own = next(files[name]["sha256"] for name in _SURFACES if name in files)
-        by_files.setdefault((row.letter, own), []).append(row.name + row.session)
+        digest = next(files[name]["sha256"] for name in _SURFACES if name in files)
+        by_files.setdefault((row.letter, digest), []).append(row.name + row.session)
     same = dict.fromkeys(tuple(names) for names in by_files.values() if len(names) > 1)
-    told = "have identical input files, so the same data are counted {} times. Correct the files, or remove the copies"
-    return [f"{listed(names)} {told.format(len(names))}" for names in same]
+    claim = "have identical input files, so the same data are counted {} times. Correct the files, or remove the copies"
+    return [f"{listed(names)} {claim.format(len(names))}" for names in same]
 
 
 def not_averaged(rows: Sequence[Row]) -> set[tuple[str, str]]:
@@ -63,7 +63,7 @@ def _overlays(rows: Iterable[Row]) -> list[str]:
 def _places(rows: Sequence[Row], find: Callable[[Sequence[Row]], Iterable[str]]) -> set[tuple[str, str]]:
     """Return the sides and overlays of the faults that a function finds among the maps of one side."""
     sides = {letter: [row for row in rows if row.letter == letter] for letter in _SIDES}
-    return {(letter, name if name.isalnum() else "") for letter, own in sides.items() for name in find(own)}
+    return {(letter, name if name.isalnum() else "") for letter, members in sides.items() for name in find(members)}
 
 
 def _changed(rows: Sequence[Row]) -> Iterable[str]:
@@ -83,19 +83,19 @@ def _clause(places: set[tuple[str, str]], letters: Collection[str], more: str = 
 
 def differences(rows: Sequence[Row]) -> dict[str, str]:
     """Return a clause for each parameter that differs among the maps, keyed by its option, or by the overlay's name."""
-    made = {row.hemisphere: _how(row.record) for row in rows if row.record is not None}
-    found: dict[str, str] = {}
-    for what in dict.fromkeys(key for how in made.values() for key in how):
+    settings = {row.hemisphere: _settings(row.record) for row in rows if row.record is not None}
+    clauses: dict[str, str] = {}
+    for option in dict.fromkeys(key for values in settings.values() for key in values):
         by_value: dict[str, list[str]] = {}
-        for hemisphere, how in made.items():
-            if what in how:
-                by_value.setdefault(how[what], []).append(hemisphere)
+        for hemisphere, values in settings.items():
+            if option in values:
+                by_value.setdefault(values[option], []).append(hemisphere)
         if len(by_value) > 1:
-            most, *others = sorted(by_value.items(), key=lambda one: -len(one[1]))
-            rest = "; ".join(f"{value} for {listed(of)}" for value, of in others)
-            name = f"the overlay {what}" if what.isalnum() else what
-            found[what] = f"{name} is {rest}; {most[0]} for {_others(len(most[1]))}"
-    return found
+            most, *others = sorted(by_value.items(), key=lambda item: -len(item[1]))
+            rest = "; ".join(f"{value} for {listed(names)}" for value, names in others)
+            name = f"the overlay {option}" if option.isalnum() else option
+            clauses[option] = f"{name} is {rest}; {most[0]} for {_others(len(most[1]))}"
+    return clauses
 
 
 def _others(count: int) -> str:
@@ -108,17 +108,17 @@ def listed(hemispheres: Sequence[str]) -> str:
     return ", ".join(hemispheres[:_LISTED]) + (f" and {more} more" if more > 0 else "")
 
 
-def _how(record: Mapping[str, Any]) -> dict[str, str]:
+def _settings(record: Mapping[str, Any]) -> dict[str, str]:
     """Return everything that must be the same for all maps; overlays are keyed by name."""
     parameters, inputs = record["parameters"], record["inputs"]
-    how = {f"--{key}": worded(parameters[key]) for key in ("cuts", "geometry", "volume", "seed")}
-    how["the version of voxflat"] = record["voxflat"]
-    how["the definition of the cortex"] = record["surface"]["cortex"]
+    settings = {f"--{key}": worded(parameters[key]) for key in ("cuts", "geometry", "volume", "seed")}
+    settings["the version of voxflat"] = record["voxflat"]
+    settings["the definition of the cortex"] = record["surface"]["cortex"]
     if parameters["geometry"] == "midthickness":
-        how["the surface of the distances"] = record["surface"]["measured_on"]
+        settings["the surface of the distances"] = record["surface"]["measured_on"]
     if record["map"]["frame"] == "standard":
-        how["the registration"] = record["map"]["registration"]
+        settings["the registration"] = record["map"]["registration"]
     if "cuts" in inputs:
-        how[f"the content of {inputs['cuts']['path']}"] = f"SHA-256 {inputs['cuts']['sha256'][:12]}"
-    given = {overlay_name(text): text for text in parameters["overlays"]}
-    return how | {name: given.get(name, name) for name in record["overlays"]}
+        settings[f"the content of {inputs['cuts']['path']}"] = f"SHA-256 {inputs['cuts']['sha256'][:12]}"
+    texts = {overlay_name(text): text for text in parameters["overlays"]}
+    return settings | {name: texts.get(name, name) for name in record["overlays"]}

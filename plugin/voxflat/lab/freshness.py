@@ -36,7 +36,7 @@ def as_recorded(parameters: Parameters) -> dict[str, Any]:
     return {**asdict(parameters), "overlays": list(parameters.overlays)}
 
 
-def state(results: Results, wanted: Request) -> tuple[str, str]:
+def state(results: Results, asked: Request) -> tuple[str, str]:
     """Return whether results are "missing", "stale" or "done", and the reason if they are not done."""
     if not results.record.is_file():
         return "missing", "there are no results"
@@ -44,11 +44,11 @@ def state(results: Results, wanted: Request) -> tuple[str, str]:
         record = read_record(results.record)
     except InputError as error:
         return "stale", str(error)
-    if record["voxflat"] != wanted["voxflat"]:
+    if record["voxflat"] != asked["voxflat"]:
         return "stale", f"made by voxflat {record['voxflat']}"
-    if told := changes(record["parameters"], wanted["parameters"]):
-        return "stale", "; ".join(told.values())
-    if changed := changed_inputs(record, wanted):
+    if reasons := changes(record["parameters"], asked["parameters"]):
+        return "stale", "; ".join(reasons.values())
+    if changed := changed_inputs(record, asked):
         return "stale", f"changed inputs: {', '.join(changed)}"
     try:
         check_outputs(results.folder, record["outputs"])
@@ -57,15 +57,15 @@ def state(results: Results, wanted: Request) -> tuple[str, str]:
     return "done", ""
 
 
-def changes(earlier: Mapping[str, Any], wanted: Mapping[str, Any]) -> dict[str, str]:
+def changes(earlier: Mapping[str, Any], now: Mapping[str, Any]) -> dict[str, str]:
     """Return how each parameter that differs from that of earlier results is described, keyed by its name."""
-    pairs = [(key, earlier.get(key), value) for key, value in wanted.items()]
+    pairs = [(key, earlier.get(key), value) for key, value in now.items()]
     return {key: f"{key}: {worded(new)} instead of {worded(old)}" for key, old, new in pairs if old != new}
 
 
-def changed_inputs(record: Mapping[str, Any], wanted: Request) -> list[str]:
+def changed_inputs(record: Mapping[str, Any], asked: Request) -> list[str]:
     """Return the names of the inputs that were added, removed or modified since results were made."""
-    before, now = ({name: file["sha256"] for name, file in of["inputs"].items()} for of in (record, wanted))
+    before, now = ({name: file["sha256"] for name, file in source["inputs"].items()} for source in (record, asked))
     return sorted(name for name in before.keys() | now.keys() if before.get(name) != now.get(name))
 
 
@@ -89,8 +89,8 @@ def is_page_of(path: Path, key: str) -> bool:
     if not path.is_file():
         return False
     page = path.read_bytes()
-    found = re.search(rb'name="voxflat" content="([0-9a-f]+)"', page[:_HEAD])
-    return found is not None and found[1] == key.encode() and page.endswith(_seal(page[: -len(_seal(b""))]))
+    seal = re.search(rb'name="voxflat" content="([0-9a-f]+)"', page[:_HEAD])
+    return seal is not None and seal[1] == key.encode() and page.endswith(_seal(page[: -len(_seal(b""))]))
 
 
 def write_page(path: Path, html: str) -> bool:

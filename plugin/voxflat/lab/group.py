@@ -62,9 +62,9 @@ def group(
         if not maps:
             sides = f" of the {HEMISPHERES[hemis[0]][1]} hemisphere" if len(hemis) == 1 else ""
             raise InputError(f"{out}: no participant has a map{sides}. Run {again} first")
-        for one in means:
-            for statistic, image in (("mean", one.mean), ("std", one.deviation), ("count", one.count)):
-                name = f"group_hemi-{one.letter}_stat-{statistic}_desc-voxflat_{one.name}.nii.gz"
+        for mean in means:
+            for statistic, image in (("mean", mean.mean), ("std", mean.deviation), ("count", mean.count)):
+                name = f"group_hemi-{mean.letter}_stat-{statistic}_desc-voxflat_{mean.name}.nii.gz"
                 image.save(out / name)
                 written.append(name)
         for path in out.glob("group_hemi-*_stat-*_desc-voxflat_*.nii.gz"):  # of an earlier group of other maps
@@ -100,16 +100,16 @@ def group(
 
 def _gone(everybody: Sequence[Participant], out: Path) -> list[str]:
     """Return the names of those who have maps but are not participants of the study."""
-    found = out.glob("sub-*/**/anat/sub-*_hemi-*_desc-voxflat_flat.json")
-    return sorted({path.name.partition("_hemi-")[0] for path in found} - {one.name for one in everybody})
+    paths = out.glob("sub-*/**/anat/sub-*_hemi-*_desc-voxflat_flat.json")
+    return sorted({path.name.partition("_hemi-")[0] for path in paths} - {person.name for person in everybody})
 
 
 def _warnings(rows: Sequence[Row], gone: Sequence[str], source: Path, again: str) -> list[str]:
     """Return the warnings about a group; the command `again` makes its maps."""
     if not gone:
         return warnings_about(rows, again)
-    told = f"the maps of {', '.join(gone)} are omitted, because {source} does not contain these participants"
-    return [f"{told}. Restore their files, or delete their maps", *warnings_about(rows, again)]
+    reason = f"the maps of {', '.join(gone)} are omitted, because {source} does not contain these participants"
+    return [f"{reason}. Restore their files, or delete their maps", *warnings_about(rows, again)]
 
 
 def _key(rows: Sequence[Row], gone: Sequence[str]) -> str:
@@ -148,19 +148,20 @@ def _compared(
 def _rows(everybody: Sequence[Participant], out: Path, hemis: Sequence[str]) -> list[Row]:
     """Return the hemispheres of all participants, except a side that nobody has."""
     rows: list[Row] = []
-    for one in everybody:
-        job = Job.of(one, out)
-        own = [_row(one, job, hemi) for hemi in hemis]
-        if all(row.reason == _NOT_YET for row in own):
-            own = [replace(own[0], letter="", reason=NO_FILES if one.folder is None else _NOT_YET)]
-        rows += own
+    for person in everybody:
+        job = Job.of(person, out)
+        sides = [_row(person, job, hemi) for hemi in hemis]
+        if all(row.reason == _NOT_YET for row in sides):
+            sides = [replace(sides[0], letter="", reason=NO_FILES if person.folder is None else _NOT_YET)]
+        rows += sides
     there = {row.letter for row in rows if row.reason != _NOT_YET} | {""}
     return [row for row in rows if row.letter in there]
 
 
-def _row(one: Participant, job: Job, hemi: str) -> Row:
+def _row(person: Participant, job: Job, hemi: str) -> Row:
     """Return a hemisphere with its results, or the reason why it has none."""
-    about = (f"sub-{one.label}", f"_ses-{one.session}" if one.session else "", HEMISPHERES[hemi][0], job.page.name)
+    session = f"_ses-{person.session}" if person.session else ""
+    about = (f"sub-{person.label}", session, HEMISPHERES[hemi][0], job.page.name)
     results = job.results(hemi)
     if results.failure.is_file():
         return Row(*about, None, _reason(results))
@@ -185,24 +186,24 @@ def _reason(results: Results) -> str:
 def _with_outliers(rows: list[Row]) -> list[Row]:
     """Mark outliers among the hemispheres of the same side."""
     marks: dict[int, dict[str, str]] = {}
-    for own in _sides(rows):
+    for side in _sides(rows):
         for place in dict.fromkeys((*FIGURES, *COUNTS)):
-            values = np.array([figure_of(rows[n].record or {}, place) for n in own], dtype=np.float64)  # None is NaN
+            values = np.array([figure_of(rows[n].record or {}, place) for n in side], dtype=np.float64)  # None is NaN
             far = values > 0 if place in COUNTS else outliers(values)
-            for n, value in zip(np.array(own, dtype=int)[far].tolist(), values[far].tolist(), strict=True):
+            for n, value in zip(np.array(side, dtype=int)[far].tolist(), values[far].tolist(), strict=True):
                 marks.setdefault(n, {})[place] = "high" if place in COUNTS or value > np.nanmedian(values) else "low"
     return [replace(row, outliers=marks.get(n, {})) for n, row in enumerate(rows)]
 
 
 def _sides(rows: Sequence[Row]) -> list[list[int]]:
     """Return the rows that have a map, of the left and of the right side."""
-    return [[n for n, row in enumerate(rows) if row.letter == of and row.record is not None] for of in ("L", "R")]
+    return [[n for n, row in enumerate(rows) if row.letter == side and row.record is not None] for side in ("L", "R")]
 
 
 def expected_outliers(rows: Sequence[Row]) -> float:
     """Return the number of outliers to expect by chance in all measures, if these are normally distributed."""
     measures = sum(place not in COUNTS for place in FIGURES)
-    return round(measures * sum(outliers_by_chance(len(own)) for own in _sides(rows)), 2)
+    return round(measures * sum(outliers_by_chance(len(numbers)) for numbers in _sides(rows)), 2)
 
 
 def _table(rows: Sequence[Row]) -> str:
@@ -242,22 +243,22 @@ def _means(out: Path, rows: Sequence[Row], show: Callable[[Row, FlatMap], None])
     for row in rows:
         folder = out / row.name / row.session.removeprefix("_") / "anat"
         try:
-            shown = LoadedResults.read(Results.in_bids(folder, row.name + row.session, row.letter))
+            results = LoadedResults.read(Results.in_bids(folder, row.name + row.session, row.letter))
         except (InputError, OSError) as error:
             unreadable[row.hemisphere] = user_message(error)
             continue
-        show(row, shown.flat_map)
-        if (row.letter, "") in excluded or shown.record["map"]["frame"] != "standard":
+        show(row, results.flat_map)
+        if (row.letter, "") in excluded or results.record["map"]["frame"] != "standard":
             continue
-        for name in (*shown.record["overlays"], "curvature"):
-            if name in shown.values and (row.letter, name) not in excluded:
+        for name in (*results.record["overlays"], "curvature"):
+            if name in results.values and (row.letter, name) not in excluded:
                 if (key := (name, row.letter)) not in sums:
                     sums[key] = Sums(*_ends(rows, row.letter))
-                sums[key].add(shown.flat_map, shown.values[name])
-    return [of.result(name, letter) for (name, letter), of in sorted(sums.items()) if of.maps > 1], unreadable
+                sums[key].add(results.flat_map, results.values[name])
+    return [total.result(name, letter) for (name, letter), total in sorted(sums.items()) if total.maps > 1], unreadable
 
 
 def _ends(rows: Sequence[Row], letter: str) -> tuple[list[float], list[float]]:
     """Return the smallest and largest (u, v) of all maps of a side."""
-    own = [row.record["map"] for row in rows if row.letter == letter and row.record is not None]
-    return np.min([of["low"] for of in own], axis=0).tolist(), np.max([of["high"] for of in own], axis=0).tolist()
+    maps = [row.record["map"] for row in rows if row.letter == letter and row.record is not None]
+    return np.min([box["low"] for box in maps], axis=0).tolist(), np.max([box["high"] for box in maps], axis=0).tolist()

@@ -117,7 +117,7 @@ def check_given(
     """
     missing = _missing(everybody, hemis, parameters)
     if missing and source is not None:
-        others = [one for sessions in _by_label(source)[0].values() for one in sessions]
+        others = [person for sessions in _by_label(source)[0].values() for person in sessions]
         missing = {text: error for text, error in missing.items() if text in _missing(others, hemis, parameters)}
     for error in missing.values():
         raise error
@@ -128,17 +128,18 @@ def _missing(everybody: Sequence[Participant], hemis: Sequence[str], parameters:
     searches: dict[str, Callable[[_FreeSurfer | _Bids], Path]]
     searches = {text: partial(_overlay, text=text) for text in parameters.overlays}
     if parameters.cuts not in _KINDS_OF_CUTS:
-        searches[parameters.cuts] = partial(_given, text=parameters.cuts, what=_CUTS_FILE)
-    found: set[str] = set()
+        searches[parameters.cuts] = partial(_given, text=parameters.cuts, kind=_CUTS_FILE)
+    existing: set[str] = set()
     errors: dict[str, InputError] = {}
-    for folder, hemi in product((one.folder for one in everybody if one.folder and one.folder.is_dir()), hemis):
-        for text in [one for one in searches if one not in found]:
+    folders = [person.folder for person in everybody if person.folder and person.folder.is_dir()]
+    for folder, hemi in product(folders, hemis):
+        for text in [key for key in searches if key not in existing]:
             try:
                 searches[text](_finder(folder, hemi))
-                found.add(text)
+                existing.add(text)
             except InputError as error:
                 errors.setdefault(text, error)
-    return {text: error for text, error in errors.items() if text not in found}
+    return {text: error for text, error in errors.items() if text not in existing}
 
 
 def _finder(folder: Path, hemi: str) -> "_FreeSurfer | _Bids":
@@ -152,7 +153,7 @@ def _overlay(find: "_FreeSurfer | _Bids", text: str) -> Path:
     return find.one(text) or _given(find, text, "the overlay", find.place(text))
 
 
-def _given(find: "_FreeSurfer | _Bids", text: str, what: str, *places: str) -> Path:
+def _given(find: "_FreeSurfer | _Bids", text: str, kind: str, *places: str) -> Path:
     """Return the path to a file given by the user, with the placeholders filled in; `places` were searched before."""
     named = find.filled(text)
     for path in (find.folder / named, Path(named)):
@@ -161,7 +162,7 @@ def _given(find: "_FreeSurfer | _Bids", text: str, what: str, *places: str) -> P
     searched = [*(places if "/" not in text else ()), str(find.folder / named), str(Path(named).absolute())]
     near = get_close_matches(re.sub(r"^[lr]h\.", "", text), find.measures()) if places else []
     hint = f"Did you mean {' or '.join(near)}? voxflat" if near else "Check the name; voxflat"
-    raise InputError(f"{what} {text} does not exist. {hint} searched for {', '.join(searched)}")
+    raise InputError(f"{kind} {text} does not exist. {hint} searched for {', '.join(searched)}")
 
 
 def overlay_name(overlay: str) -> str:
@@ -204,8 +205,8 @@ class _FreeSurfer:
         return path if path.is_file() else None
 
     def needed(self, name: str) -> Path:
-        if (found := self.one(name)) is not None:
-            return found
+        if (path := self.one(name)) is not None:
+            return path
         raise InputError(
             f"{self.place(name)}: the file does not exist. Check that recon-all finished for {self.folder.name}"
         )
@@ -232,8 +233,8 @@ class _Bids:
         self.folder, self.hemi = folder, hemi
         self.letter = HEMISPHERES[hemi][0]
         names = [path.name for path in sorted(folder.iterdir()) if path.is_file()] if folder.is_dir() else []
-        found = next((match[0] for name in names if (match := re.match(r"sub-[A-Za-z0-9]+", name))), folder.name)
-        self.names, self.subject = names, found
+        subject = next((match[0] for name in names if (match := re.match(r"sub-[A-Za-z0-9]+", name))), folder.name)
+        self.names, self.subject = names, subject
 
     def filled(self, text: str) -> str:
         return text.replace("{hemi}", self.letter).replace("{subject}", self.subject)
@@ -251,7 +252,7 @@ class _Bids:
         usual = (rf"_{re.escape(name)}\.(shape|func)\.gii",)
         start = rf"sub-[A-Za-z0-9]+(_(ses|acq|rec|run)-[A-Za-z0-9]+)*_hemi-{self.letter}"
         for pattern in self._PATTERNS.get(name, usual):
-            found = [own for own in self.names if re.fullmatch(start + pattern, own)]
+            found = [file for file in self.names if re.fullmatch(start + pattern, file)]
             if len(found) > 1:
                 several = f"{len(found)} files for {name} of hemisphere {self.letter} ({', '.join(found)})"
                 raise InputError(f"{self.folder} has {several}. Keep only one of them")
@@ -260,11 +261,11 @@ class _Bids:
         return None
 
     def needed(self, name: str) -> Path:
-        if (found := self.one(name)) is not None:
-            return found
+        if (path := self.one(name)) is not None:
+            return path
         ending = "label-WM_mask.nii.gz or ..._probseg.nii.gz" if name == "volume" else f"{name}.surf.gii"
-        wanted = f"*_hemi-{self.letter}_{ending}"
-        raise InputError(f"{self.folder}: found no {wanted}. Check that sMRIPrep finished for {self.subject}")
+        pattern = f"*_hemi-{self.letter}_{ending}"
+        raise InputError(f"{self.folder}: found no {pattern}. Check that sMRIPrep finished for {self.subject}")
 
 
 def participants(folder: Path, labels: Sequence[str] = ()) -> list[Participant]:
@@ -277,20 +278,20 @@ def participants(folder: Path, labels: Sequence[str] = ()) -> list[Participant]:
     if not folder.is_dir():
         problem = "is a file" if folder.exists() else "does not exist"
         raise InputError(f"{folder} {problem}. Pass the directory of a study or of FreeSurfer subjects")
-    wanted = [checked_label(label) for label in labels]
-    found, origins = _by_label(folder)
+    names = [checked_label(label) for label in labels]
+    people, origins = _by_label(folder)
     for path in sorted(folder.glob("sub-*")):
         named = _label(path.name) if path.is_dir() and not _NOBODY.match(path.name) else None
         if named is not None:
-            found.setdefault(named[0], [Participant(named[0], None, None)])
-    if unknown := [label for label in wanted if label not in found]:
-        known = ", ".join(sorted(found)[:_LISTED]) + (" …" if len(found) > _LISTED else "")
+            people.setdefault(named[0], [Participant(named[0], None, None)])
+    if unknown := [label for label in names if label not in people]:
+        listed = ", ".join(sorted(people)[:_LISTED]) + (" …" if len(people) > _LISTED else "")
         raise InputError(
-            f"{folder}: no participant has the label {', '.join(unknown)}. Pass labels that exist: {known}"
+            f"{folder}: no participant has the label {', '.join(unknown)}. Pass labels that exist: {listed}"
         )
-    chosen = dict.fromkeys(wanted or found)
+    chosen = dict.fromkeys(names or people)
     _tell_origins([origins[label] for label in chosen if label in origins])
-    return sorted((one for label in chosen for one in found[label]), key=lambda one: one.name)
+    return sorted((person for label in chosen for person in people[label]), key=lambda person: person.name)
 
 
 def check_order(source: Path, out: Path) -> None:
@@ -325,19 +326,19 @@ def _by_label(folder: Path) -> tuple[dict[str, list[Participant]], dict[str, tup
 
     The first directory that contains files of a participant is used.
     """
-    found: dict[str, list[Participant]] = {}
+    people: dict[str, list[Participant]] = {}
     origins: dict[str, tuple[Path, ...]] = {}
     for place in _places(folder):
-        own: dict[str, list[Participant]] = {}
-        for one in _in(place):
-            for other in own.setdefault(one.label, []):
-                if other.name == one.name:
-                    raise InputError(f"{other.folder} and {one.folder} are both {one.name}. Rename one of them")
-            own[one.label].append(one)
-        for label, sessions in own.items():
-            has_files = any(one.folder is not None and _has_files(one.folder) for one in sessions)
-            if label not in found or (has_files and label not in origins):
-                found[label] = sessions
+        here: dict[str, list[Participant]] = {}
+        for person in _in(place):
+            for other in here.setdefault(person.label, []):
+                if other.name == person.name:
+                    raise InputError(f"{other.folder} and {person.folder} are both {person.name}. Rename one of them")
+            here[person.label].append(person)
+        for label, sessions in here.items():
+            has_files = any(session.folder is not None and _has_files(session.folder) for session in sessions)
+            if label not in people or (has_files and label not in origins):
+                people[label] = sessions
             if has_files:
                 origins[label] = (*origins.get(label, ()), place)
     if not origins and any((folder / name).is_dir() for name in ("surf", "mri")):
@@ -347,7 +348,7 @@ def _by_label(folder: Path) -> tuple[dict[str, list[Participant]], dict[str, tup
         places = "in this directory, in derivatives/ or in sourcedata/freesurfer/"
         files = "no participant has a FreeSurfer surf/ directory, anat/*.surf.gii files or a white-matter mask"
         raise InputError(f"{folder}: {files} {places}. Pass the directory that contains these files")
-    return found, origins
+    return people, origins
 
 
 def _tell_origins(origins: Sequence[tuple[Path, ...]]) -> None:
@@ -384,9 +385,9 @@ def _in(place: Path) -> Iterator[Participant]:
     folders = [path for path in sorted(place.glob("*")) if path.is_dir() and not _NOBODY.match(path.name)]
     if any((path / "surf").is_dir() or (path / "mri").is_dir() for path in folders):
         for path in folders:
-            found = _label(path.name)
-            if found is not None and (path.name.startswith("sub-") or (path / "surf").is_dir()):
-                yield Participant(*found, path)
+            name = _label(path.name)
+            if name is not None and (path.name.startswith("sub-") or (path / "surf").is_dir()):
+                yield Participant(*name, path)
         return
     subjects = [path for path in folders if path.name.startswith("sub-")]
     anatomies = [anat for path in subjects for anat in (*path.glob("anat"), *path.glob("ses-*/anat"))]

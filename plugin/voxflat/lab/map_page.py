@@ -130,26 +130,26 @@ def page_of(
     layers = [_layer(name, values[name], faces) for name in sorted(values, key=lambda name: name != first)]
     if not layers:
         raise InputError("the map has no array with one number per point. Add a point array")
-    shown = [{"layer": layer, "bar": colour_bar(layer)} for layer in layers]
+    entries = [{"layer": layer, "bar": colour_bar(layer)} for layer in layers]
     turn, places = aligned(np.column_stack([flat.uv, np.zeros(len(flat.uv))]), flat.points)
     (x, y, z), up = turn[:, 2].tolist(), turn[:, 1]  # the view in which the surface has the orientation of the map
     around = np.arctan2(-up[0] * np.sign(z), up[1] * np.sign(z)) if abs(z) > _STEEP else np.arctan2(x, -y)
     view = float(around), float(np.arcsin(np.clip(z, -1.0, 1.0)))
     content = scene(flat, layers, {}, places, view=view, unit=unit)
     more = {"points": f"{len(flat.uv):,}", "version": __version__}
-    return MapPage(filled("map.html", key="map", title=printable(title), layers=shown, scene=content, **more))
+    return MapPage(filled("map.html", key="map", title=printable(title), layers=entries, scene=content, **more))
 
 
 def _layer(name: str, values: NDArray[Any], faces: NDArray[Any]) -> Layer:
     """Return values as a layer: measures in their own colours, labels with one colour each, others as overlays."""
-    shown = values.astype(np.float64)
+    data = values.astype(np.float64)
     if look := LOOKS.get(name):
-        shown = look.factor * shown
-        return Layer(name, look.label, "", shown, look.cmap, look.limits(shown))
+        data = look.factor * data
+        return Layer(name, look.label, "", data, look.cmap, look.limits(data))
     if name in _PATCHES or _are_labels(values, faces):
-        limits = (float(shown.min()), float(shown.max()))
-        return Layer(name, name, "", shown, "tab20", limits, 0 if name in _PATCHES else 1)
-    return layers_of([{name: shown}])[0][0]
+        limits = (float(data.min()), float(data.max()))
+        return Layer(name, name, "", data, "tab20", limits, 0 if name in _PATCHES else 1)
+    return layers_of([{name: data}])[0][0]
 
 
 def _are_labels(values: NDArray[Any], faces: NDArray[Any]) -> bool:
@@ -164,15 +164,15 @@ def _at_points(values: NDArray[Any], faces: NDArray[Any], count: int) -> NDArray
     """Return triangle values at points: the majority of integers, whether any boolean is true, or the mean."""
     corners, held = faces.ravel(), np.repeat(values, 3)
     if values.dtype.kind == "f":
-        known = np.isfinite(held)
-        number = np.bincount(corners[known], minlength=count)
-        summed = np.bincount(corners[known], held[known].astype(np.float64), count)
+        is_known = np.isfinite(held)
+        number = np.bincount(corners[is_known], minlength=count)
+        summed = np.bincount(corners[is_known], held[is_known].astype(np.float64), count)
         return np.where(number > 0, summed / np.maximum(number, 1), np.nan)
     if values.dtype.kind == "b":
         return np.bincount(corners[held], minlength=count) > 0
-    known, which = np.unique(held, return_inverse=True)
-    pairs, times = np.unique(corners.astype(np.int64) * len(known) + which.reshape(-1), return_counts=True)
+    is_known, which = np.unique(held, return_inverse=True)
+    pairs, times = np.unique(corners.astype(np.int64) * len(is_known) + which.reshape(-1), return_counts=True)
     order = np.argsort(times, kind="stable")  # the last value written is kept
-    found = np.zeros(count, dtype=values.dtype)
-    found[pairs[order] // len(known)] = known[pairs[order] % len(known)]
-    return found
+    majority = np.zeros(count, dtype=values.dtype)
+    majority[pairs[order] // len(is_known)] = is_known[pairs[order] % len(is_known)]
+    return majority

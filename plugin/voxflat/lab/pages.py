@@ -66,8 +66,8 @@ class Layer:
 def layers_of(maps: Sequence[Mapping[str, NDArray[np.float64]]]) -> list[list[Layer]]:
     """Return the layers of several maps with common colour scales; overlays come before measures."""
     names = list(dict.fromkeys(name for values in maps for name in values))
-    known = ("curvature", "distanceerror", "areachange", "sulcaldepth")
-    names.sort(key=lambda name: known.index(name) if name in known else -1)
+    measures = ("curvature", "distanceerror", "areachange", "sulcaldepth")
+    names.sort(key=lambda name: measures.index(name) if name in measures else -1)
     looks = {name: _look(name, np.concatenate([values[name] for values in maps if name in values])) for name in names}
     return [
         [
@@ -136,7 +136,7 @@ def colour_bar(layer: Layer) -> dict[str, Any]:
     listed = [f"rgb({r} {g} {b})" for r, g, b in colours.tolist()]
     if labels is not None:  # one field per label
         ends = np.linspace(0, 100, len(labels) + 1)
-        listed = [f"{one} {low:.2f}% {high:.2f}%" for one, low, high in zip(listed, ends, ends[1:], strict=False)]
+        listed = [f"{colour} {low:.2f}% {high:.2f}%" for colour, low, high in zip(listed, ends, ends[1:], strict=False)]
     low, high = (f"{value:.3g}" if labels is None else f"{value:.0f}" for value in layer.limits)
     return {"gradient": f"linear-gradient(to right, {', '.join(listed)})", "low": low, "high": high, "unit": layer.unit}
 
@@ -177,14 +177,14 @@ def scene(
     parts: list[bytes] = []
     arrays: list[dict[str, Any]] = []
 
-    def add(name: str, values: NDArray[np.float64], known: NDArray[np.float64] | None = None) -> None:
-        if known is None:
+    def add(name: str, values: NDArray[np.float64], labels: NDArray[np.float64] | None = None) -> None:
+        if labels is None:
             low, high = float(np.nanmin(values)), float(np.nanmax(values))
             step = (high - low) / (_NOTHING - 1) or 1.0
             codes: NDArray[Any] = np.round((np.nan_to_num(values) - low) / step)
             about: dict[str, Any] = {"low": low, "step": step}
         else:
-            codes, about = np.searchsorted(known, np.nan_to_num(values)), {"known": known.astype(np.int64).tolist()}
+            codes, about = np.searchsorted(labels, np.nan_to_num(values)), {"known": labels.astype(np.int64).tolist()}
         parts.append(np.where(np.isnan(values), _NOTHING, codes).astype("<u2").tobytes())
         arrays.append({"name": name, **about, "length": int(values.size)})
 
@@ -200,16 +200,16 @@ def scene(
     described = []
     for layer in layers:
         values = layer.values[chosen]
-        known = np.unique(values[np.isfinite(values)])
-        shown = np.linspace(*layer.limits, _COLOURS) if layer.first_label is None else known
+        numbers = np.unique(values[np.isfinite(values)])
+        positions = np.linspace(*layer.limits, _COLOURS) if layer.first_label is None else numbers
         about = {"name": layer.name, "title": layer.title, "unit": layer.unit, "limits": layer.limits}
-        colours = layer.colours(shown).ravel().tolist()
+        colours = layer.colours(positions).ravel().tolist()
         described.append({**about, "labelled": layer.first_label is not None, "colours": colours})
-        if not len(known):
+        if not len(numbers):
             add(layer.name, np.zeros(len(chosen)))
             continue
-        is_whole = all_whole(values) and len(known) < _NOTHING and np.abs(known).max() < _EXACT
-        add(layer.name, values, known if is_whole else None)
+        is_whole = all_whole(values) and len(numbers) < _NOTHING and np.abs(numbers).max() < _EXACT
+        add(layer.name, values, numbers if is_whole else None)
     near = np.asarray(cKDTree(places).query(flat_map.points)[1], dtype=np.int64)  # the nearest kept points
     lines = {name: near[points] for name, points in cuts.items()}
     lines = {name: line[np.flatnonzero(np.diff(line, prepend=-1))] for name, line in lines.items()}  # without repeats
@@ -269,23 +269,23 @@ def thinned(
 def _edges(faces: NDArray[Any]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Return the edges of triangles, shape (E, 2), and the number of triangles at each."""
     ends = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]).astype(np.int64)
-    found = distinct(np.sort(ends, axis=1))
-    return found.rows, found.counts
+    edges = distinct(np.sort(ends, axis=1))
+    return edges.rows, edges.counts
 
 
 def _smoothed(
     points: NDArray[np.float64], faces: NDArray[np.int64], ids: NDArray[np.int64], is_rim: NDArray[np.bool_]
 ) -> NDArray[np.float64]:
     """Return a surface smoothed until its folds are gone; cuts stay closed, and the rim stays in place."""
-    _, first, one = np.unique(ids, return_index=True, return_inverse=True)
-    moved, corners = points[first], one.ravel()[faces]
+    _, first, vertex = np.unique(ids, return_index=True, return_inverse=True)
+    moved, corners = points[first], vertex.ravel()[faces]
     edges, _ = _edges(corners)
     links = csr_matrix((np.ones(2 * len(edges)), np.concatenate([edges, edges[:, ::-1]]).T), 2 * (len(moved),))
     mean = diags(1 / np.maximum(np.asarray(links.sum(axis=1)).ravel(), 1)) @ links
     is_free = ~is_rim[first, None]
     for _ in range(max(10, len(moved) // _POINTS_A_STEP)):
         moved = np.where(is_free, 0.5 * moved + 0.5 * (mean @ moved), moved)
-    return np.asarray(moved[one.ravel()])
+    return np.asarray(moved[vertex.ravel()])
 
 
 def filled(template: str, **content: Any) -> str:
@@ -295,8 +295,8 @@ def filled(template: str, **content: Any) -> str:
 
 @lru_cache
 def _environment() -> Environment:
-    how: dict[str, Any] = {"autoescape": True, "trim_blocks": True, "lstrip_blocks": True, "undefined": StrictUndefined}
-    environment = Environment(loader=PackageLoader("voxflat.lab", "templates"), **how)
+    rules: Any = {"autoescape": True, "trim_blocks": True, "lstrip_blocks": True, "undefined": StrictUndefined}
+    environment = Environment(loader=PackageLoader("voxflat.lab", "templates"), **rules)
     environment.filters["message"] = _message
     return environment
 

@@ -34,35 +34,35 @@ REFERENCES: dict[str, dict[str, tuple[tuple[float, ...], ...]]] = {
 """Measures of maps of fsaverage5, left and right, in the order of `FIGURES`, by the source of the cuts."""
 
 
-def subject_page(name: str, shown: Mapping[str, LoadedResults], failures: Mapping[str, str]) -> str:
+def subject_page(name: str, results: Mapping[str, LoadedResults], failures: Mapping[str, str]) -> str:
     """Return the report on a subject as HTML, from the results and the failures of "lh" and "rh"."""
     hemispheres: list[dict[str, Any]] = []
     drawn: dict[str, dict[str, Any]] = {}
-    together = layers_of([one.values for one in shown.values()])
-    pixel_size = max([np.ptp(one.flat_map.uv[:, 0]) / PICTURE_WIDTH for one in shown.values()], default=None)
-    for (hemi, one), layers in zip(shown.items(), together, strict=True):
+    together = layers_of([side.values for side in results.values()])
+    pixel_size = max([np.ptp(side.flat_map.uv[:, 0]) / PICTURE_WIDTH for side in results.values()], default=None)
+    for (hemi, loaded), layers in zip(results.items(), together, strict=True):
         by_name = {layer.name: layer for layer in layers}
-        chosen = [by_name[key] for key in (*one.record["overlays"], "distanceerror", "areachange") if key in by_name]
-        found = pictures(one.flat_map, [None, *chosen], pixel_size)
-        for picture, layer in zip(found, [None, *chosen], strict=True):
+        chosen = [by_name[key] for key in (*loaded.record["overlays"], "distanceerror", "areachange") if key in by_name]
+        images = pictures(loaded.flat_map, [None, *chosen], pixel_size)
+        for picture, layer in zip(images, [None, *chosen], strict=True):
             key = "" if layer is None else layer.name
             of_layer = drawn.setdefault(key, {"layer": layer, "bar": layer and colour_bar(layer), "sides": []})
             of_layer["sides"].append({**picture, "letter": HEMISPHERES[hemi][0], "side": HEMISPHERES[hemi][1]})
-        content: dict[str, Any] = {"hemi": hemi, "side": HEMISPHERES[hemi][1], "record": one.record}
-        content["overlays"] = one.record["overlays"]
+        content: dict[str, Any] = {"hemi": hemi, "side": HEMISPHERES[hemi][1], "record": loaded.record}
+        content["overlays"] = loaded.record["overlays"]
         content["layers"] = [{"layer": layer, "bar": colour_bar(layer)} for layer in layers]
-        content["scene"], content["cuts"] = scene(one.flat_map, layers, one.cuts), list(one.cuts)
-        content["figures"], content["worst"] = _figures(one.record, hemi), worst_places(one.flat_map)
-        content["references"] = list(REFERENCES.get(one.record["map"]["cuts_by"], {}))
+        content["scene"], content["cuts"] = scene(loaded.flat_map, layers, loaded.cuts), list(loaded.cuts)
+        content["figures"], content["worst"] = _figures(loaded.record, hemi), worst_places(loaded.flat_map)
+        content["references"] = list(REFERENCES.get(loaded.record["map"]["cuts_by"], {}))
         hemispheres.append(content)
     return filled(
         "subject.html",
         name=name,
-        key=page_key([one.record for one in shown.values()], failures),
+        key=page_key([side.record for side in results.values()], failures),
         hemispheres=hemispheres,
         drawn=list(drawn.values()),
         failures={HEMISPHERES[hemi][1]: reason for hemi, reason in failures.items()},
-        citation=cite(*(one.flat_map for one in shown.values())),
+        citation=cite(*(side.flat_map for side in results.values())),
         version=__version__,
     )
 
@@ -79,7 +79,7 @@ def _figures(record: Mapping[str, Any], hemi: str) -> list[dict[str, Any]]:
         texts = {
             "value": "–" if value is None else f"{factor * value:.{digits}f}",
             "error": "" if error is None else f" ± {factor * error:.{digits}f}",
-            "others": [f"{of[side][n]:.{digits}f}" for of in references.values()],
+            "others": [f"{values[side][n]:.{digits}f}" for values in references.values()],
         }
         rows.append({"title": title, "unit": unit, **texts, "is_bad": is_count and bool(value)})
     return rows

@@ -125,24 +125,24 @@ class LoadedResults:
             path = results.values(name)
             with naming(path, REMEDY):
                 count = len(flat_map) if flat_map.is_voxels else flat_map.origin.mesh.vertices
-                found = read_overlay(path, count, structure=structure).astype(np.float64)
-            values[name] = found if flat_map.is_voxels else found[flat_map.ids]
+                data = read_overlay(path, count, structure=structure).astype(np.float64)
+            values[name] = data if flat_map.is_voxels else data[flat_map.ids]
         return cls(results, record, flat_map, values)
 
     @property
     def cuts(self) -> dict[str, NDArray[np.int64]]:
         """The points of the map along each cut, keyed by the name of the cut."""
-        rows = {_key(of): row for row, of in enumerate(self.flat_map.ids.tolist())}
-        given = [cut for cut in self.flat_map.cuts if not cut.is_automatic]
-        made = [cut for cut in self.flat_map.cuts if cut.is_automatic]
-        named = [(cut.name or f"cut {n}", cut) for n, cut in enumerate(given, 1)]
-        named += [(f"automatic {n}", cut) for n, cut in enumerate(made, 1)]
-        found = {name: [rows[_key(of)] for of in cut.ids.tolist() if _key(of) in rows] for name, cut in named}
-        return {name: np.array(points, dtype=np.int64) for name, points in found.items() if len(points) > 1}
+        rows = {_key(point): row for row, point in enumerate(self.flat_map.ids.tolist())}
+        user_cuts = [cut for cut in self.flat_map.cuts if not cut.is_automatic]
+        automatic = [cut for cut in self.flat_map.cuts if cut.is_automatic]
+        named = [(cut.name or f"cut {n}", cut) for n, cut in enumerate(user_cuts, 1)]
+        named += [(f"automatic {n}", cut) for n, cut in enumerate(automatic, 1)]
+        lines = {name: [rows[_key(point)] for point in cut.ids.tolist() if _key(point) in rows] for name, cut in named}
+        return {name: np.array(points, dtype=np.int64) for name, points in lines.items() if len(points) > 1}
 
 
-def _key(of: Any) -> Any:
-    return tuple(of) if isinstance(of, list) else of
+def _key(point: Any) -> Any:
+    return tuple(point) if isinstance(point, list) else point
 
 
 def figure_of(record: Mapping[str, Any], place: str) -> float | None:

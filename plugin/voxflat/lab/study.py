@@ -76,14 +76,14 @@ class Job:
     page: Path  # the report
 
     @classmethod
-    def of(cls, one: Participant, out: Path) -> "Job":
+    def of(cls, person: Participant, out: Path) -> "Job":
         """Return the files of a participant of a study, whose output directory is `out`."""
-        folder = out / f"sub-{one.label}" / (f"ses-{one.session}" if one.session else "") / "anat"
+        folder = out / f"sub-{person.label}" / (f"ses-{person.session}" if person.session else "") / "anat"
 
         def results(hemi: str) -> Results:
-            return Results.in_bids(folder, one.name, HEMISPHERES[hemi][0])
+            return Results.in_bids(folder, person.name, HEMISPHERES[hemi][0])
 
-        return cls(one.name, one.folder, results, out / f"{one.name}.html")
+        return cls(person.name, person.folder, results, out / f"{person.name}.html")
 
     def request(self, hemi: str, parameters: Parameters) -> tuple[Hemisphere, Request]:
         """Return the input files of a hemisphere and everything that determines its results."""
@@ -98,9 +98,9 @@ class Job:
 
     def changed(self, hemi: str, record: Mapping[str, Any]) -> tuple[str, ...]:
         """Return the inputs that changed since a hemisphere was flattened, or why they cannot be read."""
-        made = {key: value for key, value in record["parameters"].items() if key != "hemi"}
+        used = {key: value for key, value in record["parameters"].items() if key != "hemi"}
         try:
-            _, now = self.request(hemi, Parameters(**{**made, "overlays": tuple(made["overlays"])}))
+            _, now = self.request(hemi, Parameters(**{**used, "overlays": tuple(used["overlays"])}))
         except (InputError, OSError) as error:
             return (user_message(error),)
         return tuple(changed_inputs(record, now))
@@ -111,11 +111,11 @@ def _nothing(_: Outcome) -> None:
 
 
 def freesurfer(
-    folder: Path, hemis: Sequence[str], parameters: Parameters, *, tell: Report = _nothing, **how: Any
+    folder: Path, hemis: Sequence[str], parameters: Parameters, *, tell: Report = _nothing, **common: Any
 ) -> list[Outcome]:
     """Flatten the hemispheres of a FreeSurfer subject, and write the results and a report to its directory.
 
-    `tell` is called with each outcome, and `how` contains ``threads``, ``memory_limit`` and ``progress``.
+    `tell` is called with each outcome, and `common` contains ``threads``, ``memory_limit`` and ``progress``.
     """
     if not (folder / "surf").is_dir() and not (folder / "mri").is_dir():
         raise InputError(f"{folder} has no directory surf/. Pass a subject directory created by recon-all")
@@ -123,7 +123,7 @@ def freesurfer(
     job = Job(folder.resolve().name, folder, results, folder / "voxflat.html")
     check_given([Participant(job.name, None, folder)], hemis, parameters)
     warn_of_changes([job], hemis, parameters)
-    return _flatten(job, hemis, parameters, tell, how)
+    return _flatten(job, hemis, parameters, tell, **common)
 
 
 def study(
@@ -136,9 +136,9 @@ def study(
     tell: Report = _nothing,
     waits: Waits = log.info,
     dask: str | None = None,
-    **how: Any,
+    **common: Any,
 ) -> list[Outcome]:
-    """Flatten the hemispheres of participants, and write BIDS derivatives; `tell` and `how` are as in `freesurfer`.
+    """Flatten the hemispheres of participants, and write BIDS derivatives; `tell` and `common` are as in `freesurfer`.
 
     `everybody` contains participants of the study in the directory `source`. `waits` is called with a message if
     another process is making results of a participant, which this process then waits for.
@@ -149,40 +149,40 @@ def study(
     describe(source, out)
     outcomes: list[Outcome] = []
     if dask is None:
-        for one in everybody:
-            outcomes += _flatten(Job.of(one, out), hemis, parameters, tell, how, waits)
+        for person in everybody:
+            outcomes += _flatten(Job.of(person, out), hemis, parameters, tell, waits, **common)
         return outcomes
-    limit = how.pop("memory_limit", None)
+    limit = common.pop("memory_limit", None)
     work = partial(_participant, out=out, hemis=hemis, parameters=parameters, memory_limit=limit)
     with connected(dask, most=len(everybody)) as cluster:
-        for one, made, error in cluster.each(work, everybody, stage="participants", **how):
+        for person, done, error in cluster.each(work, everybody, stage="participants", **common):
             if error is not None:  # an error of the worker; errors of the work itself are in the outcomes
-                job = Job.of(one, out)
+                job = Job.of(person, out)
                 planned = [_planned(job, hemi, parameters) for hemi in hemis]
-                made = [_failed(job, of.hemi, error) if of.state in ("missing", "stale") else of for of in planned]
-                made += _shown(job, made)
-            for outcome in made:
+                done = [_failed(job, run.hemi, error) if run.state in ("missing", "stale") else run for run in planned]
+                done += _report(job, done)
+            for outcome in done:
                 tell(outcome)
-            outcomes += made
+            outcomes += done
     return sorted(outcomes, key=lambda outcome: outcome.name)
 
 
-def _participant(one: Participant, out: Path, hemis: Sequence[str], parameters: Parameters, **how: Any) -> Any:
+def _participant(person: Participant, out: Path, hemis: Sequence[str], parameters: Parameters, **common: Any) -> Any:
     """Process a participant on a worker."""
-    return _flatten(Job.of(one, out), hemis, parameters, _nothing, how)
+    return _flatten(Job.of(person, out), hemis, parameters, _nothing, **common)
 
 
 def plan(
     everybody: Sequence[Participant], out: Path, hemis: Sequence[str], parameters: Parameters
 ) -> Iterator[Outcome]:
     """Yield what `study` would do, without writing anything; the state is "failed" if input files are missing."""
-    for one in everybody:
-        job = Job.of(one, out)
+    for person in everybody:
+        job = Job.of(person, out)
         planned = [_planned(job, hemi, parameters) for hemi in hemis]
-        is_due = all(of.state in ("done", "failed") for of in planned) and _is_page_due(job, planned)
+        is_due = all(outcome.state in ("done", "failed") for outcome in planned) and _is_page_due(job, planned)
         reason = f"{job.page.name} is missing, outdated or damaged"
-        for of in planned:
-            yield replace(of, state="stale", reason=reason) if is_due and of.state == "done" else of
+        for step in planned:
+            yield replace(step, state="stale", reason=reason) if is_due and step.state == "done" else step
 
 
 def warn_of_changes(jobs: Sequence[Job], hemis: Sequence[str], parameters: Parameters) -> None:
@@ -191,15 +191,15 @@ def warn_of_changes(jobs: Sequence[Job], hemis: Sequence[str], parameters: Param
     The warning describes the differences as a plan does, and lists the participants and the options that keep the
     results.
     """
-    wanted = as_recorded(parameters)
+    new = as_recorded(parameters)
     people: dict[tuple[str, str], list[str]] = {}
     for job, hemi in product(jobs, hemis):
         with suppress(InputError, OSError):  # there are no results, or they will not be replaced
             earlier = read_record(job.results(hemi).record)["parameters"]
             job.found(hemi, parameters)
-            if told := changes(earlier, wanted):
-                keep = ", ".join(_option(key, earlier.get(key)) for key in told)
-                people.setdefault(("; ".join(told.values()), keep), []).append(job.name)
+            if changed := changes(earlier, new):
+                keep = ", ".join(_option(key, earlier.get(key)) for key in changed)
+                people.setdefault(("; ".join(changed.values()), keep), []).append(job.name)
     for (described, keep), names in people.items():
         log.warning(
             "%s will be replaced, because other options are given (%s). To keep them, press Ctrl-C now, and repeat the "
@@ -256,28 +256,28 @@ def describe(source: Path, out: Path) -> None:
 
 
 def _flatten(
-    job: Job, hemis: Sequence[str], parameters: Parameters, tell: Report, how: dict[str, Any], waits: Waits = log.info
+    job: Job, hemis: Sequence[str], parameters: Parameters, tell: Report, waits: Waits = log.info, **common: Any
 ) -> list[Outcome]:
     """Make the missing or outdated results of a participant, and the report, unless another process is doing this."""
     outcomes = []
     with locked(job.page.with_name(f".{job.page.name}.lock"), partial(waits, _WAITING.format(job.name))):
         for hemi in hemis:
-            outcomes.append(_one(job, hemi, parameters, how))
+            outcomes.append(_one(job, hemi, parameters, common))
             tell(outcomes[-1])
-        for failure in _shown(job, outcomes):
+        for failure in _report(job, outcomes):
             outcomes.append(failure)
             tell(failure)
     return outcomes
 
 
-def _shown(job: Job, outcomes: Sequence[Outcome]) -> list[Outcome]:
+def _report(job: Job, outcomes: Sequence[Outcome]) -> list[Outcome]:
     """Write the report, unless it is up to date; if this fails, return the failure."""
     try:
         if _is_page_due(job, outcomes):
             from voxflat.lab.report import subject_page  # imports Matplotlib
 
-            shown = {hemi: LoadedResults.read(job.results(hemi)) for hemi in _with_map(job, outcomes)}
-            write_page(job.page, subject_page(job.name, shown, _failures(outcomes)))
+            results = {hemi: LoadedResults.read(job.results(hemi)) for hemi in _with_map(job, outcomes)}
+            write_page(job.page, subject_page(job.name, results, _failures(outcomes)))
     except Cancelled:
         raise
     except Exception as error:  # one participant never stops the others
@@ -291,30 +291,30 @@ def _is_page_due(job: Job, outcomes: Sequence[Outcome]) -> bool:
     if not there and not job.page.is_file():  # an existing report must mention the failure
         return False
     key = page_key([read_record(record) for record in there], _failures(outcomes))
-    return any(one.state == "made" for one in outcomes) or not is_page_of(job.page, key)
+    return any(outcome.state == "made" for outcome in outcomes) or not is_page_of(job.page, key)
 
 
 def _with_map(job: Job, outcomes: Sequence[Outcome]) -> list[str]:
     """Return the hemispheres with a map, those of earlier runs included if only the other one was asked for."""
-    states = {one.hemi: one.state for one in outcomes}
-    known = {hemi: job.results(hemi) for hemi in HEMISPHERES}
-    earlier = {hemi for hemi, one in known.items() if one.record.is_file() and not one.failure.is_file()}
+    states = {outcome.hemi: outcome.state for outcome in outcomes}
+    results = {hemi: job.results(hemi) for hemi in HEMISPHERES}
+    earlier = {hemi for hemi, files in results.items() if files.record.is_file() and not files.failure.is_file()}
     return [hemi for hemi in HEMISPHERES if (states[hemi] != "failed" if hemi in states else hemi in earlier)]
 
 
 def _failures(outcomes: Sequence[Outcome]) -> dict[str, str]:
-    return {one.hemi: one.reason for one in outcomes if one.state == "failed"}
+    return {outcome.hemi: outcome.reason for outcome in outcomes if outcome.state == "failed"}
 
 
-def _one(job: Job, hemi: str, parameters: Parameters, how: dict[str, Any]) -> Outcome:
+def _one(job: Job, hemi: str, parameters: Parameters, common: dict[str, Any]) -> Outcome:
     """Make the results of a hemisphere unless they are up to date; errors become its outcome."""
     results = job.results(hemi)
     try:
-        hemisphere, wanted = job.request(hemi, parameters)
-        if state(results, wanted)[0] == "done":
+        hemisphere, asked = job.request(hemi, parameters)
+        if state(results, asked)[0] == "done":
             results.failure.unlink(missing_ok=True)  # from a call with other parameters
             return Outcome(job.name, hemi, "done", record=read_record(results.record))
-        return Outcome(job.name, hemi, "made", record=make(hemisphere, parameters, results, **how))
+        return Outcome(job.name, hemi, "made", record=make(hemisphere, parameters, results, **common))
     except Cancelled:
         raise
     except Exception as error:

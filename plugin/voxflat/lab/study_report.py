@@ -40,20 +40,20 @@ def study_page(
         table=table,
         titles=[(title, unit) for title, _, unit in FIGURES.values()],
         missing=missing,
-        pictures=[[of for of in maps if of["row"].letter == letter] for letter in ("L", "R")],
-        means=[_mean(one) for one in means],
+        pictures=[[entry for entry in maps if entry["row"].letter == letter] for letter in ("L", "R")],
+        means=[_mean(mean) for mean in means],
         dots=[_dots(there, place) for place in FIGURES],
         warnings=warnings,
         marked=sum(len(row.outliers.keys() - set(COUNTS)) for row in there),
         by_chance=f"{by_chance:.2g}",
-        citation=citation_of([of["facts"] for of in maps]),
+        citation=citation_of([entry["facts"] for entry in maps]),
         counted=counted(rows),
     )
 
 
-def map_picture(row: Row, flat_map: FlatMap, of: int) -> dict[str, Any]:
-    """Return an image of the folds of a map at the scale for a page of `of` maps, and facts for the methods text."""
-    (drawn,) = pictures(flat_map, [None], pixel_size=max(1.0, float(np.sqrt(of / _AT_FULL))))
+def map_picture(row: Row, flat_map: FlatMap, count: int) -> dict[str, Any]:
+    """Return an image of the folds of a map at the scale for a page of `count` maps, and facts for the methods text."""
+    (drawn,) = pictures(flat_map, [None], pixel_size=max(1.0, float(np.sqrt(count / _AT_FULL))))
     return {**drawn, "row": row, "shown": round(_SHOWN * drawn["mm"]), "facts": facts_of(flat_map)}
 
 
@@ -61,33 +61,33 @@ def _cell(row: Row, place: str) -> dict[str, Any]:
     _, factor, unit = FIGURES[place]
     value, error = (figure_of(row.record or {}, name) for name in (place, f"standard_error.{place}"))
     digits = 0 if place.endswith(("flipped", "covering")) else 1 if unit else 3
-    text, after = ("–" if one is None else f"{factor * one:.{digits}f}" for one in (value, error))
-    shown = "" if error is None else f" ± {after}"
-    return {"text": text, "error": shown, "outlier": row.outliers.get(place, ""), "is_count": place in COUNTS}
+    text, after = ("–" if number is None else f"{factor * number:.{digits}f}" for number in (value, error))
+    interval = "" if error is None else f" ± {after}"
+    return {"text": text, "error": interval, "outlier": row.outliers.get(place, ""), "is_count": place in COUNTS}
 
 
-def _mean(one: Mean) -> dict[str, Any]:
+def _mean(mean: Mean) -> dict[str, Any]:
     """Return the mean, the standard deviation and the number of maps of a measure as images."""
-    look = layers_of([{one.name: one.mean.data[np.isfinite(one.mean.data)]}])[0][0]
-    spread = one.deviation.data[np.isfinite(one.deviation.data)]
+    look = layers_of([{mean.name: mean.mean.data[np.isfinite(mean.mean.data)]}])[0][0]
+    spread = mean.deviation.data[np.isfinite(mean.deviation.data)]
     high = float(np.percentile(spread, 99)) if len(spread) else 1.0
-    of_deviation = Layer(one.name, look.title, look.unit, spread, "viridis", (0.0, high or 1.0))
+    of_deviation = Layer(mean.name, look.title, look.unit, spread, "viridis", (0.0, high or 1.0))
     images = []
-    for what, image, layer in (("mean", one.mean, look), ("standard deviation", one.deviation, of_deviation)):
+    for statistic, image, layer in (("mean", mean.mean, look), ("standard deviation", mean.deviation, of_deviation)):
         pixels = painted(image.data, layer.colour_map, layer.limits)
         pixels[..., 3] = 255 * np.isfinite(image.data)
         drawn = png(pixels, image.data.shape[1] * image.pixel_size)
-        images.append({**drawn, "bar": colour_bar(layer), "what": what})
-    side = {"L": "left", "R": "right"}[one.letter]
-    return {"title": look.title, "side": side, "most": int(one.count.data.max()), "images": images}
+        images.append({**drawn, "bar": colour_bar(layer), "what": statistic})
+    side = {"L": "left", "R": "right"}[mean.letter]
+    return {"title": look.title, "side": side, "most": int(mean.count.data.max()), "images": images}
 
 
 def _dots(rows: Sequence[Row], place: str) -> dict[str, Any]:
     """Return a dot plot of a measure over hemispheres."""
     title, factor, unit = FIGURES[place]
     width, height = _DOTS
-    found = [(row, figure_of(row.record or {}, place)) for row in rows]
-    values = [factor * value for _, value in found if value is not None]
+    pairs = [(row, figure_of(row.record or {}, place)) for row in rows]
+    values = [factor * value for _, value in pairs if value is not None]
     low, high = (min(values), max(values)) if values else (0.0, 0.0)
     span = high - low or 1.0
     dots = [
@@ -97,7 +97,7 @@ def _dots(rows: Sequence[Row], place: str) -> dict[str, Any]:
             "is_outlier": place in row.outliers,
             "text": f"{row.hemisphere}: {factor * value:.4g} {unit} {row.outliers.get(place, '')}".rstrip(),
         }
-        for row, value in found
+        for row, value in pairs
         if value is not None
     ]
     median = f"{np.median(values):.3g}" if values else "–"

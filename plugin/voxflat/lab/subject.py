@@ -42,7 +42,7 @@ def make(hemisphere: Hemisphere, parameters: Parameters, results: Results, **com
     seconds: dict[str, float] = {}
     with _collecting_warnings() as logged:
         with _timed(seconds, "reading and checksums"):
-            wanted = request(hemisphere, parameters)
+            asked = request(hemisphere, parameters)
             whole = _surface(hemisphere, parameters, common)
             part, cortex = _part(hemisphere, parameters, whole)
         with _timed(seconds, "flattening and measuring"):
@@ -55,12 +55,12 @@ def make(hemisphere: Hemisphere, parameters: Parameters, results: Results, **com
     warnings = flat_map.warnings
     notes = [str(warning) for warning in warnings if isinstance(warning, Note)]
     record = {
-        **wanted,
+        **asked,
         "hemi": hemisphere.letter,
         "overlays": list(hemisphere.overlays),
         "outputs": {path.name: hash_of(path) for path in written},
         **_description(whole, flat_map, cortex),
-        "warnings": [one for one in dict.fromkeys((*warnings, *logged)) if one not in notes],
+        "warnings": [text for text in dict.fromkeys((*warnings, *logged)) if text not in notes],
         "notes": [*notes, *of_files],
         "seconds": seconds,
     }
@@ -79,20 +79,20 @@ def _timed(seconds: dict[str, float], step: str) -> Iterator[None]:
 @contextmanager
 def _collecting_warnings() -> Iterator[list[str]]:
     """Collect warnings instead of logging them; they are printed from the record, with the name of the hemisphere."""
-    found: list[str] = []
+    warnings: list[str] = []
 
     def take(record: logging.LogRecord) -> bool:
         is_warning = record.levelno >= logging.WARNING
         if is_warning:
-            found.append(record.getMessage())
+            warnings.append(record.getMessage())
         return not is_warning
 
     log.addFilter(take)
     try:
-        yield found
+        yield warnings
     except Exception:
         log.removeFilter(take)
-        for warning in found:  # there will be no record
+        for warning in warnings:  # there will be no record
             log.warning("%s", warning)
         raise
     finally:
@@ -116,20 +116,21 @@ def _surface(hemisphere: Hemisphere, parameters: Parameters, common: dict[str, A
 
 def _part(hemisphere: Hemisphere, parameters: Parameters, whole: Surface) -> tuple[Surface, str]:
     """Return the part to flatten, the cortex, and what defines it; warn if this is not the cortex label."""
-    part, by = whole, "the complete surface" if parameters.cuts == "automatic" else "the cuts file"
+    part, basis = whole, "the complete surface" if parameters.cuts == "automatic" else "the cuts file"
     if "cortex" in hemisphere.files:
         return whole.keep(hemisphere.files["cortex"]), "the cortex label"
     if "areas" in hemisphere.files:
-        part, by = whole.drop(_beside_cortex(hemisphere.files["areas"], whole.count)), "the parcellation (aparc.annot)"
+        part = whole.drop(_beside_cortex(hemisphere.files["areas"], whole.count))
+        basis = "the parcellation (aparc.annot)"
     elif parameters.cuts == "standard":
-        by = "the medial wall of the template"
+        basis = "the medial wall of the template"
     elif whole.thickness is not None and parameters.cuts == "automatic":
-        part, by = whole.drop("medial wall"), "the thickness of the cortex"
+        part, basis = whole.drop("medial wall"), "the thickness of the cortex"
     if not parameters.volume:
         files = "?h.cortex.label or *_desc-cortex_mask.label.gii"
         remedy = "Add the label, or check that this definition is accurate enough"
-        log.warning("%s", f"found no cortex label ({files}), so the cortex is defined by {by}. {remedy}")
-    return part, by
+        log.warning("%s", f"found no cortex label ({files}), so the cortex is defined by {basis}. {remedy}")
+    return part, basis
 
 
 def _beside_cortex(annotation: Path, count: int) -> NDArray[np.bool_]:
@@ -149,9 +150,9 @@ def _measures(flat_map: FlatMap) -> dict[str, NDArray[np.float64]]:
     """Return the measures at every point of the map."""
     triangles = flat_map.distortion.triangles
     areas = None if triangles is None else triangles.areal
-    found = {"distanceerror": flat_map.distortion.per_point, "areachange": areas}
-    found |= {"curvature": flat_map.curvature, "sulcaldepth": flat_map.sulcal_depth}
-    return {name: values for name, values in found.items() if values is not None}
+    measures = {"distanceerror": flat_map.distortion.per_point, "areachange": areas}
+    measures |= {"curvature": flat_map.curvature, "sulcaldepth": flat_map.sulcal_depth}
+    return {name: values for name, values in measures.items() if values is not None}
 
 
 def _overlays(flat_map: FlatMap, hemisphere: Hemisphere) -> dict[str, NDArray[np.number]]:
@@ -159,7 +160,7 @@ def _overlays(flat_map: FlatMap, hemisphere: Hemisphere) -> dict[str, NDArray[np
     surface = flat_map._triangles.on_surface
     in_cortex = flat_map.white_points is not None and flat_map.pial_points is not None
     depths = Depths.of(0.0, 0.5, "equivolume") if in_cortex else ON_SURFACE
-    found = {}
+    overlays = {}
     for name, path in hemisphere.overlays.items():
         source = source_of(surface, path)
         is_volume = isinstance(source, VolumeSource)
@@ -168,10 +169,10 @@ def _overlays(flat_map: FlatMap, hemisphere: Hemisphere) -> dict[str, NDArray[np
         values = source.image(at_points(len(flat_map)), Sampling(depths if is_volume else ON_SURFACE)).data
         if values.ndim > 2:
             raise InputError(f"the overlay {path} has colours or several volumes. Pass one volume of values")
-        found[name] = values[:, 0]
-        if not np.isfinite(found[name]).any():
+        overlays[name] = values[:, 0]
+        if not np.isfinite(overlays[name]).any():
             raise InputError(f"the overlay {path} has no values on the map. Check that it belongs to this subject")
-    return found
+    return overlays
 
 
 def _write(flat_map: FlatMap, values: dict[str, NDArray[np.number]], results: Results) -> list[Path]:
