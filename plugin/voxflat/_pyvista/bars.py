@@ -7,9 +7,9 @@ from voxflat.arguments import Progress
 
 
 @contextmanager
-def shown(wanted: bool, progress: Progress | None) -> Iterator[Progress | None]:
+def shown(is_shown: bool, progress: Progress | None) -> Iterator[Progress | None]:
     """Show a progress bar for each stage, and call the caller's progress function."""
-    if not wanted:
+    if not is_shown:
         yield progress
         return
     from tqdm.auto import tqdm

@@ -24,7 +24,7 @@ def _of_each(verb: Callable[Concatenate[Any, Given], object]) -> Callable[Concat
     """Return a method that applies an operation to each block, with the signature and parameters of the operation."""
 
     def of_blocks(self: BlocksAccessor, /, *args: Given.args, **options: Given.kwargs) -> pv.MultiBlock:
-        return self._made(lambda of, _: getattr(of, verb.__name__)(*args, **options))
+        return self._made(lambda accessor, _: getattr(accessor, verb.__name__)(*args, **options))
 
     _describe(of_blocks, verb, "pv.MultiBlock", _BLOCKS)
     return of_blocks
@@ -34,7 +34,7 @@ def _by_name(verb: Callable[Concatenate[Any, Given], Result]) -> Callable[Concat
     """Return a method that applies an operation to each block and returns a dictionary; see `_of_each`."""
 
     def of_blocks(self: BlocksAccessor, /, *args: Given.args, **options: Given.kwargs) -> dict[str, Result]:
-        return self._named(lambda of: getattr(of, verb.__name__)(*args, **options))
+        return self._named(lambda accessor: getattr(accessor, verb.__name__)(*args, **options))
 
     _describe(of_blocks, verb, f"dict[str, {inspect.signature(verb).return_annotation}]", _DICTIONARY)
     return of_blocks
@@ -102,7 +102,7 @@ class BlocksAccessor:
         The parameters are the same as for `VoxflatAccessor`. The result contains a map for each block under the same
         name; empty blocks remain empty.
         """
-        return self._made(lambda of, _: of(scalars, progress_bar=progress_bar, **options))
+        return self._made(lambda accessor, _: accessor(scalars, progress_bar=progress_bar, **options))
 
     flatten = _by_name(VoxflatAccessor.flatten)
     check = _by_name(VoxflatAccessor.check)
@@ -157,28 +157,28 @@ class BlocksAccessor:
     def _made(self, verb: Callable[[Any, Any], object], beside: pv.MultiBlock | None = None) -> pv.MultiBlock:
         """Apply an operation to each block, and to the block at the same position in another MultiBlock."""
         if beside is not None and not (isinstance(beside, pv.MultiBlock) and len(beside) == len(self._blocks)):
-            given = f"{len(beside)} blocks" if isinstance(beside, pv.MultiBlock) else type(beside).__name__
+            kind = f"{len(beside)} blocks" if isinstance(beside, pv.MultiBlock) else type(beside).__name__
             raise InputError(
-                f"got {given} for the maps. Pass a MultiBlock with one map for each of the {len(self._blocks)} blocks"
+                f"got {kind} for the maps. Pass a MultiBlock with one map for each of the {len(self._blocks)} blocks"
             )
-        made = pv.MultiBlock()
-        for name, block, one in zip(self._blocks.keys(), self._blocks, beside or self._blocks, strict=True):
-            made.append(None if block is None else _applied(name, block, verb, one), name)
-        return made
+        applied = pv.MultiBlock()
+        for name, block, other in zip(self._blocks.keys(), self._blocks, beside or self._blocks, strict=True):
+            applied.append(None if block is None else _applied(name, block, verb, other), name)
+        return applied
 
     def _named(self, verb: Callable[[Any], Any]) -> dict[str, Any]:
         """Apply an operation to each block; return the results by name."""
-        found: dict[str, Any] = {}
+        results: dict[str, Any] = {}
         for name, block in zip(self._blocks.keys(), self._blocks, strict=True):
             if block is None:
                 continue
             result = _applied(name, block, verb)
             inner = {f"{name}/{key}": value for key, value in result.items()} if isinstance(result, dict) else None
             for key, value in (inner or {name: result}).items():
-                if key in found:
+                if key in results:
                     raise InputError(f"two blocks have the name {key!r}. Rename one with blocks.set_block_name(1, ...)")
-                found[key] = value
-        return found
+                results[key] = value
+        return results
 
 
 def _applied(name: str, block: object, verb: Callable[..., Any], *beside: object) -> Any:

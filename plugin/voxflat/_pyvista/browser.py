@@ -20,9 +20,9 @@ def browser_page(flat: pv.PolyData, title: str) -> MapPage:
     ids = next((flat.point_data[name] for name in _OWN[:2] if name in flat.point_data), np.arange(len(plane)))
     torn = flat.cell_data["torn"] if "torn" in flat.cell_data else np.zeros(len(faces))
     numbers, is_torn = np.asarray(ids, dtype=np.int64), np.asarray(torn, dtype=np.bool_)
-    shown = SceneMap(plane[:, :2].copy(), surface, numbers, faces.astype(np.uint32), is_torn)
+    scene = SceneMap(plane[:, :2].copy(), surface, numbers, faces.astype(np.uint32), is_torn)
     of_points, of_triangles = _values(flat.point_data), _values(flat.cell_data)
-    return page_of(shown, of_points, of_triangles, title, first=flat.active_scalars_name)
+    return page_of(scene, of_points, of_triangles, title, first=flat.active_scalars_name)
 
 
 def _values(data: pv.DataSetAttributes) -> dict[str, NDArray[Any]]:

@@ -32,11 +32,11 @@ class ExtractedSurface:
 
     def point(self, seed: object, name: str) -> int:
         """Return the surface point for a single seed point."""
-        found = self.points(seed, name)
-        if found.ndim:
-            given = np.asarray(seed).tolist()
-            raise InputError(f"{name} is {given}. Pass one point number, or one position (three floats)")
-        return int(found)
+        point = self.points(seed, name)
+        if point.ndim:
+            value = np.asarray(seed).tolist()
+            raise InputError(f"{name} is {value}. Pass one point number, or one position (three floats)")
+        return int(point)
 
     def points(self, seeds: object, name: str) -> NDArray[np.int64]:
         """Return the surface points for point numbers, positions or cells."""
@@ -44,16 +44,16 @@ class ExtractedSurface:
             return self._of_cell(seeds, name)
         if isinstance(seeds, list | tuple) and any(isinstance(seed, pv.Cell) for seed in seeds):
             return np.array([int(self.points(seed, name)) for seed in seeds], dtype=np.int64)
-        wanted = np.asarray(seeds)
-        if wanted.dtype.kind == "f":
-            return self._nearest(wanted, name)
-        if wanted.dtype.kind not in "iu":
-            raise InputError(f"{name} has data type {wanted.dtype}. Pass point numbers, positions (x, y, z) or cells")
-        is_there = np.isin(wanted, self._used)
+        points = np.asarray(seeds)
+        if points.dtype.kind == "f":
+            return self._nearest(points, name)
+        if points.dtype.kind not in "iu":
+            raise InputError(f"{name} has data type {points.dtype}. Pass point numbers, positions (x, y, z) or cells")
+        is_there = np.isin(points, self._used)
         if not is_there.all():
-            missing, kind = int(wanted[~is_there].flat[0]), type(self.dataset).__name__
+            missing, kind = int(points[~is_there].flat[0]), type(self.dataset).__name__
             raise InputError(f"{name}: point {missing} is not on the surface of the {kind}. Choose another point")
-        return wanted.astype(np.int64)
+        return points.astype(np.int64)
 
     def _of_cell(self, cell: pv.Cell, name: str) -> NDArray[np.int64]:
         """Return the corner of a cell that lies on the surface and is nearest to the centre of the cell."""
@@ -69,16 +69,16 @@ class ExtractedSurface:
     def _nearest(self, positions: NDArray[np.float64], name: str) -> NDArray[np.int64]:
         """Return the surface points nearest to the given positions; a warning reports the most distant position."""
         if positions.shape[-1:] != (3,) or positions.ndim > 2 or not np.isfinite(positions).all():
-            of = f"shape {positions.shape} and data type {positions.dtype}"
-            raise InputError(f"{name} has {of}. Pass finite positions (x, y, z)")
+            kind = f"shape {positions.shape} and data type {positions.dtype}"
+            raise InputError(f"{name} has {kind}. Pass finite positions (x, y, z)")
         used = self._used
-        apart, found = KDTree(self.mesh.points[used]).query(positions)
+        apart, nearest = KDTree(self.mesh.points[used]).query(positions)
         corners = self.mesh.points[self.mesh.faces]
         longest = float(np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max())
         if np.any(apart > longest):
             far = np.asarray(positions).reshape(-1, 3)[np.argmax(apart)].tolist()
             log.warning("%s: the position %s is %.4g away from the surface", name, far, float(np.max(apart)))
-        return np.asarray(used[found], dtype=np.int64)
+        return np.asarray(used[nearest], dtype=np.int64)
 
     @property
     def _used(self) -> NDArray[np.int64]:
@@ -107,12 +107,12 @@ class ExtractedSurface:
 
     def _cells(self, faces: NDArray[np.int64]) -> NDArray[np.int64] | None:
         """Return the cell of each triangle, found by its corners; None if any triangle is not part of the surface."""
-        own = np.sort(self.mesh.faces, axis=1)
-        known, wanted = numbered(own, np.sort(faces, axis=1))
-        triangle = np.full(len(own) + len(faces), -1, dtype=np.int64)
-        triangle[known] = np.arange(len(own))
-        found = triangle[wanted]
-        return None if (found < 0).any() else self.cell_ids[found]
+        corners = np.sort(self.mesh.faces, axis=1)
+        numbers, asked = numbered(corners, np.sort(faces, axis=1))
+        triangle = np.full(len(corners) + len(faces), -1, dtype=np.int64)
+        triangle[numbers] = np.arange(len(corners))
+        triangles = triangle[asked]
+        return None if (triangles < 0).any() else self.cell_ids[triangles]
 
 
 def _free(name: str, flat: pv.PolyData) -> str:

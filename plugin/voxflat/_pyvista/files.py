@@ -28,10 +28,10 @@ def read(path: str, *, surface: object | None = None) -> pv.PolyData:
     if is_saved:
         return to_polydata(load(path))
     mesh = read_mesh(path)
-    made = triangles(mesh.points, mesh.faces)
+    dataset = triangles(mesh.points, mesh.faces)
     for name, array in mesh.point_data.items():
-        made.point_data[name] = array
-    return made
+        dataset.point_data[name] = array
+    return dataset
 
 
 def write(dataset: pv.DataSet, path: str) -> None:
@@ -45,20 +45,20 @@ def write(dataset: pv.DataSet, path: str) -> None:
         if not is_map(dataset):
             write_mesh(path, Mesh(np.asarray(dataset.points), np.asarray(dataset.regular_faces)))
             return
-        told = json.loads(str(dataset.field_data["voxflat"][0]))
-        write_mesh(path, _of_map(dataset, told))
-        warn_of_unit(path, told.get("unit", "mm"))
+        description = json.loads(str(dataset.field_data["voxflat"][0]))
+        write_mesh(path, _of_map(dataset, description))
+        warn_of_unit(path, description.get("unit", "mm"))
 
 
-def _of_map(flat: pv.PolyData, told: dict[str, Any]) -> Mesh:
+def _of_map(flat: pv.PolyData, description: dict[str, Any]) -> Mesh:
     """Return a flat map; if a mesh was flattened, the map has the vertex numbers of the mesh."""
     faces = np.asarray(flat.regular_faces)
     if "torn" in flat.cell_data:
         faces = faces[~np.asarray(flat.cell_data["torn"], dtype=np.bool_)]
-    if "vertex_ids" not in flat.point_data or "vertices" not in told:
+    if "vertex_ids" not in flat.point_data or "vertices" not in description:
         return Mesh(np.asarray(flat.points), faces)
     ids = np.asarray(flat.point_data["vertex_ids"], dtype=np.int64)
-    return mesh_of_vertices(np.asarray(flat.points), ids, faces, told["vertices"], told.get("structure"))
+    return mesh_of_vertices(np.asarray(flat.points), ids, faces, description["vertices"], description.get("structure"))
 
 
 def _patch(path: str, surface: object | None) -> pv.PolyData:
@@ -72,11 +72,11 @@ def _patch(path: str, surface: object | None) -> pv.PolyData:
     with naming(path, "is it of this surface?"):
         faces = whole.vertices[whole.faces[whole._in_patch(patch)]]
     row[patch.vertex_ids] = np.arange(len(patch.vertex_ids))
-    merged, one = whole.merged.T
-    row[one] = np.where(row[one] < 0, row[merged], row[one])
-    made = triangles(patch.points, row[faces])
-    made.point_data["vertex_ids"] = patch.vertex_ids
-    at = np.zeros((whole.count, 3))
-    at[whole.vertices] = whole.points
-    made.point_data["surface_points"] = at[patch.vertex_ids]
-    return made
+    merged, copy = whole.merged.T
+    row[copy] = np.where(row[copy] < 0, row[merged], row[copy])
+    flat = triangles(patch.points, row[faces])
+    flat.point_data["vertex_ids"] = patch.vertex_ids
+    points = np.zeros((whole.count, 3))
+    points[whole.vertices] = whole.points
+    flat.point_data["surface_points"] = points[patch.vertex_ids]
+    return flat

@@ -15,8 +15,8 @@ def rows_of(flat: object, surface: ExtractedSurface | None) -> object:
     numbered = isinstance(flat, pv.PolyData) and _ORIGINAL in flat.point_data  # by a VTK filter
     if not numbered or surface is None or _ORIGINAL in surface.dataset.point_data:
         return flat
-    made: Any = flat
-    of = ExtractedSurface.of(made)
-    used, corners = np.unique(of.mesh.faces, return_inverse=True)
-    ids = surface.points(np.asarray(made.point_data[_ORIGINAL])[used], "the map's points")
-    return of.mesh.points[used], corners.reshape(-1, 3), ids
+    dataset: Any = flat
+    extracted = ExtractedSurface.of(dataset)
+    used, corners = np.unique(extracted.mesh.faces, return_inverse=True)
+    ids = surface.points(np.asarray(dataset.point_data[_ORIGINAL])[used], "the map's points")
+    return extracted.mesh.points[used], corners.reshape(-1, 3), ids

@@ -113,28 +113,28 @@ class Inputs:
         extracted = self._extracted(scalars)
         return extracted, extracted.mesh
 
-    def _part(self, scalars: str | None, given: dict[str, Any], progress: Progress | None) -> Surface:
-        """Return the selected part of the surface, and remove the options that select it from `given`."""
-        extracted, source = self._source(scalars, given.get("unit"))
-        making: dict[str, Any] = {name: given.pop(name) for name in ("label", "threshold", "unit") if name in given}
-        making |= {name: given[name] for name in ("threads", "memory_limit") if name in given}
+    def _part(self, scalars: str | None, options: dict[str, Any], progress: Progress | None) -> Surface:
+        """Return the selected part of the surface, and remove the options that select it from `options`."""
+        extracted, source = self._source(scalars, options.get("unit"))
+        making: dict[str, Any] = {name: options.pop(name) for name in ("label", "threshold", "unit") if name in options}
+        making |= {name: options[name] for name in ("threads", "memory_limit") if name in options}
         part = surface(source, progress=progress, **making)
         for name in ("keep", "drop"):
-            region = self._region(given.pop(name, None))
+            region = self._region(options.pop(name, None))
             if region is not None:
                 region = region if extracted is None else self._mask_of(extracted, region, name)
                 part = part.keep(region) if name == "keep" else part.drop(region)
-        seed_point, radius = given.pop("seed_point", None), given.pop("radius", None)
+        seed_point, radius = options.pop("seed_point", None), options.pop("radius", None)
         if (seed_point is None) != (radius is None):
             named, missing = ("seed_point", "radius") if radius is None else ("radius", "seed_point")
             raise InputError(f"{named} is given without {missing}. Pass both or neither")
         if seed_point is not None:
             seed = self._voxels(scalars, seed_point) if extracted is None else extracted.point(seed_point, "seed_point")
-            part = part.disk(seed, radius, threads=given.get("threads"), progress=progress)
-        if (corners := given.pop("polygon", None)) is not None:
+            part = part.disk(seed, radius, threads=options.get("threads"), progress=progress)
+        if (corners := options.pop("polygon", None)) is not None:
             part = part.polygon(self._places(scalars, corners, "polygon"), progress=progress)
-        if extracted is not None and isinstance(given.get("cuts"), Sequence) and not isinstance(given["cuts"], str):
-            given["cuts"] = [np.atleast_1d(extracted.points(one, "cuts")) for one in given["cuts"]]
+        if extracted is not None and isinstance(options.get("cuts"), Sequence) and not isinstance(options["cuts"], str):
+            options["cuts"] = [np.atleast_1d(extracted.points(path, "cuts")) for path in options["cuts"]]
         return part
 
     def _method(self, scalars: str | None, method: str | Method) -> Method:

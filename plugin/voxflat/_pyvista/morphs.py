@@ -61,7 +61,7 @@ class Morph(Sequence[pv.PolyData]):
     def __getitem__(self, number: int | slice) -> pv.PolyData | list[pv.PolyData]:
         """Return a frame. The first frame is the surface, and the last frame is the map."""
         if isinstance(number, slice):
-            return [self[one] for one in range(*number.indices(self._n))]
+            return [self[n] for n in range(*number.indices(self._n))]
         return self.at(range(self._n)[number] / (self._n - 1))
 
     def __iter__(self) -> Iterator[pv.PolyData]:
@@ -207,19 +207,19 @@ class Morph(Sequence[pv.PolyData]):
         return (1 - share) * self._surface + share * self._laid
 
     def _view(
-        self, scalars: str | None, cmap: str | None, clim: tuple[float, float] | None, **how: Any
+        self, scalars: str | None, cmap: str | None, clim: tuple[float, float] | None, **settings: Any
     ) -> tuple[pv.Plotter, Callable[[float], None]]:
         """Return a plotter that shows the surface and a function that moves its points; all positions are in view."""
-        what = Shown.of(self._flat, scalars, cmap, clim)
-        plotter: Any = pv.Plotter(**how)
+        shown = Shown.of(self._flat, scalars, cmap, clim)
+        plotter: Any = pv.Plotter(**settings)
         plotter.set_background("white")
-        mesh = what.mesh(self._surface)
-        what.add(plotter, mesh, bar=True, lighting=True)
-        look_at(plotter, np.concatenate([self._surface, self._laid]), self._turn, how["window_size"], bar=True)
+        mesh = shown.mesh(self._surface)
+        shown.add(plotter, mesh, bar=True, lighting=True)
+        look_at(plotter, np.concatenate([self._surface, self._laid]), self._turn, settings["window_size"], bar=True)
 
         def moved(share: float) -> None:
             mesh.SetPoints(pv.vtk_points(self._places(share)))
-            what.turned(mesh)
+            shown.turned(mesh)
 
         return plotter, moved
 

@@ -57,8 +57,8 @@ class Verbs(Inputs):
             return flat
         extracted = self._extracted(scalars)
         flat.point_data["vertex_ids"] = flat_map.ids
-        told = {**flat_map.description(), "vertices": self._mesh.n_points}  # the numbering used by vertex_ids
-        flat.field_data["voxflat"] = [json.dumps(told)]
+        description = {**flat_map.description(), "vertices": self._mesh.n_points}  # the numbering used by vertex_ids
+        flat.field_data["voxflat"] = [json.dumps(description)]
         extracted.carry(flat, flat_map.ids)
         flat.set_active_scalars("distance_error", preference="point")
         return flat
@@ -75,17 +75,17 @@ class Verbs(Inputs):
         a, b, c = np.moveaxis(points[corners], 1, 0)
         areas = np.linalg.norm(np.cross(b - a, c - a), axis=1)
         total = np.bincount(of_points[corners[:, 0]], areas)
-        found = pv.MultiBlock()
+        blocks = pv.MultiBlock()
         for number, component in enumerate(np.argsort(-total)[: np.count_nonzero(total)].tolist(), 1):
             name = f"component {number}"
             try:
-                given: FlattenOptions = {**options, "keep": of_points == component}
-                found[name] = self(scalars, progress_bar=progress_bar, **given)
+                selected: FlattenOptions = {**options, "keep": of_points == component}
+                blocks[name] = self(scalars, progress_bar=progress_bar, **selected)
             except InputError as error:
                 log.warning("%s is omitted: %s", name, error)
-        if not found.n_blocks:
+        if not blocks.n_blocks:
             raise InputError("none of the components can be flattened. See the warnings for the reasons")
-        return found
+        return blocks
 
     def flatten(
         self, scalars: str | None = None, *, progress_bar: bool = False, **options: Unpack[FlattenOptions]
@@ -125,13 +125,13 @@ class Verbs(Inputs):
         voxflat.flatten : Flatten arrays and files.
         surface : Return the surface that is flattened.
         """
-        given: dict[str, Any] = {**options}
-        with shown(progress_bar, given.pop("progress", None)) as progress:
-            part = self._part(scalars, given, progress)
-            if "method" in given:
-                given["method"] = self._method(scalars, given["method"])
-            found: FlatMap = part.flatten(progress=progress, **given)
-        return found
+        arguments: dict[str, Any] = {**options}
+        with shown(progress_bar, arguments.pop("progress", None)) as progress:
+            part = self._part(scalars, arguments, progress)
+            if "method" in arguments:
+                arguments["method"] = self._method(scalars, arguments["method"])
+            flat_map: FlatMap = part.flatten(progress=progress, **arguments)
+        return flat_map
 
     def surface(self, scalars: str | None = None, **options: Unpack[SurfaceOptions]) -> pv.PolyData:
         """Return the surface that `flatten` would flatten.
@@ -215,15 +215,15 @@ class Verbs(Inputs):
         """
         extracted = self._extracted(None)
         numbers = np.atleast_1d(extracted.points(sources, "sources"))
-        with shown(progress_bar, progress) as told:
-            whole = surface(extracted.mesh, progress=told)
-            rows = whole.geodesic(numbers, geodesic=method, progress=told)
+        with shown(progress_bar, progress) as report:
+            whole = surface(extracted.mesh, progress=report)
+            rows = whole.geodesic(numbers, geodesic=method, progress=report)
         nearest = np.min([rows[number] for number in range(len(numbers))], axis=0)
         measured = self._mesh.copy(deep=False)
         distances = np.full(self._mesh.n_points, np.nan)
         distances[rows.ids] = np.where(np.isfinite(nearest), nearest, np.nan)
-        merged, one = whole.merged.T
-        distances[merged] = distances[one]
+        merged, copy = whole.merged.T
+        distances[merged] = distances[copy]
         measured.point_data["geodesic_distance"] = distances
         measured.set_active_scalars("geodesic_distance", preference="point")
         return measured
@@ -248,11 +248,11 @@ class Verbs(Inputs):
         """
         extracted = self._extracted(None)
         stops = [extracted.point(stop, "stops") for stop in (a, b, *further)]
-        found = surface(extracted.mesh).path(*stops, geodesic=method)
-        count = len(found.points)
-        line = pv.PolyData(np.array(found.points), lines=[count, *range(count)] if count > 1 else None)
-        line.point_data["vertex_ids"] = found.ids
-        line.field_data["length"] = [found.length]
+        path = surface(extracted.mesh).path(*stops, geodesic=method)
+        count = len(path.points)
+        line = pv.PolyData(np.array(path.points), lines=[count, *range(count)] if count > 1 else None)
+        line.point_data["vertex_ids"] = path.ids
+        line.field_data["length"] = [path.length]
         return line
 
     def patches(
@@ -303,10 +303,10 @@ class Verbs(Inputs):
             accessor. ``page.points = page["surface_points"]`` moves the points of the page back onto the surface.
         """
         extracted, source = self._source(scalars)
-        given: dict[str, Any] = {**options}
-        with shown(progress_bar, given.pop("progress", None)) as progress:
-            run: dict[str, Any] = {"threads": given.get("threads"), "progress": progress}
-            whole = surface(source, progress=progress, **given)
+        arguments: dict[str, Any] = {**options}
+        with shown(progress_bar, arguments.pop("progress", None)) as progress:
+            run: dict[str, Any] = {"threads": arguments.get("threads"), "progress": progress}
+            whole = surface(source, progress=progress, **arguments)
             atlas = whole.patches(max_angle, bound=bound, count=count, seeds=seeds, seed=seed, **run)
             glued = atlas if glue is None else atlas.glue(glue, **run)
         page = meshes.to_page_polydata(glued, packing=packing)
@@ -346,9 +346,9 @@ class Verbs(Inputs):
         >>> cuts = opened.extract_feature_edges(feature_edges=False, manifold_edges=False)  # as lines
         """
         extracted = None if self._is_image else self._extracted(scalars)
-        given: dict[str, Any] = {**options}
-        with shown(progress_bar, given.pop("progress", None)) as progress:
-            done = self._part(scalars, given, progress).cut(progress=progress, **given)
+        arguments: dict[str, Any] = {**options}
+        with shown(progress_bar, arguments.pop("progress", None)) as progress:
+            done = self._part(scalars, arguments, progress).cut(progress=progress, **arguments)
         mesh = meshes.to_cut_polydata(done)
         if extracted is not None:
             extracted.carry(mesh, done.surface.ids)
@@ -401,16 +401,16 @@ class Verbs(Inputs):
         >>> measured.voxflat.plot("areal")  # doctest: +SKIP
         """
         extracted, source = self._source(scalars)
-        given: dict[str, Any] = {**options}
-        with shown(progress_bar, given.pop("progress", None)) as progress:
-            whole = surface(source, progress=progress, **given)
-            how: dict[str, Any] = {"sources": sources, "reference": reference, "seed": seed, "progress": progress}
-            of = {"": rows_of(flat, extracted)}
-            measured = compare(whole, of, threads=given.get("threads"), **how).maps[""]
-        at = np.empty(whole.count, dtype=np.int64)
-        at[whole.vertices] = np.arange(len(whole))
-        ids = whole.ids[at[measured.vertex_ids]]
-        points = whole.points[at[measured.vertex_ids]]
+        arguments: dict[str, Any] = {**options}
+        with shown(progress_bar, arguments.pop("progress", None)) as progress:
+            whole = surface(source, progress=progress, **arguments)
+            settings: dict[str, Any] = {"sources": sources, "reference": reference, "seed": seed, "progress": progress}
+            maps = {"": rows_of(flat, extracted)}
+            measured = compare(whole, maps, threads=arguments.get("threads"), **settings).maps[""]
+        row = np.empty(whole.count, dtype=np.int64)
+        row[whole.vertices] = np.arange(len(whole))
+        ids = whole.ids[row[measured.vertex_ids]]
+        points = whole.points[row[measured.vertex_ids]]
         if extracted is None:
             return meshes.to_measured_polydata(measured, points, ids, in_voxels=True)
         mesh = meshes.to_measured_polydata(measured, points, ids)

@@ -46,17 +46,17 @@ class Shown:
         values = np.asarray((flat.point_data if of_points else flat.cell_data)[name])
         is_colour = values.ndim == 2 and values.shape[1] in (3, 4) and values.dtype == np.uint8
         if values.dtype.kind not in "biuf" or (values.ndim > 1 and not is_colour):
-            of = f"shape {values.shape} and data type {values.dtype}"
-            raise InputError(f"the array {name!r} has {of}. Choose an array with one number per point or triangle")
+            kind = f"shape {values.shape} and data type {values.dtype}"
+            raise InputError(f"the array {name!r} has {kind}. Choose an array with one number per point or triangle")
         if is_colour or name in _PATCHES:
             colours = values if is_colour else label_colours(values[:, None] + 1.0)[:, 0, :3]
             return cls(flat, colours, values, name, of_points, Look(name, "viridis"), None)
         is_labels = values.dtype.kind in "iub" and len(np.unique(values)) <= _LABELLED
         look = LOOKS.get(name) or Look(name, "tab20" if is_labels else "viridis")
-        shown = look.factor * values.astype(np.float64)
+        scaled = look.factor * values.astype(np.float64)
         usual = look.limits if name in LOOKS else _range
-        limits = usual(shown) if clim is None else _checked(clim)
-        return cls(flat, shown, shown, name, of_points, Look(look.label, cmap or look.cmap), limits)
+        limits = usual(scaled) if clim is None else _checked(clim)
+        return cls(flat, scaled, scaled, name, of_points, Look(look.label, cmap or look.cmap), limits)
 
     def mesh(self, points: NDArray[np.float64]) -> pv.PolyData:
         """Return a mesh of the map's triangles at these positions, with only the displayed values."""
@@ -86,17 +86,17 @@ class Shown:
         ids = next((self.flat.point_data[name] for name in _IDS if name in self.flat.point_data), None)
         which = point if ids is None else np.asarray(ids)[point].tolist()
         value = self.numbers[point if self.of_points else cell]
-        shown = ", ".join(map(str, value)) if np.ndim(value) else f"{value:.4g}"
-        return f"point {which}\n{self.look.label}: {shown}"
+        text = ", ".join(map(str, value)) if np.ndim(value) else f"{value:.4g}"
+        return f"point {which}\n{self.look.label}: {text}"
 
 
 def side_by_side(
-    flat: pv.PolyData, scalars: str | None, cmap: str | None, clim: tuple[float, float] | None, **how: Any
+    flat: pv.PolyData, scalars: str | None, cmap: str | None, clim: tuple[float, float] | None, **settings: Any
 ) -> pv.Plotter:
     """Return a plotter with the surface on the left and the map on the right."""
     what = Shown.of(flat, scalars, cmap, clim)
-    surface, plane = (np.array(of, dtype=np.float64) for of in (flat.point_data["surface_points"], flat.points))
-    plotter: Any = pv.Plotter(shape=(1, 2), border=False, **how)
+    surface, plane = (np.array(array, dtype=np.float64) for array in (flat.point_data["surface_points"], flat.points))
+    plotter: Any = pv.Plotter(shape=(1, 2), border=False, **settings)
     plotter.set_background("white")
     width, height = plotter.window_size
     meshes = []
@@ -106,8 +106,8 @@ def side_by_side(
         what.add(plotter, meshes[-1], bar=column == 1, lighting=column == 0)
         look_at(plotter, points, turn, (width / 2, height), bar=column == 1)
     _link(plotter, what, meshes)
-    shown: pv.Plotter = plotter
-    return shown
+    view: pv.Plotter = plotter
+    return view
 
 
 def look_at(
@@ -126,9 +126,9 @@ def look_at(
     plotter.reset_camera_clipping_range()
 
 
-def _link(plotter: Any, what: Shown, meshes: list[pv.PolyData]) -> None:
+def _link(plotter: Any, shown: Shown, meshes: list[pv.PolyData]) -> None:
     """Mark a point in both views, at its position within its triangle, when it is clicked in either view."""
-    faces, marks, actors = np.asarray(what.flat.regular_faces), [], []
+    faces, marks, actors = np.asarray(shown.flat.regular_faces), [], []
     for column, mesh in enumerate(meshes):
         plotter.subplot(0, column)
         marks.append(pv.PolyData(np.array(mesh.points[:1])))
@@ -146,7 +146,7 @@ def _link(plotter: Any, what: Shown, meshes: list[pv.PolyData]) -> None:
         for mesh, mark, actor in zip(meshes, marks, actors, strict=True):
             mark.points = (weights @ np.asarray(mesh.points)[corners])[None]
             actor.SetVisibility(True)
-        text.SetText(_UPPER_LEFT, what.description(int(corners[weights.argmax()]), cell))
+        text.SetText(_UPPER_LEFT, shown.description(int(corners[weights.argmax()]), cell))
 
     plotter.enable_point_picking(picked, show_message=False, **_PICKING)
 

@@ -63,9 +63,9 @@ class Program(cloup.Group):
             _ignoring_errors(error.show)
             status = _failed(arguments, error.format_message(), error.exit_code)
         except (Cancelled, click.Abort) as error:
-            how = "terminated" if isinstance(error.__cause__, _Terminated) else "cancelled"
-            _print(f"voxflat: {how}")
-            status = _failed(arguments, how, TERMINATED if how == "terminated" else CANCELLED)
+            manner = "terminated" if isinstance(error.__cause__, _Terminated) else "cancelled"
+            _print(f"voxflat: {manner}")
+            status = _failed(arguments, manner, TERMINATED if manner == "terminated" else CANCELLED)
         except Exception as error:
             if "--debug" in arguments:
                 _print(traceback.format_exc().rstrip())
@@ -106,10 +106,10 @@ class Command(cloup.Command):
         """Parse the arguments; click itself would use the last value of a repeated option, without a word."""
         try:
             if not ctx.resilient_parsing:
-                _, _, given = self.make_parser(ctx).parse_args(args=list(args))
-                for number, one in enumerate(given):
-                    if isinstance(one, click.Option) and not one.multiple and one in given[:number]:
-                        raise click.UsageError(f"{one.opts[-1]} is given twice. Pass it once.", ctx)
+                _, _, order = self.make_parser(ctx).parse_args(args=list(args))
+                for number, parameter in enumerate(order):
+                    if isinstance(parameter, click.Option) and not parameter.multiple and parameter in order[:number]:
+                        raise click.UsageError(f"{parameter.opts[-1]} is given twice. Pass it once.", ctx)
             return super().parse_args(ctx, args)
         except click.NoSuchOption as error:
             raise self._no_such(error.option_name, ctx) from None
@@ -117,7 +117,7 @@ class Command(cloup.Command):
     def _no_such(self, name: str, ctx: click.Context) -> click.UsageError:
         """Return the error that an option does not exist, with similar ones; dashes do not make names similar."""
         bare = name.lstrip("-")
-        flags = {flag.lstrip("-"): one.opts[0] for one in self.params for flag in one.opts if flag.startswith("--")}
+        flags = {flag.lstrip("-"): item.opts[0] for item in self.params for flag in item.opts if flag.startswith("--")}
         names = [self.synonyms[bare]] if bare in self.synonyms else get_close_matches(bare, flags)
         near = dict.fromkeys(flags[like] for like in names if like in flags)
         hint = f"Did you mean {' or '.join(near)}?" if near else f'See "{ctx.command_path} --help".'
@@ -270,8 +270,8 @@ _COMMANDS = {  # instead of functions of Python
 
 def _flags(command: click.Command) -> dict[str, str]:
     """Return the options of a command by their names in Python and by their own."""
-    options = [one for one in command.params if isinstance(one, click.Option)]
-    long = [(one.name, flag) for one in options for flag in one.opts[::-1] if flag.startswith("--")]
+    options = [parameter for parameter in command.params if isinstance(parameter, click.Option)]
+    long = [(parameter.name, flag) for parameter in options for flag in parameter.opts[::-1] if flag.startswith("--")]
     return {name: flag for own, flag in long for name in (str(own), flag[2:].replace("-", "_"))}
 
 
@@ -286,12 +286,12 @@ def in_options(text: str, command: click.Command | None, program: Program | None
         return text
     flags = _flags(command)
 
-    def option(name: str, value: str | None, found: str) -> str:
+    def option(name: str, value: str | None, original: str) -> str:
         if value is None:
-            return flags[name] if name in flags and "_" in name else found
+            return flags[name] if name in flags and "_" in name else original
         flag = flags.get(name) or (program.flags().get(name) if program else None)
         if flag is None:
-            return found
+            return original
         if value in ("False", "True"):
             return flag.replace("--", "--no-", 1) if value == "False" else flag
         return f"{flag} {_as_words(value)}".rstrip()
@@ -302,16 +302,16 @@ def in_options(text: str, command: click.Command | None, program: Program | None
     words = "|".join(sorted(name for name, flag in flags.items() if flag == f"--{name}" and "_" not in name))
     word = rf"(?:--[\w-]+|(?:{words})\b(?![/=(-]))"
 
-    def listed(found: re.Match[str]) -> str:
-        before, after = found.string[: found.start()], found.string[found.end() :]
-        is_list = "--" in found[0] and re.match(r"[,.;:]|$| (?:is|are|requires?|cannot|do|does)\b", after)
+    def listed(match: re.Match[str]) -> str:
+        before, after = match.string[: match.start()], match.string[match.end() :]
+        is_list = "--" in match[0] and re.match(r"[,.;:]|$| (?:is|are|requires?|cannot|do|does)\b", after)
         is_given = re.search(r"(?:^|[.:;] )$", before) and re.match(_GIVEN, after)
         is_named = re.search(r"\b(?:[Pp]ass|[Oo]mit) $", before) and re.match(r"[.,]|$", after)
         if not (is_list or is_given or is_named) or re.search(
             r"--[\w-]+ $", before
         ):  # this one: the value of an option
-            return found[0]
-        return re.sub(rf"(?<![\w-])(?:{words})(?![\w-])", r"--\g<0>", found[0])
+            return match[0]
+        return re.sub(rf"(?<![\w-])(?:{words})(?![\w-])", r"--\g<0>", match[0])
 
     return re.sub(rf"(?<![\w'=./-]){word}(?:{_ALSO}{word})*", listed, text) if words else text
 
@@ -339,14 +339,14 @@ class _Notes(logging.Handler):
 
     def emit(self, record: logging.LogRecord) -> None:
         kind = "warning: " if record.levelno >= logging.WARNING else ""
-        of = "" if record.name.split(".")[0] == "voxflat" else f"{record.name.split('.')[0]}: "
-        self.tell(f"voxflat: {kind}{of}{translated(record.getMessage())}")
+        package = "" if record.name.split(".")[0] == "voxflat" else f"{record.name.split('.')[0]}: "
+        self.tell(f"voxflat: {kind}{package}{translated(record.getMessage())}")
 
     def warn(self, message: Warning | str, _category: object, file: str, *_: object) -> None:
         """Print a warning of Python, which names the package that issued it instead of its line."""
         package = next((name for name, module in list(sys.modules.items()) if _file_of(module) == file), "")
-        of = f"{package.split('.')[0]}: " if package.split(".")[0] not in ("", "voxflat", "__main__") else ""
-        self.tell(f"voxflat: warning: {of}{translated(' '.join(str(message).split()))}")
+        prefix = f"{package.split('.')[0]}: " if package.split(".")[0] not in ("", "voxflat", "__main__") else ""
+        self.tell(f"voxflat: warning: {prefix}{translated(' '.join(str(message).split()))}")
 
     def tell(self, text: str) -> None:
         from tqdm import tqdm
@@ -369,8 +369,8 @@ def _notes(quiet: bool) -> Iterator[None]:
     level = log.level
     handlers = {log: logging.NullHandler() if quiet else notes}
     handlers[logging.getLogger()] = logging.NullHandler() if quiet else foreign
-    for one, handler in handlers.items():
-        one.addHandler(handler)
+    for logger, handler in handlers.items():
+        logger.addHandler(handler)
     log.setLevel(logging.INFO)
     try:
         with warnings.catch_warnings():
@@ -378,8 +378,8 @@ def _notes(quiet: bool) -> Iterator[None]:
             yield
     finally:
         log.setLevel(level)
-        for one, handler in handlers.items():
-            one.removeHandler(handler)
+        for logger, handler in handlers.items():
+            logger.removeHandler(handler)
 
 
 def _ignore(*_: object) -> None:
@@ -390,16 +390,16 @@ def _ignore(*_: object) -> None:
 def bars(quiet: bool = False, *, notes: bool = True) -> Iterator[Bars]:
     """Show progress while a command runs; without `notes`, messages of the package are not printed meanwhile."""
     log = logging.getLogger("voxflat")
-    shown = Bars(hidden=quiet or not sys.stderr.isatty())
-    silenced = [] if notes else [one for one in log.handlers if isinstance(one, _Notes)]
+    bar = Bars(hidden=quiet or not sys.stderr.isatty())
+    silenced = [] if notes else [handler for handler in log.handlers if isinstance(handler, _Notes)]
     nothing = logging.NullHandler()
     log.addHandler(nothing)  # or Python would print warnings itself
-    for one in silenced:
-        log.removeHandler(one)
+    for entry in silenced:
+        log.removeHandler(entry)
     try:
-        yield shown
+        yield bar
     finally:
-        for one in silenced:
-            log.addHandler(one)
+        for entry in silenced:
+            log.addHandler(entry)
         log.removeHandler(nothing)
-        shown.close()
+        bar.close()

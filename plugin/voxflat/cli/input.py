@@ -26,43 +26,43 @@ from voxflat.surfaces.parts import is_medial_wall
 _MAKING = ("label", "threshold", "spacing", "unit", "probability", "pial", "repair")
 
 
-def surface_of(input_: Path, given: dict[str, Any], progress: Progress | None) -> Surface:
+def surface_of(input_: Path, settings: dict[str, Any], progress: Progress | None) -> Surface:
     """Create the surface of an input, and remove the surface options from the command's options."""
-    how, side = {name: given.pop(name, None) for name in _MAKING}, given.pop("hemisphere", None)
-    how["probability"] = _probability(how["probability"], given.pop("probability_channel", None), given)
-    smooth, source = given.pop("smooth"), channel_of(input_, given.pop("channel"), given)
-    made = _made(source, given, how, side, progress)
+    making, side = {name: settings.pop(name, None) for name in _MAKING}, settings.pop("hemisphere", None)
+    making["probability"] = _probability(making["probability"], settings.pop("probability_channel", None), settings)
+    smooth, source = settings.pop("smooth"), channel_of(input_, settings.pop("channel"), settings)
+    made = _made(source, settings, making, side, progress)
     return made if smooth is None else made.smooth(smooth, progress=progress)
 
 
-def channel_of(path: Path, channel: str | None, given: dict[str, Any]) -> Path | Volume:
+def channel_of(path: Path, channel: str | None, settings: dict[str, Any]) -> Path | Volume:
     """Return one channel of a file as a volume, or the path if no channel is chosen."""
     if channel is None:
         return path
-    with reading(given.get("memory_limit")):
+    with reading(settings.get("memory_limit")):
         return read_volume(path, channel)
 
 
-def _probability(path: Path | None, channel: str | None, given: dict[str, Any]) -> Volume | None:
+def _probability(path: Path | None, channel: str | None, settings: dict[str, Any]) -> Volume | None:
     """Return the image that --probability names, or one of its channels."""
     if path is None:
         if channel is not None:
             raise click.UsageError("--probability-channel requires --probability.")
         return None
     try:
-        with reading(given.get("memory_limit")):
+        with reading(settings.get("memory_limit")):
             return read_volume(path, channel)
     except InputError as error:
-        told = re.sub(r", as in voxflat\.io\.read_volume\(.*\)", " with --probability-channel", str(error))
-        raise InputError(re.sub(r"\bchannel(?= is\b)|(?<=Omit )channel\b", "--probability-channel", told)) from error
+        text = re.sub(r", as in voxflat\.io\.read_volume\(.*\)", " with --probability-channel", str(error))
+        raise InputError(re.sub(r"\bchannel(?= is\b)|(?<=Omit )channel\b", "--probability-channel", text)) from error
 
 
 def _made(
-    input_: Path | Volume, given: dict[str, Any], how: dict[str, Any], side: str | None, progress: Progress | None
+    input_: Path | Volume, settings: dict[str, Any], how: dict[str, Any], side: str | None, progress: Progress | None
 ) -> Surface:
     """Create the surface of a file or a volume."""
-    limits = {name: given[name] for name in ("memory_limit", "threads") if name in given}
-    if given.pop("rim", False):
+    limits = {name: settings[name] for name in ("memory_limit", "threads") if name in settings}
+    if settings.pop("rim", False):
         named = ("label", "threshold", "unit", "probability", "pial", "repair")
         if refused := [name for name in named if how[name] is not None]:
             raise InputError(f"--{refused[0]} and --rim cannot be combined. Pass only one of them.")
@@ -73,7 +73,7 @@ def _made(
         if how[name] is not None:
             raise InputError(f"--{name} and --hemisphere cannot be combined. Pass only one of them.")
     try:
-        found = hemisphere(input_, side, threshold=how["threshold"], spacing=how["spacing"], progress=progress)
+        white = hemisphere(input_, side, threshold=how["threshold"], spacing=how["spacing"], progress=progress)
     except HemisphereError as error:
         from voxflat import figures
 
@@ -88,7 +88,7 @@ def _made(
             raise error from None
         message = f"{str(error).rstrip('.')}. {picture} shows the voxels that were assumed to be white matter."
         raise InputError(message) from error
-    return surface(found, repair=how["repair"] or "voxels", **limits, progress=progress)
+    return surface(white, repair=how["repair"] or "voxels", **limits, progress=progress)
 
 
 def check_numbers(paths: Sequence[Path]) -> None:
@@ -106,21 +106,21 @@ def check_numbers(paths: Sequence[Path]) -> None:
     missing = []
     for n, step in enumerate(steps):
         if step < 0:
-            told = "%s comes before %s, so the frames are not in the order of their numbers. Pass them in their order"
-            log.warning(told, paths[n], paths[n + 1])
+            text = "%s comes before %s, so the frames are not in the order of their numbers. Pass them in their order"
+            log.warning(text, paths[n], paths[n + 1])
             return
         gap = range(int(digits[n]) + usual, int(digits[n + 1]), usual) if step else ()
-        ends = [str(gap[at]).zfill(len(digits[n])) for at in ((0, -1) if len(gap) > 1 else (0,) if gap else ())]
+        ends = [str(gap[place]).zfill(len(digits[n])) for place in ((0, -1) if len(gap) > 1 else (0,) if gap else ())]
         files = ["".join([*names[n][: varying[0]], end, *names[n][varying[0] + 1 :]]) for end in ends]
         missing += [" to ".join(files)] if files else []
     if missing:
         log.warning("frames are missing: %s", textwrap.shorten(", ".join(missing), 300, placeholder=" ..."))
 
 
-def part_of(given: dict[str, Any], progress: Progress | None) -> Callable[[Surface], Surface]:
+def part_of(settings: dict[str, Any], progress: Progress | None) -> Callable[[Surface], Surface]:
     """Return a function that cuts out a part of a surface, and remove its options from the command's options."""
-    keep, drop, polygon = (given.pop(name) for name in ("keep", "drop", "polygon"))
-    seed_point, radius = given.pop("seed_point"), given.pop("radius")
+    keep, drop, polygon = (settings.pop(name) for name in ("keep", "drop", "polygon"))
+    seed_point, radius = settings.pop("seed_point"), settings.pop("radius")
     if (seed_point is None) != (radius is None):
         named, missing = ("--seed-point", "--radius") if radius is None else ("--radius", "--seed-point")
         raise InputError(f"{named} is given without {missing}. Pass both or neither.")
@@ -128,10 +128,10 @@ def part_of(given: dict[str, Any], progress: Progress | None) -> Callable[[Surfa
     def choose(part: Surface) -> Surface:
         if keep is not None:
             part = part.keep(keep)
-        for region in sorted(drop, key=lambda one: not is_medial_wall(one)):  # it is found on the whole surface
+        for region in sorted(drop, key=lambda region: not is_medial_wall(region)):  # it is found on the whole surface
             part = part.drop(region)
         if seed_point is not None and radius is not None:
-            part = part.disk(seed_point, radius, threads=given.get("threads"), progress=progress)
+            part = part.disk(seed_point, radius, threads=settings.get("threads"), progress=progress)
         return part if polygon is None else part.polygon(polygon, progress=progress)
 
     return choose

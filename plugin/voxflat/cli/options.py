@@ -166,8 +166,8 @@ def _numbers(text: str) -> list[float]:
     except ValueError:
         parts = []
     if len(parts) not in (1, 3):
-        wanted = "a number, a list of numbers such as 0.25,0.5 or a range such as -10:10:1 (first:last:step)"
-        raise click.BadParameter(f"{text!r} is not {wanted}.")
+        kinds = "a number, a list of numbers such as 0.25,0.5 or a range such as -10:10:1 (first:last:step)"
+        raise click.BadParameter(f"{text!r} is not {kinds}.")
     if not all(map(math.isfinite, parts)):
         raise click.BadParameter(f"{text!r} is not finite. Pass finite numbers.")
     if len(parts) == 1:
@@ -187,8 +187,8 @@ def _numbers(text: str) -> list[float]:
         finer = (f"{(last - first) / count:.12g}" for count in counts)
         remedies = [f"{begin}:{end}:{next(by for by in finer if len(by) <= len(text) or by == f'{last - first:.12g}')}"]
         remedies = [f"{begin}:{reached}:{step:.12g}", *remedies] if steps > 1 else remedies
-        told = f"the range {text!r} ends at {reached}, not at {end}"
-        raise click.BadParameter(f"{told}. Pass {' or '.join(remedies)}.")
+        problem = f"the range {text!r} ends at {reached}, not at {end}"
+        raise click.BadParameter(f"{problem}. Pass {' or '.join(remedies)}.")
     return [float(f"{first + step * n:.12g}") for n in range(round(steps))] + [last]
 
 
@@ -230,9 +230,9 @@ def value(name: str, metavar: str, help_: str, *names: str, **more: Any) -> Call
     return cloup.option(name, *names, metavar=metavar, help=help_, **more)
 
 
-def choice(name: str, of: Iterable[str], help_: str, *names: str, **more: Any) -> Callable[[_Command], _Command]:
+def choice(name: str, words: Iterable[str], help_: str, *names: str, **more: Any) -> Callable[[_Command], _Command]:
     """Return an option whose value is one of several words."""
-    return cloup.option(name, *names, type=click.Choice(list(of)), help=help_, **more)
+    return cloup.option(name, *names, type=click.Choice(list(words)), help=help_, **more)
 
 
 def reads(name: str, help_: str, *, metavar: str = "FILE", **more: Any) -> Callable[[_Command], _Command]:
@@ -247,7 +247,7 @@ def writes(name: str, help_: str, *names: str, metavar: str = "FILE") -> Callabl
 
 def command(name: str, *examples: str, **more: Any) -> Callable[[Callable[..., Any]], cloup.Command]:
     """Return a decorator that makes a command; its help ends with the examples."""
-    epilog = "\b\nExamples:\n" + "".join(f"  {one}\n" for one in examples) if examples else None
+    epilog = "\b\nExamples:\n" + "".join(f"  {example}\n" for example in examples) if examples else None
     return cloup.command(name, **{"cls": Command, "epilog": epilog, **more})
 
 
@@ -310,15 +310,15 @@ def _for_each_side(command: Callable[..., None]) -> Callable[..., None]:
     """Return a command that runs once per hemisphere for ``--hemisphere both``, with outputs named lh.* and rh.*."""
 
     @functools.wraps(command)
-    def each(**given: Any) -> None:
-        if given["hemisphere"] != "both":
-            return command(**given)
+    def each(**settings: Any) -> None:
+        if settings["hemisphere"] != "both":
+            return command(**settings)
         meta = click.get_current_context().meta
         written = dict(meta.get(WRITTEN, {}))
         for prefix, side in (("lh", "left"), ("rh", "right")):
-            own = {name: path.with_name(f"{prefix}.{path.name}") for name, path in written.items()}
-            meta[WRITTEN] = own
-            command(**{**given, **own, "hemisphere": side})
+            outputs = {name: path.with_name(f"{prefix}.{path.name}") for name, path in written.items()}
+            meta[WRITTEN] = outputs
+            command(**{**settings, **outputs, "hemisphere": side})
         return None
 
     return each
@@ -491,24 +491,24 @@ charts = section(
 )
 
 
-def charts_of(given: dict[str, Any]) -> dict[str, Any] | None:
+def charts_of(settings: dict[str, Any]) -> dict[str, Any] | None:
     """Remove the options of the charts from the command's options, and return them; None if no charts are made."""
-    count, axis, front, overlap = (given.pop(name) for name in ("charts", "axis", "front", "overlap"))
+    count, axis, front, overlap = (settings.pop(name) for name in ("charts", "axis", "front", "overlap"))
     if count is None:
         if axis is not None or front is not None or overlap:
             raise click.UsageError("--axis, --front and --overlap require --charts.")
         return None
-    cuts = [given.pop(name, None) for name in ("cuts", "sphere", "adapt")]
-    if any(one is not None for one in cuts):
+    cuts = [settings.pop(name, None) for name in ("cuts", "sphere", "adapt")]
+    if any(value is not None for value in cuts):
         raise click.UsageError("--charts cannot be combined with --cuts, --sphere and --adapt.")
-    return {"count": count, "axis": axis, "front": front, "overlap": overlap, "relax": given.pop("relax")}
+    return {"count": count, "axis": axis, "front": front, "overlap": overlap, "relax": settings.pop("relax")}
 
 
-def link_lengths(of: Any) -> Callable[[_Command], _Command]:
+def link_lengths(function: Any) -> Callable[[_Command], _Command]:
     """Return the option for the lengths of links between neighbouring voxels."""
-    note = "" if of is Grossmann2002 else "Requires --geodesic chain."
+    note = "" if function is Grossmann2002 else "Requires --geodesic chain."
     kinds = click.Choice(LINK_LENGTHS)
-    return option_of(of, "link_lengths", type=kinds, like=Grossmann2002, note=note)
+    return option_of(function, "link_lengths", type=kinds, like=Grossmann2002, note=note)
 
 
 def _of_methods(option: str) -> str:
@@ -548,8 +548,8 @@ _METHOD_SECTIONS = (
 
 def method_options(command: _Command) -> _Command:
     """Add the options for the flattening method."""
-    for one in reversed(_METHOD_SECTIONS):
-        command = one(command)
+    for section in reversed(_METHOD_SECTIONS):
+        command = section(command)
     return command
 
 
@@ -557,10 +557,10 @@ _OPTIONS: tuple[str, ...] = ("sources", "sampling", "geodesic", "weighting", "sc
 _OPTIONS += ("link_lengths", "neighbourhood", "starts", "bound")
 
 
-def method_of(given: dict[str, Any]) -> Method:
+def method_of(settings: dict[str, Any]) -> Method:
     """Remove the method and its options from the command's options, and return the method."""
-    name = given.pop("method")
-    chosen = {option: value for option in _OPTIONS if (value := given.pop(option)) is not None}
+    name = settings.pop("method")
+    chosen = {option: value for option in _OPTIONS if (value := settings.pop(option)) is not None}
     for option in chosen:
         if not hasattr(METHODS[name], option):
             flag = f"--{option.replace('_', '-')}"

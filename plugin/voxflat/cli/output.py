@@ -43,13 +43,13 @@ def check_output(
         raise InputError(f"cannot write {path}: unknown file format. {remedy}")
     files = [*beside, *([sidecar_of(path)] if sidecar else [])]
     meta = click.get_current_context().meta
-    for own in (path, *files):
-        if any(_is_same(own, other) for other in meta.get(READ, {}).values()):
-            raise InputError(f"cannot write {own}: it is an input. Choose another name for the output.")
+    for target in (path, *files):
+        if any(_is_same(target, other) for other in meta.get(READ, {}).values()):
+            raise InputError(f"cannot write {target}: it is an input. Choose another name for the output.")
     written = [*meta.get(WRITTEN, {}).values(), *files]  # includes path
-    for number, one in enumerate(written):
-        if any(_is_same(one, other) for other in written[:number]):
-            raise InputError(f"cannot write {one} twice. Choose another name for one of the outputs.")
+    for number, target in enumerate(written):
+        if any(_is_same(target, other) for other in written[:number]):
+            raise InputError(f"cannot write {target} twice. Choose another name for one of the outputs.")
     for file in files:
         check_beside(path, file, overwrite=overwrite)
     if path.suffix.lower() == ".zarr":

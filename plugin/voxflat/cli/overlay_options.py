@@ -17,13 +17,13 @@ if TYPE_CHECKING:
 _Command = TypeVar("_Command", bound=Callable[..., Any])
 
 
-def check_depth(given: dict[str, Any]) -> None:
+def check_depth(settings: dict[str, Any]) -> None:
     """Raise a usage error if the depth options contradict each other."""
-    places = [name for name in ("depth", "fraction", "depths") if given.get(name) is not None]
+    places = [name for name in ("depth", "fraction", "depths") if settings.get(name) is not None]
     if len(places) > 1:
         raise click.UsageError(f"--{places[0]} and --{places[1]} cannot be combined. Pass only one of them.")
-    if given["layering"] is not None and places in ([], ["depth"]):
-        raise click.UsageError(f"--layering requires --fraction{' or --depths' if 'depths' in given else ''}.")
+    if settings["layering"] is not None and places in ([], ["depth"]):
+        raise click.UsageError(f"--layering requires --fraction{' or --depths' if 'depths' in settings else ''}.")
 
 
 def _limits(ctx: click.Context, param: click.Parameter, value: str | None) -> tuple[str, ...] | None:
@@ -102,33 +102,33 @@ def one_or_all(files: tuple[Path, ...]) -> Any:
     return files if len(files) > 1 else files[0] if files else None
 
 
-def overlay_of(data: Any, given: dict[str, Any]) -> Overlay | None:
+def overlay_of(data: Any, settings: dict[str, Any]) -> Overlay | None:
     """Remove the overlay options from the command's options, and return the overlay of the files `data`."""
     from voxflat.figures import Overlay  # imports matplotlib
 
-    check_depth(given)
+    check_depth(settings)
     for name in ("depth", "fraction", "layering"):
-        if given[name] is None:
-            del given[name]
+        if settings[name] is None:
+            del settings[name]
     names = {"limits": "range", "colour_map": "cmap", "time_step": "time-step"}
-    sides = given.pop("above"), given.pop("below")
+    sides = settings.pop("above"), settings.pop("below")
     if sides != (None, None):
-        if given["threshold"] is not None:
+        if settings["threshold"] is not None:
             raise click.UsageError("--threshold cannot be combined with --above or --below. Omit --threshold.")
-        given["threshold"], names["threshold"] = sides, "above" if sides[0] is not None else "below"
-    unit, own = given.pop("unit"), {name: given.pop(name, None) for name in _OF_OVERLAY}
-    own = {name: value for name, value in own.items() if value is not None}
-    channel = given.pop("strength_channel", None)
-    if channel is not None and "strength" not in own:
+        settings["threshold"], names["threshold"] = sides, "above" if sides[0] is not None else "below"
+    unit, looks = settings.pop("unit"), {name: settings.pop(name, None) for name in _OF_OVERLAY}
+    looks = {name: value for name, value in looks.items() if value is not None}
+    channel = settings.pop("strength_channel", None)
+    if channel is not None and "strength" not in looks:
         raise click.UsageError("--strength-channel requires --strength.")
     if data is None:
-        unused = [f"--{names.get(name, name)}" for name in own if name != "zero"] + ["--unit"] * (unit is not None)
+        unused = [f"--{names.get(name, name)}" for name in looks if name != "zero"] + ["--unit"] * (unit is not None)
         if unused:
             raise click.UsageError(f"{', '.join(unused)}: only with --overlay. Also pass --overlay.")
         return None
     if unit is not None:
         name = data[0].name if isinstance(data, tuple) else data.name
-        own["label"] = f"{own.get('label') or name} ({unit})"
+        looks["label"] = f"{looks.get('label') or name} ({unit})"
     if channel is not None:
-        own["strength"] = Overlay(own["strength"], channel)
-    return Overlay(data, **own)
+        looks["strength"] = Overlay(looks["strength"], channel)
+    return Overlay(data, **looks)

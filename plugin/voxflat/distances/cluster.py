@@ -60,7 +60,7 @@ class Cluster:
     ) -> Iterator[tuple[_Item, Any, Exception | None]]:
         """Process each item on a free worker; if a worker dies, another one takes over the item, up to 4 times."""
         finished: queue.SimpleQueue[Any] = queue.SimpleQueue()
-        run = partial(_run, work, folder=Path.cwd(), of=__version__, threads=threads)
+        run = partial(_run, work, folder=Path.cwd(), version=__version__, threads=threads)
         futures = self._client.map(run, items, pure=False, retries=0)
         item_of = {future.key: item for future, item in zip(futures, items, strict=True)}
         try:
@@ -151,18 +151,18 @@ def connected(address: str, *, most: int) -> Iterator[Cluster]:
         yield Cluster(client)
 
 
-def _check_version(worker: str, version: str, wanted: str) -> None:
-    if version != wanted:
+def _check_version(worker: str, version: str, expected: str) -> None:
+    if version != expected:
         raise InputError(
-            f"the worker {worker} has voxflat {version} instead of {wanted}. Install version {wanted} on it"
+            f"the worker {worker} has voxflat {version} instead of {expected}. Install version {expected} on it"
         )
 
 
-def _run(work: Work, item: Any, folder: Path, of: str, threads: int | None) -> Any:
+def _run(work: Work, item: Any, folder: Path, version: str, threads: int | None) -> Any:
     """Process an item on a worker, one at a time, because the core uses several threads."""
     distributed = importlib.import_module("distributed")
     worker, key = distributed.get_worker(), distributed.worker.thread_state.key
-    _check_version(worker.address, __version__, of)  # the worker may have joined after the client
+    _check_version(worker.address, __version__, version)  # the worker may have joined after the client
 
     def go_on(*_: object) -> bool:
         task = worker.state.tasks.get(key)

@@ -70,16 +70,16 @@ def rows_by_workers(
     path = store_path(store)
     beside = temporary_beside(path)  # used until the store exists
     sources = choice.count if choice.given is None else choice.given
-    wanted = Wanted(_write_surface(part, beside), sources, choice.sampling, choice.seed, geodesic)
-    how: dict[str, Any] = {"threads": threads, "progress": progress}
+    request = Wanted(_write_surface(part, beside), sources, choice.sampling, choice.seed, geodesic)
+    run: dict[str, Any] = {"threads": threads, "progress": progress}
     try:
         with connected(dask, most=choice.count) as cluster:
             try:
-                begin = partial(_begin, wanted)
-                ((_, prepared, error),) = cluster.each(begin, [(beside, path)], stage="choosing sources", **how)
+                begin = partial(_begin, request)
+                ((_, prepared, error),) = cluster.each(begin, [(beside, path)], stage="choosing sources", **run)
                 if error is not None:
                     raise error
-                _finish(cluster, prepared, beside, partial(_part, wanted, prepared.identity, memory_limit), how)
+                _finish(cluster, prepared, beside, partial(_part, request, prepared.identity, memory_limit), run)
             finally:
                 with suppress(Exception):  # workers may be gone
                     cluster.everywhere(_forget)
@@ -104,7 +104,7 @@ def _write_surface(part: Manifold, folder: Path) -> str:
     return " ".join(array_hash(array) for array in arrays.values())
 
 
-def _finish(cluster: Cluster, store: Store, surface: Path, work: Work, how: dict[str, Any]) -> None:
+def _finish(cluster: Cluster, store: Store, surface: Path, work: Work, run: dict[str, Any]) -> None:
     """Compute the missing rows of a store."""
     path = store.path
     with _locked(path):
@@ -114,7 +114,7 @@ def _finish(cluster: Cluster, store: Store, surface: Path, work: Work, how: dict
         if missing:
             (path / "parts").mkdir()
             surface.rename(path / "parts" / "surface")
-            _compute(cluster, path, _deal(path, missing, len(cluster) or _UNKNOWN), work, how)
+            _compute(cluster, path, _deal(path, missing, len(cluster) or _UNKNOWN), work, run)
         if not journal.is_complete:
             complete(path)
         shutil.rmtree(path / "parts", ignore_errors=True)
@@ -144,7 +144,7 @@ def _locked(store: Path) -> Iterator[None]:
 def _collect(store: Path) -> None:
     """Copy finished rows from parts of an earlier call."""
     whole = read_journal(store)
-    known = len(whole.checksums)
+    rows = len(whole.checksums)
     for part in sorted((store / "parts").glob("*/journal.jsonl")):
         with suppress(InputError):  # the part was not started
             journal = read_journal(part.parent)
@@ -152,10 +152,10 @@ def _collect(store: Path) -> None:
                 damaged = damaged_rows(store, journal.checksums)
                 sound = {row: checksum for row, checksum in journal.checksums.items() if row not in damaged}
                 append(store, sound)
-                known += len(sound)
+                rows += len(sound)
     shutil.rmtree(store / "parts", ignore_errors=True)
-    if known:
-        log.info("%d rows were already in the store %s", known, store)
+    if rows:
+        log.info("%d rows were already in the store %s", rows, store)
 
 
 def _deal(store: Path, missing: list[int], workers: int) -> list[Path]:
@@ -173,14 +173,14 @@ def _deal(store: Path, missing: list[int], workers: int) -> list[Path]:
     return places
 
 
-def _compute(cluster: Cluster, store: Path, places: list[Path], work: Work, how: dict[str, Any]) -> None:
+def _compute(cluster: Cluster, store: Path, places: list[Path], work: Work, run: dict[str, Any]) -> None:
     """Compute parts on the workers, and record finished rows."""
     errors = []
-    if how["progress"] is not None:
-        how = {**how, "progress": _Rows(store, how["progress"])}
-    for place, found, error in cluster.each(work, places, stage="measuring distances", **how):
+    if run["progress"] is not None:
+        run = {**run, "progress": _Rows(store, run["progress"])}
+    for place, checksums, error in cluster.each(work, places, stage="measuring distances", **run):
         if error is None:
-            append(store, found)
+            append(store, checksums)
             shutil.rmtree(place, ignore_errors=True)
         else:
             errors.append(error)
@@ -210,26 +210,26 @@ class _Rows:
 # ------------------------------------------------------------------------------------------- a worker
 
 
-def _begin(wanted: Wanted, places: tuple[Path, Path], *, threads: int, progress: Progress) -> Store:
+def _begin(request: Wanted, places: tuple[Path, Path], *, threads: int, progress: Progress) -> Store:
     """Choose sources and create a store for them, or check that an existing store has the same rows."""
     folder, path = places
-    core = _surface(wanted.surface, folder)
-    if isinstance(wanted.sources, int):
-        chosen = core.choose_sources(wanted.sampling, wanted.sources, wanted.seed, progress)
+    core = _surface(request.surface, folder)
+    if isinstance(request.sources, int):
+        chosen = core.choose_sources(request.sampling, request.sources, request.seed, progress)
     else:
-        chosen = wanted.sources
+        chosen = request.sources
     ids = np.asarray(Table.open(folder / "ids.npy"))
-    store = prepare_store(path, core, ids, chosen, geodesic=wanted.geodesic, progress=progress)
+    store = prepare_store(path, core, ids, chosen, geodesic=request.geodesic, progress=progress)
     core.lay_out_store(*store.key, len(chosen), progress=progress)
     return store
 
 
 def _part(
-    wanted: Wanted, identity: str, memory_limit: int | None, part: Path, *, threads: int, progress: Progress
+    request: Wanted, identity: str, memory_limit: int | None, part: Path, *, threads: int, progress: Progress
 ) -> dict[int, int]:
     """Compute the rows of a part; return their checksums."""
     store = part.parents[1]
-    core = _surface(wanted.surface, store / "parts" / "surface")
+    core = _surface(request.surface, store / "parts" / "surface")
     rows = json.loads((part / "rows.json").read_text(encoding="utf-8"))
     need = _core.store_memory_need(len(core), len(rows), threads)
     check_memory(need, memory_limit, "use fewer threads")
@@ -238,7 +238,7 @@ def _part(
     deadline = time.monotonic() + _ENDING
     while True:
         try:
-            core.store_part(*key, geodesic=wanted.geodesic, threads=threads, progress=progress)
+            core.store_part(*key, geodesic=request.geodesic, threads=threads, progress=progress)
             return read_journal(part).checksums
         except BlockingIOError:  # the previous worker has not ended yet
             if time.monotonic() > deadline:

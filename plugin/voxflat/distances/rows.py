@@ -219,10 +219,10 @@ def _checksums(path: Path, shape: tuple[int, int]) -> list[int]:
     journal = read_journal(path)
     if (journal.rows, journal.columns) != shape:
         raise InputError(f"{path / 'journal.jsonl'} is damaged (expected {shape[0]} x {shape[1]} distances). {OTHER}")
-    known = [journal.checksums[row] for row in range(journal.rows) if row in journal.checksums]
-    if not journal.is_complete or len(known) < journal.rows:
-        raise InputError(f"the store {path} is not complete ({len(known)} of {journal.rows} rows). {FINISH}")
-    return known
+    checksums = [journal.checksums[row] for row in range(journal.rows) if row in journal.checksums]
+    if not journal.is_complete or len(checksums) < journal.rows:
+        raise InputError(f"the store {path} is not complete ({len(checksums)} of {journal.rows} rows). {FINISH}")
+    return checksums
 
 
 def damaged_rows(store: Path, checksums: Mapping[int, int]) -> list[int]:

@@ -40,9 +40,9 @@ class Store:
         """The arguments that the compiled core needs."""
         return (self.path, self.identity)
 
-    def tell(self, found: tuple[int, int]) -> None:
+    def tell(self, counts: tuple[int, int]) -> None:
         """Log how many rows were already in the store, and how many were damaged."""
-        rows, damaged = found
+        rows, damaged = counts
         if rows:
             log.info("%d rows were already in the store %s", rows, self.path)
         if damaged:
@@ -101,8 +101,8 @@ def read_description(path: Path) -> dict[str, Any]:
     try:
         described = from_json(file.read_text(encoding="utf-8"))
         named = described["format"]
-        wanted = ["geodesic", "points", "sources", "fingerprint", *(f"{name}_sha256" for name in ARRAYS)]
-        if named == FORMAT and not all(name in described for name in wanted):
+        keys = ["geodesic", "points", "sources", "fingerprint", *(f"{name}_sha256" for name in ARRAYS)]
+        if named == FORMAT and not all(name in described for name in keys):
             raise ValueError("it is not complete")
     except (ValueError, KeyError, TypeError) as error:
         raise InputError(f"{file} is damaged ({error}). {OTHER}") from error

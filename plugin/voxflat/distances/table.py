@@ -85,11 +85,11 @@ class Table:
         numbers = np.arange(len(self))[parts[0]]
         columns = np.arange(self._width)[parts[1]] if len(parts) > 1 else np.arange(self._width)
         first, end = (int(columns.min()), int(columns.max()) + 1) if columns.size else (0, 0)
-        wanted = np.atleast_1d(numbers)
-        block = self._rows(wanted, first, end)
+        rows = np.atleast_1d(numbers)
+        block = self._rows(rows, first, end)
         if self.ndim == 1:
             return block[0, 0] if np.ndim(numbers) == 0 else block[:, 0]
-        place: Any = 0 if np.ndim(numbers) == 0 else np.arange(len(wanted))
+        place: Any = 0 if np.ndim(numbers) == 0 else np.arange(len(rows))
         if len(parts) == 1:
             return block[place]
         if isinstance(parts[0], slice) or isinstance(parts[1], slice):
@@ -116,9 +116,9 @@ class Table:
                     self._read(file, self.start + (number * self._width + first) * size, row)
         return block
 
-    def _read(self, file: IO[bytes], place: int, to: NDArray[Any]) -> None:
+    def _read(self, file: IO[bytes], place: int, block: NDArray[Any]) -> None:
         file.seek(place)
-        rest = to.reshape(-1).view(np.uint8).data
+        rest = block.reshape(-1).view(np.uint8).data
         while rest:
             if not (count := file.readinto(rest)):  # type: ignore[attr-defined]
                 raise self._cut_short(self.path.stat().st_size)

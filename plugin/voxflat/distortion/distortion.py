@@ -135,17 +135,17 @@ class Distortion(ReadOnly):
         return _aligned([self], rows)
 
 
-def _in_unit(told: Any, unit: str) -> Any:
+def _in_unit(figures: Any, unit: str) -> Any:
     """Return figures with the unit in their names."""
-    if not isinstance(told, dict):
-        return told
-    return {key_in_unit(name, unit): _in_unit(of, unit) for name, of in told.items()}
+    if not isinstance(figures, dict):
+        return figures
+    return {key_in_unit(name, unit): _in_unit(value, unit) for name, value in figures.items()}
 
 
 def _without_arrays(values: dict[str, Any]) -> dict[str, Any]:
     """Remove the arrays from nested dictionaries."""
-    kept = {key: value for key, value in values.items() if not isinstance(value, np.ndarray)}
-    return {key: _without_arrays(value) if isinstance(value, dict) else value for key, value in kept.items()}
+    plain = {key: value for key, value in values.items() if not isinstance(value, np.ndarray)}
+    return {key: _without_arrays(value) if isinstance(value, dict) else value for key, value in plain.items()}
 
 
 _FIRST = 26  # width of the first column
@@ -196,19 +196,19 @@ _REFERENCES = {
 
 def table_of_several(maps: Mapping[str, Distortion]) -> str:
     """Return a table of several maps, with one column per map."""
-    of = list(maps.values())
-    sizes = {one.voxel_size for one in of}
+    several = list(maps.values())
+    sizes = {map_.voxel_size for map_ in several}
     voxel_size = sizes.pop() if len(sizes) == 1 else None
     rows = [
         ["", *maps],
         ["RAW"],
-        *_distance_rows([(one.raw, one.standard_error.raw) for one in of], voxel_size),
-        ["AT THE BEST SCALE", *(_number(one.best_scale.scale, 4) for one in of)],
-        *_distance_rows([(one.best_scale, one.standard_error.best_scale) for one in of], voxel_size),
+        *_distance_rows([(map_.raw, map_.standard_error.raw) for map_ in several], voxel_size),
+        ["AT THE BEST SCALE", *(_number(map_.best_scale.scale, 4) for map_ in several)],
+        *_distance_rows([(map_.best_scale, map_.standard_error.best_scale) for map_ in several], voxel_size),
         ["OTHER FIGURES"],
-        *_other_rows(of),
+        *_other_rows(several),
     ]
-    return _aligned(of, rows)
+    return _aligned(several, rows)
 
 
 def _distance_rows(columns: Sequence[tuple[Figures, Figures]], voxel_size: float | None) -> list[list[str]]:
@@ -222,20 +222,20 @@ def _distance_rows(columns: Sequence[tuple[Figures, Figures]], voxel_size: float
     return rows
 
 
-def _other_rows(of: Sequence[Distortion]) -> list[list[str]]:
+def _other_rows(maps: Sequence[Distortion]) -> list[list[str]]:
     rows = [
-        ["correlation", *(_with_error(one.pearson_r, one.standard_error.pearson_r, 4) for one in of)],
-        ["mean geodesic, mm", *(_with_error(one.mean_geodesic, one.standard_error.mean_geodesic, 2) for one in of)],
-        ["points", *(str(len(one.per_point)) for one in of)],
-        ["pairs", *(str(one.pairs) for one in of)],
+        ["correlation", *(_with_error(map_.pearson_r, map_.standard_error.pearson_r, 4) for map_ in maps)],
+        ["mean geodesic, mm", *(_with_error(m.mean_geodesic, m.standard_error.mean_geodesic, 2) for m in maps)],
+        ["points", *(str(len(map_.per_point)) for map_ in maps)],
+        ["pairs", *(str(map_.pairs) for map_ in maps)],
     ]
-    if any(one.triangles is not None for one in of):
+    if any(map_.triangles is not None for map_ in maps):
         for name, key, factor, digits in _TRIANGLES:
-            values = [None if one.triangles is None else factor * getattr(one.triangles, key) for one in of]
+            values = [None if map_.triangles is None else factor * getattr(map_.triangles, key) for map_ in maps]
             rows.append([name, *(_number(value, digits) for value in values)])
-    if any(one.topology is not None for one in of):
+    if any(map_.topology is not None for map_ in maps):
         for name, key in _TOPOLOGY.items():
-            rows.append([name, *(_number(None if one.topology is None else one.topology[key], 0) for one in of)])
+            rows.append([name, *(_number(None if map_.topology is None else map_.topology[key], 0) for map_ in maps)])
     return rows
 
 
@@ -250,13 +250,13 @@ def _with_error(value: float, error: float, digits: int) -> str:
     return f"{value:.{digits}f} ± {_number(error, digits)}"
 
 
-def _aligned(of: Sequence[Distortion], rows: list[list[str]]) -> str:
+def _aligned(maps: Sequence[Distortion], rows: list[list[str]]) -> str:
     """Return rows with right-aligned columns, under a line that describes the measures."""
     width = 2 + max(len(cell) for row in rows for cell in row[1:])
-    sources = ", ".join(sorted({str(one.sources) for one in of}))
-    references = "; ".join(sorted({_REFERENCES[one.reference] for one in of}))
+    sources = ", ".join(sorted({str(map_.sources) for map_ in maps}))
+    references = "; ".join(sorted({_REFERENCES[map_.reference] for map_ in maps}))
     about = f"from {sources} random sources, ± standard error; {references}"
-    units = {one.unit for one in of}
+    units = {map_.unit for map_ in maps}
     unit = units.pop() if len(units) == 1 else "unknown"
     lines = [in_unit(row[0], unit).ljust(_FIRST) + "".join(cell.rjust(width) for cell in row[1:]) for row in rows]
     return "\n".join([about, *(line.rstrip() for line in lines)])

@@ -41,14 +41,14 @@ def total(charts: Sequence[Distortion], rows: Sequence[NDArray[np.int64]], trian
     weights = pairs / pairs.sum()
 
     def figures(name: str) -> tuple[Figures, Figures]:
-        of = [(getattr(chart, name), getattr(chart.standard_error, name)) for chart in charts]
+        both = [(getattr(chart, name), getattr(chart.standard_error, name)) for chart in charts]
         unknown = Figures(**{field.name: np.nan for field in fields(Figures)})
-        means = {key: float(weights @ [getattr(value, key) for value, _ in of]) for key in _COMBINED}
-        errors = {key: float(np.linalg.norm(weights * [getattr(error, key) for _, error in of])) for key in _COMBINED}
+        means = {key: float(weights @ [getattr(value, key) for value, _ in both]) for key in _COMBINED}
+        errors = {key: float(np.linalg.norm(weights * [getattr(error, key) for _, error in both])) for key in _COMBINED}
         return replace(unknown, **means), replace(unknown, **errors)
 
     (raw, raw_error), (best, best_error) = figures("raw"), figures("best_scale")
-    per_point = np.full(1 + max(int(of.max()) for of in rows), np.nan)
+    per_point = np.full(1 + max(int(ids.max()) for ids in rows), np.nan)
     for chart, of in zip(charts, rows, strict=True):
         per_point[of] = chart.per_point
     apart = np.array([[chart.mean_geodesic, chart.standard_error.mean_geodesic] for chart in charts])

@@ -281,24 +281,24 @@ def compare(
     matched = {name: match(geometry.surface, flat) for name, flat in maps.items()}
     for name, one in matched.items():
         geometry.check(name, one)
-    charts = {name: charts_of(one) for name, one in matched.items()}
-    joined = {id(one): one.joined() for parts in charts.values() for one, _ in parts}
-    groups = _grouped([one for one, _ in joined.values()])
+    charts = {name: charts_of(flat) for name, flat in matched.items()}
+    joined = {id(flat): flat.joined() for parts in charts.values() for flat, _ in parts}
+    groups = _grouped([flat for flat, _ in joined.values()])
     if sources is None:
         sources = _usual_sources([len(group[0][0].uv) for group in groups], reference)
     shares = {
-        id(joined[id(one)][0]): len(rows) / len(matched[name].uv)
+        id(joined[id(part)][0]): len(rows) / len(matched[name].uv)
         for name, parts in charts.items()
-        for one, rows in parts
+        for part, rows in parts
     }
     # rows beyond this limit are computed twice
-    kept = int(max(_core.KEPT_BYTES, (free_memory() if memory_limit is None else memory_limit) // _KEPT_SHARE))
+    cache = int(max(_core.KEPT_BYTES, (free_memory() if memory_limit is None else memory_limit) // _KEPT_SHARE))
     distances: dict[int, dict[str, Any]] = {}
     for group, chosen in zip(groups, _sources(groups, shares, int(min(sources, _MOST_SOURCES)), seed), strict=True):
         first = group[0][0]
-        places = [one.uv[order] for one, order in group]
-        found = first.core.judge(places, chosen, reference, kept, seed, threads, progress, period=first.period)
-        for (one, order), measured in zip(group, found, strict=True):
+        places = [flat.uv[order] for flat, order in group]
+        results = first.core.judge(places, chosen, reference, cache, seed, threads, progress, period=first.period)
+        for (one, order), measured in zip(group, results, strict=True):
             per_point = np.empty_like(measured["per_point"])
             per_point[order] = measured["per_point"]
             distances[id(one)] = measured | {"per_point": per_point}
@@ -324,14 +324,14 @@ def compare(
 def _grouped(matched: list[Matched]) -> list[list[tuple[Matched, NDArray[np.int64]]]]:
     """Group maps with the same triangles and cuts, each with the order of its vertices in the group's first map."""
     groups: list[list[tuple[Matched, NDArray[np.int64]]]] = []
-    for one in matched:
+    for flat in matched:
         for group in groups:
-            order = group[0][0].correspondence(one)
-            if order is not None and group[0][0].period == one.period:
-                group.append((one, order))
+            order = group[0][0].correspondence(flat)
+            if order is not None and group[0][0].period == flat.period:
+                group.append((flat, order))
                 break
         else:
-            groups.append([(one, np.arange(len(one.uv)))])
+            groups.append([(flat, np.arange(len(flat.uv)))])
     return groups
 
 
@@ -344,7 +344,7 @@ def _sources(
     """
     firsts = [group[0][0] for group in groups]
     numbers = [max(_FEWEST_SOURCES, round(count * shares[id(first)])) for first in firsts]
-    found = [
+    sources = [
         _core.reference_sources(len(first.uv), min(number, count), seed)
         for first, number in zip(firsts, numbers, strict=True)
     ]
@@ -358,8 +358,8 @@ def _sources(
             raise InputError("the maps have no vertex in common. Measure the maps one by one")
         chosen = common[_core.reference_sources(len(common), count, seed)]
         for n, (vertices, first) in zip(whole, known, strict=True):
-            found[n] = first[np.searchsorted(vertices, chosen)].astype(np.uint32)
-    return found
+            sources[n] = first[np.searchsorted(vertices, chosen)].astype(np.uint32)
+    return sources
 
 
 def _usual_sources(points: list[int], reference: str) -> int:
@@ -405,11 +405,11 @@ def geometry_of(whole: Manifold, maps: Mapping[str, object]) -> Geometry:
     if not moved or whole.is_voxels:
         return Geometry(whole)
     first = moved[0]
-    points, known = whole.points.copy(), np.zeros(whole.count, dtype=np.bool_)
+    points, is_known = whole.points.copy(), np.zeros(whole.count, dtype=np.bool_)
     for name in [first, *(name for name in ours if name != first)]:
         flat, other = ours[name], places[name]
         if name != first:
-            both = known[whole.vertices[other]]
+            both = is_known[whole.vertices[other]]
             expected = np.where(both[:, None], points[other], flat.points)
             if name not in moved or not _agree(flat, flat.points, expected):
                 raise InputError(
@@ -418,14 +418,14 @@ def geometry_of(whole: Manifold, maps: Mapping[str, object]) -> Geometry:
                     "the given surface for both"
                 )
         points[other] = flat.points
-        known[whole.vertices[other]] = True
+        is_known[whole.vertices[other]] = True
     log.warning(
         "%s was made on a geometry (%s) other than that of the given surface. All measures refer to the geometry of "
         "the map. Pass on_surface to use the given surface",
         _called(first),
         _made_on(ours[first]),
     )
-    return Geometry(whole._with_core(whole.core.moved(points)), known, first)
+    return Geometry(whole._with_core(whole.core.moved(points)), is_known, first)
 
 
 def _agree(flat: FlatMap, places: NDArray[np.float64], other: NDArray[np.float64]) -> bool:

@@ -60,8 +60,8 @@ def directions(flat_map: FlatMap) -> list[Direction]:
 def side(flat_map: FlatMap) -> str | None:
     """Return "L" or "R" if the file or the registered sphere of a map identifies its hemisphere, and None otherwise."""
     sphere: Any = flat_map.metadata.get("sphere") or {}
-    known = (flat_map.origin.structure, sphere.get("side"))
-    return next((_SIDES[name] for name in known if name in _SIDES), None)
+    names = (flat_map.origin.structure, sphere.get("side"))
+    return next((_SIDES[name] for name in names if name in _SIDES), None)
 
 
 def cut_names(flat_map: FlatMap) -> list[tuple[str, NDArray[np.float64]]]:

@@ -104,7 +104,7 @@ class Movie(Sequence[NDArray[np.uint8]]):
     def __getitem__(self, n: int | slice) -> NDArray[np.uint8] | list[NDArray[np.uint8]]:
         """Draw a frame."""
         if isinstance(n, slice):
-            return [self[at] for at in range(*n.indices(len(self)))]
+            return [self[number] for number in range(*n.indices(len(self)))]
         if not -len(self) <= n < len(self):
             raise IndexError(n)
         n %= len(self)
@@ -187,9 +187,9 @@ def movie(
     3
     """
     maps = maps_of(flat_map)
-    of = Overlay._of(overlay, len(maps))
-    check_differ(maps, of.values)
-    if of.channel is not None or of.strength is not None or of.period is not None:
+    look = Overlay._of(overlay, len(maps))
+    check_differ(maps, look.values)
+    if look.channel is not None or look.strength is not None or look.period is not None:
         raise InputError("channel, strength and period do not apply to movies. Omit them")
     checked_choice(underlay, "underlay", UNDERLAYS)
     checked_switch(change, "change")
@@ -201,20 +201,20 @@ def movie(
         raise InputError(f"opacity is {shown(opacity)}. Pass a number from 0 to 1")
     page = Page.of(maps, _WIDTH, title, head=True, pixels=int(size))
     depths = Depths.of(depth, fraction, layering)
-    sampling = Sampling(depths, "mean", of.interpolation or "linear")
-    values = of.values if len(maps) > 1 and isinstance(of.values, list | tuple) else [of.values] * len(maps)
+    sampling = Sampling(depths, "mean", look.interpolation or "linear")
+    values = look.values if len(maps) > 1 and isinstance(look.values, list | tuple) else [look.values] * len(maps)
     stacks = []
-    for own, panel in zip(values, page.panels, strict=True):
+    for data, panel in zip(values, page.panels, strict=True):
         raster = panel.flat_map.raster(page.pixel_size)
-        source = source_of(panel.flat_map._triangles.on_surface, own)
-        stack = source.stack(raster, sampling, time_step=of.time_step)
+        source = source_of(panel.flat_map._triangles.on_surface, data)
+        stack = source.stack(raster, sampling, time_step=look.time_step)
         _check_series(stack)
         panel.image(folds(panel.flat_map, raster, underlay), raster, "curvature")
         stacks.append(stack.percent_change(progress) if change else stack)
     if len({len(stack) for stack in stacks}) > 1:
-        counts = " and ".join(str(len(one)) for one in stacks)
+        counts = " and ".join(str(len(stack)) for stack in stacks)
         raise InputError(f"the series have {counts} frames. Pass series with equal numbers of frames")
-    colours = OverlayColours.of(_look(stacks), None, of, opacity)
+    colours = OverlayColours.of(_look(stacks), None, look, opacity)
     beneath = _pixels(page)
     for panel in page.panels:
         for artist in panel.axes.images:
@@ -222,7 +222,7 @@ def movie(
         panel.lines(outline(panel.flat_map.uv, panel.flat_map.faces[~panel.flat_map.torn]), "marks", _LINE, "0.25")
     page.figure.patch.set_alpha(0)
     page.marks()
-    page.bar(colours, stacks[0].name if of.label is None else of.label)
+    page.bar(colours, stacks[0].name if look.label is None else look.label)
     return Movie(stacks, colours, page, (beneath, _pixels(page)), rate)
 
 
@@ -258,13 +258,13 @@ def _pixels(page: Page) -> NDArray[np.uint8]:
 def _places(page: Page, panel: Panel, stack: FlatStack, shape: tuple[int, ...]) -> list[tuple[int, NDArray[np.int64]]]:
     """Return the first row and the first column that show the map, each with the map pixels from there on."""
     per_mm = page.figure.dpi / 25.4
-    left, bottom = (per_mm * at for at in panel.at(*stack.origin))  # pixel (0, 0) from the lower left corner
+    left, bottom = (per_mm * place for place in panel.at(*stack.origin))  # pixel (0, 0) from the lower left corner
     step = per_mm * page.scale * stack.pixel_size
     down = np.arange(shape[0]) + 0.5 - (page.figure.bbox.height - bottom)
     right = np.arange(shape[1]) + 0.5 - left
-    found = []
+    covering = []
     for away, count in zip((down, right), stack[0].data.shape, strict=True):
         numbers = np.round(away / step).astype(np.int64)
         covered = np.flatnonzero((numbers >= 0) & (numbers < count))
-        found.append((int(covered[0]), numbers[covered]))
-    return found
+        covering.append((int(covered[0]), numbers[covered]))
+    return covering

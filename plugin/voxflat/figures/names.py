@@ -47,11 +47,11 @@ def place_names(labels: NDArray[np.int64], names: dict[int, str], pixel: float) 
         mask = labels == label
         if not mask.any():
             continue
-        found = _place(mask, label, name, pixel)
-        if found is None:
+        place = _place(mask, label, name, pixel)
+        if place is None:
             left_out.append(name)
         else:
-            placed.append(found)
+            placed.append(place)
     return placed, left_out
 
 
@@ -69,7 +69,7 @@ def _place(mask: NDArray[np.bool_], label: int, name: str, pixel: float) -> Plac
     sums = np.pad(part.astype(np.int64).cumsum(0).cumsum(1), ((1, 0), (1, 0)))
     texts = dict.fromkeys([name, _broken(name, 2), _broken(name, 3)])
     for size, is_upright, text in product(_SIZES, (False, True), texts):
-        width, height = (int(np.ceil((of + 2 * _MARGIN) / pixel)) for of in text_size(text, size))
+        width, height = (int(np.ceil((length + 2 * _MARGIN) / pixel)) for length in text_size(text, size))
         if is_upright:
             width, height = height, width
         if height > part.shape[0] or width > part.shape[1]:
@@ -86,16 +86,16 @@ def _place(mask: NDArray[np.bool_], label: int, name: str, pixel: float) -> Plac
 
 def _broken(name: str, lines: int) -> str:
     """Return a name broken into lines of similar length after separators or before capitals."""
-    places = [found.end() for found in re.finditer(r"[\s_\-./]+|[a-z](?=[A-Z])", name) if found.end() < len(name)]
+    places = [match.end() for match in re.finditer(r"[\s_\-./]+|[a-z](?=[A-Z])", name) if match.end() < len(name)]
     if len(places) < lines - 1:
         return name
     parts, rest, start = [], places, 0
     for line in range(lines - 1, 0, -1):
-        wanted = start + (len(name) - start) / (line + 1)
+        aim = start + (len(name) - start) / (line + 1)
         rest = [place for place in rest if place > start]
         if not rest:
             break
-        end = min(rest, key=lambda place: abs(place - wanted))
+        end = min(rest, key=lambda place: abs(place - aim))
         parts.append(name[start:end].rstrip())
         start = end
     return "\n".join([*parts, name[start:]])

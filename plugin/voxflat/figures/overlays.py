@@ -109,14 +109,14 @@ class Overlay:
     @classmethod
     def _of(cls, overlay: object, maps: int = 1) -> Overlay:
         """Return the overlay, or the data as an overlay with default options."""
-        if maps > 1 and isinstance(overlay, list | tuple) and any(isinstance(one, Overlay) for one in overlay):
+        if maps > 1 and isinstance(overlay, list | tuple) and any(isinstance(layer, Overlay) for layer in overlay):
             raise InputError("got several overlays. Pass one Overlay for both maps: Overlay((left, right), ...)")
         return overlay if isinstance(overlay, Overlay) else cls(overlay)
 
     @property
     def provenance(self) -> dict[str, object]:
         """The values and options, for records. Long arrays are recorded as their SHA-256 checksum."""
-        return {one.name: described(getattr(self, one.name)) for one in fields(self)}
+        return {option.name: described(getattr(self, option.name)) for option in fields(self)}
 
 
 def painted(
@@ -167,11 +167,11 @@ class OverlayColours:
         values = image.data[inside]
         tested = values if strength is None else strength.data[inside]
         if not passing(tested, above, below).any():
-            what, known = "the overlay" if strength is None else "the strength", tested[np.isfinite(tested)]
-            if len(known) == 0:
-                raise InputError(f"{what} has no values on the map. Check that its affine is correct")
-            least, most = known.min(), known.max()
-            log.warning("No value of %s passes the thresholds. The values range from %.4g to %.4g", what, least, most)
+            name, finite = "the overlay" if strength is None else "the strength", tested[np.isfinite(tested)]
+            if len(finite) == 0:
+                raise InputError(f"{name} has no values on the map. Check that its affine is correct")
+            least, most = finite.min(), finite.max()
+            log.warning("No value of %s passes the thresholds. The values range from %.4g to %.4g", name, least, most)
         options: dict[str, Any] = {"above": above, "below": below, "opacity": opacity}
         options["is_by_strength"] = strength is not None
         if period is not None:

@@ -68,14 +68,14 @@ class Panel:
     def image(self, pixels: NDArray[np.uint8], raster: Raster, layer: str) -> None:
         """Draw pixels at their position on the map."""
         extent = FlatImage(pixels, raster.pixel_size, raster.origin, layer).extent
-        how = {"origin": "upper", "interpolation": "nearest", "aspect": "auto", "clip_on": False}
-        self.axes.imshow(pixels, extent=extent, gid=layer, **how)
+        style = {"origin": "upper", "interpolation": "nearest", "aspect": "auto", "clip_on": False}
+        self.axes.imshow(pixels, extent=extent, gid=layer, **style)
         self._show_all()
 
     def lines(self, lines: list[NDArray[np.float64]], layer: str, width: float, colour: str) -> None:
         """Draw lines that are given in map coordinates, in mm."""
-        how: Any = {"capstyle": "round", "joinstyle": "round", "clip_on": False}
-        drawn = LineCollection(lines, linewidths=width, colors=colour, gid=layer, **how)
+        style: Any = {"capstyle": "round", "joinstyle": "round", "clip_on": False}
+        drawn = LineCollection(lines, linewidths=width, colors=colour, gid=layer, **style)
         self.axes.add_collection(drawn, autolim=False)
 
 
@@ -129,7 +129,7 @@ class Page:
         elif not 30 <= width <= 1000:
             raise InputError(f"width is {shown(width)} mm. Pass a width of 30 to 1000 mm, such as 85 for one column")
         checked_text(title, "title")
-        sizes = [np.ptp(one.uv, axis=0).tolist() for one in maps]
+        sizes = [np.ptp(flat_map.uv, axis=0).tolist() for flat_map in maps]
         wide, high = sum(size[0] for size in sizes), max(size[1] for size in sizes)
         top = _TITLE + _EDGE if title or head else _EDGE
         room = width - 2 * _EDGE - (len(maps) - 1) * _GAP
@@ -164,10 +164,10 @@ class Page:
         pixel = every * raster.pixel_size * self.scale
         placed, left_out = place_names(labels[every // 2 :: every, every // 2 :: every], parcels.names, pixel)
         for name in placed:
-            row, column = (every // 2 + every * at for at in (name.row, name.column))
+            row, column = (every // 2 + every * place for place in (name.row, name.column))
             rows, columns = (
-                slice(int(at - every * of / 2), int(at + every * of / 2) + 1)
-                for at, of in ((row, name.height), (column, name.width))
+                slice(int(centre - every * length / 2), int(centre + every * length / 2) + 1)
+                for centre, length in ((row, name.height), (column, name.width))
             )
             light = float(look[rows, columns].mean())
             step = raster.pixel_size
@@ -180,10 +180,10 @@ class Page:
             log.info("%d of %d names are smaller than 6 points. Increase the width to enlarge them", small, len(placed))
         if left_out:
             count = f"{len(left_out)} of {len(left_out) + len(placed)}"
-            told = "%s names do not fit into their parcels and are omitted: %s. Increase the width to show more names"
+            text = "%s names do not fit into their parcels and are omitted: %s. Increase the width to show more names"
             shown_names = [plain(name, 80) for name in left_out[:_LISTED]]
             rest = [f"and {len(left_out) - _LISTED} more"] if len(left_out) > _LISTED else []
-            log.warning(told, count, ", ".join([*shown_names, *rest]))
+            log.warning(text, count, ", ".join([*shown_names, *rest]))
 
     def bar(self, colours: OverlayColours, label: str) -> None:
         """Draw the colour bar; values excluded by the thresholds are grey."""
@@ -248,8 +248,8 @@ class Page:
                 x = end
             for whole_name, places in cut_names(panel.flat_map):
                 name = _shortened(whole_name, self.width / 2)
-                at = self._free(name, [panel.at(u, v) for u, v in places.tolist()])
-                self.text(*at, name, "marks", style="italic", color="0.15", bbox=_BEHIND)
+                place = self._free(name, [panel.at(u, v) for u, v in places.tolist()])
+                self.text(*place, name, "marks", style="italic", color="0.15", bbox=_BEHIND)
 
     def _free(self, name: str, places: Sequence[tuple[float, float]]) -> tuple[float, float]:
         """Return the first place on the page where a name covers no other name, or the first place if there is none."""
@@ -328,8 +328,8 @@ def _ticks(low: float, high: float, marked: Sequence[float], wide: float) -> tup
             text = text.rstrip("0").rstrip(".")
         text = text.replace("-", "\N{MINUS SIGN}")
         half = text_size(text, _TICK)[0] / 2
-        rooms = ((at, half + text_size(other, _TICK)[0] / 2 + _APART) for at, other in ticks.items())
-        if low <= value <= high and all(abs(value - at) / (high - low) * wide >= room for at, room in rooms):
+        rooms = ((tick, half + text_size(other, _TICK)[0] / 2 + _APART) for tick, other in ticks.items())
+        if low <= value <= high and all(abs(value - tick) / (high - low) * wide >= room for tick, room in rooms):
             ticks[value] = text
     return list(ticks), list(ticks.values())
 
@@ -337,9 +337,9 @@ def _ticks(low: float, high: float, marked: Sequence[float], wide: float) -> tup
 def _shortened(label: str, room: float, size: float = _FONT) -> str:
     """Return a label; if it is wider than the room in mm, an ellipsis replaces a part near its start."""
 
-    def cut(kept: int) -> str:
-        return label[: kept // 3].rstrip() + "…" + label[len(label) - kept + kept // 3 :].lstrip()
+    def cut(length: int) -> str:
+        return label[: length // 3].rstrip() + "…" + label[len(label) - length + length // 3 :].lstrip()
 
     if text_size(label, size)[0] <= room:
         return label
-    return cut(max(0, bisect(range(len(label)), room, key=lambda kept: text_size(cut(kept), size)[0]) - 1))
+    return cut(max(0, bisect(range(len(label)), room, key=lambda length: text_size(cut(length), size)[0]) - 1))

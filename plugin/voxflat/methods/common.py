@@ -44,8 +44,8 @@ def _measured(
         uv[rows] = result["uv"]
         count = _core.REFERENCE_SOURCES if geodesic == "exact" else _FEW
         sources = _core.reference_sources(len(joined), count, settings.seed)
-        kept, period = (_core.KEPT_BYTES, settings.seed, settings.threads, settings.progress), result.get("period")
-        reference, distances = "exact", joined.core.judge([uv], sources, "exact", *kept, period=period)[0]
+        options, period = (_core.KEPT_BYTES, settings.seed, settings.threads, settings.progress), result.get("period")
+        reference, distances = "exact", joined.core.judge([uv], sources, "exact", *options, period=period)[0]
         distances["per_point"] = distances["per_point"][rows]
     of_triangles = part.core.measure(result["uv"], settings.progress)
     return Distortion._of(distances, of_triangles, reference, voxel_size=part.voxel_size)
@@ -125,7 +125,7 @@ def map_over_triangles(
             **cut.metadata,
             **framed,
             **making_metadata(
-                settings, chosen, result, need, warnings, sampling, known=cut.warnings if cut.has_logged else ()
+                settings, chosen, result, need, warnings, sampling, logged=cut.warnings if cut.has_logged else ()
             ),
             **more,
         },
@@ -144,9 +144,9 @@ def _framed(
     frame: dict[str, Any] = {"frame": None, "mirrored": settings.mirror}
     if cut.chart is not None:
         onto = cut.chart.onto[cut.surface.vertices]
-        known = np.isfinite(onto).all(axis=1)
+        is_known = np.isfinite(onto).all(axis=1)
         if cut.chart.tube is None:  # the axes of a periodic map are those of its period
-            uv, _ = _core.turn_onto(uv, uv[known], onto[known])
+            uv, _ = _core.turn_onto(uv, uv[is_known], onto[is_known])
         uv, frame["frame"] = uv - uv.mean(axis=0), "axis"
     if cut.sphere is not None and cut.given_length is not None:  # cuts of a template, or cuts passed with a sphere
         uv, points, residual = _in_standard_frame(uv, cut.surface, cut.faces, cut.sphere)
@@ -183,11 +183,11 @@ def making_metadata(
     need: int,
     warnings: list[str],
     sampling: str | None,
-    known: Sequence[str] = (),
+    logged: Sequence[str] = (),
 ) -> dict[str, Any]:
     """Log the warnings that were not logged before, and return the metadata that describes how a map was made."""
     for warning in warnings:
-        if warning not in known:
+        if warning not in logged:
             log.warning(warning)
     of_sources: dict[str, Any] = {}
     if sampling is not None:  # the method has sources

@@ -92,7 +92,7 @@ class Grossmann2002(Method):
 
     def __post_init__(self) -> None:
         """Check the options."""
-        checked_choice(self.sampling, "sampling", [one for one in SAMPLINGS if one != "curvature"])
+        checked_choice(self.sampling, "sampling", [name for name in SAMPLINGS if name != "curvature"])
         checked_choice(self.link_lengths, "link_lengths", LINK_LENGTHS)
 
     def _flatten(self, surface: Manifold | CutManifold[Manifold], settings: FlattenSettings) -> FlatMap:

@@ -97,7 +97,7 @@ class Method:
     @property
     def provenance(self) -> dict[str, object]:
         """Return the name of the method and its options. Maps keep this record, so that they can be reproduced."""
-        return {"method": self.name, **{one.name: described(getattr(self, one.name)) for one in fields(self)}}
+        return {"method": self.name, **{option.name: described(getattr(self, option.name)) for option in fields(self)}}
 
     def _check(self, settings: FlattenSettings) -> None:
         """Raise an error if the method does not support the requested rows."""
@@ -132,8 +132,8 @@ class OverTriangles(Method):
         raise NotImplementedError
 
 
-def checked_count(value: object, name: str, wanted: str) -> int:
+def checked_count(value: object, name: str, remedy: str) -> int:
     """Return a positive whole number."""
     if isinstance(value, int | np.integer) and not isinstance(value, bool) and 1 <= value < 2**31:
         return int(value)
-    raise InputError(f"{name} is {shown(value)}. Pass {wanted}")
+    raise InputError(f"{name} is {shown(value)}. Pass {remedy}")

@@ -103,10 +103,10 @@ class Schwartz1989(OverTriangles):
         if not isinstance(self.neighbourhood, str):
             rings = self.neighbourhood or part.core.schwartz1989_rings(settings.progress)
         need = part.core.schwartz1989_memory_need(rings, choice.count, settings.workers, settings.progress)
-        kept = "between all pairs" if rings is None else f"within {rings} rings of each"
+        extent = "between all pairs" if rings is None else f"within {rings} rings of each"
         remedy = "Use a smaller neighbourhood or patch, or the method 'voxflat'"
         need += settings.rows_memory_need(choice.count, len(part))
-        need = settings.check_memory(need, f"distances {kept} of {len(part)} points are stored. {remedy}")
+        need = settings.check_memory(need, f"distances {extent} of {len(part)} points are stored. {remedy}")
         chosen = choice.made(settings.progress)
         result = part.core.schwartz1989(
             rings, chosen, self.starts, settings.seed, settings.keep_rows, settings.threads, settings.progress

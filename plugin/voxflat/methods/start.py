@@ -18,11 +18,11 @@ from voxflat.unique_rows import numbered
 
 def covered(whole: Manifold, start: Matched) -> Manifold:
     """Return the part of a surface that a map covers."""
-    kept = whole._has_triangles(start.vertices[start.core.faces])
-    if kept is None:
+    is_covered = whole._has_triangles(start.vertices[start.core.faces])
+    if is_covered is None:
         raise InputError("start has triangles that the surface does not have. Pass a map of this surface")
-    part = whole._with_core(whole.core.part_of_faces(kept))
-    return part if kept.all() else replace(part, whole=whole, steps=(Step("keep"),))
+    part = whole._with_core(whole.core.part_of_faces(is_covered))
+    return part if is_covered.all() else replace(part, whole=whole, steps=(Step("keep"),))
 
 
 def cut_as(whole: Manifold, start: Matched, threads: int | None, progress: Progress | None) -> CutManifold[Manifold]:
@@ -37,7 +37,7 @@ def named_as(cut: CutManifold[Manifold], start: object) -> CutManifold[Manifold]
     """Give cuts the names of the cuts of a map on which they lie, if it is a `FlatMap` or its file."""
     flat_map = loaded(start)
     known = [one for one in flat_map.cuts if one.name] if isinstance(flat_map, FlatMap) else []
-    named = [replace(cut, name=next((one.name for one in known if _set(cut) <= _set(one)), None)) for cut in cut.cuts]
+    named = [replace(cut, name=next((k.name for k in known if _set(cut) <= _set(k)), None)) for cut in cut.cuts]
     return replace(cut, cuts=tuple(named))
 
 
@@ -48,7 +48,7 @@ def _set(cut: Cut) -> set[tuple[int, ...]]:
 def places_of(cut: CutManifold[Manifold], start: Matched) -> NDArray[np.float64]:
     """Return the start's position for every vertex; both sides of a cut that the start lacks share a position."""
     vertices = cut.surface.vertices
-    found, is_there = _at_corners(vertices, cut.faces, start)
+    corners, is_there = _at_corners(vertices, cut.faces, start)
     if not is_there.all():
         lacking = vertices[cut.faces[np.flatnonzero(~is_there)[0]]].tolist()
         raise InputError(
@@ -56,8 +56,8 @@ def places_of(cut: CutManifold[Manifold], start: Matched) -> NDArray[np.float64]
             f"(for example, the triangle of vertices {lacking}). Pass a map that covers all of them, or omit start"
         )
     places = np.full((len(vertices), 2), np.nan)
-    places[cut.faces] = found
-    torn = np.argwhere((places[cut.faces] != found).any(axis=2))
+    places[cut.faces] = corners
+    torn = np.argwhere((places[cut.faces] != corners).any(axis=2))
     if len(torn):
         vertex = int(vertices[cut.faces[tuple(torn[0])]])
         raise InputError(
@@ -71,16 +71,16 @@ def _at_corners(
     vertices: NDArray[np.int64], faces: NDArray[np.uint32], start: Matched
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
     """Return the positions of triangle corners in a map, (F, 3, 2), and a mask of the triangles in the map."""
-    wanted, known = vertices[faces], start.vertices[start.core.faces]
-    keys, wanted_keys = numbered(np.sort(known, axis=1), np.sort(wanted, axis=1))
+    asked, existing = vertices[faces], start.vertices[start.core.faces]
+    keys, wanted_keys = numbered(np.sort(existing, axis=1), np.sort(asked, axis=1))
     triangle = np.zeros(len(keys) + len(wanted_keys), dtype=np.int64)
     triangle[keys] = np.arange(len(keys))
-    found = triangle[wanted_keys]
-    is_there = keys[found] == wanted_keys
-    order = np.argsort(known[found], axis=1)
-    sorted_known = np.take_along_axis(start.core.faces[found].astype(np.int64), order, axis=1)
+    rows = triangle[wanted_keys]
+    is_there = keys[rows] == wanted_keys
+    order = np.argsort(existing[rows], axis=1)
+    sorted_known = np.take_along_axis(start.core.faces[rows].astype(np.int64), order, axis=1)
     places = np.empty((*faces.shape, 2))
-    np.put_along_axis(places, np.argsort(wanted, axis=1)[:, :, None], start.uv[sorted_known], axis=1)
+    np.put_along_axis(places, np.argsort(asked, axis=1)[:, :, None], start.uv[sorted_known], axis=1)
     return places, is_there
 
 

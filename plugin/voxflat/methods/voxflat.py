@@ -150,8 +150,8 @@ class Voxflat(OverTriangles):
         max_area = None if self.max_area is None else float(self.max_area)
         places = None if self.start is None else places_of(cut, match(cut.whole, self.start))
         choice = source_choice(part, self.sources, self.sampling, settings.seed, fewest=3, at_most_all=True)
-        kept = "stored" if settings.store is not None else "kept" if settings.keep_rows else "dropped"
-        need = settings.check_memory(part.core.memory_need(choice.count, settings.workers, kept))
+        storage = "stored" if settings.store is not None else "kept" if settings.keep_rows else "dropped"
+        need = settings.check_memory(part.core.memory_need(choice.count, settings.workers, storage))
         chosen = choice.made(settings.progress)
         links_error = error_of_distances(part, "graph", settings)
         solver, error, warnings = _solver(part, self.geodesic, links_error, settings)
@@ -160,7 +160,7 @@ class Voxflat(OverTriangles):
             store = prepare_store(
                 settings.store, part.core, part.ids, chosen, geodesic=solver, progress=settings.progress
             )
-        wanted = (
+        arguments = (
             chosen,
             settings.seed,
             solver,
@@ -171,7 +171,7 @@ class Voxflat(OverTriangles):
             settings.progress,
         )
         bound, key = None if max_area is None else max_area**_WITHIN, None if store is None else store.key
-        result = part.core.voxflat(*wanted, key, places, max_area=bound)
+        result = part.core.voxflat(*arguments, key, places, max_area=bound)
         if store is not None:
             store.tell(result["found"])
         metadata: dict[str, Any] = {"geodesic": solver, "distance_error": error}
@@ -188,8 +188,8 @@ class Voxflat(OverTriangles):
 
     def _periodic_map(self, cut: CutManifold[Manifold], tube: Tube, settings: FlattenSettings) -> FlatMap:
         """Flatten a tube such that the two sides of its seam differ by one period."""
-        given = {"max_area": self.max_area, "start": self.start, "rows": settings.rows or None}
-        for name in (name for name, value in given.items() if value is not None):
+        refused = {"max_area": self.max_area, "start": self.start, "rows": settings.rows or None}
+        for name in (name for name, value in refused.items() if value is not None):
             raise InputError(f"{name} does not apply to the chart 'cylinder'. Omit it, or use a single chart")
         part = tube.part
         choice = source_choice(part, self.sources, self.sampling, settings.seed, fewest=3, at_most_all=True)

@@ -37,7 +37,7 @@ def cite_command(maps: tuple[Path, ...], bibtex: bool) -> None:
     the cuts, and the distance errors. Without MAP, voxflat prints a general paragraph with all references.
     """
     with bars():
-        citation = cite(*(load_series(one).flat_map if saved_kind(one) == "series" else load(one) for one in maps))
+        citation = cite(*(load_series(path).flat_map if saved_kind(path) == "series" else load(path) for path in maps))
     report(asdict(citation), citation.bibtex if bibtex else str(citation))
 
 
@@ -55,7 +55,7 @@ def info_command() -> None:
 
     core = getattr(np, "_core", None) or np.core  # NumPy has no public function that returns the features
     features: dict[str, bool] = getattr(core._multiarray_umath, "__cpu_features__", {})
-    told: dict[str, Any] = {
+    system: dict[str, Any] = {
         "voxflat": __version__,
         "python": f"{platform.python_version()} ({platform.python_implementation()})",
         "system": platform.platform(),
@@ -66,20 +66,20 @@ def info_command() -> None:
         "free_memory_bytes": free_memory(),
         "packages": _packages(),
     }
-    lines = {name: told[name] for name in ("voxflat", "python", "system", "cpu", "threads")}
-    lines["cpu"] += f" ({', '.join(told['cpu_features']) or 'vector instructions unknown'})"
-    lines["memory"] = f"{amount(told['memory_bytes'])}, {amount(told['free_memory_bytes'])} free"
-    lines |= {name: version or "not installed" for name, version in told["packages"].items()}
-    report(told, "\n".join(f"{name:16}{value}" for name, value in lines.items()))
+    lines = {name: system[name] for name in ("voxflat", "python", "system", "cpu", "threads")}
+    lines["cpu"] += f" ({', '.join(system['cpu_features']) or 'vector instructions unknown'})"
+    lines["memory"] = f"{amount(system['memory_bytes'])}, {amount(system['free_memory_bytes'])} free"
+    lines |= {name: version or "not installed" for name, version in system["packages"].items()}
+    report(system, "\n".join(f"{name:16}{value}" for name, value in lines.items()))
 
 
 def _cpu() -> str:
     """Return the name of the processor."""
     try:
-        found = re.search(r"^model name\s*: (.+)$", Path("/proc/cpuinfo").read_text(encoding="utf-8"), re.MULTILINE)
+        match = re.search(r"^model name\s*: (.+)$", Path("/proc/cpuinfo").read_text(encoding="utf-8"), re.MULTILINE)
     except OSError:  # not Linux
-        found = None
-    return found[1] if found else platform.processor() or platform.machine()
+        match = None
+    return match[1] if match else platform.processor() or platform.machine()
 
 
 def _packages() -> dict[str, str | None]:
@@ -88,7 +88,7 @@ def _packages() -> dict[str, str | None]:
         required = metadata.requires("voxflat") or []
     except metadata.PackageNotFoundError:  # a checkout that is not installed
         required = []
-    names = dict.fromkeys([*(re.split(r"[^\w.-]", one, maxsplit=1)[0] for one in required), *_FURTHER])
+    names = dict.fromkeys([*(re.split(r"[^\w.-]", requirement, maxsplit=1)[0] for requirement in required), *_FURTHER])
     return {name: _version(name) for name in names if name != "voxflat"}
 
 

@@ -28,8 +28,8 @@ def demo_command(output: Path) -> None:
     try:
         from voxflat.demo import run
 
-        with bars() as shown:
-            flat_map = run(output, progress=shown.progress, tell=(lambda _: None) if is_json() else shown.tell)
+        with bars() as bar:
+            flat_map = run(output, progress=bar.progress, tell=(lambda _: None) if is_json() else bar.tell)
     except ImportError as error:
         if error.name and error.name.startswith("voxflat"):
             raise

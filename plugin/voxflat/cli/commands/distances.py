@@ -37,7 +37,7 @@ _EDGES = '"edges": paths along the edges of the triangles, as required for cuts.
 )
 @options.output("Write the vertices along the path to this file, one per line, for use with --cuts.", required=False)
 @options.run(options.memory_limit)
-def path_command(input_: Path, stops: list[Any], output: Path | None, writing: dict[str, Any], **given: Any) -> None:
+def path_command(input_: Path, stops: list[Any], output: Path | None, writing: dict[str, Any], **settings: Any) -> None:
     """Find the shortest path through points on a surface.
 
     The command prints the length of the path. The points are voxel indices I,J,K or vertex numbers V, counted from 0.
@@ -45,22 +45,22 @@ def path_command(input_: Path, stops: list[Any], output: Path | None, writing: d
     if len(stops) < 2:
         raise click.UsageError(f"{len(stops)} stop is given. Pass at least two stops.")
     if output is not None:
-        if given["geodesic"] in ("marching", "exact"):
+        if settings["geodesic"] in ("marching", "exact"):
             raise click.UsageError("This path crosses triangles, so it cannot be a cut. Pass --geodesic edges with -o.")
         check_output(output, **writing)
     elif writing["sidecar"]:
         raise click.UsageError("--sidecar requires -o.")
-    with bars() as shown:
-        whole = surface_of(input_, given, shown.progress)
-        found = whole.path(*stops, geodesic=given["geodesic"], link_lengths=given["link_lengths"])
+    with bars() as bar:
+        whole = surface_of(input_, settings, bar.progress)
+        path = whole.path(*stops, geodesic=settings["geodesic"], link_lengths=settings["link_lengths"])
     if output is not None:
-        with saving(output, found.provenance, **writing), atomic_path(output) as beside:
-            beside.write_text("".join(f"{one}\n" for one in found.ids), encoding="utf-8", newline="\n")
-    content: dict[str, Any] = {"length": found.length, "ids": found.ids.tolist(), "points": found.points.tolist()}
-    length = in_unit(f"{found.length:.3f} mm", whole.origin.named_unit)
+        with saving(output, path.provenance, **writing), atomic_path(output) as beside:
+            beside.write_text("".join(f"{point}\n" for point in path.ids), encoding="utf-8", newline="\n")
+    content: dict[str, Any] = {"length": path.length, "ids": path.ids.tolist(), "points": path.points.tolist()}
+    length = in_unit(f"{path.length:.3f} mm", whole.origin.named_unit)
     saved = "" if output is None else f"\nsaved as {output}"
-    content |= {"space": found.space._described(), "provenance": found.provenance}
-    report(content, f"{length} through {len(found.ids)} points{saved}")
+    content |= {"space": path.space._described(), "provenance": path.provenance}
+    report(content, f"{length} through {len(path.ids)} points{saved}")
 
 
 @options.command(
@@ -84,7 +84,7 @@ def path_command(input_: Path, stops: list[Any], output: Path | None, writing: d
     "Output", option_of(Surface.geodesic, "store", type=OUT, metavar="DIR", required=True), options.as_json
 )
 @options.run(options.dask, options.seed, options.threads, options.memory_limit, options.quiet)
-def rows_command(input_: Path, sources: int, quiet: bool, **given: Any) -> None:
+def rows_command(input_: Path, sources: int, quiet: bool, **settings: Any) -> None:
     """Measure geodesic distances and store them on disk.
 
     The geodesic distances from N sources to all points of a surface are written to DIR/rows.npy (float32, in the unit
@@ -92,12 +92,12 @@ def rows_command(input_: Path, sources: int, quiet: bool, **given: Any) -> None:
     part of the distances is held in memory at any time. To resume an interrupted computation, run the same command
     again.
     """
-    with bars(quiet) as shown:
-        cuts, choose = given.pop("cuts"), part_of(given, shown.progress)
-        part = choose(surface_of(input_, given, shown.progress))
+    with bars(quiet) as bar:
+        cuts, choose = settings.pop("cuts"), part_of(settings, bar.progress)
+        part = choose(surface_of(input_, settings, bar.progress))
         if cuts is not None:
-            part = part.cut(cuts, relax=False, threads=given["threads"], progress=shown.progress).surface
-        measured = part.geodesic(sources, progress=shown.progress, **given)
+            part = part.cut(cuts, relax=False, threads=settings["threads"], progress=bar.progress).surface
+        measured = part.geodesic(sources, progress=bar.progress, **settings)
     size = {"shape": list(measured.shape), "bytes": measured.nbytes}
     named = "without a unit" if measured.unit == "unknown" else f"in {measured.unit}"
     text = f"{measured.shape[0]} x {measured.shape[1]} distances {named}, {measured.nbytes / 2**20:.0f} MiB"

@@ -48,7 +48,7 @@ _BEYOND = "List regions whose areas change by more than this factor."
     options.as_json,
 )
 @options.run(options.seed, options.threads, options.memory_limit)
-def measure_command(surface_: Path, flat: tuple[Path, ...], heat_maps: Path | None, **given: Any) -> None:
+def measure_command(surface_: Path, flat: tuple[Path, ...], heat_maps: Path | None, **settings: Any) -> None:
     """Measure the distortion of flat maps made by any tool.
 
     Each FLAT is a flat map of SURFACE: a FreeSurfer patch, a flat GIFTI surface, an .obj file with texture coordinates,
@@ -66,14 +66,14 @@ def measure_command(surface_: Path, flat: tuple[Path, ...], heat_maps: Path | No
         from voxflat import figures  # imports matplotlib
 
         check_output(heat_maps, FIGURE_ENDINGS)
-    with bars() as shown:
-        whole = surface_of(surface_, given, shown.progress)
-        compared = compare(whole, dict(zip(names, flat, strict=True)), progress=shown.progress, **given)
+    with bars() as bar:
+        whole = surface_of(surface_, settings, bar.progress)
+        compared = compare(whole, dict(zip(names, flat, strict=True)), progress=bar.progress, **settings)
     if heat_maps is not None:
         figures.save(figures.heat_maps(compared), heat_maps, compared.provenance)
-    one = compared[names[0]] if len(compared.maps) == 1 else None
-    measures = {"maps": compared.figures()} if one is None else one.figures()
-    report({**measures, "provenance": compared.provenance}, (one or compared).table())
+    single = compared[names[0]] if len(compared.maps) == 1 else None
+    measures = {"maps": compared.figures()} if single is None else single.figures()
+    report({**measures, "provenance": compared.provenance}, (single or compared).table())
 
 
 @options.command(
@@ -115,7 +115,7 @@ def worst_command(
     figure: Path | None,
     picture: Path | None,
     writing: dict[str, Any],
-    **given: Any,
+    **settings: Any,
 ) -> None:
     """List the regions with the highest area distortion.
 
@@ -127,14 +127,14 @@ def worst_command(
     """
     if numbers and cuts_file is None:
         raise click.UsageError("--place requires --save-cuts.")
-    if given["table"] is not None and given["parcels"] is None:
+    if settings["table"] is not None and settings["parcels"] is None:
         raise click.UsageError("--table requires --parcels.")
     files = {output: WORST_ENDINGS, cuts_file: (".json",), figure: FIGURE_ENDINGS, picture: (".png",)}
     for file, endings in files.items():
         if file is not None:
             check_output(file, endings, **writing)
-    with bars() as shown, reading() as read:
-        worst = worst_places(load(map_), **given, progress=shown.progress)
+    with bars() as bar, reading() as read:
+        worst = worst_places(load(map_), **settings, progress=bar.progress)
         worst = worst._with_provenance({**worst.provenance, "files": read})
     if output is not None:
         worst.save(output, **writing)

@@ -126,10 +126,10 @@ def figure_command(maps: tuple[Path, ...], output: Path, writing: dict[str, Any]
     if alpha is not None:
         look["opacity"] = figures.Overlay(alpha, limits=None if full is None else (0, full))
     with reading() as files:
-        loaded = [load(one) for one in maps]
-        shown = loaded[0] if len(loaded) == 1 else loaded
-        drawn = figures.flat_map(shown, data, **look)
-    record = record_of("flat_map", described({"flat_map": shown, "overlay": data, **look}), files)
+        loaded = [load(path) for path in maps]
+        flat_map = loaded[0] if len(loaded) == 1 else loaded
+        drawn = figures.flat_map(flat_map, data, **look)
+    record = record_of("flat_map", described({"flat_map": flat_map, "overlay": data, **look}), files)
     with saving(output, record, **writing):
         figures.save(drawn, output, record)
     width, height = drawn.canvas.get_width_height()
@@ -176,14 +176,14 @@ def movie_command(
         require("imageio_ffmpeg")  # before the long work
     from voxflat import figures  # imports matplotlib
 
-    with bars(quiet) as shown:
+    with bars(quiet) as bar:
         with reading() as files:
-            loaded = [load(one) for one in maps]
+            loaded = [load(path) for path in maps]
             flat_map = loaded[0] if len(loaded) == 1 else loaded
-            movie = figures.movie(flat_map, data, **look, progress=shown.progress)
+            movie = figures.movie(flat_map, data, **look, progress=bar.progress)
         record = record_of("movie", described({"flat_map": flat_map, "overlay": data, **look}), files)
         with saving(output, record, **writing):
-            figures.save_movie(movie, output, record, shown.progress)
+            figures.save_movie(movie, output, record, bar.progress)
     height, width = movie.size
     seconds = len(movie) / movie.rate
     size = {"frames": len(movie), "width": width, "height": height, "seconds": seconds}

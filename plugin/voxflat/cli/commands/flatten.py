@@ -50,7 +50,7 @@ _CUT_ENDINGS = (".json", ".surf.gii", ".vtp", ".ply", ".obj", PATCH_ENDING)
     ),
 )
 @options.run(options.threads, options.memory_limit)
-def cut_command(input_: Path, output: Path, template: Path | None, writing: dict[str, Any], **given: Any) -> None:
+def cut_command(input_: Path, output: Path, template: Path | None, writing: dict[str, Any], **settings: Any) -> None:
     """Cut a surface open for flattening.
 
     The cuts are those that voxflat flatten would make: a surface that is not a disk is cut open into a disk, and
@@ -59,21 +59,22 @@ def cut_command(input_: Path, output: Path, template: Path | None, writing: dict
     check_output(output, _CUT_ENDINGS, **writing)
     if template is not None:
         check_output(template, (".json",))
-    with bars() as shown:
-        part = part_of(given, shown.progress)(surface_of(input_, given, shown.progress))
-        made = part.cut(progress=shown.progress, **given)
-    made.save(output, **writing)
+    with bars() as bar:
+        part = part_of(settings, bar.progress)(surface_of(input_, settings, bar.progress))
+        opened = part.cut(progress=bar.progress, **settings)
+    opened.save(output, **writing)
     if template is not None:
-        made.save_template(template, overwrite=writing["overwrite"])
-    cuts = [{"ids": of.ids.tolist(), "length": of.length, "reason": of.reason, "name": of.name} for of in made.cuts]
-    content = {"output": str(output), "vertices": len(made.surface), "cuts": cuts, "warnings": list(made.warnings)}
+        opened.save_template(template, overwrite=writing["overwrite"])
+    cuts = [{"ids": c.ids.tolist(), "length": c.length, "reason": c.reason, "name": c.name} for c in opened.cuts]
+    content = {"output": str(output), "vertices": len(opened.surface), "cuts": cuts, "warnings": list(opened.warnings)}
     lines = []
-    for number, one in enumerate(made.cuts):
-        length = "" if one.length is None else in_unit(f", {rounded(one.length, 1)} mm", made.surface.origin.named_unit)
-        lines.append(f"{made.title(number)}: {one.reason}, {len(one.ids)} vertices{length}")
-    lines.append(f"{len(made.surface)} vertices, {len(made.surface.faces)} triangles")
+    unit = opened.surface.origin.named_unit
+    for number, cut in enumerate(opened.cuts):
+        length = "" if cut.length is None else in_unit(f", {rounded(cut.length, 1)} mm", unit)
+        lines.append(f"{opened.title(number)}: {cut.reason}, {len(cut.ids)} vertices{length}")
+    lines.append(f"{len(opened.surface)} vertices, {len(opened.surface.faces)} triangles")
     lines.append(f"saved as {output}" + ("" if template is None else f", template as {template}"))
-    report({**content, "provenance": made.provenance}, "\n".join(lines))
+    report({**content, "provenance": opened.provenance}, "\n".join(lines))
 
 
 @options.command(
@@ -104,7 +105,7 @@ def cut_command(input_: Path, output: Path, template: Path | None, writing: dict
     options.store,
 )
 @options.run(options.seed, options.threads, options.memory_limit, options.quiet)
-def flatten_command(input_: Path, output: Path, writing: dict[str, Any], quiet: bool, **given: Any) -> None:
+def flatten_command(input_: Path, output: Path, writing: dict[str, Any], quiet: bool, **settings: Any) -> None:
     """Flatten a surface into a flat map.
 
     INPUT is a label or intensity volume (.nii, .nii.gz, .hdr, .mgh, .mgz, .nrrd, .nhdr, .mha, .mhd, .tif, .npy, .npz)
@@ -113,28 +114,28 @@ def flatten_command(input_: Path, output: Path, writing: dict[str, Any], quiet: 
     cuts by default. If no region is given, the largest component is flattened. A surface that is not a disk is cut
     open, and a warning lists the cuts.
     """
-    method, rows, store = options.method_of(given), given.pop("rows"), given.pop("store")
-    charts = options.charts_of(given)
+    method, rows, store = options.method_of(settings), settings.pop("rows"), settings.pop("store")
+    charts = options.charts_of(settings)
     count = 1 if charts is None else charts["count"]
     outputs = _outputs(output, count, MAP_ENDINGS, writing)
     if count != 1 and store is not None:
         raise click.UsageError("--store holds the distances of one map. Omit it, or pass --charts 1.")
-    if charts is None and given["hemisphere"] is not None and given["cuts"] is None:
-        given["cuts"] = "standard"
-    kept = rows if store is None else store
-    with bars(quiet) as shown:
-        part = part_of(given, shown.progress)(surface_of(input_, given, shown.progress))
+    if charts is None and settings["hemisphere"] is not None and settings["cuts"] is None:
+        settings["cuts"] = "standard"
+    keep = rows if store is None else store
+    with bars(quiet) as bar:
+        part = part_of(settings, bar.progress)(surface_of(input_, settings, bar.progress))
         if charts is None:
-            maps = [part.flatten(method, rows=kept, progress=shown.progress, **given)]
+            maps = [part.flatten(method, rows=keep, progress=bar.progress, **settings)]
         else:
-            opened = part.charts(**charts, threads=given["threads"], progress=shown.progress)
-            maps = [one.flatten(method, rows=kept, progress=shown.progress, **given) for one in opened]
+            opened = part.charts(**charts, threads=settings["threads"], progress=bar.progress)
+            maps = [part_.flatten(method, rows=keep, progress=bar.progress, **settings) for part_ in opened]
     written = list(zip(maps, outputs, strict=False))  # a tube has only the first chart of a cylinder
     for flat_map, path in written:
         flat_map.save(path, **writing)
-    told = [{"output": str(path), **one.description()} for one, path in written]
-    text = "\n\n".join(_summary(one, path) for one, path in written)
-    report(told[0] if count == 1 else {"charts": told}, text, quiet=quiet)
+    content = [{"output": str(path), **flat.description()} for flat, path in written]
+    text = "\n\n".join(_summary(flat, path) for flat, path in written)
+    report(content[0] if count == 1 else {"charts": content}, text, quiet=quiet)
 
 
 @options.command(
@@ -156,7 +157,7 @@ def flatten_command(input_: Path, output: Path, writing: dict[str, Any], quiet: 
 )
 @options.run(options.seed, options.threads, options.memory_limit, options.quiet)
 def movie_map_command(
-    frames: tuple[Path, ...], output: Path, writing: dict[str, Any], quiet: bool, **given: Any
+    frames: tuple[Path, ...], output: Path, writing: dict[str, Any], quiet: bool, **settings: Any
 ) -> None:
     """Flatten the surfaces of all frames of a movie into one flat map.
 
@@ -164,32 +165,32 @@ def movie_map_command(
     of the reference frame is flattened, and its mesh follows the surface from frame to frame, so that material points
     keep their places on the map. To show the volumes of all frames on the map, use voxflat image.
     """
-    method, charts = options.method_of(given), options.charts_of(given)
+    method, charts = options.method_of(settings), options.charts_of(settings)
     count = 1 if charts is None else charts["count"]
     outputs = _outputs(output, count, SAVED_ENDINGS, writing)
     making = ("channel", "label", "threshold", "spacing", "unit", "repair", "smooth")
-    how = {name: given.pop(name) for name in making}
-    limits = {name: given[name] for name in ("threads", "memory_limit")}
-    with bars(quiet) as shown:
+    making_ = {name: settings.pop(name) for name in making}
+    limits = {name: settings[name] for name in ("threads", "memory_limit")}
+    with bars(quiet) as bar:
         check_numbers(frames)
         surfaces = []
         for number, file in enumerate(frames):
-            if shown.progress is not None:
-                shown.progress("reading the frames", number, len(frames))
+            if bar.progress is not None:
+                bar.progress("reading the frames", number, len(frames))
             try:
-                surfaces.append(surface_of(file, {**how, **limits}, None))
+                surfaces.append(surface_of(file, {**making_, **limits}, None))
             except InputError as error:
                 raise InputError(f"frame {number} ({file.name}): {error}") from error
         if charts is not None:
-            first = surfaces[checked_reference(given["reference"], len(frames))]
-            given["cuts"] = first.charts(**charts, threads=given["threads"], progress=shown.progress)
-        made = flatten_series(surfaces, method, progress=shown.progress, **given)
-    written = list(zip([made] if isinstance(made, FlatSeries) else made, outputs, strict=False))
+            first = surfaces[checked_reference(settings["reference"], len(frames))]
+            settings["cuts"] = first.charts(**charts, threads=settings["threads"], progress=bar.progress)
+        movie = flatten_series(surfaces, method, progress=bar.progress, **settings)
+    written = list(zip([movie] if isinstance(movie, FlatSeries) else movie, outputs, strict=False))
     for series, path in written:
         series.save(path, **writing)
-    told = [_series_content(series, path) for series, path in written]
+    content = [_series_content(series, path) for series, path in written]
     text = "\n\n".join(_series_summary(series, path, frames) for series, path in written)
-    report(told[0] if count == 1 else {"charts": told}, text, quiet=quiet)
+    report(content[0] if count == 1 else {"charts": content}, text, quiet=quiet)
 
 
 def _outputs(output: Path, count: int | str, endings: tuple[str, ...], writing: dict[str, Any]) -> list[Path]:
@@ -247,8 +248,8 @@ def _part(metadata: dict[str, Any]) -> str:
         return f"the chart {metadata['chart']['name']!r}"
     parts = ["inside the mask"] if metadata["keep"] or metadata.get("drop") else []
     if metadata["seed_point"] is not None:
-        what = "voxel" if metadata["kind"] == "voxels" else "vertex"
-        parts.append(f"within {metadata['radius']} mm of {what} {metadata['seed_point']}")
+        item = "voxel" if metadata["kind"] == "voxels" else "vertex"
+        parts.append(f"within {metadata['radius']} mm of {item} {metadata['seed_point']}")
     if parts:
         return " ".join(parts)
     return "all" if metadata["points"] == metadata["surface_points"] else "the largest component"

@@ -116,7 +116,7 @@ def image_command(
     pixel_size: float | None,
     writing: dict[str, Any],
     quiet: bool,
-    **given: Any,
+    **settings: Any,
 ) -> None:
     """Resample a volume onto a flat map, or show the distortion of the map.
 
@@ -133,17 +133,17 @@ def image_command(
         raise click.UsageError("--heat-map applies to single maps. Pass --metric for the map of a movie.")
     if heat_map == (volume is not None or metric):
         raise click.UsageError("Pass either --volume or --heat-map (for the map of a movie, --volume or --metric).")
-    if heat_map and (unused := [name for name, value in given.items() if value is not None and value is not False]):
+    if heat_map and (unused := [name for name, value in settings.items() if value is not None and value is not False]):
         flags = ", ".join(f"--{name.replace('_', '-')}" for name in unused)
         raise click.UsageError(f"{flags}: only with --volume. Pass --volume instead of --heat-map.")
-    check_depth(given)
-    how = {key: value[0] if isinstance(value, tuple) and len(value) == 1 else value for key, value in given.items()}
-    how = {key: value for key, value in how.items() if value is not None}
+    check_depth(settings)
+    sampling = {key: value for key, value in settings.items() if value is not None}
+    sampling |= {key: value[0] for key, value in sampling.items() if isinstance(value, tuple) and len(value) == 1}
     endings = () if kind == "series" else IMAGE_ENDINGS
     check_output(output, tuple(dict.fromkeys((*endings, *STACK_ENDINGS))), **writing)
     if kind == "series":
         volumes = None if volume is None else (volume, *further)
-        return _movie(map_, volumes, {**how, "metric": metric}, output, pixel_size, writing, quiet)
+        return _movie(map_, volumes, {**sampling, "metric": metric}, output, pixel_size, writing, quiet)
     if further or metric:
         if kind is None:
             load(map_)  # raises an error if there is no such map
@@ -151,22 +151,22 @@ def image_command(
         raise InputError(f"{wrong}, but {map_} is a single map. Pass one volume, or the map of voxflat movie-map.")
     with bars(quiet), reading() as files:
         flat_map: FlatMap | Atlas = load_atlas(map_) if kind == "atlas" else load(map_)
-        for name in {"fraction", "depths"} & how.keys() if isinstance(flat_map, Atlas) else ():
+        for name in {"fraction", "depths"} & sampling.keys() if isinstance(flat_map, Atlas) else ():
             raise InputError(
                 f"--{name} requires a pial surface, which an atlas does not have. Pass --depth in mm instead."
             )
-        stack = None if volume is None else flat_map.images(volume, pixel_size, **how)
+        stack = None if volume is None else flat_map.images(volume, pixel_size, **sampling)
         picture = flat_map.heat_map(pixel_size) if stack is None else stack[0]
     picture = picture._with_provenance({**picture.provenance, "files": files})
     if stack is not None and not (picture.data[..., 3] > 0 if picture.is_colour else ~np.isnan(picture.data)).any():
-        raise _empty(volume, how)
+        raise _empty(volume, sampling)
     count, step = 1, None
     if stack is not None and len(stack) > 1:
         count = len(stack)
         step = None if stack.timing is None else stack.timing.step
-        with bars(quiet) as shown:
+        with bars(quiet) as bar:
             stack = stack._with_provenance({**stack.provenance, "files": files})
-            stack.save(output, **writing, progress=shown.progress)
+            stack.save(output, **writing, progress=bar.progress)
     elif heat_map and output.suffix.lower() == ".png":
         from voxflat import figures  # imports matplotlib
 
@@ -191,38 +191,38 @@ def image_command(
 def _movie(
     map_: Path,
     volumes: tuple[Path, ...] | None,
-    how: dict[str, Any],
+    sampling: dict[str, Any],
     output: Path,
     pixel_size: float | None,
     writing: dict[str, Any],
     quiet: bool,
 ) -> None:
     """Write the images of all frames of a series."""
-    with bars(quiet) as shown:
+    with bars(quiet) as bar:
         with reading() as files:
             check_numbers(volumes or ())
-            movie = load_series(map_).images(volumes, pixel_size, **how)
+            movie = load_series(map_).images(volumes, pixel_size, **sampling)
             first = movie[0][0]
         if not (~np.isnan(first.data)).any():
-            raise _empty(volumes[0] if volumes else map_, how)
+            raise _empty(volumes[0] if volumes else map_, sampling)
         movie = movie._with_provenance({**movie.provenance, "files": files})
-        movie.save(output, **writing, progress=shown.progress)
+        movie.save(output, **writing, progress=bar.progress)
     height, width = first.data.shape[:2]
     depths, step = max(1, len(movie.layers)), None if movie.timing is None else movie.timing.step
     size = {"frames": len(movie), "channels": len(movie.channel_names), "depths": depths}
-    told = " x ".join(f"{count} {name.removesuffix('s' * (count == 1))}" for name, count in size.items())
+    extent = " x ".join(f"{count} {name.removesuffix('s' * (count == 1))}" for name, count in size.items())
     pixels = f"{width} x {height} pixels of {movie.pixel_size:g} {first.unit}"
-    text = f"{told} of {pixels}{'' if step is None else f', {step:g} s apart'}\nsaved as {output}"
+    text = f"{extent} of {pixels}{'' if step is None else f', {step:g} s apart'}\nsaved as {output}"
     content = {"output": str(output), **size, "width": width, "height": height, "pixel_size": movie.pixel_size}
     report({**content, "time_step": step, "provenance": movie.provenance}, text, quiet=quiet)
 
 
-def _empty(path: object, how: dict[str, Any]) -> InputError:
+def _empty(path: object, sampling: dict[str, Any]) -> InputError:
     """Return the error that a volume has no value on the map at the depth that was given, if any."""
-    depth = "" if how.get("depth") in (None, 0.0) else " at this depth"
+    depth = "" if sampling.get("depth") in (None, 0.0) else " at this depth"
     remedy = "Pass a smaller --depth, or compare" if depth else "Compare"
-    told = f"{path} does not overlap the map{depth}, so the image would be empty"
-    return InputError(f"{told}. {remedy} the affines with voxflat check.")
+    problem = f"{path} does not overlap the map{depth}, so the image would be empty"
+    return InputError(f"{problem}. {remedy} the affines with voxflat check.")
 
 
 @options.command(

@@ -70,7 +70,7 @@ _layering = option_of(Rim.layers, "layering", type=click.Choice(LAYERINGS), unti
 )
 @options.run(options.threads, options.memory_limit)
 def layers_command(
-    input_: Path, output: Path, count: int, layering: str, streamlines: bool, writing: dict[str, Any], **given: Any
+    input_: Path, output: Path, count: int, layering: str, streamlines: bool, writing: dict[str, Any], **settings: Any
 ) -> None:
     """Divide the grey matter of a segmentation into layers.
 
@@ -84,15 +84,15 @@ def layers_command(
         for name in ("depth", "thickness", *(["streamlines"] if streamlines else []))
     ]
     check_output(output, beside=beside, **writing)
-    with bars() as shown:
-        made = rim(channel_of(input_, given.pop("channel"), given), **given, progress=shown.progress)
-        volumes = [made.layers(count, layering), made.depth(layering), made.thickness()]
-        volumes += [made.streamlines()] if streamlines else []
+    with bars() as bar:
+        grey = rim(channel_of(input_, settings.pop("channel"), settings), **settings, progress=bar.progress)
+        volumes = [grey.layers(count, layering), grey.depth(layering), grey.thickness()]
+        volumes += [grey.streamlines()] if streamlines else []
     with saving(output, volumes[0].provenance or {}, **writing):
         for path, volume in zip((output, *beside), volumes, strict=True):
             volume = volume.in_unit("mm")
             write_volume(path, volume.data, volume.affine, volume.provenance, is_vectors=volume.is_vectors)
-    voxels, thickness = len(made.values.depth), float(np.median(made.values.thickness))
+    voxels, thickness = len(grey.values.depth), float(np.median(grey.values.thickness))
     report(
         {"output": [str(path) for path in (output, *beside)], "voxels": voxels, "median_thickness": thickness},
         f"{voxels} voxels of grey matter, median thickness {thickness:.3g} mm\nsaved as "
@@ -121,7 +121,7 @@ def columns_command(
     area: float | None,
     seed: int,
     writing: dict[str, Any],
-    **given: Any,
+    **settings: Any,
 ) -> None:
     """Divide the grey matter of a segmentation into columns.
 
@@ -131,15 +131,15 @@ def columns_command(
     check_volume_name(output)
     check_output(output, **writing)
     check_number(count, area)
-    with bars() as shown:
-        whole = rim(channel_of(input_, given.pop("channel"), given), **given, progress=shown.progress)
-        made = whole.columns(count, area=area, seed=seed, progress=shown.progress)
-    with saving(output, made.provenance, **writing):
-        write_volume(output, made.volume.data, made.volume.in_unit("mm").affine, made.provenance)
-    median = float(np.median(made.areas))
+    with bars() as bar:
+        whole = rim(channel_of(input_, settings.pop("channel"), settings), **settings, progress=bar.progress)
+        columns = whole.columns(count, area=area, seed=seed, progress=bar.progress)
+    with saving(output, columns.provenance, **writing):
+        write_volume(output, columns.volume.data, columns.volume.in_unit("mm").affine, columns.provenance)
+    median = float(np.median(columns.areas))
     report(
-        {"output": str(output), "columns": len(made), "median_area": median, "provenance": made.provenance},
-        f"{len(made)} columns, median area {median:.3g} mm²\nsaved as {output}",
+        {"output": str(output), "columns": len(columns), "median_area": median, "provenance": columns.provenance},
+        f"{len(columns)} columns, median area {median:.3g} mm²\nsaved as {output}",
     )
 
 
@@ -193,7 +193,7 @@ def profile_command(
     figure: Path | None,
     label: str | None,
     writing: dict[str, Any],
-    **given: Any,
+    **settings: Any,
 ) -> None:
     """Average a volume along cortical depth within regions.
 
@@ -211,32 +211,32 @@ def profile_command(
     check_output(output, PROFILE_ENDINGS, **writing)
     if figure is not None:
         check_output(figure, FIGURE_ENDINGS, **writing)
-    how = {name: given.pop(name) for name in ("channel", "interpolation", "count", "layering")}
+    sampling = {name: settings.pop(name) for name in ("channel", "interpolation", "count", "layering")}
     for path in filter(None, (volume, regions, map)):
         path.stat()  # a missing file is reported before depths are measured
-    with bars() as shown:
+    with bars() as bar:
         drawn = regions if map is None else load(map).regions(regions, layer=layer or "rois")
-        found = rim(channel_of(input_, given.pop("rim_channel"), given), **given, progress=shown.progress)
-        made = found.profile(volume, drawn, **how)
+        grey = rim(channel_of(input_, settings.pop("rim_channel"), settings), **settings, progress=bar.progress)
+        profile = grey.profile(volume, drawn, **sampling)
     if figure is not None:
         from voxflat import figures  # imports matplotlib
 
-        drawing = figures.profile(made, label=label)
-    made.save(output, **writing)
+        drawing = figures.profile(profile, label=label)
+    profile.save(output, **writing)
     if figure is not None:
-        figures.save(drawing, figure, made.provenance)
+        figures.save(drawing, figure, profile.provenance)
     files = [str(path) for path in (output, figure) if path is not None]
-    missing = int(made.missing.sum(axis=0).max())
+    missing = int(profile.missing.sum(axis=0).max())
     without = f"{missing} voxels have no finite value and are left out\n" if missing else ""
     content = {
         "files": files,
-        "regions": list(made.names),
-        "voxels": made.voxels.sum(axis=1).tolist(),
-        "missing": made.missing.tolist(),
-        "provenance": made.provenance,
+        "regions": list(profile.names),
+        "voxels": profile.voxels.sum(axis=1).tolist(),
+        "missing": profile.missing.tolist(),
+        "provenance": profile.provenance,
     }
-    parts = "1 region" if len(made.names) == 1 else f"{len(made.names)} regions"
-    counted = f"{parts} with {made.voxels.sum(axis=(0, 1)).max()} voxels in {len(made.depths)} layers"
+    parts = "1 region" if len(profile.names) == 1 else f"{len(profile.names)} regions"
+    counted = f"{parts} with {profile.voxels.sum(axis=(0, 1)).max()} voxels in {len(profile.depths)} layers"
     report(content, f"{counted}\n{without}saved as {' and '.join(files)}")
 
 
@@ -271,7 +271,7 @@ def paint_command(
     pixel_size: float | None,
     background: float,
     writing: dict[str, Any],
-    **given: Any,
+    **settings: Any,
 ) -> None:
     """Transfer a flat volume to the voxels of the grey matter.
 
@@ -280,14 +280,14 @@ def paint_command(
     """
     check_volume_name(output)
     check_output(output, **writing)
-    with bars() as shown, reading() as files:
-        flat_map = load(given.pop("map"))
-        made = rim(channel_of(input_, given.pop("channel"), given), **given, progress=shown.progress)
-        how: dict[str, Any] = {"layering": layering, "pixel_size": pixel_size, "background": background}
-        painted = made.paint(values, flat_map, **how)
+    with bars() as bar, reading() as files:
+        flat_map = load(settings.pop("map"))
+        grey = rim(channel_of(input_, settings.pop("channel"), settings), **settings, progress=bar.progress)
+        sampling: dict[str, Any] = {"layering": layering, "pixel_size": pixel_size, "background": background}
+        painted = grey.paint(values, flat_map, **sampling)
     record = {**(painted.provenance or {}), "files": files}
     with saving(output, record, **writing):
         write_volume(output, painted.data, painted.affine, record)
     count = int(np.count_nonzero(painted.data != background))
-    text = f"{count} of {len(made.values.depth)} voxels of grey matter have a value\nsaved as {output}"
+    text = f"{count} of {len(grey.values.depth)} voxels of grey matter have a value\nsaved as {output}"
     report({"output": str(output), "voxels": count, "provenance": record}, text)

@@ -79,7 +79,7 @@ def patches_command(
     packing: str,
     writing: dict[str, Any],
     quiet: bool,
-    **given: Any,
+    **settings: Any,
 ) -> None:
     """Flatten a surface in patches with certified distortion.
 
@@ -92,17 +92,17 @@ def patches_command(
     """
     check_output(output, (*SAVED_ENDINGS, *TEXTURED_ENDINGS), beside=files_beside(output), **writing)
     is_textured = output.suffix.lower() not in SAVED_ENDINGS
-    texture = {name: given.pop(name) for name in ("volume", "volume_channel", "heat_map", "depth", "pixel_size")}
+    texture = {name: settings.pop(name) for name in ("volume", "volume_channel", "heat_map", "depth", "pixel_size")}
     _check_texture(is_textured, **texture)
     for path in (page, picture):
         if path is not None:
             check_output(path, FIGURE_ENDINGS if path is page else (".png",))
-    with bars(quiet) as shown:
-        whole = surface_of(surface_, given, shown.progress)
-        del given["memory_limit"]
-        certified = whole.patches(progress=shown.progress, **given)
-        how = {"threads": given["threads"], "progress": shown.progress}
-        atlas = certified if glue is None else certified.glue(glue, **how)
+    with bars(quiet) as bar:
+        whole = surface_of(surface_, settings, bar.progress)
+        del settings["memory_limit"]
+        certified = whole.patches(progress=bar.progress, **settings)
+        common = {"threads": settings["threads"], "progress": bar.progress}
+        atlas = certified if glue is None else certified.glue(glue, **common)
     if is_textured:
         _textured(atlas.page(packing=packing), output, **texture).save(output, **writing)
     else:
@@ -127,9 +127,9 @@ def _check_texture(
     pixel_size: float | None,
 ) -> None:
     """Raise a usage error, before the computation, if texture options contradict each other."""
-    given = {"--volume": volume is not None, "--heat-map": heat_map, "--depth": depth is not None}
-    given["--pixel-size"] = pixel_size is not None
-    if not is_textured and (named := [name for name, is_given in given.items() if is_given]):
+    texture = {"--volume": volume is not None, "--heat-map": heat_map, "--depth": depth is not None}
+    texture["--pixel-size"] = pixel_size is not None
+    if not is_textured and (named := [name for name, is_given in texture.items() if is_given]):
         flags = " and ".join(named) + (" requires" if len(named) == 1 else " require")
         remedy = "For an .npz output, use voxflat image."
         raise click.UsageError(f"{flags} a textured output (.obj, .vtp, .glb or .ply). {remedy}")

@@ -60,10 +60,10 @@ def points_command(map_: Path, points: Path, output: Path, limit: float, space: 
     record = record_of("points_to_map", parameters, dict(sorted(files.items())))
     with saving(output, record, **writing):
         table.save(output, {"u": uv[:, 0], "v": uv[:, 1], "distance": distance})
-    shown = int(np.isfinite(distance).sum())
+    count = int(np.isfinite(distance).sum())
     within = in_unit(f"{limit:g} mm", flat_map.origin.named_unit)
-    text = f"{shown} of {len(distance)} points are within {within} of the surface\nsaved as {output}"
-    report({"output": str(output), "points": len(distance), "on_map": shown, "provenance": record}, text)
+    text = f"{count} of {len(distance)} points are within {within} of the surface\nsaved as {output}"
+    report({"output": str(output), "points": len(distance), "on_map": count, "provenance": record}, text)
 
 
 @options.command(
@@ -123,7 +123,7 @@ def regions_command(
     surfaces are labelled. A vertex on a cut belongs to a region if either of its two positions on the map is inside the
     region. Where regions overlap, the last one drawn is used.
     """
-    drawn = [given for given in (svg, polygons, image) if given is not None]
+    drawn = [drawing for drawing in (svg, polygons, image) if drawing is not None]
     if len(drawn) != 1:
         raise click.UsageError("Pass exactly one of --svg, --polygons and --image.")
     if layer is not None and svg is None:

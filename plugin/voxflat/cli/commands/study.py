@@ -79,7 +79,7 @@ class _MultipleValuesCommand(Command):
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         """Repeat the option's name before each additional value, as long as the value is one of its choices."""
-        several = {name: own for own in self.params if getattr(own, "multiple", False) for name in own.opts}
+        several = {name: option for option in self.params if getattr(option, "multiple", False) for name in option.opts}
         words: list[str] = []
         option = ""
         for word in args:
@@ -99,10 +99,10 @@ class _MultipleValuesCommand(Command):
             return super().parse_args(ctx, words)
         except click.MissingParameter as error:
             if greedy and isinstance(error.param, click.Argument):
-                order = [str(one.metavar) for one in self.params if isinstance(one, click.Argument)]
+                order = [str(argument.metavar) for argument in self.params if isinstance(argument, click.Argument)]
                 remedy = f"Write the arguments before it: {' '.join([ctx.command_path, *order, greedy[0]])} ..."
-                what = f"Missing argument {error.param.metavar}: {greedy[0]} uses all words that follow it. {remedy}"
-                raise click.UsageError(what, ctx) from None
+                problem = f"Missing argument {error.param.metavar}: {greedy[0]} uses all words that follow it. {remedy}"
+                raise click.UsageError(problem, ctx) from None
             raise
 
 
@@ -144,7 +144,7 @@ def bids_command(
     dry_run: bool,
     dask: str | None,
     quiet: bool,
-    **given: Any,
+    **settings: Any,
 ) -> int:
     """Flatten all participants of a study (BIDS App).
 
@@ -159,10 +159,10 @@ def bids_command(
     If no participant could be processed, the exit status is 1 or 2, as for the other commands.
     """
     if level == "group":
-        _refuse_at_group({"dry_run", "dask", *given})
+        _refuse_at_group({"dry_run", "dask", *settings})
     if dask and dry_run:
         raise click.UsageError("--dask cannot be combined with --dry-run.")
-    parameters = _parameters(given)
+    parameters = _parameters(settings)
     chosen = _chosen(hemis)
     try:
         everybody = participants(source, [label for text in labels for label in text.split(",")])
@@ -173,33 +173,33 @@ def bids_command(
     if level == "participant":
         check_given(everybody, chosen, parameters, source)
     if dry_run:
-        for one in plan(everybody, out, chosen, parameters):
-            click.echo(json.dumps(_listed(one)))
+        for outcome in plan(everybody, out, chosen, parameters):
+            click.echo(json.dumps(_listed(outcome)))
         return 0
     if level == "group":
-        found = group(everybody, source, out, chosen, is_study=not labels)
-        state = f"written: {len(found['written'])} files in {out}" if found["written"] else "up to date"
-        for name, reason in found["missing"].items():
+        result = group(everybody, source, out, chosen, is_study=not labels)
+        state = f"written: {len(result['written'])} files in {out}" if result["written"] else "up to date"
+        for name, reason in result["missing"].items():
             click.echo(f"voxflat: {name}: error: {reason}", err=True)
-        lines = [f"maps: {found['counted']}", *_outlier_lines(found), f"report: {out / 'group.html'}", state]
-        report({"output": str(out), **found}, "\n".join(lines), quiet=quiet)
-        return min(len(found["failed"]), _MAX_STATUS)
-    warn_of_changes([Job.of(one, out) for one in everybody], chosen, parameters)
-    with bars(quiet, notes=False) as shown:  # outcomes contain the warnings; the report also shows the notes
-        tell = _outcome_printer(shown, quiet=quiet)
-        waits = partial(_say, shown, quiet)
-        how: dict[str, Any] = {"tell": tell, "waits": waits, "dask": dask, "progress": shown.progress}
+        lines = [f"maps: {result['counted']}", *_outlier_lines(result), f"report: {out / 'group.html'}", state]
+        report({"output": str(out), **result}, "\n".join(lines), quiet=quiet)
+        return min(len(result["failed"]), _MAX_STATUS)
+    warn_of_changes([Job.of(person, out) for person in everybody], chosen, parameters)
+    with bars(quiet, notes=False) as bar:  # outcomes contain the warnings; the report also shows the notes
+        tell = _outcome_printer(bar, quiet=quiet)
+        waits = partial(_say, bar, quiet)
+        common: dict[str, Any] = {"tell": tell, "waits": waits, "dask": dask, "progress": bar.progress}
         try:
-            outcomes = study(everybody, source, out, chosen, parameters, **how, **given)
+            outcomes = study(everybody, source, out, chosen, parameters, **common, **settings)
         except (Cancelled, KeyboardInterrupt):
-            shown.hide()
+            bar.hide()
             click.echo("voxflat: finished maps are kept. Repeat the command to make the others", err=True)
             raise
-    people = {_participant(one) for one in outcomes}
-    failed = {_participant(one) for one in outcomes if one.state == "failed"}
-    made = len({_participant(one) for one in outcomes if one.state == "made"} - failed)
-    states = f"{made} made, {len(people) - made - len(failed)} up to date, {len(failed)} failed"
-    content = {"output": str(out), "failed": sorted(failed), "hemispheres": [_listed(one) for one in outcomes]}
+    people = {_participant(outcome) for outcome in outcomes}
+    failed = {_participant(outcome) for outcome in outcomes if outcome.state == "failed"}
+    count = len({_participant(outcome) for outcome in outcomes if outcome.state == "made"} - failed)
+    states = f"{count} made, {len(people) - count - len(failed)} up to date, {len(failed)} failed"
+    content = {"output": str(out), "failed": sorted(failed), "hemispheres": [_listed(outcome) for outcome in outcomes]}
     only = "" if len(chosen) > 1 else f" (only {HEMISPHERES[chosen[0]][1]} hemispheres, because of --hemisphere)"
     summary = f"{many(len(people), 'participant')}: {states}{only}"
     report(content, "\n".join([summary, *_report_lines(source, out, outcomes)]), quiet=quiet)
@@ -221,7 +221,7 @@ def bids_command(
 @_MAPS
 @options.section("Output", options.as_json)
 @options.run(options.seed, options.threads, options.memory_limit, options.quiet)
-def freesurfer_command(subject: Path, hemis: tuple[str, ...], quiet: bool, **given: Any) -> int:
+def freesurfer_command(subject: Path, hemis: tuple[str, ...], quiet: bool, **settings: Any) -> int:
     """Flatten a FreeSurfer subject and write a report.
 
     voxflat reads surf/?h.white, ?h.pial, ?h.sphere.reg, ?h.thickness and label/?h.cortex.label (or ?h.aparc.annot), and
@@ -230,13 +230,13 @@ def freesurfer_command(subject: Path, hemis: tuple[str, ...], quiet: bool, **giv
     to voxflat.html. Results are not recomputed if they are up to date according to the parameters and the checksums of
     the inputs. The exit status is 1 if a hemisphere could not be flattened.
     """
-    parameters = _parameters(given)
-    with bars(quiet) as shown:
-        tell = _outcome_printer(shown, quiet=quiet, notes=True)
-        outcomes = freesurfer(subject, _chosen(hemis), parameters, tell=tell, progress=shown.progress, **given)
+    parameters = _parameters(settings)
+    with bars(quiet) as bar:
+        tell = _outcome_printer(bar, quiet=quiet, notes=True)
+        outcomes = freesurfer(subject, _chosen(hemis), parameters, tell=tell, progress=bar.progress, **settings)
     page = str(subject / "voxflat.html")
-    failed = [one for one in outcomes if one.state == "failed"]
-    content = {"subject": str(subject), "report": page, "hemispheres": [_listed(one) for one in outcomes]}
+    failed = [outcome for outcome in outcomes if outcome.state == "failed"]
+    content = {"subject": str(subject), "report": page, "hemispheres": [_listed(outcome) for outcome in outcomes]}
     report(content, f"report: {page}", quiet=quiet or len(failed) == len(outcomes))
     return 1 if failed else 0
 
@@ -244,18 +244,18 @@ def freesurfer_command(subject: Path, hemis: tuple[str, ...], quiet: bool, **giv
 def _refuse_at_group(names: Collection[str]) -> None:
     """Raise an error if one of these options, which only the level participant uses, is given."""
     ctx = click.get_current_context()
-    for one in ctx.command.params:
-        given = ctx.get_parameter_source(one.name or "") is click.core.ParameterSource.COMMANDLINE
-        if given and one.name in names:
-            raise click.UsageError(f"{one.opts[0]} requires the level participant.")
+    for option in ctx.command.params:
+        is_given = ctx.get_parameter_source(option.name or "") is click.core.ParameterSource.COMMANDLINE
+        if is_given and option.name in names:
+            raise click.UsageError(f"{option.opts[0]} requires the level participant.")
 
 
-def _outlier_lines(found: Mapping[str, Any]) -> list[str]:
+def _outlier_lines(result: Mapping[str, Any]) -> list[str]:
     """Return lines that count the outlying values of a group, and its maps with errors."""
-    values = [place for of in found["outliers"].values() for place in of if place not in COUNTS]
-    people = sum(bool(of.keys() - set(COUNTS)) for of in found["outliers"].values())
-    wrong = sum(bool(of.keys() & set(COUNTS)) for of in found["outliers"].values())
-    chance, which = found["outliers_by_chance"], "flipped or covering triangles or boundary crossings"
+    values = [place for places in result["outliers"].values() for place in places if place not in COUNTS]
+    people = sum(bool(places.keys() - set(COUNTS)) for places in result["outliers"].values())
+    wrong = sum(bool(places.keys() & set(COUNTS)) for places in result["outliers"].values())
+    chance, which = result["outliers_by_chance"], "flipped or covering triangles or boundary crossings"
     counted = f"{many(len(values), 'value')} of {many(people, 'hemisphere')} (about {chance:.2g} expected by chance)"
     lines = [f"outliers: {counted if chance else f'not determined; they require {LEAST} maps of one side'}"]
     return lines + ([f"errors: {wrong} {'map has' if wrong == 1 else 'maps have'} {which}"] if wrong else [])
@@ -263,16 +263,16 @@ def _outlier_lines(found: Mapping[str, Any]) -> list[str]:
 
 def _report_lines(source: Path, out: Path, outcomes: Sequence[Outcome]) -> list[str]:
     """Return lines that name the reports of participants and the next command."""
-    pages = [page for name in sorted({one.name for one in outcomes}) if (page := out / f"{name}.html").is_file()]
+    pages = [page for name in sorted({row.name for row in outcomes}) if (page := out / f"{name}.html").is_file()]
     if not pages:
         return []
     named = f"report: {pages[0]}" if len(pages) == 1 else f"reports: {len(pages)} pages, such as {pages[0]}"
     return [named, f"next: {command(source, out, 'group')}"]
 
 
-def _participant(one: Outcome) -> str:
+def _participant(outcome: Outcome) -> str:
     """Return the name of a participant without the session."""
-    return one.name.partition("_ses-")[0]
+    return outcome.name.partition("_ses-")[0]
 
 
 def _chosen(sides: tuple[str, ...]) -> list[str]:
@@ -280,58 +280,58 @@ def _chosen(sides: tuple[str, ...]) -> list[str]:
     return list(dict.fromkeys(hemi for side in sides for hemi in _HEMIS[side]))
 
 
-def _parameters(given: dict[str, Any]) -> Parameters:
+def _parameters(settings: dict[str, Any]) -> Parameters:
     """Remove the map options from the command's options, and return them as parameters.
 
     Cuts that would make every hemisphere fail are refused.
     """
-    is_word = re.fullmatch(r"\w+", given["cuts"]) and given["cuts"] not in (STANDARD, AUTOMATIC)
-    if is_word and not Path(given["cuts"]).exists():
+    is_word = re.fullmatch(r"\w+", settings["cuts"]) and settings["cuts"] not in (STANDARD, AUTOMATIC)
+    if is_word and not Path(settings["cuts"]).exists():
         remedy = f'Pass "{STANDARD}", "{AUTOMATIC}" or the name of a file'
-        raise click.BadParameter(f"{given['cuts']!r} is not a kind of cuts. {remedy}.", param_hint="--cuts")
-    cuts, overlays = given.pop("cuts"), tuple(given.pop("overlays"))
-    own = {name: given.pop(name) for name in ("geometry", "volume", "seed")}
-    return Parameters(cuts=cuts, overlays=overlays, **own)
+        raise click.BadParameter(f"{settings['cuts']!r} is not a kind of cuts. {remedy}.", param_hint="--cuts")
+    cuts, overlays = settings.pop("cuts"), tuple(settings.pop("overlays"))
+    rest = {name: settings.pop(name) for name in ("geometry", "volume", "seed")}
+    return Parameters(cuts=cuts, overlays=overlays, **rest)
 
 
-def _say(shown: Bars, quiet: bool, message: str) -> None:
+def _say(bar: Bars, quiet: bool, message: str) -> None:
     """Print a message on stderr above the progress bar."""
-    shown.hide()
+    bar.hide()
     if not quiet:
         click.echo(f"voxflat: {message}", err=True)
 
 
-def _outcome_printer(shown: Bars, *, quiet: bool, notes: bool = False) -> Callable[[Outcome], None]:
+def _outcome_printer(bar: Bars, *, quiet: bool, notes: bool = False) -> Callable[[Outcome], None]:
     """Return a function that prints the outcome of a hemisphere; its warnings and failures are printed on stderr.
 
     With `notes`, the notes on maps that were made are printed, too. Failures are printed even if `quiet`.
     """
 
-    def tell(one: Outcome) -> None:
-        begin = f"{one.name} {HEMISPHERES[one.hemi][0]}"
-        record: Any = one.record or {"notes": [], "warnings": []}
-        if one.state == "failed":
-            shown.tell(f"voxflat: {begin}: error: {one.reason}", err=True)
-        if quiet or one.state == "failed":
+    def tell(outcome: Outcome) -> None:
+        begin = f"{outcome.name} {HEMISPHERES[outcome.hemi][0]}"
+        record: Any = outcome.record or {"notes": [], "warnings": []}
+        if outcome.state == "failed":
+            bar.tell(f"voxflat: {begin}: error: {outcome.reason}", err=True)
+        if quiet or outcome.state == "failed":
             return
-        for note in record["notes"] if notes and one.state == "made" else ():
-            shown.tell(f"voxflat: {begin}: {translated(note)}", err=True)
+        for note in record["notes"] if notes and outcome.state == "made" else ():
+            bar.tell(f"voxflat: {begin}: {translated(note)}", err=True)
         for warning in record["warnings"]:
-            shown.tell(f"voxflat: warning: {begin}: {translated(warning)}", err=True)
+            bar.tell(f"voxflat: warning: {begin}: {translated(warning)}", err=True)
         if is_json():
             return
-        if one.state == "done":
-            shown.tell(f"{begin}: up to date")
+        if outcome.state == "done":
+            bar.tell(f"{begin}: up to date")
         else:
             error, seconds = record["figures"]["best_scale"]["relative_error"], sum(record["seconds"].values())
             points = record["map"]["points"]
-            shown.tell(f"{begin}: {points} points, relative distance error {100 * error:.1f} %, {seconds:.1f} s")
+            bar.tell(f"{begin}: {points} points, relative distance error {100 * error:.1f} %, {seconds:.1f} s")
 
     return tell
 
 
-def _listed(one: Outcome) -> dict[str, Any]:
+def _listed(outcome: Outcome) -> dict[str, Any]:
     """Return an outcome, or the planned work of a hemisphere, as a dictionary for JSON."""
-    hemi = HEMISPHERES[one.hemi][0]
-    listed = {"participant": one.name, "hemi": hemi, "state": one.state, "reason": one.reason or None}
-    return listed | {name: value for name, value in (one.record or {}).items() if name in _RECORDED}
+    hemi = HEMISPHERES[outcome.hemi][0]
+    listed = {"participant": outcome.name, "hemi": hemi, "state": outcome.state, "reason": outcome.reason or None}
+    return listed | {name: value for name, value in (outcome.record or {}).items() if name in _RECORDED}

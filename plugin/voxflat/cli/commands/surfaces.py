@@ -33,15 +33,15 @@ from voxflat.pipeline.surface import Surface
 @options.region
 @options.choice_of_cuts
 @options.run(options.threads, options.memory_limit, options.as_json)
-def check_command(input_: Path, **given: Any) -> None:
+def check_command(input_: Path, **settings: Any) -> None:
     """Check whether a surface can be flattened.
 
     The command lists the components, boundary loops, handles and defects of INPUT (a volume or a mesh), reports the
     changes that each remedy would make, and gives advice. The exit status is 0 if the surface can be flattened, and 1
     otherwise.
     """
-    with bars() as shown:
-        part = part_of(given, shown.progress)
+    with bars() as bar:
+        part = part_of(settings, bar.progress)
         source: Path | Surface = input_
         making = (
             "pial",
@@ -54,11 +54,11 @@ def check_command(input_: Path, **given: Any) -> None:
             "channel",
             "smooth",
         )
-        if any(given[name] is not None and given[name] is not False for name in making):
-            source = surface_of(input_, given, shown.progress)
+        if any(settings[name] is not None and settings[name] is not False for name in making):
+            source = surface_of(input_, settings, bar.progress)
         else:
-            given = {name: value for name, value in given.items() if name not in making}
-        findings = check(source, part=part, progress=shown.progress, **given)
+            settings = {name: value for name, value in settings.items() if name not in making}
+        findings = check(source, part=part, progress=bar.progress, **settings)
     report(json_ready(asdict(findings)), translated(findings.table()))
     if not findings.can_flatten:
         raise click.exceptions.Exit(1)
@@ -79,20 +79,22 @@ def check_command(input_: Path, **given: Any) -> None:
     "name such as lh.sphere.reg."
 )
 @options.run(options.threads, options.memory_limit)
-def register_command(input_: Path, output: Path, writing: dict[str, Any], **given: Any) -> None:
+def register_command(input_: Path, output: Path, writing: dict[str, Any], **settings: Any) -> None:
     """Register a hemisphere to the fsaverage sphere.
 
     The registration aligns the folding pattern of the surface with that of fsaverage. The output can be used in place
     of the FreeSurfer file ?h.sphere.reg. Surfaces that are not recognised as cerebral hemispheres are rejected.
     """
     check_output(output, **writing)
-    with bars() as shown:
-        whole = surface_of(input_, given, shown.progress)
-        made = whole.register(given["side"], threads=given["threads"], progress=shown.progress)
-    made.save(output, **writing)
-    size = {"output": str(output), "vertices": len(made.points), "side": made.side, "confidence": made.confidence}
-    text = f"{made.side} hemisphere, confidence {made.confidence:.2f}\n{len(made.points)} vertices\nsaved as {output}"
-    report({**size, **made.figures, "warnings": list(made.warnings), "provenance": made.provenance}, text)
+    with bars() as bar:
+        whole = surface_of(input_, settings, bar.progress)
+        sphere = whole.register(settings["side"], threads=settings["threads"], progress=bar.progress)
+    sphere.save(output, **writing)
+    size = {"output": str(output), "vertices": len(sphere.points), "side": sphere.side, "confidence": sphere.confidence}
+    text = (
+        f"{sphere.side} hemisphere, confidence {sphere.confidence:.2f}\n{size['vertices']} vertices\nsaved as {output}"
+    )
+    report({**size, **sphere.figures, "warnings": list(sphere.warnings), "provenance": sphere.provenance}, text)
 
 
 @options.command(
@@ -109,7 +111,7 @@ def register_command(input_: Path, output: Path, writing: dict[str, Any], **give
     ),
 )
 @options.run(options.threads, options.memory_limit)
-def surface_command(input_: Path, output: Path, repaired: Path | None, writing: dict[str, Any], **given: Any) -> None:
+def surface_command(input_: Path, output: Path, repaired: Path | None, writing: dict[str, Any], **making: Any) -> None:
     """Extract the surface of a volume, or check and convert a mesh.
 
     Each vertex of the surface of a volume represents one surface voxel and has a subvoxel position; voxflat does not
@@ -121,19 +123,19 @@ def surface_command(input_: Path, output: Path, repaired: Path | None, writing: 
     if repaired is not None:
         check_output(repaired)
         check_volume_name(repaired)
-        if given["repair"] in ("none", "cuts"):
-            reason = f"--repair {given['repair']} does not change any voxels"
+        if making["repair"] in ("none", "cuts"):
+            reason = f"--repair {making['repair']} does not change any voxels"
             raise InputError(f"cannot write {repaired}: {reason}. Pass --repair voxels, or omit --repaired.")
     if not output.name.lower().endswith((*FLAT_PATCH_ENDINGS, PATCH_ENDING)):  # save() has a better message for these
         check_mesh_name(output)
-    with bars() as shown:
-        made = surface_of(input_, given, shown.progress)
-        for warning in made.warnings:
+    with bars() as bar:
+        extracted = surface_of(input_, making, bar.progress)
+        for warning in extracted.warnings:
             log.warning(warning)
     if repaired is not None:
-        affine = scaled(made.origin.voxels.affine, made.origin.unit, "mm")
-        write_volume(repaired, made.changed_voxels(), affine, made.provenance)
-    made.save(output, **writing)
-    size = {"vertices": len(made), "triangles": len(made.faces)}
-    content = {"output": str(output), **size, "metadata": made.metadata, "warnings": list(made.warnings)}
-    report(json_ready(content), f"{len(made)} vertices, {len(made.faces)} triangles\nsaved as {output}")
+        affine = scaled(extracted.origin.voxels.affine, extracted.origin.unit, "mm")
+        write_volume(repaired, extracted.changed_voxels(), affine, extracted.provenance)
+    extracted.save(output, **writing)
+    size = {"vertices": len(extracted), "triangles": len(extracted.faces)}
+    content = {"output": str(output), **size, "metadata": extracted.metadata, "warnings": list(extracted.warnings)}
+    report(json_ready(content), f"{len(extracted)} vertices, {len(extracted.faces)} triangles\nsaved as {output}")

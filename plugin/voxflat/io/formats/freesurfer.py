@@ -139,22 +139,22 @@ def annot_table(path: Path, data: bytes) -> tuple[NDArray[Any], list[str]]:
     return table, [name.decode("utf-8", "replace") for name in names]
 
 
-def _check_table(data: bytes, at: int) -> None:
+def _check_table(data: bytes, offset: int) -> None:
     """Raise an error if the file ends within its colour table, because nibabel repeats the numbers that are left."""
 
-    def number(at: int) -> int:
-        return int.from_bytes(data[at : at + 4], "big", signed=True)
+    def number(offset: int) -> int:
+        return int.from_bytes(data[offset : offset + 4], "big", signed=True)
 
-    rest, is_new = number(at), number(at) <= 0
-    at += 8 if is_new else 4
-    at += 4 + max(number(at), 0)  # name of the table
+    rest, is_new = number(offset), number(offset) <= 0
+    offset += 8 if is_new else 4
+    offset += 4 + max(number(offset), 0)  # name of the table
     if is_new:
-        rest, at = number(at), at + 4
-    while rest > 0 and at <= len(data):
-        at += 4 if is_new else 0  # number of the label
-        at += 20 + max(number(at), 0)  # name and colour
+        rest, offset = number(offset), offset + 4
+    while rest > 0 and offset <= len(data):
+        offset += 4 if is_new else 0  # number of the label
+        offset += 20 + max(number(offset), 0)  # name and colour
         rest -= 1
-    check_size(data, at, "more colours or longer names")
+    check_size(data, offset, "more colours or longer names")
 
 
 _MOST_COLOURS = 1 << 20  # FreeSurfer's own tables have up to 14,175

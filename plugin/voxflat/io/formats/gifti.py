@@ -113,8 +113,8 @@ class _Walk:
             stream = zlib.decompressobj()
             stored = stream.decompress(stored, need + 1)  # one additional byte suffices
         if len(stored) != need:
-            found = f"ends after {len(stored)} of" if len(stored) < need else "is longer than"
-            raise InputError(f"array {self.arrays} {found} the {need} bytes that its header specifies. {AGAIN}")
+            fault = f"ends after {len(stored)} of" if len(stored) < need else "is longer than"
+            raise InputError(f"array {self.arrays} {fault} the {need} bytes that its header specifies. {AGAIN}")
 
 
 def load(data: bytes) -> Any:
@@ -143,12 +143,12 @@ def _has_triangles(image: Any) -> bool:
 
 
 def _only(image: Any, intent: str, name: str) -> Any:
-    found = image.get_arrays_from_intent(intent)
-    if len(found) != 1:
+    arrays = image.get_arrays_from_intent(intent)
+    if len(arrays) != 1:
         others = ", ".join(sorted({require("nibabel").nifti1.intent_codes.niistring[a.intent] for a in image.darrays}))
-        count = f"{len(found) or 'no'} {name}{'s' * bool(found)}{' instead of one' * bool(found)}"
+        count = f"{len(arrays) or 'no'} {name}{'s' * bool(arrays)}{' instead of one' * bool(arrays)}"
         raise InputError(f"has {count} (its arrays are {others}). Pass a file with one surface")
-    return found[0]
+    return arrays[0]
 
 
 def _warnings(points: Any) -> tuple[str, ...]:
@@ -203,13 +203,13 @@ def _space(points: Any) -> Space:
         return UNKNOWN
     if np.array_equal(volume.matrix, np.eye(4)):
         return Space("scanner", volume)
-    told = np.full(3, np.nan)  # the centre of the surface as mris_convert read it
+    stored = np.full(3, np.nan)  # the centre of the surface as mris_convert read it
     with suppress(ValueError):
-        told = np.array([float(meta.get(f"SurfaceCenter{axis}") or "nan") for axis in "XYZ"])
+        stored = np.array([float(meta.get(f"SurfaceCenter{axis}") or "nan") for axis in "XYZ"])
     centre = (points.data.min(axis=0).astype(np.float64) + points.data.max(axis=0)) / 2
-    moved = volume.matrix[:3, :3] @ told + volume.c_ras
-    far = np.linalg.norm(moved - told)
-    from_stored, from_moved = np.linalg.norm(centre - told), np.linalg.norm(centre - moved)
+    moved = volume.matrix[:3, :3] @ stored + volume.c_ras
+    far = np.linalg.norm(moved - stored)
+    from_stored, from_moved = np.linalg.norm(centre - stored), np.linalg.norm(centre - moved)
     if min(from_stored, from_moved) < far / 4:
         return Space("tkRAS" if from_stored < from_moved else "scanner", volume)
     c_ras = ", ".join(f"{value:g}" for value in volume.c_ras)
@@ -271,8 +271,8 @@ def label_bytes(
 
 def value_bytes(values: Mapping[str, NDArray[Any]], structure: str | None, record: Record | None = None) -> bytes:
     """Return values at points in the Workbench convention, with one map per name and NaN for missing values."""
-    named = ((printable(name), one.astype(np.float32)) for name, one in values.items())
-    arrays = [_array(one, "NIFTI_INTENT_NONE", {"Name": name}) for name, one in named]
+    named = ((printable(name), array.astype(np.float32)) for name, array in values.items())
+    arrays = [_array(array, "NIFTI_INTENT_NONE", {"Name": name}) for name, array in named]
     return _file(arrays, _named(structure), record)
 
 

@@ -48,11 +48,11 @@ def write_glb(
     coordinates = texture * [1, -1] + [0, 1]  # t runs downwards in glTF
     arrays = (single.astype("<f4"), coordinates.astype("<f4"), faces.astype("<u4"))
     blocks = [*(array.tobytes() for array in arrays), picture]
-    views, at = [], 0
+    views, offset = [], 0
     for block, target in zip(blocks, (_VERTICES, _VERTICES, _INDICES, None), strict=True):
-        view = {"buffer": 0, "byteOffset": at, "byteLength": len(block)}
+        view = {"buffer": 0, "byteOffset": offset, "byteLength": len(block)}
         views.append(view if target is None else {**view, "target": target})
-        at += len(_padded(block, b"\0"))
+        offset += len(_padded(block, b"\0"))
     body = b"".join(_padded(block, b"\0") for block in blocks)
     wrap, count = _REPEAT if repeat else _CLAMP, len(points)
     extent = {"min": single.min(axis=0).tolist(), "max": single.max(axis=0).tolist()}
@@ -103,18 +103,18 @@ def read_glb(path: Path, data: bytes) -> dict[str, Any]:
     for matrix, part in _parts(content):
         if part.get("mode", _TRIANGLES) in (_TRIANGLES, _STRIP, _FAN):  # not points or lines
             named = part["attributes"]
-            wanted = ((named["POSITION"], 3), (part.get("indices"), 1), (named.get("TEXCOORD_0"), 2))
-            parts.append((matrix, part.get("mode", _TRIANGLES), *(_stored(content, body, *one) for one in wanted)))
+            accessors = ((named["POSITION"], 3), (part.get("indices"), 1), (named.get("TEXCOORD_0"), 2))
+            parts.append((matrix, part.get("mode", _TRIANGLES), *(_stored(content, body, *key) for key in accessors)))
     check_room(
         _BYTES * sum(len(array) for _, _, *arrays in parts for array, _ in arrays)
     )  # parts may share their values
     points, faces, texture = [np.empty((0, 3))], [np.empty((0, 3), np.int64)], [np.empty((0, 2))]
-    for matrix, mode, (own, scale), (corners, _), (places, share) in parts:
+    for matrix, mode, (positions, scale), (corners, _), (places, share) in parts:
         turn = -1 if np.linalg.det(matrix[:3, :3]) < 0 else 1  # a mirrored surface keeps its outside
-        numbers = corners.ravel().astype(np.int64) if len(corners) else np.arange(len(own))
+        numbers = corners.ravel().astype(np.int64) if len(corners) else np.arange(len(positions))
         faces.append(_triangles(numbers, mode)[:, ::turn] + sum(map(len, points)))
-        points.append(_scaled(own, scale) @ matrix[:3, :3].T + matrix[:3, 3])
-        unplaced = np.full((len(own), 2), np.nan)
+        points.append(_scaled(positions, scale) @ matrix[:3, :3].T + matrix[:3, 3])
+        unplaced = np.full((len(positions), 2), np.nan)
         texture.append(_scaled(places, share) * [1, -1] + [0, 1] if len(places) else unplaced)
     if not sum(map(len, faces)):
         raise InputError("has no triangles. Export the surface as triangles")
@@ -187,23 +187,23 @@ def _stored(content: dict[str, Any], body: bytes, number: object, columns: int) 
     """Return the values (N, columns) in the file that an accessor describes (none for None), and their divisor."""
     if number is None:
         return np.empty((0, columns)), 1
-    told = _at(content, "accessors", number)
-    if "sparse" in told or "bufferView" not in told:
+    accessor = _at(content, "accessors", number)
+    if "sparse" in accessor or "bufferView" not in accessor:
         raise InputError(f"stores values {number} in a compressed form. {_REMEDY}")
-    view, kind = _at(content, "bufferViews", told["bufferView"]), np.dtype(_TYPES[told["componentType"]])
+    view, kind = _at(content, "bufferViews", accessor["bufferView"]), np.dtype(_TYPES[accessor["componentType"]])
     if "uri" in _at(content, "buffers", view["buffer"]) or view["buffer"] != 0:
         raise InputError(f"stores values {number} outside the file. {_REMEDY}")
-    if _COLUMNS.get(told["type"]) != columns:
-        raise InputError(f"stores values {number} as {told['type']!r:.80}. {_REMEDY}")
-    count, row = told["count"], columns * kind.itemsize
-    step, start, offset = view.get("byteStride", row), view.get("byteOffset", 0), told.get("byteOffset", 0)
+    if _COLUMNS.get(accessor["type"]) != columns:
+        raise InputError(f"stores values {number} as {accessor['type']!r:.80}. {_REMEDY}")
+    count, row = accessor["count"], columns * kind.itemsize
+    step, start, offset = view.get("byteStride", row), view.get("byteOffset", 0), accessor.get("byteOffset", 0)
     numbers = (count, step, start, offset, view["byteLength"])
-    if not all(type(one) is int and one >= 0 for one in numbers) or count < 1 or step < row:
+    if not all(type(number) is int and number >= 0 for number in numbers) or count < 1 or step < row:
         raise InputError(f"its header is damaged: the size of values {number} is {numbers!r:.80}. {AGAIN}")
     if offset + step * (count - 1) + row > view["byteLength"] or start + view["byteLength"] > len(body):
         raise InputError(f"its header specifies {count} values, but the file contains {len(body)} bytes. {AGAIN}")
-    found: NDArray[Any] = np.ndarray((count, columns), kind, body, start + offset, (step, kind.itemsize))
-    return found, np.iinfo(kind).max if told.get("normalized") and kind.kind != "f" else 1
+    values: NDArray[Any] = np.ndarray((count, columns), kind, body, start + offset, (step, kind.itemsize))
+    return values, np.iinfo(kind).max if accessor.get("normalized") and kind.kind != "f" else 1
 
 
 def _scaled(values: NDArray[Any], divisor: int) -> NDArray[np.float64]:

@@ -59,20 +59,20 @@ def _axes(tags: str) -> str:
 def _described(path: Path) -> tuple[str, list[int], str, list[int] | None, str | None, tuple[int, ...]]:
     """Return the name, shape, type, chunks, axistags and stored chunks of the stack in a file, in the child process."""
     h5py = require("h5py")
-    found: dict[str, Any] = {}
+    stacks: dict[str, Any] = {}
 
     def add_dataset(name: str, item: Any) -> None:
         if isinstance(item, h5py.Dataset) and len(item.shape or ()) > 2 and item.dtype.kind in "biuf":
-            found[name] = item
+            stacks[name] = item
 
     with h5py.File(path, "r") as file:
         file.visititems(add_dataset)
-        if not found:
+        if not stacks:
             raise InputError(f"contains no dataset of numbers with at least three axes. {_OTHER}")
-        if len(found) > 1 and _USUAL not in found:
-            listed = ", ".join(list(found)[:5]) + ", ..." * (len(found) > 5)
+        if len(stacks) > 1 and _USUAL not in stacks:
+            listed = ", ".join(list(stacks)[:5]) + ", ..." * (len(stacks) > 5)
             raise InputError(f"contains several datasets ({listed}), none of which is named {_USUAL}. {_OTHER}")
-        name, data = (_USUAL, found[_USUAL]) if _USUAL in found else found.popitem()
+        name, data = (_USUAL, stacks[_USUAL]) if _USUAL in stacks else stacks.popitem()
         if data.is_virtual or data.external:
             raise InputError(f"stores the values of {name} in other files. {_OTHER}")
         tags = data.attrs.get("axistags")
@@ -85,7 +85,7 @@ def _described(path: Path) -> tuple[str, list[int], str, list[int] | None, str |
         return name, list(map(int, data.shape)), data.dtype.str, chunks, tags, stored
 
 
-def hdf5_block(path: Path, at: list[int | list[int]], name: str) -> NDArray[Any]:
+def hdf5_block(path: Path, box: list[int | list[int]], name: str) -> NDArray[Any]:
     """Read a box of a dataset, given one index, or a start and an end index, for each axis."""
     with require("h5py").File(path, "r") as file:
-        return np.asarray(file[name][tuple(slice(*one) if isinstance(one, list) else one for one in at)])
+        return np.asarray(file[name][tuple(slice(*index) if isinstance(index, list) else index for index in box)])

@@ -42,14 +42,14 @@ def _read(data: bytes) -> tuple[dict[str, Any], NDArray[np.float64] | None]:
     if order == _TEXT:
         body = np.fromiter(map(float, body.split()), np.float64).tobytes()
     vertices: NDArray[Any] = np.empty(0)
-    lists, at = None, 0
+    lists, offset = None, 0
     for element in elements:
         name, count, _ = element
         if name in ("face", "tristrips") and (count or name == "tristrips"):
-            lists, at = _lists(body, at, element, order)
+            lists, offset = _lists(body, offset, element, order)
         else:
-            table = _table(body, at, element, order)
-            at += table.nbytes
+            table = _table(body, offset, element, order)
+            offset += table.nbytes
             vertices = table if name == "vertex" else vertices
         if len(vertices) and lists is not None:
             break  # other elements are ignored
@@ -74,8 +74,8 @@ def _read(data: bytes) -> tuple[dict[str, Any], NDArray[np.float64] | None]:
     if coordinates is None and stored is not None:
         coordinates, seam = first_coordinates(stored, faces, len(points))
         warnings += seam
-    kept = [key for key in names if key not in ("x", "y", "z", *texture) and not key.endswith(" length")]
-    values = {of: vertices[of].astype(vertices[of].dtype.newbyteorder("=")) for of in kept if vertices[of].ndim == 1}
+    others = [key for key in names if key not in ("x", "y", "z", *texture) and not key.endswith(" length")]
+    values = {x: vertices[x].astype(vertices[x].dtype.newbyteorder("=")) for x in others if vertices[x].ndim == 1}
     more = {"warnings": warnings, "texture_coordinates": coordinates, "point_data": values}
     return {"points": points, "faces": faces, **more}, stored
 
@@ -112,16 +112,16 @@ def _stored(kind: str, order: str) -> np.dtype[Any]:
     return np.dtype("f8" if order == _TEXT else order + kind)
 
 
-def _table(body: bytes, at: int, element: _Element, order: str) -> NDArray[Any]:
+def _table(body: bytes, offset: int, element: _Element, order: str) -> NDArray[Any]:
     """Return the rows of an element; all its lists must have the same lengths as those in the first row."""
     layout: list[Any] = []
     name, count, properties = element
     if count == 0 or not properties:
         return np.empty(0)
     for key, kind, length_kind in properties:
-        value_type, length_type = (_stored(one or kind, order) for one in (kind, length_kind))
+        value_type, length_type = (_stored(code or kind, order) for code in (kind, length_kind))
         if length_kind:
-            place = at + np.dtype(layout).itemsize
+            place = offset + np.dtype(layout).itemsize
             length = int(np.frombuffer(body[place : place + length_type.itemsize], length_type)[0])
             if not 0 <= length <= len(body):
                 raise InputError(f"{name} 0 has {length} corners, more than the file contains. {AGAIN}")
@@ -129,7 +129,7 @@ def _table(body: bytes, at: int, element: _Element, order: str) -> NDArray[Any]:
         else:
             layout.append((key, value_type))
     dtype = np.dtype(layout)
-    rows = np.frombuffer(body, dtype, min(count, (len(body) - at) // dtype.itemsize), at)
+    rows = np.frombuffer(body, dtype, min(count, (len(body) - offset) // dtype.itemsize), offset)
     for key in (key for key in dtype.names or () if key.endswith(" length")):
         other = np.flatnonzero(rows[key] != rows[key][:1])
         if len(other):
@@ -140,42 +140,42 @@ def _table(body: bytes, at: int, element: _Element, order: str) -> NDArray[Any]:
     return rows
 
 
-def _lists(body: bytes, at: int, element: _Element, order: str) -> tuple[_Lists | None, int]:
+def _lists(body: bytes, offset: int, element: _Element, order: str) -> tuple[_Lists | None, int]:
     """Return the corners of all faces, if the element has any, and the next element's offset."""
     names = [key for key, _, is_list in element[2] if is_list and key in ("vertex_indices", "vertex_index")]
     if not names:
-        return None, at + _table(body, at, element, order).nbytes
+        return None, offset + _table(body, offset, element, order).nbytes
     try:
-        table = _table(body, at, element, order)
+        table = _table(body, offset, element, order)
     except InputError:  # its lists have different lengths, or the file is incomplete
-        return _uneven(body, at, element, order, names[0])
+        return _uneven(body, offset, element, order, names[0])
     rows = table[names[0]] if element[1] else np.empty((0, 3))
     counts = np.full(len(rows), rows.shape[1], dtype=np.int64)
     stored = table[_OF_CORNERS] if _OF_CORNERS in (table.dtype.names or ()) else None
-    return (_whole(rows.ravel(), counts), counts, _of_corners(stored, counts)), at + table.nbytes
+    return (_whole(rows.ravel(), counts), counts, _of_corners(stored, counts)), offset + table.nbytes
 
 
-def _uneven(body: bytes, at: int, element: _Element, order: str, key: str) -> tuple[_Lists, int]:
+def _uneven(body: bytes, offset: int, element: _Element, order: str, key: str) -> tuple[_Lists, int]:
     """Read an element whose lists have different lengths, row by row."""
     name, count, properties = element
-    kinds = [(one, _stored(of, order), _stored(size or of, order), size) for one, of, size in properties]
+    kinds = [(key_, _stored(code, order), _stored(size or code, order), size) for key_, code, size in properties]
     rows, stored = [], []
     for row in range(count):
-        for one, kind, length_kind, is_list in kinds:
+        for list_name, kind, length_kind, is_list in kinds:
             length = 1
-            if is_list and at + length_kind.itemsize <= len(body):
-                number = float(np.frombuffer(body, length_kind, 1, at)[0])
+            if is_list and offset + length_kind.itemsize <= len(body):
+                number = float(np.frombuffer(body, length_kind, 1, offset)[0])
                 length = int(number) if number >= 0 and number % 1 == 0 else len(body)
-                at += length_kind.itemsize
-            if at + length * kind.itemsize > len(body):
+                offset += length_kind.itemsize
+            if offset + length * kind.itemsize > len(body):
                 raise InputError(f"ends at {name} {row} of {count}. {AGAIN}")
-            if one == key:
-                rows.append(np.frombuffer(body, kind, length, at))
-            elif one == _OF_CORNERS:
-                stored.append(np.frombuffer(body, kind, length, at))
-            at += length * kind.itemsize
+            if list_name == key:
+                rows.append(np.frombuffer(body, kind, length, offset))
+            elif list_name == _OF_CORNERS:
+                stored.append(np.frombuffer(body, kind, length, offset))
+            offset += length * kind.itemsize
     counts = np.array([len(one) for one in rows], dtype=np.int64)
-    return (_whole(np.concatenate(rows), counts), counts, _of_corners(stored or None, counts)), at
+    return (_whole(np.concatenate(rows), counts), counts, _of_corners(stored or None, counts)), offset
 
 
 def _of_corners(
@@ -184,11 +184,11 @@ def _of_corners(
     """Return the texture coordinates of corners, (C, 2); NaN for faces without two numbers for each corner."""
     if stored is None:
         return None
-    fits = np.array([len(one) for one in stored], dtype=np.int64) == 2 * counts
-    found = np.full((int(counts.sum()), 2), np.nan)
+    fits = np.array([len(row) for row in stored], dtype=np.int64) == 2 * counts
+    places = np.full((int(counts.sum()), 2), np.nan)
     if fits.any():
-        found[np.repeat(fits, counts)] = np.concatenate([stored[n] for n in np.flatnonzero(fits)]).reshape(-1, 2)
-    return found if fits.any() else None
+        places[np.repeat(fits, counts)] = np.concatenate([stored[n] for n in np.flatnonzero(fits)]).reshape(-1, 2)
+    return places if fits.any() else None
 
 
 def _whole(numbers: NDArray[Any], counts: NDArray[np.int64]) -> NDArray[np.int64]:

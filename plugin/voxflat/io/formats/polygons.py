@@ -33,8 +33,8 @@ def read_off(path: Path, data: bytes) -> dict[str, Any]:
     lengths = np.array([int(face[0]) for face in faces], dtype=np.int64)
     is_cut = bool(faces) and len(faces[-1]) <= lengths[-1]
     if len(faces) != numbers[1] or is_cut:
-        found = "an incomplete one" if is_cut else str(len(faces))
-        raise InputError(f"its header specifies {numbers[1]} faces, but the file lists {found}. {AGAIN}")
+        count = "an incomplete one" if is_cut else str(len(faces))
+        raise InputError(f"its header specifies {numbers[1]} faces, but the file lists {count}. {AGAIN}")
     corners = np.array([corner for face in faces for corner in face[1 : int(face[0]) + 1]], dtype=np.int64)
     places, warnings = triangulated(points, corners, lengths)
     return {"points": points, "faces": corners[places], "warnings": warnings}
@@ -65,12 +65,12 @@ def of_scene(scene: Any) -> dict[str, Any]:
         mesh = scene.geometry[name]
         if not len(getattr(mesh, "faces", ())):
             continue  # points or lines
-        own = np.asarray(mesh.vertices) @ transform[:3, :3].T + transform[:3, 3]
+        placed = np.asarray(mesh.vertices) @ transform[:3, :3].T + transform[:3, 3]
         coordinates = getattr(mesh.visual, "uv", None)
         turn = -1 if np.linalg.det(transform[:3, :3]) < 0 else 1  # a mirrored surface keeps its outside
         faces.append(np.asarray(mesh.faces, dtype=np.int64)[:, ::turn] + sum(map(len, points)))
-        points.append(own)
-        texture.append(np.full((len(own), 2), np.nan) if coordinates is None else np.asarray(coordinates))
+        points.append(placed)
+        texture.append(np.full((len(placed), 2), np.nan) if coordinates is None else np.asarray(coordinates))
     if len(faces) == 1:
         raise InputError("has no triangles. Export the surface as triangles")
     places = np.concatenate(texture)

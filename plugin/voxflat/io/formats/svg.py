@@ -111,7 +111,7 @@ def _outlines(group: Any, svg: Any, to_mm: Any, around: str | None) -> Iterator[
             name = _own(element, _LABEL) or inside or title or element.id or f"region {n + 1}"
             loops = tuple(_loops(svg.Path(element), svg, to_mm))
             rule = element.values.get("fill-rule") == "evenodd"
-            colours = [of for of in (element.fill, element.stroke) if of is not None and of.value is not None]
+            colours = [c for c in (element.fill, element.stroke) if c is not None and c.value is not None]
             colour = (colours[0].red, colours[0].green, colours[0].blue) if colours else None
             yield Outline(str(name).strip(), loops, rule, colour)
 

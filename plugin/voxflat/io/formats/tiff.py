@@ -104,10 +104,10 @@ class TiffStack:
         """Return a volume (x, y, z), with y pointing downwards, or colours (x, y, z, 3)."""
         fixed = dict(self.at(number)[1])
         key = tuple(fixed.get(n, slice(0, length)) for n, (_, length) in enumerate(self.axes))
-        kept, data = [axis for n, (axis, _) in enumerate(self.axes) if n not in fixed], self.array[key]
+        axes, data = [axis for n, (axis, _) in enumerate(self.axes) if n not in fixed], self.array[key]
         if not self.depth:
-            kept, data = ["one", *kept], data[None]
-        order = [kept.index(axis) for axis in ("X", "Y", self.depth or "one", "S") if axis in kept]
+            axes, data = ["one", *axes], data[None]
+        order = [axes.index(axis) for axis in ("X", "Y", self.depth or "one", "S") if axis in axes]
         return np.asarray(data.transpose(order))
 
 
@@ -138,20 +138,20 @@ def open_tiff(path: Path) -> TiffStack:
         raise InputError(f"has one slice and several images ({', '.join(several)}). {remedy}")
     names = []
     for index in np.ndindex(*(n for _, n in others)):
-        each = [(axis, at) for (axis, n), at in zip(others, index, strict=True) if n > 1]
+        each = [(axis, place) for (axis, n), place in zip(others, index, strict=True) if n > 1]
         is_named = len(titles) == dict(axes).get("C")
-        names.append(" ".join(titles[at] if axis == "C" and is_named else f"{axis.lower()}{at}" for axis, at in each))
+        names.append(" ".join(titles[n] if axis == "C" and is_named else f"{axis.lower()}{n}" for axis, n in each))
     return TiffStack(array, axes, depth, tuple(names), affine, unit)
 
 
 def _other_images(series: Any) -> str:
     """Return a message about the pictures after the first image; raise an error if these are slices or stacks."""
-    sizes = [" x ".join(str(length) for length in one.shape[::-1]) for one in series]
-    names = [f"{one.name!r:.60} ({size})" if one.name else size for one, size in zip(series, sizes, strict=True)]
-    told = f"contains {len(series)} images ({', '.join(names[:5])}{', ...' * (len(names) > 5)})"
-    if len(series[0]) == 1 or any(len(one) > 1 for one in series[1:]):
-        raise InputError(f"{told}. Save one image, or all slices as one stack, to a file of its own")
-    return f"{told}. Only the first one, a stack, is read"
+    sizes = [" x ".join(str(length) for length in page.shape[::-1]) for page in series]
+    names = [f"{page.name!r:.60} ({size})" if page.name else size for page, size in zip(series, sizes, strict=True)]
+    content = f"contains {len(series)} images ({', '.join(names[:5])}{', ...' * (len(names) > 5)})"
+    if len(series[0]) == 1 or any(len(page) > 1 for page in series[1:]):
+        raise InputError(f"{content}. Save one image, or all slices as one stack, to a file of its own")
+    return f"{content}. Only the first one, a stack, is read"
 
 
 def _array(path: Path, file: Any) -> TiffArray:
@@ -173,20 +173,20 @@ def _is_inside(axis: str, length: int, depth: str) -> bool:
 
 def _ome_place(text: str | None, is_deep: bool) -> tuple[Affine, str] | None:
     """Return the affine and its unit from OME-XML, if it defines the size of voxels."""
-    found = {}
+    sizes = {}
     for axis in "XYZ" if text else "":
         size = re.search(rf'\bPhysicalSize{axis}="([^"]*)"', text or "")
         unit = re.search(rf'\bPhysicalSize{axis}Unit="([^"]+)"', text or "")
         named = unescape(unit[1]) if unit else "µm"
         if size is not None and named not in _NOT_LENGTHS:
-            found[axis] = (size[1], named)
-    if not found:
+            sizes[axis] = (size[1], named)
+    if not sizes:
         return None
     if not is_deep:
-        found.setdefault("Z", found.get("X", ("", "µm")))
-    if negative := [size for size, _ in found.values() if size.strip().startswith("-")]:
+        sizes.setdefault("Z", sizes.get("X", ("", "µm")))
+    if negative := [size for size, _ in sizes.values() if size.strip().startswith("-")]:
         raise InputError(f"has an invalid voxel size ({negative[0]}). Pass an array and a spacing")
-    return _place([found.get(axis) for axis in "XYZ"])
+    return _place([sizes.get(axis) for axis in "XYZ"])
 
 
 def _imagej_place(file: Any, is_deep: bool) -> tuple[Affine, str] | None:
@@ -215,13 +215,13 @@ def _place(sizes: list[tuple[str, str] | None]) -> tuple[Affine, str]:
         if size is None:
             lengths.append(math.nan)
             continue
-        text, own = size
-        factor = millimetres(own) / millimetres(unit)
+        text, name = size
+        factor = millimetres(name) / millimetres(unit)
         try:
             length = abs(float(text)) * factor
         except ValueError:
             length = 0.0
         if not 0 < length < np.inf:
-            raise InputError(f"has an invalid voxel size ({text} {own}). Pass an array and a spacing")
+            raise InputError(f"has an invalid voxel size ({text} {name}). Pass an array and a spacing")
         lengths.append(length)
     return np.diag([*lengths, 1.0]), unit

@@ -56,25 +56,25 @@ def _tags(
 ) -> tuple[dict[int, NDArray[np.uint64]], int]:
     """Return the tags of a page that are whole numbers, and the position of the next page, 0 for none."""
 
-    def taken(at: int, length: int) -> bytes:
-        if at + length > size:
+    def taken(position: int, length: int) -> bytes:
+        if position + length > size:
             raise InputError(_SHORT)
-        file.seek(at)
+        file.seek(position)
         return file.read(length)
 
     counting, row, link = ("Q", 20, "Q") if is_big else ("H", 12, "I")
     start = offset + struct.calcsize(counting)
     number = struct.unpack(order + counting, taken(offset, start - offset))[0]
     table = taken(start, number * row + struct.calcsize(link))
-    found = {}
-    for at in range(0, number * row, row):
-        code, kind, count = struct.unpack_from(f"{order}HH{link}", table, at)
-        inline = table[at + row - struct.calcsize(link) : at + row]
+    tags = {}
+    for place in range(0, number * row, row):
+        code, kind, count = struct.unpack_from(f"{order}HH{link}", table, place)
+        inline = table[place + row - struct.calcsize(link) : place + row]
         length = _SIZES.get(kind, 0) * count
         value = inline if length <= len(inline) else taken(struct.unpack(order + link, inline)[0], length)
         if kind in _WHOLE:
-            found[code] = np.frombuffer(value[:length], order + _WHOLE[kind]).astype(np.uint64)
-    return found, struct.unpack_from(order + link, table, number * row)[0]
+            tags[code] = np.frombuffer(value[:length], order + _WHOLE[kind]).astype(np.uint64)
+    return tags, struct.unpack_from(order + link, table, number * row)[0]
 
 
 def _check_pixels(tags: dict[int, NDArray[np.uint64]], size: int, page: int) -> None:
@@ -92,9 +92,9 @@ def _check_pixels(tags: dict[int, NDArray[np.uint64]], size: int, page: int) -> 
     sizes = (one(_TILE_WIDTH, 0), one(_TILE_LENGTH, 0)) if is_tiled else (width, min(one(_ROWS, length), length))
     if not (width and length and all(sizes)):
         raise InputError(f"its page {page} has no pixels. {AGAIN}")
-    wanted = -(-width // sizes[0]) * -(-length // sizes[1]) * (samples if one(_PLANAR, 1) == 2 else 1)
+    needed = -(-width // sizes[0]) * -(-length // sizes[1]) * (samples if one(_PLANAR, 1) == 2 else 1)
     is_short = one(_COMPRESSION, 1) == 1 and not is_tiled and sum(map(int, counts)) < need
-    if len(offsets) != len(counts) or len(offsets) < wanted or is_short or not counts.all():
+    if len(offsets) != len(counts) or len(offsets) < needed or is_short or not counts.all():
         raise InputError(f"does not contain all pixels of its page {page}. {AGAIN}")
     if (offsets.astype(np.float64) + counts > size).any():
         raise InputError(_SHORT)
@@ -120,8 +120,8 @@ def check_companions(path: Path, text: str | None) -> int | None:
         other = companion(path, name, "planes")
         check_pages(other)
         with require("tifffile").TiffFile(other) as file:
-            own = None if file.ome_metadata is None else ElementTree.fromstring(file.ome_metadata).get("UUID")
-        if own not in (None, identity):
+            uuid = None if file.ome_metadata is None else ElementTree.fromstring(file.ome_metadata).get("UUID")
+        if uuid not in (None, identity):
             raise InputError(f"stores planes in {name!r:.80}, which belongs to another image. Copy the original file")
         record_file(other)
     return values
@@ -134,19 +134,19 @@ def _name(element: ElementTree.Element) -> str:
 def check_series(file: Any, values: int | None) -> None:
     """Raise an error if the first series of an open file has fewer planes than its metadata define."""
     series = file.series[0]
-    found, told = math.prod(series.shape), [] if values is None else [values]
+    values_, told = math.prod(series.shape), [] if values is None else [values]
     if file.is_shaped:
         told = [math.prod((file.shaped_metadata or [{"shape": [0]}])[0]["shape"])]
     elif file.imagej_metadata:
         counts = [int(file.imagej_metadata.get(key, 1)) for key in ("frames", "slices", "channels")]
         planes = max(math.prod(counts), int(file.imagej_metadata.get("images", 1)))
         told.append(planes * math.prod(series.keyframe.shape))
-    planes = found // max(math.prod(series.keyframe.shape), 1)
-    if told and found not in told:
+    planes = values_ // max(math.prod(series.keyframe.shape), 1)
+    if told and values_ not in told:
         raise InputError(f"has {planes} planes, which are not those that its metadata define. {AGAIN}")
     held = [] if len(series.pages) == 0 else series._pages
     if series.dataoffset is not None:
-        is_complete = series.dataoffset + found * series.dtype.itemsize <= file.filehandle.size
+        is_complete = series.dataoffset + values_ * series.dtype.itemsize <= file.filehandle.size
     else:
         is_complete = len(held) == planes and all(page is not None for page in held)
     if not is_complete:

@@ -59,11 +59,11 @@ def read_vtp(path: Path, data: bytes) -> dict[str, Any]:
 
 def _by_vtk(path: Path, module: str, reader: str, counts: list[int | None]) -> dict[str, Any]:
     """Read a file with a VTK class, and compare the numbers of points, faces, strips and corners with the header."""
-    *found, parts = read_in_subprocess(_read_polydata, "vtkmodules", path, module, reader)
+    *counted, parts = read_in_subprocess(_read_polydata, "vtkmodules", path, module, reader)
     names = ("points", "faces", "corners of faces", "strips", "corners of strips")
-    for there, told, name in zip(found, counts, names, strict=True):
-        if told is not None and there != told:
-            raise InputError(f"has {there} {name}, but its header specifies {told}. {AGAIN}")
+    for there, specified, name in zip(counted, counts, names, strict=True):
+        if specified is not None and there != specified:
+            raise InputError(f"has {there} {name}, but its header specifies {specified}. {AGAIN}")
     return {**parts, "warnings": tuple(parts["warnings"])}
 
 
@@ -80,7 +80,7 @@ def _read_polydata(path: Path, module: str, reader: str) -> tuple[Any, ...]:
         said = re.sub(r"^\w+ \(0x\w+\): ", "", errors[0].splitlines()[-1].strip())
         raise InputError(f"VTK reports: {said}. {AGAIN}")
     mesh = source.GetOutput()
-    cells = [(of.GetNumberOfCells(), of.GetNumberOfConnectivityIds()) for of in (mesh.GetPolys(), mesh.GetStrips())]
+    cells = [(c.GetNumberOfCells(), c.GetNumberOfConnectivityIds()) for c in (mesh.GetPolys(), mesh.GetStrips())]
     parts, _ = dataset_parts(mesh)
     return mesh.GetNumberOfPoints(), *cells[0], *cells[1], parts
 
@@ -125,7 +125,7 @@ def dataset_parts(dataset: Any) -> tuple[dict[str, Any], NDArray[np.int64]]:
 def _arrays(data: Any, texture: Any = None) -> dict[str, NDArray[Any]]:
     """Return the numeric arrays of the points or cells of a dataset that have names."""
     arrays = [data.GetArray(number) for number in range(data.GetNumberOfArrays())]  # None for text arrays
-    return {one.GetName(): as_numpy(one) for one in arrays if one and one is not texture and one.GetName()}
+    return {array.GetName(): as_numpy(array) for array in arrays if array and array is not texture and array.GetName()}
 
 
 def _outside(dataset: Any) -> Any:
@@ -159,7 +159,7 @@ def _polydata_triangles(mesh: Any, points: Points) -> tuple[Faces, NDArray[np.in
     faces, cells, warnings = [none], [none[:, 0]], list[str]()
     if polygons.GetNumberOfCells():
         offsets, corners = (
-            as_numpy(one).astype(np.int64) for one in (polygons.GetOffsetsArray(), polygons.GetConnectivityArray())
+            as_numpy(array).astype(np.int64) for array in (polygons.GetOffsetsArray(), polygons.GetConnectivityArray())
         )
         places, of_polygons = triangulated(points, corners, np.diff(offsets))
         faces.append(corners[places])
@@ -167,7 +167,7 @@ def _polydata_triangles(mesh: Any, points: Points) -> tuple[Faces, NDArray[np.in
         warnings += of_polygons
     if strips.GetNumberOfCells():
         offsets, corners = (
-            as_numpy(one).astype(np.int64) for one in (strips.GetOffsetsArray(), strips.GetConnectivityArray())
+            as_numpy(array).astype(np.int64) for array in (strips.GetOffsetsArray(), strips.GetConnectivityArray())
         )
         faces.append(of_strips(np.split(corners, offsets[1:-1])))
         first = others + polygons.GetNumberOfCells()
