@@ -87,15 +87,15 @@ def charted(
         seam = _opposite(graph, frame.longitudes, ends)
         length = float(np.linalg.norm(np.diff(part.points[seam], axis=0), axis=1).sum())
         warnings.append(f"the surface is {kind}, so it was cut along a seam from end to end ({rounded(length)} mm)")
-        made = [(part, [seam])]
+        parts = [(part, [seam])]
     else:
         warnings.append(f"the surface is {kind}, so it was divided into {count} charts that reach from end to end")
-        made = [
+        parts = [
             (part._with_core(part.core.part_of_faces(faces)), [])
             for faces in _sectors(part, graph, frame, sectors, overlap)
         ]
     charts = []
-    for number, (chart, cuts) in enumerate(made):
+    for number, (chart, cuts) in enumerate(parts):
         described = {**about, "name": names_of(sectors)[number]}
         onto = _targets(part, frame, 2 * np.pi * number / sectors)
         cut = _chart(whole, chart, cuts, Chart(described, onto), warnings)
@@ -164,7 +164,7 @@ def _caps(part: Manifold, frame: _Frame, overlap: float) -> NDArray[np.bool_]:
     sums, edges = np.histogram(along, _BANDS, (low, high), weights=areas)  # proportional to circumferences
     wide = np.flatnonzero(sums >= _CAP * sums.max())
     reaches = (edges[wide[0]] - low, high - edges[wide[-1] + 1])
-    return np.array([~_largest(of > reach + overlap, beside, areas) for of, reach in zip(apart, reaches, strict=True)])
+    return np.array([~_largest(d > reach + overlap, beside, areas) for d, reach in zip(apart, reaches, strict=True)])
 
 
 def _checked_topology(part: Manifold) -> str:
@@ -177,9 +177,9 @@ def _checked_topology(part: Manifold) -> str:
             "repair='voxels', or remove the handles from the segmentation"
         )
     if loops not in (0, 2):
-        what = "is a disk" if loops == 1 else f"has {loops} boundary loops"
+        state = "is a disk" if loops == 1 else f"has {loops} boundary loops"
         remedy = "Flatten it without charts" if loops == 1 else "Close the holes, or flatten it without charts"
-        raise InputError(f"charts require a closed surface, or a tube with two ends, but this one {what}. {remedy}")
+        raise InputError(f"charts require a closed surface, or a tube with two ends, but this one {state}. {remedy}")
     return "a tube" if loops else "closed"
 
 
@@ -203,28 +203,28 @@ def _path(graph: Any, sources: _Ints, targets: _Ints) -> _Ints:
 
 def _ends(part: Manifold, graph: Any, axis: Sequence[Any] | None, warnings: list[str]) -> tuple[_Ints, _Ints]:
     """Return the anterior and the posterior end: a vertex each, or the boundary loops of a tube."""
-    given = None
+    ends = None
     if axis is not None:
         if isinstance(axis, str) or not hasattr(axis, "__len__") or len(axis) != 2:
             raise InputError(f"the axis is {shown(axis)}. Pass two points: the anterior and the posterior end")
-        found = [
+        placed = [
             vertex_at(part, point, f"{end} end of the axis")
             for end, point in zip(("anterior", "posterior"), axis, strict=True)
         ]
-        given = [vertex for vertex, _ in found]
-        warnings += [text for _, texts in found for text in texts]
-        if given[0] == given[1]:
+        ends = [vertex for vertex, _ in placed]
+        warnings += [text for _, texts in placed for text in texts]
+        if ends[0] == ends[1]:
             raise InputError("the two ends of the axis are the same point. Pass two different points")
     loops = [np.array(loop["vertices"]) for loop in part.core.topology()["loops"]]
     if not loops:
         return (
             _in_order(part, *(np.array([vertex]) for vertex in _poles(part)))
-            if given is None
-            else (np.array(given[:1]), np.array(given[1:]))
+            if ends is None
+            else (np.array(ends[:1]), np.array(ends[1:]))
         )
-    if given is None:
+    if ends is None:
         return _in_order(part, *loops)
-    apart = [scipy.sparse.csgraph.dijkstra(graph, indices=loop, min_only=True)[given] for loop in loops]
+    apart = [scipy.sparse.csgraph.dijkstra(graph, indices=loop, min_only=True)[ends] for loop in loops]
     nearest = np.argmin(apart, axis=0)
     if nearest[0] == nearest[1]:
         raise InputError("both points of the axis are nearest to the same end of the tube. Pass one point at each end")
@@ -234,14 +234,14 @@ def _ends(part: Manifold, graph: Any, axis: Sequence[Any] | None, warnings: list
 def _poles(part: Manifold) -> tuple[int, int]:
     """Return two vertices that are as far from each other as possible along the surface."""
     centred, ways = _principal_axes(part)
-    one, other, longest = int((centred @ ways[0]).argmax()), 0, 0.0
+    first, other, longest = int((centred @ ways[0]).argmax()), 0, 0.0
     for _ in range(_SWEEPS):
-        row = part.core.rows(np.array([one], dtype=np.uint32))[0]
+        row = part.core.rows(np.array([first], dtype=np.uint32))[0]
         farthest = int(row.argmax())
         if row[farthest] <= longest:
             break
-        longest, one, other = float(row[farthest]), farthest, one
-    return one, other
+        longest, first, other = float(row[farthest]), farthest, first
+    return first, other
 
 
 def _principal_axes(part: Manifold) -> tuple[_Floats, _Floats]:
@@ -252,10 +252,10 @@ def _principal_axes(part: Manifold) -> tuple[_Floats, _Floats]:
     return centred, ways * np.sign(ways[np.arange(3), largest])[:, None]
 
 
-def _in_order(part: Manifold, one: _Ints, other: _Ints) -> tuple[_Ints, _Ints]:
+def _in_order(part: Manifold, first: _Ints, second: _Ints) -> tuple[_Ints, _Ints]:
     """Return two ends, starting with the one that is lower along the coordinate in which they differ most."""
-    apart = part.points[other].mean(axis=0) - part.points[one].mean(axis=0)
-    return (one, other) if apart[np.abs(apart).argmax()] > 0 else (other, one)
+    apart = part.points[second].mean(axis=0) - part.points[first].mean(axis=0)
+    return (first, second) if apart[np.abs(apart).argmax()] > 0 else (second, first)
 
 
 def _frame(part: Manifold, graph: Any, ends: tuple[_Ints, _Ints], front: int | None, count: int) -> _Frame:
@@ -293,20 +293,20 @@ def _harmonic_longitudes(part: Manifold, path: _Ints) -> _Floats:
     """
     opened = part.core.cut([path.astype(np.uint32)])
     faces, count = opened.faces.astype(np.int64), len(opened)
-    own = np.empty(count, dtype=np.int64)
-    own[faces.ravel()] = part.faces.ravel()
+    rows = np.empty(count, dtype=np.int64)
+    rows[faces.ravel()] = part.faces.ravel()
     order = np.full(len(part), -2 * len(path))
     order[path] = np.arange(len(path))
     edges = faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
     is_border = ~np.isin(edges @ [count, 1], edges @ [1, count])
-    steps = np.diff(order[own[edges]], axis=1)[:, 0]
+    steps = np.diff(order[rows[edges]], axis=1)[:, 0]
     below = np.setdiff1d(edges[is_border & (steps == -1)], edges[is_border & (steps == 1)])
     if not len(below):
         raise InputError("the ends of the axis are neighbours on the surface. Pass points that are farther apart")
     higher = np.zeros(count)
     higher[below] = 2 * np.pi
     matrix, _ = cotangents(opened.points, faces)
-    join = scipy.sparse.coo_array((np.ones(count), (np.arange(count), own)), shape=(count, len(part))).tocsr()
+    join = scipy.sparse.coo_array((np.ones(count), (np.arange(count), rows)), shape=(count, len(part))).tocsr()
     system, rest = (join.T @ (matrix @ join)).tocsc(), -(join.T @ (matrix @ higher))
     angles = np.zeros(len(part))  # the angle of the first vertex is arbitrary
     angles[1:] = scipy.sparse.linalg.spsolve(system[1:, 1:], rest[1:], permc_spec="MMD_AT_PLUS_A")

@@ -68,16 +68,16 @@ def listed_points(ids: NDArray[np.int64], faces: NDArray[Any], bridges: NDArray[
     points = one_point_a_vertex(ids, faces)
     is_wrong = ~triangles_of(points, faces)
     suspects = np.union1d(ids[faces[is_wrong]], bridges)
-    own, others = faces, bridges
+    inner, others = faces, bridges
     while len(suspects):
-        points = _one_piece(_Corners(ids, own, others, suspects).without_bridges(points), ids, own)
-        is_apart = triangles_of(points, own)
-        is_apart[is_apart] = ~_of_largest_piece(own[is_apart])
+        points = _one_piece(_Corners(ids, inner, others, suspects).without_bridges(points), ids, inner)
+        is_apart = triangles_of(points, inner)
+        is_apart[is_apart] = ~_of_largest_piece(inner[is_apart])
         if not is_apart.any():
             return _Corners(ids, faces, bridges, np.setdiff1d(ids, ids[points])).with_restored(points)
         # programs would read triangles whose corners are in the piece, but not its edges: exclude them like bridges
-        others, suspects = np.concatenate([others, ids[own[is_apart]]]), np.union1d(suspects, ids[own[is_apart]])
-        own = own[~is_apart]
+        others, suspects = np.concatenate([others, ids[inner[is_apart]]]), np.union1d(suspects, ids[inner[is_apart]])
+        inner = inner[~is_apart]
     return _one_piece(points, ids, faces)
 
 
@@ -94,7 +94,7 @@ class _Corners:
         self.ids, self.faces, self.suspects = ids, faces, suspects
         near = faces[np.isin(ids[faces], suspects).any(axis=1)]
         self.vertices = np.unique(ids[near])
-        self.points: dict[frozenset[int], list[dict[int, int]]] = {frozenset(one): [] for one in bridges.tolist()}
+        self.points: dict[frozenset[int], list[dict[int, int]]] = {frozenset(row): [] for row in bridges.tolist()}
         for vertices, points in zip(ids[near].tolist(), near.tolist(), strict=True):
             self.points.setdefault(frozenset(vertices), []).append(dict(zip(vertices, points, strict=True)))
         self.around: defaultdict[int, list[frozenset[int]]] = defaultdict(list)
@@ -104,8 +104,8 @@ class _Corners:
 
     def read(self, vertex: int, listed: dict[int, int]) -> list[tuple[frozenset[int], bool]]:
         """Return the triangles at a vertex that a program would read, and whether each one is correct."""
-        found = [triangle for triangle in self.around[vertex] if triangle <= listed.keys()]
-        return [(one, any(points.items() <= listed.items() for points in self.points[one])) for one in found]
+        triangles = [triangle for triangle in self.around[vertex] if triangle <= listed.keys()]
+        return [(face, any(points.items() <= listed.items() for points in self.points[face])) for face in triangles]
 
     def without_bridges(self, points: NDArray[np.int64]) -> NDArray[np.int64]:
         """Exclude vertices one by one: those with the most wrong triangles first, then those with the fewest others."""
@@ -130,8 +130,8 @@ class _Corners:
     def with_restored(self, points: NDArray[np.int64]) -> NDArray[np.int64]:
         """Restore vertices, on either side of a cut, that add only correct triangles that share edges with others."""
         listed = self._by_vertex(points)
-        kept = self.faces[triangles_of(points, self.faces)]
-        corners = self.ids[kept[np.isin(self.ids[kept], self.vertices).any(axis=1)]].tolist()
+        listed_faces = self.faces[triangles_of(points, self.faces)]
+        corners = self.ids[listed_faces[np.isin(self.ids[listed_faces], self.vertices).any(axis=1)]].tolist()
         edges = {edge for triangle in corners for edge in _edges(triangle)}
         places: defaultdict[int, list[int]] = defaultdict(list)
         for point in np.flatnonzero(np.isin(self.ids, self.suspects)).tolist():
@@ -142,13 +142,13 @@ class _Corners:
             for vertex in (vertex for vertex in sorted(places) if vertex not in listed):
                 for point in places[vertex]:
                     listed[vertex] = point
-                    found = self.read(vertex, listed)
+                    triangles = self.read(vertex, listed)
                     if (
-                        found
-                        and all(right for _, right in found)
-                        and _are_connected([list(triangle) for triangle, _ in found], edges)
+                        triangles
+                        and all(right for _, right in triangles)
+                        and _are_connected([list(triangle) for triangle, _ in triangles], edges)
                     ):
-                        edges.update(edge for triangle, _ in found for edge in _edges(list(triangle)))
+                        edges.update(edge for triangle, _ in triangles for edge in _edges(list(triangle)))
                         is_settled = False
                         break
                     del listed[vertex]
@@ -169,20 +169,20 @@ def _edges(triangle: list[int]) -> list[frozenset[int]]:
 
 def _are_connected(triangles: list[list[int]], edges: set[frozenset[int]]) -> bool:
     """Return whether triangles are connected to edges, directly or through each other."""
-    rest, own = triangles, set[frozenset[int]]()
+    rest, reached = triangles, set[frozenset[int]]()
     while rest:
-        is_far = [edges.isdisjoint(_edges(triangle)) and own.isdisjoint(_edges(triangle)) for triangle in rest]
+        is_far = [edges.isdisjoint(_edges(triangle)) and reached.isdisjoint(_edges(triangle)) for triangle in rest]
         if all(is_far):
             return False
-        own.update(edge for triangle, far in zip(rest, is_far, strict=True) if not far for edge in _edges(triangle))
+        reached.update(edge for triangle, far in zip(rest, is_far, strict=True) if not far for edge in _edges(triangle))
         rest = [triangle for triangle, far in zip(rest, is_far, strict=True) if far]
     return True
 
 
 def _one_piece(points: NDArray[np.int64], ids: NDArray[np.int64], faces: NDArray[Any]) -> NDArray[np.int64]:
     """Return the points of the edge-connected piece with the most triangles."""
-    kept = faces[triangles_of(points, faces)]
-    largest = np.unique(kept[_of_largest_piece(kept)]).astype(np.int64)
+    listed = faces[triangles_of(points, faces)]
+    largest = np.unique(listed[_of_largest_piece(listed)]).astype(np.int64)
     return largest[np.argsort(ids[largest], kind="stable")]
 
 

@@ -87,10 +87,10 @@ class Cut(ReadOnly):
 
 def described_cuts(cuts: Sequence[Cut]) -> dict[str, Any]:
     """Return cuts as metadata, ready for JSON; `cuts_of` is the inverse."""
-    given = [cut for cut in cuts if not cut.is_automatic]
+    user_cuts = [cut for cut in cuts if not cut.is_automatic]
     return {
-        "cuts": [cut.ids.tolist() for cut in given],
-        "cut_names": [cut.name for cut in given],
+        "cuts": [cut.ids.tolist() for cut in user_cuts],
+        "cut_names": [cut.name for cut in user_cuts],
         "automatic_cuts": [cut._described() for cut in cuts if cut.is_automatic],
     }
 
@@ -100,20 +100,20 @@ def cuts_of(metadata: Mapping[str, Any]) -> tuple[Cut, ...]:
     paths = metadata.get("cuts") or []
     names = metadata.get("cut_names") or [None] * len(paths)  # old files have no names
     reason = "given" if metadata.get("cuts_by") in _BY_USER else "template"
-    given = [Cut(np.asarray(path, np.int64), None, reason, name) for path, name in zip(paths, names, strict=True)]
-    made = metadata.get("automatic_cuts") or []
-    return (*given, *(Cut(np.asarray(one["ids"], np.int64), one["length"], one["reason"]) for one in made))
+    user_cuts = [Cut(np.asarray(path, np.int64), None, reason, name) for path, name in zip(paths, names, strict=True)]
+    automatic = metadata.get("automatic_cuts") or []
+    return (*user_cuts, *(Cut(np.asarray(cut["ids"], np.int64), cut["length"], cut["reason"]) for cut in automatic))
 
 
 def save_cuts(
-    path: str | os.PathLike[str], cuts: Sequence[Cut], left_out: NDArray[np.int64], record: Record, **how: bool
+    path: str | os.PathLike[str], cuts: Sequence[Cut], left_out: NDArray[np.int64], record: Record, **writing: bool
 ) -> None:
     """Write cuts and excluded vertices to a file that `read_cuts` reads; see `voxflat.CutSurface.save`."""
     content: dict[str, Any] = {"format": CUTS_FORMAT, "cuts": [cut.ids.tolist() for cut in cuts]}
     if any(cut.name for cut in cuts):
         content["names"] = [cut.name for cut in cuts]
     content |= {"drop": left_out.tolist(), "provenance": record}
-    with saving(path, record, **how), atomic_path(path) as beside:
+    with saving(path, record, **writing), atomic_path(path) as beside:
         beside.write_text(as_text(content) + "\n", encoding="utf-8", newline="\n")
 
 
@@ -183,8 +183,8 @@ def _vertices(path: Path, values: object, indices: int | None) -> NDArray[np.int
     if array.size == 0 and array.ndim == 1:
         return np.empty((0,) if indices is None else (0, indices), dtype=np.int64)
     if array.dtype.kind not in "iu" or array.shape[1:] != (() if indices is None else (indices,)):
-        what = "vertex numbers" if indices is None else "voxel indices"
-        raise InputError(f"{path} has a list with type {array.dtype} and shape {array.shape}. Provide lists of {what}")
+        kind = "vertex numbers" if indices is None else "voxel indices"
+        raise InputError(f"{path} has a list with type {array.dtype} and shape {array.shape}. Provide lists of {kind}")
     return array.astype(np.int64)
 
 
@@ -208,18 +208,18 @@ def _filled(whole: Manifold, cut: Given) -> Given:
 def _vertices_along(part: Manifold, cut: Given) -> NDArray[np.uint32]:
     """Find the vertices of a path; if a voxel has several, choose those that are consecutive neighbours."""
     with naming(cut.title, _REMEDY):
-        found = part.find(cut.path, "the path")
-    if not part.is_voxels or len(found) < 2 or _are_linked(part, found):
-        return found
+        nearest = part.find(cut.path, "the path")
+    if not part.is_voxels or len(nearest) < 2 or _are_linked(part, nearest):
+        return nearest
     voxel = distinct(part.ids).which
-    choices = [np.flatnonzero(voxel == voxel[vertex]).tolist() for vertex in found]
+    choices = [np.flatnonzero(voxel == voxel[vertex]).tolist() for vertex in nearest]
     links = _links(part, np.concatenate([np.array(vertices) for vertices in choices]))
     before: list[dict[int, int]] = [dict.fromkeys(choices[0], -1)]
     for vertices in choices[1:]:
         steps = ((b, next((a for a in before[-1] if (a, b) in links), None)) for b in vertices)
         before.append({b: a for b, a in steps if a is not None})
     if not before[-1]:
-        return found
+        return nearest
     chain = [next(iter(before[-1]))]
     for step in before[:0:-1]:
         chain.append(step[chain[-1]])
@@ -244,29 +244,29 @@ def _links(part: Manifold, vertices: NDArray[Any]) -> set[tuple[int, int]]:
 def cut_along(part: SurfaceT, cuts: list[Given] | None) -> tuple[SurfaceT, list[Cut], float]:
     """Cut along paths of neighbours; also return the cuts, and their length in mm."""
     cuts = cuts or []
-    found = [_vertices_along(part, cut) for cut in cuts]
-    length = sum(float(np.linalg.norm(np.diff(part.points[path], axis=0), axis=1).sum()) for path in found)
-    made = [Cut(np.asarray(cut.path), None, "given", cut.name) for cut in cuts]
-    if not found:
-        return part, made, length
+    paths = [_vertices_along(part, cut) for cut in cuts]
+    length = sum(float(np.linalg.norm(np.diff(part.points[path], axis=0), axis=1).sum()) for path in paths)
+    named = [Cut(np.asarray(cut.path), None, "given", cut.name) for cut in cuts]
+    if not paths:
+        return part, named, length
     try:
-        core = part.core.cut(found)
-        is_fine = min(map(len, found)) > 1 and len(core.topology()["components"]) == 1
+        core = part.core.cut(paths)
+        is_fine = min(map(len, paths)) > 1 and len(core.topology()["components"]) == 1
     except InputError:
         is_fine = False
     if not is_fine:
-        _refuse(part, cuts, found)
-    return part._with_core(core), made, length
+        _refuse(part, cuts, paths)
+    return part._with_core(core), named, length
 
 
-def _refuse(part: Manifold, cuts: list[Given], found: list[NDArray[np.uint32]]) -> None:
+def _refuse(part: Manifold, cuts: list[Given], paths: list[NDArray[np.uint32]]) -> None:
     """Raise an error for the first cut that is not a path of neighbours, or that separates a piece of the surface."""
-    for number, (cut, path) in enumerate(zip(cuts, found, strict=True), 1):
+    for number, (cut, path) in enumerate(zip(cuts, paths, strict=True), 1):
         if len(path) < 2:
             raise InputError(f"{cut.title} has only one vertex. {_REMEDY}, or omit this cut")
         with naming(cut.title, _REMEDY):
             part.core.cut([path])
-        pieces = [piece["area"] for piece in part.core.cut(found[:number]).topology()["components"]]
+        pieces = [piece["area"] for piece in part.core.cut(paths[:number]).topology()["components"]]
         if len(pieces) > 1:
             share = 100 * (1 - max(pieces) / sum(pieces))
             raise InputError(
@@ -308,7 +308,7 @@ def close_holes(part: SurfaceT, progress: Progress | None) -> tuple[SurfaceT, ND
 def opened(
     part: SurfaceT,
     relax: float | bool | None,
-    given: float,
+    user_length: float,
     threads: int | None,
     progress: Progress | None,
     *,
@@ -319,7 +319,7 @@ def opened(
 ) -> tuple[SurfaceT, list[Cut], list[str]]:
     """Cut a surface open to a disk, and add relaxation cuts.
 
-    `given` is the total length of the given cuts in mm, which counts towards `relax`. If `is_fixed`, a surface that is
+    `user_length` is the total length of the given cuts in mm, counted towards `relax`. If `is_fixed`, a surface that is
     not a disk stays as it is. A surface that the user has cut gets relaxation cuts only on request; a disk that the
     user passed gets them on request, or if its distance error is large. `adapt` requests them within this distance (mm)
     of existing cuts.
@@ -341,7 +341,7 @@ def opened(
     kind = str if topology["handles"] else Note
     if relax is False or (relax is None and is_cut and not was_closed and adapt is None):
         return part, cuts, [kind(in_unit(text, part.origin.named_unit)) for text in warnings]
-    length = None if relax is None or relax is True else max(0.0, float(relax) - given)
+    length = None if relax is None or relax is True else max(0.0, float(relax) - user_length)
     least_relief, bearable = 0.0, 0.0
     if relax is None and not was_closed and adapt is None:
         least_relief, bearable = _LEAST_RELIEF, _BEARABLE if is_given and topology["euler"] == 1 else _FINE
@@ -361,6 +361,6 @@ def _counted(cuts: list[Cut], name: str) -> tuple[str, float]:
     return f"{len(cuts)} {name}" + ("" if len(cuts) == 1 else "s"), sum(cut.length or 0.0 for cut in cuts)
 
 
-def _named(part: Manifold, made: list[dict[str, Any]]) -> list[Cut]:
+def _named(part: Manifold, cuts: list[dict[str, Any]]) -> list[Cut]:
     """Return the cuts of the core, with the ids of their vertices."""
-    return [Cut(part.ids[one["vertices"]], one["length"], one["reason"]) for one in made]
+    return [Cut(part.ids[cut["vertices"]], cut["length"], cut["reason"]) for cut in cuts]

@@ -34,9 +34,9 @@ class Tube:
 
     def rows(self, opened: Manifold) -> NDArray[np.int64]:
         """Return the vertex of the tube for each vertex of the surface that was cut open along the seam."""
-        found = np.empty(len(opened), dtype=np.int64)
-        found[opened.faces] = self.part.faces
-        return found
+        rows = np.empty(len(opened), dtype=np.int64)
+        rows[opened.faces] = self.part.faces
+        return rows
 
 
 @dataclass(frozen=True)
@@ -95,7 +95,7 @@ class CutManifold(ReadOnly, Generic[SurfaceT_co]):
         """
         verbs = {step.verb: step for step in self.surface.steps}
         disk, corners = verbs.get("disk"), verbs.get("polygon")
-        own = {"chart": None if self.chart is None else self.chart.description, "sketch_error": self.sketch_error}
+        details = {"chart": None if self.chart is None else self.chart.description, "sketch_error": self.sketch_error}
         return {
             **self.whole.metadata,
             "keep": "keep" in verbs,
@@ -109,18 +109,18 @@ class CutManifold(ReadOnly, Generic[SurfaceT_co]):
             "sphere": None if self.sphere is None else self.sphere._described(),
             "surface_points": len(self.whole),
             "points": len(np.unique(self.surface.vertices)),
-            **{name: value for name, value in own.items() if value is not None},
+            **{name: value for name, value in details.items() if value is not None},
         }
 
     def _anatomy(self, threads: int | None = None, progress: Progress | None = None) -> dict[str, NDArray[np.float64]]:
         """Return curvature and sulcal depth of the part's vertices, computed on the complete surface."""
         of_whole = {"curvature": self.whole.mean_curvature, "sulcal_depth": self.whole.sulcal_depth}
-        found = {}
-        for name, of in of_whole.items():
+        anatomy = {}
+        for name, measure in of_whole.items():
             placed = np.full(self.whole.count, np.nan)
-            placed[self.whole.vertices] = of(threads=threads, progress=progress)
-            found[name] = placed[self.surface.vertices]
-        return found
+            placed[self.whole.vertices] = measure(threads=threads, progress=progress)
+            anatomy[name] = placed[self.surface.vertices]
+        return anatomy
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -154,7 +154,7 @@ def cut_open(part: SurfaceT, settings: CutSettings, *, to_disk: bool = True) -> 
     choice = chosen(whole, cuts, settings.sphere, is_free=is_free, threads=threads, progress=progress)
     warnings = list(choice.warnings)
     is_named = choice.template is not None or (isinstance(cuts, str) and cuts == AUTOMATIC)
-    own, left_out = (None, None) if is_named else read_cuts(whole, cuts)
+    paths, left_out = (None, None) if is_named else read_cuts(whole, cuts)
     if left_out is not None:
         part = dropped(part, left_out)
     if choice.template is not None:
@@ -164,17 +164,17 @@ def cut_open(part: SurfaceT, settings: CutSettings, *, to_disk: bool = True) -> 
     warnings = [*part.warnings, *warnings]
     uncut = part
     if choice.template is None:
-        part, cuts, length = cut_along(part, own)
+        part, cuts, length = cut_along(part, paths)
     else:
         part, named, of_cuts = _cut_by(choice, part, progress)
         cuts = [Cut(uncut.ids[cut.vertices], cut.length, "template", cut.name) for cut in named]
         length = sum(cut.length for cut in named)
         warnings += of_cuts
-    by = choice.template.name if choice.template else AUTOMATIC if own is None else "given"
+    origin = choice.template.name if choice.template else AUTOMATIC if paths is None else "given"
     is_standard = choice.template is not None
-    given = length if is_standard or own is not None else None
-    made = (whole, part, part.faces, tuple(cuts), by, tuple(warnings), given)
-    cut = CutManifold(*made, sphere=choice.sphere, is_standard=is_standard)
+    user_length = length if is_standard or paths is not None else None
+    fields = (whole, part, part.faces, tuple(cuts), origin, tuple(warnings), user_length)
+    cut = CutManifold(*fields, sphere=choice.sphere, is_standard=is_standard)
     if adapt is not None and not is_standard:
         raise InputError("adapt requires a template. Pass cuts='standard' or a template file, or omit adapt")
     return opened_to_disk(cut, relax, threads, progress, adapt) if to_disk else cut
@@ -183,12 +183,12 @@ def cut_open(part: SurfaceT, settings: CutSettings, *, to_disk: bool = True) -> 
 def cut_out_as(whole: SurfaceT, part: SurfaceT, cuts: Sequence[NDArray[np.int64]], by: str) -> CutManifold[SurfaceT]:
     """Cut a part along known cuts, paths of its vertices; like `cut_open` without `to_disk`."""
     is_all = len(part.faces) == len(whole.faces)
-    made = tuple(Cut(part.ids[path], None, "given") for path in cuts)
+    named = tuple(Cut(part.ids[path], None, "given") for path in cuts)
     length = sum(float(np.linalg.norm(np.diff(part.points[path], axis=0), axis=1).sum()) for path in cuts)
     if cuts:
         part = part._with_core(part.core.cut([path.astype(np.uint32) for path in cuts]))
     part = largest_piece(part if is_all else replace(part, steps=(Step("keep"),)))
-    return CutManifold(whole, part, part.faces, made, by, part.warnings, length)
+    return CutManifold(whole, part, part.faces, named, by, part.warnings, length)
 
 
 def opened_to_disk(
@@ -204,9 +204,9 @@ def opened_to_disk(
     automatic: list[Cut] = []
     is_fixed = cut.given_length is not None and not cut.cuts and not cut.is_standard
     if relax or not is_fixed:
-        given = cut.given_length or 0.0
-        known = {"is_fixed": is_fixed, "is_cut": cut._is_cut, "is_given": cut._is_whole}
-        part, automatic, of_cuts = opened(part, relax, given, threads, progress, **known, adapt=adapt)
+        user_length = cut.given_length or 0.0
+        state = {"is_fixed": is_fixed, "is_cut": cut._is_cut, "is_given": cut._is_whole}
+        part, automatic, of_cuts = opened(part, relax, user_length, threads, progress, **state, adapt=adapt)
         faces = part.faces[: len(faces)]
         warnings += of_cuts
     error = None
@@ -227,12 +227,12 @@ def _with_outlines(whole: SurfaceT, choice: Choice, part: SurfaceT) -> tuple[Sur
     """Return a part without the region that a template excludes, unless the user has excluded most of it already."""
     assert choice.template is not None
     assert choice.sphere is not None
-    kept = kept_by(choice.template, whole, choice.sphere)
+    is_kept = kept_by(choice.template, whole, choice.sphere)
     warnings: list[str] = []
     if part.steps:
         region = whole._has_triangles(part.vertices[part.faces])
         assert region is not None
-        covered = float((~region)[~kept].mean()) if not kept.all() else 1.0
+        covered = float((~region)[~is_kept].mean()) if not is_kept.all() else 1.0
         if covered >= _COVERED:
             return part, []
         names = ", ".join(line.name for line in choice.template.outlines)
@@ -240,8 +240,8 @@ def _with_outlines(whole: SurfaceT, choice: Choice, part: SurfaceT) -> tuple[Sur
             f"the excluded region covers only {100 * covered:.0f} % of the region that the template excludes "
             f"({names}), so the template's region is also excluded"
         ]
-        kept &= region
-    left = replace(part, core=whole.core.part_of_faces(kept), steps=(*part.steps, Step("outlines")), whole=whole)
+        is_kept &= region
+    left = replace(part, core=whole.core.part_of_faces(is_kept), steps=(*part.steps, Step("outlines")), whole=whole)
     return left, warnings
 
 
@@ -270,19 +270,19 @@ def _cut_by(choice: Choice, part: SurfaceT, progress: Progress | None) -> tuple[
 
 def _standard_warning(cut: CutManifold[Any], error: float) -> str:
     """Return a warning on the cuts of a template, their reason, and the alternative."""
-    names = ", ".join(one.name or "" for one in cut.cuts)
+    names = ", ".join(line.name or "" for line in cut.cuts)
     if not names:
         return f"no cut of {cut.cuts_by} lies in the flattened region"
     assert cut.sphere is not None
-    length = sum(one.length or 0.0 for one in cut.cuts)
-    by = os.path.basename(cut.sphere.name)
-    what = "standard cuts" if cut.cuts_by == STANDARD else f"the cuts of {cut.cuts_by}"
+    length = sum(line.length or 0.0 for line in cut.cuts)
+    name = os.path.basename(cut.sphere.name)
+    kind = "standard cuts" if cut.cuts_by == STANDARD else f"the cuts of {cut.cuts_by}"
     estimate = "" if np.isnan(error) else f" The estimated distance error is {100 * error:.1f} %."
-    told = (
-        f"cut along {what} ({names}; {rounded(length)} mm), located with {by}, so that maps of different brains "
+    text = (
+        f"cut along {kind} ({names}; {rounded(length)} mm), located with {name}, so that maps of different brains "
         f"can be compared.{estimate} For less distortion, choose automatic cuts. `voxflat check` compares the two"
     )
-    return Note(in_unit(told, cut.whole.origin.named_unit))
+    return Note(in_unit(text, cut.whole.origin.named_unit))
 
 
 def cut_handles(whole: SurfaceT, threads: int | None, progress: Progress | None) -> SurfaceT:

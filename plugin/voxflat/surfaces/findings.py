@@ -151,21 +151,21 @@ class Check(ReadOnly):
         return "\n".join(text + [f"- {advice}" for advice in self.advice])
 
     def _contents(self) -> list[tuple[str, str]]:
-        of: dict[str, Any] = self.contents
+        contents: dict[str, Any] = self.contents
         if self.kind == "mesh":
-            size = " x ".join(f"{side:.4g}" for side in of["size"])
-            rows = [("mesh", f"{of['vertices']} vertices, {of['triangles']} triangles")]
-            space = Space._of(of)
+            size = " x ".join(f"{side:.4g}" for side in contents["size"])
+            rows = [("mesh", f"{contents['vertices']} vertices, {contents['triangles']} triangles")]
+            space = Space._of(contents)
             is_stack = self.foreground is not None and space.name == "unknown"
-            told = "x, y and z of the volume, without anatomical directions" if is_stack else str(space)
-            rows += [("size", in_unit(f"{size} mm", of["unit"])), ("coordinates", told)]
-            return rows + ([("structure", of["structure"])] if of["structure"] else [])
-        labels = of["labels"]
+            axes = "x, y and z of the volume, without anatomical directions" if is_stack else str(space)
+            rows += [("size", in_unit(f"{size} mm", contents["unit"])), ("coordinates", axes)]
+            return rows + ([("structure", contents["structure"])] if contents["structure"] else [])
+        labels = contents["labels"]
         return [
-            ("shape", " x ".join(str(n) for n in of["shape"]) + f", {of['dtype']}"),
-            ("spacing", " x ".join(f"{h:g}" for h in of["spacing"]) + " " + of["unit"]),
-            *([("orientation", of["orientation"])] if of["orientation"] else []),
-            ("values", f"{of['range'][0]:g} to {of['range'][1]:g}"),
+            ("shape", " x ".join(str(n) for n in contents["shape"]) + f", {contents['dtype']}"),
+            ("spacing", " x ".join(f"{h:g}" for h in contents["spacing"]) + " " + contents["unit"]),
+            *([("orientation", contents["orientation"])] if contents["orientation"] else []),
+            ("values", f"{contents['range'][0]:g} to {contents['range'][1]:g}"),
             (
                 "labels (voxels)",
                 "intensities" if labels is None else _shortened([f"{k} ({n})" for k, n in labels.items()], 12),
@@ -208,7 +208,7 @@ def _shortened(items: Sequence[Any], most: int = _SHOWN) -> str:
 
 def check_surface(
     part: Manifold,
-    found: Check,
+    check: Check,
     settings: CutSettings,
     repaired: Callable[[], Manifold] | None = None,
 ) -> Check:
@@ -217,8 +217,8 @@ def check_surface(
     whole = part._complete
     topology = whole.core.topology()
     split: Any = whole.metadata.get("split_vertices")
-    found = replace(
-        found,
+    check = replace(
+        check,
         foreground=whole.origin.voxels.foreground if whole.is_voxels else None,
         surface_points=len(whole),
         sheet=whole.origin.voxels.is_sheet if whole.is_voxels else None,
@@ -228,9 +228,9 @@ def check_surface(
     try:
         cut = cut_open(part, settings, to_disk=False)
     except InputError as error:
-        return replace(found, advice=(*part.warnings, str(error)))
+        return replace(check, advice=(*part.warnings, str(error)))
     shape = cut.surface.core.topology()
-    noise = _noise(part, found.components, len(cut.surface), shape)
+    noise = _noise(part, check.components, len(cut.surface), shape)
     advice = [*([noise] if noise else []), *cut.warnings]
     handles = tuple(cut.surface.core.handles(threads, progress)) if shape["handles"] else ()
     if handles:
@@ -259,13 +259,13 @@ def check_surface(
         )
     errors = {} if opened is None or not opened.is_standard else _sketch_errors(opened, part, settings)
     if len(errors) == 2:
-        (by, named), (_, automatic) = errors.items()
+        (template, named), (_, automatic) = errors.items()
         advice.append(
-            f"cuts that are the same for every brain ({by}) reduce accuracy: the estimated distance error is "
+            f"cuts that are the same for every brain ({template}) reduce accuracy: the estimated distance error is "
             f"{100 * named:.1f} %, compared with {100 * automatic:.1f} % for automatic cuts"
         )
     return replace(
-        found,
+        check,
         used=len(cut.surface),
         euler_characteristic=shape["euler"],
         closed=not shape["loops"],
@@ -273,13 +273,13 @@ def check_surface(
         handles=tuple({"length": handle["length"], "centre": tuple(handle["centre"])} for handle in handles),
         thin=_thin(cut.surface, threads, progress),
         named_cuts=tuple(
-            {"name": one.name, "length": one.length, "ids": one.ids.tolist()}
-            for one in cut.cuts
-            if one.reason == "template"
+            {"name": cut.name, "length": cut.length, "ids": cut.ids.tolist()}
+            for cut in cut.cuts
+            if cut.reason == "template"
         ),
         cuts_by=cut.cuts_by,
         sketch_errors=errors,
-        automatic_cuts=() if opened is None else tuple(one._described() for one in opened.cuts if one.is_automatic),
+        automatic_cuts=() if opened is None else tuple(cut._described() for cut in opened.cuts if cut.is_automatic),
         noise=noise,
         can_flatten=opened is not None and len(opened.surface) >= 3,
         advice=tuple(advice),
@@ -292,28 +292,28 @@ def _noise(part: Manifold, components: Sequence[int], used: int, shape: dict[str
         return None
     if part.whole is not None:
         components = ()
-    elif part.foreground is not None and (found := noise_in_parts(part.foreground.mask())):
-        return found
+    elif part.foreground is not None and (reason := noise_in_parts(part.foreground.mask())):
+        return reason
     return noise_in_surface(components, used, shape["handles"], len(shape["loops"]))
 
 
 def _sketch_errors(opened: CutManifold[Manifold], part: Manifold, settings: CutSettings) -> dict[str, float]:
     """Return the estimated distance error with a template's cuts, and with automatic cuts."""
     assert opened.sketch_error is not None
-    found = {opened.cuts_by: opened.sketch_error}
+    estimates = {opened.cuts_by: opened.sketch_error}
     try:
         other = cut_open(part, replace(settings, cuts=AUTOMATIC, sphere=None))
-        found[AUTOMATIC] = sketch_error(other.surface, settings.threads, settings.progress)
+        estimates[AUTOMATIC] = sketch_error(other.surface, settings.threads, settings.progress)
     except InputError:
         pass  # the advice reports the error
-    return {by: error for by, error in found.items() if np.isfinite(error)}
+    return {kind: error for kind, error in estimates.items() if np.isfinite(error)}
 
 
 def _thin(part: Manifold, threads: int | None, progress: Progress | None) -> dict[str, Any]:
     """Return the regions where the solid is thin."""
     thickness = 1.2 * part._largest_spacing if part.is_voxels else part.usual_edge
     count, worst = part.core.thin_places(thickness, threads, progress)
-    found: dict[str, Any] = {"thickness": thickness, "points": count, "worst": None, "place": None}
+    region: dict[str, Any] = {"thickness": thickness, "points": count, "worst": None, "place": None}
     if worst is not None:
-        found |= {"worst": worst[1], "place": part.points[worst[0]].tolist()}
-    return found
+        region |= {"worst": worst[1], "place": part.points[worst[0]].tolist()}
+    return region

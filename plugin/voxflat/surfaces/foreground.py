@@ -54,7 +54,7 @@ def foreground_of(
     """Select the foreground of a volume."""
     threshold = optional_number(threshold, "threshold")
     mask = foreground(volume.data, label=label, threshold=threshold)
-    labels = None if label is None else [int(one) for one in _several(label)]
+    labels = None if label is None else [int(number) for number in _several(label)]
     is_anatomical = volume.is_placed and not is_stack_path(volume.path)  # microscopes do not know right and left
     i, j, k = volume.data.shape
     origin = VoxelOrigin(
@@ -99,7 +99,7 @@ def keep_mask(keep: object, volume: Volume, name: str = "mask to keep") -> NDArr
 def _several(label: Labels) -> list[int]:
     """Return one or several labels as a list without repetitions."""
     labels = [label] if is_whole(label) or not isinstance(label, Sequence | np.ndarray) else list(label)
-    if not labels or isinstance(label, str | bytes) or not all(is_whole(one) for one in labels):
+    if not labels or isinstance(label, str | bytes) or not all(is_whole(number) for number in labels):
         raise InputError(f"the label is {shown(label)}. Pass a whole number or several, or a threshold for intensities")
     return list(dict.fromkeys(labels))
 
@@ -115,9 +115,9 @@ def foreground(data: NDArray[Any], *, label: Labels | None = None, threshold: fl
         raise InputError(f"{voxels} NaN or infinite. Replace these values, for example with numpy.nan_to_num")
     if threshold is not None:
         return _above(data, threshold)
-    wanted = [_only_label(data)] if label is None else _several(label)
-    mask = _labelled(data, wanted[0])
-    for further in wanted[1:]:
+    labels = [_only_label(data)] if label is None else _several(label)
+    mask = _labelled(data, labels[0])
+    for further in labels[1:]:
         mask |= _labelled(data, further)
     return mask
 
@@ -166,8 +166,8 @@ def _counted(data: NDArray[Any]) -> tuple[NDArray[Any], NDArray[np.int64]]:
     for layer in data:  # one at a time, to keep the copies small
         above = layer.ravel().astype(wide, copy=False) - low.astype(wide)
         counts += np.bincount(above.astype(np.int64), minlength=len(counts))
-    found = np.flatnonzero(counts)
-    return np.array([int(low) + int(value) for value in found], dtype=object), counts[found]
+    offsets = np.flatnonzero(counts)
+    return np.array([int(low) + int(value) for value in offsets], dtype=object), counts[offsets]
 
 
 def _above(data: NDArray[Any], threshold: float) -> NDArray[np.bool_]:
@@ -180,8 +180,8 @@ def _above(data: NDArray[Any], threshold: float) -> NDArray[np.bool_]:
     if 0 < threshold < 1 and data.dtype in (np.uint8, np.uint16):
         largest, most = int(data.max()), int(np.iinfo(data.dtype).max)
         if 4 * largest > 3 * most and ((data > 0) & (data < largest)).any():  # not a mask
-            told = "values range up to %d, so threshold=%g selects all voxels except zeros. For probabilities, pass %g"
-            log.warning(told, largest, threshold, threshold * most)
+            text = "values range up to %d, so threshold=%g selects all voxels except zeros. For probabilities, pass %g"
+            log.warning(text, largest, threshold, threshold * most)
     return mask
 
 
@@ -217,7 +217,7 @@ def _present(data: NDArray[Any]) -> str:
         return "every voxel is 0"
     if len(labels) > _MOST_LISTED and len(labels) > (max(labels) - min(labels)) / 2:  # few numbers are left out
         return f"the values are {len(labels)} whole numbers from {min(labels)} to {max(labels)}, labels or intensities"
-    shown = ", ".join(str(label) for label in list(labels)[:_SHOWN])
-    shown += f" and {len(labels) - _SHOWN} more" if len(labels) > _SHOWN else ""
+    names = ", ".join(str(label) for label in list(labels)[:_SHOWN])
+    names += f" and {len(labels) - _SHOWN} more" if len(labels) > _SHOWN else ""
     of_freesurfer = "; in FreeSurfer's aseg and ribbon, label=2 is the left and label=41 the right white matter"
-    return f"the volume has labels {shown}" + (of_freesurfer if {2, 41} <= labels.keys() else "")
+    return f"the volume has labels {names}" + (of_freesurfer if {2, 41} <= labels.keys() else "")

@@ -105,25 +105,25 @@ def hemisphere(
     if not volume.is_placed:
         log.warning("the volume does not define left and right, so its first axis is assumed to point to the right")
     threshold = optional_number(threshold, "threshold")
-    found = _of_labels(volume, side) if threshold is None else None
-    if found is None:
+    is_side = _of_labels(volume, side) if threshold is None else None
+    if is_side is None:
         white = _white_matter(volume, threshold)
-        found = _of_mask(white, volume, side, _Steps(side, progress))
-    if not found.any():
+        is_side = _of_mask(white, volume, side, _Steps(side, progress))
+    if not is_side.any():
         raise HemisphereError(
             f"the volume contains no white matter of the {side} hemisphere. Check that the hemisphere is not cropped",
             _white_matter(volume, threshold),
             volume.affine,
         )
-    mask = np.zeros(found.shape, dtype=np.uint8)
-    box = scipy.ndimage.find_objects(found.astype(np.uint8))[0]
-    mask[box] = _one_piece(found[box])
+    mask = np.zeros(is_side.shape, dtype=np.uint8)
+    box = scipy.ndimage.find_objects(is_side.astype(np.uint8))[0]
+    mask[box] = _one_piece(is_side[box])
     return Volume(mask, volume.affine, is_placed=volume.is_placed, unit=volume.unit)
 
 
-def _one_piece(found: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def _one_piece(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Return the largest component of a mask, with its cavities filled."""
-    filled = scipy.ndimage.binary_fill_holes(found)
+    filled = scipy.ndimage.binary_fill_holes(mask)
     components, _ = scipy.ndimage.label(filled)
     sizes = np.bincount(components.ravel())
     sizes[0] = 0
@@ -172,8 +172,8 @@ def _of_labels(volume: Volume, side: str) -> NDArray[np.bool_] | None:
     of_side = np.isin(data, _ASEG[side])
     both = np.isin(data, _ASEG_BOTH)
     if both.any():
-        own, other = (np.isin(data, _ASEG[name]) for name in (side, *(name for name in _SIDES if name != side)))
-        of_side |= both & (scipy.ndimage.distance_transform_edt(~own) <= scipy.ndimage.distance_transform_edt(~other))
+        mine, rest = (np.isin(data, _ASEG[name]) for name in (side, *(name for name in _SIDES if name != side)))
+        of_side |= both & (scipy.ndimage.distance_transform_edt(~mine) <= scipy.ndimage.distance_transform_edt(~rest))
     return np.asarray(of_side)
 
 
@@ -206,7 +206,7 @@ def _template() -> _Template:
     def soft(mask: NDArray[np.bool_]) -> NDArray[np.float32]:
         return np.asarray(scipy.ndimage.gaussian_filter(mask.astype(np.float32), _SOFT / _STEP))
 
-    parts, inner = ([soft(of == n) for n in numbers] for of, numbers in ((part, (1, 2, 3)), (deep, (1, 2))))
+    parts, inner = ([soft(codes == n) for n in numbers] for codes, numbers in ((part, (1, 2, 3)), (deep, (1, 2))))
     return _Template(affine, white > 0, np.stack(parts), np.stack(inner))
 
 
@@ -225,7 +225,7 @@ def _of_mask(white: NDArray[np.bool_], volume: Volume, side: str, steps: "_Steps
         )
     log.info("aligned the brain to MNI152 (overlap %.2f)", overlap)
     back = np.linalg.inv(template.affine) @ np.linalg.inv(fitted) @ volume.affine
-    found, is_near = np.zeros(white.shape, dtype=np.bool_), np.zeros(white.shape, dtype=np.bool_)
+    mask, is_near = np.zeros(white.shape, dtype=np.bool_), np.zeros(white.shape, dtype=np.bool_)
     step = max(1, _SLAB // max(1, white[0].size))
     for first in range(0, len(white), step):
         slab = np.indices(white[first : first + step].shape).reshape(3, -1)
@@ -233,18 +233,18 @@ def _of_mask(white: NDArray[np.bool_], volume: Volume, side: str, steps: "_Steps
         steps.tell("extracting the hemisphere")
         places = back[:3, :3] @ slab + back[:3, 3:]
         is_white = white[first : first + step].ravel()
-        own = np.zeros(slab.shape[1], dtype=np.bool_)
+        row = np.zeros(slab.shape[1], dtype=np.bool_)
         shares = [_at(part, places[:, is_white]) for part in template.parts]
-        own[is_white] = np.argmax(shares, axis=0) == number
+        row[is_white] = np.argmax(shares, axis=0) == number
         inner = _at(template.deep[number], places)
-        own |= inner > 0.5
-        found[first : first + step] = own.reshape(white[first : first + step].shape)
+        row |= inner > 0.5
+        mask[first : first + step] = row.reshape(white[first : first + step].shape)
         is_near[first : first + step] = (inner > _NEAR).reshape(white[first : first + step].shape)
     radius = max(1, round(_CLOSED / voxel_size(volume.affine)))
     box = scipy.ndimage.find_objects(is_near.astype(np.uint8))
     for part in box:  # elsewhere it would join banks of sulci
-        found[part] |= is_near[part] & scipy.ndimage.binary_closing(found[part], iterations=radius)
-    return found
+        mask[part] |= is_near[part] & scipy.ndimage.binary_closing(mask[part], iterations=radius)
+    return mask
 
 
 def _there(shape: tuple[int, ...], affine: Affine, fitted: Affine) -> NDArray[np.bool_]:
@@ -285,8 +285,8 @@ def _fitted(coarse: NDArray[np.float32], grid: Affine, steps: _Steps) -> tuple[A
     outside the brain's volume are ignored.
     """
     key = hashlib.sha256(repr(coarse.shape).encode() + coarse.tobytes() + grid.tobytes()).digest()
-    if (known := _last.get(key)) is not None:
-        return known
+    if (stored := _last.get(key)) is not None:
+        return stored
     template = _template()
     pairs = [_Pair.of(coarse, grid, template, width) for width in _SMOOTH]
     start = _aligned_middles(coarse, grid, template)
@@ -297,9 +297,9 @@ def _fitted(coarse: NDArray[np.float32], grid: Affine, steps: _Steps) -> tuple[A
             moved, _ = pair.descend(moved, _ITERATIONS, steps)
         if _overlap(coarse, grid, template, moved) > _LEAST_OVERLAP - _GAINED:
             moved, _ = pairs[-1].descend(moved, _ITERATIONS, steps)
-        found = _overlap(coarse, grid, template, moved)
-        if found > overlap:
-            best, overlap = moved, found
+        trial = _overlap(coarse, grid, template, moved)
+        if trial > overlap:
+            best, overlap = moved, trial
         if overlap > _SURE_OVERLAP:
             break
     _last.clear()
@@ -310,7 +310,7 @@ def _fitted(coarse: NDArray[np.float32], grid: Affine, steps: _Steps) -> tuple[A
 def _more_promising(start: Affine, others: list[Affine], pair: "_Pair", steps: _Steps) -> Iterator[Affine]:
     """Yield the transforms that fit better than the first one after a quick descent with strong smoothing."""
     (_, first), *further = (pair.descend(one, _ITERATIONS, steps) for one in (start, *others))
-    better = sorted((found for found in further if found[1] < _BETTER * first), key=lambda found: found[1])
+    better = sorted((fit for fit in further if fit[1] < _BETTER * first), key=lambda fit: fit[1])
     yield from (moved for moved, _ in better)
 
 
@@ -328,10 +328,10 @@ def _coarse(white: NDArray[np.bool_], affine: Affine) -> tuple[NDArray[np.float3
 
 def _aligned_middles(coarse: NDArray[np.float32], grid: Affine, template: _Template) -> Affine:
     """Return the translation and scaling that align the centre and size of the template with a brain."""
-    (middle, size), (own, own_size) = _moments(coarse, grid), _moments(template.white, template.affine)
+    (middle, size), (centre, own_size) = _moments(coarse, grid), _moments(template.white, template.affine)
     scale = float(np.clip(size / own_size, 0.5, 1.6))
     move = np.diag([scale, scale, scale, 1.0])
-    move[:3, 3] = middle - scale * own
+    move[:3, 3] = middle - scale * centre
     return move
 
 
@@ -370,13 +370,13 @@ class _Pair:
     def of(cls, coarse: NDArray[np.float32], grid: Affine, template: _Template, width: float) -> "_Pair":
         sizes = np.linalg.norm(grid[:3, :3], axis=0)
         values = scipy.ndimage.gaussian_filter(coarse, width / sizes, mode="constant")
-        wanted = scipy.ndimage.gaussian_filter(template.white.astype(np.float32), width / _STEP)
+        blurred = scipy.ndimage.gaussian_filter(template.white.astype(np.float32), width / _STEP)
         every = max(1, round(0.5 * width / _STEP))
-        thinned = np.zeros(wanted.shape, dtype=np.bool_)
+        thinned = np.zeros(blurred.shape, dtype=np.bool_)
         thinned[::every, ::every, ::every] = True
-        indices = np.argwhere(thinned & (wanted > 0.01))
+        indices = np.argwhere(thinned & (blurred > 0.01))
         points = indices @ template.affine[:3, :3].T + template.affine[:3, 3]
-        return cls(values, np.asarray(np.linalg.inv(grid)), points, wanted[tuple(indices.T)].astype(np.float64))
+        return cls(values, np.asarray(np.linalg.inv(grid)), points, blurred[tuple(indices.T)].astype(np.float64))
 
     def descend(self, moved: Affine, iterations: int, steps: _Steps) -> tuple[Affine, float]:
         """Return an improved transform and its mean squared difference."""

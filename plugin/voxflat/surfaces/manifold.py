@@ -211,33 +211,33 @@ class Manifold(ReadOnly, Saved):
         >>> surface.find([0, 440])
         array([  0, 440], dtype=uint32)
         """
-        wanted = array_of(ids, checked_text(name, "name").removeprefix("the "))
+        asked = array_of(ids, checked_text(name, "name").removeprefix("the "))
         shape = (3,) if self.is_voxels else ()
-        if wanted.shape[1:] != shape or wanted.ndim == 0 or wanted.dtype.kind not in "ui":
-            what = (
+        if asked.shape[1:] != shape or asked.ndim == 0 or asked.dtype.kind not in "ui":
+            kind = (
                 "voxel indices (integers) of shape (m, 3)"
                 if self.is_voxels
                 else "vertex numbers (integers) of shape (m,)"
             )
-            raise InputError(f"{name} must be {what}, but got data type {wanted.dtype} and shape {wanted.shape}")
-        wanted = wanted.astype(np.int64)
-        own = self.ids.astype(np.int64)
+            raise InputError(f"{name} must be {kind}, but got data type {asked.dtype} and shape {asked.shape}")
+        asked = asked.astype(np.int64)
+        numbers = self.ids.astype(np.int64)
         if len(self.merged):
-            of, one = self.merged.astype(np.int64).T
-            own, aliases = np.concatenate([own, of[np.isin(one, own)]]), one[np.isin(one, own)]
-        keys = _keys(own, own)
+            original, copy = self.merged.astype(np.int64).T
+            numbers, aliases = np.concatenate([numbers, original[np.isin(copy, numbers)]]), copy[np.isin(copy, numbers)]
+        keys = _keys(numbers, numbers)
         order = np.argsort(keys, kind="stable")  # stable, so that the first of several vertices is found
-        sought = _keys(wanted, own)
+        sought = _keys(asked, numbers)
         place = np.minimum(np.searchsorted(keys, sought, sorter=order), len(order) - 1)
-        found = order[place]
-        missing = np.flatnonzero(keys[found] != sought)
+        rows = order[place]
+        missing = np.flatnonzero(keys[rows] != sought)
         if len(missing):
-            first = wanted[missing[0]].tolist()
+            first = asked[missing[0]].tolist()
             raise InputError(f"{self._name(first)} is not on the surface{self._nearest(first)}")
-        beyond = found >= len(self.ids)
+        beyond = rows >= len(self.ids)
         if beyond.any():
-            found[beyond] = self.find(aliases[found[beyond] - len(self.ids)], name)
-        return found.astype(np.uint32)
+            rows[beyond] = self.find(aliases[rows[beyond] - len(self.ids)], name)
+        return rows.astype(np.uint32)
 
     def _name(self, key: Any) -> str:
         return f"voxel {key}" if self.is_voxels else f"vertex {key}"
@@ -275,11 +275,11 @@ class Manifold(ReadOnly, Saved):
         """
         if not self.is_voxels:
             raise InputError("a surface from a mesh has no voxels. Pass a vertex number instead")
-        wanted = numbers_of(place, "voxel")
-        if wanted.shape != (3,):
+        voxel = numbers_of(place, "voxel")
+        if voxel.shape != (3,):
             raise InputError(f"the voxel is {shown(place)}. Pass three voxel indices")
         linear = self.origin.voxels.affine[:3, :3]
-        apart = np.linalg.norm((self.ids - wanted) @ linear.T, axis=1)
+        apart = np.linalg.norm((self.ids - voxel) @ linear.T, axis=1)
         vertex = int(apart.argmin())
         return vertex, float(apart[vertex])
 
@@ -344,9 +344,9 @@ class Manifold(ReadOnly, Saved):
 
     def _merged_in(self, vertices: NDArray[np.int64]) -> NDArray[np.int64]:
         """Return vertices of the complete surface, each replaced by the vertex that it was merged with."""
-        one = np.arange(self.count)
-        one[self.merged[:, 0]] = self.merged[:, 1]
-        return np.asarray(one[vertices])
+        target = np.arange(self.count)
+        target[self.merged[:, 0]] = self.merged[:, 1]
+        return np.asarray(target[vertices])
 
     def _also_merged(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """Find the vertices of the complete surface that were merged with a vertex of this surface."""
@@ -360,9 +360,9 @@ class Manifold(ReadOnly, Saved):
         """Find triangles that are given by vertices of the complete surface."""
         faces = self._merged_in(faces)
         a, b, c = faces.T
-        wanted = distinct(np.sort(faces[(a != b) & (b != c) & (c != a)], axis=1)).rows
-        found = are_triangles(self.vertices[self.faces], wanted)
-        return found if found.sum() == len(wanted) else None
+        asked = distinct(np.sort(faces[(a != b) & (b != c) & (c != a)], axis=1)).rows
+        is_there = are_triangles(self.vertices[self.faces], asked)
+        return is_there if is_there.sum() == len(asked) else None
 
     def _in_patch(self, patch: Patch) -> NDArray[np.bool_]:
         """Find the triangles of a FreeSurfer patch: like other programs, take those whose corners are all listed."""
@@ -375,9 +375,9 @@ class Manifold(ReadOnly, Saved):
         """Find excluded triangles of the mesh whose corners are all on the surface."""
         if self.mesh_faces is None:
             return np.zeros((0, 3), dtype=np.int64)
-        own = self.vertices[self.faces if faces is None else check_faces(faces, len(self))]
-        among = self.mesh_faces[triangles_of(np.unique(own), self.mesh_faces)]
-        return among[~are_triangles(among, own)]
+        corners = self.vertices[self.faces if faces is None else check_faces(faces, len(self))]
+        among = self.mesh_faces[triangles_of(np.unique(corners), self.mesh_faces)]
+        return among[~are_triangles(among, corners)]
 
     def changed_voxels(self) -> NDArray[np.uint8]:
         """Return the voxels that the repair changed.
@@ -423,8 +423,8 @@ class Manifold(ReadOnly, Saved):
     def _write(self, path: Path) -> None:
         space, structure = self.space, self.origin.structure
         if space.name == "scanner" and self.is_voxels:
-            of = self.origin.voxels
-            space = Space("scanner", VolumeGeometry.of_volume(of.affine, of.shape, of.input or ""))
+            voxels = self.origin.voxels
+            space = Space("scanner", VolumeGeometry.of_volume(voxels.affine, voxels.shape, voxels.input or ""))
         if space.warning:
             log.warning("%s may be misaligned with volumes: %s", path, space.warning)
         if path.name.lower().endswith((*FLAT_PATCH_ENDINGS, PATCH_ENDING)):
@@ -462,9 +462,9 @@ def size_and_space(
     return {"vertices": len(points), "triangles": triangles, "size": size, **about}
 
 
-def are_triangles(faces: NDArray[np.int64], of: NDArray[np.int64]) -> NDArray[np.bool_]:
+def are_triangles(faces: NDArray[np.int64], others: NDArray[np.int64]) -> NDArray[np.bool_]:
     """Return a mask of the triangles that are among others, regardless of their first corner and direction."""
-    return in_rows(np.sort(faces, axis=1), np.sort(of, axis=1))
+    return in_rows(np.sort(faces, axis=1), np.sort(others, axis=1))
 
 
 def patch_of(
@@ -481,22 +481,22 @@ def patch_of(
     vertices of `merged` are listed together with the second ones.
     """
     rows = listed_points(ids, faces, bridges)
-    kept = faces[triangles_of(rows, faces)]
-    if len(kept) == 0:
+    listed_faces = faces[triangles_of(rows, faces)]
+    if len(listed_faces) == 0:
         raise InputError(
             "every triangle borders a cut, so a patch file cannot store any of them. Save as .vtp, .ply or .obj"
         )
     vertices = len(np.unique(ids[faces]))
-    if len(kept) < len(faces):
+    if len(listed_faces) < len(faces):
         log.warning(
             "%d of %d vertices and %d of %d triangles at cuts are excluded, because a patch file stores one position "
             "per vertex, and programs read every triangle whose corners it lists",
             vertices - len(rows),
             vertices,
-            len(faces) - len(kept),
+            len(faces) - len(listed_faces),
             len(faces),
         )
-    listed, border = ids[rows], patch_border(ids[kept], ids[rows], count)
+    listed, border = ids[rows], patch_border(ids[listed_faces], ids[rows], count)
     also = merged[np.isin(merged[:, 1], listed)]
     at = np.concatenate([np.arange(len(rows)), np.searchsorted(listed, also[:, 1])])
     numbers = np.concatenate([listed, also[:, 0]])

@@ -26,21 +26,21 @@ def of_mesh(
     white, places, of_pial = None, None, list[str]()
     need = _A_TRIANGLE * len(mesh.faces) + _A_POINT * len(mesh.points)
     check_room(need, "use a part of the mesh, simplify it, or allow more memory")
-    core, told = _core.Surface.from_triangles(mesh.points, mesh.faces, mend)
+    core, repairs = _core.Surface.from_triangles(mesh.points, mesh.faces, mend)
     if pial is not None:
         places, of_pial = pial_of(core, mesh, pial)
         white = np.asarray(mesh.points, dtype=np.float64)
         midway = (white + places) / 2
-        if len(told["merged"]) or np.isnan(midway[core.ids]).any():  # halfway, positions may differ or be missing
-            core, told = _core.Surface.from_triangles(midway, mesh.faces, mend)
+        if len(repairs["merged"]) or np.isnan(midway[core.ids]).any():  # halfway, positions may differ or be missing
+            core, repairs = _core.Surface.from_triangles(midway, mesh.faces, mend)
         else:
             core = core.moved(midway[core.ids])
         if SAME not in of_pial:
             measured_on = "midthickness: halfway to the pial surface"
     of_file = [text for text in mesh.warnings if not text.startswith(SEAMS)]  # a surface has no texture
-    warnings = [*of_file, *_warnings(told, len(mesh.faces), len(mesh.points)), *of_pial]
+    warnings = [*of_file, *_warnings(repairs, len(mesh.faces), len(mesh.points)), *of_pial]
     digest = hashlib.sha256(np.ascontiguousarray(core.points).tobytes() + mesh.faces.tobytes())
-    merged = told["merged"].astype(np.int64)
+    merged = repairs["merged"].astype(np.int64)
     origin = MeshOrigin(
         input=None if mesh.path is None else str(mesh.path),
         input_sha256=digest.hexdigest(),
@@ -54,7 +54,7 @@ def of_mesh(
     )
     metadata = origin._described()
     mesh_faces = mesh.faces
-    mended: dict[str, Any] = {name: told[name] for name in _MENDED if told[name]}
+    mended: dict[str, Any] = {name: repairs[name] for name in _MENDED if repairs[name]}
     if len(merged):
         mended["merged"] = merged.tolist()
     if mended:
@@ -63,36 +63,36 @@ def of_mesh(
     return cls(core, None, origin, metadata, tuple(warnings), white, places, mesh_faces)
 
 
-def _warnings(told: dict[str, Any], faces: int, points: int) -> list[str]:
+def _warnings(repairs: dict[str, Any], faces: int, points: int) -> list[str]:
     """Return warnings on the changes to a mesh."""
     warnings = []
-    if told["missing"]:
-        count, named = len(told["missing"]), _listed(told["missing"])
+    if repairs["missing"]:
+        count, named = len(repairs["missing"]), _listed(repairs["missing"])
         warnings.append(
             f"{count} of {points} vertices have no finite position ({named}); "
-            f"{told['incomplete']} of {faces} triangles there were removed"
+            f"{repairs['incomplete']} of {faces} triangles there were removed"
         )
-    if told["crowded_edges"]:
-        edges = told["crowded_edges"]
+    if repairs["crowded_edges"]:
+        edges = repairs["crowded_edges"]
         named = _listed([f"{a} and {b}" for a, b in edges])
         warnings.append(
             f"more than two triangles meet at {'an edge' if len(edges) == 1 else f'{len(edges)} edges'}, between the "
             f"vertices {named}; the surface was split there"
         )
-    if told["turned"]:
-        warnings.append(f"{told['turned']} of {faces} triangles were reversed, so that all of them face outwards")
-    if told["unused"]:
-        warnings.append(f"{told['unused']} of {points} vertices belong to no triangle and are excluded")
-    if told["duplicates"]:
-        warnings.append(f"{told['duplicates']} of {faces} triangles duplicate others and were removed")
-    if told["dropped"] or told["flipped"]:
-        flipped = f"; {told['flipped']} more were removed by flipping an edge" if told["flipped"] else ""
-        warnings.append(f"{told['dropped']} of {faces} triangles have no area and were removed{flipped}")
-    if len(told["merged"]):
-        count = len(told["merged"])
+    if repairs["turned"]:
+        warnings.append(f"{repairs['turned']} of {faces} triangles were reversed, so that all of them face outwards")
+    if repairs["unused"]:
+        warnings.append(f"{repairs['unused']} of {points} vertices belong to no triangle and are excluded")
+    if repairs["duplicates"]:
+        warnings.append(f"{repairs['duplicates']} of {faces} triangles duplicate others and were removed")
+    if repairs["dropped"] or repairs["flipped"]:
+        flipped = f"; {repairs['flipped']} more were removed by flipping an edge" if repairs["flipped"] else ""
+        warnings.append(f"{repairs['dropped']} of {faces} triangles have no area and were removed{flipped}")
+    if len(repairs["merged"]):
+        count = len(repairs["merged"])
         warnings.append(f"{count} of {points} vertices coincide with others and share their position in the map")
-    if told["split"]:
-        count, first = len(told["split"]), told["split"][0]
+    if repairs["split"]:
+        count, first = len(repairs["split"]), repairs["split"][0]
         where = f"vertex {first}" if count == 1 else f"{count} vertices (the first is {first})"
         warnings.append(f"parts of the surface touch at {where}; each has its own vertex there, with the same number")
     return warnings

@@ -23,7 +23,7 @@ _A_SURFEL = 600  # bytes per face between foreground and background to create a 
 
 
 def of_volume(
-    given: Foreground,
+    selected: Foreground,
     cls: type[SurfaceT],
     *,
     probability: object | None = None,
@@ -34,12 +34,12 @@ def of_volume(
 ) -> SurfaceT:
     """Create a surface from the foreground of a volume; see `voxflat.surface`."""
     sheet = None if sheet is None else checked_switch(sheet, "sheet")
-    volume, mask = given.volume, given.mask
+    volume, mask = selected.volume, selected.mask
     check_room(_A_SURFEL * _surfels(mask))
     if sheet is not False:
         _check_width(mask)
     repairs: dict[str, Any] = {}
-    level, placed_by = _level(volume, mask, given.origin.threshold, probability)
+    level, placed_by = _level(volume, mask, selected.origin.threshold, probability)
     warnings: list[str] = []
     _warn(noise_in_parts(mask))
     if repair == "voxels":
@@ -48,28 +48,28 @@ def of_volume(
         mask, report, warnings = _without_handles(mask, volume, level, progress)
         if report is not None:
             repairs["repair"] = report
-    core, voxels, made = _core.Surface.from_mask(mask, volume.affine.tolist(), level, sheet, threads, progress)
-    origin = replace(given.origin, is_sheet=made.pop("kind") == "sheet")
+    core, voxels, details = _core.Surface.from_mask(mask, volume.affine.tolist(), level, sheet, threads, progress)
+    origin = replace(selected.origin, is_sheet=details.pop("kind") == "sheet")
     metadata = {
         **origin._described(),
         **repairs,
-        **made,
+        **details,
         "placed_by": "a fit to the middle of the sheet" if origin.is_sheet else placed_by,
     }
-    if made["conflicts"]:
+    if details["conflicts"]:
         warnings.append(
-            f"the sides of the voxel sheet conflict at {made['conflicts']} pairs of voxels: the sheet touches "
+            f"the sides of the voxel sheet conflict at {details['conflicts']} pairs of voxels: the sheet touches "
             "itself there, or has only one side, like a Möbius strip"
         )
     if not origin.is_sheet and (touched := _touched_sides(mask)):
         warnings.append(f"the foreground touches the border of the volume ({touched}); the surface is closed there")
-    if touching := touching_labels(volume.data, given.mask):
+    if touching := touching_labels(volume.data, selected.mask):
         metadata["touching_labels"] = touching
         named = f"{', '.join(map(str, touching[:-1]))} and {touching[-1]}"
         warnings.append(
             f"labels {named} touch, so they form one surface. If they are different objects, choose one label"
         )
-    packed = PackedMask(np.packbits(mask if repair == "voxels" else given.mask), given.origin)
+    packed = PackedMask(np.packbits(mask if repair == "voxels" else selected.mask), selected.origin)
     return cls(core, voxels.astype(np.int64), origin, metadata, tuple(warnings), foreground=packed)
 
 
@@ -148,7 +148,7 @@ def _repaired(
     """Change the foreground so that its surface is a sphere; also return a report and warnings."""
     repaired, report = _core.repair(mask, volume.spacing.tolist(), _likely(level), progress)
     _warn(noise_in_handles(report["handles"]))
-    told = {key: value.tolist() if isinstance(value, np.ndarray) else value for key, value in report.items()}
+    content = {key: value.tolist() if isinstance(value, np.ndarray) else value for key, value in report.items()}
     removed, added, others = len(report["cut"]), len(report["filled"]), len(report["dropped"]) + len(report["cavities"])
     warnings: list[str] = []
     if removed or added:
@@ -160,7 +160,7 @@ def _repaired(
             f"removed {len(report['dropped'])} voxels of smaller components and added {len(report['cavities'])} "
             "voxels of enclosed cavities"
         )
-    return repaired, told, warnings
+    return repaired, content, warnings
 
 
 def _without_handles(
@@ -183,10 +183,10 @@ def _without_handles(
     repaired = mask.copy()
     repaired[tuple(report["cut"].T)] = False
     repaired[tuple(report["filled"].T)] = True
-    told = {key: value.tolist() if isinstance(value, np.ndarray) else value for key, value in report.items()}
-    told |= {"dropped": [], "cavities": []}
+    content = {key: value.tolist() if isinstance(value, np.ndarray) else value for key, value in report.items()}
+    content |= {"dropped": [], "cavities": []}
     warning = f"repaired {report['handles']} handle(s): {changes}. Use repair='none' to keep them"
-    return repaired, told, [warning]
+    return repaired, content, [warning]
 
 
 def _likely(level: tuple[NDArray[np.float32], float] | None) -> NDArray[np.float32] | None:

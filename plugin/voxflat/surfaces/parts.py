@@ -33,49 +33,49 @@ _SHARES = (0.01, 0.2)  # limits of the medial wall's share of a hemisphere; 7 % 
 _CLEAR = 10  # least size relative to the next largest such region
 
 
-def kept(of: SurfaceT, region: object) -> SurfaceT:
+def kept(surface: SurfaceT, region: object) -> SurfaceT:
     """Return the part of a surface inside a region; see `voxflat.Surface.keep`."""
-    _check_file(of, region)
-    faces = of.faces
-    by_triangles = None if of.is_voxels else _triangles(of, region)
+    _check_file(surface, region)
+    faces = surface.faces
+    by_triangles = None if surface.is_voxels else _triangles(surface, region)
     mask = None
     if by_triangles is None:
-        vertices, mask = _vertices(of, region, "keep")
+        vertices, mask = _vertices(surface, region, "keep")
         by_triangles, step = _all_corners(vertices, faces), Step("keep", mask)
     else:
         step = Step("keep", by_triangles=True)
-    return _region(of, by_triangles, step, region)
+    return _region(surface, by_triangles, step, region)
 
 
-def dropped(of: SurfaceT, region: object) -> SurfaceT:
+def dropped(surface: SurfaceT, region: object) -> SurfaceT:
     """Return the part of a surface outside a region; see `voxflat.Surface.drop`."""
-    _check_file(of, region)
+    _check_file(surface, region)
     mask = None
     if is_medial_wall(region):
-        vertices = medial_wall_of(of)
+        vertices = medial_wall_of(surface)
     else:
-        vertices, mask = _vertices(of, region, "drop")
+        vertices, mask = _vertices(surface, region, "drop")
     step = Step("drop", None if mask is None else ~mask)
-    return _region(of, _all_corners(~vertices, of.faces), step, region)
+    return _region(surface, _all_corners(~vertices, surface.faces), step, region)
 
 
 def disk(
-    of: SurfaceT, seed_point: Sequence[int] | int, radius: float, threads: int | None, progress: Progress | None
+    surface: SurfaceT, seed_point: Sequence[int] | int, radius: float, threads: int | None, progress: Progress | None
 ) -> SurfaceT:
     """Return a geodesic disk; see `voxflat.Surface.disk`."""
     radius = checked_number(radius, "radius")
-    seed, warnings = vertex_at(of, seed_point, "seed point")
-    core, filled = of.core.disk(seed, radius, threads, progress)
+    seed, warnings = vertex_at(surface, seed_point, "seed point")
+    core, filled = surface.core.disk(seed, radius, threads, progress)
     if filled:
         warnings.append(f"the disk includes {filled} triangles that are beyond the radius, but enclosed by the disk")
-    given, found = np.asarray(seed_point).tolist(), of.ids[seed].tolist()
-    return _part(of, core, Step("disk", seed_point=given, seed_found=found, radius=radius), warnings)
+    indices, voxel = np.asarray(seed_point).tolist(), surface.ids[seed].tolist()
+    return _part(surface, core, Step("disk", seed_point=indices, seed_found=voxel, radius=radius), warnings)
 
 
-def polygon(of: SurfaceT, corners: ArrayLike, progress: Progress | None) -> SurfaceT:
+def polygon(surface: SurfaceT, corners: ArrayLike, progress: Progress | None) -> SurfaceT:
     """Return the part enclosed by a closed shortest path; see `voxflat.Surface.polygon`."""
-    core, _ = of.core.polygon(of.find(corners, "the polygon's corners"), progress)
-    return _part(of, core, Step("polygon", corners=np.asarray(corners).tolist()), [])
+    core, _ = surface.core.polygon(surface.find(corners, "the polygon's corners"), progress)
+    return _part(surface, core, Step("polygon", corners=np.asarray(corners).tolist()), [])
 
 
 def largest_piece(part: SurfaceT) -> SurfaceT:
@@ -94,10 +94,10 @@ def largest_piece(part: SurfaceT) -> SurfaceT:
             f"the patch consists of {len(areas)} separate pieces (with areas of {sizes} mm²). Keep one piece, or pass "
             "a seed point and a radius"
         )
-    what = "the patch" if part.steps else "the surface"
+    subject = "the patch" if part.steps else "the surface"
     of_triangles = 100 * pieces[0]["faces"] / sum(piece["faces"] for piece in pieces)
     used = f"{of_triangles:.1f} % of the triangles, {100 * share:.1f} % of the area"
-    warning = f"{what} has {len(areas)} components; only the largest is used ({used})"
+    warning = f"{subject} has {len(areas)} components; only the largest is used ({used})"
     if max(areas) > areas[0]:
         warning += ". A component with a larger area was ignored, because it has less than 1 % as many triangles"
     if 1 - share > STRAY_SHARE:
@@ -114,31 +114,33 @@ def piece_of(part: SurfaceT, vertices: NDArray[np.uint32]) -> SurfaceT:
     count, labels = scipy.sparse.csgraph.connected_components(links, directed=False)
     if count == 1:
         return part
-    wanted = np.unique(labels[vertices])
-    if len(wanted) > 1:
-        raise InputError(f"the sources lie on {len(wanted)} separate components. Pass sources on one component")
-    return replace(part, core=part.core.part_of_faces(labels[part.faces[:, 0]] == wanted[0]))
+    pieces = np.unique(labels[vertices])
+    if len(pieces) > 1:
+        raise InputError(f"the sources lie on {len(pieces)} separate components. Pass sources on one component")
+    return replace(part, core=part.core.part_of_faces(labels[part.faces[:, 0]] == pieces[0]))
 
 
-def _part(of: SurfaceT, core: _core.Surface, step: Step, warnings: list[str]) -> SurfaceT:
-    whole = of._complete
-    return replace(of, core=core, whole=whole, steps=(*of.steps, step), warnings=(*of.warnings, *warnings))
+def _part(whole: SurfaceT, core: _core.Surface, step: Step, warnings: list[str]) -> SurfaceT:
+    steps, texts = (*whole.steps, step), (*whole.warnings, *warnings)
+    return replace(whole, core=core, whole=whole._complete, steps=steps, warnings=texts)
 
 
-def _region(of: SurfaceT, faces: NDArray[np.bool_], step: Step, region: object) -> SurfaceT:
+def _region(part: SurfaceT, faces: NDArray[np.bool_], step: Step, region: object) -> SurfaceT:
     if not faces.any():
-        raise InputError(f"the region contains no triangle of the surface ({len(of)} vertices). Choose another region")
-    warnings = check_label(of, Path(region)) if _is_file(region) else []
-    return _part(of, of.core.part_of_faces(faces), step, warnings)
+        raise InputError(
+            f"the region contains no triangle of the surface ({len(part)} vertices). Choose another region"
+        )
+    warnings = check_label(part, Path(region)) if _is_file(region) else []
+    return _part(part, part.core.part_of_faces(faces), step, warnings)
 
 
 def _is_file(region: object) -> TypeGuard[str | os.PathLike[str]]:
     return isinstance(region, str | os.PathLike) and not is_medial_wall(region)
 
 
-def _check_file(of: Manifold, region: object) -> None:
-    if _is_file(region) and not of.is_voxels:
-        check_partner(region, of.origin)
+def _check_file(surface: Manifold, region: object) -> None:
+    if _is_file(region) and not surface.is_voxels:
+        check_partner(region, surface.origin)
 
 
 def _all_corners(chosen: NDArray[np.bool_], faces: NDArray[np.uint32]) -> NDArray[np.bool_]:
@@ -165,10 +167,10 @@ def _triangles(whole: Manifold, keep: object) -> NDArray[np.bool_] | None:
             f"the surface to keep has {len(mesh.points)} vertices, but the surface has {whole.origin.mesh.vertices}. "
             "Pass a surface whose vertices correspond one to one"
         )
-    found = whole._has_triangles(mesh.faces)
-    if found is None:
+    is_there = whole._has_triangles(mesh.faces)
+    if is_there is None:
         raise InputError("the surface to keep has triangles that the full surface lacks. Pass a part of the surface")
-    return found
+    return is_there
 
 
 def _vertices(whole: Manifold, region: object, verb: str) -> tuple[NDArray[np.bool_], NDArray[np.bool_] | None]:
@@ -179,9 +181,9 @@ def _vertices(whole: Manifold, region: object, verb: str) -> tuple[NDArray[np.bo
     if whole.is_voxels:
         shape = whole.origin.voxels.shape
         if isinstance(region, np.ndarray | list) and array_of(region, "region's entries").ndim == 2:  # voxel indices
-            found = whole.find(array_of(region, name), name)
+            vertices = whole.find(array_of(region, name), name)
             mask = np.zeros(shape, dtype=np.bool_)
-            mask[tuple(whole.ids[found].T)] = True
+            mask[tuple(whole.ids[vertices].T)] = True
         else:
             place = Volume(np.empty(shape, dtype=np.bool_), whole.origin.voxels.affine, unit=whole.origin.unit)
             mask = keep_mask(region, place, f"mask to {verb}")
@@ -222,9 +224,9 @@ def vertex_at(part: Manifold, point: Sequence[int] | int, name: str) -> tuple[in
         if place.ndim != 0 or place.dtype.kind not in "ui":
             raise InputError(f"the {name} is {shown(point)}. Pass a vertex number of the mesh")
         return int(part.find(place[None], f"the {name}")[0]), []
-    wanted = seed_voxel(point, part.origin.voxels.shape, name)
-    vertex, distance = part.nearest(wanted)
-    warnings = found_seed(wanted, part.ids[vertex].tolist(), distance, part._largest_spacing, name)
+    voxel = seed_voxel(point, part.origin.voxels.shape, name)
+    vertex, distance = part.nearest(voxel)
+    warnings = found_seed(voxel, part.ids[vertex].tolist(), distance, part._largest_spacing, name)
     return vertex, [in_unit(warning, part.origin.named_unit) for warning in warnings]
 
 

@@ -36,19 +36,19 @@ def smoothed(surface: SurfaceT, length: float, progress: Progress | None) -> Sur
         )
         raise InputError(f"{wrong}. Pass a smaller length")
     moves = _moves(points, faces, length, progress)
-    made = surface.core.moved(points + moves)
+    core = surface.core.moved(points + moves)
     along = np.abs((moves * _normals(points, faces)[1]).sum(axis=1))
     before, after = _folded(points, faces), _folded(points + moves, faces)
-    told: dict[str, Any] = {"length": length, "mean": float(along.mean()), "p95": float(np.percentile(along, 95))}
-    text = f"{MOVED} by {told['mean']:.3g} mm on average (95 %: {told['p95']:.3g} mm)"
+    figures: dict[str, Any] = {"length": length, "mean": float(along.mean()), "p95": float(np.percentile(along, 95))}
+    text = f"{MOVED} by {figures['mean']:.3g} mm on average (95 %: {figures['p95']:.3g} mm)"
     if len(surface.core.topology()["loops"]) == 0:
-        told["volume_change"] = _volume(points + moves, faces) / _volume(points, faces) - 1
-        text += f" and changed its volume by {100 * told['volume_change']:.2g} %"
+        figures["volume_change"] = _volume(points + moves, faces) / _volume(points, faces) - 1
+        text += f" and changed its volume by {100 * figures['volume_change']:.2g} %"
     warnings = [in_unit(text, surface.origin.named_unit)]
     if after > before:
         warnings.append(f"smoothing folded {after - before} of {len(faces)} triangles. Use a smaller length")
-    metadata = {**surface.metadata, "smoothed": told}
-    return replace(surface, core=made, metadata=metadata, warnings=(*surface.warnings, *warnings))
+    metadata = {**surface.metadata, "smoothed": figures}
+    return replace(surface, core=core, metadata=metadata, warnings=(*surface.warnings, *warnings))
 
 
 def _moves(
@@ -66,26 +66,26 @@ def _moves(
     moves = np.zeros_like(points)
     rest = -(stiff @ points)
     first = np.sqrt((rest * scale * rest).sum(axis=0))
-    to = scale * rest
-    size = (rest * to).sum(axis=0)
+    solved = scale * rest
+    size = (rest * solved).sum(axis=0)
     for step in range(_MOST_STEPS):
         if (np.sqrt(size) <= _CLOSE * first).all():
             break
         if progress is not None and progress("smoothing", step, _MOST_STEPS) is False:
             raise Cancelled("smoothing was cancelled")
-        pushed = system @ to
-        rate = _ratio(size, (to * pushed).sum(axis=0))
-        moves += rate * to
+        pushed = system @ solved
+        rate = _ratio(size, (solved * pushed).sum(axis=0))
+        moves += rate * solved
         rest -= rate * pushed
         better = scale * rest
         size, last = (rest * better).sum(axis=0), size
-        to = better + _ratio(size, last) * to
+        solved = better + _ratio(size, last) * solved
     return moves
 
 
-def _ratio(of: NDArray[np.float64], by: NDArray[np.float64]) -> NDArray[np.float64]:
+def _ratio(dividend: NDArray[np.float64], divisor: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return a quotient, which is 0 for the columns that are already solved."""
-    return np.divide(of, by, out=np.zeros_like(of), where=by > 0)
+    return np.divide(dividend, divisor, out=np.zeros_like(dividend), where=divisor > 0)
 
 
 def cotangents(points: NDArray[np.float64], faces: NDArray[np.int64]) -> tuple[Any, NDArray[np.float64]]:
@@ -94,14 +94,14 @@ def cotangents(points: NDArray[np.float64], faces: NDArray[np.int64]) -> tuple[A
     rows, columns, values = [], [], []
     area = np.zeros(count)
     for corner in range(3):
-        at, one, two = faces[:, corner], faces[:, (corner + 1) % 3], faces[:, (corner + 2) % 3]
-        a, b = points[one] - points[at], points[two] - points[at]
+        apex, left, right = faces[:, corner], faces[:, (corner + 1) % 3], faces[:, (corner + 2) % 3]
+        a, b = points[left] - points[apex], points[right] - points[apex]
         cross = np.linalg.norm(np.cross(a, b), axis=1)
         least = _STEEPEST * np.linalg.norm(a, axis=1) * np.linalg.norm(b, axis=1)
         cotangent = 0.5 * (a * b).sum(axis=1) / np.maximum(cross, least)
-        area += np.bincount(at, cross / 6, count)
-        rows += [one, two]
-        columns += [two, one]
+        area += np.bincount(apex, cross / 6, count)
+        rows += [left, right]
+        columns += [right, left]
         values += [cotangent, cotangent]
     index = np.concatenate(rows), np.concatenate(columns)
     off = scipy.sparse.coo_array((np.concatenate(values), index), shape=(count, count)).tocsr()

@@ -66,36 +66,36 @@ class VoxelGraph:
             ) from None
 
 
-def voxel_graph(of: Manifold, link_lengths: str | None = None, progress: Progress | None = None) -> VoxelGraph:
+def voxel_graph(surface: Manifold, link_lengths: str | None = None, progress: Progress | None = None) -> VoxelGraph:
     """Link the surface voxels of a volume, which is repaired only on request, and select the part of the surface."""
     links = LINK_LENGTHS[0] if link_lengths is None else checked_choice(link_lengths, "link_lengths", LINK_LENGTHS)
-    if of.foreground is None:
+    if surface.foreground is None:
         raise InputError("chain codes require surface voxels, but this surface has none. Pass a surface from a volume")
-    affine = of.foreground.origin.affine
+    affine = surface.foreground.origin.affine
     size = float(np.linalg.norm(affine[:3, :3], axis=0).max())
-    whole = _core.VoxelSurface.from_mask(of.foreground.mask(), affine.tolist(), links, progress)
-    part, kept, warnings = whole, None, []
-    seed, found, radius = None, None, None
-    for step in of.steps:
+    whole = _core.VoxelSurface.from_mask(surface.foreground.mask(), affine.tolist(), links, progress)
+    part, mask, warnings = whole, None, []
+    seed, nearest, radius = None, None, None
+    for step in surface.steps:
         if step.verb == "disk":
-            seed, radius = seed_voxel(step.seed_point, of.origin.voxels.shape), step.radius
+            seed, radius = seed_voxel(step.seed_point, surface.origin.voxels.shape), step.radius
             vertex, distance = whole.nearest(seed)
-            found = [int(index) for index in whole.voxels[vertex]]
-            warnings += [in_unit(warning, of.origin.named_unit) for warning in found_seed(seed, found, distance, size)]
-            part, kept = part.cut_out(kept, seed, radius, progress), None
+            nearest = [int(index) for index in whole.voxels[vertex]]
+            warnings += [in_unit(text, surface.origin.named_unit) for text in found_seed(seed, nearest, distance, size)]
+            part, mask = part.cut_out(mask, seed, radius, progress), None
         elif step.mask is not None:
-            kept = step.mask if kept is None else kept & step.mask
+            mask = step.mask if mask is None else mask & step.mask
         else:
             raise InputError(f"chain codes do not support a part selected by {step.verb}. Use keep, drop or disk")
-    if kept is not None or seed is None:
-        part = part.cut_out(kept, None, None, progress)
+    if mask is not None or seed is None:
+        part = part.cut_out(mask, None, None, progress)
     components = whole.component_sizes()
-    origin = replace(of.foreground.origin, unit=of.origin.unit)
-    is_masked = any(step.mask is not None for step in of.steps)
+    origin = replace(surface.foreground.origin, unit=surface.origin.unit)
+    is_masked = any(step.mask is not None for step in surface.steps)
     metadata = {
         **origin._described(),
         "seed_point": seed,
-        "seed_found": found,
+        "seed_found": nearest,
         "radius": radius,
         "keep": is_masked,
         "link_lengths": links,
@@ -117,8 +117,8 @@ def seed_voxel(seed_point: object, shape: Sequence[int], name: str = "seed point
         )
     indices = [int(index) for index in place]
     if any(not 0 <= index < length for index, length in zip(indices, shape, strict=True)):
-        told = f"the {name} {indices} is outside the volume of {' x '.join(map(str, shape))} voxels"
-        raise InputError(f"{told}. Choose the {name} on the surface, with indices in the order x, y, z")
+        problem = f"the {name} {indices} is outside the volume of {' x '.join(map(str, shape))} voxels"
+        raise InputError(f"{problem}. Choose the {name} on the surface, with indices in the order x, y, z")
     return indices
 
 
@@ -128,5 +128,5 @@ def found_seed(
     """Return a warning if the surface voxel nearest to a seed point is more than two voxels away."""
     if distance <= _FAR * voxel_size:
         return []
-    at = f"the {name} {seed_point} is {rounded(distance, 1)} mm away from the surface"
-    return [f"{at}; the nearest surface voxel {voxel} is used instead"]
+    problem = f"the {name} {seed_point} is {rounded(distance, 1)} mm away from the surface"
+    return [f"{problem}; the nearest surface voxel {voxel} is used instead"]

@@ -39,34 +39,34 @@ def chosen(
     if asked is not None:
         place = sphere_beside(whole) if sphere is None else sphere
         if place is None:
-            own = register(whole, None, threads, progress)
-            told = f"the surface was registered by its folds ({own.side}, confidence {own.confidence:.2f})"
-            warnings = [warning for warning in own.warnings if warning not in whole.warnings]
-            found, warnings = registered_sphere(own), [*warnings, f"no sphere was found, so {told}"]
+            fitted = register(whole, None, threads, progress)
+            text = f"the surface was registered by its folds ({fitted.side}, confidence {fitted.confidence:.2f})"
+            warnings = [warning for warning in fitted.warnings if warning not in whole.warnings]
+            placed, warnings = registered_sphere(fitted), [*warnings, f"no sphere was found, so {text}"]
         else:
-            found, warnings = sphere_of(whole, place)
-        named = standard_template(found.space, found.side) if asked == STANDARD else read_template(asked)
-        _check_fits(named, found)
-        return Choice(named, found, tuple(warnings))
+            placed, warnings = sphere_of(whole, place)
+        named = standard_template(placed.space, placed.side) if asked == STANDARD else read_template(asked)
+        _check_fits(named, placed)
+        return Choice(named, placed, tuple(warnings))
     place = sphere_beside(whole) if sphere is None and cuts is None and is_free else sphere
     if place is None:
         return Choice(None, None)
     try:
-        found, warnings = sphere_of(whole, place)
+        placed, warnings = sphere_of(whole, place)
     except InputError as error:
         if sphere is not None:
             raise
         warning = f"automatic cuts are used, because the sphere next to the surface file does not match: {error}"
         return Choice(None, None, (warning,))
     is_standard = cuts is None and is_free and _is_closed(whole)
-    return Choice(standard_template(found.space, found.side) if is_standard else None, found, tuple(warnings))
+    return Choice(standard_template(placed.space, placed.side) if is_standard else None, placed, tuple(warnings))
 
 
 def _check_fits(template: Template, sphere: Sphere) -> None:
-    for name, own, other in (("side", template.side, sphere.side), ("space", template.space, sphere.space)):
-        if own != other:
+    for name, wants, other in (("side", template.side, sphere.side), ("space", template.space, sphere.space)):
+        if wants != other:
             raise InputError(
-                f"the {name} of the template {template.name} is {own}, but the {name} of the sphere {sphere.name} is "
+                f"the {name} of the template {template.name} is {wants}, but the {name} of the sphere {sphere.name} is "
                 f"{other}. Pass a template and a sphere with the same {name}"
             )
 

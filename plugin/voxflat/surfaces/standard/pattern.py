@@ -46,7 +46,7 @@ def icosphere(subdivisions: int = SUBDIVISIONS) -> tuple[NDArray[np.float64], ND
         ab, bc, ca = len(points) + unique.which.reshape(3, -1)
         middle = points[unique.rows].sum(axis=1)
         points = np.concatenate([points, middle / np.linalg.norm(middle, axis=1, keepdims=True)])
-        faces = np.concatenate([np.stack(one, axis=1) for one in ((a, ab, ca), (b, bc, ab), (c, ca, bc), (ab, bc, ca))])
+        faces = np.concatenate([np.stack(abc, axis=1) for abc in ((a, ab, ca), (b, bc, ab), (c, ca, bc), (ab, bc, ca))])
     return points, faces
 
 

@@ -94,8 +94,8 @@ class Registration(ReadOnly, Saved):
         return places
 
     def _write(self, path: Path) -> None:
-        of = self.surface
-        faces = of.faces.astype(np.int64) if of.is_voxels or of.mesh_faces is None else of.mesh_faces
+        whole = self.surface
+        faces = whole.faces.astype(np.int64) if whole.is_voxels or whole.mesh_faces is None else whole.mesh_faces
         places = np.nan_to_num(self.sphere) * _RADIUS  # vertices without a triangle lie at the centre
         structure = "CortexLeft" if self.side == "left" else "CortexRight"
         write_mesh(path, Mesh(places, faces, structure=structure), self.provenance)
@@ -108,8 +108,8 @@ def register(whole: Manifold, side: str | None, threads: int | None, progress: P
     whole, warnings = _one_piece(whole)
     templates = [pattern(each) for each in SIDES]
     number = None if side is None else SIDES.index(side)
-    found = whole.core.register(*icosphere(), templates, number, checked_threads(threads), progress)
-    return _validated(whole, found, side, warnings)
+    result = whole.core.register(*icosphere(), templates, number, checked_threads(threads), progress)
+    return _validated(whole, result, side, warnings)
 
 
 def _one_piece(whole: Manifold) -> tuple[Manifold, tuple[str, ...]]:
@@ -129,18 +129,18 @@ def _one_piece(whole: Manifold) -> tuple[Manifold, tuple[str, ...]]:
     return whole._with_core(core), (*whole.warnings, warning)
 
 
-def _validated(whole: Manifold, found: dict[str, Any], named: str | None, warnings: tuple[str, ...]) -> Registration:
+def _validated(whole: Manifold, result: dict[str, Any], named: str | None, warnings: tuple[str, ...]) -> Registration:
     """Return the registration; raise an error if the surface is not a hemisphere."""
-    side = SIDES[found["template"]]
-    other = SIDES[1 - found["template"]]
-    aligned = dict(zip(SIDES, found["alignments"], strict=True))
+    side = SIDES[result["template"]]
+    other = SIDES[1 - result["template"]]
+    aligned = dict(zip(SIDES, result["alignments"], strict=True))
     scores = {each: aligned[each]["score"] for each in SIDES}
     figures = {
         "score": scores,
         "rigid": {each: aligned[each]["rigid"] for each in SIDES},
         "rotated": aligned[side]["correlations"],
-        "correlations": found["correlations"],
-        "affine": found["affine"],
+        "correlations": result["correlations"],
+        "affine": result["affine"],
     }
     better, worse = sorted(scores.values(), reverse=True)
     evidence = better + (better - worse)
@@ -158,7 +158,7 @@ def _validated(whole: Manifold, found: dict[str, Any], named: str | None, warnin
             f"{scores[other]:.2f} instead of {scores[side]:.2f}). Pass side={other!r}, or check whether the surface is "
             "mirrored"
         )
-    told = _STRUCTURES.get(str(whole.origin.structure))
-    if told not in (None, side):
-        warnings = (*warnings, f"the file specifies the {told} side, but the folds match the {side} side")
-    return Registration(whole, found["points"], side, confidence, figures, warnings)
+    declared = _STRUCTURES.get(str(whole.origin.structure))
+    if declared not in (None, side):
+        warnings = (*warnings, f"the file specifies the {declared} side, but the folds match the {side} side")
+    return Registration(whole, result["points"], side, confidence, figures, warnings)

@@ -45,14 +45,14 @@ class Sphere:
 
     def _described(self) -> dict[str, Any]:
         """Return the sphere as metadata of a map."""
-        told = {"input": self.name, "space": self.space, "side": self.side}
-        return {**told, "folded": self.folded, "distance": round(self.distance, 2)}
+        content = {"input": self.name, "space": self.space, "side": self.side}
+        return {**content, "folded": self.folded, "distance": round(self.distance, 2)}
 
 
 def sphere_beside(whole: Manifold) -> Path | None:
     """Find the registered sphere that FreeSurfer writes next to a surface: ``lh.sphere.reg`` for ``lh.white``."""
-    given = whole.origin.input
-    return sphere_at(given) if given and not whole.is_voxels else None
+    path = whole.origin.input
+    return sphere_at(path) if path and not whole.is_voxels else None
 
 
 def sphere_at(path: str | os.PathLike[str]) -> Path | None:
@@ -87,8 +87,8 @@ def sphere_of(whole: Manifold, sphere: object) -> tuple[Sphere, list[str]]:
     with np.errstate(invalid="ignore", divide="ignore"):
         places = np.asarray(points / np.linalg.norm(points, axis=1)[:, None], dtype=np.float64)
     if isinstance(mesh, Mesh):
-        own = whole.vertices[whole.faces]
-        shared = float(are_triangles(own, whole._merged_in(mesh.faces)).mean())
+        corners = whole.vertices[whole.faces]
+        shared = float(are_triangles(corners, whole._merged_in(mesh.faces)).mean())
         if shared < _SHARED:
             raise InputError(
                 f"{name} shares only {100 * shared:.0f} % of the surface's triangles. Pass the sphere of the same "
@@ -101,11 +101,11 @@ def sphere_of(whole: Manifold, sphere: object) -> tuple[Sphere, list[str]]:
     return Sphere(places, space, side, name, folded, distance), warnings
 
 
-def registered_sphere(found: Registration) -> Sphere:
+def registered_sphere(registration: Registration) -> Sphere:
     """Return a surface's registration as its sphere; vertices without a triangle lie at the centre."""
-    places = np.nan_to_num(found.sphere)
-    distance = _distances(found.surface, places)["fsaverage", found.side]
-    return Sphere(places, "fsaverage", found.side, OWN_REGISTRATION, 0, distance)
+    places = np.nan_to_num(registration.sphere)
+    distance = _distances(registration.surface, places)["fsaverage", registration.side]
+    return Sphere(places, "fsaverage", registration.side, OWN_REGISTRATION, 0, distance)
 
 
 def _as_points(sphere: object) -> Mesh | NDArray[np.float64]:
@@ -114,8 +114,8 @@ def _as_points(sphere: object) -> Mesh | NDArray[np.float64]:
             raise InputError(f"{os.fspath(sphere)}: the file does not exist. Check the path of the sphere")
         return read_mesh(sphere)
     if isinstance(sphere, Registration):
-        of, structure = sphere.surface, SIDES[sphere.side]
-        return Mesh(np.nan_to_num(sphere.sphere), of.vertices[of.faces], structure=structure)
+        surface, structure = sphere.surface, SIDES[sphere.side]
+        return Mesh(np.nan_to_num(sphere.sphere), surface.vertices[surface.faces], structure=structure)
     mesh = as_mesh(sphere)
     if mesh is not None:
         return mesh
@@ -165,22 +165,22 @@ def in_triangles(
     for number, corners in enumerate(candidates.tolist()):
         for corner in corners:
             around.setdefault(corner, []).append(number)
-    own = places[candidates]
-    normals = [np.cross(own[:, (k + 1) % 3], own[:, (k + 2) % 3]) for k in range(3)]  # of planes through edges
-    found = np.zeros((len(wanted), 3), dtype=np.int64)
+    abc = places[candidates]
+    normals = [np.cross(abc[:, (k + 1) % 3], abc[:, (k + 2) % 3]) for k in range(3)]  # of planes through edges
+    hits = np.zeros((len(wanted), 3), dtype=np.int64)
     weights = np.zeros((len(wanted), 3))
     is_inside = np.zeros(len(wanted), dtype=np.bool_)
     for row, (place, vertices) in enumerate(zip(wanted, near.tolist(), strict=True)):
-        of = sorted({number for vertex in vertices for number in around.get(vertex, ())})
-        volumes = np.stack([normal[of] @ place for normal in normals], axis=1)
+        rows = sorted({number for vertex in vertices for number in around.get(vertex, ())})
+        volumes = np.stack([normal[rows] @ place for normal in normals], axis=1)
         total = volumes.sum(axis=1)
         shares = np.where(total[:, None] > 0, volumes / np.where(total > 0, total, 1)[:, None], -np.inf)
         best = int(shares.min(axis=1).argmax())
         is_inside[row] = shares[best].min() > -1e-6
-        found[row] = candidates[of[best]]
+        hits[row] = candidates[rows[best]]
         bounded = np.maximum(shares[best], 0)
         weights[row] = bounded / bounded.sum() if bounded.sum() > 0 else np.full(3, 1 / 3)
-    return found, weights, is_inside
+    return hits, weights, is_inside
 
 
 def _placed(
@@ -194,9 +194,9 @@ def _placed(
             raise InputError("the hemisphere is unknown. Include lh., rh., hemi-L or hemi-R in the file name")
         return told_space, named, float("nan"), []
     best = min(distances, key=lambda key: distances[key])
-    own = told_space, named or min(SIDES, key=lambda side: distances[told_space, side])
+    place = told_space, named or min(SIDES, key=lambda side: distances[told_space, side])
     warnings = []
-    if distances[own] > _FAR[0] and distances[best] < distances[own] / 2:
+    if distances[place] > _FAR[0] and distances[best] < distances[place] / 2:
         if named is not None and best[1] != named:
             raise InputError(
                 f"according to {name}, the surface is the {best[1]} hemisphere, but the files specify the {named} one. "
@@ -204,33 +204,33 @@ def _placed(
             )
         warnings.append(
             f"{name} is assumed to be in {best[0]} space, where corresponding points are {distances[best]:.0f} mm "
-            f"apart (in {told_space} space: {distances[own]:.0f} mm)"
+            f"apart (in {told_space} space: {distances[place]:.0f} mm)"
         )
-        own = best
-    distance = distances[own]
-    told = f"according to {name}, the aligned surface is {distance:.0f} mm (median) away from the template's brain"
+        place = best
+    distance = distances[place]
+    text = f"according to {name}, the aligned surface is {distance:.0f} mm (median) away from the template's brain"
     if distance > _FAR[1]:
-        raise InputError(f"{told}, so it is not registered to fsaverage or fs_LR. Pass lh.sphere.reg, not lh.sphere")
+        raise InputError(f"{text}, so it is not registered to fsaverage or fs_LR. Pass lh.sphere.reg, not lh.sphere")
     if distance > _FAR[0]:
-        warnings.append(f"{told}; 4 to 9 mm is usual. Check that the sphere is registered")
-    return *own, distance, warnings
+        warnings.append(f"{text}; 4 to 9 mm is usual. Check that the sphere is registered")
+    return *place, distance, warnings
 
 
 def _distances(whole: Manifold, places: NDArray[np.float64]) -> dict[tuple[str, str], float]:
     """Return the distance from the template's brain by space and hemisphere; NaN for a patch."""
     templates = [standard_template(space, side) for space in SPACES for side in SIDES]
     anchors = [template.anchors for template in templates if template.anchors is not None]
-    wanted = np.concatenate([of.sphere for of in anchors])
-    corners, weights, is_inside = in_triangles(places[whole.vertices], whole.faces, wanted)
-    own = np.einsum("ij,ijk->ik", weights, whole.points[corners])
-    found, start = {}, 0
-    for template, of in zip(templates, anchors, strict=True):
-        rows = np.arange(start, start + len(of.sphere))
+    points = np.concatenate([anchor.sphere for anchor in anchors])
+    corners, weights, is_inside = in_triangles(places[whole.vertices], whole.faces, points)
+    located = np.einsum("ij,ijk->ik", weights, whole.points[corners])
+    medians, start = {}, 0
+    for template, part in zip(templates, anchors, strict=True):
+        rows = np.arange(start, start + len(part.sphere))
         start += len(rows)
         there = is_inside[rows]
-        distance = _apart(own[rows[there]], of.white[there]) if there.sum() > len(there) / 2 else float("nan")
-        found[template.space, template.side] = distance
-    return found
+        distance = _apart(located[rows[there]], part.white[there]) if there.sum() > len(there) / 2 else float("nan")
+        medians[template.space, template.side] = distance
+    return medians
 
 
 def _apart(points: NDArray[np.float64], onto: NDArray[np.float64]) -> float:

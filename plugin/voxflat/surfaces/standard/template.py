@@ -109,9 +109,9 @@ def _parsed(path: Path, content: Any, name: str) -> Template:
     if not isinstance(content, dict) or content.get("voxflat") != "template":
         raise InputError(f"{path} is not a template of cuts. Create one with voxflat cut --save-template")
     check_format(path, content.get("format"), _FORMAT, "Save the template again")
-    for key, known in (("space", SPACES), ("side", tuple(SIDES))):
-        if content.get(key) not in known:
-            raise InputError(f"{path}: {key} is {content.get(key)!r}, but must be {' or '.join(map(repr, known))}")
+    for key, choices in (("space", SPACES), ("side", tuple(SIDES))):
+        if content.get(key) not in choices:
+            raise InputError(f"{path}: {key} is {content.get(key)!r}, but must be {' or '.join(map(repr, choices))}")
     outlines = tuple(_line(path, entry, 3) for entry in _entries(path, content, "outlines"))
     cuts = tuple(_line(path, entry, 2) for entry in _entries(path, content, "cuts"))
     if not outlines and not cuts:
@@ -155,15 +155,16 @@ def _line(path: Path, entry: Any, fewest: int) -> Line:
 
 
 def _anchors(path: Path, content: dict[str, Any]) -> Anchors | None:
-    given = content.get("anchors")
-    if given is None:
+    anchors = content.get("anchors")
+    if anchors is None:
         return None
-    if not isinstance(given, dict):
+    if not isinstance(anchors, dict):
         raise InputError(f"{path}: anchors is not a JSON object")
-    found = [_numbers(path, given.get(key), width, key, 3) for key, width in (("sphere", 3), ("flat", 2), ("white", 3))]
-    if len({len(array) for array in found}) != 1:
+    widths = {"sphere": 3, "flat": 2, "white": 3}
+    arrays = [_numbers(path, anchors.get(key), width, key, 3) for key, width in widths.items()]
+    if len({len(array) for array in arrays}) != 1:
         raise InputError(f"{path}: the anchors have different lengths")
-    return Anchors(*found)
+    return Anchors(*arrays)
 
 
 def _numbers(path: Path, values: Any, width: int, name: str, fewest: int) -> NDArray[np.float64]:

@@ -41,16 +41,16 @@ class TracedCut:
 def kept_by(template: Template, whole: Manifold, sphere: Sphere) -> NDArray[np.bool_]:
     """Find the triangles that a template's outlines keep: all on their left, in one piece with one boundary each."""
     faces = whole.faces
-    kept = np.ones(len(faces), dtype=np.bool_)
+    mask = np.ones(len(faces), dtype=np.bool_)
     for outline in template.outlines:
         dropped = ~_left_of(outline, sphere.places[whole.vertices])
-        kept &= ~_largest(dropped, faces)[faces].any(axis=1)
-    if not kept.any():
+        mask &= ~_largest(dropped, faces)[faces].any(axis=1)
+    if not mask.any():
         raise InputError(f"the outlines of the template {template.name} exclude every triangle of the surface")
-    piece = whole.core.part_of_faces(kept).largest_piece()
+    piece = whole.core.part_of_faces(mask).largest_piece()
     in_piece = np.zeros(whole.count, dtype=np.bool_)
     in_piece[piece.ids] = True
-    return np.asarray(kept & in_piece[whole.vertices[faces]].all(axis=1))
+    return np.asarray(mask & in_piece[whole.vertices[faces]].all(axis=1))
 
 
 def _largest(chosen: NDArray[np.bool_], faces: NDArray[np.uint32]) -> NDArray[np.bool_]:
@@ -77,9 +77,9 @@ def _left_of(outline: Line, places: NDArray[np.float64]) -> NDArray[np.bool_]:
 
     a = flat(_dense(np.concatenate([line, line[:1]]), 0.01))[:-1]
     b = np.roll(a, -1, axis=0)
-    at = flat(places)
-    near = np.flatnonzero(((at >= a.min(axis=0)) & (at <= a.max(axis=0))).all(axis=1))
-    u, v = at[near].T
+    uv = flat(places)
+    near = np.flatnonzero(((uv >= a.min(axis=0)) & (uv <= a.max(axis=0))).all(axis=1))
+    u, v = uv[near].T
     inside = np.zeros(len(near), dtype=np.bool_)
     for (au, av), (bu, bv) in zip(a, b, strict=True):
         if av != bv:
@@ -115,7 +115,7 @@ def traced(
     places = sphere.places[part.vertices]
     topology = part.core.topology()
     loops = [np.asarray(loop["vertices"], dtype=np.int64) for loop in topology["loops"]]
-    wide = [loop for loop, of in zip(loops, topology["loops"], strict=True) if of["length"] > _SMALL_LOOP] or loops
+    wide = [loop for loop, row in zip(loops, topology["loops"], strict=True) if row["length"] > _SMALL_LOOP] or loops
     is_border = np.zeros(len(part), dtype=np.bool_)
     for loop in loops:
         is_border[loop] = True
@@ -126,7 +126,7 @@ def traced(
     cuts: list[TracedCut] = []
     warnings = []
     names = {outline.name for outline in template.outlines}
-    found: dict[str, NDArray[np.int64]] = {}
+    paths: dict[str, NDArray[np.int64]] = {}
     for cut in template.cuts:
         tips = np.flatnonzero(is_open)
         apart = np.linalg.norm(places[tips] - cut.points[-1], axis=1)
@@ -139,8 +139,8 @@ def traced(
             is_root[int(np.linalg.norm(places - cut.points[0], axis=1).argmin())] = True
         elif cut.root is None or cut.root in names:
             is_root[_nearest_loop(wide, places, cut)] = True
-        elif cut.root in found:
-            is_root[found[cut.root]] = True
+        elif cut.root in paths:
+            is_root[paths[cut.root]] = True
         else:
             warnings.append(f"the cut {cut.name!r} begins at {cut.root!r}, which is omitted, so it is also omitted")
             continue
@@ -162,7 +162,7 @@ def traced(
         vertices = way[::-1]
         steps = np.diff(part.points[vertices], axis=0)
         cuts.append(TracedCut(cut.name, vertices, float(np.linalg.norm(steps, axis=1).sum())))
-        found[cut.name] = vertices
+        paths[cut.name] = vertices
         is_open[vertices] = False
     return cuts, warnings
 
@@ -200,11 +200,11 @@ def template_of(
     part = whole._with_core(whole.core.part_of_faces(faces))
     beyond = _beyond(whole, faces, sphere)
     outlines = []
-    at: dict[int, str] = {}
+    owner: dict[int, str] = {}
     for number, loop in enumerate(_directed_loops(part)):
         name = "outline" if number == 0 else f"outline {number + 1}"
         outlines.append(Line(name, beyond[part.vertices[loop]]))
-        at.update(dict.fromkeys(part.vertices[loop].tolist(), name))
+        owner.update(dict.fromkeys(part.vertices[loop].tolist(), name))
     lines: list[Line] = []
     rest = list(cuts)
     while rest:
@@ -212,17 +212,17 @@ def template_of(
             ends = int(path[0]), int(path[-1])
             if ends[0] == ends[1] or len(path) < 2:
                 raise InputError(f"the cut {name!r} is closed, but a template cannot contain loops around handles")
-            if ends[0] in at or ends[1] in at:
-                way = path if ends[0] in at else path[::-1]
-                root: str | None = at[int(way[0])]
+            if ends[0] in owner or ends[1] in owner:
+                way = path if ends[0] in owner else path[::-1]
+                root: str | None = owner[int(way[0])]
             elif not outlines and not lines:
                 way, root = path, None
             else:
                 continue
             lines.append(Line(name, sphere.places[way], root))
             for vertex in way.tolist():
-                at.setdefault(int(vertex), name)
-            rest = [one for one in rest if one[0] != name]
+                owner.setdefault(int(vertex), name)
+            rest = [item for item in rest if item[0] != name]
             break
         else:
             raise InputError(
@@ -253,11 +253,11 @@ def _directed_loops(part: Manifold) -> list[NDArray[np.int64]]:
     edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
     keys = edges[:, 0] * len(part) + edges[:, 1]
     loops = sorted(part.core.topology()["loops"], key=lambda loop: -loop["length"])
-    found = []
+    directed = []
     for loop in (loop for loop in loops if loop["length"] > _SMALL_LOOP):
         vertices = np.asarray(loop["vertices"], dtype=np.int64)
         if len(vertices) > 1 and vertices[0] == vertices[-1]:
             vertices = vertices[:-1]
         runs_with = bool(np.isin(vertices[0] * len(part) + vertices[1], keys))
-        found.append(vertices if runs_with else vertices[::-1])
-    return found
+        directed.append(vertices if runs_with else vertices[::-1])
+    return directed
