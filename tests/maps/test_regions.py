@@ -163,6 +163,24 @@ class TestVoxels:
         assert 0 < np.count_nonzero(image.dataobj) < 200
         refused("has no mesh vertices", regions.save, tmp_path / "l.annot")
 
+    @pytest.mark.parametrize(("unit", "of_file"), [("mm", "mm"), ("µm", "mm"), ("pixel", "unknown")])
+    def test_voxels_that_have_no_unit_get_none_in_files(self, tmp_path, unit, of_file):
+        """Lengths in µm are converted to mm, in which other programs expect them."""
+        volume = Volume(voxflat.samples.ball(), np.diag([2.0, 2, 2, 1]), unit="mm" if unit == "pixel" else unit)
+        solid = voxflat.surface(volume).disk((11, 11, 20), 16.0).flatten(Voxflat(sources=30))
+        solid = replace(solid, origin=replace(solid.origin, in_pixels=unit == "pixel"))
+        regions = solid.regions(circle(*solid.uv.mean(axis=0), 9.0))
+        regions.save(tmp_path / "l.nii.gz", depth=(-3.0, 1.0))
+        solid.heat_map().save(tmp_path / "i.nii.gz")
+        size = 2e-3 if unit == "µm" else 2.0
+        for name in ("l", "i"):
+            header = nib.load(tmp_path / f"{name}.nii.gz").header
+            assert header.get_xyzt_units()[0] == of_file
+        np.testing.assert_allclose(nib.load(tmp_path / "l.nii.gz").header.get_zooms(), size, rtol=1e-6)
+        regions.save(tmp_path / "r.tsv")
+        words = (tmp_path / "r.tsv").read_text().split("\n")[0].split("\t")
+        assert {"mm": "area_mm2", "µm": "area_um2", "pixel": "area"}[unit] in words
+
     def test_far_and_coarse_grids_are_told(self, m):
         regions = m.regions(drawn(m))
         far = nib.affines.from_matvec(np.eye(3), [500, 500, 500])

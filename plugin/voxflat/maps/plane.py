@@ -158,7 +158,7 @@ class Planar(ReadOnly, ABC):
         if size not in self._rasters:
             of = self._triangles
             corners, weights, (u, v) = _core.draw(of.uv, of.faces, of.torn, size)
-            unit = of.on_surface.origin.unit
+            unit = of.on_surface.origin.named_unit
             self._rasters[size] = Raster(corners, weights, (u, v), size, unit)
         return self._rasters[size]
 

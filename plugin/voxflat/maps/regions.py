@@ -352,7 +352,8 @@ class Regions(ReadOnly, Recorded):
         record = {**self.provenance, "labels": labels, "files": inputs}
         with saving(path, record, sidecar=sidecar, overwrite=overwrite):
             if made is not None:
-                write_volume(path, made.data, made.in_unit("mm").affine, record)
+                has_unit = volume is not None or self._surface.origin.named_unit != "unknown"
+                write_volume(path, made.data, made.in_unit("mm").affine, record, has_unit=has_unit)
             elif rows is not None:
                 write_table(path, rows)
             else:
@@ -376,7 +377,8 @@ class Regions(ReadOnly, Recorded):
 
     def _rows(self, stack: FlatStack | None) -> list[list[str]]:
         """Return the properties as cells, under a header with units."""
-        unit = "" if self._surface.origin.unit == "unknown" else "_" + self._surface.origin.unit.replace("µ", "u")
+        named = self._surface.origin.named_unit
+        unit = "" if named == "unknown" else "_" + named.replace("µ", "u")
         units = {**dict.fromkeys(LENGTHS, unit), **dict.fromkeys(AREAS, unit and f"{unit}2")}
         units |= {"map_direction": "_degrees", "curvature": unit and f"_per{unit}"}
         found = self.properties(stack)

@@ -92,7 +92,7 @@ class Source(ABC):
         sample = LastKept(self._sampler(raster, sampling, title, is_series=is_series))
         channels = replace(self.channels, read=sample)
         if sampling.projection is None:
-            layers = sampling.depths.names(self.surface.origin.unit)
+            layers = sampling.depths.names(self.surface.origin.named_unit)
             names = [", ".join(filter(None, (name, layer))) for name in self.channels.names for layer in layers]
             channels = Channels(tuple(names), lambda n: sample(n // len(layers))[n % len(layers)], channels.timing)
             own |= {"layers": layers, "heights": self.surface.heights(sampling.depths)}

@@ -89,7 +89,7 @@ class SurfacePoints:
             raise InputError(f"depth is {depth}, but a surface that is one voxel thick has no outside. Omit depth")
         directions, share = uncrossed(self.points, self.normals, self.faces, low, high)
         if share:
-            ends = Depths((low, high)).names(self.origin.unit)
+            ends = Depths((low, high)).names(self.origin.named_unit)
             between = ends[0] if low == high else " to ".join(ends)
             message = "layers at depths of %s cross at %.2g %% of the triangles, where the surface bends more tightly"
             log.warning(f"{message}. Use smaller depths, or smooth the surface", between, 100 * share)

@@ -335,7 +335,7 @@ class WorstPlaces(ReadOnly, Saved):
             text = as_text({**self.figures(), "provenance": self.provenance})
         else:
             rows = [place.figures() for place in self.places]
-            unit = self.flat_map.origin.unit
+            unit = self.flat_map.origin.named_unit
             columns = list(rows[0] if rows else replace(_NO_PLACE, unit=unit).figures())
             cells = [["n/a" if row[name] is None else _cell(row[name]) for name in columns] for row in rows]
             text = "\n".join("\t".join(row) for row in [columns, *cells])

@@ -157,7 +157,7 @@ def _place(
     total, excess = float(area.sum()), float(weights.sum())
     ratios = float(2.0 ** log[np.argmax(np.abs(log))]), float(2.0**median)
     at = flat_map.points[centre], flat_map.uv[centre], flat_map.ids[centre]
-    unit = flat_map.origin.unit
+    unit = flat_map.origin.named_unit
     return WorstPlace(number, kind, total, total / whole, excess, *ratios, *at, group, parcel, unit=unit)
 
 
