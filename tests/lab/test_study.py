@@ -715,10 +715,11 @@ def test_warnings_are_printed_with_the_hemisphere_and_notes_are_not(doubtful):
     assert result.exit_code == 0
     again = run("bids", root / "bids", root / "out", "participant")
     assert "4 participants: 0 made, 4 up to date" in again.stdout
-    for lines in (result.stderr.splitlines(), again.stderr.splitlines()):
-        assert len(lines) == 2
-        for line, (who, told) in zip(lines, WARNINGS.items(), strict=True):
-            assert line.startswith(f"voxflat: warning: {who}: {told}")
+    for line, (who, told) in zip(result.stderr.splitlines(), WARNINGS.items(), strict=True):
+        assert line.startswith(f"voxflat: warning: {who}: {told}")
+        assert f"{who}: up to date (1 warning in its report)" in again.stdout
+    assert again.stderr == ""  # it was told when the maps were made
+    assert again.stdout.count("up to date (") == 2
     assert run("bids", root / "bids", root / "out", "participant", "--quiet").stderr == ""
     for path in (root / "out").rglob("*_flat.json"):
         record = json.loads(path.read_text())
@@ -861,4 +862,22 @@ def test_images_that_a_group_deletes_are_named(doubtful, tmp_path):
     told, printed = grouped(folder, "--hemi", "L")
     kinds = [(of, name) for of in ("count", "mean", "std") for name in ("curvature", "thickness")]
     assert told["deleted"] == [f"group_hemi-R_stat-{of}_desc-voxflat_{name}.nii.gz" for of, name in kinds]
-    assert f"voxflat: deleted images of an earlier group that this one does not have: {told['deleted'][0]}, " in printed
+    begin = "voxflat: images of an earlier group that this one does not have will be deleted"
+    assert f"{begin}: {told['deleted'][0]}, " in printed
+
+
+def test_images_that_a_group_deletes_are_named_before(doubtful, tmp_path, monkeypatch):
+    folder = copied(doubtful, tmp_path)
+    grouped(folder)
+
+    delete = Path.unlink
+
+    def unlink(path, **how):
+        if path.name.startswith("group_hemi-R"):
+            raise OSError("cannot delete it")
+        delete(path, **how)
+
+    monkeypatch.setattr(Path, "unlink", unlink)
+    result = run("bids", folder / "bids", folder / "out", "group", "--hemi", "L")
+    assert result.exit_code == 1
+    assert "will be deleted: group_hemi-R_stat-count_desc-voxflat_curvature.nii.gz, " in result.stderr

@@ -67,10 +67,12 @@ def group(
                 name = f"group_hemi-{mean.letter}_stat-{statistic}_desc-voxflat_{mean.name}.nii.gz"
                 image.save(out / name)
                 written.append(name)
-        for path in out.glob("group_hemi-*_stat-*_desc-voxflat_*.nii.gz"):  # of an earlier group of other maps
-            if path.name not in written:
-                path.unlink()
-                deleted.append(path.name)
+        there = {path.name for path in out.glob("group_hemi-*_stat-*_desc-voxflat_*.nii.gz")}
+        if deleted := sorted(there - set(written)):
+            of_others = "images of an earlier group that this one does not have will be deleted"
+            log.info("%s", f"{of_others}: {', '.join(deleted)}")
+        for name in deleted:
+            (out / name).unlink()
         table, page = out / f"{_STEM}_measures.tsv", out / "group.html"
         write_text(table, _table(rows))
         write_json(table.with_suffix(".json"), DESCRIPTIONS)
@@ -83,8 +85,6 @@ def group(
     rows = _with_outliers(rows)
     for warning in (warnings := _warnings(rows, gone, source, again)):
         log.warning("%s", warning)
-    if deleted:
-        log.info("%s", f"deleted images of an earlier group that this one does not have: {', '.join(sorted(deleted))}")
     return {
         "warnings": warnings,
         "maps": sum(row.record is not None for row in rows),
@@ -94,7 +94,7 @@ def group(
         "outliers": {row.hemisphere: row.outliers for row in rows if row.outliers},
         "outliers_by_chance": expected_outliers(rows),
         "written": written,
-        "deleted": sorted(deleted),
+        "deleted": deleted,
     }
 
 

@@ -302,9 +302,9 @@ def _say(bar: Bars, quiet: bool, message: str) -> None:
 
 
 def _outcome_printer(bar: Bars, *, quiet: bool, notes: bool = False) -> Callable[[Outcome], None]:
-    """Return a function that prints the outcome of a hemisphere; its warnings and failures are printed on stderr.
+    """Return a function that prints the outcome of a hemisphere; the warnings on new maps, and failures, go to stderr.
 
-    With `notes`, the notes on maps that were made are printed, too. Failures are printed even if `quiet`.
+    With `notes`, the notes on new maps are printed, too. Failures are printed even if `quiet`.
     """
 
     def tell(outcome: Outcome) -> None:
@@ -314,14 +314,16 @@ def _outcome_printer(bar: Bars, *, quiet: bool, notes: bool = False) -> Callable
             bar.tell(f"voxflat: {begin}: error: {outcome.reason}", err=True)
         if quiet or outcome.state == "failed":
             return
-        for note in record["notes"] if notes and outcome.state == "made" else ():
+        is_made, warnings = outcome.state == "made", record["warnings"]
+        for note in record["notes"] if notes and is_made else ():
             bar.tell(f"voxflat: {begin}: {translated(note)}", err=True)
-        for warning in record["warnings"]:
+        for warning in warnings if is_made else ():
             bar.tell(f"voxflat: warning: {begin}: {translated(warning)}", err=True)
         if is_json():
             return
-        if outcome.state == "done":
-            bar.tell(f"{begin}: up to date")
+        if not is_made:
+            count = f" ({many(len(warnings), 'warning')} in its report)" if warnings else ""
+            bar.tell(f"{begin}: up to date{count}")
         else:
             error, seconds = record["figures"]["best_scale"]["relative_error"], sum(record["seconds"].values())
             points = record["map"]["points"]
