@@ -102,11 +102,11 @@ class Channels:
         if count == 1 and channel not in (0, -1, "0", "-1", self.names[0]):
             raise InputError(f"has only one {self.called}, but channel is {shown(channel)}. Omit channel")
         if isinstance(channel, str):
-            found = [n for n, name in enumerate(self.names) if name == channel]
-            if len(found) == 1:
-                return found[0]
-            if len(found) > 1:
-                several = f"has {len(found)} {self.called}s named {channel!r} (numbers {found})"
+            numbers = [n for n, name in enumerate(self.names) if name == channel]
+            if len(numbers) == 1:
+                return numbers[0]
+            if len(numbers) > 1:
+                several = f"has {len(numbers)} {self.called}s named {channel!r} (numbers {numbers})"
                 raise InputError(f"{several}. Choose one by its number")
             if not re.fullmatch(r"-?[0-9]+", channel):
                 raise InputError(f"has no {self.called} {channel!r}. Choose one of {self.listed()}")
@@ -155,8 +155,8 @@ def series_of(obj: object) -> tuple[Channels, Affine] | None:
     rest, stored = (0,) * (len(image.shape) - 4), _kept_open(image)
 
     def frame(n: int) -> NDArray[Any]:
-        at = (..., n, *rest)
-        return np.asarray(stored[at])
+        index = (..., n, *rest)
+        return np.asarray(stored[index])
 
     return Channels(("",) * shape[3], frame, _timing(image.header)).of_file(path), affine
 
@@ -179,13 +179,13 @@ def points_of_nibabel(obj: object, points: int, structure: str | None) -> Channe
         raise InputError(f"has shape {shape} and type {image.get_data_dtype()}. Pass numbers of shape (N, 1, 1, T)")
     _check_complete(path, image, 2 * points)
     count = further[0] if further else 1
-    at, stored = shape.index(count, 3) if further else 0, _kept_open(image)
+    split, stored = shape.index(count, 3) if further else 0, _kept_open(image)
 
     def read(n: int) -> NDArray[Any]:
-        place = tuple(slice(None) if axis < 3 else n if axis == at else 0 for axis in range(len(shape)))
+        place = tuple(slice(None) if axis < 3 else n if axis == split else 0 for axis in range(len(shape)))
         return np.asarray(stored[place]).ravel()
 
-    return Channels(("",) * count, read, _timing(image.header) if at == 3 else None)
+    return Channels(("",) * count, read, _timing(image.header) if split == 3 else None)
 
 
 def opened(obj: object) -> tuple[Any, Path | None]:
@@ -258,8 +258,8 @@ def _cifti(image: Any, points: int, structure: str | None) -> Channels:
     name = _structure(models, axes[1].nvertices, points, structure)
     part, model = models[name]
     if axes[1].nvertices[name] != points:
-        found = axes[1].nvertices[name]
-        raise InputError(f"has {found} vertices for {_short(name)}, but the surface has {points} points")
+        count = axes[1].nvertices[name]
+        raise InputError(f"has {count} vertices for {_short(name)}, but the surface has {points} points")
     maps, kind, timing = axes[0], type(axes[0]).__name__, None
     names = ("",) * len(maps)
     if kind in ("ScalarAxis", "LabelAxis"):
@@ -277,10 +277,10 @@ def _cifti(image: Any, points: int, structure: str | None) -> Channels:
             labels = np.zeros(points, dtype=np.int64)
             labels[model.vertex] = _whole(values)
             return labels
-        found = np.full(points, np.nan)
+        dense = np.full(points, np.nan)
         with np.errstate(invalid="ignore"):  # treat a signalling NaN as NaN
-            found[model.vertex] = values
-        return found
+            dense[model.vertex] = values
+        return dense
 
     return Channels(names, read, timing)
 
@@ -299,15 +299,15 @@ def _structure(models: dict[str, Any], sizes: dict[str, int], points: int, struc
     if not models:
         raise InputError("contains only values in voxels. Pass a file with values at vertices")
     if structure is not None:
-        wanted = "CIFTI_STRUCTURE_" + re.sub(r"(?<!^)(?=[A-Z])", "_", structure).upper()
-        if wanted not in models:
-            raise InputError(f"contains {', '.join(map(_short, models))}, but the surface belongs to {_short(wanted)}")
-        return wanted
+        model = "CIFTI_STRUCTURE_" + re.sub(r"(?<!^)(?=[A-Z])", "_", structure).upper()
+        if model not in models:
+            raise InputError(f"contains {', '.join(map(_short, models))}, but the surface belongs to {_short(model)}")
+        return model
     fitting = [name for name in models if sizes[name] == points]
     if len(fitting) != 1:
-        found = f"{', '.join(map(_short, fitting or models))}, {'each' if fitting else 'none'} with {points} vertices"
+        listing = f"{', '.join(map(_short, fitting or models))}, {'each' if fitting else 'none'} with {points} vertices"
         remedy = "Define AnatomicalStructurePrimary in the surface's GIFTI file, or begin its name with lh. or rh."
-        raise InputError(f"contains {found}, and the hemisphere of the surface is unknown. {remedy}")
+        raise InputError(f"contains {listing}, and the hemisphere of the surface is unknown. {remedy}")
     return fitting[0]
 
 

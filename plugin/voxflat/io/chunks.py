@@ -44,10 +44,10 @@ _ORIENTED |= {f"{high}-to-{low}": (axis, -1) for axis, (low, high) in enumerate(
 class _Grid:
     """Store the sizes of the chunks along an axis, given as one size for all chunks or as a list of sizes."""
 
-    def __init__(self, length: int, of: Any) -> None:
+    def __init__(self, length: int, sizes: Any) -> None:
         self._length = length
-        self._size = None if isinstance(of, tuple | list) else int(of)
-        self._edges = np.cumsum([0, *of]).astype(np.int64) if self._size is None else np.zeros(0, np.int64)
+        self._size = None if isinstance(sizes, tuple | list) else int(sizes)
+        self._edges = np.cumsum([0, *sizes]).astype(np.int64) if self._size is None else np.zeros(0, np.int64)
         self.count = len(self._edges) - 1 if self._size is None else -(-length // self._size)
 
     def number(self, index: NDArray[np.integer[Any]]) -> NDArray[np.integer[Any]]:
@@ -87,8 +87,8 @@ class Chunked:
     @property
     def dtype(self) -> np.dtype[Any]:
         """Type of the values."""
-        found: np.dtype[Any] = np.dtype(self.array.dtype)
-        return found if self.made_of is None else self.made_of(np.zeros(0, found)).dtype
+        stored: np.dtype[Any] = np.dtype(self.array.dtype)
+        return stored if self.made_of is None else self.made_of(np.zeros(0, stored)).dtype
 
     @property
     def grids(self) -> list[_Grid]:
@@ -105,13 +105,13 @@ class Chunked:
 
     def block(self, spans: list[tuple[int, int]]) -> NDArray[Any]:
         """Read a box of voxels, given the first index and the index after the last one along each of i, j and k."""
-        at: list[Any] = [slice(None)] * len(self.array.shape)
+        place: list[Any] = [slice(None)] * len(self.array.shape)
         for axis, span in zip(self.axes, spans, strict=True):
-            at[axis] = slice(*span)
+            place[axis] = slice(*span)
         for axis, index in self.fixed:
-            at[axis] = index
+            place[axis] = index
         with naming(self.path or type(self.array).__name__, REMEDY):
-            read = np.asarray(self.array[tuple(at)])  # the remaining axes keep their order
+            read = np.asarray(self.array[tuple(place)])  # the remaining axes keep their order
         if self.made_of is not None:
             read = self.made_of(read)
         order = np.argsort(np.argsort(self.axes))
@@ -131,21 +131,21 @@ class _StoredArray:
     name: tuple[str, ...] = ()  # of the dataset in a file
 
     def __getitem__(self, key: tuple[int | slice, ...]) -> NDArray[Any]:
-        at = [[one.start, one.stop] if isinstance(one, slice) else one for one in key]
+        box = [[part.start, part.stop] if isinstance(part, slice) else part for part in key]
         size = self.dtype.itemsize
-        for one, length in zip(at, self.chunks, strict=True):  # all of each chunk is decompressed
+        for one, length in zip(box, self.chunks, strict=True):  # all of each chunk is decompressed
             first, last = (one[0], one[1] - 1) if isinstance(one, list) else (one, one)
             size *= (last // length - first // length + 1) * length
-        how: dict[str, Any] = {"size": size, "inflated": 2}
-        found: NDArray[Any] = read_in_subprocess(self.read, self.package, self.path, at, *self.name, **how)
-        return found
+        limits: dict[str, Any] = {"size": size, "inflated": 2}
+        block: NDArray[Any] = read_in_subprocess(self.read, self.package, self.path, box, *self.name, **limits)
+        return block
 
 
-def zarr_block(path: Path, at: list[int | list[int]]) -> NDArray[Any]:
+def zarr_block(path: Path, box: list[int | list[int]]) -> NDArray[Any]:
     """Read a box from an array in a Zarr directory, given one index, or a start and an end index, for each axis."""
     array = require("zarr").open_array(str(path), mode="r")
     _check_blosc()
-    return np.asarray(array[tuple(slice(*one) if isinstance(one, list) else one for one in at)])
+    return np.asarray(array[tuple(slice(*part) if isinstance(part, list) else part for part in box)])
 
 
 @cache
@@ -237,10 +237,10 @@ def _check(array: Any, chunks: Any) -> None:
     if 0 in array.shape or 0 in chunks:
         raise InputError(f"is empty (shape {tuple(array.shape)}, chunks {tuple(chunks)}). Pass an array with voxels")
     check_axes(tuple(array.shape))
-    count = math.prod(_Grid(length, of).count for length, of in zip(array.shape, chunks, strict=True))
+    count = math.prod(_Grid(length, size).count for length, size in zip(array.shape, chunks, strict=True))
     if count >= 2**63:
         raise InputError(f"has {count} chunks, more than a 64-bit integer can count. Write it again with larger chunks")
-    largest = math.prod(max(of) if isinstance(of, tuple | list) else int(of) for of in chunks)
+    largest = math.prod(max(size) if isinstance(size, tuple | list) else int(size) for size in chunks)
     check_room(2 * largest * np.dtype(array.dtype).itemsize)
 
 
@@ -268,13 +268,13 @@ def _tiff(path: Path) -> tuple[Channels, Affine | None, str]:
 def _hdf5(path: Path) -> tuple[Channels, None, str]:
     """Open the stack in an HDF5 file, which does not define the size of voxels."""
     check_regular(path)
-    found = open_hdf5(path)
+    stack = open_hdf5(path)
     record_file(path)
-    how: dict[str, Any] = {"package": "h5py", "read": hdf5_block, "name": (found.name,)}
-    array = _StoredArray(path, found.shape, found.dtype, found.chunks, **how)
+    options: dict[str, Any] = {"package": "h5py", "read": hdf5_block, "name": (stack.name,)}
+    array = _StoredArray(path, stack.shape, stack.dtype, stack.chunks, **options)
     _check(array, array.chunks)
-    _check_stored(path, *found.stored)
-    return _channels(array, found.axes, path), None, "mm"
+    _check_stored(path, *stack.stored)
+    return _channels(array, stack.axes, path), None, "mm"
 
 
 def _channels(array: Any, names: Sequence[str], path: Path, labels: Sequence[str] = ()) -> Channels:
@@ -304,32 +304,32 @@ def _ome_zarr(path: Path) -> tuple[Channels, Affine, str]:
     """Open the finest image of an OME-Zarr directory, or the image within it that the path selects."""
     zarr = require("zarr")
     wanted = None
-    told, about, labels = _multiscales(path)
-    if told is None:
-        told, about, labels = _multiscales(path.parent)
+    image, about, labels = _multiscales(path)
+    if image is None:
+        image, about, labels = _multiscales(path.parent)
         wanted = path.name
-    if told is None or about is None:
+    if image is None or about is None:
         raise InputError("has no multiscales metadata, which define its position. Pass an array and an affine")
     record_file(about)
-    sets = told.get("datasets") or []
-    found = next((one for one in sets if wanted is None or one.get("path") == wanted), None)
-    if found is None:
-        raise InputError(f"has no image {wanted!r}. Choose one of {', '.join(str(one.get('path')) for one in sets)}")
-    file = within(path if wanted is None else path.parent, str(found.get("path")), "image")
+    sets = image.get("datasets") or []
+    dataset = next((entry for entry in sets if wanted is None or entry.get("path") == wanted), None)
+    if dataset is None:
+        raise InputError(f"has no image {wanted!r}. Choose one of {', '.join(str(e.get('path')) for e in sets)}")
+    file = within(path if wanted is None else path.parent, str(dataset.get("path")), "image")
     for name in _HEADERS:
         if (file / name).exists():
             check_regular(file / name)
     opened = zarr.open_array(str(file), mode="r")
     shape, chunks = tuple(map(int, opened.shape)), tuple(map(int, opened.chunks))
     array = _StoredArray(file, shape, np.dtype(opened.dtype), chunks, "zarr", zarr_block)
-    axes = told.get("axes") or [{"name": name} for name in "tczyx"[-len(array.shape) :]]
+    axes = image.get("axes") or [{"name": name} for name in "tczyx"[-len(array.shape) :]]
     axes = [axis if isinstance(axis, dict) else {"name": axis} for axis in axes]
     names = [str(axis.get("name")) for axis in axes]
     if len(names) != len(array.shape) or not {"x", "y", "z"} <= set(names):
         raise InputError(f"has shape {tuple(array.shape)} and the axes {', '.join(names)}. Provide the axes x, y and z")
     _check(array, array.chunks)
     _check_stored(path, *_zarr_chunks(file, opened))
-    scale, shift = _scale_and_shift(found, told, len(names))
+    scale, shift = _scale_and_shift(dataset, image, len(names))
     spatial = tuple(names.index(axis) for axis in "xyz")
     affine = np.zeros((4, 4))
     affine[3, 3] = 1
@@ -339,8 +339,8 @@ def _ome_zarr(path: Path) -> tuple[Channels, Affine, str]:
             raise InputError(f"has an axis {names[axis]} with the unit {named}. Use one of {', '.join(_UNITS)}")
     unit = _UNITS[units[0]][0]
     for column, axis in enumerate(spatial):
-        own, length = _UNITS[units[column]]
-        length *= millimetres(own) / millimetres(unit)
+        symbol, length = _UNITS[units[column]]
+        length *= millimetres(symbol) / millimetres(unit)
         orientation = axes[axis].get("orientation") or {}
         value = orientation.get("value") if isinstance(orientation, dict) else None
         row, sign = _ORIENTED.get(str(value), (column, 1))
@@ -352,11 +352,11 @@ def _ome_zarr(path: Path) -> tuple[Channels, Affine, str]:
 
 
 def _scale_and_shift(
-    image: dict[str, Any], told: dict[str, Any], axes: int
+    image: dict[str, Any], around: dict[str, Any], axes: int
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the scale and the translation of an image along each axis."""
     scale, shift = np.ones(axes), np.zeros(axes)
-    steps = [*(image.get("coordinateTransformations") or []), *(told.get("coordinateTransformations") or [])]
+    steps = [*(image.get("coordinateTransformations") or []), *(around.get("coordinateTransformations") or [])]
     if not any(step.get("type") == "scale" for step in steps):
         raise InputError("does not define its scale, the size of its voxels. Pass an array and an affine")
     with np.errstate(invalid="ignore", over="ignore"):  # checked below
@@ -394,7 +394,7 @@ def _zarr_chunks(path: Path, array: Any) -> tuple[int, int, int, int]:
             place = re.split(r"[./]", (Path(folder) / name).relative_to(path).as_posix())
             place = place[1:] if place[0] == "c" else place
             if len(place) == len(counts) and all(map(str.isdecimal, place)):
-                stored += all(int(one) < count for one, count in zip(place, counts, strict=True))
+                stored += all(int(n) < count for n, count in zip(place, counts, strict=True))
                 largest = max(largest, (Path(folder) / name).stat().st_size)
     ratio = _INFLATED["bz2" in str(array.metadata).lower()]
     return stored, math.prod(counts), math.prod(array.chunks) * np.dtype(array.dtype).itemsize, ratio * largest
@@ -407,9 +407,9 @@ def _check_stored(path: Path, stored: int, count: int, size: int, most: int) -> 
     if size > most:
         raise InputError(f"has chunks of {amount(size)}, more than its files can contain. {AGAIN}")
     if stored < count:
-        told = "%s: %d of %d chunks (%.2g %%) are not stored. Their voxels have the fill value, usually 0, as in "
-        told += "chunks that a program left out because they are empty. If the image was copied, copy it again"
-        log.warning(told, path, count - stored, count, 100 * (count - stored) / count)
+        text = "%s: %d of %d chunks (%.2g %%) are not stored. Their voxels have the fill value, usually 0, as in "
+        text += "chunks that a program left out because they are empty. If the image was copied, copy it again"
+        log.warning(text, path, count - stored, count, 100 * (count - stored) / count)
 
 
 def _multiscales(path: Path) -> tuple[dict[str, Any] | None, Path | None, tuple[str, ...]]:
@@ -424,7 +424,7 @@ def _multiscales(path: Path) -> tuple[dict[str, Any] | None, Path | None, tuple[
             group = attributes.get("ome", attributes)
             scales = group.get("multiscales")
             channels = (group.get("omero") or attributes.get("omero") or {}).get("channels") or []
-            labels = tuple(str(one.get("label", "")).strip() for one in channels)
+            labels = tuple(str(channel.get("label", "")).strip() for channel in channels)
         except (ValueError, AttributeError, RecursionError):
             raise InputError(f"{name} is damaged. Copy or download it again") from None
         if scales:

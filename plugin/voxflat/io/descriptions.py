@@ -15,8 +15,8 @@ def _null_or(kind: _Kind) -> _Kind:
     return lambda value: value is None or kind[0](value), f"{kind[1]} or null"
 
 
-def _all(kind: _Kind, what: str) -> _Kind:
-    return lambda value: isinstance(value, list) and all(map(kind[0], value)), what
+def _all(kind: _Kind, words: str) -> _Kind:
+    return lambda value: isinstance(value, list) and all(map(kind[0], value)), words
 
 
 _TEXT: _Kind = (lambda value: isinstance(value, str), "a text")
@@ -95,15 +95,15 @@ def check_description(metadata: Mapping[str, Any]) -> None:
         _check(cut, _OF_CUT)
 
 
-def check_distortion(told: Mapping[str, Any]) -> None:
+def check_distortion(figures: Mapping[str, Any]) -> None:
     """Raise an error for a distortion measure whose value is impossible; undefined measures are null."""
-    _check(told, {name: _OF_DISTORTION.get(name, _null_or(_SIZE)) for name in told})
-    for part in told.values():
+    _check(figures, {name: _OF_DISTORTION.get(name, _null_or(_SIZE)) for name in figures})
+    for part in figures.values():
         if isinstance(part, dict):
             check_distortion(part)
 
 
-def _check(told: Mapping[str, Any], kinds: Mapping[str, _Kind]) -> None:
+def _check(content: Mapping[str, Any], kinds: Mapping[str, _Kind]) -> None:
     for name, (is_of_kind, words) in kinds.items():
-        if name in told and not is_of_kind(told[name]):
-            raise InputError(f"its key {name!r} is {shown(told[name])} instead of {words}. {AGAIN}")
+        if name in content and not is_of_kind(content[name]):
+            raise InputError(f"its key {name!r} is {shown(content[name])} instead of {words}. {AGAIN}")

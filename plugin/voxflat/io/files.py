@@ -84,14 +84,14 @@ def installing(*modules: str) -> str:
     return f"pip install 'voxflat[{extras}]'" if extras else f"pip install {' '.join(names)}"
 
 
-def check_format(path: str | os.PathLike[str], found: object, known: str | int, remedy: str) -> None:
+def check_format(path: str | os.PathLike[str], format_: object, expected: str | int, remedy: str) -> None:
     """Raise an error if the format of a file (a version, or a name and a version) is not supported."""
-    name, _, version = str(known).rpartition(" ")
-    its_name, _, its_version = str(found).rpartition(" ")
+    name, _, version = str(expected).rpartition(" ")
+    its_name, _, its_version = str(format_).rpartition(" ")
     if its_name == name and its_version.isdecimal() and int(its_version) > int(version):
         raise InputError(f"{path} was made by a newer version of voxflat. Update voxflat")
-    if found != known:
-        raise InputError(f"{path} has the format {found!r}, but this version of voxflat reads {known!r}. {remedy}")
+    if format_ != expected:
+        raise InputError(f"{path} has the format {format_!r}, but this version of voxflat reads {expected!r}. {remedy}")
 
 
 _loading: ContextVar[object] = ContextVar("voxflat_loading", default=None)
@@ -107,21 +107,21 @@ def nibabel_image(path: str | os.PathLike[str], **options: Any) -> Any:
             warnings.simplefilter("always")
             return nibabel.load(path, **options)
     finally:
-        for one in caught:
-            if issubclass(one.category, UserWarning):
-                log.warning("%s: %s", path, " ".join(str(one.message).split()))
+        for warning in caught:
+            if issubclass(warning.category, UserWarning):
+                log.warning("%s: %s", path, " ".join(str(warning.message).split()))
 
 
 @contextmanager
 def retelling(path: str | os.PathLike[str], logger: str, take: Callable[[str], None] | None = None) -> Iterator[None]:
     """Redirect the log messages that another package emits in this context to a function, or to voxflat's log."""
-    told = take or (lambda message: log.warning("%s: %s", path, message))
+    report = take or (lambda message: log.warning("%s: %s", path, message))
     other, here = logging.getLogger(logger), object()
 
     def redirect(record: logging.LogRecord) -> bool:
         is_ours = _loading.get() is here
         if is_ours:
-            told(record.getMessage())
+            report(record.getMessage())
         return not is_ours
 
     token = _loading.set(here)
@@ -131,7 +131,7 @@ def retelling(path: str | os.PathLike[str], logger: str, take: Callable[[str], N
         yield
     finally:
         with _filters_lock:
-            other.filters = [one for one in other.filters if one is not redirect]
+            other.filters = [entry for entry in other.filters if entry is not redirect]
         _loading.reset(token)
 
 
@@ -139,8 +139,8 @@ def one_line(error: Exception) -> str:
     """Shorten an error message to one line. For example, messages from ITK contain source positions and addresses."""
     if isinstance(error, InputError):
         return str(error)
-    told = str(error)[:_LONGEST_ERROR]  # readers may repeat all their input, which slows down pattern matching
-    text = re.sub(r"\S+\.[ch]xx:\d+:|(ITK|itk::) ?ERROR:|\w+\(0x[0-9a-fA-F]+\):", " ", told)
+    message = str(error)[:_LONGEST_ERROR]  # readers may repeat all their input, which slows down pattern matching
+    text = re.sub(r"\S+\.[ch]xx:\d+:|(ITK|itk::) ?ERROR:|\w+\(0x[0-9a-fA-F]+\):", " ", message)
     return textwrap.shorten(text, 200, placeholder=" ...") or type(error).__name__
 
 
@@ -159,15 +159,15 @@ def naming(name: object, remedy: str) -> Iterator[None]:
     except Exception as error:
         if isinstance(error, OSError) and error.errno not in OF_DAMAGE:
             raise
-        told = one_line(error).removesuffix(".")
-        if isinstance(error, _OF_PYTHON) or _WORDS_OF_PYTHON.search(told):  # about a program rather than a file
-            what = f"{error}, which is missing or unknown" if isinstance(error, KeyError) else type(error).__name__
-            told = f"has invalid content ({what})"
-        raise InputError(f"{name}: {told}. {remedy[:1].upper()}{remedy[1:]}") from error
+        problem = one_line(error).removesuffix(".")
+        if isinstance(error, _OF_PYTHON) or _WORDS_OF_PYTHON.search(problem):  # about a program rather than a file
+            cause = f"{error}, which is missing or unknown" if isinstance(error, KeyError) else type(error).__name__
+            problem = f"has invalid content ({cause})"
+        raise InputError(f"{name}: {problem}. {remedy[:1].upper()}{remedy[1:]}") from error
 
 
 @contextmanager
-def holding(path: str | os.PathLike[str], what: str) -> Iterator[None]:
+def holding(path: str | os.PathLike[str], kind: str) -> Iterator[None]:
     """Convert any error from reading one of voxflat's own files to an error that names the expected kind of file."""
     try:
         yield
@@ -178,8 +178,8 @@ def holding(path: str | os.PathLike[str], what: str) -> Iterator[None]:
     except (FileNotFoundError, IsADirectoryError, PermissionError, MemoryError):
         raise
     except Exception as error:  # damage can cause any error: zlib.error, BadZipFile, KeyError, ...
-        told = f"is not {what} of voxflat, or is damaged ({type(error).__name__})"
-        raise InputError(f"{path} {told}. Copy it again, or pass another file") from error
+        problem = f"is not {kind} of voxflat, or is damaged ({type(error).__name__})"
+        raise InputError(f"{path} {problem}. Copy it again, or pass another file") from error
 
 
 @contextmanager
@@ -203,21 +203,21 @@ def check_regular(path: Path) -> os.stat_result:
     return status
 
 
-def within(folder: Path, name: str, what: str) -> Path:
+def within(folder: Path, name: str, part: str) -> Path:
     """Return a path that a file names; it must be in the directory of that file or a subdirectory."""
-    found = folder / name
-    if not found.resolve().is_relative_to(folder.resolve()):
-        raise InputError(f"stores its {what} in {name!r:.80}, outside its directory. Copy that file into the directory")
-    return found
+    file = folder / name
+    if not file.resolve().is_relative_to(folder.resolve()):
+        raise InputError(f"stores its {part} in {name!r:.80}, outside its directory. Copy that file into the directory")
+    return file
 
 
-def companion(path: Path, name: str, what: str) -> Path:
+def companion(path: Path, name: str, part: str) -> Path:
     """Return a file that another one names; it must be in the directory of that file or a subdirectory."""
-    file = within(path.parent, name, what)
+    file = within(path.parent, name, part)
     if not file.exists():
-        raise InputError(f"stores its {what} in {name!r:.80}, which does not exist. Copy that file too")
+        raise InputError(f"stores its {part} in {name!r:.80}, which does not exist. Copy that file too")
     if not file.is_file():
-        raise InputError(f"stores its {what} in {name!r:.80}, which is not a regular file. Copy the original file")
+        raise InputError(f"stores its {part} in {name!r:.80}, which is not a regular file. Copy the original file")
     return file
 
 
@@ -237,9 +237,9 @@ def from_json(text: str | bytes) -> Any:
 
 
 def _finite(number: str) -> float:
-    if not math.isfinite(found := float(number)):
+    if not math.isfinite(value := float(number)):
         raise ValueError(f"{number} is not a valid number in JSON")
-    return found
+    return value
 
 
 def check_shapes(arrays: Mapping[str, NDArray[Any]], layout: Mapping[str, tuple[str, str]]) -> None:
@@ -252,27 +252,27 @@ def check_shapes(arrays: Mapping[str, NDArray[Any]], layout: Mapping[str, tuple[
     for name, (wanted_type, axes) in layout.items():
         if name not in arrays:
             continue
-        array, wanted = arrays[name], axes.split()
+        array, names = arrays[name], axes.split()
         kind = np.dtype(wanted_type).kind
-        if array.dtype.kind not in ("iu" if kind in "iu" else kind) or array.ndim != len(wanted):
+        if array.dtype.kind not in ("iu" if kind in "iu" else kind) or array.ndim != len(names):
             raise InputError(f"its array {name} has an invalid type or shape ({array.dtype}, {array.shape}). {AGAIN}")
-        for length, axis in zip(array.shape, wanted, strict=True):
-            known, by = (int(axis), "its definition") if axis.isdigit() else lengths.setdefault(axis, (length, name))
-            if axis != "?" and length != known:
+        for length, axis in zip(array.shape, names, strict=True):
+            expected, by = (int(axis), "its definition") if axis.isdigit() else lengths.setdefault(axis, (length, name))
+            if axis != "?" and length != expected:
                 raise InputError(f"its array {name} has shape {array.shape}, which does not match {by}. {AGAIN}")
 
 
 def in_types(arrays: Mapping[str, NDArray[Any]], layout: Mapping[str, tuple[str, str]]) -> dict[str, NDArray[Any]]:
     """Convert arrays to the types of a layout; raise an error for integers that are out of range."""
-    made = dict(arrays)
-    for name in made.keys() & layout.keys():
-        array, wanted = made[name], np.dtype(layout[name][0])
-        if wanted.kind in "iu" and array.size:
-            bounds = np.iinfo(wanted)
+    converted = dict(arrays)
+    for name in converted.keys() & layout.keys():
+        array, dtype = converted[name], np.dtype(layout[name][0])
+        if dtype.kind in "iu" and array.size:
+            bounds = np.iinfo(dtype)
             if int(array.min()) < bounds.min or int(array.max()) > bounds.max:
                 raise InputError(f"its array {name} has values outside the range {bounds.min} to {bounds.max}. {AGAIN}")
-        made[name] = array.astype(wanted, copy=False)
-    return made
+        converted[name] = array.astype(dtype, copy=False)
+    return converted
 
 
 def check_range(arrays: Mapping[str, NDArray[Any]], limits: Mapping[str, int]) -> None:
@@ -302,9 +302,9 @@ def contents(path: Path) -> bytes:
             while block := stream.read(_BLOCK):
                 size += len(block)
                 if size > limit:
-                    told = f"expands from {amount(status.st_size)} to" if is_gzipped else "contains"
-                    told = f"{told} more than {amount(limit)}, a quarter of the memory"
-                    raise InputError(f"{told}. Check that it is a mesh")
+                    text = f"expands from {amount(status.st_size)} to" if is_gzipped else "contains"
+                    text = f"{text} more than {amount(limit)}, a quarter of the memory"
+                    raise InputError(f"{text}. Check that it is a mesh")
                 blocks.append(block)
         except (EOFError, zlib.error, gzip.BadGzipFile) as error:
             raise InputError(f"its gzip data are damaged ({error}). {AGAIN}") from error
@@ -314,14 +314,14 @@ def contents(path: Path) -> bytes:
     return b"".join(blocks)
 
 
-def check_size(data: bytes, need: int, what: str, *, is_exact: bool = False) -> None:
+def check_size(data: bytes, need: int, kind: str, *, is_exact: bool = False) -> None:
     """Compare the length of a file with the length that its header specifies."""
     if need < 0:
-        raise InputError(f"its header is damaged: it specifies {what}. {AGAIN}")
+        raise InputError(f"its header is damaged: it specifies {kind}. {AGAIN}")
     if len(data) < need:
-        raise InputError(f"its header specifies {what}, but the file ends after {len(data)} of {need} bytes. {AGAIN}")
+        raise InputError(f"its header specifies {kind}, but the file ends after {len(data)} of {need} bytes. {AGAIN}")
     if is_exact and len(data) > need:
-        raise InputError(f"its header specifies {what}, but the file has {len(data) - need} extra bytes. {AGAIN}")
+        raise InputError(f"its header specifies {kind}, but the file has {len(data) - need} extra bytes. {AGAIN}")
 
 
 @contextmanager
@@ -416,8 +416,8 @@ def save_array(path: Path, array: NDArray[Any]) -> None:
 
 def file_name(name: str) -> str:
     """Return a file name, without an ending, for a name from elsewhere, which may be a path or reserved on Windows."""
-    kept = re.sub(r"[^\w.-]+", "_", name).lstrip(".").encode()[:_LONGEST_GIVEN].decode(errors="ignore")
-    return f"_{kept}" if not kept or kept.split(".")[0].upper() in _RESERVED else kept
+    base = re.sub(r"[^\w.-]+", "_", name).lstrip(".").encode()[:_LONGEST_GIVEN].decode(errors="ignore")
+    return f"_{base}" if not base or base.split(".")[0].upper() in _RESERVED else base
 
 
 def beside(path: Path, ending: str) -> Path:

@@ -86,29 +86,29 @@ def is_incomplete(affine: Affine) -> bool:
 def completed(affine: Affine, unit: str, spacing: Sequence[float] | None) -> Affine:
     """Return an incomplete affine with the spacing that the caller passed, which must agree with the known sizes."""
     sizes = np.diag(affine)[:3]
-    known = np.isfinite(sizes)
+    is_stored = np.isfinite(sizes)
     named = "XYZ"
-    missing = " and ".join(axis for axis, is_known in zip(named, known, strict=True) if not is_known)
-    given = given_affine(spacing, None)
-    if given is None:
+    missing = " and ".join(axis for axis, is_known in zip(named, is_stored, strict=True) if not is_known)
+    matrix = given_affine(spacing, None)
+    if matrix is None:
         remedy = f"Pass spacing, in {unit} as the other sizes, or save the file with that size"
         raise InputError(f"does not define the size of its voxels along {missing}. {remedy}")
-    if not np.allclose(np.diag(given)[:3][known], sizes[known], rtol=_SAME_SIZE, atol=0):
-        told = " and ".join(f"{size:g} along {axis}" for axis, size in zip(named, sizes, strict=True) if size == size)
+    if not np.allclose(np.diag(matrix)[:3][is_stored], sizes[is_stored], rtol=_SAME_SIZE, atol=0):
+        stored = " and ".join(f"{size:g} along {axis}" for axis, size in zip(named, sizes, strict=True) if size == size)
         remedy = f"Pass the sizes of the file and that along {missing}, in {unit}"
-        raise InputError(f"has voxel sizes of {told} in {unit}, but spacing is {shown(spacing)}. {remedy}")
-    return given
+        raise InputError(f"has voxel sizes of {stored} in {unit}, but spacing is {shown(spacing)}. {remedy}")
+    return matrix
 
 
 def volume_shape(shape: tuple[int, ...], dtype: np.dtype[Any]) -> tuple[int, ...]:
     """Drop trailing axes of length 1; raise an error if the result is not the shape of a volume."""
-    kept = shape[:3] + tuple(n for n in shape[3:] if n != 1)
-    colour = len(kept) == 4 and kept[3] in (3, 4) and dtype == np.uint8
-    if (len(kept) != 3 and not colour) or min(kept) < 1:
-        wanted = "one 3-D volume (I, J, K), or uint8 colours (I, J, K, 3) or (I, J, K, 4)"
-        raise InputError(f"has shape {shape}. Select {wanted}")
-    check_axes(kept)
-    return kept
+    lengths = shape[:3] + tuple(n for n in shape[3:] if n != 1)
+    colour = len(lengths) == 4 and lengths[3] in (3, 4) and dtype == np.uint8
+    if (len(lengths) != 3 and not colour) or min(lengths) < 1:
+        remedy = "one 3-D volume (I, J, K), or uint8 colours (I, J, K, 3) or (I, J, K, 4)"
+        raise InputError(f"has shape {shape}. Select {remedy}")
+    check_axes(lengths)
+    return lengths
 
 
 def check_axes(shape: tuple[int, ...]) -> None:
@@ -124,7 +124,7 @@ UNITS = tuple(_MILLIMETRES)
 _UNDEFINED = ("", "?", "???", "unknown")  # in headers of volumes, which are then in mm
 _METRES = {"mm": "milli", "µm": "micro", "nm": "nano", "cm": "centi", "m": ""}
 _ENDS = ("meter", "metre", "meters", "metres")
-_UNITS = {unit: unit for unit in UNITS} | {f"{of}{end}": unit for unit, of in _METRES.items() for end in _ENDS}
+_UNITS = {unit: unit for unit in UNITS} | {f"{name}{end}": unit for unit, name in _METRES.items() for end in _ENDS}
 _UNITS |= dict.fromkeys(("um", "μm", "micron", "microns"), "µm") | dict.fromkeys(("in", "inches", '"'), "inch")
 
 
@@ -139,10 +139,10 @@ def unit_of(text: object) -> str | None:
 
 def named_unit(unit: object) -> str:
     """Return the standard name of a unit of length that a user passed."""
-    found = unit_of(unit)
-    if found is None:
+    symbol = unit_of(unit)
+    if symbol is None:
         raise InputError(f"unit is {shown(unit)}. Pass one of {', '.join(_MILLIMETRES)}")
-    return found
+    return symbol
 
 
 def rounded(length: float, places: int = 0) -> str:
@@ -153,7 +153,7 @@ def rounded(length: float, places: int = 0) -> str:
 def key_in_unit(name: str, unit: str) -> str:
     """Return the name of a figure, such as ``area_mm2`` or ``error_10mm``, with the unit instead of mm."""
     short = "" if unit == "unknown" else unit.replace("µ", "u")
-    return re.sub("(_?)mm(2?)$", lambda found: f"{found[1]}{short}{found[2]}" if short else "", name)
+    return re.sub("(_?)mm(2?)$", lambda match: f"{match[1]}{short}{match[2]}" if short else "", name)
 
 
 def in_unit(text: str, unit: str) -> str:
@@ -168,23 +168,23 @@ def in_unit(text: str, unit: str) -> str:
 def warn_of_unit(path: object, unit: str) -> None:
     """Warn if coordinates are not known to be in mm, but are written in a format that other programs read in mm."""
     if unit == "unknown":
-        told = "%s: the unit of the coordinates is unknown, but this format is in mm. Pass unit when reading the mesh"
-        log.warning(told, path)
+        text = "%s: the unit of the coordinates is unknown, but this format is in mm. Pass unit when reading the mesh"
+        log.warning(text, path)
     elif unit != "mm":
         log.warning("%s: coordinates are in %s, but other programs assume mm in this format", path, unit)
 
 
 def millimetres(unit: str) -> float:
     """Return the length of a unit in mm. The default unit is mm, and an unknown unit raises an `InputError`."""
-    found = "mm" if unit.strip().lower() in _UNDEFINED else unit_of(unit)
-    if found is None:
+    name = "mm" if unit.strip().lower() in _UNDEFINED else unit_of(unit)
+    if name is None:
         raise InputError(f"its unit of length, {unit!r}, is unknown. Save it in mm, or pass an array and an affine")
-    return _MILLIMETRES[found]
+    return _MILLIMETRES[name]
 
 
-def scaled(affine: ArrayLike, unit: str, to: str) -> Affine:
+def scaled(affine: ArrayLike, unit: str, target: str) -> Affine:
     """Return an affine in another unit of length."""
-    factor = millimetres(unit) / millimetres(to)
+    factor = millimetres(unit) / millimetres(target)
     return np.asarray(np.diag([factor] * 3 + [1.0]) @ np.asarray(affine, dtype=np.float64))
 
 

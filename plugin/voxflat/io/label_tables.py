@@ -40,25 +40,25 @@ def read_table(path: str | os.PathLike[str]) -> LabelTable:
     path = checked_path(path)
     with naming(path, "pass a table such as FreeSurferColorLUT.txt, or a BIDS dseg.tsv file"):
         text = contents(path).decode("utf-8-sig")
-        found = _of_columns(text) if path.name.lower().endswith(".tsv") else _of_lines(text)
-        if not found.names:
+        table = _of_columns(text) if path.name.lower().endswith(".tsv") else _of_lines(text)
+        if not table.names:
             raise InputError("contains no labels. Pass a table with one label per line")
-        return found
+        return table
 
 
-def are_label_files(given: object) -> bool:
+def are_label_files(labels: object) -> bool:
     """Return whether the input consists of one or several names of FreeSurfer ``.label`` files."""
-    several = given if isinstance(given, list | tuple) else [given]
-    names = [os.fspath(of) for of in several if isinstance(of, str | os.PathLike)]
+    several = labels if isinstance(labels, list | tuple) else [labels]
+    names = [os.fspath(file) for file in several if isinstance(file, str | os.PathLike)]
     return 0 < len(names) == len(several) and all(str(name).lower().endswith(".label") for name in names)
 
 
-def label_files(given: Sequence[str | os.PathLike[str]], points: int) -> tuple[NDArray[np.int64], LabelTable]:
+def label_files(files: Sequence[str | os.PathLike[str]], points: int) -> tuple[NDArray[np.int64], LabelTable]:
     """Read FreeSurfer ``.label`` files as labels from 1 with the names of the files.
 
     Regions with common points are refused, because a point has one label.
     """
-    paths = [checked_path(of) for of in given]
+    paths = [checked_path(file) for file in files]
     labels = np.zeros(points, dtype=np.int64)
     for number, path in enumerate(paths, 1):
         with naming(path, REMEDY):
@@ -92,8 +92,8 @@ def own_table(labels: object, channel: int = 0) -> LabelTable | None:
 
 def _of_image(image: Any, channel: int) -> LabelTable | None:
     if is_gifti(image):
-        found = _table((of.key, of.label, _bytes([of.red, of.green, of.blue])) for of in image.labeltable.labels)
-        return found if found.names else None
+        table = _table((e.key, e.label, _bytes([e.red, e.green, e.blue])) for e in image.labeltable.labels)
+        return table if table.names else None
     if not is_cifti(image) or not hasattr(axis := image.header.get_axis(0), "label"):
         return None
     labels = axis.label[min(channel, len(axis) - 1)]
@@ -122,10 +122,10 @@ def _of_lines(text: str) -> LabelTable:
     for number, line in enumerate(text.splitlines(), 1):
         if not line.strip() or line.lstrip().startswith("#"):
             continue
-        found = re.fullmatch(r"\s*(\d+)\s+(\S.*?)\s+(\d+)\s+(\d+)\s+(\d+)(?:\s+\d+)?\s*", line)
-        if found is None:
+        match = re.fullmatch(r"\s*(\d+)\s+(\S.*?)\s+(\d+)\s+(\d+)\s+(\d+)(?:\s+\d+)?\s*", line)
+        if match is None:
             raise InputError(f"line {number} is {line.strip()[:60]!r}. Write: label, name, red, green, blue")
-        rows.append((int(found[1]), found[2], [found[3], found[4], found[5]]))
+        rows.append((int(match[1]), match[2], [match[3], match[4], match[5]]))
     return _table(rows)
 
 

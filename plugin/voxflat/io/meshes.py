@@ -132,9 +132,9 @@ class Mesh:
         for kind, data, count in (("point", self.point_data, len(points)), ("face", self.face_data, len(self.faces))):
             checked_instance(data, Mapping, f"{kind} data", "arrays by name")
             for name, array in data.items():
-                own = len(array) if np.ndim(array) else 0
-                if own != count:
-                    raise InputError(f"{kind} data {name!r} has {own} values, but the surface has {count} {kind}s")
+                length = len(array) if np.ndim(array) else 0
+                if length != count:
+                    raise InputError(f"{kind} data {name!r} has {length} values, but the surface has {count} {kind}s")
 
 
 def read_mesh(path: str | os.PathLike[str]) -> Mesh:
@@ -198,10 +198,10 @@ def holds_mesh(path: str | os.PathLike[str]) -> bool:
 
 def _format(path: Path, data: bytes) -> str:
     """Return the format of a surface file; its ending and content must agree."""
-    named, found = formats.by_name(path), formats.by_content(data)
-    if named and found and named != found:
-        raise InputError(f"its ending indicates {named}, but its content is {found}. Rename the file")
-    kind = found or named
+    named, content = formats.by_name(path), formats.by_content(data)
+    if named and content and named != content:
+        raise InputError(f"its ending indicates {named}, but its content is {content}. Rename the file")
+    kind = content or named
     if kind not in READERS:
         usual = f"Pass a {', '.join(formats.ENDINGS)} file or a FreeSurfer surface"
         hint = formats.HINTS.get(kind or "", usual)
@@ -219,8 +219,8 @@ def parsed(path: Path, data: bytes) -> Mesh:
 
 def named_structure(path: str | os.PathLike[str]) -> str | None:
     """Return the hemisphere that a name contains, such as ``lh.thickness`` or ``sub-01_hemi-L_curv.shape.gii``."""
-    found = [structure for pattern, structure in _NAMES.items() if re.search(pattern, Path(path).name)]
-    return found[0] if len(found) == 1 else None
+    sides = [structure for pattern, structure in _NAMES.items() if re.search(pattern, Path(path).name)]
+    return sides[0] if len(sides) == 1 else None
 
 
 READERS: dict[str, Callable[[Path, bytes], dict[str, Any]]] = {  # these return keyword arguments of `Mesh`

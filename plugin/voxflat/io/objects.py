@@ -28,59 +28,59 @@ SUPPORTED = f"a path, a NumPy array, a tuple (points, faces), {_IMAGES}, or a {_
 _STRUCTURES = {"left": "CortexLeft", "right": "CortexRight"}
 
 
-def mesh_of_object(given: object) -> Mesh | None:
+def mesh_of_object(source: object) -> Mesh | None:
     """Return the surface in an object of another package, or None for other objects."""
-    for is_one, of in _MESHES:
-        if is_one(given):
-            with naming(type(given).__name__, "convert it to a file or to arrays"):
-                return of(given)
+    for is_one, convert in _MESHES:
+        if is_one(source):
+            with naming(type(source).__name__, "convert it to a file or to arrays"):
+                return convert(source)
     return None
 
 
-def values_of_object(given: object, points: int, structure: str | None) -> Channels | None:
+def values_of_object(source: object, points: int, structure: str | None) -> Channels | None:
     """Return the values at a surface's vertices in an object of another package, or None for other objects."""
-    if isinstance(given, np.ndarray | list | tuple):
+    if isinstance(source, np.ndarray | list | tuple):
         return None
-    with naming(type(given).__name__, "pass the values of this surface"):
-        if hasattr(given, "dataobj"):
-            return points_of_nibabel(given, points, structure)
-        parts = _value_parts(given)
+    with naming(type(source).__name__, "pass the values of this surface"):
+        if hasattr(source, "dataobj"):
+            return points_of_nibabel(source, points, structure)
+        parts = _value_parts(source)
         if parts is not None:
             return Channels.of_array(_of_side(parts, points, structure))
-        if not is_gifti(given) or gifti._has_triangles(given):
+        if not is_gifti(source) or gifti._has_triangles(source):
             return None
-        values, own = gifti.values(given), given.meta.get("AnatomicalStructurePrimary")  # type: ignore[attr-defined]
+        values, side = gifti.values(source), source.meta.get("AnatomicalStructurePrimary")  # type: ignore[attr-defined]
         if len(values) != points:
             raise InputError(f"has {len(values)} values, but the surface has {points} points. Pass one value per point")
-        check_side(type(given).__name__, own, structure, "Pass the values of that hemisphere")
-        return Channels.of_array(values, gifti.map_names(given))
+        check_side(type(source).__name__, side, structure, "Pass the values of that hemisphere")
+        return Channels.of_array(values, gifti.map_names(source))
 
 
-def is_values(given: object) -> bool:
+def is_values(source: object) -> bool:
     """Return whether an object contains values at a surface's vertices, but no surface."""
-    return is_gifti(given) or _value_parts(given) is not None
+    return is_gifti(source) or _value_parts(source) is not None
 
 
-def is_gifti(given: object) -> bool:
+def is_gifti(source: object) -> bool:
     """Return whether an object is a nibabel GIFTI image."""
-    return hasattr(given, "darrays") and hasattr(given, "agg_data")
+    return hasattr(source, "darrays") and hasattr(source, "agg_data")
 
 
 def _has(*names: str) -> Callable[[object], bool]:
-    return lambda given: all(hasattr(given, name) for name in names)
+    return lambda source: all(hasattr(source, name) for name in names)
 
 
-def _is_dataset(given: object) -> bool:
-    return _has("GetCellType", "GetPoints", "GetNumberOfCells")(given) and not is_image(given)
+def _is_dataset(source: object) -> bool:
+    return _has("GetCellType", "GetPoints", "GetNumberOfCells")(source) and not is_image(source)
 
 
-def is_image(given: object) -> bool:
+def is_image(source: object) -> bool:
     """Return whether an object is VTK's or PyVista's image data."""
-    return _has("GetCellType", "GetScalarPointer")(given)
+    return _has("GetCellType", "GetScalarPointer")(source)
 
 
-def _has_parts(given: object) -> bool:
-    parts = getattr(given, "parts", None)
+def _has_parts(source: object) -> bool:
+    parts = getattr(source, "parts", None)
     return isinstance(parts, Mapping) and all(hasattr(part, "coordinates") for part in parts.values())
 
 
@@ -106,8 +106,8 @@ def _of_meshio(mesh: Any) -> Mesh:
     points = np.asarray(mesh.points, dtype=np.float64)
     if points.ndim == 2 and points.shape[1] == 2:
         points = np.pad(points, ((0, 0), (0, 1)))
-    kept = ("triangle", "quad", "polygon")
-    polygons = [np.asarray(block.data, dtype=np.int64) for block in mesh.cells if block.type in kept]
+    forms = ("triangle", "quad", "polygon")
+    polygons = [np.asarray(block.data, dtype=np.int64) for block in mesh.cells if block.type in forms]
     if not polygons:
         kinds = ", ".join(sorted({str(block.type) for block in mesh.cells})) or "no cells"
         raise InputError(f"contains no triangles, quadrilaterals or polygons ({kinds}). Extract its surface first")
@@ -155,16 +155,16 @@ def image_volume(image: Any, name: str | None = None) -> Volume:
         raise InputError(f"the {type(image).__name__} is not a volume. {resample}")
     sides = (image.GetPointData(), image.GetCellData())
     names = [[side.GetArrayName(number) for number in range(side.GetNumberOfArrays())] for side in sides]
-    known = [*names[0], *names[1]]
+    arrays = [*names[0], *names[1]]
     if name is None:
         active = [side.GetScalars().GetName() for side in sides if side.GetScalars() is not None]
         preferred = getattr(image, "active_scalars_name", None)  # of PyVista
-        name = preferred or next(iter(active), known[0] if len(known) == 1 else None)
-    if name is None or name not in known:
-        there = f"The image has the arrays {', '.join(known)}" if known else "The image has no arrays"
+        name = preferred or next(iter(active), arrays[0] if len(arrays) == 1 else None)
+    if name is None or name not in arrays:
+        there = f"The image has the arrays {', '.join(arrays)}" if arrays else "The image has no arrays"
         wrong = "no array of the image is active" if name is None else f"the image has no array {name!r}"
         raise InputError(f"{wrong}. Pass the name of an array as scalars, or to image.voxflat.volume(). {there}")
-    if known.count(name) > 1:
+    if arrays.count(name) > 1:
         raise InputError(f"the points and the cells both have an array {name!r}. Rename or remove one of them")
     in_cells = name in names[1]
     values = as_numpy(sides[in_cells].GetArray(name))
@@ -202,9 +202,9 @@ _MESHES: tuple[_Reader, ...] = (
 )
 
 
-def _value_parts(given: object) -> Mapping[str, Any] | None:
+def _value_parts(source: object) -> Mapping[str, Any] | None:
     """Return the values of each hemisphere in a nilearn SurfaceImage or PolyData, or None for other objects."""
-    data = getattr(given, "data", None) if hasattr(given, "mesh") else given
+    data = getattr(source, "data", None) if hasattr(source, "mesh") else source
     parts = getattr(data, "parts", None)
     if not isinstance(parts, Mapping) or not all(hasattr(part, "shape") for part in parts.values()):
         return None
@@ -214,9 +214,9 @@ def _value_parts(given: object) -> Mapping[str, Any] | None:
 def _of_side(parts: Mapping[str, Any], points: int, structure: str | None) -> NDArray[Any]:
     """Return the values of the hemisphere that matches a surface."""
     fitting = {side: part for side, part in parts.items() if len(part) == points}
-    known = {side: part for side, part in fitting.items() if _STRUCTURES.get(side) == structure}
-    if known:
-        return array_of(next(iter(known.values())), "values", as_nan=True)
+    sides = {side: part for side, part in fitting.items() if _STRUCTURES.get(side) == structure}
+    if sides:
+        return array_of(next(iter(sides.values())), "values", as_nan=True)
     if structure in _STRUCTURES.values() and structure not in map(_STRUCTURES.get, parts):
         raise InputError(f"has values for {', '.join(parts)}, but the surface belongs to {structure}. Pass its values")
     if len(fitting) == 1:

@@ -87,10 +87,10 @@ def _channels(path: Path, points: int, structure: str | None) -> Channels:
         return Channels.of_array(*_values(path, contents(path), points))
     check_regular(path)
     path.open("rb").close()  # the system's own error is more helpful
-    found = points_of_nibabel(path, points, structure)
-    if found is None:
+    channels = points_of_nibabel(path, points, structure)
+    if channels is None:
         raise InputError("contains values in voxels, not at points. Pass a file with one value per point")
-    return found.mapped(lambda values: _fitting(values, points))
+    return channels.mapped(lambda values: _fitting(values, points))
 
 
 def holds_volume(path: str | os.PathLike[str]) -> bool:
@@ -163,7 +163,7 @@ def read_region(
         if image is not None and name is not None:
             return _named(_fitting(gifti.values(image), points), gifti.label_names(image), name)
         if name is not None and path.name.lower().endswith(".dlabel.nii"):
-            named: dict[int, str] = {key: one for key, (one, _) in opened(path)[0].header.get_axis(0).label[0].items()}
+            named: dict[int, str] = {n: text for n, (text, _) in opened(path)[0].header.get_axis(0).label[0].items()}
             channels = _channels(path, points, structure)
             if len(channels) > 1:
                 raise InputError(f"has {len(channels)} maps. Pass a file with one map")
@@ -190,11 +190,11 @@ def region_of(channels: Channels, points: int) -> NDArray[np.bool_]:
 
 def as_mask(values: NDArray[Any]) -> NDArray[np.bool_]:
     """Return where values are neither 0 nor NaN; raise an error for measurements such as a thickness."""
-    known = np.nan_to_num(values) if values.dtype.kind == "f" else values
-    if known.dtype.kind == "f" and (broken := np.abs(known - np.round(known)) > _WHOLE).any():
-        told = f"contains fractional values (such as {known[broken][0]:.4g}), so it is not a region"
-        raise InputError(f"{told}. Pass labels, or a mask that is 1 in the region and 0 elsewhere")
-    return np.asarray(known != 0)
+    numbers = np.nan_to_num(values) if values.dtype.kind == "f" else values
+    if numbers.dtype.kind == "f" and (broken := np.abs(numbers - np.round(numbers)) > _WHOLE).any():
+        problem = f"contains fractional values (such as {numbers[broken][0]:.4g}), so it is not a region"
+        raise InputError(f"{problem}. Pass labels, or a mask that is 1 in the region and 0 elsewhere")
+    return np.asarray(numbers != 0)
 
 
 def _values(path: Path, data: bytes, points: int) -> tuple[NDArray[Any], tuple[str, ...] | None]:
@@ -246,10 +246,10 @@ def _named(labels: NDArray[Any], names: dict[int, str], name: str | None) -> NDA
     """Return a mask of the points whose label has a given name."""
     keys = [key for key, label in names.items() if label == name]
     if not keys:
-        known = textwrap.shorten(", ".join(names.values()), 300, placeholder=" ...")
+        listing = textwrap.shorten(", ".join(names.values()), 300, placeholder=" ...")
         if name is None:
-            raise InputError(f"contains the labels {known}. Pass the name of one of them, or a file with one region")
-        raise InputError(f"{name!r} is not one of its labels. Choose one of {known}")
+            raise InputError(f"contains the labels {listing}. Pass the name of one of them, or a file with one region")
+        raise InputError(f"{name!r} is not one of its labels. Choose one of {listing}")
     if labels.ndim > 1:
         raise InputError(f"has {labels.shape[1]} maps. Pass a file with one map")
     return np.isin(labels, keys)

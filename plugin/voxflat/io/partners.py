@@ -27,13 +27,13 @@ def check_file_side(path: str | os.PathLike[str], structure: str | None) -> None
     """Raise an error if a file belongs to the other hemisphere; GIFTI metadata override the file name."""
     if structure not in _SIDES or not os.path.isfile(path):
         return
-    own = named_structure(path)
+    side = named_structure(path)
     if formats.by_name(Path(path)) == formats.GIFTI:
         with naming(path, REMEDY):
             image = gifti.load(contents(Path(path)))
-            known = [part.meta.get("AnatomicalStructurePrimary") for part in (*image.darrays[:1], image)]
-            own = next(filter(None, known), own)
-    check_side(path, own, structure, _AS_ARRAY)
+            sides = [part.meta.get("AnatomicalStructurePrimary") for part in (*image.darrays[:1], image)]
+            side = next(filter(None, sides), side)
+    check_side(path, side, structure, _AS_ARRAY)
 
 
 def check_partner(path: str | os.PathLike[str], origin: Origin) -> None:

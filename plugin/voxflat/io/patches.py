@@ -259,13 +259,13 @@ def patch_border(faces: ArrayLike, vertices: ArrayLike, n: int) -> NDArray[np.bo
     corners = rows[triangles]
     is_inside = (corners >= 0).all(axis=1)
     border = np.ones(len(array_of(vertices, "vertices")), dtype=bool)
-    kept = corners[is_inside]
-    border[kept] = False  # points without a face remain True
+    inner = corners[is_inside]
+    border[inner] = False  # points without a face remain True
     cut = corners[~is_inside]
     border[cut[cut >= 0]] = True
-    edges = np.sort(np.concatenate([kept[:, [0, 1]], kept[:, [1, 2]], kept[:, [2, 0]]]), axis=1)
-    found = distinct(edges)
-    border[found.rows[found.counts == 1]] = True
+    edges = np.sort(np.concatenate([inner[:, [0, 1]], inner[:, [1, 2]], inner[:, [2, 0]]]), axis=1)
+    sides = distinct(edges)
+    border[sides.rows[sides.counts == 1]] = True
     return border
 
 

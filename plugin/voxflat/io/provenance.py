@@ -50,22 +50,22 @@ def recording(**told_as: Callable[[Any], Any]) -> Callable[[_Function], _Functio
         def wrapped(*args: Any, **kwargs: Any) -> Any:
             bound = signature.bind(*args, **kwargs)
             bound.apply_defaults()
-            given = bound.arguments
+            values = bound.arguments
             chosen = _chosen.set({})
             try:
-                with reading(given.get("memory_limit")) as files:
-                    made = function(*args, **kwargs)
+                with reading(values.get("memory_limit")) as files:
+                    result = function(*args, **kwargs)
             finally:
                 defaults = _chosen.get()
                 _chosen.reset(chosen)
-            if any(made is value for value in given.values()):  # the result is an argument
-                return made
-            told = {"of" if name == "self" else name: value for name, value in given.items() if name not in _UNRECORDED}
-            told |= {name: tell(told[name]) for name, tell in told_as.items()}
-            record = record_of(function.__name__, described(told), dict(sorted(files.items())))
-            if isinstance(made, tuple):
-                return tuple(one._with_provenance(resolved(record, defaults)) for one in made)
-            return made._with_provenance(resolved(record, defaults))
+            if any(result is value for value in values.values()):  # the result is an argument
+                return result
+            call = {"of" if name == "self" else name: v for name, v in values.items() if name not in _UNRECORDED}
+            call |= {name: tell(call[name]) for name, tell in told_as.items()}
+            record = record_of(function.__name__, described(call), dict(sorted(files.items())))
+            if isinstance(result, tuple):
+                return tuple(part._with_provenance(resolved(record, defaults)) for part in result)
+            return result._with_provenance(resolved(record, defaults))
 
         return cast("_Function", wrapped)
 
@@ -87,13 +87,13 @@ def record_of(function: str, parameters: dict[str, Any], files: dict[str, str]) 
 
 def resolved(record: Record, used: dict[str, Any]) -> Record:
     """Return a record completed with the values, keyed by name, that were used for parameters that were not given."""
-    given: Any = record["parameters"]
-    parameters: dict[str, Any] = copy.deepcopy(given)
+    recorded: Any = record["parameters"]
+    parameters: dict[str, Any] = copy.deepcopy(recorded)
     method = parameters.get("method")
-    for told in (parameters, method) if isinstance(method, dict) else (parameters,):
-        for name, value in told.items():
+    for values in (parameters, method) if isinstance(method, dict) else (parameters,):
+        for name, value in values.items():
             if value is None and used.get(name) is not False:
-                told[name] = described(used.get(name))
+                values[name] = described(used.get(name))
     return {**record, "parameters": parameters}
 
 
@@ -114,8 +114,9 @@ class Recorded:
 
     def _with_provenance(self: _Own, record: Record) -> _Own:
         """Return the same object with a provenance record."""
-        own: Any = self
-        return cast("_Own", replace(own, provenance=resolved(record, {of: getattr(self, of) for of in self._used})))
+        copied: Any = self
+        used = {key: getattr(self, key) for key in self._used}
+        return cast("_Own", replace(copied, provenance=resolved(record, used)))
 
 
 def described(value: object) -> Any:
@@ -160,7 +161,7 @@ def portable(content: Any) -> Any:
     for path in sorted(_paths(content), key=lambda path: (len(path), path)):
         name, taken = os.path.basename(path.rstrip("/\\")) or path, set(names.values())
         numbered = (f"{name} ({n})" for n in count(2))
-        names[path] = name if name not in taken else next(one for one in numbered if one not in taken)
+        names[path] = name if name not in taken else next(other for other in numbered if other not in taken)
     return _renamed(content, sorted(names.items(), key=lambda item: -len(item[0])))
 
 
@@ -173,9 +174,9 @@ def _paths(content: Any) -> set[str]:
         return set().union(*map(_paths, content))
     if not isinstance(content, dict):
         return set()
-    found = set().union(*map(_paths, content.values()))
+    paths = set().union(*map(_paths, content.values()))
     files = content.get("files")
-    return found | ({path for path in files if os.path.basename(path) != path} if isinstance(files, dict) else set())
+    return paths | ({path for path in files if os.path.basename(path) != path} if isinstance(files, dict) else set())
 
 
 def _renamed(content: Any, names: list[tuple[str, str]]) -> Any:

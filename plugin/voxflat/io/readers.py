@@ -46,17 +46,17 @@ def read(path: Path) -> Read:
     path.open("rb").close()
     others = f", {', '.join((*TIFF_ENDINGS, *HDF5_ENDINGS))}, or a Zarr directory"
     read: Callable[[Path], Read] = by_ending(path, READERS, others)
-    found = read(path)
+    volume = read(path)
     record_file(path)
-    return found
+    return volume
 
 
 def read_array(path: Path) -> NDArray[Any]:
     """Read the array of a .npy file."""
     with path.open("rb") as file:
         if _header(file)[1].hasobject:
-            told = "contains Python objects, which could run programs when they are loaded"
-            raise InputError(f"{told}. Save an array, or the masks of cellpose as TIFF")
+            problem = "contains Python objects, which could run programs when they are loaded"
+            raise InputError(f"{problem}. Save an array, or the masks of cellpose as TIFF")
         file.seek(0)
         check_room(_need_of(file, path.stat().st_size))
         file.seek(0)
@@ -126,9 +126,9 @@ def _read_pair(path: Path) -> Read:
     voxels = path.with_name(f"{path.name[: -len(path.suffix)]}{'.IMG' if path.suffix.isupper() else '.img'}")
     if not voxels.is_file():
         raise InputError(f"has no companion file {voxels.name}. Copy both files, .hdr and .img")
-    found = _read_by_nibabel(path, voxels)
+    volume = _read_by_nibabel(path, voxels)
     record_file(voxels)
-    return found
+    return volume
 
 
 def _read_nifti(path: Path) -> Read:

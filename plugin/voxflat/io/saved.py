@@ -59,8 +59,8 @@ class Saved(Recorded):
         OSError
             If the file cannot be written.
         """
-        own: Any = self
-        with saving(path, own.provenance, sidecar=sidecar, overwrite=overwrite) as checked:
+        result: Any = self
+        with saving(path, result.provenance, sidecar=sidecar, overwrite=overwrite) as checked:
             if self._endings and not checked.name.lower().endswith(self._endings):
                 *first, last = self._endings
                 remedy = f"Use a name that ends in {', '.join(first)} or {last}"

@@ -44,8 +44,8 @@ def taken(
                 )
             volume = replace(volume, unit=unit)
         if not volume.is_placed and is_stack_path(volume.path):
-            told = "%s does not define the size of its voxels, which is assumed to be 1 %s. Pass spacing and unit"
-            log.warning(told, Path(str(volume.path)).name, volume.unit)
+            text = "%s does not define the size of its voxels, which is assumed to be 1 %s. Pass spacing and unit"
+            log.warning(text, Path(str(volume.path)).name, volume.unit)
         check_memory(_BYTES_PER_VOXEL * volume.data.size, memory_limit, "crop or downsample the volume")
         return volume
     if unit is not None:
@@ -53,7 +53,7 @@ def taken(
         if unit != declared != "unknown":
             raise InputError(f"unit is {unit!r}, but this mesh defines its coordinates in {declared}. Omit unit")
         assumed = (mesh.unit_warning or NOT_KNOWN, NOT_KNOWN)  # it is given, so it is not assumed to be mm
-        return replace(mesh, warnings=tuple(one for one in mesh.warnings if not one.endswith(assumed)))
+        return replace(mesh, warnings=tuple(text for text in mesh.warnings if not text.endswith(assumed)))
     if mesh.path is not None or mesh.unit_warning is None:  # for files, the reader reports it
         return mesh
     return replace(mesh, warnings=(*mesh.warnings, f"the surface {mesh.unit_warning}"))
@@ -61,9 +61,9 @@ def taken(
 
 def as_mesh(source: object) -> Mesh | None:
     """Return a path, (points, faces), a `Mesh` or another package's mesh as a `Mesh`, or None for other input."""
-    for is_one, of in _MESHES:
+    for is_one, convert in _MESHES:
         if is_one(source):
-            return of(source)
+            return convert(source)
     return mesh_of_object(source)
 
 
@@ -71,8 +71,8 @@ def check_ending(source: object) -> None:
     """Raise an error for a file whose ending is neither that of a mesh nor that of a volume."""
     path = Path(source) if isinstance(source, str | os.PathLike) else None
     if path is not None and path.is_file() and not path.name.lower().endswith(VOLUME_ENDINGS):
-        told = f"{path}: unknown file name ending {path.suffix!r}. Use one of {', '.join((*VOLUME_ENDINGS, *ENDINGS))}"
-        raise InputError(f"{told}, a Zarr directory or a FreeSurfer surface")
+        text = f"{path}: unknown file name ending {path.suffix!r}. Use one of {', '.join((*VOLUME_ENDINGS, *ENDINGS))}"
+        raise InputError(f"{text}, a Zarr directory or a FreeSurfer surface")
 
 
 def as_volume(obj: object, *, spacing: Sequence[float] | None = None, affine: ArrayLike | None = None) -> Volume:
@@ -115,27 +115,27 @@ def as_volume(obj: object, *, spacing: Sequence[float] | None = None, affine: Ar
 
 def _volume_and_unit(obj: object, spacing: Sequence[float] | None, affine: ArrayLike | None) -> tuple[Volume, bool]:
     """Return an object as a volume with the affine that the caller passed, and whether it defines its own unit."""
-    given = given_affine(spacing, affine)
+    matrix = given_affine(spacing, affine)
     with _naming(obj):
         volume = volume_of(obj)
         if is_incomplete(volume.affine):
             affine = completed(volume.affine, volume.unit, spacing)
             return replace(volume, affine=affine, is_placed=True), True
-        if given is None:
+        if matrix is None:
             return volume, volume.is_placed
         if volume.is_placed:
             sizes = " x ".join(f"{size:.6g}" for size in volume.spacing)
-            name, told = ("affine", "") if spacing is None else ("spacing", f" ({sizes} {volume.unit})")
+            name, text = ("affine", "") if spacing is None else ("spacing", f" ({sizes} {volume.unit})")
             program = "in Fiji (Image → Properties)" if is_stack_path(volume.path) else "with nibabel"
             remedy = f"correct the file, for example {program}" if _is_path(obj) else "pass only the array"
-            raise InputError(f"defines the size of its voxels{told}. Omit {name}, or {remedy}")
-        return replace(volume, affine=given, is_placed=True), False
+            raise InputError(f"defines the size of its voxels{text}. Omit {name}, or {remedy}")
+        return replace(volume, affine=matrix, is_placed=True), False
 
 
 def volume_of(obj: object) -> Volume:
     """Return anything that contains voxels as a volume, whose affine may be incomplete; see `as_volume`."""
     with _naming(obj):
-        return next(of(obj) for is_one, of in _VOLUMES if is_one(obj))
+        return next(convert(obj) for is_one, convert in _VOLUMES if is_one(obj))
 
 
 def _naming(obj: object) -> AbstractContextManager[None]:
@@ -145,8 +145,8 @@ def _naming(obj: object) -> AbstractContextManager[None]:
     return naming(obj, REMEDY if is_file else "pass an array, a path or an image")
 
 
-def _is_path(given: object) -> bool:
-    return isinstance(given, str | os.PathLike)
+def _is_path(source: object) -> bool:
+    return isinstance(source, str | os.PathLike)
 
 
 def _of_pair(pair: tuple[Any, Any]) -> Mesh:
@@ -159,11 +159,11 @@ def _of_pair(pair: tuple[Any, Any]) -> Mesh:
     return Mesh(points, faces[~is_left_out], warnings=(warning,))
 
 
-def _of_array(given: object) -> Volume:
-    if isinstance(given, np.ma.MaskedArray):
+def _of_array(source: object) -> Volume:
+    if isinstance(source, np.ma.MaskedArray):
         raise InputError("has a mask, which would be lost. Fill the array first, for example with .filled(0)")
-    array = as_array(given)
-    if array.dtype == object and is_values(given):
+    array = as_array(source)
+    if array.dtype == object and is_values(source):
         raise InputError("contains values, not a surface. Pass the surface to which the values belong")
     if array.dtype == object:
         raise InputError(f"this object is not supported. Pass {SUPPORTED}")
@@ -184,7 +184,7 @@ _VOLUMES: _Kinds[Volume] = (
     (_is_path, volume_of_file),
     (
         lambda given: hasattr(given, "dataobj") and hasattr(given, "affine"),
-        lambda of: Volume._placed(*from_nibabel(of)),
+        lambda image: Volume._placed(*from_nibabel(image)),
     ),
     (
         lambda given: hasattr(given, "GetBufferedRegion") and hasattr(given, "TransformIndexToPhysicalPoint"),

@@ -87,14 +87,14 @@ def read_in_subprocess(
             _stop()
             _child = _started()
         try:
-            told = _answer(_child, asked)
+            answer = _answer(_child, asked)
         except BaseException:  # do not pass its late answer to the next caller
             _stop()
             raise
-    if "error" in told:
-        kind, *values = told["error"]
+    if "error" in answer:
+        kind, *values = answer["error"]
         raise {"InputError": InputError, "OSError": OSError, "RuntimeError": RuntimeError}[kind](*values)
-    return told["value"]
+    return answer["value"]
 
 
 # display name, and an attribute that triggers loading (ITK loads lazily)
@@ -133,9 +133,9 @@ def _answer(child: subprocess.Popen[bytes], asked: dict[str, Any]) -> dict[str, 
     assert requests is not None
     assert answers is not None
 
-    def received(found: dict[str, Any]) -> Any:
-        if not isinstance(described := found.get(_ARRAY), list):
-            return found
+    def received(content: dict[str, Any]) -> Any:
+        if not isinstance(described := content.get(_ARRAY), list):
+            return content
         kind, shape, order = np.dtype(described[0]), described[1], described[2]
         if kind.hasobject:
             raise InputError(_end_of(child, asked))
@@ -155,8 +155,8 @@ def _answer(child: subprocess.Popen[bytes], asked: dict[str, Any]) -> dict[str, 
         line = answers.readline()
     if not line.endswith(b"\n"):
         raise InputError(_end_of(child, asked))
-    told: dict[str, Any] = json.loads(line, object_hook=received)  # in the order of the text, as the child sends them
-    return told
+    answer: dict[str, Any] = json.loads(line, object_hook=received)  # in the order of the text, as the child sends them
+    return answer
 
 
 def _end_of(child: subprocess.Popen[bytes], asked: dict[str, Any]) -> str:
@@ -166,9 +166,9 @@ def _end_of(child: subprocess.Popen[bytes], asked: dict[str, Any]) -> str:
     for timer, (_, times) in _TIMES.items():
         if status == -timer:
             return f"{name} did not finish reading the file within {asked['seconds'] * times} s. {AGAIN}"
-    how = signal.Signals(-status).name if status < 0 else f"status {status}"
+    end = signal.Signals(-status).name if status < 0 else f"status {status}"
     limit = amount(asked["memory"])
-    return f"{name} ended while it read the file ({how}, memory limit {limit}). {AGAIN}, or allow more memory"
+    return f"{name} ended while it read the file ({end}, memory limit {limit}). {AGAIN}, or allow more memory"
 
 
 def _stop(patience: float = 0.0) -> None:

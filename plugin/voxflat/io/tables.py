@@ -77,12 +77,12 @@ def read_points(path: str | os.PathLike[str]) -> PointTable:
         if not any(_is_number(cell) and cell for cell in rows[0]):
             header, rows = rows[0], rows[1:]
         names = [name.lower() for name in header]
-        at = [names.index(axis) for axis in "xyz"] if {"x", "y", "z"} <= set(names) else [0, 1, 2]
+        columns = [names.index(axis) for axis in "xyz"] if {"x", "y", "z"} <= set(names) else [0, 1, 2]
         points = np.full((len(rows), 3), np.nan)
         for n, row in enumerate(rows):
-            if len(row) != len(rows[0]) or len(row) <= max(at) or (header and len(row) != len(header)):
+            if len(row) != len(rows[0]) or len(row) <= max(columns) or (header and len(row) != len(header)):
                 raise InputError(f"row {n + 1} has {len(row)} cells, but other rows have {len(header or rows[0])}")
-            for axis, column in enumerate(at):
+            for axis, column in enumerate(columns):
                 if not _is_number(row[column]):
                     raise InputError(f"row {n + 1}: {row[column]!r} is not a number. Write a coordinate in mm, or n/a")
                 points[n, axis] = np.nan if row[column].lower() in _MISSING else float(row[column])

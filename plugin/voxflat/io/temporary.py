@@ -35,8 +35,8 @@ def temporary_beside(path: Path) -> Path:
 def _sweep(folder: Path) -> None:
     with suppress(OSError), os.scandir(folder) as entries:
         for entry in entries:
-            found = _NAME.match(entry.name)
-            if found is None or found[1] != _system() or _is_running(int(found[2]), found[3]):
+            match = _NAME.match(entry.name)
+            if match is None or match[1] != _system() or _is_running(int(match[2]), match[3]):
                 continue
             if entry.is_dir(follow_symlinks=False):
                 shutil.rmtree(entry.path, ignore_errors=True)
@@ -48,12 +48,12 @@ def _sweep(folder: Path) -> None:
 @lru_cache
 def _system() -> str:
     """Return a hash of the host name, the machine and the container, within which process numbers are unique."""
-    known = [platform.node()]
+    parts = [platform.node()]
     with suppress(OSError):
-        known.append(Path("/etc/machine-id").read_text(encoding="utf-8"))
+        parts.append(Path("/etc/machine-id").read_text(encoding="utf-8"))
     with suppress(OSError):
-        known.append(os.readlink("/proc/self/ns/pid"))
-    return hashlib.sha256("\n".join(known).encode()).hexdigest()[:8]
+        parts.append(os.readlink("/proc/self/ns/pid"))
+    return hashlib.sha256("\n".join(parts).encode()).hexdigest()[:8]
 
 
 def _is_running(process: int, start: str) -> bool:

@@ -46,15 +46,15 @@ def triangulated(
     places = points[corners[quads]]
     first, second = _halves(places, 0), _halves(places, 1)
     other = (second[1] & ~first[1]) | ((first[1] == second[1]) & (second[0] < first[0]))
-    for of, turn in ((~other, 0), (other, 1)):
-        turned = np.roll(quads[of], -turn, axis=1)
-        triangles[ends[four[of]] - 2], triangles[ends[four[of]] - 1] = turned[:, :3], turned[:, [0, 2, 3]]
+    for chosen, turn in ((~other, 0), (other, 1)):
+        turned = np.roll(quads[chosen], -turn, axis=1)
+        triangles[ends[four[chosen]] - 2], triangles[ends[four[chosen]] - 1] = turned[:, :3], turned[:, [0, 2, 3]]
     for face in np.flatnonzero(counts > 4).tolist():
         polygon = corners[starts[face] : starts[face] + counts[face]]
         triangles[ends[face] - counts[face] + 2 : ends[face]] = starts[face] + _ears(points[polygon])
     kinds = sorted(Counter(counts[counts > 3].tolist()).items())
-    found = ", ".join(f"{number} with {n} corners" for n, number in kinds[:5]) + ", ..." * (len(kinds) > 5)
-    return triangles, (f"polygons were split into triangles ({found})",)
+    listing = ", ".join(f"{number} with {n} corners" for n, number in kinds[:5]) + ", ..." * (len(kinds) > 5)
+    return triangles, (f"polygons were split into triangles ({listing})",)
 
 
 def _halves(quads: NDArray[np.float64], turn: int) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:

@@ -198,9 +198,9 @@ def read_volume(path: str | os.PathLike[str], channel: int | str | None = None) 
 
 def volume_of_file(path: str | os.PathLike[str], channel: int | str | None = None) -> Volume:
     """Read a volume; errors do not name the file."""
-    found = chunked_of(path) if is_stack_path(path) else None
-    if found is not None:
-        channels, affine, unit = found
+    chunked = chunked_of(path) if is_stack_path(path) else None
+    if chunked is not None:
+        channels, affine, unit = chunked
         if channel is None and len(channels) > 1:
             several = f"has {len(channels)} channels or time points ({channels.listed()})"
             raise InputError(f"{several}. Choose one, as in voxflat.io.read_volume(path, channel=0)")

@@ -49,8 +49,8 @@ class Depths:
         if fraction is None:
             return cls(_numbers(depth, "depth"))
         if not isinstance(depth, int | float) or depth != 0:
-            given = "fraction (white to pial)" if count is None else "depths (a number of layers)"
-            raise InputError(f"depth (in mm) and {given} cannot be combined. Pass only one of them")
+            other = "fraction (white to pial)" if count is None else "depths (a number of layers)"
+            raise InputError(f"depth (in mm) and {other} cannot be combined. Pass only one of them")
         values = _numbers(fraction, "fraction")
         for value in values:
             if not 0 <= value <= 1:
@@ -190,5 +190,5 @@ def _turned(
     square = (normal * np.cross(*moves)).sum(axis=1)
     with np.errstate(divide="ignore", invalid="ignore"):
         lowest = np.clip(np.nan_to_num(-linear / (2 * square)), min(low, 0.0), max(high, 0.0))
-    least = np.min([constant + at * (linear + at * square) for at in (low, high, lowest)], axis=0)
+    least = np.min([constant + height * (linear + height * square) for height in (low, high, lowest)], axis=0)
     return np.asarray(least <= 0)

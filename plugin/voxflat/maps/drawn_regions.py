@@ -88,50 +88,50 @@ class _Pixels:
     def labels(self, places: NDArray[np.float64]) -> NDArray[np.int64]:
         u, v = self.raster.origin
         size, (height, width) = self.raster.pixel_size, self.raster.shape
-        at = np.column_stack([(v - places[:, 1]) / size, (places[:, 0] - u) / size])
-        is_on = (at > -0.5 - _BESIDE).all(axis=1) & (at < np.array([height, width]) - 0.5 + _BESIDE).all(axis=1)
+        index = np.column_stack([(v - places[:, 1]) / size, (places[:, 0] - u) / size])
+        is_on = (index > -0.5 - _BESIDE).all(axis=1) & (index < np.array([height, width]) - 0.5 + _BESIDE).all(axis=1)
         found = np.zeros(len(places), dtype=np.int64)
-        found[is_on] = majority_at(self._continued[..., None], np.insert(at[is_on, None], 2, 0.0, axis=2))
+        found[is_on] = majority_at(self._continued[..., None], np.insert(index[is_on, None], 2, 0.0, axis=2))
         return found
 
 
-def regions_of(of: Planar, rois: object, *, layer: str, pixel_size: float | None) -> Regions:
+def regions_of(flat: Planar, rois: object, *, layer: str, pixel_size: float | None) -> Regions:
     """Return regions from any supported input, as `FlatMap.regions` does."""
     checked_instance(layer, str, "layer", "its name")
-    drawn = _regions_of(of, rois, layer, pixel_size)
+    drawn = _regions_of(flat, rois, layer, pixel_size)
     if pixel_size is not None and not isinstance(drawn.places, _Pixels):
         raise InputError(f"pixel_size is {shown(pixel_size)}, but the regions are not an image. Omit pixel_size")
     return drawn
 
 
-def _regions_of(of: Planar, rois: object, layer: str, pixel_size: float | None) -> Regions:
+def _regions_of(flat: Planar, rois: object, layer: str, pixel_size: float | None) -> Regions:
     if isinstance(rois, str | os.PathLike):
         path = Path(rois)
         name = path.name.lower()
         if name.endswith(".svg"):
-            return _drawn(of, read_outlines(path, layer))
+            return _drawn(flat, read_outlines(path, layer))
         if name.endswith(".json"):
-            return _drawn(of, _read_polygons(path))
+            return _drawn(flat, _read_polygons(path))
         if name.endswith(_IMAGES):
             with naming(path, REMEDY):
-                data, size = _read_image(path, of._triangles.on_surface.origin.unit)
-                return _pixels(of, data, size if pixel_size is None else pixel_size)
+                data, size = _read_image(path, flat._triangles.on_surface.origin.unit)
+                return _pixels(flat, data, size if pixel_size is None else pixel_size)
         raise InputError(f"{path}: unsupported file type. Pass regions as .svg, .json, {', '.join(_IMAGES)}")
     if isinstance(rois, FlatImage):
-        return _pixels(of, rois.data, rois.pixel_size)
+        return _pixels(flat, rois.data, rois.pixel_size)
     if hasattr(rois, "shape_type") and hasattr(rois, "data_to_world"):
-        return _drawn(of, list(_of_shapes(rois)))
+        return _drawn(flat, list(_of_shapes(rois)))
     if isinstance(rois, Mapping):
-        return _drawn(of, [Outline(str(key), _loops(loops, str(key))) for key, loops in rois.items()])
+        return _drawn(flat, [Outline(str(key), _loops(loops, str(key))) for key, loops in rois.items()])
     if isinstance(rois, np.ndarray) and rois.ndim == 2 and rois.shape[1] != 2 and rois.dtype.kind in "biuf":
-        return _pixels(of, rois, pixel_size)
+        return _pixels(flat, rois, pixel_size)
     listed: Any = rois if isinstance(rois, Sequence) else ()
     if (isinstance(rois, np.ndarray) and rois.ndim == 2) or (len(listed) and _axes(listed[0]) == 1):
-        return _drawn(of, [Outline("region 1", _loops(rois, "region 1"))])
+        return _drawn(flat, [Outline("region 1", _loops(rois, "region 1"))])
     if len(listed) and all(isinstance(item, Outline) for item in listed):
-        return _drawn(of, listed)
+        return _drawn(flat, listed)
     if len(listed):
-        return _drawn(of, [Outline(f"region {n}", _loops(loop, f"region {n}")) for n, loop in enumerate(listed, 1)])
+        return _drawn(flat, [Outline(f"region {n}", _loops(loop, f"region {n}")) for n, loop in enumerate(listed, 1)])
     raise InputError(
         f"cannot read regions from {type(rois).__name__}. Pass polygons as (k, 2) arrays in mm, keyed by name; a label "
         "image of the map; a napari Shapes layer; or an .svg, .json or image file"
@@ -146,11 +146,11 @@ def _axes(value: Any) -> int:
         return 0
 
 
-def _loops(given: Any, name: str) -> tuple[NDArray[np.float64], ...]:
+def _loops(loops: Any, name: str) -> tuple[NDArray[np.float64], ...]:
     """Return the polygons, one or several, that enclose a region."""
-    several = isinstance(given, Sequence) and len(given) and _axes(given[0]) == 2
-    found = []
-    for polygon in given if several else [given]:
+    several = isinstance(loops, Sequence) and len(loops) and _axes(loops[0]) == 2
+    checked = []
+    for polygon in loops if several else [loops]:
         unmasked(polygon, f"corners of {name}")
         try:
             loop = numbers_of(polygon, "corners")
@@ -161,11 +161,11 @@ def _loops(given: Any, name: str) -> tuple[NDArray[np.float64], ...]:
         if not np.isfinite(loop).all():
             bad = int(np.flatnonzero(~np.isfinite(loop).all(axis=1))[0])
             raise InputError(f"{name}: corner {bad} is not finite. Pass finite coordinates (u, v), in mm")
-        found.append(loop)
-    return tuple(found)
+        checked.append(loop)
+    return tuple(checked)
 
 
-def _drawn(of: Planar, outlines: Sequence[Outline]) -> Regions:
+def _drawn(flat: Planar, outlines: Sequence[Outline]) -> Regions:
     """Return outlines as regions; outlines with the same name form one region."""
     if not outlines:
         raise InputError("there are no regions. Draw at least one region")
@@ -173,9 +173,9 @@ def _drawn(of: Planar, outlines: Sequence[Outline]) -> Regions:
     keys = {name: key for key, name in enumerate(names, 1)}
     colours = {outline.name: outline.colour for outline in reversed(outlines)}
     taken = list(colours.values())
-    given = {name: colour for name, colour in colours.items() if colour is not None and taken.count(colour) == 1}
-    shown = [given.get(name, label_colour(keys[name])) for name in names]
-    uv = of._triangles.uv
+    chosen = {name: colour for name, colour in colours.items() if colour is not None and taken.count(colour) == 1}
+    painted = [chosen.get(name, label_colour(keys[name])) for name in names]
+    uv = flat._triangles.uv
     low, high = uv.min(axis=0), uv.max(axis=0)
     for outline in outlines:
         corners = np.concatenate(outline.loops)
@@ -188,21 +188,21 @@ def _drawn(of: Planar, outlines: Sequence[Outline]) -> Regions:
     drawn = _Drawn(tuple(outlines), tuple(keys[outline.name] for outline in outlines))
     counts = np.zeros(len(uv), dtype=np.int64)
     for name in names:
-        own = [outline for outline in outlines if outline.name == name]
-        counts += _Drawn(tuple(own), (1,) * len(own)).labels(uv)
+        parts = [outline for outline in outlines if outline.name == name]
+        counts += _Drawn(tuple(parts), (1,) * len(parts)).labels(uv)
     if (counts > 1).any():
         log.warning("Points in several regions belong to the region drawn last: %d", int((counts > 1).sum()))
-    return Regions(of, names, tuple(keys.values()), np.array(shown, dtype=np.uint8), drawn)
+    return Regions(flat, names, tuple(keys.values()), np.array(painted, dtype=np.uint8), drawn)
 
 
-def _pixels(of: Planar, data: Any, pixel_size: float | None) -> Regions:
+def _pixels(flat: Planar, data: Any, pixel_size: float | None) -> Regions:
     """Return a label image as regions."""
     values = array_of(data, "labels")
     if values.ndim != 2 or values.dtype.kind not in "biuf":
-        told = f"the label image has shape {values.shape} and data type {values.dtype}"
-        raise InputError(f"{told}. Pass an array of whole numbers with shape (H, W)")
-    raster = of.raster(pixel_size)
-    period = of._triangles.period
+        problem = f"the label image has shape {values.shape} and data type {values.dtype}"
+        raise InputError(f"{problem}. Pass an array of whole numbers with shape (H, W)")
+    raster = flat.raster(pixel_size)
+    period = flat._triangles.period
     if period is not None and values.shape == (rows_in(period, raster.pixel_size), raster.shape[1]):
         values = values[rows_of_period(raster, len(values))]  # from `FlatImage.one_period`
     if raster.shape != values.shape:
@@ -221,7 +221,7 @@ def _pixels(of: Planar, data: Any, pixel_size: float | None) -> Regions:
     if keys[0] < 0 or keys[-1] >= 2**31:
         raise InputError(f"labels range from {keys[0]} to {keys[-1]}. Use numbers from 1 to {2**31 - 1}")
     colours = np.array([label_colour(key) for key in keys], dtype=np.uint8)
-    return Regions(of, tuple(map(str, keys)), keys, colours, _Pixels(labels, raster))
+    return Regions(flat, tuple(map(str, keys)), keys, colours, _Pixels(labels, raster))
 
 
 def _of_shapes(layer: Any) -> list[Outline]:
@@ -263,15 +263,15 @@ def _read_image(path: Path, unit: str) -> tuple[NDArray[Any], float | None]:
     with header(path) as image:
         if image.mode not in ("L", "P", "I", "I;16", "F", "1"):
             raise InputError(f"is a colour image (mode {image.mode}). Save the labels as grey levels, .tif or .npy")
-        told = str(image.info.get("Pixel size", "")) or str(getattr(image, "tag_v2", {}).get(270, ""))
+        text = str(image.info.get("Pixel size", "")) or str(getattr(image, "tag_v2", {}).get(270, ""))
         data = decoded(path, image)
-    found = re.match(r"([0-9.e+-]+)( (?:mm|um|nm|cm|m|inch)\b)?", told.split("Pixel size: ")[-1])
+    match = re.match(r"([0-9.e+-]+)( (?:mm|um|nm|cm|m|inch)\b)?", text.split("Pixel size: ")[-1])
     try:
-        return data, None if found is None else float(found[1]) * _ratio((found[2] or " unknown")[1:], unit)
+        return data, None if match is None else float(match[1]) * _ratio((match[2] or " unknown")[1:], unit)
     except ValueError:
         return data, None
 
 
-def _ratio(unit: str, to: str) -> float:
+def _ratio(unit: str, target: str) -> float:
     """Return the factor from one unit of length to another, or 1 if either is unknown."""
-    return 1.0 if unit == to or "unknown" in (unit, to) else millimetres(unit) / millimetres(to)
+    return 1.0 if unit == target or "unknown" in (unit, target) else millimetres(unit) / millimetres(target)

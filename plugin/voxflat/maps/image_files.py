@@ -204,8 +204,8 @@ class SavedPages(Recorded):
 
     def _checked(self, progress: Progress | None) -> Record:
         """Check the images before the file is written; return the record that it stores."""
-        own: Any = self
-        record: Record = own.provenance
+        image: Any = self
+        record: Record = image.provenance
         return record
 
     @property
@@ -298,11 +298,11 @@ def _write_nifti_series(path: Path, pages: Pages, first: _Image, values: _Values
     header.set_xyzt_units("mm" if has_unit else "unknown", None if timing is None else "sec")
     header["toffset"] = 0 if timing is None else timing.start
     header["scl_slope"], header["scl_inter"] = 1, 0
-    told: dict[str, Any] = {"names": list(pages.names)} if any(pages.names) else {}
+    content: dict[str, Any] = {"names": list(pages.names)} if any(pages.names) else {}
     if record:
-        told["provenance"] = record
-    if told:
-        header.extensions.append(nibabel.nifti1.Nifti1Extension("comment", as_text(told).encode()))
+        content["provenance"] = record
+    if content:
+        header.extensions.append(nibabel.nifti1.Nifti1Extension("comment", as_text(content).encode()))
     is_packed = path.name.lower().endswith(".gz")
     packed: Any = {"mode": "wb", "compresslevel": _GZIP_LEVEL, "mtime": 0}
     with path.open("wb") as plain, gzip.GzipFile(fileobj=plain, **packed) if is_packed else plain as file:
@@ -365,8 +365,8 @@ def _write_zarr(path: Path, pages: Pages, first: _Image, values: _Values, record
     group.attrs["multiscales"] = [{"version": "0.4", "name": pages.title, "axes": axes, "datasets": datasets}]
     group.attrs["voxflat"] = {"affine": affine.tolist(), "names": list(pages.names), "provenance": portable(record)}
     if any(pages.channels):
-        shown = {"color": "FFFFFF", "active": True}  # mandatory
-        group.attrs["omero"] = {"channels": [{"label": name, **shown} for name in pages.channels]}
+        state = {"color": "FFFFFF", "active": True}  # mandatory
+        group.attrs["omero"] = {"channels": [{"label": name, **state} for name in pages.channels]}
     shape, chunks = (*lengths, *first.data.shape), (*[1] * len(lengths), *first.data.shape)
     form |= {"dtype": "<f4", "fill_value": np.nan, "dimension_separator": "/"}
     array = zarr.open_array(str(path / "0"), mode="w", shape=shape, chunks=chunks, **form)
@@ -391,8 +391,8 @@ def _resolution(image: _Image) -> dict[str, float]:
     """Return the TIFF resolution tags."""
     affine, has_unit = _placed(image)
     per_cm = 10 / float(affine[2, 2])
-    known = {"x_resolution": per_cm, "y_resolution": per_cm, "resolution_unit": _TIFF_CENTIMETRE}
-    return known if has_unit else {}
+    tags = {"x_resolution": per_cm, "y_resolution": per_cm, "resolution_unit": _TIFF_CENTIMETRE}
+    return tags if has_unit else {}
 
 
 def _description(image: _Image, name: str, record: Record) -> dict[str, str]:

@@ -64,8 +64,8 @@ def region_corners(
     for step in (1, 2):
         other = (lone + step) % 3
         a, b = inside[rows, lone], inside[rows, other]
-        at = order[np.searchsorted(keys[order], np.minimum(a, b) * len(uv) + np.maximum(a, b))]
-        from_lone = np.where(edges[at, 0] == a, share[at], 1 - share[at])
+        nearest = order[np.searchsorted(keys[order], np.minimum(a, b) * len(uv) + np.maximum(a, b))]
+        from_lone = np.where(edges[nearest, 0] == a, share[nearest], 1 - share[nearest])
         away += weights[two][rows, other] / from_lone
     pair = (lone + 1) % 3
     best[two] = np.where(away < 1, inside[rows, lone], inside[rows, pair])
@@ -82,13 +82,13 @@ def chains(links: NDArray[Any]) -> list[_Ints]:
     is_used = [False] * len(links)
 
     def follow(start: int, number: int) -> _Ints:
-        line, at = [start], start
+        line, vertex = [start], start
         while True:
             is_used[number] = True
-            at = sides[1][number] if at == sides[0][number] else sides[0][number]
-            line.append(at)
-            low = begin[at]
-            if begin[at + 1] - low != 2 or at == start:
+            vertex = sides[1][number] if vertex == sides[0][number] else sides[0][number]
+            line.append(vertex)
+            low = begin[vertex]
+            if begin[vertex + 1] - low != 2 or vertex == start:
                 break
             number = ways[low] if ways[low + 1] == number else ways[low + 1]
             if is_used[number]:
@@ -135,6 +135,6 @@ def _crossings(uv: _Floats, faces: NDArray[Any], labels: _Ints) -> tuple[_Ints, 
         sums[:] = 0
         np.add.at(sums, pairs[:, 0], places[pairs[:, 1]])
         np.add.at(sums, pairs[:, 1], places[pairs[:, 0]])
-        wanted = ((sums / 2 - start) * along).sum(axis=1) / length
-        share = np.where(is_free, np.clip(wanted, _NEAREST, 1 - _NEAREST), share)
+        ideal = ((sums / 2 - start) * along).sum(axis=1) / length
+        share = np.where(is_free, np.clip(ideal, _NEAREST, 1 - _NEAREST), share)
     return edges, share, links, uv[faces[many == 3].astype(np.int64)].mean(axis=1)

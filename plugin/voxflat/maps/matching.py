@@ -45,12 +45,12 @@ class Matched:
         """
         if self.period is None:
             return self, np.arange(len(self.uv))
-        one = distinct(self.vertices[:, None])
-        core, _ = _core.Surface.from_triangles(self.core.points[one.first], one.which[self.core.faces])
+        once = distinct(self.vertices[:, None])
+        core, _ = _core.Surface.from_triangles(self.core.points[once.first], once.which[self.core.faces])
         number = np.empty(len(core), dtype=np.int64)
         number[core.ids] = np.arange(len(core))
-        kept = one.first[core.ids]
-        return Matched(core, self.vertices[kept], np.ascontiguousarray(self.uv[kept]), self.period), number[one.which]
+        rows = once.first[core.ids]
+        return Matched(core, self.vertices[rows], np.ascontiguousarray(self.uv[rows]), self.period), number[once.which]
 
     def correspondence(self, other: "Matched") -> NDArray[np.int64] | None:
         """Return the other map's vertex for each vertex, if both maps have the same triangles and cuts."""
@@ -58,17 +58,17 @@ class Matched:
         others, other_ids = _sorted_corners(other)
         if not np.array_equal(ids, other_ids):
             return None
-        found = np.full(len(self.uv), -1, dtype=np.int64)
-        found[corners] = others
-        is_same = (found[corners] == others).all() and len(np.unique(found)) == len(found) == len(other.uv)
-        return found if is_same else None
+        order = np.full(len(self.uv), -1, dtype=np.int64)
+        order[corners] = others
+        is_same = (order[corners] == others).all() and len(np.unique(order)) == len(order) == len(other.uv)
+        return order if is_same else None
 
 
-def _sorted_corners(of: Matched) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def _sorted_corners(flat: Matched) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Return the corners of all triangles and their vertices, in an order that depends only on the vertices."""
-    faces = of.core.faces.astype(np.int64)
-    faces = np.take_along_axis(faces, np.argsort(of.vertices[faces], axis=1), axis=1)
-    ids = of.vertices[faces]
+    faces = flat.core.faces.astype(np.int64)
+    faces = np.take_along_axis(faces, np.argsort(flat.vertices[faces], axis=1), axis=1)
+    ids = flat.vertices[faces]
     order = np.lexsort(ids.T[::-1])
     return faces[order], ids[order]
 
@@ -121,10 +121,10 @@ def _of_ours(whole: Manifold, mesh: Mesh) -> Matched:
     if "vertex_ids" in data and not whole.is_voxels:
         vertices = np.asarray(data["vertex_ids"])
     else:
-        apart, found = scipy.spatial.cKDTree(whole.points).query(np.asarray(data["surface_points"], dtype=np.float64))
+        apart, nearest = scipy.spatial.cKDTree(whole.points).query(np.asarray(data["surface_points"], dtype=np.float64))
         if not (apart <= _SAME_POINT * whole.usual_edge).all():
             raise InputError(f"some points of the map are up to {apart.max():.3g} away from the surface. {_OTHER}")
-        vertices = whole.vertices[found]
+        vertices = whole.vertices[nearest]
     cut = _of_rows(whole, mesh.points, mesh.faces[~is_torn], vertices)
     _check_share(whole, cut)
     return cut
@@ -136,8 +136,8 @@ def _kind(array: NDArray[Any]) -> str:
 
 def _of_places(whole: Manifold, places: NDArray[np.float64], mesh: Mesh | None) -> Matched:
     if len(places) != whole.count:
-        what = f"the map has {len(places)} points, but the surface has {whole.count} vertices"
-        raise InputError(f"{what}. Pass one point per vertex")
+        counts = f"the map has {len(places)} points, but the surface has {whole.count} vertices"
+        raise InputError(f"{counts}. Pass one point per vertex")
     is_placed = np.asarray(np.isfinite(places).all(axis=1))
     faces = whole.vertices[whole.faces] if mesh is None else whole._merged_in(mesh.faces)
     return _matched(whole, faces[is_placed[faces].all(axis=1)], places)
@@ -181,14 +181,14 @@ def _same_places(whole: Manifold, points: NDArray[np.float64], faces: NDArray[np
             break
     else:
         away, _ = tree.query(at)
-        told = f"the map has {len(points)} points, but the surface has {whole.count} vertices, and none of them is at"
+        text = f"the map has {len(points)} points, but the surface has {whole.count} vertices, and none of them is at"
         raise InputError(
-            f"{told} {_shown(at[away.argmax()])}. Pass one point per vertex, or points at the same positions"
+            f"{text} {_shown(at[away.argmax()])}. Pass one point per vertex, or points at the same positions"
         )
     counts = tree.query_ball_point(whole.points[nearest], near, return_length=True)
     if (counts > 1).any():
-        told = f"several vertices of the surface are at {_shown(at[counts.argmax()])}"
-        raise InputError(f"{told}, so points cannot be matched by position. Pass one point per vertex")
+        problem = f"several vertices of the surface are at {_shown(at[counts.argmax()])}"
+        raise InputError(f"{problem}, so points cannot be matched by position. Pass one point per vertex")
     return np.asarray(whole.vertices[nearest][corners.reshape(-1, 3)])
 
 
@@ -206,19 +206,19 @@ def _of_rows(whole: Manifold, places: Any, faces: Any, vertices: Any) -> Matched
     if faces.ndim != 2 or faces.shape[1] != 3 or faces.dtype.kind not in "iu" or not len(faces):
         raise InputError(f"the triangles of the map are {_kind(faces)}. Pass an integer array of shape (F, 3)")
     if not 0 <= int(faces.min()) <= int(faces.max()) < len(places):
-        told = f"the triangles of the map refer to points {faces.min()} to {faces.max()}"
-        raise InputError(f"{told}. Pass numbers from 0 to {len(places) - 1}")
+        problem = f"the triangles of the map refer to points {faces.min()} to {faces.max()}"
+        raise InputError(f"{problem}. Pass numbers from 0 to {len(places) - 1}")
     if vertices.shape != (len(places),) or vertices.dtype.kind not in "iu":
         raise InputError(f"the vertices of the map are {_kind(vertices)}. Pass one vertex number per point")
     numbers = np.full(whole.count, -1, dtype=np.int64)
     numbers[whole.vertices[::-1]] = np.arange(len(whole))[::-1]  # the first of several matches
     numbers[whole.merged[:, 0]] = numbers[whole.merged[:, 1]]
     is_there = (vertices >= 0) & (vertices < whole.count)
-    found = np.where(is_there, numbers[np.where(is_there, vertices, 0)], -1)
-    if (found < 0).any():
-        missing = vertices[found < 0][0]
+    rows = np.where(is_there, numbers[np.where(is_there, vertices, 0)], -1)
+    if (rows < 0).any():
+        missing = vertices[rows < 0][0]
         raise InputError(f"vertex {missing} of the map is not a vertex of the surface. Pass a map of this surface")
-    return _cut_as_it_is(whole, found, faces.astype(np.int64), np.asarray(places[:, :2], dtype=np.float64))
+    return _cut_as_it_is(whole, rows, faces.astype(np.int64), np.asarray(places[:, :2], dtype=np.float64))
 
 
 def _cut_as_it_is(
@@ -232,21 +232,21 @@ def _cut_as_it_is(
 def vertices_of(whole: Manifold, flat: FlatMap) -> NDArray[np.int64]:
     """Find the vertices of a map's points; if a voxel has two, one for each side of the surface, use the nearer one."""
     check_side("the map", flat.origin.structure, whole.origin.structure, _OTHER)
-    own, other = flat.origin.size, whole.origin.size
-    if flat.is_voxels == whole.is_voxels and own != other:
-        what = "voxels" if flat.is_voxels else "vertices"
-        told = f"{shown(own)} {what}, but the given surface has {shown(other)}"
-        raise InputError(f"the map was made on a surface with {told}. {_OTHER}")
+    made_on, other = flat.origin.size, whole.origin.size
+    if flat.is_voxels == whole.is_voxels and made_on != other:
+        elements = "voxels" if flat.is_voxels else "vertices"
+        sizes = f"{shown(made_on)} {elements}, but the given surface has {shown(other)}"
+        raise InputError(f"the map was made on a surface with {sizes}. {_OTHER}")
     check_participant(flat.origin.input, whole.origin.input)
-    found = whole.find(flat.ids, "the map's points").astype(np.int64)
+    rows = whole.find(flat.ids, "the map's points").astype(np.int64)
     _, _, kind, counts = distinct(whole.ids)
     order, ends = np.argsort(kind, kind="stable"), np.cumsum(counts)
-    for point in np.flatnonzero(counts[kind[found]] > 1):
-        end = ends[kind[found[point]]]
-        candidates = order[end - counts[kind[found[point]]] : end]
+    for point in np.flatnonzero(counts[kind[rows]] > 1):
+        end = ends[kind[rows[point]]]
+        candidates = order[end - counts[kind[rows[point]]] : end]
         apart = np.linalg.norm(whole.points[candidates] - flat.points[point], axis=1)
-        found[point] = candidates[apart.argmin()]
-    return found
+        rows[point] = candidates[apart.argmin()]
+    return rows
 
 
 def _matched(whole: Manifold, faces: NDArray[np.int64], places: NDArray[np.float64]) -> Matched:
@@ -265,10 +265,10 @@ def _matched(whole: Manifold, faces: NDArray[np.int64], places: NDArray[np.float
 
 def _check_share(whole: Manifold, cut: Matched) -> None:
     """Raise an error for a map that has few triangles of the surface; repairs and closed holes change only some."""
-    known = are_triangles(cut.vertices[cut.core.faces], whole.vertices[whole.faces])
-    if known.mean() < _COMMON:
-        told = f"only {known.sum()} of the map's {len(known)} triangles are triangles of the surface"
-        raise InputError(f"{told}. {_OTHER}")
+    is_common = are_triangles(cut.vertices[cut.core.faces], whole.vertices[whole.faces])
+    if is_common.mean() < _COMMON:
+        share = f"only {is_common.sum()} of the map's {len(is_common)} triangles are triangles of the surface"
+        raise InputError(f"{share}. {_OTHER}")
 
 
 def _check_triangles(whole: Manifold, faces: NDArray[np.int64]) -> None:
@@ -279,8 +279,8 @@ def _check_triangles(whole: Manifold, faces: NDArray[np.int64]) -> None:
     is_there[whole.vertices] = True
     strange = faces[~is_there[faces]]
     if len(strange):
-        told = f"the map has a triangle with vertex {strange[0]}, which is in no triangle of the surface"
-        raise InputError(f"{told}. Pass a map of this surface")
+        problem = f"the map has a triangle with vertex {strange[0]}, which is in no triangle of the surface"
+        raise InputError(f"{problem}. Pass a map of this surface")
     if whole._has_triangles(faces) is None:
         log.warning(
             "the map has triangles that the surface does not have. Distortion is measured on the triangles of the map"

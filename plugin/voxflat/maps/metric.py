@@ -26,7 +26,7 @@ class Metric:
     @classmethod
     def of(cls, points: _Floats, uv: _Floats, faces: NDArray[np.uint32], torn: NDArray[np.bool_]) -> "Metric":
         """Return the metric of triangles in the plane, (N, 2), and on the surface, (N, 3)."""
-        sides = [(at[faces[:, 1:]] - at[faces[:, :1]]).swapaxes(1, 2) for at in (points, uv)]
+        sides = [(places[faces[:, 1:]] - places[faces[:, :1]]).swapaxes(1, 2) for places in (points, uv)]
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             to_surface = sides[0] @ _inverse(sides[1])
             to_surface[torn | ~np.isfinite(to_surface).all(axis=(1, 2))] = np.nan
@@ -34,10 +34,10 @@ class Metric:
             to_map = _inverse(transposed @ to_surface) @ transposed
             across = np.cross(to_surface[:, :, 0], to_surface[:, :, 1])
             area = np.linalg.norm(across, axis=1)
-            known = np.isfinite(to_map).all(axis=(1, 2))
+            is_known = np.isfinite(to_map).all(axis=(1, 2))
             normals = across / area[:, None]
         for part in (to_surface, to_map, area, normals):
-            part[~known] = np.nan
+            part[~is_known] = np.nan
         return cls(to_surface, to_map, area, normals)
 
 

@@ -34,8 +34,8 @@ class Parcels:
     @cached_property
     def names(self) -> dict[int, str]:
         """The name of each parcel on the map, by label."""
-        shown = (int(label) for label in np.unique(self.labels) if label != _NONE)
-        return {label: self.table.names.get(label, str(label)) for label in shown}
+        present = (int(label) for label in np.unique(self.labels) if label != _NONE)
+        return {label: self.table.names.get(label, str(label)) for label in present}
 
     @cached_property
     def colours(self) -> dict[int, tuple[int, int, int]]:
@@ -58,8 +58,8 @@ class Parcels:
 
     def coloured(self, labels: NDArray[np.int64]) -> NDArray[np.uint8]:
         """Return the RGBA colours of labels, with opacity 0 where there is no parcel."""
-        known, which = np.unique(labels, return_inverse=True)
-        rows = [(*self.colours[label], 255) if label in self.colours else (0, 0, 0, 0) for label in known.tolist()]
+        present, which = np.unique(labels, return_inverse=True)
+        rows = [(*self.colours[label], 255) if label in self.colours else (0, 0, 0, 0) for label in present.tolist()]
         return np.array(rows, dtype=np.uint8)[which.reshape(labels.shape)]
 
 
@@ -91,12 +91,12 @@ def parcels_of(flat_map: FlatMap, labels: object, *, table: object = None, depth
         raise InputError(f"{file}labels must be whole numbers. Show other values as an overlay")
     if not np.isfinite(values).any():
         raise InputError(f"{file}there are no labels on the map. Check that the affines match")
-    known = read_table(table) if isinstance(table, str | os.PathLike) else table
-    if not isinstance(known, LabelTable):
-        known = own_table(labels) or LabelTable()
+    names = read_table(table) if isinstance(table, str | os.PathLike) else table
+    if not isinstance(names, LabelTable):
+        names = own_table(labels) or LabelTable()
     with np.errstate(invalid="ignore"):  # values out of range are not labels
-        found = np.nan_to_num(values[:, 0], nan=_NONE).astype(np.int64)
-    for label in np.unique(found):
-        if not known.is_region(int(label)):
-            found[found == label] = _NONE
-    return Parcels(flat_map, found, known)
+        codes = np.nan_to_num(values[:, 0], nan=_NONE).astype(np.int64)
+    for label in np.unique(codes):
+        if not names.is_region(int(label)):
+            codes[codes == label] = _NONE
+    return Parcels(flat_map, codes, names)

@@ -59,8 +59,8 @@ class Places(ReadOnly):
     piece_ids: NDArray[np.int64]
 
     def __repr__(self) -> str:
-        found = int(np.count_nonzero(self.face_ids >= 0))
-        return f"<Places: {found} of {self.face_ids.size} on a triangle>"
+        count = int(np.count_nonzero(self.face_ids >= 0))
+        return f"<Places: {count} of {self.face_ids.size} on a triangle>"
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,8 +131,8 @@ class Planar(ReadOnly, ABC):
 
     @cached_property
     def _finder(self) -> _core.TriangleFinder:
-        of = self._triangles
-        return _core.TriangleFinder(np.ascontiguousarray(of.uv[of.faces], dtype=np.float64))
+        flat = self._triangles
+        return _core.TriangleFinder(np.ascontiguousarray(flat.uv[flat.faces], dtype=np.float64))
 
     def raster(self, pixel_size: float | None = None) -> Raster:
         """Return the pixels with their positions on the surface.
@@ -156,9 +156,9 @@ class Planar(ReadOnly, ABC):
         """
         size = self.pixel_size if pixel_size is None else checked_number(pixel_size, "pixel size")
         if size not in self._rasters:
-            of = self._triangles
-            corners, weights, (u, v) = _core.draw(of.uv, of.faces, of.torn, size)
-            unit = of.on_surface.origin.named_unit
+            flat = self._triangles
+            corners, weights, (u, v) = _core.draw(flat.uv, flat.faces, flat.torn, size)
+            unit = flat.on_surface.origin.named_unit
             self._rasters[size] = Raster(corners, weights, (u, v), size, unit)
         return self._rasters[size]
 
@@ -183,10 +183,10 @@ class Planar(ReadOnly, ABC):
         >>> ids.shape, points.shape
         ((43, 43), (43, 43, 3))
         """
-        of, raster = self._triangles.on_surface, self.raster(pixel_size)
+        surface, raster = self._triangles.on_surface, self.raster(pixel_size)
         nearest = raster.nearest
-        inside = (nearest >= 0)[..., None] if of.origin.is_voxels else nearest >= 0
-        return np.where(inside, of.ids[nearest], -1), raster.interpolate(of.points)
+        inside = (nearest >= 0)[..., None] if surface.origin.is_voxels else nearest >= 0
+        return np.where(inside, surface.ids[nearest], -1), raster.interpolate(surface.points)
 
     def look_up(self, places: ArrayLike) -> Places:
         """Look up the triangle, the piece and the surface position at points in the plane.
@@ -215,18 +215,18 @@ class Planar(ReadOnly, ABC):
         >>> places.face_ids[1]  # outside the map
         np.int64(-1)
         """
-        wanted = numbers_of(places, "places")
-        if wanted.ndim == 0 or wanted.shape[-1] != 2:
-            raise InputError(f"places has shape {wanted.shape}. Pass (u, v) in mm as an array of shape (..., 2)")
-        of, rows, shape = self._triangles, wanted.reshape(-1, 2), wanted.shape[:-1]
+        points = numbers_of(places, "places")
+        if points.ndim == 0 or points.shape[-1] != 2:
+            raise InputError(f"places has shape {points.shape}. Pass (u, v) in mm as an array of shape (..., 2)")
+        flat, rows, shape = self._triangles, points.reshape(-1, 2), points.shape[:-1]
         triangles, weights = self._finder.find(np.ascontiguousarray(rows))
-        if (at := (triangles >= 0) & of.torn[triangles]).any():
-            apart = np.linalg.norm(of.uv[of.faces[triangles[at]]] - rows[at, None], axis=2)
-            weights[at] = np.eye(3)[apart.argmin(axis=1)]
-        found = np.einsum("pc,pcx->px", weights, of.on_surface.points[of.faces[triangles]])  # NaN outside triangles
-        pieces = np.where(triangles < 0, -1, 0 if of.piece_ids is None else of.piece_ids[triangles])
+        if (is_torn := (triangles >= 0) & flat.torn[triangles]).any():
+            apart = np.linalg.norm(flat.uv[flat.faces[triangles[is_torn]]] - rows[is_torn, None], axis=2)
+            weights[is_torn] = np.eye(3)[apart.argmin(axis=1)]
+        spots = np.einsum("pc,pcx->px", weights, flat.on_surface.points[flat.faces[triangles]])  # NaN outside
+        pieces = np.where(triangles < 0, -1, 0 if flat.piece_ids is None else flat.piece_ids[triangles])
         return Places(
-            triangles.reshape(shape), weights.reshape(*shape, 3), found.reshape(*shape, 3), pieces.reshape(shape)
+            triangles.reshape(shape), weights.reshape(*shape, 3), spots.reshape(*shape, 3), pieces.reshape(shape)
         )
 
     @cached_property
@@ -237,13 +237,13 @@ class Planar(ReadOnly, ABC):
     @cached_property
     def _whole_faces(self) -> NDArray[np.uint32]:
         """The triangles that are not torn."""
-        of = self._triangles
-        return of.faces[~of.torn] if of.torn.any() else of.faces
+        flat = self._triangles
+        return flat.faces[~flat.torn] if flat.torn.any() else flat.faces
 
     @cached_property
     def _metric(self) -> Metric:
-        of = self._triangles
-        return Metric.of(of.on_surface.points, of.uv, of.faces, of.torn)
+        flat = self._triangles
+        return Metric.of(flat.on_surface.points, flat.uv, flat.faces, flat.torn)
 
     def _nearest(
         self, points: NDArray[np.float64], limit: float
@@ -290,11 +290,11 @@ class Planar(ReadOnly, ABC):
         >>> uv.shape, far.round(1)
         ((1, 2), array([0.]))
         """
-        wanted = self._checked_points(points, space)
-        uv, _, distance = self._to_map(wanted.reshape(-1, 3), limit)
-        if warning := self._distance_warning(wanted.reshape(-1, 3), limit, distance):
+        rows = self._checked_points(points, space)
+        uv, _, distance = self._to_map(rows.reshape(-1, 3), limit)
+        if warning := self._distance_warning(rows.reshape(-1, 3), limit, distance):
             log.warning("%s", warning)
-        return uv.reshape(*wanted.shape[:-1], 2), distance.reshape(wanted.shape[:-1])
+        return uv.reshape(*rows.shape[:-1], 2), distance.reshape(rows.shape[:-1])
 
     def _distance_warning(self, points: NDArray[np.float64], limit: float, distance: NDArray[np.float64]) -> str:
         """Describe that few points lie near the surface: most of them would in another unit, or none does."""
@@ -302,26 +302,26 @@ class Planar(ReadOnly, ABC):
         if 10 * placed >= len(distance):
             return ""
         unit = self._triangles.on_surface.origin.unit
-        told = f"{placed:,} of {len(points):,} points are within {limit:g} {unit} of the surface. "
+        text = f"{placed:,} of {len(points):,} points are within {limit:g} {unit} of the surface. "
         for other, factor in _FACTORS.get(unit, {}).items():
             _, _, distance = self._nearest(points * factor, limit)
             if 2 * np.count_nonzero(np.isfinite(distance)) > len(points):
-                return f"{told}Most would be if they are in {other}. Convert them to {unit}, the unit of the map"
-        return "" if placed else f"{told}Check their coordinate space and their unit; the map is in {unit}"
+                return f"{text}Most would be if they are in {other}. Convert them to {unit}, the unit of the map"
+        return "" if placed else f"{text}Check their coordinate space and their unit; the map is in {unit}"
 
     def _checked_points(self, points: ArrayLike, space: str) -> NDArray[np.float64]:
         """Return points in the space of the surface."""
-        wanted = numbers_of(points, "points")
-        if wanted.ndim == 0 or wanted.shape[-1] != 3:
-            raise InputError(f"points has shape {wanted.shape}. Pass RAS+ points in mm as an array of shape (..., 3)")
+        rows = numbers_of(points, "points")
+        if rows.ndim == 0 or rows.shape[-1] != 3:
+            raise InputError(f"points has shape {rows.shape}. Pass RAS+ points in mm as an array of shape (..., 3)")
         if not isinstance(space, str) or space not in ("surface", "scanner"):
             raise InputError(f"space is {shown(space)}. Pass 'surface' or 'scanner'")
-        own = self._triangles.on_surface.origin.space
+        native = self._triangles.on_surface.origin.space
         if space == "scanner":
-            if own.warning:
-                log.warning("points may not lie on the surface: %s", own.warning)
-            wanted = own.from_scanner(wanted)
-        return wanted
+            if native.warning:
+                log.warning("points may not lie on the surface: %s", native.warning)
+            rows = native.from_scanner(rows)
+        return rows
 
     def _to_map(
         self, points: NDArray[np.float64], limit: float
@@ -331,8 +331,8 @@ class Planar(ReadOnly, ABC):
         if not limit >= 0:
             raise InputError(f"limit is {limit}. Pass 0 or a positive number")
         face_ids, weights, distance = self._nearest(points, limit)
-        of = self._triangles
-        return np.einsum("pc,pcx->px", weights, of.uv[of.faces[face_ids]]), face_ids, distance
+        flat = self._triangles
+        return np.einsum("pc,pcx->px", weights, flat.uv[flat.faces[face_ids]]), face_ids, distance
 
     def vectors_to_map(
         self, points: ArrayLike, vectors: ArrayLike, limit: float = LIMIT, *, space: str = "surface"
@@ -369,17 +369,17 @@ class Planar(ReadOnly, ABC):
         >>> flat.shape
         (441, 2)
         """
-        wanted = self._checked_points(points, space)
-        along = _checked_vectors(vectors, wanted.shape, "points")
+        rows = self._checked_points(points, space)
+        along = _checked_vectors(vectors, rows.shape, "points")
         if space == "scanner":
-            own = self._triangles.on_surface.origin.space
-            along = own.from_scanner(along) - own.from_scanner(np.zeros(3))
-        uv, face_ids, distance = self._to_map(wanted.reshape(-1, 3), limit)
-        if warning := self._distance_warning(wanted.reshape(-1, 3), limit, distance):
+            native = self._triangles.on_surface.origin.space
+            along = native.from_scanner(along) - native.from_scanner(np.zeros(3))
+        uv, face_ids, distance = self._to_map(rows.reshape(-1, 3), limit)
+        if warning := self._distance_warning(rows.reshape(-1, 3), limit, distance):
             log.warning("%s", warning)
         flat = np.einsum("pab,pb->pa", self._metric.to_map[face_ids], along.reshape(-1, 3))
         flat[face_ids < 0] = np.nan
-        return uv.reshape(*wanted.shape[:-1], 2), flat.reshape(*wanted.shape[:-1], 2)
+        return uv.reshape(*rows.shape[:-1], 2), flat.reshape(*rows.shape[:-1], 2)
 
     def vectors_to_surface(
         self, places: ArrayLike, vectors: ArrayLike
@@ -414,10 +414,10 @@ class Planar(ReadOnly, ABC):
         >>> along.shape
         (1, 3)
         """
-        found = self.look_up(places)
-        flat = _checked_vectors(vectors, (*found.face_ids.shape, 2), "places")
-        along = np.einsum("...ab,...b->...a", self._metric.to_surface[found.face_ids], flat)
-        return found.points, np.where((found.face_ids < 0)[..., None], np.nan, along)
+        hits = self.look_up(places)
+        flat = _checked_vectors(vectors, (*hits.face_ids.shape, 2), "places")
+        along = np.einsum("...ab,...b->...a", self._metric.to_surface[hits.face_ids], flat)
+        return hits.points, np.where((hits.face_ids < 0)[..., None], np.nan, along)
 
     @property
     @abstractmethod
@@ -579,7 +579,7 @@ class Planar(ReadOnly, ABC):
 
 def _checked_vectors(vectors: ArrayLike, shape: tuple[int, ...], starts: str) -> NDArray[np.float64]:
     """Return vectors, one for each of the points or places where they start."""
-    found = numbers_of(vectors, "vectors")
-    if found.shape != shape:
-        raise InputError(f"vectors has shape {found.shape}, but {starts} has {shape}. Pass one vector for each")
-    return found
+    checked = numbers_of(vectors, "vectors")
+    if checked.shape != shape:
+        raise InputError(f"vectors has shape {checked.shape}, but {starts} has {shape}. Pass one vector for each")
+    return checked

@@ -251,8 +251,8 @@ class FlatImage(ReadOnly, Saved):
         period = checked_number(period, "period")
         rows = rows_in(period, self.pixel_size)
         if not rows:
-            told = f"the period is {period / self.pixel_size:.6g} pixels, not a whole number"
-            raise InputError(f"{told}. Pass a pixel size of which it is a multiple, such as the default")
+            problem = f"the period is {period / self.pixel_size:.6g} pixels, not a whole number"
+            raise InputError(f"{problem}. Pass a pixel size of which it is a multiple, such as the default")
         blank, kind = (0, self.data.dtype) if self.is_colour else (np.nan, np.result_type(self.data, np.float32))
         whole = np.full((rows, *self.data.shape[1:]), blank, dtype=kind)
         for row, pixels in zip(rows_of_period(self, rows), self.data, strict=True):
@@ -428,7 +428,7 @@ class FlatStack(Sequence[FlatImage], ReadOnly, SavedPages):
             total[n % each] = total[n % each] + data
             if progress is not None and progress("averaging", n + 1, len(self)) is False:
                 raise Cancelled("cancelled while averaging")
-        means = [np.where(of > 0, of * (each / len(self)), np.nan) for of in total]
+        means = [np.where(count > 0, count * (each / len(self)), np.nan) for count in total]
         changes = replace(self.channels, read=lambda n: 100 * (read(n) / means[n % each] - 1))
         return replace(self, channels=changes, name=f"{self.name}, change (%)")
 
@@ -449,9 +449,9 @@ class FlatStack(Sequence[FlatImage], ReadOnly, SavedPages):
         record = self.provenance
         if record:
             of, layer = divmod(n, len(self.layers)) if self.layers else (n, None)
-            own = {"channel": of} if layer is None else {"channel": of, "layer": self.layers[layer]}
-            given: Any = record["parameters"]
-            record = {**record, "parameters": {**given, **own}}
+            place = {"channel": of} if layer is None else {"channel": of, "layer": self.layers[layer]}
+            recorded: Any = record["parameters"]
+            record = {**record, "parameters": {**recorded, **place}}
         return FlatImage(self.channels.read(n), self.pixel_size, self.origin, name, provenance=record, unit=self.unit)
 
     @property

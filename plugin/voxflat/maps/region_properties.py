@@ -45,7 +45,7 @@ def properties_of(
     metric, sorted_keys = of._metric, np.sort(keys)
     faces = np.full(raster.shape, -1, dtype=np.int64)
     faces[rows, columns] = places.face_ids
-    own, pixel, share = labels[rows, columns], np.arange(len(rows)), np.ones(len(rows))
+    owner, pixel, share = labels[rows, columns], np.arange(len(rows)), np.ones(len(rows))
     face, weights, points = places.face_ids, places.weights, places.points
     if are_outlines:
         is_split = _on_borders(labels)[rows, columns]
@@ -54,15 +54,15 @@ def properties_of(
         finer = of.look_up(beside)
         is_on = finer.face_ids >= 0  # samples beside the map stand for the part of their pixel that is on it
         share = np.concatenate([share[~is_split], np.full(len(split), 1 / len(_SPLIT))])
-        own = np.concatenate([own[~is_split], at(beside)])
+        owner = np.concatenate([owner[~is_split], at(beside)])
         face = np.concatenate([face[~is_split], np.where(is_on, finer.face_ids, face[split])])
         weights = np.concatenate([weights[~is_split], np.where(is_on[:, None], finer.weights, weights[split])])
         points = np.concatenate([points[~is_split], np.where(is_on[:, None], finer.points, points[split])])
         pixel = np.concatenate([pixel[~is_split], split])
     side, share = size * share, size**2 * share
     area = share * np.where(face < 0, 0.0, np.nan_to_num(metric.area[face]))
-    kept = (own != 0) & (area > 0)
-    which, area_of, face = np.searchsorted(sorted_keys, own[kept]), area[kept], face[kept]
+    is_used = (owner != 0) & (area > 0)
+    which, area_of, face = np.searchsorted(sorted_keys, owner[is_used]), area[is_used], face[is_used]
 
     def total(*values: _Floats) -> _Floats:
         return np.stack([np.bincount(which, area_of * each, len(keys)) for each in values], axis=-1)
@@ -72,34 +72,34 @@ def properties_of(
         return total(*(times * each[face] for each in values)).reshape(-1, *of_faces.shape[1:])
 
     def mean(values: _Floats) -> _Floats:
-        known = np.isfinite(values)
-        weights, sums = total(known.astype(np.float64), np.where(known, values, 0.0)).T
+        is_known = np.isfinite(values)
+        weights, sums = total(is_known.astype(np.float64), np.where(is_known, values, 0.0)).T
         with np.errstate(invalid="ignore"):
             return np.asarray(sums / np.where(weights > 0, weights, np.nan))
 
     areas = total(np.ones(len(which)))[:, 0]
     with np.errstate(invalid="ignore", divide="ignore"):
-        centres = total(*points[kept].T) / areas[:, None]
-        apart = (points[kept] - centres[which]).T
+        centres = total(*points[is_used].T) / areas[:, None]
+        apart = (points[is_used] - centres[which]).T
         between = total(*(a * b for a in apart for b in apart)).reshape(-1, 3, 3)
-        within = totals(metric.to_surface @ metric.to_surface.swapaxes(1, 2), side[kept] ** 2 / 12)
+        within = totals(metric.to_surface @ metric.to_surface.swapaxes(1, 2), side[is_used] ** 2 / 12)
         spread = (between + within) / areas[:, None, None]
         normals = totals(metric.normals)
         normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     found = {"area": areas, "perimeter": _perimeters(of, labels, raster, sorted_keys, at, faces)}
-    found |= {"map_area": np.bincount(which, share[kept], minlength=len(keys)).astype(np.float64)}
+    found |= {"map_area": np.bincount(which, share[is_used], minlength=len(keys)).astype(np.float64)}
     found |= dict(zip("xyz", centres.T, strict=True))
     found |= _shapes(of, centres, spread, normals)
     if curvature is not None:
         corners = of._triangles.faces[face]
-        found["curvature"] = mean(np.einsum("pc,pc->p", weights[kept], curvature[corners]))
+        found["curvature"] = mean(np.einsum("pc,pc->p", weights[is_used], curvature[corners]))
     for name, values in images:
-        of_pixels = values[rows, columns][pixel[kept]]
-        seen = np.unique(pixel[kept])
+        of_pixels = values[rows, columns][pixel[is_used]]
+        seen = np.unique(pixel[is_used])
         without = np.count_nonzero(~np.isfinite(values[rows, columns][seen]))
         if without:
-            told = "%s: %s of %s pixels of the regions have no value, and are left out"
-            log.warning(told, name, f"{without:,}", f"{len(seen):,}")
+            text = "%s: %s of %s pixels of the regions have no value, and are left out"
+            log.warning(text, name, f"{without:,}", f"{len(seen):,}")
         found[name] = mean(of_pixels)
     order = np.searchsorted(sorted_keys, keys)
     return {"label": np.array(keys), **{name: values[order] for name, values in found.items()}}
@@ -115,19 +115,19 @@ def _shapes(of: Planar, centres: _Floats, spread: _Floats, normals: _Floats) -> 
     """Return the axes of the ellipses with the same second moments in the tangent planes, and their directions."""
     face, weights, _ = of._nearest(centres, np.inf)
     uv = np.einsum("pc,pcx->px", weights, of._triangles.uv[of._triangles.faces[face]])
-    known = np.asarray(np.isfinite(spread).all(axis=(1, 2)) & np.isfinite(normals).all(axis=1))
+    is_known = np.asarray(np.isfinite(spread).all(axis=(1, 2)) & np.isfinite(normals).all(axis=1))
     tangent = np.eye(3) - normals[:, :, None] * normals[:, None]
-    values, vectors = np.linalg.eigh(np.where(known[:, None, None], tangent @ spread @ tangent, 0.0))
-    major, minor = (4 * np.sqrt(np.where(known, np.maximum(values[:, n], 0.0), np.nan)) for n in (2, 1))
-    along = np.where(known[:, None], vectors[:, :, 2], np.nan)
+    values, vectors = np.linalg.eigh(np.where(is_known[:, None, None], tangent @ spread @ tangent, 0.0))
+    major, minor = (4 * np.sqrt(np.where(is_known, np.maximum(values[:, n], 0.0), np.nan)) for n in (2, 1))
+    along = np.where(is_known[:, None], vectors[:, :, 2], np.nan)
     u, v = np.einsum("pab,pb->ap", of._metric.to_map[face], along)
     turned = np.asarray((u < 0) | ((u == 0) & (v < 0)))  # of its two directions, take the one to the right of the map
     along = np.where(turned[:, None], -along, along)
     angle = np.degrees(np.arctan2(np.where(turned, -v, v), np.where(turned, -u, u)))
     with np.errstate(invalid="ignore", divide="ignore"):
-        found = {"major_axis": major, "minor_axis": minor, "elongation": major / minor}
-    found |= {f"direction_{axis}": along[:, n] for n, axis in enumerate("xyz")}
-    return {"u": uv[:, 0], "v": uv[:, 1], **found, "map_direction": angle}
+        shapes = {"major_axis": major, "minor_axis": minor, "elongation": major / minor}
+    shapes |= {f"direction_{axis}": along[:, n] for n, axis in enumerate("xyz")}
+    return {"u": uv[:, 0], "v": uv[:, 1], **shapes, "map_direction": angle}
 
 
 def _perimeters(
@@ -139,7 +139,7 @@ def _perimeters(
     faces: NDArray[np.int64],
 ) -> _Floats:
     """Return the perimeters: inside the map by the total variation of each region, and along its outline."""
-    found, metric, size = _along_outline(of, keys, at, raster.pixel_size), of._metric, raster.pixel_size
+    lengths, metric, size = _along_outline(of, keys, at, raster.pixel_size), of._metric, raster.pixel_size
     away, (rows, columns) = nearest_inside(raster)
     ranked = np.where(labels == 0, 0, np.searchsorted(keys, labels) + 1)
     ranked = np.where(away <= _REACH, ranked[rows, columns], 0)  # so that the outline of the map is not a border
@@ -147,14 +147,14 @@ def _perimeters(
     for n, box in enumerate(scipy.ndimage.find_objects(ranked, max_label=len(keys))):
         if box is None:
             continue
-        window = tuple(slice(max(0, one.start - _REACH), one.stop + _REACH) for one in box)
+        window = tuple(slice(max(0, side.start - _REACH), side.stop + _REACH) for side in box)
         mask, here = (ranked[window] == n + 1).astype(np.float64), faces[window]
         down, right = (scipy.ndimage.gaussian_filter(mask, _BLUR, order) for order in ((1, 0), (0, 1)))
         slope = np.stack([right, -down], axis=-1)  # along u and v, per pixel
         seen = (here >= 0) & (slope != 0).any(axis=-1)
         squares = np.einsum("pa,pab,pb->p", slope[seen], metric.inverse[here[seen]], slope[seen])
-        found[n] += size * np.nansum(np.sqrt(np.maximum(squares, 0)) * metric.area[here[seen]])
-    return found
+        lengths[n] += size * np.nansum(np.sqrt(np.maximum(squares, 0)) * metric.area[here[seen]])
+    return lengths
 
 
 def _along_outline(

@@ -123,10 +123,10 @@ class Regions(ReadOnly, Recorded):
         >>> regions.at(np.array([[0.0, 0.0], [30.0, 0.0]]))
         array([1, 0])
         """
-        wanted = numbers_of(places, "places")
-        if wanted.ndim == 0 or wanted.shape[-1] != 2:
-            raise InputError(f"places has shape {wanted.shape}. Pass (u, v) in mm as an array of shape (..., 2)")
-        return self.places.labels(wanted.reshape(-1, 2)).reshape(wanted.shape[:-1])
+        points = numbers_of(places, "places")
+        if points.ndim == 0 or points.shape[-1] != 2:
+            raise InputError(f"places has shape {points.shape}. Pass (u, v) in mm as an array of shape (..., 2)")
+        return self.places.labels(points.reshape(-1, 2)).reshape(points.shape[:-1])
 
     @cached_property
     def labels(self) -> NDArray[np.int64]:
@@ -142,10 +142,10 @@ class Regions(ReadOnly, Recorded):
         """
         if self._surface.origin.is_voxels:
             raise InputError("a map of a volume has no mesh vertices. Save a label volume (for example, .nii.gz)")
-        found = np.zeros(self._surface.origin.mesh.vertices, dtype=np.int64)
+        labels = np.zeros(self._surface.origin.mesh.vertices, dtype=np.int64)
         is_in = self.labels != 0
-        found[self._surface.ids[is_in][::-1]] = self.labels[is_in][::-1]
-        return found
+        labels[self._surface.ids[is_in][::-1]] = self.labels[is_in][::-1]
+        return labels
 
     def image(self, pixel_size: float | None = None) -> FlatImage:
         """Return an image of the regions on the map.
@@ -225,8 +225,8 @@ class Regions(ReadOnly, Recorded):
             for name, one in _named(image):
                 data = numbers_of(one.data if isinstance(one, FlatImage) else one, "image", as_nan=True)
                 if data.shape != raster.shape:
-                    told = f"the image has shape {data.shape}, but the map has {raster.shape} pixels of "
-                    raise InputError(f"{told}{raster.pixel_size:g}. Pass an image with these pixels")
+                    problem = f"the image has shape {data.shape}, but the map has {raster.shape} pixels of "
+                    raise InputError(f"{problem}{raster.pixel_size:g}. Pass an image with these pixels")
                 yield name, data
 
         labels = np.nan_to_num(self.image(raster.pixel_size).data).astype(np.int64)
@@ -286,9 +286,9 @@ class Regions(ReadOnly, Recorded):
         warn_of_extent(self._surface, grid)
         shape = grid.data.shape[:3]
         voxels, places = _columns(self.of, grid.affine, (shape[0], shape[1], shape[2]), depth)
-        found = np.zeros(math.prod(shape), dtype=np.int32)
-        found[voxels] = self.at(places)
-        return replace(grid, data=found.reshape(shape), path=None, provenance=None)
+        labels = np.zeros(math.prod(shape), dtype=np.int32)
+        labels[voxels] = self.at(places)
+        return replace(grid, data=labels.reshape(shape), path=None, provenance=None)
 
     def save(
         self,

@@ -45,8 +45,8 @@ class Sampling:
             if not (math.isfinite(checked_number(self.period, "period")) and self.period > 0):
                 raise InputError(f"period is {self.period:g}. Pass a positive number, such as 360 for degrees")
             if self.projection not in (None, "mean"):
-                what = f"projection is {self.projection!r}, but phases have only a mean over depths"
-                raise InputError(f"{what}. Pass 'mean'")
+                problem = f"projection is {self.projection!r}, but phases have only a mean over depths"
+                raise InputError(f"{problem}. Pass 'mean'")
             if self.interpolation == "majority":
                 raise InputError("interpolation is 'majority', which is for labels, not for phases. Pass 'linear'")
             object.__setattr__(self, "interpolation", self.interpolation or "linear")
@@ -113,50 +113,50 @@ def are_intensities(volume: Volume, points: _Floats) -> bool:
     return bool(2 * np.count_nonzero(counts & (first == others)) <= np.count_nonzero(counts))
 
 
-def _by_voxels(data: Any, at: _Floats, interpolation: str) -> _Floats:
+def _by_voxels(data: Any, places: _Floats, interpolation: str) -> _Floats:
     """Sample from the voxels around each position, shape (P,)."""
     if interpolation == "nearest":
-        near = np.maximum(np.floor(at + 0.5), 0).astype(np.int32)
+        near = np.maximum(np.floor(places + 0.5), 0).astype(np.int32)
         return voxels_at(data, near, _CORNERS[:1])[:, 0].astype(np.float64)
     if interpolation == "majority":
-        return majority_at(data, at[:, None])
-    values, low = _around(data, at)
-    found = np.empty(len(at))
-    for first in range(0, len(at), _BLOCK):
+        return majority_at(data, places[:, None])
+    values, low = _around(data, places)
+    sampled = np.empty(len(places))
+    for first in range(0, len(places), _BLOCK):
         part = slice(first, first + _BLOCK)
-        found[part] = (values[part].astype(np.float64) * _weights(at[part], low[part], data)).sum(axis=1)
-    return found
+        sampled[part] = (values[part].astype(np.float64) * _weights(places[part], low[part], data)).sum(axis=1)
+    return sampled
 
 
-def majority_at(data: Any, at: _Floats, inside: NDArray[np.bool_] | None = None) -> _Floats:
+def majority_at(data: Any, places: _Floats, inside: NDArray[np.bool_] | None = None) -> _Floats:
     """Return the label with the greatest total weight around each set of K positions (P, K, 3) that are inside."""
-    count = at.shape[1]
-    values, low = _around(data, at.reshape(-1, 3))
+    count = places.shape[1]
+    values, low = _around(data, places.reshape(-1, 3))
     values = values.reshape(-1, 8 * count)
     _check_labels(values)
-    found = values[:, 0].astype(np.float64)
+    sampled = values[:, 0].astype(np.float64)
     mixed = (values != values[:, :1]).any(axis=1)  # elsewhere all labels agree, and weights are not needed
-    weights = _weights(at[mixed].reshape(-1, 3), low.reshape(-1, count, 3)[mixed].reshape(-1, 3), data)
+    weights = _weights(places[mixed].reshape(-1, 3), low.reshape(-1, count, 3)[mixed].reshape(-1, 3), data)
     if inside is not None:
         weights *= inside[mixed].reshape(-1, 1)
-    found[mixed] = majority(values[mixed], weights.reshape(-1, 8 * count))
-    return found
+    sampled[mixed] = majority(values[mixed], weights.reshape(-1, 8 * count))
+    return sampled
 
 
-def _around(data: Any, at: _Floats) -> tuple[NDArray[Any], NDArray[np.int32]]:
+def _around(data: Any, places: _Floats) -> tuple[NDArray[Any], NDArray[np.int32]]:
     """Return the values of the eight voxels around each position, shape (P, 8), and the indices of the lowest one."""
-    low = _lowest(at, data)
+    low = _lowest(places, data)
     return voxels_at(data, low, _CORNERS), low
 
 
-def _lowest(at: _Floats, data: Any) -> NDArray[np.int32]:
+def _lowest(places: _Floats, data: Any) -> NDArray[np.int32]:
     """Return the lowest indices of the eight voxels around each position; the other indices are one greater."""
-    return np.floor(np.clip(at, 0, np.asarray(data.shape[:3]) - 1)).astype(np.int32)
+    return np.floor(np.clip(places, 0, np.asarray(data.shape[:3]) - 1)).astype(np.int32)
 
 
-def _weights(at: _Floats, low: NDArray[np.int32], data: Any) -> _Floats:
+def _weights(places: _Floats, low: NDArray[np.int32], data: Any) -> _Floats:
     """Return the weights of the eight voxels; values are constant beyond the outermost centres."""
-    beyond = np.clip(at, 0, np.asarray(data.shape[:3]) - 1) - low
+    beyond = np.clip(places, 0, np.asarray(data.shape[:3]) - 1) - low
     i, j, k = (np.stack([1 - part, part], axis=1) for part in beyond.T)
     return np.asarray((i[:, :, None, None] * j[:, None, :, None] * k[:, None, None, :]).reshape(-1, 8))
 
@@ -164,7 +164,7 @@ def _weights(at: _Floats, low: NDArray[np.int32], data: Any) -> _Floats:
 def majority(values: NDArray[Any], weights: NDArray[np.floating[Any]]) -> _Floats:
     """Return the label with the greatest weight in each row; for equal weights, the smallest label."""
     _check_labels(values)
-    found = values[:, 0].astype(np.float64)
+    winners = values[:, 0].astype(np.float64)
     mixed = np.flatnonzero((values != values[:, :1]).any(axis=1))  # elsewhere all labels agree
     labels, which = np.unique(values[mixed], return_inverse=True)
     count = max(len(labels), 1)
@@ -173,8 +173,8 @@ def majority(values: NDArray[Any], weights: NDArray[np.floating[Any]]) -> _Float
     total = np.bincount(item.ravel(), weights[mixed].ravel())
     order = np.lexsort((keys, -np.round(total, 12), keys // count))
     first = np.flatnonzero(np.diff(keys[order] // count, prepend=-1))
-    found[mixed] = labels[keys[order][first] % count]
-    return found
+    winners[mixed] = labels[keys[order][first] % count]
+    return winners
 
 
 def _check_labels(values: NDArray[Any]) -> None:
@@ -233,8 +233,8 @@ def _check_projection(data: Any, way: str, projection: str, depths: int) -> None
             "depth"
         )
     if projection != "mean" and (way == "majority" or (depths > 1 and data.ndim == 4)):
-        what = "labels" if way == "majority" else "colours"
-        raise InputError(f"projection is {projection!r}, but {what} have only a mean over depths. Pass 'mean'")
+        kind = "labels" if way == "majority" else "colours"
+        raise InputError(f"projection is {projection!r}, but {kind} have only a mean over depths. Pass 'mean'")
 
 
 def _projected(layers: NDArray[Any], projection: str, coverage: Coverage) -> NDArray[Any]:
@@ -246,8 +246,8 @@ def _projected(layers: NDArray[Any], projection: str, coverage: Coverage) -> NDA
         return np.asarray(layers.sum(axis=0))
     if projection == "max":
         return np.asarray(np.fmax.reduce(layers, axis=0))
-    count, known = has_value.sum(axis=0), has_value[..., None] if is_colour else has_value
-    sums = np.where(known, layers, 0).sum(axis=0, dtype=np.float64)
+    count, is_known = has_value.sum(axis=0), has_value[..., None] if is_colour else has_value
+    sums = np.where(is_known, layers, 0).sum(axis=0, dtype=np.float64)
     if is_colour:
         return np.asarray(np.round(sums / np.maximum(count, 1)[..., None]).astype(np.uint8))
     return np.asarray(np.divide(sums, count, out=np.full(sums.shape, np.nan), where=count > 0))
@@ -284,16 +284,16 @@ class Mixing:
         is_used[matrix.indices] = True
         used = np.flatnonzero(is_used)
         column = np.cumsum(is_used, dtype=np.int64) - 1
-        own = (matrix.data, column[matrix.indices], matrix.indptr)
-        return cls(inside, used, scipy.sparse.csr_array(own, shape=(places, len(used))))
+        triple = (matrix.data, column[matrix.indices], matrix.indptr)
+        return cls(inside, used, scipy.sparse.csr_array(triple, shape=(places, len(used))))
 
     def __call__(self, values: NDArray[Any]) -> _Floats:
         """Return the values at the places, in the shape of `inside`; NaN outside."""
-        found = np.full(self.inside.shape, np.nan)
+        sampled = np.full(self.inside.shape, np.nan)
         with np.errstate(invalid="ignore"):  # signalling NaN in damaged files
             used = values[self.used].astype(np.float64)
-        found[self.inside] = self.matrix @ used
-        return found
+        sampled[self.inside] = self.matrix @ used
+        return sampled
 
 
 class SharedWeights:
@@ -349,34 +349,34 @@ def sample_phases(sample: Callable[[Any], NDArray[Any]], phases: Any, sampling: 
         return sample(replace(phases, made_of=of_phases) if isinstance(phases, Chunked) else of_phases(phases))
 
     if sampling.interpolation == "nearest":
-        found = np.asarray(sample(phases) % period)
+        means = np.asarray(sample(phases) % period)
     else:
         x, y = component(np.cos), component(np.sin)
-        found = np.arctan2(y, x) * (period / (2 * np.pi)) % period
-        found[np.hypot(x, y) < _CANCELLED] = np.nan
-    found[found >= period] = 0.0  # rounded remainders
-    return found
+        means = np.arctan2(y, x) * (period / (2 * np.pi)) % period
+        means[np.hypot(x, y) < _CANCELLED] = np.nan
+    means[means >= period] = 0.0  # rounded remainders
+    return means
 
 
 def _mixing(volume: Volume, places: Sequence[_Floats], way: str) -> Mixing:
     """Return the weights of voxels for the mean of a volume over several depths; voxels are in Fortran order."""
     shape = volume.data.shape
-    found = [_indices(volume, points) for points in places]
-    inside = np.logical_and.reduce([covered for _, covered in found])
-    at = [where[inside] for where, _ in found]
+    indices = [_indices(volume, points) for points in places]
+    inside = np.logical_and.reduce([covered for _, covered in indices])
+    spots = [where[inside] for where, _ in indices]
     last, steps = np.asarray(shape) - 1, np.array([1, shape[0], shape[0] * shape[1]])
     corners = _CORNERS if way == "linear" else _CORNERS[:1]
 
     def block(part: slice) -> tuple[NDArray[np.int64], _Floats]:
         numbers, weights = [], []
-        for each in (here[part] for here in at):
+        for each in (here[part] for here in spots):
             low = _lowest(each if way == "linear" else np.floor(each + 0.5), volume.data)
             numbers.append(np.minimum(low[:, None] + corners, last) @ steps)
-            own = _weights(each, low, volume.data) if way == "linear" else np.ones((len(each), 1))
-            weights.append(own / len(at))
+            shares = _weights(each, low, volume.data) if way == "linear" else np.ones((len(each), 1))
+            weights.append(shares / len(spots))
         return np.concatenate(numbers, axis=1), np.concatenate(weights, axis=1)
 
-    return Mixing.of(inside, volume.data.size, len(at) * len(corners), block)
+    return Mixing.of(inside, volume.data.size, len(spots) * len(corners), block)
 
 
 def way_of(values: Any, interpolation: str | None) -> str:

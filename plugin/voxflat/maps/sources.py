@@ -86,7 +86,7 @@ class Source(ABC):
         shares_weights: bool = True,
     ) -> FlatStack:
         """Return all channels, or one of them, as `FlatMap.images` does; shared weights are faster and round more."""
-        own: dict[str, Any] = {"unit": raster.unit}
+        details: dict[str, Any] = {"unit": raster.unit}
         title = checked_text(name, "name") or (self.path.name if self.path else self._untitled)
         is_series = shares_weights and len(self.channels) > 1
         sample = LastKept(self._sampler(raster, sampling, title, is_series=is_series))
@@ -95,8 +95,8 @@ class Source(ABC):
             layers = sampling.depths.names(self.surface.origin.named_unit)
             names = [", ".join(filter(None, (name, layer))) for name in self.channels.names for layer in layers]
             channels = Channels(tuple(names), lambda n: sample(n // len(layers))[n % len(layers)], channels.timing)
-            own |= {"layers": layers, "heights": self.surface.heights(sampling.depths)}
-        stack = FlatStack(_timed(channels, time_step, title), raster.pixel_size, raster.origin, title, **own)
+            details |= {"layers": layers, "heights": self.surface.heights(sampling.depths)}
+        stack = FlatStack(_timed(channels, time_step, title), raster.pixel_size, raster.origin, title, **details)
         return stack if channel is None else stack.of_channel(self.number(channel))
 
 
@@ -247,8 +247,8 @@ class VolumeSource(Source):
         channel = f" of channel {name}" if (name := self.channels.names[n]) else ""
         if (volume.path, channel) not in self.surface.label_channels:
             self.surface.label_channels.add((volume.path, channel))
-            told = f"{Path(str(volume.path)).name}: the integers{channel} form areas, so they are sampled as labels"
-            log.warning("%s. Use interpolation 'linear' otherwise", told)
+            text = f"{Path(str(volume.path)).name}: the integers{channel} form areas, so they are sampled as labels"
+            log.warning("%s. Use interpolation 'linear' otherwise", text)
         return "nearest"
 
     def _sampler(self, raster: Raster, sampling: Sampling, title: str, *, is_series: bool) -> _Sampler:

@@ -45,10 +45,10 @@ class SurfacePoints:
         self.need_volume("has no volume shape")
         return self.origin.voxels.shape
 
-    def need_volume(self, what: str, remedy: str = "Pass a volume with an affine, or values at its vertices") -> None:
+    def need_volume(self, fault: str, remedy: str = "Pass a volume with an affine, or values at its vertices") -> None:
         """Raise an error unless the map was made from a volume."""
         if not self.origin.is_voxels:
-            raise InputError(f"a map of a mesh {what}. {remedy}")
+            raise InputError(f"a map of a mesh {fault}. {remedy}")
 
     def at(self, depths: Depths) -> list[_Floats]:
         """Return the points at each depth, shape (N, 3), in RAS+ mm in the space of the points."""

@@ -20,10 +20,10 @@ from voxflat.maps.surface_points import SurfacePoints
 
 def placed(surface: SurfacePoints, volume: object) -> Volume:
     """Return a volume with its affine or, if it has none, with the affine of the flattened volume."""
-    given, unit = volume_of(volume), surface.origin.unit
-    if not given.is_placed:
-        return replace(given, affine=own_affine(surface, given.data.shape), unit=unit, is_placed=True)
-    return given if unit == "unknown" else given.in_unit(unit)
+    image, unit = volume_of(volume), surface.origin.unit
+    if not image.is_placed:
+        return replace(image, affine=own_affine(surface, image.data.shape), unit=unit, is_placed=True)
+    return image if unit == "unknown" else image.in_unit(unit)
 
 
 def in_map_unit(surface: SurfacePoints, affine: Affine, unit: str) -> Affine:
@@ -34,8 +34,8 @@ def in_map_unit(surface: SurfacePoints, affine: Affine, unit: str) -> Affine:
 def own_affine(surface: SurfacePoints, shape: tuple[int, ...]) -> Affine:
     """Return the affine of the flattened volume for a volume of the same shape."""
     if not surface.origin.is_voxels:
-        what = "the volume does not define the size and position of its voxels, nor does the map of a mesh"
-        raise InputError(f"{what}. Pass a volume with an affine, or values at its vertices")
+        problem = "the volume does not define the size and position of its voxels, nor does the map of a mesh"
+        raise InputError(f"{problem}. Pass a volume with an affine, or values at its vertices")
     if shape[:3] != surface.volume_shape:
         raise InputError(
             f"the volume has shape {shape} and no affine, but the {surface.called} has shape {surface.volume_shape}. "
@@ -75,19 +75,19 @@ def check_overlap(surface: SurfacePoints, volume: Volume, depths: Depths, title:
     low, high = index.min(axis=0), index.max(axis=0)
     beyond = 0.5 + (max(map(abs, depths.values)) / volume.spacing if depths.layering is None else 0)
     if (high < -beyond).any() or (low > np.array(volume.data.shape[:3]) - 1 + beyond).any():
-        what = "does not overlap the map, so the image would be empty"
+        fault = "does not overlap the map, so the image would be empty"
     elif (high - low).max() < 1:
-        what = "has voxels that are larger than the map"
+        fault = "has voxels that are larger than the map"
     else:
         warn_of_extent(surface, volume)
         return
     counts = _along_axes(volume.data.shape, volume.affine)
-    own = _along_axes(surface.volume_shape, surface.affine) if surface.origin.is_voxels else counts
-    if own != counts and sorted(own) == sorted(counts):
-        what += ". It has {} x {} x {} voxels along x, y and z, but the flattened volume has {} x {} x {}"
-        raise InputError(f"{title} {what.format(*counts, *own)}. Save it with the axes of the flattened volume")
+    shape = _along_axes(surface.volume_shape, surface.affine) if surface.origin.is_voxels else counts
+    if shape != counts and sorted(shape) == sorted(counts):
+        fault += ". It has {} x {} x {} voxels along x, y and z, but the flattened volume has {} x {} x {}"
+        raise InputError(f"{title} {fault.format(*counts, *shape)}. Save it with the axes of the flattened volume")
     unit = "an unknown unit" if surface.origin.unit == "unknown" else surface.origin.unit
-    raise InputError(f"{title} {what}. Compare their positions and units; the map is in {unit}")
+    raise InputError(f"{title} {fault}. Compare their positions and units; the map is in {unit}")
 
 
 def warn_of_extent(surface: SurfacePoints, volume: Volume) -> None:

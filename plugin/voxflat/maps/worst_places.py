@@ -141,13 +141,13 @@ class WorstPlace(ReadOnly):
         dict
             The figures by name.
         """
-        told: dict[str, Any] = {"number": self.number, "kind": self.kind, "area_mm2": self.area, "share": self.share}
-        told |= {"excess_mm2": self.excess, "worst_ratio": self.worst_ratio, "median_ratio": self.median_ratio}
-        told |= {f"{axis}_mm": float(value) for axis, value in zip("xyzuv", (*self.point, *self.uv), strict=True)}
+        figures: dict[str, Any] = {"number": self.number, "kind": self.kind, "area_mm2": self.area, "share": self.share}
+        figures |= {"excess_mm2": self.excess, "worst_ratio": self.worst_ratio, "median_ratio": self.median_ratio}
+        figures |= {f"{axis}_mm": float(value) for axis, value in zip("xyzuv", (*self.point, *self.uv), strict=True)}
         gain = None if self.cut is None or np.isnan(self.cut.gain) else self.cut.gain
-        told |= {"id": self.id.tolist(), "parcel": self.parcel}
-        told |= {"cut_length_mm": None if self.cut is None else self.cut.length, "cut_gain": gain}
-        return {key_in_unit(name, self.unit): value for name, value in told.items()}
+        figures |= {"id": self.id.tolist(), "parcel": self.parcel}
+        figures |= {"cut_length_mm": None if self.cut is None else self.cut.length, "cut_gain": gain}
+        return {key_in_unit(name, self.unit): value for name, value in figures.items()}
 
 
 @dataclass(frozen=True, eq=False)
@@ -322,13 +322,13 @@ class WorstPlaces(ReadOnly, Saved):
             if place.cut is not None:
                 cut = [f"{place.cut.length:.1f}", "–" if np.isnan(place.cut.gain) else f"{100 * place.cut.gain:+.2f}"]
             ratios = [f"{number:.2f}" for number in (100 * place.share, place.worst_ratio, place.median_ratio)]
-            at = [", ".join(f"{value:.1f}" for value in point) for point in (place.point, place.uv)]
-            rows.append([f"{place.number} {place.kind}", f"{place.area:.1f}", *ratios, *at, *cut])
+            positions = [", ".join(f"{value:.1f}" for value in point) for point in (place.point, place.uv)]
+            rows.append([f"{place.number} {place.kind}", f"{place.area:.1f}", *ratios, *positions, *cut])
         if any(place.parcel is not None for place in self.places):
             for row, parcel in zip(rows, ["parcel", *(place.parcel or "–" for place in self.places)], strict=True):
                 row.append(parcel)
-        told = [] if np.isnan(self.sketch_error) else [_GAIN.format(100 * self.sketch_error)]
-        return "\n".join([self._about, aligned(rows, left=(0, 9)), *told])
+        gain = [] if np.isnan(self.sketch_error) else [_GAIN.format(100 * self.sketch_error)]
+        return "\n".join([self._about, aligned(rows, left=(0, 9)), *gain])
 
     def _write(self, path: Path) -> None:
         if path.suffix.lower() == ".json":

@@ -103,16 +103,16 @@ def worst_places(
     if flat_map.distortion.triangles is None:
         raise InputError("the map has no triangles on which to measure areas. Pass a map made with another method")
     areas, logs = area_changes(flat_map)
-    known = np.isfinite(logs)
-    whole = float(areas[known].sum())
+    is_known = np.isfinite(logs)
+    whole = float(areas[is_known].sum())
     groups = []
     for sign in (1, -1):  # stretched, shrunk
-        is_beyond = known & (sign * np.nan_to_num(logs) > np.log2(factor))
+        is_beyond = is_known & (sign * np.nan_to_num(logs) > np.log2(factor))
         groups += _touching(flat_map.faces, is_beyond, len(flat_map))
     held = [float((areas[group] * np.abs(logs[group])).sum()) for group in groups]
-    order = sorted(range(len(groups)), key=lambda at: -held[at])[: int(count)]
+    order = sorted(range(len(groups)), key=lambda n: -held[n])[: int(count)]
     named = parcels if parcels is None or isinstance(parcels, Parcels) else parcels_of(flat_map, parcels, table=table)
-    places = [_place(flat_map, number, groups[at], areas, logs, whole, named) for number, at in enumerate(order, 1)]
+    places = [_place(flat_map, number, groups[n], areas, logs, whole, named) for number, n in enumerate(order, 1)]
     error = np.nan
     if with_cuts and places:
         ways = _Ways(flat_map, threads, progress)
@@ -144,21 +144,21 @@ def _place(
     weights = area * np.abs(log)
     corners = flat_map.faces[group]
     middle = np.average(flat_map.points[corners].mean(axis=1), axis=0, weights=weights)
-    own = np.unique(corners)
-    centre = own[np.argmin(np.linalg.norm(flat_map.points[own] - middle, axis=1))]
+    vertices = np.unique(corners)
+    centre = vertices[np.argmin(np.linalg.norm(flat_map.points[vertices] - middle, axis=1))]
     order = np.argsort(log)
     median = log[order][np.searchsorted(np.cumsum(area[order]), area.sum() / 2)]
     parcel = None
     if parcels is not None:
         labels = parcels.labels[corners].ravel()
-        known, which = np.unique(labels, return_inverse=True)
-        most = int(known[np.argmax(np.bincount(which.reshape(-1), np.repeat(area, 3)))])
+        present, which = np.unique(labels, return_inverse=True)
+        most = int(present[np.argmax(np.bincount(which.reshape(-1), np.repeat(area, 3)))])
         parcel = parcels.names.get(most)
     total, excess = float(area.sum()), float(weights.sum())
     ratios = float(2.0 ** log[np.argmax(np.abs(log))]), float(2.0**median)
-    at = flat_map.points[centre], flat_map.uv[centre], flat_map.ids[centre]
+    spot = flat_map.points[centre], flat_map.uv[centre], flat_map.ids[centre]
     unit = flat_map.origin.named_unit
-    return WorstPlace(number, kind, total, total / whole, excess, *ratios, *at, group, parcel, unit=unit)
+    return WorstPlace(number, kind, total, total / whole, excess, *ratios, *spot, group, parcel, unit=unit)
 
 
 class _Ways:
@@ -204,8 +204,8 @@ class _Ways:
 
     def relieving(self, place: WorstPlace) -> RelievingCut | None:
         """Return the cut that reduces the distortion of a region."""
-        own = self.of_row[np.unique(self.flat_map.faces[place.triangles])]
-        path = self._through(own, place)
+        vertices = self.of_row[np.unique(self.flat_map.faces[place.triangles])]
+        path = self._through(vertices, place)
         if path is None:
             return None
         points, rows = self.part.points[path], self.rows[path]
@@ -213,25 +213,25 @@ class _Ways:
         gain = np.nan if np.isnan(self.error) else self.error - self._sketch(path)
         return RelievingCut(self.flat_map.ids[rows], points, self.flat_map.uv[rows], length, float(gain))
 
-    def _through(self, own: _Ints, place: WorstPlace) -> _Ints | None:
+    def _through(self, vertices: _Ints, place: WorstPlace) -> _Ints | None:
         """Return the path through a region's vertices, inner end first; None if no path leads to the border.
 
         The path starts where the shortest path from the deepest vertex meets the border, and leads through the region
         to its far end. The distortion of a region at the border is due to curvature farther inwards, so the path
         continues to three times the depth or width of the region.
         """
-        own = own[np.isfinite(self.from_border[own])]
-        if not len(own):
+        vertices = vertices[np.isfinite(self.from_border[vertices])]
+        if not len(vertices):
             return None
-        deepest = own[np.argmax(self.from_border[own])]
+        deepest = vertices[np.argmax(self.from_border[vertices])]
         root = _followed(self.to_border, deepest)[-1]
         is_open = ~(self.border[self.ends] & (self.ends != root)).any(axis=1)
         far, before = self._dijkstra(np.array([root]), self.ends[is_open], self.lengths[is_open])
-        if self.border[own].any():
+        if self.border[vertices].any():
             depth = max(float(self.from_border[deepest]), float(np.sqrt(place.area)))
             tip = np.argmax(np.where(far <= _ON * depth, self.from_border, -1.0))
         else:
-            tip = own[np.argmax(np.where(np.isfinite(far[own]), far[own], -1.0))]
+            tip = vertices[np.argmax(np.where(np.isfinite(far[vertices]), far[vertices], -1.0))]
         path = _followed(before, tip)
         return path if len(path) > 1 and path[-1] == root else None
 

@@ -53,20 +53,20 @@ def check_cover(coordinates: NDArray[np.float64], shape: tuple[int, ...], texel_
 def values_at(picture: NDArray[Any], coordinates: NDArray[np.float64], repeat: bool = False) -> NDArray[np.float64]:
     """Interpolate a picture between texel centres; beyond its borders, repeat the picture or its border values."""
     height, width = picture.shape[:2]
-    at = [(1 - coordinates[..., 1]) * height - 0.5, coordinates[..., 0] * width - 0.5]
+    index = [(1 - coordinates[..., 1]) * height - 0.5, coordinates[..., 0] * width - 0.5]
     values = picture.view(np.uint8) if picture.dtype.kind == "b" else picture
     mode = "grid-wrap" if repeat else "nearest"
     if values.ndim == 2:
-        return interpolated(values, at, mode=mode)
-    return np.stack([interpolated(channel, at, mode=mode) for channel in np.moveaxis(values, 2, 0)], axis=-1)
+        return interpolated(values, index, mode=mode)
+    return np.stack([interpolated(channel, index, mode=mode) for channel in np.moveaxis(values, 2, 0)], axis=-1)
 
 
 def check_values(picture: object) -> NDArray[Any]:
     """Return an array of numbers of shape (H, W) or (H, W, C) as a picture."""
     array = array_of(picture, "values of the picture")
     if array.ndim not in (2, 3) or 0 in array.shape or array.dtype.kind not in "buif":
-        told = f"the picture has shape {array.shape} and data type {array.dtype}"
-        raise InputError(f"{told}. Pass a numeric array of shape (H, W) or (H, W, C)")
+        problem = f"the picture has shape {array.shape} and data type {array.dtype}"
+        raise InputError(f"{problem}. Pass a numeric array of shape (H, W) or (H, W, C)")
     return array
 
 
@@ -117,8 +117,8 @@ def _of_pillow(image: Any) -> NDArray[np.uint8]:
     if image.mode.startswith("I;16"):
         return _of_array(((np.asarray(image).astype(np.uint32) + 128) // 257).astype(np.uint8))  # 65,535 is 257 x 255
     if image.mode in ("I", "F"):
-        told = f"the picture has more than 8 bits per value (Pillow mode {image.mode})"
-        raise InputError(f"{told}. Save it as 8-bit grey or RGB")
+        problem = f"the picture has more than 8 bits per value (Pillow mode {image.mode})"
+        raise InputError(f"{problem}. Save it as 8-bit grey or RGB")
     has_alpha = "A" in image.getbands() or "transparency" in image.info
     return np.asarray(image.convert("RGBA" if has_alpha else "RGB"))
 

@@ -56,10 +56,10 @@ def _deviation(corners: _Floats, picture: NDArray[np.uint8], repeat: bool) -> _F
         lattice = np.column_stack([a, b, step - a - b])[a + b <= step]
         weights = lattice / step  # barycentric coordinates of samples one texel apart, (P, 3)
         numbers, count = np.flatnonzero(steps == step), max(1, _SAMPLES // len(weights))
-        for some in (numbers[first : first + count] for first in range(0, len(numbers), count)):
-            ends = values_at(picture, corners[some], repeat)
-            within = values_at(picture, weights @ corners[some], repeat)
-            worst[some] = np.abs(within - weights @ ends).max(axis=(1, 2))
+        for block in (numbers[first : first + count] for first in range(0, len(numbers), count)):
+            ends = values_at(picture, corners[block], repeat)
+            within = values_at(picture, weights @ corners[block], repeat)
+            worst[block] = np.abs(within - weights @ ends).max(axis=(1, 2))
     return worst
 
 

@@ -63,12 +63,12 @@ def _vertex_colours(mesh: meshes.Mesh) -> NDArray[np.uint8]:
     names = [name for name in ("red", "green", "blue", "alpha") if name in mesh.point_data]
     if names[:3] == ["red", "green", "blue"] and all(mesh.point_data[name].dtype == np.uint8 for name in names):
         return np.column_stack([mesh.point_data[name] for name in names])
-    found = {name: values for name, values in mesh.point_data.items() if are_colours(values, len(mesh.points))}
-    if len(found) == 1:
-        colours: NDArray[np.uint8] = np.asarray(next(iter(found.values())))
+    arrays = {name: values for name, values in mesh.point_data.items() if are_colours(values, len(mesh.points))}
+    if len(arrays) == 1:
+        colours: NDArray[np.uint8] = np.asarray(next(iter(arrays.values())))
         return colours
-    if found:
-        raise InputError(f"has several colour arrays at its vertices ({', '.join(found)}). Pass one as an array")
+    if arrays:
+        raise InputError(f"has several colour arrays at its vertices ({', '.join(arrays)}). Pass one as an array")
     raise InputError("has no texture (texture coordinates with a picture, or colours at vertices). Add a texture")
 
 
@@ -99,7 +99,7 @@ def _obj_texture(path: Path) -> SurfaceTexture:
 
 def _material_pictures(library: Path) -> dict[str, str]:
     """Return the colour picture of each material of an .mtl file."""
-    found: dict[str, str] = {}
+    pictures: dict[str, str] = {}
     material = ""
     for line in contents(library).decode("utf-8", "replace").splitlines():
         key, _, rest = line.strip().partition(" ")
@@ -107,8 +107,8 @@ def _material_pictures(library: Path) -> dict[str, str]:
             material = rest.strip()
         elif key == "map_Kd":  # options, which start with a dash, precede the name
             name = rest.split()[-1] if rest.strip().startswith("-") else rest.strip()
-            found[material] = name.replace("\\", "/")
-    return found
+            pictures[material] = name.replace("\\", "/")
+    return pictures
 
 
 def paint(texture: SurfaceTexture | NDArray[np.uint8], raster: Raster, ids: NDArray[np.int64]) -> NDArray[np.uint8]:
@@ -140,10 +140,10 @@ def _sampled(texture: SurfaceTexture, raster: Raster, ids: NDArray[np.int64]) ->
 def _faces_of(triples: NDArray[np.int64], faces: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Find triangles by their corners in any order; return their numbers (−1 if not found) and the corner order."""
     sorting, wanted_sorting = faces.argsort(axis=1), triples.argsort(axis=1)
-    keys, wanted = numbered(np.sort(faces, axis=1), np.sort(triples, axis=1))
-    first = np.full(len(keys) + len(wanted), -1)
+    keys, asked = numbered(np.sort(faces, axis=1), np.sort(triples, axis=1))
+    first = np.full(len(keys) + len(asked), -1)
     first[keys[::-1]] = np.arange(len(keys))[::-1]
-    face = first[wanted]
+    face = first[asked]
     order = np.empty_like(triples)
     np.put_along_axis(order, wanted_sorting, sorting[face], axis=1)
     return face, order
@@ -155,8 +155,8 @@ def _reduced(picture: NDArray[np.uint8], coordinates: NDArray[np.float64]) -> ND
 
     height, width = picture.shape[:2]
     apart = np.linalg.norm(np.diff(coordinates, axis=1) * [width, height], axis=2)
-    known = np.isfinite(apart)
-    texels = int(np.median(apart[known])) if known.any() else 1
+    is_known = np.isfinite(apart)
+    texels = int(np.median(apart[is_known])) if is_known.any() else 1
     if texels < 2:
         return picture
     size = (max(1, width // texels), max(1, height // texels))

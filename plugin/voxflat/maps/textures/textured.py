@@ -219,8 +219,8 @@ def _png(surface: TexturedSurface) -> bytes:
 
 def _write_glb(files: _Files, surface: TexturedSurface, names: list[str]) -> None:
     arrays = (surface.points, surface.faces, surface.texture_coordinates)
-    how = {"repeat": surface.repeat, "transparent": surface.picture.shape[2] == 4}
-    gltf.write_glb(files[0], *arrays, _png(surface), unit=surface.unit, is_ras=surface.is_ras, **how)
+    look = {"repeat": surface.repeat, "transparent": surface.picture.shape[2] == 4}
+    gltf.write_glb(files[0], *arrays, _png(surface), unit=surface.unit, is_ras=surface.is_ras, **look)
 
 
 _WRITERS: dict[str, Callable[[_Files, TexturedSurface, list[str]], None]] = {
