@@ -61,9 +61,9 @@ def checked_instance(value: object, cls: type, name: str, kind: str) -> None:
 
 def checked_choice(value: object, name: str, choices: Iterable[str]) -> str:
     """Return a value after checking that it is one of the choices."""
-    known = tuple(choices)
-    if not isinstance(value, str) or value not in known:
-        *others, last = map(repr, known)
+    names = tuple(choices)
+    if not isinstance(value, str) or value not in names:
+        *others, last = map(repr, names)
         raise InputError(f"{name} is {shown(value)}. Pass {', '.join(others)} or {last}")
     return value
 
@@ -98,10 +98,10 @@ log.addFilter(_is_logged)
 
 def named_side(value: object, name: str) -> str:
     """Return "left" or "right" for any name of a hemisphere, such as L or lh, in upper or lower case."""
-    found = _SIDES.get(value.lower()) if isinstance(value, str) else None
-    if found is None:
+    side = _SIDES.get(value.lower()) if isinstance(value, str) else None
+    if side is None:
         raise InputError(f"{name} is {shown(value)}. Pass 'left' or 'right' (or 'L', 'R', 'lh' or 'rh')")
-    return found
+    return side
 
 
 def checked_switch(value: object, name: str) -> bool:
@@ -120,7 +120,7 @@ def checked_text(value: object, name: str) -> str:
 
 def printable(text: str) -> str:
     """Return a text on one line, in which whitespace and characters that files cannot hold are replaced."""
-    return _UNPRINTABLE.sub(lambda found: " " if found[0].isspace() else "\N{REPLACEMENT CHARACTER}", text)
+    return _UNPRINTABLE.sub(lambda match: " " if match[0].isspace() else "\N{REPLACEMENT CHARACTER}", text)
 
 
 def is_number(value: object) -> TypeGuard[float]:
@@ -191,8 +191,8 @@ def unmasked(values: Any, name: str, *, as_nan: bool = False) -> Any:
         return values
     if as_nan and isinstance(values, np.ma.MaskedArray) and values.dtype.kind == "f":
         return values.filled(np.nan)
-    told = f"{count:,} of the {name} are masked"
-    raise InputError(f"{told}. {'Convert them to floats' if as_nan else 'Fill them, for example with .filled(0)'}")
+    problem = f"{count:,} of the {name} are masked"
+    raise InputError(f"{problem}. {'Convert them to floats' if as_nan else 'Fill them, for example with .filled(0)'}")
 
 
 def array_of(values: object, name: str, *, as_nan: bool = False) -> NDArray[Any]:

@@ -38,7 +38,7 @@ class ReadOnly:
 
     def __getstate__(self) -> dict[str, Any]:
         """Return the fields without values derived from them, some of which cannot be copied."""
-        return {one.name: self.__dict__[one.name] for one in fields(cast("Any", self))}
+        return {entry.name: self.__dict__[entry.name] for entry in fields(cast("Any", self))}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         """Restore a copied or unpickled result, whose arrays NumPy makes writeable."""
@@ -47,9 +47,9 @@ class ReadOnly:
 
 
 def _protect(result: Any) -> None:
-    for one in fields(result):
-        if isinstance(value := getattr(result, one.name), np.ndarray):
-            object.__setattr__(result, one.name, read_only(value))
+    for entry in fields(result):
+        if isinstance(value := getattr(result, entry.name), np.ndarray):
+            object.__setattr__(result, entry.name, read_only(value))
 
 
 def _protected(get: Any) -> Any:

@@ -35,5 +35,5 @@ def numbered(*parts: NDArray[Any]) -> tuple[NDArray[np.int64], ...]:
 
 def in_rows(rows: NDArray[Any], of: NDArray[Any]) -> NDArray[np.bool_]:
     """Return which rows occur in another array."""
-    own, others = numbered(rows, of)
-    return np.isin(own, others)
+    keys, others = numbered(rows, of)
+    return np.isin(keys, others)

@@ -161,8 +161,8 @@ class _Filter(VTKPythonAlgorithmBase):
         """
         output = vtkDataSet.GetData(outputs)
         try:
-            made: Any = self._made(pv.wrap(vtkDataSet.GetData(inputs[0])), self._progress())
-            output.ShallowCopy(made)
+            result: Any = self._made(pv.wrap(vtkDataSet.GetData(inputs[0])), self._progress())
+            output.ShallowCopy(result)
         except Cancelled:
             output.Initialize()
         except InputError as error:
@@ -296,9 +296,9 @@ class SurfaceGeodesic(_Filter):
 
     def RequestDataObject(self, _request: object, inputs: Any, outputs: Any) -> int:  # noqa: N802
         """Create an output of the same type as the input; called by VTK."""
-        given, made = vtkDataSet.GetData(inputs[0]), vtkDataSet.GetData(outputs)
-        if made is None or made.GetClassName() != given.GetClassName():
-            outputs.GetInformationObject(0).Set(vtkDataSet.DATA_OBJECT(), given.NewInstance())
+        source, target = vtkDataSet.GetData(inputs[0]), vtkDataSet.GetData(outputs)
+        if target is None or target.GetClassName() != source.GetClassName():
+            outputs.GetInformationObject(0).Set(vtkDataSet.DATA_OBJECT(), source.NewInstance())
         return 1
 
     def _made(self, dataset: pv.DataSet, progress: Callable[[str, int, int], bool]) -> pv.DataSet:
@@ -353,12 +353,12 @@ class SurfacePatches(_Filter):
         return VoxflatAccessor(dataset).patches(progress=progress, **self.given)
 
 
-def _is_same(one: object, other: object) -> bool:
+def _is_same(value: object, other: object) -> bool:
     """Return whether two values are equal; arrays are compared by their values."""
-    if one is other or type(one) is not type(other):
-        return one is other
-    if isinstance(one, Method):
-        return bool(one.provenance == getattr(other, "provenance", None))
-    if isinstance(one, np.ndarray):
-        return one.dtype == np.asarray(other).dtype and np.array_equal(one, np.asarray(other))
-    return isinstance(one, int | float | str | tuple) and one == other
+    if value is other or type(value) is not type(other):
+        return value is other
+    if isinstance(value, Method):
+        return bool(value.provenance == getattr(other, "provenance", None))
+    if isinstance(value, np.ndarray):
+        return value.dtype == np.asarray(other).dtype and np.array_equal(value, np.asarray(other))
+    return isinstance(value, int | float | str | tuple) and value == other

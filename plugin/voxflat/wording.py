@@ -24,10 +24,10 @@ def in_words(text: str, phrases: Mapping[str, str], argument: Callable[[str, str
     """
     for phrase, instead in phrases.items():
         text = re.sub(phrase, instead, text)
-    text = _ARGUMENT.sub(lambda found: argument(found["name"], found["value"], found[0]), text)
+    text = _ARGUMENT.sub(lambda match: argument(match["name"], match["value"], match[0]), text)
     return _TUPLE.sub(r"\g<before>\g<numbers>", _SCALAR.sub(r"\1", text))
 
 
-def many(count: int, what: str) -> str:
+def many(count: int, noun: str) -> str:
     """Return a number of things, such as "1 map" or "2,000 maps"."""
-    return f"{count:,} {what}{'s' * (count != 1)}"
+    return f"{count:,} {noun}{'s' * (count != 1)}"

@@ -112,8 +112,8 @@ def _of_part(
 ) -> Check:
     """Check a part of a surface."""
 
-    def chosen(of: Surface) -> Surface:
-        return of if part is None else part(of)
+    def chosen(piece: Surface) -> Surface:
+        return piece if part is None else part(piece)
 
     try:
         wanted = chosen(whole)

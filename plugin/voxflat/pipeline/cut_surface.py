@@ -88,7 +88,7 @@ class CutSurface(CutManifold[SurfaceT_co]):
     @classmethod
     def _of(cls, cut: CutManifold[SurfaceT_co]) -> "CutSurface[SurfaceT_co]":
         """Return a cut surface whose warnings have been logged."""
-        return cls(**{one.name: getattr(cut, one.name) for one in fields(cut)} | {"has_logged": True})
+        return cls(**{member.name: getattr(cut, member.name) for member in fields(cut)} | {"has_logged": True})
 
     @recording(method=method_of)
     def flatten(
@@ -134,7 +134,7 @@ class CutSurface(CutManifold[SurfaceT_co]):
 
     def _repr_html_(self) -> str:
         """Return a picture of the surface with its cuts and a table of their lengths, for Jupyter."""
-        lengths = ["" if one.length is None else f"{rounded(one.length)} mm" for one in self.cuts]
+        lengths = ["" if cut.length is None else f"{rounded(cut.length)} mm" for cut in self.cuts]
         names = [self.title(n) for n in range(len(self.cuts))]
         figure = display.views.cut_surface_views(self.surface)
         table = "\n".join(f"{name:40}{length:>8}" for name, length in zip(names, lengths, strict=True))
@@ -163,12 +163,12 @@ class CutSurface(CutManifold[SurfaceT_co]):
         """
         if not is_whole(number) or not 0 <= number < len(self.cuts):
             raise InputError(f"the cut number is {shown(number)}, but there are {len(self.cuts)} cuts, numbered from 0")
-        cut, of = self.cuts[number], self.whole
+        cut, whole = self.cuts[number], self.whole
         name = cut.name or f"cut {number + 1}"
         if not len(cut.ids):
             return name
-        points = of.space.to_scanner(of.points)
-        return f"{name}, {whereabouts(points[of.find(cut.ids)], points, of.origin.structure)}"
+        points = whole.space.to_scanner(whole.points)
+        return f"{name}, {whereabouts(points[whole.find(cut.ids)], points, whole.origin.structure)}"
 
     def _with_provenance(self, record: Record) -> "CutSurface[SurfaceT_co]":
         """Return a copy with a record of how it was made."""
@@ -242,15 +242,15 @@ class CutSurface(CutManifold[SurfaceT_co]):
             raise InputError("a template requires a sphere, but this surface has none. Cut it with sphere (--sphere)")
         if not self.cuts and not len(self.left_out):
             raise InputError("cannot make a template: the surface has no cuts and no excluded vertices. Cut it first")
-        kept = self.whole._has_triangles(self.surface.vertices[self.surface.faces])
-        assert kept is not None
+        is_kept = self.whole._has_triangles(self.surface.vertices[self.surface.faces])
+        assert is_kept is not None
         names: dict[str, int] = {}
         cuts = []
         for cut in self.cuts:
             name = cut.name or cut.reason
             names[name] = names.get(name, 0) + 1
             cuts.append((name if cut.name else f"{name} {names[name]}", self._vertices(cut)))
-        template = template_of(self.whole, kept, cuts, self.sphere)
+        template = template_of(self.whole, is_kept, cuts, self.sphere)
         template = replace(template, name=Path(path).stem, provenance=self.provenance)
         with saving(path, self.provenance, sidecar=sidecar, overwrite=overwrite), atomic_path(path) as beside:
             beside.write_text(template.as_json(), encoding="utf-8", newline="\n")

@@ -78,8 +78,8 @@ class FlatMovie(Sequence[FlatStack], ReadOnly, SavedPages):
     def __repr__(self) -> str:
         channels, depths = len(self.channel_names), max(1, len(self.layers))
         counts = ((self.frames, "frame"), (channels, "channel"), (depths, "depth"))
-        told = [f"{count} {name}{'s' * (count != 1)}" for count, name in counts]
-        return f"<FlatMovie: {', '.join(told)}>"
+        parts = [f"{count} {name}{'s' * (count != 1)}" for count, name in counts]
+        return f"<FlatMovie: {', '.join(parts)}>"
 
     @overload
     def __getitem__(self, frame: int) -> FlatStack: ...
@@ -108,11 +108,11 @@ class FlatMovie(Sequence[FlatStack], ReadOnly, SavedPages):
     @property
     def _pages(self) -> Pages:
         """The images and their axes, as files describe them."""
-        own = [(channel, layer) for channel in self.channel_names for layer in self.layers or ("",)]
-        parts = [(f"frame {frame}", *parts) for frame in range(len(self)) for parts in own]
-        names = tuple(", ".join(part for part in of if part) for of in parts)
+        pages = [(channel, layer) for channel in self.channel_names for layer in self.layers or ("",)]
+        parts = [(f"frame {frame}", *parts) for frame in range(len(self)) for parts in pages]
+        names = tuple(", ".join(part for part in page if part) for page in parts)
         axes = (self.channel_names, self.layers, self.heights, self.frames)
-        return Pages(_Images(len(self), len(own), LastKept(self.read)), names, *axes, self.timing, self.name)
+        return Pages(_Images(len(self), len(pages), LastKept(self.read)), names, *axes, self.timing, self.name)
 
     def _checked(self, progress: Progress | None) -> Record:
         """Check the volumes of all frames; return the record with the files that were read."""
@@ -142,10 +142,10 @@ class _Images(Sequence[FlatImage]):
 
 def joined(stack: FlatStack, further: FlatStack) -> FlatStack:
     """Return a stack with further channels, which are the same at all of its depths."""
-    own, count, layers = stack.channels, len(stack), stack.layers or ("",)
+    channels, count, layers = stack.channels, len(stack), stack.layers or ("",)
     names = [", ".join(part for part in (name, layer) if part) for name in further.names for layer in layers]
 
     def read(n: int) -> NDArray[Any]:
-        return own.read(n) if n < count else further.channels.read((n - count) // len(layers))
+        return channels.read(n) if n < count else further.channels.read((n - count) // len(layers))
 
-    return replace(stack, channels=replace(own, names=(*own.names, *names), read=read))
+    return replace(stack, channels=replace(channels, names=(*channels.names, *names), read=read))

@@ -58,7 +58,7 @@ def listed(numbers: Sequence[int] | NDArray[np.int64]) -> str:
 def _unmeasured(figures: Any) -> Any:
     """Return figures of the same structure that are all NaN."""
     if is_dataclass(figures) and not isinstance(figures, type):
-        return replace(figures, **{one.name: _unmeasured(getattr(figures, one.name)) for one in fields(figures)})
+        return replace(figures, **{entry.name: _unmeasured(getattr(figures, entry.name)) for entry in fields(figures)})
     if isinstance(figures, np.ndarray):
         return np.full_like(figures, np.nan) if figures.dtype.kind == "f" else figures
     return float("nan") if isinstance(figures, float) else figures
@@ -123,7 +123,7 @@ class FlatSeries(Sequence[FlatMap], ReadOnly, Saved):
 
         They are derived from `gaps` and `folded`. The tuple is empty if the surface fits all frames.
         """
-        found = []
+        warnings = []
         advice = "Check the surfaces there, or split the movie"
         size = float(np.sqrt(vertex_areas(self.flat_map.points, self.flat_map.faces).sum() / (4 * np.pi)))
         is_far = self.gaps > max(_FAR * size, 3 * float(np.median(self.gaps)))
@@ -132,13 +132,13 @@ class FlatSeries(Sequence[FlatMap], ReadOnly, Saved):
             text = (
                 f"the moved surface does not fit {listed(np.flatnonzero(is_far))} (95th percentile of the gap: {worst})"
             )
-            found.append(f"{in_unit(text, self.flat_map.origin.named_unit)}. {advice}")
+            warnings.append(f"{in_unit(text, self.flat_map.origin.named_unit)}. {advice}")
         if self.folded.any():
             worst = f"{self.folded.max()} triangles in frame {self.folded.argmax()}"
-            found.append(
+            warnings.append(
                 f"the moved surface is folded in {listed(np.flatnonzero(self.folded))} (at most {worst}). {advice}"
             )
-        return tuple(found)
+        return tuple(warnings)
 
     def __len__(self) -> int:
         """Return the number of frames."""
@@ -160,18 +160,18 @@ class FlatSeries(Sequence[FlatMap], ReadOnly, Saved):
         frame = range(len(self))[self._number(frame)]
         if frame == self.reference:
             return self.flat_map
-        own: dict[str, Any] = {"points": self.points[frame], "normals": self.normals[frame]}
-        own["distortion"] = _unmeasured(self.flat_map.distortion)
-        own["origin"] = replace(self.flat_map.origin, frame=frame)
-        own |= dict.fromkeys(("rows", "curvature", "sulcal_depth", "white_points", "pial_points"))
-        metadata = {**self.flat_map.metadata, **own["origin"]._described()}
+        replaced: dict[str, Any] = {"points": self.points[frame], "normals": self.normals[frame]}
+        replaced["distortion"] = _unmeasured(self.flat_map.distortion)
+        replaced["origin"] = replace(self.flat_map.origin, frame=frame)
+        replaced |= dict.fromkeys(("rows", "curvature", "sulcal_depth", "white_points", "pial_points"))
+        metadata = {**self.flat_map.metadata, **replaced["origin"]._described()}
         if self.provenance:
-            given: Any = self.provenance["parameters"]
-            parameters = {**given, "frame": frame}
+            recorded: Any = self.provenance["parameters"]
+            parameters = {**recorded, "frame": frame}
             metadata["provenance"] = {**self.provenance, "parameters": parameters}
-        made = replace(self.flat_map, **own, metadata=metadata)
-        vars(made)["_rasters"] = self.flat_map._rasters  # all frames have the same pixels
-        return made
+        flat_map = replace(self.flat_map, **replaced, metadata=metadata)
+        vars(flat_map)["_rasters"] = self.flat_map._rasters  # all frames have the same pixels
+        return flat_map
 
     @recording(volumes=numbered)
     def images(
@@ -231,12 +231,12 @@ class FlatSeries(Sequence[FlatMap], ReadOnly, Saved):
         if volumes is not None and len(volumes) != len(self):
             raise InputError(f"got {len(volumes)} volumes for {len(self)} frames. Pass one volume per frame, in order")
         timing = None if time_step is None else timing_of(time_step)
-        given = None if volumes is None else list(volumes)
-        frames = _Frames(self, given, self.flat_map.raster(pixel_size), metric, options)
+        images = None if volumes is None else list(volumes)
+        frames = _Frames(self, images, self.flat_map.raster(pixel_size), metric, options)
         first = frames.read(0)
         axes: dict[str, Any] = {"layers": first.layers, "heights": first.heights, "timing": timing}
-        how = (first.pixel_size, frames.title, first.channel_names)
-        return FlatMovie(len(self), frames.read, frames.check, *how, **axes)
+        look = (first.pixel_size, frames.title, first.channel_names)
+        return FlatMovie(len(self), frames.read, frames.check, *look, **axes)
 
     def measure(self, frame: int, *, threads: int | None = None, progress: Progress | None = None) -> Distortion:
         """Measure the distortion of the map for the surface of a frame.
@@ -272,32 +272,32 @@ class FlatSeries(Sequence[FlatMap], ReadOnly, Saved):
         >>> round(series.measure(1).best_scale.relative_error, 3)
         0.036
         """
-        of = self.flat_map
+        flat = self.flat_map
         frame = range(len(self))[self._number(frame)]
-        known, seed, threads = of.distortion, of.seed, checked_threads(threads)
-        if known.triangles is None:
+        before, seed, threads = flat.distortion, flat.seed, checked_threads(threads)
+        if before.triangles is None:
             raise InputError(
-                f"a map of the method {of.method} has no triangles on the surface. Flatten with another method"
+                f"a map of the method {flat.method} has no triangles on the surface. Flatten with another method"
             )
-        core, _ = _core.Surface.from_triangles(self.points[frame], of.faces[~of.torn].astype(np.int64))
-        uv = np.ascontiguousarray(of.uv[core.ids])
-        closed, at = Matched(core, distinct(of.ids).which[core.ids], uv, of.period).joined()
-        sources = _core.reference_sources(len(closed.uv), known.sources, seed)
-        judge, kept = closed.core.judge, _core.KEPT_BYTES
-        found = judge([closed.uv], sources, known.reference, kept, seed, threads, progress, period=of.period)[0]
-        found["per_point"] = found["per_point"][at]
+        core, _ = _core.Surface.from_triangles(self.points[frame], flat.faces[~flat.torn].astype(np.int64))
+        uv = np.ascontiguousarray(flat.uv[core.ids])
+        closed, rows = Matched(core, distinct(flat.ids).which[core.ids], uv, flat.period).joined()
+        sources = _core.reference_sources(len(closed.uv), before.sources, seed)
+        judge, cache = closed.core.judge, _core.KEPT_BYTES
+        result = judge([closed.uv], sources, before.reference, cache, seed, threads, progress, period=flat.period)[0]
+        result["per_point"] = result["per_point"][rows]
         triangles = core.measure(uv, progress)
-        for figures, name in ((found, "per_point"), (triangles, "areal")):
-            values = np.full(len(of), np.nan)
+        for figures, name in ((result, "per_point"), (triangles, "areal")):
+            values = np.full(len(flat), np.nan)
             values[core.ids] = figures[name]
             figures[name] = values
-        more = {"topology": known.topology, "voxel_size": known.voxel_size, "unit": known.unit}
-        return Distortion._of(found, triangles, known.reference, **more)
+        more = {"topology": before.topology, "voxel_size": before.voxel_size, "unit": before.unit}
+        return Distortion._of(result, triangles, before.reference, **more)
 
     def _write(self, path: Path) -> None:
         arrays = {**self.flat_map._arrays(), **{f"series_{name}": getattr(self, name) for name in _ARRAYS}}
-        told = {"series": {"reference": self.reference, "provenance": self.provenance}}
-        write_map(path, arrays, {**self.flat_map._described(), **told})
+        content = {"series": {"reference": self.reference, "provenance": self.provenance}}
+        write_map(path, arrays, {**self.flat_map._described(), **content})
 
     def stretches(self, frame: int, since: int | None = None) -> NDArray[np.float64]:
         """Return the two principal stretches at each point: of the map to a frame, or from one frame to another.
@@ -340,9 +340,9 @@ class FlatSeries(Sequence[FlatMap], ReadOnly, Saved):
 
     def _metric(self, frame: int) -> NDArray[np.float64]:
         """Return the metric tensor (N, 2, 2) of a frame in the coordinates of the map, averaged over triangles."""
-        of = self.flat_map
-        faces = of.faces[~of.torn].astype(np.int64)
-        flat = np.stack([of.uv[faces[:, side]] - of.uv[faces[:, 0]] for side in (1, 2)], axis=2)
+        flat_map = self.flat_map
+        faces = flat_map.faces[~flat_map.torn].astype(np.int64)
+        flat = np.stack([flat_map.uv[faces[:, side]] - flat_map.uv[faces[:, 0]] for side in (1, 2)], axis=2)
         area = np.linalg.det(flat)
         is_valid = np.abs(area) > 0
         faces, flat, area = faces[is_valid], flat[is_valid], np.abs(area[is_valid])
@@ -350,9 +350,9 @@ class FlatSeries(Sequence[FlatMap], ReadOnly, Saved):
         sides = np.stack([places[faces[:, side]] - places[faces[:, 0]] for side in (1, 2)], axis=2)
         stretch = sides @ np.linalg.inv(flat)
         metric = np.swapaxes(stretch, 1, 2) @ stretch
-        total = np.bincount(faces.ravel(), np.repeat(area, 3), len(of))
+        total = np.bincount(faces.ravel(), np.repeat(area, 3), len(flat_map))
         weighted = (area[:, None, None] * metric).reshape(-1, 4)
-        sums = [np.bincount(faces.ravel(), np.repeat(column, 3), len(of)) for column in weighted.T]
+        sums = [np.bincount(faces.ravel(), np.repeat(column, 3), len(flat_map)) for column in weighted.T]
         with np.errstate(invalid="ignore", divide="ignore"):
             found: NDArray[np.float64] = (np.stack(sums, axis=1) / total[:, None]).reshape(-1, 2, 2)
         found[total == 0] = np.eye(2) * np.nan
@@ -391,36 +391,36 @@ class _Frames:
         raster, stretches = self.raster, self.series.stretches(frame)
         values = np.column_stack([stretches.prod(axis=1), stretches])
         channels = Channels(_METRIC, lambda n: raster.interpolate(values[:, n]))
-        how: dict[str, Any] = {"unit": raster.unit, "provenance": self.series[frame].provenance}
-        measured = FlatStack(channels, raster.pixel_size, raster.origin, self.title, **how)
+        look: dict[str, Any] = {"unit": raster.unit, "provenance": self.series[frame].provenance}
+        measured = FlatStack(channels, raster.pixel_size, raster.origin, self.title, **look)
         return measured if stack is None else joined(stack, measured)
 
     def check(self, frame: int) -> None:
         """Raise an error if the volume of a frame differs in form from that of the first frame."""
-        found, known = self._form(frame), self._first_form
-        if found != known:
-            both = [f"{' x '.join(map(str, shape))} voxels and {count} channels" for shape, count in (found, known)]
+        form, first = self._form(frame), self._first_form
+        if form != first:
+            both = [f"{' x '.join(map(str, shape))} voxels and {count} channels" for shape, count in (form, first)]
             volume = self.volumes[frame] if self.volumes is not None else None
             file = f" ({Path(volume).name})" if isinstance(volume, str | os.PathLike) else ""
-            told = f"the volume of frame {frame}{file} has {both[0]}, but that of frame 0 has {both[1]}"
-            raise InputError(f"{told}. Pass volumes of the same size")
+            problem = f"the volume of frame {frame}{file} has {both[0]}, but that of frame 0 has {both[1]}"
+            raise InputError(f"{problem}. Pass volumes of the same size")
 
     def _sampled(self, frame: int, volume: object) -> FlatStack:
         """Return the images of a volume on the surface of a frame."""
-        own = replace(self.series[frame])
-        triangles = self.shared.setdefault(frame, own._triangles)
-        vars(own).update(_rasters=self.series.flat_map._rasters, _triangles=triangles)
-        vars(own).update(_default_interpolation=self._interpolation)
+        flat_map = replace(self.series[frame])
+        triangles = self.shared.setdefault(frame, flat_map._triangles)
+        vars(flat_map).update(_rasters=self.series.flat_map._rasters, _triangles=triangles)
+        vars(flat_map).update(_default_interpolation=self._interpolation)
         with _naming(frame):
-            stack: FlatStack = own.images(volume, self.raster.pixel_size, **self.options)
+            stack: FlatStack = flat_map.images(volume, self.raster.pixel_size, **self.options)
             return stack
 
     def _interpolation(self, channel: int) -> str | None:
         """Return the default for all frames, so that integers are labels in all of them or in none."""
         if channel not in self._usual and self.volumes is not None:
-            given, source = self.options, VolumeSource.of(self.shared[0].on_surface, self.volumes[0])
-            where = (given.get("depth", 0.0), given.get("fraction"), given.get("layering", "equivolume"))
-            depths = Depths.of(*where, given.get("depths"))
+            options, source = self.options, VolumeSource.of(self.shared[0].on_surface, self.volumes[0])
+            where = (options.get("depth", 0.0), options.get("fraction"), options.get("layering", "equivolume"))
+            depths = Depths.of(*where, options.get("depths"))
             self._usual[channel] = source.default_interpolation(self.raster, depths, channel)
         return self._usual[channel]
 
@@ -484,6 +484,6 @@ def load_series(path: str | os.PathLike[str]) -> FlatSeries:
     <FlatSeries: 2 frames, 441 points>
     """
     fields = read_map(path, series=True)
-    told = fields["metadata"].pop("series")
-    own = {name: fields.pop(f"series_{name}") for name in _ARRAYS}
-    return FlatSeries(FlatMap(**fields), **own, **told)
+    more = fields["metadata"].pop("series")
+    arrays = {name: fields.pop(f"series_{name}") for name in _ARRAYS}
+    return FlatSeries(FlatMap(**fields), **arrays, **more)

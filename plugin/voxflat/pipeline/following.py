@@ -99,12 +99,12 @@ class Follower:
             samples = max(_FEWEST_SAMPLES, _SAMPLES * basis.shape[1])
             unit = 1 / (_REACH * rest.size) ** 2
             for _ in range(steps):
-                own = Shape(points, self.faces)
+                moved = Shape(points, self.faces)
                 equations = [(self._strain(rest, points, samples), 1.0)]
-                equations += [(each, unit * weight) for each in self._distances(own, target, samples)]
-                equations.append((self._friction(own, held, samples), unit * _FRICTION))
+                equations += [(each, unit * weight) for each in self._distances(moved, target, samples)]
+                equations.append((self._friction(moved, held, samples), unit * _FRICTION))
                 if self.marks is not None and landmarks is not None:
-                    equations.append((self._landmarks(own, landmarks), unit * weight * _PULL))
+                    equations.append((self._landmarks(moved, landmarks), unit * weight * _PULL))
                 move = self._least_squares(equations, basis)
                 points = points + move
                 if basis is bases[0]:
@@ -151,12 +151,12 @@ class Follower:
     def _gap(self, points: _Floats, target: Shape) -> tuple[_Floats, NDArray[np.bool_]]:
         """Return the way from each vertex to the next frame, and whether the normals at both ends agree."""
         self._tick()
-        own = Shape(points, self.faces)
+        moved = Shape(points, self.faces)
         corners, weights, _ = target.nearest(points)
         feet, normals = target.mixed(target.points, corners, weights), target.mixed(target.normals, corners, weights)
-        alike = (own.normals * normals).sum(axis=1) > ALIKE
-        if own.border is not None and target.border is not None:
-            rows = own.border.vertices
+        alike = (moved.normals * normals).sum(axis=1) > ALIKE
+        if moved.border is not None and target.border is not None:
+            rows = moved.border.vertices
             feet[rows], alike[rows] = target.border.nearest(points[rows])[0], True
         return feet - points, alike
 
@@ -171,71 +171,71 @@ class Follower:
             normal += (jacobian.T @ weighted).toarray()
             pull += weighted.T @ misfit
         normal[np.diag_indices(columns)] += _RIDGE * np.trace(normal) / columns
-        found = _core.solve(normal, pull)
-        return np.asarray(basis @ found.reshape(3, -1).T)
+        solution = _core.solve(normal, pull)
+        return np.asarray(basis @ solution.reshape(3, -1).T)
 
-    def _distances(self, own: Shape, target: Shape, samples: int) -> list[_Equations]:
+    def _distances(self, moved: Shape, target: Shape, samples: int) -> list[_Equations]:
         """Return the distances between the mesh and the next frame, and between their boundaries."""
-        found = [self._fit(own, target, samples), self._cover(own, target, samples)]
-        if own.border is not None and target.border is not None:
-            found.append(self._border(own, target))
-        return found
+        equations = [self._fit(moved, target, samples), self._cover(moved, target, samples)]
+        if moved.border is not None and target.border is not None:
+            equations.append(self._border(moved, target))
+        return equations
 
-    def _fit(self, own: Shape, target: Shape, samples: int) -> _Equations:
+    def _fit(self, moved: Shape, target: Shape, samples: int) -> _Equations:
         """Return how far vertices of the mesh are from the next frame, along its normals."""
         rows, share = _spread(self.count, samples)
-        corners, weights, alike = target.facing(own.points[rows], own.normals[rows])
+        corners, weights, alike = target.facing(moved.points[rows], moved.normals[rows])
         normals = target.mixed(target.normals, corners, weights)
-        gap = target.mixed(target.points, corners, weights) - own.points[rows]
-        if own.border is not None:
-            alike &= ~np.isin(rows, own.border.vertices)
+        gap = target.mixed(target.points, corners, weights) - moved.points[rows]
+        if moved.border is not None:
+            alike &= ~np.isin(rows, moved.border.vertices)
         parts = _rows(rows[:, None], normals[:, None], self.count)
-        return parts, (gap * normals).sum(axis=1), own.areas[rows] * share * alike
+        return parts, (gap * normals).sum(axis=1), moved.areas[rows] * share * alike
 
-    def _cover(self, own: Shape, target: Shape, samples: int) -> _Equations:
+    def _cover(self, moved: Shape, target: Shape, samples: int) -> _Equations:
         """Return how far vertices of the next frame are from the mesh, along the normals of the next frame."""
         rows, share = _spread(len(target.points), samples)
-        corners, weights, alike = own.facing(target.points[rows], target.normals[rows])
+        corners, weights, alike = moved.facing(target.points[rows], target.normals[rows])
         normals = target.normals[rows]
-        gap = target.points[rows] - own.mixed(own.points, corners, weights)
+        gap = target.points[rows] - moved.mixed(moved.points, corners, weights)
         parts = _rows(corners, weights[..., None] * normals[:, None], self.count)
         return parts, (gap * normals).sum(axis=1), target.areas[rows] * share * alike
 
-    def _border(self, own: Shape, target: Shape) -> _Equations:
+    def _border(self, moved: Shape, target: Shape) -> _Equations:
         """Return how far the boundary is from that of the next frame, across the boundary."""
-        assert own.border is not None
+        assert moved.border is not None
         assert target.border is not None
-        rows = own.border.vertices
-        feet, along = target.border.nearest(own.points[rows])
-        up = own.normals[rows]
+        rows = moved.border.vertices
+        feet, along = target.border.nearest(moved.points[rows])
+        up = moved.normals[rows]
         up = up - (up * along).sum(axis=1, keepdims=True) * along
         up /= np.maximum(np.linalg.norm(up, axis=1, keepdims=True), 1e-9)
         across = np.stack([up, np.cross(along, up)]).reshape(-1, 3)
-        gap = np.tile(feet - own.points[rows], (2, 1))
+        gap = np.tile(feet - moved.points[rows], (2, 1))
         parts = _rows(np.tile(rows, 2)[:, None], across[:, None], self.count)
-        return parts, (gap * across).sum(axis=1), np.tile(own.areas[rows], 2)
+        return parts, (gap * across).sum(axis=1), np.tile(moved.areas[rows], 2)
 
-    def _landmarks(self, own: Shape, landmarks: _Floats) -> _Equations:
+    def _landmarks(self, moved: Shape, landmarks: _Floats) -> _Equations:
         """Return how far the landmarks of the mesh are from their positions in the next frame."""
         assert self.marks is not None
-        known = np.isfinite(landmarks).all(axis=1)
-        corners, weights = self.marks[0][known], self.marks[1][known]
-        gap = landmarks[known] - own.mixed(own.points, corners, weights)
+        is_known = np.isfinite(landmarks).all(axis=1)
+        corners, weights = self.marks[0][is_known], self.marks[1][is_known]
+        gap = landmarks[is_known] - moved.mixed(moved.points, corners, weights)
         axes = np.asarray(np.repeat(np.eye(3), len(gap), axis=0), dtype=np.float64)
         parts = _rows(np.tile(corners, (3, 1)), np.tile(weights, (3, 1))[..., None] * axes[:, None], self.count)
-        return parts, gap.T.ravel(), np.full(gap.size, own.areas.sum() / max(1, len(gap)))
+        return parts, gap.T.ravel(), np.full(gap.size, moved.areas.sum() / max(1, len(gap)))
 
-    def _friction(self, own: Shape, held: _Floats, samples: int) -> _Equations:
+    def _friction(self, moved: Shape, held: _Floats, samples: int) -> _Equations:
         """Return how far vertices moved along the surface."""
         rows, share = _spread(self.count, samples)
-        normals = own.normals[rows]
+        normals = moved.normals[rows]
         across = np.eye(3)[np.abs(normals).argmin(axis=1)]
         first = np.cross(normals, across)
         first /= np.maximum(np.linalg.norm(first, axis=1, keepdims=True), 1e-9)
         along = np.concatenate([first, np.cross(normals, first)])
-        gap = np.tile(held[rows] - own.points[rows], (2, 1))
+        gap = np.tile(held[rows] - moved.points[rows], (2, 1))
         parts = _rows(np.tile(rows, 2)[:, None], along[:, None], self.count)
-        return parts, (gap * along).sum(axis=1), np.tile(own.areas[rows] * share, 2)
+        return parts, (gap * along).sum(axis=1), np.tile(moved.areas[rows] * share, 2)
 
     def _strain(self, rest: Shape, points: _Floats, samples: int) -> _Equations:
         """Return half the difference between the stretch of triangles and its inverse, with opposite sign."""
@@ -256,14 +256,14 @@ class Follower:
         strain = (sizes - 1 / sizes) / 2
         parts: list[list[Any]] = [[], [], []]
         misfit, weights = [], []
-        for one, other in ((0, 0), (1, 1), (0, 1)):
-            change = stretch[:, None, :, one] * gradient[:, :, None, other]
-            change = change + stretch[:, None, :, other] * gradient[:, :, None, one]  # of the squared stretch
-            slope = (1 + 1 / (sizes[:, one] * sizes[:, other])) / (sizes[:, one] + sizes[:, other]) / 2
+        for side, other in ((0, 0), (1, 1), (0, 1)):
+            change = stretch[:, None, :, side] * gradient[:, :, None, other]
+            change = change + stretch[:, None, :, other] * gradient[:, :, None, side]  # of the squared stretch
+            slope = (1 + 1 / (sizes[:, side] * sizes[:, other])) / (sizes[:, side] + sizes[:, other]) / 2
             for axis, rows in enumerate(_rows(corners, change * slope[:, None, None], self.count)):
                 parts[axis].append(rows)
-            misfit.append(-strain[:, one] if one == other else np.zeros(len(strain)))
-            weights.append(twice / 2 * share * (1 if one == other else 2))
+            misfit.append(-strain[:, side] if side == other else np.zeros(len(strain)))
+            weights.append(twice / 2 * share * (1 if side == other else 2))
         return (
             [scipy.sparse.vstack(each, format="csr") for each in parts],
             np.concatenate(misfit),
@@ -273,11 +273,11 @@ class Follower:
 
 def _turned(before: Shape, points: _Floats) -> _Floats:
     """Return the points of a shape around its centre, turned to where the points are now."""
-    own = before.points - before.centre
+    centred = before.points - before.centre
     now = (points - Shape(points, before.faces).centre) * before.areas[:, None]
-    left, _, right = np.linalg.svd(np.einsum("na,nb->ab", own, now))
+    left, _, right = np.linalg.svd(np.einsum("na,nb->ab", centred, now))
     left[:, 2] *= np.sign(np.linalg.det(left @ right))
-    return np.asarray(own @ left @ right)
+    return np.asarray(centred @ left @ right)
 
 
 def _spread(count: int, samples: int) -> tuple[NDArray[np.int64], float]:

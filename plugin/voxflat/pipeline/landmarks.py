@@ -25,27 +25,27 @@ def checked_landmarks(landmarks: object, frames: list[Surface], reference: int) 
             f"landmarks has shape {places.shape}. Pass an array of shape ({len(frames)}, landmarks, 3), with NaN where "
             "a position is not known"
         )
-    known = np.asarray(np.isfinite(places).all(axis=2))
+    is_known = np.asarray(np.isfinite(places).all(axis=2))
     places[np.isnan(places).any(axis=2)] = np.nan
-    for frame, own in enumerate(frames):
+    for frame, surface in enumerate(frames):
         wrong = np.flatnonzero(np.isinf(places[frame]).any(axis=1))
         if len(wrong):
             raise InputError(f"landmark {wrong[0]} is infinite in frame {frame}. Pass NaN where it is not known")
-        missing = np.flatnonzero(~known[frame])
+        missing = np.flatnonzero(~is_known[frame])
         if frame == reference and len(missing):
             raise InputError(
                 f"landmark {missing[0]} is not known in frame {frame}, the reference frame. Remove it, or choose "
                 "another reference"
             )
-        shape = Shape(own.points, np.ascontiguousarray(own.faces))
-        corners, weights, near = shape.nearest(places[frame][known[frame]])
-        far = np.zeros(len(known[frame]))
-        far[known[frame]] = near
+        shape = Shape(surface.points, np.ascontiguousarray(surface.faces))
+        corners, weights, near = shape.nearest(places[frame][is_known[frame]])
+        far = np.zeros(len(is_known[frame]))
+        far[is_known[frame]] = near
         worst = int(far.argmax())
         if far[worst] > _AWAY * shape.size:
             text = f"landmark {worst} is {far[worst]:.3g} mm away from the surface of frame {frame}"
             raise InputError(
-                f"{in_unit(text, own.origin.named_unit)}. Correct it, or pass NaN if its position is not known"
+                f"{in_unit(text, surface.origin.named_unit)}. Correct it, or pass NaN if its position is not known"
             )
-        places[frame][known[frame]] = shape.mixed(shape.points, corners, weights)
+        places[frame][is_known[frame]] = shape.mixed(shape.points, corners, weights)
     return places

@@ -76,9 +76,9 @@ def range_image(
             "pixels have a depth). Pass an image in which pixels with a depth are adjacent"
         )
     corners = np.where(is_there, heights, 0.0).ravel()[faces]
-    kept = inside & (np.ptp(corners, axis=1) <= limit)
-    cut = int(inside.sum() - kept.sum())
-    if not kept.any():
+    is_kept = inside & (np.ptp(corners, axis=1) <= limit)
+    cut = int(inside.sum() - is_kept.sum())
+    if not is_kept.any():
         raise InputError(f"every triangle spans more than {limit:g} mm of depth. Increase jump, or check the units")
     warnings = []
     if cut:
@@ -105,7 +105,7 @@ def range_image(
             "cut": cut,
         },
     }
-    return Surface(core.part_of_faces(kept), None, origin, metadata, tuple(warnings))
+    return Surface(core.part_of_faces(is_kept), None, origin, metadata, tuple(warnings))
 
 
 def _heights(depth: ArrayLike, mask: ArrayLike | None) -> NDArray[np.float64]:
@@ -113,14 +113,14 @@ def _heights(depth: ArrayLike, mask: ArrayLike | None) -> NDArray[np.float64]:
     if isinstance(depth, np.ma.MaskedArray):
         depth = np.ma.filled(depth.astype(np.float64), np.nan)
     try:
-        given = array_of(depth, "depths")
+        depths = array_of(depth, "depths")
     except ValueError:
         raise InputError("the rows of depth have different lengths. Pass an array of shape (H, W)") from None
-    if given.ndim != 2 or min(given.shape) < 2:
-        raise InputError(f"depth has shape {given.shape}. Pass an array of shape (H, W) with at least 2 x 2 pixels")
-    if given.dtype.kind not in "uif":
-        raise InputError(f"depth has data type {given.dtype}. Pass real numbers, in mm")
-    heights = given.astype(np.float64)
+    if depths.ndim != 2 or min(depths.shape) < 2:
+        raise InputError(f"depth has shape {depths.shape}. Pass an array of shape (H, W) with at least 2 x 2 pixels")
+    if depths.dtype.kind not in "uif":
+        raise InputError(f"depth has data type {depths.dtype}. Pass real numbers, in mm")
+    heights = depths.astype(np.float64)
     if mask is not None:
         there = array_of(mask, "values of the mask")
         if there.shape != heights.shape:

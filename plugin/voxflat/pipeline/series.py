@@ -138,14 +138,14 @@ def flatten_series(
     _warn(frames, reference)
     marks = checked_landmarks(landmarks, frames, reference)
     first = frames[reference]
-    how: dict[str, Any] = {"mirror": mirror, "seed": seed, **limits}
+    common: dict[str, Any] = {"mirror": mirror, "seed": seed, **limits}
     charts = _charts(cuts)
     if charts is None:
-        maps = [first.flatten(method, cuts=cuts, relax=relax, **how)]
+        maps = [first.flatten(method, cuts=cuts, relax=relax, **common)]
     elif relax is not None:
         raise InputError("relax does not apply to a chart. Pass relax to Surface.charts instead")
     else:
-        maps = [chart.flatten(method, **how) for chart in charts]
+        maps = [chart.flatten(method, **common) for chart in charts]
     done, count = 0, len(frames)
 
     def tick() -> None:
@@ -154,7 +154,7 @@ def flatten_series(
 
     follower = Follower(first.core, None if marks is None else marks[reference], tick)
     rest = follower.reference
-    if any(rest.nearest(one.points)[2].max() > _SAME * rest.size for one in maps):
+    if any(rest.nearest(flat.points)[2].max() > _SAME * rest.size for flat in maps):
         raise InputError(f"the chart belongs to another surface. Make it from the surface of frame {reference}")
     moved, gaps, folded = [rest] * count, np.zeros(count), np.zeros(count, dtype=np.int64)
     for order in (range(reference + 1, count), range(reference - 1, -1, -1)):
@@ -166,10 +166,10 @@ def flatten_series(
             gaps[frame] = np.percentile(Shape(places, follower.faces).nearest(target.points)[2], 95)
             folded[frame] = follower.folded(places, target).sum()
             done += 1
-    made = tuple(FlatSeries(one, *_places(one, moved, reference), reference, gaps, folded) for one in maps)
-    for warning in made[0].warnings:
+    series = tuple(FlatSeries(flat, *_places(flat, moved, reference), reference, gaps, folded) for flat in maps)
+    for warning in series[0].warnings:
         log.warning("%s", warning)
-    return made[0] if charts is None or isinstance(cuts, CutSurface) else made
+    return series[0] if charts is None or isinstance(cuts, CutSurface) else series
 
 
 def checked_reference(reference: object, count: int) -> int:
@@ -181,8 +181,8 @@ def checked_reference(reference: object, count: int) -> int:
 
 def _charts(cuts: object) -> list[CutSurface[Surface]] | None:
     """Return the charts, if cuts are charts."""
-    found = [cuts] if isinstance(cuts, CutSurface) else list(cuts) if isinstance(cuts, list | tuple) else []
-    return found if found and all(isinstance(one, CutSurface) for one in found) else None
+    cut_surfaces = [cuts] if isinstance(cuts, CutSurface) else list(cuts) if isinstance(cuts, list | tuple) else []
+    return cut_surfaces if cut_surfaces and all(isinstance(cut, CutSurface) for cut in cut_surfaces) else None
 
 
 def _places(flat_map: FlatMap, moved: list[Shape], reference: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -200,24 +200,24 @@ def _frames(surfaces: Sequence[object], limits: dict[str, Any]) -> list[Surface]
     if isinstance(surfaces, str | Surface) or not hasattr(surfaces, "__len__"):
         raise InputError(f"surfaces is {shown(surfaces)}. Pass a list of surfaces, one per frame")
     if len(surfaces) < 2:
-        what = "empty" if len(surfaces) == 0 else "a single frame"
-        raise InputError(f"the list of surfaces is {what}. Pass two or more frames, or use flatten for one surface")
+        fault = "empty" if len(surfaces) == 0 else "a single frame"
+        raise InputError(f"the list of surfaces is {fault}. Pass two or more frames, or use flatten for one surface")
     frames: list[Surface] = []
-    for number, given in enumerate(surfaces):
-        if given is None:
+    for number, source in enumerate(surfaces):
+        if source is None:
             raise InputError(f"frame {number} is missing (None). Remove it from the list, or pass its surface")
         try:
-            own = surface(given, **limits)
+            frame = surface(source, **limits)
         except InputError as error:
             raise InputError(f"frame {number}: {error}") from error
-        named = f"frame {number}{_file(own)}"
-        own = _largest(own, named)
-        frames.append(own)
-        if (kind := _kind(own)) != (known := _kind(frames[0])):
+        named = f"frame {number}{_file(frame)}"
+        frame = _largest(frame, named)
+        frames.append(frame)
+        if (kind := _kind(frame)) != (first := _kind(frames[0])):
             raise InputError(
-                f"{named} has {kind}, but frame 0 has {known}. Correct its surface, or split the movie there"
+                f"{named} has {kind}, but frame 0 has {first}. Correct its surface, or split the movie there"
             )
-        units = [one.origin.unit for one in (frames[0], own)]
+        units = [one.origin.unit for one in (frames[0], frame)]
         if units[0] != units[1]:
             raise InputError(f"{named} is in {units[1]}, but frame 0 is in {units[0]}. Pass unit when reading them")
     return frames
@@ -228,32 +228,32 @@ def _largest(of: Surface, named: str) -> Surface:
     areas = [piece["area"] for piece in of.core.topology()["components"]]
     if 1 - areas[0] / sum(areas) > STRAY_SHARE:
         sizes = ", ".join(f"{area:.4g}" for area in areas[:5]) + (", ..." if len(areas) > 5 else "")
-        told = in_unit(f"{named} has {len(areas)} components with areas of {sizes} mm²", of.origin.named_unit)
-        raise InputError(f"{told}. Select the label of one, or separate them in the segmentation")
+        problem = in_unit(f"{named} has {len(areas)} components with areas of {sizes} mm²", of.origin.named_unit)
+        raise InputError(f"{problem}. Select the label of one, or separate them in the segmentation")
     return largest_piece(of)
 
 
 def _warn(frames: list[Surface], reference: int) -> None:
     """Log the warnings about the surfaces of all frames but the reference, which is flattened with its own."""
-    found: dict[str, list[tuple[int, str]]] = {}
-    for number, own in enumerate(frames):
-        for warning in own.warnings if number != reference else ():
+    groups: dict[str, list[tuple[int, str]]] = {}
+    for number, frame in enumerate(frames):
+        for warning in frame.warnings if number != reference else ():
             if not warning.startswith(MOVED):
-                found.setdefault(re.sub(r"[0-9][0-9.]*", "", warning), []).append((number, warning))
-    for (number, warning), *further in found.values():
+                groups.setdefault(re.sub(r"[0-9][0-9.]*", "", warning), []).append((number, warning))
+    for (number, warning), *further in groups.values():
         others = f" (and similarly in {listed([one for one, _ in further])})" if further else ""
         log.warning("frame %d%s: %s%s", number, _file(frames[number]), warning, others)
 
 
-def _file(of: Surface) -> str:
+def _file(frame: Surface) -> str:
     """Return the name of the file of a surface in parentheses, if it is known."""
-    name = of.origin.input
+    name = frame.origin.input
     return f" ({os.path.basename(name)})" if name else ""
 
 
-def _kind(of: Surface) -> str:
+def _kind(frame: Surface) -> str:
     """Return the topology of a surface in words."""
-    found = of.core.topology()
-    parts, handles, loops = len(found["components"]), found["handles"], len(found["loops"])
+    topology = frame.core.topology()
+    parts, handles, loops = len(topology["components"]), topology["handles"], len(topology["loops"])
     counts = ((parts, "component"), (handles, "handle"), (loops, "boundary loop"))
     return ", ".join(f"{count} {name}{'s' * (count != 1)}" for count, name in counts)

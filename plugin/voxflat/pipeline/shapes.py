@@ -78,10 +78,10 @@ class Shape:
         alike = (self.mixed(self.normals, corners, weights) * normals).sum(axis=1) > ALIKE
         other = np.flatnonzero(~alike & np.isfinite(normals).all(axis=1))
         if len(other):
-            wanted = np.hstack([places[other], _TURN * self.size * normals[other]])
-            found = self._oriented.query(wanted)[1]
-            corners[other], weights[other] = found[:, None], [1.0, 0.0, 0.0]
-            alike[other] = (self.normals[found] * normals[other]).sum(axis=1) > ALIKE
+            oriented = np.hstack([places[other], _TURN * self.size * normals[other]])
+            nearest = self._oriented.query(oriented)[1]
+            corners[other], weights[other] = nearest[:, None], [1.0, 0.0, 0.0]
+            alike[other] = (self.normals[nearest] * normals[other]).sum(axis=1) > ALIKE
         return corners, weights, alike
 
     def mixed(self, values: _Floats, corners: _Faces, weights: _Floats) -> _Floats:

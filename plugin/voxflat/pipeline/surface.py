@@ -300,10 +300,10 @@ class Surface(Manifold):
         'closed sphere'
         """
         where: dict[str, Any] = {"cuts": cuts, "sphere": sphere, "relax": relax, "adapt": adapt}
-        made = cut_open(self, CutSettings(**where, threads=threads, progress=progress))
-        for warning in made.warnings:
+        cut = cut_open(self, CutSettings(**where, threads=threads, progress=progress))
+        for warning in cut.warnings:
             log.warning(warning)
-        return CutSurface._of(made)
+        return CutSurface._of(cut)
 
     @recording()
     def charts(
@@ -580,9 +580,9 @@ class Surface(Manifold):
         >>> round(float(rows[0][35]), 3)
         7.071
         """
-        what: dict[str, Any] = {"geodesic": geodesic, "sampling": sampling, "link_lengths": link_lengths, "seed": seed}
+        kinds: dict[str, Any] = {"geodesic": geodesic, "sampling": sampling, "link_lengths": link_lengths, "seed": seed}
         limits: dict[str, Any] = {"threads": threads, "memory_limit": memory_limit, "progress": progress}
-        rows = _geodesic(self, sources, **what, store=store, dask=dask, **limits)
+        rows = _geodesic(self, sources, **kinds, store=store, dask=dask, **limits)
         return replace(rows, unit=self.origin.named_unit)
 
     @recording()
@@ -650,9 +650,9 @@ class Surface(Manifold):
             If `progress` returned False.
         """
         with reading(memory_limit):
-            of = self._complete
-            structure, unit = of.origin.structure, of.origin.unit
-            contents = size_and_space(of.points, len(of.faces), structure, of.space, unit)
+            whole = self._complete
+            structure, unit = whole.origin.structure, whole.origin.unit
+            contents = size_and_space(whole.points, len(whole.faces), structure, whole.space, unit)
             found = Check(self.origin.input, "mesh", contents)
             settings = CutSettings(cuts=cuts, sphere=sphere, threads=threads, progress=progress)
             return check_surface(self, found, settings)
@@ -702,10 +702,10 @@ class Surface(Manifold):
         >>> found = voxflat.surface("lh.white").register()  # doctest: +SKIP
         >>> found.save("lh.sphere.reg")  # doctest: +SKIP
         """
-        found = register(self, side, threads, progress)
-        for warning in found.warnings:
+        registration = register(self, side, threads, progress)
+        for warning in registration.warnings:
             log.warning(warning)
-        return found
+        return registration
 
 
 @recording()
@@ -796,15 +796,15 @@ def surface(
         _refuse_options("a Surface", **voxels, pial=pial, unit=unit, repair=repair)
         return source
     unit = None if unit is None else named_unit(unit)
-    given = taken(source, spacing=spacing, affine=affine, unit=unit, memory_limit=memory_limit)
-    if isinstance(given, Mesh):
+    content = taken(source, spacing=spacing, affine=affine, unit=unit, memory_limit=memory_limit)
+    if isinstance(content, Mesh):
         _refuse_options("a mesh", **voxels)
         if repair == "voxels":
             raise InputError("repair is 'voxels', but a mesh has no voxels. Pass 'cuts' or 'none', or omit it")
-        made = of_mesh(given, Surface, pial, mend=repair != "none", unit=unit)
+        made = of_mesh(content, Surface, pial, mend=repair != "none", unit=unit)
     else:
         _refuse_options("a volume", pial=pial)
-        inside = foreground_of(given, label=label, threshold=threshold, unit=unit)
+        inside = foreground_of(content, label=label, threshold=threshold, unit=unit)
         made = of_volume(inside, Surface, probability=probability, repair=repair, threads=threads, progress=progress)
     return cut_handles(made, threads, progress) if repair == "cuts" else made
 
@@ -817,7 +817,7 @@ def middle_of_rim(source: object) -> object:
     return middle if isinstance(middle, Surface) else source
 
 
-def _refuse_options(what: str, **options: object) -> None:
+def _refuse_options(kind: str, **options: object) -> None:
     for name, value in options.items():
         if value is not None:
-            raise InputError(f"{name} does not apply when the input is {what}. Omit it")
+            raise InputError(f"{name} does not apply when the input is {kind}. Omit it")
