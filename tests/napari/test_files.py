@@ -34,6 +34,7 @@ from qtpy.QtWidgets import QWidget
 
 import voxflat
 from voxflat._napari.files.readers import map_reader, surface_reader
+from voxflat._napari.layers.meshes import LayerMesh
 from voxflat._napari.layers.volumes import LayerVolume
 from voxflat._napari.map_viewer.dock import REGION
 from voxflat._napari.map_viewer.drawings import OF_MAP
@@ -111,6 +112,21 @@ def test_freesurfer_files_open_on_their_surface(subject, viewer, last_of, messag
     assert_allclose(flat.vertices, points[values != 0][:, [1, 0]] * [-1, 1])
     assert_array_equal(flat.features["vertex"], np.flatnonzero(values))
     assert not messages
+
+
+@pytest.mark.parametrize("name", ["lh.pial", "lh.white", "of a script"])
+def test_values_are_not_flattened_instead_of_their_surface(subject, viewer, last_of, name):
+    _, widget = viewer.window.add_plugin_dock_widget("voxflat", "Flatten surface")
+    if name == "of a script":
+        mesh = viewer.add_surface(bumps()[:2], name=name, units="mm")
+    else:
+        mesh = last_of(subject / "surf" / name)
+    values = last_of(subject / "surf" / "lh.thickness")
+    assert_array_equal(values.vertices, mesh.vertices)
+    assert widget.form.surface.layer is mesh
+    assert widget.form.sampled.layer is values
+    path = LayerMesh.of(values).place.path
+    assert path == (None if name == "of a script" else subject / "surf" / name)
 
 
 def hemisphere(side):

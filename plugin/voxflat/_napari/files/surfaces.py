@@ -41,8 +41,7 @@ class Geometry:
     def layer(self, path: Path, values: NDArray[Any] | None = None, **keywords: Any) -> LayerData:
         """Return a layer for a file on this surface; the values have shape (V,) or (K, V)."""
         about = {"structure": self.structure, "coordinates": str(self.space), **keywords.pop("metadata", {})}
-        if self.path is not None:
-            about["surface_file"] = str(self.path)
+        about["surface_file"] = None if self.path is None else str(self.path)  # none if it is only a layer
         if self.warnings:
             about["warnings"] = self.warnings
         data = (self.vertices, self.faces, *([] if values is None else [values]))
@@ -146,7 +145,7 @@ def _open(*, visible: bool) -> list[Geometry]:
     for layer in [] if viewer is None else viewer.layers:
         about = layer.metadata
         if isinstance(layer, Surface) and (layer.ndim, layer.visible) == (3, visible) and "voxflat" not in about:
-            path = about.get("surface_file") or layer.source.path
+            path = about.get("surface_file", layer.source.path)
             vertices = moved(np.asarray(layer.vertices), data_to_world(layer))
             file = Path(path) if path else None
             given = about.get("structure"), file, UNKNOWN, layer.name, tuple(about.get("warnings", ()))

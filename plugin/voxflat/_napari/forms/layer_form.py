@@ -276,7 +276,7 @@ def _size(layer: Layer) -> list[int]:
 
 
 def _surface_rank(viewer: Viewer, layer: Layer) -> int | None:
-    """Rank layers to flatten: labels, surfaces, images, movies; a surface that belongs to another one has rank 0."""
+    """Rank layers to flatten: labels, surfaces, values on them, images; a surface of another one has rank 0."""
     if "voxflat" in layer.metadata or not isinstance(layer, Image | Labels | Surface) or getattr(layer, "rgb", False):
         return None
     if isinstance(layer, Image | Labels) and layer.ndim > 3 and MADE_FROM not in layer.metadata:
@@ -284,8 +284,8 @@ def _surface_rank(viewer: Viewer, layer: Layer) -> int | None:
     if layer.ndim != 3 or MADE_FROM in layer.metadata or any(_is_of(layer, other) for other in viewer.layers):
         return 0
     if isinstance(layer, Surface):
-        return 3 if _is_partner(layer) or _is_of_values(layer) else 4
-    return 5 if isinstance(layer, Labels) else 2
+        return 3 if _is_of_values(layer) else 4 if _is_partner(layer) else 5
+    return 6 if isinstance(layer, Labels) else 2
 
 
 def _is_partner(layer: Surface) -> bool:
@@ -295,9 +295,8 @@ def _is_partner(layer: Surface) -> bool:
 
 
 def _is_of_values(layer: Surface) -> bool:
-    """Return whether a layer was opened from a file of values, and shows them on the surface of another file."""
-    file = layer.metadata.get("surface_file")
-    return file is not None and str(layer.source.path) != file
+    """Return whether a layer was opened from a file of values, and shows them on another surface."""
+    return "surface_file" in layer.metadata and layer.metadata["surface_file"] != str(layer.source.path)
 
 
 def _is_of(layer: Layer | None, other: Layer) -> bool:

@@ -74,7 +74,7 @@ def vary(values: NDArray[Any]) -> bool:
 
 def surface_name(layer: Surface) -> str:
     """Return the name of the surface file of a layer (such as lh.white), or the layer name if there is no file."""
-    path = layer.metadata.get("surface_file") or layer.source.path
+    path = layer.metadata.get("surface_file", layer.source.path)
     return Path(path).name if path else str(layer.name)
 
 

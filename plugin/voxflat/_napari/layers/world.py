@@ -56,7 +56,7 @@ class LayerPlace:
         else:
             raise InputError(f"The units of layer '{layer.name}' are {named}. Set them to units of length, such as mm")
         to_unit = np.diag([*factors, 1.0])
-        path = layer.metadata.get("surface_file") or layer.source.path  # the former for a layer of values
+        path = layer.metadata.get("surface_file", layer.source.path)  # the former for a layer of values
         affine = check_affine(_to_ras(world) @ to_unit @ data_to_world(layer))
         origin = {"layer": layer.name, "world_axes": world, "unit": named}
         return cls(affine, Path(path) if path else None, origin, unit)
