@@ -3,11 +3,12 @@
 import numpy as np
 import pytest
 from napari.layers import Image, Labels, Surface
-from napari_window import PATIENCE, choose, map_dock, run, wait_for_picture, wait_for_threads
+from napari_window import PATIENCE, choose, map_dock, open_file, run, wait_for_picture, wait_for_threads
 from numpy.testing import assert_allclose, assert_array_equal
 
 import voxflat
 from voxflat import samples
+from voxflat._napari.map_viewer.dock import MARK, MEASURE, REGION
 from voxflat._napari.results.report import figures
 from voxflat._napari.samples import demo_embryo
 from voxflat._napari.viewer_state import ViewerState
@@ -422,11 +423,109 @@ def test_a_movie_can_be_cancelled_and_the_docks_closed(movie, qtbot):
     viewer.dims.set_current_step(0, 2)
 
 
-def test_saving_a_movie_saves_all_frames(movie, series, tmp_path, monkeypatch):
-    _, widget, _ = movie
+def test_saving_a_movie_tells_which_drawings_are_not_in_its_file(movie, qtbot, tmp_path, monkeypatch, messages):
+    viewer, widget, dock = movie
+    path = tmp_path / "movie.voxflat"
     monkeypatch.setattr("qtpy.QtWidgets.QFileDialog.getSaveFileName", lambda *_: (str(tmp_path / "movie"), ""))
     widget.results.save.click()
-    assert_array_equal(voxflat.load_series(tmp_path / "movie.voxflat").points, series.points)
+    assert [one.message for one in messages] == [f"Saved {path}"]
+    flat = show_movie(dock, qtbot)
+    flat.add_points([[0, 1, 2]], name="tracks")
+    flat.layers.append(Labels(np.ones(flat.layers[0].data.shape, dtype=int), name="cells"))
+    flat.add_points(name="empty", ndim=3)
+    del flat
+    remedy = "The file does not contain {}. Save these layers with File → Save Selected Layers…"
+    for names in ("'tracks', 'cells'", "'cells', 'tracks'"):  # of the window, and as the window kept them
+        messages.clear()
+        widget.results.save.click()
+        assert [one.message for one in messages] == [f"Saved {path}. {remedy.format(names)}"]
+        dock.movies.close()
+    viewer.layers.selection = {viewer.layers["embryo distortion"]}
+    viewer.layers.save(str(tmp_path / "frame.surf.gii"), selected=True, plugin="voxflat")
+    assert len(voxflat.io.read_mesh(tmp_path / "frame.surf.gii").points) > 0
+
+
+def world_of_layers(viewer, title):
+    """Return the world coordinates of points, paths and labelled voxels that were drawn on the map with a title."""
+    found = {}
+    for layer in [layer for layer in viewer.layers if "voxflat_made_from" in layer.metadata]:
+        places = np.argwhere(layer.data) if isinstance(layer, Labels) else np.vstack(layer.data)
+        found[layer.name.removeprefix(title)] = np.array([layer.data_to_world(place) for place in places])
+    return found
+
+
+@pytest.mark.parametrize("saved_by", ["form", "layer list"])
+def test_drawings_on_a_movie_come_back_with_its_file(
+    movie, series, make_napari_viewer, qtbot, monkeypatch, tmp_path, saved_by
+):
+    viewer, widget, dock = movie
+    path, title = tmp_path / "grown.voxflat", ViewerState.of(viewer).current.title
+    u, v = series.flat_map.uv.mean(axis=0)
+    size = np.ptp(series.flat_map.uv) / 10
+    places = {MARK: [(0, 0)], REGION: [(-1, -1), (1, -1), (0, 1)], MEASURE: [(-1, 0), (1, 0)]}
+    for frame, (action, corners) in zip((2, 0, 1), places.items(), strict=True):
+        at_frame(viewer, dock, frame, qtbot)
+        dock.click.setCurrentText(action)
+        for x, y in corners:
+            dock.canvas.clicked.emit(u + x * size, v + y * size)
+        if action == REGION:
+            dock.canvas.double_clicked.emit()
+        wait_for_picture(dock, qtbot)
+    drawn, expected = dock.prepared.run.sketches.now, world_of_layers(viewer, title)
+    assert {*expected} == {" points", " regions of frame 0", " shortest path"}
+    assert len(expected[" regions of frame 0"]) > 9
+    if saved_by == "form":
+        monkeypatch.setattr("qtpy.QtWidgets.QFileDialog.getSaveFileName", lambda *_: (str(path), ""))
+        widget.results.save.click()
+    else:
+        viewer.layers.selection = {viewer.layers[f"{title} distortion"]}
+        viewer.layers.save(str(path), selected=True, plugin="voxflat")
+    del widget, dock
+    viewer.close()
+    assert_array_equal(voxflat.load_series(path).points, series.points)
+
+    viewer = make_napari_viewer()
+    open_file(viewer, qtbot, path)
+    dock = map_dock(viewer, qtbot)
+    run = ViewerState.of(viewer).current
+    assert run.sketches.now == drawn
+    assert run.layers.movie.series.flat_map is run.flat_map
+    found = world_of_layers(viewer, "grown")
+    assert {*found} == {*expected}
+    for name, coordinates in expected.items():
+        assert_array_equal(found[name], coordinates)
+    scope = {}
+    exec(run.script.script(), scope)
+    assert_array_equal(scope["series"].points, series.points)
+    for layer in layers_of_sample():
+        viewer.add_layer(layer)
+    for frame in (2, 0, 1):
+        at_frame(viewer, dock, frame, qtbot)
+        assert_array_equal(dock.prepared.points, series.points[frame])
+    dock.click.setCurrentText(MARK)
+    dock.canvas.clicked.emit(u, v)
+    wait_for_picture(dock, qtbot)
+    assert run.sketches.now.marks[-1][0] == 1
+    dock.undo.click()
+    wait_for_picture(dock, qtbot)
+    assert run.sketches.now == drawn
+    assert_array_equal(world_of_layers(viewer, "grown")[" points"], expected[" points"])
+
+
+def test_a_movie_from_python_gets_the_frames_of_its_layer(make_napari_viewer, qtbot, series, tmp_path):
+    series.save(tmp_path / "movie.npz")
+    viewer = make_napari_viewer()
+    for layer in layers_of_sample():
+        layer.scale, layer.translate = (5, *layer.scale[1:]), (20, *layer.translate[1:])
+        viewer.add_layer(layer)
+    open_file(viewer, qtbot, tmp_path / "movie.npz")
+    dock = map_dock(viewer, qtbot)
+    for frame in (2, 0, 1):
+        at_frame(viewer, dock, frame, qtbot)
+        assert_array_equal(dock.prepared.points, series.points[frame])
+        dock.canvas.pointed.emit(*series.flat_map.uv[50])
+        expected = series[frame].look_up(series.flat_map.uv[50]).points
+        assert_allclose(dock.link.to_world(expected)[-3:], expected[::-1])
 
 
 def test_the_script_repeats_the_movie(movie, series, tmp_path, monkeypatch):

@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 import shapes
 from napari.layers import Image, Labels, Surface
-from napari_window import PATIENCE, choose, open_file, run, sphere
+from napari_window import PATIENCE, choose, map_dock, open_file, run, sphere, wait_for_picture
 from numpy.testing import assert_allclose, assert_array_equal
 
 import voxflat
+from voxflat._napari.map_viewer.dock import MARK
 from voxflat._napari.results import layer_list
 
 
@@ -54,6 +55,12 @@ def test_result_is_that_of_the_library(open_widget, qtbot, tmp_path, monkeypatch
     assert "C ≤ 1.4663" in widget.status.text()
     assert_array_equal(surface.faces, expected.uv_faces)
     assert_allclose(surface.vertices[surface.faces], points[expected.faces], atol=1e-9)
+    dock = map_dock(viewer, qtbot)
+    dock.click.setCurrentText(MARK)
+    page = expected.page()._triangles
+    dock.canvas.clicked.emit(*page.uv[page.faces[0]].mean(axis=0))
+    wait_for_picture(dock, qtbot)
+    (marked,) = viewer.layers["ball points"].data
     path = str(tmp_path / "atlas.npz")
     monkeypatch.setattr("voxflat._napari.results.map_panel.QFileDialog.getSaveFileName", lambda *args: (path, ""))
     widget.results.save.click()
@@ -61,6 +68,8 @@ def test_result_is_that_of_the_library(open_widget, qtbot, tmp_path, monkeypatch
     widget.form.max_angle.setValue(40)
     viewer.layers.clear()
     open_file(viewer, qtbot, path)
+    wait_for_picture(dock, qtbot)
+    assert_array_equal(viewer.layers["atlas points"].data, [marked])
     viewer.add_surface((points, faces, values), name="ball")
     qtbot.waitUntil(lambda: widget.form.max_angle.value() == 25, timeout=PATIENCE)
     assert widget.status.text() == "Restored the settings."

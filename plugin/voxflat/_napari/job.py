@@ -99,7 +99,7 @@ class Job:
         method, _, how = self.split()
         series = flatten_series(surfaces, method, reference=frames.reference, **how, progress=progress)
         flat_map = series.flat_map
-        flat_map = Session.made_from(self.surface.origin, self.form).put(flat_map)
+        flat_map = Session.made_from(self.surface.origin, self.form, time=frames.time.record()).put(flat_map)
         _draw(progress, "map")
         layers = map_layers(flat_map, self.surface.origin["layer"], pixel_size=self.pixel_size)
         movie = MovieMaps(replace(series, flat_map=flat_map), frames.time)

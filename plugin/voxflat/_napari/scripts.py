@@ -26,6 +26,7 @@ from voxflat.io.overlays import read_overlay
 from voxflat.io.volumes import Volume, read_volume
 from voxflat.maps.flat_map import FlatMap, load
 from voxflat.methods import Method
+from voxflat.pipeline.flat_series import load_series
 from voxflat.surfaces.standard.sphere import OWN_REGISTRATION
 
 _WIDTH = 100  # preferred line length of a script
@@ -57,22 +58,26 @@ class Recipe:
 
 
 class OpenedFile:
-    """Writes a Python script that loads a map or an atlas from the file from which it was opened."""
+    """Writes a Python script that loads a map, an atlas or the maps of a movie from the file that was opened."""
 
-    def __init__(self, path: str, opened: FlatMap | Atlas) -> None:
-        self._path, self._opened = Path(path).resolve(), opened
+    def __init__(self, path: str, opened: FlatMap | Atlas, *, is_movie: bool = False) -> None:
+        self._path, self._opened, self._is_movie = Path(path).resolve(), opened, is_movie
 
     def needs_folder(self) -> bool:
         return False
 
     def script(self, folder: Path | None = None) -> str:
         """Return the script; raises InputError or OSError if the file does not contain this map any more."""
-        is_map = isinstance(self._opened, FlatMap)
-        found = load(self._path) if is_map else load_atlas(self._path)
+        found: FlatMap | Atlas
+        if self._is_movie:
+            found, what, name, function = load_series(self._path).flat_map, "movie", "series", "load_series"
+        elif isinstance(self._opened, FlatMap):
+            found, what, name, function = load(self._path), "map", "flat_map", "load"
+        else:
+            found, what, name, function = load_atlas(self._path), "atlas", "atlas", "load_atlas"
         if not _same(found.uv, self._opened.uv):
-            raise InputError(f"{self._path}: contains another map than the opened one. Open the file again")
-        name, function = ("flat_map", "load") if is_map else ("atlas", "load_atlas")
-        about = f'"""Load the {"map" if is_map else "atlas"} that was opened in napari."""'
+            raise InputError(f"{self._path}: contains another {what} than the opened one. Open the file again")
+        about = f'"""Load the {what} that was opened in napari."""'
         return f"{about}\n\nimport voxflat\n\n{name} = voxflat.{function}({str(self._path)!r})\n"
 
 

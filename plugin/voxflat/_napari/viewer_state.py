@@ -6,26 +6,31 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any, ClassVar, TypeVar
 
 import numpy as np
 from napari import Viewer
 from napari.layers import Layer
 from napari.layers import Surface as SurfaceLayer
 from napari.layers.base import ActionType
+from napari.utils.notifications import show_info
 from numpy.typing import NDArray
 from psygnal import Signal
 from qtpy.QtCore import QTimer
 
 from voxflat._napari.gl_context import keep_canvas_current
-from voxflat._napari.results.flat_layers import KEPT, FlatLayers, Pixels, Run
+from voxflat._napari.results.flat_layers import KEPT, MAPS, FlatLayers, MovieMaps, Pixels, Run
 from voxflat._napari.results.layer_list import ListedLayers
 from voxflat._napari.results.outputs import is_drawn
 from voxflat._napari.results.session import Session, session_of
 from voxflat._napari.results.sketch import Sketch, Sketches
 from voxflat._napari.scripts import OpenedFile
+from voxflat.atlases.atlas import Atlas
+from voxflat.io.files import SAVED_ENDINGS
 from voxflat.maps.flat_map import FlatMap
 from voxflat.pipeline.surface import Surface
+
+_Made = TypeVar("_Made", bound=FlatMap | Atlas)
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,10 +133,13 @@ class ViewerState:
 
     def _is_drawn_on(self, run: Run) -> bool:
         """Return whether the user has drawn on a map, or painted on its labels or in layers over it."""
+        return not run.sketches.is_empty or bool(self._drawn_over(run))
+
+    def _drawn_over(self, run: Run) -> list[Layer]:
+        """Return the layers that the user has drawn over a map or painted, which its file does not contain."""
         viewer, movie = self._viewer(), run.layers.movie
         over = [layer for layer in ([] if viewer is None else viewer.layers) if self._over.get(layer) is run]
-        is_empty = run.sketches.is_empty and not (movie is not None and movie.drawn)
-        return not is_empty or self._runs[run].is_painted or any(map(is_drawn, over))
+        return [*self._runs[run].painted, *filter(is_drawn, over), *([] if movie is None else movie.drawings)]
 
     def choose(self, run: Run) -> None:
         if run in self._runs and run is not self._current:
@@ -162,9 +170,10 @@ class ViewerState:
         if run is None:
             session = session_of(flat_map)
             sketches = Sketches(Sketch.of(session.drawn))
-            script = OpenedFile(event.value.source.path, flat_map)
+            movie: MovieMaps | None = event.value.metadata.get(MAPS)
+            script = OpenedFile(event.value.source.path, flat_map, is_movie=movie is not None)
             title = self._free_title(Path(event.value.source.path).stem)
-            run = Run(FlatLayers(flat_map, []), session.layer, script, sketches, title)
+            run = Run(FlatLayers(flat_map, [], movie=movie), session.layer, script, sketches, title)
             self._opened.add(run)
             self.opened = run
             self._runs[run] = ListedLayers(viewer, self._on_visible)
@@ -232,7 +241,7 @@ class ViewerState:
         """Keep the cuts in the table of *Draw cuts*, so that neither layers nor docks that are closed lose them."""
         self._cut_records[surface.origin.input_sha256] = record
 
-    def record_of(self, surface: Surface | FlatMap) -> dict[str, Any]:
+    def record_of(self, surface: Surface | FlatMap | Atlas) -> dict[str, Any]:
         """Return the cuts that were drawn on a surface in this session, or before one of the open maps was saved."""
         key = surface.origin.input_sha256
         of_maps = {
@@ -240,13 +249,26 @@ class ViewerState:
         }
         return self._cut_records.get(key) or of_maps.get(key, {})
 
-    def with_session(self, flat_map: FlatMap) -> FlatMap:
-        """Return a map whose description contains what was drawn on it, and the cuts drawn on its surface."""
-        sketch = next((run.sketches.now for run in self._runs if run.flat_map is flat_map), Sketch())
-        record = self.record_of(flat_map)
+    def save(self, made: FlatMap | Atlas, path: str) -> None:
+        """Save a map with what was drawn on it; tell which layers over it the file does not contain."""
+        run = next((run for run in self._runs if run.flat_map is made), None)
+        movie, kept = None if run is None else run.layers.movie, self.with_session(made)
+        is_complete = path.lower().endswith(SAVED_ENDINGS)  # other formats hold one map, that of the reference frame
+        if movie is not None and is_complete and isinstance(kept, FlatMap):
+            replace(movie.series, flat_map=kept).save(path)
+        else:
+            kept.save(path)
+        names = ", ".join(f"'{layer.name}'" for layer in ([] if run is None else self._drawn_over(run)))
+        remedy = f". The file does not contain {names}. Save these layers with File → Save Selected Layers…"
+        show_info(f"Saved {path}{remedy if names else ''}")
+
+    def with_session(self, made: _Made) -> _Made:
+        """Return a map or an atlas whose description contains what was drawn on it, and the cuts of its surface."""
+        sketch = next((run.sketches.now for run in self._runs if run.flat_map is made), Sketch())
+        record = self.record_of(made)
         drawn = {**sketch.record(), **({"drawn_cuts": record} if record.get("cuts") else {})}
-        session = Session.of(flat_map)
-        return flat_map if session is None else replace(session, drawn=drawn).put(flat_map)
+        session = Session.of(made)
+        return made if session is None else replace(session, drawn=drawn).put(made)
 
     def choose_world(self, layer: Layer, world: str) -> None:
         """Keep the world axes that the user chose for a layer, which all forms show."""

@@ -59,7 +59,7 @@ class FlattenWidget(TaskDock):
         self._timer.timeout.connect(self._show_progress)
         self.form = form
         self.results = results
-        results.with_session = ViewerState.of(viewer).with_session
+        results.write = ViewerState.of(viewer).save
         self.start, self.stop = QPushButton(action), QPushButton("Cancel")
         self.start.clicked.connect(self.flatten)
         self.stop.clicked.connect(self.cancel)

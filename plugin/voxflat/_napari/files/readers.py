@@ -40,7 +40,7 @@ def map_reader(path: Paths = None) -> Reader:
     from voxflat.atlases.certified import saved_kind
 
     kind = saved_kind(path) or ("map" if path.lower().endswith(".voxflat") else None)
-    readers = {"map": saved.map_layers_of, "series": saved.map_layers_of, "atlas": saved.atlas_layers_of}
+    readers = {"map": saved.map_layers_of, "series": saved.movie_layers_of, "atlas": saved.atlas_layers_of}
     return None if kind is None else _reporting_errors(readers[kind])
 
 

@@ -5,13 +5,15 @@ from pathlib import Path
 from typing import TypeVar
 
 from voxflat._napari.files.late_stacks import follow_stacks
-from voxflat._napari.results.flat_layers import LayerData, hidden
+from voxflat._napari.layers.volumes import TimeAxis, time_axis
+from voxflat._napari.results.flat_layers import MAPS, LayerData, MovieMaps, hidden
 from voxflat._napari.results.maps import map_layers, page_layers
-from voxflat._napari.results.session import Session
+from voxflat._napari.results.session import Session, session_of
 from voxflat._napari.stacks import stack_of
 from voxflat.atlases.atlas import Atlas
 from voxflat.atlases.certified import load_atlas
 from voxflat.maps.flat_map import FlatMap, load
+from voxflat.pipeline.flat_series import load_series
 
 _Made = TypeVar("_Made", bound=FlatMap | Atlas)
 
@@ -21,6 +23,18 @@ def map_layers_of(path: Path) -> list[LayerData]:
     flat_map = load(path)
     flat_map = _in_session(flat_map, path)
     return [hidden(layer) for layer in map_layers(flat_map, path.stem).layers]
+
+
+def movie_layers_of(path: Path) -> list[LayerData]:
+    """Read the saved maps of a movie, like `map_layers_of`."""
+    series = load_series(path)
+    series = replace(series, flat_map=_in_session(series.flat_map, path))
+    time = session_of(series.flat_map).time
+    movie = MovieMaps(series, TimeAxis() if time is None else TimeAxis.of(time))
+    layers = [hidden(layer) for layer in map_layers(series.flat_map, path.stem).layers]
+    for _, keywords, _ in layers:
+        keywords["metadata"][MAPS] = movie
+    return layers
 
 
 def atlas_layers_of(path: Path) -> list[LayerData]:
@@ -42,4 +56,6 @@ def _in_session(made: _Made, path: Path) -> _Made:
         stack = stack_of(current_viewer(), of.voxels.shape, of.voxels.affine, of.unit)
         follow_stacks()
     session = Session() if stack is None else Session.made_from(stack.place.origin)
+    if stack is not None and stack.layer.ndim > 3:
+        session = replace(session, time=time_axis(stack.layer).record())
     return replace(session, layer=path.stem).put(made)

@@ -47,9 +47,10 @@ def write_flat_map(path: str | None = None, layers: Sequence[LayerData] = ()) ->
         return _ask("Save a flat map", MAP_ENDINGS)
     with _reporting_errors():
         found, viewer = _map_of(layers), current_viewer()
-        if isinstance(found, FlatMap) and viewer is not None:
-            found = ViewerState.of(viewer).with_session(found)
-        found.save(path)
+        if viewer is None:
+            found.save(path)
+        else:
+            ViewerState.of(viewer).save(found, path)
     return [path]
 
 

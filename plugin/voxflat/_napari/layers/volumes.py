@@ -1,9 +1,12 @@
 """Convert napari Image and Labels layers to volumes in RAS+ positions."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
+import pint
 from napari import Viewer
 from napari.layers import Layer
 from numpy.typing import NDArray
@@ -15,15 +18,29 @@ from voxflat.io.chunks import is_chunked
 from voxflat.io.volumes import Volume
 
 
+def _units(*names: str) -> tuple[Any, ...]:
+    """Return units of napari by their names."""
+    return tuple(map(pint.get_application_registry().Unit, names))  # type: ignore[no-untyped-call]
+
+
 @dataclass(frozen=True, eq=False)
 class TimeAxis:
     """The position of the frames of a movie, in the units of its layer."""
 
-    axis: int  # from the last one, such as -4
-    start: float  # of frame 0
-    step: float
-    units: tuple[Any, ...]  # of the axes before the last three: time, and others such as channels
+    axis: int = -4  # from the last one
+    start: float = 0.0  # of frame 0
+    step: float = 1.0
+    units: tuple[Any, ...] = field(default_factory=partial(_units, "pixel"))  # of the axes before the last three
     others: tuple[tuple[float, float, int], ...] = ()  # start, step and size of the axes between time and space
+
+    @classmethod
+    def of(cls, record: Mapping[str, Any]) -> "TimeAxis":
+        """Read the position of the frames from the description of a saved movie."""
+        others = tuple(map(tuple, record["others"]))
+        return cls(**{**record, "units": _units(*record["units"]), "others": others})
+
+    def record(self) -> dict[str, Any]:
+        return {**vars(self), "units": list(map(str, self.units))}
 
     def frame(self, viewer: Viewer, count: int) -> int:
         """Return the frame that a viewer displays."""

@@ -72,9 +72,11 @@ class MovieWindow(QObject):
 
     def show(self, movie: MovieMaps, data: LayerData) -> None:
         """Show a movie; layers of the maps of other movies are removed."""
-        if self._movie is not movie and self.window.viewer is not None:
+        if self._movie is not None and self._movie is not movie and self.window.viewer is not None:
             self.window.viewer.layers.clear()
+            self._movie.windows.clear()
         self._movie = movie
+        movie.windows.add(self.window)
         self.window.show(data)
         flat = self.window.viewer
         assert flat is not None
@@ -108,6 +110,7 @@ class MovieWindow(QObject):
             if kept:
                 names = ", ".join(f"'{layer.name}'" for layer in kept)
                 show_info(f"The labels of the window Flat movie are now hidden in the layer list: {names}")
+            self._movie.windows.clear()
         self.window.close()
         self._linked = self._movie = None
 

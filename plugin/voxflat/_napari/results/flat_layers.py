@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import weakref
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Protocol, TypeAlias
+from typing import TYPE_CHECKING, Any, Protocol, TypeAlias
 
 import numpy as np
 from napari import Viewer
@@ -20,6 +21,9 @@ from voxflat.maps.flat_map import FlatMap
 from voxflat.maps.raster import FlatImage, Raster
 from voxflat.pipeline.flat_series import FlatSeries
 
+if TYPE_CHECKING:
+    from voxflat._napari.map_viewer.flat_window import FlatWindow
+
 LayerData: TypeAlias = tuple[Any, dict[str, Any], str]  # as in napari: the data, the keywords and the type
 
 IMAGE = "voxflat_image"
@@ -32,6 +36,10 @@ STACK = "voxflat_stack"
 
 MOVIE = "voxflat_movie"
 """Key of the metadata of flat movies: a `FlatStack` with the pixels of one frame, and the times of the frames."""
+
+
+MAPS = "voxflat_maps"
+"""Key of the metadata of layers that were read from the file of a movie: its `MovieMaps`."""
 
 
 KEPT = "voxflat_kept"
@@ -54,6 +62,12 @@ class MovieMaps:
     series: FlatSeries
     time: TimeAxis
     drawn: list[Layer] = field(default_factory=list)  # points and shapes of its window, until it is opened again
+    windows: weakref.WeakSet[FlatWindow] = field(default_factory=weakref.WeakSet)  # that show it
+
+    @property
+    def drawings(self) -> list[Layer]:
+        """The layers that the user has drawn or edited in its window."""
+        return [*self.drawn, *(layer for window in self.windows for layer in window.drawn)]
 
 
 @dataclass(frozen=True, eq=False)

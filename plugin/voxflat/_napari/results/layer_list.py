@@ -45,9 +45,9 @@ class ListedLayers:
         return not self._steps
 
     @property
-    def is_painted(self) -> bool:
-        """Whether the user has painted on the labels of the map."""
-        return any(map(is_painted, self.layers))
+    def painted(self) -> list[Layer]:
+        """The layers of the map that the user has painted on."""
+        return [layer for layer in self.layers if is_painted(layer)]
 
     def show(self, result: FlatLayers, owner: str) -> None:
         """Add the layers of the map with this title."""

@@ -19,7 +19,6 @@ from voxflat.atlases.atlas import Atlas
 from voxflat.errors import VoxflatError
 from voxflat.io.files import SAVED_ENDINGS
 from voxflat.maps.flat_map import FlatMap
-from voxflat.pipeline.flat_series import FlatSeries
 
 
 class MapPanel(QWidget):
@@ -29,8 +28,7 @@ class MapPanel(QWidget):
         super().__init__()
         self._what, self.shows_maps = what, what == "map"
         self.flat_map: FlatMap | Atlas | None = None
-        self.with_session: Callable[[FlatMap], FlatMap] = lambda flat_map: flat_map  # adds what was drawn
-        self._saved: FlatMap | Atlas | FlatSeries | None = None
+        self.write: Callable[[FlatMap | Atlas, str], None]  # saves a map with what was drawn on it
         self._figures = QGridLayout()
         self._figures.setColumnStretch(0, 1)
         self._figures.setVerticalSpacing(2)
@@ -51,7 +49,6 @@ class MapPanel(QWidget):
 
     def show_run(self, run: Run) -> None:
         self.flat_map = run.flat_map
-        self._saved = run.flat_map if run.layers.movie is None else run.layers.movie.series
         self.copy.show_run(run)
         self._name_result("")
         self._show_figures(run.flat_map)
@@ -88,13 +85,10 @@ class MapPanel(QWidget):
         numpys, own = SAVED_ENDINGS  # napari first tries its own reader of .npz, which fails
         kinds = f"voxflat (*{own});;NumPy (*{numpys})"
         path, _ = QFileDialog.getSaveFileName(self, f"Save the {self._what}", f"{self._what}{own}", kinds)
-        if path and self._saved is not None:
+        if path and self.flat_map is not None:
             try:
-                path = path if path.endswith(SAVED_ENDINGS) else f"{path}{own}"
-                saved = self._saved
                 with showing_warnings():
-                    (self.with_session(saved) if isinstance(saved, FlatMap) else saved).save(path)
-                show_info(f"Saved {path}")
+                    self.write(self.flat_map, path if path.endswith(SAVED_ENDINGS) else f"{path}{own}")
             except (VoxflatError, OSError) as error:
                 show_error(error_text(error))
 

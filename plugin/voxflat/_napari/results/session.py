@@ -20,12 +20,13 @@ class Session:
     world_axes: str = "RAS"
     unit: str = "millimeter"  # as in napari; "pixel, taken as mm" if the layer has no unit
     form: Mapping[str, Any] | None = None
+    time: Mapping[str, Any] | None = None  # the record of the `TimeAxis` of a movie
     drawn: Mapping[str, Any] = field(default_factory=dict)  # regions, marks and cuts
 
     @classmethod
-    def made_from(cls, origin: Mapping[str, str], form: Mapping[str, Any] | None = None) -> Session:
+    def made_from(cls, origin: Mapping[str, str], form: Mapping[str, Any] | None = None, **time: Any) -> Session:
         """Return the session of a layer, given its name, world axes and unit."""
-        return cls(origin["layer"], origin["world_axes"], origin["unit"], form)
+        return cls(origin["layer"], origin["world_axes"], origin["unit"], form, **time)
 
     @classmethod
     def of(cls, made: FlatMap | Atlas) -> Session | None:
@@ -33,13 +34,13 @@ class Session:
         told = made.metadata.get("napari")
         if not isinstance(told, dict):
             return None
-        own = {name: told[name] for name in ("layer", "world_axes", "unit", "form") if name in told}
+        own = {name: told[name] for name in ("layer", "world_axes", "unit", "form", "time") if name in told}
         return cls(**own, drawn={name: value for name, value in told.items() if name not in own})
 
     def put(self, made: _Made) -> _Made:
         """Return a map with this session."""
-        form = {} if self.form is None else {"form": self.form}
-        told = {"layer": self.layer, "world_axes": self.world_axes, "unit": self.unit, **form, **self.drawn}
+        known = {name: value for name, value in (("form", self.form), ("time", self.time)) if value is not None}
+        told = {"layer": self.layer, "world_axes": self.world_axes, "unit": self.unit, **known, **self.drawn}
         origin = replace(made.origin, in_pixels=self.unit.startswith("pixel"))
         return replace(made, origin=origin, metadata={**made.metadata, "napari": told})
 
