@@ -7,7 +7,7 @@ import pytest
 from napari.layers import Labels, Layer, Surface
 from napari_window import PATIENCE, bumps, map_dock, open_file, run, wait_for_picture, wait_for_threads
 from numpy.testing import assert_array_equal
-from qtpy.QtWidgets import QDialog
+from qtpy.QtWidgets import QDialog, QMessageBox
 
 import voxflat
 from voxflat import samples
@@ -107,6 +107,55 @@ def test_the_layers_of_two_maps_of_one_surface_begin_with_the_names_of_their_map
     expected = [f"{title} {part}" for title in titles for part in parts]
     expected += ["bumps flattened", "bumps (2) flattened", "saved (2) in map colours", "saved (2) outline", "bumps"]
     assert sorted(layer.name for layer in viewer.layers) == sorted(expected)
+    wait_for_threads(qtbot)
+
+
+def test_a_map_is_removed_from_the_list_after_a_question_if_its_drawings_are_not_saved(
+    flattened, qtbot, monkeypatch, tmp_path
+):
+    viewer, widget, dock = flattened(Surface(bumps(13)[:2], name="bumps"))
+    state, asked, answers = ViewerState.of(viewer), [], [QMessageBox.StandardButton.No]
+    dock.keep.setChecked(True)
+    for _ in range(3):
+        run(widget, qtbot, dock)
+    first, second, third, fourth = state.runs
+    own = viewer.add_points([[1.0, 2.0, 3.0]], name="own")
+
+    def question(parent, title, text):
+        asked.append(text)
+        return answers[-1]
+
+    def is_removed(*removed):
+        dock.remove.click()
+        wait_for_picture(dock, qtbot)
+        return not any(one in state.runs for one in removed)
+
+    monkeypatch.setattr("qtpy.QtWidgets.QMessageBox.question", question)
+    viewer.layers.remove("bumps (4) distortion")
+    assert dock.runs.count() == 4  # removed layers of a map do not remove it
+    state.choose(third)
+    assert is_removed(third)
+    assert asked == []
+    assert state.current is fourth
+    for number, one in enumerate((first, second)):
+        state.choose(one)
+        wait_for_picture(dock, qtbot)
+        dock._draw_on(everything(one.flat_map))
+        wait_for_picture(dock, qtbot)
+        if number:
+            state.save(one.flat_map, str(tmp_path / "map.voxflat"))
+            assert is_removed(one)
+        else:
+            assert not is_removed(one)
+            assert "Removing the map 'bumps' also" in asked[0]
+            assert "what you drew on the map" in asked[0]
+            answers.append(QMessageBox.StandardButton.Yes)
+            assert is_removed(one)
+            qtbot.waitUntil(lambda: len(viewer.layers) == 3, timeout=PATIENCE)
+    assert len(asked) == 2  # not about saved drawings
+    qtbot.waitUntil(lambda: list(viewer.layers) == [viewer.layers["bumps"], own], timeout=PATIENCE)
+    assert dock.prepared.run is fourth
+    assert not dock.remove.isVisible()
     wait_for_threads(qtbot)
 
 

@@ -146,10 +146,20 @@ class ViewerState:
             self._current = run
             self.changed.emit()
 
+    def unsaved(self, run: Run) -> str:
+        """Return a text with the drawings that would be lost with a map, or an empty one."""
+        movie = run.layers.movie
+        layers = [*self._runs[run].painted, *([] if movie is None else movie.drawings)]
+        drawn = ["what you drew on the map"] if run.sketches.now != run.sketches.saved else []
+        return ", ".join([*drawn, *(f"'{layer.name}'" for layer in layers)])
+
     def remove(self, run: Run) -> None:
-        if run not in self._runs:
-            return
-        self._runs.pop(run).remove()
+        """Remove a map, its layers and what was drawn on it; layers that the user has added stay."""
+        listed, viewer = self._runs.pop(run), self._viewer()
+        listed.remove()
+        for layer in run.sketches.layers.values():
+            if viewer is not None and layer in viewer.layers:
+                viewer.layers.remove(layer)
         if run is self._current:
             self._current = self.runs[-1] if self._runs else None
         self.changed.emit()
@@ -258,6 +268,8 @@ class ViewerState:
             replace(movie.series, flat_map=kept).save(path)
         else:
             kept.save(path)
+        if run is not None and is_complete:
+            run.sketches.saved = run.sketches.now
         names = ", ".join(f"'{layer.name}'" for layer in ([] if run is None else self._drawn_over(run)))
         remedy = f". The file does not contain {names}. Save these layers with File → Save Selected Layers…"
         show_info(f"Saved {path}{remedy if names else ''}")

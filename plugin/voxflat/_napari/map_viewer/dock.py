@@ -18,6 +18,7 @@ from qtpy.QtWidgets import (
     QFileDialog,
     QHBoxLayout,
     QLabel,
+    QMessageBox,
     QPushButton,
     QSizePolicy,
     QVBoxLayout,
@@ -134,6 +135,8 @@ class FlatMapDock(TaskDock):
         self.runs = QComboBox()
         self.runs.setToolTip("The map to show")
         self.runs.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Fixed)
+        self.remove = QPushButton("Remove")
+        self.remove.setToolTip("Remove the displayed map, its layers and its drawings from the viewer")
         self.keep = QCheckBox("Keep maps")
         self.keep.setToolTip("Keep earlier maps in the list. Otherwise, a new map replaces the previous one")
         self.keep.setChecked(self._state.keeps_earlier)
@@ -191,7 +194,7 @@ class FlatMapDock(TaskDock):
         runs, depth = QHBoxLayout(self._run_row), QHBoxLayout(self._depth_row)
         for row in (runs, depth):
             row.setContentsMargins(0, 0, 0, 0)
-        arrange(runs, (self.runs, 1))
+        arrange(runs, (self.runs, 1), self.remove)
         arrange(depth, QLabel("Depth"), (self.depths, 1), self.depth_unit)
         first, second, third = (QHBoxLayout() for _ in range(3))  # three rows fit into a window of 1000 pixels
         arrange(first, QLabel("Shows"), (self.contents, 1), self.whole, self.keep)
@@ -226,6 +229,7 @@ class FlatMapDock(TaskDock):
         self._viewer.events.theme.connect(self._on_theme)
         self._viewer.dims.events.current_step.connect(self._on_step)
         self.runs.activated.connect(self._on_run_chosen)
+        self.remove.clicked.connect(self._on_remove)
         self.keep.toggled.connect(partial(setattr, self._state, "keeps_earlier"))
         self.contents.chosen.connect(self._on_content)
         self.depths.valueChanged.connect(self._redraw.start)
@@ -275,6 +279,16 @@ class FlatMapDock(TaskDock):
 
     def _on_run_chosen(self, index: int) -> None:
         self._state.choose(self._state.runs[index])
+
+    def _on_remove(self) -> None:
+        """Remove the displayed map; ask first if drawings that are not saved would be lost."""
+        run = self._run
+        if run is None:
+            return
+        lost = self._state.unsaved(run)
+        told = f"Removing the map '{run.title}' also removes drawings that are not saved: {lost}.\n\nRemove the map?"
+        if not lost or QMessageBox.question(self, "Remove a map", told) == QMessageBox.StandardButton.Yes:
+            self._state.remove(run)
 
     def _show_run(self, run: Run | None) -> None:
         self._run, self.prepared, self.link.prepared = run, None, None
@@ -678,6 +692,8 @@ class FlatMapDock(TaskDock):
 
     def _on_projected(self, result: tuple[Run, drawings.Changes]) -> None:
         run, found = result
+        if run not in self._state.runs:  # it was removed meanwhile
+            return
         sketches = run.sketches
         if (marked := sketches.layers.pop(POINTS, None)) is not None:
             for mark in sketches.placed[found.kept :]:

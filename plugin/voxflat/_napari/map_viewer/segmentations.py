@@ -82,7 +82,8 @@ class Segmentations(QWidget):
         state = ViewerState.of(self._viewer)
         found = [layer for layer in found if self._run is not None and state.run_under(layer) is self._run]
         movie = None if self._run is None else self._run.layers.movie
-        found += [layer for layer in self._viewer.layers if is_kept(layer) and layer.metadata[KEPT]() is movie]
+        if movie is not None:
+            found += [layer for layer in self._viewer.layers if is_kept(layer) and layer.metadata[KEPT]() is movie]
         self._layers = [*found, *(layer for layer in self._movies.layers if isinstance(layer, Labels))]
         with signals_blocked(self.box):
             self.box.clear()

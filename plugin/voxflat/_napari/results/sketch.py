@@ -83,6 +83,7 @@ class Sketches(History[Sketch]):
 
     def __init__(self, first: Sketch | None = None) -> None:
         super().__init__(first or Sketch())
+        self.saved = self.now  # in the file of the map
         self.shown = Sketch()
         self.placed: list[NDArray[np.float64]] = []  # world coordinates of the marks of `shown`
         self.layers: dict[str, Layer] = {}  # of the viewer, by the part of the map that they show
