@@ -581,6 +581,31 @@ def test_a_map_is_saved_and_read_by_others(viewer, last_of, tmp_path):
     assert PIL.Image.open(tmp_path / "heat.png").size == image.data.shape[::-1]
 
 
+def test_a_flat_stack_opens_with_a_slider_of_its_depths(viewer, last_of, tmp_path):
+    points, faces, values = bumps(13)
+    flat_map = voxflat.flatten((points, faces))
+    volume = voxflat.io.Volume(ramp((30, 30, 20)).astype(np.float32), np.eye(4))
+    flat_map.images(volume, depth=[-1.0, 0.5, 2.0]).save(tmp_path / "stack.nii.gz")
+    _, widget = viewer.window.add_plugin_dock_widget("voxflat", "Flatten surface")
+    layer = last_of(tmp_path / "stack.nii.gz")
+    expected = flat_map.images(volume, depth=[-1.0, 0.5, 2.0])
+    assert_array_equal(layer.data, expected.data.astype(np.float32))
+    (u, v), size = expected.origin, expected.pixel_size
+    assert_allclose(layer.scale, (1.5, size, size), rtol=1e-6)
+    assert_allclose(layer.translate, (-1.0, -v, u), rtol=1e-6)
+    assert (viewer.dims.ndisplay, viewer.dims.order, viewer.dims.not_displayed) == (2, (0, 1, 2), (0,))
+    assert str(camera(viewer).orientation2d[0]).lower().endswith("down")
+    assert widget.form.surface.layer is None
+    series = np.stack([values, values + 1], axis=1)
+    flat_map.images(series).save(tmp_path / "series.nii")
+    layer = last_of(tmp_path / "series.nii")
+    assert_allclose(layer.data, flat_map.images(series).data)
+    assert layer.ndim == 3
+    own = voxflat.io.Volume(volume.data, expected[0].affine)  # voxels in the order of a flat image
+    voxflat.io.write_volume(tmp_path / "volume.nii", own.data, own.affine, expected.provenance)
+    assert_allclose(last_of(tmp_path / "volume.nii").data, np.transpose(own.data, (1, 0, 2)))
+
+
 def test_commands_of_the_palette_ask_for_a_file(subject, viewer, last_of, qtbot, tmp_path, monkeypatch):
     from napari._app_model import get_app_model
 

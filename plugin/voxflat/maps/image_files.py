@@ -6,6 +6,7 @@ import os
 import textwrap
 from abc import abstractmethod
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
@@ -314,16 +315,29 @@ def _write_nifti_series(path: Path, pages: Pages, first: _Image, values: _Values
 
 def names_in(path: Path) -> tuple[str, ...]:
     """Return the names of the images that voxflat stored in a NIfTI file; empty if there are none."""
-    if not path.name.lower().endswith((".nii", ".nii.gz")):
-        return ()
-    for extension in require("nibabel").load(path).header.extensions:
-        try:
-            names = json.loads(extension.get_content().rstrip(b"\0"))["names"]
-        except (ValueError, KeyError, TypeError, AttributeError):  # of another program
-            continue
-        if isinstance(names, list):
-            return tuple(map(str, names))
-    return ()
+    found = (told["names"] for told in _told_in(path) if isinstance(told.get("names"), list))
+    return tuple(map(str, next(found, ())))
+
+
+def is_flat(path: Path, shape: tuple[int, ...], affine: NDArray[np.float64]) -> bool:
+    """Return whether a file is NIfTI with flat images that voxflat wrote, by its affine to mm and its header."""
+    size = float(affine[0, 1])
+    plane = np.array([[0, size, 0], [-size, 0, 0], [0, 0, affine[2, 2]]])
+    if size <= 0 or not np.allclose(affine[:3, :3], plane, rtol=0, atol=1e-6 * size):
+        return False
+    # volumes hold their record itself; a slice with this affine is a single image
+    records = (told if shape[2:] == (1,) else told.get("provenance") for told in _told_in(path))
+    return any(isinstance(record, dict) and "voxflat" in record for record in records)
+
+
+def _told_in(path: Path) -> Iterator[dict[str, Any]]:
+    """Yield the objects in the header extensions of a NIfTI file."""
+    if path.name.lower().endswith((".nii", ".nii.gz")):
+        for extension in require("nibabel").load(path).header.extensions:
+            with suppress(ValueError, TypeError, AttributeError):  # of another program
+                told = json.loads(extension.get_content().rstrip(b"\0"))
+                if isinstance(told, dict):
+                    yield told
 
 
 def _write_npy_series(path: Path, pages: Pages, first: _Image, values: _Values, record: Record) -> None:

@@ -144,7 +144,10 @@ def _make_ready(viewer: Viewer, layers: list[LayerData]) -> None:
     if any(keywords.get("metadata", {}).get("voxflat") is not None for _, keywords, _ in layers):
         open_flat_map(viewer)
     others = [layer for layer in viewer.layers if not _is_of_map(layer)]
-    are_volumes = all(kind in ("image", "labels") and np.ndim(data) == 3 for data, _, kind in layers)
+    are_volumes = all(
+        kind in ("image", "labels") and np.ndim(data) == 3 and "voxflat" not in keywords.get("metadata", {})
+        for data, keywords, kind in layers
+    )
     if are_volumes and not others:
         QTimer.singleShot(0, partial(_show_slices, viewer))  # after the layer is added
     in_space = all(kind == "surface" and np.shape(data[0])[-1] == 3 for data, _, kind in layers)

@@ -12,10 +12,10 @@ from voxflat._napari.layers.world import WORLD
 from voxflat._napari.results.flat_layers import LayerData, Pixels, limits, unit_of_map, units
 from voxflat._napari.stacks import stack_of, viewer_order
 from voxflat.io.channels import series_of
-from voxflat.io.files import REMEDY, naming, require
+from voxflat.io.files import REMEDY, naming
 from voxflat.io.grid import millimetres
 from voxflat.io.sources import as_volume
-from voxflat.io.volumes import Volume
+from voxflat.maps.image_files import is_flat
 from voxflat.maps.raster import FlatImage
 
 _LABELS = {"aseg", "aparc", "dseg", "label", "labels", "mask", "parc", "ribbon", "seg", "segmentation"}
@@ -37,7 +37,10 @@ def volume_layers(path: Path) -> list[LayerData]:
         from dask.delayed import delayed
 
         frames, to_ras = found
-        order, affine, place = _place(path, frames.read(0).shape, to_ras)
+        shape = frames.read(0).shape
+        if is_flat(path, (*shape, len(frames)), to_ras):
+            return [_flat_layer(path, np.stack([frames.read(n) for n in range(len(frames))]), to_ras)]
+        order, affine, place = _place(path, shape, to_ras)
         first = np.transpose(frames.read(0), order)
         read = delayed(lambda n: np.transpose(frames.read(n), order).astype(first.dtype, copy=False))
         data = stack([from_delayed(read(n), first.shape, first.dtype) for n in range(len(frames))])  # type: ignore[no-untyped-call]
@@ -46,8 +49,8 @@ def volume_layers(path: Path) -> list[LayerData]:
         about = {"affine": in_time, **place, "units": ("pixel", *place["units"])}
         return [(data, {"name": _name(path), **about}, "image")]
     volume = as_volume(path).in_unit("mm")
-    if _is_flat_image(path, volume):
-        return [_flat_layer(path, volume)]
+    if is_flat(path, volume.data.shape, volume.affine):
+        return [_flat_layer(path, volume.data, volume.affine)]
     order, affine, place = _place(path, volume.data.shape, volume.affine)
     voxels = np.transpose(volume.data, [*order, *range(3, volume.data.ndim)])
     about = {"name": _name(path), "affine": affine, **place}
@@ -57,33 +60,31 @@ def volume_layers(path: Path) -> list[LayerData]:
     return [(voxels.astype(np.int32) if voxels.dtype.kind == "b" else voxels, about, "labels")]
 
 
-def _is_flat_image(path: Path, volume: Volume) -> bool:
-    """Return whether a NIfTI file is a flat image of voxflat: a slice with its affine, and a record in the header."""
-    size, (u, v) = float(volume.affine[2, 2]), volume.affine[:2, 3].tolist()
-    own = FlatImage(np.zeros((0, 0)), size, (u, v), "").affine
-    is_slice = volume.data.ndim == 3 and volume.data.shape[2] == 1 and path.name.lower().endswith((".nii", ".nii.gz"))
-    if not is_slice or not np.allclose(volume.affine, own, rtol=0, atol=1e-6 * size):
-        return False
-    return any(b'"voxflat"' in one.get_content() for one in require("nibabel").load(path).header.extensions)
-
-
-def _flat_layer(path: Path, volume: Volume) -> LayerData:
-    """Return the layer of a flat image, where the images of its map lie if it is open."""
+def _flat_layer(path: Path, voxels: NDArray[Any], affine: NDArray[np.float64]) -> LayerData:
+    """Return the layer of flat images, where the images of their map lie if it is open; depths get a slider."""
     from napari import current_viewer
 
     from voxflat._napari.viewer_state import ViewerState
 
     viewer = current_viewer()
     runs = () if viewer is None else ViewerState.of(viewer).runs
-    data = volume.data[..., 0]
-    size, (u, v) = float(volume.affine[2, 2]), volume.affine[:2, 3].tolist()
-    in_mm = Pixels(data.shape, size, (-v, u))
+    data = np.moveaxis(voxels, -1, -3)  # the depths come before rows and columns
+    if data.shape[-3] == 1:
+        data = data[..., 0, :, :]
+    size, (u, v, height) = float(affine[0, 1]), affine[:3, 3].tolist()
+    in_mm = Pixels(data.shape[-2:], size, (-v, u))
     found = (run for run in runs if run.has_pixels(in_mm.scaled(1 / millimetres(unit_of_map(run.flat_map)))))
     run = next(found, None)
     unit = "mm" if run is None else unit_of_map(run.flat_map)
     own = in_mm.scaled(1 / millimetres(unit))
-    place: dict[str, Any] = {"scale": (own.size,) * 2, "translate": own.corner}
-    place["units"] = (unit,) * 2 if run is None else units(run.flat_map, 2)
+    step, start = (length / millimetres(unit) for length in (float(affine[2, 2]), height))
+    before = [(1.0, 0.0, "pixel")] * (voxels.ndim > 3) + [(step, start, unit)] * (voxels.shape[-1] > 1)
+    steps, starts, named = zip(*before, strict=True) if before else ((), (), ())
+    in_plane = (unit,) * 2 if run is None else units(run.flat_map, 2)
+    place: dict[str, Any] = {"scale": (*steps, *(own.size,) * 2), "translate": (*starts, *own.corner)}
+    place["units"] = None if in_plane is None else (*named, *in_plane)
+    if before:
+        place["metadata"] = {"voxflat": None}  # so that it is neither flattened nor sampled as a volume
     if FlatImage(data, size, (u, v), "").is_labels:
         return np.nan_to_num(data).astype(np.int64), {"name": _name(path), **place}, "labels"
     return data, {"name": _name(path), **place, "contrast_limits": limits(data)}, "image"
