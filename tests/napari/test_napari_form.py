@@ -3,6 +3,7 @@
 import json
 import subprocess
 import sys
+import threading
 from functools import partial
 
 import numpy as np
@@ -15,6 +16,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy import ndimage
 
 import voxflat
+from voxflat._napari.layers import declared_size
 from voxflat._napari.layers.world import MADE_FROM, WORLD
 from voxflat._napari.viewer_state import ViewerState
 from voxflat.demo import DEPTH
@@ -163,6 +165,46 @@ def test_the_voxel_size_in_a_tiff_file_is_offered_and_used_for_all_layers_with_i
     assert told not in widget.form.plan.text()
 
 
+def test_headers_of_tiff_files_are_not_read_in_the_thread_of_the_window(open_widget, qtbot, tmp_path, monkeypatch):
+    """They take a second for 5,000 pages."""
+    threads, read = [], declared_size.open_tiff
+
+    def watched(path):
+        threads.append(threading.current_thread())
+        return read(path)
+
+    monkeypatch.setattr(declared_size, "open_tiff", watched)
+    about = {"axes": "ZYX", "spacing": 1.0, "unit": "um"}
+    tifffile.imwrite(tmp_path / "stack.tif", cap().astype(np.uint16), imagej=True, resolution=(2, 2), metadata=about)
+    viewer, widget = open_widget()
+    viewer.open(str(tmp_path / "stack.tif"), plugin="napari")
+    qtbot.waitUntil(lambda: "use this size" in widget.form.plan.text(), timeout=PATIENCE)
+    assert len(threads) == 1
+    assert threading.main_thread() not in threads
+
+
+def test_a_layer_without_labels_is_refused_until_it_is_painted(open_widget, qtbot):
+    ball = shapes.ball(5)
+    viewer, widget = open_widget(Labels(np.zeros(ball.shape, np.uint8), name="drawn"))
+    form = widget.form
+    told = "Layer 'drawn' has no labels. Paint the part to flatten, or choose another layer."
+    qtbot.waitUntil(lambda: form.plan.text() == told, timeout=PATIENCE)
+    assert not widget.start.isEnabled()
+    viewer.layers["drawn"].data = ball.astype(np.uint8)
+    qtbot.waitUntil(lambda: "points" in form.plan.text(), timeout=PATIENCE)
+    assert "has no labels" not in form.plan.text()
+    assert widget.start.isEnabled()
+    viewer.layers["drawn"].data = np.zeros(ball.shape, np.uint8)
+    qtbot.waitUntil(lambda: form.plan.text() == told, timeout=PATIENCE)
+    viewer.window.remove_dock_widget(widget)
+    _, widget = viewer.window.add_plugin_dock_widget("voxflat", "Flatten surface")
+    qtbot.waitUntil(lambda: not widget.start.isEnabled(), timeout=PATIENCE)
+    viewer.add_image(ball.astype(np.float32), name="image")
+    widget.form.surface.choose(viewer.layers["image"])
+    assert widget.start.isEnabled()
+    wait_for_threads(qtbot)
+
+
 def test_mask_threshold_and_plan_of_a_volume(open_widget, qtbot):
     ball = shapes.ball(10)
     smooth = np.linalg.norm(np.indices(ball.shape) - np.array(ball.shape)[:, None, None, None] // 2, axis=0)
@@ -236,6 +278,7 @@ def test_the_surface_follows_the_selection_until_the_user_chooses(open_widget, q
 
 CLOSED_MEANWHILE = """
 import sys
+import threading
 from functools import partial
 import napari, numpy as np
 from qtpy.QtCore import QTimer

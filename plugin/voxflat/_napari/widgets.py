@@ -50,6 +50,7 @@ class FlattenWidget(TaskDock):
         self._viewer = viewer
         self._started = 0.0
         self._has_finished = True
+        self._is_refused = False  # because there is nothing to flatten
         self._shown: Run | None = None
         self._summary = ""  # of the last map, which the status bar of napari also shows
         self._arriving: tuple[Run, str] | None = None
@@ -106,7 +107,7 @@ class FlattenWidget(TaskDock):
 
     def _show_work(self, what: str | None) -> None:
         running = what is not None
-        self.start.setEnabled(not running)
+        self.start.setEnabled(not running and not self._is_refused)
         self.stop.setEnabled(running)
         self.bar.setVisible(running)
         self._timer.stop()
@@ -245,6 +246,12 @@ class FlattenSurface(FlattenWidget):
     def __init__(self, napari_viewer: Viewer) -> None:
         super().__init__(napari_viewer, SurfaceForm(napari_viewer), MapPanel(), "Flatten surface")
         ViewerState.of(napari_viewer).flatten_requested.connect(self._on_flatten_requested)
+        self.form.plan.refused.connect(self._on_refused)
+        self._on_refused(self.form.plan.is_refused)
+
+    def _on_refused(self, is_refused: bool) -> None:
+        self._is_refused = is_refused
+        self.start.setEnabled(self._worker is None and not is_refused)
 
     def _on_flatten_requested(self, layer: Layer, foreground: Mapping[str, Any]) -> None:
         if not self.start.isEnabled():

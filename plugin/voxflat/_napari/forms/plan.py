@@ -8,11 +8,12 @@ from typing import Any
 import numpy as np
 import scipy
 from napari import Viewer
-from napari.layers import Layer, Surface
+from napari.layers import Labels, Layer, Surface
 from numpy.typing import NDArray
+from qtpy.QtCore import Signal  # type: ignore[attr-defined]  # qtpy makes it of pyqtSignal
 from qtpy.QtWidgets import QLabel
 
-from voxflat._napari.layers.declared_size import declared_size
+from voxflat._napari.layers.declared_size import File, declared_size, read_sizes, unread_files
 from voxflat._napari.layers.volumes import finest
 from voxflat._napari.layers.world import ASSUMED_UNIT, unit_of
 from voxflat._napari.timers import single_shot
@@ -52,6 +53,8 @@ class _Asked:
 class Plan(QLabel):
     """Shows the steps of *Flatten surface*, the number of points, and the approximate run time."""
 
+    refused = Signal(bool)  # emitted with True if there is nothing to flatten, and with False otherwise
+
     def __init__(self, viewer: Viewer) -> None:
         super().__init__()
         self._viewer = viewer
@@ -60,16 +63,18 @@ class Plan(QLabel):
         self._asked: _Asked | None = None
         self._counted: tuple[Any, ...] = ()  # the layer and foreground whose points have been counted
         self._count: int | None = None
+        self._reading: tuple[File, ...] = ()
         self._timer = single_shot(self, _PAUSE, self._start_counting)
 
     def follow(self, layer: Layer | None, **asked: Any) -> None:
         """Show the plan for a layer and the other choices of the form, or nothing if there is no layer."""
-        if layer is None:
-            self._asked, self._counted, self._count = None, (), None
+        self._asked = None if layer is None else _Asked(layer, **asked)
+        self.refused.emit(self.is_refused)
+        if self._asked is None or layer is None or self.is_refused:
+            self._counted, self._count = (), None
             self._timer.stop()
-            self.setText("")
+            self._write()
             return
-        self._asked = _Asked(layer, **asked)
         key = (id(layer), self._asked.label, self._asked.threshold)
         if isinstance(layer, Surface):
             self._count = len(layer.vertices)
@@ -80,6 +85,12 @@ class Plan(QLabel):
             self._counted, self._count = key, None
             self._timer.start()
         self._write()
+
+    @property
+    def is_refused(self) -> bool:
+        """Whether the layer has no labels to flatten."""
+        asked = self._asked
+        return asked is not None and isinstance(asked.layer, Labels) and asked.label is None and asked.rim is None
 
     def _start_counting(self) -> None:
         asked = self._asked
@@ -96,7 +107,13 @@ class Plan(QLabel):
             self._write()
 
     def _write(self) -> None:
-        if self._asked is not None:
+        if self._asked is None:
+            self.setText("")
+        elif self.is_refused:
+            name = escape(self._asked.layer.name)
+            self.setText(f"Layer '{name}' has no labels. Paint the part to flatten, or choose another layer.")
+            self._fit()
+        else:
             told = [*_steps(self._asked), *_expected(self._asked, self._count)]
             self.setText(" ".join([*map(escape, told), *self._unit(self._asked.layer)]))
             self._fit()
@@ -105,6 +122,12 @@ class Plan(QLabel):
         """Return the unit that is assumed, or a link to the voxel size in a file."""
         if any(str(unit) != "pixel" for unit in layer.units[-3:]):
             return []
+        files = unread_files(self._viewer, layer)
+        if files and files != self._reading:
+            self._reading = files
+            worker = BackgroundTask(partial(read_sizes, files), warned=lambda _: None)  # reported when it is flattened
+            worker.returned.connect(self._write)
+            worker.start()
         declared = declared_size(self._viewer, layer)
         assumed = escape(ASSUMED_UNIT.format(unit_of(layer)))
         if declared is None:

@@ -1,8 +1,9 @@
 """Find the voxel sizes that TIFF files declare, which napari's own reader leaves out."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 from pathlib import Path
+from typing import TypeAlias
 
 import numpy as np
 from napari import Viewer
@@ -22,15 +23,36 @@ class DeclaredSize:
     unit: str
 
 
+File: TypeAlias = tuple[Path, int]  # with its time of change
+
+_sizes: dict[File, DeclaredSize | None] = {}  # in the files that were read
+
+
 def declared_size(viewer: Viewer, layer: Layer) -> DeclaredSize | None:
-    """Return the voxel size in an open TIFF file with the voxels of a layer, if the layer has no size itself."""
-    for each in _alike(viewer, layer):
-        path = str(each.source.path or "")
-        if path.lower().endswith(TIFF_ENDINGS) and Path(path).is_file():
-            found = _in_file(Path(path), Path(path).stat().st_mtime_ns)
-            if found is not None:
-                return found
-    return None
+    """Return the voxel size in an open TIFF file with the voxels of a layer, if the layer has no size itself.
+
+    The size is known after `read_sizes` of the `unread_files`.
+    """
+    found = (_sizes.get(file) for file in _files(viewer, layer))
+    return next((size for size in found if size is not None), None)
+
+
+def unread_files(viewer: Viewer, layer: Layer) -> tuple[File, ...]:
+    """Return the files that may have the voxel size of a layer, and were not read since they changed."""
+    return tuple(file for file in _files(viewer, layer) if file not in _sizes)
+
+
+def read_sizes(files: Sequence[File]) -> None:
+    """Read the voxel sizes in files, which takes about a second for 5,000 pages; called in a thread."""
+    for file in files:
+        _sizes[file] = _in_file(file[0])
+
+
+def _files(viewer: Viewer, layer: Layer) -> list[File]:
+    """Return the open TIFF files with the voxels of a layer, if the layer has no size itself."""
+    paths = [Path(str(each.source.path)) for each in _alike(viewer, layer) if each.source.path]
+    tiffs = [path for path in paths if path.name.lower().endswith(TIFF_ENDINGS) and path.is_file()]
+    return [(path, path.stat().st_mtime_ns) for path in tiffs]
 
 
 def use_declared_size(viewer: Viewer, layer: Layer, declared: DeclaredSize) -> None:
@@ -67,9 +89,8 @@ def _shape(layer: Layer) -> tuple[int, ...]:
     return tuple(finest(layer).shape[layer.ndim - 3 : layer.ndim])
 
 
-@lru_cache(maxsize=16)
-def _in_file(path: Path, _: int) -> DeclaredSize | None:
-    """Return the voxel size in a file, known by its path and time of change, if all are there."""
+def _in_file(path: Path) -> DeclaredSize | None:
+    """Return the voxel size in a file, if it declares all three lengths."""
     try:
         stack = open_tiff(path)
     except (VoxflatError, OSError):
