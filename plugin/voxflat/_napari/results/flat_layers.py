@@ -5,7 +5,7 @@ from __future__ import annotations
 import weakref
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol, TypeAlias
+from typing import Any, Protocol, TypeAlias
 
 import numpy as np
 from napari import Viewer
@@ -20,9 +20,6 @@ from voxflat.io.grid import in_unit
 from voxflat.maps.flat_map import FlatMap
 from voxflat.maps.raster import FlatImage, Raster
 from voxflat.pipeline.flat_series import FlatSeries
-
-if TYPE_CHECKING:
-    from voxflat._napari.map_viewer.flat_window import FlatWindow
 
 LayerData: TypeAlias = tuple[Any, dict[str, Any], str]  # as in napari: the data, the keywords and the type
 
@@ -55,6 +52,13 @@ _SIMILAR = 0.01  # relative difference between the pixel sizes of similar maps
 _ROUNDED = 3  # pixels by which an image may be larger than its map
 
 
+class Window(Protocol):
+    """The window of a movie, a `FlatWindow`."""
+
+    @property
+    def drawn(self) -> list[Layer]: ...
+
+
 @dataclass(frozen=True, eq=False)
 class MovieMaps:
     """The maps of all frames of a movie."""
@@ -62,7 +66,7 @@ class MovieMaps:
     series: FlatSeries
     time: TimeAxis
     drawn: list[Layer] = field(default_factory=list)  # points and shapes of its window, until it is opened again
-    windows: weakref.WeakSet[FlatWindow] = field(default_factory=weakref.WeakSet)  # that show it
+    windows: weakref.WeakSet[Window] = field(default_factory=weakref.WeakSet)  # that show it
 
     @property
     def drawings(self) -> list[Layer]:
