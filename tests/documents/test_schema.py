@@ -7,19 +7,21 @@ import numpy as np
 import pytest
 
 import voxflat
+from voxflat.io.descriptions import check_description
 
 jsonschema = pytest.importorskip("jsonschema")
 
 SCHEMA = json.loads((Path(__file__).parents[2] / "docs/reference/metadata.schema.json").read_text(encoding="utf-8"))
+NOT_KEPT = {"format", "distortion"}  # in the metadata of a map that is loaded
 HILL, BALL = voxflat.samples.hill(), voxflat.surface(voxflat.samples.ball(), label=3)
 LONG = np.pad(np.ones((24, 6, 6), dtype=np.uint8), 3)
 DEPTHS = np.add.outer(np.linspace(0, 2, 12) ** 2, np.linspace(0, 1, 9))
 
 
-def defects(content, kind, *, complete=True):
+def defects(content, kind, *, complete=True, of=SCHEMA["$defs"]):
     """Return what the schema refuses; with `complete`, also keys that it does not describe."""
     rule = {"$ref": f"#/$defs/{kind}", **({"unevaluatedProperties": False} if complete else {})}
-    validator = jsonschema.Draft202012Validator({"$schema": SCHEMA["$schema"], "$defs": SCHEMA["$defs"], **rule})
+    validator = jsonschema.Draft202012Validator({"$schema": SCHEMA["$schema"], "$defs": SCHEMA["$defs"] | of, **rule})
     return [f"{error.json_path}: {error.message[:200]}" for error in validator.iter_errors(content)]
 
 
@@ -65,6 +67,7 @@ MAPS = {
 def test_the_metadata_of_a_map_follow_the_schema(tmp_path, name):
     MAPS[name]().save(tmp_path / "map.npz", sidecar=True)
     assert defects(archived(tmp_path / "map.npz"), "map") == []
+    assert voxflat.load(tmp_path / "map.npz").metadata.keys() == archived(tmp_path / "map.npz").keys() - NOT_KEPT
     assert defects(json.loads((tmp_path / "map.npz.json").read_text()), "record") == []
 
 
@@ -88,6 +91,19 @@ def test_the_metadata_of_other_files_follow_the_schema(tmp_path, kind):
     content = read(tmp_path / "made.npz")
     assert defects(content, kind) == []
     jsonschema.validate(content, SCHEMA)
+
+
+PARTS = ("origin", "surface", "flattening", "pieces")
+RULES = {key: rule for part in PARTS for key, rule in SCHEMA["$defs"][part]["properties"].items()}
+ELSEWHERE = {"kind", "shape", "affine", "vertices", "space"}  # without which a map has no place
+
+
+@pytest.mark.parametrize("key", sorted(RULES.keys() - ELSEWHERE))
+def test_readers_check_every_key_of_the_schema(key):
+    for value in ("x", -1, 1.5, True, [], 3, ["x"]):
+        if defects(value, key, complete=False, of={key: RULES[key]}):
+            with pytest.raises(voxflat.InputError, match=f"its key '{key}' is "):
+                check_description({key: value})
 
 
 @pytest.mark.parametrize(

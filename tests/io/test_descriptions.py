@@ -8,7 +8,7 @@ import pytest
 from shapes import ball
 
 import voxflat
-from voxflat.io.descriptions import check_description, check_distortion
+from voxflat.io.descriptions import check_atlas, check_description, check_distortion
 
 HILL = voxflat.samples.hill()
 MADE = {
@@ -104,6 +104,22 @@ WRONG = {  # values that were read without a word, or that ended in an error of 
     "threshold": ("x", True),
     "label": ("x", 1.5, ["x"]),
     "sheet": ("x", 0),
+    "input_sha256": ("x", None),
+    "axes": ("RAS", None),
+    "scale": ("x", None),
+    "link_lengths": ("x", 3),
+    "radius": (-1, 0, "x"),
+    "seed_point": (-1, [1, 2], [1, 2, -3], "x"),
+    "polygon": ("x", [-1], [[1, 2]]),
+    "touching_labels": ("x", [1.5]),
+    "handles_cut": ("x", ["x"], [["x"]]),
+    "components": (-1, None, True),
+    "max_area": (0.5, "x"),
+    "bound": (0.5, -1, "x", None),
+    "limit": (3, {"max_angle": "x"}),
+    "neighbourhood": (-1, "x"),
+    "topology": ("x", {"handles": 1.5}),
+    "keep": ("x", 1),
 }
 WRONG_SPACE = {"name": ("x", None, ["tkRAS"]), "volume": ("x", 3), "doubt": (None, 3)}
 WRONG_MEASURES = {
@@ -120,11 +136,25 @@ WRONG_MEASURES = {
 }
 
 
+WRONG_ATLAS = {
+    "certificate": {"angle": (-1, 91, "x", None), "c": (0.5, -1, "x", True), "k": (0, "x")},
+    "seams": {"length": (-1, "x"), "overlap": (-0.1, None)},
+}
+WRONG_BOUNDS = {"bound": (0.9, "x"), "certified_before": (-1, None), "measured_before": (0, []), "seams": ("x", None)}
+
+
 @pytest.mark.parametrize(
     ("check", "told", "key", "value"),
     [(check_description, {key: value}, key, value) for key in WRONG for value in WRONG[key]]
     + [(check_description, {"space": {key: one}}, key, one) for key in WRONG_SPACE for one in WRONG_SPACE[key]]
-    + [(check_distortion, {"raw": {key: one}}, key, one) for key in WRONG_MEASURES for one in WRONG_MEASURES[key]],
+    + [(check_distortion, {"raw": {key: one}}, key, one) for key in WRONG_MEASURES for one in WRONG_MEASURES[key]]
+    + [
+        (check_atlas, {of: {key: one}}, key, one)
+        for of, kinds in WRONG_ATLAS.items()
+        for key in kinds
+        for one in kinds[key]
+    ]
+    + [(check_atlas, {key: one}, key, one) for key in WRONG_BOUNDS for one in WRONG_BOUNDS[key]],
 )
 def test_a_wrong_value_is_refused_by_its_key(check, told, key, value):
     with pytest.raises(voxflat.InputError) as raised:
@@ -145,3 +175,28 @@ def test_a_file_with_a_wrong_value_is_named(tmp_path):
         np.savez(tmp_path / "made.npz", **{**arrays, name: json.dumps(description)})
         with pytest.raises(voxflat.InputError, match=r"made\.npz: its key 'seed' is 'x' instead of a whole number"):
             load(tmp_path / "made.npz")
+
+
+@pytest.mark.parametrize(
+    ("key", "values"),
+    {
+        "geodesic": ("x", None, 3, []),
+        "link_lengths": ("x", 3),
+        "points": (-441, 0, 4.5, "441", True, None),
+        "sources": (-5, 0, [], 10**30),
+        "fingerprint": ("x", 3, "", None),
+        "ids_sha256": ("x", 3, None, "0" * 63),
+    }.items(),
+)
+def test_a_store_with_a_wrong_value_is_named(tmp_path, key, values):
+    HILL.geodesic(5, store=tmp_path / "rows")
+    path = tmp_path / "rows" / "store.json"
+    described = json.loads(path.read_text())
+    for value in values:
+        path.write_text(json.dumps({**described, key: value}))
+        with pytest.raises(
+            voxflat.InputError, match=rf"store\.json.*({key}|sources and 441 points).*another directory"
+        ):
+            voxflat.open_rows(tmp_path / "rows")
+    path.write_text(json.dumps({**described, "author": "another program"}))
+    assert voxflat.open_rows(tmp_path / "rows").shape == (5, 441)

@@ -12,12 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from voxflat import display
-from voxflat.arguments import checked_choice, checked_number, checked_path, is_number, shown
+from voxflat.arguments import checked_choice, checked_number, checked_path, shown
 from voxflat.atlases.layout import PACKINGS, lay_out, usual_gap
 from voxflat.atlases.page import FlatPage
 from voxflat.atlases.pieces import FlatPieces, Piece
 from voxflat.errors import InputError
 from voxflat.io import files
+from voxflat.io.descriptions import check_atlas
 from voxflat.io.grid import FARTHEST, in_unit
 from voxflat.io.notebook import page
 from voxflat.io.origin import origin_of
@@ -388,14 +389,13 @@ class Atlas(FlatPieces, Saved, Sequence[PieceT_co], ABC):
             arrays = read_arrays(path, cls._arrays)
             record_file(path)
             with files.naming(path, files.AGAIN):
+                check_atlas(text)
                 arrays = _checked(arrays, text["metadata"])
             return cls._of_file(text, arrays)
 
 
 def figures_of(measures: Mapping[str, Any]) -> dict[str, Any]:
-    """Return numbers stored in a file as floats; raise ValueError if one is not a number."""
-    if not all(is_number(value) for value in measures.values()):
-        raise ValueError(f"{dict(measures)} are not numbers")
+    """Return numbers of a file as floats, after `check_atlas`."""
     return {name: float(value) for name, value in measures.items()}
 
 

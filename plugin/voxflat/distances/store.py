@@ -18,7 +18,8 @@ from voxflat import _core
 from voxflat.arguments import Progress, amount, checked_path, log
 from voxflat.distances.table import FINISH, Table
 from voxflat.errors import InputError
-from voxflat.io.files import atomic_path, check_format, check_regular_within, from_json, naming_file, save_array
+from voxflat.io.descriptions import check_store
+from voxflat.io.files import atomic_path, check_format, check_regular_within, from_json, naming, naming_file, save_array
 from voxflat.io.provenance import Record, as_text
 from voxflat.io.temporary import temporary_beside
 
@@ -107,6 +108,8 @@ def read_description(path: Path) -> dict[str, Any]:
     except (ValueError, KeyError, TypeError) as error:
         raise InputError(f"{file} is damaged ({error}). {OTHER}") from error
     check_format(file, named, FORMAT, OTHER)
+    with naming(file, OTHER):
+        check_store(described, OTHER)
     return dict(described)
 
 
