@@ -57,9 +57,9 @@ class Findings(TaskDock):
         else:
             self._worker.quit()
 
-    def _show_work(self, what: str | None) -> None:
-        self.start.setText(self._action if what is None else "Cancel")
-        if what is not None:
+    def _show_work(self, stage: str | None) -> None:
+        self.start.setText(self._action if stage is None else "Cancel")
+        if stage is not None:
             self.table.setPlainText("")
 
 
@@ -147,8 +147,8 @@ class MeasureMap(Findings):
         else:
             self._show_message("There is no flat map. Flatten a surface, open a flat map, or select a flat patch.")
 
-    def _show(self, found: Distortion) -> None:
-        self._show_message(found.table())
+    def _show(self, distortion: Distortion) -> None:
+        self._show_message(distortion.table())
 
     def _release(self) -> None:
         super()._release()

@@ -35,7 +35,7 @@ class Tab(QObject):
     def __init__(self, widget: QWidget) -> None:
         super().__init__(widget)
         self._widget = widget
-        windows = [one for one in QApplication.topLevelWidgets() if isinstance(one, QMainWindow)]
+        windows = [window for window in QApplication.topLevelWidgets() if isinstance(window, QMainWindow)]
         self._sizes = {id(window): window.size() for window in windows}
         self._soon = single_shot(self, 0, self._join)  # after napari has placed the dock
         self._dock: QDockWidget | None = None
@@ -152,21 +152,21 @@ class TaskDock(Dock):
             self._has_failed = False
             self._show_message("")
 
-    def _work(self, work: Callable[[Progress], Any], what: str, returned: Callable[[Any], None]) -> None:
+    def _work(self, work: Callable[[Progress], Any], stage: str, returned: Callable[[Any], None]) -> None:
         """Run a task in another thread, unless one is running."""
         if self._worker is not None:
             return
-        worker = JobWorker(work, what)
+        worker = JobWorker(work, stage)
         worker.returned.connect(returned)
         worker.errored.connect(self._on_errored)
         worker.finished.connect(self._on_finished)
         self.destroyed.connect(worker.quit)  # when the window is closed
         self._worker = worker
         self._has_failed = False
-        self._show_work(what)
+        self._show_work(stage)
         worker.start()
 
-    def _show_work(self, what: str | None) -> None:
+    def _show_work(self, stage: str | None) -> None:
         """Show the name of the running task, or nothing if it is None."""
 
     def _show_message(self, message: str) -> None:

@@ -19,10 +19,10 @@ def keep_canvas_current(viewer: Viewer) -> None:
     canvas = getattr(getattr(qt_viewer, "canvas", None), "native", None)
     if not hasattr(canvas, "makeCurrent"):
         return
-    kept = weakref.ref(canvas)
+    reference = weakref.ref(canvas)
 
     def make_current(_: Any) -> None:
-        canvas = kept()
+        canvas = reference()
         with suppress(RuntimeError):  # Qt may have deleted the canvas when the window was closed
             if canvas is not None and canvas.isValid():  # the canvas is valid once it has been shown
                 canvas.makeCurrent()

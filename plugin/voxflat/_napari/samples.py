@@ -162,8 +162,8 @@ def _add_when_read(viewer: Viewer) -> None:
         if steps:
             QTimer.singleShot(PAUSE, proceed)
 
-    def show_seed(shown: Viewer) -> None:
-        for layer in shown.layers:
+    def show_seed(viewer: Viewer) -> None:
+        for layer in viewer.layers:
             if layer.source.sample == _SAMPLE and layer not in earlier:
                 layer.visible = True
 

@@ -50,12 +50,12 @@ class Stack:
 
     def affine(self, affine: NDArray[np.float64], unit: str) -> NDArray[np.float64]:
         """Return an affine to RAS+ as an affine to the world of the layer, in the unit of the layer."""
-        of = scaled(affine, unit, self.place.unit)
-        corners = from_ras(np.vstack([of[:3, 3], of[:3, :3].T + of[:3, 3]]), self.world)
-        found = np.eye(4)
-        found[:3, 3] = corners[0]
-        found[:3, :3] = (corners[1:] - corners[0]).T
-        return found
+        in_place = scaled(affine, unit, self.place.unit)
+        corners = from_ras(np.vstack([in_place[:3, 3], in_place[:3, :3].T + in_place[:3, 3]]), self.world)
+        matrix = np.eye(4)
+        matrix[:3, 3] = corners[0]
+        matrix[:3, :3] = (corners[1:] - corners[0]).T
+        return matrix
 
 
 def stack_of(
@@ -68,8 +68,8 @@ def stack_of(
         world = world_of(viewer, layer)
         with suppress(InputError):  # the layer has no place in space
             place = LayerPlace.of(layer, world, layer.ndim - 3)
-            own = finest(layer).shape[layer.ndim - 3 : layer.ndim]
-            if world != "RAS" and _is_same(own, place.affine, shape[:3], scaled(affine, unit, place.unit)):
+            size = finest(layer).shape[layer.ndim - 3 : layer.ndim]
+            if world != "RAS" and _is_same(size, place.affine, shape[:3], scaled(affine, unit, place.unit)):
                 return Stack(layer, place)
     return None
 
@@ -78,19 +78,19 @@ def viewer_order(affine: NDArray[np.float64]) -> list[int]:
     """Return the voxel axes that are closest to the three axes of the viewer."""
     along = np.abs(affine[:3, :3]) / np.linalg.norm(affine[:3, :3], axis=0)
     order = [-1, -1, -1]
-    for row, column in sorted(np.ndindex(3, 3), key=lambda at: -along[at]):
+    for row, column in sorted(np.ndindex(3, 3), key=lambda cell: -along[cell]):
         if order[row] < 0 and column not in order:
             order[row] = column
     return order
 
 
 def _is_same(
-    own: tuple[int, ...], to_ras: NDArray[np.float64], shape: tuple[int, ...], affine: NDArray[np.float64]
+    size: tuple[int, ...], to_ras: NDArray[np.float64], shape: tuple[int, ...], affine: NDArray[np.float64]
 ) -> bool:
     """Return whether two grids have the same voxels, possibly along other axes."""
     step = np.linalg.inv(to_ras) @ affine
     last = np.array(shape) - 1
     ends = np.sort(step[:3] @ np.array([[0, 0, 0, 1], [*last, 1]]).T, axis=1)
     off_axis = (step[:3, :3] - np.round(step[:3, :3])) * np.maximum(last, 1)
-    is_corner = np.allclose(ends, np.column_stack([np.zeros(3), np.array(own) - 1]), rtol=0, atol=_NEAR)
+    is_corner = np.allclose(ends, np.column_stack([np.zeros(3), np.array(size) - 1]), rtol=0, atol=_NEAR)
     return is_corner and np.allclose(off_axis, 0, rtol=0, atol=_NEAR)

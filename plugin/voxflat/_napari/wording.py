@@ -106,23 +106,23 @@ def sentence(message: str) -> str:
     return f"{message[:1].upper()}{message[1:]}{'' if message.endswith('.') else '.'}"
 
 
-def _field(name: str, value: str | None, found: str) -> str:
+def _field(name: str, value: str | None, original: str) -> str:
     if name not in _FIELDS or (value is None and "_" not in name):
-        return found
+        return original
     if value is None:
         return _FIELDS[name]
     return f"{_FIELDS[name]} {_entry(name, value)}".rstrip()
 
 
-def _plain(found: re.Match[str]) -> str:
+def _plain(match: re.Match[str]) -> str:
     """Return an argument that the window does not have, such as packing='shapes', as words."""
-    name = (found["name"] or found[0]).replace("_", " ")
-    return f"{name} {found['value']}".rstrip() if found["name"] else name
+    name = (match["name"] or match[0]).replace("_", " ")
+    return f"{name} {match['value']}".rstrip() if match["name"] else name
 
 
-def _setting(found: re.Match[str]) -> str:
-    verb = "Set" if found["verb"][0].isupper() else "set"
-    return f"{verb} {_FIELDS[found['name']]} to {_entry(found['name'], found['value'])}"
+def _setting(match: re.Match[str]) -> str:
+    verb = "Set" if match["verb"][0].isupper() else "set"
+    return f"{verb} {_FIELDS[match['name']]} to {_entry(match['name'], match['value'])}"
 
 
 def _entry(name: str, value: str) -> str:
@@ -140,6 +140,6 @@ def _remedy(sentence: str) -> str:
     left = [part if _VERB.match(part) else f"{verb.lower()} {part}" for part in parts if not _PYTHON.search(part)]
     if not left:
         return ""
-    *some, last = left
-    text = f"{', '.join(some)}{',' if len(some) > 1 else ''} or {last}" if some else last
+    *others, last = left
+    text = f"{', '.join(others)}{',' if len(others) > 1 else ''} or {last}" if others else last
     return f"{text[:1].upper()}{text[1:]}{'.' if sentence.endswith('.') else ''}"

@@ -99,8 +99,8 @@ class CorticalDepth(TaskDock):
                 "There is no map with an inner and an outer border. Flatten a rim, or a white surface with its pial "
                 "surface, then press Flat volume"
             )
-        shown, layers = self.form.volume(), self.form.layers()
-        self._work(partial(tasks.flat_volume, flat_map, shown, layers), "Flat volume", self._on_flattened)
+        volume, layers = self.form.volume(), self.form.layers()
+        self._work(partial(tasks.flat_volume, flat_map, volume, layers), "Flat volume", self._on_flattened)
 
     def _on_flattened(self, layer: LayerData) -> None:
         self.flat_window.show(layer)
@@ -110,8 +110,8 @@ class CorticalDepth(TaskDock):
         self._show_message(f"The window shows '{name}'. Its slider is the depth: {steps}.")
 
     def _on_measure(self) -> None:
-        shown, region = self.form.volume(), self.form.region()
-        task = partial(tasks.profile, self.form.rim(), shown, region, self.form.layers())
+        volume, region = self.form.volume(), self.form.region()
+        task = partial(tasks.profile, self.form.rim(), volume, region, self.form.layers())
         self._work(task, "Plotting the profile", self._on_measured)
 
     def _on_measured(self, result: tuple[Profile, Any]) -> None:
@@ -127,20 +127,20 @@ class CorticalDepth(TaskDock):
         self.plot = plot
         self._column.insertWidget(self._column.indexOf(self.save), plot, 100)
         self.save.show()
-        what = "The line is the mean, and the band is the standard deviation between voxels"
-        self._show_message(f"{what}, in {self.profile.mean.shape[-1]} layers.")
+        legend = "The line is the mean, and the band is the standard deviation between voxels"
+        self._show_message(f"{legend}, in {self.profile.mean.shape[-1]} layers.")
 
     def _on_stop(self) -> None:
         if self._worker is not None:
             self._worker.quit()
             self._show_message("Cancelling…")
 
-    def _show_work(self, what: str | None) -> None:
+    def _show_work(self, stage: str | None) -> None:
         for button in self._actions:
-            button.setEnabled(what is None)
-        self.stop.setEnabled(what is not None)
-        if what is not None:
-            self._show_message(f"{what}…")
+            button.setEnabled(stage is None)
+        self.stop.setEnabled(stage is not None)
+        if stage is not None:
+            self._show_message(f"{stage}…")
 
     def _show_message(self, message: str) -> None:
         self.status.setText(message)

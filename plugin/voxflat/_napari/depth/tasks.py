@@ -31,8 +31,8 @@ def _counted(
 
 def divide_into_layers(rim: tuple[LayerVolume, str], layers: dict[str, Any], progress: Progress) -> NDArray[np.integer]:
     """Return the layer of each voxel."""
-    found = rim_of(*rim, progress)
-    return np.asarray(found.layers(**_counted(layers, found.values.thickness, rim[0])).data)
+    whole = rim_of(*rim, progress)
+    return np.asarray(whole.layers(**_counted(layers, whole.values.thickness, rim[0])).data)
 
 
 def divide_into_columns(rim: tuple[LayerVolume, str], area: float, progress: Progress) -> NDArray[np.integer]:
@@ -47,8 +47,8 @@ def flat_volume(flat_map: FlatMap, shown: Sampled, layers: dict[str, Any], progr
     thickness = np.linalg.norm(flat_map.pial_points - flat_map.white_points, axis=1)
     layers = _counted(layers, thickness, shown.volume, unit_of_map(flat_map))
     count = layers["count"]
-    how = {"interpolation": "nearest" if shown.kind == "labels" else "linear", "layering": layers["layering"]}
-    stack = flat_map.images(shown.volume.lazily(), depths=count, **how)
+    look = {"interpolation": "nearest" if shown.kind == "labels" else "linear", "layering": layers["layering"]}
+    stack = flat_map.images(shown.volume.lazily(), depths=count, **look)
     images = []
     for k in range(count):
         if progress("sampling the volume", k, count) is False:
@@ -79,11 +79,11 @@ def profile(
     from matplotlib.figure import Figure
 
     regions = None if region is None else region.read()
-    of = rim_of(*rim, progress)
-    layers = _counted(layers, of.values.thickness, rim[0])
-    found = of.profile(shown.volume.lazily(), regions=regions, **layers)
+    whole = rim_of(*rim, progress)
+    layers = _counted(layers, whole.values.thickness, rim[0])
+    means = whole.profile(shown.volume.lazily(), regions=regions, **layers)
     figure = Figure(layout="constrained")
     if region is not None:
-        found = replace(found, names=tuple(f"region {name}" for name in found.names))
-    found.plot(label=shown.name, ax=figure.subplots())
-    return found, figure
+        means = replace(means, names=tuple(f"region {name}" for name in means.names))
+    means.plot(label=shown.name, ax=figure.subplots())
+    return means, figure

@@ -32,30 +32,30 @@ def make_surface(
     source: LayerVolume | LayerMesh, foreground: dict[str, Any], progress: Progress
 ) -> tuple[Surface, NDArray[np.float64]]:
     """Return the surface on which cuts are drawn, and its mean curvature in 1/mm."""
-    made = surface_of(source, progress, **foreground)
-    return made, made.mean_curvature(progress=progress)
+    whole = surface_of(source, progress, **foreground)
+    return whole, whole.mean_curvature(progress=progress)
 
 
 def find_cuts(whole: Surface, by: str, progress: Progress) -> Found:
     """Return "standard" or "automatic" cuts, or the cuts in a file."""
-    found = whole.cut(by, progress=progress)
-    sphere = None if found.sphere is None else found.sphere.name
-    return Found([one.ids for one in found.cuts], [one.name for one in found.cuts], found.left_out, sphere)
+    cut = whole.cut(by, progress=progress)
+    sphere = None if cut.sphere is None else cut.sphere.name
+    return Found([line.ids for line in cut.cuts], [line.name for line in cut.cuts], cut.left_out, sphere)
 
 
 def cuts_of_map(whole: Surface, flat_map: FlatMap) -> Found:
     """Return the cuts of a map, and the vertices of the surface that the map excludes."""
-    shown = flat_map.ids[np.unique(flat_map.faces)]
+    covered = flat_map.ids[np.unique(flat_map.faces)]
     sphere = OWN_REGISTRATION if flat_map.frame == "standard" and sphere_beside(whole) is None else None
     paths, names = [cut.ids for cut in flat_map.cuts], [cut.name for cut in flat_map.cuts]
-    return Found(paths, names, whole.ids[~in_rows(whole.ids, shown)], sphere)
+    return Found(paths, names, whole.ids[~in_rows(whole.ids, covered)], sphere)
 
 
 def save_template(whole: Surface, paths: Paths, left_out: NDArray[np.int64], file: Path, progress: Progress) -> Path:
     """Save cuts as a template for all brains, located by the sphere or by the folds of the surface."""
     sphere = sphere_beside(whole) or whole.register(progress=progress)
-    found = _without(whole, left_out).cut(paths, sphere=sphere, relax=False, progress=progress)
-    found.save_template(file, overwrite=True)
+    cut = _without(whole, left_out).cut(paths, sphere=sphere, relax=False, progress=progress)
+    cut.save_template(file, overwrite=True)
     return file
 
 

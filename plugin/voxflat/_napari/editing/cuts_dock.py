@@ -126,8 +126,8 @@ class DrawCuts(TaskDock):
         self._layer, self._foreground = layer, foreground
         self._work(partial(make_surface, source, foreground), "extracting the surface", self._on_made)
 
-    def _on_made(self, made: tuple[Any, Any]) -> None:
-        surface, curvature = made
+    def _on_made(self, prepared: tuple[Any, Any]) -> None:
+        surface, curvature = prepared
         if self._layer is None or self._layer not in self._viewer.layers:
             self.status.setText("The layer was removed. Choose another layer, then press Begin.")
             return
@@ -217,8 +217,8 @@ class DrawCuts(TaskDock):
         if self.drawing is not None and (flat_map := self._map()) is not None:
             self._on_found(cuts_of_map(self.drawing.surface, flat_map))
 
-    def _on_found(self, found: Found) -> None:
-        self._do(lambda drawing: drawing.set_cuts(*found))
+    def _on_found(self, cuts: Found) -> None:
+        self._do(lambda drawing: drawing.set_cuts(*cuts))
 
     def _on_evaluate(self) -> None:
         if self.drawing is not None and (paths := self.drawing.paths()):
@@ -226,12 +226,12 @@ class DrawCuts(TaskDock):
             self._evaluated = self.drawing.cuts
             self._work(work, "evaluating the cuts", self._on_evaluated)
 
-    def _on_evaluated(self, found: tuple[float, list[float]]) -> None:
+    def _on_evaluated(self, evaluation: tuple[float, list[float]]) -> None:
         """Show the gain of each cut, unless the cuts have changed."""
         if self.drawing is None or self.drawing.cuts != self._evaluated:
             self.status.setText("The cuts have changed during the evaluation. Evaluate them again.")
             return
-        error, gains = found
+        error, gains = evaluation
         rows = [row for row, cut in enumerate(self._evaluated) if cut.is_complete]
         for row, gain in zip(rows, gains, strict=True):
             text = f"{100 * gain:+.1f} %".replace("-", "−") if np.isfinite(gain) else "unknown"
@@ -284,9 +284,9 @@ class DrawCuts(TaskDock):
         self._on_use()
         ViewerState.of(self._viewer).flatten_requested.emit(self._layer, self._foreground)
 
-    def _show_work(self, what: str | None) -> None:
-        if what is not None:
-            self.status.setText(f"{what[:1].upper()}{what[1:]}…")
+    def _show_work(self, stage: str | None) -> None:
+        if stage is not None:
+            self.status.setText(f"{stage[:1].upper()}{stage[1:]}…")
         self._enable()
 
     def _show_message(self, message: str) -> None:
@@ -327,8 +327,8 @@ class DrawCuts(TaskDock):
             button.setEnabled(idle and has_cuts)
         self.from_map.setEnabled(idle and is_mapped)
         self.again.setEnabled(idle and is_mapped and has_cuts)
-        for button, known in ((self.end_cut, "is_open"), (self.undo, "can_undo"), (self.redo, "can_redo")):
-            button.setEnabled(idle and getattr(drawing, known))
+        for button, state in ((self.end_cut, "is_open"), (self.undo, "can_undo"), (self.redo, "can_redo")):
+            button.setEnabled(idle and getattr(drawing, state))
 
     # -------------------------------------------------------------------------------------------- ending
 

@@ -53,10 +53,10 @@ class Drawing(History[_State]):
     def on(cls, layer: Layer, surface: Surface) -> "Drawing":
         """Return the drawing on this surface of a layer, which exists as long as the layer does."""
         drawings = cls._of.setdefault(layer, [])
-        drawings[:] = [one for one in drawings if one.can_undo or one.can_redo]
+        drawings[:] = [entry for entry in drawings if entry.can_undo or entry.can_redo]
         for drawing in drawings:
             if all(
-                np.array_equal(getattr(drawing.surface, of), getattr(surface, of)) for of in ("points", "faces", "ids")
+                np.array_equal(getattr(drawing.surface, k), getattr(surface, k)) for k in ("points", "faces", "ids")
             ):
                 return drawing
         drawings.append(cls(surface))
@@ -98,8 +98,8 @@ class Drawing(History[_State]):
         """Remove the cut with this index in `cuts`."""
         now = self.now
         is_last = number == len(now.cuts) - 1
-        kept = (*now.cuts[:number], *now.cuts[number + 1 :])
-        self.do(replace(now, cuts=kept, is_open=now.is_open and not is_last))
+        cuts = (*now.cuts[:number], *now.cuts[number + 1 :])
+        self.do(replace(now, cuts=cuts, is_open=now.is_open and not is_last))
 
     def set_cuts(
         self,
@@ -153,8 +153,8 @@ class Drawing(History[_State]):
     def sphere(self) -> str | None:
         """The registered sphere of the surface, if known: a file, or `OWN_REGISTRATION`."""
         beside = sphere_beside(self.surface)
-        found = self.now.sphere
-        return found if found is not None or beside is None else str(beside)
+        sphere = self.now.sphere
+        return sphere if sphere is not None or beside is None else str(beside)
 
     @cached_property
     def points(self) -> NDArray[np.float64]:
@@ -168,8 +168,8 @@ class Drawing(History[_State]):
 
 def _distinct(names: Sequence[str | None]) -> list[str]:
     """Return names of cuts, with numbers for cuts that have no name, or the name of an earlier cut."""
-    found: list[str] = []
+    distinct: list[str] = []
     for number, name in enumerate(names, 1):
-        wanted = chain([name] if name else [], (f"{name or 'cut'} {n}" for n in count(2 if name else number)))
-        found.append(next(one for one in wanted if one not in found and (one == name or one not in names)))
-    return found
+        titles = chain([name] if name else [], (f"{name or 'cut'} {n}" for n in count(2 if name else number)))
+        distinct.append(next(t for t in titles if t not in distinct and (t == name or t not in names)))
+    return distinct

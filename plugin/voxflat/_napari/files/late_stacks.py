@@ -47,10 +47,10 @@ def _on_placed() -> None:
     if viewer is None:
         return
     for run in set(ViewerState.of(viewer).runs) - set(_told):
-        of, name = run.flat_map.origin, run.title
-        if not of.is_voxels or session_of(run.flat_map).world_axes != "RAS":
+        origin, name = run.flat_map.origin, run.title
+        if not origin.is_voxels or session_of(run.flat_map).world_axes != "RAS":
             continue
-        stack = stack_of(viewer, of.voxels.shape, of.voxels.affine, of.unit)
+        stack = stack_of(viewer, origin.voxels.shape, origin.voxels.affine, origin.unit)
         if stack is not None:
             _told.add(run)
             show_warning(

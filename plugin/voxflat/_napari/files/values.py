@@ -88,12 +88,12 @@ def _display(path: Path, values: NDArray[Any]) -> dict[str, Any]:
 
 def _of_labels(values: NDArray[Any], names: dict[int, str], colours: dict[int, Any]) -> dict[str, Any]:
     """Return the display of labels, with the colours of their colour table."""
-    found, which = np.unique(values, return_inverse=True)
-    made = label_colours(np.maximum(found, 0)[:, None].astype(np.float64) + 1)[:, 0, :3] / 255
+    keys, which = np.unique(values, return_inverse=True)
+    defaults = label_colours(np.maximum(keys, 0)[:, None].astype(np.float64) + 1)[:, 0, :3] / 255
     rows = [
-        np.divide(colours[int(label)], 255) if int(label) in colours else (own if label > 0 else _UNLABELLED)
-        for label, own in zip(found, made, strict=True)
+        np.divide(colours[int(label)], 255) if int(label) in colours else (default if label > 0 else _UNLABELLED)
+        for label, default in zip(keys, defaults, strict=True)
     ]
-    named = np.array([names.get(int(label), "") for label in found], dtype=object)
+    named = np.array([names.get(int(label), "") for label in keys], dtype=object)
     look = {"vertex_colors": np.array(rows)[which.reshape(-1)], "contrast_limits": limits(values)}
     return {**look, "features": {"name": named[which.reshape(-1)]}, "metadata": {"labels": names}}

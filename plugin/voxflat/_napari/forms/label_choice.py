@@ -101,8 +101,8 @@ class LabelChoice(QComboBox):
     def _rescan(self) -> None:
         self._timer.start()
 
-    def _on_scanned(self, found: tuple[Any, dict[int, int] | None]) -> None:
-        data, labels = found
+    def _on_scanned(self, scan: tuple[Any, dict[int, int] | None]) -> None:
+        data, labels = scan
         if self._layer is not None and data is finest(self._layer):  # the layer may have changed in the meantime
             self._offer(labels)
 
@@ -133,9 +133,9 @@ class LabelChoice(QComboBox):
             self.addItem(f"{label}   ({count:,} voxels)", label)
         show_all(self)
         usual = rims[0] if rims and _RIM.search(self._layer.name) else selected
-        found = [one for one in (before, usual, selected, *labels) if one in rims or one in labels]
-        if found:
-            self.choose(found[0])
+        choices = [label for label in (before, usual, selected, *labels) if label in rims or label in labels]
+        if choices:
+            self.choose(choices[0])
         if self._restored is not None:
             restored, self._restored = self._restored, None
-            self.settled.emit("" if restored in found else self._missing(restored))
+            self.settled.emit("" if restored in choices else self._missing(restored))

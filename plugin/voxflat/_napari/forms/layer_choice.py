@@ -88,12 +88,12 @@ class LayerChoice(QComboBox):
         awaited = next((layer for layer in offered if layer.name == self._awaited), None)
         if awaited is not None:
             before, self._by_user, self._awaited = awaited, True, None
-        wanted = before if self._by_user else self._best(offered)
+        choice = before if self._by_user else self._best(offered)
         with signals_blocked(self):
             self.clear()
             self._layers = offered if self._none is None else [None, *offered]
             self.addItems([self._none or "" if layer is None else layer.name for layer in self._layers])
-            self.setCurrentIndex(self._layers.index(wanted) if wanted in self._layers else -1)
+            self.setCurrentIndex(self._layers.index(choice) if choice in self._layers else -1)
         self._tell()
         if awaited is not None:
             self.settled.emit("")

@@ -35,8 +35,8 @@ class PatchesForm(LayerForm):
         self._values: dict[str, Any] = {"max_angle": self.max_angle, "bound": self.bound, "count": self.count}
         limits = (("Limit patches", self.limit), ("Angle", self.max_angle), ("Bound C", self.bound))
         making = (*limits, ("Number", self.count), ("Glue within C", self.glue))
-        shown = (("Show on page", self.sampled), ("at depth", self.sample_depth), ("Pixel size", self.pixel_size))
-        self._add_rows(("World axes", self.world), *making, *shown)
+        display = (("Show on page", self.sampled), ("at depth", self.sample_depth), ("Pixel size", self.pixel_size))
+        self._add_rows(("World axes", self.world), *making, *display)
         self.limit.currentIndexChanged.connect(self._on_limit)
         self._on_surface()
         self._on_limit()
@@ -54,5 +54,5 @@ class PatchesForm(LayerForm):
         shown = self._shown(self._chosen(), self.world.currentData())
         limit = {name: self._values[name].value()}
         self._waiting = None  # the user has chosen other settings
-        how: dict[str, Any] = {"glue": glue, "pixel_size": pixel_size, "form": self.record()}
-        return PatchesJob(surface, limit, shown=shown, **how, **foreground)
+        settings: dict[str, Any] = {"glue": glue, "pixel_size": pixel_size, "form": self.record()}
+        return PatchesJob(surface, limit, shown=shown, **settings, **foreground)

@@ -85,9 +85,9 @@ class SeedChoice(QWidget):
         """Mark a recorded voxel or vertex of the surface, unless it is marked already."""
         if seed is None or seed == self.record() or self._surface is None:
             return ""
-        surface, wanted = self._surface, np.atleast_1d(seed)
+        surface, place = self._surface, np.atleast_1d(seed)
         size = [len(surface.vertices)] if isinstance(surface, Surface) else list(finest(surface).shape)
-        if len(wanted) != len(size) or not np.all((wanted >= 0) & (wanted < size)):
+        if len(place) != len(size) or not np.all((place >= 0) & (place < size)):
             return f"{seed} is outside '{surface.name}'"
         self.set_point(seed if isinstance(seed, int) else (seed[0], seed[1], seed[2]))
         return ""
@@ -101,8 +101,9 @@ class SeedChoice(QWidget):
         self._unfollow()
         self._points = self._layers.layer
         if self._points is not None:
-            own = self._points.events
-            self._events = (own.data, own.highlight, own.affine, own.units)  # `highlight`: other points are selected
+            events = self._points.events
+            # `highlight`: other points are selected
+            self._events = (events.data, events.highlight, events.affine, events.units)
             for event in self._events:
                 event.connect(self._on_changed)
         self._on_changed()
@@ -113,8 +114,8 @@ class SeedChoice(QWidget):
         self._events = ()
 
     def _on_changed(self) -> None:
-        known = self._points is not None and self._surface is not None and self._surface.ndim == 3
-        self._text.setText(describe(self._points, self._surface) if known else "")
+        is_usable = self._points is not None and self._surface is not None and self._surface.ndim == 3
+        self._text.setText(describe(self._points, self._surface) if is_usable else "")
 
     def _on_pick(self, active: bool) -> None:
         callbacks = self._viewer.mouse_drag_callbacks

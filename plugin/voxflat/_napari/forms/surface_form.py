@@ -49,9 +49,9 @@ class SurfaceForm(LayerForm):
         self._make_fields(viewer)
         disk = (("Seed point", self.seed), ("Radius", self.radius))
         part = (("Part", self.patch), *disk, ("Polygon", self.polygon), ("Mask", self.masked_by))
-        shown = (("Show on map", self.sampled), ("at depth", self.sample_depth))
-        how = (("Method", self.method), ("Continue", self.continues), ("World axes", self.world))
-        self._add_rows(("Frames", self.frames), ("Pial surface", self.pial), *part, *shown, *how)
+        display = (("Show on map", self.sampled), ("at depth", self.sample_depth))
+        making = (("Method", self.method), ("Continue", self.continues), ("World axes", self.world))
+        self._add_rows(("Frames", self.frames), ("Pial surface", self.pial), *part, *display, *making)
         advanced = QCollapsible("Advanced", expandedIcon="▾", collapsedIcon="▸")
         advanced.addWidget(self.options)
         self._rows.addRow(advanced)
@@ -191,16 +191,16 @@ class SurfaceForm(LayerForm):
         self.continues.setChecked(True)
 
     def record(self) -> dict[str, Any]:
-        found, layer = super().record(), self.surface.layer
+        record, layer = super().record(), self.surface.layer
         if self.patch.currentData() != "disk":
-            found["seed"] = None
+            record["seed"] = None
         if self.continues.isChecked():
-            found["start"] = _checksum(self._map_to_go_on_from())
+            record["start"] = _checksum(self._map_to_go_on_from())
         if _is_movie(layer):
-            found["frame"] = nearest_step(layer, self._viewer)[0]
+            record["frame"] = nearest_step(layer, self._viewer)[0]
         if (drawn := self._state.cuts_of(layer)) is not None:
-            found["drawn"] = drawn.record()
-        return found
+            record["drawn"] = drawn.record()
+        return record
 
     def _apply(self, record: Mapping[str, Any]) -> None:
         layer = self.surface.layer

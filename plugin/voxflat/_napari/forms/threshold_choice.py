@@ -89,19 +89,19 @@ class ThresholdChoice(QWidget):
         low, high = self._limits
         self.box.setValue(low + (high - low) * step / _STEPS)
 
-    def _on_preview(self, wanted: bool) -> None:
-        if wanted and self._layer is not None and self._layer in self._viewer.layers:
+    def _on_preview(self, is_shown: bool) -> None:
+        if is_shown and self._layer is not None and self._layer in self._viewer.layers:
             layer = self._layer
             before = set(self._viewer.layers.selection)
             placement = ("multiscale", "affine", "scale", "translate", "rotate", "shear", "units")
-            given = {name: getattr(layer, name) for name in placement}
-            given |= {"name": f"{layer.name} above the threshold", "contrast_limits": self._above()}
-            given |= {"metadata": {"voxflat": None}}  # marks a voxflat layer, which is not offered for flattening
+            keywords = {name: getattr(layer, name) for name in placement}
+            keywords |= {"name": f"{layer.name} above the threshold", "contrast_limits": self._above()}
+            keywords |= {"metadata": {"voxflat": None}}  # marks a voxflat layer, which is not offered for flattening
             look = {"colormap": _COLOURS, "opacity": 0.6, "blending": "translucent", "interpolation2d": "nearest"}
-            self._shown = Image(layer.data, **given, **look)
+            self._shown = Image(layer.data, **keywords, **look)
             self._viewer.layers.insert(self._viewer.layers.index(layer) + 1, self._shown)
             self._viewer.layers.selection = before
-        elif not wanted:
+        elif not is_shown:
             if self._shown is not None and self._shown in self._viewer.layers:
                 self._viewer.layers.remove(self._shown)
             self._shown = None

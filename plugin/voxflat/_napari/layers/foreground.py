@@ -62,10 +62,10 @@ def rim_of(source: LayerVolume, kind: str, progress: Progress) -> Rim:
     return found
 
 
-def surface_of(source: LayerVolume | LayerMesh, progress: Progress, *, rim: str | None = None, **how: Any) -> Surface:
+def surface_of(source: LayerVolume | LayerMesh, progress: Progress, *, rim: str | None = None, **more: Any) -> Surface:
     """Return the surface of a layer; `rim` is a key of `RIMS`, and the other keywords are as in `voxflat.surface`."""
     if rim is None:
         unit = source.place.unit if isinstance(source, LayerMesh) and source.place.unit != "mm" else None
-        return surface(source.read(), **how, unit=unit, progress=progress)
+        return surface(source.read(), **more, unit=unit, progress=progress)
     assert isinstance(source, LayerVolume)
     return rim_of(source, rim, progress).surface

@@ -54,9 +54,9 @@ class Sampled:
 
     def image(self, flat_map: Planar | Atlas, pixel_size: float | None) -> FlatImage:
         """Draw the values on a map, as `FlatMap.image` does."""
-        how: dict[str, Any] = {"depth": self.depth} if self.fraction is None else {"fraction": self.fraction}
+        place: dict[str, Any] = {"depth": self.depth} if self.fraction is None else {"fraction": self.fraction}
         interpolation = "nearest" if self.kind == "labels" else "linear"
-        return flat_map.image(self.volume.lazily(), pixel_size, interpolation=interpolation, **how)
+        return flat_map.image(self.volume.lazily(), pixel_size, interpolation=interpolation, **place)
 
 
 @dataclass(frozen=True, eq=False)

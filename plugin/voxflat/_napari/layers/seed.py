@@ -22,14 +22,14 @@ MARKER |= {"blending": "translucent_no_depth"}
 
 def corners(drawn: Points | Shapes, world: str, unit: str) -> NDArray[np.float64]:
     """Return polygon corners (all points, or the selected or last shape) in RAS+; raises InputError if too few."""
-    found = drawn.data
-    if isinstance(drawn, Shapes) and len(found):
+    corners = drawn.data
+    if isinstance(drawn, Shapes) and len(corners):
         chosen = sorted(drawn.selected_data)
-        found = found[chosen[0] if len(chosen) == 1 else -1]
-    if len(found) < 3:
-        count = f"{len(found)} corner{'s' * (len(found) != 1)}"
+        corners = corners[chosen[0] if len(chosen) == 1 else -1]
+    if len(corners) < 3:
+        count = f"{len(corners)} corner{'s' * (len(corners) != 1)}"
         raise InputError(f"The polygon in layer '{drawn.name}' has {count}. Draw at least 3 corners")
-    return moved(found, LayerPlace.of(drawn, world, unit=unit).affine)
+    return moved(corners, LayerPlace.of(drawn, world, unit=unit).affine)
 
 
 def seed_of(points: Points, layer: Layer) -> Seed | None:

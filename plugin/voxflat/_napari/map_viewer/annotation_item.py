@@ -27,18 +27,18 @@ class AnnotationItem(QGraphicsItem):
         self.setZValue(4)
         self.setAcceptedMouseButtons(Qt.MouseButton.NoButton)
 
-    def show_annotations(self, found: OnMap | None, around: QRectF) -> None:
+    def show_annotations(self, annotations: OnMap | None, around: QRectF) -> None:
         """Show annotations within a rectangle of the scene, or show none."""
         self.prepareGeometryChange()
         self._around = around
         self._lines, self._dots = [], []
-        if found is not None:
-            for colour, rows in _by_colour(found.line_colours):
+        if annotations is not None:
+            for colour, rows in _by_colour(annotations.line_colours):
                 path = QPainterPath()
                 for row in rows.tolist():
-                    path.addPolygon(polygon(found.lines[row]))
+                    path.addPolygon(polygon(annotations.lines[row]))
                 self._lines.append((colour, path))
-            self._dots = [(colour, found.dots[rows]) for colour, rows in _by_colour(found.colours)]
+            self._dots = [(colour, annotations.dots[rows]) for colour, rows in _by_colour(annotations.colours)]
         self.update()
 
     @property
@@ -70,7 +70,7 @@ def _by_colour(colours: NDArray[np.uint8]) -> list[tuple[QColor, NDArray[np.int6
     tones = distinct(colours[:, :3] // (256 // _TONES))
     order = np.argsort(tones.which, kind="stable")
     rows = np.split(order, np.cumsum(tones.counts)[:-1]) if len(order) else []
-    return [(QColor(*colours[own[0], :3].tolist()), own) for own in rows]
+    return [(QColor(*colours[group[0], :3].tolist()), group) for group in rows]
 
 
 def cosmetic_pen(colour: QColor, width: float) -> QPen:

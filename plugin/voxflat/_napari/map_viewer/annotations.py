@@ -56,7 +56,7 @@ class Annotation:
         return cls(moved(data[seen][:, leading:], affine), _bytes(colours), [], np.empty((0, 4), dtype=np.uint8))
 
     def is_same(self, other: "Annotation") -> bool:
-        arrays: list[list[Any]] = [[one.points, one.colours, one.line_colours, *one.lines] for one in (self, other)]
+        arrays: list[list[Any]] = [[a.points, a.colours, a.line_colours, *a.lines] for a in (self, other)]
         return len(arrays[0]) == len(arrays[1]) and all(map(np.array_equal, *arrays))
 
 
@@ -73,26 +73,26 @@ class OnMap:
 
 def on_map(prepared: PreparedMap, annotations: Sequence[Annotation]) -> OnMap:
     """Project annotations onto the nearest surface points within the distance `far`; lines are split at cuts."""
-    points = np.concatenate([np.empty((0, 3)), *(one.points for one in annotations)])
-    colours = np.concatenate([np.empty((0, 4), dtype=np.uint8), *(one.colours for one in annotations)])
+    points = np.concatenate([np.empty((0, 3)), *(annotation.points for annotation in annotations)])
+    colours = np.concatenate([np.empty((0, 4), dtype=np.uint8), *(annotation.colours for annotation in annotations)])
     dots = prepared.places(points)
-    known = np.isfinite(dots[:, 0])
+    is_known = np.isfinite(dots[:, 0])
     lines, line_colours, shapes, far = [], [], 0, 0
-    for one in annotations:
-        for line, colour in zip(one.lines, one.line_colours, strict=True):
+    for marking in annotations:
+        for line, colour in zip(marking.lines, marking.line_colours, strict=True):
             places = prepared.places(_along(line, prepared))
             parts = split(places, prepared.spacing)
             lines += parts
             line_colours += [colour] * len(parts)
             shapes += 1
             far += bool(np.isnan(places).any())
-    beyond = int((~known).sum())
+    beyond = int((~is_known).sum())
     counts = [f"{beyond} of {len(points)} point{'s' * (len(points) > 1)}"] if beyond else []
     counts += [f"all or parts of {far} of {shapes} shape{'s' * (shapes > 1)}"] if far else []
     limit = in_unit_of(prepared.run.flat_map, f"more than {prepared.far:.3g} mm from the surface")
     excluded = f"Not shown ({limit}): {', '.join(counts)}" if counts else ""
     all_colours = np.array(line_colours, dtype=np.uint8).reshape(-1, 4)
-    return OnMap(dots[known], colours[known], lines, all_colours, excluded)
+    return OnMap(dots[is_known], colours[is_known], lines, all_colours, excluded)
 
 
 def split(places: NDArray[np.float64], spacing: float) -> list[NDArray[np.float64]]:
@@ -107,7 +107,7 @@ def _along(line: NDArray[np.float64], prepared: PreparedMap) -> NDArray[np.float
     """Sample a line more finely than the surface points; a part that is far from the surface becomes a single NaN."""
     low, high = prepared.points.min(axis=0) - prepared.far, prepared.points.max(axis=0) + prepared.far
     step = prepared.spacing / _FINER
-    found, nothing = [np.empty((0, 3))], np.full((1, 3), np.nan)
+    points, nothing = [np.empty((0, 3))], np.full((1, 3), np.nan)
     for a, b in pairwise(line):
         along = b - a
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):  # the line may be parallel to some axes
@@ -116,13 +116,13 @@ def _along(line: NDArray[np.float64], prepared: PreparedMap) -> NDArray[np.float
         start = max(0.0, np.max(np.where(along == 0, np.where(inside, -np.inf, np.inf), ends[0])))
         end = min(1.0, np.min(np.where(along == 0, np.inf, ends[1])))
         if start > 0:
-            found.append(nothing)
+            points.append(nothing)
         if start <= end:
             count = 2 + int((end - start) * np.linalg.norm(along) / step)
-            found.append(a + np.linspace(start, end, count)[:, None] * along)
+            points.append(a + np.linspace(start, end, count)[:, None] * along)
         if end < 1:
-            found.append(nothing)
-    return np.concatenate(found)
+            points.append(nothing)
+    return np.concatenate(points)
 
 
 def _line(corners: NDArray[np.float64], kind: str) -> NDArray[np.float64]:
@@ -158,8 +158,8 @@ class VolumeAnnotations(QObject):
     @property
     def layers(self) -> list[Layer]:
         """The followed layers, excluding layers that voxflat itself adds, such as cuts."""
-        found = [layer for layer in self._viewer.layers if isinstance(layer, Points | Shapes) and layer.ndim >= 3]
-        return [layer for layer in found if "voxflat" not in layer.metadata]
+        layers = [layer for layer in self._viewer.layers if isinstance(layer, Points | Shapes) and layer.ndim >= 3]
+        return [layer for layer in layers if "voxflat" not in layer.metadata]
 
     @property
     def is_busy(self) -> bool:

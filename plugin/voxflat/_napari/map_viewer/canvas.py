@@ -94,11 +94,11 @@ class MapCanvas(QGraphicsView):
         lines = [np.array([*region, region[0]]) for region in regions] + ([np.array(corners)] if corners else [])
         colours = np.array([*map(label_colour, range(1, len(regions) + 1)), _DRAWN], dtype=np.uint8)
         of_dots = np.tile(colours[-1:], (len(dots), 1))
-        found = OnMap(np.array(dots).reshape(-1, 2), of_dots, lines, colours[: len(lines)], "")
-        self.drawn.show_annotations(found, self._scene.sceneRect())
+        drawn = OnMap(np.array(dots).reshape(-1, 2), of_dots, lines, colours[: len(lines)], "")
+        self.drawn.show_annotations(drawn, self._scene.sceneRect())
 
-    def show_annotations(self, found: OnMap | None) -> None:
-        self.annotations.show_annotations(found, self._map_rect())
+    def show_annotations(self, annotations: OnMap | None) -> None:
+        self.annotations.show_annotations(annotations, self._map_rect())
 
     def place_ring(self, place: tuple[float, float] | None) -> None:
         """Place the ring at (u, v) in mm, or hide it."""

@@ -58,7 +58,7 @@ def changes(
 
     Raises InputError as `regions` does.
     """
-    same = (one == other for one, other in zip(shown.marks, now.marks, strict=False))
+    same = (mark == other for mark, other in zip(shown.marks, now.marks, strict=False))
     found = Changes(now, sum(takewhile(bool, same)))
     for frame, place in now.marks[found.kept :]:
         found.made.append(points(prepared.at(frame), [place], moments[frame]))
@@ -107,9 +107,9 @@ def regions(prepared: PreparedMap, polygons: Sequence[Polygon]) -> Drawn:
     labels = flat_map.paint(drawn.labels.astype(np.int32)) if is_own else np.zeros(flat_map.volume_shape, np.int32)
     if not np.isnan(flat_map.normals).all():  # the surface has an outer side, where the cortex lies
         grid = Volume(labels, flat_map.affine, unit=prepared.unit)
-        wanted = depths_of_regions(flat_map, movie=prepared.run.layers.movie is not None)
-        cortex = drawn.volume(grid, depth=wanted)
-        message += f", in the volume {reach(flat_map, wanted)}"
+        depths = depths_of_regions(flat_map, movie=prepared.run.layers.movie is not None)
+        cortex = drawn.volume(grid, depth=depths)
+        message += f", in the volume {reach(flat_map, depths)}"
         labels = np.where(labels == 0, cortex.data, labels)
     affine, movie = affine_in_world(prepared), prepared.run.layers.movie
     if movie is not None and prepared.frame is not None:
@@ -151,8 +151,8 @@ def depths_of_regions(flat_map: FlatMap, depth: float = 0.0, *, movie: bool = Fa
 
 def reach(flat_map: FlatMap, depths: tuple[float, float] | None) -> str:
     """Return a text with the depths of regions."""
-    found = "between both surfaces" if depths is None else f"from {depths[0]:.3g} to {depths[1]:.3g} mm"
-    return in_unit_of(flat_map, found)
+    text = "between both surfaces" if depths is None else f"from {depths[0]:.3g} to {depths[1]:.3g} mm"
+    return in_unit_of(flat_map, text)
 
 
 def way(prepared: PreparedMap, a: Place, b: Place, moment: Sequence[float] = ()) -> Drawn:
@@ -169,12 +169,12 @@ def way(prepared: PreparedMap, a: Place, b: Place, moment: Sequence[float] = ())
     if not flat_map.is_voxels:  # a voxel can occur twice, where two parts of the surface touch
         rows, merged = np.unique(flat_map.ids, return_index=True, return_inverse=True)[1:]
     start, end = (int(merged[spot.row]) for spot in ends if spot is not None)
-    found = surface((flat_map.points[rows], merged[faces])).path(start, end, geodesic="exact")
+    path = surface((flat_map.points[rows], merged[faces])).path(start, end, geodesic="exact")
     flat = float(np.hypot(a[0] - b[0], a[1] - b[1]))
-    lengths = f"{rounded(found.length, 1)} mm along the surface, {rounded(flat, 1)} mm on the map"
+    lengths = f"{rounded(path.length, 1)} mm along the surface, {rounded(flat, 1)} mm on the map"
     message = in_unit_of(flat_map, lengths)
     message += "" if prepared.frame is None else f", in frame {prepared.frame}"
-    line = _at(moment, _world(prepared, flat_map.space.to_scanner(found.points)))
+    line = _at(moment, _world(prepared, flat_map.space.to_scanner(path.points)))
     look = {"shape_type": "path", "edge_color": _COLOUR, "edge_width": 0.7 * prepared.thickness}
     return Drawn(PATH, ([line], {**_described(prepared, PATH), **look}, "shapes"), message)
 
@@ -186,12 +186,12 @@ def put(viewer: Viewer, data: LayerData, earlier: Layer | None, *sources: Any) -
     """
     values, keywords, kind = data
     features = keywords.get("features", {})
-    made = Layer.create(values, keywords, kind)
+    layer = Layer.create(values, keywords, kind)
     is_own = isinstance(earlier, Points) or (earlier is not None and is_unchanged(earlier, *sources))
-    if earlier not in viewer.layers or not is_own or (kind != "points" and _corners(earlier) != _corners(made)):
-        insert(viewer, made)
-        remember(made, *sources)
-        return made
+    if earlier not in viewer.layers or not is_own or (kind != "points" and _corners(earlier) != _corners(layer)):
+        insert(viewer, layer)
+        remember(layer, *sources)
+        return layer
     if isinstance(earlier, Points):
         merged = {name: [*earlier.features.get(name, [""] * len(earlier.data)), *new] for name, new in features.items()}
         earlier.data = np.concatenate([earlier.data, [earlier.world_to_data(place) for place in values]])
@@ -205,7 +205,7 @@ def put(viewer: Viewer, data: LayerData, earlier: Layer | None, *sources: Any) -
         earlier.data = values
         if isinstance(earlier, Surface):
             earlier.vertex_colors = keywords["vertex_colors"]
-        earlier.metadata = made.metadata
+        earlier.metadata = layer.metadata
     assert earlier is not None
     remember(earlier, *sources)
     return earlier
@@ -214,9 +214,9 @@ def put(viewer: Viewer, data: LayerData, earlier: Layer | None, *sources: Any) -
 def take_back(layer: Layer, mark: NDArray[np.float64]) -> None:
     """Remove the last point that lies at these world coordinates from the layer of marked points."""
     if isinstance(layer, Points):
-        at = [number for number, place in enumerate(layer.data) if np.allclose(layer.data_to_world(place), mark)]
-        if at:
-            layer.selected_data = {at[-1]}
+        rows = [number for number, place in enumerate(layer.data) if np.allclose(layer.data_to_world(place), mark)]
+        if rows:
+            layer.selected_data = {rows[-1]}
             layer.remove_selected()
 
 
@@ -253,6 +253,6 @@ def _map(prepared: PreparedMap) -> FlatMap:
     return flat_map
 
 
-def _world(prepared: PreparedMap, of: NDArray[np.float64]) -> NDArray[np.float64]:
+def _world(prepared: PreparedMap, points: NDArray[np.float64]) -> NDArray[np.float64]:
     """Convert points from RAS+ to positions along the world axes."""
-    return from_ras(of.reshape(-1, 3), prepared.session.world_axes)
+    return from_ras(points.reshape(-1, 3), prepared.session.world_axes)

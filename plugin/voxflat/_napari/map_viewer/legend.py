@@ -83,18 +83,18 @@ class Legend(QWidget):
         return font
 
     def _paint_arrows(self, painter: QPainter, x: float) -> None:
-        towards = [QPointF(one.u, -one.v) for one in self._directions]
+        towards = [QPointF(direction.u, -direction.v) for direction in self._directions]
         centre = QPointF(x + _ARROWS / 2 - 4, _HEIGHT / 2)
         for way in towards:
             centre -= way * (_LETTER / 2 - 3)
         painter.setFont(self._font(9))
         painter.setBrush(self._ink)
-        for one, way in zip(self._directions, towards, strict=True):
+        for axis, way in zip(self._directions, towards, strict=True):
             tip, across = centre + way * _ARROW, QPointF(-way.y(), way.x())
             painter.drawLine(centre, tip)
             painter.drawPolygon(QPolygonF([tip + way * 2, tip - way * 4 + across * 3, tip - way * 4 - across * 3]))
-            at = centre + way * _LETTER
-            painter.drawText(QRectF(at.x() - 8, at.y() - 8, 16, 16), Qt.AlignmentFlag.AlignCenter, one.letter)
+            place = centre + way * _LETTER
+            painter.drawText(QRectF(place.x() - 8, place.y() - 8, 16, 16), Qt.AlignmentFlag.AlignCenter, axis.letter)
 
     def _paint_length(self, painter: QPainter, x: float) -> float:
         from voxflat.figures.marks import round_length
@@ -135,9 +135,9 @@ class Legend(QWidget):
         low, high = scale.limits
         for value in MaxNLocator(4).tick_values(low, high):
             if low - 1e-9 <= value <= high + 1e-9:
-                at = left + wide * (value - low) / ((high - low) or 1.0)
-                painter.drawLine(QPointF(at, 19 + _THICK), QPointF(at, 22 + _THICK))
+                place = left + wide * (value - low) / ((high - low) or 1.0)
+                painter.drawLine(QPointF(place, 19 + _THICK), QPointF(place, 22 + _THICK))
                 text = f"{value:g}".replace("-", "−")
                 half = metrics.horizontalAdvance(text) / 2 + 1
-                at = min(max(at, left + half - _EDGE / 2), self.width() - half)
-                painter.drawText(QRectF(at - half, 33, 2 * half, 16), Qt.AlignmentFlag.AlignCenter, text)
+                place = min(max(place, left + half - _EDGE / 2), self.width() - half)
+                painter.drawText(QRectF(place - half, 33, 2 * half, 16), Qt.AlignmentFlag.AlignCenter, text)

@@ -95,8 +95,8 @@ class PaintedSurface(ToggledLayer[Surface]):
 
 def _of(prepared: PreparedMap) -> tuple[Any, dict[str, Any]]:
     """Return the data of the surface layer of a map, and its properties."""
-    of, flat_map = prepared.planar._triangles, prepared.run.flat_map
+    flat, flat_map = prepared.planar._triangles, prepared.run.flat_map
     points = from_ras(prepared.points, prepared.session.world_axes)
     name = layer_name(prepared.run.title, "in map colours")
     described = {"name": name, "units": units(flat_map, 3), "metadata": {"voxflat": flat_map}}
-    return (points, of.faces[~of.torn]), described
+    return (points, flat.faces[~flat.torn]), described

@@ -50,14 +50,14 @@ def lifted(prepared: PreparedMap, segments: Segments) -> Segments:
 
 def in_slice(prepared: PreparedMap, cuts: Segments, axis: int, level: float) -> tuple[Segments, Segments]:
     """Return the intersection of the surface with a plane perpendicular to an RAS axis, and marks at its cuts."""
-    of, points = prepared.planar._triangles, prepared.points
+    flat, points = prepared.planar._triangles, prepared.points
     above = points[:, axis] - level > 0
-    corners = above[of.faces]
-    met = of.faces[(corners.any(axis=1) & ~corners.all(axis=1)) & ~of.torn].astype(np.int64)
+    corners = above[flat.faces]
+    met = flat.faces[(corners.any(axis=1) & ~corners.all(axis=1)) & ~flat.torn].astype(np.int64)
     lone = above[met].sum(axis=1) == 1
     alone = np.argmax(above[met] == lone[:, None], axis=1)  # the only corner on its side of the plane
-    own, second, third = (points[met[np.arange(len(met)), (alone + step) % 3]] for step in range(3))
-    surface = np.stack([_between(own, end, axis, level) for end in (second, third)], axis=1)
+    first, second, third = (points[met[np.arange(len(met)), (alone + step) % 3]] for step in range(3))
+    surface = np.stack([_between(first, end, axis, level) for end in (second, third)], axis=1)
     crossing = (cuts[:, 0, axis] > level) != (cuts[:, 1, axis] > level)
     places = _between(cuts[crossing, 0], cuts[crossing, 1], axis, level)
     if not len(places) or not len(surface):
@@ -73,20 +73,20 @@ def _between(a: NDArray[np.float64], b: NDArray[np.float64], axis: int, level: f
     """Return the points at which edges cross a plane."""
     above, below = a[:, axis] - level, b[:, axis] - level
     share = above / (above - below)
-    found = a + share[:, None] * (b - a)
-    found[:, axis] = level
-    return np.asarray(found)
+    cut = a + share[:, None] * (b - a)
+    cut[:, axis] = level
+    return np.asarray(cut)
 
 
 _View: TypeAlias = tuple[int, float] | None  # the displayed slice: the RAS axis across it and its position, mm; or 3D
 
 
 def _drawn(
-    prepared: PreparedMap, known: tuple[Segments, Segments] | None, view: _View
+    prepared: PreparedMap, outline: tuple[Segments, Segments] | None, view: _View
 ) -> tuple[PreparedMap, tuple[Segments, Segments], Segments, int]:
     """Compute the displayed segments; called in a thread."""
-    found = edges(prepared) if known is None else known
-    part, marks = (lifted(prepared, one) for one in found) if view is None else in_slice(prepared, found[1], *view)
+    found = edges(prepared) if outline is None else outline
+    part, marks = (lifted(prepared, lines) for lines in found) if view is None else in_slice(prepared, found[1], *view)
     segments = from_ras(np.concatenate([part, marks]), prepared.session.world_axes)
     return prepared, found, segments.reshape(-1, 2, 3), len(part)
 
@@ -160,11 +160,11 @@ class PatchOutline(ToggledLayer[Vectors]):
             self._view = view
             self._finder.ask(partial(_drawn, self._prepared, self._known, view))
 
-    def _on_found(self, found: tuple[PreparedMap, tuple[Segments, Segments], Segments, int]) -> None:
-        prepared, known, segments, parts = found
+    def _on_found(self, result: tuple[PreparedMap, tuple[Segments, Segments], Segments, int]) -> None:
+        prepared, outline, segments, parts = result
         if prepared is not self._prepared:
             return
-        self._known = known
+        self._known = outline
         if not self._is_wanted:
             return
         colours = np.where(np.arange(len(segments))[:, None] < parts, _PART, _CUT)

@@ -20,10 +20,10 @@ class ColourScale:
     def paint(self, data: NDArray[np.floating]) -> NDArray[np.uint8]:
         """Convert values of shape (H, W) to colours of shape (H, W, 4); NaN is transparent."""
         low, high = self.limits
-        known = np.isfinite(data)
-        level = np.clip((np.where(known, data, low) - low) * (255 / ((high - low) or 1.0)), 0, 255)
+        is_known = np.isfinite(data)
+        level = np.clip((np.where(is_known, data, low) - low) * (255 / ((high - low) or 1.0)), 0, 255)
         pixels = self.colours[np.round(level).astype(np.uint8)]
-        pixels[..., 3] *= known
+        pixels[..., 3] *= is_known
         return pixels
 
 

@@ -63,24 +63,24 @@ class PreparedMap:
 
         flat_map = run.flat_map
         planar = flat_map if isinstance(flat_map, FlatMap) else flat_map.page()
-        of = planar._triangles
-        pixel_size = max(float(np.sqrt(np.ptp(of.uv, axis=0).prod() / _PIXELS)), planar.pixel_size / _FINER)
+        flat = planar._triangles
+        pixel_size = max(float(np.sqrt(np.ptp(flat.uv, axis=0).prod() / _PIXELS)), planar.pixel_size / _FINER)
         raster = planar.raster(pixel_size)
         if isinstance(flat_map, FlatMap):
-            grey, lines = folds(flat_map, raster), rim(of.faces[~of.torn], len(of.uv))
+            grey, lines = folds(flat_map, raster), rim(flat.faces[~flat.torn], len(flat.uv))
         else:
             grey = np.zeros((*raster.shape, 4), dtype=np.uint8)
             grey[..., :3], grey[..., 3] = _EVEN, 255 * raster.inside
             corner = np.zeros(len(flat_map.uv), dtype=np.int64)  # one surface vertex for each vertex of the page
-            corner[flat_map.uv_faces] = of.faces
+            corner[flat_map.uv_faces] = flat.faces
             lines = [corner[line] for line in rim(flat_map.uv_faces, len(flat_map.uv))]
         marks: tuple[list[Direction], str | None] = ([], None)
         if isinstance(flat_map, FlatMap) and unit_of_map(flat_map) == "mm":  # tissues have no anatomical axes
             marks = directions(flat_map), side(flat_map)
-        points = of.on_surface.origin.space.to_scanner(of.on_surface.points)
-        found = cls(run, planar, pixel_size, Picture(grey, raster.origin, pixel_size), lines, *marks, points)
-        found._build()
-        return found
+        points = flat.on_surface.origin.space.to_scanner(flat.on_surface.points)
+        prepared = cls(run, planar, pixel_size, Picture(grey, raster.origin, pixel_size), lines, *marks, points)
+        prepared._build()
+        return prepared
 
     def at(self, frame: int | None) -> PreparedMap:
         """Return the map with the positions of a frame of a movie."""
@@ -112,14 +112,14 @@ class PreparedMap:
 
     def spot(self, u: float, v: float) -> Spot | None:
         """Look up (u, v), in mm, on the surface; return None outside the map."""
-        found = self.planar.look_up((u, v))
-        face = int(found.face_ids)
+        hit = self.planar.look_up((u, v))
+        face = int(hit.face_ids)
         if face < 0:
             return None
-        of = self.planar._triangles
-        row = int(of.faces[face][int(found.weights.argmax())])
-        point = of.on_surface.origin.space.to_scanner(found.points)
-        vertex = (of.on_surface.ids[row] if self.planar is self.own else self._voxel(point)).tolist()
+        flat = self.planar._triangles
+        row = int(flat.faces[face][int(hit.weights.argmax())])
+        point = flat.on_surface.origin.space.to_scanner(hit.points)
+        vertex = (flat.on_surface.ids[row] if self.planar is self.own else self._voxel(point)).tolist()
         return Spot(point, row, tuple(vertex) if isinstance(vertex, list) else vertex, self._distortion(row, face))
 
     @property
@@ -129,9 +129,9 @@ class PreparedMap:
 
     def _voxel(self, point: NDArray[np.float64]) -> NDArray[np.int64]:
         """Return the voxel that contains a point, or the nearest one, in another frame than the flattened one."""
-        of = self.planar._triangles.on_surface
-        index = np.linalg.solve(of.affine, [*point, 1.0])[:3]
-        return np.clip(np.round(index), 0, np.subtract(of.volume_shape, 1)).astype(np.int64)
+        whole = self.planar._triangles.on_surface
+        index = np.linalg.solve(whole.affine, [*point, 1.0])[:3]
+        return np.clip(np.round(index), 0, np.subtract(whole.volume_shape, 1)).astype(np.int64)
 
     def _distortion(self, row: int, face: int) -> str:
         flat_map = self.run.flat_map
@@ -148,8 +148,8 @@ class PreparedMap:
 
     def places(self, points: NDArray[Any]) -> NDArray[np.float64]:
         """Return (u, v) of the surface points nearest to points (RAS+ mm), shape (..., 3); NaN beyond `far`."""
-        at = self.planar._triangles.on_surface.origin.space.from_scanner(points)
-        return self.planar._to_map(at.reshape(-1, 3), self.far)[0].reshape(*at.shape[:-1], 2)
+        rows = self.planar._triangles.on_surface.origin.space.from_scanner(points)
+        return self.planar._to_map(rows.reshape(-1, 3), self.far)[0].reshape(*rows.shape[:-1], 2)
 
     def met(self, start: NDArray[Any], along: NDArray[Any]) -> NDArray[np.float64] | None:
         """Return the first intersection of the surface with a ray, given by a point and a direction in RAS+ mm."""
@@ -211,8 +211,8 @@ class PreparedMap:
         """The pixel of each map point; a point on the border gets the nearest pixel within the map."""
         (u, v), uv = self.folds.origin, self.planar._triangles.uv
         size = np.array(self.folds.pixels.shape[:2]) - 1
-        at = np.round(np.column_stack([v - uv[:, 1], uv[:, 0] - u]) / self.pixel_size).astype(np.int64)
-        rows, columns = np.clip(at, 0, size).T
+        cells = np.round(np.column_stack([v - uv[:, 1], uv[:, 0] - u]) / self.pixel_size).astype(np.int64)
+        rows, columns = np.clip(cells, 0, size).T
         beside = self.folds.pixels[..., 3] == 0
         nearest = scipy.ndimage.distance_transform_edt(beside, return_distances=False, return_indices=True)
         return nearest[0][rows, columns], nearest[1][rows, columns]
@@ -234,8 +234,8 @@ class PreparedMap:
     @property
     def spacing(self) -> float:
         """The spacing of the surface points."""
-        of = self.run.flat_map
-        return of.spacing if isinstance(of, FlatMap) else 2 * self.planar.pixel_size
+        flat_map = self.run.flat_map
+        return flat_map.spacing if isinstance(flat_map, FlatMap) else 2 * self.planar.pixel_size
 
 
 def _distances_along(start: Points, along: Points, corner: Points, b: Points, c: Points) -> NDArray[np.float64]:

@@ -115,8 +115,8 @@ class ViewerLink(QObject):
             run = state.run_of(layer) if layer.ndim == 2 else None
             is_flat = run is not None or (layer.ndim == 2 and "voxflat" in layer.metadata)
             if is_opaque(layer, world):
-                own = is_flat and run is self.prepared.run
-                return is_flat, place_of(layer, world) if own else None
+                is_ours = is_flat and run is self.prepared.run
+                return is_flat, place_of(layer, world) if is_ours else None
             is_beside |= is_flat and is_within(layer, world)
         return is_beside, None
 
@@ -159,15 +159,15 @@ class ViewerLink(QObject):
         canvas = None if self.ring is None else self.ring.parentWidget()
         if canvas is None or self.ring is None:
             return
-        at, prepared = None, self.prepared
+        place, prepared = None, self.prepared
         if self._marked is not None and prepared is not None and self._is_linked and not in_grid(self._viewer):
             world = self.to_world(self._marked)
             if not self._on_flat_layer(world)[0]:
-                at = projected(self._viewer, world, (canvas.width(), canvas.height()))
-        if at is None or prepared is None or not canvas.rect().contains(round(at[0]), round(at[1])):
+                place = projected(self._viewer, world, (canvas.width(), canvas.height()))
+        if place is None or prepared is None or not canvas.rect().contains(round(place[0]), round(place[1])):
             self.ring.hide()
         else:
             hidden = [axis for axis in self._viewer.dims.not_displayed if axis >= self._viewer.dims.ndim - 3]
             apart = np.zeros(self._viewer.dims.ndim)
             apart[-3:] = (world - self._viewer.dims.point)[-3:] * self._units
-            self.ring.show_at(*at, near=bool((np.abs(apart[hidden]) <= prepared.thickness).all()))
+            self.ring.show_at(*place, near=bool((np.abs(apart[hidden]) <= prepared.thickness).all()))

@@ -100,10 +100,10 @@ class UprightMaps:
         viewer = self._viewer
         if viewer.dims.ndisplay == 3:
             return
-        is_shown = any(one.visible and one.ndim == 2 and one.metadata.get("voxflat") for one in viewer.layers)
-        of, order = camera(viewer), viewer.dims.order
+        is_shown = any(layer.visible and layer.ndim == 2 and layer.metadata.get("voxflat") for layer in viewer.layers)
+        view, order = camera(viewer), viewer.dims.order
         if is_shown and self._before is None and order != tuple(range(viewer.dims.ndim)):
-            self._before = order, {name: getattr(of, name) for name in ("orientation2d", "center", "zoom")}
+            self._before = order, {name: getattr(view, name) for name in ("orientation2d", "center", "zoom")}
             _in_their_order(viewer)
             viewer.reset_view()
         elif not is_shown and self._before is not None:
@@ -111,7 +111,7 @@ class UprightMaps:
             if len(order) == viewer.dims.ndim:
                 viewer.dims.order = order
                 for name, value in look.items():
-                    setattr(of, name, value)
+                    setattr(view, name, value)
 
 
 def fill(viewer: Viewer, places: NDArray[np.float64], size: tuple[int, int], world: str = "RAS") -> None:
@@ -146,23 +146,23 @@ def canvas_widget(inside: QWidget) -> QWidget | None:
 
 def projected(viewer: Viewer, place: NDArray[np.float64], size: tuple[int, int]) -> tuple[float, float] | None:
     """Project a world point to a canvas of the given size in pixels; return None if it is behind the camera."""
-    of = camera(viewer)
-    shown = np.asarray(place)[list(viewer.dims.displayed)]
-    apart = shown - np.asarray(of.center, dtype=np.float64)[-len(shown) :]
+    view = camera(viewer)
+    point = np.asarray(place)[list(viewer.dims.displayed)]
+    apart = point - np.asarray(view.center, dtype=np.float64)[-len(point) :]
     middle = np.asarray(size) / 2
-    if len(shown) == 2:
-        vertical, horizontal = map(_named, of.orientation[1:])
+    if len(point) == 2:
+        vertical, horizontal = map(_named, view.orientation[1:])
         right, down = apart[1] * (1 if horizontal == "right" else -1), apart[0] * (1 if vertical == "down" else -1)
         nearness = 1.0
     else:
-        along, up = (np.asarray(way, dtype=np.float64) for way in (of.view_direction, of.up_direction))
-        sideways = np.cross(along, up) * (1 if _named(of.handedness) == "right" else -1)
+        along, up = (np.asarray(way, dtype=np.float64) for way in (view.view_direction, view.up_direction))
+        sideways = np.cross(along, up) * (1 if _named(view.handedness) == "right" else -1)
         right, down = float(apart @ sideways), -float(apart @ up)
-        away = 0.0 if of.perspective == 0 else 2 * np.tan(np.radians(of.perspective) / 2) * of.zoom / size[1]
+        away = 0.0 if view.perspective == 0 else 2 * np.tan(np.radians(view.perspective) / 2) * view.zoom / size[1]
         nearness = 1 + away * float(apart @ along)
     if nearness <= 0:
         return None
-    x, y = middle + of.zoom * np.array([right, down]) / nearness
+    x, y = middle + view.zoom * np.array([right, down]) / nearness
     return float(x), float(y)
 
 

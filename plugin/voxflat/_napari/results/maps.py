@@ -56,10 +56,10 @@ def page_layers(atlas: Atlas, shown: Shown | None = None, pixel_size: float | No
 def _surface(atlas: Atlas, name: str) -> LayerData:
     """Return the surface, which is cut between patches so that each triangle has the colour of its patch."""
     ends = np.column_stack([np.repeat(atlas.patch_ids, 3), atlas.faces.reshape(-1)])
-    found = distinct(ends)
-    owner, rows = found.rows.T
+    edges = distinct(ends)
+    owner, rows = edges.rows.T
     colours = label_colours(owner[:, None] + 1.0)[:, 0] / 255
     vertices = from_ras(atlas.space.to_scanner(atlas.points), session_of(atlas).world_axes)[rows]
     look = {"vertex_colors": colours, "shading": "smooth", "features": {"patch": owner}, "units": units(atlas, 3)}
     keywords = {**described(atlas, name, "in patches", "one colour for each patch, as on the page"), **look}
-    return (vertices, found.which.reshape(-1, 3)), keywords, "surface"
+    return (vertices, edges.which.reshape(-1, 3)), keywords, "surface"

@@ -55,7 +55,7 @@ def is_drawn(layer: Layer) -> bool:
 
 
 def _checksum(layer: Layer) -> int:
-    found = 0
+    checksum = 0
     for array in layer.data if isinstance(layer.data, list | tuple) else [layer.data]:
-        found = zlib.crc32(np.ascontiguousarray(array).data.cast("B"), found)
-    return found
+        checksum = zlib.crc32(np.ascontiguousarray(array).data.cast("B"), checksum)
+    return checksum
