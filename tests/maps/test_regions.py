@@ -11,6 +11,7 @@ import nibabel as nib
 import numpy as np
 import pytest
 import pyvista as pv
+import tifffile
 from brain_spaces import ball, header, to_scanner, write_freesurfer
 from command_line import fail, run, succeed
 from mesh_files import icosphere, needs_workbench, workbench
@@ -171,7 +172,10 @@ class TestVoxels:
         solid = replace(solid, origin=replace(solid.origin, in_pixels=unit == "pixel"))
         regions = solid.regions(circle(*solid.uv.mean(axis=0), 9.0))
         regions.save(tmp_path / "l.nii.gz", depth=(-3.0, 1.0))
-        solid.heat_map().save(tmp_path / "i.nii.gz")
+        for name in ("i.nii.gz", "i.tif"):
+            solid.heat_map().save(tmp_path / name)
+        with tifffile.TiffFile(tmp_path / "i.tif") as file:
+            assert ("PhysicalSizeX" in str(file.ome_metadata or file.imagej_metadata)) == (unit != "pixel")
         size = 2e-3 if unit == "µm" else 2.0
         for name in ("l", "i"):
             header = nib.load(tmp_path / f"{name}.nii.gz").header
