@@ -141,8 +141,9 @@ def flat(value, name=""):
     elif isinstance(value, dict):
         items = value.items()
     elif dataclasses.is_dataclass(value):
-        items = ((field.name, getattr(value, field.name)) for field in dataclasses.fields(value))
-        items = ((key, of_the_map(item) if key == "metadata" else item) for key, item in items if key[0] != "_")
+        names = ["metadata" if field.name == "details" else field.name for field in dataclasses.fields(value)]
+        items = ((name, getattr(value, name)) for name in names if name[0] != "_" and name != "record")
+        items = ((key, of_the_map(item) if key == "metadata" else item) for key, item in items)
     else:
         return {}
     items = ((key, item) for key, item in items if key != "provenance")

@@ -6,7 +6,7 @@ import importlib.util
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -15,7 +15,7 @@ from voxflat.errors import InputError
 from voxflat.io.files import installing, require
 from voxflat.io.volumes import Volume
 from voxflat.maps.flat_map import FlatMap
-from voxflat.pipeline.surface import surface
+from voxflat.pipeline.surface import Surface, surface
 from voxflat.surfaces.hemispheres import hemisphere
 
 if TYPE_CHECKING:
@@ -65,7 +65,7 @@ def run(output: Path, progress: Progress | None = None, tell: Callable[[str], No
     }
     for name, write in pictures.items():
         write(output / name)
-    summary = _summary(flat_map, seconds)
+    summary = _summary(whole, flat_map, seconds)
     (output / "summary.txt").write_text(summary + "\n", encoding="utf-8", newline="\n")
     tell(summary)
     tell(f"\nThe results are in {output.resolve()}:")
@@ -81,18 +81,17 @@ def _flat_image(flat_map: FlatMap, volume: Volume, name: str) -> Figure:
     return figures.flat_map(flat_map, figures.Overlay(volume, colour_map="gray", label=label), depth=DEPTH)
 
 
-def _summary(flat_map: FlatMap, seconds: float) -> str:
+def _summary(whole: Surface, flat_map: FlatMap, seconds: float) -> str:
     width, height = np.ptp(flat_map.uv, axis=0)
-    metadata: dict[str, Any] = flat_map.metadata
-    repair = metadata["repair"]
-    triangles = flat_map.distortion.triangles
+    repair, triangles = whole.repair, flat_map.distortion.triangles
+    assert repair is not None
     assert triangles is not None
     return "\n".join(
         [
             "Left hemisphere of the MNI152 template (white-matter probability > 0.5)",
-            f"{repair['handles']} handles repaired: {len(repair['cut'])} voxels removed, {len(repair['filled'])} added",
+            f"{repair.handles} handles repaired: {len(repair.cut)} voxels removed, {len(repair.filled)} added",
             f"medial wall excluded; standard cuts: {', '.join(cut.name for cut in flat_map.cuts if cut.name)}",
-            f"{len(flat_map)} vertices flattened in {seconds:.0f} s using {metadata['sources']} sources, "
+            f"{len(flat_map)} vertices flattened in {seconds:.0f} s using {len(flat_map.sources)} sources, "
             f"{width:.0f} x {height:.0f} mm",
             f"{triangles.flipped} of {len(flat_map.faces)} triangles are flipped, "
             f"{triangles.covering} overlap another triangle",

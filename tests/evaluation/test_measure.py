@@ -221,7 +221,7 @@ class TestComparison:
             **{name: getattr(flat, name)[order] for name in ("uv", "points", "normals", "ids")},
             **{
                 name: getattr(flat, name)
-                for name in ("torn", "sources", "eigenvalues", "distortion", "origin", "metadata")
+                for name in ("torn", "sources", "eigenvalues", "distortion", "origin", "details")
             },
             faces=rank[flat.faces].astype(np.uint32),
         )

@@ -369,7 +369,7 @@ def test_an_unknown_space_has_no_directions_and_no_side(flat_map, caplog):
     marks = {text.get_text() for text in texts(figures.flat_map(bare), "marks")}
     assert len(marks) == 1  # the scale bar
     assert "space of the surface is unknown" in caplog.text
-    assert side(dataclasses.replace(bare, metadata={**bare.metadata, "sphere": {"side": "right"}})) == "R"
+    assert side(dataclasses.replace(bare, details={**bare.details, "sphere": {"side": "right"}})) == "R"
 
 
 def test_the_scale_bar_is_as_long_as_it_says(flat_map):
@@ -565,7 +565,7 @@ def test_the_name_of_a_chart_is_beside_the_arrows_and_on_the_page(flat_map, name
     charts = [{"count": 2, "name": one} for one in ("front", name)]
     origin = VoxelOrigin(affine=np.eye(4), shape=(9, 9, 9), space=Space("scanner"))
     both = [
-        dataclasses.replace(flat_map, uv=flat_map.uv + n, origin=origin, metadata={**flat_map.metadata, "chart": one})
+        dataclasses.replace(flat_map, uv=flat_map.uv + n, origin=origin, details={**flat_map.details, "chart": one})
         for n, one in enumerate(charts)
     ]
     drawn = figures.flat_map(both)

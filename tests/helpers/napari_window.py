@@ -138,5 +138,5 @@ def same_map(layer, expected):
 def prepared_map_of(points, faces, **how):
     flat_map = composed.flatten((points, faces), sources=20, **how)
     origin = {"layer": "it", "world_axes": "RAS", "unit": "millimeter"}
-    flat_map = replace(flat_map, metadata={**flat_map.metadata, "napari": origin})
+    flat_map = replace(flat_map, details={**flat_map.details, "napari": origin})
     return PreparedMap.of(Run(map_layers(flat_map, "it"), "it"))

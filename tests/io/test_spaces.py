@@ -28,7 +28,7 @@ def test_each_programs_space_is_known(tmp_path, name, axes):
     assert (mesh.space.name, mesh.space.warning, mesh.warnings) == (expected, "", ())
     np.testing.assert_allclose(mesh.space.to_scanner(mesh.points), to_scanner(points, of), atol=1e-4)
     np.testing.assert_allclose(mesh.space.from_scanner(mesh.space.to_scanner(mesh.points)), mesh.points, atol=1e-9)
-    assert Space._of({"space": mesh.space._described()})._described() == mesh.space._described()
+    assert Space._of(mesh.space._described(), "mesh")._described() == mesh.space._described()
 
 
 @pytest.mark.parametrize("shape", [(256, 256, 256), (320, 300, 257)])

@@ -1,4 +1,5 @@
 import json
+from dataclasses import replace
 from functools import partial
 
 import composed
@@ -210,6 +211,18 @@ class TestFile:
         assert loaded.metadata == ball_map.metadata
         np.testing.assert_array_equal(loaded.heat_map().data, ball_map.heat_map().data)
         assert [path.name for path in tmp_path.iterdir()] == ["map.npz"]
+
+    def test_metadata_and_files_tell_the_fields(self, tmp_path):
+        flat_map = voxflat.samples.hill().flatten(relax=False)
+        origin = replace(flat_map.origin, unit="µm", measured_on=None)
+        replace(flat_map, origin=origin, seed=7, warnings=("odd",), cuts_by="start").save(tmp_path / "map.npz")
+        loaded = voxflat.load(tmp_path / "map.npz")
+        assert (loaded.origin.unit, loaded.origin.measured_on) == ("µm", None)
+        assert (loaded.seed, loaded.warnings, loaded.cuts_by) == (7, ("odd",), "start")
+        back = replace(loaded, origin=flat_map.origin, seed=0, warnings=(), cuts_by=flat_map.cuts_by)
+        assert back.metadata == flat_map.metadata
+        with pytest.raises(TypeError, match="metadata"):  # which would change nothing
+            replace(flat_map, metadata={})
 
     def test_metadata_says_how_the_map_came_about(self, ball_map):
         metadata = ball_map.metadata

@@ -21,7 +21,7 @@ from voxflat.io import files
 from voxflat.io.descriptions import check_atlas
 from voxflat.io.grid import FARTHEST, in_unit
 from voxflat.io.notebook import page
-from voxflat.io.origin import origin_of
+from voxflat.io.origin import take_origin
 from voxflat.io.provenance import Record, as_text
 from voxflat.io.readers import read_arrays
 from voxflat.io.reading import record_file
@@ -89,8 +89,10 @@ class Atlas(FlatPieces, Saved, Sequence[PieceT_co], ABC):
         The volume or the mesh of the surface.
     warnings : tuple of str
         Reasons to check the atlas, which were also logged.
-    metadata : dict
-        The origin, and how the atlas was made, for people and files.
+    details : dict
+        Entries of `metadata` beside those that the other fields write.
+    record : dict
+        `provenance` without the measures.
     measured : ndarray, shape (pieces, K)
         Measures of each piece, one per column; the last three are area, isometric and quasi_conformal.
 
@@ -336,8 +338,8 @@ class Atlas(FlatPieces, Saved, Sequence[PieceT_co], ABC):
 
         It lists the version, function, parameters, input files, warnings and measures.
         """
-        description: Record = {name: self.metadata[name] for name in ("space", "warnings") if name in self.metadata}
-        return {**super().provenance, **description, "figures": self.figures()}
+        context = {"space": self.space._described(), "warnings": list(self.warnings)}
+        return {**super().provenance, **context, "figures": self.figures()}
 
     def _write(self, path: Path) -> None:
         text = {"format": self._format, "metadata": self.metadata, **self._text()}
@@ -351,8 +353,8 @@ class Atlas(FlatPieces, Saved, Sequence[PieceT_co], ABC):
 
     @classmethod
     @abstractmethod
-    def _of_file(cls: type[Own], text: dict[str, Any], arrays: dict[str, Any]) -> Own:
-        """Return an atlas from the contents of a file."""
+    def _of_file(cls: type[Own], text: dict[str, Any], fields: dict[str, Any]) -> Own:
+        """Return an atlas from the contents of a file: its own measures, and fields of all atlases."""
 
     @classmethod
     def load(cls: type[Own], path: str | os.PathLike[str]) -> Own:
@@ -390,8 +392,8 @@ class Atlas(FlatPieces, Saved, Sequence[PieceT_co], ABC):
             record_file(path)
             with files.naming(path, files.AGAIN):
                 check_atlas(text)
-                arrays = _checked(arrays, text["metadata"])
-            return cls._of_file(text, arrays)
+                fields = _checked(arrays, text.pop("metadata"))
+            return cls._of_file(text, fields)
 
 
 def figures_of(measures: Mapping[str, Any]) -> dict[str, Any]:
@@ -400,7 +402,7 @@ def figures_of(measures: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _checked(arrays: dict[str, NDArray[Any]], metadata: dict[str, Any]) -> dict[str, Any]:
-    """Return the arrays of a file, checked against each other and against the input."""
+    """Return the fields of an atlas, from arrays checked against each other and against the input."""
     layout = {**_LAYOUT, "ids": ("i8", "points 3" if metadata.get("kind") == "voxels" else "points")}
     files.check_shapes(arrays, layout)
     points, rows, starts = len(arrays["points"]), len(arrays["uv"]), arrays["starts"].astype(np.int64)
@@ -418,6 +420,8 @@ def _checked(arrays: dict[str, NDArray[Any]], metadata: dict[str, Any]) -> dict[
     files.check_places({name: arrays[name] for name in ("uv", "points", "planes") if name in arrays})
     return {
         **files.in_types(arrays, layout),
-        "origin": origin_of(metadata, arrays["ids"]),
-        "warnings": tuple(metadata.get("warnings", ())),
+        "origin": take_origin(metadata, arrays["ids"]),
+        "warnings": tuple(metadata.pop("warnings", ())),
+        "record": metadata.pop("provenance", {}),
+        "details": metadata,
     }

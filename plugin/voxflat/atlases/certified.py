@@ -140,7 +140,7 @@ class FlatAtlas(Atlas[FlatPatch]):
         The volume or the mesh of the surface.
     warnings : tuple of str
         Reasons to check the atlas, which were also logged.
-    metadata : dict
+    details, record : dict
         As in `Atlas`.
     measured : ndarray, shape (patches, 4)
         Tilt, area, isometric and quasi_conformal of each patch.
@@ -266,9 +266,9 @@ class FlatAtlas(Atlas[FlatPatch]):
         return {"certificate": asdict(self.certificate)}
 
     @classmethod
-    def _of_file(cls, text: dict[str, Any], arrays: dict[str, Any]) -> "FlatAtlas":
+    def _of_file(cls, text: dict[str, Any], fields: dict[str, Any]) -> "FlatAtlas":
         certificate = Certificate(**figures_of(text.pop("certificate")))
-        return cls(**arrays, patch_ids=arrays["piece_ids"], certificate=certificate, **text)
+        return cls(**fields, patch_ids=fields["piece_ids"], certificate=certificate)
 
 
 def load_atlas(path: str | os.PathLike[str]) -> FlatAtlas | GluedAtlas:

@@ -115,7 +115,7 @@ class GluedAtlas(Atlas[GluedPiece]):
         The volume or the mesh of the surface.
     warnings : tuple of str
         Reasons to check the atlas, which were also logged.
-    metadata : dict
+    details, record : dict
         As in `Atlas`.
     measured : ndarray, shape (pieces, 3)
         Area, isometric and quasi_conformal of each piece.
@@ -218,9 +218,9 @@ class GluedAtlas(Atlas[GluedPiece]):
         return {**{name: getattr(self, name) for name in names}, "seams": asdict(self.seams)}
 
     @classmethod
-    def _of_file(cls, text: dict[str, Any], arrays: dict[str, Any]) -> "GluedAtlas":
-        seams, metadata = Seams(**figures_of(text.pop("seams"))), text.pop("metadata")
-        return cls(**arrays, **figures_of(text), seams=seams, metadata=metadata)
+    def _of_file(cls, text: dict[str, Any], fields: dict[str, Any]) -> "GluedAtlas":
+        seams = Seams(**figures_of(text.pop("seams")))
+        return cls(**fields, **figures_of(text), seams=seams)
 
 
 def _pieces(count: int) -> str:
@@ -268,7 +268,8 @@ def glue(atlas: Atlas, certified: float, bound: float, threads: int | None, prog
         uv_faces=result["corners"].astype(np.int64),
         origin=atlas.origin,
         warnings=atlas.warnings,
-        metadata={**atlas.metadata, "glue": {"bound": float(bound)}},
+        details={**atlas.details, "glue": {"bound": float(bound)}},
+        record=atlas.record,
         patch_ids=atlas.piece_ids,
         measured=result["measured"],
         bound=float(bound),

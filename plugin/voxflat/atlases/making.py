@@ -50,13 +50,7 @@ def patches(
         planes=np.stack([part["plane"] for part in parts]),
         measured=np.array([[part[name] for name in _MEASURED] for part in parts]),
         origin=whole.origin,
-        metadata={
-            "method": "saucan2006",
-            **whole.origin._described(),
-            "limit": {limit: value},
-            "seeds": seeds,
-            "seed": seed,
-        },
+        details={"method": "saucan2006", "limit": {limit: value}, "seeds": seeds, "seed": seed},
     )
     warnings = list(whole.warnings)
     if broken := int(atlas.broken.sum()):
@@ -64,7 +58,7 @@ def patches(
         warnings.append(text)
     for warning in warnings:
         log.warning(warning)
-    return replace(atlas, warnings=tuple(warnings), metadata={**atlas.metadata, "warnings": warnings})
+    return replace(atlas, warnings=tuple(warnings))
 
 
 def _limit(limits: dict[str, Any]) -> tuple[str, float]:

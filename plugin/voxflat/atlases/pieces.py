@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -58,7 +58,8 @@ class FlatPieces(ReadOnly):
     uv_faces: NDArray[np.int64]
     origin: Origin
     warnings: tuple[str, ...] = ()
-    metadata: dict[str, object] = field(default_factory=dict)
+    details: dict[str, object] = field(default_factory=dict)
+    record: Record = field(default_factory=dict)
 
     def __len__(self) -> int:
         """Return the number of pieces."""
@@ -73,14 +74,19 @@ class FlatPieces(ReadOnly):
         return self.origin.space
 
     @property
+    def metadata(self) -> dict[str, object]:
+        """How the atlas was made, for people and files: written from the fields, and read by no operation."""
+        record = {"provenance": self.record} if self.record else {}
+        return {**self.origin._described(), **self.details, "warnings": list(self.warnings), **record}
+
+    @property
     def provenance(self) -> Record:
         """The record of how the atlas was made: version, function, parameters and input files."""
-        record: Any = self.metadata.get("provenance", {})
-        return dict(record)
+        return self.record
 
     def _with_provenance(self: Own, record: Record) -> Own:
         """Return a copy with a record of how the atlas was made."""
-        return replace(self, metadata={**self.metadata, "provenance": record})
+        return replace(self, record=record)
 
     @cached_property
     def normals(self) -> NDArray[np.float64]:

@@ -12,7 +12,7 @@ from voxflat._core import __version__
 from voxflat.arguments import checked_instance
 from voxflat.io.grid import in_unit, rounded
 from voxflat.maps.flat_map import FlatMap
-from voxflat.surfaces.standard.sphere import OWN_REGISTRATION
+from voxflat.maps.summary import summary_of
 
 Facts = dict[str, Any]
 """What the methods text states of a map: ``how`` it was made, and numbers. Maps of equal ``how`` share a paragraph."""
@@ -68,7 +68,7 @@ def cite(*maps: FlatMap) -> Citation:
     """Return a paragraph for the methods section of a paper, with its references.
 
     The paragraph states the version of voxflat, the method with its options, the cuts, and the distance errors. All
-    facts come from the metadata and the provenance of the maps.
+    facts come from the fields and the provenance of the maps.
 
     Parameters
     ----------
@@ -102,12 +102,12 @@ def cite(*maps: FlatMap) -> Citation:
 
 def facts_of(flat_map: FlatMap) -> Facts:
     """Return the facts about a map that the methods text states."""
-    metadata: dict[str, Any] = flat_map.metadata
+    summary = summary_of(flat_map)
     record: dict[str, Any] = flat_map.provenance
     figures, parameters = record["figures"], record.get("parameters", {})
     used = {**parameters.get("method", {}), "method": None}
     used |= {"relax": parameters.get("relax"), "adapt": parameters.get("adapt"), "seed": flat_map.seed}
-    used |= {"sources": metadata["sources"]} if "sources" in metadata else {}  # fewer than requested on small surfaces
+    used |= {"sources": count} if (count := len(flat_map.sources)) else {}  # fewer than requested on small surfaces
     given = {name: "given" if isinstance(value, dict | list) else value for name, value in used.items()}
     automatic, triangles = [cut for cut in flat_map.cuts if cut.is_automatic], figures["triangles"] or {}
     how = {
@@ -120,15 +120,15 @@ def facts_of(flat_map: FlatMap) -> Facts:
         "options": ", ".join(f"{name}={value}" for name, value in given.items() if value is not None),
         "is_range_image": not flat_map.is_voxels and flat_map.origin.mesh.grid is not None,
         "cuts": len(flat_map.cuts) - len(automatic),
-        "space": (metadata.get("sphere") or {}).get("space"),
-        "by_folds": (metadata.get("sphere") or {}).get("input") == OWN_REGISTRATION,
+        "space": summary.space,
+        "by_folds": summary.is_by_folds,
         "reference": figures["reference"],
     }
     return {
         "how": how,
         "paths": len(automatic),
         "length": in_unit(f"{rounded(sum(cut.length or 0.0 for cut in automatic))} mm", flat_map.origin.named_unit),
-        "points": metadata.get("points", len(flat_map)),
+        "points": summary.points,
         "sources": figures["sources"],
         "scale": f"{figures['best_scale']['scale'] or float('nan'):.3f}",
         "flipped": triangles.get("flipped"),

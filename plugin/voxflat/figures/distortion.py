@@ -209,7 +209,7 @@ def spectrum(flat_map: FlatMap) -> Figure:
     kinds = {_USED: "used for the map", _POSITIVE: "other, positive", _NEGATIVE: "other, negative"}
     handles = [Patch(facecolor=colour, edgecolor="black", linewidth=0.6, label=kind) for colour, kind in kinds.items()]
     axes.legend(handles=handles, frameon=False)
-    planarity: Any = flat_map.metadata.get("planarity")
+    planarity: Any = flat_map.details.get("planarity")
     if planarity is not None:
         axes.set_title(f"{100 * planarity:.1f} % of Σλ² lies in the plane")
     return figure

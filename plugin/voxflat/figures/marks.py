@@ -1,12 +1,12 @@
 """Compute the annotations of a map: anatomical directions, hemisphere, names of cuts, and length of the scale bar."""
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from voxflat.maps.flat_map import FlatMap
+from voxflat.maps.summary import summary_of
 
 _MIDDLE = 0.35  # share of the radius of a disk with the map's area
 _TELLING = 0.3  # R² at or above which a direction counts as lying in the plane
@@ -59,8 +59,7 @@ def directions(flat_map: FlatMap) -> list[Direction]:
 
 def side(flat_map: FlatMap) -> str | None:
     """Return "L" or "R" if the file or the registered sphere of a map identifies its hemisphere, and None otherwise."""
-    sphere: Any = flat_map.metadata.get("sphere") or {}
-    names = (flat_map.origin.structure, sphere.get("side"))
+    names = (flat_map.origin.structure, summary_of(flat_map).side)
     return next((_SIDES[name] for name in names if name in _SIDES), None)
 
 

@@ -23,6 +23,7 @@ from voxflat.io.grid import in_unit
 from voxflat.maps.flat_map import FlatMap
 from voxflat.maps.parcels import Parcels
 from voxflat.maps.raster import FlatImage, Raster
+from voxflat.maps.summary import summary_of
 
 DARK, LIGHT = 0.47, 0.75  # greys of sulci and gyri
 STRIP, WHEEL_STRIP = 9.0, 18.0  # height of the strip below a map, without and with a colour wheel, mm
@@ -267,8 +268,8 @@ class Page:
         """Return the room in mm for the annotations of the second map: its directions, and its side or chart."""
         if len(self.panels) == 1:
             return 0.0
-        chart: Any = self.panels[-1].flat_map.metadata.get("chart")
-        return _SIDE if chart is None else _SIDE + max(0.0, text_size(chart["name"], _FONT)[0] - 4.0)
+        chart = summary_of(self.panels[-1].flat_map).chart
+        return _SIDE if chart is None else _SIDE + max(0.0, text_size(chart, _FONT)[0] - 4.0)
 
     def _directions(self, flat_map: FlatMap, x: float) -> float:
         """Draw the anatomical directions and the hemisphere, starting at `x`, and return where they end, in mm."""
@@ -292,10 +293,9 @@ class Page:
         if which is not None:
             self.text(x, middle, which, "marks", size=9, weight="bold")
             return x + 4.5
-        chart: Any = flat_map.metadata.get("chart", {"count": 1})
-        if chart["count"] != 1:
+        if (chart := summary_of(flat_map).chart) is not None:
             x += 1.5 if arrows else 0.0  # beside the letter of an arrow
-            name = _shortened(str(chart["name"]), _MARKS)
+            name = _shortened(chart, _MARKS)
             self.text(x - 3.0, middle, name, "marks", ha="left", va="center_baseline", weight="bold")
             return x + text_size(name, _FONT)[0]
         return x + 1.0

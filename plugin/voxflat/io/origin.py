@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -97,7 +96,7 @@ class Origin(ABC):
         return "unknown" if self.in_pixels else self.unit
 
     def _described(self) -> dict[str, Any]:
-        """Return the origin as metadata, ready for JSON; `origin_of` is the inverse."""
+        """Return the origin as metadata, ready for JSON; `take_origin` is the inverse."""
         told: dict[str, Any] = {"input": self.input, "input_sha256": self.input_sha256}
         told["space"] = self.space._described()
         told |= {} if self.unit == "mm" else {"unit": self.unit}
@@ -190,31 +189,29 @@ class MeshOrigin(Origin):
         return super()._described() | own
 
 
-def origin_of(metadata: Mapping[str, Any], ids: NDArray[np.int64]) -> Origin:
-    """Return the origin that the metadata of a file describe, checked against the ids of the points."""
+def take_origin(metadata: dict[str, Any], ids: NDArray[np.int64]) -> Origin:
+    """Take the origin out of the metadata of a file, and check it against the ids of the points."""
     check_description(metadata)
-    kind = metadata.get("kind")
+    kind = metadata.pop("kind", None)
     common: dict[str, Any] = {
-        "input": metadata.get("input"),
-        "input_sha256": str(metadata.get("input_sha256", "")),
-        "space": Space._of(metadata),
-        "unit": str(metadata.get("unit", "mm")),
-        "structure": metadata.get("structure"),
-        "measured_on": metadata.get("measured_on"),
-        "has_known_axes": "axes" not in metadata,
+        "input": metadata.pop("input", None),
+        "input_sha256": str(metadata.pop("input_sha256", "")),
+        "space": Space._of(metadata.pop("space", None), kind),
+        "unit": str(metadata.pop("unit", "mm")),
+        "structure": metadata.pop("structure", None),
+        "measured_on": metadata.pop("measured_on", None),
+        "has_known_axes": metadata.pop("axes", None) is None,
         "in_pixels": str(metadata.get("napari", {}).get("unit", "")).startswith("pixel"),
-        "frame": metadata.get("series_frame"),
+        "frame": metadata.pop("series_frame", None),
     }
     made: Origin
     if kind == "voxels":
-        shape = _shape(metadata.get("shape"))
-        common |= {name: metadata.get(name) for name in ("label", "threshold", "foreground")}
-        made = VoxelOrigin(
-            **common, affine=_affine(metadata.get("affine")), shape=shape, is_sheet=metadata.get("sheet")
-        )
+        shape, affine = _shape(metadata.pop("shape", None)), _affine(metadata.pop("affine", None))
+        common |= {name: metadata.pop(name, None) for name in ("label", "threshold", "foreground")}
+        made = VoxelOrigin(**common, affine=affine, shape=shape, is_sheet=metadata.pop("sheet", None))
         most, width = np.array(shape), 3
     elif kind == "mesh":
-        vertices = metadata.get("vertices")
+        vertices = metadata.pop("vertices", None)
         if not (is_whole(vertices) and 0 < vertices < 2**31):
             raise InputError(f"its number of vertices is not valid: {vertices!r:.80}. {AGAIN}")
         grid = metadata.get("range_image")

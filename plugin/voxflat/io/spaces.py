@@ -185,11 +185,10 @@ class Space:
     warning: str = ""
 
     @classmethod
-    def _of(cls, metadata: Mapping[str, Any]) -> Space:
-        """Return the space defined by the metadata of a surface, a map or an atlas."""
-        told = metadata.get("space")
+    def _of(cls, told: Mapping[str, Any] | None, kind: object) -> Space:
+        """Return the space that a file describes; old files do not."""
         if told is None:
-            return cls("scanner") if metadata.get("kind") == "voxels" else UNKNOWN
+            return cls("scanner") if kind == "voxels" else UNKNOWN
         volume = told["volume"]
         if volume is not None:
             cosines = np.column_stack([volume[axis] for axis in ("xras", "yras", "zras")])

@@ -28,9 +28,9 @@ from voxflat.maps.flat_map import FlatMap
 from voxflat.maps.raster import at_points
 from voxflat.maps.sampling import Sampling
 from voxflat.maps.sources import VolumeSource, source_of
+from voxflat.maps.summary import Summary, summary_of
 from voxflat.pipeline.surface import Surface, surface
 from voxflat.surfaces.cut_sides import one_point_a_vertex
-from voxflat.surfaces.standard.sphere import OWN_REGISTRATION
 
 _ONE = "Pass a file with one map, or draw the series with voxflat image or voxflat movie"
 _PROBABLE = 0.5  # threshold on the probability of white matter
@@ -212,10 +212,9 @@ def _written_before(results: Results) -> set[Path]:
 def _description(whole: Surface, flat_map: FlatMap, cortex: str) -> dict[str, Any]:
     """Return the description of the surface and the map for the record; `cortex` is its definition."""
     topology = whole.core.topology()
-    metadata: dict[str, Any] = flat_map.metadata
+    details: dict[str, Any] = flat_map.details
     first = topology["components"][0]
     width, height = np.ptp(flat_map.uv, axis=0).tolist()
-    repaired = {name: len(places) for name, places in metadata.get("mended", {}).items() if np.ndim(places)}
     return {
         "surface": {
             "vertices": len(whole),
@@ -223,33 +222,33 @@ def _description(whole: Surface, flat_map: FlatMap, cortex: str) -> dict[str, An
             "components": len(topology["components"]),
             "euler": int(first["euler"]),
             "boundaries": len(topology["loops"]),
-            "handles_cut": len(metadata.get("handles_cut", [])),
+            "handles_cut": len(details.get("handles_cut", [])),
             "voxels_changed": int(np.count_nonzero(whole.changed_voxels())) if whole.is_voxels else 0,
-            "mended": repaired,
+            "mended": {of: len(places) for of, places in details.get("mended", {}).items() if np.ndim(places)},
             "measured_on": flat_map.origin.measured_on or "the surface itself",
             "space": flat_map.space.name,
             "cortex": cortex,
         },
         "map": {
-            "points": metadata["points"],
+            "points": details["points"],
             "width": width,
             "height": height,
             "low": flat_map.uv.min(axis=0).tolist(),
             "high": flat_map.uv.max(axis=0).tolist(),
             "frame": flat_map.frame,
-            "registration": _registration(metadata["sphere"]),
+            "registration": _registration(summary_of(flat_map)),
             "cuts_by": os.path.basename(str(flat_map.cuts_by)),
             "cut_names": [cut.name for cut in flat_map.cuts if cut.name],
             "automatic_cuts": sum(cut.is_automatic for cut in flat_map.cuts),
         },
         "figures": flat_map.distortion.figures(),
-        "versions": {**metadata["versions"], "system": platform.system()},
+        "versions": {**details["versions"], "system": platform.system()},
         "provenance": portable(flat_map.provenance),
     }
 
 
-def _registration(sphere: dict[str, Any] | None) -> str | None:
+def _registration(summary: Summary) -> str | None:
     """Return what aligns a hemisphere with the template."""
-    if sphere is None:
+    if summary.space is None:
         return None
-    return "by its folds" if sphere["input"] == OWN_REGISTRATION else f"by a sphere in {sphere['space']} space"
+    return "by its folds" if summary.is_by_folds else f"by a sphere in {summary.space} space"

@@ -507,7 +507,7 @@ def _middle_surface(labels: Layered, values: Field) -> Surface:
     made_of = foreground_of(replace(volume, data=grey), label=1).origin
     halfway = "midthickness: halfway between the borders of the grey matter"
     origin = replace(made_of, is_sheet=False, measured_on=halfway)
-    metadata = {**origin._described(), "placed_by": "half of the equidistant depth"}
+    details: dict[str, object] = {"placed_by": "half of the equidistant depth"}
     voxels = labels.voxels(points) + labels.first  # vertices at an end of the volume may lie just outside it
     voxels = voxels.clip(0, np.array(volume.data.shape) - 1)
-    return Surface(core, voxels, origin, metadata, white_points=values.inner[kept], pial_points=values.outer[kept])
+    return Surface(core, voxels, origin, details, white_points=values.inner[kept], pial_points=values.outer[kept])

@@ -34,7 +34,7 @@ from voxflat.maps.regions import Regions
 from voxflat.maps.surface_points import SurfacePoints
 from voxflat.maps.textures.pictures import as_picture, check_cover, check_values, place, values_at
 from voxflat.maps.textures.textured import TexturedSurface
-from voxflat.surfaces.cuts import Cut
+from voxflat.surfaces.cuts import Cut, described_cuts
 from voxflat.surfaces.manifold import patch_of
 from voxflat.unique_rows import distinct
 
@@ -89,8 +89,6 @@ class FlatMap(Planar, Saved):
         Errors of distances, and changes of areas and angles.
     origin : Origin
         The flattened volume or mesh.
-    metadata : dict
-        The origin, and how the map was made, for people and files.
     rows : ndarray of float32, shape (m, N), or Table, or None
         Geodesic distances from the sources, in mm, if requested. Distance rows in a `store` stay there: `save` does not
         include them, and merged vertices have no column.
@@ -121,6 +119,10 @@ class FlatMap(Planar, Saved):
         with distances to the nearest copy.
     store : Path or None
         The directory of stored distance rows.
+    details : dict
+        Entries of `metadata` beside those that the other fields write.
+    record : dict
+        `provenance` without the measures.
 
     See Also
     --------
@@ -158,7 +160,6 @@ class FlatMap(Planar, Saved):
     eigenvalues: NDArray[np.float64]
     distortion: Distortion
     origin: Origin
-    metadata: dict[str, object]
     rows: NDArray[np.float32] | Table | None = None
     bridges: NDArray[np.int64] = field(default_factory=lambda: np.zeros((0, 3), dtype=np.int64))
     curvature: NDArray[np.float64] | None = None
@@ -173,6 +174,8 @@ class FlatMap(Planar, Saved):
     frame: str | None = None
     period: float | None = None
     store: Path | None = None
+    details: dict[str, object] = field(default_factory=dict)
+    record: Record = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -398,6 +401,18 @@ class FlatMap(Planar, Saved):
         """
         return regions_of(self, rois, layer=layer, pixel_size=pixel_size)
 
+    @property
+    def metadata(self) -> dict[str, object]:
+        """How the map was made, for people and files: written from the fields, and read by no operation."""
+        is_cut = self.cuts_by is not None or bool(self.cuts)  # not over the 26-neighbour graph
+        of_cuts = {**described_cuts(self.cuts), "cuts_by": self.cuts_by, "frame": self.frame} if is_cut else {}
+        others = {"period": self.period, "store": self.store and str(self.store), "provenance": self.record or None}
+        return {
+            **{"method": self.method, **self.origin._described(), **self.details, **of_cuts},
+            **{"seed": self.seed, "warnings": list(self.warnings)},
+            **{name: value for name, value in others.items() if value is not None},
+        }
+
     def description(self) -> dict[str, object]:
         """Return the metadata with the distortion measures, ready for JSON.
 
@@ -424,16 +439,15 @@ class FlatMap(Planar, Saved):
 
         It lists the version, function, parameters, input files, warnings and distortion measures.
         """
-        told = {name: self.metadata[name] for name in ("space", "warnings") if name in self.metadata}
-        record: Any = self.metadata.get("provenance", {})
-        return {**record, **told, "figures": self.distortion.figures()}
+        context = {"space": self.space._described(), "warnings": list(self.warnings)}
+        return {**self.record, **context, "figures": self.distortion.figures()}
 
     def _with_provenance(self, record: Record) -> "FlatMap":
         """Return the map with a provenance record, which is also written to its store of distance rows."""
         full = resolved(record, self.metadata)
         if self.store is not None:
             write_provenance(self.store, {**full, "unit": self.origin.named_unit})
-        return replace(self, metadata={**self.metadata, "provenance": full})
+        return replace(self, record=full)
 
     def _why_not(self, path: Path) -> str:
         return f": {PATCH_ENDING} alone means a patch in 3-D space" if path.name.lower().endswith(PATCH_ENDING) else ""

@@ -14,14 +14,15 @@ from voxflat.errors import InputError
 from voxflat.io import files
 from voxflat.io.descriptions import check_distortion
 from voxflat.io.meshes import Mesh
-from voxflat.io.origin import origin_of
+from voxflat.io.origin import take_origin
 from voxflat.io.provenance import Record, as_text
 from voxflat.io.readers import read_arrays
 from voxflat.io.reading import record_file
 from voxflat.surfaces.cut_sides import one_point_a_vertex, triangles_of
-from voxflat.surfaces.cuts import cuts_of
+from voxflat.surfaces.cuts import Cut
 
 _FORMAT, _SERIES_FORMAT = 5, "series 1"
+_BY_USER = ("given", "automatic", "start", "charts", None)  # who chose cuts that are not of a template
 _REQUIRED = ("uv", "ids", "points", "normals", "faces", "torn", "sources", "eigenvalues")
 
 _LAYOUT = {  # types and axes of the arrays in a file, in the form that `check_shapes` expects
@@ -68,7 +69,7 @@ def read_map(path: str | os.PathLike[str], *, series: bool = False) -> dict[str,
             files.check_shapes(arrays, layout)
             files.check_range(arrays, {"faces": len(uv), "sources": len(uv)})
             files.check_places({"uv": uv, "points": points})
-            origin = origin_of(metadata, ids)
+            origin = take_origin(metadata, ids)
             check_distortion(metadata["distortion"])
             if metadata["distortion"]["triangles"] is None and "distortion_areal" in arrays:
                 raise InputError(f"its key 'triangles' is null, but it has the array distortion_areal. {files.AGAIN}")
@@ -86,16 +87,27 @@ def read_map(path: str | os.PathLike[str], *, series: bool = False) -> dict[str,
         return {
             "distortion": Distortion._of(distances, triangles, **more),
             "origin": origin,
-            "cuts": cuts_of(metadata),
             "cuts_by": metadata.get("cuts_by"),
-            "method": metadata.get("method", "unknown"),
-            "seed": metadata.get("seed", 0),
-            "warnings": tuple(metadata.get("warnings", ())),
-            **{name: metadata.get(name) for name in ("frame", "period")},
-            "store": Path(metadata["store"]) if "store" in metadata else None,
-            "metadata": metadata,
+            "cuts": _take_cuts(metadata),
+            "method": metadata.pop("method", "unknown"),
+            "seed": metadata.pop("seed", 0),
+            "warnings": tuple(metadata.pop("warnings", ())),
+            **{name: metadata.pop(name, None) for name in ("frame", "period")},
+            "store": Path(metadata.pop("store")) if "store" in metadata else None,
+            "record": metadata.pop("provenance", {}),
+            "details": metadata,
             **arrays,
         }
+
+
+def _take_cuts(metadata: dict[str, Any]) -> tuple[Cut, ...]:
+    """Take the cuts out of the metadata of a file; lengths of given cuts are not known."""
+    paths = metadata.pop("cuts", None) or []
+    names = metadata.pop("cut_names", None) or [None] * len(paths)  # old files have no names
+    reason = "given" if metadata.pop("cuts_by", None) in _BY_USER else "template"
+    user_cuts = [Cut(np.asarray(path, np.int64), None, reason, name) for path, name in zip(paths, names, strict=True)]
+    automatic = metadata.pop("automatic_cuts", None) or []
+    return (*user_cuts, *(Cut(np.asarray(cut["ids"], np.int64), cut["length"], cut["reason"]) for cut in automatic))
 
 
 def _check_series(arrays: dict[str, Any], metadata: dict[str, Any]) -> None:

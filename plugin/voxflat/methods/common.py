@@ -65,7 +65,7 @@ def map_over_triangles(
     sampling: str | None = None,
     links_error: float | None = None,
 ) -> FlatMap:
-    """Return the map of a triangle surface, with its distortion, metadata and warnings."""
+    """Return the map of a triangle surface, with its distortion, details and warnings."""
     part, chosen = cut.surface, result["sources"]
     warnings = [*cut.warnings, *method_warnings]
     if links_error is None:
@@ -89,7 +89,7 @@ def map_over_triangles(
     if triangles.flipped:
         warnings.append(f"the map folds over: {triangles.flipped} of {len(part.faces)} triangles are flipped")
     anatomy = cut._anatomy(settings.threads, settings.progress)
-    uv, framed = _framed(result["uv"], cut, settings)
+    uv, frame, framed = _framed(result["uv"], cut, settings)
     merged, places = part._also_merged()
     rows_of: Any = slice(None)
     ids, vertices = part.ids, part.vertices
@@ -117,18 +117,16 @@ def map_over_triangles(
         method=method,
         seed=settings.seed,
         warnings=tuple(warnings),
-        frame=framed["frame"],
+        frame=frame,
         period=result.get("period"),
         store=store,
-        metadata={
-            "method": method,
-            **cut.metadata,
+        details={
+            **cut.details,
             **framed,
-            **making_metadata(
-                settings, chosen, result, need, warnings, sampling, logged=cut.warnings if cut.has_logged else ()
-            ),
+            **making_details(chosen, result, need, warnings, sampling, logged=cut.warnings if cut.has_logged else ()),
             **more,
         },
+        record=cut.whole.provenance,
         rows=rows,
         bridges=part._bridges(cut.faces),
         **{name: values[rows_of] for name, values in anatomy.items()},
@@ -139,20 +137,20 @@ def map_over_triangles(
 
 def _framed(
     uv: NDArray[np.float64], cut: CutManifold[Manifold], settings: FlattenSettings
-) -> tuple[NDArray[np.float64], dict[str, Any]]:
+) -> tuple[NDArray[np.float64], str | None, dict[str, Any]]:
     """Align a map with the standard frame or with the axis of its chart, and mirror it on request."""
-    frame: dict[str, Any] = {"frame": None, "mirrored": settings.mirror}
+    frame, details = None, dict[str, Any](mirrored=settings.mirror)
     if cut.chart is not None:
         onto = cut.chart.onto[cut.surface.vertices]
         is_known = np.isfinite(onto).all(axis=1)
         if cut.chart.tube is None:  # the axes of a periodic map are those of its period
             uv, _ = _core.turn_onto(uv, uv[is_known], onto[is_known])
-        uv, frame["frame"] = uv - uv.mean(axis=0), "axis"
+        uv, frame = uv - uv.mean(axis=0), "axis"
     if cut.sphere is not None and cut.given_length is not None:  # cuts of a template, or cuts passed with a sphere
         uv, points, residual = _in_standard_frame(uv, cut.surface, cut.faces, cut.sphere)
         if points:
-            frame |= {"frame": "standard", "frame_points": points, "frame_residual": residual}
-    return uv * [-1.0, 1.0] if settings.mirror else uv, frame
+            frame, details = "standard", {**details, "frame_points": points, "frame_residual": residual}
+    return uv * [-1.0, 1.0] if settings.mirror else uv, frame, details
 
 
 def _in_standard_frame(
@@ -176,8 +174,7 @@ def _in_standard_frame(
     return np.ascontiguousarray(turned[: len(uv)]), count, float(np.sqrt((apart**2).mean()))
 
 
-def making_metadata(
-    settings: FlattenSettings,
+def making_details(
     chosen: NDArray[Any],
     result: dict[str, Any],
     need: int,
@@ -185,7 +182,7 @@ def making_metadata(
     sampling: str | None,
     logged: Sequence[str] = (),
 ) -> dict[str, Any]:
-    """Log the warnings that were not logged before, and return the metadata that describes how a map was made."""
+    """Log the warnings that were not logged before, and return details of how a map was made."""
     for warning in warnings:
         if warning not in logged:
             log.warning(warning)
@@ -193,9 +190,7 @@ def making_metadata(
     if sampling is not None:  # the method has sources
         of_sources = {"sources": len(chosen), "sampling": sampling, "planarity": result["planarity"]}
     return {
-        "seed": settings.seed,
         **of_sources,
-        "warnings": warnings,
         "memory_need_bytes": need,
         "versions": {"voxflat": _core.__version__, "numpy": np.__version__, "python": platform.python_version()},
     }

@@ -13,7 +13,7 @@ from voxflat.distances.store import prepare_store
 from voxflat.distortion.distortion import Distortion
 from voxflat.errors import InputError
 from voxflat.maps.flat_map import FlatMap
-from voxflat.methods.common import making_metadata
+from voxflat.methods.common import making_details
 from voxflat.methods.method import FlattenSettings, Method
 from voxflat.surfaces.cutting import CutManifold
 from voxflat.surfaces.manifold import Manifold
@@ -122,21 +122,16 @@ class Grossmann2002(Method):
         )
         topology = part.topology(settings.progress)
         faces, torn = part.map_faces(result["uv"], settings.progress)
-        metadata = {
-            "method": "grossmann2002",
-            **graph.metadata,
-            **making_metadata(
-                settings, chosen, result, need, _warnings(graph, topology, float(torn.mean())), choice.rule
-            ),
+        warnings = _warnings(graph, topology, float(torn.mean()))
+        details = {
+            **graph.details,
+            **making_details(chosen, result, need, warnings, choice.rule),
             "topology": topology,
             "torn_faces": float(torn.mean()),
         }
         rows = result["rows"]
         if store is not None:
-            metadata["store"], rows = (
-                str(store.path),
-                stored_rows(store, part, chosen, settings.threads, settings.progress).rows,
-            )
+            rows = stored_rows(store, part, chosen, settings.threads, settings.progress).rows
         return FlatMap(
             uv=result["uv"],
             points=part.points,
@@ -150,9 +145,9 @@ class Grossmann2002(Method):
             origin=graph.origin,
             method=self.name,
             seed=settings.seed,
-            warnings=tuple(metadata["warnings"]),
+            warnings=tuple(warnings),
             store=None if store is None else store.path,
-            metadata=metadata,
+            details=details,
             rows=rows,
         )
 

@@ -85,7 +85,7 @@ class Saucan2006(OverTriangles):
         part, seams = cut.surface._with_core(result["surface"]), Seams(**result["seams"])
         faces = part.faces[: len(cut.faces)]  # triangles that close holes come last
         cut = replace(cut, surface=part, faces=faces)
-        metadata = {
+        details = {
             "bound": bound,
             "patches": result["patches"],
             "seams": seams.figures(),
@@ -94,4 +94,4 @@ class Saucan2006(OverTriangles):
         }
         length = in_unit(f"{rounded(seams.cuts)} mm", cut.whole.origin.named_unit)
         warnings = [f"{length} of the seams between patches remain cut"] if seams.cuts > 0 else []
-        return map_over_triangles(self.name, cut, settings, result, need, None, metadata, warnings)
+        return map_over_triangles(self.name, cut, settings, result, need, None, details, warnings)

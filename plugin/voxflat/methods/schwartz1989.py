@@ -114,14 +114,14 @@ class Schwartz1989(OverTriangles):
         if np.isnan(result["planarity"]):
             result["planarity"] = None  # without sources
         energies, converged = result["convergence"]
-        metadata: dict[str, Any] = {
+        details: dict[str, Any] = {
             "neighbourhood": rings or "all",
             "pairs": result["pairs"],
             "starts": result["stresses"],
             "descent": {"converged": converged, "energies": energies},
         }
-        more = result["rows"], metadata, _warnings(result["stresses"])
-        return map_over_triangles(self.name, cut, settings, result, need, *more, sampling=choice.rule)
+        warnings, rows = _warnings(result["stresses"]), result["rows"]
+        return map_over_triangles(self.name, cut, settings, result, need, rows, details, warnings, sampling=choice.rule)
 
 
 def _warnings(stresses: Sequence[float]) -> list[str]:

@@ -174,16 +174,14 @@ class Voxflat(OverTriangles):
         result = part.core.voxflat(*arguments, key, places, max_area=bound)
         if store is not None:
             store.tell(result["found"])
-        metadata: dict[str, Any] = {"geodesic": solver, "distance_error": error}
-        metadata |= {"weighting": weighting, "scale": self.scale}
-        if self.start is not None:
-            metadata["start"] = True
+        energies, converged = result["convergence"]
+        details: dict[str, Any] = {"geodesic": solver, "distance_error": error}
+        details |= {"weighting": weighting, "scale": self.scale} | ({} if self.start is None else {"start": True})
+        details["descent"] = {"converged": converged, "energies": energies}
         rows, more = result["rows"], dict[str, Any](sampling=choice.rule, links_error=links_error)
         if store is not None:
-            metadata["store"], more["store"], rows = str(store.path), store.path, open_rows(store.path).rows
-        energies, converged = result["convergence"]
-        metadata["descent"] = {"converged": converged, "energies": energies}
-        flat = map_over_triangles(self.name, cut, settings, result, need, rows, metadata, warnings, **more)
+            more["store"], rows = store.path, open_rows(store.path).rows
+        flat = map_over_triangles(self.name, cut, settings, result, need, rows, details, warnings, **more)
         return flat if max_area is None else _within(flat, max_area, settings)
 
     def _periodic_map(self, cut: CutManifold[Manifold], tube: Tube, settings: FlattenSettings) -> FlatMap:
@@ -199,11 +197,11 @@ class Voxflat(OverTriangles):
         of_seam = (cut.surface.core, tube.seam.astype(np.uint32), choice.made(settings.progress), settings.seed, solver)
         result = part.core.periodic(*of_seam, float(self.weighting), self.scale, settings.threads, settings.progress)
         energies, converged = result["convergence"]
-        metadata = {"geodesic": solver, "distance_error": error, "weighting": self.weighting, "scale": self.scale}
-        metadata |= {"descent": {"converged": converged, "energies": energies}, "period": result["period"]}
-        metadata["planarity"] = None  # distances around a tube are not those in a plane
+        details = {"geodesic": solver, "distance_error": error, "weighting": self.weighting, "scale": self.scale}
+        details["descent"] = {"converged": converged, "energies": energies}
+        details["planarity"] = None  # distances around a tube are not those in a plane
         more: dict[str, Any] = {"sampling": choice.rule, "links_error": links_error}
-        return map_over_triangles(self.name, cut, settings, result, need, None, metadata, warnings, **more)
+        return map_over_triangles(self.name, cut, settings, result, need, None, details, warnings, **more)
 
 
 def _within(flat: FlatMap, max_area: float, settings: FlattenSettings) -> FlatMap:
@@ -211,7 +209,7 @@ def _within(flat: FlatMap, max_area: float, settings: FlattenSettings) -> FlatMa
     areas, logs = area_changes(flat)
     areas, logs = areas[np.isfinite(logs)], logs[np.isfinite(logs)]  # triangles with an area on the surface
     reached = float(np.exp2(np.abs(logs).max()))
-    flat = replace(flat, metadata={**flat.metadata, "max_area": max_area, "area_change": reached})
+    flat = replace(flat, details={**flat.details, "max_area": max_area, "area_change": reached})
     if reached <= max_area:
         return flat
     is_beyond = np.abs(logs) > np.log2(max_area)

@@ -164,12 +164,10 @@ class FlatSeries(Sequence[FlatMap], ReadOnly, Saved):
         replaced["distortion"] = _unmeasured(self.flat_map.distortion)
         replaced["origin"] = replace(self.flat_map.origin, frame=frame)
         replaced |= dict.fromkeys(("rows", "curvature", "sulcal_depth", "white_points", "pial_points"))
-        metadata = {**self.flat_map.metadata, **replaced["origin"]._described()}
         if self.provenance:
             recorded: Any = self.provenance["parameters"]
-            parameters = {**recorded, "frame": frame}
-            metadata["provenance"] = {**self.provenance, "parameters": parameters}
-        flat_map = replace(self.flat_map, **replaced, metadata=metadata)
+            replaced["record"] = {**self.provenance, "parameters": {**recorded, "frame": frame}}
+        flat_map = replace(self.flat_map, **replaced)
         vars(flat_map)["_rasters"] = self.flat_map._rasters  # all frames have the same pixels
         return flat_map
 
@@ -484,6 +482,6 @@ def load_series(path: str | os.PathLike[str]) -> FlatSeries:
     <FlatSeries: 2 frames, 441 points>
     """
     fields = read_map(path, series=True)
-    more = fields["metadata"].pop("series")
+    more = fields["details"].pop("series")
     arrays = {name: fields.pop(f"series_{name}") for name in _ARRAYS}
     return FlatSeries(FlatMap(**fields), **arrays, **more)

@@ -2,7 +2,6 @@
 
 import hashlib
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -96,8 +95,7 @@ def range_image(
         measured_on="the given range image",
         grid=PixelGrid((rows, columns), steps),
     )
-    metadata: dict[str, Any] = {
-        **origin._described(),
+    details: dict[str, object] = {
         "range_image": {
             "shape": list(heights.shape),
             "spacing": list(steps),
@@ -105,7 +103,7 @@ def range_image(
             "cut": cut,
         },
     }
-    return Surface(core.part_of_faces(is_kept), None, origin, metadata, tuple(warnings))
+    return Surface(core.part_of_faces(is_kept), None, origin, details, tuple(warnings))
 
 
 def _heights(depth: ArrayLike, mask: ArrayLike | None) -> NDArray[np.float64]:

@@ -55,8 +55,8 @@ class Surface(Manifold):
         The voxel of each vertex of the whole surface, if the input was a volume.
     origin : Origin
         The input: a volume, or a mesh.
-    metadata : dict
-        How the surface was made, for people and files.
+    details : dict
+        Entries of `metadata` beside those that the other fields write.
     warnings : tuple of str
         Warnings about the surface.
     white_points, pial_points : ndarray of float64, shape (V, 3), or None
@@ -69,6 +69,10 @@ class Surface(Manifold):
         The surface of which this one is a part.
     steps : tuple of Step
         The steps that selected the part.
+    repair : Repair or None
+        The voxels that were changed to remove handles.
+    provenance : dict
+        Record of how the surface was made: the version, the function, its parameters, and the files that were read.
 
     See Also
     --------
@@ -269,7 +273,7 @@ class Surface(Manifold):
             whole mesh; it is centred at the origin and may have any radius. It is in fsaverage space, or in fs_LR space
             if the file name indicates it. By default FreeSurfer's sphere is used if it is stored next to the surface
             file and standard cuts are made. Maps cut by a template, or along your own cuts with a `sphere`, are aligned
-            with the flat map of fsaverage5 (``metadata["frame"]`` is "standard").
+            with the flat map of fsaverage5 (`FlatMap.frame` is "standard").
         relax : bool or float, optional
             Add relaxation cuts, from the boundary inwards, where they reduce distortion most. True adds cuts as long as
             they pay off, a number limits their total length in mm (including your `cuts`), and False adds none. By
@@ -391,7 +395,7 @@ class Surface(Manifold):
         """Flatten the surface into the plane while preserving geodesic distances.
 
         The surface is first cut open to a disk, as with `cut`. Warnings are sent to the logger ``voxflat`` and listed
-        in ``metadata["warnings"]``.
+        in `FlatMap.warnings`.
 
         Parameters
         ----------

@@ -24,7 +24,6 @@ from voxflat.unique_rows import distinct
 CUTS_FORMAT = 1
 """The version of cuts files; a file without a version is of this one."""
 
-_BY_USER = ("given", "automatic", "start", "charts", None)  # who chose cuts that are not of a template
 _REMEDY = "Pass at least two neighbouring vertices"
 _SMALL_HOLE = 15.0  # mm, largest circumference of a hole that is closed to measure distances
 _SMALL_HOLE_VOXELS = 12.0  # the same in voxels, or in edges if the unit is unknown
@@ -86,23 +85,13 @@ class Cut(ReadOnly):
 
 
 def described_cuts(cuts: Sequence[Cut]) -> dict[str, Any]:
-    """Return cuts as metadata, ready for JSON; `cuts_of` is the inverse."""
+    """Return cuts as metadata, ready for JSON."""
     user_cuts = [cut for cut in cuts if not cut.is_automatic]
     return {
         "cuts": [cut.ids.tolist() for cut in user_cuts],
         "cut_names": [cut.name for cut in user_cuts],
         "automatic_cuts": [cut._described() for cut in cuts if cut.is_automatic],
     }
-
-
-def cuts_of(metadata: Mapping[str, Any]) -> tuple[Cut, ...]:
-    """Return the cuts that the metadata of a file describe; lengths of given cuts are not known."""
-    paths = metadata.get("cuts") or []
-    names = metadata.get("cut_names") or [None] * len(paths)  # old files have no names
-    reason = "given" if metadata.get("cuts_by") in _BY_USER else "template"
-    user_cuts = [Cut(np.asarray(path, np.int64), None, reason, name) for path, name in zip(paths, names, strict=True)]
-    automatic = metadata.get("automatic_cuts") or []
-    return (*user_cuts, *(Cut(np.asarray(cut["ids"], np.int64), cut["length"], cut["reason"]) for cut in automatic))
 
 
 def save_cuts(

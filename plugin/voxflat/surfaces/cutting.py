@@ -13,7 +13,7 @@ from voxflat.errors import InputError
 from voxflat.io.grid import in_unit, rounded
 from voxflat.io.provenance import Record
 from voxflat.read_only import ReadOnly
-from voxflat.surfaces.cuts import Cut, check_relax, close_holes, cut_along, described_cuts, opened, read_cuts
+from voxflat.surfaces.cuts import Cut, check_relax, close_holes, cut_along, opened, read_cuts
 from voxflat.surfaces.manifold import Manifold, Step, SurfaceT, SurfaceT_co
 from voxflat.surfaces.parts import dropped, largest_piece
 from voxflat.surfaces.standard.choice import AUTOMATIC, Choice, chosen
@@ -88,24 +88,19 @@ class CutManifold(ReadOnly, Generic[SurfaceT_co]):
         return not any(step.verb != "outlines" for step in self.surface.steps)
 
     @property
-    def metadata(self) -> dict[str, object]:
-        """How the part was selected and cut, for people and files.
-
-        Maps of the surface contain it.
-        """
+    def details(self) -> dict[str, object]:
+        """How the part was selected and cut, for the metadata of its maps."""
         verbs = {step.verb: step for step in self.surface.steps}
         disk, corners = verbs.get("disk"), verbs.get("polygon")
         details = {"chart": None if self.chart is None else self.chart.description, "sketch_error": self.sketch_error}
         return {
-            **self.whole.metadata,
+            **self.whole.details,
             "keep": "keep" in verbs,
             "drop": "drop" in verbs,
             "seed_point": None if disk is None else disk.seed_point,
             "seed_found": None if disk is None else disk.seed_found,
             "radius": None if disk is None else disk.radius,
             "polygon": None if corners is None else corners.corners,
-            **described_cuts(self.cuts),
-            "cuts_by": self.cuts_by,
             "sphere": None if self.sphere is None else self.sphere._described(),
             "surface_points": len(self.whole),
             "points": len(np.unique(self.surface.vertices)),
@@ -293,5 +288,5 @@ def cut_handles(whole: SurfaceT, threads: int | None, progress: Progress | None)
     lengths = [handle["length"] for handle in handles]
     least, most = rounded(min(lengths), 1), rounded(max(lengths), 1)
     warning = in_unit(f"cut {len(handles)} handle(s) open along loops of {least} to {most} mm", whole.origin.named_unit)
-    metadata = {**whole.metadata, "handles_cut": handles}
-    return replace(whole, core=core, metadata=metadata, warnings=(*whole.warnings, warning))
+    details = {**whole.details, "handles_cut": handles}
+    return replace(whole, core=core, details=details, warnings=(*whole.warnings, warning))

@@ -155,7 +155,7 @@ class Check(ReadOnly):
         if self.kind == "mesh":
             size = " x ".join(f"{side:.4g}" for side in contents["size"])
             rows = [("mesh", f"{contents['vertices']} vertices, {contents['triangles']} triangles")]
-            space = Space._of(contents)
+            space = Space._of(contents["space"], self.kind)
             is_stack = self.foreground is not None and space.name == "unknown"
             axes = "x, y and z of the volume, without anatomical directions" if is_stack else str(space)
             rows += [("size", in_unit(f"{size} mm", contents["unit"])), ("coordinates", axes)]
@@ -216,7 +216,7 @@ def check_surface(
     threads, progress = settings.threads, settings.progress
     whole = part._complete
     topology = whole.core.topology()
-    split: Any = whole.metadata.get("split_vertices")
+    split: Any = whole.details.get("split_vertices")
     check = replace(
         check,
         foreground=whole.origin.voxels.foreground if whole.is_voxels else None,
@@ -250,8 +250,7 @@ def check_surface(
         if len(opened.surface) < 3:
             advice.append(f"the patch has only {len(opened.surface)} vertices. Choose a larger label or patch")
     is_solid = part.whole is None and part.foreground is not None and not whole.origin.voxels.is_sheet
-    is_solid = is_solid and "touching_labels" not in whole.metadata  # which a warning names
-    if is_solid and part.foreground and (shares := parts_at_a_neck(part.foreground)):
+    if is_solid and part.foreground and not part.foreground.touching and (shares := parts_at_a_neck(part.foreground)):
         first, second = (f"{100 * share:.0f}" for share in shares)
         advice.append(
             f"the foreground narrows between two parts ({first} and {second} % of its voxels). If two objects touch "

@@ -36,11 +36,28 @@ class Foreground:
 
 
 @dataclass(frozen=True, eq=False)
+class Repair:
+    """Voxels that were changed to remove handles; arrays have shape (k, 3)."""
+
+    handles: int
+    considered: list[int]  # voxels changed if all handles were cut, or all were filled
+    cut: NDArray[Any]  # removed
+    filled: NDArray[Any]  # added
+    dropped: NDArray[Any]  # of smaller components, removed
+    cavities: NDArray[Any]  # enclosed, added
+
+    def _described(self) -> dict[str, Any]:
+        """Return the repair as metadata, ready for JSON."""
+        return {name: value.tolist() if isinstance(value, np.ndarray) else value for name, value in vars(self).items()}
+
+
+@dataclass(frozen=True, eq=False)
 class PackedMask:
     """The foreground of a volume with one bit per voxel (`numpy.packbits`), as stored in surfaces."""
 
     bits: NDArray[np.uint8]
     origin: VoxelOrigin
+    touching: Sequence[int] = ()  # labels that touch
 
     def mask(self) -> NDArray[np.bool_]:
         """Return a mask of the foreground, shape (I, J, K)."""

@@ -35,7 +35,7 @@ from voxflat.io.spaces import Space, VolumeGeometry
 from voxflat.io.triangles import check_faces
 from voxflat.read_only import ReadOnly
 from voxflat.surfaces.cut_sides import listed_points, triangles_of
-from voxflat.surfaces.foreground import PackedMask
+from voxflat.surfaces.foreground import PackedMask, Repair
 from voxflat.unique_rows import distinct, in_rows
 
 if TYPE_CHECKING:
@@ -75,7 +75,7 @@ class Manifold(ReadOnly, Saved):
     core: _core.Surface
     voxels: NDArray[np.int64] | None
     origin: Origin
-    metadata: dict[str, object] = field(default_factory=dict)
+    details: dict[str, object] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
     white_points: NDArray[np.float64] | None = None
     pial_points: NDArray[np.float64] | None = None
@@ -83,6 +83,14 @@ class Manifold(ReadOnly, Saved):
     foreground: PackedMask | None = None
     whole: Self | None = None
     steps: tuple[Step, ...] = ()
+    repair: Repair | None = None
+    provenance: Record = field(default_factory=dict)
+
+    @property
+    def metadata(self) -> dict[str, object]:
+        """How the surface was made, for people and files: written from the fields, and read by no operation."""
+        record = {"provenance": self.provenance} if self.provenance else {}
+        return {**self.origin._described(), **self.details, **record}
 
     @property
     def _complete(self) -> Self:
@@ -397,28 +405,18 @@ class Manifold(ReadOnly, Saved):
         if not self.is_voxels:
             raise InputError("the surface came from a mesh, so no voxels were changed. Pass a surface from a volume")
         labels = np.zeros(self.origin.voxels.shape, dtype=np.uint8)
-        report: Any = self.metadata.get("repair", {})
-        for value, names in ((1, ("cut", "dropped")), (2, ("filled", "cavities"))):
-            for name in names:
-                labels[tuple(np.asarray(report.get(name, []), dtype=np.int64).reshape(-1, 3).T)] = value
+        if (repair := self.repair) is not None:
+            labels[tuple(np.concatenate([repair.cut, repair.dropped]).T)] = 1
+            labels[tuple(np.concatenate([repair.filled, repair.cavities]).T)] = 2
         return labels
 
     def _with_core(self, core: _core.Surface) -> Self:
         """Return this surface with another core, such as a part or a cut surface."""
         return replace(self, core=core)
 
-    @property
-    def provenance(self) -> Record:
-        """Record of how the surface was made.
-
-        It holds the version, the function, its parameters, and the files that were read.
-        """
-        record: Any = self.metadata.get("provenance", {})
-        return dict(record)
-
     def _with_provenance(self, record: Record) -> Self:
         """Return the same surface with a provenance record."""
-        return replace(self, metadata={**self.metadata, "provenance": resolved(record, self.metadata)})
+        return replace(self, provenance=resolved(record, self.metadata))
 
     def _write(self, path: Path) -> None:
         space, structure = self.space, self.origin.structure

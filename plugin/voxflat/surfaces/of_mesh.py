@@ -52,15 +52,14 @@ def of_mesh(
         measured_on=measured_on,
         has_known_axes=not mesh._has_unknown_axes,
     )
-    metadata = origin._described()
     mesh_faces = mesh.faces
     mended: dict[str, Any] = {name: repairs[name] for name in _MENDED if repairs[name]}
     if len(merged):
         mended["merged"] = merged.tolist()
     if mended:
-        metadata["mended"] = mended
         mesh_faces = core.ids.astype(np.int64)[core.faces]
-    return cls(core, None, origin, metadata, tuple(warnings), white, places, mesh_faces)
+    details: dict[str, object] = {"mended": mended} if mended else {}
+    return cls(core, None, origin, details, tuple(warnings), white, places, mesh_faces)
 
 
 def _warnings(repairs: dict[str, Any], faces: int, points: int) -> list[str]:

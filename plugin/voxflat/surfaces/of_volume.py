@@ -1,7 +1,6 @@
 """Create a surface from a volume: repaired on request, with vertex positions finer than the grid."""
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +11,7 @@ from voxflat.errors import InputError
 from voxflat.io.reading import check_room
 from voxflat.io.sources import volume_of
 from voxflat.io.volumes import Volume
-from voxflat.surfaces.foreground import Foreground, PackedMask, touching_labels
+from voxflat.surfaces.foreground import Foreground, PackedMask, Repair, touching_labels
 from voxflat.surfaces.manifold import SurfaceT
 from voxflat.surfaces.noise import noise_in_handles, noise_in_parts
 
@@ -38,24 +37,17 @@ def of_volume(
     check_room(_A_SURFEL * _surfels(mask))
     if sheet is not False:
         _check_width(mask)
-    repairs: dict[str, Any] = {}
+    changes: Repair | None = None
     level, placed_by = _level(volume, mask, selected.origin.threshold, probability)
     warnings: list[str] = []
     _warn(noise_in_parts(mask))
-    if repair == "voxels":
-        mask, repairs["repair"], warnings = _repaired(mask, volume, level, progress)
-    elif repair is None and not (_core.is_sheet(mask) if sheet is None else sheet):
-        mask, report, warnings = _without_handles(mask, volume, level, progress)
-        if report is not None:
-            repairs["repair"] = report
+    if repair == "voxels" or (repair is None and not (_core.is_sheet(mask) if sheet is None else sheet)):
+        is_requested = repair == "voxels"
+        mask, changes, warnings = _repaired(mask, volume, level, progress, is_requested=is_requested)
     core, voxels, details = _core.Surface.from_mask(mask, volume.affine.tolist(), level, sheet, threads, progress)
     origin = replace(selected.origin, is_sheet=details.pop("kind") == "sheet")
-    metadata = {
-        **origin._described(),
-        **repairs,
-        **details,
-        "placed_by": "a fit to the middle of the sheet" if origin.is_sheet else placed_by,
-    }
+    details |= {} if changes is None else {"repair": changes._described()}
+    details["placed_by"] = "a fit to the middle of the sheet" if origin.is_sheet else placed_by
     if details["conflicts"]:
         warnings.append(
             f"the sides of the voxel sheet conflict at {details['conflicts']} pairs of voxels: the sheet touches "
@@ -64,13 +56,13 @@ def of_volume(
     if not origin.is_sheet and (touched := _touched_sides(mask)):
         warnings.append(f"the foreground touches the border of the volume ({touched}); the surface is closed there")
     if touching := touching_labels(volume.data, selected.mask):
-        metadata["touching_labels"] = touching
+        details["touching_labels"] = touching
         named = f"{', '.join(map(str, touching[:-1]))} and {touching[-1]}"
         warnings.append(
             f"labels {named} touch, so they form one surface. If they are different objects, choose one label"
         )
-    packed = PackedMask(np.packbits(mask if repair == "voxels" else selected.mask), selected.origin)
-    return cls(core, voxels.astype(np.int64), origin, metadata, tuple(warnings), foreground=packed)
+    packed = PackedMask(np.packbits(mask if repair == "voxels" else selected.mask), selected.origin, touching)
+    return cls(core, voxels.astype(np.int64), origin, details, tuple(warnings), foreground=packed, repair=changes)
 
 
 def _warn(warning: str | None) -> None:
@@ -143,50 +135,46 @@ def _surfels(mask: NDArray[np.bool_]) -> int:
 
 
 def _repaired(
-    mask: NDArray[np.bool_], volume: Volume, level: tuple[NDArray[np.float32], float] | None, progress: Progress | None
-) -> tuple[NDArray[np.bool_], dict[str, Any], list[str]]:
-    """Change the foreground so that its surface is a sphere; also return a report and warnings."""
-    repaired, report = _core.repair(mask, volume.spacing.tolist(), _likely(level), progress)
-    _warn(noise_in_handles(report["handles"]))
-    content = {key: value.tolist() if isinstance(value, np.ndarray) else value for key, value in report.items()}
-    removed, added, others = len(report["cut"]), len(report["filled"]), len(report["dropped"]) + len(report["cavities"])
-    warnings: list[str] = []
-    if removed or added:
-        share = 100 * (removed + added) / np.count_nonzero(mask)
-        changes = f"{removed} voxels removed, {added} added ({share:.2f} %)"
-        warnings.append(f"repaired {report['handles']} handle(s): {changes}")
-    if others:
-        warnings.append(
-            f"removed {len(report['dropped'])} voxels of smaller components and added {len(report['cavities'])} "
-            "voxels of enclosed cavities"
-        )
-    return repaired, content, warnings
+    mask: NDArray[np.bool_],
+    volume: Volume,
+    level: tuple[NDArray[np.float32], float] | None,
+    progress: Progress | None,
+    *,
+    is_requested: bool,
+) -> tuple[NDArray[np.bool_], Repair | None, list[str]]:
+    """Return the foreground without handles, the repair and warnings.
 
-
-def _without_handles(
-    mask: NDArray[np.bool_], volume: Volume, level: tuple[NDArray[np.float32], float] | None, progress: Progress | None
-) -> tuple[NDArray[np.bool_], dict[str, Any] | None, list[str]]:
-    """Close or open the handles of the largest component if that changes few voxels; leave the rest unchanged."""
-    _, report = _core.repair(mask, volume.spacing.tolist(), _likely(level), progress)
-    _warn(noise_in_handles(report["handles"]))
-    if not report["handles"]:
-        return mask, None, []
-    removed, added = len(report["cut"]), len(report["filled"])
+    On request, its surface becomes a sphere. Otherwise only the handles of the largest component are closed or opened,
+    if that changes few voxels.
+    """
+    solid, report = _core.repair(mask, volume.spacing.tolist(), _likely(level), progress)
+    repair = Repair(**report)
+    _warn(noise_in_handles(repair.handles))
+    removed, added = len(repair.cut), len(repair.filled)
     share = (removed + added) / np.count_nonzero(mask)
     changes = f"{removed} voxels removed, {added} added ({100 * share:.2g} %)"
+    warning = f"repaired {repair.handles} handle(s): {changes}"
+    if is_requested:
+        warnings = [warning] if removed or added else []
+        if len(repair.dropped) or len(repair.cavities):
+            warnings.append(
+                f"removed {len(repair.dropped)} voxels of smaller components and added {len(repair.cavities)} "
+                "voxels of enclosed cavities"
+            )
+        return solid, repair, warnings
+    if not repair.handles:
+        return mask, None, []
     if share > _MOST_REPAIRED:
         warning = (
-            f"{report['handles']} handle(s) remain, because removing them would change many voxels ({changes}). Use "
+            f"{repair.handles} handle(s) remain, because removing them would change many voxels ({changes}). Use "
             "repair='voxels' to remove them"
         )
         return mask, None, [warning]
-    repaired = mask.copy()
-    repaired[tuple(report["cut"].T)] = False
-    repaired[tuple(report["filled"].T)] = True
-    content = {key: value.tolist() if isinstance(value, np.ndarray) else value for key, value in report.items()}
-    content |= {"dropped": [], "cavities": []}
-    warning = f"repaired {report['handles']} handle(s): {changes}. Use repair='none' to keep them"
-    return repaired, content, [warning]
+    solid = mask.copy()
+    solid[tuple(repair.cut.T)] = False
+    solid[tuple(repair.filled.T)] = True
+    repair = replace(repair, dropped=repair.dropped[:0], cavities=repair.cavities[:0])
+    return solid, repair, [f"{warning}. Use repair='none' to keep them"]
 
 
 def _likely(level: tuple[NDArray[np.float32], float] | None) -> NDArray[np.float32] | None:

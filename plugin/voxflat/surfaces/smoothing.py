@@ -47,8 +47,8 @@ def smoothed(surface: SurfaceT, length: float, progress: Progress | None) -> Sur
     warnings = [in_unit(text, surface.origin.named_unit)]
     if after > before:
         warnings.append(f"smoothing folded {after - before} of {len(faces)} triangles. Use a smaller length")
-    metadata = {**surface.metadata, "smoothed": figures}
-    return replace(surface, core=core, metadata=metadata, warnings=(*surface.warnings, *warnings))
+    details = {**surface.details, "smoothed": figures}
+    return replace(surface, core=core, details=details, warnings=(*surface.warnings, *warnings))
 
 
 def _moves(

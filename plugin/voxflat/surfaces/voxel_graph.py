@@ -29,7 +29,7 @@ class VoxelGraph:
     origin: VoxelOrigin
     link_lengths: str
     is_chosen: bool  # whether the user chose the part
-    metadata: dict[str, Any]
+    details: dict[str, Any]
     warnings: tuple[str, ...]
 
     def __len__(self) -> int:
@@ -92,8 +92,7 @@ def voxel_graph(surface: Manifold, link_lengths: str | None = None, progress: Pr
     components = whole.component_sizes()
     origin = replace(surface.foreground.origin, unit=surface.origin.unit)
     is_masked = any(step.mask is not None for step in surface.steps)
-    metadata = {
-        **origin._described(),
+    details = {
         "seed_point": seed,
         "seed_found": nearest,
         "radius": radius,
@@ -104,7 +103,7 @@ def voxel_graph(surface: Manifold, link_lengths: str | None = None, progress: Pr
         "largest_components": components[:10],
         "points": len(part),
     }
-    return VoxelGraph(part, whole, origin, links, is_masked or seed is not None, metadata, tuple(warnings))
+    return VoxelGraph(part, whole, origin, links, is_masked or seed is not None, details, tuple(warnings))
 
 
 def seed_voxel(seed_point: object, shape: Sequence[int], name: str = "seed point") -> list[int]:

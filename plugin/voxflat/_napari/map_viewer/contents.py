@@ -29,8 +29,7 @@ def suits(layer: Layer, run: Run) -> bool:
         return False
     if isinstance(layer, Image | Labels):
         return bool(layer.ndim >= 3)
-    about = run.flat_map.metadata
-    return isinstance(layer, Surface) and about["kind"] == "mesh" and len(layer.vertices) == about["vertices"]
+    return isinstance(layer, Surface) and len(layer.vertices) == run.flat_map.origin.size
 
 
 def drawing(shown: Shown) -> Callable[[PreparedMap], Picture]:

@@ -1,7 +1,7 @@
 """The measures of a flat map or an atlas, and its warnings, as text."""
 
 from html import escape
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 
@@ -116,13 +116,12 @@ def _of_triangles(triangles: TriangleFigures) -> list[Row]:
 def _of_topology(flat_map: FlatMap) -> list[Row]:
     """Return the automatic cuts, the torn part of a map of the 26-neighbour graph, and the Euler characteristic."""
     rows = []
-    metadata: dict[str, Any] = flat_map.metadata
     if cuts := [cut for cut in flat_map.cuts if cut.is_automatic]:
         rows.append(("automatic cuts", f"{len(cuts)}, {rounded(sum(cut.length or 0.0 for cut in cuts))} mm"))
-    if "torn_faces" in metadata:
-        rows.append(("torn faces", f"{100 * metadata['torn_faces']:.1f} %"))
-    if "topology" in metadata:
-        rows.append(("Euler characteristic (disk: 1)", f"{metadata['topology']['euler_characteristic']}"))
+    if flat_map.distortion.triangles is None:
+        rows.append(("torn faces", f"{100 * flat_map.torn.mean():.1f} %"))
+    if isinstance(topology := flat_map.details.get("topology"), dict):
+        rows.append(("Euler characteristic (disk: 1)", f"{topology['euler_characteristic']}"))
     return rows
 
 

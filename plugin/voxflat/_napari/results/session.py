@@ -31,7 +31,7 @@ class Session:
     @classmethod
     def of(cls, made: FlatMap | Atlas) -> Session | None:
         """Return the session of a map; None if it was not made or opened in napari."""
-        told = made.metadata.get("napari")
+        told = made.details.get("napari")
         if not isinstance(told, dict):
             return None
         own = {name: told[name] for name in ("layer", "world_axes", "unit", "form", "time") if name in told}
@@ -42,7 +42,7 @@ class Session:
         known = {name: value for name, value in (("form", self.form), ("time", self.time)) if value is not None}
         told = {"layer": self.layer, "world_axes": self.world_axes, "unit": self.unit, **known, **self.drawn}
         origin = replace(made.origin, in_pixels=self.unit.startswith("pixel"))
-        return replace(made, origin=origin, metadata={**made.metadata, "napari": told})
+        return replace(made, origin=origin, details={**made.details, "napari": told})
 
 
 def session_of(made: FlatMap | Atlas) -> Session:

@@ -18,6 +18,7 @@ from voxflat.io.files import SAVED_ENDINGS
 from voxflat.io.grid import in_unit, rounded
 from voxflat.io.patches import PATCH_ENDING
 from voxflat.maps.flat_map import MAP_ENDINGS, FlatMap
+from voxflat.maps.summary import summary_of
 from voxflat.pipeline.flat_series import FlatSeries
 from voxflat.pipeline.series import checked_reference, flatten_series
 from voxflat.pipeline.surface import Surface
@@ -222,19 +223,19 @@ def _series_summary(series: FlatSeries, output: Path, frames: tuple[Path, ...]) 
 
 
 def _summary(flat_map: FlatMap, output: Path) -> str:
-    metadata: dict[str, Any] = flat_map.metadata
+    details: dict[str, Any] = flat_map.details
     width, height = np.ptp(flat_map.uv, axis=0)
-    torn = f", {100 * metadata['torn_faces']:.1f} % of it torn" if "torn_faces" in metadata else ""
+    torn = f", {100 * flat_map.torn.mean():.1f} % of it torn" if flat_map.distortion.triangles is None else ""
     cut_names = ", ".join(cut.name for cut in flat_map.cuts if cut.name)
-    rows = {"flattened": f"{metadata['points']} of {metadata['surface_points']} points, {_part(metadata)}"}
+    rows = {"flattened": f"{details['points']} of {details['surface_points']} points, {_part(flat_map, details)}"}
     if cut_names:
         rows["cuts"] = f"{flat_map.cuts_by}: {cut_names}"
     if flat_map.period is not None:
         rows["period"] = f"{rounded(flat_map.period, 1)} mm"
-    if "sources" in metadata:
-        rows["sources"] = metadata["sources"]
+    if len(flat_map.sources):
+        rows["sources"] = str(len(flat_map.sources))
     rows["map"] = f"{rounded(width, 1)} x {rounded(height, 1)} mm{torn}"
-    rows["memory, at most"] = f"{metadata['memory_need_bytes'] / 2**20:.0f} MiB"
+    rows["memory, at most"] = f"{details['memory_need_bytes'] / 2**20:.0f} MiB"
     lines = [f"{name:22}{value}" for name, value in rows.items()]
     return (
         in_unit("\n".join([*lines, "", flat_map.distortion.table(), ""]), flat_map.origin.named_unit)
@@ -242,14 +243,12 @@ def _summary(flat_map: FlatMap, output: Path) -> str:
     )
 
 
-def _part(metadata: dict[str, Any]) -> str:
+def _part(flat_map: FlatMap, details: dict[str, Any]) -> str:
     """Describe the part of the surface that was flattened."""
-    if metadata.get("chart", {}).get("count", 1) != 1:
-        return f"the chart {metadata['chart']['name']!r}"
-    parts = ["inside the mask"] if metadata["keep"] or metadata.get("drop") else []
-    if metadata["seed_point"] is not None:
-        item = "voxel" if metadata["kind"] == "voxels" else "vertex"
-        parts.append(f"within {metadata['radius']} mm of {item} {metadata['seed_point']}")
-    if parts:
-        return " ".join(parts)
-    return "all" if metadata["points"] == metadata["surface_points"] else "the largest component"
+    if (chart := summary_of(flat_map).chart) is not None:
+        return f"the chart {chart!r}"
+    parts = ["inside the mask"] if details["keep"] or details.get("drop") else []
+    if details["seed_point"] is not None:
+        item = "voxel" if flat_map.is_voxels else "vertex"
+        parts.append(f"within {details['radius']} mm of {item} {details['seed_point']}")
+    return " ".join(parts) or ("all" if details["points"] == details["surface_points"] else "the largest component")
