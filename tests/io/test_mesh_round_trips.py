@@ -115,6 +115,15 @@ def test_bad_arrays():
     refused("point data 'curv' has 3 values, but the surface has 16 points", Mesh, *arrays, point_data={"curv": three})
 
 
+def test_the_content_of_a_file_defines_its_unit(tmp_path):
+    write_mesh(tmp_path / "a.ply", sphere())
+    (tmp_path / "a.ply").rename(tmp_path / "scan.dat")
+    assert read_mesh(tmp_path / "scan.dat").unit == "unknown"
+    write_mesh(tmp_path / "a.surf.gii", sphere())
+    (tmp_path / "a.surf.gii").rename(tmp_path / "scan.dat")
+    assert read_mesh(tmp_path / "scan.dat").unit == "mm"
+
+
 def test_suspicious_units(tmp_path):
     assert Mesh(sphere().points, sphere().faces).unit_warning is None
     warning = "is 0.17 units across; coordinates are assumed to be in mm. If they are in metres, multiply them by 1000"

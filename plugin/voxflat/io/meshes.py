@@ -21,8 +21,6 @@ from voxflat.io.spaces import UNKNOWN, Space, VolumeGeometry
 from voxflat.io.triangles import as_float32, check_faces
 from voxflat.io.volumes import VOLUME_ENDINGS
 
-_WITHOUT_UNIT = (formats.VTK, formats.VTP, formats.PLY, formats.STL, formats.OBJ, formats.OFF, formats.GLB)
-
 LEFT, RIGHT = "CortexLeft", "CortexRight"
 _NAMES = {
     r"^lh\.|[._]lh[._]|(^|_)hemi-L[_.]|\.L\.|_left[_.]": LEFT,  # FreeSurfer, BIDS, HCP, nilearn
@@ -57,8 +55,8 @@ class Mesh:
     space : Space
         Coordinate space of the points: scanner RAS, FreeSurfer tkRAS, or unknown.
     declared_unit : str or None
-        Unit of the coordinates that the source declares, or "unknown". None stands for mm, as in GIFTI and FreeSurfer
-        files, or for a file format that does not define a unit.
+        Unit of the coordinates that the source declares, or "unknown", as in file formats that do not define a unit.
+        None stands for mm, as in GIFTI and FreeSurfer files.
 
     See Also
     --------
@@ -86,14 +84,12 @@ class Mesh:
     @property
     def unit(self) -> str:
         """Unit of the coordinates. It is the declared unit, ``"mm"`` or ``"unknown"``."""
-        is_unknown = self._has_unknown_axes and self.declared_unit is None
-        return "unknown" if is_unknown or self.unit_warning is not None else self.declared_unit or "mm"
+        return "unknown" if self.unit_warning is not None else self.declared_unit or "mm"
 
     @property
     def _has_unknown_axes(self) -> bool:
         """Whether the source does not define RAS+, unlike GIFTI and FreeSurfer files and arrays."""
-        is_plain = self.path is not None and formats.by_name(self.path) in _WITHOUT_UNIT
-        return is_plain or self.declared_unit is not None
+        return self.declared_unit is not None
 
     @property
     def unit_warning(self) -> str | None:
@@ -212,7 +208,8 @@ def _format(path: Path, data: bytes) -> str:
 def parsed(path: Path, data: bytes) -> Mesh:
     """Return the surface in a file, with the structure from its name and a warning if its unit is doubtful."""
     with np.errstate(all="ignore"):
-        mesh = Mesh(path=path, **READERS[_format(path, data)](path, data))
+        read, has_unit = READERS[_format(path, data)]
+        mesh = Mesh(path=path, **read(path, data), declared_unit=None if has_unit else "unknown")
     warnings = mesh.warnings + ((mesh.unit_warning,) if mesh.unit_warning else ())
     return replace(mesh, structure=mesh.structure or named_structure(path), warnings=warnings)
 
@@ -223,17 +220,18 @@ def named_structure(path: str | os.PathLike[str]) -> str | None:
     return sides[0] if len(sides) == 1 else None
 
 
-READERS: dict[str, Callable[[Path, bytes], dict[str, Any]]] = {  # these return keyword arguments of `Mesh`
-    formats.GIFTI: lambda _, data: gifti.surface(gifti.load(data)),
-    formats.FREESURFER: freesurfer.read_geometry,
-    formats.VTK: vtk.read_vtk,
-    formats.VTP: vtk.read_vtp,
-    formats.PLY: ply.read_ply,
-    formats.STL: polygons.read_stl,
-    formats.OBJ: obj.read_obj,
-    formats.OFF: polygons.read_off,
-    formats.ASC: polygons.read_asc,
-    formats.GLB: gltf.read_glb,
+_IN_MM = True  # whether a format defines the unit and the axes of points, as RAS+ mm
+READERS: dict[str, tuple[Callable[[Path, bytes], dict[str, Any]], bool]] = {  # readers return arguments of `Mesh`
+    formats.GIFTI: (lambda _, data: gifti.surface(gifti.load(data)), _IN_MM),
+    formats.FREESURFER: (freesurfer.read_geometry, _IN_MM),
+    formats.VTK: (vtk.read_vtk, not _IN_MM),
+    formats.VTP: (vtk.read_vtp, not _IN_MM),
+    formats.PLY: (ply.read_ply, not _IN_MM),
+    formats.STL: (polygons.read_stl, not _IN_MM),
+    formats.OBJ: (obj.read_obj, not _IN_MM),
+    formats.OFF: (polygons.read_off, not _IN_MM),
+    formats.ASC: (polygons.read_asc, _IN_MM),
+    formats.GLB: (gltf.read_glb, not _IN_MM),
 }
 
 
