@@ -166,6 +166,7 @@ def test_limits_by_percentiles_and_by_sign(flat_map):
         ({"colour_map": "nothing"}, "no colour map"),
         ({"overlay": np.full(640, np.nan)}, "no value"),
         ({"opacity": 2.0}, "opacity"),
+        ({"overlay": None, "opacity": 0.5}, "neither data nor parcels. Pass"),
         ({"underlay": "sulc"}, "underlay"),
         ({"width": 5.0}, "width"),
         ({"width": "a"}, "the width is 'a'. Pass a number"),

@@ -165,7 +165,7 @@ class TestVoxels:
         refused("has no mesh vertices", regions.save, tmp_path / "l.annot")
 
     @pytest.mark.parametrize(("unit", "of_file"), [("mm", "mm"), ("µm", "mm"), ("pixel", "unknown")])
-    def test_voxels_that_have_no_unit_get_none_in_files(self, tmp_path, unit, of_file):
+    def test_voxels_that_have_no_unit_get_none_in_files(self, tmp_path, caplog, unit, of_file):
         """Lengths in µm are converted to mm, in which other programs expect them."""
         volume = Volume(voxflat.samples.ball(), np.diag([2.0, 2, 2, 1]), unit="mm" if unit == "pixel" else unit)
         solid = voxflat.surface(volume).disk((11, 11, 20), 16.0).flatten(Voxflat(sources=30))
@@ -177,13 +177,16 @@ class TestVoxels:
         with tifffile.TiffFile(tmp_path / "i.tif") as file:
             assert ("PhysicalSizeX" in str(file.ome_metadata or file.imagej_metadata)) == (unit != "pixel")
         size = 2e-3 if unit == "µm" else 2.0
-        for name in ("l", "i"):
+        regions.save(tmp_path / "a.nii.gz", volume=volume.data, depth=(-3.0, 1.0))  # on the grid of the map
+        for name in ("l", "i", "a"):
             header = nib.load(tmp_path / f"{name}.nii.gz").header
             assert header.get_xyzt_units()[0] == of_file
         np.testing.assert_allclose(nib.load(tmp_path / "l.nii.gz").header.get_zooms(), size, rtol=1e-6)
         regions.save(tmp_path / "r.tsv")
         words = (tmp_path / "r.tsv").read_text().split("\n")[0].split("\t")
         assert {"mm": "area_mm2", "µm": "area_um2", "pixel": "area"}[unit] in words
+        solid.points_to_map(np.full((20, 3), 1e4))
+        assert f"are within 5{'' if unit == 'pixel' else ' ' + unit} of the surface" in caplog.text
 
     def test_far_and_coarse_grids_are_told(self, m):
         regions = m.regions(drawn(m))

@@ -155,6 +155,8 @@ def test_the_time_of_other_files(shells, tmp_path):
     assert flat.images(points, time_step=2).timing == Timing(2.0)
     for wrong in (0, -1.0, np.nan, np.inf, "2"):
         refused("(the time step|time_step) is", flat.images, points, time_step=wrong)
+    refused("only one image", flat.images, points, channel=0, time_step=2.0)
+    refused("only one image", flat.images, values[0], time_step=2.0)
 
 
 def test_other_lengths_than_mm_are_converted(shells, tmp_path, caplog):

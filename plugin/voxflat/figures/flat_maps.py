@@ -119,6 +119,8 @@ def flat_map(
     shown_by = _opacity(opacity)
     if data is None and not isinstance(shown_by, float):
         raise InputError(f"opacity is {shown(opacity)}, which requires data. Also pass overlay, or pass a number")
+    if data is None and parcels is None and opacity is not None:
+        raise InputError(f"opacity is {shown(opacity)}, but there are neither data nor parcels. Pass overlay")
     strip = STRIP if data is None or data.period is None else WHEEL_STRIP
     page = Page.of(maps, _COLUMN * len(maps) if width is None else width, title, strip=strip, axes=ax)
     sides = [_Side(page, n, data, shown_by, parcels, table, depths) for n in range(len(maps))]

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from voxflat import _core
 from voxflat.arguments import checked_number, log, numbers_of, shown
 from voxflat.errors import InputError
-from voxflat.io.grid import voxel_size
+from voxflat.io.grid import in_unit, voxel_size
 from voxflat.io.provenance import Record, recording
 from voxflat.maps.depth import Depths
 from voxflat.maps.metric import Metric
@@ -301,13 +301,15 @@ class Planar(ReadOnly, ABC):
         placed = int(np.count_nonzero(np.isfinite(distance)))
         if 10 * placed >= len(distance):
             return ""
-        unit = self._triangles.on_surface.origin.unit
-        text = f"{placed:,} of {len(points):,} points are within {limit:g} {unit} of the surface. "
+        unit = self._triangles.on_surface.origin.named_unit
+        near = in_unit(f"{limit:g} mm", unit)
+        text = f"{placed:,} of {len(points):,} points are within {near} of the surface. "
         for other, factor in _FACTORS.get(unit, {}).items():
             _, _, distance = self._nearest(points * factor, limit)
             if 2 * np.count_nonzero(np.isfinite(distance)) > len(points):
                 return f"{text}Most would be if they are in {other}. Convert them to {unit}, the unit of the map"
-        return "" if placed else f"{text}Check their coordinate space and their unit; the map is in {unit}"
+        kind = "has no unit" if unit == "unknown" else f"is in {unit}"
+        return "" if placed else f"{text}Check their coordinate space and their unit; the map {kind}"
 
     def _checked_points(self, points: ArrayLike, space: str) -> NDArray[np.float64]:
         """Return points in the space of the surface."""

@@ -352,7 +352,8 @@ class Regions(ReadOnly, Recorded):
         record = {**self.provenance, "labels": labels, "files": inputs}
         with saving(path, record, sidecar=sidecar, overwrite=overwrite):
             if made is not None:
-                has_unit = volume is not None or self._surface.origin.named_unit != "unknown"
+                is_own_grid = volume is None or isinstance(volume, np.ndarray)
+                has_unit = not is_own_grid or self._surface.origin.named_unit != "unknown"
                 write_volume(path, made.data, made.in_unit("mm").affine, record, has_unit=has_unit)
             elif rows is not None:
                 write_table(path, rows)

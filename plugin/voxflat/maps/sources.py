@@ -13,7 +13,7 @@ from typing import Any, ClassVar, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from voxflat.arguments import array_of, checked_number, checked_text, log
+from voxflat.arguments import array_of, checked_number, checked_text, log, shown
 from voxflat.errors import InputError
 from voxflat.io.channels import Channels, LastKept, Timing, series_of
 from voxflat.io.chunks import Chunked, chunked_of, is_chunked, is_stack_path, is_zarr_path
@@ -96,6 +96,8 @@ class Source(ABC):
             names = [", ".join(filter(None, (name, layer))) for name in self.channels.names for layer in layers]
             channels = Channels(tuple(names), lambda n: sample(n // len(layers))[n % len(layers)], channels.timing)
             details |= {"layers": layers, "heights": self.surface.heights(sampling.depths)}
+        if time_step is not None and (channel is not None or len(self.channels) == 1):
+            raise InputError(f"time_step is {shown(time_step)}, but there is only one image. Omit it")
         stack = FlatStack(_timed(channels, time_step, title), raster.pixel_size, raster.origin, title, **details)
         return stack if channel is None else stack.of_channel(self.number(channel))
 
