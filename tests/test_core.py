@@ -9,6 +9,7 @@ import pytest
 import shapes
 from triangle_meshes import square
 
+import voxflat
 from voxflat import _core
 
 IDENTITY = np.eye(4).tolist()
@@ -82,3 +83,23 @@ def test_what_keeps_the_interpreter_is_found_out():
 def test_long_work_lets_other_threads_run(request, made, name):
     call, of = (SURFACE if made == "surface" else VOXELS)[name], request.getfixturevalue(made)
     assert lets_others_run(lambda: call(of))
+
+
+@pytest.mark.medium
+@pytest.mark.parametrize("name", ["topology", "largest_piece", "fill_holes"])
+def test_work_is_cancelled_before_its_first_stage(name):
+    large, _ = _core.Surface.from_triangles(*square(700))
+    call = {
+        "topology": large.topology,
+        "largest_piece": large.largest_piece,
+        "fill_holes": lambda progress: large.fill_holes(1.0, progress),
+    }[name]
+    stages = []
+
+    def progress(stage, done, total):
+        stages.append(stage)
+        return False
+
+    with pytest.raises(voxflat.Cancelled):
+        call(progress)
+    assert stages == ["preparing"]

@@ -14,7 +14,7 @@ from typing import Any, TypeGuard
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from voxflat.errors import InputError
+from voxflat.errors import Cancelled, InputError
 
 Progress = Callable[[str, int, int], bool | None]  # called as ``progress(stage, done, total)``; returning False cancels
 
@@ -30,6 +30,12 @@ class Note(str):
     """A warning that describes a usual step, such as cutting; all other warnings are reasons to check the result."""
 
     __slots__ = ()
+
+
+def poll(progress: Progress | None, stage: str, done: int = 0, total: int = 1) -> None:
+    """Report progress, and raise `Cancelled` if the user has cancelled."""
+    if progress is not None and progress(stage, done, total) is False:
+        raise Cancelled(f"cancelled while {stage}")
 
 
 def shown(value: object) -> str:

@@ -4,9 +4,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as nps
 from refusals import refused
+from scipy import ndimage
 
 import voxflat
-from voxflat.surfaces.foreground import foreground, labels_in
+from voxflat import _core
+from voxflat.surfaces import foreground as module
+from voxflat.surfaces.foreground import foreground, labels_in, touching_labels
 
 INTEGERS = st.sampled_from(["bool", "int8", "uint8", "int16", "uint16", "int32", "uint32", "int64", "uint64"])
 
@@ -15,6 +18,66 @@ INTEGERS = st.sampled_from(["bool", "int8", "uint8", "int16", "uint16", "int32",
 def test_labels_are_counted(data):
     values, counts = np.unique(data, return_counts=True)
     assert labels_in(data) == {int(v): int(n) for v, n in zip(values, counts, strict=True) if v != 0}
+
+
+@pytest.fixture(scope="module")
+def thin_slabs():
+    """Divide volumes into slabs of one layer."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(module, "_SLAB", 1)
+        yield
+
+
+@given(
+    nps.arrays(np.uint8, (3, 4, 5), elements=st.integers(0, 99)),
+    st.sampled_from(["bool", "uint8", "int64", "float16", "float32", "float64"]),
+)
+def test_labels_are_the_same_in_slabs(thin_slabs, data, kind):
+    data = data.astype(kind)
+    mask = data[::-1] > 0
+    inside = np.where(mask, data, 0)
+    for given_mask, values in ((None, data), (mask, inside)):
+        counts = {int(value): int((values == value).sum()) for value in np.unique(values) if value}
+        found = labels_in(data, given_mask)
+        assert list(found.items()) == sorted(counts.items())
+
+
+def test_distant_whole_numbers_of_half_precision_are_labels():
+    assert labels_in(np.array([[[-1.0, 2048.0, 2048.0]]], dtype=np.float16)) == {-1: 1, 2048: 2}
+    assert labels_in(np.array([[[1e30, 1e30, 0.0]]])) == {int(1e30): 2}
+
+
+@given(labels=nps.arrays(np.int8, (3, 4, 5), elements=st.integers(0, 3)), only=st.integers(1, 3))
+def test_labels_touch_if_they_share_a_face(thin_slabs, labels, only):
+    mask = (labels > 0) & (labels != only)
+    counts = {label: int((mask & (labels == label)).sum()) for label in (1, 2, 3)}
+    large = [label for label, count in counts.items() if count and count >= 0.2 * mask.sum()]
+    layers = [np.moveaxis(labels, axis, 0) for axis in range(3)]
+    pairs = {pair for of in layers for pair in zip(of[:-1].ravel(), of[1:].ravel(), strict=True)}
+    pairs |= {(b, a) for a, b in pairs}
+    expected = [a for a in large if any((a, b) in pairs for b in large if b != a)]
+    assert touching_labels(labels, mask) == expected
+
+
+@given(
+    shape=st.tuples(*[st.integers(1, 12)] * 3),
+    density=st.floats(0, 1),
+    order=st.permutations(range(3)),
+    seed=st.integers(0, 2**32 - 1),
+)
+def test_components_are_those_of_scipy(shape, density, order, seed):
+    mask = np.random.default_rng(seed).random(shape).transpose(order) <= density
+    mask.flat[0] = True
+    counts = np.bincount(ndimage.label(mask)[0].ravel())[1:]
+    assert sorted(_core.component_sizes(mask).tolist()) == sorted(counts.tolist())
+
+
+@pytest.mark.parametrize("kind", [np.int16, np.float32, np.float64])
+def test_the_order_in_memory_does_not_matter(kind):
+    data = (100 * np.exp(-(((np.indices((20, 22, 24)) - 10) / 6) ** 2).sum(axis=0))).astype(kind)
+    one, other = (voxflat.surface(values, threshold=50) for values in (data, np.asfortranarray(data)))
+    np.testing.assert_array_equal(one.points, other.points)
+    assert (one.metadata, one.provenance) == (other.metadata, other.provenance)
 
 
 @given(nps.arrays(np.int16, (3, 4, 5), elements=st.integers(-2, 2)), st.integers(-3, 3))

@@ -2,6 +2,7 @@
 
 import logging
 import re
+import time
 from pathlib import Path
 
 import numpy as np
@@ -37,6 +38,41 @@ def test_noise_is_told_before_the_surface_is_sought(caplog, threshold, told):
     )
     assert {told for stage, told in events if stage == "placing the vertices"} == {1}  # the warning came before
     assert 0 <= placed[0] < placed[-1] < 1  # several steps, until it was cancelled
+
+
+def noise():
+    """Return noise above 0.5, of millions of voxels."""
+    return np.random.default_rng(0).random((200, 200, 200)), {"threshold": 0.5}
+
+
+def large_ball():
+    """Return a label of millions of voxels."""
+    x = np.square(np.arange(-128, 128))
+    return (x[:, None, None] + x[:, None] + x < 10_000).astype(np.int16), {}
+
+
+@pytest.mark.parametrize("volume", [noise, large_ball])
+def test_cancelling_takes_effect_before_the_surface_is_sought(volume):
+    data, options = volume()
+
+    def reports(last=None):
+        """Return when the function begins, reports and ends, in seconds of computing, and the last stage."""
+        times, stages = [time.process_time()], []  # the seconds of other programs do not count
+
+        def progress(stage, done, total):
+            times.append(time.process_time())
+            stages.append(stage)
+            return len(stages) != last and stage in ("preparing", "checking the foreground")
+
+        with pytest.raises(voxflat.Cancelled):
+            voxflat.surface(data, **options, progress=progress)
+        return [*times, time.process_time()], stages[-1]
+
+    times, _ = reports()
+    silent = 1 + int(np.diff(times[:-1]).argmax())  # the worst moment to cancel is the beginning of the longest silence
+    times, stage = reports(silent)
+    assert stage in ("checking the foreground", "finding the surface")
+    assert times[-1] - times[silent - 1] < 0.3  # about 0.1 s
 
 
 def test_an_object_above_the_noise_causes_no_warning(caplog):

@@ -142,8 +142,10 @@ def described(value: object) -> Any:
     if isinstance(value, np.ndarray) and value.dtype.kind in "biuf":
         if value.size <= _SHOWN:
             return described(value.tolist())
-        values = np.ascontiguousarray(value, dtype=value.dtype.newbyteorder("<"))
-        digest = hashlib.sha256(values.reshape(-1).view(np.uint8).data)
+        digest = hashlib.sha256()
+        for layer in value:  # one at a time, because Ctrl-C has no effect on a long copy
+            values = np.ascontiguousarray(layer, dtype=value.dtype.newbyteorder("<"))
+            digest.update(values.reshape(-1).view(np.uint8).data)
         return {"dtype": value.dtype.name, "shape": list(value.shape), "sha256": digest.hexdigest()}
     if isinstance(path := getattr(value, "path", None), os.PathLike):  # a Mesh or Volume from a file
         return os.fspath(path)

@@ -92,10 +92,10 @@ def check(
         check_ending(source)
         volume = as_volume(source, spacing=spacing, affine=affine)
         check_scalar(volume.data)
-        found = Check(None if volume.path is None else str(volume.path), "volume", _volume_contents(volume))
+        found = Check(None if volume.path is None else str(volume.path), "volume", _volume_contents(volume, progress))
         if label is None and threshold is None:
             try:
-                foreground(volume.data)
+                foreground(volume.data, progress=progress)
             except InputError as error:
                 return replace(found, advice=(str(error),))
         making |= {**voxels, "memory_limit": memory_limit}
@@ -130,7 +130,7 @@ def _of_mesh(mesh: Mesh) -> Check:
     return Check(None if mesh.path is None else str(mesh.path), "mesh", contents, defects)
 
 
-def _volume_contents(volume: Volume) -> dict[str, Any]:
+def _volume_contents(volume: Volume, progress: Progress | None) -> dict[str, Any]:
     return {
         "shape": volume.data.shape,
         "dtype": str(volume.data.dtype),
@@ -138,6 +138,6 @@ def _volume_contents(volume: Volume) -> dict[str, Any]:
         "unit": volume.unit,
         "orientation": None if is_stack_path(volume.path) else volume.orientation,
         "affine": volume.affine.tolist(),
-        "labels": labels_in(volume.data),
+        "labels": labels_in(volume.data, progress=progress),
         "range": (float(volume.data.min()), float(volume.data.max())),
     }

@@ -225,7 +225,7 @@ def _frames(surfaces: Sequence[object], limits: dict[str, Any]) -> list[Surface]
 
 def _largest(of: Surface, named: str) -> Surface:
     """Return the largest component of a surface, if the others are small."""
-    areas = [piece["area"] for piece in of.core.topology()["components"]]
+    areas = of.core.topology()["components"]["area"].tolist()
     if 1 - areas[0] / sum(areas) > STRAY_SHARE:
         sizes = ", ".join(f"{area:.4g}" for area in areas[:5]) + (", ..." if len(areas) > 5 else "")
         problem = in_unit(f"{named} has {len(areas)} components with areas of {sizes} mm²", of.origin.named_unit)

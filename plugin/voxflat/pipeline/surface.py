@@ -808,7 +808,7 @@ def surface(
         made = of_mesh(content, Surface, pial, mend=repair != "none", unit=unit)
     else:
         _refuse_options("a volume", pial=pial)
-        inside = foreground_of(content, label=label, threshold=threshold, unit=unit)
+        inside = foreground_of(content, label=label, threshold=threshold, unit=unit, progress=progress)
         made = of_volume(inside, Surface, probability=probability, repair=repair, threads=threads, progress=progress)
     return cut_handles(made, threads, progress) if repair == "cuts" else made
 

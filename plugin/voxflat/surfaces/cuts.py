@@ -255,7 +255,7 @@ def _refuse(part: Manifold, cuts: list[Given], paths: list[NDArray[np.uint32]]) 
             raise InputError(f"{cut.title} has only one vertex. {_REMEDY}, or omit this cut")
         with naming(cut.title, _REMEDY):
             part.core.cut([path])
-        pieces = [piece["area"] for piece in part.core.cut(paths[:number]).topology()["components"]]
+        pieces = part.core.cut(paths[:number]).topology()["components"]["area"].tolist()
         if len(pieces) > 1:
             share = 100 * (1 - max(pieces) / sum(pieces))
             raise InputError(
@@ -313,7 +313,7 @@ def opened(
     user passed gets them on request, or if its distance error is large. `adapt` requests them within this distance (mm)
     of existing cuts.
     """
-    topology = part.core.topology()["components"][0]
+    topology = part.core.topology(progress)["components"][0]
     cuts: list[Cut] = []
     warnings = []
     if topology["euler"] != 1 and not is_fixed:
@@ -352,4 +352,5 @@ def _counted(cuts: list[Cut], name: str) -> tuple[str, float]:
 
 def _named(part: Manifold, cuts: list[dict[str, Any]]) -> list[Cut]:
     """Return the cuts of the core, with the ids of their vertices."""
-    return [Cut(part.ids[cut["vertices"]], cut["length"], cut["reason"]) for cut in cuts]
+    ids = part.ids
+    return [Cut(ids[cut["vertices"]], cut["length"], cut["reason"]) for cut in cuts]

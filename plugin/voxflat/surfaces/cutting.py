@@ -155,7 +155,7 @@ def cut_open(part: SurfaceT, settings: CutSettings, *, to_disk: bool = True) -> 
     if choice.template is not None:
         part, of_outlines = _with_outlines(whole, choice, part)
         warnings += of_outlines
-    part = largest_piece(part)
+    part = largest_piece(part, progress)
     warnings = [*part.warnings, *warnings]
     uncut = part
     if choice.template is None:

@@ -215,7 +215,7 @@ def check_surface(
     """Check whether a surface or a part can be flattened; `repaired` returns the same part of the repaired surface."""
     threads, progress = settings.threads, settings.progress
     whole = part._complete
-    topology = whole.core.topology()
+    topology = whole.core.topology(progress)
     split: Any = whole.details.get("split_vertices")
     check = replace(
         check,
@@ -223,14 +223,14 @@ def check_surface(
         surface_points=len(whole),
         sheet=whole.origin.voxels.is_sheet if whole.is_voxels else None,
         split_vertices=split,
-        components=tuple(component["vertices"] for component in topology["components"]),
+        components=tuple(topology["components"]["vertices"].tolist()),
     )
     try:
         cut = cut_open(part, settings, to_disk=False)
     except InputError as error:
         return replace(check, advice=(*part.warnings, str(error)))
-    shape = cut.surface.core.topology()
-    noise = _noise(part, check.components, len(cut.surface), shape)
+    shape = cut.surface.core.topology(progress)
+    noise = _noise(part, check.components, len(cut.surface), shape, progress)
     advice = [*([noise] if noise else []), *cut.warnings]
     handles = tuple(cut.surface.core.handles(threads, progress)) if shape["handles"] else ()
     if handles:
@@ -285,13 +285,15 @@ def check_surface(
     )
 
 
-def _noise(part: Manifold, components: Sequence[int], used: int, shape: dict[str, Any]) -> str | None:
+def _noise(
+    part: Manifold, components: Sequence[int], used: int, shape: dict[str, Any], progress: Progress | None
+) -> str | None:
     """Return why the foreground of a volume or its surface looks like noise; a chosen part is examined by itself."""
     if not part.is_voxels:
         return None
     if part.whole is not None:
         components = ()
-    elif part.foreground is not None and (reason := noise_in_parts(part.foreground.mask())):
+    elif part.foreground is not None and (reason := noise_in_parts(part.foreground.mask(), progress)):
         return reason
     return noise_in_surface(components, used, shape["handles"], len(shape["loops"]))
 

@@ -1,14 +1,16 @@
 """Select the foreground voxels of a volume: a label, or the values above a threshold."""
 
 import hashlib
-from collections.abc import Sequence
+import math
+from collections import Counter
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from voxflat.arguments import is_whole, log, optional_number, shown
+from voxflat.arguments import Progress, is_whole, log, optional_number, poll, shown
 from voxflat.errors import InputError
 from voxflat.io.chunks import is_stack_path
 from voxflat.io.files import naming
@@ -20,10 +22,14 @@ from voxflat.io.volumes import Volume
 
 Labels = int | Sequence[int]  # a label, or several that form one foreground
 
+_T = TypeVar("_T", bound=np.generic)
+
 _SHOWN = 20  # maximum number of labels in a message
 _MOST_LISTED = 100  # labels without gaps, as in intensities
 _LEAST_SHARE = 0.2  # of the foreground, of a label that is an object of its own
-_WIDEST = 2**16  # largest range of integers for bincount
+_MOST_LABELS = 3000  # more distinct values are intensities
+_WIDEST = 2**16  # largest range of whole numbers for bincount
+_SLAB = 2**21  # voxels between two checks for cancellation
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,12 +71,41 @@ class PackedMask:
         return np.asarray(np.unpackbits(self.bits, count=int(np.prod(shape))).reshape(shape).view(np.bool_))
 
 
+def slabs(shape: Sequence[int], progress: Progress | None) -> Iterator[slice]:
+    """Divide the first axis of a volume into slabs, and check for cancellation before each."""
+    voxels = math.prod(shape[1:])
+    thickness = max(1, _SLAB // max(1, voxels))
+    for start in range(0, shape[0], thickness):
+        poll_check(progress)
+        yield slice(start, start + thickness)
+
+
+def poll_check(progress: Progress | None) -> None:
+    """Raise `Cancelled` if the user has cancelled."""
+    poll(progress, "checking the foreground")
+
+
+def in_c_order(data: NDArray[Any], dtype: type[_T], progress: Progress | None) -> NDArray[_T]:
+    """Return values of a type in C order, as the core reads them; reordering takes long."""
+    if data.flags.c_contiguous and data.dtype == dtype:
+        return data
+    ordered = np.empty(data.shape, dtype=dtype)
+    for slab in slabs(data.shape, progress):
+        ordered[slab] = data[slab]
+    return ordered
+
+
 def foreground_of(
-    volume: Volume, *, label: Labels | None = None, threshold: float | None = None, unit: str | None = None
+    volume: Volume,
+    *,
+    label: Labels | None = None,
+    threshold: float | None = None,
+    unit: str | None = None,
+    progress: Progress | None = None,
 ) -> Foreground:
     """Select the foreground of a volume."""
     threshold = optional_number(threshold, "threshold")
-    mask = foreground(volume.data, label=label, threshold=threshold)
+    mask = in_c_order(foreground(volume.data, label=label, threshold=threshold, progress=progress), np.bool_, progress)
     labels = None if label is None else [int(number) for number in _several(label)]
     is_anatomical = volume.is_placed and not is_stack_path(volume.path)  # microscopes do not know right and left
     i, j, k = volume.data.shape
@@ -121,7 +156,13 @@ def _several(label: Labels) -> list[int]:
     return list(dict.fromkeys(labels))
 
 
-def foreground(data: NDArray[Any], *, label: Labels | None = None, threshold: float | None = None) -> NDArray[np.bool_]:
+def foreground(
+    data: NDArray[Any],
+    *,
+    label: Labels | None = None,
+    threshold: float | None = None,
+    progress: Progress | None = None,
+) -> NDArray[np.bool_]:
     """Select voxels that equal a label or exceed a threshold, or are not 0 if the volume is a mask with one label."""
     check_scalar(data)
     if label is not None and threshold is not None:
@@ -130,61 +171,66 @@ def foreground(data: NDArray[Any], *, label: Labels | None = None, threshold: fl
         count = int(np.size(data) - np.isfinite(data).sum())
         voxels = "1 voxel is" if count == 1 else f"{count} voxels are"
         raise InputError(f"{voxels} NaN or infinite. Replace these values, for example with numpy.nan_to_num")
+    poll_check(progress)
     if threshold is not None:
         return _above(data, threshold)
-    labels = [_only_label(data)] if label is None else _several(label)
+    labels = [_only_label(data, progress)] if label is None else _several(label)
     mask = _labelled(data, labels[0])
     for further in labels[1:]:
+        poll_check(progress)
         mask |= _labelled(data, further)
     return mask
 
 
-def labels_in(data: NDArray[Any]) -> dict[int, int] | None:
-    """Return the number of voxels of each label other than 0; None if there are too many or fractional values."""
-    if data.dtype.kind == "f":
-        sample = data.ravel()[:: max(1, data.size // 10_000)]
-        if not (np.isfinite(sample).all() and (sample == np.round(sample)).all()):
+def labels_in(
+    data: NDArray[Any], mask: NDArray[np.bool_] | None = None, progress: Progress | None = None
+) -> dict[int, int] | None:
+    """Return the number of voxels of each label other than 0; None if there are too many or fractional values.
+
+    With a mask, the values outside it count as 0.
+    """
+    counts: Counter[int] = Counter()
+    for slab in slabs(data.shape, progress):
+        values = data[slab] if mask is None else np.where(mask[slab], data[slab], 0)
+        if values.dtype.kind == "f" and not (np.isfinite(values).all() and (values == np.round(values)).all()):
             return None
-    values, counts = _counted(data)
-    if data.dtype.kind == "f" and not (np.isfinite(values).all() and (values == np.round(values)).all()):
-        return None
-    if len(values) > 3000:
-        return None  # intensities stored as integers
-    return {int(value): int(count) for value, count in zip(values, counts, strict=True) if value != 0}
+        counts.update(_counted(values))
+        if len(counts) > _MOST_LABELS:
+            return None  # intensities stored as whole numbers
+    return {label: counts[label] for label in sorted(counts) if label != 0}
 
 
-def touching_labels(data: NDArray[Any], mask: NDArray[np.bool_]) -> list[int]:
+def touching_labels(data: NDArray[Any], mask: NDArray[np.bool_], progress: Progress | None = None) -> list[int]:
     """Return the labels of a foreground, each at least a fifth of it, that share a face with another such label."""
-    counts = labels_in(np.where(mask, data, 0)) or {}
+    counts = labels_in(data, mask, progress) or {}
     large = [label for label, count in counts.items() if count >= _LEAST_SHARE * sum(counts.values())]
     if len(large) < 2:
         return []
-    numbers = np.zeros(data.shape, dtype=np.uint8)
-    for number, label in enumerate(large, 1):
-        numbers[data == label] = number
     touching: set[int] = set()
-    for axis in range(3):
-        low, high = np.moveaxis(numbers, axis, 0)[:-1], np.moveaxis(numbers, axis, 0)[1:]
-        is_between = (low != high) & (low > 0) & (high > 0)
-        touching |= {*np.unique(low[is_between]).tolist(), *np.unique(high[is_between]).tolist()}
+    for slab in slabs(data.shape, progress):
+        values = data[slab.start : slab.stop + 1]  # and the first layer of the next slab
+        numbers = np.zeros(values.shape, dtype=np.uint8)
+        for number, label in enumerate(large, 1):
+            numbers[values == label] = number
+        for axis in range(3):
+            low, high = np.moveaxis(numbers, axis, 0)[:-1], np.moveaxis(numbers, axis, 0)[1:]
+            is_between = (low != high) & (low > 0) & (high > 0)
+            touching |= {*np.unique(low[is_between]).tolist(), *np.unique(high[is_between]).tolist()}
     return [large[number - 1] for number in sorted(touching)]
 
 
-def _counted(data: NDArray[Any]) -> tuple[NDArray[Any], NDArray[np.int64]]:
-    """Return the distinct values and their counts; much faster than numpy.unique for few integers."""
-    if data.dtype.kind == "b":
-        data = data.view(np.uint8)
-    low, high = data.min(), data.max()
-    if data.dtype.kind not in "iu" or int(high) - int(low) > _WIDEST:
-        values, counts = np.unique(data, return_counts=True)
-        return values, counts.astype(np.int64)
-    counts = np.zeros(int(high) - int(low) + 1, dtype=np.int64)
-    wide = np.int64 if data.dtype.kind == "i" else data.dtype  # differences of int8 do not fit into int8
-    for layer in data:  # one at a time, to keep the copies small
-        above = layer.ravel().astype(wide, copy=False) - low.astype(wide)
-        counts += np.bincount(above.astype(np.int64), minlength=len(counts))
-    offsets = np.flatnonzero(counts)
-    return np.array([int(low) + int(value) for value in offsets], dtype=object), counts[offsets]
+def _counted(values: NDArray[Any]) -> dict[int, int]:
+    """Return the number of each whole number; much faster than numpy.unique if their range is small."""
+    if values.dtype.kind == "b":
+        values = values.view(np.uint8)
+    low, high = values.min(), values.max()
+    if int(high) - int(low) > _WIDEST:
+        distinct, counts = np.unique(values, return_counts=True)
+        return dict(zip(map(int, distinct[: _MOST_LABELS + 1]), counts.tolist(), strict=False))
+    # differences of int8 do not fit into int8, and those of half precision are rounded
+    wide = values.dtype if values.dtype.kind == "u" else np.result_type(values, np.int64)
+    counts = np.bincount((values.ravel().astype(wide, copy=False) - low.astype(wide)).astype(np.int64))
+    return {int(low) + number: int(counts[number]) for number in np.flatnonzero(counts).tolist()}
 
 
 def _above(data: NDArray[Any], threshold: float) -> NDArray[np.bool_]:
@@ -213,10 +259,10 @@ def _labelled(data: NDArray[Any], label: int) -> NDArray[np.bool_]:
     return mask
 
 
-def _only_label(data: NDArray[Any]) -> int:
-    if data.dtype.kind == "f" and labels_in(data) is None:
+def _only_label(data: NDArray[Any], progress: Progress | None) -> int:
+    labels = labels_in(data, progress=progress)
+    if data.dtype.kind == "f" and labels is None:
         raise InputError(f"the volume has intensities from {data.min():g} to {data.max():g}. Pass a threshold")
-    labels = labels_in(data)
     if labels is None or len(labels) > 1:
         is_rim = labels is not None and set(labels) == {1, 2, 3}
         hint = ". For a rim (borders and grey matter), use voxflat.rim" if is_rim else ""

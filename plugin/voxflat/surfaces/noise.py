@@ -5,17 +5,18 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from voxflat import _core
+from voxflat.arguments import Progress
+
 _MANY_PARTS, _MAIN_SHARE = 300, 0.9  # of a foreground that is probably noise, and of its largest part
 _MANY_HANDLES = 5000  # of the largest component, if it is probably noise; whole brains have up to 1,022
 _MANY_COMPONENTS, _SMALL_SHARE = 50, 0.1  # of a surface, and the share of its largest component
 _LEAST_LOOPS, _DENSE = 20, 0.007  # loops of a surface, and their number per vertex; real volumes have up to 0.005
 
 
-def noise_in_parts(mask: NDArray[np.bool_]) -> str | None:
+def noise_in_parts(mask: NDArray[np.bool_], progress: Progress | None) -> str | None:
     """Describe the parts of a foreground if they look like noise."""
-    from scipy import ndimage
-
-    counts = np.bincount(ndimage.label(mask)[0].ravel())[1:]
+    counts = _core.component_sizes(mask, progress)
     if len(counts) < _MANY_PARTS or (share := counts.max() / counts.sum()) >= _MAIN_SHARE:
         return None
     return _told("foreground", f"{len(counts)} parts, of which the largest has {_percent(share)} of the voxels")

@@ -11,7 +11,7 @@ from voxflat.errors import InputError
 from voxflat.io.reading import check_room
 from voxflat.io.sources import volume_of
 from voxflat.io.volumes import Volume
-from voxflat.surfaces.foreground import Foreground, PackedMask, Repair, touching_labels
+from voxflat.surfaces.foreground import Foreground, PackedMask, Repair, in_c_order, poll_check, touching_labels
 from voxflat.surfaces.manifold import SurfaceT
 from voxflat.surfaces.noise import noise_in_handles, noise_in_parts
 
@@ -34,14 +34,15 @@ def of_volume(
     """Create a surface from the foreground of a volume; see `voxflat.surface`."""
     sheet = None if sheet is None else checked_switch(sheet, "sheet")
     volume, mask = selected.volume, selected.mask
-    check_room(_A_SURFEL * _surfels(mask))
+    check_room(_A_SURFEL * _surfels(mask, progress))
     if sheet is not False:
         _check_width(mask)
     changes: Repair | None = None
-    level, placed_by = _level(volume, mask, selected.origin.threshold, probability)
+    level, placed_by = _level(volume, mask, selected.origin.threshold, probability, progress)
     warnings: list[str] = []
-    _warn(noise_in_parts(mask))
-    if repair == "voxels" or (repair is None and not (_core.is_sheet(mask) if sheet is None else sheet)):
+    touching = touching_labels(volume.data, mask, progress)
+    _warn(noise_in_parts(mask, progress))
+    if repair == "voxels" or (repair is None and not (_core.is_sheet(mask, progress) if sheet is None else sheet)):
         is_requested = repair == "voxels"
         mask, changes, warnings = _repaired(mask, volume, level, progress, is_requested=is_requested)
     core, voxels, details = _core.Surface.from_mask(mask, volume.affine.tolist(), level, sheet, threads, progress)
@@ -55,7 +56,7 @@ def of_volume(
         )
     if not origin.is_sheet and (touched := _touched_sides(mask)):
         warnings.append(f"the foreground touches the border of the volume ({touched}); the surface is closed there")
-    if touching := touching_labels(volume.data, selected.mask):
+    if touching:
         details["touching_labels"] = touching
         named = f"{', '.join(map(str, touching[:-1]))} and {touching[-1]}"
         warnings.append(
@@ -96,7 +97,11 @@ def _touched_sides(mask: NDArray[np.bool_]) -> str:
 
 
 def _level(
-    volume: Volume, mask: NDArray[np.bool_], threshold: float | None, probability: object | None
+    volume: Volume,
+    mask: NDArray[np.bool_],
+    threshold: float | None,
+    probability: object | None,
+    progress: Progress | None,
 ) -> tuple[tuple[NDArray[np.float32], float] | None, str]:
     """Return the image with its value on the surface, or None, and a description of how vertices are placed."""
     if probability is not None:
@@ -106,7 +111,7 @@ def _level(
             raise InputError(f"the probability image has {shapes}. Resample the image")
         if image.is_placed and volume.is_placed and not np.allclose(image.affine, volume.affine, atol=1e-3):
             raise InputError("the affines of the probability image and of the volume differ. Resample the image")
-        values = image.data.astype(np.float32)
+        values = in_c_order(image.data, np.float32, progress)
         if not np.isfinite(values).all():
             raise InputError("the probability image has values that are not finite. Replace them with 0")
         level = 0.5 if threshold is None else float(threshold)
@@ -114,12 +119,14 @@ def _level(
     if threshold is None or volume.data.dtype.kind != "f":
         return None, "a fit to the voxels"
     # in a mask stored as numbers, the level gives no positions finer than the grid
-    values = volume.data.astype(np.float32)
+    values = in_c_order(volume.data, np.float32, progress)
     border = np.zeros_like(mask)
     for axis in range(3):
-        low, high = np.moveaxis(mask, axis, 0)[:-1], np.moveaxis(mask, axis, 0)[1:]
-        np.moveaxis(border, axis, 0)[:-1] |= low != high
-        np.moveaxis(border, axis, 0)[1:] |= low != high
+        poll_check(progress)
+        is_between = np.diff(mask, axis=axis)
+        np.moveaxis(border, axis, 0)[:-1] |= np.moveaxis(is_between, axis, 0)
+        np.moveaxis(border, axis, 0)[1:] |= np.moveaxis(is_between, axis, 0)
+    poll_check(progress)
     at_border = values[border]
     least, most = values.min(), values.max()
     between = np.mean((at_border > least) & (at_border < most)) if len(at_border) else 0.0
@@ -128,10 +135,13 @@ def _level(
     return (values, float(threshold)), f"the level {float(threshold):g} of the volume"
 
 
-def _surfels(mask: NDArray[np.bool_]) -> int:
+def _surfels(mask: NDArray[np.bool_], progress: Progress | None) -> int:
     """Return the number of faces between foreground and background."""
-    between = sum(int(np.count_nonzero(np.diff(mask, axis=axis))) for axis in range(3))
-    return between + sum(int(np.count_nonzero(mask.take(end, axis))) for axis in range(3) for end in (0, -1))
+    count = 0
+    for axis in range(3):
+        poll_check(progress)
+        count += int(np.count_nonzero(np.diff(mask, axis=axis)))
+    return count + sum(int(np.count_nonzero(mask.take(end, axis))) for axis in range(3) for end in (0, -1))
 
 
 def _repaired(

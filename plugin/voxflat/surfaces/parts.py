@@ -78,13 +78,13 @@ def polygon(surface: SurfaceT, corners: ArrayLike, progress: Progress | None) ->
     return _part(surface, core, Step("polygon", corners=np.asarray(corners).tolist()), [])
 
 
-def largest_piece(part: SurfaceT) -> SurfaceT:
+def largest_piece(part: SurfaceT, progress: Progress | None = None) -> SurfaceT:
     """Return the largest piece and add a warning; raise an error if the choice is not clear.
 
     It has the largest area of all pieces with at least 1 % as many triangles as the piece with the most triangles.
     """
-    pieces = part.core.topology()["components"]
-    areas = [piece["area"] for piece in pieces]
+    pieces = part.core.topology(progress)["components"]
+    areas = pieces["area"].tolist()
     if len(areas) == 1:
         return part
     share = areas[0] / sum(areas)
@@ -95,7 +95,7 @@ def largest_piece(part: SurfaceT) -> SurfaceT:
             "a seed point and a radius"
         )
     subject = "the patch" if part.steps else "the surface"
-    of_triangles = 100 * pieces[0]["faces"] / sum(piece["faces"] for piece in pieces)
+    of_triangles = 100 * pieces["faces"][0] / pieces["faces"].sum()
     used = f"{of_triangles:.1f} % of the triangles, {100 * share:.1f} % of the area"
     warning = f"{subject} has {len(areas)} components; only the largest is used ({used})"
     if max(areas) > areas[0]:
@@ -104,7 +104,7 @@ def largest_piece(part: SurfaceT) -> SurfaceT:
         warning += ". To use another one, select its label or keep a part"
     elif max(areas) == areas[0]:
         warning = Note(warning)
-    return replace(part, core=part.core.largest_piece(), warnings=(*part.warnings, warning))
+    return replace(part, core=part.core.largest_piece(progress), warnings=(*part.warnings, warning))
 
 
 def piece_of(part: SurfaceT, vertices: NDArray[np.uint32]) -> SurfaceT:
@@ -246,8 +246,8 @@ def medial_wall_of(whole: Manifold) -> NDArray[np.bool_]:
     if not corners.any():
         raise InputError(f"the white and pial surfaces do not touch, so the medial wall cannot be found. {advice}")
     places = whole.core.part_of_faces(corners)
-    areas = [place["area"] for place in places.topology()["components"]]
-    share = areas[0] / sum(piece["area"] for piece in whole.core.topology()["components"])
+    areas = places.topology()["components"]["area"].tolist()
+    share = areas[0] / sum(whole.core.topology()["components"]["area"].tolist())
     if not _SHARES[0] <= share <= _SHARES[1] or max(areas[1:], default=0.0) * _CLEAR > areas[0]:
         raise InputError(
             f"the white and pial surfaces touch in {len(areas)} places, the largest of which covers "

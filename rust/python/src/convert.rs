@@ -43,16 +43,22 @@ macro_rules! ensure {
 
 pub(crate) use {dict, ensure};
 
+/// Returns the values of an image of any strides in C order.
+pub fn voxels<T: numpy::Element + Copy>(image: &GivenImage<'_, T>) -> Vec<T> {
+    let view = image.as_array();
+    view.to_slice().map_or_else(|| view.iter().copied().collect(), <[T]>::to_vec) // of a slice, ten times as fast
+}
+
 /// Creates a mask from a boolean array of any strides.
 pub fn mask(array: &GivenImage<'_, bool>) -> PyResult<Mask> {
     let [i, j, k] = [0, 1, 2].map(|axis| array.shape()[axis]);
-    Mask::new([i, j, k], array.as_array().iter().copied().collect()).map_err(to_python)
+    Mask::new([i, j, k], voxels(array)).map_err(to_python)
 }
 
 /// Creates a level from an image and its value on the surface.
 pub fn level(array: &GivenImage<'_, f32>, value: f64) -> PyResult<Level> {
     let [i, j, k] = [0, 1, 2].map(|axis| array.shape()[axis]);
-    Level::new([i, j, k], array.as_array().iter().copied().collect(), value).map_err(to_python)
+    Level::new([i, j, k], voxels(array), value).map_err(to_python)
 }
 
 /// Returns the values of an array.

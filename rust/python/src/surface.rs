@@ -14,8 +14,9 @@ use ndarray::Array3;
 use numpy::{IntoPyArray, PyArray3};
 use pyo3::prelude::*;
 use voxflat::geodesic::graph::GeodesicGraph;
+use voxflat::surface::voxels::repair::{component_sizes as count_components, to_genus_zero};
+use voxflat::surface::voxels::sheets;
 use voxflat::surface::voxels::voxelmesh::{Kind, VoxelMesh};
-use voxflat::surface::voxels::{repair::to_genus_zero, sheets};
 use voxflat::surface::{Surface as CoreSurface, mesh};
 use voxflat::volume::Affine;
 use voxflat::{Control, patch};
@@ -177,8 +178,9 @@ impl Surface {
     }
 
     /// Return the largest component, the first of `topology`.
-    fn largest_piece(&self, py: Python<'_>) -> PyResult<Self> {
-        self.run(py, Some(1), &None, move |inner, _| Ok(patch::largest_piece(&inner.surface).into()))
+    #[pyo3(signature = (progress=None))]
+    fn largest_piece(&self, py: Python<'_>, progress: Progress<'_>) -> PyResult<Self> {
+        self.run(py, Some(1), &progress, move |inner, _| Ok(patch::largest_piece(&inner.surface).into()))
     }
 
     /// Return the same vertices at other points (N, 3) in mm.
@@ -243,11 +245,22 @@ pub fn defects<'py>(py: Python<'py>, points: GivenTable<'py, f64>, faces: GivenT
     ))
 }
 
+/// Return the numbers of voxels of the components of a mask, in which voxels are connected through faces.
+#[pyfunction]
+#[pyo3(signature = (mask, progress=None))]
+pub fn component_sizes<'py>(
+    py: Python<'py>, mask: GivenImage<'py, bool>, progress: Progress<'py>,
+) -> PyResult<Values<'py, usize>> {
+    let mask = convert::mask(&mask)?;
+    Ok(check(py, &progress, move |control| count_components(&mask, control))?.into_pyarray(py))
+}
+
 /// Return whether a mask is a voxel sheet (one voxel thick).
 #[pyfunction]
-pub fn is_sheet(py: Python<'_>, mask: GivenImage<'_, bool>) -> PyResult<bool> {
+#[pyo3(signature = (mask, progress=None))]
+pub fn is_sheet<'py>(py: Python<'py>, mask: GivenImage<'py, bool>, progress: Progress<'py>) -> PyResult<bool> {
     let mask = convert::mask(&mask)?;
-    Ok(py.detach(|| sheets::is_sheet(&mask)))
+    check(py, &progress, move |control| sheets::is_sheet(&mask, control))
 }
 
 /// Repair a mask so that its surface is a sphere; return the mask and the changes.
@@ -259,9 +272,8 @@ pub fn repair<'py>(
 ) -> PyResult<(Bound<'py, PyArray3<bool>>, Dict<'py>)> {
     let mask = convert::mask(&mask)?;
     let shape = mask.shape();
-    let probability: Option<Vec<f32>> = probability.map(|image| image.as_array().iter().copied().collect());
-    let repaired =
-        run(py, None, &progress, move |control| to_genus_zero(&mask, spacing, probability.as_deref(), control))?;
+    let probability = probability.map(|image| convert::voxels(&image));
+    let repaired = check(py, &progress, move |control| to_genus_zero(&mask, spacing, probability.as_deref(), control))?;
     let inside = Array3::from_shape_vec(shape, repaired.mask.values().to_vec());
     let inside = inside.map_err(|error| InputError::new_err(error.to_string()))?;
     let dict = dict!(py, "handles" = repaired.handles, "considered" = repaired.considered);
@@ -274,4 +286,14 @@ pub fn repair<'py>(
         dict.set_item(name, convert::array(py, voxels)?)?;
     }
     Ok((inside.into_pyarray(py), dict))
+}
+
+/// Runs work on the foreground of a volume, whose first stage is its check.
+fn check<T: Send + 'static>(
+    py: Python<'_>, progress: &Progress<'_>, work: impl FnOnce(&Control) -> voxflat::Result<T> + Send + 'static,
+) -> PyResult<T> {
+    run(py, None, progress, move |control| {
+        control.begin("checking the foreground", 1);
+        work(control)
+    })
 }

@@ -19,6 +19,9 @@ const POLL: Duration = Duration::from_millis(20);
 /// and its result is dropped, so that the user regains control at once.
 const PATIENCE: Duration = Duration::from_millis(60);
 
+/// The stage that is reported while the work has not begun one, so that the callback can cancel it.
+const WAITING: &str = "preparing";
+
 /// An optional callback that receives the stage, the number of finished steps and the total number of steps.
 pub type Progress<'py> = Option<Bound<'py, PyAny>>;
 
@@ -43,8 +46,12 @@ pub fn run<T: Send + 'static>(
     py.detach(move || {
         loop {
             let ended = receiver.recv_timeout(POLL);
+            let mut now = control.progress();
+            if now.stage.is_empty() && ended.is_err() {
+                now = control::Progress { stage: WAITING, done: 0, total: 1 };
+            }
             // called even without progress, because it can cancel the work
-            if let Err(reason) = Python::attach(|py| watch(py, progress.as_ref(), control.progress())) {
+            if let Err(reason) = Python::attach(|py| watch(py, progress.as_ref(), now)) {
                 control.cancel();
                 if ended.is_err() {
                     let _ = receiver.recv_timeout(PATIENCE);

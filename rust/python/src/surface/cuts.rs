@@ -2,6 +2,7 @@
 
 use numpy::IntoPyArray;
 use pyo3::prelude::*;
+use pyo3::types::IntoPyDict;
 use voxflat::flatten::relaxation::{Relaxation, relax};
 use voxflat::surface::cuts::holes::{fill_holes, small_holes};
 use voxflat::surface::cuts::{self, Cut, Reason};
@@ -14,25 +15,26 @@ use crate::work::{Progress, Threads};
 
 #[pymethods]
 impl Surface {
-    /// Return the components (largest first), the boundary loops and the counts of the surface.
-    fn topology<'py>(&self, py: Python<'py>) -> PyResult<Dict<'py>> {
-        let (topology, boundary) = self.run(py, Some(1), &None, move |inner, _| {
+    /// Return the components (a record array, largest first), the boundary loops and the counts of the surface.
+    #[pyo3(signature = (progress=None))]
+    fn topology<'py>(&self, py: Python<'py>, progress: Progress<'py>) -> PyResult<Dict<'py>> {
+        let (topology, boundary) = self.run(py, Some(1), &progress, move |inner, _| {
             let topology = Topology::of(&inner.surface);
             let boundary: Vec<_> = topology.loops.iter().map(|one| one.vertices(&inner.surface)).collect();
             Ok((topology, boundary))
         })?;
-        let component_dict = |component: &Component| {
-            Ok(dict!(
-                py,
-                "area" = component.area,
-                "vertices" = component.vertices,
-                "faces" = component.faces,
-                "euler" = component.euler,
-                "handles" = component.genus,
-                "loops" = component.loops
-            ))
-        };
-        let components: List<'py> = topology.components.iter().map(component_dict).collect::<PyResult<_>>()?;
+        let column =
+            |of: fn(&Component) -> usize| topology.components.iter().map(of).collect::<Vec<_>>().into_pyarray(py);
+        let columns = (
+            topology.components.iter().map(|one| one.area).collect::<Vec<_>>().into_pyarray(py),
+            column(|one| one.vertices),
+            column(|one| one.faces),
+            topology.components.iter().map(|one| one.euler).collect::<Vec<_>>().into_pyarray(py),
+            column(|one| one.genus),
+            column(|one| one.loops),
+        );
+        let names = [("names", "area,vertices,faces,euler,handles,loops")].into_py_dict(py)?;
+        let components = py.import("numpy")?.getattr("rec")?.call_method("fromarrays", (columns,), Some(&names))?;
         let loops = topology.loops.iter().zip(boundary);
         let loop_dict = |(of, vertices): (&Loop, Vec<u32>)| Ok(dict!(py, "length" = of.length, "vertices" = vertices));
         let loops: List<'py> = loops.map(loop_dict).collect::<PyResult<_>>()?;

@@ -59,6 +59,15 @@ pub struct Repaired {
     pub considered: [usize; 2],
 }
 
+/// Returns the number of voxels of each 6-connected component of the foreground, in the order of their first voxels.
+///
+/// # Errors
+/// [`Error::VolumeTooLarge`] if the foreground has more than 2³² runs of voxels, and [`Error::Cancelled`].
+pub fn component_sizes(mask: &Mask, control: &Control) -> Result<Vec<usize>> {
+    let runs = Runs::of(mask.shape(), |cell| mask.values()[cell], FACES, control)?;
+    Ok(runs.sizes().into_iter().filter(|&size| size > 0).collect())
+}
+
 /// Removes and adds voxels until the boundary of the foreground is a single sphere.
 ///
 /// `spacing` is the distance between neighbouring voxels along each axis in mm. With a foreground `probability`, one
@@ -162,7 +171,7 @@ impl Solid {
             look(count, control)?;
             inside[whole.cell(voxel).expect("the box was drawn around the foreground")] = true;
         }
-        let runs = Runs::of(&whole, |cell| inside[cell], FACES, control)?;
+        let runs = Runs::of(whole.shape, |cell| inside[cell], FACES, control)?;
         let largest = runs.largest().expect("a mask has foreground");
         let ends = runs.component(largest).flat_map(|run| [run.start, run.end - 1]);
         let grid = Grid::around(ends.map(|cell| whole.voxel(cell)), control)?;
@@ -171,7 +180,7 @@ impl Solid {
             let start = grid.cell(whole.voxel(run.start)).expect("the box was drawn around the component");
             cells[start..start + run.len()].fill(true);
         }
-        let background = Runs::of(&grid, |cell| !cells[cell], EDGES, control)?;
+        let background = Runs::of(grid.shape, |cell| !cells[cell], EDGES, control)?;
         let mut filled = vec![true; cells.len()];
         background.component(0).for_each(|run| filled[run].fill(false)); // those of the rim
         Ok(Self { grid, cells: filled })

@@ -38,11 +38,22 @@ const DECIDED: f64 = 0.5;
 const LONGEST_RUN: usize = 16;
 
 /// Returns whether the foreground is a voxel sheet: (almost) no voxel has 26 foreground neighbours.
-pub fn is_sheet(mask: &Mask) -> bool {
-    let is_inner = |voxel: [i64; 3]| neighbours().all(|offset| mask.is_inside(moved(voxel, offset)));
-    let most = MOST_INNER * mask.foreground().count() as f64;
-    let too_many = most.ceil() as usize; // a solid is recognised after a few of its voxels
-    mask.foreground().filter(|&voxel| is_inner(voxel)).take(too_many).count() < too_many
+///
+/// # Errors
+/// [`Error::Cancelled`](crate::Error::Cancelled).
+pub fn is_sheet(mask: &Mask, control: &Control) -> Result<bool> {
+    let most = MOST_INNER * mask.values().iter().filter(|&&inside| inside).count() as f64;
+    let mut left = most.ceil() as usize; // a solid is recognised after a few of its voxels
+    for (count, voxel) in mask.foreground().enumerate() {
+        if count.is_multiple_of(1024) {
+            control.check()?;
+        }
+        left -= usize::from(neighbours().all(|offset| mask.is_inside(moved(voxel, offset))));
+        if left == 0 {
+            return Ok(false);
+        }
+    }
+    Ok(true)
 }
 
 /// One side of a sheet's surfels, and where the normals of neighbours are opposite: where the sheet has only one side,
@@ -242,6 +253,7 @@ mod tests {
     #[test]
     fn solids_are_no_sheets() {
         let cube = |n: usize| Mask::from_fn([n; 3], |_| true).unwrap();
+        let is_sheet = |mask: &Mask| is_sheet(mask, &Control::default()).unwrap();
         assert!(!is_sheet(&cube(4)) && !is_sheet(&cube(12)));
         assert!(is_sheet(&Mask::from_fn([20, 20, 2], |_| true).unwrap()));
     }

@@ -56,7 +56,12 @@ impl VoxelMesh {
     pub fn of(
         mask: &Mask, affine: &Affine, kind: Option<Kind>, level: Option<&Level>, control: &Control,
     ) -> Result<Self> {
-        match kind.unwrap_or_else(|| if sheets::is_sheet(mask) { Kind::Sheet } else { Kind::Solid }) {
+        let kind = match kind {
+            Some(kind) => kind,
+            None if sheets::is_sheet(mask, control)? => Kind::Sheet,
+            None => Kind::Solid,
+        };
+        match kind {
             Kind::Solid => Self::of_solid(mask, affine, level, control),
             Kind::Sheet => Self::of_sheet(mask, affine, control),
         }

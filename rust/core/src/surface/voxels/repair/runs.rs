@@ -1,11 +1,11 @@
 //! Connected components by runs of cells, of which there are a hundred times fewer than cells.
 
-use super::grid::{Grid, look};
+use super::grid::look;
 use crate::adjacency::Sets;
-use crate::{Control, Result};
+use crate::{Control, Error, Result};
 
 /// The previous rows to which a row connects, and the gap in cells at which two runs there still touch.
-pub(super) type Touch = &'static [([i64; 2], u32)];
+pub(super) type Touch = &'static [([i64; 2], usize)];
 
 /// Connectivity through faces.
 pub(super) const FACES: Touch = &[([-1, 0], 0), ([0, -1], 0)];
@@ -17,15 +17,16 @@ pub(super) const EDGES: Touch = &[([-1, -1], 0), ([-1, 0], 1), ([-1, 1], 0), ([0
 #[derive(Debug)]
 pub(super) struct Runs {
     /// The first cell of each run, and the one after its last.
-    runs: Vec<[u32; 2]>,
+    runs: Vec<[usize; 2]>,
     /// For each run, the first run of its component.
     component: Vec<u32>,
 }
 
 impl Runs {
-    pub(super) fn of(grid: &Grid, is_in: impl Fn(usize) -> bool, touch: Touch, control: &Control) -> Result<Self> {
-        let [ni, nj, nk] = grid.shape;
-        let mut runs: Vec<[u32; 2]> = Vec::new();
+    pub(super) fn of(
+        [ni, nj, nk]: [usize; 3], is_in: impl Fn(usize) -> bool, touch: Touch, control: &Control,
+    ) -> Result<Self> {
+        let mut runs: Vec<[usize; 2]> = Vec::new();
         let mut rows = vec![0];
         for row in 0..ni * nj {
             look(row, control)?;
@@ -34,12 +35,15 @@ impl Runs {
                 if is_in(cell) != inside {
                     inside = !inside;
                     match runs.last_mut() {
-                        Some(run) if !inside => run[1] = cell as u32,
-                        _ => runs.push([cell as u32, ((row + 1) * nk) as u32]),
+                        Some(run) if !inside => run[1] = cell,
+                        _ => runs.push([cell, (row + 1) * nk]),
                     }
                 }
             }
             rows.push(runs.len());
+        }
+        if u32::try_from(runs.len()).is_err() {
+            return Err(Error::VolumeTooLarge { shape: [ni, nj, nk] });
         }
         let mut sets = Sets::new(runs.len());
         for row in 0..ni * nj {
@@ -50,7 +54,7 @@ impl Runs {
                     continue;
                 }
                 let before = i as usize * nj + j as usize;
-                let apart = ((row - before) * nk) as u32;
+                let apart = (row - before) * nk;
                 let (mut one, mut other) = (rows[before], rows[row]);
                 while one < rows[before + 1] && other < rows[row + 1] {
                     let ([a, b], [c, d]) = (runs[one].map(|cell| cell + apart), runs[other]);
@@ -72,15 +76,21 @@ impl Runs {
     /// Returns the runs of the component whose first run is `first`.
     pub(super) fn component(&self, first: u32) -> impl Iterator<Item = std::ops::Range<usize>> {
         let own = self.runs.iter().zip(&self.component).filter(move |&(_, &component)| component == first);
-        own.map(|(&[from, to], _)| from as usize..to as usize)
+        own.map(|(&[from, to], _)| from..to)
+    }
+
+    /// Returns the number of cells of the component that begins with each run; 0 for runs within a component.
+    pub(super) fn sizes(&self) -> Vec<usize> {
+        let mut cells = vec![0; self.runs.len()];
+        for ([from, to], &component) in self.runs.iter().zip(&self.component) {
+            cells[component as usize] += to - from;
+        }
+        cells
     }
 
     /// Returns the first run of the component with the most cells, the first of equal ones.
     pub(super) fn largest(&self) -> Option<u32> {
-        let mut cells = vec![0u64; self.runs.len()];
-        for (&[from, to], &component) in self.runs.iter().zip(&self.component) {
-            cells[component as usize] += u64::from(to - from);
-        }
-        (0..self.runs.len() as u32).rev().max_by_key(|&run| cells[run as usize])
+        let sizes = self.sizes();
+        (0..sizes.len() as u32).rev().max_by_key(|&run| sizes[run as usize])
     }
 }
