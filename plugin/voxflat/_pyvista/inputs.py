@@ -143,8 +143,8 @@ class Inputs:
         sources = getattr(chosen, "sources", 0)
         if is_number(sources):
             return chosen
-        own: dict[str, Any] = {"sources": self._places(scalars, sources, "sources")}
-        return replace(chosen, **own)
+        places: dict[str, Any] = {"sources": self._places(scalars, sources, "sources")}
+        return replace(chosen, **places)
 
     def _places(self, scalars: str | None, places: Any, name: str) -> Any:
         """Convert positions on the dataset to surface points."""

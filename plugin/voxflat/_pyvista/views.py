@@ -94,7 +94,7 @@ def side_by_side(
     flat: pv.PolyData, scalars: str | None, cmap: str | None, clim: tuple[float, float] | None, **settings: Any
 ) -> pv.Plotter:
     """Return a plotter with the surface on the left and the map on the right."""
-    what = Shown.of(flat, scalars, cmap, clim)
+    content = Shown.of(flat, scalars, cmap, clim)
     surface, plane = (np.array(array, dtype=np.float64) for array in (flat.point_data["surface_points"], flat.points))
     plotter: Any = pv.Plotter(shape=(1, 2), border=False, **settings)
     plotter.set_background("white")
@@ -102,10 +102,10 @@ def side_by_side(
     meshes = []
     for column, (points, turn) in enumerate(((surface, aligned(plane, surface)[0]), (plane, np.eye(3)))):
         plotter.subplot(0, column)
-        meshes.append(what.mesh(points))
-        what.add(plotter, meshes[-1], bar=column == 1, lighting=column == 0)
+        meshes.append(content.mesh(points))
+        content.add(plotter, meshes[-1], bar=column == 1, lighting=column == 0)
         look_at(plotter, points, turn, (width / 2, height), bar=column == 1)
-    _link(plotter, what, meshes)
+    _link(plotter, content, meshes)
     view: pv.Plotter = plotter
     return view
 

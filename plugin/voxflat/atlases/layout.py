@@ -103,9 +103,9 @@ def _moved(places: _Floats, targets: _Floats, starts: _Ints) -> _Floats:
     """Move each piece rigidly to its target; rotate it by 180 degrees if the target is mirrored."""
     parts = []
     for part, target in zip(np.split(places, starts[1:-1]), np.split(targets, starts[1:-1]), strict=True):
-        known = np.isfinite(target[:, 0])
-        middle, wanted = part[known].mean(axis=0), target[known].mean(axis=0)
-        u, _, v = np.linalg.svd((part[known] - middle).T @ (target[known] - wanted))
+        is_known = np.isfinite(target[:, 0])
+        middle, goal = part[is_known].mean(axis=0), target[is_known].mean(axis=0)
+        u, _, v = np.linalg.svd((part[is_known] - middle).T @ (target[is_known] - goal))
         turn = u @ np.diag([1.0, np.linalg.det(u @ v)]) @ v
-        parts.append((part - middle) @ turn + wanted)
+        parts.append((part - middle) @ turn + goal)
     return np.concatenate(parts)

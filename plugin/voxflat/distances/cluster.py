@@ -143,11 +143,11 @@ def connected(address: str, *, most: int) -> Iterator[Cluster]:
         raise InputError(f"no Dask scheduler responds at {address} ({error}). {remedy}") from error
     with client:
         versions = client.run(version, "voxflat", on_error="return")
-        for worker, own in versions.items():
-            if isinstance(own, PackageNotFoundError):
+        for worker, other in versions.items():
+            if isinstance(other, PackageNotFoundError):
                 raise InputError(f"voxflat is not installed on the worker {worker}. Install version {__version__}")
-            if isinstance(own, str):  # otherwise the worker has died
-                _check_version(worker, own, __version__)
+            if isinstance(other, str):  # otherwise the worker has died
+                _check_version(worker, other, __version__)
         yield Cluster(client)
 
 

@@ -52,11 +52,11 @@ def geodesic(
     checked_choice(geodesic, "geodesic", (*SOLVERS, "chain"))
     checked_choice(sampling, "sampling", SAMPLINGS)
     part: Manifold | VoxelGraph
-    what = {"geodesic": geodesic}
+    settings = {"geodesic": geodesic}
     if geodesic == "chain":
         refuse(geodesic, dask=dask)
         part = voxel_graph(surface, link_lengths, progress)
-        what["link_lengths"] = part.link_lengths
+        settings["link_lengths"] = part.link_lengths
     else:
         refuse(geodesic, link_lengths=link_lengths)
         of_all = sources is None or is_whole(sources)
@@ -69,14 +69,14 @@ def geodesic(
     if store is None:
         check_memory(4 * choice.count * len(core), memory_limit, few + ", or pass store")
         chosen = choice.made(progress)
-        named = {} if isinstance(core, _core.VoxelSurface) else {"geodesic": what["geodesic"]}
+        named = {} if isinstance(core, _core.VoxelSurface) else {"geodesic": settings["geodesic"]}
         rows = core.rows(chosen, **named, threads=threads, progress=progress)
         return DistanceRows(rows, part.ids, part.points, chosen.astype(np.int64))
     need = _core.store_memory_need(len(core), choice.count, workers(threads))
     check_memory(need, memory_limit, "use fewer threads")
     log.info("up to %s of memory will be used for the rows being computed", amount(need))
     chosen = choice.made(progress)
-    prepared = prepare_store(store, core, part.ids, chosen, **what, progress=progress)
+    prepared = prepare_store(store, core, part.ids, chosen, **settings, progress=progress)
     return stored_rows(prepared, core, chosen, threads, progress)
 
 

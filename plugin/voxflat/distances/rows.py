@@ -195,9 +195,9 @@ def open_rows(path: str | os.PathLike[str]) -> DistanceRows:
     description = read_description(path)
     arrays = {name: _array(path / f"{name}.npy", description[f"{name}_sha256"]) for name in ARRAYS}
     shape = (len(arrays["sources"]), len(arrays["points"]))
-    told = description["sources"], description["points"]
-    if told != shape:
-        sizes = f"{told[0]} sources and {told[1]} points instead of {shape[0]} and {shape[1]}"
+    counts = description["sources"], description["points"]
+    if counts != shape:
+        sizes = f"{counts[0]} sources and {counts[1]} points instead of {shape[0]} and {shape[1]}"
         raise InputError(f"{path / 'store.json'} is damaged: it names {sizes}. {OTHER}")
     _checksums(path, shape)
     rows = Table.open(path / "rows.npy")

@@ -49,8 +49,8 @@ def total(charts: Sequence[Distortion], rows: Sequence[NDArray[np.int64]], trian
 
     (raw, raw_error), (best, best_error) = figures("raw"), figures("best_scale")
     per_point = np.full(1 + max(int(ids.max()) for ids in rows), np.nan)
-    for chart, of in zip(charts, rows, strict=True):
-        per_point[of] = chart.per_point
+    for chart, row in zip(charts, rows, strict=True):
+        per_point[row] = chart.per_point
     apart = np.array([[chart.mean_geodesic, chart.standard_error.mean_geodesic] for chart in charts])
     error = float(np.linalg.norm(weights * apart[:, 1]))
     return replace(

@@ -279,8 +279,8 @@ def compare(
     maps = {name: loaded(flat) for name, flat in maps.items()}
     geometry = Geometry(whole) if checked_switch(on_surface, "on_surface") else geometry_of(whole, maps)
     matched = {name: match(geometry.surface, flat) for name, flat in maps.items()}
-    for name, one in matched.items():
-        geometry.check(name, one)
+    for name, flat_map in matched.items():
+        geometry.check(name, flat_map)
     charts = {name: charts_of(flat) for name, flat in matched.items()}
     joined = {id(flat): flat.joined() for parts in charts.values() for flat, _ in parts}
     groups = _grouped([flat for flat, _ in joined.values()])
@@ -298,26 +298,26 @@ def compare(
         first = group[0][0]
         places = [flat.uv[order] for flat, order in group]
         results = first.core.judge(places, chosen, reference, cache, seed, threads, progress, period=first.period)
-        for (one, order), measured in zip(group, results, strict=True):
+        for (flat_map, order), measured in zip(group, results, strict=True):
             per_point = np.empty_like(measured["per_point"])
             per_point[order] = measured["per_point"]
-            distances[id(one)] = measured | {"per_point": per_point}
+            distances[id(flat_map)] = measured | {"per_point": per_point}
     measured = {}
     for name, parts in charts.items():
         of_charts = []
-        for number, (one, _) in enumerate(parts, 1):
-            topology = _topology(one)
+        for number, (flat_map, _) in enumerate(parts, 1):
+            topology = _topology(flat_map)
             more = {"topology": topology, "voxel_size": whole.voxel_size, "unit": whole.origin.unit}
-            triangles = one.core.measure(one.uv, progress)
-            closed, at = joined[id(one)]
-            of_distances = distances[id(closed)] | {"per_point": distances[id(closed)]["per_point"][at]}
+            triangles = flat_map.core.measure(flat_map.uv, progress)
+            closed, copies = joined[id(flat_map)]
+            of_distances = distances[id(closed)] | {"per_point": distances[id(closed)]["per_point"][copies]}
             of_charts.append(Distortion._of(of_distances, triangles, reference, **more))
             called = name if len(parts) == 1 else f"{name}, chart {number}".removeprefix(", ")
-            measured[called] = MeasuredMap(one.uv, one.vertices, one.core.faces, of_charts[-1])
+            measured[called] = MeasuredMap(flat_map.uv, flat_map.vertices, flat_map.core.faces, of_charts[-1])
         if len(parts) > 1:
-            one = matched[name]
-            distortion = total(of_charts, [rows for _, rows in parts], one.core.measure(one.uv, progress))
-            measured[name] = MeasuredMap(one.uv, one.vertices, one.core.faces, distortion)
+            flat_map = matched[name]
+            distortion = total(of_charts, [rows for _, rows in parts], flat_map.core.measure(flat_map.uv, progress))
+            measured[name] = MeasuredMap(flat_map.uv, flat_map.vertices, flat_map.core.faces, distortion)
     return Comparison(measured)
 
 
@@ -350,14 +350,14 @@ def _sources(
     ]
     whole = [n for n, first in enumerate(firsts) if shares[id(first)] == 1]
     if len(whole) > 1:
-        known = [np.unique(firsts[n].vertices, return_index=True) for n in whole]
-        common = known[0][0]
-        for vertices, _ in known[1:]:
+        uniques = [np.unique(firsts[n].vertices, return_index=True) for n in whole]
+        common = uniques[0][0]
+        for vertices, _ in uniques[1:]:
             common = np.intersect1d(common, vertices)
         if len(common) == 0:
             raise InputError("the maps have no vertex in common. Measure the maps one by one")
         chosen = common[_core.reference_sources(len(common), count, seed)]
-        for n, (vertices, first) in zip(whole, known, strict=True):
+        for n, (vertices, first) in zip(whole, uniques, strict=True):
             sources[n] = first[np.searchsorted(vertices, chosen)].astype(np.uint32)
     return sources
 

@@ -95,8 +95,8 @@ def atlas_heat_map(atlas: Atlas, pixel_size: float | None = None, *, of: str = "
     axes = figure.add_subplot(**_labels(atlas))
     low = min(least, 1.0) if of == "areal" else 1.0
     look: dict[str, Any] = {"cmap": ERRORS, "vmin": low, "vmax": max(most, low + 1e-6), "interpolation": "nearest"}
-    shown = axes.imshow(image.data, extent=image.extent, **look)
-    figure.colorbar(shown, ax=axes, label=plain(image.name, 80), extend="both" if of == "areal" else "max", shrink=0.8)
+    drawn = axes.imshow(image.data, extent=image.extent, **look)
+    figure.colorbar(drawn, ax=axes, label=plain(image.name, 80), extend="both" if of == "areal" else "max", shrink=0.8)
     return figure
 
 

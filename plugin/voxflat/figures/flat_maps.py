@@ -217,11 +217,11 @@ class _Side:
         self.strength = None if strength is None else self._sampled(Overlay._of(strength, count))
         is_map = overlay is not None and not isinstance(opacity, float)
         self.opacity = self._sampled(Overlay._of(opacity, count)) if is_map else None
-        own = self._own(parcels)
-        if own is not None and not isinstance(own, Parcels):
-            is_volume = not are_label_files(own) and vertex_channels(self._surface, own) is None
-            own = parcels_of(self.flat_map, own, table=table, depths=self._depths_of(is_volume))
-        self.parcels: Parcels | None = own
+        regions = self._own(parcels)
+        if regions is not None and not isinstance(regions, Parcels):
+            is_volume = not are_label_files(regions) and vertex_channels(self._surface, regions) is None
+            regions = parcels_of(self.flat_map, regions, table=table, depths=self._depths_of(is_volume))
+        self.parcels: Parcels | None = regions
 
     def _own(self, values: Any) -> Any:
         """Return the values of this side if each side has its own; otherwise all values."""
@@ -259,9 +259,9 @@ def _joined(images: list[FlatImage | None]) -> FlatImage | None:
     first = images[0]
     if first is None or len(images) == 1:
         return first
-    known = [image for image in images if image is not None]
-    data = [image.data.reshape(-1, 1, *image.data.shape[2:]) for image in known]
-    return replace(first, data=np.concatenate(data), labels=all(image.is_labels for image in known))
+    present = [image for image in images if image is not None]
+    data = [image.data.reshape(-1, 1, *image.data.shape[2:]) for image in present]
+    return replace(first, data=np.concatenate(data), labels=all(image.is_labels for image in present))
 
 
 def folds(flat_map: FlatMap, raster: Raster, underlay: str = "curvature") -> NDArray[np.uint8]:

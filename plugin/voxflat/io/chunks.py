@@ -133,8 +133,8 @@ class _StoredArray:
     def __getitem__(self, key: tuple[int | slice, ...]) -> NDArray[Any]:
         box = [[part.start, part.stop] if isinstance(part, slice) else part for part in key]
         size = self.dtype.itemsize
-        for one, length in zip(box, self.chunks, strict=True):  # all of each chunk is decompressed
-            first, last = (one[0], one[1] - 1) if isinstance(one, list) else (one, one)
+        for index, length in zip(box, self.chunks, strict=True):  # all of each chunk is decompressed
+            first, last = (index[0], index[1] - 1) if isinstance(index, list) else (index, index)
             size *= (last // length - first // length + 1) * length
         limits: dict[str, Any] = {"size": size, "inflated": 2}
         block: NDArray[Any] = read_in_subprocess(self.read, self.package, self.path, box, *self.name, **limits)
@@ -186,18 +186,18 @@ def is_stack_path(obj: object) -> bool:
 def voxels_at(data: Any, low: NDArray[np.integer[Any]], offsets: NDArray[np.integer[Any]]) -> NDArray[Any]:
     """Return the voxels (P, K) at `low` (P, 3) plus `offsets` (K, 3), clipped to the volume; read each chunk once."""
     last = np.asarray(data.shape[:3], dtype=low.dtype) - 1
-    found = np.empty((len(low), len(offsets)), dtype=data.dtype)
+    voxels = np.empty((len(low), len(offsets)), dtype=data.dtype)
     if not isinstance(data, Chunked):
         for n, offset in enumerate(offsets):
-            found[:, n] = data[tuple(np.minimum(low + offset, last).T)]
-        return found
+            voxels[:, n] = data[tuple(np.minimum(low + offset, last).T)]
+        return voxels
     grids = data.grids
     counts = [grid.count for grid in grids]
-    chunk = np.empty(found.shape, dtype=np.int32 if math.prod(counts) < 2**31 else np.int64)
+    chunk = np.empty(voxels.shape, dtype=np.int32 if math.prod(counts) < 2**31 else np.int64)
     for n, offset in enumerate(offsets):
         chunk[:, n] = data.chunk_of(np.minimum(low + offset, last))
     order = np.argsort(chunk.ravel(), kind="stable")
-    values, first = found.reshape(-1), 0
+    values, first = voxels.reshape(-1), 0
     numbers, sizes = np.unique(chunk, return_counts=True)
     for number, size in zip(numbers.tolist(), sizes.tolist(), strict=True):
         items = order[first : first + size]
@@ -207,7 +207,7 @@ def voxels_at(data: Any, low: NDArray[np.integer[Any]], offsets: NDArray[np.inte
         rows, columns = np.divmod(items, len(offsets))
         index = np.minimum(low[rows] + offsets[columns], last) - [span[0] for span in spans]
         values[items] = block[tuple(index.T)]
-    return found
+    return voxels
 
 
 def chunked_of(obj: object) -> tuple[Channels, Affine | None, str] | None:

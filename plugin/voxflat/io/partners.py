@@ -54,7 +54,7 @@ def check_unit(name: str, mesh: Mesh, unit: str) -> None:
 
 def check_participant(path: object, of: object) -> None:
     """Warn if a file's name and that of the surface's file contain different participants."""
-    own, other = (re.findall(r"sub-[A-Za-z0-9]+", str(one or "")) for one in (path, of))
+    own, other = (re.findall(r"sub-[A-Za-z0-9]+", str(text or "")) for text in (path, of))
     if own and other and own[-1] != other[-1]:
         name = os.path.basename(str(path))
         log.warning("%s belongs to %s, but the surface belongs to %s. Check the file", name, own[-1], other[-1])

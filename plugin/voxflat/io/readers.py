@@ -248,15 +248,15 @@ def _read_metaimage(path: Path) -> Read:
 def _metaimage_header(start: bytes) -> tuple[dict[bytes, bytes], int]:
     """Return the fields of a MetaImage header as ITK finds them, and the offset of the voxels."""
     fields: dict[bytes, bytes] = {}
-    at = 0
-    while (end := start.find(b"\n", at)) >= 0:
-        key, separator, value = start[at:end].partition(b"=")
-        key, value, at = key.strip(), value.strip(), end + 1
+    position = 0
+    while (end := start.find(b"\n", position)) >= 0:
+        key, separator, value = start[position:end].partition(b"=")
+        key, value, position = key.strip(), value.strip(), end + 1
         if not separator or key in fields or b":" in key:  # ITK ends a key there, too
             break
         fields[key] = value
         if key == b"ElementDataFile":
-            return fields, at
+            return fields, position
     raise InputError("is not a MetaImage file, or its header is damaged. Check that its ending matches its format")
 
 

@@ -76,15 +76,15 @@ def _ears(polygon: NDArray[np.float64]) -> NDArray[np.int64]:
     left = list(range(len(polygon)))
     triangles = []
     while len(left) > 3:
-        at = np.array(left)
-        before, after = np.roll(at, 1), np.roll(at, -1)
-        a, b, c = plane[before], plane[at], plane[after]
+        ring = np.array(left)
+        before, after = np.roll(ring, 1), np.roll(ring, -1)
+        a, b, c = plane[before], plane[ring], plane[after]
         turns = _cross(b - a, c - b)
         length = ((polygon[after] - polygon[before]) ** 2).sum(axis=1)
         order = np.lexsort((length, -np.sign(turns)))
-        ears = (k for k in order if turns[k] > 0 and not _holds(plane[at], a[k], b[k], c[k], k))
+        ears = (k for k in order if turns[k] > 0 and not _holds(plane[ring], a[k], b[k], c[k], k))
         best = int(next(ears, order[0]))  # a self-crossing polygon may have none
-        triangles.append([before[best], at[best], after[best]])
+        triangles.append([before[best], ring[best], after[best]])
         del left[best]
     return np.array([*triangles, left], dtype=np.int64)
 

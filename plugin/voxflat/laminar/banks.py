@@ -105,9 +105,9 @@ def between_banks(
     np.add.at(points, corners, crossing[:, None])
     points /= np.bincount(corners.ravel(), minlength=len(used))[:, None]
 
-    some = slice(None, None, len(voxels) // _SAMPLE + 1)
-    nearest = scipy.spatial.cKDTree(crossing).query(places[some])[0]
-    usual = np.median(inwards[some] + np.minimum(outwards[some], nearest))
+    sample = slice(None, None, len(voxels) // _SAMPLE + 1)
+    nearest = scipy.spatial.cKDTree(crossing).query(places[sample])[0]
+    usual = np.median(inwards[sample] + np.minimum(outwards[sample], nearest))
     bank, both = inwards[pair] / usual, (inwards + outwards)[pair] / usual
     is_thick = ((both > _THICK) & (bank > _BANK[0]) & (bank < _BANK[1])).all(axis=0)
     links = scipy.sparse.coo_matrix(
@@ -116,6 +116,6 @@ def between_banks(
     part_of = scipy.sparse.csgraph.connected_components(links, directed=False)[1][corners[:, 0]]
     share = np.bincount(part_of, is_thick) / np.maximum(np.bincount(part_of), 1)
     corners = corners[share[part_of] > _SHARE]
-    kept, corners = np.unique(corners, return_inverse=True)
-    points, corners = points[kept], corners.reshape(-1, 4)
+    rows, corners = np.unique(corners, return_inverse=True)
+    points, corners = points[rows], corners.reshape(-1, 4)
     return points, np.concatenate([corners[:, [0, 1, 2]], corners[:, [0, 2, 3]]]).astype(np.uint32)

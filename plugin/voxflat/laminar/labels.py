@@ -180,8 +180,8 @@ def _selected(volume: Volume, name: str, code: object, present: dict[int, int]) 
                 "with one value other than 0"
             )
         return is_selected
-    found = np.asarray(volume.data == code)
-    if not found.any():
+    is_code = np.asarray(volume.data == code)
+    if not is_code.any():
         labels = ", ".join(map(str, sorted(present)[:10])) or "none"
         remedy = "Pass the labels as inner, outer and grey"
         for side, ribbon in _RIBBON.items():
@@ -190,7 +190,7 @@ def _selected(volume: Volume, name: str, code: object, present: dict[int, int]) 
         raise InputError(
             f"the rim has no voxel with the label {code} ({_NAMES[name]}); its labels are {labels}. {remedy}"
         )
-    return found
+    return is_code
 
 
 def _check_overlap(where: dict[str, NDArray[np.bool_]]) -> None:

@@ -26,23 +26,23 @@ def flat_volume(
     checked_instance(flat_map, FlatMap, "map", "a FlatMap, as returned by flatten")
     origin: NDArray[np.float64] | None = None
     names: tuple[str, ...] = ()
-    own: float | None = None
+    stored: float | None = None
     if isinstance(values, FlatStack):
-        data, own, origin, names = values.data, values.pixel_size, np.array(values.origin), values.layers
+        data, stored, origin, names = values.data, values.pixel_size, np.array(values.origin), values.layers
     else:
         volume = as_volume(values)
         data = volume.data
         if volume.is_placed:  # an image; arrays have the depth first
-            data, own, origin = np.moveaxis(data, 2, 0), float(volume.spacing[0]), volume.affine[:2, 3]
+            data, stored, origin = np.moveaxis(data, 2, 0), float(volume.spacing[0]), volume.affine[:2, 3]
         if volume.path is not None:
             names = names_in(volume.path)
     if data.ndim != 3 or data.dtype.kind not in "biuf":
         raise InputError(f"the flat volume has shape {data.shape}. Pass numbers of shape (depth, row, column)")
     size = None if pixel_size is None else checked_number(pixel_size, "pixel size")
-    if own is not None:
-        if size is not None and not abs(size / own - 1) < _SAME:
-            raise InputError(f"the pixel size is {size:g}, but the flat volume has {own:g}. Omit the pixel size")
-        size = own
+    if stored is not None:
+        if size is not None and not abs(size / stored - 1) < _SAME:
+            raise InputError(f"the pixel size is {size:g}, but the flat volume has {stored:g}. Omit the pixel size")
+        size = stored
     if size is not None and abs(size / flat_map.pixel_size - 1) < _SAME:
         size = flat_map.pixel_size
     raster = flat_map.raster(size)

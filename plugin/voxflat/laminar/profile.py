@@ -246,8 +246,8 @@ def _drawn(regions: Regions, voxels: SurfacePoints, halfway: NDArray[np.float64]
     region = np.full(len(halfway), -1)
     keys = regions.at(uv)
     order = np.argsort(regions.keys)
-    found = np.searchsorted(regions.keys, keys, sorter=order)
-    region[is_on] = np.where(keys == 0, -1, order[found % len(order)])
+    ranks = np.searchsorted(regions.keys, keys, sorter=order)
+    region[is_on] = np.where(keys == 0, -1, order[ranks % len(order)])
     for name, count in zip(regions.names, np.bincount(region[region >= 0], minlength=len(regions)), strict=True):
         if count == 0:
             raise InputError(f"the region {name} contains no voxel of grey matter. Draw a larger region")

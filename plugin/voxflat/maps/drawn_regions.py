@@ -44,13 +44,13 @@ class _Drawn:
     def labels(self, places: NDArray[np.float64]) -> NDArray[np.int64]:
         order = np.argsort(places[:, 1], kind="stable")
         sorted_places = places[order]
-        found = np.zeros(len(places), dtype=np.int64)
+        codes = np.zeros(len(places), dtype=np.int64)
         for outline, key in zip(self.outlines, self.keys, strict=True):
             winding = np.zeros(len(places), dtype=np.int64)
             for loop in outline.loops:
                 winding += _winding(loop, sorted_places)
-            found[order[(winding % 2 if outline.is_even_odd else winding) != 0]] = key
-        return found
+            codes[order[(winding % 2 if outline.is_even_odd else winding) != 0]] = key
+        return codes
 
 
 def _winding(loop: NDArray[np.float64], places: NDArray[np.float64]) -> NDArray[np.int64]:
@@ -90,9 +90,9 @@ class _Pixels:
         size, (height, width) = self.raster.pixel_size, self.raster.shape
         index = np.column_stack([(v - places[:, 1]) / size, (places[:, 0] - u) / size])
         is_on = (index > -0.5 - _BESIDE).all(axis=1) & (index < np.array([height, width]) - 0.5 + _BESIDE).all(axis=1)
-        found = np.zeros(len(places), dtype=np.int64)
-        found[is_on] = majority_at(self._continued[..., None], np.insert(index[is_on, None], 2, 0.0, axis=2))
-        return found
+        codes = np.zeros(len(places), dtype=np.int64)
+        codes[is_on] = majority_at(self._continued[..., None], np.insert(index[is_on, None], 2, 0.0, axis=2))
+        return codes
 
 
 def regions_of(flat: Planar, rois: object, *, layer: str, pixel_size: float | None) -> Regions:

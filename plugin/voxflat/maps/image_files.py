@@ -315,8 +315,8 @@ def _write_nifti_series(path: Path, pages: Pages, first: _Image, values: _Values
 
 def names_in(path: Path) -> tuple[str, ...]:
     """Return the names of the images that voxflat stored in a NIfTI file; empty if there are none."""
-    found = (told["names"] for told in _told_in(path) if isinstance(told.get("names"), list))
-    return tuple(map(str, next(found, ())))
+    names = (content["names"] for content in _told_in(path) if isinstance(content.get("names"), list))
+    return tuple(map(str, next(names, ())))
 
 
 def is_flat(path: Path, shape: tuple[int, ...], affine: NDArray[np.float64]) -> bool:
@@ -326,7 +326,7 @@ def is_flat(path: Path, shape: tuple[int, ...], affine: NDArray[np.float64]) -> 
     if size <= 0 or not np.allclose(affine[:3, :3], plane, rtol=0, atol=1e-6 * size):
         return False
     # volumes hold their record itself; a slice with this affine is a single image
-    records = (told if shape[2:] == (1,) else told.get("provenance") for told in _told_in(path))
+    records = (content if shape[2:] == (1,) else content.get("provenance") for content in _told_in(path))
     return any(isinstance(record, dict) and "voxflat" in record for record in records)
 
 
@@ -335,9 +335,9 @@ def _told_in(path: Path) -> Iterator[dict[str, Any]]:
     if path.name.lower().endswith((".nii", ".nii.gz")):
         for extension in require("nibabel").load(path).header.extensions:
             with suppress(ValueError, TypeError, AttributeError):  # of another program
-                told = json.loads(extension.get_content().rstrip(b"\0"))
-                if isinstance(told, dict):
-                    yield told
+                content = json.loads(extension.get_content().rstrip(b"\0"))
+                if isinstance(content, dict):
+                    yield content
 
 
 def _write_npy_series(path: Path, pages: Pages, first: _Image, values: _Values, record: Record) -> None:

@@ -48,9 +48,9 @@ def region_corners(
 ) -> _Ints:
     """Return, for each place given by corners (M, 3) and weights, the corner on the same side of the `borders`."""
     corners = corners.astype(np.int64)
-    own = labels[corners]
+    at_corner = labels[corners]
     best = np.take_along_axis(corners, weights.argmax(axis=1)[:, None], axis=1)[:, 0]
-    same = own == np.roll(own, -1, axis=1)  # corner k and k + 1
+    same = at_corner == np.roll(at_corner, -1, axis=1)  # corner k and k + 1
     two = same.sum(axis=1) == 1
     if not two.any():
         return best
@@ -108,8 +108,8 @@ def edges_of(faces: NDArray[Any], count: int) -> tuple[_Ints, _Ints, _Ints]:
     faces = faces.astype(np.int64)
     ends = np.stack([faces, np.roll(faces, -1, axis=1)], axis=2)
     keys = ends.min(axis=2) * count + ends.max(axis=2)
-    known, which, counts = np.unique(keys, return_inverse=True, return_counts=True)
-    return np.column_stack([known // count, known % count]), which.reshape(faces.shape), counts
+    unique, which, counts = np.unique(keys, return_inverse=True, return_counts=True)
+    return np.column_stack([unique // count, unique % count]), which.reshape(faces.shape), counts
 
 
 def _crossings(uv: _Floats, faces: NDArray[Any], labels: _Ints) -> tuple[_Ints, _Floats, _Ints, _Floats]:

@@ -170,24 +170,24 @@ def _same_places(whole: Manifold, points: NDArray[np.float64], faces: NDArray[np
     """Return triangles as vertices of the surface that have the positions of points, which seams have duplicated."""
     used, corners = np.unique(faces, return_inverse=True)
     tree, extent = scipy.spatial.cKDTree(whole.points), np.ptp(whole.points, axis=0).max()
-    at = points[used]
-    upright = at[:, [0, 2, 1]] * [1, -1, 1]  # glTF has the y axis up, and metres
+    positions = points[used]
+    upright = positions[:, [0, 2, 1]] * [1, -1, 1]  # glTF has the y axis up, and metres
     unit = whole.origin.unit
     metre = 1.0 if unit == "unknown" else millimetres("m") / millimetres(unit)
     near = _SAME_PLACE * (extent + np.abs(whole.points).max())
-    for places in (at, whole.space.from_scanner(at), upright, metre * at, metre * upright):
+    for places in (positions, whole.space.from_scanner(positions), upright, metre * positions, metre * upright):
         away, nearest = tree.query(places)
         if away.max(initial=0.0) <= near:
             break
     else:
-        away, _ = tree.query(at)
+        away, _ = tree.query(positions)
         text = f"the map has {len(points)} points, but the surface has {whole.count} vertices, and none of them is at"
         raise InputError(
-            f"{text} {_shown(at[away.argmax()])}. Pass one point per vertex, or points at the same positions"
+            f"{text} {_shown(positions[away.argmax()])}. Pass one point per vertex, or points at the same positions"
         )
     counts = tree.query_ball_point(whole.points[nearest], near, return_length=True)
     if (counts > 1).any():
-        problem = f"several vertices of the surface are at {_shown(at[counts.argmax()])}"
+        problem = f"several vertices of the surface are at {_shown(positions[counts.argmax()])}"
         raise InputError(f"{problem}, so points cannot be matched by position. Pass one point per vertex")
     return np.asarray(whole.vertices[nearest][corners.reshape(-1, 3)])
 

@@ -50,11 +50,11 @@ class Parcels:
     def raster(self, raster: Raster) -> NDArray[np.int64]:
         """Return the label of each pixel, with areas separated by the lines `borders`; −1 where there is no label."""
         inside = raster.inside
-        found = np.full(raster.shape, _NONE)
+        pixels = np.full(raster.shape, _NONE)
         corners, weights = raster.corners[inside], np.asarray(raster.weights[inside], dtype=np.float64)
         faces = self.flat_map.faces[~self.flat_map.torn]
-        found[inside] = self.labels[region_corners(self.flat_map.uv, faces, self.labels, corners, weights)]
-        return found
+        pixels[inside] = self.labels[region_corners(self.flat_map.uv, faces, self.labels, corners, weights)]
+        return pixels
 
     def coloured(self, labels: NDArray[np.int64]) -> NDArray[np.uint8]:
         """Return the RGBA colours of labels, with opacity 0 where there is no parcel."""

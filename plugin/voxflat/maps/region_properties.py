@@ -111,16 +111,16 @@ def _on_borders(labels: NDArray[np.int64]) -> NDArray[np.bool_]:
     return np.asarray(scipy.ndimage.maximum_filter(labels, **around) != scipy.ndimage.minimum_filter(labels, **around))
 
 
-def _shapes(of: Planar, centres: _Floats, spread: _Floats, normals: _Floats) -> dict[str, _Floats]:
+def _shapes(flat: Planar, centres: _Floats, spread: _Floats, normals: _Floats) -> dict[str, _Floats]:
     """Return the axes of the ellipses with the same second moments in the tangent planes, and their directions."""
-    face, weights, _ = of._nearest(centres, np.inf)
-    uv = np.einsum("pc,pcx->px", weights, of._triangles.uv[of._triangles.faces[face]])
+    face, weights, _ = flat._nearest(centres, np.inf)
+    uv = np.einsum("pc,pcx->px", weights, flat._triangles.uv[flat._triangles.faces[face]])
     is_known = np.asarray(np.isfinite(spread).all(axis=(1, 2)) & np.isfinite(normals).all(axis=1))
     tangent = np.eye(3) - normals[:, :, None] * normals[:, None]
     values, vectors = np.linalg.eigh(np.where(is_known[:, None, None], tangent @ spread @ tangent, 0.0))
     major, minor = (4 * np.sqrt(np.where(is_known, np.maximum(values[:, n], 0.0), np.nan)) for n in (2, 1))
     along = np.where(is_known[:, None], vectors[:, :, 2], np.nan)
-    u, v = np.einsum("pab,pb->ap", of._metric.to_map[face], along)
+    u, v = np.einsum("pab,pb->ap", flat._metric.to_map[face], along)
     turned = np.asarray((u < 0) | ((u == 0) & (v < 0)))  # of its two directions, take the one to the right of the map
     along = np.where(turned[:, None], -along, along)
     angle = np.degrees(np.arctan2(np.where(turned, -v, v), np.where(turned, -u, u)))
@@ -158,11 +158,11 @@ def _perimeters(
 
 
 def _along_outline(
-    of: Planar, keys: NDArray[np.int64], at: Callable[[_Floats], NDArray[np.int64]], size: float
+    flat: Planar, keys: NDArray[np.int64], at: Callable[[_Floats], NDArray[np.int64]], size: float
 ) -> _Floats:
     """Return the lengths of the outline of the map along which regions end; at a cut, they may continue beyond it."""
-    triangles = of._triangles
-    faces = of._whole_faces.astype(np.int64)
+    triangles = flat._triangles
+    faces = flat._whole_faces.astype(np.int64)
     ends = np.stack([faces, np.roll(faces, -1, axis=1)], axis=2).reshape(-1, 2)
     edges = distinct(np.sort(ends, axis=1))
     ends = ends[edges.first[edges.counts == 1]]

@@ -76,8 +76,8 @@ def interpolated(values: NDArray[Any], index: Any, order: int = 1, mode: str = "
     """Interpolate an array at indices, shape (axes, ...): linearly (order 1) or at the nearest element (order 0)."""
     if values.dtype.kind == "f" and values.dtype.itemsize not in (4, 8):  # SciPy does not support other types
         values = values.astype(np.float64)
-    found: _Floats = scipy.ndimage.map_coordinates(values, index, output=np.float64, order=order, mode=mode)
-    return found
+    sampled: _Floats = scipy.ndimage.map_coordinates(values, index, output=np.float64, order=order, mode=mode)
+    return sampled
 
 
 def _indices(volume: Volume, points: _Floats) -> tuple[_Floats, NDArray[np.bool_]]:
@@ -210,9 +210,9 @@ def sample_depths(volume: Volume, places: Sequence[_Floats], sampling: Sampling,
         coverage.add(inside)
         somewhere = inside.any(axis=0)
         inside = inside[:, somewhere].T  # (P, depths)
-        at = np.where(inside[..., None], index[:, somewhere].swapaxes(0, 1), 0.0)
+        spots = np.where(inside[..., None], index[:, somewhere].swapaxes(0, 1), 0.0)
         image = np.full(somewhere.shape, np.nan)
-        image[somewhere] = majority_at(data, at, inside)
+        image[somewhere] = majority_at(data, spots, inside)
         return image
     if isinstance(data, Chunked):  # sampled all at once, so that each chunk is read once
         check_room(PLACE_BYTES * sum(points[..., 0].size for points in places))

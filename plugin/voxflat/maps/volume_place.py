@@ -70,7 +70,7 @@ def check_overlap(surface: SurfacePoints, volume: Volume, depths: Depths, title:
     """Raise an error if the map lies outside a volume or within one voxel, mostly because their units differ."""
     inverse = np.linalg.inv(volume.affine)
     surfaces = [surface.points, surface.white_points, surface.pial_points]
-    points = surface.origin.space.to_scanner(np.concatenate([known for known in surfaces if known is not None]))
+    points = surface.origin.space.to_scanner(np.concatenate([side for side in surfaces if side is not None]))
     index = points @ inverse[:3, :3].T + inverse[:3, 3]
     low, high = index.min(axis=0), index.max(axis=0)
     beyond = 0.5 + (max(map(abs, depths.values)) / volume.spacing if depths.layering is None else 0)

@@ -36,8 +36,8 @@ def cut_as(whole: Manifold, start: Matched, threads: int | None, progress: Progr
 def named_as(cut: CutManifold[Manifold], start: object) -> CutManifold[Manifold]:
     """Give cuts the names of the cuts of a map on which they lie, if it is a `FlatMap` or its file."""
     flat_map = loaded(start)
-    known = [one for one in flat_map.cuts if one.name] if isinstance(flat_map, FlatMap) else []
-    named = [replace(cut, name=next((k.name for k in known if _set(cut) <= _set(k)), None)) for cut in cut.cuts]
+    lines = [line for line in flat_map.cuts if line.name] if isinstance(flat_map, FlatMap) else []
+    named = [replace(cut, name=next((k.name for k in lines if _set(cut) <= _set(k)), None)) for cut in cut.cuts]
     return replace(cut, cuts=tuple(named))
 
 
@@ -88,14 +88,14 @@ def _seams(faces: NDArray[np.uint32], places: NDArray[np.float64]) -> NDArray[np
     """Return the edges, (k, 2), whose ends have different positions in their two triangles."""
     corners = np.stack([[0, 1], [1, 2], [2, 0]])
     ends = faces[:, corners].reshape(-1, 2).astype(np.int64)
-    at = places[:, corners].reshape(-1, 2, 2)
+    pairs = places[:, corners].reshape(-1, 2, 2)
     order = np.argsort(ends, axis=1)
     ends = np.take_along_axis(ends, order, axis=1)
-    at = np.take_along_axis(at, order[:, :, None], axis=1)
+    pairs = np.take_along_axis(pairs, order[:, :, None], axis=1)
     by_edge = np.lexsort(ends.T)
-    ends, at = ends[by_edge], at[by_edge]
+    ends, pairs = ends[by_edge], pairs[by_edge]
     is_same = (ends[1:] == ends[:-1]).all(axis=1)
-    is_torn = (at[1:] != at[:-1]).any(axis=(1, 2))
+    is_torn = (pairs[1:] != pairs[:-1]).any(axis=(1, 2))
     return np.asarray(ends[1:][is_same & is_torn])
 
 

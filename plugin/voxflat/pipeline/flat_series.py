@@ -352,9 +352,9 @@ class FlatSeries(Sequence[FlatMap], ReadOnly, Saved):
         weighted = (area[:, None, None] * metric).reshape(-1, 4)
         sums = [np.bincount(faces.ravel(), np.repeat(column, 3), len(flat_map)) for column in weighted.T]
         with np.errstate(invalid="ignore", divide="ignore"):
-            found: NDArray[np.float64] = (np.stack(sums, axis=1) / total[:, None]).reshape(-1, 2, 2)
-        found[total == 0] = np.eye(2) * np.nan
-        return found
+            mean: NDArray[np.float64] = (np.stack(sums, axis=1) / total[:, None]).reshape(-1, 2, 2)
+        mean[total == 0] = np.eye(2) * np.nan
+        return mean
 
     def _number(self, frame: object) -> int:
         """Check the number of a frame."""

@@ -317,8 +317,8 @@ def opened(
     cuts: list[Cut] = []
     warnings = []
     if topology["euler"] != 1 and not is_fixed:
-        core, made = part.core.open_to_disk(threads, progress)
-        cuts = _named(part, made)
+        core, lines = part.core.open_to_disk(threads, progress)
+        cuts = _named(part, lines)
         paths, total = _counted(cuts, "path")
         warnings.append(
             f"the surface is not a disk ({topology['handles']} handles, {topology['loops']} boundary loops), so it was "
@@ -334,8 +334,8 @@ def opened(
     least_relief, bearable = 0.0, 0.0
     if relax is None and not was_closed and adapt is None:
         least_relief, bearable = _LEAST_RELIEF, _BEARABLE if is_given and topology["euler"] == 1 else _FINE
-    core, made, errors = part.core.relax(length, least_relief, bearable, adapt, threads, progress)
-    further = _named(part, made)
+    core, lines, errors = part.core.relax(length, least_relief, bearable, adapt, threads, progress)
+    further = _named(part, lines)
     if further:
         paths, total = _counted(further, "relaxation cut")
         before, after = (100 * error for error in errors)

@@ -309,7 +309,7 @@ def _fitted(coarse: NDArray[np.float32], grid: Affine, steps: _Steps) -> tuple[A
 
 def _more_promising(start: Affine, others: list[Affine], pair: "_Pair", steps: _Steps) -> Iterator[Affine]:
     """Yield the transforms that fit better than the first one after a quick descent with strong smoothing."""
-    (_, first), *further = (pair.descend(one, _ITERATIONS, steps) for one in (start, *others))
+    (_, first), *further = (pair.descend(move, _ITERATIONS, steps) for move in (start, *others))
     better = sorted((fit for fit in further if fit[1] < _BETTER * first), key=lambda fit: fit[1])
     yield from (moved for moved, _ in better)
 

@@ -26,7 +26,7 @@ def read_geometry(path: Path, data: bytes) -> dict[str, Any]:
     """Read a surface file, and split its quadrangles as FreeSurfer does."""
     nibabel, is_quad = require("nibabel"), data[2] != 0xFE
     if is_quad:
-        points, quads = (int.from_bytes(data[at : at + 3], "big") for at in (3, 6))
+        points, quads = (int.from_bytes(data[n : n + 3], "big") for n in (3, 6))
         need = 9 + (6 if data[2] == 0xFF else 12) * points + 12 * quads
         check_size(data, need, f"{points} points and {quads} quadrangles")
         warnings: tuple[str, ...] = (f"{quads} quadrangles were split into triangles",)

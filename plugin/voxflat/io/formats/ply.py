@@ -174,7 +174,7 @@ def _uneven(body: bytes, offset: int, element: _Element, order: str, key: str) -
             elif list_name == _OF_CORNERS:
                 stored.append(np.frombuffer(body, kind, length, offset))
             offset += length * kind.itemsize
-    counts = np.array([len(one) for one in rows], dtype=np.int64)
+    counts = np.array([len(line) for line in rows], dtype=np.int64)
     return (_whole(np.concatenate(rows), counts), counts, _of_corners(stored or None, counts)), offset
 
 

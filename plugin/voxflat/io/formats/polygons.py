@@ -91,11 +91,11 @@ def read_stl(path: Path, data: bytes) -> dict[str, Any]:
     """Read an STL file; corners with equal coordinates become one point."""
     if data.lstrip()[:5].lower() == b"solid" and not is_binary_stl(data):
         text = data.lower()
-        found = re.findall(rb"(?m)^[ \t\r]*vertex[ \t]+(\S+)[ \t]+(\S+)[ \t]+(\S+)[ \t\r]*$", text)
+        texts = re.findall(rb"(?m)^[ \t\r]*vertex[ \t]+(\S+)[ \t]+(\S+)[ \t]+(\S+)[ \t\r]*$", text)
         number = len(re.findall(rb"(?m)^[ \t\r]*facet\b", text))
-        if len(found) != 3 * number or b"endsolid" not in text[-200:]:
-            raise InputError(f"has {len(found)} corners in {number} facets, or does not end with endsolid. {AGAIN}")
-        corners = np.array(found, dtype=np.float64).reshape(-1, 3)
+        if len(texts) != 3 * number or b"endsolid" not in text[-200:]:
+            raise InputError(f"has {len(texts)} corners in {number} facets, or does not end with endsolid. {AGAIN}")
+        corners = np.array(texts, dtype=np.float64).reshape(-1, 3)
     else:
         number = int.from_bytes(data[80:84], "little")
         if len(data) < 84 + _FACET.itemsize * number:

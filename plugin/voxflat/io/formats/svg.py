@@ -46,12 +46,12 @@ def read_outlines(path: str | os.PathLike[str], layer: str) -> list[Outline]:
         record_file(path)
         to_mm = _placement(root, svg)
         groups = list(_groups(root, svg))
-        found = next((group for group in groups if layer in (_own(group, _LABEL), group.id)), None)
-        if found is None:
+        drawn = next((group for group in groups if layer in (_own(group, _LABEL), group.id)), None)
+        if drawn is None:
             layers = [group for group in groups if _own(group, _MODE) == "layer"] or groups  # else not from Inkscape
             names = ", ".join(repr(_own(group, _LABEL) or str(group.id)) for group in layers) or "other elements"
             raise InputError(f"has no layer {layer!r} (layers: {names}). Draw the regions in a layer named {layer!r}")
-        outlines = [outline for outline in _outlines(found, svg, to_mm, _own(found, _LABEL)) if outline.loops]
+        outlines = [outline for outline in _outlines(drawn, svg, to_mm, _own(drawn, _LABEL)) if outline.loops]
         if not outlines:
             raise InputError(f"its layer {layer!r} has no path. Draw the regions in this layer as closed paths")
         return outlines

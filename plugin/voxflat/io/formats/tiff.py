@@ -41,9 +41,9 @@ class TiffArray:
         """Return a box, given one index, or a slice with both ends, for each axis."""
         count = next((n for n, size in enumerate(self.chunks) if size > 1), len(self.shape))
         leading, inner = key[:count], key[count:]
-        wanted = [range(one.start, one.stop) if isinstance(one, slice) else (one,) for one in leading]
-        pages = [self._page(index)[inner] for index in product(*wanted)]
-        lengths = [len(each) for each, one in zip(wanted, leading, strict=True) if isinstance(one, slice)]
+        spans = [range(one.start, one.stop) if isinstance(one, slice) else (one,) for one in leading]
+        pages = [self._page(index)[inner] for index in product(*spans)]
+        lengths = [len(each) for each, one in zip(spans, leading, strict=True) if isinstance(one, slice)]
         return np.stack(pages).reshape(*lengths, *pages[0].shape)
 
     def _page(self, index: tuple[int, ...]) -> NDArray[Any]:
@@ -191,23 +191,23 @@ def _ome_place(text: str | None, is_deep: bool) -> tuple[Affine, str] | None:
 
 def _imagej_place(file: Any, is_deep: bool) -> tuple[Affine, str] | None:
     """Return the affine and its unit from ImageJ tags, if they define the size of voxels."""
-    told = file.imagej_metadata
-    if not told or not told.get("unit") or told["unit"] in _NOT_LENGTHS:
+    header = file.imagej_metadata
+    if not header or not header.get("unit") or header["unit"] in _NOT_LENGTHS:
         return None
-    tags, unit = file.pages[0].tags, str(told["unit"]).encode().decode("unicode_escape")
+    tags, unit = file.pages[0].tags, str(header["unit"]).encode().decode("unicode_escape")
     across = []
     for name in ("XResolution", "YResolution"):
         if name not in tags or not tags[name].value[0]:
             return None
         number, whole = tags[name].value
         across.append(str(whole / number))
-    along = told.get("spacing") or (None if is_deep else across[0])
+    along = header.get("spacing") or (None if is_deep else across[0])
     return _place([None if size is None else (str(size), unit) for size in (*across, along)])
 
 
 def _place(sizes: list[tuple[str, str] | None]) -> tuple[Affine, str]:
     """Return the affine of voxels with the given sizes, in the unit of the first; unknown sizes become NaN."""
-    unit = next(own for _, own in filter(None, sizes))
+    unit = next(symbol for _, symbol in filter(None, sizes))
     millimetres(unit)  # raises an error that names the file's unit
     unit = unit_of(unit) or "mm"
     lengths = []

@@ -134,19 +134,19 @@ def _name(element: ElementTree.Element) -> str:
 def check_series(file: Any, values: int | None) -> None:
     """Raise an error if the first series of an open file has fewer planes than its metadata define."""
     series = file.series[0]
-    values_, told = math.prod(series.shape), [] if values is None else [values]
+    total, needed = math.prod(series.shape), [] if values is None else [values]
     if file.is_shaped:
-        told = [math.prod((file.shaped_metadata or [{"shape": [0]}])[0]["shape"])]
+        needed = [math.prod((file.shaped_metadata or [{"shape": [0]}])[0]["shape"])]
     elif file.imagej_metadata:
         counts = [int(file.imagej_metadata.get(key, 1)) for key in ("frames", "slices", "channels")]
         planes = max(math.prod(counts), int(file.imagej_metadata.get("images", 1)))
-        told.append(planes * math.prod(series.keyframe.shape))
-    planes = values_ // max(math.prod(series.keyframe.shape), 1)
-    if told and values_ not in told:
+        needed.append(planes * math.prod(series.keyframe.shape))
+    planes = total // max(math.prod(series.keyframe.shape), 1)
+    if needed and total not in needed:
         raise InputError(f"has {planes} planes, which are not those that its metadata define. {AGAIN}")
     held = [] if len(series.pages) == 0 else series._pages
     if series.dataoffset is not None:
-        is_complete = series.dataoffset + values_ * series.dtype.itemsize <= file.filehandle.size
+        is_complete = series.dataoffset + total * series.dtype.itemsize <= file.filehandle.size
     else:
         is_complete = len(held) == planes and all(page is not None for page in held)
     if not is_complete:

@@ -87,10 +87,10 @@ def _marked(side_of: _Ints, lengths: _Floats, rough: NDArray[np.bool_]) -> tuple
     longest = rank[side_of].argmax(axis=1)
     longest_side = np.take_along_axis(side_of, longest[:, None], axis=1)[:, 0]
     marked = np.zeros(len(lengths), dtype=np.bool_)
-    wanted = longest_side[rough]
-    while not marked[wanted].all():
-        marked[wanted] = True
-        wanted = longest_side[marked[side_of].any(axis=1)]
+    halved = longest_side[rough]
+    while not marked[halved].all():
+        marked[halved] = True
+        halved = longest_side[marked[side_of].any(axis=1)]
     return marked, longest
 
 

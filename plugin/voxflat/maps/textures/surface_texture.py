@@ -83,16 +83,16 @@ def _picture_beside(path: Path) -> Path | None:
 
 def _obj_texture(path: Path) -> SurfaceTexture:
     faces, coordinates, names = read_obj_texture(contents(path))
-    found: dict[str, str] = {}
+    files: dict[str, str] = {}
     for library in sorted(names["mtllib"]):
-        found |= _material_pictures(path.parent / library)
-    pictures = {path.parent / found[material] for material in names["usemtl"] if material in found}
+        files |= _material_pictures(path.parent / library)
+    pictures = {path.parent / files[material] for material in names["usemtl"] if material in files}
     if np.isnan(coordinates).all() or not pictures:
         raise InputError("has no texture. Add texture coordinates (vt) and a material (mtllib) with map_Kd")
     if len(pictures) > 1:
-        shown = ", ".join(sorted(picture.name for picture in pictures))
-        raise InputError(f"has {len(pictures)} pictures ({shown}). Bake them into one picture")
-    if plain := sorted(names["usemtl"] - set(found)):
+        listing = ", ".join(sorted(picture.name for picture in pictures))
+        raise InputError(f"has {len(pictures)} pictures ({listing}). Bake them into one picture")
+    if plain := sorted(names["usemtl"] - set(files)):
         raise InputError(f"its material {plain[0]!r} has no picture, but others do. Bake all pictures into one")
     return SurfaceTexture(faces, coordinates, as_picture(pictures.pop())[0])
 
