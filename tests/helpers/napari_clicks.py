@@ -1,5 +1,6 @@
 """A simulated user of napari's window: menus, buttons, boxes, file dialogs, and the mouse over a canvas."""
 
+from napari._qt.dialogs.qt_notification import NapariQtNotification
 from napari_window import PATIENCE
 from qtpy.QtCore import QPoint, QPointF, Qt, QTimer
 from qtpy.QtGui import QWheelEvent
@@ -86,6 +87,9 @@ class Hand:
         self._qtbot.waitUntil(done, timeout=PATIENCE)
 
     def picture(self, path):
+        """Save a picture of the window without notifications."""
+        for notification in self._window.findChildren(NapariQtNotification):
+            notification.close()
         QApplication.processEvents()
         path.parent.mkdir(parents=True, exist_ok=True)
         assert self._window.grab().save(str(path))

@@ -162,6 +162,7 @@ def test_a_freesurfer_directory(window, subject, pictures, look, tmp_path):
     assert widget.form.pial.layer is None  # it lies there itself
     assert "midway" not in widget.form.plan.text()
     widget.form.surface.choose(viewer.layers["lh.white"])
+    viewer.layers["lh.pial"].visible = False  # it covers the thickness
     hand.picture(pictures / "napari_form.png")
     look(hand, viewer, "form", widget.start, widget.form.surface, widget.form.plan)
     flat = flatten(hand, viewer)
