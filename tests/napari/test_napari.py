@@ -251,7 +251,7 @@ def test_result_is_that_of_the_library(open_widget, qtbot):
             assert np.isfinite(layer.contrast_limits).all()
             same_map(layer, expected)
             told = layer.metadata["parameters"]
-            assert told is layer.metadata["voxflat"].metadata
+            assert told == layer.metadata["voxflat"].metadata
             assert {**told["napari"], "form": None} == {
                 "form": None,
                 "layer": "sheet",
