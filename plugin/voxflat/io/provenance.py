@@ -36,6 +36,7 @@ _UNRECORDED = ("progress", "threads", "memory_limit", "dask")  # parameters that
 _MARKED = 4096  # voxflat's files contain its name in these first bytes
 _LONGEST_PATH = 4096  # characters
 _SHOWN = 32  # longest array that is recorded value by value
+_BLOCK = 2**20  # values that are hashed together
 
 _Function = TypeVar("_Function", bound=Callable[..., Any])
 
@@ -142,9 +143,9 @@ def described(value: object) -> Any:
     if isinstance(value, np.ndarray) and value.dtype.kind in "biuf":
         if value.size <= _SHOWN:
             return described(value.tolist())
-        digest = hashlib.sha256()
-        for layer in value:  # one at a time, because Ctrl-C has no effect on a long copy
-            values = np.ascontiguousarray(layer, dtype=value.dtype.newbyteorder("<"))
+        digest, rows = hashlib.sha256(), max(1, _BLOCK * len(value) // value.size)
+        for start in range(0, len(value), rows):  # in blocks, because Ctrl-C has no effect on a long copy
+            values = np.ascontiguousarray(value[start : start + rows], dtype=value.dtype.newbyteorder("<"))
             digest.update(values.reshape(-1).view(np.uint8).data)
         return {"dtype": value.dtype.name, "shape": list(value.shape), "sha256": digest.hexdigest()}
     if isinstance(path := getattr(value, "path", None), os.PathLike):  # a Mesh or Volume from a file
