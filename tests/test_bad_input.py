@@ -334,7 +334,7 @@ def test_an_error_in_progress_comes_through():
     def progress(stage, done, total):
         raise ZeroDivisionError(stage)
 
-    with pytest.raises(ZeroDivisionError, match="placing the vertices"):
+    with pytest.raises(ZeroDivisionError, match="checking the foreground"):
         voxflat.flatten(sheet(), progress=progress)
 
 

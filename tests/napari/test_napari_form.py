@@ -395,7 +395,7 @@ def test_settings_that_do_not_exist_are_told(open_widget, make_napari_viewer, qt
     run(widget, qtbot)
     path = tmp_path / "map.voxflat"
     flat_map = ViewerState.of(viewer).current.flat_map
-    record = flat_map.metadata["napari"]["form"]
+    record = flat_map.details["napari"]["form"]
     record |= {"method": "unheard of", "radius": "wide", "options": {**record["options"], "sources": -3}}
     flat_map.save(path)
     viewer.close()

@@ -56,9 +56,8 @@ def start(widget, qtbot, sources=None):
 
 POINTS, FACES, _ = bumps()
 BAD_LAYERS = [
-    (lambda: Labels(np.zeros((9, 9, 9), dtype=np.uint8)), "every voxel is 0"),
     (lambda: Labels(np.ones((9, 9), dtype=np.uint8)), "2 dimensions"),
-    (lambda: Labels(np.zeros((2, 9, 9, 9), dtype=np.uint8)), "frame 0: no voxel"),
+    (lambda: Labels(np.stack([np.zeros((9, 9, 9), np.uint8), np.ones((9, 9, 9), np.uint8)])), "frame 0: no voxel"),
     (lambda: Image(np.where(cap() > 0, 3, np.nan), contrast_limits=(0, 3)), "NaN"),
     (lambda: Surface((np.zeros((3, 2)), np.array([[0, 1, 2]]))), "2 dimensions"),
     (lambda: Surface((POINTS, np.array([[0, 1, 26, 25]]))), "not triangles (4 corners)"),
@@ -299,10 +298,10 @@ def test_results_name_their_map(open_widget, qtbot):
     viewer, widget = open_widget(Labels(cap(), name="sheet"))
     run_whole(widget, qtbot)
     assert widget.results.title.text() == "Map of <b>sheet</b>"
-    viewer.add_labels(np.zeros((9, 9, 9), np.uint8), name="empty")
-    widget.form.surface.choose(viewer.layers["empty"])
+    viewer.add_labels(np.ones((9, 9), np.uint8), name="picture")
+    widget.form.surface.choose(viewer.layers["picture"])
     run(widget, qtbot)
-    assert "every voxel is 0" in widget.status.text()
+    assert "2 dimensions" in widget.status.text()
     assert widget.results.title.text() == "Previous result: Map of <b>sheet</b>"
 
 

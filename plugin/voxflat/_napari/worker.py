@@ -22,7 +22,7 @@ _SPINNER_SPEED = 12  # per cent; four frames per second
 
 
 class _Signals(WorkerBaseSignals):  # type: ignore[misc]  # napari's type is Any
-    warned = Signal(object)  # emitted with the warnings that were logged
+    logged = Signal(object)  # emitted with the warnings that were logged
 
 
 class BackgroundTask(WorkerBase):  # type: ignore[misc]  # napari's type is Any
@@ -32,11 +32,11 @@ class BackgroundTask(WorkerBase):  # type: ignore[misc]  # napari's type is Any
     it exits. The signals of such a thread are deleted, and an exception from `run` would end the process.
     """
 
-    def __init__(self, function: Callable[[], Any], warned: Callable[[list[str]], None] = show_warnings) -> None:
-        """Create a task; `warned` is called with the warnings that it logs, in the GUI thread."""
+    def __init__(self, function: Callable[[], Any], logged: Callable[[list[str]], None] = show_warnings) -> None:
+        """Create a task; `logged` is called with the warnings that it logs, in the GUI thread."""
         super().__init__(SignalsClass=_Signals)
         self._function = function
-        self.signals.warned.connect(warned)
+        self.signals.logged.connect(logged)
         _wait_at_exit()
 
     def work(self) -> Any:
@@ -45,7 +45,7 @@ class BackgroundTask(WorkerBase):  # type: ignore[misc]  # napari's type is Any
                 return self._function()
             finally:
                 if warnings and not self.abort_requested:
-                    self.signals.warned.emit(warnings)
+                    self.signals.logged.emit(warnings)
 
     def run(self) -> None:
         """Do the work and emit the signals in the thread."""

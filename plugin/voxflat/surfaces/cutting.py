@@ -13,7 +13,7 @@ from voxflat.errors import InputError
 from voxflat.io.grid import in_unit, rounded
 from voxflat.io.provenance import Record
 from voxflat.read_only import ReadOnly
-from voxflat.surfaces.cuts import Cut, check_relax, close_holes, cut_along, opened, read_cuts
+from voxflat.surfaces.cuts import Cut, check_relax, close_holes, cut_along, described_cuts, opened, read_cuts
 from voxflat.surfaces.manifold import Manifold, Step, SurfaceT, SurfaceT_co
 from voxflat.surfaces.parts import dropped, largest_piece
 from voxflat.surfaces.standard.choice import AUTOMATIC, Choice, chosen
@@ -88,8 +88,14 @@ class CutManifold(ReadOnly, Generic[SurfaceT_co]):
         return not any(step.verb != "outlines" for step in self.surface.steps)
 
     @property
+    def metadata(self) -> dict[str, object]:
+        """How the part was selected and cut, for people and files; `FlatMap.metadata` contains it."""
+        of_cuts = {**described_cuts(self.cuts), "cuts_by": self.cuts_by}
+        return {**self.whole.origin._described(), **self.details, **of_cuts}
+
+    @property
     def details(self) -> dict[str, object]:
-        """How the part was selected and cut, for the metadata of its maps."""
+        """The entries of `metadata` beside those that the other fields write."""
         verbs = {step.verb: step for step in self.surface.steps}
         disk, corners = verbs.get("disk"), verbs.get("polygon")
         details = {"chart": None if self.chart is None else self.chart.description, "sketch_error": self.sketch_error}

@@ -125,7 +125,7 @@ class Plan(QLabel):
         files = unread_files(self._viewer, layer)
         if files and files != self._reading:
             self._reading = files
-            worker = BackgroundTask(partial(read_sizes, files), warned=lambda _: None)  # reported when it is flattened
+            worker = BackgroundTask(partial(read_sizes, files), logged=lambda _: None)  # reported when it is flattened
             worker.returned.connect(self._write)
             worker.start()
         declared = declared_size(self._viewer, layer)
