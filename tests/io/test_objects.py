@@ -339,3 +339,6 @@ def test_records_hold_the_values_of_an_affine_and_the_hash_of_long_arrays():
     for array in (many.astype("<f4"), np.asfortranarray(many)):
         assert described(array) == described(many)
     assert described(many + 1) != described(many) != described(many.reshape(32, 2))
+    for shape in ((2**20 + 3,), (2**19 + 3, 3)):  # hashed in several blocks
+        long = np.asfortranarray(np.random.default_rng(0).random(shape, np.float32))
+        assert described(long)["sha256"] == hashlib.sha256(long.tobytes("C")).hexdigest()

@@ -154,7 +154,7 @@ class ViewerState:
         return ", ".join([*drawn, *(f"'{layer.name}'" for layer in layers)])
 
     def remove(self, run: Run) -> None:
-        """Remove a map, its layers and what was drawn on it; layers that the user has added stay."""
+        """Remove a map, its layers and its drawings; layers that the user has added stay."""
         listed, viewer = self._runs.pop(run), self._viewer()
         listed.remove()
         for layer in run.sketches.layers.values():
@@ -260,7 +260,7 @@ class ViewerState:
         return self._cut_records.get(key) or of_maps.get(key, {})
 
     def save(self, made: FlatMap | Atlas, path: str) -> None:
-        """Save a map with what was drawn on it; tell which layers over it the file does not contain."""
+        """Save a map with its drawings; tell which layers over it the file does not contain."""
         run = next((run for run in self._runs if run.flat_map is made), None)
         movie, kept = None if run is None else run.layers.movie, self.with_session(made)
         is_complete = path.lower().endswith(SAVED_ENDINGS)  # other formats hold one map, that of the reference frame
@@ -275,7 +275,7 @@ class ViewerState:
         show_info(f"Saved {path}{remedy if names else ''}")
 
     def with_session(self, made: _Made) -> _Made:
-        """Return a map or an atlas whose description contains what was drawn on it, and the cuts of its surface."""
+        """Return a map or an atlas whose description contains its drawings and the cuts of its surface."""
         sketch = next((run.sketches.now for run in self._runs if run.flat_map is made), Sketch())
         record = self.record_of(made)
         drawn = {**sketch.record(), **({"drawn_cuts": record} if record.get("cuts") else {})}

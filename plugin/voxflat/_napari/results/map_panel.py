@@ -28,7 +28,7 @@ class MapPanel(QWidget):
         super().__init__()
         self._what, self.shows_maps = what, what == "map"
         self.flat_map: FlatMap | Atlas | None = None
-        self.write: Callable[[FlatMap | Atlas, str], None]  # saves a map with what was drawn on it
+        self.write: Callable[[FlatMap | Atlas, str], None]  # saves a map with its drawings
         self._figures = QGridLayout()
         self._figures.setColumnStretch(0, 1)
         self._figures.setVerticalSpacing(2)

@@ -1,4 +1,4 @@
-"""What napari keeps with a map: the flattened layer, the settings of the form, and what was drawn."""
+"""What napari keeps with a map: the flattened layer, the settings of the form, and the drawings."""
 
 from __future__ import annotations
 
