@@ -12,7 +12,7 @@ PYTEST := $(RUN) pytest -q -n logical --maxprocesses 4 --dist worksteal --durati
 SCREEN = $(if $(DISPLAY),,xvfb-run -a -s "-screen 0 1600x1000x24")
 
 .PHONY: help setup demo demo-lab test check lint advisories test-rust test-quick test-python bench bench-distances bench-flatten \
-bench-surfaces bench-published bench-series bench-standard bench-napari soak \
+bench-developable bench-surfaces bench-published bench-series bench-standard bench-napari soak \
 gallery platforms wheel wheel-check paper-grossmann paper-zigelman paper-mapmaker paper-saucan pictures template fingerprints docs drawings format clean
 
 help: ## list the targets
@@ -74,6 +74,9 @@ $(PUBLISHED):
 
 bench-flatten: setup $(PUBLISHED) ## compare maps with published ones, ARAP, SLIM and autoflatten; growth (long)
 	$(RUN) --group bench python docs/benchmarks/maps.py --suit $(PUBLISHED)
+
+bench-developable: setup ## compare maps of developable surfaces with ARAP, SLIM and saucan2006 (half an hour)
+	PYTHONPATH=tests/helpers $(RUN) --group bench python docs/benchmarks/developable.py
 
 bench-surfaces: setup ## repair real anatomy; compare areal distortion with Workbench
 	$(RUN) python docs/benchmarks/surfaces.py
