@@ -30,7 +30,8 @@ _SMALL_HOLE_VOXELS = 12.0  # the same in voxels, or in edges if the unit is unkn
 _SMALL_HOLE_SHARE = 0.3  # upper limit for unknown units, relative to the surface's extent
 _LEAST_RELIEF = 0.1  # least relative gain of automatic relaxation cuts
 _FINE = 0.04  # distance error below which no more cuts are added
-_BEARABLE = 0.15  # distance error below which a given disk stays as it is
+_BEARABLE = 0.15  # distance error below which a given surface stays as it is
+_NO_TRIAL = 1e9  # an error limit that is never exceeded, so that no cut is tried
 
 
 # ----------------------------------------------------------------------------------------- cuts that are given
@@ -301,6 +302,7 @@ def opened(
     threads: int | None,
     progress: Progress | None,
     *,
+    holes: bool = False,
     is_fixed: bool = False,
     is_cut: bool = False,
     is_given: bool = False,
@@ -308,15 +310,17 @@ def opened(
 ) -> tuple[SurfaceT, list[Cut], list[str]]:
     """Cut a surface open to a disk, and add relaxation cuts.
 
-    `user_length` is the total length of the given cuts in mm, counted towards `relax`. If `is_fixed`, a surface that is
-    not a disk stays as it is. A surface that the user has cut gets relaxation cuts only on request; a disk that the
-    user passed gets them on request, or if its distance error is large. `adapt` requests them within this distance (mm)
-    of existing cuts.
+    `user_length` is the total length of the given cuts in mm, counted towards `relax`. With `holes`, the surface keeps
+    its holes if a cut would not improve the map. If `is_fixed`, a surface that is not a disk stays as it is. A surface
+    that the user has cut gets relaxation cuts only on request; a surface that the user passed and that stays as it is
+    gets them on request, or if its distance error is large. `adapt` requests them within this distance (mm) of existing
+    cuts.
     """
     topology = part.core.topology(progress)["components"][0]
     cuts: list[Cut] = []
     warnings = []
-    if topology["euler"] != 1 and not is_fixed:
+    is_domain = topology["loops"] > 1 and not topology["handles"]
+    if topology["euler"] != 1 and not is_fixed and not (holes and is_domain and _is_kept(part, threads, progress)):
         core, lines = part.core.open_to_disk(threads, progress)
         cuts = _named(part, lines)
         paths, total = _counted(cuts, "path")
@@ -333,7 +337,7 @@ def opened(
     length = None if relax is None or relax is True else max(0.0, float(relax) - user_length)
     least_relief, bearable = 0.0, 0.0
     if relax is None and not was_closed and adapt is None:
-        least_relief, bearable = _LEAST_RELIEF, _BEARABLE if is_given and topology["euler"] == 1 else _FINE
+        least_relief, bearable = _LEAST_RELIEF, _BEARABLE if is_given and not cuts else _FINE
     core, lines, errors = part.core.relax(length, least_relief, bearable, adapt, threads, progress)
     further = _named(part, lines)
     if further:
@@ -344,6 +348,24 @@ def opened(
             f"{before:.1f} % to {after:.1f} %. Use relax=False to omit them"
         )
     return part._with_core(core), cuts + further, [kind(in_unit(text, part.origin.named_unit)) for text in warnings]
+
+
+def _is_kept(part: Manifold, threads: int | None, progress: Progress | None) -> bool:
+    """Return whether cuts that join the boundary loops would not improve the map of a surface with holes."""
+    try:
+        error = sketch_error(part, threads, progress)
+    except InputError:  # no map without folds, for example of a long tube
+        return False
+    if error <= _FINE:
+        return True
+    core, _ = part.core.open_to_disk(threads, progress)
+    return sketch_error(part._with_core(core), threads, progress) > (1.0 - _LEAST_RELIEF) * error
+
+
+def sketch_error(part: Manifold, threads: int | None, progress: Progress | None) -> float:
+    """Return the mean relative distance error of a coarse preview map at the best scale; NaN for tiny surfaces."""
+    _, _, (error, _) = part.core.relax(None, 0.0, _NO_TRIAL, None, threads, progress)
+    return float(error)
 
 
 def _counted(cuts: list[Cut], name: str) -> tuple[str, float]:
