@@ -256,7 +256,6 @@ class Surface(Manifold):
         A surface without handles keeps its holes if cuts that join them would not improve the map. Methods that require
         a disk make these cuts when they flatten the result.
 
-
         Flatten the result with `CutSurface.flatten`, or pass the same options to `flatten`.
 
         Parameters
