@@ -75,7 +75,7 @@ $(PUBLISHED):
 bench-flatten: setup $(PUBLISHED) ## compare maps with published ones, ARAP, SLIM and autoflatten; growth (long)
 	$(RUN) --group bench python docs/benchmarks/maps.py --suit $(PUBLISHED)
 
-bench-developable: setup ## compare maps of developable surfaces with ARAP, SLIM and saucan2006 (half an hour)
+bench-developable: setup ## compare maps of developable surfaces with ARAP, SLIM and saucan2006 (long)
 	PYTHONPATH=tests/helpers $(RUN) --group bench python docs/benchmarks/developable.py
 
 bench-surfaces: setup ## repair real anatomy; compare areal distortion with Workbench

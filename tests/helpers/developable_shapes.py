@@ -142,7 +142,7 @@ def direction(angle):
 
 
 def plate(finer, keep=None, turn=1.3):
-    """Return the part of a square of 60 mm where keep(x, y), bent about its y axis in 15 folds."""
+    """Return the part of a square of 60 mm where keep(x, y), bent in 14 folds that are parallel to the y axis."""
     start, end = (np.stack(np.broadcast_arrays(np.linspace(0, 60, 16), y), axis=-1) for y in (0.0, 60.0))
     return mesh(*rolled(start, end, turn), (2 * finer, 30 * finer), keep)
 
