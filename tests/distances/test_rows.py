@@ -130,9 +130,8 @@ class TestFlatten:
         voxflat.open_rows(tmp_path / again.metadata["store"]).verify()  # its name: no path is written
 
     def test_of_no_disk_is_refused_before_rows_are_measured(self, tmp_path):
-        ring = SHEET.copy()
-        ring[5:25, 5:15] = 0
-        refused("not a disk", voxflat.flatten, ring, method=Voxflat(sources=SOURCES), cuts=[], rows=tmp_path / "store")
+        method, rows = Voxflat(sources=SOURCES), tmp_path / "store"
+        refused("not a disk", voxflat.flatten, shapes.ball(), method=method, cuts=[], rows=rows)
         assert not (tmp_path / "store" / "rows.npy").exists()
 
 

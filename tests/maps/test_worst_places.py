@@ -159,7 +159,7 @@ def test_a_pit_is_shrunk_and_its_cut_relieves_it(pit, tmp_path):
 
 @pytest.mark.slow
 def test_the_gain_is_that_of_the_sketch_without_and_with_the_cut(pit):
-    from voxflat.surfaces.cutting import sketch_error
+    from voxflat.surfaces.cuts import sketch_error
 
     points, faces, flat_map = pit
     worst = voxflat.worst_places(flat_map, 1)

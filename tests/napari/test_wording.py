@@ -32,7 +32,7 @@ def test_no_message_in_the_window_has_words_of_python():
     ("text", "shown"),
     [
         ("12 %. Use relax=False to omit them", "12 %. Set Relaxation cuts to disabled to omit them"),
-        ("7 mm. Pass cuts, or flatten a smaller patch", "7 mm. Draw cuts, or flatten a smaller patch"),
+        ("scale. Use relax=True to add 3 cuts", "scale. Set Relaxation cuts to enabled to add 3 cuts"),
         ("automatic cuts. `voxflat check` compares the two", "automatic cuts. Check surface compares the two"),
         ("right. Pass a file, or pass the values as an array to use them anyway", "right. Pass a file"),
         ("3 handles. Pass cuts='automatic' or repair='cuts'", "3 handles. Set Cuts to automatic"),

@@ -67,7 +67,6 @@ _PHRASES = {
     r"Pass a map that covers all of them, or omit start": "Choose a smaller part, or switch off Continue",
     r"Pass hemisphere='left' or 'right'": "Choose the ribbon of one hemisphere as the Label",
     r"Choose one, as in voxflat\.io\.read_volume\(path, channel=0\)": "Save one of them as a file, and open that file",
-    r"Pass cuts, or flatten": "Draw cuts, or flatten",
     r"`voxflat check` compares": "Check surface compares",
     r", or pass the values as an array to use them anyway": "",
     r" with the output of --debug": "",

@@ -23,8 +23,7 @@ from voxflat.maps.flat_map import FlatMap
 from voxflat.maps.lines import rim
 from voxflat.maps.parcels import Parcels, check_table, parcels_of
 from voxflat.maps.worst_places import RelievingCut, WorstPlace, WorstPlaces, area_changes
-from voxflat.surfaces.cuts import close_holes
-from voxflat.surfaces.cutting import sketch_error
+from voxflat.surfaces.cuts import close_holes, sketch_error
 from voxflat.surfaces.manifold import Manifold
 from voxflat.unique_rows import distinct
 
@@ -189,7 +188,8 @@ class _Ways:
     def _sketch(self, path: _Ints | None) -> float:
         """Return the error of a coarse preview map with one additional cut."""
         core = self.part.core if path is None else self.part.core.cut([path.astype(np.uint32)])
-        if core.topology()["euler"] != 1:
+        topology = core.topology()
+        if len(topology["components"]) > 1 or topology["handles"] or not topology["loops"]:
             return np.nan
         return sketch_error(self.part._with_core(core), self.threads, self.progress)
 

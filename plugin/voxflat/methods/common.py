@@ -15,6 +15,7 @@ from voxflat.distances.table import Table
 from voxflat.distortion.distortion import Distortion
 from voxflat.maps.flat_map import FlatMap
 from voxflat.methods.method import FlattenSettings
+from voxflat.surfaces.cuts import BEARABLE, relaxation_advice
 from voxflat.surfaces.cutting import CutManifold
 from voxflat.surfaces.manifold import Manifold
 from voxflat.surfaces.standard.sphere import Sphere, in_triangles
@@ -22,7 +23,6 @@ from voxflat.surfaces.standard.template import standard_template
 
 MUCH = 0.01  # tolerated relative error of distances; graph distances usually have an error of 0.1 %
 
-_NO_GOOD_MAP = 0.25  # relative error; 0.05 to 0.15 is usual for the cortex
 _FEWEST = 3  # corresponding points needed for a rotation
 _FEW = 40  # exact reference sources if graph distances are too inaccurate: one minute for 80,000 vertices
 
@@ -75,10 +75,11 @@ def map_over_triangles(
         steps = len(more["descent"]["energies"])
         warnings.append(f"the optimisation stopped after {steps} steps before it converged. A better map may exist")
     error = distortion.best_scale.relative_error
-    if error > _NO_GOOD_MAP:
+    if error > BEARABLE:
+        may_relax = settings.relax is None and cut.chart is None and all(one.reason != "relaxation" for one in cut.cuts)
+        advice = relaxation_advice(part, settings.threads, settings.progress) if may_relax else ""
         warnings.append(
-            f"the mean relative distance error of the map is {100 * error:.0f} %, even at the best scale. Pass cuts or "
-            "relax=True, or flatten a smaller patch"
+            f"the mean relative distance error of the map is {100 * error:.0f} %, even at the best scale{advice}"
         )
     triangles = distortion.triangles
     assert triangles is not None

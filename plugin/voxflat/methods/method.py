@@ -19,7 +19,7 @@ from voxflat.arguments import (
 from voxflat.errors import InputError
 from voxflat.io.provenance import described
 from voxflat.maps.flat_map import FlatMap
-from voxflat.surfaces.cutting import CutManifold, CutSettings, cut_open
+from voxflat.surfaces.cutting import CutManifold, CutSettings, cut_open, without_holes
 from voxflat.surfaces.manifold import Manifold
 
 Rows = bool | str | os.PathLike[str]  # whether to keep distances in memory, or the directory of a store
@@ -113,19 +113,21 @@ class Method:
 
 @dataclass(frozen=True, kw_only=True)
 class OverTriangles(Method):
-    """A method that flattens a disk of triangles."""
+    """A method that flattens a disk of triangles, possibly with holes."""
+
+    _keeps_holes: ClassVar[bool] = False
 
     def _flatten(self, surface: Manifold | CutManifold[Manifold], settings: FlattenSettings) -> FlatMap:
         """Cut the surface open and flatten it."""
         if isinstance(surface, CutManifold):
             if settings.defines_cuts:
                 raise InputError("the surface is already cut. Omit cuts, sphere, relax and adapt")
-            return self._map(surface, settings)
+            return self._map(surface if self._keeps_holes else without_holes(surface, settings), settings)
         return self._map(self._cut(surface, settings), settings)
 
     def _cut(self, surface: Manifold, settings: FlattenSettings) -> CutManifold[Manifold]:
         """Cut a surface open to a disk."""
-        return cut_open(surface, settings)
+        return cut_open(surface, settings, holes=self._keeps_holes)
 
     def _map(self, cut: CutManifold[Manifold], settings: FlattenSettings) -> FlatMap:
         """Flatten a disk."""

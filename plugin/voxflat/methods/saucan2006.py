@@ -10,7 +10,7 @@ from voxflat.io.grid import in_unit, rounded
 from voxflat.maps.flat_map import FlatMap
 from voxflat.methods.common import map_over_triangles
 from voxflat.methods.method import FlattenSettings, OverTriangles
-from voxflat.surfaces.cutting import CutManifold, cut_open
+from voxflat.surfaces.cutting import CutManifold
 from voxflat.surfaces.manifold import Manifold
 
 
@@ -73,7 +73,7 @@ class Saucan2006(OverTriangles):
     def _cut(self, surface: Manifold, settings: FlattenSettings) -> CutManifold[Manifold]:
         """Cut a surface open to a disk; add relaxation cuts only on request, because gluing cuts where needed."""
         settings = replace(settings, relax=False) if settings.relax is None else settings
-        return cut_open(surface, settings)
+        return super()._cut(surface, settings)
 
     def _map(self, cut: CutManifold[Manifold], settings: FlattenSettings) -> FlatMap:
         """Flatten a disk in patches glued into one piece, and cut it open along the remaining seams."""

@@ -111,6 +111,7 @@ class Voxflat(OverTriangles):
 
     name: ClassVar[str] = "voxflat"
     summary: ClassVar[str] = "minimises the distortion of distances and triangles"
+    _keeps_holes: ClassVar[bool] = True
     _takes_store: ClassVar[bool] = True
     _takes_tubes: ClassVar[bool] = True
 

@@ -253,6 +253,9 @@ class Surface(Manifold):
     ) -> CutSurface[Surface]:
         """Cut the surface open to a disk, with further cuts where they reduce distortion.
 
+        A surface without handles keeps its holes if cuts that join them would not improve the map. Methods that require
+        a disk make these cuts when they flatten the result.
+
         Flatten the result with `CutSurface.flatten`, or pass the same options to `flatten`.
 
         Parameters
@@ -264,10 +267,10 @@ class Surface(Manifold):
             holds paths of neighbouring vertices (voxel indices (k, 3) or vertex numbers (k,)), for example from
             `Surface.path`; the keys of a dict are names of the cuts. A file holds cuts from `CutSurface.save`, or a
             template from `CutSurface.save_template`. If the surface is still not a disk, it is cut open automatically
-            and a warning reports it; pass ``[]`` to prevent this. A cut must not separate a piece of the surface. The
-            default is "standard" for a closed surface whose sphere is given, or is stored next to its file as in
-            FreeSurfer (``lh.sphere.reg`` next to ``lh.white``), unless a part was chosen other than by `drop`;
-            otherwise it is "automatic".
+            and a warning reports it; pass ``[]`` to prevent this and to keep all holes. A cut must not separate a piece
+            of the surface. The default is "standard" for a closed surface whose sphere is given, or is stored next to
+            its file as in FreeSurfer (``lh.sphere.reg`` next to ``lh.white``), unless a part was chosen other than by
+            `drop`; otherwise it is "automatic".
         sphere : path, Mesh, (points, faces), array_like of shape (V, 3) or Registration, optional
             The registered sphere of a mesh, on which standard cuts are traced, with one position for each vertex of the
             whole mesh; it is centred at the origin and may have any radius. It is in fsaverage space, or in fs_LR space
@@ -279,8 +282,8 @@ class Surface(Manifold):
             they pay off, a number limits their total length in mm (including your `cuts`), and False adds none. By
             default, cuts are added as for True if neither `cuts` nor a part defined by triangles is given. A surface
             that was not a closed sphere is then cut only if the distance error would otherwise exceed 4 % and the cuts
-            reduce it by at least a tenth. A disk that is flattened unchanged, such as a scan or a patch, is cut only if
-            the error would otherwise exceed 15 %.
+            reduce it by at least a tenth. A surface that is flattened unchanged, such as a scan or a patch, is cut only
+            if the error would otherwise exceed 15 %.
         adapt : float, optional
             Distance in mm from their original position within which the cuts of a template may grow and branch to
             reduce distortion. By default they stay the same for every brain.

@@ -30,7 +30,9 @@ _SMALL_HOLE_VOXELS = 12.0  # the same in voxels, or in edges if the unit is unkn
 _SMALL_HOLE_SHARE = 0.3  # upper limit for unknown units, relative to the surface's extent
 _LEAST_RELIEF = 0.1  # least relative gain of automatic relaxation cuts
 _FINE = 0.04  # distance error below which no more cuts are added
-_BEARABLE = 0.15  # distance error below which a given disk stays as it is
+BEARABLE = 0.15  # distance error below which a given surface stays as it is
+_CLEARLY = 0.5  # share of the distance error to which cuts to cone points must reduce it
+_NO_TRIAL = 1e9  # an error limit that is never exceeded, so that no cut is tried
 
 
 # ----------------------------------------------------------------------------------------- cuts that are given
@@ -48,7 +50,7 @@ class Cut(ReadOnly):
         Vertices along the cut, or their voxels.
     length : float or None
         Length in mm; None for cuts that were passed by the user.
-    reason : {"given", "template", "handle", "boundaries joined", "closed sphere", "relaxation"}
+    reason : {"given", "template", "handle", "boundaries joined", "closed sphere", "cone point", "relaxation"}
         The reason for the cut.
     name : str or None
         Name of the cut if it comes from a template, such as ``"calcarine"``, or was passed with a name.
@@ -301,6 +303,7 @@ def opened(
     threads: int | None,
     progress: Progress | None,
     *,
+    holes: bool = False,
     is_fixed: bool = False,
     is_cut: bool = False,
     is_given: bool = False,
@@ -308,24 +311,30 @@ def opened(
 ) -> tuple[SurfaceT, list[Cut], list[str]]:
     """Cut a surface open to a disk, and add relaxation cuts.
 
-    `user_length` is the total length of the given cuts in mm, counted towards `relax`. If `is_fixed`, a surface that is
-    not a disk stays as it is. A surface that the user has cut gets relaxation cuts only on request; a disk that the
-    user passed gets them on request, or if its distance error is large. `adapt` requests them within this distance (mm)
-    of existing cuts.
+    `user_length` is the total length of the given cuts in mm, counted towards `relax`. With `holes`, the surface keeps
+    its holes if a cut would not improve the map. If `is_fixed`, a surface that is not a disk stays as it is. A surface
+    that the user has cut gets relaxation cuts only on request; a surface that the user passed and that stays as it is
+    gets them on request, or if its distance error is large. `adapt` requests them within this distance (mm) of existing
+    cuts.
     """
     topology = part.core.topology(progress)["components"][0]
     cuts: list[Cut] = []
     warnings = []
-    if topology["euler"] != 1 and not is_fixed:
-        core, lines = part.core.open_to_disk(threads, progress)
-        cuts = _named(part, lines)
+    uncut = part
+    is_domain = topology["loops"] > 1 and not topology["handles"]
+    if topology["euler"] != 1 and not is_fixed and not (holes and is_domain and _is_kept(part, threads, progress)):
+        core, lines = part.core.open_to_disk([], threads, progress)
+        part, cuts = part._with_core(core), _named(part, lines)
         paths, total = _counted(cuts, "path")
         warnings.append(
             f"the surface is not a disk ({topology['handles']} handles, {topology['loops']} boundary loops), so it was "
-            f"cut open along {paths} ({rounded(total)} mm in total). Pass cuts, or flatten a smaller patch, for less "
-            "distortion"
+            f"cut open along {paths} ({rounded(total)} mm in total)"
         )
-        part = part._with_core(core)
+    if not is_fixed and not is_cut and adapt is None and (relax is None or relax is True):
+        to_points = _cut_to_cone_points(uncut, part, threads, progress)
+        if to_points is not None:
+            part, cuts, warning = to_points
+            warnings = [warning]
     was_closed = any(cut.reason == "closed sphere" for cut in cuts)
     kind = str if topology["handles"] else Note
     if relax is False or (relax is None and is_cut and not was_closed and adapt is None):
@@ -333,7 +342,7 @@ def opened(
     length = None if relax is None or relax is True else max(0.0, float(relax) - user_length)
     least_relief, bearable = 0.0, 0.0
     if relax is None and not was_closed and adapt is None:
-        least_relief, bearable = _LEAST_RELIEF, _BEARABLE if is_given and topology["euler"] == 1 else _FINE
+        least_relief, bearable = _LEAST_RELIEF, BEARABLE if is_given and not cuts else _FINE
     core, lines, errors = part.core.relax(length, least_relief, bearable, adapt, threads, progress)
     further = _named(part, lines)
     if further:
@@ -344,6 +353,59 @@ def opened(
             f"{before:.1f} % to {after:.1f} %. Use relax=False to omit them"
         )
     return part._with_core(core), cuts + further, [kind(in_unit(text, part.origin.named_unit)) for text in warnings]
+
+
+def _cut_to_cone_points(
+    uncut: SurfaceT, part: SurfaceT, threads: int | None, progress: Progress | None
+) -> tuple[SurfaceT, list[Cut], str] | None:
+    """Return a surface cut open at its cone points, if this improves the map of the part clearly."""
+    points = uncut.core.cone_points()
+    if not points or not (before := sketch_error(part, threads, progress)) > _FINE:
+        return None
+    core, lines = uncut.core.open_to_disk(points, threads, progress)
+    opened_part, cuts = uncut._with_core(core), _named(uncut, lines)
+    after = sketch_error(opened_part, threads, progress)
+    if not after < _CLEARLY * before:
+        return None
+    paths, total = _counted(cuts, "path")
+    where = "one vertex" if len(points) == 1 else f"{len(points)} vertices"
+    warning = (
+        f"most of the curvature lies at {where}, so the surface was cut open there along {paths} ({rounded(total)} mm "
+        f"in total), which reduces the estimated distance error from {100 * before:.1f} % to {100 * after:.1f} %. Use "
+        "relax=False to omit these cuts"
+    )
+    return opened_part, cuts, warning
+
+
+def _is_kept(part: Manifold, threads: int | None, progress: Progress | None) -> bool:
+    """Return whether cuts that join the boundary loops would not improve the map of a surface with holes."""
+    try:
+        error = sketch_error(part, threads, progress)
+    except InputError:  # no map without folds, for example of a long tube
+        return False
+    if error <= _FINE:
+        return True
+    core, _ = part.core.open_to_disk([], threads, progress)
+    return sketch_error(part._with_core(core), threads, progress) > (1.0 - _LEAST_RELIEF) * error
+
+
+def sketch_error(part: Manifold, threads: int | None, progress: Progress | None) -> float:
+    """Return the mean relative distance error of a coarse preview map at the best scale; NaN for tiny surfaces."""
+    _, _, (error, _) = part.core.relax(None, 0.0, _NO_TRIAL, None, threads, progress)
+    return float(error)
+
+
+def relaxation_advice(part: Manifold, threads: int | None, progress: Progress | None) -> str:
+    """Return what relaxation cuts would achieve, as the end of a warning; empty if they would not reduce the error."""
+    _, lines, (before, after) = part.core.relax(None, _LEAST_RELIEF, 0.0, None, threads, progress)
+    if not lines:
+        return ""
+    paths, total = _counted(_named(part, lines), "cut")
+    text = (
+        f". Use relax=True to add {paths} ({rounded(total)} mm in total), which would reduce the estimated distance "
+        f"error from {100 * before:.1f} % to {100 * after:.1f} %"
+    )
+    return in_unit(text, part.origin.named_unit)
 
 
 def _counted(cuts: list[Cut], name: str) -> tuple[str, float]:

@@ -1,4 +1,4 @@
-"""Turn a surface, or a part of it, into the disk that is flattened: cuts, holes, and warnings on both."""
+"""Turn a surface, or a part of it, into the disk (possibly with holes) that is flattened, and warn about changes."""
 
 import os
 from collections.abc import Sequence
@@ -8,12 +8,21 @@ from typing import Any, Generic
 import numpy as np
 from numpy.typing import NDArray
 
-from voxflat.arguments import Note, Progress, checked_threads
+from voxflat.arguments import Note, Progress, checked_threads, log
 from voxflat.errors import InputError
 from voxflat.io.grid import in_unit, rounded
 from voxflat.io.provenance import Record
 from voxflat.read_only import ReadOnly
-from voxflat.surfaces.cuts import Cut, check_relax, close_holes, cut_along, described_cuts, opened, read_cuts
+from voxflat.surfaces.cuts import (
+    Cut,
+    check_relax,
+    close_holes,
+    cut_along,
+    described_cuts,
+    opened,
+    read_cuts,
+    sketch_error,
+)
 from voxflat.surfaces.manifold import Manifold, Step, SurfaceT, SurfaceT_co
 from voxflat.surfaces.parts import dropped, largest_piece
 from voxflat.surfaces.standard.choice import AUTOMATIC, Choice, chosen
@@ -22,7 +31,6 @@ from voxflat.surfaces.standard.template import STANDARD
 from voxflat.surfaces.standard.tracing import TracedCut, kept_by, traced
 
 _COVERED = 0.5  # share of a template's excluded region that a user's excluded region must cover to replace it
-_NO_TRIAL = 1e9  # an error limit that is never exceeded, so that no cut is tried
 
 
 @dataclass(frozen=True)
@@ -81,6 +89,11 @@ class CutManifold(ReadOnly, Generic[SurfaceT_co]):
     def _is_cut(self) -> bool:
         """Whether the user defined cuts, directly or by a patch's triangles."""
         return self.given_length is not None or any(step.by_triangles for step in self.surface.steps)
+
+    @property
+    def _is_fixed(self) -> bool:
+        """Whether the user asked for no cut."""
+        return self.given_length is not None and not self.cuts and not self.is_standard
 
     @property
     def _is_whole(self) -> bool:
@@ -145,8 +158,13 @@ class CutSettings:
         return any(value is not None for value in (self.cuts, self.sphere, self.relax, self.adapt))
 
 
-def cut_open(part: SurfaceT, settings: CutSettings, *, to_disk: bool = True) -> CutManifold[SurfaceT]:
-    """Cut a surface or a part open; without `to_disk`, make only the requested cuts and keep small holes."""
+def cut_open(
+    part: SurfaceT, settings: CutSettings, *, to_disk: bool = True, holes: bool = True
+) -> CutManifold[SurfaceT]:
+    """Cut a surface or a part open to a disk, or to a disk with holes where no cut improves the map.
+
+    Without `holes`, the result is a disk. Without `to_disk`, only the requested cuts are made, and small holes stay.
+    """
     cuts, relax, adapt = settings.cuts, settings.relax, settings.adapt
     threads, progress = settings.threads, settings.progress
     whole = part._complete
@@ -178,7 +196,7 @@ def cut_open(part: SurfaceT, settings: CutSettings, *, to_disk: bool = True) -> 
     cut = CutManifold(*fields, sphere=choice.sphere, is_standard=is_standard)
     if adapt is not None and not is_standard:
         raise InputError("adapt requires a template. Pass cuts='standard' or a template file, or omit adapt")
-    return opened_to_disk(cut, relax, threads, progress, adapt) if to_disk else cut
+    return opened_to_disk(cut, relax, threads, progress, adapt, holes=holes) if to_disk else cut
 
 
 def cut_out_as(whole: SurfaceT, part: SurfaceT, cuts: Sequence[NDArray[np.int64]], by: str) -> CutManifold[SurfaceT]:
@@ -198,15 +216,17 @@ def opened_to_disk(
     threads: int | None,
     progress: Progress | None,
     adapt: float | None = None,
+    *,
+    holes: bool = False,
 ) -> CutManifold[SurfaceT]:
-    """Close small holes, and cut the surface open to a disk."""
+    """Close small holes, and cut the surface open to a disk; with `holes`, keep others if no cut improves the map."""
     part, faces, of_holes = close_holes(cut.surface, progress)
     warnings = [*cut.warnings, *of_holes]
     automatic: list[Cut] = []
-    is_fixed = cut.given_length is not None and not cut.cuts and not cut.is_standard
+    is_fixed = cut._is_fixed
     if relax or not is_fixed:
         user_length = cut.given_length or 0.0
-        state = {"is_fixed": is_fixed, "is_cut": cut._is_cut, "is_given": cut._is_whole}
+        state = {"holes": holes, "is_fixed": is_fixed, "is_cut": cut._is_cut, "is_given": cut._is_whole}
         part, automatic, of_cuts = opened(part, relax, user_length, threads, progress, **state, adapt=adapt)
         faces = part.faces[: len(faces)]
         warnings += of_cuts
@@ -218,10 +238,16 @@ def opened_to_disk(
     return replace(cut, surface=part, faces=faces, cuts=cuts, sketch_error=error, warnings=tuple(warnings))
 
 
-def sketch_error(part: Manifold, threads: int | None, progress: Progress | None) -> float:
-    """Return the mean relative distance error of a coarse preview map at the best scale; NaN for tiny disks."""
-    _, _, (error, _) = part.core.relax(None, 0.0, _NO_TRIAL, None, threads, progress)
-    return float(error)
+def without_holes(cut: CutManifold[SurfaceT], settings: CutSettings) -> CutManifold[SurfaceT]:
+    """Cut a surface that has kept its holes open to a disk."""
+    if len(cut.surface.core.topology()["loops"]) < 2 or cut._is_fixed:
+        return cut
+    part, automatic, warnings = opened(cut.surface, False, 0.0, settings.threads, settings.progress)
+    if cut.has_logged:
+        for warning in warnings:
+            log.warning(warning)
+    faces, cuts = part.faces[: len(cut.faces)], (*cut.cuts, *automatic)
+    return replace(cut, surface=part, faces=faces, cuts=cuts, warnings=(*cut.warnings, *warnings))
 
 
 def _with_outlines(whole: SurfaceT, choice: Choice, part: SurfaceT) -> tuple[SurfaceT, list[str]]:

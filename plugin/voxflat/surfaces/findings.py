@@ -11,7 +11,8 @@ from voxflat.errors import InputError
 from voxflat.io.grid import in_unit, rounded
 from voxflat.io.spaces import Space
 from voxflat.read_only import ReadOnly
-from voxflat.surfaces.cutting import CutManifold, CutSettings, cut_open, opened_to_disk, sketch_error
+from voxflat.surfaces.cuts import sketch_error
+from voxflat.surfaces.cutting import CutManifold, CutSettings, cut_open, opened_to_disk
 from voxflat.surfaces.manifold import Manifold
 from voxflat.surfaces.necks import parts_at_a_neck
 from voxflat.surfaces.noise import noise_in_parts, noise_in_surface
@@ -241,7 +242,7 @@ def check_surface(
         to_open = cut
         if shape["handles"] and repaired is not None:
             to_open = cut_open(repaired(), settings, to_disk=False)
-        opened: CutManifold[Manifold] | None = opened_to_disk(to_open, None, threads, progress)
+        opened: CutManifold[Manifold] | None = opened_to_disk(to_open, None, threads, progress, holes=True)
     except InputError as error:
         opened = None
         advice.append(str(error))

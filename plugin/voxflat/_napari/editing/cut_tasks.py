@@ -12,7 +12,8 @@ from voxflat._napari.layers.volumes import LayerVolume
 from voxflat.arguments import Progress
 from voxflat.maps.flat_map import FlatMap
 from voxflat.pipeline.surface import Surface
-from voxflat.surfaces.cutting import CutSettings, cut_open, sketch_error
+from voxflat.surfaces.cuts import sketch_error
+from voxflat.surfaces.cutting import CutSettings, cut_open
 from voxflat.surfaces.standard.sphere import OWN_REGISTRATION, sphere_beside
 from voxflat.unique_rows import in_rows
 

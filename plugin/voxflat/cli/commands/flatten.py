@@ -54,8 +54,8 @@ _CUT_ENDINGS = (".json", ".surf.gii", ".vtp", ".ply", ".obj", PATCH_ENDING)
 def cut_command(input_: Path, output: Path, template: Path | None, writing: dict[str, Any], **settings: Any) -> None:
     """Cut a surface open for flattening.
 
-    The cuts are those that voxflat flatten would make: a surface that is not a disk is cut open into a disk, and
-    relaxation cuts are added where they reduce the distortion of the map.
+    The cuts are those that voxflat flatten would make: a surface that is not a disk is cut open, unless it
+    can be flattened with its holes, and relaxation cuts are added where they reduce the distortion of the map.
     """
     check_output(output, _CUT_ENDINGS, **writing)
     if template is not None:
@@ -113,7 +113,7 @@ def flatten_command(input_: Path, output: Path, writing: dict[str, Any], quiet: 
     or a mesh (.surf.gii, FreeSurfer geometry such as lh.white, .asc, .vtk, .vtp, .ply, .stl, .obj, .off, .glb). A
     volume with several labels requires --label or --threshold. With --hemisphere, the surface is cut along standard
     cuts by default. If no region is given, the largest component is flattened. A surface that is not a disk is cut
-    open, and a warning lists the cuts.
+    open, unless it can be flattened with its holes, and a warning lists the cuts.
     """
     method, rows, store = options.method_of(settings), settings.pop("rows"), settings.pop("store")
     charts = options.charts_of(settings)

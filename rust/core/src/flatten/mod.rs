@@ -10,7 +10,7 @@ pub mod schwartz1989;
 pub mod voxflat;
 pub mod zigelman2002;
 
-pub use check::{check_disk, check_flattenable};
+pub use check::{check_disk, check_domain, check_flattenable};
 pub use grossmann2002::grossmann2002;
 pub use map::FlatMap;
 pub use periodic::periodic;

@@ -10,7 +10,7 @@ mod preview;
 
 use rayon::prelude::*;
 
-use super::check::check_disk;
+use super::check::check_domain;
 use crate::surface::Surface;
 use crate::surface::cuts::inward::{Inward, from_sides, spread};
 use crate::surface::cuts::{Cut, Reason, described};
@@ -93,7 +93,7 @@ pub struct Relaxed {
 /// [`Error::RelaxationOption`], [`Error::NotADisk`], and [`Error::Cancelled`].
 pub fn relax(surface: &Surface, relaxation: Relaxation, control: &Control) -> Result<Relaxed> {
     relaxation.validate()?;
-    check_disk(surface)?;
+    check_domain(surface)?;
     let uncut = |energies, errors| Ok(Relaxed { surface: surface.clone(), cuts: Vec::new(), energies, errors });
     if relaxation.length == 0.0 {
         return uncut(Vec::new(), [f64::NAN; 2]);

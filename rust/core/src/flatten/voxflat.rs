@@ -1,6 +1,6 @@
 //! The default method: optimisation of distances and triangles, from coarse to fine.
 
-use super::check::check_disk;
+use super::check::check_domain;
 use super::map::{BASE_BYTES, FlatMap, PYTHON_BYTES};
 use crate::distortion::evaluate::{self, REFERENCE_SOURCES, evaluate};
 use crate::distortion::{best_scale, faces::equal_area_scale};
@@ -15,7 +15,7 @@ use crate::sources::check_enough;
 use crate::surface::Surface;
 use crate::{Control, Result, store};
 
-/// Flattens a disk, given its levels and the distances on them by any solver: minimises stress and the distortion of
+/// Flattens a disk or a disk with holes, given its levels and the distances on them by any solver: minimises stress and the distortion of
 /// triangles, from coarse to fine. No triangle is flipped. Finally, the map is scaled and evaluated by distances along
 /// the graph; levels and rows are dropped before.
 ///
@@ -30,7 +30,7 @@ pub fn voxflat(
     graph: &GeodesicGraph, seed: u64, control: &Control,
 ) -> Result<FlatMap> {
     let surface = levels.finest();
-    check_disk(surface)?;
+    check_domain(surface)?;
     let sources = levels.landmarks().to_vec();
     check_enough(sources.len())?;
     levels.check_rows(&rows)?;

@@ -4,6 +4,7 @@ use numpy::IntoPyArray;
 use pyo3::prelude::*;
 use pyo3::types::IntoPyDict;
 use voxflat::flatten::relaxation::{Relaxation, relax};
+use voxflat::surface::cuts::cones::cone_points;
 use voxflat::surface::cuts::holes::{fill_holes, small_holes};
 use voxflat::surface::cuts::{self, Cut, Reason};
 use voxflat::surface::topology::loops::{Handle, cut_handles, handles};
@@ -73,13 +74,21 @@ impl Surface {
         self.run(py, Some(1), &None, move |inner, _| Ok(cuts::cut(&inner.surface, &paths)?.into()))
     }
 
-    /// Cut the surface open to a disk; return it and the cuts: vertices, length (mm) and reason.
-    #[pyo3(signature = (threads=None, progress=None))]
+    /// Return the vertices that hold most of the curvature; none if they are many.
+    fn cone_points(&self, py: Python<'_>) -> PyResult<Vec<u32>> {
+        self.run(py, Some(1), &None, |inner, _| Ok(cone_points(&inner.surface)))
+    }
+
+    /// Cut the surface open to a disk with these vertices on its boundary; return it and the cuts: vertices, length
+    /// (mm) and reason.
+    #[pyo3(signature = (points, threads=None, progress=None))]
     fn open_to_disk<'py>(
-        &self, py: Python<'py>, threads: Threads, progress: Progress<'py>,
+        &self, py: Python<'py>, points: Vec<u32>, threads: Threads, progress: Progress<'py>,
     ) -> PyResult<(Self, List<'py>)> {
-        let opened =
-            self.run(py, threads, &progress, move |inner, control| cuts::open_to_disk(&inner.surface, control))?;
+        convert::check_vertices(points.iter().copied(), self.0.surface.len())?;
+        let opened = self.run(py, threads, &progress, move |inner, control| {
+            cuts::open_to_disk_through(&inner.surface, &points, control)
+        })?;
         Ok((opened.surface.into(), cut_list(py, opened.cuts)?))
     }
 
@@ -137,6 +146,7 @@ fn cut_list(py: Python<'_>, cuts: Vec<Cut>) -> PyResult<List<'_>> {
         let reason = match cut.reason {
             Reason::Handle => "handle",
             Reason::JoinBoundaries => "boundaries joined",
+            Reason::ConePoint => "cone point",
             Reason::Sphere => "closed sphere",
             Reason::Relaxation => "relaxation",
         };

@@ -49,7 +49,7 @@ impl Surface {
         let sources = self.vertices(&sources)?;
         let (map, found) = self.run(py, threads, &progress, move |inner, control| {
             let surface = &inner.surface;
-            flatten::check_disk(surface)?;
+            flatten::check_domain(surface)?;
             let graph = &*inner.graph(control)?;
             let levels = Levels::new(surface, &sources, control)?;
             let (rows, kept, found) = with_solver!(geodesic, inner, control, |solver| {

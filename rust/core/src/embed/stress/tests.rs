@@ -86,6 +86,20 @@ fn a_plane_has_no_energy_and_descent_finds_it() {
 }
 
 #[test]
+fn the_first_map_of_a_plate_with_a_hole_has_no_fold() {
+    for (size, hole) in [(24, 8..16), (140, 4..136)] {
+        // the second hole has more edges than holes that are filled
+        let sheet = shapes::surface(shapes::sheet(size, size));
+        let is_in = |f: usize| hole.contains(&(f / 2 / size)) && hole.contains(&(f / 2 % size));
+        let plate = sheet.part(&(0..sheet.faces().len()).map(|f| !is_in(f)).collect::<Vec<_>>());
+        let (triangles, control) = (TriangleEnergy::new(&plate), Control::default());
+        let springs = Springs::new(triangles.corners().collect(), plate.len(), &control).unwrap();
+        let uv = tutte::spread(&plate, &plan(&plate), &triangles, &springs, &control).unwrap();
+        assert_eq!((triangles.folded(&uv), Outline::new(&plate).crossings(&uv, &control).unwrap()), (0, 0));
+    }
+}
+
+#[test]
 fn the_eigenvalues_are_those_of_the_hessian() {
     use nalgebra::{Matrix2, SMatrix, SVector};
     let mut rng = ChaCha8Rng::seed_from_u64(5);

@@ -3,6 +3,10 @@
 //! The ellipse has the length and width of the boundary by landmark placement, and is rotated so that each part is
 //! close to its position there: a strip starts as a strip. Springs of any stiffness create no folds. With equal
 //! stiffness, parts far from the boundary would be crowded, so springs there are softened.
+//!
+//! Of several boundary loops, the one that encloses the largest area by landmark placement lies on the ellipse. Each
+//! other loop surrounds a hole, which is filled with triangles of springs between its vertices. A hole that cannot be
+//! filled in this way is held open by springs to a virtual vertex.
 
 use crate::embed::Place;
 use std::f64::consts::TAU;
@@ -12,6 +16,8 @@ use nalgebra::{Matrix2, Vector2};
 use super::springs::Springs;
 use super::triangles::TriangleEnergy;
 use crate::surface::Surface;
+use crate::surface::cuts::holes::fill_holes;
+use crate::surface::topology::Topology;
 use crate::{Control, Result};
 
 /// The share of their area to which triangles may shrink.
@@ -26,6 +32,10 @@ const SOFTER: f64 = 1e-2;
 /// The stiffness that fixes the boundary; that of springs is about 1.
 const FIRM: f64 = 1e9;
 
+/// The stiffness of all springs to a virtual vertex together, with which a hole keeps its size among springs of stiffness 1:
+/// at a distance of k/2π springs, each of its k vertices is pulled inwards about as much as outwards.
+const ACROSS: f64 = 8.0;
+
 /// The number of positions on an ellipse at which lengths are summed.
 const PLACES: usize = 4096;
 
@@ -35,23 +45,47 @@ const STARTS: usize = 128;
 /// The minimum ratio of an ellipse's width and length.
 const NARROWEST: f64 = 0.005;
 
-/// Returns the map of a disk whose vertices have approximate positions, which may fold.
+/// Returns the map of a disk, possibly with holes, whose vertices have approximate positions, which may fold.
 pub fn spread(
     surface: &Surface, places: &[Place], triangles: &TriangleEnergy, springs: &Springs, control: &Control,
 ) -> Result<Vec<Place>> {
+    let mut holes = Topology::of(surface).loops;
+    let at = |vertex: u32| places[vertex as usize];
+    let cross = |&half_edge: &u32| at(surface.origin(half_edge)).perp(&at(surface.target(half_edge)));
+    let area = |n: &usize| holes[*n].half_edges.iter().map(cross).sum::<f64>().abs();
+    let outer = (0..holes.len()).max_by(|a, b| area(a).total_cmp(&area(b)));
+    let boundary = holes.remove(outer.unwrap_or(0)).half_edges;
+    let vertices: Vec<u32> = boundary.iter().map(|&half_edge| surface.origin(half_edge)).collect();
+    let lengths: Vec<f64> = boundary.iter().map(|&half_edge| surface.length(half_edge)).collect();
+    let outline: Vec<Place> = vertices.iter().map(|&vertex| at(vertex)).collect();
     let mut ground = vec![0.0; surface.len()];
     let mut forces = vec![Vector2::zeros(); surface.len()];
-    for boundary in surface.boundary() {
-        let vertices: Vec<usize> = boundary.iter().map(|&half_edge| surface.origin(half_edge) as usize).collect();
-        let lengths: Vec<f64> = boundary.iter().map(|&half_edge| surface.length(half_edge)).collect();
-        let outline: Vec<Place> = vertices.iter().map(|&vertex| places[vertex]).collect();
-        for (&vertex, place) in vertices.iter().zip(on_ellipse(&outline, &lengths)) {
-            // a penalty instead of a constraint: the matrix keeps its pattern, and its factor the symbolic part
-            ground[vertex] = FIRM;
-            forces[vertex] = FIRM * place;
-        }
+    for (&vertex, place) in vertices.iter().zip(on_ellipse(&outline, &lengths)) {
+        // a penalty instead of a constraint: the matrix keeps its pattern, and its factor the symbolic part
+        ground[vertex as usize] = FIRM;
+        forces[vertex as usize] = FIRM * place;
     }
-    softened(triangles, |entries| Ok(springs.factor(entries, &ground)?.solve(&forces)), control)
+    if holes.is_empty() {
+        return softened(triangles, |entries| Ok(springs.factor(entries, &ground)?.solve(&forces)), control);
+    }
+    let filled = fill_holes(surface, &holes, control)?;
+    let mut corners = filled.surface.faces().to_vec();
+    let mut across = vec![[-1.0; 3]; filled.added.len()];
+    for (&hole, middle) in filled.left.iter().zip(surface.len() as u32..) {
+        let half_edges = &holes[hole].half_edges;
+        corners.extend(half_edges.iter().map(|&h| [surface.target(h), surface.origin(h), middle]));
+        across.resize(across.len() + half_edges.len(), [-ACROSS / half_edges.len() as f64; 3]);
+    }
+    let count = surface.len() + filled.left.len();
+    ground.resize(count, 0.0);
+    forces.resize(count, Vector2::zeros());
+    let springs = Springs::new(corners, count, control)?;
+    let balanced = |entries: &[[f64; 3]]| {
+        let mut uv = springs.factor(&[entries, &across].concat(), &ground)?.solve(&forces);
+        uv.truncate(surface.len());
+        Ok(uv)
+    };
+    softened(triangles, balanced, control)
 }
 
 /// Returns the map by springs that are softened where triangles are small. `balanced` returns the map for the entries

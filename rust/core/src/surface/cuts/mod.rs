@@ -1,5 +1,6 @@
 //! Cuts along given paths, or cuts that turn any surface into a disk.
 
+pub mod cones;
 pub mod holes;
 pub(crate) mod inward;
 
@@ -37,6 +38,8 @@ pub enum Reason {
     Handle,
     /// It joins two boundary loops, or an earlier cut and another loop.
     JoinBoundaries,
+    /// It leads to a cone point ([`cones::cone_points`]).
+    ConePoint,
     /// The surface was closed like a sphere, or nearly closed after the other cuts.
     Sphere,
     /// It reduces the distortion of the map ([`crate::flatten::relaxation`]).
@@ -63,35 +66,43 @@ pub fn cut(surface: &Surface, paths: &[Vec<u32>]) -> Result<Surface> {
     Ok(surface.cut_open(half_edges.into_iter().flatten()))
 }
 
-/// Cuts a connected surface open to a disk.
+/// Cuts a connected surface open to a disk; see [`open_to_disk_through`].
 ///
-/// Handles are cut along short loops ([`cut_handles`]). The boundary loops are then joined by a tree of shortest paths,
-/// at most twice as long as the shortest tree (Mehlhorn 1988). If the surface is then closed or nearly closed, it also
-/// gets a cut between two distant points, preferably along the depths of folds. A disk is left unchanged. Takes O(n log
+/// # Errors
+/// Those of [`open_to_disk_through`].
+pub fn open_to_disk(surface: &Surface, control: &Control) -> Result<Opened> {
+    open_to_disk_through(surface, &[], control)
+}
+
+/// Cuts a connected surface open to a disk with these vertices on its boundary.
+///
+/// Handles are cut along short loops ([`cut_handles`]). The boundary loops and the vertices are then joined by a tree of
+/// shortest paths, at most twice as long as the shortest tree (Mehlhorn 1988). If the surface is then closed or nearly closed, it also
+/// gets a cut between two distant points, preferably along the depths of folds. A disk is left unchanged without vertices. Takes O(n log
 /// n) time beside the handles; the result is deterministic.
 ///
 /// # Errors
 /// [`Error::NoFaces`] or [`Error::SeveralComponents`] if there is not exactly one component, [`Error::NotADisk`] if
 /// cuts do not open it, and [`Error::Cancelled`].
-pub fn open_to_disk(surface: &Surface, control: &Control) -> Result<Opened> {
+pub fn open_to_disk_through(surface: &Surface, points: &[u32], control: &Control) -> Result<Opened> {
     let topology = Topology::of(surface);
     require_connected(&topology)?;
     control.check()?;
-    if topology.is_disk() {
+    if topology.is_disk() && points.is_empty() {
         return Ok(Opened { surface: surface.clone(), cuts: Vec::new() });
     }
     let (mut open, handles) = cut_handles(surface, control)?;
     let of_handles = handles.iter().flat_map(|handle| pieces(surface, &handle.half_edges));
     let mut paths: Vec<(Reason, Vec<u32>)> = of_handles.map(|path| (Reason::Handle, path)).collect();
     control.begin("joining boundaries", 1);
-    let mut joining = joins(&open, control)?;
+    let mut joining = joins(&open, &after_cuts(surface, &open, points), control)?;
     if is_all_but_closed(&open, &joining) {
         let seam = seam(&open, control)?;
         paths.extend(pieces(surface, &seam).into_iter().map(|path| (Reason::Sphere, path)));
         open = open.cut_open(seam);
-        joining = joins(&open, control)?;
+        joining = joins(&open, &after_cuts(surface, &open, points), control)?;
     }
-    paths.extend(joining.into_iter().map(|path| (Reason::JoinBoundaries, path)));
+    paths.extend(joining);
     control.advance();
     let cuts = paths.iter().map(|(reason, path)| described(surface, path, *reason)).collect();
     require_disk(surface.cut_open(paths.into_iter().flat_map(|(_, path)| path)), cuts)
@@ -138,12 +149,20 @@ fn pieces(surface: &Surface, half_edges: &[u32]) -> Vec<Vec<u32>> {
     turned.chunk_by(|&a, &b| surface.target(a) == surface.origin(b)).map(<[u32]>::to_vec).collect()
 }
 
-/// Returns paths that join all boundary loops of a surface without handles. Each loop has a region of vertices nearest
-/// to it. Shortest paths between these regions are taken as long as they join unconnected ones. Where two paths meet,
+/// Returns the numbers of vertices after the surface was cut open; of the copies of a vertex, any one.
+fn after_cuts(surface: &Surface, open: &Surface, vertices: &[u32]) -> Vec<u32> {
+    let mut number = vec![0; surface.len()];
+    let corners = surface.faces().as_flattened().iter().zip(open.faces().as_flattened());
+    corners.for_each(|(&before, &after)| number[before as usize] = after);
+    vertices.iter().map(|&vertex| number[vertex as usize]).collect()
+}
+
+/// Returns paths that join all boundary loops of a surface without handles, and these vertices. Each of them has a
+/// region of vertices nearest to it. Shortest paths between these regions are taken as long as they join unconnected ones. Where two paths meet,
 /// the later one ends, so that no paths cross.
-fn joins(surface: &Surface, control: &Control) -> Result<Vec<Vec<u32>>> {
+fn joins(surface: &Surface, points: &[u32], control: &Control) -> Result<Vec<(Reason, Vec<u32>)>> {
     let boundary = surface.boundary();
-    if boundary.len() < 2 {
+    if boundary.len() + points.len() < 2 {
         return Ok(Vec::new());
     }
     let shrunk = Shrunk::new(surface, 0.0);
@@ -153,6 +172,13 @@ fn joins(surface: &Surface, control: &Control) -> Result<Vec<Vec<u32>>> {
         let node = shrunk.node[surface.origin(border[0]) as usize];
         is_reached[node as usize] = true;
         search.seed(node);
+    }
+    let mut is_point = vec![false; surface.len()];
+    for &node in points {
+        if !std::mem::replace(&mut is_reached[shrunk.node[node as usize] as usize], true) {
+            is_point[node as usize] = true;
+            search.seed(node);
+        }
     }
     let mut region: Vec<u32> = (0..surface.len() as u32).collect();
     while let Some(node) = search.settle(&shrunk.network, |_| true) {
@@ -173,7 +199,9 @@ fn joins(surface: &Surface, control: &Control) -> Result<Vec<Vec<u32>>> {
         let [a, b] = regions(bridge);
         if joined.join(a, b) {
             let [left, right] = shrunk.ends(bridge).map(|node| new_steps(&search, node, &mut is_reached));
-            paths.push(shrunk.through(&left, bridge, &right));
+            let leads_to_point = is_point[a as usize] || is_point[b as usize];
+            let reason = if leads_to_point { Reason::ConePoint } else { Reason::JoinBoundaries };
+            paths.push((reason, shrunk.through(&left, bridge, &right)));
         }
     }
     Ok(paths)
@@ -191,9 +219,9 @@ fn new_steps(search: &EdgeSearch, mut node: u32, is_reached: &mut [bool]) -> Vec
 }
 
 /// Returns whether the boundary is too short, with these cuts, to flatten the surface well.
-fn is_all_but_closed(surface: &Surface, cuts: &[Vec<u32>]) -> bool {
+fn is_all_but_closed(surface: &Surface, cuts: &[(Reason, Vec<u32>)]) -> bool {
     let border = (0..surface.twins().len() as u32).filter(|&h| !surface.is_inner(h)).map(|h| surface.length(h));
-    let cuts = cuts.iter().flatten().map(|&h| 2.0 * surface.length(h));
+    let cuts = cuts.iter().flat_map(|(_, path)| path).map(|&h| 2.0 * surface.length(h));
     let boundary = border.chain(cuts).sum::<f64>();
     boundary * boundary <= SHORT * surface.areas().iter().sum::<f64>()
 }

@@ -131,6 +131,50 @@ fn boundaries_are_joined_by_the_shortest_tree() {
 }
 
 #[test]
+fn a_cube_is_cut_along_a_tree_of_its_edges_and_a_cone_to_its_apex() {
+    let (n, control) = (3i64, Control::default());
+    let mut points: Vec<[f64; 3]> = Vec::new();
+    let mut number = |point: [i64; 3]| {
+        let point = point.map(|x| x as f64);
+        points.iter().position(|other| *other == point).unwrap_or_else(|| {
+            points.push(point);
+            points.len() - 1
+        }) as i64
+    };
+    let mut faces = Vec::new();
+    for (axis, side, i, j) in (0..3 * 2 * n * n).map(|k| (k as usize % 3, k / 3 % 2, k / 6 % n, k / 6 / n)) {
+        let mut corner = |i: i64, j: i64| {
+            let mut point = [n * side; 3];
+            (point[(axis + 1) % 3], point[(axis + 2) % 3]) = (i, j);
+            number(point)
+        };
+        let mut square = [corner(i, j), corner(i + 1, j), corner(i + 1, j + 1), corner(i, j + 1)];
+        if side == 0 {
+            square.reverse();
+        }
+        faces.extend([[square[0], square[1], square[2]], [square[0], square[2], square[3]]]);
+    }
+    let cube = shapes::surface((points, faces));
+    let corners = cones::cone_points(&cube);
+    assert!(corners.iter().all(|&v| cube.points()[v as usize].iter().all(|x| x % n as f64 == 0.0)));
+    let open = open_to_disk_through(&cube, &corners, &control).unwrap();
+    assert_opened(&cube, &open);
+    assert_eq!((corners.len(), count(&open, Reason::ConePoint)), (8, 7));
+    assert!(open.cuts.iter().all(|cut| cut.length == n as f64));
+
+    let sheet = shapes::surface(shapes::sheet(6, 6));
+    let height = |x: f64, y: f64| -x.abs().max(y.abs()).max((x - y).abs()); // its ridges are edges of the sheet
+    let tent = |p: &Vector3<f64>| Vector3::new(p.x, p.y, height(p.x - 3.0, p.y - 3.0));
+    let roof = sheet.moved(sheet.points().iter().map(tent).collect()).unwrap();
+    let open = open_to_disk_through(&roof, &cones::cone_points(&roof), &control).unwrap();
+    assert_opened(&roof, &open);
+    assert_eq!((open.cuts.len(), open.cuts[0].reason), (1, Reason::ConePoint));
+    assert!(open.cuts[0].vertices.contains(&24));
+    assert!(cones::cone_points(&sheet).is_empty());
+    assert!(cones::cone_points(&shapes::surface(shapes::sphere(3))).is_empty());
+}
+
+#[test]
 fn several_components_and_none_are_refused() {
     let sheet = shapes::surface(shapes::sheet(3, 3));
     let two = sheet.part(&(0..18).map(|f| !(2..14).contains(&f)).collect::<Vec<_>>());

@@ -1,7 +1,7 @@
 //! The topology of a surface: its components, their handles, and their boundary.
 //!
 //! For each component, χ = vertices − edges + faces = 2 − 2 genus − boundary loops. A surface can be flattened without
-//! a cut if it is a disk: one component, no handle, one boundary loop. All functions here take linear time.
+//! a cut if it is a disk (one component, no handle, one boundary loop) or a disk with holes (more loops). All functions here take linear time.
 
 pub(crate) mod homology;
 pub mod loops;
