@@ -50,6 +50,12 @@ class Distortion(ReadOnly):
         Geometric mean of the three voxel spacings, in mm; None for meshes.
     unit : str
         Unit of length; "unknown" if it is not defined.
+    interior : Figures or None
+        Measures of interior pairs, whose shortest path does not pass the boundary between its ends, at the scale with
+        the smallest mean relative error of these pairs: 0 for the flattened sheet of any outline. None for distances by
+        chain codes.
+    interior_share : float
+        Share of interior pairs; NaN for distances by chain codes.
 
     See Also
     --------
@@ -76,6 +82,8 @@ class Distortion(ReadOnly):
     topology: dict[str, int] | None = None
     voxel_size: float | None = None
     unit: str = "mm"
+    interior: Figures | None = None
+    interior_share: float = np.nan
 
     def __repr__(self) -> str:
         error, scatter = 100 * self.raw.relative_error, 100 * self.standard_error.raw.relative_error
@@ -93,6 +101,8 @@ class Distortion(ReadOnly):
         for scales in (distances, errors):
             scales |= {name: Figures(**scales[name]) for name in ("raw", "best_scale")}
         distances["standard_error"] = StandardErrors(**errors)
+        is_marked = not np.isnan(distances["interior_share"])
+        distances["interior"] = Figures(**distances["interior"]) if is_marked else None
         of_triangles = None if triangles is None else TriangleFigures(**triangles)
         return cls(**distances, triangles=of_triangles, reference=reference, **more)
 
@@ -127,11 +137,12 @@ class Distortion(ReadOnly):
             The table.
         """
         errors = self.standard_error
-        rows = [
-            ["", "raw", f"at scale {_number(self.best_scale.scale, 3)}"],
-            *_distance_rows([(self.raw, errors.raw), (self.best_scale, errors.best_scale)], self.voxel_size),
-            *_other_rows([self]),
-        ]
+        columns = [(self.raw, errors.raw), (self.best_scale, errors.best_scale)]
+        heads = ["raw", f"at scale {_number(self.best_scale.scale, 3)}"]
+        if self.interior is not None:
+            columns.append((self.interior, None))
+            heads.append(f"interior, at {_number(self.interior.scale, 3)}")
+        rows = [["", *heads], *_distance_rows(columns, self.voxel_size), *_other_rows([self])]
         return _aligned([self], rows)
 
 
@@ -205,16 +216,21 @@ def table_of_several(maps: Mapping[str, Distortion]) -> str:
         *_distance_rows([(map_.raw, map_.standard_error.raw) for map_ in several], voxel_size),
         ["AT THE BEST SCALE", *(_number(map_.best_scale.scale, 4) for map_ in several)],
         *_distance_rows([(map_.best_scale, map_.standard_error.best_scale) for map_ in several], voxel_size),
+        ["INTERIOR PAIRS", *(_number(map_.interior and map_.interior.scale, 4) for map_ in several)],
+        *_distance_rows([(map_.interior, None) for map_ in several], voxel_size),
         ["OTHER FIGURES"],
         *_other_rows(several),
     ]
     return _aligned(several, rows)
 
 
-def _distance_rows(columns: Sequence[tuple[Figures, Figures]], voxel_size: float | None) -> list[list[str]]:
+def _distance_rows(
+    columns: Sequence[tuple[Figures | None, Figures | None]], voxel_size: float | None
+) -> list[list[str]]:
+    """Return the rows of columns of measures and their standard errors."""
     rows = []
     for name, key, factor, digits in _DISTANCES:
-        pairs = [(factor * getattr(value, key), factor * getattr(error, key)) for value, error in columns]
+        pairs = [tuple(factor * getattr(of, key, np.nan) for of in column) for column in columns]
         rows.append([name, *(_with_error(value, error, digits) for value, error in pairs)])
         if key == "absolute_error" and voxel_size is not None:
             voxels = (_with_error(value / voxel_size, error / voxel_size, 2) for value, error in pairs)
@@ -245,9 +261,7 @@ def _number(value: Any, digits: int) -> str:
 
 
 def _with_error(value: float, error: float, digits: int) -> str:
-    if np.isnan(value):
-        return "–"
-    return f"{value:.{digits}f} ± {_number(error, digits)}"
+    return _number(value, digits) + ("" if np.isnan(error) else f" ± {_number(error, digits)}")
 
 
 def _aligned(maps: Sequence[Distortion], rows: list[list[str]]) -> str:

@@ -18,7 +18,7 @@ fn main() -> Result<()> {
     let graph = GeodesicGraph::new(&surface, &control)?;
     let sources = Sources::Farthest { count: 50, seed: 0 }.choose(&graph, &control)?;
     let levels = Levels::new(&surface, &sources, &control)?;
-    let rows = levels.measure(&graph, &control)?;
+    let rows = levels.measure(&Marking::new(&graph), &control)?;
     let map = flatten::voxflat(levels, rows, &Options::default(), &graph, 0, &control)?;
 
     let error = map.distortion.raw.relative_error;

@@ -23,6 +23,11 @@ pub trait Links: Sync {
     /// Returns the lengths of the shortest and of the longest link, in mm.
     fn extremes(&self) -> [f32; 2];
 
+    /// Returns whether the links are straight lines across the triangles of a surface.
+    fn are_straight(&self) -> bool {
+        false
+    }
+
     /// Returns the connected components.
     fn components(&self) -> Components {
         Components::of(self.vertices(), |vertex| self.arcs(vertex).map(|arc| arc.to), |_| true)

@@ -111,7 +111,7 @@ fn default_map(surface: &Surface, graph: &GeodesicGraph, weighting: f64, control
     let count = 8.min(surface.len());
     let sources = Sources::Farthest { count, seed: 0 }.choose(graph, control)?;
     let levels = Levels::new(surface, &sources, control)?;
-    let rows = levels.measure(graph, control)?;
+    let rows = levels.measure(&Marking::new(graph), control)?;
     flatten::voxflat(levels, rows, &Options { weighting, ..Options::default() }, graph, 0, control)
 }
 

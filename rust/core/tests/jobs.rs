@@ -82,7 +82,7 @@ fn long_work_ends_when_it_is_cancelled_and_is_the_same_by_any_number_of_threads(
             "flatten",
             job(|c| {
                 let levels = Levels::new(disk, few, control)?;
-                let rows = levels.measure(graph, control)?;
+                let rows = levels.measure(&Marking::new(graph), control)?;
                 flatten::voxflat(levels, rows, &Default::default(), graph, 0, c)
             }),
         ),

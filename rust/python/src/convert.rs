@@ -155,6 +155,8 @@ pub fn distortion_dict(py: Python<'_>, measured: Distortion) -> PyResult<Dict<'_
         py,
         "raw" = figures(&measured.raw)?,
         "best_scale" = figures(&measured.best_scale)?,
+        "interior" = figures(&measured.interior)?,
+        "interior_share" = measured.interior_share,
         "pearson_r" = measured.pearson_r,
         "mean_geodesic" = measured.mean_geodesic,
         "standard_error" = dict!(

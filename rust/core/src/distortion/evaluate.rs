@@ -43,9 +43,9 @@ pub fn evaluate_all<S: Solver>(
     solver: &S, maps: &[&[[f64; 2]]], period: Option<f64>, reference: &[u32], kept: u64, seed: u64, control: &Control,
 ) -> Result<Vec<Distortion>> {
     if 4 * reference.len() as u64 * solver.columns() as u64 <= kept {
-        measure(maps, period, &DistanceRows::compute(solver, reference, control)?, seed, control)
+        measure(maps, period, &DistanceRows::compute(solver, reference, control)?, solver.tells_bends(), seed, control)
     } else {
-        measure(maps, period, &PassingRows::new(solver, reference, kept), seed, control)
+        measure(maps, period, &PassingRows::new(solver, reference, kept), solver.tells_bends(), seed, control)
     }
 }
 

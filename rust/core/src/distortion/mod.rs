@@ -22,6 +22,7 @@ use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 
 use crate::error::check_length;
+use crate::geodesic::bend::is_bent;
 use crate::rows::Rows;
 use crate::{Control, Result};
 pub use figures::Figures;
@@ -47,6 +48,11 @@ pub struct Distortion {
     pub raw: Figures,
     /// Figures at the scale with the smallest mean relative error.
     pub best_scale: Figures,
+    /// Figures of interior pairs, whose shortest path does not [bend around the boundary](crate::geodesic::bend), at the
+    /// scale with the smallest mean relative error of these pairs. NaN if the rows are not marked.
+    pub interior: Figures,
+    /// The share of interior pairs; NaN if the rows are not marked.
+    pub interior_share: f64,
     /// The correlation of d and δ.
     pub pearson_r: f64,
     /// The mean of δ in mm (δ̄ of Grossmann et al.).
@@ -63,14 +69,14 @@ pub struct Distortion {
     pub scatter: Vec<[f64; 2]>,
 }
 
-/// Evaluates flat maps of the same vertices (positions in mm) against distance rows to all of their points. If the maps
-/// repeat in the second direction with a period, distances are measured to the nearest copy.
+/// Evaluates flat maps of the same vertices (positions in mm) against distance rows to all of their points, which may be
+/// marked. If the maps repeat in the second direction with a period, distances are measured to the nearest copy.
 pub(crate) fn measure<R: Rows>(
-    maps: &[&[[f64; 2]]], period: Option<f64>, rows: &R, seed: u64, control: &Control,
+    maps: &[&[[f64; 2]]], period: Option<f64>, rows: &R, are_marked: bool, seed: u64, control: &Control,
 ) -> Result<Vec<Distortion>> {
     let (sources, columns) = (rows.sources().len(), rows.columns());
     maps.iter().try_for_each(|uv| check_length("positions", uv.len(), "points", columns))?;
-    let mut maps: Vec<Evaluated> = maps.iter().map(|&uv| Evaluated::new(Plane { uv, period }, sources, seed)).collect();
+    let mut maps: Vec<Evaluated> = maps.iter().map(|&uv| Evaluated::new(Plane { uv, period }, sources, are_marked, seed)).collect();
     control.begin("measuring distortion", 2);
     pass(&mut maps, rows, control, Evaluated::take_raw)?;
     control.advance();
@@ -82,10 +88,10 @@ pub(crate) fn measure<R: Rows>(
     maps.into_iter().map(|map| map.distortion(seed, control)).collect()
 }
 
-/// Returns the scale at which the distances of a map are closest to the rows: argmin mean |s·d − δ|/δ. The rows must
-/// reach all points of the map, which may have a period as in [`measure`]. NaN if all positions coincide.
+/// Returns the scale at which the distances of interior pairs are closest to the marked rows: argmin mean |s·d − δ|/δ.
+/// The rows must reach all points of the map, which may have a period as in [`measure`]. NaN if all positions coincide.
 pub(crate) fn best_scale<R: Rows>(uv: &[[f64; 2]], period: Option<f64>, rows: &R, control: &Control) -> Result<f64> {
-    let mut map = [Evaluated::new(Plane { uv, period }, 0, 0)];
+    let mut map = [Evaluated::new(Plane { uv, period }, 0, true, 0)];
     pass(&mut map, rows, control, |map, block, control| {
         map.begin_ratios(block, control)?;
         map.take_ratios(block, control)
@@ -93,7 +99,7 @@ pub(crate) fn best_scale<R: Rows>(uv: &[[f64; 2]], period: Option<f64>, rows: &R
     while map[0].seeks_scale() {
         pass(&mut map, rows, control, Evaluated::take_ratios)?;
     }
-    Ok(map[0].scale.unwrap_or(f64::NAN))
+    Ok(map[0].interior.scale.unwrap_or(f64::NAN))
 }
 
 fn pass<'a, R: Rows>(
@@ -126,13 +132,13 @@ impl Block<'_> {
         (0..self.sources.len()).into_par_iter().map(of_source).collect()
     }
 
-    /// Visits (δ, d) for all pairs of the n-th source with other points.
+    /// Visits (δ, d) for all pairs of the n-th source with other points, and whether the last bit of δ is a mark.
     #[inline]
-    fn pairs(&self, n: usize, plane: Plane, mut visit: impl FnMut(f64, f64)) {
+    fn pairs(&self, n: usize, plane: Plane, mut visit: impl FnMut(f64, f64, bool)) {
         let source = self.sources[n] as usize;
         for (point, &delta) in self.row(n)[..plane.uv.len()].iter().enumerate() {
             if point != source && delta != 0.0 {
-                visit(f64::from(delta), plane.apart(source, point));
+                visit(f64::from(delta), plane.apart(source, point), is_bent(delta));
             }
         }
     }
@@ -158,11 +164,12 @@ impl Plane<'_> {
 /// A map and its figures so far.
 struct Evaluated<'a> {
     plane: Plane<'a>,
-    /// Sums at scale 1 and at the best scale, for each source.
+    /// Sums at scale 1, for each source.
     raw: Vec<Sums>,
-    best: Vec<Sums>,
-    ratios: Ratios,
-    scale: Option<f64>,
+    all: AtBestScale,
+    /// Those of interior pairs; all pairs are interior if the rows are not marked.
+    interior: AtBestScale,
+    are_marked: bool,
     /// The sum and the number of relative errors of each point.
     per_point: Vec<(f64, f64)>,
     /// Pairs for the scatter plot: the number of a source, and the cyclic offset from the source to the point.
@@ -170,8 +177,45 @@ struct Evaluated<'a> {
     scatter: Vec<[f64; 2]>,
 }
 
+/// Some of the pairs of a map, and their best scale.
+#[derive(Default)]
+struct AtBestScale {
+    ratios: Ratios,
+    scale: Option<f64>,
+    /// Sums at the best scale, for each source.
+    sums: Vec<Sums>,
+}
+
+impl AtBestScale {
+    /// Looks for the best scale among the counted ratios. Returns whether they must be counted again elsewhere.
+    fn seeks_scale(&mut self) -> bool {
+        if self.scale.is_none() {
+            match self.ratios.median() {
+                Answer::Found(scale) => {
+                    self.scale = Some(scale);
+                    self.ratios = Ratios::default();
+                }
+                Answer::Elsewhere(ratios) => self.ratios = ratios,
+            }
+        }
+        self.scale.is_none()
+    }
+
+    /// Counts a pair, as long as the best scale is unknown.
+    #[inline]
+    fn count(&self, delta: f64, d: f64) {
+        if self.scale.is_none() {
+            self.ratios.add(delta, d);
+        }
+    }
+
+    fn figures(&self) -> Figures {
+        self.sums.iter().sum::<Sums>().figures(self.scale.unwrap_or(f64::NAN))
+    }
+}
+
 impl<'a> Evaluated<'a> {
-    fn new(plane: Plane<'a>, sources: usize, seed: u64) -> Self {
+    fn new(plane: Plane<'a>, sources: usize, are_marked: bool, seed: u64) -> Self {
         let uv = plane.uv;
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         let others = uv.len().saturating_sub(1);
@@ -182,9 +226,9 @@ impl<'a> Evaluated<'a> {
         Self {
             plane,
             raw: Vec::with_capacity(sources),
-            best: Vec::with_capacity(sources),
-            ratios: Ratios::default(),
-            scale: None,
+            all: AtBestScale::default(),
+            interior: AtBestScale::default(),
+            are_marked,
             per_point: vec![(0.0, 0.0); uv.len()],
             chosen,
             scatter: Vec::with_capacity(pairs),
@@ -195,21 +239,31 @@ impl<'a> Evaluated<'a> {
     fn begin_ratios(&mut self, block: &Block, control: &Control) -> Result<()> {
         if block.first == 0 && !block.sources.is_empty() {
             control.check()?;
-            let mut first = Vec::with_capacity(block.columns);
-            block.pairs(0, self.plane, |delta, d| first.push((delta, d)));
-            self.ratios = Ratios::around_median(first.into_iter());
+            let (mut all, mut interior) = (Vec::with_capacity(block.columns), Vec::new());
+            block.pairs(0, self.plane, |delta, d, is_bent| {
+                all.push((delta, d));
+                if self.counts_as_interior(is_bent) {
+                    interior.push((delta, d));
+                }
+            });
+            self.all.ratios = Ratios::around_median(all.into_iter());
+            self.interior.ratios = Ratios::around_median(interior.into_iter());
         }
         Ok(())
     }
 
+    #[inline]
+    fn counts_as_interior(&self, is_bent: bool) -> bool {
+        !(is_bent && self.are_marked)
+    }
+
     fn take_raw(&mut self, block: &Block, control: &Control) -> Result<()> {
         self.begin_ratios(block, control)?;
-        let (plane, ratios) = (self.plane, &self.ratios);
         let sums = block.each_source(control, |n| {
             let mut sums = Sums::default();
-            block.pairs(n, plane, |delta, d| {
+            block.pairs(n, self.plane, |delta, d, is_bent| {
                 sums.add(delta, d);
-                ratios.add(delta, d);
+                self.count(delta, d, is_bent);
             });
             sums
         })?;
@@ -217,6 +271,14 @@ impl<'a> Evaluated<'a> {
         self.take_points(block, control)?;
         self.take_scatter(block);
         Ok(())
+    }
+
+    #[inline]
+    fn count(&self, delta: f64, d: f64, is_bent: bool) {
+        self.all.count(delta, d);
+        if self.counts_as_interior(is_bent) {
+            self.interior.count(delta, d);
+        }
     }
 
     /// Adds to the sum of each point, source by source, so that the result does not depend on blocks or threads.
@@ -249,47 +311,49 @@ impl<'a> Evaluated<'a> {
         }));
     }
 
-    /// Looks for the best scale among the counted ratios. Returns whether they must be counted again elsewhere.
+    /// Looks for the best scales among the counted ratios. Returns whether some must be counted again elsewhere.
     fn seeks_scale(&mut self) -> bool {
-        if self.scale.is_none() {
-            match self.ratios.median() {
-                Answer::Found(scale) => {
-                    self.scale = Some(scale);
-                    self.ratios = Ratios::default();
-                }
-                Answer::Elsewhere(ratios) => self.ratios = ratios,
-            }
-        }
-        self.scale.is_none()
+        self.all.seeks_scale() | self.interior.seeks_scale()
     }
 
     fn take_ratios(&mut self, block: &Block, control: &Control) -> Result<()> {
-        if self.scale.is_none() {
-            block.each_source(control, |n| block.pairs(n, self.plane, |delta, d| self.ratios.add(delta, d)))?;
-        }
+        block.each_source(control, |n| {
+            block.pairs(n, self.plane, |delta, d, is_bent| self.count(delta, d, is_bent));
+        })?;
         Ok(())
     }
 
     fn take_best(&mut self, block: &Block, control: &Control) -> Result<()> {
-        let (plane, scale) = (self.plane, self.scale.unwrap_or(f64::NAN));
+        let scales = [&self.all, &self.interior].map(|pairs| pairs.scale.unwrap_or(f64::NAN));
         let sums = block.each_source(control, |n| {
-            let mut sums = Sums::default();
-            block.pairs(n, plane, |delta, d| sums.add(delta, scale * d));
-            sums
+            let [mut all, mut interior] = [Sums::default(); 2];
+            block.pairs(n, self.plane, |delta, d, is_bent| {
+                all.add(delta, scales[0] * d);
+                if self.counts_as_interior(is_bent) {
+                    interior.add(delta, scales[1] * d);
+                }
+            });
+            (all, interior)
         })?;
-        self.best.extend(sums);
+        for (all, interior) in sums {
+            self.all.sums.push(all);
+            self.interior.sums.push(interior);
+        }
         Ok(())
     }
 
     fn distortion(self, seed: u64, control: &Control) -> Result<Distortion> {
-        let scale = self.scale.unwrap_or(f64::NAN);
-        let [raw, best] = [&self.raw, &self.best].map(|parts| parts.iter().sum::<Sums>());
+        let raw = self.raw.iter().sum::<Sums>();
+        let [interior, pairs] = [&self.interior.sums, &self.raw].map(|sums| sums.iter().sum::<Sums>().pairs() as f64);
+        let undefined = || Sums::default().figures(f64::NAN);
         Ok(Distortion {
             raw: raw.figures(1.0),
-            best_scale: best.figures(scale),
+            best_scale: self.all.figures(),
+            interior: if self.are_marked { self.interior.figures() } else { undefined() },
+            interior_share: if self.are_marked { interior / pairs } else { f64::NAN },
             pearson_r: raw.correlation(),
             mean_geodesic: raw.mean_geodesic(),
-            standard_error: standard_errors(&self.raw, &self.best, self.plane.uv.len(), seed, control)?,
+            standard_error: standard_errors(&self.raw, &self.all.sums, self.plane.uv.len(), seed, control)?,
             sources: self.raw.len(),
             pairs: raw.pairs(),
             per_point: self.per_point.iter().map(|(sum, count)| sum / count).collect(), // NaN without other sources

@@ -6,8 +6,8 @@ use crate::distortion::evaluate::{REFERENCE_SOURCES, evaluate_all, reference_sou
 use crate::distortion::{best_scale, faces::equal_area_scale};
 use crate::embed::stress::levels::MOST_EVALUATED;
 use crate::embed::stress::periodic::{Tube, flatten_tube};
+use crate::geodesic::bend::{MarkedRows, Marking};
 use crate::geodesic::{Solver, graph::GeodesicGraph};
-use crate::rows::DistanceRows;
 use crate::sources::check_enough;
 use crate::{Control, Result};
 
@@ -36,8 +36,8 @@ pub fn periodic<S: Solver>(
     let (closed, opened) = (tube.closed, tube.opened);
     let evaluated = tube.evaluated(sources, MOST_EVALUATED);
     let number = |vertex: &u32| evaluated.partition_point(|other| other < vertex) as u32;
-    let rows = DistanceRows::compute_to(solver, sources, &evaluated, control)?;
-    let rows = DistanceRows::new(sources.iter().map(number).collect(), evaluated.len(), rows.into_data());
+    let rows = MarkedRows::compute_to(&Marking::of(solver, graph), sources, &evaluated, control)?;
+    let rows = rows.renamed(sources.iter().map(number).collect()).into_rows();
     let (mut uv, mut period, convergence) = flatten_tube(tube, &rows, &evaluated, weighting, control)?;
     let first = tube.first_copies();
     let of_closed = |uv: &[[f64; 2]]| first.iter().map(|&copy| uv[copy as usize]).collect::<Vec<_>>();
@@ -55,7 +55,7 @@ pub fn periodic<S: Solver>(
     }
     drop(rows);
     let (reference, all) = (reference_sources(closed.len(), REFERENCE_SOURCES, seed), of_closed(&uv));
-    let mut found = evaluate_all(graph, &[&all], Some(period), &reference, u64::MAX, seed, control)?;
+    let mut found = evaluate_all(&Marking::new(graph), &[&all], Some(period), &reference, u64::MAX, seed, control)?;
     let mut distortion = found.remove(0);
     distortion.per_point = tube.vertices().iter().map(|&vertex| distortion.per_point[vertex as usize]).collect();
     let normals = closed.normals();

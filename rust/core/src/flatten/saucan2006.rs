@@ -4,7 +4,7 @@ use super::map::{BASE_BYTES, FlatMap, PYTHON_BYTES};
 use crate::atlas::glue::{self, Glued, Piece, Seams};
 use crate::atlas::{ANGLES, Limit, Seeds, patches};
 use crate::distortion::evaluate::{self, REFERENCE_SOURCES, evaluate};
-use crate::geodesic::{bundle::BundleScratch, graph::GeodesicGraph};
+use crate::geodesic::{bend::Marking, bundle::BundleScratch, graph::GeodesicGraph};
 use crate::surface::{Surface, mesh::BORDER};
 use crate::{Control, Error, Result};
 
@@ -55,7 +55,7 @@ pub fn saucan2006(surface: &Surface, bound: f64, seed: u64, control: &Control) -
         face.iter().zip(rows).for_each(|(&vertex, &row)| uv[vertex as usize] = piece.uv[row as usize]);
     }
     let graph = GeodesicGraph::new(&surface, control)?;
-    let distortion = evaluate(&graph, &uv, REFERENCE_SOURCES, seed, control)?;
+    let distortion = evaluate(&Marking::new(&graph), &uv, REFERENCE_SOURCES, seed, control)?;
     let map = FlatMap {
         uv,
         normals: surface.normals(),

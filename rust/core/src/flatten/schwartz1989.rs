@@ -9,7 +9,7 @@ use super::voxflat::{self, AfterPlacing};
 use crate::distortion::evaluate::{REFERENCE_SOURCES, evaluate};
 use crate::embed::sammon::{self, Descended, MOST_STEPS};
 use crate::embed::{classical::classical_scaling, stress::levels::Convergence};
-use crate::geodesic::graph::GeodesicGraph;
+use crate::geodesic::{bend::Marking, graph::GeodesicGraph};
 use crate::geodesic::neighbourhood::{Neighbourhoods, sizes_of_rings};
 use crate::orient::{map_area, orient};
 use crate::rows::DistanceRows;
@@ -69,7 +69,7 @@ pub fn schwartz1989(
     orient(surface.points(), map_area(surface.faces(), &uv), &mut uv);
     let (kept, convergence) = (pairs.pairs(), Some(Convergence { energies, converged }));
     drop(pairs);
-    let distortion = evaluate(graph, &uv, REFERENCE_SOURCES, options.seed, control)?;
+    let distortion = evaluate(&Marking::new(graph), &uv, REFERENCE_SOURCES, options.seed, control)?;
     let map =
         FlatMap { uv, normals: surface.normals(), sources, eigenvalues, planarity, distortion, convergence, rows };
     Ok(Mapped { map, stresses, pairs: kept })

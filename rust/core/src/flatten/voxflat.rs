@@ -8,9 +8,10 @@ use crate::embed::classical::{self, classical_scaling};
 use crate::embed::stress::area_bound::bounded;
 use crate::embed::stress::levels::{self, Levels};
 use crate::embed::stress::start::{Start, flatten_from};
+use crate::geodesic::bend::{MarkedRows, Marking};
 use crate::geodesic::{bundle::BundleScratch, graph::GeodesicGraph};
 use crate::orient::{map_area, orient, turn_onto};
-use crate::rows::{DistanceRows, Rows};
+use crate::rows::Rows;
 use crate::sources::check_enough;
 use crate::surface::Surface;
 use crate::{Control, Result, store};
@@ -26,13 +27,14 @@ use crate::{Control, Result, store};
 /// differ from zero; [`Error::Uneven`](crate::Error::Uneven) if edge lengths vary too much; the errors that begin with
 /// `Start` if the given start cannot be used; and [`Error::Cancelled`](crate::Error::Cancelled).
 pub fn voxflat(
-    mut levels: Levels, rows: DistanceRows, &Options { weighting, start, max_area, scale }: &Options,
+    mut levels: Levels, rows: MarkedRows, &Options { weighting, start, max_area, scale }: &Options,
     graph: &GeodesicGraph, seed: u64, control: &Control,
 ) -> Result<FlatMap> {
     let surface = levels.finest();
     check_domain(surface)?;
     let sources = levels.landmarks().to_vec();
     check_enough(sources.len())?;
+    let rows = rows.into_rows();
     levels.check_rows(&rows)?;
     control.begin("classical scaling", 1);
     let among = rows.among(control)?;
@@ -67,7 +69,7 @@ pub fn voxflat(
         }
         None => orient(surface.points(), map_area(surface.faces(), &uv), &mut uv),
     }
-    let distortion = evaluate(graph, &uv, REFERENCE_SOURCES, seed, control)?;
+    let distortion = evaluate(&Marking::new(graph), &uv, REFERENCE_SOURCES, seed, control)?;
     let (eigenvalues, planarity) = (scaling.eigenvalues, scaling.planarity);
     Ok(FlatMap { uv, normals: surface.normals(), sources, eigenvalues, planarity, distortion, convergence, rows: None })
 }
@@ -95,7 +97,7 @@ impl Default for Options<'_> {
 /// How a map is scaled. No scale is right for both the distances and the areas of a curved surface.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Scale {
-    /// The scale with the smallest mean relative error of the distances from the sources.
+    /// The scale with the smallest mean relative error of the distances from the sources, those of interior pairs.
     Distances,
     /// The scale that preserves the total area.
     Areas,

@@ -7,7 +7,7 @@ use crate::adjacency::marked;
 use crate::distortion::evaluate::{REFERENCE_SOURCES, evaluate};
 use crate::embed::classical::{self, classical_scaling};
 use crate::error::check_length;
-use crate::geodesic::graph::GeodesicGraph;
+use crate::geodesic::{bend::Marking, graph::GeodesicGraph};
 use crate::geodesic::marching::{Marching, Wave};
 use crate::orient::{map_area, orient};
 use crate::place::bilinear::Lattice;
@@ -76,7 +76,7 @@ pub fn zigelman2002(
         Rest::Reinserted(decimation) => reinserted(&decimation, surface.len(), &sources, &scaling.places, control)?,
     };
     orient(surface.points(), map_area(surface.faces(), &uv), &mut uv);
-    let distortion = evaluate(graph, &uv, REFERENCE_SOURCES, seed, control)?;
+    let distortion = evaluate(&Marking::new(graph), &uv, REFERENCE_SOURCES, seed, control)?;
     let (eigenvalues, planarity) = (scaling.eigenvalues, scaling.planarity);
     Ok(FlatMap { uv, normals: surface.normals(), sources, eigenvalues, planarity, distortion, convergence: None, rows })
 }

@@ -39,6 +39,8 @@ pub struct GeodesicGraph {
     arcs: Vec<Arc>,
     most_links: usize,
     extremes: [f32; 2],
+    /// Whether each vertex lies on the boundary of the surface.
+    is_on_boundary: Vec<bool>,
 }
 
 impl GeodesicGraph {
@@ -75,7 +77,13 @@ impl GeodesicGraph {
         let lengths = || arcs.par_iter().with_min_len(BATCH).map(|arc| arc.length);
         let longest = lengths().reduce(|| 0.0, f32::max);
         let extremes = [lengths().reduce(|| longest, f32::min), longest];
-        Ok(Self { starts, arcs, most_links, extremes })
+        let is_on_boundary = surface.is_on_boundary();
+        Ok(Self { starts, arcs, most_links, extremes, is_on_boundary })
+    }
+
+    /// Returns whether a vertex lies on the boundary of the surface.
+    pub(super) fn is_on_boundary(&self, vertex: u32) -> bool {
+        self.is_on_boundary[vertex as usize]
     }
 
     fn links_of(&self, vertex: u32) -> &[Arc] {
@@ -99,6 +107,10 @@ impl Links for GeodesicGraph {
 
     fn extremes(&self) -> [f32; 2] {
         self.extremes
+    }
+
+    fn are_straight(&self) -> bool {
+        true
     }
 }
 

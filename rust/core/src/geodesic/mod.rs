@@ -7,11 +7,13 @@
 //! | [`solver`] | the trait [`Solver`], which every graph implements |
 //! | [`chain`] | lengths of the chain-code links of a graph of voxels |
 //! | [`graph`] | straight links over unfolded triangles |
+//! | [`bend`] | paths that bend around the boundary |
 //! | [`path`] | paths across triangles |
 //! | [`marching`] | fast marching over triangles |
 //! | [`exact`] | exact distances over triangles |
 //! | [`neighbourhood`] | exact distances within a number of rings |
 
+pub mod bend;
 pub mod bundle;
 pub mod chain;
 pub mod exact;

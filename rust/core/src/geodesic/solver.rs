@@ -58,6 +58,16 @@ pub trait Solver: Sync {
     /// # Errors
     /// [`Error::Cancelled`](crate::Error::Cancelled).
     fn fingerprint(&self, control: &Control) -> Result<u64>;
+
+    /// Returns whether distances are along the links of a [`GeodesicGraph`](super::graph::GeodesicGraph).
+    fn is_along_straight_links(&self) -> bool {
+        false
+    }
+
+    /// Returns whether distances are [marked](super::bend).
+    fn tells_bends(&self) -> bool {
+        false
+    }
 }
 
 /// A hash of words: the same on every machine, and different for another order.
@@ -100,6 +110,10 @@ impl<G: Links> Solver for G {
         control: &Control,
     ) -> Result<()> {
         scratch.rows(self, bundle, targets, rows, control)
+    }
+
+    fn is_along_straight_links(&self) -> bool {
+        self.are_straight()
     }
 
     fn fingerprint(&self, control: &Control) -> Result<u64> {

@@ -9,6 +9,7 @@ use voxflat::flatten::saucan2006::{self, Whole};
 use voxflat::flatten::schwartz1989::{Mapped, Options};
 use voxflat::flatten::voxflat::{AfterPlacing, Options as MapOptions, Scale};
 use voxflat::flatten::zigelman2002::Sampling;
+use voxflat::geodesic::bend::Marking;
 use voxflat::geodesic::marching::Wave;
 use voxflat::rows::DistanceRows;
 use voxflat::store::Store;
@@ -53,14 +54,15 @@ impl Surface {
             let graph = &*inner.graph(control)?;
             let levels = Levels::new(surface, &sources, control)?;
             let (rows, kept, found) = with_solver!(geodesic, inner, control, |solver| {
+                let marking = Marking::of(solver, graph);
                 if let Some((directory, identity)) = store {
                     let store = Store::compute(&directory, &identity, solver, &sources, control)?;
-                    (levels.take(&store, control)?, None, Some(store.found()))
+                    (levels.take(&store, &marking, control)?, None, Some(store.found()))
                 } else if keep_rows {
                     let rows = DistanceRows::compute(solver, &sources, control)?;
-                    (levels.take(&rows, control)?, Some(rows), None)
+                    (levels.take(&rows, &marking, control)?, Some(rows), None)
                 } else {
-                    (levels.measure(solver, control)?, None, None)
+                    (levels.measure(&marking, control)?, None, None)
                 }
             });
             let start = start.as_ref().map(|places| Start { places, patience });

@@ -2,6 +2,7 @@
 
 use numpy::IntoPyArray;
 use pyo3::prelude::*;
+use voxflat::geodesic::bend::Marking;
 use voxflat::distortion::{evaluate, faces::measure_faces, overlap::overlaps};
 use voxflat::surface::{mesh::curvature::smooth_mean_curvature, sulcal_depth::sulcal_depth};
 
@@ -55,8 +56,9 @@ impl Surface {
         let sources = self.vertices(&sources)?;
         let evaluated = self.run(py, threads, &progress, move |inner, control| {
             let maps: Vec<&[[f64; 2]]> = maps.iter().map(Vec::as_slice).collect();
+            let graph = &*inner.graph(control)?;
             with_solver!(geodesic, inner, control, |solver| {
-                evaluate::evaluate_all(solver, &maps, period, &sources, kept, seed, control)
+                evaluate::evaluate_all(&Marking::of(solver, graph), &maps, period, &sources, kept, seed, control)
             })
         })?;
         evaluated.into_iter().map(|distortion| convert::distortion_dict(py, distortion)).collect()

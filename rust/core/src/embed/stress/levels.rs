@@ -15,6 +15,7 @@ use super::triangles::{Shape, TriangleEnergy};
 use super::{MapEnergy, tutte};
 use crate::error::check_points;
 use crate::geodesic::Solver;
+use crate::geodesic::bend::{MarkedRows, Marking};
 use crate::place::reinsertion::{self, Placing};
 use crate::rows::{DistanceRows, Rows};
 use crate::surface::Surface;
@@ -135,7 +136,7 @@ pub(crate) fn flatten(
 pub(crate) fn unfold(
     levels: &mut Levels, rows: &DistanceRows, places: &[[f64; 2]], dials: Dials, control: &Control,
 ) -> Result<(Vec<[f64; 2]>, Convergence)> {
-    let pairs = Pairs::new(rows, levels.evaluated(), control)?;
+    let pairs = Pairs::new(rows, levels.evaluated(), levels.finest().area(), control)?;
     let depth = levels.coarser.len();
     let level = levels.prepare(depth, &pairs, control)?;
     control.begin("unfolding", 1);
@@ -224,37 +225,38 @@ impl<'a> Levels<'a> {
         small.unwrap_or(&self.vertices[self.vertices.len() - 1])
     }
 
-    /// Returns the distances from the landmarks to the compared vertices, in the numbering of the latter.
+    /// Returns the marked distances from the landmarks to the compared vertices, in the numbering of the latter, by any
+    /// solver.
     ///
     /// # Errors
     /// [`Error::Unreachable`] if the surface is not connected, and the errors of the solver.
-    pub fn measure<S: Solver>(&self, solver: &S, control: &Control) -> Result<DistanceRows> {
-        Ok(self.numbered(DistanceRows::compute_to(solver, &self.landmarks, self.evaluated(), control)?))
+    pub fn measure<S: Solver>(&self, marking: &Marking<S>, control: &Control) -> Result<MarkedRows> {
+        let rows = MarkedRows::compute_to(marking, &self.landmarks, self.evaluated(), control)?;
+        Ok(rows.renamed(self.numbers()))
     }
 
-    /// Returns the same columns of complete, known rows.
+    /// Returns the same columns of complete, known rows of the marking's solver.
     ///
     /// # Errors
     /// [`Error::ForeignRows`] if the rows are not from the landmarks to all vertices, and the errors of reading them.
-    pub fn take(&self, rows: &impl Rows, control: &Control) -> Result<DistanceRows> {
+    pub fn take<S: Solver>(&self, rows: &impl Rows, marking: &Marking<S>, control: &Control) -> Result<MarkedRows> {
         if rows.sources() != self.landmarks || rows.columns() != self.finest.len() {
             return Err(Error::ForeignRows);
         }
-        Ok(self.numbered(rows.to(self.evaluated(), control)?))
+        let rows = MarkedRows::take(rows, marking, self.evaluated(), control)?;
+        Ok(rows.renamed(self.numbers()))
     }
 
     /// Checks that rows are from the landmarks to the compared vertices, in the numbering of the latter.
     pub(crate) fn check_rows(&self, rows: &DistanceRows) -> Result<()> {
-        let evaluated = self.evaluated();
-        let vertices = rows.sources().iter().map(|&number| evaluated.get(number as usize));
-        let are_own = rows.columns() == evaluated.len() && vertices.eq(self.landmarks.iter().map(Some));
+        let are_own = rows.columns() == self.evaluated().len() && rows.sources() == self.numbers();
         if are_own { Ok(()) } else { Err(Error::ForeignRows) }
     }
 
-    fn numbered(&self, rows: DistanceRows) -> DistanceRows {
+    /// Returns the numbers of the landmarks among the compared vertices.
+    fn numbers(&self) -> Vec<u32> {
         let evaluated = self.evaluated();
-        let number = |vertex: &u32| evaluated.partition_point(|other| other < vertex) as u32;
-        DistanceRows::new(self.landmarks.iter().map(number).collect(), evaluated.len(), rows.into_data())
+        self.landmarks.iter().map(|vertex| evaluated.partition_point(|other| other < vertex) as u32).collect()
     }
 
     pub(super) fn prepare(&self, depth: usize, pairs: &Pairs, control: &Control) -> Result<Level> {

@@ -4,8 +4,11 @@
 //!
 //!   Σ_b a_b · mean over the pairs of band b of ρ(r),   ρ(r) = 2κ² (√(1 + r²/κ²) − 1)
 //!
-//! for the bands of all pairs, those up to 30 mm and those up to 10 mm. ρ is r² for small errors; κ is the error above
-//! which it grows only like |r| (pseudo-Huber), so that a few distances that no map can preserve do not dominate it.
+//! for the bands of all pairs, of near pairs, and of nearer ones. ρ is r² for small errors; κ is the error above which
+//! it grows only like |r| (pseudo-Huber), so that a few distances that no map can preserve do not dominate it.
+//!
+//! A path that [bends around the boundary](crate::geodesic::bend) is an upper bound for the distance in the plane:
+//! r = max(0, (d − δ)/δ). So the map of a flat sheet is exact, whatever its outline.
 
 use crate::embed::Place;
 use nalgebra::{Matrix2, Vector2};
@@ -13,6 +16,7 @@ use pulp::{Arch, Simd, WithSimd};
 use rayon::prelude::*;
 
 use crate::adjacency::marked;
+use crate::geodesic::bend::is_bent;
 use crate::rows::DistanceRows;
 use crate::{Control, Result};
 
@@ -22,9 +26,8 @@ const BATCH: usize = 256;
 /// The number of landmarks that are visited together, in the processor's registers.
 const LANES: usize = 16;
 
-/// Nearer pairs are ignored (mm, or as a share of the farthest pair), because their relative error is meaningless.
-const NEAREST: f32 = 1e-3;
-const NEAREST_PART: f32 = 1e-5;
+/// Nearer pairs are ignored (as a share of the farthest pair), because their relative error is meaningless.
+const NEAREST: f32 = 4e-6;
 
 /// A lower limit of flat distances, as a share of the nearest pair that counts.
 const APART: f32 = 1e-6;
@@ -33,15 +36,17 @@ const APART: f32 = 1e-6;
 /// pair may move with it, and in the motions that remain to the end, most do (docs/decisions/0033).
 const HELD: f64 = 1.0 / 16.0;
 
-/// The upper ends of the bands in mm.
-pub const BANDS: [f32; 3] = [f32::INFINITY, 30.0, 10.0];
+/// The upper ends of the bands, in square roots of the surface's area: maps do not depend on its unit. On a human
+/// hemisphere, they are about 30 and 10 mm.
+const BANDS: [f32; 3] = [f32::INFINITY, NEAR, NEAR / 3.0];
+const NEAR: f32 = 0.11;
 
 /// The weights of the bands, and the relative error above which outliers count less.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Bands {
-    /// a_b, of all pairs, of those up to 30 mm, and of those up to 10 mm.
+    /// a_b, of all pairs, of near pairs, and of nearer ones.
     pub weights: [f64; 3],
-    /// κ of pairs beyond 30 mm, and of nearer ones; infinity for plain squares.
+    /// κ of far pairs, and of near ones; infinity for plain squares.
     pub outliers: [f64; 2],
 }
 
@@ -53,15 +58,17 @@ pub struct Pairs {
     /// One row per vertex in mm, padded with zeros to complete lanes.
     table: Vec<f32>,
     width: usize,
-    /// The number of pairs of each band.
+    /// The upper ends of the bands in mm, and the number of pairs of each.
+    ends: [f32; 3],
     counts: [usize; 3],
     /// Nearer pairs are ignored, mm.
     nearest: f32,
 }
 
 impl Pairs {
-    /// Creates pairs from distance rows; their sources and columns are indices into `vertices`.
-    pub fn new(rows: &DistanceRows, vertices: &[u32], control: &Control) -> Result<Self> {
+    /// Creates pairs from marked distance rows; their sources and columns are indices into `vertices`. `area` is that of
+    /// the surface.
+    pub fn new(rows: &DistanceRows, vertices: &[u32], area: f64, control: &Control) -> Result<Self> {
         let landmarks: Vec<u32> = rows.sources().iter().map(|&number| vertices[number as usize]).collect();
         let width = landmarks.len().next_multiple_of(LANES);
         let mut table = vec![0.0; width * vertices.len()];
@@ -69,15 +76,15 @@ impl Pairs {
             control.check()?;
             table[n..].iter_mut().step_by(width).zip(rows.row(n)).for_each(|(to, &distance)| *to = distance);
         }
-        Ok(Self::of(landmarks, vertices.to_vec(), table, width))
+        let ends = BANDS.map(|end| end * area.sqrt() as f32);
+        Ok(Self::of(landmarks, vertices.to_vec(), table, width, ends))
     }
 
-    fn of(landmarks: Vec<u32>, vertices: Vec<u32>, table: Vec<f32>, width: usize) -> Self {
-        let farthest = table.par_iter().copied().reduce(|| 0.0, f32::max);
-        let nearest = NEAREST.min(NEAREST_PART * farthest);
-        let within = |reach: f32| table.par_iter().filter(|&&distance| distance > nearest && distance <= reach).count();
-        let counts = BANDS.map(within);
-        Self { landmarks, vertices, table, width, counts, nearest }
+    fn of(landmarks: Vec<u32>, vertices: Vec<u32>, table: Vec<f32>, width: usize, ends: [f32; 3]) -> Self {
+        let nearest = NEAREST * table.par_iter().copied().reduce(|| 0.0, f32::max);
+        let within = |end: f32| table.par_iter().filter(|&&distance| distance > nearest && distance <= end).count();
+        let counts = ends.map(within);
+        Self { landmarks, vertices, table, width, ends, counts, nearest }
     }
 
     /// Returns the pairs among some vertices, ascending and with all landmarks, by their numbers in this order.
@@ -87,7 +94,7 @@ impl Pairs {
         let kept: Vec<(u32, &[f32])> = rows.filter_map(|(vertex, row)| Some((number(vertex)?, row))).collect();
         let table = kept.iter().flat_map(|(_, row)| row.iter().copied()).collect();
         let numbers = kept.iter().map(|&(number, _)| number).collect();
-        Self::of(self.landmarks.iter().filter_map(number).collect(), numbers, table, self.width)
+        Self::of(self.landmarks.iter().filter_map(number).collect(), numbers, table, self.width, self.ends)
     }
 
     pub fn of_first(&self, landmarks: usize) -> Self {
@@ -97,7 +104,7 @@ impl Pairs {
         for (to, from) in table.chunks_exact_mut(width.max(1)).zip(self.table.chunks_exact(self.width.max(1))) {
             to[..landmarks.len()].copy_from_slice(&from[..landmarks.len()]);
         }
-        Self::of(landmarks, self.vertices.clone(), table, width)
+        Self::of(landmarks, self.vertices.clone(), table, width, self.ends)
     }
 
     /// Returns the positions of the vertices by their distances to the landmarks (de Silva, Tenenbaum 2004): with X the
@@ -127,7 +134,7 @@ impl Pairs {
 
     fn of_kernels(&self, bands: &Bands) -> Dials {
         let steps = [0, 1, 2].map(|band| (bands.weights[band] / self.counts[band].max(1) as f64) as f32);
-        Dials { steps, nearest: self.nearest, sharp: bands.outliers.map(|outlier| outlier.recip() as f32) }
+        Dials { steps, ends: self.ends, nearest: self.nearest, sharp: bands.outliers.map(|outlier| outlier.recip() as f32) }
     }
 
     /// Returns the two coordinates of the landmarks, padded to complete lanes.
@@ -205,9 +212,15 @@ impl Pairs {
 }
 
 #[inline(always)]
-fn weight([all, thirty, ten]: [f32; 3], distance: f32) -> f32 {
-    let within = |reach: f32, step: f32| if distance <= reach { step } else { 0.0 };
-    all + within(BANDS[1], thirty) + within(BANDS[2], ten)
+fn weight([all, near, nearer]: [f32; 3], ends: [f32; 3], distance: f32) -> f32 {
+    let within = |end: f32, step: f32| if distance <= end { step } else { 0.0 };
+    all + within(ends[1], near) + within(ends[2], nearer)
+}
+
+/// Returns the relative error of a distance, which is not negative if its path bends around the boundary.
+#[inline(always)]
+fn bounded(error: f32, distance: f32) -> f32 {
+    if is_bent(distance) { error.max(0.0) } else { error }
 }
 
 struct Batch<'a, Sums> {
@@ -224,8 +237,9 @@ struct Batch<'a, Sums> {
 
 #[derive(Clone, Copy)]
 struct Dials {
-    /// The weight of a pair by its distance, in steps.
+    /// The weight of a pair by its distance, in steps, and where they end.
     steps: [f32; 3],
+    ends: [f32; 3],
     nearest: f32,
     /// 1/κ.
     sharp: [f32; 2],
@@ -262,7 +276,7 @@ impl<const REPEATS: bool> WithSimd for Stress<'_, REPEATS> {
         let mut found = Found { energy: 0.0, of_period: 0.0, of_vertices, of_landmarks: Default::default() };
         let [sums_x, sums_y] = &mut sums;
         // local copies, or each of the lanes would load its own from memory
-        let (nearest, steps, [far, near]) = (self.dials.nearest, self.dials.steps, self.dials.sharp);
+        let Dials { steps, ends, nearest, sharp: [far, near] } = self.dials;
         let apart = (APART * nearest) * (APART * nearest);
         for (&vertex, row) in vertices.iter().zip(table.chunks_exact(width.max(1))) {
             let place = uv[vertex as usize].cast::<f32>();
@@ -277,10 +291,10 @@ impl<const REPEATS: bool> WithSimd for Stress<'_, REPEATS> {
                     // `apart` keeps the pull of coincident points finite
                     let flat = (dx * dx + dy * dy + apart).sqrt();
                     let inverse = if delta > nearest { delta.recip() } else { 0.0 };
-                    let counts = if delta > nearest { weight(steps, delta) } else { 0.0 };
-                    let error = flat * inverse - 1.0;
-                    let bent = error * if delta > BANDS[1] { far } else { near };
-                    let root = (1.0 + bent * bent).sqrt();
+                    let counts = if delta > nearest { weight(steps, ends, delta) } else { 0.0 };
+                    let error = bounded(flat * inverse - 1.0, delta);
+                    let outlying = error * if delta > ends[1] { far } else { near };
+                    let root = (1.0 + outlying * outlying).sqrt();
                     // ρ = 2 r²/(1 + √(1 + r²/κ²)), without cancellation for small r
                     total[0][n] += counts * 2.0 * error * error / (root + 1.0);
                     // ∂ρ/∂d · ∂d/∂x = 2 r/(√(1 + r²/κ²) δ) · Δx/d
@@ -321,7 +335,7 @@ impl<const REPEATS: bool> WithSimd for Curvature<'_, REPEATS> {
     #[inline(always)]
     fn with_simd<S: Simd>(self, _: S) -> Self::Output {
         let Batch { places, uv, period, vertices, table, width, sums: mut of_landmarks } = self.batch;
-        let (nearest, steps, [far, near]) = (self.dials.nearest, self.dials.steps, self.dials.sharp);
+        let Dials { steps, ends, nearest, sharp: [far, near] } = self.dials;
         let mut of_vertices = Vec::with_capacity(vertices.len());
         for (&vertex, row) in vertices.iter().zip(table.chunks_exact(width.max(1))) {
             let place = uv[vertex as usize].cast::<f32>();
@@ -335,12 +349,13 @@ impl<const REPEATS: bool> WithSimd for Curvature<'_, REPEATS> {
                     let (_, dy) = nearest_copy::<REPEATS>(place.y - y[n], period);
                     let flat = (dx * dx + dy * dy).sqrt().max(APART * nearest);
                     let error = flat / distance - 1.0;
-                    let bent = error * if distance > BANDS[1] { far } else { near };
-                    let root = (1.0 + bent * bent).sqrt();
+                    let is_slack = is_bent(distance) && error < 0.0;
+                    let outlying = error * if distance > ends[1] { far } else { near };
+                    let root = (1.0 + outlying * outlying).sqrt();
                     // ½ ρ'' and ½ ρ' δ/d; the latter is negative for pairs that are too close, which no spring can be
                     let (along, across) = ((root * root * root).recip(), (error / root * distance / flat).max(0.0));
-                    let bend = 2.0 * weight(steps, distance) * (along + across) / (distance * distance);
-                    bends[n] = if distance > nearest { bend } else { 0.0 };
+                    let bend = 2.0 * weight(steps, ends, distance) * (along + across) / (distance * distance);
+                    bends[n] = if distance > nearest && !is_slack { bend } else { 0.0 };
                 }
                 for (of_landmark, bend) in sums.iter_mut().zip(bends) {
                     let bend = HELD * f64::from(bend);

@@ -280,7 +280,7 @@ pub(crate) fn flatten_tube(
     let (opened, dials) = (tube.opened.len(), weighted(weighting));
     let first = tube.first_copies();
     let compared: Vec<u32> = evaluated.iter().map(|&vertex| first[vertex as usize]).collect();
-    let pairs = Pairs::new(rows, &compared, control)?;
+    let pairs = Pairs::new(rows, &compared, tube.opened.area(), control)?;
     let triangles = TriangleEnergy::new(tube.opened);
     let corners = triangles.corners().map(|corners| corners.map(|copy| tube.copies.of[copy as usize])).collect();
     let springs = Springs::new(corners, tube.closed.len(), control)?;

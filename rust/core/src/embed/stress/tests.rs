@@ -414,7 +414,7 @@ fn a_bound_on_areas_is_kept_by_every_triangle() {
     let graph = GeodesicGraph::new(&cap, &control).unwrap();
     let sources = Sources::Farthest { count: 30, seed: 0 }.choose(&graph, &control).unwrap();
     let mut levels = Levels::new(&cap, &sources, &control).unwrap();
-    let rows = levels.measure(&graph, &control).unwrap();
+    let rows = levels.measure(&Marking::new(&graph), &control).unwrap();
     let places = classical_scaling(&rows.among(&control).unwrap()).unwrap().places;
     let (free, _) = levels::flatten(&mut levels, &rows, &places, 0.5, &control).unwrap();
     let change = |uv: &[[f64; 2]]| {
@@ -454,7 +454,7 @@ fn more_steps_would_hardly_lower_the_energy() {
     let sources = Sources::Farthest { count: 30, seed: 0 }.choose(&graph, &control).unwrap();
     let last = |patience: u32| {
         let mut levels = Levels::new(&cap, &sources, &control).unwrap();
-        let rows = levels.measure(&graph, &control).unwrap();
+        let rows = levels.measure(&Marking::new(&graph), &control).unwrap();
         let places = classical_scaling(&rows.among(&control).unwrap()).unwrap().places;
         let dials = levels::Dials { patience, ..levels::FINAL };
         let (_, found) = levels::unfold(&mut levels, &rows, &places, dials, &control).unwrap();

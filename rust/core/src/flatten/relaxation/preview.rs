@@ -9,7 +9,7 @@ use crate::embed::stress::levels::{self, Dials, FINAL, Levels};
 use crate::embed::stress::pairs::{Bands, Pairs};
 use crate::embed::stress::triangles::{Shape, TriangleEnergy};
 use crate::embed::stress::{MapEnergy, springs::Springs};
-use crate::geodesic::graph::GeodesicGraph;
+use crate::geodesic::{bend::Marking, graph::GeodesicGraph};
 use crate::rows::{DistanceRows, Rows};
 use crate::sources::Sources;
 use crate::surface::Surface;
@@ -57,9 +57,9 @@ struct Measured {
 
 impl Measured {
     fn new(surface: &Surface, graph: &GeodesicGraph, landmarks: &[u32], control: &Control) -> Result<Self> {
-        let rows = DistanceRows::compute(graph, landmarks, control)?;
+        let rows = DistanceRows::compute(&Marking::new(graph), landmarks, control)?;
         let all: Vec<u32> = (0..surface.len() as u32).collect();
-        let pairs = Pairs::new(&rows, &all, control)?;
+        let pairs = Pairs::new(&rows, &all, surface.area(), control)?;
         let triangles = TriangleEnergy::new(surface);
         let springs = Springs::new(triangles.corners().collect(), surface.len(), control)?;
         Ok(Self { rows, pairs, triangles, springs })
@@ -106,7 +106,7 @@ impl Preview {
     /// Returns the mean relative error of its distances at the best scale, compared with this surface.
     pub fn error(&self, control: &Control) -> Result<f64> {
         let uv: Vec<[f64; 2]> = self.uv.iter().map(|&place| place.into()).collect();
-        Ok(measure(&[&uv], None, &self.measured.rows, 0, &control.part())?.remove(0).best_scale.relative_error)
+        Ok(measure(&[&uv], None, &self.measured.rows, true, 0, &control.part())?.remove(0).best_scale.relative_error)
     }
 
     fn descend(&mut self, until: Until, control: &Control) -> Result<()> {

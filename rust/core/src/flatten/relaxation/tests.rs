@@ -60,7 +60,7 @@ fn a_cut_cap_has_a_better_map() {
         let graph = GeodesicGraph::new(surface, &control).unwrap();
         let sources = Sources::Farthest { count: 60, seed: 0 }.choose(&graph, &control).unwrap();
         let levels = Levels::new(surface, &sources, &control).unwrap();
-        let rows = levels.measure(&graph, &control).unwrap();
+        let rows = levels.measure(&Marking::new(&graph), &control).unwrap();
         let map = crate::flatten::voxflat(levels, rows, &Options::default(), &graph, 0, &control).unwrap();
         map.distortion.best_scale.relative_error
     };

@@ -290,6 +290,21 @@ impl Surface {
         Components::of(self.faces.len(), beyond, is_allowed)
     }
 
+    /// Returns the area in mm².
+    pub(crate) fn area(&self) -> f64 {
+        let corners = |face: &[u32; 3]| face.map(|vertex| self.points[vertex as usize]);
+        self.faces.iter().map(corners).map(|[a, b, c]| 0.5 * (b - a).cross(&(c - a)).norm()).sum()
+    }
+
+    /// Returns, for each vertex, whether it lies on the boundary.
+    pub(crate) fn is_on_boundary(&self) -> Vec<bool> {
+        let mut is_on_boundary = vec![false; self.len()];
+        for half_edge in (0..self.twins.len() as u32).filter(|&h| self.twins[h as usize] == BORDER) {
+            is_on_boundary[self.origin(half_edge) as usize] = true; // each is the origin of one half-edge of a loop
+        }
+        is_on_boundary
+    }
+
     /// Returns the boundary loops as ordered half-edges, with the surface on their left.
     pub fn boundary(&self) -> Vec<Vec<u32>> {
         let mut seen = vec![false; self.twins.len()];
