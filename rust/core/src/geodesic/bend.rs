@@ -10,12 +10,17 @@
 
 use std::mem;
 
+use pulp::{Arch, Simd, WithSimd};
+
+use super::bundle::{BundleScratch, MOST_SOURCES};
 use super::graph::GeodesicGraph;
 use super::solver::Solver;
 use crate::adjacency::Links;
-use crate::geodesic::bundle::BundleScratch;
 use crate::rows::{DistanceRows, Rows};
 use crate::{Control, Result};
+
+/// The number of vertices between two checks for cancellation.
+const CHECK: usize = 512;
 
 /// Returns whether the path of a marked distance bends around the boundary.
 #[inline(always)]
@@ -50,13 +55,17 @@ impl MarkedRows {
     pub(crate) fn take<S: Solver>(
         rows: &impl Rows, marking: &Marking<S>, targets: &[u32], control: &Control,
     ) -> Result<Self> {
-        let sources = rows.sources();
+        let (sources, columns) = (rows.sources(), rows.columns());
         let mut data = vec![0.0; sources.len() * targets.len()];
-        let mut taken = data.chunks_exact_mut(targets.len().max(1)).zip(sources);
         let mut scratch = marking.scratch();
-        rows.visit(control, &mut |_, some| {
-            for (row, (to, &source)) in some.chunks(rows.columns().max(1)).zip(&mut taken) {
-                marking.mark(source, row, Some(targets), to, &mut scratch, control)?;
+        rows.visit(control, &mut |first, some| {
+            let numbers = (first..).zip(some.chunks(columns.max(1))).collect::<Vec<_>>();
+            for group in numbers.chunks(MOST_SOURCES) {
+                let (number, complete) = (group[0].0, group.iter().map(|&(_, row)| row).collect::<Vec<_>>());
+                let of = number..number + group.len();
+                let to = &mut data[of.start * targets.len()..of.end * targets.len()];
+                let mut to: Vec<&mut [f32]> = to.chunks_exact_mut(targets.len().max(1)).collect();
+                marking.mark(&sources[of], &complete, Some(targets), &mut to, &mut scratch, control)?;
             }
             Ok(())
         })?;
@@ -94,79 +103,134 @@ impl<'a, S: Solver> Marking<'a, S> {
         Self { solver, graph }
     }
 
-    /// Writes the marked distances to the targets, or to all vertices, given the solver's complete row of a source.
+    /// Writes the marked distances to the targets, or to all vertices, given the solver's complete rows of a few sources.
     fn mark(
-        &self, source: u32, row: &[f32], targets: Option<&[u32]>, to: &mut [f32], scratch: &mut Scratch<S>,
-        control: &Control,
+        &self, sources: &[u32], complete: &[&[f32]], targets: Option<&[u32]>, rows: &mut [&mut [f32]],
+        scratch: &mut Scratch<S>, control: &Control,
     ) -> Result<()> {
-        control.check()?;
-        let Scratch { bundle, along_links, tracing, .. } = scratch;
-        let along_links = if self.solver.is_along_straight_links() {
-            row
+        let Scratch { bundle, along_links, paths, .. } = scratch;
+        if self.solver.is_along_straight_links() {
+            paths.trace(self.graph, sources, complete, control)?;
         } else {
-            along_links.resize(row.len(), 0.0);
-            bundle.row(self.graph, source, along_links, control)?;
-            along_links
-        };
-        tracing.begin(source, row.len());
-        for (column, to) in to.iter_mut().enumerate() {
-            let target = targets.map_or(column as u32, |targets| targets[column]);
-            *to = marked(row[target as usize], tracing.bends(self.graph, along_links, source, target));
+            along_links.resize(sources.len() * self.columns(), 0.0);
+            let mut each: Vec<&mut [f32]> = along_links.chunks_exact_mut(self.columns().max(1)).collect();
+            self.graph.rows(sources, None, &mut each, bundle, control)?;
+            let each: Vec<&[f32]> = along_links.chunks_exact(self.columns().max(1)).collect();
+            paths.trace(self.graph, sources, &each, control)?;
+        }
+        for (number, (row, to)) in complete.iter().zip(rows).enumerate() {
+            for (column, to) in to.iter_mut().enumerate() {
+                let target = targets.map_or(column, |targets| targets[column] as usize);
+                *to = marked(row[target], !paths.is_interior(number, target));
+            }
         }
         Ok(())
     }
 }
 
-/// What is known of the shortest path to a vertex.
-#[derive(Debug, Clone, Copy, PartialEq)]
-enum Path {
-    Unknown,
-    Interior,
-    Bent,
-}
+/// The adjacent distances from up to [`MOST_SOURCES`] sources.
+#[derive(Debug, Clone, Copy)]
+#[repr(align(64))]
+struct Lanes([f32; MOST_SOURCES]);
 
-/// Buffers for tracing paths back.
+/// For each vertex, the sources from which a shortest path does not pass the boundary, as bits. Buffers are reused.
 #[derive(Debug, Default)]
-struct Tracing {
-    known: Vec<Path>,
-    /// The vertices of a path back to one whose path is known.
-    back: Vec<u32>,
+struct InteriorPaths {
+    distances: Vec<Lanes>,
+    /// The vertices in the order of their distances from the first source, below the bits of these distances.
+    order: Vec<u64>,
+    interior: Vec<u16>,
+    /// The sources whose paths may continue from each vertex: from one on the boundary, only those that begin there.
+    continued: Vec<u16>,
 }
 
-impl Tracing {
-    fn begin(&mut self, source: u32, vertices: usize) {
-        self.known.clear();
-        self.known.resize(vertices, Path::Unknown);
-        self.known[source as usize] = Path::Interior;
+impl InteriorPaths {
+    /// Finds the paths from some sources, given their complete distances along the links of a graph.
+    fn trace(&mut self, graph: &GeodesicGraph, sources: &[u32], rows: &[&[f32]], control: &Control) -> Result<()> {
+        let Self { distances, order, interior, continued } = self;
+        let vertices = graph.vertices();
+        distances.clear();
+        distances.resize(vertices, Lanes([f32::INFINITY; MOST_SOURCES]));
+        for (lane, row) in rows.iter().enumerate() {
+            control.check()?;
+            distances.iter_mut().zip(*row).for_each(|(lanes, &distance)| lanes.0[lane] = distance);
+        }
+        order.clear();
+        // distances are not negative, so their bits have the same order
+        order.extend((0..).zip(rows[0]).map(|(vertex, from)| u64::from(from.to_bits()) << 32 | vertex));
+        order.sort_unstable();
+        interior.clear();
+        interior.resize(vertices, 0);
+        continued.clear();
+        continued.extend((0..vertices as u32).map(|vertex| if graph.is_on_boundary(vertex) { 0 } else { u16::MAX }));
+        for (lane, &source) in sources.iter().enumerate() {
+            interior[source as usize] |= 1 << lane;
+            continued[source as usize] |= 1 << lane;
+        }
+        let all = u16::MAX >> (MOST_SOURCES - sources.len());
+        Arch::new().dispatch(Tracing { graph, paths: self, all, control })
     }
 
-    /// Returns whether the shortest path to a target passes the boundary before its end.
-    fn bends(&mut self, graph: &GeodesicGraph, row: &[f32], source: u32, target: u32) -> bool {
-        let Self { known, back } = self;
-        let mut vertex = target;
-        while known[vertex as usize] == Path::Unknown {
-            back.push(vertex);
-            match before(graph, vertex, row) {
-                Some(before) => vertex = before,
-                None => known[vertex as usize] = Path::Interior, // at the place of the source, or out of reach
+    fn is_interior(&self, number: usize, vertex: usize) -> bool {
+        self.interior[vertex] >> number & 1 == 1
+    }
+}
+
+struct Tracing<'a> {
+    graph: &'a GeodesicGraph,
+    paths: &'a mut InteriorPaths,
+    /// The bits of all sources.
+    all: u16,
+    control: &'a Control,
+}
+
+impl WithSimd for Tracing<'_> {
+    type Output = Result<()>;
+
+    /// Sweeps to and fro until nothing changes. Most vertices come after those before them on their paths.
+    #[inline(always)]
+    fn with_simd<S: Simd>(mut self, _: S) -> Result<()> {
+        let vertices = self.paths.order.len();
+        loop {
+            let forward = (0..vertices).try_fold(false, |changed, place| Ok(changed | self.visit(place)?))?;
+            if !forward {
+                return Ok(());
+            }
+            let backward = (0..vertices).rev().try_fold(false, |changed, place| Ok(changed | self.visit(place)?))?;
+            if !backward {
+                return Ok(());
             }
         }
-        for next in back.drain(..).rev() {
-            let passes_boundary = graph.is_on_boundary(vertex) && vertex != source && vertex != next;
-            let is_bent = passes_boundary || known[vertex as usize] == Path::Bent;
-            known[next as usize] = if is_bent { Path::Bent } else { Path::Interior };
-            vertex = next;
-        }
-        known[target as usize] == Path::Bent
     }
 }
 
-/// Returns the vertex before the last one on a shortest path, the first of several.
-fn before(graph: &GeodesicGraph, vertex: u32, row: &[f32]) -> Option<u32> {
-    let reached = row[vertex as usize];
-    // the row was made by the same sum of the same numbers, so equality is exact
-    let leads_here = |from: f32, length: f32| from < reached && from + length == reached;
-    graph.arcs(vertex).find(|arc| leads_here(row[arc.to as usize], arc.length)).map(|arc| arc.to)
+impl Tracing<'_> {
+    /// Continues paths to the vertex at a place of the order; returns whether there are new ones.
+    #[inline(always)]
+    fn visit(&mut self, place: usize) -> Result<bool> {
+        if place.is_multiple_of(CHECK) {
+            self.control.check()?;
+        }
+        let InteriorPaths { distances, order, interior, continued } = &mut *self.paths;
+        let vertex = order[place] as u32;
+        let known = interior[vertex as usize];
+        if known == self.all {
+            return Ok(false);
+        }
+        let Lanes(reached) = distances[vertex as usize];
+        let mut found = known;
+        for arc in self.graph.arcs(vertex) {
+            let Lanes(from) = distances[arc.to as usize];
+            let mut leads_here = 0;
+            for lane in 0..MOST_SOURCES {
+                // the distances were made by the same sums of the same numbers, so equality is exact
+                leads_here |= u16::from(from[lane] + arc.length == reached[lane]) << lane;
+            }
+            found |= leads_here & interior[arc.to as usize] & continued[arc.to as usize];
+        }
+        interior[vertex as usize] = found;
+        Ok(found != known)
+    }
 }
 
 /// Buffers of a worker that are reused for all rows.
@@ -176,7 +240,7 @@ pub struct Scratch<S: Solver> {
     bundle: BundleScratch,
     along_links: Vec<f32>,
     complete: Vec<f32>,
-    tracing: Tracing,
+    paths: InteriorPaths,
 }
 
 impl<S: Solver> Solver for Marking<'_, S> {
@@ -188,7 +252,7 @@ impl<S: Solver> Solver for Marking<'_, S> {
             bundle: BundleScratch::new(self.graph),
             along_links: Vec::new(),
             complete: Vec::new(),
-            tracing: Tracing::default(),
+            paths: InteriorPaths::default(),
         }
     }
 
@@ -213,9 +277,8 @@ impl<S: Solver> Solver for Marking<'_, S> {
         complete.resize(bundle.len() * columns, 0.0);
         let mut each: Vec<&mut [f32]> = complete.chunks_exact_mut(columns.max(1)).collect();
         self.solver.rows(bundle, None, &mut each, &mut scratch.solver, control)?;
-        for ((&source, row), to) in bundle.iter().zip(each).zip(rows) {
-            self.mark(source, row, targets, to, scratch, control)?;
-        }
+        let each: Vec<&[f32]> = complete.chunks_exact(columns.max(1)).collect();
+        self.mark(bundle, &each, targets, rows, scratch, control)?;
         scratch.complete = complete;
         Ok(())
     }
