@@ -133,6 +133,8 @@ impl<'a, S: Solver> Marking<'a, S> {
 #[repr(align(64))]
 struct Lanes([f32; MOST_SOURCES]);
 
+const NONE: Lanes = Lanes([f32::INFINITY; MOST_SOURCES]);
+
 /// For each vertex, the sources from which a shortest path does not pass the boundary, as bits. Buffers are reused.
 #[derive(Debug, Default)]
 struct InteriorPaths {
@@ -140,8 +142,9 @@ struct InteriorPaths {
     /// The vertices in the order of their distances from the first source, below the bits of these distances.
     order: Vec<u64>,
     interior: Vec<u16>,
-    /// The sources whose paths may continue from each vertex: from one on the boundary, only those that begin there.
-    continued: Vec<u16>,
+    /// The distances of those whose paths may continue from each vertex; infinity for the others. From a vertex of the
+    /// boundary, only paths continue that begin there.
+    continued: Vec<Lanes>,
 }
 
 impl InteriorPaths {
@@ -150,7 +153,7 @@ impl InteriorPaths {
         let Self { distances, order, interior, continued } = self;
         let vertices = graph.vertices();
         distances.clear();
-        distances.resize(vertices, Lanes([f32::INFINITY; MOST_SOURCES]));
+        distances.resize(vertices, NONE);
         for (lane, row) in rows.iter().enumerate() {
             control.check()?;
             distances.iter_mut().zip(*row).for_each(|(lanes, &distance)| lanes.0[lane] = distance);
@@ -162,10 +165,10 @@ impl InteriorPaths {
         interior.clear();
         interior.resize(vertices, 0);
         continued.clear();
-        continued.extend((0..vertices as u32).map(|vertex| if graph.is_on_boundary(vertex) { 0 } else { u16::MAX }));
+        continued.resize(vertices, NONE);
         for (lane, &source) in sources.iter().enumerate() {
             interior[source as usize] |= 1 << lane;
-            continued[source as usize] |= 1 << lane;
+            continued[source as usize].0[lane] = 0.0;
         }
         let all = u16::MAX >> (MOST_SOURCES - sources.len());
         Arch::new().dispatch(Tracing { graph, paths: self, all, control })
@@ -218,15 +221,21 @@ impl Tracing<'_> {
             return Ok(false);
         }
         let Lanes(reached) = distances[vertex as usize];
-        let mut found = known;
+        let mut leads_here = [0u32; MOST_SOURCES];
         for arc in self.graph.arcs(vertex) {
-            let Lanes(from) = distances[arc.to as usize];
-            let mut leads_here = 0;
+            let Lanes(from) = &continued[arc.to as usize];
             for lane in 0..MOST_SOURCES {
                 // the distances were made by the same sums of the same numbers, so equality is exact
-                leads_here |= u16::from(from[lane] + arc.length == reached[lane]) << lane;
+                leads_here[lane] |= u32::from(from[lane] + arc.length == reached[lane]);
             }
-            found |= leads_here & interior[arc.to as usize] & continued[arc.to as usize];
+        }
+        let mut found = known;
+        for lane in 0..MOST_SOURCES {
+            let is_finite = leads_here[lane] > 0 && reached[lane] < f32::INFINITY;
+            found |= u16::from(is_finite) << lane;
+            if is_finite && !self.graph.is_on_boundary(vertex) {
+                continued[vertex as usize].0[lane] = reached[lane];
+            }
         }
         interior[vertex as usize] = found;
         Ok(found != known)
