@@ -39,19 +39,21 @@ class Voxflat(OverTriangles):
        + \beta\, \operatorname{mean}_{T}\, \psi(J_T) .
 
     The first term compares distances :math:`d_{ij}` in the map with geodesic distances :math:`\delta_{ij}` from the
-    `sources`, in three bands :math:`b`: all pairs, pairs up to 30 mm, and pairs up to 10 mm. The loss :math:`\rho(r)`
-    is :math:`r^2` for small errors and grows like :math:`|r|` for larger ones, so that distances that no map can
-    preserve do not dominate. The second term averages the distortion of the triangles :math:`T` over the surface, where
-    :math:`J` is the Jacobian of the map, :math:`\sigma_1 \ge \sigma_2` are its singular values and :math:`D` is its
-    determinant:
+    `sources`, in three bands :math:`b`: all pairs, near pairs, which are up to 0.11 times the square root of the area
+    apart (30 mm on a human hemisphere), and pairs up to a third of that. If the shortest path of a pair passes the
+    boundary between its ends, it is only an upper bound: the difference counts if it is positive [1]_. The loss
+    :math:`\rho(r)` is :math:`r^2` for small errors and grows like :math:`|r|` for larger ones, so that distances that
+    no map can preserve do not dominate. The second term averages the distortion of the triangles :math:`T` over the
+    surface, where :math:`J` is the Jacobian of the map, :math:`\sigma_1 \ge \sigma_2` are its singular values and
+    :math:`D` is its determinant:
 
     .. math::
 
        \psi = \rho(\sqrt{\varphi}), \quad \varphi = 2 (1 - \lambda) \sum_k (\sigma_k - 1)^2
        + \lambda \left(\tfrac{1}{2} \|J\|^2 (1 + D^{-2}) - 2\right) + \gamma \log^2 D .
 
-    The part weighted by :math:`\lambda = 0.02` tends to infinity when a triangle is about to flip [1]_. The other part
-    keeps the map as rigid as possible [2]_. The descent starts from a Tutte embedding of a coarse surface and proceeds
+    The part weighted by :math:`\lambda = 0.02` tends to infinity when a triangle is about to flip [2]_. The other part
+    keeps the map as rigid as possible [3]_. The descent starts from a Tutte embedding of a coarse surface and proceeds
     level by level until all vertices are placed. No triangle is flipped in the process, and no triangles overlap.
 
     Parameters
@@ -69,7 +71,7 @@ class Voxflat(OverTriangles):
         "marching" also exceeds 1 %.
     weighting : float
         Balance between preserving triangles (0) and long distances (1); by default 0.5. The weights of triangles and of
-        distances up to 30 mm are multiplied by ``10 ** (1 - 2 * weighting)``: 0 preserves angles and areas best, and 1
+        near pairs are multiplied by ``10 ** (1 - 2 * weighting)``: 0 preserves angles and areas best, and 1
         preserves long distances best.
     scale : {"distances", "areas"}
         Whether the scale of the map preserves distances or areas; no map of a curved surface preserves both.
@@ -95,9 +97,11 @@ class Voxflat(OverTriangles):
 
     References
     ----------
-    .. [1] J. Smith, S. Schaefer: Bijective Parameterization with Free Boundaries. ACM Transactions on Graphics 34 (4),
+    .. [1] G. Rosman, M. M. Bronstein, A. M. Bronstein, R. Kimmel: Nonlinear Dimensionality Reduction by
+       Topologically Constrained Isometric Embedding. International Journal of Computer Vision 89 (1), 56-68, 2010.
+    .. [2] J. Smith, S. Schaefer: Bijective Parameterization with Free Boundaries. ACM Transactions on Graphics 34 (4),
        2015.
-    .. [2] L. Liu, L. Zhang, Y. Xu, C. Gotsman, S. J. Gortler: A Local/Global Approach to Mesh Parameterization.
+    .. [3] L. Liu, L. Zhang, Y. Xu, C. Gotsman, S. J. Gortler: A Local/Global Approach to Mesh Parameterization.
        Computer Graphics Forum 27 (5), 1495-1504, 2008.
 
     Examples

@@ -2,7 +2,7 @@
 
 use voxflat::embed::stress::levels::Levels;
 use voxflat::flatten::{self, voxflat::Options};
-use voxflat::geodesic::graph::GeodesicGraph;
+use voxflat::geodesic::{bend::Marking, graph::GeodesicGraph};
 use voxflat::sources::Sources;
 use voxflat::surface::voxels::voxelmesh::VoxelMesh;
 use voxflat::volume::{Affine, Mask};

@@ -12,7 +12,7 @@ use robust::{Coord, orient2d};
 use voxflat::distortion::overlap::overlaps;
 use voxflat::embed::stress::levels::Levels;
 use voxflat::flatten::{self, FlatMap, voxflat::Options};
-use voxflat::geodesic::graph::GeodesicGraph;
+use voxflat::geodesic::{bend::Marking, graph::GeodesicGraph};
 use voxflat::patch::largest_piece;
 use voxflat::sources::Sources;
 use voxflat::surface::Surface;

@@ -10,6 +10,7 @@ use voxflat::atlas::glue::glue;
 use voxflat::distortion::{evaluate::evaluate_all, faces::measure_faces};
 use voxflat::embed::stress::levels::Levels;
 use voxflat::flatten::{self, FlatMap, grossmann2002, saucan2006, schwartz1989, voxflat::Options, zigelman2002};
+use voxflat::geodesic::bend::Marking;
 use voxflat::geodesic::marching::{Marching, Wave};
 use voxflat::geodesic::neighbourhood::Neighbourhoods;
 use voxflat::geodesic::{Solver, chain::LinkLengths, exact::Exact, graph::GeodesicGraph, shortest::trace_path};

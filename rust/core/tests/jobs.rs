@@ -6,6 +6,7 @@ use voxflat::distortion::{distances, evaluate, faces, overlap};
 use voxflat::embed::{sammon, stress::levels::Levels};
 use voxflat::flatten::relaxation::{Relaxation, relax};
 use voxflat::flatten::{self, check_flattenable, grossmann2002, saucan2006, schwartz1989, zigelman2002};
+use voxflat::geodesic::bend::Marking;
 use voxflat::geodesic::chain::{LinkLengths, chain_graph};
 use voxflat::geodesic::marching::{Marching, Wave};
 use voxflat::geodesic::neighbourhood::{Neighbourhoods, sizes_of_rings};

@@ -76,7 +76,8 @@ pub(crate) fn measure<R: Rows>(
 ) -> Result<Vec<Distortion>> {
     let (sources, columns) = (rows.sources().len(), rows.columns());
     maps.iter().try_for_each(|uv| check_length("positions", uv.len(), "points", columns))?;
-    let mut maps: Vec<Evaluated> = maps.iter().map(|&uv| Evaluated::new(Plane { uv, period }, sources, are_marked, seed)).collect();
+    let mut maps: Vec<Evaluated> =
+        maps.iter().map(|&uv| Evaluated::new(Plane { uv, period }, sources, are_marked, seed)).collect();
     control.begin("measuring distortion", 2);
     pass(&mut maps, rows, control, Evaluated::take_raw)?;
     control.advance();

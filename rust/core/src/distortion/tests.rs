@@ -29,7 +29,7 @@ fn rows_of(sources: &[u32], points: &[[f64; 2]], wrong: impl Fn(usize, usize) ->
 }
 
 fn evaluated(uv: &[[f64; 2]], rows: &DistanceRows) -> Distortion {
-    measure(&[uv], None, rows, 0, &Control::default()).unwrap().remove(0)
+    measure(&[uv], None, rows, false, 0, &Control::default()).unwrap().remove(0)
 }
 
 fn pairs(uv: &[[f64; 2]], rows: &DistanceRows) -> Vec<(f64, f64)> {
@@ -203,7 +203,8 @@ fn blocks_threads_and_other_maps_change_no_bit() {
     }
     for (threads, block) in [(1, 1), (2, 5), (5, 37), (3, 64)] {
         let maps: [&[[f64; 2]]; 2] = [&other, &uv];
-        let found = with_threads(threads, || measure(&maps, None, &Few(&rows, block), 0, &Control::default()).unwrap());
+        let found =
+            with_threads(threads, || measure(&maps, None, &Few(&rows, block), false, 0, &Control::default()).unwrap());
         assert!(same(&found[1], &expected));
         assert!(same(&found[0], &alone));
     }
@@ -252,7 +253,8 @@ fn the_best_scale_alone_is_that_of_the_figures() {
     for first in [3.0, 50.0, 0.3] {
         let sources: Vec<u32> = (0..20).map(|n| 7 * n).collect();
         let rows = rows_of(&sources, &uv, |a, b| uneven(a, b) * if a == 0 { first } else { 3.0 });
-        let scale = evaluated(&uv, &rows).best_scale.scale;
+        let marked = measure(&[&uv], None, &rows, true, 0, &Control::default()).unwrap().remove(0);
+        let scale = marked.interior.scale;
         assert!((1.0..5.0).contains(&scale), "{scale}");
         for block in [1, 6, 20] {
             assert_eq!(best_scale(&uv, None, &Few(&rows, block), &Control::default()), Ok(scale), "{first} {block}");
@@ -274,7 +276,7 @@ fn distances_of_a_periodic_map_are_those_to_the_nearest_copy() {
     let uv = &uv;
     let row = |&source: &u32| uv.iter().map(|&place| nearest(uv[source as usize], place) as f32).collect::<Vec<_>>();
     let rows = DistanceRows::new(sources.to_vec(), uv.len(), sources.iter().flat_map(row).collect());
-    let found = measure(&[uv], Some(period), &rows, 0, &Control::default()).unwrap().remove(0);
+    let found = measure(&[uv], Some(period), &rows, false, 0, &Control::default()).unwrap().remove(0);
     assert!(found.raw.relative_error < 1e-6 && found.per_point.iter().all(|error| *error < 1e-6));
     assert!(found.scatter.iter().all(|[delta, d]| (delta - d).abs() < 1e-5));
     assert!((best_scale(uv, Some(period), &rows, &Control::default()).unwrap() - 1.0).abs() < 1e-5);

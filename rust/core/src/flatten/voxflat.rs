@@ -123,7 +123,7 @@ const WAVE_BYTES: u64 = 160;
 /// the permanent part, and the maximum over the stages (links, exact distances, rows, optimisation, figures).
 pub fn memory_need(points: usize, sources: usize, threads: usize, rows: AfterPlacing) -> u64 {
     let (vertices, workers) = (points as u64, threads as u64);
-    let searches = workers * BundleScratch::memory_need(points);
+    let searches = workers * (BundleScratch::memory_need(points) + Marking::memory_need(points));
     let kept = if rows == AfterPlacing::Kept { 4 * vertices * sources as u64 } else { 0 };
     let storing = if rows == AfterPlacing::Stored { store::memory_need(points, sources, threads) } else { 0 };
     let comparing = (FLAT_FACES_BYTES + workers * WAVE_BYTES) * vertices;

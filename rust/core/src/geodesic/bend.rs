@@ -91,6 +91,12 @@ pub struct Marking<'a, S = GeodesicGraph> {
 }
 
 impl<'a> Marking<'a> {
+    /// Returns the memory in bytes that one worker needs, beside that of the solver.
+    pub(crate) const fn memory_need(vertices: usize) -> u64 {
+        let (complete, lanes, order, interior) = (4 * MOST_SOURCES, 2 * size_of::<Lanes>(), 8, 2);
+        (complete + lanes + order + interior) as u64 * vertices as u64
+    }
+
     /// Marks the distances along the links themselves.
     pub fn new(graph: &'a GeodesicGraph) -> Self {
         Self { solver: graph, graph }
@@ -298,5 +304,89 @@ impl<S: Solver> Solver for Marking<'_, S> {
 
     fn tells_bends(&self) -> bool {
         true
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geodesic::exact::Exact;
+    use crate::surface::{Surface, mesh::shapes};
+    use crate::tests::with_threads;
+
+    /// Returns a sheet of 30 x 20 mm with a notch of 10 x 15 mm.
+    fn notched() -> Surface {
+        let sheet = shapes::surface(shapes::sheet(30, 20));
+        let is_kept = |p: &nalgebra::Vector3<f64>| !(p.x > 10.0 && p.x < 20.0 && p.y > 5.0);
+        sheet.part_of_vertices(&sheet.points().iter().map(is_kept).collect::<Vec<_>>()).unwrap()
+    }
+
+    #[test]
+    fn a_path_is_bent_where_it_is_longer_than_the_straight_line() {
+        let surface = notched();
+        let graph = GeodesicGraph::new(&surface, &Control::default()).unwrap();
+        let sources: Vec<u32> = (0..surface.len() as u32).step_by(7).collect();
+        let rows = DistanceRows::compute(&Marking::new(&graph), &sources, &Control::default()).unwrap();
+        let plain = DistanceRows::compute(&graph, &sources, &Control::default()).unwrap();
+        let (mut bent, mut along_boundary) = (0, 0);
+        for (n, &source) in sources.iter().enumerate() {
+            for (vertex, (&distance, plain)) in rows.row(n).iter().zip(plain.row(n)).enumerate() {
+                let straight = (surface.points()[source as usize] - surface.points()[vertex]).norm();
+                let excess = f64::from(*plain) / straight - 1.0;
+                assert!(is_bent(distance) || !(excess > 5e-3), "{source} {vertex} {excess}");
+                assert!((distance - plain).abs() <= f32::EPSILON * plain);
+                bent += u32::from(excess > 1e-3);
+                along_boundary += u32::from(is_bent(distance) && excess <= 1e-3);
+            }
+        }
+        assert!(bent > 5000 && along_boundary < bent / 5, "{bent} {along_boundary}");
+    }
+
+    #[test]
+    fn a_closed_surface_has_no_bent_path() {
+        let surface = shapes::surface(shapes::sphere(3));
+        let graph = GeodesicGraph::new(&surface, &Control::default()).unwrap();
+        let rows = DistanceRows::compute(&Marking::new(&graph), &[0, 17], &Control::default()).unwrap();
+        assert!(rows.into_data().into_iter().all(|distance| !is_bent(distance)));
+    }
+
+    #[test]
+    fn marks_do_not_depend_on_bundles_threads_or_how_rows_are_kept() {
+        let surface = notched();
+        let control = Control::default();
+        let graph = GeodesicGraph::new(&surface, &control).unwrap();
+        let sources: Vec<u32> = (0..surface.len() as u32).step_by(4).collect();
+        let targets: Vec<u32> = (0..surface.len() as u32).rev().step_by(3).collect();
+        let marking = Marking::new(&graph);
+        assert!(marking.bundles(&sources, 1, &control).unwrap().len() < sources.len());
+        let mut scratch = marking.scratch();
+        let mut expected = vec![0.0; sources.len() * targets.len()];
+        for (&source, row) in sources.iter().zip(expected.chunks_exact_mut(targets.len())) {
+            marking.rows(&[source], Some(&targets), &mut [row], &mut scratch, &control).unwrap();
+        }
+        for threads in [1, 2, 7] {
+            let rows = with_threads(threads, || DistanceRows::compute_to(&marking, &sources, &targets, &control));
+            assert!(rows.unwrap().into_data() == expected);
+        }
+        let complete = DistanceRows::compute(&graph, &sources, &control).unwrap();
+        assert!(MarkedRows::take(&complete, &marking, &targets, &control).unwrap().0.into_data() == expected);
+    }
+
+    #[test]
+    fn distances_of_another_solver_have_the_same_marks() {
+        let surface = notched();
+        let control = Control::default();
+        let (graph, exact) = (GeodesicGraph::new(&surface, &control).unwrap(), Exact::new(&surface));
+        let (sources, targets) = ([3, 40, 300], [1, 5, 77, 200, 350]);
+        let along_links = DistanceRows::compute_to(&Marking::new(&graph), &sources, &targets, &control).unwrap();
+        let marking = Marking::of(&exact, &graph);
+        let found = MarkedRows::compute_to(&marking, &sources, &targets, &control).unwrap().into_rows();
+        let expected = DistanceRows::compute_to(&exact, &sources, &targets, &control).unwrap();
+        let kept = DistanceRows::compute(&exact, &sources, &control).unwrap();
+        assert_eq!(MarkedRows::take(&kept, &marking, &targets, &control).unwrap().into_rows(), found);
+        let of_found = found.into_data().into_iter().zip(expected.into_data()).zip(along_links.into_data());
+        for ((found, exact), along_link) in of_found {
+            assert_eq!(found, marked(exact, is_bent(along_link)));
+        }
     }
 }

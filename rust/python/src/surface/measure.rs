@@ -2,8 +2,8 @@
 
 use numpy::IntoPyArray;
 use pyo3::prelude::*;
-use voxflat::geodesic::bend::Marking;
 use voxflat::distortion::{evaluate, faces::measure_faces, overlap::overlaps};
+use voxflat::geodesic::bend::Marking;
 use voxflat::surface::{mesh::curvature::smooth_mean_curvature, sulcal_depth::sulcal_depth};
 
 use super::solvers::{Geodesic, with_solver};

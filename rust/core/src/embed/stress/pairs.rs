@@ -59,7 +59,7 @@ pub struct Pairs {
     table: Vec<f32>,
     width: usize,
     /// The upper ends of the bands in mm, and the number of pairs of each.
-    ends: [f32; 3],
+    pub(super) ends: [f32; 3],
     counts: [usize; 3],
     /// Nearer pairs are ignored, mm.
     nearest: f32,
@@ -134,7 +134,12 @@ impl Pairs {
 
     fn of_kernels(&self, bands: &Bands) -> Dials {
         let steps = [0, 1, 2].map(|band| (bands.weights[band] / self.counts[band].max(1) as f64) as f32);
-        Dials { steps, ends: self.ends, nearest: self.nearest, sharp: bands.outliers.map(|outlier| outlier.recip() as f32) }
+        Dials {
+            steps,
+            ends: self.ends,
+            nearest: self.nearest,
+            sharp: bands.outliers.map(|outlier| outlier.recip() as f32),
+        }
     }
 
     /// Returns the two coordinates of the landmarks, padded to complete lanes.

@@ -3,6 +3,7 @@ use super::*;
 use crate::Error;
 use crate::distortion::overlap::overlaps;
 use crate::embed::classical::classical_scaling;
+use crate::geodesic::bend::{Marking, is_bent, marked};
 use crate::geodesic::graph::GeodesicGraph;
 use crate::orient::map_area;
 use crate::rows::{DistanceRows, Rows};
@@ -10,6 +11,9 @@ use crate::sources::Sources;
 use crate::surface::{Surface, mesh::shapes};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
+
+/// An area in mm² on which bands end at about 30 and 10 mm.
+const AREA: f64 = 75_000.0;
 
 fn sheet() -> (Surface, DistanceRows) {
     let surface = shapes::surface(shapes::sheet(20, 14));
@@ -21,8 +25,17 @@ fn sheet() -> (Surface, DistanceRows) {
 fn straight(surface: &Surface, sources: impl Iterator<Item = u32>, times: f32) -> DistanceRows {
     let (sources, places): (Vec<u32>, _) = (sources.collect(), plan(surface));
     let row = |&a: &u32| places.iter().map(move |b| (a, b)).collect::<Vec<_>>();
-    let data = sources.iter().flat_map(row).map(|(a, b)| (places[a as usize] - b).norm() as f32 * times).collect();
+    let distance = |(a, b): (u32, &Vector2<f64>)| marked((places[a as usize] - b).norm() as f32 * times, false);
+    let data = sources.iter().flat_map(row).map(distance).collect();
     DistanceRows::new(sources, surface.len(), data)
+}
+
+/// Marks a third of the distances as those of bent paths.
+fn partly_bent(rows: DistanceRows) -> DistanceRows {
+    let (sources, columns) = (rows.sources().to_vec(), rows.columns());
+    let data =
+        (0..).zip(rows.into_data()).map(|(n, distance)| marked(distance, n % 3 == 0 && distance > 0.0)).collect();
+    DistanceRows::new(sources, columns, data)
 }
 
 /// Returns the slope of an energy with respect to one coordinate.
@@ -46,7 +59,7 @@ fn with_energy(check: impl Fn(&mut MapEnergy, &Surface)) {
     let (surface, rows) = sheet();
     let all: Vec<u32> = (0..surface.len() as u32).collect();
     let control = Control::default();
-    let pairs = Pairs::new(&rows, &all, &control).unwrap();
+    let pairs = Pairs::new(&rows, &all, AREA, &control).unwrap();
     let triangles = TriangleEnergy::new(&surface);
     let springs = Springs::new(triangles.corners().collect(), surface.len(), &control).unwrap();
     let shape = Shape { barrier: 0.3, area: 2.0, outlier: 0.4 };
@@ -134,16 +147,17 @@ fn the_eigenvalues_are_those_of_the_hessian() {
 }
 
 /// Computes the stress by its definition, in double precision.
-fn plain_stress(rows: &DistanceRows, bands: &Bands, uv: &[Vector2<f64>]) -> f64 {
+fn plain_stress(rows: &DistanceRows, ends: [f32; 3], bands: &Bands, uv: &[Vector2<f64>]) -> f64 {
     let mut sums = [(0.0, 0usize); 3];
     for (n, &source) in rows.sources().iter().enumerate() {
         for (vertex, &distance) in rows.row(n).iter().enumerate().filter(|(_, distance)| **distance > 0.0) {
             let error = (uv[source as usize] - uv[vertex]).norm() / f64::from(distance) - 1.0;
-            let k = bands.outliers[usize::from(distance <= 30.0)];
-            let bent = 2.0 * k * k * ((1.0 + (error / k).powi(2)).sqrt() - 1.0);
-            for (sum, reach) in sums.iter_mut().zip(pairs::BANDS) {
-                if distance <= reach {
-                    *sum = (sum.0 + bent, sum.1 + 1);
+            let error = if is_bent(distance) && error < 0.0 { 0.0 } else { error };
+            let k = bands.outliers[usize::from(distance <= ends[1])];
+            let outlying = 2.0 * k * k * ((1.0 + (error / k).powi(2)).sqrt() - 1.0);
+            for (sum, end) in sums.iter_mut().zip(ends) {
+                if distance <= end {
+                    *sum = (sum.0 + outlying, sum.1 + 1);
                 }
             }
         }
@@ -154,16 +168,15 @@ fn plain_stress(rows: &DistanceRows, bands: &Bands, uv: &[Vector2<f64>]) -> f64 
 #[test]
 fn the_stress_is_what_its_definition_says() {
     let surface = shapes::surface(shapes::sheet(45, 9)); // with all three bands
-    // without stretch, pairs at exactly 10 and 30 mm belong to their bands
     for (count, times) in [(5, 1.1), (16, 1.1), (33, 1.1), (33, 1.0)] {
-        let rows = straight(&surface, (0..count).map(|n| n * surface.len() as u32 / count), times);
+        let rows = partly_bent(straight(&surface, (0..count).map(|n| n * surface.len() as u32 / count), times));
         let all: Vec<u32> = (0..surface.len() as u32).collect();
         let control = Control::default();
-        let pairs = Pairs::new(&rows, &all, &control).unwrap();
+        let pairs = Pairs::new(&rows, &all, AREA, &control).unwrap();
         let bands = Bands { weights: [1.0, 4.0, 0.5], outliers: [0.3, 0.05] };
         let uv = shaken(&surface, 0.3);
         let found = pairs.add(&uv, &bands, &mut vec![Vector2::zeros(); uv.len()], &control).unwrap();
-        let expected = plain_stress(&rows, &bands, &uv);
+        let expected = plain_stress(&rows, pairs.ends, &bands, &uv);
         assert!((found - expected).abs() < 1e-5 * expected, "{found} {expected}");
     }
 }
@@ -368,9 +381,9 @@ fn a_start_that_is_none_is_refused() {
 fn vertices_are_held_as_their_pairs_bend_upwards() {
     let surface = shapes::surface(shapes::sheet(45, 9)); // with all three bands
     let (source, others) = (7, surface.len());
-    let rows = straight(&surface, [source as u32].into_iter(), 1.1);
+    let rows = partly_bent(straight(&surface, [source as u32].into_iter(), 1.1));
     let all: Vec<u32> = (0..others as u32).collect();
-    let pairs = Pairs::new(&rows, &all, &Control::default()).unwrap();
+    let pairs = Pairs::new(&rows, &all, AREA, &Control::default()).unwrap();
     let bands = Bands { weights: [1.0, 4.0, 0.5], outliers: [0.3, 0.05] };
     let uv = shaken(&surface, 0.3);
     let mut held = vec![0.0; others];
@@ -381,7 +394,7 @@ fn vertices_are_held_as_their_pairs_bend_upwards() {
         let stress = |by: Vector2<f64>| {
             let mut moved = uv.clone();
             moved[vertex] += by;
-            plain_stress(&rows, &bands, &moved)
+            plain_stress(&rows, pairs.ends, &bands, &moved)
         };
         let step = 1e-4;
         let along = (uv[vertex] - uv[source]).normalize() * step;
@@ -399,7 +412,7 @@ fn distances_to_landmarks_give_the_places_of_a_plane() {
     let surface = shapes::surface(shapes::sheet(9, 6));
     let rows = straight(&surface, [3u32, 20, 41, 66].into_iter(), 1.0);
     let all: Vec<u32> = (0..surface.len() as u32).collect();
-    let pairs = Pairs::new(&rows, &all, &Control::default()).unwrap();
+    let pairs = Pairs::new(&rows, &all, AREA, &Control::default()).unwrap();
     let places: Vec<[f64; 2]> = rows.sources().iter().map(|&v| plan(&surface)[v as usize].into()).collect();
     let found = pairs.landmark_places(&places, surface.len());
     assert!(found.iter().zip(plan(&surface)).all(|(found, place)| (found - place).norm() < 1e-5));
@@ -414,7 +427,7 @@ fn a_bound_on_areas_is_kept_by_every_triangle() {
     let graph = GeodesicGraph::new(&cap, &control).unwrap();
     let sources = Sources::Farthest { count: 30, seed: 0 }.choose(&graph, &control).unwrap();
     let mut levels = Levels::new(&cap, &sources, &control).unwrap();
-    let rows = levels.measure(&Marking::new(&graph), &control).unwrap();
+    let rows = levels.measure(&Marking::new(&graph), &control).unwrap().into_rows();
     let places = classical_scaling(&rows.among(&control).unwrap()).unwrap().places;
     let (free, _) = levels::flatten(&mut levels, &rows, &places, 0.5, &control).unwrap();
     let change = |uv: &[[f64; 2]]| {
@@ -454,7 +467,7 @@ fn more_steps_would_hardly_lower_the_energy() {
     let sources = Sources::Farthest { count: 30, seed: 0 }.choose(&graph, &control).unwrap();
     let last = |patience: u32| {
         let mut levels = Levels::new(&cap, &sources, &control).unwrap();
-        let rows = levels.measure(&Marking::new(&graph), &control).unwrap();
+        let rows = levels.measure(&Marking::new(&graph), &control).unwrap().into_rows();
         let places = classical_scaling(&rows.among(&control).unwrap()).unwrap().places;
         let dials = levels::Dials { patience, ..levels::FINAL };
         let (_, found) = levels::unfold(&mut levels, &rows, &places, dials, &control).unwrap();

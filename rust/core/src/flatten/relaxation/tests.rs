@@ -1,6 +1,7 @@
 use super::*;
 use crate::embed::stress::levels::Levels;
 use crate::flatten::voxflat::Options;
+use crate::geodesic::bend::Marking;
 use crate::geodesic::graph::GeodesicGraph;
 use crate::sources::Sources;
 use crate::surface::cuts::{cut, open_to_disk};

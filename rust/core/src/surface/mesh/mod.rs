@@ -290,10 +290,9 @@ impl Surface {
         Components::of(self.faces.len(), beyond, is_allowed)
     }
 
-    /// Returns the area in mm².
+    /// Returns the total area in mm².
     pub(crate) fn area(&self) -> f64 {
-        let corners = |face: &[u32; 3]| face.map(|vertex| self.points[vertex as usize]);
-        self.faces.iter().map(corners).map(|[a, b, c]| 0.5 * (b - a).cross(&(c - a)).norm()).sum()
+        self.areas().iter().sum()
     }
 
     /// Returns, for each vertex, whether it lies on the boundary.

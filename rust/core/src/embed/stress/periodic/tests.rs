@@ -102,7 +102,7 @@ fn the_gradient_is_that_of_the_energy_also_for_the_period() {
     let evaluated = tube.evaluated(&landmarks, usize::MAX);
     let rows = DistanceRows::compute(&Exact::new(&closed), &landmarks, &control).unwrap();
     let compared: Vec<u32> = evaluated.iter().map(|&vertex| tube.first_copies()[vertex as usize]).collect();
-    let pairs = Pairs::new(&rows, &compared, &control).unwrap();
+    let pairs = Pairs::new(&rows, &compared, opened.area(), &control).unwrap();
     let triangles = TriangleEnergy::new(&opened);
     let corners = triangles.corners().map(|corners| corners.map(|copy| tube.vertices()[copy as usize])).collect();
     let springs = Springs::new(corners, closed.len(), &control).unwrap();
