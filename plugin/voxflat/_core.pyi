@@ -41,6 +41,7 @@ REFERENCE_SOURCES: int
 SMALLEST: float
 
 _Progress = Callable[[str, int, int], bool | None] | None
+_Bands = tuple[float, float, float, float]
 _Threads = int | None
 _Folder = str | PathLike[str]
 _Facts = dict[str, Any]
@@ -153,6 +154,8 @@ class Surface:
     ) -> tuple[int, tuple[int, float] | None]: ...
     def mean_curvature(self, smoothing: float, threads: _Threads = None, progress: _Progress = None) -> _Floats: ...
     def sulcal_depth(self, flow: float, threads: _Threads = None, progress: _Progress = None) -> _Floats: ...
+    @property
+    def area(self) -> float: ...
     def measure(self, uv: _Floats, progress: _Progress = None) -> _Facts: ...
     def judge(
         self,
@@ -161,6 +164,7 @@ class Surface:
         geodesic: str,
         kept: int,
         seed: int,
+        bands: _Bands,
         threads: _Threads = None,
         progress: _Progress = None,
         period: float | None = None,
@@ -175,6 +179,7 @@ class Surface:
         self,
         count: int,
         seed: int,
+        bands: _Bands,
         vertices: _Uints | None = None,
         grid: tuple[_Uints, list[float]] | None = None,
         wave: str = "circle",
@@ -183,7 +188,9 @@ class Surface:
         progress: _Progress = None,
     ) -> _Facts: ...
     def zigelman2002_memory_need(self, sources: int, threads: int) -> int: ...
-    def saucan2006(self, bound: float, seed: int, threads: _Threads = None, progress: _Progress = None) -> _Facts: ...
+    def saucan2006(
+        self, bound: float, seed: int, bands: _Bands, threads: _Threads = None, progress: _Progress = None
+    ) -> _Facts: ...
     def saucan2006_memory_need(self, threads: int) -> int: ...
     def schwartz1989(
         self,
@@ -191,6 +198,7 @@ class Surface:
         sources: _Uints,
         starts: int,
         seed: int,
+        bands: _Bands,
         keep_rows: bool = False,
         threads: _Threads = None,
         progress: _Progress = None,
@@ -243,6 +251,7 @@ class Surface:
         self,
         sources: _Uints,
         seed: int,
+        bands: _Bands,
         geodesic: str = "graph",
         weighting: float = 0.5,
         scale: str = "distances",
@@ -260,6 +269,7 @@ class Surface:
         seam: _Uints,
         sources: _Uints,
         seed: int,
+        bands: _Bands,
         geodesic: str = "graph",
         weighting: float = 0.5,
         scale: str = "distances",
@@ -301,6 +311,12 @@ class VoxelSurface:
     def path(self, source: int, target: int) -> tuple[_Uints, float]: ...
     def memory_need(self, sources: int, threads: int) -> int: ...
     def grossmann2002(
-        self, sources: _Uints, seed: int, keep_rows: bool = False, threads: _Threads = None, progress: _Progress = None
+        self,
+        sources: _Uints,
+        seed: int,
+        bands: _Bands,
+        keep_rows: bool = False,
+        threads: _Threads = None,
+        progress: _Progress = None,
     ) -> _Facts: ...
     def map_faces(self, uv: _Floats, progress: _Progress = None) -> tuple[_Uints, _Mask]: ...

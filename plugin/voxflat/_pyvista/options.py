@@ -65,5 +65,6 @@ class MeasureOptions(PlaceOptions, total=False):
 
     sources: int | None
     reference: str | None
+    bands: Sequence[float] | None
     seed: int
     progress_bar: bool

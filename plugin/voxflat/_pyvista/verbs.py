@@ -362,6 +362,7 @@ class Verbs(Inputs):
         *,
         sources: int | None = None,
         reference: str | None = None,
+        bands: Sequence[float] | None = None,
         seed: int = 0,
         progress_bar: bool = False,
         **options: Unpack[PlaceOptions],
@@ -379,6 +380,8 @@ class Verbs(Inputs):
             Number of points from which distances are measured, as in `voxflat.measure`.
         reference : {"exact", "graph"}, optional
             How reference distances are measured, as in `voxflat.measure`.
+        bands : sequence of four float, optional
+            Upper ends of the distance bands for which errors are also given, as in `voxflat.measure`.
         seed : int
             Seed of the random number generator.
         progress_bar : bool
@@ -404,7 +407,8 @@ class Verbs(Inputs):
         arguments: dict[str, Any] = {**options}
         with shown(progress_bar, arguments.pop("progress", None)) as progress:
             whole = surface(source, progress=progress, **arguments)
-            settings: dict[str, Any] = {"sources": sources, "reference": reference, "seed": seed, "progress": progress}
+            settings: dict[str, Any] = {"sources": sources, "reference": reference, "bands": bands, "seed": seed}
+            settings["progress"] = progress
             maps = {"": rows_of(flat, extracted)}
             measured = compare(whole, maps, threads=arguments.get("threads"), **settings).maps[""]
         row = np.empty(whole.count, dtype=np.int64)

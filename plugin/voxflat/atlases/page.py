@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from voxflat.arguments import checked_choice, checked_instance
 from voxflat.atlases.pieces import FIGURES, FlatPieces
 from voxflat.errors import InputError
+from voxflat.io.grid import rounded
 from voxflat.io.provenance import Record, recording
 from voxflat.maps.plane import FlatTriangles, Planar
 from voxflat.maps.raster import FlatImage
@@ -51,7 +52,7 @@ class FlatPage(Planar):
 
     def __repr__(self) -> str:
         (width, height), used = self.uv.max(axis=0), 100 * self.used_share
-        return f"<FlatPage: {len(self.atlas)} pieces, {width:.0f} x {height:.0f}, {used:.0f} % used>"
+        return f"<FlatPage: {len(self.atlas)} pieces, {rounded(width)} x {rounded(height)}, {used:.0f} % used>"
 
     @property
     def provenance(self) -> Record:

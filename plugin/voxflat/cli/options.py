@@ -60,17 +60,18 @@ NUMBER, POSITIVE, NOT_NEGATIVE, SHARE = _Number(), _Range(min=0, min_open=True),
 """Types of options whose value is a finite number."""
 
 
-def three(kind: type[int] | type[float], example: str) -> Callable[..., Any]:
-    """Return a callback that converts an option's text to three numbers."""
+def several(count: int, kind: type[int] | type[float], example: str) -> Callable[..., Any]:
+    """Return a callback that converts an option's text to three or four numbers."""
 
     def convert(ctx: click.Context, param: click.Parameter, value: str | None) -> tuple[float, ...] | None:
         try:
-            numbers = None if value is None else tuple(kind(part) for part in value.split(","))
+            found = None if value is None else tuple(kind(part) for part in value.split(","))
         except ValueError:
-            numbers = ()
-        if numbers is not None and len(numbers) != 3:
-            raise click.BadParameter(f"{value!r} is not a list of three numbers. Pass numbers such as {example}.")
-        return numbers
+            found = ()
+        if found is not None and len(found) != count:
+            words = {3: "three", 4: "four"}[count]
+            raise click.BadParameter(f"{value!r} is not a list of {words} numbers. Pass numbers such as {example}.")
+        return found
 
     return convert
 
@@ -115,7 +116,7 @@ def _place(ctx: click.Context, param: click.Parameter, value: str | None) -> tup
             return int(value)
         except ValueError:
             raise click.BadParameter(f"{value!r} is not a point. Pass I,J,K (a voxel) or a vertex number.") from None
-    indices: tuple[int, ...] | None = three(int, "136,112,127")(ctx, param, value)
+    indices: tuple[int, ...] | None = several(3, int, "136,112,127")(ctx, param, value)
     return indices
 
 
@@ -355,7 +356,7 @@ _of_volumes = (
     option_of(surface, "threshold", type=NUMBER),
 )
 _of_grids = (
-    option_of(surface, "spacing", metavar="X,Y,Z", callback=three(float, "0.5,0.5,0.5")),
+    option_of(surface, "spacing", metavar="X,Y,Z", callback=several(3, float, "0.5,0.5,0.5")),
     option_of(surface, "unit", type=_Unit(UNITS), sentences=2),
 )
 _of_surfaces = (

@@ -7,8 +7,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from voxflat.distortion.bands import HUMAN, Bands, in_bands, key_in_bands
 from voxflat.distortion.figures import Figures, StandardErrors, TriangleFigures, json_ready
-from voxflat.io.grid import in_unit, key_in_unit
+from voxflat.io.grid import in_unit
 from voxflat.io.notebook import page
 from voxflat.read_only import ReadOnly
 
@@ -56,6 +57,8 @@ class Distortion(ReadOnly):
         chain codes.
     interior_share : float
         Share of interior pairs; NaN for distances by chain codes.
+    bands : tuple of float
+        Upper ends of the four distance bands of the measures, in the unit of the surface.
 
     See Also
     --------
@@ -84,13 +87,17 @@ class Distortion(ReadOnly):
     unit: str = "mm"
     interior: Figures | None = None
     interior_share: float = np.nan
+    bands: Bands = HUMAN
 
     def __repr__(self) -> str:
-        error, scatter = 100 * self.raw.relative_error, 100 * self.standard_error.raw.relative_error
-        return (
-            f"<Distortion: relative error {error:.2f} ± {scatter:.2f} %, {self.sources} sources, {self.pairs} pairs, "
-            f"{self.reference} distances>"
-        )
+        return f"<Distortion: {self._summary()}, {self.sources} sources, {self.pairs} pairs, {self.reference} distances>"
+
+    def _summary(self) -> str:
+        """Return the mean relative errors of interior pairs, if any, and of all pairs."""
+        error = f"{100 * self.raw.relative_error:.1f} %"
+        if self.interior is None or np.isnan(self.interior.relative_error):
+            return f"relative error {error}"
+        return f"relative error {100 * self.interior.relative_error:.1f} % of interior pairs ({error} of all pairs)"
 
     @classmethod
     def _of(
@@ -101,7 +108,7 @@ class Distortion(ReadOnly):
         for scales in (distances, errors):
             scales |= {name: Figures(**scales[name]) for name in ("raw", "best_scale")}
         distances["standard_error"] = StandardErrors(**errors)
-        is_marked = not np.isnan(distances["interior_share"])
+        is_marked = not np.isnan(distances.setdefault("interior_share", np.nan))  # unknown in files of earlier versions
         distances["interior"] = Figures(**distances["interior"]) if is_marked else None
         of_triangles = None if triangles is None else TriangleFigures(**triangles)
         return cls(**distances, triangles=of_triangles, reference=reference, **more)
@@ -109,17 +116,18 @@ class Distortion(ReadOnly):
     def figures(self) -> dict[str, object]:
         """Return the distortion measures without the arrays, ready for JSON.
 
-        Undefined measures are None. Names include the unit of the surface, such as ``relative_error_10nm``.
+        Undefined measures are None. Names include the ends of the bands with their unit, such as
+        ``relative_error_10mm`` or ``relative_error_40um``.
 
         Returns
         -------
         dict
             The measures by name; ``standard_error`` has the same keys.
         """
-        return dict(_in_unit(self._described(), self.unit))
+        return dict(_in_bands(self._described(), self.bands, self.unit))
 
     def _described(self) -> dict[str, Any]:
-        """Return the measures for a file, keyed by field name, in which mm stands for the unit of the surface."""
+        """Return the measures for a file, keyed by field name, whatever the bands."""
         return dict(json_ready(_without_arrays(asdict(self))))
 
     def _repr_html_(self) -> str:
@@ -137,20 +145,20 @@ class Distortion(ReadOnly):
             The table.
         """
         errors = self.standard_error
-        columns = [(self.raw, errors.raw), (self.best_scale, errors.best_scale)]
+        columns: list[tuple[Figures, Figures | None]] = [(self.raw, errors.raw), (self.best_scale, errors.best_scale)]
         heads = ["raw", f"at scale {_number(self.best_scale.scale, 3)}"]
         if self.interior is not None:
             columns.append((self.interior, None))
             heads.append(f"interior, at {_number(self.interior.scale, 3)}")
-        rows = [["", *heads], *_distance_rows(columns, self.voxel_size), *_other_rows([self])]
+        rows = [["", *heads], *_distance_rows([self], columns, self.voxel_size), *_other_rows([self])]
         return _aligned([self], rows)
 
 
-def _in_unit(figures: Any, unit: str) -> Any:
-    """Return figures with the unit in their names."""
+def _in_bands(figures: Any, bands: Bands, unit: str) -> Any:
+    """Return figures with the bands in their names."""
     if not isinstance(figures, dict):
         return figures
-    return {key_in_unit(name, unit): _in_unit(value, unit) for name, value in figures.items()}
+    return {key_in_bands(name, bands, unit): _in_bands(value, bands, unit) for name, value in figures.items()}
 
 
 def _without_arrays(values: dict[str, Any]) -> dict[str, Any]:
@@ -213,11 +221,11 @@ def table_of_several(maps: Mapping[str, Distortion]) -> str:
     rows = [
         ["", *maps],
         ["RAW"],
-        *_distance_rows([(map_.raw, map_.standard_error.raw) for map_ in several], voxel_size),
+        *_distance_rows(several, [(map_.raw, map_.standard_error.raw) for map_ in several], voxel_size),
         ["AT THE BEST SCALE", *(_number(map_.best_scale.scale, 4) for map_ in several)],
-        *_distance_rows([(map_.best_scale, map_.standard_error.best_scale) for map_ in several], voxel_size),
+        *_distance_rows(several, [(map_.best_scale, map_.standard_error.best_scale) for map_ in several], voxel_size),
         ["INTERIOR PAIRS", *(_number(map_.interior and map_.interior.scale, 4) for map_ in several)],
-        *_distance_rows([(map_.interior, None) for map_ in several], voxel_size),
+        *_distance_rows(several, [(map_.interior, None) for map_ in several], voxel_size),
         ["OTHER FIGURES"],
         *_other_rows(several),
     ]
@@ -225,23 +233,33 @@ def table_of_several(maps: Mapping[str, Distortion]) -> str:
 
 
 def _distance_rows(
-    columns: Sequence[tuple[Figures | None, Figures | None]], voxel_size: float | None
+    maps: Sequence[Distortion], columns: Sequence[tuple[Figures | None, Figures | None]], voxel_size: float | None
 ) -> list[list[str]]:
     """Return the rows of columns of measures and their standard errors."""
-    rows = []
+    rows, unit = [], _unit_of(maps)
     for name, key, factor, digits in _DISTANCES:
         pairs = [tuple(factor * getattr(of, key, np.nan) for of in column) for column in columns]
-        rows.append([name, *(_with_error(value, error, digits) for value, error in pairs)])
-        if key == "absolute_error" and voxel_size is not None:
+        title = in_bands(name, maps[0].bands, unit) if key.startswith("relative_error_") else in_unit(name, unit)
+        is_length = key == "absolute_error"
+        rows.append([title, *(_with_error(value, error, digits, is_length=is_length) for value, error in pairs)])
+        if is_length and voxel_size is not None:
             voxels = (_with_error(value / voxel_size, error / voxel_size, 2) for value, error in pairs)
             rows.append(["  voxels", *voxels])
     return rows
 
 
+def _unit_of(maps: Sequence[Distortion]) -> str:
+    units = {map_.unit for map_ in maps}
+    return units.pop() if len(units) == 1 else "unknown"
+
+
 def _other_rows(maps: Sequence[Distortion]) -> list[list[str]]:
     rows = [
         ["correlation", *(_with_error(map_.pearson_r, map_.standard_error.pearson_r, 4) for map_ in maps)],
-        ["mean geodesic, mm", *(_with_error(m.mean_geodesic, m.standard_error.mean_geodesic, 2) for m in maps)],
+        [
+            in_unit("mean geodesic, mm", _unit_of(maps)),
+            *(_with_error(m.mean_geodesic, m.standard_error.mean_geodesic, 2, is_length=True) for m in maps),
+        ],
         ["points", *(str(len(map_.per_point)) for map_ in maps)],
         ["pairs", *(str(map_.pairs) for map_ in maps)],
     ]
@@ -260,7 +278,9 @@ def _number(value: Any, digits: int) -> str:
     return "–" if value is None or np.isnan(value) else f"{value:.{digits}f}"
 
 
-def _with_error(value: float, error: float, digits: int) -> str:
+def _with_error(value: float, error: float, digits: int, *, is_length: bool = False) -> str:
+    if is_length and 0 < abs(value) < 1:  # in a large unit
+        digits = max(digits, 2 - int(np.floor(np.log10(abs(value)))))
     return _number(value, digits) + ("" if np.isnan(error) else f" ± {_number(error, digits)}")
 
 
@@ -270,7 +290,5 @@ def _aligned(maps: Sequence[Distortion], rows: list[list[str]]) -> str:
     sources = ", ".join(sorted({str(map_.sources) for map_ in maps}))
     references = "; ".join(sorted({_REFERENCES[map_.reference] for map_ in maps}))
     about = f"from {sources} random sources, ± standard error; {references}"
-    units = {map_.unit for map_ in maps}
-    unit = units.pop() if len(units) == 1 else "unknown"
-    lines = [in_unit(row[0], unit).ljust(_FIRST) + "".join(cell.rjust(width) for cell in row[1:]) for row in rows]
+    lines = [row[0].ljust(_FIRST) + "".join(cell.rjust(width) for cell in row[1:]) for row in rows]
     return "\n".join([about, *(line.rstrip() for line in lines)])

@@ -22,9 +22,10 @@ class Figures:
     relative_error : float
         Mean of ``|d − δ|/δ`` over all pairs (Grossmann et al. 2002: ε̄_r).
     relative_error_0_5mm, relative_error_5_15mm, relative_error_15_30mm : float
-        The same for pairs with δ in these bands, which include their upper ends.
+        The same for pairs with δ up to the first end of `Distortion.bands`, from the first to the third, and from the
+        third to the fourth; on a human hemisphere, up to 5 mm, 5 to 15 mm, and 15 to 30 mm. Upper ends are included.
     relative_error_10mm, relative_error_30mm : float
-        The same for pairs with δ ≤ 10 mm and with δ ≤ 30 mm.
+        The same for pairs with δ up to the second and up to the fourth end; 10 and 30 mm on a human hemisphere.
     absolute_error : float
         Mean of ``|d − δ|``, in mm (Grossmann et al. 2002: ε̄).
     stress_1 : float

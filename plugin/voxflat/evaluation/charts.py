@@ -39,15 +39,21 @@ def total(charts: Sequence[Distortion], rows: Sequence[NDArray[np.int64]], trian
     """Return the distortion of all charts: distances within charts, each at its own best scale; and all triangles."""
     pairs = np.array([chart.pairs for chart in charts])
     weights = pairs / pairs.sum()
+    unknown = Figures(**{field.name: np.nan for field in fields(Figures)})
 
     def figures(name: str) -> tuple[Figures, Figures]:
         both = [(getattr(chart, name), getattr(chart.standard_error, name)) for chart in charts]
-        unknown = Figures(**{field.name: np.nan for field in fields(Figures)})
         means = {key: float(weights @ [getattr(value, key) for value, _ in both]) for key in _COMBINED}
         errors = {key: float(np.linalg.norm(weights * [getattr(error, key) for _, error in both])) for key in _COMBINED}
         return replace(unknown, **means), replace(unknown, **errors)
 
     (raw, raw_error), (best, best_error) = figures("raw"), figures("best_scale")
+    inner = [chart.interior_share * chart.pairs for chart in charts]
+    interiors = [chart.interior for chart in charts if chart.interior is not None]
+    interior = None
+    if len(interiors) == len(charts):
+        of_pairs = {key: np.average([getattr(of, key) for of in interiors], weights=inner) for key in _COMBINED}
+        interior = replace(unknown, **{key: float(mean) for key, mean in of_pairs.items()})
     per_point = np.full(1 + max(int(ids.max()) for ids in rows), np.nan)
     for chart, row in zip(charts, rows, strict=True):
         per_point[row] = chart.per_point
@@ -57,6 +63,8 @@ def total(charts: Sequence[Distortion], rows: Sequence[NDArray[np.int64]], trian
         charts[0],
         raw=replace(raw, scale=1.0),
         best_scale=best,
+        interior=interior,
+        interior_share=float(sum(inner) / pairs.sum()),
         pearson_r=np.nan,
         mean_geodesic=float(weights @ apart[:, 0]),
         standard_error=StandardErrors(raw=raw_error, best_scale=best_error, pearson_r=np.nan, mean_geodesic=error),

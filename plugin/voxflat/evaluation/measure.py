@@ -1,7 +1,7 @@
 """Measure the distortion of flat maps, made by voxflat or any other tool."""
 
 import textwrap
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -21,6 +21,7 @@ from voxflat.arguments import (
     log,
     shown,
 )
+from voxflat.distortion.bands import checked_bands, usual_bands
 from voxflat.distortion.distortion import Distortion, table_of_several
 from voxflat.errors import InputError
 from voxflat.evaluation.charts import charts_of, total
@@ -76,8 +77,7 @@ class MeasuredMap(ReadOnly):
     distortion: Distortion
 
     def __repr__(self) -> str:
-        error = 100 * self.distortion.raw.relative_error
-        return f"<MeasuredMap: {len(self.uv)} points, {len(self.faces)} triangles, relative error {error:.1f} %>"
+        return f"<MeasuredMap: {len(self.uv)} points, {len(self.faces)} triangles, {self.distortion._summary()}>"
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,6 +146,7 @@ def measure(
     *,
     sources: int | None = None,
     reference: str | None = None,
+    bands: Sequence[float] | None = None,
     on_surface: bool = False,
     seed: int = 0,
     threads: int | None = None,
@@ -178,6 +179,10 @@ def measure(
     reference : {"exact", "graph"}, optional
         How distances are measured, as in `Surface.geodesic`. By default "exact" for meshes of any size, and "graph" for
         surfaces of voxels, whose triangles are themselves an estimate.
+    bands : sequence of four float, optional
+        Upper ends of the distance bands for which errors are also given, ascending, in the unit of the surface. By
+        default 5, 10, 15 and 30 mm for surfaces of the size of a human hemisphere, and for others lengths that are
+        about the same share of the square root of the area. `Distortion.bands` contains them.
     on_surface : bool
         Measure distances on the given surface. By default, a voxflat map is measured on the geometry on which it was
         made: a map made midway between the white and pial surfaces is not measured on the white surface. A warning
@@ -208,7 +213,8 @@ def measure(
     >>> round(voxflat.measure(surface, flat_map).raw.relative_error, 3)
     0.036
     """
-    options: dict[str, Any] = {"sources": sources, "reference": reference, "on_surface": on_surface, "seed": seed}
+    options: dict[str, Any] = {"sources": sources, "reference": reference, "bands": bands}
+    options |= {"on_surface": on_surface, "seed": seed}
     limits: dict[str, Any] = {"threads": threads, "memory_limit": memory_limit, "progress": progress}
     return compare(surface, {"": flat}, **options, **limits)[""]
 
@@ -220,6 +226,7 @@ def compare(
     *,
     sources: int | None = None,
     reference: str | None = None,
+    bands: Sequence[float] | None = None,
     on_surface: bool = False,
     seed: int = 0,
     threads: int | None = None,
@@ -237,7 +244,7 @@ def compare(
         The surface. All maps are measured on the same geometry.
     maps : dict of str to map
         The maps, keyed by name; each as in `measure`.
-    sources, reference, on_surface, seed, threads, memory_limit, progress : optional
+    sources, reference, bands, on_surface, seed, threads, memory_limit, progress : optional
         As in `measure`.
 
     Returns
@@ -269,6 +276,7 @@ def compare(
         raise InputError(f"sources is {shown(sources)}. Pass a whole number, at least 1")
     if reference is not None:
         checked_choice(reference, "reference", ("exact", "graph"))
+    ends = None if bands is None else checked_bands(bands)
     checked_instance(maps, Mapping, "collection of maps", "a dict of maps, keyed by name")
     if not maps:
         raise InputError("maps is empty. Pass at least one map to measure")
@@ -291,13 +299,14 @@ def compare(
         for name, parts in charts.items()
         for part, rows in parts
     }
+    ends = ends or usual_bands(max(flat.core.area for flat in matched.values()), whole.origin.unit)
     # rows beyond this limit are computed twice
     cache = int(max(_core.KEPT_BYTES, (free_memory() if memory_limit is None else memory_limit) // _KEPT_SHARE))
     distances: dict[int, dict[str, Any]] = {}
     for group, chosen in zip(groups, _sources(groups, shares, int(min(sources, _MOST_SOURCES)), seed), strict=True):
         first = group[0][0]
         places = [flat.uv[order] for flat, order in group]
-        results = first.core.judge(places, chosen, reference, cache, seed, threads, progress, period=first.period)
+        results = first.core.judge(places, chosen, reference, cache, seed, ends, threads, progress, period=first.period)
         for (flat_map, order), measured in zip(group, results, strict=True):
             per_point = np.empty_like(measured["per_point"])
             per_point[order] = measured["per_point"]
@@ -307,7 +316,7 @@ def compare(
         of_charts = []
         for number, (flat_map, _) in enumerate(parts, 1):
             topology = _topology(flat_map)
-            more = {"topology": topology, "voxel_size": whole.voxel_size, "unit": whole.origin.unit}
+            more = {"topology": topology, "voxel_size": whole.voxel_size, "unit": whole.origin.unit, "bands": ends}
             triangles = flat_map.core.measure(flat_map.uv, progress)
             closed, copies = joined[id(flat_map)]
             of_distances = distances[id(closed)] | {"per_point": distances[id(closed)]["per_point"][copies]}

@@ -15,7 +15,7 @@ from voxflat.errors import InputError
 from voxflat.evaluation.measure import Comparison
 from voxflat.figures.colours import AREA_LABEL, AREAS, ERROR_LABEL, ERRORS, top, top_error
 from voxflat.figures.names import plain
-from voxflat.io.grid import in_unit
+from voxflat.io.grid import in_unit, rounded
 from voxflat.maps.flat_map import FlatMap
 from voxflat.maps.raster import FlatImage
 
@@ -63,8 +63,8 @@ def scatter(flat_map: FlatMap) -> Figure:
     axes.legend(loc="upper left", frameon=False)
     _add_colour_bar(axes, bins, f"pairs per hexagon (of {len(flat)})", ticks=LogLocator(subs=(1, 2, 5)), format="%g")
     absolute, relative = distortion.raw.absolute_error, 100 * distortion.raw.relative_error
-    errors = rf"$\bar\varepsilon$ = {absolute:.2f} mm,  $\bar\varepsilon_r$ = {relative:.1f} %"
-    title = rf"{errors},  $\bar\delta$ = {distortion.mean_geodesic:.1f} mm"
+    errors = rf"$\bar\varepsilon$ = {rounded(absolute, 2)} mm,  $\bar\varepsilon_r$ = {relative:.1f} %"
+    title = rf"{errors},  $\bar\delta$ = {rounded(distortion.mean_geodesic, 1)} mm"
     axes.set_title(in_unit(title, flat_map.origin.named_unit))
     return figure
 

@@ -108,12 +108,18 @@ _COUNTED = {"components", "euler", "handles", "loops"}
 _COUNTS = ", ".join(sorted(_COUNTED))
 _OF_DISTORTION: dict[str, _Kind] = {
     **dict.fromkeys(("raw", "best_scale", "standard_error"), _OBJECT),
-    "triangles": _null_or(_OBJECT),
+    **dict.fromkeys(("interior", "triangles"), _null_or(_OBJECT)),
+    "bands": (
+        lambda value: _all(_LENGTH, "")[0](value) and len(value) == 4 and sorted(set(value)) == value,
+        "four ascending lengths",
+    ),
     "topology": _null_or((lambda value: _OBJECT[0](value) and value.keys() >= _COUNTED, f"an object of {_COUNTS}")),
     **dict.fromkeys(("sources", "pairs"), _COUNT),
     **dict.fromkeys(("flipped", "collapsed", "crossings", "covering"), _COUNT),
     **dict.fromkeys(_COUNTED - {"euler"}, _COUNT),
-    **dict.fromkeys(("flipped_share", "area_beyond_1_25", "area_beyond_1_5", "area_beyond_2"), _null_or(_SHARE)),
+    **dict.fromkeys(
+        ("interior_share", "flipped_share", "area_beyond_1_25", "area_beyond_1_5", "area_beyond_2"), _null_or(_SHARE)
+    ),
     "euler": (is_whole, "a whole number"),
     "voxel_size": _null_or(_LENGTH),
     "reference": _one_of("exact", "graph", "chain"),

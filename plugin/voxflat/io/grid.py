@@ -146,8 +146,8 @@ def named_unit(unit: object) -> str:
 
 
 def rounded(length: float, places: int = 0) -> str:
-    """Return a length with some decimal places, but at least two significant digits below 1, so that it is not "0"."""
-    return f"{length:.{places}f}" if abs(length) >= 1 or length == 0 else f"{length:.2g}"
+    """Return a length with some decimal places, but at least two significant digits, so that no length is "0"."""
+    return f"{length:.{places}f}" if abs(length) >= (1 if places else 10) or length == 0 else f"{length:.2g}"
 
 
 def key_in_unit(name: str, unit: str) -> str:

@@ -1,5 +1,11 @@
 """The columns of the table of a study, and their descriptions for its JSON file."""
 
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from voxflat.distortion.bands import HUMAN, Bands, in_bands, key_in_bands
+from voxflat.lab.results import bands_in, figure_of
+
 _FIRST: dict[str, tuple[str, str]] = {
     "participant_id": ("participant", ""),
     "session_id": ("session", ""),
@@ -34,8 +40,13 @@ _DISTANCES = {  # d are distances on the map, and δ geodesic distances on the s
     "stress_1": ("Kruskal's stress-1, sqrt(Σ(d − δ)² / Σδ²)", ""),
     "sammon_stress": ("Sammon's stress, (1/Σδ) Σ (d − δ)²/δ", ""),
 }
-_SCALES = {"raw": "the unscaled map", "best_scale": "the map at the scale with the smallest mean relative error"}
+_SCALES = {
+    "raw": "the unscaled map",
+    "best_scale": "the map at the scale with the smallest mean relative error",
+    "interior": "pairs whose shortest path does not bend around the boundary, at the scale with their smallest error",
+}
 _OTHERS = {
+    "interior_share": ("share of the pairs whose shortest path does not bend around the boundary", ""),
     "pearson_r": ("correlation of d and δ", ""),
     "mean_geodesic": ("mean of δ", "mm"),
     "sources": ("number of random reference sources", ""),
@@ -79,11 +90,24 @@ _MEASURES = {
     **_VOXELS,
 }
 
-MEASURE_COLUMNS = tuple(_MEASURES)
-"""The names of the columns of measures, which are paths in ``record["figures"]``, as in `figure_of`."""
 
-DESCRIPTIONS = {
-    name: {"Description": about} | ({"Units": unit} if unit else {})
-    for name, (about, unit) in {**_FIRST, **_MEASURES}.items()
-}
-"""The description of each column, as BIDS defines it for tables."""
+def columns_of(records: Sequence[Mapping[str, Any]]) -> dict[str, dict[str, str]]:
+    """Return the columns of the table of some records, and the description of each, as BIDS defines it for tables."""
+    kinds = dict.fromkeys(map(bands_in, records)) or {(HUMAN, "mm"): None}
+    measures = {
+        _named(place, *kind): (in_bands(about, *kind) if "relative_error_" in place else about, unit)
+        for place, (about, unit) in _MEASURES.items()
+        for kind in kinds
+    }
+    columns = {**_FIRST, **measures}
+    return {name: {"Description": about} | ({"Units": unit} if unit else {}) for name, (about, unit) in columns.items()}
+
+
+def measures_in(record: Mapping[str, Any]) -> dict[str, float | None]:
+    """Return the measures of a record, keyed by column."""
+    return {_named(place, *bands_in(record)): figure_of(record, place) for place in _MEASURES}
+
+
+def _named(place: str, bands: Bands, unit: str) -> str:
+    """Return a path in ``record["figures"]``, as in `figure_of`, with the bands of a surface."""
+    return ".".join(key_in_bands(key, bands, unit) for key in place.split("."))

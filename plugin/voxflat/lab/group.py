@@ -13,7 +13,7 @@ from voxflat.arguments import log
 from voxflat.errors import InputError, user_message
 from voxflat.io.files import from_json
 from voxflat.io.reading import hash_of
-from voxflat.lab.columns import DESCRIPTIONS, MEASURE_COLUMNS
+from voxflat.lab.columns import columns_of, measures_in
 from voxflat.lab.comparison import Mean, Row, Sums, counted, outliers, outliers_by_chance
 from voxflat.lab.differences import not_averaged, warnings_about
 from voxflat.lab.freshness import page_key, write_json, write_text
@@ -75,7 +75,7 @@ def group(
             (out / name).unlink()
         table, page = out / f"{_STEM}_measures.tsv", out / "group.html"
         write_text(table, _table(rows))
-        write_json(table.with_suffix(".json"), DESCRIPTIONS)
+        write_json(table.with_suffix(".json"), _columns(rows))
         key, warnings = _key(rows, gone), _warnings(rows, gone, source, again)
         write_text(page, study_page(rows, means, maps, key, expected_outliers(rows), warnings))
         written += [table.name, table.with_suffix(".json").name, page.name]
@@ -209,7 +209,8 @@ def expected_outliers(rows: Sequence[Row]) -> float:
 def _table(rows: Sequence[Row]) -> str:
     """Return the table of all measures as a BIDS table, with n/a for missing values."""
     text = io.StringIO()
-    print("\t".join(DESCRIPTIONS), file=text)
+    columns = _columns(rows)
+    print("\t".join(columns), file=text)
     for row in rows:
         cells: list[Any] = [row.name, row.session.removeprefix("_") or None, row.letter or None]
         cells += [
@@ -219,13 +220,18 @@ def _table(rows: Sequence[Row]) -> str:
             "; ".join((row.record or {}).get("warnings", ())) or None,
         ]
         if row.record is None:
-            cells += [None] * (len(DESCRIPTIONS) - len(cells))
+            cells += [None] * (len(columns) - len(cells))
         else:
             cells += [row.record["surface"]["cortex"]]
             cells += [row.record["map"][key] for key in ("cuts_by", "points", "width", "height")]
-            cells += [figure_of(row.record, place) for place in MEASURE_COLUMNS]
+            measures = measures_in(row.record)
+            cells += [measures.get(name) for name in list(columns)[len(cells) :]]
         print("\t".join("n/a" if cell is None else _cell(cell) for cell in cells), file=text)
     return text.getvalue()
+
+
+def _columns(rows: Sequence[Row]) -> dict[str, dict[str, str]]:
+    return columns_of([row.record for row in rows if row.record is not None])
 
 
 def _cell(value: Any) -> str:

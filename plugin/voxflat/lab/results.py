@@ -2,7 +2,7 @@
 
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from voxflat.distortion.bands import HUMAN, Bands, in_bands, key_in_bands
 from voxflat.errors import InputError
 from voxflat.io.files import REMEDY, from_json, naming
 from voxflat.io.overlays import read_overlay
@@ -145,9 +146,26 @@ def _key(point: Any) -> Any:
     return tuple(point) if isinstance(point, list) else point
 
 
+def bands_in(record: Mapping[str, Any]) -> tuple[Bands, str]:
+    """Return the distance bands of a record, and their unit."""
+    figures = record["figures"]
+    return tuple(figures.get("bands", HUMAN)), figures.get("unit", "mm")
+
+
+def title_of(place: str, records: Iterable[Mapping[str, Any]]) -> str:
+    """Return the title of a measure of `FIGURES`, with the distance bands of all records."""
+    title = FIGURES[place][0]
+    bands = dict.fromkeys(map(bands_in, records)) if "relative_error_" in place else {}
+    return " or ".join(dict.fromkeys(in_bands(title, *of) for of in bands)) or title
+
+
 def figure_of(record: Mapping[str, Any], place: str) -> float | None:
-    """Return a measure of a record by its path, such as ``best_scale.stress_1``; None if it is undefined."""
+    """Return a measure of a record by its path, such as ``best_scale.stress_1``; None if it is undefined.
+
+    Bands are named as those of human hemispheres.
+    """
     value: Any = record["figures"]
+    bands, unit = bands_in(record)
     for key in place.split("."):
-        value = None if value is None else value.get(key)
+        value = None if value is None else value.get(key_in_bands(key, bands, unit))
     return None if value is None else float(value)

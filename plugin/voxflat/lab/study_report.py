@@ -10,7 +10,7 @@ from voxflat.citation.methods_text import citation_of, facts_of
 from voxflat.figures.overlays import painted
 from voxflat.lab.comparison import Mean, Row, counted
 from voxflat.lab.pages import Layer, colour_bar, filled, layers_of, pictures, png
-from voxflat.lab.results import COUNTS, FIGURES, figure_of
+from voxflat.lab.results import COUNTS, FIGURES, figure_of, title_of
 from voxflat.maps.flat_map import FlatMap
 
 _SHOWN = 0.9  # pixels of the page per mm of a map
@@ -30,6 +30,7 @@ def study_page(
     """Return the page of a study as HTML, with a table, maps, means, and links to the reports on subjects."""
     there = [row for row in rows if row.record is not None]
     missing = [row for row in rows if row.record is None]
+    records = [row.record for row in rows if row.record is not None]
     ranked = sorted(there, key=lambda row: figure_of(row.record or {}, _RANKED_BY) or 0.0, reverse=True)
     table = [{"row": row, "cells": [_cell(row, place) for place in FIGURES]} for row in ranked]
     table += [{"row": row, "cells": []} for row in missing]
@@ -38,7 +39,7 @@ def study_page(
         key=key,
         version=__version__,
         table=table,
-        titles=[(title, unit) for title, _, unit in FIGURES.values()],
+        titles=[(title_of(place, records), unit) for place, (_, _, unit) in FIGURES.items()],
         missing=missing,
         pictures=[[entry for entry in maps if entry["row"].letter == letter] for letter in ("L", "R")],
         means=[_mean(mean) for mean in means],
@@ -84,7 +85,8 @@ def _mean(mean: Mean) -> dict[str, Any]:
 
 def _dots(rows: Sequence[Row], place: str) -> dict[str, Any]:
     """Return a dot plot of a measure over hemispheres."""
-    title, factor, unit = FIGURES[place]
+    _, factor, unit = FIGURES[place]
+    title = title_of(place, [row.record for row in rows if row.record is not None])
     width, height = _DOTS
     pairs = [(row, figure_of(row.record or {}, place)) for row in rows]
     values = [factor * value for _, value in pairs if value is not None]

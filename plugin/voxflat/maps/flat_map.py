@@ -188,9 +188,8 @@ class FlatMap(Planar, Saved):
 
     def __repr__(self) -> str:
         width, height = np.ptp(self.uv, axis=0)
-        error = 100 * self.distortion.raw.relative_error
         size = in_unit(f"{rounded(width)} x {rounded(height)} mm", self.origin.named_unit)
-        return f"<FlatMap: {len(self)} points, {size}, relative error {error:.1f} %>"
+        return f"<FlatMap: {len(self)} points, {size}, {self.distortion._summary()}>"
 
     @property
     def is_voxels(self) -> bool:

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from voxflat.arguments import checked_path, is_whole, log, shown
+from voxflat.distortion.bands import HUMAN
 from voxflat.distortion.distortion import Distortion
 from voxflat.distortion.figures import undefined_as_nan
 from voxflat.errors import InputError
@@ -76,7 +77,7 @@ def read_map(path: str | os.PathLike[str], *, series: bool = False) -> dict[str,
             arrays = files.in_types(arrays, layout)
         distortion = metadata.pop("distortion")
         more = {name: distortion.pop(name) for name in ("triangles", "reference", "topology", "voxel_size")}
-        triangles = more.pop("triangles")
+        triangles, more["bands"] = more.pop("triangles"), tuple(distortion.pop("bands", HUMAN))
         if triangles is not None:
             triangles = undefined_as_nan(triangles)
             triangles |= {name: arrays.pop(f"distortion_{name}") for name in ("areal", "is_flipped")}

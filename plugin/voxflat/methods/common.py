@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from voxflat import _core
 from voxflat.arguments import log
 from voxflat.distances.table import Table
+from voxflat.distortion.bands import Bands, usual_bands
 from voxflat.distortion.distortion import Distortion
 from voxflat.maps.flat_map import FlatMap
 from voxflat.methods.method import FlattenSettings
@@ -32,11 +33,17 @@ def error_of_distances(part: Manifold, geodesic: str, settings: FlattenSettings)
     return part.core.error_of_distances(settings.seed, geodesic, settings.threads, settings.progress)
 
 
+def bands_of(part: Manifold) -> Bands:
+    """Return the distance bands of the measures for a surface."""
+    return usual_bands(part.core.area, part.origin.unit)
+
+
 def _measured(
     cut: CutManifold[Manifold], result: dict[str, Any], geodesic: str, links_error: float, settings: FlattenSettings
 ) -> Distortion:
     """Measure the distortion against graph distances, or against exact distances if graph distances are inaccurate."""
     part, reference, distances = cut.surface, "graph", result["distortion"]
+    bands = bands_of(part)
     if geodesic == "exact" or links_error > MUCH:
         tube = None if cut.chart is None else cut.chart.tube
         joined, rows = (part, np.arange(len(part))) if tube is None else (tube.part, tube.rows(part))
@@ -44,11 +51,14 @@ def _measured(
         uv[rows] = result["uv"]
         count = _core.REFERENCE_SOURCES if geodesic == "exact" else _FEW
         sources = _core.reference_sources(len(joined), count, settings.seed)
-        options, period = (_core.KEPT_BYTES, settings.seed, settings.threads, settings.progress), result.get("period")
+        options, period = (
+            (_core.KEPT_BYTES, settings.seed, bands, settings.threads, settings.progress),
+            result.get("period"),
+        )
         reference, distances = "exact", joined.core.judge([uv], sources, "exact", *options, period=period)[0]
         distances["per_point"] = distances["per_point"][rows]
     of_triangles = part.core.measure(result["uv"], settings.progress)
-    return Distortion._of(distances, of_triangles, reference, voxel_size=part.voxel_size)
+    return Distortion._of(distances, of_triangles, reference, voxel_size=part.voxel_size, bands=bands)
 
 
 def map_over_triangles(

@@ -10,10 +10,11 @@ from voxflat.arguments import checked_choice
 from voxflat.distances.geodesic import stored_rows
 from voxflat.distances.sources import SAMPLINGS, source_choice
 from voxflat.distances.store import prepare_store
+from voxflat.distortion.bands import Bands
 from voxflat.distortion.distortion import Distortion
 from voxflat.errors import InputError
 from voxflat.maps.flat_map import FlatMap
-from voxflat.methods.common import making_details
+from voxflat.methods.common import bands_of, making_details
 from voxflat.methods.method import FlattenSettings, Method
 from voxflat.surfaces.cutting import CutManifold
 from voxflat.surfaces.manifold import Manifold
@@ -104,9 +105,9 @@ class Grossmann2002(Method):
             )
         if settings.mirror:
             raise InputError("the method 'grossmann2002' does not support mirror. Omit it")
-        return self._map(voxel_graph(surface, self.link_lengths, settings.progress), settings)
+        return self._map(voxel_graph(surface, self.link_lengths, settings.progress), bands_of(surface), settings)
 
-    def _map(self, graph: VoxelGraph, settings: FlattenSettings) -> FlatMap:
+    def _map(self, graph: VoxelGraph, bands: Bands, settings: FlattenSettings) -> FlatMap:
         part = graph.core
         part.check_flattenable(settings.progress)  # report this error before others
         choice = source_choice(graph, self.sources, self.sampling, settings.seed, fewest=3, at_most_all=True)
@@ -118,7 +119,7 @@ class Grossmann2002(Method):
             kind = {"geodesic": "chain", "link_lengths": graph.link_lengths}
             store = prepare_store(settings.store, part, graph.ids, chosen, **kind, progress=settings.progress)
         result = part.grossmann2002(
-            chosen, settings.seed, settings.keep_rows and store is None, settings.threads, settings.progress
+            chosen, settings.seed, bands, settings.keep_rows and store is None, settings.threads, settings.progress
         )
         topology = part.topology(settings.progress)
         faces, torn = part.map_faces(result["uv"], settings.progress)
@@ -141,7 +142,7 @@ class Grossmann2002(Method):
             torn=torn,
             sources=chosen.astype(np.int64),
             eigenvalues=result["eigenvalues"],
-            distortion=Distortion._of(result["distortion"], None, "chain", voxel_size=graph.voxel_size),
+            distortion=Distortion._of(result["distortion"], None, "chain", voxel_size=graph.voxel_size, bands=bands),
             origin=graph.origin,
             method=self.name,
             seed=settings.seed,

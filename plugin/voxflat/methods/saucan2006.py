@@ -8,7 +8,7 @@ from voxflat.atlases.glued import Seams, measured
 from voxflat.errors import InputError
 from voxflat.io.grid import in_unit, rounded
 from voxflat.maps.flat_map import FlatMap
-from voxflat.methods.common import map_over_triangles
+from voxflat.methods.common import bands_of, map_over_triangles
 from voxflat.methods.method import FlattenSettings, OverTriangles
 from voxflat.surfaces.cutting import CutManifold
 from voxflat.surfaces.manifold import Manifold
@@ -81,7 +81,9 @@ class Saucan2006(OverTriangles):
             cut.surface.core.saucan2006_memory_need(settings.workers), "flatten a smaller patch"
         )
         bound = float(self.bound)
-        result = cut.surface.core.saucan2006(bound, settings.seed, settings.threads, settings.progress)
+        result = cut.surface.core.saucan2006(
+            bound, settings.seed, bands_of(cut.surface), settings.threads, settings.progress
+        )
         part, seams = cut.surface._with_core(result["surface"]), Seams(**result["seams"])
         faces = part.faces[: len(cut.faces)]  # triangles that close holes come last
         cut = replace(cut, surface=part, faces=faces)

@@ -11,7 +11,7 @@ from voxflat.arguments import checked_choice, is_whole
 from voxflat.distances.sources import SAMPLINGS, SourceChoice, source_choice
 from voxflat.errors import InputError
 from voxflat.maps.flat_map import FlatMap
-from voxflat.methods.common import map_over_triangles
+from voxflat.methods.common import bands_of, map_over_triangles
 from voxflat.methods.method import FlattenSettings, OverTriangles, checked_count
 from voxflat.surfaces.cutting import CutManifold
 from voxflat.surfaces.manifold import Manifold
@@ -109,7 +109,14 @@ class Schwartz1989(OverTriangles):
         need = settings.check_memory(need, f"distances {extent} of {len(part)} points are stored. {remedy}")
         chosen = choice.made(settings.progress)
         result = part.core.schwartz1989(
-            rings, chosen, self.starts, settings.seed, settings.keep_rows, settings.threads, settings.progress
+            rings,
+            chosen,
+            self.starts,
+            settings.seed,
+            bands_of(part),
+            settings.keep_rows,
+            settings.threads,
+            settings.progress,
         )
         if np.isnan(result["planarity"]):
             result["planarity"] = None  # without sources

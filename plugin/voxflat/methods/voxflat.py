@@ -16,7 +16,7 @@ from voxflat.maps.flat_map import FlatMap
 from voxflat.maps.matching import match
 from voxflat.maps.worst_places import AreaBoundError, area_changes
 from voxflat.maps.worst_search import worst_places
-from voxflat.methods.common import MUCH, error_of_distances, map_over_triangles
+from voxflat.methods.common import MUCH, bands_of, error_of_distances, map_over_triangles
 from voxflat.methods.method import FlattenSettings, OverTriangles
 from voxflat.methods.start import covered, cut_as, named_as, places_of
 from voxflat.surfaces.cutting import CutManifold, Tube
@@ -168,6 +168,7 @@ class Voxflat(OverTriangles):
         arguments = (
             chosen,
             settings.seed,
+            bands_of(part),
             solver,
             weighting,
             self.scale,
@@ -199,8 +200,16 @@ class Voxflat(OverTriangles):
         need = settings.check_memory(cut.surface.core.memory_need(choice.count, settings.workers, "dropped"))
         links_error = error_of_distances(part, "graph", settings)
         solver, error, warnings = _solver(part, self.geodesic, links_error, settings)
-        of_seam = (cut.surface.core, tube.seam.astype(np.uint32), choice.made(settings.progress), settings.seed, solver)
-        result = part.core.periodic(*of_seam, float(self.weighting), self.scale, settings.threads, settings.progress)
+        of_seam = (cut.surface.core, tube.seam.astype(np.uint32), choice.made(settings.progress), settings.seed)
+        result = part.core.periodic(
+            *of_seam,
+            bands_of(cut.surface),
+            solver,
+            float(self.weighting),
+            self.scale,
+            settings.threads,
+            settings.progress,
+        )
         energies, converged = result["convergence"]
         details = {"geodesic": solver, "distance_error": error, "weighting": self.weighting, "scale": self.scale}
         details["descent"] = {"converged": converged, "energies": energies}

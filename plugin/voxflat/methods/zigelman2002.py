@@ -10,7 +10,7 @@ from voxflat.arguments import checked_choice
 from voxflat.distances.sources import SAMPLINGS, source_choice
 from voxflat.errors import InputError
 from voxflat.maps.flat_map import FlatMap
-from voxflat.methods.common import map_over_triangles
+from voxflat.methods.common import bands_of, map_over_triangles
 from voxflat.methods.method import FlattenSettings, OverTriangles
 from voxflat.surfaces.cutting import CutManifold
 from voxflat.surfaces.manifold import Manifold
@@ -86,7 +86,7 @@ class Zigelman2002(OverTriangles):
         need = settings.check_memory(need + settings.rows_memory_need(choice.count, len(part)))
         if grid is None and (choice.given is not None or self.sampling != "decimation"):
             vertices = choice.made(settings.progress)
-        chosen = (choice.count, settings.seed, vertices, grid, "circle")
+        chosen = (choice.count, settings.seed, bands_of(part), vertices, grid, "circle")
         result = part.core.zigelman2002(*chosen, settings.keep_rows, settings.threads, settings.progress)
         placed = {"placed_by": "re-insertion" if grid is None else "bilinear functions between a grid's pixels"}
         rows, sampling = result["rows"], choice.rule

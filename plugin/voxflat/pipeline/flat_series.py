@@ -282,14 +282,21 @@ class FlatSeries(Sequence[FlatMap], ReadOnly, Saved):
         closed, rows = Matched(core, distinct(flat.ids).which[core.ids], uv, flat.period).joined()
         sources = _core.reference_sources(len(closed.uv), before.sources, seed)
         judge, cache = closed.core.judge, _core.KEPT_BYTES
-        result = judge([closed.uv], sources, before.reference, cache, seed, threads, progress, period=flat.period)[0]
+        result = judge(
+            [closed.uv], sources, before.reference, cache, seed, before.bands, threads, progress, period=flat.period
+        )[0]
         result["per_point"] = result["per_point"][rows]
         triangles = core.measure(uv, progress)
         for figures, name in ((result, "per_point"), (triangles, "areal")):
             values = np.full(len(flat), np.nan)
             values[core.ids] = figures[name]
             figures[name] = values
-        more = {"topology": before.topology, "voxel_size": before.voxel_size, "unit": before.unit}
+        more = {
+            "bands": before.bands,
+            "topology": before.topology,
+            "voxel_size": before.voxel_size,
+            "unit": before.unit,
+        }
         return Distortion._of(result, triangles, before.reference, **more)
 
     def _write(self, path: Path) -> None:

@@ -19,7 +19,7 @@ fn main() -> Result<()> {
     let sources = Sources::Farthest { count: 50, seed: 0 }.choose(&graph, &control)?;
     let levels = Levels::new(&surface, &sources, &control)?;
     let rows = levels.measure(&Marking::new(&graph), &control)?;
-    let map = flatten::voxflat(levels, rows, &Options::default(), &graph, 0, &control)?;
+    let map = flatten::voxflat(levels, rows, &Options::default(), &graph, Default::default(), &control)?;
 
     let error = map.distortion.raw.relative_error;
     println!("{} vertices; distances change by {:.2} % on average", map.uv.len(), 100.0 * error);

@@ -22,7 +22,14 @@ fn whole(mask: &Mask, spacing: [f64; 3]) -> (VoxelSurface, VoxelGraph) {
 
 fn flatten(mask: &Mask, spacing: [f64; 3], sources: usize) -> Result<FlatMap> {
     let (surface, graph) = whole(mask, spacing);
-    grossmann2002(&surface, &graph, &Sources::Farthest { count: sources, seed: 0 }, 0, false, &Control::default())
+    grossmann2002(
+        &surface,
+        &graph,
+        &Sources::Farthest { count: sources, seed: 0 },
+        Default::default(),
+        false,
+        &Control::default(),
+    )
 }
 
 /// Returns a half cylinder of this radius in voxels, one voxel thick.
@@ -72,7 +79,9 @@ fn a_closed_surface_is_refused_and_a_patch_of_it_is_not() {
     let disk = Disk { seed_point: [14, 14, 2], radius: 15.0 };
     let (part, graph) = part(&surface, None, Some(disk)).unwrap();
     assert_eq!(check_flattenable(&part, &control).unwrap().euler, 1);
-    let map = grossmann2002(&part, &graph, &Sources::Random { count: 100, seed: 1 }, 0, false, &control).unwrap();
+    let map =
+        grossmann2002(&part, &graph, &Sources::Random { count: 100, seed: 1 }, Default::default(), false, &control)
+            .unwrap();
     assert!(map.distortion.raw.relative_error < 0.1);
 }
 

@@ -134,7 +134,14 @@ fn map(disk: &Surface, sources: usize, weighting: f64, threads: usize, control: 
         let sources = Sources::Farthest { count: sources.min(disk.len()), seed: 0 }.choose(&graph, control)?;
         let levels = Levels::new(disk, &sources, control)?;
         let rows = levels.measure(&Marking::new(&graph), control)?;
-        flatten::voxflat(levels, rows, &Options { weighting, ..Options::default() }, &graph, 0, control)
+        flatten::voxflat(
+            levels,
+            rows,
+            &Options { weighting, ..Options::default() },
+            &graph,
+            Default::default(),
+            control,
+        )
     })
 }
 

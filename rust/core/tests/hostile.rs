@@ -113,18 +113,25 @@ fn default_map(surface: &Surface, graph: &GeodesicGraph, weighting: f64, control
     let sources = Sources::Farthest { count, seed: 0 }.choose(graph, control)?;
     let levels = Levels::new(surface, &sources, control)?;
     let rows = levels.measure(&Marking::new(graph), control)?;
-    flatten::voxflat(levels, rows, &Options { weighting, ..Options::default() }, graph, 0, control)
+    flatten::voxflat(levels, rows, &Options { weighting, ..Options::default() }, graph, Default::default(), control)
 }
 
 fn all_maps(surface: &Surface, control: &Control) -> Result<Vec<Result<FlatMap>>> {
     let graph = GeodesicGraph::new(surface, control)?;
-    let options = schwartz1989::Options { rings: Some(2), sources: &[0], starts: 1, seed: 0, keep_rows: false };
+    let options = schwartz1989::Options {
+        rings: Some(2),
+        sources: &[0],
+        starts: 1,
+        seed: 0,
+        bands: Default::default(),
+        keep_rows: false,
+    };
     let sampling = zigelman2002::Sampling::Decimation { count: 6 };
     Ok(vec![
         default_map(surface, &graph, 0.5, control),
-        flatten::zigelman2002(surface, &graph, &sampling, Wave::Circle, 0, false, control),
+        flatten::zigelman2002(surface, &graph, &sampling, Wave::Circle, Default::default(), false, control),
         flatten::schwartz1989(surface, &graph, &options, control).map(|mapped| mapped.map),
-        saucan2006(surface, 2.0, 0, control).map(|whole| whole.map),
+        saucan2006(surface, 2.0, Default::default(), control).map(|whole| whole.map),
     ])
 }
 
@@ -196,7 +203,7 @@ proptest! {
             if let Ok(voxels) = VoxelSurface::from_mask(&mask, affine, control)
                 && let Ok((part, graph)) = cut_out(&voxels, &Selection::default(), LinkLengths::ChainCode, control)
                 && let Ok(map) =
-                    grossmann2002(&part, &graph, &Sources::Farthest { count: 5, seed: 0 }, 0, false, control)
+                    grossmann2002(&part, &graph, &Sources::Farthest { count: 5, seed: 0 }, Default::default(), false, control)
             {
                 assert_valid(&map)?;
             }
@@ -293,7 +300,7 @@ fn vertices_that_do_not_exist_and_values_of_wrong_lengths_are_errors() {
         shortest_path(&surface, &[0, 1], Some(&ones), &control).err(),
         path_to_any(&surface, 0, &[true], &[true], &ones, &control).err(),
         measure_faces(surface.points(), surface.faces(), &uv, &control).err(),
-        evaluate_all(&graph, &[&uv], None, &[0], 0, 0, &control).err(),
+        evaluate_all(&graph, &[&uv], None, &[0], 0, Default::default(), &control).err(),
         glue(&surface, &[0], &[[[0.0; 2]; 3]], 1.5, &control).err(),
         turn_onto(&[[0.0; 2]], &[], &mut []).err(),
         Template::new(shapes::surface(shapes::sphere(1)), Vec::new(), Vec::new(), Vec::new()).err(),
@@ -301,7 +308,14 @@ fn vertices_that_do_not_exist_and_values_of_wrong_lengths_are_errors() {
     for (n, error) in wrong.into_iter().enumerate() {
         assert!(matches!(error, Some(Error::WrongLength { .. })), "case {n}: {error:?}");
     }
-    let options = schwartz1989::Options { rings: Some(2), sources: &[0], starts: 0, seed: 0, keep_rows: false };
+    let options = schwartz1989::Options {
+        rings: Some(2),
+        sources: &[0],
+        starts: 0,
+        seed: 0,
+        bands: Default::default(),
+        keep_rows: false,
+    };
     assert_eq!(schwartz1989(&surface, &graph, &options, &control).err(), Some(Error::NoStarts));
     let none = register(&surface, &[], None, &control).err();
     assert_eq!(none, Some(Error::NoSuchTemplate { template: 0, templates: 0 }));

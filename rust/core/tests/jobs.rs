@@ -84,17 +84,23 @@ fn long_work_ends_when_it_is_cancelled_and_is_the_same_by_any_number_of_threads(
             job(|c| {
                 let levels = Levels::new(disk, few, control)?;
                 let rows = levels.measure(&Marking::new(graph), control)?;
-                flatten::voxflat(levels, rows, &Default::default(), graph, 0, c)
+                flatten::voxflat(levels, rows, &Default::default(), graph, Default::default(), c)
             }),
         ),
         ("voxels' check", job(|c| check_flattenable(voxels, c).map(|_| ()))),
-        ("Grossmann", job(|c| grossmann2002(voxels, links, farthest, 0, false, c))),
-        ("Saucan", job(|c| saucan2006::saucan2006(disk, 1.5, 0, c))),
+        ("Grossmann", job(|c| grossmann2002(voxels, links, farthest, Default::default(), false, c))),
+        ("Saucan", job(|c| saucan2006::saucan2006(disk, 1.5, Default::default(), c))),
         (
             "Schwartz",
             job(|c| {
-                let options =
-                    schwartz1989::Options { rings: Some(2), sources: few, starts: 2, seed: 3, keep_rows: false };
+                let options = schwartz1989::Options {
+                    rings: Some(2),
+                    sources: few,
+                    starts: 2,
+                    seed: 3,
+                    bands: Default::default(),
+                    keep_rows: false,
+                };
                 schwartz1989(disk, graph, &options, c)
             }),
         ),
@@ -102,14 +108,14 @@ fn long_work_ends_when_it_is_cancelled_and_is_the_same_by_any_number_of_threads(
             "Zigelman",
             job(|c| {
                 let sampling = zigelman2002::Sampling::Decimation { count: 40 };
-                zigelman2002(disk, graph, &sampling, Wave::Circle, 0, false, c)
+                zigelman2002(disk, graph, &sampling, Wave::Circle, Default::default(), false, c)
             }),
         ),
         ("relaxation", job(|c| relax(disk, Relaxation { length: 30.0, ..Relaxation::default() }, c))),
         ("triangles", job(|c| faces::measure_faces(disk.points(), disk.faces(), uv, c))),
         ("overlaps", job(|c| overlap::overlaps(disk.faces(), uv, c))),
-        ("evaluate", job(|c| evaluate::evaluate_all(graph, &[uv], None, sources, 0, 0, c))),
-        ("error of distances", job(|c| distances::error_of_distances(disk, graph, 0, c))),
+        ("evaluate", job(|c| evaluate::evaluate_all(graph, &[uv], None, sources, 0, Default::default(), c))),
+        ("error of distances", job(|c| distances::error_of_distances(disk, graph, Default::default(), c))),
         ("patches", job(|c| atlas::patches(disk, limit, atlas::Seeds::Flattest, c))),
         ("glue", job(|c| atlas::glue::glue(disk, &patches.labels, &patches.flat(disk), 1.5, c))),
         ("sphere", job(|c| spherical_map(ball, c))),

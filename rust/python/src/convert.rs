@@ -7,7 +7,7 @@ use numpy::{
 };
 use pyo3::prelude::*;
 use pyo3::types::{IntoPyDict, PyDict};
-use voxflat::distortion::{Distortion, Figures, faces::FaceDistortion, overlap::Overlap};
+use voxflat::distortion::{Bands, Distortion, Evaluation, Figures, faces::FaceDistortion, overlap::Overlap};
 use voxflat::flatten::FlatMap;
 use voxflat::sources::Sources;
 use voxflat::surface::voxels::level::Level;
@@ -145,6 +145,11 @@ pub fn one_of<T: Copy>(argument: &str, given: &str, choices: &[(&str, T)]) -> Py
     let names: Vec<String> = choices.iter().map(|(name, _)| format!("'{name}'")).collect();
     let (last, others) = names.split_last().expect("there are some");
     Err(InputError::new_err(format!("{argument} is {given:?}. Pass {} or {last}", others.join(", "))))
+}
+
+/// Returns how maps are evaluated, given the upper ends of the distance bands.
+pub fn evaluation(bands: [f64; 4], seed: u64) -> Evaluation {
+    Evaluation { bands: Bands(bands), seed }
 }
 
 /// Returns the figures of distances by their names.

@@ -196,14 +196,14 @@ impl VoxelSurface {
     }
 
     /// Flatten by the method of Grossmann, Kiryati and Kimmel (2002) from sources (vertices).
-    #[pyo3(signature = (sources, seed, keep_rows=false, threads=None, progress=None))]
+    #[pyo3(signature = (sources, seed, bands, keep_rows=false, threads=None, progress=None))]
     fn grossmann2002<'py>(
-        &self, py: Python<'py>, sources: Given<'py, u32>, seed: u64, keep_rows: bool, threads: Threads,
-        progress: Progress<'py>,
+        &self, py: Python<'py>, sources: Given<'py, u32>, seed: u64, bands: [f64; 4], keep_rows: bool,
+        threads: Threads, progress: Progress<'py>,
     ) -> PyResult<Dict<'py>> {
         let given = Sources::Given(sources.as_array().iter().map(|&vertex| vertex as usize).collect());
         let map = self.run(py, threads, &progress, move |inner, control| {
-            grossmann2002(&inner.surface, &inner.graph, &given, seed, keep_rows, control)
+            grossmann2002(&inner.surface, &inner.graph, &given, convert::evaluation(bands, seed), keep_rows, control)
         })?;
         convert::map_dict(py, map)
     }

@@ -11,13 +11,17 @@ from voxflat._napari.wording import in_window, sentence
 from voxflat.atlases.atlas import Atlas
 from voxflat.atlases.certified import FlatAtlas
 from voxflat.atlases.glued import GluedAtlas
+from voxflat.distortion.bands import in_bands
+from voxflat.distortion.distortion import Distortion
 from voxflat.distortion.figures import TriangleFigures
 from voxflat.io.grid import rounded
 from voxflat.maps.flat_map import FlatMap
 
 Row: TypeAlias = tuple[str, str]  # the name of a measure, and its value
 
+INTERIOR = "distance error of interior pairs"
 MEANINGS = {
+    INTERIOR: "The mean relative error of pairs whose shortest path does not bend around the boundary",
     "mean relative distance error": "Mean of |distance on the map − distance on the surface| / distance on the surface",
     "stress-1": "Kruskal's stress, which is 0 for a map that preserves all distances",
     "correlation": "Correlation between distances on the map and distances on the surface (at best 1)",
@@ -31,7 +35,7 @@ def summary(flat_map: FlatMap | Atlas) -> str:
     if isinstance(flat_map, FlatAtlas):
         return f"{len(flat_map):,} patches of {len(flat_map.faces):,} triangles, C ≤ {flat_map.certificate.c:.4f}"
     assert isinstance(flat_map, FlatMap)
-    return f"{len(flat_map):,} points, mean distance error {100 * flat_map.distortion.raw.relative_error:.1f} %"
+    return f"{len(flat_map):,} points, mean {flat_map.distortion._summary()}"
 
 
 def table(flat_map: FlatMap | Atlas) -> str:
@@ -40,7 +44,7 @@ def table(flat_map: FlatMap | Atlas) -> str:
 
 def figures(flat_map: FlatMap | Atlas) -> list[Row]:
     """Return the most important measures of a flat map or an atlas, with lengths in its unit, if any."""
-    return [(in_unit_of(flat_map, name), in_unit_of(flat_map, value)) for name, value in _in_mm(flat_map)]
+    return [(name, in_unit_of(flat_map, value)) for name, value in _in_mm(flat_map)]
 
 
 def _in_mm(flat_map: FlatMap | Atlas) -> list[Row]:
@@ -49,12 +53,14 @@ def _in_mm(flat_map: FlatMap | Atlas) -> list[Row]:
     if isinstance(flat_map, FlatAtlas):
         return _of_atlas(flat_map)
     assert isinstance(flat_map, FlatMap)
-    raw, triangles = flat_map.distortion.raw, flat_map.distortion.triangles
+    distortion, raw, triangles = flat_map.distortion, flat_map.distortion.raw, flat_map.distortion.triangles
+    interior = distortion.interior
     width, height = np.ptp(flat_map.uv, axis=0)
     return [
+        *([] if interior is None else [(INTERIOR, f"{100 * interior.relative_error:.1f} %")]),
         ("mean relative distance error", f"{100 * raw.relative_error:.1f} %"),
-        ("   within 10 mm", f"{100 * raw.relative_error_10mm:.1f} %"),
-        ("   within 30 mm", f"{100 * raw.relative_error_30mm:.1f} %"),
+        (_within("10 mm", distortion), f"{100 * raw.relative_error_10mm:.1f} %"),
+        (_within("30 mm", distortion), f"{100 * raw.relative_error_30mm:.1f} %"),
         ("mean absolute distance error", f"{rounded(raw.absolute_error, 2)} mm"),
         ("stress-1", f"{raw.stress_1:.4f}"),
         ("correlation", f"{flat_map.distortion.pearson_r:.4f}"),
@@ -62,6 +68,10 @@ def _in_mm(flat_map: FlatMap | Atlas) -> list[Row]:
         ("size of the map", f"{rounded(width)} × {rounded(height)} mm"),
         *_of_topology(flat_map),
     ]
+
+
+def _within(end: str, distortion: Distortion) -> str:
+    return in_bands(f"   within {end}", distortion.bands, distortion.unit)
 
 
 def _of_atlas(atlas: FlatAtlas) -> list[Row]:

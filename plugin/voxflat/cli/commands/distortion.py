@@ -38,6 +38,13 @@ _BEYOND = "List regions whose areas change by more than this factor."
     "Measure",
     option_of(measure, "sources", type=int, metavar="N", default="300, or fewer for exact distances on large meshes"),
     option_of(measure, "reference", type=click.Choice(["exact", "graph"]), default=_USUAL, help=_REFERENCE),
+    option_of(
+        measure,
+        "bands",
+        metavar="A,B,C,D",
+        callback=options.several(4, float, "5,10,15,30"),
+        default="5,10,15,30 mm for human hemispheres, and the same shares of the size of other surfaces",
+    ),
     option_of(measure, "on_surface", is_flag=True, sentences=2),
 )
 @options.section(

@@ -218,8 +218,8 @@ def _series_summary(series: FlatSeries, output: Path, frames: tuple[Path, ...]) 
     rows["largest gap"] = f"{gaps.max():.2g} mm (95th percentile in frame {gaps.argmax()})"
     rows["folded triangles"] = f"{folded.max()}" + (f" in frame {folded.argmax()}" if folded.any() else "")
     lines = [f"{name:22}{value}" for name, value in rows.items()]
-    lines += ["", f"distortion of frame {series.reference}", flat_map.distortion.table(), ""]
-    return in_unit("\n".join(lines), flat_map.origin.named_unit) + f"\nsaved as {output}"
+    text = in_unit("\n".join(lines), flat_map.origin.named_unit)
+    return f"{text}\n\ndistortion of frame {series.reference}\n{flat_map.distortion.table()}\n\nsaved as {output}"
 
 
 def _summary(flat_map: FlatMap, output: Path) -> str:
@@ -236,11 +236,10 @@ def _summary(flat_map: FlatMap, output: Path) -> str:
         rows["sources"] = str(len(flat_map.sources))
     rows["map"] = f"{rounded(width, 1)} x {rounded(height, 1)} mm{torn}"
     rows["memory, at most"] = f"{details['memory_need_bytes'] / 2**20:.0f} MiB"
+    rows["distances"] = flat_map.distortion._summary()
     lines = [f"{name:22}{value}" for name, value in rows.items()]
-    return (
-        in_unit("\n".join([*lines, "", flat_map.distortion.table(), ""]), flat_map.origin.named_unit)
-        + f"\nsaved as {output}"
-    )
+    text = in_unit("\n".join(lines), flat_map.origin.named_unit)
+    return f"{text}\n\n{flat_map.distortion.table()}\n\nsaved as {output}"
 
 
 def _part(flat_map: FlatMap, details: dict[str, Any]) -> str:

@@ -39,7 +39,7 @@ _parts = (
         )
     ),
     option_of(rim, "hemisphere", type=options.SIDE, metavar="[left|right]"),
-    option_of(rim, "spacing", metavar="X,Y,Z", callback=options.three(float, "0.5,0.5,0.5")),
+    option_of(rim, "spacing", metavar="X,Y,Z", callback=options.several(3, float, "0.5,0.5,0.5")),
 )
 _rim_options = options.section("Input", options.channel, *_parts)
 

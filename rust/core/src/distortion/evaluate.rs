@@ -1,6 +1,6 @@
 //! Evaluation of maps by geodesic distances from reference sources.
 
-use super::{Distortion, WORK_BYTES, measure};
+use super::{Distortion, Evaluation, WORK_BYTES, measure};
 use crate::geodesic::Solver;
 use crate::rows::{DistanceRows, PassingRows};
 use crate::{Control, Result, sources};
@@ -20,10 +20,10 @@ pub(crate) fn memory_need(points: usize) -> u64 {
 
 /// Evaluates a map by the distances from `count` random reference sources.
 pub(crate) fn evaluate(
-    solver: &impl Solver, uv: &[[f64; 2]], count: usize, seed: u64, control: &Control,
+    solver: &impl Solver, uv: &[[f64; 2]], count: usize, evaluation: Evaluation, control: &Control,
 ) -> Result<Distortion> {
-    let reference = reference_sources(uv.len(), count, seed);
-    Ok(evaluate_all(solver, &[uv], None, &reference, u64::MAX, seed, control)?.remove(0))
+    let reference = reference_sources(uv.len(), count, evaluation.seed);
+    Ok(evaluate_all(solver, &[uv], None, &reference, u64::MAX, evaluation, control)?.remove(0))
 }
 
 /// Returns random reference sources. They differ from the sources of a map with the same seed.
@@ -40,12 +40,20 @@ pub fn reference_sources(points: usize, count: usize, seed: u64) -> Vec<u32> {
 /// a map does not have one position per vertex, [`Error::Unreachable`](crate::Error::Unreachable) if the surface is not
 /// connected, and the errors of the solver.
 pub fn evaluate_all<S: Solver>(
-    solver: &S, maps: &[&[[f64; 2]]], period: Option<f64>, reference: &[u32], kept: u64, seed: u64, control: &Control,
+    solver: &S, maps: &[&[[f64; 2]]], period: Option<f64>, reference: &[u32], kept: u64, evaluation: Evaluation,
+    control: &Control,
 ) -> Result<Vec<Distortion>> {
     if 4 * reference.len() as u64 * solver.columns() as u64 <= kept {
-        measure(maps, period, &DistanceRows::compute(solver, reference, control)?, solver.tells_bends(), seed, control)
+        measure(
+            maps,
+            period,
+            &DistanceRows::compute(solver, reference, control)?,
+            solver.tells_bends(),
+            evaluation,
+            control,
+        )
     } else {
-        measure(maps, period, &PassingRows::new(solver, reference, kept), solver.tells_bends(), seed, control)
+        measure(maps, period, &PassingRows::new(solver, reference, kept), solver.tells_bends(), evaluation, control)
     }
 }
 
@@ -62,7 +70,7 @@ mod tests {
         let (control, sheet) = (Control::default(), shapes::surface(shapes::sheet(6, 4)));
         let uv: Vec<[f64; 2]> = sheet.points().iter().map(|p| [1.1 * p.x, p.y]).collect();
         let squeezed: Vec<[f64; 2]> = sheet.points().iter().map(|p| [0.5 * p.x, p.y]).collect();
-        let reference = [0, 7, 30];
+        let (reference, evaluation) = ([0, 7, 30], Evaluation { seed: 3, ..Evaluation::default() });
         let exact = Exact::new(&sheet);
         let evaluated = |kept| {
             let rows = AtomicUsize::new(0);
@@ -70,7 +78,8 @@ mod tests {
                 rows.fetch_add(1, Ordering::Relaxed);
                 Ok(())
             });
-            let found = evaluate_all(&counting, &[&uv, &squeezed], None, &reference, kept, 3, &control).unwrap();
+            let found =
+                evaluate_all(&counting, &[&uv, &squeezed], None, &reference, kept, evaluation, &control).unwrap();
             (found, rows.into_inner())
         };
         let all = 4 * 3 * 35; // bytes of three rows to 35 points
@@ -81,8 +90,8 @@ mod tests {
             let (passed, rows) = evaluated(bytes);
             assert_eq!((format!("{passed:?}"), rows), (format!("{kept:?}"), 6), "{bytes}");
         }
-        let alone = evaluate(&exact, &uv, 3, 3, &control).unwrap();
-        let same = evaluate_all(&exact, &[&uv], None, &reference_sources(35, 3, 3), 0, 3, &control).unwrap();
+        let alone = evaluate(&exact, &uv, 3, evaluation, &control).unwrap();
+        let same = evaluate_all(&exact, &[&uv], None, &reference_sources(35, 3, 3), 0, evaluation, &control).unwrap();
         assert_eq!(format!("{alone:?}"), format!("{:?}", same[0]));
     }
 

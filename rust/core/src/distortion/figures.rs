@@ -1,21 +1,21 @@
 //! Figures of the distortion of distances.
 
-/// The figures of a map at one scale.
+/// The figures of a map at one scale. Names of bands are those of human hemispheres ([`Bands`](super::Bands)).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Figures {
     /// The factor by which flat distances were multiplied.
     pub scale: f64,
     /// Mean of |d − δ|/δ (ε̄_r of Grossmann et al.).
     pub relative_error: f64,
-    /// The same over pairs with δ ≤ 5 mm.
+    /// The same over pairs with δ in the first band; on a human hemisphere δ ≤ 5 mm.
     pub relative_error_0_5mm: f64,
-    /// The same over pairs with 5 mm < δ ≤ 15 mm.
+    /// The same over the second and third band; 5 mm < δ ≤ 15 mm.
     pub relative_error_5_15mm: f64,
-    /// The same over pairs with 15 mm < δ ≤ 30 mm.
+    /// The same over the fourth band; 15 mm < δ ≤ 30 mm.
     pub relative_error_15_30mm: f64,
-    /// The same over pairs with δ ≤ 10 mm.
+    /// The same up to the second band; δ ≤ 10 mm.
     pub relative_error_10mm: f64,
-    /// The same over pairs with δ ≤ 30 mm.
+    /// The same over all bands; δ ≤ 30 mm.
     pub relative_error_30mm: f64,
     /// Mean of |d − δ| in mm (ε̄ of Grossmann et al.).
     pub absolute_error: f64,

@@ -26,6 +26,7 @@ use crate::geodesic::bend::is_bent;
 use crate::rows::Rows;
 use crate::{Control, Result};
 pub use figures::Figures;
+pub use sums::Bands;
 
 use bootstrap::{StandardErrors, standard_errors};
 use scale::{Answer, Ratios};
@@ -69,15 +70,24 @@ pub struct Distortion {
     pub scatter: Vec<[f64; 2]>,
 }
 
+/// How maps are evaluated.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct Evaluation {
+    /// The distance bands of the figures.
+    pub bands: Bands,
+    /// The seed of the reference sources.
+    pub seed: u64,
+}
+
 /// Evaluates flat maps of the same vertices (positions in mm) against distance rows to all of their points, which may be
 /// marked. If the maps repeat in the second direction with a period, distances are measured to the nearest copy.
 pub(crate) fn measure<R: Rows>(
-    maps: &[&[[f64; 2]]], period: Option<f64>, rows: &R, are_marked: bool, seed: u64, control: &Control,
+    maps: &[&[[f64; 2]]], period: Option<f64>, rows: &R, are_marked: bool, evaluation: Evaluation, control: &Control,
 ) -> Result<Vec<Distortion>> {
     let (sources, columns) = (rows.sources().len(), rows.columns());
     maps.iter().try_for_each(|uv| check_length("positions", uv.len(), "points", columns))?;
     let mut maps: Vec<Evaluated> =
-        maps.iter().map(|&uv| Evaluated::new(Plane { uv, period }, sources, are_marked, seed)).collect();
+        maps.iter().map(|&uv| Evaluated::new(Plane { uv, period }, sources, are_marked, evaluation)).collect();
     control.begin("measuring distortion", 2);
     pass(&mut maps, rows, control, Evaluated::take_raw)?;
     control.advance();
@@ -86,13 +96,13 @@ pub(crate) fn measure<R: Rows>(
     }
     pass(&mut maps, rows, control, Evaluated::take_best)?;
     control.advance();
-    maps.into_iter().map(|map| map.distortion(seed, control)).collect()
+    maps.into_iter().map(|map| map.distortion(control)).collect()
 }
 
 /// Returns the scale at which the distances of interior pairs are closest to the marked rows: argmin mean |s·d − δ|/δ.
 /// The rows must reach all points of the map, which may have a period as in [`measure`]. NaN if all positions coincide.
 pub(crate) fn best_scale<R: Rows>(uv: &[[f64; 2]], period: Option<f64>, rows: &R, control: &Control) -> Result<f64> {
-    let mut map = [Evaluated::new(Plane { uv, period }, 0, true, 0)];
+    let mut map = [Evaluated::new(Plane { uv, period }, 0, true, Evaluation::default())];
     pass(&mut map, rows, control, |map, block, control| {
         map.begin_ratios(block, control)?;
         map.take_ratios(block, control)
@@ -171,6 +181,7 @@ struct Evaluated<'a> {
     /// Those of interior pairs; all pairs are interior if the rows are not marked.
     interior: AtBestScale,
     are_marked: bool,
+    evaluation: Evaluation,
     /// The sum and the number of relative errors of each point.
     per_point: Vec<(f64, f64)>,
     /// Pairs for the scatter plot: the number of a source, and the cyclic offset from the source to the point.
@@ -216,9 +227,9 @@ impl AtBestScale {
 }
 
 impl<'a> Evaluated<'a> {
-    fn new(plane: Plane<'a>, sources: usize, are_marked: bool, seed: u64) -> Self {
+    fn new(plane: Plane<'a>, sources: usize, are_marked: bool, evaluation: Evaluation) -> Self {
         let uv = plane.uv;
-        let mut rng = ChaCha8Rng::seed_from_u64(seed);
+        let mut rng = ChaCha8Rng::seed_from_u64(evaluation.seed);
         let others = uv.len().saturating_sub(1);
         let pairs = if others == 0 { 0 } else { SCATTER.min(sources * others) };
         let mut chosen: Vec<_> =
@@ -230,6 +241,7 @@ impl<'a> Evaluated<'a> {
             all: AtBestScale::default(),
             interior: AtBestScale::default(),
             are_marked,
+            evaluation,
             per_point: vec![(0.0, 0.0); uv.len()],
             chosen,
             scatter: Vec::with_capacity(pairs),
@@ -263,7 +275,7 @@ impl<'a> Evaluated<'a> {
         let sums = block.each_source(control, |n| {
             let mut sums = Sums::default();
             block.pairs(n, self.plane, |delta, d, is_bent| {
-                sums.add(delta, d);
+                sums.add(&self.evaluation.bands, delta, d);
                 self.count(delta, d, is_bent);
             });
             sums
@@ -329,9 +341,9 @@ impl<'a> Evaluated<'a> {
         let sums = block.each_source(control, |n| {
             let [mut all, mut interior] = [Sums::default(); 2];
             block.pairs(n, self.plane, |delta, d, is_bent| {
-                all.add(delta, scales[0] * d);
+                all.add(&self.evaluation.bands, delta, scales[0] * d);
                 if self.counts_as_interior(is_bent) {
-                    interior.add(delta, scales[1] * d);
+                    interior.add(&self.evaluation.bands, delta, scales[1] * d);
                 }
             });
             (all, interior)
@@ -343,7 +355,7 @@ impl<'a> Evaluated<'a> {
         Ok(())
     }
 
-    fn distortion(self, seed: u64, control: &Control) -> Result<Distortion> {
+    fn distortion(self, control: &Control) -> Result<Distortion> {
         let raw = self.raw.iter().sum::<Sums>();
         let [interior, pairs] = [&self.interior.sums, &self.raw].map(|sums| sums.iter().sum::<Sums>().pairs() as f64);
         let undefined = || Sums::default().figures(f64::NAN);
@@ -354,7 +366,13 @@ impl<'a> Evaluated<'a> {
             interior_share: if self.are_marked { interior / pairs } else { f64::NAN },
             pearson_r: raw.correlation(),
             mean_geodesic: raw.mean_geodesic(),
-            standard_error: standard_errors(&self.raw, &self.all.sums, self.plane.uv.len(), seed, control)?,
+            standard_error: standard_errors(
+                &self.raw,
+                &self.all.sums,
+                self.plane.uv.len(),
+                self.evaluation.seed,
+                control,
+            )?,
             sources: self.raw.len(),
             pairs: raw.pairs(),
             per_point: self.per_point.iter().map(|(sum, count)| sum / count).collect(), // NaN without other sources

@@ -4,8 +4,16 @@ use std::iter::Sum;
 
 use super::figures::Figures;
 
-/// The upper ends of the distance bands in mm; each belongs to its band.
-const BANDS_MM: [f64; 4] = [5.0, 10.0, 15.0, 30.0];
+/// The upper ends of the distance bands of the figures, ascending, in the unit of the surface; each belongs to its band.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Bands(pub [f64; 4]);
+
+impl Default for Bands {
+    /// Those of human hemispheres in mm.
+    fn default() -> Self {
+        Self([5.0, 10.0, 15.0, 30.0])
+    }
+}
 
 /// Sums over pairs (δ, d) at some scale.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
@@ -18,13 +26,13 @@ pub(crate) struct Sums {
     error: f64,
     squared_error: f64,
     sammon: f64,
-    /// The sum of relative errors and the number of pairs: up to 5, 10, 15 and 30 mm, and above.
-    bands: [(f64, f64); BANDS_MM.len() + 1],
+    /// The sum of relative errors and the number of pairs of each band, and above.
+    bands: [(f64, f64); 5],
 }
 
 impl Sums {
     /// Adds a pair.
-    pub(crate) fn add(&mut self, delta: f64, d: f64) {
+    pub(crate) fn add(&mut self, &Bands(ends): &Bands, delta: f64, d: f64) {
         let error = (d - delta).abs();
         let relative = error / delta;
         self.delta += delta;
@@ -36,7 +44,7 @@ impl Sums {
         self.squared_error += error * error;
         // (d − δ)²/δ (Schwartz, Shaw & Wolfson 1989, eq. 1.0)
         self.sammon += error * relative;
-        let band = &mut self.bands[BANDS_MM.iter().filter(|&&end| delta > end).count()];
+        let band = &mut self.bands[ends.iter().filter(|&&end| delta > end).count()];
         *band = (band.0 + relative, band.1 + 1.0);
     }
 
@@ -115,7 +123,7 @@ mod tests {
     fn the_upper_end_of_a_band_belongs_to_it() {
         let mut sums = Sums::default();
         for (delta, d) in [(5.0, 6.0), (10.0, 14.0), (15.0, 24.0), (30.0, 54.0), (30.5, 30.5)] {
-            sums.add(delta, d); // relative errors 0.2, 0.4, 0.6, 0.8 and 0
+            sums.add(&Bands::default(), delta, d); // relative errors 0.2, 0.4, 0.6, 0.8 and 0
         }
         let figures = sums.figures(1.0);
         let near = |value: f64, expected: f64| assert!((value - expected).abs() < 1e-12, "{value} is not {expected}");

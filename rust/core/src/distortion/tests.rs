@@ -29,7 +29,11 @@ fn rows_of(sources: &[u32], points: &[[f64; 2]], wrong: impl Fn(usize, usize) ->
 }
 
 fn evaluated(uv: &[[f64; 2]], rows: &DistanceRows) -> Distortion {
-    measure(&[uv], None, rows, false, 0, &Control::default()).unwrap().remove(0)
+    evaluated_in(Bands::default(), uv, rows, false)
+}
+
+fn evaluated_in(bands: Bands, uv: &[[f64; 2]], rows: &DistanceRows, are_marked: bool) -> Distortion {
+    measure(&[uv], None, rows, are_marked, Evaluation { bands, seed: 0 }, &Control::default()).unwrap().remove(0)
 }
 
 fn pairs(uv: &[[f64; 2]], rows: &DistanceRows) -> Vec<(f64, f64)> {
@@ -54,15 +58,15 @@ fn places() -> impl Strategy<Value = Vec<[f64; 2]>> {
 
 proptest! {
     #[test]
-    fn figures_follow_their_definitions(uv in places(), stretch in 0.5..2.0f64) {
+    fn figures_follow_their_definitions(uv in places(), stretch in 0.5..2.0f64, size in 0.2..2.0f64) {
         let rows = rows_of(&[0, 3, 7, 11], &uv, |a, b| stretch * (1.0 + 0.3 * ((a * 31 + b * 17) as f64).sin()));
-        let distortion = evaluated(&uv, &rows);
+        let distortion = evaluated_in(Bands([5.0, 10.0, 15.0, 30.0].map(|end| size * end)), &uv, &rows, false);
         let pairs = pairs(&uv, &rows);
         let close = |a: f64, b: f64| (a - b).abs() < 1e-9 || (a.is_nan() && b.is_nan());
         for figures in [distortion.raw, distortion.best_scale] {
             let s = figures.scale;
             let band = |low: f64, high: f64| {
-                mean(pairs.iter().filter(|p| low < p.0 && p.0 <= high).map(|&(x, d)| (s * d - x).abs() / x))
+                mean(pairs.iter().filter(|p| size * low < p.0 && p.0 <= size * high).map(|&(x, d)| (s * d - x).abs() / x))
             };
             prop_assert!(close(figures.relative_error, band(0.0, f64::INFINITY)));
             prop_assert!(close(figures.relative_error_0_5mm, band(0.0, 5.0)));
@@ -84,6 +88,24 @@ proptest! {
         let r = product(&|p| (p.0 - mx) * (p.1 - md))
             / (product(&|p| (p.0 - mx).powi(2)) * product(&|p| (p.1 - md).powi(2))).sqrt();
         prop_assert!((distortion.pearson_r - r).abs() < 1e-9);
+    }
+
+    #[test]
+    fn figures_do_not_depend_on_the_unit(uv in places(), power in -40..40i32) {
+        let factor = f64::from(power).exp2();
+        let rows = rows_of(&[0, 3, 7], &uv, |a, b| 1.0 + 0.3 * ((a * 31 + b * 17) as f64).sin());
+        let scaled: Vec<f32> = (0..3).flat_map(|n| rows.row(n)).map(|distance| distance * factor as f32).collect();
+        let scaled = DistanceRows::new(rows.sources().to_vec(), uv.len(), scaled);
+        let places: Vec<[f64; 2]> = uv.iter().map(|place| place.map(|x| factor * x)).collect();
+        let bands = Bands([4.0, 9.0, 16.0, 25.0]);
+        let one = evaluated_in(bands, &uv, &rows, true);
+        let other = evaluated_in(Bands(bands.0.map(|end| factor * end)), &places, &scaled, true);
+        let bits = |of: &Distortion, unit: f64| {
+            let all = [of.raw, of.best_scale, of.interior, of.standard_error.raw, of.standard_error.best_scale];
+            let in_unit = |figures: Figures| Figures { absolute_error: figures.absolute_error / unit, ..figures };
+            all.map(in_unit).iter().flat_map(Figures::named).map(|(_, value)| value.to_bits()).collect::<Vec<u64>>()
+        };
+        prop_assert_eq!(bits(&one, 1.0), bits(&other, factor));
     }
 
     #[test]
@@ -204,7 +226,7 @@ fn blocks_threads_and_other_maps_change_no_bit() {
     for (threads, block) in [(1, 1), (2, 5), (5, 37), (3, 64)] {
         let maps: [&[[f64; 2]]; 2] = [&other, &uv];
         let found =
-            with_threads(threads, || measure(&maps, None, &Few(&rows, block), false, 0, &Control::default()).unwrap());
+            with_threads(threads, || measure(&maps, None, &Few(&rows, block), false, Evaluation::default(), &Control::default()).unwrap());
         assert!(same(&found[1], &expected));
         assert!(same(&found[0], &alone));
     }
@@ -253,7 +275,7 @@ fn the_best_scale_alone_is_that_of_the_figures() {
     for first in [3.0, 50.0, 0.3] {
         let sources: Vec<u32> = (0..20).map(|n| 7 * n).collect();
         let rows = rows_of(&sources, &uv, |a, b| uneven(a, b) * if a == 0 { first } else { 3.0 });
-        let marked = measure(&[&uv], None, &rows, true, 0, &Control::default()).unwrap().remove(0);
+        let marked = measure(&[&uv], None, &rows, true, Evaluation::default(), &Control::default()).unwrap().remove(0);
         let scale = marked.interior.scale;
         assert!((1.0..5.0).contains(&scale), "{scale}");
         for block in [1, 6, 20] {
@@ -276,7 +298,7 @@ fn distances_of_a_periodic_map_are_those_to_the_nearest_copy() {
     let uv = &uv;
     let row = |&source: &u32| uv.iter().map(|&place| nearest(uv[source as usize], place) as f32).collect::<Vec<_>>();
     let rows = DistanceRows::new(sources.to_vec(), uv.len(), sources.iter().flat_map(row).collect());
-    let found = measure(&[uv], Some(period), &rows, false, 0, &Control::default()).unwrap().remove(0);
+    let found = measure(&[uv], Some(period), &rows, false, Evaluation::default(), &Control::default()).unwrap().remove(0);
     assert!(found.raw.relative_error < 1e-6 && found.per_point.iter().all(|error| *error < 1e-6));
     assert!(found.scatter.iter().all(|[delta, d]| (delta - d).abs() < 1e-5));
     assert!((best_scale(uv, Some(period), &rows, &Control::default()).unwrap() - 1.0).abs() < 1e-5);

@@ -4,6 +4,7 @@ use nalgebra::Vector3;
 
 use super::check::check_flattenable;
 use super::map::{BASE_BYTES, FlatMap, PYTHON_BYTES};
+use crate::distortion::Evaluation;
 use crate::distortion::evaluate::{self, REFERENCE_SOURCES, evaluate};
 use crate::embed::classical::{self, classical_scaling};
 use crate::geodesic::bundle::BundleScratch;
@@ -24,7 +25,8 @@ use crate::{Control, Result};
 /// [`Error::EigenNotConverged`](crate::Error::EigenNotConverged) or
 /// [`Error::RadialSingular`](crate::Error::RadialSingular) if a system of equations has no solution.
 pub fn grossmann2002(
-    surface: &VoxelSurface, graph: &VoxelGraph, sources: &Sources, seed: u64, keep_rows: bool, control: &Control,
+    surface: &VoxelSurface, graph: &VoxelGraph, sources: &Sources, evaluation: Evaluation, keep_rows: bool,
+    control: &Control,
 ) -> Result<FlatMap> {
     check_flattenable(surface, control)?;
     let sources = sources.choose(graph, control)?;
@@ -37,7 +39,7 @@ pub fn grossmann2002(
     let seen_from_outside = handedness(surface, graph, &uv);
     orient(&surface.points(), seen_from_outside, &mut uv);
 
-    let distortion = evaluate(graph, &uv, REFERENCE_SOURCES, seed, control)?;
+    let distortion = evaluate(graph, &uv, REFERENCE_SOURCES, evaluation, control)?;
     let (eigenvalues, planarity) = (scaling.eigenvalues, scaling.planarity);
     Ok(FlatMap {
         uv,

@@ -3,7 +3,7 @@
 use super::map::FlatMap;
 use super::voxflat::Scale;
 use crate::distortion::evaluate::{REFERENCE_SOURCES, evaluate_all, reference_sources};
-use crate::distortion::{best_scale, faces::equal_area_scale};
+use crate::distortion::{Evaluation, best_scale, faces::equal_area_scale};
 use crate::embed::stress::levels::MOST_EVALUATED;
 use crate::embed::stress::periodic::{Tube, flatten_tube};
 use crate::geodesic::bend::{MarkedRows, Marking};
@@ -30,7 +30,7 @@ pub struct Options {
 /// [`Error::Uneven`](crate::Error::Uneven) if triangles are too thin or too uneven for a map, and errors of the solver.
 pub fn periodic<S: Solver>(
     tube: &Tube, sources: &[u32], solver: &S, &Options { weighting, scale }: &Options, graph: &GeodesicGraph,
-    seed: u64, control: &Control,
+    evaluation: Evaluation, control: &Control,
 ) -> Result<(FlatMap, f64)> {
     check_enough(sources.len())?;
     let (closed, opened) = (tube.closed, tube.opened);
@@ -54,8 +54,9 @@ pub fn periodic<S: Solver>(
         uv.iter_mut().flatten().for_each(|coordinate| *coordinate *= factor);
     }
     drop(rows);
-    let (reference, all) = (reference_sources(closed.len(), REFERENCE_SOURCES, seed), of_closed(&uv));
-    let mut found = evaluate_all(&Marking::new(graph), &[&all], Some(period), &reference, u64::MAX, seed, control)?;
+    let (reference, all) = (reference_sources(closed.len(), REFERENCE_SOURCES, evaluation.seed), of_closed(&uv));
+    let mut found =
+        evaluate_all(&Marking::new(graph), &[&all], Some(period), &reference, u64::MAX, evaluation, control)?;
     let mut distortion = found.remove(0);
     distortion.per_point = tube.vertices().iter().map(|&vertex| distortion.per_point[vertex as usize]).collect();
     let normals = closed.normals();

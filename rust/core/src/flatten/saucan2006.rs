@@ -3,6 +3,7 @@
 use super::map::{BASE_BYTES, FlatMap, PYTHON_BYTES};
 use crate::atlas::glue::{self, Glued, Piece, Seams};
 use crate::atlas::{ANGLES, Limit, Seeds, patches};
+use crate::distortion::Evaluation;
 use crate::distortion::evaluate::{self, REFERENCE_SOURCES, evaluate};
 use crate::geodesic::{bend::Marking, bundle::BundleScratch, graph::GeodesicGraph};
 use crate::surface::{Surface, mesh::BORDER};
@@ -39,7 +40,7 @@ pub struct Whole {
 ///
 /// # Errors
 /// [`Error::NotOnePiece`] if several pieces remain, and the errors of [`patches`] and [`glue::glue`].
-pub fn saucan2006(surface: &Surface, bound: f64, seed: u64, control: &Control) -> Result<Whole> {
+pub fn saucan2006(surface: &Surface, bound: f64, evaluation: Evaluation, control: &Control) -> Result<Whole> {
     glue::check_bound(bound)?;
     // C of a projection is 1/cos of the angle, and patches must satisfy the bound before they are glued
     let angle = ANGLE.min((WITHIN * bound.recip().acos().to_degrees()).max(ANGLES[0]));
@@ -55,7 +56,7 @@ pub fn saucan2006(surface: &Surface, bound: f64, seed: u64, control: &Control) -
         face.iter().zip(rows).for_each(|(&vertex, &row)| uv[vertex as usize] = piece.uv[row as usize]);
     }
     let graph = GeodesicGraph::new(&surface, control)?;
-    let distortion = evaluate(&Marking::new(&graph), &uv, REFERENCE_SOURCES, seed, control)?;
+    let distortion = evaluate(&Marking::new(&graph), &uv, REFERENCE_SOURCES, evaluation, control)?;
     let map = FlatMap {
         uv,
         normals: surface.normals(),
@@ -108,7 +109,7 @@ mod tests {
     fn patches_satisfy_the_bound_before_they_are_glued() {
         let pipe = crate::tests::curled(12, 60);
         for bound in [1.004, 1.01, 1.2] {
-            let whole = saucan2006(&pipe, bound, 0, &Control::default()).unwrap();
+            let whole = saucan2006(&pipe, bound, Evaluation::default(), &Control::default()).unwrap();
             assert!(whole.patches > 1 && whole.before > 1.0 && whole.before <= bound, "{bound} {}", whole.before);
             assert!(whole.before <= whole.certified);
             let angle = 10f64.min((0.999 / bound).acos().to_degrees());

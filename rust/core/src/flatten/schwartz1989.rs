@@ -7,6 +7,7 @@ use super::check::check_disk;
 use super::map::FlatMap;
 use super::voxflat::{self, AfterPlacing};
 use crate::distortion::evaluate::{REFERENCE_SOURCES, evaluate};
+use crate::distortion::{Bands, Evaluation};
 use crate::embed::sammon::{self, Descended, MOST_STEPS};
 use crate::embed::{classical::classical_scaling, stress::levels::Convergence};
 use crate::geodesic::neighbourhood::{Neighbourhoods, sizes_of_rings};
@@ -32,8 +33,10 @@ pub struct Options<'a> {
     pub sources: &'a [u32],
     /// The number of random starts; the map with the smallest stress is kept.
     pub starts: u32,
-    /// The seed of the random starts.
+    /// The seed of the random starts and of the reference sources.
     pub seed: u64,
+    /// The distance bands of the figures.
+    pub bands: Bands,
     /// Whether the map keeps the rows from the sources.
     pub keep_rows: bool,
 }
@@ -69,7 +72,8 @@ pub fn schwartz1989(
     orient(surface.points(), map_area(surface.faces(), &uv), &mut uv);
     let (kept, convergence) = (pairs.pairs(), Some(Convergence { energies, converged }));
     drop(pairs);
-    let distortion = evaluate(&Marking::new(graph), &uv, REFERENCE_SOURCES, options.seed, control)?;
+    let evaluation = Evaluation { bands: options.bands, seed: options.seed };
+    let distortion = evaluate(&Marking::new(graph), &uv, REFERENCE_SOURCES, evaluation, control)?;
     let map =
         FlatMap { uv, normals: surface.normals(), sources, eigenvalues, planarity, distortion, convergence, rows };
     Ok(Mapped { map, stresses, pairs: kept })

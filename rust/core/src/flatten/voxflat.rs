@@ -3,7 +3,7 @@
 use super::check::check_domain;
 use super::map::{BASE_BYTES, FlatMap, PYTHON_BYTES};
 use crate::distortion::evaluate::{self, REFERENCE_SOURCES, evaluate};
-use crate::distortion::{best_scale, faces::equal_area_scale};
+use crate::distortion::{Evaluation, best_scale, faces::equal_area_scale};
 use crate::embed::classical::{self, classical_scaling};
 use crate::embed::stress::area_bound::bounded;
 use crate::embed::stress::levels::{self, Levels};
@@ -28,7 +28,7 @@ use crate::{Control, Result, store};
 /// `Start` if the given start cannot be used; and [`Error::Cancelled`](crate::Error::Cancelled).
 pub fn voxflat(
     mut levels: Levels, rows: MarkedRows, &Options { weighting, start, max_area, scale }: &Options,
-    graph: &GeodesicGraph, seed: u64, control: &Control,
+    graph: &GeodesicGraph, evaluation: Evaluation, control: &Control,
 ) -> Result<FlatMap> {
     let surface = levels.finest();
     check_domain(surface)?;
@@ -69,7 +69,7 @@ pub fn voxflat(
         }
         None => orient(surface.points(), map_area(surface.faces(), &uv), &mut uv),
     }
-    let distortion = evaluate(&Marking::new(graph), &uv, REFERENCE_SOURCES, seed, control)?;
+    let distortion = evaluate(&Marking::new(graph), &uv, REFERENCE_SOURCES, evaluation, control)?;
     let (eigenvalues, planarity) = (scaling.eigenvalues, scaling.planarity);
     Ok(FlatMap { uv, normals: surface.normals(), sources, eigenvalues, planarity, distortion, convergence, rows: None })
 }

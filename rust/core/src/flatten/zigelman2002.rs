@@ -4,6 +4,7 @@ use super::check::check_disk;
 use super::map::FlatMap;
 use super::voxflat::{self, AfterPlacing};
 use crate::adjacency::marked;
+use crate::distortion::Evaluation;
 use crate::distortion::evaluate::{REFERENCE_SOURCES, evaluate};
 use crate::embed::classical::{self, classical_scaling};
 use crate::error::check_length;
@@ -59,8 +60,8 @@ enum Rest<'a> {
 /// [`Error::DuplicateSource`] of the sampling; [`Error::WrongLength`] or [`Error::NoCell`] of a grid;
 /// [`Error::NotPlanar`] if the distances describe a line or a point; and [`Error::Cancelled`].
 pub fn zigelman2002(
-    surface: &Surface, graph: &GeodesicGraph, sampling: &Sampling<'_>, wave: Wave, seed: u64, keep_rows: bool,
-    control: &Control,
+    surface: &Surface, graph: &GeodesicGraph, sampling: &Sampling<'_>, wave: Wave, evaluation: Evaluation,
+    keep_rows: bool, control: &Control,
 ) -> Result<FlatMap> {
     check_disk(surface)?;
     let (sources, rest) = sample(surface, graph, sampling, control)?;
@@ -76,7 +77,7 @@ pub fn zigelman2002(
         Rest::Reinserted(decimation) => reinserted(&decimation, surface.len(), &sources, &scaling.places, control)?,
     };
     orient(surface.points(), map_area(surface.faces(), &uv), &mut uv);
-    let distortion = evaluate(&Marking::new(graph), &uv, REFERENCE_SOURCES, seed, control)?;
+    let distortion = evaluate(&Marking::new(graph), &uv, REFERENCE_SOURCES, evaluation, control)?;
     let (eigenvalues, planarity) = (scaling.eigenvalues, scaling.planarity);
     Ok(FlatMap { uv, normals: surface.normals(), sources, eigenvalues, planarity, distortion, convergence: None, rows })
 }

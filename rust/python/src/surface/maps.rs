@@ -4,6 +4,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use pyo3::prelude::*;
+use voxflat::distortion::Bands;
 use voxflat::embed::stress::{levels::Levels, periodic::Tube, start::Start};
 use voxflat::flatten::saucan2006::{self, Whole};
 use voxflat::flatten::schwartz1989::{Mapped, Options};
@@ -37,15 +38,15 @@ impl Surface {
     /// identity). `scale` preserves "distances" or "areas". The optimisation can start from a position of each vertex
     /// (`start`), for `patience` times as many steps as usual. `max_area` is the maximum factor of area changes, if
     /// possible.
-    #[pyo3(signature = (sources, seed, geodesic="graph", weighting=0.5, scale="distances", keep_rows=false, threads=None, progress=None, store=None, start=None, patience=1, max_area=None))]
+    #[pyo3(signature = (sources, seed, bands, geodesic="graph", weighting=0.5, scale="distances", keep_rows=false, threads=None, progress=None, store=None, start=None, patience=1, max_area=None))]
     fn voxflat<'py>(
-        &self, py: Python<'py>, sources: Given<'py, u32>, seed: u64, geodesic: &str, weighting: f64, scale: &str,
-        keep_rows: bool, threads: Threads, progress: Progress<'py>, store: Option<(PathBuf, String)>,
+        &self, py: Python<'py>, sources: Given<'py, u32>, seed: u64, bands: [f64; 4], geodesic: &str, weighting: f64,
+        scale: &str, keep_rows: bool, threads: Threads, progress: Progress<'py>, store: Option<(PathBuf, String)>,
         start: Option<GivenTable<'py, f64>>, patience: u32, max_area: Option<f64>,
     ) -> PyResult<Dict<'py>> {
         ensure!(patience > 0, "patience is 0. Pass at least 1");
         let start = start.map(|places| convert::rows::<_, 2>(&places, "start")).transpose()?;
-        let geodesic = Geodesic::named(geodesic)?;
+        let (geodesic, evaluation) = (Geodesic::named(geodesic)?, convert::evaluation(bands, seed));
         let scale = convert::one_of("scale", scale, &SCALES)?;
         let sources = self.vertices(&sources)?;
         let (map, found) = self.run(py, threads, &progress, move |inner, control| {
@@ -67,7 +68,7 @@ impl Surface {
             });
             let start = start.as_ref().map(|places| Start { places, patience });
             let options = MapOptions { weighting, start, max_area, scale };
-            let mut map = flatten::voxflat(levels, rows, &options, graph, seed, control)?;
+            let mut map = flatten::voxflat(levels, rows, &options, graph, evaluation, control)?;
             map.rows = kept;
             Ok((map, found))
         })?;
@@ -79,12 +80,12 @@ impl Surface {
     /// Flatten a tube that repeats: `opened` has the same triangles, cut open along the seam (vertices from end to end).
     /// Distances are measured on this surface. The other arguments are as in `voxflat`; the dictionary also contains the
     /// period.
-    #[pyo3(signature = (opened, seam, sources, seed, geodesic="graph", weighting=0.5, scale="distances", threads=None, progress=None))]
+    #[pyo3(signature = (opened, seam, sources, seed, bands, geodesic="graph", weighting=0.5, scale="distances", threads=None, progress=None))]
     fn periodic<'py>(
         &self, py: Python<'py>, opened: PyRef<'py, Self>, seam: Given<'py, u32>, sources: Given<'py, u32>, seed: u64,
-        geodesic: &str, weighting: f64, scale: &str, threads: Threads, progress: Progress<'py>,
+        bands: [f64; 4], geodesic: &str, weighting: f64, scale: &str, threads: Threads, progress: Progress<'py>,
     ) -> PyResult<Dict<'py>> {
-        let geodesic = Geodesic::named(geodesic)?;
+        let (geodesic, evaluation) = (Geodesic::named(geodesic)?, convert::evaluation(bands, seed));
         let scale = convert::one_of("scale", scale, &SCALES)?;
         let (seam, sources) = (self.vertices(&seam)?, self.vertices(&sources)?);
         let opened = Arc::clone(&opened.0);
@@ -92,7 +93,7 @@ impl Surface {
             let (tube, graph) = (Tube::new(&inner.surface, &opened.surface, &seam)?, &*inner.graph(control)?);
             let options = flatten::periodic::Options { weighting, scale };
             with_solver!(geodesic, inner, control, |solver| {
-                flatten::periodic(&tube, &sources, solver, &options, graph, seed, control)
+                flatten::periodic(&tube, &sources, solver, &options, graph, evaluation, control)
             })
         })?;
         let dict = convert::map_dict(py, map)?;
@@ -103,12 +104,13 @@ impl Surface {
     /// Flatten by the method of Zigelman et al. The sources remain after decimation to `count` vertices, are given
     /// vertices, or about `count` pixels of a grid: the pixel (N, 2) of each vertex and the distance of rows and
     /// columns in mm. `wave` is "circle" or "plane".
-    #[pyo3(signature = (count, seed, vertices=None, grid=None, wave="circle", keep_rows=false, threads=None, progress=None))]
+    #[pyo3(signature = (count, seed, bands, vertices=None, grid=None, wave="circle", keep_rows=false, threads=None, progress=None))]
     fn zigelman2002<'py>(
-        &self, py: Python<'py>, count: usize, seed: u64, vertices: Option<Given<'py, u32>>,
+        &self, py: Python<'py>, count: usize, seed: u64, bands: [f64; 4], vertices: Option<Given<'py, u32>>,
         grid: Option<(GivenTable<'py, u32>, [f64; 2])>, wave: &str, keep_rows: bool, threads: Threads,
         progress: Progress<'py>,
     ) -> PyResult<Dict<'py>> {
+        let evaluation = convert::evaluation(bands, seed);
         let wave = convert::one_of("wave", wave, &[("circle", Wave::Circle), ("plane", Wave::Plane)])?;
         let vertices: Option<Vec<u32>> = vertices.map(|array| array.as_array().iter().copied().collect());
         let grid =
@@ -123,7 +125,15 @@ impl Surface {
                 (None, Some((pixels, spacing))) => Sampling::Grid { pixels, spacing: *spacing, count },
                 (None, None) => Sampling::Decimation { count },
             };
-            flatten::zigelman2002(&inner.surface, &*inner.graph(control)?, &sampling, wave, seed, keep_rows, control)
+            flatten::zigelman2002(
+                &inner.surface,
+                &*inner.graph(control)?,
+                &sampling,
+                wave,
+                evaluation,
+                keep_rows,
+                control,
+            )
         })?;
         convert::map_dict(py, map)
     }
@@ -135,15 +145,15 @@ impl Surface {
 
     /// Flatten by the method of Schwartz et al., with exact distances within `rings` (None: of all pairs) and from
     /// sources (vertices), from several random starts.
-    #[pyo3(signature = (rings, sources, starts, seed, keep_rows=false, threads=None, progress=None))]
+    #[pyo3(signature = (rings, sources, starts, seed, bands, keep_rows=false, threads=None, progress=None))]
     fn schwartz1989<'py>(
-        &self, py: Python<'py>, rings: Option<u32>, sources: Given<'py, u32>, starts: u32, seed: u64, keep_rows: bool,
-        threads: Threads, progress: Progress<'py>,
+        &self, py: Python<'py>, rings: Option<u32>, sources: Given<'py, u32>, starts: u32, seed: u64, bands: [f64; 4],
+        keep_rows: bool, threads: Threads, progress: Progress<'py>,
     ) -> PyResult<Dict<'py>> {
         ensure!(starts > 0, "starts is 0. Pass at least 1");
         let sources = convert::values(&sources);
         let Mapped { map, stresses, pairs } = self.run(py, threads, &progress, move |inner, control| {
-            let options = Options { rings, sources: &sources, starts, seed, keep_rows };
+            let options = Options { rings, sources: &sources, starts, seed, bands: Bands(bands), keep_rows };
             flatten::schwartz1989(&inner.surface, &*inner.graph(control)?, &options, control)
         })?;
         let dict = convert::map_dict(py, map)?;
@@ -170,12 +180,12 @@ impl Surface {
 
     /// Flatten by the method of Appleboim, Saucan and Zeevi: patches are glued into one piece within a bound on C. Also
     /// returns the surface as it is cut open, to which the map belongs, and the outcome of gluing.
-    #[pyo3(signature = (bound, seed, threads=None, progress=None))]
+    #[pyo3(signature = (bound, seed, bands, threads=None, progress=None))]
     fn saucan2006<'py>(
-        &self, py: Python<'py>, bound: f64, seed: u64, threads: Threads, progress: Progress<'py>,
+        &self, py: Python<'py>, bound: f64, seed: u64, bands: [f64; 4], threads: Threads, progress: Progress<'py>,
     ) -> PyResult<Dict<'py>> {
         let found = self.run(py, threads, &progress, move |inner, control| {
-            saucan2006::saucan2006(&inner.surface, bound, seed, control)
+            saucan2006::saucan2006(&inner.surface, bound, convert::evaluation(bands, seed), control)
         })?;
         let Whole { surface, map, seams, patches, certified, before, stretch } = found;
         let dict = convert::map_dict(py, map)?;

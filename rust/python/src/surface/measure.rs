@@ -31,6 +31,12 @@ impl Surface {
         Ok(self.run(py, threads, &progress, work)?.into_pyarray(py))
     }
 
+    /// The area.
+    #[getter]
+    fn area(&self) -> f64 {
+        self.0.surface.area()
+    }
+
     /// Return the distortion of the triangles in a map (N, 2).
     #[pyo3(signature = (uv, progress=None))]
     fn measure<'py>(&self, py: Python<'py>, uv: GivenTable<'py, f64>, progress: Progress<'py>) -> PyResult<Dict<'py>> {
@@ -44,21 +50,21 @@ impl Surface {
     }
 
     /// Return the distance errors of maps (N, 2) from sources (vertices). Rows above `kept` bytes are computed twice.
-    /// The maps may repeat in the second direction, with a period.
-    #[pyo3(signature = (maps, sources, geodesic, kept, seed, threads=None, progress=None, period=None))]
+    /// `bands` are the upper ends of the four distance bands. The maps may repeat in the second direction, with a period.
+    #[pyo3(signature = (maps, sources, geodesic, kept, seed, bands, threads=None, progress=None, period=None))]
     fn judge<'py>(
         &self, py: Python<'py>, maps: Vec<GivenTable<'py, f64>>, sources: Given<'py, u32>, geodesic: &str, kept: u64,
-        seed: u64, threads: Threads, progress: Progress<'py>, period: Option<f64>,
+        seed: u64, bands: [f64; 4], threads: Threads, progress: Progress<'py>, period: Option<f64>,
     ) -> PyResult<Vec<Dict<'py>>> {
         let geodesic = Geodesic::named(geodesic)?;
         let maps: Vec<Vec<[f64; 2]>> = maps.iter().map(|uv| convert::rows(uv, "uv")).collect::<PyResult<_>>()?;
         maps.iter().try_for_each(|uv| self.check_length(uv.len(), "uv"))?;
-        let sources = self.vertices(&sources)?;
+        let (sources, evaluation) = (self.vertices(&sources)?, convert::evaluation(bands, seed));
         let evaluated = self.run(py, threads, &progress, move |inner, control| {
             let maps: Vec<&[[f64; 2]]> = maps.iter().map(Vec::as_slice).collect();
             let graph = &*inner.graph(control)?;
             with_solver!(geodesic, inner, control, |solver| {
-                evaluate::evaluate_all(&Marking::of(solver, graph), &maps, period, &sources, kept, seed, control)
+                evaluate::evaluate_all(&Marking::of(solver, graph), &maps, period, &sources, kept, evaluation, control)
             })
         })?;
         evaluated.into_iter().map(|distortion| convert::distortion_dict(py, distortion)).collect()

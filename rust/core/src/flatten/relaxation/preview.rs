@@ -2,7 +2,7 @@
 
 use nalgebra::Vector2;
 
-use crate::distortion::measure;
+use crate::distortion::{Evaluation, measure};
 use crate::embed::classical::classical_scaling;
 use crate::embed::stress::descent::{Until, descend};
 use crate::embed::stress::levels::{self, Dials, FINAL, Levels};
@@ -106,7 +106,8 @@ impl Preview {
     /// Returns the mean relative error of its distances at the best scale, compared with this surface.
     pub fn error(&self, control: &Control) -> Result<f64> {
         let uv: Vec<[f64; 2]> = self.uv.iter().map(|&place| place.into()).collect();
-        Ok(measure(&[&uv], None, &self.measured.rows, true, 0, &control.part())?.remove(0).best_scale.relative_error)
+        let found = measure(&[&uv], None, &self.measured.rows, true, Evaluation::default(), &control.part())?.remove(0);
+        Ok(found.best_scale.relative_error)
     }
 
     fn descend(&mut self, until: Until, control: &Control) -> Result<()> {

@@ -62,7 +62,8 @@ fn a_cut_cap_has_a_better_map() {
         let sources = Sources::Farthest { count: 60, seed: 0 }.choose(&graph, &control).unwrap();
         let levels = Levels::new(surface, &sources, &control).unwrap();
         let rows = levels.measure(&Marking::new(&graph), &control).unwrap();
-        let map = crate::flatten::voxflat(levels, rows, &Options::default(), &graph, 0, &control).unwrap();
+        let map = crate::flatten::voxflat(levels, rows, &Options::default(), &graph, Evaluation::default(), &control)
+            .unwrap();
         map.distortion.best_scale.relative_error
     };
     let relaxed = relaxed(&cap, 3.0, 0.0);

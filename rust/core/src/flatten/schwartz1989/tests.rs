@@ -9,7 +9,7 @@ fn cylinder() -> Surface {
 
 fn flattened(surface: &Surface, rings: Option<u32>, sources: &[u32], starts: u32, seed: u64) -> Result<Mapped> {
     let control = Control::default();
-    let options = Options { rings, sources, starts, seed, keep_rows: false };
+    let options = Options { rings, sources, starts, seed, bands: Bands::default(), keep_rows: false };
     schwartz1989(surface, &GeodesicGraph::new(surface, &control)?, &options, &control)
 }
 

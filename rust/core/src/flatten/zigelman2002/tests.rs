@@ -13,7 +13,15 @@ fn pixels() -> Vec<[u32; 2]> {
 
 fn flattened(surface: &Surface, sampling: &Sampling<'_>, wave: Wave) -> Result<FlatMap> {
     let control = Control::default();
-    zigelman2002(surface, &GeodesicGraph::new(surface, &control)?, sampling, wave, 1, false, &control)
+    zigelman2002(
+        surface,
+        &GeodesicGraph::new(surface, &control)?,
+        sampling,
+        wave,
+        Evaluation { seed: 1, ..Evaluation::default() },
+        false,
+        &control,
+    )
 }
 
 /// Returns the mean relative error of distances between some vertices of the unrolled cylinder.

@@ -291,7 +291,7 @@ impl Surface {
     }
 
     /// Returns the total area in mm².
-    pub(crate) fn area(&self) -> f64 {
+    pub fn area(&self) -> f64 {
         self.areas().iter().sum()
     }
 
