@@ -5,7 +5,7 @@ import sys
 import anatomy
 import maps_makers as makers
 import numpy as np
-from tables import DISTANCES, SHAPES, distance_cells, shape_cells, table
+from tables import BANDS, DISTANCES, SHAPES, distance_cells, shape_cells, table
 
 import voxflat
 
@@ -70,7 +70,7 @@ def made_by(names, job, options):
 def compared(points, faces, made, sources, **more):
     """Evaluate the maps of a disk, and more maps by name, by exact distances."""
     maps = {name: one.places for name, one in made.items()} | more
-    return voxflat.compare((points, faces), maps, sources=sources, reference="exact")
+    return voxflat.compare((points, faces), maps, sources=sources, reference="exact", bands=BANDS)
 
 
 def print_maps(title, comparison, made, note=""):

@@ -24,6 +24,7 @@ def table(title, columns, rows, note=""):
     print(flush=True)
 
 
+BANDS = (5, 10, 15, 30)  # mm, also for smaller surfaces than a hemisphere
 DISTANCES = ("all %", "≤ 30 mm %", "≤ 10 mm %")
 SHAPES = ("stress-1", "edges %", "area: median, 95 %", "flipped", "covering")
 

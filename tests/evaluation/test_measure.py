@@ -135,6 +135,10 @@ class TestFormats:
             for name in ("relative_error", "absolute_error"):
                 mean = np.average([getattr(getattr(one, scale), name) for one in alone], weights=pairs)
                 assert getattr(getattr(whole, scale), name) == pytest.approx(mean, rel=1e-9)
+        interior = np.array([one.interior_share * one.pairs for one in charts])
+        assert whole.interior_share == pytest.approx(interior.sum() / pairs.sum())
+        mean = np.average([one.interior.relative_error for one in charts], weights=interior)
+        assert whole.interior.relative_error == pytest.approx(mean, rel=1e-9)
         assert whole.pairs == pairs.sum()
         assert (whole.topology["components"], whole.topology["loops"]) == (2, 2)
         assert len(whole.triangles.is_flipped) == len(faces)
@@ -378,7 +382,7 @@ def test_by_default_as_many_sources_are_taken_as_half_a_minute_allows():
 
 
 def test_the_table_has_each_figure_in_its_unit():
-    found = voxflat.measure(PLANE, PLANE[0][:, :2], sources=5)
+    found = voxflat.measure(PLANE, PLANE[0][:, :2], sources=5, bands=(5, 10, 15, 30))
     errors = {one.name: 0.01 * (n + 2) for n, one in enumerate(fields(Figures))}
     areas = {"area_beyond_1_25": 0.31, "area_beyond_1_5": 0.22, "area_beyond_2": 0.13, "edge": 0.04, "angle": 5.5}
     made = replace(found, raw=Figures(**errors), triangles=replace(found.triangles, **areas))

@@ -66,8 +66,8 @@ def _numbers(bands: Bands, unit: str) -> tuple[dict[str, str], str]:
     """Return the number that stands for each band of human hemispheres, and the unit in which the bands are plain."""
     shown_unit, scale = unit, 1.0
     if unit != "unknown":
-        second = bands[1] * millimetres(unit) * (1 + 1e-9)
-        shown_unit = next((name for name, size in _SHOWN.items() if second >= size), "nm")
+        second = bands[1] * millimetres(unit)
+        shown_unit = next((name for name, size in _SHOWN.items() if second > 0.09 * size), "nm")
         scale = millimetres(unit) / _SHOWN[shown_unit]
     return {f"{human:g}": f"{scale * end:g}" for human, end in zip(HUMAN, bands, strict=True)}, shown_unit
 

@@ -90,14 +90,17 @@ class Distortion(ReadOnly):
     bands: Bands = HUMAN
 
     def __repr__(self) -> str:
-        return f"<Distortion: {self._summary()}, {self.sources} sources, {self.pairs} pairs, {self.reference} distances>"
+        return (
+            f"<Distortion: relative error {self._summary()}, {self.sources} sources, {self.pairs} pairs, "
+            f"{self.reference} distances>"
+        )
 
     def _summary(self) -> str:
-        """Return the mean relative errors of interior pairs, if any, and of all pairs."""
+        """Return the mean relative errors of interior pairs, if any, and of all pairs, as text."""
         error = f"{100 * self.raw.relative_error:.1f} %"
         if self.interior is None or np.isnan(self.interior.relative_error):
-            return f"relative error {error}"
-        return f"relative error {100 * self.interior.relative_error:.1f} % of interior pairs ({error} of all pairs)"
+            return error
+        return f"{100 * self.interior.relative_error:.1f} % of interior pairs ({error} of all pairs)"
 
     @classmethod
     def _of(

@@ -77,7 +77,8 @@ class MeasuredMap(ReadOnly):
     distortion: Distortion
 
     def __repr__(self) -> str:
-        return f"<MeasuredMap: {len(self.uv)} points, {len(self.faces)} triangles, {self.distortion._summary()}>"
+        size, error = f"{len(self.uv)} points, {len(self.faces)} triangles", self.distortion._summary()
+        return f"<MeasuredMap: {size}, relative error {error}>"
 
 
 @dataclass(frozen=True, eq=False)

@@ -189,7 +189,7 @@ class FlatMap(Planar, Saved):
     def __repr__(self) -> str:
         width, height = np.ptp(self.uv, axis=0)
         size = in_unit(f"{rounded(width)} x {rounded(height)} mm", self.origin.named_unit)
-        return f"<FlatMap: {len(self)} points, {size}, {self.distortion._summary()}>"
+        return f"<FlatMap: {len(self)} points, {size}, relative error {self.distortion._summary()}>"
 
     @property
     def is_voxels(self) -> bool:

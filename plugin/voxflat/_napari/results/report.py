@@ -35,7 +35,7 @@ def summary(flat_map: FlatMap | Atlas) -> str:
     if isinstance(flat_map, FlatAtlas):
         return f"{len(flat_map):,} patches of {len(flat_map.faces):,} triangles, C ≤ {flat_map.certificate.c:.4f}"
     assert isinstance(flat_map, FlatMap)
-    return f"{len(flat_map):,} points, mean {flat_map.distortion._summary()}"
+    return f"{len(flat_map):,} points, mean distance error {flat_map.distortion._summary()}"
 
 
 def table(flat_map: FlatMap | Atlas) -> str:

@@ -236,7 +236,7 @@ def _summary(flat_map: FlatMap, output: Path) -> str:
         rows["sources"] = str(len(flat_map.sources))
     rows["map"] = f"{rounded(width, 1)} x {rounded(height, 1)} mm{torn}"
     rows["memory, at most"] = f"{details['memory_need_bytes'] / 2**20:.0f} MiB"
-    rows["distances"] = flat_map.distortion._summary()
+    rows["distance error"] = flat_map.distortion._summary()
     lines = [f"{name:22}{value}" for name, value in rows.items()]
     text = in_unit("\n".join(lines), flat_map.origin.named_unit)
     return f"{text}\n\n{flat_map.distortion.table()}\n\nsaved as {output}"

@@ -225,8 +225,9 @@ fn blocks_threads_and_other_maps_change_no_bit() {
     }
     for (threads, block) in [(1, 1), (2, 5), (5, 37), (3, 64)] {
         let maps: [&[[f64; 2]]; 2] = [&other, &uv];
-        let found =
-            with_threads(threads, || measure(&maps, None, &Few(&rows, block), false, Evaluation::default(), &Control::default()).unwrap());
+        let found = with_threads(threads, || {
+            measure(&maps, None, &Few(&rows, block), false, Evaluation::default(), &Control::default()).unwrap()
+        });
         assert!(same(&found[1], &expected));
         assert!(same(&found[0], &alone));
     }
@@ -298,7 +299,8 @@ fn distances_of_a_periodic_map_are_those_to_the_nearest_copy() {
     let uv = &uv;
     let row = |&source: &u32| uv.iter().map(|&place| nearest(uv[source as usize], place) as f32).collect::<Vec<_>>();
     let rows = DistanceRows::new(sources.to_vec(), uv.len(), sources.iter().flat_map(row).collect());
-    let found = measure(&[uv], Some(period), &rows, false, Evaluation::default(), &Control::default()).unwrap().remove(0);
+    let found =
+        measure(&[uv], Some(period), &rows, false, Evaluation::default(), &Control::default()).unwrap().remove(0);
     assert!(found.raw.relative_error < 1e-6 && found.per_point.iter().all(|error| *error < 1e-6));
     assert!(found.scatter.iter().all(|[delta, d]| (delta - d).abs() < 1e-5));
     assert!((best_scale(uv, Some(period), &rows, &Control::default()).unwrap() - 1.0).abs() < 1e-5);
