@@ -69,7 +69,11 @@ def test_a_small_organ_has_finite_figures_with_plain_names(tmp_path, unit, size,
     flat_map = surface.flatten(Voxflat(sources=30))
     flat_map.save(tmp_path / "map.npz")
     again = voxflat.load(tmp_path / "map.npz")
-    for distortion in (flat_map.distortion, again.distortion, voxflat.measure(surface, flat_map, sources=10, reference="graph")):
+    for distortion in (
+        flat_map.distortion,
+        again.distortion,
+        voxflat.measure(surface, flat_map, sources=10, reference="graph"),
+    ):
         assert np.isfinite([getattr(distortion.raw, field) for field in FIELDS]).all()
         assert_allclose(distortion.bands, np.multiply(size, (20, 40, 60, 100)))
     assert again.distortion.figures()["raw"][f"relative_error_{name}"] == flat_map.distortion.raw.relative_error_10mm
@@ -124,7 +128,7 @@ class TestOwnBands:
         assert content["bands"] == [4, 8.5, 16, 24]
         assert content["raw"]["relative_error_8.5mm"] > 0
         fail(2, "'4,8' is not a list of four numbers", *words, "4,8")
-        fail(1, "bands is (4.0, 8.0, 8.0, 9.0)", *words, "4,8,8,9")
+        fail(1, "--bands is 4.0, 8.0, 8.0, 9.0. Pass four ascending positive lengths", *words, "4,8,8,9")
 
     @pytest.mark.parametrize("bands", [(), (5, 10, 15), (5, 10, 15, 30, 60), "1234", "5,10,15,30", 5, "abcd", {"a": 1}])
     def test_other_values_are_refused(self, bands):

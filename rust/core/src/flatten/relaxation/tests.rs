@@ -1,4 +1,5 @@
 use super::*;
+use crate::distortion::Evaluation;
 use crate::embed::stress::levels::Levels;
 use crate::flatten::voxflat::Options;
 use crate::geodesic::bend::Marking;
