@@ -327,7 +327,7 @@ def test_tables_and_json_have_the_unit_in_their_names(maps):
 )
 def test_distances_have_the_unit_of_their_surface(tmp_path, unit, name):
     """Both in the figures of a map, of which a file is independent, and in a store of distances."""
-    plane = pv.Plane(i_resolution=8, j_resolution=8, i_size=40, j_size=40).triangulate()
+    plane = pv.Plane(i_resolution=30, j_resolution=30, i_size=40, j_size=40).triangulate()
     voxflat.surface((plane.points, plane.regular_faces)).save(tmp_path / "plane.ply")
     surface = voxflat.surface(tmp_path / "plane.ply", unit=unit)
     flat_map = surface.flatten()
@@ -343,7 +343,7 @@ def test_distances_have_the_unit_of_their_surface(tmp_path, unit, name):
     assert rows.provenance["unit"] == voxflat.open_rows(tmp_path / "rows").provenance["unit"]
     words = ["rows", tmp_path / "plane.ply", *([] if unit is None else ["--unit", unit]), "--sources", 3]
     text = succeed(*words, "--store", tmp_path / "again").stdout
-    assert text.startswith(f"3 x 81 distances {f'in {unit}' if unit else 'without a unit'}, ")
+    assert text.startswith(f"3 x 961 distances {f'in {unit}' if unit else 'without a unit'}, ")
 
 
 @pytest.mark.medium

@@ -164,7 +164,7 @@ def test_a_file_without_bands_or_interior_pairs_has_those_of_a_hemisphere(tmp_pa
     again = voxflat.load(tmp_path / "map.npz").distortion
     assert again.interior.relative_error == flat_map.distortion.interior.relative_error
     assert again.interior_share == flat_map.distortion.interior_share > 0.9
-    assert "of interior pairs (" in repr(again)
+    assert "of interior pairs, " in repr(again)
 
 
 @pytest.mark.medium

@@ -1,5 +1,5 @@
 import json
-from dataclasses import replace
+from dataclasses import asdict, replace
 from functools import partial
 
 import composed
@@ -207,7 +207,7 @@ class TestFile:
             np.testing.assert_array_equal(after, before)
             assert after.dtype == before.dtype, name
         np.testing.assert_array_equal(loaded.distortion.per_point, ball_map.distortion.per_point)
-        assert loaded.distortion.raw == ball_map.distortion.raw
+        np.testing.assert_equal(asdict(loaded.distortion.raw), asdict(ball_map.distortion.raw))
         assert loaded.metadata == ball_map.metadata
         np.testing.assert_array_equal(loaded.heat_map().data, ball_map.heat_map().data)
         assert [path.name for path in tmp_path.iterdir()] == ["map.npz"]

@@ -96,11 +96,11 @@ class Distortion(ReadOnly):
         )
 
     def _summary(self) -> str:
-        """Return the mean relative errors of interior pairs, if any, and of all pairs, as text."""
-        error = f"{100 * self.raw.relative_error:.1f} %"
-        if self.interior is None or np.isnan(self.interior.relative_error):
-            return error
-        return f"{100 * self.interior.relative_error:.1f} % of interior pairs ({error} of all pairs)"
+        """Return the mean relative errors of interior pairs, if any, and of all pairs, both at their best scale."""
+        error = f"{100 * self.best_scale.relative_error:.1f} %"
+        if self.interior is not None and not np.isnan(self.interior.relative_error):
+            error = f"{100 * self.interior.relative_error:.1f} % of interior pairs, {error} of all pairs"
+        return f"{error} at the best scale"
 
     @classmethod
     def _of(

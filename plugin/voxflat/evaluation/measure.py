@@ -68,7 +68,7 @@ class MeasuredMap(ReadOnly):
     --------
     >>> surface = voxflat.samples.hill()
     >>> voxflat.measure(surface, surface.points[:, :2])
-    <Distortion: relative error 4.92 ± 0.07 %, 300 sources, 132000 pairs, exact distances>
+    <Distortion: relative error 3.9 % of interior pairs, 3.9 % of all pairs at the best scale, 300 sources, ...>
     """
 
     uv: NDArray[np.float64]

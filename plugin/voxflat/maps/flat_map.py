@@ -133,7 +133,7 @@ class FlatMap(Planar, Saved):
     --------
     >>> flat_map = voxflat.samples.hill().flatten()
     >>> flat_map
-    <FlatMap: 441 points, 42 x 42 mm, relative error 3.6 %>
+    <FlatMap: 441 points, 42 x 42 mm, relative error 3.6 % of interior pairs, 3.6 % of all pairs at the best scale>
     >>> flat_map.uv.shape
     (441, 2)
     """
@@ -668,6 +668,6 @@ def load(path: str | os.PathLike[str]) -> FlatMap:
     --------
     >>> voxflat.samples.hill().flatten().save("map.npz")
     >>> voxflat.load("map.npz")
-    <FlatMap: 441 points, 42 x 42 mm, relative error 3.6 %>
+    <FlatMap: 441 points, 42 x 42 mm, relative error 3.6 % of interior pairs, 3.6 % of all pairs at the best scale>
     """
     return FlatMap(**read_map(path))
