@@ -7,9 +7,10 @@ from scipy.stats import norm
 
 import voxflat
 from voxflat.distortion.distortion import _DISTANCES, _TRIANGLES
+from voxflat.lab.columns import columns_of, measures_in
 from voxflat.lab.comparison import Row, Sums, outliers, outliers_by_chance
 from voxflat.lab.group import _with_outliers
-from voxflat.lab.results import FIGURES
+from voxflat.lab.results import FIGURES, title_of
 
 
 @pytest.mark.medium
@@ -54,6 +55,24 @@ def test_only_measures_of_the_page_and_errors_of_maps_are_outliers():
 def test_percentages_of_studies_are_those_of_the_tables_of_maps():
     factors = {key: factor for _, key, factor, _ in (*_DISTANCES, *_TRIANGLES)}
     assert {key: of[1] for key, of in FIGURES.items()} == {key: factors[key.split(".")[1]] for key in FIGURES}
+
+
+@pytest.mark.medium
+def test_a_table_has_a_column_for_each_band_and_the_values_of_its_maps():
+    """A hemisphere of an earlier version, without bands, and a smaller one."""
+    hill = voxflat.samples.hill()
+    small = {"figures": voxflat.measure(hill, hill.points[:, :2], sources=20).figures()}
+    human = {"figures": {"best_scale": {"relative_error_10mm": 0.07}, "triangles": {"edge": 0.1}}}
+    columns = columns_of([human, small])
+    names = ["best_scale.relative_error_10mm", "best_scale.relative_error_1.5mm"]
+    assert [name for name in columns if name in names] == names
+    assert "δ up to 1.5 mm" in columns[names[1]]["Description"]
+    assert set(measures_in(human)) | set(measures_in(small)) <= set(columns)
+    assert (measures_in(human)[names[0]], measures_in(human).get(names[1])) == (0.07, None)
+    assert measures_in(small)["interior.relative_error_5mm"] == small["figures"]["interior"]["relative_error_5mm"]
+    assert measures_in(small)["interior_share"] == small["figures"]["interior_share"] > 0.9
+    assert title_of("best_scale.relative_error_30mm", [human]) == "Distance error up to 30 mm"
+    assert title_of("best_scale.relative_error_30mm", [human, small]) == "Distance error up to 30 mm or 5 mm"
 
 
 @pytest.mark.parametrize(("values", "number"), [((0, 1, 2, 90), 0), ((0, 1, 2, 3, 90), 1), ((0, 1, 2, np.nan, 90), 0)])

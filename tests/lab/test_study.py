@@ -382,7 +382,7 @@ def test_the_table_has_everybody_and_every_figure(root, compared):
             continue
         path = root / "out" / f"sub-{label}" / "anat" / f"sub-{label}_hemi-L_desc-voxflat_flat.json"
         figures = json.loads(path.read_text())["figures"]
-        for of in ("raw", "best_scale", "triangles"):
+        for of in ("raw", "best_scale", "interior", "triangles"):
             for name, value in figures[of].items():
                 cell = row[f"{of}.{name}"]
                 assert cell == "n/a" if value is None else float(cell) == pytest.approx(value, rel=1e-5)
@@ -390,7 +390,8 @@ def test_the_table_has_everybody_and_every_figure(root, compared):
     described = json.loads((root / "out" / "group_desc-voxflat_measures.json").read_text())
     assert list(described) == list(rows[0])
     assert all(of["Description"] for of in described.values())
-    lengths = {"width", "height", "mean_geodesic", "voxel_size", "raw.absolute_error", "best_scale.absolute_error"}
+    lengths = {"width", "height", "mean_geodesic", "voxel_size"}
+    lengths |= {f"{scale}.absolute_error" for scale in ("raw", "best_scale", "interior")}
     assert {name for name, of in described.items() if of.get("Units") == "mm"} == lengths
     assert set(json.loads(compared.stdout)["missing"]) == {f"sub-{label} L" for label in BROKEN}
 

@@ -156,7 +156,8 @@ def title_of(place: str, records: Iterable[Mapping[str, Any]]) -> str:
     """Return the title of a measure of `FIGURES`, with the distance bands of all records."""
     title = FIGURES[place][0]
     bands = dict.fromkeys(map(bands_in, records)) if "relative_error_" in place else {}
-    return " or ".join(dict.fromkeys(in_bands(title, *of) for of in bands)) or title
+    head, ends = title.rpartition(" to ")[0], dict.fromkeys(in_bands(title, *of).rpartition(" to ")[2] for of in bands)
+    return f"{head} to {' or '.join(ends)}" if ends else title
 
 
 def figure_of(record: Mapping[str, Any], place: str) -> float | None:

@@ -390,7 +390,7 @@ class AreaBoundError(InputError):
     ...     voxflat.surface(voxflat.samples.ball()).flatten(bounded)
     ... except voxflat.AreaBoundError as error:
     ...     print(error.best)
-    <FlatMap: 678 points, 24 x 49 mm, relative error 4.1 %>
+    <FlatMap: 679 points, 46 x 36 mm, relative error 4.9 % of interior pairs, 5.3 % of all pairs at the best scale>
     """
 
     def __init__(self, message: str, best: FlatMap, places: WorstPlaces) -> None:
