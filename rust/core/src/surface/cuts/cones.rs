@@ -1,4 +1,4 @@
-//! Cone points: single vertices that hold most of the curvature, such as the apex of a cone or the corners of a cube.
+//! Cone points: single vertices that hold nearly all of the curvature, such as the apex of a cone or the corners of a cube.
 //!
 //! A surface that is cut open at its cone points can be flattened without distortion, if it has no other curvature.
 
@@ -13,9 +13,9 @@ const LEAST: f64 = 0.1;
 const MOST: usize = 32;
 
 /// The minimum share of the total absolute curvature that cone points hold.
-const SHARE: f64 = 0.5;
+const SHARE: f64 = 0.95;
 
-/// Returns the vertices inside a surface that hold most of its curvature, in ascending order; none if they are many.
+/// Returns the vertices inside a surface that hold nearly all of its curvature, in ascending order; none if they are many.
 pub fn cone_points(surface: &Surface) -> Vec<u32> {
     let mut curvature = vec![TAU; surface.len()];
     for face in surface.faces() {
