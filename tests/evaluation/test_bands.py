@@ -94,7 +94,7 @@ def shapes_of_an_organ(size):
 def test_bands_are_plain_ascending_and_those_of_a_hemisphere_between_its_sizes():
     for size in np.geomspace(1e-7, 1e9, 2000):
         bands = np.array(usual_bands(size**2, "mm"))
-        if 90 <= size <= 500:
+        if 45 <= size <= 500:
             assert bands.tolist() == [5, 10, 15, 30]
             continue
         assert (np.diff(bands) > 0).all()

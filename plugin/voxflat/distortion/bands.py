@@ -15,7 +15,7 @@ Bands: TypeAlias = tuple[float, float, float, float]
 HUMAN: Bands = (5.0, 10.0, 15.0, 30.0)
 """The bands of human hemispheres in mm, and of files that do not tell any."""
 
-_HUMAN_SIZES = (90.0, 500.0)  # mm, the square root of the area
+_HUMAN_SIZES = (45.0, 500.0)  # mm, the square root of the area
 _SHARES = (0.11 / 6, 0.11 / 3, 0.11 / 2, 0.11)  # of the square root of the area; those of a human hemisphere
 _PLAIN = np.array([1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0])
 _SHOWN = {"m": 1e3, "mm": 1.0, "µm": 1e-3, "nm": 1e-6}  # units in which bands are shown, in mm
