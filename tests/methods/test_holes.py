@@ -33,7 +33,7 @@ class TestADevelopableSurfaceWithAHole:
         assert (flat_map.cuts, flat_map.warnings, triangles.flipped, triangles.crossings) == ((), (), 0, 0)
         assert loops(flat_map) == 2
         ratios = edge_ratios(flat_map.points, flat_map.faces, flat_map.uv)
-        assert 0.9 < ratios.min() <= ratios.max() < 1.1
+        assert np.abs(ratios - 1).max() < 0.002
 
     def test_has_a_hole_in_its_image_too(self, shape, flat_map):
         image = flat_map.image(shape.flat[:, 0], pixel_size=1.0)
@@ -74,6 +74,7 @@ def test_many_holes_are_kept():
     points, faces, _ = plate((10, 10), (10, 30), (40, 10), (30, 30))
     flat_map = voxflat.flatten((points, faces))
     assert (flat_map.cuts, flat_map.distortion.triangles.flipped, loops(flat_map)) == ((), 0, 5)
+    assert np.abs(edge_ratios(flat_map.points, flat_map.faces, flat_map.uv) - 1).max() < 0.002
 
 
 @pytest.mark.slow
@@ -82,12 +83,12 @@ def test_a_longer_boundary_of_a_hole_is_not_taken_for_the_outer_one():
         is_in = (np.abs(x - 30) < 22) & (np.abs(y - 30) < 22)
         return ~(is_in & ((x % 8 < 4) | (np.abs(y - 30) < 3)))
 
-    points, faces, flat = developable_shapes.plate(1, keep)
-    flat_map = voxflat.flatten((points, faces), cuts=[])
-    ends = [np.ptp(places @ turn, axis=0).max() for places in (flat, flat_map.uv) for turn in (np.eye(2),)]
+    points, faces, _ = developable_shapes.plate(1, keep)
+    flat_map = voxflat.flatten((points, faces))
     triangles = flat_map.distortion.triangles
-    assert (loops(flat_map), triangles.flipped, triangles.crossings) == (2, 0, 0)
-    assert ends[1] < 1.5 * np.hypot(60, 60)
+    assert (flat_map.cuts, flat_map.warnings, loops(flat_map)) == ((), (), 2)
+    assert (triangles.flipped, triangles.crossings) == (0, 0)
+    assert np.abs(edge_ratios(points, faces, flat_map.uv) - 1).max() < 0.002
 
 
 @pytest.mark.slow
@@ -102,4 +103,6 @@ def test_a_tube_is_cut_open(height):
 @pytest.mark.medium
 def test_a_sheet_of_voxels_keeps_its_hole():
     sheet = shapes.sheet((30, 30))
-    print(sheet.shape)
+    sheet[12:20, 12:20] = 0
+    flat_map = voxflat.flatten(sheet)
+    assert (flat_map.cuts, loops(flat_map)) == ((), 2)

@@ -103,11 +103,11 @@ impl Preview {
         self.descend(SETTLED, control)
     }
 
-    /// Returns the mean relative error of its distances at the best scale, compared with this surface.
+    /// Returns the mean relative error of the distances of interior pairs at the best scale, compared with this surface.
     pub fn error(&self, control: &Control) -> Result<f64> {
         let uv: Vec<[f64; 2]> = self.uv.iter().map(|&place| place.into()).collect();
         let found = measure(&[&uv], None, &self.measured.rows, true, Evaluation::default(), &control.part())?.remove(0);
-        Ok(found.best_scale.relative_error)
+        Ok(found.interior.relative_error)
     }
 
     fn descend(&mut self, until: Until, control: &Control) -> Result<()> {
