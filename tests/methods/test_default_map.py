@@ -58,7 +58,8 @@ def test_distances_that_are_too_long_are_told():
     assert found.metadata["geodesic"] == "marching"
     assert any("Distances are measured by fast marching instead" in text for text in found.metadata["warnings"])
     assert found.distortion.reference == "exact"
-    assert found.distortion.raw.relative_error < 1e-3 < asked.distortion.raw.relative_error
+    for flat in (asked, found):  # the triangles of a sheet determine its map
+        assert flat.distortion.raw.relative_error < 1e-5
     exact = voxflat.flatten(slivers, method=Voxflat(geodesic="exact"))
     assert exact.metadata["distance_error"] == 0
     assert (exact.distortion.reference, exact.distortion.sources) == ("exact", 200)

@@ -84,9 +84,8 @@ def map_over_triangles(
     if not more.get("descent", {"converged": True})["converged"]:
         steps = len(more["descent"]["energies"])
         warnings.append(f"the optimisation stopped after {steps} steps before it converged. A better map may exist")
-    error = (
-        distortion.interior or distortion.best_scale
-    ).relative_error  # paths around notches and holes are no errors
+    judged = distortion.interior or distortion.best_scale  # paths around notches and holes are no errors
+    error = judged.relative_error
     if error > BEARABLE:
         may_relax = settings.relax is None and cut.chart is None and all(one.reason != "relaxation" for one in cut.cuts)
         advice = relaxation_advice(part, settings.threads, settings.progress) if may_relax else ""

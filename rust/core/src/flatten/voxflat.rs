@@ -6,6 +6,7 @@ use crate::distortion::evaluate::{self, REFERENCE_SOURCES, evaluate};
 use crate::distortion::{Evaluation, best_scale, faces::equal_area_scale};
 use crate::embed::classical::{self, classical_scaling};
 use crate::embed::stress::area_bound::bounded;
+use crate::embed::stress::exact::exact;
 use crate::embed::stress::levels::{self, Levels};
 use crate::embed::stress::start::{Start, flatten_from};
 use crate::geodesic::bend::{MarkedRows, Marking};
@@ -51,7 +52,11 @@ pub fn voxflat(
         convergence.energies.extend(found.energies);
     }
     let convergence = Some(convergence);
+    let exact = exact(&levels, &rows, &uv, weighting, control)?;
+    let is_exact = exact.is_some();
+    uv = exact.unwrap_or(uv);
     let factor = match scale {
+        Scale::Distances if is_exact => 1.0,
         Scale::Distances => {
             let evaluated: Vec<[f64; 2]> = levels.evaluated().iter().map(|&vertex| uv[vertex as usize]).collect();
             best_scale(&evaluated, None, &rows, control)?

@@ -2,6 +2,7 @@
 
 pub mod area_bound;
 pub(crate) mod descent;
+pub(crate) mod exact;
 mod lbfgs;
 pub mod levels;
 pub(crate) mod local;
