@@ -42,7 +42,7 @@ KINDS = {
     "mesh with a cut": lambda: voxflat.flatten(BUMPS, Voxflat(sources=40), cuts=[CUT]),
     "mesh without two triangles": lambda: voxflat.surface(BUMPS).keep(HOLED).flatten(Voxflat(sources=40)),
     "glued": lambda: voxflat.flatten(BUMPS, method="saucan2006", cuts=[CUT]),
-    "voxels": lambda: voxflat.surface(ball(7)).disk((9, 9, 16), 9.0).flatten(Voxflat(sources=40)),
+    "voxels": lambda: voxflat.surface(ball(7)).disk((9, 9, 16), 9.0).flatten(Voxflat(sources=40), relax=False),
     "sheet": lambda: voxflat.flatten(curled_sheet(40, 20), Voxflat(sources=40)),
     # half of a ball cannot be flat: the map over the 26-neighbour graph is torn
     "torn": lambda: voxflat.surface(ball(7)).disk((9, 9, 16), 12.0).flatten(Grossmann2002(sources=60)),
