@@ -89,7 +89,7 @@ def worst_places(
     Examples
     --------
     >>> voxflat.worst_places(voxflat.samples.hill().flatten(), beyond=1.01)
-    <WorstPlaces: 2 of 2 regions where areas change by more than a factor of 1.01 (87.69 % of the surface)>
+    <WorstPlaces: 2 of 2 regions where areas change by more than a factor of 1.01 (88.89 % of the surface)>
     """
     checked_instance(flat_map, FlatMap, "flat map", "a FlatMap")
     if not is_whole(count) or count < 0:

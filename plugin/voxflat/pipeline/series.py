@@ -125,7 +125,7 @@ def flatten_series(
     --------
     >>> ball = voxflat.samples.ball()
     >>> voxflat.flatten_series([ball, np.roll(ball, 1, axis=0)])
-    <FlatSeries: 2 frames, 678 points>
+    <FlatSeries: 2 frames, 679 points>
 
     With one map for each of two charts:
 

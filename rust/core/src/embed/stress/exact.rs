@@ -14,7 +14,7 @@ const NEAR: f64 = 1e-3;
 const EXACT: f64 = 1e-8;
 
 /// The factor on the weight of distances, and its square on that of gaps of the outline.
-const FAINT: f64 = 1e-4;
+const FAINT: f64 = 1e-6;
 
 /// Returns the map (mm) near an optimised one in which all triangles keep their shape and size, if there is one.
 /// Panics like [`flatten`](super::levels::flatten), or if the number of positions differs from the number of vertices.

@@ -22,7 +22,7 @@ use crate::surface::Surface;
 
 /// The minimum ratio of a triangle's height and longest side; thinner triangles count as if they had it, because their
 /// shape is noise. Where a fifth of all triangles are thinner, the ratio is a share of theirs instead.
-const THINNEST: f64 = 1e-3;
+const THINNEST: f64 = 1e-4;
 const MANY: f64 = 0.2;
 const THINNER_THAN_MANY: f64 = 0.25;
 
