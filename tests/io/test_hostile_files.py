@@ -353,7 +353,7 @@ def test_numbers_of_other_sizes(tmp_path, flat_map, atlas, floats, integers):
         found = load(tmp_path / "x.npz")
         for name in types.keys() & vars(found).keys():
             assert getattr(found, name).dtype == types[name], name
-        shown, known = ((one if load is voxflat.load else one.page()).heat_map().data for one in (found, made))
+        shown, known = ((one if load is voxflat.load else one.page()).heat_map(0.73).data for one in (found, made))
         np.testing.assert_allclose(shown, known, atol=1e-4)
 
 

@@ -12,7 +12,6 @@ from voxflat.atlases.atlas import Atlas
 from voxflat.atlases.certified import FlatAtlas
 from voxflat.atlases.glued import GluedAtlas
 from voxflat.distortion.bands import in_bands
-from voxflat.distortion.distortion import Distortion
 from voxflat.distortion.figures import TriangleFigures
 from voxflat.io.grid import rounded
 from voxflat.maps.flat_map import FlatMap
@@ -59,8 +58,8 @@ def _in_mm(flat_map: FlatMap | Atlas) -> list[Row]:
     return [
         *([] if interior is None else [(INTERIOR, f"{100 * interior.relative_error:.1f} %")]),
         ("mean relative distance error", f"{100 * raw.relative_error:.1f} %"),
-        (_within("10 mm", distortion), f"{100 * raw.relative_error_10mm:.1f} %"),
-        (_within("30 mm", distortion), f"{100 * raw.relative_error_30mm:.1f} %"),
+        (_within("10 mm", flat_map), f"{100 * raw.relative_error_10mm:.1f} %"),
+        (_within("30 mm", flat_map), f"{100 * raw.relative_error_30mm:.1f} %"),
         ("mean absolute distance error", f"{rounded(raw.absolute_error, 2)} mm"),
         ("stress-1", f"{raw.stress_1:.4f}"),
         ("correlation", f"{flat_map.distortion.pearson_r:.4f}"),
@@ -70,8 +69,8 @@ def _in_mm(flat_map: FlatMap | Atlas) -> list[Row]:
     ]
 
 
-def _within(end: str, distortion: Distortion) -> str:
-    return in_bands(f"   within {end}", distortion.bands, distortion.unit)
+def _within(end: str, flat_map: FlatMap) -> str:
+    return in_bands(f"   within {end}", flat_map.distortion.bands, flat_map.origin.named_unit or "unknown")
 
 
 def _of_atlas(atlas: FlatAtlas) -> list[Row]:
