@@ -84,13 +84,14 @@ def map_over_triangles(
     if not more.get("descent", {"converged": True})["converged"]:
         steps = len(more["descent"]["energies"])
         warnings.append(f"the optimisation stopped after {steps} steps before it converged. A better map may exist")
-    judged = distortion.interior or distortion.best_scale  # paths around notches and holes are no errors
-    error = judged.relative_error
+    error, pairs = distortion.best_scale.relative_error, "of the map"
+    if distortion.interior is not None and distortion.interior_share > 0:  # longer paths around notches are no errors
+        error, pairs = distortion.interior.relative_error, "of interior pairs"
     if error > BEARABLE:
         may_relax = settings.relax is None and cut.chart is None and all(one.reason != "relaxation" for one in cut.cuts)
         advice = relaxation_advice(part, settings.threads, settings.progress) if may_relax else ""
         warnings.append(
-            f"the mean relative distance error of the map is {100 * error:.0f} %, even at the best scale{advice}"
+            f"the mean relative distance error {pairs} is {100 * error:.0f} %, even at the best scale{advice}"
         )
     triangles = distortion.triangles
     assert triangles is not None

@@ -370,9 +370,9 @@ def _cut_to_cone_points(
     paths, total = _counted(cuts, "path")
     where = "one vertex" if len(points) == 1 else f"{len(points)} vertices"
     warning = (
-        f"most of the curvature lies at {where}, so the surface was cut open there along {paths} ({rounded(total)} mm "
-        f"in total), which reduces the estimated distance error from {100 * before:.1f} % to {100 * after:.1f} %. Use "
-        "relax=False to omit these cuts"
+        f"nearly all of the curvature lies at {where}, so the surface was cut open there along {paths} "
+        f"({rounded(total)} mm in total), which reduces the estimated distance error from {100 * before:.1f} % to "
+        f"{100 * after:.1f} %. Use relax=False to omit these cuts"
     )
     return opened_part, cuts, warning
 
