@@ -21,6 +21,7 @@ from voxflat.distances.sources import SAMPLINGS
 from voxflat.errors import InputError
 from voxflat.io.grid import UNITS, named_unit
 from voxflat.io.volumes import read_volume
+from voxflat.maps.map_cuts import is_map
 from voxflat.methods import METHODS, Grossmann2002, Method, Saucan2006, Schwartz1989, Voxflat
 from voxflat.methods.voxflat import SCALES
 from voxflat.pipeline.surface import Surface, surface
@@ -142,15 +143,15 @@ def _vertices(ctx: click.Context, param: click.Parameter, value: Path | None) ->
 
 
 def paths(ctx: click.Context, param: click.Parameter, value: tuple[Path, ...]) -> list[Any] | Path | str | None:
-    """Convert the values of --cuts: a keyword, a cuts file, or vertex lists (one per file)."""
+    """Convert the values of --cuts: a keyword, a cuts file, a map, or vertex lists (one per file)."""
     words = {str(file) for file in value} & {STANDARD, AUTOMATIC}
     if words:
         if len(value) > 1:
             raise click.BadParameter(f"{words.pop()} cannot be combined with other cuts. Pass it alone.")
         return words.pop()
-    if any(file.suffix.lower() == ".json" for file in value):
+    if any(file.suffix.lower() == ".json" or is_map(file) for file in value):
         if len(value) > 1:
-            raise click.BadParameter("A cuts file or template cannot be combined with other cuts. Pass it alone.")
+            raise click.BadParameter("A cuts file, template or map cannot be combined with other cuts. Pass it alone.")
         return value[0]
     return [_vertices(ctx, param, file) for file in value] or None
 
@@ -439,7 +440,8 @@ where_cut = (
         multiple=True,
         callback=paths,
         sentences=3,
-        note="FILE is a cuts file, a template, or a list of neighbouring vertices (repeat --cuts for several lists).",
+        note="FILE is a cuts file, a template, a flat map, or a list of neighbouring vertices (repeat --cuts for "
+        "several lists).",
     ),
     option_of(Surface.cut, "sphere", type=FILE, metavar="FILE"),
 )

@@ -13,12 +13,13 @@ from voxflat.distances.sources import SAMPLINGS, source_choice
 from voxflat.distances.store import prepare_store
 from voxflat.errors import InputError
 from voxflat.maps.flat_map import FlatMap
+from voxflat.maps.map_cuts import covered, named_as
 from voxflat.maps.matching import match
 from voxflat.maps.worst_places import AreaBoundError, area_changes
 from voxflat.maps.worst_search import worst_places
 from voxflat.methods.common import MUCH, bands_of, error_of_distances, map_over_triangles
 from voxflat.methods.method import FlattenSettings, OverTriangles
-from voxflat.methods.start import covered, cut_as, named_as, places_of
+from voxflat.methods.start import cut_as, places_of
 from voxflat.surfaces.cutting import CutManifold, Tube
 from voxflat.surfaces.manifold import Manifold
 
@@ -144,7 +145,7 @@ class Voxflat(OverTriangles):
             return super()._cut(surface, settings)
         start = match(surface, self.start)
         if settings.defines_cuts:
-            return super()._cut(covered(surface, start), settings)
+            return super()._cut(covered(surface, start, "start"), settings)
         return named_as(cut_as(surface, start, settings.threads, settings.progress), self.start)
 
     def _map(self, cut: CutManifold[Manifold], settings: FlattenSettings) -> FlatMap:

@@ -14,6 +14,7 @@ from voxflat.io.meshes import Mesh
 from voxflat.io.reading import reading
 from voxflat.io.sources import as_mesh, as_volume, check_ending
 from voxflat.io.volumes import Volume
+from voxflat.maps.map_cuts import along_map
 from voxflat.pipeline.surface import Surface, middle_of_rim
 from voxflat.pipeline.surface import surface as _surface
 from voxflat.surfaces.cutting import CutSettings
@@ -120,8 +121,9 @@ def _of_part(
     except InputError as error:
         found = check_surface(whole, found, settings)
         return replace(found, can_flatten=False, advice=(*whole.warnings, str(error)))
-    repaired = None if volume is None else lambda: chosen(_surface(volume, **making))
-    return check_surface(wanted, found, settings, repaired)
+    repaired = None if volume is None else lambda: along_map(chosen(_surface(volume, **making)), settings)[0]
+    wanted, along = along_map(wanted, settings)
+    return check_surface(wanted, found, along, repaired)
 
 
 def _of_mesh(mesh: Mesh) -> Check:

@@ -23,6 +23,7 @@ from voxflat.io.provenance import recording
 from voxflat.io.reading import reading
 from voxflat.io.sources import taken
 from voxflat.maps.flat_map import FlatMap
+from voxflat.maps.map_cuts import along_map, is_map, named_as
 from voxflat.methods import Method, flattened, method_of
 from voxflat.methods.method import FlattenSettings, Rows
 from voxflat.pipeline.cut_surface import CutSurface
@@ -260,15 +261,17 @@ class Surface(Manifold):
 
         Parameters
         ----------
-        cuts : "standard", "automatic", list of paths, dict of paths by name, or path of a file, optional
+        cuts : "standard", "automatic", list of paths, dict of paths by name, path of a file, or map, optional
             Where to cut. "standard" cuts along the same lines in every brain: the medial wall, the calcarine sulcus,
             three medial lines and a temporal line, which are traced on the registered `sphere`. "automatic" cuts open
             any surface that is not a disk, and adds the relaxation cuts that suit this surface best. A list or dict
             holds paths of neighbouring vertices (voxel indices (k, 3) or vertex numbers (k,)), for example from
             `Surface.path`; the keys of a dict are names of the cuts. A file holds cuts from `CutSurface.save`, or a
-            template from `CutSurface.save_template`. If the surface is still not a disk, it is cut open automatically
-            and a warning reports it; pass ``[]`` to prevent this and to keep all holes. A cut must not separate a piece
-            of the surface. The default is "standard" for a closed surface whose sphere is given, or is stored next to
+            template from `CutSurface.save_template`. A flat map of this surface (`FlatMap`, its file, or a file or mesh
+            of any other tool) stands for the part that it covers and for its cuts. If the surface is still not a disk,
+            it is cut open automatically and a warning reports it; pass ``[]`` to prevent this and to keep all holes. A
+            cut must not separate a piece of the surface. The default is "standard" for a closed surface whose sphere is
+            given, or is stored next to
             its file as in FreeSurfer (``lh.sphere.reg`` next to ``lh.white``), unless a part was chosen other than by
             `drop`; otherwise it is "automatic".
         sphere : path, Mesh, (points, faces), array_like of shape (V, 3) or Registration, optional
@@ -307,7 +310,9 @@ class Surface(Manifold):
         'closed sphere'
         """
         where: dict[str, Any] = {"cuts": cuts, "sphere": sphere, "relax": relax, "adapt": adapt}
-        cut = cut_open(self, CutSettings(**where, threads=threads, progress=progress))
+        cut = cut_open(*along_map(self, CutSettings(**where, threads=threads, progress=progress)))
+        if is_map(cuts):
+            cut = named_as(cut, cuts)
         for warning in cut.warnings:
             log.warning(warning)
         return CutSurface._of(cut)
@@ -662,7 +667,8 @@ class Surface(Manifold):
             contents = size_and_space(whole.points, len(whole.faces), structure, whole.space, unit)
             found = Check(self.origin.input, "mesh", contents)
             settings = CutSettings(cuts=cuts, sphere=sphere, threads=threads, progress=progress)
-            return check_surface(self, found, settings)
+            part, settings = along_map(self, settings)
+            return check_surface(part, found, settings)
 
     @recording()
     def register(
