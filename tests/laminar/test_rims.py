@@ -1,6 +1,7 @@
 """Rims: depth, thickness and layers of a segmentation, on shapes whose depth is known."""
 
 import re
+from itertools import product
 
 import mesh_files
 import nibabel
@@ -133,6 +134,38 @@ def test_one_slice(axis):
     error = np.abs(np.moveaxis(found.depth("equidistant").data, axis, 2) - height[:, :, 3:4])
     assert np.nanmean(error) < 0.04
     assert found.surface.flatten().distortion.raw.relative_error < 0.01
+
+
+def ring(radius, labels, height):
+    """Return the equivolume depth in the slices of a sphere, each on its own, from the equidistant depth."""
+    z = (np.arange(labels.data.shape[2]) - (labels.data.shape[2] - 1) / 2) * labels.affine[2, 2] + 0.31
+    inner, outer = (np.maximum(end**2 - z**2, 0) for end in (radius, radius + 2.5))
+    return ((radius + 2.5 * height) ** 2 - z**2 - inner) / (outer - inner)
+
+
+@pytest.mark.medium
+@pytest.mark.parametrize(
+    ("shape", "count"), [*product(("cylinder", "fold"), (1, 3, 5, 15)), ("sphere", 1), ("sphere", 3)]
+)
+def test_the_ends_of_a_slab_are_not_curved(shape, count):
+    labels, volume, height = bent_layers(shape, 0.3)
+    if shape == "sphere":  # so few slices do not show its curvature across them
+        volume = ring(10.0, labels, height)
+    first = (labels.data.shape[2] - count) // 2
+    slab = np.s_[:, :, first : first + count]
+    depth = voxflat.rim(Volume(labels.data[slab], labels.affine)).depth().data
+    error = (depth - volume[slab])[8:-8]  # a fold is curved at the ends of its labels
+    assert abs(np.nanmean(error)) < 0.005
+    assert abs(np.nanmean(error[:, :, 0])) < 0.005
+
+
+@pytest.mark.medium
+def test_layers_of_a_slice_have_equal_areas():
+    axis = np.arange(-5, 5, 0.1) + 0.05
+    radius = np.hypot(*np.meshgrid(axis, axis))[..., None]
+    labels = np.select([radius < 2, radius <= 4], [2, 3], 1)
+    counts = np.bincount(voxflat.rim(labels, spacing=(0.1, 0.1, 0.1)).layers(5).data.ravel())[1:]
+    np.testing.assert_allclose(counts, counts.mean(), rtol=0.05)
 
 
 @pytest.mark.medium

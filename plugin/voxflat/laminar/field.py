@@ -22,6 +22,7 @@ _A_VOXEL = 60
 _BEYOND = 3  # voxels beyond the labels
 _CHUNK = 1 << 17  # points between two reports of progress
 _FAR = np.inf  # mm, no limit
+_UNKNOWN = 1e-6  # weight of areas beyond the labels, which count only where no others are near
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,18 +65,48 @@ def field_of(rim: Layered, threads: int | None = None, progress: Progress | None
         beyond = crosses(rim, label, points, feet[side], feet[1 - side])
         if len(beyond):  # on the other bank; the nearest voxel stays on its own
             feet[side][beyond] = label_of_side[scipy.spatial.cKDTree(places).query(points[beyond])[1]]
+    normals = middle.normals
+    # Beyond the ends of the labels, the middle surface does not continue for long, and has other areas.
+    kept, faces = _in_grey(rim, points, faces, feet[1] - feet[0])
+    points, normals, feet = points[kept], normals[kept], [foot[kept] for foot in feet]
     is_grey = rim.labels[tuple(band.T)] == GREY
     depth, thickness = depth[is_grey].clip(0, 1), thickness[is_grey]
-    areas = smooth_areas((feet[0], points, feet[1]), points, faces, float(np.median(thickness)))
+    surfaces = (feet[0], points, feet[1])
+    areas = smooth_areas(surfaces, points, faces, float(np.median(thickness)), _known(rim, surfaces, faces))
     halves = _half_depth(places[is_grey], depth, inner[is_grey], outer[is_grey])
     triangles, weights = steps.nearest(_core.NearestFinder(points, faces), halves)[:2]
     corners = faces[triangles]
     around = [(weights * area[corners]).sum(axis=1) for area in areas]
     halfway = np.einsum("nk,nkd->nd", weights, points[corners])
-    columns = np.einsum("nk,nkd->nd", weights, middle.normals[corners])
+    columns = np.einsum("nk,nkd->nd", weights, normals[corners])
     lengths = np.linalg.norm(columns, axis=1, keepdims=True)
     columns /= np.where(lengths > 0, lengths, np.nan)
     return Field(depth, _share_below(depth, *around), thickness, halfway, columns, points, faces, feet[0], feet[1])
+
+
+def _in_grey(
+    rim: Layered, points: NDArray[np.float64], faces: NDArray[np.uint32], outwards: NDArray[np.float64]
+) -> tuple[NDArray[np.int64], NDArray[np.uint32]]:
+    """Return the vertices and the triangles of the part of the middle surface that lies in the grey matter."""
+    step = 0.5 * rim.volume.spacing.min()
+    outwards = outwards * (step / np.maximum(np.linalg.norm(outwards, axis=1, keepdims=True), 1e-9))
+    sides = (rim.voxels(points + side * outwards) for side in (-1, 0, 1))
+    is_grey = np.any([rim.labels[tuple(voxels.T)] == GREY for voxels in sides], axis=0)
+    faces = faces[is_grey[faces].any(axis=1)]
+    kept, corners = np.unique(faces, return_inverse=True)
+    return kept.astype(np.int64), corners.reshape(-1, 3).astype(np.uint32)
+
+
+def _known(rim: Layered, surfaces: Sequence[NDArray[np.float64]], faces: NDArray[np.uint32]) -> NDArray[np.float64]:
+    """Return the weight of the areas of triangles: low where a column leaves the labels, and its ends are not known."""
+    centres = [points[faces].mean(axis=1) for points in surfaces]
+    outwards = centres[2] - centres[0]
+    outwards *= 0.5 * rim.volume.spacing.min() / np.maximum(np.linalg.norm(outwards, axis=1, keepdims=True), 1e-9)
+    is_known = np.ones(len(faces), dtype=np.bool_)
+    for centre in centres:
+        sides = (rim.voxels(centre + side * outwards) for side in (-1, 1))
+        is_known &= np.any([rim.labels[tuple(voxels.T)] > 0 for voxels in sides], axis=0)
+    return np.where(is_known, 1.0, _UNKNOWN)
 
 
 def _depth(

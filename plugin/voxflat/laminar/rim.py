@@ -19,7 +19,7 @@ from voxflat.io.sources import as_volume
 from voxflat.io.volumes import Volume
 from voxflat.laminar.columns import Columns, columns_of
 from voxflat.laminar.field import Field, field_of
-from voxflat.laminar.labels import GREY, Layered, layered
+from voxflat.laminar.labels import Layered, layered
 from voxflat.laminar.painting import flat_volume, on_map, pixels_of
 from voxflat.laminar.profile import Layers, Profile, groups_of, profile_of
 from voxflat.maps.colours import all_whole
@@ -491,15 +491,7 @@ def _is_fragment(core: _core.Surface, area: float) -> NDArray[np.bool_]:
 
 def _middle_surface(labels: Layered, values: Field) -> Surface:
     """Return the part of the middle surface that lies in the grey matter."""
-    step = 0.5 * labels.volume.spacing.min()
-    outward = values.outer - values.inner
-    outward *= step / np.maximum(np.linalg.norm(outward, axis=1, keepdims=True), 1e-9)
-    sides = (labels.voxels(values.points + side * outward) for side in (-1, 0, 1))
-    is_grey = np.any([labels.labels[tuple(voxels.T)] == GREY for voxels in sides], axis=0)
-    faces = values.faces[is_grey[values.faces].any(axis=1)]
-    kept, corners = np.unique(faces, return_inverse=True)
-    points = values.points[kept]
-    core, _ = _core.Surface.from_triangles(points, corners.reshape(-1, 3), True)
+    core, _ = _core.Surface.from_triangles(values.points, values.faces.astype(np.int64), True)
     core = core.part_of_faces(~_is_fragment(core, 4 * np.pi * float(np.median(values.thickness)) ** 2))
     volume = labels.volume
     grey = np.zeros(volume.data.shape, dtype=np.uint8)
@@ -508,6 +500,6 @@ def _middle_surface(labels: Layered, values: Field) -> Surface:
     halfway = "midthickness: halfway between the borders of the grey matter"
     origin = replace(made_of, is_sheet=False, measured_on=halfway)
     details: dict[str, object] = {"placed_by": "half of the equidistant depth"}
-    voxels = labels.voxels(points) + labels.first  # vertices at an end of the volume may lie just outside it
+    voxels = labels.voxels(values.points) + labels.first  # vertices at an end of the volume may lie just outside it
     voxels = voxels.clip(0, np.array(volume.data.shape) - 1)
-    return Surface(core, voxels, origin, details, white_points=values.inner[kept], pial_points=values.outer[kept])
+    return Surface(core, voxels, origin, details, white_points=values.inner, pial_points=values.outer)

@@ -96,10 +96,12 @@ def _numbers(given: float | Sequence[float], name: str) -> tuple[float, ...]:
     return tuple(map(float, values))
 
 
-def vertex_areas(points: NDArray[np.float64], faces: NDArray[np.integer]) -> NDArray[np.float64]:
-    """Return the area around each vertex in mm²: a third of the total area of its triangles."""
+def vertex_areas(
+    points: NDArray[np.float64], faces: NDArray[np.integer], weights: NDArray[np.float64] | float = 1.0
+) -> NDArray[np.float64]:
+    """Return the area around each vertex in mm²: a third of the total area of its triangles, which may have weights."""
     a, b, c = (points[faces[:, k]] for k in range(3))
-    areas = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 6
+    areas = weights * np.linalg.norm(np.cross(b - a, c - a), axis=1) / 6
     return np.asarray(np.bincount(faces.ravel(), np.repeat(areas, 3), len(points)), dtype=np.float64)
 
 
@@ -108,12 +110,16 @@ def smooth_areas(
     along: NDArray[np.float64],
     faces: NDArray[np.integer],
     thickness: float,
+    weights: NDArray[np.float64] | float = 1.0,
 ) -> list[NDArray[np.float64]]:
-    """Return the areas around each vertex on several surfaces, smoothed along one of them over half the thickness."""
+    """Return the areas around each vertex on several surfaces, smoothed along one of them over half the thickness.
+
+    `weights` are those of the triangles.
+    """
     edge = float(np.median(np.linalg.norm(along[faces] - along[np.roll(faces, 1, axis=1)], axis=2)))
     near = _neighbourhoods(faces, len(along))
     average = scipy.sparse.diags_array(1 / near.sum(axis=1)) @ near
-    areas = np.stack([vertex_areas(points, faces) for points in surfaces], axis=1)
+    areas = np.stack([vertex_areas(points, faces, weights) for points in surfaces], axis=1)
     for _ in range(min(100, round((_SMOOTHED * thickness / edge) ** 2) + 1)):
         areas = average @ areas
     return list(areas.T)
