@@ -97,12 +97,13 @@ if TYPE_CHECKING:
     from voxflat.distances.rows import DistanceRows, open_rows
     from voxflat.distortion.distortion import Distortion
     from voxflat.errors import Cancelled, HemisphereError, InputError, VoxflatError
+    from voxflat.evaluation.given_map import load
     from voxflat.evaluation.measure import Comparison, compare, measure
     from voxflat.lab.map_page import map_page
     from voxflat.laminar.columns import Columns
     from voxflat.laminar.profile import Profile
     from voxflat.laminar.rim import Rim, rim
-    from voxflat.maps.flat_map import FlatMap, load
+    from voxflat.maps.flat_map import FlatMap
     from voxflat.maps.plane import Places
     from voxflat.maps.raster import FlatImage, FlatStack, Raster
     from voxflat.maps.regions import Regions
@@ -130,12 +131,13 @@ else:
         "distances.rows": ("DistanceRows", "open_rows"),
         "distortion.distortion": ("Distortion",),
         "errors": ("Cancelled", "HemisphereError", "InputError", "VoxflatError"),
+        "evaluation.given_map": ("load",),
         "evaluation.measure": ("Comparison", "compare", "measure"),
         "lab.map_page": ("map_page",),
         "laminar.columns": ("Columns",),
         "laminar.profile": ("Profile",),
         "laminar.rim": ("Rim", "rim"),
-        "maps.flat_map": ("FlatMap", "load"),
+        "maps.flat_map": ("FlatMap",),
         "maps.plane": ("Places",),
         "maps.raster": ("FlatImage", "FlatStack", "Raster"),
         "maps.regions": ("Regions",),

@@ -24,7 +24,7 @@ from voxflat.io.files import atomic_path, file_name
 from voxflat.io.meshes import Mesh, read_mesh
 from voxflat.io.overlays import read_overlay
 from voxflat.io.volumes import Volume, read_volume
-from voxflat.maps.flat_map import FlatMap, load
+from voxflat.maps.flat_map import FlatMap, load_saved
 from voxflat.methods import Method
 from voxflat.pipeline.flat_series import load_series
 from voxflat.surfaces.standard.sphere import OWN_REGISTRATION
@@ -72,7 +72,7 @@ class OpenedFile:
         if self._is_movie:
             found, what, name, function = load_series(self._path).flat_map, "movie", "series", "load_series"
         elif isinstance(self._opened, FlatMap):
-            found, what, name, function = load(self._path), "map", "flat_map", "load"
+            found, what, name, function = load_saved(self._path), "map", "flat_map", "load"
         else:
             found, what, name, function = load_atlas(self._path), "atlas", "atlas", "load_atlas"
         if not _same(found.uv, self._opened.uv):

@@ -13,7 +13,7 @@ from voxflat.io.files import SAVED_ENDINGS, naming
 from voxflat.io.grid import warn_of_unit
 from voxflat.io.meshes import Mesh, read_mesh, write_mesh
 from voxflat.io.patches import is_patch, read_patch
-from voxflat.maps.flat_map import load
+from voxflat.maps.flat_map import load_saved
 from voxflat.maps.map_files import mesh_of_vertices
 from voxflat.pipeline.surface import surface as _surface
 
@@ -26,7 +26,7 @@ def read(path: str, *, surface: object | None = None) -> pv.PolyData:
     if surface is not None:
         raise InputError(f"{path}: surface is given, but the file is not a patch. Omit surface")
     if is_saved:
-        return to_polydata(load(path))
+        return to_polydata(load_saved(path))
     mesh = read_mesh(path)
     dataset = triangles(mesh.points, mesh.faces)
     for name, array in mesh.point_data.items():

@@ -13,17 +13,33 @@ import click
 
 from voxflat._core import __version__
 from voxflat.arguments import Progress, log
-from voxflat.cli.output import WRITTEN
+from voxflat.cli.output import SHOWN, WRITTEN
 from voxflat.errors import HemisphereError, InputError
+from voxflat.evaluation.given_map import load
 from voxflat.io.provenance import check_beside
 from voxflat.io.reading import reading
 from voxflat.io.volumes import Volume, read_volume
 from voxflat.laminar.rim import rim
+from voxflat.maps.flat_map import FlatMap
 from voxflat.pipeline.surface import Surface, surface
 from voxflat.surfaces.hemispheres import hemisphere
 from voxflat.surfaces.parts import is_medial_wall
+from voxflat.wording import many
 
 _MAKING = ("label", "threshold", "spacing", "unit", "probability", "pial", "repair")
+
+
+def load_maps(maps: Sequence[Path], progress: Progress | None = None) -> list[FlatMap]:
+    """Load maps; --surface and --pial name the surfaces of those that other tools made."""
+    meta, count = click.get_current_context().meta, len(maps)
+    shown = []
+    for name in ("surface", "pial"):
+        files = meta.get(f"{SHOWN}.{name}") or (None,) * count
+        if len(files) != count:
+            number = f"{len(files)} times for {many(count, 'map')}"
+            raise click.UsageError(f"--{name} is given {number}. Pass it once per map.")
+        shown.append(files)
+    return [load(path, surface, pial=pial, progress=progress) for path, surface, pial in zip(maps, *shown, strict=True)]
 
 
 def surface_of(input_: Path, settings: dict[str, Any], progress: Progress | None) -> Surface:

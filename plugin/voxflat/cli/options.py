@@ -14,7 +14,7 @@ import numpy as np
 
 from voxflat.arguments import checked_seed, checked_threads, named_side
 from voxflat.cli.console import Command, translated
-from voxflat.cli.output import JSON, READ, WRITTEN
+from voxflat.cli.output import JSON, READ, SHOWN, WRITTEN
 from voxflat.cli.parameter_options import option_of
 from voxflat.distances.geodesic import SOLVERS
 from voxflat.distances.sources import SAMPLINGS
@@ -36,6 +36,10 @@ _OVERWRITE = "Replace existing companion files of OUT, such as OUT.json, even if
 _RELAX_LENGTH = "Maximum total length of relaxation cuts in mm, including any cuts passed to --cuts."
 _PERIOD = "Treat the values as phases with this period, such as 360, so that averages and colours wrap around."
 _TIME_STEP = "Time between frames of a series, in seconds.  [default: from the file]"
+_SURFACES = {
+    "surface": "Surface that MAP shows, if another tool made MAP: a mesh, or a file as for voxflat flatten.",
+    "pial": "Pial surface, if --surface is the white surface.",
+}
 _MOST_NUMBERS = 1e6  # in a range
 _ROUNDING = 1e-6  # steps by which the last number of a range may miss its end
 _PER_LINE = "Write one vertex number, or three voxel indices, on each line."
@@ -254,7 +258,26 @@ def command(name: str, *examples: str, **more: Any) -> Callable[[Callable[..., A
 
 
 input_ = cloup.argument("input_", metavar="INPUT", type=FILE)
-map_ = cloup.argument("map_", metavar="MAP", type=FILE)
+
+
+def _of_map(ctx: click.Context, param: click.Parameter, value: tuple[Path, ...]) -> None:
+    """Store the surfaces of maps that other tools made, which `load_maps` reads."""
+    ctx.meta[f"{SHOWN}.{param.name}"] = value
+
+
+def map_options(argument: Callable[[_Command], _Command]) -> Callable[[_Command], _Command]:
+    """Return the argument for one or several maps, with the options for maps that other tools made."""
+    shown = section(
+        "Map of another tool",
+        *(
+            reads(f"--{name}", f"{text} For several maps, pass it once per map.", multiple=True, callback=_of_map, expose_value=False)
+            for name, text in _SURFACES.items()
+        ),
+    )
+    return lambda command: argument(shown(command))
+
+
+map_ = map_options(cloup.argument("map_", metavar="MAP", type=FILE))
 
 
 def _writing(ctx: click.Context, param: click.Parameter, value: bool) -> dict[str, bool]:

@@ -20,8 +20,9 @@ FIGURE_ENDINGS = (".png", ".pdf", ".svg")
 
 _IGNORES_CASE = sys.platform in ("win32", "darwin")  # whether A.npz and a.npz are usually one file
 
-READ, WRITTEN, JSON = "voxflat.read", "voxflat.written", "voxflat.json"
-"""Keys under which the context of a command stores the files that it reads and writes, and whether it prints JSON."""
+READ, WRITTEN, JSON, SHOWN = "voxflat.read", "voxflat.written", "voxflat.json", "voxflat.shown"
+"""Keys under which the context of a command stores the files that it reads and writes, whether it prints JSON, and the
+surfaces that maps show."""
 
 
 def check_output(

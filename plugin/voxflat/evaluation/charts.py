@@ -31,7 +31,7 @@ def charts_of(flat: Matched) -> list[tuple[Matched, NDArray[np.int64]]]:
     for chart in np.argsort(-np.bincount(label[faces[:, 0]], areas, number), kind="stable"):
         core, _ = _core.Surface.from_triangles(points, faces[label[faces[:, 0]] == chart])
         rows = core.ids.astype(np.int64)
-        charts.append((Matched(core, flat.vertices[rows], flat.uv[rows]), rows))
+        charts.append((Matched(core.with_ids(flat.core.ids[rows]), flat.uv[rows]), rows))
     return charts
 
 

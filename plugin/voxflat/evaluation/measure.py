@@ -21,7 +21,7 @@ from voxflat.arguments import (
     log,
     shown,
 )
-from voxflat.distortion.bands import checked_bands, usual_bands
+from voxflat.distortion.bands import Bands, checked_bands, usual_bands
 from voxflat.distortion.distortion import Distortion, table_of_several
 from voxflat.errors import InputError
 from voxflat.evaluation.charts import charts_of, total
@@ -290,6 +290,23 @@ def compare(
     matched = {name: match(geometry.surface, flat) for name, flat in maps.items()}
     for name, flat_map in matched.items():
         geometry.check(name, flat_map)
+    limits: dict[str, Any] = {"threads": threads, "memory_limit": memory_limit, "progress": progress}
+    return Comparison(measured_maps(whole, matched, sources, reference, ends, seed=seed, **limits))
+
+
+def measured_maps(
+    whole: Manifold,
+    matched: Mapping[str, Matched],
+    sources: int | None,
+    reference: str,
+    ends: Bands | None = None,
+    *,
+    seed: int,
+    threads: int | None,
+    memory_limit: int | None,
+    progress: Progress | None,
+) -> dict[str, MeasuredMap]:
+    """Measure maps that are matched with a surface, and the charts of each."""
     charts = {name: charts_of(flat) for name, flat in matched.items()}
     joined = {id(flat): flat.joined() for parts in charts.values() for flat, _ in parts}
     groups = _grouped([flat for flat, _ in joined.values()])
@@ -308,11 +325,11 @@ def compare(
         first = group[0][0]
         places = [flat.uv[order] for flat, order in group]
         results = first.core.judge(places, chosen, reference, cache, seed, ends, threads, progress, period=first.period)
-        for (flat_map, order), measured in zip(group, results, strict=True):
-            per_point = np.empty_like(measured["per_point"])
-            per_point[order] = measured["per_point"]
-            distances[id(flat_map)] = measured | {"per_point": per_point}
-    measured = {}
+        for (flat_map, order), of_map in zip(group, results, strict=True):
+            per_point = np.empty_like(of_map["per_point"])
+            per_point[order] = of_map["per_point"]
+            distances[id(flat_map)] = of_map | {"per_point": per_point}
+    measured: dict[str, MeasuredMap] = {}
     for name, parts in charts.items():
         of_charts = []
         for number, (flat_map, _) in enumerate(parts, 1):
@@ -328,7 +345,7 @@ def compare(
             flat_map = matched[name]
             distortion = total(of_charts, [rows for _, rows in parts], flat_map.core.measure(flat_map.uv, progress))
             measured[name] = MeasuredMap(flat_map.uv, flat_map.vertices, flat_map.core.faces, distortion)
-    return Comparison(measured)
+    return measured
 
 
 def _grouped(matched: list[Matched]) -> list[list[tuple[Matched, NDArray[np.int64]]]]:

@@ -16,7 +16,7 @@ from voxflat.errors import InputError
 from voxflat.io.files import REMEDY, from_json, naming
 from voxflat.io.overlays import read_overlay
 from voxflat.io.reading import hash_of
-from voxflat.maps.flat_map import FlatMap, load
+from voxflat.maps.flat_map import FlatMap, load_saved
 
 FORMAT = 3  # version of the output; increase it to make all results again at the next run
 
@@ -118,7 +118,7 @@ class LoadedResults:
     @classmethod
     def read(cls, results: Results) -> "LoadedResults":
         """Read results; damaged or missing files raise an InputError or an OSError."""
-        record, flat_map = read_record(results.record), load(results.map)
+        record, flat_map = read_record(results.record), load_saved(results.map)
         names = [name for name in (*record["overlays"], *MEASURES) if results.values(name).name in record["outputs"]]
         structure = flat_map.origin.structure
         values = {}

@@ -638,36 +638,6 @@ def _holds(dtype: np.dtype[Any], number: float) -> bool:
     return dtype.kind != "f" or not abs(number) < math.inf or abs(number) <= float(np.finfo(dtype).max)
 
 
-def load(path: str | os.PathLike[str]) -> FlatMap:
-    """Load a flat map that was saved with `FlatMap.save`.
-
-    Flat surfaces and patches cannot be loaded, because they do not hold the complete map.
-
-    Parameters
-    ----------
-    path : path
-        An .npz or .voxflat file.
-
-    Returns
-    -------
-    FlatMap
-        The map.
-
-    Raises
-    ------
-    InputError
-        If the file is damaged or is not a flat map.
-    FileNotFoundError
-        If the file does not exist.
-
-    See Also
-    --------
-    FlatMap.save : Save a map.
-
-    Examples
-    --------
-    >>> voxflat.samples.hill().flatten().save("map.npz")
-    >>> voxflat.load("map.npz")
-    <FlatMap: 441 points, 42 x 42 mm, relative error 3.6 % of interior pairs, 3.6 % of all pairs at the best scale>
-    """
+def load_saved(path: str | os.PathLike[str]) -> FlatMap:
+    """Load a complete map, as `FlatMap.save` writes it to an .npz or .voxflat file."""
     return FlatMap(**read_map(path))

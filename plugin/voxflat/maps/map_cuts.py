@@ -4,6 +4,7 @@ import os
 from collections import defaultdict
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -62,6 +63,11 @@ def seams(part: Manifold, flat: Matched) -> list[NDArray[np.int64]]:
     return _chains(_torn_edges(part.faces, places))
 
 
+def own_seams(flat: Matched) -> list[NDArray[np.int64]]:
+    """Return the cuts of a map, as paths of vertices of the whole surface."""
+    return _chains(_torn_edges(flat.vertices[flat.core.faces], flat.core.faces[:, :, None]))
+
+
 def named_as(cut: CutManifold[SurfaceT], flat: object) -> CutManifold[SurfaceT]:
     """Give cuts the names of the cuts of a map on which they lie, if it is a `FlatMap` or its file."""
     flat_map = loaded(flat)
@@ -91,11 +97,11 @@ def at_corners(
     return places, is_there
 
 
-def _torn_edges(faces: NDArray[np.uint32], places: NDArray[np.float64]) -> NDArray[np.int64]:
+def _torn_edges(faces: NDArray[Any], places: NDArray[Any]) -> NDArray[np.int64]:
     """Return the edges, (k, 2), whose ends have different positions in their two triangles."""
     corners = np.stack([[0, 1], [1, 2], [2, 0]])
     ends = faces[:, corners].reshape(-1, 2).astype(np.int64)
-    pairs = places[:, corners].reshape(-1, 2, 2)
+    pairs = places[:, corners].reshape(-1, 2, places.shape[-1])
     order = np.argsort(ends, axis=1)
     ends = np.take_along_axis(ends, order, axis=1)
     pairs = np.take_along_axis(pairs, order[:, :, None], axis=1)

@@ -2,7 +2,7 @@
 
 import os
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, TypeGuard
 
 import numpy as np
 import scipy
@@ -19,7 +19,7 @@ from voxflat.io.meshes import Mesh
 from voxflat.io.partners import check_participant, check_partner, check_side, check_unit
 from voxflat.io.patches import is_patch, read_patch
 from voxflat.io.sources import as_mesh
-from voxflat.maps.flat_map import FlatMap, load
+from voxflat.maps.flat_map import FlatMap, load_saved
 from voxflat.surfaces.manifold import Manifold, are_triangles
 from voxflat.unique_rows import distinct
 
@@ -33,10 +33,14 @@ _SAME_PLACE = 2e-6  # tolerance for positions in single precision, relative to t
 class Matched:
     """A map, and the surface as cut by the map."""
 
-    core: _core.Surface  # the triangles over which the map is defined
-    vertices: NDArray[np.int64]  # (N,), vertex of the whole surface; both sides of a cut have the same vertex
+    core: _core.Surface  # the triangles over which the map is defined; its ids are vertices of the whole surface
     uv: NDArray[np.float64]  # (N, 2)
     period: float | None = None  # of a map that repeats in v
+
+    @property
+    def vertices(self) -> NDArray[np.int64]:
+        """Vertex of the whole surface for each position, shape (N,); both sides of a cut have the same vertex."""
+        return self.core.ids.astype(np.int64)
 
     def joined(self) -> tuple["Matched", NDArray[np.int64]]:
         """Return the map of the surface on which distances are measured, and the vertex there of each vertex.
@@ -50,7 +54,8 @@ class Matched:
         number = np.empty(len(core), dtype=np.int64)
         number[core.ids] = np.arange(len(core))
         rows = once.first[core.ids]
-        return Matched(core, self.vertices[rows], np.ascontiguousarray(self.uv[rows]), self.period), number[once.which]
+        core, uv = core.with_ids(self.core.ids[rows]), np.ascontiguousarray(self.uv[rows])
+        return Matched(core, uv, self.period), number[once.which]
 
     def correspondence(self, other: "Matched") -> NDArray[np.int64] | None:
         """Return the other map's vertex for each vertex, if both maps have the same triangles and cuts."""
@@ -73,10 +78,14 @@ def _sorted_corners(flat: Matched) -> tuple[NDArray[np.int64], NDArray[np.int64]
     return faces[order], ids[order]
 
 
+def is_saved(flat: object) -> TypeGuard[str | os.PathLike[str]]:
+    """Return whether the input is the path to a complete map."""
+    return isinstance(flat, str | os.PathLike) and os.fspath(flat).lower().endswith(SAVED_ENDINGS)
+
+
 def loaded(flat: object) -> object:
-    """Load the input if it is the path to a voxflat map; return all other input unchanged."""
-    is_ours = isinstance(flat, str | os.PathLike) and os.fspath(flat).lower().endswith(SAVED_ENDINGS)
-    return load(flat) if is_ours else flat  # type: ignore[arg-type]
+    """Load the input if it is the path to a complete map; return all other input unchanged."""
+    return load_saved(flat) if is_saved(flat) else flat
 
 
 def match(whole: Manifold, flat: object) -> Matched:
@@ -91,7 +100,7 @@ def match(whole: Manifold, flat: object) -> Matched:
         return _matched(whole, whole.vertices[whole.faces[whole._in_patch(patch)]], places)
     if isinstance(flat, FlatMap):
         cut = _cut_as_it_is(whole, vertices_of(whole, flat), flat.faces.astype(np.int64), flat.uv)
-        _check_share(whole, cut)
+        _check_share(whole, cut.vertices[cut.core.faces])
         return replace(cut, period=flat.period)
     if isinstance(flat, tuple) and len(flat) == 2 and np.ndim(flat[0]) == 2 and np.shape(flat[0])[1] == 2:
         flat = (np.pad(array_of(flat[0], "places"), ((0, 0), (0, 1))), flat[1])  # add z = 0
@@ -126,7 +135,7 @@ def _of_ours(whole: Manifold, mesh: Mesh) -> Matched:
             raise InputError(f"some points of the map are up to {apart.max():.3g} away from the surface. {_OTHER}")
         vertices = whole.vertices[nearest]
     cut = _of_rows(whole, mesh.points, mesh.faces[~is_torn], vertices)
-    _check_share(whole, cut)
+    _check_share(whole, cut.vertices[cut.core.faces])
     return cut
 
 
@@ -137,7 +146,7 @@ def _kind(array: NDArray[Any]) -> str:
 def _of_places(whole: Manifold, places: NDArray[np.float64], mesh: Mesh | None) -> Matched:
     if len(places) != whole.count:
         counts = f"the map has {len(places)} points, but the surface has {whole.count} vertices"
-        raise InputError(f"{counts}. Pass one point per vertex")
+        raise InputError(f"{counts}. {'Pass one point per vertex' if mesh is None else _OTHER}")
     is_placed = np.asarray(np.isfinite(places).all(axis=1))
     faces = whole.vertices[whole.faces] if mesh is None else whole._merged_in(mesh.faces)
     return _matched(whole, faces[is_placed[faces].all(axis=1)], places)
@@ -163,7 +172,8 @@ def _of_texture(whole: Manifold, mesh: Mesh, faces: NDArray[np.int64], coordinat
     rows, _, numbers, _ = distinct(corners)
     vertices = rows[:, 0].astype(np.int64)
     core, _ = _core.Surface.from_triangles(_places_of(whole)[vertices], numbers.reshape(-1, 3), mend=True)
-    return Matched(core, vertices[core.ids], np.ascontiguousarray(rows[core.ids, 1:]))
+    uv = np.ascontiguousarray(rows[core.ids, 1:])
+    return Matched(core.with_ids(vertices[core.ids].astype(np.uint32)), uv)
 
 
 def _same_places(whole: Manifold, points: NDArray[np.float64], faces: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -226,7 +236,7 @@ def _cut_as_it_is(
 ) -> Matched:
     """Return the map's own triangles, with its cuts, on the surface."""
     core, _ = _core.Surface.from_triangles(whole.points[vertices], faces)
-    return Matched(core, whole.vertices[vertices][core.ids], uv[core.ids])
+    return Matched(core.with_ids(whole.core.ids[vertices][core.ids]), uv[core.ids])
 
 
 def vertices_of(whole: Manifold, flat: FlatMap) -> NDArray[np.int64]:
@@ -260,12 +270,12 @@ def _matched(whole: Manifold, faces: NDArray[np.int64], places: NDArray[np.float
     if not _is_flat(used):
         depth = float(np.ptp(used[:, 2]))
         raise InputError(f"the map is not flat: its third coordinate varies by {depth:.3g} mm. Pass a flat surface")
-    return Matched(core, core.ids.astype(np.int64), np.ascontiguousarray(used[:, :2]))
+    return Matched(core, np.ascontiguousarray(used[:, :2]))
 
 
-def _check_share(whole: Manifold, cut: Matched) -> None:
+def _check_share(whole: Manifold, faces: NDArray[np.int64]) -> None:
     """Raise an error for a map that has few triangles of the surface; repairs and closed holes change only some."""
-    is_common = are_triangles(cut.vertices[cut.core.faces], whole.vertices[whole.faces])
+    is_common = are_triangles(faces, whole.vertices[whole.faces])
     if is_common.mean() < _COMMON:
         share = f"only {is_common.sum()} of the map's {len(is_common)} triangles are triangles of the surface"
         raise InputError(f"{share}. {_OTHER}")
@@ -282,6 +292,7 @@ def _check_triangles(whole: Manifold, faces: NDArray[np.int64]) -> None:
         problem = f"the map has a triangle with vertex {strange[0]}, which is in no triangle of the surface"
         raise InputError(f"{problem}. Pass a map of this surface")
     if whole._has_triangles(faces) is None:
+        _check_share(whole, faces)
         log.warning(
             "the map has triangles that the surface does not have. Distortion is measured on the triangles of the map"
         )

@@ -66,7 +66,7 @@ def map_over_triangles(
     cut: CutManifold[Manifold],
     settings: FlattenSettings,
     result: dict[str, Any],
-    need: int,
+    need: int | None,
     rows: NDArray[np.float32] | Table | None,
     more: dict[str, Any],
     method_warnings: Sequence[str] = (),
@@ -74,13 +74,15 @@ def map_over_triangles(
     store: Path | None = None,
     sampling: str | None = None,
     links_error: float | None = None,
+    distortion: Distortion | None = None,
 ) -> FlatMap:
     """Return the map of a triangle surface, with its distortion, details and warnings."""
     part, chosen = cut.surface, result["sources"]
     warnings = [*cut.warnings, *method_warnings]
-    if links_error is None:
-        links_error = error_of_distances(part, "graph", settings)
-    distortion = _measured(cut, result, more.get("geodesic", "graph"), links_error, settings)
+    if distortion is None:
+        if links_error is None:
+            links_error = error_of_distances(part, "graph", settings)
+        distortion = _measured(cut, result, more.get("geodesic", "graph"), links_error, settings)
     if not more.get("descent", {"converged": True})["converged"]:
         steps = len(more["descent"]["energies"])
         warnings.append(f"the optimisation stopped after {steps} steps before it converged. A better map may exist")
@@ -190,7 +192,7 @@ def _in_standard_frame(
 def making_details(
     chosen: NDArray[Any],
     result: dict[str, Any],
-    need: int,
+    need: int | None,
     warnings: list[str],
     sampling: str | None,
     logged: Sequence[str] = (),
@@ -204,6 +206,6 @@ def making_details(
         of_sources = {"sources": len(chosen), "sampling": sampling, "planarity": result["planarity"]}
     return {
         **of_sources,
-        "memory_need_bytes": need,
+        **({} if need is None else {"memory_need_bytes": need}),
         "versions": {"voxflat": _core.__version__, "numpy": np.__version__, "python": platform.python_version()},
     }

@@ -279,7 +279,8 @@ class FlatSeries(Sequence[FlatMap], ReadOnly, Saved):
             )
         core, _ = _core.Surface.from_triangles(self.points[frame], flat.faces[~flat.torn].astype(np.int64))
         uv = np.ascontiguousarray(flat.uv[core.ids])
-        closed, rows = Matched(core, distinct(flat.ids).which[core.ids], uv, flat.period).joined()
+        vertices = distinct(flat.ids).which[core.ids].astype(np.uint32)
+        closed, rows = Matched(core.with_ids(vertices), uv, flat.period).joined()
         sources = _core.reference_sources(len(closed.uv), before.sources, seed)
         judge, cache = closed.core.judge, _core.KEPT_BYTES
         result = judge(

@@ -192,6 +192,12 @@ impl Surface {
             Ok(inner.surface.moved(points)?.into())
         })
     }
+
+    /// Return the same surface with other `ids` (N).
+    fn with_ids(&self, py: Python<'_>, ids: Given<'_, u32>) -> PyResult<Self> {
+        let ids = convert::values(&ids);
+        self.run(py, Some(1), &None, move |inner, _| Ok(inner.surface.with_ids(ids)?.into()))
+    }
 }
 
 impl Surface {

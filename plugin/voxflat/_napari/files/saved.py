@@ -12,7 +12,7 @@ from voxflat._napari.results.session import Session, session_of
 from voxflat._napari.stacks import stack_of
 from voxflat.atlases.atlas import Atlas
 from voxflat.atlases.certified import load_atlas
-from voxflat.maps.flat_map import FlatMap, load
+from voxflat.maps.flat_map import FlatMap, load_saved
 from voxflat.pipeline.flat_series import load_series
 
 _Made = TypeVar("_Made", bound=FlatMap | Atlas)
@@ -20,7 +20,7 @@ _Made = TypeVar("_Made", bound=FlatMap | Atlas)
 
 def map_layers_of(path: Path) -> list[LayerData]:
     """Read a saved flat map; raises InputError if the file is damaged."""
-    flat_map = load(path)
+    flat_map = load_saved(path)
     flat_map = _in_session(flat_map, path)
     return [hidden(layer) for layer in map_layers(flat_map, path.stem).layers]
 

@@ -17,9 +17,9 @@ from voxflat.atlases.certified import saved_kind
 from voxflat.citation.methods_text import cite
 from voxflat.cli import options
 from voxflat.cli.console import bars
+from voxflat.cli.input import load_maps
 from voxflat.cli.options import FILE
 from voxflat.cli.output import report
-from voxflat.maps.flat_map import load
 from voxflat.pipeline.flat_series import load_series
 
 _FEATURES = ("SSE42", "AVX2", "FMA3", "AVX512F", "NEON", "SVE")  # instruction sets that affect speed
@@ -27,7 +27,7 @@ _FURTHER = ("vtk", "pyqt6")  # dependencies of the optional packages
 
 
 @options.command("cite", "voxflat cite lh.npz rh.npz", "voxflat cite lh.npz rh.npz --bibtex > references.bib")
-@cloup.argument("maps", metavar="[MAP]...", type=FILE, nargs=-1)
+@options.map_options(cloup.argument("maps", metavar="[MAP]...", type=FILE, nargs=-1))
 @options.section("Output", options.flag("--bibtex", "Print only the BibTeX entries."), options.as_json)
 @options.run()
 def cite_command(maps: tuple[Path, ...], bibtex: bool) -> None:
@@ -37,7 +37,9 @@ def cite_command(maps: tuple[Path, ...], bibtex: bool) -> None:
     the cuts, and the distance errors. Without MAP, voxflat prints a general paragraph with all references.
     """
     with bars():
-        citation = cite(*(load_series(path).flat_map if saved_kind(path) == "series" else load(path) for path in maps))
+        series = {path: load_series(path).flat_map for path in maps if saved_kind(path) == "series"}
+        loaded = iter(load_maps([path for path in maps if path not in series]))
+        citation = cite(*(series[path] if path in series else next(loaded) for path in maps))
     report(asdict(citation), citation.bibtex if bibtex else str(citation))
 
 

@@ -8,13 +8,12 @@ import cloup
 
 from voxflat.cli import options
 from voxflat.cli.console import bars
-from voxflat.cli.input import surface_of
+from voxflat.cli.input import load_maps, surface_of
 from voxflat.cli.options import FILE
 from voxflat.cli.output import FIGURE_ENDINGS, check_output, report
 from voxflat.cli.parameter_options import option_of
 from voxflat.evaluation.measure import compare, measure
 from voxflat.io.reading import reading
-from voxflat.maps.flat_map import load
 from voxflat.maps.worst_places import WORST_ENDINGS
 from voxflat.maps.worst_search import worst_places
 
@@ -141,7 +140,7 @@ def worst_command(
         if file is not None:
             check_output(file, endings, **writing)
     with bars() as bar, reading() as read:
-        worst = worst_places(load(map_), **settings, progress=bar.progress)
+        worst = worst_places(load_maps([map_], bar.progress)[0], **settings, progress=bar.progress)
         worst = worst._with_provenance({**worst.provenance, "files": read})
     if output is not None:
         worst.save(output, **writing)

@@ -8,6 +8,7 @@ import cloup
 
 from voxflat.cli import options
 from voxflat.cli.console import bars
+from voxflat.cli.input import load_maps
 from voxflat.cli.options import FILE
 from voxflat.cli.output import FIGURE_ENDINGS, check_output, report
 from voxflat.cli.overlay_options import colour_section, data_section, one_or_all, overlay_of, page_section
@@ -15,7 +16,6 @@ from voxflat.io.files import require
 from voxflat.io.label_tables import are_label_files
 from voxflat.io.provenance import described, record_of, saving
 from voxflat.io.reading import reading
-from voxflat.maps.flat_map import load
 
 _MOVIE_ENDINGS = (".mp4", ".gif")
 _EACH = "For two maps, pass one file that covers both, or pass --overlay once per map."
@@ -24,7 +24,7 @@ _SERIES = f"Series of volumes, or of values at the vertices of the mesh. {_EACH}
 _ZERO = "Position of phase 0 on the colour wheel of --period: right (phases run counterclockwise) or top (clockwise)."
 _OPACITY = "Opacity of the data (default 1) or, without data, of the parcels (default 0.75)."
 _FULL = "Magnitude of the --alpha values at which the data become opaque.  [default: their 99th percentile]"
-_maps = cloup.argument("maps", metavar="MAP [MAP]", type=FILE, nargs=-1, required=True)
+_maps = options.map_options(cloup.argument("maps", metavar="MAP [MAP]", type=FILE, nargs=-1, required=True))
 
 
 @options.command(
@@ -125,8 +125,8 @@ def figure_command(maps: tuple[Path, ...], output: Path, writing: dict[str, Any]
 
     if alpha is not None:
         look["opacity"] = figures.Overlay(alpha, limits=None if full is None else (0, full))
-    with reading() as files:
-        loaded = [load(path) for path in maps]
+    with bars() as bar, reading() as files:
+        loaded = load_maps(maps, bar.progress)
         flat_map = loaded[0] if len(loaded) == 1 else loaded
         drawn = figures.flat_map(flat_map, data, **look)
     record = record_of("flat_map", described({"flat_map": flat_map, "overlay": data, **look}), files)
@@ -178,7 +178,7 @@ def movie_command(
 
     with bars(quiet) as bar:
         with reading() as files:
-            loaded = [load(path) for path in maps]
+            loaded = load_maps(maps, bar.progress)
             flat_map = loaded[0] if len(loaded) == 1 else loaded
             movie = figures.movie(flat_map, data, **look, progress=bar.progress)
         record = record_of("movie", described({"flat_map": flat_map, "overlay": data, **look}), files)

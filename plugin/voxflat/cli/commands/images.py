@@ -11,7 +11,7 @@ from voxflat.atlases.atlas import Atlas
 from voxflat.atlases.certified import load_atlas, saved_kind
 from voxflat.cli import options
 from voxflat.cli.console import bars
-from voxflat.cli.input import check_numbers
+from voxflat.cli.input import check_numbers, load_maps
 from voxflat.cli.options import FILE
 from voxflat.cli.output import check_output, report
 from voxflat.cli.overlay_options import check_depth, depth_options
@@ -20,7 +20,7 @@ from voxflat.errors import InputError
 from voxflat.io.grid import in_unit
 from voxflat.io.provenance import saving
 from voxflat.io.reading import reading
-from voxflat.maps.flat_map import FlatMap, load
+from voxflat.maps.flat_map import FlatMap
 from voxflat.maps.image_files import IMAGE_ENDINGS, STACK_ENDINGS
 from voxflat.maps.plane import Planar
 from voxflat.maps.sampling import INTERPOLATIONS, PROJECTIONS
@@ -146,11 +146,11 @@ def image_command(
         return _movie(map_, volumes, {**sampling, "metric": metric}, output, pixel_size, writing, quiet)
     if further or metric:
         if kind is None:
-            load(map_)  # raises an error if there is no such map
+            load_maps([map_])  # raises an error if there is no such map
         wrong = f"{1 + len(further)} volumes are given" if further else "--metric is given"
         raise InputError(f"{wrong}, but {map_} is a single map. Pass one volume, or the map of voxflat movie-map.")
-    with bars(quiet), reading() as files:
-        flat_map: FlatMap | Atlas = load_atlas(map_) if kind == "atlas" else load(map_)
+    with bars(quiet) as bar, reading() as files:
+        flat_map: FlatMap | Atlas = load_atlas(map_) if kind == "atlas" else load_maps([map_], bar.progress)[0]
         for name in {"fraction", "depths"} & sampling.keys() if isinstance(flat_map, Atlas) else ():
             raise InputError(
                 f"--{name} requires a pial surface, which an atlas does not have. Pass --depth in mm instead."
@@ -253,7 +253,7 @@ def texture_command(
     """
     check_output(output, TEXTURED_ENDINGS, beside=files_beside(output), **writing)
     with reading() as files:
-        textured = load(map_).textured(picture, texel_size, repeat=repeat)
+        textured = load_maps([map_])[0].textured(picture, texel_size, repeat=repeat)
     textured = textured._with_provenance({**textured.provenance, "files": files})
     if output.suffix.lower() == ".ply":
         textured = textured.subdivided()

@@ -18,7 +18,7 @@ from voxflat.laminar.columns import check_number
 from voxflat.laminar.profile import PROFILE_ENDINGS
 from voxflat.laminar.rim import Rim, rim
 from voxflat.maps.depth import LAYERINGS
-from voxflat.maps.flat_map import load
+from voxflat.maps.flat_map import load_saved
 
 
 def _label(ctx: click.Context, param: click.Parameter, value: str | None) -> int | Path | None:
@@ -215,7 +215,7 @@ def profile_command(
     for path in filter(None, (volume, regions, map)):
         path.stat()  # a missing file is reported before depths are measured
     with bars() as bar:
-        drawn = regions if map is None else load(map).regions(regions, layer=layer or "rois")
+        drawn = regions if map is None else load_saved(map).regions(regions, layer=layer or "rois")
         grey = rim(channel_of(input_, settings.pop("rim_channel"), settings), **settings, progress=bar.progress)
         profile = grey.profile(volume, drawn, **sampling)
     if figure is not None:
@@ -281,7 +281,7 @@ def paint_command(
     check_volume_name(output)
     check_output(output, **writing)
     with bars() as bar, reading() as files:
-        flat_map = load(settings.pop("map"))
+        flat_map = load_saved(settings.pop("map"))
         grey = rim(channel_of(input_, settings.pop("channel"), settings), **settings, progress=bar.progress)
         sampling: dict[str, Any] = {"layering": layering, "pixel_size": pixel_size, "background": background}
         painted = grey.paint(values, flat_map, **sampling)

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from voxflat.cli import options
+from voxflat.cli.input import load_maps
 from voxflat.cli.options import FILE
 from voxflat.cli.output import check_output, report
 from voxflat.cli.parameter_options import option_of
@@ -19,7 +20,7 @@ from voxflat.io.reading import reading
 from voxflat.io.sources import as_volume
 from voxflat.io.tables import TABLE_ENDINGS, read_points
 from voxflat.io.volumes import VOLUME_ENDINGS
-from voxflat.maps.flat_map import FlatMap, load
+from voxflat.maps.flat_map import FlatMap
 from voxflat.maps.regions import REGION_ENDINGS, Regions
 
 _SPACE = 'Space of the coordinates: "surface" (the space of the surface) or "scanner" (scanner RAS, as for volumes).'
@@ -51,7 +52,7 @@ def points_command(map_: Path, points: Path, output: Path, limit: float, space: 
     """
     check_output(output, TABLE_ENDINGS, **writing)
     with reading() as files:
-        flat_map, table = load(map_), read_points(points)
+        flat_map, table = load_maps([map_])[0], read_points(points)
     uv, distance = flat_map.points_to_map(table.points, limit, space=space)
     if not np.isfinite(distance).any():
         warning = flat_map._distance_warning(flat_map._checked_points(table.points, space), limit, distance)
@@ -132,7 +133,7 @@ def regions_command(
         raise click.UsageError("--pixel-size requires --image.")
     check_output(output, REGION_ENDINGS, **writing)
     with reading() as files:
-        flat_map = load(map_)
+        flat_map = load_maps([map_])[0]
         regions = flat_map.regions(drawn[0], pixel_size=pixel_size, **({} if layer is None else {"layer": layer}))
         regions = regions._with_provenance({**regions.provenance, "files": files})
         regions.save(output, volume=volume, depth=depth, **writing)

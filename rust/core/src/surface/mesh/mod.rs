@@ -156,6 +156,15 @@ impl Surface {
         Ok(moved)
     }
 
+    /// Returns the same surface, whose vertices are those vertices of another input.
+    ///
+    /// # Errors
+    /// [`Error::WrongLength`] if there is not one id per vertex.
+    pub fn with_ids(&self, ids: Vec<u32>) -> Result<Self> {
+        check_length("ids", ids.len(), "vertices", self.points.len())?;
+        Ok(Self { ids, ..self.clone() })
+    }
+
     /// Returns it as a separate input: each vertex gets its number as id; faces of a mirrored surface are reversed.
     pub(crate) fn into_input(mut self, is_mirrored: bool) -> Self {
         self.ids = (0..self.points.len() as u32).collect();

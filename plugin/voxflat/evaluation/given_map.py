@@ -1,0 +1,121 @@
+"""Load flat maps: complete ones, and those of any tool, which are matched with their surface and measured."""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from voxflat import _core
+from voxflat.arguments import Progress, checked_threads
+from voxflat.errors import InputError
+from voxflat.evaluation.measure import measured_maps
+from voxflat.io.provenance import described, record_of
+from voxflat.io.reading import reading
+from voxflat.maps.flat_map import FlatMap, load_saved
+from voxflat.maps.matching import Matched, is_saved, loaded, match
+from voxflat.methods.common import MUCH, error_of_distances, map_over_triangles
+from voxflat.methods.method import FlattenSettings
+from voxflat.methods.start import seams
+from voxflat.pipeline.cut_surface import CutSurface
+from voxflat.pipeline.surface import Surface
+from voxflat.pipeline.surface import surface as _surface
+from voxflat.surfaces.cuts import Cut
+from voxflat.surfaces.cutting import CutManifold
+
+_METHOD = "given"  # of maps that another tool made
+
+
+def load(
+    flat: object,
+    surface: object | None = None,
+    *,
+    pial: object | None = None,
+    threads: int | None = None,
+    memory_limit: int | None = None,
+    progress: Progress | None = None,
+) -> FlatMap:
+    """Load a flat map that was saved with `FlatMap.save`, or that any other tool made.
+
+    Maps of other tools need the surface that they show. No point is moved: the map keeps the positions in the file,
+    also where triangles are flipped, and a warning reports their number. The distortion is measured from 200 random
+    points, as for maps that voxflat makes.
+
+    Parameters
+    ----------
+    flat : path, or map
+        A complete map (.npz or .voxflat) or, with `surface`, any map that `measure` accepts: a FreeSurfer patch, a flat
+        GIFTI surface, texture coordinates in an .obj, .ply or .glb file, arrays, or a mesh object.
+    surface : Surface, CutSurface, or any input of `voxflat.surface`, optional
+        The surface that the map shows, such as the midthickness surface. A complete map can also be shown on another
+        surface with the same triangles.
+    pial : path, Mesh, (points, faces) or array_like of shape (V, 3), optional
+        The pial surface, as in `voxflat.surface`, if `surface` is the white surface. Volumes can then be sampled
+        between the two.
+    threads, memory_limit, progress : optional
+        As in `Surface.flatten`.
+
+    Returns
+    -------
+    FlatMap
+        The map. `FlatMap.method` of a map of another tool is "given".
+
+    Raises
+    ------
+    InputError, Cancelled
+        If the file is damaged or is not a flat map, if the map does not belong to the surface, or if `progress`
+        returned False.
+    FileNotFoundError
+        If the file does not exist.
+
+    See Also
+    --------
+    FlatMap.save : Save a map.
+    measure : Measure a map of any tool.
+
+    Examples
+    --------
+    >>> voxflat.samples.hill().flatten().save("map.npz")
+    >>> voxflat.load("map.npz")
+    <FlatMap: 441 points, 42 x 42 mm, relative error 3.6 % of interior pairs, 3.6 % of all pairs at the best scale>
+
+    A map from above, without a file:
+
+    >>> hill = voxflat.samples.hill()
+    >>> voxflat.load(hill.points[:, :2], surface=hill)
+    <FlatMap: 441 points, 40 x 40 mm, relative error 3.9 % of interior pairs, 3.9 % of all pairs at the best scale>
+    """
+    if surface is None:
+        if pial is not None:
+            raise InputError("pial requires surface. Also pass the white surface of the map")
+        if not is_saved(flat):
+            raise InputError("a map of another tool requires the surface that it shows. Pass it as surface")
+        return load_saved(flat)
+    limits: dict[str, Any] = {"threads": checked_threads(threads), "progress": progress}
+    with reading(memory_limit) as files:
+        if isinstance(surface, CutSurface):
+            surface = surface.whole
+        whole: Surface = _surface(surface, pial=pial, memory_limit=memory_limit, **limits)._complete
+        flat_map = loaded(flat)
+        made = _on_surface(whole, match(whole, flat_map), memory_limit, **limits)
+    if isinstance(flat_map, FlatMap):
+        made = replace(made, frame=flat_map.frame, cuts=flat_map.cuts, cuts_by=flat_map.cuts_by)
+    record = record_of("load", described({"flat": flat, "surface": surface, "pial": pial}), dict(sorted(files.items())))
+    return made._with_provenance(record)
+
+
+def _on_surface(
+    whole: Surface, flat: Matched, memory_limit: int | None, *, threads: int | None, progress: Progress | None
+) -> FlatMap:
+    """Return a map that is matched with a surface as a `FlatMap`, with the same positions."""
+    settings = FlattenSettings(relax=False, memory_limit=memory_limit, threads=threads, progress=progress)
+    part = whole._with_core(flat.core)
+    is_exact = error_of_distances(part, "graph", settings) > MUCH
+    how: tuple[int | None, str] = (None, "exact") if is_exact else (_core.REFERENCE_SOURCES, "graph")
+    limits: dict[str, Any] = {"seed": 0, "threads": threads, "memory_limit": memory_limit, "progress": progress}
+    distortion = measured_maps(whole, {"": flat}, *how, **limits)[""].distortion
+    paths = seams(flat)
+    cuts = tuple(Cut(path if whole.voxels is None else whole.voxels[path], None, "given") for path in paths)
+    cut = CutManifold(whole, part, part.faces, cuts, "given", whole.warnings, 0.0)
+    result = {"uv": flat.uv, "normals": part.core.normals, "period": flat.period}
+    result |= {"sources": np.zeros(0, dtype=np.int64), "eigenvalues": np.zeros(0)}
+    return map_over_triangles(_METHOD, cut, settings, result, None, None, {}, distortion=distortion)
