@@ -36,7 +36,7 @@ def load_maps(maps: Sequence[Path], progress: Progress | None = None) -> list[Fl
     for name in ("surface", "pial"):
         files = meta.get(f"{SHOWN}.{name}") or (None,) * count
         if len(files) != count:
-            number = f"{len(files)} times for {many(count, 'map')}"
+            number = f"{many(len(files), 'time')} for {many(count, 'map')}"
             raise click.UsageError(f"--{name} is given {number}. Pass it once per map.")
         shown.append(files)
     return [load(path, surface, pial=pial, progress=progress) for path, surface, pial in zip(maps, *shown, strict=True)]

@@ -1,5 +1,6 @@
 """Load flat maps: complete ones, and those of any tool, which are matched with their surface and measured."""
 
+import os
 from dataclasses import replace
 from typing import Any
 
@@ -9,10 +10,11 @@ from voxflat import _core
 from voxflat.arguments import Progress, checked_threads
 from voxflat.errors import InputError
 from voxflat.evaluation.measure import measured_maps
+from voxflat.io.meshes import is_mesh_name
 from voxflat.io.provenance import described, record_of
 from voxflat.io.reading import reading
 from voxflat.maps.flat_map import FlatMap, load_saved
-from voxflat.maps.matching import Matched, is_saved, loaded, match
+from voxflat.maps.matching import Matched, loaded, match
 from voxflat.methods.common import MUCH, error_of_distances, map_over_triangles
 from voxflat.methods.method import FlattenSettings
 from voxflat.methods.start import seams
@@ -86,10 +88,10 @@ def load(
     """
     if surface is None:
         if pial is not None:
-            raise InputError("pial requires surface. Also pass the white surface of the map")
-        if not is_saved(flat):
-            raise InputError("a map of another tool requires the surface that it shows. Pass it as surface")
-        return load_saved(flat)
+            raise InputError("a pial surface is given without a surface. Pass surface and pial, or omit pial")
+        if isinstance(flat, str | os.PathLike) and os.path.exists(flat) and is_mesh_name(flat):
+            raise InputError(f"{flat} is not a complete map of voxflat. Also pass surface, the surface that it shows")
+        return load_saved(flat)  # type: ignore[arg-type]  # other objects than paths raise an error
     limits: dict[str, Any] = {"threads": checked_threads(threads), "progress": progress}
     with reading(memory_limit) as files:
         if isinstance(surface, CutSurface):

@@ -66,7 +66,8 @@ class FlatMap(Planar, Saved):
     Parameters
     ----------
     uv : ndarray of float64, shape (N, 2)
-        Positions of the points in the plane, in mm. The surface is seen from outside, with superior up.
+        Positions of the points in the plane, in mm. The surface is seen from outside, with superior up, unless another
+        tool made the map.
     points : ndarray of float64, shape (N, 3)
         Positions of the points on the surface in RAS+ mm, in `space`; for meshes, the coordinates of the file.
     normals : ndarray of float64, shape (N, 3)
@@ -106,7 +107,7 @@ class FlatMap(Planar, Saved):
     cuts_by : str or None
         Who chose the cuts: "given", "automatic", "standard" or the name of a template, "start" or "charts".
     method : str
-        Name of the method.
+        Name of the method; "given" for a map that another tool made.
     seed : int
         Seed of all random choices.
     warnings : tuple of str

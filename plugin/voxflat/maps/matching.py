@@ -2,7 +2,7 @@
 
 import os
 from dataclasses import dataclass, replace
-from typing import Any, TypeGuard
+from typing import Any
 
 import numpy as np
 import scipy
@@ -78,14 +78,10 @@ def _sorted_corners(flat: Matched) -> tuple[NDArray[np.int64], NDArray[np.int64]
     return faces[order], ids[order]
 
 
-def is_saved(flat: object) -> TypeGuard[str | os.PathLike[str]]:
-    """Return whether the input is the path to a complete map."""
-    return isinstance(flat, str | os.PathLike) and os.fspath(flat).lower().endswith(SAVED_ENDINGS)
-
-
 def loaded(flat: object) -> object:
     """Load the input if it is the path to a complete map; return all other input unchanged."""
-    return load_saved(flat) if is_saved(flat) else flat
+    is_ours = isinstance(flat, str | os.PathLike) and os.fspath(flat).lower().endswith(SAVED_ENDINGS)
+    return load_saved(flat) if is_ours else flat  # type: ignore[arg-type]
 
 
 def match(whole: Manifold, flat: object) -> Matched:

@@ -1,0 +1,173 @@
+"""Maps of other tools keep their positions, and are drawn, read and saved like maps that voxflat makes."""
+
+import json
+
+import nibabel as nib
+import numpy as np
+import pytest
+import pyvista as pv
+from command_line import fail, succeed
+from hard_shapes import sheet
+from mesh_files import icosphere, write_obj
+from refusals import refused
+
+import voxflat
+from voxflat.io.meshes import Mesh, write_mesh
+from voxflat.surfaces.manifold import patch_of
+
+POINTS, FACES = sheet(lambda u, v: (u, v, 3 * np.sin(u / 7) * np.cos(v / 9)), (36.0, 36.0), (13, 13))
+PLACES = 1.1 * POINTS[:, :2] + 0.05 * POINTS[:, 1::-1]
+PLACES[40] += 4.5  # beyond its neighbours, so that some triangles are flipped
+FLAT = np.pad(PLACES.astype(np.float32), ((0, 0), (0, 1)))  # files hold float32
+SURFACE = POINTS, FACES
+
+
+def forms(folder):
+    """Return the map in the forms of many tools."""
+    flat = Mesh(FLAT, FACES, structure="CortexLeft")
+    surface = voxflat.surface(SURFACE)
+    for name in ("lh.flat.surf.gii", "flat.ply", "flat.obj", "lh.flat"):
+        write_mesh(folder / name, flat)
+    whole = np.arange(len(POINTS))
+    voxflat.io.write_patch(folder / "lh.patch.flat", patch_of(FLAT, whole, FACES, FACES[:0], len(POINTS), FACES[:0, :2]))
+    write_obj(folder / "texture.obj", POINTS, FACES, FLAT[:, :2].astype(np.float64)[FACES])
+    voxflat.load(FLAT, surface).save(folder / "map.npz")
+    names = ("lh.flat.surf.gii", "flat.ply", "flat.obj", "lh.flat", "lh.patch.flat", "texture.obj", "map.npz")
+    objects = {"array": FLAT[:, :2], "pair": (FLAT, FACES), "rows": (FLAT, FACES, whole)}
+    objects["pyvista"] = pv.PolyData.from_regular_faces(FLAT, FACES)
+    return {name: folder / name for name in names} | objects
+
+
+@pytest.fixture(scope="module")
+def given(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("given")
+    write_mesh(folder / "lh.mid.surf.gii", Mesh(*SURFACE, structure="CortexLeft"))
+    return folder, forms(folder)
+
+
+@pytest.fixture(scope="module")
+def flat_map(given):
+    folder, flat = given
+    return voxflat.load(flat["lh.flat.surf.gii"], surface=folder / "lh.mid.surf.gii")
+
+
+@pytest.mark.medium
+def test_no_point_of_any_form_moves(given):
+    folder, flat = given
+    expected = nib.load(flat["lh.flat.surf.gii"]).darrays[0].data[:, :2]
+    for name, form in flat.items():
+        loaded = voxflat.load(form, surface=folder / "lh.mid.surf.gii")
+        digits = 6 if name in ("flat.obj", "texture.obj") else 99  # decimal text
+        np.testing.assert_allclose(loaded.uv, expected[loaded.ids], rtol=10.0**-digits, atol=0, err_msg=name)
+        assert (loaded.method, loaded.cuts_by, len(loaded)) == ("given", "given", len(POINTS)), name
+
+
+def test_flipped_triangles_stay_and_a_warning_counts_them(flat_map):
+    a, b, c = np.moveaxis(FLAT[FACES, :2].astype(np.float64), 1, 0)
+    flipped = int((np.cross(b - a, c - a) < 0).sum())
+    assert flipped > 0
+    text = f"the map folds over: {flipped} of {len(FACES)} triangles are flipped"
+    assert text in flat_map.warnings
+    assert flat_map.distortion.triangles.flipped == flipped
+
+
+def test_its_distortion_is_that_of_measure(flat_map):
+    measured = voxflat.measure(SURFACE, PLACES.astype(np.float32), reference="graph")
+    assert flat_map.distortion.raw.relative_error == pytest.approx(measured.raw.relative_error, rel=1e-6)
+    np.testing.assert_allclose(flat_map.distortion.triangles.areal, measured.triangles.areal, rtol=1e-5, atol=1e-6)
+
+
+def test_it_is_saved_and_loaded(flat_map, tmp_path):
+    flat_map.save(tmp_path / "map.npz")
+    again = voxflat.load(tmp_path / "map.npz")
+    for name in ("uv", "points", "ids", "faces", "curvature", "sulcal_depth"):
+        np.testing.assert_array_equal(getattr(again, name), getattr(flat_map, name))
+    for name in ("method", "cuts_by", "warnings", "details"):
+        assert getattr(again, name) == getattr(flat_map, name)
+    assert again.provenance["function"] == "load"
+    assert len(again.provenance["files"]) == 2
+
+
+def test_a_region_drawn_on_it_contains_the_vertices_within(flat_map, tmp_path):
+    corners = np.array([[8.0, 8.0], [30.0, 9.0], [20.0, 33.0]])
+    x, y = FLAT[:, 0], FLAT[:, 1]
+    sides = [(b - a)[0] * (y - a[1]) - (b - a)[1] * (x - a[0]) for a, b in zip(corners, np.roll(corners, -1, 0))]
+    inside = np.all(np.array(sides) > 0, axis=0)
+    flat_map.regions({"V1": corners}).save(tmp_path / "lh.V1.label.gii")
+    np.testing.assert_array_equal(nib.load(tmp_path / "lh.V1.label.gii").darrays[0].data > 0, inside)
+
+
+def test_white_and_pial_surfaces_define_depths():
+    pial = POINTS + voxflat.surface(SURFACE).core.normals * 2.0
+    loaded = voxflat.load(FLAT, surface=SURFACE, pial=(pial, FACES))
+    np.testing.assert_allclose(loaded.pial_points, pial)
+    np.testing.assert_allclose(loaded.white_points, POINTS)
+    affine = np.eye(4)
+    affine[2, 3] = -5
+    volume = voxflat.io.as_volume(np.ones((40, 40, 16)) * (np.arange(16.0) - 5), affine=affine)
+    image = loaded.image(volume, fraction=0.5, layering="equidistant", interpolation="linear")
+    middle = loaded.image(0.5 * (POINTS + pial)[:, 2])
+    both = np.isfinite(image.data)
+    assert both.mean() > 0.5
+    np.testing.assert_allclose(image.data[both], middle.data[both], atol=1e-5)
+
+
+@pytest.mark.medium
+def test_seams_of_texture_coordinates_are_cuts(tmp_path):
+    points, faces = icosphere(10.0, 2)
+    made = voxflat.flatten((points, faces))
+    faces = made.ids[made.faces]
+    write_obj(tmp_path / "unwrapped.obj", points, faces, made.uv[made.faces])
+    loaded = voxflat.load(tmp_path / "unwrapped.obj", surface=(points, faces))
+    assert len(loaded) == len(made)
+    cut = {tuple(sorted(edge)) for one in loaded.cuts for edge in zip(one.ids[:-1], one.ids[1:], strict=True)}
+    assert cut == {tuple(sorted(edge)) for one in made.cuts for edge in zip(one.ids[:-1], one.ids[1:], strict=True)}
+
+
+def test_wrong_partners_get_one_line(given, tmp_path):
+    folder, flat = given
+    surface = folder / "lh.mid.surf.gii"
+    file = flat["lh.flat.surf.gii"]
+    write_mesh(tmp_path / "rh.mid.surf.gii", Mesh(*SURFACE, structure="CortexRight"))
+    refused("belongs to the left hemisphere", voxflat.load, file, tmp_path / "rh.mid.surf.gii")
+    points, faces = sheet(lambda u, v: (u, v, 0 * u), (36.0, 36.0), (14, 13))
+    refused("169 points, but the surface has 182 vertices. Pass the surface", voxflat.load, file, (points, faces))
+    order = np.random.default_rng(0).permutation(len(POINTS))
+    refused("triangles are triangles of the surface", voxflat.load, file, (POINTS, order[FACES]))
+    refused("is not flat", voxflat.load, surface, surface)
+    refused("is not a complete map of voxflat. Also pass surface", voxflat.load, file)
+    refused("Pass surface and pial, or omit pial", voxflat.load, flat["map.npz"], pial=surface)
+
+
+@pytest.mark.medium
+def test_every_command_takes_the_map_with_its_surface(given, flat_map, tmp_path):
+    folder, flat = given
+    file, mid = flat["lh.flat.surf.gii"], folder / "lh.mid.surf.gii"
+    (tmp_path / "points.csv").write_text("x,y,z\n" + ",".join(map(str, POINTS[60])) + "\n")
+    (tmp_path / "v1.json").write_text(json.dumps({"V1": [[8.0, 8.0], [30.0, 9.0], [20.0, 33.0]]}))
+    write_mesh(tmp_path / "rh.mid.surf.gii", Mesh(POINTS * [-1, 1, 1], FACES[:, ::-1], structure="CortexRight"))
+    write_mesh(tmp_path / "rh.flat.surf.gii", Mesh(FLAT * [-1, 1, 1], FACES[:, ::-1], structure="CortexRight"))
+    nib.save(nib.Nifti1Image(POINTS[:, 2].astype(np.float32)[:, None, None], np.eye(4)), tmp_path / "values.nii.gz")
+    succeed("image", file, "--surface", mid, "--volume", tmp_path / "values.nii.gz", "-o", tmp_path / "image.npy")
+    np.testing.assert_allclose(
+        np.load(tmp_path / "image.npy"), flat_map.image(POINTS[:, 2].astype(np.float32)).data, rtol=1e-5, atol=1e-5
+    )
+    succeed("image", file, "--surface", mid, "--heat-map", "-o", tmp_path / "heat.npy")
+    succeed("points", file, tmp_path / "points.csv", "--surface", mid, "-o", tmp_path / "uv.csv")
+    row = (tmp_path / "uv.csv").read_text().splitlines()[1].split(",")
+    np.testing.assert_allclose([float(cell) for cell in row[3:5]], FLAT[60, :2], atol=1e-4)
+    succeed("regions", file, "--surface", mid, "--polygons", tmp_path / "v1.json", "-o", tmp_path / "lh.V1.label")
+    succeed("worst", file, "--surface", mid)
+    succeed("cite", file, "--surface", mid)
+    both = (file, tmp_path / "rh.flat.surf.gii", "--surface", mid, "--surface", tmp_path / "rh.mid.surf.gii")
+    succeed("figure", *both, "-o", tmp_path / "both.png")
+    fail(2, "--surface is given 1 time for 2 maps. Pass it once per map", "figure", *both[:4], "-o", tmp_path / "a.png")
+    fail(1, "Also pass --surface, the surface that it shows", "figure", file, "-o", tmp_path / "a.png")
+    fail(1, "Pass --surface and --pial, or omit --pial", "worst", flat["map.npz"], "--pial", mid)
+
+
+def test_a_methods_text_says_that_the_map_existed(flat_map):
+    text = str(voxflat.cite(flat_map))
+    assert text.startswith("Data were drawn with voxflat")
+    assert "on an existing flat map of the surface" in text
+    assert "flattened into the plane with" not in text.split("References")[0]
