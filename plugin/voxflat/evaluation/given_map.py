@@ -14,10 +14,10 @@ from voxflat.io.meshes import is_mesh_name
 from voxflat.io.provenance import described, record_of
 from voxflat.io.reading import reading
 from voxflat.maps.flat_map import FlatMap, load_saved
+from voxflat.maps.map_cuts import own_seams
 from voxflat.maps.matching import Matched, loaded, match
 from voxflat.methods.common import MUCH, error_of_distances, map_over_triangles
 from voxflat.methods.method import FlattenSettings
-from voxflat.methods.start import seams
 from voxflat.pipeline.cut_surface import CutSurface
 from voxflat.pipeline.surface import Surface
 from voxflat.pipeline.surface import surface as _surface
@@ -115,7 +115,7 @@ def _on_surface(
     how: tuple[int | None, str] = (None, "exact") if is_exact else (_core.REFERENCE_SOURCES, "graph")
     limits: dict[str, Any] = {"seed": 0, "threads": threads, "memory_limit": memory_limit, "progress": progress}
     distortion = measured_maps(whole, {"": flat}, *how, **limits)[""].distortion
-    paths = seams(flat)
+    paths = own_seams(flat)
     cuts = tuple(Cut(path if whole.voxels is None else whole.voxels[path], None, "given") for path in paths)
     cut = CutManifold(whole, part, part.faces, cuts, "given", whole.warnings, 0.0)
     result = {"uv": flat.uv, "normals": part.core.normals, "period": flat.period}
