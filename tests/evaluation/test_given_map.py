@@ -29,7 +29,8 @@ def forms(folder):
     for name in ("lh.flat.surf.gii", "flat.ply", "flat.obj", "lh.flat"):
         write_mesh(folder / name, flat)
     whole = np.arange(len(POINTS))
-    voxflat.io.write_patch(folder / "lh.patch.flat", patch_of(FLAT, whole, FACES, FACES[:0], len(POINTS), FACES[:0, :2]))
+    patch = patch_of(FLAT, whole, FACES, FACES[:0], len(POINTS), FACES[:0, :2])
+    voxflat.io.write_patch(folder / "lh.patch.flat", patch)
     write_obj(folder / "texture.obj", POINTS, FACES, FLAT[:, :2].astype(np.float64)[FACES])
     voxflat.load(FLAT, surface).save(folder / "map.npz")
     names = ("lh.flat.surf.gii", "flat.ply", "flat.obj", "lh.flat", "lh.patch.flat", "texture.obj", "map.npz")
@@ -90,8 +91,8 @@ def test_it_is_saved_and_loaded(flat_map, tmp_path):
 
 def test_a_region_drawn_on_it_contains_the_vertices_within(flat_map, tmp_path):
     corners = np.array([[8.0, 8.0], [30.0, 9.0], [20.0, 33.0]])
-    x, y = FLAT[:, 0], FLAT[:, 1]
-    sides = [(b - a)[0] * (y - a[1]) - (b - a)[1] * (x - a[0]) for a, b in zip(corners, np.roll(corners, -1, 0))]
+    ends, x, y = np.roll(corners, -1, axis=0), FLAT[:, 0], FLAT[:, 1]
+    sides = [(b - a)[0] * (y - a[1]) - (b - a)[1] * (x - a[0]) for a, b in zip(corners, ends, strict=True)]
     inside = np.all(np.array(sides) > 0, axis=0)
     flat_map.regions({"V1": corners}).save(tmp_path / "lh.V1.label.gii")
     np.testing.assert_array_equal(nib.load(tmp_path / "lh.V1.label.gii").darrays[0].data > 0, inside)

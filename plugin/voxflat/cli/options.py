@@ -270,7 +270,13 @@ def map_options(argument: Callable[[_Command], _Command]) -> Callable[[_Command]
     shown = section(
         "Map of another tool",
         *(
-            reads(f"--{name}", f"{text} For several maps, pass it once per map.", multiple=True, callback=_of_map, expose_value=False)
+            reads(
+                f"--{name}",
+                f"{text} For several maps, pass it once per map.",
+                multiple=True,
+                callback=_of_map,
+                expose_value=False,
+            )
             for name, text in _SURFACES.items()
         ),
     )
