@@ -53,7 +53,9 @@ def test_a_map_its_file_and_another_tools_mesh_stand_for_its_cuts(known, tmp_pat
         assert cut.cuts_by == "given"
     assert {line.name for line in WHOLE.cut(known).cuts} == {*CUTS}
     again = WHOLE.flatten(Voxflat(sources=30), cuts=tmp_path / "map.npz")
-    assert again.distortion.relative_error == pytest.approx(known.distortion.relative_error, rel=1e-3)
+    assert again.distortion.best_scale.relative_error == pytest.approx(
+        known.distortion.best_scale.relative_error, rel=1e-3
+    )
 
 
 def test_a_map_of_a_part_excludes_the_rest(known, tmp_path):

@@ -4,35 +4,43 @@ import os
 from collections import defaultdict
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from voxflat.errors import InputError
-from voxflat.io.files import SAVED_ENDINGS
 from voxflat.io.meshes import holds_mesh
 from voxflat.io.patches import is_patch
 from voxflat.io.sources import as_mesh
-from voxflat.maps.flat_map import FlatMap
+from voxflat.maps.flat_map import MAP_ENDINGS, FlatMap
 from voxflat.maps.matching import Matched, loaded, match
 from voxflat.surfaces.cuts import Cut
-from voxflat.surfaces.cutting import CutManifold, CutSettings
+from voxflat.surfaces.cutting import CutManifold, CutSettings, cut_open
 from voxflat.surfaces.manifold import Manifold, Step, SurfaceT, are_triangles
 from voxflat.unique_rows import numbered
+
+SettingsT = TypeVar("SettingsT", bound=CutSettings)
 
 
 def is_map(cuts: object) -> bool:
     """Return whether cuts are given by a map or its file, and not by paths or a cuts file."""
     if isinstance(cuts, str | os.PathLike):
         path = Path(cuts)
-        is_read = path.is_file() and path.suffix.lower() != ".json"
-        return is_read and (path.name.lower().endswith(SAVED_ENDINGS) or is_patch(path) or holds_mesh(path))
+        if path.name.lower().endswith(MAP_ENDINGS):
+            return True
+        return path.is_file() and path.suffix.lower() != ".json" and (is_patch(path) or holds_mesh(path))
     is_path = cuts is None or isinstance(cuts, dict | list | tuple | np.ndarray)
     return not is_path and (isinstance(cuts, FlatMap) or as_mesh(cuts) is not None)
 
 
-def along_map(part: SurfaceT, settings: CutSettings) -> tuple[SurfaceT, CutSettings]:
+def opened_along(part: SurfaceT, settings: CutSettings, *, holes: bool = True) -> CutManifold[SurfaceT]:
+    """Cut a surface open like `cut_open`; the cuts may be given by a map."""
+    cut = cut_open(*along_map(part, settings), holes=holes)
+    return named_as(cut, settings.cuts) if is_map(settings.cuts) else cut
+
+
+def along_map(part: SurfaceT, settings: SettingsT) -> tuple[SurfaceT, SettingsT]:
     """Return what a map in `settings.cuts` covers of a part, and settings with its cuts as paths; others unchanged."""
     if not is_map(settings.cuts):
         return part, settings

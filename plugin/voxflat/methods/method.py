@@ -19,7 +19,8 @@ from voxflat.arguments import (
 from voxflat.errors import InputError
 from voxflat.io.provenance import described
 from voxflat.maps.flat_map import FlatMap
-from voxflat.surfaces.cutting import CutManifold, CutSettings, cut_open, without_holes
+from voxflat.maps.map_cuts import opened_along
+from voxflat.surfaces.cutting import CutManifold, CutSettings, without_holes
 from voxflat.surfaces.manifold import Manifold
 
 Rows = bool | str | os.PathLike[str]  # whether to keep distances in memory, or the directory of a store
@@ -127,7 +128,7 @@ class OverTriangles(Method):
 
     def _cut(self, surface: Manifold, settings: FlattenSettings) -> CutManifold[Manifold]:
         """Cut a surface open to a disk."""
-        return cut_open(surface, settings, holes=self._keeps_holes)
+        return opened_along(surface, settings, holes=self._keeps_holes)
 
     def _map(self, cut: CutManifold[Manifold], settings: FlattenSettings) -> FlatMap:
         """Flatten a disk."""

@@ -23,12 +23,12 @@ from voxflat.io.provenance import recording
 from voxflat.io.reading import reading
 from voxflat.io.sources import taken
 from voxflat.maps.flat_map import FlatMap
-from voxflat.maps.map_cuts import along_map, is_map, named_as
+from voxflat.maps.map_cuts import along_map, opened_along
 from voxflat.methods import Method, flattened, method_of
 from voxflat.methods.method import FlattenSettings, Rows
 from voxflat.pipeline.cut_surface import CutSurface
 from voxflat.surfaces.charts import charted
-from voxflat.surfaces.cutting import CutSettings, cut_handles, cut_open
+from voxflat.surfaces.cutting import CutSettings, cut_handles
 from voxflat.surfaces.findings import Check, check_surface
 from voxflat.surfaces.foreground import foreground_of
 from voxflat.surfaces.manifold import Manifold, size_and_space
@@ -310,9 +310,7 @@ class Surface(Manifold):
         'closed sphere'
         """
         where: dict[str, Any] = {"cuts": cuts, "sphere": sphere, "relax": relax, "adapt": adapt}
-        cut = cut_open(*along_map(self, CutSettings(**where, threads=threads, progress=progress)))
-        if is_map(cuts):
-            cut = named_as(cut, cuts)
+        cut = opened_along(self, CutSettings(**where, threads=threads, progress=progress))
         for warning in cut.warnings:
             log.warning(warning)
         return CutSurface._of(cut)
