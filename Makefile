@@ -137,11 +137,14 @@ gallery: setup $(T1PREP) ## run the scripts of the tutorials and the gallery (8 
 
 NILEARN_DATA = $$($(RUN) python -c "from nilearn import datasets; print(datasets.__path__[0] + '/data')")
 
-pictures: setup ## make the pictures of README.md and of the napari page
+pictures: setup ## make the pictures of README.md, of the napari page and of the guides
 	@mkdir -p demo
 	$(RUN) voxflat flatten $(NILEARN_DATA)/mni_icbm152_wm_tal_nlin_sym_09a_converted.nii.gz --threshold 127.5 --hemisphere both -o demo/map.npz
 	$(RUN) voxflat figure demo/lh.map.npz demo/rh.map.npz --overlay $(NILEARN_DATA)/image_10426.nii.gz --depth 2 --threshold 3 \
 	--range -8,8 --label "left against right button presses (z)" -o docs/pictures/gallery_statistic.png
+	fs=$(NILEARN_DATA)/fsaverage5; $(RUN) voxflat figure $$fs/flat_left.gii.gz $$fs/flat_right.gii.gz \
+	--surface $$fs/white_left.gii.gz --surface $$fs/white_right.gii.gz --pial $$fs/pial_left.gii.gz --pial $$fs/pial_right.gii.gz \
+	--overlay $$fs/thick_left.gii.gz --overlay $$fs/thick_right.gii.gz --range 1.5,4 --label "thickness, mm" -o docs/pictures/existing_maps.png
 	$(RUN) pytest -q tests/napari/test_napari_workflow.py --pictures docs/pictures
 
 TEMPLATES := .tools/templates
