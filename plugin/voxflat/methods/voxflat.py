@@ -1,11 +1,13 @@
 """The method "voxflat": minimise the distortion of distances and triangles, from coarse to fine."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
+from voxflat import _core
 from voxflat.arguments import checked_choice, is_number, log, shown
 from voxflat.distances.geodesic import SOLVERS
 from voxflat.distances.rows import open_rows
@@ -148,8 +150,16 @@ class Voxflat(OverTriangles):
             return super()._cut(covered(surface, start, "start"), settings)
         return named_as(cut_as(surface, start, settings.threads, settings.progress), self.start)
 
-    def _map(self, cut: CutManifold[Manifold], settings: FlattenSettings) -> FlatMap:
-        """Flatten a disk of triangles, from a coarse surface or from a given map."""
+    def _map(
+        self,
+        cut: CutManifold[Manifold],
+        settings: FlattenSettings,
+        group: Callable[[NDArray[np.uint32]], _core.Group] | None = None,
+    ) -> FlatMap:
+        """Flatten a disk of triangles, from a coarse surface or from a given map.
+
+        For a group, `group` returns its combined distances from the given sources and its combined shapes.
+        """
         if cut.chart is not None and cut.chart.tube is not None:
             return self._periodic_map(cut, cut.chart.tube, settings)
         part, weighting = cut.surface, float(self.weighting)
@@ -178,7 +188,7 @@ class Voxflat(OverTriangles):
             settings.progress,
         )
         bound, key = None if max_area is None else max_area**_WITHIN, None if store is None else store.key
-        result = part.core.voxflat(*arguments, key, places, max_area=bound)
+        result = part.core.voxflat(*arguments, key, places, max_area=bound, group=None if group is None else group(chosen))
         if store is not None:
             store.tell(result["found"])
         energies, converged = result["convergence"]
@@ -240,6 +250,11 @@ def _within(flat: FlatMap, max_area: float, settings: FlattenSettings) -> FlatMa
         flat,
         places,
     )
+
+
+def links_or_better(part: Manifold, settings: FlattenSettings) -> tuple[str, float, list[str]]:
+    """Return the usual solver for distances on a surface, its error, and warnings about it."""
+    return _solver(part, None, error_of_distances(part, "graph", settings), settings)
 
 
 def _solver(

@@ -60,6 +60,7 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<nearest::NearestFinder>()?;
     module.add_class::<raster::TriangleFinder>()?;
     module.add_class::<surface::Surface>()?;
+    module.add_class::<surface::maps::Group>()?;
     module.add_class::<voxels::VoxelSurface>()?;
     module.add_function(wrap_pyfunction!(nearest::ribbon_voxels, module)?)?;
     module.add_function(wrap_pyfunction!(nearest::connect_columns, module)?)?;

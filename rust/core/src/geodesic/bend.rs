@@ -38,6 +38,11 @@ pub(crate) fn marked(distance: f32, is_bent: bool) -> f32 {
 pub struct MarkedRows(DistanceRows);
 
 impl MarkedRows {
+    /// Creates rows from marked distances.
+    pub(crate) fn new(rows: DistanceRows) -> Self {
+        Self(rows)
+    }
+
     /// Computes the distances from sources to targets.
     ///
     /// # Errors

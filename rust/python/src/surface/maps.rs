@@ -1,11 +1,11 @@
 //! The flat maps of a surface.
 
 use std::path::PathBuf;
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
 
 use pyo3::prelude::*;
 use voxflat::distortion::Bands;
-use voxflat::embed::stress::{levels::Levels, periodic::Tube, start::Start};
+use voxflat::embed::stress::{group::Group as CoreGroup, levels::Levels, periodic::Tube, start::Start};
 use voxflat::flatten::saucan2006::{self, Whole};
 use voxflat::flatten::schwartz1989::{Mapped, Options};
 use voxflat::flatten::voxflat::{AfterPlacing, Options as MapOptions, Scale};
@@ -24,6 +24,42 @@ use crate::work::{Progress, Threads, to_python};
 
 const SCALES: [(&str, Scale); 2] = [("distances", Scale::Distances), ("areas", Scale::Areas)];
 
+/// Sums over the distances and shapes of surfaces with the same triangles.
+#[pyclass(frozen, module = "voxflat._core")]
+pub struct Group(Arc<Mutex<CoreGroup>>);
+
+#[pymethods]
+impl Group {
+    /// Create an empty group for the map of a surface from sources (vertices).
+    #[new]
+    #[pyo3(signature = (surface, sources, progress=None))]
+    fn new(
+        py: Python<'_>, surface: PyRef<'_, Surface>, sources: Given<'_, u32>, progress: Progress<'_>,
+    ) -> PyResult<Self> {
+        let sources = surface.vertices(&sources)?;
+        let group = surface.run(py, None, &progress, move |inner, control| {
+            Ok(CoreGroup::new(&Levels::new(&inner.surface, &sources, control)?))
+        })?;
+        Ok(Self(Arc::new(Mutex::new(group))))
+    }
+
+    /// Add a surface with the same triangles, and its distances by a solver.
+    #[pyo3(signature = (surface, weight, geodesic="graph", threads=None, progress=None))]
+    fn add(
+        &self, py: Python<'_>, surface: PyRef<'_, Surface>, weight: f64, geodesic: &str, threads: Threads,
+        progress: Progress<'_>,
+    ) -> PyResult<()> {
+        let (geodesic, group) = (Geodesic::named(geodesic)?, Arc::clone(&self.0));
+        surface.run(py, threads, &progress, move |inner, control| {
+            let graph = &*inner.graph(control)?;
+            let mut group = group.lock().unwrap_or_else(PoisonError::into_inner);
+            with_solver!(geodesic, inner, control, |solver| {
+                group.add(&inner.surface, &Marking::of(solver, graph), weight, control)
+            })
+        })
+    }
+}
+
 #[pymethods]
 impl Surface {
     /// Return the maximum memory in bytes for flattening; `rows` are "dropped", "kept" or "stored" afterwards.
@@ -37,23 +73,30 @@ impl Surface {
     /// Flatten from sources (vertices), by rows of a solver in memory, which may be kept, or in a store (directory and
     /// identity). `scale` preserves "distances" or "areas". The optimisation can start from a position of each vertex
     /// (`start`), for `patience` times as many steps as usual. `max_area` is the maximum factor of area changes, if
-    /// possible.
-    #[pyo3(signature = (sources, seed, bands, geodesic="graph", weighting=0.5, scale="distances", keep_rows=false, threads=None, progress=None, store=None, start=None, patience=1, max_area=None))]
+    /// possible. The distances and shapes can be those of a group that was made for this surface and these sources.
+    #[pyo3(signature = (sources, seed, bands, geodesic="graph", weighting=0.5, scale="distances", keep_rows=false, threads=None, progress=None, store=None, start=None, patience=1, max_area=None, group=None))]
     fn voxflat<'py>(
         &self, py: Python<'py>, sources: Given<'py, u32>, seed: u64, bands: [f64; 4], geodesic: &str, weighting: f64,
         scale: &str, keep_rows: bool, threads: Threads, progress: Progress<'py>, store: Option<(PathBuf, String)>,
-        start: Option<GivenTable<'py, f64>>, patience: u32, max_area: Option<f64>,
+        start: Option<GivenTable<'py, f64>>, patience: u32, max_area: Option<f64>, group: Option<PyRef<'py, Group>>,
     ) -> PyResult<Dict<'py>> {
         ensure!(patience > 0, "patience is 0. Pass at least 1");
         let start = start.map(|places| convert::rows::<_, 2>(&places, "start")).transpose()?;
         let (geodesic, evaluation) = (Geodesic::named(geodesic)?, convert::evaluation(bands, seed));
         let scale = convert::one_of("scale", scale, &SCALES)?;
         let sources = self.vertices(&sources)?;
+        let group = group.map(|group| Arc::clone(&group.0));
         let (map, found) = self.run(py, threads, &progress, move |inner, control| {
             let surface = &inner.surface;
             flatten::check_domain(surface)?;
             let graph = &*inner.graph(control)?;
-            let levels = Levels::new(surface, &sources, control)?;
+            let start = start.as_ref().map(|places| Start { places, patience });
+            let options = MapOptions { weighting, start, max_area, scale };
+            let mut levels = Levels::new(surface, &sources, control)?;
+            if let Some(group) = group {
+                let rows = group.lock().unwrap_or_else(PoisonError::into_inner).combine(&mut levels)?;
+                return Ok((flatten::voxflat(levels, rows, &options, graph, evaluation, control)?, None));
+            }
             let (rows, kept, found) = with_solver!(geodesic, inner, control, |solver| {
                 let marking = Marking::of(solver, graph);
                 if let Some((directory, identity)) = store {
@@ -66,8 +109,6 @@ impl Surface {
                     (levels.measure(&marking, control)?, None, None)
                 }
             });
-            let start = start.as_ref().map(|places| Start { places, patience });
-            let options = MapOptions { weighting, start, max_area, scale };
             let mut map = flatten::voxflat(levels, rows, &options, graph, evaluation, control)?;
             map.rows = kept;
             Ok((map, found))

@@ -21,7 +21,7 @@ const WITHIN: f64 = 0.98;
 pub(crate) fn bounded(
     levels: &Levels, rows: &DistanceRows, uv: &[[f64; 2]], weighting: f64, max_area: f64, control: &Control,
 ) -> Result<(Vec<[f64; 2]>, Convergence)> {
-    let pairs = Pairs::new(rows, levels.evaluated(), levels.finest().area(), control)?;
+    let pairs = Pairs::new(rows, levels.evaluated(), levels.area(), control)?;
     let mut level = levels.prepare(0, &pairs, control)?;
     let mut uv: Vec<Place> = uv.iter().map(|&place| place.into()).collect();
     assert_eq!(uv.len(), levels.finest().len(), "one position per vertex");

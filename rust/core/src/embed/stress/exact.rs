@@ -3,7 +3,6 @@
 
 use super::levels::{APART, Dials, Levels, MOST_ROUNDS, stage, weighted};
 use super::pairs::{Bands, Pairs};
-use super::triangles::TriangleEnergy;
 use crate::embed::Place;
 use crate::rows::DistanceRows;
 use crate::{Control, Result};
@@ -24,10 +23,10 @@ pub(crate) fn exact(
     let dials = weighted(weighting);
     let mut uv: Vec<Place> = uv.iter().map(|&place| place.into()).collect();
     assert_eq!(uv.len(), levels.finest().len(), "one position per vertex");
-    if TriangleEnergy::new(levels.finest()).energy(&uv, dials.shape) > NEAR {
+    if levels.triangles(0).energy(&uv, dials.shape) > NEAR {
         return Ok(None);
     }
-    let pairs = Pairs::new(rows, levels.evaluated(), levels.finest().area(), control)?;
+    let pairs = Pairs::new(rows, levels.evaluated(), levels.area(), control)?;
     let level = levels.prepare(0, &pairs, control)?;
     if level.outline.crossings(&uv, control)? > 0 {
         return Ok(None);

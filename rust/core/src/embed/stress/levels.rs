@@ -7,6 +7,7 @@ use crate::embed::Place;
 use std::iter;
 
 use super::descent::{Descended, Objective, Until, descend};
+use super::group::Shapes;
 use super::local::ease;
 use super::outline::Outline;
 use super::pairs::{Bands, Pairs};
@@ -136,7 +137,7 @@ pub(crate) fn flatten(
 pub(crate) fn unfold(
     levels: &mut Levels, rows: &DistanceRows, places: &[[f64; 2]], dials: Dials, control: &Control,
 ) -> Result<(Vec<[f64; 2]>, Convergence)> {
-    let pairs = Pairs::new(rows, levels.evaluated(), levels.finest().area(), control)?;
+    let pairs = Pairs::new(rows, levels.evaluated(), levels.area(), control)?;
     let depth = levels.coarser.len();
     let level = levels.prepare(depth, &pairs, control)?;
     control.begin("unfolding", 1);
@@ -169,6 +170,8 @@ pub struct Levels<'a> {
     pub(super) coarser: Vec<Decimation>,
     /// The vertices of every level, as numbers of the finest level.
     pub(super) vertices: Vec<Vec<u32>>,
+    /// The shapes of a group, if the triangles do not have those of the surface.
+    pub(super) shapes: Option<Shapes>,
 }
 
 pub(super) struct Level {
@@ -186,7 +189,7 @@ impl<'a> Levels<'a> {
     pub fn new(finest: &'a Surface, landmarks: &[u32], control: &Control) -> Result<Self> {
         check_points(landmarks.iter().copied(), finest.len())?;
         let vertices = vec![(0..finest.len() as u32).collect()];
-        let mut levels = Self { finest, landmarks: landmarks.to_vec(), coarser: Vec::new(), vertices };
+        let mut levels = Self { finest, landmarks: landmarks.to_vec(), coarser: Vec::new(), vertices, shapes: None };
         let mut keep = landmarks.to_vec();
         loop {
             let finer = levels.surface(levels.coarser.len());
@@ -204,7 +207,7 @@ impl<'a> Levels<'a> {
         }
     }
 
-    fn surface(&self, depth: usize) -> &Surface {
+    pub(super) fn surface(&self, depth: usize) -> &Surface {
         if depth == 0 { self.finest } else { &self.coarser[depth - 1].surface }
     }
 
@@ -216,6 +219,20 @@ impl<'a> Levels<'a> {
     /// Returns the surface itself.
     pub(crate) fn finest(&self) -> &'a Surface {
         self.finest
+    }
+
+    /// Returns the area of the shapes to preserve.
+    pub(super) fn area(&self) -> f64 {
+        self.shapes.as_ref().map_or_else(|| self.finest.area(), |shapes| shapes.area)
+    }
+
+    /// Returns the energy of a level's triangles.
+    pub(super) fn triangles(&self, depth: usize) -> TriangleEnergy {
+        let surface = self.surface(depth);
+        match &self.shapes {
+            None => TriangleEnergy::new(surface),
+            Some(shapes) => TriangleEnergy::of(surface.faces(), surface.len(), |number| shapes.corners(depth, number)),
+        }
     }
 
     /// Returns the vertices at which distances are compared, in ascending order: those of the finest small level. They
@@ -254,14 +271,14 @@ impl<'a> Levels<'a> {
     }
 
     /// Returns the numbers of the landmarks among the compared vertices.
-    fn numbers(&self) -> Vec<u32> {
+    pub(super) fn numbers(&self) -> Vec<u32> {
         let evaluated = self.evaluated();
         self.landmarks.iter().map(|vertex| evaluated.partition_point(|other| other < vertex) as u32).collect()
     }
 
     pub(super) fn prepare(&self, depth: usize, pairs: &Pairs, control: &Control) -> Result<Level> {
         let surface = self.surface(depth);
-        let triangles = TriangleEnergy::new(surface);
+        let triangles = self.triangles(depth);
         let springs = Springs::new(triangles.corners().collect(), surface.len(), control)?;
         Ok(Level { pairs: pairs.among(&self.vertices[depth]), triangles, springs, outline: Outline::new(surface) })
     }

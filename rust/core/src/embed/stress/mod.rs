@@ -3,6 +3,7 @@
 pub mod area_bound;
 pub(crate) mod descent;
 pub(crate) mod exact;
+pub mod group;
 mod lbfgs;
 pub mod levels;
 pub(crate) mod local;

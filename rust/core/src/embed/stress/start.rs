@@ -61,7 +61,7 @@ pub(crate) fn flatten_from(
 ) -> Result<(Vec<[f64; 2]>, Convergence)> {
     let places = start.counterclockwise(levels.finest())?;
     let dials = Dials { patience: start.patience, ..weighted(weighting) };
-    let pairs = Pairs::new(rows, levels.evaluated(), levels.finest().area(), control)?;
+    let pairs = Pairs::new(rows, levels.evaluated(), levels.area(), control)?;
     let mut first = None;
     for depth in 0..=levels.coarser.len() {
         let level = levels.prepare(depth, &pairs, control)?;

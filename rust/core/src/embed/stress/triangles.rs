@@ -252,13 +252,19 @@ pub struct TriangleEnergy {
 
 impl TriangleEnergy {
     pub fn new(surface: &Surface) -> Self {
-        let corners = |face: [u32; 3]| face.map(|vertex| surface.points()[vertex as usize]);
-        let rests = |thinnest| surface.faces().iter().map(move |&face| Rest::of(corners(face), face, thinnest));
+        let (points, faces) = (surface.points(), surface.faces());
+        Self::of(faces, surface.len(), |number| faces[number].map(|vertex| points[vertex as usize]))
+    }
+
+    /// Creates the energy of triangles with any shapes, given the positions of each one's corners.
+    pub(super) fn of(faces: &[[u32; 3]], vertices: usize, corners: impl Fn(usize) -> [Vector3<f64>; 3]) -> Self {
+        let corners = &corners;
+        let rests = |thinnest| (0..faces.len()).map(move |n| Rest::of(corners(n), faces[n], thinnest));
         let mut heights: Vec<f64> = rests(0.0).map(|rest| rest.height()).collect();
         let fifth = (MANY * heights.len() as f64) as usize;
         let thin = *heights.select_nth_unstable_by(fifth, f64::total_cmp).1;
         let rests: Vec<Rest> = rests(if thin < THINNEST { THINNER_THAN_MANY * thin } else { THINNEST }).collect();
-        let around = Groups::new(surface.len(), rests.iter().flat_map(|rest| rest.corners));
+        let around = Groups::new(vertices, rests.iter().flat_map(|rest| rest.corners));
         let area = rests.iter().map(|rest| rest.area).sum();
         Self { rests, area, around, bound: None }
     }
