@@ -66,6 +66,7 @@ __all__ = [
     "cite",
     "compare",
     "flatten",
+    "flatten_group",
     "flatten_series",
     "hemisphere",
     "load",
@@ -114,6 +115,7 @@ if TYPE_CHECKING:
     from voxflat.pipeline.flat_movie import FlatMovie
     from voxflat.pipeline.flat_series import FlatSeries, load_series
     from voxflat.pipeline.flatten import flatten
+    from voxflat.pipeline.group_map import flatten_group
     from voxflat.pipeline.range_image import range_image
     from voxflat.pipeline.series import flatten_series
     from voxflat.pipeline.surface import Surface, surface
@@ -148,6 +150,7 @@ else:
         "pipeline.flat_movie": ("FlatMovie",),
         "pipeline.flat_series": ("FlatSeries", "load_series"),
         "pipeline.flatten": ("flatten",),
+        "pipeline.group_map": ("flatten_group",),
         "pipeline.range_image": ("range_image",),
         "pipeline.series": ("flatten_series",),
         "pipeline.surface": ("Surface", "surface"),

@@ -263,6 +263,7 @@ class Surface:
         start: _Floats | None = None,
         patience: int = 1,
         max_area: float | None = None,
+        group: Group | None = None,
     ) -> _Facts: ...
     def periodic(
         self,
@@ -277,6 +278,18 @@ class Surface:
         threads: _Threads = None,
         progress: _Progress = None,
     ) -> _Facts: ...
+
+@final
+class Group:
+    def __new__(cls, surface: Surface, sources: _Uints, progress: _Progress = None) -> Group: ...
+    def add(
+        self,
+        surface: Surface,
+        weight: float,
+        geodesic: str = "graph",
+        threads: _Threads = None,
+        progress: _Progress = None,
+    ) -> None: ...
 
 @final
 class VoxelSurface:

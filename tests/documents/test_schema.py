@@ -57,6 +57,7 @@ MAPS = {
     "patches": lambda: HILL.flatten(voxflat.methods.Saucan2006()),
     "rim": lambda: voxflat.rim(voxflat.samples.rim()).surface.flatten(),
     "frame of a series": lambda: moved_hill()[1],
+    "group": lambda: voxflat.flatten_group([HILL, (HILL.points * 1.1, HILL.faces)]),
     "chart": lambda: BALL.charts(2)[0].flatten(),
     "periodic": lambda: voxflat.surface(LONG, label=1).charts("cylinder")[0].flatten(),
 }

@@ -94,6 +94,7 @@ _OF_SURFACE: dict[str, _Kind] = {
     "topology": _object((lambda value: is_whole(value) or _FLAG[0](value), ""), "an object with whole numbers"),
     "cuts": _null_or(_all(_LIST, "a list of lists")),
     "cut_names": _null_or(_all(_null_or(_TEXT), "a list of texts")),
+    "people": _all(_OBJECT, "a list of objects"),
     "automatic_cuts": _null_or(_all(_OBJECT, "a list of objects")),
     "versions": _object(_TEXT, "an object with texts"),
     "provenance": _OBJECT,

@@ -52,7 +52,7 @@ if TYPE_CHECKING:
 MAP_ENDINGS = (*SAVED_ENDINGS, ".surf.gii", *FLAT_PATCH_ENDINGS, ".vtp", ".ply", ".obj")
 _ARRAYS = (  # fields that are saved as arrays, if they are known
     *("uv", "points", "normals", "ids", "faces", "torn", "sources", "eigenvalues", "bridges"),
-    *("curvature", "sulcal_depth", "white_points", "pial_points"),
+    *("curvature", "sulcal_depth", "spread", "white_points", "pial_points"),
 )
 
 
@@ -100,6 +100,9 @@ class FlatMap(Planar, Saved):
         before it was cut. None for the method "grossmann2002", whose surface has no triangles.
     sulcal_depth : ndarray of float64, shape (N,), or None
         Depth of the points in folds, in mm, positive in sulci, from `Surface.sulcal_depth` of the same surface.
+    spread : ndarray of float64, shape (N,), or None
+        For a map of a group, how much people differ at each point: the standard deviation of their changes of area, as
+        log2 of the factor.
     white_points, pial_points : ndarray of float64, shape (N, 3), or None
         Positions of the points on the white and pial surfaces, in `space`, if both are known.
     cuts : tuple of Cut
@@ -165,6 +168,7 @@ class FlatMap(Planar, Saved):
     bridges: NDArray[np.int64] = field(default_factory=lambda: np.zeros((0, 3), dtype=np.int64))
     curvature: NDArray[np.float64] | None = None
     sulcal_depth: NDArray[np.float64] | None = None
+    spread: NDArray[np.float64] | None = None
     white_points: NDArray[np.float64] | None = None
     pial_points: NDArray[np.float64] | None = None
     cuts: tuple[Cut, ...] = ()

@@ -29,7 +29,9 @@ _REQUIRED = ("uv", "ids", "points", "normals", "faces", "torn", "sources", "eige
 _LAYOUT = {  # types and axes of the arrays in a file, in the form that `check_shapes` expects
     "uv": ("f8", "points 2"),
     **dict.fromkeys(("points", "normals", "white_points", "pial_points"), ("f8", "points 3")),
-    **dict.fromkeys(("curvature", "sulcal_depth", "distortion_per_point", "distortion_areal"), ("f8", "points")),
+    **dict.fromkeys(
+        ("curvature", "sulcal_depth", "spread", "distortion_per_point", "distortion_areal"), ("f8", "points")
+    ),
     "faces": ("u4", "faces 3"),
     **dict.fromkeys(("torn", "distortion_is_flipped"), ("?", "faces")),
     "sources": ("i8", "sources"),

@@ -1,8 +1,7 @@
 """The method "voxflat": minimise the distortion of distances and triangles, from coarse to fine."""
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,6 +12,7 @@ from voxflat.distances.geodesic import SOLVERS
 from voxflat.distances.rows import open_rows
 from voxflat.distances.sources import SAMPLINGS, source_choice
 from voxflat.distances.store import prepare_store
+from voxflat.distortion.distortion import Distortion
 from voxflat.errors import InputError
 from voxflat.maps.flat_map import FlatMap
 from voxflat.maps.map_cuts import covered, named_as
@@ -28,6 +28,16 @@ from voxflat.surfaces.manifold import Manifold
 SCALES = ("distances", "areas")  # quantities that the scale of a map may preserve
 
 _WITHIN = 0.99  # exponent of the bound on areas during descent, whose total area includes closed holes
+
+
+class CutGroup(Protocol):
+    """Surfaces with the same triangles, cut open as their mean surface."""
+
+    def combined(self, chosen: NDArray[np.uint32]) -> _core.Group:
+        """Return their combined distances from the given sources, and their combined shapes."""
+
+    def distortion(self, uv: NDArray[np.float64]) -> Distortion:
+        """Return the mean distortion of a map."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -154,12 +164,9 @@ class Voxflat(OverTriangles):
         self,
         cut: CutManifold[Manifold],
         settings: FlattenSettings,
-        group: Callable[[NDArray[np.uint32]], _core.Group] | None = None,
+        group: CutGroup | None = None,
     ) -> FlatMap:
-        """Flatten a disk of triangles, from a coarse surface or from a given map.
-
-        For a group, `group` returns its combined distances from the given sources and its combined shapes.
-        """
+        """Flatten a disk of triangles, from a coarse surface or from a given map, or that of the mean of a group."""
         if cut.chart is not None and cut.chart.tube is not None:
             return self._periodic_map(cut, cut.chart.tube, settings)
         part, weighting = cut.surface, float(self.weighting)
@@ -188,7 +195,9 @@ class Voxflat(OverTriangles):
             settings.progress,
         )
         bound, key = None if max_area is None else max_area**_WITHIN, None if store is None else store.key
-        result = part.core.voxflat(*arguments, key, places, max_area=bound, group=None if group is None else group(chosen))
+        result = part.core.voxflat(
+            *arguments, key, places, max_area=bound, group=None if group is None else group.combined(chosen)
+        )
         if store is not None:
             store.tell(result["found"])
         energies, converged = result["convergence"]
@@ -196,6 +205,8 @@ class Voxflat(OverTriangles):
         details |= {"weighting": weighting, "scale": self.scale} | ({} if self.start is None else {"start": True})
         details["descent"] = {"converged": converged, "energies": energies}
         rows, more = result["rows"], dict[str, Any](sampling=choice.rule, links_error=links_error)
+        if group is not None:
+            more["distortion"] = group.distortion(result["uv"])
         if store is not None:
             more["store"], rows = store.path, open_rows(store.path).rows
         flat = map_over_triangles(self.name, cut, settings, result, need, rows, details, warnings, **more)
@@ -252,7 +263,7 @@ def _within(flat: FlatMap, max_area: float, settings: FlattenSettings) -> FlatMa
     )
 
 
-def links_or_better(part: Manifold, settings: FlattenSettings) -> tuple[str, float, list[str]]:
+def usual_solver(part: Manifold, settings: FlattenSettings) -> tuple[str, float, list[str]]:
     """Return the usual solver for distances on a surface, its error, and warnings about it."""
     return _solver(part, None, error_of_distances(part, "graph", settings), settings)
 

@@ -163,7 +163,7 @@ class FlatSeries(Sequence[FlatMap], ReadOnly, Saved):
         replaced: dict[str, Any] = {"points": self.points[frame], "normals": self.normals[frame]}
         replaced["distortion"] = _unmeasured(self.flat_map.distortion)
         replaced["origin"] = replace(self.flat_map.origin, frame=frame)
-        replaced |= dict.fromkeys(("rows", "curvature", "sulcal_depth", "white_points", "pial_points"))
+        replaced |= dict.fromkeys(("rows", "curvature", "sulcal_depth", "spread", "white_points", "pial_points"))
         if self.provenance:
             recorded: Any = self.provenance["parameters"]
             replaced["record"] = {**self.provenance, "parameters": {**recorded, "frame": frame}}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields, is_dataclass, replace
 from typing import Any
 
@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from voxflat import _core
 from voxflat.arguments import Progress, log, numbers_of, shown
 from voxflat.distortion.distortion import Distortion
+from voxflat.distortion.figures import json_ready
 from voxflat.errors import InputError
 from voxflat.io.meshes import Mesh
 from voxflat.io.partners import check_side, check_unit
@@ -21,13 +22,13 @@ from voxflat.io.sources import as_mesh
 from voxflat.maps.flat_map import FlatMap
 from voxflat.methods.common import bands_of
 from voxflat.methods.method import FlattenSettings
-from voxflat.methods.voxflat import Voxflat, links_or_better
+from voxflat.methods.voxflat import Voxflat, usual_solver
 from voxflat.pipeline.flat_series import numbered
 from voxflat.pipeline.surface import Surface, surface
-from voxflat.surfaces.cutting import CutManifold
 from voxflat.surfaces.manifold import Manifold, are_triangles
 
-_MIRRORED = "it is a mirror image of the first surface. Pass surfaces of the same hemisphere"
+ERRORS = ("relative_error", "relative_error_30mm", "relative_error_10mm")  # of the table
+_ALIKE = 0.5  # correlation across the thinnest direction above which a mirror image is recognised
 
 
 @recording(surfaces=numbered)
@@ -68,8 +69,8 @@ def flatten_group(
     Returns
     -------
     FlatMap
-        The map. Its `people` lists the distortion for each person, and its `spread` tells how much the people differ at
-        each point.
+        The map. ``metadata["people"]`` lists the distortion for each person, and `FlatMap.spread` tells how much people
+        differ at each point.
 
     Raises
     ------
@@ -88,16 +89,17 @@ def flatten_group(
     >>> hill = voxflat.samples.hill()
     >>> people = [(hill.points * [1, 1, height], hill.faces) for height in (0.8, 1, 1.2)]
     >>> flat_map = voxflat.flatten_group(people)
-    >>> len(flat_map.people)
+    >>> len(flat_map.metadata["people"])
     3
     """
     settings = FlattenSettings(mirror=mirror, seed=seed, memory_limit=memory_limit, threads=threads, progress=progress)
-    group = _Group(surfaces, weights)
+    people = _People(surfaces, weights)
     limits: dict[str, Any] = {"threads": settings.threads, "progress": progress}
-    mean = surface(group.mean(), **limits)
-    cut = mean.cut(cuts, sphere=sphere, relax=relax, **limits)
-    flat_map = Voxflat()._map(cut, settings, group=lambda chosen: group.combined(cut.surface, chosen, settings))
-    return group.evaluated(flat_map, cut, settings)
+    cut = surface(people.mean(), **limits).cut(cuts, sphere=sphere, relax=relax, **limits)
+    group = _CutGroup(people, cut.surface, settings)
+    flat_map = Voxflat()._map(cut, settings, group)
+    rows = np.concatenate([np.arange(len(cut.surface)), cut.surface._also_merged()[1]])
+    return replace(flat_map, spread=group.spread[rows], details={**flat_map.details, "people": group.table})
 
 
 @dataclass(frozen=True)
@@ -110,7 +112,7 @@ class _Member:
     digest: str  # of the positions
 
 
-class _Group:
+class _People:
     """The surfaces of a group, which are read again each time they are needed."""
 
     def __init__(self, surfaces: Sequence[object], weights: ArrayLike | None) -> None:
@@ -120,14 +122,16 @@ class _Group:
             raise InputError(f"the list has {len(surfaces)} surface(s). Pass at least two, or use flatten")
         known = np.ones(len(surfaces)) if weights is None else numbers_of(weights, "weights")
         if known.shape != (len(surfaces),) or not ((known > 0) & np.isfinite(known)).all():
-            raise InputError(f"weights is {shown(weights)}. Pass one positive number for each of {len(surfaces)} surfaces")
+            raise InputError(
+                f"weights is {shown(weights)}. Pass one positive number for each of {len(surfaces)} surfaces"
+            )
         self.first = _mesh(surfaces[0], 1)
         self.used = np.unique(self.first.faces)
         members = []
         for number, (source, weight) in enumerate(zip(surfaces, known.tolist(), strict=True), 1):
             mesh = _mesh(source, number)
             self._check(mesh, number)
-            digest = hashlib.sha256(np.ascontiguousarray(mesh.points[self.used])).hexdigest()
+            digest = hashlib.sha256(mesh.points[self.used].tobytes()).hexdigest()
             members.append(_Member(number, source, weight, digest))
         self.members = sorted(members, key=lambda member: (member.digest, member.weight))
 
@@ -165,50 +169,94 @@ class _Group:
                 onto = centred / scale
             turn, is_mirrored = _rotation(centred, onto)
             if is_mirrored:
-                raise InputError(f"{_name(_mesh(member.source, member.number), member.number)}: {_MIRRORED}")
+                numbers = sorted([self.members[0].number, member.number])
+                text = f"surface {numbers[1]} is a mirror image of surface {numbers[0]}"
+                raise InputError(f"{text}. Pass surfaces of the same hemisphere")
             total[self.used] += member.weight / weight * (centred / scale) @ turn
             place, size = place + member.weight / weight * centre, size + member.weight / weight * scale
         return replace(self.first, points=size * total + place, path=None, point_data={}, face_data={})
 
-    def people(self, part: Manifold) -> Iterator[tuple[_Member, Manifold]]:
-        """Yield the cut surface of each person."""
-        for member, points in self.points():
-            yield member, part._with_core(part.core.moved(points[part.vertices]))
 
-    def combined(self, part: Manifold, chosen: NDArray[np.uint32], settings: FlattenSettings) -> _core.Group:
+class _CutGroup:
+    """The surfaces of a group, cut open as the mean surface."""
+
+    def __init__(self, people: _People, part: Manifold, settings: FlattenSettings) -> None:
+        self.people, self.part, self.settings = people, part, settings
+        self.table: list[dict[str, object]] = []  # the distortion for each person, in the order of the surfaces
+        self.spread = np.zeros(len(part))
+
+    def _surfaces(self) -> Iterator[tuple[_Member, Manifold]]:
+        for member, points in self.people.points():
+            yield member, self.part._with_core(self.part.core.moved(points[self.part.vertices]))
+
+    def combined(self, chosen: NDArray[np.uint32]) -> _core.Group:
         """Return the combined distances and shapes of all people."""
-        group = _core.Group(part.core, chosen, settings.progress)
-        for member, person in self.people(part):
-            solver, _, warnings = links_or_better(person, settings)
+        threads, progress = self.settings.threads, self.settings.progress
+        group = _core.Group(self.part.core, chosen, progress)
+        for member, person in self._surfaces():
+            solver, _, warnings = usual_solver(person, self.settings)
             for warning in warnings:
                 log.warning("surface %d: %s", member.number, warning)
-            group.add(person.core, member.weight, solver, settings.threads, settings.progress)
+            group.add(person.core, member.weight, solver, threads, progress)
         return group
 
-    def evaluated(self, flat_map: FlatMap, cut: CutManifold[Any], settings: FlattenSettings) -> FlatMap:
-        """Return the map with its distortion for all people."""
-        part, uv = cut.surface, flat_map.uv[: len(cut.surface)]
-        sources = _core.reference_sources(len(part), _core.REFERENCE_SOURCES, settings.seed)
-        sums = np.zeros((3, len(part)))
-        measured, people = [], []
-        weight = sum(member.weight for member in self.members)
-        for member, person in self.people(part):
-            bands = bands_of(person)
-            options = (_core.KEPT_BYTES, settings.seed, bands, settings.threads, settings.progress)
-            distances = person.core.judge([uv], sources, "graph", *options)[0]
-            one = Distortion._of(distances, person.core.measure(uv, settings.progress), "graph", bands=bands)
-            areal = one.triangles.areal - np.average(one.triangles.areal)
-            sums += member.weight / weight * np.stack([one.per_point, areal, areal**2])
-            measured.append((member.weight, one))
-            people.append(member.number)
-        return flat_map, sums, measured, people
+    def distortion(self, uv: NDArray[np.float64]) -> Distortion:
+        """Return the mean distortion of a map for all people, and keep the table and the spread."""
+        threads, progress, seed = self.settings.threads, self.settings.progress, self.settings.seed
+        sources = _core.reference_sources(len(uv), _core.REFERENCE_SOURCES, seed)
+        bands, sums, measured, table = None, np.zeros((4, len(uv))), [], {}
+        weights = np.array([member.weight for member in self.people.members])
+        weights /= weights.sum()
+        for (member, person), weight in zip(self._surfaces(), weights, strict=True):
+            bands = bands or bands_of(person)
+            distances = person.core.judge([uv], sources, "graph", _core.KEPT_BYTES, seed, bands, threads, progress)[0]
+            one = Distortion._of(distances, person.core.measure(uv, progress), "graph", bands=bands)
+            assert one.triangles is not None
+            change = one.triangles.areal + 2 * np.log2(one.triangles.equal_area_scale)
+            sums += weight * np.stack([one.per_point, one.triangles.areal, change, change**2])
+            table[member.number] = self._row(member, one)
+            thinned = replace(one.triangles, areal=np.zeros(0))
+            scatter = one.scatter[:: len(weights)]
+            measured.append(replace(one, per_point=np.zeros(0), scatter=scatter, triangles=thinned))
+        per_point, areal, change, square = sums
+        self.spread = np.sqrt(np.maximum(square - change**2, 0))
+        self.table = [table[number] for number in sorted(table)]
+        mean: Distortion = _mean(measured, weights)
+        assert mean.triangles is not None
+        return replace(
+            mean,
+            per_point=per_point,
+            scatter=np.concatenate([one.scatter for one in measured]),
+            pairs=sum(one.pairs for one in measured),
+            triangles=replace(mean.triangles, areal=areal),
+        )
+
+    def _row(self, member: _Member, distortion: Distortion) -> dict[str, object]:
+        """Return the row of a person in the table."""
+        assert distortion.triangles is not None
+        best = distortion.best_scale
+        errors = {name: getattr(best, name) for name in ERRORS}
+        beyond = {"area_beyond_1_5": distortion.triangles.area_beyond_1_5}
+        name = _name(_mesh(member.source, member.number), member.number)
+        row = {"surface": name, "weight": member.weight, "scale": best.scale, **errors, **beyond}
+        return dict(json_ready(row))
+
+
+def _mean(values: Sequence[Any], weights: NDArray[np.float64]) -> Any:
+    """Return the mean of all numbers of similar objects; others are those of the first."""
+    first = values[0]
+    if is_dataclass(first) and not isinstance(first, type):
+        each = {field.name: [getattr(value, field.name) for value in values] for field in fields(first)}
+        return replace(first, **{name: _mean(all_, weights) for name, all_ in each.items()})
+    return float(np.dot(weights, values)) if isinstance(first, float) else first
 
 
 def _rotation(points: NDArray[np.float64], onto: NDArray[np.float64]) -> tuple[NDArray[np.float64], bool]:
     """Return the rotation that brings points closest to others, and whether a mirror image would fit better."""
     left, values, right = np.linalg.svd(points.T @ onto)
     sign = float(np.sign(np.linalg.det(left @ right)))
-    return left @ np.diag([1.0, 1.0, sign]) @ right, sign < 0 and bool(values[2] > 0.05 * values[0])
+    alike = values[2] > _ALIKE * np.linalg.norm(points @ left[:, 2]) * np.linalg.norm(onto @ right[2])
+    return left @ np.diag([1.0, 1.0, sign]) @ right, sign < 0 and bool(alike)
 
 
 def _mesh(source: object, number: int) -> Mesh:
