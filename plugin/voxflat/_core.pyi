@@ -282,6 +282,8 @@ class Surface:
 @final
 class Group:
     def __new__(cls, surface: Surface, sources: _Uints, progress: _Progress = None) -> Group: ...
+    @staticmethod
+    def memory_need(points: int, sources: int) -> int: ...
     def add(
         self,
         surface: Surface,

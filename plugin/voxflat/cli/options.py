@@ -487,6 +487,7 @@ relaxation = (
 further_cuts = (*relaxation, option_of(Surface.cut, "adapt", type=POSITIVE, metavar="MM"))
 cuts = section("Cuts", *where_cut, *further_cuts)
 frame_cuts = section("Cuts", where_cut[0], *relaxation)  # of the reference frame
+group_cuts = section("Cuts", *where_cut, *relaxation)  # of the mean surface
 choice_of_cuts = section("Cuts", *where_cut)  # for commands that do not add relaxation cuts
 
 

@@ -19,6 +19,7 @@ COMMANDS = {
     "figure": ("drawing", "Draw a figure of one or two flat maps."),
     "flatten": ("flatten", "Flatten a surface into a flat map."),
     "freesurfer": ("study", "Flatten a FreeSurfer subject and write a report."),
+    "group-map": ("flatten", "Flatten the surfaces of several people into one flat map."),
     "image": ("images", "Resample a volume onto a flat map, or show the distortion of the map."),
     "info": ("about", "Print version and system information for a bug report."),
     "layers": ("layers", "Divide the grey matter of a segmentation into layers."),

@@ -174,7 +174,8 @@ class Voxflat(OverTriangles):
         places = None if self.start is None else places_of(cut, match(cut.whole, self.start))
         choice = source_choice(part, self.sources, self.sampling, settings.seed, fewest=3, at_most_all=True)
         storage = "stored" if settings.store is not None else "kept" if settings.keep_rows else "dropped"
-        need = settings.check_memory(part.core.memory_need(choice.count, settings.workers, storage))
+        of_group = 0 if group is None else _core.Group.memory_need(len(part), choice.count)
+        need = settings.check_memory(part.core.memory_need(choice.count, settings.workers, storage) + of_group)
         chosen = choice.made(settings.progress)
         links_error = error_of_distances(part, "graph", settings)
         solver, error, warnings = _solver(part, self.geodesic, links_error, settings)

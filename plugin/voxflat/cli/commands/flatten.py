@@ -1,4 +1,4 @@
-"""The commands `voxflat cut`, `voxflat flatten` and `voxflat movie-map`."""
+"""The commands `voxflat cut`, `voxflat flatten`, `voxflat group-map` and `voxflat movie-map`."""
 
 from pathlib import Path
 from typing import Any
@@ -13,6 +13,7 @@ from voxflat.cli.input import check_numbers, part_of, surface_of
 from voxflat.cli.options import FILE
 from voxflat.cli.output import check_output, report
 from voxflat.cli.parameter_options import option_of
+from voxflat.distortion.bands import key_in_bands
 from voxflat.errors import InputError
 from voxflat.io.files import SAVED_ENDINGS
 from voxflat.io.grid import in_unit, rounded
@@ -20,6 +21,7 @@ from voxflat.io.patches import PATCH_ENDING
 from voxflat.maps.flat_map import MAP_ENDINGS, FlatMap
 from voxflat.maps.summary import summary_of
 from voxflat.pipeline.flat_series import FlatSeries
+from voxflat.pipeline.group_map import ERRORS, flatten_group
 from voxflat.pipeline.series import checked_reference, flatten_series
 from voxflat.pipeline.surface import Surface
 from voxflat.surfaces.charts import names_of
@@ -192,6 +194,50 @@ def movie_map_command(
     content = [_series_content(series, path) for series, path in written]
     text = "\n\n".join(_series_summary(series, path, frames) for series, path in written)
     report(content[0] if count == 1 else {"charts": content}, text, quiet=quiet)
+
+
+@options.command(
+    "group-map",
+    "voxflat group-map sub-*/*.L.midthickness.32k_fs_LR.surf.gii --cuts lh.cuts.json -o group.npz",
+    "voxflat group-map sub-*_hemi-L_space-fsLR_midthickness.surf.gii --cuts standard --sphere "
+    "L.sphere.32k_fs_LR.surf.gii -o L.group.flat.surf.gii",
+    "voxflat measure sub-07.L.midthickness.32k_fs_LR.surf.gii group.npz",
+)
+@cloup.argument("surfaces", metavar="SURFACE...", type=FILE, nargs=-1, required=True)
+@options.group_cuts
+@options.output(
+    "Output file: .npz or .voxflat for the complete map, or .surf.gii, .patch.flat, .flat.patch.3d, .vtp, .ply or .obj "
+    "for the flat surface.",
+    option_of(Surface.flatten, "mirror", is_flag=True),
+)
+@options.run(options.seed, options.threads, options.memory_limit, options.quiet)
+def group_map_command(
+    surfaces: tuple[Path, ...], output: Path, writing: dict[str, Any], quiet: bool, **settings: Any
+) -> None:
+    """Flatten the surfaces of several people into one flat map.
+
+    Each SURFACE is a mesh of one person. All have the same triangles, as surfaces that were resampled to fs_LR,
+    fsaverage, onavg or SUIT. The map fits the people as well as possible on average, and does not depend on their
+    order. The cuts are made on the mean surface. A table lists the distance errors for each person, at the scale that
+    is best for this person.
+    """
+    check_output(output, MAP_ENDINGS, **writing)
+    with bars(quiet) as bar:
+        flat_map = flatten_group(surfaces, progress=bar.progress, **settings)
+    flat_map.save(output, **writing)
+    report({"output": str(output), **flat_map.description()}, _group_summary(flat_map, output), quiet=quiet)
+
+
+def _group_summary(flat_map: FlatMap, output: Path) -> str:
+    """Return the table of the people, and the summary of their mean."""
+    people: Any = flat_map.metadata["people"]
+    bands = [key_in_bands(name, flat_map.distortion.bands, flat_map.origin.unit) for name in ERRORS]
+    heads = [name.removeprefix("relative_error").replace("_", " up to ") or " all" for name in bands]
+    lines = ["".join([f"{'distance error, %':40}", *(f"{head:>14}" for head in heads), f"{'scale':>9}"])]
+    for row in people:
+        errors = ("-" if row[name] is None else f"{100 * row[name]:.1f}" for name in ERRORS)
+        lines.append(f"{row['surface'][:39]:40}" + "".join(f"{error:>14}" for error in errors) + f"{row['scale']:9.3f}")
+    return "\n".join([*lines, "", f"mean of {len(people)} people", _summary(flat_map, output)])
 
 
 def _outputs(output: Path, count: int | str, endings: tuple[str, ...], writing: dict[str, Any]) -> list[Path]:

@@ -5,7 +5,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use pyo3::prelude::*;
 use voxflat::distortion::Bands;
-use voxflat::embed::stress::{group::Group as CoreGroup, levels::Levels, periodic::Tube, start::Start};
+use voxflat::embed::stress::{group, group::Group as CoreGroup, levels::Levels, periodic::Tube, start::Start};
 use voxflat::flatten::saucan2006::{self, Whole};
 use voxflat::flatten::schwartz1989::{Mapped, Options};
 use voxflat::flatten::voxflat::{AfterPlacing, Options as MapOptions, Scale};
@@ -41,6 +41,12 @@ impl Group {
             Ok(CoreGroup::new(&Levels::new(&inner.surface, &sources, control)?))
         })?;
         Ok(Self(Arc::new(Mutex::new(group))))
+    }
+
+    /// Return the memory in bytes that a group needs beside the map of its mean surface.
+    #[staticmethod]
+    fn memory_need(points: usize, sources: usize) -> u64 {
+        group::memory_need(points, sources)
     }
 
     /// Add a surface with the same triangles, and its distances by a solver.

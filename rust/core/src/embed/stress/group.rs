@@ -7,15 +7,26 @@
 
 use nalgebra::{Matrix2, Vector3};
 
-use super::levels::Levels;
+use super::levels::{self, Levels};
 use crate::geodesic::Solver;
-use crate::geodesic::bend::{Marking, MarkedRows, is_bent, marked};
+use crate::geodesic::bend::{MarkedRows, Marking, is_bent, marked};
+use crate::geodesic::graph::GeodesicGraph;
 use crate::rows::DistanceRows;
 use crate::surface::Surface;
 use crate::{Control, Error, Result};
 
 /// The height of a triangle, as a share of its longest side, below which it is too thin for its metric to count.
 const THINNEST: f64 = 1e-2;
+
+/// The memory per vertex of a group in bytes: the triangles of all levels, and their sums, take 3/2 of 2 × (12 + 24).
+const VERTEX_BYTES: u64 = 108;
+
+/// Returns the memory in bytes that a group needs beside the map of its mean: its sums, and one surface with its links
+/// and rows at a time.
+pub fn memory_need(points: usize, sources: usize) -> u64 {
+    let pairs = (levels::most_evaluated(points, sources) * sources) as u64;
+    (16 + 4) * pairs + VERTEX_BYTES * points as u64 + Surface::memory_need(points) + GeodesicGraph::size(points)
+}
 
 /// Sums over the surfaces of a group.
 #[derive(Debug)]
@@ -117,9 +128,8 @@ impl Group {
             self.metrics.iter().map(|metrics| metrics.iter().map(sides).collect()).collect();
         let area = sides[0].iter().map(|[b, c]| 0.5 * b[0] * c[1]).sum();
         levels.shapes = Some(Shapes { area, sides });
-        let combined = |(&sum, &bent): (&f64, &f64)| {
-            marked((size * (self.weight / sum).sqrt()) as f32, 2.0 * bent > self.weight)
-        };
+        let combined =
+            |(&sum, &bent): (&f64, &f64)| marked((size * (self.weight / sum).sqrt()) as f32, 2.0 * bent > self.weight);
         let rows = self.distances.iter().zip(&self.bent).map(combined).collect();
         Ok(MarkedRows::new(DistanceRows::new(levels.numbers(), self.evaluated.len(), rows)))
     }

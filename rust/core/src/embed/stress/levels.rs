@@ -42,9 +42,13 @@ const VERTEX_BYTES: u64 = 1110;
 /// Returns the maximum memory in bytes of [`flatten`], including its levels and rows. Distances of four bytes to the
 /// vertices where they are compared exist in three copies: the rows, the pairs, and those of the current level.
 pub(crate) fn memory_need(points: usize, sources: usize) -> u64 {
+    VERTEX_BYTES * points as u64 + 3 * 4 * (most_evaluated(points, sources) * sources) as u64
+}
+
+/// Returns the maximum number of vertices at which distances are compared.
+pub(super) fn most_evaluated(points: usize, sources: usize) -> usize {
     let sizes = || iter::successors(Some(points), |&size| coarser(size, sources));
-    let evaluated = sizes().find(|&size| size <= MOST_EVALUATED).or_else(|| sizes().last()).unwrap_or(points);
-    VERTEX_BYTES * points as u64 + 3 * 4 * (evaluated * sources) as u64
+    sizes().find(|&size| size <= MOST_EVALUATED).or_else(|| sizes().last()).unwrap_or(points)
 }
 
 /// Returns the number of vertices of the next coarser level, if there is one.

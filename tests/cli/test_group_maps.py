@@ -1,0 +1,39 @@
+"""The command `voxflat group-map`."""
+
+import json
+
+import numpy as np
+import pytest
+from command_line import fail, succeed
+
+import voxflat
+
+HILL = voxflat.samples.hill()
+
+
+@pytest.fixture
+def people(tmp_path):
+    files = [tmp_path / f"sub-{number}.surf.gii" for number in range(3)]
+    for height, file in zip((0.5, 1.0, 1.5), files, strict=True):
+        voxflat.io.write_mesh(file, voxflat.io.Mesh(HILL.points * [1, 1, height], HILL.faces))
+    return files
+
+
+@pytest.mark.medium
+def test_the_command_makes_the_map_of_the_function_and_prints_the_people(people, tmp_path):
+    output = tmp_path / "group.npz"
+    text = succeed("group-map", *people, "-o", output).stdout
+    found, expected = voxflat.load(output), voxflat.flatten_group(people)
+    assert np.array_equal(found.uv, expected.uv)
+    for row in expected.metadata["people"]:
+        assert f"{100 * row['relative_error']:.1f}" in text
+        assert row["surface"] in text
+    told = json.loads(succeed("group-map", *people, "--json", "-o", output, "--overwrite").stdout)
+    assert told["people"] == expected.metadata["people"]
+
+
+def test_a_wrong_partner_is_named(people, tmp_path):
+    wrong = tmp_path / "other.surf.gii"
+    voxflat.io.write_mesh(wrong, voxflat.io.Mesh(np.eye(3), [[0, 1, 2]]))
+    told = "surface 2 (other.surf.gii) has 3 vertices, but surface 1 (sub-0.surf.gii) has 441"
+    fail(1, told, "group-map", people[0], wrong, "-o", tmp_path / "group.npz")
