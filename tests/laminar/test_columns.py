@@ -75,6 +75,25 @@ def test_no_column_crosses_a_sulcus(thin):
     assert len(columns) == round(columns.areas.sum() / 9)
 
 
+def test_grey_matter_across_the_fluid_belongs_to_no_column(caplog):
+    labels = np.zeros((20, 14, 6), dtype=np.int16)
+    for low, high, label in ((0, 2, 2), (2, 7, 3), (7, 8, 1), (10, 11, 1), (11, 17, 3), (17, 20, 1)):
+        labels[low:high] = label
+    rim = voxflat.rim(labels)
+    own, across = labels[:10] == 3, labels[10:] == 3
+    columns = rim.columns(6).volume.data
+    assert (columns[:10][own] > 0).all()
+    assert (columns[10:] == 0).all()
+    flat_map = rim.surface.flatten()
+    shape = flat_map.raster().shape
+    painted = rim.paint(np.ones((3, *shape)), flat_map).data
+    assert painted[:10][own].all()
+    assert not painted[10:].any()
+    everything = flat_map.regions(np.ones(shape))
+    assert rim.profile(rim.depth(), everything, count=2).voxels.sum() == own.sum()
+    assert f"{across.sum()} of {own.sum() + across.sum()} voxels of grey matter are not connected" in caplog.text
+
+
 def test_columns_depend_on_the_seed_alone():
     rim = voxflat.rim(voxflat.samples.rim())
     one, same, other = (rim.columns(40, seed=seed) for seed in (0, 0, 1))

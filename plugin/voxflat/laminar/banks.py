@@ -17,48 +17,61 @@ _AROUND = [np.array([0 * a, a, a + b, b]) for a, b in (_STEPS[[1, 2]], _STEPS[[0
 
 
 def crosses(
-    rim: Layered, label: int, places: NDArray[np.float64], feet: NDArray[np.float64], others: NDArray[np.float64]
+    rim: Layered, label: int, places: NDArray[np.float64], ends: NDArray[np.float64], nearest: NDArray[np.float64]
 ) -> NDArray[np.int64]:
-    """Return the places whose straight way to `feet` passes a label; `others` are the nearest points of this label."""
-    way, other = feet - places, others - places
+    """Return the places whose straight way to `ends` passes a label, which is at least at the distance `nearest`."""
+    way = ends - places
     length = np.linalg.norm(way, axis=1)
-    crossing = np.flatnonzero(((way * other).sum(axis=1) > 0) & (np.linalg.norm(other, axis=1) < length))
-    steps = int(np.ceil(2 * length[crossing].max(initial=0) / rim.volume.spacing.min()))
-    is_passed = np.zeros(len(crossing), dtype=np.bool_)
-    for step in range(1, steps):
-        passed = rim.voxels(places[crossing] + step / steps * way[crossing])
-        is_passed |= rim.extended[tuple(passed.T)] == label
-    return crossing[is_passed]
+    half = 0.5 * float(rim.volume.spacing.min())
+    way /= np.maximum(length, half)[:, None]
+    is_passed = np.zeros(len(places), dtype=np.bool_)
+    left = np.flatnonzero(length - half > np.maximum(nearest - 2 * half, 0))
+    distance = half
+    while len(left):
+        here = left[distance > nearest[left] - 2 * half]
+        passed = rim.voxels(places[here] + distance * way[here])
+        is_passed[here] = rim.extended[tuple(passed.T)] == label
+        distance += half
+        left = left[~is_passed[left] & (distance < length[left] - half)]
+    return np.flatnonzero(is_passed)
 
 
-def keep_to_bank(
-    rim: Layered, label: int, voxels: NDArray[np.int64], feet: NDArray[np.float64], others: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Return the nearest points on a border that grey `voxels` reach without passing a label.
+def neighbours_of(
+    rim: Layered, voxels: NDArray[np.int64], ends: NDArray[np.float64], lost: NDArray[np.int64]
+) -> NDArray[np.int64]:
+    """Return for each of the grey `voxels` its own number or, if it is lost, that of a voxel whose end it takes.
 
-    Between a thick and a thin bank, the nearest point of the inner border can belong to the other bank. Such voxels
-    take the nearest of their neighbours' points.
+    It is the nearest end of its neighbours, from voxel to voxel through grey matter; -1 where this reaches none.
     """
-    places, feet = rim.places(voxels), feet.copy()
-    lost = crosses(rim, label, places, feet, others)
+    places = rim.places(voxels)
     number = np.full(rim.labels.shape, -1, dtype=np.int32)
     number[tuple(voxels.T)] = np.arange(len(voxels))
-    is_known = np.ones(len(voxels) + 1, dtype=np.bool_)  # the last one is for -1
-    is_known[lost] = is_known[-1] = False
+    taken = np.arange(len(voxels) + 1)
+    taken[lost] = taken[-1] = -1  # the last one is for -1
     last = np.array(rim.labels.shape) - 1
     while len(lost):
-        near = number[tuple(np.moveaxis((voxels[lost][:, None] + _BESIDE).clip(0, last), -1, 0))]
-        distances = np.linalg.norm(feet[near] - places[lost][:, None], axis=2)
-        distances[~is_known[near]] = np.inf
+        near = taken[number[tuple(np.moveaxis((voxels[lost][:, None] + _BESIDE).clip(0, last), -1, 0))]]
+        distances = np.linalg.norm(ends[near] - places[lost][:, None], axis=2)
+        distances[near < 0] = np.inf
         best = distances.argmin(axis=1)
         is_reached = np.isfinite(distances.min(axis=1))
         if not is_reached.any():
-            break  # no neighbour belongs to a column
-        reached = lost[is_reached]
-        feet[reached] = feet[near[is_reached, best[is_reached]]]
-        is_known[reached] = True
+            break
+        taken[lost[is_reached]] = near[is_reached, best[is_reached]]
         lost = lost[~is_reached]
-    return feet
+    return taken[:-1]
+
+
+def keep_to_bank(
+    rim: Layered, label: int, voxels: NDArray[np.int64], feet: NDArray[np.float64], nearest: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return the nearest points on a border that grey `voxels` reach without passing a label.
+
+    The nearest point of a border can belong to the other bank of a sulcus. Such voxels take the point of a neighbour.
+    `nearest` are distances to the label.
+    """
+    taken = neighbours_of(rim, voxels, feet, crosses(rim, label, rim.places(voxels), feet, nearest))
+    return np.where((taken >= 0)[:, None], feet[taken], feet)
 
 
 def between_banks(

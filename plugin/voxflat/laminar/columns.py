@@ -75,19 +75,22 @@ def columns_of(
 ) -> Columns:
     """Divide the middle surface into geodesic Voronoi cells, and assign each voxel to the cell of its column."""
     areas = vertex_areas(surface.points, surface.faces)
+    has_column = np.isfinite(halfway[:, 0])
+    grey, halfway = labels.grey[has_column].astype(np.uint32), halfway[has_column]
     triangles, weights, _ = _core.NearestFinder(surface.points, surface.faces).find(halfway, _FAR)
     corners = surface.faces[triangles, weights.argmax(axis=1)]
     reached = np.unique(corners)  # a source among these has at least one voxel
     count = _count(count, area, len(reached), float(areas.sum()))
     sources, cells = surface.core.cells(reached.astype(np.uint32), count, checked_seed(seed), progress)
-    connected = _core.connect_columns(labels.grey.astype(np.uint32), cells[corners], halfway, progress)
-    loose = int((connected == 0).sum())
+    connected = np.zeros(len(has_column), dtype=np.int32)
+    connected[has_column] = _core.connect_columns(grey, cells[corners], halfway, progress)
+    loose = int((connected[has_column] == 0).sum())
     if loose:
         log.warning(
             "%d of %d voxels of grey matter belong to no column, because none touches them", loose, len(connected)
         )
     return Columns(
-        labels.in_volume(connected.astype(np.int32), 0),
+        labels.in_volume(connected, 0),
         cells.astype(np.int32),
         surface.points[sources],
         np.asarray(np.bincount(cells, areas, count + 1)[1:], dtype=np.float64),

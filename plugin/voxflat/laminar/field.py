@@ -12,7 +12,7 @@ from voxflat import _core
 from voxflat.arguments import Progress, log
 from voxflat.errors import Cancelled
 from voxflat.io.reading import check_room
-from voxflat.laminar.banks import between_banks, crosses, keep_to_bank
+from voxflat.laminar.banks import between_banks, crosses, keep_to_bank, neighbours_of
 from voxflat.laminar.labels import GREY, INNER, OUTER, Layered
 from voxflat.maps.depth import smooth_areas
 
@@ -32,7 +32,7 @@ class Field:
     depth: NDArray[np.float64]  # (G,), equidistant: 0 at the inner, 1 at the outer border
     volume_depth: NDArray[np.float64]  # (G,), equivolume
     thickness: NDArray[np.float64]  # (G,), mm
-    halfway: NDArray[np.float64]  # (G, 3), the point of the middle surface on the column of each voxel, RAS+ mm
+    halfway: NDArray[np.float64]  # (G, 3), the point of the middle surface on the column of each voxel, in mm; or NaN
     columns: NDArray[np.float64]  # (G, 3), outward normals of the middle surface there
     points: NDArray[np.float64]  # (V, 3), middle surface, RAS+ mm
     faces: NDArray[np.uint32]  # (F, 3)
@@ -60,9 +60,10 @@ def field_of(rim: Layered, threads: int | None = None, progress: Progress | None
     image[tuple(thin.T)] = 0.5 - _depth(rim.places(thin), borders, steps)[0].clip(-1, 2)
     middle = _surface_in(image > 0, affine, (image, 0.0), threads, progress)
     points, faces = middle.points, middle.faces
-    feet = [border.find(points, steps)[1] for border in borders]
+    found = [border.find(points, steps) for border in borders]
+    feet = [nearest for _, nearest in found]
     for side, (label, label_of_side) in enumerate(((OUTER, inner), (INNER, outer))):
-        beyond = crosses(rim, label, points, feet[side], feet[1 - side])
+        beyond = crosses(rim, label, points, feet[side], np.abs(found[1 - side][0]))
         if len(beyond):  # on the other bank; the nearest voxel stays on its own
             feet[side][beyond] = label_of_side[scipy.spatial.cKDTree(places).query(points[beyond])[1]]
     normals = middle.normals
@@ -76,8 +77,24 @@ def field_of(rim: Layered, threads: int | None = None, progress: Progress | None
     halves = _half_depth(places[is_grey], depth, inner[is_grey], outer[is_grey])
     triangles, weights = steps.nearest(_core.NearestFinder(points, faces), halves)[:2]
     corners = faces[triangles]
-    around = [(weights * area[corners]).sum(axis=1) for area in areas]
     halfway = np.einsum("nk,nkd->nd", weights, points[corners])
+    voxels, unknown = band[is_grey], np.zeros(is_grey.sum())
+    lost = np.unique(
+        np.concatenate([crosses(rim, label, rim.places(voxels), halfway, unknown) for label in (INNER, OUTER)])
+    )
+    taken = neighbours_of(rim, voxels, halfway, lost)
+    is_apart = taken < 0
+    if is_apart.any():
+        log.warning(
+            "%d of %d voxels of grey matter are not connected to a border through grey matter. Their depth is "
+            "uncertain, and they belong to no column",
+            int(is_apart.sum()),
+            len(voxels),
+        )
+    taken[is_apart] = np.flatnonzero(is_apart)
+    halfway, corners, weights = halfway[taken], corners[taken], weights[taken]
+    halfway[is_apart] = np.nan
+    around = [(weights * area[corners]).sum(axis=1) for area in areas]
     columns = np.einsum("nk,nkd->nd", weights, normals[corners])
     lengths = np.linalg.norm(columns, axis=1, keepdims=True)
     columns /= np.where(lengths > 0, lengths, np.nan)
@@ -136,7 +153,7 @@ def _within_banks(
     """Return `_depth` of voxels of grey matter with columns that stay within their bank, and the borders for this."""
     places = rim.places(band)
     (inwards, inner), (outwards, outer) = (border.find(places, steps) for border in borders)
-    inner = keep_to_bank(rim, OUTER, band, inner, outer)
+    inner = keep_to_bank(rim, OUTER, band, inner, np.abs(outwards))
     sheet = between_banks(band, rim.labels.shape, places, inner, -outwards)
     if len(sheet[0]):
         borders = [borders[0], borders[1].joined(*sheet)]
@@ -149,7 +166,7 @@ def _within_banks(
             "them; it changed the depth of %.2g %% of the grey matter",
             100 * (is_grey[near] & (outwards[near] > before)).sum() / is_grey.sum(),
         )
-    outer = keep_to_bank(rim, INNER, band, outer, inner)
+    outer = keep_to_bank(rim, INNER, band, outer, np.abs(inwards))
     inwards, outwards = (
         np.copysign(np.linalg.norm(places - foot, axis=1), side)
         for foot, side in ((inner, inwards), (outer, -outwards))
