@@ -270,14 +270,16 @@ class TestCommandLine:
 
     def test_one_map(self, files):
         result = succeed("measure", files / "surface.ply", files / "one.ply", "--sources", "30")
-        assert result.stdout == voxflat.measure(files / "surface.ply", files / "one.ply", sources=30).table() + "\n"
+        found = voxflat.measure(files / "surface.ply", files / "one.ply", sources=30)
+        assert result.stdout == f"{found.in_words()}\n\n{found.table()}\n"
         assert "exact distances" in result.stdout
         assert "±" in result.stdout
 
     def test_several_maps(self, files):
         arguments = (files / "surface.ply", files / "one.ply", files / "two.ply", "--sources", "30")
         lines = succeed("measure", *arguments, "--heat-maps", files / "maps.png").stdout.splitlines()
-        assert lines[1].split() == ["one.ply", "two.ply"]
+        assert [line.split(": Distances are off by ")[0] for line in lines[:2]] == ["one.ply", "two.ply"]
+        assert lines[4].split() == ["one.ply", "two.ply"]
         assert len({len(line) for line in lines if "±" in line[30:]}) == 1  # aligned
         assert (files / "maps.png").read_bytes().startswith(b"\x89PNG")
         content = json.loads(run("measure", *arguments, "--json").stdout)
@@ -286,6 +288,27 @@ class TestCommandLine:
         assert content["maps"] == {}
         assert two["best_scale"]["scale"] == pytest.approx(one["best_scale"]["scale"] / 2)
         assert one["reference"] == "exact"
+
+    def test_an_own_map_shows_what_it_would_gain(self, files, tmp_path):
+        write_mesh(tmp_path / "poor.ply", Mesh(FLAT * [1.0, 3.0, 1.0], FACES))
+        arguments = ("measure", files / "surface.ply", tmp_path / "poor.ply", "--own-map", "--sources", "30", "--json")
+        maps = json.loads(succeed(*arguments).stdout)["maps"]
+        own, surface = maps["own map"], voxflat.surface(files / "surface.ply")
+        made = voxflat.measure(surface, surface.flatten(cuts=tmp_path / "poor.ply"), sources=30)
+        assert own["best_scale"]["relative_error"] == pytest.approx(made.best_scale.relative_error)
+        assert own["best_scale"]["relative_error"] < maps["poor.ply"]["best_scale"]["relative_error"]
+
+    def test_a_map_in_words(self):
+        stretched = voxflat.measure((FLAT, FACES), FLAT[:, :2] * [1.0, 2.0], sources=20)
+        near = stretched.best_scale.relative_error
+        assert stretched.in_words().startswith(f"Distances are off by {100 * near:.1f} % on average")
+        assert stretched.in_words().endswith("0 % of the area by more than 1.5 times.")
+        halves = FLAT[:, :2].copy()
+        halves[:, 0] *= np.where(halves[:, 0] > np.median(halves[:, 0]), 4.0, 1.0)
+        share = voxflat.measure((FLAT, FACES), halves, sources=20).triangles.area_beyond_1_5
+        words = voxflat.measure((FLAT, FACES), halves, sources=20).in_words()
+        assert share > 0.2
+        assert f"{100 * share:.0f} % of the area by more than 1.5 times" in words
 
     def test_refusals(self, files):
         surface, one = files / "surface.ply", files / "one.ply"

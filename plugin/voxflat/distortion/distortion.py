@@ -137,6 +137,31 @@ class Distortion(ReadOnly):
         """Return the table of the measures, for Jupyter."""
         return page(self, self.table())
 
+    def in_words(self) -> str:
+        """Return what the map does to distances and areas, at its best scale, in one sentence.
+
+        Returns
+        -------
+        str
+            The sentence.
+
+        Examples
+        --------
+        >>> print(voxflat.samples.hill().flatten().distortion.in_words())
+        Distances are off by 3.6 % on average, and 0 % of the area by more than 1.5 times.
+        """
+        near = self.best_scale.relative_error_10mm
+        of_near = f" ({100 * near:.1f} % up to 10 mm)"
+        words = f"Distances are off by {100 * self.best_scale.relative_error:.1f} % on average"
+        if not np.isnan(near):
+            words += in_bands(of_near, self.bands, self.unit)
+        beyond = np.nan if self.triangles is None else self.triangles.area_beyond_1_5
+        return (
+            f"{words}."
+            if np.isnan(beyond)
+            else f"{words}, and {100 * beyond:.0f} % of the area by more than 1.5 times."
+        )
+
     def table(self) -> str:
         """Return a table of the measures as text.
 

@@ -21,6 +21,7 @@ _REFERENCE = (
     'How distances on the surface are measured: "exact", or the faster "graph" (see --geodesic of voxflat rows).'
 )
 _USUAL = "exact for meshes, graph for volumes"
+_OWN = "own map"
 _BEYOND = "List regions whose areas change by more than this factor."
 
 
@@ -29,6 +30,7 @@ _BEYOND = "List regions whose areas change by more than this factor."
     "voxflat measure lh.white lh.cortex.patch.flat",
     "voxflat measure lh.midthickness.surf.gii lh.flat.surf.gii --json",
     "voxflat measure lh.white map.npz lh.cortex.patch.flat unwrapped.obj --heat-maps maps.png",
+    "voxflat measure sub.L.midthickness.surf.gii colin.L.flat.surf.gii --own-map --heat-maps maps.png",
 )
 @cloup.argument("surface_", metavar="SURFACE", type=FILE)
 @cloup.argument("flat", metavar="FLAT...", type=FILE, nargs=-1, required=True)
@@ -45,6 +47,9 @@ _BEYOND = "List regions whose areas change by more than this factor."
         default="5,10,15,30 mm for human hemispheres, and the same shares of the size of other surfaces",
     ),
     option_of(measure, "on_surface", is_flag=True, sentences=2),
+    options.flag(
+        "--own-map", f"Also flatten SURFACE, along the cuts of the first FLAT, and measure this map as {_OWN!r}."
+    ),
 )
 @options.section(
     "Output",
@@ -54,14 +59,17 @@ _BEYOND = "List regions whose areas change by more than this factor."
     options.as_json,
 )
 @options.run(options.seed, options.threads, options.memory_limit)
-def measure_command(surface_: Path, flat: tuple[Path, ...], heat_maps: Path | None, **settings: Any) -> None:
+def measure_command(
+    surface_: Path, flat: tuple[Path, ...], own_map: bool, heat_maps: Path | None, **settings: Any
+) -> None:
     """Measure the distortion of flat maps made by any tool.
 
     Each FLAT is a flat map of SURFACE: a FreeSurfer patch, a flat GIFTI surface, an .obj file with texture coordinates,
     or a file written by voxflat flatten. Distances are measured in mm on SURFACE, with the same cuts as the map. A map
     that voxflat made midway between the white and pial surfaces is measured on that geometry, and a note reports this.
     All maps are measured from the same source points. A UV map in several charts has one column for each chart and one
-    for the whole. The documentation defines all measures.
+    for the whole. With --own-map, the gain of a map made for this surface is shown. The documentation defines all
+    measures.
     """
     names = [path.name for path in flat]
     if len(set(names)) < len(names):
@@ -74,12 +82,22 @@ def measure_command(surface_: Path, flat: tuple[Path, ...], heat_maps: Path | No
         check_output(heat_maps, FIGURE_ENDINGS)
     with bars() as bar:
         whole = surface_of(surface_, settings, bar.progress)
-        compared = compare(whole, dict(zip(names, flat, strict=True)), progress=bar.progress, **settings)
+        maps: dict[str, object] = dict(zip(names, flat, strict=True))
+        if own_map:
+            how = {name: settings[name] for name in ("seed", "threads", "memory_limit")}
+            maps[_OWN] = whole.flatten(cuts=flat[0], progress=bar.progress, **how)
+        compared = compare(whole, maps, progress=bar.progress, **settings)
     if heat_maps is not None:
         figures.save(figures.heat_maps(compared), heat_maps, compared.provenance)
     single = compared[names[0]] if len(compared.maps) == 1 else None
     measures = {"maps": compared.figures()} if single is None else single.figures()
-    report({**measures, "provenance": compared.provenance}, (single or compared).table())
+    words = (
+        [single.in_words()]
+        if single
+        else [f"{name}: {one.distortion.in_words()}" for name, one in compared.maps.items()]
+    )
+    text = "\n".join([*words, "", (single or compared).table()])
+    report({**measures, "provenance": compared.provenance}, text)
 
 
 @options.command(
