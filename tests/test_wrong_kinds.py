@@ -120,6 +120,7 @@ ON_MAPS = {
     "atlas as a map": (lambda m, a: figures.heat_map(a), "flat map is <.*. Pass a FlatMap"),
     "packing": (lambda m, a: a.page(packing=ARRAY), "packing is array.*. Pass 'boxes' or 'shapes'"),
     "figure": (lambda m, a: a.heat_map(of=["a"]), r"of is \['a'\]. Pass 'isometric', "),
+    "heat map": (lambda m, a: m.heat_map(of="x"), "of is 'x'. Pass 'distances' or 'spread'"),
     "name": (lambda m, a: m.image(VALUES, name=ARRAY), "the name is array.*. Pass a string"),
     "projection": (lambda m, a: m.images(VALUES, projection=ARRAY), "projection is array"),
     "layering": (lambda m, a: m.image(VALUES, layering=ARRAY), "layering is array.*. Pass 'equivolume' or"),

@@ -30,6 +30,11 @@ def test_the_command_makes_the_map_of_the_function_and_prints_the_people(people,
         assert row["surface"] in text
     told = json.loads(succeed("group-map", *people, "--json", "-o", output, "--overwrite").stdout)
     assert told["people"] == expected.metadata["people"]
+    spread = tmp_path / "spread.npy"
+    succeed("image", output, "--heat-map", "--of", "spread", "--pixel-size", "1", "-o", spread)
+    np.testing.assert_allclose(np.load(spread), expected.heat_map(1.0, of="spread").data, rtol=1e-6)
+    succeed("image", output, "--heat-map", "--of", "spread", "-o", tmp_path / "spread.png")
+    fail(2, "--of requires --heat-map", "image", output, "--volume", people[0], "--of", "spread", "-o", spread)
 
 
 def test_a_wrong_partner_is_named(people, tmp_path):

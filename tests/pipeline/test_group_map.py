@@ -98,6 +98,15 @@ def test_the_table_and_the_spread_are_those_of_the_people(of_people, tmp_path):
     again = voxflat.load(tmp_path / "group.npz")
     assert again.metadata["people"] == rows
     assert np.array_equal(again.spread, of_people.spread)
+    image, drawn = again.heat_map(1.0, of="spread"), voxflat.figures.heat_map(again, 1.0, of="spread").axes[0].images[0]
+    np.testing.assert_allclose(image.data, again.image(again.spread, 1.0).data, atol=1e-6)
+    np.testing.assert_array_equal(np.ma.filled(drawn.get_array(), np.nan), image.data)
+    assert drawn.get_clim() == pytest.approx((0, np.percentile(again.spread, 99)))
+
+
+def test_the_spread_of_a_map_of_one_person_is_refused():
+    with pytest.raises(InputError, match="no spread between people"):
+        HILL.flatten().heat_map(of="spread")
 
 
 @pytest.mark.medium

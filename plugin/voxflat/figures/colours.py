@@ -59,3 +59,6 @@ LOOKS = {
     "quasi_conformal": Look("K, ratio of the principal stretches", "viridis", least=1.0),
 }
 """The appearance of each measure, keyed by its name in `voxflat.distortion.triangles`."""
+
+HEATS = {"distances": LOOKS["distance_error"], "spread": Look("spread between people, log2(area)", "viridis")}
+"""The appearance of the values of `FlatMap.heat_map`."""

@@ -13,7 +13,7 @@ from matplotlib.ticker import LogLocator
 from voxflat.arguments import checked_instance
 from voxflat.errors import InputError
 from voxflat.evaluation.measure import Comparison
-from voxflat.figures.colours import AREA_LABEL, AREAS, ERROR_LABEL, ERRORS, top, top_error
+from voxflat.figures.colours import AREA_LABEL, AREAS, ERROR_LABEL, ERRORS, HEATS, top
 from voxflat.figures.names import plain
 from voxflat.io.grid import in_unit, rounded
 from voxflat.maps.flat_map import FlatMap
@@ -69,8 +69,8 @@ def scatter(flat_map: FlatMap) -> Figure:
     return figure
 
 
-def heat_map(flat_map: FlatMap, pixel_size: float | None = None) -> Figure:
-    """Draw the mean relative error of the distances from each point, in %.
+def heat_map(flat_map: FlatMap, pixel_size: float | None = None, *, of: str = "distances") -> Figure:
+    """Draw the mean relative error of the distances from each point, in %, or the spread between the people of a group.
 
     The colours range from 0 to the 99th percentile over the points, so a few torn regions do not dominate the scale.
 
@@ -80,6 +80,8 @@ def heat_map(flat_map: FlatMap, pixel_size: float | None = None) -> Figure:
         A flat map.
     pixel_size : float, optional
         Side length of a pixel, in mm. The default is half the voxel size.
+    of : {"distances", "spread"}
+        The values, as in `FlatMap.heat_map`.
 
     Returns
     -------
@@ -98,11 +100,14 @@ def heat_map(flat_map: FlatMap, pixel_size: float | None = None) -> Figure:
     >>> voxflat.figures.save(figure, "heat_map.png")
     """
     checked_instance(flat_map, FlatMap, "flat map", "a FlatMap")
-    image = flat_map.heat_map(pixel_size)
+    image = flat_map.heat_map(pixel_size, of=of)
     figure, axes = _map_axes(image, flat_map.origin.named_unit)
     place: dict[str, Any] = {"extent": image.extent, "origin": "upper", "interpolation": "none", "aspect": "equal"}
-    colours = axes.imshow(100 * image.data, cmap=ERRORS, vmin=0, vmax=top_error(flat_map), **place)
-    _add_colour_bar(axes, colours, ERROR_LABEL, extend="max")
+    look, values = HEATS[of], flat_map.spread if of == "spread" else flat_map.distortion.per_point
+    assert values is not None
+    least, most = look.limits(look.factor * values)
+    colours = axes.imshow(look.factor * image.data, cmap=look.cmap, vmin=least, vmax=most, **place)
+    _add_colour_bar(axes, colours, look.label, extend="max")
     return figure
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from voxflat import display
-from voxflat.arguments import array_of, checked_switch, is_number, log, shown
+from voxflat.arguments import array_of, checked_choice, checked_switch, is_number, log, shown
 from voxflat.distances.store import write_provenance
 from voxflat.distances.table import Table
 from voxflat.distortion.distortion import Distortion
@@ -49,6 +49,10 @@ if TYPE_CHECKING:
 
     from voxflat.maps.option_types import FigureOptions
 
+HEATS = {  # values of a heat map, and the name of its image
+    "distances": "distortion: mean relative error of distances",
+    "spread": "spread: standard deviation of people's changes of area (log2)",
+}
 MAP_ENDINGS = (*SAVED_ENDINGS, ".surf.gii", *FLAT_PATCH_ENDINGS, ".vtp", ".ply", ".obj")
 _ARRAYS = (  # fields that are saved as arrays, if they are known
     *("uv", "points", "normals", "ids", "faces", "torn", "sources", "eigenvalues", "bridges"),
@@ -246,8 +250,8 @@ class FlatMap(Planar, Saved):
         return half if self.period is None else self.period / max(1, round(self.period / half))
 
     @recording()
-    def heat_map(self, pixel_size: float | None = None) -> FlatImage:
-        """Return the distance error at each point as an image.
+    def heat_map(self, pixel_size: float | None = None, *, of: str = "distances") -> FlatImage:
+        """Return the distance error, or the spread between people, at each point as an image.
 
         It has the same pixels as the images that `image` returns.
 
@@ -255,16 +259,25 @@ class FlatMap(Planar, Saved):
         ----------
         pixel_size : float, optional
             Side length of a pixel, in mm; by default half of `spacing`.
+        of : {"distances", "spread"}
+            The values: the mean relative error of the distances from each position, or the `spread` of a group's map.
 
         Returns
         -------
         FlatImage
-            Mean relative error of the distances from each position; NaN outside the map.
+            The image, with NaN outside the map.
+
+        Raises
+        ------
+        InputError
+            If the values are unknown, or if the map is not that of a group.
         """
+        checked_choice(of, "of", HEATS)
+        values = self.spread if of == "spread" else self.distortion.per_point
+        if values is None:
+            raise InputError("the map has no spread between people. Pass a map of flatten_group (voxflat group-map)")
         raster = self.raster(pixel_size)
-        data = raster.interpolate(self.distortion.per_point)
-        name = "distortion: mean relative error of distances"
-        return FlatImage(data, raster.pixel_size, raster.origin, name, unit=raster.unit)
+        return FlatImage(raster.interpolate(values), raster.pixel_size, raster.origin, HEATS[of], unit=raster.unit)
 
     def texture(self, picture: ArrayLike) -> NDArray[np.number]:
         """Transfer a picture from the map to the surface.

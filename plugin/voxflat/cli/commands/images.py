@@ -9,6 +9,7 @@ import numpy as np
 
 from voxflat.atlases.atlas import Atlas
 from voxflat.atlases.certified import load_atlas, saved_kind
+from voxflat.atlases.pieces import FIGURES
 from voxflat.cli import options
 from voxflat.cli.console import bars
 from voxflat.cli.input import check_numbers, load_maps
@@ -20,7 +21,7 @@ from voxflat.errors import InputError
 from voxflat.io.grid import in_unit
 from voxflat.io.provenance import saving
 from voxflat.io.reading import reading
-from voxflat.maps.flat_map import FlatMap
+from voxflat.maps.flat_map import HEATS, FlatMap
 from voxflat.maps.image_files import IMAGE_ENDINGS, STACK_ENDINGS
 from voxflat.maps.plane import Planar
 from voxflat.maps.sampling import INTERPOLATIONS, PROJECTIONS
@@ -39,6 +40,7 @@ _VOLUME = (
     "voxflat image map.npz --volume areas.nii.gz --pixel-size 0.5 -o areas.nii.gz",
     "voxflat image map.npz --volume face.obj -o face_flat.png",
     "voxflat image map.npz --heat-map -o distortion.png",
+    "voxflat image group.npz --heat-map --of spread -o spread.png",
     "voxflat image atlas.npz --volume lh.sulc -o page.png",
     'voxflat image map.npz --volume zstats.dscalar.nii --channel "2BK-0BK" -o zstat.png',
     "voxflat image map.npz --volume bold.nii.gz --interpolation linear -o bold_flat.nii.gz",
@@ -64,6 +66,12 @@ _VOLUME = (
         "[default: all; a .png can hold only one]",
     ),
     options.flag("--heat-map", "Show the local distortion of the map instead of a volume."),
+    options.choice(
+        "--of",
+        [*HEATS, *FIGURES],
+        "Values of --heat-map. Flat maps have distances (errors, the default) and, for the map of a group, spread: how "
+        "much people differ. Atlases have isometric (C, the default), quasi_conformal (K) and areal.",
+    ),
     option_of(
         FlatSeries.images,
         "metric",
@@ -111,6 +119,7 @@ def image_command(
     further: tuple[Path, ...],
     volume: Path | None,
     heat_map: bool,
+    of: str | None,
     metric: bool,
     output: Path,
     pixel_size: float | None,
@@ -121,10 +130,10 @@ def image_command(
     """Resample a volume onto a flat map, or show the distortion of the map.
 
     MAP is a file written by voxflat flatten or voxflat patches. For an atlas of patches, the image shows the page with
-    all patches, and the heat map shows C, the factor by which lengths change. A PNG shows scalars in grey (from the 1st
-    to the 99th percentile), each label in its own colour, and colours unchanged. Pixels outside the map are
-    transparent. A heat map saved as a PNG is a figure with a colour bar. All other formats store the values, with NaN
-    outside the map. A series is read, sampled and written frame by frame, so its length is not limited by memory.
+    all patches. A PNG shows scalars in grey (from the 1st to the 99th percentile), each label in its own colour, and
+    colours unchanged. Pixels outside the map are transparent. A heat map saved as a PNG is a figure with a colour bar.
+    All other formats store the values, with NaN outside the map. A series is read, sampled and written frame by frame,
+    so its length is not limited by memory.
 
     If MAP was written by voxflat movie-map, pass the volumes of all frames in order: --volume frame_*.tif.
     """
@@ -136,6 +145,9 @@ def image_command(
     if heat_map and (unused := [name for name, value in settings.items() if value is not None and value is not False]):
         flags = ", ".join(f"--{name.replace('_', '-')}" for name in unused)
         raise click.UsageError(f"{flags}: only with --volume. Pass --volume instead of --heat-map.")
+    if of is not None and not heat_map:
+        raise click.UsageError("--of requires --heat-map.")
+    heat = {} if of is None else {"of": of}
     check_depth(settings)
     sampling = {key: value for key, value in settings.items() if value is not None}
     sampling |= {key: value[0] for key, value in sampling.items() if isinstance(value, tuple) and len(value) == 1}
@@ -156,7 +168,7 @@ def image_command(
                 f"--{name} requires a pial surface, which an atlas does not have. Pass --depth in mm instead."
             )
         stack = None if volume is None else flat_map.images(volume, pixel_size, **sampling)
-        picture = flat_map.heat_map(pixel_size) if stack is None else stack[0]
+        picture = flat_map.heat_map(pixel_size, **heat) if stack is None else stack[0]
     picture = picture._with_provenance({**picture.provenance, "files": files})
     if stack is not None and not (picture.data[..., 3] > 0 if picture.is_colour else ~np.isnan(picture.data)).any():
         raise _empty(volume, sampling)
@@ -171,9 +183,9 @@ def image_command(
         from voxflat import figures  # imports matplotlib
 
         if isinstance(flat_map, FlatMap):
-            drawn = figures.heat_map(flat_map, pixel_size)
+            drawn = figures.heat_map(flat_map, pixel_size, **heat)
         else:
-            drawn = figures.atlas_heat_map(flat_map, pixel_size)
+            drawn = figures.atlas_heat_map(flat_map, pixel_size, **heat)
         with saving(output, picture.provenance, **writing):
             figures.save(drawn, output, picture.provenance)
     else:
