@@ -110,6 +110,15 @@ def test_the_spread_of_a_map_of_one_person_is_refused():
 
 
 @pytest.mark.medium
+def test_the_map_is_measured_on_the_person_and_not_on_the_mean_surface(of_people):
+    other = person(2.2, number=9)
+    own = voxflat.flatten(other)
+    places = (of_people.uv, of_people.faces, of_people.ids)
+    for found in (voxflat.measure(other, of_people), voxflat.compare(other, {"own": own, "group": of_people})["group"]):
+        assert found.best_scale.relative_error == voxflat.measure(other, places).best_scale.relative_error
+
+
+@pytest.mark.medium
 def test_weights_pull_the_map_towards_people():
     towards = [voxflat.flatten_group(PEOPLE, weights=weights) for weights in ([9, 1, 1], [1, 1, 9])]
     for number, (near, far) in ((0, towards), (2, towards[::-1])):
