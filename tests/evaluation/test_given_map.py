@@ -98,6 +98,42 @@ def test_a_region_drawn_on_it_contains_the_vertices_within(flat_map, tmp_path):
     np.testing.assert_array_equal(nib.load(tmp_path / "lh.V1.label.gii").darrays[0].data > 0, inside)
 
 
+def with_a_duplicate():
+    """Return the surface and the map with a copy of vertex 84, which triangles without area connect with it."""
+    around = FACES[(FACES == 84).any(axis=1)]
+    following = dict(np.roll(face, -list(face).index(84))[1:].tolist() for face in around)
+    ring = [int(around[0][around[0] != 84][0])]
+    while len(ring) < len(following):
+        ring.append(following[ring[-1]])
+    half, copy = len(ring) // 2, len(POINTS)
+    faces = [[84 if n < half else copy, ring[n], ring[(n + 1) % len(ring)]] for n in range(len(ring))]
+    faces += [[84, ring[half], copy], [copy, ring[0], 84]]
+    faces = np.vstack([FACES[(FACES != 84).all(axis=1)], faces])
+    return (np.vstack([POINTS, POINTS[84]]), faces), np.vstack([FLAT[:, :2], FLAT[84, :2] + [0.3, 0.2]])
+
+
+def test_merged_vertices_keep_their_own_positions(tmp_path):
+    surface, places = with_a_duplicate()
+    assert len(voxflat.surface(surface).merged) == 1
+    write_mesh(tmp_path / "lh.flat.surf.gii", Mesh(np.pad(places, ((0, 0), (0, 1))), surface[1]))
+    for flat in (places, (places, surface[1]), tmp_path / "lh.flat.surf.gii"):
+        loaded = voxflat.load(flat, surface)
+        np.testing.assert_allclose(loaded.uv, places[loaded.ids], atol=1e-5)
+        assert any("1 of 170 vertices coincide with others on the surface, but" in text for text in loaded.warnings)
+    places[-1] = places[84]
+    assert not any("but not on the map" in text for text in voxflat.load(places, surface).warnings)
+
+
+def test_a_map_from_inside_is_reported_with_the_remedy(flat_map):
+    advice = "from outside, multiply the first coordinate of all points of the map by -1"
+    inside = voxflat.load(FLAT[:, :2] * [-1, 1], SURFACE)
+    assert sum(advice in text for text in inside.warnings) == 1
+    assert inside.metadata["mirrored"]
+    assert not any(advice in text for text in flat_map.warnings)
+    own = voxflat.flatten(SURFACE, voxflat.methods.Voxflat(sources=30), mirror=True)
+    assert not any(advice in text for text in voxflat.load(own, SURFACE).warnings)
+
+
 def test_white_and_pial_surfaces_define_depths():
     pial = POINTS + voxflat.surface(SURFACE).core.normals * 2.0
     loaded = voxflat.load(FLAT, surface=SURFACE, pial=(pial, FACES))

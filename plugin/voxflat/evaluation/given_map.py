@@ -39,8 +39,8 @@ def load(
     """Load a flat map that was saved with `FlatMap.save`, or that any other tool made.
 
     Maps of other tools need the surface that they show. No point is moved: the map keeps the positions in the file,
-    also where triangles are flipped, and a warning reports their number. The distortion is measured from 200 random
-    points, as for maps that voxflat makes.
+    also where triangles are flipped, and a warning reports their number. Another warning reports a map that shows the
+    surface from inside. The distortion is measured from 200 random points, as for maps that voxflat makes.
 
     Parameters
     ----------
@@ -98,7 +98,8 @@ def load(
             surface = surface.whole
         whole: Surface = _surface(surface, pial=pial, memory_limit=memory_limit, **limits)._complete
         flat_map = loaded(flat)
-        made = _on_surface(whole, match(whole, flat_map), memory_limit, **limits)
+        is_own = isinstance(flat_map, FlatMap) and flat_map.method != _METHOD  # these may be mirrored on request
+        made = _on_surface(whole, match(whole, flat_map), memory_limit, is_own=is_own, **limits)
     if isinstance(flat_map, FlatMap):
         made = replace(made, frame=flat_map.frame, cuts=flat_map.cuts, cuts_by=flat_map.cuts_by)
     record = record_of("load", described({"flat": flat, "surface": surface, "pial": pial}), dict(sorted(files.items())))
@@ -106,7 +107,13 @@ def load(
 
 
 def _on_surface(
-    whole: Surface, flat: Matched, memory_limit: int | None, *, threads: int | None, progress: Progress | None
+    whole: Surface,
+    flat: Matched,
+    memory_limit: int | None,
+    *,
+    is_own: bool,
+    threads: int | None,
+    progress: Progress | None,
 ) -> FlatMap:
     """Return a map that is matched with a surface as a `FlatMap`, with the same positions."""
     settings = FlattenSettings(relax=False, memory_limit=memory_limit, threads=threads, progress=progress)
@@ -120,4 +127,25 @@ def _on_surface(
     cut = CutManifold(whole, part, part.faces, cuts, "given", whole.warnings, 0.0)
     result = {"uv": flat.uv, "normals": part.core.normals, "period": flat.period}
     result |= {"sources": np.zeros(0, dtype=np.int64), "eigenvalues": np.zeros(0)}
-    return map_over_triangles(_METHOD, cut, settings, result, None, None, {}, distortion=distortion)
+    merged, rows = part._also_merged()
+    own = flat.uv[rows] if flat.places is None else flat.places[merged]
+    own = np.where(np.isfinite(own), own, flat.uv[rows])
+    warnings = []
+    if count := len(np.unique(merged[(own != flat.uv[rows]).any(axis=1)])):
+        warnings.append(
+            f"{count} of {whole.count} vertices coincide with others on the surface, but not on the map. They keep "
+            "their positions, but triangles are drawn at the positions of the others"
+        )
+    if is_mirrored := not is_own and _is_mirrored(flat):
+        warnings.append(
+            "the map shows the surface from inside, so that it is mirrored. To show it from outside, multiply the "
+            "first coordinate of all points of the map by -1"
+        )
+    made = map_over_triangles(_METHOD, cut, settings, result, None, None, {}, warnings, distortion=distortion)
+    return replace(made, uv=np.concatenate([flat.uv, own]), details={**made.details, "mirrored": is_mirrored})
+
+
+def _is_mirrored(flat: Matched) -> bool:
+    """Return whether most triangles of a map are clockwise."""
+    a, b, c = np.moveaxis(flat.uv[flat.core.faces], 1, 0)
+    return bool(np.sign(np.linalg.det(np.stack([b - a, c - a], axis=1))).sum() < 0)

@@ -79,8 +79,8 @@ class FlatMap(Planar, Saved):
         on both sides.
     ids : ndarray of int64, shape (N, 3) or (N,)
         Voxel indices (i, j, k) or vertex numbers of the points; the two sides of a cut have the same values. Mesh
-        vertices that were merged with another vertex have their own rows at the end, at the same position and without
-        triangles.
+        vertices that were merged with another vertex have their own rows at the end, without triangles, and at the same
+        position unless another tool made the map.
     faces : ndarray of uint32, shape (F, 3)
         Triangles that cover the map, counterclockwise except where they are flipped.
     torn : ndarray of bool, shape (F,)

@@ -36,6 +36,7 @@ class Matched:
     core: _core.Surface  # the triangles over which the map is defined; its ids are vertices of the whole surface
     uv: NDArray[np.float64]  # (N, 2)
     period: float | None = None  # of a map that repeats in v
+    places: NDArray[np.float64] | None = None  # (V, 2), of the vertices of the whole surface, if each has one; or NaN
 
     @property
     def vertices(self) -> NDArray[np.int64]:
@@ -145,7 +146,11 @@ def _of_places(whole: Manifold, places: NDArray[np.float64], mesh: Mesh | None) 
         raise InputError(f"{counts}. {'Pass one point per vertex' if mesh is None else _OTHER}")
     is_placed = np.asarray(np.isfinite(places).all(axis=1))
     faces = whole.vertices[whole.faces] if mesh is None else whole._merged_in(mesh.faces)
-    return _matched(whole, faces[is_placed[faces].all(axis=1)], places)
+    matched = _matched(whole, faces[is_placed[faces].all(axis=1)], places)
+    if mesh is None:
+        return matched
+    is_used = np.isin(np.arange(whole.count), mesh.faces)  # others are often at the origin
+    return replace(matched, places=np.where(is_used[:, None], places[:, :2], np.nan))
 
 
 def _texture_of_corners(mesh: Mesh) -> tuple[NDArray[np.int64], NDArray[np.float64]] | None:
@@ -266,7 +271,7 @@ def _matched(whole: Manifold, faces: NDArray[np.int64], places: NDArray[np.float
     if not _is_flat(used):
         depth = float(np.ptp(used[:, 2]))
         raise InputError(f"the map is not flat: its third coordinate varies by {depth:.3g} mm. Pass a flat surface")
-    return Matched(core, np.ascontiguousarray(used[:, :2]))
+    return Matched(core, np.ascontiguousarray(used[:, :2]), places=places[:, :2])
 
 
 def _check_share(whole: Manifold, faces: NDArray[np.int64]) -> None:
