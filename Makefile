@@ -145,6 +145,7 @@ pictures: setup ## make the pictures of README.md, of the napari page and of the
 	fs=$(NILEARN_DATA)/fsaverage5; $(RUN) voxflat figure $$fs/flat_left.gii.gz $$fs/flat_right.gii.gz \
 	--surface $$fs/white_left.gii.gz --surface $$fs/white_right.gii.gz --pial $$fs/pial_left.gii.gz --pial $$fs/pial_right.gii.gz \
 	--overlay $$fs/thick_left.gii.gz --overlay $$fs/thick_right.gii.gz --range 1.5,4 --label "thickness, mm" -o docs/pictures/existing_maps.png
+	$(RUN) python docs/benchmarks/groups.py --picture docs/pictures/group_map.png
 	$(RUN) pytest -q tests/napari/test_napari_workflow.py --pictures docs/pictures
 
 TEMPLATES := .tools/templates
