@@ -8,6 +8,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import scipy.spatial
 import shapes
 from command_line import fail, run, succeed
 from hard_shapes import sheet
@@ -447,3 +448,67 @@ def test_points_of_another_order_are_found_within_single_precision(near):
         np.testing.assert_array_equal(_same_places(own, points, FACES), order[FACES])
     else:
         refused("none of them is at", _same_places, own, points, FACES)
+
+
+def small_cap(polar=90.0, rings=3):
+    """Return points and triangles of a cap of a sphere with a radius of 20 mm, and its azimuthal equidistant map."""
+    corners = [(0.0, 0.0)]
+    corners += [(ring / rings, 2 * np.pi * n / (6 * ring)) for ring in range(1, rings + 1) for n in range(6 * ring)]
+    radius, angle = np.array(corners).T
+    flat = 20 * np.radians(polar) * radius[:, None] * np.column_stack([np.cos(angle), np.sin(angle)])
+    polar_angle = np.radians(polar) * radius
+    points = 20 * np.column_stack(
+        [np.sin(polar_angle) * np.cos(angle), np.sin(polar_angle) * np.sin(angle), np.cos(polar_angle)]
+    )
+    return (points, scipy.spatial.Delaunay(flat).simplices), flat
+
+
+@pytest.mark.medium
+class TestLowerBound:
+    def test_no_map_is_below_it_and_a_good_map_is_less_than_three_times_above(self):
+        cap, flat = small_cap()
+        rng = np.random.default_rng(0)
+        maps = {"azimuthal": flat, "seen from above": cap[0][:, :2], "default": voxflat.flatten(cap, relax=False)}
+        maps |= {f"shaken {n}": flat + rng.normal(scale=n, size=flat.shape) for n in range(1, 6)}
+        maps |= {f"random {n}": rng.uniform(-30, 30, size=flat.shape) for n in range(3)}
+        found = voxflat.compare(cap, maps, lower_bound=True)
+        errors = {name: found[name].best_scale.relative_error for name in maps}
+        bound = found["default"].lower_bound
+        assert {found[name].lower_bound for name in maps} == {bound}
+        assert min(errors.values()) / 3 < bound < min(errors.values())
+
+    def test_it_is_0_for_a_plane_and_undefined_by_default(self):
+        sheet_ = plane(6)
+        flat = sheet_[0][:, :2]
+        found = voxflat.measure(sheet_, flat, lower_bound=True)
+        assert found.lower_bound == 0
+        assert "no map is below, %" in found.table()
+        usual = voxflat.measure(sheet_, flat)
+        assert np.isnan(usual.lower_bound)
+        assert "no map" not in usual.table()
+        assert usual.figures()["lower_bound"] is None
+
+    def test_it_does_not_depend_on_the_unit_or_the_number_of_threads(self):
+        (points, faces), flat = small_cap(60.0)
+        bounds = [
+            voxflat.measure((unit * points, faces), flat, lower_bound=True, threads=threads).lower_bound
+            for unit, threads in ((1.0, 1), (1.0, 2), (1000.0, 1))
+        ]
+        assert bounds[0] == bounds[1]
+        assert bounds[2] == pytest.approx(bounds[0], rel=1e-3)
+
+    def test_charts_have_their_own_and_none_together(self):
+        (points, faces), flat = small_cap()
+        halves = np.vstack([faces[(side * flat[faces, 0] > 1).all(axis=1)] for side in (1, -1)])
+        found = voxflat.compare((points, faces), {"uv": (flat, halves)}, lower_bound=True)
+        bounds = [found[f"uv, chart {n}"].lower_bound for n in (1, 2)]
+        assert min(bounds) > 0
+        assert np.isnan(found["uv"].lower_bound)
+
+    @pytest.mark.slow
+    def test_that_of_samples_is_shown_by_the_command_line(self, tmp_path):
+        surface, flat = tmp_path / "sheet.obj", tmp_path / "flat.obj"
+        write_mesh(surface, Mesh(*PLANE))
+        write_mesh(flat, Mesh(np.pad(PLANE[0][:, :2], ((0, 0), (0, 1))), PLANE[1]))
+        told = json.loads(succeed("measure", surface, flat, "--lower-bound", "--json").stdout)
+        assert told["lower_bound"] == 0  # of samples of 50 of the 169 points

@@ -74,4 +74,5 @@ def total(charts: Sequence[Distortion], rows: Sequence[NDArray[np.int64]], trian
         scatter=np.concatenate([chart.scatter for chart in charts]),
         triangles=TriangleFigures(**triangles),
         topology={key: sum((chart.topology or {})[key] for chart in charts) for key in charts[0].topology or {}},
+        lower_bound=np.nan,
     )

@@ -149,6 +149,7 @@ def measure(
     reference: str | None = None,
     bands: Sequence[float] | None = None,
     on_surface: bool = False,
+    lower_bound: bool = False,
     seed: int = 0,
     threads: int | None = None,
     memory_limit: int | None = None,
@@ -188,6 +189,10 @@ def measure(
         Measure distances on the given surface. By default, a voxflat map is measured on the geometry on which it was
         made: a map made midway between the white and pial surfaces is not measured on the white surface. A warning
         reports this.
+    lower_bound : bool
+        Also compute a lower bound for the relative error of all maps with the same cuts. The bound holds with 99 %
+        confidence, and with certainty for maps of up to 50 points. It takes a few minutes for 10,000 points. It is not
+        defined (NaN) for a map with a period, and for several charts together.
     seed : int
         Seed of the random choice of sources.
     threads, memory_limit, progress : optional
@@ -215,7 +220,7 @@ def measure(
     0.036
     """
     options: dict[str, Any] = {"sources": sources, "reference": reference, "bands": bands}
-    options |= {"on_surface": on_surface, "seed": seed}
+    options |= {"on_surface": on_surface, "lower_bound": lower_bound, "seed": seed}
     limits: dict[str, Any] = {"threads": threads, "memory_limit": memory_limit, "progress": progress}
     return compare(surface, {"": flat}, **options, **limits)[""]
 
@@ -229,6 +234,7 @@ def compare(
     reference: str | None = None,
     bands: Sequence[float] | None = None,
     on_surface: bool = False,
+    lower_bound: bool = False,
     seed: int = 0,
     threads: int | None = None,
     memory_limit: int | None = None,
@@ -245,7 +251,7 @@ def compare(
         The surface. All maps are measured on the same geometry.
     maps : dict of str to map
         The maps, keyed by name; each as in `measure`.
-    sources, reference, bands, on_surface, seed, threads, memory_limit, progress : optional
+    sources, reference, bands, on_surface, lower_bound, seed, threads, memory_limit, progress : optional
         As in `measure`.
 
     Returns
@@ -278,6 +284,7 @@ def compare(
     if reference is not None:
         checked_choice(reference, "reference", ("exact", "graph"))
     ends = None if bands is None else checked_bands(bands)
+    checked_switch(lower_bound, "lower_bound")
     checked_instance(maps, Mapping, "collection of maps", "a dict of maps, keyed by name")
     if not maps:
         raise InputError("maps is empty. Pass at least one map to measure")
@@ -290,8 +297,9 @@ def compare(
     matched = {name: match(geometry.surface, flat) for name, flat in maps.items()}
     for name, flat_map in matched.items():
         geometry.check(name, flat_map)
-    limits: dict[str, Any] = {"threads": threads, "memory_limit": memory_limit, "progress": progress}
-    return Comparison(measured_maps(whole, matched, sources, reference, ends, seed=seed, **limits))
+    more: dict[str, Any] = {"threads": threads, "memory_limit": memory_limit, "progress": progress}
+    more |= {"lower_bound": lower_bound, "seed": seed}
+    return Comparison(measured_maps(whole, matched, sources, reference, ends, **more))
 
 
 def measured_maps(
@@ -301,6 +309,7 @@ def measured_maps(
     reference: str,
     ends: Bands | None = None,
     *,
+    lower_bound: bool = False,
     seed: int,
     threads: int | None,
     memory_limit: int | None,
@@ -325,10 +334,13 @@ def measured_maps(
         first = group[0][0]
         places = [flat.uv[order] for flat, order in group]
         results = first.core.judge(places, chosen, reference, cache, seed, ends, threads, progress, period=first.period)
+        bound = {}
+        if lower_bound and first.period is None:
+            bound = {"lower_bound": first.core.lower_bound(reference, seed, threads, progress)}
         for (flat_map, order), of_map in zip(group, results, strict=True):
             per_point = np.empty_like(of_map["per_point"])
             per_point[order] = of_map["per_point"]
-            distances[id(flat_map)] = of_map | {"per_point": per_point}
+            distances[id(flat_map)] = of_map | {"per_point": per_point} | bound
     measured: dict[str, MeasuredMap] = {}
     for name, parts in charts.items():
         of_charts = []

@@ -50,6 +50,7 @@ _BEYOND = "List regions whose areas change by more than this factor."
     options.flag(
         "--own-map", f"Also flatten SURFACE, along the cuts of the first FLAT, and measure this map as {_OWN!r}."
     ),
+    option_of(measure, "lower_bound", is_flag=True, sentences=3),
 )
 @options.section(
     "Output",

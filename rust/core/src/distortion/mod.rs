@@ -13,6 +13,7 @@ pub mod distances;
 pub mod evaluate;
 pub mod faces;
 mod figures;
+pub mod lower_bound;
 pub mod overlap;
 mod scale;
 pub mod sums;

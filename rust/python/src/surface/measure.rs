@@ -2,7 +2,7 @@
 
 use numpy::IntoPyArray;
 use pyo3::prelude::*;
-use voxflat::distortion::{evaluate, faces::measure_faces, overlap::overlaps};
+use voxflat::distortion::{evaluate, faces::measure_faces, lower_bound::lower_bound, overlap::overlaps};
 use voxflat::geodesic::bend::Marking;
 use voxflat::surface::{mesh::curvature::smooth_mean_curvature, sulcal_depth::sulcal_depth};
 
@@ -68,6 +68,17 @@ impl Surface {
             })
         })?;
         evaluated.into_iter().map(|distortion| convert::distortion_dict(py, distortion)).collect()
+    }
+
+    /// Return a mean relative error of distances that no map has.
+    #[pyo3(signature = (geodesic, seed, threads=None, progress=None))]
+    fn lower_bound<'py>(
+        &self, py: Python<'py>, geodesic: &str, seed: u64, threads: Threads, progress: Progress<'py>,
+    ) -> PyResult<f64> {
+        let geodesic = Geodesic::named(geodesic)?;
+        self.run(py, threads, &progress, move |inner, control| {
+            with_solver!(geodesic, inner, control, |solver| lower_bound(solver, seed, control))
+        })
     }
 }
 
