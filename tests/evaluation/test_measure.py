@@ -482,7 +482,7 @@ class TestLowerBound:
         flat = sheet_[0][:, :2]
         found = voxflat.measure(sheet_, flat, lower_bound=True)
         assert found.lower_bound == 0
-        assert "no map is below, %" in found.table()
+        assert "no map can be better than, %" in found.table()
         usual = voxflat.measure(sheet_, flat)
         assert np.isnan(usual.lower_bound)
         assert "no map" not in usual.table()

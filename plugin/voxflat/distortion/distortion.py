@@ -60,8 +60,8 @@ class Distortion(ReadOnly):
     bands : tuple of float
         Upper ends of the four distance bands of the measures, in the unit of the surface.
     lower_bound : float
-        Mean relative error that no map of the surface with the same cuts can be below, at any scale; NaN unless
-        `measure` was called with ``lower_bound``.
+        Mean relative error over all pairs, including bent ones, that no map of the surface with the same cuts can be
+        below, at any scale; NaN unless `measure` was called with ``lower_bound``.
 
     See Also
     --------
@@ -296,7 +296,7 @@ def _other_rows(maps: Sequence[Distortion]) -> list[list[str]]:
         ["pairs", *(str(map_.pairs) for map_ in maps)],
     ]
     if not all(np.isnan(map_.lower_bound) for map_ in maps):
-        rows.insert(0, ["no map is below, %", *(_number(100 * map_.lower_bound, 2) for map_ in maps)])
+        rows.insert(0, ["no map can be better than, %", *(_number(100 * map_.lower_bound, 2) for map_ in maps)])
     if any(map_.triangles is not None for map_ in maps):
         for name, key, factor, digits in _TRIANGLES:
             values = [None if map_.triangles is None else factor * getattr(map_.triangles, key) for map_ in maps]

@@ -190,9 +190,9 @@ def measure(
         made: a map made midway between the white and pial surfaces is not measured on the white surface. A warning
         reports this.
     lower_bound : bool
-        Also compute a lower bound for the relative error of all maps with the same cuts. The bound holds with 99 %
-        confidence, and with certainty for maps of up to 50 points. It takes a few minutes for 10,000 points. It is not
-        defined (NaN) for a map with a period, and for several charts together.
+        Also compute a lower bound for the relative error, over all pairs, of any map with the same cuts. The bound
+        holds with 99 % confidence, and with certainty for maps of up to 50 points. It takes about 4 minutes of CPU time
+        for 10,000 points. It is not defined (NaN) for a map with a period, and for several charts together.
     seed : int
         Seed of the random choice of sources.
     threads, memory_limit, progress : optional
