@@ -100,11 +100,12 @@ class Distortion(ReadOnly):
         )
 
     def _summary(self) -> str:
-        """Return the mean relative errors of interior pairs, if any, and of all pairs, both at their best scale."""
+        """Return the mean relative errors of interior pairs, if any, and of all pairs, at their best scales; the bound."""
         error = f"{100 * self.best_scale.relative_error:.1f} %"
         if self.interior is not None and not np.isnan(self.interior.relative_error):
             error = f"{100 * self.interior.relative_error:.1f} % of interior pairs, {error} of all pairs"
-        return f"{error} at the best scale"
+        bound = f"; no map can be better than {100 * self.lower_bound:.1f} % of all pairs"
+        return f"{error} at the best scale" + ("" if np.isnan(self.lower_bound) else bound)
 
     @classmethod
     def _of(

@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 from voxflat import _core
 from voxflat.arguments import (
     Progress,
+    amount,
+    check_memory,
     checked_choice,
     checked_instance,
     checked_seed,
@@ -20,6 +22,7 @@ from voxflat.arguments import (
     is_whole,
     log,
     shown,
+    workers,
 )
 from voxflat.distortion.bands import Bands, checked_bands, usual_bands
 from voxflat.distortion.distortion import Distortion, table_of_several
@@ -327,6 +330,10 @@ def measured_maps(
         for part, rows in parts
     }
     ends = ends or usual_bands(max(flat.core.area for flat in matched.values()), whole.origin.unit)
+    if lower_bound:
+        need = max(group[0][0].core.lower_bound_memory_need(workers(threads)) for group in groups)
+        check_memory(need, memory_limit, "use fewer threads, or do not request lower_bound")
+        log.info("up to %s of memory will be used for the lower bound", amount(need))
     # rows beyond this limit are computed twice
     cache = int(max(_core.KEPT_BYTES, (free_memory() if memory_limit is None else memory_limit) // _KEPT_SHARE))
     distances: dict[int, dict[str, Any]] = {}

@@ -115,7 +115,7 @@ fn long_work_ends_when_it_is_cancelled_and_is_the_same_by_any_number_of_threads(
         ("triangles", job(|c| faces::measure_faces(disk.points(), disk.faces(), uv, c))),
         ("overlaps", job(|c| overlap::overlaps(disk.faces(), uv, c))),
         ("evaluate", job(|c| evaluate::evaluate_all(graph, &[uv], None, sources, 0, Default::default(), c))),
-        ("lower bound", job(|c| lower_bound::lower_bound(graph, 0, c))),
+        ("lower bound", job(|c| lower_bound::lower_bound(graph, lower_bound::Samples { points: 12, count: 9 }, 0, c))),
         ("error of distances", job(|c| distances::error_of_distances(disk, graph, Default::default(), c))),
         ("patches", job(|c| atlas::patches(disk, limit, atlas::Seeds::Flattest, c))),
         ("glue", job(|c| atlas::glue::glue(disk, &patches.labels, &patches.flat(disk), 1.5, c))),

@@ -33,11 +33,20 @@ use crate::geodesic::Solver;
 use crate::rows::DistanceRows;
 use crate::{Control, Result};
 
-/// The number of points of a sample.
-pub const POINTS: usize = 50;
+/// The random samples of a surface. If it has no more points than one sample, all of its points are the only sample.
+#[derive(Debug, Clone, Copy)]
+pub struct Samples {
+    /// The number of points of a sample.
+    pub points: usize,
+    /// The number of samples.
+    pub count: usize,
+}
 
-/// The number of samples of a surface with more points.
-pub const SAMPLES: usize = 100;
+impl Default for Samples {
+    fn default() -> Self {
+        Self { points: 50, count: 100 }
+    }
+}
 
 /// The probability that the bound of a surface with more points than a sample is too high.
 pub const DOUBT: f64 = 0.01;
@@ -54,20 +63,22 @@ const SWEEPS: usize = 120;
 const SHARPNESS: [f64; 2] = [8.0, 200.0]; // of the penalty for overloaded pairs, in the first and the last sweep
 const SIFTED: [usize; 2] = [15, 40]; // sweeps after which expensive inequalities are dropped
 const EXPENSIVE: f64 = 1.5;
+const POLLED: usize = 4096; // inequalities of a sweep between two checks for cancellation
 
 /// The pairs of four points; the points of `PAIRS[5 - e]` are those that are not in `PAIRS[e]`.
 const PAIRS: [(usize, usize); 6] = [(0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3)];
 
 /// Returns a mean relative error of distances that no map of a surface has, at any scale. It is certain if the surface
-/// has at most [`POINTS`] points; otherwise, it is too high with a probability of at most [`DOUBT`].
+/// has at most as many points as a sample; otherwise, it is too high with a probability of at most [`DOUBT`].
 ///
 /// # Errors
 /// [`Error::Unreachable`](crate::Error::Unreachable) if the surface is not connected, and the errors of the solver.
-pub fn lower_bound<S: Solver>(solver: &S, seed: u64, control: &Control) -> Result<f64> {
+pub fn lower_bound<S: Solver>(solver: &S, samples: Samples, seed: u64, control: &Control) -> Result<f64> {
     let points = solver.columns();
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
-    let number = if points > POINTS { SAMPLES } else { 1 };
-    let mut sample = || index::sample(&mut rng, points, points.min(POINTS)).iter().map(|v| v as u32).collect();
+    let is_sampled = points > samples.points;
+    let number = if is_sampled { samples.count } else { 1 };
+    let mut sample = || index::sample(&mut rng, points, points.min(samples.points)).iter().map(|v| v as u32).collect();
     let samples: Vec<Vec<u32>> = (0..number).map(|_| sample()).collect();
     control.begin("measuring distances", number as u64);
     let mut tables = Vec::with_capacity(number);
@@ -84,13 +95,26 @@ pub fn lower_bound<S: Solver>(solver: &S, seed: u64, control: &Control) -> Resul
             bound
         })
         .collect::<Result<_>>()?;
-    Ok((expectation(&bounds) - ROUNDED_DISTANCES).max(0.0))
+    let bound = if is_sampled { expectation(&bounds) } else { bounds[0] };
+    Ok((bound - ROUNDED_DISTANCES).max(0.0))
 }
 
-/// Returns a lower bound for the expectation of independent values ≥ 0; of a single value, which is certain, the value.
+/// Returns the maximum memory in bytes of the inequalities of a surface of `points` points, with the usual samples.
+pub fn memory_need(points: usize, threads: usize) -> u64 {
+    let Samples { points: most, count } = Samples::default();
+    let (samples, points) = if points > most { (count, most) } else { (1, points) };
+    (samples.min(threads) * most_inequalities(points) * size_of::<Inequality>()) as u64
+}
+
+/// Each four points have at most one inequality per pair.
+fn most_inequalities(points: usize) -> usize {
+    if points < 4 { 0 } else { 6 * (points * (points - 1) * (points - 2) * (points - 3) / 24) }
+}
+
+/// Returns a lower bound for the expectation of independent values ≥ 0.
 fn expectation(values: &[f64]) -> f64 {
-    let (sum, share) = (values.iter().map(|value| value.ln()).sum::<f64>(), 1.0 / values.len() as f64);
-    if values.len() == 1 { values[0] } else { (share * (sum + DOUBT.ln())).exp() }
+    let sum: f64 = values.iter().map(|value| value.ln()).sum();
+    ((sum + DOUBT.ln()) / values.len() as f64).exp()
 }
 
 /// The distances δ between some points.
@@ -104,6 +128,7 @@ struct Inequality {
     pairs: [u16; 6],
     up: [f32; 6],
     down: [f32; 6],
+    factor: f64, // in the packing
 }
 
 impl Table {
@@ -126,7 +151,7 @@ impl Table {
 
     /// Returns a bound for the mean of |d/δ − 1| over all pairs of the points, for any d in the plane.
     fn lower_bound(&self, control: &Control) -> Result<f64> {
-        let (count, mut found) = (self.count, Vec::new());
+        let (count, mut found) = (self.count, Vec::with_capacity(most_inequalities(self.count)));
         for a in 0..count {
             for b in a + 1..count {
                 control.check()?;
@@ -150,7 +175,7 @@ impl Table {
         let mut add = |up: [f64; 6], down: [f64; 6]| {
             let [up, down] = [up, down].map(|weights| weights.map(|weight| (weight * (1.0 + ROUNDING)) as f32));
             if up.iter().chain(&down).all(|&weight| weight <= LARGEST) {
-                found.push(Inequality { pairs, up, down });
+                found.push(Inequality { pairs, up, down, factor: 0.0 });
             }
         };
         let length = |i: usize, j: usize| self.at(points[i], points[j]);
@@ -197,28 +222,28 @@ impl Table {
 ///
 /// Each sweep changes one factor after the other to the maximum of Σ y − Σ exp(t (load − 1)) / t, for increasing t.
 fn packing(mut inequalities: Vec<Inequality>, pairs: usize, control: &Control) -> Result<f64> {
-    let mut factors = vec![0.0; inequalities.len()];
     let mut best = 0.0_f64;
     for sweep in 0..=SWEEPS {
-        control.check()?;
-        let loads = loads(&inequalities, &factors, pairs);
+        let loads = loads(&inequalities, pairs);
         let most = loads.iter().copied().fold(f64::MIN_POSITIVE, f64::max) * (1.0 + ROUNDING);
-        best = best.max(factors.iter().sum::<f64>() / most);
+        best = best.max(inequalities.iter().map(|one| one.factor).sum::<f64>() / most);
         let sharpness = SHARPNESS[0] * (SHARPNESS[1] / SHARPNESS[0]).powf(sweep as f64 / SWEEPS as f64);
         let mut prices: Vec<f64> = loads.iter().map(|load| (sharpness * (load - 1.0)).exp()).collect();
         if SIFTED.contains(&sweep) {
-            let is_kept = |(one, y): &(Inequality, f64)| *y > 0.0 || one.price(&prices, 1) < EXPENSIVE;
-            (inequalities, factors) = inequalities.into_iter().zip(factors).filter(is_kept).unzip();
+            inequalities.retain(|one| one.factor > 0.0 || one.price(&prices, 1) < EXPENSIVE);
         }
-        for (one, factor) in inequalities.iter().zip(&mut factors) {
-            let price = one.price(&prices, 1);
-            if price >= 1.0 && *factor == 0.0 {
-                continue;
-            }
-            let step = (-price.ln() * price / (sharpness * one.price(&prices, 2))).max(-*factor);
-            *factor += step;
-            for (pair, weight) in one.weights() {
-                prices[pair] *= (sharpness * weight * step).exp();
+        for several in inequalities.chunks_mut(POLLED) {
+            control.check()?;
+            for one in several {
+                let price = one.price(&prices, 1);
+                if price >= 1.0 && one.factor == 0.0 {
+                    continue;
+                }
+                let step = (-price.ln() * price / (sharpness * one.price(&prices, 2))).max(-one.factor);
+                one.factor += step;
+                for (pair, weight) in one.weights() {
+                    prices[pair] *= (sharpness * weight * step).exp();
+                }
             }
         }
     }
@@ -226,10 +251,10 @@ fn packing(mut inequalities: Vec<Inequality>, pairs: usize, control: &Control) -
 }
 
 /// Returns the sum of the weights of each pair, up and down.
-fn loads(inequalities: &[Inequality], factors: &[f64], pairs: usize) -> Vec<f64> {
+fn loads(inequalities: &[Inequality], pairs: usize) -> Vec<f64> {
     let mut loads = vec![0.0; 2 * pairs];
-    for (one, factor) in inequalities.iter().zip(factors).filter(|(_, factor)| **factor > 0.0) {
-        one.weights().for_each(|(pair, weight)| loads[pair] += weight * factor);
+    for one in inequalities.iter().filter(|one| one.factor > 0.0) {
+        one.weights().for_each(|(pair, weight)| loads[pair] += weight * one.factor);
     }
     loads
 }

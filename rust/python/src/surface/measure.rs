@@ -2,7 +2,7 @@
 
 use numpy::IntoPyArray;
 use pyo3::prelude::*;
-use voxflat::distortion::{evaluate, faces::measure_faces, lower_bound::lower_bound, overlap::overlaps};
+use voxflat::distortion::{evaluate, faces::measure_faces, lower_bound, overlap::overlaps};
 use voxflat::geodesic::bend::Marking;
 use voxflat::surface::{mesh::curvature::smooth_mean_curvature, sulcal_depth::sulcal_depth};
 
@@ -70,6 +70,11 @@ impl Surface {
         evaluated.into_iter().map(|distortion| convert::distortion_dict(py, distortion)).collect()
     }
 
+    /// Return the maximum memory in bytes of a lower bound.
+    fn lower_bound_memory_need(&self, threads: usize) -> u64 {
+        lower_bound::memory_need(self.0.surface.len(), threads)
+    }
+
     /// Return a mean relative error of distances that no map has.
     #[pyo3(signature = (geodesic, seed, threads=None, progress=None))]
     fn lower_bound<'py>(
@@ -77,7 +82,12 @@ impl Surface {
     ) -> PyResult<f64> {
         let geodesic = Geodesic::named(geodesic)?;
         self.run(py, threads, &progress, move |inner, control| {
-            with_solver!(geodesic, inner, control, |solver| lower_bound(solver, seed, control))
+            with_solver!(geodesic, inner, control, |solver| lower_bound::lower_bound(
+                solver,
+                Default::default(),
+                seed,
+                control
+            ))
         })
     }
 }

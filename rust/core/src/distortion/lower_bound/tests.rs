@@ -49,6 +49,7 @@ proptest! {
         let (table, _) = cap(polar, 4, seed);
         let mut found = Vec::new();
         table.inequalities([0, 1, 2, 3], &mut found);
+        prop_assert!(found.len() <= most_inequalities(4));
         if let Some(map) = placed(&table, changes.map(|r: f64| r * size), if up { 1.0 } else { -1.0 }) {
             for one in &found {
                 prop_assert!(value(one, &errors(&table, &map)) >= 1.0);
@@ -100,7 +101,7 @@ fn the_bound_of_a_plane_is_0_and_that_of_a_cap_is_half_of_the_error_of_a_map() {
 
 #[test]
 fn a_packing_loads_no_pair_twice() {
-    let one = |pairs| Inequality { pairs, up: [1.0; 6], down: [0.0, 0.5, 0.5, 0.5, 0.5, 0.5] };
+    let one = |pairs| Inequality { pairs, up: [1.0; 6], down: [0.0, 0.5, 0.5, 0.5, 0.5, 0.5], factor: 0.0 };
     let disjoint = vec![one([0, 1, 2, 3, 4, 5]), one([6, 7, 8, 9, 10, 11])];
     let shared = vec![one([0, 1, 2, 3, 4, 5]), one([0, 7, 8, 9, 10, 11])];
     for (inequalities, expected) in [(disjoint, 2.0), (shared, 1.0), (Vec::new(), 0.0)] {
@@ -111,10 +112,10 @@ fn a_packing_loads_no_pair_twice() {
 
 #[test]
 fn an_expectation_is_seldom_overestimated() {
-    assert_eq!((expectation(&[0.3]), expectation(&[0.3, 0.0])), (0.3, 0.0));
-    assert!((expectation(&[0.3; SAMPLES]) - 0.3 * DOUBT.powf(0.01)).abs() < 1e-12);
+    assert_eq!(expectation(&[0.3, 0.0]), 0.0);
+    assert!((expectation(&[0.3; 100]) - 0.3 * DOUBT.powf(0.01)).abs() < 1e-12);
     let mut rng = ChaCha8Rng::seed_from_u64(0);
     let mut of_mean_1 = || if rng.random::<f64>() < 0.05 { 0.01 } else { 0.9995 / 0.95 };
-    let too_high = (0..20_000).filter(|_| expectation(&[(); SAMPLES].map(|()| of_mean_1())) > 1.0).count();
+    let too_high = (0..20_000).filter(|_| expectation(&[(); 100].map(|()| of_mean_1())) > 1.0).count();
     assert!(too_high < 200 && too_high > 0, "{too_high}"); // of 1 %
 }
