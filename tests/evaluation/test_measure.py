@@ -488,6 +488,7 @@ class TestLowerBound:
         assert "no map" not in usual.table()
         assert usual.figures()["lower_bound"] is None
 
+    @pytest.mark.slow
     def test_it_does_not_depend_on_the_unit_or_the_number_of_threads(self):
         (points, faces), flat = small_cap(60.0)
         bounds = [
@@ -505,10 +506,34 @@ class TestLowerBound:
         assert min(bounds) > 0
         assert np.isnan(found["uv"].lower_bound)
 
+    def test_its_memory_is_checked_before_anything_is_measured(self):
+        cap, flat = small_cap()
+        stages = set()
+        more = {"memory_limit": 10**6, "progress": lambda stage, *_: stages.add(stage)}
+        refused(
+            "of memory is needed, but the limit is .* Use fewer threads",
+            voxflat.measure,
+            cap,
+            flat,
+            lower_bound=True,
+            **more,
+        )
+        assert not any("distances" in stage for stage in stages)
+        voxflat.measure(cap, flat, **more)
+
+    def test_it_can_be_cancelled(self):
+        cap, flat = small_cap()
+        with pytest.raises(voxflat.Cancelled):
+            voxflat.measure(cap, flat, lower_bound=True, progress=lambda stage, *_: stage != "bounding the error")
+
     @pytest.mark.slow
-    def test_that_of_samples_is_shown_by_the_command_line(self, tmp_path):
-        surface, flat = tmp_path / "sheet.obj", tmp_path / "flat.obj"
-        write_mesh(surface, Mesh(*PLANE))
-        write_mesh(flat, Mesh(np.pad(PLANE[0][:, :2], ((0, 0), (0, 1))), PLANE[1]))
-        told = json.loads(succeed("measure", surface, flat, "--lower-bound", "--json").stdout)
-        assert told["lower_bound"] == 0  # of samples of 50 of the 169 points
+    def test_the_command_line_and_summaries_show_it(self, tmp_path):
+        (points, faces), flat = small_cap()
+        surface, flat_file = tmp_path / "cap.obj", tmp_path / "flat.obj"
+        write_mesh(surface, Mesh(points, faces))
+        write_mesh(flat_file, Mesh(np.pad(flat, ((0, 0), (0, 1))), faces))
+        report = json.loads(succeed("measure", surface, flat_file, "--lower-bound", "--json").stdout)
+        found = voxflat.measure(surface, flat_file, lower_bound=True)
+        assert report["lower_bound"] == found.lower_bound > 0
+        assert f"no map can be better than {100 * found.lower_bound:.1f} % of all pairs" in repr(found)
+        assert "no map" not in repr(voxflat.measure(surface, flat_file))

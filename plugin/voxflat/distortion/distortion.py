@@ -100,7 +100,7 @@ class Distortion(ReadOnly):
         )
 
     def _summary(self) -> str:
-        """Return the mean relative errors of interior pairs, if any, and of all pairs, at their best scales; the bound."""
+        """Return the mean relative errors of interior pairs and of all pairs at their best scales, and the bound."""
         error = f"{100 * self.best_scale.relative_error:.1f} %"
         if self.interior is not None and not np.isnan(self.interior.relative_error):
             error = f"{100 * self.interior.relative_error:.1f} % of interior pairs, {error} of all pairs"

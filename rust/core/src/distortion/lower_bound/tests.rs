@@ -5,7 +5,8 @@ use rand::Rng;
 /// Returns the distances between random points of a cap of a unit sphere, and the points as polar angle and longitude.
 fn cap(polar: f64, count: usize, seed: u64) -> (Table, Vec<[f64; 2]>) {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
-    let mut random = || [(1.0 - rng.random::<f64>() * (1.0 - polar.cos())).acos(), rng.random::<f64>() * 6.283];
+    let mut random =
+        || [(1.0 - rng.random::<f64>() * (1.0 - polar.cos())).acos(), rng.random::<f64>() * std::f64::consts::TAU];
     let points: Vec<[f64; 2]> = (0..count).map(|_| random()).collect();
     let cosine = |[s, a]: [f64; 2], [t, b]: [f64; 2]| s.cos() * t.cos() + s.sin() * t.sin() * (a - b).cos();
     let apart = |n| if n / count == n % count { 0.0 } else { cosine(points[n / count], points[n % count]).acos() };
