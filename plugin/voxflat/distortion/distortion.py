@@ -161,11 +161,10 @@ class Distortion(ReadOnly):
         if not np.isnan(near):
             words += in_bands(of_near, self.bands, self.unit)
         beyond = np.nan if self.triangles is None else self.triangles.area_beyond_1_5
-        return (
-            f"{words}."
-            if np.isnan(beyond)
-            else f"{words}, and {100 * beyond:.0f} % of the area by more than 1.5 times."
-        )
+        words += "." if np.isnan(beyond) else f", and {100 * beyond:.0f} % of the area by more than 1.5 times."
+        if not np.isnan(self.lower_bound):
+            words += f" No map along the same cuts can be better than {100 * self.lower_bound:.1f} %."
+        return words
 
     def table(self) -> str:
         """Return a table of the measures as text.
