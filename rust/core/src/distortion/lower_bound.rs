@@ -18,12 +18,12 @@
 //! the expectation E of its bound b ≥ 0. By Markov's inequality, the product of n independent b/E is greater than 1/α with
 //! a probability of at most α. Therefore E is at least the geometric mean of the b, times α^(1/n), with confidence 1 − α.
 //!
-//! **Rounding.** Weights are increased by [`ROUNDING`], which is more than their error. Let u = 2⁻⁵³, σ = [`SHORTEST`],
-//! φ = [`FLATTEST`] and w = [`LARGEST`]. In units of the longest distance, x is wrong by at most 5u/σ, y by 5u/(σφ), and
+//! **Rounding.** Weights are increased by `ROUNDING`, which is more than their error. Let u = 2⁻⁵³, σ = `SHORTEST`,
+//! φ = `FLATTEST` and w = `LARGEST`. In units of the longest distance, x is wrong by at most 5u/σ, y by 5u/(σφ), and
 //! an end by 10u/(σ²φ). Weights up to w are wrong by at most the w-th part of that relative to themselves, 4 · 10⁻⁷, and
 //! by 6 · 10⁻⁸ as float32. The a are multiples of 2⁻⁴⁰, so that their sum is exactly 0; the inequality then holds for
 //! these a, however inaccurate they are, and the terms s are at most w g, so g is accurate. Distances are float32; those
-//! of a map may be rounded in another way, which changes an error by at most [`ROUNDED_DISTANCES`].
+//! of a map may be rounded in another way, which changes an error by at most `ROUNDED_DISTANCES`.
 
 use rand::{SeedableRng, seq::index};
 use rand_chacha::ChaCha8Rng;
