@@ -12,6 +12,7 @@ __all__ = [
     "KEPT_BYTES",
     "REFERENCE_SOURCES",
     "SMALLEST",
+    "Group",
     "NearestFinder",
     "Surface",
     "TriangleFinder",
