@@ -275,7 +275,7 @@ class FlatMap(Planar, Saved):
         checked_choice(of, "of", HEATS)
         values = self.spread if of == "spread" else self.distortion.per_point
         if values is None:
-            raise InputError("the map has no spread between people. Pass a map of flatten_group (voxflat group-map)")
+            raise InputError("the map has no spread between people. Pass the map of a group (voxflat group-map)")
         raster = self.raster(pixel_size)
         return FlatImage(raster.interpolate(values), raster.pixel_size, raster.origin, HEATS[of], unit=raster.unit)
 

@@ -70,7 +70,7 @@ _VOLUME = (
         "--of",
         [*HEATS, *FIGURES],
         "Values of --heat-map. Flat maps have distances (errors, the default) and, for the map of a group, spread: how "
-        "much people differ. Atlases have isometric (C, the default), quasi_conformal (K) and areal.",
+        "much people differ. The other values are for atlases; isometric is their default.",
     ),
     option_of(
         FlatSeries.images,
