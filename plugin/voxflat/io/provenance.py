@@ -32,6 +32,7 @@ from voxflat.io.reading import hash_of, reading
 Record = dict[str, object]
 """``voxflat`` (the version), ``function``, ``parameters``, ``files`` (SHA-256 by path), and, for maps, ``figures``."""
 
+_NAMES = {"self": "of", "of": "values"}  # of parameters in records, where "of" is the object
 _UNRECORDED = ("progress", "threads", "memory_limit", "dask")  # parameters that do not affect the result
 _MARKED = 4096  # voxflat's files contain its name in these first bytes
 _LONGEST_PATH = 4096  # characters
@@ -61,7 +62,7 @@ def recording(**told_as: Callable[[Any], Any]) -> Callable[[_Function], _Functio
                 _chosen.reset(chosen)
             if any(result is value for value in values.values()):  # the result is an argument
                 return result
-            call = {"of" if name == "self" else name: v for name, v in values.items() if name not in _UNRECORDED}
+            call = {_NAMES.get(name, name): v for name, v in values.items() if name not in _UNRECORDED}
             call |= {name: tell(call[name]) for name, tell in told_as.items()}
             record = record_of(function.__name__, described(call), dict(sorted(files.items())))
             if isinstance(result, tuple):
