@@ -332,7 +332,7 @@ def measured_maps(
     ends = ends or usual_bands(max(flat.core.area for flat in matched.values()), whole.origin.unit)
     if lower_bound:
         need = max(group[0][0].core.lower_bound_memory_need(workers(threads)) for group in groups)
-        check_memory(need, memory_limit, "use fewer threads, or do not request lower_bound")
+        check_memory(need, memory_limit, "use fewer threads, or do not request the lower bound")
         log.info("up to %s of memory will be used for the lower bound", amount(need))
     # rows beyond this limit are computed twice
     cache = int(max(_core.KEPT_BYTES, (free_memory() if memory_limit is None else memory_limit) // _KEPT_SHARE))

@@ -25,7 +25,7 @@ def check_side(name: object, own: str | None, structure: object, remedy: str, of
 
 def check_file_side(path: str | os.PathLike[str], structure: str | None) -> None:
     """Raise an error if a file belongs to the other hemisphere; GIFTI metadata override the file name."""
-    if structure not in _SIDES or not os.path.isfile(path):
+    if not isinstance(structure, str) or structure not in _SIDES or not os.path.isfile(path):
         return
     side = named_structure(path)
     if formats.by_name(Path(path)) == formats.GIFTI:

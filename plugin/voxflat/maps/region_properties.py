@@ -85,7 +85,7 @@ def properties_of(
         within = totals(metric.to_surface @ metric.to_surface.swapaxes(1, 2), side[is_used] ** 2 / 12)
         spread = (between + within) / areas[:, None, None]
         normals = totals(metric.normals)
-        normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+        normals = normals / np.linalg.norm(normals, axis=1, keepdims=True)
     found = {"area": areas, "perimeter": _perimeters(of, labels, raster, sorted_keys, at, faces)}
     found |= {"map_area": np.bincount(which, share[is_used], minlength=len(keys)).astype(np.float64)}
     found |= dict(zip("xyz", centres.T, strict=True))
