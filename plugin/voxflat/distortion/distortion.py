@@ -143,7 +143,7 @@ class Distortion(ReadOnly):
         return page(self, self.table())
 
     def in_words(self) -> str:
-        """Return what the map does to distances and areas, at its best scale, in one sentence.
+        """Describe the errors of distances and areas in one sentence, at the best scale, and the bound if it is known.
 
         Returns
         -------
@@ -153,13 +153,16 @@ class Distortion(ReadOnly):
         Examples
         --------
         >>> print(voxflat.samples.hill().flatten().distortion.in_words())
-        Distances are off by 3.6 % on average, and 0 % of the area by more than 1.5 times.
+        Distances are off by 3.6 % on average (3.6 % of interior pairs), and 0 % of the area by more than 1.5 times.
         """
-        near = self.best_scale.relative_error_10mm
-        of_near = f" ({100 * near:.1f} % up to 10 mm)"
-        words = f"Distances are off by {100 * self.best_scale.relative_error:.1f} % on average"
+        near, parts = self.best_scale.relative_error_10mm, []
         if not np.isnan(near):
-            words += in_bands(of_near, self.bands, self.unit)
+            parts.append(in_bands(f"{100 * near:.1f} % up to 10 mm", self.bands, self.unit))
+        if self.interior is not None and self.interior_share < 1 and not np.isnan(self.interior.relative_error):
+            parts.append(f"{100 * self.interior.relative_error:.1f} % of interior pairs")
+        words = f"Distances are off by {100 * self.best_scale.relative_error:.1f} % on average"
+        if parts:
+            words += f" ({'; '.join(parts)})"
         beyond = np.nan if self.triangles is None else self.triangles.area_beyond_1_5
         words += "." if np.isnan(beyond) else f", and {100 * beyond:.0f} % of the area by more than 1.5 times."
         if not np.isnan(self.lower_bound):

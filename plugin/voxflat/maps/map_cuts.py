@@ -41,7 +41,7 @@ def opened_along(part: SurfaceT, settings: CutSettings, *, holes: bool = True) -
 
 
 def along_map(part: SurfaceT, settings: SettingsT) -> tuple[SurfaceT, SettingsT]:
-    """Return what a map in `settings.cuts` covers of a part, and settings with its cuts as paths; others unchanged."""
+    """Return the part that a map in `settings.cuts` covers, and settings with its cuts as paths, if it is a map."""
     if not is_map(settings.cuts):
         return part, settings
     flat = match(part._complete, settings.cuts)
