@@ -20,6 +20,7 @@ from tables import DISTANCES, misses, table
 
 import voxflat
 from voxflat.errors import InputError
+from voxflat.surfaces.parts import largest_piece
 
 SUIT = "SUITPy/surfaces"
 HIPPOCAMPUS = "hippomaps/resources/canonical_surfs"
@@ -99,7 +100,8 @@ def disks(options):
             yield f"SUIT {kind}", *suit_disk(options.suit, kind)
     for path in options.more:
         with np.load(path) as file:
-            yield path.stem, file["V"].astype(float), file["F"].astype(np.int64), file["flat"].astype(float)
+            surface = largest_piece(voxflat.surface((file["V"], file["F"])))
+            yield path.stem, surface.points, surface.faces, file["flat"].astype(float)[surface.vertices]
 
 
 def published(options):
