@@ -37,6 +37,18 @@ def test_the_command_makes_the_map_of_the_function_and_prints_the_people(people,
     fail(2, "--of requires --heat-map", "image", output, "--volume", people[0], "--of", "spread", "-o", spread)
 
 
+@pytest.mark.parametrize(
+    ("weights", "message"),
+    [
+        ("0,0,0", "--weights is 0.0, 0.0, 0.0. Pass one positive number for each of 3 surfaces"),
+        ("1,-1,1", "--weights is 1.0, -1.0, 1.0. Pass one positive number for each of 3 surfaces"),
+        ("1,2", "--weights is 1.0, 2.0. Pass one positive number for each of 3 surfaces"),
+    ],
+)
+def test_wrong_weights_are_refused(people, tmp_path, weights, message):
+    fail(1, message, "group-map", *people, "--weights", weights, "-o", tmp_path / "group.npz")
+
+
 def test_a_wrong_partner_is_named(people, tmp_path):
     wrong = tmp_path / "other.surf.gii"
     voxflat.io.write_mesh(wrong, voxflat.io.Mesh(np.eye(3), [[0, 1, 2]]))

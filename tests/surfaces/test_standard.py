@@ -22,7 +22,7 @@ from voxflat.io.overlays import read_region
 from voxflat.methods import Voxflat
 from voxflat.methods.common import _in_standard_frame
 from voxflat.surfaces.standard.pattern import icosphere
-from voxflat.surfaces.standard.sphere import _FS_LR, Sphere, _apart, in_triangles, sphere_of
+from voxflat.surfaces.standard.sphere import Sphere, _apart, in_triangles, named_space, sphere_of
 from voxflat.surfaces.standard.template import read_template, standard_template
 
 NAMES = ["calcarine", "medial 1", "medial 2", "medial 3", "temporal"]
@@ -265,8 +265,10 @@ def test_the_side_is_what_the_surface_looks_like_and_the_space_what_the_file_say
     mirrored = voxflat.surface((white * [-1, 1, 1], faces[:, ::-1]))
     assert sphere_of(mirrored, sphere * [-1, 1, 1])[0].side == "right"
     for name in ("sub-01_hemi-L_space-fsLR_desc-reg_sphere", "S.L.sphere.reg_LR.native", "S.L.sphere.MSMAll.native"):
-        assert _FS_LR.search(name)
-    assert not _FS_LR.search("sub-01_hemi-L_desc-reg_sphere.surf.gii")
+        assert named_space(name) == "fs_LR"
+    of_fsaverage = ("sub-01_hemi-L_desc-reg_sphere.surf.gii", "fs_LR-deformed_to-fsaverage.L.sphere.32k_fs_LR.surf.gii")
+    for name in (*of_fsaverage, "tpl-fsLR_space-fsaverage_hemi-L_den-32k_sphere.surf.gii"):
+        assert named_space(name) == "fsaverage"
     # a mesh of the anchors alone, which has places in both spaces
     anchors = [standard_template(space, "left").anchors for space in ("fsaverage", "fs_LR")]
     coarse = voxflat.surface((anchors[0].white, anatomy.outward_hull(anchors[0].sphere)))

@@ -19,7 +19,7 @@ from voxflat.methods.method import FlattenSettings
 from voxflat.surfaces.cuts import BEARABLE, relaxation_advice
 from voxflat.surfaces.cutting import CutManifold
 from voxflat.surfaces.manifold import Manifold
-from voxflat.surfaces.standard.sphere import Sphere, in_triangles
+from voxflat.surfaces.standard.sphere import Sphere, interpolated
 from voxflat.surfaces.standard.template import standard_template
 
 MUCH = 0.01  # tolerated relative error of distances; graph distances usually have an error of 0.1 %
@@ -179,11 +179,10 @@ def _in_standard_frame(
     """
     anchors = standard_template(sphere.space, sphere.side).anchors
     assert anchors is not None
-    corners, weights, is_inside = in_triangles(sphere.places[part.vertices], faces, anchors.sphere)
-    count = int(is_inside.sum())
+    places, is_inside = interpolated(sphere.places[part.vertices], faces, uv, anchors.sphere)
+    places, count = places[is_inside], int(is_inside.sum())
     if count < _FEWEST:
         return uv, 0, np.nan
-    places = np.einsum("ij,ijk->ik", weights, uv[corners])[is_inside]
     turned, _ = _core.turn_onto(np.concatenate([uv, places]), places, anchors.flat[is_inside])
     apart = np.linalg.norm(turned[len(uv) :] - anchors.flat[is_inside], axis=1)
     return np.ascontiguousarray(turned[: len(uv)]), count, float(np.sqrt((apart**2).mean()))

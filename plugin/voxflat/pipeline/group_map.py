@@ -1,10 +1,12 @@
-"""One flat map for a group of people, whose surfaces have the same triangles."""
+"""One flat map for a group of people, whose surfaces have the same triangles, or are resampled to the same ones."""
 
 from __future__ import annotations
 
 import hashlib
+import os
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields, is_dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,7 +16,7 @@ from voxflat import _core
 from voxflat.arguments import Progress, log, numbers_of, shown
 from voxflat.distortion.distortion import Distortion
 from voxflat.distortion.figures import json_ready
-from voxflat.errors import InputError
+from voxflat.errors import Cancelled, InputError
 from voxflat.io.meshes import Mesh
 from voxflat.io.partners import check_side, check_unit
 from voxflat.io.provenance import recording
@@ -26,17 +28,22 @@ from voxflat.methods.voxflat import Voxflat, usual_solver
 from voxflat.pipeline.flat_series import numbered
 from voxflat.pipeline.surface import Surface, surface
 from voxflat.surfaces.manifold import Manifold, are_triangles
+from voxflat.surfaces.standard.sphere import interpolated, named_space, on_unit_sphere, sphere_of
+from voxflat.surfaces.standard.template import SIDES
 
 ERRORS = ("relative_error", "relative_error_30mm", "relative_error_10mm")  # of the table
+_SAME = "Pass surfaces with the same triangles, such as resampled ones (fs_LR), or pass spheres to resample them"
+_COVERED = 0.99  # least share of the common mesh that a person's sphere covers
 _ALIKE = 0.5  # correlation across the thinnest direction above which a mirror image is recognised
 
 
-@recording(surfaces=numbered)
+@recording(surfaces=numbered, spheres=numbered)
 def flatten_group(
     surfaces: Sequence[object],
     *,
     cuts: object | None = None,
     sphere: object | None = None,
+    spheres: str | Sequence[object] | None = None,
     relax: float | bool | None = None,
     weights: ArrayLike | None = None,
     mirror: bool = False,
@@ -52,6 +59,9 @@ def flatten_group(
     has the least energy of the method "voxflat" for the combined distances and shapes. It does not depend on the order
     of the surfaces. Files are read one at a time, so the memory does not depend on their number.
 
+    Surfaces with other triangles are resampled: with `spheres`, each one is brought to the mesh of `sphere` by
+    barycentric interpolation on its registered sphere. Only the resampled positions are kept in memory.
+
     The points of the map are those of the mean surface. The distortion of the map is the mean of that of all people,
     each at their own best scale.
 
@@ -59,8 +69,15 @@ def flatten_group(
     ----------
     surfaces : sequence of path, Mesh, (points, faces), pyvista.PolyData or Surface
         One surface per person.
-    cuts, sphere, relax : optional
+    cuts, relax : optional
         Where the surfaces are cut, as in `Surface.cut` of the mean surface.
+    sphere : path or mesh, optional
+        Registered sphere of the mesh that all surfaces have, as in `Surface.cut` of the mean surface.
+    spheres : str or sequence of path, Mesh, array or Registration, optional
+        Registered spheres of the people, if their surfaces must be resampled to the mesh of `sphere`: one per surface,
+        or the name or pattern of the file next to each surface, such as "lh.sphere.reg" or
+        "*_hemi-L_space-fsLR_desc-reg_sphere.surf.gii". All spheres must be registered to the same space.
+        `Surface.register` registers a surface to fsaverage.
     weights : array_like of float, shape (K,), optional
         Positive weights of the people; by default, all are equal.
     mirror, seed, threads, memory_limit, progress : optional
@@ -75,7 +92,8 @@ def flatten_group(
     Raises
     ------
     InputError
-        If there are fewer than two surfaces, or if they do not have the same triangles, hemisphere and unit.
+        If there are fewer than two surfaces, or if they do not have the same triangles, hemisphere and unit, or if
+        their spheres are not registered to the same space.
     Cancelled
         If `progress` returned False.
 
@@ -93,13 +111,76 @@ def flatten_group(
     3
     """
     settings = FlattenSettings(mirror=mirror, seed=seed, memory_limit=memory_limit, threads=threads, progress=progress)
-    people = _People(surfaces, weights)
     limits: dict[str, Any] = {"threads": settings.threads, "progress": progress}
+    _check_count(surfaces)
+    people = _People(surfaces if spheres is None else _resampled(surfaces, spheres, sphere, limits), weights)
     cut = surface(people.mean(), **limits).cut(cuts, sphere=sphere, relax=relax, **limits)
     group = _CutGroup(people, cut.surface, settings)
     flat_map = Voxflat()._map(cut, settings, group)
     rows = np.concatenate([np.arange(len(cut.surface)), cut.surface._also_merged()[1]])
     return replace(flat_map, spread=group.spread[rows], details={**flat_map.details, "people": group.table})
+
+
+def _check_count(surfaces: object) -> None:
+    if isinstance(surfaces, str | Surface) or not hasattr(surfaces, "__len__"):
+        raise InputError(f"surfaces is {shown(surfaces)}. Pass a list of surfaces, one per person")
+    if len(surfaces) < 2:
+        raise InputError(f"the list has {len(surfaces)} surface(s). Pass at least two, or use flatten")
+
+
+def _resampled(
+    surfaces: Sequence[object], spheres: str | Sequence[object], sphere: object | None, limits: dict[str, Any]
+) -> list[Mesh]:
+    """Return the surfaces on the mesh of a sphere, interpolated through their own registered spheres."""
+    common = None if sphere is None else as_mesh(sphere)
+    if common is None:
+        raise InputError("spheres needs a common mesh. Pass the registered sphere of that mesh as sphere")
+    called = "the sphere" if common.path is None else common.path.name
+    wanted = on_unit_sphere(common.points, np.unique(common.faces), called)
+    if isinstance(spheres, str):
+        spheres = [_sphere_beside(source, spheres, number) for number, source in enumerate(surfaces, 1)]
+    if not hasattr(spheres, "__len__") or len(spheres) != len(surfaces):
+        raise InputError(f"spheres is {shown(spheres)}. Pass one sphere for each of {len(surfaces)} surfaces")
+    space = None if common.path is None else named_space(called)
+    people, progress = [], limits["progress"]
+    for number, (source, own) in enumerate(zip(surfaces, spheres, strict=True), 1):
+        if progress is not None and progress("resampling the surfaces", number - 1, len(surfaces)) is False:
+            raise Cancelled("resampling the surfaces was cancelled")
+        try:
+            whole = source if isinstance(source, Surface) else surface(source, **limits)
+            placed, warnings = sphere_of(whole, own)
+        except InputError as error:
+            raise InputError(f"surface {number}: {error}") from error
+        path = None if whole.origin.input is None else Path(whole.origin.input)
+        blank = Mesh(wanted, common.faces, path=path, structure=SIDES[placed.side], space=whole.space)
+        name, space = _name(blank, number), space or placed.space
+        for warning in warnings:
+            log.warning("%s: %s", name, warning)
+        if placed.space != space:
+            text = f"{placed.name} is registered to {placed.space}, but {called} is in {space} space"
+            raise InputError(f"{name}: {text}. Pass spheres that are registered to the same space")
+        check_side(name, SIDES[placed.side], common.structure, "Pass the sphere of the same hemisphere", called)
+        points, is_inside = interpolated(placed.places[whole.vertices], whole.faces, whole.points, wanted)
+        if is_inside.mean() < _COVERED:
+            share = f"{placed.name} covers only {100 * is_inside.mean():.0f} % of the points of {called}"
+            raise InputError(f"{name}: {share}. Pass a complete hemisphere")
+        people.append(replace(blank, points=points))
+    return people
+
+
+def _sphere_beside(source: object, pattern: str, number: int) -> Path:
+    """Return the file next to a surface that matches a pattern."""
+    if not isinstance(source, str | os.PathLike):
+        raise InputError(f"spheres is {pattern!r}, but surface {number} is not a file. Pass one sphere per surface")
+    folder = Path(source).parent
+    try:
+        found = sorted(folder.glob(pattern))
+    except (ValueError, NotImplementedError):  # an empty or absolute pattern
+        found = []
+    if len(found) != 1:
+        text = "Pass the name of the registered sphere next to each surface, or a pattern that matches only this file"
+        raise InputError(f"spheres is {pattern!r}, but {folder} contains {len(found)} such files. {text}")
+    return found[0]
 
 
 @dataclass(frozen=True)
@@ -116,10 +197,6 @@ class _People:
     """The surfaces of a group, which are read again each time they are needed."""
 
     def __init__(self, surfaces: Sequence[object], weights: ArrayLike | None) -> None:
-        if isinstance(surfaces, str | Surface) or not hasattr(surfaces, "__len__"):
-            raise InputError(f"surfaces is {shown(surfaces)}. Pass a list of surfaces, one per person")
-        if len(surfaces) < 2:
-            raise InputError(f"the list has {len(surfaces)} surface(s). Pass at least two, or use flatten")
         known = np.ones(len(surfaces)) if weights is None else numbers_of(weights, "weights")
         if known.shape != (len(surfaces),) or not ((known > 0) & np.isfinite(known)).all():
             raise InputError(
@@ -140,7 +217,7 @@ class _People:
         name, first = _name(mesh, number), self.first
         if len(mesh.points) != len(first.points):
             counts = f"{name} has {len(mesh.points)} vertices, but {_name(first, 1)} has {len(first.points)}"
-            raise InputError(f"{counts}. Pass surfaces with the same triangles, such as resampled ones (fs_LR)")
+            raise InputError(f"{counts}. {_SAME}")
         check_side(name, mesh.structure, first.structure, "Pass surfaces of the same hemisphere", _name(first, 1))
         check_unit(name, mesh, first.declared_unit or "unknown")
         is_same = np.array_equal(mesh.faces, first.faces) or (
@@ -148,7 +225,7 @@ class _People:
         )
         if not is_same:
             text = f"{name} does not have the triangles of {_name(first, 1)}"
-            raise InputError(f"{text}. Pass surfaces with the same triangles, such as resampled ones (fs_LR)")
+            raise InputError(f"{text}. {_SAME}")
         if not np.isfinite(mesh.points[self.used]).all():
             raise InputError(f"{name} has vertices without a position. Repair the surface, or omit it")
 

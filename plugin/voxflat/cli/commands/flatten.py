@@ -201,9 +201,21 @@ def movie_map_command(
     "voxflat group-map sub-*/*.L.midthickness.32k_fs_LR.surf.gii --cuts lh.cuts.json -o group.npz",
     "voxflat group-map sub-*_hemi-L_space-fsLR_midthickness.surf.gii --cuts standard --sphere "
     "L.sphere.32k_fs_LR.surf.gii -o L.group.flat.surf.gii",
+    "voxflat group-map sub-*/surf/lh.white --spheres lh.sphere.reg --sphere fsaverage5/surf/lh.sphere.reg -o group.npz",
     "voxflat measure sub-07.L.midthickness.32k_fs_LR.surf.gii group.npz",
 )
 @cloup.argument("surfaces", metavar="SURFACE...", type=FILE, nargs=-1, required=True)
+@options.section(
+    "People",
+    option_of(flatten_group, "weights", metavar="W,W,...", callback=options.numbers),
+    options.value(
+        "--spheres",
+        "NAME",
+        "Name or pattern of the registered sphere next to each SURFACE, through which the surfaces are resampled to "
+        "the mesh of --sphere; for example, lh.sphere.reg or '*_hemi-L_space-fsLR_desc-reg_sphere.surf.gii'. Both must "
+        "be registered to the same space. voxflat register makes a sphere.",
+    ),
+)
 @options.group_cuts
 @options.output(
     "Output file: .npz or .voxflat for the complete map, or .surf.gii, .patch.flat, .flat.patch.3d, .vtp, .ply or .obj "
@@ -217,9 +229,9 @@ def group_map_command(
     """Flatten the surfaces of several people into one flat map.
 
     Each SURFACE is a mesh of one person. All have the same triangles, as surfaces that were resampled to fs_LR,
-    fsaverage, onavg or SUIT. The map fits the people as well as possible on average, and does not depend on their
-    order. The cuts are made on the mean surface. A table lists the distance errors for each person, at the scale that
-    is best for this person.
+    fsaverage, onavg or SUIT, or --spheres resamples them to the mesh of --sphere. The map fits the people as well as
+    possible on average, and does not depend on their order. The cuts are made on the mean surface. A table lists the
+    distance errors for each person, at the scale that is best for this person.
     """
     check_output(output, MAP_ENDINGS, **writing)
     with bars(quiet) as bar:

@@ -20,6 +20,7 @@ from voxflat.surfaces.standard.registration import Registration
 from voxflat.surfaces.standard.template import SIDES, SPACES, standard_template
 
 _FS_LR = re.compile(r"fs_?LR|reg_LR|MSM(All|Sulc)", re.IGNORECASE)
+_FSAVERAGE = re.compile(r"to-fsaverage|space-fsaverage")  # such as the mesh of fs_LR in fsaverage space
 OWN_REGISTRATION = "its own registration"  # in place of a file
 
 _ROUND = 0.02  # largest relative deviation from the radius
@@ -65,9 +66,8 @@ def sphere_at(path: str | os.PathLike[str]) -> Path | None:
 def sphere_of(whole: Manifold, sphere: object) -> tuple[Sphere, list[str]]:
     """Return the given registered sphere of a surface, with one position per vertex of the mesh, and warnings.
 
-    The sphere may have any radius around the origin. Its space is fs_LR if the file name matches `_FS_LR`, and
-    otherwise fsaverage. The two spaces are rotated by 40° relative to each other, so the surface itself overrides the
-    name if it clearly fits the other space.
+    The sphere may have any radius around the origin. Its space is that of `named_space`. The two spaces are rotated by
+    40° relative to each other, so the surface itself overrides the name if it clearly fits the other space.
     """
     mesh = _as_points(sphere)
     points, path = (mesh, None) if isinstance(mesh, np.ndarray) else (mesh.points, mesh.path)
@@ -77,15 +77,7 @@ def sphere_of(whole: Manifold, sphere: object) -> tuple[Sphere, list[str]]:
             f"{name} has {len(points)} vertices, but the surface has {whole.count}. Pass the sphere of this surface, "
             "with one position per vertex"
         )
-    radii = np.linalg.norm(points[whole.vertices], axis=1)
-    radius = float(np.median(radii))
-    if not radius > 0 or np.abs(radii / radius - 1).max() > _ROUND:
-        raise InputError(
-            f"{name} is not a sphere around the origin: its radius ranges from {radii.min():.4g} to {radii.max():.4g}. "
-            "Pass a registered sphere, such as lh.sphere.reg"
-        )
-    with np.errstate(invalid="ignore", divide="ignore"):
-        places = np.asarray(points / np.linalg.norm(points, axis=1)[:, None], dtype=np.float64)
+    places = on_unit_sphere(points, whole.vertices, name)
     if isinstance(mesh, Mesh):
         corners = whole.vertices[whole.faces]
         shared = float(are_triangles(corners, whole._merged_in(mesh.faces)).mean())
@@ -106,6 +98,25 @@ def registered_sphere(registration: Registration) -> Sphere:
     places = np.nan_to_num(registration.sphere)
     distance = _distances(registration.surface, places)["fsaverage", registration.side]
     return Sphere(places, "fsaverage", registration.side, OWN_REGISTRATION, 0, distance)
+
+
+def on_unit_sphere(points: NDArray[Any], used: NDArray[Any], name: str) -> NDArray[np.float64]:
+    """Return points of a sphere as unit vectors; raise an error if the used ones do not lie on a sphere."""
+    radii = np.linalg.norm(points[used], axis=1)
+    radius = float(np.median(radii))
+    if not radius > 0 or np.abs(radii / radius - 1).max() > _ROUND:
+        raise InputError(
+            f"{name} is not a sphere around the origin: its radius ranges from {radii.min():.4g} to {radii.max():.4g}. "
+            "Pass a registered sphere, such as lh.sphere.reg"
+        )
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return np.asarray(points / np.linalg.norm(points, axis=1)[:, None], dtype=np.float64)
+
+
+def named_space(name: str) -> str:
+    """Return the space that the name of a sphere's file indicates: fs_LR if it matches `_FS_LR`, or fsaverage."""
+    file = Path(name).name
+    return "fs_LR" if _FS_LR.search(file) and not _FSAVERAGE.search(file) else "fsaverage"
 
 
 def _as_points(sphere: object) -> Mesh | NDArray[np.float64]:
@@ -183,11 +194,19 @@ def in_triangles(
     return hits, weights, is_inside
 
 
+def interpolated(
+    places: NDArray[np.float64], faces: NDArray[Any], values: NDArray[np.float64], wanted: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    """Return the values of vertices at unit vectors of a sphere, and whether its triangles contain them."""
+    corners, weights, is_inside = in_triangles(places, faces, wanted)
+    return np.einsum("ij,ijk->ik", weights, values[corners]), is_inside
+
+
 def _placed(
     whole: Manifold, places: NDArray[np.float64], named: str | None, name: str
 ) -> tuple[str, str, float, list[str]]:
     """Return the space, the hemisphere, the distance from the template's brain at the same points, and warnings."""
-    told_space = "fs_LR" if _FS_LR.search(Path(name).name) else "fsaverage"
+    told_space = named_space(name)
     distances = _distances(whole, places)
     if any(np.isnan(distance) for distance in distances.values()):  # a patch
         if named is None:
@@ -221,8 +240,7 @@ def _distances(whole: Manifold, places: NDArray[np.float64]) -> dict[tuple[str, 
     templates = [standard_template(space, side) for space in SPACES for side in SIDES]
     anchors = [template.anchors for template in templates if template.anchors is not None]
     points = np.concatenate([anchor.sphere for anchor in anchors])
-    corners, weights, is_inside = in_triangles(places[whole.vertices], whole.faces, points)
-    located = np.einsum("ij,ijk->ik", weights, whole.points[corners])
+    located, is_inside = interpolated(places[whole.vertices], whole.faces, whole.points, points)
     medians, start = {}, 0
     for template, part in zip(templates, anchors, strict=True):
         rows = np.arange(start, start + len(part.sphere))
