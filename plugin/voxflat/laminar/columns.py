@@ -13,12 +13,14 @@ from voxflat.arguments import Progress, checked_seed, is_number, is_whole, log, 
 from voxflat.errors import InputError
 from voxflat.io.provenance import Record, Recorded
 from voxflat.io.volumes import Volume
+from voxflat.laminar.field import Field
 from voxflat.laminar.labels import Layered
 from voxflat.maps.depth import vertex_areas
 from voxflat.pipeline.surface import Surface
 from voxflat.read_only import ReadOnly
 
 _FAR = np.inf  # mm, no limit
+_MOSTLY = 0.5  # of the voxels of a column
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -37,6 +39,8 @@ class Columns(ReadOnly, Recorded):
         The sources of the columns on the middle surface, in RAS+ mm.
     areas : ndarray, shape (N,)
         The area of each column on the middle surface, in mm².
+    uncertain : ndarray, shape (N,)
+        The share of the voxels of each column whose depth is uncertain.
     provenance : dict
         The record of how the columns were made.
 
@@ -54,6 +58,7 @@ class Columns(ReadOnly, Recorded):
     vertex_columns: NDArray[np.int32]
     centres: NDArray[np.float64]
     areas: NDArray[np.float64]
+    uncertain: NDArray[np.float64]
     provenance: Record = field(default_factory=dict)
 
     def __repr__(self) -> str:
@@ -66,7 +71,7 @@ class Columns(ReadOnly, Recorded):
 
 def columns_of(
     labels: Layered,
-    halfway: NDArray[np.float64],
+    values: Field,
     surface: Surface,
     count: object,
     area: object,
@@ -75,8 +80,8 @@ def columns_of(
 ) -> Columns:
     """Divide the middle surface into geodesic Voronoi cells, and assign each voxel to the cell of its column."""
     areas = vertex_areas(surface.points, surface.faces)
-    has_column = np.isfinite(halfway[:, 0])
-    grey, halfway = labels.grey[has_column].astype(np.uint32), halfway[has_column]
+    has_column = np.isfinite(values.halfway[:, 0])
+    grey, halfway = labels.grey[has_column].astype(np.uint32), values.halfway[has_column]
     triangles, weights, _ = _core.NearestFinder(surface.points, surface.faces).find(halfway, _FAR)
     corners = surface.faces[triangles, weights.argmax(axis=1)]
     reached = np.unique(corners)  # a source among these has at least one voxel
@@ -89,11 +94,18 @@ def columns_of(
         log.warning(
             "%d of %d voxels of grey matter belong to no column, because none touches them", loose, len(connected)
         )
+    sizes = np.bincount(connected, minlength=count + 1)[1:]
+    uncertain = np.bincount(connected, values.uncertain > 0, count + 1)[1:] / sizes
+    if mostly := int((uncertain > _MOSTLY).sum()):
+        log.warning(
+            "the depth of most voxels is uncertain in %d of %d columns; `uncertain` has the share of each", mostly, count
+        )
     return Columns(
         labels.in_volume(connected, 0),
         cells.astype(np.int32),
         surface.points[sources],
         np.asarray(np.bincount(cells, areas, count + 1)[1:], dtype=np.float64),
+        uncertain,
     )
 
 

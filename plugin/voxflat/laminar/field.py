@@ -9,12 +9,13 @@ import scipy
 from numpy.typing import NDArray
 
 from voxflat import _core
-from voxflat.arguments import Progress, log
+from voxflat.arguments import Progress
 from voxflat.errors import Cancelled
 from voxflat.io.reading import check_room
 from voxflat.laminar.banks import between_banks, crosses, keep_to_bank, neighbours_of
-from voxflat.laminar.labels import GREY, INNER, OUTER, Layered
+from voxflat.laminar.labels import GREY, INNER, OUTER, Layered, loose
 from voxflat.maps.depth import smooth_areas
+from voxflat.surfaces.uncertainty import APART, LOOSE, PLACED, THICK, TOO_THICK
 
 _A_VOXEL = 60
 """Bytes of memory per voxel of the box; measured: 40 to 55."""
@@ -38,6 +39,8 @@ class Field:
     faces: NDArray[np.uint32]  # (F, 3)
     inner: NDArray[np.float64]  # (V, 3), nearest points on the inner border
     outer: NDArray[np.float64]  # (V, 3)
+    uncertain: NDArray[np.uint8]  # (G,), reasons why depths are uncertain, or 0
+    uncertain_points: NDArray[np.uint8]  # (V,), those of most voxels around each point of the middle surface
 
 
 def field_of(rim: Layered, threads: int | None = None, progress: Progress | None = None) -> Field:
@@ -53,7 +56,7 @@ def field_of(rim: Layered, threads: int | None = None, progress: Progress | None
     near = scipy.ndimage.binary_dilation(rim.labels == GREY, iterations=_BEYOND)
     band = np.argwhere((rim.extended == GREY) & near)
     places = rim.places(band)
-    borders, (depth, thickness, inner, outer) = _within_banks(rim, band, borders, steps)
+    borders, is_placed, (depth, thickness, inner, outer) = _within_banks(rim, band, borders, steps)
     image = np.select([rim.extended == INNER, rim.extended == OUTER], [0.5, -0.5]).astype(np.float32)  # ½ - depth
     image[tuple(band.T)] = 0.5 - depth
     thin = np.argwhere(_crossed(image, rim.extended != GREY) & near)  # the middle surface passes beside these
@@ -84,13 +87,6 @@ def field_of(rim: Layered, threads: int | None = None, progress: Progress | None
     )
     taken = neighbours_of(rim, voxels, halfway, lost)
     is_apart = taken < 0
-    if is_apart.any():
-        log.warning(
-            "%d of %d voxels of grey matter are not connected to a border through grey matter. Their depth is "
-            "uncertain, and they belong to no column",
-            int(is_apart.sum()),
-            len(voxels),
-        )
     taken[is_apart] = np.flatnonzero(is_apart)
     halfway, corners, weights = halfway[taken], corners[taken], weights[taken]
     halfway[is_apart] = np.nan
@@ -98,7 +94,19 @@ def field_of(rim: Layered, threads: int | None = None, progress: Progress | None
     columns = np.einsum("nk,nkd->nd", weights, normals[corners])
     lengths = np.linalg.norm(columns, axis=1, keepdims=True)
     columns /= np.where(lengths > 0, lengths, np.nan)
-    return Field(depth, _share_below(depth, *around), thickness, halfway, columns, points, faces, feet[0], feet[1])
+    is_thick = thickness > TOO_THICK * np.median(thickness)
+    reasons = ((LOOSE, loose(rim)), (PLACED, is_placed[is_grey]), (APART, is_apart), (THICK, is_thick))
+    uncertain = sum((np.uint8(reason) * where for reason, where in reasons), np.zeros(len(depth), dtype=np.uint8))
+    nearest = corners[np.arange(len(corners)), weights.argmax(axis=1)]
+    most = np.maximum(np.bincount(nearest, minlength=len(points)), 1) / 2
+    of_points = sum(
+        np.uint8(reason) * (np.bincount(nearest[where & ~is_apart], minlength=len(points)) > most)
+        for reason, where in reasons
+    )
+    volume_depth = _share_below(depth, *around)
+    return Field(
+        depth, volume_depth, thickness, halfway, columns, points, faces, *feet, uncertain, np.asarray(of_points)
+    )
 
 
 def _in_grey(
@@ -149,29 +157,28 @@ def _crossed(image: NDArray[np.float32], where: NDArray[np.bool_]) -> NDArray[np
 
 def _within_banks(
     rim: Layered, band: NDArray[np.int64], borders: list["_Border"], steps: "_Steps"
-) -> tuple[list["_Border"], tuple[NDArray[np.float64], ...]]:
-    """Return `_depth` of voxels of grey matter with columns that stay within their bank, and the borders for this."""
+) -> tuple[list["_Border"], NDArray[np.bool_], tuple[NDArray[np.float64], ...]]:
+    """Return `_depth` of voxels of grey matter with columns that stay within their bank, and the borders for this.
+
+    The second value says whose depth a border that was placed between touching banks has changed.
+    """
     places = rim.places(band)
     (inwards, inner), (outwards, outer) = (border.find(places, steps) for border in borders)
     inner = keep_to_bank(rim, OUTER, band, inner, np.abs(outwards))
     sheet = between_banks(band, rim.labels.shape, places, inner, -outwards)
+    is_placed = np.zeros(len(band), dtype=np.bool_)
     if len(sheet[0]):
         borders = [borders[0], borders[1].joined(*sheet)]
         near = np.flatnonzero(_may_be_nearer(sheet[0], places, -outwards, rim.volume.spacing))
         before = outwards[near]
         outwards[near], outer[near] = borders[1].find(places[near], steps)
-        is_grey = rim.labels[tuple(band.T)] == GREY
-        log.warning(
-            "the banks of a sulcus touch without an outer border between them. A border was placed halfway between "
-            "them; it changed the depth of %.2g %% of the grey matter",
-            100 * (is_grey[near] & (outwards[near] > before)).sum() / is_grey.sum(),
-        )
+        is_placed[near] = outwards[near] > before
     outer = keep_to_bank(rim, INNER, band, outer, np.abs(inwards))
     inwards, outwards = (
         np.copysign(np.linalg.norm(places - foot, axis=1), side)
         for foot, side in ((inner, inwards), (outer, -outwards))
     )
-    return borders, (_share(inwards, outwards), inwards + outwards, inner, outer)
+    return borders, is_placed, (_share(inwards, outwards), inwards + outwards, inner, outer)
 
 
 def _may_be_nearer(

@@ -83,7 +83,6 @@ def layered(volume: Volume, parts: dict[str, object], hemisphere: str | None) ->
     affine[:3, 3] += affine[:3, :3] @ low
     layers = Layered(near, _joined(near[tuple(nearest)]), low, affine, volume)
     _check_borders(layers, codes)
-    _report_loose(layers)
     return layers
 
 
@@ -100,22 +99,15 @@ def _joined(labels: NDArray[np.uint8]) -> NDArray[np.uint8]:
     return joined
 
 
-def _report_loose(layers: Layered) -> None:
-    """Warn of parts of the grey matter that do not touch both borders."""
+def loose(layers: Layered) -> NDArray[np.bool_]:
+    """Return which voxels of grey matter belong to parts that do not touch both borders."""
     parts, count = scipy.ndimage.label(layers.labels == GREY, _CUBE)
     is_tied = np.ones(count + 1, dtype=np.bool_)
     for label in (INNER, OUTER):
         beside = np.zeros(count + 1, dtype=np.bool_)
         beside[parts[scipy.ndimage.binary_dilation(layers.labels == label, _CUBE)]] = True
         is_tied &= beside
-    loose = np.bincount(parts.ravel(), minlength=count + 1)[1:][~is_tied[1:]]
-    if len(loose):
-        log.warning(
-            "%s of %s parts of the grey matter (%s voxels) do not touch both borders. Their depth is uncertain",
-            len(loose),
-            count,
-            loose.sum(),
-        )
+    return np.asarray(~is_tied[parts[layers.labels == GREY]])
 
 
 def _whole(volume: Volume) -> Volume:

@@ -29,14 +29,13 @@ from voxflat.maps.surface_points import SurfacePoints
 from voxflat.pipeline.surface import Surface
 from voxflat.read_only import ReadOnly
 from voxflat.surfaces.foreground import foreground_of
+from voxflat.surfaces.uncertainty import warning_of
 
 if TYPE_CHECKING:
     import pyvista
 
-_THICK = 2.5  # thickness, relative to the median, from which two banks may touch
 _FRAGMENT = 0.01  # area of a component of the middle surface, relative to the largest one, below which it is dropped
 _PLAUSIBLE = (0.1, 20.0)  # thickness in mm
-_SHARE_THICK = 0.01  # of the grey matter, above which a warning reports it
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -81,6 +80,11 @@ class Rim(ReadOnly, Recorded):
         """Return the same rim with a provenance record, which its surface shares."""
         return replace(super()._with_provenance(record), surface=self.surface._with_provenance(record))
 
+    def _report(self, where: Any = np.s_[:], region: str = "the grey matter") -> None:
+        """Warn of uncertain depths in a region, which is given by an index of the voxels of grey matter."""
+        if text := warning_of(self.values.uncertain[where], region):
+            log.warning(text)
+
     def _depth(self, layering: str) -> Any:
         checked_choice(layering, "layering", LAYERINGS)
         return self.values.depth if layering == "equidistant" else self.values.volume_depth
@@ -121,7 +125,9 @@ class Rim(ReadOnly, Recorded):
         >>> bool(0 <= np.nanmin(depth) and np.nanmax(depth) <= 1)
         True
         """
-        return self.labels.in_volume(self._depth(layering).astype(np.float32), np.nan)
+        depth = self._depth(layering).astype(np.float32)
+        self._report()
+        return self.labels.in_volume(depth, np.nan)
 
     @recording()
     def layers(self, count: int, layering: str = "equivolume") -> Volume:
@@ -152,7 +158,9 @@ class Rim(ReadOnly, Recorded):
         >>> np.unique(rim.layers(3).data)
         array([0, 1, 2, 3], dtype=int16)
         """
-        return self.labels.in_volume(self._layer(count, layering) + np.int16(1), 0)
+        layers = self._layer(count, layering) + np.int16(1)
+        self._report()
+        return self.labels.in_volume(layers, 0)
 
     @recording()
     def paint(
@@ -209,6 +217,7 @@ class Rim(ReadOnly, Recorded):
         uv, is_on = on_map(flat_map, self.values.halfway, self.labels.affine, self.surface.space)
         if not is_on.any():
             raise InputError("no column of the rim lies on the map. Pass a map of the surface of this rim")
+        self._report(is_on, "the painted grey matter")
         rows, columns = pixels_of(uv, raster)
         painted = np.full(len(layer), background, dtype=data.dtype)
         painted[is_on] = data[layer[is_on], rows, columns]
@@ -237,6 +246,7 @@ class Rim(ReadOnly, Recorded):
         >>> directions.shape[3]
         3
         """
+        self._report()
         return self.labels.in_volume(self.values.columns.astype(np.float32), np.nan)
 
     @recording()
@@ -250,6 +260,7 @@ class Rim(ReadOnly, Recorded):
         Volume
             Thickness in mm as float32; NaN outside the grey matter.
         """
+        self._report()
         return self.labels.in_volume(self.values.thickness.astype(np.float32), np.nan)
 
     @recording()
@@ -311,9 +322,10 @@ class Rim(ReadOnly, Recorded):
             called="rim",
         )
         layers = Layers(self._layer(count, layering), count, layering)
-        return profile_of(
-            volume, places, groups_of(regions, places, self.values.halfway), layers, channel, interpolation
-        )
+        groups = groups_of(regions, places, self.values.halfway)
+        for number, name in enumerate(groups.names):
+            self._report(groups.of == number, f"the {name}" if regions is None else f"the region {name}")
+        return profile_of(volume, places, groups, layers, channel, interpolation)
 
     @recording()
     def columns(
@@ -354,7 +366,9 @@ class Rim(ReadOnly, Recorded):
         >>> len(columns)
         16
         """
-        return columns_of(self.labels, self.values.halfway, self.surface, count, area, seed, progress)
+        columns = columns_of(self.labels, self.values, self.surface, count, area, seed, progress)
+        self._report()
+        return columns
 
     def to_pyvista(self, columns: Columns | None = None) -> pyvista.MultiBlock:
         """Convert the borders and the middle surface to PyVista meshes, in RAS+ mm.
@@ -464,14 +478,6 @@ def rim(
     usual = float(np.median(values.thickness))
     if not _PLAUSIBLE[0] < usual < _PLAUSIBLE[1]:
         log.warning("the median thickness of the grey matter is %.3g mm. Check the voxel size", usual)
-    share = float((values.thickness > _THICK * np.median(values.thickness)).mean())
-    if share > _SHARE_THICK:
-        log.warning(
-            "%.1f %% of the grey matter is more than %g times as thick as the median. Check whether the banks of a "
-            "sulcus touch without an outer border between them",
-            100 * share,
-            _THICK,
-        )
     return Rim(labels, values, _middle_surface(labels, values))
 
 
@@ -502,4 +508,5 @@ def _middle_surface(labels: Layered, values: Field) -> Surface:
     details: dict[str, object] = {"placed_by": "half of the equidistant depth"}
     voxels = labels.voxels(values.points) + labels.first  # vertices at an end of the volume may lie just outside it
     voxels = voxels.clip(0, np.array(volume.data.shape) - 1)
-    return Surface(core, voxels, origin, details, white_points=values.inner, pial_points=values.outer)
+    ends = {"white_points": values.inner, "pial_points": values.outer}
+    return Surface(core, voxels, origin, details, **ends, uncertain=values.uncertain_points)

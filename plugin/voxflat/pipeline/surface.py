@@ -72,6 +72,8 @@ class Surface(Manifold):
         The steps that selected the part.
     repair : Repair or None
         The voxels that were changed to remove handles.
+    uncertain : ndarray of uint8, shape (V,), or None
+        Reasons why the depth around each vertex of the whole surface is uncertain, or 0, for the surface of a rim.
     provenance : dict
         Record of how the surface was made: the version, the function, its parameters, and the files that were read.
 

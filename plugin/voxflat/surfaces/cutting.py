@@ -29,6 +29,7 @@ from voxflat.surfaces.standard.choice import AUTOMATIC, Choice, chosen
 from voxflat.surfaces.standard.sphere import Sphere
 from voxflat.surfaces.standard.template import STANDARD
 from voxflat.surfaces.standard.tracing import TracedCut, kept_by, traced
+from voxflat.surfaces.uncertainty import warning_of
 
 _COVERED = 0.5  # share of a template's excluded region that a user's excluded region must cover to replace it
 
@@ -180,7 +181,7 @@ def cut_open(
         part, of_outlines = _with_outlines(whole, choice, part)
         warnings += of_outlines
     part = largest_piece(part, progress)
-    warnings = [*part.warnings, *warnings]
+    warnings = [*_warnings(part), *warnings]
     uncut = part
     if choice.template is None:
         part, cuts, length = cut_along(part, paths)
@@ -207,7 +208,15 @@ def cut_out_as(whole: SurfaceT, part: SurfaceT, cuts: Sequence[NDArray[np.int64]
     if cuts:
         part = part._with_core(part.core.cut([path.astype(np.uint32) for path in cuts]))
     part = largest_piece(part if is_all else replace(part, steps=(Step("keep"),)))
-    return CutManifold(whole, part, part.faces, named, by, part.warnings, length)
+    return CutManifold(whole, part, part.faces, named, by, _warnings(part), length)
+
+
+def _warnings(part: Manifold) -> tuple[str, ...]:
+    """Return the warnings of a part, with that of uncertain depths in it."""
+    if part.uncertain is None:
+        return part.warnings
+    text = warning_of(part.uncertain[part.vertices], "the patch" if part.steps else "the surface")
+    return part.warnings if text is None else (*part.warnings, text)
 
 
 def opened_to_disk(

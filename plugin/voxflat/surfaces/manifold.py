@@ -84,6 +84,7 @@ class Manifold(ReadOnly, Saved):
     whole: Self | None = None
     steps: tuple[Step, ...] = ()
     repair: Repair | None = None
+    uncertain: NDArray[np.uint8] | None = None
     provenance: Record = field(default_factory=dict)
 
     @property
