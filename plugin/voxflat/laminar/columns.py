@@ -98,7 +98,9 @@ def columns_of(
     uncertain = np.bincount(connected, values.uncertain > 0, count + 1)[1:] / sizes
     if mostly := int((uncertain > _MOSTLY).sum()):
         log.warning(
-            "the depth of most voxels is uncertain in %d of %d columns; `uncertain` has the share of each", mostly, count
+            "the depth of most voxels is uncertain in %d of %d columns; `uncertain` has the share of each",
+            mostly,
+            count,
         )
     return Columns(
         labels.in_volume(connected, 0),

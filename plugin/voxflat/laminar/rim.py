@@ -508,5 +508,12 @@ def _middle_surface(labels: Layered, values: Field) -> Surface:
     details: dict[str, object] = {"placed_by": "half of the equidistant depth"}
     voxels = labels.voxels(values.points) + labels.first  # vertices at an end of the volume may lie just outside it
     voxels = voxels.clip(0, np.array(volume.data.shape) - 1)
-    ends = {"white_points": values.inner, "pial_points": values.outer}
-    return Surface(core, voxels, origin, details, **ends, uncertain=values.uncertain_points)
+    return Surface(
+        core,
+        voxels,
+        origin,
+        details,
+        white_points=values.inner,
+        pial_points=values.outer,
+        uncertain=values.uncertain_points,
+    )
