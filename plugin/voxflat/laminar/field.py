@@ -103,9 +103,9 @@ def field_of(rim: Layered, threads: int | None = None, progress: Progress | None
         np.uint8(reason) * (np.bincount(nearest[where & ~is_apart], minlength=len(points)) > most)
         for reason, where in reasons
     )
-    volume_depth = _share_below(depth, *around)
+    volume_depth, (inner, outer) = _share_below(depth, *around), feet
     return Field(
-        depth, volume_depth, thickness, halfway, columns, points, faces, *feet, uncertain, np.asarray(of_points)
+        depth, volume_depth, thickness, halfway, columns, points, faces, inner, outer, uncertain, np.asarray(of_points)
     )
 
 
