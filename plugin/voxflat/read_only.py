@@ -2,9 +2,11 @@
 
 from dataclasses import fields
 from functools import cached_property, wraps
-from typing import Any, cast
+from typing import Any, TypeVar, cast
 
 import numpy as np
+
+_Own = TypeVar("_Own", bound="ReadOnly")
 
 
 def read_only(value: Any) -> Any:
@@ -36,6 +38,11 @@ class ReadOnly:
     def __post_init__(self) -> None:
         _protect(self)
 
+    def _with(self: _Own, **changes: Any) -> _Own:
+        """Return the result with other values of some fields; unlike `replace`, it may lack the surface."""
+        own = {entry.name: vars(self)[entry.name] for entry in fields(cast("Any", self)) if entry.init}
+        return type(self)(**own | changes)
+
     def __getstate__(self) -> dict[str, Any]:
         """Return the fields without values derived from them, some of which cannot be copied."""
         return {entry.name: self.__dict__[entry.name] for entry in fields(cast("Any", self))}
@@ -48,7 +55,7 @@ class ReadOnly:
 
 def _protect(result: Any) -> None:
     for entry in fields(result):
-        if isinstance(value := getattr(result, entry.name), np.ndarray):
+        if isinstance(value := vars(result)[entry.name], np.ndarray):
             object.__setattr__(result, entry.name, read_only(value))
 
 

@@ -58,6 +58,7 @@ MAPS = {
     "rim": lambda: voxflat.rim(voxflat.samples.rim()).surface.flatten(),
     "frame of a series": lambda: moved_hill()[1],
     "group": lambda: voxflat.flatten_group([HILL, (HILL.points * 1.1, HILL.faces)]),
+    "without its surface": lambda: voxflat.load((HILL.points * [1, 1, 0], HILL.faces)),
     "chart": lambda: BALL.charts(2)[0].flatten(),
     "periodic": lambda: voxflat.surface(LONG, label=1).charts("cylinder")[0].flatten(),
 }

@@ -172,7 +172,7 @@ def test_wrong_partners_get_one_line(given, tmp_path):
     order = np.random.default_rng(0).permutation(len(POINTS))
     refused("triangles are triangles of the surface", voxflat.load, file, (POINTS, order[FACES]))
     refused("is not flat", voxflat.load, surface, surface)
-    refused("is not a complete map of voxflat. Also pass surface", voxflat.load, file)
+    refused("patch, which has no triangles. Also pass surface", voxflat.load, flat["lh.patch.flat"])
     refused("Pass surface and pial, or omit pial", voxflat.load, flat["map.npz"], pial=surface)
 
 
@@ -199,7 +199,8 @@ def test_every_command_takes_the_map_with_its_surface(given, flat_map, tmp_path)
     both = (file, tmp_path / "rh.flat.surf.gii", "--surface", mid, "--surface", tmp_path / "rh.mid.surf.gii")
     succeed("figure", *both, "-o", tmp_path / "both.png")
     fail(2, "--surface is given 1 time for 2 maps. Pass it once per map", "figure", *both[:4], "-o", tmp_path / "a.png")
-    fail(1, "Also pass --surface, the surface that it shows", "figure", file, "-o", tmp_path / "a.png")
+    patch = flat["lh.patch.flat"]
+    fail(1, "Also pass --surface, the surface that it shows", "figure", patch, "-o", tmp_path / "a.png")
     fail(1, "Pass --surface and --pial, or omit --pial", "worst", flat["map.npz"], "--pial", mid)
 
 

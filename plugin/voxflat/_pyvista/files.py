@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pyvista as pv
 
-from voxflat._pyvista.flat import is_map, to_polydata, triangles
+from voxflat._pyvista.flat import to_polydata, triangles
 from voxflat.errors import InputError
 from voxflat.io.files import SAVED_ENDINGS, naming
 from voxflat.io.grid import warn_of_unit
@@ -42,7 +42,7 @@ def write(dataset: pv.DataSet, path: str) -> None:
                 f"cannot save the {type(dataset).__name__}. Convert it to triangles: "
                 "mesh.extract_surface().triangulate()"
             )
-        if not is_map(dataset):
+        if "voxflat" not in dataset.field_data:
             write_mesh(path, Mesh(np.asarray(dataset.points), np.asarray(dataset.regular_faces)))
             return
         description = json.loads(str(dataset.field_data["voxflat"][0]))

@@ -38,7 +38,8 @@ def to_polydata(flat_map: FlatMap, *, picture_shape: tuple[int, ...] = (1, 1)) -
         ``vertex_ids``, ``surface_points`` (RAS+ mm) and texture coordinates that place an image as `FlatMap.texture`
         does. Its cell data are ``isometric``, ``quasi_conformal``, ``flipped`` and ``torn`` (whether the triangle
         bridges a gap in the surface). `voxflat.distortion.triangles` defines the measures. The field data ``voxflat``
-        contain the metadata and the distortion measures: ``json.loads(mesh.field_data["voxflat"][0])``.
+        contain the metadata and the distortion measures: ``json.loads(mesh.field_data["voxflat"][0])``. A map without
+        its surface has neither ``surface_points`` nor measures of distortion.
 
     See Also
     --------
@@ -188,9 +189,10 @@ def _mesh(flat_map: FlatMap, points: NDArray[np.float64], picture_shape: tuple[i
     mesh = triangles(points, flat_map.faces)
     mesh.cell_data["torn"] = flat_map.torn
     mesh.point_data["voxel_ids" if flat_map.is_voxels else "vertex_ids"] = flat_map.ids
-    mesh.point_data["surface_points"] = flat_map.points
-    _add_measures(mesh, flat_map.distortion, flat_map.points, flat_map.uv)
+    if flat_map.has_surface:
+        mesh.point_data["surface_points"] = flat_map.points
+        _add_measures(mesh, flat_map.distortion, flat_map.points, flat_map.uv)
     mesh.active_texture_coordinates = place(flat_map.uv, picture_shape)
     mesh.field_data["voxflat"] = [json.dumps(flat_map.description())]
-    mesh.set_active_scalars("distance_error", preference="point")
+    mesh.set_active_scalars("distance_error" if flat_map.has_surface else None, preference="point")
     return mesh.copy()  # PyVista shares memory, but the arrays of the map must not change with the mesh

@@ -109,7 +109,7 @@ def facts_of(flat_map: FlatMap) -> Facts:
     used |= {"relax": parameters.get("relax"), "adapt": parameters.get("adapt"), "seed": flat_map.seed}
     used |= {"sources": count} if (count := len(flat_map.sources)) else {}  # fewer than requested on small surfaces
     given = {name: "given" if isinstance(value, dict | list) else value for name, value in used.items()}
-    automatic, triangles = [cut for cut in flat_map.cuts if cut.is_automatic], figures["triangles"] or {}
+    automatic = [cut for cut in flat_map.cuts if cut.is_automatic]
     how = {
         "method": flat_map.method,
         "cuts_by": flat_map.cuts_by,
@@ -122,13 +122,19 @@ def facts_of(flat_map: FlatMap) -> Facts:
         "cuts": len(flat_map.cuts) - len(automatic),
         "space": summary.space,
         "by_folds": summary.is_by_folds,
-        "reference": figures["reference"],
+        "reference": figures and figures["reference"],  # None for a map without its surface
     }
-    return {
+    facts: Facts = {
         "how": how,
         "paths": len(automatic),
         "length": in_unit(f"{rounded(sum(cut.length or 0.0 for cut in automatic))} mm", flat_map.origin.named_unit),
         "points": summary.points,
+    }
+    if figures is None:
+        return facts
+    triangles = figures["triangles"] or {}
+    return {
+        **facts,
         "sources": figures["sources"],
         "scale": f"{figures['best_scale']['scale'] or float('nan'):.3f}",
         "flipped": triangles.get("flipped"),

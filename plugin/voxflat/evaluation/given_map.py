@@ -1,21 +1,26 @@
 """Load flat maps: complete ones, and those of any tool, which are matched with their surface and measured."""
 
+import hashlib
 import os
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from voxflat import _core
-from voxflat.arguments import Progress, checked_threads
+from voxflat.arguments import Progress, checked_threads, log
 from voxflat.errors import InputError
 from voxflat.evaluation.measure import measured_maps
 from voxflat.io.meshes import is_mesh_name
+from voxflat.io.origin import MeshOrigin
+from voxflat.io.patches import is_patch
 from voxflat.io.provenance import described, record_of
 from voxflat.io.reading import reading
 from voxflat.maps.flat_map import FlatMap, load_saved
 from voxflat.maps.map_cuts import own_seams
-from voxflat.maps.matching import Matched, loaded, match
+from voxflat.maps.matching import Matched, check_flat, is_flat, loaded, match, mesh_of_map
+from voxflat.maps.surface_points import PASS_SURFACE
 from voxflat.methods.common import MUCH, error_of_distances, map_over_triangles
 from voxflat.methods.method import FlattenSettings
 from voxflat.pipeline.cut_surface import CutSurface
@@ -25,6 +30,10 @@ from voxflat.surfaces.cuts import Cut
 from voxflat.surfaces.cutting import CutManifold
 
 _METHOD = "given"  # of maps that another tool made
+_FROM_INSIDE = (
+    "the map shows the surface from inside, so that it is mirrored. To show it from outside, multiply the first "
+    "coordinate of all points of the map by -1"
+)
 
 
 def load(
@@ -38,15 +47,21 @@ def load(
 ) -> FlatMap:
     """Load a flat map that was saved with `FlatMap.save`, or that any other tool made.
 
-    Maps of other tools need the surface that they show. No point is moved: the map keeps the positions in the file,
-    also where triangles are flipped, and a warning reports their number. Another warning reports a map that shows the
-    surface from inside. The distortion is measured from 200 random points, as for maps that voxflat makes.
+    Maps of other tools can be loaded with the surface that they show, or alone. No point is moved: the map keeps the
+    positions in the file, also where triangles are flipped, and a warning reports their number. Another warning reports
+    a map that shows the surface from inside. The distortion is measured from 200 random points, as for maps that
+    voxflat makes.
+
+    Without its surface, a map shows values, labels and borders at the vertices, and regions on it are written back to
+    the vertices. Its `FlatMap.has_surface` is False. Operations that need positions in space or the distortion, such as
+    sampling a volume, raise an error.
 
     Parameters
     ----------
     flat : path, or map
-        A complete map (.npz or .voxflat) or, with `surface`, any map that `measure` accepts: a FreeSurfer patch, a flat
-        GIFTI surface, texture coordinates in an .obj, .ply or .glb file, arrays, or a mesh object.
+        A complete map (.npz or .voxflat), or any map that `measure` accepts: a FreeSurfer patch, a flat GIFTI surface,
+        texture coordinates in an .obj, .ply or .glb file, arrays, or a mesh object. Patches, and arrays without
+        triangles, require `surface`. A file with texture coordinates also contains the surface.
     surface : Surface, CutSurface, or any input of `voxflat.surface`, optional
         The surface that the map shows, such as the midthickness surface. A complete map can also be shown on another
         surface with the same triangles.
@@ -89,9 +104,14 @@ def load(
     if surface is None:
         if pial is not None:
             raise InputError("a pial surface is given without a surface. Pass surface and pial, or omit pial")
-        if isinstance(flat, str | os.PathLike) and os.path.exists(flat) and is_mesh_name(flat):
-            raise InputError(f"{flat} is not a complete map of voxflat. Also pass surface, the surface that it shows")
-        return load_saved(flat)  # type: ignore[arg-type]  # other objects than paths raise an error
+        if isinstance(flat, str | os.PathLike) and not _is_of_other_tool(flat):
+            return load_saved(flat)
+        with reading(memory_limit) as files:
+            alone = _alone(flat)
+        if alone is not None:
+            record = record_of("load", described({"flat": flat}), dict(sorted(files.items())))
+            return alone._with_provenance(record)
+        surface = flat
     limits: dict[str, Any] = {"threads": checked_threads(threads), "progress": progress}
     with reading(memory_limit) as files:
         if isinstance(surface, CutSurface):
@@ -136,16 +156,68 @@ def _on_surface(
             f"{count} of {whole.count} vertices coincide with others on the surface, but not on the map. They keep "
             "their positions, but triangles are drawn at the positions of the others"
         )
-    if is_mirrored := not is_own and _is_mirrored(flat):
-        warnings.append(
-            "the map shows the surface from inside, so that it is mirrored. To show it from outside, multiply the "
-            "first coordinate of all points of the map by -1"
-        )
+    if is_mirrored := not is_own and bool(_turns(flat.uv, flat.core.faces).sum() < 0):
+        warnings.append(_FROM_INSIDE)
     made = map_over_triangles(_METHOD, cut, settings, result, None, None, {}, warnings, distortion=distortion)
     return replace(made, uv=np.concatenate([flat.uv, own]), details={**made.details, "mirrored": is_mirrored})
 
 
-def _is_mirrored(flat: Matched) -> bool:
-    """Return whether most triangles of a map are clockwise."""
-    a, b, c = np.moveaxis(flat.uv[flat.core.faces], 1, 0)
-    return bool(np.sign(np.linalg.det(np.stack([b - a, c - a], axis=1))).sum() < 0)
+def _is_of_other_tool(path: str | os.PathLike[str]) -> bool:
+    return os.path.exists(path) and (is_patch(path) or is_mesh_name(path))
+
+
+def _alone(flat: object) -> FlatMap | None:
+    """Return a map without its surface, or None if the surface is also in the file."""
+    if isinstance(flat, str | os.PathLike) and is_patch(flat):
+        raise InputError(f"{flat} is a FreeSurfer patch, which has no triangles. {PASS_SURFACE}")
+    mesh = None if isinstance(flat, FlatMap) else mesh_of_map(flat)
+    if mesh is None:
+        kind = f"the map is of type {type(flat).__name__}, but only a mesh can be loaded without its surface"
+        raise InputError(f"{kind}. {PASS_SURFACE}")
+    if "surface_points" in mesh.point_data:
+        raise InputError(f"the map does not contain the vertex numbers of its surface. {PASS_SURFACE}")
+    if mesh.texture_coordinates is not None and not is_flat(mesh.points):
+        return None
+    is_placed = np.asarray(np.isfinite(mesh.points).all(axis=1))
+    faces = mesh.faces[is_placed[mesh.faces].all(axis=1)]
+    if not len(faces):
+        raise InputError("the map has no complete triangle. Pass a flat surface")
+    ids, corners = np.unique(faces, return_inverse=True)
+    check_flat(mesh.points[ids])
+    uv, triangles = np.ascontiguousarray(mesh.points[ids, :2]), corners.reshape(-1, 3).astype(np.uint32)
+    turns = _turns(uv, triangles)
+    is_mirrored = bool(turns.sum() < 0)
+    warnings = list(mesh.warnings)
+    if flipped := int((turns == (1 if is_mirrored else -1)).sum()):
+        warnings.append(f"the map folds over: {flipped} of {len(faces)} triangles are flipped")
+    if is_mirrored:
+        warnings.append(_FROM_INSIDE)
+    origin = MeshOrigin(
+        input=None if mesh.path is None else str(mesh.path),
+        input_sha256=hashlib.sha256(mesh.points.tobytes() + mesh.faces.tobytes()).hexdigest(),
+        vertices=len(mesh.points),
+        structure=mesh.structure,
+        unit=mesh.unit,
+    )
+    for warning in warnings:
+        log.warning(warning)
+    missing: dict[str, Any] = dict.fromkeys(("points", "normals", "distortion"))
+    return FlatMap(
+        uv=uv,
+        ids=ids,
+        faces=triangles,
+        torn=np.zeros(len(faces), dtype=np.bool_),
+        sources=np.zeros(0, dtype=np.int64),
+        eigenvalues=np.zeros(0),
+        origin=origin,
+        method=_METHOD,
+        warnings=tuple(warnings),
+        details={"mirrored": is_mirrored},
+        **missing,
+    )
+
+
+def _turns(uv: NDArray[np.float64], faces: NDArray[Any]) -> NDArray[np.float64]:
+    """Return 1 for each counterclockwise triangle, and -1 for each clockwise one."""
+    a, b, c = np.moveaxis(uv[faces], 1, 0)
+    return np.asarray(np.sign(np.linalg.det(np.stack([b - a, c - a], axis=1))))

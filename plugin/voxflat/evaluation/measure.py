@@ -446,9 +446,10 @@ class Geometry:
 def geometry_of(whole: Manifold, maps: Mapping[str, object]) -> Geometry:
     """Return the surface on which maps are measured: the given one, or the one on which voxflat maps were made.
 
-    Maps of groups do not count, because their mean surface is nobody's.
+    Maps of groups do not count, because their mean surface is nobody's, nor do maps without a surface.
     """
-    made = {name: flat for name, flat in maps.items() if isinstance(flat, FlatMap) and flat.spread is None}
+    known = {name: flat for name, flat in maps.items() if isinstance(flat, FlatMap) and flat.has_surface}
+    made = {name: flat for name, flat in known.items() if flat.spread is None}
     ours = {name: flat for name, flat in made.items() if not flat.is_voxels}
     places = {name: vertices_of(whole, flat) for name, flat in ours.items()}
     moved = [name for name, flat in ours.items() if not _agree(flat, flat.points, whole.points[places[name]])]

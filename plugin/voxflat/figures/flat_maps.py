@@ -185,7 +185,7 @@ def check_differ(maps: list[FlatMap], *values: object) -> None:
     first, *others = maps
     if any(isinstance(value, list | tuple) and len(value) == len(maps) for value in values):
         return
-    if any(np.array_equal(first.uv, other.uv) and np.array_equal(first.points, other.points) for other in others):
+    if any(all(np.array_equal(vars(first)[name], vars(other)[name]) for name in ("uv", "points")) for other in others):
         raise InputError("both maps are the same. Pass two different maps, or an overlay for each of them")
 
 
@@ -269,7 +269,8 @@ def folds(flat_map: FlatMap, raster: Raster, underlay: str = "curvature") -> NDA
     values = {"curvature": flat_map.curvature, "sulcal depth": flat_map.sulcal_depth, "none": None}[underlay]
     grey = np.where(raster.inside, _NO_FOLDS, np.nan)
     if values is None and underlay != "none":
-        log.info("The map has no %s because its surface has no triangles. The map is drawn in uniform grey", underlay)
+        reason = "its surface has no triangles" if flat_map.has_surface else "it was loaded without its surface"
+        log.info("The map has no %s because %s. The map is drawn in uniform grey", underlay, reason)
     if values is not None:
         outwards = raster.interpolate(values if underlay == "curvature" else -values)
         level = np.clip(outwards / _EDGES[underlay], -1, 1)

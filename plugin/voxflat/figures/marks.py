@@ -29,6 +29,8 @@ def directions(flat_map: FlatMap) -> list[Direction]:
 
     Each coordinate of the points around the middle is fitted linearly in (u, v); the gradient is its direction.
     """
+    if not flat_map.has_surface:
+        return []
     is_unknown = flat_map.space.name == "unknown" and flat_map.origin.structure not in _SIDES
     if is_unknown and not flat_map.is_voxels:
         return []

@@ -31,7 +31,7 @@ from voxflat.maps.map_files import mesh_of_vertices, read_map, write_map
 from voxflat.maps.plane import FlatTriangles, Planar
 from voxflat.maps.raster import FlatImage
 from voxflat.maps.regions import Regions
-from voxflat.maps.surface_points import SurfacePoints
+from voxflat.maps.surface_points import NO_NORMALS, NO_POINTS, SurfacePoints, needs_surface
 from voxflat.maps.textures.pictures import as_picture, check_cover, check_values, place, values_at
 from voxflat.maps.textures.textured import TexturedSurface
 from voxflat.surfaces.cuts import Cut, described_cuts
@@ -60,6 +60,7 @@ _ARRAYS = (  # fields that are saved as arrays, if they are known
 )
 
 
+@needs_surface(points=NO_POINTS, normals=NO_NORMALS, distortion="its distortion is unknown")
 @dataclass(frozen=True, eq=False)
 class FlatMap(Planar, Saved):
     """A flattened surface.
@@ -188,8 +189,8 @@ class FlatMap(Planar, Saved):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        unit = self.origin.unit
-        object.__setattr__(self, "distortion", replace(self.distortion, unit=unit))
+        if self.has_surface:
+            object.__setattr__(self, "distortion", replace(self.distortion, unit=self.origin.unit))
 
     def __len__(self) -> int:
         """Return the number of points."""
@@ -198,7 +199,13 @@ class FlatMap(Planar, Saved):
     def __repr__(self) -> str:
         width, height = np.ptp(self.uv, axis=0)
         size = in_unit(f"{rounded(width)} x {rounded(height)} mm", self.origin.named_unit)
-        return f"<FlatMap: {len(self)} points, {size}, relative error {self.distortion._summary()}>"
+        known = f"relative error {self.distortion._summary()}" if self.has_surface else "without its surface"
+        return f"<FlatMap: {len(self)} points, {size}, {known}>"
+
+    @property
+    def has_surface(self) -> bool:
+        """Whether the surface is known. Without it, a map has no `points`, `normals` and `distortion`."""
+        return vars(self)["points"] is not None
 
     @property
     def is_voxels(self) -> bool:
@@ -207,8 +214,9 @@ class FlatMap(Planar, Saved):
 
     @cached_property
     def _triangles(self) -> FlatTriangles:
+        points, normals = vars(self)["points"], vars(self)["normals"]
         cortex = (self.white_points, self.pial_points)
-        on_surface = SurfacePoints(self.points, self.normals, self.ids, self.origin, self.faces, *cortex)
+        on_surface = SurfacePoints(points, normals, self.ids, self.origin, self.faces, *cortex)
         return FlatTriangles(self.uv, self.faces, self.torn, on_surface, period=self.period)
 
     @property
@@ -444,11 +452,11 @@ class FlatMap(Planar, Saved):
         --------
         FlatMap.provenance : Record of how the map was made.
         """
-        return {**self.metadata, "distortion": self.distortion.figures()}
+        return {**self.metadata, "distortion": self.distortion.figures() if self.has_surface else None}
 
     def _described(self) -> Record:
         """Return the description as files hold it: the names of figures do not depend on the unit."""
-        return {**self.metadata, "distortion": self.distortion._described()}
+        return {**self.metadata, "distortion": self.distortion._described() if self.has_surface else None}
 
     @property
     def provenance(self) -> Record:
@@ -457,14 +465,14 @@ class FlatMap(Planar, Saved):
         It lists the version, function, parameters, input files, warnings and distortion measures.
         """
         context = {"space": self.space._described(), "warnings": list(self.warnings)}
-        return {**self.record, **context, "figures": self.distortion.figures()}
+        return {**self.record, **context, "figures": self.distortion.figures() if self.has_surface else None}
 
     def _with_provenance(self, record: Record) -> "FlatMap":
         """Return the map with a provenance record, which is also written to its store of distance rows."""
         full = resolved(record, self.metadata)
         if self.store is not None:
             write_provenance(self.store, {**full, "unit": self.origin.named_unit})
-        return replace(self, record=full)
+        return self._with(record=full)
 
     def _why_not(self, path: Path) -> str:
         return f": {PATCH_ENDING} alone means a patch in 3-D space" if path.name.lower().endswith(PATCH_ENDING) else ""
@@ -484,7 +492,9 @@ class FlatMap(Planar, Saved):
 
     def _arrays(self) -> dict[str, Any]:
         """Return the arrays that the complete map consists of, as files name them."""
-        arrays = {name: getattr(self, name) for name in _ARRAYS if getattr(self, name) is not None}
+        arrays = {name: vars(self)[name] for name in _ARRAYS if vars(self)[name] is not None}
+        if not self.has_surface:
+            return arrays
         arrays |= {f"distortion_{name}": getattr(self.distortion, name) for name in ("per_point", "scatter")}
         if (triangles := self.distortion.triangles) is not None:
             arrays |= {f"distortion_{name}": getattr(triangles, name) for name in ("areal", "is_flipped")}
@@ -509,7 +519,8 @@ class FlatMap(Planar, Saved):
                 "the file. Save as .vtp to keep them, marked as torn"
             )
             log.warning(told, len(self.torn) - len(faces), len(self.torn))
-        structure, point_data = self.origin.structure, {"distance_error": self.distortion.per_point}
+        point_data = {"distance_error": self.distortion.per_point} if self.has_surface else {}
+        structure = self.origin.structure
         return Mesh(self._places, faces, structure=structure, point_data=point_data, face_data=face_data)
 
     def _flat_mesh(self) -> Mesh:
@@ -634,7 +645,8 @@ class FlatMap(Planar, Saved):
     def _repr_html_(self) -> str:
         """Return a picture of the map and a table of its distortion measures, for Jupyter."""
         figure = display.views.map_with_overlay(self)
-        return page(self, self.distortion.table(), figure, "The flat map, shaded by its folds")
+        table = self.distortion.table() if self.has_surface else ""
+        return page(self, table, figure, "The flat map, shaded by its folds")
 
 
 def check_background(background: object, dtype: np.dtype[Any]) -> None:

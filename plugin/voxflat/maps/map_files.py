@@ -24,7 +24,8 @@ from voxflat.surfaces.cuts import Cut
 
 _FORMAT, _SERIES_FORMAT = 5, "series 1"
 _BY_USER = ("given", "automatic", "start", "charts", None)  # who chose cuts that are not of a template
-_REQUIRED = ("uv", "ids", "points", "normals", "faces", "torn", "sources", "eigenvalues")
+_REQUIRED = ("uv", "ids", "faces", "torn", "sources", "eigenvalues")
+_OF_SURFACE = ("points", "normals")
 
 _LAYOUT = {  # types and axes of the arrays in a file, in the form that `check_shapes` expects
     "uv": ("f8", "points 2"),
@@ -66,29 +67,28 @@ def read_map(path: str | os.PathLike[str], *, series: bool = False) -> dict[str,
             raise InputError(f"{path} holds {told}")
         files.check_format(path, form, _SERIES_FORMAT if series else _FORMAT, "Flatten the surface again")
         record_file(path)
-        uv, ids, points, *_ = (arrays[name] for name in _REQUIRED)  # a file without these fields fails here
+        has_surface = metadata["distortion"] is not None or "points" in arrays
+        required = {name: arrays[name] for name in (*_REQUIRED, *(_OF_SURFACE if has_surface else ()))}
+        uv, ids = required["uv"], required["ids"]  # a file without these fields failed before
         layout = {**_LAYOUT, "ids": ("i8", "points 3" if metadata.get("kind") == "voxels" else "points")}
         with files.naming(path, files.AGAIN):
             files.check_shapes(arrays, layout)
             files.check_range(arrays, {"faces": len(uv), "sources": len(uv)})
-            files.check_places({"uv": uv, "points": points})
+            files.check_places({name: required[name] for name in ("uv", "points") if name in required})
             origin = take_origin(metadata, ids)
-            check_distortion(metadata["distortion"])
-            if metadata["distortion"]["triangles"] is None and "distortion_areal" in arrays:
-                raise InputError(f"its key 'triangles' is null, but it has the array distortion_areal. {files.AGAIN}")
+            if has_surface:
+                check_distortion(metadata["distortion"])
+                if metadata["distortion"]["triangles"] is None and "distortion_areal" in arrays:
+                    problem = "its key 'triangles' is null, but it has the array distortion_areal"
+                    raise InputError(f"{problem}. {files.AGAIN}")
             arrays = files.in_types(arrays, layout)
-        distortion = metadata.pop("distortion")
-        more = {name: distortion.pop(name) for name in ("triangles", "reference", "topology", "voxel_size")}
-        triangles, more["bands"] = more.pop("triangles"), tuple(distortion.pop("bands", HUMAN))
-        if triangles is not None:
-            triangles = undefined_as_nan(triangles)
-            triangles |= {name: arrays.pop(f"distortion_{name}") for name in ("areal", "is_flipped")}
-        distances = undefined_as_nan(distortion)
-        distances |= {name: arrays.pop(f"distortion_{name}") for name in ("per_point", "scatter")}
+        figures = metadata.pop("distortion")
+        of_surface = {"distortion": _distortion(figures, arrays)} if has_surface else dict.fromkeys(_OF_SURFACE)
         if series:
             _check_series(arrays, metadata)
         return {
-            "distortion": Distortion._of(distances, triangles, **more),
+            "distortion": None,
+            **of_surface,
             "origin": origin,
             "cuts_by": metadata.get("cuts_by"),
             "cuts": _take_cuts(metadata),
@@ -101,6 +101,18 @@ def read_map(path: str | os.PathLike[str], *, series: bool = False) -> dict[str,
             "details": metadata,
             **arrays,
         }
+
+
+def _distortion(figures: dict[str, Any], arrays: dict[str, Any]) -> Distortion:
+    """Take the distortion out of the metadata and the arrays of a file."""
+    more = {name: figures.pop(name) for name in ("triangles", "reference", "topology", "voxel_size")}
+    triangles, more["bands"] = more.pop("triangles"), tuple(figures.pop("bands", HUMAN))
+    if triangles is not None:
+        triangles = undefined_as_nan(triangles)
+        triangles |= {name: arrays.pop(f"distortion_{name}") for name in ("areal", "is_flipped")}
+    distances = undefined_as_nan(figures)
+    distances |= {name: arrays.pop(f"distortion_{name}") for name in ("per_point", "scatter")}
+    return Distortion._of(distances, triangles, **more)
 
 
 def _take_cuts(metadata: dict[str, Any]) -> tuple[Cut, ...]:

@@ -99,20 +99,18 @@ def match(whole: Manifold, flat: object) -> Matched:
         cut = _cut_as_it_is(whole, vertices_of(whole, flat), flat.faces.astype(np.int64), flat.uv)
         _check_share(whole, cut.vertices[cut.core.faces])
         return replace(cut, period=flat.period)
-    if isinstance(flat, tuple) and len(flat) == 2 and np.ndim(flat[0]) == 2 and np.shape(flat[0])[1] == 2:
-        flat = (np.pad(array_of(flat[0], "places"), ((0, 0), (0, 1))), flat[1])  # add z = 0
     if isinstance(flat, tuple) and len(flat) == 3:
         return _of_rows(whole, *flat)
-    mesh = as_mesh(flat)
+    mesh = mesh_of_map(flat)
     if mesh is None:
         places = array_of(flat, "places")
         if places.ndim != 2 or places.shape[1] not in (2, 3) or places.dtype.kind not in "iuf":
             raise InputError(f"the map is {_kind(places)}. Pass positions as an array of shape (V, 2), or a file")
         return _of_places(whole, places.astype(np.float64), None)
     check_unit("the map", mesh, whole.origin.unit)
-    if "surface_points" in mesh.point_data and _is_flat(mesh.points):
+    if "surface_points" in mesh.point_data and is_flat(mesh.points):
         return _of_ours(whole, mesh)
-    if mesh.texture_coordinates is None or _is_flat(mesh.points):
+    if mesh.texture_coordinates is None or is_flat(mesh.points):
         return _of_places(whole, mesh.points, mesh)
     corners = _texture_of_corners(mesh)
     if corners is None and len(mesh.points) == whole.count:
@@ -212,7 +210,7 @@ def _of_rows(whole: Manifold, places: Any, faces: Any, vertices: Any) -> Matched
     places, faces, vertices = (array_of(part, "positions, faces and vertices") for part in (places, faces, vertices))
     if places.ndim != 2 or places.shape[1] not in (2, 3) or places.dtype.kind not in "iuf":
         raise InputError(f"the map is {_kind(places)}. Pass positions as an array of shape (N, 2)")
-    if not _is_flat(places) or not np.isfinite(places).all():
+    if not is_flat(places) or not np.isfinite(places).all():
         raise InputError("the coordinates of the map are not flat or not finite. Pass a flat surface")
     if faces.ndim != 2 or faces.shape[1] != 3 or faces.dtype.kind not in "iu" or not len(faces):
         raise InputError(f"the triangles of the map are {_kind(faces)}. Pass an integer array of shape (F, 3)")
@@ -268,9 +266,7 @@ def _matched(whole: Manifold, faces: NDArray[np.int64], places: NDArray[np.float
     else:  # the map's triangles differ from the surface's
         core, _ = _core.Surface.from_triangles(_places_of(whole), faces, mend=True)
     used = places[core.ids]
-    if not _is_flat(used):
-        depth = float(np.ptp(used[:, 2]))
-        raise InputError(f"the map is not flat: its third coordinate varies by {depth:.3g} mm. Pass a flat surface")
+    check_flat(used)
     return Matched(core, np.ascontiguousarray(used[:, :2]), places=places[:, :2])
 
 
@@ -306,7 +302,22 @@ def _places_of(whole: Manifold) -> NDArray[np.float64]:
     return points
 
 
-def _is_flat(places: NDArray[np.float64]) -> bool:
+def mesh_of_map(flat: object) -> Mesh | None:
+    """Return a map as a mesh, or None if it has no triangles."""
+    if isinstance(flat, tuple) and len(flat) == 2 and np.ndim(flat[0]) == 2 and np.shape(flat[0])[1] == 2:
+        flat = (np.pad(array_of(flat[0], "places"), ((0, 0), (0, 1))), flat[1])  # add z = 0
+    return as_mesh(flat)
+
+
+def check_flat(places: NDArray[np.float64]) -> None:
+    """Raise an error for points that are not in a plane z = constant."""
+    if not is_flat(places):
+        depth = float(np.ptp(places[:, 2]))
+        raise InputError(f"the map is not flat: its third coordinate varies by {depth:.3g} mm. Pass a flat surface")
+
+
+def is_flat(places: NDArray[np.float64]) -> bool:
+    """Return whether points are in a plane z = constant."""
     if places.shape[1] == 2:
         return True
     extent = np.ptp(places, axis=0)

@@ -4,6 +4,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,13 +19,14 @@ from voxflat.maps.metric import Metric
 from voxflat.maps.raster import FlatImage, FlatStack, Raster
 from voxflat.maps.sampling import Sampling
 from voxflat.maps.sources import source_of
-from voxflat.maps.surface_points import SurfacePoints
+from voxflat.maps.surface_points import NO_POINTS, SurfacePoints, needs_surface
 from voxflat.read_only import ReadOnly
 
 _FACTORS = {"mm": {"µm": 1e-3, "m": 1e3}, "µm": {"mm": 1e3, "nm": 1e-3}, "m": {"mm": 1e-3}}  # likely wrong units
 LIMIT = 5.0  # default distance of points from the surface, mm; the cortex is up to 4.5 mm thick
 
 
+@needs_surface(points=NO_POINTS)
 @dataclass(frozen=True, eq=False)
 class Places(ReadOnly):
     """Points in the plane, with their positions on the surface.
@@ -38,7 +40,8 @@ class Places(ReadOnly):
     weights : ndarray of float64, shape (..., 3)
         Barycentric coordinates with respect to the corners of the triangle; NaN outside all triangles.
     points : ndarray of float64, shape (..., 3)
-        Positions on the surface, in RAS+ mm in its `space`; NaN outside all triangles.
+        Positions on the surface, in RAS+ mm in its `space`; NaN outside all triangles. A map without its surface has
+        none.
     piece_ids : ndarray of int64, shape (...)
         The piece of an atlas, or 0 on a map, which has only one piece; −1 outside all triangles.
 
@@ -223,11 +226,12 @@ class Planar(ReadOnly, ABC):
         if (is_torn := (triangles >= 0) & flat.torn[triangles]).any():
             apart = np.linalg.norm(flat.uv[flat.faces[triangles[is_torn]]] - rows[is_torn, None], axis=2)
             weights[is_torn] = np.eye(3)[apart.argmin(axis=1)]
-        spots = np.einsum("pc,pcx->px", weights, flat.on_surface.points[flat.faces[triangles]])  # NaN outside
+        spots: Any = None
+        if flat.on_surface.is_known:
+            spots = np.einsum("pc,pcx->px", weights, flat.on_surface.points[flat.faces[triangles]])  # NaN outside
+            spots = spots.reshape(*shape, 3)
         pieces = np.where(triangles < 0, -1, 0 if flat.piece_ids is None else flat.piece_ids[triangles])
-        return Places(
-            triangles.reshape(shape), weights.reshape(*shape, 3), spots.reshape(*shape, 3), pieces.reshape(shape)
-        )
+        return Places(triangles.reshape(shape), weights.reshape(*shape, 3), spots, pieces.reshape(shape))
 
     @cached_property
     def _nearest_finder(self) -> _core.NearestFinder:

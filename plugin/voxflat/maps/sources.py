@@ -122,7 +122,8 @@ class VertexValues(Source):
     def _sampler(self, raster: Raster, sampling: Sampling, title: str, *, is_series: bool) -> _Sampler:
         if self.path is not None:
             check_partner(self.path, self.surface.origin)
-            self._check_folds(self.path)
+            if self.surface.is_known:
+                self._check_folds(self.path)
         if sampling.depths != ON_SURFACE:
             raise InputError("an overlay has values only on the surface. Omit depth and fraction")
         ids = self.surface.ids
@@ -362,7 +363,7 @@ def vertex_channels(surface: SurfacePoints, data: object) -> Channels | None:
     is_array = is_array and not hasattr(data, "dataobj")
     if is_array and (values := array_of(data, "overlay's values", as_nan=True)).ndim in (1, 2):
         if len(values) != count:
-            is_of_points = len(values) == len(surface.points)  # such as distances in a part of the mesh
+            is_of_points = len(values) == len(surface.ids)  # such as distances in a part of the mesh
             each = ", one for each point of the map," if is_of_points else ","
             remedy = "Assign them to the map's ids first" if is_of_points else "Pass one value for each"
             raise InputError(f"the overlay has {len(values)} values{each} but the mesh has {count} vertices. {remedy}")

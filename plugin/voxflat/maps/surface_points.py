@@ -4,7 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache, cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,8 +18,40 @@ from voxflat.maps.raster import Raster
 from voxflat.unique_rows import distinct
 
 _Floats = NDArray[np.float64]
+_T = TypeVar("_T")
+PASS_SURFACE = "Also pass surface, the surface that it shows"
+NO_POINTS, NO_NORMALS = "its points have no positions in space", "it has no inside and outside"
 
 
+def needs_surface(**fields: str) -> Callable[[type[_T]], type[_T]]:
+    """Return a decorator of dataclasses: reading these fields raises an error in maps without a surface (None)."""
+
+    def decorate(cls: type[_T]) -> type[_T]:
+        for name, shown_as in fields.items():
+            setattr(cls, name, _OfSurface(name, shown_as))
+        return cls
+
+    return decorate
+
+
+class _OfSurface:
+    """A field that is None in maps without a surface, and then raises an error when it is read."""
+
+    def __init__(self, name: str, shown_as: str) -> None:
+        self.name, self.shown_as = name, shown_as
+
+    def __get__(self, result: Any, _: type | None = None) -> Any:
+        if result is None:
+            return self
+        if (value := vars(result)[self.name]) is None:
+            raise InputError(f"this map was loaded without its surface, so {self.shown_as}. {PASS_SURFACE}")
+        return value
+
+    def __set__(self, result: Any, value: Any) -> None:
+        vars(result)[self.name] = value
+
+
+@needs_surface(points=NO_POINTS, normals=NO_NORMALS)
 @dataclass(frozen=True, eq=False)
 class SurfacePoints:
     """The points of a map on the surface, in the order of the corners of rasters."""
@@ -32,6 +64,11 @@ class SurfacePoints:
     white_points: _Floats | None = None  # (N, 3), on the white and pial surfaces, if both are known
     pial_points: _Floats | None = None
     called: str = "flattened volume"  # in messages about volumes without an affine
+
+    @property
+    def is_known(self) -> bool:
+        """Whether the points have positions, which maps without their surface lack."""
+        return vars(self)["points"] is not None
 
     @property
     def affine(self) -> _Floats:

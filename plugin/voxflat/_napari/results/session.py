@@ -42,7 +42,7 @@ class Session:
         known = {name: value for name, value in (("form", self.form), ("time", self.time)) if value is not None}
         told = {"layer": self.layer, "world_axes": self.world_axes, "unit": self.unit, **known, **self.drawn}
         origin = replace(made.origin, in_pixels=self.unit.startswith("pixel"))
-        return replace(made, origin=origin, details={**made.details, "napari": told})
+        return made._with(origin=origin, details={**made.details, "napari": told})  # type: ignore[return-value]
 
 
 def session_of(made: FlatMap | Atlas) -> Session:
