@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from voxflat import _core
-from voxflat.arguments import Progress, checked_threads, log
+from voxflat.arguments import Progress, checked_threads
 from voxflat.errors import InputError
 from voxflat.evaluation.measure import measured_maps
 from voxflat.io.meshes import is_mesh_name
@@ -21,7 +21,7 @@ from voxflat.maps.flat_map import FlatMap, load_saved
 from voxflat.maps.map_cuts import own_seams
 from voxflat.maps.matching import Matched, check_flat, is_flat, loaded, match, mesh_of_map
 from voxflat.maps.surface_points import PASS_SURFACE
-from voxflat.methods.common import MUCH, error_of_distances, map_over_triangles
+from voxflat.methods.common import MUCH, error_of_distances, making_details, map_over_triangles
 from voxflat.methods.method import FlattenSettings
 from voxflat.pipeline.cut_surface import CutSurface
 from voxflat.pipeline.surface import Surface
@@ -199,8 +199,6 @@ def _alone(flat: object) -> FlatMap | None:
         structure=mesh.structure,
         unit=mesh.unit,
     )
-    for warning in warnings:
-        log.warning(warning)
     missing: dict[str, Any] = dict.fromkeys(("points", "normals", "distortion"))
     return FlatMap(
         uv=uv,
@@ -212,7 +210,7 @@ def _alone(flat: object) -> FlatMap | None:
         origin=origin,
         method=_METHOD,
         warnings=tuple(warnings),
-        details={"mirrored": is_mirrored},
+        details={"mirrored": is_mirrored, **making_details(np.zeros(0), {}, None, warnings, None)},
         **missing,
     )
 
