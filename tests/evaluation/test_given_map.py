@@ -125,7 +125,7 @@ def test_merged_vertices_keep_their_own_positions(tmp_path):
 
 
 def test_a_map_from_inside_is_reported_with_the_remedy(flat_map):
-    advice = "from outside, multiply the first coordinate of all points of the map by -1"
+    advice = "unless it belongs to the other hemisphere. To show it from outside, multiply the first coordinate"
     inside = voxflat.load(FLAT[:, :2] * [-1, 1], SURFACE)
     assert sum(advice in text for text in inside.warnings) == 1
     assert inside.metadata["mirrored"]
@@ -166,12 +166,22 @@ def test_wrong_partners_get_one_line(given, tmp_path):
     surface = folder / "lh.mid.surf.gii"
     file = flat["lh.flat.surf.gii"]
     write_mesh(tmp_path / "rh.mid.surf.gii", Mesh(*SURFACE, structure="CortexRight"))
-    refused("belongs to the left hemisphere", voxflat.load, file, tmp_path / "rh.mid.surf.gii")
+    other_side = "lh.flat.surf.gii: belongs to the left .* Pass the surface on which the map was made"
+    refused(other_side, voxflat.load, file, tmp_path / "rh.mid.surf.gii")
     points, faces = sheet(lambda u, v: (u, v, 0 * u), (36.0, 36.0), (14, 13))
     refused("169 points, but the surface has 182 vertices. Pass the surface", voxflat.load, file, (points, faces))
     order = np.random.default_rng(0).permutation(len(POINTS))
     refused("triangles are triangles of the surface", voxflat.load, file, (POINTS, order[FACES]))
-    refused("is not flat", voxflat.load, surface, surface)
+    bent = "lh.mid.surf.gii: the map is not flat: its third coordinate varies by .* Pass a flat surface"
+    refused(bent, voxflat.load, surface, surface)
+    refused(bent, voxflat.load, surface, file)  # in the wrong order
+    refused(bent, voxflat.load, surface)
+    sphere = POINTS / np.linalg.norm(POINTS - [18, 18, 40], axis=1)[:, None]
+    refused("the map is not flat", voxflat.load, (sphere, FACES), surface)
+    refused("the surface is the flat map itself. .* omit surface", voxflat.load, file, file)
+    nib.save(nib.Nifti1Image(np.zeros((3, 3, 3)), np.eye(4)), tmp_path / "t1.nii.gz")
+    for given in ((surface,), ()):
+        refused("t1.nii.gz: is not a flat map. Pass a flat surface, ", voxflat.load, tmp_path / "t1.nii.gz", *given)
     refused("patch, which has no triangles. Also pass surface", voxflat.load, flat["lh.patch.flat"])
     refused("Pass surface and pial, or omit pial", voxflat.load, flat["map.npz"], pial=surface)
 
@@ -199,6 +209,7 @@ def test_every_command_takes_the_map_with_its_surface(given, flat_map, tmp_path)
     both = (file, tmp_path / "rh.flat.surf.gii", "--surface", mid, "--surface", tmp_path / "rh.mid.surf.gii")
     succeed("figure", *both, "-o", tmp_path / "both.png")
     fail(2, "--surface is given 1 time for 2 maps. Pass it once per map", "figure", *both[:4], "-o", tmp_path / "a.png")
+    fail(1, "lh.mid.surf.gii: the map is not flat", "figure", mid, "--surface", file, "-o", tmp_path / "a.png")
     patch = flat["lh.patch.flat"]
     fail(1, "Also pass --surface, the surface that it shows", "figure", patch, "-o", tmp_path / "a.png")
     fail(1, "Pass --surface and --pial, or omit --pial", "worst", flat["map.npz"], "--pial", mid)

@@ -2,6 +2,7 @@
 
 import hashlib
 import os
+from contextlib import nullcontext
 from dataclasses import replace
 from typing import Any
 
@@ -12,6 +13,7 @@ from voxflat import _core
 from voxflat.arguments import Progress, checked_threads
 from voxflat.errors import InputError
 from voxflat.evaluation.measure import measured_maps
+from voxflat.io.files import REMEDY, SAVED_ENDINGS, naming
 from voxflat.io.meshes import is_mesh_name
 from voxflat.io.origin import MeshOrigin
 from voxflat.io.patches import is_patch
@@ -19,7 +21,7 @@ from voxflat.io.provenance import described, record_of
 from voxflat.io.reading import reading
 from voxflat.maps.flat_map import FlatMap, load_saved
 from voxflat.maps.map_cuts import own_seams
-from voxflat.maps.matching import Matched, check_flat, is_flat, loaded, match, mesh_of_map
+from voxflat.maps.matching import NOT_A_MAP, Matched, check_flat, is_flat, loaded, match, mesh_of_map
 from voxflat.maps.surface_points import PASS_SURFACE
 from voxflat.methods.common import MUCH, error_of_distances, making_details, map_over_triangles
 from voxflat.methods.method import FlattenSettings
@@ -31,8 +33,8 @@ from voxflat.surfaces.cutting import CutManifold
 
 _METHOD = "given"  # of maps that another tool made
 _FROM_INSIDE = (
-    "the map shows the surface from inside, so that it is mirrored. To show it from outside, multiply the first "
-    "coordinate of all points of the map by -1"
+    "the map shows the surface from inside, so that it is mirrored, unless it belongs to the other hemisphere. To show "
+    "it from outside, multiply the first coordinate of all points of the map by -1"
 )
 
 
@@ -106,7 +108,10 @@ def load(
             raise InputError("a pial surface is given without a surface. Pass surface and pial, or omit pial")
         if isinstance(flat, str | os.PathLike) and not _is_of_other_tool(flat):
             return load_saved(flat)
-        with reading(memory_limit) as files:
+        with (
+            reading(memory_limit) as files,
+            naming(flat, REMEDY) if isinstance(flat, str | os.PathLike) else nullcontext(),
+        ):
             alone = _alone(flat)
         if alone is not None:
             record = record_of("load", described({"flat": flat}), dict(sorted(files.items())))
@@ -137,6 +142,10 @@ def _on_surface(
 ) -> FlatMap:
     """Return a map that is matched with a surface as a `FlatMap`, with the same positions."""
     settings = FlattenSettings(relax=False, memory_limit=memory_limit, threads=threads, progress=progress)
+    if is_flat(whole.points) and np.array_equal(flat.uv, flat.core.points[:, :2]):
+        raise InputError(
+            "the surface is the flat map itself. Pass the curved surface that the map shows, or omit surface"
+        )
     part = whole._with_core(flat.core)
     is_exact = error_of_distances(part, "graph", settings) > MUCH
     how: tuple[int | None, str] = (None, "exact") if is_exact else (_core.REFERENCE_SOURCES, "graph")
@@ -163,13 +172,17 @@ def _on_surface(
 
 
 def _is_of_other_tool(path: str | os.PathLike[str]) -> bool:
-    return os.path.exists(path) and (is_patch(path) or is_mesh_name(path))
+    if not os.path.isfile(path) or os.fspath(path).lower().endswith(SAVED_ENDINGS):
+        return False
+    if is_patch(path) or is_mesh_name(path):
+        return True
+    raise InputError(f"{path}: {NOT_A_MAP}")
 
 
 def _alone(flat: object) -> FlatMap | None:
     """Return a map without its surface, or None if the surface is also in the file."""
     if isinstance(flat, str | os.PathLike) and is_patch(flat):
-        raise InputError(f"{flat} is a FreeSurfer patch, which has no triangles. {PASS_SURFACE}")
+        raise InputError(f"is a FreeSurfer patch, which has no triangles. {PASS_SURFACE}")
     mesh = None if isinstance(flat, FlatMap) else mesh_of_map(flat)
     if mesh is None:
         kind = f"the map is of type {type(flat).__name__}, but only a mesh can be loaded without its surface"

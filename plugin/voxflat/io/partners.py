@@ -23,7 +23,7 @@ def check_side(name: object, own: str | None, structure: object, remedy: str, of
         raise InputError(f"{name}: {sides}. {remedy}")
 
 
-def check_file_side(path: str | os.PathLike[str], structure: str | None) -> None:
+def check_file_side(path: str | os.PathLike[str], structure: str | None, remedy: str = _AS_ARRAY) -> None:
     """Raise an error if a file belongs to the other hemisphere; GIFTI metadata override the file name."""
     if not isinstance(structure, str) or structure not in _SIDES or not os.path.isfile(path):
         return
@@ -33,15 +33,15 @@ def check_file_side(path: str | os.PathLike[str], structure: str | None) -> None
             image = gifti.load(contents(Path(path)))
             sides = [part.meta.get("AnatomicalStructurePrimary") for part in (*image.darrays[:1], image)]
             side = next(filter(None, sides), side)
-    check_side(path, side, structure, _AS_ARRAY)
+    check_side(path, side, structure, remedy)
 
 
-def check_partner(path: str | os.PathLike[str], origin: Origin) -> None:
+def check_partner(path: str | os.PathLike[str], origin: Origin, remedy: str = _AS_ARRAY) -> None:
     """Compare a file with the origin of a surface or a map.
 
     Raise an error if it belongs to the other hemisphere, and warn if the names of both contain different participants.
     """
-    check_file_side(path, origin.structure)
+    check_file_side(path, origin.structure, remedy)
     check_participant(path, origin.input)
 
 

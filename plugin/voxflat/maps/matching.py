@@ -1,6 +1,7 @@
 """Match flat maps from any tool with a surface: find the position of each vertex."""
 
 import os
+from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -24,6 +25,7 @@ from voxflat.surfaces.manifold import Manifold, are_triangles
 from voxflat.unique_rows import distinct
 
 _OTHER = "Pass the surface on which the map was made"
+NOT_A_MAP = "is not a flat map. Pass a flat surface, a FreeSurfer patch, texture coordinates or a map of voxflat"
 _COMMON = 0.5  # least share of a map's triangles that are triangles of its surface
 _SAME_POINT = 1e-4  # relative to the median edge length, because mesh coordinates may be float32
 _SAME_PLACE = 2e-6  # tolerance for positions in single precision, relative to the size of the surface
@@ -87,9 +89,13 @@ def loaded(flat: object) -> object:
 
 def match(whole: Manifold, flat: object) -> Matched:
     """Match a map, as accepted by `voxflat.measure`, with its surface."""
-    flat = loaded(flat)
+    with naming(flat, REMEDY) if isinstance(flat, str | os.PathLike) else nullcontext():
+        return _match(whole, loaded(flat))
+
+
+def _match(whole: Manifold, flat: object) -> Matched:
     if isinstance(flat, str | os.PathLike):
-        check_partner(flat, whole.origin)
+        check_partner(flat, whole.origin, _OTHER)
     if isinstance(flat, str | os.PathLike) and is_patch(flat):
         patch = read_patch(flat)
         places = np.full((whole.count, 3), np.nan)
@@ -102,6 +108,8 @@ def match(whole: Manifold, flat: object) -> Matched:
     if isinstance(flat, tuple) and len(flat) == 3:
         return _of_rows(whole, *flat)
     mesh = mesh_of_map(flat)
+    if mesh is None and isinstance(flat, str | os.PathLike):
+        raise InputError(NOT_A_MAP)
     if mesh is None:
         places = array_of(flat, "places")
         if places.ndim != 2 or places.shape[1] not in (2, 3) or places.dtype.kind not in "iuf":
@@ -143,6 +151,8 @@ def _of_places(whole: Manifold, places: NDArray[np.float64], mesh: Mesh | None) 
         counts = f"the map has {len(places)} points, but the surface has {whole.count} vertices"
         raise InputError(f"{counts}. {'Pass one point per vertex' if mesh is None else _OTHER}")
     is_placed = np.asarray(np.isfinite(places).all(axis=1))
+    if mesh is not None:
+        check_flat(places[mesh.faces[is_placed[mesh.faces].all(axis=1)].ravel()])
     faces = whole.vertices[whole.faces] if mesh is None else whole._merged_in(mesh.faces)
     matched = _matched(whole, faces[is_placed[faces].all(axis=1)], places)
     if mesh is None:
@@ -320,5 +330,5 @@ def is_flat(places: NDArray[np.float64]) -> bool:
     """Return whether points are in a plane z = constant."""
     if places.shape[1] == 2:
         return True
-    extent = np.ptp(places, axis=0)
+    extent = np.ptp(places, axis=0) if len(places) else np.zeros(3)
     return bool(extent[2] <= 1e-4 * extent.max())
