@@ -334,7 +334,7 @@ class TestCommand:
         ):
             fail(2, message, "patches", mesh, "-o", tmp_path / name, *options)
             assert not (tmp_path / name).exists()
-        fail(1, "torus.obj is not a complete map of voxflat", "image", mesh, "--heat-map", "-o", tmp_path / "x.png")
+        fail(1, "torus.obj: the map is not flat", "image", mesh, "--heat-map", "-o", tmp_path / "x.png")
 
     @pytest.mark.slow
     def test_the_heat_map_is_a_figure(self, tmp_path):
