@@ -242,6 +242,20 @@ def test_contents_of_the_map(flattened, qtbot):
     assert dock.canvas.backgroundBrush().color().lightness() > 200
 
 
+def test_a_group_map_shows_the_spread_between_people(open_widget, qtbot, tmp_path):
+    hill = voxflat.samples.hill()
+    flat_map = voxflat.flatten_group([(hill.points * [1, 1, height], hill.faces) for height in (0.5, 1.5)])
+    flat_map.save(tmp_path / "group.npz")
+    viewer, _ = open_widget(show=True)
+    open_file(viewer, qtbot, tmp_path / "group.npz")
+    dock = map_dock(viewer, qtbot)
+    dock.contents.setCurrentIndex(dock.contents.findText("Spread between people"))
+    wait_for_picture(dock, qtbot)
+    expected = flat_map.heat_map(dock.prepared.pixel_size, of="spread").data
+    assert_allclose(dock.picture.data, expected, rtol=1e-5)
+    assert dock.legend.scale.title == "spread between people, log2(area)"
+
+
 def test_depths_are_sampled_and_only_the_latest_is_shown(flattened, qtbot):
     along = np.linalg.norm(np.indices((60, 60, 60)) - 29.5, axis=0).astype(np.float32)
     layer = Image(along, name="r", translate=(-29.5, -29.5, -29.5))

@@ -1,4 +1,4 @@
-"""Pictures of the distortion: distances, areas and angles for a map, and patches, C, K and areas for an atlas."""
+"""Pictures of the distortion: distances, areas, angles and spread for a map; patches, C, K and areas for an atlas."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -38,7 +38,9 @@ def measures(flat_map: FlatMap | Atlas) -> list[Measure]:
             Measure("Areas", "log2", partial(_of_page, "areal")),
         ]
     of_triangles = [Measure("Areas", "log2", _areas), Measure("Angles", "°", _angles)]
-    return [Measure(DISTANCES, "%", _distances), *(of_triangles if flat_map.distortion.triangles is not None else [])]
+    of_triangles = of_triangles if flat_map.distortion.triangles is not None else []
+    of_group = [] if flat_map.spread is None else [Measure("Spread between people", "", _spread)]
+    return [Measure(DISTANCES, "%", _distances), *of_triangles, *of_group]
 
 
 def growth(movie: MovieMaps) -> Measure:
@@ -70,6 +72,12 @@ def _angles(prepared: PreparedMap) -> Picture:
     return _at_points(prepared, values, _scale("angle", values))
 
 
+def _spread(prepared: PreparedMap) -> Picture:
+    spread = _map(prepared).spread
+    assert spread is not None
+    return _at_points(prepared, spread, _scale("spread", spread))
+
+
 def _patches(prepared: PreparedMap) -> Picture:
     image = prepared.run.flat_map.page().label_image(prepared.pixel_size)  # type: ignore[union-attr]
     return Picture(label_colours(image.data), image.origin, image.pixel_size, image.data.astype(np.float32))
@@ -87,9 +95,9 @@ def _of_page(name: str, prepared: PreparedMap) -> Picture:
 def _scale(name: str, values: NDArray[np.float64]) -> ColourScale:
     from matplotlib import colormaps
 
-    from voxflat.figures.colours import LOOKS
+    from voxflat.figures.colours import HEATS, LOOKS
 
-    look = LOOKS[name]
+    look = (LOOKS | HEATS)[name]
     colours = colormaps[look.cmap](np.linspace(0, 1, 256), bytes=True)
     return ColourScale(look.label, np.asarray(colours), look.limits(values))
 
