@@ -160,6 +160,23 @@ def test_the_ends_of_a_slab_are_not_curved(shape, count):
 
 
 @pytest.mark.medium
+def test_curvature_across_slices_is_seen_up_to_the_ends():
+    labels, volume, _ = bent_layers("sphere", 0.3)
+    slab = np.s_[:, :, (labels.data.shape[2] - 15) // 2 : (labels.data.shape[2] + 15) // 2]
+    error = voxflat.rim(Volume(labels.data[slab], labels.affine)).depth().data - volume[slab]
+    assert abs(np.nanmean(error)) < 0.005
+    assert abs(np.nanmean(error[:, :, [0, 1, -2, -1]])) < 0.01
+
+
+@pytest.mark.medium
+@pytest.mark.parametrize("shape", ["cylinder", "fold"])  # the inner border of the sphere may not be outside
+def test_borders_are_treated_alike(rims, shape):
+    rim, labels, *_ = rims[shape]
+    swapped = voxflat.rim(labels, inner=1, outer=2, grey=3)
+    np.testing.assert_allclose(1 - swapped.values.depth, rim.values.depth, atol=1e-6)
+
+
+@pytest.mark.medium
 def test_layers_of_a_slice_have_equal_areas():
     axis = np.arange(-5, 5, 0.1) + 0.05
     radius = np.hypot(*np.meshgrid(axis, axis))[..., None]
@@ -355,6 +372,17 @@ def test_wrong_rims(rims, change, message):
 def test_swapped_borders_of_a_closed_surface(rims):
     labels = rims["sphere"][1]
     refused("inner border encloses the outer border. Swap", voxflat.rim, labels, inner=1, outer=2, grey=3)
+
+
+def test_swapped_borders_of_an_open_rim_are_reported(rims, caplog):
+    labels = rims["sphere"][1]
+    half = labels.data[:, :, labels.data.shape[2] // 2 :]
+    voxflat.rim(Volume(half, labels.affine))
+    for shape in ("cylinder", "fold"):
+        voxflat.rim(rims[shape][1])
+    assert not caplog.text
+    voxflat.rim(Volume(half, labels.affine), inner=1, outer=2, grey=3)
+    assert re.search(r"the outer border is 3\d % smaller than the inner border, so their labels may be", caplog.text)
 
 
 def test_wrong_options(rims):

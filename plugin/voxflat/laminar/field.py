@@ -23,7 +23,8 @@ _A_VOXEL = 60
 _BEYOND = 3  # voxels beyond the labels
 _CHUNK = 1 << 17  # points between two reports of progress
 _FAR = np.inf  # mm, no limit
-_UNKNOWN = 1e-6  # weight of areas beyond the labels, which count only where no others are near
+_REACH = 4  # voxels from the end of the labels to which fits of borders mix both sides
+_PER_VOXEL = 30.0  # factor of the weight of areas per voxel, so that the farthest from the end count alone
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,10 +49,8 @@ def field_of(rim: Layered, threads: int | None = None, progress: Progress | None
     check_room(_A_VOXEL * rim.labels.size)
     steps = _Steps(progress)
     affine = rim.affine.tolist()
-    borders = [
-        _Border.of(rim.extended == INNER, affine, threads, progress),
-        _Border.of(rim.extended != OUTER, affine, threads, progress),
-    ]
+    # Fits move borders a few hundredths of a voxel into their solids, both away from the grey matter.
+    borders = [_Border.of(rim.extended == label, affine, threads, progress) for label in (INNER, OUTER)]
     # Beyond the labels, a few voxels of extended grey matter let the middle surface reach the end of the labels.
     near = scipy.ndimage.binary_dilation(rim.labels == GREY, iterations=_BEYOND)
     band = np.argwhere((rim.extended == GREY) & near)
@@ -123,15 +122,16 @@ def _in_grey(
 
 
 def _known(rim: Layered, surfaces: Sequence[NDArray[np.float64]], faces: NDArray[np.uint32]) -> NDArray[np.float64]:
-    """Return the weight of the areas of triangles: low where a column leaves the labels, and its ends are not known."""
-    centres = [points[faces].mean(axis=1) for points in surfaces]
-    outwards = centres[2] - centres[0]
-    outwards *= 0.5 * rim.volume.spacing.min() / np.maximum(np.linalg.norm(outwards, axis=1, keepdims=True), 1e-9)
-    is_known = np.ones(len(faces), dtype=np.bool_)
-    for centre in centres:
-        sides = (rim.voxels(centre + side * outwards) for side in (-1, 1))
-        is_known &= np.any([rim.labels[tuple(voxels.T)] > 0 for voxels in sides], axis=0)
-    return np.where(is_known, 1.0, _UNKNOWN)
+    """Return the weight of the areas of triangles: low where a column is near the end of the labels, or beyond it.
+
+    Labels continue straight there, and fits of borders mix both sides.
+    """
+    is_beyond = (rim.extended == GREY) & (rim.labels != GREY)
+    if not is_beyond.any():
+        return np.ones(len(faces))
+    away = scipy.ndimage.distance_transform_edt(~is_beyond)  # in voxels
+    columns = (away[tuple(rim.voxels(points[faces].mean(axis=1)).T)] for points in surfaces)
+    return np.asarray(_PER_VOXEL ** np.minimum(np.min(list(columns), axis=0) - _REACH, 0))
 
 
 def _depth(
@@ -139,7 +139,7 @@ def _depth(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
     """Return the equidistant depth of places, the thickness, and the nearest points on the inner and outer border."""
     (inwards, inner), (outwards, outer) = (border.find(places, steps) for border in borders)
-    return _share(inwards, -outwards), inwards - outwards, inner, outer
+    return _share(inwards, outwards), inwards + outwards, inner, outer
 
 
 def _share(inwards: NDArray[np.float64], outwards: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -165,18 +165,17 @@ def _within_banks(
     places = rim.places(band)
     (inwards, inner), (outwards, outer) = (border.find(places, steps) for border in borders)
     inner = keep_to_bank(rim, OUTER, band, inner, np.abs(outwards))
-    sheet = between_banks(band, rim.labels.shape, places, inner, -outwards)
+    sheet = between_banks(band, rim.labels.shape, places, inner, outwards)
     is_placed = np.zeros(len(band), dtype=np.bool_)
     if len(sheet[0]):
         borders = [borders[0], borders[1].joined(*sheet)]
-        near = np.flatnonzero(_may_be_nearer(sheet[0], places, -outwards, rim.volume.spacing))
+        near = np.flatnonzero(_may_be_nearer(sheet[0], places, outwards, rim.volume.spacing))
         before = outwards[near]
         outwards[near], outer[near] = borders[1].find(places[near], steps)
-        is_placed[near] = outwards[near] > before
+        is_placed[near] = outwards[near] < before
     outer = keep_to_bank(rim, INNER, band, outer, np.abs(inwards))
     inwards, outwards = (
-        np.copysign(np.linalg.norm(places - foot, axis=1), side)
-        for foot, side in ((inner, inwards), (outer, -outwards))
+        np.copysign(np.linalg.norm(places - foot, axis=1), side) for foot, side in ((inner, inwards), (outer, outwards))
     )
     return borders, is_placed, (_share(inwards, outwards), inwards + outwards, inner, outer)
 
@@ -239,7 +238,7 @@ class _Border:
         return cls(core.points, core.normals, core.faces, _core.NearestFinder(core.points, core.faces))
 
     def joined(self, points: NDArray[np.float64], faces: NDArray[np.uint32]) -> "_Border":
-        """Return the border with a surface added, both sides of which are inside."""
+        """Return the border with a surface added, both sides of which are outside."""
         points, faces = np.concatenate([self.points, points]), np.concatenate([self.faces, faces + len(self.points)])
         normals = np.zeros_like(points)
         normals[: len(self.normals)] = self.normals
@@ -251,7 +250,7 @@ class _Border:
         corners = self.faces[triangles]
         nearest = np.einsum("nk,nkd->nd", weights, self.points[corners])
         outward = np.einsum("nk,nkd->nd", weights, self.normals[corners])
-        is_inside = ((places - nearest) * outward).sum(axis=1) <= 0  # 0 where the normals are, see `joined`
+        is_inside = ((places - nearest) * outward).sum(axis=1) < 0  # 0 where the normals are, see `joined`
         return np.where(is_inside, -distances, distances), nearest
 
 
