@@ -318,7 +318,7 @@ def test_doubtful_rims_are_reported(rims, caplog):
     speck = labels.copy()
     speck[5, :4, 2] = 3
     for change, options, message in (
-        (labels, {"spacing": (500, 500, 500)}, r"median thickness of the grey matter is 2.46e\+03 mm. Check the voxel"),
+        (labels, {"spacing": (500, 500, 500)}, r"median thickness of the grey matter is 2.48e\+03 mm. Check the voxel"),
         (speck, {}, r"0.12 % of the grey matter is uncertain: 0.12 % \(parts that do not touch both borders\)"),
         (labels, {"inner": labels > 1, "grey": 3, "outer": 1}, "3240 voxels are grey matter and inner border"),
     ):
