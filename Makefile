@@ -145,6 +145,9 @@ pictures: setup ## make the pictures of README.md, of the napari page and of the
 	fs=$(NILEARN_DATA)/fsaverage5; $(RUN) voxflat figure $$fs/flat_left.gii.gz $$fs/flat_right.gii.gz \
 	--surface $$fs/white_left.gii.gz --surface $$fs/white_right.gii.gz --pial $$fs/pial_left.gii.gz --pial $$fs/pial_right.gii.gz \
 	--overlay $$fs/thick_left.gii.gz --overlay $$fs/thick_right.gii.gz --range 1.5,4 --label "thickness, mm" -o docs/pictures/existing_maps.png
+	for side in left right; do $(RUN) voxflat standard-map fsaverage5 --hemisphere $$side -o demo/$$side.standard.npz; done
+	fs=$(NILEARN_DATA)/fsaverage5; $(RUN) voxflat figure demo/left.standard.npz demo/right.standard.npz \
+	--overlay $$fs/thick_left.gii.gz --overlay $$fs/thick_right.gii.gz --range 1.5,4 --label "thickness, mm" -o docs/pictures/standard_maps.png
 	$(RUN) python docs/benchmarks/groups.py --picture docs/pictures/group_map.png
 	$(RUN) pytest -q tests/napari/test_napari_workflow.py --pictures docs/pictures
 

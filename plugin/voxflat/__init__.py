@@ -79,6 +79,7 @@ __all__ = [
     "range_image",
     "rim",
     "samples",
+    "standard_map",
     "surface",
     "worst_places",
 ]
@@ -118,6 +119,7 @@ if TYPE_CHECKING:
     from voxflat.pipeline.group_map import flatten_group
     from voxflat.pipeline.range_image import range_image
     from voxflat.pipeline.series import flatten_series
+    from voxflat.pipeline.standard_map import standard_map
     from voxflat.pipeline.surface import Surface, surface
     from voxflat.surfaces.cuts import Cut
     from voxflat.surfaces.findings import Check
@@ -153,6 +155,7 @@ else:
         "pipeline.group_map": ("flatten_group",),
         "pipeline.range_image": ("range_image",),
         "pipeline.series": ("flatten_series",),
+        "pipeline.standard_map": ("standard_map",),
         "pipeline.surface": ("Surface", "surface"),
         "surfaces.cuts": ("Cut",),
         "surfaces.findings": ("Check",),

@@ -21,6 +21,7 @@ from voxflat.methods.method import FlattenSettings, Rows
 from voxflat.surfaces.cuts import Cut, save_cuts
 from voxflat.surfaces.cutting import CutManifold
 from voxflat.surfaces.manifold import SurfaceT_co
+from voxflat.surfaces.standard.template import Template
 from voxflat.surfaces.standard.tracing import template_of
 
 _SIDES = (("left", "right"), ("posterior", "anterior"), ("inferior", "superior"))
@@ -238,6 +239,12 @@ class CutSurface(CutManifold[SurfaceT_co]):
         >>> cut_open = voxflat.surface(left.white_left).cut("standard", sphere=left.sphere_left)
         >>> cut_open.save_template("five_cuts.json")
         """
+        template = self._template(Path(path).stem)
+        with saving(path, self.provenance, sidecar=sidecar, overwrite=overwrite), atomic_path(path) as beside:
+            beside.write_text(template.as_json(), encoding="utf-8", newline="\n")
+
+    def _template(self, called: str) -> Template:
+        """Return the cuts, and the border of the excluded region, as a template."""
         if self.sphere is None:
             raise InputError("a template requires a sphere, but this surface has none. Cut it with sphere (--sphere)")
         if not self.cuts and not len(self.left_out):
@@ -250,10 +257,7 @@ class CutSurface(CutManifold[SurfaceT_co]):
             name = cut.name or cut.reason
             names[name] = names.get(name, 0) + 1
             cuts.append((name if cut.name else f"{name} {names[name]}", self._vertices(cut)))
-        template = template_of(self.whole, is_kept, cuts, self.sphere)
-        template = replace(template, name=Path(path).stem, provenance=self.provenance)
-        with saving(path, self.provenance, sidecar=sidecar, overwrite=overwrite), atomic_path(path) as beside:
-            beside.write_text(template.as_json(), encoding="utf-8", newline="\n")
+        return replace(template_of(self.whole, is_kept, cuts, self.sphere), name=called, provenance=self.provenance)
 
     def _vertices(self, cut: Cut) -> NDArray[np.int64]:
         """Return the vertices of the whole surface along a cut."""

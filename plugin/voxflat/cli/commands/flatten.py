@@ -1,4 +1,4 @@
-"""The commands `voxflat cut`, `voxflat flatten`, `voxflat group-map` and `voxflat movie-map`."""
+"""The commands `voxflat cut`, `flatten`, `group-map`, `movie-map` and `standard-map`."""
 
 from pathlib import Path
 from typing import Any
@@ -23,6 +23,7 @@ from voxflat.maps.summary import summary_of
 from voxflat.pipeline.flat_series import FlatSeries
 from voxflat.pipeline.group_map import ERRORS, flatten_group
 from voxflat.pipeline.series import checked_reference, flatten_series
+from voxflat.pipeline.standard_map import CUTS, DENSITIES, MESHES, standard_map
 from voxflat.pipeline.surface import Surface
 from voxflat.surfaces.charts import names_of
 
@@ -252,6 +253,40 @@ def _group_summary(flat_map: FlatMap, output: Path) -> str:
     return "\n".join([*lines, "", f"mean of {len(people)} people", _summary(flat_map, output)])
 
 
+@options.command(
+    "standard-map",
+    "voxflat standard-map fsaverage5 --hemisphere left -o lh.npz",
+    "voxflat standard-map fs_LR --density 164k --hemisphere right --cuts published --files S1200 "
+    "--files standard_mesh_atlases -o R.flat.surf.gii",
+)
+@cloup.argument("mesh", type=click.Choice(MESHES))
+@options.section(
+    "Mesh",
+    option_of(standard_map, "density", type=click.Choice(DENSITIES)),
+    option_of(standard_map, "hemisphere", type=options.SIDE, metavar="[left|right]"),
+    option_of(standard_map, "cuts", type=click.Choice(CUTS), sentences=2),
+    option_of(standard_map, "files", type=FILE, metavar="FOLDER", multiple=True, sentences=2, note="May be repeated."),
+)
+@options.output(
+    "Output file: .npz or .voxflat for the complete map, or .surf.gii, .patch.flat, .flat.patch.3d, .vtp, .ply or .obj "
+    "for the flat surface.  [default: MESH.HEMISPHERE.npz]",
+    required=False,
+)
+@options.run(options.threads, options.memory_limit, options.quiet)
+def standard_map_command(mesh: str, output: Path | None, writing: dict[str, Any], quiet: bool, **settings: Any) -> None:
+    """Make the flat map of a standard mesh, fsaverage or fs_LR.
+
+    MESH is fsaverage, fsaverage5, fsaverage6 or fs_LR. All densities of a mesh have the same map. The map is made from
+    surfaces that are installed with other packages, or from your own files. If a file is missing, an error names it.
+    """
+    output = output or Path(f"{mesh}.{settings['hemisphere']}.npz")
+    check_output(output, MAP_ENDINGS, **writing)
+    with bars(quiet) as bar:
+        flat_map = standard_map(mesh, progress=bar.progress, **settings)
+    flat_map.save(output, **writing)
+    report({"output": str(output), **flat_map.description()}, _summary(flat_map, output), quiet=quiet)
+
+
 def _outputs(output: Path, count: int | str, endings: tuple[str, ...], writing: dict[str, Any]) -> list[Path]:
     """Return the output files of all charts, after checking them."""
     outputs = [output] if count == 1 else [output.with_name(f"{name}.{output.name}") for name in names_of(count)]
@@ -293,7 +328,8 @@ def _summary(flat_map: FlatMap, output: Path) -> str:
     if len(flat_map.sources):
         rows["sources"] = str(len(flat_map.sources))
     rows["map"] = f"{rounded(width, 1)} x {rounded(height, 1)} mm{torn}"
-    rows["memory, at most"] = f"{details['memory_need_bytes'] / 2**20:.0f} MiB"
+    if "memory_need_bytes" in details:
+        rows["memory, at most"] = f"{details['memory_need_bytes'] / 2**20:.0f} MiB"
     rows["distance error"] = flat_map.distortion._summary()
     lines = [f"{name:22}{value}" for name, value in rows.items()]
     text = in_unit("\n".join(lines), flat_map.origin.named_unit)

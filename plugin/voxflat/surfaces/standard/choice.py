@@ -33,7 +33,9 @@ def chosen(
     progress: Progress | None = None,
 ) -> Choice:
     """Choose the cuts: by default standard cuts for a complete closed surface with a sphere."""
-    asked: str | Path | None = STANDARD if isinstance(cuts, str) and cuts == STANDARD else None
+    asked: str | Path | Template | None = None
+    if isinstance(cuts, Template) or (isinstance(cuts, str) and cuts == STANDARD):
+        asked = cuts
     if asked is None and isinstance(cuts, str | os.PathLike) and cuts != AUTOMATIC and is_template(Path(cuts)):
         asked = Path(cuts)
     if asked is not None:
@@ -45,7 +47,10 @@ def chosen(
             placed, warnings = registered_sphere(fitted), [*warnings, f"no sphere was found, so {text}"]
         else:
             placed, warnings = sphere_of(whole, place)
-        named = standard_template(placed.space, placed.side) if asked == STANDARD else read_template(asked)
+        if isinstance(asked, Template):
+            named = asked
+        else:
+            named = standard_template(placed.space, placed.side) if asked == STANDARD else read_template(asked)
         _check_fits(named, placed)
         return Choice(named, placed, tuple(warnings))
     place = sphere_beside(whole) if sphere is None and cuts is None and is_free else sphere

@@ -1,0 +1,107 @@
+"""Carry a flat map over the sphere to a surface with another mesh of the same brain."""
+
+from typing import Any
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from voxflat.maps.flat_map import FlatMap
+from voxflat.surfaces.cutting import CutManifold
+from voxflat.surfaces.standard.sphere import Sphere, in_triangles
+
+_INSIDE = 1e-9  # tolerance of barycentric weights
+_ROUNDS = 40  # in which vertices of flipped triangles are moved
+
+
+def carried(flat: FlatMap, sphere: Sphere, onto: CutManifold[Any], onto_sphere: Sphere) -> NDArray[np.float64]:
+    """Return the positions of a surface's vertices on the map of a surface with another mesh, by their spheres.
+
+    Both surfaces have almost the same cuts. Away from the cuts, a vertex has the position of its place in the map's
+    triangles. The other vertices continue the map from the nearest of these, so that they stay on their side of a cut.
+    """
+    places, faces = sphere.places[flat.ids], flat.faces.astype(np.int64)
+    part = onto.surface
+    wanted, finer = onto_sphere.places[part.vertices], part.faces.astype(np.int64)
+    corners, weights, is_inside = in_triangles(places, faces, wanted)
+    triangle = np.empty(len(wanted), dtype=np.int64)
+    triangle[is_inside] = _numbers(faces, corners[is_inside])
+    is_known = is_inside & ~_at_border(faces, len(places))[corners].any(axis=1) & ~_at_border(finer, len(part))
+    ends = np.sort(finer[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
+    lengths = np.linalg.norm(wanted[ends[:, 0]] - wanted[ends[:, 1]], axis=1)
+    graph = scipy.sparse.csr_matrix((lengths, ends.T), shape=(len(part), len(part)))
+    known = np.flatnonzero(is_known)
+    apart, before, _ = scipy.sparse.csgraph.dijkstra(
+        graph, directed=False, indices=known, min_only=True, return_predecessors=True
+    )
+    others = np.flatnonzero(~is_known)
+    beside = _neighbours(faces)
+    for row in others[np.argsort(apart[others], kind="stable")]:
+        triangle[row], weights[row] = _walked(triangle[before[row]], wanted[row], places, faces, beside)
+    return _unfolded(np.einsum("ij,ijk->ik", weights, flat.uv[faces[triangle]]), finer)
+
+
+def _unfolded(uv: NDArray[np.float64], faces: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Move the vertices of flipped triangles, one after the other, to where the least of their triangles is largest."""
+    for _ in range(_ROUNDS):
+        is_flipped = _double_areas(uv, faces) <= 0
+        for vertex in np.unique(faces[is_flipped]):
+            ring = faces[(faces == vertex).any(axis=1)]
+            turn = (ring == vertex).argmax(axis=1)
+            a, b = (uv[np.take_along_axis(ring, ((turn + k) % 3)[:, None], axis=1)[:, 0]] for k in (1, 2))
+            # twice the area of a triangle is linear in its corner, and the last unknown is at most each of them
+            rows = np.column_stack([b[:, 1] - a[:, 1], a[:, 0] - b[:, 0], np.ones(len(a))])
+            limits = np.stack([np.minimum(a, b).min(axis=0), np.maximum(a, b).max(axis=0)], axis=1)
+            areas = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
+            uv[vertex] = scipy.optimize.linprog([0, 0, -1], rows, areas, bounds=[*limits, (None, None)]).x[:2]
+        if not is_flipped.any():
+            break
+    return uv
+
+
+def _double_areas(uv: NDArray[np.float64], faces: NDArray[np.int64]) -> NDArray[np.float64]:
+    a, b, c = np.moveaxis(uv[faces], 1, 0)
+    return np.asarray(np.linalg.det(np.stack([b - a, c - a], axis=1)))
+
+
+def _numbers(faces: NDArray[np.int64], corners: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return the number of each triangle by its corners, which no other triangle has in this order."""
+    numbers = {tuple(of): number for number, of in enumerate(faces.tolist())}
+    return np.array([numbers[tuple(of)] for of in corners.tolist()], dtype=np.int64)
+
+
+def _neighbours(faces: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return the triangle beyond the edge opposite each corner, shape (F, 3), or -1 at the border."""
+    edges = np.sort(faces[:, [1, 2, 2, 0, 0, 1]].reshape(-1, 2), axis=1)
+    order = np.lexsort(edges.T)
+    is_shared = (edges[order][1:] == edges[order][:-1]).all(axis=1)
+    a, b = order[:-1][is_shared], order[1:][is_shared]
+    beside = np.full(len(edges), -1)
+    beside[a], beside[b] = b // 3, a // 3
+    return beside.reshape(-1, 3)
+
+
+def _at_border(faces: NDArray[np.int64], count: int) -> NDArray[np.bool_]:
+    """Return whether each vertex lies at the border."""
+    is_border = np.zeros(count, dtype=np.bool_)
+    opposite = _neighbours(faces) < 0
+    is_border[faces[:, [1, 2, 0]][opposite]] = is_border[faces[:, [2, 0, 1]][opposite]] = True
+    return is_border
+
+
+def _walked(
+    triangle: int,
+    place: NDArray[np.float64],
+    places: NDArray[np.float64],
+    faces: NDArray[np.int64],
+    beside: NDArray[np.int64],
+) -> tuple[int, NDArray[np.float64]]:
+    """Walk from a triangle towards a place until a triangle contains it, or the border is in the way."""
+    for _ in range(len(faces)):
+        weights = np.linalg.solve(places[faces[triangle]].T, place)
+        weights /= weights.sum()
+        least = int(weights.argmin())
+        if weights[least] >= -_INSIDE or beside[triangle, least] < 0:
+            break
+        triangle = int(beside[triangle, least])
+    return triangle, weights
