@@ -189,3 +189,9 @@ def test_progress_is_reported_and_can_cancel():
     with pytest.raises(Cancelled):
         voxflat.flatten_group(PEOPLE * 5, progress=progress, threads=1)
     assert stages
+
+
+@pytest.mark.medium
+def test_the_map_has_the_unit_of_the_surfaces():
+    people = [voxflat.surface(one, unit="µm") for one in PEOPLE[:2]]
+    assert voxflat.flatten_group(people).origin.unit == voxflat.flatten(people[0]).origin.unit

@@ -152,7 +152,8 @@ def _resampled(
         except InputError as error:
             raise InputError(f"surface {number}: {error}") from error
         path = None if whole.origin.input is None else Path(whole.origin.input)
-        blank = Mesh(wanted, common.faces, path=path, structure=SIDES[placed.side], space=whole.space)
+        unit = whole.origin.unit
+        blank = Mesh(wanted, common.faces, path, SIDES[placed.side], space=whole.space, declared_unit=unit)
         name, space = _name(blank, number), space or placed.space
         for warning in warnings:
             log.warning("%s: %s", name, warning)
@@ -293,7 +294,7 @@ class _CutGroup:
             sums += weight * np.stack([one.per_point, one.triangles.areal, change, change**2])
             table[member.number] = self._row(member, one)
             thinned = replace(one.triangles, areal=np.zeros(0))
-            scatter = one.scatter[:: len(weights)]
+            scatter = one.scatter[:: len(weights)].copy()  # a view would keep all of it
             measured.append(replace(one, per_point=np.zeros(0), scatter=scatter, triangles=thinned))
         per_point, areal, change, square = sums
         self.spread = np.sqrt(np.maximum(square - change**2, 0))
@@ -341,7 +342,8 @@ def _mesh(source: object, number: int) -> Mesh:
     if isinstance(source, Surface):
         points = np.full((source.count, 3), np.nan)
         points[source.vertices] = source.points
-        return Mesh(points, source.vertices[source.faces], structure=source.origin.structure, space=source.space)
+        origin, faces = source.origin, source.vertices[source.faces]
+        return Mesh(points, faces, structure=origin.structure, space=source.space, declared_unit=origin.unit)
     try:
         mesh = as_mesh(source)
     except InputError as error:
