@@ -40,6 +40,7 @@ __all__ = [
     "Comparison",
     "Cut",
     "CutSurface",
+    "DistanceMatrix",
     "DistanceRows",
     "Distortion",
     "FlatAtlas",
@@ -113,6 +114,7 @@ if TYPE_CHECKING:
     from voxflat.maps.worst_search import worst_places
     from voxflat.pipeline.check import check
     from voxflat.pipeline.cut_surface import CutSurface
+    from voxflat.pipeline.distance_matrix import DistanceMatrix
     from voxflat.pipeline.flat_movie import FlatMovie
     from voxflat.pipeline.flat_series import FlatSeries, load_series
     from voxflat.pipeline.flatten import flatten
@@ -149,6 +151,7 @@ else:
         "maps.worst_search": ("worst_places",),
         "pipeline.check": ("check",),
         "pipeline.cut_surface": ("CutSurface",),
+        "pipeline.distance_matrix": ("DistanceMatrix",),
         "pipeline.flat_movie": ("FlatMovie",),
         "pipeline.flat_series": ("FlatSeries", "load_series"),
         "pipeline.flatten": ("flatten",),

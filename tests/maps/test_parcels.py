@@ -157,7 +157,7 @@ class TestParcels:
         small = np.diag([0.1, 0.1, 9.0, 1.0])
         small[:3, 3] = 5.4, 5.4, -4.0  # between the vertices
         between = voxflat.io.Volume(np.ones((1, 1, 1), np.uint8), small)
-        refused("there are no labels on the map", parcels_of, flat_map, between)
+        refused("there are no labels on the surface", parcels_of, flat_map, between)
 
     def test_labels_of_a_volume_are_those_of_the_nearest_voxel(self, flat_map):
         data = np.zeros((40, 40, 5), np.int16)

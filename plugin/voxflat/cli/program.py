@@ -17,6 +17,7 @@ COMMANDS = {
     "cut": ("flatten", "Cut a surface open for flattening."),
     "demo": ("demo", "Flatten a hemisphere of the MNI152 template."),
     "figure": ("drawing", "Draw a figure of one or two flat maps."),
+    "distance-matrix": ("distances", "Measure the distances between all vertices or parcels."),
     "flatten": ("flatten", "Flatten a surface into a flat map."),
     "freesurfer": ("study", "Flatten a FreeSurfer subject and write a report."),
     "group-map": ("flatten", "Flatten the surfaces of several people into one flat map."),

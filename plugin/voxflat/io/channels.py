@@ -299,7 +299,7 @@ def _structure(models: dict[str, Any], sizes: dict[str, int], points: int, struc
     if not models:
         raise InputError("contains only values in voxels. Pass a file with values at vertices")
     if structure is not None:
-        model = "CIFTI_STRUCTURE_" + re.sub(r"(?<!^)(?=[A-Z])", "_", structure).upper()
+        model = cifti_structure(structure)
         if model not in models:
             raise InputError(f"contains {', '.join(map(_short, models))}, but the surface belongs to {_short(model)}")
         return model
@@ -309,6 +309,11 @@ def _structure(models: dict[str, Any], sizes: dict[str, int], points: int, struc
         remedy = "Define AnatomicalStructurePrimary in the surface's GIFTI file, or begin its name with lh. or rh."
         raise InputError(f"contains {listing}, and the hemisphere of the surface is unknown. {remedy}")
     return fitting[0]
+
+
+def cifti_structure(structure: str) -> str:
+    """Return the name in CIFTI files of a structure in GIFTI notation, such as "CortexLeft"."""
+    return "CIFTI_STRUCTURE_" + re.sub(r"(?<!^)(?=[A-Z])", "_", structure).upper()
 
 
 def _short(name: str) -> str:

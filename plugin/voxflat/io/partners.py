@@ -24,16 +24,20 @@ def check_side(name: object, own: str | None, structure: object, remedy: str, of
 
 
 def check_file_side(path: str | os.PathLike[str], structure: str | None, remedy: str = _AS_ARRAY) -> None:
-    """Raise an error if a file belongs to the other hemisphere; GIFTI metadata override the file name."""
-    if not isinstance(structure, str) or structure not in _SIDES or not os.path.isfile(path):
-        return
+    """Raise an error if a file belongs to the other hemisphere."""
+    if isinstance(structure, str) and structure in _SIDES and os.path.isfile(path):
+        check_side(path, structure_of(path), structure, remedy)
+
+
+def structure_of(path: str | os.PathLike[str]) -> str | None:
+    """Return the structure of a file in GIFTI notation, if known; GIFTI metadata override the file name."""
     side = named_structure(path)
-    if formats.by_name(Path(path)) == formats.GIFTI:
-        with naming(path, REMEDY):
-            image = gifti.load(contents(Path(path)))
-            sides = [part.meta.get("AnatomicalStructurePrimary") for part in (*image.darrays[:1], image)]
-            side = next(filter(None, sides), side)
-    check_side(path, side, structure, remedy)
+    if formats.by_name(Path(path)) != formats.GIFTI:
+        return side
+    with naming(path, REMEDY):
+        image = gifti.load(contents(Path(path)))
+        sides = [part.meta.get("AnatomicalStructurePrimary") for part in (*image.darrays[:1], image)]
+        return next(filter(None, sides), side)
 
 
 def check_partner(path: str | os.PathLike[str], origin: Origin, remedy: str = _AS_ARRAY) -> None:

@@ -19,6 +19,7 @@ from voxflat.maps.lines import borders, region_corners
 from voxflat.maps.raster import Raster, at_points
 from voxflat.maps.sampling import Sampling
 from voxflat.maps.sources import source_of
+from voxflat.maps.surface_points import SurfacePoints
 
 _NONE = -1
 
@@ -70,14 +71,21 @@ def check_table(parcels: object, table: object) -> None:
 
 
 def parcels_of(flat_map: FlatMap, labels: object, *, table: object = None, depths: Depths = ON_SURFACE) -> Parcels:
-    """Return labels on a map; raise an `InputError` if none is on the map.
+    """Return labels on a map, as `labels_at` returns them at its points."""
+    return Parcels(flat_map, *labels_at(flat_map._triangles.on_surface, labels, table=table, depths=depths))
+
+
+def labels_at(
+    surface: SurfacePoints, labels: object, *, table: object = None, depths: Depths = ON_SURFACE
+) -> tuple[NDArray[np.int64], LabelTable]:
+    """Return the label of each point, −1 where there is none, and their table; raise an `InputError` if all are −1.
 
     Labels are given for the vertices of the mesh (``.annot``, ``.label.gii``, ``.dlabel.nii``, one or several
     FreeSurfer ``.label`` files, or an array of whole numbers of shape (V,)), or as a volume. With a volume, each point
     takes the label of the nearest voxel or, at several depths, the most frequent label among the surrounding voxels.
     `table` provides names and colours that the file does not contain.
     """
-    surface, way = flat_map._triangles.on_surface, "nearest" if len(depths) == 1 else "majority"
+    way = "nearest" if len(depths) == 1 else "majority"
     if are_label_files(labels) and not surface.origin.is_voxels:
         paths: Any = labels if isinstance(labels, list | tuple) else [labels]
         for path in paths:
@@ -85,12 +93,12 @@ def parcels_of(flat_map: FlatMap, labels: object, *, table: object = None, depth
         if table is not None:
             raise InputError("label files have their own names, so a table does not apply. Omit the table")
         labels, table = label_files(paths, surface.origin.mesh.vertices)
-    values = source_of(surface, labels).image(at_points(len(flat_map)), Sampling(depths, "mean", way)).data
+    values = source_of(surface, labels).image(at_points(len(surface.points)), Sampling(depths, "mean", way)).data
     file = f"{labels}: " if isinstance(labels, str | os.PathLike) else ""
     if values.ndim != 2 or not all_whole(values):
         raise InputError(f"{file}labels must be whole numbers. Show other values as an overlay")
     if not np.isfinite(values).any():
-        raise InputError(f"{file}there are no labels on the map. Check that the affines match")
+        raise InputError(f"{file}there are no labels on the surface. Check that the affines match")
     names = read_table(table) if isinstance(table, str | os.PathLike) else table
     if not isinstance(names, LabelTable):
         names = own_table(labels) or LabelTable()
@@ -99,4 +107,4 @@ def parcels_of(flat_map: FlatMap, labels: object, *, table: object = None, depth
     for label in np.unique(codes):
         if not names.is_region(int(label)):
             codes[codes == label] = _NONE
-    return Parcels(flat_map, codes, names)
+    return codes, names

@@ -27,6 +27,8 @@ from voxflat.maps.map_cuts import along_map, opened_along
 from voxflat.methods import Method, flattened, method_of
 from voxflat.methods.method import FlattenSettings, Rows
 from voxflat.pipeline.cut_surface import CutSurface
+from voxflat.pipeline.distance_matrix import DistanceMatrix
+from voxflat.pipeline.distance_matrix import geodesic_matrix as _geodesic_matrix
 from voxflat.surfaces.charts import charted
 from voxflat.surfaces.cutting import CutSettings, cut_handles
 from voxflat.surfaces.findings import Check, check_surface
@@ -596,6 +598,82 @@ class Surface(Manifold):
         limits: dict[str, Any] = {"threads": threads, "memory_limit": memory_limit, "progress": progress}
         rows = _geodesic(self, sources, **kinds, store=store, dask=dask, **limits)
         return replace(rows, unit=self.origin.named_unit)
+
+    def geodesic_matrix(
+        self,
+        parcels: object | None = None,
+        *,
+        method: str = "mean",
+        other: Surface | None = None,
+        geodesic: str = "graph",
+        table: object | None = None,
+        file: str | os.PathLike[str] | None = None,
+        dtype: str = "float32",
+        sidecar: bool = False,
+        overwrite: bool = False,
+        threads: int | None = None,
+        memory_limit: int | None = None,
+        progress: Progress | None = None,
+    ) -> DistanceMatrix:
+        """Measure the geodesic distances between all vertices, or between all parcels.
+
+        Paths stay on the surface. To exclude the medial wall from the paths and from the matrix, pass the part of the
+        surface without it (`Surface.drop`).
+
+        Parameters
+        ----------
+        parcels : path, ndarray, image object or pair of these, optional
+            Labels of the vertices (``.annot``, ``.label.gii``, ``.dlabel.nii``, FreeSurfer ``.label`` files, or whole
+            numbers of shape (V,)), or a volume of labels. The distances are then those between parcels. With `other`,
+            pass a ``.dlabel.nii`` file with both hemispheres, or a pair in the order of the surfaces.
+        method : {"mean", "min", "centroid"}
+            How parcels are compared. "mean": the mean of the distances from each vertex of one to each vertex of the
+            other. "min": the shortest of these distances. "centroid": the distance between their centroids, which are
+            the vertices closest in space to the mean position of the parcel. The distance of a parcel to itself is 0.
+        other : Surface, optional
+            The other hemisphere. The rows and columns of the left one come first, as in CIFTI files. Distances between
+            hemispheres are infinite.
+        geodesic : {"graph", "exact"}
+            As in `geodesic`. The distances of "marching" differ between both directions by up to 2 mm, so they are not
+            offered.
+        table : path or LabelTable, optional
+            Names of the parcels, if their file does not contain any, as in `figures.flat_maps`.
+        file : path, optional
+            Write the distances to this file instead of keeping them in memory: ``.npy`` (which NumPy can map into
+            memory) or text (``.csv``, ``.tsv``, ``.txt``), with a table of the rows in ``<file>.rows.tsv``; ``.h5``;
+            ``.zarr``; or CIFTI (``.dconn.nii`` for vertices, ``.pconn.nii`` for parcels).
+        dtype : {"float32", "float16", "uint8"}
+            The type of the values. uint8 holds whole numbers up to 254, and 255 where there is no path. A distance
+            that is too long for the type raises an error.
+        sidecar, overwrite : bool
+            As in `save`, for `file`.
+        threads, memory_limit, progress : optional
+            As in `flatten`.
+
+        Returns
+        -------
+        DistanceMatrix
+            The distances. If the surface has several components, only the largest is used.
+
+        Raises
+        ------
+        InputError, Cancelled
+            As in `flatten`, or if parcels do not fit the surface, or the file cannot hold the distances.
+
+        See Also
+        --------
+        Surface.geodesic : Measure the distances from some points only.
+
+        Examples
+        --------
+        >>> sheet = voxflat.range_image(np.zeros((6, 6)), 1.0)
+        >>> matrix = sheet.geodesic_matrix(np.repeat([1, 2, 3], 12), method="min")
+        >>> matrix.values[0].tolist()
+        [0.0, 1.0, 3.0]
+        """
+        common: dict[str, Any] = {"method": method, "geodesic": geodesic, "table": table, "file": file, "dtype": dtype}
+        common |= {"sidecar": sidecar, "overwrite": overwrite, "threads": threads, "memory_limit": memory_limit}
+        return _geodesic_matrix(self, parcels, other, **common, progress=progress)
 
     @recording()
     def path(self, *stops: Sequence[int] | int, geodesic: str = "graph", link_lengths: str | None = None) -> Path:

@@ -1,4 +1,4 @@
-"""The commands `voxflat path` and `voxflat rows`, which measure distances along a surface."""
+"""The commands `voxflat path`, `voxflat rows` and `voxflat distance-matrix`, which measure distances."""
 
 from pathlib import Path
 from typing import Any
@@ -9,14 +9,18 @@ import cloup
 from voxflat.cli import options
 from voxflat.cli.console import bars
 from voxflat.cli.input import part_of, surface_of
-from voxflat.cli.options import OUT
+from voxflat.cli.options import FILE, OUT
 from voxflat.cli.output import check_output, report
 from voxflat.cli.parameter_options import option_of
 from voxflat.distances.geodesic import SOLVERS
+from voxflat.errors import InputError
 from voxflat.io.files import atomic_path
 from voxflat.io.grid import in_unit
+from voxflat.io.matrices import MATRIX_ENDINGS, table_of
+from voxflat.io.partners import structure_of
 from voxflat.io.provenance import saving
-from voxflat.pipeline.surface import Surface
+from voxflat.pipeline.distance_matrix import KINDS, METHODS, SYMMETRIC
+from voxflat.pipeline.surface import Surface, surface
 
 _WAYS = click.Choice([*SOLVERS, "edges", "chain"])
 _EDGES = '"edges": paths along the edges of the triangles, as required for cuts.'
@@ -103,3 +107,99 @@ def rows_command(input_: Path, sources: int, quiet: bool, **settings: Any) -> No
     text = f"{measured.shape[0]} x {measured.shape[1]} distances {named}, {measured.nbytes / 2**20:.0f} MiB"
     content = {"store": str(measured.store), **size, "unit": measured.unit, "provenance": measured.provenance}
     report(content, f"{text}\nsaved in {measured.store}", quiet=quiet)
+
+
+@options.command(
+    "distance-matrix",
+    "voxflat distance-matrix L.midthickness.surf.gii --drop L.medial_wall.label.gii --dtype uint8 -o L.npy",
+    "voxflat distance-matrix L.midthickness.surf.gii R.midthickness.surf.gii --parcels parcels.dlabel.nii "
+    "-o parcels.pconn.nii",
+    "voxflat distance-matrix lh.white --parcels lh.aparc.annot --method min -o lh.aparc.csv",
+)
+@cloup.argument("surfaces", metavar="SURFACE...", type=FILE, nargs=-1, required=True)
+@options.section(
+    "Distances",
+    options.reads(
+        "--drop",
+        "Exclude this region, such as the medial wall, from the paths and from the matrix: a file as for voxflat "
+        "flatten --drop. It may be repeated. With two surfaces, each file is used for its own hemisphere.",
+        multiple=True,
+    ),
+    options.reads(
+        "--parcels",
+        "Measure the distances between these parcels (.annot, .label.gii, .dlabel.nii, or FreeSurfer .label files) "
+        "instead of between vertices. With two surfaces, pass a .dlabel.nii file, or one file per hemisphere.",
+        multiple=True,
+    ),
+    option_of(Surface.geodesic_matrix, "method", type=click.Choice(METHODS), sentences=4),
+    option_of(Surface.geodesic, "geodesic", type=click.Choice(SYMMETRIC), sentences=2),
+    options.reads("--table", "Names of the parcels, in the format of FreeSurferColorLUT.txt or a BIDS dseg.tsv."),
+)
+@options.output(
+    "Output file: .npy (which NumPy can map into memory), .csv, .tsv or .txt, each with a table of its rows in "
+    "FILE.rows.tsv; .h5; .zarr; .dconn.nii for vertices; or .pconn.nii for parcels.",
+    option_of(Surface.geodesic_matrix, "dtype", type=click.Choice(list(KINDS)), sentences=2),
+)
+@options.run(options.threads, options.memory_limit, options.quiet)
+def distance_matrix_command(
+    surfaces: tuple[Path, ...],
+    drop: tuple[Path, ...],
+    parcels: tuple[Path, ...],
+    output: Path,
+    writing: dict[str, Any],
+    quiet: bool,
+    **settings: Any,
+) -> None:
+    """Measure the geodesic distances between all vertices or parcels of one or two hemispheres.
+
+    Each SURFACE is a mesh. The rows and columns of the left hemisphere come first. Distances between hemispheres are
+    infinite, or 255 with --dtype uint8. Distances are in the unit of the surface.
+    """
+    if len(surfaces) > 2:
+        raise click.UsageError(f"{len(surfaces)} surfaces are given. Pass one surface, or one of each hemisphere.")
+    tables = [table_of(output)] if output.suffix.lower() in (".npy", ".csv", ".tsv", ".txt") else []
+    check_output(output, MATRIX_ENDINGS, beside=tables, **writing)
+    with bars(quiet) as bar:
+        parts = [surface(path, memory_limit=settings["memory_limit"]) for path in surfaces]
+        for region in drop:
+            for n in _sides_of(region, parts):
+                parts[n] = parts[n].drop(region)
+        other = parts[1] if len(parts) > 1 else None
+        matrix = parts[0].geodesic_matrix(
+            _parcels(parcels, parts), other=other, file=output, **writing, **settings, progress=bar.progress
+        )
+    content = {"output": str(output), "rows": len(matrix.ids), "unit": matrix.unit, "names": list(matrix.names)}
+    named = "without a unit" if matrix.unit == "unknown" else f"in {matrix.unit}"
+    of = "parcels" if matrix.names else "points"
+    text = f"{len(matrix.ids):,} x {len(matrix.ids):,} distances between {of}, {named}\nsaved as {output}"
+    report({**content, "provenance": matrix.provenance}, text, quiet=quiet)
+
+
+def _sides_of(path: Path, parts: list[Surface]) -> list[int]:
+    """Return the surfaces to which a file applies."""
+    if len(parts) == 1:
+        return [0]
+    if path.name.lower().endswith((".dlabel.nii", ".dscalar.nii")):
+        return [0, 1]
+    own = structure_of(path)
+    which = [n for n, part in enumerate(parts) if own is not None and part.origin.structure == own]
+    if len(which) != 1:
+        raise InputError(
+            f"{path}: the hemisphere of the file is unknown. Begin its name with lh. or rh., or pass a CIFTI file"
+        )
+    return which
+
+
+def _parcels(paths: tuple[Path, ...], parts: list[Surface]) -> Any:
+    """Return the parcels as `Surface.geodesic_matrix` expects them."""
+    if not paths or len(parts) == 1:
+        return None if not paths else paths[0] if len(paths) == 1 else list(paths)
+    if len(paths) == 1 and paths[0].name.lower().endswith(".dlabel.nii"):
+        return paths[0]
+    each: list[list[Path]] = [[], []]
+    for path in paths:
+        for n in _sides_of(path, parts):
+            each[n].append(path)
+    if not all(each):
+        raise InputError("the parcels belong to one hemisphere. Pass parcels of both, or one surface")
+    return [own[0] if len(own) == 1 else own for own in each]
