@@ -7,6 +7,7 @@ import mesh_files
 import nibabel
 import numpy as np
 import pytest
+import scipy
 import tifffile
 from command_line import fail, succeed
 from layers import bent_layers
@@ -374,15 +375,24 @@ def test_swapped_borders_of_a_closed_surface(rims):
     refused("inner border encloses the outer border. Swap", voxflat.rim, labels, inner=1, outer=2, grey=3)
 
 
+@pytest.mark.medium
 def test_swapped_borders_of_an_open_rim_are_reported(rims, caplog):
-    labels = rims["sphere"][1]
-    half = labels.data[:, :, labels.data.shape[2] // 2 :]
-    voxflat.rim(Volume(half, labels.affine))
+    x, y = np.meshgrid(np.arange(-32, 32, 0.8), np.arange(-6, 10, 0.8), indexing="ij")
+    where = np.linspace(-40, 40, 8001)
+    line = np.stack([where, 2 * np.sin(np.pi * where / 8)], axis=1)
+    nearest = scipy.spatial.cKDTree(line).query(np.stack([x, y], axis=-1) + 0.03)[1]
+    slope = np.cos(np.pi * where / 8) * np.pi / 4
+    height = (y + 0.03 - line[nearest, 1]) * np.hypot(1, slope)[nearest]  # the foot is perpendicular to the line
+    thickness = 2.5 + 0.4 * np.sin(np.pi * where / 8)[nearest]  # gyri are thicker than sulci
+    parts = [(height > -2) & (height < 0), (height >= 0) & (height <= thickness), (height > 0) & (height < thickness + 2)]
+    labels = np.repeat(np.select(parts, [2, 3, 1], 0)[..., None], 24, axis=2)
+    voxflat.rim(labels, spacing=(0.8, 0.8, 0.8))
     for shape in ("cylinder", "fold"):
         voxflat.rim(rims[shape][1])
+        voxflat.rim(rims[shape][1], inner=1, outer=2, grey=3)
     assert not caplog.text
-    voxflat.rim(Volume(half, labels.affine), inner=1, outer=2, grey=3)
-    assert re.search(r"the outer border is 3\d % smaller than the inner border, so their labels may be", caplog.text)
+    voxflat.rim(labels, spacing=(0.8, 0.8, 0.8), inner=1, outer=2, grey=3)
+    assert "labels of the borders may be swapped" in caplog.text
 
 
 def test_wrong_options(rims):

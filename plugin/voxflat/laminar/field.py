@@ -9,12 +9,12 @@ import scipy
 from numpy.typing import NDArray
 
 from voxflat import _core
-from voxflat.arguments import Progress
+from voxflat.arguments import Progress, log
 from voxflat.errors import Cancelled
 from voxflat.io.reading import check_room
 from voxflat.laminar.banks import between_banks, crosses, keep_to_bank, neighbours_of
 from voxflat.laminar.labels import GREY, INNER, OUTER, Layered, loose
-from voxflat.maps.depth import smooth_areas
+from voxflat.maps.depth import smooth_areas, vertex_areas
 from voxflat.surfaces.uncertainty import APART, LOOSE, PLACED, THICK, TOO_THICK
 
 _A_VOXEL = 60
@@ -23,6 +23,9 @@ _A_VOXEL = 60
 _BEYOND = 3  # voxels beyond the labels
 _CHUNK = 1 << 17  # points between two reports of progress
 _FAR = np.inf  # mm, no limit
+_EXTENT = 100  # area of the middle surface, relative to the squared thickness, that shows how gyri and sulci differ
+_FIFTHS = (0.2, 0.8)  # ends of the shares of columns that widen least and most towards the outer border
+_THINNER = 0.9  # thickness of gyri, relative to that of the bottoms of sulci, below which borders may be swapped
 _REACH = 4  # voxels from the end of the labels to which fits of borders mix both sides
 _PER_VOXEL = 30.0  # factor of the weight of areas per voxel, so that the farthest from the end count alone
 
@@ -76,6 +79,7 @@ def field_of(rim: Layered, threads: int | None = None, progress: Progress | None
     depth, thickness = depth[is_grey].clip(0, 1), thickness[is_grey]
     surfaces = (feet[0], points, feet[1])
     areas = smooth_areas(surfaces, points, faces, float(np.median(thickness)), _known(rim, surfaces, faces))
+    _warn_if_swapped(areas, np.linalg.norm(feet[1] - feet[0], axis=1), vertex_areas(points, faces))
     halves = _half_depth(places[is_grey], depth, inner[is_grey], outer[is_grey])
     triangles, weights = steps.nearest(_core.NearestFinder(points, faces), halves)[:2]
     corners = faces[triangles]
@@ -106,6 +110,31 @@ def field_of(rim: Layered, threads: int | None = None, progress: Progress | None
     return Field(
         depth, volume_depth, thickness, halfway, columns, points, faces, inner, outer, uncertain, np.asarray(of_points)
     )
+
+
+def _warn_if_swapped(
+    areas: Sequence[NDArray[np.float64]], thickness: NDArray[np.float64], sizes: NDArray[np.float64]
+) -> None:
+    """Warn if the grey matter is thinner where it bends towards the inner border, as if the borders were swapped.
+
+    Gyri are thicker than the bottoms of sulci. `areas` are those of columns on the surfaces, and `sizes` are those
+    around the vertices of the middle surface.
+    """
+    usual = np.median(thickness)
+    if sizes.sum() < _EXTENT * usual**2:
+        return
+    inner, _, outer = areas
+    is_single = thickness < TOO_THICK * usual
+    growth = (outer / np.maximum(inner, np.finfo(float).tiny))[is_single]
+    low, high = np.quantile(growth, _FIFTHS)
+    ratio = np.median(thickness[is_single][growth >= high]) / np.median(thickness[is_single][growth <= low])
+    if ratio < _THINNER:
+        log.warning(
+            "the grey matter is %.0f %% thinner where it bends towards the inner border than where it bends towards the "
+            "outer one, but gyri are usually thicker than the bottoms of sulci. The labels of the borders may be "
+            "swapped: check which one is the white matter",
+            100 * (1 - ratio),
+        )
 
 
 def _in_grey(

@@ -35,7 +35,6 @@ if TYPE_CHECKING:
     import pyvista
 
 _FRAGMENT = 0.01  # area of a component of the middle surface, relative to the largest one, below which it is dropped
-_EXTENT = 100  # area of the middle surface, relative to the squared thickness, below which either border may be larger
 _PLAUSIBLE = (0.1, 20.0)  # thickness in mm
 
 
@@ -479,26 +478,7 @@ def rim(
     usual = float(np.median(values.thickness))
     if not _PLAUSIBLE[0] < usual < _PLAUSIBLE[1]:
         log.warning("the median thickness of the grey matter is %.3g mm. Check the voxel size", usual)
-    _warn_if_swapped(values, usual)
     return Rim(labels, values, _middle_surface(labels, values))
-
-
-def _warn_if_swapped(values: Field, thickness: float) -> None:
-    """Warn if the outer border is so much smaller than the inner one that their labels are probably swapped.
-
-    It is usually larger in folded cortex, but smaller at the bottom of a sulcus. The larger the surface, the less such
-    places matter.
-    """
-    inner, middle, outer = (
-        float(vertex_areas(points, values.faces).sum()) for points in (values.inner, values.points, values.outer)
-    )
-    extent = middle / thickness**2
-    if extent > _EXTENT and np.log(inner / outer) > 0.1 + 3 / np.sqrt(extent):
-        log.warning(
-            "the outer border is %.0f %% smaller than the inner border, so their labels may be swapped. Check which "
-            "one is the white matter; ignore this warning if the rim covers only the bottom of a sulcus",
-            100 * (1 - outer / inner),
-        )
 
 
 def _is_fragment(core: _core.Surface, area: float) -> NDArray[np.bool_]:
