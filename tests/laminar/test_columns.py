@@ -96,6 +96,29 @@ def test_grey_matter_across_the_fluid_belongs_to_no_column(caplog):
     assert rim.profile(rim.depth(), everything, count=2).voxels.sum() == own.sum()
 
 
+def reaching(columns, labels, label):
+    """Return the number of columns that touch a border."""
+    touching = scipy.ndimage.binary_dilation(labels == label, CUBE) & (labels == 3)
+    return len(np.setdiff1d(columns.volume.data[touching], 0))
+
+
+@pytest.mark.medium
+def test_columns_reach_both_borders_where_they_narrow(caplog):
+    # a thin blade of white matter in a gyrus whose crown is twice as thick as its banks
+    x, y, _ = np.meshgrid(np.arange(-4, 22), np.arange(-14, 15), np.arange(6), indexing="ij")
+    labels = np.where((np.maximum(x - 8, 0) / 12) ** 2 + (y / 6) ** 2 < 1, 3, 1)
+    labels[(x <= 8) & (y == 0)] = 2
+    rim = voxflat.rim(labels)
+    columns = rim.columns(40)
+    assert_connected(columns)
+    assert reaching(columns, labels, 2) == reaching(columns, labels, 1) == 40
+    assert "do not reach both borders" not in caplog.text
+    narrow = rim.columns(200)  # too many for the voxels at the tip of the blade
+    missed = 200 - min(reaching(narrow, labels, 2), reaching(narrow, labels, 1))
+    assert missed > 0
+    assert f"{missed} of 200 columns do not reach both borders" in caplog.text
+
+
 def test_columns_depend_on_the_seed_alone():
     rim = voxflat.rim(voxflat.samples.rim())
     one, same, other = (rim.columns(40, seed=seed) for seed in (0, 0, 1))

@@ -384,7 +384,11 @@ def test_swapped_borders_of_an_open_rim_are_reported(rims, caplog):
     slope = np.cos(np.pi * where / 8) * np.pi / 4
     height = (y + 0.03 - line[nearest, 1]) * np.hypot(1, slope)[nearest]  # the foot is perpendicular to the line
     thickness = 2.5 + 0.4 * np.sin(np.pi * where / 8)[nearest]  # gyri are thicker than sulci
-    parts = [(height > -2) & (height < 0), (height >= 0) & (height <= thickness), (height > 0) & (height < thickness + 2)]
+    parts = [
+        (height > -2) & (height < 0),
+        (height >= 0) & (height <= thickness),
+        (height > 0) & (height < thickness + 2),
+    ]
     labels = np.repeat(np.select(parts, [2, 3, 1], 0)[..., None], 24, axis=2)
     voxflat.rim(labels, spacing=(0.8, 0.8, 0.8))
     for shape in ("cylinder", "fold"):

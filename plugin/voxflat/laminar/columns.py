@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from voxflat import _core
@@ -14,7 +15,7 @@ from voxflat.errors import InputError
 from voxflat.io.provenance import Record, Recorded
 from voxflat.io.volumes import Volume
 from voxflat.laminar.field import Field
-from voxflat.laminar.labels import Layered
+from voxflat.laminar.labels import INNER, OUTER, Layered
 from voxflat.maps.depth import vertex_areas
 from voxflat.pipeline.surface import Surface
 from voxflat.read_only import ReadOnly
@@ -27,7 +28,8 @@ _MOSTLY = 0.5  # of the voxels of a column
 class Columns(ReadOnly, Recorded):
     """Columns of the grey matter of a rim, made by `Rim.columns`.
 
-    Columns are numbered from 1. Each reaches from the inner to the outer border, and its voxels are connected.
+    Columns are numbered from 1. Each reaches from the inner to the outer border, except where the labels of a border
+    end, and its voxels are connected.
 
     Parameters
     ----------
@@ -88,7 +90,13 @@ def columns_of(
     count = _count(count, area, len(reached), float(areas.sum()))
     sources, cells = surface.core.cells(reached.astype(np.uint32), count, checked_seed(seed), progress)
     connected = np.zeros(len(has_column), dtype=np.int32)
-    connected[has_column] = _core.connect_columns(grey, cells[corners], halfway, progress)
+    connected[has_column], missed = _from_border_to_border(
+        labels, surface, cells, grey, cells[corners], halfway, progress
+    )
+    if missed:
+        log.warning(
+            "%d of %d columns do not reach both borders, for example where the labels of a border end", missed, count
+        )
     loose = int((connected[has_column] == 0).sum())
     if loose:
         log.warning(
@@ -109,6 +117,43 @@ def columns_of(
         np.asarray(np.bincount(cells, areas, count + 1)[1:], dtype=np.float64),
         uncertain,
     )
+
+
+def _from_border_to_border(
+    labels: Layered,
+    surface: Surface,
+    cells: NDArray[np.uint32],
+    grey: NDArray[np.uint32],
+    columns: NDArray[np.uint32],
+    halfway: NDArray[np.float64],
+    progress: Progress | None,
+) -> tuple[NDArray[np.uint32], int]:
+    """Return the columns of voxels, made connected, and the number of those that do not reach both borders.
+
+    Where columns narrow towards a border, other columns can contain all voxels there. A column that misses a border
+    therefore takes the voxels on the straight lines from its part of the middle surface to that border.
+    """
+    number = np.full(labels.labels.shape, -1, dtype=np.int32)
+    number[tuple(grey.T)] = np.arange(len(grey))
+    ends = []
+    for label, places in ((INNER, surface.white_points), (OUTER, surface.pial_points)):
+        assert places is not None
+        touching = scipy.ndimage.binary_dilation(labels.labels == label, np.ones((3, 3, 3), dtype=np.bool_))
+        ends.append((touching[tuple(grey.T)], places[surface.vertices] - surface.points))
+    fewest = len(surface) + 1
+    while True:
+        columns = _core.connect_columns(grey, columns, halfway, progress)
+        missing = [np.setdiff1d(cells[cells > 0], columns[is_touching]) for is_touching, _ in ends]
+        missed = len(np.union1d(*missing))
+        if missed == 0 or missed >= fewest:
+            return columns, missed
+        fewest, columns = missed, columns.copy()
+        for of_end, (_, ways) in zip(missing, ends, strict=True):
+            vertices = np.flatnonzero(np.isin(cells, of_end))
+            steps = 2 * np.linalg.norm(ways[vertices], axis=1).max(initial=0) / labels.volume.spacing.min()
+            for share in np.linspace(0, 1, int(steps) + 2):
+                on_way = number[tuple(labels.voxels(surface.points[vertices] + share * ways[vertices]).T)]
+                columns[on_way[on_way >= 0]] = cells[vertices[on_way >= 0]]
 
 
 def check_number(count: object, area: object) -> None:
