@@ -130,8 +130,8 @@ def _warn_if_swapped(
     ratio = np.median(thickness[is_single][growth >= high]) / np.median(thickness[is_single][growth <= low])
     if ratio < _THINNER:
         log.warning(
-            "the grey matter is %.0f %% thinner where it bends towards the inner border than where it bends towards the "
-            "outer one, but gyri are usually thicker than the bottoms of sulci. The labels of the borders may be "
+            "the grey matter is %.0f %% thinner where it bends towards the inner border than where it bends towards "
+            "the outer one, but gyri are usually thicker than the bottoms of sulci. The labels of the borders may be "
             "swapped: check which one is the white matter",
             100 * (1 - ratio),
         )
