@@ -161,6 +161,22 @@ def test_seams_of_texture_coordinates_are_cuts(tmp_path):
     assert cut == {tuple(sorted(edge)) for one in made.cuts for edge in zip(one.ids[:-1], one.ids[1:], strict=True)}
 
 
+def test_islands_of_texture_coordinates_are_one_map(tmp_path):
+    places = PLACES[FACES]
+    is_second = places[..., 0].mean(axis=1) > 20
+    places[is_second] += (30.0, 5.0)
+    write_obj(tmp_path / "islands.obj", POINTS, FACES, places)
+    loaded = voxflat.load(tmp_path / "islands.obj")
+    corners = loaded.ids[loaded.faces], loaded.uv[loaded.faces]
+    order, expected = np.lexsort(corners[0].T), np.lexsort(FACES.T)
+    np.testing.assert_array_equal(corners[0][order], FACES[expected])
+    np.testing.assert_allclose(corners[1][order], places[expected], atol=1e-5)
+    assert np.isfinite(loaded.distortion.per_point).all()
+    outline = [[20.0, 5.0], [80.0, 5.0], [80.0, 40.0], [20.0, 40.0]]
+    inside = np.unique(FACES[((places > (20, 5)) & (places < (80, 40))).all(axis=2)])
+    np.testing.assert_array_equal(np.flatnonzero(loaded.regions({"A": outline}).vertex_labels), inside)
+
+
 def test_wrong_partners_get_one_line(given, tmp_path):
     folder, flat = given
     surface = folder / "lh.mid.surf.gii"

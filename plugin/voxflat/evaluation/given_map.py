@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from voxflat import _core
 from voxflat.arguments import Progress, checked_threads
 from voxflat.errors import InputError
+from voxflat.evaluation.charts import charts_of
 from voxflat.evaluation.measure import measured_maps
 from voxflat.io.files import REMEDY, SAVED_ENDINGS, naming
 from voxflat.io.meshes import is_mesh_name
@@ -147,7 +148,8 @@ def _on_surface(
             "the surface is the flat map itself. Pass the curved surface that the map shows, or omit surface"
         )
     part = whole._with_core(flat.core)
-    is_exact = error_of_distances(part, "graph", settings) > MUCH
+    largest, _ = charts_of(flat)[0]
+    is_exact = error_of_distances(whole._with_core(largest.core), "graph", settings) > MUCH
     how: tuple[int | None, str] = (None, "exact") if is_exact else (_core.REFERENCE_SOURCES, "graph")
     limits: dict[str, Any] = {"seed": 0, "threads": threads, "memory_limit": memory_limit, "progress": progress}
     distortion = measured_maps(whole, {"": flat}, *how, **limits)[""].distortion
