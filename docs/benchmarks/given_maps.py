@@ -9,6 +9,7 @@ in this script reads them, and a region drawn on the map must have the vertices 
 """
 
 import argparse
+import json
 import logging
 import tempfile
 import time
@@ -122,9 +123,13 @@ def unwrapped(folder):
 def corners_of(path):
     """Return the vertices and the positions of the corners of a file with texture coordinates."""
     if path.suffix == ".glb":
-        mesh = trimesh.load(path, process=False, force="mesh")
-        vertices = np.arange(len(mesh.vertices))
-        return vertices, np.asarray(mesh.visual.uv, dtype=np.float32)
+        data = path.read_bytes()
+        length = int.from_bytes(data[12:16], "little")
+        head, binary = json.loads(data[20 : 20 + length]), data[28 + length :]
+        accessor = head["accessors"][head["meshes"][0]["primitives"][0]["attributes"]["TEXCOORD_0"]]
+        start = head["bufferViews"][accessor["bufferView"]].get("byteOffset", 0) + accessor.get("byteOffset", 0)
+        places = np.frombuffer(binary, "<f4", 2 * accessor["count"], start).reshape(-1, 2).astype(np.float64)
+        return np.arange(len(places)), np.column_stack([places[:, 0], 1 - places[:, 1]])  # glTF has v downwards
     lines = [line.split() for line in path.read_text().splitlines()]
     places = np.array([line[1:3] for line in lines if line[:1] == ["vt"]], dtype=np.float64)
     pairs = np.array([corner.split("/")[:2] for line in lines if line[:1] == ["f"] for corner in line[1:]], dtype=int)
