@@ -20,7 +20,7 @@ from voxflat.arguments import Progress
 from voxflat.atlases.atlas import Atlas
 from voxflat.atlases.certified import load_atlas
 from voxflat.errors import InputError
-from voxflat.io.files import atomic_path, file_name
+from voxflat.io.files import SAVED_ENDINGS, atomic_path, file_name
 from voxflat.io.meshes import Mesh, read_mesh
 from voxflat.io.overlays import read_overlay
 from voxflat.io.volumes import Volume, read_volume
@@ -72,6 +72,8 @@ class OpenedFile:
         if self._is_movie:
             found, what, name, function = load_series(self._path).flat_map, "movie", "series", "load_series"
         elif isinstance(self._opened, FlatMap):
+            if self._opened.method == "given" and not self._path.name.lower().endswith(SAVED_ENDINGS):
+                return self._of_other_tool(self._opened)
             found, what, name, function = load_saved(self._path), "map", "flat_map", "load"
         else:
             found, what, name, function = load_atlas(self._path), "atlas", "atlas", "load_atlas"
@@ -79,6 +81,16 @@ class OpenedFile:
             raise InputError(f"{self._path}: contains another {what} than the opened one. Open the file again")
         about = f'"""Load the {what} that was opened in napari."""'
         return f"{about}\n\nimport voxflat\n\n{name} = voxflat.{function}({str(self._path)!r})\n"
+
+    def _of_other_tool(self, flat_map: FlatMap) -> str:
+        """Return the script of a map of another tool, which was opened with its surface."""
+        parameters: Any = flat_map.record["parameters"]
+        files = [parameters[name] for name in ("flat", "surface")]
+        if not all(isinstance(file, str) and Path(file).is_file() for file in files):
+            raise InputError("the layer of the map or of its surface was changed. Save the map, and open that file")
+        flat, surface = (str(Path(file).resolve()) for file in files)
+        load = f"flat_map = voxflat.load({flat!r}, surface={surface!r})"
+        return f'"""Load the map that was opened in napari."""\n\nimport voxflat\n\n{load}\n'
 
 
 class _Script:

@@ -81,12 +81,12 @@ def _start_of(path: Path) -> bytes | None:
 
 def _reader_of(path: Path) -> _Read | None:
     """Return the reader for a file, chosen by its name if the name is unambiguous, otherwise by its first bytes."""
-    from voxflat._napari.files import surfaces, values
+    from voxflat._napari.files import given_maps, values
 
     name = path.name.lower()
     start = _start_of(path)
     if start is None:
-        return surfaces.surface_layers
+        return given_maps.surface_layers
     if name.endswith(".mgh"):
         return values.value_layers if _are_points(start) else None
     if name.endswith((".annot", ".label")):
@@ -96,12 +96,12 @@ def _reader_of(path: Path) -> _Read | None:
     if name.endswith(".txt"):
         return values.value_layers if re.match(rb"\s*[-+]?(\d|\.\d|nan|inf)", start, re.IGNORECASE) else None
     if formats.by_name(path) is not None:
-        return values.gifti_layers if ".gii" in name else surfaces.surface_layers
+        return values.gifti_layers if ".gii" in name else given_maps.surface_layers
     if not values.VALUES.isdisjoint(name.split(".")):
         # only the length reveals FreeSurfer's old format of values
         is_old = len(start) >= 6 and path.stat().st_size == 6 + 2 * int.from_bytes(start[:3], "big")
         return values.value_layers if start.startswith(b"\xff\xff\xff") or is_old else None
-    return surfaces.surface_layers if start[:3] in (b"\xff\xff\xfe", b"\xff\xff\xfd", b"\xff\xff\xff") else None
+    return given_maps.surface_layers if start[:3] in (b"\xff\xff\xfe", b"\xff\xff\xfd", b"\xff\xff\xff") else None
 
 
 def _are_points(start: bytes) -> bool:

@@ -20,7 +20,11 @@ _Made = TypeVar("_Made", bound=FlatMap | Atlas)
 
 def map_layers_of(path: Path) -> list[LayerData]:
     """Read a saved flat map; raises InputError if the file is damaged."""
-    flat_map = load_saved(path)
+    return opened_layers(load_saved(path), path)
+
+
+def opened_layers(flat_map: FlatMap, path: Path) -> list[LayerData]:
+    """Return the layers of a flat map that was opened from a file."""
     flat_map = _in_session(flat_map, path)
     return [hidden(layer) for layer in map_layers(flat_map, path.stem).layers]
 

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from voxflat._napari.layers.meshes import is_elsewhere
 from voxflat._napari.layers.world import data_to_world, moved
 from voxflat._napari.results.flat_layers import LayerData
 from voxflat.errors import InputError
@@ -38,6 +39,19 @@ class Geometry:
         made = cls(mesh.space.to_scanner(mesh.points), mesh.faces, mesh.structure, path, mesh.space)
         return replace(made, warnings=mesh.warnings)
 
+    @property
+    def name(self) -> str:
+        """The name for messages: that of the layer, or of the file."""
+        return repr(self.layer_name) if self.path is None else self.path.name
+
+    def fits(self, other: "Geometry") -> bool:
+        """Return whether another surface may have the same mesh."""
+        return len(self.vertices) == len(other.vertices) and _agree(self._side, other._side)
+
+    @property
+    def _side(self) -> str | None:
+        return self.structure or _side(self.path)
+
     def layer(self, path: Path, values: NDArray[Any] | None = None, **keywords: Any) -> LayerData:
         """Return a layer for a file on this surface; the values have shape (V,) or (K, V)."""
         about = {"structure": self.structure, "coordinates": str(self.space), **keywords.pop("metadata", {})}
@@ -47,11 +61,6 @@ class Geometry:
         data = (self.vertices, self.faces, *([] if values is None else [values]))
         given = {"name": path.name, "shading": "smooth", "units": ("mm",) * 3, **keywords}
         return data, {**given, "metadata": about}, "surface"
-
-
-def surface_layers(path: Path) -> list[LayerData]:
-    """Read a surface as a layer in scanner RAS and mm; raises InputError if the file is damaged."""
-    return [Geometry.read(path).layer(path)]
 
 
 def geometries_for(path: Path, *, has_size: bool) -> Iterator[Geometry]:
@@ -96,7 +105,17 @@ def tell_choice(path: Path, chosen: Geometry) -> None:
 
 def _fitting(path: Path, *, visible: bool) -> list[Geometry]:
     """Return the open surfaces that are not of the other hemisphere."""
-    return [one for one in _open(visible=visible) if _agree(_side(path), one.structure or _side(one.path))]
+    return [one for one in _open(visible=visible) if _agree(_side(path), one._side)]
+
+
+def open_geometries() -> list[Geometry]:
+    """Return the surfaces in the viewer, in world coordinates, the last ones first, and hidden ones after others."""
+    return [*reversed(_open(visible=True)), *reversed(_open(visible=False))]
+
+
+def anatomical_first(geometries: list[Geometry]) -> list[Geometry]:
+    """Return surfaces, those that are not in anatomical position last."""
+    return sorted(geometries, key=lambda one: is_elsewhere("" if one.path is None else one.path.name))
 
 
 def _beside(path: Path) -> list[Path]:

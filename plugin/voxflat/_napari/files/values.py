@@ -7,7 +7,8 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from voxflat._napari.files.surfaces import Geometry, geometries_for, surface_layers, tell_choice
+from voxflat._napari.files.given_maps import surface_layers
+from voxflat._napari.files.surfaces import Geometry, geometries_for, tell_choice
 from voxflat._napari.results.flat_layers import LayerData, limits
 from voxflat.errors import InputError
 from voxflat.io.label_tables import own_table
