@@ -4,6 +4,7 @@ import json
 
 import nibabel as nib
 import numpy as np
+import PIL.Image
 import pytest
 import pyvista as pv
 from command_line import fail, succeed
@@ -220,6 +221,25 @@ def test_every_command_takes_the_map_with_its_surface(given, flat_map, tmp_path)
     row = (tmp_path / "uv.csv").read_text().splitlines()[1].split(",")
     np.testing.assert_allclose([float(cell) for cell in row[3:5]], FLAT[60, :2], atol=1e-4)
     succeed("regions", file, "--surface", mid, "--polygons", tmp_path / "v1.json", "-o", tmp_path / "lh.V1.label")
+    series = nib.gifti.GiftiImage(
+        darrays=[nib.gifti.GiftiDataArray(k + POINTS[:, 2].astype(np.float32)) for k in range(3)]
+    )
+    nib.save(series, tmp_path / "series.func.gii")
+    movie = ("--overlay", tmp_path / "series.func.gii", "--time-step", 1, "--size", 320)
+    succeed("movie", file, "--surface", mid, *movie, "-o", tmp_path / "movie.gif")
+    assert PIL.Image.open(tmp_path / "movie.gif").n_frames == 3
+    PIL.Image.fromarray(np.full((64, 64, 3), 99, dtype=np.uint8)).save(tmp_path / "picture.png")
+    succeed("texture", file, tmp_path / "picture.png", "--surface", mid, "-o", tmp_path / "textured.obj")
+    np.testing.assert_allclose(voxflat.io.read_mesh(tmp_path / "textured.obj").points, POINTS, atol=1e-5)
+    write_mesh(tmp_path / "lh.pial.surf.gii", Mesh(np.add(POINTS, (0, 0, 2)), FACES, structure="CortexLeft"))
+    affine = np.diag([1.0, 1.0, 1.0, 1.0])
+    affine[2, 3] = -5
+    heights = np.broadcast_to(np.arange(16.0, dtype=np.float32) - 5, (40, 40, 16))
+    nib.save(nib.Nifti1Image(heights, affine), tmp_path / "heights.nii.gz")
+    between = ("--volume", tmp_path / "heights.nii.gz", "--depths", 4, "-o", tmp_path / "layers.nii.gz")
+    succeed("image", file, "--surface", mid, "--pial", tmp_path / "lh.pial.surf.gii", *between)
+    layers = np.asanyarray(nib.load(tmp_path / "layers.nii.gz").dataobj)
+    np.testing.assert_allclose(np.nanmean(np.diff(layers, axis=2)), 0.5, atol=1e-3)
     succeed("worst", file, "--surface", mid)
     succeed("cite", file, "--surface", mid)
     both = (file, tmp_path / "rh.flat.surf.gii", "--surface", mid, "--surface", tmp_path / "rh.mid.surf.gii")

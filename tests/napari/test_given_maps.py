@@ -65,6 +65,14 @@ def test_wrong_partners_are_told_in_one_line(make_napari_viewer, qtbot, messages
     assert not maps(viewer.layers)
 
 
+@pytest.mark.slow
+def test_a_saved_map_without_its_surface_needs_it(make_napari_viewer, qtbot, messages, tmp_path):
+    voxflat.load((FLAT, FACES)).save(tmp_path / "map.voxflat")
+    assert open_file(make_napari_viewer(), qtbot, tmp_path / "map.voxflat") == []
+    (message,) = messages
+    assert message.message.endswith("Open the file of the flat map, and that of its surface")
+
+
 def test_scripts_of_changed_layers_are_refused(files):
     flat_map = voxflat.load(files[1], surface=(POINTS, FACES))
     with pytest.raises(voxflat.InputError, match="Save the map, and open that file"):

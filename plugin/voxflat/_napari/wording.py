@@ -64,6 +64,7 @@ _PHRASES = {
     r"Also pass the cuts of the displayed map, or omit cuts, sphere, relax and adapt": (
         "Press From map in Draw cuts to include its cuts, or switch off Continue"
     ),
+    r"Also pass surface, the surface that it shows": "Open the file of the flat map, and that of its surface",
     r"Pass a map that covers all of them, or omit start": "Choose a smaller part, or switch off Continue",
     r"Pass hemisphere='left' or 'right'": "Choose the ribbon of one hemisphere as the Label",
     r"Choose one, as in voxflat\.io\.read_volume\(path, channel=0\)": "Save one of them as a file, and open that file",
