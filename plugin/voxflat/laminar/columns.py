@@ -53,7 +53,7 @@ class Columns(ReadOnly, Recorded):
     Examples
     --------
     >>> voxflat.rim(voxflat.samples.rim()).columns(50)
-    <Columns: 50 columns, median area 3.19 mm²>
+    <Columns: 50 columns, median area 3.07 mm²>
     """
 
     volume: Volume

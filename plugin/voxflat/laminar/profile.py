@@ -136,8 +136,8 @@ class Profile(ReadOnly, Saved):
         >>> rim = voxflat.rim(voxflat.samples.rim())
         >>> print(rim.profile(rim.depth(), count=2).table())
         region       layer  depth    mean      sd  voxels
-        grey matter      1   0.25  0.2447  0.1384    2715
-        grey matter      2   0.75  0.7427  0.1465    2965
+        grey matter      1   0.25  0.2504  0.1449    2920
+        grey matter      2   0.75  0.7433  0.1391    2760
         """
         rows = []
         for region, layer, depth, mean, sd, voxels, channel in self._rows():

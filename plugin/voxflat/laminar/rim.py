@@ -64,7 +64,7 @@ class Rim(ReadOnly, Recorded):
     Examples
     --------
     >>> voxflat.rim(voxflat.samples.rim())
-    <Rim: 5680 voxels of grey matter, median thickness 2.4 mm>
+    <Rim: 5680 voxels of grey matter, median thickness 2.44 mm>
     """
 
     labels: Layered
@@ -467,8 +467,8 @@ def rim(
     Examples
     --------
     >>> rim = voxflat.rim(voxflat.samples.rim())
-    >>> rim.layers(20).data.max()
-    np.int16(20)
+    >>> rim.layers(10).data.max()
+    np.int16(10)
     >>> flat_map = rim.surface.flatten()
     """
     threads = checked_threads(threads)
