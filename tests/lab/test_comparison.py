@@ -54,7 +54,7 @@ def test_only_measures_of_the_page_and_errors_of_maps_are_outliers():
 
 def test_percentages_of_studies_are_those_of_the_tables_of_maps():
     factors = {key: factor for _, key, factor, _ in (*_DISTANCES, *_TRIANGLES)}
-    assert {key: of[1] for key, of in FIGURES.items()} == {key: factors[key.split(".")[1]] for key in FIGURES}
+    assert {key: of[1] for key, of in FIGURES.items()} == {key: factors[key.split(".")[-1]] for key in FIGURES}
 
 
 @pytest.mark.medium

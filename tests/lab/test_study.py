@@ -608,7 +608,7 @@ def test_a_group_uses_or_refuses_its_options(root, compared, tmp_path):
     words = ["bids", root / "bids", root / "out", "group"]
     used = {"labels", "hemis", "as_json", "quiet", "debug"}
     options = [one for one in bids_command.params if one.name not in used and isinstance(one, click.Option)]
-    assert len(options) == 9
+    assert len(options) == 11
     before = everything(root / "out")
     for one in options:  # also those that will be added
         value = [] if one.is_flag else [one.type.choices[0] if isinstance(one.type, click.Choice) else "3"]

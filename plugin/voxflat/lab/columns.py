@@ -88,6 +88,11 @@ _MEASURES = {
     **_OTHERS,
     **{f"triangles.{name}": row for name, row in _TRIANGLES.items()},
     **_VOXELS,
+    "template.best_scale.relative_error": (
+        "mean of |d − δ|/δ over pairs of points on the flat map of --template, at the scale with the smallest mean "
+        "relative error, as a fraction",
+        "",
+    ),
 }
 
 

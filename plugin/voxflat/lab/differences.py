@@ -120,5 +120,7 @@ def _settings(record: Mapping[str, Any]) -> dict[str, str]:
         settings["the registration"] = record["map"]["registration"]
     if "cuts" in inputs:
         settings[f"the content of {inputs['cuts']['path']}"] = f"SHA-256 {inputs['cuts']['sha256'][:12]}"
+    for name in ("template", "template sphere"):
+        settings[f"the {name}"] = f"SHA-256 {inputs[name]['sha256'][:12]}" if name in inputs else "none"
     texts = {overlay_name(text): text for text in parameters["overlays"]}
     return settings | {name: texts.get(name, name) for name in record["overlays"]}

@@ -33,7 +33,7 @@ def request(hemisphere: Hemisphere, parameters: Parameters) -> Request:
 
 def as_recorded(parameters: Parameters) -> dict[str, Any]:
     """Return parameters as a record contains them."""
-    return {**asdict(parameters), "overlays": list(parameters.overlays)}
+    return {key: list(value) if isinstance(value, tuple) else value for key, value in asdict(parameters).items()}
 
 
 def state(results: Results, asked: Request) -> tuple[str, str]:

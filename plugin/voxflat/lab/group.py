@@ -26,6 +26,7 @@ from voxflat.lab.results import (
     Results,
     check_outputs,
     figure_of,
+    places_in,
     read_record,
     sealed,
 )
@@ -202,7 +203,7 @@ def _sides(rows: Sequence[Row]) -> list[list[int]]:
 
 def expected_outliers(rows: Sequence[Row]) -> float:
     """Return the number of outliers to expect by chance in all measures, if these are normally distributed."""
-    measures = sum(place not in COUNTS for place in FIGURES)
+    measures = sum(place not in COUNTS for place in places_in([row.record for row in rows if row.record is not None]))
     return round(measures * sum(outliers_by_chance(len(numbers)) for numbers in _sides(rows)), 2)
 
 

@@ -12,7 +12,9 @@ from typing import ClassVar
 
 from voxflat.arguments import log, shown
 from voxflat.errors import InputError
+from voxflat.io.meshes import named_structure
 from voxflat.lab.results import MEASURES
+from voxflat.surfaces.standard.template import SIDES
 
 HEMISPHERES = {"lh": ("L", "left"), "rh": ("R", "right")}
 """The BIDS letter and the side of each hemisphere, by its FreeSurfer name."""
@@ -40,9 +42,13 @@ class Parameters:
     volume: bool = False  # whether to start from a white-matter volume instead of surfaces
     overlays: tuple[str, ...] = ()  # names, or files with {hemi} and {subject}; thickness by default
     seed: int = 0
+    template: tuple[str, ...] | None = None  # flat maps of a template, one per hemisphere, to be measured as well
+    template_sphere: tuple[str, ...] | None = None  # the registered spheres of their mesh
 
     def __post_init__(self) -> None:
         """Raise an InputError if overlays cannot be shown together, or at all; result files have their names."""
+        if (self.template is None) != (self.template_sphere is None):
+            raise InputError("a template needs its flat map and its sphere. Pass --template and --template-sphere")
         names: set[str] = set()
         for text in self.overlays:
             name = overlay_name(text)
@@ -99,6 +105,8 @@ def found_in(folder: Path, hemi: str, parameters: Parameters) -> Hemisphere:
             files["areas"] = find.one("areas")
     if parameters.cuts not in _KINDS_OF_CUTS:
         files["cuts"] = _given(find, parameters.cuts, _CUTS_FILE)
+    files["template"] = _of_side(parameters.template, hemi, "--template")
+    files["template sphere"] = _of_side(parameters.template_sphere, hemi, "--template-sphere")
     overlays: dict[str, Path] = {}
     usual = find.one(_USUAL_OVERLAY) if not parameters.overlays and not parameters.volume else None
     if usual is not None:
@@ -106,6 +114,20 @@ def found_in(folder: Path, hemi: str, parameters: Parameters) -> Hemisphere:
     overlays |= {overlay_name(text): _overlay(find, text) for text in parameters.overlays}
     label = _FILLED[hemi] if isinstance(find, _FreeSurfer) and parameters.volume else None
     return Hemisphere(hemi, {name: path for name, path in files.items() if path is not None}, overlays, label)
+
+
+def _of_side(names: Sequence[str] | None, hemi: str, option: str) -> Path | None:
+    """Return the file of a template for a hemisphere."""
+    if names is None:
+        return None
+    side = HEMISPHERES[hemi][1]
+    found = [Path(name) for name in names if named_structure(name) == SIDES[side]]
+    if len(found) != 1:
+        remedy = "Pass one file per hemisphere, with lh., .L., hemi-L or _left in its name, or rh., .R., ..."
+        raise InputError(f"{option} has {len(found)} files for the {side} hemisphere. {remedy}")
+    if not found[0].is_file():
+        raise InputError(f"{found[0]}: the file does not exist. Check {option}")
+    return found[0]
 
 
 def check_given(

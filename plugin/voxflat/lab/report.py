@@ -10,7 +10,7 @@ from voxflat.citation.methods_text import cite
 from voxflat.lab.freshness import page_key
 from voxflat.lab.inputs import HEMISPHERES
 from voxflat.lab.pages import PICTURE_WIDTH, colour_bar, filled, layers_of, pictures, scene
-from voxflat.lab.results import FIGURES, LoadedResults, figure_of, title_of
+from voxflat.lab.results import FIGURES, LoadedResults, figure_of, places_in, title_of
 from voxflat.maps.worst_search import worst_places
 
 REFERENCES: dict[str, dict[str, tuple[tuple[float, ...], ...]]] = {
@@ -72,14 +72,15 @@ def _figures(record: Mapping[str, Any], hemi: str) -> list[dict[str, Any]]:
     side = list(HEMISPHERES).index(hemi)
     references = REFERENCES.get(record["map"]["cuts_by"], {})
     rows: list[dict[str, Any]] = []
-    for n, (place, (_, factor, unit)) in enumerate(FIGURES.items()):
+    for n, place in enumerate(places_in([record])):
+        _, factor, unit = FIGURES[place]
         value, error = figure_of(record, place), figure_of(record, f"standard_error.{place}")
         is_count = place.endswith(("flipped", "covering"))
         digits = 0 if is_count else 2 if unit else 3
         texts = {
             "value": "–" if value is None else f"{factor * value:.{digits}f}",
             "error": "" if error is None else f" ± {factor * error:.{digits}f}",
-            "others": [f"{values[side][n]:.{digits}f}" for values in references.values()],
+            "others": [f"{of[side][n]:.{digits}f}" if n < len(of[side]) else "–" for of in references.values()],
         }
         rows.append({"title": title_of(place, [record]), "unit": unit, **texts, "is_bad": is_count and bool(value)})
     return rows

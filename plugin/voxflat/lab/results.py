@@ -2,7 +2,7 @@
 
 import hashlib
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -38,6 +38,7 @@ FIGURES: dict[str, tuple[str, float, str]] = {
     "triangles.equal_area_p95": ("Area change: 95th percentile", 1, ""),
     "triangles.flipped": ("Flipped triangles", 1, ""),
     "triangles.covering": ("Triangles covering another", 1, ""),
+    "template.best_scale.relative_error": ("Distance error on the template's map", 100, "%"),
 }
 """Measures of a page by their path in a record: name, factor, and unit."""
 
@@ -158,6 +159,13 @@ def title_of(place: str, records: Iterable[Mapping[str, Any]]) -> str:
     bands = dict.fromkeys(map(bands_in, records)) if "relative_error_" in place else {}
     head, ends = title.rpartition(" to ")[0], dict.fromkeys(in_bands(title, *of).rpartition(" to ")[2] for of in bands)
     return f"{head} to {' or '.join(ends)}" if ends else title
+
+
+def places_in(records: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Return the measures of a page; those of a template only if some records have them."""
+    return [
+        place for place in FIGURES if place[:9] != "template." or any("template" in of["figures"] for of in records)
+    ]
 
 
 def figure_of(record: Mapping[str, Any], place: str) -> float | None:

@@ -100,7 +100,8 @@ class Job:
         """Return the inputs that changed since a hemisphere was flattened, or why they cannot be read."""
         used = {key: value for key, value in record["parameters"].items() if key != "hemi"}
         try:
-            _, now = self.request(hemi, Parameters(**{**used, "overlays": tuple(used["overlays"])}))
+            tuples = {key: tuple(value) for key, value in used.items() if isinstance(value, list)}
+            _, now = self.request(hemi, Parameters(**{**used, **tuples}))
         except (InputError, OSError) as error:
             return (user_message(error),)
         return tuple(changed_inputs(record, now))
@@ -212,7 +213,7 @@ def warn_of_changes(jobs: Sequence[Job], hemis: Sequence[str], parameters: Param
 
 def _option(key: str, value: Any) -> str:
     """Return how to pass a parameter on the command line, such as "with --cuts automatic"."""
-    flag = "--overlay" if key == "overlays" else f"--{key}"
+    flag = "--overlay" if key == "overlays" else f"--{key.replace('_', '-')}"
     if value == as_recorded(Parameters()).get(key):
         return f"without {flag}"
     several = value if isinstance(value, list) else [] if value is True else [value]

@@ -10,7 +10,7 @@ from voxflat.citation.methods_text import citation_of, facts_of
 from voxflat.figures.overlays import painted
 from voxflat.lab.comparison import Mean, Row, counted
 from voxflat.lab.pages import Layer, colour_bar, filled, layers_of, pictures, png
-from voxflat.lab.results import COUNTS, FIGURES, figure_of, title_of
+from voxflat.lab.results import COUNTS, FIGURES, figure_of, places_in, title_of
 from voxflat.maps.flat_map import FlatMap
 
 _SHOWN = 0.9  # pixels of the page per mm of a map
@@ -32,18 +32,19 @@ def study_page(
     missing = [row for row in rows if row.record is None]
     records = [row.record for row in rows if row.record is not None]
     ranked = sorted(there, key=lambda row: figure_of(row.record or {}, _RANKED_BY) or 0.0, reverse=True)
-    table = [{"row": row, "cells": [_cell(row, place) for place in FIGURES]} for row in ranked]
+    places = places_in(records)
+    table = [{"row": row, "cells": [_cell(row, place) for place in places]} for row in ranked]
     table += [{"row": row, "cells": []} for row in missing]
     return filled(
         "study.html",
         key=key,
         version=__version__,
         table=table,
-        titles=[(title_of(place, records), unit) for place, (_, _, unit) in FIGURES.items()],
+        titles=[(title_of(place, records), FIGURES[place][2]) for place in places],
         missing=missing,
         pictures=[[entry for entry in maps if entry["row"].letter == letter] for letter in ("L", "R")],
         means=[_mean(mean) for mean in means],
-        dots=[_dots(there, place) for place in FIGURES],
+        dots=[_dots(there, place) for place in places],
         warnings=warnings,
         marked=sum(len(row.outliers.keys() - set(COUNTS)) for row in there),
         by_chance=f"{by_chance:.2g}",

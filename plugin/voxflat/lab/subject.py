@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from voxflat.arguments import Note, log
 from voxflat.errors import InputError
+from voxflat.evaluation.measure import measure
 from voxflat.io.files import REMEDY, atomic_path, contents, naming
 from voxflat.io.formats.freesurfer import read_annot
 from voxflat.io.formats.gifti import value_bytes
@@ -29,6 +30,7 @@ from voxflat.maps.raster import at_points
 from voxflat.maps.sampling import Sampling
 from voxflat.maps.sources import VolumeSource, source_of
 from voxflat.maps.summary import Summary, summary_of
+from voxflat.pipeline.group_map import resampled
 from voxflat.pipeline.surface import Surface, surface
 from voxflat.surfaces.cut_sides import one_point_a_vertex
 
@@ -48,6 +50,8 @@ def make(hemisphere: Hemisphere, parameters: Parameters, results: Results, **com
         with _timed(seconds, "flattening and measuring"):
             cuts = str(hemisphere.files.get("cuts", parameters.cuts))
             flat_map = part.flatten(cuts=cuts, sphere=hemisphere.files.get("sphere"), seed=parameters.seed, **common)
+        with _timed(seconds, "measuring the template's map"):
+            of_template = _of_template(hemisphere, whole, common)
         with _timed(seconds, "overlays"):
             values = {**_measures(flat_map), **_overlays(flat_map, hemisphere)}
     with _timed(seconds, "writing"), _collecting_warnings() as of_files:
@@ -59,7 +63,7 @@ def make(hemisphere: Hemisphere, parameters: Parameters, results: Results, **com
         "hemi": hemisphere.letter,
         "overlays": list(hemisphere.overlays),
         "outputs": {path.name: hash_of(path) for path in written},
-        **_description(whole, flat_map, cortex),
+        **_description(whole, flat_map, cortex, of_template),
         "warnings": [text for text in dict.fromkeys((*warnings, *logged)) if text not in notes],
         "notes": [*notes, *of_files],
         "seconds": seconds,
@@ -209,7 +213,19 @@ def _written_before(results: Results) -> set[Path]:
     return {results.folder / name for name in names if Path(name).name == name and name.startswith(results.prefix)}
 
 
-def _description(whole: Surface, flat_map: FlatMap, cortex: str) -> dict[str, Any]:
+def _of_template(hemisphere: Hemisphere, whole: Surface, common: dict[str, Any]) -> dict[str, Any]:
+    """Return the distortion of a template's map for the hemisphere, resampled to the mesh of the template."""
+    files = hemisphere.files
+    if "template" not in files:
+        return {}
+    if "sphere" not in files:
+        raise InputError("--template requires a registered sphere, but the hemisphere has none. Omit --template")
+    limits = {name: common.get(name) for name in ("threads", "progress")}
+    (person,) = resampled([whole], [files["sphere"]], files["template sphere"], limits)
+    return {"template": measure(person, files["template"], reference="graph", **common).figures()}
+
+
+def _description(whole: Surface, flat_map: FlatMap, cortex: str, of_template: dict[str, Any]) -> dict[str, Any]:
     """Return the description of the surface and the map for the record; `cortex` is its definition."""
     topology = whole.core.topology()
     details: dict[str, Any] = flat_map.details
@@ -241,7 +257,7 @@ def _description(whole: Surface, flat_map: FlatMap, cortex: str) -> dict[str, An
             "cut_names": [cut.name for cut in flat_map.cuts if cut.name],
             "automatic_cuts": sum(cut.is_automatic for cut in flat_map.cuts),
         },
-        "figures": flat_map.distortion.figures(),
+        "figures": {**flat_map.distortion.figures(), **of_template},
         "versions": {**details["versions"], "system": platform.system()},
         "provenance": portable(flat_map.provenance),
     }

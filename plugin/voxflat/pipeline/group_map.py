@@ -113,7 +113,7 @@ def flatten_group(
     settings = FlattenSettings(mirror=mirror, seed=seed, memory_limit=memory_limit, threads=threads, progress=progress)
     limits: dict[str, Any] = {"threads": settings.threads, "progress": progress}
     _check_count(surfaces)
-    people = _People(surfaces if spheres is None else _resampled(surfaces, spheres, sphere, limits), weights)
+    people = _People(surfaces if spheres is None else resampled(surfaces, spheres, sphere, limits), weights)
     cut = surface(people.mean(), **limits).cut(cuts, sphere=sphere, relax=relax, **limits)
     group = _CutGroup(people, cut.surface, settings)
     flat_map = Voxflat()._map(cut, settings, group)
@@ -128,7 +128,7 @@ def _check_count(surfaces: object) -> None:
         raise InputError(f"the list has {len(surfaces)} surface(s). Pass at least two, or use flatten")
 
 
-def _resampled(
+def resampled(
     surfaces: Sequence[object], spheres: str | Sequence[object], sphere: object | None, limits: dict[str, Any]
 ) -> list[Mesh]:
     """Return the surfaces on the mesh of a sphere, interpolated through their own registered spheres."""

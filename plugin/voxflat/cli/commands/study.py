@@ -1,6 +1,7 @@
 """The commands `voxflat bids` and `voxflat freesurfer`, which flatten the hemispheres of participants."""
 
 import json
+import os
 import re
 from collections.abc import Callable, Collection, Mapping, Sequence
 from functools import partial
@@ -67,6 +68,19 @@ _MAPS = options.section(
         "overlays may be given. {hemi} and {subject} in a file name are replaced with the hemisphere and the subject.  "
         "[default: thickness, if present]",
         "overlays",
+        multiple=True,
+    ),
+    options.reads(
+        "--template",
+        "Also measure this flat map of a template, such as that of fs_LR, on each subject, whose surface is resampled "
+        "to the template's mesh. Pass one file per hemisphere, with the hemisphere in its name.",
+        metavar="FLAT",
+        multiple=True,
+    ),
+    options.reads(
+        "--template-sphere",
+        "Registered sphere of the template's mesh, in the space of the subjects' spheres, one file per hemisphere.",
+        metavar="SPHERE",
         multiple=True,
     ),
 )
@@ -291,6 +305,8 @@ def _parameters(settings: dict[str, Any]) -> Parameters:
         raise click.BadParameter(f"{settings['cuts']!r} is not a kind of cuts. {remedy}.", param_hint="--cuts")
     cuts, overlays = settings.pop("cuts"), tuple(settings.pop("overlays"))
     rest = {name: settings.pop(name) for name in ("geometry", "volume", "seed")}
+    for name in ("template", "template_sphere"):
+        rest[name] = tuple(os.path.abspath(path) for path in settings.pop(name)) or None
     return Parameters(cuts=cuts, overlays=overlays, **rest)
 
 
