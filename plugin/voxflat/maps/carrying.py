@@ -11,7 +11,8 @@ from voxflat.surfaces.cutting import CutManifold
 from voxflat.surfaces.standard.sphere import Sphere, in_triangles
 
 _INSIDE = 1e-9  # tolerance of barycentric weights
-_ROUNDS = 40  # in which vertices of flipped triangles are moved
+_ROUNDS = 40  # in which vertices are moved
+_INWARDS = 0.3  # share of the way to its neighbours by which a vertex of a crossing edge moves
 
 
 def carried(flat: FlatMap, sphere: Sphere, onto: CutManifold[Any], onto_sphere: Sphere) -> NDArray[np.float64]:
@@ -26,7 +27,8 @@ def carried(flat: FlatMap, sphere: Sphere, onto: CutManifold[Any], onto_sphere: 
     corners, weights, is_inside = in_triangles(places, faces, wanted)
     triangle = np.empty(len(wanted), dtype=np.int64)
     triangle[is_inside] = _numbers(faces, corners[is_inside])
-    is_known = is_inside & ~_at_border(faces, len(places))[corners].any(axis=1) & ~_at_border(finer, len(part))
+    is_known = is_inside & ~np.isin(corners, _border(faces)).any(axis=1)
+    is_known[_border(finer)] = False
     ends = np.sort(finer[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
     lengths = np.linalg.norm(wanted[ends[:, 0]] - wanted[ends[:, 1]], axis=1)
     graph = scipy.sparse.csr_matrix((lengths, ends.T), shape=(len(part), len(part)))
@@ -38,14 +40,25 @@ def carried(flat: FlatMap, sphere: Sphere, onto: CutManifold[Any], onto_sphere: 
     beside = _neighbours(faces)
     for row in others[np.argsort(apart[others], kind="stable")]:
         triangle[row], weights[row] = _walked(triangle[before[row]], wanted[row], places, faces, beside)
-    return _unfolded(np.einsum("ij,ijk->ik", weights, flat.uv[faces[triangle]]), finer)
+    return _repaired(np.einsum("ij,ijk->ik", weights, flat.uv[faces[triangle]]), finer)
 
 
-def _unfolded(uv: NDArray[np.float64], faces: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Move the vertices of flipped triangles, one after the other, to where the least of their triangles is largest."""
+def _repaired(uv: NDArray[np.float64], faces: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Move vertices until no triangle is flipped and the border does not cross itself, if this takes few rounds.
+
+    The vertices of flipped triangles move, one after the other, to where the least of their triangles is largest, and
+    those of crossing edges towards their neighbours.
+    """
+    border = _border(faces)
+    is_border = np.zeros(len(uv), dtype=np.bool_)
+    is_border[border] = True
     for _ in range(_ROUNDS):
-        is_flipped = _double_areas(uv, faces) <= 0
-        for vertex in np.unique(faces[is_flipped]):
+        flipped, crossing = np.unique(faces[_double_areas(uv, faces) <= 0]), _crossing(uv, border)
+        for vertex in crossing:
+            around = np.unique(faces[(faces == vertex).any(axis=1)])
+            inner = around[~is_border[around]]
+            uv[vertex] += _INWARDS * (uv[inner if len(inner) else around].mean(axis=0) - uv[vertex])
+        for vertex in flipped:
             ring = faces[(faces == vertex).any(axis=1)]
             turn = (ring == vertex).argmax(axis=1)
             a, b = (uv[np.take_along_axis(ring, ((turn + k) % 3)[:, None], axis=1)[:, 0]] for k in (1, 2))
@@ -54,9 +67,29 @@ def _unfolded(uv: NDArray[np.float64], faces: NDArray[np.int64]) -> NDArray[np.f
             limits = np.stack([np.minimum(a, b).min(axis=0), np.maximum(a, b).max(axis=0)], axis=1)
             areas = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
             uv[vertex] = scipy.optimize.linprog([0, 0, -1], rows, areas, bounds=[*limits, (None, None)]).x[:2]
-        if not is_flipped.any():
+        if not len(flipped) and not len(crossing):
             break
     return uv
+
+
+def _border(faces: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return the edges at the border, shape (B, 2)."""
+    opposite = _neighbours(faces) < 0
+    return np.column_stack([faces[:, [1, 2, 0]][opposite], faces[:, [2, 0, 1]][opposite]])
+
+
+def _crossing(uv: NDArray[np.float64], edges: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return the vertices of edges that cross another one."""
+    middles, reach = uv[edges].mean(axis=1), np.linalg.norm(uv[edges[:, 0]] - uv[edges[:, 1]], axis=1).max()
+    pairs = edges[scipy.spatial.KDTree(middles).query_pairs(reach, output_type="ndarray")]
+    pairs = pairs[(pairs[:, 0, :, None] != pairs[:, 1, None, :]).all(axis=(1, 2))]
+    (a, b), (c, d) = np.moveaxis(uv[pairs], (1, 2), (0, 1))
+
+    def side(p: NDArray[np.float64], q: NDArray[np.float64], r: NDArray[np.float64]) -> NDArray[np.float64]:
+        return np.asarray(np.linalg.det(np.stack([q - p, r - p], axis=1)))
+
+    is_across = (side(a, b, c) * side(a, b, d) <= 0) & (side(c, d, a) * side(c, d, b) <= 0)
+    return np.unique(pairs[is_across])
 
 
 def _double_areas(uv: NDArray[np.float64], faces: NDArray[np.int64]) -> NDArray[np.float64]:
@@ -79,14 +112,6 @@ def _neighbours(faces: NDArray[np.int64]) -> NDArray[np.int64]:
     beside = np.full(len(edges), -1)
     beside[a], beside[b] = b // 3, a // 3
     return beside.reshape(-1, 3)
-
-
-def _at_border(faces: NDArray[np.int64], count: int) -> NDArray[np.bool_]:
-    """Return whether each vertex lies at the border."""
-    is_border = np.zeros(count, dtype=np.bool_)
-    opposite = _neighbours(faces) < 0
-    is_border[faces[:, [1, 2, 0]][opposite]] = is_border[faces[:, [2, 0, 1]][opposite]] = True
-    return is_border
 
 
 def _walked(

@@ -22,7 +22,6 @@ from voxflat.maps.carrying import carried
 from voxflat.maps.flat_map import FlatMap
 from voxflat.methods.common import bands_of, map_over_triangles
 from voxflat.methods.method import FlattenSettings
-from voxflat.methods.voxflat import Voxflat
 from voxflat.pipeline.cut_surface import CutSurface
 from voxflat.pipeline.surface import Surface, surface
 from voxflat.surfaces.standard.sphere import Sphere, sphere_of
@@ -186,7 +185,7 @@ def _same_map(
     distortion = Distortion._of(judged[0], part.core.measure(uv, settings.progress), "graph", bands=bands)
     assert distortion.triangles is not None
     if distortion.triangles.flipped or distortion.triangles.crossings:
-        made = finer.flatten(Voxflat(start=(uv, finer.faces, part.vertices)), **limits)
+        made = finer.flatten(**limits)
         return replace(made, uv=_core.turn_onto(made.uv, made.uv[: len(uv)], uv)[0], frame=flat_map.frame)
     result = {"uv": uv, "normals": part.core.normals, "sources": np.zeros(0, np.int64), "eigenvalues": np.zeros(0)}
     made = map_over_triangles(flat_map.method, finer, settings, result, None, None, {}, distortion=distortion)
