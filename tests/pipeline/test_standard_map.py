@@ -14,7 +14,7 @@ import studies
 from command_line import succeed
 
 import voxflat
-from voxflat.errors import InputError
+from voxflat.errors import Cancelled, InputError
 from voxflat.pipeline import standard_map as module
 from voxflat.surfaces.standard.sphere import in_triangles
 
@@ -107,6 +107,15 @@ def test_a_map_with_flipped_triangles_is_made_anew_near_the_first(maps, files, s
     found = voxflat.standard_map("fsaverage6", files=files)
     assert found.distortion.triangles.flipped == 0
     assert np.median(np.linalg.norm(found.uv - maps["fsaverage6"].uv, axis=1)) < 3  # mm
+
+
+@pytest.mark.medium
+def test_resampling_can_be_cancelled(files, small):
+    def progress(stage, done, total):
+        return stage != "resampling the map"
+
+    with pytest.raises(Cancelled, match="resampling the map was cancelled"):
+        voxflat.standard_map("fsaverage6", files=files, progress=progress)
 
 
 def test_a_missing_file_is_named(files, small, tmp_path):

@@ -6,16 +6,21 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from voxflat.arguments import Progress
+from voxflat.errors import Cancelled
 from voxflat.maps.flat_map import FlatMap
 from voxflat.surfaces.cutting import CutManifold
 from voxflat.surfaces.standard.sphere import Sphere, in_triangles
 
+_AT_ONCE = 20_000  # vertices that are located between two reports of progress
 _INSIDE = 1e-9  # tolerance of barycentric weights
 _ROUNDS = 40  # in which vertices are moved
 _INWARDS = 0.3  # share of the way to its neighbours by which a vertex of a crossing edge moves
 
 
-def carried(flat: FlatMap, sphere: Sphere, onto: CutManifold[Any], onto_sphere: Sphere) -> NDArray[np.float64]:
+def carried(
+    flat: FlatMap, sphere: Sphere, onto: CutManifold[Any], onto_sphere: Sphere, progress: Progress | None
+) -> NDArray[np.float64]:
     """Return the positions of a surface's vertices on the map of a surface with another mesh, by their spheres.
 
     Both surfaces have almost the same cuts. Away from the cuts, a vertex has the position of its place in the map's
@@ -24,12 +29,17 @@ def carried(flat: FlatMap, sphere: Sphere, onto: CutManifold[Any], onto_sphere: 
     places, faces = sphere.places[flat.ids], flat.faces.astype(np.int64)
     part = onto.surface
     wanted, finer = onto_sphere.places[part.vertices], part.faces.astype(np.int64)
-    corners, weights, is_inside = in_triangles(places, faces, wanted)
+    located = []
+    for start in range(0, len(wanted), _AT_ONCE):
+        if progress is not None and progress("resampling the map", start, len(wanted)) is False:
+            raise Cancelled("resampling the map was cancelled")
+        located.append(in_triangles(places, faces, wanted[start : start + _AT_ONCE]))
+    corners, weights, is_inside = map(np.concatenate, zip(*located, strict=True))
     triangle = np.empty(len(wanted), dtype=np.int64)
     triangle[is_inside] = _numbers(faces, corners[is_inside])
     is_known = is_inside & ~np.isin(corners, _border(faces)).any(axis=1)
     is_known[_border(finer)] = False
-    ends = np.sort(finer[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
+    ends = np.unique(np.sort(finer[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1), axis=0)
     lengths = np.linalg.norm(wanted[ends[:, 0]] - wanted[ends[:, 1]], axis=1)
     graph = scipy.sparse.csr_matrix((lengths, ends.T), shape=(len(part), len(part)))
     known = np.flatnonzero(is_known)

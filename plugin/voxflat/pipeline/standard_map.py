@@ -179,7 +179,7 @@ def _same_map(
 ) -> FlatMap:
     """Return the same map at another density."""
     settings, part = FlattenSettings(relax=False, **limits), finer.surface
-    uv = carried(flat_map, sphere, finer, finer_sphere)
+    uv = carried(flat_map, sphere, finer, finer_sphere, settings.progress)
     bands, sources = bands_of(part), _core.reference_sources(len(uv), _core.REFERENCE_SOURCES, 0)
     judged = part.core.judge([uv], sources, "graph", _core.KEPT_BYTES, 0, bands, settings.threads, settings.progress)
     distortion = Distortion._of(judged[0], part.core.measure(uv, settings.progress), "graph", bands=bands)
