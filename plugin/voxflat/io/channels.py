@@ -45,6 +45,25 @@ class LastKept(Generic[_Key, _Result]):
         return self._kept[key]
 
 
+class OnDemand(Generic[_Result]):
+    """Results by number, from 0, that a function computes on demand; pickles and deep copies hold the results."""
+
+    def __init__(self, function: Callable[[int], _Result], count: int) -> None:
+        self._function, self._count = function, count
+
+    def __call__(self, number: int) -> _Result:
+        """Return the result with a number."""
+        return self._function(number)
+
+    def __reduce__(self) -> tuple[object, ...]:
+        """Replace the function, which may refer to open files, by a list of all results."""
+        results: list[_Result] = []
+        for number in range(self._count):
+            results.append(self(number))
+            check_room((self._count - number - 1) * getattr(results[-1], "nbytes", 0), "copy fewer images")
+        return getattr, (results, "__getitem__")
+
+
 def distinct_names(names: Sequence[str]) -> tuple[str, ...]:
     """Return the names of channels; those without a name, or with that of another channel, are called by number."""
     counts = Counter(names)
@@ -76,6 +95,9 @@ class Channels:
     read: Callable[[int], NDArray[Any]]  # the argument is the number of a channel, from 0
     timing: Timing | None = None  # if the channels are frames of a series with known times
     called: str = "map"  # what messages call a channel
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "read", OnDemand(self.read, len(self.names)))
 
     def __len__(self) -> int:
         """Return the number of channels."""

@@ -27,6 +27,7 @@ from voxflat.maps.raster import FlatImage, Raster, nearest_inside, rows_in, rows
 from voxflat.maps.regions import Regions
 from voxflat.maps.sampling import majority_at
 from voxflat.maps.textures.pictures import decoded, header
+from voxflat.read_only import ReadOnly
 
 _IMAGES = (".png", ".tif", ".tiff", ".npy", ".nii", ".nii.gz")
 _BESIDE = 1.5  # extent, in pixels, of a label image beyond the outline of the map
@@ -69,7 +70,7 @@ def _winding(loop: NDArray[np.float64], places: NDArray[np.float64]) -> NDArray[
 
 
 @dataclass(frozen=True, eq=False)
-class _Pixels:
+class _Pixels(ReadOnly):
     """A label image on the pixels of the map, interpolated by majority between pixel centres."""
 
     data: NDArray[np.int64]

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from voxflat.arguments import Progress
 from voxflat.errors import Cancelled
-from voxflat.io.channels import LastKept, Timing
+from voxflat.io.channels import LastKept, OnDemand, Timing
 from voxflat.io.provenance import Record, files_of
 from voxflat.io.reading import reading
 from voxflat.maps.image_files import Pages, SavedPages
@@ -70,6 +70,11 @@ class FlatMovie(Sequence[FlatStack], ReadOnly, SavedPages):
     provenance: Record = field(default_factory=dict)
 
     _used = ("pixel_size",)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for name in ("read", "check"):
+            object.__setattr__(self, name, OnDemand(getattr(self, name), self.frames))
 
     def __len__(self) -> int:
         """Return the number of frames."""

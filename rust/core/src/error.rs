@@ -357,6 +357,9 @@ pub enum Error {
     #[error("there are {given} {values}, but {needed} {items}. Pass one for each")]
     WrongLength { values: &'static str, given: usize, items: &'static str, needed: usize },
 
+    #[error("half-edge {half_edge} is not on the other side of its twin. Create the surface from its triangles")]
+    TwinsDisagree { half_edge: usize },
+
     #[error("there are no random starts. Pass at least one")]
     NoStarts,
 

@@ -24,6 +24,7 @@ use voxflat::{Control, patch};
 use crate::convert::{self, Dict, Given, GivenImage, GivenTable, Table, Values, dict};
 use crate::work::{InputError, Progress, Threads, run, run_on, to_python};
 
+type Parts<'py> = (Table<'py, f64>, Table<'py, u32>, Table<'py, u32>, Values<'py, u32>);
 type FromMask<'py> = (Surface, Table<'py, u32>, Dict<'py>);
 
 /// A surface of triangles, with the graph for distances on it.
@@ -56,6 +57,29 @@ impl Inner {
 
 #[pymethods]
 impl Surface {
+    /// Restore a surface from its points (N, 3), triangles (F, 3), the half-edges on the other side (F, 3) and ids (N).
+    #[new]
+    fn new(
+        py: Python<'_>, points: GivenTable<'_, f64>, faces: GivenTable<'_, u32>, twins: GivenTable<'_, u32>,
+        ids: Given<'_, u32>,
+    ) -> PyResult<Self> {
+        let points = convert::rows::<_, 3>(&points, "points")?;
+        let faces = convert::rows::<_, 3>(&faces, "faces")?;
+        let twins = convert::rows::<_, 3>(&twins, "twins")?.into_flattened();
+        let ids = convert::values(&ids);
+        run(py, Some(1), &None, move |_| {
+            let points: Vec<_> = points.into_iter().map(Into::into).collect();
+            Ok(CoreSurface::restored(&points, &faces, twins, &ids)?.into())
+        })
+    }
+
+    /// The arguments with which a copy is made in another process.
+    fn __getnewargs__<'py>(&self, py: Python<'py>) -> PyResult<Parts<'py>> {
+        let surface = &self.0.surface;
+        let twins = convert::table(py, surface.twins().to_vec(), 3)?;
+        Ok((self.points(py)?, self.faces(py)?, twins, self.ids(py)))
+    }
+
     /// Create a surface from points (N, 3) in mm and triangles (F, 3); also return its repairs. Defects are errors
     /// unless `mend` is true.
     #[staticmethod]

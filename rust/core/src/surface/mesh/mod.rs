@@ -87,6 +87,28 @@ impl Surface {
         }
     }
 
+    /// Restores a surface from its parts, bit by bit.
+    ///
+    /// # Errors
+    /// [`Error::WrongLength`], [`Error::NoSuchPoint`], [`Error::PointNotFinite`] or [`Error::TwinsDisagree`] if the
+    /// parts do not belong together.
+    pub fn restored(points: &[Vector3<f64>], faces: &[[u32; 3]], twins: Vec<u32>, ids: &[u32]) -> Result<Self> {
+        check_length("twins", twins.len(), "half-edges", 3 * faces.len())?;
+        check_length("ids", ids.len(), "vertices", points.len())?;
+        check_points(faces.iter().flatten().copied(), points.len())?;
+        finite(points.iter().map(|p| (*p).into()))?;
+        let corners = faces.as_flattened();
+        let ends = |h: u32| [corners[h as usize], corners[next(h) as usize]];
+        let agrees = |(h, &twin): (u32, &u32)| match twins.get(twin as usize) {
+            None => twin == BORDER,
+            Some(&back) => back == h && ends(h) == [ends(twin)[1], ends(twin)[0]],
+        };
+        match (0..).zip(&twins).position(|pair| !agrees(pair)) {
+            Some(half_edge) => Err(Error::TwinsDisagree { half_edge }),
+            None => Ok(Self::assemble(points, ids, faces, twins)),
+        }
+    }
+
     /// Returns the number of fans of faces around each of `vertices` vertices: one on a surface.
     pub(crate) fn fans_of(faces: &[[u32; 3]], twins: &[u32], vertices: usize) -> Vec<u32> {
         let mut count = vec![0; vertices];
@@ -414,6 +436,18 @@ mod tests {
         assert_sound(&open);
         assert_eq!((open.len(), Topology::of(&open).euler, open.boundary().len()), (sphere.len() + 2, 1, 1));
         assert!(open.points().iter().zip(open.ids()).all(|(p, &id)| *p == sphere.points()[id as usize]));
+    }
+
+    #[test]
+    fn a_cut_surface_is_restored() {
+        let sphere = shapes::surface(shapes::sphere(2));
+        for surface in [sphere.cut_open([0]), sphere.cut_open([0, next(sphere.twins()[next(0) as usize])])] {
+            let restore = |twins: Vec<u32>| Surface::restored(surface.points(), surface.faces(), twins, surface.ids());
+            assert_eq!(restore(surface.twins().to_vec()).unwrap(), surface);
+            let mut other = surface.twins().to_vec();
+            other.swap(3, 9);
+            assert!(matches!(restore(other), Err(Error::TwinsDisagree { .. })));
+        }
     }
 
     #[test]
