@@ -156,6 +156,20 @@ class TestSeveral:
             warnings.simplefilter("ignore")  # NumPy warns about pixels without any value
             expected = {"mean": np.nanmean, "max": np.nanmax, "sum": np.sum}[projection](layers, axis=0)
         assert_allclose(found, expected, rtol=1e-12)
+        strict = shells.images(given, 0.4, fraction=fractions, projection=projection, nan_policy="propagate")[0].data
+        assert_allclose(strict, {"mean": np.mean, "max": np.max, "sum": np.sum}[projection](layers, axis=0), rtol=1e-12)
+        assert f"They have no {projection}" in caplog.text
+
+    def test_infinite_values_are_missing(self, shells, caplog):
+        """A map of log-probabilities is −∞ where a probability is 0, which has no mean with other depths."""
+        radius = radius_volume()
+        data = np.where(radius.data < 11.0, -np.inf, radius.data)
+        layers = shells.images(Volume(np.where(np.isinf(data), np.nan, data), GRID), 0.4, fraction=(0.2, 0.9)).data
+        expected = np.where(np.isnan(layers).any(axis=0), np.nanmax(layers, axis=0), layers.mean(axis=0))
+        for given in (Volume(data, GRID), nib.Nifti1Image(np.stack([data] * 2, axis=-1), GRID)):
+            found = shells.images(given, 0.4, fraction=(0.2, 0.9), projection="mean")[0].data
+            assert_allclose(found, expected, rtol=1e-12)
+        assert "no value at some of the 2 depths" in caplog.text
 
     def test_majorities_and_colours_leave_out_depths_outside_the_volume(self, shells, caplog):
         labels = np.arange(61)[:, None, None] // 7 + np.zeros((61, 61, 61))
@@ -163,6 +177,8 @@ class TestSeveral:
         small = Volume(labels[:, :, :top].astype(np.int16), GRID)
         how = {"fraction": (0.0, 1.0), "interpolation": "majority"}
         layers = shells.images(small, 0.4, **how).data
+        strict = shells.image(small, 0.4, nan_policy="propagate", **how).data
+        assert_array_equal(np.isnan(strict), np.isnan(layers).any(axis=0))
         is_partly = np.isnan(layers).any(axis=0) & ~np.isnan(layers).all(axis=0)
         assert is_partly.any()
         found = shells.image(small, 0.4, **how).data
@@ -174,6 +190,8 @@ class TestSeveral:
         found = shells.image(rgb, 0.4, fraction=(0.0, 1.0)).data
         assert "no value at some of the 2 depths" in caplog.text
         is_partly = (layers[..., 3] > 0).sum(axis=0) == 1
+        strict = shells.image(rgb, 0.4, fraction=(0.0, 1.0), nan_policy="propagate").data
+        assert_array_equal(strict[..., 3] > 0, (layers[..., 3] > 0).all(axis=0))
         assert_array_equal(found[is_partly], layers.max(axis=0)[is_partly])
 
     def test_channels_stay_channels(self, shells, tmp_path):

@@ -338,7 +338,11 @@ def test_pixels_without_a_value_are_left_out_of_a_mean_and_counted(cap, caplog):
     image[rows[::4], columns[::4]] = np.nan
     assert regions.properties(image, pixel_size=0.5)["mean"] == pytest.approx(7.0)
     assert f"{len(rows[::4]):,} of " in caplog.text
-    assert "pixels of the regions have no value" in caplog.text
+    assert "pixels of the regions have no value, and are left out" in caplog.text
+    others = flat.regions({"a": [[-2, -2], [2, -2], [2, 2], [-2, 2]], "b": [[3, -2], [5, -2], [5, 2], [3, 2]]})
+    assert np.isnan(others.properties(image, pixel_size=0.5, nan_policy="propagate")["mean"]).tolist() == [True, False]
+    assert "make the mean of their region NaN" in caplog.text
+    refused("nan_policy is 'strict'", others.properties, image, nan_policy="strict")
 
 
 def test_refusals(cap, tmp_path):

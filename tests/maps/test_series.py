@@ -1,6 +1,7 @@
 """Series on the flat map: each frame is what one volume would be, at its place and its time, in every file."""
 
 import json
+import warnings
 from dataclasses import replace
 
 import nibabel as nib
@@ -196,6 +197,28 @@ def test_percent_change(shells, tmp_path):
             np.testing.assert_allclose(changed[n].data, np.where(mean > 0, 100 * share[n // each], np.nan), atol=1e-9)
     with pytest.raises(voxflat.Cancelled, match="while averaging"):
         raw.percent_change(lambda *_: False)
+
+
+@pytest.mark.parametrize("missing", [np.nan, np.inf])
+def test_percent_change_leaves_out_frames_without_a_value(missing, caplog):
+    """By NumPy's nan-functions of random values; the strict way is NaN in all frames of such a pixel."""
+    flat = voxflat.samples.hill().flatten()
+    values = np.random.default_rng(0).uniform(50, 150, (441, 5))
+    values[np.random.default_rng(1).random(values.shape) < 0.1] = missing
+    values[:40] = missing
+    raw = flat.images(values, 1.0)
+    images = np.where(np.isfinite(raw.data), raw.data, np.nan)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # NumPy warns about pixels without any value
+        mean = np.nanmean(images, axis=0)
+    changed = raw.percent_change().data
+    np.testing.assert_allclose(np.where(np.isfinite(changed), changed, np.nan), 100 * (images / mean - 1), rtol=1e-9)
+    known = np.isfinite(images).sum(axis=0)
+    count = np.count_nonzero((known > 0) & (known < 5))
+    assert count > 100
+    assert f"{count:,} pixels have no value in some of the 5 frames" in caplog.text
+    strict = raw.percent_change(nan_policy="propagate").data
+    np.testing.assert_allclose(strict, 100 * (images / images.mean(axis=0) - 1), rtol=1e-9)
 
 
 @pytest.fixture(scope="module")

@@ -18,6 +18,7 @@ from voxflat.io.saved import Saved
 from voxflat.io.tables import aligned, cell_of, write_table
 from voxflat.laminar.painting import on_map
 from voxflat.maps.colours import all_whole
+from voxflat.maps.missing import NAN_POLICIES, is_defined
 from voxflat.maps.regions import Regions
 from voxflat.maps.sampling import Coverage, Sampling, SharedWeights, are_centres, sample
 from voxflat.maps.sources import VolumeSource
@@ -59,7 +60,7 @@ class Profile(ReadOnly, Saved):
     voxels : ndarray of int64, shape (R, L) or (R, L, C)
         Number of voxels with a value.
     missing : ndarray of int64, shape (R,) or (R, C)
-        Number of voxels of each region that are left out because the volume has no finite value there.
+        Number of voxels of each region at which the volume has no finite value.
     layering : {"equivolume", "equidistant"}
         Whether layers have equal volumes or equal thicknesses.
     channels : tuple of str
@@ -261,8 +262,10 @@ def profile_of(
     layers: Layers,
     channel: int | str | None,
     interpolation: str | None,
+    nan_policy: str,
 ) -> Profile:
     """Return the profile of a volume."""
+    checked_choice(nan_policy, "nan_policy", NAN_POLICIES)
     if interpolation is not None:
         checked_choice(interpolation, "interpolation", _INTERPOLATIONS)
     inside = groups.of >= 0
@@ -280,7 +283,7 @@ def profile_of(
         values = weights.sample(frame, sampling, Coverage())
         if values.ndim != 1:
             raise InputError("the volume contains colours, which have no mean. Pass a volume with one value per voxel")
-        parts.append(_statistics(values, bins, group, (len(groups.keys), layers.count)))
+        parts.append(_statistics(values, bins, group, (len(groups.keys), layers.count), nan_policy))
     mean, sd, counts, missing = (np.stack(part, axis=-1) for part in zip(*parts, strict=True))
     if not counts.any():
         raise InputError("the volume has no finite values in the grey matter of the regions. Check its affine")
@@ -293,15 +296,21 @@ def profile_of(
 
 
 def _statistics(
-    values: NDArray[np.float64], bins: NDArray[np.int64], group: NDArray[np.int64], shape: tuple[int, int]
+    values: NDArray[np.float64],
+    bins: NDArray[np.int64],
+    group: NDArray[np.int64],
+    shape: tuple[int, int],
+    nan_policy: str,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int64], NDArray[np.int64]]:
     """Return mean, standard deviation and number of voxels of each layer, and the number of voxels left out."""
     has_value = np.isfinite(values)
     bins_of_values, values = bins[has_value], values[has_value]
     size = shape[0] * shape[1]
     counts = np.bincount(bins_of_values, minlength=size)
+    total = np.bincount(bins, minlength=size)
     mean = np.bincount(bins_of_values, values, size) / np.where(counts > 0, counts, np.nan)
     squares = np.bincount(bins_of_values, (values - mean[bins_of_values]) ** 2, size)
     sd = np.sqrt(squares / np.where(counts > 1, counts - 1, np.nan))
+    mean[~is_defined(counts, total, nan_policy)] = sd[~is_defined(counts, total, nan_policy)] = np.nan
     missing = np.bincount(group[~has_value], minlength=shape[0])
     return mean.reshape(shape), sd.reshape(shape), counts.reshape(shape), missing

@@ -273,11 +273,11 @@ class Rim(ReadOnly, Recorded):
         layering: str = "equivolume",
         channel: int | str | None = None,
         interpolation: str | None = None,
+        nan_policy: str = "omit",
     ) -> Profile:
         """Return the mean and the standard deviation of a volume in each layer, for each region.
 
-        The volume is sampled at the centres of the voxels of grey matter. Voxels without a value are left out and
-        counted.
+        The volume is sampled at the centres of the voxels of grey matter.
 
         Parameters
         ----------
@@ -296,6 +296,9 @@ class Rim(ReadOnly, Recorded):
             Number (from 0) or name of the channel, if there are several; by default all of them.
         interpolation : {"linear", "nearest"}, optional
             Interpolation between voxels of the volume; by default nearest for integers, and linear otherwise.
+        nan_policy : {"omit", "propagate"}
+            What to do about voxels at which the volume has no finite value: "omit" leaves them out, and "propagate"
+            makes the values of their layer NaN. `Profile.missing` counts them.
 
         Returns
         -------
@@ -325,7 +328,7 @@ class Rim(ReadOnly, Recorded):
         groups = groups_of(regions, places, self.values.halfway)
         for number, name in enumerate(groups.names):
             self._report(groups.of == number, f"the {name}" if regions is None else f"the region {name}")
-        return profile_of(volume, places, groups, layers, channel, interpolation)
+        return profile_of(volume, places, groups, layers, channel, interpolation, nan_policy)
 
     @recording()
     def columns(

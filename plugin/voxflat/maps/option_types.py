@@ -11,6 +11,7 @@ class _SamplingOptions(TypedDict, total=False):
     layering: str
     interpolation: str | None
     period: float | None
+    nan_policy: str
     name: str
 
 

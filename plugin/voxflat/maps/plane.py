@@ -443,6 +443,7 @@ class Planar(ReadOnly, ABC):
         projection: str = "mean",
         interpolation: str | None = None,
         period: float | None = None,
+        nan_policy: str = "omit",
         name: str = "",
     ) -> FlatImage:
         """Show a volume, or values at the vertices, on the map.
@@ -475,9 +476,7 @@ class Planar(ReadOnly, ABC):
             Whether a fraction refers to the local volume of the cortex (Waehnert et al. 2014), which follows layers
             through gyri and sulci, or to its thickness.
         projection : {"mean", "max", "sum"}
-            The value that is shown for several depths or fractions. Of labels, "mean" is the most frequent one. Depths
-            without a value (NaN, or outside the volume) are left out of the mean and the maximum, and a warning counts
-            these pixels. A sum needs values at all depths.
+            The value that is shown for several depths or fractions. Of labels, "mean" is the most frequent one.
         interpolation : {"linear", "nearest", "majority"}, optional
             The default is "nearest" for bool and integer volumes, which may be labels, and "linear" for floating-point
             volumes and colours. Integers in TIFF and OME-Zarr files are labels only if most neighbouring voxels are
@@ -487,6 +486,10 @@ class Planar(ReadOnly, ABC):
         period : float, optional
             Period of phase values, such as 360. Means of phases are circular, from 0 to the period, and interpolation
             is "linear" by default.
+        nan_policy : {"omit", "propagate"}
+            What to do at pixels where some of several depths have no value: they are NaN, infinite, or outside the
+            volume. "omit" computes the mean and the maximum of the other depths, and "propagate" makes these pixels
+            NaN. In both cases, a warning counts them. A sum always needs values at all depths.
         name : str, optional
             Title of the image.
 
@@ -507,7 +510,7 @@ class Planar(ReadOnly, ABC):
         >>> flat_map.image(flat_map.points[:, 2], pixel_size=1.0)  # heights, one value per vertex
         <FlatImage: overlay, 43 x 43 pixels of 1>
         """
-        sampling = Sampling(Depths.of(depth, fraction, layering), projection, interpolation, period)
+        sampling = Sampling(Depths.of(depth, fraction, layering), projection, interpolation, period, nan_policy)
         source = source_of(self._triangles.on_surface, volume)
         return source.image(self.raster(pixel_size), sampling, channel=channel, name=name)
 
@@ -525,6 +528,7 @@ class Planar(ReadOnly, ABC):
         projection: str | None = None,
         interpolation: str | None = None,
         period: float | None = None,
+        nan_policy: str = "omit",
         time_step: float | None = None,
         name: str = "",
     ) -> FlatStack:
@@ -553,6 +557,8 @@ class Planar(ReadOnly, ABC):
             As in `image`.
         period : float, optional
             As in `image`.
+        nan_policy : {"omit", "propagate"}
+            As in `image`.
         time_step : float, optional
             Time between frames of a series, in seconds. By default, the time step stored in the file: NIfTI files have
             one if the header has a unit of time, ``.mgh`` and CIFTI series always have one, and GIFTI files and arrays
@@ -578,7 +584,7 @@ class Planar(ReadOnly, ABC):
         4
         """
         default, where = self._default_interpolation, Depths.of(depth, fraction, layering, depths)
-        sampling = Sampling(where, projection, interpolation, period, default)
+        sampling = Sampling(where, projection, interpolation, period, nan_policy, default)
         source = source_of(self._triangles.on_surface, volume)
         return source.stack(self.raster(pixel_size), sampling, channel=channel, name=name, time_step=time_step)
 

@@ -10,13 +10,14 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from voxflat.arguments import Progress, checked_number, is_whole, numbers_of, shown
+from voxflat.arguments import Progress, checked_choice, checked_number, is_whole, log, numbers_of, shown
 from voxflat.errors import Cancelled, InputError
 from voxflat.io.channels import Channels, Timing
 from voxflat.io.provenance import Record
 from voxflat.io.saved import Saved
 from voxflat.maps.colours import are_labels, coloured
 from voxflat.maps.image_files import IMAGE_ENDINGS, Pages, SavedPages, write_image
+from voxflat.maps.missing import NAN_POLICIES, is_defined
 from voxflat.read_only import ReadOnly
 
 _OUTSIDE = np.uint32(2**32 - 1)
@@ -391,7 +392,7 @@ class FlatStack(Sequence[FlatImage], ReadOnly, SavedPages):
         names = all_names.names[first : first + each]
         return replace(self, channels=Channels(names, lambda n: all_names.read(first + n)))
 
-    def percent_change(self, progress: Progress | None = None) -> "FlatStack":
+    def percent_change(self, progress: Progress | None = None, *, nan_policy: str = "omit") -> "FlatStack":
         """Return the percent change of each pixel from its mean over the frames.
 
         All images are sampled once to compute the means.
@@ -400,11 +401,14 @@ class FlatStack(Sequence[FlatImage], ReadOnly, SavedPages):
         ----------
         progress : callable, optional
             Called as ``progress(stage, done, total)`` after each image. If it returns False, the work is cancelled.
+        nan_policy : {"omit", "propagate"}
+            What to do at pixels where some frames have no value: "omit" computes the mean of the other frames, and
+            "propagate" makes these pixels NaN in all frames. In both cases, a warning counts them.
 
         Returns
         -------
         FlatStack
-            The changes in percent; NaN where the mean is not positive, or a frame has no value.
+            The changes in percent; NaN where the mean is not positive, or the frame has no value.
 
         Raises
         ------
@@ -420,15 +424,25 @@ class FlatStack(Sequence[FlatImage], ReadOnly, SavedPages):
         4
         """
         each, read = max(1, len(self.layers)), self.channels.read
-        total: list[Any] = [0.0] * each
+        checked_choice(nan_policy, "nan_policy", NAN_POLICIES)
+        total, count = np.zeros((2, each, *read(0).shape[:2]))
         for n in range(len(self)):
             data = read(n)
             if data.ndim != 2:
                 raise InputError("cannot compute the percent change of colours. Pass images of values")
-            total[n % each] = total[n % each] + data
+            known = np.isfinite(data)
+            total[n % each][known] += data[known]
+            count[n % each] += known
             if progress is not None and progress("averaging", n + 1, len(self)) is False:
                 raise Cancelled("cancelled while averaging")
-        means = [np.where(count > 0, count * (each / len(self)), np.nan) for count in total]
+        frames = len(self) // each
+        if some := int(np.count_nonzero(((count > 0) & (count < frames)).any(axis=0))):
+            left = "The other frames determine their mean" if nan_policy == "omit" else "They have no mean"
+            log.warning(
+                "%s: %s pixels have no value in some of the %d frames. %s", self.name, f"{some:,}", frames, left
+            )
+        there = is_defined(count, frames, nan_policy) & (total > 0)
+        means = np.divide(total, count, out=np.full(total.shape, np.nan), where=there)
         changes = replace(self.channels, read=lambda n: 100 * (read(n) / means[n % each] - 1))
         return replace(self, channels=changes, name=f"{self.name}, change (%)")
 

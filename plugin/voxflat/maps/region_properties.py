@@ -7,6 +7,7 @@ import scipy
 from numpy.typing import NDArray
 
 from voxflat.arguments import log
+from voxflat.maps.missing import is_defined
 from voxflat.maps.plane import Planar
 from voxflat.maps.raster import Raster, nearest_inside
 from voxflat.unique_rows import distinct
@@ -33,6 +34,7 @@ def properties_of(
     images: Iterable[tuple[str, _Floats]],
     *,
     are_outlines: bool,
+    nan_policy: str,
 ) -> dict[str, _Floats]:
     """Return the properties of regions, one value for each key, as `Regions.properties` documents them.
 
@@ -74,8 +76,8 @@ def properties_of(
     def mean(values: _Floats) -> _Floats:
         is_known = np.isfinite(values)
         weights, sums = total(is_known.astype(np.float64), np.where(is_known, values, 0.0)).T
-        with np.errstate(invalid="ignore"):
-            return np.asarray(sums / np.where(weights > 0, weights, np.nan))
+        there = is_defined(weights, weights + total(~is_known * 1.0)[:, 0], nan_policy)
+        return np.divide(sums, weights, out=np.full(len(keys), np.nan), where=there)
 
     areas = total(np.ones(len(which)))[:, 0]
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -98,8 +100,9 @@ def properties_of(
         seen = np.unique(pixel[is_used])
         without = np.count_nonzero(~np.isfinite(values[rows, columns][seen]))
         if without:
-            text = "%s: %s of %s pixels of the regions have no value, and are left out"
-            log.warning(text, name, f"{without:,}", f"{len(seen):,}")
+            left = "are left out" if nan_policy == "omit" else "make the mean of their region NaN"
+            text = "%s: %s of %s pixels of the regions have no value, and %s"
+            log.warning(text, name, f"{without:,}", f"{len(seen):,}", left)
         found[name] = mean(of_pixels)
     order = np.searchsorted(sorted_keys, keys)
     return {"label": np.array(keys), **{name: values[order] for name, values in found.items()}}

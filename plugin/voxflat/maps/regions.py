@@ -8,13 +8,13 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from voxflat import _core
-from voxflat.arguments import checked_number, checked_path, numbers_of, shown
+from voxflat.arguments import checked_choice, checked_number, checked_path, numbers_of, shown
 from voxflat.errors import InputError
 from voxflat.io.channels import distinct_names
 from voxflat.io.chunks import is_stack_path
@@ -27,6 +27,7 @@ from voxflat.io.reading import check_room, reading
 from voxflat.io.tables import cell_of, write_table
 from voxflat.io.volumes import Volume, read_volume, write_volume
 from voxflat.maps.depth import Depths
+from voxflat.maps.missing import NAN_POLICIES
 from voxflat.maps.plane import Planar
 from voxflat.maps.raster import FlatImage, FlatStack
 from voxflat.maps.region_properties import AREAS, LENGTHS, properties_of
@@ -170,7 +171,11 @@ class Regions(ReadOnly, Recorded):
         return FlatImage(data, raster.pixel_size, raster.origin, "regions", True, self.provenance, raster.unit)
 
     def properties(
-        self, image: FlatImage | FlatStack | NDArray[np.float64] | None = None, *, pixel_size: float | None = None
+        self,
+        image: FlatImage | FlatStack | NDArray[np.float64] | None = None,
+        *,
+        pixel_size: float | None = None,
+        nan_policy: str = "omit",
     ) -> dict[str, NDArray[np.number]]:
         """Measure the regions as on the surface, like ``regionprops_table`` of scikit-image.
 
@@ -185,6 +190,9 @@ class Regions(ReadOnly, Recorded):
         pixel_size : float, optional
             Side length of the pixels into which outlines are divided, in mm; by default that of `image` or, for a label
             image, its own, or else a quarter of that of the map.
+        nan_policy : {"omit", "propagate"}
+            What to do about pixels without a value: "omit" computes the mean of the others, and "propagate" makes the
+            mean of their region NaN. In both cases, a warning counts them.
 
         Returns
         -------
@@ -202,7 +210,7 @@ class Regions(ReadOnly, Recorded):
             - ``map_direction``: angle of the major axis on the map, from u towards v, in degrees from −90 to 90;
             - ``curvature``: mean of the map's `curvature`, in 1/mm, if it is known;
             - ``mean``: mean of `image`, if it was given, or ``mean_NAME`` for each of several images. Means are
-              weighted by area on the surface, and leave out pixels without a value.
+              weighted by area on the surface.
 
             A region without a pixel has the area 0, and its other values are NaN.
 
@@ -218,6 +226,7 @@ class Regions(ReadOnly, Recorded):
         >>> cells["area"].round(), cells["map_area"].round()
         (array([58.]), array([50.]))
         """
+        checked_choice(nan_policy, "nan_policy", NAN_POLICIES)
         size = getattr(image, "pixel_size", self._pixel_size) if pixel_size is None else pixel_size
         raster = self.of.raster(size)
 
@@ -232,9 +241,8 @@ class Regions(ReadOnly, Recorded):
         labels = np.nan_to_num(self.image(raster.pixel_size).data).astype(np.int64)
         curvature = getattr(self.of, "curvature", None)  # which pages do not have
         are_outlines = self.places.pixel_size is None
-        found = properties_of(
-            self.of, labels, raster, self.keys, self.at, curvature, values(), are_outlines=are_outlines
-        )
+        how: dict[str, Any] = {"are_outlines": are_outlines, "nan_policy": nan_policy}
+        found = properties_of(self.of, labels, raster, self.keys, self.at, curvature, values(), **how)
         return {"label": found.pop("label"), "name": np.array(self.names), **found}
 
     @property

@@ -15,6 +15,7 @@ from voxflat.io.chunks import PLACE_BYTES, Chunked, voxels_at
 from voxflat.io.reading import check_room
 from voxflat.io.volumes import Volume
 from voxflat.maps.depth import ON_SURFACE, Depths
+from voxflat.maps.missing import NAN_POLICIES, is_defined, mean_of_known
 
 _Floats = NDArray[np.float64]
 
@@ -35,12 +36,14 @@ class Sampling:
     projection: str | None = None  # one of `PROJECTIONS`; None for one image per depth
     interpolation: str | None = None  # one of `INTERPOLATIONS`; None for the default of each channel
     period: float | None = None  # of phases
+    nan_policy: str = "omit"  # one of `NAN_POLICIES`, for depths without a value
     default: Callable[[int], str | None] | None = None  # interpolation of a channel, if a series determines it
 
     def __post_init__(self) -> None:
         for name, choices in (("projection", PROJECTIONS), ("interpolation", INTERPOLATIONS)):
             if getattr(self, name) is not None:
                 checked_choice(getattr(self, name), name, choices)
+        checked_choice(self.nan_policy, "nan_policy", NAN_POLICIES)
         if self.period is not None:
             if not (math.isfinite(checked_number(self.period, "period")) and self.period > 0):
                 raise InputError(f"period is {self.period:g}. Pass a positive number, such as 360 for degrees")
@@ -199,8 +202,8 @@ class Coverage:
 def sample_depths(volume: Volume, places: Sequence[_Floats], sampling: Sampling, coverage: Coverage) -> NDArray[Any]:
     """Sample a volume at several depths, as `sample` does; return each depth (first axis), or their projection.
 
-    The mean of labels is the majority. Positions without a value at any depth are NaN (or have alpha 0). A sum is NaN
-    if any depth has no value.
+    The mean of labels is the majority. Positions without a value at any depth are NaN (or have alpha 0). A sum, or
+    with the policy "propagate" any projection, is NaN if any depth has no value.
     """
     data, projection, way = volume.data, sampling.projection, way_of(volume.data, sampling.interpolation)
     if projection is not None:
@@ -208,7 +211,7 @@ def sample_depths(volume: Volume, places: Sequence[_Floats], sampling: Sampling,
     if projection is not None and way == "majority":
         index, inside = _indices(volume, np.stack(places))
         coverage.add(inside)
-        somewhere = inside.any(axis=0)
+        somewhere = is_defined(inside.sum(axis=0), len(inside), sampling.nan_policy)
         inside = inside[:, somewhere].T  # (P, depths)
         spots = np.where(inside[..., None], index[:, somewhere].swapaxes(0, 1), 0.0)
         image = np.full(somewhere.shape, np.nan)
@@ -221,7 +224,7 @@ def sample_depths(volume: Volume, places: Sequence[_Floats], sampling: Sampling,
         layers = np.stack([sample(volume, points, way) for points in places])
     if projection is None:
         return layers
-    return np.asarray(layers[0]) if len(layers) == 1 else _projected(layers, projection, coverage)
+    return np.asarray(layers[0]) if len(layers) == 1 else _projected(layers, sampling, coverage)
 
 
 def _check_projection(data: Any, way: str, projection: str, depths: int) -> None:
@@ -237,20 +240,18 @@ def _check_projection(data: Any, way: str, projection: str, depths: int) -> None
         raise InputError(f"projection is {projection!r}, but {kind} have only a mean over depths. Pass 'mean'")
 
 
-def _projected(layers: NDArray[Any], projection: str, coverage: Coverage) -> NDArray[Any]:
+def _projected(layers: NDArray[Any], sampling: Sampling, coverage: Coverage) -> NDArray[Any]:
     """Return a projection of values (depths, ...), or the mean of colours (depths, ..., 4), as `sample_depths`."""
     is_colour = layers.dtype == np.uint8
-    has_value = layers[..., 3] > 0 if is_colour else ~np.isnan(layers)
+    has_value = layers[..., 3] > 0 if is_colour else np.isfinite(layers)
     coverage.add(has_value)
-    if projection == "sum":
-        return np.asarray(layers.sum(axis=0))
-    if projection == "max":
-        return np.asarray(np.fmax.reduce(layers, axis=0))
-    count, is_known = has_value.sum(axis=0), has_value[..., None] if is_colour else has_value
-    sums = np.where(is_known, layers, 0).sum(axis=0, dtype=np.float64)
-    if is_colour:
-        return np.asarray(np.round(sums / np.maximum(count, 1)[..., None]).astype(np.uint8))
-    return np.asarray(np.divide(sums, count, out=np.full(sums.shape, np.nan), where=count > 0))
+    if is_colour or sampling.projection == "mean":
+        mean = mean_of_known(layers, has_value, sampling.nan_policy)
+        return np.round(np.nan_to_num(mean)).astype(np.uint8) if is_colour else mean
+    known = np.where(has_value, layers, np.nan)
+    if sampling.projection == "sum" or sampling.nan_policy == "propagate":
+        return np.asarray((np.max if sampling.projection == "max" else np.sum)(known, axis=0))
+    return np.asarray(np.fmax.reduce(known, axis=0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -326,9 +327,9 @@ class SharedWeights:
         if projection is None:
             return np.stack(images)
         if is_several and not is_mean:
-            return _projected(np.stack(images), projection, coverage)
+            return _projected(np.stack(images), sampling, coverage)
         if is_mean:
-            missing = np.isnan(images[0])
+            missing = ~np.isfinite(images[0])
             coverage.add(~missing[None])
             images[0][missing] = sample_depths(volume, [points[missing] for points in places], sampling, coverage)
         return images[0]

@@ -306,8 +306,11 @@ class _VolumeSampler:
             places = self.source.surface.in_scanner(self.raster, sampling.depths)
             image = sample_depths(volume, places, sampling, coverage)
         if coverage.some and not self.has_warned:
-            left = "They have no sum" if sampling.projection == "sum" else "The other depths determine their values"
-            message = "%s: %s of %s pixels have no value at some of the %d depths (NaN, or outside the volume). %s"
+            is_strict = sampling.projection == "sum" or sampling.nan_policy == "propagate"
+            left = f"They have no {sampling.projection}" if is_strict else "The other depths determine their values"
+            message = (
+                "%s: %s of %s pixels have no value at some of the %d depths (NaN, infinite, or outside the volume). %s"
+            )
             log.warning(message, self.title, f"{coverage.some:,}", f"{coverage.any:,}", count, left)
             self.has_warned = True
         return image

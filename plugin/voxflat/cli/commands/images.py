@@ -23,6 +23,7 @@ from voxflat.io.provenance import saving
 from voxflat.io.reading import reading
 from voxflat.maps.flat_map import HEATS, FlatMap
 from voxflat.maps.image_files import IMAGE_ENDINGS, STACK_ENDINGS
+from voxflat.maps.missing import NAN_POLICIES
 from voxflat.maps.plane import Planar
 from voxflat.maps.sampling import INTERPOLATIONS, PROJECTIONS
 from voxflat.maps.textures.textured import TEXTURED_ENDINGS, files_beside
@@ -94,6 +95,12 @@ _VOLUME = (
         note="Replaces --fraction; the images are a flat volume.",
     ),
     option_of(Planar.images, "projection", type=click.Choice(PROJECTIONS), until=" of each channel"),
+    options.choice(
+        "--nan-policy",
+        NAN_POLICIES,
+        "At pixels where some of several depths have no value (NaN, infinite, or outside the volume), show the mean or "
+        "the maximum of the other depths, or NaN. A sum needs values at all depths.  [default: omit]",
+    ),
     options.choice(
         "--interpolation",
         INTERPOLATIONS,

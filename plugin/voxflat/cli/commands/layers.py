@@ -19,6 +19,7 @@ from voxflat.laminar.profile import PROFILE_ENDINGS
 from voxflat.laminar.rim import Rim, rim
 from voxflat.maps.depth import LAYERINGS
 from voxflat.maps.flat_map import load_saved
+from voxflat.maps.missing import NAN_POLICIES
 
 
 def _label(ctx: click.Context, param: click.Parameter, value: str | None) -> int | Path | None:
@@ -160,6 +161,7 @@ def columns_command(
     options.reads("--volume", "Volume to measure, on any grid. A 4-D file has several channels.", required=True),
     options.value("--channel", "NAME|N", "Channel to measure: its name, or its number from 0.  [default: all]"),
     option_of(Rim.profile, "interpolation", type=click.Choice(["linear", "nearest"])),
+    option_of(Rim.profile, "nan_policy", type=click.Choice(NAN_POLICIES)),
 )
 @options.section(
     "Regions",
@@ -211,7 +213,7 @@ def profile_command(
     check_output(output, PROFILE_ENDINGS, **writing)
     if figure is not None:
         check_output(figure, FIGURE_ENDINGS, **writing)
-    sampling = {name: settings.pop(name) for name in ("channel", "interpolation", "count", "layering")}
+    sampling = {name: settings.pop(name) for name in ("channel", "interpolation", "nan_policy", "count", "layering")}
     for path in filter(None, (volume, regions, map)):
         path.stat()  # a missing file is reported before depths are measured
     with bars() as bar:
@@ -227,7 +229,8 @@ def profile_command(
         figures.save(drawing, figure, profile.provenance)
     files = [str(path) for path in (output, figure) if path is not None]
     missing = int(profile.missing.sum(axis=0).max())
-    without = f"{missing} voxels have no finite value and are left out\n" if missing else ""
+    left = "are left out" if sampling["nan_policy"] == "omit" else "make the values of their layers NaN"
+    without = f"{missing} voxels have no finite value and {left}\n" if missing else ""
     content = {
         "files": files,
         "regions": list(profile.names),
