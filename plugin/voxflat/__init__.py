@@ -82,6 +82,7 @@ __all__ = [
     "samples",
     "standard_map",
     "surface",
+    "to_nilearn",
     "worst_places",
 ]
 
@@ -107,6 +108,7 @@ if TYPE_CHECKING:
     from voxflat.laminar.profile import Profile
     from voxflat.laminar.rim import Rim, rim
     from voxflat.maps.flat_map import FlatMap
+    from voxflat.maps.nilearn_surfaces import to_nilearn
     from voxflat.maps.plane import Places
     from voxflat.maps.raster import FlatImage, FlatStack, Raster
     from voxflat.maps.regions import Regions
@@ -144,6 +146,7 @@ else:
         "laminar.profile": ("Profile",),
         "laminar.rim": ("Rim", "rim"),
         "maps.flat_map": ("FlatMap",),
+        "maps.nilearn_surfaces": ("to_nilearn",),
         "maps.plane": ("Places",),
         "maps.raster": ("FlatImage", "FlatStack", "Raster"),
         "maps.regions": ("Regions",),
