@@ -35,6 +35,7 @@ COMMANDS = {
     "regions": ("places", "Convert regions drawn on a flat map to vertex or voxel labels, or measure them."),
     "register": ("surfaces", "Register a hemisphere to the fsaverage sphere."),
     "rows": ("distances", "Measure geodesic distances and store them on disk."),
+    "smooth": ("surfaces", "Smooth values along a surface."),
     "standard-map": ("flatten", "Make the flat map of a standard mesh, fsaverage or fs_LR."),
     "surface": ("surfaces", "Extract the surface of a volume, or check and convert a mesh."),
     "texture": ("images", "Map a picture onto a surface as a texture."),

@@ -7,7 +7,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from numpy.typing import ArrayLike
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from voxflat.arguments import Progress, checked_seed, checked_threads, log, shown
 from voxflat.atlases.certified import FlatAtlas
@@ -39,6 +40,7 @@ from voxflat.surfaces.of_volume import of_volume
 from voxflat.surfaces.parts import disk, dropped, kept, polygon
 from voxflat.surfaces.smoothing import smoothed
 from voxflat.surfaces.standard.registration import Registration, register
+from voxflat.surfaces.value_smoothing import smooth_values
 
 _REPAIRS = ("none", "voxels", "cuts")
 
@@ -241,6 +243,44 @@ class Surface(Manifold):
         True
         """
         return smoothed(self, length, progress)
+
+    def smooth_values(
+        self, values: object, fwhm: float, *, threads: int | None = None, progress: Progress | None = None
+    ) -> NDArray[np.float64]:
+        """Smooth values at the vertices along the surface.
+
+        The kernel is the solution of the heat equation on the triangles, a Gaussian on a plane. It depends little on
+        the sizes and shapes of the triangles, keeps constant values, and stops at the boundary of the surface, such as
+        that of the medial wall after ``drop("medial wall")``, and at vertices without a finite value.
+
+        Parameters
+        ----------
+        values : path, array_like or image object
+            Values at the vertices of the complete mesh, of shape (V,), or (V, K) for K maps or frames: an array, a
+            file (GIFTI, CIFTI, FreeSurfer, NIfTI), or an object of nilearn or nibabel.
+        fwhm : float
+            Full width at half maximum of the kernel, in mm (or the unit of the surface).
+        threads, progress : optional
+            As in `flatten`.
+
+        Returns
+        -------
+        ndarray of float64, of the shape of the values
+            The smoothed values; NaN outside the surface, and where `values` are not finite.
+
+        Raises
+        ------
+        InputError, Cancelled
+            If the width is not positive, the values do not fit the surface, or `progress` returned False.
+
+        Examples
+        --------
+        >>> hill = voxflat.samples.hill()
+        >>> noise = np.random.default_rng(0).normal(size=441)
+        >>> bool(hill.smooth_values(noise, 10.0).std() < 0.5 * noise.std())
+        True
+        """
+        return smooth_values(self, values, fwhm, threads, progress)
 
     # ------------------------------------------------------------------------------------------ cuts and maps
 

@@ -1,10 +1,11 @@
-"""The commands `voxflat check`, `voxflat register` and `voxflat surface`, which examine and prepare surfaces."""
+"""The commands `voxflat check`, `register`, `surface` and `smooth`, which examine and prepare surfaces."""
 
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import click
+import numpy as np
 
 from voxflat.arguments import log
 from voxflat.cli import options
@@ -14,9 +15,15 @@ from voxflat.cli.output import check_output, report
 from voxflat.cli.parameter_options import option_of
 from voxflat.distortion.figures import json_ready
 from voxflat.errors import InputError
+from voxflat.io.channels import distinct_names
+from voxflat.io.files import atomic_path
+from voxflat.io.formats.gifti import value_bytes
 from voxflat.io.grid import scaled
 from voxflat.io.meshes import check_mesh_name
+from voxflat.io.overlays import read_channels
 from voxflat.io.patches import FLAT_PATCH_ENDINGS, PATCH_ENDING
+from voxflat.io.provenance import record_of, saving
+from voxflat.io.reading import reading
 from voxflat.io.volumes import check_volume_name, write_volume
 from voxflat.pipeline.check import check
 from voxflat.pipeline.surface import Surface
@@ -139,3 +146,51 @@ def surface_command(input_: Path, output: Path, repaired: Path | None, writing: 
     size = {"vertices": len(extracted), "triangles": len(extracted.faces)}
     content = {"output": str(output), **size, "metadata": extracted.metadata, "warnings": list(extracted.warnings)}
     report(json_ready(content), f"{len(extracted)} vertices, {len(extracted.faces)} triangles\nsaved as {output}")
+
+
+_VALUE_ENDINGS = (".func.gii", ".shape.gii", ".npy")
+
+
+@options.command(
+    "smooth",
+    "voxflat smooth lh.white --pial lh.pial --values lh.thickness --fwhm 10 -o lh.thickness_10mm.shape.gii",
+    "voxflat smooth lh.midthickness.surf.gii --values lh.bold.func.gii --fwhm 4 -o lh.bold_4mm.func.gii",
+    "voxflat smooth lh.white --drop lh.Medial_wall.label --values lh.zstat.mgh --fwhm 6 -o lh.zstat_6mm.func.gii",
+)
+@options.input_
+@options.surface_options
+@options.region
+@options.section(
+    "Smoothing",
+    options.reads("--values", "Values at the vertices: GIFTI, CIFTI, FreeSurfer or NIfTI.", required=True),
+    option_of(Surface.smooth_values, "fwhm", type=options.NUMBER, metavar="MM", required=True),
+)
+@options.output("Output file for the smoothed values: .func.gii, .shape.gii or .npy.")
+@options.run(options.threads, options.memory_limit)
+def smooth_command(
+    input_: Path, values: Path, fwhm: float, output: Path, writing: dict[str, Any], **settings: Any
+) -> None:
+    """Smooth values along a surface.
+
+    The kernel is a Gaussian along INPUT. It stops at the boundary of the region (use --drop for the medial wall) and at
+    vertices without a value, which stay NaN. With --pial, distances are those of the surface midway between both.
+    """
+    check_output(output, _VALUE_ENDINGS, **writing)
+    with bars() as bar, reading(settings.get("memory_limit")) as files:
+        part = part_of(settings, bar.progress)(surface_of(input_, settings, bar.progress))
+        structure = None if part.is_voxels else part.origin.structure
+        names = distinct_names(read_channels(values, part.count, structure=structure).names)
+        smoothed = part.smooth_values(values, fwhm, threads=settings["threads"], progress=bar.progress)
+    told = {"self": part.provenance, "values": str(values), "fwhm": fwhm}
+    record = record_of("smooth_values", told, dict(sorted(files.items())))
+    columns = smoothed.reshape(len(smoothed), -1).T
+    with saving(output, record, **writing), atomic_path(output) as beside:
+        if output.name.lower().endswith(".npy"):
+            with beside.open("wb") as file:
+                np.save(file, smoothed)
+        else:
+            beside.write_bytes(value_bytes(dict(zip(names, columns, strict=True)), structure, record))
+    known = int(np.isfinite(columns[0]).sum())
+    content = {"output": str(output), "maps": len(columns), "vertices": known, "provenance": record}
+    text = f"{len(columns)} map{'s' * (len(columns) != 1)} at {known} of {part.count} vertices\nsaved as {output}"
+    report(json_ready(content), text)

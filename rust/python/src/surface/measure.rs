@@ -4,11 +4,12 @@ use numpy::IntoPyArray;
 use pyo3::prelude::*;
 use voxflat::distortion::{evaluate, faces::measure_faces, lower_bound, overlap::overlaps};
 use voxflat::geodesic::bend::Marking;
-use voxflat::surface::{mesh::curvature::smooth_mean_curvature, sulcal_depth::sulcal_depth};
+use voxflat::surface::mesh::{curvature::smooth_mean_curvature, diffusion::smooth_values};
+use voxflat::surface::sulcal_depth::sulcal_depth;
 
 use super::solvers::{Geodesic, with_solver};
 use super::{Inner, Surface};
-use crate::convert::{self, Dict, Given, GivenTable, Values};
+use crate::convert::{self, Dict, Given, GivenTable, Table, Values};
 use crate::work::{Progress, Threads};
 
 #[pymethods]
@@ -20,6 +21,19 @@ impl Surface {
     ) -> PyResult<Values<'py, f64>> {
         let work = move |inner: &Inner, control: &_| smooth_mean_curvature(&inner.surface, smoothing, control);
         Ok(self.run(py, threads, &progress, work)?.into_pyarray(py))
+    }
+
+    /// Return values (N, C), smoothed along the surface by a Gaussian of this standard deviation in mm.
+    #[pyo3(signature = (values, deviation, threads=None, progress=None))]
+    fn smooth_values<'py>(
+        &self, py: Python<'py>, values: GivenTable<'py, f64>, deviation: f64, threads: Threads, progress: Progress<'py>,
+    ) -> PyResult<Table<'py, f64>> {
+        let columns: Vec<Vec<f64>> = values.as_array().columns().into_iter().map(|column| column.to_vec()).collect();
+        let work = move |inner: &Inner, control: &_| smooth_values(&inner.surface, &columns, deviation, control);
+        let smooth = self.run(py, threads, &progress, work)?;
+        let count = self.0.surface.len();
+        let rows = (0..count).flat_map(|v| smooth.iter().map(move |column| column[v])).collect();
+        convert::table(py, rows, smooth.len())
     }
 
     /// Return the sulcal depth (N) in mm, by a flow of this number of mm².

@@ -4,6 +4,7 @@ use nalgebra::Vector3;
 use rayon::prelude::*;
 
 use crate::adjacency::starts_of;
+use crate::error::check_length;
 use crate::surface::mesh::Surface;
 use crate::{Control, Result};
 
@@ -16,7 +17,7 @@ const BATCH: usize = 4096;
 const STIFFEST: f64 = 100.0;
 
 /// The stiffness matrix of linear finite elements, L: (L x)ᵢ = Σⱼ wᵢⱼ (xᵢ − xⱼ) with the cotangent weights wᵢⱼ = ½ (cot
-/// α + cot β) (Pinkall, Polthier 1993), at least 0.
+/// α + cot β) (Pinkall, Polthier 1993).
 pub(crate) struct Stiffness {
     /// Where the neighbours of each vertex begin.
     first: Vec<u32>,
@@ -26,18 +27,25 @@ pub(crate) struct Stiffness {
 
 impl Stiffness {
     pub(crate) fn new(surface: &Surface) -> Self {
-        let points = surface.points();
-        let half_cotangent = |h: u32| {
-            let tip = surface.target(crate::surface::mesh::next(h));
-            let [a, b, tip] = [surface.origin(h), surface.target(h), tip].map(|v| points[v as usize]);
-            let (u, v) = (a - tip, b - tip);
-            let cotangent = u.dot(&v) / u.cross(&v).norm();
-            if cotangent.is_finite() { 0.5 * cotangent } else { 0.0 }
+        Self::of(surface, |h| half_cotangent(surface, h), 0.0)
+    }
+
+    /// Creates the matrix with the negative weights of edges opposite obtuse angles, without which values spread too
+    /// far. It stays positive semidefinite, because the matrix of a sliver is scaled as a whole.
+    fn signed(surface: &Surface) -> Self {
+        let weight = |h: u32| {
+            let first = h - h % 3;
+            let most = (first..first + 3).map(|side| half_cotangent(surface, side).abs()).fold(0.0, f64::max);
+            half_cotangent(surface, h) * (0.5 * STIFFEST / most).min(1.0)
         };
+        Self::of(surface, weight, f64::NEG_INFINITY)
+    }
+
+    fn of(surface: &Surface, half_cotangent: impl Fn(u32) -> f64, least: f64) -> Self {
         let mut links = Vec::with_capacity(3 * surface.len());
         for h in surface.edges() {
             let beyond = if surface.is_inner(h) { half_cotangent(surface.twins()[h as usize]) } else { 0.0 };
-            links.push((surface.origin(h), surface.target(h), (half_cotangent(h) + beyond).clamp(0.0, STIFFEST)));
+            links.push((surface.origin(h), surface.target(h), (half_cotangent(h) + beyond).clamp(least, STIFFEST)));
         }
         let first = starts_of(surface.len(), links.iter().flat_map(|&(a, b, _)| [a, b]));
         let mut next = first.clone();
@@ -53,6 +61,38 @@ impl Stiffness {
         Self { first, neighbours, total }
     }
 
+    /// Returns the neighbours of a vertex, with their weights.
+    fn around(&self, v: usize) -> &[(u32, f64)] {
+        &self.neighbours[self.first[v] as usize..self.first[v + 1] as usize]
+    }
+
+    /// Returns exp(−t M⁻¹ L) x, the solution of the heat equation after a time t, up to rounding errors. Vertices
+    /// without area keep their values.
+    ///
+    /// With r = max(Σⱼ |wᵢⱼ|/Mᵢ), the eigenvalues of S = 1 − M⁻¹ L/r lie between −1 and 1, so that exp(−r t (1 − S)) is a
+    /// sum of Chebyshev polynomials Tₖ(S) with the weights 2 exp(−r t) Iₖ(r t), and half of it for k = 0.
+    fn diffuse(
+        &self, mass: &[f64], rate: f64, weights: &[f64], x: &[Vector3<f64>], control: &Control,
+    ) -> Result<Vec<Vector3<f64>>> {
+        let applied = |x: &[Vector3<f64>], v: usize| {
+            let pull: Vector3<f64> = self.around(v).iter().map(|&(w, weight)| (x[w as usize] - x[v]) * weight).sum();
+            if mass[v] > 0.0 { x[v] + pull / (mass[v] * rate) } else { x[v] }
+        };
+        let mut sum: Vec<Vector3<f64>> = x.iter().map(|x| x * weights[0]).collect();
+        let mut before = x.to_vec();
+        let mut now: Vec<Vector3<f64>> =
+            (0..x.len()).into_par_iter().with_min_len(BATCH).map(|v| applied(x, v)).collect();
+        for weight in &weights[1..] {
+            control.check()?;
+            sum.par_iter_mut().zip(&now).with_min_len(BATCH).for_each(|(sum, now)| *sum += now * (2.0 * weight));
+            let next = |(v, before): (usize, &mut Vector3<f64>)| *before = 2.0 * applied(&now, v) - *before;
+            before.par_iter_mut().enumerate().with_min_len(BATCH).for_each(next);
+            std::mem::swap(&mut before, &mut now);
+            control.advance();
+        }
+        Ok(sum)
+    }
+
     /// Takes one backward Euler step: solves (M + t L) y = b, M = diag(`mass`), from an initial guess y.
     pub(crate) fn solve(
         &self, mass: &[f64], time: f64, b: &[Vector3<f64>], y: &mut [Vector3<f64>], control: &Control,
@@ -62,8 +102,7 @@ impl Stiffness {
             mass.iter().zip(&self.total).map(|(m, total)| (m + time * total).max(f64::MIN_POSITIVE)).collect();
         let applied = |x: &[Vector3<f64>]| -> Vec<Vector3<f64>> {
             let at = |v: usize| {
-                let around = &self.neighbours[self.first[v] as usize..self.first[v + 1] as usize];
-                let pull: Vector3<f64> = around.iter().map(|&(w, weight)| x[w as usize] * weight).sum();
+                let pull: Vector3<f64> = self.around(v).iter().map(|&(w, weight)| x[w as usize] * weight).sum();
                 x[v] * diagonal[v] - pull * time
             };
             (0..x.len()).into_par_iter().with_min_len(BATCH).map(at).collect()
@@ -101,6 +140,64 @@ impl Stiffness {
     }
 }
 
+/// Returns half the cotangent of the angle opposite a half-edge; 0 in a face without area.
+fn half_cotangent(surface: &Surface, h: u32) -> f64 {
+    let tip = surface.target(crate::surface::mesh::next(h));
+    let [a, b, tip] = [surface.origin(h), surface.target(h), tip].map(|v| surface.points()[v as usize]);
+    let (u, v) = (a - tip, b - tip);
+    let cotangent = u.dot(&v) / u.cross(&v).norm();
+    if cotangent.is_finite() { 0.5 * cotangent } else { 0.0 }
+}
+
+/// Returns columns of values at the vertices, smoothed along the surface by the heat kernel, which is a Gaussian of
+/// standard deviation `deviation` in mm on a plane. Nothing flows through a boundary: constants, and integrals over the
+/// surface, are preserved.
+///
+/// # Errors
+/// [`Error::WrongLength`](crate::Error::WrongLength) if a column does not have one value per vertex, or
+/// [`Error::Cancelled`](crate::Error::Cancelled).
+pub fn smooth_values(
+    surface: &Surface, columns: &[Vec<f64>], deviation: f64, control: &Control,
+) -> Result<Vec<Vec<f64>>> {
+    for column in columns {
+        check_length("values", column.len(), "vertices", surface.len())?;
+    }
+    let (stiffness, mass) = (Stiffness::signed(surface), masses(surface.points(), surface.faces()));
+    let pull = |v: usize| -> f64 { stiffness.around(v).iter().map(|(_, weight)| weight.abs()).sum() };
+    let rates = (0..mass.len()).map(|v| if mass[v] > 0.0 { pull(v) / mass[v] } else { 0.0 });
+    let rate = rates.fold(0.0, f64::max);
+    if rate == 0.0 {
+        return Ok(columns.to_vec());
+    }
+    let weights = scaled_bessel(rate * deviation * deviation / 2.0);
+    control.begin("smoothing values", (columns.len().div_ceil(3) * (weights.len() - 1)) as u64);
+    let mut smooth = Vec::with_capacity(columns.len());
+    for three in columns.chunks(3) {
+        let of = |k: usize, v: usize| three.get(k).map_or(0.0, |column| column[v]);
+        let x: Vec<Vector3<f64>> = (0..surface.len()).map(|v| [of(0, v), of(1, v), of(2, v)].into()).collect();
+        let x = stiffness.diffuse(&mass, rate, &weights, &x, control)?;
+        smooth.extend((0..three.len()).map(|k| x.iter().map(|x| x[k]).collect()));
+    }
+    Ok(smooth)
+}
+
+/// Returns exp(−z) Iₖ(z) for k = 0, 1, ... until these modified Bessel functions are negligible, by Miller's backward
+/// recurrence I₍ₖ₋₁₎ = I₍ₖ₊₁₎ + 2 k/z Iₖ, whose values are scaled so that I₀ + 2 Σ Iₖ = exp(z).
+fn scaled_bessel(z: f64) -> Vec<f64> {
+    let count = (8.5 * z.sqrt()).ceil() as usize + 40;
+    let mut values = vec![0.0; count + 2];
+    values[count] = f64::MIN_POSITIVE;
+    for k in (1..=count).rev() {
+        values[k - 1] = values[k + 1] + 2.0 * k as f64 / z * values[k];
+        if values[k - 1] > 1e200 {
+            values[k - 1..].iter_mut().for_each(|value| *value /= 1e200);
+        }
+    }
+    let total = values[0] + 2.0 * values[1..].iter().sum::<f64>();
+    let last = values.iter().rposition(|value| *value > 1e-15 * total).unwrap_or(0);
+    values[..=last.max(1)].iter().map(|value| value / total).collect()
+}
+
 /// Returns the products of three columns; the same for any number of threads.
 fn dot(a: &[Vector3<f64>], b: &[Vector3<f64>]) -> Vector3<f64> {
     let of_batch = |(a, b): (&[Vector3<f64>], &[Vector3<f64>])| -> Vector3<f64> {
@@ -125,6 +222,31 @@ pub(crate) fn masses(points: &[Vector3<f64>], faces: &[[u32; 3]]) -> Vec<f64> {
 mod tests {
     use super::*;
     use crate::surface::mesh::shapes;
+
+    #[test]
+    fn smoothing_solves_the_heat_equation() {
+        let sheet = shapes::surface(shapes::sheet(40, 40));
+        let k = std::f64::consts::PI / 10.0;
+        let of = |f: &dyn Fn(&Vector3<f64>) -> f64| sheet.points().iter().map(f).collect::<Vec<f64>>();
+        let columns = [of(&|_| 2.0), of(&|p| (k * p.x).cos()), of(&|p| p.y), of(&|p| (k * p.y).cos())];
+        let (deviation, control) = (2.0, Control::default());
+        let smooth = smooth_values(&sheet, &columns, deviation, &control).unwrap();
+        let expected = (-k * k * deviation * deviation / 2.0).exp();
+        let mass = masses(sheet.points(), sheet.faces());
+        let sum = |x: &[f64]| x.iter().zip(&mass).map(|(x, m)| x * m).sum::<f64>();
+        assert!((sum(&smooth[2]) / sum(&columns[2]) - 1.0).abs() < 1e-12);
+        for v in 0..sheet.len() {
+            assert!((smooth[0][v] - 2.0).abs() < 1e-12);
+            assert!((smooth[1][v] - expected * columns[1][v]).abs() < 0.01);
+            assert!((smooth[3][v] - expected * columns[3][v]).abs() < 0.01);
+        }
+        // two steps are the same as a single one of their joint variance
+        let first = smooth_values(&sheet, &columns, 1.2, &control).unwrap();
+        let second = smooth_values(&sheet, &first, 1.6, &control).unwrap();
+        assert!(second[1].iter().zip(&smooth[1]).all(|(a, b)| (a - b).abs() < 1e-12));
+        let tiny = smooth_values(&sheet, &columns, 1e-9, &control).unwrap();
+        assert!(tiny[1].iter().zip(&columns[1]).all(|(a, b)| (a - b).abs() < 1e-12));
+    }
 
     #[test]
     fn a_step_keeps_constants_and_sums_and_flattens_waves_as_the_equation_says() {

@@ -5,7 +5,7 @@
 //! surface, whose [`ids`](Surface::ids) are the vertices of the input.
 
 pub mod curvature;
-pub(crate) mod diffusion;
+pub mod diffusion;
 pub mod paths;
 mod repair;
 #[cfg(test)]
