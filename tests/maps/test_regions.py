@@ -486,3 +486,86 @@ def test_regions_by_the_command_line(m, grid, tmp_path, monkeypatch):
     assert {"m.npz", "p.json", "t1.nii.gz"} <= set(json.loads(image.header.extensions[0].get_content())["files"])
     for wrong, code in (([], 2), (["--polygons", "p.json", "--layer", "x"], 2), (["--polygons", "bad.json"], 1)):
         assert run(*command, *wrong).exit_code == code
+
+
+class TestLabelsOfVertices:
+    """Label files of a mesh are regions of its map, with their names and colours."""
+
+    NAMES, COLOURS = ("area one", "V2", "MT+"), np.array([[200, 30, 40], [20, 180, 60], [20, 30, 250]])
+
+    def labels(self, m):
+        """Return labels of all vertices: three sectors on the map, and none elsewhere."""
+        labels = np.zeros(m.origin.mesh.vertices, dtype=np.int64)
+        away = m.uv - m.uv.mean(axis=0)
+        labels[m.ids] = np.where(np.hypot(*away.T) > 14, 0, 1 + (np.arctan2(*away.T) + np.pi) // (2 * np.pi / 2.999))
+        return labels
+
+    def annot(self, m, path):
+        table = np.column_stack([np.vstack([[0, 0, 0], self.COLOURS]), np.zeros(4), np.arange(4)]).astype(np.int32)
+        nib.freesurfer.write_annot(
+            path, self.labels(m).astype(np.int32), table, ["unknown", *self.NAMES], fill_ctab=True
+        )
+        return path
+
+    def check(self, regions):
+        assert regions.names == self.NAMES
+        np.testing.assert_array_equal(regions.colours, self.COLOURS)
+
+    @pytest.mark.medium
+    def test_names_colours_and_vertices_survive_every_way_out(self, m, tmp_path):
+        regions, expected = m.regions(self.annot(m, tmp_path / "lh.areas.annot")), self.labels(m)
+        self.check(regions)
+        np.testing.assert_array_equal(regions.vertex_labels, expected)
+        np.testing.assert_array_equal(regions.labels, expected[m.ids])
+        for name in ("lh.b.label.gii", "lh.b.annot"):
+            regions.save(tmp_path / name)
+            again = m.regions(tmp_path / name)
+            self.check(again)
+            np.testing.assert_array_equal(again.vertex_labels, expected)
+        image = nib.load(tmp_path / "lh.b.label.gii")
+        axis = nib.cifti2.BrainModelAxis.from_surface(
+            np.arange(len(expected)), len(expected), "CIFTI_STRUCTURE_CORTEX_LEFT"
+        )
+        table = {label.key: (label.label, label.rgba) for label in image.labeltable.labels}
+        dense = nib.Cifti2Image(expected[None].astype(np.float32), (nib.cifti2.LabelAxis(["areas"], table), axis))
+        nib.save(dense, tmp_path / "areas.dlabel.nii")
+        self.check(m.regions(tmp_path / "areas.dlabel.nii"))
+
+    @pytest.mark.medium
+    def test_areas_are_those_of_the_vertices(self, m, tmp_path):
+        """A region reaches halfway to the next vertex, so that its area is that around its vertices."""
+        table = m.regions(self.annot(m, tmp_path / "lh.areas.annot")).properties()
+        a, b, c = np.moveaxis(m.points[m.faces], 1, 0)
+        around = np.repeat(np.linalg.norm(np.cross(b - a, c - a), axis=1) / 6, 3)
+        areas = np.bincount(self.labels(m)[m.ids][m.faces.ravel()], around)
+        np.testing.assert_allclose(table["area"], areas[1:], rtol=0.02)
+
+    @pytest.mark.medium
+    def test_several_freesurfer_labels(self, m, tmp_path):
+        labels, paths = self.labels(m), []
+        for key, name in enumerate(("V1", "MT", "FFA"), 1):
+            rows = "".join(f"{vertex} 0 0 0 0\n" for vertex in np.flatnonzero(labels == key))
+            paths.append(tmp_path / f"lh.{name}.label")
+            paths[-1].write_text(f"#!ascii label\n{np.count_nonzero(labels == key)}\n{rows}")
+        regions = m.regions(paths)
+        assert regions.names == ("V1", "MT", "FFA")
+        np.testing.assert_array_equal(regions.vertex_labels, labels)
+        assert m.regions(paths[1]).names == ("MT",)
+        regions.save(tmp_path / "lh.rois.annot")
+        assert m.regions(tmp_path / "lh.rois.annot").names == regions.names
+
+    @pytest.mark.medium
+    def test_the_command_and_a_region_with_the_number_0(self, m, tmp_path):
+        m.save(tmp_path / "map.npz")
+        annot = self.annot(m, tmp_path / "lh.areas.annot")
+        succeed("regions", tmp_path / "map.npz", "--labels", annot, "-o", tmp_path / "t.tsv")
+        assert [row.split("\t")[1] for row in (tmp_path / "t.tsv").read_text().splitlines()[1:]] == list(self.NAMES)
+        table = np.column_stack([self.COLOURS, np.zeros(3), np.arange(3)]).astype(np.int32)
+        nib.freesurfer.write_annot(tmp_path / "b.annot", self.labels(m) % 3, table, list(self.NAMES), fill_ctab=True)
+        regions = m.regions(tmp_path / "b.annot")
+        assert (regions.names, regions.keys) == (self.NAMES, (3, 1, 2))
+        assert np.count_nonzero(regions.labels == 3) == np.count_nonzero(self.labels(m)[m.ids] % 3 == 0)
+
+    def test_maps_of_volumes_have_no_vertices(self, tmp_path):
+        flat = voxflat.surface(voxflat.samples.ball()).disk((4, 12, 12), 6.0).flatten()
+        refused("label files hold vertices of a mesh, but this is the map of a volume", flat.regions, "lh.aparc.annot")

@@ -32,7 +32,7 @@ COMMANDS = {
     "path": ("distances", "Find the shortest path through points on a surface."),
     "points": ("places", "Find where points in space lie on a flat map."),
     "profile": ("layers", "Average a volume along cortical depth within regions."),
-    "regions": ("places", "Convert regions drawn on a flat map to vertex or voxel labels, or measure them."),
+    "regions": ("places", "Convert regions on a flat map to vertex or voxel labels, or measure them."),
     "register": ("surfaces", "Register a hemisphere to the fsaverage sphere."),
     "rows": ("distances", "Measure geodesic distances and store them on disk."),
     "smooth": ("surfaces", "Smooth values along a surface."),

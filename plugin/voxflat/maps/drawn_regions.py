@@ -3,7 +3,7 @@
 import os
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -16,12 +16,14 @@ from voxflat.errors import InputError
 from voxflat.io.files import REMEDY, check_regular, contents, from_json, naming
 from voxflat.io.formats.svg import Outline, read_outlines
 from voxflat.io.grid import in_unit, millimetres
+from voxflat.io.label_tables import are_label_files
 from voxflat.io.readers import read_array
 from voxflat.io.reading import record_file
 from voxflat.io.sources import as_volume
 from voxflat.io.volumes import VOLUME_ENDINGS
 from voxflat.maps.colours import all_whole, label_colour
 from voxflat.maps.lines import ellipse
+from voxflat.maps.parcels import Parcels, parcels_of
 from voxflat.maps.plane import Planar
 from voxflat.maps.raster import FlatImage, Raster, nearest_inside, rows_in, rows_of_period
 from voxflat.maps.regions import Regions
@@ -30,6 +32,7 @@ from voxflat.maps.textures.pictures import decoded, header
 from voxflat.read_only import ReadOnly
 
 _IMAGES = (".png", ".tif", ".tiff", ".npy", ".nii", ".nii.gz")
+_LABELS = (".annot", ".label.gii", ".dlabel.nii")
 _BESIDE = 1.5  # extent, in pixels, of a label image beyond the outline of the map
 
 
@@ -96,6 +99,34 @@ class _Pixels(ReadOnly):
         return codes
 
 
+@dataclass(frozen=True, eq=False)
+class _Labelled:
+    """Labels of the vertices of a mesh, with the same borders between them as in figures."""
+
+    parcels: Parcels
+
+    pixel_size = None
+
+    def labels(self, places: NDArray[np.float64]) -> NDArray[np.int64]:
+        hits, faces = self.parcels.flat_map.look_up(places), self.parcels.flat_map._triangles.faces
+        is_on = hits.face_ids >= 0
+        codes = np.zeros(len(places), dtype=np.int64)
+        codes[is_on] = np.maximum(self.parcels.at(faces[hits.face_ids[is_on]], hits.weights[is_on]), 0)
+        return codes
+
+
+def _labelled(flat: Planar, files: Any) -> Regions:
+    """Return the labels in files as regions with their names and colours; the key of label 0 is the next free one."""
+    if flat._triangles.on_surface.origin.is_voxels:
+        problem = "label files hold vertices of a mesh, but this is the map of a volume"
+        raise InputError(f"{problem}. Pass polygons, a figure or a label image of the map")
+    parcels = parcels_of(flat, files)
+    keys = [key or max(parcels.names) + 1 for key in parcels.names]
+    moved = replace(parcels, labels=np.where(parcels.labels == 0, keys[0], parcels.labels))
+    colours = np.array(list(parcels.colours.values()), dtype=np.uint8)
+    return Regions(flat, tuple(parcels.names.values()), tuple(keys), colours, _Labelled(moved))
+
+
 def regions_of(flat: Planar, rois: object, *, layer: str, pixel_size: float | None) -> Regions:
     """Return regions from any supported input, as `FlatMap.regions` does."""
     checked_instance(layer, str, "layer", "its name")
@@ -106,6 +137,8 @@ def regions_of(flat: Planar, rois: object, *, layer: str, pixel_size: float | No
 
 
 def _regions_of(flat: Planar, rois: object, layer: str, pixel_size: float | None) -> Regions:
+    if are_label_files(rois) or (isinstance(rois, str | os.PathLike) and str(rois).lower().endswith(_LABELS)):
+        return _labelled(flat, rois)
     if isinstance(rois, str | os.PathLike):
         path = Path(rois)
         name = path.name.lower()
@@ -117,7 +150,8 @@ def _regions_of(flat: Planar, rois: object, layer: str, pixel_size: float | None
             with naming(path, REMEDY):
                 data, size = _read_image(path, flat._triangles.on_surface.origin.unit)
                 return _pixels(flat, data, size if pixel_size is None else pixel_size)
-        raise InputError(f"{path}: unsupported file type. Pass regions as .svg, .json, {', '.join(_IMAGES)}")
+        endings = ", ".join((".svg", ".json", *_LABELS, ".label", *_IMAGES))
+        raise InputError(f"{path}: unsupported file type. Pass regions as {endings}")
     if isinstance(rois, FlatImage):
         return _pixels(flat, rois.data, rois.pixel_size)
     if hasattr(rois, "shape_type") and hasattr(rois, "data_to_world"):

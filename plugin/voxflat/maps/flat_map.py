@@ -389,7 +389,7 @@ class FlatMap(Planar, Saved):
 
     @recording()
     def regions(self, rois: object, *, layer: str = "rois", pixel_size: float | None = None) -> Regions:
-        """Read regions of interest that were drawn on the map.
+        """Read regions of interest that were drawn on the map, or labels of the vertices of the mesh.
 
         Parameters
         ----------
@@ -399,7 +399,8 @@ class FlatMap(Planar, Saved):
             pixels of the map, shape (H, W), with 0 outside regions; a napari Shapes layer over the map, whose feature
             column "name" contains the names; or a file. An ``.svg`` file is a voxflat figure with paths in a layer, a
             ``.json`` file holds polygons keyed by name, and ``.npy``, ``.png``, ``.tif``, ``.nii`` and ``.nii.gz``
-            files are label images.
+            files are label images. ``.annot``, ``.label.gii`` and ``.dlabel.nii`` files, and one or several FreeSurfer
+            ``.label`` files, hold vertices of the mesh; names and colours are kept.
         layer : str
             Layer of the SVG file in which the regions were drawn.
         pixel_size : float, optional

@@ -14,8 +14,8 @@ from voxflat.io.label_tables import LabelTable, are_label_files, label_files, ow
 from voxflat.io.partners import check_partner
 from voxflat.maps.colours import all_whole, label_colour
 from voxflat.maps.depth import ON_SURFACE, Depths
-from voxflat.maps.flat_map import FlatMap
 from voxflat.maps.lines import borders, region_corners
+from voxflat.maps.plane import Planar
 from voxflat.maps.raster import Raster, at_points
 from voxflat.maps.sampling import Sampling
 from voxflat.maps.sources import source_of
@@ -28,7 +28,7 @@ _NONE = -1
 class Parcels:
     """Parcels of a map: a label for each point, with names and colours."""
 
-    flat_map: FlatMap
+    flat_map: Planar
     labels: NDArray[np.int64]  # (N,); −1 where there is no parcel
     table: LabelTable  # the default name is the number of the label, and the default colour is `label_colour`
 
@@ -46,15 +46,18 @@ class Parcels:
     @cached_property
     def borders(self) -> list[NDArray[np.float64]]:
         """The borders between parcels: smooth lines of shape (k, 2) in mm, from `lines.borders`."""
-        return borders(self.flat_map.uv, self.flat_map.faces[~self.flat_map.torn], self.labels)
+        return borders(self.flat_map._triangles.uv, self.flat_map._whole_faces, self.labels)
+
+    def at(self, corners: NDArray[Any], weights: NDArray[np.floating[Any]]) -> NDArray[np.int64]:
+        """Return the labels of places, given by the corners (M, 3) of triangles and their weights."""
+        flat = self.flat_map
+        return self.labels[region_corners(flat._triangles.uv, flat._whole_faces, self.labels, corners, weights)]
 
     def raster(self, raster: Raster) -> NDArray[np.int64]:
         """Return the label of each pixel, with areas separated by the lines `borders`; −1 where there is no label."""
         inside = raster.inside
         pixels = np.full(raster.shape, _NONE)
-        corners, weights = raster.corners[inside], np.asarray(raster.weights[inside], dtype=np.float64)
-        faces = self.flat_map.faces[~self.flat_map.torn]
-        pixels[inside] = self.labels[region_corners(self.flat_map.uv, faces, self.labels, corners, weights)]
+        pixels[inside] = self.at(raster.corners[inside], np.asarray(raster.weights[inside], dtype=np.float64))
         return pixels
 
     def coloured(self, labels: NDArray[np.int64]) -> NDArray[np.uint8]:
@@ -70,7 +73,7 @@ def check_table(parcels: object, table: object) -> None:
         raise InputError(f"table is {shown(table)}, but there are no labels that it names. Omit table, or pass parcels")
 
 
-def parcels_of(flat_map: FlatMap, labels: object, *, table: object = None, depths: Depths = ON_SURFACE) -> Parcels:
+def parcels_of(flat_map: Planar, labels: object, *, table: object = None, depths: Depths = ON_SURFACE) -> Parcels:
     """Return labels on a map, as `labels_at` returns them at its points."""
     return Parcels(flat_map, *labels_at(flat_map._triangles.on_surface, labels, table=table, depths=depths))
 

@@ -73,6 +73,7 @@ def points_command(map_: Path, points: Path, output: Path, limit: float, space: 
     "voxflat regions map.npz --polygons v1.json -o lh.V1.label",
     "voxflat regions map.npz --image rois.tif -o rois.label.gii",
     "voxflat regions map.npz --image cells.tif --volume stack.ome.tif --depth -2,2 -o cells.tsv",
+    "voxflat regions map.npz --labels lh.aparc.annot --volume thickness.func.gii -o lh.aparc.tsv",
     "voxflat regions map.npz --svg drawn.svg --layer visual --volume t1.nii.gz -o labels.nii.gz",
     "voxflat regions map.npz --polygons v1.json --volume t1.nii.gz --depth 0,2.5 -o labels.nii.gz",
 )
@@ -87,6 +88,12 @@ def points_command(map_: Path, points: Path, output: Path, limit: float, space: 
     ),
     options.reads("--image", "Label image on the pixel grid of the map (.npy, .png, .tif, .nii or .nii.gz)."),
     options.value("--pixel-size", "MM", _PIXEL_SIZE, type=options.NUMBER),
+    options.reads(
+        "--labels",
+        "Labels of the vertices of the mesh (.annot, .label.gii, .dlabel.nii, or .label, which may be repeated), whose "
+        "names and colours are kept.",
+        multiple=True,
+    ),
 )
 @options.output(
     "Output file: .annot, .label.gii or .label (one region) for vertex labels; .nii, .nii.gz, .mgh, .mgz or .nrrd for "
@@ -113,20 +120,22 @@ def regions_command(
     polygons: Path | None,
     image: Path | None,
     pixel_size: float | None,
+    labels: tuple[Path, ...],
     output: Path,
     volume: Path | None,
     depth: Any,
     writing: dict[str, Any],
 ) -> None:
-    """Convert regions drawn on a flat map to vertex or voxel labels, or measure them.
+    """Convert regions on a flat map to vertex or voxel labels, or measure them.
 
     MAP is a file written by voxflat flatten. If MAP was made with --pial, the voxels between the white and pial
     surfaces are labelled. A vertex on a cut belongs to a region if either of its two positions on the map is inside the
     region. Where regions overlap, the last one drawn is used.
     """
-    drawn = [drawing for drawing in (svg, polygons, image) if drawing is not None]
+    of_vertices: Any = labels[0] if len(labels) == 1 else list(labels) or None
+    drawn = [drawing for drawing in (svg, polygons, image, of_vertices) if drawing is not None]
     if len(drawn) != 1:
-        raise click.UsageError("Pass exactly one of --svg, --polygons and --image.")
+        raise click.UsageError("Pass exactly one of --svg, --polygons, --image and --labels.")
     if layer is not None and svg is None:
         raise click.UsageError("--layer requires --svg.")
     if pixel_size is not None and image is None:
