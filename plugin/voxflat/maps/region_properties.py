@@ -77,7 +77,7 @@ def properties_of(
         is_known = np.isfinite(values)
         weights, sums = total(is_known.astype(np.float64), np.where(is_known, values, 0.0)).T
         there = is_defined(weights, weights + total(~is_known * 1.0)[:, 0], nan_policy)
-        return np.divide(sums, weights, out=np.full(len(keys), np.nan), where=there)
+        return np.asarray(np.divide(sums, weights, out=np.full(len(keys), np.nan), where=there))
 
     areas = total(np.ones(len(which)))[:, 0]
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -100,9 +100,9 @@ def properties_of(
         seen = np.unique(pixel[is_used])
         without = np.count_nonzero(~np.isfinite(values[rows, columns][seen]))
         if without:
-            left = "are left out" if nan_policy == "omit" else "make the mean of their region NaN"
+            fate = "are left out" if nan_policy == "omit" else "make the mean of their region NaN"
             text = "%s: %s of %s pixels of the regions have no value, and %s"
-            log.warning(text, name, f"{without:,}", f"{len(seen):,}", left)
+            log.warning(text, name, f"{without:,}", f"{len(seen):,}", fate)
         found[name] = mean(of_pixels)
     order = np.searchsorted(sorted_keys, keys)
     return {"label": np.array(keys), **{name: values[order] for name, values in found.items()}}
