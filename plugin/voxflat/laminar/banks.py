@@ -4,7 +4,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from voxflat.laminar.labels import Layered
+from voxflat.laminar.labels import Layered, moved
 
 _THICK = 1.5  # thickness, relative to the usual one, from which two banks may touch
 _BANK = (0.5, 1.5)  # thickness of each of these banks, relative to the usual one
@@ -24,16 +24,34 @@ def crosses(
     length = np.linalg.norm(way, axis=1)
     half = 0.5 * float(rim.volume.spacing.min())
     way /= np.maximum(length, half)[:, None]
-    is_passed = np.zeros(len(places), dtype=np.bool_)
     left = np.flatnonzero(length - half > np.maximum(nearest - 2 * half, 0))
+    back = np.linalg.inv(rim.affine)
+    starts = moved(places[left], back).T.copy()  # in voxels, as the steps: for each axis
+    steps = (way[left] @ back[:3, :3].T).T.copy()
+    ends_at, clear = length[left] - half, nearest[left] - 2 * half
+    is_label = rim.extended == label
+    passed = []
     distance = half
     while len(left):
-        here = left[distance > nearest[left] - 2 * half]
-        passed = rim.voxels(places[here] + distance * way[here])
-        is_passed[here] = rim.extended[tuple(passed.T)] == label
+        here = np.flatnonzero(distance > clear)
+        axes = (
+            np.rint(start[here] + distance * step[here]).astype(np.int32).clip(0, size - 1)
+            for start, step, size in zip(starts, steps, is_label.shape, strict=True)
+        )
+        is_passed = np.zeros(len(left), dtype=np.bool_)
+        is_passed[here] = is_label[tuple(axes)]
+        passed.append(left[is_passed])
         distance += half
-        left = left[~is_passed[left] & (distance < length[left] - half)]
-    return np.flatnonzero(is_passed)
+        kept = np.flatnonzero(~is_passed & (distance < ends_at))
+        if len(kept) < len(left):
+            left, ends_at, clear, starts, steps = (
+                left[kept],
+                ends_at[kept],
+                clear[kept],
+                starts[:, kept],
+                steps[:, kept],
+            )
+    return np.sort(np.concatenate([*passed, left]))
 
 
 def neighbours_of(
