@@ -75,6 +75,24 @@ def test_no_column_crosses_a_sulcus(thin):
     assert len(columns) == round(columns.areas.sum() / 9)
 
 
+@pytest.mark.medium
+def test_winding_banks_around_narrow_fluid_stay_apart():
+    x, y, _ = np.meshgrid(np.arange(0, 11, 0.4), np.arange(0, 16, 0.4), np.arange(8), indexing="ij")
+    middle = x - 5.5 - 0.8 * np.sin(y / 2.5)
+    distance = np.where(y > 4, abs(middle), np.hypot(middle, y - 4)) - 0.21  # from fluid that is one voxel wide
+    labels = np.select([distance < 0, distance <= 2.5], [1, 3], 2)
+    rim = voxflat.rim(Volume(labels, np.diag([0.4, 0.4, 0.4, 1])))
+    is_deep = (labels == 3) & (y > 6.5) & (y < 14)
+    bank = np.where(is_deep, np.where(middle > 0, 1, 2), 0)
+    columns = rim.columns(80).volume.data
+    assert not set(columns[bank == 1]) & set(columns[bank == 2])
+    depth = 1 - distance / 2.5  # along x, which is nearly perpendicular to the banks
+    signal = np.where(middle > 0, 5 + depth, -5 - depth)
+    profile = rim.profile(signal, bank, count=5, layering="equidistant")
+    for mean, sign in zip(profile.mean, (1, -1), strict=True):
+        np.testing.assert_allclose(sign * mean, 5 + profile.depths, atol=0.06)
+
+
 def test_grey_matter_across_the_fluid_belongs_to_no_column(caplog):
     labels = np.zeros((20, 14, 6), dtype=np.int16)
     for low, high, label in ((0, 2, 2), (2, 7, 3), (7, 8, 1), (10, 11, 1), (11, 17, 3), (17, 20, 1)):

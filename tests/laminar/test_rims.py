@@ -249,6 +249,8 @@ def test_banks_that_touch_are_separated(caplog):
         assert (np.ptp(np.sign(points[is_deep, :, 0]), axis=1) == 0).all()  # no bridge between the banks
         assert len(rim.surface.core.topology()["components"]) == 1
         assert ("banks that touch without an outer border" in caplog.text) == (gap == 0)
+        rim.columns(80)  # they reach the border that was placed
+        assert "do not reach both borders" not in caplog.text
         caplog.clear()
     assert mean[0.0] < 1.1 * mean[1.6] < 0.06
 

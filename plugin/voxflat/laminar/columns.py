@@ -19,6 +19,7 @@ from voxflat.laminar.labels import INNER, OUTER, Layered
 from voxflat.maps.depth import vertex_areas
 from voxflat.pipeline.surface import Surface
 from voxflat.read_only import ReadOnly
+from voxflat.surfaces.uncertainty import PLACED
 
 _FAR = np.inf  # mm, no limit
 _MOSTLY = 0.5  # of the voxels of a column
@@ -91,7 +92,7 @@ def columns_of(
     sources, cells = surface.core.cells(reached.astype(np.uint32), count, checked_seed(seed), progress)
     connected = np.zeros(len(has_column), dtype=np.int32)
     connected[has_column], missed = _from_border_to_border(
-        labels, surface, cells, grey, cells[corners], halfway, progress
+        labels, values, surface, cells, grey, cells[corners], halfway, progress
     )
     if missed:
         log.warning(
@@ -121,6 +122,7 @@ def columns_of(
 
 def _from_border_to_border(
     labels: Layered,
+    values: Field,
     surface: Surface,
     cells: NDArray[np.uint32],
     grey: NDArray[np.uint32],
@@ -133,13 +135,17 @@ def _from_border_to_border(
     Where columns narrow towards a border, other columns can contain all voxels there. A column that misses a border
     therefore takes the voxels on the straight lines from its part of the middle surface to that border.
     """
+    has_column = np.isfinite(values.halfway[:, 0])
+    beyond = ((1 - values.depth) * values.thickness)[has_column]  # to the outer border, which may have been placed
+    is_placed = (values.uncertain[has_column] & PLACED > 0) & (beyond < np.linalg.norm(labels.volume.spacing))
     number = np.full(labels.labels.shape, -1, dtype=np.int32)
     number[tuple(grey.T)] = np.arange(len(grey))
     ends = []
     for label, places in ((INNER, surface.white_points), (OUTER, surface.pial_points)):
         assert places is not None
         touching = scipy.ndimage.binary_dilation(labels.labels == label, np.ones((3, 3, 3), dtype=np.bool_))
-        ends.append((touching[tuple(grey.T)], places[surface.vertices] - surface.points))
+        is_touching = touching[tuple(grey.T)] | (is_placed if label == OUTER else False)
+        ends.append((is_touching, places[surface.vertices] - surface.points))
     fewest = len(surface) + 1
     while True:
         columns = _core.connect_columns(grey, columns, halfway, progress)
