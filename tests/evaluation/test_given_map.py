@@ -178,6 +178,15 @@ def test_islands_of_texture_coordinates_are_one_map(tmp_path):
     np.testing.assert_array_equal(np.flatnonzero(loaded.regions({"A": outline}).vertex_labels), inside)
 
 
+def test_maps_in_another_scale_are_reported_with_the_factor(flat_map):
+    small = voxflat.load(FLAT[:, :2] / 500, SURFACE)
+    (text,) = [text for text in small.warnings if "times as large" in text]
+    assert text.startswith("the map is 0.0021")
+    factor = float(text.rsplit(" ", 1)[1])
+    assert factor == pytest.approx(500 * flat_map.distortion.triangles.equal_area_scale, rel=1e-3)
+    assert not any("times as large" in text for text in flat_map.warnings)
+
+
 def test_wrong_partners_get_one_line(given, tmp_path):
     folder, flat = given
     surface = folder / "lh.mid.surf.gii"

@@ -37,7 +37,8 @@ _RELAX_LENGTH = "Maximum total length of relaxation cuts in mm, including any cu
 _PERIOD = "Treat the values as phases with this period, such as 360, so that averages and colours wrap around."
 _TIME_STEP = "Time between frames of a series, in seconds.  [default: from the file]"
 _SURFACES = {
-    "surface": "Surface that MAP shows, if another tool made MAP: a mesh, or a file as for voxflat flatten.",
+    "surface": "Surface that MAP shows, if another tool made MAP: a mesh, or a file as for voxflat flatten. Without "
+    "it, only values, labels and regions at the vertices can be shown.",
     "pial": "Pial surface, if --surface is the white surface.",
 }
 _MOST_NUMBERS = 1e6  # in a range

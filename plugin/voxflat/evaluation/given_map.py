@@ -33,6 +33,7 @@ from voxflat.surfaces.cuts import Cut
 from voxflat.surfaces.cutting import CutManifold
 
 _METHOD = "given"  # of maps that another tool made
+_OTHER_SCALE = 1.0  # log2 of the largest usual factor between lengths on the map and on the surface
 _FROM_INSIDE = (
     "the map shows the surface from inside, so that it is mirrored, unless it belongs to the other hemisphere. To show "
     "it from outside, multiply the first coordinate of all points of the map by -1"
@@ -169,6 +170,13 @@ def _on_surface(
         )
     if is_mirrored := not is_own and bool(_turns(flat.uv, flat.core.faces).sum() < 0):
         warnings.append(_FROM_INSIDE)
+    scale = np.nan if distortion.triangles is None else distortion.triangles.equal_area_scale
+    if not is_own and abs(np.log2(scale)) > _OTHER_SCALE:  # as in texture coordinates, from 0 to 1
+        warnings.append(
+            f"the map is {1 / scale:.3g} times as large as the surface, so the scale bar and the pixel size are not "
+            f"lengths on the surface. To draw it in the unit of the surface, multiply all points of the map by "
+            f"{scale:.4g}"
+        )
     made = map_over_triangles(_METHOD, cut, settings, result, None, None, {}, warnings, distortion=distortion)
     return replace(made, uv=np.concatenate([flat.uv, own]), details={**made.details, "mirrored": is_mirrored})
 

@@ -78,9 +78,8 @@ def read_map(path: str | os.PathLike[str], *, series: bool = False) -> dict[str,
             origin = take_origin(metadata, ids)
             if has_surface:
                 check_distortion(metadata["distortion"])
-                if metadata["distortion"]["triangles"] is None and "distortion_areal" in arrays:
-                    problem = "its key 'triangles' is null, but it has the array distortion_areal"
-                    raise InputError(f"{problem}. {files.AGAIN}")
+            if has_surface and metadata["distortion"]["triangles"] is None and "distortion_areal" in arrays:
+                raise InputError(f"its key 'triangles' is null, but it has the array distortion_areal. {files.AGAIN}")
             arrays = files.in_types(arrays, layout)
         figures = metadata.pop("distortion")
         of_surface = {"distortion": _distortion(figures, arrays)} if has_surface else dict.fromkeys(_OF_SURFACE)
