@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import DTypeLike, NDArray
 
 from voxflat.arguments import (
     Progress,
@@ -78,14 +78,14 @@ class DistanceMatrix(ReadOnly):
     (441, 441)
     """
 
-    values: Any
+    values: NDArray[np.number]
     ids: NDArray[np.int64]
     names: tuple[str, ...]
     sides: NDArray[np.str_]
     unit: str
     provenance: Record
 
-    def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
+    def __array__(self, dtype: DTypeLike | None = None, copy: bool | None = None) -> NDArray[Any]:
         return np.array(self.values, dtype=dtype) if copy else np.asarray(self.values, dtype=dtype)
 
     def __repr__(self) -> str:
