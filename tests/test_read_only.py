@@ -45,6 +45,7 @@ def results():
             compared,
             compared.maps["a"],
             hill.geodesic(5),
+            hill.geodesic_matrix(),
             hill.path(0, 440),
             hill.check(),
             voxflat.samples.embryo(1),

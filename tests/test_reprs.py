@@ -35,6 +35,7 @@ def test_the_repr_of_each_public_class_is_a_line(tmp_path):
         *(atlas, atlas[0], atlas[0].plane, atlas.certificate, atlas.page(), glued, glued[0], glued.seams),
         *(atlas.page().textured(), compared, compared.maps["map 0"], voxflat.check(mesh), voxflat.surface(mesh)),
         *(voxflat.surface(mesh).path(0, 1599), voxflat.open_rows(tmp_path / "store"), cut, patch),
+        voxflat.samples.hill().geodesic_matrix(),
         *(Cut(np.arange(1600), 1.5, "given"), voxflat.cite(flat_map)),
         *(rim, rim.profile(rim.thickness()), rim.columns(9), registration, worst, worst.places[0], worst.places[0].cut),
         *(series, series.images(metric=True), flat_map.images(points), voxflat.samples.embryo(1)),

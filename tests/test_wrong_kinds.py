@@ -58,7 +58,7 @@ def of_mesh():
 CALLS = {
     "read_volume": (lambda s: io.read_volume(1j), "path is 1j"),
     "read_mesh": (lambda s: io.read_mesh("a\0b"), "path is 'a.x00b'"),
-    "load": (lambda s: voxflat.load(np.ones((2, 2, 2))), "path is array"),
+    "load": (lambda s: voxflat.load(np.ones((2, 2, 2))), "of type ndarray, but only a mesh can be loaded"),
     "figures": (lambda s: figures.heat_maps({}), "comparison is {}. Pass a Comparison"),
     "save": (lambda s: figures.save([1], "x.png"), r"figure is \[1\]. Pass a Matplotlib figure"),
     "in_patch": (lambda s: s._in_patch(np.arange(3)), "patch is array.*. Pass a Patch"),

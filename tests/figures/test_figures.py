@@ -265,7 +265,8 @@ def test_directions_are_those_of_which_the_plane_explains_enough(explained, lett
     up *= np.sqrt(1 / explained - 1) * uv[near, 1].std() / up[near].std()
     space = SimpleNamespace(name="scanner", to_scanner=lambda points: points)
     places = np.column_stack([uv[:, 0], uv[:, 1] + up, np.zeros(len(uv))])
-    found = directions(SimpleNamespace(space=space, points=places, uv=uv, faces=faces, torn=np.zeros(len(faces), bool)))
+    shape = {"uv": uv, "faces": faces, "torn": np.zeros(len(faces), bool)}
+    found = directions(SimpleNamespace(space=space, points=places, has_surface=True, **shape))
     assert "".join(sorted(one.letter for one in found)) == letters
     assert [(one.u, one.v) for one in found if one.letter == "R"] == [pytest.approx((1, 0), abs=1e-9)]
     for one in found:

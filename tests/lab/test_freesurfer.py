@@ -326,7 +326,7 @@ def test_references_are_those_of_the_benchmark():
                 cells = [cell.strip() for cell in row.split("|")]
                 cells = [*cells[1:6], *cells[6].split(", "), *cells[7:]]
                 assert [float(cell) for cell in cells] == list(told)
-                assert len(told) == len(FIGURES)
+                assert len(told) == len([place for place in FIGURES if not place.startswith("template.")])
 
 
 def test_chromium_draws_the_report_on_a_dark_phone_and_says_nothing(made):

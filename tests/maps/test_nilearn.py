@@ -89,8 +89,8 @@ def test_a_single_hemisphere(maps, images):
 def test_refusals(maps, images):
     left, right = maps
     refused("left is the map of CortexRight. Pass left, right in this order", voxflat.to_nilearn, right, left)
-    refused("left and right are None", voxflat.to_nilearn, None)
-    refused("left is .*Pass a FlatMap", voxflat.to_nilearn, "lh.npz")
+    refused("no map is given", voxflat.to_nilearn, None)
+    refused("left is .*Pass a flat map", voxflat.to_nilearn, "lh.npz")
     refused("image is ndarray. Pass a nilearn SurfaceImage", voxflat.to_nilearn, left, right, np.zeros(10242))
     hill = voxflat.samples.hill().flatten()
     refused(

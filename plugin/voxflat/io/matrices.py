@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any
 
-import nibabel
 import numpy as np
 from numpy.typing import NDArray
 
@@ -97,8 +96,7 @@ def read_back(path: Path) -> Any:
     if name.endswith(".npy"):
         return np.load(path, mmap_mode="r")
     if name.endswith(".nii"):
-        image: Any = nibabel.load(path)
-        proxy = image.dataobj
+        proxy = require("nibabel").load(path).dataobj
         return _mapped(path, proxy.dtype, proxy.offset, proxy.shape[-2:]).T  # NIfTI stores columns
     if name.endswith((".h5", ".hdf5")):
         with require("h5py").File(path, "r") as file:
@@ -147,7 +145,7 @@ def _text(path: Path, sides: list[MatrixSide], kind: np.dtype[Any], record: Reco
 
 
 def _cifti(path: Path, sides: list[MatrixSide], kind: np.dtype[Any], record: Record) -> Iterator[Any]:
-    nib: Any = nibabel
+    nib = require("nibabel")
     axes = nib.cifti2.cifti2_axes
     if any(side.names for side in sides):
         parcels: Any = []

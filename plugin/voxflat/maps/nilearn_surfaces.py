@@ -59,14 +59,14 @@ def to_nilearn(left: FlatMap | None, right: FlatMap | None = None, image: Any = 
     for side, flat_map in (("left", left), ("right", right)):
         if flat_map is None:
             continue
-        checked_instance(flat_map, FlatMap, side, "a FlatMap, as voxflat.flatten returns it")
+        checked_instance(flat_map, FlatMap, side, "a flat map")
         if flat_map.is_voxels:
             raise InputError(f"{side} is the map of a volume, which has no vertices. Flatten the mesh of a hemisphere")
         if flat_map.origin.structure not in (None, _STRUCTURES[side]):
             raise InputError(f"{side} is the map of {flat_map.origin.structure}. Pass left, right in this order")
         meshes[side] = flat_map.to_nilearn()
     if not meshes:
-        raise InputError("left and right are None. Pass the map of at least one hemisphere")
+        raise InputError("no map is given. Pass the map of at least one hemisphere")
     mesh = nilearn.PolyMesh(**meshes)
     if image is None:
         return mesh
@@ -75,7 +75,7 @@ def to_nilearn(left: FlatMap | None, right: FlatMap | None = None, image: Any = 
         raise InputError(f"image is {type(image).__name__}. Pass a nilearn SurfaceImage")
     for side, part in mesh.parts.items():
         if side not in parts:
-            raise InputError(f"image has no values for the {side} hemisphere. Pass None instead of its map")
+            raise InputError(f"image has no values for the {side} hemisphere. Leave out its map")
         if len(parts[side]) != part.n_vertices:
             problem = f"image has {len(parts[side])} values for the {side} hemisphere, but its mesh has"
             raise InputError(f"{problem} {part.n_vertices} vertices. Pass values of the mesh that was flattened")

@@ -2,7 +2,6 @@
 
 import os
 from dataclasses import dataclass, fields, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -239,7 +238,7 @@ class CutSurface(CutManifold[SurfaceT_co]):
         >>> cut_open = voxflat.surface(left.white_left).cut("standard", sphere=left.sphere_left)
         >>> cut_open.save_template("five_cuts.json")
         """
-        template = self._template(Path(path).stem)
+        template = self._template(checked_path(path).stem)
         with saving(path, self.provenance, sidecar=sidecar, overwrite=overwrite), atomic_path(path) as beside:
             beside.write_text(template.as_json(), encoding="utf-8", newline="\n")
 
