@@ -16,7 +16,7 @@ COMMANDS = {
     "columns": ("layers", "Divide the grey matter of a segmentation into columns."),
     "cut": ("flatten", "Cut a surface open for flattening."),
     "demo": ("demo", "Flatten a hemisphere of the MNI152 template."),
-    "distance-matrix": ("distances", "Measure the geodesic distances between all vertices or parcels of one or two hemispheres."),
+    "distance-matrix": ("distances", "Measure the geodesic distances between all vertices or parcels."),
     "figure": ("drawing", "Draw a figure of one or two flat maps."),
     "flatten": ("flatten", "Flatten a surface into a flat map."),
     "freesurfer": ("study", "Flatten a FreeSurfer subject and write a report."),

@@ -150,10 +150,10 @@ def distance_matrix_command(
     quiet: bool,
     **settings: Any,
 ) -> None:
-    """Measure the geodesic distances between all vertices or parcels of one or two hemispheres.
+    """Measure the geodesic distances between all vertices or parcels.
 
-    Each SURFACE is a mesh. The rows and columns of the left hemisphere come first. Distances between hemispheres are
-    infinite, or 255 with --dtype uint8. Distances are in the unit of the surface.
+    Each SURFACE is the mesh of a hemisphere; pass one or two. The rows and columns of the left hemisphere come first.
+    Distances between hemispheres are infinite, or 255 with --dtype uint8. Distances are in the unit of the surface.
     """
     if len(surfaces) > 2:
         raise click.UsageError(f"{len(surfaces)} surfaces are given. Pass one surface, or one of each hemisphere.")
