@@ -443,7 +443,12 @@ class FlatStack(Sequence[FlatImage], ReadOnly, SavedPages):
             )
         there = is_defined(count, frames, nan_policy) & (total > 0)
         means = np.divide(total, count, out=np.full(total.shape, np.nan), where=there)
-        changes = replace(self.channels, read=lambda n: 100 * (read(n) / means[n % each] - 1))
+
+        def change(n: int) -> NDArray[np.float64]:
+            data = read(n)
+            return np.asarray(100 * (np.where(np.isfinite(data), data, np.nan) / means[n % each] - 1))
+
+        changes = replace(self.channels, read=change)
         return replace(self, channels=changes, name=f"{self.name}, change (%)")
 
     @overload
