@@ -57,8 +57,8 @@ def results():
 
 def arrays_of(result):
     """Yield the name and the value of each public attribute of a result that is an array."""
-    for name, _ in inspect.getmembers_static(result, lambda value: not callable(value)):
-        if not name.startswith("_"):
+    for name in dir(result):
+        if not name.startswith("_") and not callable(inspect.getattr_static(result, name)):
             try:
                 value = getattr(result, name)
             except (AttributeError, voxflat.InputError):  # not known for this result

@@ -8,6 +8,7 @@ import pytest
 import pyvista as pv
 import trimesh
 from anatomy import fsaverage5, fsaverage5_file
+from hard_shapes import signed_areas
 from mesh_files import grid
 from nilearn import datasets, plotting, surface
 from PIL import Image
@@ -140,8 +141,7 @@ def test_equal_holes_stay_equal():
     angle = folded.points[:, 0] / 25
     folded.points = np.column_stack([25 * np.sin(angle), folded.points[:, 1], 25 * np.cos(angle)])
     found = voxflat.flatten(folded)
-    a, b, c = found.uv[found.faces].transpose(1, 0, 2)
-    areas, side = np.abs(np.cross(b - a, c - a)) / 2, np.sign(found.points[found.faces].mean(axis=1)[:, 0])
+    areas, side = np.abs(signed_areas(found.uv, found.faces)), np.sign(found.points[found.faces].mean(axis=1)[:, 0])
     assert areas[side < 0].sum() == pytest.approx(areas[side > 0].sum(), rel=0.01)
     assert found.distortion.triangles.flipped == 0
 

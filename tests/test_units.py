@@ -12,7 +12,6 @@ import pyvista as pv
 import shapes
 import tifffile
 import trimesh
-import zarr
 from command_line import run, succeed
 from matplotlib.text import Text
 from PIL import Image
@@ -201,6 +200,7 @@ def test_a_single_image_is_an_ome_tiff_with_its_name_and_pixel_size(maps, tmp_pa
 @pytest.mark.medium
 def test_a_channel_of_ome_zarr_becomes_a_surface_in_its_unit(tmp_path):
     cell = shapes.ball(8).astype(np.uint8)
+    zarr = pytest.importorskip("zarr", minversion="3")
     group = zarr.open_group(str(tmp_path / "cell.zarr"), mode="w", zarr_format=2)
     array = group.create_array("0", shape=(2, *cell.T.shape), chunks=(1, 7, 7, 7), dtype=np.uint8)
     array[1] = cell.T
@@ -233,6 +233,7 @@ def test_units_have_their_lengths():
     ("unit", "in_nm"), [("angstrom", 0.1), ("nanometer", 1.0), ("micrometer", 1000.0), ("inch", 25.4e6)]
 )
 def test_ome_zarr_has_the_lengths_of_its_units(tmp_path, unit, in_nm):
+    zarr = pytest.importorskip("zarr", minversion="3")
     group = zarr.open_group(str(tmp_path / "a.zarr"), mode="w", zarr_format=2)
     group.create_array("0", shape=(4, 4, 4), chunks=(4, 4, 4), dtype=np.uint8)[:] = 1
     axes = [{"name": axis, "type": "space", "unit": unit} for axis in "zyx"]

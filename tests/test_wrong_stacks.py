@@ -9,7 +9,6 @@ import nibabel as nib
 import numpy as np
 import pytest
 import tifffile
-import zarr
 from command_line import fail, succeed
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from mesh_files import grid, icosphere
@@ -134,6 +133,7 @@ def test_check_names_no_anatomical_directions_of_a_stack(ending, tmp_path):
         with h5py.File(path, "w") as file:
             file["data"] = ball.T
     else:
+        zarr = pytest.importorskip("zarr", minversion="3")
         group, axes = zarr.open_group(path, mode="w", zarr_format=2), ("z", "y", "x")
         group.create_array("0", data=ball.T)
         scale = [{"type": "scale", "scale": [SIZE] * 3}]

@@ -6,7 +6,6 @@ import nibabel as nib
 import numpy as np
 import pytest
 import tifffile
-import zarr
 from command_line import run, succeed
 from mesh_files import icosphere
 from refusals import refused
@@ -43,6 +42,7 @@ def stacks(tmp_path_factory):
     of_imagej = {"axes": "ZCYX", "spacing": SIZES[2], "unit": "um"}
     across = tuple(1 / size for size in SIZES[:2])
     tifffile.imwrite(folder / "imagej.tif", data.swapaxes(0, 1), imagej=True, metadata=of_imagej, resolution=across)
+    zarr = pytest.importorskip("zarr", minversion="3")
     group = zarr.open_group(folder / "stack.zarr", mode="w", zarr_format=2)
     group.create_array("0", shape=data.shape, dtype=data.dtype, chunks=(1, 16, 16, 16))[:] = data
     axes = [{"name": "c", "type": "channel"}]
@@ -154,6 +154,7 @@ def test_files_have_channels_depths_and_their_sizes(stacks, flat, tmp_path):
     assert (again.unit, again.spacing.tolist()) == ("µm", [0.5, 0.5, 1.0])
     np.testing.assert_array_equal(again.data.T, layers.data[1].astype(np.float32))
     layers.save(tmp_path / "layers.zarr")
+    zarr = pytest.importorskip("zarr", minversion="3")
     group = zarr.open_group(tmp_path / "layers.zarr", mode="r")
     (scales,) = group.attrs["multiscales"]
     assert [axis["name"] for axis in scales["axes"]] == ["c", "z", "y", "x"]
