@@ -49,7 +49,7 @@ def test_people_on_their_own_meshes_have_the_map_of_their_surfaces_on_the_common
     expected = voxflat.flatten_group([person(number, 642) for number in range(3)], sphere=common)
     assert [cut.name for cut in of_people.cuts] == [cut.name for cut in expected.cuts] != []
     np.testing.assert_array_equal(of_people.ids, expected.ids)
-    np.testing.assert_allclose(of_people.points, expected.points, atol=1e-3)
+    np.testing.assert_allclose(of_people.points, expected.points, atol=1e-6)  # the last bits do not choose the pose
     rows = [[row["relative_error"] for row in flat.metadata["people"]] for flat in (of_people, expected)]
     np.testing.assert_allclose(*rows, rtol=0.02)
 

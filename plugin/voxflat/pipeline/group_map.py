@@ -33,6 +33,7 @@ from voxflat.surfaces.standard.template import SIDES
 
 ERRORS = ("relative_error", "relative_error_30mm", "relative_error_10mm")  # of the table
 _SAME = "Pass surfaces with the same triangles, such as resampled ones (fs_LR), or pass spheres to resample them"
+_TURNS = 4  # rounds of rotation onto the mean of a group
 _COVERED = 0.99  # least share of the common mesh that a person's sphere covers
 _ALIKE = 0.5  # correlation across the thinnest direction above which a mirror image is recognised
 
@@ -236,23 +237,33 @@ class _People:
             yield member, _mesh(member.source, member.number).points
 
     def mean(self) -> Mesh:
-        """Return the mean surface: positions are centred, scaled and rotated onto those of one person, and averaged."""
-        total, onto = np.zeros_like(self.first.points), np.zeros((0, 3))
+        """Return the mean surface by generalized Procrustes analysis (Gower 1975), in the mean pose of the people.
+
+        Positions are centred, scaled, rotated onto the mean of the round before, and averaged. The first round rotates
+        them onto one person, of whom hardly anything is left after the others.
+        """
+        onto, pose = np.zeros((0, 3)), np.zeros((len(self.used), 3))
         place, size, weight = np.zeros(3), 0.0, sum(member.weight for member in self.members)
-        for member, points in self.points():
-            centre = points[self.used].mean(axis=0)
-            centred = points[self.used] - centre
-            scale = float(np.sqrt((centred**2).mean()))
-            if len(onto) == 0:
-                onto = centred / scale
-            turn, is_mirrored = _rotation(centred, onto)
-            if is_mirrored:
-                numbers = sorted([self.members[0].number, member.number])
-                text = f"surface {numbers[1]} is a mirror image of surface {numbers[0]}"
-                raise InputError(f"{text}. Pass surfaces of the same hemisphere")
-            total[self.used] += member.weight / weight * (centred / scale) @ turn
-            place, size = place + member.weight / weight * centre, size + member.weight / weight * scale
-        return replace(self.first, points=size * total + place, path=None, point_data={}, face_data={})
+        for turns in range(_TURNS):
+            total = np.zeros_like(pose)
+            for member, points in self.points():
+                centre, share = points[self.used].mean(axis=0), member.weight / weight
+                centred = points[self.used] - centre
+                scale = float(np.sqrt((centred**2).mean()))
+                turn, is_mirrored = _rotation(centred, onto if len(onto) else centred)
+                onto = onto if len(onto) else centred / scale
+                if is_mirrored and turns == 0:
+                    numbers = sorted([self.members[0].number, member.number])
+                    text = f"surface {numbers[1]} is a mirror image of surface {numbers[0]}"
+                    raise InputError(f"{text}. Pass surfaces of the same hemisphere")
+                total += share * (centred / scale) @ turn
+                if turns == 0:
+                    pose += share * centred / scale
+                    place, size = place + share * centre, size + share * scale
+            onto = total
+        points = np.zeros_like(self.first.points)
+        points[self.used] = size * onto @ _rotation(onto, pose)[0] + place
+        return replace(self.first, points=points, path=None, point_data={}, face_data={})
 
 
 class _CutGroup:
