@@ -1,6 +1,7 @@
 """Maps of other tools keep their positions, and are drawn, read and saved like maps that voxflat makes."""
 
 import json
+import pickle
 
 import nibabel as nib
 import numpy as np
@@ -13,6 +14,7 @@ from mesh_files import icosphere, write_obj
 from refusals import refused
 
 import voxflat
+from voxflat.evaluation import given_map
 from voxflat.io.meshes import Mesh, write_mesh
 from voxflat.surfaces.manifold import patch_of
 
@@ -76,6 +78,31 @@ def test_its_distortion_is_that_of_measure(flat_map):
     measured = voxflat.measure(SURFACE, PLACES.astype(np.float32), reference="graph")
     assert flat_map.distortion.raw.relative_error == pytest.approx(measured.raw.relative_error, rel=1e-6)
     np.testing.assert_allclose(flat_map.distortion.triangles.areal, measured.triangles.areal, rtol=1e-5, atol=1e-6)
+
+
+def test_the_distortion_is_measured_when_it_is_first_read(monkeypatch):
+    calls, measured = [], given_map.measured_maps
+    monkeypatch.setattr(given_map, "measured_maps", lambda *of, **how: calls.append(of) or measured(*of, **how))
+    loaded = voxflat.load(FLAT, SURFACE)
+    image = loaded.image(POINTS[:, 2])
+    assert repr(loaded).endswith("relative error not measured yet>")
+    assert image.provenance["parameters"]["of"]["figures"] is None
+    assert not calls
+    turned = loaded._with(seed=1)  # a copy shares the measurement
+    distortion = turned.distortion
+    assert loaded.distortion is turned.distortion is distortion
+    assert len(calls) == 1
+    assert f"relative error {distortion._summary()}" in repr(loaded)
+    again = pickle.loads(pickle.dumps(voxflat.load(FLAT, SURFACE)))
+    np.testing.assert_array_equal(again.distortion.per_point, distortion.per_point)
+    assert len(calls) == 2
+
+
+def test_large_errors_are_logged_when_they_are_measured(caplog):
+    squeezed = voxflat.load(FLAT[:, :2] * [0.1, 1], SURFACE)
+    caplog.clear()
+    assert squeezed.distortion.best_scale.relative_error > 0.2
+    assert "the mean relative distance error of interior pairs is" in caplog.text
 
 
 def test_it_is_saved_and_loaded(flat_map, tmp_path):

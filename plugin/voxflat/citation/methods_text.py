@@ -104,7 +104,8 @@ def facts_of(flat_map: FlatMap) -> Facts:
     """Return the facts about a map that the methods text states."""
     summary = summary_of(flat_map)
     record: dict[str, Any] = flat_map.provenance
-    figures, parameters = record["figures"], record.get("parameters", {})
+    parameters: dict[str, Any] = record.get("parameters", {})
+    figures: dict[str, Any] | None = flat_map.distortion.figures() if flat_map.has_surface else None
     used = {**parameters.get("method", {}), "method": None}
     used |= {"relax": parameters.get("relax"), "adapt": parameters.get("adapt"), "seed": flat_map.seed}
     used |= {"sources": count} if (count := len(flat_map.sources)) else {}  # fewer than requested on small surfaces

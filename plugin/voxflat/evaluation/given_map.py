@@ -3,14 +3,17 @@
 import hashlib
 import os
 from contextlib import nullcontext
-from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from voxflat import _core
-from voxflat.arguments import Progress, checked_threads
+from voxflat.arguments import Progress, checked_threads, log
+from voxflat.distortion.distortion import Distortion
+from voxflat.distortion.figures import TriangleFigures
+from voxflat.distortion.later import MeasuredLater
 from voxflat.errors import InputError
 from voxflat.evaluation.charts import charts_of
 from voxflat.evaluation.measure import measured_maps
@@ -20,11 +23,18 @@ from voxflat.io.origin import MeshOrigin
 from voxflat.io.patches import is_patch
 from voxflat.io.provenance import described, record_of
 from voxflat.io.reading import reading
-from voxflat.maps.flat_map import FlatMap, load_saved
+from voxflat.maps.flat_map import GIVEN, FlatMap, load_saved
 from voxflat.maps.map_cuts import own_seams
 from voxflat.maps.matching import NOT_A_MAP, Matched, check_flat, is_flat, loaded, match, mesh_of_map
 from voxflat.maps.surface_points import PASS_SURFACE
-from voxflat.methods.common import MUCH, error_of_distances, making_details, map_over_triangles
+from voxflat.methods.common import (
+    MUCH,
+    error_of_distances,
+    making_details,
+    placed_map,
+    warning_of_distances,
+    warnings_of_triangles,
+)
 from voxflat.methods.method import FlattenSettings
 from voxflat.pipeline.cut_surface import CutSurface
 from voxflat.pipeline.surface import Surface
@@ -32,7 +42,6 @@ from voxflat.pipeline.surface import surface as _surface
 from voxflat.surfaces.cuts import Cut
 from voxflat.surfaces.cutting import CutManifold
 
-_METHOD = "given"  # of maps that another tool made
 _OTHER_SCALE = 1.0  # log2 of the largest usual factor between lengths on the map and on the surface
 _FROM_INSIDE = (
     "the map shows the surface from inside, so that it is mirrored, unless it belongs to the other hemisphere. To show "
@@ -53,8 +62,8 @@ def load(
 
     Maps of other tools can be loaded with the surface that they show, or alone. No point is moved: the map keeps the
     positions in the file, also where triangles are flipped, and a warning reports their number. Another warning reports
-    a map that shows the surface from inside. The distortion is measured from 200 random points, as for maps that
-    voxflat makes.
+    a map that shows the surface from inside. The distortion is measured when it is first read, from 200 random points,
+    as for maps that voxflat makes.
 
     Without its surface, a map shows values, labels and borders at the vertices, and regions on it are written back to
     the vertices. Its `FlatMap.has_surface` is False. Operations that need positions in space or the distortion, such as
@@ -103,7 +112,7 @@ def load(
 
     >>> hill = voxflat.samples.hill()
     >>> voxflat.load(hill.points[:, :2], surface=hill)
-    <FlatMap: 441 points, 40 x 40 mm, relative error 3.9 % of interior pairs, 3.9 % of all pairs at the best scale>
+    <FlatMap: 441 points, 40 x 40 mm, relative error not measured yet>
     """
     if surface is None:
         if pial is not None:
@@ -125,10 +134,10 @@ def load(
             surface = surface.whole
         whole: Surface = _surface(surface, pial=pial, memory_limit=memory_limit, **limits)._complete
         flat_map = loaded(flat)
-        is_own = isinstance(flat_map, FlatMap) and flat_map.method != _METHOD  # these may be mirrored on request
+        is_own = isinstance(flat_map, FlatMap) and flat_map.method != GIVEN  # these may be mirrored on request
         made = _on_surface(whole, match(whole, flat_map), memory_limit, is_own=is_own, **limits)
     if isinstance(flat_map, FlatMap):
-        made = replace(made, frame=flat_map.frame, cuts=flat_map.cuts, cuts_by=flat_map.cuts_by)
+        made = made._with(frame=flat_map.frame, cuts=flat_map.cuts, cuts_by=flat_map.cuts_by)
     record = record_of("load", described({"flat": flat, "surface": surface, "pial": pial}), dict(sorted(files.items())))
     return made._with_provenance(record)
 
@@ -149,11 +158,8 @@ def _on_surface(
             "the surface is the flat map itself. Pass the curved surface that the map shows, or omit surface"
         )
     part = whole._with_core(flat.core)
-    largest, _ = charts_of(flat)[0]
-    is_exact = error_of_distances(whole._with_core(largest.core), "graph", settings) > MUCH
-    how: tuple[int | None, str] = (None, "exact") if is_exact else (_core.REFERENCE_SOURCES, "graph")
-    limits: dict[str, Any] = {"seed": 0, "threads": threads, "memory_limit": memory_limit, "progress": progress}
-    distortion = measured_maps(whole, {"": flat}, *how, **limits)[""].distortion
+    triangles = TriangleFigures(**flat.core.measure(flat.uv, progress))
+    distortion = MeasuredLater(partial(_distortion, whole, flat, threads, memory_limit))
     paths = own_seams(flat)
     cuts = tuple(Cut(path if whole.voxels is None else whole.voxels[path], None, "given") for path in paths)
     cut = CutManifold(whole, part, part.faces, cuts, "given", whole.warnings, 0.0)
@@ -162,7 +168,7 @@ def _on_surface(
     merged, rows = part._also_merged()
     own = flat.uv[rows] if flat.places is None else flat.places[merged]
     own = np.where(np.isfinite(own), own, flat.uv[rows])
-    warnings = []
+    warnings = [*whole.warnings, *warnings_of_triangles(triangles, len(part.faces))]
     if count := len(np.unique(merged[(own != flat.uv[rows]).any(axis=1)])):
         warnings.append(
             f"{count} of {whole.count} vertices coincide with others on the surface, but not on the map. They keep "
@@ -170,15 +176,30 @@ def _on_surface(
         )
     if is_mirrored := not is_own and bool(_turns(flat.uv, flat.core.faces).sum() < 0):
         warnings.append(_FROM_INSIDE)
-    scale = np.nan if distortion.triangles is None else distortion.triangles.equal_area_scale
+    scale = triangles.equal_area_scale
     if not is_own and abs(np.log2(scale)) > _OTHER_SCALE:  # as in texture coordinates, from 0 to 1
         warnings.append(
             f"the map is {1 / scale:.3g} times as large as the surface, so the scale bar and the pixel size are not "
             f"lengths on the surface. To draw it in the unit of the surface, multiply all points of the map by "
             f"{scale:.4g}"
         )
-    made = map_over_triangles(_METHOD, cut, settings, result, None, None, {}, warnings, distortion=distortion)
-    return replace(made, uv=np.concatenate([flat.uv, own]), details={**made.details, "mirrored": is_mirrored})
+    made = placed_map(GIVEN, cut, settings, result, distortion, warnings, more={"mirrored": is_mirrored})
+    return made._with(uv=np.concatenate([flat.uv, own]))
+
+
+def _distortion(
+    whole: Surface, flat: Matched, threads: int | None, memory_limit: int | None, progress: Progress | None
+) -> Distortion:
+    """Measure the distortion against graph distances, or against exact distances if graph distances are inaccurate."""
+    settings = FlattenSettings(relax=False, memory_limit=memory_limit, threads=threads, progress=progress)
+    largest, _ = charts_of(flat)[0]
+    is_exact = error_of_distances(whole._with_core(largest.core), "graph", settings) > MUCH
+    how: tuple[int | None, str] = (None, "exact") if is_exact else (_core.REFERENCE_SOURCES, "graph")
+    limits: dict[str, Any] = {"seed": 0, "threads": threads, "memory_limit": memory_limit, "progress": progress}
+    distortion = measured_maps(whole, {"": flat}, *how, **limits)[""].distortion
+    if text := warning_of_distances(distortion):
+        log.warning(text)
+    return distortion
 
 
 def _is_of_other_tool(path: str | os.PathLike[str]) -> bool:
@@ -231,7 +252,7 @@ def _alone(flat: object) -> FlatMap | None:
         sources=np.zeros(0, dtype=np.int64),
         eigenvalues=np.zeros(0),
         origin=origin,
-        method=_METHOD,
+        method=GIVEN,
         warnings=tuple(warnings),
         details={"mirrored": is_mirrored, **making_details(np.zeros(0), {}, None, warnings, None)},
         **missing,

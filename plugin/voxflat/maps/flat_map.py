@@ -11,10 +11,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from voxflat import display
-from voxflat.arguments import array_of, checked_choice, checked_switch, is_number, log, shown
+from voxflat.arguments import Progress, array_of, checked_choice, checked_switch, is_number, log, shown
 from voxflat.distances.store import write_provenance
 from voxflat.distances.table import Table
 from voxflat.distortion.distortion import Distortion
+from voxflat.distortion.later import MeasuredLater
 from voxflat.errors import InputError
 from voxflat.io.files import SAVED_ENDINGS, require
 from voxflat.io.formats import gifti
@@ -54,6 +55,9 @@ HEATS = {  # values of a heat map, and the name of its image
     "spread": "spread: standard deviation of people's changes of area (log2)",
 }
 MAP_ENDINGS = (*SAVED_ENDINGS, ".surf.gii", *FLAT_PATCH_ENDINGS, ".vtp", ".ply", ".obj")
+GIVEN = "given"
+"""The method of maps that another tool made."""
+
 _ARRAYS = (  # fields that are saved as arrays, if they are known
     *("uv", "points", "normals", "ids", "faces", "torn", "sources", "eigenvalues", "bridges"),
     *("curvature", "sulcal_depth", "spread", "white_points", "pial_points"),
@@ -92,7 +96,8 @@ class FlatMap(Planar, Saved):
     eigenvalues : ndarray of float64, shape (K,)
         Eigenvalues of classical scaling with the largest magnitudes, in mm². Two dominant values mean low distortion.
     distortion : Distortion
-        Errors of distances, and changes of areas and angles.
+        Errors of distances, and changes of areas and angles. The distortion of a map that another tool made is measured
+        when it is first read, which takes most of the time on large surfaces.
     origin : Origin
         The flattened volume or mesh.
     rows : ndarray of float32, shape (m, N), or Table, or None
@@ -189,8 +194,8 @@ class FlatMap(Planar, Saved):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.has_surface:
-            object.__setattr__(self, "distortion", replace(self.distortion, unit=self.origin.unit))
+        if isinstance(distortion := vars(self)["distortion"], Distortion):
+            object.__setattr__(self, "distortion", replace(distortion, unit=self.origin.unit))
 
     def __len__(self) -> int:
         """Return the number of points."""
@@ -199,8 +204,30 @@ class FlatMap(Planar, Saved):
     def __repr__(self) -> str:
         width, height = np.ptp(self.uv, axis=0)
         size = in_unit(f"{rounded(width)} x {rounded(height)} mm", self.origin.named_unit)
-        known = f"relative error {self.distortion._summary()}" if self.has_surface else "without its surface"
+        if not self.has_surface:
+            known = "without its surface"
+        elif self._is_measured:
+            known = f"relative error {self.distortion._summary()}"
+        else:
+            known = "relative error not measured yet"
         return f"<FlatMap: {len(self)} points, {size}, {known}>"
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return the fields; copies contain the distortion, not the surface on which it is measured."""
+        measured = {"distortion": self.distortion} if self.has_surface else {}
+        return {**super().__getstate__(), **measured}
+
+    @property
+    def _is_measured(self) -> bool:
+        """Whether the distortion is known, rather than measured when it is read."""
+        later = vars(self)["distortion"]
+        return later.is_known if isinstance(later, MeasuredLater) else later is not None
+
+    def _measured(self, progress: Progress | None = None) -> "FlatMap":
+        """Measure the distortion, unless it is known, and return the map."""
+        if isinstance(later := vars(self)["distortion"], MeasuredLater):
+            later(progress)
+        return self
 
     @property
     def has_surface(self) -> bool:
@@ -463,10 +490,12 @@ class FlatMap(Planar, Saved):
     def provenance(self) -> Record:
         """The record of how the map was made.
 
-        It lists the version, function, parameters, input files, warnings and distortion measures.
+        It lists the version, function, parameters, input files, warnings and distortion measures. The record of a map
+        that another tool made has no measures.
         """
         context = {"space": self.space._described(), "warnings": list(self.warnings)}
-        return {**self.record, **context, "figures": self.distortion.figures() if self.has_surface else None}
+        is_own = self.has_surface and self.method != GIVEN
+        return {**self.record, **context, "figures": self.distortion.figures() if is_own else None}
 
     def _with_provenance(self, record: Record) -> "FlatMap":
         """Return the map with a provenance record, which is also written to its store of distance rows."""

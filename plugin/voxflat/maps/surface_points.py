@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from voxflat.arguments import log
+from voxflat.distortion.later import MeasuredLater
 from voxflat.errors import InputError
 from voxflat.io.channels import LastKept
 from voxflat.io.origin import Origin
@@ -35,7 +36,10 @@ def needs_surface(**fields: str) -> Callable[[type[_T]], type[_T]]:
 
 
 class _OfSurface:
-    """A field that is None in maps without a surface, and then raises an error when it is read."""
+    """A field that is None in maps without a surface, and then raises an error when it is read.
+
+    A value that is measured later is measured when it is read for the first time.
+    """
 
     def __init__(self, name: str, shown_as: str) -> None:
         self.name, self.shown_as = name, shown_as
@@ -45,7 +49,7 @@ class _OfSurface:
             return self
         if (value := vars(result)[self.name]) is None:
             raise InputError(f"this map was loaded without its surface, so {self.shown_as}. {PASS_SURFACE}")
-        return value
+        return value() if isinstance(value, MeasuredLater) else value
 
     def __set__(self, result: Any, value: Any) -> None:
         vars(result)[self.name] = value

@@ -1,7 +1,7 @@
 """Turn a method's result into a `FlatMap`: measure its distortion, orient it, and collect warnings."""
 
 import platform
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -14,6 +14,8 @@ from voxflat.arguments import log
 from voxflat.distances.table import Table
 from voxflat.distortion.bands import Bands, usual_bands
 from voxflat.distortion.distortion import Distortion
+from voxflat.distortion.figures import TriangleFigures
+from voxflat.distortion.later import MeasuredLater
 from voxflat.maps.flat_map import FlatMap
 from voxflat.methods.method import FlattenSettings
 from voxflat.surfaces.cuts import BEARABLE, relaxation_advice
@@ -77,7 +79,7 @@ def map_over_triangles(
     distortion: Distortion | None = None,
 ) -> FlatMap:
     """Return the map of a triangle surface, with its distortion, details and warnings."""
-    part, chosen = cut.surface, result["sources"]
+    part = cut.surface
     warnings = [*cut.warnings, *method_warnings]
     if distortion is None:
         if links_error is None:
@@ -86,23 +88,54 @@ def map_over_triangles(
     if not more.get("descent", {"converged": True})["converged"]:
         steps = len(more["descent"]["energies"])
         warnings.append(f"the optimisation stopped after {steps} steps before it converged. A better map may exist")
+    if text := warning_of_distances(distortion):
+        may_relax = settings.relax is None and cut.chart is None and all(one.reason != "relaxation" for one in cut.cuts)
+        warnings.append(text + (relaxation_advice(part, settings.threads, settings.progress) if may_relax else ""))
+    triangles = distortion.triangles
+    assert triangles is not None
+    warnings += warnings_of_triangles(triangles, len(part.faces))
+    known: dict[str, Any] = {"need": need, "rows": rows, "more": more, "sampling": sampling, "store": store}
+    return placed_map(method, cut, settings, result, distortion, warnings, **known)
+
+
+def warning_of_distances(distortion: Distortion) -> str:
+    """Return a warning about large errors of distances, or an empty text."""
     error, pairs = distortion.best_scale.relative_error, "of the map"
     if distortion.interior is not None and distortion.interior_share > 0:  # longer paths around notches are no errors
         error, pairs = distortion.interior.relative_error, "of interior pairs"
-    if error > BEARABLE:
-        may_relax = settings.relax is None and cut.chart is None and all(one.reason != "relaxation" for one in cut.cuts)
-        advice = relaxation_advice(part, settings.threads, settings.progress) if may_relax else ""
-        warnings.append(
-            f"the mean relative distance error {pairs} is {100 * error:.0f} %, even at the best scale{advice}"
-        )
-    triangles = distortion.triangles
-    assert triangles is not None
+    if not error > BEARABLE:
+        return ""
+    return f"the mean relative distance error {pairs} is {100 * error:.0f} %, even at the best scale"
+
+
+def warnings_of_triangles(triangles: TriangleFigures, count: int) -> list[str]:
+    """Return warnings about overlaps and flipped triangles of a map with `count` triangles."""
+    warnings = []
     if triangles.crossings:
         warnings.append(f"the map overlaps itself: its boundary crosses itself {triangles.crossings} times")
     elif triangles.covering and not triangles.flipped:
         warnings.append(f"the map overlaps itself: {triangles.covering} triangles cover another one")
     if triangles.flipped:
-        warnings.append(f"the map folds over: {triangles.flipped} of {len(part.faces)} triangles are flipped")
+        warnings.append(f"the map folds over: {triangles.flipped} of {count} triangles are flipped")
+    return warnings
+
+
+def placed_map(
+    method: str,
+    cut: CutManifold[Manifold],
+    settings: FlattenSettings,
+    result: dict[str, Any],
+    distortion: Distortion | MeasuredLater,
+    warnings: list[str],
+    *,
+    need: int | None = None,
+    rows: NDArray[np.float32] | Table | None = None,
+    more: Mapping[str, Any],
+    sampling: str | None = None,
+    store: Path | None = None,
+) -> FlatMap:
+    """Return the map of a triangle surface with known warnings, with its anatomy, position and merged vertices."""
+    part, chosen = cut.surface, result["sources"]
     anatomy = cut._anatomy(settings.threads, settings.progress)
     uv, frame, framed = _framed(result["uv"], cut, settings)
     merged, places = part._also_merged()
@@ -111,11 +144,17 @@ def map_over_triangles(
     if len(merged):  # each merged vertex has its own row, at the same position
         rows_of = np.concatenate([np.arange(len(part)), places])
         ids = vertices = np.concatenate([ids, merged])
-        distortion = replace(distortion, per_point=distortion.per_point[rows_of])
         rows = rows[:, rows_of] if isinstance(rows, np.ndarray) else rows
-    # triangles that close holes come last, and are not part of the map
-    of_map = {"areal": triangles.areal[rows_of], "is_flipped": triangles.is_flipped[: len(cut.faces)]}
-    distortion = replace(distortion, triangles=replace(triangles, **of_map))
+
+    def of_map(measured: Distortion) -> Distortion:
+        """Return the distortion at the points of the map; triangles that close holes come last, and are not part."""
+        triangles = measured.triangles
+        assert triangles is not None
+        is_flipped = triangles.is_flipped[: len(cut.faces)]
+        of_triangles = replace(triangles, areal=triangles.areal[rows_of], is_flipped=is_flipped)
+        return replace(measured, per_point=measured.per_point[rows_of], triangles=of_triangles)
+
+    known: Any = distortion.then(of_map) if isinstance(distortion, MeasuredLater) else of_map(distortion)
     return FlatMap(
         uv=uv[rows_of],
         points=part.points[rows_of],
@@ -125,7 +164,7 @@ def map_over_triangles(
         torn=np.zeros(len(cut.faces), dtype=np.bool_),
         sources=chosen.astype(np.int64),
         eigenvalues=result["eigenvalues"],
-        distortion=distortion,
+        distortion=known,
         origin=cut.whole.origin,
         cuts=cut.cuts,
         cuts_by=cut.cuts_by,
