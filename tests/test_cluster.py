@@ -140,7 +140,7 @@ def made_of(folder):
 def test_a_study_is_that_of_one_process_and_goes_on_where_a_worker_has_died(workers, ready, study, monkeypatch):
     out = study / "out"
     monkeypatch.setattr(workers.scheduler, "allowed_failures", 0)  # otherwise another worker would resume it at once
-    killer = threading.Thread(target=lambda: (until(lambda: list(out.rglob("*desc-voxflat*"))), kill_one(workers)))
+    killer = threading.Thread(target=lambda: (until(lambda: list(out.rglob("*_desc-voxflat_*"))), kill_one(workers)))
     killer.start()
     command = ["bids", study / "bids", out, "participant", "--hemi", "L", "--dask", ready]
     result = run(*command, "--json")

@@ -1,4 +1,5 @@
-"""Small studies in the layouts of FreeSurfer and sMRIPrep: nilearn's fsaverage5 and warped variants of it.
+"""Small studies in the layouts of FreeSurfer, sMRIPrep and the HCP pipelines: nilearn's fsaverage5 and
+warped variants of it.
 
 The vertices of fsaverage5 are those of an icosahedron that was subdivided five times. The first 2,562 vertices are
 those after four subdivisions, the first 642 after three, and the first 162 after two.
@@ -93,21 +94,12 @@ def write_derivatives(folder, name, hemi, of):
     """Write the surfaces of a participant such as ``sub-01`` into its ``anat`` folder, like sMRIPrep."""
     folder.mkdir(parents=True, exist_ok=True)
     letter = SIDES[hemi][1]
-    structure = {"L": "CortexLeft", "R": "CortexRight"}[letter]
-
-    def save(ending, *arrays):
-        meta = nib.gifti.GiftiMetaData(AnatomicalStructurePrimary=structure)
-        nib.save(nib.gifti.GiftiImage(darrays=list(arrays), meta=meta), folder / f"{name}_hemi-{letter}_{ending}.gii")
-
-    def values(data, intent, kind):
-        return nib.gifti.GiftiDataArray(data.astype(kind), f"NIFTI_INTENT_{intent}")
-
-    triangles = values(of["faces"], "TRIANGLE", "i4")
     surfaces = {"white": of["white"], "pial": of["pial"], "midthickness": (of["white"] + of["pial"]) / 2}
     for ending, points in {**surfaces, "space-fsaverage_desc-reg_sphere": of["sphere"]}.items():
-        save(f"{ending}.surf", values(points, "POINTSET", "f4"), triangles)
-    save("thickness.shape", values(of["thickness"], "SHAPE", "f4"))
-    save("desc-cortex_mask.label", values(of["cortex"], "LABEL", "i4"))
+        write_surface(folder / f"{name}_hemi-{letter}_{ending}.surf.gii", hemi, points, of["faces"])
+    write_values(folder / f"{name}_hemi-{letter}_thickness.shape.gii", hemi, of["thickness"])
+    cortex = folder / f"{name}_hemi-{letter}_desc-cortex_mask.label.gii"
+    write_gifti(cortex, hemi, (of["cortex"].astype("i4"), "LABEL"))
 
 
 def write_z(path):
@@ -117,3 +109,76 @@ def write_z(path):
     affine[:3, 3] = -140
     z = np.broadcast_to(affine[2, 3] + 4.0 * np.arange(70), (70, 70, 70))
     nib.save(nib.MGHImage(z.astype(np.float32), affine), path)
+
+
+def write_32k(folder, name, hemi, of, series=0):
+    """Write the surfaces of a participant on the mesh of fs_LR into its ``anat`` folder, like fMRIPrep.
+
+    The values of both hemispheres, and `series` frames of a run, are in CIFTI files, which the second hemisphere adds.
+    """
+    letter = SIDES[hemi][1]
+    for ending in ("white", "pial", "midthickness"):
+        points = (of["white"] + of["pial"]) / 2 if ending == "midthickness" else of[ending]
+        path = folder / f"{name}_hemi-{letter}_space-fsLR_den-32k_{ending}.surf.gii"
+        write_surface(path, hemi, points, of["faces"])
+    values = folder / f"{name}_space-fsLR_den-91k_thickness.dscalar.nii"
+    write_grayordinates(values, hemi, of["cortex"], of["thickness"][None], nib.cifti2.ScalarAxis(["thickness"]))
+    if series:
+        run = folder.parent / "func" / f"{name}_task-rest_space-fsLR_den-91k_bold.dtseries.nii"
+        run.parent.mkdir(exist_ok=True)
+        frames = of["thickness"] + np.arange(series)[:, None]
+        write_grayordinates(run, hemi, of["cortex"], frames, nib.cifti2.SeriesAxis(0, 2, series))
+
+
+def write_hcp(folder, hemi, native, resampled):
+    """Write the files of a subject such as ``100307`` on the native mesh and that of fs_LR, like the HCP pipelines."""
+    name, letter = folder.name, SIDES[hemi][1]
+    atlas = folder / "MNINonLinear"
+    places = {"native": (native, "Native", "sphere.reg.reg_LR", "roi")}
+    places["32k_fs_LR"] = (resampled, "fsaverage_LR32k", "sphere", "atlasroi")
+    for mesh, (of, below, sphere, cortex) in places.items():
+        for at in (folder / "T1w" / below, atlas / below):
+            at.mkdir(parents=True, exist_ok=True)
+            size = 1.0 if at.parent.name == "T1w" else 1.1  # as the brain of MNI152 is larger
+            for ending in ("white", "pial"):
+                path = at / f"{name}.{letter}.{ending}.{mesh}.surf.gii"
+                write_surface(path, hemi, size * of[ending], of["faces"])
+        write_surface(atlas / below / f"{name}.{letter}.{sphere}.{mesh}.surf.gii", hemi, of["sphere"], of["faces"])
+        for ending, values in (("thickness", of["thickness"]), (cortex, of["cortex"])):
+            write_values(atlas / below / f"{name}.{letter}.{ending}.{mesh}.shape.gii", hemi, values)
+    path = atlas / "fsaverage_LR32k" / f"{name}.MyelinMap.32k_fs_LR.dscalar.nii"
+    axis = nib.cifti2.ScalarAxis(["MyelinMap"])
+    write_grayordinates(path, hemi, resampled["cortex"], resampled["curv"][None], axis)
+
+
+def write_grayordinates(path, hemi, cortex, values, axis):
+    """Write a CIFTI file with values (K, V) at the vertices of a hemisphere; add them to an existing file."""
+    model = nib.cifti2.BrainModelAxis.from_mask(cortex, f"cortex_{SIDES[hemi][0]}")
+    data = values[:, cortex].astype(np.float32)
+    if path.is_file():
+        other = nib.load(path)
+        model, data = (
+            other.header.get_axis(1) + model,
+            np.concatenate([other.get_fdata(dtype=np.float32), data], axis=1),
+        )
+    nib.save(nib.Cifti2Image(data, (axis, model)), path)
+
+
+def write_surface(path, hemi, points, faces):
+    """Write a GIFTI surface."""
+    write_gifti(path, hemi, (points.astype("f4"), "POINTSET"), (faces.astype("i4"), "TRIANGLE"))
+
+
+def write_values(path, hemi, values):
+    """Write GIFTI values at the vertices."""
+    write_gifti(path, hemi, (values.astype("f4"), "SHAPE"))
+
+
+def write_gifti(path, hemi, *arrays):
+    """Write arrays of a hemisphere, each with the name of its intent."""
+    structure = {"lh": "CortexLeft", "rh": "CortexRight"}[hemi]
+    images = [nib.gifti.GiftiDataArray(data, f"NIFTI_INTENT_{intent}") for data, intent in arrays]
+    for image in images:
+        image.meta["AnatomicalStructurePrimary"] = structure
+    meta = nib.gifti.GiftiMetaData(AnatomicalStructurePrimary=structure)
+    nib.save(nib.gifti.GiftiImage(darrays=images, meta=meta), path)

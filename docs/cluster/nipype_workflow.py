@@ -84,7 +84,7 @@ class VoxflatBids(CommandLine):
             return {}
         names = [f"sub-{label.removeprefix('sub-')}" for label in given.labels or ["*"]]
         pages = [f"{name}{more}.html" for name in names for more in ("", "_ses-*")]
-        surfaces = [f"{name}/**/*_desc-voxflat_flat.surf.gii" for name in names]
+        surfaces = [f"{name}/**/*_flat.surf.gii" for name in names]
         found = {"surfaces": surfaces, "pages": pages if given.level == "participant" else ["group.html"]}
         files = {name: {str(path) for one in globs for path in out.glob(one)} for name, globs in found.items()}
         return {"maps": str(out), **{name: sorted(some) for name, some in files.items()}}

@@ -170,7 +170,7 @@ def atlas():
     return sheet_of_voxels().patches(bound=1.2)
 
 
-RECORD = "sub-01_hemi-L_desc-voxflat_flat.json"
+RECORD = "sub-01_hemi-L_flat.json"
 
 
 @pytest.mark.slow

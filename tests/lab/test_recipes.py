@@ -95,7 +95,7 @@ def test_a_study_is_a_workflow_of_nipype(nipypes, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     how = {"source": "my study", "out": "maps", "hemis": ["left"]}
     made = nipypes.VoxflatBids(**how, level="participant", labels="02").run().outputs
-    assert made.surfaces == [str(out / "sub-02" / "anat" / "sub-02_hemi-L_desc-voxflat_flat.surf.gii")]
+    assert made.surfaces == [str(out / "sub-02" / "anat" / "sub-02_hemi-L_flat.surf.gii")]
     assert (made.maps, made.pages) == (str(out), [str(out / "sub-02.html")])
     group = nipypes.VoxflatBids(**how, level="group")  # already run by the workflow
     assert group.aggregate_outputs().pages == [str(out / "group.html")]

@@ -348,10 +348,10 @@ def test_white_matter_in_voxels_and_cuts_that_suit_it(tmp_path):
     command = ["bids", tmp_path / "subjects", tmp_path / "out", "participant", "--volume", "--hemi", "R"]
     succeed(*command, "--cuts", "automatic", "--overlay", "mri/i.mgz")
     made = tmp_path / "out" / "sub-1" / "anat"
-    flat = voxflat.load(made / "sub-1_hemi-R_desc-voxflat_flat.npz")
+    flat = voxflat.load(made / "sub-1_hemi-R_flat.npz")
     values = nib.load(made / "sub-1_hemi-R_desc-voxflat_i.shape.gii").agg_data()
     assert_allclose(values, flat.points[:, 0] / 2 - 7.5, atol=1e-3)
-    record = json.loads((made / "sub-1_hemi-R_desc-voxflat_flat.json").read_text())
+    record = json.loads((made / "sub-1_hemi-R_flat.json").read_text())
     assert record["surface"]["voxels_changed"] == 1
     assert record["map"]["cuts_by"] == "automatic"
     page = (tmp_path / "out" / "sub-1.html").read_text()
@@ -380,7 +380,7 @@ def test_the_table_has_everybody_and_every_figure(root, compared):
             assert (row["status"], row["raw.relative_error"]) == ("missing", "n/a")
             assert re.search(BROKEN[label], row["reason"])
             continue
-        path = root / "out" / f"sub-{label}" / "anat" / f"sub-{label}_hemi-L_desc-voxflat_flat.json"
+        path = root / "out" / f"sub-{label}" / "anat" / f"sub-{label}_hemi-L_flat.json"
         figures = json.loads(path.read_text())["figures"]
         for of in ("raw", "best_scale", "interior", "triangles"):
             for name, value in figures[of].items():
@@ -403,7 +403,7 @@ def test_a_vertex_at_a_cut_is_counted_once(root, compared):
     assert len(saved) > 1
     for path in saved:
         ids = voxflat.load(path).ids
-        assert int(counts[path.name.removesuffix("_desc-voxflat_flat.npz")]) == len(set(ids.tolist())) < len(ids)
+        assert int(counts[path.name.removesuffix("_flat.npz")]) == len(set(ids.tolist())) < len(ids)
 
 
 def test_means_are_those_of_the_maps_pixel_by_pixel(root, compared):
@@ -412,7 +412,7 @@ def test_means_are_those_of_the_maps_pixel_by_pixel(root, compared):
     stack = []
     for path in sorted(out.rglob("*_flat.npz")):
         flat = voxflat.load(path)
-        values = nib.load(str(path).replace("_flat.npz", "_thickness.shape.gii")).agg_data()[flat.ids]
+        values = nib.load(str(path).replace("_flat.npz", "_desc-voxflat_thickness.shape.gii")).agg_data()[flat.ids]
         stack.append(LinearTriInterpolator(Triangulation(*flat.uv.T, flat.faces.astype(int)), values))
     rows, columns = np.meshgrid(*(np.arange(0, size, 7) for size in mean.shape[:2]), indexing="ij")
     places = np.stack([rows, columns, 0 * rows, 1 + 0 * rows], axis=-1) @ mean.affine.T
@@ -431,7 +431,7 @@ def test_means_are_those_of_the_maps_pixel_by_pixel(root, compared):
 
 def test_a_broken_map_stands_out_in_table_and_page(root, compared, tmp_path):
     shutil.copytree(root / "out", tmp_path / "out")
-    path = tmp_path / "out" / "sub-02" / "anat" / "sub-02_hemi-L_desc-voxflat_flat.json"
+    path = tmp_path / "out" / "sub-02" / "anat" / "sub-02_hemi-L_flat.json"
     record = json.loads(path.read_text())
     record["figures"]["triangles"]["flipped"] = 4
     record["figures"]["best_scale"]["relative_error"] = 0.31
@@ -496,11 +496,8 @@ def _overwritten(path):
 def test_damaged_outputs_are_made_again_and_stop_nobody(root, compared, tmp_path):
     shutil.copytree(root / "out", tmp_path / "out")
     shutil.copytree(root / "bids", tmp_path / "bids")
-    files = {
-        label: tmp_path / "out" / f"sub-{label}" / "anat" / f"sub-{label}_hemi-L_desc-voxflat"
-        for label in ("01", "02", "03")
-    }
-    names = ("flat.npz", "flat.json", "curvature.shape.gii")
+    files = {label: tmp_path / "out" / f"sub-{label}" / "anat" / f"sub-{label}_hemi-L" for label in ("01", "02", "03")}
+    names = ("flat.npz", "flat.json", "desc-voxflat_curvature.shape.gii")
     damaged = [Path(f"{files[label]}_{of}") for label, of in zip(files, names, strict=True)]
     for path in damaged:
         _overwritten(path)
@@ -606,7 +603,7 @@ def test_a_group_of_one_leaves_no_means_of_an_earlier_group(root, compared, tmp_
 
 def test_a_group_uses_or_refuses_its_options(root, compared, tmp_path):
     words = ["bids", root / "bids", root / "out", "group"]
-    used = {"labels", "hemis", "as_json", "quiet", "debug"}
+    used = {"labels", "hemis", "space", "as_json", "quiet", "debug"}
     options = [one for one in bids_command.params if one.name not in used and isinstance(one, click.Option)]
     assert len(options) == 11
     before = everything(root / "out")
@@ -630,7 +627,7 @@ def test_a_group_uses_or_refuses_its_options(root, compared, tmp_path):
 )
 def test_maps_that_were_made_in_different_ways_are_not_averaged(root, compared, tmp_path, key, value, told, averaged):
     shutil.copytree(root / "out", tmp_path / "out")
-    path = tmp_path / "out" / "sub-02" / "anat" / "sub-02_hemi-L_desc-voxflat_flat.json"
+    path = tmp_path / "out" / "sub-02" / "anat" / "sub-02_hemi-L_flat.json"
     record = json.loads(path.read_text())
     del record["sha256"]
     record["parameters"][key] = value

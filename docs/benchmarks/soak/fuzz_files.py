@@ -216,7 +216,7 @@ def corpus(folder, endings=("",)):
     entry("cuts.json", "cuts", lambda path: path.write_text('{"cuts": [[[0,3,2],[1,3,2],[2,3,2]]], "drop": [[7,7,2]]}'))
     cut = surface.cut(cuts=[[[0, 3, 2], [1, 3, 2]]], relax=False)
     entry("saved.json", "cuts", cut.save)
-    entry("sub-01_hemi-L_desc-voxflat_flat.json", "record", _write_record)
+    entry("sub-01_hemi-L_flat.json", "record", _write_record)
     entry("t.json", "template", lambda path: path.write_text(standard_template("fsaverage", "left").as_json()))
     middle = flat_map.uv.mean(axis=0)
     square = (middle + 2 * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])).tolist()

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from voxflat._core import __version__
+from voxflat.lab.results import Results
 from voxflat.maps.flat_map import FlatMap
 from voxflat.maps.raster import FlatImage
 from voxflat.wording import many
@@ -32,6 +33,7 @@ class Row:
     reason: str = ""  # reason why there are no results
     changed: tuple[str, ...] = ()  # inputs that changed since the results were made
     outliers: Mapping[str, str] = field(default_factory=dict)  # measures in which it is an outlier: high or low
+    results: Results | None = None  # its files
 
     @property
     def hemisphere(self) -> str:

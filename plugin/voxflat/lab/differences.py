@@ -5,7 +5,8 @@ from typing import Any
 
 from voxflat.lab.comparison import Row
 from voxflat.lab.freshness import worded
-from voxflat.lab.inputs import HEMISPHERES, overlay_name
+from voxflat.lab.inputs import overlay_name
+from voxflat.lab.layouts import HEMISPHERES
 
 _LISTED = 5  # most hemispheres that a sentence lists
 _SURFACES = ("white", "pial", "volume")  # inputs that differ between persons

@@ -17,7 +17,8 @@ from voxflat.lab.columns import columns_of, measures_in
 from voxflat.lab.comparison import Mean, Row, Sums, counted, outliers, outliers_by_chance
 from voxflat.lab.differences import not_averaged, warnings_about
 from voxflat.lab.freshness import page_key, write_json, write_text
-from voxflat.lab.inputs import HEMISPHERES, Participant
+from voxflat.lab.inputs import Participant
+from voxflat.lab.layouts import HEMISPHERES
 from voxflat.lab.results import (
     COUNTS,
     FIGURES,
@@ -39,11 +40,18 @@ _NOT_YET = "not flattened yet. Run voxflat bids at the level participant"
 
 
 def group(
-    everybody: Sequence[Participant], source: Path, out: Path, hemis: Sequence[str], *, is_study: bool = False
+    everybody: Sequence[Participant],
+    source: Path,
+    out: Path,
+    hemis: Sequence[str],
+    *,
+    is_study: bool = False,
+    space: str | None = None,
 ) -> dict[str, Any]:
     """Compare participants of a study, and write a table, images of the means and a page to its output directory.
 
-    If `is_study`, `everybody` contains all participants of the study, so that maps of others are reported.
+    If `is_study`, `everybody` contains all participants of the study, so that maps of others are reported. `space` is
+    the one that was asked for, if any.
 
     Return the number of ``maps``, the same ``counted`` by side as text, the reasons why maps are ``missing`` and the
     ``outliers`` (measures, high or low), both keyed by participant and hemisphere, the number of
@@ -52,7 +60,7 @@ def group(
     """
     rows = _rows(everybody, out, hemis)
     gone = _gone(everybody, out) if is_study else []
-    again = command(source, out, "participant")
+    again = command(source, out, "participant", space)
     record = out / f"{_STEM}_record.json"
     written: list[str] = []
     deleted: list[str] = []
@@ -101,7 +109,7 @@ def group(
 
 def _gone(everybody: Sequence[Participant], out: Path) -> list[str]:
     """Return the names of those who have maps but are not participants of the study."""
-    paths = out.glob("sub-*/**/anat/sub-*_hemi-*_desc-voxflat_flat.json")
+    paths = out.glob("sub-*/**/anat/sub-*_hemi-*_flat.json")
     return sorted({path.name.partition("_hemi-")[0] for path in paths} - {person.name for person in everybody})
 
 
@@ -165,15 +173,15 @@ def _row(person: Participant, job: Job, hemi: str) -> Row:
     about = (f"sub-{person.label}", session, HEMISPHERES[hemi][0], job.page.name)
     results = job.results(hemi)
     if results.failure.is_file():
-        return Row(*about, None, _reason(results))
+        return Row(*about, None, _reason(results), results=results)
     if not results.record.is_file():
-        return Row(*about, None, _NOT_YET)
+        return Row(*about, None, _NOT_YET, results=results)
     try:
         record = read_record(results.record)
         check_outputs(results.folder, record["outputs"])
     except (InputError, OSError) as error:
-        return Row(*about, None, f"{user_message(error)}. {_AGAIN}")
-    return Row(*about, record, changed=job.changed(hemi, record))
+        return Row(*about, None, f"{user_message(error)}. {_AGAIN}", results=results)
+    return Row(*about, record, changed=job.changed(hemi, record), results=results)
 
 
 def _reason(results: Results) -> str:
@@ -248,9 +256,9 @@ def _means(out: Path, rows: Sequence[Row], show: Callable[[Row, FlatMap], None])
     sums: dict[tuple[str, str], Sums] = {}
     unreadable: dict[str, str] = {}
     for row in rows:
-        folder = out / row.name / row.session.removeprefix("_") / "anat"
+        assert row.results is not None
         try:
-            results = LoadedResults.read(Results.in_bids(folder, row.name + row.session, row.letter))
+            results = LoadedResults.read(row.results)
         except (InputError, OSError) as error:
             unreadable[row.hemisphere] = user_message(error)
             continue

@@ -1,34 +1,35 @@
-"""Find the input files of hemispheres in FreeSurfer directories, sMRIPrep derivatives or segmentations."""
+"""Find the participants of a study, and the input files of their hemispheres."""
 
 import re
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from difflib import get_close_matches
 from functools import partial
 from itertools import product
 from pathlib import Path
-from typing import ClassVar
 
 from voxflat.arguments import log, shown
 from voxflat.errors import InputError
 from voxflat.io.meshes import named_structure
+from voxflat.lab.layouts import FREESURFER, HEMISPHERES, SMRIPREP, Finder, Layout, layout_in
 from voxflat.lab.results import MEASURES
 from voxflat.surfaces.standard.template import SIDES
-
-HEMISPHERES = {"lh": ("L", "left"), "rh": ("R", "right")}
-"""The BIDS letter and the side of each hemisphere, by its FreeSurfer name."""
 
 GEOMETRIES = ("midthickness", "white", "pial")
 """The surfaces on which distances can be measured."""
 
 _NEEDED = {"midthickness": ("white", "pial"), "white": ("white",), "pial": ("pial",)}
+_CORTEX = ("cortex", "grayordinates", "areas")  # definitions of the cortex; the first one that exists is used
 _USUAL_OVERLAY = "thickness"
 _KINDS_OF_CUTS = ("standard", "automatic")  # instead of a file
 _CUTS_FILE = "the cuts file"
 _LABELS = (".annot", ".label", ".label.gii", ".dlabel.nii")  # endings
-_VOLUME_ENDINGS = (".nii.gz", ".nii", ".mgz", ".mgh")
-_FILLED = {"lh": 255, "rh": 127}  # labels of mri/filled.mgz, the white matter of each hemisphere
+_OF_HCP = ("T1w", "MNINonLinear")  # directories of a subject of the HCP pipelines
+_REMEDIES = {
+    "native": "Omit --space",
+    "fsLR": "Run fMRIPrep with --cifti-output, or omit --space to read the native surfaces",
+}
 _LISTED = 20  # most labels that a message lists
 _NOBODY = re.compile(r"fsaverage|[lr]h\.EC_average|.*\.(long|base)\b")  # directories of recon-all that are not subjects
 
@@ -69,6 +70,8 @@ class Hemisphere:
     files: dict[str, Path]  # white, pial, sphere, cortex or areas, volume, cuts
     overlays: dict[str, Path] = field(default_factory=dict)
     label: int | None = None  # label of the hemisphere in the volume
+    layout: Layout = SMRIPREP  # of the files
+    source: Path | None = None  # directory of the study
 
     @property
     def letter(self) -> str:
@@ -82,7 +85,9 @@ class Participant:
 
     label: str  # without sub-
     session: str | None  # without ses-
-    folder: Path | None  # FreeSurfer directory of the subject, or anat of derivatives; None if there is none
+    folder: Path | None  # directory of the subject, or anat of derivatives; None if there is none
+    layout: Layout | None = None  # of the files that are read; None if there are none
+    source: Path | None = None  # directory of the study
 
     @property
     def name(self) -> str:
@@ -90,19 +95,19 @@ class Participant:
         return f"sub-{self.label}" + (f"_ses-{self.session}" if self.session else "")
 
 
-def found_in(folder: Path, hemi: str, parameters: Parameters) -> Hemisphere:
-    """Find the files of a hemisphere in a FreeSurfer directory, or in derivatives such as ``sub-01/anat``."""
+def found_in(folder: Path, hemi: str, parameters: Parameters, layout: Layout | None = None) -> Hemisphere:
+    """Find the files of a hemisphere in the directory of a participant, by default in its preferred layout."""
     if not folder.is_dir():
         raise InputError(f"{folder}: the directory does not exist. Pass an output directory of recon-all or sMRIPrep")
-    find = _finder(folder, hemi)
+    find = Finder(folder, hemi, layout or layout_in(folder) or SMRIPREP)
     files: dict[str, Path | None] = {}
     if parameters.volume:
         files["volume"] = find.needed("volume")
     else:
-        files |= {name: find.needed(name) for name in _NEEDED[parameters.geometry]}
-        files |= {"sphere": find.one("sphere"), "cortex": find.one("cortex")}
-        if files["cortex"] is None:
-            files["areas"] = find.one("areas")
+        files |= _surfaces(find, parameters.geometry)
+        files |= _registration(find, next(iter(files)))
+        cortex = (name for name in _CORTEX if name in find.layout.files)
+        files |= next(({name: path} for name in cortex if (path := find.one(name)) is not None), {})
     if parameters.cuts not in _KINDS_OF_CUTS:
         files["cuts"] = _given(find, parameters.cuts, _CUTS_FILE)
     files["template"] = _of_side(parameters.template, hemi, "--template")
@@ -112,8 +117,26 @@ def found_in(folder: Path, hemi: str, parameters: Parameters) -> Hemisphere:
     if usual is not None:
         overlays[_USUAL_OVERLAY] = usual
     overlays |= {overlay_name(text): _overlay(find, text) for text in parameters.overlays}
-    label = _FILLED[hemi] if isinstance(find, _FreeSurfer) and parameters.volume else None
-    return Hemisphere(hemi, {name: path for name, path in files.items() if path is not None}, overlays, label)
+    labels = find.layout.labels if parameters.volume else None
+    label = labels[hemi] if labels else None
+    there = {name: path for name, path in files.items() if path is not None}
+    return Hemisphere(hemi, there, overlays, label, find.layout)
+
+
+def _surfaces(find: Finder, geometry: str) -> dict[str, Path]:
+    """Return the surfaces between which distances are measured; a midthickness surface if the others are missing."""
+    if geometry == "midthickness" and not find.has("white") and (path := find.one("midthickness")) is not None:
+        return {"midthickness": path}
+    return {name: find.needed(name) for name in _NEEDED[geometry]}
+
+
+def _registration(find: Finder, surface: str) -> dict[str, Path | None]:
+    """Return the registered sphere, or the files from which that of a resampled surface can be computed."""
+    native = find.one("native sphere") if "native sphere" in find.layout.files else None
+    of_surface = Finder(find.folder, find.hemi, SMRIPREP).one(surface) if native else None
+    if of_surface is not None:
+        return {"native sphere": native, f"native {surface}": of_surface}
+    return {"sphere": find.one("sphere") if "sphere" in find.layout.files else None}
 
 
 def _of_side(names: Sequence[str] | None, hemi: str, option: str) -> Path | None:
@@ -139,7 +162,9 @@ def check_given(
     """
     missing = _missing(everybody, hemis, parameters)
     if missing and source is not None:
-        others = [person for sessions in _by_label(source)[0].values() for person in sessions]
+        spaces = {person.layout.space for person in everybody if person.layout is not None}
+        space = spaces.pop() if len(spaces) == 1 else None
+        others = [person for sessions in _by_label(source, space)[0].values() for person in sessions]
         missing = {text: error for text, error in missing.items() if text in _missing(others, hemis, parameters)}
     for error in missing.values():
         raise error
@@ -147,41 +172,37 @@ def check_given(
 
 def _missing(everybody: Sequence[Participant], hemis: Sequence[str], parameters: Parameters) -> dict[str, InputError]:
     """Return the overlays and the cuts file that exist for none of the participants, with the error for the first."""
-    searches: dict[str, Callable[[_FreeSurfer | _Bids], Path]]
+    searches: dict[str, Callable[[Finder], Path]]
     searches = {text: partial(_overlay, text=text) for text in parameters.overlays}
     if parameters.cuts not in _KINDS_OF_CUTS:
         searches[parameters.cuts] = partial(_given, text=parameters.cuts, kind=_CUTS_FILE)
     existing: set[str] = set()
     errors: dict[str, InputError] = {}
-    folders = [person.folder for person in everybody if person.folder and person.folder.is_dir()]
-    for folder, hemi in product(folders, hemis):
+    people = [person for person in everybody if person.folder and person.folder.is_dir()]
+    for person, hemi in product(people, hemis):
+        assert person.folder is not None
         for text in [key for key in searches if key not in existing]:
             try:
-                searches[text](_finder(folder, hemi))
+                searches[text](Finder(person.folder, hemi, person.layout or SMRIPREP))
                 existing.add(text)
             except InputError as error:
                 errors.setdefault(text, error)
     return {text: error for text, error in errors.items() if text not in existing}
 
 
-def _finder(folder: Path, hemi: str) -> "_FreeSurfer | _Bids":
-    """Return the object that finds the files of a hemisphere in a directory."""
-    is_freesurfer = (folder / "surf").is_dir() or (folder / "mri").is_dir()
-    return _FreeSurfer(folder, hemi) if is_freesurfer else _Bids(folder, hemi)
-
-
-def _overlay(find: "_FreeSurfer | _Bids", text: str) -> Path:
+def _overlay(find: Finder, text: str) -> Path:
     """Return the path to an overlay, given its name, such as thickness, or a file."""
     return find.one(text) or _given(find, text, "the overlay", find.place(text))
 
 
-def _given(find: "_FreeSurfer | _Bids", text: str, kind: str, *places: str) -> Path:
+def _given(find: Finder, text: str, kind: str, *places: str) -> Path:
     """Return the path to a file given by the user, with the placeholders filled in; `places` were searched before."""
     named = find.filled(text)
-    for path in (find.folder / named, Path(named)):
+    paths = [find.folder / folder / named for folder in find.layout.within] + [Path(named)]
+    for path in paths:
         if path.is_file():
             return path
-    searched = [*(places if "/" not in text else ()), str(find.folder / named), str(Path(named).absolute())]
+    searched = [*(places if "/" not in text else ()), *map(str, paths[:-1]), str(paths[-1].absolute())]
     near = get_close_matches(re.sub(r"^[lr]h\.", "", text), find.measures()) if places else []
     hint = f"Did you mean {' or '.join(near)}? voxflat" if near else "Check the name; voxflat"
     raise InputError(f"{kind} {text} does not exist. {hint} searched for {', '.join(searched)}")
@@ -190,118 +211,26 @@ def _given(find: "_FreeSurfer | _Bids", text: str, kind: str, *places: str) -> P
 def overlay_name(overlay: str) -> str:
     """Return the name of an overlay, such as thickness for ``sub-01_hemi-L_thickness.shape.gii``."""
     name = Path(overlay).name.replace("{hemi}", "lh").replace("{subject}", "sub")
+    if match := re.fullmatch(r"[^.]+\.(?:(?:lh|[LR])\.)?(.+)\.(?:native|\d+k_fs_LR)\..+", name):  # of the HCP pipelines
+        return re.sub(r"[^A-Za-z0-9]", "", match[1]) or "overlay"
     name = re.sub(r"^[lr]h\.", "", name).split("_")[-1]
-    name = re.sub(r"\.(nii|func|shape|label)?\.?(gz|gii|nii|mgz|mgh|npy|txt|annot)$", "", name)
+    name = re.sub(r"\.(nii|func|shape|label|dscalar|dtseries)?\.?(gz|gii|nii|mgz|mgh|npy|txt|annot)$", "", name)
     return re.sub(r"[^A-Za-z0-9]", "", name) or "overlay"
 
 
-class _FreeSurfer:
-    """Find files in a subject directory of recon-all."""
-
-    _PLACES: ClassVar[dict[str, str]] = {
-        "white": "surf/{hemi}.white",
-        "pial": "surf/{hemi}.pial",
-        "sphere": "surf/{hemi}.sphere.reg",
-        "cortex": "label/{hemi}.cortex.label",
-        "areas": "label/{hemi}.aparc.annot",
-        "volume": "mri/filled.mgz",
-    }
-
-    def __init__(self, folder: Path, hemi: str) -> None:
-        self.folder, self.hemi = folder, hemi
-
-    def filled(self, text: str) -> str:
-        return text.replace("{hemi}", self.hemi).replace("{subject}", self.folder.name)
-
-    def place(self, name: str) -> str:
-        """Return the path of a file by its name, such as thickness."""
-        return str(self.folder / self.filled(self._PLACES.get(name, f"surf/{{hemi}}.{name}")))
-
-    def measures(self) -> list[str]:
-        """Return the names of the files in surf/ of this hemisphere, such as thickness."""
-        start = f"{self.hemi}."
-        return [path.name.removeprefix(start) for path in sorted(self.folder.glob(f"surf/{start}*"))]
-
-    def one(self, name: str) -> Path | None:
-        path = Path(self.place(name))
-        return path if path.is_file() else None
-
-    def needed(self, name: str) -> Path:
-        if (path := self.one(name)) is not None:
-            return path
-        raise InputError(
-            f"{self.place(name)}: the file does not exist. Check that recon-all finished for {self.folder.name}"
-        )
-
-
-class _Bids:
-    """Find files in derivatives by their BIDS entities, as sMRIPrep and fMRIPrep name them."""
-
-    # the first pattern that matches is used; patterns apply to the part of a name after hemi-L
-    _PATTERNS: ClassVar[dict[str, tuple[str, ...]]] = {
-        "white": (r"_white\.surf\.gii", r"_smoothwm\.surf\.gii"),
-        "pial": (r"_pial\.surf\.gii",),
-        "sphere": (
-            r"_space-fsaverage_desc-reg_sphere\.surf\.gii",
-            r"_space-fsLR_desc-(reg|msmsulc)_sphere\.surf\.gii",
-            r"_desc-reg_sphere\.surf\.gii",
-        ),
-        "cortex": (r"_desc-cortex_mask\.label\.gii",),
-        "areas": (),
-        "volume": (r"_label-WM(_desc-[A-Za-z0-9]+)?_(mask|probseg)\.nii(\.gz)?",),
-    }
-
-    def __init__(self, folder: Path, hemi: str) -> None:
-        self.folder, self.hemi = folder, hemi
-        self.letter = HEMISPHERES[hemi][0]
-        names = [path.name for path in sorted(folder.iterdir()) if path.is_file()] if folder.is_dir() else []
-        subject = next((match[0] for name in names if (match := re.match(r"sub-[A-Za-z0-9]+", name))), folder.name)
-        self.names, self.subject = names, subject
-
-    def filled(self, text: str) -> str:
-        return text.replace("{hemi}", self.letter).replace("{subject}", self.subject)
-
-    def place(self, name: str) -> str:
-        """Return the path of a file of values by its name, such as thickness."""
-        return str(self.folder / f"*_hemi-{self.letter}_{name}.shape.gii (or .func.gii)")
-
-    def measures(self) -> list[str]:
-        """Return the names of the files of values of this hemisphere, such as thickness."""
-        usual = rf".*_hemi-{self.letter}_([A-Za-z0-9]+)\.(shape|func)\.gii"
-        return [match[1] for name in self.names if (match := re.fullmatch(usual, name))]
-
-    def one(self, name: str) -> Path | None:
-        usual = (rf"_{re.escape(name)}\.(shape|func)\.gii",)
-        start = rf"sub-[A-Za-z0-9]+(_(ses|acq|rec|run)-[A-Za-z0-9]+)*_hemi-{self.letter}"
-        for pattern in self._PATTERNS.get(name, usual):
-            found = [file for file in self.names if re.fullmatch(start + pattern, file)]
-            if len(found) > 1:
-                several = f"{len(found)} files for {name} of hemisphere {self.letter} ({', '.join(found)})"
-                raise InputError(f"{self.folder} has {several}. Keep only one of them")
-            if found:
-                return self.folder / found[0]
-        return None
-
-    def needed(self, name: str) -> Path:
-        if (path := self.one(name)) is not None:
-            return path
-        ending = "label-WM_mask.nii.gz or ..._probseg.nii.gz" if name == "volume" else f"{name}.surf.gii"
-        pattern = f"*_hemi-{self.letter}_{ending}"
-        raise InputError(f"{self.folder}: found no {pattern}. Check that sMRIPrep finished for {self.subject}")
-
-
-def participants(folder: Path, labels: Sequence[str] = ()) -> list[Participant]:
+def participants(folder: Path, labels: Sequence[str] = (), space: str | None = None) -> list[Participant]:
     """Find the participants of a study, or those with the given labels (with or without ``sub-``), sorted by name.
 
-    `folder` is a FreeSurfer subjects directory, derivatives, or a BIDS dataset with either of them in ``derivatives``
-    or ``sourcedata/freesurfer``. Participants without files have no folder. Labels that are not in the study raise an
-    InputError.
+    `folder` is a FreeSurfer subjects directory, derivatives, a study folder of the HCP pipelines, or a BIDS dataset
+    with one of them in ``derivatives`` or ``sourcedata/freesurfer``. Of several layouts of a participant, the first one
+    of `LAYOUTS` in `space`, one of `SPACES`, is read. Participants without files have no folder. Labels that are not in
+    the study raise an InputError.
     """
     if not folder.is_dir():
         problem = "is a file" if folder.exists() else "does not exist"
         raise InputError(f"{folder} {problem}. Pass the directory of a study or of FreeSurfer subjects")
     names = [checked_label(label) for label in labels]
-    people, origins = _by_label(folder)
+    people, origins = _by_label(folder, space)
     for path in sorted(folder.glob("sub-*")):
         named = _label(path.name) if path.is_dir() and not _NOBODY.match(path.name) else None
         if named is not None:
@@ -313,7 +242,8 @@ def participants(folder: Path, labels: Sequence[str] = ()) -> list[Participant]:
         )
     chosen = dict.fromkeys(names or people)
     _tell_origins([origins[label] for label in chosen if label in origins])
-    return sorted((person for label in chosen for person in people[label]), key=lambda person: person.name)
+    found = (replace(person, source=folder) for label in chosen for person in people[label])
+    return sorted(found, key=lambda person: person.name)
 
 
 def check_order(source: Path, out: Path) -> None:
@@ -343,7 +273,9 @@ def checked_label(label: str) -> str:
     return bare
 
 
-def _by_label(folder: Path) -> tuple[dict[str, list[Participant]], dict[str, tuple[Path, ...]]]:
+def _by_label(
+    folder: Path, space: str | None = None
+) -> tuple[dict[str, list[Participant]], dict[str, tuple[Path, ...]]]:
     """Return the participants (one per session), and the directories that contain their files, keyed by label.
 
     The first directory that contains files of a participant is used.
@@ -352,23 +284,28 @@ def _by_label(folder: Path) -> tuple[dict[str, list[Participant]], dict[str, tup
     origins: dict[str, tuple[Path, ...]] = {}
     for place in _places(folder):
         here: dict[str, list[Participant]] = {}
-        for person in _in(place):
+        for person in _in(place, space):
             for other in here.setdefault(person.label, []):
                 if other.name == person.name:
                     raise InputError(f"{other.folder} and {person.folder} are both {person.name}. Rename one of them")
             here[person.label].append(person)
         for label, sessions in here.items():
-            has_files = any(session.folder is not None and _has_files(session.folder) for session in sessions)
+            has_files = any(session.layout is not None for session in sessions)
             if label not in people or (has_files and label not in origins):
                 people[label] = sessions
             if has_files:
                 origins[label] = (*origins.get(label, ()), place)
-    if not origins and any((folder / name).is_dir() for name in ("surf", "mri")):
-        remedy = f"Pass its parent directory, {folder.resolve().parent}, or use voxflat freesurfer {folder}"
+    if not origins and any((folder / name).is_dir() for name in (*FREESURFER.marks, *_OF_HCP)):
+        is_freesurfer = any((folder / mark).is_dir() for mark in FREESURFER.marks)
+        instead = f", or use voxflat freesurfer {folder}" if is_freesurfer else ""
+        remedy = f"Pass its parent directory, {folder.resolve().parent}{instead}"
         raise InputError(f"{folder} is a single subject, not a study. {remedy}")
+    if not origins and space is not None and any(person.layout for place in _places(folder) for person in _in(place)):
+        raise InputError(f"{folder}: no participant has surfaces in the space {space}. {_REMEDIES[space]}")
     if not origins:
         places = "in this directory, in derivatives/ or in sourcedata/freesurfer/"
-        files = "no participant has a FreeSurfer surf/ directory, anat/*.surf.gii files or a white-matter mask"
+        files = "no participant has a FreeSurfer surf/ directory, anat/*.surf.gii files, T1w/Native or fsaverage_LR32k "
+        files += "directories of the HCP pipelines, or a white-matter mask"
         raise InputError(f"{folder}: {files} {places}. Pass the directory that contains these files")
     return people, origins
 
@@ -383,15 +320,6 @@ def _tell_origins(origins: Sequence[tuple[Path, ...]]) -> None:
             log.info("%s", f"{who} read from {first}{instead}")
 
 
-def _has_files(folder: Path) -> bool:
-    """Return whether a FreeSurfer directory, or a directory of derivatives, contains files that can be flattened."""
-    return any((folder / name).is_dir() for name in ("surf", "mri")) or _has_input(folder)
-
-
-def _has_input(anat: Path) -> bool:
-    return anat.is_dir() and any(_is_input(file.name) for file in anat.iterdir())
-
-
 def _places(folder: Path) -> Iterator[Path]:
     """Yield the directories that may contain participants."""
     below = folder / "derivatives"
@@ -402,32 +330,33 @@ def _places(folder: Path) -> Iterator[Path]:
         yield place / "sourcedata" / "freesurfer"
 
 
-def _in(place: Path) -> Iterator[Participant]:
+def _in(place: Path, space: str | None = None) -> Iterator[Participant]:
     """Yield the participants of a directory, if any of them has files that can be flattened."""
     folders = [path for path in sorted(place.glob("*")) if path.is_dir() and not _NOBODY.match(path.name)]
-    if any((path / "surf").is_dir() or (path / "mri").is_dir() for path in folders):
-        for path in folders:
-            name = _label(path.name)
-            if name is not None and (path.name.startswith("sub-") or (path / "surf").is_dir()):
-                yield Participant(*name, path)
+    if any((path / mark).is_dir() for path in folders for mark in FREESURFER.marks):
+        folders = [path for path in folders if path.name.startswith("sub-") or (path / "surf").is_dir()]
+        yield from _named(folders, space)
         return
     subjects = [path for path in folders if path.name.startswith("sub-")]
     anatomies = [anat for path in subjects for anat in (*path.glob("anat"), *path.glob("ses-*/anat"))]
-    if any(map(_has_input, anatomies)):
+    layouts = {anat: layout_in(anat, space) for anat in anatomies}
+    if any(layouts.values()):
         for path in subjects:
             label, anats = path.name.removeprefix("sub-"), sorted(path.glob("ses-*/anat"))
-            anats = list(filter(_has_input, anats))
+            anats = [anat for anat in anats if layouts.get(anat)]
             for anat in anats:
-                yield Participant(label, anat.parent.name.removeprefix("ses-"), anat)
+                yield Participant(label, anat.parent.name.removeprefix("ses-"), anat, layouts[anat])
             if not anats:
-                yield Participant(label, None, path / "anat")
+                yield Participant(label, None, path / "anat", layouts.get(path / "anat"))
+        return
+    yield from _named([path for path in folders if any((path / name).is_dir() for name in _OF_HCP)], space)
 
 
-def _is_input(name: str) -> bool:
-    """Return whether a file can be flattened: a white or pial surface, or white matter."""
-    return name.endswith(("_white.surf.gii", "_smoothwm.surf.gii", "_pial.surf.gii")) or (
-        "_label-WM_" in name and name.endswith(_VOLUME_ENDINGS)
-    )
+def _named(folders: Sequence[Path], space: str | None) -> Iterator[Participant]:
+    """Yield the participants whose directories have their names."""
+    for path in folders:
+        if (name := _label(path.name)) is not None:
+            yield Participant(*name, path, layout_in(path, space))
 
 
 def _label(name: str) -> tuple[str, str | None] | None:

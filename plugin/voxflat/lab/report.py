@@ -8,7 +8,7 @@ import numpy as np
 from voxflat._core import __version__
 from voxflat.citation.methods_text import cite
 from voxflat.lab.freshness import page_key
-from voxflat.lab.inputs import HEMISPHERES
+from voxflat.lab.layouts import HEMISPHERES
 from voxflat.lab.pages import PICTURE_WIDTH, colour_bar, filled, layers_of, pictures, scene
 from voxflat.lab.results import FIGURES, LoadedResults, figure_of, places_in, title_of
 from voxflat.maps.worst_search import worst_places

@@ -18,7 +18,7 @@ from voxflat.io.overlays import read_overlay
 from voxflat.io.reading import hash_of
 from voxflat.maps.flat_map import FlatMap, load_saved
 
-FORMAT = 3  # version of the output; increase it to make all results again at the next run
+FORMAT = 4  # version of the output; increase it to make all results again at the next run
 
 MEASURES = {
     "distanceerror": "mean relative error of the distances from each point, as a fraction",
@@ -48,7 +48,7 @@ COUNTS = ("triangles.flipped", "triangles.covering", "triangles.crossings")
 
 
 class Results:
-    """The output files of one hemisphere, such as lh.voxflat.flat.npz or sub-01_hemi-L_desc-voxflat_flat.npz."""
+    """The output files of one hemisphere, such as lh.voxflat.flat.npz or sub-01_hemi-L_flat.npz."""
 
     def __init__(self, folder: Path, prefix: str, *, of_freesurfer: bool) -> None:
         self.folder, self.prefix, self.of_freesurfer = folder, prefix, of_freesurfer
@@ -64,12 +64,18 @@ class Results:
         return cls(folder / "surf", f"{hemi}.voxflat", of_freesurfer=True)
 
     @classmethod
-    def in_bids(cls, folder: Path, name: str, letter: str) -> "Results":
-        """Return the results of a hemisphere of a participant, ``sub-01`` or ``sub-01_ses-02``, in ``anat``."""
-        return cls(folder, f"{name}_hemi-{letter}_desc-voxflat", of_freesurfer=False)
+    def in_bids(cls, folder: Path, name: str, letter: str, mesh: str = "") -> "Results":
+        """Return the results of a hemisphere of a participant, ``sub-01`` or ``sub-01_ses-02``, in ``anat``.
+
+        `mesh` contains the entities of a mesh other than the native one, such as ``_space-fsLR_den-32k``.
+        """
+        return cls(folder, f"{name}_hemi-{letter}{mesh}", of_freesurfer=False)
 
     def _named(self, name: str) -> Path:
-        return self.folder / f"{self.prefix}{'.' if self.of_freesurfer else '_'}{name}"
+        if self.of_freesurfer:
+            return self.folder / f"{self.prefix}.{name}"
+        desc = "" if name.startswith("flat.") else "_desc-voxflat"  # other programs write thickness, too
+        return self.folder / f"{self.prefix}{desc}_{name}"
 
     def values(self, name: str) -> Path:
         """Return the path to the file of a measure or an overlay."""

@@ -28,8 +28,10 @@ from voxflat.lab.freshness import (
     write_page,
     write_text,
 )
-from voxflat.lab.inputs import HEMISPHERES, Hemisphere, Parameters, Participant, check_given, found_in
-from voxflat.lab.results import LoadedResults, Results, read_record
+from voxflat.lab.inputs import Hemisphere, Parameters, Participant, check_given, found_in
+from voxflat.lab.layouts import FREESURFER, HEMISPHERES, Layout
+from voxflat.lab.results import MEASURES, LoadedResults, Results, read_record
+from voxflat.lab.sidecars import SOURCE
 from voxflat.lab.subject import make
 
 BIDS_VERSION = "1.10.0"
@@ -44,6 +46,7 @@ _IGNORED = """\
 *.shape.gii
 *_flat.json
 *_flat.npz
+desc-voxflat_*.json
 *_failure.json
 *.html
 group_*
@@ -72,18 +75,22 @@ class Job:
 
     name: str  # as in `Outcome`
     folder: Path | None  # contains the input files; None if there are none
+    layout: Layout | None  # of the input files; None if there are none
     results: Callable[[str], Results]  # return the output files of a hemisphere, lh or rh
     page: Path  # the report
+    source: Path | None = None  # directory of the study
 
     @classmethod
     def of(cls, person: Participant, out: Path) -> "Job":
         """Return the files of a participant of a study, whose output directory is `out`."""
         folder = out / f"sub-{person.label}" / (f"ses-{person.session}" if person.session else "") / "anat"
+        mesh = person.layout.entities if person.layout else ""
 
         def results(hemi: str) -> Results:
-            return Results.in_bids(folder, person.name, HEMISPHERES[hemi][0])
+            return Results.in_bids(folder, person.name, HEMISPHERES[hemi][0], mesh)
 
-        return cls(person.name, person.folder, results, out / f"{person.name}.html")
+        page = out / f"{person.name}{mesh}.html"
+        return cls(person.name, person.folder, person.layout, results, page, person.source)
 
     def request(self, hemi: str, parameters: Parameters) -> tuple[Hemisphere, Request]:
         """Return the input files of a hemisphere and everything that determines its results."""
@@ -94,7 +101,7 @@ class Job:
         """Return the input files of a hemisphere."""
         if self.folder is None:
             raise InputError(NO_FILES)
-        return found_in(self.folder, hemi, parameters)
+        return replace(found_in(self.folder, hemi, parameters, self.layout), source=self.source)
 
     def changed(self, hemi: str, record: Mapping[str, Any]) -> tuple[str, ...]:
         """Return the inputs that changed since a hemisphere was flattened, or why they cannot be read."""
@@ -121,8 +128,8 @@ def freesurfer(
     if not (folder / "surf").is_dir() and not (folder / "mri").is_dir():
         raise InputError(f"{folder} has no directory surf/. Pass a subject directory created by recon-all")
     results = partial(Results.in_freesurfer, folder)
-    job = Job(folder.resolve().name, folder, results, folder / "voxflat.html")
-    check_given([Participant(job.name, None, folder)], hemis, parameters)
+    job = Job(folder.resolve().name, folder, FREESURFER, results, folder / "voxflat.html")
+    check_given([Participant(job.name, None, folder, FREESURFER)], hemis, parameters)
     warn_of_changes([job], hemis, parameters)
     return _flatten(job, hemis, parameters, tell, **common)
 
@@ -227,9 +234,9 @@ def _planned(job: Job, hemi: str, parameters: Parameters) -> Outcome:
         return Outcome(job.name, hemi, "failed", user_message(error))
 
 
-def command(source: Path, out: Path, level: str) -> str:
-    """Return the command that processes a study at a level, participant or group."""
-    return shlex.join(["voxflat", "bids", str(source), str(out), level])
+def command(source: Path, out: Path, level: str, space: str | None = None) -> str:
+    """Return the command that processes a study at a level, participant or group, in a space."""
+    return shlex.join(["voxflat", "bids", str(source), str(out), level, *(["--space", space] if space else [])])
 
 
 def check_output(source: Path, out: Path) -> None:
@@ -251,9 +258,12 @@ def describe(source: Path, out: Path) -> None:
         "DatasetType": "derivative",
         "GeneratedBy": [{"Name": "voxflat", "Version": __version__}],
         "SourceDatasets": [{"URL": source.resolve().as_uri()}],
+        "DatasetLinks": {SOURCE: source.resolve().as_uri()},
     }
     write_json(out / "dataset_description.json", content)
     write_text(out / ".bidsignore", _IGNORED)
+    for name, text in MEASURES.items():  # the sidecars of all files with these measures
+        write_json(out / f"desc-voxflat_{name}.json", {"Description": text})
 
 
 def _flatten(

@@ -4,8 +4,9 @@ import logging
 import os
 import platform
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,15 +16,18 @@ from numpy.typing import NDArray
 from voxflat.arguments import Note, log
 from voxflat.errors import InputError
 from voxflat.evaluation.measure import measure
+from voxflat.io.channels import Channels
 from voxflat.io.files import REMEDY, atomic_path, contents, naming
 from voxflat.io.formats.freesurfer import read_annot
 from voxflat.io.formats.gifti import value_bytes
-from voxflat.io.meshes import is_mesh_name
+from voxflat.io.meshes import Mesh, is_mesh_name, read_mesh
+from voxflat.io.overlays import read_overlay
 from voxflat.io.provenance import portable
 from voxflat.io.reading import hash_of
 from voxflat.lab.freshness import request, write_json
 from voxflat.lab.inputs import Hemisphere, Parameters
 from voxflat.lab.results import Results, read_record, sealed
+from voxflat.lab.sidecars import sidecar
 from voxflat.maps.depth import ON_SURFACE, Depths
 from voxflat.maps.flat_map import FlatMap
 from voxflat.maps.raster import at_points
@@ -31,10 +35,13 @@ from voxflat.maps.sampling import Sampling
 from voxflat.maps.sources import VolumeSource, source_of
 from voxflat.maps.summary import Summary, summary_of
 from voxflat.pipeline.group_map import resampled
+from voxflat.pipeline.shapes import Shape
 from voxflat.pipeline.surface import Surface, surface
 from voxflat.surfaces.cut_sides import one_point_a_vertex
 
 _ONE = "Pass a file with one map, or draw the series with voxflat image or voxflat movie"
+_SERIES = (".dtseries.nii", "_bold.func.gii")  # endings of time series, of which the mean over time is shown
+_ON_SURFACE = 0.5  # mm; vertices that were resampled lie on the surface, up to rounding
 _PROBABLE = 0.5  # threshold on the probability of white matter
 _NO_CORTEX = ("unknown", "corpuscallosum", "medial_wall", "???", "medialwall")  # labels of aparc.annot
 
@@ -49,9 +56,10 @@ def make(hemisphere: Hemisphere, parameters: Parameters, results: Results, **com
             part, cortex = _part(hemisphere, parameters, whole)
         with _timed(seconds, "flattening and measuring"):
             cuts = str(hemisphere.files.get("cuts", parameters.cuts))
-            flat_map = part.flatten(cuts=cuts, sphere=hemisphere.files.get("sphere"), seed=parameters.seed, **common)
+            sphere = registered_sphere(hemisphere.files, parameters.geometry)
+            flat_map = part.flatten(cuts=cuts, sphere=sphere, seed=parameters.seed, **common)
         with _timed(seconds, "measuring the template's map"):
-            of_template = _of_template(hemisphere, whole, common)
+            of_template = _of_template(hemisphere, whole, sphere, common)
         with _timed(seconds, "overlays"):
             values = {**_measures(flat_map), **_overlays(flat_map, hemisphere)}
     with _timed(seconds, "writing"), _collecting_warnings() as of_files:
@@ -59,6 +67,7 @@ def make(hemisphere: Hemisphere, parameters: Parameters, results: Results, **com
     warnings = flat_map.warnings
     notes = [str(warning) for warning in warnings if isinstance(warning, Note)]
     record = {
+        **({} if results.of_freesurfer else sidecar(hemisphere)),
         **asked,
         "hemi": hemisphere.letter,
         "overlays": list(hemisphere.overlays),
@@ -106,14 +115,16 @@ def _collecting_warnings() -> Iterator[list[str]]:
 def _surface(hemisphere: Hemisphere, parameters: Parameters, common: dict[str, Any]) -> Surface:
     """Return the surface on which distances are measured."""
     files = hemisphere.files
+    if hemisphere.layout.warning and not parameters.volume:
+        log.warning("%s", hemisphere.layout.warning)
     if parameters.volume:
         threshold = _PROBABLE if "_probseg." in files["volume"].name else None
         return surface(files["volume"], label=hemisphere.label, threshold=threshold, repair="voxels", **common)
-    for name in ("white", "pial", "sphere"):
+    for name in ("white", "pial", "midthickness", "sphere"):
         if name in files and not is_mesh_name(files[name]):
             size = files[name].stat().st_size
             raise InputError(f"{files[name]} is not a surface ({size} bytes). Run recon-all or sMRIPrep again")
-    if parameters.geometry == "midthickness":
+    if parameters.geometry == "midthickness" and "white" in files:
         return surface(files["white"], pial=files["pial"], **common)
     return surface(files[parameters.geometry], **common)
 
@@ -123,6 +134,9 @@ def _part(hemisphere: Hemisphere, parameters: Parameters, whole: Surface) -> tup
     part, basis = whole, "the complete surface" if parameters.cuts == "automatic" else "the cuts file"
     if "cortex" in hemisphere.files:
         return whole.keep(hemisphere.files["cortex"]), "the cortex label"
+    if "grayordinates" in hemisphere.files:
+        values = read_overlay(hemisphere.files["grayordinates"], whole.count, structure=whole.origin.structure)
+        return whole.keep(np.isfinite(values)), "the grayordinates of the CIFTI files"
     if "areas" in hemisphere.files:
         part = whole.drop(_beside_cortex(hemisphere.files["areas"], whole.count))
         basis = "the parcellation (aparc.annot)"
@@ -168,6 +182,8 @@ def _overlays(flat_map: FlatMap, hemisphere: Hemisphere) -> dict[str, NDArray[np
     for name, path in hemisphere.overlays.items():
         source = source_of(surface, path)
         is_volume = isinstance(source, VolumeSource)
+        if len(source.channels) > 1 and path.name.endswith(_SERIES):
+            source = source_of(surface, _mean(source.channels))
         if (count := len(source.channels)) > 1:
             raise InputError(f"the overlay {path} has {count} {'frames' if is_volume else 'maps'}. {_ONE}")
         values = source.image(at_points(len(flat_map)), Sampling(depths if is_volume else ON_SURFACE)).data
@@ -177,6 +193,14 @@ def _overlays(flat_map: FlatMap, hemisphere: Hemisphere) -> dict[str, NDArray[np
         if not np.isfinite(overlays[name]).any():
             raise InputError(f"the overlay {path} has no values on the map. Check that it belongs to this subject")
     return overlays
+
+
+def _mean(series: Channels) -> NDArray[np.float64]:
+    """Return the mean over time at each vertex, shape (V,)."""
+    total = np.asarray(series.read(0), dtype=np.float64)
+    for frame in range(1, len(series)):
+        total = total + series.read(frame)
+    return total / len(series)
 
 
 def _write(flat_map: FlatMap, values: dict[str, NDArray[np.number]], results: Results) -> list[Path]:
@@ -213,15 +237,40 @@ def _written_before(results: Results) -> set[Path]:
     return {results.folder / name for name in names if Path(name).name == name and name.startswith(results.prefix)}
 
 
-def _of_template(hemisphere: Hemisphere, whole: Surface, common: dict[str, Any]) -> dict[str, Any]:
+def registered_sphere(files: Mapping[str, Path], geometry: str) -> Path | Mesh | None:
+    """Return the registered sphere of a hemisphere.
+
+    The vertices of a surface that was resampled to another mesh lie on the native surface, and so have positions on the
+    native sphere.
+    """
+    if "native sphere" not in files:
+        return files.get("sphere")
+    name = next(name for name in (geometry, "white", "midthickness") if f"native {name}" in files)
+    resampled, native, sphere = map(read_mesh, (files[name], files[f"native {name}"], files["native sphere"]))
+    if len(native.points) != len(sphere.points):
+        counts = f"{len(sphere.points)} vertices, but {files[f'native {name}']} has {len(native.points)}"
+        raise InputError(f"{files['native sphere']} has {counts}. Pass the files of one participant")
+    corners, weights, away = Shape(native.points, native.faces.astype(np.uint32)).nearest(resampled.points)
+    if np.median(away) > _ON_SURFACE:
+        far = f"{np.median(away):.1f} mm from {files[f'native {name}']}"
+        raise InputError(f"the vertices of {files[name]} are {far}. Pass surfaces of the same participant")
+    points = np.einsum("pcx,pc->px", sphere.points[corners], weights)
+    radius = np.linalg.norm(sphere.points, axis=1).mean()
+    points *= radius / np.linalg.norm(points, axis=1)[:, None]
+    return replace(resampled, points=points, path=sphere.path, space=sphere.space)
+
+
+def _of_template(
+    hemisphere: Hemisphere, whole: Surface, sphere: Path | Mesh | None, common: dict[str, Any]
+) -> dict[str, Any]:
     """Return the distortion of a template's map for the hemisphere, resampled to the mesh of the template."""
     files = hemisphere.files
     if "template" not in files:
         return {}
-    if "sphere" not in files:
+    if sphere is None:
         raise InputError("--template requires a registered sphere, but the hemisphere has none. Omit --template")
     limits = {name: common.get(name) for name in ("threads", "progress")}
-    (person,) = resampled([whole], [files["sphere"]], files["template sphere"], limits)
+    (person,) = resampled([whole], [sphere], files["template sphere"], limits)
     return {"template": measure(person, files["template"], reference="graph", **common).figures()}
 
 

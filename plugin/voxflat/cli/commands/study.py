@@ -17,7 +17,8 @@ from voxflat.cli.output import is_json, report
 from voxflat.errors import Cancelled, InputError
 from voxflat.lab.comparison import LEAST
 from voxflat.lab.group import group
-from voxflat.lab.inputs import GEOMETRIES, HEMISPHERES, Parameters, check_given, check_order, participants
+from voxflat.lab.inputs import GEOMETRIES, Parameters, Participant, check_given, check_order, participants
+from voxflat.lab.layouts import HEMISPHERES, SPACES
 from voxflat.lab.results import COUNTS
 from voxflat.lab.study import Job, Outcome, check_output, command, freesurfer, plan, study, warn_of_changes
 from voxflat.surfaces.standard.choice import AUTOMATIC
@@ -27,6 +28,12 @@ from voxflat.wording import many
 _MAX_STATUS = 100  # greater exit statuses have other meanings in shells
 _RECORDED = ("outputs", "figures", "warnings", "notes")  # parts of a record that --json prints
 _HEMIS = {"left": ("lh",), "right": ("rh",), "both": ("lh", "rh")}
+_SPACE = options.choice(
+    "--space",
+    SPACES,
+    "Surfaces to flatten if a participant has several: those of the reconstruction (native), or those on the 32k mesh "
+    "of fs_LR, whose vertices are the grayordinates of CIFTI files (fsLR).  [default: native, if present]",
+)
 _HEMISPHERE = options.value(
     "--hemisphere",
     "[left|right|both]",
@@ -144,6 +151,7 @@ class _MultipleValuesCommand(Command):
         multiple=True,
     ),
     _HEMISPHERE,
+    _SPACE,
     options.flag("--dry-run", "Print the planned work as one JSON object per hemisphere, and exit."),
 )
 @_MAPS
@@ -155,6 +163,7 @@ def bids_command(
     level: str,
     labels: tuple[str, ...],
     hemis: tuple[str, ...],
+    space: str | None,
     dry_run: bool,
     dask: str | None,
     quiet: bool,
@@ -162,12 +171,12 @@ def bids_command(
 ) -> int:
     """Flatten all participants of a study (BIDS App).
 
-    BIDS_DIR contains FreeSurfer subjects, sMRIPrep or fMRIPrep derivatives, or white-matter masks, either at the top
-    level or in derivatives/ or sourcedata/freesurfer. At the "participant" level, voxflat writes BIDS derivatives, such
-    as sub-01_hemi-L_desc-voxflat_flat.surf.gii, and one report per participant to OUT. Results are not recomputed if
-    they are up to date according to the parameters and the checksums of the inputs. If a participant fails, the others
-    are still processed. At the "group" level, voxflat writes a table of all measures, images of the means over maps
-    with standard cuts, and a page that shows all maps.
+    BIDS_DIR contains FreeSurfer subjects, sMRIPrep or fMRIPrep derivatives, subjects of the HCP pipelines, or
+    white-matter masks, either at the top level or in derivatives/ or sourcedata/freesurfer. At the "participant" level,
+    voxflat writes BIDS derivatives, such as sub-01_hemi-L_flat.surf.gii, and one report per participant to OUT. Results
+    are not recomputed if they are up to date according to the parameters and the checksums of the inputs. If a
+    participant fails, the others are still processed. At the "group" level, voxflat writes a table of all measures,
+    images of the means over maps with standard cuts, and a page that shows all maps.
 
     The exit status is the number of participants that failed or, at the "group" level, that lack a map (at most 100).
     If no participant could be processed, the exit status is 1 or 2, as for the other commands.
@@ -179,7 +188,7 @@ def bids_command(
     parameters = _parameters(settings)
     chosen = _chosen(hemis)
     try:
-        everybody = participants(source, [label for text in labels for label in text.split(",")])
+        everybody = participants(source, [label for text in labels for label in text.split(",")], space)
         check_output(source, out)
     except InputError:
         check_order(source, out)
@@ -191,7 +200,7 @@ def bids_command(
             click.echo(json.dumps(_listed(outcome)))
         return 0
     if level == "group":
-        result = group(everybody, source, out, chosen, is_study=not labels)
+        result = group(everybody, source, out, chosen, is_study=not labels, space=space)
         state = f"written: {len(result['written'])} files in {out}" if result["written"] else "up to date"
         for name, reason in result["missing"].items():
             click.echo(f"voxflat: {name}: error: {reason}", err=True)
@@ -216,7 +225,7 @@ def bids_command(
     content = {"output": str(out), "failed": sorted(failed), "hemispheres": [_listed(outcome) for outcome in outcomes]}
     only = "" if len(chosen) > 1 else f" (only {HEMISPHERES[chosen[0]][1]} hemispheres, because of --hemisphere)"
     summary = f"{many(len(people), 'participant')}: {states}{only}"
-    report(content, "\n".join([summary, *_report_lines(source, out, outcomes)]), quiet=quiet)
+    report(content, "\n".join([summary, *_report_lines(source, out, everybody, space)]), quiet=quiet)
     return min(len(failed), _MAX_STATUS)
 
 
@@ -275,13 +284,13 @@ def _outlier_lines(result: Mapping[str, Any]) -> list[str]:
     return lines + ([f"errors: {wrong} {'map has' if wrong == 1 else 'maps have'} {which}"] if wrong else [])
 
 
-def _report_lines(source: Path, out: Path, outcomes: Sequence[Outcome]) -> list[str]:
+def _report_lines(source: Path, out: Path, everybody: Sequence[Participant], space: str | None) -> list[str]:
     """Return lines that name the reports of participants and the next command."""
-    pages = [page for name in sorted({row.name for row in outcomes}) if (page := out / f"{name}.html").is_file()]
+    pages = [page for person in everybody if (page := Job.of(person, out).page).is_file()]
     if not pages:
         return []
     named = f"report: {pages[0]}" if len(pages) == 1 else f"reports: {len(pages)} pages, such as {pages[0]}"
-    return [named, f"next: {command(source, out, 'group')}"]
+    return [named, f"next: {command(source, out, 'group', space)}"]
 
 
 def _participant(outcome: Outcome) -> str:
