@@ -119,6 +119,7 @@ def _write_commands():
     folder.mkdir(parents=True, exist_ok=True)
     for name, module in program.modules.items():
         page = f".. click:: voxflat.cli.commands.{module}:{name.replace('-', '_')}_command\n   :prog: voxflat {name}\n"
+        page += "   :nested: full\n"  # with the commands of a group
         path = folder / f"{name}.rst"
         if not path.exists() or path.read_text(encoding="utf-8") != page:
             path.write_text(page, encoding="utf-8")

@@ -15,7 +15,7 @@ from unittest.mock import Mock
 import nibabel as nib
 import numpy as np
 import pytest
-from command_line import fail, run, succeed
+from command_line import every_command, fail, run, succeed
 from numpy.testing import assert_allclose, assert_array_equal
 from PIL import Image
 from refusals import refused
@@ -283,7 +283,7 @@ def test_demo_runs_in_its_directory_or_says_what_to_install(tmp_path, monkeypatc
     assert fail(1, "", "demo").stderr == told
 
 
-@pytest.mark.parametrize("command", [[], *([name] for name in cli.main.commands)])
+@pytest.mark.parametrize("command", [(), ("bench",), *every_command()])
 def test_help(command):
     for flag in ("-h", "--help"):
         assert succeed(*command, flag).stdout.startswith("Usage: voxflat")
@@ -444,6 +444,10 @@ def test_the_table_of_commands_agrees_with_their_modules():
     for name, (_, summary) in cli.program.COMMANDS.items():
         command = cli.main.get_command(None, name)
         assert (command.name, " ".join(command.help.split("\n\n")[0].split())) == (name, summary)
+
+
+def test_every_command_prints_json():
+    for command in every_command().values():
         assert any("--json" in parameter.opts for parameter in command.params)
 
 

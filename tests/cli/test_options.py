@@ -11,7 +11,7 @@ import click
 import numpy as np
 import pytest
 import tifffile
-from command_line import fail, run, succeed
+from command_line import every_command, fail, run, succeed
 from messages import NAMES_IN_FILES, OF_PYTHON, PYTHON, messages
 
 import voxflat
@@ -21,11 +21,10 @@ from voxflat.cli.options import numbers
 
 
 def every_option():
-    context = click.Context(cli.main)
-    for name in sorted(cli.main.commands):
-        for one in cli.main.get_command(context, name).params:
+    for words, command in every_command().items():
+        for one in command.params:
             if isinstance(one, click.Option):
-                yield name, one
+                yield " ".join(words), one
 
 
 OPTIONS = [pytest.param(name, one, id=f"{name} {one.opts[-1]}") for name, one in every_option()]
@@ -36,15 +35,15 @@ def test_an_option_that_is_given_twice_is_used_twice_or_refused_by_its_name(comm
     values = [] if option.is_flag else ["1"] * option.nargs
     words = [option.opts[-1], *values]
     if option.multiple:
-        parser = cli.main.get_command(click.Context(cli.main), command).make_parser(click.Context(cli.main))
+        parser = every_command()[tuple(command.split())].make_parser(click.Context(cli.main))
         assert len(parser.parse_args([*words, *words])[0][option.name]) == 2
         return
-    result = run(command, *words, *words)
+    result = run(*command.split(), *words, *words)
     assert result.exit_code == 2, result.output
     *_, line = result.stderr.strip().splitlines()
     assert line == f"Error: {option.opts[-1]} is given twice. Pass it once."
     second = (option.secondary_opts or option.opts)[0]  # another spelling is the same option
-    assert run(command, *words, second, *values).exit_code == 2
+    assert run(*command.split(), *words, second, *values).exit_code == 2
 
 
 @pytest.mark.parametrize(("command", "option"), [one for one in OPTIONS if one.values[1].name in ("seed", "threads")])
@@ -242,7 +241,7 @@ def test_remedies_say_pass_and_not_give():
 @pytest.mark.medium
 def test_messages_have_no_words_of_python():
     """All texts of the package, with the options of all commands."""
-    every = {one.name: one for name in list(cli.main.commands) for one in cli.main.get_command(None, name).params}
+    every = {one.name: one for command in every_command().values() for one in command.params}
     everything = click.Command("all", params=list(every.values()))
     found = {}
     for one in messages():

@@ -16,7 +16,11 @@ def parsed(command):
     """Parse a command with all options, choices and numbers; its files need not exist."""
     name, *words = shlex.split(command, comments=True)
     with click.Context(cli.main, info_name="voxflat") as parent:
-        cli.main.get_command(parent, name).make_context(name, words, parent)
+        command = cli.main.get_command(parent, name)
+        if isinstance(command, click.Group):
+            name, *words = words
+            command = command.commands[name]
+        command.make_context(name, words, parent)
 
 
 @pytest.mark.parametrize("page", PAGES)

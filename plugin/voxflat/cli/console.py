@@ -69,7 +69,7 @@ class Program(cloup.Group):
         except Exception as error:
             if "--debug" in arguments:
                 _print(traceback.format_exc().rstrip())
-            text = in_options(user_message(error), self.commands.get(next(iter(arguments), "")), self)
+            text = in_options(user_message(error), self._named(arguments), self)
             _print(f"voxflat: error: {text}")
             status = _failed(arguments, text, 1)
         return status if isinstance(status, int) else 0
@@ -80,9 +80,16 @@ class Program(cloup.Group):
             return None
         module = importlib.import_module(f"voxflat.cli.commands.{self.modules[cmd_name]}")
         command: click.Command = getattr(module, f"{cmd_name.replace('-', '_')}_command")
-        command.context_settings = {**self.context_settings, **command.context_settings}  # accept -h in all parsers
+        for parser in (command, *(command.commands.values() if isinstance(command, Group) else ())):
+            parser.context_settings = {**self.context_settings, **parser.context_settings}  # accept -h everywhere
         self.commands[cmd_name] = command
         return command
+
+    def _named(self, arguments: list[str]) -> click.Command | None:
+        """Return the command, or the command of a group, that arguments name."""
+        name, second = [*arguments, "", ""][:2]
+        command = self.commands.get(name)
+        return command.commands.get(second, command) if isinstance(command, Group) else command
 
     def flags(self) -> dict[str, str]:
         """Return the options of all commands, which are imported for this, by their names in Python."""
@@ -127,6 +134,10 @@ class Command(cloup.Command):
         """Run the command, and print its notes and warnings."""
         with _notes(bool(ctx.params.get("quiet"))):
             return super().invoke(ctx)
+
+
+class Group(cloup.Group):
+    """Command with commands of its own."""
 
 
 def _ignore_interrupts() -> None:

@@ -10,6 +10,7 @@ from voxflat._core import __version__
 from voxflat.cli.console import Program
 
 COMMANDS = {
+    "bench": ("bench", "Compare flat maps made by any tool on the surfaces of a public benchmark."),
     "bids": ("study", "Flatten all participants of a study (BIDS App)."),
     "check": ("surfaces", "Check whether a surface can be flattened."),
     "cite": ("about", "Print a paragraph for the methods section of a paper, with references."),
