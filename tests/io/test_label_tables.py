@@ -34,6 +34,16 @@ def test_gifti(tmp_path):
     assert found.colours == dict(zip((0, 10, 20), COLOURS, strict=True))
 
 
+def test_the_empty_table_of_values_is_none(tmp_path):
+    def stub(image):
+        image.labeltable.labels.append(nib.gifti.GiftiLabel(0, 1, 1, 1, 0))
+        image.labeltable.labels[0].label = "???"
+
+    values, labels = np.array([0.5, -3.0], "f4"), np.array([0, 4], "i4")
+    assert own_table(gifti(tmp_path / "lh.depth.shape.gii", [(values, "shape")], stub)) is None
+    assert own_table(gifti(tmp_path / "lh.areas.label.gii", [(labels, "label")], stub)).names == {0: "???"}
+
+
 def test_cifti_has_a_table_for_each_map(tmp_path):
     axes = nib.cifti2.cifti2_axes
     tables = [{0: ("???", (0, 0, 0, 0)), 3: ("V1", (1.0, 0.2, 0.0, 1.0))}, {3: ("other", (0.0, 0.0, 1.0, 1.0))}]

@@ -19,6 +19,7 @@ from voxflat._napari.results.maps import map_layers, page_layers
 from voxflat._napari.results.session import Session
 from voxflat.arguments import Progress
 from voxflat.errors import Cancelled, InputError
+from voxflat.evaluation.given_map import load
 from voxflat.maps.flat_map import FlatMap
 from voxflat.methods import METHODS, Method
 from voxflat.pipeline.series import flatten_series
@@ -48,6 +49,7 @@ class Job:
     radius: float | None = None
     polygon: NDArray[np.float64] | None = None  # (k, 3), RAS+ mm: corners, which are moved to the nearest vertices
     pial: LayerMesh | None = None
+    flat: LayerMesh | None = None  # the flat map of another tool, which is shown instead of making a map
     options: Mapping[str, Any] = field(default_factory=dict)  # options of the method and of `Surface.flatten`
     pixel_size: float | None = None  # mm
     shown: Shown | None = None
@@ -69,6 +71,9 @@ class Job:
 
     def _flatten(self, progress: Progress) -> FlatMap:
         pial = None if self.pial is None else self.pial.read()
+        if self.flat is not None:
+            whole = surface_of(self.surface, progress, pial=pial)
+            return load(self.flat.read(), surface=whole, progress=progress)._measured(progress)
         foreground: dict[str, Any] = {"label": self.label, "threshold": self.threshold, "rim": self.rim, "pial": pial}
         part = surface_of(self.surface, progress, **foreground)
         method, drop, how = self.split()

@@ -122,6 +122,10 @@ class _Script:
             return
         pial = None if job.pial is None else _Code(self._surface(job.pial, "pial"))
         self._whole(job, pial=pial)
+        if job.flat is not None:
+            self._call("flat_map", "voxflat.load", self._surface(job.flat, "flat"), {"surface": _Code("surface")})
+            self._result("flat_map", job.shown, job.pixel_size)
+            return
         method, drop, how = job.split()
         if how.get("sphere") == OWN_REGISTRATION:
             self._lines.append("sphere = surface.register()")

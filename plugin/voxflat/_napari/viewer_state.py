@@ -25,6 +25,7 @@ from voxflat._napari.results.outputs import is_drawn
 from voxflat._napari.results.session import Session, session_of
 from voxflat._napari.results.sketch import Sketch, Sketches
 from voxflat._napari.scripts import OpenedFile
+from voxflat._napari.worker import JobWorker
 from voxflat.atlases.atlas import Atlas
 from voxflat.io.files import SAVED_ENDINGS
 from voxflat.maps.flat_map import FlatMap
@@ -79,6 +80,7 @@ class ViewerState:
         self.settings: dict[str, Mapping[str, Any]] = {}  # of the forms in docks that were closed
         self.opened: Run | None = None  # the run of the last opened map, until its settings are restored
         self.keeps_earlier = False  # whether earlier runs are kept when a new one is added
+        self.loading: dict[JobWorker, str] = {}  # tasks that load maps, and the files of the maps
 
     @classmethod
     def of(cls, viewer: Viewer) -> "ViewerState":
@@ -103,19 +105,20 @@ class ViewerState:
 
     @property
     def is_settled(self) -> bool:
-        """Whether the layer list contains all layers of the runs, and no layers of removed runs."""
-        return all(listed.is_settled for listed in self._runs.values())
+        """Whether the layer list has all layers of the runs, and none of removed runs, and no map is being loaded."""
+        return not self.loading and all(listed.is_settled for listed in self._runs.values())
 
-    def add(self, run: Run) -> None:
+    def add(self, run: Run, *, keeps_earlier: bool = False) -> None:
         """Make a run the current one, and add its layers.
 
-        Other runs are removed unless `keeps_earlier` is set or the user has drawn or painted on their maps.
+        Other runs are removed unless `keeps_earlier` is set, here or for all runs, or the user has drawn or painted on
+        their maps.
         """
         viewer = self._viewer()
         assert viewer is not None
         self.adding.emit()
         free: list[Layer] = []
-        if not self.keeps_earlier:
+        if not (keeps_earlier or self.keeps_earlier):
             dropped = [one for one in self._runs if not self._is_drawn_on(one)]
             free = [layer for earlier in dropped for layer in self._runs.pop(earlier).hand_over()]
             self._over.update({layer: run for layer, earlier in self._over.items() if earlier in dropped})

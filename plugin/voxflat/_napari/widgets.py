@@ -246,6 +246,7 @@ class FlattenSurface(FlattenWidget):
     def __init__(self, napari_viewer: Viewer) -> None:
         super().__init__(napari_viewer, SurfaceForm(napari_viewer), MapPanel(), "Flatten surface")
         ViewerState.of(napari_viewer).flatten_requested.connect(self._on_flatten_requested)
+        self.form.action_changed.connect(self.start.setText)
         self.form.plan.refused.connect(self._on_refused)
         self._on_refused(self.form.plan.is_refused)
 

@@ -20,6 +20,7 @@ from voxflat.io.formats import gifti
 from voxflat.io.formats.freesurfer import annot_table, read_label
 from voxflat.io.objects import is_gifti
 
+_LABEL = 1002  # NIFTI_INTENT_LABEL; Workbench also writes an empty table, with the label "???", for other values
 _NO_NAMES = {"", "???", "unknown", "none", "background", "clear label"}
 
 
@@ -93,7 +94,8 @@ def own_table(labels: object, channel: int = 0) -> LabelTable | None:
 def _of_image(image: Any, channel: int) -> LabelTable | None:
     if is_gifti(image):
         table = _table((e.key, e.label, _bytes([e.red, e.green, e.blue])) for e in image.labeltable.labels)
-        return table if table.names else None
+        is_label = any(part.intent == _LABEL for part in image.darrays)
+        return table if table.names and (is_label or any(map(table.is_region, table.names))) else None
     if not is_cifti(image) or not hasattr(axis := image.header.get_axis(0), "label"):
         return None
     labels = axis.label[min(channel, len(axis) - 1)]

@@ -170,11 +170,15 @@ def _show_slices(viewer: Viewer) -> None:
 
 
 def _show_surfaces(viewer: Viewer, layers: list[LayerData]) -> None:
-    """Show the first surface laterally; hide inflated surfaces and spheres if others are in anatomical position."""
+    """Show the first surface laterally, or a flat one from above.
+
+    Inflated surfaces, spheres and flat maps are hidden if others are in anatomical position.
+    """
     from qtpy.QtCore import QTimer
 
     from voxflat._napari.layers.meshes import is_elsewhere
-    from voxflat._napari.map_viewer.viewer_parts import is_right, look_from_side
+    from voxflat._napari.map_viewer.viewer_parts import is_right, look_from_above, look_from_side
+    from voxflat.maps.matching import is_flat
 
     elsewhere = [keywords for _, keywords, _ in layers if is_elsewhere(keywords.get("name", ""))]
     if any(layer.visible and not is_elsewhere(layer.name) and not _is_of_map(layer) for layer in viewer.layers):
@@ -186,6 +190,9 @@ def _show_surfaces(viewer: Viewer, layers: list[LayerData]) -> None:
     for layer in viewer.layers:
         layer.visible = layer.visible and not is_elsewhere(layer.name)
     data, keywords, _ = layers[0]
+    if is_flat(np.asarray(data[0])[np.unique(data[1])]):
+        QTimer.singleShot(0, partial(look_from_above, viewer))
+        return
     right = is_right(data[0], keywords.get("metadata", {}).get("structure"))
     QTimer.singleShot(0, partial(look_from_side, viewer, right=right))  # after the layer is added
 

@@ -6,7 +6,7 @@ from typing import TypeVar
 
 from voxflat._napari.files.late_stacks import follow_stacks
 from voxflat._napari.layers.volumes import TimeAxis, time_axis
-from voxflat._napari.results.flat_layers import MAPS, LayerData, MovieMaps, hidden
+from voxflat._napari.results.flat_layers import MAPS, FlatLayers, LayerData, MovieMaps, hidden
 from voxflat._napari.results.maps import map_layers, page_layers
 from voxflat._napari.results.session import Session, session_of
 from voxflat._napari.stacks import stack_of
@@ -25,8 +25,12 @@ def map_layers_of(path: Path) -> list[LayerData]:
 
 def opened_layers(flat_map: FlatMap, path: Path) -> list[LayerData]:
     """Return the layers of a flat map that was opened from a file."""
-    flat_map = _in_session(flat_map, path)
-    return [hidden(layer) for layer in map_layers(flat_map, path.stem).layers]
+    return [hidden(layer) for layer in drawn_map(flat_map, path).layers]
+
+
+def drawn_map(flat_map: FlatMap, path: Path) -> FlatLayers:
+    """Draw a flat map that was opened from a file."""
+    return map_layers(_in_session(flat_map, path), path.stem)
 
 
 def movie_layers_of(path: Path) -> list[LayerData]:

@@ -44,6 +44,7 @@ class _Asked:
     radius: float
     has_pial: bool
     goes_on: bool
+    given: str | None = None  # the layer of a flat map that is shown as it is
     frame: tuple[int, int, bool] | None = None  # of a movie: the displayed one, their number, whether all are flattened
     label: int | None = None
     threshold: float | None = None
@@ -146,6 +147,8 @@ class Plan(QLabel):
 
 
 def _steps(asked: _Asked) -> list[str]:
+    if asked.given is not None:
+        return [f"Shows the flat map '{asked.given}' of this surface. No point is moved."]
     unit = unit_of(asked.layer)
     part = _PARTS[asked.part].format(radius=asked.radius, unit=unit)
     if asked.method == "grossmann2002":
@@ -188,7 +191,7 @@ def _cutting(asked: _Asked) -> str:
 
 
 def _expected(asked: _Asked, count: int | None) -> list[str]:
-    if count is None:
+    if count is None or asked.given is not None:
         return []
     points = f"{float(f'{count:.2g}'):,.0f}\u00a0points"
     if asked.method != "voxflat" or asked.part != "whole":

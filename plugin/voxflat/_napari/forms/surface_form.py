@@ -4,10 +4,11 @@ import zlib
 from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
 from napari import Viewer
 from napari.layers import Image, Labels, Layer, Points, Shapes, Surface
 from numpy.typing import NDArray
-from qtpy.QtCore import Qt
+from qtpy.QtCore import Qt, Signal  # type: ignore[attr-defined]  # qtpy makes it of pyqtSignal
 from qtpy.QtWidgets import QCheckBox, QDoubleSpinBox
 from superqt import QCollapsible
 
@@ -29,6 +30,7 @@ from voxflat._napari.results.flat_layers import SingleFrame
 from voxflat._napari.viewer_state import DrawnCuts
 from voxflat.errors import InputError
 from voxflat.maps.flat_map import FlatMap
+from voxflat.maps.matching import is_flat
 from voxflat.methods import METHODS
 
 _RADIUS = 45.0  # mm, as in the README
@@ -36,13 +38,26 @@ _METHODS = {name: name for name in METHODS}  # the summaries, which are wider th
 _FRAMES = {"all": "all, on one map", "one": "displayed frame"}
 _PARTS = {"whole": "whole surface", "disk": "disk around a point", "polygon": "within a polygon"}
 _PARTS |= {"mask": "within a mask", "values": "nonzero values"}
-_SETTINGS = ("pixel_size", "frames", "pial", "patch", "radius", "seed", "polygon", "masked_by", "method", "options")
+_SETTINGS = (
+    "pixel_size",
+    "frames",
+    "pial",
+    "flat",
+    "patch",
+    "radius",
+    "seed",
+    "polygon",
+    "masked_by",
+    "method",
+    "options",
+)
 
 
 class SurfaceForm(LayerForm):
     """Lets the user choose a surface to flatten and the options; `job` returns these choices."""
 
     _settings = (*LayerForm._settings, *_SETTINGS)
+    action_changed = Signal(str)  # emitted with what the form does: the text of the button
 
     def __init__(self, viewer: Viewer) -> None:
         super().__init__(viewer)
@@ -51,16 +66,18 @@ class SurfaceForm(LayerForm):
         part = (("Part", self.patch), *disk, ("Polygon", self.polygon), ("Mask", self.masked_by))
         display = (("Show on map", self.sampled), ("at depth", self.sample_depth))
         making = (("Method", self.method), ("Continue", self.continues), ("World axes", self.world))
-        self._add_rows(("Frames", self.frames), ("Pial surface", self.pial), *part, *display, *making)
-        advanced = QCollapsible("Advanced", expandedIcon="▾", collapsedIcon="▸")
-        advanced.addWidget(self.options)
-        self._rows.addRow(advanced)
+        surfaces = (("Pial surface", self.pial), ("Flat map", self.flat))
+        self._add_rows(("Frames", self.frames), *surfaces, *part, *display, *making)
+        self._advanced = QCollapsible("Advanced", expandedIcon="▾", collapsedIcon="▸")
+        self._advanced.addWidget(self.options)
+        self._rows.addRow(self._advanced)
         self._rows.addRow(self.plan)
         self.patch.currentIndexChanged.connect(self._on_patch)
         self.method.currentIndexChanged.connect(self._on_method)
         self.frames.currentIndexChanged.connect(self._on_frames)
         for layers in (self.pial, self.polygon, self.masked_by, self.sampled):
             layers.chosen.connect(self._update_plan)
+        self.flat.chosen.connect(self._on_flat)
         changes = (self.label.currentIndexChanged, self.options.changed, self.threshold.box.valueChanged)
         for change in (*changes, self.radius.valueChanged, self.continues.toggled):
             change.connect(self._update_plan)
@@ -78,6 +95,11 @@ class SurfaceForm(LayerForm):
         self.frames = choice(_FRAMES, tip)
         self.pial = LayerChoice(viewer, self._pial_rank, none="none")
         self.pial.setToolTip("The pial surface of a white surface. Distances are measured midway between the two")
+        self.flat = LayerChoice(viewer, self._flat_rank, none="none (make a map)")
+        self.flat.setToolTip(
+            "A flat map of the surface that another program made, with the same vertices. It is shown as it is, and no "
+            "new map is made"
+        )
         tip = "The part to flatten. Closed surfaces are cut open. Small parts are less distorted"
         self.patch = choice(_PARTS, tip)
         self.seed = SeedChoice(viewer, self._inside)
@@ -110,7 +132,6 @@ class SurfaceForm(LayerForm):
         show_row(self._rows, self.frames, _is_movie(layer))
         if is_series:
             self.patch.setCurrentIndex(self.patch.findData("whole"))
-        show_row(self._rows, self.patch, not is_series)
         offer(self.method, _METHODS, "grossmann2002", not is_mesh)
         for name, method in METHODS.items():
             self.method.setItemData(self.method.findData(name), method.summary, Qt.ItemDataRole.ToolTipRole)
@@ -119,10 +140,25 @@ class SurfaceForm(LayerForm):
         self.pial.refresh()
         self.masked_by.refresh()
         show_row(self._rows, self.pial, is_mesh and self.pial.count() > 1)
+        self.flat.refresh()
+        show_row(self._rows, self.flat, is_mesh and self.flat.count() > 1)
         self.seed.set_surface(None if is_series else layer)
         self.options.offer_drawn(self._state.cuts_of(layer))
+        self._on_flat()
+
+    def _on_flat(self) -> None:
+        """Hide the options of a new map while a flat map is chosen."""
+        makes = self.flat.layer is None
+        show_row(self._rows, self.method, makes)
+        self._advanced.setVisible(makes)
         self._offer_to_go_on()
-        self._update_plan()
+        self._on_patch()
+        self.action_changed.emit(self.action)
+
+    @property
+    def action(self) -> str:
+        """What the form does."""
+        return "Flatten surface" if self.flat.layer is None else "Show flat map"
 
     def _use_declared_size(self) -> None:
         """Give the layer the voxel size in its file."""
@@ -154,10 +190,12 @@ class SurfaceForm(LayerForm):
         self.radius.setSuffix(f" {unit}")
 
     def _on_patch(self) -> None:
-        part = self.patch.currentData()
+        part, layer = self.patch.currentData(), self.surface.layer
+        makes = self.flat.layer is None
+        show_row(self._rows, self.patch, makes and (layer is None or layer.ndim == 3))
         fields = {self.seed: "disk", self.radius: "disk", self.polygon: "polygon", self.masked_by: "mask"}
         for field, own in fields.items():
-            show_row(self._rows, field, part == own)
+            show_row(self._rows, field, makes and part == own)
         self._update_plan()
 
     def _on_method(self) -> None:
@@ -173,7 +211,7 @@ class SurfaceForm(LayerForm):
 
     def _map_to_go_on_from(self) -> FlatMap | None:
         is_known = takes(self.method.currentData(), "start")
-        is_single = is_known and not self._flattens_all
+        is_single = is_known and not self._flattens_all and self.flat.layer is None
         return self._state.map_of(self.surface.layer) if is_single else None
 
     def continue_from_shown_map(
@@ -231,6 +269,7 @@ class SurfaceForm(LayerForm):
             cuts=self.options.cuts,
             radius=self.radius.value(),
             has_pial=is_mesh and self.pial.layer is not None,
+            given=None if self.flat.layer is None else self.flat.layer.name,
             goes_on=self.continues.isChecked(),
             frame=frame,
             **({} if is_mesh else self._foreground(layer)),
@@ -249,6 +288,14 @@ class SurfaceForm(LayerForm):
             return None
         return int("pial" in layer.name and "pial" not in surface_name(white))  # values may lie on the pial surface
 
+    def _flat_rank(self, layer: Layer) -> int | None:
+        surface = self.surface.layer
+        if "voxflat" in layer.metadata or layer is surface or not isinstance(surface, Surface):
+            return None
+        if not isinstance(layer, Surface) or layer.ndim != 3 or len(layer.vertices) != len(surface.vertices):
+            return None
+        return 0 if is_flat(np.asarray(layer.vertices)[np.unique(layer.faces)]) else None
+
     def _mask_rank(self, layer: Layer) -> int | None:
         volume = self.surface.layer
         if "voxflat" in layer.metadata or not isinstance(layer, Labels) or layer is volume or volume is None:
@@ -263,10 +310,11 @@ class SurfaceForm(LayerForm):
         frames = self._frames(layer, surface) if self._flattens_all else None
         of_mesh: dict[str, Any] = {}
         if isinstance(surface, LayerMesh):
-            if self.patch.currentData() == "values":
+            if self.patch.currentData() == "values" and self.flat.layer is None:
                 of_mesh["keep"] = surface.kept()
             of_mesh["values"] = overlay(layer, surface) if vary(surface.values) else None
             of_mesh["pial"] = None if self.pial.layer is None else LayerMesh.of(self.pial.layer, world, unit_of(layer))
+            of_mesh["flat"] = None if self.flat.layer is None else LayerMesh.of(self.flat.layer, unit=unit_of(layer))
         self.threshold.preview.setChecked(False)
         self._waiting = None  # the user has chosen other settings
         return Job(
@@ -308,8 +356,10 @@ class SurfaceForm(LayerForm):
     def _part(self, layer: Layer, world: str) -> dict[str, Any]:
         """Return the arguments that select the part to flatten."""
         part = self.patch.currentData()
-        for chosen in (self.pial, self.seed, self.polygon, self.masked_by):
+        for chosen in (self.pial, self.flat, self.seed, self.polygon, self.masked_by):
             chosen.keep()  # not replaced by layers that are added later
+        if self.flat.layer is not None:
+            return {}
         if part == "disk":
             if self.seed.point is None:
                 raise InputError("There is no seed point. Click Pick, then click the surface, or choose another part")
@@ -330,7 +380,7 @@ class SurfaceForm(LayerForm):
         self._state.changed.disconnect(self._offer_to_go_on)
         self._viewer.dims.events.current_step.disconnect(self._on_step)
         self.plan.follow(None)
-        for followed in (self.seed, self.pial, self.polygon, self.masked_by):
+        for followed in (self.seed, self.pial, self.flat, self.polygon, self.masked_by):
             followed.release()
 
 

@@ -40,6 +40,13 @@ def look_from_side(viewer: Viewer, *, right: bool, world: str = "RAS") -> None:
     camera(viewer).set_view_direction(inwards, up)
 
 
+def look_from_above(viewer: Viewer) -> None:
+    """Turn the 3D view to a surface in the plane z = constant, with y upwards."""
+    _in_their_order(viewer)
+    viewer.reset_view()
+    camera(viewer).set_view_direction((0.0, 0.0, -1.0), (0.0, 1.0, 0.0))
+
+
 def is_right(points: NDArray[np.floating], structure: str | None) -> bool:
     """Return whether points in RAS belong to a right hemisphere, by its name or else by its position."""
     name = (structure or "").lower()
