@@ -56,6 +56,7 @@ def test_the_files_of_a_study_are_those_of_the_reference_page(lab):
     out = lab[0] / "maps"
     listed = re.findall(r"^\| `([\w-]+\.[a-z.]+)`", FILES, re.MULTILINE)
     names = {f"sub-01_hemi-{letter}_{name}" for letter in "LR" for name in listed}
+    names |= set(re.findall(r"`(sub-01_flat\.\w+)`", FILES))
     assert {path.name for path in (out / "sub-01" / "anat").iterdir()} == {n for n in names if "failure" not in n}
     header = (out / "group_desc-voxflat_measures.tsv").read_text().split("\n")[0].split("\t")
     table = FILES[FILES.index("| columns") :]

@@ -6,6 +6,7 @@ import shutil
 import signal
 import subprocess
 import sys
+from xml.etree import ElementTree
 
 import nibabel as nib
 import numpy as np
@@ -13,7 +14,10 @@ import pytest
 import studies
 from command_line import fail, succeed
 from lab_runs import FEW, VERTICES, everything
+from mesh_files import needs_workbench, workbench
+from nilearn.surface import load_surf_data, load_surf_mesh
 from numpy.testing import assert_allclose
+from PIL import Image
 from refusals import refused
 
 import voxflat
@@ -383,3 +387,62 @@ def test_a_killed_run_continues_with_the_same_results(made, tmp_path):
     for name in names:
         assert nib.load(whole / name).darrays[0].data.tobytes() == nib.load(tmp_path / name).darrays[0].data.tobytes()
     assert {path.name for path in tmp_path.rglob("*")} == {path.name for path in whole.rglob("*")}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["fmriprep_native", "fmriprep_fsLR", "hcp_native", "hcp_fsLR"])
+def test_the_spec_lists_all_files_and_the_scene_those_that_are_opened(made, name):
+    root, _ = made
+    anat = next((root / "out" / name).rglob("anat"))
+    (spec,), (scene,) = anat.glob("*.spec"), anat.glob("*.scene")
+    assert (spec.stem, spec.stem) == (scene.stem, next(anat.glob("*_hemi-L*_flat.npz")).stem.replace("_hemi-L", ""))
+    entries = {entry.text: entry.attrib for entry in ElementTree.parse(spec).iter("DataFile")}
+    paths = {(anat / text).resolve(): of for text, of in entries.items()}
+    assert all(path.is_file() for path in paths)
+    assert {path for path in paths if path.parent == anat} == set(anat.glob("*.gii"))
+    of_study = [path.name for path in paths if path.is_relative_to(root / name.partition("_")[0])]
+    for surface in ("white", "pial"):
+        assert len([file for file in of_study if re.search(rf"[_.]{surface}\.(.*\.)?surf\.gii$", file)]) == 2
+    assert len([file for file in of_study if file.endswith(".nii")]) == (2 if name == "fmriprep_fsLR" else 0)
+    for path, of in paths.items():
+        is_series = path.name.endswith(".dtseries.nii")
+        assert of["Selected"] == ("false" if is_series else "true")
+        letter = re.search(r"hemi-([LR])|\.([LR])\.", path.name)
+        sides = {"L": "CortexLeft", "R": "CortexRight"}
+        assert of["Structure"] == (sides[letter[1] or letter[2]] if letter else "Invalid")
+    opened = [of.text for of in ElementTree.parse(scene).iter("Object") if of.get("Name") == "fileName"]
+    assert opened == [text for text, of in entries.items() if of["Selected"] == "true"]
+
+
+@pytest.mark.slow
+@needs_workbench
+@pytest.mark.parametrize("name", ["fmriprep_native", "fmriprep_fsLR", "hcp_native", "hcp_fsLR"])
+def test_workbench_opens_every_file_and_draws_the_scene(made, name, tmp_path):
+    root, _ = made
+    anat = next((root / "out" / name).rglob("anat"))
+    for path in sorted(anat.glob("*.gii")):
+        assert "Structure" in workbench("-file-information", path)
+        assert len(load_surf_mesh(path).coordinates if path.name.endswith(".surf.gii") else load_surf_data(path))
+    (spec,), (scene,) = anat.glob("*.spec"), anat.glob("*.scene")
+    count = len(list(ElementTree.parse(spec).iter("DataFile")))
+    assert len(re.findall(r"\.(?:gii|nii) ", workbench("-file-information", spec))) == count
+    workbench("-spec-file-merge", spec, spec, tmp_path / "merged.spec")
+    workbench("-show-scene", scene, "1", tmp_path / "scene.png", "600", "300")
+    pixels = np.asarray(Image.open(tmp_path / "scene.png").convert("RGB")).astype(float)
+    for half in (pixels[:, :300], pixels[:, 300:]):  # the left and the right map on black
+        assert 0.3 < (half.max(axis=2) > 40).mean() < 0.95
+        shown = half[half.max(axis=2) > 40]
+        assert shown.std(axis=0).max() > 20  # values, not a uniform surface
+
+
+@pytest.mark.slow
+def test_a_lost_spec_is_written_again(made, tmp_path):
+    root, _ = made
+    out = shutil.copytree(root / "out" / "hcp_native", tmp_path / "out")
+    before = everything(out)
+    (spec,) = out.glob("sub-100002/anat/*.spec")
+    text = spec.read_text()
+    spec.unlink()
+    succeed("bids", root / "hcp", out, "participant")
+    assert spec.read_text().count("<DataFile") == text.count("<DataFile")
+    assert before.keys() == everything(out).keys()

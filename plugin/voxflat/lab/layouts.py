@@ -232,6 +232,12 @@ class Finder:
                 return found[0]
         return None
 
+    def all(self, name: str) -> list[Path]:
+        """Return all files of a name that the layout defines."""
+        if name not in self.layout.files:
+            return []
+        return [path for pattern in self._patterns(name) for path in self._matching(pattern)]
+
     def needed(self, name: str) -> Path:
         """Return the file of a name; raise an InputError if it is missing."""
         if (path := self.one(name)) is not None:

@@ -29,10 +29,11 @@ from voxflat.lab.freshness import (
     write_text,
 )
 from voxflat.lab.inputs import Hemisphere, Parameters, Participant, check_given, found_in
-from voxflat.lab.layouts import FREESURFER, HEMISPHERES, Layout
+from voxflat.lab.layouts import FREESURFER, HEMISPHERES, Finder, Layout
 from voxflat.lab.results import MEASURES, LoadedResults, Results, read_record
 from voxflat.lab.sidecars import SOURCE
 from voxflat.lab.subject import make
+from voxflat.lab.workbench import write_workbench
 
 BIDS_VERSION = "1.10.0"
 
@@ -47,6 +48,8 @@ _IGNORED = """\
 *_flat.json
 *_flat.npz
 desc-voxflat_*.json
+*_flat.spec
+*_flat.scene
 *_failure.json
 *.html
 group_*
@@ -79,6 +82,7 @@ class Job:
     results: Callable[[str], Results]  # return the output files of a hemisphere, lh or rh
     page: Path  # the report
     source: Path | None = None  # directory of the study
+    scene: Path | None = None  # spec and scene of Workbench, without the ending; None for FreeSurfer directories
 
     @classmethod
     def of(cls, person: Participant, out: Path) -> "Job":
@@ -90,7 +94,8 @@ class Job:
             return Results.in_bids(folder, person.name, HEMISPHERES[hemi][0], mesh)
 
         page = out / f"{person.name}{mesh}.html"
-        return cls(person.name, person.folder, person.layout, results, page, person.source)
+        scene = folder / f"{person.name}{mesh}_flat"
+        return cls(person.name, person.folder, person.layout, results, page, person.source, scene)
 
     def request(self, hemi: str, parameters: Parameters) -> tuple[Hemisphere, Request]:
         """Return the input files of a hemisphere and everything that determines its results."""
@@ -102,6 +107,15 @@ class Job:
         if self.folder is None:
             raise InputError(NO_FILES)
         return replace(found_in(self.folder, hemi, parameters, self.layout), source=self.source)
+
+    def write_workbench(self, hemis: Sequence[str]) -> None:
+        """Write the spec and the scene of the hemispheres with a map, unless Workbench cannot open them."""
+        if self.folder is None or self.layout is None or not hemis or self.scene is None:
+            return
+        results = {hemi: self.results(hemi) for hemi in hemis}
+        if not any(read_record(files.record)["parameters"]["volume"] for files in results.values()):
+            found = {hemi: (files, Finder(self.folder, hemi, self.layout)) for hemi, files in results.items()}
+            write_workbench(self.scene, found)
 
     def changed(self, hemi: str, record: Mapping[str, Any]) -> tuple[str, ...]:
         """Return the inputs that changed since a hemisphere was flattened, or why they cannot be read."""
@@ -289,6 +303,7 @@ def _report(job: Job, outcomes: Sequence[Outcome]) -> list[Outcome]:
 
             results = {hemi: LoadedResults.read(job.results(hemi)) for hemi in _with_map(job, outcomes)}
             write_page(job.page, subject_page(job.name, results, _failures(outcomes)))
+        job.write_workbench(_with_map(job, outcomes))
     except Cancelled:
         raise
     except Exception as error:  # one participant never stops the others
