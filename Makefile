@@ -5,7 +5,7 @@ SHELL := /bin/bash
 
 # uv from the PATH, or in a separate virtual environment
 UV := $(shell command -v uv || echo $(CURDIR)/.tools/bin/uv)
-RUN := $(UV) run --locked --all-extras
+RUN := $(UV) run --locked --all-extras --no-extra bench
 unexport PYTHONDONTWRITEBYTECODE # otherwise all modules are compiled again in each process
 PYTEST := $(RUN) pytest -q -n logical --maxprocesses 4 --dist worksteal --durations 10
 # Xvfb if there is no display
@@ -20,7 +20,7 @@ help: ## list the targets
 
 setup: ## install everything that the other targets need
 	@.ci/setup $(UV) development
-	@$(UV) sync --locked --all-extras --inexact --quiet
+	@$(UV) sync --locked --all-extras --no-extra bench --inexact --quiet
 
 demo: ## flatten a hemisphere of human cortex into demo/
 	@.ci/setup $(UV) demo
@@ -65,7 +65,7 @@ bench: setup ## compare the speed of distances with navis-fastcore and scipy
 	$(RUN) python docs/benchmarks/rows.py
 
 bench-distances: setup ## compare the accuracy of distances with targets and other tools (half an hour)
-	$(RUN) --group bench python docs/benchmarks/distances.py
+	$(UV) run --locked --all-extras --group bench python docs/benchmarks/distances.py
 
 PUBLISHED := .tools/published
 
@@ -73,10 +73,10 @@ $(PUBLISHED):
 	$(UV) pip install --quiet --no-deps --target $@ suitpy==2.1.2 HippoMaps==0.1.17
 
 bench-flatten: setup $(PUBLISHED) ## compare maps with published ones, ARAP, SLIM and autoflatten; growth (long)
-	$(RUN) --group bench python docs/benchmarks/maps.py --suit $(PUBLISHED)
+	$(UV) run --locked --all-extras --group bench python docs/benchmarks/maps.py --suit $(PUBLISHED)
 
 bench-developable: setup ## compare maps of developable surfaces with ARAP, SLIM and saucan2006 (long)
-	PYTHONPATH=tests/helpers $(RUN) --group bench python docs/benchmarks/developable.py
+	PYTHONPATH=tests/helpers $(UV) run --locked --all-extras --group bench python docs/benchmarks/developable.py
 
 bench-surfaces: setup ## repair real anatomy; compare areal distortion with Workbench
 	$(RUN) python docs/benchmarks/surfaces.py

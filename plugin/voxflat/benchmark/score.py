@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from voxflat import _core
 from voxflat._core import __version__
 from voxflat.benchmark.fetch import sha256
 from voxflat.benchmark.manifest import Entry
@@ -18,17 +19,16 @@ from voxflat.benchmark.measures import (
     triangle_measures,
 )
 from voxflat.benchmark.prepare import Prepared, load
+from voxflat.benchmark.tools import GIVEN
 from voxflat.benchmark.truth import Truth, distances, load_truth
 from voxflat.distortion.bands import usual_bands
 from voxflat.distortion.figures import json_ready
 from voxflat.errors import InputError
+from voxflat.evaluation.charts import charts_of
 from voxflat.io.files import REMEDY, atomic_path, from_json, naming
 from voxflat.maps.matching import match
 
 FORMAT = "voxflat-benchmark-result 1"
-GIVEN, FREE = "given", "free"
-"""The tracks: maps along given cuts, and maps whose tool cut the surface itself."""
-
 RUN = "run.json"
 """The file beside the maps that tells which tool made them, and what each of them cost."""
 
@@ -113,7 +113,7 @@ def read_map(path: Path) -> object:
 def measure(made: Prepared, truth: Truth, flat: object, track: str) -> dict[str, Any]:
     """Return the measures of a map and their standard errors."""
     of_cut = track == GIVEN
-    matched = match(made.cut if of_cut else made.uncut, flat)
+    matched = match(made.cut if of_cut else made.uncut, _separated(made.points if of_cut else made.uncut_points, flat))
     if len(np.unique(matched.uv, axis=0)) < 3:
         raise InputError("all vertices of the map are at the same position. Pass a flat map")
     vertices = made.vertices[matched.vertices] if of_cut else matched.vertices  # of the uncut surface
@@ -130,9 +130,16 @@ def measure(made: Prepared, truth: Truth, flat: object, track: str) -> dict[str,
     measures |= {f"uncut_{name}": value for name, value in whole.items()}
     errors |= {f"uncut_{name}": value for name, value in whole_errors.items()}
     measures |= triangle_measures(matched.core, matched.uv, measures["scale"])
+    charts = [flat for flat, _ in charts_of(matched)]
+    if len(charts) > 1:  # each of them may be mirrored
+        of_charts = [triangle_measures(chart.core, chart.uv, 1.0) for chart in charts]
+        areas = np.array([chart.core.area for chart in charts])
+        measures["flipped"] = sum(found["flipped"] for found in of_charts)
+        measures["flipped_share"] = float(np.average([found["flipped_share"] for found in of_charts], weights=areas))
     measures |= others_distance_measures(rows, flat_rows, faces, first)
     total = len(made.points) if of_cut else len(made.uncut_points)
     measures |= {
+        "charts": len(charts),
         "vertices_lost": int(total - len(np.unique(matched.vertices))),
         "sources": len(first),
         "within_charts": float(np.isfinite(rows).mean()),
@@ -140,6 +147,18 @@ def measure(made: Prepared, truth: Truth, flat: object, track: str) -> dict[str,
     }
     shown = {"near": bands[1], "far": bands[3], "unit": made.unit}
     return {"measures": measures, "standard_errors": errors, "bands": shown}
+
+
+def _separated(points: NDArray[np.float64], flat: object) -> object:
+    """Return a map in which parts that touch at a vertex have a vertex each, as charts of some tools do not have."""
+    if not isinstance(flat, tuple) or len(flat) < 3:
+        return flat
+    uv, faces, vertices = (np.asarray(part) for part in flat)
+    is_there = vertices.dtype.kind in "iu" and 0 <= vertices.min(initial=0) <= vertices.max(initial=0) < len(points)
+    if not is_there or len(uv) != len(vertices):
+        return flat  # `match` tells what is wrong
+    core, _ = _core.Surface.from_triangles(points[vertices], faces.astype(np.int64), mend=True)
+    return uv[core.ids], core.faces, vertices[core.ids]
 
 
 def _sources_in(vertices: NDArray[np.int64], sources: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:

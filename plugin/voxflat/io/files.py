@@ -64,6 +64,7 @@ _LAB = ("distributed", "h5py", "imageio_ffmpeg", "itk", "nilearn", "svgelements"
 EXTRAS = {
     **dict.fromkeys(("napari", "qtpy", "superqt"), "napari"),
     **dict.fromkeys(("pyvista", "vtkmodules"), "pyvista"),
+    **dict.fromkeys(("autoflatten", "igl", "pygeodesic", "pymeshlab", "uvunwrap"), "bench"),
     **dict.fromkeys(_LAB, "lab"),
 }
 """Optional packages, keyed by import name, with the extra that installs each of them."""

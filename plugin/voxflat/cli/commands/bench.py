@@ -11,11 +11,14 @@ import cloup
 
 from voxflat.benchmark.fetch import fetch
 from voxflat.benchmark.manifest import Entry, chosen
-from voxflat.benchmark.score import FREE, GIVEN, save_result, score
+from voxflat.benchmark.run import checked_tools, run
+from voxflat.benchmark.score import save_result, score
+from voxflat.benchmark.tools import FREE, GIVEN, PUBLISHED, TOOLS
 from voxflat.benchmark.truth import truth
 from voxflat.cli import options
 from voxflat.cli.console import Group
 from voxflat.cli.output import check_output, report
+from voxflat.cli.parameter_options import option_of
 
 _Command = TypeVar("_Command", bound=Callable[..., Any])
 
@@ -138,6 +141,43 @@ def score_command(data: Path, maps: Path, surfaces: tuple[str, ...], quick: bool
     report(result, "\n".join([*lines, *_listed(result["missing"]), f"saved as {output}"]))
 
 
+@options.command(
+    "run",
+    "voxflat bench run data --tools voxflat,arap,slim -o maps --quick",
+    "voxflat bench run data --track free -o maps",
+)
+@_data
+@_choice
+@options.section(
+    "Maps",
+    options.value(
+        "--tools", "NAME[,NAME...]", f"Tools to run: {', '.join(TOOLS)} or {PUBLISHED}.  [default: all]", default="all"
+    ),
+    _track,
+    option_of(run, "limit", type=options.POSITIVE, metavar="S", help="Maximum time per map, in seconds."),
+)
+@options.section(
+    "Output",
+    options.value(
+        "-o", "OUT", "Write the maps and results to this directory.", "--output", type=_FOLDER, required=True
+    ),
+    options.as_json,
+)
+@options.run()
+def run_command(
+    data: Path, surfaces: tuple[str, ...], quick: bool, tools: str, track: str, limit: float, output: Path
+) -> None:
+    """Make maps with tools that are installed, and score them.
+
+    Each map is made in a process of its own, one after the other. OUT/TRACK/TOOL contains the maps, and
+    OUT/TRACK-TOOL.json the result. Maps that are already there are kept. Surfaces for which a tool makes no map are
+    listed in the result with the reason. Install the tools with pip install 'voxflat[bench]'.
+    """
+    names = checked_tools(tools, track)
+    results = run(data, output, names, track, _ready(data, chosen(surfaces, quick=quick)), limit, _tell)
+    report({"results": [str(path) for path in results]}, "\n".join(f"saved as {path}" for path in results))
+
+
 def _scored(name: str, measures: dict[str, Any]) -> str:
     errors = "relative_error", "relative_error_30mm", "relative_error_10mm"
     shown = (f"{100 * measures[key]:.2f}" for key in errors)
@@ -154,5 +194,5 @@ def _listed(missing: dict[str, str]) -> list[str]:
     return [f"missing: {name}: {reason}" for name, reason in missing.items()]
 
 
-for _command in (list_command, fetch_command, truth_command, score_command):
+for _command in (list_command, fetch_command, truth_command, run_command, score_command):
     bench_command.add_command(_command)
