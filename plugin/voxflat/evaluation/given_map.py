@@ -7,7 +7,6 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from voxflat import _core
 from voxflat.arguments import Progress, checked_threads, log
@@ -17,6 +16,7 @@ from voxflat.distortion.later import MeasuredLater
 from voxflat.errors import InputError
 from voxflat.evaluation.charts import charts_of
 from voxflat.evaluation.measure import measured_maps
+from voxflat.evaluation.sides import is_mirrored, other_side
 from voxflat.io.files import REMEDY, SAVED_ENDINGS, naming
 from voxflat.io.meshes import is_mesh_name
 from voxflat.io.origin import MeshOrigin
@@ -25,7 +25,7 @@ from voxflat.io.provenance import described, record_of
 from voxflat.io.reading import reading
 from voxflat.maps.flat_map import GIVEN, FlatMap, load_saved
 from voxflat.maps.map_cuts import own_seams
-from voxflat.maps.matching import NOT_A_MAP, Matched, check_flat, is_flat, loaded, match, mesh_of_map
+from voxflat.maps.matching import NOT_A_MAP, Matched, check_flat, is_flat, loaded, match, mesh_of_map, turns
 from voxflat.maps.surface_points import PASS_SURFACE
 from voxflat.methods.common import (
     MUCH,
@@ -174,7 +174,10 @@ def _on_surface(
             f"{count} of {whole.count} vertices coincide with others on the surface, but not on the map. They keep "
             "their positions, but triangles are drawn at the positions of the others"
         )
-    if is_mirrored := not is_own and bool(_turns(flat.uv, flat.core.faces).sum() < 0):
+    inside = not is_own and is_mirrored(flat)
+    if text := "" if is_own else other_side(whole, flat):
+        warnings.append(text)
+    elif inside:
         warnings.append(_FROM_INSIDE)
     scale = triangles.equal_area_scale
     if not is_own and abs(np.log2(scale)) > _OTHER_SCALE:  # as in texture coordinates, from 0 to 1
@@ -183,7 +186,7 @@ def _on_surface(
             f"lengths on the surface. To draw it in the unit of the surface, multiply all points of the map by "
             f"{scale:.4g}"
         )
-    made = placed_map(GIVEN, cut, settings, result, distortion, warnings, more={"mirrored": is_mirrored})
+    made = placed_map(GIVEN, cut, settings, result, distortion, warnings, more={"mirrored": inside})
     return made._with(uv=np.concatenate([flat.uv, own]))
 
 
@@ -229,12 +232,12 @@ def _alone(flat: object) -> FlatMap | None:
     ids, corners = np.unique(faces, return_inverse=True)
     check_flat(mesh.points[ids])
     uv, triangles = np.ascontiguousarray(mesh.points[ids, :2]), corners.reshape(-1, 3).astype(np.uint32)
-    turns = _turns(uv, triangles)
-    is_mirrored = bool(turns.sum() < 0)
+    ways = turns(uv, triangles)
+    is_inside = bool(ways.sum() < 0)
     warnings = list(mesh.warnings)
-    if flipped := int((turns == (1 if is_mirrored else -1)).sum()):
+    if flipped := int((ways == (1 if is_inside else -1)).sum()):
         warnings.append(f"the map folds over: {flipped} of {len(faces)} triangles are flipped")
-    if is_mirrored:
+    if is_inside:
         warnings.append(_FROM_INSIDE)
     origin = MeshOrigin(
         input=None if mesh.path is None else str(mesh.path),
@@ -254,12 +257,6 @@ def _alone(flat: object) -> FlatMap | None:
         origin=origin,
         method=GIVEN,
         warnings=tuple(warnings),
-        details={"mirrored": is_mirrored, **making_details(np.zeros(0), {}, None, warnings, None)},
+        details={"mirrored": is_inside, **making_details(np.zeros(0), {}, None, warnings, None)},
         **missing,
     )
-
-
-def _turns(uv: NDArray[np.float64], faces: NDArray[Any]) -> NDArray[np.float64]:
-    """Return 1 for each counterclockwise triangle, and -1 for each clockwise one."""
-    a, b, c = np.moveaxis(uv[faces], 1, 0)
-    return np.asarray(np.sign(np.linalg.det(np.stack([b - a, c - a], axis=1))))

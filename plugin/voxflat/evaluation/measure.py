@@ -28,6 +28,7 @@ from voxflat.distortion.bands import Bands, checked_bands, usual_bands
 from voxflat.distortion.distortion import Distortion, table_of_several
 from voxflat.errors import InputError
 from voxflat.evaluation.charts import charts_of, total
+from voxflat.evaluation.sides import other_side
 from voxflat.io.provenance import Record, Recorded, recording
 from voxflat.maps.flat_map import FlatMap
 from voxflat.maps.matching import Matched, loaded, match, vertices_of
@@ -300,6 +301,8 @@ def compare(
     matched = {name: match(geometry.surface, flat) for name, flat in maps.items()}
     for name, flat_map in matched.items():
         geometry.check(name, flat_map)
+        if text := other_side(whole, flat_map):
+            log.warning(f"{name}: {text}" if name else text)
     more: dict[str, Any] = {"threads": threads, "memory_limit": memory_limit, "progress": progress}
     more |= {"lower_bound": lower_bound, "seed": seed}
     return Comparison(measured_maps(whole, matched, sources, reference, ends, **more))

@@ -3,6 +3,7 @@
 import os
 from contextlib import nullcontext
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,7 +17,7 @@ from voxflat.io.files import REMEDY, SAVED_ENDINGS, contents, naming
 from voxflat.io.formats.obj import read_obj_texture
 from voxflat.io.formats.ply import read_ply_texture
 from voxflat.io.grid import millimetres
-from voxflat.io.meshes import Mesh
+from voxflat.io.meshes import Mesh, named_structure
 from voxflat.io.partners import check_participant, check_partner, check_side, check_unit
 from voxflat.io.patches import is_patch, read_patch
 from voxflat.io.sources import as_mesh
@@ -39,6 +40,8 @@ class Matched:
     uv: NDArray[np.float64]  # (N, 2)
     period: float | None = None  # of a map that repeats in v
     places: NDArray[np.float64] | None = None  # (V, 2), of the vertices of the whole surface, if each has one; or NaN
+    structure: str | None = None  # the hemisphere of the map's file, if known
+    is_clockwise: bool | None = None  # whether most of the map's own triangles turn clockwise; None if it has none
 
     @property
     def vertices(self) -> NDArray[np.int64]:
@@ -100,7 +103,8 @@ def _match(whole: Manifold, flat: object) -> Matched:
         patch = read_patch(flat)
         places = np.full((whole.count, 3), np.nan)
         places[patch.vertex_ids] = patch.points
-        return _matched(whole, whole.vertices[whole.faces[whole._in_patch(patch)]], places)
+        matched = _matched(whole, whole.vertices[whole.faces[whole._in_patch(patch)]], places)
+        return replace(matched, structure=named_structure(Path(flat)))
     if isinstance(flat, FlatMap):
         cut = _cut_as_it_is(whole, vertices_of(whole, flat), flat.faces.astype(np.int64), flat.uv)
         _check_share(whole, cut.vertices[cut.core.faces])
@@ -115,7 +119,12 @@ def _match(whole: Manifold, flat: object) -> Matched:
         if places.ndim != 2 or places.shape[1] not in (2, 3) or places.dtype.kind not in "iuf":
             raise InputError(f"the map is {_kind(places)}. Pass positions as an array of shape (V, 2), or a file")
         return _of_places(whole, places.astype(np.float64), None)
+    check_side("the map", mesh.structure, whole.origin.structure, _OTHER)
     check_unit("the map", mesh, whole.origin.unit)
+    return replace(_of_mesh(whole, mesh), structure=mesh.structure)
+
+
+def _of_mesh(whole: Manifold, mesh: Mesh) -> Matched:
     if "surface_points" in mesh.point_data and is_flat(mesh.points):
         return _of_ours(whole, mesh)
     if mesh.texture_coordinates is None or is_flat(mesh.points):
@@ -158,7 +167,8 @@ def _of_places(whole: Manifold, places: NDArray[np.float64], mesh: Mesh | None) 
     if mesh is None:
         return matched
     is_used = np.isin(np.arange(whole.count), mesh.faces)  # others are often at the origin
-    return replace(matched, places=np.where(is_used[:, None], places[:, :2], np.nan))
+    is_clockwise = bool(turns(places, mesh.faces[is_placed[mesh.faces].all(axis=1)]).sum() < 0)
+    return replace(matched, places=np.where(is_used[:, None], places[:, :2], np.nan), is_clockwise=is_clockwise)
 
 
 def _texture_of_corners(mesh: Mesh) -> tuple[NDArray[np.int64], NDArray[np.float64]] | None:
@@ -310,6 +320,12 @@ def _places_of(whole: Manifold) -> NDArray[np.float64]:
     points = np.zeros((whole.count, 3))
     points[whole.vertices] = whole.points
     return points
+
+
+def turns(uv: NDArray[np.float64], faces: NDArray[Any]) -> NDArray[np.float64]:
+    """Return 1 for each counterclockwise triangle, -1 for each clockwise one, and 0 for those without area."""
+    a, b, c = np.moveaxis(uv[:, :2][faces], 1, 0)
+    return np.asarray(np.sign(np.linalg.det(np.stack([b - a, c - a], axis=1))))
 
 
 def mesh_of_map(flat: object) -> Mesh | None:
