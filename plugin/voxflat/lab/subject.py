@@ -43,7 +43,8 @@ _ONE = "Pass a file with one map, or draw the series with voxflat image or voxfl
 _SERIES = (".dtseries.nii", "_bold.func.gii")  # endings of time series, of which the mean over time is shown
 _ON_SURFACE = 0.5  # mm; vertices that were resampled lie on the surface, up to rounding
 _PROBABLE = 0.5  # threshold on the probability of white matter
-_NO_CORTEX = ("unknown", "corpuscallosum", "medial_wall", "???", "medialwall")  # labels of aparc.annot
+NO_CORTEX = ("unknown", "corpuscallosum", "medial_wall", "???", "medialwall")
+"""Labels of aparc.annot outside the cortex."""
 
 
 def make(hemisphere: Hemisphere, parameters: Parameters, results: Results, **common: Any) -> dict[str, Any]:
@@ -157,7 +158,7 @@ def _beside_cortex(annotation: Path, count: int) -> NDArray[np.bool_]:
         labels, names = read_annot(annotation, contents(annotation))
     if len(labels) != count:
         raise InputError(f"{annotation} has {len(labels)} labels for {count} vertices. Pass the files of one subject")
-    others = [n for n, name in enumerate(names) if name.lower() in _NO_CORTEX]
+    others = [n for n, name in enumerate(names) if name.lower() in NO_CORTEX]
     is_beside = (labels < 0) | np.isin(labels, others)
     if is_beside.all():
         raise InputError(f"{annotation}: no vertex has a cortical label. Check the annotation")

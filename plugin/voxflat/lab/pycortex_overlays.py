@@ -1,0 +1,335 @@
+"""Write regions of interest to pycortex's ``overlays.svg``, and read those that are drawn in it.
+
+pycortex assigns a vertex to a region if its position on the flat map lies in a path of the region. It tests each part
+of a path separately, so a hole has to be connected with the outline around it by a slit.
+"""
+
+import xml.etree.ElementTree as ET
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.path import Path as Polygon
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from voxflat.arguments import printable
+from voxflat.errors import InputError
+from voxflat.io.files import REMEDY, contents, naming, require
+from voxflat.maps.lines import borders, edges_of
+
+HEIGHT = 1024.0  # of the drawing, in pixels
+_COLLAR = 0.02  # mm by which outlines of regions at the edge of the map pass around it
+_SVG = "http://www.w3.org/2000/svg"
+_INKSCAPE = "http://www.inkscape.org/namespaces/inkscape"
+_LABEL = f"{{{_INKSCAPE}}}label"
+_LAYERS = ("rois", "sulci", "cutouts", "display")
+_TEXT = (
+    "font-family:Helvetica, sans-serif;font-size:14pt;font-weight:bold;font-style:italic;fill:white;fill-opacity:1;"
+    "text-anchor:middle;filter:url(#dropshadow)"
+)  # the defaults of pycortex
+
+_Floats = NDArray[np.float64]
+_Masks = dict[str, NDArray[np.bool_]]
+
+
+@dataclass(frozen=True, eq=False)
+class FlatSurface:
+    """The flat surface of a hemisphere, with one position for each vertex of the mesh."""
+
+    uv: NDArray[np.float32]  # (V, 2), in mm
+    faces: NDArray[np.int64]  # (F, 3)
+
+    @property
+    def is_on_map(self) -> NDArray[np.bool_]:
+        """Which vertices belong to triangles of the map, shape (V,)."""
+        is_there = np.zeros(len(self.uv), dtype=np.bool_)
+        is_there[self.faces] = True
+        return is_there
+
+
+@dataclass(frozen=True, eq=False)
+class Roi:
+    """A region of interest: its vertices, by hemisphere (lh or rh), and a colour."""
+
+    masks: _Masks
+    colour: tuple[int, int, int] | None = None
+
+
+class Drawing:
+    """The drawing of both hemispheres side by side, as pycortex places them."""
+
+    def __init__(self, flats: Mapping[str, FlatSurface]) -> None:
+        self.flats = flats
+        left, right = (flats[hemi].uv for hemi in ("lh", "rh"))
+        shifts = {"lh": left[:, 0].max(), "rh": right[:, 0].min()}
+        self.places = {hemi: flat.uv - np.array([shifts[hemi], 0], np.float32) for hemi, flat in flats.items()}
+        both = np.concatenate([self.places["lh"], self.places["rh"]]).astype(np.float64)
+        self.low, self.high = both.min(axis=0), both.max(axis=0)
+        self.width = float(HEIGHT * np.divide(*(self.high - self.low)))
+
+    def pixels(self, places: NDArray[Any]) -> _Floats:
+        """Return positions in the drawing, whose y axis points downwards."""
+        shares = (np.asarray(places, np.float64) - self.low) / (self.high - self.low)
+        return np.column_stack([shares[:, 0] * self.width, (1 - shares[:, 1]) * HEIGHT])
+
+    def svg(self, rois: Mapping[str, Roi]) -> bytes:
+        """Return the file with the regions of interest, and empty layers for everything else that pycortex draws."""
+        root = _root(self.width)
+        clip = [self.pixels(self.places[hemi][line]) for hemi, flat in self._each() for line in _edge_loops(flat)]
+        found = root.find(f".//{{{_SVG}}}path")
+        assert found is not None
+        found.set("d", _path_data(clip))
+        layers = {name: _layer(root, name) for name in ("data", *_LAYERS)}
+        collars = {hemi: _with_collar(self.places[hemi].astype(np.float64), flat.faces) for hemi, flat in self._each()}
+        for name in _LAYERS:
+            shapes = _layer(layers[name], "shapes", f"{name}_shapes")
+            shapes.set("clip-path", "url(#edgeclip)")
+            labels = _layer(layers[name], "labels", f"{name}_labels")
+            for roi, region in rois.items() if name == "rois" else ():
+                self._draw(shapes, labels, roi, region, collars)
+        ET.indent(root)
+        return ET.tostring(root, encoding="utf-8", xml_declaration=True)
+
+    def _each(self) -> Iterator[tuple[str, FlatSurface]]:
+        yield from self.flats.items()
+
+    def _draw(self, shapes: Any, labels: Any, name: str, roi: Roi, collars: Mapping[str, "_Collar"]) -> None:
+        """Draw a region: a path and a label for each hemisphere."""
+        text = printable(name)
+        group = _layer(shapes, text)
+        red, green, blue = roi.colour or (255, 255, 255)
+        style = f"fill:none;stroke:#{red:02x}{green:02x}{blue:02x};stroke-width:2"
+        for hemi, mask in roi.masks.items():
+            loops = _loops(collars[hemi], mask & self.flats[hemi].is_on_map)
+            if loops:
+                drawn = [self.pixels(loop) for loop in loops]
+                ET.SubElement(group, f"{{{_SVG}}}path", {"d": _path_data(drawn), "style": style})
+                vertices = self.pixels(self.places[hemi][mask & self.flats[hemi].is_on_map])
+                x, y = _middle(vertices, np.concatenate(drawn)).tolist()
+                label = ET.SubElement(labels, f"{{{_SVG}}}text", {"x": f"{x:.1f}", "y": f"{y:.1f}", "style": _TEXT})
+                label.text = text
+
+    def vertices(self, svg: bytes) -> dict[str, _Masks]:
+        """Return the vertices on the map in each region of a file, by pycortex's rule."""
+        pixels = {hemi: self._tested(hemi) for hemi in self.flats}
+        found: dict[str, _Masks] = {}
+        for name, loops in read_shapes(svg).items():
+            masks = {hemi: np.zeros(len(flat.uv), dtype=np.bool_) for hemi, flat in self._each()}
+            for hemi, mask in masks.items():
+                for loop in loops:
+                    mask |= _contained(loop, pixels[hemi])
+                mask &= self.flats[hemi].is_on_map
+            found[name] = masks
+        return found
+
+    def _tested(self, hemi: str) -> NDArray[Any]:
+        """Return the positions of the vertices, with the rounding of pycortex, which computes in single precision."""
+        shares = self.places[hemi] - self.low.astype(np.float32)
+        shares /= (self.high - self.low).astype(np.float32)
+        pixels = shares * np.array([self.width, HEIGHT])
+        pixels[:, 1] = HEIGHT - pixels[:, 1]
+        return pixels
+
+
+def read_overlays(path: Path) -> bytes:
+    """Return the content of an ``overlays.svg`` after checking that its regions can be read."""
+    with naming(path, REMEDY):
+        svg = contents(path)
+        read_shapes(svg)
+        return svg
+
+
+def read_shapes(svg: bytes) -> dict[str, list[_Floats]]:
+    """Return the parts of the paths of each region of interest in a file, in pixels, as pycortex reads them."""
+    try:
+        root = ET.fromstring(svg)
+    except ET.ParseError as error:
+        raise InputError(f"is not an SVG file ({error}). {REMEDY}") from None
+    rois = _named(root, "rois")
+    shapes = None if rois is None else _named(rois, "shapes")
+    groups = [] if shapes is None else shapes.findall(f"{{{_SVG}}}g")
+    found: dict[str, list[_Floats]] = {}
+    for group in groups:
+        loops = [loop for path in group.findall(f"{{{_SVG}}}path") for loop in _parts(path.get("d", ""))]
+        if loops:
+            found.setdefault(group.get(_LABEL, ""), []).extend(loops)
+    return found
+
+
+def other_layers(svg: bytes) -> list[str]:
+    """Return the names of the layers with drawings that are not regions of interest, such as sulci."""
+    layers = ET.fromstring(svg).findall(f"{{{_SVG}}}g")
+    names = [layer.get(_LABEL, "") for layer in layers if layer.find(f".//{{{_SVG}}}path") is not None]
+    return [name for name in names if name not in ("rois", "data")]
+
+
+def _named(parent: Any, label: str) -> Any:
+    return next((group for group in parent.findall(f"{{{_SVG}}}g") if group.get(_LABEL) == label), None)
+
+
+def _parts(data: str) -> Iterator[_Floats]:
+    """Yield the parts of a path as polygons; curves become chords. pycortex ignores transformations."""
+    svg = require("svgelements")
+    for part in svg.Path(data).as_subpaths():
+        segments = [segment for segment in svg.Path(part) if not isinstance(segment, svg.Move)]
+        shares = [np.linspace(0, 1, 2 if isinstance(one, svg.Line | svg.Close) else 33) for one in segments]
+        points = [one.point(t) for one, ts in zip(segments, shares, strict=True) if one.start is not None for t in ts]
+        loop = np.array([[point.x, point.y] for point in points if point is not None], dtype=np.float64)
+        if len(loop) >= 3:
+            yield loop
+
+
+def _contained(loop: _Floats, points: NDArray[Any]) -> NDArray[np.bool_]:
+    """Return which points lie in a polygon, by Matplotlib's test, which pycortex uses."""
+    inside = ((points >= loop.min(axis=0)) & (points <= loop.max(axis=0))).all(axis=1)
+    inside[inside] = Polygon(loop).contains_points(points[inside])
+    return inside
+
+
+def _root(width: float) -> Any:
+    ET.register_namespace("", _SVG)
+    ET.register_namespace("inkscape", _INKSCAPE)
+    size = {"width": f"{width:.6f}", "height": f"{HEIGHT:g}"}
+    root = ET.Element(f"{{{_SVG}}}svg", {**size, "id": "svg2", "version": "1.1"})
+    defs = ET.SubElement(root, f"{{{_SVG}}}defs", {"id": "defs4"})
+    clip = ET.SubElement(defs, f"{{{_SVG}}}clipPath", {"id": "edgeclip"})
+    ET.SubElement(clip, f"{{{_SVG}}}path", {"id": "clippath"})
+    shadow = ET.SubElement(defs, f"{{{_SVG}}}filter", {"id": "dropshadow"})
+    ET.SubElement(shadow, f"{{{_SVG}}}feGaussianBlur", {"in": "SourceAlpha", "stdDeviation": "2"})
+    merge = ET.SubElement(shadow, f"{{{_SVG}}}feMerge")
+    ET.SubElement(merge, f"{{{_SVG}}}feMergeNode")
+    ET.SubElement(merge, f"{{{_SVG}}}feMergeNode", {"in": "SourceGraphic"})
+    return root
+
+
+def _layer(parent: Any, name: str, identity: str | None = None) -> Any:
+    attributes = {"id": identity or ("datalayer" if name == "data" else name), "style": "display:inline;"}
+    return ET.SubElement(
+        parent, f"{{{_SVG}}}g", {**attributes, _LABEL: name, f"{{{_INKSCAPE}}}groupmode": "layer"}
+    )
+
+
+def _path_data(loops: Sequence[_Floats]) -> str:
+    """Return the data of a path, with spaces where pycortex splits it."""
+    parts = (["M", *(f"{x:.5f},{y:.5f}" for x, y in loop[:-1].tolist()), "Z"] for loop in loops)
+    return " ".join(" ".join([*part[:2], "L", *part[2:]]) for part in parts)
+
+
+def _middle(vertices: _Floats, outline: _Floats) -> _Floats:
+    """Return the vertex of a region that is farthest from its outline."""
+    return np.asarray(vertices[cKDTree(outline).query(vertices)[0].argmax()])
+
+
+# ------------------------------------------------------------------------------ outlines
+
+
+@dataclass(frozen=True, eq=False)
+class _Collar:
+    """The triangles of a map, and a narrow band of triangles around it that belongs to no region."""
+
+    uv: _Floats
+    faces: NDArray[np.int64]
+    count: int  # vertices of the mesh
+
+
+def _with_collar(uv: _Floats, faces: NDArray[np.int64]) -> _Collar:
+    """Surround a map by a band, so that outlines of regions at its edge are closed around their vertices."""
+    edges, following = _boundary(faces, len(uv))
+    along = uv[edges[:, 1]] - uv[edges[:, 0]]
+    along /= np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-12)
+    outwards = np.column_stack([along[:, 1], -along[:, 0]])
+    before = np.empty_like(following)
+    before[following] = np.arange(len(following))
+    normals = outwards + outwards[before]
+    lengths = np.linalg.norm(normals, axis=1, keepdims=True)
+    normals = np.where(lengths > 1e-6, normals / np.maximum(lengths, 1e-6), outwards)
+    ghosts = len(uv) + np.arange(len(edges))
+    a, b, here, there = edges[:, 0], edges[:, 1], ghosts, ghosts[following]
+    band = np.concatenate([np.column_stack([a, here, b]), np.column_stack([b, here, there])])
+    return _Collar(np.concatenate([uv, uv[a] + _COLLAR * normals]), np.concatenate([faces, band]), len(uv))
+
+
+def _boundary(faces: NDArray[np.int64], count: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return the directed boundary edges (B, 2), and the number of the edge that follows each around the same corner.
+
+    Where a vertex lies on the boundary several times, the corners are those of the map, not of its surroundings.
+    """
+    _, of_face, counts = edges_of(faces, count)
+    is_edge = counts[of_face] == 1  # (F, 3), of the edge from corner k to k + 1
+    edges = np.stack([faces, np.roll(faces, -1, axis=1)], axis=2)[is_edge]
+    at_boundary = np.zeros(count, dtype=np.bool_)
+    at_boundary[edges] = True
+    third = {}
+    for triangle in faces[at_boundary[faces].any(axis=1)].tolist():
+        for a, b, c in zip(triangle, triangle[1:] + triangle[:1], triangle[2:] + triangle[:2], strict=True):
+            third[a, b] = c
+    numbers = {tuple(edge): number for number, edge in enumerate(edges.tolist())}
+    following = []
+    for a, b in edges.tolist():
+        c = third[a, b]
+        while (c, b) in third:  # turn around b to the other end of its corner
+            c = third[c, b]
+        following.append(numbers[b, c])
+    return edges, np.array(following, dtype=np.int64)
+
+
+def _edge_loops(flat: FlatSurface) -> list[NDArray[np.int64]]:
+    """Return the boundary of a map as closed lines of vertices."""
+    edges, following = _boundary(flat.faces, len(flat.uv))
+    starts, after = edges[:, 0], following.tolist()
+    rest, lines = set(range(len(edges))), []
+    for first in range(len(edges)):
+        line, number = [], first
+        while number in rest:
+            rest.remove(number)
+            line.append(number)
+            number = after[number]
+        if line:
+            lines.append(starts[[*line, first]])
+    return lines
+
+
+def _loops(collar: _Collar, mask: NDArray[np.bool_]) -> list[_Floats]:
+    """Return closed outlines around the vertices of a region, without holes: slits connect holes with their outline."""
+    labels = np.zeros(len(collar.uv), dtype=np.int64)
+    labels[: collar.count] = mask
+    inside = labels[collar.faces].sum(axis=1)
+    near = collar.faces[(inside > 0) & (inside < 3)]
+    if len(near) == 0:
+        return []
+    lines = [line for line in borders(collar.uv, near, labels) if len(line) > 3]
+    return _without_holes(lines)
+
+
+def _without_holes(loops: list[_Floats]) -> list[_Floats]:
+    """Connect each hole with the outline around it by the shortest slit."""
+    if len(loops) == 1:
+        return loops
+    polygons = [Polygon(loop) for loop in loops]
+    around = [
+        [n for n, polygon in enumerate(polygons) if n != k and polygon.contains_point(loop[0])]
+        for k, loop in enumerate(loops)
+    ]
+    holes: dict[int, list[_Floats]] = {k: [] for k, outer in enumerate(around) if len(outer) % 2 == 0}
+    for k, outer in enumerate(around):
+        if len(outer) % 2:
+            holes[next(n for n in outer if len(around[n]) == len(outer) - 1)].append(loops[k])
+    return [_slit(loops[k], inner) for k, inner in holes.items()]
+
+
+def _slit(outline: _Floats, holes: list[_Floats]) -> _Floats:
+    """Return one closed line around an outline and its holes; the nearest hole is connected first."""
+    rest = list(holes)
+    while rest:
+        tree = cKDTree(outline)
+        nearest = [tree.query(hole[:-1]) for hole in rest]
+        k = min(range(len(rest)), key=lambda n: float(nearest[n][0].min()))
+        hole, (distances, ends) = rest.pop(k)[:-1], nearest[k]
+        start = int(distances.argmin())
+        at = int(ends[start])
+        turned = np.concatenate([hole[start:], hole[: start + 1]])
+        outline = np.concatenate([outline[: at + 1], turned, outline[at:]])
+    return outline
