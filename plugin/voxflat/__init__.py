@@ -63,6 +63,7 @@ __all__ = [
     "VoxflatError",
     "WorstPlaces",
     "__version__",
+    "autoflatten_subject",
     "check",
     "cite",
     "compare",
@@ -83,6 +84,7 @@ __all__ = [
     "standard_map",
     "surface",
     "to_nilearn",
+    "to_pycortex",
     "worst_places",
 ]
 
@@ -104,6 +106,7 @@ if TYPE_CHECKING:
     from voxflat.evaluation.given_map import load
     from voxflat.evaluation.measure import Comparison, compare, measure
     from voxflat.lab.map_page import map_page
+    from voxflat.lab.pycortex import autoflatten_subject, to_pycortex
     from voxflat.laminar.columns import Columns
     from voxflat.laminar.profile import Profile
     from voxflat.laminar.rim import Rim, rim
@@ -142,6 +145,7 @@ else:
         "evaluation.given_map": ("load",),
         "evaluation.measure": ("Comparison", "compare", "measure"),
         "lab.map_page": ("map_page",),
+        "lab.pycortex": ("autoflatten_subject", "to_pycortex"),
         "laminar.columns": ("Columns",),
         "laminar.profile": ("Profile",),
         "laminar.rim": ("Rim", "rim"),

@@ -33,6 +33,7 @@ COMMANDS = {
     "path": ("distances", "Find the shortest path through points on a surface."),
     "points": ("places", "Find where points in space lie on a flat map."),
     "profile": ("layers", "Average a volume along cortical depth within regions."),
+    "pycortex": ("pycortex", "Flatten a FreeSurfer subject for pycortex."),
     "regions": ("places", "Convert regions on a flat map to vertex or voxel labels, or measure them."),
     "register": ("surfaces", "Register a hemisphere to the fsaverage sphere."),
     "rows": ("distances", "Measure geodesic distances and store them on disk."),

@@ -27,7 +27,7 @@ from voxflat.lab.pycortex_files import (
     write_values,
     write_volumes,
 )
-from voxflat.lab.pycortex_overlays import Drawing, FlatSurface, Roi, other_layers, read_overlays
+from voxflat.lab.pycortex_overlays import Drawing, FlatSurface, Roi, other_layers, read_overlays, read_shapes
 from voxflat.lab.results import Results, read_record
 from voxflat.lab.subject import NO_CORTEX, make
 from voxflat.maps.flat_map import FlatMap, load_saved
@@ -53,10 +53,10 @@ def to_pycortex(
     """Flatten a subject, and store it in the filestore of pycortex.
 
     FreeSurfer and pycortex are not needed. The subject has the layout and coordinates of
-    ``cortex.freesurfer.import_subj`` and ``import_flat``. Existing files of a subject are kept, apart from flat surfaces
-    and ``overlays.svg``, which are replaced only with `overwrite`, after they were copied to ``voxflat-backup-1`` in the
-    subject's directory. The complete maps are those of ``voxflat freesurfer``; maps that are up to date are not
-    computed again.
+    ``cortex.freesurfer.import_subj`` and ``import_flat``. Existing files of a subject are kept, apart from flat
+    surfaces and ``overlays.svg``, which are replaced only with `overwrite`, after they were copied to
+    ``voxflat-backup-1`` in the subject's directory. The complete maps are those of ``voxflat freesurfer``; maps that
+    are up to date are not computed again.
 
     Parameters
     ----------
@@ -114,9 +114,9 @@ def to_pycortex(
         maps[hemi], flats[hemi] = load_saved(results.map), _flat_surface(results)
     drawing = Drawing(flats)
     regions = _drawn_before(stored, flats) | _rois(files, maps)
-    svg = drawing.svg(regions)
-    _warn_of_lost_vertices(drawing, svg, regions)
-    _write(stored, folder, surfaces, flats, svg)
+    outlines = {roi: drawing.outlines(region) for roi, region in regions.items()}
+    _check(drawing, regions, outlines)
+    _write(stored, folder, surfaces, flats, drawing.svg(regions, outlines))
     return stored.folder
 
 
@@ -310,15 +310,15 @@ def _drawn_before(stored: StoredSubject, flats: Mapping[str, FlatSurface]) -> di
     meshes = {hemi: read_mesh(path) for hemi, path in zip(flats, paths, strict=True)}
     before = {hemi: FlatSurface(mesh.points[:, :2].astype(np.float32), mesh.faces) for hemi, mesh in meshes.items()}
     regions = {}
-    for name, masks in Drawing(before).vertices(svg).items():
+    drawing = Drawing(before)
+    for name, loops in read_shapes(svg).items():
+        masks = {hemi: drawing.inside(hemi, loops) for hemi in before}
         grown = {hemi: _with_neighbours(mask, stored, hemi, before[hemi]) for hemi, mask in masks.items()}
         regions[name] = Roi({hemi: mask for hemi, mask in grown.items() if mask.any()})
     return regions
 
 
-def _with_neighbours(
-    mask: NDArray[np.bool_], stored: StoredSubject, hemi: str, flat: FlatSurface
-) -> NDArray[np.bool_]:
+def _with_neighbours(mask: NDArray[np.bool_], stored: StoredSubject, hemi: str, flat: FlatSurface) -> NDArray[np.bool_]:
     """Add neighbours that the flat map leaves out, such as those along its cuts."""
     faces = read_mesh(stored.surface("wm", hemi)).faces
     grown = mask.copy()
@@ -326,16 +326,15 @@ def _with_neighbours(
     return np.asarray(mask | (grown & ~flat.is_on_map))
 
 
-def _warn_of_lost_vertices(drawing: Drawing, svg: bytes, regions: Mapping[str, Roi]) -> None:
-    """Compare the vertices that pycortex finds with those of the regions; they differ where a map overlaps itself."""
-    found = drawing.vertices(svg)
+def _check(drawing: Drawing, regions: Mapping[str, Roi], outlines: Mapping[str, Any]) -> None:
+    """Warn of regions in which pycortex will not find the same vertices."""
     for name, region in regions.items():
         wrong = 0
         for hemi, mask in region.masks.items():
-            wanted = mask & drawing.flats[hemi].is_on_map
-            wrong += int(np.count_nonzero(wanted != found[name][hemi])) if name in found else int(wanted.sum())
+            found = drawing.inside(hemi, outlines[name].get(hemi, []))
+            wrong += int(np.count_nonzero((mask & drawing.flats[hemi].is_on_map) != found))
         if wrong:
-            log.warning("%s", f"pycortex will find {wrong} other vertices in the region {name}, because the map overlaps")
+            log.warning("pycortex will find or miss %d other vertices in the region %s", wrong, name)
 
 
 # ------------------------------------------------------------------------------ writing

@@ -199,9 +199,9 @@ def write_values(folder: Path, stored: StoredSubject, counts: dict[str, int]) ->
         missing += [str(file.relative_to(folder)) for file in files.values() if not file.is_file()]
         if path.exists() or not all(file.is_file() for file in files.values()):
             continue
-        values = {HEMISPHERES[hemi][1]: -_values(file, counts[hemi]) for hemi, file in files.items()}
+        left, right = (-_values(file, counts[hemi]) for hemi, file in files.items())
         buffer = io.BytesIO()
-        np.savez(buffer, **values)
+        np.savez(buffer, left=left, right=right)
         with atomic_path(path) as temporary:
             temporary.write_bytes(buffer.getvalue())
     return missing

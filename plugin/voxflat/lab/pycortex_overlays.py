@@ -7,6 +7,7 @@ of a path separately, so a hole has to be connected with the outline around it b
 import xml.etree.ElementTree as ET
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +22,9 @@ from voxflat.io.files import REMEDY, contents, naming, require
 from voxflat.maps.lines import borders, edges_of
 
 HEIGHT = 1024.0  # of the drawing, in pixels
+_DECIMALS = 5  # of pixels
+_MARK = 0.05  # pixels, half the width of an outline around a single vertex
+_DIAMOND = np.array([[1.0, 0], [0, 1], [-1, 0], [0, -1], [1, 0]])
 _COLLAR = 0.02  # mm by which outlines of regions at the edge of the map pass around it
 _SVG = "http://www.w3.org/2000/svg"
 _INKSCAPE = "http://www.inkscape.org/namespaces/inkscape"
@@ -75,63 +79,70 @@ class Drawing:
         shares = (np.asarray(places, np.float64) - self.low) / (self.high - self.low)
         return np.column_stack([shares[:, 0] * self.width, (1 - shares[:, 1]) * HEIGHT])
 
-    def svg(self, rois: Mapping[str, Roi]) -> bytes:
+    def outlines(self, roi: Roi) -> dict[str, list[_Floats]]:
+        """Return closed outlines of a region in pixels, by hemisphere, in which pycortex finds exactly its vertices."""
+        found = {}
+        for hemi, mask in roi.masks.items():
+            wanted = mask & self._is_on_map[hemi]
+            loops = [np.round(self.pixels(loop), _DECIMALS) for loop in _loops(self._collars[hemi], wanted)]
+            if loops:
+                found[hemi] = _corrected(loops, wanted, self.inside(hemi, loops), self._tested[hemi])
+        return found
+
+    def inside(self, hemi: str, loops: Sequence[_Floats]) -> NDArray[np.bool_]:
+        """Return the vertices on the map in any of several outlines, by pycortex's rule."""
+        mask = np.zeros(len(self._tested[hemi]), dtype=np.bool_)
+        for loop in loops:
+            mask |= _contained(loop, self._tested[hemi])
+        return mask & self._is_on_map[hemi]
+
+    def svg(self, rois: Mapping[str, Roi], outlines: Mapping[str, Mapping[str, list[_Floats]]]) -> bytes:
         """Return the file with the regions of interest, and empty layers for everything else that pycortex draws."""
         root = _root(self.width)
-        clip = [self.pixels(self.places[hemi][line]) for hemi, flat in self._each() for line in _edge_loops(flat)]
-        found = root.find(f".//{{{_SVG}}}path")
-        assert found is not None
-        found.set("d", _path_data(clip))
+        edge = [self.pixels(self.places[hemi][line]) for hemi, flat in self.flats.items() for line in _edge_loops(flat)]
+        clip = root.find(f".//{{{_SVG}}}path")
+        clip.set("d", _path_data(edge))
         layers = {name: _layer(root, name) for name in ("data", *_LAYERS)}
-        collars = {hemi: _with_collar(self.places[hemi].astype(np.float64), flat.faces) for hemi, flat in self._each()}
         for name in _LAYERS:
             shapes = _layer(layers[name], "shapes", f"{name}_shapes")
             shapes.set("clip-path", "url(#edgeclip)")
             labels = _layer(layers[name], "labels", f"{name}_labels")
-            for roi, region in rois.items() if name == "rois" else ():
-                self._draw(shapes, labels, roi, region, collars)
+            if name == "rois":
+                for roi, region in rois.items():
+                    self._draw(shapes, labels, roi, region, outlines[roi])
         ET.indent(root)
-        return ET.tostring(root, encoding="utf-8", xml_declaration=True)
+        return bytes(ET.tostring(root, encoding="utf-8", xml_declaration=True))
 
-    def _each(self) -> Iterator[tuple[str, FlatSurface]]:
-        yield from self.flats.items()
-
-    def _draw(self, shapes: Any, labels: Any, name: str, roi: Roi, collars: Mapping[str, "_Collar"]) -> None:
+    def _draw(self, shapes: Any, labels: Any, name: str, roi: Roi, outlines: Mapping[str, list[_Floats]]) -> None:
         """Draw a region: a path and a label for each hemisphere."""
         text = printable(name)
         group = _layer(shapes, text)
         red, green, blue = roi.colour or (255, 255, 255)
         style = f"fill:none;stroke:#{red:02x}{green:02x}{blue:02x};stroke-width:2"
-        for hemi, mask in roi.masks.items():
-            loops = _loops(collars[hemi], mask & self.flats[hemi].is_on_map)
-            if loops:
-                drawn = [self.pixels(loop) for loop in loops]
-                ET.SubElement(group, f"{{{_SVG}}}path", {"d": _path_data(drawn), "style": style})
-                vertices = self.pixels(self.places[hemi][mask & self.flats[hemi].is_on_map])
-                x, y = _middle(vertices, np.concatenate(drawn)).tolist()
-                label = ET.SubElement(labels, f"{{{_SVG}}}text", {"x": f"{x:.1f}", "y": f"{y:.1f}", "style": _TEXT})
-                label.text = text
+        for hemi, loops in outlines.items():
+            ET.SubElement(group, f"{{{_SVG}}}path", {"d": _path_data(loops), "style": style})
+            vertices = self._tested[hemi][roi.masks[hemi] & self._is_on_map[hemi]]
+            x, y = _middle(vertices, np.concatenate(loops)).tolist()
+            label = ET.SubElement(labels, f"{{{_SVG}}}text", {"x": f"{x:.1f}", "y": f"{y:.1f}", "style": _TEXT})
+            label.text = text
 
-    def vertices(self, svg: bytes) -> dict[str, _Masks]:
-        """Return the vertices on the map in each region of a file, by pycortex's rule."""
-        pixels = {hemi: self._tested(hemi) for hemi in self.flats}
-        found: dict[str, _Masks] = {}
-        for name, loops in read_shapes(svg).items():
-            masks = {hemi: np.zeros(len(flat.uv), dtype=np.bool_) for hemi, flat in self._each()}
-            for hemi, mask in masks.items():
-                for loop in loops:
-                    mask |= _contained(loop, pixels[hemi])
-                mask &= self.flats[hemi].is_on_map
-            found[name] = masks
-        return found
+    @cached_property
+    def _is_on_map(self) -> _Masks:
+        return {hemi: flat.is_on_map for hemi, flat in self.flats.items()}
 
-    def _tested(self, hemi: str) -> NDArray[Any]:
-        """Return the positions of the vertices, with the rounding of pycortex, which computes in single precision."""
-        shares = self.places[hemi] - self.low.astype(np.float32)
-        shares /= (self.high - self.low).astype(np.float32)
-        pixels = shares * np.array([self.width, HEIGHT])
-        pixels[:, 1] = HEIGHT - pixels[:, 1]
-        return pixels
+    @cached_property
+    def _collars(self) -> dict[str, "_Collar"]:
+        return {
+            hemi: _with_collar(self.places[hemi].astype(np.float64), flat.faces) for hemi, flat in self.flats.items()
+        }
+
+    @cached_property
+    def _tested(self) -> dict[str, _Floats]:
+        """The vertices in pixels, with the rounding of pycortex, which computes in single precision."""
+        low, size = self.low.astype(np.float32), (self.high - self.low).astype(np.float32)
+        shares = {hemi: (places - low) / size for hemi, places in self.places.items()}
+        pixels = {hemi: share * np.array([self.width, HEIGHT]) for hemi, share in shares.items()}
+        return {hemi: np.column_stack([of[:, 0], HEIGHT - of[:, 1]]) for hemi, of in pixels.items()}
 
 
 def read_overlays(path: Path) -> bytes:
@@ -182,11 +193,28 @@ def _parts(data: str) -> Iterator[_Floats]:
             yield loop
 
 
+def _corrected(
+    loops: list[_Floats], wanted: NDArray[np.bool_], found: NDArray[np.bool_], pixels: _Floats
+) -> list[_Floats]:
+    """Add small outlines around lost vertices, and small holes around others, where a map nearly touches itself."""
+    wrong = np.flatnonzero(wanted != found)
+    if len(wrong) == 0:
+        return loops
+    distances, _ = cKDTree(pixels).query(pixels[wrong], k=2)
+    for vertex, room in zip(wrong.tolist(), distances[:, 1].tolist(), strict=True):
+        mark = pixels[vertex] + min(_MARK, room / 3) * _DIAMOND
+        if wanted[vertex]:
+            loops = [*loops, mark]
+        else:
+            loops = [_slit(loop, [mark]) if Polygon(loop).contains_point(pixels[vertex]) else loop for loop in loops]
+    return loops
+
+
 def _contained(loop: _Floats, points: NDArray[Any]) -> NDArray[np.bool_]:
     """Return which points lie in a polygon, by Matplotlib's test, which pycortex uses."""
     inside = ((points >= loop.min(axis=0)) & (points <= loop.max(axis=0))).all(axis=1)
     inside[inside] = Polygon(loop).contains_points(points[inside])
-    return inside
+    return np.asarray(inside)
 
 
 def _root(width: float) -> Any:
@@ -207,14 +235,12 @@ def _root(width: float) -> Any:
 
 def _layer(parent: Any, name: str, identity: str | None = None) -> Any:
     attributes = {"id": identity or ("datalayer" if name == "data" else name), "style": "display:inline;"}
-    return ET.SubElement(
-        parent, f"{{{_SVG}}}g", {**attributes, _LABEL: name, f"{{{_INKSCAPE}}}groupmode": "layer"}
-    )
+    return ET.SubElement(parent, f"{{{_SVG}}}g", {**attributes, _LABEL: name, f"{{{_INKSCAPE}}}groupmode": "layer"})
 
 
 def _path_data(loops: Sequence[_Floats]) -> str:
     """Return the data of a path, with spaces where pycortex splits it."""
-    parts = (["M", *(f"{x:.5f},{y:.5f}" for x, y in loop[:-1].tolist()), "Z"] for loop in loops)
+    parts = (["M", *(f"{x:.{_DECIMALS}f},{y:.{_DECIMALS}f}" for x, y in loop[:-1].tolist()), "Z"] for loop in loops)
     return " ".join(" ".join([*part[:2], "L", *part[2:]]) for part in parts)
 
 
