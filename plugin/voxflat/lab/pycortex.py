@@ -27,7 +27,7 @@ from voxflat.lab.pycortex_files import (
     write_values,
     write_volumes,
 )
-from voxflat.lab.pycortex_overlays import Drawing, FlatSurface, Roi, other_layers, read_overlays, read_shapes
+from voxflat.lab.pycortex_overlays import Drawing, FlatSurface, Roi, read_overlays
 from voxflat.lab.results import Results, read_record
 from voxflat.lab.subject import NO_CORTEX, make
 from voxflat.maps.flat_map import FlatMap, load_saved
@@ -304,23 +304,23 @@ def _drawn_before(stored: StoredSubject, flats: Mapping[str, FlatSurface]) -> di
     paths = [stored.surface("flat", hemi) for hemi in flats]
     if not stored.overlays.is_file() or not all(path.is_file() for path in paths):
         return {}
-    svg = read_overlays(stored.overlays)
-    if layers := other_layers(svg):
+    shapes, layers = read_overlays(stored.overlays)
+    if layers:
         log.warning("the layers %s of overlays.svg are not transferred to the new map", ", ".join(layers))
     meshes = {hemi: read_mesh(path) for hemi, path in zip(flats, paths, strict=True)}
     before = {hemi: FlatSurface(mesh.points[:, :2].astype(np.float32), mesh.faces) for hemi, mesh in meshes.items()}
     regions = {}
     drawing = Drawing(before)
-    for name, loops in read_shapes(svg).items():
+    faces = {hemi: read_mesh(stored.surface("wm", hemi)).faces for hemi in before}
+    for name, loops in shapes.items():
         masks = {hemi: drawing.inside(hemi, loops) for hemi in before}
-        grown = {hemi: _with_neighbours(mask, stored, hemi, before[hemi]) for hemi, mask in masks.items()}
+        grown = {hemi: _with_neighbours(mask, faces[hemi], before[hemi]) for hemi, mask in masks.items()}
         regions[name] = Roi({hemi: mask for hemi, mask in grown.items() if mask.any()})
     return regions
 
 
-def _with_neighbours(mask: NDArray[np.bool_], stored: StoredSubject, hemi: str, flat: FlatSurface) -> NDArray[np.bool_]:
+def _with_neighbours(mask: NDArray[np.bool_], faces: NDArray[np.int64], flat: FlatSurface) -> NDArray[np.bool_]:
     """Add neighbours that the flat map leaves out, such as those along its cuts."""
-    faces = read_mesh(stored.surface("wm", hemi)).faces
     grown = mask.copy()
     grown[faces[mask[faces].any(axis=1)]] = True
     return np.asarray(mask | (grown & ~flat.is_on_map))

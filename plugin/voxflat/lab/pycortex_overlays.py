@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from voxflat.arguments import printable
-from voxflat.errors import InputError
 from voxflat.io.files import REMEDY, contents, naming, require
 from voxflat.maps.lines import borders, edges_of
 
@@ -145,20 +144,19 @@ class Drawing:
         return {hemi: np.column_stack([of[:, 0], HEIGHT - of[:, 1]]) for hemi, of in pixels.items()}
 
 
-def read_overlays(path: Path) -> bytes:
-    """Return the content of an ``overlays.svg`` after checking that its regions can be read."""
+def read_overlays(path: Path) -> tuple[dict[str, list[_Floats]], list[str]]:
+    """Return the regions of interest in an ``overlays.svg``, and the names of its other layers with drawings.
+
+    A region consists of the parts of its paths, in pixels, as pycortex reads them.
+    """
     with naming(path, REMEDY):
-        svg = contents(path)
-        read_shapes(svg)
-        return svg
+        root = ET.fromstring(contents(path))
+        layers = root.findall(f"{{{_SVG}}}g")
+        drawn = [layer.get(_LABEL, "") for layer in layers if layer.find(f".//{{{_SVG}}}path") is not None]
+        return _shapes(root), [name for name in drawn if name not in ("rois", "data")]
 
 
-def read_shapes(svg: bytes) -> dict[str, list[_Floats]]:
-    """Return the parts of the paths of each region of interest in a file, in pixels, as pycortex reads them."""
-    try:
-        root = ET.fromstring(svg)
-    except ET.ParseError as error:
-        raise InputError(f"is not an SVG file ({error}). {REMEDY}") from None
+def _shapes(root: Any) -> dict[str, list[_Floats]]:
     rois = _named(root, "rois")
     shapes = None if rois is None else _named(rois, "shapes")
     groups = [] if shapes is None else shapes.findall(f"{{{_SVG}}}g")
@@ -168,13 +166,6 @@ def read_shapes(svg: bytes) -> dict[str, list[_Floats]]:
         if loops:
             found.setdefault(group.get(_LABEL, ""), []).extend(loops)
     return found
-
-
-def other_layers(svg: bytes) -> list[str]:
-    """Return the names of the layers with drawings that are not regions of interest, such as sulci."""
-    layers = ET.fromstring(svg).findall(f"{{{_SVG}}}g")
-    names = [layer.get(_LABEL, "") for layer in layers if layer.find(f".//{{{_SVG}}}path") is not None]
-    return [name for name in names if name not in ("rois", "data")]
 
 
 def _named(parent: Any, label: str) -> Any:
