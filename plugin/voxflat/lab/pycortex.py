@@ -165,7 +165,7 @@ def autoflatten_subject(
     """
     subjects = freesurfer_subject_dir or os.environ.get("SUBJECTS_DIR")
     if not subjects:
-        raise InputError("the FreeSurfer subjects directory is unknown. Pass freesurfer_subject_dir")
+        raise InputError("the FreeSurfer subjects directory is unknown. Set SUBJECTS_DIR")
     folder = checked_path(subjects, "freesurfer_subject_dir") / freesurfer_subject
     cuts = _cuts_in(autoflatten_args or ())
     if checked_switch(import_flatmaps, "import_flatmaps"):
@@ -184,9 +184,9 @@ def _cuts_in(arguments: Sequence[str]) -> str:
     try:
         known, others = parser.parse_known_args(list(arguments))
     except argparse.ArgumentError as error:
-        raise InputError(f"autoflatten_args: {error}. Pass --cuts and its value") from None
+        raise InputError(f"the arguments for flattening are incomplete ({error}). Pass --cuts and its value") from None
     if others:
-        raise InputError(f"autoflatten_args contains {shown(others[0])}. Pass only --cuts and its value")
+        raise InputError(f"the arguments for flattening contain {shown(others[0])}. Pass only --cuts and its value")
     return str(known.cuts)
 
 
