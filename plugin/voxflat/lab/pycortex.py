@@ -16,7 +16,8 @@ from voxflat.errors import InputError
 from voxflat.io.files import atomic_path
 from voxflat.io.meshes import named_structure, read_mesh
 from voxflat.lab.freshness import request, state
-from voxflat.lab.inputs import HEMISPHERES, Hemisphere, Parameters, found_in
+from voxflat.lab.inputs import Hemisphere, Parameters, found_in
+from voxflat.lab.layouts import FREESURFER, HEMISPHERES
 from voxflat.lab.pycortex_files import (
     SURFACES,
     StoredSubject,
@@ -230,7 +231,7 @@ def _flattened(
     if folder is None:
         results = Results(stored.folder / "voxflat", f"{hemi}.voxflat", of_freesurfer=True)
         files = {of: stored.surface(name, hemi) for name, of in SURFACES.items() if name != "inflated"}
-        hemisphere = Hemisphere(hemi, files)
+        hemisphere = Hemisphere(hemi, files, layout=FREESURFER)
     else:
         results = Results.in_freesurfer(folder, hemi)
         with suppress(InputError, OSError):  # the map does not depend on the overlays, so those of earlier runs stay

@@ -22,7 +22,7 @@ from voxflat.io.formats.gifti import surface_bytes
 from voxflat.io.meshes import Mesh, read_mesh
 from voxflat.io.spaces import Space, VolumeGeometry
 from voxflat.io.volumes import read_volume, write_volume
-from voxflat.lab.inputs import HEMISPHERES
+from voxflat.lab.layouts import HEMISPHERES
 from voxflat.surfaces.standard.template import SIDES
 
 SURFACES = {"wm": "white", "pia": "pial", "inflated": "inflated"}
