@@ -261,12 +261,13 @@ def meshlab(job: Job, options: Mapping[str, Any]) -> Flat:
     meshes = module.MeshSet()
     meshes.add_mesh(module.Mesh(job["points"], job["faces"]))
     meshes.generate_voronoi_atlas_parametrization()
-    mesh = meshes.current_mesh()
-    uv, faces = mesh.vertex_tex_coord_matrix(), mesh.face_matrix().astype(np.int64)
+    mesh = meshes.mesh(meshes.mesh_number() - 1)  # the filter adds a mesh
     away, vertices = scipy.spatial.cKDTree(job["points"]).query(mesh.vertex_matrix())
     if away.max() > 1e-4 * np.ptp(job["points"], axis=0).max():
         raise NoMapError("the map has vertices that the surface does not have")
-    return _charts(job, np.asarray(uv, dtype=float), faces, vertices)
+    corners = vertices[mesh.face_matrix()].reshape(-1, 1)
+    rows, faces = np.unique(np.hstack([corners, mesh.wedge_tex_coord_matrix()]), axis=0, return_inverse=True)
+    return _charts(job, rows[:, 1:], faces.reshape(-1, 3), rows[:, 0].astype(np.int64))
 
 
 def _charts(job: Job, uv: Uv, faces: NDArray[Any], vertices: NDArray[Any]) -> Flat:

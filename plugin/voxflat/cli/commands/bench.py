@@ -11,6 +11,7 @@ import cloup
 
 from voxflat.benchmark.fetch import fetch
 from voxflat.benchmark.manifest import Entry, chosen
+from voxflat.benchmark.page import write_page
 from voxflat.benchmark.run import checked_tools, run
 from voxflat.benchmark.score import save_result, score
 from voxflat.benchmark.tools import FREE, GIVEN, PUBLISHED, TOOLS
@@ -178,6 +179,24 @@ def run_command(
     report({"results": [str(path) for path in results]}, "\n".join(f"saved as {path}" for path in results))
 
 
+@options.command("page", "voxflat bench page maps/*.json -o docs/benchmark")
+@cloup.argument("results", metavar="RESULT...", type=options.FILE, nargs=-1, required=True)
+@options.section(
+    "Output",
+    options.value("-o", "DIR", "Write the page to this directory.", "--output", type=_FOLDER, required=True),
+    options.as_json,
+)
+@options.run()
+def page_command(results: tuple[Path, ...], output: Path) -> None:
+    """Write a page with the tables and figures of results, and the same numbers as CSV and JSON.
+
+    Each RESULT is a file that voxflat bench score or run wrote. Surfaces on which another tool is better than voxflat
+    are listed.
+    """
+    written = write_page(results, output)
+    report({"files": [str(path) for path in written]}, "\n".join(f"saved as {path}" for path in written))
+
+
 def _scored(name: str, measures: dict[str, Any]) -> str:
     errors = "relative_error", "relative_error_30mm", "relative_error_10mm"
     shown = (f"{100 * measures[key]:.2f}" for key in errors)
@@ -194,5 +213,5 @@ def _listed(missing: dict[str, str]) -> list[str]:
     return [f"missing: {name}: {reason}" for name, reason in missing.items()]
 
 
-for _command in (list_command, fetch_command, truth_command, run_command, score_command):
+for _command in (list_command, fetch_command, truth_command, run_command, score_command, page_command):
     bench_command.add_command(_command)
