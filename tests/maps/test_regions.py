@@ -517,7 +517,7 @@ class TestLabelsOfVertices:
         self.check(regions)
         np.testing.assert_array_equal(regions.vertex_labels, expected)
         np.testing.assert_array_equal(regions.labels, expected[m.ids])
-        for name in ("lh.b.label.gii", "lh.b.annot"):
+        for name in ("lh.b.label.gii", "lh.b.annot", "lh.b.svg"):
             regions.save(tmp_path / name)
             again = m.regions(tmp_path / name)
             self.check(again)
@@ -530,6 +530,70 @@ class TestLabelsOfVertices:
         dense = nib.Cifti2Image(expected[None].astype(np.float32), (nib.cifti2.LabelAxis(["areas"], table), axis))
         nib.save(dense, tmp_path / "areas.dlabel.nii")
         self.check(m.regions(tmp_path / "areas.dlabel.nii"))
+
+    @needs_workbench
+    @pytest.mark.medium
+    def test_dense_labels_of_cifti_are_those_that_workbench_reads(self, tmp_path, monkeypatch):
+        monkeypatch.chdir(tmp_path)
+        write_mesh("lh.ball.surf.gii", Mesh(*icosphere(30.0, 3)))
+        flat = voxflat.surface("lh.ball.surf.gii").disk(0, 25.0).flatten(Voxflat(sources=40))
+        regions = flat.regions({"V1": circle(0.0, 0.0, 6.0), "V2": circle(9.0, 3.0, 5.0)})
+        regions.save("lh.a.dlabel.nii")
+        workbench("-cifti-separate", "lh.a.dlabel.nii", "COLUMN", "-label", "CORTEX_LEFT", "b.label.gii")
+        image = nib.load("b.label.gii")
+        np.testing.assert_array_equal(image.agg_data(), regions.vertex_labels)
+        rows = {label.label: label.rgba for label in image.labeltable.labels}
+        assert set(rows) == {"???", "V1", "V2"}
+        np.testing.assert_allclose([rows[name][:3] for name in regions.names], regions.colours / 255, atol=1e-6)
+        again = flat.regions("lh.a.dlabel.nii")
+        assert again.names == regions.names
+        np.testing.assert_array_equal(again.colours, regions.colours)
+        np.testing.assert_array_equal(again.vertex_labels, regions.vertex_labels)
+        unknown = voxflat.samples.hill().flatten().regions({"V1": [[-5, -5], [5, -5], [0, 5]]})
+        refused("CIFTI files store the hemisphere, which is not known", unknown.save, "a.dlabel.nii")
+
+    @pytest.mark.medium
+    def test_several_labels_are_written_with_the_names_of_the_regions(self, m, tmp_path):
+        regions = m.regions(self.annot(m, tmp_path / "lh.areas.annot"))
+        (tmp_path / "out").mkdir()
+        regions.save(tmp_path / "out" / "lh.{name}.label", sidecar=True)
+        files = sorted(path.name for path in (tmp_path / "out").iterdir())
+        labels = ["lh.MT+.label", "lh.V2.label", "lh.area_one.label"]
+        assert files == sorted([*labels, *(f"{name}.json" for name in labels)])
+        for file, key in zip(labels, (3, 2, 1), strict=True):
+            vertices = nib.freesurfer.read_label(tmp_path / "out" / file)
+            np.testing.assert_array_equal(vertices, np.flatnonzero(self.labels(m) == key))
+        again = m.regions([tmp_path / "out" / labels[n] for n in (2, 1, 0)])
+        np.testing.assert_array_equal(again.vertex_labels, regions.vertex_labels)
+        same = m.regions({"a b": circle(0.0, 0.0, 4.0), "a/b": circle(9.0, 0.0, 4.0)})
+        refused("two regions would be saved as a_b.label", same.save, tmp_path / "{name}.label")
+
+    @pytest.mark.medium
+    def test_regions_with_holes_and_equal_colours_survive_a_drawing(self, m, tmp_path):
+        u, v = m.uv.T
+        labels = np.zeros(m.origin.mesh.vertices, dtype=np.int32)
+        labels[m.ids] = np.select([np.hypot(u, v) < 4, np.hypot(u, v) < 9, u > 10, v > 12], [2, 1, 2, 3], 0)
+        table = np.array([[0, 0, 0, 0, 0], [9, 9, 9, 0, 1], [9, 9, 8, 0, 2], [8, 8, 8, 0, 3]], dtype=np.int32)
+        nib.freesurfer.write_annot(tmp_path / "lh.a.annot", labels, table, ["unknown", "a", "b", "c"], fill_ctab=True)
+        regions = m.regions(tmp_path / "lh.a.annot")
+        regions = replace(regions, colours=np.array([[9, 9, 9]] * 3, dtype=np.uint8))
+        regions.save(tmp_path / "drawn.svg")
+        again = m.regions(tmp_path / "drawn.svg")
+        assert again.names == ("a", "b", "c")
+        np.testing.assert_array_equal(again.colours, regions.colours)
+        np.testing.assert_array_equal(again.vertex_labels, labels)
+        polygons = m.regions(drawn(m))
+        polygons.save(tmp_path / "polygons.svg")
+        again = m.regions(tmp_path / "polygons.svg")
+        places = np.random.default_rng(0).uniform(-20, 20, (2000, 2))
+        np.testing.assert_array_equal(again.at(places), polygons.at(places))
+
+    @pytest.mark.medium
+    def test_a_drawing_of_a_label_image_follows_its_pixels(self, m, tmp_path):
+        regions = m.regions(m.regions(drawn(m)).image(0.25))
+        regions.save(tmp_path / "pixels.svg")
+        again = m.regions(tmp_path / "pixels.svg").image(0.25).data
+        np.testing.assert_array_equal(again, regions.image(0.25).data)
 
     @pytest.mark.medium
     def test_areas_are_those_of_the_vertices(self, m, tmp_path):

@@ -16,6 +16,7 @@ from voxflat.arguments import Progress, log
 from voxflat.cli.output import SHOWN, WRITTEN
 from voxflat.errors import HemisphereError, InputError
 from voxflat.evaluation.given_map import load
+from voxflat.io.partners import structure_of
 from voxflat.io.provenance import check_beside
 from voxflat.io.reading import reading
 from voxflat.io.volumes import Volume, read_volume
@@ -151,3 +152,33 @@ def part_of(settings: dict[str, Any], progress: Progress | None) -> Callable[[Su
         return part if polygon is None else part.polygon(polygon, progress=progress)
 
     return choose
+
+
+def sides_of(path: Path, structures: Sequence[str | None]) -> list[int]:
+    """Return the surfaces or maps, given by their structures, to which a file applies."""
+    if len(structures) == 1:
+        return [0]
+    if path.name.lower().endswith((".dlabel.nii", ".dscalar.nii")):
+        return [0, 1]
+    own = structure_of(path)
+    which = [n for n, structure in enumerate(structures) if own is not None and structure == own]
+    if len(which) != 1:
+        raise InputError(
+            f"{path}: the hemisphere of the file is unknown. Begin its name with lh. or rh., or pass a CIFTI file"
+        )
+    return which
+
+
+def parcels_of_sides(paths: Sequence[Path], structures: Sequence[str | None]) -> Any:
+    """Return files of parcels as functions expect them: one or a list for each surface or map, or a file for both."""
+    if not paths or len(structures) == 1:
+        return None if not paths else paths[0] if len(paths) == 1 else list(paths)
+    if len(paths) == 1 and paths[0].name.lower().endswith(".dlabel.nii"):
+        return paths[0]
+    each: list[list[Path]] = [[], []]
+    for path in paths:
+        for n in sides_of(path, structures):
+            each[n].append(path)
+    if not all(each):
+        raise InputError("the parcels belong to one hemisphere. Pass parcels of both hemispheres, or of one only")
+    return [own[0] if len(own) == 1 else own for own in each]

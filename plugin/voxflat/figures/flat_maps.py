@@ -14,15 +14,14 @@ from voxflat.arguments import checked_choice, checked_instance, checked_number, 
 from voxflat.errors import InputError
 from voxflat.figures.overlays import Overlay, OverlayColours
 from voxflat.figures.page import DARK, LIGHT, STRIP, WHEEL_STRIP, Page
-from voxflat.io.label_tables import are_label_files
 from voxflat.maps.colours import WINDOW
 from voxflat.maps.depth import ON_SURFACE, Depths
 from voxflat.maps.flat_map import FlatMap
 from voxflat.maps.lines import outline
-from voxflat.maps.parcels import Parcels, check_table, parcels_of
+from voxflat.maps.parcels import Parcels, are_voxels, check_table, parcels_of
 from voxflat.maps.raster import FlatImage, Raster
 from voxflat.maps.sampling import Sampling
-from voxflat.maps.sources import VolumeSource, source_of, vertex_channels
+from voxflat.maps.sources import VolumeSource, source_of
 
 UNDERLAYS = ("curvature", "sulcal depth", "none")  # measures that can show the folds
 
@@ -72,9 +71,11 @@ def flat_map(
         that map is 0, and opaque where its magnitude reaches the upper limit of ``Overlay(map, limits=(0, 5))`` or, by
         default, its 99th percentile. The default is 1. Without an overlay, this is the opacity of the parcels, whose
         default is 0.75.
-    parcels : path, ndarray, image object, Volume or Parcels, optional
-        Labels whose borders and names are drawn. Without an overlay, the parcels are filled with the colours of the
-        file. For two maps, pass one or two inputs, as for `overlay`. One map also accepts a list of ``.label`` files.
+    parcels : path, ndarray, image object, Volume, Regions or Parcels, optional
+        Labels whose borders and names are drawn: ``.annot``, ``.label.gii``, ``.dlabel.nii``, one or a list of
+        ``.label`` or ``.border`` files, whole numbers (V,) at the vertices, a volume, or regions of the map (``.svg``,
+        ``.json``, or from `FlatMap.regions`). Without an overlay, the parcels are filled with the colours of the file.
+        For two maps, pass one or two inputs, as for `overlay`.
     table : path, optional
         Names and colours of the parcels, if their file does not contain any: a table such as FreeSurferColorLUT.txt or
         a BIDS dseg.tsv.
@@ -219,8 +220,8 @@ class _Side:
         self.opacity = self._sampled(Overlay._of(opacity, count)) if is_map else None
         regions = self._own(parcels)
         if regions is not None and not isinstance(regions, Parcels):
-            is_volume = not are_label_files(regions) and vertex_channels(self._surface, regions) is None
-            regions = parcels_of(self.flat_map, regions, table=table, depths=self._depths_of(is_volume))
+            depths = self._depths_of(are_voxels(self._surface, regions))
+            regions = parcels_of(self.flat_map, regions, table=table, depths=depths)
         self.parcels: Parcels | None = regions
 
     def _own(self, values: Any) -> Any:

@@ -4,23 +4,33 @@ import csv
 import io
 import os
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
+from textwrap import shorten
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from voxflat.arguments import checked_path
+from voxflat.arguments import checked_path, log
 from voxflat.errors import InputError
 from voxflat.io import formats
 from voxflat.io.channels import is_cifti, opened
 from voxflat.io.files import REMEDY, contents, naming
 from voxflat.io.formats import gifti
+from voxflat.io.formats.border import Border, read_borders
 from voxflat.io.formats.freesurfer import annot_table, read_label
 from voxflat.io.objects import is_gifti
 
 _LABEL = 1002  # NIFTI_INTENT_LABEL; Workbench also writes an empty table, with the label "???", for other values
+LABEL_ENDINGS = (".annot", ".label.gii", ".dlabel.nii", ".label", ".border")
+"""Endings of files that contain regions of a mesh with their names."""
+
+LABEL_FILES = ".annot, .label.gii, .dlabel.nii, or one or several .label or .border files"
+"""The same in words, for the help of options."""
+
+_LISTS = (".label", ".border")  # of regions, each with its vertices or its outline
 _NO_NAMES = {"", "???", "unknown", "none", "background", "clear label"}
 
 
@@ -47,28 +57,58 @@ def read_table(path: str | os.PathLike[str]) -> LabelTable:
         return table
 
 
-def are_label_files(labels: object) -> bool:
-    """Return whether the input consists of one or several names of FreeSurfer ``.label`` files."""
+def is_label_file(labels: object) -> bool:
+    """Return whether the input is one file, or several, with regions of a mesh and their names."""
+    is_one = isinstance(labels, str | os.PathLike) and os.fspath(labels).lower().endswith(LABEL_ENDINGS)
+    return is_one or are_region_files(labels)
+
+
+def are_region_files(labels: object) -> bool:
+    """Return whether the input is one or several FreeSurfer ``.label`` or Workbench ``.border`` files."""
     several = labels if isinstance(labels, list | tuple) else [labels]
     names = [os.fspath(file) for file in several if isinstance(file, str | os.PathLike)]
-    return 0 < len(names) == len(several) and all(str(name).lower().endswith(".label") for name in names)
+    return 0 < len(names) == len(several) and all(str(name).lower().endswith(_LISTS) for name in names)
 
 
-def label_files(files: Sequence[str | os.PathLike[str]], points: int) -> tuple[NDArray[np.int64], LabelTable]:
-    """Read FreeSurfer ``.label`` files as labels from 1 with the names of the files.
+def region_files(
+    files: Sequence[str | os.PathLike[str]], points: int, inside: Callable[[Border], NDArray[np.bool_]]
+) -> tuple[NDArray[np.int64], LabelTable]:
+    """Read FreeSurfer ``.label`` and Workbench ``.border`` files as labels from 1, with their names and colours.
 
-    Regions with common points are refused, because a point has one label.
+    `inside` returns the vertices that a border encloses. Regions with common points are refused, because a point has
+    one label.
     """
-    paths = [checked_path(file) for file in files]
     labels = np.zeros(points, dtype=np.int64)
-    for number, path in enumerate(paths, 1):
+    rows: list[tuple[int, str, tuple[int, int, int] | None]] = []
+    for file in files:
+        path = checked_path(file)
         with naming(path, REMEDY):
-            region = read_label(contents(path), points)
-            common = np.unique(labels[region & (labels != 0)])
-            if len(common):
-                raise InputError(f"shares points with {paths[common[0] - 1].name}. Draw them in separate figures")
-        labels[region] = number
-    return labels, LabelTable({number: _label_name(path.name) for number, path in enumerate(paths, 1)})
+            for name, colour, region in _regions_in(path, points, inside):
+                common = np.unique(labels[region & (labels != 0)])
+                if len(common):
+                    other = rows[common[0] - 1][1]
+                    raise InputError(f"its region {name} shares points with {other}. Draw them in separate figures")
+                rows.append((len(rows) + 1, name, colour))
+                labels[region] = len(rows)
+    return labels, _table(rows)
+
+
+def _regions_in(
+    path: Path, points: int, inside: Callable[[Border], NDArray[np.bool_]]
+) -> Iterator[tuple[str, tuple[int, int, int] | None, NDArray[np.bool_]]]:
+    """Yield the name, the colour and the vertices of each region in a file."""
+    if path.name.lower().endswith(".label"):
+        yield _label_name(path.name), None, read_label(contents(path), points)
+        return
+    borders = read_borders(contents(path), points)
+    closed = [border for border in borders if any(line.is_closed for line in border.lines)]
+    if not closed:
+        raise InputError("has only open borders, which enclose no region. Close them in Workbench")
+    if len(closed) < len(borders):
+        names = ", ".join(border.name for border in borders if border not in closed)
+        log.warning("%s: open borders enclose no region and are omitted: %s", path, shorten(names, 200))
+    for border in closed:
+        yield border.name, border.colour, inside(border)
 
 
 def _label_name(name: str) -> str:

@@ -9,6 +9,7 @@ from voxflat.errors import InputError
 from voxflat.io import formats
 from voxflat.io.files import REMEDY, contents, naming
 from voxflat.io.formats import gifti
+from voxflat.io.formats.border import border_structure
 from voxflat.io.meshes import LEFT, RIGHT, Mesh, named_structure
 from voxflat.io.origin import Origin
 
@@ -32,6 +33,8 @@ def check_file_side(path: str | os.PathLike[str], structure: str | None, remedy:
 def structure_of(path: str | os.PathLike[str]) -> str | None:
     """Return the structure of a file in GIFTI notation, if known; GIFTI metadata override the file name."""
     side = named_structure(path)
+    if os.fspath(path).lower().endswith(".border"):
+        return border_structure(contents(Path(path))) or side
     if formats.by_name(Path(path)) != formats.GIFTI:
         return side
     with naming(path, REMEDY):

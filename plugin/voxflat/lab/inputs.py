@@ -11,6 +11,7 @@ from pathlib import Path
 
 from voxflat.arguments import log, shown
 from voxflat.errors import InputError
+from voxflat.io.label_tables import LABEL_ENDINGS
 from voxflat.io.meshes import named_structure
 from voxflat.lab.layouts import FREESURFER, HEMISPHERES, SMRIPREP, Finder, Layout, layout_in
 from voxflat.lab.results import MEASURES
@@ -24,7 +25,6 @@ _CORTEX = ("cortex", "grayordinates", "areas")  # definitions of the cortex; the
 _USUAL_OVERLAY = "thickness"
 _KINDS_OF_CUTS = ("standard", "automatic")  # instead of a file
 _CUTS_FILE = "the cuts file"
-_LABELS = (".annot", ".label", ".label.gii", ".dlabel.nii")  # endings
 _OF_HCP = ("T1w", "MNINonLinear")  # directories of a subject of the HCP pipelines
 _REMEDIES = {
     "native": "Omit --space",
@@ -57,7 +57,7 @@ class Parameters:
                 raise InputError(f"two overlays have the name {name}. Rename one of the files ({text})")
             if name in MEASURES:
                 raise InputError(f"the overlay {text} has the name of a measure, {name}. Rename the file")
-            if text.lower().endswith(_LABELS):
+            if text.lower().endswith(LABEL_ENDINGS):
                 raise InputError(f"the overlay {text} contains labels. Draw them with voxflat figure MAP --parcels")
             names.add(name.lower())
 

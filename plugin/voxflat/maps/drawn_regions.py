@@ -16,13 +16,14 @@ from voxflat.errors import InputError
 from voxflat.io.files import REMEDY, check_regular, contents, from_json, naming
 from voxflat.io.formats.svg import Outline, read_outlines
 from voxflat.io.grid import in_unit, millimetres
-from voxflat.io.label_tables import are_label_files
+from voxflat.io.label_tables import LABEL_ENDINGS, is_label_file
 from voxflat.io.readers import read_array
 from voxflat.io.reading import record_file
 from voxflat.io.sources import as_volume
 from voxflat.io.volumes import VOLUME_ENDINGS
 from voxflat.maps.colours import all_whole, label_colour
 from voxflat.maps.lines import ellipse
+from voxflat.maps.outlines import Collar, around_pixels
 from voxflat.maps.parcels import Parcels, parcels_of
 from voxflat.maps.plane import Planar
 from voxflat.maps.raster import FlatImage, Raster, nearest_inside, rows_in, rows_of_period
@@ -32,7 +33,6 @@ from voxflat.maps.textures.pictures import decoded, header
 from voxflat.read_only import ReadOnly
 
 _IMAGES = (".png", ".tif", ".tiff", ".npy", ".nii", ".nii.gz")
-_LABELS = (".annot", ".label.gii", ".dlabel.nii")
 _BESIDE = 1.5  # extent, in pixels, of a label image beyond the outline of the map
 
 
@@ -44,6 +44,10 @@ class _Drawn:
     keys: tuple[int, ...]
 
     pixel_size = None
+
+    def drawn(self, key: int) -> list[Outline]:
+        """Return the outlines of a region."""
+        return [outline for outline, own in zip(self.outlines, self.keys, strict=True) if own == key]
 
     def labels(self, places: NDArray[np.float64]) -> NDArray[np.int64]:
         order = np.argsort(places[:, 1], kind="stable")
@@ -83,6 +87,13 @@ class _Pixels(ReadOnly):
     def pixel_size(self) -> float:
         return self.raster.pixel_size
 
+    def drawn(self, key: int) -> list[Outline]:
+        """Return the outlines of the pixels of a region."""
+        (u, v), size = self.raster.origin, self.raster.pixel_size
+        loops = around_pixels(self._continued == key)
+        placed = [np.column_stack([u + size * loop[:, 1], v - size * loop[:, 0]]) for loop in loops]
+        return [Outline(str(key), tuple(placed), is_even_odd=True)] if placed else []
+
     @cached_property
     def _continued(self) -> NDArray[np.int64]:
         """The image, extended slightly beyond the outline of the map."""
@@ -106,6 +117,16 @@ class _Labelled:
     parcels: Parcels
 
     pixel_size = None
+
+    @cached_property
+    def _collar(self) -> Collar:
+        flat = self.parcels.flat_map
+        return Collar.around(flat._triangles.uv, flat._whole_faces)
+
+    def drawn(self, key: int) -> list[Outline]:
+        """Return the outlines around the points of a region."""
+        loops = self._collar.outlines(self.parcels.labels == key)
+        return [Outline(str(key), loops, is_even_odd=True)] if loops else []
 
     def labels(self, places: NDArray[np.float64]) -> NDArray[np.int64]:
         hits, faces = self.parcels.flat_map.look_up(places), self.parcels.flat_map._triangles.faces
@@ -137,7 +158,7 @@ def regions_of(flat: Planar, rois: object, *, layer: str, pixel_size: float | No
 
 
 def _regions_of(flat: Planar, rois: object, layer: str, pixel_size: float | None) -> Regions:
-    if are_label_files(rois) or (isinstance(rois, str | os.PathLike) and str(rois).lower().endswith(_LABELS)):
+    if is_label_file(rois):
         return _labelled(flat, rois)
     if isinstance(rois, str | os.PathLike):
         path = Path(rois)
@@ -150,7 +171,7 @@ def _regions_of(flat: Planar, rois: object, layer: str, pixel_size: float | None
             with naming(path, REMEDY):
                 data, size = _read_image(path, flat._triangles.on_surface.origin.unit)
                 return _pixels(flat, data, size if pixel_size is None else pixel_size)
-        endings = ", ".join((".svg", ".json", *_LABELS, ".label", *_IMAGES))
+        endings = ", ".join((".svg", ".json", *LABEL_ENDINGS, *_IMAGES))
         raise InputError(f"{path}: unsupported file type. Pass regions as {endings}")
     if isinstance(rois, FlatImage):
         return _pixels(flat, rois.data, rois.pixel_size)
@@ -208,7 +229,12 @@ def _drawn(flat: Planar, outlines: Sequence[Outline]) -> Regions:
     keys = {name: key for key, name in enumerate(names, 1)}
     colours = {outline.name: outline.colour for outline in reversed(outlines)}
     taken = list(colours.values())
-    chosen = {name: colour for name, colour in colours.items() if colour is not None and taken.count(colour) == 1}
+    deliberate = {outline.name for outline in outlines if outline.is_coloured}
+    chosen = {
+        name: colour
+        for name, colour in colours.items()
+        if colour is not None and (name in deliberate or taken.count(colour) == 1)
+    }
     painted = [chosen.get(name, label_colour(keys[name])) for name in names]
     uv = flat._triangles.uv
     low, high = uv.min(axis=0), uv.max(axis=0)

@@ -426,8 +426,9 @@ class FlatMap(Planar, Saved):
             pixels of the map, shape (H, W), with 0 outside regions; a napari Shapes layer over the map, whose feature
             column "name" contains the names; or a file. An ``.svg`` file is a voxflat figure with paths in a layer, a
             ``.json`` file holds polygons keyed by name, and ``.npy``, ``.png``, ``.tif``, ``.nii`` and ``.nii.gz``
-            files are label images. ``.annot``, ``.label.gii`` and ``.dlabel.nii`` files, and one or several FreeSurfer
-            ``.label`` files, hold vertices of the mesh; names and colours are kept.
+            files are label images. ``.annot``, ``.label.gii`` and ``.dlabel.nii`` files, one or several FreeSurfer
+            ``.label`` files, and the closed lines of one or several Workbench ``.border`` files hold vertices of the
+            mesh; names and colours are kept. A border encloses the side with fewer vertices.
         layer : str
             Layer of the SVG file in which the regions were drawn.
         pixel_size : float, optional

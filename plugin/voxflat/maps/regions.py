@@ -14,15 +14,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from voxflat import _core
-from voxflat.arguments import checked_choice, checked_number, checked_path, numbers_of, shown
+from voxflat.arguments import checked_choice, checked_number, checked_path, log, numbers_of, shown
 from voxflat.errors import InputError
 from voxflat.io.channels import distinct_names
 from voxflat.io.chunks import is_stack_path
+from voxflat.io.dlabel import write_dlabel
 from voxflat.io.files import atomic_path
 from voxflat.io.formats.freesurfer import write_annot, write_label
 from voxflat.io.formats.gifti import label_bytes
+from voxflat.io.formats.svg import Outline, write_outlines
 from voxflat.io.grid import in_unit
-from voxflat.io.provenance import Record, Recorded, files_of, saving
+from voxflat.io.provenance import Record, Recorded, as_text, files_of, portable, saving
 from voxflat.io.reading import check_room, reading
 from voxflat.io.tables import cell_of, write_table
 from voxflat.io.volumes import Volume, read_volume, write_volume
@@ -36,10 +38,15 @@ from voxflat.maps.volume_place import placed, warn_of_extent
 from voxflat.read_only import ReadOnly
 from voxflat.unique_rows import distinct
 
-VERTEX_ENDINGS = (".annot", ".label.gii", ".label")
+VERTEX_ENDINGS = (".annot", ".label.gii", ".dlabel.nii", ".label")
 TABLE_ENDINGS = (".tsv", ".csv")
 _VOLUME_ENDINGS = (".nii", ".nii.gz", ".mgh", ".mgz", ".nrrd")
-REGION_ENDINGS = (*VERTEX_ENDINGS, *TABLE_ENDINGS, *_VOLUME_ENDINGS)  # of the files of `Regions.save`
+DRAWING = ".svg"
+_NAME = "{name}"  # in the file name of several labels
+REGION_ENDINGS = (*VERTEX_ENDINGS, DRAWING, *TABLE_ENDINGS, *_VOLUME_ENDINGS)  # of the files of `Regions.save`
+
+
+_NO_VERTEX = "no vertex lies in a region. Draw regions that are larger than the triangles of the map"
 
 
 class _Places(Protocol):
@@ -51,6 +58,28 @@ class _Places(Protocol):
 
     def labels(self, places: NDArray[np.float64]) -> NDArray[np.int64]:
         """Return the key at each position, shape (P,); 0 outside all regions."""
+
+    def drawn(self, key: int) -> list[Outline]:
+        """Return the outlines of a region."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Only:
+    """One of several regions, where it is not covered by the others."""
+
+    places: _Places
+    key: int
+
+    @property
+    def pixel_size(self) -> float | None:
+        return self.places.pixel_size
+
+    def labels(self, places: NDArray[np.float64]) -> NDArray[np.int64]:
+        codes = self.places.labels(places)
+        return np.where(codes == self.key, codes, 0)
+
+    def drawn(self, key: int) -> list[Outline]:
+        return self.places.drawn(key)
 
 
 @dataclass(frozen=True, eq=False)
@@ -314,9 +343,11 @@ class Regions(ReadOnly, Recorded):
         Parameters
         ----------
         path : path
-            ``.annot`` and ``.label.gii`` hold names, colours and mesh vertices. ``.label`` holds the vertices of a
-            single region. ``.nii``, ``.nii.gz``, ``.mgh``, ``.mgz`` and ``.nrrd`` hold voxels, as returned by `volume`.
-            ``.tsv`` and ``.csv`` hold the table of `properties`, with units in its header.
+            ``.annot``, ``.label.gii`` and ``.dlabel.nii`` hold names, colours and mesh vertices. ``.label`` holds the
+            vertices of a single region; with ``{name}`` in the name of the file, such as ``lh.{name}.label``, each
+            region gets its own file. ``.svg`` holds names, colours and outlines, to edit in Inkscape. ``.nii``,
+            ``.nii.gz``, ``.mgh``, ``.mgz`` and ``.nrrd`` hold voxels, as returned by `volume`. ``.tsv`` and ``.csv``
+            hold the table of `properties`, with units in its header.
         volume : path, image object or Volume, optional
             A volume that defines the grid of a label volume; by default the flattened volume. For a table, a volume or
             overlay; the mean of each of its channels is added.
@@ -343,17 +374,20 @@ class Regions(ReadOnly, Recorded):
         name = path.name.lower()
         if not name.endswith(REGION_ENDINGS):
             raise InputError(f"cannot save regions as {path.name}. Use a name that ends in {', '.join(REGION_ENDINGS)}")
-        holds_voxels = name.endswith(_VOLUME_ENDINGS)
+        is_volume = holds_voxels(path)
         is_table = name.endswith(TABLE_ENDINGS)
-        if not (holds_voxels or is_table) and (volume is not None or depth is not None):
+        if not (is_volume or is_table) and (volume is not None or depth is not None):
             raise InputError(f"{path.name} does not store voxels, so volume and depth do not apply. Omit them")
         if is_table and volume is None and depth is not None:
             raise InputError("depth is given, but no volume to average over these depths. Pass volume")
+        if name.endswith(".label") and _NAME in path.name:
+            self._save_each(path, sidecar, overwrite)
+            return
         made = rows = None
         with reading() as files:
             if is_table:
                 rows = self._rows(None if volume is None else self._sampled(volume, depth))
-            elif holds_voxels:
+            elif is_volume:
                 made = self.volume(self._grid() if volume is None else volume, depth=depth)
         labels = dict(zip(map(str, self.keys), self.names, strict=True))
         inputs = dict(sorted({**files_of(self.provenance), **files}.items()))
@@ -365,6 +399,9 @@ class Regions(ReadOnly, Recorded):
                 write_volume(path, made.data, made.in_unit("mm").affine, record, has_unit=has_unit)
             elif rows is not None:
                 write_table(path, rows)
+            elif name.endswith(DRAWING):
+                with atomic_path(path) as temporary:
+                    self._write_drawing(temporary, record)
             else:
                 with atomic_path(path) as temporary:
                     self._write_vertices(temporary, name, record)
@@ -397,23 +434,60 @@ class Regions(ReadOnly, Recorded):
         ]
         return [[name + units.get(name, "") for name in found], *map(list, zip(*columns, strict=True))]
 
+    def _save_each(self, path: Path, sidecar: bool, overwrite: bool) -> None:
+        """Save each region to its own label file, whose name contains that of the region."""
+        present = np.unique(self.vertex_labels).tolist()
+        files: dict[str, Regions] = {}
+        for n, (key, name) in enumerate(zip(self.keys, self.names, strict=True)):
+            file = path.name.replace(_NAME, re.sub(r"[^\w.+-]+", "_", name))
+            if key not in present:
+                log.warning("no vertex lies in %s, so %s is not written", name, file)
+            elif file in files:
+                raise InputError(f"two regions would be saved as {file}. Give them different names")
+            else:
+                files[file] = replace(
+                    self, names=(name,), keys=(key,), colours=self.colours[n : n + 1], places=_Only(self.places, key)
+                )
+        if not files:
+            raise InputError(_NO_VERTEX)
+        for file, region in files.items():
+            region.save(path.with_name(file), sidecar=sidecar, overwrite=overwrite)
+
+    def _write_drawing(self, path: Path, record: Record) -> None:
+        outlines = []
+        for key, name, colour in zip(self.keys, self.names, self.colours.tolist(), strict=True):
+            outlines += [replace(one, name=name, colour=tuple(colour)) for one in self.places.drawn(key)]
+        corners = np.concatenate([self.of._triangles.uv, *(loop for one in outlines for loop in one.loops)])
+        (left, bottom), (right, top) = corners.min(axis=0).tolist(), corners.max(axis=0).tolist()
+        write_outlines(path, outlines, (left, right, bottom, top), "rois", as_text(portable(record)))
+
     def _write_vertices(self, path: Path, name: str, record: Record) -> None:
         labels = self.vertex_labels
         if not labels.any():
-            raise InputError("no vertex lies in a region. Draw regions that are larger than the triangles of the map")
+            raise InputError(_NO_VERTEX)
         if name.endswith(".annot"):
             write_annot(path, labels, self.keys, self.names, self.colours)
         elif name.endswith(".label.gii"):
             structure = self._surface.origin.structure
             path.write_bytes(label_bytes(labels, self.keys, self.names, self.colours, structure, record))
+        elif name.endswith(".dlabel.nii"):
+            structure = self._surface.origin.structure
+            write_dlabel(path, labels, self.keys, self.names, self.colours, structure, record)
         else:
             if len(self) != 1:
-                raise InputError(f"a .label file can store only one region, not {len(self)}. Use .annot or .label.gii")
+                remedy = f"Write {_NAME} in the name of the file, such as lh.{_NAME}.label, or use .annot or .label.gii"
+                raise InputError(f"a .label file can store only one region, not {len(self)}. {remedy}")
             vertices = np.flatnonzero(labels)
             rows = np.zeros(self._surface.origin.mesh.vertices, dtype=np.int64)
             rows[self._surface.ids[::-1]] = np.arange(len(self._surface.ids))[::-1]
             points = self._surface.points if self._surface.white_points is None else self._surface.white_points
             write_label(path, vertices, self._surface.origin.space.to_tkras(points[rows[vertices]]), self.names[0])
+
+
+def holds_voxels(path: Path) -> bool:
+    """Return whether regions are saved under this name as voxels; CIFTI files hold vertices."""
+    name = path.name.lower()
+    return name.endswith(_VOLUME_ENDINGS) and not name.endswith(VERTEX_ENDINGS)
 
 
 def _named(

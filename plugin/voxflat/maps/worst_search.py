@@ -61,7 +61,7 @@ def worst_places(
     cuts : bool
         Find a cut for each region: the shortest path along edges from the border through the region to its far end. At
         the border, the cut continues inwards to three times the depth of the region.
-    parcels : path, ndarray, image object, Volume or Parcels, optional
+    parcels : path, ndarray, image object, Volume, Regions or Parcels, optional
         Labels, as in `figures.flat_map`. Each region gets the name of the parcel that contains the largest part of it.
     table : path, optional
         Names of the parcels, if their file does not contain names.

@@ -663,9 +663,10 @@ class Surface(Manifold):
         Parameters
         ----------
         parcels : path, ndarray, image object or pair of these, optional
-            Labels of the vertices (``.annot``, ``.label.gii``, ``.dlabel.nii``, FreeSurfer ``.label`` files, or whole
-            numbers of shape (V,)), or a volume of labels. The distances are then those between parcels. With `other`,
-            pass a ``.dlabel.nii`` file with both hemispheres, or a pair in the order of the surfaces.
+            Labels of the vertices (``.annot``, ``.label.gii``, ``.dlabel.nii``, one or a list of ``.label`` or
+            ``.border`` files, or whole numbers of shape (V,)), or a volume of labels. The distances are then those
+            between parcels. With `other`, pass a ``.dlabel.nii`` file with both hemispheres, or a pair in the order of
+            the surfaces.
         method : {"mean", "min", "centroid"}
             How parcels are compared. "mean": the mean of the distances from each vertex of one to each vertex of the
             other. "min": the shortest of these distances. "centroid": the distance between their centroids, which are

@@ -8,16 +8,15 @@ import cloup
 
 from voxflat.cli import options
 from voxflat.cli.console import bars
-from voxflat.cli.input import part_of, surface_of
+from voxflat.cli.input import parcels_of_sides, part_of, sides_of, surface_of
 from voxflat.cli.options import FILE, OUT
 from voxflat.cli.output import check_output, report
 from voxflat.cli.parameter_options import option_of
 from voxflat.distances.geodesic import SOLVERS
-from voxflat.errors import InputError
 from voxflat.io.files import atomic_path
 from voxflat.io.grid import in_unit
+from voxflat.io.label_tables import LABEL_FILES
 from voxflat.io.matrices import MATRIX_ENDINGS, table_of
-from voxflat.io.partners import structure_of
 from voxflat.io.provenance import saving
 from voxflat.pipeline.distance_matrix import KINDS, METHODS, SYMMETRIC
 from voxflat.pipeline.surface import Surface, surface
@@ -127,8 +126,8 @@ def rows_command(input_: Path, sources: int, quiet: bool, **settings: Any) -> No
     ),
     options.reads(
         "--parcels",
-        "Measure the distances between these parcels (.annot, .label.gii, .dlabel.nii, or FreeSurfer .label files) "
-        "instead of between vertices. With two surfaces, pass a .dlabel.nii file, or one file per hemisphere.",
+        f"Measure the distances between these parcels ({LABEL_FILES}) instead of between vertices. With two surfaces, "
+        "pass a .dlabel.nii file, or files of both hemispheres.",
         multiple=True,
     ),
     option_of(Surface.geodesic_matrix, "method", type=click.Choice(METHODS), sentences=4),
@@ -161,45 +160,16 @@ def distance_matrix_command(
     check_output(output, MATRIX_ENDINGS, beside=tables, **writing)
     with bars(quiet) as bar:
         parts = [surface(path, memory_limit=settings["memory_limit"]) for path in surfaces]
+        sides = [part.origin.structure for part in parts]
         for region in drop:
-            for n in _sides_of(region, parts):
+            for n in sides_of(region, sides):
                 parts[n] = parts[n].drop(region)
         other = parts[1] if len(parts) > 1 else None
         matrix = parts[0].geodesic_matrix(
-            _parcels(parcels, parts), other=other, file=output, **writing, **settings, progress=bar.progress
+            parcels_of_sides(parcels, sides), other=other, file=output, **writing, **settings, progress=bar.progress
         )
     content = {"output": str(output), "rows": len(matrix.ids), "unit": matrix.unit, "names": list(matrix.names)}
     named = "without a unit" if matrix.unit == "unknown" else f"in {matrix.unit}"
     of = "parcels" if matrix.names else "points"
     text = f"{len(matrix.ids):,} x {len(matrix.ids):,} distances between {of}, {named}\nsaved as {output}"
     report({**content, "provenance": matrix.provenance}, text, quiet=quiet)
-
-
-def _sides_of(path: Path, parts: list[Surface]) -> list[int]:
-    """Return the surfaces to which a file applies."""
-    if len(parts) == 1:
-        return [0]
-    if path.name.lower().endswith((".dlabel.nii", ".dscalar.nii")):
-        return [0, 1]
-    own = structure_of(path)
-    which = [n for n, part in enumerate(parts) if own is not None and part.origin.structure == own]
-    if len(which) != 1:
-        raise InputError(
-            f"{path}: the hemisphere of the file is unknown. Begin its name with lh. or rh., or pass a CIFTI file"
-        )
-    return which
-
-
-def _parcels(paths: tuple[Path, ...], parts: list[Surface]) -> Any:
-    """Return the parcels as `Surface.geodesic_matrix` expects them."""
-    if not paths or len(parts) == 1:
-        return None if not paths else paths[0] if len(paths) == 1 else list(paths)
-    if len(paths) == 1 and paths[0].name.lower().endswith(".dlabel.nii"):
-        return paths[0]
-    each: list[list[Path]] = [[], []]
-    for path in paths:
-        for n in _sides_of(path, parts):
-            each[n].append(path)
-    if not all(each):
-        raise InputError("the parcels belong to one hemisphere. Pass parcels of both, or one surface")
-    return [own[0] if len(own) == 1 else own for own in each]

@@ -8,11 +8,12 @@ import cloup
 
 from voxflat.cli import options
 from voxflat.cli.console import bars
-from voxflat.cli.input import load_maps, surface_of
+from voxflat.cli.input import load_maps, parcels_of_sides, surface_of
 from voxflat.cli.options import FILE
 from voxflat.cli.output import FIGURE_ENDINGS, check_output, report
 from voxflat.cli.parameter_options import option_of
 from voxflat.evaluation.measure import compare, measure
+from voxflat.io.label_tables import LABEL_FILES
 from voxflat.io.reading import reading
 from voxflat.maps.worst_places import WORST_ENDINGS
 from voxflat.maps.worst_search import worst_places
@@ -113,7 +114,11 @@ def measure_command(
     "Regions",
     option_of(worst_places, "count", type=click.IntRange(min=0), metavar="N"),
     option_of(worst_places, "beyond", type=options.NUMBER, metavar="FACTOR", help=_BEYOND),
-    options.reads("--parcels", "Name the regions after these parcels (.annot, .label.gii, .dlabel.nii or a volume)."),
+    options.reads(
+        "--parcels",
+        f"Name the regions after these parcels ({LABEL_FILES}, a volume, or regions drawn on the map, .svg or .json).",
+        multiple=True,
+    ),
     options.reads("--table", "Names of the parcels, in the format of FreeSurferColorLUT.txt or a BIDS dseg.tsv."),
 )
 @options.output(
@@ -152,6 +157,7 @@ def worst_command(
     """
     if numbers and cuts_file is None:
         raise click.UsageError("--place requires --save-cuts.")
+    settings["parcels"] = parcels_of_sides(settings["parcels"], [None])
     if settings["table"] is not None and settings["parcels"] is None:
         raise click.UsageError("--table requires --parcels.")
     files = {output: WORST_ENDINGS, cuts_file: (".json",), figure: FIGURE_ENDINGS, picture: (".png",)}

@@ -8,12 +8,12 @@ import cloup
 
 from voxflat.cli import options
 from voxflat.cli.console import bars
-from voxflat.cli.input import load_maps
+from voxflat.cli.input import load_maps, parcels_of_sides
 from voxflat.cli.options import FILE
 from voxflat.cli.output import FIGURE_ENDINGS, check_output, report
 from voxflat.cli.overlay_options import colour_section, data_section, one_or_all, overlay_of, page_section
 from voxflat.io.files import require
-from voxflat.io.label_tables import are_label_files
+from voxflat.io.label_tables import LABEL_FILES, are_region_files
 from voxflat.io.provenance import described, record_of, saving
 from voxflat.io.reading import reading
 
@@ -69,8 +69,8 @@ _maps = options.map_options(cloup.argument("maps", metavar="MAP [MAP]", type=FIL
     "Parcels",
     options.reads(
         "--parcels",
-        "Draw the borders and names of these parcels (.annot, .label.gii, .dlabel.nii, a volume, or one or several "
-        ".label files), and fill them with their colours if there is no overlay.",
+        f"Draw the borders and names of these parcels ({LABEL_FILES}, a volume, or regions drawn on the map as .svg or "
+        ".json), and fill them with their colours if there is no overlay.",
         multiple=True,
     ),
     options.reads(
@@ -101,8 +101,7 @@ def figure_command(maps: tuple[Path, ...], output: Path, writing: dict[str, Any]
     if len(maps) > 2:
         raise click.UsageError(f"{len(maps)} maps are given. Pass one map, or two, such as both hemispheres.")
     for name in ("overlay", "strength", "parcels", "alpha"):
-        if name == "parcels" and len(maps) == 1 and are_label_files(look[name]):
-            look[name] = list(look[name])
+        if name == "parcels" and len(look[name]) > len(maps) and are_region_files(look[name]):
             continue
         if len(look[name]) > len(maps):
             count = f"{len(look[name])} times for {len(maps)} map{'s' * (len(maps) > 1)}"
@@ -128,6 +127,8 @@ def figure_command(maps: tuple[Path, ...], output: Path, writing: dict[str, Any]
     with bars() as bar, reading() as files:
         loaded = load_maps(maps, bar.progress)
         flat_map = loaded[0] if len(loaded) == 1 else loaded
+        if isinstance(look["parcels"], tuple):  # several files for a map
+            look["parcels"] = parcels_of_sides(look["parcels"], [one.origin.structure for one in loaded])
         drawn = figures.flat_map(flat_map, data, **look)
     record = record_of("flat_map", described({"flat_map": flat_map, "overlay": data, **look}), files)
     with saving(output, record, **writing):

@@ -15,13 +15,13 @@ from voxflat.cli.output import check_output, report
 from voxflat.cli.parameter_options import option_of
 from voxflat.errors import InputError
 from voxflat.io.grid import in_unit
+from voxflat.io.label_tables import LABEL_FILES
 from voxflat.io.provenance import record_of, saving
 from voxflat.io.reading import reading
 from voxflat.io.sources import as_volume
 from voxflat.io.tables import TABLE_ENDINGS, read_points
-from voxflat.io.volumes import VOLUME_ENDINGS
 from voxflat.maps.flat_map import FlatMap
-from voxflat.maps.regions import REGION_ENDINGS, Regions
+from voxflat.maps.regions import REGION_ENDINGS, Regions, holds_voxels
 
 _SPACE = 'Space of the coordinates: "surface" (the space of the surface) or "scanner" (scanner RAS, as for volumes).'
 _PIXEL_SIZE = (
@@ -74,6 +74,8 @@ def points_command(map_: Path, points: Path, output: Path, limit: float, space: 
     "voxflat regions map.npz --image rois.tif -o rois.label.gii",
     "voxflat regions map.npz --image cells.tif --volume stack.ome.tif --depth -2,2 -o cells.tsv",
     "voxflat regions map.npz --labels lh.aparc.annot --volume thickness.func.gii -o lh.aparc.tsv",
+    "voxflat regions map.npz --labels lh.areas.border -o lh.areas.dlabel.nii",
+    'voxflat regions map.npz --labels lh.aparc.annot -o "labels/lh.{name}.label"',
     "voxflat regions map.npz --svg drawn.svg --layer visual --volume t1.nii.gz -o labels.nii.gz",
     "voxflat regions map.npz --polygons v1.json --volume t1.nii.gz --depth 0,2.5 -o labels.nii.gz",
 )
@@ -90,14 +92,14 @@ def points_command(map_: Path, points: Path, output: Path, limit: float, space: 
     options.value("--pixel-size", "MM", _PIXEL_SIZE, type=options.NUMBER),
     options.reads(
         "--labels",
-        "Labels of the vertices of the mesh (.annot, .label.gii, .dlabel.nii, or .label, which may be repeated), whose "
-        "names and colours are kept.",
+        f"Labels of the vertices of the mesh ({LABEL_FILES}), whose names and colours are kept.",
         multiple=True,
     ),
 )
 @options.output(
-    "Output file: .annot, .label.gii or .label (one region) for vertex labels; .nii, .nii.gz, .mgh, .mgz or .nrrd for "
-    "voxel labels; .tsv or .csv for a table of areas, perimeters, positions and shapes on the surface.",
+    "Output file: .annot, .label.gii, .dlabel.nii or .label for vertex labels (with {name} in its name, one "
+    ".label file per region); .svg for outlines; .nii, .nii.gz, .mgh, .mgz or .nrrd for voxel labels; .tsv or .csv for "
+    "a table of areas, perimeters, positions and shapes on the surface.",
     options.reads(
         "--volume",
         "Volume whose grid is used for the voxel labels. For a table, volume or overlay whose mean is added for each "
@@ -147,7 +149,7 @@ def regions_command(
         regions = regions._with_provenance({**regions.provenance, "files": files})
         regions.save(output, volume=volume, depth=depth, **writing)
     counts = {"regions": _counts(regions, regions.labels)}
-    if output.name.lower().endswith(VOLUME_ENDINGS):
+    if holds_voxels(output):
         counts["voxels"] = _counts(regions, as_volume(output).data)
     voxels = {name: f", {count} voxels" for name, count in counts.get("voxels", {}).items()}
     lines = [f"{name}: {n} points of the map{voxels.get(name, '')}" for name, n in counts["regions"].items()]

@@ -5,22 +5,28 @@ The root element defines the position of the axes: ``data-voxflat-extent`` (left
 """
 
 import os
-from collections.abc import Iterator
+import xml.etree.ElementTree as ET
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from voxflat.arguments import checked_path
+from voxflat.arguments import checked_path, printable
 from voxflat.errors import InputError
 from voxflat.io.files import check_regular, naming, require
 from voxflat.io.reading import record_file
 
 EXTENT, AXES = "data-voxflat-extent", "data-voxflat-axes"
-_LABEL = "{http://www.inkscape.org/namespaces/inkscape}label"
-_MODE = "{http://www.inkscape.org/namespaces/inkscape}groupmode"
+REGIONS = "data-voxflat-regions"
+"""Marks files of regions, which `write_outlines` wrote."""
+
+_SVG = "http://www.w3.org/2000/svg"
+_INKSCAPE = "http://www.inkscape.org/namespaces/inkscape"
+_LABEL, _MODE = f"{{{_INKSCAPE}}}label", f"{{{_INKSCAPE}}}groupmode"
 _TOLERANCE = 0.005  # mm, largest distance of a chord from its curve
 _MOST = 1024  # largest number of chords per curve
 
@@ -33,6 +39,7 @@ class Outline:
     loops: tuple[NDArray[np.float64], ...]  # closed polygons (k, 2), (u, v) in mm
     is_even_odd: bool = False  # even-odd fill rule, else non-zero
     colour: tuple[int, int, int] | None = None  # red, green, blue
+    is_coloured: bool = False  # whether other regions with the same colour were given it on purpose
 
 
 def read_outlines(path: str | os.PathLike[str], layer: str) -> list[Outline]:
@@ -52,9 +59,44 @@ def read_outlines(path: str | os.PathLike[str], layer: str) -> list[Outline]:
             names = ", ".join(repr(_own(group, _LABEL) or str(group.id)) for group in layers) or "other elements"
             raise InputError(f"has no layer {layer!r} (layers: {names}). Draw the regions in a layer named {layer!r}")
         outlines = [outline for outline in _outlines(drawn, svg, to_mm, _own(drawn, _LABEL)) if outline.loops]
+        if root.values.get(REGIONS) is not None:
+            outlines = [replace(outline, is_coloured=True) for outline in outlines]
         if not outlines:
             raise InputError(f"its layer {layer!r} has no path. Draw the regions in this layer as closed paths")
         return outlines
+
+
+def write_outlines(
+    path: Path, outlines: Sequence[Outline], extent: tuple[float, float, float, float], layer: str, text: str
+) -> None:
+    """Write outlines as paths of a layer that Inkscape shows, in a drawing of the given extent in mm.
+
+    `extent` is left, right, bottom and top. `text` is stored as metadata.
+    """
+    left, right, bottom, top = extent
+    width, height = right - left, top - bottom
+    ET.register_namespace("", _SVG)
+    ET.register_namespace("inkscape", _INKSCAPE)
+    size = {"width": f"{width:.9g}mm", "height": f"{height:.9g}mm", "viewBox": f"0 0 {width:.17g} {height:.17g}"}
+    placed = {EXTENT: " ".join(f"{end:.17g}" for end in extent), AXES: f"0 0 {width:.17g} {height:.17g}", REGIONS: "1"}
+    root = ET.Element(f"{{{_SVG}}}svg", {"version": "1.1", **size, **placed})
+    ET.SubElement(root, f"{{{_SVG}}}metadata").text = text
+    group = ET.SubElement(root, f"{{{_SVG}}}g", {"id": printable(layer), _LABEL: printable(layer), _MODE: "layer"})
+    for number, outline in enumerate(outlines, 1):
+        red, green, blue = outline.colour or (0, 0, 0)
+        colour = f"#{red:02x}{green:02x}{blue:02x}"
+        data = " ".join(_path_data(loop - [left, top]) for loop in outline.loops)
+        look = {"fill": colour, "fill-opacity": "0.5", "stroke": colour, "stroke-width": f"{width / 500:.3g}"}
+        rule = "evenodd" if outline.is_even_odd else "nonzero"
+        named = {"id": f"region{number}", _LABEL: printable(outline.name), "fill-rule": rule}
+        ET.SubElement(group, f"{{{_SVG}}}path", {**named, **look, "d": data})
+    ET.indent(root)
+    path.write_bytes(ET.tostring(root, encoding="utf-8", xml_declaration=True))
+
+
+def _path_data(loop: NDArray[np.float64]) -> str:
+    """Return the data of a closed path; its y axis points downwards."""
+    return "M " + " L ".join(f"{x:.12g},{-y:.12g}" for x, y in loop.tolist()) + " Z"
 
 
 def _placement(root: Any, svg: Any) -> Any:
