@@ -342,6 +342,27 @@ def test_the_overlay_of_a_series_is_its_mean_over_time(made):
 
 
 @pytest.mark.slow
+def test_a_series_on_fsaverage5_is_shown_on_the_native_map(made, tmp_path):
+    root, _ = made
+    shutil.copytree(root / "fmriprep" / "sub-01", tmp_path / "fmriprep" / "sub-01")
+    whole = studies.hemisphere("lh")
+    name = "sub-01_task-rest_hemi-L_space-fsaverage5_bold.func.gii"
+    frames = [(whole["sphere"][:, 2] + n).astype("f4") for n in range(3)]
+    path = tmp_path / "fmriprep" / "sub-01" / "func" / name
+    studies.write_gifti(path, "lh", *((frame, "TIME_SERIES") for frame in frames))
+    words = ["bids", tmp_path / "fmriprep", tmp_path / "out", "participant", "--hemi", "L"]
+    succeed(*words, "--overlay", "{subject}_task-rest_hemi-{hemi}_space-fsaverage5_bold.func.gii")
+    (shown,) = (tmp_path / "out").rglob("*_desc-voxflat_bold.shape.gii")
+    values = nib.load(shown).agg_data()
+    is_shown = np.isfinite(values)
+    assert is_shown.sum() > 0.8 * VERTICES
+    # the first vertices of fsaverage5 are those of the coarser sphere, and the frames have z + 0, 1 and 2
+    assert_allclose(values[is_shown], whole["sphere"][:VERTICES][is_shown, 2] + 1, atol=0.01)
+    told = "is on fsaverage5, but no sphere registers the surface to it. Pass --space native"
+    fail(1, told, *words, "--space", "fsLR", "--overlay", path)
+
+
+@pytest.mark.slow
 def test_a_resampled_surface_has_the_positions_of_its_vertices_on_the_native_sphere(made):
     root, _ = made
     anat = root / "fmriprep" / "sub-01" / "anat"

