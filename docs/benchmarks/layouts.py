@@ -1,10 +1,11 @@
 """Run ``voxflat bids`` on eight people in each layout of fMRIPrep and the HCP pipelines, and open all results.
 
-    python docs/benchmarks/layouts.py demo-layouts TEMPLATES
+    python docs/benchmarks/layouts.py demo-layouts [--templates DIR]
 
 writes ``demo-layouts/fmriprep`` and ``demo-layouts/hcp``: warped variants of fsaverage5 on their native mesh, and on
-the 32k mesh of fs_LR, to which ``wb_command`` resamples them. TEMPLATES is a directory with these files of the HCP
-pipelines (global/templates), also for R: ``L.sphere.32k_fs_LR.surf.gii``,
+another mesh. With ``--templates``, this is the 32k mesh of fs_LR, to which ``wb_command`` resamples them; without, its
+place is taken by the first 2,562 vertices of fsaverage5. DIR contains these files of the HCP pipelines
+(global/templates), also for R: ``L.sphere.32k_fs_LR.surf.gii``,
 ``fs_LR-deformed_to-fsaverage.L.sphere.32k_fs_LR.surf.gii`` and ``L.atlasroi.32k_fs_LR.shape.gii``.
 
 Each run is killed in the middle and repeated, and the people who were then due are compared with an uninterrupted run.
@@ -28,6 +29,7 @@ import studies
 from nilearn.surface import load_surf_data, load_surf_mesh
 
 PEOPLE = range(1, 9)
+COARSE = 2562
 LAYOUTS = {
     "fmriprep native": ("fmriprep", "native"),
     "fmriprep fsLR": ("fmriprep", "fsLR"),
@@ -71,8 +73,10 @@ def build(folder, templates):
     for n in PEOPLE:
         for hemi, (_, letter) in studies.SIDES.items():
             native = studies.warped(studies.hemisphere(hemi), n)
-            with tempfile.TemporaryDirectory() as temporary:
-                resampled, sphere = on_32k(native, hemi, templates, Path(temporary))
+            resampled, sphere = studies.warped(studies.hemisphere(hemi, COARSE), n), native["sphere"]
+            if templates is not None:
+                with tempfile.TemporaryDirectory() as temporary:
+                    resampled, sphere = on_32k(native, hemi, templates, Path(temporary))
             name, anat = f"sub-{n:02}", folder / "fmriprep" / f"sub-{n:02}" / "anat"
             studies.write_derivatives(anat, name, hemi, native)
             registered = anat / f"{name}_hemi-{letter}_space-fsLR_desc-msmsulc_sphere.surf.gii"
@@ -165,7 +169,7 @@ def figures(out):
 def main():
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("folder", type=Path)
-    parser.add_argument("templates", type=Path)
+    parser.add_argument("--templates", type=Path)
     given = parser.parse_args()
     shutil.rmtree(given.folder, ignore_errors=True)
     build(given.folder, given.templates)
